@@ -1,0 +1,51 @@
+//! What every reconstruction method is: a filter that plans on a mask, and a plan that runs on samples.
+
+use std::sync::Arc;
+
+use crate::{Error, Mask, Outcome, Plane, Planes, Run};
+
+/// What is to be solved, as far as the samples' values do not matter.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Problem {
+    /// Which pixels were measured.
+    pub mask: Arc<Mask>,
+    /// Per measured pixel, the inverse of its noise variance up to a factor; `None` weighs all alike.
+    /// Used only where a filter smooths instead of interpolating.
+    pub weights: Option<Arc<Plane>>,
+}
+
+impl Problem {
+    /// Fill the missing pixels of an image on its own grid.
+    pub fn fill(mask: Arc<Mask>) -> Self {
+        Self { mask, weights: None }
+    }
+}
+
+/// A reconstruction method with its settings.
+pub trait Filter: Send + Sync {
+    /// Computes what depends on the mask alone.
+    ///
+    /// # Errors
+    /// [`Error::EmptyMask`] and [`Error::Setting`].
+    fn plan(&self, problem: &Problem, run: &Run<'_>) -> Result<Box<dyn Plan>, Error>;
+}
+
+/// A method that is ready for samples of its mask.
+pub trait Plan: Send + Sync {
+    /// Fills `out` from `samples`.
+    ///
+    /// `samples` holds finite values at measured pixels; what it holds elsewhere is not read. In `out` every pixel
+    /// is finite, and measured pixels keep their bits unless the settings ask for smoothing. `guides`, if given, are
+    /// complete planes of the same size.
+    ///
+    /// # Errors
+    /// [`Error::SizeMismatch`] and [`Error::NotFinite`].
+    fn reconstruct(
+        &self,
+        samples: &Planes,
+        guides: Option<&Planes>,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<Outcome, Error>;
+}

@@ -1,0 +1,1 @@
+//! Loops over rows: the only place for SIMD and for threads over pixels.

@@ -1,0 +1,33 @@
+//! Reconstruction of images from sparse samples.
+//!
+//! A renderer measured some pixels of a frame; the filters here compute the rest. No file, clock, environment
+//! or global state: planes in, planes out, the same bits for every thread count.
+//!
+//! ```text
+//! Problem (mask, weights) ──> Filter::plan ──> Plan ──┐
+//! Planes (samples of a group of channels) ────────────┴─> Plan::reconstruct ──> Planes + Outcome
+//! ```
+//!
+//! What depends on the mask alone is in the plan, which serves every channel and every frame of that mask.
+//! The rooms, each importing only from those to its right:
+//! `variational | baseline -> solver -> operator | prox -> kernel -> plane | mask`.
+
+pub mod baseline;
+mod error;
+mod filter;
+mod kernel;
+mod mask;
+mod method;
+mod outcome;
+mod plane;
+mod run;
+pub mod sampling;
+pub mod variational;
+
+pub use error::Error;
+pub use filter::{Filter, Plan, Problem};
+pub use mask::Mask;
+pub use method::Method;
+pub use outcome::{Outcome, Stop};
+pub use plane::{Plane, Planes, Size};
+pub use run::Run;

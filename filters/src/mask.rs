@@ -1,0 +1,76 @@
+//! The sampling mask: which pixels were measured.
+
+use crate::{Error, Size};
+
+/// Which pixels of an image were measured: `height x width` flags, row-major.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Mask {
+    size: Size,
+    measured: Vec<bool>,
+    count: usize,
+}
+
+impl Mask {
+    /// Takes `size.height * size.width` flags, row by row; `true` is measured.
+    ///
+    /// # Errors
+    /// [`Error::SizeMismatch`] if the number of flags is another.
+    pub fn new(size: Size, measured: Vec<bool>) -> Result<Self, Error> {
+        if measured.len() == size.pixels() {
+            let count = measured.iter().filter(|&&flag| flag).count();
+            Ok(Self { size, measured, count })
+        } else {
+            Err(Error::SizeMismatch { expected: size, found: format!("{} flags", measured.len()) })
+        }
+    }
+
+    /// A mask whose pixel at row `y`, column `x` is measured where `measured(y, x)`.
+    pub fn from_fn(size: Size, mut measured: impl FnMut(usize, usize) -> bool) -> Self {
+        let mut flags = Vec::with_capacity(size.pixels());
+        for y in 0..size.height {
+            flags.extend((0..size.width).map(|x| measured(y, x)));
+        }
+        let count = flags.iter().filter(|&&flag| flag).count();
+        Self { size, measured: flags, count }
+    }
+
+    /// Height and width.
+    pub const fn size(&self) -> Size {
+        self.size
+    }
+
+    /// All flags, row by row.
+    pub fn as_slice(&self) -> &[bool] {
+        &self.measured
+    }
+
+    /// The flags of row `y`.
+    pub fn row(&self, y: usize) -> &[bool] {
+        &self.measured[y * self.size.width..][..self.size.width]
+    }
+
+    /// Whether the pixel at row `y`, column `x` was measured.
+    pub fn is_measured(&self, y: usize, x: usize) -> bool {
+        self.measured[y * self.size.width + x]
+    }
+
+    /// Number of measured pixels.
+    pub const fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Measured pixels over all pixels, 0 to 1; 0 for an image without pixels.
+    pub fn density(&self) -> f64 {
+        if self.measured.is_empty() { 0.0 } else { self.count as f64 / self.measured.len() as f64 }
+    }
+
+    /// Whether every pixel was measured.
+    pub fn is_full(&self) -> bool {
+        self.count == self.measured.len()
+    }
+
+    /// Whether no pixel was measured.
+    pub const fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+}

@@ -1,0 +1,52 @@
+//! How a reconstruction ended: stopping early is an outcome, not an error.
+
+use serde::Serialize;
+
+/// Why a solver stopped. Ordered from best to worst.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stop {
+    /// The tolerance was met (or the method is direct).
+    Converged,
+    /// The largest allowed number of iterations was reached first.
+    IterationLimit,
+    /// The caller's time was up.
+    TimeLimit,
+    /// The caller asked to stop.
+    Cancelled,
+}
+
+/// How a reconstruction ended; for a group of channels, the worst of them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Outcome {
+    /// Why the solver stopped.
+    pub stop: Stop,
+    /// Iterations taken; 0 for direct methods.
+    pub iterations: usize,
+    /// Relative residual of the normal equations, for linear methods.
+    pub residual: Option<f64>,
+    /// Relative duality gap, for convex methods: the objective is at most this far above its minimum.
+    pub gap: Option<f64>,
+}
+
+impl Outcome {
+    /// The outcome of a method without iterations.
+    pub const fn direct() -> Self {
+        Self { stop: Stop::Converged, iterations: 0, residual: None, gap: None }
+    }
+
+    /// The worse of two outcomes, field by field.
+    #[must_use]
+    pub fn worst(self, other: Self) -> Self {
+        let larger = |a: Option<f64>, b: Option<f64>| match (a, b) {
+            (Some(a), Some(b)) => Some(a.max(b)),
+            (a, b) => a.or(b),
+        };
+        Self {
+            stop: self.stop.max(other.stop),
+            iterations: self.iterations.max(other.iterations),
+            residual: larger(self.residual, other.residual),
+            gap: larger(self.gap, other.gap),
+        }
+    }
+}

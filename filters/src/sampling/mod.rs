@@ -1,0 +1,3 @@
+//! Generators of sampling masks.
+
+pub mod shuffle;

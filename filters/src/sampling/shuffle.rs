@@ -1,0 +1,1 @@
+//! Linear pixel shuffling: a progressive low-discrepancy order of the pixels. (To be filled in.)

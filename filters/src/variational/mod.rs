@@ -1,0 +1,4 @@
+//! Variational methods: the image that minimises an energy and passes through (or near) the samples.
+
+pub mod ss;
+pub mod tv;

@@ -1,0 +1,19 @@
+//! lacuna fills the pixels that a renderer skipped: sparse EXR frames in, complete EXR frames out.
+//!
+//! The way a frame goes, which is also the order of the modules:
+//!
+//! ```text
+//! frame::read ──> mask ──> channels ──> reconstruct (lacuna_filters) ──> frame::write
+//!                 which    one rule     planes in, planes out
+//!                 pixels   a channel
+//! └──────────────── sequence repeats it per frame ────────────────────────────────┘
+//! ```
+//!
+//! [`cli`] turns flags into a checked job and does no work; the algorithms are in the crate `lacuna_filters`.
+
+pub mod channels;
+pub mod cli;
+pub mod frame;
+pub mod mask;
+pub mod reconstruct;
+pub mod sequence;
