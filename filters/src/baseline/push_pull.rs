@@ -100,11 +100,11 @@ impl Pyramid {
         for index in (1..self.levels.len()).rev() {
             let (finer, coarser) = scratch.levels.split_at_mut(index);
             let level = &self.levels[index - 1];
-            pull(level.size, &level.known, &mut finer[index - 1], &coarser[0]);
+            pull(level.size, &level.known, None, &mut finer[index - 1], &coarser[0]);
         }
-        out.copy_from_slice(samples);
-        if let Some(above) = scratch.levels.first() {
-            pull(mask.size(), mask.as_slice(), out, above);
+        match scratch.levels.first() {
+            Some(above) => pull(mask.size(), mask.as_slice(), Some(samples), out, above),
+            None => out.copy_from_slice(samples),
         }
     }
 }
@@ -168,51 +168,71 @@ fn push(size: Size, known: &[bool], values: &[f32], above: &mut [f32]) {
 
 /// The means of the blocks of one row of the level above, from its one or two rows.
 fn push_rows<const N: usize>(above: &mut [f32], known: [&[bool]; N], values: [&[f32]; N]) {
-    const RECIPROCAL: [f64; 5] = [0.0, 1.0, 0.5, 1.0 / 3.0, 0.25];
-    let width = values[0].len();
-    let (known, values) = (known.map(|row| &row[..width]), values.map(|row| &row[..width]));
-    for (x, above) in above.iter_mut().enumerate() {
-        let (mut sum, mut count) = (0.0, 0);
+    let halves = known.map(<[bool]>::as_chunks::<2>);
+    let pairs = values.map(<[f32]>::as_chunks::<2>);
+    let (whole, rest) = above.split_at_mut(pairs[0].0.len());
+    let (known, values) =
+        (halves.map(|half| &half.0[..whole.len()]), pairs.map(|pair| &pair.0[..whole.len()]));
+    for (x, above) in whole.iter_mut().enumerate() {
+        let (mut sum, mut count) = (0.0, 0.0);
         for (known, values) in known.iter().zip(&values) {
-            for x in 2 * x..(2 * x + 2).min(width) {
-                sum += if known[x] { f64::from(values[x]) } else { 0.0 };
-                count += usize::from(known[x]);
+            let ([left_known, right_known], [left, right]) = (known[x], values[x]);
+            sum += if left_known { f64::from(left) } else { 0.0 };
+            sum += if right_known { f64::from(right) } else { 0.0 };
+            count += if left_known { 1.0 } else { 0.0 } + if right_known { 1.0 } else { 0.0 };
+        }
+        *above = (sum / if count > 0.0 { count } else { 1.0 }) as f32;
+    }
+    for above in rest {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (half, pair) in halves.iter().zip(&pairs) {
+            for (_, value) in half.1.iter().zip(pair.1).filter(|(known, _)| **known) {
+                sum += f64::from(*value);
+                count += 1.0;
             }
         }
-        *above = (sum * RECIPROCAL[count]) as f32;
+        *above = (sum / if count > 0.0 { count } else { 1.0 }) as f32;
     }
 }
 
-/// One level up the image size: unknown pixels take the bilinear sample of `above`.
-fn pull(size: Size, known: &[bool], values: &mut [f32], above: &[f32]) {
+/// One level up the image size: unknown pixels of `values` take the bilinear sample of `above`. With `samples`, the
+/// known pixels are copied from there first.
+fn pull(size: Size, known: &[bool], samples: Option<&[f32]>, values: &mut [f32], above: &[f32]) {
     let coarse = halved(size);
     let per_task = rows_per_task(size.width);
     values.par_chunks_mut(size.width * per_task).enumerate().for_each(|(task, rows)| {
-        let mut between = vec![0.0; coarse.width];
+        let mut between = vec![0.0; coarse.width + 2];
         for (row, values) in rows.chunks_mut(size.width).enumerate() {
             let y = task * per_task + row;
+            let own = y * size.width..(y + 1) * size.width;
+            if let Some(samples) = samples {
+                values.copy_from_slice(&samples[own.clone()]);
+            }
             let near = &above[y / 2 * coarse.width..][..coarse.width];
             let far = &above[neighbour(y, coarse.height) * coarse.width..][..coarse.width];
-            for ((between, &near), &far) in between.iter_mut().zip(near).zip(far) {
+            for ((between, &near), &far) in between[1..].iter_mut().zip(near).zip(far) {
                 *between = blend(near, far);
             }
-            pull_row(values, &known[y * size.width..][..size.width], &between);
+            between[0] = between[1];
+            between[coarse.width + 1] = between[coarse.width];
+            pull_row(values, &known[own], &between);
         }
     });
 }
 
-/// The unknown pixels of one row, from the row of the level above that is interpolated to its height.
+/// The unknown pixels of one row, from the row of the level above that is interpolated to its height and repeats
+/// its first and its last value.
 fn pull_row(values: &mut [f32], known: &[bool], above: &[f32]) {
-    let last = above.len() - 1;
-    let pairs = values.chunks_mut(2).zip(known.chunks(2)).enumerate();
-    for (x, (values, known)) in pairs {
-        let near = above[x];
-        let left = blend(near, above[x.saturating_sub(1)]);
-        values[0] = if known[0] { values[0] } else { left };
-        if let ([_, value], [_, known]) = (values, known) {
-            let right = blend(near, above[(x + 1).min(last)]);
-            *value = if *known { *value } else { right };
-        }
+    let (pairs, last) = values.as_chunks_mut::<2>();
+    let (flags, last_known) = known.as_chunks::<2>();
+    for ((pair, flags), &[before, near, after]) in pairs.iter_mut().zip(flags).zip(above.array_windows::<3>())
+    {
+        let (left, right) = (blend(near, before), blend(near, after));
+        pair[0] = if flags[0] { pair[0] } else { left };
+        pair[1] = if flags[1] { pair[1] } else { right };
+    }
+    if let ([value], [false]) = (last, last_known) {
+        *value = blend(above[above.len() - 2], above[above.len() - 3]);
     }
 }
 
