@@ -1,0 +1,1 @@
+//! Rules of many names, as renderers write them.

@@ -1,0 +1,1 @@
+//! Masks found in hand-built frames.
