@@ -14,6 +14,9 @@
 pub mod channels;
 pub mod cli;
 pub mod frame;
+pub mod info;
 pub mod mask;
 pub mod reconstruct;
 pub mod sequence;
+pub mod sparsify;
+pub mod verify;

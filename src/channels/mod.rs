@@ -11,7 +11,7 @@ mod tests;
 
 pub use names::{Name, channel_label, list_channels, part_label, view_of, words};
 pub use overrides::{Override, OverrideError};
-pub use rules::{by_default, is_alpha, is_matte};
+pub use rules::{by_default, is_alpha, is_light, is_matte};
 use serde::Serialize;
 
 use crate::frame::{Frame, Part, Samples};
@@ -101,10 +101,9 @@ fn choose_one(part: &Part, channel: usize, overrides: &[Override], dense: &[Stri
     let uint = matches!(part.channels[channel].samples, Samples::Uint(_));
     if let Some(found) = overrides.iter().find(|candidate| candidate.matches(&name)) {
         return match found.rule {
-            Rule::Fill | Rule::Normal | Rule::Depth if uint => Choice {
-                rule: Rule::Nearest,
-                why: format!("whole numbers, which {found} cannot be for"),
-            },
+            Rule::Fill | Rule::Normal | Rule::Depth if uint => {
+                Choice { rule: Rule::Nearest, why: format!("whole numbers, which {found} cannot be for") }
+            }
             rule => Choice { rule, why: format!("--channels {found}") },
         };
     }

@@ -32,7 +32,7 @@ const TABLE: &[Row] = &[
     Row { rule: Rule::Nearest, why: "motion or disparity, by its name", holds: is_motion },
     Row { rule: Rule::Fill, why: "alpha", holds: |subject| is_alpha(&subject.full) },
     Row { rule: Rule::Fill, why: "a matte", holds: |subject| is_matte(&subject.full) },
-    Row { rule: Rule::Fill, why: "a position", holds: is_position },
+    Row { rule: Rule::Fill, why: "a position", holds: |subject| is_position_name(&subject.full) },
     Row { rule: Rule::Fill, why: "colour", holds: is_colour },
     Row { rule: Rule::Fill, why: "a float channel without a rule of its own", holds: |_| true },
 ];
@@ -51,14 +51,41 @@ pub fn by_default(part: &Part, channel: usize) -> (Rule, &'static str) {
 
 /// Words that make a channel an identifier wherever they stand in its name.
 const IDENTIFIERS: &[&str] = &[
-    "id", "ids", "identifier", "objectid", "objid", "materialid", "matid", "mtlid", "primid", "primitiveid",
-    "shapeid", "geomid", "instanceid", "instid", "nodeid", "assetid", "renderid", "faceid", "puzzleid", "index",
-    "indexob", "indexma",
+    "id",
+    "ids",
+    "identifier",
+    "objectid",
+    "objid",
+    "materialid",
+    "matid",
+    "mtlid",
+    "primid",
+    "primitiveid",
+    "shapeid",
+    "geomid",
+    "instanceid",
+    "instid",
+    "nodeid",
+    "assetid",
+    "renderid",
+    "faceid",
+    "puzzleid",
+    "index",
+    "indexob",
+    "indexma",
 ];
 
 /// Words for motion and stereo disparity, whatever the component.
 const MOTION: &[&str] = &[
-    "motion", "motionvector", "motionvectors", "motionvec", "mvec", "mv", "velocity", "vector", "vectors",
+    "motion",
+    "motionvector",
+    "motionvectors",
+    "motionvec",
+    "mvec",
+    "mv",
+    "velocity",
+    "vector",
+    "vectors",
     "disparity",
 ];
 
@@ -82,7 +109,10 @@ fn is_sample_count(subject: &Subject<'_>) -> bool {
     let component = Name::new(&subject.full).component;
     [last, component].iter().any(|name| {
         let joined = words(name).concat();
-        matches!(joined.as_str(), "samples" | "samplecount" | "samplescount" | "numsamples" | "debugsamplecount")
+        matches!(
+            joined.as_str(),
+            "samples" | "samplecount" | "samplescount" | "numsamples" | "debugsamplecount"
+        )
     })
 }
 
@@ -135,9 +165,17 @@ fn is_normal(subject: &Subject<'_>) -> bool {
     normal_siblings(subject.part, subject.index).is_some()
 }
 
-fn is_position(subject: &Subject<'_>) -> bool {
-    let layer = Name::new(Name::new(&subject.full).layer).component;
-    layer == "P" || has(&words(layer), &["position", "pos", "point", "pref"])
+/// Whether a channel is a coordinate in space: `P.X`, `Px`, `position.*`.
+fn is_position_name(full: &str) -> bool {
+    let Name { layer, component } = Name::new(full);
+    let last = Name::new(layer).component;
+    let pbrt = layer.is_empty() && ["Px", "Py", "Pz"].contains(&component);
+    last == "P" || last == "Pref" || pbrt || has(&words(last), &["position", "pos", "point", "pref", "wpos"])
+}
+
+/// Whether a channel that is filled is light: not an alpha, a matte or a position.
+pub fn is_light(full: &str) -> bool {
+    !is_alpha(full) && !is_matte(full) && !is_position_name(full)
 }
 
 fn is_colour(subject: &Subject<'_>) -> bool {

@@ -5,8 +5,10 @@
 #[non_exhaustive]
 pub enum Error {
     /// `auto` found nothing.
-    #[error("no sampling mask found (no attribute lacuna/mask, no channel mask, no LAYER.mask of 0 and 1): \
-             name one with --mask; channels are {channels}")]
+    #[error(
+        "no sampling mask found (no attribute lacuna/mask, no channel mask, no LAYER.mask of 0 and 1): \
+             name one with --mask; channels are {channels}"
+    )]
     NotFound {
         /// The channels of the frame.
         channels: String,
@@ -32,8 +34,10 @@ pub enum Error {
         channels: String,
     },
     /// A mask without a window of its own fits no part.
-    #[error("mask {path} has {found} pixels, but the frame's windows have {expected}: \
-             use a mask of the data window's or the display window's size")]
+    #[error(
+        "mask {path} has {found} pixels, but the frame's windows have {expected}: \
+             use a mask of the data window's or the display window's size"
+    )]
     Size {
         /// The mask file.
         path: String,
@@ -51,7 +55,9 @@ pub enum Error {
         why: String,
     },
     /// Several channels and nothing that says which.
-    #[error("mask {path} has no channel '{wanted}': name one with file:{path}:CHANNEL; channels are {channels}")]
+    #[error(
+        "mask {path} has no channel '{wanted}': name one with file:{path}:CHANNEL; channels are {channels}"
+    )]
     FileChannel {
         /// The mask file.
         path: String,

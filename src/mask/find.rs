@@ -217,7 +217,8 @@ fn finite(frame: &Frame) -> Result<Masks, Error> {
                 None => views.push((name, flags)),
             }
         }
-        providers.extend(views.into_iter().filter_map(|(name, flags)| provider(part, index, &name, None, flags)));
+        providers
+            .extend(views.into_iter().filter_map(|(name, flags)| provider(part, index, &name, None, flags)));
     }
     if providers.is_empty() {
         return Err(Error::NoFloat { channels: list_channels(frame) });

@@ -63,7 +63,8 @@ impl Masks {
                 seen.push(mask);
             }
         }
-        let add = |sum: (usize, usize), mask: &&Arc<Mask>| (sum.0 + mask.count(), sum.1 + mask.as_slice().len());
+        let add =
+            |sum: (usize, usize), mask: &&Arc<Mask>| (sum.0 + mask.count(), sum.1 + mask.as_slice().len());
         seen.iter().fold((0, 0), add)
     }
 

@@ -2,9 +2,9 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use lacuna_filters::baseline::depth::DepthPlan;
+use lacuna_filters::baseline::nearest::NearestMap;
 use lacuna_filters::{Error, Mask, Method, Plan, Problem, Run};
-
-use super::nearest::NearestMap;
 
 /// How many plans are kept.
 const MOST: usize = 4;
@@ -17,13 +17,12 @@ const MOST: usize = 4;
 pub struct Plans {
     filters: Mutex<Vec<(String, Arc<Mask>, Arc<dyn Plan>)>>,
     nearest: Mutex<Vec<(Arc<Mask>, Arc<NearestMap>)>>,
+    depth: Mutex<Vec<(Arc<Mask>, Arc<DepthPlan>)>>,
 }
 
 impl std::fmt::Debug for Plans {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let filters = self.filters.lock().unwrap_or_else(PoisonError::into_inner).len();
-        let nearest = self.nearest.lock().unwrap_or_else(PoisonError::into_inner).len();
-        f.debug_struct("Plans").field("filters", &filters).field("nearest", &nearest).finish()
+        f.debug_struct("Plans").finish_non_exhaustive()
     }
 }
 
@@ -55,6 +54,16 @@ impl Plans {
         let map = Arc::new(NearestMap::new(mask)?);
         store(&self.nearest, (Arc::clone(mask), Arc::clone(&map)));
         Ok(map)
+    }
+
+    /// What the depth rule knows of a mask.
+    pub fn depth(&self, mask: &Arc<Mask>) -> Result<Arc<DepthPlan>, Error> {
+        if let Some(found) = recall(&self.depth, |entry| equal(&entry.0, mask)) {
+            return Ok(found.1);
+        }
+        let plan = Arc::new(DepthPlan::new(mask)?);
+        store(&self.depth, (Arc::clone(mask), Arc::clone(&plan)));
+        Ok(plan)
     }
 }
 

@@ -51,7 +51,12 @@ impl Stamp {
     /// The stamp of a part, if it has a whole one.
     pub fn read(attributes: &Attributes) -> Option<Self> {
         let text = |name| attributes.text(name);
-        Some(Self { version: text(VERSION)?, filter: text(FILTER)?, settings: text(SETTINGS)?, mask: text(MASK)? })
+        Some(Self {
+            version: text(VERSION)?,
+            filter: text(FILTER)?,
+            settings: text(SETTINGS)?,
+            mask: text(MASK)?,
+        })
     }
 
     /// Writes the stamp, and the density of the part.
