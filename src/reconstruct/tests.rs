@@ -84,7 +84,7 @@ fn what_is_not_finite_counts_as_missing_and_is_counted() {
     let part = &after.parts[0];
     assert!(values(part, "R").iter().all(|value| value.is_finite()));
     assert!(values(part, "Z").iter().all(|value| !value.is_nan()));
-    assert_eq!(values(part, "Z")[5], INF);
+    assert!(values(part, "Z")[5].is_infinite());
     assert_eq!(values(part, "G")[1].to_bits(), ramp(0.1)[1].to_bits());
     let counts: Vec<_> = report.parts[0].channels.iter().map(|c| (c.name.as_str(), c.non_finite)).collect();
     assert_eq!(counts, [("G", 0), ("R", 2), ("Z", 1), ("mask", 0)]);
@@ -223,7 +223,7 @@ fn types_compression_levels_and_the_mask_channel_as_asked() {
     assert_eq!(names, ["G", "R", "id"]);
     assert!(matches!(part.channels[1].samples, Samples::Half(_)));
     assert!(matches!(part.channels[2].samples, Samples::Float(_)));
-    assert_eq!(values(part, "R")[1], f16::MAX.to_f32());
+    assert_eq!(values(part, "R")[1].to_bits(), f16::MAX.to_f32().to_bits());
     assert!(values(part, "R").iter().all(|value| value.is_finite()));
     assert!(report.clamped_halves > 16, "{}", report.clamped_halves);
     assert!(
@@ -234,7 +234,7 @@ fn types_compression_levels_and_the_mask_channel_as_asked() {
     job.compression = Some(Compression::Piz);
     let (after, _) = filled(&before, &job).unwrap();
     assert!(matches!(after.parts[0].channels[0].samples, Samples::Float(_)));
-    assert_eq!(values(&after.parts[0], "G")[1], f16::from_f32(1.1).to_f32());
+    assert_eq!(values(&after.parts[0], "G")[1].to_bits(), f16::from_f32(1.1).to_f32().to_bits());
     assert_eq!(after.parts[0].compression, Compression::Piz);
 }
 

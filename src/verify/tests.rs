@@ -70,6 +70,9 @@ fn halves<'a>(frame: &'a mut Frame, part: usize, name: &str) -> &'a mut Vec<f16>
     values
 }
 
+/// A change and what is to be said about it.
+type Case<'a> = (&'a dyn Fn(&mut Frame), &'a str);
+
 /// The first pixel that was measured, or that is missing.
 fn first(wanted: bool) -> usize {
     let sparse = sparse();
@@ -124,7 +127,7 @@ fn kept_channels_must_be_equal_everywhere() {
 #[test]
 fn filled_pixels_must_be_finite_bounded_or_copied() {
     let at = first(false);
-    let cases: [(&dyn Fn(&mut Frame), &str); 5] = [
+    let cases: [Case<'_>; 5] = [
         (&|frame| halves(frame, 0, "R")[at] = f16::INFINITY, "channel R, @: a filled pixel is not finite"),
         (
             &|frame| halves(frame, 0, "R")[at] = f16::NEG_ONE,
@@ -157,7 +160,7 @@ fn filled_pixels_must_be_finite_bounded_or_copied() {
 
 #[test]
 fn headers_must_be_as_before() {
-    let cases: [(&dyn Fn(&mut Frame), &str); 11] = [
+    let cases: [Case<'_>; 11] = [
         (
             &|frame| frame.parts[0].data_window.x_min -= 1,
             "the data window is (2, -2)-(10, 3), not (3, -2)-(10, 3)",
