@@ -77,7 +77,7 @@ impl Work for Fill<'_> {
     }
 
     fn bytes(&self, item: &Item) -> u64 {
-        memory::to_fill(&item.input)
+        memory::to_fill(item)
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
