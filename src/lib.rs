@@ -22,3 +22,4 @@ pub mod sparsify;
 #[cfg(test)]
 mod testing;
 pub mod verify;
+pub mod volume;

@@ -1,0 +1,46 @@
+//! The ray caster: volumes in, frames out, only the pixels asked for.
+//!
+//! ```text
+//! read (one file a format) ──> grid ──> blocks ─┐
+//! scene ──> transfer, camera, shade ────────────┴─> walk + kernel ──> march ──> picture
+//! ```
+
+// A ray's march is one function to the compiler, or its registers go to memory at every sample.
+#![allow(clippy::inline_always)]
+// Formulas index several vectors by one axis.
+#![allow(clippy::needless_range_loop)]
+
+mod automatic;
+mod blocks;
+mod camera;
+mod error;
+mod grid;
+mod integral;
+mod kernel;
+mod march;
+mod output;
+mod paraview;
+mod picture;
+mod prefilter;
+mod procedural;
+pub mod read;
+mod reshape;
+mod scene;
+mod shade;
+mod stage;
+mod surface;
+mod transfer;
+mod values;
+mod vector;
+mod walk;
+
+pub use camera::{Camera, Projection, Ray};
+pub use error::Error;
+pub use grid::Grid;
+pub use output::{Story, Wanted, frame};
+pub use picture::{Interpolation, Look, Pixel, Renderer, Shot, render, tiles};
+pub use scene::{InterpolationName, ModeName, Override, Scene};
+pub use stage::{Stage, prepare};
+pub use transfer::{Curve, Joining, Transfer};
+pub use values::Values;
+pub use vector::{Affine, Vector};

@@ -1,0 +1,125 @@
+//! A rendered picture as an EXR frame: channels, and attributes that say how it was made.
+
+use half::f16;
+use lacuna_filters::{Mask, Size};
+
+use super::camera::Camera;
+use super::picture::Pixel;
+use crate::frame::{Attributes, Channel, Compression, Frame, Layout, Part, SampleType, Samples, Window};
+use crate::mask;
+
+/// The name of the mask's channel.
+const MASK: &str = "mask";
+
+/// What the frame holds besides colour, alpha and mask.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+// Each is a flag of its own.
+#[allow(clippy::struct_excessive_bools)]
+pub struct Wanted {
+    /// Depth `Z`, always 32 bits.
+    pub depth: bool,
+    /// Normals `N.X`, `N.Y`, `N.Z`.
+    pub normals: bool,
+    /// Samples a pixel, `samples`.
+    pub samples: bool,
+    /// The colour's derivatives, layers `dx` and `dy`.
+    pub gradients: bool,
+    /// The type of colours, normals and derivatives.
+    pub kind: SampleType,
+    /// How chunks are compressed.
+    pub compression: Compression,
+}
+
+/// What the attributes of a frame say.
+#[derive(Clone, Copy, Debug)]
+pub struct Story<'a> {
+    /// The scene on one line.
+    pub scene: &'a str,
+    /// The camera.
+    pub camera: &'a Camera,
+    /// Of all patterns.
+    pub seed: u64,
+    /// Samples a pixel.
+    pub samples: u32,
+    /// How pixels were chosen, if not all were rendered.
+    pub pattern: Option<&'a str>,
+}
+
+/// The frame of a picture; a mask channel says which pixels were rendered, if one is given.
+pub fn frame(pixels: &[Pixel], size: Size, mask: Option<&Mask>, wanted: &Wanted, story: &Story<'_>) -> Frame {
+    let mut channels: Vec<Channel> = Vec::new();
+    let mut add = |name: String, samples: Samples| {
+        channels.push(Channel { name: name.into_bytes(), perceptually_linear: false, samples });
+    };
+    let values = |of: &dyn Fn(&Pixel) -> f32| match wanted.kind {
+        SampleType::Half => Samples::Half(pixels.iter().map(|pixel| half(of(pixel))).collect()),
+        _ => Samples::Float(pixels.iter().map(of).collect()),
+    };
+    for (k, name) in ["R", "G", "B", "A"].iter().enumerate() {
+        add((*name).into(), values(&|pixel| pixel.colour[k]));
+        if wanted.gradients {
+            for (axis, layer) in ["dx", "dy"].iter().enumerate() {
+                add(format!("{layer}.{name}"), values(&|pixel| pixel.slopes[axis][k]));
+            }
+        }
+    }
+    if wanted.normals {
+        for (k, name) in ["N.X", "N.Y", "N.Z"].iter().enumerate() {
+            add((*name).into(), values(&|pixel| pixel.normal[k]));
+        }
+    }
+    let measured = |at: usize| mask.is_none_or(|mask| mask.as_slice()[at]);
+    if wanted.depth {
+        // A pixel that was not rendered has no depth, not an infinite one.
+        let depth = |at: usize| if measured(at) { pixels[at].depth } else { 0.0 };
+        add("Z".into(), Samples::Float((0..pixels.len()).map(depth).collect()));
+    }
+    if wanted.samples {
+        let count = |at: usize| if measured(at) { story.samples } else { 0 };
+        add("samples".into(), Samples::Uint((0..pixels.len()).map(count).collect()));
+    }
+    if mask.is_some() {
+        let flag = |at: usize| if measured(at) { f16::ONE } else { f16::ZERO };
+        add(MASK.into(), Samples::Half((0..pixels.len()).map(flag).collect()));
+    }
+    channels.sort_by(|a, b| a.name.cmp(&b.name));
+    let window = Window { x_min: 0, y_min: 0, x_max: size.width as i32 - 1, y_max: size.height as i32 - 1 };
+    let part = Part {
+        attributes: attributes(size, mask.is_some(), story),
+        data_window: window,
+        display_window: window,
+        compression: wanted.compression,
+        layout: Layout::ScanLines,
+        channels,
+        had_levels: false,
+    };
+    Frame { parts: vec![part] }
+}
+
+/// The nearest half; the largest one instead of infinity.
+fn half(value: f32) -> f16 {
+    if value.is_finite() {
+        f16::from_f32(value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
+    } else {
+        f16::from_f32(value)
+    }
+}
+
+fn attributes(size: Size, masked: bool, story: &Story<'_>) -> Attributes {
+    let mut attributes = Attributes::default();
+    let matrix = |rows: [[f64; 4]; 4]| -> Vec<u8> {
+        rows.iter().flatten().flat_map(|value| (*value as f32).to_le_bytes()).collect()
+    };
+    attributes.set("worldToCamera", "m44f", matrix(story.camera.world_to_camera()));
+    attributes.set("worldToNDC", "m44f", matrix(story.camera.world_to_ndc(size)));
+    attributes.set_text("lacuna/version", env!("CARGO_PKG_VERSION"));
+    attributes.set_text("lacuna/scene", story.scene);
+    attributes.set_text("lacuna/seed", &story.seed.to_string());
+    if masked {
+        attributes.set_text(mask::ATTRIBUTE, MASK);
+    }
+    if let Some(pattern) = story.pattern {
+        attributes.set_text("lacuna/pattern", pattern);
+    }
+    attributes
+}

@@ -1,0 +1,249 @@
+//! Rendering an image: tiles over threads, rays over pixels, only where the mask says.
+//!
+//! Every pixel is computed by itself, so that it has the same bits in a sparse picture, in any tile and for any number of
+//! threads. With one sample a pixel the ray goes through its centre; with several they follow an additive recurrence
+//! with the powers of the plastic number, turned by a hash of pixel and seed, and are averaged.
+//!
+//! Source of the pattern: M. Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018.
+
+use lacuna_filters::{Mask, Size};
+use rayon::prelude::*;
+
+use super::blocks::Blocks;
+use super::camera::{Camera, clip};
+use super::grid::Grid;
+use super::integral::Integral;
+use super::kernel::{BSpline, CatmullRom, Cubic, Kernel, Linear, Nearest};
+use super::march::{March, Seen};
+use super::shade::Shader;
+use super::surface::{Surface, maximum};
+use super::transfer::Table;
+use super::walk::Walk;
+
+/// Pixels along each edge of a tile.
+const TILE: usize = 16;
+/// Half the distance of finite differences, in pixels.
+const DIFFERENCE: f64 = 0.25;
+
+/// How values between voxels are made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Interpolation {
+    /// The nearest voxel.
+    Nearest,
+    /// Linear along each axis.
+    Linear,
+    /// Cubic B-spline weights on what the grid holds: voxels (which smooths) or spline coefficients.
+    BSpline,
+    /// The cubic of Catmull and Rom.
+    CatmullRom,
+}
+
+/// What a ray looks for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Look {
+    /// Direct volume rendering.
+    Dvr,
+    /// The first surface of a value, in a colour.
+    Iso(f32, [f32; 3]),
+    /// The largest value.
+    Mip,
+}
+
+/// Everything that rendering needs and that does not change from frame to frame.
+#[derive(Clone, Debug)]
+pub struct Renderer {
+    /// The volume.
+    pub grid: Grid,
+    /// The interpolation.
+    pub interpolation: Interpolation,
+    /// What rays look for.
+    pub look: Look,
+    /// The transfer function for the steps of the march.
+    pub table: Table,
+    /// Its integrals, if segments are pre-integrated.
+    pub integral: Option<Integral>,
+    /// Where there is something to see; nothing walks through everything.
+    pub blocks: Option<Blocks>,
+    /// World length of a step.
+    pub step: f64,
+    /// The march ends at this opacity.
+    pub opaque: f32,
+    /// Alpha of the surface that depth tells.
+    pub threshold: f32,
+    /// Behind everything: premultiplied red, green, blue and alpha.
+    pub background: [f32; 4],
+}
+
+/// One image of a renderer's volume.
+#[derive(Clone, Copy, Debug)]
+pub struct Shot<'a> {
+    /// The camera.
+    pub camera: &'a Camera,
+    /// The shading, which depends on where the camera's lights are.
+    pub shader: Option<&'a Shader>,
+    /// Height and width.
+    pub size: Size,
+    /// The pixels to render; nothing renders all.
+    pub mask: Option<&'a Mask>,
+    /// Samples a pixel, 1 or more.
+    pub samples: u32,
+    /// Of their pattern.
+    pub seed: u64,
+    /// Whether derivatives are wanted.
+    pub gradients: bool,
+}
+
+/// What was rendered of a pixel; zeros where nothing was.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pixel {
+    /// Red, green, blue, premultiplied, and alpha.
+    pub colour: [f32; 4],
+    /// The surface normal, of length 1; zeros without one.
+    pub normal: [f32; 3],
+    /// Distance from the camera to the surface; infinite without one.
+    pub depth: f32,
+    /// The colour's derivative by columns, then by rows (downwards), per pixel.
+    pub slopes: [[f32; 4]; 2],
+}
+
+impl Pixel {
+    const NOTHING: Self =
+        Self { colour: [0.0; 4], normal: [0.0; 3], depth: f32::INFINITY, slopes: [[0.0; 4]; 2] };
+}
+
+/// Renders a shot: its pixels row by row. `advance` is told of tiles as they are done, out of [`tiles`]; if it answers
+/// `false` the rest is left out.
+pub fn render(renderer: &Renderer, shot: &Shot<'_>, advance: &(dyn Fn() -> bool + Sync)) -> Vec<Pixel> {
+    let columns = shot.size.width.div_ceil(TILE);
+    let corner = |number: usize| (number / columns * TILE, number % columns * TILE);
+    let one = |number: usize| {
+        let pixels = renderer.tile(shot, corner(number));
+        (pixels, advance())
+    };
+    let done: Vec<_> = (0..tiles(shot.size)).into_par_iter().with_max_len(1).map(one).collect();
+    let mut picture = vec![Pixel::NOTHING; shot.size.pixels()];
+    for (number, (pixels, _)) in done.iter().enumerate() {
+        let (top, left) = corner(number);
+        let width = TILE.min(shot.size.width - left);
+        for (row, pixels) in pixels.chunks(width).enumerate() {
+            picture[(top + row) * shot.size.width + left..][..width].copy_from_slice(pixels);
+        }
+    }
+    picture
+}
+
+/// Number of tiles of an image.
+pub const fn tiles(size: Size) -> usize {
+    size.width.div_ceil(TILE) * size.height.div_ceil(TILE)
+}
+
+impl Renderer {
+    fn tile(&self, shot: &Shot<'_>, corner: (usize, usize)) -> Vec<Pixel> {
+        match self.interpolation {
+            Interpolation::Nearest => self.tile_by(Nearest, shot, corner),
+            Interpolation::Linear => self.tile_by(Linear, shot, corner),
+            Interpolation::BSpline => self.tile_by(Cubic(BSpline), shot, corner),
+            Interpolation::CatmullRom => self.tile_by(Cubic(CatmullRom), shot, corner),
+        }
+    }
+
+    fn tile_by<K: Kernel>(&self, kernel: K, shot: &Shot<'_>, (top, left): (usize, usize)) -> Vec<Pixel> {
+        let mut pixels = Vec::with_capacity(TILE * TILE);
+        for y in top..(top + TILE).min(shot.size.height) {
+            for x in left..(left + TILE).min(shot.size.width) {
+                let wanted = shot.mask.is_none_or(|mask| mask.is_measured(y, x));
+                pixels.push(if wanted { self.pixel(kernel, shot, (x, y)) } else { Pixel::NOTHING });
+            }
+        }
+        pixels
+    }
+
+    fn pixel<K: Kernel>(&self, kernel: K, shot: &Shot<'_>, (x, y): (usize, usize)) -> Pixel {
+        let mut pixel = Pixel::NOTHING;
+        let share = 1.0 / shot.samples as f32;
+        for index in 0..shot.samples {
+            let (dx, dy) = offset(shot, (x, y), index);
+            let (x, y) = (x as f64 + dx, y as f64 + dy);
+            let (seen, depth) = self.ray(kernel, shot, x, y);
+            for k in 0..4 {
+                pixel.colour[k] += share * seen.colour[k];
+            }
+            for k in 0..3 {
+                pixel.normal[k] += share * seen.normal[k];
+            }
+            pixel.depth = pixel.depth.min(depth);
+            if shot.gradients {
+                for (axis, (dx, dy)) in [(DIFFERENCE, 0.0), (0.0, DIFFERENCE)].into_iter().enumerate() {
+                    let before = self.ray(kernel, shot, x - dx, y - dy).0.colour;
+                    let after = self.ray(kernel, shot, x + dx, y + dy).0.colour;
+                    for k in 0..4 {
+                        let slope = (after[k] - before[k]) / (2.0 * DIFFERENCE) as f32;
+                        pixel.slopes[axis][k] += share * slope;
+                    }
+                }
+            }
+        }
+        let length = pixel.normal.iter().map(|part| part * part).sum::<f32>().sqrt();
+        if length > 0.0 {
+            pixel.normal = pixel.normal.map(|part| part / length);
+        }
+        pixel
+    }
+
+    /// What the ray through a point of the image sees, on the background, and the distance to its surface.
+    fn ray<K: Kernel>(&self, kernel: K, shot: &Shot<'_>, x: f64, y: f64) -> (Seen, f32) {
+        let ray = shot.camera.ray(shot.size, x, y);
+        let mut seen = Seen::NOTHING;
+        let mut depth = f32::INFINITY;
+        if let Some(segment) = clip(&ray, self.grid.placement(), self.grid.last()) {
+            let walk = Walk::new(&self.grid, kernel, self.blocks.as_ref(), &segment, self.step);
+            let view = ray.direction.map(|part| part as f32);
+            seen = self.look(walk, view, shot.shader);
+            if seen.depth >= 0.0 {
+                depth = (segment.start + f64::from(seen.depth) * self.step) as f32;
+            }
+        }
+        let behind = 1.0 - seen.colour[3];
+        for k in 0..4 {
+            seen.colour[k] += behind * self.background[k];
+        }
+        (seen, depth)
+    }
+
+    fn look<K: Kernel>(&self, walk: Walk<'_, K>, view: [f32; 3], shader: Option<&Shader>) -> Seen {
+        match self.look {
+            Look::Dvr => March {
+                table: &self.table,
+                integral: self.integral.as_ref(),
+                shader,
+                opaque: self.opaque,
+                threshold: self.threshold,
+            }
+            .ray(walk, view),
+            Look::Iso(value, colour) => Surface { value, colour, shader }.ray(walk, view),
+            Look::Mip => maximum(walk, &self.table),
+        }
+    }
+}
+
+/// Where a sample lies within its pixel.
+fn offset(shot: &Shot<'_>, (x, y): (usize, usize), index: u32) -> (f64, f64) {
+    /// 1 / g and 1 / g^2 of the plastic number g.
+    const STEPS: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
+    if shot.samples == 1 {
+        return (0.5, 0.5);
+    }
+    let key = shot.seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ ((y as u64) << 32 | x as u64);
+    let place = |axis: u64| {
+        let start = (mixed(key.wrapping_add(axis)) >> 11) as f64 / (1_u64 << 53) as f64;
+        (start + STEPS[axis as usize] * f64::from(index)).fract()
+    };
+    (place(0), place(1))
+}
+
+/// A number that looks random: the finaliser of `SplitMix64` (G. Steele, D. Lea, C. Flood, OOPSLA 2014).
+fn mixed(key: u64) -> u64 {
+    let key = (key ^ (key >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let key = (key ^ (key >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    key ^ (key >> 31)
+}

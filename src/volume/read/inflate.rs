@@ -1,0 +1,36 @@
+//! Deflated voxels: memory grows as data really come, and never beyond what the header promised.
+
+use std::io::Read;
+
+use flate2::read::{MultiGzDecoder, ZlibDecoder};
+
+use super::Coding;
+
+/// No deflate stream holds more bytes than this per byte of its own.
+const BEST_RATIO: usize = 1032;
+/// The first piece of memory that is taken.
+const FIRST: usize = 64 << 20;
+
+/// Exactly `expected` bytes from a gzip or zlib stream.
+pub(super) fn inflate(packed: &[u8], coding: Coding, expected: usize) -> Result<Vec<u8>, String> {
+    if expected / BEST_RATIO > packed.len() {
+        return Err(format!(
+            "truncated: {} compressed bytes cannot hold the {expected} that the header promises",
+            packed.len()
+        ));
+    }
+    let mut plain = Vec::with_capacity(expected.min(FIRST));
+    let limit = expected as u64 + 1;
+    let read = match coding {
+        Coding::Zlib => ZlibDecoder::new(packed).take(limit).read_to_end(&mut plain),
+        _ => MultiGzDecoder::new(packed).take(limit).read_to_end(&mut plain),
+    };
+    let got = plain.len();
+    // Some writers leave bytes behind the stream; the voxels are complete all the same.
+    match read {
+        _ if got == expected => Ok(plain),
+        _ if got > expected => Err(format!("more voxels than the {expected} bytes that the header promises")),
+        Ok(_) => Err(format!("truncated: {got} bytes of voxels where the header promises {expected}")),
+        Err(error) => Err(format!("damaged after {got} of {expected} bytes of voxels: {error}")),
+    }
+}

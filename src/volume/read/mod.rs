@@ -1,0 +1,198 @@
+//! Volume files: one file a format, all of them leading to a [`Header`] and the place of the voxels.
+//!
+//! No memory is taken on the word of a header: plain data must be as long as the header says, compressed data must be
+//! able to hold that much, and grows only as it is really read.
+
+mod element;
+mod inflate;
+mod metaimage;
+mod nifti;
+mod nrrd;
+mod raw;
+mod vti;
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+pub use element::Element;
+pub use raw::RawLayout;
+
+use super::vector::Affine;
+use super::{Error, Grid, Values};
+
+/// The formats, for messages.
+const FORMATS: &str = "NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha), NIfTI (.nii, .nii.gz), VTK image data (.vti), or raw \
+                       voxels with --raw WxHxD:type";
+/// Headers are read up to this length.
+const LONGEST_HEADER: u64 = 1 << 20;
+
+/// What a file says about its voxels.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Header {
+    /// Voxels along x (fastest), y, z.
+    pub size: [usize; 3],
+    /// The type of a voxel.
+    pub element: Element,
+    /// Whether the most significant byte goes first.
+    pub big_endian: bool,
+    /// Index to world coordinates.
+    pub placement: Affine,
+    /// Slope and intercept from stored to true values.
+    pub rescale: Option<(f64, f64)>,
+}
+
+/// How the voxels are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Coding {
+    /// As they are.
+    Plain,
+    /// Deflate with gzip's frame.
+    Gzip,
+    /// Deflate with zlib's frame.
+    Zlib,
+    /// Numbers as text.
+    Text,
+}
+
+/// Where the voxels are.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Place {
+    /// The file.
+    pub file: PathBuf,
+    /// Its first byte of data; nothing counts from the end (plain data that fill the rest of a file).
+    pub offset: Option<u64>,
+    /// How they are stored.
+    pub coding: Coding,
+}
+
+/// Reads a volume; the format is told by its first bytes, else by the name. `raw` describes a file without a header.
+///
+/// # Errors
+/// [`Error::Io`] and [`Error::File`], naming the file and what is wrong with it.
+pub fn read(path: &Path, raw: Option<&RawLayout>) -> Result<Grid, Error> {
+    if let Some(layout) = raw {
+        return load(path, &layout.header(), &RawLayout::place(path));
+    }
+    let mut start = [0; 4];
+    let mut file = open(path)?;
+    let got = file.read(&mut start).map_err(io(path, "read"))?;
+    let name = path.file_name().map(|name| name.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let ends = |ending: &str| name.ends_with(ending);
+    if got == 4 && &start == b"NRRD" {
+        nrrd::read(path)
+    } else if ends(".mhd") || ends(".mha") {
+        metaimage::read(path)
+    } else if ends(".nii") || ends(".nii.gz") {
+        nifti::read(path)
+    } else if ends(".vti") {
+        vti::read(path)
+    } else {
+        Err(damaged(path, format!("not a volume that is read here: {FORMATS}")))
+    }
+}
+
+/// Reads the voxels that a header describes.
+fn load(path: &Path, header: &Header, place: &Place) -> Result<Grid, Error> {
+    let count = checked_count(path, header)?;
+    let bytes = count
+        .checked_mul(header.element.bytes())
+        .ok_or_else(|| damaged(path, format!("the size {:?} is beyond all memory", header.size)))?;
+    let values = match place.coding {
+        Coding::Plain => header.element.decode(&plain(place, bytes)?, header.big_endian),
+        Coding::Text => {
+            header.element.parse(&rest(place)?, count).map_err(|why| damaged(&place.file, why))?
+        }
+        Coding::Gzip | Coding::Zlib => {
+            let packed = rest(place)?;
+            let plain =
+                inflate::inflate(&packed, place.coding, bytes).map_err(|why| damaged(&place.file, why))?;
+            header.element.decode(&plain, header.big_endian)
+        }
+    };
+    build(path, header, &values)
+}
+
+/// The grid from decoded values.
+fn build(path: &Path, header: &Header, values: &Values) -> Result<Grid, Error> {
+    let rescaled = header.rescale.map(|(slope, intercept)| values.rescaled(slope, intercept));
+    let grid = Grid::new(header.size, rescaled.as_ref().unwrap_or(values), header.placement);
+    grid.map_err(|error| match error {
+        Error::Volume(why) => damaged(path, why),
+        other => other,
+    })
+}
+
+/// Number of voxels, at least one.
+fn checked_count(path: &Path, header: &Header) -> Result<usize, Error> {
+    let count = header.size.iter().try_fold(1_usize, |product, &n| product.checked_mul(n));
+    count
+        .filter(|&count| count > 0)
+        .ok_or_else(|| damaged(path, format!("the size {:?} is not that of a volume", header.size)))
+}
+
+/// Exactly so many bytes of plain data.
+fn plain(place: &Place, bytes: usize) -> Result<Vec<u8>, Error> {
+    let mut file = open(&place.file)?;
+    let length = file.metadata().map_err(io(&place.file, "read"))?.len();
+    let offset = match place.offset {
+        Some(offset) => offset,
+        None => length.checked_sub(bytes as u64).ok_or_else(|| short(place, bytes, length))?,
+    };
+    if offset.checked_add(bytes as u64).is_none_or(|end| end > length) {
+        return Err(short(place, bytes, length.saturating_sub(offset)));
+    }
+    file.seek(SeekFrom::Start(offset)).map_err(io(&place.file, "read"))?;
+    let mut data = Vec::with_capacity(bytes);
+    file.take(bytes as u64).read_to_end(&mut data).map_err(io(&place.file, "read"))?;
+    if data.len() == bytes { Ok(data) } else { Err(short(place, bytes, data.len() as u64)) }
+}
+
+fn short(place: &Place, bytes: usize, found: u64) -> Error {
+    damaged(&place.file, format!("truncated: {found} bytes of voxels where the header promises {bytes}"))
+}
+
+/// Everything from the offset on.
+fn rest(place: &Place) -> Result<Vec<u8>, Error> {
+    let mut file = open(&place.file)?;
+    file.seek(SeekFrom::Start(place.offset.unwrap_or(0))).map_err(io(&place.file, "read"))?;
+    let mut data = Vec::new();
+    file.read_to_end(&mut data).map_err(io(&place.file, "read"))?;
+    Ok(data)
+}
+
+/// The first bytes of a file, as many as a header may have.
+fn head(path: &Path) -> Result<Vec<u8>, Error> {
+    let mut bytes = Vec::new();
+    open(path)?.take(LONGEST_HEADER).read_to_end(&mut bytes).map_err(io(path, "read"))?;
+    Ok(bytes)
+}
+
+fn open(path: &Path) -> Result<File, Error> {
+    File::open(path).map_err(io(path, "open"))
+}
+
+fn io(path: &Path, action: &'static str) -> impl Fn(std::io::Error) -> Error {
+    let path = path.to_path_buf();
+    move |source| Error::Io { path: path.clone(), action, source }
+}
+
+fn damaged(path: &Path, why: impl Into<String>) -> Error {
+    Error::File { path: path.into(), why: why.into() }
+}
+
+/// A file that a header names, relative to the header's folder.
+fn beside(header: &Path, name: &str) -> PathBuf {
+    header.parent().unwrap_or_else(|| Path::new("")).join(name)
+}
+
+/// Numbers separated by white space (and commas); nothing if one is none.
+fn numbers<T: std::str::FromStr>(text: &str) -> Option<Vec<T>> {
+    let words = text.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty());
+    words.map(|word| word.parse().ok()).collect()
+}
+
+/// Three numbers.
+fn three<T: std::str::FromStr>(text: &str) -> Option<[T; 3]> {
+    numbers(text)?.try_into().ok()
+}

@@ -1,0 +1,398 @@
+//! The scene: a TOML file, values from the command line over it, and what they mean.
+//!
+//! Every value has a default, so that an empty scene with a volume renders. `docs/rendering.md` lists them all.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::Error;
+use super::camera::Projection;
+use super::transfer::Joining;
+
+/// A scene as its file has it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct Scene {
+    /// The volume's file, relative to the scene's, or `procedural:NAME[:N]`.
+    pub volume: String,
+    /// `WxHxD:type[:be][:spacing]` for a volume without a header.
+    pub raw: Option<String>,
+    /// What the axes of the picture's volume are in the file: `x y z`, with `-` before one that is mirrored.
+    pub axes: Option<String>,
+    /// Whether voxels that are not cubes are resampled linearly to the shortest edge, rounded to whole numbers.
+    pub resample: bool,
+    /// How values become colours.
+    pub transfer: TransferScene,
+    /// Where the camera is.
+    pub camera: CameraScene,
+    /// The lights; nothing for one beside the camera.
+    pub light: Option<Vec<LightScene>>,
+    /// How surfaces reflect.
+    pub shading: ShadingScene,
+    /// How rays march.
+    pub march: MarchScene,
+    /// The picture.
+    pub image: ImageScene,
+}
+
+/// How values become colours.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct TransferScene {
+    /// `data` (the volume's least and largest value), `type` (all that the voxels' type can hold) or two data values:
+    /// what 0 and 1 mean to the points.
+    pub domain: Domain,
+    /// Points with colour and opacity: value, red, green, blue, opacity per voxel of length.
+    pub points: Vec<[f64; 5]>,
+    /// Points with colour alone: value, red, green, blue.
+    pub colour: Vec<[f64; 4]>,
+    /// Points with opacity alone: value, opacity.
+    pub opacity: Vec<[f64; 2]>,
+    /// Whether the points' values are data values rather than 0 to 1 over the domain.
+    pub data_units: bool,
+    /// What is between two points.
+    pub joining: Joining,
+    /// A `ParaView` colour map (JSON), relative to the scene's file, stretched over the domain.
+    pub paraview: Option<PathBuf>,
+}
+
+/// What 0 and 1 mean to the points of a transfer function.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Domain {
+    /// A range that has a name.
+    Named(NamedDomain),
+    /// Two data values.
+    Values([f64; 2]),
+    /// The volume's least and largest value.
+    #[default]
+    Unset,
+}
+
+/// A range that has a name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NamedDomain {
+    /// The volume's least and largest value.
+    Data,
+    /// All that the voxels' type can hold; 0 to 1 for floats.
+    Type,
+}
+
+/// Where the camera is: around the target, or at an eye.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct CameraScene {
+    /// Degrees about the y axis, from +z towards +x.
+    pub azimuth: f64,
+    /// Degrees towards +y, -90 to 90.
+    pub elevation: f64,
+    /// Larger is closer; 1 shows the whole volume.
+    pub zoom: f64,
+    /// Degrees of azimuth that each frame adds.
+    pub orbit: f64,
+    /// World coordinates; nothing for azimuth and elevation.
+    pub eye: Option<[f64; 3]>,
+    /// World coordinates; nothing for the volume's centre.
+    pub target: Option<[f64; 3]>,
+    /// Roughly upwards.
+    pub up: [f64; 3],
+    /// Full angle of view over the height, in degrees; nothing for the zoom's.
+    pub angle: Option<f64>,
+    /// How rays leave.
+    pub projection: Projection,
+}
+
+impl Default for CameraScene {
+    fn default() -> Self {
+        Self {
+            azimuth: 30.0,
+            elevation: 20.0,
+            zoom: 1.0,
+            orbit: 0.0,
+            eye: None,
+            target: None,
+            up: [0.0, 1.0, 0.0],
+            angle: None,
+            projection: Projection::Perspective,
+        }
+    }
+}
+
+/// A light at infinity.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct LightScene {
+    /// Towards the light: right, up and back of the camera, or x, y, z of the world.
+    pub direction: [f64; 3],
+    /// Whether the direction is the world's.
+    pub world: bool,
+    /// Strength.
+    pub intensity: f64,
+}
+
+impl Default for LightScene {
+    fn default() -> Self {
+        Self { direction: [0.4, 0.6, 1.0], world: false, intensity: 1.0 }
+    }
+}
+
+/// How surfaces reflect; see [`super::shade`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+#[allow(missing_docs)]
+pub struct ShadingScene {
+    pub enabled: bool,
+    pub flat: f64,
+    pub ambient: f64,
+    pub diffuse: f64,
+    pub specular: f64,
+    pub shininess: f64,
+    pub gradient_scale: f64,
+}
+
+impl Default for ShadingScene {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            flat: 0.8,
+            ambient: 0.25,
+            diffuse: 0.65,
+            specular: 0.25,
+            shininess: 30.0,
+            gradient_scale: 40.0,
+        }
+    }
+}
+
+/// The interpolation's names.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum InterpolationName {
+    /// The nearest voxel
+    Nearest,
+    /// Linear along each axis
+    Trilinear,
+    /// Cubic B-spline through the voxels
+    #[default]
+    Tricubic,
+    /// Cubic B-spline weights on the voxels themselves, which smooths
+    TricubicSmooth,
+    /// The cubic of Catmull and Rom
+    CatmullRom,
+}
+
+/// The modes' names.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum ModeName {
+    /// Direct volume rendering
+    #[default]
+    Dvr,
+    /// The first surface of the iso value
+    Iso,
+    /// The largest value along the ray
+    Mip,
+}
+
+/// How rays march.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct MarchScene {
+    /// Length of a step in voxels (of the shortest edge).
+    pub step: f64,
+    /// How values between voxels are made.
+    pub interpolation: InterpolationName,
+    /// What rays look for.
+    pub mode: ModeName,
+    /// The iso value, in the unit of the transfer function's points.
+    pub iso: f64,
+    /// Whether segments are pre-integrated.
+    pub preintegrated: bool,
+    /// Opacity at which a ray ends.
+    pub opaque: f64,
+    /// Opacity of the surface that `Z` tells; 0 is the first hit.
+    pub depth_opacity: f64,
+    /// Whether empty space is skipped; it changes no bit.
+    pub skip: bool,
+}
+
+impl Default for MarchScene {
+    fn default() -> Self {
+        Self {
+            step: 0.5,
+            interpolation: InterpolationName::default(),
+            mode: ModeName::default(),
+            iso: 0.5,
+            preintegrated: false,
+            opaque: 0.995,
+            depth_opacity: 0.5,
+            skip: true,
+        }
+    }
+}
+
+/// The picture.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+pub struct ImageScene {
+    /// Width and height.
+    pub size: [usize; 2],
+    /// Samples a pixel.
+    pub samples: u32,
+    /// Of all patterns.
+    pub seed: u64,
+    /// Red, green, blue, alpha behind the volume, not premultiplied.
+    pub background: [f64; 4],
+}
+
+impl Default for ImageScene {
+    fn default() -> Self {
+        Self { size: [800, 800], samples: 1, seed: 0, background: [0.0; 4] }
+    }
+}
+
+/// A value that the command line sets: its path and its text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Override {
+    /// `camera.azimuth`, say.
+    pub path: String,
+    /// TOML; a word that is none is taken as a string.
+    pub value: String,
+}
+
+impl std::str::FromStr for Override {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (path, value) = text.split_once('=').ok_or("not PATH=VALUE, such as camera.azimuth=30")?;
+        Ok(Self { path: path.trim().into(), value: value.trim().into() })
+    }
+}
+
+impl Scene {
+    /// Reads the text of a scene with values set over it, in their order.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] with the place of what cannot be read.
+    pub fn parse(text: &str, overrides: &[Override]) -> Result<Self, Error> {
+        // Serde's messages have several lines; the first ones tell place and problem.
+        let fail = |error: toml::de::Error| {
+            let line = error.span().map(|span| text[..span.start.min(text.len())].lines().count().max(1));
+            let place = line.map(|line| format!("line {line}: ")).unwrap_or_default();
+            Error::Scene(format!("{place}{}", error.message()))
+        };
+        if overrides.is_empty() {
+            return toml::from_str::<Self>(text).map_err(fail)?.checked();
+        }
+        let mut table: toml::Table = toml::from_str(text).map_err(fail)?;
+        for change in overrides {
+            set(&mut table, change)?;
+        }
+        let scene: Self =
+            table.try_into().map_err(|error: toml::de::Error| Error::Scene(error.message().into()))?;
+        scene.checked()
+    }
+
+    /// Reads a scene's file.
+    ///
+    /// # Errors
+    /// As [`Scene::parse`], or what the system refuses.
+    pub fn read(path: &Path, overrides: &[Override]) -> Result<Self, Error> {
+        let text = std::fs::read_to_string(path).map_err(|source| Error::Io {
+            path: path.into(),
+            action: "read the scene",
+            source,
+        })?;
+        Self::parse(&text, overrides)
+    }
+
+    /// All values on one line, defaults included: equal lines mean equal pictures.
+    pub fn line(&self) -> String {
+        serde_json::to_string(self).unwrap_or_default()
+    }
+
+    fn checked(self) -> Result<Self, Error> {
+        let [width, height] = self.image.size;
+        let march = &self.march;
+        let share = 0.0..=1.0;
+        let problems = [
+            (
+                !(1..=65_536).contains(&width) || !(1..=65_536).contains(&height),
+                "image.size: 1 to 65536 pixels",
+            ),
+            (!(1..=65_536).contains(&self.image.samples), "image.samples: 1 to 65536"),
+            (!(march.step >= 1e-3 && march.step <= 1e3), "march.step: 0.001 to 1000 voxels"),
+            (!(march.opaque > 0.0 && march.opaque <= 1.0), "march.opaque: above 0, 1 at most"),
+            (!share.contains(&march.depth_opacity), "march.depth-opacity: 0 to 1"),
+            (!march.iso.is_finite(), "march.iso: a number"),
+            (!(self.camera.zoom > 0.0 && self.camera.zoom.is_finite()), "camera.zoom: above 0"),
+            (
+                self.light.as_ref().is_some_and(|lights| lights.len() > super::shade::MOST_LIGHTS),
+                "light: 4 at most",
+            ),
+        ];
+        match problems.iter().find(|(wrong, _)| *wrong) {
+            Some((_, text)) => Err(Error::Scene((*text).into())),
+            None => Ok(self),
+        }
+    }
+}
+
+/// Sets one value in a table of TOML.
+fn set(table: &mut toml::Table, change: &Override) -> Result<(), Error> {
+    let value = format!("value = {}", change.value)
+        .parse::<toml::Table>()
+        .ok()
+        .and_then(|mut table| table.remove("value"))
+        .unwrap_or_else(|| toml::Value::String(change.value.clone()));
+    let mut place = table;
+    let mut names = change.path.split('.').peekable();
+    while let Some(name) = names.next() {
+        if names.peek().is_none() {
+            place.insert(name.into(), value);
+            return Ok(());
+        }
+        place = place
+            .entry(name)
+            .or_insert_with(|| toml::Value::Table(toml::Table::new()))
+            .as_table_mut()
+            .ok_or_else(|| Error::Scene(format!("{}: {name} has no parts", change.path)))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_empty_scene_has_defaults_and_flags_go_over_the_file() {
+        let empty = Scene::parse("", &[]).unwrap();
+        assert_eq!(empty.march.step, 0.5);
+        let changes =
+            ["camera.azimuth=12", "march.mode=mip", "transfer.domain=[1, 2]", "transfer.opacity=[[0, 0.5]]"];
+        let changes: Vec<Override> = changes.iter().map(|text| text.parse().unwrap()).collect();
+        let scene = Scene::parse("[camera]\nazimuth = 5\nelevation = 6\n", &changes).unwrap();
+        assert_eq!((scene.camera.azimuth, scene.camera.elevation), (12.0, 6.0));
+        assert_eq!(scene.march.mode, ModeName::Mip);
+        assert_eq!(scene.transfer.domain, Domain::Values([1.0, 2.0]));
+        assert_ne!(scene.line(), empty.line());
+    }
+
+    #[test]
+    fn what_is_unknown_or_out_of_range_is_refused() {
+        for (text, part) in [
+            ("colour = 3", "unknown field"),
+            ("[camera]\nazimut = 3", "line 2"),
+            ("[march]\nstep = 0.0", "march.step"),
+            ("[image]\nsize = [0, 5]", "image.size"),
+            ("[march]\nmode = \"x\"", "dvr"),
+        ] {
+            let error = Scene::parse(text, &[]).unwrap_err().to_string();
+            assert!(error.contains(part), "{text}: {error}");
+        }
+        assert!(Scene::parse("volume = \"a\"", &["volume.x=3".parse().unwrap()]).is_err());
+    }
+}

@@ -1,0 +1,263 @@
+//! From a scene to a renderer: the volume is read and prepared, the transfer function and the camera are made.
+
+use std::path::Path;
+
+use lacuna_filters::Size;
+
+use super::automatic;
+use super::blocks::Blocks;
+use super::camera::Camera;
+use super::integral::Integral;
+use super::kernel::{BSpline, CatmullRom, Cubic, Kernel, Linear, Nearest};
+use super::picture::{Interpolation, Look, Renderer};
+use super::prefilter::prefilter;
+use super::procedural;
+use super::read::{self, RawLayout};
+use super::reshape;
+use super::scene::{Domain, InterpolationName, LightScene, ModeName, NamedDomain, Scene};
+use super::shade::{Light, Material, Shader};
+use super::surface::slack;
+use super::transfer::{Curve, Transfer};
+use super::vector::{Vector, add, length, scale};
+use super::{Error, Grid, Values, paraview};
+
+/// Distance of the camera in half diagonals of the volume, and the height of the image plane at zoom 1.
+const FAR: f64 = 3.0;
+const FIELD: f64 = 0.7;
+
+/// A scene that is ready to be rendered.
+#[derive(Clone, Debug)]
+pub struct Stage {
+    /// The renderer.
+    pub renderer: Renderer,
+    scene: Scene,
+    /// The centre of the volume and half its diagonal, in world units.
+    centre: Vector,
+    radius: f64,
+    /// From index gradients to those of the normalised value per voxel.
+    gradient_map: [[f32; 3]; 3],
+}
+
+/// Reads the volume of a scene; paths are relative to `folder`.
+///
+/// # Errors
+/// What is wrong with the file or the scene.
+pub fn volume(scene: &Scene, folder: &Path) -> Result<Grid, Error> {
+    if scene.volume.is_empty() {
+        return Err(Error::Scene("no volume is named (volume = \"FILE\" or --volume FILE)".into()));
+    }
+    let raw: Option<RawLayout> = scene
+        .raw
+        .as_ref()
+        .map(|text| text.parse())
+        .transpose()
+        .map_err(|why: String| Error::Scene(format!("raw: {why}")))?;
+    let grid = match scene.volume.strip_prefix(procedural::PREFIX) {
+        Some(name) => procedural::make(name)?,
+        None => read::read(&folder.join(&scene.volume), raw.as_ref())?,
+    };
+    let grid = match &scene.axes {
+        Some(axes) => reshape::axes(&grid, axes)?,
+        None => grid,
+    };
+    if scene.resample { reshape::cubes(&grid) } else { Ok(grid) }
+}
+
+/// Prepares a scene; colour maps are sought relative to `folder`.
+///
+/// # Errors
+/// What contradicts itself.
+pub fn prepare(scene: &Scene, folder: &Path) -> Result<Stage, Error> {
+    let grid = volume(scene, folder)?;
+    let transfer = transfer(scene, &grid, folder)?;
+    let (voxel, march) = (grid.voxel(), &scene.march);
+    let placement = *grid.placement();
+    let step = march.step * voxel;
+    let value = if scene.transfer.data_units {
+        march.iso
+    } else {
+        transfer.domain.0 + march.iso * (transfer.domain.1 - transfer.domain.0)
+    };
+    let look = match march.mode {
+        ModeName::Dvr => Look::Dvr,
+        ModeName::Iso => Look::Iso(value as f32, transfer.colour.at(value).map(|part| part as f32)),
+        ModeName::Mip => Look::Mip,
+    };
+    let table = transfer.table(if look == Look::Mip { 1.0 } else { march.step });
+    let (low, high) = transfer.domain;
+    let per_value = if high > low { (high - low).recip() } else { 1.0 };
+    let gradient_map = Shader::gradient_map(placement.inverse_rows(), per_value, voxel);
+    let half = grid.size().map(|n| 0.5 * n as f64);
+    let (centre, radius) = (placement.point(half), length(placement.direction(half)));
+    let (grid, interpolation) = interpolated(grid, march.interpolation)?;
+    let mut renderer = Renderer {
+        grid,
+        interpolation,
+        look,
+        integral: (march.preintegrated && look == Look::Dvr).then(|| Integral::new(&table)),
+        table,
+        blocks: None,
+        step,
+        opaque: march.opaque as f32,
+        threshold: march.depth_opacity as f32,
+        background: background(scene),
+    };
+    if march.skip {
+        renderer.blocks = blocks(&renderer);
+    }
+    Ok(Stage { renderer, scene: scene.clone(), centre, radius, gradient_map })
+}
+
+/// The grid that the kernel works on: voxels, or spline coefficients.
+fn interpolated(grid: Grid, name: InterpolationName) -> Result<(Grid, Interpolation), Error> {
+    Ok(match name {
+        InterpolationName::Nearest => (grid, Interpolation::Nearest),
+        InterpolationName::Trilinear => (grid, Interpolation::Linear),
+        InterpolationName::TricubicSmooth => (grid, Interpolation::BSpline),
+        InterpolationName::CatmullRom => (grid, Interpolation::CatmullRom),
+        InterpolationName::Tricubic => {
+            let mut values = grid.values();
+            prefilter(&mut values, grid.size());
+            (Grid::new(grid.size(), &Values::F32(values), *grid.placement())?, Interpolation::BSpline)
+        }
+    })
+}
+
+/// Premultiplied.
+fn background(scene: &Scene) -> [f32; 4] {
+    let [red, green, blue, alpha] = scene.image.background.map(|part| part as f32);
+    [red * alpha, green * alpha, blue * alpha, alpha]
+}
+
+/// The blocks in which the renderer's rays may see something.
+fn blocks(renderer: &Renderer) -> Option<Blocks> {
+    fn of<K: Kernel>(_: K, renderer: &Renderer, visible: &(dyn Fn(f32, f32) -> bool + Sync)) -> Blocks {
+        Blocks::new(&renderer.grid, K::SUPPORT, |low, high| {
+            let (low, high) = K::widen(low, high);
+            visible(low, high)
+        })
+    }
+    let shown = |low: f32, high: f32| match renderer.look {
+        Look::Iso(value, _) => low - slack(low, high) <= value && high + slack(low, high) >= value,
+        // Every value may be the largest; cells are passed over one by one.
+        Look::Mip => true,
+        Look::Dvr => renderer.table.visible(low, high),
+    };
+    // Surfaces and segments span two samples, which must lie in one cell or in two that touch.
+    let spans = renderer.integral.is_some() || matches!(renderer.look, Look::Iso(..));
+    let rows = renderer.grid.placement().inverse_rows();
+    if spans && rows.iter().any(|&row| length(row) * renderer.step > 1.0) {
+        return None;
+    }
+    Some(match renderer.interpolation {
+        Interpolation::Nearest => of(Nearest, renderer, &shown),
+        Interpolation::Linear => of(Linear, renderer, &shown),
+        Interpolation::BSpline => of(Cubic(BSpline), renderer, &shown),
+        Interpolation::CatmullRom => of(Cubic(CatmullRom), renderer, &shown),
+    })
+}
+
+/// The transfer function of a scene over the values of a volume.
+fn transfer(scene: &Scene, grid: &Grid, folder: &Path) -> Result<Transfer, Error> {
+    let given = &scene.transfer;
+    let domain = match given.domain {
+        Domain::Unset | Domain::Named(NamedDomain::Data) => grid.range(),
+        Domain::Named(NamedDomain::Type) => grid.type_range(),
+        Domain::Values([low, high]) => (low, high),
+    };
+    if !(domain.0.is_finite() && domain.1.is_finite() && domain.0 <= domain.1) {
+        return Err(Error::Scene("transfer.domain: two numbers, the lower first".into()));
+    }
+    let data = |at: f64| if given.data_units { at } else { domain.0 + at * (domain.1 - domain.0) };
+    let mut colour: Vec<(f64, [f64; 3])> =
+        given.points.iter().map(|p| (data(p[0]), [p[1], p[2], p[3]])).collect();
+    colour.extend(given.colour.iter().map(|p| (data(p[0]), [p[1], p[2], p[3]])));
+    let mut opacity: Vec<(f64, [f64; 1])> = given.points.iter().map(|p| (data(p[0]), [p[4]])).collect();
+    opacity.extend(given.opacity.iter().map(|p| (data(p[0]), [p[1]])));
+    if let Some(path) = &given.paraview {
+        let map = paraview::read(&folder.join(path), domain)?;
+        colour.extend(map.colour);
+        opacity.extend(map.opacity);
+    }
+    if colour.is_empty() || opacity.is_empty() {
+        let guess = automatic::transfer(grid, domain);
+        if colour.is_empty() {
+            colour = guess.0;
+        }
+        if opacity.is_empty() {
+            opacity = guess.1;
+        }
+    }
+    Ok(Transfer {
+        colour: Curve::new(colour, given.joining)?,
+        opacity: Curve::new(opacity, given.joining)?,
+        domain,
+    })
+}
+
+impl Stage {
+    /// The scene.
+    pub const fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Height and width of the picture.
+    pub const fn size(&self) -> Size {
+        let [width, height] = self.scene.image.size;
+        Size::new(height, width)
+    }
+
+    /// The camera of a frame.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] if the directions make no camera.
+    pub fn camera(&self, frame: i64) -> Result<Camera, Error> {
+        let given = &self.scene.camera;
+        let target = given.target.unwrap_or(self.centre);
+        let field = given
+            .angle
+            .map_or(FIELD / given.zoom, |angle| 2.0 * (0.5 * angle.to_radians()).tan() / given.zoom);
+        let turn = given.orbit * frame as f64;
+        let camera = match given.eye {
+            Some(eye) => {
+                let eye = turned(eye, target, turn);
+                Camera::look_at(eye, target, given.up, field)?
+            }
+            None => Camera::around(target, FAR * self.radius, given.azimuth + turn, given.elevation, field)?,
+        };
+        Ok(Camera { projection: given.projection, ..camera })
+    }
+
+    /// The shading as that camera's lights make it.
+    pub fn shader(&self, camera: &Camera) -> Option<Shader> {
+        let given = &self.scene.shading;
+        let lights = self.scene.light.clone().unwrap_or_else(|| vec![LightScene::default()]);
+        let light = |light: &LightScene| {
+            let [right, up, back] = light.direction;
+            let turned =
+                add(add(scale(camera.right, right), scale(camera.up, up)), scale(camera.forward, -back));
+            Light::new(if light.world { light.direction } else { turned }, light.intensity)
+        };
+        // A surface is one, whatever its gradient.
+        let scale = if matches!(self.renderer.look, Look::Iso(..)) { 0.0 } else { given.gradient_scale };
+        given.enabled.then(|| Shader {
+            material: Material {
+                flat: given.flat as f32,
+                ambient: given.ambient as f32,
+                diffuse: given.diffuse as f32,
+                specular: given.specular as f32,
+                shininess: given.shininess as f32,
+                gradient_scale: scale as f32,
+            },
+            lights: lights.iter().map(light).collect(),
+            to_world: self.gradient_map,
+        })
+    }
+}
+
+/// A point turned about the vertical through the target.
+fn turned(point: Vector, target: Vector, degrees: f64) -> Vector {
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    let [x, z] = [point[0] - target[0], point[2] - target[2]];
+    [target[0] + cos * x + sin * z, point[1], target[2] + cos * z - sin * x]
+}
