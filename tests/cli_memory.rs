@@ -1,6 +1,7 @@
 //! `--memory` bounds what a process really takes.
 
 #![cfg(target_os = "linux")]
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
 mod common;
 
