@@ -6,6 +6,8 @@
 
 mod pixels;
 #[cfg(test)]
+mod properties;
+#[cfg(test)]
 mod tests;
 
 use serde::Serialize;
@@ -204,7 +206,7 @@ fn compare_attributes(pair: &Pair<'_>, differences: &mut Vec<Difference>) {
             Some(found) if found != *attribute => {
                 add(format!("the attribute {} has changed", show(attribute)));
             }
-            Some(_) if stamped && is(DERIVED, &attribute.name) => {
+            Some(_) if misses && is(DERIVED, &attribute.name) => {
                 add(format!("the attribute {} was made from other pixels", show(attribute)));
             }
             Some(_) => {}
