@@ -77,7 +77,7 @@ fn any_job() -> impl Strategy<Value = Job> {
             } else {
                 Method::Nearest(nearest::Settings)
             };
-            Job { limit, drop_mask, kind, domain, ..Job::new(method) }
+            Job { domain, limit, kind, drop_mask, ..Job::new(method) }
         },
     )
 }
