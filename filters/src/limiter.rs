@@ -108,8 +108,8 @@ fn whole_range(mask: &Mask, samples: &Plane) -> (f32, f32) {
             let (mut low, mut high) = ([f32::INFINITY; 16], [f32::INFINITY; 16]);
             for (values, flags) in values.chunks(16).zip(flags.chunks(16)) {
                 for (((low, high), &value), &flag) in low.iter_mut().zip(&mut high).zip(values).zip(flags) {
-                    *low = least(*low, if flag { value } else { f32::INFINITY });
-                    *high = least(*high, if flag { -value } else { f32::INFINITY });
+                    *low = least(*low, or_infinite(value, flag));
+                    *high = least(*high, or_infinite(-value, flag));
                 }
             }
             let smallest = |lanes: [f32; 16]| lanes.into_iter().fold(f32::INFINITY, least);
@@ -121,6 +121,12 @@ fn whole_range(mask: &Mask, samples: &Plane) -> (f32, f32) {
 /// The smaller of two numbers; unlike `f32::min` a single instruction, as NaN does not occur.
 fn least(a: f32, b: f32) -> f32 {
     if b < a { b } else { a }
+}
+
+/// The value if it counts, else infinity. By bits: a choice would become a branch, and the loop would not run in vectors.
+fn or_infinite(value: f32, counts: bool) -> f32 {
+    let keep = u32::from(counts).wrapping_neg();
+    f32::from_bits(value.to_bits() & keep | f32::INFINITY.to_bits() & !keep)
 }
 
 /// From the range of the measured pixels around to the values allowed.

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::least;
+use super::{least, or_infinite};
 use crate::{Mask, Plane};
 
 /// Per pixel of a strip of rows the range of the measured pixels around it.
@@ -36,8 +36,8 @@ impl Ranges {
             let (low, high) = (&mut low[start..][..from.len()], &mut high[start..][..from.len()]);
             let pixels = samples.row(y)[from.clone()].iter().zip(&mask.row(y)[from.clone()]);
             for ((low, high), (&value, &flag)) in low.iter_mut().zip(high).zip(pixels) {
-                *low = if flag { value } else { f32::INFINITY };
-                *high = if flag { -value } else { f32::INFINITY };
+                *low = or_infinite(value, flag);
+                *high = or_infinite(-value, flag);
             }
         }
         let mut scratch = vec![0.0; stride];
