@@ -177,9 +177,8 @@ fn push_rows<const N: usize>(above: &mut [f32], known: [&[bool]; N], values: [&[
         let (mut sum, mut count) = (0.0, 0.0);
         for (known, values) in known.iter().zip(&values) {
             let ([left_known, right_known], [left, right]) = (known[x], values[x]);
-            sum += if left_known { f64::from(left) } else { 0.0 };
-            sum += if right_known { f64::from(right) } else { 0.0 };
-            count += if left_known { 1.0 } else { 0.0 } + if right_known { 1.0 } else { 0.0 };
+            sum += f64::from(choose(left_known, left, 0.0)) + f64::from(choose(right_known, right, 0.0));
+            count += f64::from(u8::from(left_known) + u8::from(right_known));
         }
         *above = (sum / if count > 0.0 { count } else { 1.0 }) as f32;
     }
@@ -228,8 +227,8 @@ fn pull_row(values: &mut [f32], known: &[bool], above: &[f32]) {
     for ((pair, flags), &[before, near, after]) in pairs.iter_mut().zip(flags).zip(above.array_windows::<3>())
     {
         let (left, right) = (blend(near, before), blend(near, after));
-        pair[0] = if flags[0] { pair[0] } else { left };
-        pair[1] = if flags[1] { pair[1] } else { right };
+        pair[0] = choose(flags[0], pair[0], left);
+        pair[1] = choose(flags[1], pair[1], right);
     }
     if let ([value], [false]) = (last, last_known) {
         *value = blend(above[above.len() - 2], above[above.len() - 3]);
@@ -240,6 +239,12 @@ fn pull_row(values: &mut [f32], known: &[bool], above: &[f32]) {
 /// repeats itself.
 fn neighbour(at: usize, coarse: usize) -> usize {
     if at.is_multiple_of(2) { (at / 2).saturating_sub(1) } else { (at / 2 + 1).min(coarse - 1) }
+}
+
+/// `a` if `first`, else `b`. By bits: a choice would become a branch, and the loop would not run in vectors.
+fn choose(first: bool, a: f32, b: f32) -> f32 {
+    let keep = u32::from(first).wrapping_neg();
+    f32::from_bits(a.to_bits() & keep | b.to_bits() & !keep)
 }
 
 /// Three parts of `near`, one of `far`; `near` itself where both agree, always between the two.
