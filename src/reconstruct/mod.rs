@@ -28,7 +28,7 @@ mod values;
 pub(crate) use bounds::{Bounds, bounds_of};
 pub use error::Error;
 pub(crate) use groups::usable;
-pub use job::{Job, Kind, compression_name, is_lossless, output_compression, parse_settings};
+pub use job::{Job, Kind, output_compression, parse_settings};
 use lacuna_filters::Run;
 pub use lacuna_filters::domain::Domain;
 pub use plans::Plans;
@@ -141,8 +141,8 @@ fn finish(part: &mut Part, masks: &Masks, index: usize, job: &Job) -> (Vec<Strin
     if job.compression.is_none() && compression != part.compression {
         notes.push(format!(
             "{} would change measured pixels: written as {} (--compression decides)",
-            compression_name(part.compression),
-            compression_name(compression)
+            part.compression.name(),
+            compression.name()
         ));
     }
     part.compression = compression;
