@@ -3,7 +3,7 @@
 //! Given samples `y` at the pixels where the mask `m` is 1 (`H x W`, row-major), level 0 is `(y, m)`;
 //! level k+1 is the weighted 2x2 mean of level k, its weight min(1, sum of the four). Coming back up, a pixel
 //! keeps `w` of itself and takes `1 - w` of the bilinear sample one level above. As `m` is 0 or 1, so is every
-//! weight, and a pixel is either kept or taken from above: [`Pyramid`] holds the weights of all levels.
+//! weight, and a pixel is either kept or taken from above: the pyramid holds the weights of all levels.
 //!
 //! Boundary: an odd last row or column forms blocks of its own; the bilinear sample repeats the border.
 //! Exact on constants; not on ramps. The result lies within the range of the samples, to the bit: means are
