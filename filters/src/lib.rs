@@ -18,10 +18,12 @@ mod filter;
 mod kernel;
 mod mask;
 mod method;
+mod operator;
 mod outcome;
 mod plane;
 mod run;
 pub mod sampling;
+mod solver;
 pub mod variational;
 
 pub use error::Error;
