@@ -374,7 +374,7 @@ fn tightening_is_sound() {
                 (0..n).map(|i| if last_column(i) { 0.0 } else { value(i, 6) }).collect();
             clip::<Isotropic>(Isa::detect(), size, &mut vertical, &mut horizontal);
             let before = divergence(&vertical, &horizontal);
-            tighten::<Isotropic>(Isa::detect(), size, &free, &mut vertical, &mut horizontal);
+            tighten::<Isotropic>(Isa::detect(), size, &free, 5, &mut vertical, &mut horizontal);
             for (i, (&a, &b)) in vertical.iter().zip(&horizontal).enumerate() {
                 assert!(f64::from(a).hypot(f64::from(b)) <= 1.0 + 4.0 * f64::from(f32::EPSILON));
                 assert!((a == 0.0 || !last_row(i)) && (b == 0.0 || !last_column(i)));
