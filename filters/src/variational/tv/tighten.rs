@@ -16,11 +16,17 @@ use crate::kernel::tv::{
 const BAND: usize = 32;
 /// Rounds of removing divergence and clipping.
 const ROUNDS: usize = 4;
-/// Conjugate-gradient steps of a round.
-const STEPS: usize = 5;
-
-/// Tightens `(vertical, horizontal)` in place and leaves it within the dual ball.
-pub fn tighten<B: DualBall>(isa: Isa, size: Size, free: &[u8], vertical: &mut [f32], horizontal: &mut [f32]) {
+/// Curvature along a direction that counts as none.
+const NEGLIGIBLE: f64 = 1e-9;
+/// Tightens `(vertical, horizontal)` in place by rounds of `steps` conjugate-gradient steps and leaves it within the dual ball.
+pub fn tighten<B: DualBall>(
+    isa: Isa,
+    size: Size,
+    free: &[u8],
+    steps: usize,
+    vertical: &mut [f32],
+    horizontal: &mut [f32],
+) {
     let width = size.width;
     if width == 0 {
         return;
@@ -36,10 +42,18 @@ pub fn tighten<B: DualBall>(isa: Isa, size: Size, free: &[u8], vertical: &mut [f
             let start = if index == 0 { 0 } else { first + (index - 1) * BAND };
             let rows = vertical.len() / width;
             let free = &free[start * width..][..vertical.len()];
-            Band { isa, width, rows, free, top: start == 0, bottom: start + rows == size.height }
+            Band { isa, width, rows, free, steps, top: start == 0, bottom: start + rows == size.height }
                 .remove_divergence::<B>(vertical, horizontal);
         });
     }
+}
+
+/// Brings a dual variable back into its ball, which over-relaxation leaves a little.
+pub fn clip<B: DualBall>(isa: Isa, size: Size, vertical: &mut [f32], horizontal: &mut [f32]) {
+    let width = size.width.max(1);
+    let zeros = vec![0.0; width];
+    let rows = vertical.par_chunks_mut(width).zip(horizontal.par_chunks_mut(width));
+    rows.for_each(|(vertical, horizontal)| correct_row::<B>(isa, vertical, horizontal, &zeros, &zeros));
 }
 
 /// Some rows; `top` and `bottom` say whether its edges are those of the image.
@@ -49,6 +63,7 @@ struct Band<'a> {
     width: usize,
     rows: usize,
     free: &'a [u8],
+    steps: usize,
     top: bool,
     bottom: bool,
 }
@@ -91,7 +106,7 @@ impl Band<'_> {
         let mut phi = vec![0.0; rows * width];
         let mut direction = residual.clone();
         let mut image = vec![0.0; rows * width];
-        for step in 0..STEPS {
+        for step in 0..self.steps {
             let mut product = 0.0;
             for y in first..rows {
                 let here = &direction[at(y)];
@@ -105,7 +120,8 @@ impl Band<'_> {
                 };
                 product += laplacian_row(isa, &mut image[at(y)], here, above, below, &free[at(y)]);
             }
-            if product <= 0.0 {
+            // Solved already, or lost to rounding: the Laplacian's smallest eigenvalue on a band is far above this.
+            if norm < f64::from(f32::MIN_POSITIVE) || product <= NEGLIGIBLE * norm {
                 break;
             }
             let alpha = (norm / product) as f32;
@@ -115,7 +131,7 @@ impl Band<'_> {
                 let (phi, residual) = (&mut phi[at(y)], &mut residual[at(y)]);
                 norm += descend_row(isa, phi, residual, &direction[at(y)], &image[at(y)], alpha);
             }
-            if step + 1 < STEPS {
+            if step + 1 < self.steps {
                 let beta = (norm / before) as f32;
                 for y in first..rows {
                     direction_row(isa, &mut direction[at(y)], &residual[at(y)], beta);
