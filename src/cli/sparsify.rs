@@ -97,7 +97,8 @@ impl SparsifyArgs {
     }
 }
 
-fn fraction(text: &str) -> Result<f64, String> {
+/// A number from 0 to 1.
+pub(super) fn fraction(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "not a number from 0 to 1")?;
     if (0.0..=1.0).contains(&value) { Ok(value) } else { Err("not a number from 0 to 1".into()) }
 }

@@ -64,6 +64,11 @@ pub trait Work: Sync {
     /// What the work is called in plans and sums: "fill", "filled".
     fn words(&self) -> (&'static str, &'static str);
 
+    /// Pieces of progress that solving a frame tells besides the stages, by [`Stage::piece`].
+    fn pieces(&self) -> u64 {
+        0
+    }
+
     /// Whether anything is to be done. Looks at files, changes nothing.
     fn decide(&self, item: &Item) -> Result<Decision, Failure>;
 
@@ -98,6 +103,18 @@ impl Stage<'_> {
         self.timed(&mut record.seconds.write, write)
     }
 
+    /// Some pieces of solving are done.
+    pub fn piece(&self, pieces: u64) {
+        if pieces > 0 {
+            self.console.advance(pieces);
+        }
+    }
+
+    /// Tells something about a frame that went well.
+    pub fn note(&self, text: &str) {
+        self.console.note(text);
+    }
+
     /// Whether the run is to end.
     pub fn stopped(&self) -> bool {
         self.stopped.load(Ordering::SeqCst)
@@ -124,7 +141,7 @@ pub fn run(
     let journal = Journal::new(heading, items);
     let stopped = watch(&journal, options.json.clone(), console)?;
     let start = Instant::now();
-    console.begin(items.len() as u64 * STEPS);
+    console.begin(items.len() as u64 * (STEPS + work.pieces()));
     let limits = Limits {
         parallel_frames: options.parallel_frames,
         overlap: if threads > 1 { 2 } else { 0 },
@@ -183,7 +200,7 @@ fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, journal: &
     let mut record = journal.get(index);
     let result = work.decide(item).and_then(|decision| match decision {
         Decision::Skip(reason) => {
-            stage.console.advance(STEPS);
+            stage.console.advance(STEPS + work.pieces());
             stage.console.detail(&format!("{}: skipped: {reason}", label(&item.input, item.number)));
             record.state = State::Skipped;
             record.message = Some(reason);

@@ -3,7 +3,7 @@
 //! ```text
 //! inputs (pattern, range, glob, list) ─┐
 //! destination ─────────────────────────┴─> plan ─> batch (schedule, memory, signals) ─> console, record
-//!                                                    └─ fill | sparsify | verify: one frame each
+//!                                                    └─ fill | render | sparsify | verify: one frame each
 //! ```
 
 mod batch;
@@ -20,6 +20,7 @@ mod plans;
 mod prepare;
 pub mod range;
 mod record;
+mod render;
 mod schedule;
 mod signals;
 mod sparsify;
@@ -33,6 +34,7 @@ pub use fill::{FillJob, fill};
 pub use info::{InfoJob, info};
 pub use inputs::Selection;
 pub use plan::{PlanError, Targets};
+pub use render::{Pixels, RenderJob, render};
 pub use schedule::message as panic_message;
 pub use sparsify::{SparsifyJob, SparsifyPattern, sparsify};
 pub use update::Existing;

@@ -68,6 +68,42 @@ pub fn plan(selection: &Selection, targets: &Targets) -> Result<Plan, PlanError>
     Ok(Plan { items, new_folders })
 }
 
+/// Plans a run that makes frames of one file: every number its output. Looks at names and folders, changes nothing.
+pub fn outputs(source: &Path, numbers: &[Option<i64>], targets: &Targets) -> Result<Plan, PlanError> {
+    let destination = Destination::parse(&targets.output)?;
+    let shown = targets.output.display();
+    match (&destination, numbers) {
+        (Destination::Folder(_), _) => {
+            return Err(PlanError::Usage(format!("{shown}: name a file or a pattern such as shot.####.exr")));
+        }
+        (Destination::File(_), [Some(_), ..]) => {
+            return Err(PlanError::Usage(format!(
+                "{shown}: --frames needs an output pattern (shot.####.exr)"
+            )));
+        }
+        (Destination::Pattern(_), [None, ..]) => {
+            return Err(PlanError::Usage(format!(
+                "{shown}: a pattern needs --frames, such as --frames 1-10"
+            )));
+        }
+        _ => {}
+    }
+    let mask = targets.mask.as_deref().map(MaskFile::parse).transpose()?;
+    let item = |&number: &Option<i64>| {
+        let input = Input { path: source.into(), number };
+        let output = destination.of(&input)?;
+        let mask = mask.as_ref().map(|mask| mask.of(&input)).transpose()?;
+        Ok(Item { number, input: input.path, output, mask })
+    };
+    let items: Vec<Item> = numbers.iter().map(item).collect::<Result<_, _>>()?;
+    check_no_input_is_written(&items, &targets.also_written)?;
+    let mut new_folders = BTreeSet::new();
+    for file in items.iter().map(|item| &item.output).chain(&targets.also_written) {
+        check_folder(file, targets.create_dir, &mut new_folders)?;
+    }
+    Ok(Plan { items, new_folders })
+}
+
 /// Every input with its output and mask file, without any check of the file system's state.
 pub fn pair(selection: &Selection, output: &Path, mask: Option<&str>) -> Result<Vec<Item>, PlanError> {
     let inputs = resolve(selection)?;

@@ -62,6 +62,12 @@ pub struct Record {
     /// How the solvers ended: stop, iterations, residual or gap; the worst of all channels.
     #[serde(flatten)]
     pub outcome: Option<Outcome>,
+    /// Seconds of rendering, where frames are rendered.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rendered: Option<f64>,
+    /// Seconds of filling in memory what was rendered.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub filled: Option<f64>,
     /// Seconds by stage.
     pub seconds: Seconds,
     /// What the log warned of.

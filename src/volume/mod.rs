@@ -37,7 +37,7 @@ mod walk;
 pub use camera::{Camera, Projection, Ray};
 pub use error::Error;
 pub use grid::Grid;
-pub use output::{Story, Wanted, frame};
+pub use output::{Story, Wanted, canvas, frame};
 pub use picture::{Interpolation, Look, Pixel, Renderer, Shot, render, tiles};
 pub use scene::{InterpolationName, ModeName, Override, Scene};
 pub use stage::{Stage, prepare};

@@ -35,6 +35,8 @@ pub struct Wanted {
 pub struct Story<'a> {
     /// The scene on one line.
     pub scene: &'a str,
+    /// Everything that the pixels depend on, on one line.
+    pub render: &'a str,
     /// The camera.
     pub camera: &'a Camera,
     /// Of all patterns.
@@ -49,7 +51,7 @@ pub struct Story<'a> {
 pub fn frame(pixels: &[Pixel], size: Size, mask: Option<&Mask>, wanted: &Wanted, story: &Story<'_>) -> Frame {
     let mut channels: Vec<Channel> = Vec::new();
     let mut add = |name: String, samples: Samples| {
-        channels.push(Channel { name: name.into_bytes(), perceptually_linear: false, samples });
+        channels.push(channel(&name, samples));
     };
     let values = |of: &dyn Fn(&Pixel) -> f32| match wanted.kind {
         SampleType::Half => Samples::Half(pixels.iter().map(|pixel| half(of(pixel))).collect()),
@@ -83,17 +85,34 @@ pub fn frame(pixels: &[Pixel], size: Size, mask: Option<&Mask>, wanted: &Wanted,
         add(MASK.into(), Samples::Half((0..pixels.len()).map(flag).collect()));
     }
     channels.sort_by(|a, b| a.name.cmp(&b.name));
-    let window = Window { x_min: 0, y_min: 0, x_max: size.width as i32 - 1, y_max: size.height as i32 - 1 };
     let part = Part {
         attributes: attributes(size, mask.is_some(), story),
+        compression: wanted.compression,
+        ..part(size, channels)
+    };
+    Frame { parts: vec![part] }
+}
+
+/// A frame of that size with one channel, for what needs only its windows.
+pub fn canvas(size: Size) -> Frame {
+    Frame { parts: vec![part(size, vec![channel("R", Samples::Half(vec![f16::ZERO; size.pixels()]))])] }
+}
+
+fn channel(name: &str, samples: Samples) -> Channel {
+    Channel { name: name.into(), perceptually_linear: false, samples }
+}
+
+fn part(size: Size, channels: Vec<Channel>) -> Part {
+    let window = Window { x_min: 0, y_min: 0, x_max: size.width as i32 - 1, y_max: size.height as i32 - 1 };
+    Part {
+        attributes: Attributes::default(),
         data_window: window,
         display_window: window,
-        compression: wanted.compression,
+        compression: Compression::Zip,
         layout: Layout::ScanLines,
         channels,
         had_levels: false,
-    };
-    Frame { parts: vec![part] }
+    }
 }
 
 /// The nearest half; the largest one instead of infinity.
@@ -114,6 +133,7 @@ fn attributes(size: Size, masked: bool, story: &Story<'_>) -> Attributes {
     attributes.set("worldToNDC", "m44f", matrix(story.camera.world_to_ndc(size)));
     attributes.set_text("lacuna/version", env!("CARGO_PKG_VERSION"));
     attributes.set_text("lacuna/scene", story.scene);
+    attributes.set_text("lacuna/render", story.render);
     attributes.set_text("lacuna/seed", &story.seed.to_string());
     if masked {
         attributes.set_text(mask::ATTRIBUTE, MASK);

@@ -1,0 +1,267 @@
+//! `lacuna render`: flags to a checked job.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::{Args, ValueEnum};
+use lacuna_filters::Method;
+use lacuna_filters::baseline::{nearest, push_pull};
+use lacuna_filters::variational::{ss, tv};
+
+use super::Usage;
+use super::filter::Name;
+use super::output::{Depth, FormatArgs, OutputArgs};
+use super::run::RunArgs;
+use crate::frame::{Compression, SampleType};
+use crate::mask::Source;
+use crate::sequence::range::Frames;
+use crate::sequence::{Existing, Pixels, RenderJob, Targets};
+use crate::volume::{InterpolationName, ModeName, Override, Wanted};
+
+const EXAMPLES: &str = "\
+Examples:
+  lacuna render samples/scenes/head.toml -o head.exr
+  lacuna render samples/scenes/head.toml -o head.exr --density 0.2 --fill ss
+  lacuna render samples/scenes/engine.toml -o 'engine.####.exr' --volume engine.nrrd --frames 1-36 --set camera.orbit=10
+  lacuna render foot.nrrd -o foot.exr --mode mip
+  lacuna render scan.raw -o scan.exr --raw 256x256x128:u16:be:1,1,2
+
+Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.";
+
+// Not a comment for rustdoc, which would read an address into it.
+const MASK: &str = "Render only the pixels of a mask: file:PATTERN[:CHANNEL] or a bare path, EXR or PNG; a pattern goes frame by frame";
+
+/// Render a volume, all of its pixels or only those asked for
+///
+/// Casts rays through a volume as a scene says (TOML, see docs/rendering.md; every value can be set by a flag) and writes
+/// R, G, B, A, premultiplied and linear. With a density or a mask only those pixels are rendered, with the bits that
+/// they have in the full picture, and a channel mask says which.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct RenderArgs {
+    /// A scene (.toml) or a volume: NRRD, MetaImage, NIfTI, VTK image data, raw, or procedural:NAME
+    #[arg(value_name = "SCENE")]
+    scene: PathBuf,
+
+    /// Frames of an output pattern: 1-10, 1-10x2 or 1-10:2 (every second), 1,5,9-12, 10-1, -5--1
+    #[arg(long, value_name = "RANGE", allow_hyphen_values = true)]
+    frames: Option<Frames>,
+
+    #[command(flatten)]
+    scene_values: SceneArgs,
+
+    #[command(flatten)]
+    pixels: PixelArgs,
+
+    #[command(flatten)]
+    layers: LayerArgs,
+
+    #[command(flatten)]
+    output: OutputArgs,
+
+    #[command(flatten)]
+    format: FormatArgs,
+
+    /// Pass over frames that are there already and were made from the same scene with the same settings and version
+    #[arg(long, conflicts_with = "no_clobber", help_heading = "Output")]
+    resume: bool,
+
+    #[command(flatten)]
+    run: RunArgs,
+}
+
+/// Values over the scene's.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Scene")]
+struct SceneArgs {
+    /// The volume, instead of the scene's
+    #[arg(long, value_name = "FILE")]
+    volume: Option<PathBuf>,
+
+    /// Layout of a volume without a header: WxHxD:type[:le|be][:spacing], type u8, i8, u16, i16, u32, i32, f32 or f64
+    #[arg(long, value_name = "LAYOUT")]
+    raw: Option<String>,
+
+    /// Width and height of the picture
+    #[arg(long, value_name = "WxH")]
+    size: Option<PictureSize>,
+
+    /// What rays look for
+    #[arg(long, value_name = "MODE")]
+    mode: Option<ModeName>,
+
+    /// How values between voxels are made
+    #[arg(long, value_name = "NAME")]
+    interpolation: Option<InterpolationName>,
+
+    /// Length of a step in voxels, 0.001 to 1000; smaller is finer and slower
+    #[arg(long, value_name = "VOXELS")]
+    step: Option<f64>,
+
+    /// Samples a pixel, 1 or more
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    samples: Option<u32>,
+
+    /// Seed of the patterns of pixels and samples; the output records it
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+
+    /// Any value of the scene, such as camera.azimuth=30 or march.preintegrated=true; may be given again
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    set: Vec<Override>,
+}
+
+/// Which pixels are rendered.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Mask")]
+struct PixelArgs {
+    /// Render only this share of the pixels, 0 to 1, spread evenly
+    #[arg(long, value_name = "D", value_parser = super::sparsify::fraction)]
+    density: Option<f64>,
+
+    #[arg(long, value_name = "SOURCE", help = MASK, conflicts_with = "density")]
+    mask: Option<Source>,
+
+    /// Fill the other pixels in memory with this filter's default settings, and report both times
+    #[arg(long, value_name = "FILTER")]
+    fill: Option<Name>,
+}
+
+/// What a frame holds besides colour and alpha.
+#[derive(Args, Clone, Debug)]
+// Each is a flag of its own.
+#[allow(clippy::struct_excessive_bools)]
+#[command(next_help_heading = "Output")]
+struct LayerArgs {
+    /// Add Z: distance from the camera to where opacity reaches march.depth-opacity; infinite where it does not
+    #[arg(long)]
+    depth: bool,
+
+    /// Add N.X, N.Y, N.Z: the surface normal in world coordinates, samples weighted by what they add to alpha
+    #[arg(long)]
+    normals: bool,
+
+    /// Add samples: how many a pixel had
+    #[arg(long)]
+    count: bool,
+
+    /// Add the layers dx and dy: the colour's derivatives per pixel, by central differences over half a pixel; four
+    /// more rays a sample
+    #[arg(long)]
+    gradients: bool,
+
+    /// Type of colours, normals and derivatives
+    #[arg(short = 'd', long, value_name = "TYPE", default_value = "float")]
+    data_type: Depth,
+}
+
+/// Width and height.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct PictureSize([usize; 2]);
+
+impl FromStr for PictureSize {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (width, height) = text.split_once('x').ok_or("not a size such as 1920x1080")?;
+        match (width.parse(), height.parse()) {
+            (Ok(width @ 1..=65_536), Ok(height @ 1..=65_536)) => Ok(Self([width, height])),
+            _ => Err("not a size such as 1920x1080, 1 to 65536 each".into()),
+        }
+    }
+}
+
+impl SceneArgs {
+    /// `--set` first, so that a flag of its own decides.
+    fn overrides(&self) -> Result<Vec<Override>, Usage> {
+        fn name(value: &impl ValueEnum) -> String {
+            value.to_possible_value().map_or(String::new(), |value| format!("{:?}", value.get_name()))
+        }
+        let mut found = self.set.clone();
+        // A path on the command line is relative to the working folder, not to the scene.
+        let volume = match &self.volume {
+            Some(path) if path.to_string_lossy().starts_with("procedural:") => Some(path.clone()),
+            Some(path) => Some(
+                std::path::absolute(path)
+                    .map_err(|error| Usage(format!("--volume {}: {error}", path.display())))?,
+            ),
+            None => None,
+        };
+        let values = [
+            ("volume", volume.map(|path| toml::Value::String(path.display().to_string()).to_string())),
+            ("raw", self.raw.as_ref().map(|raw| toml::Value::String(raw.clone()).to_string())),
+            ("image.size", self.size.map(|size| format!("{:?}", size.0))),
+            ("image.samples", self.samples.map(|samples| samples.to_string())),
+            ("image.seed", self.seed.map(|seed| seed.to_string())),
+            ("march.mode", self.mode.as_ref().map(name)),
+            ("march.interpolation", self.interpolation.as_ref().map(name)),
+            ("march.step", self.step.map(|step| format!("{step:?}"))),
+        ];
+        for (path, value) in values {
+            found.extend(value.map(|value| Override { path: path.into(), value }));
+        }
+        Ok(found)
+    }
+}
+
+impl RenderArgs {
+    /// The checked job.
+    pub fn job(&self) -> Result<RenderJob, Usage> {
+        let (pixels, mask) = match (&self.pixels.mask, self.pixels.density) {
+            (Some(source @ Source::File { pattern, .. }), _) => {
+                (Pixels::Mask(source.clone()), Some(pattern.clone()))
+            }
+            (Some(other), _) => {
+                return Err(Usage(format!("--mask {other} needs a frame; render takes a mask file")));
+            }
+            (None, Some(density)) => (Pixels::Shuffle(density), None),
+            (None, None) => (Pixels::All, None),
+        };
+        if self.pixels.fill.is_some() && pixels == Pixels::All {
+            return Err(Usage(
+                "--fill needs --density or --mask: without them every pixel is rendered".into(),
+            ));
+        }
+        let packing = self.format.compression;
+        let run = self.run.options();
+        let kind = SampleType::from(self.layers.data_type);
+        Ok(RenderJob {
+            scene: self.scene.clone(),
+            overrides: self.scene_values.overrides()?,
+            frames: self.frames.clone(),
+            targets: Targets {
+                output: self.output.output.clone(),
+                mask,
+                also_written: run.json.iter().cloned().collect(),
+                create_dir: self.output.create_dir,
+            },
+            pixels,
+            wanted: Wanted {
+                depth: self.layers.depth,
+                normals: self.layers.normals,
+                samples: self.layers.count,
+                gradients: self.layers.gradients,
+                kind,
+                compression: packing.map_or(Compression::Zip, |packing| packing.compression),
+            },
+            level: packing.and_then(|packing| packing.level),
+            fill: self.pixels.fill.map(method),
+            existing: match (self.resume, self.output.no_clobber) {
+                (true, _) => Existing::Update,
+                (_, true) => Existing::Keep,
+                _ => Existing::Replace,
+            },
+            run,
+        })
+    }
+}
+
+/// A filter with its default settings.
+fn method(name: Name) -> Method {
+    match name {
+        Name::Ss => Method::Ss(ss::Settings::default()),
+        Name::Tv => Method::Tv(tv::Settings::default()),
+        Name::PushPull => Method::PushPull(push_pull::Settings),
+        Name::Nearest => Method::Nearest(nearest::Settings),
+    }
+}

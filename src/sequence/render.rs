@@ -1,0 +1,303 @@
+//! Rendering frames of a scene: what is done with each, and with all of them.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use lacuna_filters::sampling::shuffle;
+use lacuna_filters::{Mask, Method, Run, Stop};
+
+use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
+use super::console::Console;
+use super::masks::MaskFiles;
+use super::plan::{Item, Plan, PlanError, Targets, outputs};
+use super::prepare;
+use super::range::Frames;
+use super::record::{Heading, Record};
+use super::update::Existing;
+use crate::channels;
+use crate::frame::{self, Frame, WriteOptions, read_header};
+use crate::mask::{self, Source};
+use crate::reconstruct::{self, Plans};
+use crate::volume::{self, Override, Pixel, Scene, Shot, Story, Wanted};
+
+/// Pieces of a frame's progress while it is rendered.
+const PIECES: u64 = 100;
+
+/// A scene to be rendered, and how.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RenderJob {
+    /// The scene's file, or a volume.
+    pub scene: PathBuf,
+    /// Values over the scene's.
+    pub overrides: Vec<Override>,
+    /// The frames; one without a number if `None`.
+    pub frames: Option<Frames>,
+    /// Where outputs go, and the mask's file.
+    pub targets: Targets,
+    /// Which pixels are rendered.
+    pub pixels: Pixels,
+    /// What the frames hold.
+    pub wanted: Wanted,
+    /// The level of the compression.
+    pub level: Option<u8>,
+    /// What fills the other pixels, in memory.
+    pub fill: Option<Method>,
+    /// What happens to outputs that exist.
+    pub existing: Existing,
+    /// How to run.
+    pub run: RunOptions,
+}
+
+/// Which pixels are rendered.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Pixels {
+    /// All.
+    All,
+    /// A nested low-discrepancy pattern of that density, with the scene's seed.
+    Shuffle(f64),
+    /// Those of a mask file.
+    Mask(Source),
+}
+
+/// Renders the frames; the exit status.
+pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
+    let (scene, folder) = scene(job)?;
+    let plan = plan(job)?;
+    let work = Render {
+        job,
+        settings: settings(job, &scene),
+        scene,
+        folder,
+        volume: Mutex::new(None),
+        masks: MaskFiles::default(),
+        plans: Plans::new(),
+    };
+    let console = Console::new(job.run.verbosity);
+    if job.run.dry_run {
+        return Ok(prepare::print(&plan, &work, &console));
+    }
+    console.listen();
+    prepare::make_folders(&plan)?;
+    let heading = Heading {
+        lacuna: env!("CARGO_PKG_VERSION"),
+        command: "render",
+        filter: job.fill.as_ref().map(|method| method.name().into()),
+        settings: Some(work.settings.clone()),
+    };
+    batch::run(heading, &plan.items, &job.run, &work, &console).map_err(PlanError::Failed)
+}
+
+/// The scene, and the folder that its paths are relative to.
+fn scene(job: &RenderJob) -> Result<(Scene, PathBuf), PlanError> {
+    let failed = |error: volume::Error| PlanError::Failed(error.to_string());
+    if job.scene.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
+        let folder = job.scene.parent().unwrap_or_else(|| Path::new("")).to_path_buf();
+        let scene = Scene::read(&job.scene, &job.overrides);
+        return Ok((
+            scene.map_err(|error| PlanError::Failed(format!("{}: {error}", job.scene.display())))?,
+            folder,
+        ));
+    }
+    let mut scene = Scene::parse("", &job.overrides).map_err(failed)?;
+    if scene.volume.is_empty() {
+        scene.volume = job.scene.display().to_string();
+    }
+    Ok((scene, PathBuf::new()))
+}
+
+fn plan(job: &RenderJob) -> Result<Plan, PlanError> {
+    let numbers: Vec<Option<i64>> = match &job.frames {
+        None => vec![None],
+        Some(frames) => frames.numbers().iter().copied().map(Some).collect(),
+    };
+    outputs(&job.scene, &numbers, &job.targets)
+}
+
+/// Everything that the pixels depend on, on one line.
+fn settings(job: &RenderJob, scene: &Scene) -> String {
+    let pixels = match &job.pixels {
+        Pixels::All => "all".into(),
+        Pixels::Shuffle(density) => format!("shuffle density={density}"),
+        Pixels::Mask(source) => source.to_string(),
+    };
+    let wanted = &job.wanted;
+    let flags = [
+        (wanted.depth, "depth"),
+        (wanted.normals, "normals"),
+        (wanted.samples, "samples"),
+        (wanted.gradients, "gradients"),
+    ];
+    let layers: Vec<&str> = flags.iter().filter(|(on, _)| *on).map(|(_, name)| *name).collect();
+    let fill = job.fill.as_ref().map_or("none", |method| method.name());
+    format!(
+        "scene={} pixels={pixels} layers={} type={:?} fill={fill}",
+        scene.line(),
+        layers.join("+"),
+        wanted.kind
+    )
+}
+
+type Ready = Result<Arc<volume::Stage>, String>;
+
+struct Render<'a> {
+    job: &'a RenderJob,
+    scene: Scene,
+    folder: PathBuf,
+    settings: String,
+    /// Read by the first frame, for all.
+    volume: Mutex<Option<Ready>>,
+    masks: MaskFiles,
+    plans: Plans,
+}
+
+impl Work for Render<'_> {
+    fn words(&self) -> (&'static str, &'static str) {
+        ("render", "rendered")
+    }
+
+    fn pieces(&self) -> u64 {
+        PIECES
+    }
+
+    fn decide(&self, item: &Item) -> Result<Decision, Failure> {
+        prepare::decide(item, false, self.job.existing, |item| self.is_current(&item.output))
+    }
+
+    fn bytes(&self, _: &Item) -> u64 {
+        let [width, height] = self.scene.image.size;
+        let pixel = 2 * size_of::<Pixel>() as u64 + 64;
+        (width as u64).saturating_mul(height as u64).saturating_mul(pixel)
+    }
+
+    fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
+        let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
+        let ready = stage.read(record, || self.ready()).map_err(|error| at_input(&error))?;
+        let mask = self.mask(item, &ready)?;
+        record.density = Some(mask.as_ref().map_or(1.0, |mask| mask.density()));
+        let mut seconds = (0.0, None);
+        let frame = stage.solve(record, || {
+            let start = Instant::now();
+            let frame = self.picture(item, &ready, mask.as_deref(), stage)?;
+            seconds.0 = start.elapsed().as_secs_f64();
+            let Some(method) = self.job.fill.as_ref().filter(|_| !stage.stopped()) else { return Ok(frame) };
+            let start = Instant::now();
+            let filled = self.fill(frame, method, item, stage)?;
+            seconds.1 = Some(start.elapsed().as_secs_f64());
+            Ok(filled)
+        })?;
+        record.rendered = Some(seconds.0);
+        record.filled = seconds.1;
+        if let Some(filled) = seconds.1 {
+            stage.note(&format!("rendered in {:.2} s, filled in {filled:.2} s", seconds.0));
+        }
+        let no_clobber = self.job.existing == Existing::Keep;
+        let options = WriteOptions { compression_level: self.job.level, no_clobber };
+        stage
+            .write(record, || frame::write(&frame, &item.output, &options))
+            .map_err(|error| Failure::at(&item.output, error))
+    }
+}
+
+impl Render<'_> {
+    /// The volume and what is made from it, once.
+    fn ready(&self) -> Ready {
+        // Held while the volume is read: other frames wait for it.
+        let mut volume = self.volume.lock().unwrap_or_else(PoisonError::into_inner);
+        let make =
+            || volume::prepare(&self.scene, &self.folder).map(Arc::new).map_err(|error| error.to_string());
+        volume.get_or_insert_with(make).clone()
+    }
+
+    /// Whether an output is what this run would make again.
+    fn is_current(&self, output: &Path) -> bool {
+        let Ok(parts) = read_header(output) else { return false };
+        parts.iter().all(|part| {
+            part.attributes.text("lacuna/render").as_deref() == Some(self.settings.as_str())
+                && part.attributes.text("lacuna/version").as_deref() == Some(env!("CARGO_PKG_VERSION"))
+        })
+    }
+
+    fn mask(&self, item: &Item, ready: &volume::Stage) -> Result<Option<Arc<Mask>>, Failure> {
+        let size = ready.size();
+        match &self.job.pixels {
+            Pixels::All => Ok(None),
+            Pixels::Shuffle(density) => {
+                let mask = shuffle::mask(0, 0, size, *density, self.scene.image.seed);
+                mask.map(|mask| Some(Arc::new(mask))).map_err(|error| Failure::at(&item.input, error))
+            }
+            Pixels::Mask(source) => {
+                let Some(path) = &item.mask else { return Ok(None) };
+                let file = self.masks.get(path, frame::Limits::default())?;
+                let canvas = volume::canvas(size);
+                let found =
+                    mask::find(&canvas, source, Some(&file)).map_err(|error| Failure::at(path, error))?;
+                let mask = found.get(0, 0).cloned();
+                mask.map(Some).ok_or_else(|| Failure::at(path, "the mask does not cover the picture"))
+            }
+        }
+    }
+
+    fn picture(
+        &self,
+        item: &Item,
+        ready: &volume::Stage,
+        mask: Option<&Mask>,
+        stage: &Stage<'_>,
+    ) -> Result<Frame, Failure> {
+        let number = item.number.unwrap_or(0);
+        let camera = ready.camera(number).map_err(|error| Failure::at(&item.input, error))?;
+        let shader = ready.shader(&camera);
+        let image = &self.scene.image;
+        let shot = Shot {
+            camera: &camera,
+            shader: shader.as_ref(),
+            size: ready.size(),
+            mask,
+            samples: image.samples,
+            seed: image.seed,
+            gradients: self.job.wanted.gradients,
+        };
+        let (tiles, done) = (volume::tiles(ready.size()) as u64, AtomicU64::new(0));
+        let advance = || {
+            let now = done.fetch_add(1, Ordering::Relaxed) + 1;
+            let pieces = |tiles_done: u64| tiles_done * PIECES / tiles;
+            stage.piece(pieces(now) - pieces(now - 1));
+            !stage.stopped()
+        };
+        let pixels = volume::render(&ready.renderer, &shot, &advance);
+        if stage.stopped() {
+            return Err(Failure::at(&item.output, "stopped by a signal"));
+        }
+        let pattern = match &self.job.pixels {
+            Pixels::All => None,
+            Pixels::Shuffle(density) => Some(format!("shuffle density={density}")),
+            Pixels::Mask(source) => Some(source.to_string()),
+        };
+        let story = Story {
+            scene: &self.scene.line(),
+            render: &self.settings,
+            camera: &camera,
+            seed: image.seed,
+            samples: image.samples,
+            pattern: pattern.as_deref(),
+        };
+        Ok(volume::frame(&pixels, ready.size(), mask, &self.job.wanted, &story))
+    }
+
+    /// The frame with its missing pixels filled.
+    fn fill(&self, frame: Frame, method: &Method, item: &Item, stage: &Stage<'_>) -> Result<Frame, Failure> {
+        let failed = |error: &dyn std::fmt::Display| Failure::at(&item.output, error);
+        let what = reconstruct::Job::new(method.clone());
+        let interrupt = || stage.stopped().then_some(Stop::Cancelled);
+        let run = Run { interrupt: Some(&interrupt) };
+        if self.job.pixels == Pixels::All {
+            return Ok(frame);
+        }
+        let masks = mask::find(&frame, &what.mask, None).map_err(|error| failed(&error))?;
+        let choices = channels::choose(&frame, &masks, &what.overrides);
+        let filled = reconstruct::fill(frame, &masks, &choices, &what, &self.plans, &run);
+        filled.map(|(frame, _)| frame).map_err(|error| failed(&error))
+    }
+}
