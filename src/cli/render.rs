@@ -28,7 +28,9 @@ Examples:
 
 Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.";
 
-// Not a comment for rustdoc, which would read an address into it.
+// Not comments for rustdoc, which would read names and addresses into them.
+const SCENE: &str =
+    "A scene (.toml) or a volume: NRRD, MetaImage, NIfTI, VTK image data, raw, or procedural:NAME";
 const MASK: &str = "Render only the pixels of a mask: file:PATTERN[:CHANNEL] or a bare path, EXR or PNG; a pattern goes frame by frame";
 
 /// Render a volume, all of its pixels or only those asked for
@@ -39,8 +41,7 @@ const MASK: &str = "Render only the pixels of a mask: file:PATTERN[:CHANNEL] or 
 #[derive(Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct RenderArgs {
-    /// A scene (.toml) or a volume: NRRD, MetaImage, NIfTI, VTK image data, raw, or procedural:NAME
-    #[arg(value_name = "SCENE")]
+    #[arg(value_name = "SCENE", help = SCENE)]
     scene: PathBuf,
 
     /// Frames of an output pattern: 1-10, 1-10x2 or 1-10:2 (every second), 1,5,9-12, 10-1, -5--1

@@ -5,7 +5,7 @@
 //! after (copies of the outermost ones) gives every cell its 4 x 4 x 4 voxels without a test.
 
 use rayon::prelude::*;
-use wide::f32x4;
+use wide::{f32x4, i32x4};
 
 use super::vector::{Affine, Vector, length};
 use super::{Error, Values};
@@ -136,10 +136,10 @@ impl Grid {
     #[inline(always)]
     pub(super) fn gather4(&self, at: usize, taps: &mut [f32x4; 16]) {
         match &self.voxels {
-            Values::U8(voxels) => gather4(voxels, at, self.strides, taps, f32::from),
-            Values::U16(voxels) => gather4(voxels, at, self.strides, taps, f32::from),
-            Values::I16(voxels) => gather4(voxels, at, self.strides, taps, f32::from),
-            Values::F32(voxels) => gather4(voxels, at, self.strides, taps, |value| value),
+            Values::U8(voxels) => gather4(voxels, at, self.strides, taps, whole),
+            Values::U16(voxels) => gather4(voxels, at, self.strides, taps, whole),
+            Values::I16(voxels) => gather4(voxels, at, self.strides, taps, whole),
+            Values::F32(voxels) => gather4(voxels, at, self.strides, taps, f32x4::new),
         }
     }
 
@@ -147,10 +147,10 @@ impl Grid {
     #[inline(always)]
     pub(super) fn gather2(&self, at: usize, taps: &mut [f32x4; 2]) {
         match &self.voxels {
-            Values::U8(voxels) => gather2(voxels, at, self.strides, taps, f32::from),
-            Values::U16(voxels) => gather2(voxels, at, self.strides, taps, f32::from),
-            Values::I16(voxels) => gather2(voxels, at, self.strides, taps, f32::from),
-            Values::F32(voxels) => gather2(voxels, at, self.strides, taps, |value| value),
+            Values::U8(voxels) => gather2(voxels, at, self.strides, taps, whole),
+            Values::U16(voxels) => gather2(voxels, at, self.strides, taps, whole),
+            Values::I16(voxels) => gather2(voxels, at, self.strides, taps, whole),
+            Values::F32(voxels) => gather2(voxels, at, self.strides, taps, f32x4::new),
         }
     }
 
@@ -231,19 +231,25 @@ fn merge<T: Copy + PartialOrd + Sync + Send>(
         .collect()
 }
 
+/// Integers as floats, through 32-bit ones, which SIMD converts four at a time.
+#[inline(always)]
+fn whole<T: Into<i32>>([a, b, c, d]: [T; 4]) -> f32x4 {
+    i32x4::new([a.into(), b.into(), c.into(), d.into()]).round_float()
+}
+
 #[inline(always)]
 fn gather4<T: Copy>(
     voxels: &[T],
     at: usize,
     strides: [usize; 2],
     taps: &mut [f32x4; 16],
-    to: impl Fn(T) -> f32,
+    to: impl Fn([T; 4]) -> f32x4,
 ) {
     for z in 0..4 {
         for y in 0..4 {
             let start = at + y * strides[0] + z * strides[1];
             let row = &voxels[start..start + 4];
-            taps[z * 4 + y] = f32x4::new([to(row[0]), to(row[1]), to(row[2]), to(row[3])]);
+            taps[z * 4 + y] = to([row[0], row[1], row[2], row[3]]);
         }
     }
 }
@@ -254,13 +260,13 @@ fn gather2<T: Copy>(
     at: usize,
     strides: [usize; 2],
     taps: &mut [f32x4; 2],
-    to: impl Fn(T) -> f32,
+    to: impl Fn([T; 4]) -> f32x4,
 ) {
     let corner = at + BEFORE * (1 + strides[0] + strides[1]);
     for z in 0..2 {
         let start = corner + z * strides[1];
         let (a, b) = (&voxels[start..start + 2], &voxels[start + strides[0]..][..2]);
-        taps[z] = f32x4::new([to(a[0]), to(a[1]), to(b[0]), to(b[1])]);
+        taps[z] = to([a[0], a[1], b[0], b[1]]);
     }
 }
 

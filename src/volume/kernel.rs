@@ -31,10 +31,10 @@ pub trait Kernel: Copy + Send + Sync {
     fn gather(self, grid: &Grid, at: usize, taps: &mut Self::Taps);
     /// Bounds of all values in the cell.
     fn bounds(self, taps: &Self::Taps) -> (f32, f32);
-    /// The value at `f`, each component in 0 to 1 from the cell's lowest corner.
-    fn value(self, taps: &Self::Taps, f: [f32; 3]) -> (f32, Self::Partial);
+    /// The value at `f`: x, y, z in 0 to 1 from the cell's lowest corner, and 0.
+    fn value(self, taps: &Self::Taps, f: f32x4) -> (f32, Self::Partial);
     /// The gradient there, per index step.
-    fn gradient(self, taps: &Self::Taps, f: [f32; 3], partial: &Self::Partial) -> [f32; 3];
+    fn gradient(self, taps: &Self::Taps, f: f32x4, partial: &Self::Partial) -> [f32; 3];
     /// Bounds of the values of an interpolant whose voxels lie between `low` and `high`.
     fn widen(low: f32, high: f32) -> (f32, f32) {
         (low, high)
@@ -152,8 +152,8 @@ impl<W: Weights> Kernel for Cubic<W> {
     }
 
     #[inline(always)]
-    fn value(self, taps: &Self::Taps, f: [f32; 3]) -> (f32, CubicPartial) {
-        let weights = W::weights(f32x4::new([f[0], f[1], f[2], 0.0]));
+    fn value(self, taps: &Self::Taps, f: f32x4) -> (f32, CubicPartial) {
+        let weights = W::weights(f);
         let over_z = sum_over_z(taps, &weights);
         let over_zy = sum_over_y(&over_z, &weights);
         let along_x = transposed(&weights, 0);
@@ -161,8 +161,8 @@ impl<W: Weights> Kernel for Cubic<W> {
     }
 
     #[inline(always)]
-    fn gradient(self, taps: &Self::Taps, f: [f32; 3], partial: &CubicPartial) -> [f32; 3] {
-        let slopes = W::derivatives(f32x4::new([f[0], f[1], f[2], 0.0]));
+    fn gradient(self, taps: &Self::Taps, f: f32x4, partial: &CubicPartial) -> [f32; 3] {
+        let slopes = W::derivatives(f);
         let CubicPartial { weights, over_z, over_zy } = partial;
         let along_y = sum_over_y(over_z, &slopes);
         let along_z = sum_over_y(&sum_over_z(taps, &slopes), weights);
@@ -248,14 +248,16 @@ impl Kernel for Linear {
     }
 
     #[inline(always)]
-    fn value(self, taps: &Self::Taps, f: [f32; 3]) -> (f32, ()) {
+    fn value(self, taps: &Self::Taps, f: f32x4) -> (f32, ()) {
+        let f = f.to_array();
         let [a, b, e, d] = (taps[0] * c(1.0 - f[2]) + taps[1] * c(f[2])).to_array();
         let (low, high) = ((1.0 - f[1]) * a + f[1] * e, (1.0 - f[1]) * b + f[1] * d);
         ((1.0 - f[0]) * low + f[0] * high, ())
     }
 
     #[inline(always)]
-    fn gradient(self, taps: &Self::Taps, f: [f32; 3], (): &()) -> [f32; 3] {
+    fn gradient(self, taps: &Self::Taps, f: f32x4, (): &()) -> [f32; 3] {
+        let f = f.to_array();
         let [a, b, c_, d] = (taps[0] * c(1.0 - f[2]) + taps[1] * c(f[2])).to_array();
         let [e, g, h, i] = (taps[1] - taps[0]).to_array();
         [
@@ -292,13 +294,13 @@ impl Kernel for Nearest {
     }
 
     #[inline(always)]
-    fn value(self, taps: &Self::Taps, f: [f32; 3]) -> (f32, ()) {
+    fn value(self, taps: &Self::Taps, f: f32x4) -> (f32, ()) {
         let [x, y, z] = nearest(f);
         (tap(taps, x, y, z), ())
     }
 
     #[inline(always)]
-    fn gradient(self, taps: &Self::Taps, f: [f32; 3], (): &()) -> [f32; 3] {
+    fn gradient(self, taps: &Self::Taps, f: f32x4, (): &()) -> [f32; 3] {
         let [x, y, z] = nearest(f);
         [
             0.5 * (tap(taps, x + 1, y, z) - tap(taps, x - 1, y, z)),
@@ -310,7 +312,8 @@ impl Kernel for Nearest {
 
 /// The nearest corner of the cell, as a tap: 1 or 2 on each axis.
 #[inline(always)]
-fn nearest(f: [f32; 3]) -> [usize; 3] {
+fn nearest(f: f32x4) -> [usize; 3] {
+    let f = f.to_array();
     [1 + usize::from(f[0] >= 0.5), 1 + usize::from(f[1] >= 0.5), 1 + usize::from(f[2] >= 0.5)]
 }
 

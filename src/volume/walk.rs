@@ -3,6 +3,8 @@
 //! Sample `i` lies at `entry + i step` in index coordinates, whatever was leapt over, so that a picture has the same
 //! bits with and without leaps. A leap ends before the first sample that might lie outside the empty blocks.
 
+use wide::f32x4;
+
 use super::blocks::{Blocks, EDGE};
 use super::camera::Segment;
 use super::grid::Grid;
@@ -17,10 +19,12 @@ pub struct Walk<'a, K: Kernel> {
     grid: &'a Grid,
     kernel: K,
     blocks: Option<&'a Blocks>,
-    entry: [f32; 3],
-    step: [f32; 3],
-    per_step: [f32; 3],
-    last: [f32; 3],
+    /// x, y, z and nothing.
+    entry: f32x4,
+    step: f32x4,
+    /// Samples per index step; 0 where a face is never reached.
+    per_step: f32x4,
+    last: f32x4,
     /// Number of samples.
     pub count: u32,
     /// The cell whose voxels are gathered.
@@ -33,12 +37,12 @@ pub struct Walk<'a, K: Kernel> {
 pub struct Place {
     cell: [usize; 3],
     /// Within the cell.
-    pub within: [f32; 3],
+    pub within: f32x4,
 }
 
 #[inline(always)]
-fn single(v: Vector) -> [f32; 3] {
-    [v[0] as f32, v[1] as f32, v[2] as f32]
+fn single(v: Vector) -> f32x4 {
+    f32x4::new([v[0] as f32, v[1] as f32, v[2] as f32, 0.0])
 }
 
 impl<'a, K: Kernel> Walk<'a, K> {
@@ -46,12 +50,9 @@ impl<'a, K: Kernel> Walk<'a, K> {
     #[inline(always)]
     pub fn new(grid: &'a Grid, kernel: K, blocks: Option<&'a Blocks>, segment: &Segment, step: f64) -> Self {
         let per_sample = single(scale(segment.direction, step));
-        let mut per_step = [f32::MAX; 3];
-        for axis in 0..3 {
-            if per_sample[axis] != 0.0 {
-                per_step[axis] = 1.0 / per_sample[axis];
-            }
-        }
+        let over = |part: f32| if part == 0.0 { 0.0 } else { 1.0 / part };
+        let [x, y, z, _] = per_sample.to_array();
+        let per_step = f32x4::new([over(x), over(y), over(z), 0.0]);
         Self {
             grid,
             kernel,
@@ -69,16 +70,13 @@ impl<'a, K: Kernel> Walk<'a, K> {
     /// The place of sample `i`, which may be a fraction.
     #[inline(always)]
     pub fn place(&self, i: f32) -> Place {
-        let (mut cell, mut within) = ([0; 3], [0.0; 3]);
-        for axis in 0..3 {
-            let p = self.entry[axis] + i * self.step[axis];
-            let p = if p > 0.0 { p } else { 0.0 };
-            let p = if p < self.last[axis] { p } else { self.last[axis] };
-            let whole = p as i32;
-            cell[axis] = whole as usize;
-            within[axis] = p - whole as f32;
-        }
-        Place { cell, within }
+        let p = self.entry + f32x4::splat(i) * self.step;
+        let p = p.fast_max(f32x4::ZERO).fast_min(self.last);
+        // Not negative, so that cutting the fraction off rounds down.
+        let cell = p.fast_trunc_int();
+        let within = p - cell.round_float();
+        let [x, y, z, _] = cell.to_array();
+        Place { cell: [x as usize, y as usize, z as usize], within }
     }
 
     /// Whether empty space is skipped at all.
@@ -96,16 +94,18 @@ impl<'a, K: Kernel> Walk<'a, K> {
         if distance == 0 {
             return None;
         }
-        let reach = f32::from(distance) - 1.0;
+        let reach = (f32::from(distance) - 1.0) * EDGE as f32;
+        let corner =
+            f32x4::new([block[0] as f32, block[1] as f32, block[2] as f32, 0.0]) * f32x4::splat(EDGE as f32);
+        let low = corner - f32x4::splat(reach - MARGIN);
+        let high = corner + f32x4::splat(reach + EDGE as f32 - MARGIN);
+        // The product is the larger for the face ahead. Without a direction both are 0, which is no face.
+        let (back, ahead) = ((low - self.entry) * self.per_step, (high - self.entry) * self.per_step);
+        let faces = back.fast_max(ahead).to_array();
+        let directions = self.per_step.to_array();
         let mut end = f32::MAX;
         for axis in 0..3 {
-            let low = (block[axis] as f32 - reach) * EDGE as f32 + MARGIN;
-            let high = (block[axis] as f32 + 1.0 + reach) * EDGE as f32 - MARGIN;
-            let face = if self.step[axis] > 0.0 { high } else { low };
-            let at = (face - self.entry[axis]) * self.per_step[axis];
-            // No face is reached along a direction of 0, where `at` has any sign.
-            let at = if self.step[axis] == 0.0 { f32::MAX } else { at };
-            end = if at < end { at } else { end };
+            end = if directions[axis] != 0.0 && faces[axis] < end { faces[axis] } else { end };
         }
         // Sample floor(end) is still inside.
         let next = if end > 0.0 { (end as u32).saturating_add(1) } else { 0 };
