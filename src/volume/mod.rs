@@ -29,6 +29,8 @@ mod scene;
 mod shade;
 mod stage;
 mod surface;
+#[cfg(test)]
+mod tests;
 mod transfer;
 mod values;
 mod vector;
@@ -41,6 +43,6 @@ pub use output::{Story, Wanted, canvas, frame};
 pub use picture::{Interpolation, Look, Pixel, Renderer, Shot, render, tiles};
 pub use scene::{InterpolationName, ModeName, Override, Scene};
 pub use stage::{Stage, prepare};
-pub use transfer::{Curve, Joining, Transfer};
+pub use transfer::{Curve, Joining, Lookup, Transfer};
 pub use values::Values;
 pub use vector::{Affine, Vector};

@@ -137,27 +137,59 @@ pub const fn tiles(size: Size) -> usize {
     size.width.div_ceil(TILE) * size.height.div_ceil(TILE)
 }
 
+/// A tile to be rendered.
+struct Tile<'a, K> {
+    renderer: &'a Renderer,
+    kernel: K,
+    shot: &'a Shot<'a>,
+    corner: (usize, usize),
+}
+
+/// Renders a tile with the widest instructions that the machine has; all of them give the same bits, as no
+/// multiplication is fused with a sum.
+fn dispatched<K: Kernel>(tile: Tile<'_, K>) -> Vec<Pixel> {
+    pulp::Arch::new().dispatch(tile)
+}
+
+impl<K: Kernel> pulp::WithSimd for Tile<'_, K> {
+    type Output = Vec<Pixel>;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Vec<Pixel> {
+        self.renderer.tile_by(self.kernel, self.shot, self.corner)
+    }
+}
+
 impl Renderer {
     fn tile(&self, shot: &Shot<'_>, corner: (usize, usize)) -> Vec<Pixel> {
         match self.interpolation {
-            Interpolation::Nearest => self.tile_by(Nearest, shot, corner),
-            Interpolation::Linear => self.tile_by(Linear, shot, corner),
-            Interpolation::BSpline => self.tile_by(Cubic(BSpline), shot, corner),
-            Interpolation::CatmullRom => self.tile_by(Cubic(CatmullRom), shot, corner),
+            Interpolation::Nearest => dispatched(Tile { renderer: self, kernel: Nearest, shot, corner }),
+            Interpolation::Linear => dispatched(Tile { renderer: self, kernel: Linear, shot, corner }),
+            Interpolation::BSpline => {
+                dispatched(Tile { renderer: self, kernel: Cubic(BSpline), shot, corner })
+            }
+            Interpolation::CatmullRom => {
+                dispatched(Tile { renderer: self, kernel: Cubic(CatmullRom), shot, corner })
+            }
         }
     }
 
+    #[inline(always)]
     fn tile_by<K: Kernel>(&self, kernel: K, shot: &Shot<'_>, (top, left): (usize, usize)) -> Vec<Pixel> {
         let mut pixels = Vec::with_capacity(TILE * TILE);
         for y in top..(top + TILE).min(shot.size.height) {
             for x in left..(left + TILE).min(shot.size.width) {
-                let wanted = shot.mask.is_none_or(|mask| mask.is_measured(y, x));
+                let wanted = match shot.mask {
+                    Some(mask) => mask.is_measured(y, x),
+                    None => true,
+                };
                 pixels.push(if wanted { self.pixel(kernel, shot, (x, y)) } else { Pixel::NOTHING });
             }
         }
         pixels
     }
 
+    #[inline(always)]
     fn pixel<K: Kernel>(&self, kernel: K, shot: &Shot<'_>, (x, y): (usize, usize)) -> Pixel {
         let mut pixel = Pixel::NOTHING;
         let share = 1.0 / shot.samples as f32;
@@ -183,21 +215,26 @@ impl Renderer {
                 }
             }
         }
-        let length = pixel.normal.iter().map(|part| part * part).sum::<f32>().sqrt();
+        let [a, b, c] = pixel.normal;
+        let length = (a * a + b * b + c * c).sqrt();
         if length > 0.0 {
-            pixel.normal = pixel.normal.map(|part| part / length);
+            for part in &mut pixel.normal {
+                *part /= length;
+            }
         }
         pixel
     }
 
     /// What the ray through a point of the image sees, on the background, and the distance to its surface.
+    #[inline(always)]
     fn ray<K: Kernel>(&self, kernel: K, shot: &Shot<'_>, x: f64, y: f64) -> (Seen, f32) {
         let ray = shot.camera.ray(shot.size, x, y);
         let mut seen = Seen::NOTHING;
         let mut depth = f32::INFINITY;
         if let Some(segment) = clip(&ray, self.grid.placement(), self.grid.last()) {
             let walk = Walk::new(&self.grid, kernel, self.blocks.as_ref(), &segment, self.step);
-            let view = ray.direction.map(|part| part as f32);
+            let [x, y, z] = ray.direction;
+            let view = [x as f32, y as f32, z as f32];
             seen = self.look(walk, view, shot.shader);
             if seen.depth >= 0.0 {
                 depth = (segment.start + f64::from(seen.depth) * self.step) as f32;
@@ -210,6 +247,7 @@ impl Renderer {
         (seen, depth)
     }
 
+    #[inline(always)]
     fn look<K: Kernel>(&self, walk: Walk<'_, K>, view: [f32; 3], shader: Option<&Shader>) -> Seen {
         match self.look {
             Look::Dvr => March {

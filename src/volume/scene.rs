@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Error;
 use super::camera::Projection;
-use super::transfer::Joining;
+use super::transfer::{Joining, Lookup};
 
 /// A scene as its file has it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -53,6 +53,8 @@ pub struct TransferScene {
     pub data_units: bool,
     /// What is between two points.
     pub joining: Joining,
+    /// How the table made of them is read: `linear`, or `step` for the entry below.
+    pub lookup: Lookup,
     /// A `ParaView` colour map (JSON), relative to the scene's file, stretched over the domain.
     pub paraview: Option<PathBuf>,
 }
@@ -279,7 +281,8 @@ impl Scene {
     pub fn parse(text: &str, overrides: &[Override]) -> Result<Self, Error> {
         // Serde's messages have several lines; the first ones tell place and problem.
         let fail = |error: toml::de::Error| {
-            let line = error.span().map(|span| text[..span.start.min(text.len())].lines().count().max(1));
+            let before = |end: usize| text.bytes().take(end).filter(|byte| *byte == b'\n').count();
+            let line = error.span().map(|span| before(span.start) + 1);
             let place = line.map(|line| format!("line {line}: ")).unwrap_or_default();
             Error::Scene(format!("{place}{}", error.message()))
         };

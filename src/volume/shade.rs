@@ -133,6 +133,14 @@ fn power(base: f32, exponent: f32) -> f32 {
         return base.powf(exponent);
     }
     let (mut result, mut square, mut rest) = (1.0, base, whole);
+    if whole < 32 {
+        // Unrolled: the usual exponents take no loop.
+        for bit in 0..5 {
+            result *= if whole >> bit & 1 == 1 { square } else { 1.0 };
+            square *= square;
+        }
+        return result;
+    }
     while rest > 0 {
         if rest & 1 == 1 {
             result *= square;

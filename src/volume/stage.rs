@@ -68,7 +68,14 @@ pub fn volume(scene: &Scene, folder: &Path) -> Result<Grid, Error> {
 /// # Errors
 /// What contradicts itself.
 pub fn prepare(scene: &Scene, folder: &Path) -> Result<Stage, Error> {
-    let grid = volume(scene, folder)?;
+    prepare_grid(scene, volume(scene, folder)?, folder)
+}
+
+/// Prepares a scene with a volume that is there already.
+///
+/// # Errors
+/// What contradicts itself.
+pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, Error> {
     let transfer = transfer(scene, &grid, folder)?;
     let (voxel, march) = (grid.voxel(), &scene.march);
     let placement = *grid.placement();
@@ -192,6 +199,7 @@ fn transfer(scene: &Scene, grid: &Grid, folder: &Path) -> Result<Transfer, Error
         colour: Curve::new(colour, given.joining)?,
         opacity: Curve::new(opacity, given.joining)?,
         domain,
+        lookup: given.lookup,
     })
 }
 

@@ -3,7 +3,7 @@
 //! Colour and opacity have points of their own over the values, joined by lines or held until the next point; before
 //! the first and after the last point they are constant. The march reads a table of [`ENTRIES`] equal steps over the
 //! domain, in which opacity is corrected for the length of a step: `1 - (1 - alpha)^(step / unit)`. Between two
-//! entries the table is read linearly.
+//! entries the table is read linearly, or by the entry below.
 
 use serde::{Deserialize, Serialize};
 use wide::f32x4;
@@ -23,6 +23,17 @@ pub enum Joining {
     Linear,
     /// Each point's holds until the next.
     Constant,
+}
+
+/// How the table is read between two entries.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Lookup {
+    /// By a line.
+    #[default]
+    Linear,
+    /// The entry below.
+    Step,
 }
 
 /// Points over values, in the order of the values.
@@ -74,6 +85,8 @@ pub struct Transfer {
     pub opacity: Curve<1>,
     /// The data values at which the table begins and ends.
     pub domain: (f64, f64),
+    /// How the table is read.
+    pub lookup: Lookup,
 }
 
 /// A transfer function as the march reads it.
@@ -85,6 +98,7 @@ pub struct Table {
     visible_before: Vec<u32>,
     low: f32,
     per_value: f32,
+    lookup: Lookup,
 }
 
 impl Transfer {
@@ -111,7 +125,7 @@ impl Transfer {
             visible_before.push(count);
         }
         let per_value = ((ENTRIES - 1) as f64 / width) as f32;
-        Table { entries, visible_before, low: low as f32, per_value }
+        Table { entries, visible_before, low: low as f32, per_value, lookup: self.lookup }
     }
 }
 
@@ -141,7 +155,7 @@ impl Table {
     pub fn at(&self, value: f32) -> [f32; 4] {
         let at = self.position(value);
         let entry = (at as usize).min(ENTRIES - 2);
-        let share = at - entry as f32;
+        let share = if self.lookup == Lookup::Linear { at - entry as f32 } else { 0.0 };
         let (a, b) = (self.entries[entry], self.entries[entry + 1]);
         (a + f32x4::splat(share) * (b - a)).to_array()
     }
@@ -165,6 +179,7 @@ mod tests {
             colour: Curve::new(vec![(0.0, [1.0, 0.0, 0.5])], Joining::Linear).unwrap(),
             opacity: Curve::new(vec![(10.0, [0.0]), (20.0, [0.0]), (30.0, [0.5])], Joining::Linear).unwrap(),
             domain: (0.0, 40.0),
+            lookup: Lookup::Linear,
         }
     }
 

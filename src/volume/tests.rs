@@ -1,0 +1,297 @@
+//! The ray caster against closed forms, polynomials, finite differences, and itself with and without leaps.
+
+use lacuna_filters::{Mask, Size};
+
+use super::camera::clip;
+use super::kernel::{BSpline, CatmullRom, Cubic, Kernel, Linear};
+use super::picture::{Interpolation, Look, Pixel, Shot, render};
+use super::scene::Scene;
+use super::stage::{Stage, prepare};
+use super::walk::Walk;
+use super::{Affine, Camera, Grid, Ray, Values};
+
+const EPSILON: f64 = f32::EPSILON as f64;
+
+/// A cube of `n^3` voxels with a function of the index coordinates.
+fn cube(n: usize, of: impl Fn([f64; 3]) -> f64) -> Grid {
+    let at = |k: usize| [k % n, k / n % n, k / n / n].map(|k| k as f64);
+    let values = (0..n * n * n).map(|k| of(at(k)) as f32).collect();
+    Grid::new([n; 3], &Values::F32(values), Affine::spacing([1.0; 3])).unwrap()
+}
+
+/// Value and gradient at an index point.
+fn sample<K: Kernel>(grid: &Grid, kernel: K, p: [f64; 3]) -> (f64, [f64; 3]) {
+    let ray = Ray { origin: p, direction: [0.0, 0.0, 1.0] };
+    let segment = clip(&ray, grid.placement(), grid.last()).unwrap();
+    let (value, gradient) = Walk::new(grid, kernel, None, &segment, 1.0).sample(0.0);
+    (value.into(), gradient.map(f64::from))
+}
+
+fn points() -> impl Iterator<Item = [f64; 3]> {
+    let one = |k: u32| (f64::from(k) * 0.754_877_666).fract();
+    (0..200).map(move |k| [one(k), one(7 * k + 1), one(13 * k + 5)].map(|x| 2.0 + 4.0 * x))
+}
+
+#[test]
+fn polynomials_are_reproduced() {
+    let linear = |[x, y, z]: [f64; 3]| 3.0 + 0.5 * x - 2.0 * y + 1.5 * z;
+    let grid = cube(9, linear);
+    for p in points() {
+        for (value, gradient) in
+            [sample(&grid, Linear, p), sample(&grid, Cubic(BSpline), p), sample(&grid, Cubic(CatmullRom), p)]
+        {
+            assert!((value - linear(p)).abs() < 40.0 * 16.0 * EPSILON, "{p:?}");
+            for (found, expected) in gradient.into_iter().zip([0.5, -2.0, 1.5]) {
+                assert!((found - expected).abs() < 40.0 * 32.0 * EPSILON);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_spline_reproduces_cubics_and_catmull_rom_quadratics() {
+    // On the spline's coefficients: those of x^3 are x^3 - x, of x^2 are x^2 - 1/3.
+    let coefficient = |x: f64| x * x * x - x - 2.0 * (x * x - 1.0 / 3.0);
+    let exact = |x: f64| x * x * x - 2.0 * x * x;
+    let slope = |x: f64| 3.0 * x * x - 4.0 * x;
+    let grid = cube(9, |[x, y, z]| coefficient(x) + coefficient(y) * z);
+    for p in points() {
+        let (value, gradient) = sample(&grid, Cubic(BSpline), p);
+        let [x, y, z] = p;
+        let size = 8.0 * 512.0 * 32.0 * EPSILON;
+        assert!((value - exact(x) - exact(y) * z).abs() < size, "{p:?}");
+        for (found, expected) in gradient.into_iter().zip([slope(x), slope(y) * z, exact(y)]) {
+            assert!((found - expected).abs() < size);
+        }
+    }
+    let grid = cube(9, |[x, y, z]| x * x - 0.5 * y * y + z * z);
+    for p in points() {
+        let (value, gradient) = sample(&grid, Cubic(CatmullRom), p);
+        let [x, y, z] = p;
+        assert!((value - (x * x - 0.5 * y * y + z * z)).abs() < 128.0 * 32.0 * EPSILON);
+        for (found, expected) in gradient.into_iter().zip([2.0 * x, -y, 2.0 * z]) {
+            assert!((found - expected).abs() < 128.0 * 32.0 * EPSILON);
+        }
+    }
+}
+
+#[test]
+fn gradients_are_those_of_finite_differences() {
+    let grid = cube(9, |[x, y, z]| (0.9 * x).sin() * (0.7 * y).cos() + 0.3 * (x * z * 0.2).sin());
+    fn check<K: Kernel>(grid: &Grid, kernel: K) {
+        let h = 1.0 / 256.0;
+        // Away from the faces of cells, where the linear one has a corner.
+        for p in points().filter(|p| p.iter().all(|x| (0.01..0.99).contains(&x.fract()))) {
+            let gradient = sample(grid, kernel, p).1;
+            for axis in 0..3 {
+                let at = |h: f64| {
+                    let mut q = p;
+                    q[axis] += h;
+                    sample(grid, kernel, q).0
+                };
+                let difference = (at(h) - at(-h)) / (2.0 * h);
+                // The third derivative times h^2 / 6, and the rounding of two values of size 1.
+                let bound = 4.0 * h * h + 16.0 * EPSILON / h;
+                assert!(
+                    (difference - gradient[axis]).abs() < bound,
+                    "{p:?} {axis}: {difference} {gradient:?}"
+                );
+            }
+        }
+    }
+    check(&grid, Linear);
+    check(&grid, Cubic(BSpline));
+    check(&grid, Cubic(CatmullRom));
+}
+
+/// A scene on a grid of its own.
+fn stage(grid: Grid, toml: &str) -> Stage {
+    let scene = Scene::parse(toml, &[]).unwrap();
+    super::stage::prepare_grid(&scene, grid, std::path::Path::new("")).unwrap()
+}
+
+/// All pixels of a stage with a camera.
+fn picture(stage: &Stage, camera: &Camera, mask: Option<&Mask>) -> Vec<Pixel> {
+    let shader = stage.shader(camera);
+    let image = &stage.scene().image;
+    let shot = Shot {
+        camera,
+        shader: shader.as_ref(),
+        size: stage.size(),
+        mask,
+        samples: image.samples,
+        seed: image.seed,
+        gradients: false,
+    };
+    render(&stage.renderer, &shot, &|| true)
+}
+
+/// Looks along -z at the centre of a cube of 17^3.
+fn straight() -> Camera {
+    let mut camera = Camera::look_at([8.0, 8.0, 40.0], [8.0, 8.0, 8.0], [0.0, 1.0, 0.0], 0.05).unwrap();
+    camera.projection = super::Projection::Orthographic;
+    camera
+}
+
+#[test]
+fn a_constant_cube_attenuates_by_its_closed_form() {
+    let toml = "[transfer]\ndomain=[0.0, 1.0]\ncolour=[[0.0, 0.5, 0.25, 1.0]]\nopacity=[[0.0, 0.1]]\n\
+                [shading]\nenabled=false\n[march]\nopaque=1.0\nstep=0.5\n[image]\nsize=[4, 4]";
+    let stage = stage(cube(17, |_| 1.0), toml);
+    // Samples at both ends of 16 voxels: 33 half steps.
+    let alpha = 1.0 - 0.9_f64.powf(16.5);
+    for pixel in picture(&stage, &straight(), None) {
+        for (part, share) in pixel.colour.into_iter().zip([0.5, 0.25, 1.0, 1.0]) {
+            assert!((f64::from(part) - alpha * share).abs() < 33.0 * 4.0 * EPSILON, "{pixel:?}");
+        }
+    }
+}
+
+/// The opacity of a ray through the middle of a Gaussian ball, and its closed form.
+fn ball(step: f64, preintegrated: bool) -> (f64, f64) {
+    let sigma = 3.0;
+    let grid =
+        cube(33, |p| (-p.iter().map(|x| (x - 16.0) * (x - 16.0)).sum::<f64>() / (2.0 * sigma * sigma)).exp());
+    // Extinction 0.4 v: opacity 1 - exp(-0.4 v) over values 0 to 1, by many points.
+    let points: Vec<String> = (0..=1000)
+        .map(|k| f64::from(k) / 1000.0)
+        .map(|v| format!("[{v:?}, {:?}]", 1.0 - (-0.4 * v).exp()))
+        .collect();
+    let toml = format!(
+        "[transfer]\ndomain=[0.0, 1.0]\ncolour=[[0.0, 1.0, 1.0, 1.0]]\nopacity=[{}]\n[shading]\nenabled=false\n\
+         [march]\nopaque=1.0\nstep={step:?}\ninterpolation=\"tricubic\"\npreintegrated={preintegrated}\n[image]\nsize=[1, 1]",
+        points.join(",")
+    );
+    let stage = stage(grid, &toml);
+    let mut camera = Camera::look_at([16.0, 16.0, 80.0], [16.0, 16.0, 16.0], [0.0, 1.0, 0.0], 0.01).unwrap();
+    camera.projection = super::Projection::Orthographic;
+    let found = picture(&stage, &camera, None)[0].colour[3];
+    // The ball is cut at 16 = 5.3 sigma, beyond which 1e-7 of it lies.
+    let exact = 1.0 - (-0.4 * sigma * (2.0 * std::f64::consts::PI).sqrt()).exp();
+    (found.into(), exact)
+}
+
+#[test]
+fn a_gaussian_ball_attenuates_by_its_closed_form() {
+    for preintegrated in [false, true] {
+        let (found, exact) = ball(0.25, preintegrated);
+        assert!((found - exact).abs() < 5e-5, "{preintegrated}: {found} {exact}");
+    }
+}
+
+#[test]
+fn the_isosurface_of_a_sphere_is_where_it_belongs() {
+    let radius = 10.0;
+    let grid = cube(33, |p| p.iter().map(|x| (x - 16.0) * (x - 16.0)).sum::<f64>().sqrt());
+    for interpolation in ["tricubic", "catmull-rom", "trilinear"] {
+        let toml = format!(
+            "[transfer]\ndomain=[0.0, 1.0]\ndata-units=true\npoints=[[0.0, 1.0, 1.0, 1.0, 1.0]]\n\
+             [march]\nmode=\"iso\"\niso={radius:?}\nstep=0.25\ninterpolation=\"{interpolation}\"\n[image]\nsize=[24, 24]"
+        );
+        let stage = stage(grid.clone(), &toml);
+        let target = [16.0; 3];
+        let camera = Camera::around(target, 100.0, 33.0, 21.0, 0.14).unwrap();
+        // Linear interpolation cuts chords: an eighth of the second derivative 1/r along each axis.
+        let bound = if interpolation == "trilinear" { 3.0 / 8.0 / radius } else { 0.01 };
+        let mut hits = 0;
+        for (k, pixel) in picture(&stage, &camera, None).into_iter().enumerate() {
+            let ray = camera.ray(stage.size(), (k % 24) as f64 + 0.5, (k / 24) as f64 + 0.5);
+            if pixel.depth.is_infinite() {
+                continue;
+            }
+            hits += 1;
+            let at: [f64; 3] = std::array::from_fn(|k| {
+                ray.origin[k] + f64::from(pixel.depth) * ray.direction[k] - target[k]
+            });
+            let distance = super::vector::length(at);
+            assert!((distance - radius).abs() < bound, "{interpolation}: {distance}");
+            let cosine = super::vector::dot(at, pixel.normal.map(f64::from)) / distance;
+            assert!(cosine.abs() > 0.99, "{interpolation}: {cosine}");
+        }
+        assert!(hits > 300, "{hits}");
+    }
+}
+
+/// Differences between two steps, and between one and one half of them: of second order if the ratio is 4.
+#[test]
+fn the_march_converges_with_second_order() {
+    let errors = [1.0, 0.5, 0.25].map(|step| {
+        // Smooth in every way: the values, the transfer function, and nothing at the ends of the ray.
+        let grid = cube(33, |[x, y, z]| {
+            let r = ((x - 16.0).powi(2) + (y - 16.0).powi(2) + (z - 16.0).powi(2)) / 200.0;
+            if r < 1.0 { (1.0 - r).powi(2) } else { 0.0 }
+        });
+        let points: Vec<String> =
+            (0..=400).map(|k| f64::from(k) / 400.0).map(|v| format!("[{v:?}, {:?}]", 0.3 * v * v)).collect();
+        let toml = format!(
+            "[transfer]\ndomain=[0.0, 1.0]\ncolour=[[0.0, 0.0, 1.0, 1.0], [1.0, 1.0, 0.0, 1.0]]\nopacity=[{}]\n\
+             [shading]\nenabled=false\n[march]\nopaque=1.0\nstep={step:?}\ninterpolation=\"tricubic\"\n\
+             [image]\nsize=[1, 1]",
+            points.join(",")
+        );
+        let stage = stage(grid, &toml);
+        let camera = Camera::look_at([16.0, 16.0, 80.0], [16.0; 3], [0.0, 1.0, 0.0], 0.01).unwrap();
+        f64::from(picture(&stage, &camera, None)[0].colour[0])
+    });
+    let ratio = (errors[0] - errors[1]) / (errors[1] - errors[2]);
+    assert!((3.0..5.5).contains(&ratio), "{errors:?}: {ratio}");
+}
+
+fn all_scenes() -> Vec<String> {
+    let mut scenes = Vec::new();
+    for interpolation in ["nearest", "trilinear", "tricubic", "tricubic-smooth", "catmull-rom"] {
+        for mode in
+            ["mode=\"dvr\"", "mode=\"dvr\"\npreintegrated=true", "mode=\"iso\"\niso=0.5", "mode=\"mip\""]
+        {
+            scenes.push(format!(
+                "volume=\"procedural:head:24\"\n[transfer]\ndomain=\"type\"\npoints=[[0.0, 0.1, 0.2, 0.3, 0.0], \
+                 [0.3, 0.9, 0.5, 0.2, 0.0], [0.6, 0.2, 0.9, 0.4, 0.2], [1.0, 1.0, 1.0, 1.0, 0.6]]\n\
+                 [march]\ninterpolation=\"{interpolation}\"\n{mode}\n[image]\nsize=[40, 30]\n"
+            ));
+        }
+    }
+    scenes
+}
+
+fn bits(pixel: &Pixel) -> Vec<u32> {
+    pixel.colour.iter().chain(&pixel.normal).chain([&pixel.depth]).map(|part| part.to_bits()).collect()
+}
+
+#[test]
+fn leaps_change_no_bit() {
+    for toml in all_scenes() {
+        let [with, without] = ["", "skip=false"].map(|skip| {
+            let scene = Scene::parse(&toml.replace("[march]\n", &format!("[march]\n{skip}\n")), &[]).unwrap();
+            let stage = prepare(&scene, std::path::Path::new("")).unwrap();
+            picture(&stage, &stage.camera(1).unwrap(), None)
+        });
+        assert!(with.iter().any(|pixel| pixel.colour[3] > 0.1), "{toml}");
+        for (a, b) in with.iter().zip(&without) {
+            assert_eq!(bits(a), bits(b), "{toml}");
+        }
+    }
+}
+
+#[test]
+fn a_masked_pixel_has_the_bits_of_the_full_picture() {
+    let scene = Scene::parse(&format!("{}samples=3\n", all_scenes()[8]), &[]).unwrap();
+    let stage = prepare(&scene, std::path::Path::new("")).unwrap();
+    let camera = stage.camera(0).unwrap();
+    let mask = Mask::from_fn(Size::new(30, 40), |y, x| (x * 7 + y * 3) % 5 == 0);
+    let (full, sparse) = (picture(&stage, &camera, None), picture(&stage, &camera, Some(&mask)));
+    for ((a, b), &measured) in full.iter().zip(&sparse).zip(mask.as_slice()) {
+        assert!(if measured { bits(a) == bits(b) } else { b.colour == [0.0; 4] });
+    }
+}
+
+#[test]
+fn modes_and_interpolations_are_as_named() {
+    for (k, toml) in all_scenes().iter().enumerate() {
+        let scene = Scene::parse(toml, &[]).unwrap();
+        let stage = prepare(&scene, std::path::Path::new("")).unwrap();
+        let cubic = matches!(stage.renderer.interpolation, Interpolation::BSpline);
+        assert_eq!(cubic, (8..16).contains(&k));
+        assert_eq!(matches!(stage.renderer.look, Look::Iso(..)), k % 4 == 2);
+        assert_eq!(stage.renderer.integral.is_some(), k % 4 == 1);
+    }
+}
