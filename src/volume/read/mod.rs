@@ -196,3 +196,6 @@ fn numbers<T: std::str::FromStr>(text: &str) -> Option<Vec<T>> {
 fn three<T: std::str::FromStr>(text: &str) -> Option<[T; 3]> {
     numbers(text)?.try_into().ok()
 }
+
+#[cfg(test)]
+mod tests;

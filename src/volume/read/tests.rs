@@ -1,0 +1,239 @@
+//! Every format as small files, written here by hand; truncated and lying ones are refused.
+
+use std::io::Write;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use flate2::Compression;
+use flate2::write::{GzEncoder, ZlibEncoder};
+
+use super::*;
+
+/// 3 x 2 x 2 voxels.
+const SIZE: [usize; 3] = [3, 2, 2];
+const VOXELS: [i16; 12] = [0, 1, -2, 300, 4, 5, 6, 7, -800, 9, 10, 1100];
+
+fn bytes(big_endian: bool) -> Vec<u8> {
+    VOXELS.iter().flat_map(|v| if big_endian { v.to_be_bytes() } else { v.to_le_bytes() }).collect()
+}
+
+fn gzip(plain: &[u8]) -> Vec<u8> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+    encoder.write_all(plain).unwrap();
+    encoder.finish().unwrap()
+}
+
+fn zlib(plain: &[u8]) -> Vec<u8> {
+    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
+    encoder.write_all(plain).unwrap();
+    encoder.finish().unwrap()
+}
+
+fn text() -> Vec<u8> {
+    VOXELS.iter().map(|v| format!("{v}\n")).collect::<String>().into_bytes()
+}
+
+struct Room(tempfile::TempDir);
+
+impl Room {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn put(&self, name: &str, parts: &[&[u8]]) -> PathBuf {
+        let path = self.0.path().join(name);
+        std::fs::write(&path, parts.concat()).unwrap();
+        path
+    }
+}
+
+/// The grid holds the voxels, with spacing 1, 2, 3 from (10, 20, 30).
+fn check(grid: &Grid) {
+    assert_eq!(grid.size(), SIZE);
+    for (k, &voxel) in VOXELS.iter().enumerate() {
+        assert_eq!(grid.value([k % 3, k / 3 % 2, k / 6]), f64::from(voxel), "voxel {k}");
+    }
+    assert_eq!(grid.placement(), &Affine { origin: [10.0, 20.0, 30.0], ..Affine::spacing([1.0, 2.0, 3.0]) });
+}
+
+fn refused(path: &Path, part: &str) {
+    let error = read(path, None).unwrap_err().to_string();
+    assert!(error.contains(part), "{}: {error}", path.display());
+    assert!(!error.contains('\n'));
+}
+
+fn nrrd(encoding: &str, endian: &str, more: &str) -> Vec<u8> {
+    format!(
+        "NRRD0004\n# comment\ntype: short\ndimension: 3\nsizes: 3 2 2\nspace directions: (1,0,0) (0,2,0) (0,0,3)\n\
+         space origin: (10,20,30)\nkey:=value\nencoding: {encoding}\nendian: {endian}\n{more}\n"
+    )
+    .into_bytes()
+}
+
+#[test]
+fn nrrd_attached_and_detached() {
+    let room = Room::new();
+    let raw = nrrd("raw", "big", "");
+    check(&read(&room.put("a.nrrd", &[&raw, &bytes(true)]), None).unwrap());
+    check(&read(&room.put("b.nrrd", &[&nrrd("gzip", "little", ""), &gzip(&bytes(false))]), None).unwrap());
+    check(&read(&room.put("c.nrrd", &[&nrrd("ascii", "little", ""), &text()]), None).unwrap());
+    room.put("d.raw", &[b"skipped\n", &bytes(false)]);
+    let detached = nrrd("raw", "little", "data file: d.raw\nline skip: 1\n");
+    check(&read(&room.put("d.nhdr", &[&detached]), None).unwrap());
+    let from_end = nrrd("raw", "little", "data file: d.raw\nbyte skip: -1\n");
+    check(&read(&room.put("e.nhdr", &[&from_end]), None).unwrap());
+    refused(&room.put("f.nrrd", &[&raw, &bytes(true)[1..]]), "truncated");
+    let packed = gzip(&bytes(false));
+    refused(&room.put("g.nrrd", &[&nrrd("gzip", "little", ""), &packed[..packed.len() / 2]]), "damaged");
+    refused(&room.put("h.nrrd", &[&nrrd("bzip2", "little", "")]), "bzip2");
+    refused(&room.put("i.nrrd", &[b"NRRD0004\ntype: short\nsizes: 3 2\n\n"]), "three axes");
+    refused(&room.put("j.nhdr", &[&nrrd("raw", "little", "data file: none.raw\n")]), "none.raw");
+}
+
+#[test]
+fn a_header_that_lies_takes_no_memory() {
+    let room = Room::new();
+    let lie = |size: &str, encoding: &str| {
+        format!("NRRD0004\ntype: double\nsizes: {size}\nendian: little\nencoding: {encoding}\n\n")
+            .into_bytes()
+    };
+    for encoding in ["raw", "gzip", "ascii"] {
+        for size in ["100000 100000 100000", "4294967295 4294967295 4294967295", "9223372036854775807 9 9"] {
+            let path = room.put("lie.nrrd", &[&lie(size, encoding), &gzip(&[0; 100])]);
+            assert!(read(&path, None).is_err(), "{size} {encoding}");
+        }
+    }
+    refused(&room.put("zero.nrrd", &[&lie("0 3 3", "raw")]), "size");
+    let raw: RawLayout = "100000x100000x100000:f64".parse().unwrap();
+    assert!(read(&room.put("x.raw", &[b"abc"]), Some(&raw)).is_err());
+}
+
+#[test]
+fn metaimage_with_its_data_inside_and_beside() {
+    let header = |rest: &str| {
+        format!(
+            "ObjectType = Image\nNDims = 3\nDimSize = 3 2 2\nElementType = MET_SHORT\nElementSpacing = 1 2 3\n\
+             Offset = 10 20 30\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n{rest}\n"
+        )
+        .into_bytes()
+    };
+    let room = Room::new();
+    let local = header("BinaryDataByteOrderMSB = True\nElementDataFile = LOCAL");
+    check(&read(&room.put("a.mha", &[&local, &bytes(true)]), None).unwrap());
+    room.put("b.zraw", &[&zlib(&bytes(false))]);
+    check(
+        &read(&room.put("b.mhd", &[&header("CompressedData = True\nElementDataFile = b.zraw")]), None)
+            .unwrap(),
+    );
+    refused(&room.put("c.mha", &[&local, &bytes(true)[..20]]), "truncated");
+    refused(&room.put("d.mhd", &[&header("")]), "ElementDataFile");
+}
+
+#[test]
+fn nifti_in_both_byte_orders() {
+    let header = |big: bool| {
+        let mut header = vec![0_u8; 352];
+        let mut put = |at: usize, little: &[u8]| {
+            let mut word = little.to_vec();
+            if big {
+                word.reverse();
+            }
+            header[at..at + word.len()].copy_from_slice(&word);
+        };
+        put(0, &348_i32.to_le_bytes());
+        for (k, n) in [3_i16, 3, 2, 2].into_iter().enumerate() {
+            put(40 + 2 * k, &n.to_le_bytes());
+        }
+        put(70, &4_i16.to_le_bytes());
+        put(108, &352_f32.to_le_bytes());
+        for (k, d) in [1.0_f32, 1.0, 2.0, 3.0].into_iter().enumerate() {
+            put(76 + 4 * k, &d.to_le_bytes());
+        }
+        put(252, &1_i16.to_le_bytes());
+        for (k, d) in [10.0_f32, 20.0, 30.0].into_iter().enumerate() {
+            put(268 + 4 * k, &d.to_le_bytes());
+        }
+        header[344..347].copy_from_slice(b"n+1");
+        header
+    };
+    let room = Room::new();
+    for big in [false, true] {
+        check(&read(&room.put("a.nii", &[&header(big), &bytes(big)]), None).unwrap());
+        let whole = [header(big), bytes(big)].concat();
+        check(&read(&room.put("b.nii.gz", &[&gzip(&whole)]), None).unwrap());
+        refused(&room.put("c.nii", &[&header(big), &bytes(big)[..23]]), "truncated");
+        refused(&room.put("d.nii.gz", &[&gzip(&whole[..370])]), "truncated");
+    }
+    refused(&room.put("e.nii", &[b"nothing of the kind"]), "NIfTI");
+}
+
+#[test]
+fn vti_inline_and_appended() {
+    let file = |attributes: &str, array: &str, data: &str, tail: &str| {
+        format!(
+            "<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" version=\"1.0\" byte_order=\"LittleEndian\" {attributes}>\
+             <ImageData WholeExtent=\"0 2 0 1 0 1\" Origin=\"10 20 30\" Spacing=\"1 2 3\">\
+             <Piece Extent=\"0 2 0 1 0 1\"><PointData Scalars=\"v\"><DataArray type=\"Int16\" Name=\"v\" {array}>{data}\
+             </DataArray></PointData></Piece></ImageData>{tail}"
+        )
+        .into_bytes()
+    };
+    let end = "</VTKFile>";
+    let plain = [24_u32.to_le_bytes().to_vec(), bytes(false)].concat();
+    let packed = zlib(&bytes(false));
+    let lengths: Vec<u8> =
+        [1_u64, 24, 0, packed.len() as u64].into_iter().flat_map(u64::to_le_bytes).collect();
+    let room = Room::new();
+    let ascii = String::from_utf8(text()).unwrap();
+    check(&read(&room.put("a.vti", &[&file("", "format=\"ascii\"", &ascii, end)]), None).unwrap());
+    let inline = file("", "format=\"binary\"", &STANDARD.encode(&plain), end);
+    check(&read(&room.put("b.vti", &[&inline]), None).unwrap());
+    let wide = "header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\"";
+    let both = STANDARD.encode(&lengths) + &STANDARD.encode(&packed);
+    check(&read(&room.put("c.vti", &[&file(wide, "format=\"binary\"", &both, end)]), None).unwrap());
+    let appended = "format=\"appended\" offset=\"0\"";
+    let raw = "<AppendedData encoding=\"raw\">\n_";
+    let close = b"\n</AppendedData></VTKFile>";
+    check(&read(&room.put("d.vti", &[&file("", appended, "", raw), &plain, close]), None).unwrap());
+    let zipped = [lengths.clone(), packed.clone()].concat();
+    check(&read(&room.put("e.vti", &[&file(wide, appended, "", raw), &zipped, close]), None).unwrap());
+    let base64 = "<AppendedData encoding=\"base64\">\n_";
+    check(
+        &read(&room.put("f.vti", &[&file(wide, appended, "", base64), both.as_bytes(), close]), None)
+            .unwrap(),
+    );
+    refused(&room.put("g.vti", &[&file("", appended, "", raw), &plain[..20]]), "truncated");
+    refused(&room.put("h.vti", &[b"<VTKFile"]), "XML");
+}
+
+#[test]
+fn raw_voxels_and_every_type() {
+    let room = Room::new();
+    let layout: RawLayout = "3x2x2:i16:be:1,2,3".parse().unwrap();
+    let grid = read(&room.put("a.raw", &[&bytes(true)]), Some(&layout)).unwrap();
+    assert_eq!(grid.value([2, 1, 1]), 1100.0);
+    assert_eq!(grid.placement().axes[2], [0.0, 0.0, 3.0]);
+    for (name, little) in [
+        ("u8", vec![7_u8]),
+        ("i8", vec![7]),
+        ("u16", 7_u16.to_le_bytes().to_vec()),
+        ("u32", 7_u32.to_le_bytes().to_vec()),
+        ("i32", 7_i32.to_le_bytes().to_vec()),
+        ("f32", 7_f32.to_le_bytes().to_vec()),
+        ("f64", 7_f64.to_le_bytes().to_vec()),
+    ] {
+        let mut big = little.clone();
+        big.reverse();
+        for (order, bytes) in [("le", little), ("be", big)] {
+            let layout: RawLayout = format!("1x1x1:{name}:{order}").parse().unwrap();
+            let grid = read(&room.put("b.raw", &[&bytes]), Some(&layout)).unwrap();
+            assert_eq!(grid.value([0; 3]), 7.0, "{name} {order}");
+        }
+    }
+    for bad in ["", "3x2:u8", "3x2x2", "3x2x2:u7", "0x2x2:u8", "3x2x2:u8:1,0,1", "3x2x2:u8:1,1"] {
+        assert!(bad.parse::<RawLayout>().is_err(), "{bad}");
+    }
+    let nan = room.put("nan.raw", &[&f32::NAN.to_le_bytes()]);
+    assert!(read(&nan, Some(&"1x1x1:f32".parse().unwrap())).is_err());
+    refused(&room.put("c.txt", &[b"hello"]), "not a volume");
+}
