@@ -1,0 +1,132 @@
+//! `lacuna render` through the binary: sparse pictures, resuming, filling, refusals.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use lacuna::frame::{Frame, Limits, Samples, read};
+
+fn lacuna(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_lacuna")).current_dir(folder).args(arguments).output().unwrap()
+}
+
+fn done(folder: &Path, arguments: &[&str]) -> String {
+    let output = lacuna(folder, arguments);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{arguments:?}: {said}");
+    said
+}
+
+fn frame(path: &Path) -> Frame {
+    read(path, &Limits::default()).unwrap()
+}
+
+fn channel(frame: &Frame, name: &str) -> Vec<f32> {
+    let channel = frame.parts[0].channels.iter().find(|channel| channel.name == name.as_bytes()).unwrap();
+    match &channel.samples {
+        Samples::Half(values) => values.iter().map(|value| value.to_f32()).collect(),
+        Samples::Float(values) => values.clone(),
+        Samples::Uint(values) => values.iter().map(|&value| value as f32).collect(),
+    }
+}
+
+const HEAD: &str = "procedural:head:24";
+
+#[test]
+fn a_sparse_picture_has_the_bits_of_the_full_one() {
+    let room = tempfile::tempdir().unwrap();
+    let size = ["--size", "50x40", "-q"];
+    done(room.path(), &[&["render", HEAD, "-o", "full.exr", "--threads", "1"][..], &size].concat());
+    let more = ["--density", "0.3", "--seed", "7", "--depth", "--normals", "--count", "--gradients"];
+    done(room.path(), &[&["render", HEAD, "-o", "some.exr", "--threads", "3"][..], &size, &more].concat());
+    let (full, some) = (frame(&room.path().join("full.exr")), frame(&room.path().join("some.exr")));
+    let mask = channel(&some, "mask");
+    let measured = mask.iter().filter(|flag| **flag == 1.0).count();
+    assert!((550..650).contains(&measured), "{measured}");
+    for name in ["R", "G", "B", "A"] {
+        let (full, some) = (channel(&full, name), channel(&some, name));
+        for (at, flag) in mask.iter().enumerate() {
+            let expected = if *flag == 1.0 { full[at].to_bits() } else { 0 };
+            assert_eq!(some[at].to_bits(), expected, "{name} {at}");
+        }
+    }
+    assert!(channel(&some, "samples").iter().zip(&mask).all(|(count, flag)| count == flag));
+    assert!(channel(&some, "dx.R").iter().any(|slope| *slope != 0.0));
+    let normals = ["N.X", "N.Y", "N.Z"].map(|name| channel(&some, name));
+    let lengths = (0..mask.len()).map(|at| normals.iter().map(|part| part[at] * part[at]).sum::<f32>());
+    assert!(lengths.into_iter().all(|square| square == 0.0 || (square - 1.0).abs() < 1e-5));
+    let attributes = &some.parts[0].attributes;
+    assert_eq!(attributes.text("lacuna/seed").as_deref(), Some("7"));
+    assert_eq!(attributes.get("worldToCamera").unwrap().value.len(), 64);
+    assert_eq!(attributes.get("worldToNDC").unwrap().kind, b"m44f");
+    assert_eq!(attributes.text("lacuna/mask").as_deref(), Some("mask"));
+
+    // The sparse picture as the mask of another: the same pixels.
+    done(room.path(), &[&["render", HEAD, "-o", "same.exr", "--mask", "some.exr"][..], &size].concat());
+    assert_eq!(channel(&frame(&room.path().join("same.exr")), "R"), channel(&some, "R"));
+}
+
+#[test]
+fn rendering_and_filling_in_one_go_is_rendering_then_filling() {
+    let room = tempfile::tempdir().unwrap();
+    let common = ["--size", "64x64", "--density", "0.4"];
+    let said = done(
+        room.path(),
+        &[&["render", HEAD, "-o", "one.exr", "--fill", "ss", "--json", "r.json"][..], &common].concat(),
+    );
+    assert!(said.contains("rendered in") && said.contains("filled in"), "{said}");
+    done(room.path(), &[&["render", HEAD, "-o", "sparse.exr", "-q"][..], &common].concat());
+    done(room.path(), &["fill", "sparse.exr", "-o", "two.exr", "-q"]);
+    let (one, two) = (frame(&room.path().join("one.exr")), frame(&room.path().join("two.exr")));
+    for name in ["R", "A", "mask"] {
+        assert_eq!(channel(&one, name), channel(&two, name), "{name}");
+    }
+    let report = std::fs::read_to_string(room.path().join("r.json")).unwrap();
+    assert!(report.contains("\"rendered\"") && report.contains("\"filled\""));
+}
+
+#[test]
+fn a_sequence_orbits_and_resumes() {
+    let room = tempfile::tempdir().unwrap();
+    let scene = "volume = \"procedural:vessels:16\"\n[camera]\norbit = 40.0\n[image]\nsize = [20, 20]\n";
+    std::fs::write(room.path().join("s.toml"), scene).unwrap();
+    let sequence = ["render", "s.toml", "-o", "o.###.exr", "--frames", "1-3", "--resume"];
+    done(room.path(), &sequence);
+    let first = frame(&room.path().join("o.001.exr"));
+    assert_ne!(channel(&first, "A"), channel(&frame(&room.path().join("o.002.exr")), "A"));
+    std::fs::remove_file(room.path().join("o.002.exr")).unwrap();
+    let said = done(room.path(), &sequence);
+    assert!(said.contains("2 skipped"), "{said}");
+    // Another setting makes every frame anew.
+    let said = done(room.path(), &[&sequence[..], &["--set", "camera.zoom=1.5"]].concat());
+    assert!(said.contains("3 of 3 frames rendered"), "{said}");
+    let left = std::fs::read_dir(room.path()).unwrap().count();
+    assert_eq!(left, 4, "no temporary file stays");
+}
+
+#[test]
+fn what_cannot_be_rendered_is_one_line() {
+    let room = tempfile::tempdir().unwrap();
+    std::fs::write(room.path().join("bad.toml"), "[march]\nstep = \"x\"\n").unwrap();
+    std::fs::write(
+        room.path().join("short.nrrd"),
+        "NRRD0004\ntype: uchar\nsizes: 9 9 9\nencoding: raw\n\nabc",
+    )
+    .unwrap();
+    for (arguments, status, part) in [
+        (&["render", "none.nrrd", "-o", "o.exr"][..], 1, "none.nrrd"),
+        (&["render", "short.nrrd", "-o", "o.exr"], 1, "truncated"),
+        (&["render", "bad.toml", "-o", "o.exr"], 1, "line 2"),
+        (&["render", "procedural:cat", "-o", "o.exr"], 1, "marschner-lobb"),
+        (&["render", HEAD, "-o", "o.exr", "--frames", "1-2"], 2, "pattern"),
+        (&["render", HEAD, "-o", "o.####.exr"], 2, "--frames"),
+        (&["render", HEAD, "-o", "o.exr", "--fill", "ss"], 2, "--density"),
+        (&["render", HEAD, "-o", "o.exr", "--set", "march.stop=1"], 1, "unknown field"),
+        (&["render", HEAD, "-o", "o.exr", "--density", "2"], 2, "0 to 1"),
+    ] {
+        let output = lacuna(room.path(), &[arguments, &["-q"]].concat());
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(status), "{arguments:?}: {said}");
+        assert!(said.contains(part), "{arguments:?}: {said}");
+        assert!(!room.path().join("o.exr").exists());
+    }
+}
