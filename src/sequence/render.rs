@@ -162,7 +162,13 @@ impl Work for Render<'_> {
     }
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
-        prepare::decide(item, false, self.job.existing, |item| self.is_current(&item.output))
+        // The scene was read already; a volume that is missing is found when it is read, and may be procedural.
+        let skip = |reason: &str| Ok(Decision::Skip(reason.into()));
+        match self.job.existing {
+            Existing::Keep if item.output.symlink_metadata().is_ok() => skip("the output exists"),
+            Existing::Update if self.is_current(&item.output) => skip("the output is up to date"),
+            _ => Ok(Decision::Do),
+        }
     }
 
     fn bytes(&self, _: &Item) -> u64 {
