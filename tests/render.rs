@@ -1,5 +1,8 @@
 //! `lacuna render` through the binary: sparse pictures, resuming, filling, refusals.
 
+// Tests may unwrap: that is how they fail. Bits are meant to be equal.
+#![allow(clippy::unwrap_used, clippy::float_cmp)]
+
 use std::path::Path;
 use std::process::{Command, Output};
 

@@ -7,6 +7,8 @@
 
 // A ray's march is one function to the compiler, or its registers go to memory at every sample.
 #![allow(clippy::inline_always)]
+// Tests ask for exact values where the arithmetic is exact.
+#![cfg_attr(test, allow(clippy::float_cmp))]
 // Formulas index several vectors by one axis.
 #![allow(clippy::needless_range_loop)]
 

@@ -30,7 +30,7 @@ fn zlib(plain: &[u8]) -> Vec<u8> {
 }
 
 fn text() -> Vec<u8> {
-    VOXELS.iter().map(|v| format!("{v}\n")).collect::<String>().into_bytes()
+    VOXELS.map(|v| v.to_string()).join("\n").into_bytes()
 }
 
 struct Room(tempfile::TempDir);
