@@ -23,8 +23,10 @@ mod mask;
 mod method;
 mod outcome;
 mod plane;
+pub mod prox;
 mod run;
 pub mod sampling;
+mod solver;
 pub mod variational;
 
 pub use error::Error;
