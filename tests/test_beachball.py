@@ -49,19 +49,31 @@ def test_every_part_is_filled_and_measured_pixels_keep_their_bits(beachball):
     lacuna("verify", *beachball)
 
 
+RULES = {"R": "fill", "G": "fill", "B": "fill", "A": "fill", "whitebarmask.mask": "fill", "mask": "keep", "Z": "depth",
+         "forward.u": "nearest", "forward.v": "nearest"}
+RULES |= {f"disparity{side}.{axis}": "nearest" for side in "LR" for axis in "xy"}
+
+
 @pytest.mark.data
-def test_the_rules_of_beachball(beachball):
-    """Values that must be copied are copied: each one of the filled file stood in the sparse one."""
+def test_values_that_must_be_copied_are_copied(beachball):
+    """Each value of the filled file stood at a measured pixel of the sparse one."""
     sparse, out = (frames.read(path) for path in beachball)
     seen = set()
     for before, after in zip(sparse, out, strict=True):
         measured = before["mask"] > 0
-        for name, plane in before.items():
-            if name.split(".")[-1] in ("Z", "depth") or name.startswith(("depth", "disparity")):
-                seen.add(name)
-                if not name.startswith("disparity"):
-                    assert np.isin(after[name], np.unique(plane[measured])).all(), name
-    assert seen
+        for name in set(before) - {"mask"}:
+            seen.add(name)
+            copied = np.isin(frames.bits(after[name]), frames.bits(before[name][measured])).all()
+            assert copied or RULES[name] == "fill", name
+    assert seen | {"mask"} == set(RULES)
+
+
+@pytest.mark.data
+def test_info_says_the_rules(beachball):
+    lines = [line.split() for line in lacuna("info", beachball[0]).stdout.splitlines()]
+    for name, rule in RULES.items():
+        rows = [words for words in lines if name in words]
+        assert rows and any(rule in words for words in rows), (name, rule)
 
 
 @pytest.fixture
