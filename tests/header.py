@@ -86,7 +86,10 @@ def read(path):
         if attributes:
             parts.append(Part(attributes))
         if not attributes or not version & MULTI_PART:
-            return parts, bool(version & DEEP) and not version & MULTI_PART
+            break
+    if not parts:
+        raise ValueError("a file without parts")
+    return parts, bool(version & DEEP) and not version & MULTI_PART
 
 
 def unsupported(path):
