@@ -1,5 +1,6 @@
 """What `fill` writes: complete for the tools of others, the same bytes each time, nothing lost."""
 
+import json
 import os
 import stat
 import struct
@@ -180,9 +181,10 @@ def test_measured_nans_are_filled_and_counted(tmp_path):
     rows, columns = np.nonzero(mask)
     pixels[rows[:3], columns[:3], 0] = [np.nan, np.inf, -np.inf]
     source = frames.write_sparse(tmp_path / "in.exr", pixels, mask)
-    out = tmp_path / "out.exr"
-    result = lacuna("fill", source, "-o", out)
-    assert "3" in result.stderr + result.stdout
+    out, report = tmp_path / "out.exr", tmp_path / "report.json"
+    result = lacuna("fill", source, "-o", out, "--json", report)
+    assert json.loads(report.read_text())["frames"][0]["non_finite"] == 3
+    assert "finite" in result.stderr, result
     accepted(out)
 
 
