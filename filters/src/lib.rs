@@ -13,6 +13,7 @@
 //! `variational | baseline -> solver -> operator | prox -> kernel -> plane | mask`.
 
 pub mod baseline;
+pub mod domain;
 mod error;
 mod filter;
 mod kernel;
@@ -20,8 +21,10 @@ mod mask;
 mod method;
 mod outcome;
 mod plane;
+pub mod prox;
 mod run;
 pub mod sampling;
+mod solver;
 pub mod variational;
 
 pub use error::Error;

@@ -1,0 +1,1 @@
+//! The model and the table of hand-built frames.

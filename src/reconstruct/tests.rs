@@ -1,0 +1,1 @@
+//! Whole fills of hand-built frames.

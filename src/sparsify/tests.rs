@@ -1,0 +1,1 @@
+//! Sparse frames from hand-built full ones.

@@ -1,0 +1,1 @@
+//! Filled frames with one thing wrong.
