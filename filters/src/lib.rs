@@ -17,6 +17,7 @@ pub mod domain;
 mod error;
 mod filter;
 mod kernel;
+pub mod limiter;
 mod mask;
 mod method;
 mod outcome;

@@ -140,8 +140,11 @@ impl FilterArgs {
             ("--tv-gap", self.tv_gap.is_some(), Name::Tv),
             ("--tv-iterations", self.tv_iterations.is_some(), Name::Tv),
         ];
-        if let Some((flag, _, owner)) = settings.iter().find(|(_, given, owner)| *given && *owner != self.filter) {
-            let name = |name: Name| name.to_possible_value().map_or(String::new(), |value| value.get_name().into());
+        if let Some((flag, _, owner)) =
+            settings.iter().find(|(_, given, owner)| *given && *owner != self.filter)
+        {
+            let name =
+                |name: Name| name.to_possible_value().map_or(String::new(), |value| value.get_name().into());
             return Err(Usage(format!(
                 "{flag} is a setting of --filter {}, but the filter is {}",
                 name(*owner),
@@ -168,17 +171,6 @@ impl FilterArgs {
     fn ss(&self) -> ss::Settings {
         let mut settings = ss::Settings::default();
         set(&mut settings.lambda, self.ss_lambda);
-        set(&mut settings.tension, self.ss_tension);
-        let kernel = self.ss_kernel.map(|kernel| match kernel {
-            Kernel::Bspline => ss::Kernel::Bspline,
-            Kernel::Piecewise => ss::Kernel::Piecewise,
-        });
-        set(&mut settings.kernel, kernel);
-        let order = self.ss_order.map(|order| match order {
-            Order::Second => ss::Order::Second,
-            Order::Third => ss::Order::Third,
-        });
-        set(&mut settings.order, order);
         settings
     }
 

@@ -9,7 +9,8 @@ use clap::{ArgAction, Args};
 use crate::sequence::{RunOptions, Verbosity};
 
 // Not a comment for rustdoc, which would read code into it.
-const THREADS: &str = "Threads in all; 0 takes what the machine, a cgroup limit and SLURM_CPUS_PER_TASK allow";
+const THREADS: &str =
+    "Threads in all; 0 takes what the machine, a cgroup limit and SLURM_CPUS_PER_TASK allow";
 
 /// How to run.
 #[derive(Args, Clone, Debug)]

@@ -1,9 +1,9 @@
 //! What is to be done to a frame, and the line of text that says so in the output.
 
 use lacuna_filters::Method;
+use lacuna_filters::domain::Domain;
 use serde::Serialize;
 
-use super::domain::Domain;
 use crate::channels::Override;
 use crate::frame::Compression;
 use crate::mask::Source;
@@ -65,11 +65,10 @@ impl Job {
         };
         let compression = self.compression.map_or("input", compression_name);
         let overrides: Vec<String> = self.overrides.iter().map(ToString::to_string).collect();
-        let domain = self.domain.to_string();
         let mask = self.mask.to_string();
         let mut line = self.method.settings();
         for (name, value) in [
-            ("domain", domain.as_str()),
+            ("domain", domain_name(self.domain)),
             ("limit", if self.limit { "on" } else { "off" }),
             ("measured", if self.method.keeps_measured() { "kept" } else { "smoothed" }),
             ("type", kind),
@@ -82,6 +81,14 @@ impl Job {
             line = format!("{line}{gap}{name}={}", quote(value));
         }
         line
+    }
+}
+
+const fn domain_name(domain: Domain) -> &'static str {
+    match domain {
+        Domain::Auto => "auto",
+        Domain::Linear => "linear",
+        Domain::Log => "log",
     }
 }
 

@@ -12,7 +12,6 @@
 //! pixel leaves its channels alone, non-finite values included.
 
 mod bounds;
-mod domain;
 mod error;
 mod groups;
 mod job;
@@ -20,17 +19,18 @@ mod normals;
 mod part;
 mod plans;
 mod report;
+mod solve;
 mod stamp;
 #[cfg(test)]
 mod tests;
 mod values;
 
 pub(crate) use bounds::{Bounds, bounds_of};
-pub use domain::Domain;
 pub use error::Error;
 pub(crate) use groups::usable;
 pub use job::{Job, Kind, compression_name, is_lossless, output_compression, parse_settings};
 use lacuna_filters::Run;
+pub use lacuna_filters::domain::Domain;
 pub use plans::Plans;
 pub use report::{ChannelReport, GroupReport, PartReport, Report};
 pub use stamp::{ADDED, DERIVED, Stamp};

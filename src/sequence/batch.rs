@@ -135,7 +135,7 @@ pub fn run(
         limits,
         |item| work.bytes(item),
         |index, item, permits| {
-            one(index, item, work, &Stage { permits, console, stopped: &stopped }, &journal)
+            one(index, item, work, &Stage { permits, console, stopped: &stopped }, &journal);
         },
         |index, item, refusal| refused(index, item, refusal, console, &journal),
         || stopped.load(Ordering::SeqCst),
@@ -260,22 +260,23 @@ fn sum(journal: &Journal, work: &dyn Work, start: Instant, console: &Console) ->
     let records = journal.records();
     let count = |state: State| records.iter().filter(|record| record.state == state).count();
     let (done, skipped, failed) = (count(State::Done), count(State::Skipped), count(State::Failed));
-    let mut text = format!("{done} of {} {} {}", records.len(), plural(records.len()), work.words().1);
+    let mut parts = vec![format!("{done} of {} {} {}", records.len(), plural(records.len()), work.words().1)];
     for (number, what) in [(skipped, "skipped"), (failed, "failed")] {
         if number > 0 {
-            text += &format!(", {number} {what}");
+            parts.push(format!("{number} {what}"));
         }
     }
-    let densities: Vec<f64> = records.iter().filter_map(|record| record.density).map(|d| d * 100.0).collect();
-    if let (Some(least), Some(most)) =
-        (densities.iter().copied().reduce(f64::min), densities.iter().copied().reduce(f64::max))
-    {
-        text += &match format!("{least:.2}") {
-            low if low == format!("{most:.2}") => format!("; density {low} %"),
-            low => format!("; density {low} to {most:.2} %"),
-        };
+    let densities = records.iter().filter_map(|record| record.density).map(|density| density * 100.0);
+    if let Some((least, most)) = densities.map(|d| (d, d)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))) {
+        let (least, most) = (format!("{least:.2}"), format!("{most:.2}"));
+        parts.push(if least == most {
+            format!("density {least} %")
+        } else {
+            format!("density {least} to {most} %")
+        });
     }
-    console.note(&format!("{text}; {:.2} s", start.elapsed().as_secs_f64()));
+    parts.push(format!("{:.2} s", start.elapsed().as_secs_f64()));
+    console.note(&parts.join(", "));
     failed > 0
 }
 

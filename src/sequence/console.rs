@@ -210,7 +210,8 @@ impl Visit for Texts {
         if field.name() == "message" {
             self.message = format!("{value:?}");
         } else {
-            self.others += &format!(" {}={value:?}", field.name());
+            let other = format!(" {}={value:?}", field.name());
+            self.others.push_str(&other);
         }
     }
 }

@@ -84,7 +84,7 @@ impl Work for Fill<'_> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
         let (frame, file) = stage.read(record, || {
             let frame = frame::read(&item.input, &self.limits).map_err(|error| at_input(&error))?;
-            let file = item.mask.as_deref().map(|path| self.masks.get(path, &self.limits)).transpose()?;
+            let file = item.mask.as_deref().map(|path| self.masks.get(path, self.limits)).transpose()?;
             Ok((frame, file))
         })?;
         let start = Instant::now();

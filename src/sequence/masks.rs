@@ -19,7 +19,7 @@ pub struct MaskFiles {
 
 impl MaskFiles {
     /// The mask file at that path.
-    pub fn get(&self, path: &Path, limits: &Limits) -> Result<Arc<MaskFile>, Failure> {
+    pub fn get(&self, path: &Path, limits: Limits) -> Result<Arc<MaskFile>, Failure> {
         // Held while the file is read: frames that share it wait instead of reading it again.
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((known, file)) = &*last
@@ -34,13 +34,13 @@ impl MaskFiles {
 }
 
 /// Reads a mask file: EXR by its first bytes, else PNG.
-pub fn read(path: &Path, limits: &Limits) -> Result<MaskFile, Failure> {
+pub fn read(path: &Path, limits: Limits) -> Result<MaskFile, Failure> {
     let mut start = [0; 4];
     std::fs::File::open(path)
         .and_then(|mut file| file.read_exact(&mut start))
         .map_err(|error| Failure::at(path, format!("cannot read the mask: {error}")))?;
     if start == EXR {
-        let frame = frame::read(path, limits).map_err(|error| Failure::at(path, error))?;
+        let frame = frame::read(path, &limits).map_err(|error| Failure::at(path, error))?;
         return Ok(MaskFile::from_frame(path.display().to_string(), frame));
     }
     MaskFile::read_png(path).map_err(|error| Failure::at(path, error))

@@ -93,7 +93,7 @@ impl Work for Sparsify<'_> {
         let (frame, file) = stage.read(record, || {
             let frame =
                 frame::read(&item.input, &self.limits).map_err(|error| Failure::at(&item.input, error))?;
-            let file = item.mask.as_deref().map(|path| self.masks.get(path, &self.limits)).transpose()?;
+            let file = item.mask.as_deref().map(|path| self.masks.get(path, self.limits)).transpose()?;
             Ok((frame, file))
         })?;
         let pattern = match (&self.job.pattern, &file) {

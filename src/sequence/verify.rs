@@ -83,7 +83,7 @@ impl Work for Verify<'_> {
             (None, Source::File { pattern, .. }) => Some(Path::new(pattern)),
             _ => None,
         };
-        let file = path.map(|path| self.masks.get(path, &self.limits)).transpose()?;
+        let file = path.map(|path| self.masks.get(path, self.limits)).transpose()?;
         let masks =
             mask::find(&sparse, source, file.as_deref()).map_err(|error| Failure::at(&item.input, error))?;
         record.mask = Some(masks.origin.clone());

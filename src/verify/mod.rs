@@ -97,6 +97,10 @@ impl Claims {
 /// Attributes that the typed fields of a part stand for, and those that follow from them.
 const TYPED: &[&str] = &["channels", "compression", "dataWindow", "displayWindow", "chunkCount", "tiles"];
 
+/// Required attributes, which writing adds to a part that lacks them.
+const REQUIRED: &[&str] =
+    &["name", "type", "lineOrder", "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth"];
+
 /// The part at hand, on both sides.
 struct Pair<'a> {
     index: usize,
@@ -207,7 +211,7 @@ fn compare_attributes(pair: &Pair<'_>, differences: &mut Vec<Difference>) {
         }
     }
     for attribute in pair.filled.attributes.iter().filter(|attribute| !is(TYPED, &attribute.name)) {
-        let promised = stamped && is(ADDED, &attribute.name);
+        let promised = (stamped && is(ADDED, &attribute.name)) || is(REQUIRED, &attribute.name);
         if !promised && find(pair.sparse, &attribute.name).is_none() {
             add(format!("the attribute {} is new", show(attribute)));
         }
