@@ -7,14 +7,10 @@ mod common;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use common::{Done, LACUNA, Room, bytes, sparse, status};
+use common::{Done, LACUNA, Room, bytes, send, sparse, status};
 
 /// Work without an end in sight.
 const ENDLESS: &[&str] = &["--filter", "tv", "--tv-gap", "1e-300", "--tv-iterations", "4000000000"];
-
-fn send(signal: &str, process: u32) {
-    assert!(Command::new("kill").args([signal, &process.to_string()]).status().unwrap().success());
-}
 
 #[test]
 fn a_signal_ends_the_run_within_a_moment() {

@@ -17,7 +17,7 @@ pub struct InputArgs {
     /// four digits, a run of n as n; @ needs a run of two or more; %d and $F pad nothing; wider numbers take the digits
     /// they need. A glob ('shot.*.exr', in quotes) takes the frame numbers from the names: the last field between dots
     /// that is all digits, else the last run of digits. A file that exists under the very name is that file.
-    #[arg(value_name = "INPUT", required_unless_present = "files_from")]
+    #[arg(value_name = "INPUT", required_unless_present = "files_from", display_order = 0)]
     pub inputs: Vec<PathBuf>,
 
     /// Read more inputs from FILE, one path a line, taken as they are; - is standard input

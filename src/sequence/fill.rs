@@ -38,7 +38,7 @@ pub struct FillJob {
 /// Fills the frames; the exit status.
 pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
     let plan = plan(&job.selection, &job.targets)?;
-    let work = Fill { job, plans: Plans::new(), masks: MaskFiles::default(), limits: limits(&job.run) };
+    let work = Fill { job, plans: Plans::new(), masks: MaskFiles::default() };
     let console = Console::new(job.run.verbosity);
     if job.run.dry_run {
         return Ok(prepare::print(&plan, &work, &console));
@@ -54,16 +54,10 @@ pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
     batch::run(heading, &plan.items, &job.run, &work, &console).map_err(PlanError::Failed)
 }
 
-/// What reading one frame may take.
-pub fn limits(run: &RunOptions) -> frame::Limits {
-    run.memory.map_or_else(frame::Limits::default, |bytes| frame::Limits { bytes })
-}
-
 struct Fill<'a> {
     job: &'a FillJob,
     plans: Plans,
     masks: MaskFiles,
-    limits: frame::Limits,
 }
 
 impl Work for Fill<'_> {
@@ -77,14 +71,15 @@ impl Work for Fill<'_> {
     }
 
     fn bytes(&self, item: &Item) -> u64 {
-        memory::to_fill(&item.input)
+        memory::to_fill(item)
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
+        let limits = memory::limits(self.job.run.memory, self.bytes(item));
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
         let (frame, file) = stage.read(record, || {
-            let frame = frame::read(&item.input, &self.limits).map_err(|error| at_input(&error))?;
-            let file = item.mask.as_deref().map(|path| self.masks.get(path, self.limits)).transpose()?;
+            let frame = frame::read(&item.input, &limits).map_err(|error| at_input(&error))?;
+            let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose()?;
             Ok((frame, file))
         })?;
         let start = Instant::now();

@@ -1,37 +1,43 @@
 //! How much memory a frame needs, estimated from its header, so that frames are admitted before they are read.
+//!
+//! A frame takes what reading it takes. A pixel takes besides the samples written, `PLANNING` bytes for mask and plan, and
+//! in every channel of floats `SOLVING` bytes for values, result and the solvers' planes; whether a channel is
+//! reconstructed is not known before it is read. Both were measured as peak memory over pixels; `tests/cli_memory.rs` holds
+//! the process to them.
 
 use std::path::Path;
 
-use crate::frame::{PartHeader, SampleType, read_header};
+use super::plan::Item;
+use crate::frame::{Limits, PartHeader, SampleType, memory_needed, read_header};
 
-/// Bytes a pixel of a reconstructed channel takes while it is solved, besides the samples read and written: values
-/// and results as 32-bit floats and the solvers' planes. Measured as peak memory over pixels; see the test of the
-/// bound in `tests/cli_memory.rs`.
-const SOLVING: u64 = 48;
-/// Bytes a pixel of a part takes once: mask and plan.
-const PLANNING: u64 = 16;
+const SOLVING: u64 = 24;
+const PLANNING: u64 = 32;
 
-/// Bytes that filling this frame needs; 0 if its header cannot be read (reading it will say why).
-pub fn to_fill(path: &Path) -> u64 {
-    read_header(path).map_or(0, |parts| estimate(&parts, SOLVING))
+/// What reading a frame may take: as much as its work was admitted for where there is a bound, else the default.
+pub fn limits(bound: Option<u64>, admitted: u64) -> Limits {
+    bound.map_or_else(Limits::default, |bound| Limits { bytes: admitted.min(bound) })
 }
 
-/// Bytes that copying this frame with other pixels needs.
+/// Bytes that filling a frame needs; 0 if its header cannot be read (reading it will say why).
+pub fn to_fill(item: &Item) -> u64 {
+    let mask = item.mask.as_deref().map_or(0, |mask| of(mask, 0));
+    of(&item.input, SOLVING).saturating_add(mask)
+}
+
+/// Bytes that reading, copying and writing a frame needs; 0 if its header cannot be read.
 pub fn to_copy(path: &Path) -> u64 {
-    read_header(path).map_or(0, |parts| estimate(&parts, 0))
+    of(path, 0)
 }
 
-fn estimate(parts: &[PartHeader], solving: u64) -> u64 {
+fn of(path: &Path, solving: u64) -> u64 {
+    let Ok(parts) = read_header(path) else { return 0 };
     let part = |part: &PartHeader| {
         let size = part.data_window.size();
         let pixels = (size.height as u64).saturating_mul(size.width as u64);
-        let channel = |kind: SampleType| match kind {
-            // Read, and changed or packed for writing.
-            SampleType::Uint => 2 * kind.bytes() as u64,
-            SampleType::Half | SampleType::Float => 2 * kind.bytes() as u64 + solving,
-        };
+        let channel =
+            |kind: SampleType| kind.bytes() as u64 + if kind == SampleType::Uint { 0 } else { solving };
         let channels: u64 = part.channels.iter().map(|header| channel(header.kind)).sum();
         pixels.saturating_mul(channels + PLANNING)
     };
-    parts.iter().map(part).fold(0, u64::saturating_add)
+    parts.iter().map(part).fold(memory_needed(&parts), u64::saturating_add)
 }

@@ -79,10 +79,12 @@ pub fn pair(selection: &Selection, output: &Path, mask: Option<&str>) -> Result<
         )));
     }
     let mask = mask.map(MaskFile::parse).transpose()?;
+    // A single plain file is not a frame of a sequence, whatever digits its name has, unless its number is asked for.
+    let numbered = inputs.is_set || destination.is_numbered() || matches!(mask, Some(MaskFile::PerFrame(_)));
     let item = |input: Input| {
         let output = destination.of(&input)?;
         let mask = mask.as_ref().map(|mask| mask.of(&input)).transpose()?;
-        Ok(Item { number: input.number, input: input.path, output, mask })
+        Ok(Item { number: input.number.filter(|_| numbered), input: input.path, output, mask })
     };
     inputs.frames.into_iter().map(item).collect()
 }

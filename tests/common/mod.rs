@@ -120,7 +120,7 @@ pub fn status(status: std::process::ExitStatus) -> i32 {
 /// A part with channels R, G, B (halves of a smooth ramp), Z and mask, in which every fifth pixel was measured.
 pub fn part(window: Window) -> Part {
     let size = window.size();
-    let measured = |at: usize| at % 5 == 0;
+    let measured = |at: usize| at.is_multiple_of(5);
     let ramp = |at: usize, scale: f32| {
         let (y, x) = (at / size.width, at % size.width);
         if measured(at) { 0.1 + scale * (x as f32 + 2.0 * y as f32) / 100.0 } else { 0.0 }
@@ -150,6 +150,13 @@ pub fn part(window: Window) -> Part {
 /// A sparse frame of that size at the origin.
 pub fn sparse(width: i32, height: i32) -> Frame {
     Frame { parts: vec![part(Window { x_min: 0, y_min: 0, x_max: width - 1, y_max: height - 1 })] }
+}
+
+/// Sends a signal, such as `-TERM`, to a process.
+pub fn send(signal: &str, process: u32) {
+    assert!(
+        std::process::Command::new("kill").args([signal, &process.to_string()]).status().unwrap().success()
+    );
 }
 
 /// The values of a channel of the first part.
