@@ -19,8 +19,11 @@ pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Differenc
         return whole("no rule is known for it".into());
     };
     let converts = matches!(rule, Rule::Fill | Rule::Normal | Rule::Depth);
-    let expected =
-        if converts { convert(sparse.samples.clone(), pair.claims.kind).0 } else { sparse.samples.clone() };
+    let expected = if converts {
+        convert(sparse.samples.clone(), pair.claims.kind, None).0
+    } else {
+        sparse.samples.clone()
+    };
     if kind(&expected) != kind(&filled.samples) {
         return whole(format!("the type is {}, not {}", kind(&filled.samples), kind(&expected)));
     }
