@@ -72,7 +72,7 @@ impl Work for Fill<'_> {
     }
 
     fn bytes(&self, item: &Item) -> u64 {
-        memory::to_fill(item)
+        memory::to_fill(item, &self.job.what.method)
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
@@ -116,6 +116,12 @@ fn enter(report: &Report, record: &mut Record) {
     record.outcome = report.outcome;
     record.rules = Some(rules(report));
     record.warn(&report.notes);
+    if report.non_finite > 0 {
+        record.warn(&[format!("{} measured values are not finite and count as missing", report.non_finite)]);
+    }
+    if report.clamped_halves > 0 {
+        record.warn(&[format!("{} values past the largest half were clamped to it", report.clamped_halves)]);
+    }
 }
 
 /// How many channels each rule had: `3 fill, 1 keep`.
