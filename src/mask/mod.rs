@@ -1,6 +1,6 @@
 //! Where a mask comes from: which pixels of each part and channel were measured.
 //!
-//! A mask is found as one or more [providers](provider): flags over a window of absolute pixels, for one view and
+//! A mask is found as one or more providers: flags over a window of absolute pixels, for one view and
 //! perhaps one layer. Each channel is served by its own layer's, its own part's, then its view's providers.
 //!
 //! In a channel a value of at least one half is measured, everything below and every NaN is missing; so a mask that

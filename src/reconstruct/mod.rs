@@ -7,7 +7,7 @@
 //!                                 missing pixels written, measured bits are the input's  <────────────┘
 //! ```
 //!
-//! A measured value that is NaN or infinite counts as missing, here and nowhere else ([`groups::targets`]); an infinite
+//! A measured value that is NaN or infinite counts as missing, here and nowhere else (`groups::targets`); an infinite
 //! depth is a value like any other, and channels that are only copied are copied as they are. A mask without a missing
 //! pixel leaves its channels alone, non-finite values included.
 

@@ -8,13 +8,14 @@ use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::console::Console;
 use super::masks::MaskFiles;
 use super::plan::{Item, PlanError, Targets, plan};
+use super::plans::SharedPlans;
 use super::record::{Heading, Record};
 use super::update::{Existing, is_current};
 use super::{Selection, memory, prepare};
 use crate::channels::{self, Rule};
 use crate::frame::{self, WriteOptions};
 use crate::mask;
-use crate::reconstruct::{self, Plans, Report};
+use crate::reconstruct::{self, Report};
 
 /// Frames to be filled, and how.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,7 +39,7 @@ pub struct FillJob {
 /// Fills the frames; the exit status.
 pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
     let plan = plan(&job.selection, &job.targets)?;
-    let work = Fill { job, plans: Plans::new(), masks: MaskFiles::default() };
+    let work = Fill { job, plans: SharedPlans::new(job.run.memory.is_some()), masks: MaskFiles::default() };
     let console = Console::new(job.run.verbosity);
     if job.run.dry_run {
         return Ok(prepare::print(&plan, &work, &console));
@@ -56,7 +57,7 @@ pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
 
 struct Fill<'a> {
     job: &'a FillJob,
-    plans: Plans,
+    plans: SharedPlans,
     masks: MaskFiles,
 }
 
@@ -92,8 +93,8 @@ impl Work for Fill<'_> {
         let solved = stage.solve(record, || {
             let masks = mask::find(&frame, &what.mask, file.as_deref()).map_err(|error| at_input(&error))?;
             let choices = channels::choose(&frame, &masks, &what.overrides);
-            reconstruct::fill(frame, &masks, &choices, what, &self.plans, &run)
-                .map_err(|error| at_input(&error))
+            let plans = self.plans.of(&masks);
+            reconstruct::fill(frame, &masks, &choices, what, &plans, &run).map_err(|error| at_input(&error))
         });
         let (frame, report) = solved?;
         enter(&report, record);

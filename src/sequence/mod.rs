@@ -16,6 +16,7 @@ mod masks;
 mod memory;
 pub mod pattern;
 mod plan;
+mod plans;
 mod prepare;
 pub mod range;
 mod record;

@@ -116,6 +116,16 @@ impl MaskFile {
     }
 }
 
+/// Checks a report of a run that writes nothing else: it replaces no file that the run reads, and its folder exists.
+pub fn check_report(items: &[Item], report: &Path) -> Result<(), PlanError> {
+    let read = items.iter().flat_map(|item| [Some(&item.input), Some(&item.output), item.mask.as_ref()]);
+    let identity = Identity::of(report);
+    if identity.is_some() && read.flatten().any(|path| Identity::of(path) == identity) {
+        return Err(PlanError::Usage(format!("{}: the report would replace a frame", report.display())));
+    }
+    check_folder(report, false, &mut BTreeSet::new())
+}
+
 fn check_one_input_each(items: &[Item]) -> Result<(), PlanError> {
     let mut owners: HashMap<PathBuf, &Path> = HashMap::new();
     for item in items {

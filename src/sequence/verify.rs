@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::console::Console;
 use super::masks::MaskFiles;
-use super::plan::{Item, Plan, PlanError, pair};
+use super::plan::{Item, Plan, PlanError, check_report, pair};
 use super::record::{Heading, Record};
 use super::update::Existing;
 use super::{Selection, memory, prepare};
@@ -40,6 +40,9 @@ pub fn verify(job: &VerifyJob) -> Result<u8, PlanError> {
         _ => None,
     };
     let items = pair(&job.selection, &job.filled, mask)?;
+    if let Some(report) = &job.run.json {
+        check_report(&items, report)?;
+    }
     let work = Verify { job, masks: MaskFiles::default() };
     let console = Console::new(job.run.verbosity);
     if job.run.dry_run {
