@@ -72,7 +72,7 @@ impl Work for Fill<'_> {
     }
 
     fn bytes(&self, item: &Item) -> u64 {
-        memory::to_fill(item)
+        memory::to_fill(item, &self.job.what.method)
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {

@@ -1,17 +1,27 @@
 //! How much memory a frame needs, estimated from its header, so that frames are admitted before they are read.
 //!
-//! A frame takes what reading it takes. A pixel takes besides the samples written, `PLANNING` bytes for mask and plan, and
-//! in every channel of floats `SOLVING` bytes for values, result and the solvers' planes; whether a channel is
-//! reconstructed is not known before it is read. Both were measured as peak memory over pixels; `tests/cli_memory.rs` holds
-//! the process to them.
+//! A frame takes what reading it takes. A pixel takes besides the samples written, bytes for mask and plan that depend on the
+//! filter, and in every channel of floats `SOLVING` bytes for values, result and the solvers' planes; whether a channel is
+//! reconstructed is not known before it is read. They were measured as peak memory over pixels, the allocator's losses
+//! included; `tests/cli_memory.rs` holds the process to them.
 
 use std::path::Path;
+
+use lacuna_filters::Method;
 
 use super::plan::Item;
 use crate::frame::{Limits, PartHeader, SampleType, memory_needed, read_header};
 
 const SOLVING: u64 = 24;
-const PLANNING: u64 = 32;
+
+/// Bytes a pixel of mask and plan.
+const fn planning(method: &Method) -> u64 {
+    match method {
+        // The multigrid levels of a frame that is all hole, in 64-bit floats.
+        Method::Ss(_) => 160,
+        _ => 48,
+    }
+}
 
 /// What reading a frame may take: as much as its work was admitted for where there is a bound, else the default.
 pub fn limits(bound: Option<u64>, admitted: u64) -> Limits {
@@ -19,17 +29,17 @@ pub fn limits(bound: Option<u64>, admitted: u64) -> Limits {
 }
 
 /// Bytes that filling a frame needs; 0 if its header cannot be read (reading it will say why).
-pub fn to_fill(item: &Item) -> u64 {
-    let mask = item.mask.as_deref().map_or(0, |mask| of(mask, 0));
-    of(&item.input, SOLVING).saturating_add(mask)
+pub fn to_fill(item: &Item, method: &Method) -> u64 {
+    let mask = item.mask.as_deref().map_or(0, to_copy);
+    of(&item.input, SOLVING, planning(method)).saturating_add(mask)
 }
 
 /// Bytes that reading, copying and writing a frame needs; 0 if its header cannot be read.
 pub fn to_copy(path: &Path) -> u64 {
-    of(path, 0)
+    of(path, 0, 0)
 }
 
-fn of(path: &Path, solving: u64) -> u64 {
+fn of(path: &Path, solving: u64, planning: u64) -> u64 {
     let Ok(parts) = read_header(path) else { return 0 };
     let part = |part: &PartHeader| {
         let size = part.data_window.size();
@@ -37,7 +47,7 @@ fn of(path: &Path, solving: u64) -> u64 {
         let channel =
             |kind: SampleType| kind.bytes() as u64 + if kind == SampleType::Uint { 0 } else { solving };
         let channels: u64 = part.channels.iter().map(|header| channel(header.kind)).sum();
-        pixels.saturating_mul(channels + PLANNING)
+        pixels.saturating_mul(channels + planning)
     };
     parts.iter().map(part).fold(memory_needed(&parts), u64::saturating_add)
 }
