@@ -1,5 +1,6 @@
 """Contact sheets of the samples: sparse, filled, complete. Called by scripts/pictures; argument: the folder to write to."""
 
+import os
 import pathlib
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from PIL import Image
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "samples"
+LACUNA = os.environ.get("LACUNA", ROOT / "target" / "release" / "lacuna")
 GAP = 4
 
 
@@ -61,7 +63,7 @@ def sheet(path, rows, scale):
 
 
 def fill(source, out, *words):
-    subprocess.run([ROOT / "target" / "release" / "lacuna", "fill", "-q", source, "-o", out, *words], check=True)
+    subprocess.run([LACUNA, "fill", "-q", source, "-o", out, *words], check=True)
     return channels(out)
 
 
@@ -82,7 +84,7 @@ def main():
         sparse = pathlib.Path(scratch) / "sparse.exr"
         rows = []
         for sample in ("edges.exr", "texture.exr"):
-            subprocess.run([ROOT / "target" / "release" / "lacuna", "sparsify", "-q", SAMPLES / sample, "-o", sparse,
+            subprocess.run([LACUNA, "sparsify", "-q", SAMPLES / sample, "-o", sparse,
                             "--density", "0.2"], check=True)
             filled = [fill(sparse, out, "--filter", method) for method in ("ss", "tv")]
             rows.append([colour(frame) for frame in (channels(sparse), *filled, channels(SAMPLES / sample))])
