@@ -2,4 +2,5 @@
 
 pub mod bottom;
 pub mod conjugate;
+pub mod local;
 pub mod multigrid;
