@@ -70,9 +70,6 @@ use tiles::Tiles;
 const TOLERANCE: f64 = 2e-6;
 /// The same for tiles, whose preconditioner sees the error up to 20 times too small.
 const TILE_TOLERANCE: f64 = 8e-7;
-/// Whether rectangles around holes are solved apart from the rest. Off: against multigrid on the whole image they were
-/// found off by more than 1e-4 of the range, so masks with holes take the whole image.
-const EXACT_RECTANGLES: bool = false;
 /// Images of up to so many pixels are left to multigrid.
 const SMALL: usize = 64 * 64;
 /// Rounds of tiles and holes after which the whole image is handed to multigrid.
@@ -118,10 +115,10 @@ impl Filter for Settings {
         } else {
             match holes::divide(&mask) {
                 Division::Dense => Parts::Tiled(tiles(None), Vec::new()),
-                Division::Holes(windows, held) if EXACT_RECTANGLES => {
+                Division::Holes(windows, held) => {
                     Parts::Tiled(tiles(Some(held)), windows.into_iter().map(region).collect())
                 }
-                Division::Holes(..) | Division::Sparse => Parts::Whole(whole()),
+                Division::Sparse => Parts::Whole(whole()),
             }
         };
         let counts = |i, j| weights.is_none_or(|w: &Plane| w.at(i, j) > 0.0);
@@ -232,6 +229,20 @@ impl Planned {
             let sweep = tiles.sweep(&self.mask, out, round % 2 == 1, middle, TILE_TOLERANCE * range, run);
             let mut work = sweep.steps;
             let mut failed = false;
+            for region in regions.iter().filter(|_| round == 0 || sweep.steps > 0) {
+                let ending = region.solve(samples, out, TOLERANCE * range, run);
+                work = work.max(ending.iterations);
+                failed |= ending.stop != Stop::Converged;
+                residual = residual.max(ending.residual.filter(|_| round == 0).unwrap_or(0.0));
+            }
+            outcome.iterations += work;
+            if round == 0 {
+                residual = residual.max(sweep.residual);
+            }
+            outcome.residual = Some(residual);
+            if let Some(stop) = run.interrupted() {
+                return Outcome { stop, ..outcome };
+            }
             if failed {
                 break;
             }
