@@ -29,7 +29,7 @@ pub const PAD: usize = 4;
 /// Values that a buffer holds beyond its last row, so that whole blocks may be read.
 const SLACK: usize = 64;
 /// Values in a block: accumulators that stay in registers.
-const BLOCK: usize = 32;
+const BLOCK: usize = 16;
 /// Rows of a large window that one task computes.
 const CHUNK: usize = 48;
 /// Windows with more pixels than this are shared out among threads.
@@ -253,24 +253,9 @@ fn along_row<T: Real, const R: usize, const FUSED: bool>(
         let mut parts = lines.chunks_exact_mut(span);
         std::array::from_fn(|_| parts.next().unwrap_or_default())
     };
-    if window.width > 2 * axis.ends || axis.ends < axis.len {
-        for j in (0..span).step_by(BLOCK) {
-            let source = &row[j..j + BLOCK + 2 * PAD];
-            let mut sums = [[T::ZERO; BLOCK]; R];
-            for k in 0..=R {
-                let mut pair = [T::ZERO; BLOCK];
-                for (i, value) in pair.iter_mut().enumerate() {
-                    *value = if k == 0 { source[PAD + i] } else { source[PAD + i - k] + source[PAD + i + k] };
-                }
-                for (sum, term) in sums.iter_mut().zip(taps) {
-                    for (sum, value) in sum.iter_mut().zip(&pair) {
-                        *sum = fma::<T, FUSED>(term[REACH + k], *value, *sum);
-                    }
-                }
-            }
-            for (line, sum) in lines.iter_mut().zip(&sums) {
-                line[j..j + BLOCK].copy_from_slice(sum);
-            }
+    if axis.ends < axis.len {
+        for (line, term) in lines.iter_mut().zip(taps) {
+            symmetric::<T, R, FUSED>(term, row, line);
         }
     }
     // Columns near the image's borders have rows of their own.
@@ -285,6 +270,22 @@ fn along_row<T: Real, const R: usize, const FUSED: bool>(
             }
             line[j] = sum;
         }
+    }
+}
+
+/// Filters a row with taps that are the same to either side.
+#[inline(always)]
+fn symmetric<T: Real, const R: usize, const FUSED: bool>(term: &[T; WIDTH], row: &[T], line: &mut [T]) {
+    let n = line.len();
+    let middle = &row[PAD..][..n];
+    let left: [&[T]; R] = std::array::from_fn(|k| &row[PAD - 1 - k..][..n]);
+    let right: [&[T]; R] = std::array::from_fn(|k| &row[PAD + 1 + k..][..n]);
+    for j in 0..n {
+        let mut sum = term[REACH] * middle[j];
+        for k in 0..R {
+            sum = fma::<T, FUSED>(term[REACH + 1 + k], left[k][j] + right[k][j], sum);
+        }
+        line[j] = sum;
     }
 }
 
@@ -307,36 +308,134 @@ fn along_columns<T: Real, const R: usize, const FUSED: bool>(
     q: &mut [T],
 ) -> f64 {
     let depth = 2 * R + 1;
-    let mut dots = [T::ZERO; BLOCK];
-    for j in (0..row.width).step_by(BLOCK) {
-        let mut sums = [T::ZERO; BLOCK];
-        for k in 0..depth {
-            let slot = if row.oldest + k < depth { row.oldest + k } else { row.oldest + k - depth };
-            for (t, term) in taps.iter().enumerate().take(R) {
-                let line = &row.ring[(slot * R + t) * row.span + j..][..BLOCK];
-                for (sum, value) in sums.iter_mut().zip(line) {
-                    *sum = fma::<T, FUSED>(term[REACH - R + k], *value, *sum);
+    let n = row.width;
+    let (p, q) = (&p[..n], &mut q[..n]);
+    q.fill(T::ZERO);
+    for k in 0..depth {
+        let slot = if row.oldest + k < depth { row.oldest + k } else { row.oldest + k - depth };
+        let line = |t: usize| (taps[t][REACH - R + k], &row.ring[(slot * R + t) * row.span..][..n]);
+        if R == 3 {
+            add_three::<T, FUSED>(q, line(0), line(1), line(2));
+        } else {
+            add_three::<T, FUSED>(q, line(0), line(1), line(2));
+            add_one::<T, FUSED>(q, line(R - 1));
+        }
+    }
+    if let Some(d) = d {
+        let d = &d[..n];
+        for j in 0..n {
+            q[j] = fma::<T, FUSED>(d[j], p[j], q[j]);
+        }
+    }
+    lanes_dot::<T, FUSED>(p, q)
+}
+
+/// Adds three lines, each with its tap.
+#[inline(always)]
+fn add_three<T: Real, const FUSED: bool>(q: &mut [T], a: (T, &[T]), b: (T, &[T]), c: (T, &[T])) {
+    let n = q.len();
+    let (x, y, z) = (&a.1[..n], &b.1[..n], &c.1[..n]);
+    for j in 0..n {
+        q[j] = fma::<T, FUSED>(a.0, x[j], fma::<T, FUSED>(b.0, y[j], fma::<T, FUSED>(c.0, z[j], q[j])));
+    }
+}
+
+/// Adds a line with its tap.
+#[inline(always)]
+fn add_one<T: Real, const FUSED: bool>(q: &mut [T], a: (T, &[T])) {
+    let n = q.len();
+    let x = &a.1[..n];
+    for j in 0..n {
+        q[j] = fma::<T, FUSED>(a.0, x[j], q[j]);
+    }
+}
+
+/// The sum of `p q`, in lanes and then in f64.
+#[inline(always)]
+pub fn lanes_dot<T: Real, const FUSED: bool>(p: &[T], q: &[T]) -> f64 {
+    let mut lanes = [T::ZERO; BLOCK];
+    let (p_blocks, q_blocks) = (p.as_chunks::<BLOCK>(), q.as_chunks::<BLOCK>());
+    for (p, q) in p_blocks.0.iter().zip(q_blocks.0) {
+        for i in 0..BLOCK {
+            lanes[i] = fma::<T, FUSED>(p[i], q[i], lanes[i]);
+        }
+    }
+    for (lane, (&p, &q)) in lanes.iter_mut().zip(p_blocks.1.iter().zip(q_blocks.1)) {
+        *lane = fma::<T, FUSED>(p, q, *lane);
+    }
+    lanes.iter().map(|x| x.to_f64()).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::operator::energy::Form;
+    use crate::operator::profile::Kernel;
+
+    /// Every instruction set against a plain sum over the matrix's entries, on windows at and away from the borders.
+    fn check<T: Real>(epsilon: f64) {
+        for (order, kernel) in [(2, Kernel::Bspline), (3, Kernel::Bspline), (2, Kernel::Piecewise)] {
+            for (height, width) in [(1, 1), (1, 40), (5, 3), (41, 50)] {
+                let a = Form::new(kernel, order, 0.01).energy(Size::new(height, width), (1.0, 2.0));
+                let windows = [
+                    Window { y: 0, x: 0, height, width },
+                    Window {
+                        y: height / 4,
+                        x: width / 3,
+                        height: height - height / 2,
+                        width: width - width / 2,
+                    },
+                ];
+                for window in windows {
+                    for isa in
+                        [Isa::Portable, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available())
+                    {
+                        compare::<T>(isa, &a, window, epsilon);
+                    }
                 }
             }
         }
-        let n = BLOCK.min(row.width - j);
-        if let Some(d) = d {
-            for i in 0..n {
-                sums[i] = fma::<T, FUSED>(d[j + i], p[j + i], sums[i]);
-            }
-        }
-        if n == BLOCK {
-            let p = &p[j..j + BLOCK];
-            for i in 0..BLOCK {
-                dots[i] = fma::<T, FUSED>(p[i], sums[i], dots[i]);
-            }
-            q[j..j + BLOCK].copy_from_slice(&sums);
-        } else {
-            for i in 0..n {
-                dots[i] = fma::<T, FUSED>(p[j + i], sums[i], dots[i]);
-            }
-            q[j..j + n].copy_from_slice(&sums[..n]);
-        }
     }
-    dots.iter().map(|x| x.to_f64()).sum()
+
+    fn compare<T: Real>(isa: Isa, a: &Separable<f64>, window: Window, epsilon: f64) {
+        let (mut p, mut q) = (window.zeros::<T>(), window.zeros::<T>());
+        let cells: Vec<(usize, usize)> =
+            (0..window.height).flat_map(|i| (0..window.width).map(move |j| (i, j))).collect();
+        for &(i, j) in &cells {
+            p[window.at(i, j)] = T::from_f64(((i * 31 + j * 17) as f64 * 0.37).sin());
+        }
+        let dot = apply(isa, &a.cast::<T>(), window, &p, None, &mut q);
+        let (mut expected_dot, mut scale) = (0.0, 0.0);
+        for &(i, j) in &cells {
+            let here = (window.y + i, window.x + j);
+            let (mut sum, mut size) = (0.0, 0.0);
+            for &(k, l) in &cells {
+                let entry = a.entry(here, (window.y + k, window.x + l));
+                assert!(
+                    (entry - a.entry((window.y + k, window.x + l), here)).abs()
+                        <= 1e-12 * a.diagonal(here.0, here.1).max(1.0)
+                );
+                sum += entry * p[window.at(k, l)].to_f64();
+                size += entry.abs();
+            }
+            let value = q[window.at(i, j)].to_f64();
+            assert!(
+                (value - sum).abs() <= 64.0 * epsilon * size,
+                "{isa:?} {window:?} {i} {j}: {value} {sum}"
+            );
+            expected_dot += sum * p[window.at(i, j)].to_f64();
+            scale += size;
+        }
+        assert!((dot - expected_dot).abs() <= 64.0 * epsilon * scale, "{dot} {expected_dot}");
+    }
+
+    #[test]
+    fn every_instruction_set_computes_the_matrix_in_f64() {
+        check::<f64>(f64::EPSILON);
+    }
+
+    #[test]
+    fn every_instruction_set_computes_the_matrix_in_f32() {
+        check::<f32>(f64::from(f32::EPSILON));
+    }
 }

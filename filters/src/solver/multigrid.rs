@@ -208,14 +208,14 @@ impl<T: Real> Level<T> {
             }
         }
         let mut level = Self { a: a.cast(), window, d, share, e, bounds: (1.0, 1.0), down };
-        let high = level.largest(isa) * 1.1;
+        let high = level.largest(isa) * 1.15;
         level.bounds = (high / SPREAD, high);
         level
     }
 
     /// The largest eigenvalue of the preconditioned matrix by power iteration.
     fn largest(&self, isa: Isa) -> f64 {
-        const STEPS: usize = 12;
+        const STEPS: usize = 24;
         let window = self.window;
         let (mut x, mut q, mut t) = (window.zeros::<T>(), window.zeros::<T>(), window.zeros::<T>());
         // A start that is rough and has a share in every free unknown.
