@@ -261,7 +261,7 @@ fn settings_out_of_range_are_refused() {
     ] {
         assert!(matches!(settings.plan(&problem, &Run::default()), Err(Error::Setting { .. })));
     }
-    assert_eq!(Settings::default().to_string(), "lambda=0 kernel=bspline order=2 tension=0.004");
+    assert_eq!(Settings::default().to_string(), "lambda=0 kernel=bspline order=2 tension=0.03");
 }
 
 #[test]
