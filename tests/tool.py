@@ -20,7 +20,8 @@ OIIO_BIN = pathlib.Path(OpenImageIO.__file__).parent / "bin"
 
 @dataclasses.dataclass
 class Result:
-    """What a process did: exit status (negative: the signal), its output, its peak memory and the seconds it took."""
+    """What a process did: exit status (negative: the signal), its output, its peak memory, the seconds that
+    it took and those that it kept processors busy."""
 
     command: list
     status: int
@@ -28,6 +29,7 @@ class Result:
     stderr: str
     peak_bytes: int
     seconds: float
+    busy: float
 
     def lines(self):
         return [line for line in self.stderr.splitlines() if line.strip()]
@@ -53,7 +55,7 @@ def run(command, timeout=60, environment=None, before=None, folder=None):
         for stream in (out, err):
             stream.seek(0)
             texts.append(stream.read().decode("utf-8", "replace"))
-    return Result(command, process.returncode, *texts, usage.ru_maxrss * 1024, seconds)
+    return Result(command, process.returncode, *texts, usage.ru_maxrss * 1024, seconds, usage.ru_utime + usage.ru_stime)
 
 
 def lacuna(*words, ok=True, **options):

@@ -134,6 +134,9 @@ fn filter(
             answer.mended
         ));
     }
+    if !work.job.method.keeps_measured() && answer.map.name() == "log" {
+        done.notes.push(format!("{}: smoothed in the log domain, whose unit the setting has", names.join(", ")));
+    }
     done.report.groups.push(GroupReport {
         channels: names,
         domain: answer.map.name(),
