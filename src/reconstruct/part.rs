@@ -135,7 +135,8 @@ fn filter(
         ));
     }
     if !work.job.method.keeps_measured() && answer.map.name() == "log" {
-        done.notes.push(format!("{}: smoothed in the log domain, whose unit the setting has", names.join(", ")));
+        done.notes
+            .push(format!("{}: smoothed in the log domain, whose unit the setting has", names.join(", ")));
     }
     done.report.groups.push(GroupReport {
         channels: names,
