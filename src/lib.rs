@@ -19,4 +19,6 @@ pub mod mask;
 pub mod reconstruct;
 pub mod sequence;
 pub mod sparsify;
+#[cfg(test)]
+mod testing;
 pub mod verify;

@@ -13,6 +13,7 @@
 //! `variational | baseline -> solver -> operator | prox -> kernel -> plane | mask`.
 
 pub mod baseline;
+pub mod domain;
 mod error;
 mod filter;
 mod kernel;

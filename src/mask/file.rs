@@ -65,7 +65,7 @@ impl MaskFile {
     /// The masks in it that may serve `frame`.
     pub(super) fn providers(&self, frame: &Frame, channel: Option<&str>) -> Result<Vec<Provider>, Error> {
         match &self.content {
-            Content::Exr(mask) => self.from_exr(mask, channel),
+            Content::Exr(mask) => self.of_exr(mask, channel),
             Content::Grey { size, measured } => {
                 if let Some(wanted) = channel {
                     return Err(Error::File {
@@ -79,7 +79,7 @@ impl MaskFile {
     }
 
     /// The channel asked for, else `mask`, else the only one; in every part that has it.
-    fn from_exr(&self, mask: &Frame, channel: Option<&str>) -> Result<Vec<Provider>, Error> {
+    fn of_exr(&self, mask: &Frame, channel: Option<&str>) -> Result<Vec<Provider>, Error> {
         let only = mask.parts.iter().all(|part| part.channels.len() == 1);
         let wanted = channel.unwrap_or("mask");
         let fits = |name: &str| match channel {

@@ -45,6 +45,11 @@ pub fn find(frame: &Frame, source: &Source, file: Option<&MaskFile>) -> Result<M
     }
 }
 
+/// Whether a value is one that a sampling mask has.
+fn is_binary(value: f64) -> bool {
+    [0.0, 1.0].contains(&value)
+}
+
 fn at_least_half(value: f64) -> bool {
     value >= 0.5
 }
@@ -118,9 +123,7 @@ fn is_layer_mask(frame: &Frame, place: Place) -> bool {
     !layer.is_empty()
         && component.eq_ignore_ascii_case("mask")
         && others
-        && flags(&part.channels[place.channel].samples, |value| value == 0.0 || value == 1.0)
-            .iter()
-            .all(|&binary| binary)
+        && flags(&part.channels[place.channel].samples, is_binary).iter().all(|&binary| binary)
 }
 
 /// Masks from channels of the frame itself; `layered` ones serve their own layer only.
@@ -137,7 +140,7 @@ fn from_channels(
         let part = &frame.parts[place.part];
         let channel = &part.channels[place.channel];
         let name = channel.display_name();
-        let binary = flags(&channel.samples, |value| value == 0.0 || value == 1.0);
+        let binary = flags(&channel.samples, is_binary);
         between += binary.iter().filter(|&&binary| !binary).count();
         let layer = layered.then(|| Name::new(&name).layer.to_owned());
         providers.extend(provider(part, place.part, &name, layer, flags(&channel.samples, &measured)));

@@ -89,8 +89,9 @@ impl std::fmt::Display for Source {
 /// A path may hold colons itself: what follows the last one is a channel only if the rest ends like an image's name.
 fn file(path: &str) -> Source {
     let split = path.rsplit_once(':').filter(|(rest, channel)| {
-        let rest = rest.to_ascii_lowercase();
-        !channel.is_empty() && (rest.ends_with(".exr") || rest.ends_with(".png"))
+        let ending = rest.len().checked_sub(4).and_then(|at| rest.get(at..)).unwrap_or_default();
+        let image = [".exr", ".png"].iter().any(|image| ending.eq_ignore_ascii_case(image));
+        !channel.is_empty() && image
     });
     match split {
         Some((pattern, channel)) => Source::File { pattern: pattern.into(), channel: Some(channel.into()) },

@@ -101,12 +101,11 @@ pub fn groups(frame: &Frame, part: usize, targets: &[Target]) -> Vec<Group> {
             let alike = *rule == target.rule && group.light == light;
             other == layer && alike && Arc::ptr_eq(&group.mask, &target.mask)
         });
-        match same {
-            Some((_, _, group)) => group.channels.push(target.channel),
-            None => {
-                let group = Group { channels: vec![target.channel], mask: Arc::clone(&target.mask), light };
-                groups.push((layer.to_owned(), target.rule, group));
-            }
+        if let Some((_, _, group)) = same {
+            group.channels.push(target.channel);
+        } else {
+            let group = Group { channels: vec![target.channel], mask: Arc::clone(&target.mask), light };
+            groups.push((layer.to_owned(), target.rule, group));
         }
     }
     groups.into_iter().map(|(_, _, group)| group).collect()

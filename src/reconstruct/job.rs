@@ -150,7 +150,7 @@ mod tests {
 
     #[test]
     fn settings_come_back() {
-        let mut job = Job::new(Method::PushPull(push_pull::Settings::default()));
+        let mut job = Job::new(Method::PushPull(push_pull::Settings));
         job.mask = Source::File { pattern: "my dir/a \"b\".exr".into(), channel: None };
         job.overrides = vec!["Diffuse Direct.*=keep".parse().unwrap(), "=x=fill".parse().unwrap()];
         job.kind = Some(Kind::Half);

@@ -54,6 +54,10 @@ mod tests {
 
     use super::*;
 
+    fn bits(vector: [f32; 3]) -> [u32; 3] {
+        vector.map(f32::to_bits)
+    }
+
     #[test]
     fn missing_vectors_become_units_and_the_background_stays_empty() {
         let mask = Mask::from_fn(Size::new(1, 6), |_, x| x == 0 || x == 5);
@@ -65,13 +69,13 @@ mod tests {
         let borrowed = [samples[0].as_slice(), &samples[1], &samples[2]];
         assert!(are_unit(borrowed, &mask));
         normalise([&mut x, &mut y, &mut z], borrowed, &mask, &nearest);
-        let at = |i: usize| [x[i], y[i], z[i]];
-        assert_eq!(at(0), [0.0, 0.6, 0.8]);
-        assert_eq!(at(1), [0.6, 0.0, 0.8]);
-        assert_eq!(at(2), [0.0, 0.6, 0.8]);
-        assert_eq!(at(3), [0.0; 3]);
-        assert_eq!(at(4), [0.0; 3]);
-        assert_eq!(at(5), [0.0; 3]);
+        let at = |i: usize| [x[i], y[i], z[i]].map(f32::to_bits);
+        assert_eq!(at(0), bits([0.0, 0.6, 0.8]));
+        assert_eq!(at(1), bits([0.6, 0.0, 0.8]));
+        assert_eq!(at(2), bits([0.0, 0.6, 0.8]));
+        assert_eq!(at(3), bits([0.0; 3]));
+        assert_eq!(at(4), bits([0.0; 3]));
+        assert_eq!(at(5), bits([0.0; 3]));
     }
 
     #[test]

@@ -9,13 +9,16 @@ use lacuna_filters::{Error, Mask, Method, Plan, Problem, Run};
 /// How many plans are kept.
 const MOST: usize = 4;
 
+/// Method and settings, mask, plan.
+type FilterEntry = (String, Arc<Mask>, Arc<dyn Plan>);
+
 /// A bounded, thread-safe store of the last plans.
 ///
 /// Two threads that miss at the same time both make the plan: waiting for each other inside a thread pool could
 /// make a thread wait for itself.
 #[derive(Default)]
 pub struct Plans {
-    filters: Mutex<Vec<(String, Arc<Mask>, Arc<dyn Plan>)>>,
+    filters: Mutex<Vec<FilterEntry>>,
     nearest: Mutex<Vec<(Arc<Mask>, Arc<NearestMap>)>>,
     depth: Mutex<Vec<(Arc<Mask>, Arc<DepthPlan>)>>,
 }
@@ -35,7 +38,7 @@ impl Plans {
     /// The plan of a method on a mask.
     pub fn filter(&self, method: &Method, mask: &Arc<Mask>, run: &Run<'_>) -> Result<Arc<dyn Plan>, Error> {
         let key = format!("{} {}", method.name(), method.settings());
-        let same = |entry: &(String, Arc<Mask>, Arc<dyn Plan>)| entry.0 == key && equal(&entry.1, mask);
+        let same = |entry: &FilterEntry| entry.0 == key && equal(&entry.1, mask);
         if let Some(found) = recall(&self.filters, same) {
             return Ok(found.2);
         }
@@ -97,7 +100,7 @@ mod tests {
     #[test]
     fn equal_masks_share_a_plan_and_few_are_kept() {
         let mask = |at| Arc::new(Mask::from_fn(Size::new(3, 3), |y, x| y * 3 + x == at));
-        let method = Method::PushPull(push_pull::Settings::default());
+        let method = Method::PushPull(push_pull::Settings);
         let plans = Plans::new();
         let run = Run::default();
         let first = plans.filter(&method, &mask(0), &run).unwrap();

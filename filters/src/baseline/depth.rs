@@ -3,7 +3,7 @@
 //! A mean of foreground and background would be a surface that is not there, so that values are only ever copied.
 //! For the missing pixel p let `q_1 .. q_4` be the nearest measured pixel in each of its four quadrants (each
 //! holds its two half axes, so that neighbours on an axis belong to two), at distances `r_i`. Those with
-//! `r_i > 3 min r` have no say. Of the rest, p copies the weighted median of the depths `z_i`, weights `1 / r_i^2`:
+//! `r_i > 3 min r` have no say. Of the rest, p copies the weighted median of the depths `z_i`, weights `1 / r_i`:
 //! the smallest z whose weight together with that of all smaller ones reaches half of the total. On a tie that
 //! is the nearer to the camera, where depth grows away from it. Each pixel that is found counts once.
 //!
@@ -92,7 +92,7 @@ impl DepthPlan {
         let near = &mut near[..count];
         let reach = near.iter().map(|neighbour| neighbour.0).min().unwrap_or(0).saturating_mul(REACH_SQUARED);
         near.sort_unstable_by(|a, b| depth[a.1 as usize].total_cmp(&depth[b.1 as usize]).then(a.cmp(b)));
-        let weight = |r: u64| if r <= reach { 1.0 / r as f64 } else { 0.0 };
+        let weight = |r: u64| if r <= reach { 1.0 / (r as f64).sqrt() } else { 0.0 };
         let total: f64 = near.iter().map(|neighbour| weight(neighbour.0)).sum();
         let mut sum = 0.0;
         for &(r, pixel) in near.iter() {
