@@ -22,121 +22,32 @@ fn choices(part: Part, overrides: &[&str]) -> Vec<(String, Rule)> {
     names.zip(chosen).map(|(name, choice)| (name, choice.rule)).collect()
 }
 
+/// Names that decide alone.
+const NAMES: &[(Rule, &str)] = &[
+    (Rule::Fill, "R|G|B|A|Y|RY|fluid.R|bridge.R|Diffuse Direct.R|diffuse.red|ViewLayer.Combined.R|Albedo.R"),
+    (
+        Rule::Fill,
+        "Variance.R|RelativeVariance.R|P.X|Px|pos.X|position.Y|uv.U|u|dzdx|whitebarmask.mask|solid.A",
+    ),
+    (Rule::Fill, "hidden.G|AR|grid.B|widget.r|forward_scatter.R|validity.R|normalized.R|depth_of_field.R"),
+    (Rule::Fill, "Pref.X|video.R|mid.R|identity.R|amazing.R|beauty.alpha|cryptic.R|promotion.R"),
+    (Rule::Nearest, "id|ID|objectId|material_id|objectid.R|ObjectID.X|VRayMtlID|VRayRenderID.R"),
+    (Rule::Nearest, "ViewLayer.IndexOB.X|crypto_object00.red|CryptoObject00.r|ViewLayer.CryptoMaterial02.a"),
+    (
+        Rule::Nearest,
+        "cryptomatte01.R|uCryptoAsset.G|forward.u|backward.v|motion.X|Vector.X|ViewLayer.Vector.W",
+    ),
+    (Rule::Nearest, "velocity.R|motionvector.x|disparityL.x|shape_index.Y|prim_index|nodeId3|flow.x"),
+    (Rule::Depth, "Z|z|ZBack|zback|depth.T|depth.R|Depth|ViewLayer.Depth.Z|VRayZDepth|camera_depth|beauty.Z"),
+    (Rule::Depth, "ViewLayer.Mist.Z|depth.Z|deep.ZBack|zDepth.R"),
+    (Rule::Keep, "mask|Mask|MASK|samples|SAMPLECOUNT|SampleCount|stats.samples|sample_count"),
+    (Rule::Keep, "ViewLayer.Debug Sample Count.X"),
+];
+
 #[test]
 fn single_names() {
-    let table: &[(Rule, &[&str])] = &[
-        (
-            Rule::Fill,
-            &[
-                "R",
-                "G",
-                "B",
-                "A",
-                "Y",
-                "RY",
-                "fluid.R",
-                "bridge.R",
-                "Diffuse Direct.R",
-                "diffuse.red",
-                "ViewLayer.Combined.R",
-                "Albedo.R",
-                "Variance.R",
-                "RelativeVariance.R",
-                "P.X",
-                "Px",
-                "pos.X",
-                "position.Y",
-                "uv.U",
-                "u",
-                "dzdx",
-                "whitebarmask.mask",
-                "solid.A",
-                "hidden.G",
-                "AR",
-                "grid.B",
-                "widget.r",
-                "forward_scatter.R",
-                "validity.R",
-                "normalized.R",
-                "depth_of_field.R",
-                "Pref.X",
-                "video.R",
-                "mid.R",
-                "identity.R",
-                "amazing.R",
-                "beauty.alpha",
-                "cryptic.R",
-                "promotion.R",
-            ],
-        ),
-        (
-            Rule::Nearest,
-            &[
-                "id",
-                "ID",
-                "objectId",
-                "material_id",
-                "objectid.R",
-                "ObjectID.X",
-                "VRayMtlID",
-                "VRayRenderID.R",
-                "ViewLayer.IndexOB.X",
-                "crypto_object00.red",
-                "CryptoObject00.r",
-                "ViewLayer.CryptoMaterial02.a",
-                "cryptomatte01.R",
-                "uCryptoAsset.G",
-                "forward.u",
-                "backward.v",
-                "motion.X",
-                "Vector.X",
-                "ViewLayer.Vector.W",
-                "velocity.R",
-                "motionvector.x",
-                "disparityL.x",
-                "shape_index.Y",
-                "prim_index",
-                "nodeId3",
-                "flow.x",
-            ],
-        ),
-        (
-            Rule::Depth,
-            &[
-                "Z",
-                "z",
-                "ZBack",
-                "zback",
-                "depth.T",
-                "depth.R",
-                "Depth",
-                "ViewLayer.Depth.Z",
-                "VRayZDepth",
-                "camera_depth",
-                "beauty.Z",
-                "ViewLayer.Mist.Z",
-                "depth.Z",
-                "deep.ZBack",
-                "zDepth.R",
-            ],
-        ),
-        (
-            Rule::Keep,
-            &[
-                "mask",
-                "Mask",
-                "MASK",
-                "samples",
-                "SAMPLECOUNT",
-                "SampleCount",
-                "stats.samples",
-                "sample_count",
-                "ViewLayer.Debug Sample Count.X",
-            ],
-        ),
-    ];
-    for (expected, names) in table {
-        for name in *names {
+    for (expected, names) in NAMES {
+        for name in names.split('|') {
             assert_eq!(rule(&with(&[name]), name), *expected, "{name}");
         }
     }

@@ -1,6 +1,9 @@
 //! The headers of a file: version and flags, then per part the raw attributes and a checked view of the required ones.
 
+use std::borrow::Cow;
 use std::collections::HashSet;
+
+use lacuna_filters::Size;
 
 use super::bytes::Bytes;
 use super::grid::{Levels, chunks_of_all_levels};
@@ -48,9 +51,31 @@ pub struct ChannelHeader {
 }
 
 impl PartHeader {
+    /// Height and width of the data window.
+    pub fn size(&self) -> Size {
+        self.data_window.size()
+    }
+
+    /// The part's `name`, if it has one.
+    pub fn name(&self) -> Option<String> {
+        self.attributes.text("name")
+    }
+
+    /// The part's `view`, if it has one.
+    pub fn view(&self) -> Option<String> {
+        self.attributes.text("view")
+    }
+
     /// Bytes of one pixel with all its channels.
     pub(super) fn bytes_per_pixel(&self) -> u64 {
         self.channels.iter().map(|channel| channel.kind.bytes() as u64).sum()
+    }
+}
+
+impl ChannelHeader {
+    /// The name for people; bytes that are not UTF-8 become the replacement character.
+    pub fn display_name(&self) -> Cow<'_, str> {
+        String::from_utf8_lossy(&self.name)
     }
 }
 
@@ -274,7 +299,7 @@ fn channels(mut bytes: Bytes<'_>) -> Result<Vec<ChannelHeader>, Error> {
         if sampling != (1, 1) {
             return Err(Error::Unsupported {
                 what: format!(
-                    "subsampled channels ({shown} has every {}x{} pixel) are",
+                    "subsampled channels ({shown} has one sample for {}x{} pixels) are",
                     sampling.0, sampling.1
                 ),
                 remedy: "save it with full-resolution RGB channels in the application that made it \

@@ -13,6 +13,9 @@ use super::locate::{Location, locate, place};
 use super::source::Source;
 use super::{Channel, ChannelHeader, Error, Frame, Part, SampleType, Samples};
 
+/// Rows of chunks are decoded by as many at a time as have so many channels together.
+const MOST_SLICES: usize = 1 << 12;
+
 /// What reading a frame may take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
@@ -36,7 +39,7 @@ impl Default for Limits {
 pub fn read(path: &Path, limits: &Limits) -> Result<Frame, Error> {
     let source = Source::open(path)?;
     let headers = read_headers(&source)?;
-    let need = Need::of(&headers);
+    let need = Need::of(&headers.parts);
     if need.least() > limits.bytes {
         return Err(Error::TooLarge { needed: need.least(), limit: limits.bytes });
     }
@@ -57,6 +60,12 @@ pub fn read_header(path: &Path) -> Result<Vec<PartHeader>, Error> {
     Ok(read_headers(&Source::open(path)?)?.parts)
 }
 
+/// Bytes of memory that [`read`] takes at least for a frame with these parts, which is what [`Limits`] are compared
+/// with: pixels, tables, and the scratch of one thread.
+pub fn memory_needed(parts: &[PartHeader]) -> u64 {
+    Need::of(parts).least()
+}
+
 /// Parses ever longer beginnings of the file until one holds the headers.
 fn read_headers(source: &Source) -> Result<Headers, Error> {
     let mut length = 1_u64 << 15;
@@ -64,7 +73,9 @@ fn read_headers(source: &Source) -> Result<Headers, Error> {
         let mut bytes = vec![0; length.min(source.length) as usize];
         source.read(0, &mut bytes)?;
         match parse(&bytes) {
-            Err(Error::Truncated { .. }) if length < source.length && length < LARGEST_HEADER => length *= 8,
+            Err(Error::Truncated { .. }) if length < source.length && length < LARGEST_HEADER => {
+                length = LARGEST_HEADER.min(length * 8);
+            }
             Err(Error::Truncated { .. }) if length < source.length => {
                 return Err(Error::damaged("the header is larger than that of any real file"));
             }
@@ -82,9 +93,9 @@ struct Need {
 }
 
 impl Need {
-    fn of(headers: &Headers) -> Self {
+    fn of(parts: &[PartHeader]) -> Self {
         let mut need = Self { frame: 0, thread: 0 };
-        for part in &headers.parts {
+        for part in parts {
             let size = part.data_window.size();
             let grid = Grid::new(size, part.layout, part.compression);
             let bytes = |size: lacuna_filters::Size| {
@@ -92,7 +103,9 @@ impl Need {
             };
             let tables = grid.count().saturating_mul(24);
             need.frame = need.frame.saturating_add(bytes(size)).saturating_add(tables);
-            need.thread = need.thread.max(scratch_bytes(part.compression, bytes(grid.chunk), grid.chunk));
+            let scratch = scratch_bytes(part.compression, bytes(grid.chunk), grid.chunk);
+            let slices = size_of::<Rows<'_>>() * part.channels.len();
+            need.thread = need.thread.max(scratch.saturating_add(slices as u64));
         }
         need
     }
@@ -170,12 +183,13 @@ impl Reader<'_> {
         let grid = Grid::new(self.header.data_window.size(), self.header.layout, self.header.compression);
         let codec = Codec::new(self.header.compression, &self.header.channels);
         let width = self.header.data_window.size().width;
+        let channels = planes.len();
         let mut bands: Vec<_> =
             planes.iter_mut().map(|plane| plane.bands(grid.chunk.height * width)).collect();
         let mut chunk_rows = self.chunks.chunks(grid.columns()).enumerate();
         // All threads take part if memory allows; otherwise as many rows of chunks at a time as do fit.
-        let batch =
-            if self.threads < rayon::current_num_threads() { self.threads } else { 64 * self.threads };
+        let plenty = self.threads == rayon::current_num_threads();
+        let batch = if plenty { self.threads.max(MOST_SLICES / channels.max(1)) } else { self.threads };
         loop {
             let rows = chunk_rows.by_ref().take(batch);
             let work: Vec<ChunkRow<'_>> = rows

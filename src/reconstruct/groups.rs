@@ -32,6 +32,8 @@ pub struct Group {
     pub mask: Arc<Mask>,
     /// Whether they are light: not an alpha, a matte, a position or a normal.
     pub light: bool,
+    /// Whether they are components of normals.
+    pub normal: bool,
 }
 
 /// The channels of a part that miss something, with the masks that are true for their values.
@@ -92,21 +94,23 @@ pub fn usable(rule: Rule, samples: &Samples, mask: &Arc<Mask>) -> Result<Arc<Mas
 
 /// The groups that go through the filter, in the order of their first channels.
 pub fn groups(frame: &Frame, part: usize, targets: &[Target]) -> Vec<Group> {
-    let mut groups: Vec<(String, Rule, Group)> = Vec::new();
+    let mut groups: Vec<(String, Group)> = Vec::new();
     for target in targets.iter().filter(|target| matches!(target.rule, Rule::Fill | Rule::Normal)) {
         let name = frame.parts[part].channels[target.channel].display_name();
         let layer = Name::new(&name).layer;
+        let normal = target.rule == Rule::Normal;
         let light = target.rule == Rule::Fill && channels::is_light(&name);
-        let same = groups.iter_mut().find(|(other, rule, group)| {
-            let alike = *rule == target.rule && group.light == light;
+        let same = groups.iter_mut().find(|(other, group)| {
+            let alike = group.normal == normal && group.light == light;
             other == layer && alike && Arc::ptr_eq(&group.mask, &target.mask)
         });
-        if let Some((_, _, group)) = same {
+        if let Some((_, group)) = same {
             group.channels.push(target.channel);
         } else {
-            let group = Group { channels: vec![target.channel], mask: Arc::clone(&target.mask), light };
-            groups.push((layer.to_owned(), target.rule, group));
+            let mask = Arc::clone(&target.mask);
+            let group = Group { channels: vec![target.channel], mask, light, normal };
+            groups.push((layer.to_owned(), group));
         }
     }
-    groups.into_iter().map(|(_, _, group)| group).collect()
+    groups.into_iter().map(|(_, group)| group).collect()
 }

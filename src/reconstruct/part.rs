@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use lacuna_filters::{Mask, Plane, Planes, Run};
 
-use super::bounds::{self, Bounds};
+use super::bounds::{Bounds, bounds_of};
 use super::groups::{Group, Target, groups, targets};
-use super::{ChannelReport, Error, GroupReport, Job, PartReport, Plans, domain, normals, values};
+use super::solve::{Question, solve};
+use super::{ChannelReport, Error, GroupReport, Job, PartReport, Plans, normals, values};
 use crate::channels::{self, Choice, Rule, channel_label};
 use crate::frame::{Frame, Part, Samples};
 use crate::mask::Masks;
@@ -131,29 +132,29 @@ fn filter(
         planes.push(Plane::new(mask.size(), values).map_err(fail)?);
     }
     let samples = Planes::new(mask.size(), planes).map_err(fail)?;
-    let plan = work.plans.filter(&work.job.method, mask, work.run).map_err(fail)?;
-    let solve = |samples: &Planes, out: &mut Planes| plan.reconstruct(samples, None, out, work.run);
-    let asked = if group.light { work.job.domain } else { domain::Domain::Linear };
-    let limit = work.job.limit && group.light;
-    let result = domain::reconstruct(&samples, mask, asked, limit, solve).map_err(fail)?;
-    let names = group.channels.iter().map(|&at| part.channels[at].display_name().into_owned());
-    done.report.groups.push(GroupReport {
-        channels: names.collect(),
-        log_domain: result.log,
-        outcome: result.outcome,
-    });
-    let mut filled = Vec::new();
-    let parts = samples.into_vec().into_iter().zip(result.planes.into_vec()).zip(result.limited);
-    for (&channel, ((samples, values), limited)) in group.channels.iter().zip(parts) {
-        let Some(target) = targets.iter().find(|target| target.channel == channel) else { continue };
-        let (samples, mut values) = (samples.into_pixels(), values.into_pixels());
-        let name = part.channels[channel].display_name();
-        mend(work, mask, &samples, &mut values, &name, done).map_err(fail)?;
-        let bounds = if target.rule == Rule::Fill { bounds::bounds_of(&name) } else { Bounds::Free };
-        let moved = bounds::apply(bounds, &samples, mask, &mut values);
-        filled.push(Filled { target: target.clone(), samples, values, limited: limited + moved });
+    let names: Vec<_> =
+        group.channels.iter().map(|&at| part.channels[at].display_name().into_owned()).collect();
+    let bounds = names.iter().map(|name| if group.normal { Bounds::Free } else { bounds_of(name) });
+    let question = Question { mask, light: group.light, limit: !group.normal, bounds: bounds.collect() };
+    let answer = solve(&question, &samples, work.job, work.plans, work.run).map_err(fail)?;
+    if answer.mended > 0 {
+        done.notes.push(format!(
+            "{}: {} values overflowed in the filter and took the nearest measured one",
+            names.join(", "),
+            answer.mended
+        ));
     }
-    Ok(filled)
+    done.report.groups.push(GroupReport {
+        channels: names,
+        domain: answer.map.name(),
+        outcome: answer.outcome,
+    });
+    let planes = samples.into_vec().into_iter().zip(answer.planes.into_vec()).zip(answer.limited);
+    let filled = group.channels.iter().zip(planes).filter_map(|(&channel, ((samples, values), limited))| {
+        let target = targets.iter().find(|target| target.channel == channel)?.clone();
+        Some(Filled { target, samples: samples.into_pixels(), values: values.into_pixels(), limited })
+    });
+    Ok(filled.collect())
 }
 
 /// A channel's measured values, zero elsewhere.
@@ -165,31 +166,6 @@ fn measured_floats(samples: &Samples, mask: &Mask) -> Result<Vec<f32>, Error> {
         }
     }
     Ok(values)
-}
-
-/// Values near the end of a float's range can overflow inside a filter; such pixels take the nearest measured value.
-fn mend(
-    work: &Work<'_>,
-    mask: &Arc<Mask>,
-    samples: &[f32],
-    values: &mut [f32],
-    name: &str,
-    done: &mut Done,
-) -> Result<(), lacuna_filters::Error> {
-    let bad = values.iter().filter(|value| !value.is_finite()).count();
-    if bad == 0 {
-        return Ok(());
-    }
-    let nearest = work.plans.nearest(mask)?;
-    for (value, &source) in values.iter_mut().zip(nearest.as_slice()) {
-        if !value.is_finite() {
-            *value = samples[source as usize];
-        }
-    }
-    done.notes.push(format!(
-        "channel {name}: {bad} pixels overflowed in the filter and took the nearest measured value"
-    ));
-    Ok(())
 }
 
 /// Gives every whole normal unit length.

@@ -67,8 +67,8 @@ pub struct ChannelReport {
 pub struct GroupReport {
     /// The channels' full names.
     pub channels: Vec<String>,
-    /// Whether the group was reconstructed in the log domain.
-    pub log_domain: bool,
+    /// The domain that it was reconstructed in: `linear` or `log`.
+    pub domain: &'static str,
     /// How the solver ended.
     pub outcome: Outcome,
 }

@@ -15,8 +15,8 @@ pub enum RangeError {
     /// A part is neither a number nor a range.
     #[error("'{0}' is not a frame or a range such as 1-10, 1-10x2 or 1,5,9-12")]
     Syntax(String),
-    /// The step is zero or less.
-    #[error("the step of '{0}' must be 1 or more")]
+    /// The step is zero, or negative in a range that ascends.
+    #[error("the step of '{0}' must be 1 or more (a range that descends takes a negative one as well)")]
     Step(String),
     /// There are too many frames.
     #[error("more than {MOST} frames")]
@@ -58,24 +58,24 @@ impl FromStr for Frames {
 fn range(part: &str) -> Result<(i64, i64, u64), RangeError> {
     let syntax = || RangeError::Syntax(part.into());
     let (ends, step) = match part.split_once(['x', ':']) {
-        Some((ends, step)) => {
-            let step: i64 = step.parse().map_err(|_| syntax())?;
-            (ends, u64::try_from(step).ok().filter(|&step| step > 0))
-        }
-        None => (part, Some(1)),
+        Some((ends, step)) => (ends, step.parse::<i32>().map_err(|_| syntax())?),
+        None => (part, 1),
     };
-    let step = step.ok_or_else(|| RangeError::Step(part.into()))?;
     // A minus sign at the start belongs to the number; the next one separates.
     let dash = ends.char_indices().skip(1).find(|&(_, c)| c == '-').map(|(at, _)| at);
     let number = |text: &str| match text.parse::<i32>() {
         Ok(number) if !text.starts_with('+') => Ok(i64::from(number)),
         _ => Err(syntax()),
     };
-    match dash {
-        Some(at) => Ok((number(&ends[..at])?, number(&ends[at + 1..])?, step)),
-        None if part.len() == ends.len() => number(ends).map(|only| (only, only, step)),
-        None => Err(syntax()),
+    let (first, last) = match dash {
+        Some(at) => (number(&ends[..at])?, number(&ends[at + 1..])?),
+        None if part.len() == ends.len() => number(ends).map(|only| (only, only))?,
+        None => return Err(syntax()),
+    };
+    if step == 0 || (step < 0 && last >= first) {
+        return Err(RangeError::Step(part.into()));
     }
+    Ok((first, last, u64::from(step.unsigned_abs())))
 }
 
 #[cfg(test)]
@@ -95,6 +95,7 @@ mod tests {
         assert_eq!(frames("1-10:4"), [1, 5, 9]);
         assert_eq!(frames("4-1"), [4, 3, 2, 1]);
         assert_eq!(frames("10-1x4"), [10, 6, 2]);
+        assert_eq!(frames("10-1x-4"), [10, 6, 2]);
         assert_eq!(frames("1,5,9-12"), [1, 5, 9, 10, 11, 12]);
         assert_eq!(frames("-3--1"), [-3, -2, -1]);
         assert_eq!(frames("-1--3"), [-1, -2, -3]);
@@ -116,7 +117,7 @@ mod tests {
             assert!(matches!(text.parse::<Frames>(), Err(RangeError::Syntax(_))), "{text}");
         }
         assert!(matches!("1-10x0".parse::<Frames>(), Err(RangeError::Step(_))));
-        assert!(matches!("10-1x-2".parse::<Frames>(), Err(RangeError::Step(_))));
+        assert!(matches!("1-10x-2".parse::<Frames>(), Err(RangeError::Step(_))));
         assert_eq!("1-2000000".parse::<Frames>(), Err(RangeError::TooMany));
     }
 }
