@@ -126,6 +126,20 @@ pub struct Histogram {
     pub counts: Vec<u64>,
 }
 
+impl Histogram {
+    /// The decimal logarithm at the middle of the bin that holds the median.
+    pub fn median(&self) -> f64 {
+        let half = self.counts.iter().sum::<u64>().div_ceil(2);
+        let mut sum = 0;
+        let reached = |count: &u64| {
+            sum += count;
+            sum >= half
+        };
+        let bin = self.counts.iter().position(reached).unwrap_or(0);
+        self.from + self.step * (bin as f64 + 0.5)
+    }
+}
+
 /// The DFT magnitudes of an image and of its derivatives along x and y (forward differences), each brought to the range
 /// [0, 1] before, as in figure 3.2 of the thesis. Magnitudes are divided by the number of pixels.
 pub fn magnitudes(image: &Plane) -> [Histogram; 3] {
