@@ -21,6 +21,7 @@ mod kernel;
 pub mod limiter;
 mod mask;
 mod method;
+mod operator;
 mod outcome;
 mod plane;
 pub mod prox;
