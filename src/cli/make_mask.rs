@@ -11,8 +11,8 @@ use super::run::SpeechArgs;
 use crate::frame::Window;
 use crate::mask::Source;
 use crate::mask::generate::Request;
-use crate::sequence::{BoundFiles, MaskJob, MaskOutput, MaskTask};
 use crate::sequence::range::Frames;
+use crate::sequence::{BoundFiles, MaskJob, MaskOutput, MaskTask};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -44,7 +44,7 @@ pub struct MakeMaskArgs {
     #[command(flatten)]
     output: OutputArgs,
 
-    /// Threads in all; 0 takes what the machine, a cgroup limit and SLURM_CPUS_PER_TASK allow
+    /// Threads in all; 0 takes what the machine, a cgroup limit and the batch system allow
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Run")]
     threads: usize,
 
@@ -129,7 +129,7 @@ struct AfterArgs {
 struct MeasureArgs {
     /// Print density, star discrepancy, distances and the largest hole; -o FILE.png plots the power spectrum
     #[arg(long, value_name = "MASK[:CHANNEL]", num_args = 0..=1, conflicts_with = "density")]
-    measure: Option<Option<Source>>,
+    measure: Option<Vec<Source>>,
 
     /// With --measure: coherence of 64 x 64 sensing matrices (partial Fourier, wavelets with and without blur) over
     /// densities, as figure 3.1 of the thesis; takes minutes
@@ -219,7 +219,7 @@ impl MakeMaskArgs {
                 output: self.output.needed()?,
             }
         } else if let Some(mask) = &self.measure.measure {
-            self.measuring(mask.as_ref())?
+            self.measuring(mask.first())?
         } else {
             self.generating()?
         };
@@ -227,9 +227,10 @@ impl MakeMaskArgs {
     }
 
     fn generating(&self) -> Result<MaskTask, Usage> {
-        let size = self.pattern.size.ok_or_else(|| {
-            Usage("--size WxH is needed (or --after, --merge, --measure)".into())
-        })?;
+        let size = self
+            .pattern
+            .size
+            .ok_or_else(|| Usage("--size WxH is needed (or --after, --merge, --measure)".into()))?;
         let density = match (self.pattern.density, self.pattern.rank) {
             (Some(density), _) => density,
             (None, true) => 1.0,

@@ -41,8 +41,9 @@ pub fn next(
     seed: u64,
     bounds: impl FnOnce(Window) -> Result<Bounds, MakeError>,
 ) -> Result<Next, MakeError> {
-    let (index, channels, measured) = subject(frame, masks, choices)
-        .ok_or_else(|| MakeError::Other("no colour with a sampling mask: nothing to estimate an error of".into()))?;
+    let (index, channels, measured) = subject(frame, masks, choices).ok_or_else(|| {
+        MakeError::Other("no colour with a sampling mask: nothing to estimate an error of".into())
+    })?;
     let part = &frame.parts[index];
     let (size, window) = (part.size(), part.data_window);
     let planes: Vec<Vec<f32>> = channels.iter().map(|&channel| floats(part, channel)).collect();
@@ -63,7 +64,9 @@ pub fn next(
     let count = (add * size.pixels() as f64).round() as usize;
     let pixels = estimate.next(count, field(window), seed, missing);
     let mut flags = vec![false; size.pixels()];
-    pixels.iter().for_each(|&pixel| flags[pixel] = true);
+    for &pixel in &pixels {
+        flags[pixel] = true;
+    }
     Ok(Next { window, pixels, mask: Mask::new(size, flags)?, measured, error: estimate.error() })
 }
 
@@ -74,7 +77,8 @@ fn subject(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Option<(usi
             .filter(|&channel| choices[channel].rule == Rule::Fill && masks.get(index, channel).is_some())
             .filter(|&channel| !matches!(part.channels[channel].samples, Samples::Uint(_)))
             .collect();
-        let is_colour = |channel: &usize| matches!(part.channels[*channel].name.as_slice(), b"R" | b"G" | b"B");
+        let is_colour =
+            |channel: &usize| matches!(part.channels[*channel].name.as_slice(), b"R" | b"G" | b"B");
         let colour: Vec<usize> = filled.iter().copied().filter(is_colour).collect();
         let channels = if colour.is_empty() { filled } else { colour };
         let mask = masks.get(index, *channels.first()?)?.clone();

@@ -56,7 +56,10 @@ pub fn crops(mask: &Mask, window: Window, overhead: usize) -> Crops {
         y: i64::from(window.y_min) + area.top as i64,
         width: area.right - area.left,
         height: area.bottom - area.top,
-        measured: area.rows().map(|row| mask.row(row)[area.left..area.right].iter().filter(|m| **m).count()).sum(),
+        measured: area
+            .rows()
+            .map(|row| mask.row(row)[area.left..area.right].iter().filter(|m| **m).count())
+            .sum(),
     };
     Crops {
         x: window.x_min,
@@ -123,7 +126,11 @@ fn cut(mask: &Mask, area: Area, overhead: usize, out: &mut Vec<Area>) -> usize {
     // Nothing smaller than two overheads can be worth two rectangles.
     let mut parts = usize::MAX;
     if area.pixels() > overhead {
-        parts = halves.into_iter().filter_map(|half| shrink(mask, half)).map(|half| cut(mask, half, overhead, out)).sum();
+        parts = halves
+            .into_iter()
+            .filter_map(|half| shrink(mask, half))
+            .map(|half| cut(mask, half, overhead, out))
+            .sum();
     }
     if parts < whole {
         return parts;

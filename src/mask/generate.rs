@@ -84,7 +84,8 @@ pub fn generate(request: &Request, frame: i64, bounds: &Bounds) -> Result<Mask, 
 pub fn order(request: &Request, frame: i64) -> Rank<'static> {
     let field = field(request.window);
     let offset = if request.temporal == Temporal::Offset { frame } else { 0 };
-    let start = if request.temporal == Temporal::Complementary { frame as f64 * request.density } else { 0.0 };
+    let start =
+        if request.temporal == Temporal::Complementary { frame as f64 * request.density } else { 0.0 };
     match Order::new(request.pattern, field, request.seed, offset) {
         Some(order) => Box::new(move |row, column| (order.rank(row, column) - start).rem_euclid(1.0)),
         None => shuffled(field, request.seed),
@@ -147,7 +148,8 @@ pub fn region(path: &str, channel: Option<&str>, window: Window) -> Result<Mask,
     let fail = |why: String| MakeError::Other(format!("{path}: {why}"));
     let is_png = Path::new(path).extension().is_some_and(|end| end.eq_ignore_ascii_case("png"));
     if !is_png {
-        let frame = frame::read(Path::new(path), &Limits::default()).map_err(|error| fail(error.to_string()))?;
+        let frame =
+            frame::read(Path::new(path), &Limits::default()).map_err(|error| fail(error.to_string()))?;
         return of_frame(&frame, channel, window).map_err(fail);
     }
     let image = image::open(path).map_err(|error| fail(error.to_string()))?.into_luma16();
@@ -169,7 +171,10 @@ pub fn load(path: &str, channel: Option<&str>) -> Result<Mask, MakeError> {
     if Path::new(path).extension().is_some_and(|end| end.eq_ignore_ascii_case("png")) {
         let image = image::open(path).map_err(|error| fail(error.to_string()))?.into_luma16();
         let size = Size::new(image.height() as usize, image.width() as usize);
-        return Ok(Mask::new(size, image.into_raw().into_iter().map(|value| value > u16::MAX / 2).collect())?);
+        return Ok(Mask::new(
+            size,
+            image.into_raw().into_iter().map(|value| value > u16::MAX / 2).collect(),
+        )?);
     }
     let frame = frame::read(Path::new(path), &Limits::default())?;
     let (part, samples) = pick(&frame, channel).map_err(fail)?;

@@ -95,12 +95,11 @@ fn over(
     let mut found: Vec<Coherence> = Vec::new();
     for (pattern, density, mask) in masks {
         let Some(value) = coherence(mask)? else { continue };
-        match found.last_mut().filter(|last| last.pattern == pattern.name()) {
-            Some(last) => last.values.push((*density, value)),
-            None => {
-                let values = vec![(*density, value)];
-                found.push(Coherence { basis, sigma, pattern: pattern.name(), values });
-            }
+        if let Some(last) = found.last_mut().filter(|last| last.pattern == pattern.name()) {
+            last.values.push((*density, value));
+        } else {
+            let values = vec![(*density, value)];
+            found.push(Coherence { basis, sigma, pattern: pattern.name(), values });
         }
     }
     Ok(found)
@@ -118,7 +117,9 @@ impl Judgement {
             let most = histograms.iter().flat_map(|h| h.counts.iter().copied()).max().unwrap_or(1) as f64;
             let curve = |h: &Histogram| {
                 let points = h.counts.iter().enumerate();
-                points.map(|(bin, count)| (h.from + h.step * (bin as f64 + 0.5), *count as f64 / most)).collect()
+                points
+                    .map(|(bin, count)| (h.from + h.step * (bin as f64 + 0.5), *count as f64 / most))
+                    .collect()
             };
             return Some(Plot {
                 x: (-10.0, 0.0),
@@ -150,7 +151,11 @@ impl fmt::Display for Judgement {
             writeln!(f, "star discrepancy      {:.6}", m.star_discrepancy)?;
             if let Some(nearest) = &m.nearest {
                 let (mean, deviation) = (nearest.mean, nearest.standard_deviation);
-                writeln!(f, "nearest neighbour     least {:.3}, mean {mean:.3}, standard deviation {deviation:.3} pixels", nearest.minimum)?;
+                writeln!(
+                    f,
+                    "nearest neighbour     least {:.3}, mean {mean:.3}, standard deviation {deviation:.3} pixels",
+                    nearest.minimum
+                )?;
             }
             if let Some(hole) = m.largest_hole {
                 writeln!(f, "largest hole          {hole:.3} pixels (radius)")?;

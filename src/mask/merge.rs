@@ -57,11 +57,15 @@ pub fn merge(a: (Frame, &Masks), b: (&Frame, &Masks)) -> Result<Merged, MakeErro
                 (None, None) => {
                     let name = part.channels[channel].display_name();
                     if !part.channels[channel].samples.same_bits(&other.channels[channel].samples) {
-                        notes.push(format!("{label}: {name} has no mask and differs: the first render's is kept"));
+                        notes.push(format!(
+                            "{label}: {name} has no mask and differs: the first render's is kept"
+                        ));
                     }
                 }
                 _ => {
-                    return Err(MakeError::Other(format!("{label}: only one of the renders has a mask for it")));
+                    return Err(MakeError::Other(format!(
+                        "{label}: only one of the renders has a mask for it"
+                    )));
                 }
             }
         }
@@ -81,9 +85,8 @@ fn same_form(a: &Part, b: &Part) -> Result<(), String> {
     if a.data_window != b.data_window {
         return Err("the data windows differ".into());
     }
-    let form = |part: &Part| {
-        part.channels.iter().map(|c| (c.name.clone(), c.samples.kind())).collect::<Vec<_>>()
-    };
+    let form =
+        |part: &Part| part.channels.iter().map(|c| (c.name.clone(), c.samples.kind())).collect::<Vec<_>>();
     if form(a) == form(b) { Ok(()) } else { Err("the channels or their types differ".into()) }
 }
 
@@ -109,11 +112,15 @@ fn take(target: &mut Samples, source: &Samples, from: impl Fn(usize) -> bool) {
 
 /// Writes a mask into its channel.
 fn set(samples: &mut Samples, mask: &Mask) {
-    let flags = mask.as_slice().iter();
+    fn flags<T: Copy>(values: &mut [T], mask: &Mask, missing: T, measured: T) {
+        for (value, &flag) in values.iter_mut().zip(mask.as_slice()) {
+            *value = if flag { measured } else { missing };
+        }
+    }
     match samples {
-        Samples::Half(values) => values.iter_mut().zip(flags).for_each(|(v, &m)| *v = f16::from_f32(f32::from(u8::from(m)))),
-        Samples::Float(values) => values.iter_mut().zip(flags).for_each(|(v, &m)| *v = f32::from(u8::from(m))),
-        Samples::Uint(values) => values.iter_mut().zip(flags).for_each(|(v, &m)| *v = u32::from(m)),
+        Samples::Half(values) => flags(values, mask, f16::ZERO, f16::ONE),
+        Samples::Float(values) => flags(values, mask, 0.0, 1.0),
+        Samples::Uint(values) => flags(values, mask, 0, 1),
     }
 }
 

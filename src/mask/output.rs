@@ -19,7 +19,7 @@ use crate::frame::{
 /// What the extension of an output asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// OpenEXR.
+    /// `OpenEXR`.
     Exr,
     /// Portable network graphics.
     Png,
@@ -41,7 +41,10 @@ impl Format {
             "png" => Ok(Self::Png),
             "txt" => Ok(Self::Text),
             "json" => Ok(Self::Json),
-            _ => Err(MakeError::Other(format!("'{}' does not end in .exr, .png, .txt or .json", path.display()))),
+            _ => Err(MakeError::Other(format!(
+                "'{}' does not end in .exr, .png, .txt or .json",
+                path.display()
+            ))),
         }
     }
 }
@@ -129,7 +132,13 @@ pub fn write_floats(
     }
 }
 
-fn write_exr(path: &Path, name: &str, samples: Samples, window: Window, how: &Writing) -> Result<(), MakeError> {
+fn write_exr(
+    path: &Path,
+    name: &str,
+    samples: Samples,
+    window: Window,
+    how: &Writing,
+) -> Result<(), MakeError> {
     let mut attributes = Attributes::default();
     if name == "mask" {
         attributes.set_text(ATTRIBUTE, name);

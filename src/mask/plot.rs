@@ -63,7 +63,12 @@ impl Plot {
         for (index, curve) in self.curves.iter().enumerate() {
             let grey = (index * 90).min(180) as u8;
             for pair in curve.windows(2) {
-                line(&mut image, (across(pair[0].0), up(pair[0].1)), (across(pair[1].0), up(pair[1].1)), grey);
+                line(
+                    &mut image,
+                    (across(pair[0].0), up(pair[0].1)),
+                    (across(pair[1].0), up(pair[1].1)),
+                    grey,
+                );
             }
         }
         image

@@ -157,7 +157,9 @@ fn generate(
     let pattern = Pattern::parse(text).map_err(|error| PlanError::Usage(error.to_string()))?;
     let Some(pattern) = pattern else {
         let path = output.path.display();
-        return Err(PlanError::Usage(format!("--frames needs a pattern to write to, such as {path}.####.exr")));
+        return Err(PlanError::Usage(format!(
+            "--frames needs a pattern to write to, such as {path}.####.exr"
+        )));
     };
     let (first, mut status) = (frames.first().copied().unwrap_or(0), 0);
     console.begin(frames.len() as u64);
@@ -167,7 +169,8 @@ fn generate(
             lacuna_filters::sampling::Temporal::Complementary => number - first,
             _ => number,
         };
-        let done = one(request, rank, frame, &bounds.of_frame(number), &pattern.path(number), output, console);
+        let done =
+            one(request, rank, frame, &bounds.of_frame(number), &pattern.path(number), output, console);
         if let Err(error) = done {
             console.error(&error.to_string());
             status = 1;
@@ -221,10 +224,11 @@ fn read(path: &Path, source: &Source) -> Result<(Frame, Masks), PlanError> {
     let limits = Limits::default();
     let frame = frame::read(path, &limits).map_err(|error| fail(error.into()))?;
     let file = match source {
-        Source::File { pattern, .. } => Some(
-            masks::read(pattern.as_ref(), limits)
-                .map_err(|failure| PlanError::Failed(format!("{}: {}", failure.file.display(), failure.text)))?,
-        ),
+        Source::File { pattern, .. } => {
+            Some(masks::read(pattern.as_ref(), limits).map_err(|failure| {
+                PlanError::Failed(format!("{}: {}", failure.file.display(), failure.text))
+            })?)
+        }
         _ => None,
     };
     let masks = mask::find(&frame, source, file.as_ref()).map_err(|error| fail(error.into()))?;
