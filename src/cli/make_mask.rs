@@ -61,7 +61,7 @@ struct PatternArgs {
     size: Option<Geometry>,
 
     /// Measured pixels over all pixels (of the region), 0 to 1
-    #[arg(long, value_name = "D", value_parser = fraction)]
+    #[arg(long, value_name = "D", value_parser = fraction, allow_negative_numbers = true)]
     density: Option<f64>,
 
     /// How the pixels lie
@@ -107,7 +107,7 @@ struct AfterArgs {
     after: Option<PathBuf>,
 
     /// Pixels to compute next over all pixels, 0 to 1
-    #[arg(long, value_name = "D", value_parser = fraction, requires = "after")]
+    #[arg(long, value_name = "D", value_parser = fraction, allow_negative_numbers = true, requires = "after")]
     add: Option<f64>,
 
     /// Write the estimated error of the fill as an image, .exr (channel error) or .png
