@@ -1,5 +1,11 @@
 //! `lacuna mask` through the binary: patterns, ranks, frames, two passes, measures, refusals.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::float_cmp,
+    reason = "helpers of tests fail by panicking; a mask holds 0 and 1"
+)]
+
 mod common;
 
 use std::collections::HashSet;

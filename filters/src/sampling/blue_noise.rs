@@ -9,8 +9,9 @@
 //! void) until nothing moves. Taking the tightest cluster away again and again gives the ranks below that; putting
 //! one into the largest void the ranks above. Since the energy of the missing pixels is a constant less that of the
 //! measured, the third phase of the paper (the clusters of the minority above one half) is the same as the second.
-//! sigma is 1.5 pixels, as in the paper, down to a tenth; below, where samples would no longer feel each other,
-//! 0.475 times their spacing, renewed at every halving of their number.
+//! sigma is 0.475 spacings of the samples (1.5 pixels, the paper's value, at a tenth; 0.9 at least) and follows their number
+//! in steps of a fourth root of two: with one value for all, samples would not feel each other at low densities, and at 20 %
+//! fills are 0.2 dB worse.
 //!
 //! Properties: no energy at low frequencies, none in peaks; periodic with 128 pixels. Cost: 0.2 s for a tile, then two table
 //! look-ups a pixel; 64 KiB. Fails: the period may be seen at densities below 0.001.
@@ -25,9 +26,10 @@ pub const PERIOD: usize = 128;
 const PIXELS: usize = PERIOD * PERIOD;
 /// Measured pixels at the start: a tenth.
 const START: usize = PIXELS / 10;
-/// The width of the energy in spacings of the samples: 1.5 pixels at a tenth.
+/// The width of the energy in spacings of the samples.
 const SPREAD: f64 = 0.475;
-const SIGMA: f64 = 1.5;
+/// And in pixels at least.
+const LEAST: f64 = 0.9;
 
 /// The order of one tile.
 #[derive(Clone, PartialEq, Eq)]
@@ -45,7 +47,7 @@ impl Tile {
     /// The tile of a seed.
     pub fn new(seed: u64) -> Self {
         let order = Permutation::new(PIXELS as u64, seed);
-        let mut field = Energy::new(SIGMA);
+        let mut field = Energy::new(width_for(START));
         for place in 0..START {
             field.put(order.apply(place as u64) as usize);
         }
@@ -53,12 +55,13 @@ impl Tile {
         let mut ranks = vec![0; PIXELS];
         let mut below = field.clone();
         for rank in (0..START).rev() {
-            below.widen(rank + 1);
+            below.fit(rank + 1);
             let cluster = below.tightest_cluster();
             below.take(cluster);
             ranks[cluster] = rank as u16;
         }
         for rank in START..PIXELS {
+            field.fit(rank);
             let void = field.largest_void();
             field.put(void);
             ranks[void] = rank as u16;
@@ -74,6 +77,11 @@ impl Tile {
         // 14 bits of place above the tile's: the sum must stay below the next place.
         ((f64::from(self.ranks[place]) + tile) / PIXELS as f64).min(1.0_f64.next_down())
     }
+}
+
+/// The width of the energy for so many samples of the tile.
+fn width_for(count: usize) -> f64 {
+    (SPREAD * (PIXELS as f64 / count as f64).sqrt()).max(LEAST)
 }
 
 /// The energy of a set of pixels of the torus.
@@ -174,19 +182,19 @@ impl Energy {
         }
     }
 
-    /// Widens the kernel for `count` samples, once it has become half too narrow in area.
-    fn widen(&mut self, count: usize) {
-        let sigma = SPREAD * (PIXELS as f64 / count as f64).sqrt();
-        if sigma < self.sigma * std::f64::consts::SQRT_2 {
+    /// Renews the kernel once it is a fourth root of two too wide or too narrow for `count` samples.
+    fn fit(&mut self, count: usize) {
+        let ratio = width_for(count) / self.sigma;
+        if ratio.max(ratio.recip()) < 2_f64.powf(0.25) {
             return;
         }
-        let mut wide = Self::new(sigma);
+        let mut fitting = Self::new(width_for(count));
         for pixel in 0..PIXELS {
             if self.measured[pixel] {
-                wide.put(pixel);
+                fitting.put(pixel);
             }
         }
-        *self = wide;
+        *self = fitting;
     }
 }
 

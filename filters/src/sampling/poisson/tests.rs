@@ -42,32 +42,28 @@ fn samples_keep_the_distance_of_the_density() {
 }
 
 #[test]
-fn is_maximal_but_for_the_dropped() {
-    // No hole: every pixel lies within the larger radius of a sample, but for the 1 % dropped.
-    let size = Size::new(120, 130);
-    let taken = throw(size, 6.3, 9);
-    let (small, large) = neighbours(6.3);
-    assert_eq!((small, large), (5, 8));
-    for row in 0..size.height {
-        for column in 0..size.width {
-            let near = (0..size.pixels()).filter(|&pixel| taken[pixel]).any(|pixel| {
-                (pixel / size.width).abs_diff(row).pow(2) + (pixel % size.width).abs_diff(column).pow(2)
-                    < large as usize
-            });
-            assert!(near, "{row} {column}");
+fn a_pass_is_maximal_and_keeps_the_distance() {
+    let size = Size::new(90, 70);
+    let mut set = Set::new(size);
+    for squared in [8, 5] {
+        set.pass(squared, 9);
+        let samples: Vec<usize> = (0..size.pixels()).filter(|&pixel| set.taken[pixel]).collect();
+        for pixel in 0..size.pixels() {
+            let distance =
+                |a: usize| (a / 70).abs_diff(pixel / 70).pow(2) + (a % 70).abs_diff(pixel % 70).pow(2);
+            let least = samples.iter().filter(|&&a| a != pixel).map(|&a| distance(a)).min().unwrap();
+            assert_eq!(least >= squared as usize, set.taken[pixel], "{pixel}");
         }
     }
 }
 
 #[test]
-fn few_are_dropped() {
-    for density in [0.05, 0.2, 0.5] {
-        let size = Size::new(300, 310);
-        let wanted = density * size.pixels() as f64;
-        let squared = solve(size, wanted, density, 4);
-        let count = count(&throw(size, squared, 4)) as f64;
-        assert!(count >= wanted && count < 1.01 * wanted, "{density}: {count} for {wanted}");
+fn radii_are_sums_of_two_squares() {
+    let sums = [1, 2, 4, 5, 8, 9, 10, 13, 16, 17, 18, 20, 25];
+    for pair in sums.windows(2) {
+        assert_eq!((sum_of_squares_above(pair[0]), sum_of_squares_below(pair[1])), (pair[1], pair[0]));
     }
+    assert_eq!((sum_of_squares_above(0), sum_of_squares_below(1)), (1, 1));
 }
 
 #[test]
