@@ -8,6 +8,7 @@ pub mod fill;
 pub mod filter;
 pub mod info;
 pub mod input;
+pub mod make_mask;
 pub mod mask;
 pub mod output;
 pub mod run;
@@ -19,7 +20,7 @@ use std::ffi::OsString;
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
-use crate::sequence::{FillJob, InfoJob, SparsifyJob, VerifyJob};
+use crate::sequence::{FillJob, InfoJob, MaskJob, SparsifyJob, VerifyJob};
 
 /// A command line that contradicts itself: exit status 2.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -42,6 +43,7 @@ enum Command {
     Info(info::InfoArgs),
     Verify(verify::VerifyArgs),
     Sparsify(sparsify::SparsifyArgs),
+    Mask(Box<make_mask::MakeMaskArgs>),
 }
 
 /// What is to be done.
@@ -55,6 +57,8 @@ pub enum Job {
     Verify(VerifyJob),
     /// Make sparse frames.
     Sparsify(SparsifyJob),
+    /// Make, unite or measure masks.
+    Mask(Box<MaskJob>),
 }
 
 /// Why a command line is no job.
@@ -108,6 +112,7 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Job, Ending> {
         Command::Info(args) => ("info", Ok(Job::Info(args.job()))),
         Command::Verify(args) => ("verify", Ok(Job::Verify(args.job()))),
         Command::Sparsify(args) => ("sparsify", args.job().map(Job::Sparsify)),
+        Command::Mask(args) => ("mask", args.job().map(|job| Job::Mask(Box::new(job)))),
     };
     job.map_err(|usage| Ending::usage(name, &usage.to_string()))
 }

@@ -11,6 +11,7 @@ mod error;
 mod grid;
 mod header;
 mod locate;
+mod other;
 mod read;
 #[cfg(test)]
 mod samples_for_tests;
@@ -24,6 +25,7 @@ pub use error::Error;
 use half::f16;
 pub use header::{ChannelHeader, PartHeader};
 use lacuna_filters::Size;
+pub use other::write_other;
 pub use read::{Limits, memory_needed, read, read_header};
 pub use temporary::{remove_temporaries, temporary_owner};
 pub use write::{WriteOptions, write};
