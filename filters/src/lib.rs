@@ -18,6 +18,7 @@ mod filter;
 mod kernel;
 mod mask;
 mod method;
+pub mod metric;
 mod outcome;
 mod plane;
 mod run;
