@@ -85,7 +85,7 @@ fn tone(x: f32) -> f32 {
 }
 
 /// The exposures at which a reference is looked at: from its brightest luminance just below white to its median
-/// (of what is not black) there, at most a stop apart (the short paper, section 3; its median counts black as well,
+/// (of what is not black) there (the short paper, section 3; its median counts black as well,
 /// and so sends a frame with a black background through twenty stops in which nothing is left to see).
 pub fn exposures_of(reference: Rgb<'_>) -> Vec<f64> {
     let mut luminance: Vec<f32> = (0..reference[0].size().pixels())
@@ -100,8 +100,8 @@ pub fn exposures_of(reference: Rgb<'_>) -> Vec<f64> {
     exposures_between(at(luminance.len() / 2), at(luminance.len().saturating_sub(1)))
 }
 
-/// The exposures, at least two and at most a stop apart, that bring luminances from `bright` to `dark` (both above 0)
-/// just below white.
+/// The exposures that bring luminances from `bright` to `dark` (both above 0) just below white: as many as there are
+/// stops between them, at least two, in even steps.
 pub fn exposures_between(dark: f64, bright: f64) -> Vec<f64> {
     // The x at which the tone curve reaches 0.85.
     let [a, b, c] = [0, 1, 2].map(|k| TONE[0][k] - 0.85 * TONE[1][k]);
@@ -379,12 +379,13 @@ mod tests {
     }
 
     #[test]
-    fn exposures_span_the_luminances_a_stop_apart() {
+    fn exposures_span_the_luminances_in_even_steps() {
         let exposures = exposures_between(0.18, 2.0);
         assert_eq!(exposures.len(), 4);
         assert!((f64::from(tone((2.0 * exposures[0].exp2()) as f32)) - 0.85).abs() < 1e-6);
         assert!((f64::from(tone((0.18 * exposures[3].exp2()) as f32)) - 0.85).abs() < 1e-6);
-        assert!(exposures.windows(2).all(|pair| pair[1] - pair[0] <= 1.0 + 1e-12));
+        let steps: Vec<f64> = exposures.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        assert!(steps.iter().all(|step| (step - steps[0]).abs() < 1e-12));
         assert_eq!(exposures_between(1.0, 1.0).len(), 2);
     }
 
