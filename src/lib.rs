@@ -14,6 +14,11 @@
 pub mod channels;
 pub mod cli;
 pub mod frame;
+pub mod info;
 pub mod mask;
 pub mod reconstruct;
 pub mod sequence;
+pub mod sparsify;
+#[cfg(test)]
+mod testing;
+pub mod verify;

@@ -1,3 +1,49 @@
-//! The `lacuna` command.
+//! The `lacuna` command: reads the command line, runs the job, turns the end into an exit status.
 
-fn main() {}
+use std::io::Write;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::process::ExitCode;
+
+use lacuna::cli::{self, Ending, Job};
+use lacuna::sequence::{self, PlanError, panic_message};
+
+fn main() -> ExitCode {
+    // A panic is a defect; it becomes one line, of the frame where it happened or at the end of `run`.
+    std::panic::set_hook(Box::new(|_| {}));
+    let job = match cli::parse(std::env::args_os()) {
+        Ok(job) => job,
+        Err(ending) => return end(&ending),
+    };
+    match catch_unwind(AssertUnwindSafe(|| run(&job))) {
+        Ok(Ok(status)) => status.into(),
+        Ok(Err((_, PlanError::Failed(text)))) => fail(&text),
+        Ok(Err((subcommand, PlanError::Usage(text)))) => end(&Ending::usage(subcommand, &text)),
+        Err(panic) => fail(&format!("internal error ({}); please report it", panic_message(panic.as_ref()))),
+    }
+}
+
+fn run(job: &Job) -> Result<u8, (&'static str, PlanError)> {
+    match job {
+        Job::Fill(job) => sequence::fill(job).map_err(|error| ("fill", error)),
+        Job::Info(job) => sequence::info(job).map_err(|error| ("info", error)),
+        Job::Verify(job) => sequence::verify(job).map_err(|error| ("verify", error)),
+        Job::Sparsify(job) => sequence::sparsify(job).map_err(|error| ("sparsify", error)),
+    }
+}
+
+/// Says why there is no job.
+fn end(ending: &Ending) -> ExitCode {
+    // Nobody is left to tell if the stream is closed.
+    drop(match ending {
+        Ending::Shown(text) => write!(std::io::stdout().lock(), "{text}"),
+        Ending::Usage(text) => write!(std::io::stderr().lock(), "{text}"),
+    });
+    ending.status().into()
+}
+
+fn fail(text: &str) -> ExitCode {
+    let line = text.replace(|c: char| c.is_control(), " ");
+    // Nobody is left to tell if standard error is closed.
+    drop(writeln!(std::io::stderr().lock(), "lacuna: error: {line}"));
+    ExitCode::FAILURE
+}

@@ -35,4 +35,10 @@ pub enum Error {
         /// Column of the first such pixel.
         column: usize,
     },
+    /// The image has more pixels than an index can count.
+    #[error("{size} pixels are too many (the limit is 2^32 - 1)")]
+    TooLarge {
+        /// What was given.
+        size: Size,
+    },
 }

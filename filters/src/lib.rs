@@ -13,16 +13,20 @@
 //! `variational | baseline -> solver -> operator | prox -> kernel -> plane | mask`.
 
 pub mod baseline;
+pub mod domain;
 mod error;
 mod filter;
 mod kernel;
+pub mod limiter;
 mod mask;
 mod method;
 pub mod metric;
 mod outcome;
 mod plane;
+pub mod prox;
 mod run;
 pub mod sampling;
+mod solver;
 pub mod variational;
 
 pub use error::Error;

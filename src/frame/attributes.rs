@@ -16,6 +16,11 @@ pub struct Attribute {
 pub struct Attributes(Vec<Attribute>);
 
 impl Attributes {
+    /// A list whose names are known to be unique.
+    pub(super) fn from_unique(list: Vec<Attribute>) -> Self {
+        Self(list)
+    }
+
     /// All attributes, in file order.
     pub fn iter(&self) -> impl Iterator<Item = &Attribute> {
         self.0.iter()

@@ -4,10 +4,29 @@
 //! is lost on the way; the codecs inside the chunks are libraries'.
 
 mod attributes;
+mod bytes;
+mod codec;
+mod compression;
+mod error;
+mod grid;
+mod header;
+mod locate;
+mod read;
+#[cfg(test)]
+mod samples_for_tests;
+mod serialize;
+mod source;
+mod temporary;
+mod write;
 
 pub use attributes::{Attribute, Attributes};
+pub use error::Error;
 use half::f16;
+pub use header::{ChannelHeader, PartHeader};
 use lacuna_filters::Size;
+pub use read::{Limits, read, read_header};
+pub use temporary::{remove_temporaries, temporary_owner};
+pub use write::{WriteOptions, write};
 
 /// One EXR file in memory: its parts in file order.
 #[derive(Clone, Debug, PartialEq)]
@@ -99,6 +118,64 @@ pub enum Samples {
     Float(Vec<f32>),
     /// 32-bit unsigned integers.
     Uint(Vec<u32>),
+}
+
+/// The type of a channel's samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SampleType {
+    /// 16-bit floats.
+    Half,
+    /// 32-bit floats.
+    Float,
+    /// 32-bit unsigned integers.
+    Uint,
+}
+
+impl SampleType {
+    /// Bytes of one sample.
+    pub fn bytes(self) -> usize {
+        match self {
+            Self::Half => 2,
+            Self::Float | Self::Uint => 4,
+        }
+    }
+}
+
+impl Samples {
+    /// The type of the samples.
+    pub fn kind(&self) -> SampleType {
+        match self {
+            Self::Half(_) => SampleType::Half,
+            Self::Float(_) => SampleType::Float,
+            Self::Uint(_) => SampleType::Uint,
+        }
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Half(samples) => samples.len(),
+            Self::Float(samples) => samples.len(),
+            Self::Uint(samples) => samples.len(),
+        }
+    }
+
+    /// Whether there is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Whether the bits are the same, those of NaNs included (`==` calls two NaNs different and two zeros equal).
+    pub fn same_bits(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Half(a), Self::Half(b)) => a.iter().map(|x| x.to_bits()).eq(b.iter().map(|x| x.to_bits())),
+            (Self::Float(a), Self::Float(b)) => {
+                a.iter().map(|x| x.to_bits()).eq(b.iter().map(|x| x.to_bits()))
+            }
+            (Self::Uint(a), Self::Uint(b)) => a == b,
+            _ => false,
+        }
+    }
 }
 
 impl Part {

@@ -1,42 +1,106 @@
 //! Where a mask comes from: which pixels of each part and channel were measured.
+//!
+//! A mask is found as one or more [providers](provider): flags over a window of absolute pixels, for one view and
+//! perhaps one layer. Each channel is served by its own layer's, its own part's, then its view's providers.
+//!
+//! In a channel a value of at least one half is measured, everything below and every NaN is missing; so a mask that
+//! was filtered or compressed with loss still says what it meant.
+
+mod cover;
+mod error;
+mod file;
+mod find;
+mod provider;
+mod source;
+#[cfg(test)]
+mod tests;
 
 use std::sync::Arc;
 
+pub use error::Error;
+pub use file::MaskFile;
+pub use find::find;
 use lacuna_filters::Mask;
+pub use source::{Source, SourceError};
 
-/// What `--mask` asks for.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Source {
-    /// Find the mask in the frame: the attribute `lacuna/mask`, a channel `mask`, or `LAYER.mask`.
-    Auto,
-    /// The channel of that name.
-    Channel(String),
-    /// A file (EXR or PNG), or a pattern that goes frame by frame; `channel` if not the obvious one.
-    File {
-        /// Path or pattern.
-        pattern: String,
-        /// The channel to take.
-        channel: Option<String>,
-    },
-    /// Measured where alpha is above 0.
-    Alpha,
-    /// Measured where every colour channel is finite.
-    Finite,
-    /// Measured where a sample-count channel is at least this.
-    Count {
-        /// The channel that counts samples.
-        channel: String,
-        /// The least count of a measured pixel.
-        at_least: f64,
-    },
-}
+use crate::frame::Samples;
+
+/// The attribute that names the mask channel of a part.
+pub const ATTRIBUTE: &str = "lacuna/mask";
 
 /// The masks of one frame: for every part and channel the mask that serves it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Masks {
     /// Per part, per channel: the mask over the part's data window, or `None` where none serves
-    /// (such a channel must be `keep`).
+    /// (such a channel must be `keep`). Equal masks are one allocation.
     pub channels: Vec<Vec<Option<Arc<Mask>>>>,
     /// Where the mask was found, for people and for the attribute `lacuna/mask`.
     pub origin: String,
+    /// Per part: the channels that are sampling masks in use.
+    pub mask_channels: Vec<Vec<usize>>,
+    /// Per part, per channel: why no mask serves it.
+    pub why_none: Vec<Vec<Option<String>>>,
+    /// What a reader of the log should know about the mask.
+    pub notes: Vec<String>,
+}
+
+impl Masks {
+    /// The mask of a channel.
+    pub fn get(&self, part: usize, channel: usize) -> Option<&Arc<Mask>> {
+        self.channels.get(part)?.get(channel)?.as_ref()
+    }
+
+    /// Whether the channel is a sampling mask in use.
+    pub fn is_mask_channel(&self, part: usize, channel: usize) -> bool {
+        self.mask_channels.get(part).is_some_and(|channels| channels.contains(&channel))
+    }
+
+    /// Measured and all pixels over the different masks of one part.
+    pub fn part_counts(&self, part: usize) -> (usize, usize) {
+        let mut seen: Vec<&Arc<Mask>> = Vec::new();
+        for mask in self.channels.get(part).into_iter().flatten().flatten() {
+            if !seen.iter().any(|other| Arc::ptr_eq(other, mask)) {
+                seen.push(mask);
+            }
+        }
+        let add =
+            |sum: (usize, usize), mask: &&Arc<Mask>| (sum.0 + mask.count(), sum.1 + mask.as_slice().len());
+        seen.iter().fold((0, 0), add)
+    }
+
+    /// Measured pixels over all pixels of one part; nothing where no mask serves it.
+    pub fn part_density(&self, part: usize) -> Option<f64> {
+        let (measured, all) = self.part_counts(part);
+        (all > 0).then(|| measured as f64 / all as f64)
+    }
+
+    /// Measured pixels over all pixels of the frame; nothing where no mask serves any part.
+    pub fn density(&self) -> Option<f64> {
+        let counts = (0..self.channels.len()).map(|part| self.part_counts(part));
+        let (measured, all) = counts.fold((0, 0), |sum, count| (sum.0 + count.0, sum.1 + count.1));
+        (all > 0).then(|| measured as f64 / all as f64)
+    }
+
+    /// Whether every mask is full: there is nothing to fill.
+    pub fn is_full(&self) -> bool {
+        self.all().all(|mask| mask.is_full())
+    }
+
+    /// Whether no pixel at all was measured.
+    pub fn is_empty(&self) -> bool {
+        self.all().all(|mask| mask.is_empty())
+    }
+
+    fn all(&self) -> impl Iterator<Item = &Arc<Mask>> {
+        self.channels.iter().flatten().flatten()
+    }
+}
+
+/// The pixels of a channel whose value says so.
+fn flags(samples: &Samples, measured: impl Fn(f64) -> bool) -> Vec<bool> {
+    match samples {
+        Samples::Half(values) => values.iter().map(|value| measured(value.to_f64())).collect(),
+        Samples::Float(values) => values.iter().map(|value| measured(f64::from(*value))).collect(),
+        Samples::Uint(values) => values.iter().map(|value| measured(f64::from(*value))).collect(),
+    }
 }

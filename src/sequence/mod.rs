@@ -1,1 +1,38 @@
-//! (To be filled in.)
+//! Frames one after another: names and numbers, the plan, the schedule, what is said on the way.
+//!
+//! ```text
+//! inputs (pattern, range, glob, list) ─┐
+//! destination ─────────────────────────┴─> plan ─> batch (schedule, memory, signals) ─> console, record
+//!                                                    └─ fill | sparsify | verify: one frame each
+//! ```
+
+mod batch;
+mod console;
+mod destination;
+mod fill;
+mod info;
+mod inputs;
+mod masks;
+mod memory;
+pub mod pattern;
+mod plan;
+mod prepare;
+pub mod range;
+mod record;
+mod schedule;
+mod signals;
+mod sparsify;
+mod threads;
+mod update;
+mod verify;
+
+pub use batch::RunOptions;
+pub use console::Verbosity;
+pub use fill::{FillJob, fill};
+pub use info::{InfoJob, info};
+pub use inputs::Selection;
+pub use plan::{PlanError, Targets};
+pub use schedule::message as panic_message;
+pub use sparsify::{SparsifyJob, SparsifyPattern, sparsify};
+pub use update::Existing;
+pub use verify::{VerifyJob, verify};

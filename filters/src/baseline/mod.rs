@@ -1,4 +1,8 @@
-//! Baselines: direct methods without an objective, fast and plain.
+//! Baselines: direct methods without an objective, fast and plain; and the rules that copy instead of computing.
 
+mod check;
+pub mod depth;
 pub mod nearest;
 pub mod push_pull;
+#[cfg(test)]
+pub(crate) mod testing;

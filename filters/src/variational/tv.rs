@@ -1,25 +1,122 @@
-//! (To be filled in.)
+//! Total variation: the image with the least sum of gradient lengths that passes through, or near, the samples.
+//!
+//! Given samples `y` at the measured pixels of an image of `H x W` pixels (`S` picks them; row-major), per channel
+//!
+//!     min_x |x|_TV  subject to  |S x - y|_2 <= epsilon,     |x|_TV = sum over pixels of |(grad x)_ij|
+//!     (grad x)_ij = (x_{i+1,j} - x_{i,j}, x_{i,j+1} - x_{i,j}),  |.| Euclidean (isotropic) or absolute (anisotropic)
+//!
+//! Boundary: the vertical difference is zero in the last row, the horizontal one in the last column; these components
+//! of the dual variable are zero too, and the adjoint is
+//! `(grad* q)_ij = q1_{i-1,j} - q1_{i,j} + q2_{i,j-1} - q2_{i,j}` with zeros outside.
+//!
+//! Algorithm: over-relaxed primal-dual sweeps (see [`crate::solver::primal_dual`]) from a push-pull start with
+//! `rho = 1.6`, `sigma tau = 0.99 / 8` and `tau` 1.6 times the mean gradient of the start; the channel is scaled to
+//! [0, 1] before. It stops on the relative duality gap `(P - D) / P`, which the outcome reports: `P` is the
+//! objective of the image, and for any `q` in the unit ball, with `d = grad* q`,
+//!
+//!     D = sum_measured y d + sum_missing min(low d, high d) - epsilon |d|_measured
+//!
+//! bounds the minimum from below. `low..high` is the measured range: clamping an image to it shortens its gradients and
+//! its distance from the samples, so the box moves no minimum, and it makes the bound finite for every `q`. The image
+//! is therefore at most `gap` (relative to its own objective) above the minimum. Before a bound is taken a copy of
+//! `q` is made nearly divergence-free at missing pixels (`tighten`).
+//!
+//! Source: L. Rudin, S. Osher, E. Fatemi, "Nonlinear Total Variation Based Noise Removal Algorithms", Physica D 60, 1992
+//! (the functional); A. Chambolle, T. Pock, JMIV 40, 2011, algorithm 1; L. Condat, JOTA 158, 2013, algorithm 3.1.
+//!
+//! Settings:
+//! - `norm`: isotropic (default) or anisotropic, which prefers edges along rows and columns and is about 1 dB worse
+//!   on smooth renders.
+//! - `epsilon`: at least 0, in the samples' unit times the root of their number; default 0, which keeps
+//!   measured bits. Larger is smoother; at the samples' distance from their mean the image is that mean.
+//! - `gap`: above 0, relative, default 1e-2. Smaller is closer to the minimum and slower; f32 reaches about 1e-5.
+//! - `max_iterations`: at least 1, default 2000.
+//!
+//! Cost: a sweep is one pass of 22 flops, a root and a division a pixel (two passes for `epsilon > 0`); a certificate
+//! about ten sweeps. Memory: per channel 3 planes of f32 and half a plane of band edges (1 more for
+//! `epsilon > 0`); 2 planes of f32 and one of bytes for all.
+//!
+//! Fails: smooth shading becomes flat steps; on smooth renders it is not better than push-pull (48.24 against 48.98 dB at
+//! 20 % of an engine render). Holes much wider than 100 pixels and densities below 1 % need many sweeps.
 
-use crate::{Error, Filter, Outcome, Plan, Planes, Problem, Run};
+mod channel;
+mod tighten;
 
-/// Settings.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+use crate::baseline::push_pull;
+use crate::kernel::tv::{Anisotropic, DualBall, Isa, Isotropic};
+pub use crate::prox::Norm;
+use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Stop};
+use channel::{Channel, Scratch, Shared};
+
+/// Sweeps between two looks at the clock.
+const ROUND: usize = 16;
+
+/// The outcome where the answer is known without a sweep.
+const PROVEN: Outcome = Outcome { stop: Stop::Converged, iterations: 0, residual: None, gap: Some(0.0) };
+
+/// What is asked of total variation; see the module for units and directions.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// To be filled in.
+    /// How the length of a gradient is measured.
+    pub norm: Norm,
+    /// Distance from the samples that is allowed, a Euclidean norm over all measured pixels of a channel; 0 is exact.
     pub epsilon: f64,
+    /// Relative duality gap at which the solver stops.
+    pub gap: f64,
+    /// Sweeps at most.
+    pub max_iterations: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { norm: Norm::Isotropic, epsilon: 0.0, gap: 1e-2, max_iterations: 2000 }
+    }
 }
 
 impl std::fmt::Display for Settings {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "epsilon={}", self.epsilon)
+        let Self { norm, epsilon, gap, max_iterations } = self;
+        write!(f, "norm={norm} epsilon={epsilon} gap={gap} max_iterations={max_iterations}")
     }
 }
 
-struct Planned;
+impl Settings {
+    fn validate(&self) -> Result<(), Error> {
+        let setting = |name, value: &dyn std::fmt::Display, range| {
+            Err(Error::Setting { name, value: value.to_string(), range })
+        };
+        if !(self.epsilon >= 0.0 && self.epsilon.is_finite()) {
+            return setting("epsilon", &self.epsilon, "0 or more, finite");
+        }
+        if !(self.gap > 0.0 && self.gap.is_finite()) {
+            return setting("gap", &self.gap, "above 0, finite");
+        }
+        if self.max_iterations == 0 {
+            return setting("max_iterations", &self.max_iterations, "1 or more");
+        }
+        Ok(())
+    }
+}
+
+/// What depends on the mask alone.
+struct Planned {
+    settings: Settings,
+    mask: std::sync::Arc<Mask>,
+    free: Vec<u8>,
+    start: Box<dyn Plan>,
+    isa: Isa,
+}
 
 impl Filter for Settings {
-    fn plan(&self, _problem: &Problem, _run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
-        Ok(Box::new(Planned))
+    fn plan(&self, problem: &Problem, run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
+        self.validate()?;
+        let mask = problem.mask.clone();
+        if mask.is_empty() {
+            return Err(Error::EmptyMask);
+        }
+        let free = mask.as_slice().iter().map(|&measured| u8::from(!measured)).collect();
+        let start = push_pull::Settings.plan(problem, run)?;
+        Ok(Box::new(Planned { settings: *self, mask, free, start, isa: Isa::detect() }))
     }
 }
 
@@ -27,11 +124,115 @@ impl Plan for Planned {
     fn reconstruct(
         &self,
         samples: &Planes,
-        _guides: Option<&Planes>,
+        guides: Option<&Planes>,
         out: &mut Planes,
-        _run: &Run<'_>,
+        run: &Run<'_>,
     ) -> Result<Outcome, Error> {
-        out.clone_from(samples);
-        Ok(Outcome::direct())
+        self.check(samples, out)?;
+        // The start also copies every measured pixel's bits.
+        self.start.reconstruct(samples, guides, out, run)?;
+        if self.settings.epsilon == 0.0 && self.mask.is_full() {
+            return Ok(PROVEN);
+        }
+        match self.settings.norm {
+            Norm::Isotropic => Ok(self.solve::<Isotropic>(out, run)),
+            Norm::Anisotropic => Ok(self.solve::<Anisotropic>(out, run)),
+        }
     }
 }
+
+impl Planned {
+    fn check(&self, samples: &Planes, out: &Planes) -> Result<(), Error> {
+        let size = self.mask.size();
+        let differs = |found: String| Err(Error::SizeMismatch { expected: size, found });
+        if samples.size() != size {
+            return differs(samples.size().to_string());
+        }
+        if out.size() != size {
+            return differs(out.size().to_string());
+        }
+        if out.len() != samples.len() {
+            return differs(format!("{} planes for {}", out.len(), samples.len()));
+        }
+        for plane in samples.as_slice() {
+            let both = plane.pixels().iter().zip(self.mask.as_slice());
+            if let Some(at) = both.into_iter().position(|(v, &measured)| measured && !v.is_finite()) {
+                return Err(Error::NotFinite { row: at / size.width, column: at % size.width });
+            }
+        }
+        Ok(())
+    }
+
+    /// Improves the start that `out` holds.
+    fn solve<B: DualBall>(&self, out: &mut Planes, run: &Run<'_>) -> Outcome {
+        let size = self.mask.size();
+        let shared = Shared { settings: &self.settings, size, free: &self.free, isa: self.isa };
+        let mut outcome = PROVEN;
+        let mut channels = Vec::new();
+        for plane in out.as_mut_slice() {
+            if let Some(value) = self.constant(plane) {
+                self.fill(plane, value);
+            } else {
+                let (low, high) = self.range(plane);
+                let channel = Channel::new::<B>(shared, plane, low, high);
+                channels.push((channel, plane));
+            }
+        }
+        if !channels.is_empty() {
+            let mut scratch = Scratch::new(size);
+            while channels.iter().any(|(channel, _)| !channel.done()) {
+                let stop = run.interrupted();
+                for (channel, _) in channels.iter_mut().filter(|(channel, _)| !channel.done()) {
+                    match stop {
+                        None => channel.advance::<B>(shared, ROUND, &mut scratch),
+                        Some(stop) => channel.interrupt::<B>(shared, &mut scratch, stop),
+                    }
+                }
+            }
+        }
+        for (channel, plane) in channels {
+            channel.write(shared, plane);
+            outcome = outcome.worst(channel.outcome());
+        }
+        outcome
+    }
+
+    /// The samples' mean, if it is near enough to all of them to be the answer.
+    fn constant(&self, plane: &Plane) -> Option<f64> {
+        let values = || measured(plane, &self.mask);
+        let (low, high) = self.range(plane);
+        if low >= high {
+            return Some(low);
+        }
+        let mean = values().sum::<f64>() / self.mask.count() as f64;
+        let distance = values().map(|v| (v - mean).powi(2)).sum::<f64>().sqrt();
+        (distance <= self.settings.epsilon).then_some(mean)
+    }
+
+    /// Makes missing pixels `value`, and measured ones too where the settings let them move.
+    fn fill(&self, plane: &mut Plane, value: f64) {
+        let moves = self.settings.epsilon > 0.0;
+        for (pixel, &measured) in plane.pixels_mut().iter_mut().zip(self.mask.as_slice()) {
+            if moves || !measured {
+                *pixel = value as f32;
+            }
+        }
+    }
+
+    /// The least and the largest measured value.
+    fn range(&self, plane: &Plane) -> (f64, f64) {
+        measured(plane, &self.mask)
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+    }
+}
+
+/// The measured values of a plane.
+fn measured<'a>(plane: &'a Plane, mask: &'a Mask) -> impl Iterator<Item = f64> + 'a {
+    let both = plane.pixels().iter().zip(mask.as_slice());
+    both.filter_map(|(&v, &measured)| measured.then_some(f64::from(v)))
+}
+
+#[cfg(test)]
+mod tests;
+#[cfg(test)]
+mod twin;

@@ -1,0 +1,31 @@
+//! What every baseline demands of the planes that it is given.
+
+use crate::{Error, Mask, Planes};
+
+/// Sizes agree and measured values are finite; `out` has as many planes as `samples`.
+pub(super) fn group(mask: &Mask, samples: &Planes, out: &Planes) -> Result<(), Error> {
+    for size in [samples.size(), out.size()] {
+        if size != mask.size() {
+            return Err(Error::SizeMismatch { expected: mask.size(), found: size.to_string() });
+        }
+    }
+    if samples.len() != out.len() {
+        let found = format!("{} planes where {} were expected", out.len(), samples.len());
+        return Err(Error::SizeMismatch { expected: mask.size(), found });
+    }
+    samples.as_slice().iter().try_for_each(|plane| finite(mask, plane.pixels()))
+}
+
+/// Measured values are finite.
+fn finite(mask: &Mask, values: &[f32]) -> Result<(), Error> {
+    let width = mask.size().width.max(1);
+    for (row, (flags, values)) in mask.as_slice().chunks(width).zip(values.chunks(width)).enumerate() {
+        let bad = |(flag, value): (&bool, &f32)| *flag && !value.is_finite();
+        // No exit inside a row: that lets the common case run in vectors.
+        if flags.iter().zip(values).fold(false, |any, pair| any | bad(pair)) {
+            let column = flags.iter().zip(values).position(bad).unwrap_or(0);
+            return Err(Error::NotFinite { row, column });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,143 @@
+//! Row kernels of total variation: the primal-dual sweep, its certificate, and the choice of instruction set.
+//!
+//! Every kernel is a plain loop that is compiled once per instruction set; no loop contracts a product and a sum, so
+//! all instruction sets give the same bits.
+#![allow(clippy::inline_always, reason = "a body must be compiled with the instruction set of its caller")]
+#![allow(
+    unsafe_code,
+    reason = "calls of functions compiled for an instruction set that was detected at run time"
+)]
+
+mod bound;
+mod poisson;
+mod sweep;
+
+pub use bound::{Bound, bound_row, variation_row};
+pub use poisson::{correct_row, descend_row, direction_row, laplacian_row, source_row};
+pub use sweep::{DualRow, PrimalRow, Rates, ball_row, distance_row, dual_row, primal_row};
+
+/// An instruction set that this machine has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Isa(Level);
+
+/// Compiled variants; private, so that an [`Isa`] can only come from detection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Level {
+    Baseline,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+}
+
+impl Isa {
+    /// The widest instruction set of this machine.
+    pub fn detect() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl") {
+                return Self(Level::Avx512);
+            }
+            if is_x86_feature_detected!("avx2") {
+                return Self(Level::Avx2);
+            }
+        }
+        Self(Level::Baseline)
+    }
+
+    /// Every instruction set of this machine, for tests.
+    #[cfg(test)]
+    pub fn all() -> Vec<Self> {
+        let mut all = vec![Self(Level::Baseline)];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx2") {
+                all.push(Self(Level::Avx2));
+            }
+            if Self::detect() == Self(Level::Avx512) {
+                all.push(Self(Level::Avx512));
+            }
+        }
+        all
+    }
+}
+
+/// The pointwise map of the dual variable: the nearest vector whose dual norm is at most 1.
+pub trait DualBall: Copy + Send + Sync {
+    /// Projects (vertical, horizontal).
+    fn clip(a: f32, b: f32) -> (f32, f32);
+    /// The norm of the gradient (vertical, horizontal) whose dual ball this is.
+    fn norm(a: f64, b: f64) -> f64;
+}
+
+/// The Euclidean norm of each gradient; its dual ball is the unit disc.
+#[derive(Clone, Copy, Debug)]
+pub struct Isotropic;
+
+/// The sum of the gradient's absolute components; its dual ball is the square [-1, 1] x [-1, 1].
+#[derive(Clone, Copy, Debug)]
+pub struct Anisotropic;
+
+impl DualBall for Isotropic {
+    #[inline(always)]
+    fn clip(a: f32, b: f32) -> (f32, f32) {
+        let shrink = 1.0 / (a * a + b * b).sqrt().max(1.0);
+        (a * shrink, b * shrink)
+    }
+
+    #[inline(always)]
+    fn norm(a: f64, b: f64) -> f64 {
+        (a * a + b * b).sqrt()
+    }
+}
+
+impl DualBall for Anisotropic {
+    #[inline(always)]
+    fn clip(a: f32, b: f32) -> (f32, f32) {
+        (a.clamp(-1.0, 1.0), b.clamp(-1.0, 1.0))
+    }
+
+    #[inline(always)]
+    fn norm(a: f64, b: f64) -> f64 {
+        a.abs() + b.abs()
+    }
+}
+
+/// Compiles `$body` for every instruction set and calls the one that is asked for.
+macro_rules! dispatch {
+    ($(#[$doc:meta])* $name:ident $(<$ball:ident>)? = $body:ident($($arg:ident: $type:ty),*) $(-> $result:ty)?) => {
+        $(#[$doc])*
+        #[inline]
+        pub fn $name $(<$ball: $crate::kernel::tv::DualBall>)? (
+            isa: $crate::kernel::tv::Isa, $($arg: $type),*
+        ) $(-> $result)? {
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[target_feature(enable = "avx2")]
+                fn avx2 $(<$ball: $crate::kernel::tv::DualBall>)? ($($arg: $type),*) $(-> $result)? {
+                    $body $(::<$ball>)? ($($arg),*)
+                }
+                #[target_feature(enable = "avx512f,avx512vl")]
+                fn avx512 $(<$ball: $crate::kernel::tv::DualBall>)? ($($arg: $type),*) $(-> $result)? {
+                    $body $(::<$ball>)? ($($arg),*)
+                }
+                match isa.0 {
+                    // SAFETY: an `Isa` of this level exists only where the machine was seen to have these features.
+                    $crate::kernel::tv::Level::Avx512 => return unsafe { avx512 $(::<$ball>)? ($($arg),*) },
+                    // SAFETY: as above.
+                    $crate::kernel::tv::Level::Avx2 => return unsafe { avx2 $(::<$ball>)? ($($arg),*) },
+                    $crate::kernel::tv::Level::Baseline => {}
+                }
+            }
+            let _ = isa;
+            $body $(::<$ball>)? ($($arg),*)
+        }
+    };
+}
+use dispatch;
+
+/// Lanes of the partial sums within a row: part of the result's definition, whatever the instruction set.
+const LANES: usize = 8;
+
+#[cfg(test)]
+mod tests;

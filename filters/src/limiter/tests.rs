@@ -1,0 +1,202 @@
+//! The limiter against a search of every square, and what it promises.
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::baseline::testing;
+
+/// The rule of the head of the file, in f64, by looking at every pixel of every square. `None` for measured pixels.
+fn slow(mask: &Mask, samples: &Plane) -> Vec<Option<(f64, f64)>> {
+    let Size { height, width } = mask.size();
+    let radius = ((2.0 / mask.density().sqrt()).ceil() as usize).clamp(8, 64);
+    let range = |rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| {
+        let pixels = rows.flat_map(|y| columns.clone().map(move |x| (y, x)));
+        let values =
+            pixels.filter(|&(y, x)| mask.is_measured(y, x)).map(|(y, x)| f64::from(samples.at(y, x)));
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)))
+    };
+    let whole = range(0..height, 0..width);
+    let signed = whole.0 < -whole.1 / 64.0;
+    let mut bounds = Vec::new();
+    for y in 0..height {
+        for x in 0..width {
+            let rows = y.saturating_sub(radius)..(y + radius + 1).min(height);
+            let (a, b) = range(rows, x.saturating_sub(radius)..(x + radius + 1).min(width));
+            let (a, b) = if a <= b { (a, b) } else { whole };
+            let margin = (b - a) / 2.0 + (whole.1 - whole.0) / 16.0;
+            let by_factor =
+                (if a < 0.0 { 2.0 * a } else { a / 2.0 }, if b < 0.0 { b / 2.0 } else { 2.0 * b });
+            let found = if signed { (a - margin, b + margin) } else { by_factor };
+            bounds.push((!mask.is_measured(y, x)).then_some(found));
+        }
+    }
+    bounds
+}
+
+/// Samples, and a reconstruction that leaves their range in places.
+fn frames(mask: &Mask, seed: u32, offset: f32) -> (Plane, Plane) {
+    let noise = |y: usize, x: usize, k: u32| {
+        let mixed = ((y * 7349 + x * 9151) as u32 ^ seed.rotate_left(k)).wrapping_mul(2_654_435_761);
+        (mixed >> 8) as f32 / (1 << 24) as f32
+    };
+    let samples =
+        Plane::from_fn(
+            mask.size(),
+            |y, x| {
+                if mask.is_measured(y, x) { noise(y, x, 3) + offset } else { f32::NAN }
+            },
+        );
+    (samples, Plane::from_fn(mask.size(), |y, x| 6.0 * noise(y, x, 17) - 3.0 + offset))
+}
+
+proptest! {
+    #[test]
+    fn agrees_with_a_search(mask in testing::mask(40), seed in any::<u32>(), offset in -1.5..1.5_f32) {
+        let (samples, before) = frames(&mask, seed, offset);
+        let mut out = before.clone();
+        let count = local(&mask, &samples, &mut out).unwrap();
+        let mut moved = 0;
+        for (((bounds, out), before), flag) in
+            slow(&mask, &samples).iter().zip(out.pixels()).zip(before.pixels()).zip(mask.as_slice())
+        {
+            prop_assert_eq!(bounds.is_none(), *flag);
+            let (low, high) = bounds.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
+            let expected = f64::from(*before).clamp(low, high);
+            // Four roundings, of numbers below 8.
+            prop_assert!((f64::from(*out) - expected).abs() <= 16.0 * f64::from(f32::EPSILON));
+            moved += usize::from(out.to_bits() != before.to_bits());
+        }
+        prop_assert_eq!(count, moved);
+    }
+
+    #[test]
+    fn what_is_in_range_keeps_its_bits(
+        mask in testing::mask(40), seed in any::<u32>(), offset in -1.5..1.5_f32, part in 0.01..0.99_f64,
+    ) {
+        let (samples, _) = frames(&mask, seed, offset);
+        let inside = |bounds: &Option<(f64, f64)>| bounds.map_or(f32::NAN, |(a, b)| (a + part * (b - a)) as f32);
+        let before: Vec<f32> = slow(&mask, &samples).iter().map(inside).collect();
+        let mut out = Plane::new(mask.size(), before.clone()).unwrap();
+        prop_assert_eq!(local(&mask, &samples, &mut out).unwrap(), 0);
+        prop_assert!(out.pixels().iter().zip(&before).all(|(a, b)| a.to_bits() == b.to_bits()));
+    }
+}
+
+#[test]
+fn a_smooth_frame_keeps_its_bits() {
+    let size = Size::new(90, 120);
+    let colour = Plane::from_fn(size, |y, x| 0.4 + 0.3 * (x as f32 / 15.0).sin() * (y as f32 / 11.0).cos());
+    // A position crosses zero; its neighbours of one sign say nothing against the other.
+    let position = Plane::from_fn(size, |y, x| 0.25 * x as f32 - 0.5 * y as f32);
+    for (plane, density) in [(&colour, 0.2), (&colour, 0.03), (&position, 0.2), (&position, 0.03)] {
+        let mask = crate::sampling::shuffle::mask(0, 0, size, density, 1).unwrap();
+        let mut out = plane.clone();
+        assert_eq!(local(&mask, plane, &mut out).unwrap(), 0);
+        assert_eq!(&out, plane);
+    }
+}
+
+#[test]
+fn a_highlight_does_not_ring() {
+    let size = Size::new(64, 64);
+    let mask = Mask::from_fn(size, |y, x| (3 * y + x) % 5 == 0);
+    let bright = |y: usize, x: usize| (28..36).contains(&y) && (28..36).contains(&x);
+    let samples = Plane::from_fn(size, |y, x| if bright(y, x) { 1000.0 } else { 0.1 });
+    let bad = [-300.0, 0.01, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 0.3, 1e30];
+    let mut out = Plane::from_fn(size, |y, x| bad[(y * 64 + x) % 7]);
+    let before = out.clone();
+    assert!(local(&mask, &samples, &mut out).unwrap() > 64 * 64 / 2);
+    for y in 0..64 {
+        for x in 0..64 {
+            let value = out.at(y, x);
+            if mask.is_measured(y, x) {
+                assert_eq!(value.to_bits(), before.at(y, x).to_bits());
+            } else {
+                assert!((0.05..=2000.0).contains(&value), "{value} at {y}, {x}");
+                let far = y < 19 || x < 19 || y > 44 || x > 44;
+                assert!(!far || value <= 0.2, "{value} at {y}, {x}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_hole_takes_the_bounds_of_the_plane() {
+    let size = Size::new(60, 60);
+    let mask = Mask::from_fn(size, |y, x| !((10..50).contains(&y) && (10..50).contains(&x)));
+    let samples = Plane::from_fn(size, |y, _| if y < 30 { 1.0 } else { 4.0 });
+    let mut out = Plane::filled(size, -1.0);
+    local(&mask, &samples, &mut out).unwrap();
+    assert_eq!(out.at(30, 30).to_bits(), 0.5_f32.to_bits());
+    // Within eight pixels of the lower rim: half of four.
+    assert_eq!(out.at(48, 30).to_bits(), 2.0_f32.to_bits());
+    out.pixels_mut().fill(100.0);
+    local(&mask, &samples, &mut out).unwrap();
+    assert_eq!(out.at(30, 30).to_bits(), 8.0_f32.to_bits());
+    assert_eq!(out.at(11, 30).to_bits(), 2.0_f32.to_bits());
+}
+
+#[test]
+fn the_range_holds_what_was_measured() {
+    let size = Size::new(1, 4);
+    let mask = Mask::from_fn(size, |_, x| x == 0);
+    let run = |measured: f32, unit: bool| {
+        let samples = Plane::from_fn(size, |_, x| if x == 0 { measured } else { f32::NAN });
+        let mut out = Plane::new(size, vec![-7.0, -0.5, 0.5, 1.5]).unwrap();
+        let count = range(&mask, &samples, &mut out, unit).unwrap();
+        (out.into_pixels(), count)
+    };
+    assert_eq!(run(0.0, false), (vec![-7.0, 0.0, 0.5, 1.5], 1));
+    assert_eq!(run(1.0, true), (vec![-7.0, 0.0, 0.5, 1.0], 2));
+    assert_eq!(run(1.25, true), (vec![-7.0, 0.0, 0.5, 1.5], 1));
+    assert_eq!(run(-0.1, true), (vec![-7.0, -0.5, 0.5, 1.5], 0));
+}
+
+#[test]
+fn extremes_and_small_sizes() {
+    for (height, width) in [(1, 1), (1, 50), (50, 1), (2, 3), (17, 33), (16, 16)] {
+        let size = Size::new(height, width);
+        let mask = Mask::from_fn(size, |y, x| y * width + x == size.pixels() / 2);
+        for value in [0.0, 3.0, -3.0, f32::MAX, f32::MIN, f32::MIN_POSITIVE] {
+            let mut out = Plane::filled(size, f32::NAN);
+            let count = local(&mask, &Plane::filled(size, value), &mut out).unwrap();
+            assert_eq!(count, size.pixels() - 1);
+            let missing = out.pixels().iter().zip(mask.as_slice()).filter(|(_, flag)| !**flag);
+            assert!(missing.clone().all(|(v, _)| v.is_finite()));
+            assert!(value < 0.0 || missing.clone().all(|(v, _)| v.to_bits() == (value / 2.0).to_bits()));
+        }
+    }
+    let size = Size::new(3, 3);
+    let mask = Mask::from_fn(size, |y, x| x != y);
+    let samples = Plane::from_fn(size, |y, x| if x > y { f32::MAX } else { f32::MIN });
+    let mut out = Plane::filled(size, f32::INFINITY);
+    assert_eq!(local(&mask, &samples, &mut out).unwrap(), 3);
+    assert!((0..3).all(|i| out.at(i, i).is_finite()));
+}
+
+#[test]
+fn refuses_what_does_not_fit() {
+    let size = Size::new(2, 2);
+    let (plane, other) = (Plane::filled(size, 0.0), Plane::filled(Size::new(1, 4), 0.0));
+    let mask = Mask::from_fn(size, |_, x| x == 0);
+    assert!(matches!(local(&mask, &other, &mut plane.clone()), Err(Error::SizeMismatch { .. })));
+    assert!(matches!(range(&mask, &plane, &mut other.clone(), false), Err(Error::SizeMismatch { .. })));
+    let empty = Mask::from_fn(size, |_, _| false);
+    assert_eq!(local(&empty, &plane, &mut plane.clone()), Err(Error::EmptyMask));
+}
+
+#[test]
+fn threads_change_no_bit() {
+    let mask = crate::sampling::shuffle::mask(0, 0, Size::new(203, 301), 0.2, 4).unwrap();
+    let (samples, before) = frames(&mask, 5, 0.0);
+    let with = |threads| {
+        testing::with_threads(threads, || {
+            let mut out = before.clone();
+            (local(&mask, &samples, &mut out).unwrap(), out)
+        })
+    };
+    let one = with(1);
+    assert!(one.0 > 0);
+    assert_eq!(one, with(2));
+    assert_eq!(one, with(5));
+}

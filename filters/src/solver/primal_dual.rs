@@ -1,0 +1,283 @@
+//! The over-relaxed primal-dual iteration on a grid, several sweeps at a time over bands of rows.
+//!
+//! For `min_x max_q <grad x, q> + G(x)` with `q` in a unit ball at each pixel, one sweep is
+//!
+//!     x' = prox_G(x - tau grad* q),  q' = clip(q + sigma grad(2 x' - x)),  (x, q) += rho ((x', q') - (x, q))
+//!
+//! Source: A. Chambolle, T. Pock, "A First-Order Primal-Dual Algorithm for Convex Problems with Applications to
+//! Imaging", JMIV 40, 2011 (algorithm 1); over-relaxation: L. Condat, "A Primal-Dual Splitting Method for Convex
+//! Optimization Involving Lipschitzian, Proximable and Linear Composite Terms", JOTA 158, 2013 (algorithm 3.1).
+//!
+//! Several sweeps run over a band as a wavefront: sweep `s + 1` follows one row behind sweep `s`, so a row is touched
+//! by all of them while it is in the cache. A band first copies the rows beyond its edges that those sweeps
+//! depend on and computes them as well; each value is thus computed by the same operations on the same operands
+//! whatever the bands, and neither their height, nor the number of sweeps in a block, nor threads change a bit.
+
+use rayon::prelude::*;
+
+use crate::Size;
+use crate::kernel::tv::{
+    DualBall, DualRow, Isa, PrimalRow, Rates, ball_row, distance_row, dual_row, primal_row,
+};
+
+/// Rows of a band: the unit of work of a thread.
+pub const BAND: usize = 128;
+
+/// Sweeps that are done in one block at most.
+pub const DEPTH: usize = 8;
+
+/// Values of one row of a block that should fit the second-level cache: `x`, `q` and two rows of extrapolation.
+const ROW_PLANES: usize = 5;
+
+/// Bytes of cache that a block may count on.
+const CACHE: usize = 1 << 20;
+
+/// One field on the grid with its image and dual variable, row-major.
+#[derive(Clone, Debug)]
+pub struct State {
+    /// Height and width.
+    pub size: Size,
+    /// The image.
+    pub x: Vec<f32>,
+    /// Vertical dual variable; 0 in the last row.
+    pub vertical: Vec<f32>,
+    /// Horizontal dual variable; 0 in the last column.
+    pub horizontal: Vec<f32>,
+    edges: Vec<Edges>,
+}
+
+/// The rows on either side of a band as they were before a block: planes x, vertical, horizontal one after another.
+#[derive(Clone, Debug, Default)]
+struct Edges {
+    above: Vec<f32>,
+    below: Vec<f32>,
+}
+
+/// A constraint that fixed pixels lie within a ball round the samples.
+#[derive(Clone, Copy, Debug)]
+pub struct Ball<'a> {
+    /// The samples, on the whole grid.
+    pub sample: &'a [f32],
+    /// Radius.
+    pub radius: f64,
+}
+
+/// What all sweeps of a state share.
+#[derive(Clone, Copy, Debug)]
+pub struct Sweeps<'a> {
+    /// 1 where a pixel may move freely, 0 where it is fixed.
+    pub free: &'a [u8],
+    /// Step sizes.
+    pub rates: Rates,
+    /// Instruction set.
+    pub isa: Isa,
+}
+
+impl State {
+    /// Starts from an image, with a dual variable of 0. `x` has `size.pixels()` values.
+    pub fn new(size: Size, x: Vec<f32>) -> Self {
+        let zeros = vec![0.0; x.len()];
+        let edges = vec![Edges::default(); size.height.div_ceil(BAND)];
+        Self { size, x, vertical: zeros.clone(), horizontal: zeros, edges }
+    }
+
+    /// Takes `count` sweeps in which fixed pixels stay as they are.
+    pub fn advance<B: DualBall>(&mut self, sweeps: Sweeps<'_>, count: usize) {
+        let fits = CACHE / (ROW_PLANES * size_of::<f32>() * self.size.width.max(1));
+        let depth = fits.clamp(1, DEPTH);
+        let mut left = count;
+        while left > 0 {
+            let block = left.min(depth);
+            self.block::<B>(sweeps, block, None);
+            left -= block;
+        }
+    }
+
+    /// Takes `count` sweeps in which fixed pixels move within a ball. Its projection needs a sum over all of them, so
+    /// each sweep takes two passes.
+    pub fn advance_in_ball<B: DualBall>(&mut self, sweeps: Sweeps<'_>, ball: Ball<'_>, count: usize) {
+        for _ in 0..count {
+            let distance = self.distance(sweeps, ball.sample).sqrt();
+            let keep = if distance > ball.radius { (ball.radius / distance) as f32 } else { 1.0 };
+            self.block::<B>(sweeps, 1, Some((ball.sample, keep)));
+        }
+    }
+
+    /// Squared distance of the next primal step from the samples, before its projection.
+    fn distance(&self, sweeps: Sweeps<'_>, sample: &[f32]) -> f64 {
+        let width = self.size.width;
+        let zeros = vec![0.0; width];
+        let rows: Vec<f64> = (0..self.size.height)
+            .into_par_iter()
+            .map(|y| {
+                let row = self.primal_row(y, &zeros, sweeps.free);
+                let at = y * width..(y + 1) * width;
+                distance_row(sweeps.isa, &self.x[at.clone()], &sample[at], row, sweeps.rates.tau)
+            })
+            .collect();
+        rows.iter().sum()
+    }
+
+    /// The dual variable round row `y`, as the row kernels take it; `zeros` is a row of zeros.
+    pub fn primal_row<'a>(&'a self, y: usize, zeros: &'a [f32], free: &'a [u8]) -> PrimalRow<'a> {
+        let width = self.size.width;
+        let at = y * width..(y + 1) * width;
+        PrimalRow {
+            above: if y == 0 { zeros } else { &self.vertical[(y - 1) * width..y * width] },
+            vertical: &self.vertical[at.clone()],
+            horizontal: &self.horizontal[at.clone()],
+            free: &free[at],
+        }
+    }
+
+    /// Takes `depth` sweeps over every band; `held` are samples and the factor of the ball's projection.
+    fn block<B: DualBall>(&mut self, sweeps: Sweeps<'_>, depth: usize, held: Option<(&[f32], f32)>) {
+        let Size { height, width } = self.size;
+        if width == 0 {
+            return;
+        }
+        let planes = [&self.x, &self.vertical, &self.horizontal];
+        self.edges.par_iter_mut().enumerate().for_each(|(band, edges)| {
+            let (first, end) = (band * BAND, ((band + 1) * BAND).min(height));
+            edges.above.clear();
+            edges.below.clear();
+            for plane in planes {
+                edges.above.extend_from_slice(&plane[first.saturating_sub(depth) * width..first * width]);
+                edges.below.extend_from_slice(&plane[end * width..(end + depth).min(height) * width]);
+            }
+        });
+        let bands = self.x.par_chunks_mut(BAND * width);
+        let bands = bands.zip(self.vertical.par_chunks_mut(BAND * width));
+        let bands = bands.zip(self.horizontal.par_chunks_mut(BAND * width)).zip(self.edges.par_iter_mut());
+        bands.enumerate().for_each(|(band, (((x, vertical), horizontal), edges))| {
+            let first = band * BAND;
+            let rows = x.len() / width;
+            let before = depth.min(first);
+            let after = depth.min(height - first - rows);
+            let mut above = edges.above.chunks_exact_mut((before * width).max(1));
+            let mut below = edges.below.chunks_exact_mut((after * width).max(1));
+            let [x, vertical, horizontal] = [x, vertical, horizontal].map(|own| Rows {
+                above: above.next().unwrap_or_default(),
+                own,
+                below: below.next().unwrap_or_default(),
+                first,
+                width,
+            });
+            let front = Front {
+                x,
+                vertical,
+                horizontal,
+                over: vec![0.0; 2 * depth * width],
+                zeros: vec![0.0; width],
+                from: first - before,
+                to: first + rows + after,
+                size: self.size,
+            };
+            front.run::<B>(sweeps, depth, held);
+        });
+    }
+}
+
+/// Rows of one plane that a band works on: its own, and copies of those beyond its edges.
+struct Rows<'a> {
+    above: &'a mut [f32],
+    own: &'a mut [f32],
+    below: &'a mut [f32],
+    /// First row of its own.
+    first: usize,
+    width: usize,
+}
+
+impl Rows<'_> {
+    fn row(&self, y: usize) -> &[f32] {
+        let at = y * self.width;
+        let own = self.first * self.width;
+        if at < own {
+            &self.above[at + self.above.len() - own..][..self.width]
+        } else if at < own + self.own.len() {
+            &self.own[at - own..][..self.width]
+        } else {
+            &self.below[at - own - self.own.len()..][..self.width]
+        }
+    }
+
+    fn row_mut(&mut self, y: usize) -> &mut [f32] {
+        let at = y * self.width;
+        let own = self.first * self.width;
+        if at < own {
+            let above = self.above.len();
+            &mut self.above[at + above - own..][..self.width]
+        } else if at < own + self.own.len() {
+            &mut self.own[at - own..][..self.width]
+        } else {
+            &mut self.below[at - own - self.own.len()..][..self.width]
+        }
+    }
+}
+
+/// A block of sweeps over one band.
+struct Front<'a> {
+    x: Rows<'a>,
+    vertical: Rows<'a>,
+    horizontal: Rows<'a>,
+    /// Two rows of extrapolated image for each sweep.
+    over: Vec<f32>,
+    zeros: Vec<f32>,
+    /// First row that there are values of.
+    from: usize,
+    /// One past the last such row.
+    to: usize,
+    size: Size,
+}
+
+impl Front<'_> {
+    fn run<B: DualBall>(mut self, sweeps: Sweeps<'_>, depth: usize, held: Option<(&[f32], f32)>) {
+        for wave in self.from..self.to + depth - 1 {
+            for sweep in 0..depth.min(wave + 1) {
+                let y = wave - sweep;
+                // Each sweep loses one row at an edge that is not the image's own.
+                let start = if self.from == 0 { 0 } else { self.from + 1 + sweep };
+                let end = if self.to == self.size.height { self.to } else { self.to - sweep };
+                if y < start || y >= end {
+                    continue;
+                }
+                self.primal(sweeps, sweep, y, held);
+                if y > start {
+                    self.dual::<B>(sweeps, sweep, y - 1, y);
+                }
+                if y + 1 == self.size.height {
+                    self.dual::<B>(sweeps, sweep, y, y);
+                }
+            }
+        }
+    }
+
+    fn primal(&mut self, sweeps: Sweeps<'_>, sweep: usize, y: usize, held: Option<(&[f32], f32)>) {
+        let width = self.size.width;
+        let over = &mut self.over[(2 * sweep + y % 2) * width..][..width];
+        let at = y * width..(y + 1) * width;
+        let row = PrimalRow {
+            above: if y == 0 { &self.zeros } else { self.vertical.row(y - 1) },
+            vertical: self.vertical.row(y),
+            horizontal: self.horizontal.row(y),
+            free: &sweeps.free[at.clone()],
+        };
+        match held {
+            None => primal_row(sweeps.isa, self.x.row_mut(y), over, row, sweeps.rates),
+            Some((sample, keep)) => {
+                ball_row(sweeps.isa, self.x.row_mut(y), over, &sample[at], row, sweeps.rates, keep);
+            }
+        }
+    }
+
+    /// The dual step of row `y`, with `below` the next row, or `y` itself at the last.
+    fn dual<B: DualBall>(&mut self, sweeps: Sweeps<'_>, sweep: usize, y: usize, below: usize) {
+        let width = self.size.width;
+        let over = |y: usize| &self.over[(2 * sweep + y % 2) * width..][..width];
+        let row = DualRow { over: over(y), below: over(below) };
+        dual_row::<B>(sweeps.isa, self.vertical.row_mut(y), self.horizontal.row_mut(y), row, sweeps.rates);
+    }
+}
+
+#[cfg(test)]
+mod tests;

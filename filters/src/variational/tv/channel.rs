@@ -1,0 +1,265 @@
+//! One channel on its way: scaled to [0, 1], advanced by sweeps, judged by its duality gap.
+
+use rayon::prelude::*;
+
+use super::{Settings, tighten::tighten};
+use crate::kernel::tv::{Bound, DualBall, Isa, PrimalRow, Rates, bound_row, correct_row, variation_row};
+use crate::prox::L2Ball;
+use crate::solver::primal_dual::{Ball, State, Sweeps};
+use crate::{Outcome, Plane, Size, Stop};
+
+/// Primal step over the mean norm of the start's gradient.
+const STEP: f64 = 1.6;
+/// `tau sigma |grad|^2`, below 1; `|grad|^2 < 8`.
+const PRODUCT: f64 = 0.99;
+/// Over-relaxation.
+const RHO: f32 = 1.6;
+/// What a clipped f32 vector may be longer than 1.
+const LONGER: f64 = 4.0 * f32::EPSILON as f64;
+/// Sweeps before the gap is first evaluated.
+const FIRST_CHECK: usize = 32;
+
+/// A channel's solver.
+pub struct Channel {
+    low: f64,
+    range: f64,
+    state: State,
+    /// Scaled samples (anything at missing pixels); only where measured pixels may move.
+    sample: Option<Vec<f32>>,
+    radius: f64,
+    rates: Rates,
+    /// Best lower bound of the objective so far.
+    bound: f64,
+    gap: f64,
+    iterations: usize,
+    next_check: usize,
+    stop: Option<Stop>,
+}
+
+/// What all channels share.
+#[derive(Clone, Copy)]
+pub struct Shared<'a> {
+    /// What is asked for.
+    pub settings: &'a Settings,
+    /// Height and width.
+    pub size: Size,
+    /// 1 where a pixel is missing.
+    pub free: &'a [u8],
+    /// Instruction set.
+    pub isa: Isa,
+}
+
+impl Channel {
+    /// Starts from `start`, which holds the samples at measured pixels and a guess elsewhere. The measured values
+    /// span `low..=high`, which differ.
+    pub fn new<B: DualBall>(shared: Shared<'_>, start: &Plane, low: f64, high: f64) -> Self {
+        let range = high - low;
+        let scale = |&v: &f32| ((f64::from(v) - low) / range).clamp(0.0, 1.0) as f32;
+        let x: Vec<f32> = start.pixels().par_iter().map(scale).collect();
+        let sample = (shared.settings.epsilon > 0.0).then(|| x.clone());
+        let state = State::new(shared.size, x);
+        let mut channel = Self {
+            low,
+            range,
+            state,
+            sample,
+            radius: shared.settings.epsilon / range,
+            rates: Rates { tau: 1.0, sigma: 1.0, rho: RHO },
+            bound: 0.0,
+            gap: 1.0,
+            iterations: 0,
+            next_check: FIRST_CHECK,
+            stop: None,
+        };
+        let mean = channel.variation::<B>(shared.isa) / shared.size.pixels() as f64;
+        let tau = STEP * mean.max(f64::from(f32::EPSILON));
+        channel.rates.tau = tau as f32;
+        channel.rates.sigma = (PRODUCT / 8.0 / tau) as f32;
+        channel
+    }
+
+    /// Whether it has stopped.
+    pub fn done(&self) -> bool {
+        self.stop.is_some()
+    }
+
+    /// Takes up to `count` sweeps, with the gap evaluated when it is due.
+    pub fn advance<B: DualBall>(&mut self, shared: Shared<'_>, count: usize, scratch: &mut Scratch) {
+        let limit = shared.settings.max_iterations;
+        let mut left = count;
+        while left > 0 && self.stop.is_none() {
+            let due = self.next_check.min(limit);
+            let sweeps = left.min(due.saturating_sub(self.iterations));
+            self.sweep::<B>(shared, sweeps);
+            left -= sweeps;
+            if self.iterations >= due {
+                self.judge::<B>(shared, scratch);
+            }
+        }
+    }
+
+    fn sweep<B: DualBall>(&mut self, shared: Shared<'_>, count: usize) {
+        let sweeps = Sweeps { free: shared.free, rates: self.rates, isa: shared.isa };
+        match &self.sample {
+            None => self.state.advance::<B>(sweeps, count),
+            Some(sample) => {
+                let ball = Ball { sample, radius: self.radius };
+                self.state.advance_in_ball::<B>(sweeps, ball, count);
+            }
+        }
+        self.iterations += count;
+    }
+
+    /// Evaluates the gap with a tightened dual variable, and decides when to look again.
+    fn judge<B: DualBall>(&mut self, shared: Shared<'_>, scratch: &mut Scratch) {
+        self.certify::<B>(shared, scratch, true);
+        let Settings { gap, max_iterations, .. } = *shared.settings;
+        if self.gap <= gap {
+            self.stop = Some(Stop::Converged);
+        } else if self.iterations >= max_iterations {
+            self.stop = Some(Stop::IterationLimit);
+        }
+        // The gap falls about as the 1.5th power of the sweeps; looking costs about ten of them.
+        let factor = (self.gap / gap).powf(1.0 / 1.5).clamp(1.15, 2.0);
+        self.next_check = (self.iterations as f64 * factor) as usize + 1;
+    }
+
+    /// Ends early, with the gap of the image as it is.
+    pub fn interrupt<B: DualBall>(&mut self, shared: Shared<'_>, scratch: &mut Scratch, stop: Stop) {
+        self.certify::<B>(shared, scratch, false);
+        self.stop = Some(stop);
+    }
+
+    /// Makes the image feasible and evaluates its gap.
+    fn certify<B: DualBall>(&mut self, shared: Shared<'_>, scratch: &mut Scratch, tight: bool) {
+        self.make_feasible(shared);
+        let objective = self.variation::<B>(shared.isa);
+        scratch.copy::<B>(shared.isa, &self.state);
+        if tight {
+            tighten::<B>(
+                shared.isa,
+                shared.size,
+                shared.free,
+                &mut scratch.vertical,
+                &mut scratch.horizontal,
+            );
+        }
+        let bound = self.dual_bound(shared, scratch);
+        self.bound = self.bound.max(bound);
+        self.gap = if objective > 0.0 { ((objective - self.bound) / objective).max(0.0) } else { 0.0 };
+    }
+
+    /// Clamps missing pixels to the measured range and, where measured pixels may move, projects these on the ball.
+    /// Both shorten the distance to the solution.
+    fn make_feasible(&mut self, shared: Shared<'_>) {
+        let keep = match &self.sample {
+            None => 1.0,
+            Some(sample) => {
+                let width = shared.size.width.max(1);
+                let rows = self.state.x.par_chunks(width).zip(sample.par_chunks(width));
+                let rows: Vec<f64> = rows
+                    .zip(shared.free.par_chunks(width))
+                    .map(|((x, sample), free)| {
+                        let both = x.iter().zip(sample).zip(free);
+                        both.map(|((x, s), &f)| f64::from(1 - f) * f64::from(x - s).powi(2)).sum()
+                    })
+                    .collect();
+                L2Ball { radius: self.radius }.keep(rows.iter().sum::<f64>().sqrt()) as f32
+            }
+        };
+        let x = self.state.x.par_iter_mut().zip(shared.free);
+        match &self.sample {
+            None => x.for_each(|(x, _)| *x = x.clamp(0.0, 1.0)),
+            Some(sample) => x.zip(sample).for_each(|((x, &free), &sample)| {
+                let held = if free == 1 { *x } else { sample + keep * (*x - sample) };
+                *x = held.clamp(0.0, 1.0);
+            }),
+        }
+    }
+
+    /// The objective, of the scaled image.
+    fn variation<B: DualBall>(&self, isa: Isa) -> f64 {
+        let Size { height, width } = self.state.size;
+        let row = |y: usize| &self.state.x[y * width..][..width];
+        let rows: Vec<f64> = (0..height)
+            .into_par_iter()
+            .map(|y| variation_row::<B>(isa, row(y), row((y + 1).min(height - 1))))
+            .collect();
+        rows.iter().sum()
+    }
+
+    /// A lower bound of the objective over all feasible images within [0, 1]; at least 0.
+    fn dual_bound(&self, shared: Shared<'_>, scratch: &Scratch) -> f64 {
+        let width = shared.size.width;
+        let zeros = vec![0.0; width];
+        let sample = self.sample.as_ref().unwrap_or(&self.state.x);
+        let rows: Vec<Bound> = (0..shared.size.height)
+            .into_par_iter()
+            .map(|y| {
+                let row = scratch.row(y, width, &zeros, shared.free);
+                bound_row(shared.isa, &sample[y * width..][..width], row)
+            })
+            .collect();
+        let sum = rows.into_iter().fold(Bound::default(), |a, b| a + b);
+        let ball = if self.sample.is_some() { self.radius * sum.squares.sqrt() } else { 0.0 };
+        ((sum.measured + sum.missing - ball) / (1.0 + LONGER)).max(0.0)
+    }
+
+    /// Writes the image, at missing pixels only unless measured pixels may move.
+    pub fn write(&self, shared: Shared<'_>, out: &mut Plane) {
+        let (low, high) = (self.low, self.low + self.range);
+        let moves = self.sample.is_some();
+        let x = self.state.x.par_iter().zip(shared.free);
+        out.pixels_mut().par_iter_mut().zip(x).for_each(|(out, (&x, &free))| {
+            if moves || free == 1 {
+                *out = (low + self.range * f64::from(x)).clamp(low, high) as f32;
+            }
+        });
+    }
+
+    /// How it ended.
+    pub fn outcome(&self) -> Outcome {
+        Outcome {
+            stop: self.stop.unwrap_or(Stop::IterationLimit),
+            iterations: self.iterations,
+            residual: None,
+            gap: Some(self.gap),
+        }
+    }
+}
+
+/// A dual variable to be tightened, shared by the channels in turn.
+pub struct Scratch {
+    vertical: Vec<f32>,
+    horizontal: Vec<f32>,
+}
+
+impl Scratch {
+    /// Room for a dual variable on `size`.
+    pub fn new(size: Size) -> Self {
+        Self { vertical: vec![0.0; size.pixels()], horizontal: vec![0.0; size.pixels()] }
+    }
+
+    /// Takes the state's dual variable, clipped to the ball (over-relaxation leaves it a little).
+    fn copy<B: DualBall>(&mut self, isa: Isa, state: &State) {
+        let width = state.size.width.max(1);
+        let zeros = vec![0.0; width];
+        let rows = self.vertical.par_chunks_mut(width).zip(self.horizontal.par_chunks_mut(width));
+        let from = state.vertical.par_chunks(width).zip(state.horizontal.par_chunks(width));
+        rows.zip(from).for_each(|((vertical, horizontal), from)| {
+            vertical.copy_from_slice(from.0);
+            horizontal.copy_from_slice(from.1);
+            correct_row::<B>(isa, vertical, horizontal, &zeros, &zeros);
+        });
+    }
+
+    fn row<'a>(&'a self, y: usize, width: usize, zeros: &'a [f32], free: &'a [u8]) -> PrimalRow<'a> {
+        let at = y * width..(y + 1) * width;
+        PrimalRow {
+            above: if y == 0 { zeros } else { &self.vertical[(y - 1) * width..y * width] },
+            vertical: &self.vertical[at.clone()],
+            horizontal: &self.horizontal[at.clone()],
+            free: &free[at],
+        }
+    }
+}

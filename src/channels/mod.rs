@@ -1,0 +1,130 @@
+//! Which rule each channel gets: colour, scalar, normal, identifier.
+//!
+//! First match wins: the sampling mask itself is kept; then the caller's overrides; then the channels that the
+//! attribute `lacuna/dense` lists, which are complete; then the names and types in [`rules`](by_default).
+
+mod names;
+mod overrides;
+mod rules;
+#[cfg(test)]
+mod tests;
+
+pub use names::{Name, channel_label, list_channels, part_label, view_of, words};
+pub use overrides::{Override, OverrideError};
+pub use rules::{by_default, is_alpha, is_light, is_matte};
+use serde::Serialize;
+
+use crate::frame::{Frame, Part, Samples};
+use crate::mask::Masks;
+
+/// The attribute that lists channels which are complete already, separated by commas or lines.
+pub const DENSE: &str = "lacuna/dense";
+
+/// What happens to a channel's missing pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Rule {
+    /// Reconstructed by the filter.
+    Fill,
+    /// Reconstructed by the filter, then made unit length with its two siblings.
+    Normal,
+    /// Only values that a measured neighbour had.
+    Depth,
+    /// Bits copied from the nearest measured pixel.
+    Nearest,
+    /// Untouched.
+    Keep,
+}
+
+impl Rule {
+    /// The name that `--channels` takes.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Fill => "fill",
+            Self::Normal => "normal",
+            Self::Depth => "depth",
+            Self::Nearest => "nearest",
+            Self::Keep => "keep",
+        }
+    }
+}
+
+impl std::fmt::Display for Rule {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// A rule and why it was chosen, for people.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Choice {
+    /// What is done.
+    pub rule: Rule,
+    /// Why: the option, attribute or name that decided.
+    pub why: String,
+}
+
+/// The rule of every channel, per part in file order.
+pub fn choose(frame: &Frame, masks: &Masks, overrides: &[Override]) -> Vec<Vec<Choice>> {
+    let one = |(index, part): (usize, &Part)| {
+        let dense = dense(part);
+        let mut choices: Vec<_> = (0..part.channels.len())
+            .map(|channel| {
+                if masks.is_mask_channel(index, channel) {
+                    return Choice { rule: Rule::Keep, why: "the sampling mask".into() };
+                }
+                choose_one(part, channel, overrides, &dense)
+            })
+            .collect();
+        demote_incomplete_normals(part, &mut choices);
+        choices
+    };
+    frame.parts.iter().enumerate().map(one).collect()
+}
+
+/// The three channels of the normal that a channel with [`Rule::Normal`] belongs to, in the order of the axes.
+pub fn normal_triple(part: &Part, choices: &[Choice], channel: usize) -> Option<[usize; 3]> {
+    let normal = |index: &usize| choices.get(*index).is_some_and(|choice| choice.rule == Rule::Normal);
+    if let Some(triple) = rules::normal_siblings(part, channel).filter(|triple| triple.iter().all(normal)) {
+        return Some(triple);
+    }
+    let full = part.channels.get(channel)?.display_name().into_owned();
+    rules::siblings(part, Name::new(&full).layer).into_iter().find_map(|triple| {
+        let [Some(x), Some(y), Some(z)] = triple else { return None };
+        let triple = [x, y, z];
+        (triple.contains(&channel) && triple.iter().all(normal)).then_some(triple)
+    })
+}
+
+fn choose_one(part: &Part, channel: usize, overrides: &[Override], dense: &[String]) -> Choice {
+    let name = part.channels[channel].display_name();
+    let uint = matches!(part.channels[channel].samples, Samples::Uint(_));
+    if let Some(found) = overrides.iter().find(|candidate| candidate.matches(&name)) {
+        return match found.rule {
+            Rule::Fill | Rule::Normal | Rule::Depth if uint => {
+                Choice { rule: Rule::Nearest, why: format!("whole numbers, which {found} cannot be for") }
+            }
+            rule => Choice { rule, why: format!("--channels {found}") },
+        };
+    }
+    if dense.iter().any(|listed| listed == &*name) {
+        return Choice { rule: Rule::Keep, why: format!("listed in {DENSE}") };
+    }
+    let (rule, why) = by_default(part, channel);
+    Choice { rule, why: why.into() }
+}
+
+fn dense(part: &Part) -> Vec<String> {
+    let text = part.attributes.text(DENSE).unwrap_or_default();
+    text.split([',', '\n']).map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect()
+}
+
+fn demote_incomplete_normals(part: &Part, choices: &mut [Choice]) {
+    let incomplete: Vec<_> = (0..choices.len())
+        .filter(|&i| choices[i].rule == Rule::Normal && normal_triple(part, choices, i).is_none())
+        .collect();
+    for index in incomplete {
+        let why = format!("{}, but not all three siblings are there", choices[index].why);
+        choices[index] = Choice { rule: Rule::Fill, why };
+    }
+}

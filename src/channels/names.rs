@@ -1,0 +1,135 @@
+//! Channel names taken apart: layers, components, views, and the words they are made of.
+
+use crate::frame::{Frame, Part};
+
+/// A channel's name split at its last full stop: `layer.component`, both as they stand in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Name<'a> {
+    /// What stands before the last full stop, or nothing.
+    pub layer: &'a str,
+    /// What stands after it.
+    pub component: &'a str,
+}
+
+impl<'a> Name<'a> {
+    /// Splits a full name.
+    pub fn new(full: &'a str) -> Self {
+        match full.rsplit_once('.') {
+            Some((layer, component)) => Self { layer, component },
+            None => Self { layer: "", component: full },
+        }
+    }
+}
+
+/// The words of a name, in lower case: runs of letters, split at every other character, before a capital that
+/// follows a small letter, and before the last capital of a run of them (`VRayMtlID` is v, ray, mtl, id).
+pub fn words(name: &str) -> Vec<String> {
+    let letters: Vec<char> = name.chars().collect();
+    let mut words = Vec::new();
+    let mut word = String::new();
+    for (i, &letter) in letters.iter().enumerate() {
+        if !letter.is_alphabetic() {
+            words.extend((!word.is_empty()).then(|| std::mem::take(&mut word)));
+            continue;
+        }
+        let after_small = i > 0 && letters[i - 1].is_lowercase();
+        let before_small = letters.get(i + 1).is_some_and(|next| next.is_lowercase());
+        if letter.is_uppercase() && (after_small || before_small) && !word.is_empty() {
+            words.push(std::mem::take(&mut word));
+        }
+        word.extend(letter.to_lowercase());
+    }
+    words.extend((!word.is_empty()).then_some(word));
+    words
+}
+
+/// The view that a channel belongs to: its part's `view`, else what the `multiView` attribute makes of its name
+/// (the second last component if it is a listed view, otherwise the first view, which is the default one).
+pub fn view_of(part: &Part, name: &str) -> Option<String> {
+    if let Some(view) = part.view() {
+        return Some(view);
+    }
+    let views = multi_view(part);
+    let first = views.first()?.clone();
+    let prefix = Name::new(Name::new(name).layer).component;
+    Some(views.into_iter().find(|view| view == prefix).unwrap_or(first))
+}
+
+/// The views that the attribute `multiView` lists, the default one first; empty where there is none.
+fn multi_view(part: &Part) -> Vec<String> {
+    let Some(attribute) = part.attributes.get("multiView") else { return Vec::new() };
+    if attribute.kind != b"stringvector" {
+        return Vec::new();
+    }
+    let mut views = Vec::new();
+    let mut rest = attribute.value.as_slice();
+    while let Some((length, tail)) = rest.split_first_chunk::<4>() {
+        let length = u32::from_le_bytes(*length) as usize;
+        let Some(text) = tail.get(..length) else { break };
+        views.push(String::from_utf8_lossy(text).into_owned());
+        rest = &tail[length..];
+    }
+    views
+}
+
+/// A part as messages call it: `part 2 (depth_left)`; nothing for the only part of a frame.
+pub fn part_label(frame: &Frame, part: usize) -> String {
+    match frame.parts.get(part).and_then(Part::name) {
+        _ if frame.parts.len() <= 1 => String::new(),
+        Some(name) if !name.is_empty() => format!("part {part} ({name})"),
+        _ => format!("part {part}"),
+    }
+}
+
+/// A channel as messages call it: `part 2 (depth_left), channel Z`, or `channel Z` in a frame of one part.
+pub fn channel_label(frame: &Frame, part: usize, channel: usize) -> String {
+    let name = frame.parts.get(part).and_then(|part| part.channels.get(channel));
+    let name = name.map_or_else(|| channel.to_string(), |channel| channel.display_name().into_owned());
+    let part = part_label(frame, part);
+    if part.is_empty() { format!("channel {name}") } else { format!("{part}, channel {name}") }
+}
+
+/// The channels of a frame on one line, part by part; long lists are cut and say so.
+pub fn list_channels(frame: &Frame) -> String {
+    const MOST: usize = 40;
+    let mut left = MOST;
+    let mut parts = Vec::new();
+    for (index, part) in frame.parts.iter().enumerate() {
+        let names: Vec<_> = part.channels.iter().take(left).map(|channel| channel.display_name()).collect();
+        left -= names.len();
+        let label = part_label(frame, index);
+        let names = names.join(", ");
+        if !names.is_empty() {
+            parts.push(if label.is_empty() { names } else { format!("{label}: {names}") });
+        }
+    }
+    let all: usize = frame.parts.iter().map(|part| part.channels.len()).sum();
+    let more = if all > MOST { format!(" and {} more", all - MOST) } else { String::new() };
+    format!("{}{more}", parts.join("; "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_whole_words() {
+        let of = |name: &str| words(name).join(" ");
+        assert_eq!(of("objectId"), "object id");
+        assert_eq!(of("material_id"), "material id");
+        assert_eq!(of("VRayMtlID"), "v ray mtl id");
+        assert_eq!(of("CryptoObject00.r"), "crypto object r");
+        assert_eq!(of("fluid.R"), "fluid r");
+        assert_eq!(of("ZBack"), "z back");
+        assert_eq!(of("SAMPLECOUNT"), "samplecount");
+        assert_eq!(of("Diffuse Direct.R"), "diffuse direct r");
+        assert_eq!(of("..7"), "");
+    }
+
+    #[test]
+    fn names_split_at_the_last_full_stop() {
+        assert_eq!(Name::new("R"), Name { layer: "", component: "R" });
+        assert_eq!(Name::new("a.b.R"), Name { layer: "a.b", component: "R" });
+        assert_eq!(Name::new("a."), Name { layer: "a", component: "" });
+    }
+}

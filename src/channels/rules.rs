@@ -1,0 +1,242 @@
+//! The default rules: what a channel's name, type and part say about it, as a table read from the top.
+
+use super::Rule;
+use super::names::{Name, words};
+use crate::frame::{Part, Samples};
+
+/// What the rows of the table look at.
+struct Subject<'a> {
+    part: &'a Part,
+    index: usize,
+    full: String,
+    words: Vec<String>,
+}
+
+/// One row: the rule, the reason it gives, and the channels it is for.
+struct Row {
+    rule: Rule,
+    why: &'static str,
+    holds: fn(&Subject<'_>) -> bool,
+}
+
+/// First match wins.
+const TABLE: &[Row] = &[
+    Row { rule: Rule::Keep, why: "a mask that is not in use", holds: is_mask },
+    Row { rule: Rule::Keep, why: "a count of samples", holds: is_sample_count },
+    Row { rule: Rule::Nearest, why: "whole numbers", holds: is_uint },
+    Row { rule: Rule::Nearest, why: "Cryptomatte, by its header attributes", holds: is_listed_cryptomatte },
+    Row { rule: Rule::Nearest, why: "Cryptomatte, by its name", holds: is_named_cryptomatte },
+    Row { rule: Rule::Nearest, why: "an identifier, by its name", holds: is_identifier },
+    Row { rule: Rule::Depth, why: "a depth, by its name", holds: is_depth },
+    Row { rule: Rule::Normal, why: "a normal with its two siblings", holds: is_normal },
+    Row { rule: Rule::Nearest, why: "motion or disparity, by its name", holds: is_motion },
+    Row { rule: Rule::Fill, why: "alpha", holds: |subject| is_alpha(&subject.full) },
+    Row { rule: Rule::Fill, why: "a matte", holds: |subject| is_matte(&subject.full) },
+    Row { rule: Rule::Fill, why: "a position", holds: |subject| is_position_name(&subject.full) },
+    Row { rule: Rule::Fill, why: "colour", holds: is_colour },
+    Row { rule: Rule::Fill, why: "a float channel without a rule of its own", holds: |_| true },
+];
+
+/// The default rule for a channel of a part, and why.
+pub fn by_default(part: &Part, channel: usize) -> (Rule, &'static str) {
+    let Some(full) = part.channels.get(channel).map(|channel| channel.display_name().into_owned()) else {
+        return (Rule::Keep, "no such channel");
+    };
+    let subject = Subject { part, index: channel, words: words(&full), full };
+    TABLE
+        .iter()
+        .find(|row| (row.holds)(&subject))
+        .map_or((Rule::Fill, "a float channel"), |row| (row.rule, row.why))
+}
+
+/// Words that make a channel an identifier wherever they stand in its name.
+const IDENTIFIERS: &[&str] = &[
+    "id",
+    "ids",
+    "identifier",
+    "objectid",
+    "objid",
+    "materialid",
+    "matid",
+    "mtlid",
+    "primid",
+    "primitiveid",
+    "shapeid",
+    "geomid",
+    "instanceid",
+    "instid",
+    "nodeid",
+    "assetid",
+    "renderid",
+    "faceid",
+    "puzzleid",
+    "index",
+    "indexob",
+    "indexma",
+];
+
+/// Words for motion and stereo disparity, whatever the component.
+const MOTION: &[&str] = &[
+    "motion",
+    "motionvector",
+    "motionvectors",
+    "motionvec",
+    "mvec",
+    "mv",
+    "velocity",
+    "vector",
+    "vectors",
+    "disparity",
+];
+
+/// Words for motion if the component is a coordinate: `forward.u`, but not `forward.R`.
+const DIRECTED: &[&str] = &["forward", "backward", "flow", "motionfw", "motionbw"];
+
+/// Layers of normals that are too short to be words.
+const NORMALS: &[&str] = &["N", "n", "Ng", "Ns", "Nn", "Nf"];
+
+fn has(words: &[String], list: &[&str]) -> bool {
+    words.iter().any(|word| list.contains(&word.as_str()))
+}
+
+fn is_mask(subject: &Subject<'_>) -> bool {
+    subject.full.eq_ignore_ascii_case("mask")
+}
+
+fn is_sample_count(subject: &Subject<'_>) -> bool {
+    let layer = Name::new(&subject.full).layer;
+    let last = Name::new(layer).component;
+    let component = Name::new(&subject.full).component;
+    [last, component].iter().any(|name| {
+        let joined = words(name).concat();
+        matches!(
+            joined.as_str(),
+            "samples" | "samplecount" | "samplescount" | "numsamples" | "debugsamplecount"
+        )
+    })
+}
+
+fn is_uint(subject: &Subject<'_>) -> bool {
+    matches!(subject.part.channels[subject.index].samples, Samples::Uint(_))
+}
+
+/// The attribute `cryptomatte/<id>/name` is the layer that the ranks `<name>00`, `<name>01` ... append a number to.
+fn is_listed_cryptomatte(subject: &Subject<'_>) -> bool {
+    subject.part.attributes.iter().any(|attribute| {
+        let key = String::from_utf8_lossy(&attribute.name);
+        if !key.starts_with("cryptomatte/") || !key.ends_with("/name") {
+            return false;
+        }
+        let name = String::from_utf8_lossy(&attribute.value);
+        let layer = Name::new(&subject.full).layer;
+        let rest = layer.strip_prefix(&*name).filter(|_| !name.is_empty());
+        rest.is_some_and(|rest| rest.chars().all(|letter| letter.is_ascii_digit()))
+    })
+}
+
+fn is_named_cryptomatte(subject: &Subject<'_>) -> bool {
+    has(&subject.words, &["crypto", "cryptomatte", "cryptoobject", "cryptomaterial", "cryptoasset"])
+}
+
+fn is_identifier(subject: &Subject<'_>) -> bool {
+    has(&subject.words, IDENTIFIERS)
+}
+
+/// `Z` and `ZBack` in any layer that has no `X` beside them, and everything in a layer called depth.
+fn is_depth(subject: &Subject<'_>) -> bool {
+    let Name { layer, component } = Name::new(&subject.full);
+    let component = words(component);
+    let z = component.first().is_some_and(|word| word == "z" || word == "zback" || word == "zfront")
+        && component.get(1).is_none_or(|word| ["back", "front", "depth", "buffer"].contains(&word.as_str()))
+        && component.len() <= 2;
+    let vector = sibling(subject.part, layer, &["x"]).is_some();
+    let depth_of_field = subject.words.windows(2).any(|pair| pair[0] == "depth" && pair[1] == "of");
+    let named = has(&subject.words, &["depth", "zdepth", "zback", "zbuffer"]) && !depth_of_field;
+    (z && !vector) || named
+}
+
+fn is_motion(subject: &Subject<'_>) -> bool {
+    let component = Name::new(&subject.full).component.to_ascii_lowercase();
+    let coordinate = ["u", "v", "x", "y", "z", "w"].contains(&component.as_str());
+    has(&subject.words, MOTION) || (coordinate && has(&subject.words, DIRECTED))
+}
+
+fn is_normal(subject: &Subject<'_>) -> bool {
+    normal_siblings(subject.part, subject.index).is_some()
+}
+
+/// Whether a channel is a coordinate in space: `P.X`, `Px`, `position.*`.
+fn is_position_name(full: &str) -> bool {
+    let Name { layer, component } = Name::new(full);
+    let last = Name::new(layer).component;
+    let pbrt = layer.is_empty() && ["Px", "Py", "Pz"].contains(&component);
+    last == "P" || last == "Pref" || pbrt || has(&words(last), &["position", "pos", "point", "pref", "wpos"])
+}
+
+/// Whether a channel that is filled is light: not an alpha, a matte or a position.
+pub fn is_light(full: &str) -> bool {
+    !is_alpha(full) && !is_matte(full) && !is_position_name(full)
+}
+
+fn is_colour(subject: &Subject<'_>) -> bool {
+    let component = Name::new(&subject.full).component.to_ascii_lowercase();
+    ["r", "g", "b", "red", "green", "blue", "y", "ry", "by"].contains(&component.as_str())
+}
+
+/// Whether a channel is an alpha by its component: `A`, `alpha`, or one of the coloured `AR`, `AG`, `AB`.
+pub fn is_alpha(full: &str) -> bool {
+    let component = Name::new(full).component.to_ascii_lowercase();
+    ["a", "alpha", "ar", "ag", "ab"].contains(&component.as_str())
+}
+
+/// Whether a channel is a matte by its name; like an alpha it stays within 0 and 1 where it was.
+pub fn is_matte(full: &str) -> bool {
+    let component = words(Name::new(full).component);
+    has(&component, &["mask", "matte"])
+}
+
+/// The three channels `X Y Z` or `R G B` of the layer of normals that the channel belongs to, in that order;
+/// pbrt's `Nx Ny Nz` without a full stop as well.
+pub fn normal_siblings(part: &Part, channel: usize) -> Option<[usize; 3]> {
+    let full = part.channels.get(channel)?.display_name().into_owned();
+    let Name { layer, component } = Name::new(&full);
+    let last = Name::new(layer).component;
+    let triples = if NORMALS.contains(&last) || has(&words(last), &["normal", "normals"]) {
+        siblings(part, layer)
+    } else if layer.is_empty() {
+        let stem = component.strip_suffix(['x', 'y', 'z', 'X', 'Y', 'Z']).unwrap_or("");
+        let plain = stem.trim_end_matches('_');
+        if NORMALS.contains(&plain) || has(&words(plain), &["normal", "normals"]) {
+            vec![["x", "y", "z"].map(|axis| find(part, &format!("{stem}{axis}")))]
+        } else {
+            Vec::new()
+        }
+    } else {
+        Vec::new()
+    };
+    triples.into_iter().find_map(|triple| {
+        let [Some(x), Some(y), Some(z)] = triple else { return None };
+        [x, y, z].contains(&channel).then_some([x, y, z])
+    })
+}
+
+/// The triples that a layer may have: axes, then colours, in the order of the components.
+pub fn siblings(part: &Part, layer: &str) -> Vec<[Option<usize>; 3]> {
+    [["x", "y", "z"], ["r", "g", "b"], ["red", "green", "blue"]]
+        .map(|names| names.map(|name| sibling(part, layer, &[name])))
+        .to_vec()
+}
+
+/// The channel of a layer whose component is one of `names`, in any case.
+fn sibling(part: &Part, layer: &str, names: &[&str]) -> Option<usize> {
+    part.channels.iter().position(|channel| {
+        let full = channel.display_name();
+        let name = Name::new(&full);
+        name.layer == layer && names.iter().any(|other| name.component.eq_ignore_ascii_case(other))
+    })
+}
+
+/// The channel of that full name, in any case.
+fn find(part: &Part, full: &str) -> Option<usize> {
+    part.channels.iter().position(|channel| channel.display_name().eq_ignore_ascii_case(full))
+}

@@ -1,0 +1,147 @@
+//! Rules of many names, as renderers write them.
+
+use super::*;
+use crate::frame::Samples;
+use crate::testing::{float, frame, half, part, uint, window};
+
+/// A part of one pixel with float channels of those names.
+fn with(names: &[&str]) -> Part {
+    part(window(0, 0, 1, 1), names.iter().map(|name| float(name, &[0.5])).collect())
+}
+
+fn rule(part: &Part, name: &str) -> Rule {
+    let at = part.channels.iter().position(|channel| channel.name == name.as_bytes()).unwrap();
+    by_default(part, at).0
+}
+
+fn choices(part: Part, overrides: &[&str]) -> Vec<(String, Rule)> {
+    let overrides: Vec<Override> = overrides.iter().map(|text| text.parse().unwrap()).collect();
+    let frame = frame(vec![part]);
+    let chosen = choose(&frame, &Masks::default(), &overrides).remove(0);
+    let names = frame.parts[0].channels.iter().map(|channel| channel.display_name().into_owned());
+    names.zip(chosen).map(|(name, choice)| (name, choice.rule)).collect()
+}
+
+/// Names that decide alone.
+const NAMES: &[(Rule, &str)] = &[
+    (Rule::Fill, "R|G|B|A|Y|RY|fluid.R|bridge.R|Diffuse Direct.R|diffuse.red|ViewLayer.Combined.R|Albedo.R"),
+    (
+        Rule::Fill,
+        "Variance.R|RelativeVariance.R|P.X|Px|pos.X|position.Y|uv.U|u|dzdx|whitebarmask.mask|solid.A",
+    ),
+    (Rule::Fill, "hidden.G|AR|grid.B|widget.r|forward_scatter.R|validity.R|normalized.R|depth_of_field.R"),
+    (Rule::Fill, "Pref.X|video.R|mid.R|identity.R|amazing.R|beauty.alpha|cryptic.R|promotion.R"),
+    (Rule::Nearest, "id|ID|objectId|material_id|objectid.R|ObjectID.X|VRayMtlID|VRayRenderID.R"),
+    (Rule::Nearest, "ViewLayer.IndexOB.X|crypto_object00.red|CryptoObject00.r|ViewLayer.CryptoMaterial02.a"),
+    (
+        Rule::Nearest,
+        "cryptomatte01.R|uCryptoAsset.G|forward.u|backward.v|motion.X|Vector.X|ViewLayer.Vector.W",
+    ),
+    (Rule::Nearest, "velocity.R|motionvector.x|disparityL.x|shape_index.Y|prim_index|nodeId3|flow.x"),
+    (Rule::Depth, "Z|z|ZBack|zback|depth.T|depth.R|Depth|ViewLayer.Depth.Z|VRayZDepth|camera_depth|beauty.Z"),
+    (Rule::Depth, "ViewLayer.Mist.Z|depth.Z|deep.ZBack|zDepth.R"),
+    (Rule::Keep, "mask|Mask|MASK|samples|SAMPLECOUNT|SampleCount|stats.samples|sample_count"),
+    (Rule::Keep, "ViewLayer.Debug Sample Count.X"),
+];
+
+#[test]
+fn single_names() {
+    for (expected, names) in NAMES {
+        for name in names.split('|') {
+            assert_eq!(rule(&with(&[name]), name), *expected, "{name}");
+        }
+    }
+}
+
+#[test]
+fn normals_need_their_siblings() {
+    for names in [
+        ["N.X", "N.Y", "N.Z"],
+        ["normal.x", "normal.y", "normal.z"],
+        ["ViewLayer.Normal.X", "ViewLayer.Normal.Y", "ViewLayer.Normal.Z"],
+        ["Ns.X", "Ns.Y", "Ns.Z"],
+        ["VRayNormals.R", "VRayNormals.G", "VRayNormals.B"],
+        ["bumpNormals.red", "bumpNormals.green", "bumpNormals.blue"],
+        ["Nx", "Ny", "Nz"],
+        ["normal_x", "normal_y", "normal_z"],
+    ] {
+        for name in names {
+            assert_eq!(rule(&with(&names), name), Rule::Normal, "{name}");
+        }
+        assert_ne!(rule(&with(&names[..2]), names[0]), Rule::Normal, "{} alone", names[0]);
+    }
+    let with_alpha = with(&["N.X", "N.Y", "N.Z", "N.A"]);
+    assert_eq!(rule(&with_alpha, "N.A"), Rule::Fill);
+    assert_eq!(rule(&with_alpha, "N.Z"), Rule::Normal);
+}
+
+#[test]
+fn z_is_a_component_where_x_is() {
+    let vector = with(&["P.X", "P.Y", "P.Z", "Z"]);
+    assert_eq!(rule(&vector, "P.Z"), Rule::Fill);
+    assert_eq!(rule(&vector, "Z"), Rule::Depth);
+    assert_eq!(rule(&with(&["X", "Y", "Z"]), "Z"), Rule::Fill);
+}
+
+#[test]
+fn whole_numbers_are_copied_and_never_computed() {
+    let make = || part(window(0, 0, 1, 1), vec![uint("R", &[7]), half("G", &[0.5])]);
+    assert_eq!(choices(make(), &[]), [("G".into(), Rule::Fill), ("R".into(), Rule::Nearest)]);
+    assert_eq!(choices(make(), &["*=fill"])[1].1, Rule::Nearest);
+    assert_eq!(choices(make(), &["R=keep"])[1].1, Rule::Keep);
+    assert!(matches!(make().channels[1].samples, Samples::Uint(_)));
+}
+
+#[test]
+fn cryptomatte_by_its_attributes() {
+    let mut part = with(&["Asset00.R", "Asset.R", "Assets.R", "AssetX00.R"]);
+    part.attributes.set_text("cryptomatte/1a2b3c4/name", "Asset");
+    assert_eq!(rule(&part, "Asset00.R"), Rule::Nearest);
+    assert_eq!(rule(&part, "Asset.R"), Rule::Nearest);
+    assert_eq!(rule(&part, "Assets.R"), Rule::Fill);
+    assert_eq!(rule(&part, "AssetX00.R"), Rule::Fill);
+}
+
+#[test]
+fn overrides_come_first_and_the_first_wins() {
+    let make = || with(&["Diffuse Direct.R", "R", "id.R", "mask"]);
+    let rules: Vec<_> =
+        choices(make(), &["Diff*=keep", "*.R=depth", "mask=fill"]).into_iter().map(|c| c.1).collect();
+    assert_eq!(rules, [Rule::Keep, Rule::Fill, Rule::Depth, Rule::Fill]);
+    assert_eq!(choices(make(), &["[Rm]*=nearest"])[1].1, Rule::Nearest);
+}
+
+#[test]
+fn the_mask_in_use_is_kept_whatever_is_asked() {
+    let frame = frame(vec![with(&["R", "mask"])]);
+    let masks = Masks { mask_channels: vec![vec![1]], ..Masks::default() };
+    let choices = choose(&frame, &masks, &["*=fill".parse().unwrap()]);
+    assert_eq!(choices[0][1].rule, Rule::Keep);
+    assert_eq!(choices[0][0].rule, Rule::Fill);
+}
+
+#[test]
+fn normals_that_are_asked_for_need_three() {
+    let asked = choices(with(&["dir.X", "dir.Y", "dir.Z", "two.X", "two.Y"]), &["*=normal"]);
+    let rules: Vec<_> = asked.into_iter().map(|choice| choice.1).collect();
+    assert_eq!(rules, [Rule::Normal, Rule::Normal, Rule::Normal, Rule::Fill, Rule::Fill]);
+    let broken = choices(with(&["N.X", "N.Y", "N.Z"]), &["N.Y=keep"]);
+    assert_eq!(broken.iter().map(|c| c.1).collect::<Vec<_>>(), [Rule::Fill, Rule::Keep, Rule::Fill]);
+}
+
+#[test]
+fn dense_channels_are_kept() {
+    let mut part = with(&["Diffuse Direct.R", "R", "Z"]);
+    part.attributes.set_text(DENSE, "Z, Diffuse Direct.R");
+    let rules: Vec<_> = choices(part, &[]).into_iter().map(|choice| choice.1).collect();
+    assert_eq!(rules, [Rule::Keep, Rule::Fill, Rule::Keep]);
+}
+
+#[test]
+fn overrides_say_what_is_wrong_with_them() {
+    for text in ["", "R", "=fill", "R=paint", "[=fill"] {
+        let error = text.parse::<Override>().unwrap_err().to_string();
+        assert!(!error.contains('\n') && !error.is_empty(), "{text}: {error}");
+    }
+    assert_eq!("a=b=keep".parse::<Override>().unwrap().to_string(), "a=b=keep");
+}

@@ -1,0 +1,207 @@
+//! Flags that choose a filter and its settings.
+
+use std::fmt::Display;
+use std::str::FromStr;
+
+use clap::{Args, ValueEnum};
+use lacuna_filters::Method;
+use lacuna_filters::baseline::{nearest, push_pull};
+use lacuna_filters::variational::{ss, tv};
+
+use super::Usage;
+use crate::reconstruct::Domain;
+
+/// The filter and its settings.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Filter")]
+pub struct FilterArgs {
+    /// The filter that reconstructs colour
+    #[arg(long, value_name = "NAME", default_value = "ss")]
+    pub filter: Name,
+
+    /// ss: weight of smoothness against the samples, 0 or more; 0 interpolates; larger is smoother and changes measured
+    /// pixels [default: 0]
+    #[arg(long, value_name = "LAMBDA", value_parser = zero_or_more)]
+    pub ss_lambda: Option<f64>,
+
+    /// ss: the spline whose derivatives are measured [default: see docs/fill.md]
+    #[arg(long, value_name = "KERNEL")]
+    pub ss_kernel: Option<Kernel>,
+
+    /// ss: the order of the derivatives that are kept small, 2 or 3; 3 is smoother, 2 calmer in holes
+    #[arg(long, value_name = "ORDER")]
+    pub ss_order: Option<Order>,
+
+    /// ss: share of first-order energy, 0 or more; larger keeps large holes flatter
+    #[arg(long, value_name = "TENSION", value_parser = zero_or_more)]
+    pub ss_tension: Option<f64>,
+
+    /// tv: how the length of a gradient is measured; anisotropic prefers edges along rows and columns [default: isotropic]
+    #[arg(long, value_name = "NORM")]
+    pub tv_norm: Option<Norm>,
+
+    /// tv: distance from the samples that is allowed, 0 or more, in their unit times the root of their number; 0 is exact;
+    /// larger is smoother and changes measured pixels [default: 0]
+    #[arg(long, value_name = "EPSILON", value_parser = zero_or_more)]
+    pub tv_epsilon: Option<f64>,
+
+    /// tv: relative duality gap at which the solver stops, above 0; smaller is closer to the minimum and slower
+    /// [default: 0.01]
+    #[arg(long, value_name = "GAP", value_parser = above_zero)]
+    pub tv_gap: Option<f64>,
+
+    /// tv: iterations at most, 1 or more [default: 2000]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub tv_iterations: Option<u32>,
+
+    /// Where colours are reconstructed: as they are, through a reversible logarithm (for highlights), or as their range
+    /// asks for
+    #[arg(long, value_name = "DOMAIN", default_value = "auto")]
+    pub domain: DomainName,
+
+    /// Hold overshoot beside highlights and edges back to what the samples around allow
+    #[arg(long, value_name = "SWITCH", default_value = "on")]
+    pub limit: Switch,
+}
+
+/// A filter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Name {
+    /// Smoothness splines: the best on smooth renders
+    Ss,
+    /// Total variation: flat regions between sharp edges
+    Tv,
+    /// Push-pull pyramid: fast and plain
+    #[value(name = "pushpull")]
+    PushPull,
+    /// The nearest measured pixel
+    Nearest,
+}
+
+/// The spline of `ss`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Kernel {
+    /// The cardinal cubic B-spline
+    Bspline,
+    /// The thesis's kernel, taken piece by piece
+    Piecewise,
+}
+
+/// The order of `ss`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Order {
+    /// Second derivatives
+    #[value(name = "2")]
+    Second,
+    /// Third derivatives
+    #[value(name = "3")]
+    Third,
+}
+
+/// The norm of `tv`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Norm {
+    /// Euclidean length
+    Isotropic,
+    /// Sum of absolute differences
+    Anisotropic,
+}
+
+/// Where colours are reconstructed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum DomainName {
+    /// Linear, or logarithmic where the measured range asks for it
+    Auto,
+    /// As they are
+    Linear,
+    /// Through a reversible logarithm, defined for zero and negative values
+    Log,
+}
+
+/// On or off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Switch {
+    /// Yes
+    On,
+    /// No
+    Off,
+}
+
+impl FilterArgs {
+    /// The filter with its settings. A setting of another filter is an error.
+    pub fn method(&self) -> Result<Method, Usage> {
+        let settings = [
+            ("--ss-lambda", self.ss_lambda.is_some(), Name::Ss),
+            ("--ss-kernel", self.ss_kernel.is_some(), Name::Ss),
+            ("--ss-order", self.ss_order.is_some(), Name::Ss),
+            ("--ss-tension", self.ss_tension.is_some(), Name::Ss),
+            ("--tv-norm", self.tv_norm.is_some(), Name::Tv),
+            ("--tv-epsilon", self.tv_epsilon.is_some(), Name::Tv),
+            ("--tv-gap", self.tv_gap.is_some(), Name::Tv),
+            ("--tv-iterations", self.tv_iterations.is_some(), Name::Tv),
+        ];
+        if let Some((flag, _, owner)) =
+            settings.iter().find(|(_, given, owner)| *given && *owner != self.filter)
+        {
+            let name =
+                |name: Name| name.to_possible_value().map_or(String::new(), |value| value.get_name().into());
+            return Err(Usage(format!(
+                "{flag} is a setting of --filter {}, but the filter is {}",
+                name(*owner),
+                name(self.filter)
+            )));
+        }
+        Ok(match self.filter {
+            Name::Ss => Method::Ss(self.ss()),
+            Name::Tv => Method::Tv(self.tv()),
+            Name::PushPull => Method::PushPull(push_pull::Settings),
+            Name::Nearest => Method::Nearest(nearest::Settings),
+        })
+    }
+
+    /// The domain.
+    pub fn domain(&self) -> Domain {
+        match self.domain {
+            DomainName::Auto => Domain::Auto,
+            DomainName::Linear => Domain::Linear,
+            DomainName::Log => Domain::Log,
+        }
+    }
+
+    fn ss(&self) -> ss::Settings {
+        let mut settings = ss::Settings::default();
+        set(&mut settings.lambda, self.ss_lambda);
+        settings
+    }
+
+    fn tv(&self) -> tv::Settings {
+        let mut settings = tv::Settings::default();
+        set(&mut settings.epsilon, self.tv_epsilon);
+        set(&mut settings.gap, self.tv_gap);
+        set(&mut settings.max_iterations, self.tv_iterations.map(|count| count as usize));
+        let norm = self.tv_norm.map(|norm| match norm {
+            Norm::Isotropic => tv::Norm::Isotropic,
+            Norm::Anisotropic => tv::Norm::Anisotropic,
+        });
+        set(&mut settings.norm, norm);
+        settings
+    }
+}
+
+fn set<T>(setting: &mut T, given: Option<T>) {
+    if let Some(value) = given {
+        *setting = value;
+    }
+}
+
+fn number<T: FromStr>(text: &str, range: impl Display, fits: impl Fn(&T) -> bool) -> Result<T, String> {
+    text.parse().ok().filter(fits).ok_or_else(|| format!("must be a number {range}"))
+}
+
+fn zero_or_more(text: &str) -> Result<f64, String> {
+    number(text, "of 0 or more", |value: &f64| *value >= 0.0 && value.is_finite())
+}
+
+fn above_zero(text: &str) -> Result<f64, String> {
+    number(text, "above 0", |value: &f64| *value > 0.0 && value.is_finite())
+}

@@ -1,0 +1,114 @@
+//! Flags that say where frames go and how their files are made.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::{Args, ValueEnum};
+
+use crate::frame::{Compression, SampleType};
+
+/// Where outputs go.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Output")]
+pub struct OutputArgs {
+    /// A file, a pattern (numbers follow the input) or a folder (ends in / unless it exists; names follow the input)
+    #[arg(short, long, value_name = "OUTPUT")]
+    pub output: PathBuf,
+
+    /// Make the output's folder where it is missing
+    #[arg(long)]
+    pub create_dir: bool,
+
+    /// Pass over frames whose output exists
+    #[arg(long)]
+    pub no_clobber: bool,
+}
+
+/// How files are made.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Output")]
+pub struct FormatArgs {
+    /// Lossless compression: none, rle, zips, zip or piz; LEVEL is for zips and zip, 1 (fast) to 12 (small)
+    /// [default: the input's where it is lossless, else zip; level 4]
+    #[arg(long, value_name = "NAME[:LEVEL]")]
+    pub compression: Option<Packing>,
+}
+
+/// A lossless compression with its level.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Packing {
+    /// The compression.
+    pub compression: Compression,
+    /// 1 to 12, for `zips` and `zip`.
+    pub level: Option<u8>,
+}
+
+impl FromStr for Packing {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (name, level) = match text.split_once(':') {
+            Some((name, level)) => (name, Some(level)),
+            None => (text, None),
+        };
+        let Some(compression) = Compression::from_name(&name.to_ascii_lowercase()) else {
+            return Err("not a compression; choose none, rle, zips, zip or piz".into());
+        };
+        if !compression.is_lossless() {
+            return Err(format!(
+                "{name} would change measured pixels; write zip and convert afterwards: \
+                 oiiotool OUTPUT --compression {name} -o FILE"
+            ));
+        }
+        let level = level.map(|level| match level.parse() {
+            Ok(level @ 1..=12) if matches!(compression, Compression::Zip | Compression::Zips) => Ok(level),
+            Ok(1..=12) => Err(format!("{name} has no levels")),
+            _ => Err("the level is not a number from 1 to 12".into()),
+        });
+        Ok(Self { compression, level: level.transpose()? })
+    }
+}
+
+/// The type of written colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Depth {
+    /// 16-bit floats.
+    Half,
+    /// 32-bit floats.
+    Float,
+}
+
+impl From<Depth> for SampleType {
+    fn from(depth: Depth) -> Self {
+        match depth {
+            Depth::Half => Self::Half,
+            Depth::Float => Self::Float,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn compressions_are_lossless_ones() {
+        let zip = |level| Ok(Packing { compression: Compression::Zip, level });
+        assert_eq!("zip".parse(), zip(None));
+        assert_eq!("ZIP:9".parse(), zip(Some(9)));
+        for (text, reason) in [
+            ("dwaa", "convert afterwards"),
+            ("dwab:45", "convert afterwards"),
+            ("pxr24", "change measured pixels"),
+            ("piz:3", "no levels"),
+            ("zip:0", "1 to 12"),
+            ("zip:", "1 to 12"),
+            ("zip:x", "1 to 12"),
+            ("htj2k", "not a compression"),
+            ("", "not a compression"),
+        ] {
+            let error = text.parse::<Packing>().unwrap_err();
+            assert!(error.contains(reason), "{text}: {error}");
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! Flags that say how the work runs and what is said about it; none of them changes a bit of a result.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::Duration;
+
+use clap::{ArgAction, Args};
+
+use crate::sequence::{RunOptions, Verbosity};
+
+// Not a comment for rustdoc, which would read code into it.
+const THREADS: &str =
+    "Threads in all; 0 takes what the machine, a cgroup limit and SLURM_CPUS_PER_TASK allow";
+
+/// How to run.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Run")]
+pub struct RunArgs {
+    #[arg(long, value_name = "N", default_value_t = 0, help = THREADS)]
+    #[allow(missing_docs)]
+    pub threads: usize,
+
+    /// Frames solved at the same time, 1 or more; reading and writing overlap with it anyway
+    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u16).range(1..))]
+    pub parallel_frames: u16,
+
+    /// Memory that frames on the way may use together: bytes, or with K, M, G, T (powers of 1024), for example 4G;
+    /// a frame that alone needs more is refused [default: no bound]
+    #[arg(long, value_name = "SIZE")]
+    pub memory: Option<Bytes>,
+
+    /// Seconds that solving one frame may take, above 0; then its best image so far is written and the report says so
+    /// [default: no limit]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub time_limit: Option<Duration>,
+
+    /// Print the plan (input, output, what would be done) and change nothing
+    #[arg(short = 'n', long)]
+    pub dry_run: bool,
+
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub speech: SpeechArgs,
+
+    /// Write a report as JSON: per frame files, settings, density, iterations, residual or gap, seconds, state
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// What is said.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Run")]
+pub struct SpeechArgs {
+    /// Say nothing but errors
+    #[arg(short, long, conflicts_with = "verbose")]
+    pub quiet: bool,
+
+    /// Say more: a line for every frame
+    #[arg(short, long, action = ArgAction::Count)]
+    pub verbose: u8,
+}
+
+impl SpeechArgs {
+    /// How much is said.
+    pub fn verbosity(&self) -> Verbosity {
+        match (self.quiet, self.verbose) {
+            (true, _) => Verbosity::Quiet,
+            (false, 0) => Verbosity::Normal,
+            (false, _) => Verbosity::Verbose,
+        }
+    }
+}
+
+impl RunArgs {
+    /// The checked options.
+    pub fn options(&self) -> RunOptions {
+        RunOptions {
+            threads: self.threads,
+            parallel_frames: self.parallel_frames.into(),
+            memory: self.memory.map(|bytes| bytes.0),
+            time_limit: self.time_limit,
+            dry_run: self.dry_run,
+            verbosity: self.speech.verbosity(),
+            json: self.json.clone(),
+        }
+    }
+}
+
+/// A number of bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bytes(pub u64);
+
+impl FromStr for Bytes {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+        let shift = match text[digits.len()..].to_ascii_lowercase().as_str() {
+            "" | "b" => 0,
+            "k" | "kb" | "kib" => 10,
+            "m" | "mb" | "mib" => 20,
+            "g" | "gb" | "gib" => 30,
+            "t" | "tb" | "tib" => 40,
+            _ => return Err("not a size such as 4G, 512M or 1.5G".into()),
+        };
+        let number: f64 = digits.trim().parse().map_err(|_| "not a size such as 4G, 512M or 1.5G")?;
+        let bytes =
+            number * f64::from(1_u32 << (shift % 30)) * if shift >= 30 { f64::from(1 << 30) } else { 1.0 };
+        if bytes >= 1.0 && bytes < 2_f64.powi(60) {
+            Ok(Self(bytes as u64))
+        } else {
+            Err("out of range".into())
+        }
+    }
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds: f64 = text.parse().map_err(|_| "not a number of seconds")?;
+    if seconds > 0.0 {
+        Duration::try_from_secs_f64(seconds).map_err(|error| error.to_string())
+    } else {
+        Err("must be above 0".into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_read_as_powers_of_1024() {
+        let bytes = |text: &str| text.parse::<Bytes>().map(|bytes| bytes.0);
+        assert_eq!(bytes("123"), Ok(123));
+        assert_eq!(bytes("2K"), Ok(2 << 10));
+        assert_eq!(bytes("512m"), Ok(512 << 20));
+        assert_eq!(bytes("1.5G"), Ok(3 << 29));
+        assert_eq!(bytes("4GiB"), Ok(4 << 30));
+        assert_eq!(bytes("2T"), Ok(2 << 40));
+        for nonsense in ["", "G", "0", "-1G", "4X", "nan", "infT", "1e30"] {
+            assert!(bytes(nonsense).is_err(), "{nonsense}");
+        }
+    }
+}

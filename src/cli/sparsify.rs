@@ -1,0 +1,103 @@
+//! `lacuna sparsify`: flags to a checked job.
+
+use clap::Args;
+
+use super::Usage;
+use super::input::InputArgs;
+use super::output::{FormatArgs, OutputArgs};
+use super::run::RunArgs;
+use crate::mask::Source;
+use crate::sequence::{Existing, SparsifyJob, SparsifyPattern, Targets};
+
+const EXAMPLES: &str = "\
+Examples:
+  lacuna sparsify full.exr -o sparse.exr --density 0.2
+  lacuna sparsify 'full.####.exr' -o 'sparse/full.####.exr' --density 0.1 --seed 7 --create-dir
+  lacuna sparsify full.exr -o sparse.exr --mask mask.png
+
+Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.";
+
+// Not a comment for rustdoc, which would read an address into it.
+const MASK: &str = "A mask instead of a density: file:PATTERN[:CHANNEL] or a bare path, EXR or PNG; a pattern goes frame \
+                    by frame";
+
+/// Make sparse test frames from complete ones
+///
+/// Missing pixels become zero in every part, every part gets a channel mask, nothing else changes. The pattern is of low
+/// discrepancy and nested (a smaller density is a subset of a larger one), and anchored to absolute pixels, so that parts
+/// and overscan agree.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct SparsifyArgs {
+    #[command(flatten)]
+    input: InputArgs,
+
+    #[command(flatten)]
+    pattern: PatternArgs,
+
+    #[command(flatten)]
+    output: OutputArgs,
+
+    #[command(flatten)]
+    format: FormatArgs,
+
+    #[command(flatten)]
+    run: RunArgs,
+}
+
+/// Which pixels stay.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Mask")]
+struct PatternArgs {
+    /// Measured pixels over all pixels, 0 to 1
+    #[arg(long, value_name = "D", value_parser = fraction, required_unless_present = "mask")]
+    density: Option<f64>,
+
+    /// Another pattern of the same kind; the output records it
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+
+    #[arg(long, value_name = "SOURCE", help = MASK, conflicts_with_all = ["density", "seed"])]
+    mask: Option<Source>,
+}
+
+impl SparsifyArgs {
+    /// The checked job.
+    pub fn job(&self) -> Result<SparsifyJob, Usage> {
+        let (selection, skip_missing) = self.input.selection();
+        let (pattern, mask) = match (&self.pattern.mask, self.pattern.density) {
+            (Some(source @ Source::File { pattern, .. }), _) => {
+                (SparsifyPattern::Mask(source.clone()), Some(pattern.clone()))
+            }
+            (Some(other), _) => {
+                return Err(Usage(format!(
+                    "--mask {other} is in the sparse frame itself; sparsify takes a mask file"
+                )));
+            }
+            (None, Some(density)) => (SparsifyPattern::Shuffle { density, seed: self.pattern.seed }, None),
+            (None, None) => return Err(Usage("--density or --mask is needed".into())),
+        };
+        let packing = self.format.compression;
+        let run = self.run.options();
+        Ok(SparsifyJob {
+            selection,
+            skip_missing,
+            targets: Targets {
+                output: self.output.output.clone(),
+                mask,
+                also_written: run.json.iter().cloned().collect(),
+                create_dir: self.output.create_dir,
+            },
+            pattern,
+            compression: packing.map(|packing| packing.compression),
+            level: packing.and_then(|packing| packing.level),
+            existing: if self.output.no_clobber { Existing::Keep } else { Existing::Replace },
+            run,
+        })
+    }
+}
+
+fn fraction(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number from 0 to 1")?;
+    if (0.0..=1.0).contains(&value) { Ok(value) } else { Err("not a number from 0 to 1".into()) }
+}

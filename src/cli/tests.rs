@@ -1,0 +1,152 @@
+use clap::CommandFactory;
+use lacuna_filters::Method;
+use lacuna_filters::variational::tv;
+
+use super::*;
+use crate::frame::Compression;
+use crate::mask::Source;
+use crate::reconstruct::{Domain, Kind};
+use crate::sequence::{Existing, SparsifyPattern, Verbosity};
+
+fn words(line: &str) -> Vec<OsString> {
+    std::iter::once("lacuna").chain(line.split_whitespace()).map(OsString::from).collect()
+}
+
+fn fill(line: &str) -> FillJob {
+    match parse(words(&format!("fill {line}"))) {
+        Ok(Job::Fill(job)) => *job,
+        other => panic!("{line}: {other:?}"),
+    }
+}
+
+fn usage(line: &str) -> String {
+    match parse(words(line)) {
+        Err(Ending::Usage(text)) => text,
+        other => panic!("{line}: {other:?}"),
+    }
+}
+
+#[test]
+fn the_commands_are_sound() {
+    Cli::command().debug_assert();
+}
+
+#[test]
+fn the_defaults_are_the_documented_ones() {
+    let job = fill("a.exr -o b.exr");
+    assert_eq!(job.what.method.name(), "ss");
+    assert!(job.what.method.keeps_measured());
+    assert_eq!(job.what.mask, Source::Auto);
+    assert_eq!((job.what.domain, job.what.limit, job.what.drop_mask), (Domain::Auto, true, false));
+    assert_eq!((job.what.kind, job.what.compression, job.level), (None, None, None));
+    assert_eq!((job.existing, job.skip_missing, job.targets.create_dir), (Existing::Replace, false, false));
+    assert_eq!((job.run.threads, job.run.parallel_frames, job.run.memory), (0, 1, None));
+    assert_eq!((job.run.verbosity, job.run.dry_run), (Verbosity::Normal, false));
+}
+
+#[test]
+fn every_flag_reaches_the_job() {
+    let job = fill(
+        "a.####.exr b.exr -o out/ --frames -2-2x2 --missing-frame skip --files-from list --mask m.##.png \
+         --channels beauty.*=keep --channels Z*=depth --filter tv --tv-epsilon 0.5 --domain log --limit off -d half \
+         --compression zips:7 --drop-mask -u --create-dir -n --threads 3 --parallel-frames 2 --memory 2G \
+         --time-limit 1.5 -v --json r.json",
+    );
+    assert_eq!(job.selection.inputs.len(), 2);
+    assert_eq!(job.selection.frames.unwrap().numbers(), [-2, 0, 2]);
+    assert_eq!(job.selection.files_from, Some("list".into()));
+    assert!(job.skip_missing);
+    assert_eq!(job.targets.mask, Some("m.##.png".into()));
+    assert_eq!(job.what.overrides.len(), 2);
+    assert_eq!(job.what.method, Method::Tv(tv::Settings { epsilon: 0.5, ..tv::Settings::default() }));
+    assert_eq!((job.what.domain, job.what.limit, job.what.drop_mask), (Domain::Log, false, true));
+    assert_eq!(
+        (job.what.kind, job.what.compression, job.level),
+        (Some(Kind::Half), Some(Compression::Zips), Some(7))
+    );
+    assert_eq!(job.existing, Existing::Update);
+    assert!(job.targets.create_dir && job.run.dry_run);
+    assert_eq!((job.run.threads, job.run.parallel_frames, job.run.memory), (3, 2, Some(2 << 30)));
+    assert_eq!(job.run.time_limit, Some(std::time::Duration::from_millis(1500)));
+    assert_eq!(job.run.verbosity, Verbosity::Verbose);
+    assert_eq!(job.targets.also_written, [std::path::PathBuf::from("r.json")]);
+}
+
+#[test]
+fn settings_of_another_filter_are_refused() {
+    for (line, flag) in [
+        ("--tv-norm isotropic", "--tv-norm"),
+        ("--filter tv --ss-lambda 0.1", "--ss-lambda"),
+        ("--filter pushpull --tv-gap 0.1", "--tv-gap"),
+        ("--filter nearest --ss-order 2", "--ss-order"),
+    ] {
+        let text = usage(&format!("fill a.exr -o b.exr {line}"));
+        assert!(text.starts_with(&format!("lacuna: error: {flag} is a setting of")), "{text}");
+        assert_eq!(text.lines().filter(|line| !line.is_empty()).count(), 2, "{text}");
+    }
+}
+
+#[test]
+fn nonsense_is_a_usage_error() {
+    for line in [
+        "",
+        "fill",
+        "fill a.exr",
+        "fill -o b.exr",
+        "fill a.exr -o b.exr --frames 1-",
+        "fill a.exr -o b.exr --filter what",
+        "fill a.exr -o b.exr --compression dwaa",
+        "fill a.exr -o b.exr --channels beauty",
+        "fill a.exr -o b.exr --mask count:n",
+        "fill a.exr -o b.exr --ss-lambda -1",
+        "fill a.exr -o b.exr --ss-lambda nan",
+        "fill a.exr -o b.exr --ss-order 4",
+        "fill a.exr -o b.exr --filter tv --tv-gap 0",
+        "fill a.exr -o b.exr --parallel-frames 0",
+        "fill a.exr -o b.exr --memory 0",
+        "fill a.exr -o b.exr --time-limit 0",
+        "fill a.exr -o b.exr -u --no-clobber",
+        "fill a.exr -o b.exr -q -v",
+        "sparsify a.exr -o b.exr",
+        "sparsify a.exr -o b.exr --density 1.5",
+        "sparsify a.exr -o b.exr --density 0.5 --mask m.exr",
+        "sparsify a.exr -o b.exr --mask alpha",
+        "verify a.exr",
+        "info",
+        "what",
+    ] {
+        let text = usage(line);
+        assert!(text.starts_with("lacuna: error: ") || line.is_empty(), "{line}: {text}");
+    }
+}
+
+#[test]
+fn help_and_version_are_shown() {
+    for line in ["--help", "--version", "fill --help", "fill -h", "info -h", "verify -h", "sparsify --help"] {
+        assert!(matches!(parse(words(line)), Err(Ending::Shown(_))), "{line}");
+    }
+}
+
+#[test]
+fn every_flag_has_help_and_a_heading() {
+    for subcommand in Cli::command().get_subcommands() {
+        for argument in subcommand.get_arguments() {
+            let id = argument.get_id();
+            assert!(argument.get_help().is_some(), "{} {id}", subcommand.get_name());
+            assert!(argument.get_help_heading().is_some(), "{} {id}", subcommand.get_name());
+        }
+    }
+}
+
+#[test]
+fn sparsify_takes_a_density_or_a_mask() {
+    let pattern = |line: &str| match parse(words(&format!("sparsify a.exr -o b.exr {line}"))) {
+        Ok(Job::Sparsify(job)) => (job.pattern, job.targets.mask),
+        other => panic!("{line}: {other:?}"),
+    };
+    assert_eq!(pattern("--density 0.2"), (SparsifyPattern::Shuffle { density: 0.2, seed: 0 }, None));
+    assert_eq!(pattern("--density 1 --seed 9"), (SparsifyPattern::Shuffle { density: 1.0, seed: 9 }, None));
+    let (mask, file) = pattern("--mask file:m.exr:R");
+    assert_eq!(file, Some("m.exr".into()));
+    assert_eq!(mask, SparsifyPattern::Mask("m.exr:R".parse().unwrap()));
+}

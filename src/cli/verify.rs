@@ -1,0 +1,59 @@
+//! `lacuna verify`: flags to a checked job.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::input::FramesArgs;
+use super::mask::SameMaskArgs;
+use super::run::RunArgs;
+use crate::sequence::{Selection, VerifyJob};
+
+const EXAMPLES: &str = "\
+Examples:
+  lacuna verify sparse.exr full.exr
+  lacuna verify 'shot.####.exr' 'full/shot.####.exr' --frames 1-100
+
+Exit status: 0 all as promised, 1 a frame is not or cannot be read, 2 usage, 128 + n on signal n.";
+
+/// Check that filled frames are what fill promises of the sparse ones
+///
+/// Every measured bit, every channel that is kept, every window and attribute; what differs is named with part, channel
+/// and pixel.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct VerifyArgs {
+    /// The sparse frame: a file, a pattern or a glob, as in fill
+    #[arg(value_name = "SPARSE", help_heading = "Input and frames")]
+    sparse: PathBuf,
+
+    /// The filled frame: a file, a pattern or a folder, as fill's OUTPUT
+    #[arg(value_name = "FILLED", help_heading = "Input and frames")]
+    filled: PathBuf,
+
+    #[command(flatten)]
+    frames: FramesArgs,
+
+    #[command(flatten)]
+    mask: SameMaskArgs,
+
+    #[command(flatten)]
+    run: RunArgs,
+}
+
+impl VerifyArgs {
+    /// The checked job.
+    pub fn job(&self) -> VerifyJob {
+        VerifyJob {
+            selection: Selection {
+                inputs: vec![self.sparse.clone()],
+                files_from: None,
+                frames: self.frames.frames.clone(),
+            },
+            skip_missing: self.frames.skips_missing(),
+            filled: self.filled.clone(),
+            mask: self.mask.mask.clone(),
+            run: self.run.options(),
+        }
+    }
+}

@@ -1,0 +1,49 @@
+//! A file that many threads read at many places.
+
+use std::fs::File;
+use std::path::Path;
+
+use super::Error;
+
+/// An open file and its length.
+pub(super) struct Source {
+    file: File,
+    pub(super) length: u64,
+}
+
+impl Source {
+    pub(super) fn open(path: &Path) -> Result<Self, Error> {
+        let file = File::open(path).map_err(Error::io("open"))?;
+        let metadata = file.metadata().map_err(Error::io("read"))?;
+        if !metadata.is_file() {
+            let reason = std::io::Error::other("it is not a regular file");
+            return Err(Error::Io { action: "read", source: reason });
+        }
+        Ok(Self { file, length: metadata.len() })
+    }
+
+    /// Fills `bytes` from that position on.
+    pub(super) fn read(&self, position: u64, bytes: &mut [u8]) -> Result<(), Error> {
+        #[cfg(unix)]
+        let result = std::os::unix::fs::FileExt::read_exact_at(&self.file, bytes, position);
+        #[cfg(windows)]
+        let result = {
+            let mut done = 0;
+            loop {
+                let rest = &mut bytes[done..];
+                if rest.is_empty() {
+                    break Ok(());
+                }
+                match std::os::windows::fs::FileExt::seek_read(&self.file, rest, position + done as u64) {
+                    Ok(0) => break Err(std::io::ErrorKind::UnexpectedEof.into()),
+                    Ok(count) => done += count,
+                    Err(error) => break Err(error),
+                }
+            }
+        };
+        result.map_err(|error| match error.kind() {
+            std::io::ErrorKind::UnexpectedEof => Error::Truncated { place: "the pixels".into() },
+            _ => Error::Io { action: "read", source: error },
+        })
+    }
+}

@@ -1,0 +1,165 @@
+//! Outputs that appear complete or not at all: a temporary file beside the destination, renamed at the end.
+//!
+//! Temporary files in work are registered, so that a signal's thread can remove them before the process ends.
+
+use std::ffi::{OsStr, OsString};
+use std::fs::{self, File, OpenOptions};
+use std::hash::{BuildHasher, RandomState};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use super::Error;
+
+const MARK: &str = ".lacuna-";
+const ENDING: &str = ".tmp";
+/// File systems take names of 255 bytes; the rest is for what is added.
+const LONGEST_NAME: usize = 180;
+
+static IN_WORK: Registry = Registry(Mutex::new(State { paths: Vec::new(), closed: false }));
+
+/// Removes all temporary files in work; writers that are still at it fail. For the end of a process, after a
+/// signal: no output can be begun any more.
+pub fn remove_temporaries() {
+    IN_WORK.close();
+}
+
+/// The process that wrote the temporary file of that name; `None` if it is not the name of one.
+pub fn temporary_owner(name: &OsStr) -> Option<u32> {
+    let name = name.to_str()?.strip_prefix('.')?.strip_suffix(ENDING)?;
+    let (_, owner) = name.rsplit_once(MARK)?;
+    let (process, random) = owner.split_once('-')?;
+    u64::from_str_radix(random, 16).ok()?;
+    process.parse().ok()
+}
+
+/// The temporary files of this process.
+struct Registry(Mutex<State>);
+
+struct State {
+    paths: Vec<PathBuf>,
+    closed: bool,
+}
+
+impl Registry {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn close(&self) {
+        let mut state = self.lock();
+        state.closed = true;
+        for path in state.paths.drain(..) {
+            // It may be renamed or removed already; at the end of a process nothing else can be done.
+            let _ = fs::remove_file(path);
+        }
+    }
+}
+
+/// A file in work; removed when dropped unless [`Temporary::commit`] succeeded.
+pub(super) struct Temporary {
+    registry: &'static Registry,
+    path: PathBuf,
+    destination: PathBuf,
+    no_clobber: bool,
+}
+
+impl Temporary {
+    /// Creates the temporary file for that destination, with the permissions that the umask leaves.
+    pub(super) fn create(destination: &Path, no_clobber: bool) -> Result<(Self, File), Error> {
+        Self::create_in(&IN_WORK, destination, no_clobber)
+    }
+
+    fn create_in(
+        registry: &'static Registry,
+        destination: &Path,
+        no_clobber: bool,
+    ) -> Result<(Self, File), Error> {
+        let destination = resolve(destination, no_clobber)?;
+        // Created and registered under one lock: no signal comes between.
+        let mut state = registry.lock();
+        if state.closed {
+            return Err(Error::Io { action: "write", source: ErrorKind::Interrupted.into() });
+        }
+        for _ in 0..16 {
+            let path =
+                destination.with_file_name(temporary_name(destination.file_name().unwrap_or_default()));
+            match OpenOptions::new().write(true).create_new(true).open(&path) {
+                Ok(file) => {
+                    state.paths.push(path.clone());
+                    return Ok((Self { registry, path, destination, no_clobber }, file));
+                }
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(Error::io("create a file in the output's folder")(error)),
+            }
+        }
+        Err(Error::Io {
+            action: "create a file in the output's folder",
+            source: ErrorKind::AlreadyExists.into(),
+        })
+    }
+
+    /// Gives the file its final name; whatever had that name before is replaced.
+    pub(super) fn commit(self, file: File) -> Result<(), Error> {
+        drop(file);
+        if !self.no_clobber {
+            return fs::rename(&self.path, &self.destination).map_err(Error::io("rename the output"));
+        }
+        // A hard link fails if the name is taken, which a rename does not. Dropping removes the temporary name.
+        match fs::hard_link(&self.path, &self.destination) {
+            Ok(()) => Ok(()),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => Err(Error::Exists),
+            Err(_) if fs::symlink_metadata(&self.destination).is_ok() => Err(Error::Exists),
+            // The file system has no hard links.
+            Err(_) => fs::rename(&self.path, &self.destination).map_err(Error::io("rename the output")),
+        }
+    }
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        let mut state = self.registry.lock();
+        // After a rename there is nothing under that name.
+        let _ = fs::remove_file(&self.path);
+        state.paths.retain(|path| *path != self.path);
+    }
+}
+
+/// The path to replace: behind a symbolic link its target, so that the link stays.
+fn resolve(destination: &Path, no_clobber: bool) -> Result<PathBuf, Error> {
+    if destination.file_name().is_none() {
+        return Err(Error::Io { action: "write", source: ErrorKind::IsADirectory.into() });
+    }
+    let Ok(metadata) = fs::symlink_metadata(destination) else {
+        return Ok(destination.into());
+    };
+    if no_clobber {
+        return Err(Error::Exists);
+    }
+    let path = if metadata.is_symlink() {
+        fs::canonicalize(destination).unwrap_or_else(|_| destination.into())
+    } else {
+        destination.into()
+    };
+    if fs::metadata(&path).is_ok_and(|metadata| !metadata.is_file()) {
+        let reason = std::io::Error::other("the output exists and is not a regular file");
+        return Err(Error::Io { action: "write", source: reason });
+    }
+    Ok(path)
+}
+
+/// `.NAME.lacuna-PROCESS-RANDOM.tmp`.
+fn temporary_name(name: &OsStr) -> OsString {
+    let random = RandomState::new().hash_one(std::process::id());
+    let mut temporary = OsString::from(".");
+    if name.len() <= LONGEST_NAME {
+        temporary.push(name);
+    } else {
+        temporary.push(name.to_string_lossy().chars().take(LONGEST_NAME / 4).collect::<String>());
+    }
+    temporary.push(format!("{MARK}{}-{random:016x}{ENDING}", std::process::id()));
+    temporary
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,101 @@
+//! Temporary files: names, permissions, what is left after success, failure and a signal.
+
+use std::io::Write;
+
+use super::*;
+
+fn registry() -> &'static Registry {
+    Box::leak(Box::new(Registry(Mutex::new(State { paths: Vec::new(), closed: false }))))
+}
+
+fn names(folder: &Path) -> Vec<OsString> {
+    let mut names: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn commit_replaces_and_drop_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("täst frame.0001.exr");
+    fs::write(&path, "old").unwrap();
+    let (temporary, mut file) = Temporary::create(&path, false).unwrap();
+    file.write_all(b"new").unwrap();
+    drop(temporary);
+    assert_eq!(fs::read(&path).unwrap(), b"old");
+    assert_eq!(names(folder.path()).len(), 1);
+
+    let (temporary, mut file) = Temporary::create(&path, false).unwrap();
+    file.write_all(b"new").unwrap();
+    assert_eq!(names(folder.path()).len(), 2);
+    temporary.commit(file).unwrap();
+    assert_eq!(fs::read(&path).unwrap(), b"new");
+    assert_eq!(names(folder.path()).len(), 1);
+}
+
+#[test]
+fn no_clobber_keeps_what_is_there_and_what_comes_meanwhile() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    let (temporary, file) = Temporary::create(&path, true).unwrap();
+    fs::write(&path, "meanwhile").unwrap();
+    assert!(matches!(temporary.commit(file), Err(Error::Exists)));
+    assert!(matches!(Temporary::create(&path, true), Err(Error::Exists)));
+    assert_eq!(fs::read(&path).unwrap(), b"meanwhile");
+    assert_eq!(names(folder.path()), ["a.exr"]);
+
+    let free = folder.path().join("b.exr");
+    let (temporary, file) = Temporary::create(&free, true).unwrap();
+    temporary.commit(file).unwrap();
+    assert_eq!(names(folder.path()), ["a.exr", "b.exr"]);
+}
+
+#[test]
+fn closing_removes_files_in_work_and_refuses_new_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let registry = registry();
+    let path = folder.path().join("a.exr");
+    let (temporary, file) = Temporary::create_in(registry, &path, false).unwrap();
+    registry.close();
+    assert!(names(folder.path()).is_empty());
+    assert!(temporary.commit(file).is_err());
+    assert!(Temporary::create_in(registry, &path, false).is_err());
+    assert!(names(folder.path()).is_empty());
+}
+
+#[test]
+fn owners_are_read_from_names_only_of_temporaries() {
+    let own = temporary_name(OsStr::new("shot.lacuna-1-2.tmp"));
+    assert_eq!(temporary_owner(&own), Some(std::process::id()));
+    assert_eq!(temporary_owner(OsStr::new(".a.exr.lacuna-77-00ff.tmp")), Some(77));
+    for other in ["a.exr", ".a.exr.tmp", "a.lacuna-77-00ff.tmp", ".a.lacuna-77.tmp", ".a.lacuna-x-00ff.tmp"] {
+        assert_eq!(temporary_owner(OsStr::new(other)), None, "{other}");
+    }
+    let long = temporary_name(OsStr::new(&"ä".repeat(127)));
+    assert!(long.len() < 255 && temporary_owner(&long).is_some());
+}
+
+#[cfg(unix)]
+#[test]
+fn permissions_links_and_devices() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    // A file that the standard library creates has what the umask leaves.
+    fs::write(folder.path().join("plain"), "").unwrap();
+    let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
+    let (temporary, file) = Temporary::create(&path, false).unwrap();
+    temporary.commit(file).unwrap();
+    assert_eq!(mode(&path), mode(&folder.path().join("plain")));
+
+    let link = folder.path().join("link.exr");
+    symlink(&path, &link).unwrap();
+    let (temporary, mut file) = Temporary::create(&link, false).unwrap();
+    file.write_all(b"through").unwrap();
+    temporary.commit(file).unwrap();
+    assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+    assert_eq!(fs::read(&path).unwrap(), b"through");
+
+    assert!(Temporary::create(Path::new("/dev/null"), false).is_err());
+    assert!(Temporary::create(folder.path(), false).is_err());
+}

@@ -1,0 +1,184 @@
+//! What a frame holds and what filling it would do: the model of `lacuna info`, and its table.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use crate::channels::{Choice, Rule};
+use crate::frame::{Frame, Layout, Part, Samples, Window};
+use crate::mask::{self, Masks};
+use crate::reconstruct::compression_name;
+
+/// A frame's parts and the mask that was found.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Info {
+    /// Where the mask was found; nothing if there is none.
+    pub mask: Option<String>,
+    /// Why there is no mask.
+    pub mask_error: Option<String>,
+    /// Measured pixels over all pixels that a mask serves, 0 to 1.
+    pub density: Option<f64>,
+    /// The parts, in file order.
+    pub parts: Vec<PartInfo>,
+    /// What else is worth saying.
+    pub notes: Vec<String>,
+}
+
+/// One part.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PartInfo {
+    /// Its name, if it has one.
+    pub name: Option<String>,
+    /// Its view, if it has one.
+    pub view: Option<String>,
+    /// The pixels that exist: first column, first row, last column, last row.
+    pub data_window: [i32; 4],
+    /// The pixels that are shown, likewise.
+    pub display_window: [i32; 4],
+    /// The compression's name.
+    pub compression: &'static str,
+    /// `scan lines`, or the size of the tiles.
+    pub layout: String,
+    /// Whether the file holds mip or rip levels.
+    pub levels: bool,
+    /// Measured pixels over all pixels, 0 to 1; nothing where no mask serves the part.
+    pub density: Option<f64>,
+    /// The channels, in file order.
+    pub channels: Vec<ChannelInfo>,
+}
+
+/// One channel.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ChannelInfo {
+    /// The full name.
+    pub name: String,
+    /// `half`, `float` or `uint`.
+    #[serde(rename = "type")]
+    pub kind: &'static str,
+    /// What would be done.
+    pub rule: Rule,
+    /// Why.
+    pub why: String,
+    /// Why no mask serves the channel; a channel that is not kept cannot be filled then.
+    pub no_mask: Option<String>,
+}
+
+/// Describes a frame with the masks and rules found for it. Without a mask `choices` are those of empty [`Masks`].
+pub fn describe(frame: &Frame, masks: Result<&Masks, &mask::Error>, choices: &[Vec<Choice>]) -> Info {
+    let parts = frame.parts.iter().enumerate();
+    let found = masks.ok();
+    Info {
+        mask: found.map(|masks| masks.origin.clone()),
+        mask_error: masks.err().map(ToString::to_string),
+        density: found.and_then(Masks::density),
+        parts: parts
+            .map(|(index, part)| part_info(part, index, found, choices.get(index).map_or(&[], Vec::as_slice)))
+            .collect(),
+        notes: found.map(|masks| masks.notes.clone()).unwrap_or_default(),
+    }
+}
+
+fn part_info(part: &Part, index: usize, masks: Option<&Masks>, choices: &[Choice]) -> PartInfo {
+    let corners = |window: Window| [window.x_min, window.y_min, window.x_max, window.y_max];
+    let channels = part.channels.iter().zip(choices).enumerate().map(|(number, (channel, choice))| {
+        let reason = |masks: &Masks| masks.why_none.get(index)?.get(number)?.clone();
+        ChannelInfo {
+            name: channel.display_name().into_owned(),
+            kind: kind(&channel.samples),
+            rule: choice.rule,
+            why: choice.why.clone(),
+            no_mask: masks.and_then(reason).filter(|_| choice.rule != Rule::Keep),
+        }
+    });
+    PartInfo {
+        name: part.name(),
+        view: part.view(),
+        data_window: corners(part.data_window),
+        display_window: corners(part.display_window),
+        compression: compression_name(part.compression),
+        layout: match part.layout {
+            Layout::ScanLines => "scan lines".into(),
+            Layout::Tiles { width, height } => format!("tiles of {width}x{height}"),
+        },
+        levels: part.had_levels,
+        density: masks.and_then(|masks| masks.part_density(index)),
+        channels: channels.collect(),
+    }
+}
+
+/// The name of a channel's type.
+pub fn kind(samples: &Samples) -> &'static str {
+    match samples {
+        Samples::Half(_) => "half",
+        Samples::Float(_) => "float",
+        Samples::Uint(_) => "uint",
+    }
+}
+
+impl std::fmt::Display for Info {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match (&self.mask, &self.mask_error, self.density) {
+            (Some(mask), _, Some(density)) => writeln!(f, "mask: {mask}, density {:.2} %", density * 100.0)?,
+            (Some(mask), _, None) => writeln!(f, "mask: {mask}, which serves no channel")?,
+            (None, Some(error), _) => writeln!(f, "mask: {error}")?,
+            (None, None, _) => {}
+        }
+        for note in &self.notes {
+            writeln!(f, "note: {note}")?;
+        }
+        for (index, part) in self.parts.iter().enumerate() {
+            writeln!(f, "{}", head(index, part))?;
+            let width = |cell: fn(&ChannelInfo) -> usize| part.channels.iter().map(cell).max().unwrap_or(0);
+            let name = width(|channel| channel.name.chars().count());
+            for channel in &part.channels {
+                let missing = channel.no_mask.as_ref().map(|why| format!("; NO MASK: {why}"));
+                writeln!(
+                    f,
+                    "  {:name$}  {:5}  {:7}  {}{}",
+                    channel.name,
+                    channel.kind,
+                    channel.rule,
+                    channel.why,
+                    missing.unwrap_or_default()
+                )?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The line above a part's channels.
+fn head(index: usize, part: &PartInfo) -> String {
+    let mut line = format!("part {index}");
+    let window = |[x_min, y_min, x_max, y_max]: [i32; 4]| {
+        let extent = |min: i32, max: i32| i64::from(max) - i64::from(min) + 1;
+        format!("{}x{} at ({x_min}, {y_min})", extent(x_min, x_max), extent(y_min, y_max))
+    };
+    let mut add = |text: std::fmt::Arguments<'_>| {
+        // Writing to a string does not fail.
+        let _ = line.write_fmt(text);
+    };
+    if let Some(name) = &part.name {
+        add(format_args!(" '{name}'"));
+    }
+    if let Some(view) = &part.view {
+        add(format_args!(", view {view}"));
+    }
+    add(format_args!(", data {}", window(part.data_window)));
+    if part.display_window != part.data_window {
+        add(format_args!(", display {}", window(part.display_window)));
+    }
+    add(format_args!(", {}, {}", part.compression, part.layout));
+    if part.levels {
+        add(format_args!(", with levels"));
+    }
+    match part.density {
+        Some(density) => add(format_args!(", density {:.2} %", density * 100.0)),
+        None => add(format_args!(", no mask")),
+    }
+    line
+}
+
+#[cfg(test)]
+#[path = "info/tests.rs"]
+mod tests;

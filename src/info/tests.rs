@@ -1,0 +1,50 @@
+//! The model and the table of hand-built frames.
+
+use super::*;
+use crate::channels::choose;
+use crate::mask::{Source, find};
+use crate::testing::{float, frame, half, named, part, uint, window};
+
+fn sample() -> Frame {
+    let channels = vec![half("R", &[0.0; 4]), half("mask", &[1.0, 0.0, 0.0, 0.0]), uint("objectId", &[0; 4])];
+    let mut first = named("rgba", "left", part(window(-1, 2, 2, 2), channels));
+    first.display_window = window(0, 0, 6, 4);
+    first.layout = Layout::Tiles { width: 32, height: 16 };
+    first.had_levels = true;
+    let second = named("depth", "right", part(window(0, 0, 1, 1), vec![float("Z", &[0.0])]));
+    frame(vec![first, second])
+}
+
+#[test]
+fn the_table_says_what_would_be_done_and_why() {
+    let frame = sample();
+    let masks = find(&frame, &Source::Auto, None).unwrap();
+    let info = describe(&frame, Ok(&masks), &choose(&frame, &masks, &[]));
+    let expected = "\
+mask: mask, density 25.00 %
+part 0 'rgba', view left, data 2x2 at (-1, 2), display 6x4 at (0, 0), zip, tiles of 32x16, with levels, density 25.00 %
+  R         half   fill     colour
+  mask      half   keep     the sampling mask
+  objectId  uint   nearest  whole numbers
+part 1 'depth', view right, data 1x1 at (0, 0), zip, scan lines, no mask
+  Z  float  depth    a depth, by its name; NO MASK: no mask of its view or layer
+";
+    assert_eq!(info.to_string(), expected);
+    let json = serde_json::to_value(&info).unwrap();
+    assert_eq!(json["parts"][0]["channels"][2]["type"], "uint");
+    assert_eq!(json["parts"][0]["channels"][2]["rule"], "nearest");
+    assert_eq!(json["parts"][0]["data_window"], serde_json::json!([-1, 2, 0, 3]));
+    assert_eq!(json["density"], 0.25);
+}
+
+#[test]
+fn without_a_mask_the_rules_are_still_told() {
+    let frame = frame(vec![part(window(0, 0, 1, 1), vec![half("R", &[0.0])])]);
+    let error = find(&frame, &Source::Auto, None).unwrap_err();
+    let choices = choose(&frame, &Masks::default(), &[]);
+    let text = describe(&frame, Err(&error), &choices).to_string();
+    assert!(
+        text.starts_with("mask: no sampling mask found") && text.ends_with("  R  half   fill     colour\n"),
+        "{text}"
+    );
+}

@@ -1,0 +1,72 @@
+//! What can go wrong while a mask is looked for.
+
+/// No usable mask; each message says what there is instead.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// `auto` found nothing.
+    #[error(
+        "no sampling mask found (no attribute lacuna/mask, no channel mask, no LAYER.mask of 0 and 1): \
+             name one with --mask; channels are {channels}"
+    )]
+    NotFound {
+        /// The channels of the frame.
+        channels: String,
+    },
+    /// The channel asked for is not there.
+    #[error("no channel '{name}' to take the mask from; channels are {channels}")]
+    NoChannel {
+        /// The name asked for.
+        name: String,
+        /// The channels there are.
+        channels: String,
+    },
+    /// `alpha` in a frame without one.
+    #[error("no alpha channel to take the mask from; channels are {channels}")]
+    NoAlpha {
+        /// The channels of the frame.
+        channels: String,
+    },
+    /// `nan` in a frame in which no channel can say it.
+    #[error("no float channel to tell measured pixels by; channels are {channels}")]
+    NoFloat {
+        /// The channels of the frame.
+        channels: String,
+    },
+    /// A mask without a window of its own fits no part.
+    #[error(
+        "mask {path} has {found} pixels, but the frame's windows have {expected}: \
+             use a mask of the data window's or the display window's size"
+    )]
+    Size {
+        /// The mask file.
+        path: String,
+        /// Its size.
+        found: String,
+        /// The sizes that would do.
+        expected: String,
+    },
+    /// The mask file cannot be read.
+    #[error("mask {path}: {why}")]
+    File {
+        /// The mask file.
+        path: String,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// Several channels and nothing that says which.
+    #[error(
+        "mask {path} has no channel '{wanted}': name one with file:{path}:CHANNEL; channels are {channels}"
+    )]
+    FileChannel {
+        /// The mask file.
+        path: String,
+        /// The channel that was looked for.
+        wanted: String,
+        /// The channels of the mask file.
+        channels: String,
+    },
+    /// The source is a file, but the caller passed none.
+    #[error("the mask file has not been read")]
+    FileNotRead,
+}

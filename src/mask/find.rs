@@ -1,0 +1,237 @@
+//! Looking for the mask: each source in turn, and the order that `auto` goes by.
+
+use lacuna_filters::Mask;
+
+use super::cover::serve;
+use super::provider::{Provider, Views};
+use super::{ATTRIBUTE, Error, MaskFile, Masks, Source, flags};
+use crate::channels::{self, Name, Rule, list_channels, view_of};
+use crate::frame::{Frame, Part, Samples};
+
+/// A channel of the frame, by its place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Place {
+    part: usize,
+    channel: usize,
+}
+
+/// Finds the masks of a frame.
+///
+/// `file` is the mask image that was read for [`Source::File`].
+pub fn find(frame: &Frame, source: &Source, file: Option<&MaskFile>) -> Result<Masks, Error> {
+    match source {
+        Source::Auto => auto(frame),
+        Source::Channel(name) => {
+            let places = named(frame, name)?;
+            Ok(from_channels(frame, &places, false, name.clone(), at_least_half))
+        }
+        Source::File { channel, .. } => {
+            let file = file.ok_or(Error::FileNotRead)?;
+            let providers = file.providers(frame, channel.as_deref())?;
+            let mut masks = serve(frame, &providers);
+            let suffix = channel.as_ref().map(|name| format!(":{name}")).unwrap_or_default();
+            masks.origin = format!("file:{}{suffix}", file.path());
+            Ok(masks)
+        }
+        Source::Alpha => alpha(frame),
+        Source::Finite => finite(frame),
+        Source::Count { channel, at_least } => {
+            let places = named(frame, channel)?;
+            let origin = source.to_string();
+            let mut masks = from_channels(frame, &places, false, origin, |value| value >= *at_least);
+            masks.notes.clear();
+            Ok(masks)
+        }
+    }
+}
+
+/// Whether a value is one that a sampling mask has.
+fn is_binary(value: f64) -> bool {
+    [0.0, 1.0].contains(&value)
+}
+
+fn at_least_half(value: f64) -> bool {
+    value >= 0.5
+}
+
+/// The attribute, then a channel `mask`, then `LAYER.mask`: the first kind that is there serves the frame.
+fn auto(frame: &Frame) -> Result<Masks, Error> {
+    let places = all_places(frame);
+    let is = |place: &Place, test: &dyn Fn(&Part, &str) -> bool| {
+        let part = &frame.parts[place.part];
+        test(part, &part.channels[place.channel].display_name())
+    };
+    let by_attribute = pick(&places, |place| {
+        is(place, &|part, name| part.attributes.text(ATTRIBUTE).is_some_and(|wanted| wanted == name))
+    });
+    if let Some(first) = by_attribute.first() {
+        let origin = name_at(frame, *first);
+        return Ok(from_channels(frame, &by_attribute, false, origin, at_least_half));
+    }
+    let plain = pick(&places, |place| is(place, &is_plain_mask));
+    if let Some(first) = plain.first() {
+        let origin = name_at(frame, *first);
+        return Ok(from_channels(frame, &plain, false, origin, at_least_half));
+    }
+    let layered = pick(&places, |place| is_layer_mask(frame, *place));
+    if layered.is_empty() {
+        return Err(Error::NotFound { channels: list_channels(frame) });
+    }
+    Ok(from_channels(frame, &layered, true, "auto".into(), at_least_half))
+}
+
+fn pick(places: &[Place], keep: impl Fn(&Place) -> bool) -> Vec<Place> {
+    places.iter().copied().filter(keep).collect()
+}
+
+fn all_places(frame: &Frame) -> Vec<Place> {
+    let of = |(part, content): (usize, &Part)| {
+        (0..content.channels.len()).map(move |channel| Place { part, channel }).collect::<Vec<_>>()
+    };
+    frame.parts.iter().enumerate().flat_map(of).collect()
+}
+
+fn name_at(frame: &Frame, place: Place) -> String {
+    frame.parts[place.part].channels[place.channel].display_name().into_owned()
+}
+
+fn named(frame: &Frame, name: &str) -> Result<Vec<Place>, Error> {
+    let places = pick(&all_places(frame), |place| name_at(frame, *place) == name);
+    if places.is_empty() {
+        return Err(Error::NoChannel { name: name.into(), channels: list_channels(frame) });
+    }
+    Ok(places)
+}
+
+/// `mask` in any case, or the same behind the name of a view.
+fn is_plain_mask(part: &Part, name: &str) -> bool {
+    let Name { layer, component } = Name::new(name);
+    let of_view = part.view().is_none() && view_of(part, name).as_deref() == Some(layer);
+    component.eq_ignore_ascii_case("mask") && (layer.is_empty() || of_view)
+}
+
+/// `LAYER.mask` is a sampling mask only if it is 0 and 1 throughout and LAYER has channels that it could be for.
+fn is_layer_mask(frame: &Frame, place: Place) -> bool {
+    let part = &frame.parts[place.part];
+    let full = part.channels[place.channel].display_name();
+    let Name { layer, component } = Name::new(&full);
+    let others = part.channels.iter().enumerate().any(|(index, other)| {
+        let other = other.display_name();
+        let rest = Name::new(&other).layer.strip_prefix(layer);
+        index != place.channel && rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    });
+    !layer.is_empty()
+        && component.eq_ignore_ascii_case("mask")
+        && others
+        && flags(&part.channels[place.channel].samples, is_binary).iter().all(|&binary| binary)
+}
+
+/// Masks from channels of the frame itself; `layered` ones serve their own layer only.
+fn from_channels(
+    frame: &Frame,
+    places: &[Place],
+    layered: bool,
+    origin: String,
+    measured: impl Fn(f64) -> bool,
+) -> Masks {
+    let mut providers = Vec::new();
+    let mut between = 0;
+    for place in places {
+        let part = &frame.parts[place.part];
+        let channel = &part.channels[place.channel];
+        let name = channel.display_name();
+        let binary = flags(&channel.samples, is_binary);
+        between += binary.iter().filter(|&&binary| !binary).count();
+        let layer = layered.then(|| Name::new(&name).layer.to_owned());
+        providers.extend(provider(part, place.part, &name, layer, flags(&channel.samples, &measured)));
+    }
+    let mut masks = serve(frame, &providers);
+    masks.origin = origin;
+    for place in places {
+        masks.mask_channels[place.part].push(place.channel);
+    }
+    if between > 0 {
+        masks.notes.push(format!(
+            "{between} pixels of the mask are neither 0 nor 1: from one half on they count as measured"
+        ));
+    }
+    masks
+}
+
+fn provider(
+    part: &Part,
+    index: usize,
+    name: &str,
+    layer: Option<String>,
+    flags: Vec<bool>,
+) -> Option<Provider> {
+    let mask = Mask::new(part.size(), flags).ok()?;
+    let views = Views::Of(view_of(part, name));
+    Some(Provider { part: Some(index), views, layer, window: part.data_window, mask })
+}
+
+/// Alpha above 0: `A` for a part and its view, `LAYER.A` for LAYER; a view that has only one alpha takes that.
+fn alpha(frame: &Frame) -> Result<Masks, Error> {
+    let mut providers = Vec::new();
+    for place in all_places(frame) {
+        let part = &frame.parts[place.part];
+        let channel = &part.channels[place.channel];
+        let name = channel.display_name();
+        let Name { layer, component } = Name::new(&name);
+        if !["a", "alpha"].contains(&component.to_ascii_lowercase().as_str()) {
+            continue;
+        }
+        let of_view = part.view().is_none() && view_of(part, &name).as_deref() == Some(layer);
+        let layer = (!layer.is_empty() && !of_view).then(|| layer.to_owned());
+        providers.extend(provider(part, place.part, &name, layer, flags(&channel.samples, |a| a > 0.0)));
+    }
+    if providers.is_empty() {
+        return Err(Error::NoAlpha { channels: list_channels(frame) });
+    }
+    let only = |at: usize| providers.iter().filter(|other| other.views == providers[at].views).count() == 1;
+    let single: Vec<bool> = (0..providers.len()).map(only).collect();
+    for (provider, single) in providers.iter_mut().zip(single) {
+        if single {
+            provider.layer = None;
+        }
+    }
+    let mut masks = serve(frame, &providers);
+    masks.origin = Source::Alpha.to_string();
+    Ok(masks)
+}
+
+/// Per part: measured where every colour is finite and no depth is NaN (an infinite depth is legal). Identifiers,
+/// counts and whole numbers say nothing; a part that has only those takes the mask of its view.
+fn finite(frame: &Frame) -> Result<Masks, Error> {
+    let mut providers = Vec::new();
+    for (index, part) in frame.parts.iter().enumerate() {
+        let mut views: Vec<(String, Vec<bool>)> = Vec::new();
+        for (number, channel) in part.channels.iter().enumerate() {
+            let flags = match (channels::by_default(part, number).0, &channel.samples) {
+                (Rule::Keep, _) | (_, Samples::Uint(_)) => continue,
+                (Rule::Nearest, _) if is_coded(part, number) => continue,
+                (Rule::Depth, samples) => flags(samples, |value| !value.is_nan()),
+                (_, samples) => flags(samples, f64::is_finite),
+            };
+            let name = channel.display_name().into_owned();
+            let same = |(other, _): &&mut (String, _)| view_of(part, other) == view_of(part, &name);
+            match views.iter_mut().find(same) {
+                Some((_, all)) => all.iter_mut().zip(flags).for_each(|(all, flag)| *all &= flag),
+                None => views.push((name, flags)),
+            }
+        }
+        providers
+            .extend(views.into_iter().filter_map(|(name, flags)| provider(part, index, &name, None, flags)));
+    }
+    if providers.is_empty() {
+        return Err(Error::NoFloat { channels: list_channels(frame) });
+    }
+    let mut masks = serve(frame, &providers);
+    masks.origin = Source::Finite.to_string();
+    Ok(masks)
+}
+
+/// Whether the bits of a channel are a code, so that a NaN among them may be a value like any other.
+fn is_coded(part: &Part, channel: usize) -> bool {
+    !channels::by_default(part, channel).1.starts_with("motion")
+}

@@ -1,0 +1,232 @@
+//! Masks found in hand-built frames.
+
+use lacuna_filters::Size;
+
+use super::*;
+use crate::frame::{Frame, Part};
+use crate::testing::{float, frame, half, named, part, uint, window};
+
+const R4: [f32; 4] = [1.0, 2.0, 3.0, 4.0];
+
+fn four(channels: Vec<crate::frame::Channel>) -> Part {
+    part(window(0, 0, 2, 2), channels)
+}
+
+fn auto(frame: &Frame) -> Result<Masks, Error> {
+    find(frame, &Source::Auto, None)
+}
+
+/// The mask of a channel as zeros and ones; `-` where none serves it.
+fn shown(frame: &Frame, masks: &Masks, part: usize, name: &str) -> String {
+    let at = frame.parts[part].channels.iter().position(|channel| channel.name == name.as_bytes()).unwrap();
+    let Some(mask) = masks.get(part, at) else { return "-".into() };
+    mask.as_slice().iter().map(|&flag| if flag { '1' } else { '0' }).collect()
+}
+
+#[test]
+fn auto_prefers_the_attribute_then_mask_then_layers() {
+    let channels = || {
+        vec![
+            float("R", &R4),
+            half("MASK", &[1.0, 0.0, 0.0, 0.0]),
+            half("other", &[0.0, 1.0, 0.0, 0.0]),
+            half("spec.mask", &[0.0, 0.0, 1.0, 0.0]),
+            half("spec.R", &R4),
+        ]
+    };
+    let mut with_attribute = frame(vec![four(channels())]);
+    with_attribute.parts[0].attributes.set_text(ATTRIBUTE, "other");
+    let masks = auto(&with_attribute).unwrap();
+    assert_eq!(shown(&with_attribute, &masks, 0, "spec.R"), "0100");
+    assert_eq!(masks.origin, "other");
+    let plain = frame(vec![four(channels())]);
+    let masks = auto(&plain).unwrap();
+    assert_eq!((masks.origin.as_str(), shown(&plain, &masks, 0, "spec.R").as_str()), ("MASK", "1000"));
+    assert_eq!(masks.density(), Some(0.25));
+    let mut absent = frame(vec![four(channels())]);
+    absent.parts[0].attributes.set_text(ATTRIBUTE, "file:m.png");
+    assert_eq!(auto(&absent).unwrap().origin, "MASK");
+    let layered = frame(vec![four(channels().into_iter().filter(|c| c.name != b"MASK").collect())]);
+    let masks = auto(&layered).unwrap();
+    assert_eq!(shown(&layered, &masks, 0, "spec.R"), "0010");
+    assert_eq!(shown(&layered, &masks, 0, "R"), "-");
+    assert!(masks.why_none[0][0].is_some());
+}
+
+#[test]
+fn a_matte_is_not_a_sampling_mask() {
+    let alone = frame(vec![four(vec![float("R", &R4), half("whitebarmask.mask", &[0.0, 1.0, 1.0, 0.0])])]);
+    let error = auto(&alone).unwrap_err().to_string();
+    assert!(error.contains("R, whitebarmask.mask"), "{error}");
+    let grey = frame(vec![four(vec![half("hair.R", &R4), half("hair.mask", &[0.0, 0.5, 1.0, 0.0])])]);
+    assert!(matches!(auto(&grey), Err(Error::NotFound { .. })));
+}
+
+#[test]
+fn layers_have_their_own_masks() {
+    let frame = frame(vec![four(vec![
+        half("a.R", &R4),
+        half("a.b.R", &R4),
+        half("ab.R", &R4),
+        half("a.mask", &[1.0, 0.0, 0.0, 0.0]),
+        half("a.b.mask", &[0.0, 1.0, 0.0, 0.0]),
+    ])]);
+    let masks = auto(&frame).unwrap();
+    let shown = |name| shown(&frame, &masks, 0, name);
+    assert_eq!((shown("a.R"), shown("a.b.R"), shown("ab.R")), ("1000".into(), "0100".into(), "-".into()));
+    assert_eq!(masks.origin, "auto");
+    assert_eq!(masks.mask_channels[0].len(), 2);
+}
+
+#[test]
+fn values_count_from_one_half_on_and_nan_is_missing() {
+    let values = [0.49, 0.5, f32::NAN, 7.0];
+    let frame = frame(vec![four(vec![float("R", &R4), float("mask", &values)])]);
+    let masks = auto(&frame).unwrap();
+    assert_eq!(shown(&frame, &masks, 0, "R"), "0101");
+    assert_eq!(masks.notes.len(), 1);
+}
+
+#[test]
+fn a_mask_serves_its_view_by_absolute_pixels() {
+    let left =
+        part(window(-1, 5, 3, 2), vec![half("mask", &[1.0, 0.0, 0.0, 0.0, 1.0, 1.0]), half("R", &[0.0; 6])]);
+    let inside = part(window(0, 5, 2, 2), vec![half("Z", &R4)]);
+    let outside = part(window(1, 5, 2, 2), vec![half("Z", &R4)]);
+    let frame = frame(vec![
+        named("rgba", "left", left),
+        named("depth", "left", inside.clone()),
+        named("wide", "left", outside),
+        named("other", "right", inside),
+    ]);
+    let masks = auto(&frame).unwrap();
+    assert_eq!(shown(&frame, &masks, 0, "R"), "100011");
+    assert_eq!(shown(&frame, &masks, 1, "Z"), "0011");
+    assert_eq!(shown(&frame, &masks, 2, "Z"), "-");
+    assert_eq!(masks.why_none[2][0].as_deref(), Some("the mask does not cover pixel (2, 5)"));
+    assert_eq!(shown(&frame, &masks, 3, "Z"), "-");
+    assert_eq!(masks.why_none[3][0].as_deref(), Some("no mask of its view or layer"));
+}
+
+#[test]
+fn equal_masks_are_one() {
+    let make = || four(vec![half("R", &R4), half("mask", &[1.0, 0.0, 0.0, 1.0])]);
+    let frame = frame(vec![make(), make()]);
+    let masks = auto(&frame).unwrap();
+    assert!(Arc::ptr_eq(masks.get(0, 0).unwrap(), masks.get(1, 1).unwrap()));
+    assert_eq!((masks.part_counts(0), masks.density()), ((2, 4), Some(0.5)));
+}
+
+#[test]
+fn views_of_one_part_have_their_own_masks() {
+    let mut part = four(vec![
+        half("R", &R4),
+        half("left.R", &R4),
+        half("left.spec.R", &R4),
+        half("spec.left.R", &R4),
+        half("mask", &[1.0, 0.0, 0.0, 0.0]),
+        half("left.mask", &[0.0, 1.0, 0.0, 0.0]),
+    ]);
+    let views =
+        ["right", "left"].map(|view| [&(view.len() as u32).to_le_bytes()[..], view.as_bytes()].concat());
+    part.attributes.set("multiView", "stringvector", views.concat());
+    let frame = frame(vec![part]);
+    let masks = auto(&frame).unwrap();
+    let shown = |name| shown(&frame, &masks, 0, name);
+    assert_eq!(
+        (shown("R"), shown("left.R"), shown("spec.left.R")),
+        ("1000".into(), "0100".into(), "0100".into())
+    );
+    assert_eq!(shown("left.spec.R"), "1000");
+}
+
+#[test]
+fn alpha_counts_above_zero() {
+    let first = frame(vec![four(vec![half("R", &R4), half("A", &[0.0, 0.1, 1.0, f32::NAN])])]);
+    let masks = find(&first, &Source::Alpha, None).unwrap();
+    assert_eq!(shown(&first, &masks, 0, "R"), "0110");
+    assert!(masks.mask_channels[0].is_empty());
+    let blender = frame(vec![
+        four(vec![half("V.Combined.A", &[0.0, 0.1, 1.0, 0.0]), half("V.Combined.R", &R4)]),
+        four(vec![half("V.Depth.Z", &R4)]),
+    ]);
+    let masks = find(&blender, &Source::Alpha, None).unwrap();
+    assert_eq!(shown(&blender, &masks, 1, "V.Depth.Z"), "0110");
+    let none = frame(vec![four(vec![half("R", &R4)])]);
+    assert!(matches!(find(&none, &Source::Alpha, None), Err(Error::NoAlpha { .. })));
+}
+
+#[test]
+fn nan_means_missing_but_an_infinite_depth_does_not() {
+    let (nan, inf) = (f32::NAN, f32::INFINITY);
+    let first = frame(vec![
+        four(vec![
+            float("R", &[1.0, nan, inf, 1.0]),
+            float("Z", &[inf, 1.0, 1.0, nan]),
+            float("CryptoObject00.r", &[nan; 4]),
+            float("samples", &[nan; 4]),
+            uint("id", &[0; 4]),
+        ]),
+        four(vec![uint("id", &[0; 4])]),
+    ]);
+    let masks = find(&first, &Source::Finite, None).unwrap();
+    assert_eq!(shown(&first, &masks, 0, "R"), "1000");
+    assert_eq!(shown(&first, &masks, 1, "id"), "1000");
+    let none = frame(vec![four(vec![uint("id", &[0; 4])])]);
+    assert!(matches!(find(&none, &Source::Finite, None), Err(Error::NoFloat { .. })));
+}
+
+#[test]
+fn counts_have_a_threshold() {
+    let frame = frame(vec![four(vec![half("R", &R4), uint("n", &[0, 3, 4, 9])])]);
+    let masks = find(&frame, &"count:n:4".parse().unwrap(), None).unwrap();
+    assert_eq!(shown(&frame, &masks, 0, "R"), "0011");
+    let error = find(&frame, &"count:m:4".parse().unwrap(), None).unwrap_err().to_string();
+    assert!(error.contains("'m'") && error.contains("R, n"), "{error}");
+}
+
+#[test]
+fn files_fit_by_window_or_by_size() {
+    let target = {
+        let mut part = part(window(4, 4, 2, 2), vec![half("R", &R4)]);
+        part.display_window = window(0, 0, 6, 6);
+        frame(vec![part])
+    };
+    let any = Source::File { pattern: "m".into(), channel: None };
+    let grey = |size: Size, values: &[u16]| MaskFile::from_grey("m.png".into(), size, values, 255);
+    let data = find(&target, &any, Some(&grey(Size::new(2, 2), &[0, 127, 128, 255]))).unwrap();
+    assert_eq!(shown(&target, &data, 0, "R"), "0011");
+    assert_eq!(data.origin, "file:m.png");
+    let mut display = vec![0; 36];
+    display[4 * 6 + 5] = 1;
+    let display = find(&target, &any, Some(&grey(Size::new(6, 6), &display))).unwrap();
+    assert_eq!(shown(&target, &display, 0, "R"), "0100");
+    let error = find(&target, &any, Some(&grey(Size::new(1, 2), &[0, 0]))).unwrap_err().to_string();
+    assert!(error.contains("2x1") && error.contains("2x2, 6x6"), "{error}");
+    assert_eq!(find(&target, &any, None).unwrap_err(), Error::FileNotRead);
+
+    let exr =
+        |channels| MaskFile::from_frame("m.exr".into(), frame(vec![part(window(4, 3, 2, 4), channels)]));
+    let column = [9.0, 9.0, 1.0, 0.0, 0.0, 1.0, 9.0, 9.0];
+    let one = find(&target, &any, Some(&exr(vec![half("whatever", &column)]))).unwrap();
+    assert_eq!(shown(&target, &one, 0, "R"), "1001");
+    let two = exr(vec![half("a", &column), half("b", &[0.0; 8])]);
+    assert!(find(&target, &any, Some(&two)).unwrap_err().to_string().contains("channels are a, b"));
+    let named = Source::File { pattern: "m".into(), channel: Some("b".into()) };
+    let masks = find(&target, &named, Some(&two)).unwrap();
+    assert_eq!((shown(&target, &masks, 0, "R").as_str(), masks.origin.as_str()), ("0000", "file:m.exr:b"));
+    assert!(masks.is_empty());
+}
+
+#[test]
+fn own_windows_go_before_those_of_other_parts() {
+    let first = part(window(0, 0, 2, 2), vec![half("R", &R4)]);
+    let second = part(window(1, 0, 2, 2), vec![half("R", &R4)]);
+    let frame = frame(vec![first, second]);
+    let file = MaskFile::from_grey("m.png".into(), Size::new(2, 2), &[1, 0, 0, 0], 255);
+    let masks = find(&frame, &Source::File { pattern: "m".into(), channel: None }, Some(&file)).unwrap();
+    assert_eq!(
+        (shown(&frame, &masks, 0, "R"), shown(&frame, &masks, 1, "R")),
+        ("1000".into(), "1000".into())
+    );
+}

@@ -1,0 +1,46 @@
+//! Why a frame cannot be filled; each message names the part and channel and a way out.
+
+/// A frame that cannot be filled.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// No mask for a channel that is to be filled.
+    #[error("{channel}: {why}: give a mask that covers it, or keep it with --channels '{name}=keep'")]
+    NoMask {
+        /// Part and channel.
+        channel: String,
+        /// The channel's name alone.
+        name: String,
+        /// Why there is none.
+        why: String,
+    },
+    /// A mask without a measured pixel.
+    #[error(
+        "{channel}: the mask ({origin}) has no measured pixel, so nothing says what the image is: check --mask"
+    )]
+    EmptyMask {
+        /// Part and channel.
+        channel: String,
+        /// Where the mask was found.
+        origin: String,
+    },
+    /// Measured pixels, but none with a usable value.
+    #[error("{channel}: no measured value is finite: keep the channel with --channels '{name}=keep'")]
+    NothingFinite {
+        /// Part and channel.
+        channel: String,
+        /// The channel's name alone.
+        name: String,
+    },
+    /// The filter refused.
+    #[error("{channel}: {source}")]
+    Filter {
+        /// Part and channel.
+        channel: String,
+        /// What it said.
+        source: lacuna_filters::Error,
+    },
+    /// Masks or choices of another frame.
+    #[error("the masks or the channel rules belong to another frame")]
+    OtherFrame,
+}

@@ -1,0 +1,116 @@
+//! Which channels of a part go through the filter together, and which of their values count as measured.
+
+use std::sync::Arc;
+
+use lacuna_filters::Mask;
+
+use super::Error;
+use super::values::to_floats;
+use crate::channels::{self, Choice, Name, Rule, channel_label};
+use crate::frame::{Frame, Samples};
+use crate::mask::Masks;
+
+/// A channel that is to be filled.
+#[derive(Clone, Debug)]
+pub struct Target {
+    /// Its place in the part.
+    pub channel: usize,
+    /// What is done with it; never `keep`.
+    pub rule: Rule,
+    /// The values that count as measured.
+    pub mask: Arc<Mask>,
+    /// Measured values that do not count because they are NaN or infinite.
+    pub non_finite: usize,
+}
+
+/// Channels of one layer, rule and mask.
+#[derive(Clone, Debug)]
+pub struct Group {
+    /// Their places in the part.
+    pub channels: Vec<usize>,
+    /// The values that count as measured.
+    pub mask: Arc<Mask>,
+    /// Whether they are light: not an alpha, a matte, a position or a normal.
+    pub light: bool,
+    /// Whether they are components of normals.
+    pub normal: bool,
+}
+
+/// The channels of a part that miss something, with the masks that are true for their values.
+pub fn targets(frame: &Frame, part: usize, masks: &Masks, choices: &[Choice]) -> Result<Vec<Target>, Error> {
+    let mut found: Vec<Target> = Vec::new();
+    for (index, choice) in choices.iter().enumerate() {
+        if choice.rule == Rule::Keep {
+            continue;
+        }
+        let channel = &frame.parts[part].channels[index];
+        let label = || channel_label(frame, part, index);
+        let name = || channel.display_name().into_owned();
+        let Some(mask) = masks.get(part, index) else {
+            let why = masks.why_none.get(part).and_then(|why| why.get(index)?.clone());
+            let why = why.unwrap_or_else(|| "no mask".into());
+            return Err(Error::NoMask { channel: label(), name: name(), why });
+        };
+        if mask.is_full() {
+            continue;
+        }
+        if mask.is_empty() {
+            return Err(Error::EmptyMask { channel: label(), origin: masks.origin.clone() });
+        }
+        let usable = usable(choice.rule, &channel.samples, mask)?;
+        if usable.is_empty() {
+            return Err(Error::NothingFinite { channel: label(), name: name() });
+        }
+        let non_finite = mask.count() - usable.count();
+        let known = found.iter().map(|target| &target.mask).find(|other| ***other == *usable);
+        let mask = known.cloned().unwrap_or(usable);
+        found.push(Target { channel: index, rule: choice.rule, mask, non_finite });
+    }
+    Ok(found)
+}
+
+/// The measured pixels whose value the rule can use: finite ones for what is computed, anything but NaN for depth,
+/// all for what is only copied.
+pub fn usable(rule: Rule, samples: &Samples, mask: &Arc<Mask>) -> Result<Arc<Mask>, Error> {
+    let fits: fn(f32) -> bool = match rule {
+        Rule::Fill | Rule::Normal => f32::is_finite,
+        Rule::Depth => |value| !value.is_nan(),
+        Rule::Nearest | Rule::Keep => return Ok(Arc::clone(mask)),
+    };
+    let bad = |value: f32, measured: bool| measured && !fits(value);
+    let flags = mask.as_slice();
+    let all_fit = match samples {
+        Samples::Half(values) => !values.iter().zip(flags).any(|(value, &flag)| bad(value.to_f32(), flag)),
+        Samples::Float(values) => !values.iter().zip(flags).any(|(&value, &flag)| bad(value, flag)),
+        Samples::Uint(_) => true,
+    };
+    if all_fit {
+        return Ok(Arc::clone(mask));
+    }
+    let values = to_floats(samples).ok_or(Error::OtherFrame)?;
+    let flags = values.iter().zip(flags).map(|(&value, &flag)| flag && fits(value)).collect();
+    Mask::new(mask.size(), flags).map(Arc::new).map_err(|_| Error::OtherFrame)
+}
+
+/// The groups that go through the filter, in the order of their first channels.
+pub fn groups(frame: &Frame, part: usize, targets: &[Target]) -> Vec<Group> {
+    let mut groups: Vec<(String, Group)> = Vec::new();
+    for target in targets.iter().filter(|target| matches!(target.rule, Rule::Fill | Rule::Normal)) {
+        let name = frame.parts[part].channels[target.channel].display_name();
+        let layer = Name::new(&name).layer;
+        let normal = target.rule == Rule::Normal;
+        let light = target.rule == Rule::Fill && channels::is_light(&name);
+        let same = groups.iter_mut().find(|(other, group)| {
+            let alike = group.normal == normal && group.light == light;
+            other == layer && alike && Arc::ptr_eq(&group.mask, &target.mask)
+        });
+        if let Some((_, group)) = same {
+            group.channels.push(target.channel);
+        } else {
+            let mask = Arc::clone(&target.mask);
+            let group = Group { channels: vec![target.channel], mask, light, normal };
+            groups.push((layer.to_owned(), group));
+        }
+    }
+    groups.into_iter().map(|(_, group)| group).collect()
+}

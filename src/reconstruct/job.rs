@@ -1,0 +1,179 @@
+//! What is to be done to a frame, and the line of text that says so in the output.
+
+use lacuna_filters::Method;
+use lacuna_filters::domain::Domain;
+use serde::Serialize;
+
+use crate::channels::Override;
+use crate::frame::Compression;
+use crate::mask::Source;
+
+/// A float type that channels can be written in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// 16 bits.
+    Half,
+    /// 32 bits.
+    Float,
+}
+
+/// Everything that changes the result.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Job {
+    /// The filter with its settings.
+    pub method: Method,
+    /// Where colours are reconstructed.
+    pub domain: Domain,
+    /// Whether overshoot is limited.
+    pub limit: bool,
+    /// The type of the filled, normal and depth channels; nothing leaves each its own. Identifiers, kept channels
+    /// and whole numbers always keep theirs.
+    pub kind: Option<Kind>,
+    /// Whether the sampling mask's channels are left out of the output.
+    pub drop_mask: bool,
+    /// The output's compression; nothing takes the input's where it is lossless, else ZIP.
+    pub compression: Option<Compression>,
+    /// The mask as it was asked for (not as it was found).
+    pub mask: Source,
+    /// The channel rules that were asked for.
+    pub overrides: Vec<Override>,
+}
+
+impl Job {
+    /// A job with everything but the method as `lacuna fill` has it by default.
+    pub fn new(method: Method) -> Self {
+        Self {
+            method,
+            domain: Domain::Auto,
+            limit: true,
+            kind: None,
+            drop_mask: false,
+            compression: None,
+            mask: Source::Auto,
+            overrides: Vec::new(),
+        }
+    }
+
+    /// Everything that changes the result on one line, `name=value` separated by spaces: equal lines, versions,
+    /// inputs and masks mean equal outputs. This is the attribute `lacuna/settings`.
+    pub fn settings(&self) -> String {
+        let kind = match self.kind {
+            None => "input",
+            Some(Kind::Half) => "half",
+            Some(Kind::Float) => "float",
+        };
+        let compression = self.compression.map_or("input", compression_name);
+        let overrides: Vec<String> = self.overrides.iter().map(ToString::to_string).collect();
+        let mask = self.mask.to_string();
+        let mut line = self.method.settings();
+        for (name, value) in [
+            ("domain", domain_name(self.domain)),
+            ("limit", if self.limit { "on" } else { "off" }),
+            ("measured", if self.method.keeps_measured() { "kept" } else { "smoothed" }),
+            ("type", kind),
+            ("compression", compression),
+            ("mask-channel", if self.drop_mask { "dropped" } else { "kept" }),
+            ("mask", mask.as_str()),
+            ("channels", overrides.join("\n").as_str()),
+        ] {
+            let gap = if line.is_empty() { "" } else { " " };
+            line = format!("{line}{gap}{name}={}", quote(value));
+        }
+        line
+    }
+}
+
+const fn domain_name(domain: Domain) -> &'static str {
+    match domain {
+        Domain::Auto => "auto",
+        Domain::Linear => "linear",
+        Domain::Log => "log",
+    }
+}
+
+/// The name that `--compression` takes.
+pub const fn compression_name(compression: Compression) -> &'static str {
+    match compression {
+        Compression::None => "none",
+        Compression::Rle => "rle",
+        Compression::Zips => "zips",
+        Compression::Zip => "zip",
+        Compression::Piz => "piz",
+        Compression::Pxr24 => "pxr24",
+        Compression::B44 => "b44",
+        Compression::B44a => "b44a",
+        Compression::Dwaa => "dwaa",
+        Compression::Dwab => "dwab",
+    }
+}
+
+/// Whether a compression gives back the bits that went in.
+pub const fn is_lossless(compression: Compression) -> bool {
+    use Compression::{None, Piz, Rle, Zip, Zips};
+    matches!(compression, None | Rle | Zips | Zip | Piz)
+}
+
+/// The compression that a part is written with.
+pub fn output_compression(input: Compression, asked: Option<Compression>) -> Compression {
+    asked.unwrap_or(if is_lossless(input) { input } else { Compression::Zip })
+}
+
+/// A value as it stands in a line of settings: quoted like JSON where it would not be one word.
+fn quote(value: &str) -> String {
+    let plain = |letter: char| !letter.is_whitespace() && !letter.is_control() && letter != '"';
+    if !value.is_empty() && value.chars().all(plain) {
+        value.into()
+    } else {
+        serde_json::Value::from(value).to_string()
+    }
+}
+
+/// Reads a line of settings back into names and values; what cannot be read ends it.
+pub fn parse_settings(line: &str) -> Vec<(String, String)> {
+    let mut pairs = Vec::new();
+    let mut rest = line.trim_start();
+    while let Some((name, tail)) = rest.split_once('=') {
+        let (value, tail) = if tail.starts_with('"') {
+            let mut values = serde_json::Deserializer::from_str(tail).into_iter::<String>();
+            let Some(Ok(value)) = values.next() else { break };
+            let used = values.byte_offset();
+            (value, &tail[used..])
+        } else {
+            let end = tail.find(' ').unwrap_or(tail.len());
+            (tail[..end].to_owned(), &tail[end..])
+        };
+        pairs.push((name.to_owned(), value));
+        rest = tail.trim_start();
+    }
+    pairs
+}
+
+#[cfg(test)]
+mod tests {
+    use lacuna_filters::baseline::push_pull;
+
+    use super::*;
+
+    #[test]
+    fn settings_come_back() {
+        let mut job = Job::new(Method::PushPull(push_pull::Settings));
+        job.mask = Source::File { pattern: "my dir/a \"b\".exr".into(), channel: None };
+        job.overrides = vec!["Diffuse Direct.*=keep".parse().unwrap(), "=x=fill".parse().unwrap()];
+        job.kind = Some(Kind::Half);
+        let line = job.settings();
+        let pairs = parse_settings(&line);
+        let get = |name: &str| pairs.iter().find(|pair| pair.0 == name).map(|pair| pair.1.as_str());
+        assert_eq!(get("type"), Some("half"));
+        assert_eq!(get("measured"), Some("kept"));
+        assert_eq!(get("mask"), Some("file:my dir/a \"b\".exr"));
+        assert_eq!(get("channels"), Some("Diffuse Direct.*=keep\n=x=fill"));
+        assert_ne!(line, Job { limit: false, ..job.clone() }.settings());
+    }
+
+    #[test]
+    fn damaged_settings_end_quietly() {
+        assert_eq!(parse_settings("a=1 b=\"unclosed"), vec![("a".to_owned(), "1".to_owned())]);
+        assert!(parse_settings("nothing").is_empty());
+    }
+}

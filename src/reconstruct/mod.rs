@@ -1,0 +1,142 @@
+//! One frame in, one frame out; pure.
+//!
+//! ```text
+//! targets (which values are measured) ──> groups ──> domain ──> filter ──> back ──> limiter, bounds ──┐
+//!                                    └──> nearest, depth: copied bits ────────────────────────────────┤
+//!                                                 normals: unit length <──────────────────────────────┤
+//!                                 missing pixels written, measured bits are the input's  <────────────┘
+//! ```
+//!
+//! A measured value that is NaN or infinite counts as missing, here and nowhere else ([`groups::targets`]); an infinite
+//! depth is a value like any other, and channels that are only copied are copied as they are. A mask without a missing
+//! pixel leaves its channels alone, non-finite values included.
+
+mod bounds;
+mod error;
+mod groups;
+mod job;
+mod normals;
+mod part;
+mod plans;
+mod report;
+mod solve;
+mod stamp;
+#[cfg(test)]
+mod tests;
+mod values;
+
+pub(crate) use bounds::{Bounds, bounds_of};
+pub use error::Error;
+pub(crate) use groups::usable;
+pub use job::{Job, Kind, compression_name, is_lossless, output_compression, parse_settings};
+use lacuna_filters::Run;
+pub use lacuna_filters::domain::Domain;
+pub use plans::Plans;
+pub use report::{ChannelReport, GroupReport, PartReport, Report};
+pub use stamp::{ADDED, DERIVED, Stamp};
+pub(crate) use values::convert;
+
+use crate::channels::{Choice, Rule, part_label};
+use crate::frame::{Frame, Part, Samples};
+use crate::mask::Masks;
+
+/// Fills the missing pixels of a frame.
+pub fn fill(
+    mut frame: Frame,
+    masks: &Masks,
+    choices: &[Vec<Choice>],
+    job: &Job,
+    plans: &Plans,
+    run: &Run<'_>,
+) -> Result<(Frame, Report), Error> {
+    let fits = |(part, choices): (&Part, &Vec<Choice>)| part.channels.len() == choices.len();
+    if frame.parts.len() != choices.len() || !frame.parts.iter().zip(choices).all(fits) {
+        return Err(Error::OtherFrame);
+    }
+    let stamp = Stamp::new(job, &masks.origin);
+    let mut report = Report {
+        filter: stamp.filter.clone(),
+        settings: stamp.settings.clone(),
+        mask: masks.origin.clone(),
+        density: masks.density(),
+        copied: true,
+        notes: masks.notes.clone(),
+        ..Report::default()
+    };
+    for (index, choices) in choices.iter().enumerate() {
+        let label = part_label(&frame, index);
+        let work = part::Work { index, masks, choices, job, plans, run };
+        let (filled, mut done) = part::fill(&frame, &work)?;
+        let copied = done.report.channels.iter().all(|channel| channel.filled == 0) && !done.converted;
+        frame.parts[index] = filled;
+        let part = &mut frame.parts[index];
+        if copied {
+            done.notes.extend(non_finite_copied(part, masks, choices, index));
+        } else {
+            report.copied = false;
+            done.notes.extend(drop_derived(part));
+            stamp.write(&mut part.attributes, masks.part_density(index).unwrap_or(1.0));
+        }
+        done.notes.extend(finish(part, masks, index, job));
+        let prefix = if label.is_empty() { label } else { format!("{label}: ") };
+        report.notes.extend(done.notes.into_iter().map(|note| format!("{prefix}{note}")));
+        report.parts.push(done.report);
+    }
+    if report.copied {
+        report.notes.push("nothing is missing: the pixels are copied".into());
+    }
+    report.total();
+    Ok((frame, report))
+}
+
+/// Removes the attributes that the new pixels turn into lies, and says so.
+fn drop_derived(part: &mut Part) -> Option<String> {
+    let dropped: Vec<&str> = DERIVED.iter().copied().filter(|name| part.attributes.remove(name)).collect();
+    (!dropped.is_empty())
+        .then(|| format!("dropped {}, which were made from other pixels", dropped.join(", ")))
+}
+
+/// Says how many values are not finite in channels that a full mask leaves alone.
+fn non_finite_copied(part: &Part, masks: &Masks, choices: &[Choice], index: usize) -> Option<String> {
+    let count = |samples: &Samples| match samples {
+        Samples::Half(values) => values.iter().filter(|value| !value.is_finite()).count(),
+        Samples::Float(values) => values.iter().filter(|value| !value.is_finite()).count(),
+        Samples::Uint(_) => 0,
+    };
+    let computed = |channel: &usize| matches!(choices[*channel].rule, Rule::Fill | Rule::Normal);
+    let served = |channel: &usize| masks.get(index, *channel).is_some();
+    let channels = (0..part.channels.len()).filter(computed).filter(served);
+    let all: usize = channels.map(|channel| count(&part.channels[channel].samples)).sum();
+    (all > 0).then(|| {
+        format!("{all} values are not finite and stay, as the mask calls them measured (--mask nan)")
+    })
+}
+
+/// Compression, levels and the mask channels, which do not depend on the pixels.
+fn finish(part: &mut Part, masks: &Masks, index: usize, job: &Job) -> Vec<String> {
+    let mut notes = Vec::new();
+    let compression = output_compression(part.compression, job.compression);
+    if job.compression.is_none() && compression != part.compression {
+        notes.push(format!(
+            "{} would change measured pixels: written as {} (--compression decides)",
+            compression_name(part.compression),
+            compression_name(compression)
+        ));
+    } else if !is_lossless(compression) {
+        notes.push(format!("{} changes measured pixels, as asked", compression_name(compression)));
+    }
+    part.compression = compression;
+    if part.had_levels {
+        notes.push("the file had mip or rip levels: only the full one is filled and written".into());
+        part.had_levels = false;
+    }
+    if job.drop_mask && !masks.mask_channels.get(index).is_none_or(Vec::is_empty) {
+        if masks.mask_channels[index].len() == part.channels.len() {
+            notes.push("the mask is the only channel and stays".into());
+        } else {
+            let mut at = 0..part.channels.len();
+            part.channels.retain(|_| at.next().is_none_or(|channel| !masks.is_mask_channel(index, channel)));
+        }
+    }
+    notes
+}

@@ -1,0 +1,228 @@
+//! The channels of one part: filtered, copied, bounded, and written where pixels are missing.
+
+use std::sync::Arc;
+
+use lacuna_filters::{Mask, Plane, Planes, Run};
+
+use super::bounds::{Bounds, bounds_of};
+use super::groups::{Group, Target, groups, targets};
+use super::solve::{Question, solve};
+use super::{ChannelReport, Error, GroupReport, Job, PartReport, Plans, normals, values};
+use crate::channels::{self, Choice, Rule, channel_label};
+use crate::frame::{Frame, Part, Samples};
+use crate::mask::Masks;
+
+/// What is to be done to a part, and with what.
+#[derive(Clone, Copy)]
+pub struct Work<'a> {
+    /// The part's place in the frame.
+    pub index: usize,
+    /// The frame's masks.
+    pub masks: &'a Masks,
+    /// The part's channel rules.
+    pub choices: &'a [Choice],
+    /// What was asked for.
+    pub job: &'a Job,
+    /// Plans made before.
+    pub plans: &'a Plans,
+    /// How to run.
+    pub run: &'a Run<'a>,
+}
+
+/// What was done to a part.
+#[derive(Debug, Default)]
+pub struct Done {
+    /// Channels and groups.
+    pub report: PartReport,
+    /// Whether a channel has another type now.
+    pub converted: bool,
+    /// For the log.
+    pub notes: Vec<String>,
+}
+
+/// A channel's values after the filter, before they are written.
+struct Filled {
+    target: Target,
+    samples: Vec<f32>,
+    values: Vec<f32>,
+    limited: usize,
+}
+
+/// Fills one part of a frame.
+pub fn fill(frame: &Frame, work: &Work<'_>) -> Result<(Part, Done), Error> {
+    let source = &frame.parts[work.index];
+    let targets = targets(frame, work.index, work.masks, work.choices)?;
+    let mut part = source.clone();
+    let mut done = Done { report: blank_report(source, work.choices), ..Done::default() };
+    convert(&mut part, work, &mut done);
+    let mut filled = Vec::new();
+    for group in groups(frame, work.index, &targets) {
+        filled.extend(filter(frame, work, &group, &targets, &mut done)?);
+    }
+    unit_normals(frame, work, &mut filled, &mut done)?;
+    let smooths = !work.job.method.keeps_measured();
+    for channel in filled {
+        let at = channel.target.channel;
+        let clamped =
+            values::write(&mut part.channels[at].samples, &channel.values, &channel.target.mask, smooths);
+        done.report.channels[at].clamped_halves += clamped;
+        done.report.channels[at].limited = channel.limited;
+    }
+    for target in targets.iter().filter(|target| matches!(target.rule, Rule::Nearest | Rule::Depth)) {
+        copy(frame, work, target, &mut part.channels[target.channel].samples)?;
+    }
+    for target in &targets {
+        let report = &mut done.report.channels[target.channel];
+        report.filled = target.mask.as_slice().len() - target.mask.count();
+        report.non_finite = target.non_finite;
+    }
+    if smooths && !done.report.groups.is_empty() {
+        done.notes.push("measured pixels are smoothed, as asked".into());
+    }
+    Ok((part, done))
+}
+
+fn blank_report(part: &Part, choices: &[Choice]) -> PartReport {
+    let channel = |(index, choice): (usize, &Choice)| ChannelReport {
+        name: part.channels[index].display_name().into_owned(),
+        rule: choice.rule,
+        why: choice.why.clone(),
+        filled: 0,
+        non_finite: 0,
+        limited: 0,
+        clamped_halves: 0,
+    };
+    PartReport {
+        name: part.name(),
+        channels: choices.iter().enumerate().map(channel).collect(),
+        groups: Vec::new(),
+    }
+}
+
+/// Gives computed and depth channels the type that was asked for.
+fn convert(part: &mut Part, work: &Work<'_>, done: &mut Done) {
+    for (index, channel) in part.channels.iter_mut().enumerate() {
+        if work.job.kind.is_none() || matches!(work.choices[index].rule, Rule::Nearest | Rule::Keep) {
+            continue;
+        }
+        let before = std::mem::discriminant(&channel.samples);
+        let samples = std::mem::replace(&mut channel.samples, Samples::Uint(Vec::new()));
+        let (samples, clamped) = values::convert(samples, work.job.kind);
+        done.converted |= std::mem::discriminant(&samples) != before;
+        done.report.channels[index].clamped_halves = clamped;
+        channel.samples = samples;
+    }
+}
+
+/// Runs the filter on a group, with the domain and the limiter around it.
+fn filter(
+    frame: &Frame,
+    work: &Work<'_>,
+    group: &Group,
+    targets: &[Target],
+    done: &mut Done,
+) -> Result<Vec<Filled>, Error> {
+    let part = &frame.parts[work.index];
+    let fail =
+        |source| Error::Filter { channel: channel_label(frame, work.index, group.channels[0]), source };
+    let mask = &group.mask;
+    let mut planes = Vec::new();
+    for &channel in &group.channels {
+        let values = measured_floats(&part.channels[channel].samples, mask)?;
+        planes.push(Plane::new(mask.size(), values).map_err(fail)?);
+    }
+    let samples = Planes::new(mask.size(), planes).map_err(fail)?;
+    let names: Vec<_> =
+        group.channels.iter().map(|&at| part.channels[at].display_name().into_owned()).collect();
+    let bounds = names.iter().map(|name| if group.normal { Bounds::Free } else { bounds_of(name) });
+    let question = Question { mask, light: group.light, limit: !group.normal, bounds: bounds.collect() };
+    let answer = solve(&question, &samples, work.job, work.plans, work.run).map_err(fail)?;
+    if answer.mended > 0 {
+        done.notes.push(format!(
+            "{}: {} values overflowed in the filter and took the nearest measured one",
+            names.join(", "),
+            answer.mended
+        ));
+    }
+    done.report.groups.push(GroupReport {
+        channels: names,
+        domain: answer.map.name(),
+        outcome: answer.outcome,
+    });
+    let planes = samples.into_vec().into_iter().zip(answer.planes.into_vec()).zip(answer.limited);
+    let filled = group.channels.iter().zip(planes).filter_map(|(&channel, ((samples, values), limited))| {
+        let target = targets.iter().find(|target| target.channel == channel)?.clone();
+        Some(Filled { target, samples: samples.into_pixels(), values: values.into_pixels(), limited })
+    });
+    Ok(filled.collect())
+}
+
+/// A channel's measured values, zero elsewhere.
+fn measured_floats(samples: &Samples, mask: &Mask) -> Result<Vec<f32>, Error> {
+    let mut values = values::to_floats(samples).ok_or(Error::OtherFrame)?;
+    for (value, &measured) in values.iter_mut().zip(mask.as_slice()) {
+        if !measured {
+            *value = 0.0;
+        }
+    }
+    Ok(values)
+}
+
+/// Gives every whole normal unit length.
+fn unit_normals(frame: &Frame, work: &Work<'_>, filled: &mut [Filled], done: &mut Done) -> Result<(), Error> {
+    let part = &frame.parts[work.index];
+    for channel in 0..part.channels.len() {
+        let Some(triple) = channels::normal_triple(part, work.choices, channel) else { continue };
+        let at = |wanted: usize| filled.iter().position(|filled| filled.target.channel == wanted);
+        let (Some(x), Some(y), Some(z)) = (at(triple[0]), at(triple[1]), at(triple[2])) else { continue };
+        if triple.iter().min() != Some(&channel) {
+            continue;
+        }
+        let fail = |source| Error::Filter { channel: channel_label(frame, work.index, channel), source };
+        let masks = [x, y, z].map(|at| Arc::clone(&filled[at].target.mask));
+        let all = whole_normals(&masks, work.job.method.keeps_measured());
+        if !normals::are_unit([x, y, z].map(|at| filled[at].samples.as_slice()), &both(&masks)) {
+            let name = part.channels[channel].display_name();
+            done.notes
+                .push(format!("channel {name}: measured normals are not of unit length, so none is scaled"));
+            continue;
+        }
+        let Ok([a, b, c]) = filled.get_disjoint_mut([x, y, z]) else { continue };
+        let nearest = work.plans.nearest(&both(&masks)).map_err(fail)?;
+        let samples = [a.samples.as_slice(), &b.samples, &c.samples];
+        normals::normalise([&mut a.values, &mut b.values, &mut c.values], samples, &all, &nearest);
+    }
+    Ok(())
+}
+
+/// The pixels at which all three components were measured (or the first mask if there is no such pixel).
+fn both(masks: &[Arc<Mask>; 3]) -> Arc<Mask> {
+    if masks.iter().all(|mask| Arc::ptr_eq(mask, &masks[0])) {
+        return Arc::clone(&masks[0]);
+    }
+    let all = Mask::from_fn(masks[0].size(), |y, x| masks.iter().all(|mask| mask.is_measured(y, x)));
+    if all.is_empty() { Arc::clone(&masks[0]) } else { Arc::new(all) }
+}
+
+/// A mask in which the pixels to be scaled are missing: those that miss all three components, or all if the method
+/// smooths.
+fn whole_normals(masks: &[Arc<Mask>; 3], keeps_measured: bool) -> Mask {
+    let any = |y: usize, x: usize| keeps_measured && masks.iter().any(|mask| mask.is_measured(y, x));
+    Mask::from_fn(masks[0].size(), any)
+}
+
+/// Copies measured bits into the missing pixels of an identifier or a depth.
+fn copy(frame: &Frame, work: &Work<'_>, target: &Target, samples: &mut Samples) -> Result<(), Error> {
+    let fail = |source| Error::Filter { channel: channel_label(frame, work.index, target.channel), source };
+    let mask = &target.mask;
+    if target.rule == Rule::Nearest {
+        let map = work.plans.nearest(mask).map_err(fail)?;
+        values::copy_from(samples, mask, |at| map.as_slice()[at] as usize);
+        return Ok(());
+    }
+    let depth = measured_floats(&frame.parts[work.index].channels[target.channel].samples, mask)?;
+    let depth = Plane::new(mask.size(), depth).map_err(fail)?;
+    let map = work.plans.depth(mask).and_then(|plan| plan.choose(&depth)).map_err(fail)?;
+    values::copy_from(samples, mask, |at| map.as_slice()[at] as usize);
+    Ok(())
+}

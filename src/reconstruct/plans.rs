@@ -1,0 +1,114 @@
+//! Plans that depend on the mask alone, kept for the parts and frames that have an equal one.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use lacuna_filters::baseline::depth::DepthPlan;
+use lacuna_filters::baseline::nearest::NearestMap;
+use lacuna_filters::{Error, Mask, Method, Plan, Problem, Run};
+
+/// How many plans are kept.
+const MOST: usize = 4;
+
+/// Method and settings, mask, plan.
+type FilterEntry = (String, Arc<Mask>, Arc<dyn Plan>);
+
+/// A bounded, thread-safe store of the last plans.
+///
+/// Two threads that miss at the same time both make the plan: waiting for each other inside a thread pool could
+/// make a thread wait for itself.
+#[derive(Default)]
+pub struct Plans {
+    filters: Mutex<Vec<FilterEntry>>,
+    nearest: Mutex<Vec<(Arc<Mask>, Arc<NearestMap>)>>,
+    depth: Mutex<Vec<(Arc<Mask>, Arc<DepthPlan>)>>,
+}
+
+impl std::fmt::Debug for Plans {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Plans").finish_non_exhaustive()
+    }
+}
+
+impl Plans {
+    /// An empty store.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The plan of a method on a mask.
+    pub fn filter(&self, method: &Method, mask: &Arc<Mask>, run: &Run<'_>) -> Result<Arc<dyn Plan>, Error> {
+        let key = format!("{} {}", method.name(), method.settings());
+        let same = |entry: &FilterEntry| entry.0 == key && equal(&entry.1, mask);
+        if let Some(found) = recall(&self.filters, same) {
+            return Ok(found.2);
+        }
+        let plan: Arc<dyn Plan> = method.filter().plan(&Problem::fill(Arc::clone(mask)), run)?.into();
+        if run.interrupted().is_none() {
+            store(&self.filters, (key, Arc::clone(mask), Arc::clone(&plan)));
+        }
+        Ok(plan)
+    }
+
+    /// Which measured pixel is nearest to each pixel of a mask.
+    pub fn nearest(&self, mask: &Arc<Mask>) -> Result<Arc<NearestMap>, Error> {
+        if let Some(found) = recall(&self.nearest, |entry| equal(&entry.0, mask)) {
+            return Ok(found.1);
+        }
+        let map = Arc::new(NearestMap::new(mask)?);
+        store(&self.nearest, (Arc::clone(mask), Arc::clone(&map)));
+        Ok(map)
+    }
+
+    /// What the depth rule knows of a mask.
+    pub fn depth(&self, mask: &Arc<Mask>) -> Result<Arc<DepthPlan>, Error> {
+        if let Some(found) = recall(&self.depth, |entry| equal(&entry.0, mask)) {
+            return Ok(found.1);
+        }
+        let plan = Arc::new(DepthPlan::new(mask)?);
+        store(&self.depth, (Arc::clone(mask), Arc::clone(&plan)));
+        Ok(plan)
+    }
+}
+
+fn equal(a: &Arc<Mask>, b: &Arc<Mask>) -> bool {
+    Arc::ptr_eq(a, b) || a == b
+}
+
+/// The entry that matches; it becomes the newest.
+fn recall<T: Clone>(entries: &Mutex<Vec<T>>, same: impl Fn(&T) -> bool) -> Option<T> {
+    let mut entries = entries.lock().unwrap_or_else(PoisonError::into_inner);
+    let at = entries.iter().position(same)?;
+    let entry = entries.remove(at);
+    entries.push(entry.clone());
+    Some(entry)
+}
+
+fn store<T>(entries: &Mutex<Vec<T>>, entry: T) {
+    let mut entries = entries.lock().unwrap_or_else(PoisonError::into_inner);
+    if entries.len() >= MOST {
+        entries.remove(0);
+    }
+    entries.push(entry);
+}
+
+#[cfg(test)]
+mod tests {
+    use lacuna_filters::{Size, baseline::push_pull};
+
+    use super::*;
+
+    #[test]
+    fn equal_masks_share_a_plan_and_few_are_kept() {
+        let mask = |at| Arc::new(Mask::from_fn(Size::new(3, 3), |y, x| y * 3 + x == at));
+        let method = Method::PushPull(push_pull::Settings);
+        let plans = Plans::new();
+        let run = Run::default();
+        let first = plans.filter(&method, &mask(0), &run).unwrap();
+        assert!(Arc::ptr_eq(&first, &plans.filter(&method, &mask(0), &run).unwrap()));
+        for at in 1..=MOST {
+            plans.filter(&method, &mask(at), &run).unwrap();
+        }
+        assert!(!Arc::ptr_eq(&first, &plans.filter(&method, &mask(0), &run).unwrap()));
+        assert!(Arc::ptr_eq(&plans.nearest(&mask(2)).unwrap(), &plans.nearest(&mask(2)).unwrap()));
+    }
+}

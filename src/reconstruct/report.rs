@@ -1,0 +1,86 @@
+//! What was done to a frame, for the log and for `--json`.
+
+use lacuna_filters::Outcome;
+use serde::Serialize;
+
+use crate::channels::Rule;
+
+/// What was done to one frame. Times are the caller's to add.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Report {
+    /// The filter's name.
+    pub filter: String,
+    /// The line of settings.
+    pub settings: String,
+    /// Where the mask was found.
+    pub mask: String,
+    /// Measured pixels over all pixels, 0 to 1; nothing where every part is kept.
+    pub density: Option<f64>,
+    /// Whether nothing was missing, so that the pixels are those of the input.
+    pub copied: bool,
+    /// Measured values that were NaN or infinite and counted as missing, over all channels.
+    pub non_finite: usize,
+    /// Values that the limiter or a bound (no negative light, alpha within 0 and 1) moved.
+    pub limited: usize,
+    /// Values that would have overflowed a half and became the largest one.
+    pub clamped_halves: usize,
+    /// The worst outcome of all groups; nothing where no filter ran.
+    pub outcome: Option<Outcome>,
+    /// The parts, in file order.
+    pub parts: Vec<PartReport>,
+    /// What a reader of the log should know, one line each.
+    pub notes: Vec<String>,
+}
+
+/// What was done to one part.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct PartReport {
+    /// Its name, if it has one.
+    pub name: Option<String>,
+    /// The channels, in file order.
+    pub channels: Vec<ChannelReport>,
+    /// The groups that the filter ran on.
+    pub groups: Vec<GroupReport>,
+}
+
+/// What was done to one channel.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ChannelReport {
+    /// Its full name.
+    pub name: String,
+    /// The rule.
+    pub rule: Rule,
+    /// Why that rule.
+    pub why: String,
+    /// Values that were filled in.
+    pub filled: usize,
+    /// Measured values that were NaN or infinite and counted as missing.
+    pub non_finite: usize,
+    /// Values that the limiter or a bound moved.
+    pub limited: usize,
+    /// Values that would have overflowed a half.
+    pub clamped_halves: usize,
+}
+
+/// How the filter ended on a group of channels.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GroupReport {
+    /// The channels' full names.
+    pub channels: Vec<String>,
+    /// The domain that it was reconstructed in: `linear` or `log`.
+    pub domain: &'static str,
+    /// How the solver ended.
+    pub outcome: Outcome,
+}
+
+impl Report {
+    /// Adds up the channels and groups.
+    pub(super) fn total(&mut self) {
+        let channels = || self.parts.iter().flat_map(|part| &part.channels);
+        self.non_finite = channels().map(|channel| channel.non_finite).sum();
+        self.limited = channels().map(|channel| channel.limited).sum();
+        self.clamped_halves = channels().map(|channel| channel.clamped_halves).sum();
+        let outcomes = self.parts.iter().flat_map(|part| &part.groups).map(|group| group.outcome);
+        self.outcome = outcomes.reduce(Outcome::worst);
+    }
+}

@@ -1,0 +1,89 @@
+//! One group of channels through the filter: into the value domain, filter, back, mended, limited, bounded.
+
+use std::sync::Arc;
+
+use lacuna_filters::domain::{Domain, Map};
+use lacuna_filters::{Error, Mask, Outcome, Plane, Planes, Run, limiter};
+
+use super::bounds::Bounds;
+use super::{Job, Plans};
+
+/// What a group is and what is asked of it.
+#[derive(Clone, Debug)]
+pub struct Question<'a> {
+    /// The values that count as measured.
+    pub mask: &'a Arc<Mask>,
+    /// Whether the values are light, which may need the logarithmic domain.
+    pub light: bool,
+    /// Whether overshoot is limited, if the job does so: not for directions.
+    pub limit: bool,
+    /// The bounds of each plane.
+    pub bounds: Vec<Bounds>,
+}
+
+/// A group that has been solved.
+#[derive(Clone, Debug)]
+pub struct Answer {
+    /// The values, finite everywhere; at measured pixels they are the filter's.
+    pub planes: Planes,
+    /// The domain it was solved in.
+    pub map: Map,
+    /// How the solver ended.
+    pub outcome: Outcome,
+    /// Per plane, the values that the limiter or a bound moved.
+    pub limited: Vec<usize>,
+    /// Values that overflowed in the filter and took the nearest measured one.
+    pub mended: usize,
+}
+
+/// Solves for the missing pixels of `samples`, which are finite.
+pub fn solve(
+    question: &Question<'_>,
+    samples: &Planes,
+    job: &Job,
+    plans: &Plans,
+    run: &Run<'_>,
+) -> Result<Answer, Error> {
+    let mask = question.mask;
+    let plan = plans.filter(&job.method, mask, run)?;
+    let map =
+        if question.light { job.domain.map(mask, samples.as_slice()) } else { Domain::Linear.map(mask, &[]) };
+    let mut out = Planes::zeros(samples.size(), samples.len());
+    let outcome = if map.is_linear() {
+        plan.reconstruct(samples, None, &mut out, run)?
+    } else {
+        let mut mapped = samples.clone();
+        mapped.as_mut_slice().iter_mut().for_each(|plane| map.forward_plane(mask, plane));
+        let outcome = plan.reconstruct(&mapped, None, &mut out, run)?;
+        out.as_mut_slice().iter_mut().for_each(|plane| map.inverse_plane(plane));
+        outcome
+    };
+    let mut answer = Answer { planes: out, map, outcome, limited: Vec::new(), mended: 0 };
+    let planes = samples.as_slice().iter().zip(answer.planes.as_mut_slice()).zip(&question.bounds);
+    for ((samples, out), bounds) in planes {
+        answer.mended += mend(mask, samples, out, plans)?;
+        let mut moved = 0;
+        if job.limit && question.limit {
+            moved += limiter::local(mask, samples, out)?;
+        }
+        if *bounds != Bounds::Free {
+            moved += limiter::range(mask, samples, out, *bounds == Bounds::Unit)?;
+        }
+        answer.limited.push(moved);
+    }
+    Ok(answer)
+}
+
+/// Values near the end of a float's range can overflow inside a filter; such pixels take the nearest measured value.
+fn mend(mask: &Arc<Mask>, samples: &Plane, out: &mut Plane, plans: &Plans) -> Result<usize, Error> {
+    let bad = out.pixels().iter().filter(|value| !value.is_finite()).count();
+    if bad > 0 {
+        let nearest = plans.nearest(mask)?;
+        for (value, &source) in out.pixels_mut().iter_mut().zip(nearest.as_slice()) {
+            if !value.is_finite() {
+                *value = samples.pixels()[source as usize];
+            }
+        }
+    }
+    Ok(bad)
+}

@@ -1,0 +1,280 @@
+//! Whole fills of hand-built frames.
+
+use half::f16;
+use lacuna_filters::Method;
+use lacuna_filters::baseline::{nearest, push_pull};
+
+use super::*;
+use crate::channels::choose;
+use crate::frame::{Compression, Frame, Samples};
+use crate::mask::{Source, find};
+use crate::testing::{float, frame, half, named, part, uint, values, window};
+
+const INF: f32 = f32::INFINITY;
+const NAN: f32 = f32::NAN;
+
+fn job() -> Job {
+    Job::new(Method::PushPull(push_pull::Settings))
+}
+
+/// Fills with the masks and rules that the job asks for.
+fn filled(frame: &Frame, job: &Job) -> Result<(Frame, Report), Error> {
+    let masks = find(frame, &job.mask, None).unwrap();
+    let choices = choose(frame, &masks, &job.overrides);
+    fill(frame.clone(), &masks, &choices, job, &Plans::new(), &Run::default())
+}
+
+/// A part of 8 x 4 pixels of which every second one was measured, in a checkerboard.
+fn board(channels: Vec<crate::frame::Channel>) -> crate::frame::Part {
+    let mut channels = channels;
+    let flags: Vec<f32> = (0..32).map(|at| ((at / 8 + at) % 2) as f32).collect();
+    channels.push(half("mask", &flags));
+    part(window(-3, 7, 8, 4), channels)
+}
+
+fn ramp(scale: f32) -> Vec<f32> {
+    (0..32).map(|at| (at % 8) as f32 * scale + 1.0).collect()
+}
+
+fn measured(at: usize) -> bool {
+    (at / 8 + at) % 2 == 1
+}
+
+#[test]
+fn measured_bits_and_kept_channels_stay() {
+    let mut colour: Vec<f32> = ramp(0.37);
+    colour[1] = -0.0;
+    colour[3] = 1e-41;
+    let before =
+        frame(vec![board(vec![half("R", &ramp(0.1)), float("G", &colour), float("samples", &ramp(1.0))])]);
+    let (after, report) = filled(&before, &job()).unwrap();
+    let (old, new) = (&before.parts[0], &after.parts[0]);
+    for (old, new) in old.channels.iter().zip(&new.channels) {
+        assert_eq!(old.name, new.name);
+        match (&old.samples, &new.samples) {
+            (Samples::Half(old), Samples::Half(new)) => {
+                assert!((0..32).filter(|&at| measured(at)).all(|at| old[at].to_bits() == new[at].to_bits()));
+            }
+            (Samples::Float(old), Samples::Float(new)) => {
+                assert!((0..32).filter(|&at| measured(at)).all(|at| old[at].to_bits() == new[at].to_bits()));
+            }
+            _ => panic!("a type has changed"),
+        }
+    }
+    assert_eq!(values(old, "samples"), values(new, "samples"));
+    assert_eq!(values(old, "mask"), values(new, "mask"));
+    assert!(values(new, "R")[2] > 1.0 && values(new, "R")[2] < 1.6);
+    let filled: Vec<_> = report.parts[0].channels.iter().map(|c| (c.name.as_str(), c.filled)).collect();
+    assert_eq!(filled, [("G", 16), ("R", 16), ("mask", 0), ("samples", 0)]);
+    assert_eq!(report.density, Some(0.5));
+    assert!(!report.copied && report.outcome.is_some());
+    assert_eq!(report.parts[0].groups.len(), 1);
+}
+
+#[test]
+fn what_is_not_finite_counts_as_missing_and_is_counted() {
+    let mut colour = ramp(0.1);
+    colour[1] = NAN;
+    colour[3] = -INF;
+    let mut depth = ramp(1.0);
+    depth[5] = INF;
+    depth[7] = NAN;
+    let before = frame(vec![board(vec![float("R", &colour), float("G", &ramp(0.1)), float("Z", &depth)])]);
+    let (after, report) = filled(&before, &job()).unwrap();
+    let part = &after.parts[0];
+    assert!(values(part, "R").iter().all(|value| value.is_finite()));
+    assert!(values(part, "Z").iter().all(|value| !value.is_nan()));
+    assert!(values(part, "Z")[5].is_infinite());
+    assert_eq!(values(part, "G")[1].to_bits(), ramp(0.1)[1].to_bits());
+    let counts: Vec<_> = report.parts[0].channels.iter().map(|c| (c.name.as_str(), c.non_finite)).collect();
+    assert_eq!(counts, [("G", 0), ("R", 2), ("Z", 1), ("mask", 0)]);
+    assert_eq!((report.non_finite, report.parts[0].groups.len()), (3, 2));
+    let hopeless = frame(vec![board(vec![float("R", &[NAN; 32])])]);
+    let error = filled(&hopeless, &job()).unwrap_err().to_string();
+    assert!(error.starts_with("channel R: ") && error.contains("'R=keep'"), "{error}");
+}
+
+#[test]
+fn identifiers_and_depths_have_only_measured_values() {
+    let ids: Vec<u32> =
+        (0..32).map(|at| if measured(at) { 0xffff_fff0 + at as u32 / 2 } else { 0 }).collect();
+    let hash: Vec<f32> = (0..32).map(|at| f32::from_bits(0x7f80_0001 + at as u32)).collect();
+    let depth: Vec<f32> =
+        (0..32).map(|at| if measured(at) { if at % 8 < 4 { 2.0 } else { INF } } else { 0.0 }).collect();
+    let before =
+        frame(vec![board(vec![uint("id", &ids), float("CryptoAsset00.R", &hash), half("Z", &depth)])]);
+    let (after, _) = filled(&before, &job()).unwrap();
+    let part = &after.parts[0];
+    let Samples::Uint(new) = &part.channels.iter().find(|c| c.name == b"id").unwrap().samples else {
+        panic!()
+    };
+    assert!(new.iter().all(|id| *id >= 0xffff_fff0));
+    let known = |value: &f32| (0..32).any(|at| measured(at) && hash[at].to_bits() == value.to_bits());
+    assert!(values(part, "CryptoAsset00.R").iter().all(known));
+    assert!(values(part, "Z").iter().all(|depth| [2.0, INF].contains(depth)));
+    assert!((0..4).all(|row| values(part, "Z")[row * 8] <= 2.0 && values(part, "Z")[row * 8 + 7] >= 3.0));
+}
+
+#[test]
+fn normals_are_units_and_the_background_is_empty() {
+    let tilt = |at: usize| if at % 8 < 4 { (at % 8) as f32 * 0.3 } else { 0.0 };
+    let x: Vec<f32> = (0..32).map(|at| tilt(at).sin()).collect();
+    let z: Vec<f32> = (0..32).map(|at| if at % 8 < 4 { tilt(at).cos() } else { 0.0 }).collect();
+    let before = frame(vec![board(vec![float("N.X", &x), float("N.Y", &[0.0; 32]), float("N.Z", &z)])]);
+    let (after, report) = filled(&before, &job()).unwrap();
+    let plane = |name| values(&after.parts[0], name);
+    let (x, y, z) = (plane("N.X"), plane("N.Y"), plane("N.Z"));
+    for at in 0..32 {
+        let length = (x[at] * x[at] + y[at] * y[at] + z[at] * z[at]).sqrt();
+        assert!((length - 1.0).abs() < 1e-6 || length == 0.0, "{at}: {length}");
+        assert!(at % 8 < 5 || length == 0.0, "{at}: {length}");
+    }
+    assert_eq!(report.parts[0].groups[0].channels, ["N.X", "N.Y", "N.Z"]);
+    let coded = vec![float("N.X", &[0.5; 32]), float("N.Y", &[0.5; 32]), float("N.Z", &ramp(0.05))];
+    let (after, report) = filled(&frame(vec![board(coded)]), &job()).unwrap();
+    assert!(values(&after.parts[0], "N.X").iter().all(|value| (value - 0.5).abs() < 1e-6));
+    assert!(report.notes.iter().any(|note| note.contains("not of unit length")), "{:?}", report.notes);
+}
+
+#[test]
+fn the_parts_say_how_they_were_filled_and_lies_are_dropped() {
+    let mut sparse = named("a", "", board(vec![half("R", &ramp(0.1))]));
+    sparse.attributes.set("preview", "preview", vec![0; 8]);
+    sparse.attributes.set_text("oiio:SHA-1", "abc");
+    sparse.attributes.set_text("owner", "somebody");
+    let mut dense = named("b", "", board(vec![half("keepme", &ramp(0.1))]));
+    dense.attributes.set_text("oiio:SHA-1", "abc");
+    let mut job = job();
+    job.overrides = vec!["keepme=keep".parse().unwrap()];
+    let (after, report) = filled(&frame(vec![sparse, dense.clone()]), &job).unwrap();
+    let attributes = &after.parts[0].attributes;
+    let names: Vec<_> = attributes.iter().map(|a| String::from_utf8_lossy(&a.name).into_owned()).collect();
+    let added = ["lacuna/version", "lacuna/filter", "lacuna/settings", "lacuna/density", "lacuna/mask"];
+    assert_eq!(names, [&["name", "owner"][..], &added].concat());
+    let stamp = Stamp::read(attributes).unwrap();
+    assert!(stamp.is_of(&job) && !stamp.is_of(&Job { limit: false, ..job.clone() }));
+    assert_eq!((stamp.filter.as_str(), stamp.mask.as_str()), ("pushpull", "mask"));
+    assert_eq!(attributes.get("lacuna/density").unwrap().value, 0.5_f32.to_le_bytes());
+    assert_eq!(stamp.source(), Some(Source::Auto));
+    assert_eq!(stamp.overrides(), job.overrides);
+    assert_eq!(after.parts[1], dense);
+    assert!(
+        report
+            .notes
+            .iter()
+            .any(|note| note == "part 0 (a): dropped preview, oiio:SHA-1, which were made from other pixels"),
+        "{:?}",
+        report.notes
+    );
+}
+
+#[test]
+fn a_full_mask_copies_and_an_empty_one_is_refused() {
+    let make = |flag: f32| {
+        let mut part =
+            part(window(0, 0, 2, 2), vec![float("R", &[1.0, NAN, 2.0, INF]), half("mask", &[flag; 4])]);
+        part.attributes.set_text("oiio:SHA-1", "abc");
+        part
+    };
+    let full = frame(vec![make(1.0)]);
+    let (after, report) = filled(&full, &job()).unwrap();
+    assert_eq!(after.parts[0].attributes, full.parts[0].attributes);
+    let bits = |frame: &Frame| values(&frame.parts[0], "R").iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&after), bits(&full));
+    assert!(report.copied);
+    assert!(
+        report.notes.iter().any(|note| note.starts_with("2 values are not finite")),
+        "{:?}",
+        report.notes
+    );
+    let error = filled(&frame(vec![make(0.0)]), &job()).unwrap_err();
+    assert_eq!(error, Error::EmptyMask { channel: "channel R".into(), origin: "mask".into() });
+}
+
+#[test]
+fn a_part_without_a_mask_must_be_kept() {
+    let other = named("right", "right", part(window(0, 0, 1, 1), vec![half("R", &[0.0])]));
+    let before = frame(vec![named("left", "left", board(vec![half("R", &ramp(0.1))])), other.clone()]);
+    let error = filled(&before, &job()).unwrap_err().to_string();
+    assert!(error.starts_with("part 1 (right), channel R: no mask of its view"), "{error}");
+    let masks = find(&before, &Source::Auto, None).unwrap();
+    let mut choices = choose(&before, &masks, &[]);
+    choices[1][0].rule = crate::channels::Rule::Keep;
+    let (after, _) = fill(before, &masks, &choices, &job(), &Plans::new(), &Run::default()).unwrap();
+    assert_eq!(after.parts[1], other);
+    assert_eq!(
+        fill(after, &masks, &choices[..1], &job(), &Plans::new(), &Run::default()).unwrap_err(),
+        Error::OtherFrame
+    );
+}
+
+#[test]
+fn types_compression_levels_and_the_mask_channel_as_asked() {
+    let mut before = board(vec![float("R", &ramp(1e5)), float("id", &ramp(1.1)), half("G", &ramp(0.1))]);
+    before.compression = Compression::Dwaa;
+    before.had_levels = true;
+    let before = frame(vec![before]);
+    let mut job = job();
+    (job.kind, job.drop_mask) = (Some(Kind::Half), true);
+    let (after, report) = filled(&before, &job).unwrap();
+    let part = &after.parts[0];
+    assert_eq!((part.compression, part.had_levels), (Compression::Zip, false));
+    let names: Vec<_> = part.channels.iter().map(|channel| channel.display_name()).collect();
+    assert_eq!(names, ["G", "R", "id"]);
+    assert!(matches!(part.channels[1].samples, Samples::Half(_)));
+    assert!(matches!(part.channels[2].samples, Samples::Float(_)));
+    assert_eq!(values(part, "R")[1].to_bits(), f16::MAX.to_f32().to_bits());
+    assert!(values(part, "R").iter().all(|value| value.is_finite()));
+    assert!(report.clamped_halves > 16, "{}", report.clamped_halves);
+    assert!(
+        report.notes.iter().any(|note| note.starts_with("dwaa would change measured pixels: written as zip"))
+    );
+    assert!(report.notes.iter().any(|note| note.contains("levels")));
+    job.kind = Some(Kind::Float);
+    job.compression = Some(Compression::Piz);
+    let (after, _) = filled(&before, &job).unwrap();
+    assert!(matches!(after.parts[0].channels[0].samples, Samples::Float(_)));
+    assert_eq!(values(&after.parts[0], "G")[1].to_bits(), f16::from_f32(1.1).to_f32().to_bits());
+    assert_eq!(after.parts[0].compression, Compression::Piz);
+}
+
+#[test]
+fn light_stays_light_and_alpha_within_one() {
+    let edge: Vec<f32> = (0..32).map(|at| if at % 8 < 4 { 0.0 } else { 1.0 }).collect();
+    let before = frame(vec![board(vec![half("R", &edge), half("A", &edge)])]);
+    for method in [Method::PushPull(push_pull::Settings), Method::Nearest(nearest::Settings)] {
+        let (after, _) = filled(&before, &Job::new(method)).unwrap();
+        for name in ["R", "A"] {
+            assert!(values(&after.parts[0], name).iter().all(|value| (0.0..=1.0).contains(value)), "{name}");
+        }
+    }
+}
+
+#[test]
+fn a_highlight_leaves_no_darkness() {
+    let light: Vec<f32> = (0..32).map(|at| if at == 10 { 1000.0 } else { 0.1 }).collect();
+    let before = frame(vec![board(vec![float("R", &light)])]);
+    let (after, report) = filled(&before, &job()).unwrap();
+    assert!(values(&after.parts[0], "R").iter().all(|value| (0.05..=2000.0).contains(value)));
+    assert_eq!(report.parts[0].groups[0].domain, "log");
+    let mut linear = job();
+    linear.domain = Domain::Linear;
+    let (_, report) = filled(&before, &linear).unwrap();
+    assert_eq!(report.parts[0].groups[0].domain, "linear");
+}
+
+#[test]
+fn parts_and_frames_with_an_equal_mask_share_plans() {
+    let before = frame(vec![board(vec![half("R", &ramp(0.1))]), board(vec![half("R", &ramp(0.2))])]);
+    let (plans, run) = (Plans::new(), Run::default());
+    let masks = find(&before, &Source::Auto, None).unwrap();
+    let choices = choose(&before, &masks, &[]);
+    let (first, _) = fill(before.clone(), &masks, &choices, &job(), &plans, &run).unwrap();
+    let mask = masks.get(0, 0).unwrap();
+    let plan = plans.filter(&job().method, mask, &run).unwrap();
+    let again = find(&before, &Source::Auto, None).unwrap();
+    let (second, _) = fill(before, &again, &choices, &job(), &plans, &run).unwrap();
+    assert_eq!(first, second);
+    let same = plans.filter(&job().method, again.get(1, 0).unwrap(), &run).unwrap();
+    assert!(std::sync::Arc::ptr_eq(&plan, &same));
+}

@@ -1,0 +1,285 @@
+//! Runs one kind of work on every frame of a plan: schedule, progress, messages, report and exit status.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use super::console::{Console, Verbosity, frame_span, label};
+use super::plan::Item;
+use super::record::{Heading, Journal, Record, State};
+use super::schedule::{self, Limits, Permits, Refusal};
+use super::{signals, threads};
+use crate::frame;
+
+/// Parts of a frame's progress: read, solve, write.
+const STEPS: u64 = 3;
+
+/// How to run; none of it changes a bit of a result but the time limit.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RunOptions {
+    /// Threads in all; 0 for all that there are.
+    pub threads: usize,
+    /// Frames that are solved at the same time.
+    pub parallel_frames: usize,
+    /// Bytes that frames on the way may use together.
+    pub memory: Option<u64>,
+    /// For solving one frame.
+    pub time_limit: Option<Duration>,
+    /// Print the plan only.
+    pub dry_run: bool,
+    /// How much is said.
+    pub verbosity: Verbosity,
+    /// Where the report goes.
+    pub json: Option<PathBuf>,
+}
+
+/// Why a frame failed, and the file that it is about.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// The file.
+    pub file: PathBuf,
+    /// What is wrong and the way out.
+    pub text: String,
+}
+
+impl Failure {
+    /// A failure about `file`.
+    pub fn at(file: &Path, error: impl std::fmt::Display) -> Self {
+        Self { file: file.into(), text: error.to_string() }
+    }
+}
+
+/// What is to be done with a frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Decision {
+    /// The work.
+    Do,
+    /// Nothing, for this reason.
+    Skip(String),
+}
+
+/// One kind of work on frames.
+pub trait Work: Sync {
+    /// What the work is called in plans and sums: "fill", "filled".
+    fn words(&self) -> (&'static str, &'static str);
+
+    /// Whether anything is to be done. Looks at files, changes nothing.
+    fn decide(&self, item: &Item) -> Result<Decision, Failure>;
+
+    /// Bytes that the work on this frame needs, from its header; 0 if that cannot be read.
+    fn bytes(&self, item: &Item) -> u64;
+
+    /// The work itself.
+    fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure>;
+}
+
+/// What the work on a frame may ask of the batch.
+pub struct Stage<'a> {
+    permits: &'a Permits,
+    console: &'a Console,
+    stopped: &'a AtomicBool,
+}
+
+impl Stage<'_> {
+    /// Reads, and counts the time.
+    pub fn read<T>(&self, record: &mut Record, read: impl FnOnce() -> T) -> T {
+        self.timed(&mut record.seconds.read, read)
+    }
+
+    /// Solves when it is this frame's turn, and counts the time from then on.
+    pub fn solve<T>(&self, record: &mut Record, solve: impl FnOnce() -> T) -> T {
+        let _permit = self.permits.wait();
+        self.timed(&mut record.seconds.solve, solve)
+    }
+
+    /// Writes, and counts the time.
+    pub fn write<T>(&self, record: &mut Record, write: impl FnOnce() -> T) -> T {
+        self.timed(&mut record.seconds.write, write)
+    }
+
+    /// Whether the run is to end.
+    pub fn stopped(&self) -> bool {
+        self.stopped.load(Ordering::SeqCst)
+    }
+
+    fn timed<T>(&self, seconds: &mut f64, work: impl FnOnce() -> T) -> T {
+        let start = Instant::now();
+        let result = work();
+        *seconds += start.elapsed().as_secs_f64();
+        self.console.advance(1);
+        result
+    }
+}
+
+/// Runs `work` on all items; the exit status is 0, or 1 if a frame failed.
+pub fn run(
+    heading: Heading,
+    items: &[Item],
+    options: &RunOptions,
+    work: &dyn Work,
+    console: &Arc<Console>,
+) -> Result<u8, String> {
+    let threads = threads::start(options.threads)?;
+    let journal = Journal::new(heading, items);
+    let stopped = watch(&journal, options.json.clone(), console)?;
+    let start = Instant::now();
+    console.begin(items.len() as u64 * STEPS);
+    let limits = Limits {
+        parallel_frames: options.parallel_frames,
+        overlap: if threads > 1 { 2 } else { 0 },
+        memory: options.memory,
+    };
+    schedule::run(
+        items,
+        limits,
+        |item| work.bytes(item),
+        |index, item, permits| {
+            one(index, item, work, &Stage { permits, console, stopped: &stopped }, &journal);
+        },
+        |index, item, refusal| refused(index, item, refusal, console, &journal),
+        || stopped.load(Ordering::SeqCst),
+    );
+    console.end();
+    while stopped.load(Ordering::SeqCst) {
+        // The signal's thread ends the process.
+        std::thread::park();
+    }
+    let mut failed = sum(&journal, work, start, console);
+    if let Some(path) = &options.json
+        && let Err(error) = journal.write(path)
+    {
+        console.error(&error);
+        failed = true;
+    }
+    Ok(u8::from(failed))
+}
+
+/// Ends the run on a signal: no temporary file stays, the report says what was done.
+fn watch(
+    journal: &Journal,
+    json: Option<PathBuf>,
+    console: &Arc<Console>,
+) -> Result<Arc<AtomicBool>, String> {
+    let (journal, console) = (journal.clone(), Arc::clone(console));
+    let clean = move || {
+        frame::remove_temporaries();
+        console.end();
+        let (done, all) = {
+            let records = journal.records();
+            (records.iter().filter(|record| record.state == State::Done).count(), records.len())
+        };
+        console.error(&format!("stopped by a signal; {done} of {all} frames are done"));
+        if let Some(Err(error)) = json.map(|path| journal.write(&path)) {
+            console.error(&error);
+        }
+        frame::remove_temporaries();
+    };
+    signals::watch(clean).map_err(|error| format!("cannot watch for signals: {error}"))
+}
+
+fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, journal: &Journal) {
+    let _span = frame_span(&item.input, item.number).entered();
+    let mut record = journal.get(index);
+    let result = work.decide(item).and_then(|decision| match decision {
+        Decision::Skip(reason) => {
+            stage.console.advance(STEPS);
+            stage.console.detail(&format!("{}: skipped: {reason}", label(&item.input, item.number)));
+            record.state = State::Skipped;
+            record.message = Some(reason);
+            Ok(())
+        }
+        Decision::Do => {
+            let result = work.frame(item, stage, &mut record);
+            if result.is_ok() {
+                record.state = State::Done;
+                stage.console.detail(&line(item, &record));
+            }
+            result
+        }
+    });
+    match result {
+        // A signal ends the process: the frame is neither done nor at fault.
+        Err(_) if stage.stopped() => return,
+        Err(failure) => fail(&mut record, item, &failure, stage.console),
+        Ok(()) => {}
+    }
+    journal.enter(index, record);
+}
+
+fn refused(index: usize, item: &Item, refusal: Refusal, console: &Console, journal: &Journal) {
+    let text = match refusal {
+        Refusal::NotStarted => return,
+        Refusal::TooLarge { needed, bound } => format!(
+            "the frame needs about {} MiB of memory, more than the bound of {} MiB; allow more with --memory",
+            needed.div_ceil(1 << 20),
+            bound >> 20
+        ),
+        Refusal::Panic(message) => format!("internal error ({message}); please report it with this frame"),
+    };
+    let mut record = journal.get(index);
+    fail(&mut record, item, &Failure { file: item.input.clone(), text }, console);
+    journal.enter(index, record);
+}
+
+fn fail(record: &mut Record, item: &Item, failure: &Failure, console: &Console) {
+    let text = format!("{}: {}", label(&failure.file, item.number), failure.text);
+    console.error(&text);
+    console.advance(STEPS.saturating_sub(record.steps_done()));
+    record.state = State::Failed;
+    record.message = Some(text);
+}
+
+/// The line that `-v` prints for a frame.
+fn line(item: &Item, record: &Record) -> String {
+    let mut parts = Vec::new();
+    if let Some(density) = record.density {
+        parts.push(format!("density {:.2} %", density * 100.0));
+    }
+    if let Some(rules) = &record.rules {
+        parts.push(rules.clone());
+    }
+    if let Some(outcome) = record.outcome {
+        parts.push(format!("{} iterations", outcome.iterations));
+        parts.extend(outcome.residual.map(|residual| format!("residual {residual:.1e}")));
+        parts.extend(outcome.gap.map(|gap| format!("gap {gap:.1e}")));
+    }
+    let seconds = record.seconds;
+    parts.push(format!(
+        "{:.2} s (read {:.2}, solve {:.2}, write {:.2})",
+        seconds.read + seconds.solve + seconds.write,
+        seconds.read,
+        seconds.solve,
+        seconds.write
+    ));
+    format!("{}: {}", label(&item.input, item.number), parts.join("; "))
+}
+
+/// Says what came of the run; whether a frame failed.
+fn sum(journal: &Journal, work: &dyn Work, start: Instant, console: &Console) -> bool {
+    let records = journal.records();
+    let count = |state: State| records.iter().filter(|record| record.state == state).count();
+    let (done, skipped, failed) = (count(State::Done), count(State::Skipped), count(State::Failed));
+    let mut parts = vec![format!("{done} of {} {} {}", records.len(), plural(records.len()), work.words().1)];
+    for (number, what) in [(skipped, "skipped"), (failed, "failed")] {
+        if number > 0 {
+            parts.push(format!("{number} {what}"));
+        }
+    }
+    let densities = records.iter().filter_map(|record| record.density).map(|density| density * 100.0);
+    if let Some((least, most)) = densities.map(|d| (d, d)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))) {
+        let (least, most) = (format!("{least:.2}"), format!("{most:.2}"));
+        parts.push(if least == most {
+            format!("density {least} %")
+        } else {
+            format!("density {least} to {most} %")
+        });
+    }
+    parts.push(format!("{:.2} s", start.elapsed().as_secs_f64()));
+    console.note(&parts.join(", "));
+    failed > 0
+}
+
+fn plural(count: usize) -> &'static str {
+    if count == 1 { "frame" } else { "frames" }
+}

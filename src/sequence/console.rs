@@ -1,0 +1,234 @@
+//! What is said while a sequence runs: single lines on standard error, and a progress bar or `Progress: 45%` lines.
+
+use std::io::{IsTerminal, Write};
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use tracing::field::{Field, Visit};
+use tracing_subscriber::layer::{Context, Layer, SubscriberExt};
+use tracing_subscriber::registry::LookupSpan;
+
+/// How much is said.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Verbosity {
+    /// Errors only.
+    Quiet,
+    /// Errors, warnings, progress and the sum of the run.
+    #[default]
+    Normal,
+    /// A line for every frame as well.
+    Verbose,
+}
+
+/// The place where everything is said, so that lines and bar do not run into each other.
+#[derive(Debug)]
+pub struct Console {
+    verbosity: Verbosity,
+    progress: Mutex<Progress>,
+}
+
+#[derive(Debug, Default)]
+struct Progress {
+    total: u64,
+    done: u64,
+    percent: Option<u64>,
+    bar: Option<ProgressBar>,
+}
+
+impl Console {
+    /// A console that says that much.
+    pub fn new(verbosity: Verbosity) -> Arc<Self> {
+        Arc::new(Self { verbosity, progress: Mutex::default() })
+    }
+
+    /// Takes the warnings of the whole process; later calls do nothing.
+    pub fn listen(self: &Arc<Self>) {
+        let subscriber = tracing_subscriber::registry().with(Listener(Arc::clone(self)));
+        // Only a second console in one process (in tests) finds the place taken.
+        drop(tracing::subscriber::set_global_default(subscriber));
+    }
+
+    /// `lacuna: error: TEXT`.
+    pub fn error(&self, text: &str) {
+        self.line(&format!("lacuna: error: {text}"));
+    }
+
+    /// `lacuna: warning: TEXT`, unless quiet.
+    pub fn warning(&self, text: &str) {
+        if self.verbosity > Verbosity::Quiet {
+            self.line(&format!("lacuna: warning: {text}"));
+        }
+    }
+
+    /// `lacuna: TEXT`, unless quiet.
+    pub fn note(&self, text: &str) {
+        if self.verbosity > Verbosity::Quiet {
+            self.line(&format!("lacuna: {text}"));
+        }
+    }
+
+    /// `lacuna: TEXT`, if verbose.
+    pub fn detail(&self, text: &str) {
+        if self.verbosity > Verbosity::Normal {
+            self.line(&format!("lacuna: {text}"));
+        }
+    }
+
+    /// Begins to show progress, of which `steps` make the whole.
+    pub fn begin(&self, steps: u64) {
+        let mut progress = self.progress();
+        *progress = Progress { total: steps, ..Progress::default() };
+        if self.verbosity == Verbosity::Quiet || !std::io::stderr().is_terminal() {
+            return;
+        }
+        let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::stderr());
+        if let Ok(style) = ProgressStyle::with_template("{wide_bar} {percent:>3}% {elapsed} < {eta}") {
+            bar.set_style(style);
+        }
+        bar.enable_steady_tick(std::time::Duration::from_millis(250));
+        progress.bar = Some(bar);
+    }
+
+    /// `steps` more are done.
+    pub fn advance(&self, steps: u64) {
+        let mut progress = self.progress();
+        progress.done = (progress.done + steps).min(progress.total);
+        if let Some(bar) = &progress.bar {
+            bar.set_position(progress.done);
+        } else if self.verbosity > Verbosity::Quiet && progress.total > 0 {
+            let percent = progress.done * 100 / progress.total;
+            if progress.percent != Some(percent) {
+                progress.percent = Some(percent);
+                write_line(&format!("Progress: {percent}%"));
+            }
+        }
+    }
+
+    /// Takes the bar away.
+    pub fn end(&self) {
+        if let Some(bar) = self.progress().bar.take() {
+            bar.finish_and_clear();
+        }
+    }
+
+    fn line(&self, text: &str) {
+        let text = one_line(text);
+        match &self.progress().bar {
+            Some(bar) => bar.suspend(|| write_line(&text)),
+            None => write_line(&text),
+        }
+    }
+
+    fn progress(&self) -> std::sync::MutexGuard<'_, Progress> {
+        self.progress.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A file and its frame number, for people: `shot.0012.exr (frame 12)`.
+pub fn label(file: &Path, number: Option<i64>) -> String {
+    number.map_or_else(
+        || file.display().to_string(),
+        |number| format!("{} (frame {number})", file.display()), //
+    )
+}
+
+/// Nobody is left to tell if standard error is closed.
+fn write_line(text: &str) {
+    drop(writeln!(std::io::stderr().lock(), "{text}"));
+}
+
+/// Control characters, line ends above all, become spaces.
+fn one_line(text: &str) -> String {
+    text.trim_end().replace(|c: char| c.is_control(), " ")
+}
+
+/// The span that says which frame is worked on; warnings inside it name its file.
+pub fn frame_span(file: &Path, number: Option<i64>) -> tracing::Span {
+    tracing::error_span!("frame", label = label(file, number))
+}
+
+struct Listener(Arc<Console>);
+
+/// The label of a frame's span.
+struct Label(String);
+
+impl<S: tracing::Subscriber + for<'a> LookupSpan<'a>> Layer<S> for Listener {
+    fn enabled(&self, metadata: &tracing::Metadata<'_>, _: Context<'_, S>) -> bool {
+        metadata.target().starts_with("lacuna")
+    }
+
+    fn on_new_span(
+        &self,
+        attributes: &tracing::span::Attributes<'_>,
+        id: &tracing::Id,
+        context: Context<'_, S>,
+    ) {
+        let mut texts = Texts::default();
+        attributes.record(&mut texts);
+        if let (Some(span), false) = (context.span(id), texts.label.is_empty()) {
+            span.extensions_mut().insert(Label(texts.label));
+        }
+    }
+
+    fn on_event(&self, event: &tracing::Event<'_>, context: Context<'_, S>) {
+        let mut texts = Texts::default();
+        event.record(&mut texts);
+        let label = context.event_scope(event).and_then(|mut scope| {
+            scope.find_map(|span| span.extensions().get::<Label>().map(|label| label.0.clone()))
+        });
+        let text = match label {
+            Some(label) => format!("{label}: {}{}", texts.message, texts.others),
+            None => format!("{}{}", texts.message, texts.others),
+        };
+        match *event.metadata().level() {
+            tracing::Level::ERROR => self.0.error(&text),
+            tracing::Level::WARN => self.0.warning(&text),
+            tracing::Level::INFO => self.0.note(&text),
+            _ => self.0.detail(&text),
+        }
+    }
+}
+
+#[derive(Default)]
+struct Texts {
+    message: String,
+    label: String,
+    others: String,
+}
+
+impl Visit for Texts {
+    fn record_str(&mut self, field: &Field, value: &str) {
+        if field.name() == "label" {
+            value.clone_into(&mut self.label);
+        } else {
+            self.record_debug(field, &format_args!("{value}"));
+        }
+    }
+
+    fn record_debug(&mut self, field: &Field, value: &dyn std::fmt::Debug) {
+        if field.name() == "message" {
+            self.message = format!("{value:?}");
+        } else {
+            let other = format!(" {}={value:?}", field.name());
+            self.others.push_str(&other);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_is_one_line() {
+        assert_eq!(one_line("a\nb\tc\u{1b}[0m\n"), "a b c [0m");
+        assert_eq!(one_line("größe\n"), "größe");
+    }
+
+    #[test]
+    fn labels_name_file_and_frame() {
+        assert_eq!(label(Path::new("a b.exr"), None), "a b.exr");
+        assert_eq!(label(Path::new("s.0012.exr"), Some(12)), "s.0012.exr (frame 12)");
+    }
+}

@@ -1,0 +1,133 @@
+//! Filling frames: what is done with each, and with all of them.
+
+use std::time::Instant;
+
+use lacuna_filters::{Run, Stop};
+
+use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
+use super::console::Console;
+use super::masks::MaskFiles;
+use super::plan::{Item, PlanError, Targets, plan};
+use super::record::{Heading, Record};
+use super::update::{Existing, is_current};
+use super::{Selection, memory, prepare};
+use crate::channels::{self, Rule};
+use crate::frame::{self, WriteOptions};
+use crate::mask;
+use crate::reconstruct::{self, Plans, Report};
+
+/// Frames to be filled, and how.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FillJob {
+    /// The frames.
+    pub selection: Selection,
+    /// Whether frames that do not exist are passed over.
+    pub skip_missing: bool,
+    /// Where outputs go.
+    pub targets: Targets,
+    /// What is done to a frame.
+    pub what: reconstruct::Job,
+    /// The level of the compression.
+    pub level: Option<u8>,
+    /// What happens to outputs that exist.
+    pub existing: Existing,
+    /// How to run.
+    pub run: RunOptions,
+}
+
+/// Fills the frames; the exit status.
+pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
+    let plan = plan(&job.selection, &job.targets)?;
+    let work = Fill { job, plans: Plans::new(), masks: MaskFiles::default(), limits: limits(&job.run) };
+    let console = Console::new(job.run.verbosity);
+    if job.run.dry_run {
+        return Ok(prepare::print(&plan, &work, &console));
+    }
+    console.listen();
+    prepare::make_folders(&plan)?;
+    let heading = Heading {
+        lacuna: env!("CARGO_PKG_VERSION"),
+        command: "fill",
+        filter: Some(job.what.method.name().into()),
+        settings: Some(job.what.settings()),
+    };
+    batch::run(heading, &plan.items, &job.run, &work, &console).map_err(PlanError::Failed)
+}
+
+/// What reading one frame may take.
+pub fn limits(run: &RunOptions) -> frame::Limits {
+    run.memory.map_or_else(frame::Limits::default, |bytes| frame::Limits { bytes })
+}
+
+struct Fill<'a> {
+    job: &'a FillJob,
+    plans: Plans,
+    masks: MaskFiles,
+    limits: frame::Limits,
+}
+
+impl Work for Fill<'_> {
+    fn words(&self) -> (&'static str, &'static str) {
+        ("fill", "filled")
+    }
+
+    fn decide(&self, item: &Item) -> Result<Decision, Failure> {
+        let current = |item: &Item| is_current(item, &self.job.what);
+        prepare::decide(item, self.job.skip_missing, self.job.existing, current)
+    }
+
+    fn bytes(&self, item: &Item) -> u64 {
+        memory::to_fill(item)
+    }
+
+    fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
+        let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
+        let (frame, file) = stage.read(record, || {
+            let frame = frame::read(&item.input, &self.limits).map_err(|error| at_input(&error))?;
+            let file = item.mask.as_deref().map(|path| self.masks.get(path, self.limits)).transpose()?;
+            Ok((frame, file))
+        })?;
+        let start = Instant::now();
+        let interrupt = || {
+            let late = self.job.run.time_limit.is_some_and(|limit| start.elapsed() >= limit);
+            if stage.stopped() { Some(Stop::Cancelled) } else { late.then_some(Stop::TimeLimit) }
+        };
+        let run = Run { interrupt: Some(&interrupt) };
+        let what = &self.job.what;
+        let solved = stage.solve(record, || {
+            let masks = mask::find(&frame, &what.mask, file.as_deref()).map_err(|error| at_input(&error))?;
+            let choices = channels::choose(&frame, &masks, &what.overrides);
+            reconstruct::fill(frame, &masks, &choices, what, &self.plans, &run)
+                .map_err(|error| at_input(&error))
+        });
+        let (frame, report) = solved?;
+        enter(&report, record);
+        let no_clobber = self.job.existing == Existing::Keep;
+        let options = WriteOptions { compression_level: self.job.level, no_clobber };
+        stage
+            .write(record, || frame::write(&frame, &item.output, &options))
+            .map_err(|error| Failure::at(&item.output, error))
+    }
+}
+
+/// Puts what was done into the frame's record, and its notes into the log.
+fn enter(report: &Report, record: &mut Record) {
+    record.mask = Some(report.mask.clone());
+    record.density = report.density;
+    record.non_finite = Some(report.non_finite);
+    record.limited = Some(report.limited);
+    record.clamped_halves = Some(report.clamped_halves);
+    record.outcome = report.outcome;
+    record.rules = Some(rules(report));
+    record.warn(&report.notes);
+}
+
+/// How many channels each rule had: `3 fill, 1 keep`.
+fn rules(report: &Report) -> String {
+    let count = |rule: Rule| {
+        report.parts.iter().flat_map(|part| &part.channels).filter(|channel| channel.rule == rule).count()
+    };
+    let all = [Rule::Fill, Rule::Normal, Rule::Depth, Rule::Nearest, Rule::Keep];
+    let used = all.map(|rule| (count(rule), rule)).into_iter().filter(|(count, _)| *count > 0);
+    used.map(|(count, rule)| format!("{count} {rule}")).collect::<Vec<_>>().join(", ")
+}

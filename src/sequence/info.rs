@@ -1,0 +1,53 @@
+//! Describing one frame on standard output.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use super::batch::Failure;
+use super::masks;
+use super::plan::PlanError;
+use crate::channels::{self, Override};
+use crate::frame::{self, Limits};
+use crate::info;
+use crate::mask::{self, Masks, Source};
+
+/// The frame to be described.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InfoJob {
+    /// Its file.
+    pub frame: PathBuf,
+    /// Where the mask comes from.
+    pub mask: Source,
+    /// Rules before the defaults.
+    pub overrides: Vec<Override>,
+    /// Whether JSON is printed.
+    pub json: bool,
+}
+
+/// Describes the frame; the exit status.
+pub fn info(job: &InfoJob) -> Result<u8, PlanError> {
+    let failed =
+        |failure: Failure| PlanError::Failed(format!("{}: {}", failure.file.display(), failure.text));
+    let limits = Limits::default();
+    let frame = frame::read(&job.frame, &limits).map_err(|error| failed(Failure::at(&job.frame, error)))?;
+    let file = match &job.mask {
+        Source::File { pattern, .. } => Some(masks::read(pattern.as_ref(), limits).map_err(failed)?),
+        _ => None,
+    };
+    let found = mask::find(&frame, &job.mask, file.as_ref());
+    let none = Masks::default();
+    let choices = channels::choose(&frame, found.as_ref().unwrap_or(&none), &job.overrides);
+    let info = info::describe(&frame, found.as_ref(), &choices);
+    let text = if job.json {
+        serde_json::to_string_pretty(&info).map_err(|error| PlanError::Failed(error.to_string()))?
+    } else {
+        info.to_string()
+    };
+    let written = writeln!(std::io::stdout().lock(), "{}", text.trim_end());
+    match written {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(PlanError::Failed(format!("cannot write to standard output: {error}")))
+        }
+        _ => Ok(0),
+    }
+}

@@ -1,0 +1,352 @@
+//! What is to be done, frame by frame, checked before any work: every output has one input, and none is an input.
+
+use std::collections::{BTreeSet, HashMap};
+use std::path::{Path, PathBuf};
+
+use super::destination::Destination;
+use super::inputs::{Input, Selection, resolve};
+use super::pattern::Pattern;
+
+/// Why there is nothing to run.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PlanError {
+    /// The command line contradicts itself or the files there are: exit status 2.
+    #[error("{0}")]
+    Usage(String),
+    /// What was named cannot be had: exit status 1.
+    #[error("{0}")]
+    Failed(String),
+}
+
+/// One frame's files.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Item {
+    /// The frame number, if the name has one.
+    pub number: Option<i64>,
+    /// Read from here; may not exist.
+    pub input: PathBuf,
+    /// Written here.
+    pub output: PathBuf,
+    /// The file with the mask, if the mask comes from a file.
+    pub mask: Option<PathBuf>,
+}
+
+/// All frames, in the order asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Plan {
+    /// The frames.
+    pub items: Vec<Item>,
+    /// Folders of outputs that do not exist yet.
+    pub new_folders: BTreeSet<PathBuf>,
+}
+
+/// What a plan is made from, besides the selection.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Targets {
+    /// File, pattern or folder.
+    pub output: PathBuf,
+    /// Path or pattern of the mask's file.
+    pub mask: Option<String>,
+    /// Other files that the run writes (a report, say).
+    pub also_written: Vec<PathBuf>,
+    /// Whether folders are made where they are missing.
+    pub create_dir: bool,
+}
+
+/// Plans a run. Looks at names and folders, opens no frame, changes nothing.
+pub fn plan(selection: &Selection, targets: &Targets) -> Result<Plan, PlanError> {
+    let items = pair(selection, &targets.output, targets.mask.as_deref())?;
+    check_one_input_each(&items)?;
+    check_no_input_is_written(&items, &targets.also_written)?;
+    let mut new_folders = BTreeSet::new();
+    for item in &items {
+        check_folder(&item.output, targets.create_dir, &mut new_folders)?;
+    }
+    for written in &targets.also_written {
+        check_folder(written, targets.create_dir, &mut new_folders)?;
+    }
+    Ok(Plan { items, new_folders })
+}
+
+/// Every input with its output and mask file, without any check of the file system's state.
+pub fn pair(selection: &Selection, output: &Path, mask: Option<&str>) -> Result<Vec<Item>, PlanError> {
+    let inputs = resolve(selection)?;
+    let destination = Destination::parse(output)?;
+    if inputs.is_set && !destination.holds_many() {
+        return Err(PlanError::Usage(format!(
+            "{0}: several frames need an output pattern (shot.####.exr) or a folder ('{0}/')",
+            output.display()
+        )));
+    }
+    let mask = mask.map(MaskFile::parse).transpose()?;
+    let item = |input: Input| {
+        let output = destination.of(&input)?;
+        let mask = mask.as_ref().map(|mask| mask.of(&input)).transpose()?;
+        Ok(Item { number: input.number, input: input.path, output, mask })
+    };
+    inputs.frames.into_iter().map(item).collect()
+}
+
+/// The file of the mask: one for all frames, or one a frame.
+enum MaskFile {
+    One(PathBuf),
+    PerFrame(Pattern),
+}
+
+impl MaskFile {
+    fn parse(text: &str) -> Result<Self, PlanError> {
+        if Path::new(text).exists() {
+            return Ok(Self::One(text.into()));
+        }
+        let pattern = Pattern::parse(text).map_err(|error| PlanError::Usage(format!("{text}: {error}")))?;
+        Ok(pattern.map_or_else(|| Self::One(text.into()), Self::PerFrame))
+    }
+
+    fn of(&self, input: &Input) -> Result<PathBuf, PlanError> {
+        match (self, input.number) {
+            (Self::One(path), _) => Ok(path.clone()),
+            (Self::PerFrame(pattern), Some(number)) => Ok(pattern.path(number)),
+            (Self::PerFrame(_), None) => Err(PlanError::Usage(format!(
+                "{}: no frame number in the name for the mask's pattern; name one mask file",
+                input.path.display()
+            ))),
+        }
+    }
+}
+
+fn check_one_input_each(items: &[Item]) -> Result<(), PlanError> {
+    let mut owners: HashMap<PathBuf, &Path> = HashMap::new();
+    for item in items {
+        if let Some(other) = owners.insert(place(&item.output), &item.input)
+            && other != item.input
+        {
+            return Err(PlanError::Usage(format!(
+                "{} and {} would both be written to {}",
+                other.display(),
+                item.input.display(),
+                item.output.display()
+            )));
+        }
+    }
+    Ok(())
+}
+
+fn check_no_input_is_written(items: &[Item], also_written: &[PathBuf]) -> Result<(), PlanError> {
+    let mut read: HashMap<Identity, (&Path, &str)> = HashMap::new();
+    for item in items {
+        if let Some(mask) = &item.mask
+            && let Some(identity) = Identity::of(mask)
+        {
+            read.insert(identity, (mask, "mask"));
+        }
+    }
+    for item in items {
+        if let Some(identity) = Identity::of(&item.input) {
+            read.insert(identity, (&item.input, "input"));
+        }
+    }
+    for written in items.iter().map(|item| &item.output).chain(also_written) {
+        if let Some((source, what)) = Identity::of(written).and_then(|identity| read.get(&identity)) {
+            let same =
+                if *source == written.as_path() { String::new() } else { format!(" ({})", source.display()) };
+            return Err(PlanError::Usage(format!(
+                "{}: the output is the same file as the {what}{same}; nothing is overwritten in place, name another output",
+                written.display()
+            )));
+        }
+        if written.is_dir() {
+            return Err(PlanError::Usage(format!("{}: the output is a folder", written.display())));
+        }
+    }
+    let outputs: BTreeSet<PathBuf> = items.iter().map(|item| place(&item.output)).collect();
+    match also_written.iter().find(|written| outputs.contains(&place(written))) {
+        Some(written) => Err(PlanError::Usage(format!("{}: would be written twice", written.display()))),
+        None => Ok(()),
+    }
+}
+
+fn check_folder(output: &Path, create_dir: bool, new: &mut BTreeSet<PathBuf>) -> Result<(), PlanError> {
+    let folder = folder_of(output);
+    if folder.is_dir() {
+        return Ok(());
+    }
+    if let Some(file) = folder.ancestors().find(|ancestor| ancestor.exists() && !ancestor.is_dir()) {
+        return Err(PlanError::Failed(format!(
+            "{}: {} is a file, not a folder",
+            output.display(),
+            file.display()
+        )));
+    }
+    if !create_dir {
+        return Err(PlanError::Usage(format!(
+            "{}: the folder {} does not exist (--create-dir makes it)",
+            output.display(),
+            folder.display()
+        )));
+    }
+    new.insert(folder);
+    Ok(())
+}
+
+/// The folder of a file, `.` for a bare name.
+pub fn folder_of(file: &Path) -> PathBuf {
+    match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder.into(),
+        _ => ".".into(),
+    }
+}
+
+/// Where a file lies or will lie, links in its folder resolved.
+fn place(file: &Path) -> PathBuf {
+    let folder = folder_of(file);
+    let folder = folder.canonicalize().or_else(|_| std::path::absolute(&folder)).unwrap_or(folder);
+    file.file_name().map_or_else(|| folder.clone(), |name| folder.join(name))
+}
+
+/// What tells an existing file from every other, whatever its names.
+#[derive(PartialEq, Eq, Hash)]
+struct Identity {
+    #[cfg(unix)]
+    device_and_inode: (u64, u64),
+    #[cfg(not(unix))]
+    path: PathBuf,
+}
+
+impl Identity {
+    #[cfg(unix)]
+    fn of(path: &Path) -> Option<Self> {
+        use std::os::unix::fs::MetadataExt;
+        let metadata = path.metadata().ok()?;
+        Some(Self { device_and_inode: (metadata.dev(), metadata.ino()) })
+    }
+
+    #[cfg(not(unix))]
+    fn of(path: &Path) -> Option<Self> {
+        path.canonicalize().ok().map(|path| Self { path })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Room(tempfile::TempDir);
+
+    impl Room {
+        fn new(names: &[&str]) -> Self {
+            let folder = tempfile::tempdir().unwrap();
+            for name in names {
+                std::fs::write(folder.path().join(name), "").unwrap();
+            }
+            Self(folder)
+        }
+
+        fn path(&self, name: &str) -> PathBuf {
+            self.0.path().join(name)
+        }
+
+        fn plan(&self, inputs: &[&str], output: &str) -> Result<Plan, PlanError> {
+            self.plan_with(inputs, output, |_| {})
+        }
+
+        fn plan_with(
+            &self,
+            inputs: &[&str],
+            output: &str,
+            more: impl Fn(&mut Targets),
+        ) -> Result<Plan, PlanError> {
+            let inputs = inputs.iter().map(|input| self.path(input)).collect();
+            let mut targets = Targets { output: self.path(output), ..Targets::default() };
+            more(&mut targets);
+            plan(&Selection { inputs, ..Selection::default() }, &targets)
+        }
+    }
+
+    fn usage(result: Result<Plan, PlanError>) -> String {
+        match result {
+            Err(PlanError::Usage(text)) => text,
+            other => panic!("not a usage error: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn output_numbers_follow_the_input() {
+        let room = Room::new(&["s.0003.exr", "s.0011.exr", "m.03.exr"]);
+        let mask = room.path("m.##.exr").to_str().unwrap().to_owned();
+        let plan =
+            room.plan_with(&["s.####.exr"], "o.%d.exr", |targets| targets.mask = Some(mask.clone())).unwrap();
+        let outputs: Vec<_> = plan.items.iter().map(|item| item.output.clone()).collect();
+        assert_eq!(outputs, [room.path("o.3.exr"), room.path("o.11.exr")]);
+        assert_eq!(plan.items[0].mask, Some(room.path("m.03.exr")));
+        assert!(plan.new_folders.is_empty());
+    }
+
+    #[test]
+    fn a_set_needs_a_place_for_many() {
+        let room = Room::new(&["s.0003.exr", "a.exr", "b.exr"]);
+        assert!(usage(room.plan(&["s.####.exr"], "o.exr")).contains("pattern"));
+        assert!(usage(room.plan(&["*.exr"], "o.exr")).contains("folder"));
+        assert!(usage(room.plan(&["a.exr", "b.exr"], "o.exr")).contains("folder"));
+    }
+
+    #[test]
+    fn two_inputs_never_share_an_output() {
+        let room = Room::new(&["a.0001.exr", "b.0001.exr"]);
+        assert!(usage(room.plan(&["a.0001.exr", "b.0001.exr"], "o.####.exr")).contains("both be written"));
+        let plan = room.plan(&["a.0001.exr", "a.0001.exr"], "o.####.exr").unwrap();
+        assert_eq!(plan.items.len(), 1);
+    }
+
+    #[test]
+    fn no_input_is_overwritten_by_any_name() {
+        let room = Room::new(&["a.exr", "m.exr"]);
+        std::fs::hard_link(room.path("a.exr"), room.path("hard.exr")).unwrap();
+        assert!(usage(room.plan(&["a.exr"], "a.exr")).contains("in place"));
+        assert!(usage(room.plan(&["a.exr"], "./a.exr")).contains("in place"));
+        assert!(usage(room.plan(&["a.exr"], "hard.exr")).contains("in place"));
+        assert!(usage(room.plan(&["a.exr"], "")).contains("in place"));
+        let mask = room.path("m.exr").to_str().unwrap().to_owned();
+        assert!(usage(room.plan_with(&["a.exr"], "m.exr", |t| t.mask = Some(mask.clone()))).contains("mask"));
+        let json = |name: &str| vec![room.path(name)];
+        assert!(
+            usage(room.plan_with(&["a.exr"], "o.exr", |t| t.also_written = json("a.exr")))
+                .contains("in place")
+        );
+        assert!(
+            usage(room.plan_with(&["a.exr"], "o.exr", |t| t.also_written = json("o.exr"))).contains("twice")
+        );
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_to_inputs_and_folders_are_seen_through() {
+        let room = Room::new(&["a.exr"]);
+        std::os::unix::fs::symlink(room.path("a.exr"), room.path("soft.exr")).unwrap();
+        std::fs::create_dir(room.path("d")).unwrap();
+        std::os::unix::fs::symlink(room.path("d"), room.path("e")).unwrap();
+        std::fs::write(room.path("d/a.exr"), "").unwrap();
+        assert!(usage(room.plan(&["a.exr"], "soft.exr")).contains("in place"));
+        assert!(usage(room.plan(&["soft.exr"], "a.exr")).contains("in place"));
+        assert!(usage(room.plan(&["d/a.exr"], "e")).contains("in place"));
+    }
+
+    #[test]
+    fn folders_are_made_only_when_asked() {
+        let room = Room::new(&["a.exr"]);
+        assert!(usage(room.plan(&["a.exr"], "x/y/o.exr")).contains("--create-dir"));
+        let plan = room.plan_with(&["a.exr"], "x/y/o.exr", |targets| targets.create_dir = true).unwrap();
+        assert_eq!(plan.new_folders, BTreeSet::from([room.path("x/y")]));
+        let below = room.plan_with(&["a.exr"], "a.exr/o.exr", |targets| targets.create_dir = true);
+        assert!(matches!(below, Err(PlanError::Failed(_))));
+    }
+
+    #[test]
+    fn numbers_are_needed_where_patterns_are() {
+        let room = Room::new(&["a.exr"]);
+        assert!(usage(room.plan(&["a.exr"], "o.####.exr")).contains("frame number"));
+        assert!(
+            usage(room.plan_with(&["a.exr"], "o.exr", |t| t.mask = Some("m.####.exr".into())))
+                .contains("mask")
+        );
+    }
+}

@@ -1,0 +1,247 @@
+//! Several frames on the way at once: one is read while another is solved and a third is written.
+//!
+//! A few threads each take the next frame through all its stages. Solving needs one of `parallel_frames` permits, so
+//! the threads beyond those read ahead or write behind. A frame starts only when its memory fits beside that of the
+//! frames on the way; frames start in order, so a large one is not overtaken for ever. The order in which frames end
+//! changes no bit of them.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+/// How much may happen at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Frames that are solved at the same time; at least 1.
+    pub parallel_frames: usize,
+    /// Further frames that are read ahead or written behind.
+    pub overlap: usize,
+    /// Bytes that the frames on the way may need together; no bound if `None`.
+    pub memory: Option<u64>,
+}
+
+/// Why a frame gave no result.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// The frame alone needs more than the bound.
+    TooLarge {
+        /// Bytes that it needs.
+        needed: u64,
+        /// The bound in bytes.
+        bound: u64,
+    },
+    /// The work panicked: a defect, with its message.
+    Panic(String),
+    /// The run was stopped before this frame began.
+    NotStarted,
+}
+
+/// The permits to solve. Held while a frame is solved.
+pub struct Permits(Counter);
+
+impl Permits {
+    /// Waits for a permit; it is given back when dropped.
+    pub fn wait(&self) -> impl Drop + '_ {
+        self.0.take(1)
+    }
+}
+
+/// Runs `work` on every item and returns the results in the items' order. `need` estimates an item's bytes;
+/// `stopped` ends the run before the next item.
+pub fn run<I: Sync, T: Send>(
+    items: &[I],
+    limits: Limits,
+    need: impl Fn(&I) -> u64 + Sync,
+    work: impl Fn(usize, &I, &Permits) -> T + Sync,
+    refused: impl Fn(usize, &I, Refusal) -> T + Sync,
+    stopped: impl Fn() -> bool + Sync,
+) -> Vec<T> {
+    let permits = Permits(Counter::new(limits.parallel_frames.max(1) as u64));
+    let memory = Counter::new(limits.memory.unwrap_or(u64::MAX));
+    let next = Mutex::new(0);
+    let results: Mutex<Vec<Option<T>>> = Mutex::new(items.iter().map(|_| None).collect());
+    let worker = || {
+        loop {
+            // The queue stays locked until the frame is admitted: frames start in order.
+            let mut queue = lock(&next);
+            let index = *queue;
+            let Some(item) = items.get(index) else { return };
+            *queue += 1;
+            let outcome = if stopped() {
+                drop(queue);
+                Err(Refusal::NotStarted)
+            } else {
+                let needed = limits.memory.map_or(0, |_| need(item));
+                if let Some(bound) = limits.memory.filter(|&bound| needed > bound) {
+                    drop(queue);
+                    Err(Refusal::TooLarge { needed, bound })
+                } else {
+                    let _held = memory.take(needed);
+                    drop(queue);
+                    catch_unwind(AssertUnwindSafe(|| work(index, item, &permits)))
+                        .map_err(|panic| Refusal::Panic(message(panic.as_ref())))
+                }
+            };
+            let result = outcome.unwrap_or_else(|refusal| refused(index, item, refusal));
+            lock(&results)[index] = Some(result);
+        }
+    };
+    let threads = (limits.parallel_frames.max(1) + limits.overlap).min(items.len()).max(1);
+    std::thread::scope(|scope| {
+        for _ in 1..threads {
+            scope.spawn(worker);
+        }
+        worker();
+    });
+    let results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
+    results.into_iter().flatten().collect()
+}
+
+/// What a panic said.
+pub fn message(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(ToString::to_string);
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "unknown".into())
+}
+
+/// A number of units to be had and given back.
+struct Counter {
+    free: Mutex<u64>,
+    given_back: Condvar,
+}
+
+/// Units held.
+struct Held<'a> {
+    counter: &'a Counter,
+    units: u64,
+}
+
+impl Counter {
+    const fn new(units: u64) -> Self {
+        Self { free: Mutex::new(units), given_back: Condvar::new() }
+    }
+
+    /// Waits until `units` are free and takes them.
+    fn take(&self, units: u64) -> Held<'_> {
+        let mut free = lock(&self.free);
+        while *free < units {
+            free = self.given_back.wait(free).unwrap_or_else(PoisonError::into_inner);
+        }
+        *free -= units;
+        Held { counter: self, units }
+    }
+}
+
+impl Drop for Held<'_> {
+    fn drop(&mut self) {
+        *lock(&self.counter.free) += self.units;
+        self.counter.given_back.notify_all();
+    }
+}
+
+/// Locks; what a panicking thread left behind is still whole, for each update is a single assignment.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    use super::*;
+
+    fn limits(parallel_frames: usize, overlap: usize, memory: Option<u64>) -> Limits {
+        Limits { parallel_frames, overlap, memory }
+    }
+
+    #[test]
+    fn results_come_in_the_items_order() {
+        let items: Vec<u64> = (0..50).collect();
+        for (parallel, overlap, memory) in [(1, 0, None), (1, 2, Some(3)), (4, 2, Some(1)), (3, 0, None)] {
+            let results = run(
+                &items,
+                limits(parallel, overlap, memory),
+                |_| 1,
+                |index, item, permits| {
+                    let _permit = permits.wait();
+                    std::thread::sleep(std::time::Duration::from_micros(50 * (item % 3)));
+                    (index as u64, item * item)
+                },
+                |_, _, refusal| panic!("{refusal:?}"),
+                || false,
+            );
+            assert_eq!(results, items.iter().map(|&i| (i, i * i)).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn the_bounds_hold() {
+        let (solving, most_solving) = (AtomicU64::new(0), AtomicU64::new(0));
+        let (bytes, most_bytes) = (AtomicU64::new(0), AtomicU64::new(0));
+        let items = [5_u64, 1, 1, 7, 3, 2, 10, 1, 1, 1, 4, 6];
+        run(
+            &items,
+            limits(2, 3, Some(10)),
+            |&need| need,
+            |_, &need, permits| {
+                most_bytes.fetch_max(bytes.fetch_add(need, Ordering::SeqCst) + need, Ordering::SeqCst);
+                {
+                    let _permit = permits.wait();
+                    most_solving.fetch_max(solving.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
+                    std::thread::sleep(std::time::Duration::from_millis(2));
+                    solving.fetch_sub(1, Ordering::SeqCst);
+                }
+                bytes.fetch_sub(need, Ordering::SeqCst);
+            },
+            |_, _, refusal| panic!("{refusal:?}"),
+            || false,
+        );
+        assert!(most_bytes.into_inner() <= 10);
+        assert!(most_solving.into_inner() <= 2);
+    }
+
+    #[test]
+    fn a_frame_that_cannot_fit_is_refused_and_the_rest_done() {
+        let results = run(
+            &[1_u64, 11, 2],
+            limits(1, 1, Some(10)),
+            |&need| need,
+            |_, &need, _| Ok(need),
+            |_, _, refusal| Err(refusal),
+            || false,
+        );
+        assert_eq!(results, [Ok(1), Err(Refusal::TooLarge { needed: 11, bound: 10 }), Ok(2)]);
+    }
+
+    #[test]
+    fn a_panic_is_one_frames_failure() {
+        let results = run(
+            &[1, 0, 2],
+            limits(1, 0, None),
+            |_| 0,
+            |_, item, permits| {
+                let _permit = permits.wait();
+                assert!(*item != 0, "item {item}");
+                Ok(*item)
+            },
+            |_, _, refusal| Err(refusal),
+            || false,
+        );
+        assert_eq!(results, [Ok(1), Err(Refusal::Panic("item 0".into())), Ok(2)]);
+    }
+
+    #[test]
+    fn a_stopped_run_starts_nothing_more() {
+        let done = AtomicU64::new(0);
+        let results = run(
+            &[1, 2, 3],
+            limits(1, 0, None),
+            |_| 0,
+            |_, &item, _| {
+                done.fetch_add(1, Ordering::SeqCst);
+                Ok(item)
+            },
+            |_, _, refusal| Err(refusal),
+            || done.load(Ordering::SeqCst) > 0,
+        );
+        assert_eq!(results, [Ok(1), Err(Refusal::NotStarted), Err(Refusal::NotStarted)]);
+    }
+}

@@ -1,0 +1,123 @@
+//! Making frames sparse: what is done with each, and with all of them.
+
+use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
+use super::console::Console;
+use super::fill::limits;
+use super::masks::MaskFiles;
+use super::plan::{Item, PlanError, Targets, plan};
+use super::record::{Heading, Record};
+use super::update::Existing;
+use super::{Selection, memory, prepare};
+use crate::frame::{self, Compression, WriteOptions};
+use crate::mask::Source;
+use crate::sparsify::{self, Pattern};
+
+/// Frames to be made sparse, and how.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SparsifyJob {
+    /// The frames.
+    pub selection: Selection,
+    /// Whether frames that do not exist are passed over.
+    pub skip_missing: bool,
+    /// Where outputs go.
+    pub targets: Targets,
+    /// Which pixels stay.
+    pub pattern: SparsifyPattern,
+    /// The outputs' compression; the input's where it is lossless, else ZIP, if `None`.
+    pub compression: Option<Compression>,
+    /// Its level.
+    pub level: Option<u8>,
+    /// What happens to outputs that exist.
+    pub existing: Existing,
+    /// How to run.
+    pub run: RunOptions,
+}
+
+/// Which pixels stay.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SparsifyPattern {
+    /// A nested low-discrepancy pattern.
+    Shuffle {
+        /// Measured pixels over all pixels, 0 to 1.
+        density: f64,
+        /// Which pattern.
+        seed: u64,
+    },
+    /// Those of a mask file.
+    Mask(Source),
+}
+
+/// Makes the frames sparse; the exit status.
+pub fn sparsify(job: &SparsifyJob) -> Result<u8, PlanError> {
+    let plan = plan(&job.selection, &job.targets)?;
+    let work = Sparsify { job, masks: MaskFiles::default(), limits: limits(&job.run) };
+    let console = Console::new(job.run.verbosity);
+    if job.run.dry_run {
+        return Ok(prepare::print(&plan, &work, &console));
+    }
+    console.listen();
+    prepare::make_folders(&plan)?;
+    let settings = match &job.pattern {
+        SparsifyPattern::Shuffle { density, seed } => format!("shuffle density={density} seed={seed}"),
+        SparsifyPattern::Mask(source) => source.to_string(),
+    };
+    let heading = Heading {
+        lacuna: env!("CARGO_PKG_VERSION"),
+        command: "sparsify",
+        filter: None,
+        settings: Some(settings),
+    };
+    batch::run(heading, &plan.items, &job.run, &work, &console).map_err(PlanError::Failed)
+}
+
+struct Sparsify<'a> {
+    job: &'a SparsifyJob,
+    masks: MaskFiles,
+    limits: frame::Limits,
+}
+
+impl Work for Sparsify<'_> {
+    fn words(&self) -> (&'static str, &'static str) {
+        ("sparsify", "made sparse")
+    }
+
+    fn decide(&self, item: &Item) -> Result<Decision, Failure> {
+        prepare::decide(item, self.job.skip_missing, self.job.existing, |_| false)
+    }
+
+    fn bytes(&self, item: &Item) -> u64 {
+        memory::to_copy(&item.input)
+    }
+
+    fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
+        let (frame, file) = stage.read(record, || {
+            let frame =
+                frame::read(&item.input, &self.limits).map_err(|error| Failure::at(&item.input, error))?;
+            let file = item.mask.as_deref().map(|path| self.masks.get(path, self.limits)).transpose()?;
+            Ok((frame, file))
+        })?;
+        let pattern = match (&self.job.pattern, &file) {
+            (SparsifyPattern::Mask(Source::File { channel, .. }), Some(file)) => {
+                Pattern::File { file, channel: channel.as_deref() }
+            }
+            (SparsifyPattern::Shuffle { density, seed }, _) => {
+                Pattern::Shuffle { density: *density, seed: *seed }
+            }
+            _ => return Err(Failure::at(&item.input, "no mask file was given")),
+        };
+        let sparse = stage
+            .solve(record, || sparsify::sparsify(frame, pattern))
+            .map_err(|error| Failure::at(&item.input, error))?;
+        record.density = Some(sparse.density);
+        record.warn(&sparse.notes);
+        let mut frame = sparse.frame;
+        if let Some(compression) = self.job.compression {
+            frame.parts.iter_mut().for_each(|part| part.compression = compression);
+        }
+        let no_clobber = self.job.existing == Existing::Keep;
+        let options = WriteOptions { compression_level: self.job.level, no_clobber };
+        stage
+            .write(record, || frame::write(&frame, &item.output, &options))
+            .map_err(|error| Failure::at(&item.output, error))
+    }
+}

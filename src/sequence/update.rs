@@ -1,0 +1,48 @@
+//! Whether an output that exists is what this run would make again.
+
+use std::path::Path;
+use std::time::SystemTime;
+
+use super::plan::Item;
+use crate::frame::read_header;
+use crate::mask::Source;
+use crate::reconstruct::{Job, Stamp};
+
+/// What happens to outputs that exist.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Existing {
+    /// They are replaced.
+    Replace,
+    /// They stay.
+    Keep,
+    /// They stay if they are what this run would make.
+    Update,
+}
+
+/// Whether the output is newer than all that it was made from, and its attributes name this version, these settings
+/// and this mask.
+pub fn is_current(item: &Item, job: &Job) -> bool {
+    let Some(made) = modified(&item.output) else { return false };
+    let sources = [Some(&item.input), item.mask.as_ref()];
+    let newer = |source: &std::path::PathBuf| modified(source).is_some_and(|changed| made > changed);
+    sources.into_iter().flatten().all(newer) && is_of(item, job)
+}
+
+fn modified(path: &Path) -> Option<SystemTime> {
+    path.metadata().ok()?.modified().ok()
+}
+
+/// Whether at least one part has a stamp and all stamps are this run's. The settings tell which mask was asked for;
+/// of a file they tell the pattern, so its path is compared as well.
+fn is_of(item: &Item, job: &Job) -> bool {
+    let Ok(parts) = read_header(&item.output) else { return false };
+    let stamps: Vec<Stamp> = parts.iter().filter_map(|part| Stamp::read(&part.attributes)).collect();
+    let source = item.mask.as_ref().and_then(|path| match &job.mask {
+        Source::File { channel, .. } => {
+            Some(Source::File { pattern: path.display().to_string(), channel: channel.clone() }.to_string())
+        }
+        _ => None,
+    });
+    let same_mask = |stamp: &Stamp| source.as_ref().is_none_or(|source| *source == stamp.mask);
+    !stamps.is_empty() && stamps.iter().all(|stamp| stamp.is_of(job) && same_mask(stamp))
+}

@@ -1,0 +1,178 @@
+//! Sparse frames from full ones: test input for everything that fills.
+//!
+//! Missing pixels become zero in every channel of every part, each part gets a channel `mask` of halves (1 measured,
+//! 0 missing), and attributes record how. The pattern is anchored to absolute pixels, so that parts and overscan agree.
+
+use std::sync::Arc;
+
+use half::f16;
+use lacuna_filters::{Mask, sampling::shuffle};
+
+use crate::channels::part_label;
+use crate::frame::{Channel, Frame, Part, Samples};
+use crate::mask::{self, MaskFile};
+use crate::reconstruct::{DERIVED, compression_name, output_compression};
+
+/// The attribute that holds the seed of a generated pattern, as text.
+pub const SEED: &str = "lacuna/seed";
+/// The attribute that says which pattern the mask is.
+pub const PATTERN: &str = "lacuna/pattern";
+/// The channel that is added.
+const CHANNEL: &str = "mask";
+
+/// Which pixels stay.
+#[derive(Clone, Copy, Debug)]
+pub enum Pattern<'a> {
+    /// A nested low-discrepancy pattern.
+    Shuffle {
+        /// Measured pixels over all pixels, 0 to 1.
+        density: f64,
+        /// Which pattern.
+        seed: u64,
+    },
+    /// The pixels of a mask image.
+    File {
+        /// The image.
+        file: &'a MaskFile,
+        /// Its channel, if not the obvious one.
+        channel: Option<&'a str>,
+    },
+}
+
+/// A frame that cannot be made sparse.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// There is a mask already.
+    #[error("{0}has a channel 'mask' already: the frame looks sparse; remove that channel first")]
+    HasMask(String),
+    /// The mask image does not fit.
+    #[error(transparent)]
+    Mask(#[from] mask::Error),
+    /// The mask image leaves pixels out.
+    #[error("{part}{why}: give a mask that covers every part")]
+    Uncovered {
+        /// The part.
+        part: String,
+        /// What is wrong.
+        why: String,
+    },
+    /// The pattern's settings are out of range.
+    #[error(transparent)]
+    Pattern(#[from] lacuna_filters::Error),
+}
+
+/// A sparse frame, and what a reader of the log should know.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sparse {
+    /// The frame.
+    pub frame: Frame,
+    /// Measured pixels over all pixels of all parts.
+    pub density: f64,
+    /// One line each.
+    pub notes: Vec<String>,
+}
+
+/// Makes a frame sparse.
+pub fn sparsify(mut frame: Frame, pattern: Pattern<'_>) -> Result<Sparse, Error> {
+    for (index, part) in frame.parts.iter().enumerate() {
+        if part.channels.iter().any(|channel| channel.name.eq_ignore_ascii_case(CHANNEL.as_bytes())) {
+            return Err(Error::HasMask(prefix(&frame, index, "", " ", "the frame ")));
+        }
+    }
+    let masks = masks(&frame, pattern)?;
+    let (mut measured, mut all) = (0, 0);
+    let mut notes = Vec::new();
+    for (index, mask) in masks.iter().enumerate() {
+        let label = prefix(&frame, index, "", ": ", "");
+        let part = &mut frame.parts[index];
+        notes.extend(make_sparse(part, mask, pattern).into_iter().map(|note| format!("{label}{note}")));
+        measured += mask.count();
+        all += mask.as_slice().len();
+    }
+    let density = if all == 0 { 0.0 } else { measured as f64 / all as f64 };
+    Ok(Sparse { frame, density, notes })
+}
+
+/// The part's label between two texts, or another text if the frame has one part only.
+fn prefix(frame: &Frame, part: usize, before: &str, after: &str, otherwise: &str) -> String {
+    let label = part_label(frame, part);
+    if label.is_empty() { otherwise.into() } else { format!("{before}{label}{after}") }
+}
+
+/// One mask per part.
+fn masks(frame: &Frame, pattern: Pattern<'_>) -> Result<Vec<Arc<Mask>>, Error> {
+    match pattern {
+        Pattern::Shuffle { density, seed } => {
+            let one = |part: &Part| {
+                let window = part.data_window;
+                shuffle::mask(window.x_min, window.y_min, window.size(), density, seed).map(Arc::new)
+            };
+            Ok(frame.parts.iter().map(one).collect::<Result<_, _>>()?)
+        }
+        Pattern::File { file, channel } => {
+            let source =
+                mask::Source::File { pattern: file.path().into(), channel: channel.map(ToOwned::to_owned) };
+            let found = mask::find(frame, &source, Some(file))?;
+            let one = |index| {
+                let uncovered = || Error::Uncovered {
+                    part: prefix(frame, index, "", ": ", ""),
+                    why: found.why_none.get(index).and_then(|why| why.first()?.clone()).unwrap_or_default(),
+                };
+                found.get(index, 0).cloned().ok_or_else(uncovered)
+            };
+            (0..frame.parts.len()).map(one).collect()
+        }
+    }
+}
+
+fn make_sparse(part: &mut Part, mask: &Mask, pattern: Pattern<'_>) -> Vec<String> {
+    let mut notes = Vec::new();
+    for channel in &mut part.channels {
+        match &mut channel.samples {
+            Samples::Half(values) => clear(values, mask, f16::ZERO),
+            Samples::Float(values) => clear(values, mask, 0.0),
+            Samples::Uint(values) => clear(values, mask, 0),
+        }
+    }
+    let flags = mask.as_slice().iter().map(|&measured| if measured { f16::ONE } else { f16::ZERO });
+    let channel =
+        Channel { name: CHANNEL.into(), perceptually_linear: false, samples: Samples::Half(flags.collect()) };
+    let at = part.channels.partition_point(|other| other.name < channel.name);
+    part.channels.insert(at, channel);
+    if part.attributes.get(mask::ATTRIBUTE).is_some() {
+        part.attributes.set_text(mask::ATTRIBUTE, CHANNEL);
+    }
+    match pattern {
+        Pattern::Shuffle { density, seed } => {
+            part.attributes.set_text(PATTERN, &format!("shuffle density={density}"));
+            part.attributes.set_text(SEED, &seed.to_string());
+        }
+        Pattern::File { file, .. } => part.attributes.set_text(PATTERN, &format!("file:{}", file.path())),
+    }
+    let dropped: Vec<&str> = DERIVED.iter().copied().filter(|name| part.attributes.remove(name)).collect();
+    if !dropped.is_empty() {
+        notes.push(format!("dropped {}, which were made from other pixels", dropped.join(", ")));
+    }
+    let compression = output_compression(part.compression, None);
+    if compression != part.compression {
+        let (old, new) = (compression_name(part.compression), compression_name(compression));
+        notes.push(format!("{old} would change measured pixels: written as {new}"));
+        part.compression = compression;
+    }
+    if part.had_levels {
+        part.had_levels = false;
+        notes.push("the file had mip or rip levels: only the full one is written".into());
+    }
+    notes
+}
+
+fn clear<T: Copy>(values: &mut [T], mask: &Mask, zero: T) {
+    for (value, _) in values.iter_mut().zip(mask.as_slice()).filter(|(_, measured)| !**measured) {
+        *value = zero;
+    }
+}
+
+#[cfg(test)]
+#[path = "sparsify/tests.rs"]
+mod tests;

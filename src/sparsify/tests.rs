@@ -1,0 +1,81 @@
+//! Sparse frames from hand-built full ones.
+
+use lacuna_filters::Size;
+
+use super::*;
+use crate::frame::{Channel, Compression};
+use crate::mask::Source;
+use crate::testing::{float, frame, half, part, uint, values, window};
+
+const SHUFFLE: Pattern<'_> = Pattern::Shuffle { density: 0.3, seed: 7 };
+
+fn ones(x: i32, y: i32, width: i32, height: i32) -> Part {
+    let pixels = (width * height) as usize;
+    let channels: Vec<Channel> = vec![
+        half("R", &vec![f32::NAN; pixels]),
+        float("Z", &vec![-1.0; pixels]),
+        uint("id", &vec![5; pixels]),
+        half("z", &vec![1.0; pixels]),
+    ];
+    part(window(x, y, width, height), channels)
+}
+
+#[test]
+fn missing_pixels_are_zero_in_every_channel_and_the_mask_is_in_its_place() {
+    let full = frame(vec![ones(-4, -2, 12, 9)]);
+    let sparse = sparsify(full, SHUFFLE).unwrap();
+    let part = &sparse.frame.parts[0];
+    let names: Vec<_> = part.channels.iter().map(|channel| channel.display_name()).collect();
+    assert_eq!(names, ["R", "Z", "id", "mask", "z"]);
+    let mask = values(part, "mask");
+    assert!(mask.contains(&1.0) && mask.contains(&0.0));
+    for (at, &flag) in mask.iter().enumerate() {
+        let zero = |name| values(part, name)[at].to_bits() == 0;
+        assert_eq!([zero("R"), zero("Z"), zero("id"), zero("z")], [flag == 0.0; 4]);
+    }
+    let count = mask.iter().filter(|flag| **flag > 0.0).count();
+    assert!((sparse.density - count as f64 / 108.0).abs() < 1e-12);
+    assert_eq!(part.attributes.text(SEED).as_deref(), Some("7"));
+    assert_eq!(part.attributes.text(PATTERN).as_deref(), Some("shuffle density=0.3"));
+    assert!(matches!(part.channels[3].samples, Samples::Half(_)));
+    let found = mask::find(&sparse.frame, &Source::Auto, None).unwrap();
+    assert_eq!(found.get(0, 0).unwrap().count(), count);
+}
+
+#[test]
+fn parts_agree_on_absolute_pixels() {
+    let sparse = sparsify(frame(vec![ones(0, 0, 16, 16), ones(5, -3, 16, 16)]), SHUFFLE).unwrap().frame;
+    let at = |part: usize, x: i32, y: i32| {
+        let window = sparse.parts[part].data_window;
+        values(&sparse.parts[part], "mask")[((y - window.y_min) * 16 + x - window.x_min) as usize]
+    };
+    for (x, y) in (5..16).flat_map(|x| (0..13).map(move |y| (x, y))) {
+        assert_eq!(at(0, x, y).to_bits(), at(1, x, y).to_bits(), "({x}, {y})");
+    }
+}
+
+#[test]
+fn a_frame_with_a_mask_is_refused() {
+    let mut part = ones(0, 0, 2, 2);
+    part.channels.push(half("Mask", &[1.0; 4]));
+    let error = sparsify(frame(vec![part]), SHUFFLE).unwrap_err().to_string();
+    assert!(error.starts_with("the frame has a channel 'mask' already"), "{error}");
+    let out_of_range = Pattern::Shuffle { density: 1.5, seed: 0 };
+    assert!(sparsify(frame(vec![ones(0, 0, 2, 2)]), out_of_range).is_err());
+}
+
+#[test]
+fn masks_from_files_and_lossy_input() {
+    let file = MaskFile::from_grey("m.png".into(), Size::new(2, 2), &[255, 0, 0, 255], 255);
+    let mut part = ones(0, 0, 2, 2);
+    part.compression = Compression::B44;
+    part.attributes.set_text(mask::ATTRIBUTE, "other");
+    let sparse = sparsify(frame(vec![part.clone()]), Pattern::File { file: &file, channel: None }).unwrap();
+    assert_eq!(values(&sparse.frame.parts[0], "mask"), [1.0, 0.0, 0.0, 1.0]);
+    assert_eq!(sparse.frame.parts[0].compression, Compression::Zip);
+    assert_eq!(sparse.notes, ["b44 would change measured pixels: written as zip"]);
+    assert_eq!(sparse.frame.parts[0].attributes.text(mask::ATTRIBUTE).as_deref(), Some("mask"));
+    let uncovered = frame(vec![part, ones(9, 9, 3, 3)]);
+    let error = sparsify(uncovered, Pattern::File { file: &file, channel: None }).unwrap_err().to_string();
+    assert_eq!(error, "part 1: the mask does not cover pixel (9, 9): give a mask that covers every part");
+}

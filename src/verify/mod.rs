@@ -1,0 +1,239 @@
+//! Whether a filled frame is what `fill` promises of its sparse one, told from the two frames alone.
+//!
+//! Promised: parts, names, windows, types and attributes are those of the sparse frame, except for what the filled
+//! one says was asked for (its attribute `lacuna/settings`); kept channels and measured pixels have the same bits; what
+//! was filled is finite and within its bounds; identifiers and depths are values that were measured in that channel.
+
+mod pixels;
+#[cfg(test)]
+mod tests;
+
+use serde::Serialize;
+
+use crate::channels::{Choice, Override, Rule, part_label};
+use crate::frame::{Attribute, Compression, Frame, Part, Window};
+use crate::mask::{Masks, Source};
+use crate::reconstruct::{ADDED, DERIVED, Kind, Stamp, compression_name, output_compression};
+
+/// One difference between what is and what should be.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Difference {
+    /// The part, as messages call it; nothing if it concerns the frame, or its only part.
+    pub part: Option<String>,
+    /// The channel's full name.
+    pub channel: Option<String>,
+    /// The first pixel (column, row) in absolute coordinates.
+    pub pixel: Option<(i64, i64)>,
+    /// What is wrong.
+    pub what: String,
+}
+
+impl std::fmt::Display for Difference {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let part = self.part.clone();
+        let channel = self.channel.as_ref().map(|name| format!("channel {name}"));
+        let pixel = self.pixel.map(|(x, y)| format!("pixel ({x}, {y})"));
+        let place: Vec<_> = [part, channel, pixel].into_iter().flatten().collect();
+        let colon = if place.is_empty() { "" } else { ": " };
+        write!(f, "{}{colon}{}", place.join(", "), self.what)
+    }
+}
+
+/// What a filled frame says was asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Claims {
+    /// Where its mask came from; a file's path is as it was resolved.
+    pub mask: Source,
+    /// The channel rules.
+    pub overrides: Vec<Override>,
+    /// The type of filled channels.
+    pub kind: Option<Kind>,
+    /// The compression.
+    pub compression: Option<Compression>,
+    /// Whether the mask's channels were left out.
+    pub drop_mask: bool,
+    /// Whether measured pixels were smoothed.
+    pub smoothed: bool,
+}
+
+impl Default for Claims {
+    fn default() -> Self {
+        let (mask, overrides) = (Source::Auto, Vec::new());
+        Self { mask, overrides, kind: None, compression: None, drop_mask: false, smoothed: false }
+    }
+}
+
+impl Claims {
+    /// Reads the attributes of a filled frame; one without them claims nothing but the defaults.
+    pub fn read(filled: &Frame) -> Self {
+        let Some(stamp) = filled.parts.iter().find_map(|part| Stamp::read(&part.attributes)) else {
+            return Self::default();
+        };
+        let setting = |name: &str, value: &str| stamp.setting(name).is_some_and(|found| found == value);
+        let compressions = [
+            Compression::None,
+            Compression::Rle,
+            Compression::Zips,
+            Compression::Zip,
+            Compression::Piz,
+            Compression::Pxr24,
+            Compression::B44,
+            Compression::B44a,
+            Compression::Dwaa,
+            Compression::Dwab,
+        ];
+        let kinds = [("half", Kind::Half), ("float", Kind::Float)];
+        Self {
+            mask: stamp.source().unwrap_or(Source::Auto),
+            overrides: stamp.overrides(),
+            kind: kinds.into_iter().find(|kind| setting("type", kind.0)).map(|kind| kind.1),
+            compression: compressions.into_iter().find(|c| setting("compression", compression_name(*c))),
+            drop_mask: setting("mask-channel", "dropped"),
+            smoothed: setting("measured", "smoothed"),
+        }
+    }
+}
+
+/// Attributes that the typed fields of a part stand for, and those that follow from them.
+const TYPED: &[&str] = &["channels", "compression", "dataWindow", "displayWindow", "chunkCount", "tiles"];
+
+/// Required attributes, which writing adds to a part that lacks them.
+const REQUIRED: &[&str] =
+    &["name", "type", "lineOrder", "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth"];
+
+/// The part at hand, on both sides.
+struct Pair<'a> {
+    index: usize,
+    label: Option<String>,
+    sparse: &'a Part,
+    filled: &'a Part,
+    masks: &'a Masks,
+    choices: &'a [Choice],
+    claims: &'a Claims,
+}
+
+impl Pair<'_> {
+    fn differ(&self, channel: Option<&str>, pixel: Option<(i64, i64)>, what: String) -> Difference {
+        Difference { part: self.label.clone(), channel: channel.map(Into::into), pixel, what }
+    }
+
+    /// Whether a channel of the sparse part is to be filled and misses something.
+    fn misses(&self, channel: usize) -> bool {
+        let rule = self.choices.get(channel).map_or(Rule::Keep, |choice| choice.rule);
+        rule != Rule::Keep && self.masks.get(self.index, channel).is_none_or(|mask| !mask.is_full())
+    }
+
+    /// Whether a channel of the sparse part is left out of the filled one.
+    fn dropped(&self, channel: usize) -> bool {
+        let masks = self.masks.mask_channels.get(self.index).map_or(0, Vec::len);
+        let mask = self.masks.is_mask_channel(self.index, channel);
+        self.claims.drop_mask && mask && masks < self.sparse.channels.len()
+    }
+}
+
+/// Everything in `filled` that is not as `fill` promises; `masks` and `choices` are those of `sparse`, found with what
+/// [`Claims::read`] says.
+pub fn compare(sparse: &Frame, filled: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Vec<Difference> {
+    let whole = |what: String| Difference { part: None, channel: None, pixel: None, what };
+    if sparse.parts.len() != filled.parts.len() {
+        let (expected, found) = (sparse.parts.len(), filled.parts.len());
+        return vec![whole(format!("the number of parts is {found}, not {expected}"))];
+    }
+    if choices.len() != sparse.parts.len() {
+        return vec![whole("the masks or the channel rules belong to another frame".into())];
+    }
+    let claims = Claims::read(filled);
+    let mut differences = Vec::new();
+    for (index, (sparse_part, filled_part)) in sparse.parts.iter().zip(&filled.parts).enumerate() {
+        let label = Some(part_label(sparse, index)).filter(|label| !label.is_empty());
+        let pair = Pair {
+            index,
+            label,
+            sparse: sparse_part,
+            filled: filled_part,
+            masks,
+            choices: &choices[index],
+            claims: &claims,
+        };
+        compare_header(&pair, &mut differences);
+        compare_attributes(&pair, &mut differences);
+        compare_channels(&pair, &mut differences);
+    }
+    differences
+}
+
+fn compare_header(pair: &Pair<'_>, differences: &mut Vec<Difference>) {
+    let (sparse, filled) = (pair.sparse, pair.filled);
+    let mut add = |what: String| differences.push(pair.differ(None, None, what));
+    let show = |w: Window| format!("({}, {})-({}, {})", w.x_min, w.y_min, w.x_max, w.y_max);
+    for (name, expected, found) in [
+        ("data window", sparse.data_window, filled.data_window),
+        ("display window", sparse.display_window, filled.display_window),
+    ] {
+        if expected != found {
+            add(format!("the {name} is {}, not {}", show(found), show(expected)));
+        }
+    }
+    let expected = output_compression(sparse.compression, pair.claims.compression);
+    if filled.compression != expected {
+        let (found, expected) = (compression_name(filled.compression), compression_name(expected));
+        add(format!("the compression is {found}, not {expected}"));
+    }
+    if filled.layout != sparse.layout {
+        add(format!("the layout is {:?}, not {:?}", filled.layout, sparse.layout));
+    }
+}
+
+fn compare_attributes(pair: &Pair<'_>, differences: &mut Vec<Difference>) {
+    let misses = (0..pair.sparse.channels.len()).any(|channel| pair.misses(channel));
+    let stamped = Stamp::read(&pair.filled.attributes).is_some();
+    let mut add = |what: String| differences.push(pair.differ(None, None, what));
+    if misses && !stamped {
+        add("the attributes lacuna/version, filter, settings and mask are not all there: not filled by lacuna".into());
+    }
+    let is = |list: &[&str], name: &[u8]| list.iter().any(|other| other.as_bytes() == name);
+    let find = |part: &'_ Part, name: &[u8]| part.attributes.iter().find(|other| other.name == name).cloned();
+    let show = |attribute: &Attribute| String::from_utf8_lossy(&attribute.name).into_owned();
+    for attribute in pair.sparse.attributes.iter().filter(|attribute| !is(TYPED, &attribute.name)) {
+        if stamped && is(ADDED, &attribute.name) {
+            continue;
+        }
+        match find(pair.filled, &attribute.name) {
+            None if stamped && is(DERIVED, &attribute.name) => {}
+            None => add(format!("the attribute {} is lost", show(attribute))),
+            Some(found) if found != *attribute => {
+                add(format!("the attribute {} has changed", show(attribute)));
+            }
+            Some(_) if stamped && is(DERIVED, &attribute.name) => {
+                add(format!("the attribute {} was made from other pixels", show(attribute)));
+            }
+            Some(_) => {}
+        }
+    }
+    for attribute in pair.filled.attributes.iter().filter(|attribute| !is(TYPED, &attribute.name)) {
+        let promised = (stamped && is(ADDED, &attribute.name)) || is(REQUIRED, &attribute.name);
+        if !promised && find(pair.sparse, &attribute.name).is_none() {
+            add(format!("the attribute {} is new", show(attribute)));
+        }
+    }
+}
+
+fn compare_channels(pair: &Pair<'_>, differences: &mut Vec<Difference>) {
+    for (index, channel) in pair.sparse.channels.iter().enumerate() {
+        let found = pair.filled.channels.iter().find(|other| other.name == channel.name);
+        match found {
+            None if pair.dropped(index) => {}
+            None => {
+                let name = channel.display_name();
+                differences.push(pair.differ(Some(&name), None, "the channel is lost".into()));
+            }
+            Some(found) => differences.extend(pixels::compare(pair, index, found)),
+        }
+    }
+    for channel in &pair.filled.channels {
+        if !pair.sparse.channels.iter().any(|other| other.name == channel.name) {
+            let name = channel.display_name();
+            differences.push(pair.differ(Some(&name), None, "the channel is new".into()));
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! The pixels of one channel, sparse and filled.
+
+use std::collections::HashSet;
+
+use lacuna_filters::Mask;
+
+use super::{Difference, Pair};
+use crate::channels::Rule;
+use crate::frame::{Channel, Samples};
+use crate::info::kind;
+use crate::reconstruct::{Bounds, bounds_of, convert, usable};
+
+/// The differences of one channel: of each sort the first pixel and the number.
+pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Difference> {
+    let sparse = &pair.sparse.channels[index];
+    let name = sparse.display_name().into_owned();
+    let whole = |what: String| vec![pair.differ(Some(&name), None, what)];
+    let Some(rule) = pair.choices.get(index).map(|choice| choice.rule) else {
+        return whole("no rule is known for it".into());
+    };
+    let converts = matches!(rule, Rule::Fill | Rule::Normal | Rule::Depth);
+    let expected =
+        if converts { convert(sparse.samples.clone(), pair.claims.kind).0 } else { sparse.samples.clone() };
+    if kind(&expected) != kind(&filled.samples) {
+        return whole(format!("the type is {}, not {}", kind(&filled.samples), kind(&expected)));
+    }
+    if sparse.perceptually_linear != filled.perceptually_linear {
+        return whole("the flag pLinear has changed".into());
+    }
+    let (expected, found) = (bits(&expected), bits(&filled.samples));
+    if expected.len() != found.len() {
+        return whole(format!("it has {} pixels, not {}", found.len(), expected.len()));
+    }
+    let width = pair.sparse.size().width.max(1);
+    let window = pair.sparse.data_window;
+    let report = |what: &str, wrong: Vec<usize>| -> Option<Difference> {
+        let first = *wrong.first()?;
+        let x = i64::from(window.x_min) + (first % width) as i64;
+        let y = i64::from(window.y_min) + (first / width) as i64;
+        let more = if wrong.len() > 1 { format!(" ({} pixels in all)", wrong.len()) } else { String::new() };
+        Some(pair.differ(Some(&name), Some((x, y)), format!("{what}{more}")))
+    };
+    let differ = |at: &usize| expected[*at] != found[*at];
+    let all = 0..expected.len();
+    if rule == Rule::Keep {
+        return report("a kept pixel has changed", all.filter(differ).collect()).into_iter().collect();
+    }
+    let Some(mask) = pair.masks.get(pair.index, index) else {
+        return whole("no mask says which pixels were measured".into());
+    };
+    if mask.is_full() {
+        return report("a measured pixel has changed", all.filter(differ).collect()).into_iter().collect();
+    }
+    let Ok(usable) = usable(rule, &sparse.samples, mask) else {
+        return whole("its values cannot be told".into());
+    };
+    let measured = |at: &usize| usable.as_slice()[*at];
+    let smoothed = pair.claims.smoothed && matches!(rule, Rule::Fill | Rule::Normal);
+    let changed: Vec<usize> =
+        all.clone().filter(|at| !smoothed && measured(at)).filter(|at| differ(at)).collect();
+    let missing = all.filter(|at| !measured(at));
+    let mut differences = Vec::new();
+    differences.extend(report("a measured pixel has changed", changed));
+    let (what, wrong) = wrong_fills(rule, &name, sparse, filled, &usable, missing.collect());
+    differences.extend(report(what, wrong));
+    differences
+}
+
+/// The filled pixels that cannot be right, and what is wrong with them.
+fn wrong_fills(
+    rule: Rule,
+    name: &str,
+    sparse: &Channel,
+    filled: &Channel,
+    mask: &Mask,
+    mut missing: Vec<usize>,
+) -> (&'static str, Vec<usize>) {
+    if matches!(rule, Rule::Nearest | Rule::Depth) {
+        let bits = bits(&filled.samples);
+        let known: HashSet<u32> = bits
+            .iter()
+            .zip(mask.as_slice())
+            .filter(|(_, measured)| **measured)
+            .map(|(bits, _)| *bits)
+            .collect();
+        missing.retain(|&at| !known.contains(&bits[at]));
+        return ("a filled pixel has a value that was measured nowhere", missing);
+    }
+    let not_finite: Vec<usize> =
+        missing.iter().copied().filter(|&at| !value(&filled.samples, at).is_finite()).collect();
+    if !not_finite.is_empty() {
+        return ("a filled pixel is not finite", not_finite);
+    }
+    let bounds = if rule == Rule::Fill { bounds_of(name) } else { Bounds::Free };
+    let measured = |test: fn(f64) -> bool| {
+        let places = mask.as_slice().iter().enumerate().filter(|(_, measured)| **measured);
+        places.into_iter().all(|(at, _)| test(value(&sparse.samples, at)))
+    };
+    let low = bounds != Bounds::Free && measured(|value| value >= 0.0);
+    let high = bounds == Bounds::Unit && measured(|value| value <= 1.0);
+    missing.retain(|&at| {
+        let value = value(&filled.samples, at);
+        (low && value < 0.0) || (high && value > 1.0)
+    });
+    ("a filled pixel leaves the bounds that all measured ones keep", missing)
+}
+
+fn value(samples: &Samples, at: usize) -> f64 {
+    match samples {
+        Samples::Half(values) => values[at].to_f64(),
+        Samples::Float(values) => f64::from(values[at]),
+        Samples::Uint(values) => f64::from(values[at]),
+    }
+}
+
+/// The bits of every pixel.
+fn bits(samples: &Samples) -> Vec<u32> {
+    match samples {
+        Samples::Half(values) => values.iter().map(|value| u32::from(value.to_bits())).collect(),
+        Samples::Float(values) => values.iter().map(|value| value.to_bits()).collect(),
+        Samples::Uint(values) => values.clone(),
+    }
+}

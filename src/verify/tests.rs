@@ -1,0 +1,209 @@
+//! Filled frames with one thing wrong.
+
+use half::f16;
+use lacuna_filters::baseline::push_pull;
+use lacuna_filters::{Method, Run};
+
+use super::*;
+use crate::channels::choose;
+use crate::frame::{Layout, Samples};
+use crate::mask::find;
+use crate::reconstruct::{Job, Plans, fill};
+use crate::sparsify::{Pattern, sparsify};
+use crate::testing::{float, frame, half, named, part, uint, window};
+
+fn job() -> Job {
+    Job::new(Method::PushPull(push_pull::Settings))
+}
+
+fn sparse() -> Frame {
+    let light: Vec<f32> = (0..48).map(|at| (at % 8) as f32 / 8.0).collect();
+    let ids: Vec<u32> = (0..48).map(|at| 10 + at / 8).collect();
+    let channels = || {
+        vec![
+            half("R", &light),
+            half("A", &light),
+            float("Z", &[f32::INFINITY; 48]),
+            uint("id", &ids),
+            half("samples", &light),
+        ]
+    };
+    let mut first = named("a", "", part(window(3, -2, 8, 6), channels()));
+    first.attributes.set_text("owner", "somebody");
+    first.attributes.set("preview", "preview", vec![0; 8]);
+    first.compression = Compression::Pxr24;
+    let full = frame(vec![first, named("b", "", part(window(3, -2, 8, 6), channels()))]);
+    let mut sparse = sparsify(full, Pattern::Shuffle { density: 0.4, seed: 1 }).unwrap().frame;
+    sparse.parts[0].attributes.set("preview", "preview", vec![0; 8]);
+    sparse
+}
+
+fn filled(sparse: &Frame, job: &Job) -> Frame {
+    let masks = find(sparse, &job.mask, None).unwrap();
+    let choices = choose(sparse, &masks, &job.overrides);
+    fill(sparse.clone(), &masks, &choices, job, &Plans::new(), &Run::default()).unwrap().0
+}
+
+/// The differences as `lacuna verify` finds them, one line each.
+fn lines(sparse: &Frame, filled: &Frame) -> Vec<String> {
+    let claims = Claims::read(filled);
+    let masks = find(sparse, &claims.mask, None).unwrap();
+    let choices = choose(sparse, &masks, &claims.overrides);
+    compare(sparse, filled, &masks, &choices).iter().map(ToString::to_string).collect()
+}
+
+/// The differences after one change.
+fn after(change: impl Fn(&mut Frame)) -> Vec<String> {
+    let sparse = sparse();
+    let mut filled = filled(&sparse, &job());
+    change(&mut filled);
+    lines(&sparse, &filled)
+}
+
+fn channel<'a>(frame: &'a mut Frame, part: usize, name: &str) -> &'a mut Samples {
+    let found = frame.parts[part].channels.iter_mut().find(|channel| channel.name == name.as_bytes());
+    &mut found.unwrap().samples
+}
+
+fn halves<'a>(frame: &'a mut Frame, part: usize, name: &str) -> &'a mut Vec<f16> {
+    let Samples::Half(values) = channel(frame, part, name) else { panic!("not halves") };
+    values
+}
+
+/// A change and what is to be said about it.
+type Case<'a> = (&'a dyn Fn(&mut Frame), &'a str);
+
+/// The first pixel that was measured, or that is missing.
+fn first(wanted: bool) -> usize {
+    let sparse = sparse();
+    let masks = find(&sparse, &Source::Auto, None).unwrap();
+    masks.get(0, 0).unwrap().as_slice().iter().position(|&flag| flag == wanted).unwrap()
+}
+
+fn place(at: usize) -> String {
+    format!("pixel ({}, {})", 3 + at % 8, at as i64 / 8 - 2)
+}
+
+#[test]
+fn what_fill_makes_is_as_promised() {
+    assert_eq!(after(|_| {}), [""; 0]);
+    let sparse = sparse();
+    let mut other = job();
+    other.kind = Some(Kind::Float);
+    other.drop_mask = true;
+    other.compression = Some(Compression::Piz);
+    other.overrides = vec!["A=keep".parse().unwrap(), "R=nearest".parse().unwrap()];
+    assert_eq!(lines(&sparse, &filled(&sparse, &other)), [""; 0]);
+    other.kind = Some(Kind::Half);
+    other.overrides.clear();
+    other.mask = "channel:mask".parse().unwrap();
+    assert_eq!(lines(&sparse, &filled(&sparse, &other)), [""; 0]);
+    assert_eq!(Claims::read(&filled(&sparse, &other)).mask, other.mask);
+}
+
+#[test]
+fn one_bit_of_one_measured_half_is_found() {
+    let at = first(true);
+    let found = after(|frame| {
+        let value = &mut halves(frame, 1, "R")[at];
+        *value = f16::from_bits(value.to_bits() ^ 1);
+    });
+    assert_eq!(found, [format!("part 1 (b), channel R, {}: a measured pixel has changed", place(at))]);
+}
+
+#[test]
+fn kept_channels_must_be_equal_everywhere() {
+    let at = first(false);
+    let found = after(|frame| {
+        halves(frame, 0, "samples")[at] = f16::from_bits(0x8000);
+        halves(frame, 0, "samples")[at + 1] = f16::NAN;
+    });
+    assert_eq!(
+        found,
+        [format!("part 0 (a), channel samples, {}: a kept pixel has changed (2 pixels in all)", place(at))]
+    );
+}
+
+#[test]
+fn filled_pixels_must_be_finite_bounded_or_copied() {
+    let at = first(false);
+    let cases: [Case<'_>; 5] = [
+        (&|frame| halves(frame, 0, "R")[at] = f16::INFINITY, "channel R, @: a filled pixel is not finite"),
+        (
+            &|frame| halves(frame, 0, "R")[at] = f16::NEG_ONE,
+            "channel R, @: a filled pixel leaves the bounds that all measured ones keep",
+        ),
+        (
+            &|frame| halves(frame, 0, "A")[at] = f16::from_f32(1.01),
+            "channel A, @: a filled pixel leaves the bounds that all measured ones keep",
+        ),
+        (
+            &|frame| *channel(frame, 0, "id") = Samples::Uint((0..48).map(|_| 99).collect()),
+            "channel id, @: a measured pixel has changed",
+        ),
+        (
+            &|frame| {
+                let Samples::Float(depth) = channel(frame, 0, "Z") else { panic!("not floats") };
+                depth[at] = 4.0;
+            },
+            "channel Z, @: a filled pixel has a value that was measured nowhere",
+        ),
+    ];
+    for (change, expected) in cases {
+        let found = after(change);
+        let pixel = if expected.contains("id") { place(first(true)) } else { place(at) };
+        let expected = format!("part 0 (a), {}", expected.replace('@', &pixel));
+        assert!(found[0].starts_with(&expected), "{found:?}");
+        assert_eq!(found.len(), 1, "{found:?}");
+    }
+}
+
+#[test]
+fn headers_must_be_as_before() {
+    let cases: [Case<'_>; 11] = [
+        (
+            &|frame| frame.parts[0].data_window.x_min -= 1,
+            "the data window is (2, -2)-(10, 3), not (3, -2)-(10, 3)",
+        ),
+        (&|frame| frame.parts[0].display_window.y_max = 9, "the display window is"),
+        (&|frame| frame.parts[0].compression = Compression::Pxr24, "the compression is pxr24, not zip"),
+        (&|frame| frame.parts[0].layout = Layout::Tiles { width: 8, height: 8 }, "the layout is"),
+        (&|frame| frame.parts[0].attributes.set_text("owner", "me"), "the attribute owner has changed"),
+        (&|frame| assert!(frame.parts[0].attributes.remove("owner")), "the attribute owner is lost"),
+        (&|frame| frame.parts[0].attributes.set_text("more", ""), "the attribute more is new"),
+        (
+            &|frame| frame.parts[0].attributes.set("preview", "preview", vec![0; 8]),
+            "the attribute preview was made from other pixels",
+        ),
+        (
+            &|frame| assert!(frame.parts[0].attributes.remove("lacuna/settings")),
+            "the attributes lacuna/version",
+        ),
+        (
+            &|frame| {
+                frame.parts[0].channels.remove(1);
+            },
+            "channel R: the channel is lost",
+        ),
+        (
+            &|frame| *channel(frame, 0, "R") = Samples::Float(vec![0.0; 48]),
+            "channel R: the type is float, not half",
+        ),
+    ];
+    for (change, expected) in cases {
+        let found = after(change);
+        assert!(found.iter().any(|line| line.contains(expected)), "{expected}: {found:?}");
+        assert!(found.iter().all(|line| line.starts_with("part 0 (a)")), "{found:?}");
+    }
+    let found = after(|frame| frame.parts[1].channels.push(half("new", &[0.0; 48])));
+    assert_eq!(found, ["part 1 (b), channel new: the channel is new"]);
+    let found = after(|frame| frame.parts.truncate(1));
+    assert_eq!(found, ["the number of parts is 1, not 2"]);
+}
+
+#[test]
+fn an_unfilled_frame_is_not_a_filled_one() {
+    let sparse = sparse();
+    let found = lines(&sparse, &sparse);
+    assert!(found.iter().any(|line| line.contains("not filled by lacuna")), "{found:?}");
+}

@@ -1,0 +1,47 @@
+//! `--memory` bounds what a process really takes.
+
+#![cfg(target_os = "linux")]
+
+mod common;
+
+use std::time::Duration;
+
+use common::{Room, sparse};
+
+/// What a process takes besides frames: program, threads, allocator.
+const BASE: u64 = 32 << 20;
+
+/// The most memory that a run of lacuna had, in bytes, looked up until it ended.
+fn peak(room: &Room, words: &[&str]) -> u64 {
+    let mut process = room.command(words).spawn().unwrap();
+    let status = format!("/proc/{}/status", process.id());
+    let mut peak = 0;
+    while process.try_wait().unwrap().is_none() {
+        let text = std::fs::read_to_string(&status).unwrap_or_default();
+        let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        let kilobytes = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok());
+        peak = kilobytes.map_or(peak, |kilobytes| kilobytes << 10);
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    assert!(process.wait().unwrap().success());
+    peak
+}
+
+#[test]
+fn frames_in_flight_stay_within_the_bound() {
+    let names = ["s.1.exr", "s.2.exr", "s.3.exr", "s.4.exr", "s.5.exr", "s.6.exr"];
+    let room = Room::new();
+    let frame = sparse(640, 640);
+    for name in names {
+        room.add(name, &frame);
+    }
+    for filter in [&["ss"][..], &["tv", "--tv-iterations", "16"], &["pushpull"]] {
+        let base =
+            ["fill", "s.%d.exr", "-o", "o/", "--create-dir", "--parallel-frames", "6", "-q", "--filter"];
+        let free = peak(&room, &[&base[..], filter].concat());
+        let bound = 72 << 20;
+        let held = peak(&room, &[&base[..], filter, &["--memory", "72M"]].concat());
+        assert!(held <= bound + BASE, "{filter:?}: {} MiB, without a bound {} MiB", held >> 20, free >> 20);
+        println!("{filter:?}: {} MiB held, {} MiB free", held >> 20, free >> 20);
+    }
+}

@@ -1,0 +1,167 @@
+//! Runs that are stopped, that run out of disk, memory or rights, and that must not depend on threads.
+
+#![cfg(unix)]
+
+mod common;
+
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use common::{Done, LACUNA, Room, bytes, send, sparse, status};
+
+/// Work without an end in sight.
+const ENDLESS: &[&str] = &["--filter", "tv", "--tv-gap", "1e-300", "--tv-iterations", "4000000000"];
+
+#[test]
+fn a_signal_ends_the_run_within_a_moment() {
+    let room = Room::new();
+    room.add("big.exr", &sparse(300, 300));
+    room.folder("o");
+    for (signal, expected) in [("-INT", 130), ("-TERM", 143), ("-HUP", 129)] {
+        let words = [&["fill", "big.exr", "-o", "o/", "--json", "r.json"], ENDLESS].concat();
+        let mut process = room.command(&words).spawn().unwrap();
+        std::thread::sleep(Duration::from_millis(300));
+        assert!(process.try_wait().unwrap().is_none(), "ended before the signal");
+        send(signal, process.id());
+        let start = Instant::now();
+        let ended = process.wait().unwrap();
+        assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
+        assert_eq!(status(ended), expected);
+        assert_eq!(room.names("o"), [""; 0]);
+        let report: serde_json::Value = serde_json::from_slice(&bytes(&room.path("r.json"))).unwrap();
+        assert_eq!(report["frames"][0]["state"], "pending");
+    }
+}
+
+#[test]
+fn whenever_a_run_is_killed_no_partial_frame_has_the_final_name() {
+    let names: Vec<String> = (1..=20).map(|number| format!("s.{number:04}.exr")).collect();
+    let room = Room::with(&names.iter().map(String::as_str).collect::<Vec<_>>());
+    let whole = {
+        room.ok(&["fill", "s.0001.exr", "-o", "whole.exr", "--filter", "pushpull"]);
+        bytes(&room.path("whole.exr"))
+    };
+    let mut cut_short = 0;
+    for (round, signal) in ["-KILL", "-TERM", "-KILL", "-TERM", "-KILL", "-TERM"].into_iter().enumerate() {
+        let out = format!("o{round}");
+        room.folder(&out);
+        let words = ["fill", "s.####.exr", "-o", &out, "--filter", "pushpull"];
+        let mut process = room.command(&words).spawn().unwrap();
+        std::thread::sleep(Duration::from_millis(2 + 7 * round as u64));
+        send(signal, process.id());
+        let ended = status(process.wait().unwrap());
+        cut_short += usize::from(ended != 0);
+        for name in room.names(&out).iter().filter(|name| !name.starts_with('.')) {
+            assert_eq!(bytes(&room.path(&format!("{out}/{name}"))), whole, "{name}");
+        }
+        if ended == 143 {
+            let hidden = |name: &&String| name.starts_with('.');
+            assert_eq!(room.names(&out).iter().filter(hidden).count(), 0, "temporary files were left");
+        }
+    }
+    assert!(cut_short > 0, "every run ended before its signal");
+}
+
+#[test]
+fn a_full_disk_is_one_line_and_leaves_nothing() {
+    let room = Room::new();
+    room.add("big.exr", &sparse(400, 400));
+    room.folder("o");
+    let script =
+        format!("ulimit -f 8; exec {LACUNA} fill big.exr -o o/ -q --filter nearest --compression none");
+    let output = Command::new("sh").args(["-c", &script]).current_dir(room.path(".")).output().unwrap();
+    let done = Done::from(output);
+    assert_eq!(done.status, 1, "{}", done.err);
+    assert_eq!(done.err.lines().count(), 1, "{}", done.err);
+    assert!(done.errors()[0].contains("o/big.exr: cannot write"), "{}", done.err);
+    assert_eq!(room.names("o"), [""; 0]);
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_is_one_line() {
+    use std::os::unix::fs::PermissionsExt;
+    let room = Room::with(&["in.exr"]);
+    room.folder("o");
+    std::fs::set_permissions(room.path("o"), std::fs::Permissions::from_mode(0o555)).unwrap();
+    // Root may write there all the same; then a folder in which nobody can make a file stands in.
+    let root = std::fs::write(room.path("o/probe"), "").is_ok();
+    let output = if root { "/proc/self/out.exr" } else { "o/out.exr" };
+    let done = room.run(&["fill", "in.exr", "-o", output, "-q", "--filter", "nearest"]);
+    assert_eq!(done.status, 1, "{}", done.err);
+    assert_eq!(done.err.lines().count(), 1, "{}", done.err);
+    assert!(done.errors()[0].contains("out.exr: cannot create"), "{}", done.err);
+    std::fs::set_permissions(room.path("o"), std::fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+#[test]
+fn outputs_obey_the_umask() {
+    use std::os::unix::fs::PermissionsExt;
+    let room = Room::with(&["in.exr"]);
+    let script = format!("umask 027; exec {LACUNA} fill in.exr -o out.exr --json r.json -q --filter nearest");
+    let output = Command::new("sh").args(["-c", &script]).current_dir(room.path(".")).output().unwrap();
+    assert_eq!(Done::from(output).status, 0);
+    for name in ["out.exr", "r.json"] {
+        assert_eq!(room.path(name).metadata().unwrap().permissions().mode() & 0o777, 0o640, "{name}");
+    }
+}
+
+#[test]
+fn threads_and_memory_change_no_byte() {
+    let names = ["s.1.exr", "s.2.exr", "s.3.exr", "s.4.exr"];
+    let room = Room::with(&names);
+    for filter in ["ss", "tv", "pushpull", "nearest"] {
+        let mut first: Option<Vec<Vec<u8>>> = None;
+        for (round, how) in [
+            &["--threads", "1"][..],
+            &["--threads", "2"],
+            &["--threads", "5", "--parallel-frames", "3"],
+            &["--threads", "2", "--memory", "8M", "--parallel-frames", "4"],
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            let out = format!("{filter}{round}/");
+            room.ok(&[&["fill", "s.%d.exr", "-o", &out, "--create-dir", "--filter", filter], how].concat());
+            let files = names.map(|name| bytes(&room.path(&format!("{out}{name}")))).to_vec();
+            assert!(first.get_or_insert_with(|| files.clone()) == &files, "{filter} {how:?}");
+        }
+    }
+}
+
+#[test]
+fn a_frame_beyond_the_memory_bound_is_refused_and_the_others_done() {
+    let room = Room::with(&["s.1.exr", "s.3.exr"]);
+    room.add("s.2.exr", &sparse(600, 600));
+    let done = room.run(&[
+        "fill",
+        "s.%d.exr",
+        "-o",
+        "o/",
+        "--create-dir",
+        "--memory",
+        "4M",
+        "-q",
+        "--filter",
+        "nearest",
+    ]);
+    assert_eq!(done.status, 1);
+    assert_eq!(room.names("o"), ["s.1.exr", "s.3.exr"]);
+    assert_eq!(done.errors().len(), 1, "{}", done.err);
+    assert!(
+        done.errors()[0].contains("s.2.exr (frame 2)") && done.errors()[0].contains("--memory"),
+        "{}",
+        done.err
+    );
+}
+
+#[test]
+fn a_time_limit_ends_the_solver_with_an_image() {
+    let room = Room::new();
+    room.add("big.exr", &sparse(200, 200));
+    let words =
+        [&["fill", "big.exr", "-o", "o.exr", "--time-limit", "0.2", "--json", "r.json"], ENDLESS].concat();
+    room.ok(&words);
+    let report: serde_json::Value = serde_json::from_slice(&bytes(&room.path("r.json"))).unwrap();
+    assert_eq!(report["frames"][0]["stop"], "time-limit");
+    room.ok(&["verify", "big.exr", "o.exr"]);
+}
