@@ -7,7 +7,6 @@ use serde::Serialize;
 use crate::channels::{Choice, Rule};
 use crate::frame::{Frame, Layout, Part, Samples, Window};
 use crate::mask::{self, Masks};
-use crate::reconstruct::compression_name;
 
 /// A frame's parts and the mask that was found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -95,7 +94,7 @@ fn part_info(part: &Part, index: usize, masks: Option<&Masks>, choices: &[Choice
         view: part.view(),
         data_window: corners(part.data_window),
         display_window: corners(part.display_window),
-        compression: compression_name(part.compression),
+        compression: part.compression.name(),
         layout: match part.layout {
             Layout::ScanLines => "scan lines".into(),
             Layout::Tiles { width, height } => format!("tiles of {width}x{height}"),

@@ -11,7 +11,7 @@ use lacuna_filters::{Mask, sampling::shuffle};
 use crate::channels::part_label;
 use crate::frame::{Channel, Frame, Part, Samples};
 use crate::mask::{self, MaskFile};
-use crate::reconstruct::{DERIVED, compression_name, output_compression};
+use crate::reconstruct::{DERIVED, output_compression};
 
 /// The attribute that holds the seed of a generated pattern, as text.
 pub const SEED: &str = "lacuna/seed";
@@ -156,7 +156,7 @@ fn make_sparse(part: &mut Part, mask: &Mask, pattern: Pattern<'_>) -> Vec<String
     }
     let compression = output_compression(part.compression, None);
     if compression != part.compression {
-        let (old, new) = (compression_name(part.compression), compression_name(compression));
+        let (old, new) = (part.compression.name(), compression.name());
         notes.push(format!("{old} would change measured pixels: written as {new}"));
         part.compression = compression;
     }

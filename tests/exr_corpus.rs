@@ -114,6 +114,13 @@ fn valid_files_survive() {
     assert!(survived > 0);
 }
 
+/// Most memory that this process has taken so far, in bytes, where the system tells.
+fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    Some(line.trim().strip_suffix(" kB")?.parse::<u64>().ok()? << 10)
+}
+
 #[test]
 fn broken_files_never_panic() {
     let Some(corpus) = corpus() else { return };
@@ -129,5 +136,8 @@ fn broken_files_never_panic() {
         }
     }
     println!("broken files: {read} read, {refused} refused");
+    if let Some(peak) = peak_memory() {
+        assert!(peak < 2 << 30, "{peak} bytes of memory were taken");
+    }
     assert!(read + refused > 0);
 }

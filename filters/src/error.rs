@@ -42,3 +42,29 @@ pub enum Error {
         size: Size,
     },
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_is_one_line_that_says_what_and_where() {
+        let size = Size::new(1080, 1920);
+        let lines = [
+            (
+                Error::SizeMismatch { expected: size, found: "7 values".into() },
+                "expected 1920x1080 pixels, found 7 values",
+            ),
+            (Error::EmptyMask, "the mask has no measured pixel"),
+            (
+                Error::Setting { name: "density", value: "2".into(), range: "0 to 1" },
+                "density = 2 is out of range (0 to 1)",
+            ),
+            (Error::NotFinite { row: 3, column: 5 }, "a measured value is not finite (row 3, column 5)"),
+            (Error::TooLarge { size }, "1920x1080 pixels are too many (the limit is 2^32 - 1)"),
+        ];
+        for (error, line) in lines {
+            assert_eq!(error.to_string(), line);
+        }
+    }
+}

@@ -49,3 +49,17 @@ pub trait Plan: Send + Sync {
         run: &Run<'_>,
     ) -> Result<Outcome, Error>;
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Size;
+
+    #[test]
+    fn a_problem_without_weights_weighs_all_alike() {
+        let mask = Arc::new(Mask::from_fn(Size::new(2, 2), |y, x| y == x));
+        let problem = Problem::fill(Arc::clone(&mask));
+        assert_eq!(problem.mask, mask);
+        assert!(problem.weights.is_none());
+    }
+}

@@ -8,6 +8,7 @@
 //! Planes (samples of a group of channels) ────────────┴─> Plan::reconstruct ──> Planes + Outcome
 //! ```
 //!
+//! [`domain`] and [`limiter`] stand before and after a plan and keep long ranges from ringing.
 //! What depends on the mask alone is in the plan, which serves every channel and every frame of that mask.
 //! The rooms, each importing only from those to its right:
 //! `variational | baseline -> solver -> operator | prox -> kernel -> plane | mask`.

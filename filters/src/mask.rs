@@ -74,3 +74,40 @@ impl Mask {
         self.count == 0
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_and_shows_what_was_measured() {
+        let size = Size::new(2, 3);
+        let mask = Mask::new(size, vec![true, false, false, true, true, false]).unwrap();
+        assert_eq!(mask, Mask::from_fn(size, |y, x| x == 0 || (y, x) == (1, 1)));
+        assert_eq!((mask.size(), mask.count(), mask.density().to_bits()), (size, 3, 0.5_f64.to_bits()));
+        assert_eq!((mask.is_full(), mask.is_empty()), (false, false));
+        assert_eq!(mask.row(1), [true, true, false]);
+        assert!(mask.is_measured(1, 1) && !mask.is_measured(0, 1));
+        assert_eq!(mask.as_slice().len(), 6);
+    }
+
+    #[test]
+    fn full_empty_and_nothing_at_all() {
+        let size = Size::new(1, 4);
+        let (full, empty) = (Mask::from_fn(size, |_, _| true), Mask::from_fn(size, |_, _| false));
+        assert_eq!(
+            (full.is_full(), full.is_empty(), full.density().to_bits()),
+            (true, false, 1.0_f64.to_bits())
+        );
+        assert_eq!((empty.is_full(), empty.is_empty(), empty.density().to_bits()), (false, true, 0));
+        let nothing = Mask::from_fn(Size::new(0, 4), |_, _| true);
+        assert_eq!((nothing.is_empty(), nothing.density().to_bits()), (true, 0));
+    }
+
+    #[test]
+    fn another_number_of_flags_is_refused() {
+        let size = Size::new(2, 2);
+        let error = Error::SizeMismatch { expected: size, found: "3 flags".into() };
+        assert_eq!(Mask::new(size, vec![true; 3]), Err(error));
+    }
+}

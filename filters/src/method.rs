@@ -57,3 +57,69 @@ impl Method {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::{Error, Mask, Plane, Planes, Problem, Run, Size};
+
+    fn all() -> [Method; 4] {
+        [
+            Method::Ss(ss::Settings::default()),
+            Method::Tv(tv::Settings::default()),
+            Method::PushPull(push_pull::Settings),
+            Method::Nearest(nearest::Settings),
+        ]
+    }
+
+    fn smoothing() -> ss::Settings {
+        let smooth = |mut settings: ss::Settings| {
+            settings.lambda = 0.5;
+            settings
+        };
+        smooth(ss::Settings::default())
+    }
+
+    #[test]
+    fn names_are_those_of_the_command_line() {
+        assert_eq!(all().map(|method| method.name()), ["ss", "tv", "pushpull", "nearest"]);
+    }
+
+    #[test]
+    fn by_default_every_method_interpolates() {
+        assert!(all().iter().all(Method::keeps_measured));
+        assert!(!Method::Ss(smoothing()).keeps_measured());
+        let mut smoothing = Method::Tv(tv::Settings::default());
+        if let Method::Tv(settings) = &mut smoothing {
+            settings.epsilon = 0.5;
+        }
+        assert!(!smoothing.keeps_measured());
+    }
+
+    #[test]
+    fn settings_tell_methods_with_settings_apart() {
+        let [ss, _, push_pull, nearest] = all();
+        assert_ne!(ss.settings(), Method::Ss(smoothing()).settings());
+        assert!(!ss.settings().contains('\n'));
+        assert_eq!((push_pull.settings().as_str(), nearest.settings().as_str()), ("", ""));
+    }
+
+    #[test]
+    fn the_filter_is_that_of_the_method() {
+        let size = Size::new(1, 4);
+        let problem =
+            |measured: &[usize]| Problem::fill(Arc::new(Mask::from_fn(size, |_, x| measured.contains(&x))));
+        let samples = Plane::new(size, vec![0.0, f32::NAN, f32::NAN, 8.0]).unwrap();
+        let samples = Planes::new(size, vec![samples]).unwrap();
+        for (method, expected) in [(&all()[2], [0.0, 2.0, 6.0, 8.0]), (&all()[3], [0.0, 0.0, 8.0, 8.0])] {
+            let empty = method.filter().plan(&problem(&[]), &Run::default());
+            assert_eq!(empty.err(), Some(Error::EmptyMask));
+            let plan = method.filter().plan(&problem(&[0, 3]), &Run::default()).unwrap();
+            let mut out = Planes::zeros(size, 1);
+            plan.reconstruct(&samples, None, &mut out, &Run::default()).unwrap();
+            assert_eq!(out.as_slice()[0].pixels(), expected, "{}", method.name());
+        }
+    }
+}

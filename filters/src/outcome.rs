@@ -50,3 +50,25 @@ impl Outcome {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_worst_is_taken_field_by_field() {
+        let a = Outcome { stop: Stop::IterationLimit, iterations: 3, residual: Some(0.5), gap: None };
+        let b = Outcome { stop: Stop::Converged, iterations: 9, residual: Some(0.25), gap: Some(0.1) };
+        let worst =
+            Outcome { stop: Stop::IterationLimit, iterations: 9, residual: Some(0.5), gap: Some(0.1) };
+        assert_eq!(a.worst(b), worst);
+        assert_eq!(b.worst(a), worst);
+        assert_eq!(Outcome::direct().worst(Outcome::direct()), Outcome::direct());
+    }
+
+    #[test]
+    fn stops_are_ordered_from_best_to_worst() {
+        let order = [Stop::Converged, Stop::IterationLimit, Stop::TimeLimit, Stop::Cancelled];
+        assert!(order.is_sorted_by(|a, b| a < b));
+    }
+}

@@ -160,3 +160,56 @@ impl Planes {
         self.planes
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_lie_row_by_row() {
+        let size = Size::new(2, 3);
+        let mut plane = Plane::from_fn(size, |y, x| (10 * y + x) as f32);
+        assert_eq!(plane.pixels(), [0.0, 1.0, 2.0, 10.0, 11.0, 12.0]);
+        assert_eq!(plane.row(1), [10.0, 11.0, 12.0]);
+        assert_eq!(plane.at(1, 2).to_bits(), 12.0_f32.to_bits());
+        let view = plane.view().unwrap();
+        assert_eq!((view.dim(), view[(1, 0)].to_bits()), ((2, 3), 10.0_f32.to_bits()));
+        plane.row_mut(0)[2] = 7.0;
+        plane.pixels_mut()[3] = 8.0;
+        assert_eq!(plane.into_pixels(), [0.0, 1.0, 7.0, 8.0, 11.0, 12.0]);
+        assert_eq!(Plane::filled(size, 2.0).pixels(), [2.0; 6]);
+    }
+
+    #[test]
+    fn another_number_of_values_is_refused() {
+        let size = Size::new(2, 3);
+        assert!(Plane::new(size, vec![0.0; 6]).is_ok());
+        for wrong in [0, 5, 7] {
+            let error = Error::SizeMismatch { expected: size, found: format!("{wrong} values") };
+            assert_eq!(Plane::new(size, vec![0.0; wrong]), Err(error));
+        }
+    }
+
+    #[test]
+    fn planes_of_a_group_have_one_size() {
+        let size = Size::new(2, 3);
+        let planes = vec![Plane::filled(size, 1.0), Plane::filled(size, 2.0)];
+        let mut group = Planes::new(size, planes.clone()).unwrap();
+        assert_eq!((group.size(), group.len(), group.is_empty()), (size, 2, false));
+        group.as_mut_slice()[0].pixels_mut().fill(2.0);
+        assert_eq!(group.as_slice()[0], planes[1]);
+        assert_eq!(group.into_vec(), vec![planes[1].clone(), planes[1].clone()]);
+        // As many pixels in another shape are another size.
+        let other = vec![planes[0].clone(), Plane::filled(Size::new(3, 2), 0.0)];
+        let error = Error::SizeMismatch { expected: size, found: "2x3".into() };
+        assert_eq!(Planes::new(size, other), Err(error));
+        assert!(Planes::zeros(size, 0).is_empty());
+        assert_eq!(Planes::zeros(size, 2).as_slice()[1].pixels(), [0.0; 6]);
+    }
+
+    #[test]
+    fn a_size_reads_width_first() {
+        assert_eq!(Size::new(1080, 1920).to_string(), "1920x1080");
+        assert_eq!(Size::new(3, 5).pixels(), 15);
+    }
+}

@@ -21,3 +21,17 @@ impl std::fmt::Debug for Run<'_> {
         f.debug_struct("Run").field("interrupt", &self.interrupt.is_some()).finish()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn asks_the_caller_who_may_be_silent() {
+        assert_eq!(Run::default().interrupted(), None);
+        let stop = || Some(Stop::TimeLimit);
+        let run = Run { interrupt: Some(&stop) };
+        assert_eq!(run.interrupted(), Some(Stop::TimeLimit));
+        assert_eq!(format!("{run:?}"), "Run { interrupt: true }");
+    }
+}

@@ -108,7 +108,7 @@ impl Locator<'_> {
     fn check_length(&self, length: u32, raw: u64, place: impl Fn() -> String) -> Result<(), Error> {
         let ratio = self.part.compression.largest_ratio();
         let most = ratio.map_or(u64::MAX, |ratio| u64::from(length).saturating_mul(ratio));
-        if most < raw || u64::from(length) > raw.saturating_mul(2).saturating_add(1 << 16) {
+        if most < raw || u64::from(length) > raw.saturating_add(raw / 8).saturating_add(1 << 16) {
             return Err(Error::damaged(format!("{} cannot have {raw} bytes in {length}", place())));
         }
         Ok(())

@@ -24,7 +24,7 @@ pub use error::Error;
 use half::f16;
 pub use header::{ChannelHeader, PartHeader};
 use lacuna_filters::Size;
-pub use read::{Limits, read, read_header};
+pub use read::{Limits, memory_needed, read, read_header};
 pub use temporary::{remove_temporaries, temporary_owner};
 pub use write::{WriteOptions, write};
 

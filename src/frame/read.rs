@@ -39,7 +39,7 @@ impl Default for Limits {
 pub fn read(path: &Path, limits: &Limits) -> Result<Frame, Error> {
     let source = Source::open(path)?;
     let headers = read_headers(&source)?;
-    let need = Need::of(&headers);
+    let need = Need::of(&headers.parts);
     if need.least() > limits.bytes {
         return Err(Error::TooLarge { needed: need.least(), limit: limits.bytes });
     }
@@ -58,6 +58,12 @@ pub fn read(path: &Path, limits: &Limits) -> Result<Frame, Error> {
 /// As [`read`], as far as the headers tell.
 pub fn read_header(path: &Path) -> Result<Vec<PartHeader>, Error> {
     Ok(read_headers(&Source::open(path)?)?.parts)
+}
+
+/// Bytes of memory that [`read`] takes at least for a frame with these parts, which is what [`Limits`] are compared
+/// with: pixels, tables, and the scratch of one thread.
+pub fn memory_needed(parts: &[PartHeader]) -> u64 {
+    Need::of(parts).least()
 }
 
 /// Parses ever longer beginnings of the file until one holds the headers.
@@ -87,9 +93,9 @@ struct Need {
 }
 
 impl Need {
-    fn of(headers: &Headers) -> Self {
+    fn of(parts: &[PartHeader]) -> Self {
         let mut need = Self { frame: 0, thread: 0 };
-        for part in &headers.parts {
+        for part in parts {
             let size = part.data_window.size();
             let grid = Grid::new(size, part.layout, part.compression);
             let bytes = |size: lacuna_filters::Size| {

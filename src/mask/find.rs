@@ -64,20 +64,33 @@ fn auto(frame: &Frame) -> Result<Masks, Error> {
     let by_attribute = pick(&places, |place| {
         is(place, &|part, name| part.attributes.text(ATTRIBUTE).is_some_and(|wanted| wanted == name))
     });
-    if let Some(first) = by_attribute.first() {
-        let origin = name_at(frame, *first);
-        return Ok(from_channels(frame, &by_attribute, false, origin, at_least_half));
+    if !by_attribute.is_empty() {
+        return Ok(from_channels(frame, &by_attribute, false, origin(frame, &by_attribute), at_least_half));
     }
     let plain = pick(&places, |place| is(place, &is_plain_mask));
-    if let Some(first) = plain.first() {
-        let origin = name_at(frame, *first);
-        return Ok(from_channels(frame, &plain, false, origin, at_least_half));
-    }
-    let layered = pick(&places, |place| is_layer_mask(frame, *place));
-    if layered.is_empty() {
+    let layered = pick(&places, |place| plain.is_empty() && is_layer_mask(frame, *place));
+    let mut masks = if !plain.is_empty() {
+        from_channels(frame, &plain, false, origin(frame, &plain), at_least_half)
+    } else if !layered.is_empty() {
+        from_channels(frame, &layered, true, Source::Auto.to_string(), at_least_half)
+    } else {
         return Err(Error::NotFound { channels: list_channels(frame) });
-    }
-    Ok(from_channels(frame, &layered, true, "auto".into(), at_least_half))
+    };
+    masks.notes.extend(unused_attribute(frame));
+    Ok(masks)
+}
+
+/// The name that all masks share, or `auto` if a name alone does not find them again.
+fn origin(frame: &Frame, places: &[Place]) -> String {
+    let mut names = places.iter().map(|place| name_at(frame, *place));
+    let first = names.next().unwrap_or_default();
+    if names.all(|name| name == first) { first } else { Source::Auto.to_string() }
+}
+
+/// Says that the attribute names something else than a channel: a file, or a channel that is gone.
+fn unused_attribute(frame: &Frame) -> Option<String> {
+    let named = frame.parts.iter().find_map(|part| part.attributes.text(ATTRIBUTE))?;
+    (named != "auto").then(|| format!("the attribute {ATTRIBUTE} names '{named}', which is no channel here"))
 }
 
 fn pick(places: &[Place], keep: impl Fn(&Place) -> bool) -> Vec<Place> {

@@ -45,7 +45,9 @@ fn auto_prefers_the_attribute_then_mask_then_layers() {
     assert_eq!(masks.density(), Some(0.25));
     let mut absent = frame(vec![four(channels())]);
     absent.parts[0].attributes.set_text(ATTRIBUTE, "file:m.png");
-    assert_eq!(auto(&absent).unwrap().origin, "MASK");
+    let masks = auto(&absent).unwrap();
+    assert_eq!(masks.origin, "MASK");
+    assert_eq!(masks.notes, ["the attribute lacuna/mask names 'file:m.png', which is no channel here"]);
     let layered = frame(vec![four(channels().into_iter().filter(|c| c.name != b"MASK").collect())]);
     let masks = auto(&layered).unwrap();
     assert_eq!(shown(&layered, &masks, 0, "spec.R"), "0010");
@@ -138,6 +140,7 @@ fn views_of_one_part_have_their_own_masks() {
         ("1000".into(), "0100".into(), "0100".into())
     );
     assert_eq!(shown("left.spec.R"), "1000");
+    assert_eq!(masks.origin, "auto");
 }
 
 #[test]

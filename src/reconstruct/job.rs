@@ -63,7 +63,7 @@ impl Job {
             Some(Kind::Half) => "half",
             Some(Kind::Float) => "float",
         };
-        let compression = self.compression.map_or("input", compression_name);
+        let compression = self.compression.map_or("input", Compression::name);
         let overrides: Vec<String> = self.overrides.iter().map(ToString::to_string).collect();
         let mask = self.mask.to_string();
         let mut line = self.method.settings();
@@ -92,31 +92,9 @@ const fn domain_name(domain: Domain) -> &'static str {
     }
 }
 
-/// The name that `--compression` takes.
-pub const fn compression_name(compression: Compression) -> &'static str {
-    match compression {
-        Compression::None => "none",
-        Compression::Rle => "rle",
-        Compression::Zips => "zips",
-        Compression::Zip => "zip",
-        Compression::Piz => "piz",
-        Compression::Pxr24 => "pxr24",
-        Compression::B44 => "b44",
-        Compression::B44a => "b44a",
-        Compression::Dwaa => "dwaa",
-        Compression::Dwab => "dwab",
-    }
-}
-
-/// Whether a compression gives back the bits that went in.
-pub const fn is_lossless(compression: Compression) -> bool {
-    use Compression::{None, Piz, Rle, Zip, Zips};
-    matches!(compression, None | Rle | Zips | Zip | Piz)
-}
-
 /// The compression that a part is written with.
 pub fn output_compression(input: Compression, asked: Option<Compression>) -> Compression {
-    asked.unwrap_or(if is_lossless(input) { input } else { Compression::Zip })
+    asked.unwrap_or(if input.is_lossless() { input } else { Compression::Zip })
 }
 
 /// A value as it stands in a line of settings: quoted like JSON where it would not be one word.

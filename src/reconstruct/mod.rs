@@ -28,7 +28,7 @@ mod values;
 pub(crate) use bounds::{Bounds, bounds_of};
 pub use error::Error;
 pub(crate) use groups::usable;
-pub use job::{Job, Kind, compression_name, is_lossless, output_compression, parse_settings};
+pub use job::{Job, Kind, output_compression, parse_settings};
 use lacuna_filters::Run;
 pub use lacuna_filters::domain::Domain;
 pub use plans::Plans;
@@ -38,7 +38,7 @@ pub(crate) use values::convert;
 
 use crate::channels::{Choice, Rule, part_label};
 use crate::frame::{Frame, Part, Samples};
-use crate::mask::Masks;
+use crate::mask::{ATTRIBUTE, Masks};
 
 /// Fills the missing pixels of a frame.
 pub fn fill(
@@ -68,25 +68,46 @@ pub fn fill(
         let work = part::Work { index, masks, choices, job, plans, run };
         let (filled, mut done) = part::fill(&frame, &work)?;
         let copied = done.report.channels.iter().all(|channel| channel.filled == 0) && !done.converted;
+        if copied {
+            done.notes.extend(non_finite_copied(&filled, masks, choices, index));
+        }
         frame.parts[index] = filled;
         let part = &mut frame.parts[index];
-        if copied {
-            done.notes.extend(non_finite_copied(part, masks, choices, index));
-        } else {
-            report.copied = false;
+        let mask = mask_name(part, masks, index);
+        let (notes, dropped) = finish(part, masks, index, job);
+        if !copied || dropped {
             done.notes.extend(drop_derived(part));
-            stamp.write(&mut part.attributes, masks.part_density(index).unwrap_or(1.0));
+            stamp.with_mask(mask).write(&mut part.attributes, masks.part_density(index).unwrap_or(1.0));
         }
-        done.notes.extend(finish(part, masks, index, job));
+        report.copied &= copied;
+        done.notes.extend(notes);
         let prefix = if label.is_empty() { label } else { format!("{label}: ") };
         report.notes.extend(done.notes.into_iter().map(|note| format!("{prefix}{note}")));
         report.parts.push(done.report);
     }
     if report.copied {
-        report.notes.push("nothing is missing: the pixels are copied".into());
+        report.notes.push("nothing is to be filled: the pixels are copied".into());
+    }
+    let stamped =
+        frame.parts.iter().any(|part| Stamp::read(&part.attributes).is_some_and(|own| own.is_of(job)));
+    if !stamped && (!masks.is_full() || job.compression.is_some()) {
+        // Nothing was filled, but what was asked for is needed to tell that this is right.
+        for (index, part) in frame.parts.iter_mut().enumerate() {
+            let mask = mask_name(part, masks, index);
+            stamp.with_mask(mask).write(&mut part.attributes, masks.part_density(index).unwrap_or(1.0));
+        }
     }
     report.total();
     Ok((frame, report))
+}
+
+/// Where the part's mask was found; masks that do not share a name keep the part's own, if it says so already.
+fn mask_name(part: &Part, masks: &Masks, index: usize) -> String {
+    let own = part.attributes.text(ATTRIBUTE).filter(|name| {
+        let is = |at: &usize| part.channels.get(*at).is_some_and(|channel| channel.name == name.as_bytes());
+        masks.mask_channels.get(index).is_some_and(|channels| channels.iter().any(is))
+    });
+    own.unwrap_or_else(|| masks.origin.clone())
 }
 
 /// Removes the attributes that the new pixels turn into lies, and says so.
@@ -112,24 +133,24 @@ fn non_finite_copied(part: &Part, masks: &Masks, choices: &[Choice], index: usiz
     })
 }
 
-/// Compression, levels and the mask channels, which do not depend on the pixels.
-fn finish(part: &mut Part, masks: &Masks, index: usize, job: &Job) -> Vec<String> {
+/// Compression, levels and the mask channels, which do not depend on the pixels. Returns what to tell, and whether
+/// channels were left out.
+fn finish(part: &mut Part, masks: &Masks, index: usize, job: &Job) -> (Vec<String>, bool) {
     let mut notes = Vec::new();
     let compression = output_compression(part.compression, job.compression);
     if job.compression.is_none() && compression != part.compression {
         notes.push(format!(
             "{} would change measured pixels: written as {} (--compression decides)",
-            compression_name(part.compression),
-            compression_name(compression)
+            part.compression.name(),
+            compression.name()
         ));
-    } else if !is_lossless(compression) {
-        notes.push(format!("{} changes measured pixels, as asked", compression_name(compression)));
     }
     part.compression = compression;
     if part.had_levels {
         notes.push("the file had mip or rip levels: only the full one is filled and written".into());
         part.had_levels = false;
     }
+    let before = part.channels.len();
     if job.drop_mask && !masks.mask_channels.get(index).is_none_or(Vec::is_empty) {
         if masks.mask_channels[index].len() == part.channels.len() {
             notes.push("the mask is the only channel and stays".into());
@@ -138,5 +159,6 @@ fn finish(part: &mut Part, masks: &Masks, index: usize, job: &Job) -> Vec<String
             part.channels.retain(|_| at.next().is_none_or(|channel| !masks.is_mask_channel(index, channel)));
         }
     }
-    notes
+    let dropped = part.channels.len() < before;
+    (notes, dropped)
 }

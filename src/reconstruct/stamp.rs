@@ -48,6 +48,12 @@ impl Stamp {
         }
     }
 
+    /// The same with another origin of the mask.
+    #[must_use]
+    pub fn with_mask(&self, mask: String) -> Self {
+        Self { mask, ..self.clone() }
+    }
+
     /// The stamp of a part, if it has a whole one.
     pub fn read(attributes: &Attributes) -> Option<Self> {
         let text = |name| attributes.text(name);

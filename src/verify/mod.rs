@@ -6,6 +6,8 @@
 
 mod pixels;
 #[cfg(test)]
+mod properties;
+#[cfg(test)]
 mod tests;
 
 use serde::Serialize;
@@ -13,7 +15,7 @@ use serde::Serialize;
 use crate::channels::{Choice, Override, Rule, part_label};
 use crate::frame::{Attribute, Compression, Frame, Part, Window};
 use crate::mask::{Masks, Source};
-use crate::reconstruct::{ADDED, DERIVED, Kind, Stamp, compression_name, output_compression};
+use crate::reconstruct::{ADDED, DERIVED, Kind, Stamp, output_compression};
 
 /// One difference between what is and what should be.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -70,24 +72,12 @@ impl Claims {
             return Self::default();
         };
         let setting = |name: &str, value: &str| stamp.setting(name).is_some_and(|found| found == value);
-        let compressions = [
-            Compression::None,
-            Compression::Rle,
-            Compression::Zips,
-            Compression::Zip,
-            Compression::Piz,
-            Compression::Pxr24,
-            Compression::B44,
-            Compression::B44a,
-            Compression::Dwaa,
-            Compression::Dwab,
-        ];
         let kinds = [("half", Kind::Half), ("float", Kind::Float)];
         Self {
             mask: stamp.source().unwrap_or(Source::Auto),
             overrides: stamp.overrides(),
             kind: kinds.into_iter().find(|kind| setting("type", kind.0)).map(|kind| kind.1),
-            compression: compressions.into_iter().find(|c| setting("compression", compression_name(*c))),
+            compression: stamp.setting("compression").and_then(|name| Compression::from_name(&name)),
             drop_mask: setting("mask-channel", "dropped"),
             smoothed: setting("measured", "smoothed"),
         }
@@ -176,7 +166,7 @@ fn compare_header(pair: &Pair<'_>, differences: &mut Vec<Difference>) {
     }
     let expected = output_compression(sparse.compression, pair.claims.compression);
     if filled.compression != expected {
-        let (found, expected) = (compression_name(filled.compression), compression_name(expected));
+        let (found, expected) = (filled.compression.name(), expected.name());
         add(format!("the compression is {found}, not {expected}"));
     }
     if filled.layout != sparse.layout {
@@ -204,7 +194,7 @@ fn compare_attributes(pair: &Pair<'_>, differences: &mut Vec<Difference>) {
             Some(found) if found != *attribute => {
                 add(format!("the attribute {} has changed", show(attribute)));
             }
-            Some(_) if stamped && is(DERIVED, &attribute.name) => {
+            Some(_) if misses && is(DERIVED, &attribute.name) => {
                 add(format!("the attribute {} was made from other pixels", show(attribute)));
             }
             Some(_) => {}

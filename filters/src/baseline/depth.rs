@@ -108,8 +108,9 @@ impl DepthPlan {
 
 /// Squared distance from row `y`, column `x` to the pixel with index `pixel`.
 fn distance_squared(pixel: u32, y: usize, x: usize, width: usize) -> u64 {
-    let (row, column) = (pixel as usize / width, pixel as usize % width);
-    (row.abs_diff(y) as u64).pow(2) + (column.abs_diff(x) as u64).pow(2)
+    // Short divisions: an image has less than 2^32 pixels.
+    let (row, column) = (pixel / width as u32, pixel % width as u32);
+    u64::from(row.abs_diff(y as u32)).pow(2) + u64::from(column.abs_diff(x as u32)).pow(2)
 }
 
 /// For each pixel the measured pixel found in one quadrant: on or above it, or on or below it if `below`; on or left

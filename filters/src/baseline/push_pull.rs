@@ -3,7 +3,7 @@
 //! Given samples `y` at the pixels where the mask `m` is 1 (`H x W`, row-major), level 0 is `(y, m)`;
 //! level k+1 is the weighted 2x2 mean of level k, its weight min(1, sum of the four). Coming back up, a pixel
 //! keeps `w` of itself and takes `1 - w` of the bilinear sample one level above. As `m` is 0 or 1, so is every
-//! weight, and a pixel is either kept or taken from above: [`Pyramid`] holds the weights of all levels.
+//! weight, and a pixel is either kept or taken from above: the pyramid holds the weights of all levels.
 //!
 //! Boundary: an odd last row or column forms blocks of its own; the bilinear sample repeats the border.
 //! Exact on constants; not on ramps. The result lies within the range of the samples, to the bit: means are
@@ -177,9 +177,8 @@ fn push_rows<const N: usize>(above: &mut [f32], known: [&[bool]; N], values: [&[
         let (mut sum, mut count) = (0.0, 0.0);
         for (known, values) in known.iter().zip(&values) {
             let ([left_known, right_known], [left, right]) = (known[x], values[x]);
-            sum += if left_known { f64::from(left) } else { 0.0 };
-            sum += if right_known { f64::from(right) } else { 0.0 };
-            count += if left_known { 1.0 } else { 0.0 } + if right_known { 1.0 } else { 0.0 };
+            sum += f64::from(choose(left_known, left, 0.0)) + f64::from(choose(right_known, right, 0.0));
+            count += f64::from(u8::from(left_known) + u8::from(right_known));
         }
         *above = (sum / if count > 0.0 { count } else { 1.0 }) as f32;
     }
@@ -228,8 +227,8 @@ fn pull_row(values: &mut [f32], known: &[bool], above: &[f32]) {
     for ((pair, flags), &[before, near, after]) in pairs.iter_mut().zip(flags).zip(above.array_windows::<3>())
     {
         let (left, right) = (blend(near, before), blend(near, after));
-        pair[0] = if flags[0] { pair[0] } else { left };
-        pair[1] = if flags[1] { pair[1] } else { right };
+        pair[0] = choose(flags[0], pair[0], left);
+        pair[1] = choose(flags[1], pair[1], right);
     }
     if let ([value], [false]) = (last, last_known) {
         *value = blend(above[above.len() - 2], above[above.len() - 3]);
@@ -240,6 +239,12 @@ fn pull_row(values: &mut [f32], known: &[bool], above: &[f32]) {
 /// repeats itself.
 fn neighbour(at: usize, coarse: usize) -> usize {
     if at.is_multiple_of(2) { (at / 2).saturating_sub(1) } else { (at / 2 + 1).min(coarse - 1) }
+}
+
+/// `a` if `first`, else `b`. By bits: a choice would become a branch, and the loop would not run in vectors.
+fn choose(first: bool, a: f32, b: f32) -> f32 {
+    let keep = u32::from(first).wrapping_neg();
+    f32::from_bits(a.to_bits() & keep | b.to_bits() & !keep)
 }
 
 /// Three parts of `near`, one of `far`; `near` itself where both agree, always between the two.

@@ -200,3 +200,23 @@ fn threads_change_no_bit() {
     assert_eq!(one, with(2));
     assert_eq!(one, with(5));
 }
+
+#[test]
+fn one_pixel_out_of_bounds_is_found_anywhere() {
+    let size = Size::new(37, 61);
+    let mask = crate::sampling::shuffle::mask(0, 0, size, 0.3, 2).unwrap();
+    let smooth = Plane::from_fn(size, |y, x| 1.0 + 0.01 * (y + x) as f32);
+    let bounds = slow(&mask, &smooth);
+    for at in (0..size.pixels()).filter(|&at| !mask.as_slice()[at]).step_by(13) {
+        for (bad, lowest) in
+            [(f32::NAN, true), (f32::INFINITY, false), (f32::NEG_INFINITY, true), (9.0, false), (0.4, true)]
+        {
+            let mut out = smooth.clone();
+            out.pixels_mut()[at] = bad;
+            assert_eq!(local(&mask, &smooth, &mut out).unwrap(), 1);
+            let (bottom, top) = bounds[at].unwrap();
+            let expected = if lowest { bottom } else { top } as f32;
+            assert!((out.pixels()[at] - expected).abs() <= 4.0 * f32::EPSILON);
+        }
+    }
+}

@@ -1,6 +1,8 @@
 //! Sliding minima and maxima of the measured pixels over a square, for a strip of rows.
 
-use super::least;
+use std::ops::Range;
+
+use super::{least, or_infinite};
 use crate::{Mask, Plane};
 
 /// Per pixel of a strip of rows the range of the measured pixels around it.
@@ -13,30 +15,35 @@ pub(super) struct Ranges {
 }
 
 impl Ranges {
-    /// For `rows` rows from row `first`: the range over the square from `radius` pixels before to `radius` after.
+    /// For a range of rows and columns: the range over the square from `radius` pixels before to `radius` after.
     /// Where no pixel of the square was measured, low is infinite and high minus infinity.
-    pub(super) fn new(mask: &Mask, samples: &Plane, first: usize, rows: usize, radius: usize) -> Self {
-        let width = mask.size().width;
-        let (stride, count) = (width + 2 * radius, rows + 2 * radius);
-        let mut low = vec![f32::INFINITY; stride * count];
+    pub(super) fn new(
+        (mask, samples): (&Mask, &Plane),
+        rows: Range<usize>,
+        columns: Range<usize>,
+        radius: usize,
+    ) -> Self {
+        let size = mask.size();
+        let (width, stride) = (columns.len(), columns.len() + 2 * radius);
+        let mut low = vec![f32::INFINITY; stride * (rows.len() + 2 * radius)];
         let mut high = low.clone();
-        for row in 0..count {
-            let Some(y) = (first + row).checked_sub(radius).filter(|&y| y < mask.size().height) else {
-                continue;
-            };
-            let start = row * stride + radius;
-            let (low, high) = (&mut low[start..][..width], &mut high[start..][..width]);
-            for (((low, high), &value), &flag) in
-                low.iter_mut().zip(high).zip(samples.row(y)).zip(mask.row(y))
-            {
-                *low = if flag { value } else { f32::INFINITY };
-                *high = if flag { -value } else { f32::INFINITY };
+        let reach = |range: &Range<usize>, end: usize| {
+            range.start.saturating_sub(radius)..end.min(range.end + radius)
+        };
+        let from = reach(&columns, size.width);
+        for y in reach(&rows, size.height) {
+            let start = (y + radius - rows.start) * stride + from.start + radius - columns.start;
+            let (low, high) = (&mut low[start..][..from.len()], &mut high[start..][..from.len()]);
+            let pixels = samples.row(y)[from.clone()].iter().zip(&mask.row(y)[from.clone()]);
+            for ((low, high), (&value, &flag)) in low.iter_mut().zip(high).zip(pixels) {
+                *low = or_infinite(value, flag);
+                *high = or_infinite(-value, flag);
             }
         }
         let mut scratch = vec![0.0; stride];
         for plane in [&mut low, &mut high] {
             down(plane, stride, 2 * radius + 1);
-            plane.truncate(rows * stride);
+            plane.truncate(rows.len() * stride);
             plane.chunks_mut(stride).for_each(|row| along(row, &mut scratch, 2 * radius + 1));
         }
         for value in &mut high {

@@ -10,7 +10,7 @@
 //! `(grad* q)_ij = q1_{i-1,j} - q1_{i,j} + q2_{i,j-1} - q2_{i,j}` with zeros outside.
 //!
 //! Algorithm: over-relaxed primal-dual sweeps (see [`crate::solver::primal_dual`]) from a push-pull start with
-//! `rho = 1.6`, `sigma tau = 0.99 / 8` and `tau` 1.6 times the mean gradient of the start; the channel is scaled to
+//! `rho = 1.6`, `sigma tau = 0.99 / 8` and `tau` 1.1 times the mean gradient of the start; the channel is scaled to
 //! [0, 1] before. It stops on the relative duality gap `(P - D) / P`, which the outcome reports: `P` is the
 //! objective of the image, and for any `q` in the unit ball, with `d = grad* q`,
 //!
@@ -18,8 +18,8 @@
 //!
 //! bounds the minimum from below. `low..high` is the measured range: clamping an image to it shortens its gradients and
 //! its distance from the samples, so the box moves no minimum, and it makes the bound finite for every `q`. The image
-//! is therefore at most `gap` (relative to its own objective) above the minimum. Before a bound is taken a copy of
-//! `q` is made nearly divergence-free at missing pixels (`tighten`).
+//! is therefore at most `gap` (relative to its own objective) above the minimum. Before a bound is taken `q`
+//! is made nearly divergence-free at missing pixels (`tighten`), and the sweeps go on from there.
 //!
 //! Source: L. Rudin, S. Osher, E. Fatemi, "Nonlinear Total Variation Based Noise Removal Algorithms", Physica D 60, 1992
 //! (the functional); A. Chambolle, T. Pock, JMIV 40, 2011, algorithm 1; L. Condat, JOTA 158, 2013, algorithm 3.1.
@@ -34,7 +34,7 @@
 //!
 //! Cost: a sweep is one pass of 22 flops, a root and a division a pixel (two passes for `epsilon > 0`); a certificate
 //! about ten sweeps. Memory: per channel 3 planes of f32 and half a plane of band edges (1 more for
-//! `epsilon > 0`); 2 planes of f32 and one of bytes for all.
+//! `epsilon > 0`); one plane of bytes for all.
 //!
 //! Fails: smooth shading becomes flat steps; on smooth renders it is not better than push-pull (48.24 against 48.98 dB at
 //! 20 % of an engine render). Holes much wider than 100 pixels and densities below 1 % need many sweeps.
@@ -46,7 +46,7 @@ use crate::baseline::push_pull;
 use crate::kernel::tv::{Anisotropic, DualBall, Isa, Isotropic};
 pub use crate::prox::Norm;
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Stop};
-use channel::{Channel, Scratch, Shared};
+use channel::{Channel, Shared};
 
 /// Sweeps between two looks at the clock.
 const ROUND: usize = 16;
@@ -178,15 +178,12 @@ impl Planned {
                 channels.push((channel, plane));
             }
         }
-        if !channels.is_empty() {
-            let mut scratch = Scratch::new(size);
-            while channels.iter().any(|(channel, _)| !channel.done()) {
-                let stop = run.interrupted();
-                for (channel, _) in channels.iter_mut().filter(|(channel, _)| !channel.done()) {
-                    match stop {
-                        None => channel.advance::<B>(shared, ROUND, &mut scratch),
-                        Some(stop) => channel.interrupt::<B>(shared, &mut scratch, stop),
-                    }
+        while channels.iter().any(|(channel, _)| !channel.done()) {
+            let stop = run.interrupted();
+            for (channel, _) in channels.iter_mut().filter(|(channel, _)| !channel.done()) {
+                match stop {
+                    None => channel.advance::<B>(shared, ROUND),
+                    Some(stop) => channel.interrupt::<B>(shared, stop),
                 }
             }
         }

@@ -55,15 +55,15 @@ impl Codec {
 /// An upper bound of the bytes that one thread takes to decode a chunk of `raw` bytes and `size` pixels.
 pub(super) fn scratch_bytes(compression: Compression, raw: u64, size: Size) -> u64 {
     use Compression as C;
-    // The file's bytes, at most as many as the pixels', count in each case.
+    // The bytes in the file, hardly more than the pixels', count in each case.
     match compression {
         C::None => raw,
         C::Rle | C::Zips | C::Zip => raw.saturating_mul(3),
-        C::Piz | C::Pxr24 | C::B44 | C::B44a => raw.saturating_mul(5).saturating_add(8 << 20),
+        C::Piz | C::Pxr24 | C::B44 | C::B44a => raw.saturating_mul(4).saturating_add(8 << 20),
         C::Dwaa | C::Dwab => {
-            // Blocks of 8x8 pixels hold floats, coefficients and planes; thin chunks are padded to them.
-            let padding = library::padded_pixels(size) / (size.pixels() as u64).max(1) + 1;
-            raw.saturating_mul(4 + 6 * padding).saturating_add(8 << 20)
+            // Coefficients and planes are padded to blocks of 8x8 pixels, which thin chunks feel.
+            let padding = library::padded_pixels(size).div_ceil((size.pixels() as u64).max(1));
+            raw.saturating_mul(3 + 3 * padding).saturating_add(8 << 20)
         }
     }
 }

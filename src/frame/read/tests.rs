@@ -209,6 +209,38 @@ fn parts_need_names_of_their_own_and_their_own_chunks() {
 }
 
 #[test]
+fn levels_are_told_and_not_written_again() {
+    let mut frame = Frame { parts: vec![part(None, window(2, 3, 1, 1), &[SampleType::Half], 1)] };
+    frame.parts[0].layout = Layout::Tiles { width: 8, height: 8 };
+    let one_level = bytes(&frame);
+    // A single pixel has one level of each kind, so that the rest of the file stays true.
+    let at = value_of(&one_level, "tiles", "tiledesc") + 8;
+    for mode in [0x01, 0x02, 0x11, 0x12] {
+        let mut levels = one_level.clone();
+        levels[at] = mode;
+        let again = read_bytes(&levels, 1 << 30).unwrap();
+        assert!(again.parts[0].had_levels);
+        let written = bytes(&again);
+        assert_eq!(written[at], mode & 0xf0);
+        assert!(!read_bytes(&written, 1 << 30).unwrap().parts[0].had_levels);
+    }
+}
+
+#[test]
+fn headers_tell_the_memory_that_reading_needs() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("frame.exr");
+    write(&frame(), &path, &WriteOptions::default()).unwrap();
+    let parts = read_header(&path).unwrap();
+    assert_eq!(parts[0].name().as_deref(), Some("beauty"));
+    assert_eq!(parts[0].channels[1].display_name(), "layer.1");
+    let needed = memory_needed(&parts);
+    assert!(needed >= 10 * 40 * 6);
+    assert!(read(&path, &Limits { bytes: needed }).is_ok());
+    assert!(matches!(read(&path, &Limits { bytes: needed - 1 }), Err(Error::TooLarge { .. })));
+}
+
+#[test]
 fn what_is_no_file_is_an_error() {
     assert!(matches!(read(Path::new("/no/such/file.exr"), &Limits::default()), Err(Error::Io { .. })));
     let folder = tempfile::tempdir().unwrap();

@@ -43,6 +43,28 @@ proptest! {
     }
 
     #[test]
+    fn another_reader_sees_the_same(frame in any_frame()) {
+        use exr::prelude::{FlatSamples, read_all_flat_layers_from_file};
+        let (_folder, path) = output();
+        write(&frame, &path, &WriteOptions::default()).unwrap();
+        let image = read_all_flat_layers_from_file(&path).unwrap();
+        prop_assert_eq!(image.layer_data.len(), frame.parts.len());
+        for (part, layer) in frame.parts.iter().zip(&image.layer_data) {
+            prop_assert_eq!(part.data_window.x_min, layer.attributes.layer_position.0);
+            prop_assert_eq!(part.data_window.y_min, layer.attributes.layer_position.1);
+            prop_assert_eq!(part.channels.len(), layer.channel_data.list.len());
+            for (channel, other) in part.channels.iter().zip(&layer.channel_data.list) {
+                let samples = match &other.sample_data {
+                    FlatSamples::F16(samples) => Samples::Half(samples.clone()),
+                    FlatSamples::F32(samples) => Samples::Float(samples.clone()),
+                    FlatSamples::U32(samples) => Samples::Uint(samples.clone()),
+                };
+                prop_assert!(channel.samples.same_bits(&samples), "{}", channel.display_name());
+            }
+        }
+    }
+
+    #[test]
     fn threads_do_not_change_a_byte(frame in any_frame()) {
         let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let several = rayon::ThreadPoolBuilder::new().num_threads(5).build().unwrap();

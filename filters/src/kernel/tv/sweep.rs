@@ -87,12 +87,12 @@ fn dual<B: super::DualBall>(vertical: &mut [f32], horizontal: &mut [f32], row: D
     for j in 0..n - 1 {
         let up = vertical[j] + rates.sigma * (below[j] - over[j]);
         let along = horizontal[j] + rates.sigma * (right[j] - over[j]);
-        let (a, b) = B::clip(up, along);
+        let (a, b) = B::clip_roughly(up, along);
         vertical[j] += rates.rho * (a - vertical[j]);
         horizontal[j] += rates.rho * (b - horizontal[j]);
     }
     let last = n - 1;
-    let (a, _) = B::clip(vertical[last] + rates.sigma * (below[last] - over[last]), 0.0);
+    let (a, _) = B::clip_roughly(vertical[last] + rates.sigma * (below[last] - over[last]), 0.0);
     vertical[last] += rates.rho * (a - vertical[last]);
 }
 

@@ -220,6 +220,12 @@ proptest! {
             let got = [got.0, got.1].map(f64::from);
             prop_assert!((got[0] - want[0]).abs() <= 2.0 * f64::from(f32::EPSILON));
             prop_assert!((got[1] - want[1]).abs() <= 2.0 * f64::from(f32::EPSILON));
+            let rough = match norm {
+                crate::prox::Norm::Isotropic => Isotropic::clip_roughly(a, b),
+                crate::prox::Norm::Anisotropic => Anisotropic::clip_roughly(a, b),
+            };
+            prop_assert!((f64::from(rough.0) - want[0]).abs() <= 5e-6 && (f64::from(rough.1) - want[1]).abs() <= 5e-6);
+            prop_assert!(norm.of([rough.0, rough.1].map(f64::from)) <= 1.0 + 4.0 * f64::from(f32::EPSILON) || norm == crate::prox::Norm::Anisotropic);
             if norm == crate::prox::Norm::Isotropic {
                 prop_assert!(got[0].hypot(got[1]) <= 1.0 + 4.0 * f64::from(f32::EPSILON));
             }

@@ -54,7 +54,7 @@ fn plain<B: DualBall>(state: &mut State, free: &[u8], rates: Rates, ball: Option
             if x + 1 < width {
                 b = state.horizontal[i] + rates.sigma * (over[i + 1] - over[i]);
             }
-            (a, b) = B::clip(a, b);
+            (a, b) = B::clip_roughly(a, b);
             state.vertical[i] += rates.rho * (a - state.vertical[i]);
             state.horizontal[i] += rates.rho * (b - state.horizontal[i]);
         }

@@ -345,3 +345,43 @@ fn settings_are_one_stable_line() {
     assert!(Method::Tv(settings).keeps_measured());
     assert!(!Method::Tv(Settings { epsilon: 0.1, ..settings }).keeps_measured());
 }
+
+/// Tightening takes divergence away at missing pixels, never leaves the ball, and copes with nothing to do.
+#[test]
+fn tightening_is_sound() {
+    use super::tighten::{clip, tighten};
+    use crate::kernel::tv::{Isa, Isotropic};
+    for (height, width) in [(1, 1), (1, 9), (9, 1), (16, 3), (17, 5), (32, 4), (33, 7), (48, 6), (85, 21)] {
+        let size = Size::new(height, width);
+        let n = size.pixels();
+        let free: Vec<u8> = (0..n).map(|i| u8::from(hash(i, 0, 4) > 0.2)).collect();
+        let divergence = |vertical: &[f32], horizontal: &[f32]| -> f64 {
+            let at = |plane: &[f32], i: usize| f64::from(plane[i]);
+            let d = |i: usize| {
+                let above = if i < width { 0.0 } else { at(vertical, i - width) };
+                let left = if i.is_multiple_of(width) { 0.0 } else { at(horizontal, i - 1) };
+                above - at(vertical, i) + left - at(horizontal, i)
+            };
+            (0..n).filter(|&i| free[i] == 1).map(|i| d(i).abs()).sum()
+        };
+        for amount in [0.0, 1e-30, 0.5, 3.0] {
+            let value = |i: usize, seed| (amount * (2.0 * hash(i, 1, seed) - 1.0)) as f32;
+            let last_row = |i: usize| i + width >= n;
+            let last_column = |i: usize| i % width == width - 1;
+            let mut vertical: Vec<f32> =
+                (0..n).map(|i| if last_row(i) { 0.0 } else { value(i, 5) }).collect();
+            let mut horizontal: Vec<f32> =
+                (0..n).map(|i| if last_column(i) { 0.0 } else { value(i, 6) }).collect();
+            clip::<Isotropic>(Isa::detect(), size, &mut vertical, &mut horizontal);
+            let before = divergence(&vertical, &horizontal);
+            tighten::<Isotropic>(Isa::detect(), size, &free, &mut vertical, &mut horizontal);
+            for (i, (&a, &b)) in vertical.iter().zip(&horizontal).enumerate() {
+                assert!(f64::from(a).hypot(f64::from(b)) <= 1.0 + 4.0 * f64::from(f32::EPSILON));
+                assert!((a == 0.0 || !last_row(i)) && (b == 0.0 || !last_column(i)));
+            }
+            let after = divergence(&vertical, &horizontal);
+            assert!(after <= before, "{height}x{width}: {after} of {before}");
+            assert!(n < 20 || amount != 0.5 || after < 0.5 * before, "{height}x{width}: {after} of {before}");
+        }
+    }
+}

@@ -16,6 +16,8 @@ use crate::kernel::tv::{
 const BAND: usize = 32;
 /// Rounds of removing divergence and clipping.
 const ROUNDS: usize = 4;
+/// Curvature along a direction that counts as none.
+const NEGLIGIBLE: f64 = 1e-9;
 /// Conjugate-gradient steps of a round.
 const STEPS: usize = 5;
 
@@ -40,6 +42,14 @@ pub fn tighten<B: DualBall>(isa: Isa, size: Size, free: &[u8], vertical: &mut [f
                 .remove_divergence::<B>(vertical, horizontal);
         });
     }
+}
+
+/// Brings a dual variable back into its ball, which over-relaxation leaves a little.
+pub fn clip<B: DualBall>(isa: Isa, size: Size, vertical: &mut [f32], horizontal: &mut [f32]) {
+    let width = size.width.max(1);
+    let zeros = vec![0.0; width];
+    let rows = vertical.par_chunks_mut(width).zip(horizontal.par_chunks_mut(width));
+    rows.for_each(|(vertical, horizontal)| correct_row::<B>(isa, vertical, horizontal, &zeros, &zeros));
 }
 
 /// Some rows; `top` and `bottom` say whether its edges are those of the image.
@@ -105,7 +115,8 @@ impl Band<'_> {
                 };
                 product += laplacian_row(isa, &mut image[at(y)], here, above, below, &free[at(y)]);
             }
-            if product <= 0.0 {
+            // Solved already, or lost to rounding: the Laplacian's smallest eigenvalue on a band is far above this.
+            if norm < f64::from(f32::MIN_POSITIVE) || product <= NEGLIGIBLE * norm {
                 break;
             }
             let alpha = (norm / product) as f32;

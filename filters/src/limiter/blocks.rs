@@ -1,0 +1,92 @@
+//! A cheap look at a strip of rows: which of its columns can hold a pixel that has to be moved at all.
+//!
+//! The square around any pixel of a block of R x R pixels holds the whole block, so that the bounds of the pixel
+//! enclose those that follow from the measured pixels of the block alone. If the missing pixels of the block are within
+//! those, none of them is moved, and the squares need not be searched. The result is the same with and without.
+
+use std::ops::Range;
+
+use super::{Bounds, least, or_infinite};
+use crate::{Mask, Plane};
+
+/// Per column of a strip, what its pixels range over; maxima negated, so that all are minima.
+struct Columns {
+    measured: [Vec<f32>; 2],
+    missing: [Vec<f32>; 2],
+    /// Zero, or NaN if a missing pixel of the column is not finite.
+    poison: Vec<f32>,
+}
+
+/// The columns of the `rows` rows from row `first` among which all pixels lie that may be out of bounds; `out`
+/// holds those rows of the reconstruction. Blocks have `side` columns and at most as many rows.
+pub(super) fn suspects(
+    bounds: &Bounds,
+    (mask, samples): (&Mask, &Plane),
+    first: usize,
+    out: &[f32],
+    side: usize,
+) -> Range<usize> {
+    let width = mask.size().width;
+    let (mut start, mut end) = (width, 0);
+    for (block, out) in out.chunks(width * side).enumerate() {
+        let columns = Columns::new((mask, samples), first + block * side, out);
+        for left in (0..width).step_by(side) {
+            let right = (left + side).min(width);
+            if !columns.within(bounds, left..right) {
+                (start, end) = (start.min(left), end.max(right));
+            }
+        }
+    }
+    start.min(end)..end
+}
+
+impl Columns {
+    fn new((mask, samples): (&Mask, &Plane), first: usize, out: &[f32]) -> Self {
+        let width = mask.size().width;
+        let none = || [vec![f32::INFINITY; width], vec![f32::INFINITY; width]];
+        let mut columns = Self { measured: none(), missing: none(), poison: vec![0.0; width] };
+        for (y, out) in out.chunks(width).enumerate() {
+            columns.add(mask.row(first + y), samples.row(first + y), out);
+        }
+        columns
+    }
+
+    /// Takes in one row.
+    fn add(&mut self, flags: &[bool], samples: &[f32], out: &[f32]) {
+        let ([low, high], [from, to]) = (&mut self.measured, &mut self.missing);
+        take([low, high], flags, samples, true);
+        take([from, to], flags, out, false);
+        poison(&mut self.poison, flags, out);
+    }
+
+    /// Whether the missing pixels of a block are within the bounds that its measured ones give.
+    fn within(&self, bounds: &Bounds, block: Range<usize>) -> bool {
+        let smallest = |values: &[f32]| values[block.clone()].iter().copied().fold(f32::INFINITY, least);
+        let [low, high] = [smallest(&self.measured[0]), -smallest(&self.measured[1])];
+        let [from, to] = [smallest(&self.missing[0]), -smallest(&self.missing[1])];
+        let finite = !self.poison[block.clone()].iter().any(|poison| poison.is_nan());
+        let (mut bottom, mut top) = ([low], [high]);
+        bounds.widen(&mut bottom, &mut top);
+        // A block without measured pixels says nothing: its squares may reach some.
+        finite && (from > to || (low <= high && from >= bottom[0] && to <= top[0]))
+    }
+}
+
+/// Minima of the values, and of their negatives, where the flag is `which`. A function of its own, like the next, so
+/// that the compiler knows the slices apart.
+#[inline(never)]
+fn take([low, high]: [&mut [f32]; 2], flags: &[bool], values: &[f32], which: bool) {
+    for (((low, high), &value), &flag) in low.iter_mut().zip(high).zip(values).zip(flags) {
+        *low = least(*low, or_infinite(value, flag == which));
+        *high = least(*high, or_infinite(-value, flag == which));
+    }
+}
+
+/// NaN for missing pixels that are not finite.
+#[inline(never)]
+fn poison(poison: &mut [f32], flags: &[bool], values: &[f32]) {
+    for ((poison, &value), &flag) in poison.iter_mut().zip(values).zip(flags) {
+        let missing = u32::from(!flag).wrapping_neg();
+        *poison += f32::from_bits(value.to_bits() & missing) * 0.0;
+    }
+}
