@@ -312,6 +312,9 @@ fn sparsify_and_verify_go_frame_by_frame() {
     assert!(done.err.contains("2 of 2 frames made sparse"), "{}", done.err);
     room.ok(&["fill", "s.%d.exr", "-o", "o.%d.exr"]);
     room.ok(&["verify", "s.%d.exr", "o.%d.exr"]);
+    for read in ["s.1.exr", "o.2.exr"] {
+        assert_eq!(room.run(&["verify", "s.%d.exr", "o.%d.exr", "--json", read]).status, 2);
+    }
     // Frame 2 is held against another frame.
     std::fs::copy(room.path("f.1.exr"), room.path("o.2.exr")).unwrap();
     let done = room.run(&["verify", "s.%d.exr", "o.%d.exr", "-q"]);

@@ -1,12 +1,14 @@
 //! `--memory` bounds what a process really takes.
 
 #![cfg(target_os = "linux")]
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
 mod common;
 
 use std::time::Duration;
 
-use common::{Room, sparse};
+use common::{Room, part_from};
+use lacuna::frame::{Frame, Window};
 
 /// What a process takes besides frames: program, threads, allocator.
 const BASE: u64 = 32 << 20;
@@ -31,9 +33,9 @@ fn peak(room: &Room, words: &[&str]) -> u64 {
 fn frames_in_flight_stay_within_the_bound() {
     let names = ["s.1.exr", "s.2.exr", "s.3.exr", "s.4.exr", "s.5.exr", "s.6.exr"];
     let room = Room::new();
-    let frame = sparse(640, 640);
-    for name in names {
-        room.add(name, &frame);
+    let window = Window { x_min: 0, y_min: 0, x_max: 639, y_max: 639 };
+    for (first, name) in names.into_iter().enumerate() {
+        room.add(name, &Frame { parts: vec![part_from(window, first)] });
     }
     for filter in [&["ss"][..], &["tv", "--tv-iterations", "16"], &["pushpull"]] {
         let base =

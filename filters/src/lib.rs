@@ -22,6 +22,7 @@ pub mod limiter;
 mod mask;
 mod method;
 pub mod metric;
+mod operator;
 mod outcome;
 mod plane;
 pub mod prox;

@@ -1,7 +1,7 @@
 //! Which rule each channel gets: colour, scalar, normal, identifier.
 //!
 //! First match wins: the sampling mask itself is kept; then the caller's overrides; then the channels that the
-//! attribute `lacuna/dense` lists, which are complete; then the names and types in [`rules`](by_default).
+//! attribute `lacuna/dense` lists, which are complete; then the names and types in `rules`.
 
 mod names;
 mod overrides;

@@ -19,39 +19,36 @@ pub struct FilterArgs {
     #[arg(long, value_name = "NAME", default_value = "ss")]
     pub filter: Name,
 
-    /// ss: weight of smoothness against the samples, 0 or more; 0 interpolates; larger is smoother and changes measured
-    /// pixels [default: 0]
-    #[arg(long, value_name = "LAMBDA", value_parser = zero_or_more)]
+    /// ss: weight of smoothness against the samples, 0 or more
+    #[arg(long, value_name = "LAMBDA", value_parser = zero_or_more, help = defaults::ss_lambda())]
     pub ss_lambda: Option<f64>,
 
-    /// ss: the spline whose derivatives are measured [default: see docs/fill.md]
-    #[arg(long, value_name = "KERNEL")]
+    /// ss: the spline whose derivatives are measured
+    #[arg(long, value_name = "KERNEL", help = defaults::ss_kernel())]
     pub ss_kernel: Option<Kernel>,
 
-    /// ss: the order of the derivatives that are kept small, 2 or 3; 3 is smoother, 2 calmer in holes
-    #[arg(long, value_name = "ORDER")]
+    /// ss: the order of the derivatives that are kept small
+    #[arg(long, value_name = "ORDER", help = defaults::ss_order())]
     pub ss_order: Option<Order>,
 
-    /// ss: share of first-order energy, 0 or more; larger keeps large holes flatter
-    #[arg(long, value_name = "TENSION", value_parser = zero_or_more)]
+    /// ss: share of first-order energy, 0 or more
+    #[arg(long, value_name = "TENSION", value_parser = zero_or_more, help = defaults::ss_tension())]
     pub ss_tension: Option<f64>,
 
-    /// tv: how the length of a gradient is measured; anisotropic prefers edges along rows and columns [default: isotropic]
-    #[arg(long, value_name = "NORM")]
+    /// tv: how the length of a gradient is measured
+    #[arg(long, value_name = "NORM", help = defaults::tv_norm())]
     pub tv_norm: Option<Norm>,
 
-    /// tv: distance from the samples that is allowed, 0 or more, in their unit times the root of their number; 0 is exact;
-    /// larger is smoother and changes measured pixels [default: 0]
-    #[arg(long, value_name = "EPSILON", value_parser = zero_or_more)]
+    /// tv: distance from the samples that is allowed, 0 or more
+    #[arg(long, value_name = "EPSILON", value_parser = zero_or_more, help = defaults::tv_epsilon())]
     pub tv_epsilon: Option<f64>,
 
-    /// tv: relative duality gap at which the solver stops, above 0; smaller is closer to the minimum and slower
-    /// [default: 0.01]
-    #[arg(long, value_name = "GAP", value_parser = above_zero)]
+    /// tv: relative duality gap at which the solver stops, above 0
+    #[arg(long, value_name = "GAP", value_parser = above_zero, help = defaults::tv_gap())]
     pub tv_gap: Option<f64>,
 
-    /// tv: iterations at most, 1 or more [default: 2000]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    /// tv: iterations at most, 1 or more
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help = defaults::tv_iterations())]
     pub tv_iterations: Option<u32>,
 
     /// Where colours are reconstructed: as they are, through a reversible logarithm (for highlights), or as their range
@@ -59,9 +56,64 @@ pub struct FilterArgs {
     #[arg(long, value_name = "DOMAIN", default_value = "auto")]
     pub domain: DomainName,
 
-    /// Hold overshoot beside highlights and edges back to what the samples around allow
-    #[arg(long, value_name = "SWITCH", default_value = "on")]
+    /// on or off: hold overshoot beside highlights and edges back to what the samples around allow
+    #[arg(long, value_name = "SWITCH", default_value = "on", hide_possible_values = true)]
     pub limit: Switch,
+}
+
+/// Help texts that name the filters' own defaults.
+mod defaults {
+    use lacuna_filters::variational::{ss, tv};
+
+    fn with(text: &str, default: impl std::fmt::Display) -> String {
+        format!("{text} [default: {default}]")
+    }
+
+    pub fn ss_lambda() -> String {
+        let text = "ss: weight of smoothness against the samples, 0 or more; 0 interpolates, larger is smoother and \
+                    changes measured pixels";
+        with(text, ss::Settings::default().lambda)
+    }
+
+    pub fn ss_kernel() -> String {
+        let default = match ss::Settings::default().kernel {
+            ss::Kernel::Bspline => "bspline",
+            ss::Kernel::Piecewise => "piecewise",
+        };
+        with("ss: the spline through the samples, whose derivatives are kept small", default)
+    }
+
+    pub fn ss_order() -> String {
+        let text = "ss: the order of those derivatives; 3 is smoother, 2 is calmer at edges and in holes";
+        with(text, ss::Settings::default().order.number())
+    }
+
+    pub fn ss_tension() -> String {
+        let text = "ss: share of first derivatives in the energy, 0 or more; larger pulls large holes flat";
+        with(text, ss::Settings::default().tension)
+    }
+
+    pub fn tv_norm() -> String {
+        let text =
+            "tv: how the length of a gradient is measured; anisotropic prefers edges along rows and columns";
+        with(text, tv::Settings::default().norm)
+    }
+
+    pub fn tv_epsilon() -> String {
+        let text = "tv: distance from the samples that is allowed, a Euclidean norm over a channel's measured pixels, 0 \
+                    or more; 0 is exact, larger is smoother and changes measured pixels";
+        with(text, tv::Settings::default().epsilon)
+    }
+
+    pub fn tv_gap() -> String {
+        let text = "tv: relative duality gap at which the solver stops, above 0; smaller is closer to the minimum and \
+                    slower";
+        with(text, tv::Settings::default().gap)
+    }
+
+    pub fn tv_iterations() -> String {
+        with("tv: iterations at most, 1 or more", tv::Settings::default().max_iterations)
+    }
 }
 
 /// A filter.
@@ -171,6 +223,17 @@ impl FilterArgs {
     fn ss(&self) -> ss::Settings {
         let mut settings = ss::Settings::default();
         set(&mut settings.lambda, self.ss_lambda);
+        set(&mut settings.tension, self.ss_tension);
+        let kernel = self.ss_kernel.map(|kernel| match kernel {
+            Kernel::Bspline => ss::Kernel::Bspline,
+            Kernel::Piecewise => ss::Kernel::Piecewise,
+        });
+        set(&mut settings.kernel, kernel);
+        let order = self.ss_order.map(|order| match order {
+            Order::Second => ss::Order::Second,
+            Order::Third => ss::Order::Third,
+        });
+        set(&mut settings.order, order);
         settings
     }
 

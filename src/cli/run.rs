@@ -25,7 +25,7 @@ pub struct RunArgs {
     pub parallel_frames: u16,
 
     /// Memory that frames on the way may use together: bytes, or with K, M, G, T (powers of 1024), for example 4G;
-    /// a frame that alone needs more is refused [default: no bound]
+    /// a frame that alone needs more is refused [default: no bound together; reading one frame takes 1.5G at most]
     #[arg(long, value_name = "SIZE")]
     pub memory: Option<Bytes>,
 

@@ -67,12 +67,17 @@ fn share(known: &mut Vec<Arc<Mask>>, mask: Mask) -> Arc<Mask> {
 /// The mask over `window`: each pixel from the first provider in `order` that covers it.
 fn cover(providers: &[Provider], order: &[usize], window: Window) -> Result<Mask, Option<(i64, i64)>> {
     let size = window.size();
-    let mut flags = vec![false; size.pixels()];
-    let mut covered = vec![false; size.pixels()];
-    let mut left = size.pixels();
     if order.is_empty() {
         return Err(None);
     }
+    if let Some(first) = order.first().map(|&index| &providers[index])
+        && first.window == window
+    {
+        return Ok(first.mask.clone());
+    }
+    let mut flags = vec![false; size.pixels()];
+    let mut covered = vec![false; size.pixels()];
+    let mut left = size.pixels();
     for provider in order.iter().map(|&index| &providers[index]) {
         if left == 0 {
             break;

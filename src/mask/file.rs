@@ -32,7 +32,7 @@ impl MaskFile {
             .and_then(image::ImageReader::with_guessed_format)
             .map_err(|error| fail(error.to_string()))?;
         let mut limits = image::Limits::default();
-        limits.max_alloc = Some(1 << 30);
+        limits.max_alloc = Some(1 << 29);
         reader.limits(limits);
         let image = reader.decode().map_err(|error| fail(error.to_string()))?;
         let size = Size::new(image.height() as usize, image.width() as usize);

@@ -1,6 +1,6 @@
 //! Where a mask comes from: which pixels of each part and channel were measured.
 //!
-//! A mask is found as one or more [providers](provider): flags over a window of absolute pixels, for one view and
+//! A mask is found as one or more providers: flags over a window of absolute pixels, for one view and
 //! perhaps one layer. Each channel is served by its own layer's, its own part's, then its view's providers.
 //!
 //! In a channel a value of at least one half is measured, everything below and every NaN is missing; so a mask that
@@ -20,6 +20,7 @@ use std::sync::Arc;
 pub use error::Error;
 pub use file::MaskFile;
 pub use find::find;
+use half::slice::HalfFloatSliceExt;
 use lacuna_filters::Mask;
 pub use source::{Source, SourceError};
 
@@ -99,7 +100,11 @@ impl Masks {
 /// The pixels of a channel whose value says so.
 fn flags(samples: &Samples, measured: impl Fn(f64) -> bool) -> Vec<bool> {
     match samples {
-        Samples::Half(values) => values.iter().map(|value| measured(value.to_f64())).collect(),
+        Samples::Half(values) => {
+            let mut floats = vec![0.0_f32; values.len()];
+            values.convert_to_f32_slice(&mut floats);
+            floats.iter().map(|value| measured(f64::from(*value))).collect()
+        }
         Samples::Float(values) => values.iter().map(|value| measured(f64::from(*value))).collect(),
         Samples::Uint(values) => values.iter().map(|value| measured(f64::from(*value))).collect(),
     }

@@ -233,3 +233,34 @@ fn own_windows_go_before_those_of_other_parts() {
         ("1000".into(), "1000".into())
     );
 }
+
+#[test]
+fn png_files_are_read_by_brightness() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let target = frame(vec![four(vec![half("R", &R4)])]);
+    let found = |name: &str| {
+        let file = MaskFile::read_png(&path(name)).unwrap();
+        let masks = find(&target, &Source::File { pattern: "m".into(), channel: None }, Some(&file)).unwrap();
+        shown(&target, &masks, 0, "R")
+    };
+    image::GrayImage::from_raw(2, 2, vec![0, 127, 128, 255]).unwrap().save(path("grey.png")).unwrap();
+    assert_eq!(found("grey.png"), "0011");
+    image::GrayImage::from_raw(2, 2, vec![0, 1, 1, 0]).unwrap().save(path("unscaled.png")).unwrap();
+    assert_eq!(found("unscaled.png"), "0110");
+    let deep: Vec<u16> = vec![0, 32767, 32768, 65535];
+    image::ImageBuffer::<image::Luma<u16>, _>::from_raw(2, 2, deep).unwrap().save(path("deep.png")).unwrap();
+    assert_eq!(found("deep.png"), "0011");
+    let colour = vec![255, 255, 255, 0, 0, 0, 200, 200, 200, 0, 0, 20];
+    image::RgbImage::from_raw(2, 2, colour).unwrap().save(path("colour.png")).unwrap();
+    assert_eq!(found("colour.png"), "1010");
+
+    std::fs::write(path("broken.png"), b"\x89PNG\r\n\x1a\nnothing").unwrap();
+    for name in ["broken.png", "absent.png"] {
+        let error = MaskFile::read_png(&path(name)).unwrap_err().to_string();
+        assert!(error.contains(name) && !error.contains('\n'), "{error}");
+    }
+    let grey = MaskFile::read_png(&path("grey.png")).unwrap();
+    let named = Source::File { pattern: "m".into(), channel: Some("R".into()) };
+    assert!(find(&target, &named, Some(&grey)).unwrap_err().to_string().contains("no channel 'R'"));
+}

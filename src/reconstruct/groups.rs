@@ -72,19 +72,26 @@ pub fn targets(frame: &Frame, part: usize, masks: &Masks, choices: &[Choice]) ->
 /// The measured pixels whose value the rule can use: finite ones for what is computed, anything but NaN for depth,
 /// all for what is only copied.
 pub fn usable(rule: Rule, samples: &Samples, mask: &Arc<Mask>) -> Result<Arc<Mask>, Error> {
-    let fits: fn(f32) -> bool = match rule {
-        Rule::Fill | Rule::Normal => f32::is_finite,
-        Rule::Depth => |value| !value.is_nan(),
-        Rule::Nearest | Rule::Keep => return Ok(Arc::clone(mask)),
-    };
-    let bad = |value: f32, measured: bool| measured && !fits(value);
+    match rule {
+        Rule::Fill | Rule::Normal => measured_and(samples, mask, f32::is_finite),
+        Rule::Depth => measured_and(samples, mask, |value| !value.is_nan()),
+        Rule::Nearest | Rule::Keep => Ok(Arc::clone(mask)),
+    }
+}
+
+/// The mask without the pixels whose value does not fit; the same one if all do.
+fn measured_and(samples: &Samples, mask: &Arc<Mask>, fits: impl Fn(f32) -> bool) -> Result<Arc<Mask>, Error> {
     let flags = mask.as_slice();
-    let all_fit = match samples {
-        Samples::Half(values) => !values.iter().zip(flags).any(|(value, &flag)| bad(value.to_f32(), flag)),
-        Samples::Float(values) => !values.iter().zip(flags).any(|(&value, &flag)| bad(value, flag)),
-        Samples::Uint(_) => true,
+    // Counted without leaving early, so that it runs in vectors.
+    let bad = |value: f32, measured: bool| usize::from(measured & !fits(value));
+    let misfits: usize = match samples {
+        Samples::Half(values) => {
+            values.iter().zip(flags).map(|(value, &flag)| bad(value.to_f32(), flag)).sum()
+        }
+        Samples::Float(values) => values.iter().zip(flags).map(|(&value, &flag)| bad(value, flag)).sum(),
+        Samples::Uint(_) => 0,
     };
-    if all_fit {
+    if misfits == 0 {
         return Ok(Arc::clone(mask));
     }
     let values = to_floats(samples).ok_or(Error::OtherFrame)?;

@@ -7,10 +7,11 @@
 //!                                 missing pixels written, measured bits are the input's  <────────────┘
 //! ```
 //!
-//! A measured value that is NaN or infinite counts as missing, here and nowhere else ([`groups::targets`]); an infinite
+//! A measured value that is NaN or infinite counts as missing, here and nowhere else (`groups::targets`); an infinite
 //! depth is a value like any other, and channels that are only copied are copied as they are. A mask without a missing
 //! pixel leaves its channels alone, non-finite values included.
 
+mod apply;
 mod bounds;
 mod error;
 mod groups;
@@ -66,13 +67,12 @@ pub fn fill(
     for (index, choices) in choices.iter().enumerate() {
         let label = part_label(&frame, index);
         let work = part::Work { index, masks, choices, job, plans, run };
-        let (filled, mut done) = part::fill(&frame, &work)?;
+        let mut done = part::fill(&mut frame, &work)?;
         let copied = done.report.channels.iter().all(|channel| channel.filled == 0) && !done.converted;
-        if copied {
-            done.notes.extend(non_finite_copied(&filled, masks, choices, index));
-        }
-        frame.parts[index] = filled;
         let part = &mut frame.parts[index];
+        if copied {
+            done.notes.extend(non_finite_copied(part, masks, choices, index));
+        }
         let mask = mask_name(part, masks, index);
         let (notes, dropped) = finish(part, masks, index, job);
         if !copied || dropped {

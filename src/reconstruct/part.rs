@@ -2,8 +2,11 @@
 
 use std::sync::Arc;
 
+use lacuna_filters::baseline::nearest::NearestMap;
 use lacuna_filters::{Mask, Plane, Planes, Run};
+use rayon::prelude::*;
 
+use super::apply::{Change, apply};
 use super::bounds::{Bounds, bounds_of};
 use super::groups::{Group, Target, groups, targets};
 use super::solve::{Question, solve};
@@ -48,38 +51,40 @@ struct Filled {
     limited: usize,
 }
 
-/// Fills one part of a frame.
-pub fn fill(frame: &Frame, work: &Work<'_>) -> Result<(Part, Done), Error> {
-    let source = &frame.parts[work.index];
+/// Fills one part of a frame, in place.
+pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
     let targets = targets(frame, work.index, work.masks, work.choices)?;
-    let mut part = source.clone();
-    let mut done = Done { report: blank_report(source, work.choices), ..Done::default() };
-    convert(&mut part, work, &mut done);
+    let part = &frame.parts[work.index];
+    let mut done = Done { report: blank_report(part, work.choices), ..Done::default() };
     let mut filled = Vec::new();
     for group in groups(frame, work.index, &targets) {
         filled.extend(filter(frame, work, &group, &targets, &mut done)?);
     }
     unit_normals(frame, work, &mut filled, &mut done)?;
-    let smooths = !work.job.method.keeps_measured();
-    for channel in filled {
-        let at = channel.target.channel;
-        let clamped =
-            values::write(&mut part.channels[at].samples, &channel.values, &channel.target.mask, smooths);
-        done.report.channels[at].clamped_halves += clamped;
-        done.report.channels[at].limited = channel.limited;
+    let mut changes: Vec<Option<Change>> = vec![None; part.channels.len()];
+    let all = !work.job.method.keeps_measured();
+    for Filled { target, values, limited, .. } in filled {
+        done.report.channels[target.channel].limited = limited;
+        changes[target.channel] = Some(Change::Values { values, mask: target.mask, all });
     }
     for target in targets.iter().filter(|target| matches!(target.rule, Rule::Nearest | Rule::Depth)) {
-        copy(frame, work, target, &mut part.channels[target.channel].samples)?;
+        let map = sources(frame, work, target)?;
+        changes[target.channel] = Some(Change::Copies { map, mask: Arc::clone(&target.mask) });
     }
     for target in &targets {
         let report = &mut done.report.channels[target.channel];
         report.filled = target.mask.as_slice().len() - target.mask.count();
         report.non_finite = target.non_finite;
     }
-    if smooths && !done.report.groups.is_empty() {
+    if all && !done.report.groups.is_empty() {
         done.notes.push("measured pixels are smoothed, as asked".into());
     }
-    Ok((part, done))
+    let applied = apply(&mut frame.parts[work.index], &changes, work.choices, work.job.kind);
+    for (report, applied) in done.report.channels.iter_mut().zip(applied) {
+        report.clamped_halves = applied.clamped;
+        done.converted |= applied.converted;
+    }
+    Ok(done)
 }
 
 fn blank_report(part: &Part, choices: &[Choice]) -> PartReport {
@@ -99,21 +104,6 @@ fn blank_report(part: &Part, choices: &[Choice]) -> PartReport {
     }
 }
 
-/// Gives computed and depth channels the type that was asked for.
-fn convert(part: &mut Part, work: &Work<'_>, done: &mut Done) {
-    for (index, channel) in part.channels.iter_mut().enumerate() {
-        if work.job.kind.is_none() || matches!(work.choices[index].rule, Rule::Nearest | Rule::Keep) {
-            continue;
-        }
-        let before = std::mem::discriminant(&channel.samples);
-        let samples = std::mem::replace(&mut channel.samples, Samples::Uint(Vec::new()));
-        let (samples, clamped) = values::convert(samples, work.job.kind);
-        done.converted |= std::mem::discriminant(&samples) != before;
-        done.report.channels[index].clamped_halves = clamped;
-        channel.samples = samples;
-    }
-}
-
 /// Runs the filter on a group, with the domain and the limiter around it.
 fn filter(
     frame: &Frame,
@@ -126,11 +116,11 @@ fn filter(
     let fail =
         |source| Error::Filter { channel: channel_label(frame, work.index, group.channels[0]), source };
     let mask = &group.mask;
-    let mut planes = Vec::new();
-    for &channel in &group.channels {
+    let plane = |&channel: &usize| {
         let values = measured_floats(&part.channels[channel].samples, mask)?;
-        planes.push(Plane::new(mask.size(), values).map_err(fail)?);
-    }
+        Plane::new(mask.size(), values).map_err(fail)
+    };
+    let planes = group.channels.par_iter().map(plane).collect::<Result<_, _>>()?;
     let samples = Planes::new(mask.size(), planes).map_err(fail)?;
     let names: Vec<_> =
         group.channels.iter().map(|&at| part.channels[at].display_name().into_owned()).collect();
@@ -211,18 +201,14 @@ fn whole_normals(masks: &[Arc<Mask>; 3], keeps_measured: bool) -> Mask {
     Mask::from_fn(masks[0].size(), any)
 }
 
-/// Copies measured bits into the missing pixels of an identifier or a depth.
-fn copy(frame: &Frame, work: &Work<'_>, target: &Target, samples: &mut Samples) -> Result<(), Error> {
+/// Which measured pixel each pixel of an identifier or a depth takes its bits from.
+fn sources(frame: &Frame, work: &Work<'_>, target: &Target) -> Result<Arc<NearestMap>, Error> {
     let fail = |source| Error::Filter { channel: channel_label(frame, work.index, target.channel), source };
     let mask = &target.mask;
     if target.rule == Rule::Nearest {
-        let map = work.plans.nearest(mask).map_err(fail)?;
-        values::copy_from(samples, mask, |at| map.as_slice()[at] as usize);
-        return Ok(());
+        return work.plans.nearest(mask).map_err(fail);
     }
     let depth = measured_floats(&frame.parts[work.index].channels[target.channel].samples, mask)?;
     let depth = Plane::new(mask.size(), depth).map_err(fail)?;
-    let map = work.plans.depth(mask).and_then(|plan| plan.choose(&depth)).map_err(fail)?;
-    values::copy_from(samples, mask, |at| map.as_slice()[at] as usize);
-    Ok(())
+    work.plans.depth(mask).and_then(|plan| plan.choose(&depth)).map(Arc::new).map_err(fail)
 }

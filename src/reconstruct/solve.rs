@@ -68,10 +68,27 @@ pub fn solve(
         }
         if *bounds != Bounds::Free {
             moved += limiter::range(mask, samples, out, *bounds == Bounds::Unit)?;
+            if !job.method.keeps_measured() {
+                moved += bound_measured(*bounds, mask, samples, out);
+            }
         }
         answer.limited.push(moved);
     }
     Ok(answer)
+}
+
+/// A method that smooths may take measured pixels out of the bounds as well; returns how many were moved back.
+fn bound_measured(bounds: Bounds, mask: &Mask, samples: &Plane, out: &mut Plane) -> usize {
+    let measured = samples.pixels().iter().zip(mask.as_slice()).filter(|(_, flag)| **flag);
+    let (low, high) = bounds.range(measured.map(|(value, _)| *value));
+    let mut moved = 0;
+    for (value, _) in out.pixels_mut().iter_mut().zip(mask.as_slice()).filter(|(_, flag)| **flag) {
+        if *value < low || *value > high {
+            *value = value.clamp(low, high);
+            moved += 1;
+        }
+    }
+    moved
 }
 
 /// Values near the end of a float's range can overflow inside a filter; such pixels take the nearest measured value.

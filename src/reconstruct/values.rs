@@ -31,19 +31,22 @@ pub fn to_half(value: f32, clamped: &mut usize) -> f16 {
     }
 }
 
-/// A channel's samples in another float type; whole numbers stay. Returns how many halves were clamped as well.
-pub fn convert(samples: Samples, kind: Option<Kind>) -> (Samples, usize) {
-    let mut clamped = 0;
-    let samples = match (samples, kind) {
+/// A channel's samples in another float type; whole numbers stay. Returns how many halves were clamped as well, among
+/// the measured pixels if a mask is given.
+pub fn convert(samples: Samples, kind: Option<Kind>, mask: Option<&Mask>) -> (Samples, usize) {
+    match (samples, kind) {
         (Samples::Float(values), Some(Kind::Half)) => {
-            Samples::Half(values.into_iter().map(|value| to_half(value, &mut clamped)).collect())
+            let (mut clamped, mut unused) = (0, 0);
+            let counts = |at: usize| mask.is_none_or(|mask| mask.as_slice()[at]);
+            let half = |(at, value)| to_half(value, if counts(at) { &mut clamped } else { &mut unused });
+            let halves = values.into_iter().enumerate().map(half).collect();
+            (Samples::Half(halves), clamped)
         }
         (samples @ Samples::Half(_), Some(Kind::Float)) => {
-            to_floats(&samples).map_or(samples, Samples::Float)
+            (to_floats(&samples).map_or(samples, Samples::Float), 0)
         }
-        (samples, _) => samples,
-    };
-    (samples, clamped)
+        (samples, _) => (samples, 0),
+    }
 }
 
 /// Writes `values` where the mask is missing, or everywhere if `all`; returns how many halves were clamped.
@@ -71,10 +74,12 @@ pub fn write(samples: &mut Samples, values: &[f32], mask: &Mask, all: bool) -> u
 }
 
 /// Gives every missing pixel the bits of the pixel that `source` names for it.
-pub fn copy_from(samples: &mut Samples, mask: &Mask, source: impl Fn(usize) -> usize) {
-    fn copy<T: Copy>(values: &mut [T], mask: &Mask, source: impl Fn(usize) -> usize) {
-        for (at, _) in mask.as_slice().iter().enumerate().filter(|(_, measured)| !**measured) {
-            values[at] = values[source(at)];
+pub fn copy_from(samples: &mut Samples, mask: &Mask, source: &[u32]) {
+    fn copy<T: Copy>(values: &mut [T], mask: &Mask, source: &[u32]) {
+        for (at, (&measured, &source)) in mask.as_slice().iter().zip(source).enumerate() {
+            if !measured {
+                values[at] = values[source as usize];
+            }
         }
     }
     match samples {
@@ -105,8 +110,8 @@ mod tests {
     #[test]
     fn every_half_survives_the_way_through_floats() {
         let all: Vec<f16> = (0..=u16::MAX).map(f16::from_bits).filter(|half| !half.is_nan()).collect();
-        let (floats, _) = convert(Samples::Half(all.clone()), Some(Kind::Float));
-        let (halves, clamped) = convert(floats, Some(Kind::Half));
+        let (floats, _) = convert(Samples::Half(all.clone()), Some(Kind::Float), None);
+        let (halves, clamped) = convert(floats, Some(Kind::Half), None);
         let Samples::Half(back) = halves else { panic!("not halves") };
         assert_eq!(clamped, 0);
         assert!(all.iter().zip(&back).all(|(a, b)| a.to_bits() == b.to_bits()));

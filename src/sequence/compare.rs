@@ -7,7 +7,6 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::console::Console;
-use super::fill::limits;
 use super::masks::MaskFiles;
 use super::plan::{Item, Plan, PlanError, pair};
 use super::record::{Heading, Record, write_whole};
@@ -137,7 +136,6 @@ struct Compare<'a> {
     job: &'a CompareJob,
     items: &'a [Item],
     masks: MaskFiles,
-    limits: frame::Limits,
     found: Mutex<Found>,
 }
 
@@ -195,7 +193,6 @@ impl<'a> Compare<'a> {
             job,
             items,
             masks: MaskFiles::default(),
-            limits: limits(&job.run),
             found: Mutex::new(Found { frames, flicker: Flicker::default() }),
         }
     }
@@ -210,11 +207,12 @@ impl<'a> Compare<'a> {
     }
 
     fn one(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
+        let limits = memory::limits(self.job.run.memory, self.bytes(item));
         let (reference, test) = stage.read(record, || {
-            let read = |path| frame::read(path, &self.limits).map_err(|error| Failure::at(path, error));
+            let read = |path| frame::read(path, &limits).map_err(|error| Failure::at(path, error));
             Ok((read(&item.input)?, read(&item.output)?))
         })?;
-        let masks = self.mask_of(item, &reference, &test)?;
+        let masks = self.mask_of(item, &reference, &test, limits)?;
         record.density = masks.as_ref().and_then(Masks::density);
         let index = self.index(item);
         let mut errors = Vec::new();
@@ -250,7 +248,13 @@ impl<'a> Compare<'a> {
 
     /// The mask: the one asked for, in the test image or else in the reference; if none was asked for, what the test
     /// image says, where it says anything.
-    fn mask_of(&self, item: &Item, reference: &Frame, test: &Frame) -> Result<Option<Masks>, Failure> {
+    fn mask_of(
+        &self,
+        item: &Item,
+        reference: &Frame,
+        test: &Frame,
+        limits: frame::Limits,
+    ) -> Result<Option<Masks>, Failure> {
         let claims = Claims::read(test);
         let source = self.job.mask.as_ref().unwrap_or(&claims.mask);
         let path = match (&item.mask, source) {
@@ -258,7 +262,7 @@ impl<'a> Compare<'a> {
             (None, Source::File { pattern, .. }) => Some(Path::new(pattern)),
             _ => None,
         };
-        let found = path.map(|path| self.masks.get(path, self.limits)).transpose().and_then(|file| {
+        let found = path.map(|path| self.masks.get(path, limits)).transpose().and_then(|file| {
             let in_test = mask::find(test, source, file.as_deref());
             // A mask for the reference serves as well: the windows of both are the same.
             let found =

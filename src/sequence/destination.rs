@@ -41,6 +41,11 @@ impl Destination {
         !matches!(self, Self::File(_))
     }
 
+    /// Whether the names of outputs are made from frame numbers.
+    pub const fn is_numbered(&self) -> bool {
+        matches!(self, Self::Pattern(_))
+    }
+
     /// The output of an input.
     pub fn of(&self, input: &Input) -> Result<PathBuf, PlanError> {
         match self {

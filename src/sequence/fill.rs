@@ -8,13 +8,14 @@ use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::console::Console;
 use super::masks::MaskFiles;
 use super::plan::{Item, PlanError, Targets, plan};
+use super::plans::SharedPlans;
 use super::record::{Heading, Record};
 use super::update::{Existing, is_current};
 use super::{Selection, memory, prepare};
 use crate::channels::{self, Rule};
 use crate::frame::{self, WriteOptions};
 use crate::mask;
-use crate::reconstruct::{self, Plans, Report};
+use crate::reconstruct::{self, Report};
 
 /// Frames to be filled, and how.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,7 +39,7 @@ pub struct FillJob {
 /// Fills the frames; the exit status.
 pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
     let plan = plan(&job.selection, &job.targets)?;
-    let work = Fill { job, plans: Plans::new(), masks: MaskFiles::default(), limits: limits(&job.run) };
+    let work = Fill { job, plans: SharedPlans::new(job.run.memory.is_some()), masks: MaskFiles::default() };
     let console = Console::new(job.run.verbosity);
     if job.run.dry_run {
         return Ok(prepare::print(&plan, &work, &console));
@@ -54,16 +55,10 @@ pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
     batch::run(heading, &plan.items, &job.run, &work, &console).map_err(PlanError::Failed)
 }
 
-/// What reading one frame may take.
-pub fn limits(run: &RunOptions) -> frame::Limits {
-    run.memory.map_or_else(frame::Limits::default, |bytes| frame::Limits { bytes })
-}
-
 struct Fill<'a> {
     job: &'a FillJob,
-    plans: Plans,
+    plans: SharedPlans,
     masks: MaskFiles,
-    limits: frame::Limits,
 }
 
 impl Work for Fill<'_> {
@@ -81,10 +76,11 @@ impl Work for Fill<'_> {
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
+        let limits = memory::limits(self.job.run.memory, self.bytes(item));
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
         let (frame, file) = stage.read(record, || {
-            let frame = frame::read(&item.input, &self.limits).map_err(|error| at_input(&error))?;
-            let file = item.mask.as_deref().map(|path| self.masks.get(path, self.limits)).transpose()?;
+            let frame = frame::read(&item.input, &limits).map_err(|error| at_input(&error))?;
+            let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose()?;
             Ok((frame, file))
         })?;
         let start = Instant::now();
@@ -97,8 +93,8 @@ impl Work for Fill<'_> {
         let solved = stage.solve(record, || {
             let masks = mask::find(&frame, &what.mask, file.as_deref()).map_err(|error| at_input(&error))?;
             let choices = channels::choose(&frame, &masks, &what.overrides);
-            reconstruct::fill(frame, &masks, &choices, what, &self.plans, &run)
-                .map_err(|error| at_input(&error))
+            let plans = self.plans.of(&masks);
+            reconstruct::fill(frame, &masks, &choices, what, &plans, &run).map_err(|error| at_input(&error))
         });
         let (frame, report) = solved?;
         enter(&report, record);

@@ -1,16 +1,22 @@
 //! How much memory a frame needs, estimated from its header, so that frames are admitted before they are read.
 //!
-//! A pixel takes the samples read and written in every channel, `PLANNING` bytes for mask and plan, and in every
-//! channel of floats `SOLVING` bytes for values, result and the solvers' planes; whether a channel is reconstructed is not
-//! known before it is read. Both were measured as peak memory over pixels; `tests/cli_memory.rs` holds the process to it.
+//! A frame takes what reading it takes. A pixel takes besides the samples written, `PLANNING` bytes for mask and plan, and
+//! in every channel of floats `SOLVING` bytes for values, result and the solvers' planes; whether a channel is
+//! reconstructed is not known before it is read. Both were measured as peak memory over pixels; `tests/cli_memory.rs` holds
+//! the process to them.
 
 use std::path::Path;
 
 use super::plan::Item;
-use crate::frame::{PartHeader, SampleType, read_header};
+use crate::frame::{Limits, PartHeader, SampleType, memory_needed, read_header};
 
 const SOLVING: u64 = 24;
 const PLANNING: u64 = 32;
+
+/// What reading a frame may take: as much as its work was admitted for where there is a bound, else the default.
+pub fn limits(bound: Option<u64>, admitted: u64) -> Limits {
+    bound.map_or_else(Limits::default, |bound| Limits { bytes: admitted.min(bound) })
+}
 
 /// Bytes that filling a frame needs; 0 if its header cannot be read (reading it will say why).
 pub fn to_fill(item: &Item) -> u64 {
@@ -24,15 +30,14 @@ pub fn to_copy(path: &Path) -> u64 {
 }
 
 fn of(path: &Path, solving: u64) -> u64 {
+    let Ok(parts) = read_header(path) else { return 0 };
     let part = |part: &PartHeader| {
         let size = part.data_window.size();
         let pixels = (size.height as u64).saturating_mul(size.width as u64);
-        let channel = |kind: SampleType| {
-            let copies = 2 * kind.bytes() as u64;
-            copies + if kind == SampleType::Uint { 0 } else { solving }
-        };
+        let channel =
+            |kind: SampleType| kind.bytes() as u64 + if kind == SampleType::Uint { 0 } else { solving };
         let channels: u64 = part.channels.iter().map(|header| channel(header.kind)).sum();
         pixels.saturating_mul(channels + PLANNING)
     };
-    read_header(path).map_or(0, |parts| parts.iter().map(part).fold(0, u64::saturating_add))
+    parts.iter().map(part).fold(memory_needed(&parts), u64::saturating_add)
 }

@@ -17,6 +17,7 @@ mod masks;
 mod memory;
 pub mod pattern;
 mod plan;
+mod plans;
 mod prepare;
 pub mod range;
 mod record;

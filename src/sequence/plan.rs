@@ -79,10 +79,12 @@ pub fn pair(selection: &Selection, output: &Path, mask: Option<&str>) -> Result<
         )));
     }
     let mask = mask.map(MaskFile::parse).transpose()?;
+    // A single plain file is not a frame of a sequence, whatever digits its name has, unless its number is asked for.
+    let numbered = inputs.is_set || destination.is_numbered() || matches!(mask, Some(MaskFile::PerFrame(_)));
     let item = |input: Input| {
         let output = destination.of(&input)?;
         let mask = mask.as_ref().map(|mask| mask.of(&input)).transpose()?;
-        Ok(Item { number: input.number, input: input.path, output, mask })
+        Ok(Item { number: input.number.filter(|_| numbered), input: input.path, output, mask })
     };
     inputs.frames.into_iter().map(item).collect()
 }
@@ -112,6 +114,16 @@ impl MaskFile {
             ))),
         }
     }
+}
+
+/// Checks a report of a run that writes nothing else: it replaces no file that the run reads, and its folder exists.
+pub fn check_report(items: &[Item], report: &Path) -> Result<(), PlanError> {
+    let read = items.iter().flat_map(|item| [Some(&item.input), Some(&item.output), item.mask.as_ref()]);
+    let identity = Identity::of(report);
+    if identity.is_some() && read.flatten().any(|path| Identity::of(path) == identity) {
+        return Err(PlanError::Usage(format!("{}: the report would replace a frame", report.display())));
+    }
+    check_folder(report, false, &mut BTreeSet::new())
 }
 
 fn check_one_input_each(items: &[Item]) -> Result<(), PlanError> {

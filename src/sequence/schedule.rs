@@ -70,7 +70,7 @@ pub fn run<I: Sync, T: Send>(
                 drop(queue);
                 Err(Refusal::NotStarted)
             } else {
-                let needed = limits.memory.map_or(0, |_| need(item));
+                let needed = limits.memory.map_or(0, |_| estimate(&need, item));
                 if let Some(bound) = limits.memory.filter(|&bound| needed > bound) {
                     drop(queue);
                     Err(Refusal::TooLarge { needed, bound })
@@ -94,6 +94,11 @@ pub fn run<I: Sync, T: Send>(
     });
     let results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
     results.into_iter().flatten().collect()
+}
+
+/// The estimate; nothing if it panics, as the work on that frame will, which says so.
+fn estimate<I>(need: impl Fn(&I) -> u64, item: &I) -> u64 {
+    catch_unwind(AssertUnwindSafe(|| need(item))).unwrap_or(0)
 }
 
 /// What a panic said.
@@ -226,6 +231,15 @@ mod tests {
             || false,
         );
         assert_eq!(results, [Ok(1), Err(Refusal::Panic("item 0".into())), Ok(2)]);
+    }
+
+    #[test]
+    fn an_estimate_that_panics_stops_nothing() {
+        let need = |item: &i32| if *item == 0 { panic!("item 0") } else { 1 };
+        let work = |_, &item: &i32, _: &Permits| Ok(item);
+        let results =
+            run(&[1, 0, 2], limits(1, 1, Some(9)), need, work, |_, _, refusal| Err(refusal), || false);
+        assert_eq!(results, [Ok(1), Ok(0), Ok(2)]);
     }
 
     #[test]

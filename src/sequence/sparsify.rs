@@ -2,7 +2,6 @@
 
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::console::Console;
-use super::fill::limits;
 use super::masks::MaskFiles;
 use super::plan::{Item, PlanError, Targets, plan};
 use super::record::{Heading, Record};
@@ -50,7 +49,7 @@ pub enum SparsifyPattern {
 /// Makes the frames sparse; the exit status.
 pub fn sparsify(job: &SparsifyJob) -> Result<u8, PlanError> {
     let plan = plan(&job.selection, &job.targets)?;
-    let work = Sparsify { job, masks: MaskFiles::default(), limits: limits(&job.run) };
+    let work = Sparsify { job, masks: MaskFiles::default() };
     let console = Console::new(job.run.verbosity);
     if job.run.dry_run {
         return Ok(prepare::print(&plan, &work, &console));
@@ -73,7 +72,6 @@ pub fn sparsify(job: &SparsifyJob) -> Result<u8, PlanError> {
 struct Sparsify<'a> {
     job: &'a SparsifyJob,
     masks: MaskFiles,
-    limits: frame::Limits,
 }
 
 impl Work for Sparsify<'_> {
@@ -86,14 +84,15 @@ impl Work for Sparsify<'_> {
     }
 
     fn bytes(&self, item: &Item) -> u64 {
-        memory::to_copy(&item.input)
+        let mask = item.mask.as_deref().map_or(0, memory::to_copy);
+        memory::to_copy(&item.input).saturating_add(mask)
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
+        let limits = memory::limits(self.job.run.memory, self.bytes(item));
         let (frame, file) = stage.read(record, || {
-            let frame =
-                frame::read(&item.input, &self.limits).map_err(|error| Failure::at(&item.input, error))?;
-            let file = item.mask.as_deref().map(|path| self.masks.get(path, self.limits)).transpose()?;
+            let frame = frame::read(&item.input, &limits).map_err(|error| Failure::at(&item.input, error))?;
+            let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose()?;
             Ok((frame, file))
         })?;
         let pattern = match (&self.job.pattern, &file) {

@@ -5,9 +5,8 @@ use std::path::{Path, PathBuf};
 
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::console::Console;
-use super::fill::limits;
 use super::masks::MaskFiles;
-use super::plan::{Item, Plan, PlanError, pair};
+use super::plan::{Item, Plan, PlanError, check_report, pair};
 use super::record::{Heading, Record};
 use super::update::Existing;
 use super::{Selection, memory, prepare};
@@ -41,7 +40,10 @@ pub fn verify(job: &VerifyJob) -> Result<u8, PlanError> {
         _ => None,
     };
     let items = pair(&job.selection, &job.filled, mask)?;
-    let work = Verify { job, masks: MaskFiles::default(), limits: limits(&job.run) };
+    if let Some(report) = &job.run.json {
+        check_report(&items, report)?;
+    }
+    let work = Verify { job, masks: MaskFiles::default() };
     let console = Console::new(job.run.verbosity);
     if job.run.dry_run {
         return Ok(prepare::print(&Plan { items, new_folders: BTreeSet::new() }, &work, &console));
@@ -55,7 +57,6 @@ pub fn verify(job: &VerifyJob) -> Result<u8, PlanError> {
 struct Verify<'a> {
     job: &'a VerifyJob,
     masks: MaskFiles,
-    limits: frame::Limits,
 }
 
 impl Work for Verify<'_> {
@@ -72,8 +73,9 @@ impl Work for Verify<'_> {
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
+        let limits = memory::limits(self.job.run.memory, self.bytes(item));
         let (sparse, filled) = stage.read(record, || {
-            let read = |path| frame::read(path, &self.limits).map_err(|error| Failure::at(path, error));
+            let read = |path| frame::read(path, &limits).map_err(|error| Failure::at(path, error));
             Ok((read(&item.input)?, read(&item.output)?))
         })?;
         let claims = Claims::read(&filled);
@@ -83,7 +85,7 @@ impl Work for Verify<'_> {
             (None, Source::File { pattern, .. }) => Some(Path::new(pattern)),
             _ => None,
         };
-        let file = path.map(|path| self.masks.get(path, self.limits)).transpose()?;
+        let file = path.map(|path| self.masks.get(path, limits)).transpose()?;
         let masks =
             mask::find(&sparse, source, file.as_deref()).map_err(|error| Failure::at(&item.input, error))?;
         record.mask = Some(masks.origin.clone());

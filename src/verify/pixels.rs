@@ -19,8 +19,11 @@ pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Differenc
         return whole("no rule is known for it".into());
     };
     let converts = matches!(rule, Rule::Fill | Rule::Normal | Rule::Depth);
-    let expected =
-        if converts { convert(sparse.samples.clone(), pair.claims.kind).0 } else { sparse.samples.clone() };
+    let expected = if converts {
+        convert(sparse.samples.clone(), pair.claims.kind, None).0
+    } else {
+        sparse.samples.clone()
+    };
     if kind(&expected) != kind(&filled.samples) {
         return whole(format!("the type is {}, not {}", kind(&filled.samples), kind(&expected)));
     }
@@ -58,7 +61,7 @@ pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Differenc
     let smoothed = pair.claims.smoothed && matches!(rule, Rule::Fill | Rule::Normal);
     let changed: Vec<usize> =
         all.clone().filter(|at| !smoothed && measured(at)).filter(|at| differ(at)).collect();
-    let missing = all.filter(|at| !measured(at));
+    let missing = all.filter(|at| smoothed || !measured(at));
     let mut differences = Vec::new();
     differences.extend(report("a measured pixel has changed", changed));
     let (what, wrong) = wrong_fills(rule, &name, sparse, filled, &usable, missing.collect());
@@ -92,24 +95,17 @@ fn wrong_fills(
         return ("a filled pixel is not finite", not_finite);
     }
     let bounds = if rule == Rule::Fill { bounds_of(name) } else { Bounds::Free };
-    let measured = |test: fn(f64) -> bool| {
-        let places = mask.as_slice().iter().enumerate().filter(|(_, measured)| **measured);
-        places.into_iter().all(|(at, _)| test(value(&sparse.samples, at)))
-    };
-    let low = bounds != Bounds::Free && measured(|value| value >= 0.0);
-    let high = bounds == Bounds::Unit && measured(|value| value <= 1.0);
-    missing.retain(|&at| {
-        let value = value(&filled.samples, at);
-        (low && value < 0.0) || (high && value > 1.0)
-    });
+    let places = mask.as_slice().iter().enumerate().filter(|(_, measured)| **measured);
+    let (low, high) = bounds.range(places.map(|(at, _)| value(&sparse.samples, at)));
+    missing.retain(|&at| !(low..=high).contains(&value(&filled.samples, at)));
     ("a filled pixel leaves the bounds that all measured ones keep", missing)
 }
 
-fn value(samples: &Samples, at: usize) -> f64 {
+fn value(samples: &Samples, at: usize) -> f32 {
     match samples {
-        Samples::Half(values) => values[at].to_f64(),
-        Samples::Float(values) => f64::from(values[at]),
-        Samples::Uint(values) => f64::from(values[at]),
+        Samples::Half(values) => values[at].to_f32(),
+        Samples::Float(values) => values[at],
+        Samples::Uint(values) => values[at] as f32,
     }
 }
 

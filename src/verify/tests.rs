@@ -2,6 +2,7 @@
 
 use half::f16;
 use lacuna_filters::baseline::push_pull;
+use lacuna_filters::variational::tv;
 use lacuna_filters::{Method, Run};
 
 use super::*;
@@ -206,4 +207,29 @@ fn an_unfilled_frame_is_not_a_filled_one() {
     let sparse = sparse();
     let found = lines(&sparse, &sparse);
     assert!(found.iter().any(|line| line.contains("not filled by lacuna")), "{found:?}");
+}
+
+#[test]
+fn smoothing_may_change_measured_light_and_nothing_else() {
+    let mut sparse = sparse();
+    for at in 0..48 {
+        let value = &mut halves(&mut sparse, 0, "R")[at];
+        *value = f16::from_f32(value.to_f32() + if at % 3 == 0 { 0.25 } else { 0.0 });
+    }
+    let masks = find(&sparse, &Source::Auto, None).unwrap();
+    for at in (0..48).filter(|&at| !masks.get(0, 0).unwrap().as_slice()[at]) {
+        halves(&mut sparse, 0, "R")[at] = f16::ZERO;
+    }
+    let job = Job::new(Method::Tv(tv::Settings { epsilon: 0.3, ..tv::Settings::default() }));
+    assert!(!job.method.keeps_measured());
+    let mut filled = filled(&sparse, &job);
+    assert!(Claims::read(&filled).smoothed);
+    let old = halves(&mut sparse, 0, "R").clone();
+    let new = halves(&mut filled, 0, "R").clone();
+    assert!((0..48).any(|at| masks.get(0, 0).unwrap().as_slice()[at] && old[at] != new[at]));
+    assert_eq!(lines(&sparse, &filled), [""; 0]);
+    let at = first(true);
+    let Samples::Uint(ids) = channel(&mut filled, 0, "id") else { panic!("not whole numbers") };
+    ids[at] += 1;
+    assert!(lines(&sparse, &filled)[0].contains("channel id"), "{:?}", lines(&sparse, &filled));
 }

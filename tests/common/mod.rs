@@ -119,8 +119,13 @@ pub fn status(status: std::process::ExitStatus) -> i32 {
 
 /// A part with channels R, G, B (halves of a smooth ramp), Z and mask, in which every fifth pixel was measured.
 pub fn part(window: Window) -> Part {
+    part_from(window, 0)
+}
+
+/// The same with the first measured pixel further on, for other masks.
+pub fn part_from(window: Window, first: usize) -> Part {
     let size = window.size();
-    let measured = |at: usize| at.is_multiple_of(5);
+    let measured = |at: usize| at >= first && (at - first).is_multiple_of(5);
     let ramp = |at: usize, scale: f32| {
         let (y, x) = (at / size.width, at % size.width);
         if measured(at) { 0.1 + scale * (x as f32 + 2.0 * y as f32) / 100.0 } else { 0.0 }

@@ -1,4 +1,155 @@
 //! Loops over rows: the only place for SIMD and for threads over pixels.
+//!
+//! A kernel is one generic body, [`Body::run`], that is compiled once per instruction set; [`dispatch`] picks one at run
+//! time. The bodies accumulate in a fixed number of lanes, so instruction sets differ only where one fuses a
+//! multiplication with an addition and another does not.
+#![allow(
+    clippy::inline_always,
+    reason = "a body must be compiled inside the function that enables the features"
+)]
+#![allow(unsafe_code, reason = "calling a function that was compiled for an instruction set the CPU has")]
 
+pub mod blur;
 pub(crate) mod fir;
+pub mod stencil;
 pub mod tv;
+pub mod vector;
+
+use std::sync::OnceLock;
+
+/// Numbers that the kernels compute with: `f32` and `f64`.
+pub trait Real:
+    Copy
+    + Default
+    + Send
+    + Sync
+    + PartialOrd
+    + std::fmt::Debug
+    + std::ops::Add<Output = Self>
+    + std::ops::Sub<Output = Self>
+    + std::ops::Mul<Output = Self>
+    + std::ops::Neg<Output = Self>
+    + std::ops::AddAssign
+    + 'static
+{
+    /// Zero.
+    const ZERO: Self;
+    /// The nearest number.
+    fn from_f64(x: f64) -> Self;
+    /// The same number.
+    fn to_f64(self) -> f64;
+    /// `self * a + b`, with one rounding.
+    fn fused(self, a: Self, b: Self) -> Self;
+    /// The absolute value.
+    fn magnitude(self) -> Self;
+}
+
+macro_rules! real {
+    ($t:ty) => {
+        impl Real for $t {
+            const ZERO: Self = 0.0;
+            #[inline(always)]
+            fn from_f64(x: f64) -> Self {
+                x as $t
+            }
+            #[inline(always)]
+            fn to_f64(self) -> f64 {
+                f64::from(self)
+            }
+            #[inline(always)]
+            fn fused(self, a: Self, b: Self) -> Self {
+                self.mul_add(a, b)
+            }
+            #[inline(always)]
+            fn magnitude(self) -> Self {
+                self.abs()
+            }
+        }
+    };
+}
+real!(f32);
+real!(f64);
+
+/// `a * b + c`, fused where the instruction set has it.
+#[inline(always)]
+pub fn fma<T: Real, const FUSED: bool>(a: T, b: T, c: T) -> T {
+    if FUSED { a.fused(b, c) } else { a * b + c }
+}
+
+/// An instruction set that kernels are compiled for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Isa {
+    /// What the target guarantees: SSE2 on `x86_64`, NEON on `aarch64`.
+    Portable,
+    /// AVX2 with FMA.
+    Avx2,
+    /// AVX-512 (F, VL, DQ, BW) with FMA.
+    Avx512,
+}
+
+impl Isa {
+    /// Whether this machine has it.
+    pub fn available(self) -> bool {
+        match self {
+            Self::Portable => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                Self::Avx2.available()
+                    && is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512vl")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512bw")
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => false,
+        }
+    }
+
+    /// The best one that this machine has.
+    pub fn best() -> Self {
+        static BEST: OnceLock<Isa> = OnceLock::new();
+        *BEST.get_or_init(|| {
+            [Self::Avx512, Self::Avx2].into_iter().find(|isa| isa.available()).unwrap_or(Self::Portable)
+        })
+    }
+}
+
+/// A kernel's body, to be inlined whole into one function per instruction set.
+pub trait Body {
+    /// What it returns.
+    type Output;
+    /// Does it. `FUSED`: a multiplication and an addition may be fused.
+    fn run<const FUSED: bool>(self) -> Self::Output;
+}
+
+/// Runs a body compiled for `isa`, or for the portable set if this machine lacks `isa`.
+#[inline]
+pub fn dispatch<B: Body>(isa: Isa, body: B) -> B::Output {
+    match isa {
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx2 if isa.available() => {
+            // SAFETY: `available` has just found the features that `avx2` is compiled for.
+            unsafe { avx2(body) }
+        }
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx512 if isa.available() => {
+            // SAFETY: `available` has just found the features that `avx512` is compiled for.
+            unsafe { avx512(body) }
+        }
+        _ => body.run::<false>(),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn avx2<B: Body>(body: B) -> B::Output {
+    body.run::<true>()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma")]
+fn avx512<B: Body>(body: B) -> B::Output {
+    body.run::<true>()
+}

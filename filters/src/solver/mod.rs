@@ -1,3 +1,6 @@
-//! Solvers: they know vectors on a grid and linear maps, no images and no settings.
+//! Solvers: they know matrices, vectors on a grid and which unknowns are free, but no images and no settings.
 
+pub mod bottom;
+pub mod conjugate;
+pub mod multigrid;
 pub mod primal_dual;

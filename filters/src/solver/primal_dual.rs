@@ -2,7 +2,9 @@
 //!
 //! For `min_x max_q <grad x, q> + G(x)` with `q` in a unit ball at each pixel, one sweep is
 //!
-//!     x' = prox_G(x - tau grad* q),  q' = clip(q + sigma grad(2 x' - x)),  (x, q) += rho ((x', q') - (x, q))
+//! ```text
+//! x' = prox_G(x - tau grad* q),  q' = clip(q + sigma grad(2 x' - x)),  (x, q) += rho ((x', q') - (x, q))
+//! ```
 //!
 //! Source: A. Chambolle, T. Pock, "A First-Order Primal-Dual Algorithm for Convex Problems with Applications to
 //! Imaging", JMIV 40, 2011 (algorithm 1); over-relaxation: L. Condat, "A Primal-Dual Splitting Method for Convex

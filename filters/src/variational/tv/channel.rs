@@ -9,8 +9,17 @@ use crate::prox::L2Ball;
 use crate::solver::primal_dual::{Ball, State, Sweeps};
 use crate::{Outcome, Plane, Size, Stop};
 
-/// Primal step over the mean norm of the start's gradient.
+/// Primal step over the mean norm of the start's gradient, at [`USUAL_DENSITY`].
 const STEP: f64 = 1.1;
+/// Density at which the constants here were measured.
+const USUAL_DENSITY: f64 = 0.2;
+/// The farther apart the samples, the farther the minimiser from the start: the step grows as this power of
+/// [`USUAL_DENSITY`] over the density.
+const REACH: f64 = 0.75;
+/// Conjugate-gradient steps of a round of tightening at the usual density; they grow with the samples' distance.
+const TIGHTEN_STEPS: f64 = 5.0;
+/// And no more than these.
+const MOST_TIGHTEN_STEPS: f64 = 25.0;
 /// `tau sigma |grad|^2`, below 1; `|grad|^2 < 8`.
 const PRODUCT: f64 = 0.99;
 /// Over-relaxation.
@@ -50,8 +59,21 @@ pub struct Shared<'a> {
     pub size: Size,
     /// 1 where a pixel is missing.
     pub free: &'a [u8],
+    /// Measured pixels over all pixels.
+    pub density: f64,
     /// Instruction set.
     pub isa: Isa,
+}
+
+impl Shared<'_> {
+    /// How much sparser than usual the samples are.
+    fn sparsity(&self) -> f64 {
+        USUAL_DENSITY / self.density
+    }
+
+    fn tighten_steps(&self) -> usize {
+        (TIGHTEN_STEPS * self.sparsity().sqrt()).clamp(TIGHTEN_STEPS, MOST_TIGHTEN_STEPS) as usize
+    }
 }
 
 impl Channel {
@@ -77,7 +99,7 @@ impl Channel {
             stop: None,
         };
         let mean = channel.variation::<B>(shared.isa) / shared.size.pixels() as f64;
-        let tau = STEP * mean.max(f64::from(f32::EPSILON));
+        let tau = STEP * shared.sparsity().powf(REACH) * mean.max(f64::from(f32::EPSILON));
         channel.rates.tau = tau as f32;
         channel.rates.sigma = (PRODUCT / 8.0 / tau) as f32;
         channel
@@ -143,7 +165,8 @@ impl Channel {
         let State { vertical, horizontal, .. } = &mut self.state;
         clip::<B>(shared.isa, shared.size, vertical, horizontal);
         if tight {
-            tighten::<B>(shared.isa, shared.size, shared.free, vertical, horizontal);
+            let steps = shared.tighten_steps();
+            tighten::<B>(shared.isa, shared.size, shared.free, steps, vertical, horizontal);
         }
         let bound = self.dual_bound(shared);
         self.bound = self.bound.max(bound);

@@ -346,6 +346,18 @@ fn settings_are_one_stable_line() {
     assert!(!Method::Tv(Settings { epsilon: 0.1, ..settings }).keeps_measured());
 }
 
+/// What f32 reaches, as the settings' documentation says.
+#[test]
+fn a_gap_of_1e_5_is_reached() {
+    let size = Size::new(24, 24);
+    let mask = random_mask(size, 0.3, 6);
+    for norm in NORMS {
+        let settings = Settings { norm, gap: 1e-5, max_iterations: 50_000, ..Settings::default() };
+        let (_, outcome) = one(settings, &mask, &scene(size, 6));
+        assert_eq!(outcome.stop, Stop::Converged, "{outcome:?}");
+    }
+}
+
 /// Tightening takes divergence away at missing pixels, never leaves the ball, and copes with nothing to do.
 #[test]
 fn tightening_is_sound() {
@@ -374,7 +386,7 @@ fn tightening_is_sound() {
                 (0..n).map(|i| if last_column(i) { 0.0 } else { value(i, 6) }).collect();
             clip::<Isotropic>(Isa::detect(), size, &mut vertical, &mut horizontal);
             let before = divergence(&vertical, &horizontal);
-            tighten::<Isotropic>(Isa::detect(), size, &free, &mut vertical, &mut horizontal);
+            tighten::<Isotropic>(Isa::detect(), size, &free, 5, &mut vertical, &mut horizontal);
             for (i, (&a, &b)) in vertical.iter().zip(&horizontal).enumerate() {
                 assert!(f64::from(a).hypot(f64::from(b)) <= 1.0 + 4.0 * f64::from(f32::EPSILON));
                 assert!((a == 0.0 || !last_row(i)) && (b == 0.0 || !last_column(i)));

@@ -18,11 +18,15 @@ const BAND: usize = 32;
 const ROUNDS: usize = 4;
 /// Curvature along a direction that counts as none.
 const NEGLIGIBLE: f64 = 1e-9;
-/// Conjugate-gradient steps of a round.
-const STEPS: usize = 5;
-
-/// Tightens `(vertical, horizontal)` in place and leaves it within the dual ball.
-pub fn tighten<B: DualBall>(isa: Isa, size: Size, free: &[u8], vertical: &mut [f32], horizontal: &mut [f32]) {
+/// Tightens `(vertical, horizontal)` in place by rounds of `steps` conjugate-gradient steps and leaves it within the dual ball.
+pub fn tighten<B: DualBall>(
+    isa: Isa,
+    size: Size,
+    free: &[u8],
+    steps: usize,
+    vertical: &mut [f32],
+    horizontal: &mut [f32],
+) {
     let width = size.width;
     if width == 0 {
         return;
@@ -38,7 +42,7 @@ pub fn tighten<B: DualBall>(isa: Isa, size: Size, free: &[u8], vertical: &mut [f
             let start = if index == 0 { 0 } else { first + (index - 1) * BAND };
             let rows = vertical.len() / width;
             let free = &free[start * width..][..vertical.len()];
-            Band { isa, width, rows, free, top: start == 0, bottom: start + rows == size.height }
+            Band { isa, width, rows, free, steps, top: start == 0, bottom: start + rows == size.height }
                 .remove_divergence::<B>(vertical, horizontal);
         });
     }
@@ -59,6 +63,7 @@ struct Band<'a> {
     width: usize,
     rows: usize,
     free: &'a [u8],
+    steps: usize,
     top: bool,
     bottom: bool,
 }
@@ -101,7 +106,7 @@ impl Band<'_> {
         let mut phi = vec![0.0; rows * width];
         let mut direction = residual.clone();
         let mut image = vec![0.0; rows * width];
-        for step in 0..STEPS {
+        for step in 0..self.steps {
             let mut product = 0.0;
             for y in first..rows {
                 let here = &direction[at(y)];
@@ -126,7 +131,7 @@ impl Band<'_> {
                 let (phi, residual) = (&mut phi[at(y)], &mut residual[at(y)]);
                 norm += descend_row(isa, phi, residual, &direction[at(y)], &image[at(y)], alpha);
             }
-            if step + 1 < STEPS {
+            if step + 1 < self.steps {
                 let beta = (norm / before) as f32;
                 for y in first..rows {
                     direction_row(isa, &mut direction[at(y)], &residual[at(y)], beta);

@@ -1,0 +1,5 @@
+//! Linear maps on images, each with its adjoint or symmetric by construction.
+
+pub mod energy;
+pub mod profile;
+pub mod resample;

@@ -1,0 +1,83 @@
+//! What was found for each channel, written into the part: types first, then the missing pixels.
+
+use std::sync::Arc;
+
+use lacuna_filters::Mask;
+use lacuna_filters::baseline::nearest::NearestMap;
+use rayon::prelude::*;
+
+use super::job::Kind;
+use super::values::{convert, copy_from, write};
+use crate::channels::{Choice, Rule};
+use crate::frame::{Part, Samples};
+
+/// What happens to the pixels of one channel.
+#[derive(Clone, Debug)]
+pub enum Change {
+    /// Values for the missing pixels, or for all if the method smooths.
+    Values {
+        /// One for each pixel.
+        values: Vec<f32>,
+        /// The values that count as measured.
+        mask: Arc<Mask>,
+        /// Whether measured pixels are written as well.
+        all: bool,
+    },
+    /// Bits of measured pixels for the missing ones.
+    Copies {
+        /// Where each pixel takes them.
+        map: Arc<NearestMap>,
+        /// The values that count as measured.
+        mask: Arc<Mask>,
+    },
+}
+
+impl Change {
+    fn mask(&self) -> &Mask {
+        match self {
+            Self::Values { mask, .. } | Self::Copies { mask, .. } => mask,
+        }
+    }
+}
+
+/// What became of one channel.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Applied {
+    /// Whether it has another type now.
+    pub converted: bool,
+    /// Values that would have overflowed a half.
+    pub clamped: usize,
+}
+
+/// Gives computed and depth channels the type that was asked for, then writes the changes; one for each channel.
+pub fn apply(
+    part: &mut Part,
+    changes: &[Option<Change>],
+    choices: &[Choice],
+    kind: Option<Kind>,
+) -> Vec<Applied> {
+    let channels = part.channels.par_iter_mut().zip(changes).zip(choices);
+    channels
+        .map(|((channel, change), choice)| {
+            let kind = kind.filter(|_| !matches!(choice.rule, Rule::Nearest | Rule::Keep));
+            apply_one(&mut channel.samples, change.as_ref(), kind)
+        })
+        .collect()
+}
+
+fn apply_one(samples: &mut Samples, change: Option<&Change>, kind: Option<Kind>) -> Applied {
+    let mut applied = Applied::default();
+    if kind.is_some() {
+        let before = samples.kind();
+        let old = std::mem::replace(samples, Samples::Uint(Vec::new()));
+        let (new, clamped) = convert(old, kind, change.map(Change::mask));
+        applied = Applied { converted: new.kind() != before, clamped };
+        *samples = new;
+    }
+    match change {
+        Some(Change::Values { values, mask, all }) => applied.clamped += write(samples, values, mask, *all),
+        Some(Change::Copies { map, mask }) => copy_from(samples, mask, map.as_slice()),
+        None => {}
+    }
+    applied
+}
