@@ -96,11 +96,31 @@ struct ReportArgs {
     /// Write the tables as Markdown
     #[arg(long = "md", value_name = "FILE")]
     markdown: Option<PathBuf>,
+
+    /// Write one HTML page with tables, plots and a viewer for the ten worst frames; it needs no other file and no network,
+    /// and computes all measures
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+
+    /// Write maps of each frame into this folder: one EXR with absolute error, SSIM, CIELUV and FLIP, and PNG pictures
+    #[arg(long, value_name = "DIR")]
+    maps: Option<PathBuf>,
 }
 
 fn peak(text: &str) -> Result<f32, String> {
     let peak: f32 = text.parse().map_err(|_| "not a number")?;
     if peak > 0.0 && peak.is_finite() { Ok(peak) } else { Err("must be above 0".into()) }
+}
+
+impl ReportArgs {
+    fn files(&self) -> CompareOutputs {
+        CompareOutputs {
+            csv: self.csv.clone(),
+            markdown: self.markdown.clone(),
+            html: self.html.clone(),
+            maps: self.maps.clone(),
+        }
+    }
 }
 
 impl CompareArgs {
@@ -120,6 +140,13 @@ impl CompareArgs {
                 }
             }
         }
+        if self.outputs.html.is_some() {
+            wanted = Wanted::all();
+        }
+        if self.outputs.maps.is_some() {
+            wanted.add(Measure::Cieluv);
+            wanted.add(Measure::Flip);
+        }
         let measures = &self.measures;
         Ok(CompareJob {
             selection: Selection {
@@ -137,10 +164,7 @@ impl CompareArgs {
                 wanted,
             },
             gate,
-            outputs: CompareOutputs {
-                csv: self.outputs.csv.clone(),
-                markdown: self.outputs.markdown.clone(),
-            },
+            outputs: self.outputs.files(),
             run: self.run.options(),
         })
     }

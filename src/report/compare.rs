@@ -225,12 +225,14 @@ impl Work<'_> {
             .collect::<Result<_, _>>()?;
         let finite = Clean::of_linear(&linear, &test_linear);
         let colour = self.colour_maps(&finite)?;
-        for &(name, flags) in regions {
-            let mut statistics = Vec::new();
-            for (index, (a, b)) in a.iter().zip(b).enumerate() {
-                let sums = error::compare(a, b, flags, values.options);
-                statistics.push(sums.map_err(|error| self.at(index, error))?);
-            }
+        let flags: Vec<_> = regions.iter().map(|region| region.1).collect();
+        let mut sums = Vec::new();
+        for (index, (a, b)) in a.iter().zip(b).enumerate() {
+            let found = error::compare_regions(a, b, &flags, values.options);
+            sums.push(found.map_err(|error| self.at(index, error))?);
+        }
+        for (at, &(name, flags)) in regions.iter().enumerate() {
+            let statistics: Vec<Statistics> = sums.iter().map(|channel| channel[at]).collect();
             report.regions.push(self.region(name, flags, &statistics, &similar, &colour, values.options));
         }
         visit(&Images {

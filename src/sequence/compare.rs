@@ -14,7 +14,10 @@ use super::update::Existing;
 use super::{Selection, Verbosity, memory, prepare};
 use crate::frame::{self, Frame};
 use crate::mask::{self, Masks, Source};
-use crate::report::{self, Comparison, Flicker, FrameReport, Gate, Images, Measure, Settings};
+use crate::report::{
+    self, Comparison, Flicker, FrameReport, Gate, Images, Kind, MOST_FRAMES_WITH_PIXELS, Maps, Measure,
+    Picture, Settings,
+};
 use crate::verify::Claims;
 
 /// Frames to be compared.
@@ -45,6 +48,10 @@ pub struct CompareOutputs {
     pub csv: Option<PathBuf>,
     /// As Markdown.
     pub markdown: Option<PathBuf>,
+    /// As one HTML page.
+    pub html: Option<PathBuf>,
+    /// A folder for maps of each frame.
+    pub maps: Option<PathBuf>,
 }
 
 /// Compares the frames; the exit status.
@@ -64,14 +71,19 @@ pub fn compare(job: &CompareJob) -> Result<u8, PlanError> {
             &console,
         ));
     }
+    if let Some(folder) = &job.outputs.maps {
+        std::fs::create_dir_all(folder).map_err(|error| {
+            PlanError::Failed(format!("{}: cannot make the folder: {error}", folder.display()))
+        })?;
+    }
     console.listen();
     let heading =
         Heading { lacuna: env!("CARGO_PKG_VERSION"), command: "compare", filter: None, settings: None };
     let run = RunOptions { json: None, ..job.run.clone() };
     let status = batch::run(heading, &items, &run, &work, &console).map_err(PlanError::Failed)?;
-    let comparison = work.finish(&console);
+    let (comparison, pictures) = work.finish(&console);
     let failed = comparison.frames.iter().any(|frame| !frame.failures.is_empty());
-    write(job, &comparison).map_err(PlanError::Failed)?;
+    write(job, &comparison, &pictures).map_err(PlanError::Failed)?;
     Ok(status.max(u8::from(failed)))
 }
 
@@ -103,12 +115,12 @@ fn check_outputs(job: &CompareJob, items: &[Item]) -> Result<(), PlanError> {
 
 impl CompareJob {
     fn files(&self) -> impl Iterator<Item = &PathBuf> {
-        [&self.run.json, &self.outputs.csv, &self.outputs.markdown].into_iter().flatten()
+        [&self.run.json, &self.outputs.csv, &self.outputs.markdown, &self.outputs.html].into_iter().flatten()
     }
 }
 
 /// Writes every format that was asked for, and the tables to standard output.
-fn write(job: &CompareJob, comparison: &Comparison) -> Result<(), String> {
+fn write(job: &CompareJob, comparison: &Comparison, pictures: &[Option<Picture>]) -> Result<(), String> {
     let put = |path: &Option<PathBuf>, text: &dyn Fn() -> Result<String, String>| match path {
         None => Ok(()),
         Some(path) => text().and_then(|text| {
@@ -121,6 +133,7 @@ fn write(job: &CompareJob, comparison: &Comparison) -> Result<(), String> {
     })?;
     put(&job.outputs.csv, &|| Ok(report::csv(comparison)))?;
     put(&job.outputs.markdown, &|| Ok(report::markdown(comparison)))?;
+    put(&job.outputs.html, &|| Ok(report::html(comparison, pictures)))?;
     if job.run.verbosity == Verbosity::Quiet {
         return Ok(());
     }
@@ -143,6 +156,7 @@ struct Compare<'a> {
 struct Found {
     frames: Vec<FrameReport>,
     flicker: Flicker,
+    pictures: Vec<Option<Picture>>,
 }
 
 impl Work for Compare<'_> {
@@ -189,11 +203,12 @@ impl<'a> Compare<'a> {
             ..FrameReport::default()
         };
         let frames = items.iter().map(pending).collect();
+        let pictures = items.iter().map(|_| None).collect();
         Self {
             job,
             items,
             masks: MaskFiles::default(),
-            found: Mutex::new(Found { frames, flicker: Flicker::default() }),
+            found: Mutex::new(Found { frames, flicker: Flicker::default(), pictures }),
         }
     }
 
@@ -215,21 +230,23 @@ impl<'a> Compare<'a> {
         let masks = self.mask_of(item, &reference, &test, limits)?;
         record.density = masks.as_ref().and_then(Masks::density);
         let index = self.index(item);
-        let mut errors = Vec::new();
+        let mut seen = Seen::default();
         let wants_flicker = self.job.settings.wanted.has(Measure::Flicker) && self.items.len() > 1;
         let compared = stage.solve(record, || {
             report::compare(&reference, &test, masks.as_ref(), &self.job.settings, &mut |images: &Images<
                 '_,
             >| {
                 if wants_flicker {
-                    errors.extend(Flicker::errors(images));
+                    seen.errors.extend(Flicker::errors(images));
                 }
+                seen.look(images, &self.job.outputs, self.items.len());
             })
         });
         let compared = compared.map_err(|error| Failure::at(&item.output, error))?;
         for note in &compared.notes {
             tracing::warn!("{note}");
         }
+        stage.write(record, || self.write_maps(item, std::mem::take(&mut seen.maps)))?;
         let mut found = self.found();
         let slot = &mut found.frames[index];
         *slot = FrameReport {
@@ -238,8 +255,10 @@ impl<'a> Compare<'a> {
             test: std::mem::take(&mut slot.test),
             ..compared
         };
+        found.pictures[index] = seen.picture;
+        keep_the_worst(&mut found.pictures);
         if wants_flicker {
-            for (at, label, value) in found.flicker.enter(index, errors) {
+            for (at, label, value) in found.flicker.enter(index, seen.errors) {
                 enter_flicker(&mut found.frames[at], &label, value);
             }
         }
@@ -277,7 +296,8 @@ impl<'a> Compare<'a> {
     }
 
     /// Everything that was found, judged by the gate; failures are named.
-    fn finish(&self, console: &Console) -> Comparison {
+    fn finish(&self, console: &Console) -> (Comparison, Vec<Option<Picture>>) {
+        let pictures = std::mem::take(&mut self.found().pictures);
         let mut frames = std::mem::take(&mut self.found().frames);
         let gate = &self.job.gate;
         let mut failing = 0;
@@ -299,12 +319,63 @@ impl<'a> Compare<'a> {
         if failing > 0 {
             console.error(&format!("{failing} of {} frames fail: {}", frames.len(), gate.texts().join(", ")));
         }
-        Comparison {
+        let comparison = Comparison {
             lacuna: env!("CARGO_PKG_VERSION"),
             settings: self.job.settings.clone(),
             gate: gate.texts(),
             frames,
+        };
+        (comparison, pictures)
+    }
+
+    /// Writes the maps of a frame beside each other, named after the test image.
+    fn write_maps(&self, item: &Item, maps: Maps) -> Result<(), Failure> {
+        let (Some(folder), Some((frame, pictures))) = (&self.job.outputs.maps, maps.finish()) else {
+            return Ok(());
+        };
+        let stem = item.output.file_stem().map(|stem| stem.display().to_string()).unwrap_or_default();
+        let path = folder.join(format!("{stem}.maps.exr"));
+        frame::write(&frame, &path, &frame::WriteOptions::default())
+            .map_err(|error| Failure::at(&path, error))?;
+        for (name, png) in pictures {
+            let path = folder.join(format!("{stem}.{name}.png"));
+            write_whole(&path, &png).map_err(|error| Failure::at(&path, error))?;
         }
+        Ok(())
+    }
+}
+
+/// What is taken from the images of a frame while they are there.
+#[derive(Default)]
+struct Seen {
+    errors: Vec<(String, Vec<lacuna_filters::Plane>, Option<Vec<bool>>)>,
+    picture: Option<Picture>,
+    /// Whether the picture shows colours.
+    colour: bool,
+    maps: Maps,
+}
+
+impl Seen {
+    fn look(&mut self, images: &Images<'_>, outputs: &CompareOutputs, frames: usize) {
+        let colour = images.report.kind == Kind::Colour;
+        if outputs.html.is_some() && (self.picture.is_none() || colour && !self.colour) {
+            let width = if frames <= 20 { 160 } else { 64 };
+            self.picture = Picture::new(images, width);
+            self.colour = colour;
+        }
+        if outputs.maps.is_some() {
+            self.maps.add(images);
+        }
+    }
+}
+
+/// Keeps every pixel of the worst frames only; which those are does not depend on the order of frames.
+fn keep_the_worst(pictures: &mut [Option<Picture>]) {
+    let full = |picture: &Option<Picture>| picture.as_ref().is_some_and(|picture| picture.pixels.is_some());
+    while pictures.iter().filter(|picture| full(picture)).count() > MOST_FRAMES_WITH_PIXELS {
+        let best = pictures.iter_mut().flatten().filter(|picture| picture.pixels.is_some());
+        let Some(best) = best.max_by(|a, b| a.score.total_cmp(&b.score)) else { return };
+        best.pixels = None;
     }
 }
 

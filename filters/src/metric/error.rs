@@ -71,20 +71,32 @@ pub fn compare(
     region: Option<&[bool]>,
     options: Options,
 ) -> Result<Statistics, Error> {
+    compare_regions(reference, test, &[region], options)
+        .map(|found| found.first().copied().unwrap_or_default())
+}
+
+/// Compares two planes of one size over several regions, in one pass.
+///
+/// # Errors
+/// As [`compare`].
+pub fn compare_regions(
+    reference: &Plane,
+    test: &Plane,
+    regions: &[Option<&[bool]>],
+    options: Options,
+) -> Result<Vec<Statistics>, Error> {
     if options.peak.is_nan() || options.peak <= 0.0 {
         return Err(Error::Setting { name: "peak", value: options.peak.to_string(), range: "above 0" });
     }
     same_size(reference.size(), &[test])?;
     let width = reference.size().width.max(1);
-    let rows: Vec<Statistics> = (reference.pixels().par_chunks(width))
+    let rows: Vec<Vec<Statistics>> = (reference.pixels().par_chunks(width))
         .zip(test.pixels().par_chunks(width))
         .enumerate()
-        .map(|(y, (reference, test))| {
-            let region = region.map(|flags| &flags[y * width..][..reference.len()]);
-            row(y * width, reference, test, region, options)
-        })
+        .map(|(y, (reference, test))| row(y * width, reference, test, regions, options))
         .collect();
-    Ok(rows.into_iter().fold(Statistics::default(), Statistics::and))
+    let sum = |index: usize| rows.iter().fold(Statistics::default(), |sum, row| sum.and(row[index]));
+    Ok((0..regions.len()).map(sum).collect())
 }
 
 /// One row, its first pixel at index `start`.
@@ -92,21 +104,48 @@ fn row(
     start: usize,
     reference: &[f32],
     test: &[f32],
-    region: Option<&[bool]>,
+    regions: &[Option<&[bool]>],
     options: Options,
-) -> Statistics {
-    let mut sums = Statistics::default();
+) -> Vec<Statistics> {
+    let mut sums = vec![Statistics::default(); regions.len()];
     for (x, (&r, &t)) in reference.iter().zip(test).enumerate() {
-        if region.is_none_or(|flags| flags[x]) {
-            sums.add(start + x, r, t, options);
+        let terms = Terms::new(r, t, options);
+        for (sums, region) in sums.iter_mut().zip(regions) {
+            if region.is_none_or(|flags| flags[start + x]) {
+                sums.add(start + x, r, t, &terms);
+            }
         }
     }
     sums
 }
 
+/// What one pixel adds to the sums.
+#[derive(Default)]
+struct Terms {
+    distance: f64,
+    relative: f64,
+    log_squares: f64,
+}
+
+impl Terms {
+    fn new(r: f32, t: f32, options: Options) -> Self {
+        if r.to_bits() == t.to_bits() || !(r.is_finite() && t.is_finite()) {
+            return Self::default();
+        }
+        let clip = |value: f32| if options.clip { value.clamp(0.0, options.peak) } else { value };
+        let plain = f64::from(t) - f64::from(r);
+        let log = logarithm(f64::from(t)) - logarithm(f64::from(r));
+        Self {
+            distance: (f64::from(clip(t)) - f64::from(clip(r))).abs(),
+            relative: plain * plain / (f64::from(r) * f64::from(r) + RELATIVE_FLOOR),
+            log_squares: log * log,
+        }
+    }
+}
+
 impl Statistics {
     /// Adds one pixel.
-    fn add(&mut self, index: usize, r: f32, t: f32, options: Options) {
+    fn add(&mut self, index: usize, r: f32, t: f32, terms: &Terms) {
         self.reference_nan += usize::from(r.is_nan());
         self.reference_infinite += usize::from(r.is_infinite());
         self.test_nan += usize::from(t.is_nan());
@@ -117,20 +156,13 @@ impl Statistics {
         }
         self.count += 1;
         self.reference_peak = self.reference_peak.max(f64::from(r.abs()));
-        if r.to_bits() == t.to_bits() {
-            return;
-        }
-        let clip = |value: f32| if options.clip { value.clamp(0.0, options.peak) } else { value };
-        let difference = f64::from(clip(t)) - f64::from(clip(r));
-        self.squares += difference * difference;
-        if difference.abs() > self.largest {
-            self.largest = difference.abs();
+        self.squares += terms.distance * terms.distance;
+        if terms.distance > self.largest {
+            self.largest = terms.distance;
             self.largest_at = Some(index);
         }
-        let plain = f64::from(t) - f64::from(r);
-        self.relative += plain * plain / (f64::from(r) * f64::from(r) + RELATIVE_FLOOR);
-        let log = logarithm(f64::from(t)) - logarithm(f64::from(r));
-        self.log_squares += log * log;
+        self.relative += terms.relative;
+        self.log_squares += terms.log_squares;
     }
 
     /// The statistics of the pixels of both.

@@ -8,6 +8,8 @@
 //! Source: Z. Wang, A. C. Bovik, H. R. Sheikh, E. P. Simoncelli, "Image Quality Assessment: From Error Visibility to
 //! Structural Similarity", IEEE Transactions on Image Processing 13(4), 2004, equation 13 and section III.C.
 
+use rayon::prelude::*;
+
 use super::{mean, same_size};
 use crate::kernel::fir::separable;
 use crate::{Error, Plane};
@@ -35,7 +37,7 @@ impl Similarity {
         let centre = mean(reference, None).unwrap_or(0.0) as f32;
         let product = |a: &Plane, b: &Plane| {
             let pixels =
-                a.pixels().iter().zip(b.pixels()).map(|(a, b)| (a - centre) * (b - centre)).collect();
+                (a.pixels().par_iter().zip(b.pixels())).map(|(a, b)| (a - centre) * (b - centre)).collect();
             Plane::new(a.size(), pixels)
         };
         let (mx, my) = (blur(reference), blur(test));
@@ -43,14 +45,14 @@ impl Similarity {
         let xy = blur(&product(reference, test)?);
         let (c1, c2) = ((0.01 * range).powi(2), (0.03 * range).powi(2));
         let mut map = mx;
-        for (i, out) in map.pixels_mut().iter_mut().enumerate() {
+        map.pixels_mut().par_iter_mut().enumerate().for_each(|(i, out)| {
             let (mx, my) = (*out, my.pixels()[i]);
             let (dx, dy) = (mx - centre, my - centre);
             let (vx, vy) = (xx.pixels()[i] - dx * dx, yy.pixels()[i] - dy * dy);
             let covariance = xy.pixels()[i] - dx * dy;
             *out = (2.0 * mx * my + c1) * (2.0 * covariance + c2)
                 / ((mx * mx + my * my + c1) * (vx.max(0.0) + vy.max(0.0) + c2));
-        }
+        });
         Ok(Self { map })
     }
 
