@@ -98,7 +98,7 @@ struct ReportArgs {
     markdown: Option<PathBuf>,
 
     /// Write one HTML page with tables, plots and a viewer for the ten worst frames; it needs no other file and no network,
-    /// and computes all measures
+    /// and computes CIELUV, FLIP and flicker as well
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
 
@@ -141,7 +141,9 @@ impl CompareArgs {
             }
         }
         if self.outputs.html.is_some() {
-            wanted = Wanted::all();
+            for measure in [Measure::Cieluv, Measure::Flip, Measure::Flicker] {
+                wanted.add(measure);
+            }
         }
         if self.outputs.maps.is_some() {
             wanted.add(Measure::Cieluv);

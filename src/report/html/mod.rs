@@ -165,12 +165,12 @@ fn about(comparison: &Comparison, pictures: &[Option<Picture>], page: &mut Strin
             page,
             "<p>Regions: <b>all</b> the whole image, <b>missing</b> pixels only, where the reference's <b>alpha</b> is \
              above 0. The numbers in the tables come from the files. The viewer holds every pixel of {} in \
-             {} logarithmic levels: bright values to within {:.2} %, dark ones to within {:.5}; SSIM and FLIP maps are \
-             coarser.</p>",
+             {} logarithmic levels: bright values to within {:.2} %, dark ones to within {:.5}; the maps of absolute error, SSIM and FLIP \
+             have 32 levels, and for large frames half the resolution (the worst of four pixels).</p>",
             if shown.len() == 1 { "one frame".into() } else { format!("the {} worst frames", shown.len()) },
             pixels.codes.levels,
-            step / 2.0,
-            step / 200.0 / 64.0,
+            step,
+            step / 100.0 / 64.0,
         );
     }
     page.push_str("</section>\n");

@@ -42,6 +42,10 @@ pub struct Pixels {
     pub mask: Option<String>,
     /// Each pixel of a map stands for a square of so many.
     pub map_step: usize,
+    /// The absolute error that is 1 in its map.
+    pub largest_error: f32,
+    /// The absolute error, the largest of the channels.
+    pub error: String,
     /// SSIM, the mean of the channels.
     pub ssim: String,
     /// FLIP.
@@ -82,6 +86,12 @@ impl Pixels {
             let sum: f32 = images.similarity.iter().map(|s: &Similarity| s.map.pixels()[at]).sum();
             1.0 - sum / images.similarity.len() as f32
         };
+        let error = |at: usize| {
+            let by = |k: usize| (test[k].pixels()[at] - reference[k].pixels()[at]).abs();
+            let most = by(0).max(by(1)).max(by(2));
+            if most.is_finite() { most } else { 0.0 }
+        };
+        let largest_error = (0..size.pixels()).map(error).fold(f32::MIN_POSITIVE, f32::max);
         Self {
             width: size.width,
             height: size.height,
@@ -89,6 +99,8 @@ impl Pixels {
             codes: Codes::new(reference, test),
             mask: images.mask.map(|mask| packed(&bits(mask))),
             map_step: step,
+            largest_error,
+            error: map(size, step, |at| error(at) / largest_error),
             ssim: map(size, step, similarity),
             flip: images.flip.map(|flip| map(size, step, |at| flip.pixels()[at])),
         }

@@ -50,8 +50,8 @@ lacuna.unmap = function (bytes, columns) {
 lacuna.unpack = async function (packed) {
   const { width, height, codes } = packed;
   const n = width * height;
-  const [first, second, mask, ssim, flip] = await Promise.all(
-    [codes.reference, codes.test, packed.mask, packed.ssim, packed.flip].map((text) => (text ? lacuna.inflate(text) : null)));
+  const [first, second, mask, error, ssim, flip] = await Promise.all(
+    [codes.reference, codes.test, packed.mask, packed.error, packed.ssim, packed.flip].map((text) => (text ? lacuna.inflate(text) : null)));
   const folded = lacuna.unfold(first);
   const planes = [0, 1, 2].map((k) => folded.subarray(k * n, (k + 1) * n));
   for (const plane of planes) lacuna.unpredict(plane, width);
@@ -75,6 +75,7 @@ lacuna.unpack = async function (packed) {
   return {
     width, height, origin: packed.origin, reference, test, values, mask, factor,
     step: packed.map_step, columns,
+    largestError: packed.largest_error, error: lacuna.unmap(error, columns),
     ssim: lacuna.unmap(ssim, columns), flip: flip && lacuna.unmap(flip, columns),
     value: (planes, k, at) => values[planes[k][at] & 65535],
     measured: (at) => !mask || (mask[at >> 3] >> (at & 7) & 1) === 1,

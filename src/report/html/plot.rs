@@ -13,23 +13,50 @@ const FRAME: [f64; 4] = [58.0, 448.0, 30.0, 178.0];
 /// A region's name and its value in each frame.
 type Line<'a> = (&'a str, Vec<Option<f64>>);
 
+/// Where values and frames lie.
+struct Axes {
+    low: f64,
+    high: f64,
+    last: f64,
+}
+
+impl Axes {
+    fn x(&self, index: usize) -> f64 {
+        FRAME[0] + (FRAME[1] - FRAME[0]) * index as f64 / self.last
+    }
+
+    fn y(&self, value: f64) -> f64 {
+        FRAME[3] - (FRAME[3] - FRAME[2]) * (value - self.low) / (self.high - self.low)
+    }
+}
+
 /// The plot, as HTML.
 pub fn plot(measure: Measure, labels: &[String], lines: &[Line<'_>]) -> String {
     let values = || lines.iter().flat_map(|(_, values)| values.iter().flatten().copied());
     let (low, high) = values().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
     let ticks = ticks(low, high);
-    let (low, high) = (ticks[0].min(low), ticks[ticks.len() - 1].max(high));
-    let [left, right, top, bottom] = FRAME;
     let last = (labels.len().max(2) - 1) as f64;
-    let at_x = |index: usize| left + (right - left) * index as f64 / last;
-    let at_y = |value: f64| bottom - (bottom - top) * (value - low) / (high - low);
+    let axes = Axes { low: ticks[0].min(low), high: ticks[ticks.len() - 1].max(high), last };
     let name = super::table::heading(measure);
     let mut svg = format!(
         "<figure class=\"plot\"><svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{name} over the frames\">\
-         <text class=\"title\" x=\"{left}\" y=\"16\">{name}</text>"
+         <text class=\"title\" x=\"{}\" y=\"16\">{name}</text>",
+        FRAME[0]
     );
-    for &tick in &ticks {
-        let y = at_y(tick);
+    grid(&axes, &ticks, labels, &mut svg);
+    for (number, line) in lines.iter().enumerate() {
+        let key = FRAME[1] - 70.0 * (lines.len() - 1 - number) as f64;
+        draw(measure, &axes, labels, line, key, &mut svg);
+    }
+    svg.push_str("</svg></figure>\n");
+    svg
+}
+
+/// Grid lines, ticks and the name of the axis.
+fn grid(axes: &Axes, ticks: &[f64], labels: &[String], svg: &mut String) {
+    let [left, right, _, bottom] = FRAME;
+    for &tick in ticks {
+        let y = axes.y(tick);
         let _ = write!(
             svg,
             "<line class=\"grid\" x1=\"{left}\" x2=\"{right}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>\
@@ -40,53 +67,54 @@ pub fn plot(measure: Measure, labels: &[String], lines: &[Line<'_>]) -> String {
         );
     }
     let step = labels.len().div_ceil(8).max(1);
-    for (index, label) in labels.iter().enumerate().step_by(step) {
+    let named =
+        labels.iter().enumerate().step_by(step).map(|(index, label)| (axes.x(index), 16.0, label.as_str()));
+    for (x, below, label) in named.chain([(f64::midpoint(left, right), 34.0, "frame")]) {
         let short: String = label.chars().take(8).collect();
         let _ = write!(
             svg,
-            "<text class=\"tick\" text-anchor=\"middle\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
-            at_x(index),
-            bottom + 16.0,
+            "<text class=\"tick\" text-anchor=\"middle\" x=\"{x:.1}\" y=\"{:.1}\">{}</text>",
+            bottom + below,
             escape(&short)
         );
     }
+}
+
+/// One region: its line, with gaps where there is no value, its points and its name.
+fn draw(
+    measure: Measure,
+    axes: &Axes,
+    labels: &[String],
+    (region, values): &Line<'_>,
+    key: f64,
+    svg: &mut String,
+) {
+    let mut path = String::new();
+    let mut pen = 'M';
+    for (index, value) in values.iter().enumerate() {
+        pen = match value {
+            Some(value) => {
+                let _ = write!(path, "{pen}{:.1} {:.1}", axes.x(index), axes.y(*value));
+                'L'
+            }
+            None => 'M',
+        };
+    }
     let _ = write!(
         svg,
-        "<text class=\"tick\" text-anchor=\"middle\" x=\"{:.1}\" y=\"{:.1}\">frame</text>",
-        f64::midpoint(left, right),
-        bottom + 34.0
+        "<path class=\"line {region}\" d=\"{path}\"/>\
+         <text class=\"key {region}\" text-anchor=\"end\" x=\"{key:.1}\" y=\"16\">{region}</text>"
     );
-    for (number, (region, values)) in lines.iter().enumerate() {
-        let mut path = String::new();
-        let mut pen = 'M';
-        for (index, value) in values.iter().enumerate() {
-            match value {
-                Some(value) => {
-                    let _ = write!(path, "{pen}{:.1} {:.1}", at_x(index), at_y(*value));
-                    pen = 'L';
-                }
-                None => pen = 'M',
-            }
-        }
-        let key = right - 70.0 * (lines.len() - number) as f64 + 70.0;
+    for (index, value) in values.iter().enumerate().filter_map(|(index, value)| Some((index, (*value)?))) {
         let _ = write!(
             svg,
-            "<path class=\"line {region}\" d=\"{path}\"/><text class=\"key {region}\" text-anchor=\"end\" x=\"{key:.1}\" y=\"16\">{region}</text>"
+            "<circle class=\"{region}\" r=\"2.5\" cx=\"{:.1}\" cy=\"{:.1}\"><title>frame {}: {}</title></circle>",
+            axes.x(index),
+            axes.y(value),
+            escape(&labels[index]),
+            super::table::cell(measure, Some(value))
         );
-        for (index, value) in values.iter().enumerate().filter_map(|(index, value)| Some((index, (*value)?)))
-        {
-            let _ = write!(
-                svg,
-                "<circle class=\"{region}\" r=\"2.5\" cx=\"{:.1}\" cy=\"{:.1}\"><title>frame {}: {}</title></circle>",
-                at_x(index),
-                at_y(value),
-                escape(&labels[index]),
-                super::table::cell(measure, Some(value))
-            );
-        }
     }
-    svg.push_str("</svg></figure>\n");
-    svg
 }
 
 /// Three to seven round numbers that span a range.

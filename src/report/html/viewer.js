@@ -68,19 +68,13 @@ lacuna.paint = function (frame, view, state) {
 // The value of an error map at a pixel, 1 the brightest.
 lacuna.level = function (frame, view, at) {
   const v = (planes, k) => frame.value(planes, k, at);
-  if (view === 'error') {
-    let most = 0;
-    for (let k = 0; k < 3; k++) most = Math.max(most, Math.abs(v(frame.test, k) - v(frame.reference, k)));
-    return most;
-  }
   if (view === 'cieluv') {
     const a = lacuna.luv(v(frame.reference, 0), v(frame.reference, 1), v(frame.reference, 2));
     const b = lacuna.luv(v(frame.test, 0), v(frame.test, 1), v(frame.test, 2));
     return Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]) / 20;
   }
-  const map = view === 'flip' ? frame.flip : frame.ssim;
   const y = Math.floor(at / frame.width), x = at % frame.width;
-  return map[Math.floor(y / frame.step) * frame.columns + Math.floor(x / frame.step)];
+  return (view === 'error' ? frame.largestError : 1) * frame[view][Math.floor(y / frame.step) * frame.columns + Math.floor(x / frame.step)];
 };
 
 lacuna.Viewer = class {
@@ -239,9 +233,6 @@ lacuna.Viewer = class {
     if (view === 'reference' || view === 'sparse' || view === 'result') {
       const planes = view === 'result' ? frame.test : frame.reference;
       return [0, 1, 2].map((k) => lacuna.number(frame.value(planes, k, at), frame.factor));
-    }
-    if (view === 'error') {
-      return [0, 1, 2].map((k) => (frame.value(frame.test, k, at) - frame.value(frame.reference, k, at)).toPrecision(2));
     }
     const level = lacuna.level(frame, view, at);
     return [(view === 'cieluv' ? 20 * level : level).toPrecision(2)];
