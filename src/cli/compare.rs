@@ -75,6 +75,11 @@ struct MeasureArgs {
     #[arg(long, conflicts_with_all = ["no_clip", "peak"])]
     display: bool,
 
+    /// The luminances between which HDR-FLIP looks at images, for the same exposures in every frame, for example 0.18,2
+    /// [default: the reference's median and largest, frame by frame]
+    #[arg(long, value_name = "DARK,BRIGHT", value_parser = range)]
+    hdr_range: Option<(f64, f64)>,
+
     /// Exit with status 1 and name the frames if a measure of the colours is below its bound: psnr=40,ssim=0.98, or for a
     /// region missing.psnr=38, alpha.ssim=0.97
     #[arg(long, value_name = "BOUNDS", value_delimiter = ',')]
@@ -105,6 +110,14 @@ struct ReportArgs {
     /// Write maps of each frame into this folder: one EXR with absolute error, SSIM, CIELUV and FLIP, and PNG pictures
     #[arg(long, value_name = "DIR")]
     maps: Option<PathBuf>,
+}
+
+fn range(text: &str) -> Result<(f64, f64), String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|number| number.trim().parse().ok()).collect();
+    match numbers[..] {
+        [dark, bright] if dark > 0.0 && bright >= dark && bright.is_finite() => Ok((dark, bright)),
+        _ => Err("must be two luminances above 0, the darker first".into()),
+    }
 }
 
 fn peak(text: &str) -> Result<f32, String> {
@@ -163,6 +176,7 @@ impl CompareArgs {
                 peak: measures.peak,
                 clip: !measures.no_clip,
                 display: measures.display,
+                hdr_range: measures.hdr_range,
                 wanted,
             },
             gate,

@@ -271,7 +271,10 @@ impl Work<'_> {
             maps.flip = Some(map);
         }
         if wanted.has(Measure::HdrFlip) {
-            let exposures = flip::exposures_of(reference);
+            let exposures = match self.settings.hdr_range {
+                Some((dark, bright)) => flip::exposures_between(dark, bright),
+                None => flip::exposures_of(reference),
+            };
             let map = flip::hdr(reference, test, flip::PIXELS_PER_DEGREE, &exposures).map_err(failed)?;
             maps.hdr_flip = Some(map);
         }

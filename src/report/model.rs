@@ -17,13 +17,16 @@ pub struct Settings {
     pub clip: bool,
     /// Whether colours are compared after the sRGB curve, clipped to `[0, 1]`; the peak is 1 then.
     pub display: bool,
+    /// The luminances that HDR-FLIP brings just below white, the darker first; the reference's median and largest if
+    /// `None`.
+    pub hdr_range: Option<(f64, f64)>,
     /// The measures that are computed only if asked for.
     pub wanted: Wanted,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { peak: 1.0, clip: true, display: false, wanted: Wanted::default() }
+        Self { peak: 1.0, clip: true, display: false, hdr_range: None, wanted: Wanted::default() }
     }
 }
 
