@@ -81,7 +81,7 @@ def check_cieluv(found, one, other):
 
 def check_flip(found, reference, test):
     for name, option in (("flip", "hdr=0"), ("hdr-flip", "hdr=1")):
-        result = tool.oiio("oiiotool", reference, "--ch", "R,G,B", test, "--ch", "R,G,B", f"--flipdiff:{option}")
+        result = tool.run([tool.OIIO_BIN / "oiiotool", reference, "--ch", "R,G,B", test, "--ch", "R,G,B", f"--flipdiff:{option}"], timeout=300)
         twin = float(next(line.split("=")[1] for line in result.stdout.splitlines() if "Mean FLIP" in line))
         show(name, found[name], twin)
         # oiiotool prints four significant digits.
