@@ -28,6 +28,7 @@ fn run(job: &Job) -> Result<u8, (&'static str, PlanError)> {
         Job::Info(job) => sequence::info(job).map_err(|error| ("info", error)),
         Job::Verify(job) => sequence::verify(job).map_err(|error| ("verify", error)),
         Job::Mask(job) => sequence::mask(job).map_err(|error| ("mask", error)),
+        Job::Compare(job) => sequence::compare(job).map_err(|error| ("compare", error)),
         Job::Sparsify(job) => sequence::sparsify(job).map_err(|error| ("sparsify", error)),
     }
 }

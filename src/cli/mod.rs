@@ -4,6 +4,7 @@
 //! [`output`], [`run`]), so that a flag means the same everywhere; so has each subcommand.
 
 pub mod channels;
+pub mod compare;
 pub mod fill;
 pub mod filter;
 pub mod info;
@@ -20,7 +21,7 @@ use std::ffi::OsString;
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
-use crate::sequence::{FillJob, InfoJob, MaskJob, SparsifyJob, VerifyJob};
+use crate::sequence::{CompareJob, FillJob, InfoJob, MaskJob, SparsifyJob, VerifyJob};
 
 /// A command line that contradicts itself: exit status 2.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -42,6 +43,7 @@ enum Command {
     Fill(Box<fill::FillArgs>),
     Info(info::InfoArgs),
     Verify(verify::VerifyArgs),
+    Compare(Box<compare::CompareArgs>),
     Sparsify(sparsify::SparsifyArgs),
     Mask(Box<make_mask::MakeMaskArgs>),
 }
@@ -55,6 +57,8 @@ pub enum Job {
     Info(InfoJob),
     /// Compare filled frames with the sparse ones.
     Verify(VerifyJob),
+    /// Compare frames with their references.
+    Compare(Box<CompareJob>),
     /// Make sparse frames.
     Sparsify(SparsifyJob),
     /// Make, unite or measure masks.
@@ -111,6 +115,7 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Job, Ending> {
         Command::Fill(args) => ("fill", args.job().map(|job| Job::Fill(Box::new(job)))),
         Command::Info(args) => ("info", Ok(Job::Info(args.job()))),
         Command::Verify(args) => ("verify", Ok(Job::Verify(args.job()))),
+        Command::Compare(args) => ("compare", args.job().map(|job| Job::Compare(Box::new(job)))),
         Command::Sparsify(args) => ("sparsify", args.job().map(Job::Sparsify)),
         Command::Mask(args) => ("mask", args.job().map(|job| Job::Mask(Box::new(job)))),
     };

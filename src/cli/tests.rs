@@ -6,6 +6,7 @@ use super::*;
 use crate::frame::Compression;
 use crate::mask::Source;
 use crate::reconstruct::{Domain, Kind};
+use crate::report::Measure;
 use crate::sequence::{Existing, SparsifyPattern, Verbosity};
 
 fn words(line: &str) -> Vec<OsString> {
@@ -23,6 +24,26 @@ fn usage(line: &str) -> String {
     match parse(words(line)) {
         Err(Ending::Usage(text)) => text,
         other => panic!("{line}: {other:?}"),
+    }
+}
+
+#[test]
+fn compare_takes_bounds_and_computes_what_they_need() {
+    let job = |line: &str| match parse(words(&format!("compare a.exr b.exr {line}"))) {
+        Ok(Job::Compare(job)) => *job,
+        other => panic!("{line}: {other:?}"),
+    };
+    let plain = job("");
+    assert_eq!((plain.settings.peak, plain.settings.clip, plain.settings.display), (1.0, true, false));
+    assert!(!plain.settings.wanted.has(Measure::Flip) && plain.gate.is_empty());
+    let gated = job("--fail-below psnr=40,missing.ssim=0.98 --fail-above flip=0.05 --no-clip --peak 2");
+    assert_eq!(gated.gate.texts(), ["psnr >= 40", "missing.ssim >= 0.98", "flip <= 0.05"]);
+    assert!(gated.settings.wanted.has(Measure::Flip) && !gated.settings.wanted.has(Measure::HdrFlip));
+    assert_eq!((gated.settings.peak, gated.settings.clip), (2.0, false));
+    assert!(job("--html r.html").settings.wanted.has(Measure::Cieluv));
+    assert_eq!(job("--hdr-range 0.18,2").settings.hdr_range, Some((0.18, 2.0)));
+    for wrong in ["--peak 0", "--fail-below x=1", "--measures x", "--display --no-clip", "--hdr-range 2,1"] {
+        assert!(usage(&format!("compare a.exr b.exr {wrong}")).contains("lacuna: error: "), "{wrong}");
     }
 }
 

@@ -3,10 +3,11 @@
 //! ```text
 //! inputs (pattern, range, glob, list) ─┐
 //! destination ─────────────────────────┴─> plan ─> batch (schedule, memory, signals) ─> console, record
-//!                                                    └─ fill | sparsify | verify: one frame each
+//!                                                    └─ fill | sparsify | verify | compare: one frame each
 //! ```
 
 mod batch;
+mod compare;
 mod console;
 mod destination;
 mod fill;
@@ -29,6 +30,7 @@ mod update;
 mod verify;
 
 pub use batch::RunOptions;
+pub use compare::{CompareJob, CompareOutputs, compare};
 pub use console::Verbosity;
 pub use fill::{FillJob, fill};
 pub use info::{InfoJob, info};

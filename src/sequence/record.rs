@@ -155,7 +155,7 @@ impl Journal {
 }
 
 /// Writes a small file under a temporary name and renames it.
-fn write_whole(path: &Path, content: &[u8]) -> std::io::Result<()> {
+pub fn write_whole(path: &Path, content: &[u8]) -> std::io::Result<()> {
     let folder: PathBuf = folder_of(path);
     let mut builder = tempfile::Builder::new();
     builder.prefix(".lacuna-");
