@@ -176,12 +176,7 @@ impl Work for Compare<'_> {
     }
 
     fn bytes(&self, item: &Item) -> u64 {
-        memory::to_fill(item).saturating_add(memory::to_fill(&Item {
-            input: item.output.clone(),
-            output: PathBuf::new(),
-            mask: None,
-            number: None,
-        }))
+        memory::to_compare(&item.input).saturating_add(memory::to_compare(&item.output))
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
