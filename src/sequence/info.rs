@@ -31,7 +31,10 @@ pub fn info(job: &InfoJob) -> Result<u8, PlanError> {
     let limits = Limits::default();
     let frame = frame::read(&job.frame, &limits).map_err(|error| failed(Failure::at(&job.frame, error)))?;
     let file = match &job.mask {
-        Source::File { pattern, .. } => Some(masks::read(pattern.as_ref(), limits).map_err(failed)?),
+        Source::File { pattern, .. } => {
+            let read = masks::read(pattern.as_ref(), limits);
+            Some(read.map_err(|error| failed(Failure::at(&job.frame, error)))?)
+        }
         _ => None,
     };
     let found = mask::find(&frame, &job.mask, file.as_ref());

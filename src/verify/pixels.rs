@@ -34,15 +34,7 @@ pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Differenc
     if expected.len() != found.len() {
         return whole(format!("it has {} pixels, not {}", found.len(), expected.len()));
     }
-    let width = pair.sparse.size().width.max(1);
-    let window = pair.sparse.data_window;
-    let report = |what: &str, wrong: Vec<usize>| -> Option<Difference> {
-        let first = *wrong.first()?;
-        let x = i64::from(window.x_min) + (first % width) as i64;
-        let y = i64::from(window.y_min) + (first / width) as i64;
-        let more = if wrong.len() > 1 { format!(" ({} pixels in all)", wrong.len()) } else { String::new() };
-        Some(pair.differ(Some(&name), Some((x, y)), format!("{what}{more}")))
-    };
+    let report = |what: &str, wrong: Vec<usize>| -> Option<Difference> { pair.first_of(&name, what, &wrong) };
     let differ = |at: &usize| expected[*at] != found[*at];
     let all = 0..expected.len();
     if rule == Rule::Keep {
@@ -101,7 +93,7 @@ fn wrong_fills(
     ("a filled pixel leaves the bounds that all measured ones keep", missing)
 }
 
-fn value(samples: &Samples, at: usize) -> f32 {
+pub fn value(samples: &Samples, at: usize) -> f32 {
     match samples {
         Samples::Half(values) => values[at].to_f32(),
         Samples::Float(values) => values[at],
