@@ -28,7 +28,7 @@ pub struct Job {
     /// Whether overshoot is limited.
     pub limit: bool,
     /// The type of the filled, normal and depth channels; nothing leaves each its own. Identifiers, kept channels
-    /// and whole numbers always keep theirs.
+    /// and whole numbers always keep theirs, and depths do not become halves.
     pub kind: Option<Kind>,
     /// Whether the sampling mask's channels are left out of the output.
     pub drop_mask: bool,

@@ -36,7 +36,7 @@ pub(crate) use part::measured_floats;
 pub use plans::Plans;
 pub use report::{ChannelReport, GroupReport, PartReport, Report};
 pub use stamp::{ADDED, DENSITY, DERIVED, Stamp};
-pub(crate) use values::convert;
+pub(crate) use values::{convert, kind_for};
 
 use crate::channels::{Choice, Rule, part_label};
 use crate::frame::{Frame, Part, Samples};

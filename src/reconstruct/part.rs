@@ -80,9 +80,14 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
         done.notes.push("measured pixels are smoothed, as asked".into());
     }
     let applied = apply(&mut frame.parts[work.index], &changes, work.choices, work.job.kind);
+    let mut rounded = 0;
     for (report, applied) in done.report.channels.iter_mut().zip(applied) {
-        report.clamped_halves = applied.clamped;
+        report.clamped_halves = applied.loss.clamped;
+        rounded += applied.loss.rounded;
         done.converted |= applied.converted;
+    }
+    if rounded > 0 {
+        done.notes.push(format!("{rounded} measured values changed because -d half was asked for"));
     }
     Ok(done)
 }

@@ -8,7 +8,7 @@ use super::{Difference, Pair};
 use crate::channels::Rule;
 use crate::frame::{Channel, Samples};
 use crate::info::kind;
-use crate::reconstruct::{Bounds, bounds_of, convert, usable};
+use crate::reconstruct::{Bounds, bounds_of, convert, kind_for, usable};
 
 /// The differences of one channel: of each sort the first pixel and the number.
 pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Difference> {
@@ -18,12 +18,7 @@ pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Differenc
     let Some(rule) = pair.choices.get(index).map(|choice| choice.rule) else {
         return whole("no rule is known for it".into());
     };
-    let converts = matches!(rule, Rule::Fill | Rule::Normal | Rule::Depth);
-    let expected = if converts {
-        convert(sparse.samples.clone(), pair.claims.kind, None).0
-    } else {
-        sparse.samples.clone()
-    };
+    let expected = convert(sparse.samples.clone(), kind_for(rule, pair.claims.kind), None).0;
     if kind(&expected) != kind(&filled.samples) {
         return whole(format!("the type is {}, not {}", kind(&filled.samples), kind(&expected)));
     }
