@@ -9,7 +9,7 @@ mod rules;
 #[cfg(test)]
 mod tests;
 
-pub use names::{Name, channel_label, list_channels, part_label, view_of, words};
+pub use names::{Name, channel_label, list_channels, part_label, view_of, visible, words};
 pub use overrides::{Override, OverrideError};
 pub use rules::{by_default, is_alpha, is_light, is_matte};
 use serde::Serialize;

@@ -84,6 +84,23 @@ fn z_is_a_component_where_x_is() {
 }
 
 #[test]
+fn coordinates_have_one_reason() {
+    let part = with(&["uv.x", "uv.y", "Y"]);
+    let reason = |name: &str| {
+        let at = part.channels.iter().position(|channel| channel.name == name.as_bytes()).unwrap();
+        by_default(&part, at)
+    };
+    assert_eq!(reason("uv.x"), reason("uv.y"));
+    assert_eq!(reason("Y"), (Rule::Fill, "colour"));
+}
+
+#[test]
+fn beside_the_mask_others_are_mattes() {
+    let part = with(&["MASK", "mask"]);
+    assert_eq!((rule(&part, "MASK"), rule(&part, "mask")), (Rule::Fill, Rule::Keep));
+}
+
+#[test]
 fn whole_numbers_are_copied_and_never_computed() {
     let make = || part(window(0, 0, 1, 1), vec![uint("R", &[7]), half("G", &[0.5])]);
     assert_eq!(choices(make(), &[]), [("G".into(), Rule::Fill), ("R".into(), Rule::Nearest)]);

@@ -18,7 +18,7 @@ mod tests;
 
 use serde::Serialize;
 
-use crate::channels::{Choice, Override, Rule, part_label};
+use crate::channels::{Choice, Override, Rule, part_label, visible};
 use crate::frame::{Attribute, Compression, Frame, Part, Window};
 use crate::mask::{Masks, Source};
 use crate::reconstruct::{ADDED, DERIVED, Kind, Stamp, output_compression};
@@ -39,11 +39,11 @@ pub struct Difference {
 impl std::fmt::Display for Difference {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let part = self.part.clone();
-        let channel = self.channel.as_ref().map(|name| format!("channel {name}"));
+        let channel = self.channel.as_ref().map(|name| format!("channel {}", visible(name)));
         let pixel = self.pixel.map(|(x, y)| format!("pixel ({x}, {y})"));
         let place: Vec<_> = [part, channel, pixel].into_iter().flatten().collect();
         let colon = if place.is_empty() { "" } else { ": " };
-        write!(f, "{}{colon}{}", place.join(", "), self.what)
+        write!(f, "{}{colon}{}", place.join(", "), visible(&self.what))
     }
 }
 
