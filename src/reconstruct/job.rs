@@ -137,7 +137,7 @@ mod tests {
     fn settings_come_back() {
         let mut job = Job::new(Method::PushPull(push_pull::Settings));
         job.mask = Source::File { pattern: "my dir/a \"b\".exr".into(), channel: None };
-        job.overrides = vec!["Diffuse Direct.*=keep".parse().unwrap(), "=x=fill".parse().unwrap()];
+        job.overrides = vec!["Diffuse Direct.*=keep".parse().unwrap(), "[=]x=fill".parse().unwrap()];
         job.kind = Some(Kind::Half);
         let line = job.settings();
         let pairs = parse_settings(&line);
@@ -145,7 +145,7 @@ mod tests {
         assert_eq!(get("type"), Some("half"));
         assert_eq!(get("measured"), Some("kept"));
         assert_eq!(get("mask"), Some("file:my dir/a \"b\".exr"));
-        assert_eq!(get("channels"), Some("Diffuse Direct.*=keep\n=x=fill"));
+        assert_eq!(get("channels"), Some("Diffuse Direct.*=keep\n[=]x=fill"));
         assert_ne!(line, Job { limit: false, ..job.clone() }.settings());
     }
 

@@ -38,7 +38,7 @@ pub use report::{ChannelReport, GroupReport, PartReport, Report};
 pub use stamp::{ADDED, DENSITY, DERIVED, Stamp};
 pub(crate) use values::{convert, kind_for};
 
-use crate::channels::{Choice, Rule, part_label};
+use crate::channels::{Choice, Rule, part_label, unheeded};
 use crate::frame::{Frame, Part, Samples};
 use crate::mask::{ATTRIBUTE, Masks};
 
@@ -62,7 +62,7 @@ pub fn fill(
         mask: masks.origin.clone(),
         density: masks.density(),
         copied: true,
-        notes: masks.notes.clone(),
+        notes: [masks.notes.clone(), unheeded(&frame, masks, &job.overrides, choices)].concat(),
         ..Report::default()
     };
     for (index, choices) in choices.iter().enumerate() {

@@ -40,7 +40,8 @@ pub fn info(job: &InfoJob) -> Result<u8, PlanError> {
     let found = mask::find(&frame, &job.mask, file.as_ref());
     let none = Masks::default();
     let choices = channels::choose(&frame, found.as_ref().unwrap_or(&none), &job.overrides);
-    let info = info::describe(&frame, found.as_ref(), &choices);
+    let mut info = info::describe(&frame, found.as_ref(), &choices);
+    info.notes.extend(channels::unheeded(&frame, found.as_ref().unwrap_or(&none), &job.overrides, &choices));
     let text = if job.json {
         serde_json::to_string_pretty(&info).map_err(|error| PlanError::Failed(error.to_string()))?
     } else {
