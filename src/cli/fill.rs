@@ -96,7 +96,7 @@ impl FillArgs {
             selection,
             skip_missing,
             targets: Targets {
-                output: self.output.output.clone(),
+                output: self.output.checked()?,
                 mask: self.mask.file(),
                 also_written: run.json.iter().cloned().collect(),
                 create_dir: self.output.create_dir,

@@ -30,11 +30,11 @@ Exit status: 0 all as promised, 1 a frame is not or cannot be read, 2 usage, 128
 #[command(after_help = EXAMPLES)]
 pub struct VerifyArgs {
     /// The sparse frame: a file, a pattern or a glob, as in fill
-    #[arg(value_name = "SPARSE", help_heading = "Input and frames")]
+    #[arg(value_name = "SPARSE", display_order = 0, help_heading = "Input and frames")]
     sparse: PathBuf,
 
     /// The filled frame: a file, a pattern or a folder, as fill's OUTPUT
-    #[arg(value_name = "FILLED", help_heading = "Input and frames")]
+    #[arg(value_name = "FILLED", display_order = 1, help_heading = "Input and frames")]
     filled: PathBuf,
 
     #[command(flatten)]
