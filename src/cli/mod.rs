@@ -30,7 +30,7 @@ pub struct Usage(pub String);
 
 /// lacuna fills the pixels that a renderer skipped: sparse EXR frames in, complete EXR frames out.
 #[derive(Parser, Clone, Debug)]
-#[command(name = "lacuna", version, max_term_width = 110, disable_help_subcommand = true)]
+#[command(name = "lacuna", version, max_term_width = 110)]
 #[command(args_override_self = true)]
 #[command(after_help = "Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.")]
 struct Cli {

@@ -16,7 +16,7 @@ mod bounds;
 mod error;
 mod groups;
 mod job;
-mod normals;
+pub(crate) mod normals;
 mod part;
 mod plans;
 mod report;
@@ -32,12 +32,13 @@ pub(crate) use groups::usable;
 pub use job::{Job, Kind, output_compression, parse_settings};
 use lacuna_filters::Run;
 pub use lacuna_filters::domain::Domain;
+pub(crate) use part::measured_floats;
 pub use plans::Plans;
 pub use report::{ChannelReport, GroupReport, PartReport, Report};
-pub use stamp::{ADDED, DERIVED, Stamp};
-pub(crate) use values::convert;
+pub use stamp::{ADDED, DENSITY, DERIVED, Stamp};
+pub(crate) use values::{convert, kind_for};
 
-use crate::channels::{Choice, Rule, part_label};
+use crate::channels::{Choice, Rule, part_label, unheeded};
 use crate::frame::{Frame, Part, Samples};
 use crate::mask::{ATTRIBUTE, Masks};
 
@@ -61,7 +62,7 @@ pub fn fill(
         mask: masks.origin.clone(),
         density: masks.density(),
         copied: true,
-        notes: masks.notes.clone(),
+        notes: [masks.notes.clone(), unheeded(&frame, masks, &job.overrides, choices)].concat(),
         ..Report::default()
     };
     for (index, choices) in choices.iter().enumerate() {

@@ -276,7 +276,8 @@ impl<'a> Compare<'a> {
             (None, Source::File { pattern, .. }) => Some(Path::new(pattern)),
             _ => None,
         };
-        let found = path.map(|path| self.masks.get(path, limits)).transpose().and_then(|file| {
+        let file = path.map(|path| self.masks.get(path, limits)).transpose();
+        let found = file.map_err(|error| Failure::at(&item.output, error)).and_then(|file| {
             let in_test = mask::find(test, source, file.as_deref());
             // A mask for the reference serves as well: the windows of both are the same.
             let found =

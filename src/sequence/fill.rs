@@ -80,7 +80,8 @@ impl Work for Fill<'_> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
         let (frame, file) = stage.read(record, || {
             let frame = frame::read(&item.input, &limits).map_err(|error| at_input(&error))?;
-            let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose()?;
+            let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose();
+            let file = file.map_err(|error| at_input(&error))?;
             Ok((frame, file))
         })?;
         let start = Instant::now();

@@ -225,9 +225,7 @@ fn read(path: &Path, source: &Source) -> Result<(Frame, Masks), PlanError> {
     let frame = frame::read(path, &limits).map_err(|error| fail(error.into()))?;
     let file = match source {
         Source::File { pattern, .. } => {
-            Some(masks::read(pattern.as_ref(), limits).map_err(|failure| {
-                PlanError::Failed(format!("{}: {}", failure.file.display(), failure.text))
-            })?)
+            Some(masks::read(pattern.as_ref(), limits).map_err(|error| fail(error.into()))?)
         }
         _ => None,
     };

@@ -92,7 +92,8 @@ impl Work for Sparsify<'_> {
         let limits = memory::limits(self.job.run.memory, self.bytes(item));
         let (frame, file) = stage.read(record, || {
             let frame = frame::read(&item.input, &limits).map_err(|error| Failure::at(&item.input, error))?;
-            let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose()?;
+            let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose();
+            let file = file.map_err(|error| Failure::at(&item.input, error))?;
             Ok((frame, file))
         })?;
         let pattern = match (&self.job.pattern, &file) {
