@@ -25,7 +25,7 @@ use half::f16;
 pub use header::{ChannelHeader, PartHeader};
 use lacuna_filters::Size;
 pub use read::{Limits, memory_needed, read, read_header};
-pub use temporary::{remove_temporaries, temporary_owner};
+pub use temporary::{remove_temporaries, temporary_owner, write_whole};
 pub use write::{WriteOptions, write};
 
 /// One EXR file in memory: its parts in file order.
