@@ -127,8 +127,14 @@ impl Temporary {
         })
     }
 
-    /// Gives the file its final name; whatever had that name before is replaced.
+    /// Gives the file its final name; whatever had that name before is replaced. Its content is on the disk before the
+    /// name is, so that no crash leaves half a file under it, and a server that is out of space says so now.
     pub(super) fn commit(self, file: File) -> Result<(), Error> {
+        match file.sync_all() {
+            // The file system cannot tell.
+            Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => {}
+            result => result.map_err(Error::io("write"))?,
+        }
         drop(file);
         if !self.no_clobber {
             return fs::rename(&self.path, &self.destination).map_err(Error::io("rename the output"));

@@ -36,7 +36,7 @@ impl MaskFiles {
 /// Reads a mask file: EXR by its first bytes, else PNG.
 pub fn read(path: &Path, limits: Limits) -> Result<MaskFile, Failure> {
     let mut start = [0; 4];
-    std::fs::File::open(path)
+    frame::open_regular(path)
         .and_then(|mut file| file.read_exact(&mut start))
         .map_err(|error| Failure::at(path, format!("cannot read the mask: {error}")))?;
     if start == EXR {
