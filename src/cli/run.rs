@@ -43,7 +43,8 @@ pub struct RunArgs {
     #[allow(missing_docs)]
     pub speech: SpeechArgs,
 
-    /// Write a report as JSON: per frame files, settings, density, iterations, residual or gap, seconds, state
+    /// Write a report as JSON (- is standard output): per frame files, settings, density, iterations, residual or gap,
+    /// seconds, state
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }

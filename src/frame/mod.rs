@@ -26,8 +26,9 @@ use half::f16;
 pub use header::{ChannelHeader, PartHeader};
 use lacuna_filters::Size;
 pub use other::write_other;
-pub use read::{Limits, memory_needed, read, read_header};
-pub use temporary::{remove_temporaries, temporary_owner};
+pub use read::{Limits, memory_needed, read, read_header, read_whole_header};
+pub use source::open_regular;
+pub use temporary::{remove_temporaries, temporary_owner, write_whole};
 pub use write::{WriteOptions, write};
 
 /// One EXR file in memory: its parts in file order.

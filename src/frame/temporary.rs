@@ -5,7 +5,7 @@
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, OpenOptions};
 use std::hash::{BuildHasher, RandomState};
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -15,8 +15,12 @@ const MARK: &str = ".lacuna-";
 const ENDING: &str = ".tmp";
 /// File systems take names of 255 bytes; the rest is for what is added.
 const LONGEST_NAME: usize = 180;
+/// As many as Linux follows.
+const MOST_LINKS: usize = 40;
 
-static IN_WORK: Registry = Registry(Mutex::new(State { paths: Vec::new(), closed: false }));
+static IN_WORK: Registry = Registry::new();
+/// Reports are small, and written after a signal too.
+static REPORTS: Registry = Registry::new();
 
 /// Removes all temporary files in work; writers that are still at it fail. For the end of a process, after a
 /// signal: no output can be begun any more.
@@ -33,6 +37,26 @@ pub fn temporary_owner(name: &OsStr) -> Option<u32> {
     process.parse().ok()
 }
 
+/// Writes a small file, complete or not at all, also after [`remove_temporaries`]. A symbolic link is followed. What is
+/// not a regular file (a device, a pipe) is written into, and so is an open file that is named by its descriptor.
+///
+/// # Errors
+/// For a folder and for what the system refuses.
+pub fn write_whole(destination: &Path, content: &[u8]) -> Result<(), Error> {
+    let special = fs::metadata(destination).is_ok_and(|found| !found.is_file() && !found.is_dir());
+    if special
+        || ["/dev/stdout", "/dev/stderr", "/dev/fd", "/proc"]
+            .iter()
+            .any(|folder| destination.starts_with(folder))
+    {
+        let mut file = OpenOptions::new().append(true).open(destination).map_err(Error::io("open"))?;
+        return file.write_all(content).map_err(Error::io("write"));
+    }
+    let (temporary, mut file) = Temporary::create_in(&REPORTS, destination, false)?;
+    file.write_all(content).map_err(Error::io("write"))?;
+    temporary.commit(file)
+}
+
 /// The temporary files of this process.
 struct Registry(Mutex<State>);
 
@@ -42,6 +66,10 @@ struct State {
 }
 
 impl Registry {
+    const fn new() -> Self {
+        Self(Mutex::new(State { paths: Vec::new(), closed: false }))
+    }
+
     fn lock(&self) -> MutexGuard<'_, State> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -99,8 +127,14 @@ impl Temporary {
         })
     }
 
-    /// Gives the file its final name; whatever had that name before is replaced.
+    /// Gives the file its final name; whatever had that name before is replaced. Its content is on the disk before the
+    /// name is, so that no crash leaves half a file under it, and a server that is out of space says so now.
     pub(super) fn commit(self, file: File) -> Result<(), Error> {
+        match file.sync_all() {
+            // The file system cannot tell.
+            Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => {}
+            result => result.map_err(Error::io("write"))?,
+        }
         drop(file);
         if !self.no_clobber {
             return fs::rename(&self.path, &self.destination).map_err(Error::io("rename the output"));
@@ -136,16 +170,25 @@ fn resolve(destination: &Path, no_clobber: bool) -> Result<PathBuf, Error> {
     if no_clobber {
         return Err(Error::Exists);
     }
-    let path = if metadata.is_symlink() {
-        fs::canonicalize(destination).unwrap_or_else(|_| destination.into())
-    } else {
-        destination.into()
-    };
+    let path = if metadata.is_symlink() { behind(destination) } else { destination.into() };
     if fs::metadata(&path).is_ok_and(|metadata| !metadata.is_file()) {
         let reason = std::io::Error::other("the output exists and is not a regular file");
         return Err(Error::Io { action: "write", source: reason });
     }
     Ok(path)
+}
+
+/// What a symbolic link leads to in the end, whether that exists or not; a loop of links leads nowhere and stays.
+fn behind(link: &Path) -> PathBuf {
+    if let Ok(path) = fs::canonicalize(link) {
+        return path;
+    }
+    let mut path = link.to_path_buf();
+    for _ in 0..MOST_LINKS {
+        let Ok(target) = fs::read_link(&path) else { return path };
+        path = path.parent().unwrap_or(Path::new("")).join(target);
+    }
+    link.into()
 }
 
 /// `.NAME.lacuna-PROCESS-RANDOM.tmp`.

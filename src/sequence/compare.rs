@@ -9,7 +9,7 @@ use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::console::Console;
 use super::masks::MaskFiles;
 use super::plan::{Item, Plan, PlanError, pair};
-use super::record::{Heading, Record, write_whole};
+use super::record::{Heading, Record};
 use super::update::Existing;
 use super::{Selection, Verbosity, memory, prepare};
 use crate::frame::{self, Frame};
@@ -124,7 +124,7 @@ fn write(job: &CompareJob, comparison: &Comparison, pictures: &[Option<Picture>]
     let put = |path: &Option<PathBuf>, text: &dyn Fn() -> Result<String, String>| match path {
         None => Ok(()),
         Some(path) => text().and_then(|text| {
-            write_whole(path, text.as_bytes())
+            frame::write_whole(path, text.as_bytes())
                 .map_err(|error| format!("{}: cannot write the report: {error}", path.display()))
         }),
     };
@@ -335,7 +335,7 @@ impl<'a> Compare<'a> {
             .map_err(|error| Failure::at(&path, error))?;
         for (name, png) in pictures {
             let path = folder.join(format!("{stem}.{name}.png"));
-            write_whole(&path, &png).map_err(|error| Failure::at(&path, error))?;
+            frame::write_whole(&path, &png).map_err(|error| Failure::at(&path, error))?;
         }
         Ok(())
     }

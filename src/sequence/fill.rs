@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use lacuna_filters::{Run, Stop};
+use lacuna_filters::{Outcome, Run, Stop};
 
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::console::Console;
@@ -99,6 +99,9 @@ impl Work for Fill<'_> {
         });
         let (frame, report) = solved?;
         enter(&report, record);
+        if report.outcome.is_some_and(|outcome| outcome.stop == Stop::Cancelled) {
+            return Err(at_input(&"stopped"));
+        }
         let no_clobber = self.job.existing == Existing::Keep;
         let options = WriteOptions { compression_level: self.job.level, no_clobber };
         stage
@@ -117,12 +120,31 @@ fn enter(report: &Report, record: &mut Record) {
     record.outcome = report.outcome;
     record.rules = Some(rules(report));
     record.warn(&report.notes);
+    record.warn(report.outcome.and_then(early).as_slice());
     if report.non_finite > 0 {
         record.warn(&[format!("{} measured values are not finite and count as missing", report.non_finite)]);
     }
     if report.clamped_halves > 0 {
         record.warn(&[format!("{} values past the largest half were clamped to it", report.clamped_halves)]);
     }
+}
+
+/// What is to be said of a solver that stopped before it converged.
+fn early(outcome: Outcome) -> Option<String> {
+    let why = match outcome.stop {
+        Stop::Converged | Stop::Cancelled => return None,
+        Stop::IterationLimit => "the limit of iterations",
+        Stop::TimeLimit => "--time-limit",
+    };
+    let distance = match (outcome.gap, outcome.residual) {
+        (Some(gap), _) => format!(", relative gap {gap:.1e}"),
+        (None, Some(residual)) => format!(", residual {residual:.1e}"),
+        (None, None) => String::new(),
+    };
+    Some(format!(
+        "stopped by {why} after {} iterations{distance}: the best image so far is written",
+        outcome.iterations
+    ))
 }
 
 /// How many channels each rule had: `3 fill, 1 keep`.

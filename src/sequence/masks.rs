@@ -40,7 +40,7 @@ pub fn read(path: &Path, limits: Limits) -> Result<MaskFile, Error> {
     let name = path.display().to_string();
     let fail = |why: String| Error::File { path: name.clone(), why };
     let mut start = Vec::new();
-    let file = std::fs::File::open(path);
+    let file = frame::open_regular(path);
     file.and_then(|file| file.take(8).read_to_end(&mut start)).map_err(|error| fail(match &*name {
         // A mask takes the number of its frame, not whatever is there.
         glob if glob.contains(['*', '?']) => format!(

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::destination::Destination;
 use super::inputs::{Input, Selection, resolve};
 use super::pattern::Pattern;
+use super::record::is_standard_output;
 
 /// Why there is nothing to run.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -57,12 +58,14 @@ pub struct Targets {
 pub fn plan(selection: &Selection, targets: &Targets) -> Result<Plan, PlanError> {
     let items = pair(selection, &targets.output, targets.mask.as_deref())?;
     check_one_input_each(&items)?;
-    check_no_input_is_written(&items, &targets.also_written)?;
+    let also_written: Vec<PathBuf> =
+        targets.also_written.iter().filter(|path| !is_standard_output(path)).cloned().collect();
+    check_no_input_is_written(&items, &also_written)?;
     let mut new_folders = BTreeSet::new();
     for item in &items {
         check_folder(&item.output, targets.create_dir, &mut new_folders)?;
     }
-    for written in &targets.also_written {
+    for written in &also_written {
         check_folder(written, targets.create_dir, &mut new_folders)?;
     }
     Ok(Plan { items, new_folders })
@@ -118,6 +121,9 @@ impl MaskFile {
 
 /// Checks a report of a run that writes nothing else: it replaces no file that the run reads, and its folder exists.
 pub fn check_report(items: &[Item], report: &Path) -> Result<(), PlanError> {
+    if is_standard_output(report) {
+        return Ok(());
+    }
     let read = items.iter().flat_map(|item| [Some(&item.input), Some(&item.output), item.mask.as_ref()]);
     let identity = Identity::of(report);
     if identity.is_some() && read.flatten().any(|path| Identity::of(path) == identity) {

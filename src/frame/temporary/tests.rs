@@ -5,7 +5,7 @@ use std::io::Write;
 use super::*;
 
 fn registry() -> &'static Registry {
-    Box::leak(Box::new(Registry(Mutex::new(State { paths: Vec::new(), closed: false }))))
+    Box::leak(Box::new(Registry::new()))
 }
 
 fn names(folder: &Path) -> Vec<OsString> {
@@ -98,4 +98,39 @@ fn permissions_links_and_devices() {
 
     assert!(Temporary::create(Path::new("/dev/null"), false).is_err());
     assert!(Temporary::create(folder.path(), false).is_err());
+}
+
+#[cfg(unix)]
+#[test]
+fn links_are_followed_to_files_that_do_not_exist_yet() {
+    use std::os::unix::fs::symlink;
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    symlink("second", at("first")).unwrap();
+    symlink("new.json", at("second")).unwrap();
+    for content in ["one", "two"] {
+        write_whole(&at("first"), content.as_bytes()).unwrap();
+        assert_eq!(fs::read(at("new.json")).unwrap(), content.as_bytes());
+        assert_eq!(names(folder.path()), ["first", "new.json", "second"]);
+        assert!(fs::symlink_metadata(at("first")).unwrap().is_symlink());
+    }
+    symlink("loop", at("loop")).unwrap();
+    assert!(write_whole(&at("loop/x.json"), b"").is_err());
+}
+
+#[cfg(unix)]
+#[test]
+fn what_is_no_regular_file_is_written_into() {
+    use std::os::unix::fs::FileTypeExt;
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let reader = {
+        let pipe = pipe.clone();
+        std::thread::spawn(move || fs::read(pipe).unwrap())
+    };
+    write_whole(&pipe, b"report").unwrap();
+    assert_eq!(reader.join().unwrap(), b"report");
+    assert!(fs::metadata(&pipe).unwrap().file_type().is_fifo());
+    assert!(write_whole(folder.path(), b"report").is_err());
 }
