@@ -176,7 +176,7 @@ def test_the_gate_decides_the_exit_status_and_names_the_frames(tmp_path):
     sequence(tmp_path)
     pair = (tmp_path / "r.####.exr", tmp_path / "t.####.exr")
     assert compare(*pair, tmp_path, "--fail-below", "psnr=20,ssim=0.5", "--fail-above", "nan=0")[1].status == 0
-    report, result = compare(*pair, tmp_path, "--fail-below", "psnr=36", ok=False)
+    report, result = compare(*pair, tmp_path, "--fail-below", "psnr=40", ok=False)
     assert result.status == 1
     named = [line for line in result.lines() if "is below" in line]
     assert len(named) == 2 and "t.0002.exr" in named[0] and "t.0003.exr" in named[1], result
