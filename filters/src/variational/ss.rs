@@ -27,7 +27,7 @@
 //! Algorithm: the mask decides (`holes`). Where every 8 x 8 block has a sample: overlapping tiles, each by conjugate
 //! gradients in f32 with a masked blur as preconditioner (`tiles`), until the preconditioned residual over the least
 //! eigenvalue that the steps have shown is small, or f32 cannot tell it from rounding. Around empty blocks: rectangles, by
-//! conjugate gradients in f64 with a multigrid cycle (`region`), until a cycle's correction is small. Shifted sweeps follow
+//! conjugate gradients in f64 with a multigrid cycle, at order 2 in f32 (`region`), until a cycle's correction is small. Shifted sweeps follow
 //! until no tile and no rectangle has anything left to correct. The aim is 1e-4 of the measured range at any mask; the
 //! largest error seen against multigrid in f64 is 8e-5 (noise, 20 % random samples; renders 3e-5). Sparse masks
 //! (half of the image in rectangles), order 3 and `lambda > 0` take multigrid on the whole image.
@@ -40,7 +40,7 @@
 //! Settings: see [`Settings`]. Cost: tiles take about 13 steps on a render at 20 % low-discrepancy samples, 50 to 130 over
 //! all sweeps on noise and on random samples, one application of `H` each (68 flops a pixel at order 2); multigrid 15
 //! to 40 iterations of 9 applications at order 2, up to several hundred at order 3.
-//! Memory beyond samples and result: half a megabyte a thread for tiles; about 16 f64 planes of a rectangle for
+//! Memory beyond samples and result: half a megabyte a thread for tiles; about 7 f64 and 10 f32 planes of a rectangle for
 //! multigrid, one channel at a time.
 //!
 //! The outcome's residual: the norm of the residual, measured by the preconditioner, after the last sweep over that
