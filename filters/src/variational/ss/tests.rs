@@ -8,6 +8,8 @@ use super::*;
 use crate::Size;
 use crate::kernel::stencil::Separable;
 
+mod hole;
+
 /// The minimiser by Cholesky's factorisation of the full matrix. Returns every pixel.
 fn reference(settings: &Settings, samples: &Plane, mask: &Mask, weights: Option<&Plane>) -> Vec<f64> {
     let size = mask.size();
