@@ -17,12 +17,12 @@ const THREADS: &str =
 #[command(next_help_heading = "Run")]
 pub struct RunArgs {
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
-    #[arg(allow_negative_numbers = true, help = THREADS)]
+    #[arg(allow_hyphen_values = true, help = THREADS)]
     #[allow(missing_docs)]
     pub threads: usize,
 
     /// Frames solved at the same time, 1 or more; reading and writing overlap with it anyway
-    #[arg(long, value_name = "N", default_value = "1", value_parser = frames, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", default_value = "1", value_parser = frames, allow_hyphen_values = true)]
     pub parallel_frames: u16,
 
     /// Memory that frames on the way may use together: bytes, or with K, M, G, T (powers of 1024), for example 4G;
@@ -32,7 +32,7 @@ pub struct RunArgs {
 
     /// Seconds that solving one frame may take, above 0; then its best image so far is written and the report says so
     /// [default: no limit]
-    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_hyphen_values = true)]
     pub time_limit: Option<Duration>,
 
     /// Print the plan (input, output, what would be done) and change nothing

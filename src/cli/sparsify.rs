@@ -50,7 +50,7 @@ pub struct SparsifyArgs {
 #[command(next_help_heading = "Mask")]
 struct PatternArgs {
     /// Measured pixels over all pixels, 0 to 1
-    #[arg(long, value_name = "D", value_parser = fraction, allow_negative_numbers = true)]
+    #[arg(long, value_name = "D", value_parser = fraction, allow_hyphen_values = true)]
     density: Option<f64>,
 
     /// Another pattern of the same kind; the output records it

@@ -86,7 +86,9 @@ impl Work for Verify<'_> {
             _ => None,
         };
         let hint = match (&self.job.mask, source) {
-            (None, Source::File { .. }) => " (the attribute lacuna/mask says so; --mask says otherwise)",
+            (None, Source::File { .. }) => {
+                " (the path is from the attribute lacuna/mask; verify --mask overrides it)"
+            }
             _ => "",
         };
         let file = path.map(|path| self.masks.get(path, limits)).transpose();
