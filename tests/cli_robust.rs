@@ -245,11 +245,42 @@ fn reports_go_where_they_are_sent() {
     std::os::unix::fs::symlink("there.json", room.path("link.json")).unwrap();
     let run =
         |report: &str| room.ok(&["fill", "in.exr", "-o", "o.exr", "--filter", "nearest", "--json", report]);
-    for report in ["-", "/dev/stdout"] {
+    for report in ["-", "/proc/self/fd/1"] {
         let json: serde_json::Value = serde_json::from_str(&run(report).out).unwrap();
         assert_eq!(json["frames"][0]["state"], "done");
     }
     run("link.json");
     assert!(room.path("link.json").symlink_metadata().unwrap().is_symlink());
     assert_eq!(room.names("."), ["in.exr", "link.json", "o.exr", "there.json"]);
+}
+
+#[test]
+fn a_dry_run_sees_what_cannot_work() {
+    let room = Room::with(&["in.exr"]);
+    assert!(Command::new("mkfifo").arg(room.path("pipe.exr")).status().unwrap().success());
+    for (words, place) in [
+        (&["in.exr", "-o", "o.exr", "--mask", "m.png"][..], "m.png: cannot read the mask"),
+        (&["in.exr", "-o", "o.exr", "--mask", "pipe.exr"], "pipe.exr: cannot read the mask"),
+        (&["in.exr", "-o", "pipe.exr"], "pipe.exr: cannot write"),
+        (&["pipe.exr", "-o", "o.exr"], "pipe.exr: cannot open"),
+    ] {
+        let done = room.run(&[&["fill", "-n"], words].concat());
+        assert_eq!((done.status, done.errors().len()), (1, 1), "{words:?}: {}", done.err);
+        assert!(done.out.starts_with("fail  ") && done.err.contains(place), "{words:?}: {}", done.err);
+    }
+}
+
+#[test]
+fn an_output_that_appears_meanwhile_is_passed_over() {
+    let room = Room::new();
+    room.add("big.exr", &sparse(100, 100));
+    let words = [&["fill", "big.exr", "-o", "o.exr", "--no-clobber", "--time-limit", "2"], ENDLESS].concat();
+    let process = room.command(&words).spawn().unwrap();
+    std::thread::sleep(Duration::from_millis(700));
+    std::fs::write(room.path("o.exr"), "mine").unwrap();
+    let done = Done::from(process.wait_with_output().unwrap());
+    assert_eq!(done.status, 0, "{}", done.err);
+    assert!(done.err.contains("1 skipped"), "{}", done.err);
+    assert_eq!(bytes(&room.path("o.exr")), b"mine");
+    assert_eq!(room.names("."), ["big.exr", "o.exr"]);
 }

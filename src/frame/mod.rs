@@ -17,6 +17,7 @@ mod read;
 mod samples_for_tests;
 mod serialize;
 mod source;
+mod stale;
 mod temporary;
 mod write;
 
@@ -28,7 +29,7 @@ use lacuna_filters::Size;
 pub use other::write_other;
 pub use read::{Limits, memory_needed, read, read_header, read_whole_header};
 pub use source::open_regular;
-pub use temporary::{remove_temporaries, temporary_owner, write_whole};
+pub use temporary::{check_destination, remove_temporaries, write_whole};
 pub use write::{WriteOptions, write};
 
 /// One EXR file in memory: its parts in file order.

@@ -12,7 +12,7 @@ use std::time::Duration;
 pub(super) const MARK: &str = ".lacuna-";
 pub(super) const ENDING: &str = ".tmp";
 /// A file that changed within this time may be a writer's that this process cannot see.
-const YOUNG: Duration = Duration::from_secs(60);
+const YOUNG: Duration = Duration::from_mins(1);
 
 /// The folders that this process has looked through.
 static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
@@ -25,7 +25,8 @@ pub(super) fn host() -> &'static str {
         let processes = fs::read_link("/proc/self/ns/pid").unwrap_or_default();
         // FNV-1a, which stays the same from build to build.
         let bytes = name.iter().chain(processes.as_os_str().as_encoded_bytes());
-        let hash = bytes.fold(0x811c_9dc5_u32, |hash, &byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+        let hash =
+            bytes.fold(0x811c_9dc5_u32, |hash, &byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
         format!("{hash:08x}")
     })
 }
@@ -114,7 +115,10 @@ mod tests {
         ];
         add(format!(".e.exr.lacuna-{here}-{dead}-01.tmp"), 1000);
         sweep(folder.path());
-        let mut names: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        let mut names: Vec<_> = fs::read_dir(folder.path())
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
         names.sort();
         assert_eq!(names, stay);
     }

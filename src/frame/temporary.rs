@@ -10,9 +10,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::Error;
+use super::stale::{ENDING, MARK, host, sweep};
 
-const MARK: &str = ".lacuna-";
-const ENDING: &str = ".tmp";
 /// File systems take names of 255 bytes; the rest is for what is added.
 const LONGEST_NAME: usize = 180;
 /// As many as Linux follows.
@@ -26,15 +25,6 @@ static REPORTS: Registry = Registry::new();
 /// signal: no output can be begun any more.
 pub fn remove_temporaries() {
     IN_WORK.close();
-}
-
-/// The process that wrote the temporary file of that name; `None` if it is not the name of one.
-pub fn temporary_owner(name: &OsStr) -> Option<u32> {
-    let name = name.to_str()?.strip_prefix('.')?.strip_suffix(ENDING)?;
-    let (_, owner) = name.rsplit_once(MARK)?;
-    let (process, random) = owner.split_once('-')?;
-    u64::from_str_radix(random, 16).ok()?;
-    process.parse().ok()
 }
 
 /// Writes a small file, complete or not at all, also after [`remove_temporaries`]. A symbolic link is followed. What is
@@ -55,6 +45,24 @@ pub fn write_whole(destination: &Path, content: &[u8]) -> Result<(), Error> {
     let (temporary, mut file) = Temporary::create_in(&REPORTS, destination, false)?;
     file.write_all(content).map_err(Error::io("write"))?;
     temporary.commit(file)
+}
+
+/// Whether [`write`](super::write()) could begin with that file, as far as can be told without making one.
+///
+/// # Errors
+/// If the destination is there and not a regular file, or its folder (where that is missing, the one that it would be
+/// made in) takes no files.
+pub fn check_destination(destination: &Path) -> Result<(), Error> {
+    let path = resolve(destination, false)?;
+    #[cfg(unix)]
+    {
+        use rustix::fs::{Access, access};
+        let folder = path.ancestors().skip(1).find(|folder| folder.as_os_str().is_empty() || folder.exists());
+        let folder = folder.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        access(folder, Access::WRITE_OK | Access::EXEC_OK)
+            .map_err(|error| Error::io("create a file in the output's folder")(error.into()))?;
+    }
+    Ok(())
 }
 
 /// The temporary files of this process.
@@ -104,6 +112,7 @@ impl Temporary {
         no_clobber: bool,
     ) -> Result<(Self, File), Error> {
         let destination = resolve(destination, no_clobber)?;
+        sweep(destination.parent().unwrap_or(Path::new("")));
         // Created and registered under one lock: no signal comes between.
         let mut state = registry.lock();
         if state.closed {
@@ -191,8 +200,8 @@ fn behind(link: &Path) -> PathBuf {
     link.into()
 }
 
-/// `.NAME.lacuna-PROCESS-RANDOM.tmp`.
-fn temporary_name(name: &OsStr) -> OsString {
+/// `.NAME.lacuna-HOST-PROCESS-RANDOM.tmp`.
+pub(super) fn temporary_name(name: &OsStr) -> OsString {
     let random = RandomState::new().hash_one(std::process::id());
     let mut temporary = OsString::from(".");
     if name.len() <= LONGEST_NAME {
@@ -200,7 +209,7 @@ fn temporary_name(name: &OsStr) -> OsString {
     } else {
         temporary.push(name.to_string_lossy().chars().take(LONGEST_NAME / 4).collect::<String>());
     }
-    temporary.push(format!("{MARK}{}-{random:016x}{ENDING}", std::process::id()));
+    temporary.push(format!("{MARK}{}-{}-{random:016x}{ENDING}", host(), std::process::id()));
     temporary
 }
 

@@ -13,7 +13,7 @@ use super::record::{Heading, Record};
 use super::update::{Existing, is_current};
 use super::{Selection, memory, prepare};
 use crate::channels::{self, Rule};
-use crate::frame::{self, WriteOptions};
+use crate::frame;
 use crate::mask;
 use crate::reconstruct::{self, Report};
 
@@ -68,7 +68,7 @@ impl Work for Fill<'_> {
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
         let current = |item: &Item| is_current(item, &self.job.what);
-        prepare::decide(item, self.job.skip_missing, self.job.existing, current)
+        prepare::decide_to_write(item, self.job.skip_missing, self.job.existing, current)
     }
 
     fn bytes(&self, item: &Item) -> u64 {
@@ -102,11 +102,7 @@ impl Work for Fill<'_> {
         if report.outcome.is_some_and(|outcome| outcome.stop == Stop::Cancelled) {
             return Err(at_input(&"stopped"));
         }
-        let no_clobber = self.job.existing == Existing::Keep;
-        let options = WriteOptions { compression_level: self.job.level, no_clobber };
-        stage
-            .write(record, || frame::write(&frame, &item.output, &options))
-            .map_err(|error| Failure::at(&item.output, error))
+        prepare::write(&frame, item, (self.job.existing, self.job.level), stage, record)
     }
 }
 

@@ -57,16 +57,17 @@ pub struct Targets {
 /// Plans a run. Looks at names and folders, opens no frame, changes nothing.
 pub fn plan(selection: &Selection, targets: &Targets) -> Result<Plan, PlanError> {
     let items = pair(selection, &targets.output, targets.mask.as_deref())?;
-    check_one_input_each(&items)?;
+    let mut places = Places::default();
+    check_one_input_each(&items, &mut places)?;
     let also_written: Vec<PathBuf> =
         targets.also_written.iter().filter(|path| !is_standard_output(path)).cloned().collect();
-    check_no_input_is_written(&items, &also_written)?;
+    check_no_input_is_written(&items, &also_written, &mut places)?;
     let mut new_folders = BTreeSet::new();
-    for item in &items {
-        check_folder(&item.output, targets.create_dir, &mut new_folders)?;
-    }
-    for written in &also_written {
-        check_folder(written, targets.create_dir, &mut new_folders)?;
+    let mut checked = BTreeSet::new();
+    for written in items.iter().map(|item| &item.output).chain(&also_written) {
+        if checked.insert(folder_of(written)) {
+            check_folder(written, targets.create_dir, &mut new_folders)?;
+        }
     }
     Ok(Plan { items, new_folders })
 }
@@ -132,10 +133,10 @@ pub fn check_report(items: &[Item], report: &Path) -> Result<(), PlanError> {
     check_folder(report, false, &mut BTreeSet::new())
 }
 
-fn check_one_input_each(items: &[Item]) -> Result<(), PlanError> {
+fn check_one_input_each(items: &[Item], places: &mut Places) -> Result<(), PlanError> {
     let mut owners: HashMap<PathBuf, &Path> = HashMap::new();
     for item in items {
-        if let Some(other) = owners.insert(place(&item.output), &item.input)
+        if let Some(other) = owners.insert(places.of(&item.output), &item.input)
             && other != item.input
         {
             return Err(PlanError::Usage(format!(
@@ -149,7 +150,11 @@ fn check_one_input_each(items: &[Item]) -> Result<(), PlanError> {
     Ok(())
 }
 
-fn check_no_input_is_written(items: &[Item], also_written: &[PathBuf]) -> Result<(), PlanError> {
+fn check_no_input_is_written(
+    items: &[Item],
+    also_written: &[PathBuf],
+    places: &mut Places,
+) -> Result<(), PlanError> {
     let mut read: HashMap<Identity, (&Path, &str)> = HashMap::new();
     for item in items {
         if let Some(mask) = &item.mask
@@ -164,7 +169,9 @@ fn check_no_input_is_written(items: &[Item], also_written: &[PathBuf]) -> Result
         }
     }
     for written in items.iter().map(|item| &item.output).chain(also_written) {
-        if let Some((source, what)) = Identity::of(written).and_then(|identity| read.get(&identity)) {
+        // What does not exist is neither an input nor a folder.
+        let Some(identity) = Identity::of(written) else { continue };
+        if let Some((source, what)) = read.get(&identity) {
             let same =
                 if *source == written.as_path() { String::new() } else { format!(" ({})", source.display()) };
             return Err(PlanError::Usage(format!(
@@ -176,8 +183,8 @@ fn check_no_input_is_written(items: &[Item], also_written: &[PathBuf]) -> Result
             return Err(PlanError::Usage(format!("{}: the output is a folder", written.display())));
         }
     }
-    let outputs: BTreeSet<PathBuf> = items.iter().map(|item| place(&item.output)).collect();
-    match also_written.iter().find(|written| outputs.contains(&place(written))) {
+    let outputs: BTreeSet<PathBuf> = items.iter().map(|item| places.of(&item.output)).collect();
+    match also_written.iter().find(|written| outputs.contains(&places.of(written))) {
         Some(written) => Err(PlanError::Usage(format!("{}: would be written twice", written.display()))),
         None => Ok(()),
     }
@@ -214,11 +221,19 @@ pub fn folder_of(file: &Path) -> PathBuf {
     }
 }
 
-/// Where a file lies or will lie, links in its folder resolved.
-fn place(file: &Path) -> PathBuf {
-    let folder = folder_of(file);
-    let folder = folder.canonicalize().or_else(|_| std::path::absolute(&folder)).unwrap_or(folder);
-    file.file_name().map_or_else(|| folder.clone(), |name| folder.join(name))
+/// Folders with their links resolved, each looked up once.
+#[derive(Default)]
+struct Places(HashMap<PathBuf, PathBuf>);
+
+impl Places {
+    /// Where a file lies or will lie, links in its folder resolved.
+    fn of(&mut self, file: &Path) -> PathBuf {
+        let resolve = |folder: &PathBuf| {
+            folder.canonicalize().or_else(|_| std::path::absolute(folder)).unwrap_or_else(|_| folder.clone())
+        };
+        let folder = self.0.entry(folder_of(file)).or_insert_with_key(resolve);
+        file.file_name().map_or_else(|| folder.clone(), |name| folder.join(name))
+    }
 }
 
 /// What tells an existing file from every other, whatever its names.

@@ -79,6 +79,12 @@ impl Record {
         self.warnings.extend_from_slice(notes);
     }
 
+    /// Nothing was written, for this reason.
+    pub fn pass_over(&mut self, reason: String) {
+        self.state = State::Skipped;
+        self.message = Some(reason);
+    }
+
     /// Stages that have been through, of read, solve and write.
     pub fn steps_done(&self) -> u64 {
         let Seconds { read, solve, write } = self.seconds;

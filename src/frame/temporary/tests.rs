@@ -63,18 +63,6 @@ fn closing_removes_files_in_work_and_refuses_new_ones() {
     assert!(names(folder.path()).is_empty());
 }
 
-#[test]
-fn owners_are_read_from_names_only_of_temporaries() {
-    let own = temporary_name(OsStr::new("shot.lacuna-1-2.tmp"));
-    assert_eq!(temporary_owner(&own), Some(std::process::id()));
-    assert_eq!(temporary_owner(OsStr::new(".a.exr.lacuna-77-00ff.tmp")), Some(77));
-    for other in ["a.exr", ".a.exr.tmp", "a.lacuna-77-00ff.tmp", ".a.lacuna-77.tmp", ".a.lacuna-x-00ff.tmp"] {
-        assert_eq!(temporary_owner(OsStr::new(other)), None, "{other}");
-    }
-    let long = temporary_name(OsStr::new(&"ä".repeat(127)));
-    assert!(long.len() < 255 && temporary_owner(&long).is_some());
-}
-
 #[cfg(unix)]
 #[test]
 fn permissions_links_and_devices() {
