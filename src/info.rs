@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use crate::channels::{Choice, Rule};
+use crate::channels::{Choice, Rule, visible};
 use crate::frame::{Frame, Layout, Part, Samples, Window};
 use crate::mask::{self, Masks};
 
@@ -13,6 +13,8 @@ use crate::mask::{self, Masks};
 pub struct Info {
     /// Where the mask was found; nothing if there is none.
     pub mask: Option<String>,
+    /// The names of the frame's own channels that are the mask.
+    pub mask_channels: Vec<String>,
     /// Why there is no mask.
     pub mask_error: Option<String>,
     /// Measured pixels over all pixels that a mask serves, 0 to 1.
@@ -68,6 +70,7 @@ pub fn describe(frame: &Frame, masks: Result<&Masks, &mask::Error>, choices: &[V
     let found = masks.ok();
     Info {
         mask: found.map(|masks| masks.origin.clone()),
+        mask_channels: found.map(|masks| mask_channels(frame, masks)).unwrap_or_default(),
         mask_error: masks.err().map(ToString::to_string),
         density: found.and_then(Masks::density),
         parts: parts
@@ -75,6 +78,20 @@ pub fn describe(frame: &Frame, masks: Result<&Masks, &mask::Error>, choices: &[V
             .collect(),
         notes: found.map(|masks| masks.notes.clone()).unwrap_or_default(),
     }
+}
+
+/// The different names of the channels that are masks in use.
+fn mask_channels(frame: &Frame, masks: &Masks) -> Vec<String> {
+    let mut names = Vec::new();
+    for (part, channels) in frame.parts.iter().zip(&masks.mask_channels) {
+        for channel in channels.iter().filter_map(|&at| part.channels.get(at)) {
+            let name = channel.display_name().into_owned();
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+    }
+    names
 }
 
 fn part_info(part: &Part, index: usize, masks: Option<&Masks>, choices: &[Choice]) -> PartInfo {
@@ -116,28 +133,37 @@ pub fn kind(samples: &Samples) -> &'static str {
 
 impl std::fmt::Display for Info {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let channels = match &*self.mask_channels {
+            [] => String::new(),
+            [one] if self.mask.as_ref() == Some(one) => String::new(),
+            names => format!(" (channel {})", visible(&names.join(", "))),
+        };
         match (&self.mask, &self.mask_error, self.density) {
-            (Some(mask), _, Some(density)) => writeln!(f, "mask: {mask}, density {:.2} %", density * 100.0)?,
-            (Some(mask), _, None) => writeln!(f, "mask: {mask}, which serves no channel")?,
-            (None, Some(error), _) => writeln!(f, "mask: {error}")?,
+            (Some(mask), _, Some(density)) => {
+                writeln!(f, "mask: {}{channels}, density {:.2} %", visible(mask), density * 100.0)?;
+            }
+            (Some(mask), _, None) => {
+                writeln!(f, "mask: {}{channels}, which serves no channel", visible(mask))?;
+            }
+            (None, Some(error), _) => writeln!(f, "mask: {}", visible(error))?,
             (None, None, _) => {}
         }
         for note in &self.notes {
-            writeln!(f, "note: {note}")?;
+            writeln!(f, "note: {}", visible(note))?;
         }
         for (index, part) in self.parts.iter().enumerate() {
             writeln!(f, "{}", head(index, part))?;
             let width = |cell: fn(&ChannelInfo) -> usize| part.channels.iter().map(cell).max().unwrap_or(0);
-            let name = width(|channel| channel.name.chars().count());
+            let name = width(|channel| visible(&channel.name).chars().count());
             for channel in &part.channels {
-                let missing = channel.no_mask.as_ref().map(|why| format!("; NO MASK: {why}"));
+                let missing = channel.no_mask.as_ref().map(|why| format!("; NO MASK: {}", visible(why)));
                 writeln!(
                     f,
                     "  {:name$}  {:5}  {:7}  {}{}",
-                    channel.name,
+                    visible(&channel.name),
                     channel.kind,
                     channel.rule,
-                    channel.why,
+                    visible(&channel.why),
                     missing.unwrap_or_default()
                 )?;
             }
@@ -158,10 +184,10 @@ fn head(index: usize, part: &PartInfo) -> String {
         let _ = line.write_fmt(text);
     };
     if let Some(name) = &part.name {
-        add(format_args!(" '{name}'"));
+        add(format_args!(" '{}'", visible(name)));
     }
     if let Some(view) = &part.view {
-        add(format_args!(", view {view}"));
+        add(format_args!(", view {}", visible(view)));
     }
     add(format_args!(", data {}", window(part.data_window)));
     if part.display_window != part.data_window {

@@ -9,6 +9,8 @@
 //! └──────────────── sequence repeats it per frame ────────────────────────────────┘
 //! ```
 //!
+//! [`report`] compares frames with their references.
+//!
 //! [`cli`] turns flags into a checked job and does no work; the algorithms are in the crate `lacuna_filters`.
 
 pub mod channels;
@@ -17,6 +19,7 @@ pub mod frame;
 pub mod info;
 pub mod mask;
 pub mod reconstruct;
+pub mod report;
 pub mod sequence;
 pub mod sparsify;
 #[cfg(test)]

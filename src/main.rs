@@ -27,6 +27,8 @@ fn run(job: &Job) -> Result<u8, (&'static str, PlanError)> {
         Job::Fill(job) => sequence::fill(job).map_err(|error| ("fill", error)),
         Job::Info(job) => sequence::info(job).map_err(|error| ("info", error)),
         Job::Verify(job) => sequence::verify(job).map_err(|error| ("verify", error)),
+        Job::Mask(job) => sequence::mask(job).map_err(|error| ("mask", error)),
+        Job::Compare(job) => sequence::compare(job).map_err(|error| ("compare", error)),
         Job::Sparsify(job) => sequence::sparsify(job).map_err(|error| ("sparsify", error)),
         Job::Render(job) => sequence::render(job).map_err(|error| ("render", error)),
     }

@@ -168,6 +168,11 @@ fn update_does_only_what_is_stale() {
     assert_eq!(run(&["--limit", "off"]), [1, 2, 3]);
     assert_eq!(run(&["--limit", "off"]), [0; 0]);
     assert_eq!(run(&["--channels", "R=nearest"]), [1, 2, 3]);
+    // What is no whole file is not up to date, whatever its header says.
+    let output = room.path("o/s.0003.exr");
+    let whole = bytes(&output);
+    std::fs::write(&output, &whole[..whole.len() - 10]).unwrap();
+    assert_eq!(run(&["--channels", "R=nearest"]), [3]);
     // The mask's file counts as an input, by its time and its name.
     std::fs::copy(room.path("s.0001.exr"), room.path("m1.exr")).unwrap();
     std::fs::copy(room.path("s.0001.exr"), room.path("m2.exr")).unwrap();

@@ -163,5 +163,124 @@ fn a_time_limit_ends_the_solver_with_an_image() {
     room.ok(&words);
     let report: serde_json::Value = serde_json::from_slice(&bytes(&room.path("r.json"))).unwrap();
     assert_eq!(report["frames"][0]["stop"], "time-limit");
+    let warned = |warnings: &serde_json::Value| {
+        warnings.as_array().unwrap().iter().any(|text| text.as_str().unwrap().contains("--time-limit"))
+    };
+    assert!(warned(&report["frames"][0]["warnings"]), "{report}");
+    assert_eq!(room.read("o.exr").parts[0].attributes.text("lacuna/stop").as_deref(), Some("time-limit"));
     room.ok(&["verify", "big.exr", "o.exr"]);
+    let again = room.ok(&[&words[..], &["-u"]].concat());
+    assert!(again.err.contains("1 of 1 frame filled") && again.err.contains("gap"), "{}", again.err);
+}
+
+#[test]
+fn a_limit_of_iterations_is_said_but_does_not_make_a_frame_stale() {
+    let room = Room::with(&["in.exr"]);
+    let words = ["fill", "in.exr", "-o", "o.exr", "-u", "--filter", "tv", "--tv-gap", "1e-300"];
+    let words = [&words[..], &["--tv-iterations", "20"]].concat();
+    let done = room.ok(&words);
+    assert!(done.err.contains("stopped by the limit of iterations after 20 iterations"), "{}", done.err);
+    assert_eq!(
+        room.read("o.exr").parts[0].attributes.text("lacuna/stop").as_deref(),
+        Some("iteration-limit")
+    );
+    room.ok(&["verify", "in.exr", "o.exr"]);
+    assert!(room.ok(&words).err.contains("1 skipped"));
+    // Converged: the attribute of the input's own making goes.
+    let again = ["fill", "o.exr", "-o", "p.exr", "--filter", "pushpull"];
+    room.ok(&again);
+    assert_eq!(room.read("p.exr").parts[0].attributes.text("lacuna/stop"), None);
+    room.ok(&["verify", "o.exr", "p.exr"]);
+}
+
+#[test]
+fn pipes_are_refused_at_once() {
+    let room = Room::with(&["in.exr"]);
+    assert!(Command::new("mkfifo").arg(room.path("pipe.exr")).status().unwrap().success());
+    for words in [
+        &["fill", "pipe.exr", "-o", "o.exr"][..],
+        &["fill", "in.exr", "-o", "o.exr", "--mask", "pipe.exr"],
+        &["fill", "in.exr", "-o", "pipe.exr", "-u"],
+        &["fill", "in.exr", "-o", "pipe.exr"],
+        &["verify", "in.exr", "pipe.exr"],
+        &["info", "pipe.exr"],
+    ] {
+        let done = room.run(words);
+        assert_eq!((done.status, done.errors().len()), (1, 1), "{words:?}: {}", done.err);
+        assert!(done.err.contains("pipe.exr: ") && done.err.contains("not a regular file"), "{}", done.err);
+    }
+    assert_eq!(room.names("."), ["in.exr", "pipe.exr"]);
+}
+
+#[test]
+fn a_signal_that_was_ignored_stays_ignored() {
+    let room = Room::new();
+    room.add("big.exr", &sparse(300, 300));
+    let words = [&["fill", "big.exr", "-o", "o.exr"], ENDLESS].concat().join(" ");
+    let script = format!("trap '' HUP; exec {LACUNA} {words}");
+    let mut process = Command::new("sh")
+        .args(["-c", &script])
+        .current_dir(room.path("."))
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(Duration::from_millis(300));
+    send("-HUP", process.id());
+    std::thread::sleep(Duration::from_millis(300));
+    assert!(process.try_wait().unwrap().is_none(), "the signal ended the run");
+    send("-TERM", process.id());
+    assert_eq!(status(process.wait().unwrap()), 143);
+}
+
+#[test]
+fn too_many_threads_are_cut_down_with_a_warning() {
+    let room = Room::with(&["in.exr"]);
+    let done = room.ok(&["fill", "in.exr", "-o", "o.exr", "--threads", "50000", "--filter", "nearest"]);
+    assert!(done.err.contains("warning: --threads 50000"), "{}", done.err);
+}
+
+#[test]
+fn reports_go_where_they_are_sent() {
+    let room = Room::with(&["in.exr"]);
+    std::os::unix::fs::symlink("there.json", room.path("link.json")).unwrap();
+    let run =
+        |report: &str| room.ok(&["fill", "in.exr", "-o", "o.exr", "--filter", "nearest", "--json", report]);
+    for report in ["-", "/proc/self/fd/1"] {
+        let json: serde_json::Value = serde_json::from_str(&run(report).out).unwrap();
+        assert_eq!(json["frames"][0]["state"], "done");
+    }
+    run("link.json");
+    assert!(room.path("link.json").symlink_metadata().unwrap().is_symlink());
+    assert_eq!(room.names("."), ["in.exr", "link.json", "o.exr", "there.json"]);
+}
+
+#[test]
+fn a_dry_run_sees_what_cannot_work() {
+    let room = Room::with(&["in.exr"]);
+    assert!(Command::new("mkfifo").arg(room.path("pipe.exr")).status().unwrap().success());
+    for (words, place) in [
+        (&["in.exr", "-o", "o.exr", "--mask", "m.png"][..], "m.png: cannot read the mask"),
+        (&["in.exr", "-o", "o.exr", "--mask", "pipe.exr"], "pipe.exr: cannot read the mask"),
+        (&["in.exr", "-o", "pipe.exr"], "pipe.exr: cannot write"),
+        (&["pipe.exr", "-o", "o.exr"], "pipe.exr: cannot open"),
+    ] {
+        let done = room.run(&[&["fill", "-n"], words].concat());
+        assert_eq!((done.status, done.errors().len()), (1, 1), "{words:?}: {}", done.err);
+        assert!(done.out.starts_with("fail  ") && done.err.contains(place), "{words:?}: {}", done.err);
+    }
+}
+
+#[test]
+fn an_output_that_appears_meanwhile_is_passed_over() {
+    let room = Room::new();
+    room.add("big.exr", &sparse(100, 100));
+    let words = [&["fill", "big.exr", "-o", "o.exr", "--no-clobber", "--time-limit", "2"], ENDLESS].concat();
+    let process = room.command(&words).spawn().unwrap();
+    std::thread::sleep(Duration::from_millis(700));
+    std::fs::write(room.path("o.exr"), "mine").unwrap();
+    let done = Done::from(process.wait_with_output().unwrap());
+    assert_eq!(done.status, 0, "{}", done.err);
+    assert!(done.err.contains("1 skipped"), "{}", done.err);
+    assert_eq!(bytes(&room.path("o.exr")), b"mine");
+    assert_eq!(room.names("."), ["big.exr", "o.exr"]);
 }

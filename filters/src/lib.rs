@@ -21,6 +21,7 @@ mod kernel;
 pub mod limiter;
 mod mask;
 mod method;
+pub mod metric;
 mod operator;
 mod outcome;
 mod plane;

@@ -3,35 +3,37 @@
 //! Splines overshoot beside a highlight, in a logarithmic domain too: by a factor then. This runs last, in the linear
 //! domain, on missing pixels only. [`local`] can be switched off; [`range`] states what always holds.
 //!
-//! [`local`]: with `[a, b]` the range of the measured pixels in the square of `2 R + 1` pixels around a missing one, it is
-//! moved into `[lo, hi]` if it is outside:
+//! [`local`]: with `[a, b]` the range of the measured pixels around a missing one, it is moved into `[lo, hi]` if it is
+//! outside:
 //!
 //! - a channel without negative values to speak of (colour, alpha): `lo = a / 2`, `hi = 2 b`; where a or b is negative
 //!   the factor goes the other way, so that the bounds always enclose `[a, b]`;
 //! - a signed channel (positions, normals), which is one whose smallest measured value is below -1/64 of its largest:
 //!   `lo = a - c`, `hi = b + c` with `c = (b - a) / 2 + (B - A) / 16`, `[A, B]` being the range of the whole plane.
 //!
-//! R is 8, and larger in sparse planes: `2 / sqrt(density)`, at most 64, about 16 measured pixels. A square without any
-//! takes the bounds of the whole plane, `a = A`, `b = B`. A reconstruction within its bounds keeps every bit. A value that
-//! is not a number becomes lo.
+//! Around means in the disc of radius R about the pixel, its rim included. R is 8, and larger in sparse planes:
+//! `2 / sqrt(density)`, at most 64, about 12 measured pixels. Of a channel without negative values, `a` is nevertheless that of
+//! the disc of radius 8 if anything was measured there: nothing gets darker than half the darkest measured pixel near it.
+//! A disc without any measured pixel takes the bounds of the whole plane, `a = A`, `b = B`. A reconstruction within its
+//! bounds keeps every bit. A value that is not a number becomes lo.
 //!
-//! Algorithm: sliding minima and maxima of windows of doubling width, first down the columns of a strip of rows, then along
-//! its rows; a window of any width is the union of two of a power of two. Minima do not depend on the order, so
-//! that strips and threads change nothing.
-//! Where a block of R x R pixels is within the bounds that its own measured pixels give, nothing is searched.
-//! Cost: two passes over the plane; where pixels are moved, about 2 log2(2 R + 1) + 2 comparisons per pixel for each
-//! bound, in vectors; O(R W) scratch per thread.
-//! Fails: a true highlight that no sample hit is held down to twice its surroundings.
-//!
-//! Source of the doubling: J. Pecht, "Speeding-up successive Minkowski operations with bit-plane computers", Pattern
-//! Recognition Letters 3, 1985.
+//! Algorithm: a disc is a stack of chords. Minima of a row over windows that grow by a pixel to either side give, one width
+//! after the other, the chords of the discs around the pixels of the rows above and below. Minima do not depend on the
+//! order, so that strips and threads change nothing.
+//! Where a small block of pixels is within the bounds that its own measured pixels give, nothing is searched.
+//! Cost: two passes over the plane; where pixels are moved, about 6 R comparisons per pixel for each bound, in vectors, twice
+//! in sparse planes; O(R W) scratch per thread.
+//! Fails: a true highlight that no sample hit is held down to twice its surroundings, a true shadow up to half of them.
 
 use rayon::prelude::*;
 
 use crate::{Error, Mask, Plane, Size};
 
 mod blocks;
-mod window;
+mod disc;
+
+/// The disc in which the darkest measured pixel counts, at any density; its radius in pixels.
+const NEAR: usize = 8;
 
 /// Moves missing pixels of `out` that are out of reach of the measured pixels around them, see the head of this file.
 ///
@@ -44,17 +46,21 @@ pub fn local(mask: &Mask, samples: &Plane, out: &mut Plane) -> Result<usize, Err
     let size = check(mask, samples, out)?;
     let bounds = Bounds::new(whole_range(mask, samples));
     let radius = radius(mask.density());
+    let block = blocks::side(if bounds.margin.is_some() { radius } else { NEAR });
     // Tall strips share more work, flat ones fit the cache and give every thread some.
-    let rows = 2 * radius;
+    let rows = radius.next_multiple_of(block) * 2;
     let strips = out.pixels_mut().par_chunks_mut(size.width * rows).enumerate();
     let counts = strips.map(|(strip, out)| {
         let first = strip * rows;
-        let columns = blocks::suspects(&bounds, (mask, samples), first, out, radius);
+        let columns = blocks::suspects(&bounds, (mask, samples), first, out, block);
         if columns.is_empty() {
             return 0;
         }
         let rows = first..first + out.len() / size.width;
-        let mut ranges = window::Ranges::new((mask, samples), rows.clone(), columns.clone(), radius);
+        let mut ranges = disc::Ranges::new((mask, samples), rows.clone(), columns.clone(), radius);
+        if radius > NEAR && bounds.margin.is_none() {
+            ranges.raise(&disc::Ranges::new((mask, samples), rows.clone(), columns.clone(), NEAR));
+        }
         let mut count = 0;
         for ((y, row), out) in rows.enumerate().zip(out.chunks_mut(size.width)) {
             let (low, high) = ranges.row_mut(y);
@@ -94,9 +100,9 @@ fn check(mask: &Mask, samples: &Plane, out: &Plane) -> Result<Size, Error> {
     if mask.is_empty() { Err(Error::EmptyMask) } else { Ok(size) }
 }
 
-/// Half the side of the square in which measured pixels count.
+/// The radius of the disc in which measured pixels count.
 fn radius(density: f64) -> usize {
-    ((2.0 / density.sqrt()).ceil() as usize).clamp(8, 64)
+    ((2.0 / density.sqrt()).ceil() as usize).clamp(NEAR, 64)
 }
 
 /// The smallest and the largest measured value.

@@ -8,17 +8,22 @@ mod overrides;
 mod rules;
 #[cfg(test)]
 mod tests;
+mod unheeded;
 
-pub use names::{Name, channel_label, list_channels, part_label, view_of, words};
+pub use names::{Name, channel_label, list_channels, part_label, view_of, visible, words};
 pub use overrides::{Override, OverrideError};
 pub use rules::{by_default, is_alpha, is_light, is_matte};
 use serde::Serialize;
+pub use unheeded::unheeded;
 
 use crate::frame::{Frame, Part, Samples};
 use crate::mask::Masks;
 
 /// The attribute that lists channels which are complete already, separated by commas or lines.
 pub const DENSE: &str = "lacuna/dense";
+
+/// Why a normal is none.
+const INCOMPLETE: &str = "not all three siblings are there";
 
 /// What happens to a channel's missing pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -124,7 +129,7 @@ fn demote_incomplete_normals(part: &Part, choices: &mut [Choice]) {
         .filter(|&i| choices[i].rule == Rule::Normal && normal_triple(part, choices, i).is_none())
         .collect();
     for index in incomplete {
-        let why = format!("{}, but not all three siblings are there", choices[index].why);
+        let why = format!("{}, but {INCOMPLETE}", choices[index].why);
         choices[index] = Choice { rule: Rule::Fill, why };
     }
 }

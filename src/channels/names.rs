@@ -72,11 +72,23 @@ fn multi_view(part: &Part) -> Vec<String> {
     views
 }
 
+/// A text from a file as people may see it: control characters, which could move the cursor or break the line, as
+/// escapes.
+pub fn visible(text: &str) -> std::borrow::Cow<'_, str> {
+    if !text.contains(char::is_control) {
+        return text.into();
+    }
+    let escaped = |letter: char| -> String {
+        if letter.is_control() { letter.escape_default().collect() } else { letter.into() }
+    };
+    text.chars().map(escaped).collect::<String>().into()
+}
+
 /// A part as messages call it: `part 2 (depth_left)`; nothing for the only part of a frame.
 pub fn part_label(frame: &Frame, part: usize) -> String {
     match frame.parts.get(part).and_then(Part::name) {
         _ if frame.parts.len() <= 1 => String::new(),
-        Some(name) if !name.is_empty() => format!("part {part} ({name})"),
+        Some(name) if !name.is_empty() => format!("part {part} ({})", visible(&name)),
         _ => format!("part {part}"),
     }
 }
@@ -85,6 +97,7 @@ pub fn part_label(frame: &Frame, part: usize) -> String {
 pub fn channel_label(frame: &Frame, part: usize, channel: usize) -> String {
     let name = frame.parts.get(part).and_then(|part| part.channels.get(channel));
     let name = name.map_or_else(|| channel.to_string(), |channel| channel.display_name().into_owned());
+    let name = visible(&name);
     let part = part_label(frame, part);
     if part.is_empty() { format!("channel {name}") } else { format!("{part}, channel {name}") }
 }
@@ -95,7 +108,12 @@ pub fn list_channels(frame: &Frame) -> String {
     let mut left = MOST;
     let mut parts = Vec::new();
     for (index, part) in frame.parts.iter().enumerate() {
-        let names: Vec<_> = part.channels.iter().take(left).map(|channel| channel.display_name()).collect();
+        let names: Vec<_> = part
+            .channels
+            .iter()
+            .take(left)
+            .map(|channel| visible(&channel.display_name()).into_owned())
+            .collect();
         left -= names.len();
         let label = part_label(frame, index);
         let names = names.join(", ");
@@ -124,6 +142,12 @@ mod tests {
         assert_eq!(of("SAMPLECOUNT"), "samplecount");
         assert_eq!(of("Diffuse Direct.R"), "diffuse direct r");
         assert_eq!(of("..7"), "");
+    }
+
+    #[test]
+    fn control_characters_are_seen() {
+        assert_eq!(visible("a\x1b[2J\nb"), "a\\u{1b}[2J\\nb");
+        assert_eq!(visible("größe b"), "größe b");
     }
 
     #[test]

@@ -4,7 +4,8 @@ use std::str::FromStr;
 
 use super::Rule;
 
-/// A rule for the channels whose full name matches a pattern; `*`, `?` and `[...]` as in a shell, case matters.
+/// A rule for the channels whose full name matches a pattern; `*`, `?` and `[...]` as in a shell, case matters; an `=`
+/// in a name is written `[=]`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Override {
     /// The channels.
@@ -19,6 +20,9 @@ pub enum OverrideError {
     /// There is no `=` with something before it.
     #[error("'{0}' is not GLOB=RULE: write for instance 'diffuse.*=fill'")]
     Shape(String),
+    /// There is more than one `=`.
+    #[error("'{0}' has more than one =: give each rule its own --channels; in a channel's name write [=]")]
+    Doubled(String),
     /// The rule's name is unknown.
     #[error("'{0}' is not a rule: choose fill, normal, depth, nearest or keep")]
     Rule(String),
@@ -47,6 +51,9 @@ impl FromStr for Override {
             .rsplit_once('=')
             .filter(|(glob, _)| !glob.is_empty())
             .ok_or_else(|| OverrideError::Shape(text.into()))?;
+        if glob.replace("[=]", "").contains('=') {
+            return Err(OverrideError::Doubled(text.into()));
+        }
         let rule = [Rule::Fill, Rule::Normal, Rule::Depth, Rule::Nearest, Rule::Keep]
             .into_iter()
             .find(|candidate| candidate.name() == rule)

@@ -99,8 +99,10 @@ fn has(words: &[String], list: &[&str]) -> bool {
     words.iter().any(|word| list.contains(&word.as_str()))
 }
 
+/// Beside a channel called exactly `mask` one that differs in case is a matte.
 fn is_mask(subject: &Subject<'_>) -> bool {
-    subject.full.eq_ignore_ascii_case("mask")
+    let exact = || subject.part.channels.iter().any(|channel| channel.name == b"mask");
+    subject.full == "mask" || (subject.full.eq_ignore_ascii_case("mask") && !exact())
 }
 
 fn is_sample_count(subject: &Subject<'_>) -> bool {
@@ -178,9 +180,12 @@ pub fn is_light(full: &str) -> bool {
     !is_alpha(full) && !is_matte(full) && !is_position_name(full)
 }
 
+/// `Y` is a luminance unless there is an `X` beside it.
 fn is_colour(subject: &Subject<'_>) -> bool {
-    let component = Name::new(&subject.full).component.to_ascii_lowercase();
-    ["r", "g", "b", "red", "green", "blue", "y", "ry", "by"].contains(&component.as_str())
+    let Name { layer, component } = Name::new(&subject.full);
+    let component = component.to_ascii_lowercase();
+    let coordinate = component == "y" && sibling(subject.part, layer, &["x"]).is_some();
+    !coordinate && ["r", "g", "b", "red", "green", "blue", "y", "ry", "by"].contains(&component.as_str())
 }
 
 /// Whether a channel is an alpha by its component: `A`, `alpha`, or one of the coloured `AR`, `AG`, `AB`.

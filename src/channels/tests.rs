@@ -84,6 +84,23 @@ fn z_is_a_component_where_x_is() {
 }
 
 #[test]
+fn coordinates_have_one_reason() {
+    let part = with(&["uv.x", "uv.y", "Y"]);
+    let reason = |name: &str| {
+        let at = part.channels.iter().position(|channel| channel.name == name.as_bytes()).unwrap();
+        by_default(&part, at)
+    };
+    assert_eq!(reason("uv.x"), reason("uv.y"));
+    assert_eq!(reason("Y"), (Rule::Fill, "colour"));
+}
+
+#[test]
+fn beside_the_mask_others_are_mattes() {
+    let part = with(&["MASK", "mask"]);
+    assert_eq!((rule(&part, "MASK"), rule(&part, "mask")), (Rule::Fill, Rule::Keep));
+}
+
+#[test]
 fn whole_numbers_are_copied_and_never_computed() {
     let make = || part(window(0, 0, 1, 1), vec![uint("R", &[7]), half("G", &[0.5])]);
     assert_eq!(choices(make(), &[]), [("G".into(), Rule::Fill), ("R".into(), Rule::Nearest)]);
@@ -130,6 +147,41 @@ fn normals_that_are_asked_for_need_three() {
 }
 
 #[test]
+fn what_is_asked_in_vain_is_told() {
+    let mut channels = vec![float("R", &[0.5]), float("N.X", &[0.5]), float("mask", &[1.0])];
+    channels.push(uint("id", &[1]));
+    let frame = frame(vec![part(window(0, 0, 1, 1), channels)]);
+    let at = frame.parts[0].channels.iter().position(|channel| channel.name == b"mask").unwrap();
+    let masks = Masks { mask_channels: vec![vec![at]], ..Masks::default() };
+    let told = |texts: &[&str]| {
+        let overrides: Vec<Override> = texts.iter().map(|text| text.parse().unwrap()).collect();
+        unheeded(&frame, &masks, &overrides, &choose(&frame, &masks, &overrides)).join("; ")
+    };
+    for (texts, expected) in [
+        (&["*=nearest"] as &[&str], ""),
+        (&["R=keep", "mask=keep"], ""),
+        (&["r=fill"], "--channels 'r=fill': no channel matches"),
+        (&["mask=fill"], "--channels 'mask=fill': the sampling mask in use is always kept"),
+        (&["*=keep", "R=fill"], "--channels 'R=fill': an earlier --channels matches the same channels"),
+        (&["id=fill"], "--channels 'id=fill': id has whole numbers, which are copied from the nearest pixel"),
+        (
+            &["N.X=normal"],
+            "--channels 'N.X=normal': N.X: not all three siblings are there, so it is filled as it is",
+        ),
+    ] {
+        assert_eq!(told(texts), expected);
+    }
+}
+
+#[test]
+fn overrides_have_one_equals_sign() {
+    let error = |text: &str| text.parse::<Override>().unwrap_err();
+    assert_eq!(error("R=keep=fill"), OverrideError::Doubled("R=keep=fill".into()));
+    assert!(error("R=what").to_string().contains("choose fill, normal, depth, nearest or keep"));
+    assert!("a[=]b=fill".parse::<Override>().unwrap().matches("a=b"));
+}
+
+#[test]
 fn dense_channels_are_kept() {
     let mut part = with(&["Diffuse Direct.R", "R", "Z"]);
     part.attributes.set_text(DENSE, "Z, Diffuse Direct.R");
@@ -143,5 +195,5 @@ fn overrides_say_what_is_wrong_with_them() {
         let error = text.parse::<Override>().unwrap_err().to_string();
         assert!(!error.contains('\n') && !error.is_empty(), "{text}: {error}");
     }
-    assert_eq!("a=b=keep".parse::<Override>().unwrap().to_string(), "a=b=keep");
+    assert_eq!("a[=]b=keep".parse::<Override>().unwrap().to_string(), "a[=]b=keep");
 }

@@ -25,7 +25,7 @@ Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.";
 /// Fill the missing pixels of sparse EXR frames
 ///
 /// Reads frames in which only some pixels were measured, reconstructs the rest and writes complete frames. A measured
-/// pixel keeps its bits unless a setting asks for smoothing; whatever has no business being reconstructed passes through.
+/// pixel keeps its bits unless an option asks for smoothing or for another type; whatever has no business being reconstructed passes through.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct FillArgs {
@@ -58,7 +58,8 @@ pub struct FillArgs {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Output")]
 struct MoreOutput {
-    /// Type of the reconstructed channels [default: the input's]; a half that would overflow is clamped and counted
+    /// Type of the reconstructed channels: half rounds their measured pixels too and clamps what would overflow, both
+    /// are counted; depths, identifiers and kept channels never become half [default: the input's]
     #[arg(short = 'd', long, value_name = "TYPE")]
     data_type: Option<Depth>,
 
@@ -95,7 +96,7 @@ impl FillArgs {
             selection,
             skip_missing,
             targets: Targets {
-                output: self.output.output.clone(),
+                output: self.output.checked()?,
                 mask: self.mask.file(),
                 also_written: run.json.iter().cloned().collect(),
                 create_dir: self.output.create_dir,

@@ -20,7 +20,7 @@ pub struct FilterArgs {
     pub filter: Name,
 
     /// ss: weight of smoothness against the samples, 0 or more
-    #[arg(long, value_name = "LAMBDA", value_parser = zero_or_more, help = defaults::ss_lambda())]
+    #[arg(long, value_name = "LAMBDA", value_parser = zero_or_more, allow_hyphen_values = true, help = defaults::ss_lambda())]
     pub ss_lambda: Option<f64>,
 
     /// ss: the spline whose derivatives are measured
@@ -32,7 +32,7 @@ pub struct FilterArgs {
     pub ss_order: Option<Order>,
 
     /// ss: share of first-order energy, 0 or more
-    #[arg(long, value_name = "TENSION", value_parser = zero_or_more, help = defaults::ss_tension())]
+    #[arg(long, value_name = "TENSION", value_parser = zero_or_more, allow_hyphen_values = true, help = defaults::ss_tension())]
     pub ss_tension: Option<f64>,
 
     /// tv: how the length of a gradient is measured
@@ -40,15 +40,15 @@ pub struct FilterArgs {
     pub tv_norm: Option<Norm>,
 
     /// tv: distance from the samples that is allowed, 0 or more
-    #[arg(long, value_name = "EPSILON", value_parser = zero_or_more, help = defaults::tv_epsilon())]
+    #[arg(long, value_name = "EPSILON", value_parser = zero_or_more, allow_hyphen_values = true, help = defaults::tv_epsilon())]
     pub tv_epsilon: Option<f64>,
 
     /// tv: relative duality gap at which the solver stops, above 0
-    #[arg(long, value_name = "GAP", value_parser = above_zero, help = defaults::tv_gap())]
+    #[arg(long, value_name = "GAP", value_parser = above_zero, allow_hyphen_values = true, help = defaults::tv_gap())]
     pub tv_gap: Option<f64>,
 
     /// tv: iterations at most, 1 or more
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help = defaults::tv_iterations())]
+    #[arg(long, value_name = "N", value_parser = one_or_more, allow_hyphen_values = true, help = defaults::tv_iterations())]
     pub tv_iterations: Option<u32>,
 
     /// Where colours are reconstructed: as they are, through a reversible logarithm (for highlights), or as their range
@@ -258,11 +258,15 @@ fn set<T>(setting: &mut T, given: Option<T>) {
 }
 
 fn number<T: FromStr>(text: &str, range: impl Display, fits: impl Fn(&T) -> bool) -> Result<T, String> {
-    text.parse().ok().filter(fits).ok_or_else(|| format!("must be a number {range}"))
+    text.parse().ok().filter(fits).ok_or_else(|| format!("it must be a number {range}"))
 }
 
 fn zero_or_more(text: &str) -> Result<f64, String> {
     number(text, "of 0 or more", |value: &f64| *value >= 0.0 && value.is_finite())
+}
+
+fn one_or_more(text: &str) -> Result<u32, String> {
+    number(text, "of 1 or more", |value: &u32| *value >= 1)
 }
 
 fn above_zero(text: &str) -> Result<f64, String> {

@@ -6,12 +6,16 @@ use clap::Args;
 
 use super::channels::ChannelArgs;
 use super::mask::MaskArgs;
+use super::run::Bytes;
 use crate::sequence::InfoJob;
 
 const EXAMPLES: &str = "\
 Examples:
   lacuna info shot.0001.exr
-  lacuna info shot.0001.exr --mask alpha --json";
+  lacuna info shot.0001.exr --mask alpha --json
+
+Exit status: 0 described (with --mask auto also if no mask is found, which is said), 1 the frame cannot be read or the
+mask asked for cannot be used, 2 usage.";
 
 /// Print parts, windows, channels, the mask found, the density, and each channel's rule and why
 #[derive(Args, Clone, Debug)]
@@ -27,6 +31,11 @@ pub struct InfoArgs {
     #[command(flatten)]
     channels: ChannelArgs,
 
+    /// Memory that reading the frame may take: bytes, or with K, M, G, T (powers of 1024), for example 4G
+    /// [default: 1.5G]
+    #[arg(long, value_name = "SIZE", allow_hyphen_values = true, help_heading = "Run")]
+    memory: Option<Bytes>,
+
     /// Print JSON
     #[arg(long, help_heading = "Run")]
     json: bool,
@@ -39,6 +48,7 @@ impl InfoArgs {
             frame: self.frame.clone(),
             mask: self.mask.mask.clone(),
             overrides: self.channels.channels.clone(),
+            memory: self.memory.map(|bytes| bytes.0),
             json: self.json,
         }
     }

@@ -4,10 +4,12 @@
 //! [`output`], [`run`]), so that a flag means the same everywhere; so has each subcommand.
 
 pub mod channels;
+pub mod compare;
 pub mod fill;
 pub mod filter;
 pub mod info;
 pub mod input;
+pub mod make_mask;
 pub mod mask;
 pub mod output;
 pub mod render;
@@ -20,7 +22,7 @@ use std::ffi::OsString;
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
-use crate::sequence::{FillJob, InfoJob, RenderJob, SparsifyJob, VerifyJob};
+use crate::sequence::{CompareJob, FillJob, InfoJob, MaskJob, RenderJob, SparsifyJob, VerifyJob};
 
 /// A command line that contradicts itself: exit status 2.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -29,7 +31,7 @@ pub struct Usage(pub String);
 
 /// lacuna fills the pixels that a renderer skipped: sparse EXR frames in, complete EXR frames out.
 #[derive(Parser, Clone, Debug)]
-#[command(name = "lacuna", version, max_term_width = 110, disable_help_subcommand = true)]
+#[command(name = "lacuna", version, max_term_width = 110)]
 #[command(args_override_self = true)]
 #[command(after_help = "Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.")]
 struct Cli {
@@ -42,8 +44,10 @@ enum Command {
     Fill(Box<fill::FillArgs>),
     Info(info::InfoArgs),
     Verify(verify::VerifyArgs),
+    Compare(Box<compare::CompareArgs>),
     Sparsify(sparsify::SparsifyArgs),
     Render(Box<render::RenderArgs>),
+    Mask(Box<make_mask::MakeMaskArgs>),
 }
 
 /// What is to be done.
@@ -55,10 +59,14 @@ pub enum Job {
     Info(InfoJob),
     /// Compare filled frames with the sparse ones.
     Verify(VerifyJob),
+    /// Compare frames with their references.
+    Compare(Box<CompareJob>),
     /// Make sparse frames.
     Sparsify(SparsifyJob),
     /// Render a volume.
     Render(Box<RenderJob>),
+    /// Make, unite or measure masks.
+    Mask(Box<MaskJob>),
 }
 
 /// Why a command line is no job.
@@ -111,8 +119,10 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Job, Ending> {
         Command::Fill(args) => ("fill", args.job().map(|job| Job::Fill(Box::new(job)))),
         Command::Info(args) => ("info", Ok(Job::Info(args.job()))),
         Command::Verify(args) => ("verify", Ok(Job::Verify(args.job()))),
+        Command::Compare(args) => ("compare", args.job().map(|job| Job::Compare(Box::new(job)))),
         Command::Sparsify(args) => ("sparsify", args.job().map(Job::Sparsify)),
         Command::Render(args) => ("render", args.job().map(|job| Job::Render(Box::new(job)))),
+        Command::Mask(args) => ("mask", args.job().map(|job| Job::Mask(Box::new(job)))),
     };
     job.map_err(|usage| Ending::usage(name, &usage.to_string()))
 }

@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 
+use super::Usage;
 use crate::frame::{Compression, SampleType};
 
 /// Where outputs go.
@@ -12,8 +13,9 @@ use crate::frame::{Compression, SampleType};
 #[command(next_help_heading = "Output")]
 pub struct OutputArgs {
     /// A file, a pattern (numbers follow the input) or a folder (ends in / unless it exists; names follow the input)
-    #[arg(short, long, value_name = "OUTPUT")]
-    pub output: PathBuf,
+    // A list, so that a second one is noticed and not taken for the first.
+    #[arg(short, long, value_name = "OUTPUT", required = true)]
+    pub output: Vec<PathBuf>,
 
     /// Make the output's folder where it is missing
     #[arg(long)]
@@ -22,6 +24,27 @@ pub struct OutputArgs {
     /// Pass over frames whose output exists
     #[arg(long)]
     pub no_clobber: bool,
+}
+
+impl OutputArgs {
+    /// The only output.
+    ///
+    /// # Errors
+    /// For several outputs, and for a file that is not called .exr.
+    pub fn checked(&self) -> Result<PathBuf, Usage> {
+        let [output] = self.output.as_slice() else {
+            let all: Vec<_> = self.output.iter().map(|path| path.display().to_string()).collect();
+            return Err(Usage(format!("-o is given more than once ({}): one is needed", all.join(", "))));
+        };
+        let text = output.to_string_lossy();
+        let ending = output.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("exr"));
+        if ending || text.is_empty() || text.ends_with(std::path::is_separator) || output.is_dir() {
+            return Ok(output.clone());
+        }
+        Err(Usage(format!(
+            "-o {text}: an output file ends in .exr; a folder that is not there yet ends in /"
+        )))
+    }
 }
 
 /// How files are made.

@@ -231,7 +231,7 @@ impl RenderArgs {
             overrides: self.scene_values.overrides()?,
             frames: self.frames.clone(),
             targets: Targets {
-                output: self.output.output.clone(),
+                output: self.output.checked()?,
                 mask,
                 also_written: run.json.iter().cloned().collect(),
                 create_dir: self.output.create_dir,

@@ -16,22 +16,23 @@ const THREADS: &str =
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Run")]
 pub struct RunArgs {
-    #[arg(long, value_name = "N", default_value_t = 0, help = THREADS)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
+    #[arg(allow_hyphen_values = true, help = THREADS)]
     #[allow(missing_docs)]
     pub threads: usize,
 
     /// Frames solved at the same time, 1 or more; reading and writing overlap with it anyway
-    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, value_name = "N", default_value = "1", value_parser = frames, allow_hyphen_values = true)]
     pub parallel_frames: u16,
 
     /// Memory that frames on the way may use together: bytes, or with K, M, G, T (powers of 1024), for example 4G;
     /// a frame that alone needs more is refused [default: no bound together; reading one frame takes 1.5G at most]
-    #[arg(long, value_name = "SIZE")]
+    #[arg(long, value_name = "SIZE", allow_hyphen_values = true)]
     pub memory: Option<Bytes>,
 
     /// Seconds that solving one frame may take, above 0; then its best image so far is written and the report says so
     /// [default: no limit]
-    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_hyphen_values = true)]
     pub time_limit: Option<Duration>,
 
     /// Print the plan (input, output, what would be done) and change nothing
@@ -42,7 +43,8 @@ pub struct RunArgs {
     #[allow(missing_docs)]
     pub speech: SpeechArgs,
 
-    /// Write a report as JSON: per frame files, settings, density, iterations, residual or gap, seconds, state
+    /// Write a report as JSON (- is standard output): per frame files, settings, density, iterations, residual or gap,
+    /// seconds, state
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
@@ -109,18 +111,24 @@ impl FromStr for Bytes {
         if bytes >= 1.0 && bytes < 2_f64.powi(60) {
             Ok(Self(bytes as u64))
         } else {
-            Err("out of range".into())
+            Err("it must be a size above 0, such as 4G, 512M or 1.5G".into())
         }
     }
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
-    let seconds: f64 = text.parse().map_err(|_| "not a number of seconds")?;
-    if seconds > 0.0 {
-        Duration::try_from_secs_f64(seconds).map_err(|error| error.to_string())
-    } else {
-        Err("must be above 0".into())
-    }
+    let seconds = text.parse().ok().filter(|seconds| *seconds > 0.0);
+    let time = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+    time.ok_or_else(|| "it must be a number of seconds above 0; without --time-limit there is none".into())
+}
+
+fn threads(text: &str) -> Result<usize, String> {
+    text.parse().map_err(|_| "it must be a whole number: 0 for all that the machine allows, or more".into())
+}
+
+fn frames(text: &str) -> Result<u16, String> {
+    let number = text.parse().ok().filter(|number| *number >= 1);
+    number.ok_or_else(|| format!("it must be a whole number from 1 to {}", u16::MAX))
 }
 
 #[cfg(test)]

@@ -50,7 +50,7 @@ pub struct SparsifyArgs {
 #[command(next_help_heading = "Mask")]
 struct PatternArgs {
     /// Measured pixels over all pixels, 0 to 1
-    #[arg(long, value_name = "D", value_parser = fraction, required_unless_present = "mask")]
+    #[arg(long, value_name = "D", value_parser = fraction, allow_hyphen_values = true)]
     density: Option<f64>,
 
     /// Another pattern of the same kind; the output records it
@@ -75,7 +75,12 @@ impl SparsifyArgs {
                 )));
             }
             (None, Some(density)) => (SparsifyPattern::Shuffle { density, seed: self.pattern.seed }, None),
-            (None, None) => return Err(Usage("--density or --mask is needed".into())),
+            (None, None) => {
+                return Err(Usage(
+                    "what stays measured is not said: give --density D (0 to 1) or --mask SOURCE (a file)"
+                        .into(),
+                ));
+            }
         };
         let packing = self.format.compression;
         let run = self.run.options();
@@ -83,7 +88,7 @@ impl SparsifyArgs {
             selection,
             skip_missing,
             targets: Targets {
-                output: self.output.output.clone(),
+                output: self.output.checked()?,
                 mask,
                 also_written: run.json.iter().cloned().collect(),
                 create_dir: self.output.create_dir,
@@ -99,6 +104,6 @@ impl SparsifyArgs {
 
 /// A number from 0 to 1.
 pub(super) fn fraction(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "not a number from 0 to 1")?;
-    if (0.0..=1.0).contains(&value) { Ok(value) } else { Err("not a number from 0 to 1".into()) }
+    let value = text.parse().ok().filter(|value| (0.0..=1.0).contains(value));
+    value.ok_or_else(|| "it must be a number from 0 to 1".into())
 }

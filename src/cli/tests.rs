@@ -6,6 +6,7 @@ use super::*;
 use crate::frame::Compression;
 use crate::mask::Source;
 use crate::reconstruct::{Domain, Kind};
+use crate::report::Measure;
 use crate::sequence::{Existing, SparsifyPattern, Verbosity};
 
 fn words(line: &str) -> Vec<OsString> {
@@ -23,6 +24,26 @@ fn usage(line: &str) -> String {
     match parse(words(line)) {
         Err(Ending::Usage(text)) => text,
         other => panic!("{line}: {other:?}"),
+    }
+}
+
+#[test]
+fn compare_takes_bounds_and_computes_what_they_need() {
+    let job = |line: &str| match parse(words(&format!("compare a.exr b.exr {line}"))) {
+        Ok(Job::Compare(job)) => *job,
+        other => panic!("{line}: {other:?}"),
+    };
+    let plain = job("");
+    assert_eq!((plain.settings.peak, plain.settings.clip, plain.settings.display), (1.0, true, false));
+    assert!(!plain.settings.wanted.has(Measure::Flip) && plain.gate.is_empty());
+    let gated = job("--fail-below psnr=40,missing.ssim=0.98 --fail-above flip=0.05 --no-clip --peak 2");
+    assert_eq!(gated.gate.texts(), ["psnr >= 40", "missing.ssim >= 0.98", "flip <= 0.05"]);
+    assert!(gated.settings.wanted.has(Measure::Flip) && !gated.settings.wanted.has(Measure::HdrFlip));
+    assert_eq!((gated.settings.peak, gated.settings.clip), (2.0, false));
+    assert!(job("--html r.html").settings.wanted.has(Measure::Cieluv));
+    assert_eq!(job("--hdr-range 0.18,2").settings.hdr_range, Some((0.18, 2.0)));
+    for wrong in ["--peak 0", "--fail-below x=1", "--measures x", "--display --no-clip", "--hdr-range 2,1"] {
+        assert!(usage(&format!("compare a.exr b.exr {wrong}")).contains("lacuna: error: "), "{wrong}");
     }
 }
 
@@ -108,6 +129,11 @@ fn nonsense_is_a_usage_error() {
         "fill a.exr -o b.exr -u --no-clobber",
         "fill a.exr -o b.exr -q -v",
         "sparsify a.exr -o b.exr",
+        "fill a.exr -o b.exr --memory -1G",
+        "fill a.exr -o b.exr -o c.exr",
+        "fill a.exr -o b.txt",
+        "fill a.exr -o b",
+        "sparsify a.exr -o b.png --density 0.1",
         "sparsify a.exr -o b.exr --density 1.5",
         "sparsify a.exr -o b.exr --density 0.5 --mask m.exr",
         "sparsify a.exr -o b.exr --mask alpha",
@@ -121,10 +147,55 @@ fn nonsense_is_a_usage_error() {
 }
 
 #[test]
+fn numbers_out_of_range_get_the_range() {
+    for (line, reason) in [
+        ("--ss-lambda -1", "it must be a number of 0 or more"),
+        ("--ss-tension -0.5", "it must be a number of 0 or more"),
+        ("--filter tv --tv-epsilon -1", "it must be a number of 0 or more"),
+        ("--filter tv --tv-gap -1e-3", "it must be a number above 0"),
+        ("--filter tv --tv-iterations -3", "it must be a number of 1 or more"),
+        ("--threads -1", "it must be a whole number: 0 for all"),
+        ("--threads=-1", "it must be a whole number: 0 for all"),
+        ("--parallel-frames 0", "it must be a whole number from 1"),
+        ("--memory 0", "it must be a size above 0"),
+        ("--memory -1G", "it must be a size above 0"),
+        ("--time-limit inf", "it must be a number of seconds above 0"),
+        ("--time-limit -1", "it must be a number of seconds above 0"),
+        ("-o c.exr", "-o is given more than once (b.exr, c.exr)"),
+    ] {
+        let text = usage(&format!("fill a.exr -o b.exr {line}"));
+        assert!(text.contains(reason), "{line}: {text}");
+    }
+    assert!(usage("sparsify a.exr -o b.exr --density -0.5").contains("from 0 to 1"));
+    let neither = usage("sparsify a.exr -o b.exr");
+    assert!(neither.contains("--density") && neither.contains("--mask"), "{neither}");
+    assert!(usage("fill a.exr -o b.txt").contains("a folder that is not there yet ends in /"));
+    assert_eq!(fill("a.exr -o new/").targets.output, std::path::PathBuf::from("new/"));
+    assert_eq!(fill("a.exr -o b.EXR").targets.output, std::path::PathBuf::from("b.EXR"));
+}
+
+#[test]
 fn help_and_version_are_shown() {
-    for line in ["--help", "--version", "fill --help", "fill -h", "info -h", "verify -h", "sparsify --help"] {
+    for line in [
+        "help",
+        "help fill",
+        "--help",
+        "--version",
+        "fill --help",
+        "fill -h",
+        "info -h",
+        "verify -h",
+        "sparsify --help",
+    ] {
         assert!(matches!(parse(words(line)), Err(Ending::Shown(_))), "{line}");
     }
+}
+
+#[test]
+fn verify_names_the_sparse_frame_first() {
+    let Err(Ending::Shown(text)) = parse(words("verify --help")) else { panic!("no help") };
+    let list = &text[text.find("Input and frames").unwrap()..];
+    assert!(list.find("SPARSE").unwrap() < list.find("FILLED").unwrap(), "{text}");
 }
 
 #[test]

@@ -18,17 +18,23 @@ Exit status: 0 all as promised, 1 a frame is not or cannot be read, 2 usage, 128
 
 /// Check that filled frames are what fill promises of the sparse ones
 ///
-/// Every measured bit, every channel that is kept, every window and attribute; what differs is named with part, channel
-/// and pixel.
+/// Checked, with the mask and the rules that the filled frame's attributes name: parts, channels, types, windows,
+/// layout, compression and attributes; every bit of kept channels and of measured pixels (unless the attributes say
+/// that they were smoothed, which the log repeats); that filled values are finite and within the bounds of the measured
+/// ones; that identifiers and depths were measured somewhere in their channel; that filled normals are of unit length
+/// where the measured ones are; that the attributes lacuna/density, mask and filter are consistent with the mask.
+///
+/// Not checked: whether the named filter and settings made the values, and whether a copied value is the nearest one.
+/// What differs is named with part, channel and pixel.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct VerifyArgs {
     /// The sparse frame: a file, a pattern or a glob, as in fill
-    #[arg(value_name = "SPARSE", help_heading = "Input and frames")]
+    #[arg(value_name = "SPARSE", display_order = 0, help_heading = "Input and frames")]
     sparse: PathBuf,
 
     /// The filled frame: a file, a pattern or a folder, as fill's OUTPUT
-    #[arg(value_name = "FILLED", help_heading = "Input and frames")]
+    #[arg(value_name = "FILLED", display_order = 1, help_heading = "Input and frames")]
     filled: PathBuf,
 
     #[command(flatten)]

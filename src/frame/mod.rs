@@ -11,11 +11,13 @@ mod error;
 mod grid;
 mod header;
 mod locate;
+mod other;
 mod read;
 #[cfg(test)]
 mod samples_for_tests;
 mod serialize;
 mod source;
+mod stale;
 mod temporary;
 mod write;
 
@@ -24,8 +26,10 @@ pub use error::Error;
 use half::f16;
 pub use header::{ChannelHeader, PartHeader};
 use lacuna_filters::Size;
-pub use read::{Limits, memory_needed, read, read_header};
-pub use temporary::{remove_temporaries, temporary_owner};
+pub use other::write_other;
+pub use read::{Limits, memory_needed, read, read_header, read_whole_header};
+pub use source::open_regular;
+pub use temporary::{check_destination, remove_temporaries, write_whole};
 pub use write::{WriteOptions, write};
 
 /// One EXR file in memory: its parts in file order.

@@ -60,6 +60,17 @@ pub fn read_header(path: &Path) -> Result<Vec<PartHeader>, Error> {
     Ok(read_headers(&Source::open(path)?)?.parts)
 }
 
+/// Reads the headers of a file and checks that all its chunks are there, without decoding a pixel.
+///
+/// # Errors
+/// As [`read`], as far as the headers, the offset tables, the chunks' own headers and the length of the file tell.
+pub fn read_whole_header(path: &Path) -> Result<Vec<PartHeader>, Error> {
+    let source = Source::open(path)?;
+    let headers = read_headers(&source)?;
+    locate(&source, &headers)?;
+    Ok(headers.parts)
+}
+
 /// Bytes of memory that [`read`] takes at least for a frame with these parts, which is what [`Limits`] are compared
 /// with: pixels, tables, and the scratch of one thread.
 pub fn memory_needed(parts: &[PartHeader]) -> u64 {

@@ -11,14 +11,19 @@ pub(super) struct Source {
     pub(super) length: u64,
 }
 
+/// Opens a file to read it; a pipe, on which opening would wait for a writer, is refused like a folder or a device.
+pub fn open_regular(path: &Path) -> std::io::Result<File> {
+    if std::fs::metadata(path)?.is_file() {
+        File::open(path)
+    } else {
+        Err(std::io::Error::other("it is not a regular file"))
+    }
+}
+
 impl Source {
     pub(super) fn open(path: &Path) -> Result<Self, Error> {
-        let file = File::open(path).map_err(Error::io("open"))?;
+        let file = open_regular(path).map_err(Error::io("open"))?;
         let metadata = file.metadata().map_err(Error::io("read"))?;
-        if !metadata.is_file() {
-            let reason = std::io::Error::other("it is not a regular file");
-            return Err(Error::Io { action: "read", source: reason });
-        }
         Ok(Self { file, length: metadata.len() })
     }
 

@@ -5,18 +5,21 @@
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, OpenOptions};
 use std::hash::{BuildHasher, RandomState};
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::Error;
+use super::stale::{ENDING, MARK, host, sweep};
 
-const MARK: &str = ".lacuna-";
-const ENDING: &str = ".tmp";
 /// File systems take names of 255 bytes; the rest is for what is added.
 const LONGEST_NAME: usize = 180;
+/// As many as Linux follows.
+const MOST_LINKS: usize = 40;
 
-static IN_WORK: Registry = Registry(Mutex::new(State { paths: Vec::new(), closed: false }));
+static IN_WORK: Registry = Registry::new();
+/// Reports are small, and written after a signal too.
+static REPORTS: Registry = Registry::new();
 
 /// Removes all temporary files in work; writers that are still at it fail. For the end of a process, after a
 /// signal: no output can be begun any more.
@@ -24,13 +27,42 @@ pub fn remove_temporaries() {
     IN_WORK.close();
 }
 
-/// The process that wrote the temporary file of that name; `None` if it is not the name of one.
-pub fn temporary_owner(name: &OsStr) -> Option<u32> {
-    let name = name.to_str()?.strip_prefix('.')?.strip_suffix(ENDING)?;
-    let (_, owner) = name.rsplit_once(MARK)?;
-    let (process, random) = owner.split_once('-')?;
-    u64::from_str_radix(random, 16).ok()?;
-    process.parse().ok()
+/// Writes a small file, complete or not at all, also after [`remove_temporaries`]. A symbolic link is followed. What is
+/// not a regular file (a device, a pipe) is written into, and so is an open file that is named by its descriptor.
+///
+/// # Errors
+/// For a folder and for what the system refuses.
+pub fn write_whole(destination: &Path, content: &[u8]) -> Result<(), Error> {
+    let special = fs::metadata(destination).is_ok_and(|found| !found.is_file() && !found.is_dir());
+    if special
+        || ["/dev/stdout", "/dev/stderr", "/dev/fd", "/proc"]
+            .iter()
+            .any(|folder| destination.starts_with(folder))
+    {
+        let mut file = OpenOptions::new().append(true).open(destination).map_err(Error::io("open"))?;
+        return file.write_all(content).map_err(Error::io("write"));
+    }
+    let (temporary, mut file) = Temporary::create_in(&REPORTS, destination, false)?;
+    file.write_all(content).map_err(Error::io("write"))?;
+    temporary.commit(file)
+}
+
+/// Whether [`write`](super::write()) could begin with that file, as far as can be told without making one.
+///
+/// # Errors
+/// If the destination is there and not a regular file, or its folder (where that is missing, the one that it would be
+/// made in) takes no files.
+pub fn check_destination(destination: &Path) -> Result<(), Error> {
+    let path = resolve(destination, false)?;
+    #[cfg(unix)]
+    {
+        use rustix::fs::{Access, access};
+        let folder = path.ancestors().skip(1).find(|folder| folder.as_os_str().is_empty() || folder.exists());
+        let folder = folder.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        access(folder, Access::WRITE_OK | Access::EXEC_OK)
+            .map_err(|error| Error::io("create a file in the output's folder")(error.into()))?;
+    }
+    Ok(())
 }
 
 /// The temporary files of this process.
@@ -42,6 +74,10 @@ struct State {
 }
 
 impl Registry {
+    const fn new() -> Self {
+        Self(Mutex::new(State { paths: Vec::new(), closed: false }))
+    }
+
     fn lock(&self) -> MutexGuard<'_, State> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -76,6 +112,7 @@ impl Temporary {
         no_clobber: bool,
     ) -> Result<(Self, File), Error> {
         let destination = resolve(destination, no_clobber)?;
+        sweep(destination.parent().unwrap_or(Path::new("")));
         // Created and registered under one lock: no signal comes between.
         let mut state = registry.lock();
         if state.closed {
@@ -99,8 +136,14 @@ impl Temporary {
         })
     }
 
-    /// Gives the file its final name; whatever had that name before is replaced.
+    /// Gives the file its final name; whatever had that name before is replaced. Its content is on the disk before the
+    /// name is, so that no crash leaves half a file under it, and a server that is out of space says so now.
     pub(super) fn commit(self, file: File) -> Result<(), Error> {
+        match file.sync_all() {
+            // The file system cannot tell.
+            Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => {}
+            result => result.map_err(Error::io("write"))?,
+        }
         drop(file);
         if !self.no_clobber {
             return fs::rename(&self.path, &self.destination).map_err(Error::io("rename the output"));
@@ -136,11 +179,7 @@ fn resolve(destination: &Path, no_clobber: bool) -> Result<PathBuf, Error> {
     if no_clobber {
         return Err(Error::Exists);
     }
-    let path = if metadata.is_symlink() {
-        fs::canonicalize(destination).unwrap_or_else(|_| destination.into())
-    } else {
-        destination.into()
-    };
+    let path = if metadata.is_symlink() { behind(destination) } else { destination.into() };
     if fs::metadata(&path).is_ok_and(|metadata| !metadata.is_file()) {
         let reason = std::io::Error::other("the output exists and is not a regular file");
         return Err(Error::Io { action: "write", source: reason });
@@ -148,8 +187,21 @@ fn resolve(destination: &Path, no_clobber: bool) -> Result<PathBuf, Error> {
     Ok(path)
 }
 
-/// `.NAME.lacuna-PROCESS-RANDOM.tmp`.
-fn temporary_name(name: &OsStr) -> OsString {
+/// What a symbolic link leads to in the end, whether that exists or not; a loop of links leads nowhere and stays.
+fn behind(link: &Path) -> PathBuf {
+    if let Ok(path) = fs::canonicalize(link) {
+        return path;
+    }
+    let mut path = link.to_path_buf();
+    for _ in 0..MOST_LINKS {
+        let Ok(target) = fs::read_link(&path) else { return path };
+        path = path.parent().unwrap_or(Path::new("")).join(target);
+    }
+    link.into()
+}
+
+/// `.NAME.lacuna-HOST-PROCESS-RANDOM.tmp`.
+pub(super) fn temporary_name(name: &OsStr) -> OsString {
     let random = RandomState::new().hash_one(std::process::id());
     let mut temporary = OsString::from(".");
     if name.len() <= LONGEST_NAME {
@@ -157,7 +209,7 @@ fn temporary_name(name: &OsStr) -> OsString {
     } else {
         temporary.push(name.to_string_lossy().chars().take(LONGEST_NAME / 4).collect::<String>());
     }
-    temporary.push(format!("{MARK}{}-{random:016x}{ENDING}", std::process::id()));
+    temporary.push(format!("{MARK}{}-{}-{random:016x}{ENDING}", host(), std::process::id()));
     temporary
 }
 

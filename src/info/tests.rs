@@ -38,6 +38,17 @@ part 1 'depth', view right, data 1x1 at (0, 0), zip, scan lines, no mask
 }
 
 #[test]
+fn the_mask_channels_are_named_and_control_characters_shown() {
+    let channels = vec![half("a.R", &[0.0]), half("a.mask", &[1.0]), half("x\x1b[2J\ny", &[0.0])];
+    let frame = frame(vec![part(window(0, 0, 1, 1), channels)]);
+    let masks = find(&frame, &Source::Auto, None).unwrap();
+    let text = describe(&frame, Ok(&masks), &choose(&frame, &masks, &[])).to_string();
+    assert!(text.starts_with("mask: auto (channel a.mask), density 100.00 %\n"), "{text}");
+    assert!(text.contains("\n  x\\u{1b}[2J\\ny  half"), "{text}");
+    assert!(!text.contains('\x1b'), "{text}");
+}
+
+#[test]
 fn without_a_mask_the_rules_are_still_told() {
     let frame = frame(vec![part(window(0, 0, 1, 1), vec![half("R", &[0.0])])]);
     let error = find(&frame, &Source::Auto, None).unwrap_err();

@@ -13,6 +13,12 @@ pub enum Error {
         /// The channels of the frame.
         channels: String,
     },
+    /// Several channels called `mask`, none of them exactly so.
+    #[error("several channels could be the sampling mask ({names}): name one with --mask channel:NAME")]
+    Several {
+        /// The channels.
+        names: String,
+    },
     /// The channel asked for is not there.
     #[error("no channel '{name}' to take the mask from; channels are {channels}")]
     NoChannel {

@@ -82,10 +82,23 @@ impl MaskFile {
     fn of_exr(&self, mask: &Frame, channel: Option<&str>) -> Result<Vec<Provider>, Error> {
         let only = mask.parts.iter().all(|part| part.channels.len() == 1);
         let wanted = channel.unwrap_or("mask");
+        let names = || mask.parts.iter().flat_map(|part| &part.channels).map(|c| c.display_name());
+        let exact = names().any(|name| name == "mask");
         let fits = |name: &str| match channel {
             Some(wanted) => name == wanted,
-            None => name.eq_ignore_ascii_case("mask"),
+            None => name == "mask" || (!exact && name.eq_ignore_ascii_case("mask")),
         };
+        for part in &mask.parts {
+            let rivals: Vec<_> =
+                part.channels.iter().map(|c| c.display_name()).filter(|name| fits(name)).collect();
+            if rivals.len() > 1 {
+                let why = format!(
+                    "several channels could be the mask ({}): name one with file:PATH:CHANNEL",
+                    rivals.join(", ")
+                );
+                return Err(Error::File { path: self.path.clone(), why });
+            }
+        }
         let any = mask.parts.iter().any(|part| part.channels.iter().any(|c| fits(&c.display_name())));
         if !any && (channel.is_some() || !only) {
             return Err(Error::FileChannel {

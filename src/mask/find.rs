@@ -67,7 +67,7 @@ fn auto(frame: &Frame) -> Result<Masks, Error> {
     if !by_attribute.is_empty() {
         return Ok(from_channels(frame, &by_attribute, false, origin(frame, &by_attribute), at_least_half));
     }
-    let plain = pick(&places, |place| is(place, &is_plain_mask));
+    let plain = without_doubles(frame, &pick(&places, |place| is(place, &is_plain_mask)))?;
     let layered = pick(&places, |place| plain.is_empty() && is_layer_mask(frame, *place));
     let mut masks = if !plain.is_empty() {
         from_channels(frame, &plain, false, origin(frame, &plain), at_least_half)
@@ -121,6 +121,26 @@ fn is_plain_mask(part: &Part, name: &str) -> bool {
     let Name { layer, component } = Name::new(name);
     let of_view = part.view().is_none() && view_of(part, name).as_deref() == Some(layer);
     component.eq_ignore_ascii_case("mask") && (layer.is_empty() || of_view)
+}
+
+/// Of channels of one part and layer that differ in case alone the one called exactly `mask`.
+fn without_doubles(frame: &Frame, places: &[Place]) -> Result<Vec<Place>, Error> {
+    let layer_of = |place: &Place| Name::new(&name_at(frame, *place)).layer.to_owned();
+    let exact = |place: &Place| Name::new(&name_at(frame, *place)).component == "mask";
+    let mut chosen = Vec::new();
+    for place in places {
+        let rivals: Vec<&Place> = places
+            .iter()
+            .filter(|other| other.part == place.part && layer_of(other) == layer_of(place))
+            .collect();
+        if rivals.len() == 1 || exact(place) {
+            chosen.push(*place);
+        } else if !rivals.iter().any(|rival| exact(rival)) {
+            let names: Vec<_> = rivals.iter().map(|rival| name_at(frame, **rival)).collect();
+            return Err(Error::Several { names: names.join(", ") });
+        }
+    }
+    Ok(chosen)
 }
 
 /// `LAYER.mask` is a sampling mask only if it is 0 and 1 throughout and LAYER has channels that it could be for.

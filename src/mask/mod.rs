@@ -1,4 +1,5 @@
-//! Where a mask comes from: which pixels of each part and channel were measured.
+//! Where a mask comes from: which pixels of each part and channel were measured. And how one is made: [`generate`] (from
+//! a pattern), [`after`] (from a filled frame), [`merge`] (of two renders), [`output`] (as a file), [`judge`] (how good it is).
 //!
 //! A mask is found as one or more providers: flags over a window of absolute pixels, for one view and
 //! perhaps one layer. Each channel is served by its own layer's, its own part's, then its view's providers.
@@ -6,10 +7,18 @@
 //! In a channel a value of at least one half is measured, everything below and every NaN is missing; so a mask that
 //! was filtered or compressed with loss still says what it meant.
 
+pub mod after;
 mod cover;
+pub mod crop;
 mod error;
 mod file;
 mod find;
+pub mod generate;
+pub mod judge;
+mod make_error;
+pub mod merge;
+pub mod output;
+pub mod plot;
 mod provider;
 mod source;
 #[cfg(test)]
@@ -22,6 +31,7 @@ pub use file::MaskFile;
 pub use find::find;
 use half::slice::HalfFloatSliceExt;
 use lacuna_filters::Mask;
+pub use make_error::MakeError;
 pub use source::{Source, SourceError};
 
 use crate::frame::Samples;

@@ -56,6 +56,25 @@ fn auto_prefers_the_attribute_then_mask_then_layers() {
 }
 
 #[test]
+fn the_exact_name_goes_before_another_case() {
+    let two = |other: &str| {
+        let channels =
+            vec![float("R", &R4), half("MASK", &[1.0, 0.0, 0.0, 0.0]), half(other, &[0.0, 1.0, 0.0, 0.0])];
+        frame(vec![four(channels)])
+    };
+    let exact = two("mask");
+    let masks = auto(&exact).unwrap();
+    assert_eq!((masks.origin.as_str(), shown(&exact, &masks, 0, "R").as_str()), ("mask", "0100"));
+    assert!(!masks.is_mask_channel(0, 0));
+    assert_eq!(auto(&two("Mask")).unwrap_err(), Error::Several { names: "MASK, Mask".into() });
+    let source = "file:m.exr".parse().unwrap();
+    let other = frame(vec![four(vec![float("R", &R4)])]);
+    let found = |file: Frame| find(&other, &source, Some(&MaskFile::from_frame("m.exr".into(), file)));
+    assert_eq!(shown(&other, &found(exact).unwrap(), 0, "R"), "0100");
+    assert!(found(two("Mask")).unwrap_err().to_string().contains("several channels"));
+}
+
+#[test]
 fn a_matte_is_not_a_sampling_mask() {
     let alone = frame(vec![four(vec![float("R", &R4), half("whitebarmask.mask", &[0.0, 1.0, 1.0, 0.0])])]);
     let error = auto(&alone).unwrap_err().to_string();

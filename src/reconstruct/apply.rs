@@ -7,8 +7,8 @@ use lacuna_filters::baseline::nearest::NearestMap;
 use rayon::prelude::*;
 
 use super::job::Kind;
-use super::values::{convert, copy_from, write};
-use crate::channels::{Choice, Rule};
+use super::values::{Loss, convert, copy_from, kind_for, write};
+use crate::channels::Choice;
 use crate::frame::{Part, Samples};
 
 /// What happens to the pixels of one channel.
@@ -45,11 +45,11 @@ impl Change {
 pub struct Applied {
     /// Whether it has another type now.
     pub converted: bool,
-    /// Values that would have overflowed a half.
-    pub clamped: usize,
+    /// Values that would have overflowed a half, and measured ones that were rounded to one.
+    pub loss: Loss,
 }
 
-/// Gives computed and depth channels the type that was asked for, then writes the changes; one for each channel.
+/// Gives the channels the type that was asked for where the rule allows, then writes the changes; one for each channel.
 pub fn apply(
     part: &mut Part,
     changes: &[Option<Change>],
@@ -59,8 +59,7 @@ pub fn apply(
     let channels = part.channels.par_iter_mut().zip(changes).zip(choices);
     channels
         .map(|((channel, change), choice)| {
-            let kind = kind.filter(|_| !matches!(choice.rule, Rule::Nearest | Rule::Keep));
-            apply_one(&mut channel.samples, change.as_ref(), kind)
+            apply_one(&mut channel.samples, change.as_ref(), kind_for(choice.rule, kind))
         })
         .collect()
 }
@@ -70,12 +69,17 @@ fn apply_one(samples: &mut Samples, change: Option<&Change>, kind: Option<Kind>)
     if kind.is_some() {
         let before = samples.kind();
         let old = std::mem::replace(samples, Samples::Uint(Vec::new()));
-        let (new, clamped) = convert(old, kind, change.map(Change::mask));
-        applied = Applied { converted: new.kind() != before, clamped };
+        let (new, loss) = convert(old, kind, change.map(Change::mask));
+        // Where all pixels are written anew, the old ones are not the ones that were changed.
+        let anew = matches!(change, Some(Change::Values { all: true, .. }));
+        let loss = if anew { Loss::default() } else { loss };
+        applied = Applied { converted: new.kind() != before, loss };
         *samples = new;
     }
     match change {
-        Some(Change::Values { values, mask, all }) => applied.clamped += write(samples, values, mask, *all),
+        Some(Change::Values { values, mask, all }) => {
+            applied.loss.clamped += write(samples, values, mask, *all);
+        }
         Some(Change::Copies { map, mask }) => copy_from(samples, mask, map.as_slice()),
         None => {}
     }

@@ -28,7 +28,7 @@ pub struct Job {
     /// Whether overshoot is limited.
     pub limit: bool,
     /// The type of the filled, normal and depth channels; nothing leaves each its own. Identifiers, kept channels
-    /// and whole numbers always keep theirs.
+    /// and whole numbers always keep theirs, and depths do not become halves.
     pub kind: Option<Kind>,
     /// Whether the sampling mask's channels are left out of the output.
     pub drop_mask: bool,
@@ -137,7 +137,7 @@ mod tests {
     fn settings_come_back() {
         let mut job = Job::new(Method::PushPull(push_pull::Settings));
         job.mask = Source::File { pattern: "my dir/a \"b\".exr".into(), channel: None };
-        job.overrides = vec!["Diffuse Direct.*=keep".parse().unwrap(), "=x=fill".parse().unwrap()];
+        job.overrides = vec!["Diffuse Direct.*=keep".parse().unwrap(), "[=]x=fill".parse().unwrap()];
         job.kind = Some(Kind::Half);
         let line = job.settings();
         let pairs = parse_settings(&line);
@@ -145,7 +145,7 @@ mod tests {
         assert_eq!(get("type"), Some("half"));
         assert_eq!(get("measured"), Some("kept"));
         assert_eq!(get("mask"), Some("file:my dir/a \"b\".exr"));
-        assert_eq!(get("channels"), Some("Diffuse Direct.*=keep\n=x=fill"));
+        assert_eq!(get("channels"), Some("Diffuse Direct.*=keep\n[=]x=fill"));
         assert_ne!(line, Job { limit: false, ..job.clone() }.settings());
     }
 

@@ -16,7 +16,7 @@ mod bounds;
 mod error;
 mod groups;
 mod job;
-mod normals;
+pub(crate) mod normals;
 mod part;
 mod plans;
 mod report;
@@ -30,14 +30,15 @@ pub(crate) use bounds::{Bounds, bounds_of};
 pub use error::Error;
 pub(crate) use groups::usable;
 pub use job::{Job, Kind, output_compression, parse_settings};
-use lacuna_filters::Run;
 pub use lacuna_filters::domain::Domain;
+use lacuna_filters::{Run, Stop};
+pub(crate) use part::measured_floats;
 pub use plans::Plans;
 pub use report::{ChannelReport, GroupReport, PartReport, Report};
-pub use stamp::{ADDED, DERIVED, Stamp};
-pub(crate) use values::convert;
+pub use stamp::{ADDED, DENSITY, DERIVED, Stamp, was_cut_short};
+pub(crate) use values::{convert, kind_for};
 
-use crate::channels::{Choice, Rule, part_label};
+use crate::channels::{Choice, Rule, part_label, unheeded};
 use crate::frame::{Frame, Part, Samples};
 use crate::mask::{ATTRIBUTE, Masks};
 
@@ -61,7 +62,7 @@ pub fn fill(
         mask: masks.origin.clone(),
         density: masks.density(),
         copied: true,
-        notes: masks.notes.clone(),
+        notes: [masks.notes.clone(), unheeded(&frame, masks, &job.overrides, choices)].concat(),
         ..Report::default()
     };
     for (index, choices) in choices.iter().enumerate() {
@@ -77,7 +78,9 @@ pub fn fill(
         let (notes, dropped) = finish(part, masks, index, job);
         if !copied || dropped {
             done.notes.extend(drop_derived(part));
-            stamp.with_mask(mask).write(&mut part.attributes, masks.part_density(index).unwrap_or(1.0));
+            let stop = done.report.groups.iter().map(|group| group.outcome.stop).max();
+            let density = masks.part_density(index).unwrap_or(1.0);
+            stamp.with_mask(mask).write(&mut part.attributes, density, stop.unwrap_or(Stop::Converged));
         }
         report.copied &= copied;
         done.notes.extend(notes);
@@ -94,7 +97,8 @@ pub fn fill(
         // Nothing was filled, but what was asked for is needed to tell that this is right.
         for (index, part) in frame.parts.iter_mut().enumerate() {
             let mask = mask_name(part, masks, index);
-            stamp.with_mask(mask).write(&mut part.attributes, masks.part_density(index).unwrap_or(1.0));
+            let density = masks.part_density(index).unwrap_or(1.0);
+            stamp.with_mask(mask).write(&mut part.attributes, density, Stop::Converged);
         }
     }
     report.total();

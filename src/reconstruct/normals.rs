@@ -1,5 +1,7 @@
 //! Filled normals become unit vectors again, and the background's zero stays zero.
 
+use std::sync::Arc;
+
 use lacuna_filters::Mask;
 use lacuna_filters::baseline::nearest::NearestMap;
 
@@ -18,6 +20,22 @@ pub fn are_unit(planes: [&[f32]; 3], mask: &Mask) -> bool {
         unit += usize::from((length - 1.0).abs() < 0.05);
     }
     unit * 2 >= any
+}
+
+/// The pixels at which all three components were measured (or the first mask if there is no such pixel).
+pub fn both(masks: &[Arc<Mask>; 3]) -> Arc<Mask> {
+    if masks.iter().all(|mask| Arc::ptr_eq(mask, &masks[0])) {
+        return Arc::clone(&masks[0]);
+    }
+    let all = Mask::from_fn(masks[0].size(), |y, x| masks.iter().all(|mask| mask.is_measured(y, x)));
+    if all.is_empty() { Arc::clone(&masks[0]) } else { Arc::new(all) }
+}
+
+/// A mask in which the pixels to be scaled are missing: those that miss all three components, or all if the method
+/// smooths.
+pub fn kept(masks: &[Arc<Mask>; 3], keeps_measured: bool) -> Mask {
+    let any = |y: usize, x: usize| keeps_measured && masks.iter().any(|mask| mask.is_measured(y, x));
+    Mask::from_fn(masks[0].size(), any)
 }
 
 /// Scales every missing vector to unit length. Where the nearest measured vector is none, the filled one is none; one

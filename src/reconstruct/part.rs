@@ -80,9 +80,14 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
         done.notes.push("measured pixels are smoothed, as asked".into());
     }
     let applied = apply(&mut frame.parts[work.index], &changes, work.choices, work.job.kind);
+    let mut rounded = 0;
     for (report, applied) in done.report.channels.iter_mut().zip(applied) {
-        report.clamped_halves = applied.clamped;
+        report.clamped_halves = applied.loss.clamped;
+        rounded += applied.loss.rounded;
         done.converted |= applied.converted;
+    }
+    if rounded > 0 {
+        done.notes.push(format!("{rounded} measured values changed because -d half was asked for"));
     }
     Ok(done)
 }
@@ -134,6 +139,10 @@ fn filter(
             answer.mended
         ));
     }
+    if !work.job.method.keeps_measured() && answer.map.name() == "log" {
+        done.notes
+            .push(format!("{}: smoothed in the log domain, whose unit the setting has", names.join(", ")));
+    }
     done.report.groups.push(GroupReport {
         channels: names,
         domain: answer.map.name(),
@@ -148,7 +157,7 @@ fn filter(
 }
 
 /// A channel's measured values, zero elsewhere.
-fn measured_floats(samples: &Samples, mask: &Mask) -> Result<Vec<f32>, Error> {
+pub fn measured_floats(samples: &Samples, mask: &Mask) -> Result<Vec<f32>, Error> {
     let mut values = values::to_floats(samples).ok_or(Error::OtherFrame)?;
     for (value, &measured) in values.iter_mut().zip(mask.as_slice()) {
         if !measured {
@@ -170,35 +179,20 @@ fn unit_normals(frame: &Frame, work: &Work<'_>, filled: &mut [Filled], done: &mu
         }
         let fail = |source| Error::Filter { channel: channel_label(frame, work.index, channel), source };
         let masks = [x, y, z].map(|at| Arc::clone(&filled[at].target.mask));
-        let all = whole_normals(&masks, work.job.method.keeps_measured());
-        if !normals::are_unit([x, y, z].map(|at| filled[at].samples.as_slice()), &both(&masks)) {
+        let all = normals::kept(&masks, work.job.method.keeps_measured());
+        let both = normals::both(&masks);
+        if !normals::are_unit([x, y, z].map(|at| filled[at].samples.as_slice()), &both) {
             let name = part.channels[channel].display_name();
             done.notes
                 .push(format!("channel {name}: measured normals are not of unit length, so none is scaled"));
             continue;
         }
         let Ok([a, b, c]) = filled.get_disjoint_mut([x, y, z]) else { continue };
-        let nearest = work.plans.nearest(&both(&masks)).map_err(fail)?;
+        let nearest = work.plans.nearest(&both).map_err(fail)?;
         let samples = [a.samples.as_slice(), &b.samples, &c.samples];
         normals::normalise([&mut a.values, &mut b.values, &mut c.values], samples, &all, &nearest);
     }
     Ok(())
-}
-
-/// The pixels at which all three components were measured (or the first mask if there is no such pixel).
-fn both(masks: &[Arc<Mask>; 3]) -> Arc<Mask> {
-    if masks.iter().all(|mask| Arc::ptr_eq(mask, &masks[0])) {
-        return Arc::clone(&masks[0]);
-    }
-    let all = Mask::from_fn(masks[0].size(), |y, x| masks.iter().all(|mask| mask.is_measured(y, x)));
-    if all.is_empty() { Arc::clone(&masks[0]) } else { Arc::new(all) }
-}
-
-/// A mask in which the pixels to be scaled are missing: those that miss all three components, or all if the method
-/// smooths.
-fn whole_normals(masks: &[Arc<Mask>; 3], keeps_measured: bool) -> Mask {
-    let any = |y: usize, x: usize| keeps_measured && masks.iter().any(|mask| mask.is_measured(y, x));
-    Mask::from_fn(masks[0].size(), any)
 }
 
 /// Which measured pixel each pixel of an identifier or a depth takes its bits from.

@@ -1,6 +1,6 @@
 //! The attributes that say how a part was filled, and those that are no longer true of it.
 
-use lacuna_filters::Method;
+use lacuna_filters::{Method, Stop};
 
 use super::job::{Job, parse_settings};
 use crate::channels::Override;
@@ -18,8 +18,11 @@ pub const DENSITY: &str = "lacuna/density";
 /// Where the mask was found.
 pub const MASK: &str = crate::mask::ATTRIBUTE;
 
+/// Why the solver stopped before it converged; parts that converged have no such attribute.
+pub const STOP: &str = "lacuna/stop";
+
 /// All attributes that filling adds.
-pub const ADDED: &[&str] = &[VERSION, FILTER, SETTINGS, DENSITY, MASK];
+pub const ADDED: &[&str] = &[VERSION, FILTER, SETTINGS, DENSITY, MASK, STOP];
 
 /// Attributes derived from pixels, which would lie once the pixels differ.
 pub const DERIVED: &[&str] = &["preview", "oiio:SHA-1", "oiio:AverageColor", "oiio:ConstantColor"];
@@ -65,13 +68,17 @@ impl Stamp {
         })
     }
 
-    /// Writes the stamp, and the density of the part.
-    pub fn write(&self, attributes: &mut Attributes, density: f64) {
+    /// Writes the stamp, the density of the part and, unless it converged, why the solver stopped.
+    pub fn write(&self, attributes: &mut Attributes, density: f64, stop: Stop) {
         attributes.set_text(VERSION, &self.version);
         attributes.set_text(FILTER, &self.filter);
         attributes.set_text(SETTINGS, &self.settings);
         attributes.set(DENSITY, "float", (density as f32).to_le_bytes().to_vec());
         attributes.set_text(MASK, &self.mask);
+        match stop_name(stop) {
+            Some(name) => attributes.set_text(STOP, name),
+            None => drop(attributes.remove(STOP)),
+        }
     }
 
     /// Whether a file with this stamp is what `job` would make again, as far as the settings tell.
@@ -98,5 +105,44 @@ impl Stamp {
     pub fn overrides(&self) -> Vec<Override> {
         let text = self.setting("channels").unwrap_or_default();
         text.lines().filter_map(|line| line.parse().ok()).collect()
+    }
+}
+
+const fn stop_name(stop: Stop) -> Option<&'static str> {
+    match stop {
+        Stop::Converged => None,
+        Stop::IterationLimit => Some("iteration-limit"),
+        Stop::TimeLimit => Some("time-limit"),
+        Stop::Cancelled => Some("cancelled"),
+    }
+}
+
+/// Whether the part was cut short by something that no setting says, so that another run may do better.
+pub fn was_cut_short(attributes: &Attributes) -> bool {
+    let of_the_run = [Stop::TimeLimit, Stop::Cancelled].map(stop_name);
+    attributes.text(STOP).is_some_and(|stop| of_the_run.contains(&Some(stop.as_str())))
+}
+
+#[cfg(test)]
+mod tests {
+    use lacuna_filters::baseline::push_pull;
+
+    use super::*;
+
+    #[test]
+    fn a_part_that_was_cut_short_says_so_until_it_converges() {
+        let stamp = Stamp::new(&Job::new(Method::PushPull(push_pull::Settings)), "mask");
+        let mut attributes = Attributes::default();
+        for (stop, name, cut) in [
+            (Stop::TimeLimit, Some("time-limit"), true),
+            (Stop::IterationLimit, Some("iteration-limit"), false),
+            (Stop::Cancelled, Some("cancelled"), true),
+            (Stop::Converged, None, false),
+        ] {
+            stamp.write(&mut attributes, 0.5, stop);
+            assert_eq!(attributes.text(STOP).as_deref(), name);
+            assert_eq!(was_cut_short(&attributes), cut, "{stop:?}");
+            assert_eq!(Stamp::read(&attributes), Some(stamp.clone()));
+        }
     }
 }

@@ -210,7 +210,12 @@ fn a_part_without_a_mask_must_be_kept() {
 
 #[test]
 fn types_compression_levels_and_the_mask_channel_as_asked() {
-    let mut before = board(vec![float("R", &ramp(1e5)), float("id", &ramp(1.1)), half("G", &ramp(0.1))]);
+    let mut before = board(vec![
+        float("R", &ramp(1e5)),
+        float("Z", &ramp(1e6)),
+        float("id", &ramp(1.1)),
+        half("G", &ramp(0.1)),
+    ]);
     before.compression = Compression::Dwaa;
     before.had_levels = true;
     let before = frame(vec![before]);
@@ -220,9 +225,10 @@ fn types_compression_levels_and_the_mask_channel_as_asked() {
     let part = &after.parts[0];
     assert_eq!((part.compression, part.had_levels), (Compression::Zip, false));
     let names: Vec<_> = part.channels.iter().map(|channel| channel.display_name()).collect();
-    assert_eq!(names, ["G", "R", "id"]);
+    assert_eq!(names, ["G", "R", "Z", "id"]);
     assert!(matches!(part.channels[1].samples, Samples::Half(_)));
-    assert!(matches!(part.channels[2].samples, Samples::Float(_)));
+    assert!(part.channels[2..].iter().all(|channel| matches!(channel.samples, Samples::Float(_))));
+    assert_eq!(values(part, "Z")[1].to_bits(), values(&before.parts[0], "Z")[1].to_bits());
     assert_eq!(values(part, "R")[1].to_bits(), f16::MAX.to_f32().to_bits());
     assert!(values(part, "R").iter().all(|value| value.is_finite()));
     assert!(report.clamped_halves > 16, "{}", report.clamped_halves);

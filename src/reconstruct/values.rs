@@ -5,6 +5,7 @@ use half::slice::HalfFloatSliceExt;
 use lacuna_filters::Mask;
 
 use super::job::Kind;
+use crate::channels::Rule;
 use crate::frame::Samples;
 
 /// The values of a float channel as 32-bit floats; nothing for whole numbers.
@@ -31,21 +32,49 @@ pub fn to_half(value: f32, clamped: &mut usize) -> f16 {
     }
 }
 
-/// A channel's samples in another float type; whole numbers stay. Returns how many halves were clamped as well, among
-/// the measured pixels if a mask is given.
-pub fn convert(samples: Samples, kind: Option<Kind>, mask: Option<&Mask>) -> (Samples, usize) {
+/// What a smaller type did to values.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Loss {
+    /// Values past the largest half, which became it.
+    pub clamped: usize,
+    /// Other values that were rounded.
+    pub rounded: usize,
+}
+
+/// The type that a channel gets if `asked` is asked for: what is only copied keeps its own, and a depth, whose values
+/// are copied too, does not become a half.
+pub fn kind_for(rule: Rule, asked: Option<Kind>) -> Option<Kind> {
+    match (rule, asked) {
+        (Rule::Nearest | Rule::Keep, _) | (Rule::Depth, Some(Kind::Half)) => None,
+        (Rule::Fill | Rule::Normal | Rule::Depth, kind) => kind,
+    }
+}
+
+/// A channel's samples in another float type; whole numbers stay. Returns what was lost as well, among the measured
+/// pixels if a mask is given.
+pub fn convert(samples: Samples, kind: Option<Kind>, mask: Option<&Mask>) -> (Samples, Loss) {
     match (samples, kind) {
         (Samples::Float(values), Some(Kind::Half)) => {
-            let (mut clamped, mut unused) = (0, 0);
+            let (mut loss, mut unused) = (Loss::default(), 0);
             let counts = |at: usize| mask.is_none_or(|mask| mask.as_slice()[at]);
-            let half = |(at, value)| to_half(value, if counts(at) { &mut clamped } else { &mut unused });
+            let half = |(at, value): (usize, f32)| {
+                if !counts(at) {
+                    return to_half(value, &mut unused);
+                }
+                let before = loss.clamped;
+                let half = to_half(value, &mut loss.clamped);
+                // A NaN differs from itself and stays one.
+                let differs = half.to_f32().to_bits() != value.to_bits() && !value.is_nan();
+                loss.rounded += usize::from(differs && loss.clamped == before);
+                half
+            };
             let halves = values.into_iter().enumerate().map(half).collect();
-            (Samples::Half(halves), clamped)
+            (Samples::Half(halves), loss)
         }
         (samples @ Samples::Half(_), Some(Kind::Float)) => {
-            (to_floats(&samples).map_or(samples, Samples::Float), 0)
+            (to_floats(&samples).map_or(samples, Samples::Float), Loss::default())
         }
-        (samples, _) => (samples, 0),
+        (samples, _) => (samples, Loss::default()),
     }
 }
 
@@ -108,12 +137,23 @@ mod tests {
     }
 
     #[test]
+    fn what_a_half_cannot_hold_is_counted() {
+        let values = || Samples::Float(vec![0.5, 0.1, 1e6, f32::NAN, 0.2, f32::INFINITY]);
+        assert_eq!(convert(values(), Some(Kind::Half), None).1, Loss { clamped: 1, rounded: 2 });
+        let mask = Mask::from_fn(lacuna_filters::Size::new(1, 6), |_, x| x == 4);
+        assert_eq!(convert(values(), Some(Kind::Half), Some(&mask)).1, Loss { clamped: 0, rounded: 1 });
+        assert_eq!(convert(values(), None, None).1, Loss::default());
+        assert_eq!(kind_for(Rule::Depth, Some(Kind::Half)), None);
+        assert_eq!(kind_for(Rule::Depth, Some(Kind::Float)), Some(Kind::Float));
+    }
+
+    #[test]
     fn every_half_survives_the_way_through_floats() {
         let all: Vec<f16> = (0..=u16::MAX).map(f16::from_bits).filter(|half| !half.is_nan()).collect();
         let (floats, _) = convert(Samples::Half(all.clone()), Some(Kind::Float), None);
-        let (halves, clamped) = convert(floats, Some(Kind::Half), None);
+        let (halves, loss) = convert(floats, Some(Kind::Half), None);
         let Samples::Half(back) = halves else { panic!("not halves") };
-        assert_eq!(clamped, 0);
+        assert_eq!(loss, Loss::default());
         assert!(all.iter().zip(&back).all(|(a, b)| a.to_bits() == b.to_bits()));
     }
 }

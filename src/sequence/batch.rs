@@ -75,7 +75,7 @@ pub trait Work: Sync {
     /// Bytes that the work on this frame needs, from its header; 0 if that cannot be read.
     fn bytes(&self, item: &Item) -> u64;
 
-    /// The work itself.
+    /// The work itself; it passes over the record if nothing is to be written in the end.
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure>;
 }
 
@@ -201,25 +201,23 @@ fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, journal: &
     let result = work.decide(item).and_then(|decision| match decision {
         Decision::Skip(reason) => {
             stage.console.advance(STEPS + work.pieces());
-            stage.console.detail(&format!("{}: skipped: {reason}", label(&item.input, item.number)));
-            record.state = State::Skipped;
-            record.message = Some(reason);
+            record.pass_over(reason);
             Ok(())
         }
-        Decision::Do => {
-            let result = work.frame(item, stage, &mut record);
-            if result.is_ok() {
-                record.state = State::Done;
-                stage.console.detail(&line(item, &record));
-            }
-            result
-        }
+        Decision::Do => work.frame(item, stage, &mut record),
     });
     match result {
         // A signal ends the process: the frame is neither done nor at fault.
         Err(_) if stage.stopped() => return,
         Err(failure) => fail(&mut record, item, &failure, stage.console),
-        Ok(()) => {}
+        Ok(()) if record.state == State::Skipped => {
+            let reason = record.message.as_deref().unwrap_or_default();
+            stage.console.detail(&format!("{}: skipped: {reason}", label(&item.input, item.number)));
+        }
+        Ok(()) => {
+            record.state = State::Done;
+            stage.console.detail(&line(item, &record));
+        }
     }
     journal.enter(index, record);
 }

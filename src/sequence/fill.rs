@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use lacuna_filters::{Run, Stop};
+use lacuna_filters::{Outcome, Run, Stop};
 
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::console::Console;
@@ -13,7 +13,7 @@ use super::record::{Heading, Record};
 use super::update::{Existing, is_current};
 use super::{Selection, memory, prepare};
 use crate::channels::{self, Rule};
-use crate::frame::{self, WriteOptions};
+use crate::frame;
 use crate::mask;
 use crate::reconstruct::{self, Report};
 
@@ -68,7 +68,7 @@ impl Work for Fill<'_> {
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
         let current = |item: &Item| is_current(item, &self.job.what);
-        prepare::decide(item, self.job.skip_missing, self.job.existing, current)
+        prepare::decide_to_write(item, self.job.skip_missing, self.job.existing, current)
     }
 
     fn bytes(&self, item: &Item) -> u64 {
@@ -80,7 +80,8 @@ impl Work for Fill<'_> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
         let (frame, file) = stage.read(record, || {
             let frame = frame::read(&item.input, &limits).map_err(|error| at_input(&error))?;
-            let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose()?;
+            let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose();
+            let file = file.map_err(|error| at_input(&error))?;
             Ok((frame, file))
         })?;
         let start = Instant::now();
@@ -98,11 +99,10 @@ impl Work for Fill<'_> {
         });
         let (frame, report) = solved?;
         enter(&report, record);
-        let no_clobber = self.job.existing == Existing::Keep;
-        let options = WriteOptions { compression_level: self.job.level, no_clobber };
-        stage
-            .write(record, || frame::write(&frame, &item.output, &options))
-            .map_err(|error| Failure::at(&item.output, error))
+        if report.outcome.is_some_and(|outcome| outcome.stop == Stop::Cancelled) {
+            return Err(at_input(&"stopped"));
+        }
+        prepare::write(&frame, item, (self.job.existing, self.job.level), stage, record)
     }
 }
 
@@ -116,12 +116,31 @@ fn enter(report: &Report, record: &mut Record) {
     record.outcome = report.outcome;
     record.rules = Some(rules(report));
     record.warn(&report.notes);
+    record.warn(report.outcome.and_then(early).as_slice());
     if report.non_finite > 0 {
         record.warn(&[format!("{} measured values are not finite and count as missing", report.non_finite)]);
     }
     if report.clamped_halves > 0 {
         record.warn(&[format!("{} values past the largest half were clamped to it", report.clamped_halves)]);
     }
+}
+
+/// What is to be said of a solver that stopped before it converged.
+fn early(outcome: Outcome) -> Option<String> {
+    let why = match outcome.stop {
+        Stop::Converged | Stop::Cancelled => return None,
+        Stop::IterationLimit => "the limit of iterations",
+        Stop::TimeLimit => "--time-limit",
+    };
+    let distance = match (outcome.gap, outcome.residual) {
+        (Some(gap), _) => format!(", relative gap {gap:.1e}"),
+        (None, Some(residual)) => format!(", residual {residual:.1e}"),
+        (None, None) => String::new(),
+    };
+    Some(format!(
+        "stopped by {why} after {} iterations{distance}: the best image so far is written",
+        outcome.iterations
+    ))
 }
 
 /// How many channels each rule had: `3 fill, 1 keep`.

@@ -20,6 +20,8 @@ pub struct InfoJob {
     pub mask: Source,
     /// Rules before the defaults.
     pub overrides: Vec<Override>,
+    /// Bytes that reading the frame may take, if not the default.
+    pub memory: Option<u64>,
     /// Whether JSON is printed.
     pub json: bool,
 }
@@ -28,16 +30,20 @@ pub struct InfoJob {
 pub fn info(job: &InfoJob) -> Result<u8, PlanError> {
     let failed =
         |failure: Failure| PlanError::Failed(format!("{}: {}", failure.file.display(), failure.text));
-    let limits = Limits::default();
+    let limits = job.memory.map_or_else(Limits::default, |bytes| Limits { bytes });
     let frame = frame::read(&job.frame, &limits).map_err(|error| failed(Failure::at(&job.frame, error)))?;
     let file = match &job.mask {
-        Source::File { pattern, .. } => Some(masks::read(pattern.as_ref(), limits).map_err(failed)?),
+        Source::File { pattern, .. } => {
+            let read = masks::read(pattern.as_ref(), limits);
+            Some(read.map_err(|error| failed(Failure::at(&job.frame, error)))?)
+        }
         _ => None,
     };
     let found = mask::find(&frame, &job.mask, file.as_ref());
     let none = Masks::default();
     let choices = channels::choose(&frame, found.as_ref().unwrap_or(&none), &job.overrides);
-    let info = info::describe(&frame, found.as_ref(), &choices);
+    let mut info = info::describe(&frame, found.as_ref(), &choices);
+    info.notes.extend(channels::unheeded(&frame, found.as_ref().unwrap_or(&none), &job.overrides, &choices));
     let text = if job.json {
         serde_json::to_string_pretty(&info).map_err(|error| PlanError::Failed(error.to_string()))?
     } else {
@@ -48,6 +54,10 @@ pub fn info(job: &InfoJob) -> Result<u8, PlanError> {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(PlanError::Failed(format!("cannot write to standard output: {error}")))
         }
-        _ => Ok(0),
+        _ => match found {
+            // `auto` that finds nothing is an answer; a mask that was asked for and is none is not.
+            Err(error) if job.mask != Source::Auto => Err(failed(Failure::at(&job.frame, error))),
+            _ => Ok(0),
+        },
     }
 }

@@ -1,6 +1,6 @@
 //! From what the user names (files, patterns, globs, lists) to the frames to be done, in the order asked.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
@@ -165,12 +165,17 @@ fn matches(glob: &str) -> Result<Vec<Input>, PlanError> {
 /// Of the files of a glob those with the numbers asked for, in that order; a number that several files have stands
 /// for all of them, one that none has for a file that does not exist.
 fn chosen(found: &[Input], asked: &Frames, input: &Path) -> Vec<Input> {
+    let mut files: HashMap<i64, Vec<&Input>> = HashMap::new();
+    for file in found {
+        if let Some(number) = file.number {
+            files.entry(number).or_default().push(file);
+        }
+    }
     let mut chosen = Vec::new();
     for &number in asked.numbers() {
-        let before = chosen.len();
-        chosen.extend(found.iter().filter(|input| input.number == Some(number)).cloned());
-        if chosen.len() == before {
-            chosen.push(Input { path: input.into(), number: Some(number) });
+        match files.get(&number) {
+            Some(files) => chosen.extend(files.iter().copied().cloned()),
+            None => chosen.push(Input { path: input.into(), number: Some(number) }),
         }
     }
     chosen

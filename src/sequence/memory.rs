@@ -34,6 +34,11 @@ pub fn to_fill(item: &Item, method: &Method) -> u64 {
     of(&item.input, SOLVING, planning(method)).saturating_add(mask)
 }
 
+/// Bytes that one side of a comparison needs, the maps of the measures included; 0 if its header cannot be read.
+pub fn to_compare(path: &Path) -> u64 {
+    of(path, SOLVING, 48)
+}
+
 /// Bytes that reading, copying and writing a frame needs; 0 if its header cannot be read.
 pub fn to_copy(path: &Path) -> u64 {
     of(path, 0, 0)

@@ -3,15 +3,17 @@
 //! ```text
 //! inputs (pattern, range, glob, list) ─┐
 //! destination ─────────────────────────┴─> plan ─> batch (schedule, memory, signals) ─> console, record
-//!                                                    └─ fill | render | sparsify | verify: one frame each
+//!                                         └─ fill | render | sparsify | verify | compare: one frame each
 //! ```
 
 mod batch;
+mod compare;
 mod console;
 mod destination;
 mod fill;
 mod info;
 mod inputs;
+mod mask;
 mod masks;
 mod memory;
 pub mod pattern;
@@ -29,10 +31,12 @@ mod update;
 mod verify;
 
 pub use batch::RunOptions;
+pub use compare::{CompareJob, CompareOutputs, compare};
 pub use console::Verbosity;
 pub use fill::{FillJob, fill};
 pub use info::{InfoJob, info};
 pub use inputs::Selection;
+pub use mask::{BoundFiles, MaskJob, MaskOutput, MaskTask, mask};
 pub use plan::{PlanError, Targets};
 pub use render::{Pixels, RenderJob, render};
 pub use schedule::message as panic_message;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::destination::Destination;
 use super::inputs::{Input, Selection, resolve};
 use super::pattern::Pattern;
+use super::record::is_standard_output;
 
 /// Why there is nothing to run.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -56,16 +57,9 @@ pub struct Targets {
 /// Plans a run. Looks at names and folders, opens no frame, changes nothing.
 pub fn plan(selection: &Selection, targets: &Targets) -> Result<Plan, PlanError> {
     let items = pair(selection, &targets.output, targets.mask.as_deref())?;
-    check_one_input_each(&items)?;
-    check_no_input_is_written(&items, &targets.also_written)?;
-    let mut new_folders = BTreeSet::new();
-    for item in &items {
-        check_folder(&item.output, targets.create_dir, &mut new_folders)?;
-    }
-    for written in &targets.also_written {
-        check_folder(written, targets.create_dir, &mut new_folders)?;
-    }
-    Ok(Plan { items, new_folders })
+    let mut places = Places::default();
+    check_one_input_each(&items, &mut places)?;
+    checked(items, targets, &mut places)
 }
 
 /// Plans a run that makes frames of one file: every number its output. Looks at names and folders, changes nothing.
@@ -96,10 +90,20 @@ pub fn outputs(source: &Path, numbers: &[Option<i64>], targets: &Targets) -> Res
         Ok(Item { number, input: input.path, output, mask })
     };
     let items: Vec<Item> = numbers.iter().map(item).collect::<Result<_, _>>()?;
-    check_no_input_is_written(&items, &targets.also_written)?;
+    checked(items, targets, &mut Places::default())
+}
+
+/// The plan of these frames, once nothing that is read is written and every folder is there or may be made.
+fn checked(items: Vec<Item>, targets: &Targets, places: &mut Places) -> Result<Plan, PlanError> {
+    let also_written: Vec<PathBuf> =
+        targets.also_written.iter().filter(|path| !is_standard_output(path)).cloned().collect();
+    check_no_input_is_written(&items, &also_written, places)?;
     let mut new_folders = BTreeSet::new();
-    for file in items.iter().map(|item| &item.output).chain(&targets.also_written) {
-        check_folder(file, targets.create_dir, &mut new_folders)?;
+    let mut checked = BTreeSet::new();
+    for written in items.iter().map(|item| &item.output).chain(&also_written) {
+        if checked.insert(folder_of(written)) {
+            check_folder(written, targets.create_dir, &mut new_folders)?;
+        }
     }
     Ok(Plan { items, new_folders })
 }
@@ -154,6 +158,9 @@ impl MaskFile {
 
 /// Checks a report of a run that writes nothing else: it replaces no file that the run reads, and its folder exists.
 pub fn check_report(items: &[Item], report: &Path) -> Result<(), PlanError> {
+    if is_standard_output(report) {
+        return Ok(());
+    }
     let read = items.iter().flat_map(|item| [Some(&item.input), Some(&item.output), item.mask.as_ref()]);
     let identity = Identity::of(report);
     if identity.is_some() && read.flatten().any(|path| Identity::of(path) == identity) {
@@ -162,10 +169,10 @@ pub fn check_report(items: &[Item], report: &Path) -> Result<(), PlanError> {
     check_folder(report, false, &mut BTreeSet::new())
 }
 
-fn check_one_input_each(items: &[Item]) -> Result<(), PlanError> {
+fn check_one_input_each(items: &[Item], places: &mut Places) -> Result<(), PlanError> {
     let mut owners: HashMap<PathBuf, &Path> = HashMap::new();
     for item in items {
-        if let Some(other) = owners.insert(place(&item.output), &item.input)
+        if let Some(other) = owners.insert(places.of(&item.output), &item.input)
             && other != item.input
         {
             return Err(PlanError::Usage(format!(
@@ -179,7 +186,11 @@ fn check_one_input_each(items: &[Item]) -> Result<(), PlanError> {
     Ok(())
 }
 
-fn check_no_input_is_written(items: &[Item], also_written: &[PathBuf]) -> Result<(), PlanError> {
+fn check_no_input_is_written(
+    items: &[Item],
+    also_written: &[PathBuf],
+    places: &mut Places,
+) -> Result<(), PlanError> {
     let mut read: HashMap<Identity, (&Path, &str)> = HashMap::new();
     for item in items {
         if let Some(mask) = &item.mask
@@ -194,7 +205,9 @@ fn check_no_input_is_written(items: &[Item], also_written: &[PathBuf]) -> Result
         }
     }
     for written in items.iter().map(|item| &item.output).chain(also_written) {
-        if let Some((source, what)) = Identity::of(written).and_then(|identity| read.get(&identity)) {
+        // What does not exist is neither an input nor a folder.
+        let Some(identity) = Identity::of(written) else { continue };
+        if let Some((source, what)) = read.get(&identity) {
             let same =
                 if *source == written.as_path() { String::new() } else { format!(" ({})", source.display()) };
             return Err(PlanError::Usage(format!(
@@ -206,8 +219,8 @@ fn check_no_input_is_written(items: &[Item], also_written: &[PathBuf]) -> Result
             return Err(PlanError::Usage(format!("{}: the output is a folder", written.display())));
         }
     }
-    let outputs: BTreeSet<PathBuf> = items.iter().map(|item| place(&item.output)).collect();
-    match also_written.iter().find(|written| outputs.contains(&place(written))) {
+    let outputs: BTreeSet<PathBuf> = items.iter().map(|item| places.of(&item.output)).collect();
+    match also_written.iter().find(|written| outputs.contains(&places.of(written))) {
         Some(written) => Err(PlanError::Usage(format!("{}: would be written twice", written.display()))),
         None => Ok(()),
     }
@@ -244,11 +257,19 @@ pub fn folder_of(file: &Path) -> PathBuf {
     }
 }
 
-/// Where a file lies or will lie, links in its folder resolved.
-fn place(file: &Path) -> PathBuf {
-    let folder = folder_of(file);
-    let folder = folder.canonicalize().or_else(|_| std::path::absolute(&folder)).unwrap_or(folder);
-    file.file_name().map_or_else(|| folder.clone(), |name| folder.join(name))
+/// Folders with their links resolved, each looked up once.
+#[derive(Default)]
+struct Places(HashMap<PathBuf, PathBuf>);
+
+impl Places {
+    /// Where a file lies or will lie, links in its folder resolved.
+    fn of(&mut self, file: &Path) -> PathBuf {
+        let resolve = |folder: &PathBuf| {
+            folder.canonicalize().or_else(|_| std::path::absolute(folder)).unwrap_or_else(|_| folder.clone())
+        };
+        let folder = self.0.entry(folder_of(file)).or_insert_with_key(resolve);
+        file.file_name().map_or_else(|| folder.clone(), |name| folder.join(name))
+    }
 }
 
 /// What tells an existing file from every other, whatever its names.

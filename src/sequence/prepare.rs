@@ -1,11 +1,14 @@
 //! What is settled about each frame before it is opened: missing, there already, or to be done.
 
-use std::io::Write;
+use std::io::{BufWriter, ErrorKind, Write};
+use std::path::Path;
 
-use super::batch::{Decision, Failure, Work};
+use super::batch::{Decision, Failure, Stage, Work};
 use super::console::{Console, label};
 use super::plan::{Item, Plan, PlanError};
+use super::record::Record;
 use super::update::Existing;
+use crate::frame::{self, Frame, WriteOptions};
 
 /// What is to be done with a frame; `is_current` tells whether its output would only be made again.
 pub fn decide(
@@ -15,17 +18,68 @@ pub fn decide(
     is_current: impl Fn(&Item) -> bool,
 ) -> Result<Decision, Failure> {
     let skip = |reason: &str| Ok(Decision::Skip(reason.into()));
-    if item.input.symlink_metadata().is_err_and(|error| error.kind() == std::io::ErrorKind::NotFound) {
-        return if skip_missing {
-            skip("the frame does not exist")
-        } else {
-            Err(Failure::at(&item.input, "the frame does not exist (--missing-frame skip passes over it)"))
-        };
+    match item.input.metadata() {
+        Err(error) if error.kind() == ErrorKind::NotFound && skip_missing => {
+            return skip("the frame does not exist");
+        }
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            let text = "the frame does not exist (--missing-frame skip passes over it)";
+            return Err(Failure::at(&item.input, text));
+        }
+        Ok(found) if !found.is_file() => {
+            return Err(Failure::at(&item.input, "cannot open: it is not a regular file"));
+        }
+        _ => {}
     }
     match existing {
         Existing::Keep if item.output.symlink_metadata().is_ok() => skip("the output exists"),
         Existing::Update if is_current(item) => skip("the output is up to date"),
         _ => Ok(Decision::Do),
+    }
+}
+
+/// The same for outputs that are written: what is to be done can be done, as far as names, kinds and rights of files
+/// tell.
+pub fn decide_to_write(
+    item: &Item,
+    skip_missing: bool,
+    existing: Existing,
+    is_current: impl Fn(&Item) -> bool,
+) -> Result<Decision, Failure> {
+    let decision = decide(item, skip_missing, existing, is_current)?;
+    if decision == Decision::Do {
+        if let Some(mask) = &item.mask {
+            check_mask(mask)?;
+        }
+        frame::check_destination(&item.output).map_err(|error| Failure::at(&item.output, error))?;
+    }
+    Ok(decision)
+}
+
+fn check_mask(mask: &Path) -> Result<(), Failure> {
+    match mask.metadata() {
+        Ok(found) if found.is_file() => Ok(()),
+        Ok(_) => Err(Failure::at(mask, "cannot read the mask: it is not a regular file")),
+        Err(error) => Err(Failure::at(mask, format!("cannot read the mask: {error}"))),
+    }
+}
+
+/// Writes a frame. An output that came into being since the decision is passed over like one that was there.
+pub fn write(
+    frame: &Frame,
+    item: &Item,
+    (existing, compression_level): (Existing, Option<u8>),
+    stage: &Stage<'_>,
+    record: &mut Record,
+) -> Result<(), Failure> {
+    let no_clobber = existing == Existing::Keep;
+    let options = WriteOptions { compression_level, no_clobber };
+    match stage.write(record, || frame::write(frame, &item.output, &options)) {
+        Err(frame::Error::Exists) if no_clobber => {
+            record.pass_over("the output appeared during the run".into());
+            Ok(())
+        }
+        result => result.map_err(|error| Failure::at(&item.output, error)),
     }
 }
 
@@ -38,16 +92,32 @@ pub fn make_folders(plan: &Plan) -> Result<(), PlanError> {
     })
 }
 
-/// Prints the plan of a dry run; the exit status is 1 if a frame would fail at once.
+/// Prints the plan of a dry run; the exit status is 1 if a frame would fail at once or the plan cannot be printed.
 pub fn print(plan: &Plan, work: &dyn Work, console: &Console) -> u8 {
-    let mut out = std::io::stdout().lock();
-    let mut status = 0;
-    let mut say = |text: String| {
+    let mut failed = false;
+    let mut out = BufWriter::new(std::io::stdout().lock());
+    let printed = print_to(&mut out, plan, work, |text| {
+        failed = true;
+        console.error(&text);
+    });
+    if let Err(error) = printed.and_then(|()| out.flush())
         // A reader that went away needs no plan.
-        drop(writeln!(out, "{text}"));
-    };
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        console.error(&format!("cannot write the plan to standard output: {error}"));
+        failed = true;
+    }
+    u8::from(failed)
+}
+
+fn print_to(
+    out: &mut impl Write,
+    plan: &Plan,
+    work: &dyn Work,
+    mut fail: impl FnMut(String),
+) -> std::io::Result<()> {
     for folder in &plan.new_folders {
-        say(format!("make folder  {}", folder.display()));
+        writeln!(out, "make folder  {}", folder.display())?;
     }
     for item in &plan.items {
         let arrow = format!("{} -> {}", label(&item.input, item.number), item.output.display());
@@ -55,15 +125,14 @@ pub fn print(plan: &Plan, work: &dyn Work, console: &Console) -> u8 {
             Ok(Decision::Do) => {
                 let mask =
                     item.mask.as_ref().map(|mask| format!(" (mask {})", mask.display())).unwrap_or_default();
-                say(format!("{}  {arrow}{mask}", work.words().0));
+                writeln!(out, "{}  {arrow}{mask}", work.words().0)?;
             }
-            Ok(Decision::Skip(reason)) => say(format!("skip  {arrow}: {reason}")),
+            Ok(Decision::Skip(reason)) => writeln!(out, "skip  {arrow}: {reason}")?,
             Err(failure) => {
-                say(format!("fail  {arrow}"));
-                console.error(&format!("{}: {}", label(&failure.file, item.number), failure.text));
-                status = 1;
+                writeln!(out, "fail  {arrow}")?;
+                fail(format!("{}: {}", label(&failure.file, item.number), failure.text));
             }
         }
     }
-    status
+    Ok(())
 }

@@ -1,12 +1,14 @@
 //! What happened to each frame, as the JSON report has it.
 
-use std::path::{Path, PathBuf};
+use std::io::Write;
+use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use lacuna_filters::Outcome;
 use serde::Serialize;
 
-use super::plan::{Item, folder_of};
+use super::plan::Item;
+use crate::frame;
 
 /// How far a frame came.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -83,6 +85,12 @@ impl Record {
         self.warnings.extend_from_slice(notes);
     }
 
+    /// Nothing was written, for this reason.
+    pub fn pass_over(&mut self, reason: String) {
+        self.state = State::Skipped;
+        self.message = Some(reason);
+    }
+
     /// Stages that have been through, of read, solve and write.
     pub fn steps_done(&self) -> u64 {
         let Seconds { read, solve, write } = self.seconds;
@@ -149,29 +157,24 @@ impl Journal {
         self.records.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Writes the report: complete or not at all.
+    /// Writes the report, complete or not at all; `-` is standard output.
     pub fn write(&self, path: &Path) -> Result<(), String> {
         let failed =
-            |error: &dyn std::fmt::Display| format!("{}: cannot write the report: {error}", path.display());
+            |error: &dyn std::fmt::Display| format!("{}: the report is not written: {error}", path.display());
         let report = Report { heading: &self.heading, frames: &self.records() };
         let mut text = serde_json::to_vec_pretty(&report).map_err(|error| failed(&error))?;
         text.push(b'\n');
-        write_whole(path, &text).map_err(|error| failed(&error))
+        if is_standard_output(path) {
+            let mut out = std::io::stdout().lock();
+            return out.write_all(&text).and_then(|()| out.flush()).map_err(|error| failed(&error));
+        }
+        frame::write_whole(path, &text).map_err(|error| failed(&error))
     }
 }
 
-/// Writes a small file under a temporary name and renames it.
-fn write_whole(path: &Path, content: &[u8]) -> std::io::Result<()> {
-    let folder: PathBuf = folder_of(path);
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".lacuna-");
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let mut file = builder.tempfile_in(folder)?;
-    std::io::Write::write_all(&mut file, content)?;
-    file.as_file().sync_all()?;
-    file.persist(path).map_err(|error| error.error)?;
-    Ok(())
+/// Whether a report of that name goes to standard output.
+pub fn is_standard_output(path: &Path) -> bool {
+    path == Path::new("-")
 }
 
 #[cfg(test)]
@@ -208,6 +211,7 @@ mod tests {
         assert_eq!(json["frames"][1]["state"], "done");
         assert_eq!(json["frames"][1]["stop"], "converged");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
-        assert!(journal.write(&folder.path().join("no/such.json")).is_err());
+        let error = journal.write(&folder.path().join("no/such.json")).unwrap_err();
+        assert!(error.contains("no/such.json") && !error.contains(".lacuna-"), "{error}");
     }
 }

@@ -235,7 +235,8 @@ impl Render<'_> {
             }
             Pixels::Mask(source) => {
                 let Some(path) = &item.mask else { return Ok(None) };
-                let file = self.masks.get(path, frame::Limits::default())?;
+                let file = self.masks.get(path, frame::Limits::default());
+                let file = file.map_err(|error| Failure::at(&item.input, error))?;
                 let canvas = volume::canvas(size);
                 let found =
                     mask::find(&canvas, source, Some(&file)).map_err(|error| Failure::at(path, error))?;

@@ -9,10 +9,15 @@ use signal_hook::iterator::Signals;
 /// Waits for a signal in a thread of its own. When one comes, the flag that is returned turns true, `clean` runs, and
 /// the process ends with status 128 + the signal's number.
 ///
+/// A signal that the parent had ignored (`nohup` does so with hang-ups, a shell with the interrupts of what it runs in
+/// the background) stays ignored.
+///
 /// The signal of a file that grows past the limit of file sizes is caught and ignored, so that the write fails like one on
 /// a full disk.
 pub fn watch(clean: impl FnOnce() + Send + 'static) -> std::io::Result<Arc<AtomicBool>> {
-    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
+    let process = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mut signals =
+        Signals::new([SIGINT, SIGTERM, SIGHUP].into_iter().filter(|&signal| !is_ignored(signal, &process)))?;
     signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
     let stopped = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stopped);
@@ -24,4 +29,23 @@ pub fn watch(clean: impl FnOnce() + Send + 'static) -> std::io::Result<Arc<Atomi
         }
     })?;
     Ok(stopped)
+}
+
+/// Whether a process ignores a signal, by Linux's description of it; where there is none, not.
+fn is_ignored(signal: i32, process: &str) -> bool {
+    let ignored = process.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let bits = ignored.and_then(|bits| u64::from_str_radix(bits.trim(), 16).ok()).unwrap_or(0);
+    bits >> (signal - 1) & 1 == 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ignored_signals_are_bits_of_the_process() {
+        let process = "Name:\tlacuna\nSigBlk:\t0000000000000003\nSigIgn:\t0000000000001001\n";
+        assert!(is_ignored(SIGHUP, process));
+        assert!(!is_ignored(SIGINT, process) && !is_ignored(SIGTERM, process) && !is_ignored(SIGHUP, ""));
+    }
 }

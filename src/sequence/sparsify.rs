@@ -7,7 +7,7 @@ use super::plan::{Item, PlanError, Targets, plan};
 use super::record::{Heading, Record};
 use super::update::Existing;
 use super::{Selection, memory, prepare};
-use crate::frame::{self, Compression, WriteOptions};
+use crate::frame::{self, Compression};
 use crate::mask::Source;
 use crate::sparsify::{self, Pattern};
 
@@ -80,7 +80,7 @@ impl Work for Sparsify<'_> {
     }
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
-        prepare::decide(item, self.job.skip_missing, self.job.existing, |_| false)
+        prepare::decide_to_write(item, self.job.skip_missing, self.job.existing, |_| false)
     }
 
     fn bytes(&self, item: &Item) -> u64 {
@@ -92,7 +92,8 @@ impl Work for Sparsify<'_> {
         let limits = memory::limits(self.job.run.memory, self.bytes(item));
         let (frame, file) = stage.read(record, || {
             let frame = frame::read(&item.input, &limits).map_err(|error| Failure::at(&item.input, error))?;
-            let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose()?;
+            let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose();
+            let file = file.map_err(|error| Failure::at(&item.input, error))?;
             Ok((frame, file))
         })?;
         let pattern = match (&self.job.pattern, &file) {
@@ -113,10 +114,6 @@ impl Work for Sparsify<'_> {
         if let Some(compression) = self.job.compression {
             frame.parts.iter_mut().for_each(|part| part.compression = compression);
         }
-        let no_clobber = self.job.existing == Existing::Keep;
-        let options = WriteOptions { compression_level: self.job.level, no_clobber };
-        stage
-            .write(record, || frame::write(&frame, &item.output, &options))
-            .map_err(|error| Failure::at(&item.output, error))
+        prepare::write(&frame, item, (self.job.existing, self.job.level), stage, record)
     }
 }

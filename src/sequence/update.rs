@@ -4,9 +4,9 @@ use std::path::Path;
 use std::time::SystemTime;
 
 use super::plan::Item;
-use crate::frame::read_header;
+use crate::frame::read_whole_header;
 use crate::mask::Source;
-use crate::reconstruct::{Job, Stamp};
+use crate::reconstruct::{Job, Stamp, was_cut_short};
 
 /// What happens to outputs that exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,10 +32,14 @@ fn modified(path: &Path) -> Option<SystemTime> {
     path.metadata().ok()?.modified().ok()
 }
 
-/// Whether at least one part has a stamp and all stamps are this run's. The settings tell which mask was asked for;
+/// Whether the file is whole, at least one part has a stamp, all stamps are this run's and no time limit cut a part
+/// short. The settings tell which mask was asked for;
 /// of a file they tell the pattern, so its path is compared as well.
 fn is_of(item: &Item, job: &Job) -> bool {
-    let Ok(parts) = read_header(&item.output) else { return false };
+    let Ok(parts) = read_whole_header(&item.output) else { return false };
+    if parts.iter().any(|part| was_cut_short(&part.attributes)) {
+        return false;
+    }
     let stamps: Vec<Stamp> = parts.iter().filter_map(|part| Stamp::read(&part.attributes)).collect();
     let source = item.mask.as_ref().and_then(|path| match &job.mask {
         Source::File { channel, .. } => {

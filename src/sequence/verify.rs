@@ -85,11 +85,21 @@ impl Work for Verify<'_> {
             (None, Source::File { pattern, .. }) => Some(Path::new(pattern)),
             _ => None,
         };
-        let file = path.map(|path| self.masks.get(path, limits)).transpose()?;
+        let hint = match (&self.job.mask, source) {
+            (None, Source::File { .. }) => {
+                " (the path is from the attribute lacuna/mask; verify --mask overrides it)"
+            }
+            _ => "",
+        };
+        let file = path.map(|path| self.masks.get(path, limits)).transpose();
+        let file = file.map_err(|error| Failure::at(&item.output, format!("{error}{hint}")))?;
         let masks =
             mask::find(&sparse, source, file.as_deref()).map_err(|error| Failure::at(&item.input, error))?;
         record.mask = Some(masks.origin.clone());
         record.density = masks.density();
+        if let Some(note) = claims.not_compared() {
+            record.warn(&[note]);
+        }
         let differences = stage.solve(record, || {
             let choices = channels::choose(&sparse, &masks, &claims.overrides);
             compare(&sparse, &filled, &masks, &choices)

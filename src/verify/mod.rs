@@ -2,17 +2,23 @@
 //!
 //! Promised: parts, names, windows, types and attributes are those of the sparse frame, except for what the filled
 //! one says was asked for (its attribute `lacuna/settings`); kept channels and measured pixels have the same bits; what
-//! was filled is finite and within its bounds; identifiers and depths are values that were measured in that channel.
+//! was filled is finite and within its bounds; identifiers and depths are values that were measured in that channel;
+//! filled normals are of unit length where the measured ones are; the attributes that `fill` adds agree with the mask.
+//!
+//! Not told from the two frames: which filter ran with which settings, whether a copied value is the nearest one, and
+//! whether measured pixels were smoothed as much as the filled frame's attributes allow.
 
+mod normals;
 mod pixels;
 #[cfg(test)]
 mod properties;
+mod stamps;
 #[cfg(test)]
 mod tests;
 
 use serde::Serialize;
 
-use crate::channels::{Choice, Override, Rule, part_label};
+use crate::channels::{Choice, Override, Rule, part_label, visible};
 use crate::frame::{Attribute, Compression, Frame, Part, Window};
 use crate::mask::{Masks, Source};
 use crate::reconstruct::{ADDED, DERIVED, Kind, Stamp, output_compression};
@@ -33,11 +39,11 @@ pub struct Difference {
 impl std::fmt::Display for Difference {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let part = self.part.clone();
-        let channel = self.channel.as_ref().map(|name| format!("channel {name}"));
+        let channel = self.channel.as_ref().map(|name| format!("channel {}", visible(name)));
         let pixel = self.pixel.map(|(x, y)| format!("pixel ({x}, {y})"));
         let place: Vec<_> = [part, channel, pixel].into_iter().flatten().collect();
         let colon = if place.is_empty() { "" } else { ": " };
-        write!(f, "{}{colon}{}", place.join(", "), self.what)
+        write!(f, "{}{colon}{}", place.join(", "), visible(&self.what))
     }
 }
 
@@ -56,12 +62,15 @@ pub struct Claims {
     pub drop_mask: bool,
     /// Whether measured pixels were smoothed.
     pub smoothed: bool,
+    /// The filter's name; empty if nothing says it.
+    pub filter: String,
 }
 
 impl Default for Claims {
     fn default() -> Self {
         let (mask, overrides) = (Source::Auto, Vec::new());
-        Self { mask, overrides, kind: None, compression: None, drop_mask: false, smoothed: false }
+        let filter = String::new();
+        Self { mask, overrides, kind: None, compression: None, drop_mask: false, smoothed: false, filter }
     }
 }
 
@@ -80,7 +89,15 @@ impl Claims {
             compression: stamp.setting("compression").and_then(|name| Compression::from_name(&name)),
             drop_mask: setting("mask-channel", "dropped"),
             smoothed: setting("measured", "smoothed"),
+            filter: stamp.filter,
         }
+    }
+
+    /// What is not compared because the filled frame says so, for people.
+    pub fn not_compared(&self) -> Option<String> {
+        let by = if self.filter.is_empty() { String::new() } else { format!(" by {}", self.filter) };
+        self.smoothed
+            .then(|| format!("measured pixels were not compared: the file says that they were smoothed{by}"))
     }
 }
 
@@ -105,6 +122,17 @@ struct Pair<'a> {
 impl Pair<'_> {
     fn differ(&self, channel: Option<&str>, pixel: Option<(i64, i64)>, what: String) -> Difference {
         Difference { part: self.label.clone(), channel: channel.map(Into::into), pixel, what }
+    }
+
+    /// The first of the `wrong` pixels and their number; nothing if there is none.
+    fn first_of(&self, channel: &str, what: &str, wrong: &[usize]) -> Option<Difference> {
+        let first = *wrong.first()?;
+        let width = self.sparse.size().width.max(1);
+        let window = self.sparse.data_window;
+        let x = i64::from(window.x_min) + (first % width) as i64;
+        let y = i64::from(window.y_min) + (first / width) as i64;
+        let more = if wrong.len() > 1 { format!(" ({} pixels in all)", wrong.len()) } else { String::new() };
+        Some(self.differ(Some(channel), Some((x, y)), format!("{what}{more}")))
     }
 
     /// Whether a channel of the sparse part is to be filled and misses something.
@@ -147,7 +175,9 @@ pub fn compare(sparse: &Frame, filled: &Frame, masks: &Masks, choices: &[Vec<Cho
         };
         compare_header(&pair, &mut differences);
         compare_attributes(&pair, &mut differences);
+        differences.extend(stamps::compare(&pair));
         compare_channels(&pair, &mut differences);
+        differences.extend(normals::compare(&pair));
     }
     differences
 }

@@ -8,7 +8,7 @@ use super::{Difference, Pair};
 use crate::channels::Rule;
 use crate::frame::{Channel, Samples};
 use crate::info::kind;
-use crate::reconstruct::{Bounds, bounds_of, convert, usable};
+use crate::reconstruct::{Bounds, bounds_of, convert, kind_for, usable};
 
 /// The differences of one channel: of each sort the first pixel and the number.
 pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Difference> {
@@ -18,12 +18,7 @@ pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Differenc
     let Some(rule) = pair.choices.get(index).map(|choice| choice.rule) else {
         return whole("no rule is known for it".into());
     };
-    let converts = matches!(rule, Rule::Fill | Rule::Normal | Rule::Depth);
-    let expected = if converts {
-        convert(sparse.samples.clone(), pair.claims.kind, None).0
-    } else {
-        sparse.samples.clone()
-    };
+    let expected = convert(sparse.samples.clone(), kind_for(rule, pair.claims.kind), None).0;
     if kind(&expected) != kind(&filled.samples) {
         return whole(format!("the type is {}, not {}", kind(&filled.samples), kind(&expected)));
     }
@@ -34,15 +29,7 @@ pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Differenc
     if expected.len() != found.len() {
         return whole(format!("it has {} pixels, not {}", found.len(), expected.len()));
     }
-    let width = pair.sparse.size().width.max(1);
-    let window = pair.sparse.data_window;
-    let report = |what: &str, wrong: Vec<usize>| -> Option<Difference> {
-        let first = *wrong.first()?;
-        let x = i64::from(window.x_min) + (first % width) as i64;
-        let y = i64::from(window.y_min) + (first / width) as i64;
-        let more = if wrong.len() > 1 { format!(" ({} pixels in all)", wrong.len()) } else { String::new() };
-        Some(pair.differ(Some(&name), Some((x, y)), format!("{what}{more}")))
-    };
+    let report = |what: &str, wrong: Vec<usize>| -> Option<Difference> { pair.first_of(&name, what, &wrong) };
     let differ = |at: &usize| expected[*at] != found[*at];
     let all = 0..expected.len();
     if rule == Rule::Keep {
@@ -101,7 +88,7 @@ fn wrong_fills(
     ("a filled pixel leaves the bounds that all measured ones keep", missing)
 }
 
-fn value(samples: &Samples, at: usize) -> f32 {
+pub fn value(samples: &Samples, at: usize) -> f32 {
     match samples {
         Samples::Half(values) => values[at].to_f32(),
         Samples::Float(values) => values[at],

@@ -203,6 +203,58 @@ fn headers_must_be_as_before() {
 }
 
 #[test]
+fn stamps_must_agree_with_the_mask() {
+    let cases: [Case<'_>; 4] = [
+        (
+            &|frame| frame.parts[0].attributes.set("lacuna/density", "float", 0.9_f32.to_le_bytes().to_vec()),
+            "the attribute lacuna/density is 0.9, but the mask's is 0.",
+        ),
+        (
+            &|frame| assert!(frame.parts[0].attributes.remove("lacuna/density")),
+            "the attribute lacuna/density is not there",
+        ),
+        (
+            &|frame| frame.parts[0].attributes.set_text("lacuna/mask", "gone"),
+            "the attribute lacuna/mask names 'gone', which is not there; found: mask",
+        ),
+        (
+            &|frame| frame.parts[0].attributes.set_text("lacuna/filter", "best"),
+            "the attribute lacuna/filter is 'best', which is no filter",
+        ),
+    ];
+    for (change, expected) in cases {
+        let found = after(change);
+        assert!(found[0].starts_with(&format!("part 0 (a): {expected}")), "{expected}: {found:?}");
+        assert_eq!(found.len(), 1, "{found:?}");
+    }
+}
+
+#[test]
+fn filled_normals_must_be_of_unit_length() {
+    let axis = |add: f32| (0..48).map(|at| add + (at % 8) as f32 / 8.0).collect::<Vec<_>>();
+    let (x, y, z) = (axis(-0.5), axis(-1.0), axis(0.25));
+    let length = |at: usize| (x[at].powi(2) + y[at].powi(2) + z[at].powi(2)).sqrt();
+    let unit = |axis: &[f32]| (0..48).map(|at| axis[at] / length(at)).collect::<Vec<_>>();
+    let channels = |scale: f32| {
+        let scaled = |axis: &[f32]| unit(axis).into_iter().map(|v| v * scale).collect::<Vec<_>>();
+        vec![float("N.X", &scaled(&x)), half("N.Y", &scaled(&y)), float("N.Z", &scaled(&z))]
+    };
+    for (scale, complains) in [(1.0, true), (0.5, false)] {
+        let full = frame(vec![part(window(0, 0, 8, 6), channels(scale))]);
+        let sparse = sparsify(full, Pattern::Shuffle { density: 0.4, seed: 1 }).unwrap().frame;
+        let mut filled = filled(&sparse, &job());
+        assert_eq!(lines(&sparse, &filled), [""; 0]);
+        let masks = find(&sparse, &Source::Auto, None).unwrap();
+        let at = masks.get(0, 0).unwrap().as_slice().iter().position(|flag| !flag).unwrap();
+        let Samples::Float(values) = channel(&mut filled, 0, "N.X") else { panic!("not floats") };
+        values[at] += 0.01_f32.copysign(values[at]);
+        let found = lines(&sparse, &filled);
+        assert_eq!(found.len(), usize::from(complains), "{found:?}");
+        assert!(found.iter().all(|line| line.contains("a filled normal is not of unit length")), "{found:?}");
+    }
+}
+
+#[test]
 fn an_unfilled_frame_is_not_a_filled_one() {
     let sparse = sparse();
     let found = lines(&sparse, &sparse);
@@ -223,7 +275,8 @@ fn smoothing_may_change_measured_light_and_nothing_else() {
     let job = Job::new(Method::Tv(tv::Settings { epsilon: 0.3, ..tv::Settings::default() }));
     assert!(!job.method.keeps_measured());
     let mut filled = filled(&sparse, &job);
-    assert!(Claims::read(&filled).smoothed);
+    let note = "measured pixels were not compared: the file says that they were smoothed by tv";
+    assert_eq!(Claims::read(&filled).not_compared().as_deref(), Some(note));
     let old = halves(&mut sparse, 0, "R").clone();
     let new = halves(&mut filled, 0, "R").clone();
     assert!((0..48).any(|at| masks.get(0, 0).unwrap().as_slice()[at] && old[at] != new[at]));

@@ -4,13 +4,16 @@
 
 use rayon::prelude::*;
 
+use super::stencil::lanes_dot;
 use super::{Body, Isa, Real, dispatch, fma};
 
 /// Elements that one task of a large buffer takes; sums are formed per part and combined in order.
 const PART: usize = 1 << 14;
 /// Buffers longer than this are shared out among threads.
 const LARGE: usize = 1 << 16;
-/// Lanes of a sum.
+/// Elements after which a sum's lanes are added up.
+const RUN: usize = 1 << 10;
+/// Lanes of a maximum.
 const LANES: usize = 16;
 
 /// Splits any number of buffers into parts and runs a body on each.
@@ -127,20 +130,23 @@ impl<T: Real> Body for Dot<'_, T> {
     #[inline(always)]
     fn run<const FUSED: bool>(self) -> (f64, f64) {
         let mut total = 0.0;
-        let mut tops = [T::ZERO; LANES];
+        let mut top = T::ZERO;
         // Lanes are emptied into f64 often enough for f32 to lose nothing that matters.
-        for (x, y) in self.x.chunks(64 * LANES).zip(self.y.chunks(64 * LANES)) {
-            let mut sums = [T::ZERO; LANES];
-            for (x, y) in x.chunks(LANES).zip(y.chunks(LANES)) {
-                for ((sum, top), (&x, &y)) in sums.iter_mut().zip(&mut tops).zip(x.iter().zip(y)) {
-                    *sum = fma::<T, FUSED>(x, y, *sum);
-                    let size = y.magnitude();
-                    *top = if size > *top { size } else { *top };
+        for (x, y) in self.x.chunks(RUN).zip(self.y.chunks(RUN)) {
+            total += lanes_dot::<T, FUSED>(x, y);
+            let mut tops = [T::ZERO; LANES];
+            let (blocks, rest) = y.as_chunks::<LANES>();
+            for y in blocks {
+                for i in 0..LANES {
+                    let size = y[i].magnitude();
+                    tops[i] = if size > tops[i] { size } else { tops[i] };
                 }
             }
-            total += sums.iter().map(|s| s.to_f64()).sum::<f64>();
+            for size in tops.into_iter().chain(rest.iter().map(|y| y.magnitude())) {
+                top = if size > top { size } else { top };
+            }
         }
-        (total, tops.iter().fold(0.0, |top, t| f64::max(top, t.to_f64())))
+        (total, top.to_f64())
     }
 }
 
@@ -166,6 +172,37 @@ impl<T: Real> Body for WeightedDifference<'_, T> {
     fn run<const FUSED: bool>(self) {
         for (s, (&e, (&r, &q))) in self.s.iter_mut().zip(self.e.iter().zip(self.r.iter().zip(self.q))) {
             *s = e * (r - q);
+        }
+    }
+}
+
+/// One step of conjugate gradients: `x = x + a p`, `r = e (r - a q)`.
+pub fn step<T: Real>(isa: Isa, a: f64, e: &[T], q: &[T], p: &[T], x: &mut [T], r: &mut [T]) {
+    let a = T::from_f64(a);
+    for (i, (x, r)) in x.chunks_mut(PART).zip(r.chunks_mut(PART)).enumerate() {
+        let (at, n) = (i * PART, x.len());
+        dispatch(isa, Step { a, e: &e[at..][..n], q: &q[at..][..n], p: &p[at..][..n], x, r });
+    }
+}
+
+struct Step<'a, T> {
+    a: T,
+    e: &'a [T],
+    q: &'a [T],
+    p: &'a [T],
+    x: &'a mut [T],
+    r: &'a mut [T],
+}
+
+impl<T: Real> Body for Step<'_, T> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let n = self.x.len();
+        let (e, q, p, r) = (&self.e[..n], &self.q[..n], &self.p[..n], &mut self.r[..n]);
+        for i in 0..n {
+            self.x[i] = fma::<T, FUSED>(self.a, p[i], self.x[i]);
+            r[i] = e[i] * fma::<T, FUSED>(-self.a, q[i], r[i]);
         }
     }
 }

@@ -1,8 +1,8 @@
 //! A cheap look at a strip of rows: which of its columns can hold a pixel that has to be moved at all.
 //!
-//! The square around any pixel of a block of R x R pixels holds the whole block, so that the bounds of the pixel
-//! enclose those that follow from the measured pixels of the block alone. If the missing pixels of the block are within
-//! those, none of them is moved, and the squares need not be searched. The result is the same with and without.
+//! The disc around any pixel of a small block holds the whole block, so that the bounds of the pixel enclose those that
+//! follow from the measured pixels of the block alone. If the missing pixels of the block are within those, none of them is
+//! moved, and the discs need not be searched. The result is the same with and without.
 
 use std::ops::Range;
 
@@ -15,6 +15,11 @@ struct Columns {
     missing: [Vec<f32>; 2],
     /// Zero, or NaN if a missing pixel of the column is not finite.
     poison: Vec<f32>,
+}
+
+/// The side of the largest block whose diagonal fits a disc of this radius.
+pub(super) fn side(radius: usize) -> usize {
+    1 + (radius * radius / 2).isqrt()
 }
 
 /// The columns of the `rows` rows from row `first` among which all pixels lie that may be out of bounds; `out`
@@ -67,7 +72,7 @@ impl Columns {
         let finite = !self.poison[block.clone()].iter().any(|poison| poison.is_nan());
         let (mut bottom, mut top) = ([low], [high]);
         bounds.widen(&mut bottom, &mut top);
-        // A block without measured pixels says nothing: its squares may reach some.
+        // A block without measured pixels says nothing: its discs may reach some.
         finite && (from > to || (low <= high && from >= bottom[0] && to <= top[0]))
     }
 }

@@ -1,36 +1,35 @@
-//! The limiter against a search of every square, and what it promises.
+//! The limiter against a search of every disc, and what it promises.
 
 use proptest::prelude::*;
 
 use super::*;
 use crate::baseline::testing;
 
-/// The rule of the head of the file, in f64, by looking at every pixel of every square. `None` for measured pixels.
+/// The rule of the head of the file, in f64, by looking at every pixel of every disc. `None` for measured pixels.
 fn slow(mask: &Mask, samples: &Plane) -> Vec<Option<(f64, f64)>> {
     let Size { height, width } = mask.size();
-    let radius = ((2.0 / mask.density().sqrt()).ceil() as usize).clamp(8, 64);
-    let range = |rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| {
-        let pixels = rows.flat_map(|y| columns.clone().map(move |x| (y, x)));
-        let values =
-            pixels.filter(|&(y, x)| mask.is_measured(y, x)).map(|(y, x)| f64::from(samples.at(y, x)));
-        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)))
+    let radius = (2.0 / mask.density().sqrt()).ceil().clamp(8.0, 64.0);
+    // The range of the measured pixels at most so far from a pixel, if there are any.
+    let range = |y: usize, x: usize, radius: f64| {
+        let pixels = (0..height).flat_map(|v| (0..width).map(move |u| (v, u)));
+        let near = |v: usize, u: usize| (v as f64 - y as f64).hypot(u as f64 - x as f64) <= radius;
+        let measured = pixels.filter(|&(v, u)| mask.is_measured(v, u) && near(v, u));
+        let values = measured.map(|(v, u)| f64::from(samples.at(v, u)));
+        values.fold(None, |range, v| Some(range.map_or((v, v), |(a, b): (f64, f64)| (a.min(v), b.max(v)))))
     };
-    let whole = range(0..height, 0..width);
+    let whole = range(0, 0, f64::INFINITY).unwrap();
     let signed = whole.0 < -whole.1 / 64.0;
-    let mut bounds = Vec::new();
-    for y in 0..height {
-        for x in 0..width {
-            let rows = y.saturating_sub(radius)..(y + radius + 1).min(height);
-            let (a, b) = range(rows, x.saturating_sub(radius)..(x + radius + 1).min(width));
-            let (a, b) = if a <= b { (a, b) } else { whole };
+    let bounds = |y: usize, x: usize| {
+        let (a, b) = range(y, x, radius).unwrap_or(whole);
+        if signed {
             let margin = (b - a) / 2.0 + (whole.1 - whole.0) / 16.0;
-            let by_factor =
-                (if a < 0.0 { 2.0 * a } else { a / 2.0 }, if b < 0.0 { b / 2.0 } else { 2.0 * b });
-            let found = if signed { (a - margin, b + margin) } else { by_factor };
-            bounds.push((!mask.is_measured(y, x)).then_some(found));
+            return (a - margin, b + margin);
         }
-    }
-    bounds
+        let a = range(y, x, 8.0).map_or(a, |near| near.0);
+        (if a < 0.0 { 2.0 * a } else { a / 2.0 }, if b < 0.0 { b / 2.0 } else { 2.0 * b })
+    };
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (y, x)));
+    pixels.map(|(y, x)| (!mask.is_measured(y, x)).then(|| bounds(y, x))).collect()
 }
 
 /// Samples, and a reconstruction that leaves their range in places.

@@ -285,3 +285,78 @@ fn row(matrix: &Matrix, i: usize) -> Row {
         if j < matrix.n { matrix.at(i, j) } else { 0.0 }
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn apply(profile: &Profile, k: usize, y: impl Fn(usize) -> f64) -> Vec<f64> {
+        (0..profile.len)
+            .map(|i| {
+                let class = if i < profile.ends {
+                    i
+                } else if i + profile.ends < profile.len {
+                    profile.ends
+                } else {
+                    profile.ends + profile.len - i
+                };
+                let row = &profile.rows[k][class];
+                (0..WIDTH)
+                    .filter(|j| (REACH..profile.len + REACH).contains(&(i + j)))
+                    .map(|j| row[j] * y(i + j - REACH))
+                    .sum()
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_piecewise_taps_are_those_of_the_closed_form() {
+        let profile = Profile::new(Kernel::Piecewise, 2, 64);
+        let expected = [
+            [0.775_661, 0.152_976, -0.042_857, 0.002_050],
+            [2.111_111, -1.041_667, -0.033_333, 0.019_444],
+            [8.0 / 3.0, -1.5, 0.0, 1.0 / 6.0],
+        ];
+        for (rows, expected) in profile.rows.iter().zip(expected) {
+            for (shift, value) in expected.into_iter().enumerate() {
+                assert!((rows[profile.ends][REACH + shift] - value).abs() < 1e-6, "{rows:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn polynomials_below_the_derivative_cost_nothing() {
+        for kernel in [Kernel::Bspline, Kernel::Piecewise] {
+            for order in [2, 3] {
+                for len in [1, 2, 3, 4, 5, 17, 32, 33, 90] {
+                    let profile = Profile::new(kernel, order, len);
+                    for k in 1..=order {
+                        for degree in 0..k {
+                            let image = apply(&profile, k, |t| (t as f64 / 10.0).powi(degree as i32));
+                            assert!(
+                                image.iter().all(|x| x.abs() < 1e-9),
+                                "{kernel:?} {order} {len} {k} {degree}"
+                            );
+                        }
+                    }
+                    // The integral of 1 is the length, or a unit for a single sample.
+                    let length: f64 = apply(&profile, 0, |_| 1.0).iter().sum();
+                    assert!(
+                        (length - (len as f64 - 1.0).max(f64::from(u8::from(len == 1)))).abs() < 5e-2,
+                        "{length}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn energies_are_those_of_the_function() {
+        // A slow parabola, far from the ends' curvature: f'' = 2 a.
+        let profile = Profile::new(Kernel::Bspline, 3, 60);
+        let y = |t: usize| 0.01 * (t as f64).powi(2);
+        let energy = |k: usize| apply(&profile, k, y).iter().enumerate().map(|(t, x)| x * y(t)).sum::<f64>();
+        assert!((energy(2) / (0.02_f64.powi(2) * 59.0) - 1.0).abs() < 0.05, "{}", energy(2));
+        assert!(energy(3).abs() < 1e-9);
+    }
+}

@@ -1,3 +1,47 @@
-//! Generators of sampling masks.
+//! Sampling masks: which pixels a renderer should compute, and how well they lie.
+//!
+//! A [`Pattern`] with a seed is an [`Order`] of the pixels where it is progressive ([`random`], [`shuffle`],
+//! [`blue_noise`]): the mask of density D is where the rank is less than D, so that each density contains the smaller
+//! ones. [`poisson`] and [`grid`] are made for one density. [`temporal`] says how the frames of a sequence share an
+//! order, [`refine`] which pixels to compute after a first pass. [`measure`], [`spectrum`] and [`coherence`] judge masks.
 
+pub mod blue_noise;
+pub mod coherence;
+pub mod grid;
+pub mod measure;
+pub mod order;
+pub mod poisson;
+pub mod random;
+pub mod refine;
 pub mod shuffle;
+pub mod spectrum;
+pub mod temporal;
+
+pub use order::{Field, Order, Pattern};
+pub use temporal::{Band, Temporal, mask};
+
+use crate::Error;
+
+/// The density if it is one.
+fn checked(density: f64) -> Result<f64, Error> {
+    if (0.0..=1.0).contains(&density) {
+        Ok(density)
+    } else {
+        Err(Error::Setting { name: "density", value: density.to_string(), range: "0 to 1" })
+    }
+}
+
+/// Mixes 64 bits so that each bit of the input changes about half of the output's.
+///
+/// Source: G. Steele, D. Lea, C. Flood, "Fast Splittable Pseudorandom Number Generators", OOPSLA 2014 (its 64-bit mixer, with
+/// the constants of D. Stafford's variant 13).
+const fn mix(value: u64) -> u64 {
+    let value = (value ^ (value >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let value = (value ^ (value >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    value ^ (value >> 31)
+}
+
+/// A hash of two numbers: the second counts along a stream that the first starts.
+const fn hash(seed: u64, value: u64) -> u64 {
+    mix(mix(seed).wrapping_add(value.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15)))
+}

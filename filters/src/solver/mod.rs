@@ -2,5 +2,6 @@
 
 pub mod bottom;
 pub mod conjugate;
+pub mod local;
 pub mod multigrid;
 pub mod primal_dual;

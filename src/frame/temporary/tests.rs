@@ -5,7 +5,7 @@ use std::io::Write;
 use super::*;
 
 fn registry() -> &'static Registry {
-    Box::leak(Box::new(Registry(Mutex::new(State { paths: Vec::new(), closed: false }))))
+    Box::leak(Box::new(Registry::new()))
 }
 
 fn names(folder: &Path) -> Vec<OsString> {
@@ -63,18 +63,6 @@ fn closing_removes_files_in_work_and_refuses_new_ones() {
     assert!(names(folder.path()).is_empty());
 }
 
-#[test]
-fn owners_are_read_from_names_only_of_temporaries() {
-    let own = temporary_name(OsStr::new("shot.lacuna-1-2.tmp"));
-    assert_eq!(temporary_owner(&own), Some(std::process::id()));
-    assert_eq!(temporary_owner(OsStr::new(".a.exr.lacuna-77-00ff.tmp")), Some(77));
-    for other in ["a.exr", ".a.exr.tmp", "a.lacuna-77-00ff.tmp", ".a.lacuna-77.tmp", ".a.lacuna-x-00ff.tmp"] {
-        assert_eq!(temporary_owner(OsStr::new(other)), None, "{other}");
-    }
-    let long = temporary_name(OsStr::new(&"ä".repeat(127)));
-    assert!(long.len() < 255 && temporary_owner(&long).is_some());
-}
-
 #[cfg(unix)]
 #[test]
 fn permissions_links_and_devices() {
@@ -98,4 +86,39 @@ fn permissions_links_and_devices() {
 
     assert!(Temporary::create(Path::new("/dev/null"), false).is_err());
     assert!(Temporary::create(folder.path(), false).is_err());
+}
+
+#[cfg(unix)]
+#[test]
+fn links_are_followed_to_files_that_do_not_exist_yet() {
+    use std::os::unix::fs::symlink;
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    symlink("second", at("first")).unwrap();
+    symlink("new.json", at("second")).unwrap();
+    for content in ["one", "two"] {
+        write_whole(&at("first"), content.as_bytes()).unwrap();
+        assert_eq!(fs::read(at("new.json")).unwrap(), content.as_bytes());
+        assert_eq!(names(folder.path()), ["first", "new.json", "second"]);
+        assert!(fs::symlink_metadata(at("first")).unwrap().is_symlink());
+    }
+    symlink("loop", at("loop")).unwrap();
+    assert!(write_whole(&at("loop/x.json"), b"").is_err());
+}
+
+#[cfg(unix)]
+#[test]
+fn what_is_no_regular_file_is_written_into() {
+    use std::os::unix::fs::FileTypeExt;
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let reader = {
+        let pipe = pipe.clone();
+        std::thread::spawn(move || fs::read(pipe).unwrap())
+    };
+    write_whole(&pipe, b"report").unwrap();
+    assert_eq!(reader.join().unwrap(), b"report");
+    assert!(fs::metadata(&pipe).unwrap().file_type().is_fifo());
+    assert!(write_whole(folder.path(), b"report").is_err());
 }

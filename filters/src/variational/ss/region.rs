@@ -1,17 +1,26 @@
-//! A rectangle of the image that is solved by multigrid in f64: holes, sparse masks, and smoothing.
+//! A rectangle of the image that is solved by conjugate gradients in f64 with a multigrid cycle: holes, sparse masks, and smoothing.
 
 use crate::kernel::Isa;
 use crate::kernel::stencil::{Separable, Window, apply};
 use crate::operator::energy::Form;
-use crate::solver::{conjugate, multigrid::Multigrid};
+use crate::solver::conjugate::{self, System};
+use crate::solver::multigrid::Multigrid;
 use crate::{Mask, Outcome, Plane, Run, Size};
+
+/// Multigrid cycles in the numbers that suffice.
+enum Grids {
+    /// For the well-posed case.
+    Single(Multigrid<f32>),
+    /// For third order, smoothing, and energies that may leave an image undetermined.
+    Double(Multigrid<f64>),
+}
 
 /// The rectangle with its grids.
 pub struct Region {
     isa: Isa,
     window: Window,
     matrix: Separable<f64>,
-    grids: Multigrid<f64>,
+    grids: Grids,
     /// Per pixel of the window's buffer: 1 if it is to be computed.
     free: Vec<f64>,
     /// Per pixel the weight of its sample over lambda.
@@ -61,7 +70,12 @@ impl Region {
             }
             form.energy(size, spacing)
         };
-        let grids = Multigrid::new(isa, window, &mut matrix, free.clone(), pull.clone());
+        let grids = if form.order == 2 && form.tension > 0.0 && pull.is_none() {
+            let free = free.iter().map(|&free| free as f32).collect();
+            Grids::Single(Multigrid::new(isa, window, &mut matrix, free, None))
+        } else {
+            Grids::Double(Multigrid::new(isa, window, &mut matrix, free.clone(), pull.clone()))
+        };
         Self { isa, window, matrix: form.energy(mask.size(), (1.0, 1.0)), grids, free, pull }
     }
 
@@ -70,8 +84,15 @@ impl Region {
         let window = self.window;
         let mut r = self.residual(samples, image);
         let mut c = window.zeros();
-        let mut workspace = self.grids.workspace();
-        let ending = conjugate::solve(&self.grids, &mut workspace, &mut r, &mut c, tolerance, run);
+        let system = System { a: &self.matrix, d: self.pull.as_deref() };
+        let ending = match &self.grids {
+            Grids::Single(grids) => {
+                conjugate::solve(system, grids, &mut grids.workspace(), &mut r, &mut c, tolerance, run)
+            }
+            Grids::Double(grids) => {
+                conjugate::solve(system, grids, &mut grids.workspace(), &mut r, &mut c, tolerance, run)
+            }
+        };
         for i in 0..window.height {
             let row = &mut image.row_mut(window.y + i)[window.x..][..window.width];
             for (j, value) in row.iter_mut().enumerate() {

@@ -36,13 +36,14 @@ pub struct Settings {
     /// The order of its derivatives in the energy.
     pub order: Order,
     /// Share of first derivatives in the energy, at least 0 and finite; larger pulls large holes flat.
-    /// Default 0.004: nothing between near samples, and no swinging in large holes.
+    /// Default 0.03: between near samples it costs 0.02 dB, in a hole of 256 x 256 pixels it gains 0.7 dB over 0.004 and
+    /// the fill no longer swings into colours that are not there.
     pub tension: f64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { lambda: 0.0, kernel: Kernel::default(), order: Order::default(), tension: 0.004 }
+        Self { lambda: 0.0, kernel: Kernel::default(), order: Order::default(), tension: 0.03 }
     }
 }
 

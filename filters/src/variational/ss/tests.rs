@@ -5,8 +5,10 @@ use std::sync::Arc;
 use proptest::prelude::*;
 
 use super::*;
+use crate::Size;
 use crate::kernel::stencil::Separable;
-use crate::{Size, Stop};
+
+mod hole;
 
 /// The minimiser by Cholesky's factorisation of the full matrix. Returns every pixel.
 fn reference(settings: &Settings, samples: &Plane, mask: &Mask, weights: Option<&Plane>) -> Vec<f64> {
@@ -261,7 +263,7 @@ fn settings_out_of_range_are_refused() {
     ] {
         assert!(matches!(settings.plan(&problem, &Run::default()), Err(Error::Setting { .. })));
     }
-    assert_eq!(Settings::default().to_string(), "lambda=0 kernel=bspline order=2 tension=0.004");
+    assert_eq!(Settings::default().to_string(), "lambda=0 kernel=bspline order=2 tension=0.03");
 }
 
 #[test]
@@ -275,6 +277,72 @@ fn an_interrupt_ends_the_solver() {
     let outcome = plan.reconstruct(&Planes::new(size, vec![samples]).unwrap(), None, &mut out, &run).unwrap();
     assert_eq!(outcome.stop, Stop::TimeLimit);
     assert!(out.as_slice()[0].pixels().iter().all(|x| x.is_finite()));
+}
+
+/// The largest difference between the planned division of the work and multigrid on the whole image, which the tests above
+/// compare with a direct solution.
+fn distance_to_whole(settings: &Settings, samples: &Plane, mask: &Mask) -> f64 {
+    let (image, outcome) = solve(settings, samples, mask, None);
+    assert_eq!(outcome.stop, Stop::Converged, "{outcome:?}");
+    let form = Form::new(settings.kernel, settings.order.number(), settings.tension);
+    let region = Region::whole(Isa::best(), &form, mask, 0.0, None);
+    let mut whole =
+        Plane::from_fn(mask.size(), |y, x| if mask.is_measured(y, x) { samples.at(y, x) } else { 0.5 });
+    assert_eq!(region.solve(samples, &mut whole, 1e-8, &Run::default()).stop, Stop::Converged);
+    image.pixels().iter().zip(whole.pixels()).fold(0.0, |top, (a, b)| f64::max(top, f64::from((a - b).abs())))
+}
+
+#[test]
+fn tiles_and_holes_meet_the_whole() {
+    let size = Size::new(301, 270);
+    let samples = noise(size, 40);
+    let settings = Settings::default();
+    let base = random_mask(size, 0.2, 41);
+    let lost = |y: usize, x: usize| (100..164).contains(&y) && (90..154).contains(&x) || (y < 20 && x > 240);
+    let masks = [
+        base.clone(),
+        random_mask(size, 0.6, 42),
+        Mask::from_fn(size, |y, x| base.is_measured(y, x) && !lost(y, x)),
+        Mask::from_fn(size, |y, x| y % 4 == 0 && x % 4 == 0),
+    ];
+    for (k, mask) in masks.iter().enumerate() {
+        assert_eq!(matches!(holes::divide(mask), Division::Holes(..)), k == 2);
+        let distance = distance_to_whole(&settings, &samples, mask);
+        assert!(distance <= 1e-4, "mask {k}: {distance}");
+    }
+}
+
+#[test]
+fn a_lost_bucket_meets_the_whole_at_every_order() {
+    let size = Size::new(150, 161);
+    let samples = noise(size, 50);
+    let base = random_mask(size, 0.25, 51);
+    let mask = Mask::from_fn(size, |y, x| {
+        base.is_measured(y, x) && !((60..92).contains(&y) && (64..96).contains(&x))
+    });
+    for settings in kinds() {
+        let distance = distance_to_whole(&settings, &samples, &mask);
+        assert!(distance <= 1e-4, "{settings}: {distance}");
+    }
+}
+
+#[test]
+fn threads_do_not_change_a_bit() {
+    let size = Size::new(290, 410);
+    let samples = noise(size, 60);
+    for density in [0.005, 0.08, 0.3] {
+        let mask = random_mask(size, density, 61);
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| solve(&Settings::default(), &samples, &mask, None).0)
+        };
+        let one = with(1);
+        for threads in [2, 5] {
+            let same =
+                one.pixels().iter().zip(with(threads).pixels()).all(|(a, b)| a.to_bits() == b.to_bits());
+            assert!(same, "density {density}, {threads} threads");
+        }
+    }
 }
 
 proptest! {

@@ -1,0 +1,354 @@
+//! `lacuna mask`: flags to a checked job.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::{Args, ValueEnum};
+use lacuna_filters::sampling::{Pattern, Temporal};
+
+use super::Usage;
+use super::run::SpeechArgs;
+use crate::frame::Window;
+use crate::mask::Source;
+use crate::mask::generate::Request;
+use crate::sequence::range::Frames;
+use crate::sequence::{BoundFiles, MaskJob, MaskOutput, MaskTask};
+
+const EXAMPLES: &str = "\
+Examples:
+  lacuna mask -o mask.exr --size 1920x1080 --density 0.2
+  lacuna mask -o 'mask.####.png' --size 1920x1080 --density 0.1 --frames 1-10 --temporal complementary
+  lacuna mask -o rank.exr --size 1920x1080 --rank --pattern blue-noise
+  lacuna mask --after filled.exr -o next.txt --add 0.05 --error-estimate error.exr
+  lacuna mask --merge first.exr second.exr -o both.exr
+  lacuna mask --measure mask.exr -o spectrum.png --json
+
+Exit status: 0 all done, 1 something failed, 2 usage, 128 + n on signal n.";
+
+/// Make masks: which pixels a renderer should compute, in a first pass and after it
+///
+/// The output's extension says the form: .exr (channel mask), .png (white is measured), .txt (one x y a line, in the order
+/// in which they should be computed), .json (rectangles, for renderers that can only crop).
+#[derive(Args, Clone, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct MakeMaskArgs {
+    #[command(flatten)]
+    pattern: PatternArgs,
+
+    #[command(flatten)]
+    after: AfterArgs,
+
+    #[command(flatten)]
+    measure: MeasureArgs,
+
+    #[command(flatten)]
+    output: OutputArgs,
+
+    /// Threads in all; 0 takes what the machine, a cgroup limit and the batch system allow
+    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Run")]
+    threads: usize,
+
+    #[command(flatten)]
+    speech: SpeechArgs,
+}
+
+/// A mask from a pattern.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "From a pattern")]
+struct PatternArgs {
+    /// Columns and rows, and the first column and row if they are not 0: 1920x1080, 2020x1180-50-50
+    #[arg(long, value_name = "WxH[+X+Y]", conflicts_with_all = ["after", "merge", "measure"])]
+    size: Option<Geometry>,
+
+    /// Measured pixels over all pixels (of the region), 0 to 1
+    #[arg(long, value_name = "D", value_parser = fraction, allow_negative_numbers = true)]
+    density: Option<f64>,
+
+    /// How the pixels lie
+    #[arg(long, value_name = "PATTERN", default_value = "shuffle")]
+    pattern: PatternName,
+
+    /// Another pattern of the same kind; after a first pass, the seed of that
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+
+    /// Write the rank of each pixel instead: rank < D is the mask of density D (shuffle, blue-noise, random)
+    #[arg(long, conflicts_with_all = ["after", "merge", "measure"])]
+    rank: bool,
+
+    /// A mask for each of these frames; the output is a pattern such as mask.####.exr
+    #[arg(long, value_name = "RANGE", allow_hyphen_values = true, conflicts_with_all = ["after", "merge", "measure"])]
+    frames: Option<Frames>,
+
+    /// How the masks of frames are related
+    #[arg(long, value_name = "HOW", default_value = "fixed")]
+    temporal: TemporalName,
+
+    /// Only pixels where this image is above 0: an EXR file's channel (mask, A or the only one if not named), by absolute
+    /// coordinates, or a PNG of the mask's size; a pattern goes frame by frame
+    #[arg(long, value_name = "IMAGE[:CHANNEL]")]
+    inside: Option<Source>,
+
+    /// Also pixels where this image is above 0, as for --inside
+    #[arg(long, value_name = "IMAGE[:CHANNEL]")]
+    always: Option<Source>,
+
+    /// Also the outermost N pixels
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    border: usize,
+}
+
+/// A mask from a frame, and two renders united.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "After a first pass")]
+struct AfterArgs {
+    /// Choose the pixels to compute next: a frame that was filled, or is still sparse
+    #[arg(long, value_name = "FRAME", requires = "add", conflicts_with_all = ["merge", "measure", "density"])]
+    after: Option<PathBuf>,
+
+    /// Pixels to compute next over all pixels, 0 to 1
+    #[arg(long, value_name = "D", value_parser = fraction, allow_negative_numbers = true, requires = "after")]
+    add: Option<f64>,
+
+    /// Write the estimated error of the fill as an image, .exr (channel error) or .png
+    #[arg(long, value_name = "FILE", requires = "after")]
+    error_estimate: Option<PathBuf>,
+
+    /// Unite two sparse renders of a frame, bit for bit: what either measured is measured
+    #[arg(long, value_names = ["A", "B"], num_args = 2, conflicts_with_all = ["measure", "density"])]
+    merge: Option<Vec<PathBuf>>,
+
+    /// Where the masks of these frames come from, as in fill
+    #[arg(long, value_name = "SOURCE", default_value = "auto")]
+    mask: Source,
+}
+
+/// Figures of a mask.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Measure")]
+struct MeasureArgs {
+    /// Print density, star discrepancy, distances and the largest hole; -o FILE.png plots the power spectrum
+    #[arg(long, value_name = "MASK[:CHANNEL]", num_args = 0..=1, conflicts_with = "density")]
+    measure: Option<Vec<Source>>,
+
+    /// With --measure: coherence of 64 x 64 sensing matrices (partial Fourier, wavelets with and without blur) over
+    /// densities, as figure 3.1 of the thesis; takes minutes
+    #[arg(long, requires = "measure")]
+    coherence: bool,
+
+    /// The densities of --coherence
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = fraction,
+          default_value = "0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8,0.9")]
+    densities: Vec<f64>,
+
+    /// With --measure: histogram of the DFT magnitudes of a frame and of its derivatives, as figure 3.2 of the thesis;
+    /// -o FILE.png plots it
+    #[arg(long, value_name = "FRAME", requires = "measure")]
+    spectrum: Option<PathBuf>,
+
+    /// With --measure: print JSON
+    #[arg(long, requires = "measure")]
+    json: bool,
+}
+
+/// Where the result goes.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Output")]
+struct OutputArgs {
+    /// A file, or a pattern with --frames
+    #[arg(short, long, value_name = "OUTPUT")]
+    output: Option<PathBuf>,
+
+    /// Make the output's folder where it is missing
+    #[arg(long)]
+    create_dir: bool,
+
+    /// Fail where the output exists
+    #[arg(long)]
+    no_clobber: bool,
+
+    /// For .json: what starting a crop costs, in pixels; larger makes fewer and larger rectangles
+    #[arg(long, value_name = "PIXELS", default_value_t = 256)]
+    crop_overhead: usize,
+}
+
+/// A pattern.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum PatternName {
+    /// Uniform, without replacement; progressive
+    Random,
+    /// Linear pixel shuffling, of low discrepancy; progressive
+    Shuffle,
+    /// Poisson disk; not progressive
+    Poisson,
+    /// Void and cluster, period 128; progressive
+    BlueNoise,
+    /// Every n-th pixel of every n-th row, 1 / n^2 being nearest to the density
+    Grid,
+}
+
+/// How masks of frames are related.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum TemporalName {
+    /// The same mask
+    Fixed,
+    /// Independent masks
+    Offset,
+    /// Masks that together cover every pixel as early and evenly as possible
+    Complementary,
+}
+
+impl MakeMaskArgs {
+    /// The checked job.
+    pub fn job(&self) -> Result<MaskJob, Usage> {
+        let task = if let Some(frame) = &self.after.after {
+            MaskTask::After {
+                frame: frame.clone(),
+                source: self.after.mask.clone(),
+                add: self.after.add.unwrap_or(0.0),
+                seed: self.pattern.seed,
+                error_estimate: self.after.error_estimate.clone(),
+                bounds: self.pattern.bounds()?,
+                output: self.output.needed()?,
+            }
+        } else if let Some([first, second]) = self.after.merge.as_deref() {
+            MaskTask::Merge {
+                first: first.clone(),
+                second: second.clone(),
+                source: self.after.mask.clone(),
+                output: self.output.needed()?,
+            }
+        } else if let Some(mask) = &self.measure.measure {
+            self.measuring(mask.first())?
+        } else {
+            self.generating()?
+        };
+        Ok(MaskJob { task, threads: self.threads, verbosity: self.speech.verbosity() })
+    }
+
+    fn generating(&self) -> Result<MaskTask, Usage> {
+        let size = self
+            .pattern
+            .size
+            .ok_or_else(|| Usage("--size WxH is needed (or --after, --merge, --measure)".into()))?;
+        let density = match (self.pattern.density, self.pattern.rank) {
+            (Some(density), _) => density,
+            (None, true) => 1.0,
+            (None, false) => return Err(Usage("--density D or --rank is needed".into())),
+        };
+        let request = Request {
+            window: size.0,
+            pattern: self.pattern.pattern.into(),
+            density,
+            seed: self.pattern.seed,
+            temporal: self.pattern.temporal.into(),
+        };
+        if request.temporal != Temporal::Fixed && self.pattern.frames.is_none() {
+            return Err(Usage("--temporal needs --frames".into()));
+        }
+        Ok(MaskTask::Generate {
+            request,
+            rank: self.pattern.rank,
+            frames: self.pattern.frames.as_ref().map(|frames| frames.numbers().to_vec()),
+            bounds: self.pattern.bounds()?,
+            output: self.output.needed()?,
+        })
+    }
+
+    fn measuring(&self, mask: Option<&Source>) -> Result<MaskTask, Usage> {
+        let mask = mask.map(|mask| file("--measure", mask)).transpose()?;
+        if mask.is_none() && !self.measure.coherence && self.measure.spectrum.is_none() {
+            return Err(Usage("--measure needs a mask, --coherence or --spectrum FRAME".into()));
+        }
+        Ok(MaskTask::Measure {
+            mask,
+            coherence: if self.measure.coherence { self.measure.densities.clone() } else { Vec::new() },
+            spectrum: self.measure.spectrum.clone(),
+            seed: self.pattern.seed,
+            plot: self.output.output.as_ref().map(|_| self.output.needed()).transpose()?,
+            json: self.measure.json,
+        })
+    }
+}
+
+impl PatternArgs {
+    fn bounds(&self) -> Result<BoundFiles, Usage> {
+        Ok(BoundFiles {
+            inside: self.inside.as_ref().map(|source| file("--inside", source)).transpose()?,
+            always: self.always.as_ref().map(|source| file("--always", source)).transpose()?,
+            border: self.border,
+        })
+    }
+}
+
+impl OutputArgs {
+    fn needed(&self) -> Result<MaskOutput, Usage> {
+        let path = self.output.clone().ok_or_else(|| Usage("-o OUTPUT is needed".into()))?;
+        let (create_dir, no_clobber, overhead) = (self.create_dir, self.no_clobber, self.crop_overhead);
+        Ok(MaskOutput { path, create_dir, no_clobber, overhead })
+    }
+}
+
+impl From<PatternName> for Pattern {
+    fn from(name: PatternName) -> Self {
+        match name {
+            PatternName::Random => Self::Random,
+            PatternName::Shuffle => Self::Shuffle,
+            PatternName::Poisson => Self::Poisson,
+            PatternName::BlueNoise => Self::BlueNoise,
+            PatternName::Grid => Self::Grid,
+        }
+    }
+}
+
+impl From<TemporalName> for Temporal {
+    fn from(name: TemporalName) -> Self {
+        match name {
+            TemporalName::Fixed => Self::Fixed,
+            TemporalName::Offset => Self::Offset,
+            TemporalName::Complementary => Self::Complementary,
+        }
+    }
+}
+
+fn file(flag: &str, source: &Source) -> Result<Source, Usage> {
+    match source {
+        Source::File { .. } => Ok(source.clone()),
+        other => Err(Usage(format!("{flag} {other}: give an image file"))),
+    }
+}
+
+fn fraction(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number from 0 to 1")?;
+    if (0.0..=1.0).contains(&value) { Ok(value) } else { Err("not a number from 0 to 1".into()) }
+}
+
+/// A window as text: `WxH`, `WxH+X+Y`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Geometry(Window);
+
+impl FromStr for Geometry {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || "not a size such as 1920x1080 or 2020x1180-50-50".to_string();
+        let (size, offset) = match text.find(['+', '-']) {
+            Some(at) => text.split_at(at),
+            None => (text, "+0+0"),
+        };
+        let (width, height) = size.split_once('x').ok_or_else(wrong)?;
+        let second = offset.rfind(['+', '-']).filter(|&at| at > 0).ok_or_else(wrong)?;
+        let number = |text: &str| text.parse::<i32>().map_err(|_| wrong());
+        let (x, y) = (number(&offset[..second])?, number(&offset[second..])?);
+        let (width, height) = (number(width)?, number(height)?);
+        if !(1..=32768).contains(&width) || !(1..=32768).contains(&height) {
+            return Err("width and height must be from 1 to 32768".into());
+        }
+        let end = |first: i32, count: i32| first.checked_add(count - 1).ok_or_else(wrong);
+        Ok(Self(Window { x_min: x, y_min: y, x_max: end(x, width)?, y_max: end(y, height)? }))
+    }
+}
+
+#[cfg(test)]
+#[path = "make_mask/tests.rs"]
+mod tests;

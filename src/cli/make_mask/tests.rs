@@ -1,0 +1,75 @@
+//! Tests of the flags of `lacuna mask`.
+
+use super::*;
+use crate::cli::{Ending, Job, parse};
+
+fn job(words: &str) -> Result<MaskJob, String> {
+    let words = ["lacuna", "mask"].into_iter().chain(words.split_whitespace());
+    match parse(words.map(Into::into)) {
+        Ok(Job::Mask(job)) => Ok(*job),
+        Ok(other) => Err(format!("{other:?}")),
+        Err(Ending::Usage(text) | Ending::Shown(text)) => Err(text),
+    }
+}
+
+#[test]
+fn sizes_are_read_with_their_origin() {
+    let window = |text: &str| text.parse::<Geometry>().map(|geometry| geometry.0);
+    assert_eq!(window("20x10"), Ok(Window { x_min: 0, y_min: 0, x_max: 19, y_max: 9 }));
+    assert_eq!(window("20x10-3+4"), Ok(Window { x_min: -3, y_min: 4, x_max: 16, y_max: 13 }));
+    assert_eq!(window("1x1+5-6"), Ok(Window { x_min: 5, y_min: -6, x_max: 5, y_max: -6 }));
+    for nonsense in
+        ["", "20", "0x10", "10x0", "10x", "axb", "10x10+3", "10x10+", "40000x1", "2x2+2147483647+0", "-3x4"]
+    {
+        assert!(window(nonsense).is_err(), "{nonsense}");
+    }
+}
+
+#[test]
+fn a_mask_from_a_pattern() {
+    let job = job(
+        "-o m.exr --size 64x32 --density 0.2 --pattern blue-noise --seed 4 --border 1 --inside a.exr:id.A",
+    )
+    .unwrap();
+    let MaskTask::Generate { request, rank, frames, bounds, output } = job.task else { panic!("{job:?}") };
+    assert_eq!((request.pattern, request.density, request.seed), (Pattern::BlueNoise, 0.2, 4));
+    assert_eq!((rank, frames, bounds.border, output.overhead), (false, None, 1, 256));
+    let inside = Source::File { pattern: "a.exr".into(), channel: Some("id.A".into()) };
+    assert_eq!(bounds.inside, Some(inside));
+}
+
+#[test]
+fn nonsense_is_refused_in_one_line() {
+    for (words, reason) in [
+        ("-o m.exr --size 64x32 --density 1.5", "0 to 1"),
+        ("-o m.exr --size 64x32 --density -0.1", "0 to 1"),
+        ("-o m.exr --size 64x32 --density nan", "0 to 1"),
+        ("-o m.exr --size 0x32 --density 0.5", "from 1 to 32768"),
+        ("-o m.exr --size 64x32", "--density D or --rank"),
+        ("-o m.exr --density 0.2", "--size"),
+        ("--size 64x32 --density 0.2", "-o OUTPUT"),
+        ("-o m.exr --size 64x32 --density 0.2 --temporal offset", "--frames"),
+        ("-o m.exr --after f.exr", "--add"),
+        ("-o m.exr --size 4x4 --density 0.1 --pattern halton", "halton"),
+        ("--measure", "needs a mask"),
+        ("--measure alpha", "image file"),
+        ("-o m.exr --merge a.exr", "2 values"),
+    ] {
+        let error = job(words).unwrap_err();
+        assert!(error.contains(reason), "{words}: {error}");
+        let line = error.lines().next().unwrap_or_default();
+        assert!(line.starts_with("lacuna: error: "), "{error}");
+    }
+}
+
+#[test]
+fn the_other_tasks() {
+    let task = |words| job(words).unwrap().task;
+    assert!(matches!(task("--after f.exr --add 0.05 -o n.txt"), MaskTask::After { add: 0.05, .. }));
+    assert!(matches!(task("--merge a.exr b.exr -o c.exr"), MaskTask::Merge { .. }));
+    assert!(matches!(task("--measure m.png --json"), MaskTask::Measure { json: true, mask: Some(_), .. }));
+    let MaskTask::Measure { coherence, .. } = task("--measure --coherence --densities 0.1,0.5") else {
+        panic!()
+    };
+    assert_eq!(coherence, [0.1, 0.5]);
+}

@@ -1,0 +1,97 @@
+//! The second pass: from a frame that was filled, or is still sparse, to the pixels to compute next.
+
+use std::sync::Arc;
+
+use lacuna_filters::sampling::refine;
+use lacuna_filters::variational::ss;
+use lacuna_filters::{Mask, Plane, Planes, Run};
+
+use super::generate::{Bounds, field};
+use super::{MakeError, Masks};
+use crate::channels::{Choice, Rule};
+use crate::frame::{Frame, Part, Samples, Window};
+
+/// The pixels to compute next.
+#[derive(Clone, Debug)]
+pub struct Next {
+    /// Where they lie.
+    pub window: Window,
+    /// They, the most useful first, by index row by row.
+    pub pixels: Vec<usize>,
+    /// The same as a mask.
+    pub mask: Mask,
+    /// The pixels that are measured already.
+    pub measured: Arc<Mask>,
+    /// The estimated error of the fill, 0 where measured.
+    pub error: Plane,
+}
+
+/// Chooses `round(add N)` of the N pixels, fewer only if fewer are missing (within the bounds).
+///
+/// Of a multi-part frame the first part that has colour and a mask counts. Of its channels `R`, `G`, `B` do, else all
+/// that are filled.
+///
+/// # Errors
+/// A frame without such a part, an empty mask, and what the filter refuses.
+pub fn next(
+    frame: &Frame,
+    masks: &Masks,
+    choices: &[Vec<Choice>],
+    add: f64,
+    seed: u64,
+    bounds: impl FnOnce(Window) -> Result<Bounds, MakeError>,
+) -> Result<Next, MakeError> {
+    let (index, channels, measured) = subject(frame, masks, choices).ok_or_else(|| {
+        MakeError::Other("no colour with a sampling mask: nothing to estimate an error of".into())
+    })?;
+    let part = &frame.parts[index];
+    let (size, window) = (part.size(), part.data_window);
+    let planes: Vec<Vec<f32>> = channels.iter().map(|&channel| floats(part, channel)).collect();
+    // A pixel that is not finite is measured, so not computed again, but says nothing about its surroundings.
+    let finite = |pixel: usize| planes.iter().all(|plane| plane[pixel].is_finite());
+    let width = size.width;
+    let mask = Arc::new(Mask::from_fn(size, |row, column| {
+        measured.is_measured(row, column) && finite(row * width + column)
+    }));
+    let planes: Result<Vec<Plane>, _> = planes.into_iter().map(|pixels| Plane::new(size, pixels)).collect();
+    let samples = Planes::new(size, planes?)?;
+    let estimate = refine::estimate(&samples, &mask, &ss::Settings::default(), &Run::default())?;
+    let bounds = bounds(window)?;
+    let missing = |pixel: usize| {
+        let (row, column) = (pixel / width, pixel % width);
+        !measured.is_measured(row, column) && (bounds.admits(row, column) || bounds.forces(size, row, column))
+    };
+    let count = (add * size.pixels() as f64).round() as usize;
+    let pixels = estimate.next(count, field(window), seed, missing);
+    let mut flags = vec![false; size.pixels()];
+    for &pixel in &pixels {
+        flags[pixel] = true;
+    }
+    Ok(Next { window, pixels, mask: Mask::new(size, flags)?, measured, error: estimate.error() })
+}
+
+/// The part, its channels that count, and their mask.
+fn subject(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Option<(usize, Vec<usize>, Arc<Mask>)> {
+    frame.parts.iter().zip(choices).enumerate().find_map(|(index, (part, choices))| {
+        let filled: Vec<usize> = (0..part.channels.len())
+            .filter(|&channel| choices[channel].rule == Rule::Fill && masks.get(index, channel).is_some())
+            .filter(|&channel| !matches!(part.channels[channel].samples, Samples::Uint(_)))
+            .collect();
+        let is_colour =
+            |channel: &usize| matches!(part.channels[*channel].name.as_slice(), b"R" | b"G" | b"B");
+        let colour: Vec<usize> = filled.iter().copied().filter(is_colour).collect();
+        let channels = if colour.is_empty() { filled } else { colour };
+        let mask = masks.get(index, *channels.first()?)?.clone();
+        // Channels of another mask have samples elsewhere.
+        let same = |channel: &usize| masks.get(index, *channel) == Some(&mask);
+        Some((index, channels.into_iter().filter(same).collect(), mask))
+    })
+}
+
+fn floats(part: &Part, channel: usize) -> Vec<f32> {
+    match &part.channels[channel].samples {
+        Samples::Half(values) => values.iter().map(|value| value.to_f32()).collect(),
+        Samples::Float(values) => values.clone(),
+        Samples::Uint(values) => values.iter().map(|&value| value as f32).collect(),
+    }
+}

@@ -1,0 +1,144 @@
+//! Two sparse renders of one frame united, bit for bit: what either measured is measured.
+//!
+//! A pixel takes the bits of the first render where that measured it, of the second where only that did, and those of
+//! the first where neither did. The mask channels say so. Everything else (parts, windows, attributes, channels
+//! without a mask) is the first render's; the second must have the same parts, windows and channels.
+
+use half::f16;
+use lacuna_filters::Mask;
+
+use super::{ATTRIBUTE, MakeError, Masks};
+use crate::frame::{Channel, Frame, Part, Samples};
+use crate::sparsify::{PATTERN, SEED};
+
+/// The channel that is added to a part without one.
+const CHANNEL: &str = "mask";
+
+/// The union, and what a reader of the log should know.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Merged {
+    /// The frame.
+    pub frame: Frame,
+    /// Measured pixels over all pixels of its parts.
+    pub density: f64,
+    /// One line each.
+    pub notes: Vec<String>,
+}
+
+/// Unites `b` into `a`.
+///
+/// # Errors
+/// Frames that differ in parts, windows, channels or their types; a frame in which a part has a mask and in the other not.
+pub fn merge(a: (Frame, &Masks), b: (&Frame, &Masks)) -> Result<Merged, MakeError> {
+    let ((mut frame, first), (other, second)) = (a, b);
+    if frame.parts.len() != other.parts.len() {
+        let (a, b) = (frame.parts.len(), other.parts.len());
+        return Err(MakeError::Other(format!("the first render has {a} parts, the second {b}")));
+    }
+    let (mut notes, mut measured, mut all) = (Vec::new(), 0, 0);
+    for (index, (part, other)) in frame.parts.iter_mut().zip(&other.parts).enumerate() {
+        let label = part.name().map_or_else(|| format!("part {index}"), |name| format!("part '{name}'"));
+        same_form(part, other).map_err(|why| MakeError::Other(format!("{label}: {why}")))?;
+        let (size, mut united) = (part.size(), None);
+        for channel in 0..part.channels.len() {
+            let (target, source) = (&mut part.channels[channel].samples, &other.channels[channel].samples);
+            if first.is_mask_channel(index, channel) {
+                let measured = |samples| Mask::new(size, super::flags(samples, |value| value >= 0.5));
+                let union = union(&measured(target)?, &measured(source)?)?;
+                set(target, &union);
+                continue;
+            }
+            match (first.get(index, channel), second.get(index, channel)) {
+                (Some(own), Some(new)) => {
+                    let only_new = |pixel: usize| new.as_slice()[pixel] && !own.as_slice()[pixel];
+                    take(target, source, only_new);
+                    united = united.map_or_else(|| union(own, new).map(Some), |known| Ok(Some(known)))?;
+                }
+                (None, None) => {
+                    let name = part.channels[channel].display_name();
+                    if !part.channels[channel].samples.same_bits(&other.channels[channel].samples) {
+                        notes.push(format!(
+                            "{label}: {name} has no mask and differs: the first render's is kept"
+                        ));
+                    }
+                }
+                _ => {
+                    return Err(MakeError::Other(format!(
+                        "{label}: only one of the renders has a mask for it"
+                    )));
+                }
+            }
+        }
+        if let Some(union) = united {
+            measured += union.count();
+            all += union.as_slice().len();
+            finish(part, &union, first.mask_channels.get(index).is_none_or(Vec::is_empty));
+        }
+    }
+    if all == 0 {
+        return Err(MakeError::Other("neither render has a sampling mask: nothing to unite".into()));
+    }
+    Ok(Merged { frame, density: measured as f64 / all as f64, notes })
+}
+
+fn same_form(a: &Part, b: &Part) -> Result<(), String> {
+    if a.data_window != b.data_window {
+        return Err("the data windows differ".into());
+    }
+    let form =
+        |part: &Part| part.channels.iter().map(|c| (c.name.clone(), c.samples.kind())).collect::<Vec<_>>();
+    if form(a) == form(b) { Ok(()) } else { Err("the channels or their types differ".into()) }
+}
+
+fn union(a: &Mask, b: &Mask) -> Result<Mask, MakeError> {
+    let flags = a.as_slice().iter().zip(b.as_slice()).map(|(a, b)| *a || *b);
+    Ok(Mask::new(a.size(), flags.collect())?)
+}
+
+/// Copies the bits of some pixels.
+fn take(target: &mut Samples, source: &Samples, from: impl Fn(usize) -> bool) {
+    fn copy<T: Copy>(target: &mut [T], source: &[T], from: impl Fn(usize) -> bool) {
+        let pixels = target.iter_mut().zip(source).enumerate().filter(|(pixel, _)| from(*pixel));
+        pixels.for_each(|(_, (target, source))| *target = *source);
+    }
+    match (target, source) {
+        (Samples::Half(target), Samples::Half(source)) => copy(target, source, from),
+        (Samples::Float(target), Samples::Float(source)) => copy(target, source, from),
+        (Samples::Uint(target), Samples::Uint(source)) => copy(target, source, from),
+        // The forms were compared before.
+        _ => {}
+    }
+}
+
+/// Writes a mask into its channel.
+fn set(samples: &mut Samples, mask: &Mask) {
+    fn flags<T: Copy>(values: &mut [T], mask: &Mask, missing: T, measured: T) {
+        for (value, &flag) in values.iter_mut().zip(mask.as_slice()) {
+            *value = if flag { measured } else { missing };
+        }
+    }
+    match samples {
+        Samples::Half(values) => flags(values, mask, f16::ZERO, f16::ONE),
+        Samples::Float(values) => flags(values, mask, 0.0, 1.0),
+        Samples::Uint(values) => flags(values, mask, 0, 1),
+    }
+}
+
+/// Adds a mask channel where the mask came from elsewhere, and drops what the attributes say about the first pattern.
+fn finish(part: &mut Part, mask: &Mask, add: bool) {
+    if add {
+        let mut samples = Samples::Half(vec![f16::ZERO; mask.as_slice().len()]);
+        set(&mut samples, mask);
+        let channel = Channel { name: CHANNEL.into(), perceptually_linear: false, samples };
+        part.channels.retain(|channel| channel.name != CHANNEL.as_bytes());
+        let at = part.channels.partition_point(|other| other.name < channel.name);
+        part.channels.insert(at, channel);
+        part.attributes.set_text(ATTRIBUTE, CHANNEL);
+    }
+    part.attributes.remove(SEED);
+    part.attributes.set_text(PATTERN, "merged");
+}
+
+#[cfg(test)]
+#[path = "merge/tests.rs"]
+mod tests;

@@ -1,0 +1,55 @@
+//! Tests of uniting two renders.
+
+use super::*;
+use crate::mask::{self, Source};
+use crate::testing::{float, frame, half, part, uint, values, window};
+
+fn render(values: [f32; 4], id: [u32; 4], measured: [f32; 4]) -> Frame {
+    let (colour, id, mask) = (half("R", &values), uint("id", &id), half("mask", &measured));
+    frame(vec![part(window(0, 0, 4, 1), vec![colour, id, mask])])
+}
+
+fn of(a: &Frame, b: &Frame) -> Result<Merged, MakeError> {
+    let find = |frame: &Frame| mask::find(frame, &Source::Auto, None).unwrap();
+    merge((a.clone(), &find(a)), (b, &find(b)))
+}
+
+#[test]
+fn either_measured_is_measured_and_the_first_goes_first() {
+    let a = render([1.0, 2.0, 0.0, 0.0], [1, 2, 0, 0], [1.0, 1.0, 0.0, 0.0]);
+    let b = render([0.0, 5.0, 6.0, 0.0], [0, 5, 6, 0], [0.0, 1.0, 1.0, 0.0]);
+    let merged = of(&a, &b).unwrap();
+    let part = &merged.frame.parts[0];
+    assert_eq!(values(part, "R"), [1.0, 2.0, 6.0, 0.0]);
+    assert_eq!(part.channels[1].samples, Samples::Uint(vec![1, 2, 6, 0]));
+    assert_eq!(values(part, "mask"), [1.0, 1.0, 1.0, 0.0]);
+    assert!((merged.density - 0.75).abs() < 1e-12);
+    assert!(merged.notes.is_empty());
+}
+
+#[test]
+fn bits_survive() {
+    // A NaN with a payload, a denormal and a negative zero.
+    let bits = [0x7e01_u16, 0x0001, 0x8000, 0x3c00];
+    let with = |measured: [f32; 4]| {
+        let mut frame = render([0.0; 4], [0; 4], measured);
+        frame.parts[0].channels[0].samples = Samples::Half(bits.map(f16::from_bits).to_vec());
+        frame
+    };
+    let merged = of(&with([1.0, 0.0, 1.0, 0.0]), &with([0.0, 1.0, 0.0, 1.0])).unwrap();
+    let Samples::Half(found) = &merged.frame.parts[0].channels[0].samples else { panic!() };
+    assert_eq!(found.iter().map(|value| value.to_bits()).collect::<Vec<_>>(), bits);
+}
+
+#[test]
+fn renders_of_other_forms_are_refused() {
+    let a = render([0.0; 4], [0; 4], [1.0, 0.0, 0.0, 0.0]);
+    let mut shifted = a.clone();
+    shifted.parts[0].data_window = window(1, 0, 4, 1);
+    assert!(of(&a, &shifted).unwrap_err().to_string().contains("data windows"));
+    let mut other = a.clone();
+    other.parts[0].channels[0] = float("R", &[0.0; 4]);
+    assert!(of(&a, &other).unwrap_err().to_string().contains("types"));
+    let two = frame(vec![a.parts[0].clone(), a.parts[0].clone()]);
+    assert!(of(&a, &two).unwrap_err().to_string().contains("parts"));
+}

@@ -1,0 +1,146 @@
+//! Plain plots as PNG: axes, grid lines with numbers, one or more curves.
+
+use std::path::Path;
+
+use image::{GrayImage, Luma};
+
+use super::MakeError;
+use crate::frame;
+
+/// Pixels of the image, and of its margins for the numbers.
+const SIZE: (u32, u32) = (640, 400);
+const LEFT: u32 = 44;
+const BELOW: u32 = 24;
+const MARGIN: u32 = 12;
+
+/// A plot: the ranges of its axes, where their grid lines stand, and its curves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plot {
+    /// Ends of the horizontal axis.
+    pub x: (f64, f64),
+    /// Ends of the vertical axis.
+    pub y: (f64, f64),
+    /// Grid lines of the horizontal axis.
+    pub x_lines: Vec<f64>,
+    /// Grid lines of the vertical axis.
+    pub y_lines: Vec<f64>,
+    /// Points of each curve; later curves are lighter.
+    pub curves: Vec<Vec<(f64, f64)>>,
+}
+
+impl Plot {
+    /// Writes the plot.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    pub fn write(&self, path: &Path, no_clobber: bool) -> Result<(), MakeError> {
+        let image = self.draw();
+        Ok(frame::write_other(path, no_clobber, |out| {
+            let encoder = image::codecs::png::PngEncoder::new(out);
+            image.write_with_encoder(encoder).map_err(std::io::Error::other)
+        })?)
+    }
+
+    fn draw(&self) -> GrayImage {
+        let mut image = GrayImage::from_pixel(SIZE.0, SIZE.1, Luma([255]));
+        let (right, bottom) = (SIZE.0 - MARGIN, SIZE.1 - BELOW);
+        let place = |value: f64, (low, high): (f64, f64), from: u32, to: u32| {
+            let share = if high > low { ((value - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 };
+            f64::from(from) + share * (f64::from(to) - f64::from(from))
+        };
+        let across = |x: f64| place(x, self.x, LEFT, right);
+        let up = |y: f64| place(y, self.y, bottom, MARGIN);
+        for &x in &self.x_lines {
+            line(&mut image, (across(x), up(self.y.0)), (across(x), up(self.y.1)), 220);
+            let text = format!("{x}");
+            write(&mut image, &text, across(x) as i64 - 4 * text.len() as i64, i64::from(bottom) + 6);
+        }
+        for &y in &self.y_lines {
+            line(&mut image, (across(self.x.0), up(y)), (across(self.x.1), up(y)), 220);
+            let text = format!("{y}");
+            write(&mut image, &text, i64::from(LEFT) - 8 * text.len() as i64 - 4, up(y) as i64 - 5);
+        }
+        for (index, curve) in self.curves.iter().enumerate() {
+            let grey = (index * 90).min(180) as u8;
+            for pair in curve.windows(2) {
+                line(
+                    &mut image,
+                    (across(pair[0].0), up(pair[0].1)),
+                    (across(pair[1].0), up(pair[1].1)),
+                    grey,
+                );
+            }
+        }
+        image
+    }
+}
+
+fn set(image: &mut GrayImage, x: i64, y: i64, grey: u8) {
+    if let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y))
+        && let Some(pixel) = image.get_pixel_mut_checked(x, y)
+    {
+        pixel.0[0] = pixel.0[0].min(grey);
+    }
+}
+
+fn line(image: &mut GrayImage, from: (f64, f64), to: (f64, f64), grey: u8) {
+    let steps = (to.0 - from.0).abs().max((to.1 - from.1).abs()).ceil().max(1.0);
+    for step in 0..=steps as u32 {
+        let share = f64::from(step) / steps;
+        let at = |from: f64, to: f64| (from + share * (to - from)).round() as i64;
+        set(image, at(from.0, to.0), at(from.1, to.1), grey);
+    }
+}
+
+/// Writes digits, points and signs, each 3 x 5 dots of 2 x 2 pixels, 8 pixels apart.
+fn write(image: &mut GrayImage, text: &str, x: i64, y: i64) {
+    for (index, letter) in text.chars().enumerate() {
+        for (row, bits) in glyph(letter).into_iter().enumerate() {
+            for column in (0..3).filter(|column| bits & (4 >> column) != 0) {
+                for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                    set(image, x + 8 * index as i64 + 2 * column + dx, y + 2 * row as i64 + dy, 60);
+                }
+            }
+        }
+    }
+}
+
+/// The rows of a character, three bits each.
+const fn glyph(letter: char) -> [u8; 5] {
+    match letter {
+        '0' => [7, 5, 5, 5, 7],
+        '1' => [2, 6, 2, 2, 7],
+        '2' => [7, 1, 7, 4, 7],
+        '3' => [7, 1, 7, 1, 7],
+        '4' => [5, 5, 7, 1, 1],
+        '5' => [7, 4, 7, 1, 7],
+        '6' => [7, 4, 7, 5, 7],
+        '7' => [7, 1, 1, 2, 2],
+        '8' => [7, 5, 7, 5, 7],
+        '9' => [7, 5, 7, 1, 7],
+        '.' => [0, 0, 0, 0, 2],
+        '-' => [0, 0, 7, 0, 0],
+        _ => [0; 5],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn curves_pass_where_they_should() {
+        let plot = Plot {
+            x: (0.0, 1.0),
+            y: (0.0, 2.0),
+            x_lines: vec![0.5],
+            y_lines: vec![],
+            curves: vec![vec![(0.0, 1.0), (1.0, 1.0)], vec![(0.0, f64::NAN), (1.0, 9.0)]],
+        };
+        let image = plot.draw();
+        let middle = MARGIN + (SIZE.1 - BELOW - MARGIN) / 2;
+        assert_eq!(image.get_pixel(LEFT + 100, middle).0, [0]);
+        assert_eq!(image.get_pixel(LEFT + 100, middle + 5).0, [255]);
+        assert_eq!(image.get_pixel(LEFT + (SIZE.0 - MARGIN - LEFT) / 2, middle + 50).0, [220]);
+    }
+}

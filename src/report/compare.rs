@@ -1,0 +1,352 @@
+//! One test frame against its reference: every group, every region, every measure that is wanted.
+//!
+//! Pixels at which either value is not finite are counted and take no part in sums; for maps (SSIM, CIELUV, FLIP) such a
+//! value is 0, in both images if it is the reference's.
+
+use lacuna_filters::metric::error::{self, Options, Statistics};
+use lacuna_filters::metric::ssim::Similarity;
+use lacuna_filters::metric::{flip, luv, mean};
+use lacuna_filters::{Mask, Plane};
+
+use super::groups::{Group, Kind, pair};
+use super::images::Images;
+use super::measure::Measure;
+use super::model::{FrameReport, GroupReport, Measures, RegionReport, Settings};
+use super::values::{Clean, Values, chromaticities, differing, floats, value};
+use crate::channels::{Name, channel_label, is_alpha, part_label};
+use crate::frame::{Frame, Part};
+use crate::mask::Masks;
+
+/// Why two frames cannot be compared.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// Their pixels are in different places.
+    #[error(
+        "{what}: the data window is {reference} in the reference and {test} here; bring both to one window, \
+         with 'oiiotool IN --crop WINDOW -o OUT' for example"
+    )]
+    Windows {
+        /// The part.
+        what: String,
+        /// The reference's window.
+        reference: String,
+        /// The test image's window.
+        test: String,
+    },
+    /// They have no channel in common.
+    #[error("no channel has a partner in the reference; its channels are {0}")]
+    NothingInCommon(String),
+    /// A measure refused.
+    #[error("{what}: {source}")]
+    Measure {
+        /// The channel.
+        what: String,
+        /// Why.
+        source: lacuna_filters::Error,
+    },
+}
+
+/// Compares two frames; `visit` sees the images of each group of floats while they are there.
+///
+/// # Errors
+/// [`Error`]; what has no partner is no error but a note.
+pub fn compare(
+    reference: &Frame,
+    test: &Frame,
+    masks: Option<&Masks>,
+    settings: &Settings,
+    visit: &mut dyn FnMut(&Images<'_>),
+) -> Result<FrameReport, Error> {
+    let pairing = pair(reference, test);
+    if pairing.groups.is_empty() {
+        return Err(Error::NothingInCommon(crate::channels::list_channels(reference)));
+    }
+    let mut report = FrameReport { mask: masks.map(|masks| masks.origin.clone()), ..FrameReport::default() };
+    report.notes.extend(pairing.missing.iter().map(|what| format!("{what} is in the reference only")));
+    report.notes.extend(pairing.extra.iter().map(|what| format!("{what} is in the test image only")));
+    for group in &pairing.groups {
+        let work = Work { reference, test, masks, settings, group };
+        report.groups.push(work.run(visit)?);
+    }
+    Ok(report)
+}
+
+/// One group at work.
+struct Work<'a> {
+    reference: &'a Frame,
+    test: &'a Frame,
+    masks: Option<&'a Masks>,
+    settings: &'a Settings,
+    group: &'a Group,
+}
+
+/// A region by its name, and which pixels are in it; all for `None`.
+type Region<'a> = (&'static str, Option<&'a [bool]>);
+
+impl Work<'_> {
+    fn parts(&self) -> (&Part, &Part) {
+        (&self.reference.parts[self.group.parts.0], &self.test.parts[self.group.parts.1])
+    }
+
+    fn run(&self, visit: &mut dyn FnMut(&Images<'_>)) -> Result<GroupReport, Error> {
+        let (part, other) = self.parts();
+        if part.data_window != other.data_window {
+            let text = |part: &Part| {
+                let window = part.data_window;
+                format!("({}, {}) to ({}, {})", window.x_min, window.y_min, window.x_max, window.y_max)
+            };
+            let what = part_label(self.reference, self.group.parts.0);
+            let what = if what.is_empty() { "the frame".into() } else { what };
+            return Err(Error::Windows { what, reference: text(part), test: text(other) });
+        }
+        let mask = self.mask();
+        let missing: Option<Vec<bool>> = mask.map(|mask| mask.as_slice().iter().map(|flag| !flag).collect());
+        let alpha = self.alpha();
+        let mut regions: Vec<Region<'_>> = vec![("all", None)];
+        regions.extend(missing.as_deref().map(|flags| ("missing", Some(flags))));
+        regions.extend(alpha.as_deref().map(|flags| ("alpha", Some(flags))));
+        let mut report = self.heading(mask);
+        if self.group.kind == Kind::Codes {
+            report.regions = regions.iter().map(|&region| self.codes(region)).collect();
+            self.measured(mask, &mut report);
+            return Ok(report);
+        }
+        self.floats(&regions, mask, &mut report, visit)?;
+        Ok(report)
+    }
+
+    fn heading(&self, mask: Option<&Mask>) -> GroupReport {
+        let (part, _) = self.parts();
+        let name = |&(channel, _): &(usize, usize)| part.channels[channel].display_name().into_owned();
+        let size = part.size();
+        GroupReport {
+            part: self.group.parts.0,
+            part_name: part.name().filter(|_| self.reference.parts.len() > 1),
+            layer: self.group.layer.clone(),
+            channels: self.group.channels.iter().map(name).collect(),
+            kind: self.group.kind,
+            size: (size.height, size.width),
+            peak: None,
+            clipped: false,
+            density: mask.map(Mask::density),
+            measured_max: None,
+            measured_different: None,
+            regions: Vec::new(),
+        }
+    }
+
+    fn mask(&self) -> Option<&Mask> {
+        let (_, channel) = *self.group.channels.first()?;
+        self.masks?.get(self.group.parts.1, channel).map(|mask| &**mask)
+    }
+
+    /// Where the reference's alpha is above 0: that of the layer, else that of the part.
+    fn alpha(&self) -> Option<Vec<bool>> {
+        let (part, _) = self.parts();
+        let with = |layer: &str| {
+            part.channels.iter().find(|channel| {
+                let name = channel.display_name();
+                is_alpha(&name) && Name::new(&name).layer == layer
+            })
+        };
+        let channel = with(&self.group.layer).or_else(|| with(""))?;
+        let alpha = floats(&channel.samples)?;
+        Some(alpha.iter().map(|&value| value > 0.0).collect())
+    }
+
+    /// Counts of equal bits, for a group of whole numbers or identifiers.
+    fn codes(&self, (name, flags): Region<'_>) -> RegionReport {
+        let (part, other) = self.parts();
+        let mut measures = Measures::default();
+        let all = part.size().pixels();
+        let pixels = flags.map_or(all, |flags| flags.iter().filter(|&&flag| flag).count());
+        let different: usize = self
+            .group
+            .channels
+            .iter()
+            .map(|&(a, b)| {
+                differing(&part.channels[a].samples, &other.channels[b].samples)
+                    .enumerate()
+                    .filter(|&(at, differs)| differs && flags.is_none_or(|flags| flags[at]))
+                    .count()
+            })
+            .sum();
+        measures.set(Measure::Pixels, pixels as f64);
+        measures.set(Measure::Different, different as f64);
+        RegionReport { region: name, measures, largest_at: None, channels: Vec::new() }
+    }
+
+    /// What became of measured pixels.
+    fn measured(&self, mask: Option<&Mask>, report: &mut GroupReport) {
+        let Some(mask) = mask else { return };
+        let (part, other) = self.parts();
+        let (mut different, mut largest) = (0, 0.0_f64);
+        for &(a, b) in &self.group.channels {
+            let (a, b) = (&part.channels[a].samples, &other.channels[b].samples);
+            for (at, _) in differing(a, b).enumerate().filter(|&(at, differs)| differs && mask.as_slice()[at])
+            {
+                different += 1;
+                let by = (value(a, at) - value(b, at)).abs();
+                largest = largest.max(if by.is_nan() { f64::INFINITY } else { by });
+            }
+        }
+        report.measured_different = Some(different);
+        report.measured_max = (self.group.kind != Kind::Codes).then_some(largest);
+    }
+
+    fn floats(
+        &self,
+        regions: &[Region<'_>],
+        mask: Option<&Mask>,
+        report: &mut GroupReport,
+        visit: &mut dyn FnMut(&Images<'_>),
+    ) -> Result<(), Error> {
+        let (part, other) = self.parts();
+        let size = part.size();
+        let planes = |side: usize| -> Vec<Plane> {
+            let channels = self.group.channels.iter().map(|&(a, b)| {
+                let samples = if side == 0 { &part.channels[a].samples } else { &other.channels[b].samples };
+                floats(samples).and_then(|values| Plane::new(size, values).ok())
+            });
+            channels.map(|plane| plane.unwrap_or_else(|| Plane::filled(size, 0.0))).collect()
+        };
+        let (linear, test_linear) = (planes(0), planes(1));
+        let values = Values::new(self.group.kind, self.settings, &linear);
+        let (shown, test_shown) = (values.shown(&linear), values.shown(&test_linear));
+        let (a, b) = (shown.as_deref().unwrap_or(&linear), test_shown.as_deref().unwrap_or(&test_linear));
+        report.peak = Some(values.options.peak);
+        report.clipped = values.options.clip;
+        self.measured(mask, report);
+        let clean = Clean::new(a, b, &values);
+        let similar: Vec<Similarity> = (clean.pairs().enumerate())
+            .map(|(index, (a, b))| {
+                Similarity::new(a, b, values.options.peak).map_err(|error| self.at(index, error))
+            })
+            .collect::<Result<_, _>>()?;
+        let finite = Clean::of_linear(&linear, &test_linear);
+        let colour = self.colour_maps(&finite)?;
+        let flags: Vec<_> = regions.iter().map(|region| region.1).collect();
+        let mut sums = Vec::new();
+        for (index, (a, b)) in a.iter().zip(b).enumerate() {
+            let found = error::compare_regions(a, b, &flags, values.options);
+            sums.push(found.map_err(|error| self.at(index, error))?);
+        }
+        for (at, &(name, flags)) in regions.iter().enumerate() {
+            let statistics: Vec<Statistics> = sums.iter().map(|channel| channel[at]).collect();
+            report.regions.push(self.region(name, flags, &statistics, &similar, &colour, values.options));
+        }
+        visit(&Images {
+            report,
+            reference: &linear,
+            test: &test_linear,
+            similarity: &similar,
+            cieluv: colour.cieluv.as_ref(),
+            flip: colour.flip.as_ref(),
+            mask,
+            window: part.data_window,
+        });
+        Ok(())
+    }
+
+    fn at(&self, index: usize, source: lacuna_filters::Error) -> Error {
+        let channel = self.group.channels[index].0;
+        Error::Measure { what: channel_label(self.reference, self.group.parts.0, channel), source }
+    }
+
+    /// The maps that need red, green and blue together.
+    fn colour_maps(&self, finite: &Clean<'_>) -> Result<ColourMaps, Error> {
+        let wanted = &self.settings.wanted;
+        let mut maps = ColourMaps::default();
+        let (Some(reference), Some(test)) = (finite.rgb(0), finite.rgb(1)) else { return Ok(maps) };
+        if self.group.kind != Kind::Colour {
+            return Ok(maps);
+        }
+        let failed = |error| self.at(0, error);
+        if wanted.has(Measure::Cieluv) {
+            let chromaticities = chromaticities(self.parts().0);
+            maps.cieluv = Some(luv::difference(reference, test, &chromaticities).map_err(failed)?);
+        }
+        if wanted.has(Measure::Flip) {
+            let map = flip::display(reference, test, flip::PIXELS_PER_DEGREE).map_err(failed)?;
+            maps.flip = Some(map);
+        }
+        if wanted.has(Measure::HdrFlip) {
+            let exposures = match self.settings.hdr_range {
+                Some((dark, bright)) => flip::exposures_between(dark, bright),
+                None => flip::exposures_of(reference),
+            };
+            let map = flip::hdr(reference, test, flip::PIXELS_PER_DEGREE, &exposures).map_err(failed)?;
+            maps.hdr_flip = Some(map);
+        }
+        Ok(maps)
+    }
+
+    fn region(
+        &self,
+        name: &'static str,
+        flags: Option<&[bool]>,
+        statistics: &[Statistics],
+        similar: &[Similarity],
+        colour: &ColourMaps,
+        options: Options,
+    ) -> RegionReport {
+        let (part, _) = self.parts();
+        let all = statistics.iter().fold(Statistics::default(), |sum, &one| sum.and(one));
+        let pixels = flags.map_or(part.size().pixels(), |flags| flags.iter().filter(|&&flag| flag).count());
+        let mut measures = enter(&all, pixels, options.peak);
+        let means: Vec<Option<f64>> = similar.iter().map(|similarity| similarity.mean(flags)).collect();
+        let known: Option<Vec<f64>> = means.iter().copied().collect();
+        measures.set(Measure::Ssim, known.map(|means| means.iter().sum::<f64>() / means.len() as f64));
+        for (measure, map) in [
+            (Measure::Cieluv, &colour.cieluv),
+            (Measure::Flip, &colour.flip),
+            (Measure::HdrFlip, &colour.hdr_flip),
+        ] {
+            measures.set(measure, map.as_ref().and_then(|map| mean(map, flags)));
+        }
+        let mut channels = Vec::new();
+        if statistics.len() > 1 {
+            for (index, (one, mean)) in statistics.iter().zip(means).enumerate() {
+                let name = part.channels[self.group.channels[index].0].display_name().into_owned();
+                let mut own = enter(one, pixels, options.peak);
+                own.set(Measure::Ssim, mean);
+                channels.push((name, own));
+            }
+        }
+        let largest_at = all.largest_at.map(|at| {
+            let (y, x) = (at / part.size().width, at % part.size().width);
+            (i64::from(part.data_window.x_min) + x as i64, i64::from(part.data_window.y_min) + y as i64)
+        });
+        RegionReport { region: name, measures, largest_at, channels }
+    }
+}
+
+/// Puts sums into a table of measures.
+fn enter(sums: &Statistics, pixels: usize, peak: f32) -> Measures {
+    let mut measures = Measures::default();
+    measures.set(Measure::Pixels, pixels as f64);
+    measures.set(Measure::Mse, sums.mse());
+    measures.set(Measure::Rmse, sums.rmse());
+    measures.set(Measure::Max, (sums.count > 0).then_some(sums.largest));
+    measures.set(Measure::Psnr, sums.psnr(peak));
+    measures.set(Measure::RelativeMse, sums.relative_mse());
+    measures.set(Measure::LogPsnr, sums.log_psnr());
+    for (measure, count) in [
+        (Measure::Different, sums.different),
+        (Measure::Nan, sums.test_nan),
+        (Measure::Infinite, sums.test_infinite),
+        (Measure::ReferenceNan, sums.reference_nan),
+        (Measure::ReferenceInfinite, sums.reference_infinite),
+    ] {
+        measures.set(measure, count as f64);
+    }
+    measures
+}
+
+/// Maps of a colour group, as far as wanted.
+#[derive(Default)]
+struct ColourMaps {
+    cieluv: Option<Plane>,
+    flip: Option<Plane>,
+    hdr_flip: Option<Plane>,
+}

@@ -1,0 +1,157 @@
+//! The gate: bounds on measures that decide the exit status.
+//!
+//! A bound holds for the colours of a frame (for every group of floats where there is no colour), over the whole image;
+//! `REGION.MEASURE` names another region. Counts hold for every group. A frame that has not what is bounded fails, and so
+//! does one in which channels are missing or values are not finite where the reference's are: nothing passes by absence.
+
+use std::str::FromStr;
+
+use super::groups::Kind;
+use super::measure::Measure;
+use super::model::{FrameReport, GroupReport};
+
+/// One bound.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bound {
+    /// What is bounded.
+    pub measure: Measure,
+    /// `all`, `missing` or `alpha`.
+    pub region: &'static str,
+    /// The bound.
+    pub value: f64,
+}
+
+/// Why a text is no bound.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("'{0}' is not MEASURE=NUMBER or REGION.MEASURE=NUMBER; regions are all, missing and alpha, measures are {names}", names = names())]
+pub struct GateError(String);
+
+fn names() -> String {
+    Measure::all().map(Measure::name).collect::<Vec<_>>().join(", ")
+}
+
+impl FromStr for Bound {
+    type Err = GateError;
+
+    fn from_str(text: &str) -> Result<Self, GateError> {
+        let wrong = || GateError(text.into());
+        let (name, number) = text.split_once('=').ok_or_else(wrong)?;
+        let (region, name) = name.trim().split_once('.').unwrap_or(("all", name.trim()));
+        let region = ["all", "missing", "alpha"].into_iter().find(|&known| known == region);
+        let measure = Measure::from_name(name).ok_or_else(wrong)?;
+        let value: f64 = number.trim().parse().map_err(|_| wrong())?;
+        match region {
+            Some(region) if !value.is_nan() => Ok(Self { measure, region, value }),
+            _ => Err(wrong()),
+        }
+    }
+}
+
+/// All bounds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Gate {
+    /// A value below fails.
+    pub below: Vec<Bound>,
+    /// A value above fails.
+    pub above: Vec<Bound>,
+}
+
+impl Gate {
+    /// Whether nothing is bounded.
+    pub fn is_empty(&self) -> bool {
+        self.below.is_empty() && self.above.is_empty()
+    }
+
+    /// The measures that are bounded.
+    pub fn measures(&self) -> impl Iterator<Item = Measure> + '_ {
+        self.below.iter().chain(&self.above).map(|bound| bound.measure)
+    }
+
+    /// The bounds as they are written: `psnr >= 40`.
+    pub fn texts(&self) -> Vec<String> {
+        let text = |bound: &Bound, sign: &str| {
+            let region = if bound.region == "all" { String::new() } else { format!("{}.", bound.region) };
+            format!("{region}{} {sign} {}", bound.measure.name(), bound.value)
+        };
+        let below = self.below.iter().map(|bound| text(bound, ">="));
+        below.chain(self.above.iter().map(|bound| text(bound, "<="))).collect()
+    }
+
+    /// What a frame fails by; `first` if it has no predecessor, and so no flicker.
+    pub fn failures(&self, frame: &FrameReport, first: bool) -> Vec<String> {
+        if self.is_empty() {
+            return Vec::new();
+        }
+        let mut failures: Vec<String> =
+            frame.notes.iter().filter(|note| note.ends_with("in the reference only")).cloned().collect();
+        failures.extend(frame.groups.iter().filter_map(not_finite));
+        for (bounds, below) in [(&self.below, true), (&self.above, false)] {
+            for bound in bounds.iter().filter(|bound| !(first && bound.measure == Measure::Flicker)) {
+                let groups = bounded(frame, bound);
+                if groups.is_empty() {
+                    failures.push(format!("there is nothing to tell {} of", bound.measure.name()));
+                }
+                failures.extend(groups.iter().filter_map(|group| broken(group, bound, below)));
+            }
+        }
+        failures
+    }
+}
+
+/// The groups that a bound is for.
+fn bounded<'a>(frame: &'a FrameReport, bound: &Bound) -> Vec<&'a GroupReport> {
+    let of = |keep: &dyn Fn(Kind) -> bool| -> Vec<_> {
+        frame.groups.iter().filter(|group| keep(group.kind)).collect()
+    };
+    if bound.measure.is_count() {
+        return of(&|kind| {
+            kind != Kind::Codes || matches!(bound.measure, Measure::Different | Measure::Pixels)
+        });
+    }
+    let colours = of(&|kind| kind == Kind::Colour);
+    if colours.is_empty() { of(&|kind| kind != Kind::Codes) } else { colours }
+}
+
+fn not_finite(group: &GroupReport) -> Option<String> {
+    let all = group.region("all")?;
+    let count = |measure: Measure| all.measures.get(measure).unwrap_or(0.0);
+    let more = [(Measure::Nan, Measure::ReferenceNan), (Measure::Infinite, Measure::ReferenceInfinite)];
+    let bad: f64 = more.into_iter().map(|(test, own)| (count(test) - count(own)).max(0.0)).sum();
+    (bad > 0.0).then(|| format!("{}: {bad} values are not finite that should be", group.label()))
+}
+
+fn broken(group: &GroupReport, bound: &Bound, below: bool) -> Option<String> {
+    let name = bound.measure.name();
+    let of = if bound.region == "all" { String::new() } else { format!(" over {}", bound.region) };
+    let value = group.region(bound.region).and_then(|region| region.measures.get(bound.measure));
+    match value {
+        None => Some(format!("{}: no {name}{of}", group.label())),
+        Some(value) if below && (value < bound.value || value.is_nan()) => {
+            Some(format!("{}: {name}{of} {} is below {}", group.label(), short(value), bound.value))
+        }
+        Some(value) if !below && (value > bound.value || value.is_nan()) => {
+            Some(format!("{}: {name}{of} {} is above {}", group.label(), short(value), bound.value))
+        }
+        Some(_) => None,
+    }
+}
+
+/// A value with enough digits to see on which side of a bound it is.
+fn short(value: f64) -> String {
+    if value == value.trunc() || value.abs() >= 1e-3 { format!("{value:.6}") } else { format!("{value:.4e}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bounds_are_read_and_nonsense_refused() {
+        let bound: Bound = "missing.psnr=38.5".parse().unwrap();
+        assert_eq!(bound, Bound { measure: Measure::Psnr, region: "missing", value: 38.5 });
+        assert_eq!("ssim=0.98".parse::<Bound>().unwrap().region, "all");
+        for text in ["", "psnr", "psnr=", "psnr=x", "psnr=nan", "PSNR=3", "hole.psnr=3", "=3"] {
+            assert!(text.parse::<Bound>().is_err(), "{text}");
+        }
+    }
+}

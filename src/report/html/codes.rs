@@ -1,0 +1,248 @@
+//! Pixels as codes on a logarithmic scale, packed for a page: few bytes, decoded exactly to the step that is stated.
+//!
+//! A value `v` has the code `c(v) = sign(v) round(L log2(1 + 64 |v|) / log2(1 + 64 V))`, `V` the largest absolute value of
+//! both images and `L` the number of levels: linear in the dark, relative steps in the light. `L` is the largest of a few for
+//! which the entropy of what is packed fits the budget; the page states the step. What is not finite has the code `L + 1`.
+//!
+//! The test image's codes are the reference's plus the rounded difference of both on that scale: what is equal stays equal,
+//! and a value is true to one step.
+//!
+//! Packed of the reference: green, red minus green, blue minus green, each less its prediction from left, above and
+//! above left (M. J. Weinberger, G. Seroussi, G. Sapiro, "The LOCO-I Lossless Image Compression Algorithm", IEEE
+//! Transactions on Image Processing 9(8), 2000, equation 1); of the test image: its codes less the reference's.
+//! All modulo 2^16, signs folded into the lowest bit, low bytes before high bytes, deflated.
+
+use lacuna_filters::Plane;
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Values far below this are linear in their codes.
+const KNEE: f64 = 64.0;
+/// Levels to choose from.
+const LEVELS: [i32; 11] = [16383, 8191, 4095, 2047, 1535, 1023, 767, 639, 511, 383, 255];
+/// Bytes a pixel that both images may take.
+const BUDGET: f64 = 0.55;
+/// Images up to this number of pixels always get all levels.
+const SMALL: usize = 1 << 16;
+
+/// Two images of one size.
+#[derive(Clone, Debug, Serialize)]
+pub struct Codes {
+    /// The number of levels `L`.
+    pub levels: i32,
+    /// The largest absolute value `V`.
+    pub largest: f64,
+    /// The reference, as base64.
+    pub reference: String,
+    /// The test image, as base64.
+    pub test: String,
+}
+
+impl Codes {
+    /// Packs images of three planes each.
+    pub fn new(reference: [&Plane; 3], test: [&Plane; 3]) -> Self {
+        let all = || reference.iter().chain(&test).flat_map(|plane| plane.pixels());
+        let largest =
+            all().filter(|value| value.is_finite()).fold(0.0_f32, |most, value| most.max(value.abs()));
+        let largest = f64::from(largest.max(f32::MIN_POSITIVE));
+        let whole = (1.0 + KNEE * largest).log2();
+        let (reference, test) = (Logarithms::new(reference, whole), Logarithms::new(test, whole));
+        let pixels = reference.planes[0].len();
+        let mut best = None;
+        for levels in LEVELS {
+            let packed = [reference.packed(levels), test.packed_after(&reference, levels)];
+            let bytes: f64 = packed.iter().map(|bytes| entropy(bytes)).sum();
+            best = Some((levels, packed));
+            if pixels <= SMALL || bytes <= BUDGET * pixels as f64 {
+                break;
+            }
+        }
+        let (levels, [reference, test]) = best.unwrap_or_default();
+        Self { levels, largest, reference: packed(&reference), test: packed(&test) }
+    }
+}
+
+impl Codes {
+    /// The step from one level to the next over the value, for bright values.
+    pub fn relative_step(&self) -> f64 {
+        ((1.0 + KNEE * self.largest).log2() / f64::from(self.levels)).exp2() - 1.0
+    }
+}
+
+/// Deflated (zlib), as base64.
+pub fn packed(bytes: &[u8]) -> String {
+    let mut compressor = libdeflater::Compressor::new(libdeflater::CompressionLvl::default());
+    if let Ok(level) = libdeflater::CompressionLvl::new(9) {
+        compressor = libdeflater::Compressor::new(level);
+    }
+    let mut out = vec![0; compressor.zlib_compress_bound(bytes.len())];
+    let length = compressor.zlib_compress(bytes, &mut out).unwrap_or(0);
+    base64(&out[..length])
+}
+
+/// RFC 4648, section 4.
+pub fn base64(bytes: &[u8]) -> String {
+    const SIGNS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for chunk in bytes.chunks(3) {
+        let at = |k: usize| u32::from(chunk.get(k).copied().unwrap_or(0));
+        let word = at(0) << 16 | at(1) << 8 | at(2);
+        for k in 0..4 {
+            let sign = SIGNS[(word >> (18 - 6 * k) & 63) as usize];
+            text.push(if k <= chunk.len() { char::from(sign) } else { '=' });
+        }
+    }
+    text
+}
+
+/// An image on the logarithmic scale, -1 to 1; what is not finite is NaN.
+struct Logarithms {
+    planes: [Vec<f32>; 3],
+    width: usize,
+}
+
+impl Logarithms {
+    /// `whole` is the logarithm of the largest value.
+    fn new(image: [&Plane; 3], whole: f64) -> Self {
+        let of = |&value: &f32| {
+            let log = (1.0 + KNEE * f64::from(value.abs())).log2() / whole;
+            if value.is_finite() { (log as f32).copysign(value) } else { f32::NAN }
+        };
+        Self {
+            planes: image.map(|plane| plane.pixels().par_iter().map(of).collect()),
+            width: image[0].size().width,
+        }
+    }
+
+    fn packed(&self, levels: i32) -> Vec<u8> {
+        let code = |&log: &f32| code(log, levels);
+        let [r, g, b] = [0, 1, 2].map(|k| self.planes[k].iter().map(code).collect::<Vec<i16>>());
+        let less = |a: &[i16]| a.iter().zip(&g).map(|(a, g)| a.wrapping_sub(*g)).collect::<Vec<_>>();
+        let planes = [less(&r), less(&b)];
+        let folded: Vec<u16> =
+            [&g, &planes[0], &planes[1]].into_iter().flat_map(|plane| predicted(plane, self.width)).collect();
+        split(&folded)
+    }
+
+    fn packed_after(&self, reference: &Self, levels: i32) -> Vec<u8> {
+        let pairs = reference.planes.iter().flatten().zip(self.planes.iter().flatten());
+        let folded: Vec<u16> = pairs.map(|(&r, &t)| fold(after(r, t, levels))).collect();
+        split(&folded)
+    }
+}
+
+/// The code of a value by its logarithm.
+fn code(log: f32, levels: i32) -> i16 {
+    if log.is_nan() { (levels + 1) as i16 } else { (log * levels as f32).round() as i16 }
+}
+
+/// The test image's code less the reference's: the difference is rounded, not both, so that what is equal stays equal.
+fn after(reference: f32, test: f32, levels: i32) -> i16 {
+    let from = code(reference, levels);
+    if reference.is_nan() || test.is_nan() {
+        return code(test, levels).wrapping_sub(from);
+    }
+    let most = levels as i16;
+    let difference = ((test - reference) * levels as f32).round() as i16;
+    from.saturating_add(difference).clamp(-most, most) - from
+}
+
+/// Each value less its prediction.
+fn predicted(plane: &[i16], width: usize) -> Vec<u16> {
+    let mut out = Vec::with_capacity(plane.len());
+    for (at, &value) in plane.iter().enumerate() {
+        let left = if at % width > 0 { i32::from(plane[at - 1]) } else { 0 };
+        let above = if at >= width { i32::from(plane[at - width]) } else { 0 };
+        let corner = if at % width > 0 && at >= width { i32::from(plane[at - width - 1]) } else { 0 };
+        let (low, high) = (left.min(above), left.max(above));
+        let guess = if corner >= high {
+            low
+        } else if corner <= low {
+            high
+        } else {
+            left + above - corner
+        };
+        out.push(fold(value.wrapping_sub(guess as i16)));
+    }
+    out
+}
+
+/// The sign into the lowest bit: 0, -1, 1, -2 become 0, 1, 2, 3.
+fn fold(value: i16) -> u16 {
+    ((value << 1) ^ (value >> 15)) as u16
+}
+
+/// Low bytes, then high bytes.
+fn split(values: &[u16]) -> Vec<u8> {
+    let low = values.iter().map(|value| *value as u8);
+    low.chain(values.iter().map(|value| (value >> 8) as u8)).collect()
+}
+
+/// Bytes that an ideal code of single bytes would take, each half by itself.
+fn entropy(bytes: &[u8]) -> f64 {
+    bytes.chunks(bytes.len().div_ceil(2).max(1)).map(of_half).sum()
+}
+
+fn of_half(bytes: &[u8]) -> f64 {
+    let mut counts = [0_u32; 256];
+    for &byte in bytes {
+        counts[usize::from(byte)] += 1;
+    }
+    let total = bytes.len() as f64;
+    let bits = |&count: &u32| {
+        let share = f64::from(count) / total;
+        if count == 0 { 0.0 } else { -f64::from(count) * share.log2() }
+    };
+    counts.iter().map(bits).sum::<f64>() / 8.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_is_that_of_the_rfc() {
+        for (text, coded) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+            ("fooba", "Zm9vYmE="),
+        ] {
+            assert_eq!(base64(text.as_bytes()), coded);
+        }
+    }
+
+    #[test]
+    fn signs_are_folded() {
+        assert_eq!([0, -1, 1, -2, i16::MAX, i16::MIN].map(fold), [0, 1, 2, 3, 65534, 65535]);
+    }
+
+    #[test]
+    fn codes_are_exact_to_half_a_step_and_differences_too() {
+        let values = [0.0, 1e-4, -0.3, 0.5, 0.5004, 9.99, 10.0, f32::NAN];
+        let plane = Plane::new(lacuna_filters::Size::new(1, values.len()), values.to_vec()).unwrap();
+        let whole = (1.0 + KNEE * 10.0).log2();
+        let logs = Logarithms::new([&plane; 3], whole);
+        let levels = 1023;
+        let back = |code: i16| {
+            let size = (f64::from(code.abs()) / f64::from(levels) * whole).exp2() - 1.0;
+            size / KNEE * f64::from(code.signum())
+        };
+        let step = |value: f32| {
+            (f64::from(value.abs()) + 1.0 / KNEE) * std::f64::consts::LN_2 * whole / f64::from(levels)
+        };
+        for (&value, &log) in values.iter().zip(&logs.planes[0]).filter(|(value, _)| value.is_finite()) {
+            let error = back(code(log, levels)) - f64::from(value);
+            assert!(error.abs() <= 0.51 * step(value), "{value} {error}");
+            for (&other, &other_log) in values.iter().zip(&logs.planes[0]).filter(|(v, _)| v.is_finite()) {
+                let found = back(code(log, levels) + after(log, other_log, levels));
+                assert!((found - f64::from(other)).abs() <= 1.02 * step(other), "{value} {other} {found}");
+            }
+            assert_eq!(after(log, log, levels), 0);
+            assert_eq!(code(log, levels) + after(log, f32::NAN, levels), 1024);
+        }
+        assert_eq!(code(f32::NAN, levels), 1024);
+    }
+}

@@ -1,0 +1,218 @@
+//! The comparison as one HTML file: no network, no other file, readable without JavaScript.
+//!
+//! Tables, thumbnails and plots are plain HTML and SVG. The script reads the packed pixels of the worst frames and adds
+//! sorting and a viewer (slider, linked zoom, exposure, curve, error maps).
+
+mod codes;
+mod picture;
+mod plot;
+mod table;
+
+use std::fmt::Write;
+
+pub use picture::Picture;
+
+use super::markdown::settings;
+use super::measure::Measure;
+use super::model::{Comparison, FrameReport};
+
+/// Frames whose every pixel is in the page: the worst ones.
+pub const MOST_FRAMES_WITH_PIXELS: usize = 10;
+
+const STYLE: &str = include_str!("page.css");
+const SCRIPT: [&str; 3] = [include_str!("pixels.js"), include_str!("viewer.js"), include_str!("page.js")];
+
+/// The page; one picture a frame, where there is one.
+pub fn html(comparison: &Comparison, pictures: &[Option<Picture>]) -> String {
+    let title = title(comparison);
+    let mut page = String::new();
+    let _ = write!(
+        page,
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>{title}</title>\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <meta name=\"color-scheme\" content=\"light dark\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data: blob:; \
+         style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n\
+         <link rel=\"icon\" href=\"data:,\">\n<style>\n{STYLE}</style>\n</head>\n<body>\n"
+    );
+    let _ = writeln!(page, "<header><h1>{title}</h1>{}</header>\n<main>", verdict(comparison));
+    viewer(pictures, &mut page);
+    table::summary(comparison, pictures, &mut page);
+    plots(comparison, &mut page);
+    table::details(comparison, pictures, &mut page);
+    about(comparison, pictures, &mut page);
+    page.push_str("</main>\n");
+    data(comparison, pictures, &mut page);
+    for script in SCRIPT {
+        let _ = write!(page, "<script>\n{script}</script>\n");
+    }
+    page.push_str("</body>\n</html>\n");
+    page
+}
+
+fn title(comparison: &Comparison) -> String {
+    let name = |path: &str| {
+        std::path::Path::new(path).file_name().map(|name| name.display().to_string()).unwrap_or_default()
+    };
+    match comparison.frames.as_slice() {
+        [one] => format!("{} against {}", escape(&name(&one.test)), escape(&name(&one.reference))),
+        [first, .., last] => format!(
+            "{} to {}: {} frames against their references",
+            escape(&name(&first.test)),
+            escape(&name(&last.test)),
+            comparison.frames.len()
+        ),
+        [] => "No frames".into(),
+    }
+}
+
+/// One line that says how it went.
+fn verdict(comparison: &Comparison) -> String {
+    let frames = &comparison.frames;
+    let broken = frames.iter().filter(|frame| frame.error.is_some()).count();
+    let failing = frames.iter().filter(|frame| !frame.failures.is_empty()).count();
+    let mut parts = Vec::new();
+    if broken > 0 {
+        parts.push(format!("{broken} of {} frames could not be compared", frames.len()));
+    }
+    if failing > 0 {
+        parts.push(format!("{failing} of {} frames fail: {}", frames.len(), comparison.gate.join(", ")));
+    } else if !comparison.gate.is_empty() && broken == 0 {
+        parts.push(format!("all frames pass: {}", comparison.gate.join(", ")));
+    }
+    let class = if broken + failing > 0 { "bad" } else { "good" };
+    let sum = [Measure::Psnr, Measure::Ssim, Measure::Flip]
+        .into_iter()
+        .filter_map(|measure| mean(frames, measure).map(|value| (measure, value)))
+        .map(|(measure, value)| {
+            let name = table::heading(measure);
+            format!("<span><b>{}</b> {name}</span>", table::cell(measure, Some(value)))
+        });
+    let sum: Vec<_> = sum.collect();
+    let text = if parts.is_empty() {
+        String::new()
+    } else {
+        format!("<p class=\"verdict {class}\">{}</p>", escape(&parts.join("; ")))
+    };
+    let note = if frames.len() > 1 { "mean of the frames, whole image" } else { "whole image" };
+    format!("{text}<p class=\"sum\">{} <small>{note}</small></p>", sum.join(" "))
+}
+
+/// The mean over the frames' main groups.
+fn mean(frames: &[FrameReport], measure: Measure) -> Option<f64> {
+    let values: Vec<f64> =
+        frames.iter().filter_map(|frame| frame.main_group()?.region("all")?.measures.get(measure)).collect();
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// The place of the viewer; the script fills it.
+fn viewer(pictures: &[Option<Picture>], page: &mut String) {
+    if pictures.iter().flatten().any(|picture| picture.pixels.is_some()) {
+        page.push_str("<section id=\"viewer\" hidden aria-label=\"Viewer\"></section>\n");
+    }
+}
+
+fn plots(comparison: &Comparison, page: &mut String) {
+    if comparison.frames.len() < 2 {
+        return;
+    }
+    page.push_str("<section><h2>Over the frames</h2>\n<div class=\"plots\">\n");
+    for measure in [
+        Measure::Psnr,
+        Measure::Ssim,
+        Measure::Rmse,
+        Measure::Max,
+        Measure::LogPsnr,
+        Measure::Cieluv,
+        Measure::Flip,
+        Measure::HdrFlip,
+        Measure::Flicker,
+    ] {
+        let lines: Vec<_> = ["all", "missing", "alpha"]
+            .into_iter()
+            .map(|region| {
+                let value = |frame: &FrameReport| {
+                    let value = frame.main_group()?.region(region)?.measures.get(measure)?;
+                    value.is_finite().then_some(value)
+                };
+                (region, comparison.frames.iter().map(value).collect::<Vec<_>>())
+            })
+            .filter(|(_, values)| values.iter().flatten().count() > 1)
+            .collect();
+        if !lines.is_empty() {
+            let labels: Vec<_> = comparison.frames.iter().map(FrameReport::label).collect();
+            page.push_str(&plot::plot(measure, &labels, &lines));
+        }
+    }
+    page.push_str("</div></section>\n");
+}
+
+/// How the numbers came about.
+fn about(comparison: &Comparison, pictures: &[Option<Picture>], page: &mut String) {
+    let _ = write!(
+        page,
+        "<section><h2>Settings and measures</h2>\n<p>{}.</p>\n<dl class=\"measures\">",
+        escape(&settings(comparison))
+    );
+    for measure in comparison.measures_in("all").into_iter().chain([Measure::Flicker]) {
+        let _ = write!(page, "<dt>{}</dt><dd>{}</dd>", measure.name(), escape(measure.explanation()));
+    }
+    page.push_str("</dl>\n");
+    let shown: Vec<_> = pictures.iter().flatten().filter_map(|picture| picture.pixels.as_ref()).collect();
+    if let Some(pixels) = shown.first() {
+        let step = pixels.codes.relative_step() * 100.0;
+        let _ = writeln!(
+            page,
+            "<p>Regions: <b>all</b> the whole image, <b>missing</b> pixels only, where the reference's <b>alpha</b> is \
+             above 0. The numbers in the tables come from the files. The viewer holds every pixel of {} in \
+             {} logarithmic levels: bright values to within {:.2} %, dark ones to within {:.5}; the maps of absolute error, SSIM and FLIP \
+             have 32 levels, and for large frames half the resolution (the worst of four pixels).</p>",
+            if shown.len() == 1 { "one frame".into() } else { format!("the {} worst frames", shown.len()) },
+            pixels.codes.levels,
+            step,
+            step / 100.0 / 64.0,
+        );
+    }
+    page.push_str("</section>\n");
+}
+
+/// The packed pixels, a script element a frame, and what the script must know of each.
+fn data(comparison: &Comparison, pictures: &[Option<Picture>], page: &mut String) {
+    for (index, (picture, frame)) in pictures.iter().zip(&comparison.frames).enumerate() {
+        let Some((picture, pixels)) = picture.as_ref().and_then(|p| Some((p, p.pixels.as_ref()?))) else {
+            continue;
+        };
+        if let Ok(json) = serde_json::to_string(pixels) {
+            let label = format!("frame {}, {}", frame.label(), picture.label);
+            let _ = writeln!(
+                page,
+                "<script type=\"application/json\" class=\"pixels\" data-index=\"{index}\" data-label=\"{}\">{json}</script>",
+                escape(&label)
+            );
+        }
+    }
+}
+
+/// Text as HTML, for attributes as well.
+pub fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for sign in text.chars() {
+        match sign {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            sign if sign.is_control() => out.push(' '),
+            sign => out.push(sign),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn markup_in_names_is_text() {
+        assert_eq!(super::escape("a<b>&\"c\"\n"), "a&lt;b&gt;&amp;&quot;c&quot; ");
+    }
+}

@@ -1,0 +1,274 @@
+// The viewer: two views of a frame with a slider between them, or all views side by side; zoom and position are shared.
+'use strict';
+
+lacuna.VIEWS = ['reference', 'sparse', 'result', 'error', 'cieluv', 'ssim', 'flip'];
+lacuna.NAMES = {
+  reference: 'Reference', sparse: 'Sparse input', result: 'Result', error: 'Absolute error',
+  cieluv: 'CIELUV error (0 to 20)', ssim: '1 - SSIM', flip: 'FLIP',
+};
+
+lacuna.heat = (() => {
+  const stops = [[0, 0, 4], [81, 18, 124], [183, 55, 121], [252, 137, 97], [252, 253, 191]];
+  const table = new Uint32Array(256);
+  for (let i = 0; i < 256; i++) {
+    const at = i / 255 * 4, below = Math.min(3, Math.floor(at)), part = at - below;
+    const [r, g, b] = [0, 1, 2].map((k) => Math.round(stops[below][k] + part * (stops[below + 1][k] - stops[below][k])));
+    table[i] = 0xff000000 | b << 16 | g << 8 | r;
+  }
+  return table;
+})();
+
+lacuna.encode = (v, curve) => {
+  const c = v > 0 ? (v < 1 ? v : 1) : 0;
+  return curve === 'linear' ? c : c <= 0.0031308 ? 12.92 * c : 1.055 * c ** (1 / 2.4) - 0.055;
+};
+
+// CIELUV of linear BT.709 under D65.
+lacuna.luv = (r, g, b) => {
+  const clip = (v) => (v > 0 ? (v < 1 ? v : 1) : 0);
+  [r, g, b] = [clip(r), clip(g), clip(b)];
+  const x = 0.4123908 * r + 0.3575843 * g + 0.1804808 * b;
+  const y = 0.2126390 * r + 0.7151687 * g + 0.0721923 * b;
+  const z = 0.0193308 * r + 0.1191948 * g + 0.9505322 * b;
+  const l = y > (6 / 29) ** 3 ? 116 * Math.cbrt(y) - 16 : (29 / 3) ** 3 * y;
+  const sum = x + 15 * y + 3 * z;
+  return sum > 0 ? [l, 13 * l * (4 * x / sum - 0.1978398), 13 * l * (9 * y / sum - 0.4683363)] : [0, 0, 0];
+};
+
+// Paints one view of a frame into an image of its size.
+lacuna.paint = function (frame, view, state) {
+  const { width, height, values } = frame;
+  const n = width * height;
+  const canvas = document.createElement('canvas');
+  canvas.width = width;
+  canvas.height = height;
+  const context = canvas.getContext('2d');
+  const image = context.createImageData(width, height);
+  const out = new Uint32Array(image.data.buffer);
+  const scale = 2 ** state.exposure;
+  if (view === 'reference' || view === 'sparse' || view === 'result') {
+    const planes = view === 'result' ? frame.test : frame.reference;
+    const shown = new Uint8Array(65536);
+    for (let code = 0; code < 65536; code++) shown[code] = Math.round(255 * lacuna.encode(values[code] * scale, state.curve));
+    const [r, g, b] = planes;
+    for (let i = 0; i < n; i++) {
+      out[i] = view === 'sparse' && !frame.measured(i) ? 0xff000000
+        : 0xff000000 | shown[b[i] & 65535] << 16 | shown[g[i] & 65535] << 8 | shown[r[i] & 65535];
+    }
+  } else {
+    for (let i = 0; i < n; i++) {
+      const level = lacuna.level(frame, view, i) * (view === 'error' ? state.gain * scale : 1);
+      out[i] = lacuna.heat[level > 0 ? (level < 1 ? Math.round(255 * level) : 255) : 0];
+    }
+  }
+  context.putImageData(image, 0, 0);
+  return canvas;
+};
+
+// The value of an error map at a pixel, 1 the brightest.
+lacuna.level = function (frame, view, at) {
+  const v = (planes, k) => frame.value(planes, k, at);
+  if (view === 'cieluv') {
+    const a = lacuna.luv(v(frame.reference, 0), v(frame.reference, 1), v(frame.reference, 2));
+    const b = lacuna.luv(v(frame.test, 0), v(frame.test, 1), v(frame.test, 2));
+    return Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]) / 20;
+  }
+  const y = Math.floor(at / frame.width), x = at % frame.width;
+  return (view === 'error' ? frame.largestError : 1) * frame[view][Math.floor(y / frame.step) * frame.columns + Math.floor(x / frame.step)];
+};
+
+lacuna.Viewer = class {
+  constructor(root, redrawn) {
+    this.root = root;
+    this.state = { left: 'reference', right: 'result', split: 0.5, exposure: 0, curve: 'srgb', gain: 10, grid: false, zoom: 0, x: 0, y: 0 };
+    this.canvas = root.querySelector('canvas');
+    this.context = this.canvas.getContext('2d');
+    this.redrawn = redrawn;
+    this.painted = new Map();
+    this.frame = null;
+    new ResizeObserver(() => this.draw()).observe(this.canvas);
+  }
+
+  show(frame) {
+    const same = this.frame && this.frame.width === frame.width && this.frame.height === frame.height;
+    this.frame = frame;
+    this.painted.clear();
+    if (!same) this.fit();
+    this.draw();
+  }
+
+  views() {
+    return lacuna.VIEWS.filter((view) => (view !== 'flip' || this.frame.flip) && (view !== 'sparse' || this.frame.mask));
+  }
+
+  // Zoom 0: the whole frame. Pixels of the screen for a pixel of the frame otherwise.
+  fit() {
+    Object.assign(this.state, { zoom: 0, x: this.frame.width / 2, y: this.frame.height / 2 });
+  }
+
+  // The cells of the screen, each with the view it shows.
+  cells() {
+    const { width, height } = this.canvas;
+    if (!this.state.grid) return [{ view: this.state.left, x: 0, y: 0, width, height }];
+    const views = this.views();
+    const columns = width > 1.6 * height ? 4 : width > 700 ? 3 : 2;
+    const rows = Math.ceil(views.length / columns);
+    const [w, h] = [Math.floor(width / columns), Math.floor(height / rows)];
+    return views.map((view, i) => ({ view, x: i % columns * w, y: Math.floor(i / columns) * h, width: w, height: h }));
+  }
+
+  scale(cell) {
+    const fit = Math.min(cell.width / this.frame.width, cell.height / this.frame.height);
+    return this.state.zoom > 0 ? Math.max(this.state.zoom, 0.01) : fit;
+  }
+
+  image(view) {
+    if (!this.painted.has(view)) this.painted.set(view, lacuna.paint(this.frame, view, this.state));
+    return this.painted.get(view);
+  }
+
+  // What changes the colours.
+  adjust(change) {
+    Object.assign(this.state, change);
+    this.painted.clear();
+    this.draw();
+  }
+
+  set(change) {
+    Object.assign(this.state, change);
+    this.draw();
+  }
+
+  draw() {
+    const box = this.canvas.getBoundingClientRect();
+    if (!this.frame || box.width === 0) return;
+    const ratio = window.devicePixelRatio || 1;
+    this.canvas.width = Math.round(box.width * ratio);
+    this.canvas.height = Math.round(box.height * ratio);
+    this.context.fillStyle = '#1b1b1b';
+    this.context.fillRect(0, 0, this.canvas.width, this.canvas.height);
+    for (const cell of this.cells()) this.drawCell(cell);
+    if (!this.state.grid) this.drawSlider();
+    this.redrawn();
+  }
+
+  drawCell(cell) {
+    this.clipped(cell, () => this.drawView(cell, cell.view));
+    if (this.state.grid) {
+      this.label(lacuna.NAMES[cell.view], cell.x + 8, cell.y + 20, 'left');
+    }
+  }
+
+  drawSlider() {
+    const { context, canvas, state } = this;
+    const at = Math.round(canvas.width * state.split);
+    const cell = { x: 0, y: 0, width: canvas.width, height: canvas.height };
+    this.clipped({ ...cell, x: at, width: canvas.width - at }, () => this.drawView(cell, state.right));
+    context.fillStyle = '#ffb000';
+    context.fillRect(at - 1, 0, 2, canvas.height);
+    if (at > 90) this.label(lacuna.NAMES[state.left], at - 8, 20, 'right');
+    if (at < canvas.width - 90) this.label(lacuna.NAMES[state.right], at + 8, 20, 'left');
+  }
+
+  clipped(cell, draw) {
+    const { context } = this;
+    context.save();
+    context.beginPath();
+    context.rect(cell.x, cell.y, cell.width, cell.height);
+    context.clip();
+    draw();
+    context.restore();
+  }
+
+  label(text, x, y, align) {
+    const { context } = this;
+    context.font = '13px system-ui, sans-serif';
+    context.textAlign = align;
+    context.lineWidth = 3;
+    context.strokeStyle = 'rgba(0,0,0,.8)';
+    context.strokeText(text, x, y);
+    context.fillStyle = '#fff';
+    context.fillText(text, x, y);
+  }
+
+  drawView(cell, view) {
+    const { context, state, frame } = this;
+    const scale = this.scale(cell);
+    const x = cell.x + cell.width / 2 - state.x * scale;
+    const y = cell.y + cell.height / 2 - state.y * scale;
+    context.imageSmoothingEnabled = scale < 1;
+    context.imageSmoothingQuality = 'high';
+    context.fillStyle = '#1b1b1b';
+    context.fillRect(cell.x, cell.y, cell.width, cell.height);
+    context.drawImage(this.image(view), x, y, frame.width * scale, frame.height * scale);
+    if (scale >= 56) this.numbers(cell, view, x, y, scale);
+  }
+
+  // The values, written on the pixels.
+  numbers(cell, view, x, y, scale) {
+    const { context, frame } = this;
+    const rows = [Math.max(0, Math.floor((cell.y - y) / scale)), Math.min(frame.height - 1, Math.floor((cell.y + cell.height - y) / scale))];
+    const columns = [Math.max(0, Math.floor((cell.x - x) / scale)), Math.min(frame.width - 1, Math.floor((cell.x + cell.width - x) / scale))];
+    context.font = `${Math.min(13, scale / 5)}px ui-monospace, monospace`;
+    context.textAlign = 'center';
+    context.lineWidth = 2.5;
+    context.strokeStyle = 'rgba(0,0,0,.75)';
+    context.fillStyle = '#fff';
+    for (let v = rows[0]; v <= rows[1]; v++) {
+      for (let u = columns[0]; u <= columns[1]; u++) {
+        this.values(view, u, v).forEach((text, k, all) => {
+          const at = [x + (u + 0.5) * scale, y + (v + 0.5) * scale + (k - (all.length - 1) / 2) * scale / 4 + 4];
+          context.strokeText(text, ...at);
+          context.fillText(text, ...at);
+        });
+      }
+    }
+  }
+
+  // The values of a view at a pixel (column, row of the frame), as texts.
+  values(view, x, y) {
+    const { frame } = this;
+    const at = y * frame.width + x;
+    if (view === 'sparse' && !frame.measured(at)) return ['missing'];
+    if (view === 'reference' || view === 'sparse' || view === 'result') {
+      const planes = view === 'result' ? frame.test : frame.reference;
+      return [0, 1, 2].map((k) => lacuna.number(frame.value(planes, k, at), frame.factor));
+    }
+    const level = lacuna.level(frame, view, at);
+    return [(view === 'cieluv' ? 20 * level : level).toPrecision(2)];
+  }
+
+  // The pixel (column, row of the frame) under a point of the canvas (in CSS pixels), and its cell.
+  pixel(x, y) {
+    const ratio = this.canvas.width / this.canvas.getBoundingClientRect().width;
+    const [u, v] = [x * ratio, y * ratio];
+    const cell = this.cells().find((cell) => u >= cell.x && u < cell.x + cell.width && v >= cell.y && v < cell.y + cell.height);
+    if (!cell) return null;
+    const scale = this.scale(cell);
+    const column = (u - cell.x - cell.width / 2) / scale + this.state.x;
+    const row = (v - cell.y - cell.height / 2) / scale + this.state.y;
+    const inside = column >= 0 && row >= 0 && column < this.frame.width && row < this.frame.height;
+    return { column, row, inside, cell, scale };
+  }
+
+  // Zooms so that the pixel under a point stays there.
+  zoomBy(factor, x, y) {
+    const at = this.pixel(x, y);
+    if (!at) return;
+    const zoom = Math.min(128, Math.max(at.scale * factor, Math.min(at.cell.width / this.frame.width, at.cell.height / this.frame.height)));
+    const kept = at.scale / zoom;
+    this.set({ zoom, x: at.column + (this.state.x - at.column) * kept, y: at.row + (this.state.y - at.row) * kept });
+  }
+
+  pan(columns, rows) {
+    const clamp = (v, most) => Math.min(most, Math.max(0, v));
+    this.set({ x: clamp(this.state.x + columns, this.frame.width), y: clamp(this.state.y + rows, this.frame.height) });
+  }
+};
+
+// A value with as many digits as its step (relative, from the levels) bears.
+lacuna.number = (value, factor) => {
+  if (Number.isNaN(value)) return 'n/a';
+  const step = (Math.abs(value) + 1 / 64) * Math.LN2 * factor;
+  return value.toFixed(Math.max(0, Math.min(6, Math.ceil(-Math.log10(step)))));
+};

@@ -1,0 +1,155 @@
+//! The comparison as Markdown: for pull requests, logs and terminals.
+
+use std::fmt::Write;
+
+use super::groups::Kind;
+use super::measure::Measure;
+use super::model::{Comparison, FrameReport, GroupReport, Measures};
+
+/// Frames of a sequence that get a line each; the rest is in the sum.
+const MOST_LINES: usize = 200;
+
+/// The text: a table a region, a line a frame and group.
+pub fn markdown(comparison: &Comparison) -> String {
+    let mut text = String::new();
+    for region in ["all", "missing", "alpha"] {
+        table(comparison, region, &mut text);
+    }
+    let problems = comparison.frames.iter().filter_map(|frame| Some((frame, frame.error.as_ref()?)));
+    for (frame, error) in problems {
+        let _ = writeln!(text, "- **{}** was not compared: {}", escape(&frame.label()), escape(error));
+    }
+    for frame in &comparison.frames {
+        for failure in &frame.failures {
+            let _ = writeln!(text, "- **{}** fails: {}", escape(&frame.label()), escape(failure));
+        }
+    }
+    notes(comparison, &mut text);
+    let _ = writeln!(text, "\n{}", settings(comparison));
+    text
+}
+
+/// How values were taken, on one line.
+pub fn settings(comparison: &Comparison) -> String {
+    let settings = &comparison.settings;
+    let values = if settings.display {
+        "colours after the sRGB curve, clipped to 0 to 1, peak 1".to_owned()
+    } else {
+        let clip = if settings.clip { "clipped to 0 to peak" } else { "not clipped" };
+        format!("linear values, peak {}, {clip}", settings.peak)
+    };
+    let gate = if comparison.gate.is_empty() {
+        String::new()
+    } else {
+        format!("; gate {}", comparison.gate.join(", "))
+    };
+    format!("lacuna {}: {values}{gate}", comparison.lacuna)
+}
+
+/// Measures that a table shows.
+fn columns(comparison: &Comparison, region: &str) -> Vec<Measure> {
+    let quiet = |measure: &Measure| match measure {
+        Measure::Pixels | Measure::Mse => false,
+        measure if measure.is_count() && *measure != Measure::Different => {
+            let groups = comparison.frames.iter().flat_map(|frame| &frame.groups);
+            groups.filter_map(|group| group.region(region)?.measures.get(*measure)).any(|count| count > 0.0)
+        }
+        _ => true,
+    };
+    comparison.measures_in(region).into_iter().filter(quiet).collect()
+}
+
+fn table(comparison: &Comparison, region: &str, text: &mut String) {
+    let columns = columns(comparison, region);
+    let lines: Vec<(&FrameReport, &GroupReport, &Measures)> = comparison
+        .frames
+        .iter()
+        .flat_map(|frame| frame.groups.iter().map(move |group| (frame, group)))
+        .filter_map(|(frame, group)| Some((frame, group, &group.region(region)?.measures)))
+        .collect();
+    if lines.is_empty() {
+        return;
+    }
+    let title = match region {
+        "all" => "Whole image",
+        "missing" => "Missing pixels only",
+        _ => "Where alpha is above 0",
+    };
+    let names = columns.iter().map(|measure| match measure.unit() {
+        "" => measure.name().to_owned(),
+        unit => format!("{} ({unit})", measure.name()),
+    });
+    let _ = writeln!(text, "### {title}\n\n| frame | channels | {} |", names.collect::<Vec<_>>().join(" | "));
+    let _ = writeln!(text, "|---|---|{}", "---:|".repeat(columns.len()));
+    for (frame, group, measures) in lines.iter().take(MOST_LINES) {
+        let cells = columns.iter().map(|&measure| cell(measure, measures.get(measure)));
+        let label = escape(&group.label());
+        let _ = writeln!(
+            text,
+            "| {} | {label} | {} |",
+            escape(&frame.label()),
+            cells.collect::<Vec<_>>().join(" | ")
+        );
+    }
+    if lines.len() > MOST_LINES {
+        let _ = writeln!(text, "\n{} more lines are in the CSV and JSON formats.", lines.len() - MOST_LINES);
+    }
+    mean(&lines, &columns, text);
+    text.push('\n');
+}
+
+/// The mean over the frames' colours, where there are several frames.
+fn mean(lines: &[(&FrameReport, &GroupReport, &Measures)], columns: &[Measure], text: &mut String) {
+    let colours: Vec<&Measures> =
+        lines.iter().filter(|line| line.1.kind == Kind::Colour).map(|line| line.2).collect();
+    if colours.len() < 2 {
+        return;
+    }
+    let cell = |measure: Measure| {
+        let values: Vec<f64> = colours.iter().filter_map(|measures| measures.get(measure)).collect();
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        if values.is_empty() || measure.is_count() { String::new() } else { cell(measure, Some(mean)) }
+    };
+    let cells = columns.iter().map(|&measure| cell(measure)).collect::<Vec<_>>().join(" | ");
+    let _ = writeln!(text, "| **mean** | colours | {cells} |");
+}
+
+fn notes(comparison: &Comparison, text: &mut String) {
+    let mut notes: Vec<(&str, usize)> = Vec::new();
+    for note in comparison.frames.iter().flat_map(|frame| &frame.notes) {
+        match notes.iter_mut().find(|(known, _)| known == note) {
+            Some((_, count)) => *count += 1,
+            None => notes.push((note, 1)),
+        }
+    }
+    for (note, count) in notes {
+        let frames = if count == 1 { String::new() } else { format!(" ({count} frames)") };
+        let _ = writeln!(text, "- note: {}{frames}", escape(note));
+    }
+}
+
+/// A value for people.
+pub fn cell(measure: Measure, value: Option<f64>) -> String {
+    let Some(value) = value else { return String::new() };
+    match measure {
+        _ if measure.is_count() => format!("{value:.0}"),
+        _ if !value.is_finite() => value.to_string(),
+        Measure::Psnr | Measure::LogPsnr => format!("{value:.2}"),
+        Measure::Ssim => format!("{value:.5}"),
+        Measure::Cieluv | Measure::Flip | Measure::HdrFlip => format!("{value:.4}"),
+        _ if value == 0.0 => "0".into(),
+        _ => format!("{value:.3e}"),
+    }
+}
+
+/// Signs that Markdown would take for its own.
+fn escape(text: &str) -> String {
+    let mut out = String::new();
+    for sign in text.chars() {
+        if matches!(sign, '|' | '*' | '_' | '`' | '<' | '[' | '\\') {
+            out.push('\\');
+        }
+        out.push(if sign.is_control() { ' ' } else { sign });
+    }
+    out
+}

@@ -1,0 +1,33 @@
+//! The comparison of frames with their references: a model first, then its formats.
+//!
+//! ```text
+//! two frames ─> groups (what belongs together) ─> compare (measures, maps) ─> model ─> json | csv | markdown | html
+//!                                                                              └────> gate (exit status)
+//! ```
+//!
+//! Every format and the gate read the same [`Comparison`]: one set of numbers.
+
+mod compare;
+mod csv;
+mod gate;
+mod groups;
+mod html;
+mod images;
+mod maps;
+mod markdown;
+mod measure;
+mod model;
+#[cfg(test)]
+mod tests;
+mod values;
+
+pub use compare::{Error, compare};
+pub use csv::csv;
+pub use gate::{Bound, Gate, GateError};
+pub use groups::Kind;
+pub use html::{MOST_FRAMES_WITH_PIXELS, Picture, html};
+pub use images::{Flicker, Images};
+pub use maps::Maps;
+pub use markdown::markdown;
+pub use measure::{Measure, Wanted};
+pub use model::{Comparison, FrameReport, GroupReport, Measures, RegionReport, Settings};

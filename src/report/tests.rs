@@ -1,0 +1,142 @@
+//! The model and its formats, from frames built by hand.
+
+use super::*;
+use crate::frame::Frame;
+use crate::mask::{self, Source};
+use crate::testing::{float, frame, half, part, uint, window};
+
+/// 4 x 1 pixels: two measured, one wrong missing one, one NaN.
+fn pair() -> (Frame, Frame) {
+    let window = window(10, -2, 4, 1);
+    let reference = part(
+        window,
+        vec![
+            float("R", &[0.0, 0.5, 1.0, 0.25]),
+            float("G", &[0.0, 0.5, 1.0, 0.25]),
+            float("B", &[0.0, 0.5, 1.0, 0.25]),
+            half("A", &[0.0, 1.0, 1.0, 0.0]),
+            uint("id", &[1, 2, 3, 4]),
+        ],
+    );
+    let test = part(
+        window,
+        vec![
+            float("R", &[0.0, 0.5, 0.8, 0.25]),
+            float("G", &[0.0, 0.5, 1.0, f32::NAN]),
+            float("B", &[0.0, 0.5, 1.0, 0.25]),
+            half("A", &[0.0, 1.0, 1.0, 0.0]),
+            uint("id", &[1, 9, 3, 4]),
+            half("mask", &[1.0, 1.0, 0.0, 0.0]),
+        ],
+    );
+    (frame(vec![reference]), frame(vec![test]))
+}
+
+fn compared(settings: &Settings) -> FrameReport {
+    let (reference, test) = pair();
+    let masks = mask::find(&test, &Source::Auto, None).unwrap();
+    compare(&reference, &test, Some(&masks), settings, &mut |_| {}).unwrap()
+}
+
+fn whole(frames: Vec<FrameReport>) -> Comparison {
+    Comparison { lacuna: "1", settings: Settings::default(), gate: Vec::new(), frames }
+}
+
+fn gate(below: &str, above: &str) -> Gate {
+    let of = |text: &str| text.split(',').filter(|t| !t.is_empty()).map(|t| t.parse().unwrap()).collect();
+    Gate { below: of(below), above: of(above) }
+}
+
+#[test]
+fn regions_and_groups_are_what_they_say() {
+    let report = compared(&Settings::default());
+    let labels: Vec<_> = report.groups.iter().map(GroupReport::label).collect();
+    assert_eq!(labels, ["RGB", "A", "id"]);
+    let colour = report.main_group().unwrap();
+    assert_eq!(
+        (colour.density, colour.measured_max, colour.measured_different),
+        (Some(0.5), Some(0.0), Some(0))
+    );
+    let get = |region: &str, measure| colour.region(region).unwrap().measures.get(measure).unwrap();
+    let error = f64::from(1.0 - 0.8_f32);
+    // Eleven finite values of twelve.
+    assert!((get("all", Measure::Mse) - error * error / 11.0).abs() < 1e-15);
+    assert!((get("missing", Measure::Mse) - error * error / 5.0).abs() < 1e-15);
+    assert!((get("alpha", Measure::Mse) - error * error / 6.0).abs() < 1e-15);
+    assert_eq!((get("all", Measure::Nan), get("all", Measure::Different)), (1.0, 2.0));
+    assert_eq!(colour.region("all").unwrap().largest_at, Some((12, -2)));
+    let codes = report.groups[2].region("all").unwrap();
+    assert_eq!(codes.measures.get(Measure::Different), Some(1.0));
+    assert_eq!((codes.measures.get(Measure::Psnr), report.groups[2].measured_different), (None, Some(1)));
+    assert_eq!(report.groups[1].region("all").unwrap().measures.get(Measure::Psnr), Some(f64::INFINITY));
+}
+
+#[test]
+fn dear_measures_are_there_only_if_wanted() {
+    let plain = compared(&Settings::default());
+    let all = compared(&Settings { wanted: Wanted::all(), ..Settings::default() });
+    for measure in [Measure::Cieluv, Measure::Flip, Measure::HdrFlip] {
+        let of = |report: &FrameReport| report.groups[0].region("all").unwrap().measures.get(measure);
+        assert_eq!(of(&plain), None);
+        assert!(of(&all).is_some_and(|value| value > 0.0), "{measure:?}");
+    }
+}
+
+#[test]
+fn windows_must_agree() {
+    let (reference, mut test) = pair();
+    test.parts[0].data_window.x_min += 1;
+    test.parts[0].data_window.x_max += 1;
+    let error = compare(&reference, &test, None, &Settings::default(), &mut |_| {}).unwrap_err();
+    assert!(error.to_string().contains("(10, -2) to (13, -2)"), "{error}");
+}
+
+#[test]
+fn the_gate_lets_nothing_pass_by_absence() {
+    let report = compared(&Settings::default());
+    assert_eq!(Gate::default().failures(&report, true), Vec::<String>::new());
+    let failures = gate("psnr=20", "").failures(&report, true);
+    assert_eq!(failures, ["RGB: 1 values are not finite that should be"]);
+    let failures = gate("psnr=60,missing.ssim=2", "flip=0.1").failures(&report, true);
+    assert_eq!(failures.len(), 4, "{failures:?}");
+    assert!(failures[1].starts_with("RGB: psnr 24.39"), "{failures:?}");
+    assert_eq!(failures[3], "RGB: no flip");
+    let failures = gate("", "different=0").failures(&report, true);
+    assert!(failures.contains(&"id: different 1.000000 is above 0".to_owned()), "{failures:?}");
+    let without = FrameReport { notes: vec!["channel A is in the reference only".into()], ..report };
+    assert!(gate("psnr=1", "").failures(&without, true).contains(&without.notes[0]));
+}
+
+#[test]
+fn json_has_numbers_and_names_infinities() {
+    let json = serde_json::to_value(whole(vec![compared(&Settings::default())])).unwrap();
+    let group = &json["frames"][0]["groups"][0];
+    assert_eq!(group["kind"], "colour");
+    assert_eq!(group["regions"][0]["measures"]["nan"], 1);
+    assert!(group["regions"][0]["measures"]["psnr"].is_f64());
+    assert_eq!(json["frames"][0]["groups"][1]["regions"][0]["measures"]["psnr"], "inf");
+}
+
+#[test]
+fn csv_has_as_many_cells_in_every_line() {
+    let failed = FrameReport { error: Some("broken, \"really\"".into()), ..FrameReport::default() };
+    let text = csv(&whole(vec![compared(&Settings::default()), failed]));
+    let lines: Vec<&str> = text.lines().collect();
+    // RGB with three channels, A and id, each in three regions; the failed frame; the head.
+    assert_eq!(lines.len(), 1 + 3 * (4 + 1 + 1) + 1);
+    let cells = |line: &str| line.matches(',').count();
+    assert!(lines[..lines.len() - 1].iter().all(|line| cells(line) == cells(lines[0])));
+    assert!(lines[lines.len() - 1].ends_with("\"broken, \"\"really\"\"\""));
+}
+
+#[test]
+fn markdown_has_a_table_a_region() {
+    let mut report = compared(&Settings::default());
+    report.failures.push("RGB: psnr 1 is below 2 | x".into());
+    let text = markdown(&whole(vec![report.clone(), report]));
+    for expected in
+        ["### Whole image", "### Missing pixels only", "### Where alpha", "| **mean** |", "2 \\| x", "peak 1"]
+    {
+        assert!(text.contains(expected), "{expected}\n{text}");
+    }
+}

@@ -1,0 +1,405 @@
+//! Making, uniting and measuring masks: files in, files out.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use lacuna_filters::{Mask, Plane};
+
+use super::console::Console;
+use super::pattern::Pattern;
+use super::plan::PlanError;
+use super::{Verbosity, masks, signals, threads};
+use crate::channels;
+use crate::frame::{self, Frame, Limits, Samples, Window, WriteOptions};
+use crate::mask::generate::{self, Bounds, Request};
+use crate::mask::judge::{self, Judgement};
+use crate::mask::output::{Listing, Writing, write_floats, write_mask};
+use crate::mask::{self, MakeError, Masks, Source, after, merge};
+use crate::sparsify::{PATTERN, SEED};
+
+/// What `lacuna mask` does.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MaskJob {
+    /// Which of its tasks.
+    pub task: MaskTask,
+    /// Threads in all; 0 takes what there is.
+    pub threads: usize,
+    /// How much is said.
+    pub verbosity: Verbosity,
+}
+
+/// A task.
+#[derive(Clone, Debug, PartialEq)]
+pub enum MaskTask {
+    /// Make masks from a pattern.
+    Generate {
+        /// The mask.
+        request: Request,
+        /// Write the rank image instead.
+        rank: bool,
+        /// The frames, if there are several; then the output is a pattern.
+        frames: Option<Vec<i64>>,
+        /// What the pattern does not decide.
+        bounds: BoundFiles,
+        /// Where to.
+        output: MaskOutput,
+    },
+    /// Choose the pixels to compute after a first pass.
+    After {
+        /// The filled or sparse frame.
+        frame: PathBuf,
+        /// Where its mask comes from.
+        source: Source,
+        /// Pixels to add over all pixels, 0 to 1.
+        add: f64,
+        /// The seed of the order that decides between equals.
+        seed: u64,
+        /// Where the estimated error goes.
+        error_estimate: Option<PathBuf>,
+        /// What the estimate does not decide.
+        bounds: BoundFiles,
+        /// Where to.
+        output: MaskOutput,
+    },
+    /// Unite two sparse renders.
+    Merge {
+        /// The first render.
+        first: PathBuf,
+        /// The second render.
+        second: PathBuf,
+        /// Where their masks come from.
+        source: Source,
+        /// Where to.
+        output: MaskOutput,
+    },
+    /// Say how good a mask is.
+    Measure {
+        /// The mask, `FILE[:CHANNEL]`.
+        mask: Option<Source>,
+        /// Densities at which the coherences of figure 3.1 are computed.
+        coherence: Vec<f64>,
+        /// A frame whose DFT magnitudes are wanted.
+        spectrum: Option<PathBuf>,
+        /// The seed of the masks of the coherences.
+        seed: u64,
+        /// Where the plot goes.
+        plot: Option<MaskOutput>,
+        /// Whether JSON is printed.
+        json: bool,
+    },
+}
+
+/// Where an output goes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MaskOutput {
+    /// The file, or a pattern.
+    pub path: PathBuf,
+    /// Make its folder where it is missing.
+    pub create_dir: bool,
+    /// Leave files that exist.
+    pub no_clobber: bool,
+    /// Pixels that starting a crop costs, for rectangles.
+    pub overhead: usize,
+}
+
+/// The files of [`Bounds`]; patterns go frame by frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BoundFiles {
+    /// Only where this image is above 0.
+    pub inside: Option<Source>,
+    /// Also where this image is above 0.
+    pub always: Option<Source>,
+    /// Outermost pixels.
+    pub border: usize,
+}
+
+/// Does the task; the exit status.
+pub fn mask(job: &MaskJob) -> Result<u8, PlanError> {
+    threads::start(job.threads).map_err(PlanError::Failed)?;
+    let console = Console::new(job.verbosity);
+    console.listen();
+    signals::watch(frame::remove_temporaries)
+        .map_err(|error| PlanError::Failed(format!("cannot watch for signals: {error}")))?;
+    match &job.task {
+        MaskTask::Generate { request, rank, frames, bounds, output } => {
+            generate(request, *rank, frames.as_deref(), bounds, output, &console)
+        }
+        MaskTask::After { frame, source, add, seed, error_estimate, bounds, output } => {
+            let next = second_pass(frame, source, *add, *seed, bounds)?;
+            write_next(&next, *seed, error_estimate.as_deref(), output, &console).map(|()| 0)
+        }
+        MaskTask::Merge { first, second, source, output } => unite(first, second, source, output, &console),
+        MaskTask::Measure { mask, coherence, spectrum, seed, plot, json } => {
+            let judgement = measure(mask.as_ref(), coherence, spectrum.as_deref(), *seed)?;
+            tell(&judgement, plot.as_ref(), *json)
+        }
+    }
+}
+
+fn failed(path: &Path) -> impl Fn(MakeError) -> PlanError + '_ {
+    move |error| PlanError::Failed(format!("{}: {error}", path.display()))
+}
+
+/// One mask per frame; a frame that fails does not stop the others.
+fn generate(
+    request: &Request,
+    rank: bool,
+    frames: Option<&[i64]>,
+    bounds: &BoundFiles,
+    output: &MaskOutput,
+    console: &Console,
+) -> Result<u8, PlanError> {
+    output.make_folder()?;
+    let Some(frames) = frames else {
+        return one(request, rank, 0, bounds, &output.path, output, console).map(|()| 0);
+    };
+    let text = output.path.to_str().unwrap_or_default();
+    let pattern = Pattern::parse(text).map_err(|error| PlanError::Usage(error.to_string()))?;
+    let Some(pattern) = pattern else {
+        let path = output.path.display();
+        return Err(PlanError::Usage(format!(
+            "--frames needs a pattern to write to, such as {path}.####.exr"
+        )));
+    };
+    let (first, mut status) = (frames.first().copied().unwrap_or(0), 0);
+    console.begin(frames.len() as u64);
+    for &number in frames {
+        // Complementary masks count from the first frame asked for, offset ones go by the number.
+        let frame = match request.temporal {
+            lacuna_filters::sampling::Temporal::Complementary => number - first,
+            _ => number,
+        };
+        let done =
+            one(request, rank, frame, &bounds.of_frame(number), &pattern.path(number), output, console);
+        if let Err(error) = done {
+            console.error(&error.to_string());
+            status = 1;
+        }
+        console.advance(1);
+    }
+    console.end();
+    Ok(status)
+}
+
+fn one(
+    request: &Request,
+    rank: bool,
+    frame: i64,
+    bounds: &BoundFiles,
+    path: &Path,
+    output: &MaskOutput,
+    console: &Console,
+) -> Result<(), PlanError> {
+    let fail = failed(path);
+    let bounds = bounds.read(request.window).map_err(&fail)?;
+    let mut how = output.writing();
+    how.attributes = vec![(SEED, request.seed.to_string())];
+    let pattern = request.pattern.name();
+    if rank {
+        let ranks = generate::ranks(request, frame, &bounds).map_err(&fail)?;
+        how.attributes.push((PATTERN, pattern.into()));
+        return write_floats(path, "rank", ranks, 1.0, request.window, &how).map_err(fail);
+    }
+    let mask = generate::generate(request, frame, &bounds).map_err(&fail)?;
+    how.attributes.push((PATTERN, format!("{pattern} density={}", request.density)));
+    let listing = Listing::Rank(order_within(request, frame, &bounds));
+    write_mask(path, &mask, request.window, &listing, &how).map_err(fail)?;
+    report(path, &mask, console);
+    Ok(())
+}
+
+/// The order of a list: forced pixels first.
+fn order_within<'a>(request: &Request, frame: i64, bounds: &'a Bounds) -> generate::Rank<'a> {
+    let (rank, size) = (generate::order(request, frame), request.window.size());
+    Box::new(move |row, column| if bounds.forces(size, row, column) { 0.0 } else { rank(row, column) })
+}
+
+fn report(path: &Path, mask: &Mask, console: &Console) {
+    let (count, density) = (mask.count(), 100.0 * mask.density());
+    console.note(&format!("{}: {count} pixels, density {density:.3} %", path.display()));
+}
+
+fn read(path: &Path, source: &Source) -> Result<(Frame, Masks), PlanError> {
+    let fail = |error: MakeError| failed(path)(error);
+    let limits = Limits::default();
+    let frame = frame::read(path, &limits).map_err(|error| fail(error.into()))?;
+    let file = match source {
+        Source::File { pattern, .. } => {
+            Some(masks::read(pattern.as_ref(), limits).map_err(|error| fail(error.into()))?)
+        }
+        _ => None,
+    };
+    let masks = mask::find(&frame, source, file.as_ref()).map_err(|error| fail(error.into()))?;
+    Ok((frame, masks))
+}
+
+fn second_pass(
+    path: &Path,
+    source: &Source,
+    add: f64,
+    seed: u64,
+    bounds: &BoundFiles,
+) -> Result<after::Next, PlanError> {
+    let (frame, masks) = read(path, source)?;
+    let choices = channels::choose(&frame, &masks, &[]);
+    after::next(&frame, &masks, &choices, add, seed, |window| bounds.read(window)).map_err(failed(path))
+}
+
+fn write_next(
+    next: &after::Next,
+    seed: u64,
+    error_estimate: Option<&Path>,
+    output: &MaskOutput,
+    console: &Console,
+) -> Result<(), PlanError> {
+    output.make_folder()?;
+    let mut how = output.writing();
+    how.attributes = vec![(PATTERN, "after".into()), (SEED, seed.to_string())];
+    let listing = Listing::Given(&next.pixels);
+    write_mask(&output.path, &next.mask, next.window, &listing, &how).map_err(failed(&output.path))?;
+    report(&output.path, &next.mask, console);
+    if let Some(path) = error_estimate {
+        how.attributes.clear();
+        let largest = next.error.pixels().iter().copied().fold(0.0, f32::max);
+        let pixels = next.error.pixels().to_vec();
+        write_floats(path, "error", pixels, largest, next.window, &how).map_err(failed(path))?;
+    }
+    Ok(())
+}
+
+fn unite(
+    first: &Path,
+    second: &Path,
+    source: &Source,
+    output: &MaskOutput,
+    console: &Console,
+) -> Result<u8, PlanError> {
+    if [first, second].iter().any(|input| same_file(input, &output.path)) {
+        return Err(PlanError::Usage(format!("{}: the output is one of the inputs", output.path.display())));
+    }
+    let (a, a_masks) = read(first, source)?;
+    let (b, b_masks) = read(second, source)?;
+    let merged = merge::merge((a, &a_masks), (&b, &b_masks)).map_err(failed(second))?;
+    merged.notes.iter().for_each(|note| console.warning(&format!("{}: {note}", second.display())));
+    output.make_folder()?;
+    let options = WriteOptions { compression_level: None, no_clobber: output.no_clobber };
+    frame::write(&merged.frame, &output.path, &options)
+        .map_err(|error| failed(&output.path)(error.into()))?;
+    console.note(&format!("{}: density {:.3} %", output.path.display(), 100.0 * merged.density));
+    Ok(0)
+}
+
+fn same_file(a: &Path, b: &Path) -> bool {
+    match (a.canonicalize(), b.canonicalize()) {
+        (Ok(a), Ok(b)) => a == b,
+        _ => a == b,
+    }
+}
+
+fn measure(
+    mask: Option<&Source>,
+    coherence: &[f64],
+    spectrum: Option<&Path>,
+    seed: u64,
+) -> Result<Judgement, PlanError> {
+    let mut judgement = Judgement::default();
+    if let Some(Source::File { pattern, channel }) = mask {
+        let fail = failed(pattern.as_ref());
+        let mask = generate::load(pattern, channel.as_deref()).map_err(&fail)?;
+        judgement = judge::judge(&mask).map_err(&fail)?;
+    }
+    if !coherence.is_empty() {
+        judgement.coherence =
+            judge::coherences(coherence, seed).map_err(|error| PlanError::Failed(error.to_string()))?;
+    }
+    if let Some(path) = spectrum {
+        let fail = failed(path);
+        let frame = frame::read(path, &Limits::default()).map_err(|error| fail(error.into()))?;
+        judgement.magnitudes = Some(judge::magnitudes(&luminance(&frame).map_err(fail)?));
+    }
+    Ok(judgement)
+}
+
+/// The luminance of the first part with `R`, `G`, `B` (Rec. 709 weights), else its first channel.
+fn luminance(frame: &Frame) -> Result<Plane, MakeError> {
+    let none = || MakeError::Other("the frame has no channels".into());
+    let part = frame.parts.first().ok_or_else(none)?;
+    let plane = |name: &str| part.channels.iter().find(|channel| channel.name == name.as_bytes());
+    let values = |samples: &Samples| -> Vec<f32> {
+        match samples {
+            Samples::Half(values) => values.iter().map(|value| value.to_f32()).collect(),
+            Samples::Float(values) => values.clone(),
+            Samples::Uint(values) => values.iter().map(|&value| value as f32).collect(),
+        }
+    };
+    let pixels = match (plane("R"), plane("G"), plane("B")) {
+        (Some(r), Some(g), Some(b)) => {
+            let (r, g, b) = (values(&r.samples), values(&g.samples), values(&b.samples));
+            let weighted = |((r, g), b): ((&f32, &f32), &f32)| 0.2126 * r + 0.7152 * g + 0.0722 * b;
+            r.iter().zip(&g).zip(&b).map(weighted).collect()
+        }
+        _ => values(&part.channels.first().ok_or_else(none)?.samples),
+    };
+    Ok(Plane::new(part.size(), pixels)?)
+}
+
+fn tell(judgement: &Judgement, plot: Option<&MaskOutput>, json: bool) -> Result<u8, PlanError> {
+    if let (Some(output), Some(plot)) = (plot, judgement.plot()) {
+        output.make_folder()?;
+        plot.write(&output.path, output.no_clobber).map_err(failed(&output.path))?;
+    }
+    let text = if json {
+        serde_json::to_string_pretty(judgement).map_err(|error| PlanError::Failed(error.to_string()))?
+    } else {
+        judgement.to_string()
+    };
+    match writeln!(std::io::stdout().lock(), "{}", text.trim_end()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(PlanError::Failed(format!("cannot write to standard output: {error}")))
+        }
+        _ => Ok(0),
+    }
+}
+
+impl MaskOutput {
+    fn writing(&self) -> Writing {
+        Writing { no_clobber: self.no_clobber, overhead: self.overhead, attributes: Vec::new() }
+    }
+
+    fn make_folder(&self) -> Result<(), PlanError> {
+        let folder = super::plan::folder_of(&self.path);
+        if !self.create_dir {
+            return Ok(());
+        }
+        std::fs::create_dir_all(&folder).map_err(|error| {
+            PlanError::Failed(format!("{}: cannot make the folder: {error}", folder.display()))
+        })
+    }
+}
+
+impl BoundFiles {
+    /// The files of one frame.
+    fn of_frame(&self, number: i64) -> Self {
+        let numbered = |source: &Option<Source>| match source {
+            Some(Source::File { pattern, channel }) => {
+                let path = match Pattern::parse(pattern) {
+                    Ok(Some(parsed)) => parsed.path(number).display().to_string(),
+                    _ => pattern.clone(),
+                };
+                Some(Source::File { pattern: path, channel: channel.clone() })
+            }
+            other => other.clone(),
+        };
+        Self { inside: numbered(&self.inside), always: numbered(&self.always), border: self.border }
+    }
+
+    fn read(&self, window: Window) -> Result<Bounds, MakeError> {
+        let region = |source: &Option<Source>| match source {
+            Some(Source::File { pattern, channel }) => {
+                generate::region(pattern, channel.as_deref(), window).map(Some)
+            }
+            _ => Ok(None),
+        };
+        Ok(Bounds { inside: region(&self.inside)?, always: region(&self.always)?, border: self.border })
+    }
+}

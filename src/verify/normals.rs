@@ -1,0 +1,65 @@
+//! The length of filled normals: one, or zero where there is none.
+
+use std::sync::Arc;
+
+use lacuna_filters::Mask;
+
+use super::pixels::value;
+use super::{Difference, Pair};
+use crate::channels::normal_triple;
+use crate::frame::{Channel, Samples};
+use crate::reconstruct::{measured_floats, normals, usable};
+
+/// How far the length of a unit vector may be from 1 if a component is a half: its rounding error.
+const HALF: f64 = 1.0 / 1024.0;
+/// The same for 32-bit floats.
+const FLOAT: f64 = 1e-6;
+
+/// A normal whose filled vectors are of another length: one difference, with the first pixel and the number.
+pub fn compare(pair: &Pair<'_>) -> Vec<Difference> {
+    let part = pair.sparse;
+    let first = |channel: &usize| {
+        let triple = normal_triple(part, pair.choices, *channel)?;
+        (triple.iter().min() == Some(channel)).then_some(triple)
+    };
+    (0..part.channels.len()).filter_map(|channel| first(&channel)).filter_map(|t| one(pair, t)).collect()
+}
+
+fn one(pair: &Pair<'_>, triple: [usize; 3]) -> Option<Difference> {
+    let part = pair.sparse;
+    let samples = triple.map(|channel| &part.channels[channel].samples);
+    let mut masks: Vec<Arc<Mask>> = Vec::new();
+    for channel in triple {
+        // What a full mask serves is not filled, so nothing is scaled.
+        let mask = pair.masks.get(pair.index, channel).filter(|mask| !mask.is_full())?;
+        masks.push(usable(pair.choices[channel].rule, &part.channels[channel].samples, mask).ok()?);
+    }
+    let masks: [Arc<Mask>; 3] = masks.try_into().ok()?;
+    let mut planes = Vec::new();
+    for (samples, mask) in samples.iter().zip(&masks) {
+        planes.push(measured_floats(samples, mask).ok()?);
+    }
+    if !normals::are_unit([&planes[0], &planes[1], &planes[2]], &normals::both(&masks)) {
+        return None;
+    }
+    let filled = |channel: usize| -> Option<&Channel> {
+        let name = &part.channels[channel].name;
+        let found = pair.filled.channels.iter().find(|other| other.name == *name)?;
+        (found.samples.len() == part.channels[channel].samples.len()).then_some(found)
+    };
+    let filled = [filled(triple[0])?, filled(triple[1])?, filled(triple[2])?];
+    let half = filled.iter().any(|channel| matches!(channel.samples, Samples::Half(_)));
+    let tolerance = if half { HALF } else { FLOAT };
+    let wrong = |at: &usize| {
+        let squares = filled.map(|channel| f64::from(value(&channel.samples, *at)).powi(2));
+        let length = squares.iter().sum::<f64>().sqrt();
+        // What is not finite is told of its channel.
+        length.is_finite() && length != 0.0 && (length - 1.0).abs() > tolerance
+    };
+    let kept = normals::kept(&masks, !pair.claims.smoothed);
+    let all = (0..kept.as_slice().len()).filter(|&at| !kept.as_slice()[at]).filter(wrong);
+    let all: Vec<usize> = all.collect();
+    let what = "a filled normal is not of unit length, as the measured ones are";
+    let name = part.channels[triple[0]].display_name();
+    pair.first_of(&name, what, &all)
+}

@@ -1,0 +1,182 @@
+//! `lacuna mask` through the binary: patterns, ranks, frames, two passes, measures, refusals.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::float_cmp,
+    reason = "helpers of tests fail by panicking; a mask holds 0 and 1"
+)]
+
+mod common;
+
+use std::collections::HashSet;
+
+use common::{Room, values};
+use lacuna::frame::Samples;
+
+/// The `x y` lines of a list.
+fn points(room: &Room, name: &str) -> Vec<(i64, i64)> {
+    let text = std::fs::read_to_string(room.path(name)).unwrap();
+    let point = |line: &str| {
+        let (x, y) = line.split_once(' ').unwrap();
+        (x.parse().unwrap(), y.parse().unwrap())
+    };
+    text.lines().map(point).collect()
+}
+
+#[test]
+fn every_pattern_has_every_form() {
+    let room = Room::new();
+    for pattern in ["random", "shuffle", "poisson", "blue-noise", "grid"] {
+        for name in ["m.exr", "m.png", "m.txt", "m.json"] {
+            let words = ["mask", "-o", name, "--size", "61x47-5+9", "--density", "0.2", "--pattern", pattern];
+            let done = room.ok(&words);
+            assert!(done.err.contains("density"), "{}", done.err);
+        }
+        let frame = room.read("m.exr");
+        let window = frame.parts[0].data_window;
+        assert_eq!((window.x_min, window.y_min, window.x_max, window.y_max), (-5, 9, 55, 55));
+        let mask = values(&frame, "mask");
+        let count = mask.iter().filter(|&&value| value == 1.0).count();
+        assert_eq!(mask.iter().filter(|&&value| value == 0.0).count(), 61 * 47 - count);
+        let list = points(&room, "m.txt");
+        assert_eq!(list.len(), count);
+        assert!(list.iter().all(|&(x, y)| mask[((y - 9) * 61 + x + 5) as usize] == 1.0));
+        if matches!(pattern, "random" | "poisson") {
+            assert_eq!(count, 573, "round(0.2 * 61 * 47)");
+        }
+    }
+}
+
+#[test]
+fn a_list_of_a_smaller_density_begins_that_of_a_larger() {
+    let room = Room::new();
+    for pattern in ["random", "shuffle", "blue-noise"] {
+        for (name, density) in [("a.txt", "0.1"), ("b.txt", "0.3")] {
+            room.ok(&["mask", "-o", name, "--size", "40x40", "--density", density, "--pattern", pattern]);
+        }
+        let (small, large) = (points(&room, "a.txt"), points(&room, "b.txt"));
+        assert_eq!(small, large[..small.len()], "{pattern}");
+    }
+}
+
+#[test]
+fn threads_and_repetition_change_no_byte() {
+    let room = Room::new();
+    for pattern in ["random", "shuffle", "poisson", "blue-noise"] {
+        let bytes = |threads: &str| {
+            let words = ["mask", "-o", "m.exr", "--size", "90x70", "--density", "0.15", "--pattern", pattern];
+            room.ok(&[&words[..], &["--threads", threads]].concat());
+            std::fs::read(room.path("m.exr")).unwrap()
+        };
+        let one = bytes("1");
+        assert_eq!(one, bytes("2"), "{pattern}");
+        assert_eq!(one, bytes("5"), "{pattern}");
+    }
+}
+
+#[test]
+fn complementary_frames_cover_every_pixel() {
+    let room = Room::new();
+    let words = ["mask", "-o", "m.####.txt", "--size", "32x20", "--density", "0.25"];
+    room.ok(&[&words[..], &["--frames", "7-10", "--temporal", "complementary"]].concat());
+    let all = (7..=10).flat_map(|frame| points(&room, &format!("m.{frame:04}.txt")));
+    let all: Vec<_> = all.collect();
+    assert_eq!(all.len(), 640);
+    assert_eq!(all.into_iter().collect::<HashSet<_>>().len(), 640);
+}
+
+#[test]
+fn ranks_are_floats() {
+    let room = Room::new();
+    room.ok(&["mask", "-o", "r.exr", "--size", "20x10", "--rank"]);
+    let frame = room.read("r.exr");
+    assert!(matches!(frame.parts[0].channels[0].samples, Samples::Float(_)));
+    assert!(values(&frame, "rank").iter().all(|rank| (0.0..1.0).contains(rank)));
+    let done = room.run(&["mask", "-o", "r.exr", "--size", "20x10", "--rank", "--pattern", "poisson"]);
+    assert_eq!(done.status, 1);
+    assert!(done.err.contains("not progressive"), "{}", done.err);
+}
+
+#[test]
+fn a_second_pass_is_chosen_computed_and_united() {
+    let room = Room::new();
+    let full = |room: &Room, name: &str| {
+        let mut frame = common::sparse(40, 30);
+        frame.parts[0].channels.retain(|channel| channel.name != b"mask");
+        for (index, channel) in frame.parts[0].channels.iter_mut().enumerate() {
+            let step = |pixel: usize| if pixel % 40 > 18 { 0.9_f32 } else { 0.1 } + index as f32 * 0.01;
+            channel.samples = Samples::Float((0..1200).map(step).collect());
+        }
+        room.add(name, &frame);
+    };
+    full(&room, "full.exr");
+    room.ok(&["mask", "-o", "first.exr", "--size", "40x30", "--density", "0.15"]);
+    room.ok(&["sparsify", "full.exr", "-o", "a.exr", "--mask", "first.exr"]);
+    room.ok(&["fill", "a.exr", "-o", "filled.exr"]);
+    let words = ["mask", "--after", "filled.exr", "-o", "next.exr", "--add", "0.05"];
+    room.ok(&[&words[..], &["--error-estimate", "error.exr"]].concat());
+    room.ok(&["mask", "--after", "a.exr", "-o", "same.txt", "--add", "0.05"]);
+    let (first, next) = (values(&room.read("first.exr"), "mask"), values(&room.read("next.exr"), "mask"));
+    assert_eq!(next.iter().filter(|&&value| value == 1.0).count(), 60);
+    assert!(first.iter().zip(&next).all(|(first, next)| *first == 0.0 || *next == 0.0));
+    let listed = points(&room, "same.txt");
+    assert!(listed.len() == 60 && listed.iter().all(|(x, y)| next[(y * 40 + x) as usize] == 1.0));
+    let near_edge = listed.iter().filter(|(x, _)| (13..=25).contains(x)).count();
+    assert!(near_edge > 45, "{near_edge} of 60 near the edge");
+    let error = values(&room.read("error.exr"), "error");
+    assert!(
+        error.iter().zip(&first).all(|(error, first)| error.is_finite() && (*first == 0.0 || *error == 0.0))
+    );
+
+    room.ok(&["sparsify", "full.exr", "-o", "b.exr", "--mask", "next.exr"]);
+    room.ok(&["mask", "--merge", "a.exr", "b.exr", "-o", "c.exr"]);
+    let (full, c) = (room.read("full.exr"), room.read("c.exr"));
+    let union = values(&c, "mask");
+    assert!(union.iter().zip(first.iter().zip(&next)).all(|(u, (a, b))| *u == a + b));
+    for name in ["R", "G", "B"] {
+        let measured = values(&full, name).into_iter().zip(values(&c, name)).zip(&union);
+        for ((full, united), measured) in measured {
+            assert_eq!(united.to_bits(), if *measured == 1.0 { full.to_bits() } else { 0 });
+        }
+    }
+    room.ok(&["fill", "c.exr", "-o", "done.exr"]);
+    room.ok(&["verify", "c.exr", "done.exr"]);
+}
+
+#[test]
+fn masks_are_measured() {
+    let room = Room::new();
+    room.ok(&["mask", "-o", "m.png", "--size", "64x64", "--density", "0.25", "--pattern", "grid"]);
+    let done = room.ok(&["mask", "--measure", "m.png", "-o", "plot.png", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&done.out).unwrap();
+    assert_eq!(json["density"], 0.25);
+    assert_eq!(json["nearest"]["minimum"], 2.0);
+    assert!((json["largest_hole"].as_f64().unwrap() - std::f64::consts::SQRT_2).abs() < 1e-12);
+    assert!((json["fourier_coherence"].as_f64().unwrap() - 1.0).abs() < 1e-12, "a grid aliases");
+    assert!(room.path("plot.png").exists());
+    let done = room.ok(&["mask", "--measure", "m.png"]);
+    assert!(done.out.contains("star discrepancy"), "{}", done.out);
+}
+
+#[test]
+fn nonsense_is_refused_in_one_line() {
+    let room = Room::with(&["a.exr"]);
+    for (words, status, reason) in [
+        (&["--size", "10x10", "--density", "1.5", "-o", "m.exr"][..], 2, "0 to 1"),
+        (&["--size", "0x10", "--density", "0.5", "-o", "m.exr"], 2, "from 1 to 32768"),
+        (&["--size", "10x10", "--density", "0.5", "-o", "m.tif"], 1, "does not end in"),
+        (&["--after", "missing.exr", "--add", "0.1", "-o", "m.exr"], 1, "missing.exr"),
+        (&["--merge", "a.exr", "a.exr", "-o", "a.exr"], 2, "one of the inputs"),
+        (
+            &["--size", "10x10", "--density", "0.5", "-o", "m.exr", "--inside", "missing.exr"],
+            1,
+            "missing.exr",
+        ),
+    ] {
+        let done = room.run(&[&["mask"][..], words].concat());
+        assert_eq!(done.status, status, "{words:?}: {}", done.err);
+        let first = done.err.lines().next().unwrap();
+        assert!(first.starts_with("lacuna: error: ") && first.contains(reason), "{words:?}: {}", done.err);
+    }
+    assert_eq!(room.names("."), ["a.exr"]);
+}

@@ -1,0 +1,185 @@
+"""The command line on a farm: partial failure, repeated runs, killed runs, full disks, unusual names, refusals."""
+
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import time
+
+import numpy as np
+import OpenEXR
+import pytest
+
+import frames
+from tool import LACUNA, SAMPLES, lacuna
+
+
+@pytest.fixture
+def shot(tmp_path):
+    """A copy of the sparse sequence, as a pattern."""
+    shutil.copytree(SAMPLES / "sequence", tmp_path / "in")
+    (tmp_path / "out").mkdir()
+    return tmp_path / "in" / "shot.####.exr", tmp_path / "out" / "shot.####.exr"
+
+
+def names(pattern):
+    return sorted(path.name for path in pattern.parent.iterdir())
+
+
+def numbered(*numbers):
+    return [f"shot.{number:04d}.exr" for number in numbers]
+
+
+@pytest.mark.parametrize("spelling", ["shot.####.exr", "shot.#.exr", "shot.%04d.exr", "shot.@@@@.exr", "shot.$F4.exr", "shot.*.exr"])
+def test_spellings_of_a_pattern(shot, spelling):
+    source, out = shot
+    target = out if "*" in spelling else out.with_name(spelling)
+    lacuna("fill", source.with_name(spelling), "-o", target)
+    assert names(out) == numbered(1, 2, 3, 4)
+
+
+@pytest.mark.parametrize("chosen, expected", [("2-3", [2, 3]), ("1-4x2", [1, 3]), ("1-4:3", [1, 4]), ("4-1x-1", [1, 2, 3, 4]), ("1,3-4", [1, 3, 4])])
+def test_frame_ranges(shot, chosen, expected):
+    lacuna("fill", shot[0], "-o", shot[1], "--frames", chosen)
+    assert names(shot[1]) == numbered(*expected)
+
+
+def test_one_broken_frame_does_not_stop_the_others(shot):
+    broken = shot[0].with_name("shot.0002.exr")
+    broken.write_bytes(broken.read_bytes()[:2000])
+    result = lacuna("fill", shot[0], "-o", shot[1], "-q", ok=False)
+    assert result.status == 1
+    assert names(shot[1]) == numbered(1, 3, 4)
+    assert any("shot.0002.exr" in line for line in result.lines()), result
+
+
+def test_a_missing_frame_is_an_error_or_skipped(shot):
+    shot[0].with_name("shot.0003.exr").unlink()
+    result = lacuna("fill", shot[0], "-o", shot[1], "--frames", "1-4", "-q", ok=False)
+    assert result.status == 1 and "3" in result.stderr and names(shot[1]) == numbered(1, 2, 4), result
+    lacuna("fill", shot[0], "-o", shot[1], "--frames", "1-4", "--missing-frame", "skip")
+
+
+def test_update_does_only_what_is_stale(shot):
+    source, out = shot
+    lacuna("fill", source, "-o", out)
+    past = time.time() - 100
+    for path in source.parent.iterdir():
+        os.utime(path, (past - 100, past - 100))
+    for path in out.parent.iterdir():
+        os.utime(path, (past, past))
+
+    def made():
+        return [path.name for path in sorted(out.parent.iterdir()) if path.stat().st_mtime > past + 1]
+
+    lacuna("fill", source, "-o", out, "-u")
+    assert made() == []
+    os.utime(source.with_name("shot.0002.exr"))
+    lacuna("fill", source, "-o", out, "-u")
+    assert made() == numbered(2)
+    lacuna("fill", source, "-o", out, "-u", "--filter", "pushpull")
+    assert made() == numbered(1, 2, 3, 4)
+
+
+def test_no_clobber_leaves_what_is_there(shot):
+    there = shot[1].with_name("shot.0001.exr")
+    there.write_bytes(b"mine")
+    lacuna("fill", shot[0], "-o", shot[1], "--no-clobber", ok=False)
+    assert there.read_bytes() == b"mine"
+    assert names(shot[1]) == numbered(1, 2, 3, 4)
+
+
+def test_the_input_is_never_overwritten(shot):
+    before = shot[0].with_name("shot.0001.exr").read_bytes()
+    assert lacuna("fill", shot[0], "-o", shot[0], ok=False).status in (1, 2)
+    assert shot[0].with_name("shot.0001.exr").read_bytes() == before
+
+
+def test_a_dry_run_writes_nothing(shot):
+    result = lacuna("fill", shot[0], "-o", shot[1], "-n")
+    assert "shot.0003.exr" in result.stdout + result.stderr
+    assert names(shot[1]) == []
+
+
+def test_a_list_of_files(shot):
+    listed = "\n".join(str(path) for path in sorted(shot[0].parent.iterdir())[:2])
+    done = subprocess.run([LACUNA, "fill", "--files-from", "-", "-o", str(shot[1])], input=listed, text=True, capture_output=True)
+    assert done.returncode == 0, done.stderr
+    assert names(shot[1]) == numbered(1, 2)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.05, 0.2])
+@pytest.mark.parametrize("killer", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_a_killed_run_leaves_no_partial_frame(shot, killer, delay):
+    process = subprocess.Popen([LACUNA, "fill", str(shot[0]), "-o", str(shot[1]), "--filter", "tv", "--threads", "1"],
+                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    time.sleep(delay)
+    process.send_signal(killer)
+    status = process.wait(timeout=30)
+    assert status in (0, -killer, 128 + killer)
+    for path in shot[1].parent.iterdir():
+        if path.suffix == ".exr" and not path.name.startswith("."):
+            assert set(frames.read(path)[0]) == {"R", "G", "B", "A", "mask"}
+    if killer != signal.SIGKILL and status != -killer:
+        assert set(names(shot[1])) <= set(numbered(1, 2, 3, 4)), "a temporary file was left behind"
+
+
+def test_a_full_disk_leaves_nothing(shot):
+    def small_files():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
+
+    result = lacuna("fill", SAMPLES / "parts.exr", "-o", shot[1].with_name("big.exr"), "-q", ok=False, before=small_files)
+    assert result.status == 1 and len(result.lines()) == 1, result
+    assert names(shot[1]) == []
+
+
+def test_an_output_folder_that_is_not_there(shot):
+    target = shot[1].parent / "new" / "shot.####.exr"
+    result = lacuna("fill", shot[0], "-o", target, "-q", ok=False)
+    assert result.status in (1, 2) and not target.parent.exists(), result
+    lacuna("fill", shot[0], "-o", target, "--create-dir")
+    assert names(target) == numbered(1, 2, 3, 4)
+
+
+@pytest.mark.parametrize("name", ["with space.exr", "größe 填充.exr", "semi;colon & 'quote'.exr", "-dash.exr"])
+def test_unusual_names(shot, name):
+    source = shot[0].with_name(name)
+    shutil.copy(shot[0].with_name("shot.0001.exr"), source)
+    lacuna("fill", source, "-o", shot[1].with_name(name))
+    assert names(shot[1]) == [name]
+
+
+def test_the_json_report(shot, tmp_path):
+    report = tmp_path / "report.json"
+    lacuna("fill", shot[0], "-o", shot[1], "--json", report)
+    frames_done = json.loads(report.read_text())["frames"]
+    assert [frame["frame"] for frame in frames_done] == [1, 2, 3, 4]
+    for frame in frames_done:
+        assert frame["input"].endswith(f"in/shot.{frame['frame']:04d}.exr")
+        assert abs(frame["density"] - 0.2) < 0.01
+        assert set(frame) >= {"non_finite", "iterations", "residual", "gap", "seconds"}
+
+
+@pytest.mark.parametrize("words", [[], ["fill"], ["fill", "a.exr"], ["fill", "a.exr", "-o", "b.exr", "--filter", "what"],
+                                   ["fill", "a.exr", "-o", "b.exr", "--frames", "1-"], ["nothing"]])
+def test_usage_errors_exit_with_2(words):
+    assert lacuna(*words, ok=False).status == 2
+
+
+def test_a_frame_without_a_mask_names_its_channels(tmp_path):
+    result = lacuna("fill", SAMPLES / "edges.exr", "-o", tmp_path / "out.exr", "-q", ok=False)
+    assert result.status == 1 and len(result.lines()) == 1, result
+    for name in "RGB":
+        assert name in result.lines()[0]
+
+
+@pytest.mark.parametrize("name", ["HTJ2K32", "HTJ2K256", "ZSTD", "LJ2K"])
+def test_new_compressions_are_refused_with_a_way_out(tmp_path, name):
+    planes = {key: np.ones((20, 20), np.float16) for key in ("R", "G", "B", "mask")}
+    source = frames.write(tmp_path / "in.exr", planes, compression=getattr(OpenEXR, f"{name}_COMPRESSION"))
+    result = lacuna("fill", source, "-o", tmp_path / "out.exr", "-q", ok=False)
+    assert result.status == 1 and len(result.lines()) == 1, result
+    assert name.rstrip("0123456789").removesuffix("2K").lower() in result.stderr.lower() and "oiiotool" in result.stderr, result

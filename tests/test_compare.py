@@ -1,0 +1,220 @@
+"""`lacuna compare` against independent implementations: numpy, scikit-image, OpenImageIO. Every test prints both numbers."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from skimage.color import xyz2luv
+from skimage.metrics import structural_similarity
+
+import frames
+import tool
+
+FRAMES = ["engine", "engine-soft", "tooth", "head", "aneurism-iso"]
+# ITU-R BT.709 under D65, from the primaries.
+TO_XYZ = np.array([[0.4123908, 0.3575843, 0.1804808], [0.2126390, 0.7151687, 0.0721923], [0.0193308, 0.1191948, 0.9505322]])
+SSIM = dict(gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=1.0)
+
+
+def compare(reference, test, folder, *words, ok=True):
+    """The JSON report of one pair, and the process."""
+    out = folder / "report.json"
+    result = tool.lacuna("compare", reference, test, "--json", out, *words, ok=ok, timeout=600)
+    return json.loads(out.read_text()), result
+
+
+def measures(report, region="all", group=0, frame=0):
+    regions = report["frames"][frame]["groups"][group]["regions"]
+    return next(found["measures"] for found in regions if found["region"] == region)
+
+
+def show(name, ours, theirs):
+    print(f"{name:14} lacuna {ours:.9g}   twin {theirs:.9g}   difference {abs(ours - theirs):.2e}")
+
+
+def hdr_pair():
+    """Smooth light with highlights up to 60, and the same with errors; negative values and a ramp through black as well."""
+    rows, columns = np.indices((200, 260)) / 50.0
+    base = 0.4 + 0.4 * np.sin(rows * 1.3) * np.cos(columns)
+    light = np.stack([base, 0.7 * base + 0.05, 0.5 * base], axis=-1)
+    light += 60 * np.exp(-((rows - 1.5) ** 2 + (columns - 2.5) ** 2) * 8)[..., None] * (1, 0.8, 0.5)
+    noise = np.random.default_rng(7).normal(size=light.shape)
+    other = light * (1 + 0.02 * noise) + 0.004 * noise
+    return light.astype(np.float32), other.astype(np.float32)
+
+
+def numbers(one, other):
+    """The twins of the errors, in float64."""
+    a, b = (np.clip(image.astype(np.float64), 0, 1) for image in (one, other))
+    mse = np.mean((a - b) ** 2)
+    lin = [image.astype(np.float64) for image in (one, other)]
+    log = [np.sign(image) * np.log2(1 + np.abs(image)) for image in lin]
+    return {
+        "mse": mse, "rmse": np.sqrt(mse), "psnr": -10 * np.log10(mse), "max": np.abs(a - b).max(),
+        "relative-mse": np.mean((lin[1] - lin[0]) ** 2 / (lin[0] ** 2 + 0.01)),
+        "log-psnr": 10 * np.log10(np.log2(1 + np.abs(lin[0]).max()) ** 2 / np.mean((log[1] - log[0]) ** 2)),
+        "different": np.count_nonzero(frames.bits(one) != frames.bits(other)),
+    }
+
+
+def check_errors(found, one, other):
+    for name, twin in numbers(one, other).items():
+        show(name, found[name], twin)
+        assert found[name] == pytest.approx(twin, rel=1e-12), name
+
+
+def check_ssim(found, one, other):
+    a, b = (np.clip(image, 0, 1).astype(np.float64) for image in (one, other))
+    twin = np.mean([structural_similarity(a[..., k], b[..., k], **SSIM) for k in range(3)])
+    show("ssim", found["ssim"], twin)
+    assert found["ssim"] == pytest.approx(twin, abs=1e-6)
+
+
+def check_cieluv(found, one, other):
+    luv = [xyz2luv(np.clip(image, 0, 1).astype(np.float64) @ TO_XYZ.T) for image in (one, other)]
+    twin = np.mean(np.linalg.norm(luv[0] - luv[1], axis=-1))
+    show("cieluv", found["cieluv"], twin)
+    # scikit-image rounds the white point to four digits.
+    assert found["cieluv"] == pytest.approx(twin, rel=1e-3)
+
+
+def check_flip(found, reference, test):
+    for name, option in (("flip", "hdr=0"), ("hdr-flip", "hdr=1")):
+        result = tool.run([tool.OIIO_BIN / "oiiotool", reference, "--ch", "R,G,B", test, "--ch", "R,G,B", f"--flipdiff:{option}"], timeout=300)
+        twin = float(next(line.split("=")[1] for line in result.stdout.splitlines() if "Mean FLIP" in line))
+        show(name, found[name], twin)
+        # oiiotool prints four significant digits.
+        assert found[name] == pytest.approx(twin, abs=2e-6, rel=1e-3)
+
+
+def check_all(reference, test, one, other, folder):
+    # The exposures that oiiotool takes for every image.
+    report, _ = compare(reference, test, folder, "--measures", "cieluv,flip,hdr-flip", "--hdr-range", "0.18,2")
+    found = measures(report)
+    check_errors(found, one, other)
+    check_ssim(found, one, other)
+    check_cieluv(found, one, other)
+    check_flip(found, reference, test)
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", FRAMES)
+def test_measures_agree_with_their_twins_on_renders(name, tmp_path):
+    reference = tool.DATA / "frames" / f"{name}.exr"
+    sparse, filled = tmp_path / "sparse.exr", tmp_path / "filled.exr"
+    tool.lacuna("sparsify", reference, "-o", sparse, "--density", "0.2")
+    tool.lacuna("fill", sparse, "-o", filled)
+    check_all(reference, filled, frames.colour(reference), frames.colour(filled), tmp_path)
+
+
+def test_measures_agree_with_their_twins_on_hdr(tmp_path):
+    one, other = hdr_pair()
+    paths = [frames.write(tmp_path / f"{k}.exr", dict(zip("RGB", np.moveaxis(image, -1, 0)))) for k, image in enumerate((one, other))]
+    check_all(*paths, one, other, tmp_path)
+
+
+def test_display_and_peak_mean_what_they_say(tmp_path):
+    one, other = hdr_pair()
+    paths = [frames.write(tmp_path / f"{k}.exr", dict(zip("RGB", np.moveaxis(image, -1, 0)))) for k, image in enumerate((one, other))]
+    curve = lambda v: np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)
+    shown = [curve(np.clip(image.astype(np.float64), 0, 1)) for image in (one, other)]
+    linear = [image.astype(np.float64) for image in (one, other)]
+    for words, (a, b), peak in [(["--display"], shown, 1), (["--no-clip"], linear, 1), (["--peak", "20"], np.clip(linear, 0, 20), 20)]:
+        found = measures(compare(*paths, tmp_path, *words)[0])["psnr"]
+        twin = 10 * np.log10(peak**2 / np.mean((a - b) ** 2))
+        show(words[0], found, twin)
+        assert found == pytest.approx(twin, abs=1e-4)
+
+
+def test_regions_leave_out_what_flatters(tmp_path):
+    one, other = hdr_pair()
+    one[:, 130:] = other[:, 130:] = 0
+    mask = frames.shuffle(*one.shape[:2], 0.3)
+    other = np.where(mask[..., None], one, other)
+    alpha = (np.indices(one.shape[:2])[1] < 130).astype(np.float32)
+    planes = lambda image: dict(zip("RGB", np.moveaxis(image, -1, 0))) | {"A": alpha}
+    reference = frames.write(tmp_path / "r.exr", planes(one))
+    test = frames.write(tmp_path / "t.exr", planes(other) | {"mask": mask.astype(np.float32)})
+    report, _ = compare(reference, test, tmp_path)
+    for region, inside in [("all", np.ones_like(mask)), ("missing", ~mask), ("alpha", alpha > 0)]:
+        found, twin = measures(report, region), numbers(one[inside], other[inside])
+        show(f"psnr {region}", found["psnr"], twin["psnr"])
+        assert found["psnr"] == pytest.approx(twin["psnr"], abs=1e-9)
+        assert found["pixels"] == np.count_nonzero(inside)
+    group = report["frames"][0]["groups"][0]
+    assert (group["measured_max"], group["measured_different"]) == (0, 0)
+    other[10, np.flatnonzero(mask[10])[0], 1] += 0.5
+    test = frames.write(tmp_path / "t.exr", planes(other) | {"mask": mask.astype(np.float32)})
+    group = compare(reference, test, tmp_path)[0]["frames"][0]["groups"][0]
+    assert group["measured_max"] == pytest.approx(0.5, abs=1e-6) and group["measured_different"] == 1
+
+
+def sequence(folder, count=3):
+    rows, columns = np.indices((40, 50))
+    errors = []
+    for number in range(1, count + 1):
+        image = (0.5 + 0.3 * np.sin((rows + columns + number) / 9.0)).astype(np.float32)
+        error = np.float32(0.01 * number) * np.cos(rows + 3.0 * number).astype(np.float32)
+        errors.append((image + error).astype(np.float64) - image)
+        frames.write(folder / f"r.{number:04}.exr", dict.fromkeys("RGB", image))
+        frames.write(folder / f"t.{number:04}.exr", dict.fromkeys("RGB", image + error))
+    return errors
+
+
+def test_flicker_is_the_change_of_the_error(tmp_path):
+    errors = sequence(tmp_path)
+    report, _ = compare(tmp_path / "r.####.exr", tmp_path / "t.####.exr", tmp_path, "--measures", "flicker")
+    assert "flicker" not in measures(report, frame=0)
+    for number in (1, 2):
+        found, twin = measures(report, frame=number)["flicker"], np.sqrt(np.mean((errors[number] - errors[number - 1]) ** 2))
+        show("flicker", found, twin)
+        assert found == pytest.approx(twin, rel=1e-5)
+
+
+def test_the_gate_decides_the_exit_status_and_names_the_frames(tmp_path):
+    sequence(tmp_path)
+    pair = (tmp_path / "r.####.exr", tmp_path / "t.####.exr")
+    assert compare(*pair, tmp_path, "--fail-below", "psnr=20,ssim=0.5", "--fail-above", "nan=0")[1].status == 0
+    report, result = compare(*pair, tmp_path, "--fail-below", "psnr=40", ok=False)
+    assert result.status == 1
+    named = [line for line in result.lines() if "is below" in line]
+    assert len(named) == 2 and "t.0002.exr" in named[0] and "t.0003.exr" in named[1], result
+    assert [bool(frame["failures"]) for frame in report["frames"]] == [False, True, True]
+    assert tool.lacuna("compare", *pair, "--fail-below", "psnr", ok=False).status == 2
+    assert tool.lacuna("compare", *pair, "--peak", "0", ok=False).status == 2
+    (tmp_path / "t.0002.exr").write_bytes(b"no frame")
+    report, result = compare(*pair, tmp_path, ok=False)
+    assert result.status == 1 and report["frames"][1]["error"] and report["frames"][2]["groups"], result
+
+
+def test_every_format_has_the_same_numbers(tmp_path):
+    sequence(tmp_path, 2)
+    files = {name: tmp_path / f"out.{name}" for name in ("csv", "md", "html")}
+    words = [word for name, path in files.items() for word in (f"--{name}", path)]
+    report, result = compare(tmp_path / "r.####.exr", tmp_path / "t.####.exr", tmp_path, *words)
+    rows = list(csv.DictReader(files["csv"].open(newline="")))
+    found = [float(row["psnr"]) for row in rows if row["channels"] == "R G B" and row["region"] == "all"]
+    assert found == [measures(report, frame=k)["psnr"] for k in (0, 1)]
+    assert files["md"].read_text() == result.stdout
+    for value in found:
+        assert f"{value:.2f}" in result.stdout and f"{value:.2f}" in files["html"].read_text()
+
+
+def test_maps_hold_the_errors(tmp_path):
+    one, other = hdr_pair()
+    paths = [frames.write(tmp_path / f"{k}.exr", dict(zip("RGB", np.moveaxis(image, -1, 0)))) for k, image in enumerate((one, other))]
+    compare(*paths, tmp_path, "--maps", tmp_path / "maps")
+    maps = frames.read(tmp_path / "maps" / "1.maps.exr")[0]
+    assert np.array_equal(maps["error.G"], np.abs(other[..., 1] - one[..., 1]))
+    assert set(maps) == {f"{kind}.{c}" for kind in ("error", "ssim") for c in "RGB"} | {"cieluv", "flip"}
+    found = sorted(path.name for path in (tmp_path / "maps").glob("*.png"))
+    assert found == [f"1.RGB.{kind}.png" for kind in ("cieluv", "error", "flip", "ssim")]
+
+
+def test_an_input_is_never_overwritten(tmp_path):
+    sequence(tmp_path, 1)
+    reference, test = tmp_path / "r.0001.exr", tmp_path / "t.0001.exr"
+    before = test.read_bytes()
+    assert tool.lacuna("compare", reference, test, "--csv", test, ok=False).status == 2
+    assert test.read_bytes() == before

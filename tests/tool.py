@@ -1,0 +1,78 @@
+"""Runs lacuna and the tools of others as processes, and says what they used."""
+
+import dataclasses
+import os
+import pathlib
+import subprocess
+import tempfile
+import threading
+import time
+
+import OpenImageIO
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+DATA = ROOT.parent / "shared" / "data"
+SAMPLES = ROOT / "samples"
+LACUNA = os.environ.get("LACUNA", str(ROOT / "target" / "release" / "lacuna"))
+# The commands that the wheel puts on the PATH are slow wrappers; these are the binaries.
+OIIO_BIN = pathlib.Path(OpenImageIO.__file__).parent / "bin"
+
+
+@dataclasses.dataclass
+class Result:
+    """What a process did: exit status (negative: the signal), its output, its peak memory, the seconds that
+    it took and those that it kept processors busy."""
+
+    command: list
+    status: int
+    stdout: str
+    stderr: str
+    peak_bytes: int
+    seconds: float
+    busy: float
+
+    def lines(self):
+        return [line for line in self.stderr.splitlines() if line.strip()]
+
+    def __str__(self):
+        return f"{' '.join(self.command)}\nexit {self.status}\n{self.stdout}{self.stderr}"
+
+
+def run(command, timeout=60, environment=None, before=None, folder=None):
+    """Runs a command to its end; it is killed after `timeout` seconds (status -9)."""
+    command = [str(word) for word in command]
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        start = time.perf_counter()
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=folder,
+                                   env=None if environment is None else os.environ | environment, preexec_fn=before)
+        alarm = threading.Timer(timeout, process.kill)
+        alarm.start()
+        _, status, usage = os.wait4(process.pid, 0)
+        seconds = time.perf_counter() - start
+        alarm.cancel()
+        process.returncode = os.waitstatus_to_exitcode(status)
+        texts = []
+        for stream in (out, err):
+            stream.seek(0)
+            texts.append(stream.read().decode("utf-8", "replace"))
+    return Result(command, process.returncode, *texts, usage.ru_maxrss * 1024, seconds, usage.ru_utime + usage.ru_stime)
+
+
+def lacuna(*words, ok=True, **options):
+    """Runs lacuna; with `ok` anything but exit status 0 fails the test."""
+    result = run([LACUNA, *words], **options)
+    assert "panicked" not in result.stderr and "internal error" not in result.stderr, result
+    if ok:
+        assert result.status == 0, result
+    return result
+
+
+def oiio(tool, *words):
+    """Runs oiiotool or idiff."""
+    return run([OIIO_BIN / tool, *words])
+
+
+def idiff(one, other):
+    """Fails the test unless idiff finds both files equal, every part of them. It passes NaN: count those as well."""
+    result = oiio("idiff", "-a", "-fail", "0", "-warn", "0", one, other)
+    assert result.status == 0, result
