@@ -41,11 +41,11 @@ const MASK: &str = "Render only the pixels of a mask: file:PATTERN[:CHANNEL] or 
 #[derive(Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct RenderArgs {
-    #[arg(value_name = "SCENE", help = SCENE)]
+    #[arg(value_name = "SCENE", help = SCENE, help_heading = "Scene")]
     scene: PathBuf,
 
     /// Frames of an output pattern: 1-10, 1-10x2 or 1-10:2 (every second), 1,5,9-12, 10-1, -5--1
-    #[arg(long, value_name = "RANGE", allow_hyphen_values = true)]
+    #[arg(long, value_name = "RANGE", allow_hyphen_values = true, help_heading = "Scene")]
     frames: Option<Frames>,
 
     #[command(flatten)]
