@@ -37,7 +37,7 @@
 //! M. Unser, "Splines: a perfect fit for signal and image processing", IEEE Signal Processing Magazine 16(6), 1999
 //! (cardinal splines). Solvers and matrices cite theirs.
 //!
-//! Settings: see [`Settings`]. Cost: tiles take about 13 steps on a render at 20 % low-discrepancy samples, 50 to 130 over
+//! Settings: see [`Settings`]. Cost: tiles take 13 to 27 steps on renders at 20 % low-discrepancy samples, 50 to 130 over
 //! all sweeps on noise and on random samples, one application of `H` each (68 flops a pixel at order 2); multigrid 15
 //! to 40 iterations of 9 applications at order 2, up to several hundred at order 3.
 //! Memory beyond samples and result: half a megabyte a thread for tiles; about 7 f64 and 10 f32 planes of a rectangle for
