@@ -10,7 +10,7 @@
 //! (equations 3.17 to 3.21 of the thesis). `x' H x` is the energy of the function `f` that interpolates `x`: at order 2
 //! `|f_yy|^2 + 2 |f_xy|^2 + |f_xx|^2` integrated (equation 3.16), at order 3 `|f_yyy|^2 + 3 |f_yyx|^2 + 3 |f_yxx|^2 +
 //! |f_xxx|^2`, plus `tension (|f_y|^2 + |f_x|^2)`. `H` is a sum of three or four products of banded matrices that reach
-//! 3 (order 2) or 4 (order 3) pixels: [`crate::operator::energy`], [`crate::operator::profile`].
+//! 3 (order 2) or 4 (order 3) pixels: `operator/energy.rs`, `operator/profile.rs`.
 //!
 //! Why the kernel is a choice: the kernel of equation 3.18 is continuous, but its first derivative jumps at every pixel,
 //! so its second derivative contains impulses and the inner products of equation 3.20 are infinite if read literally.

@@ -1,4 +1,4 @@
-//! Volume files: one file a format, all of them leading to a [`Header`] and the place of the voxels.
+//! Volume files: one file a format, all of them leading to a `Header` and the place of the voxels.
 //!
 //! No memory is taken on the word of a header: plain data must be as long as the header says, compressed data must be
 //! able to hold that much, and grows only as it is really read.
