@@ -17,7 +17,14 @@ fn a_signal_ends_the_run_within_a_moment() {
     let room = Room::new();
     room.add("big.exr", &sparse(300, 300));
     room.folder("o");
-    for (signal, expected) in [("-INT", 130), ("-TERM", 143), ("-HUP", 129)] {
+    for (signal, number) in [("-INT", 2), ("-TERM", 15), ("-HUP", 1)] {
+        if is_ignored(number) {
+            println!(
+                "left out {signal}: the tests were started with that signal ignored, which lacuna keeps so"
+            );
+            continue;
+        }
+        let expected = 128 + number;
         let words = [&["fill", "big.exr", "-o", "o/", "--json", "r.json"], ENDLESS].concat();
         let mut process = room.command(&words).spawn().unwrap();
         std::thread::sleep(Duration::from_millis(300));
@@ -31,6 +38,13 @@ fn a_signal_ends_the_run_within_a_moment() {
         let report: serde_json::Value = serde_json::from_slice(&bytes(&room.path("r.json"))).unwrap();
         assert_eq!(report["frames"][0]["state"], "pending");
     }
+}
+
+/// Whether this process, and so every child of it, was started with that signal ignored (`nohup` does that).
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap_or("0").trim();
+    u64::from_str_radix(mask, 16).is_ok_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
 
 #[test]
