@@ -24,6 +24,7 @@ mod write;
 pub use attributes::{Attribute, Attributes};
 pub use error::Error;
 use half::f16;
+use half::slice::HalfFloatSliceExt;
 pub use header::{ChannelHeader, PartHeader};
 use lacuna_filters::Size;
 pub use other::write_other;
@@ -167,6 +168,19 @@ impl Samples {
     /// Whether there is no sample.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// The values of a float channel as 32-bit floats, exactly; nothing for whole numbers.
+    pub fn to_floats(&self) -> Option<Vec<f32>> {
+        match self {
+            Self::Half(values) => {
+                let mut floats = vec![0.0; values.len()];
+                values.convert_to_f32_slice(&mut floats);
+                Some(floats)
+            }
+            Self::Float(values) => Some(values.clone()),
+            Self::Uint(_) => None,
+        }
     }
 
     /// Whether the bits are the same, those of NaNs included (`==` calls two NaNs different and two zeros equal).

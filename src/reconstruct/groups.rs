@@ -5,7 +5,6 @@ use std::sync::Arc;
 use lacuna_filters::Mask;
 
 use super::Error;
-use super::values::to_floats;
 use crate::channels::{self, Choice, Name, Rule, channel_label};
 use crate::frame::{Frame, Samples};
 use crate::mask::Masks;
@@ -94,7 +93,7 @@ fn measured_and(samples: &Samples, mask: &Arc<Mask>, fits: impl Fn(f32) -> bool)
     if misfits == 0 {
         return Ok(Arc::clone(mask));
     }
-    let values = to_floats(samples).ok_or(Error::OtherFrame)?;
+    let values = samples.to_floats().ok_or(Error::OtherFrame)?;
     let flags = values.iter().zip(flags).map(|(&value, &flag)| flag && fits(value)).collect();
     Mask::new(mask.size(), flags).map(Arc::new).map_err(|_| Error::OtherFrame)
 }

@@ -10,7 +10,7 @@ use super::apply::{Change, apply};
 use super::bounds::{Bounds, bounds_of};
 use super::groups::{Group, Target, groups, targets};
 use super::solve::{Question, solve};
-use super::{ChannelReport, Error, GroupReport, Job, PartReport, Plans, normals, values};
+use super::{ChannelReport, Error, GroupReport, Job, PartReport, Plans, normals};
 use crate::channels::{self, Choice, Rule, channel_label};
 use crate::frame::{Frame, Part, Samples};
 use crate::mask::Masks;
@@ -158,7 +158,7 @@ fn filter(
 
 /// A channel's measured values, zero elsewhere.
 pub fn measured_floats(samples: &Samples, mask: &Mask) -> Result<Vec<f32>, Error> {
-    let mut values = values::to_floats(samples).ok_or(Error::OtherFrame)?;
+    let mut values = samples.to_floats().ok_or(Error::OtherFrame)?;
     for (value, &measured) in values.iter_mut().zip(mask.as_slice()) {
         if !measured {
             *value = 0.0;

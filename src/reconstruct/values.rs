@@ -1,25 +1,11 @@
 //! Between the file's sample types and the filters' planes: exact where nothing is filled.
 
 use half::f16;
-use half::slice::HalfFloatSliceExt;
 use lacuna_filters::Mask;
 
 use super::job::Kind;
 use crate::channels::Rule;
 use crate::frame::Samples;
-
-/// The values of a float channel as 32-bit floats; nothing for whole numbers.
-pub fn to_floats(samples: &Samples) -> Option<Vec<f32>> {
-    match samples {
-        Samples::Half(values) => {
-            let mut floats = vec![0.0; values.len()];
-            values.convert_to_f32_slice(&mut floats);
-            Some(floats)
-        }
-        Samples::Float(values) => Some(values.clone()),
-        Samples::Uint(_) => None,
-    }
-}
 
 /// The nearest half (ties to even); finite values past the largest half become the largest, and are counted.
 pub fn to_half(value: f32, clamped: &mut usize) -> f16 {
@@ -72,7 +58,7 @@ pub fn convert(samples: Samples, kind: Option<Kind>, mask: Option<&Mask>) -> (Sa
             (Samples::Half(halves), loss)
         }
         (samples @ Samples::Half(_), Some(Kind::Float)) => {
-            (to_floats(&samples).map_or(samples, Samples::Float), Loss::default())
+            (samples.to_floats().map_or(samples, Samples::Float), Loss::default())
         }
         (samples, _) => (samples, Loss::default()),
     }

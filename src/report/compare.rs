@@ -12,7 +12,7 @@ use super::groups::{Group, Kind, pair};
 use super::images::Images;
 use super::measure::Measure;
 use super::model::{FrameReport, GroupReport, Measures, RegionReport, Settings};
-use super::values::{Clean, Values, chromaticities, differing, floats, value};
+use super::values::{Clean, Values, chromaticities, differing, value};
 use crate::channels::{Name, channel_label, is_alpha, part_label};
 use crate::frame::{Frame, Part};
 use crate::mask::Masks;
@@ -150,7 +150,7 @@ impl Work<'_> {
             })
         };
         let channel = with(&self.group.layer).or_else(|| with(""))?;
-        let alpha = floats(&channel.samples)?;
+        let alpha = channel.samples.to_floats()?;
         Some(alpha.iter().map(|&value| value > 0.0).collect())
     }
 
@@ -206,7 +206,7 @@ impl Work<'_> {
         let planes = |side: usize| -> Vec<Plane> {
             let channels = self.group.channels.iter().map(|&(a, b)| {
                 let samples = if side == 0 { &part.channels[a].samples } else { &other.channels[b].samples };
-                floats(samples).and_then(|values| Plane::new(size, values).ok())
+                samples.to_floats().and_then(|values| Plane::new(size, values).ok())
             });
             channels.map(|plane| plane.unwrap_or_else(|| Plane::filled(size, 0.0))).collect()
         };

@@ -113,20 +113,6 @@ impl<'a> Clean<'a> {
     }
 }
 
-/// The samples as 32-bit floats; whole numbers are none.
-pub fn floats(samples: &Samples) -> Option<Vec<f32>> {
-    use half::slice::HalfFloatSliceExt;
-    match samples {
-        Samples::Half(values) => {
-            let mut floats = vec![0.0; values.len()];
-            values.convert_to_f32_slice(&mut floats);
-            Some(floats)
-        }
-        Samples::Float(values) => Some(values.clone()),
-        Samples::Uint(_) => None,
-    }
-}
-
 /// One value.
 pub fn value(samples: &Samples, at: usize) -> f64 {
     match samples {
