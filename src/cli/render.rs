@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use lacuna_filters::Method;
-use lacuna_filters::baseline::{nearest, push_pull};
+use lacuna_filters::baseline::{cubic, linear, nearest, push_pull};
 use lacuna_filters::variational::{ss, tv};
 
 use super::Usage;
@@ -264,5 +264,7 @@ fn method(name: Name) -> Method {
         Name::Tv => Method::Tv(tv::Settings::default()),
         Name::PushPull => Method::PushPull(push_pull::Settings),
         Name::Nearest => Method::Nearest(nearest::Settings),
+        Name::Linear => Method::Linear(linear::Settings),
+        Name::Cubic => Method::Cubic(cubic::Settings),
     }
 }
