@@ -23,9 +23,11 @@ mod values;
 
 pub use compare::{Error, compare};
 pub use csv::csv;
+pub(crate) use csv::csv_line;
 pub use gate::{Bound, Gate, GateError};
 pub use groups::Kind;
 pub use html::{MOST_FRAMES_WITH_PIXELS, Picture, html};
+pub(crate) use html::{base64, escape, shell};
 pub use images::{Flicker, Images};
 pub use maps::Maps;
 pub use markdown::markdown;
