@@ -16,6 +16,7 @@ mod inputs;
 mod mask;
 mod masks;
 mod memory;
+mod page;
 pub mod pattern;
 mod plan;
 mod plans;

@@ -4,6 +4,7 @@
 //! sorting and a viewer (slider, linked zoom, exposure, curve, error maps).
 
 mod codes;
+mod filled;
 mod picture;
 mod plot;
 mod shell;
@@ -12,6 +13,7 @@ mod table;
 use std::fmt::Write;
 
 pub use codes::base64;
+pub use filled::{Filled, Pictures as FilledPictures, filled};
 pub use picture::Picture;
 pub use shell::shell;
 
@@ -123,13 +125,15 @@ fn plots(comparison: &Comparison, page: &mut String) {
                     let value = frame.main_group()?.region(region)?.measures.get(measure)?;
                     value.is_finite().then_some(value)
                 };
-                (region, comparison.frames.iter().map(value).collect::<Vec<_>>())
+                let values = comparison.frames.iter().map(value).collect();
+                plot::Series { name: region, class: region, values }
             })
-            .filter(|(_, values)| values.iter().flatten().count() > 1)
+            .filter(|line| line.values.iter().flatten().count() > 1)
             .collect();
         if !lines.is_empty() {
             let labels: Vec<_> = comparison.frames.iter().map(FrameReport::label).collect();
-            page.push_str(&plot::plot(measure, &labels, &lines));
+            let cell = |value: f64| table::cell(measure, Some(value));
+            page.push_str(&plot::plot(&table::heading(measure), &cell, &labels, &lines));
         }
     }
     page.push_str("</div></section>\n");
