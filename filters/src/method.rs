@@ -1,7 +1,7 @@
 //! The methods a user picks from. A new filter is one file and one line here.
 
 use crate::Filter;
-use crate::baseline::{nearest, push_pull};
+use crate::baseline::{cubic, linear, nearest, push_pull};
 use crate::variational::{ss, tv};
 
 /// A reconstruction method with its settings.
@@ -16,6 +16,10 @@ pub enum Method {
     PushPull(push_pull::Settings),
     /// The nearest measured pixel.
     Nearest(nearest::Settings),
+    /// Planes on triangles of measured pixels.
+    Linear(linear::Settings),
+    /// Cubic pieces on triangles of measured pixels.
+    Cubic(cubic::Settings),
 }
 
 impl Method {
@@ -26,6 +30,8 @@ impl Method {
             Self::Tv(_) => "tv",
             Self::PushPull(_) => "pushpull",
             Self::Nearest(_) => "nearest",
+            Self::Linear(_) => "linear",
+            Self::Cubic(_) => "cubic",
         }
     }
 
@@ -34,7 +40,7 @@ impl Method {
         match self {
             Self::Ss(settings) => settings.to_string(),
             Self::Tv(settings) => settings.to_string(),
-            Self::PushPull(_) | Self::Nearest(_) => String::new(),
+            Self::PushPull(_) | Self::Nearest(_) | Self::Linear(_) | Self::Cubic(_) => String::new(),
         }
     }
 
@@ -45,6 +51,8 @@ impl Method {
             Self::Tv(settings) => settings,
             Self::PushPull(settings) => settings,
             Self::Nearest(settings) => settings,
+            Self::Linear(settings) => settings,
+            Self::Cubic(settings) => settings,
         }
     }
 
@@ -53,7 +61,7 @@ impl Method {
         match self {
             Self::Ss(settings) => settings.lambda == 0.0,
             Self::Tv(settings) => settings.epsilon == 0.0,
-            Self::PushPull(_) | Self::Nearest(_) => true,
+            Self::PushPull(_) | Self::Nearest(_) | Self::Linear(_) | Self::Cubic(_) => true,
         }
     }
 }
@@ -65,12 +73,14 @@ mod tests {
     use super::*;
     use crate::{Error, Mask, Plane, Planes, Problem, Run, Size};
 
-    fn all() -> [Method; 4] {
+    fn all() -> [Method; 6] {
         [
             Method::Ss(ss::Settings::default()),
             Method::Tv(tv::Settings::default()),
             Method::PushPull(push_pull::Settings),
             Method::Nearest(nearest::Settings),
+            Method::Linear(linear::Settings),
+            Method::Cubic(cubic::Settings),
         ]
     }
 
@@ -84,7 +94,8 @@ mod tests {
 
     #[test]
     fn names_are_those_of_the_command_line() {
-        assert_eq!(all().map(|method| method.name()), ["ss", "tv", "pushpull", "nearest"]);
+        let names = ["ss", "tv", "pushpull", "nearest", "linear", "cubic"];
+        assert_eq!(all().map(|method| method.name()), names);
     }
 
     #[test]
@@ -100,7 +111,7 @@ mod tests {
 
     #[test]
     fn settings_tell_methods_with_settings_apart() {
-        let [ss, _, push_pull, nearest] = all();
+        let [ss, _, push_pull, nearest, ..] = all();
         assert_ne!(ss.settings(), Method::Ss(smoothing()).settings());
         assert!(!ss.settings().contains('\n'));
         assert_eq!((push_pull.settings().as_str(), nearest.settings().as_str()), ("", ""));

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use lacuna_filters::Method;
-use lacuna_filters::baseline::{nearest, push_pull};
+use lacuna_filters::baseline::{cubic, linear, nearest, push_pull};
 use lacuna_filters::variational::{ss, tv};
 
 use super::Usage;
@@ -128,6 +128,10 @@ pub enum Name {
     PushPull,
     /// The nearest measured pixel
     Nearest,
+    /// Planes on triangles of measured pixels
+    Linear,
+    /// Cubic pieces on triangles of measured pixels, without creases
+    Cubic,
 }
 
 /// The spline of `ss`.
@@ -208,6 +212,8 @@ impl FilterArgs {
             Name::Tv => Method::Tv(self.tv()),
             Name::PushPull => Method::PushPull(push_pull::Settings),
             Name::Nearest => Method::Nearest(nearest::Settings),
+            Name::Linear => Method::Linear(linear::Settings),
+            Name::Cubic => Method::Cubic(cubic::Settings),
         })
     }
 
