@@ -2,6 +2,7 @@
 
 use crate::Filter;
 use crate::baseline::{nearest, push_pull};
+use crate::sensing::{cs_gradient, cs_wavelet};
 use crate::variational::{ss, tv};
 
 /// A reconstruction method with its settings.
@@ -16,6 +17,10 @@ pub enum Method {
     PushPull(push_pull::Settings),
     /// The nearest measured pixel.
     Nearest(nearest::Settings),
+    /// Compressed sensing in the wavelet domain.
+    CsWavelet(cs_wavelet::Settings),
+    /// Compressed sensing of the gradient in the Fourier domain.
+    CsGradient(cs_gradient::Settings),
 }
 
 impl Method {
@@ -26,6 +31,8 @@ impl Method {
             Self::Tv(_) => "tv",
             Self::PushPull(_) => "pushpull",
             Self::Nearest(_) => "nearest",
+            Self::CsWavelet(_) => "cs-wavelet",
+            Self::CsGradient(_) => "cs-gradient",
         }
     }
 
@@ -35,6 +42,8 @@ impl Method {
             Self::Ss(settings) => settings.to_string(),
             Self::Tv(settings) => settings.to_string(),
             Self::PushPull(_) | Self::Nearest(_) => String::new(),
+            Self::CsWavelet(settings) => settings.to_string(),
+            Self::CsGradient(settings) => settings.to_string(),
         }
     }
 
@@ -45,6 +54,8 @@ impl Method {
             Self::Tv(settings) => settings,
             Self::PushPull(settings) => settings,
             Self::Nearest(settings) => settings,
+            Self::CsWavelet(settings) => settings,
+            Self::CsGradient(settings) => settings,
         }
     }
 
@@ -54,6 +65,8 @@ impl Method {
             Self::Ss(settings) => settings.lambda == 0.0,
             Self::Tv(settings) => settings.epsilon == 0.0,
             Self::PushPull(_) | Self::Nearest(_) => true,
+            Self::CsWavelet(settings) => settings.epsilon == 0.0,
+            Self::CsGradient(settings) => !settings.restore,
         }
     }
 }
@@ -65,12 +78,14 @@ mod tests {
     use super::*;
     use crate::{Error, Mask, Plane, Planes, Problem, Run, Size};
 
-    fn all() -> [Method; 4] {
+    fn all() -> [Method; 6] {
         [
             Method::Ss(ss::Settings::default()),
             Method::Tv(tv::Settings::default()),
             Method::PushPull(push_pull::Settings),
             Method::Nearest(nearest::Settings),
+            Method::CsWavelet(cs_wavelet::Settings::default()),
+            Method::CsGradient(cs_gradient::Settings::default()),
         ]
     }
 
@@ -84,7 +99,8 @@ mod tests {
 
     #[test]
     fn names_are_those_of_the_command_line() {
-        assert_eq!(all().map(|method| method.name()), ["ss", "tv", "pushpull", "nearest"]);
+        let names = ["ss", "tv", "pushpull", "nearest", "cs-wavelet", "cs-gradient"];
+        assert_eq!(all().map(|method| method.name()), names);
     }
 
     #[test]
@@ -100,7 +116,7 @@ mod tests {
 
     #[test]
     fn settings_tell_methods_with_settings_apart() {
-        let [ss, _, push_pull, nearest] = all();
+        let [ss, _, push_pull, nearest, ..] = all();
         assert_ne!(ss.settings(), Method::Ss(smoothing()).settings());
         assert!(!ss.settings().contains('\n'));
         assert_eq!((push_pull.settings().as_str(), nearest.settings().as_str()), ("", ""));

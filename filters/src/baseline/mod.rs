@@ -1,6 +1,6 @@
 //! Baselines: direct methods without an objective, fast and plain; and the rules that copy instead of computing.
 
-mod check;
+pub(crate) mod check;
 pub mod depth;
 pub mod nearest;
 pub mod push_pull;
