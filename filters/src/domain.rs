@@ -116,6 +116,14 @@ impl Map {
         }
     }
 
+    /// The derivative of the map at a value: what a derivative is multiplied by when the value is mapped.
+    pub fn slope(self, value: f32) -> f32 {
+        match self {
+            Self::Linear => 1.0,
+            Self::Log { scale } => (1.0 / f64::from(value).hypot(scale)) as f32,
+        }
+    }
+
     /// Maps one value back. What would be beyond the largest f32 becomes that.
     pub fn inverse(self, value: f32) -> f32 {
         match self {
@@ -245,6 +253,17 @@ mod tests {
         Map::Linear.forward_plane(&mask, &mut same);
         Map::Linear.inverse_plane(&mut same);
         assert!(same.pixels().iter().zip(plane.pixels()).all(|(a, b)| a.to_bits() == b.to_bits()));
+    }
+
+    #[test]
+    fn the_slope_is_that_of_the_map() {
+        let map = Map::Log { scale: 0.5 };
+        for value in [-3.0_f32, -0.1, 0.0, 0.2, 40.0] {
+            let h = 1e-2 * (1.0 + value.abs());
+            let difference = (map.forward(value + h) - map.forward(value - h)) / (2.0 * h);
+            assert!((map.slope(value) - difference).abs() <= 1e-2 * difference, "{value}");
+        }
+        assert_eq!(Map::Linear.slope(7.0), 1.0);
     }
 
     #[test]

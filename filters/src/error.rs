@@ -17,6 +17,12 @@ pub enum Error {
     /// The mask has no measured pixel, so nothing says what the image is.
     #[error("the mask has no measured pixel")]
     EmptyMask,
+    /// No two neighbours were measured, so that no difference is known.
+    #[error(
+        "no two neighbours are measured in a row or in a column, so nothing is known of the gradient: use a mask of \
+         `lacuna mask --paired`, or render gradients"
+    )]
+    NoPairs,
     /// A setting is outside its range.
     #[error("{name} = {value} is out of range ({range})")]
     Setting {

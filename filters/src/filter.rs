@@ -48,6 +48,30 @@ pub trait Plan: Send + Sync {
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<Outcome, Error>;
+
+    /// The same, where samples of the image's gradient were measured, too. Methods that have no use for them fill from
+    /// the pixels alone.
+    ///
+    /// # Errors
+    /// As [`Plan::reconstruct`].
+    fn reconstruct_gradients(
+        &self,
+        samples: &Planes,
+        _gradients: &Gradients<'_>,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<Outcome, Error> {
+        self.reconstruct(samples, None, out, run)
+    }
+}
+
+/// Samples of the derivatives of a group of channels per pixel, at pixel centres.
+#[derive(Clone, Copy, Debug)]
+pub struct Gradients<'a> {
+    /// Along rows (x, to the right), and along columns (y, down): as many planes each as the group has channels.
+    pub planes: [&'a Planes; 2],
+    /// Where they were measured.
+    pub mask: &'a Mask,
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@
 //! [`domain`] and [`limiter`] stand before and after a plan and keep long ranges from ringing.
 //! What depends on the mask alone is in the plan, which serves every channel and every frame of that mask.
 //! The rooms, each importing only from those to its right:
-//! `variational | baseline -> solver -> operator | prox -> kernel -> plane | mask`.
+//! `variational | sensing | baseline -> solver -> operator | prox -> kernel -> plane | mask`.
 
 pub mod baseline;
 pub mod domain;
@@ -28,11 +28,12 @@ mod plane;
 pub mod prox;
 mod run;
 pub mod sampling;
+pub mod sensing;
 mod solver;
 pub mod variational;
 
 pub use error::Error;
-pub use filter::{Filter, Plan, Problem};
+pub use filter::{Filter, Gradients, Plan, Problem};
 pub use mask::Mask;
 pub use method::Method;
 pub use outcome::{Outcome, Stop};

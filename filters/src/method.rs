@@ -2,6 +2,7 @@
 
 use crate::Filter;
 use crate::baseline::{cubic, linear, nearest, push_pull};
+use crate::sensing::{cs_gradient, cs_wavelet};
 use crate::variational::{ss, tv};
 
 /// A reconstruction method with its settings.
@@ -20,6 +21,10 @@ pub enum Method {
     Linear(linear::Settings),
     /// Cubic pieces on triangles of measured pixels.
     Cubic(cubic::Settings),
+    /// Compressed sensing in the wavelet domain.
+    CsWavelet(cs_wavelet::Settings),
+    /// Compressed sensing of the gradient in the Fourier domain.
+    CsGradient(cs_gradient::Settings),
 }
 
 impl Method {
@@ -32,6 +37,8 @@ impl Method {
             Self::Nearest(_) => "nearest",
             Self::Linear(_) => "linear",
             Self::Cubic(_) => "cubic",
+            Self::CsWavelet(_) => "cs-wavelet",
+            Self::CsGradient(_) => "cs-gradient",
         }
     }
 
@@ -41,6 +48,8 @@ impl Method {
             Self::Ss(settings) => settings.to_string(),
             Self::Tv(settings) => settings.to_string(),
             Self::PushPull(_) | Self::Nearest(_) | Self::Linear(_) | Self::Cubic(_) => String::new(),
+            Self::CsWavelet(settings) => settings.to_string(),
+            Self::CsGradient(settings) => settings.to_string(),
         }
     }
 
@@ -53,6 +62,8 @@ impl Method {
             Self::Nearest(settings) => settings,
             Self::Linear(settings) => settings,
             Self::Cubic(settings) => settings,
+            Self::CsWavelet(settings) => settings,
+            Self::CsGradient(settings) => settings,
         }
     }
 
@@ -62,6 +73,8 @@ impl Method {
             Self::Ss(settings) => settings.lambda == 0.0,
             Self::Tv(settings) => settings.epsilon == 0.0,
             Self::PushPull(_) | Self::Nearest(_) | Self::Linear(_) | Self::Cubic(_) => true,
+            Self::CsWavelet(settings) => settings.epsilon == 0.0,
+            Self::CsGradient(settings) => !settings.restore,
         }
     }
 }
@@ -73,7 +86,7 @@ mod tests {
     use super::*;
     use crate::{Error, Mask, Plane, Planes, Problem, Run, Size};
 
-    fn all() -> [Method; 6] {
+    fn all() -> [Method; 8] {
         [
             Method::Ss(ss::Settings::default()),
             Method::Tv(tv::Settings::default()),
@@ -81,6 +94,8 @@ mod tests {
             Method::Nearest(nearest::Settings),
             Method::Linear(linear::Settings),
             Method::Cubic(cubic::Settings),
+            Method::CsWavelet(cs_wavelet::Settings::default()),
+            Method::CsGradient(cs_gradient::Settings::default()),
         ]
     }
 
@@ -94,7 +109,7 @@ mod tests {
 
     #[test]
     fn names_are_those_of_the_command_line() {
-        let names = ["ss", "tv", "pushpull", "nearest", "linear", "cubic"];
+        let names = ["ss", "tv", "pushpull", "nearest", "linear", "cubic", "cs-wavelet", "cs-gradient"];
         assert_eq!(all().map(|method| method.name()), names);
     }
 

@@ -27,12 +27,25 @@ pub struct Outcome {
     pub residual: Option<f64>,
     /// Relative duality gap, for convex methods: the objective is at most this far above its minimum.
     pub gap: Option<f64>,
+    /// The objective reached, for methods that minimise an l1 norm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub objective: Option<f64>,
+    /// Distance from the samples, a Euclidean norm, for the same methods.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub constraint: Option<f64>,
 }
 
 impl Outcome {
     /// The outcome of a method without iterations.
     pub const fn direct() -> Self {
-        Self { stop: Stop::Converged, iterations: 0, residual: None, gap: None }
+        Self {
+            stop: Stop::Converged,
+            iterations: 0,
+            residual: None,
+            gap: None,
+            objective: None,
+            constraint: None,
+        }
     }
 
     /// The worse of two outcomes, field by field.
@@ -47,6 +60,8 @@ impl Outcome {
             iterations: self.iterations.max(other.iterations),
             residual: larger(self.residual, other.residual),
             gap: larger(self.gap, other.gap),
+            objective: larger(self.objective, other.objective),
+            constraint: larger(self.constraint, other.constraint),
         }
     }
 }
@@ -57,10 +72,24 @@ mod tests {
 
     #[test]
     fn the_worst_is_taken_field_by_field() {
-        let a = Outcome { stop: Stop::IterationLimit, iterations: 3, residual: Some(0.5), gap: None };
-        let b = Outcome { stop: Stop::Converged, iterations: 9, residual: Some(0.25), gap: Some(0.1) };
-        let worst =
-            Outcome { stop: Stop::IterationLimit, iterations: 9, residual: Some(0.5), gap: Some(0.1) };
+        let direct = Outcome::direct();
+        let a = Outcome {
+            stop: Stop::IterationLimit,
+            iterations: 3,
+            residual: Some(0.5),
+            objective: Some(7.0),
+            ..direct
+        };
+        let b =
+            Outcome { iterations: 9, residual: Some(0.25), gap: Some(0.1), constraint: Some(0.2), ..direct };
+        let worst = Outcome {
+            stop: Stop::IterationLimit,
+            iterations: 9,
+            residual: Some(0.5),
+            gap: Some(0.1),
+            objective: Some(7.0),
+            constraint: Some(0.2),
+        };
         assert_eq!(a.worst(b), worst);
         assert_eq!(b.worst(a), worst);
         assert_eq!(Outcome::direct().worst(Outcome::direct()), Outcome::direct());

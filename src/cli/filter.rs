@@ -6,9 +6,11 @@ use std::str::FromStr;
 use clap::{Args, ValueEnum};
 use lacuna_filters::Method;
 use lacuna_filters::baseline::{cubic, linear, nearest, push_pull};
+use lacuna_filters::sensing::Solver;
 use lacuna_filters::variational::{ss, tv};
 
 use super::Usage;
+use super::sensing::{SensingArgs, SolverName};
 use crate::reconstruct::Domain;
 
 /// The filter and its settings.
@@ -51,6 +53,14 @@ pub struct FilterArgs {
     #[arg(long, value_name = "N", value_parser = one_or_more, allow_hyphen_values = true, help = defaults::tv_iterations())]
     pub tv_iterations: Option<u32>,
 
+    /// tv: how the image is found, to the same gap
+    #[arg(long, value_name = "SOLVER", help = defaults::tv_solver())]
+    pub tv_solver: Option<SolverName>,
+
+    /// Settings of the compressed-sensing filters
+    #[command(flatten)]
+    pub sensing: SensingArgs,
+
     /// Where colours are reconstructed: as they are, through a reversible logarithm (for highlights), or as their range
     /// asks for
     #[arg(long, value_name = "DOMAIN", default_value = "auto")]
@@ -62,10 +72,10 @@ pub struct FilterArgs {
 }
 
 /// Help texts that name the filters' own defaults.
-mod defaults {
+pub(super) mod defaults {
     use lacuna_filters::variational::{ss, tv};
 
-    fn with(text: &str, default: impl std::fmt::Display) -> String {
+    pub fn with(text: &str, default: impl std::fmt::Display) -> String {
         format!("{text} [default: {default}]")
     }
 
@@ -111,6 +121,11 @@ mod defaults {
         with(text, tv::Settings::default().gap)
     }
 
+    pub fn tv_solver() -> String {
+        let text = "tv: how the image is found, to the same gap; nesta is what the thesis used, and slower";
+        with(text, tv::Settings::default().solver.name())
+    }
+
     pub fn tv_iterations() -> String {
         with("tv: iterations at most, 1 or more", tv::Settings::default().max_iterations)
     }
@@ -132,6 +147,10 @@ pub enum Name {
     Linear,
     /// Cubic pieces on triangles of measured pixels, without creases
     Cubic,
+    /// Compressed sensing: sparse wavelet coefficients; a baseline
+    CsWavelet,
+    /// Compressed sensing: gradients with a sparse spectrum; a baseline
+    CsGradient,
 }
 
 /// The spline of `ss`.
@@ -195,7 +214,9 @@ impl FilterArgs {
             ("--tv-epsilon", self.tv_epsilon.is_some(), Name::Tv),
             ("--tv-gap", self.tv_gap.is_some(), Name::Tv),
             ("--tv-iterations", self.tv_iterations.is_some(), Name::Tv),
+            ("--tv-solver", self.tv_solver.is_some(), Name::Tv),
         ];
+        let settings = settings.into_iter().chain(self.sensing.given()).collect::<Vec<_>>();
         if let Some((flag, _, owner)) =
             settings.iter().find(|(_, given, owner)| *given && *owner != self.filter)
         {
@@ -214,6 +235,8 @@ impl FilterArgs {
             Name::Nearest => Method::Nearest(nearest::Settings),
             Name::Linear => Method::Linear(linear::Settings),
             Name::Cubic => Method::Cubic(cubic::Settings),
+            Name::CsWavelet => Method::CsWavelet(self.sensing.wavelet()),
+            Name::CsGradient => Method::CsGradient(self.sensing.gradient()),
         })
     }
 
@@ -253,11 +276,12 @@ impl FilterArgs {
             Norm::Anisotropic => tv::Norm::Anisotropic,
         });
         set(&mut settings.norm, norm);
+        set(&mut settings.solver, self.tv_solver.map(Solver::from));
         settings
     }
 }
 
-fn set<T>(setting: &mut T, given: Option<T>) {
+pub(super) fn set<T>(setting: &mut T, given: Option<T>) {
     if let Some(value) = given {
         *setting = value;
     }
@@ -267,14 +291,14 @@ fn number<T: FromStr>(text: &str, range: impl Display, fits: impl Fn(&T) -> bool
     text.parse().ok().filter(fits).ok_or_else(|| format!("it must be a number {range}"))
 }
 
-fn zero_or_more(text: &str) -> Result<f64, String> {
+pub(super) fn zero_or_more(text: &str) -> Result<f64, String> {
     number(text, "of 0 or more", |value: &f64| *value >= 0.0 && value.is_finite())
 }
 
-fn one_or_more(text: &str) -> Result<u32, String> {
+pub(super) fn one_or_more(text: &str) -> Result<u32, String> {
     number(text, "of 1 or more", |value: &u32| *value >= 1)
 }
 
-fn above_zero(text: &str) -> Result<f64, String> {
+pub(super) fn above_zero(text: &str) -> Result<f64, String> {
     number(text, "above 0", |value: &f64| *value > 0.0 && value.is_finite())
 }

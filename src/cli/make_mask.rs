@@ -72,6 +72,10 @@ struct PatternArgs {
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
 
+    /// Each pixel with its right and its lower neighbour, which all count for the density: for --filter cs-gradient
+    #[arg(long, conflicts_with_all = ["rank", "after", "merge", "measure"])]
+    paired: bool,
+
     /// Write the rank of each pixel instead: rank < D is the mask of density D (shuffle, blue-noise, random)
     #[arg(long, conflicts_with_all = ["after", "merge", "measure"])]
     rank: bool,
@@ -242,6 +246,7 @@ impl MakeMaskArgs {
             density,
             seed: self.pattern.seed,
             temporal: self.pattern.temporal.into(),
+            paired: self.pattern.paired,
         };
         if request.temporal != Temporal::Fixed && self.pattern.frames.is_none() {
             return Err(Usage("--temporal needs --frames".into()));

@@ -1,6 +1,6 @@
 //! The command line: flags become a checked job; no work is done here.
 //!
-//! Groups of flags that several subcommands share have a file each ([`input`], [`mask`], [`channels`], [`filter`],
+//! Groups of flags that several subcommands share have a file each ([`input`], [`mask`], [`channels`], [`filter`], [`sensing`],
 //! [`output`], [`run`]), so that a flag means the same everywhere; so has each subcommand.
 
 pub mod channels;
@@ -14,6 +14,7 @@ pub mod mask;
 pub mod output;
 pub mod render;
 pub mod run;
+pub mod sensing;
 pub mod sparsify;
 pub mod study;
 pub mod verify;

@@ -6,6 +6,7 @@ use std::str::FromStr;
 use clap::{Args, ValueEnum};
 use lacuna_filters::Method;
 use lacuna_filters::baseline::{cubic, linear, nearest, push_pull};
+use lacuna_filters::sensing::{cs_gradient, cs_wavelet};
 use lacuna_filters::variational::{ss, tv};
 
 use super::Usage;
@@ -269,5 +270,7 @@ fn method(name: Name) -> Method {
         Name::Nearest => Method::Nearest(nearest::Settings),
         Name::Linear => Method::Linear(linear::Settings),
         Name::Cubic => Method::Cubic(cubic::Settings),
+        Name::CsWavelet => Method::CsWavelet(cs_wavelet::Settings::default()),
+        Name::CsGradient => Method::CsGradient(cs_gradient::Settings::default()),
     }
 }

@@ -43,7 +43,7 @@ pub struct RunArgs {
     #[allow(missing_docs)]
     pub speech: SpeechArgs,
 
-    /// Write a report as JSON (- is standard output): per frame files, settings, density, iterations, residual or gap,
+    /// Write a report as JSON (- is standard output): per frame files, settings, density, iterations, residual or gap, objective,
     /// seconds, state
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

@@ -21,6 +21,8 @@ pub struct Request {
     pub seed: u64,
     /// How the masks of frames are related.
     pub temporal: Temporal,
+    /// Each pixel comes with its right and its lower neighbour; the density counts them all.
+    pub paired: bool,
 }
 
 /// Pixels that are in or out whatever the pattern says.
@@ -76,8 +78,10 @@ impl Bounds {
 /// # Errors
 /// A density outside 0 to 1; `complementary` with a pattern that is not progressive.
 pub fn generate(request: &Request, frame: i64, bounds: &Bounds) -> Result<Mask, MakeError> {
-    let Request { window, pattern, density, seed, temporal } = *request;
-    Ok(bounds.apply(sampling::mask(pattern, field(window), density, seed, temporal, frame)?))
+    let Request { window, pattern, density, seed, temporal, paired } = *request;
+    let make = |density| sampling::mask(pattern, field(window), density, seed, temporal, frame);
+    let mask = if paired { sampling::paired::mask(density, make)? } else { make(density)? };
+    Ok(bounds.apply(mask))
 }
 
 /// The order of a frame's pixels; for patterns without one that of the shuffle, which spreads any prefix of a list.

@@ -14,6 +14,7 @@
 mod apply;
 mod bounds;
 mod error;
+mod gradients;
 mod groups;
 mod job;
 pub(crate) mod normals;

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::apply::{Change, apply};
 use super::bounds::{Bounds, bounds_of};
+use super::gradients;
 use super::groups::{Group, Target, groups, targets};
 use super::solve::{Question, solve};
 use super::{ChannelReport, Error, GroupReport, Job, PartReport, Plans, normals};
@@ -53,9 +54,14 @@ struct Filled {
 
 /// Fills one part of a frame, in place.
 pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
-    let targets = targets(frame, work.index, work.masks, work.choices)?;
+    let mut targets = targets(frame, work.index, work.masks, work.choices)?;
     let part = &frame.parts[work.index];
     let mut done = Done { report: blank_report(part, work.choices), ..Done::default() };
+    for channel in gradients::used(part, &targets, &work.job.method) {
+        targets.retain(|target| target.channel != channel);
+        let report = &mut done.report.channels[channel];
+        (report.rule, report.why) = (Rule::Keep, "samples of the gradient".into());
+    }
     let mut filled = Vec::new();
     for group in groups(frame, work.index, &targets) {
         filled.extend(filter(frame, work, &group, &targets, &mut done)?);
@@ -130,7 +136,9 @@ fn filter(
     let names: Vec<_> =
         group.channels.iter().map(|&at| part.channels[at].display_name().into_owned()).collect();
     let bounds = names.iter().map(|name| if group.normal { Bounds::Free } else { bounds_of(name) });
-    let question = Question { mask, light: group.light, limit: !group.normal, bounds: bounds.collect() };
+    let gradients = gradients::find(frame, work, group).map_err(fail)?;
+    let question =
+        Question { mask, light: group.light, limit: !group.normal, bounds: bounds.collect(), gradients };
     let answer = solve(&question, &samples, work.job, work.plans, work.run).map_err(fail)?;
     if answer.mended > 0 {
         done.notes.push(format!(

@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use lacuna_filters::domain::{Domain, Map};
-use lacuna_filters::{Error, Mask, Outcome, Plane, Planes, Run, limiter};
+use lacuna_filters::{Error, Mask, Outcome, Plan, Plane, Planes, Run, limiter};
 
 use super::bounds::Bounds;
+use super::gradients::GradientSamples;
 use super::{Job, Plans};
 
 /// What a group is and what is asked of it.
@@ -19,6 +20,8 @@ pub struct Question<'a> {
     pub limit: bool,
     /// The bounds of each plane.
     pub bounds: Vec<Bounds>,
+    /// Samples of the gradient, if the method uses them.
+    pub gradients: Option<GradientSamples>,
 }
 
 /// A group that has been solved.
@@ -50,11 +53,13 @@ pub fn solve(
         if question.light { job.domain.map(mask, samples.as_slice()) } else { Domain::Linear.map(mask, &[]) };
     let mut out = Planes::zeros(samples.size(), samples.len());
     let outcome = if map.is_linear() {
-        plan.reconstruct(samples, None, &mut out, run)?
+        run_plan(&*plan, samples, question.gradients.as_ref(), &mut out, run)?
     } else {
         let mut mapped = samples.clone();
         mapped.as_mut_slice().iter_mut().for_each(|plane| map.forward_plane(mask, plane));
-        let outcome = plan.reconstruct(&mapped, None, &mut out, run)?;
+        let gradients = question.gradients.as_ref();
+        let gradients = gradients.map(|found| found.mapped(map, samples, mask)).transpose()?;
+        let outcome = run_plan(&*plan, &mapped, gradients.as_ref(), &mut out, run)?;
         out.as_mut_slice().iter_mut().for_each(|plane| map.inverse_plane(plane));
         outcome
     };
@@ -75,6 +80,19 @@ pub fn solve(
         answer.limited.push(moved);
     }
     Ok(answer)
+}
+
+fn run_plan(
+    plan: &dyn Plan,
+    samples: &Planes,
+    gradients: Option<&GradientSamples>,
+    out: &mut Planes,
+    run: &Run<'_>,
+) -> Result<Outcome, Error> {
+    match gradients {
+        Some(gradients) => plan.reconstruct_gradients(samples, &gradients.view(), out, run),
+        None => plan.reconstruct(samples, None, out, run),
+    }
 }
 
 /// A method that smooths may take measured pixels out of the bounds as well; returns how many were moved back.

@@ -269,6 +269,8 @@ fn line(item: &Item, record: &Record) -> String {
         parts.push(format!("{} iterations", outcome.iterations));
         parts.extend(outcome.residual.map(|residual| format!("residual {residual:.1e}")));
         parts.extend(outcome.gap.map(|gap| format!("gap {gap:.1e}")));
+        parts.extend(outcome.objective.map(|objective| format!("objective {objective:.6}")));
+        parts.extend(outcome.constraint.map(|distance| format!("distance from the samples {distance:.1e}")));
     }
     let seconds = record.seconds;
     parts.push(format!(

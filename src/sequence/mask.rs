@@ -201,7 +201,8 @@ fn one(
         return write_floats(path, "rank", ranks, 1.0, request.window, &how).map_err(fail);
     }
     let mask = generate::generate(request, frame, &bounds).map_err(&fail)?;
-    how.attributes.push((PATTERN, format!("{pattern} density={}", request.density)));
+    let paired = if request.paired { " paired" } else { "" };
+    how.attributes.push((PATTERN, format!("{pattern} density={}{paired}", request.density)));
     let listing = Listing::Rank(order_within(request, frame, &bounds));
     write_mask(path, &mask, request.window, &listing, &how).map_err(fail)?;
     report(path, &mask, console);

@@ -1,9 +1,9 @@
-//! What every baseline demands of the planes that it is given.
+//! What baselines and compressed sensing demand of the planes that it is given.
 
 use crate::{Error, Mask, Planes};
 
 /// Sizes agree and measured values are finite; `out` has as many planes as `samples`.
-pub(super) fn group(mask: &Mask, samples: &Planes, out: &Planes) -> Result<(), Error> {
+pub(crate) fn group(mask: &Mask, samples: &Planes, out: &Planes) -> Result<(), Error> {
     for size in [samples.size(), out.size()] {
         if size != mask.size() {
             return Err(Error::SizeMismatch { expected: mask.size(), found: size.to_string() });

@@ -103,7 +103,7 @@ const MOST_SWEEPS: usize = 400;
 
 /// The outcome of so many sweeps.
 fn outcome(stop: Stop, sweeps: usize) -> Outcome {
-    Outcome { stop, iterations: sweeps, residual: None, gap: None }
+    Outcome { stop, iterations: sweeps, ..Outcome::direct() }
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ pub mod coherence;
 pub mod grid;
 pub mod measure;
 pub mod order;
+pub mod paired;
 pub mod poisson;
 pub mod random;
 pub mod refine;

@@ -1,7 +1,12 @@
 //! Solvers: they know matrices, vectors on a grid and which unknowns are free, but no images and no settings.
 
+pub mod anchored;
 pub mod bottom;
 pub mod conjugate;
 pub mod local;
 pub mod multigrid;
+pub mod nesta;
+pub mod poisson;
 pub mod primal_dual;
+pub mod saddle;
+pub mod sparsity;

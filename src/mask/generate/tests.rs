@@ -4,7 +4,14 @@ use super::*;
 use crate::testing::{float, frame as frame_of, half, part, window};
 
 fn request(pattern: Pattern, density: f64) -> Request {
-    Request { window: window(-3, 7, 29, 31), pattern, density, seed: 2, temporal: Temporal::Fixed }
+    Request {
+        window: window(-3, 7, 29, 31),
+        pattern,
+        density,
+        seed: 2,
+        temporal: Temporal::Fixed,
+        paired: false,
+    }
 }
 
 #[test]

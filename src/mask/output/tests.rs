@@ -14,6 +14,7 @@ const REQUEST: Request = Request {
     density: 0.3,
     seed: 1,
     temporal: Temporal::Fixed,
+    paired: false,
 };
 
 fn write(name: &str, mask: &Mask) -> (tempfile::TempDir, std::path::PathBuf) {

@@ -106,7 +106,7 @@ impl Region {
             stop: ending.stop,
             iterations: ending.iterations,
             residual: Some(ending.residual),
-            gap: None,
+            ..Outcome::direct()
         }
     }
 

@@ -2,12 +2,14 @@
 
 use rayon::prelude::*;
 
-use super::Settings;
+use super::nesta::Nesta;
 use super::tighten::{clip, tighten};
+use super::{Settings, Solver};
 use crate::kernel::tv::{Bound, DualBall, Isa, Rates, bound_row, variation_row};
 use crate::prox::L2Ball;
 use crate::solver::primal_dual::{Ball, State, Sweeps};
-use crate::{Outcome, Plane, Size, Stop};
+use crate::solver::sparsity::Samples;
+use crate::{Outcome, Plane, Run, Size, Stop};
 
 /// Primal step over the mean norm of the start's gradient, at [`USUAL_DENSITY`].
 const STEP: f64 = 1.1;
@@ -38,6 +40,8 @@ pub struct Channel {
     low: f64,
     range: f64,
     state: State,
+    /// Only where NESTA solves.
+    nesta: Option<Box<Nesta>>,
     /// Scaled samples (anything at missing pixels); only where measured pixels may move.
     sample: Option<Vec<f32>>,
     radius: f64,
@@ -59,6 +63,8 @@ pub struct Shared<'a> {
     pub size: Size,
     /// 1 where a pixel is missing.
     pub free: &'a [u8],
+    /// Which pixels are not.
+    pub measured: &'a [bool],
     /// Measured pixels over all pixels.
     pub density: f64,
     /// Instruction set.
@@ -83,12 +89,14 @@ impl Channel {
         let range = high - low;
         let scale = |&v: &f32| ((f64::from(v) - low) / range).clamp(0.0, 1.0) as f32;
         let x: Vec<f32> = start.pixels().par_iter().map(scale).collect();
+        let nesta = (shared.settings.solver == Solver::Nesta).then(|| Box::new(Nesta::new(x.len())));
         let sample = (shared.settings.epsilon > 0.0).then(|| x.clone());
         let state = State::new(shared.size, x);
         let mut channel = Self {
             low,
             range,
             state,
+            nesta,
             sample,
             radius: shared.settings.epsilon / range,
             rates: Rates { tau: 1.0, sigma: 1.0, rho: RHO },
@@ -135,6 +143,26 @@ impl Channel {
             }
         }
         self.iterations += count;
+    }
+
+    /// Takes one step of NESTA, if that is the solver, and evaluates the gap; whether it is.
+    pub fn step<B: DualBall>(&mut self, shared: Shared<'_>, run: &Run<'_>) -> bool {
+        let Some(nesta) = &mut self.nesta else { return false };
+        let fixed = self.sample.is_none().then(|| self.state.x.clone());
+        let samples = Samples {
+            values: self.sample.as_ref().or(fixed.as_ref()).map_or(&[], Vec::as_slice),
+            measured: shared.measured,
+            radius: self.radius,
+        };
+        let limit = shared.settings.max_iterations - self.iterations;
+        let (iterations, ended) =
+            nesta.step::<B>(&mut self.state, samples, (shared.settings.gap, limit), run);
+        self.iterations += iterations;
+        match ended {
+            Some(stop) => self.interrupt::<B>(shared, stop),
+            None => self.judge::<B>(shared),
+        }
+        true
     }
 
     /// Evaluates the gap with a tightened dual variable, and decides when to look again.
@@ -246,8 +274,8 @@ impl Channel {
         Outcome {
             stop: self.stop.unwrap_or(Stop::IterationLimit),
             iterations: self.iterations,
-            residual: None,
             gap: Some(self.gap),
+            ..Outcome::direct()
         }
     }
 }

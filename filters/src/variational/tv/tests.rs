@@ -8,7 +8,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use proptest::prelude::*;
 
 use super::twin::Twin;
-use super::{Norm, Settings};
+use super::{Norm, Settings, Solver};
+use crate::baseline::testing::with_threads;
 use crate::{Error, Filter, Mask, Method, Outcome, Plane, Planes, Problem, Run, Size, Stop};
 
 const NORMS: [Norm; 2] = [Norm::Isotropic, Norm::Anisotropic];
@@ -148,6 +149,27 @@ fn opposite_sides_give_the_objective_of_a_step() {
     }
 }
 
+/// NESTA ends at an objective that is the sweeps' to within the gap that both report, and threads change no bit of it.
+#[test]
+fn nesta_is_as_near_to_the_minimum() {
+    let size = Size::new(30, 41);
+    let (mask, plane) = (random_mask(size, 0.3, 5), scene(size, 5));
+    for (norm, epsilon) in [(Norm::Isotropic, 0.0), (Norm::Anisotropic, 0.0), (Norm::Isotropic, 0.3)] {
+        let settings = Settings { norm, epsilon, gap: 1e-3, max_iterations: 20_000, ..Settings::default() };
+        let nesta = Settings { solver: Solver::Nesta, ..settings };
+        let twin = twin(settings, &mask, &plane);
+        let [sweeps, smoothed] = [settings, nesta].map(|settings| {
+            let (out, outcome) = one(settings, &mask, &plane);
+            assert_eq!(outcome.stop, Stop::Converged, "{settings}");
+            assert!(outcome.gap.unwrap() <= 1e-3);
+            twin.objective(&as_f64(&out))
+        });
+        assert!((sweeps - smoothed).abs() <= 1e-3 * sweeps.max(smoothed), "{settings}: {sweeps} {smoothed}");
+        let with = |threads| with_threads(threads, || one(nesta, &mask, &plane));
+        assert!(with(1) == with(3), "{nesta}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
 
@@ -160,7 +182,7 @@ proptest! {
         let size = Size::new(height, width);
         let mask = random_mask(size, density, seed);
         let norm = if anisotropic { Norm::Anisotropic } else { Norm::Isotropic };
-        let settings = Settings { norm, epsilon, gap: 1e-3, max_iterations };
+        let settings = Settings { norm, epsilon, gap: 1e-3, max_iterations, ..Settings::default() };
         compare_early(settings, &mask, &scene(size, seed));
     }
 

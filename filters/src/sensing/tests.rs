@@ -1,0 +1,245 @@
+//! Both methods against an independent convex solver, their contracts, and threads.
+
+use std::sync::Arc;
+
+use proptest::prelude::*;
+
+use super::{Solver, cs_gradient, cs_wavelet};
+use crate::baseline::testing::{self, with_threads};
+use crate::sensing::cs_wavelet::testing::operator;
+use crate::solver::sparsity::{Samples, Sparsity};
+use crate::{Error, Mask, Method, Outcome, Plane, Planes, Problem, Run, Size, Stop};
+
+/// Minima found by Clarabel, written by `scripts/python/sensing_reference.py`.
+const OPTIMA: &str = include_str!("../../tests/data/optima.txt");
+
+/// The images and masks that the fixture was made from.
+fn image(size: Size) -> Vec<f32> {
+    (0..size.pixels()).map(|i| ((i * 7919 + 13) % 101) as f32 / 64.0 - 0.75).collect()
+}
+
+fn mask(size: Size, density: f64) -> Mask {
+    let flag = |i: usize| ((i as u64 * 2_654_435_761) % (1 << 32)) as f64 / 4_294_967_296.0 < density;
+    Mask::new(size, (0..size.pixels()).map(flag).collect()).unwrap()
+}
+
+fn minimum<S: Sparsity>(operator: &S, size: Size, density: f64, solver: Solver, tolerance: f64) -> f64 {
+    let (values, mask) = (image(size), mask(size, density));
+    let samples = Samples { values: &values, measured: mask.as_slice(), radius: 0.0 };
+    let mut x = vec![0.0; size.pixels()];
+    let rule = super::recover::Rule { solver, tolerance, iterations: 40_000 };
+    let ending = rule.solve(operator, samples, 1.5, &mut x, &Run::default());
+    assert_eq!((ending.stop, ending.distance), (Stop::Converged, 0.0));
+    assert!(x.iter().zip(&values).zip(mask.as_slice()).all(|((x, value), flag)| !flag || x == value));
+    ending.objective
+}
+
+/// The objective is the minimum to 1e-4, with either solver, wherever Clarabel says it is.
+#[test]
+fn objectives_are_those_of_an_independent_solver() {
+    let mut count = 0;
+    for line in OPTIMA.lines().filter(|line| !line.starts_with('#')) {
+        let (head, optimum) = line.split_once(" : ").unwrap();
+        let optimum: f64 = optimum.parse().unwrap();
+        let words: Vec<&str> = head.split(' ').collect();
+        let number = |at: usize| words[at].parse::<f64>().unwrap();
+        let solve = |solver, tolerance| {
+            if words[0] == "fourier" {
+                let size = Size::new(number(1) as usize, number(2) as usize);
+                return minimum(&cs_gradient::testing::operator(size), size, number(3), solver, tolerance);
+            }
+            let settings = cs_wavelet::Settings {
+                wavelet: words[1].parse().unwrap(),
+                boundary: if words[2] == "periodic" {
+                    super::wavelet::Boundary::Periodic
+                } else {
+                    super::wavelet::Boundary::Symmetric
+                },
+                levels: number(5) as usize,
+                blur: number(6),
+                wiener: number(7),
+                ..cs_wavelet::Settings::default()
+            };
+            let size = Size::new(number(3) as usize, number(4) as usize);
+            minimum(&operator(size, &settings), size, number(8), solver, tolerance)
+        };
+        for (solver, tolerance) in [(Solver::Nesta, 3e-6), (Solver::PrimalDual, 1e-7)] {
+            let found = solve(solver, tolerance);
+            let relative = (found - optimum) / optimum;
+            assert!(relative.abs() <= 1e-4, "{head} {solver:?}: {found} where {optimum} is the minimum");
+        }
+        count += 1;
+    }
+    assert_eq!(count, 7);
+}
+
+/// With a radius, the distance from the samples is that radius, and the objective falls.
+#[test]
+fn a_radius_is_used_up() {
+    let size = Size::new(12, 10);
+    let settings = cs_wavelet::Settings { blur: 4.0, ..cs_wavelet::Settings::default() };
+    let (values, mask) = (image(size), mask(size, 0.5));
+    let operator = operator(size, &settings);
+    let with = |radius: f64, solver| {
+        let samples = Samples { values: &values, measured: mask.as_slice(), radius };
+        let rule = super::recover::Rule { solver, tolerance: 1e-5, iterations: 20_000 };
+        rule.solve(&operator, samples, 1.5, &mut vec![0.0; size.pixels()], &Run::default())
+    };
+    for solver in [Solver::Nesta, Solver::PrimalDual] {
+        let (exact, near) = (with(0.0, solver), with(0.5, solver));
+        assert!(near.objective < 0.99 * exact.objective);
+        assert!(near.distance <= 0.5 * (1.0 + 1e-4) && near.distance >= 0.49, "{solver:?} {}", near.distance);
+    }
+    let [a, b] = [Solver::Nesta, Solver::PrimalDual].map(|solver| with(0.5, solver).objective);
+    assert!((a - b).abs() <= 3e-4 * a, "{a} {b}");
+}
+
+fn adjoint<S: Sparsity>(operator: &S, x: &[f32], y: &[f32], dot: impl Fn(&[S::Entry], &[S::Entry]) -> f64) {
+    let (mut of_x, mut of_y) = (operator.work(), operator.work());
+    operator.analyse(x, &mut of_x);
+    operator.analyse(y, &mut of_y);
+    let left = dot(operator.entries(&mut of_x), operator.entries(&mut of_y));
+    let own = dot(&operator.entries(&mut of_x).to_vec(), operator.entries(&mut of_x));
+    let mut back = vec![0.0; x.len()];
+    operator.adjoint(&mut of_y, &mut back);
+    let inner =
+        |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
+    let right = inner(x, &back);
+    let scale = operator.bound() * (inner(x, x) * inner(y, y)).sqrt();
+    assert!((left - right).abs() <= 1e-5 * scale, "{left} {right}");
+    assert!(own <= operator.bound() * inner(x, x) * (1.0 + 1e-5), "{own} {}", operator.bound());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// `<U x, U y> = <x, U^T U y>`, and no image is stretched by more than the bound.
+    #[test]
+    fn operators_have_adjoints_and_bounds(
+        height in 1_usize..30, width in 1_usize..30, at in 0_usize..25, symmetric in any::<bool>(),
+        blur in 0.0..30.0_f64, wiener in 0.0..0.1_f64, seed in 0_usize..1000,
+    ) {
+        let size = Size::new(height, width);
+        let boundary = if symmetric { super::wavelet::Boundary::Symmetric } else { super::wavelet::Boundary::Periodic };
+        let settings = cs_wavelet::Settings {
+            wavelet: super::wavelet::Wavelet::all()[at], boundary, blur, wiener, ..cs_wavelet::Settings::default()
+        };
+        let x = image(size);
+        let y: Vec<f32> = (0..size.pixels()).map(|i| ((i * 7907 + seed) % 211) as f32 / 105.0 - 1.0).collect();
+        let real = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
+        adjoint(&operator(size, &settings), &x, &y, real);
+        adjoint(&operator(size, &settings), &y, &x, real);
+    }
+
+    #[test]
+    fn measured_bits_stay_and_every_pixel_is_finite(mask in testing::mask(24), restore in any::<bool>()) {
+        let size = mask.size();
+        let samples = Plane::new(size, image(size)).unwrap();
+        let samples = Planes::new(size, vec![samples; 2]).unwrap();
+        let gradient = cs_gradient::Settings { restore, ..cs_gradient::Settings::default() };
+        for method in [Method::CsWavelet(cs_wavelet::Settings::default()), Method::CsGradient(gradient)] {
+            let mut out = Planes::zeros(size, 2);
+            let plan = method.filter().plan(&Problem::fill(Arc::new(mask.clone())), &Run::default()).unwrap();
+            let result = plan.reconstruct(&samples, None, &mut out, &Run::default());
+            if result == Err(Error::NoPairs) {
+                continue;
+            }
+            prop_assert!(result.is_ok());
+            for (out, samples) in out.as_slice().iter().zip(samples.as_slice()) {
+                prop_assert!(out.pixels().iter().all(|value| value.is_finite()));
+                let both = out.pixels().iter().zip(samples.pixels()).zip(mask.as_slice());
+                let kept = both.filter(|(_, flag)| **flag).all(|((a, b), _)| a.to_bits() == b.to_bits());
+                prop_assert!(kept || !method.keeps_measured());
+            }
+        }
+    }
+}
+
+fn methods() -> Vec<Method> {
+    let wavelet =
+        cs_wavelet::Settings { epsilon: 0.1, solver: Solver::PrimalDual, ..cs_wavelet::Settings::default() };
+    let symmetric = cs_wavelet::Settings {
+        boundary: super::wavelet::Boundary::Symmetric,
+        ..cs_wavelet::Settings::default()
+    };
+    let anchored =
+        cs_gradient::Settings { anchor: cs_gradient::Anchor::Measured, ..cs_gradient::Settings::default() };
+    vec![
+        Method::CsWavelet(cs_wavelet::Settings::default()),
+        Method::CsWavelet(wavelet),
+        Method::CsWavelet(symmetric),
+        Method::CsGradient(cs_gradient::Settings::default()),
+        Method::CsGradient(anchored),
+    ]
+}
+
+#[test]
+fn threads_change_no_bit_and_outcomes_tell_objective_and_constraint() {
+    let size = Size::new(61, 150);
+    let mask = Arc::new(mask(size, 0.6));
+    let smooth = |c: usize| {
+        Plane::from_fn(size, |y, x| ((y as f32 / 9.0).sin() + (x as f32 / 7.0 + c as f32).cos()) * 0.5 + 1.0)
+    };
+    let samples = Planes::new(size, (0..4).map(smooth).collect()).unwrap();
+    for method in methods() {
+        let run = |threads| {
+            with_threads(threads, || {
+                let plan = method.filter().plan(&Problem::fill(mask.clone()), &Run::default()).unwrap();
+                let mut out = Planes::zeros(size, 4);
+                let outcome = plan.reconstruct(&samples, None, &mut out, &Run::default()).unwrap();
+                (outcome, out)
+            })
+        };
+        let one = run(1);
+        assert!(one.0.objective.is_some_and(|objective| objective > 0.0), "{}", method.settings());
+        assert!(one.0.constraint.is_some());
+        assert_eq!(one.0.stop, Stop::Converged);
+        for threads in [2, 3, 8] {
+            assert!(one == run(threads), "{} {threads}", method.settings());
+        }
+    }
+}
+
+#[test]
+fn constants_stay_and_an_interrupted_run_says_so() {
+    let size = Size::new(20, 23);
+    let mask = Arc::new(mask(size, 0.6));
+    for method in methods() {
+        let plan = method.filter().plan(&Problem::fill(mask.clone()), &Run::default()).unwrap();
+        let mut out = Planes::zeros(size, 1);
+        let constant = Planes::new(size, vec![Plane::filled(size, 0.7)]).unwrap();
+        plan.reconstruct(&constant, None, &mut out, &Run::default()).unwrap();
+        assert!(
+            out.as_slice()[0].pixels().iter().all(|value| (value - 0.7).abs() < 1e-6),
+            "{}",
+            method.settings()
+        );
+        let samples = Planes::new(size, vec![Plane::new(size, image(size)).unwrap()]).unwrap();
+        let stop = || Some(Stop::TimeLimit);
+        let outcome = plan.reconstruct(&samples, None, &mut out, &Run { interrupt: Some(&stop) }).unwrap();
+        assert_eq!((outcome.stop, outcome.iterations), (Stop::TimeLimit, 0));
+        assert!(out.as_slice()[0].pixels().iter().all(|value| value.is_finite()));
+    }
+}
+
+#[test]
+fn settings_out_of_range_are_refused() {
+    let problem = Problem::fill(Arc::new(mask(Size::new(4, 4), 0.5)));
+    let wavelet = cs_wavelet::Settings::default();
+    let gradient = cs_gradient::Settings::default();
+    let wrong = [
+        Method::CsWavelet(cs_wavelet::Settings { blur: -1.0, ..wavelet }),
+        Method::CsWavelet(cs_wavelet::Settings { wiener: f64::NAN, ..wavelet }),
+        Method::CsWavelet(cs_wavelet::Settings { levels: 17, ..wavelet }),
+        Method::CsWavelet(cs_wavelet::Settings { wavelet: super::wavelet::Wavelet::Coiflet(9), ..wavelet }),
+        Method::CsWavelet(cs_wavelet::Settings { tolerance: 0.0, ..wavelet }),
+        Method::CsGradient(cs_gradient::Settings { max_iterations: 0, ..gradient }),
+        Method::CsGradient(cs_gradient::Settings { epsilon: -0.1, ..gradient }),
+    ];
+    for method in wrong {
+        let refused = method.filter().plan(&problem, &Run::default()).err();
+        assert!(matches!(refused, Some(Error::Setting { .. })), "{}", method.settings());
+    }
+    let outcome = Outcome::direct();
+    assert_eq!((outcome.objective, outcome.constraint), (None, None));
+}
