@@ -135,8 +135,8 @@ def pictures():
             pasted([found[:5], found[5:]], images / "volumes.png", None)
         story = []
         for words in (["--density", "0.2"], FILL, []):
-            render("head", out, "--size", "256x256", *words)
-            story.append(shown(out))
+            render("head", out, "--size", "360x360", *words)
+            story.append(shown(out).crop((60, 30, 300, 350)))
         pasted([story], images / "story.png", None)
 
 

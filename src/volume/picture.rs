@@ -126,23 +126,27 @@ pub enum Instructions {
     /// The widest that the machine has.
     Best,
     /// Those that every machine has.
+    #[cfg(test)]
     Plain,
     /// Vectors of 256 bits: AVX2, where the machine has it.
+    #[cfg(test)]
     Wide,
 }
 
 impl Instructions {
     /// All kinds.
+    #[cfg(test)]
     pub const ALL: [Self; 3] = [Self::Best, Self::Plain, Self::Wide];
 
     /// Does the work with them; nothing if the machine lacks them.
     fn run<W: pulp::WithSimd>(self, work: W) -> Option<W::Output> {
         match self {
             Self::Best => Some(pulp::Arch::new().dispatch(work)),
+            #[cfg(test)]
             Self::Plain => Some(pulp::Simd::vectorize(pulp::Scalar::new(), work)),
-            #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+            #[cfg(all(test, any(target_arch = "x86", target_arch = "x86_64")))]
             Self::Wide => pulp::x86::V3::try_new().map(|simd| pulp::Simd::vectorize(simd, work)),
-            #[cfg(not(any(target_arch = "x86", target_arch = "x86_64")))]
+            #[cfg(all(test, not(any(target_arch = "x86", target_arch = "x86_64"))))]
             Self::Wide => None,
         }
     }
