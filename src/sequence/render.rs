@@ -272,6 +272,7 @@ impl Render<'_> {
             mask,
             samples: image.samples,
             seed: image.seed,
+            normals: self.job.wanted.normals,
             gradients: self.job.wanted.gradients,
         };
         let (tiles, done) = (volume::tiles(ready.size()) as u64, AtomicU64::new(0));
