@@ -157,7 +157,8 @@ impl View {
 pub fn sheet(definition: &SheetDefinition, filters: &[&str], tiles: &[Vec<Sheet>]) -> String {
     let Some(first) = tiles.first().and_then(|row| row.first()) else { return String::new() };
     let (width, height) = (first.width, first.height);
-    let step = width.max(96) + GAP;
+    let longest = filters.iter().map(|filter| filter.chars().count()).max().unwrap_or(0);
+    let step = width.max(100).max(8 * longest) + GAP;
     let block = 3 * (height + TEXT + GAP);
     let label = 20 + TEXT;
     let (all_width, all_height) = (GAP + step * (filters.len() + 1), label + tiles.len() * (block + TEXT));
@@ -181,15 +182,18 @@ pub fn sheet(definition: &SheetDefinition, filters: &[&str], tiles: &[Vec<Sheet>
         tiles.iter().zip(&definition.densities).zip((0..).map(|row| label + row * (block + TEXT)))
     {
         let Some(first) = row.first() else { continue };
-        let heading =
-            format!("{}, {}, {:.0} % missing", definition.frame, definition.pattern, 100.0 * (1.0 - density));
+        let heading = format!(
+            "{}, {}, {:.0} % missing: result; CIELUV error, 0 to 20; SSIM squared",
+            definition.frame,
+            definition.pattern,
+            100.0 * (1.0 - density)
+        );
         svg += &text(GAP, top - 4, &heading, "bold");
         let lines = [0, 1, 2].map(|k| top + k * (height + TEXT + GAP));
         svg += &image(GAP, lines[0], &first.reference);
         svg += &text(GAP, lines[0] + height + 13, "reference", "normal");
         svg += &image(GAP, lines[1], &first.sparse);
-        svg += &text(GAP, lines[1] + height + 13, "sparse; error 0 to 20", "normal");
-        svg += &text(GAP, lines[2] + height + 13, "SSIM squared", "normal");
+        svg += &text(GAP, lines[1] + height + 13, "sparse", "normal");
         for (index, tile) in row.iter().enumerate() {
             let x = GAP + (index + 1) * step;
             let number = |name: &str, value: Option<f64>, digits: usize| {

@@ -126,7 +126,7 @@ fn table(frames: &[Filled], body: &mut String) {
     for stage in &stages {
         let _ = write!(body, "<th scope=\"col\" data-sort=\"number\">{stage} (s)</th>");
     }
-    body.push_str("<th scope=\"col\">notes</th></tr></thead>\n<tbody>\n");
+    body.push_str("<th scope=\"col\" class=\"words\">notes</th></tr></thead>\n<tbody>\n");
     for (index, frame) in frames.iter().enumerate() {
         let class = if frame.state == "failed" { " class=\"bad\"" } else { "" };
         let _ = write!(
