@@ -102,7 +102,7 @@ fn summary(frames: &[Filled]) -> String {
         } else {
             format!("{} to {}", percent(low), percent(high))
         };
-        let _ = write!(sum, "<span><b>{range} %</b> measured</span>");
+        let _ = write!(sum, "<span><b>{range} %</b> measured</span> ");
     }
     let mut names: Vec<&str> = Vec::new();
     frames.iter().flat_map(|frame| &frame.seconds).for_each(|(name, _)| {
@@ -113,7 +113,7 @@ fn summary(frames: &[Filled]) -> String {
     for name in names {
         let all = frames.iter().flat_map(|frame| &frame.seconds).filter(|(other, _)| *other == name);
         let _ =
-            write!(sum, "<span><b>{:.2} s</b> {name}</span>", all.map(|(_, seconds)| seconds).sum::<f64>());
+            write!(sum, "<span><b>{:.2} s</b> {name}</span> ", all.map(|(_, seconds)| seconds).sum::<f64>());
     }
     format!("<p class=\"verdict {class}\">{}</p><p class=\"sum\">{sum}</p>", words.join(", "))
 }
