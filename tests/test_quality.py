@@ -149,7 +149,7 @@ def test_total_variation_keeps_edges_and_the_texture_defeats_everyone(tmp_path):
 
 
 @pytest.mark.parametrize("density", [0.2, 0.01])
-@pytest.mark.parametrize("method", ["ss", "tv", "pushpull", "nearest"])
+@pytest.mark.parametrize("method", ["ss", "tv", "pushpull", "nearest", "linear", "cubic"])
 def test_highlights_do_not_ring(tmp_path, method, density):
     """Nothing missing is darker than half the darkest measured pixel within eight pixels, where there is one."""
     full = sample("hdr.exr")
