@@ -23,6 +23,9 @@ pub enum Method {
 }
 
 impl Method {
+    /// Every name that `--filter` takes.
+    pub const NAMES: &[&str] = &["ss", "tv", "pushpull", "nearest", "linear", "cubic"];
+
     /// The name that `--filter` takes.
     pub const fn name(&self) -> &'static str {
         match self {
@@ -94,8 +97,7 @@ mod tests {
 
     #[test]
     fn names_are_those_of_the_command_line() {
-        let names = ["ss", "tv", "pushpull", "nearest", "linear", "cubic"];
-        assert_eq!(all().map(|method| method.name()), names);
+        assert_eq!(all().map(|method| method.name()).as_slice(), Method::NAMES);
     }
 
     #[test]
