@@ -19,6 +19,9 @@ const fn planning(method: &Method) -> u64 {
     match method {
         // The multigrid levels of a frame that is all hole, in 64-bit floats.
         Method::Ss(_) => 160,
+        // The triangles of a frame that is nearly all measured; cubics have gradients and edges besides.
+        Method::Linear(_) => 192,
+        Method::Cubic(_) => 288,
         _ => 48,
     }
 }
