@@ -29,6 +29,7 @@ pub mod prox;
 mod run;
 pub mod sampling;
 mod solver;
+pub mod upscale;
 pub mod variational;
 
 pub use error::Error;

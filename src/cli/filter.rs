@@ -19,6 +19,15 @@ pub struct FilterArgs {
     #[arg(long, value_name = "NAME", default_value = "ss")]
     pub filter: Name,
 
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub settings: SettingArgs,
+}
+
+/// The settings of the filters.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Filter")]
+pub struct SettingArgs {
     /// ss: weight of smoothness against the samples, 0 or more
     #[arg(long, value_name = "LAMBDA", value_parser = zero_or_more, allow_hyphen_values = true, help = defaults::ss_lambda())]
     pub ss_lambda: Option<f64>,
@@ -182,6 +191,19 @@ pub enum Switch {
 impl FilterArgs {
     /// The filter with its settings. A setting of another filter is an error.
     pub fn method(&self) -> Result<Method, Usage> {
+        self.settings.check(self.filter)?;
+        Ok(match self.filter {
+            Name::Ss => Method::Ss(self.settings.ss()),
+            Name::Tv => Method::Tv(self.settings.tv()),
+            Name::PushPull => Method::PushPull(push_pull::Settings),
+            Name::Nearest => Method::Nearest(nearest::Settings),
+        })
+    }
+}
+
+impl SettingArgs {
+    /// A setting of another filter than the one in use is an error.
+    pub fn check(&self, filter: Name) -> Result<(), Usage> {
         let settings = [
             ("--ss-lambda", self.ss_lambda.is_some(), Name::Ss),
             ("--ss-kernel", self.ss_kernel.is_some(), Name::Ss),
@@ -192,23 +214,21 @@ impl FilterArgs {
             ("--tv-gap", self.tv_gap.is_some(), Name::Tv),
             ("--tv-iterations", self.tv_iterations.is_some(), Name::Tv),
         ];
-        if let Some((flag, _, owner)) =
-            settings.iter().find(|(_, given, owner)| *given && *owner != self.filter)
-        {
+        if let Some((flag, _, owner)) = settings.iter().find(|(_, given, owner)| *given && *owner != filter) {
             let name =
                 |name: Name| name.to_possible_value().map_or(String::new(), |value| value.get_name().into());
             return Err(Usage(format!(
                 "{flag} is a setting of --filter {}, but the filter is {}",
                 name(*owner),
-                name(self.filter)
+                name(filter)
             )));
         }
-        Ok(match self.filter {
-            Name::Ss => Method::Ss(self.ss()),
-            Name::Tv => Method::Tv(self.tv()),
-            Name::PushPull => Method::PushPull(push_pull::Settings),
-            Name::Nearest => Method::Nearest(nearest::Settings),
-        })
+        Ok(())
+    }
+
+    /// Whether overshoot is limited.
+    pub fn limits(&self) -> bool {
+        self.limit == Switch::On
     }
 
     /// The domain.
@@ -220,7 +240,8 @@ impl FilterArgs {
         }
     }
 
-    fn ss(&self) -> ss::Settings {
+    /// The settings of the splines.
+    pub fn ss(&self) -> ss::Settings {
         let mut settings = ss::Settings::default();
         set(&mut settings.lambda, self.ss_lambda);
         set(&mut settings.tension, self.ss_tension);
@@ -237,7 +258,8 @@ impl FilterArgs {
         settings
     }
 
-    fn tv(&self) -> tv::Settings {
+    /// The settings of total variation.
+    pub fn tv(&self) -> tv::Settings {
         let mut settings = tv::Settings::default();
         set(&mut settings.epsilon, self.tv_epsilon);
         set(&mut settings.gap, self.tv_gap);

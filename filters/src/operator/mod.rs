@@ -3,3 +3,4 @@
 pub mod energy;
 pub mod profile;
 pub mod resample;
+pub mod taps;
