@@ -5,6 +5,7 @@ box averaging), enlarged again, and compared with what it was, 16 pixels from th
 Seconds are those that a whole process keeps processors busy (user and system), summed over the frames.
 """
 
+import concurrent.futures
 import pathlib
 import sys
 import tempfile
@@ -53,7 +54,7 @@ def enlarge(folder, low, full, scale, sampling):
     results = {}
     for name in OWN:
         words = ["--filter", name, "--sampling", sampling]
-        done = lacuna("upscale", "-q", small, "-o", large, "--scale", str(scale), *words, timeout=3000)
+        done = lacuna("upscale", "-q", "--threads", "1", small, "-o", large, "--scale", str(scale), *words, timeout=3000)
         results[name] = (*judge(frames.read(large)[0]["R"].astype(float), full), done.busy)
     for name in OIIO:
         size = "{1}x{0}".format(*full.shape)
@@ -77,23 +78,28 @@ def table(title, columns, rows, words):
         print(f"| {name} | {' | '.join(cells)} |")
 
 
+def one(task):
+    name, (scale, sampling) = task
+    full = frames.colour(DATA / "frames" / f"{name}.exr", "R")[CROP, CROP, 0].astype(float)
+    with tempfile.TemporaryDirectory() as folder:
+        return enlarge(pathlib.Path(folder), reduce(full, scale, sampling), full, scale, sampling)
+
+
 def main():
     names = sys.argv[1:] or sorted(path.stem for path in (DATA / "frames").glob("*.exr"))
+    tasks = [(name, case) for case in CASES for name in names]
+    # The work is in processes of their own, whose time is counted by themselves.
+    with concurrent.futures.ThreadPoolExecutor(4) as pool:
+        results = dict(zip(tasks, pool.map(one, tasks)))
     seconds = {}
-    with tempfile.TemporaryDirectory() as folder:
-        for scale, sampling in CASES:
-            all_results = {}
-            for name in names:
-                full = frames.colour(DATA / "frames" / f"{name}.exr", "R")[CROP, CROP, 0].astype(float)
-                low = reduce(full, scale, sampling)
-                all_results[name] = enlarge(pathlib.Path(folder), low, full, scale, sampling)
-            methods = list(all_results[names[0]])
-            for at, title, words in ((0, "PSNR in dB", ".2f"), (1, "SSIM", ".4f")):
-                rows = {method: [all_results[name][method][at] for name in names] for method in methods}
-                table(f"{scale}x `{sampling}`, {title}:", names, rows, words)
-            for method in methods:
-                seconds.setdefault(method, {})[f"{scale}x {sampling}"] = sum(all_results[name][method][2] for name in names)
-            sys.stdout.flush()
+    for scale, sampling in CASES:
+        case = {name: results[name, (scale, sampling)] for name in names}
+        methods = list(case[names[0]])
+        for at, title, words in ((0, "PSNR in dB", ".2f"), (1, "SSIM", ".4f")):
+            rows = {method: [case[name][method][at] for name in names] for method in methods}
+            table(f"{scale}x `{sampling}`, {title}:", names, rows, words)
+        for method in methods:
+            seconds.setdefault(method, {})[f"{scale}x {sampling}"] = sum(case[name][method][2] for name in names)
     cases = [f"{scale}x {sampling}" for scale, sampling in CASES]
     print(f"\nSeconds, all frames:\n\n| filter | {' | '.join(cases)} |\n|---|{'---:|' * len(cases)}")
     for method, row in seconds.items():

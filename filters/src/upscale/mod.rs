@@ -188,6 +188,21 @@ impl Plan {
         }
     }
 
+    /// Gives the pixels of the result that are given pixels the bits of those, where there are such: in a grid. For callers
+    /// that map values before and after.
+    pub fn restore(&self, samples: &Plane, plane: &mut Plane) {
+        let geometry = &self.geometry;
+        if geometry.sampling != Sampling::Grid || matches!(self.method, Method::Plain(_)) {
+            return;
+        }
+        let (down, right) = (geometry.vertical.scale as usize, geometry.horizontal.scale as usize);
+        for y in 0..samples.size().height {
+            for (place, value) in plane.row_mut(y * down).iter_mut().step_by(right).zip(samples.row(y)) {
+                *place = *value;
+            }
+        }
+    }
+
     /// The spline, within its bounds.
     fn smooth(&self, samples: &Plane, question: &Question<'_>, run: &Run<'_>) -> Enlarged {
         let columns = self.prefilter[0].along_columns(samples);

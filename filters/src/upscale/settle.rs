@@ -107,7 +107,9 @@ fn one_cell(values: &mut [f64], mean: f64, (low, high): (f64, f64)) -> usize {
     let shift = mean - values.iter().sum::<f64>() / count;
     let outside = |value: &f64| *value + shift < low || *value + shift > high;
     if !values.iter().any(outside) {
-        values.iter_mut().for_each(|value| *value += shift);
+        for value in values {
+            *value += shift;
+        }
         return 0;
     }
     let (least, most) = values.iter().fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(*v), b.max(*v)));
@@ -121,19 +123,16 @@ fn one_cell(values: &mut [f64], mean: f64, (low, high): (f64, f64)) -> usize {
     let free = |value: &&f64| **value + to > low && **value + to < high;
     let t = to + (mean * count - sum(to)) / values.iter().filter(free).count().max(1) as f64;
     let moved = values.iter().filter(|value| **value + t < low || **value + t > high).count();
-    values.iter_mut().for_each(|value| *value = (*value + t).clamp(low, high));
+    for value in values {
+        *value = (*value + t).clamp(low, high);
+    }
     moved
 }
 
 /// A grid: every pixel by itself, and the samples' bits where they stand.
 fn in_grid(plan: &Plan, samples: &Plane, bounds: &Bounds, plane: &mut Plane) -> usize {
     let moved = clamp(plan, bounds, plane);
-    let (down, right) = (plan.geometry.vertical.scale as usize, plan.geometry.horizontal.scale as usize);
-    for y in 0..samples.size().height {
-        for (place, value) in plane.row_mut(y * down).iter_mut().step_by(right).zip(samples.row(y)) {
-            *place = *value;
-        }
-    }
+    plan.restore(samples, plane);
     moved
 }
 

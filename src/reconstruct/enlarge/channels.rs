@@ -43,7 +43,9 @@ pub fn enlarge(
 ) -> Result<(), Error> {
     let fail = |source| Error::Filter { channel: channel_label(frame, work.index, 0), source };
     let plan = work.plans.enlarge(geometry, method).map_err(fail)?;
-    let sources = geometry.sources();
+    // Where only colour is enlarged nothing is copied.
+    let copies = work.choices.iter().any(|choice| choice.rule != Rule::Fill);
+    let sources = if copies { geometry.sources() } else { Vec::new() };
     let mut planes: Vec<Option<Plane>> = vec![None; work.choices.len()];
     for group in groups(frame, work.index, &computed(&frame.parts[work.index], work.choices)) {
         let enlarged = solve(frame, work, &group, (&plan, geometry), done)?;
@@ -121,6 +123,7 @@ fn solve(
         map.forward_plane(&group.mask, &mut mapped);
         let mut enlarged = plan.enlarge(&mapped, &question, work.run)?;
         map.inverse_plane(&mut enlarged.plane);
+        plan.restore(sample, &mut enlarged.plane);
         Ok(enlarged)
     };
     let channels = group.channels.par_iter().zip(&samples).zip(&names);
