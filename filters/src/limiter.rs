@@ -89,6 +89,33 @@ pub fn range(mask: &Mask, samples: &Plane, out: &mut Plane, unit: bool) -> Resul
     Ok(rows.map(|(out, flags)| limit_row(flags, &bottom, &top, out)).sum())
 }
 
+/// Per pixel of a plane that is complete, the values that [`local`] would allow for the range of the 3 x 3 pixels around
+/// it: the least and the greatest.
+pub(crate) fn around(samples: &Plane) -> [Plane; 2] {
+    let size = samples.size();
+    let bounds = Bounds::new(whole_range(&Mask::from_fn(size, |_, _| true), samples));
+    let (mut low, mut high) = (samples.clone(), samples.clone());
+    let width = size.width.max(1);
+    let rows = low.pixels_mut().par_chunks_mut(width).zip(high.pixels_mut().par_chunks_mut(width));
+    rows.enumerate().for_each(|(y, (low, high))| {
+        let columns = |pick: fn(f32, f32) -> f32| -> Vec<f32> {
+            let near = y.saturating_sub(1)..size.height.min(y + 2);
+            (0..size.width)
+                .map(|x| near.clone().map(|row| samples.at(row, x)).fold(samples.at(y, x), pick))
+                .collect()
+        };
+        for (row, pick) in [(&mut *low, f32::min as fn(f32, f32) -> f32), (&mut *high, f32::max)] {
+            let columns = columns(pick);
+            for (x, out) in row.iter_mut().enumerate() {
+                let near = &columns[x.saturating_sub(1)..size.width.min(x + 2)];
+                *out = near.iter().copied().fold(columns[x], pick);
+            }
+        }
+        bounds.widen(low, high);
+    });
+    [low, high]
+}
+
 /// Sizes agree and something was measured.
 fn check(mask: &Mask, samples: &Plane, out: &Plane) -> Result<Size, Error> {
     let size = mask.size();

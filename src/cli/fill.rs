@@ -4,13 +4,13 @@ use clap::Args;
 
 use super::Usage;
 use super::channels::ChannelArgs;
-use super::filter::{FilterArgs, Switch};
+use super::filter::FilterArgs;
 use super::input::InputArgs;
 use super::mask::MaskArgs;
-use super::output::{Depth, FormatArgs, OutputArgs};
+use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::{PageArgs, RunArgs};
-use crate::reconstruct::{self, Kind};
-use crate::sequence::{Existing, FillJob, RunOptions, Targets};
+use crate::reconstruct;
+use crate::sequence::{FillJob, RunOptions, Targets};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -57,25 +57,6 @@ pub struct FillArgs {
     page: PageArgs,
 }
 
-/// What only outputs with reconstructed channels have.
-#[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Output")]
-struct MoreOutput {
-    /// Type of the reconstructed channels: half rounds their measured pixels too and clamps what would overflow, both
-    /// are counted; depths, identifiers and kept channels never become half [default: the input's]
-    #[arg(short = 'd', long, value_name = "TYPE")]
-    data_type: Option<Depth>,
-
-    /// Leave the mask's channels out
-    #[arg(long)]
-    drop_mask: bool,
-
-    /// Pass over frames whose output is newer than their input (and mask file) and was made by this version with the
-    /// same settings and mask
-    #[arg(short, long, conflicts_with = "no_clobber")]
-    update: bool,
-}
-
 impl FillArgs {
     /// The checked job.
     pub fn job(&self) -> Result<FillJob, Usage> {
@@ -83,16 +64,14 @@ impl FillArgs {
         let packing = self.format.compression;
         let what = reconstruct::Job {
             method: self.filter.method()?,
-            domain: self.filter.domain(),
-            limit: self.filter.limit == Switch::On,
-            kind: self.more.data_type.map(|depth| match depth {
-                Depth::Half => Kind::Half,
-                Depth::Float => Kind::Float,
-            }),
+            domain: self.filter.settings.domain(),
+            limit: self.filter.settings.limits(),
+            kind: self.more.kind(),
             drop_mask: self.more.drop_mask,
             compression: packing.map(|packing| packing.compression),
             mask: self.mask.mask.clone(),
             overrides: self.channels.channels.clone(),
+            enlarge: None,
         };
         let run = RunOptions { page: self.page.report.clone(), ..self.run.options() };
         Ok(FillJob {
@@ -106,11 +85,7 @@ impl FillArgs {
             },
             what,
             level: packing.and_then(|packing| packing.level),
-            existing: match (self.more.update, self.output.no_clobber) {
-                (true, _) => Existing::Update,
-                (_, true) => Existing::Keep,
-                _ => Existing::Replace,
-            },
+            existing: self.more.existing(&self.output),
             run,
         })
     }

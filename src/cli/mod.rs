@@ -17,6 +17,7 @@ pub mod run;
 pub mod sensing;
 pub mod sparsify;
 pub mod study;
+pub mod upscale;
 pub mod verify;
 
 use std::ffi::OsString;
@@ -44,6 +45,7 @@ struct Cli {
 #[derive(Subcommand, Clone, Debug)]
 enum Command {
     Fill(Box<fill::FillArgs>),
+    Upscale(Box<upscale::UpscaleArgs>),
     Info(info::InfoArgs),
     Verify(verify::VerifyArgs),
     Compare(Box<compare::CompareArgs>),
@@ -56,7 +58,7 @@ enum Command {
 /// What is to be done.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Job {
-    /// Fill frames.
+    /// Fill frames, and enlarge them if the job says so.
     Fill(Box<FillJob>),
     /// Describe a frame.
     Info(InfoJob),
@@ -122,6 +124,7 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Job, Ending> {
     let command = Cli::try_parse_from(words)?.command;
     let (name, job) = match &command {
         Command::Fill(args) => ("fill", args.job().map(|job| Job::Fill(Box::new(job)))),
+        Command::Upscale(args) => ("upscale", args.job().map(|job| Job::Fill(Box::new(job)))),
         Command::Info(args) => ("info", Ok(Job::Info(args.job()))),
         Command::Verify(args) => ("verify", Ok(Job::Verify(args.job()))),
         Command::Compare(args) => ("compare", args.job().map(|job| Job::Compare(Box::new(job)))),
