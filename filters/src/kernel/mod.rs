@@ -11,7 +11,10 @@
 
 pub mod blur;
 pub(crate) mod fir;
+mod interior;
+pub mod simd;
 pub mod stencil;
+pub mod step;
 pub mod tv;
 pub mod vector;
 

@@ -5,9 +5,9 @@
 //!
 //! Source: M. Hestenes, E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49, 1952.
 
-use crate::kernel::blur::blur;
+use crate::kernel::Isa;
 use crate::kernel::stencil::{Separable, Window, apply};
-use crate::kernel::{Isa, vector};
+use crate::kernel::step::{self, advance, direction};
 
 /// Added to the middle of the preconditioner's blur.
 const CENTRE: f64 = 1.0;
@@ -118,12 +118,11 @@ pub fn solve(
     // In these units the correction of a lone free pixel is exact.
     let unit = 1.0 / ((4.0 + CENTRE) * a.diagonal(a.vertical.len / 2, a.horizontal.len / 2));
     apply(isa, a, window, x, None, q);
-    vector::step(isa, 1.0, e, q, p, x, r);
+    let mut length = 1.0;
     let (mut before, mut first) = (0.0, 0.0);
     let mut lanczos = Lanczos::default();
     for steps in 0..=limit {
-        blur(isa, window, CENTRE, e, r, z);
-        let (rz, top) = vector::dot(isa, r, z);
+        let (rz, top) = advance(isa, window, length, CENTRE, step::Buffers { e, q, p, x, r, z });
         if steps == 0 {
             first = rz;
         }
@@ -135,11 +134,11 @@ pub fn solve(
             return Ending { steps, converged, squares: (first, rz), least };
         }
         let ratio = if steps == 0 { 0.0 } else { rz / before };
-        vector::scale_add(isa, p, ratio, z);
+        direction(isa, ratio, z, p);
         before = rz;
         let curvature = apply(isa, a, window, p, None, q);
-        lanczos.push(rz / curvature, ratio);
-        vector::step(isa, rz / curvature, e, q, p, x, r);
+        length = rz / curvature;
+        lanczos.push(length, ratio);
     }
     Ending { steps: limit, converged: false, squares: (first, before), least: 0.0 }
 }
