@@ -12,14 +12,14 @@
 use rayon::prelude::*;
 
 use crate::kernel::Isa;
-use crate::kernel::stencil::{Separable, Window};
+use crate::kernel::stencil::{PAD, Separable, Window};
 use crate::solver::local::{self, Buffers, Target};
 use crate::{Mask, Plane, Run, Size};
 
 /// Most rows and columns of a tile.
-const SIDES: (usize, usize) = (100, 136);
+const SIDES: (usize, usize) = (120, 176);
 /// Pixels that a window extends beyond its tile.
-const HALO: usize = 6;
+const HALO: usize = 5;
 /// Steps that a tile takes at most in one sweep.
 const LIMIT: usize = 60;
 
@@ -55,10 +55,13 @@ pub struct Sweep {
     pub squares: (f64, f64),
     /// Least eigenvalue of the preconditioned matrix of any tile.
     pub least: f64,
+    /// Largest error that any tile may have left, by its estimate.
+    pub error: f64,
 }
 
 impl Sweep {
-    const NONE: Self = Self { steps: 0, converged: true, squares: (0.0, 0.0), least: f64::INFINITY };
+    const NONE: Self =
+        Self { steps: 0, converged: true, squares: (0.0, 0.0), least: f64::INFINITY, error: 0.0 };
 
     fn and(self, other: Self) -> Self {
         Self {
@@ -66,6 +69,7 @@ impl Sweep {
             converged: self.converged && other.converged,
             squares: (self.squares.0 + other.squares.0, self.squares.1 + other.squares.1),
             least: self.least.min(other.least),
+            error: self.error.max(other.error),
         }
     }
 }
@@ -156,18 +160,19 @@ impl Tiles {
         };
         let (lines, columns) = (inner(y, height, size.height), inner(x, width, size.width));
         let place = |i: usize| (y - slab.y + i) * size.width + x;
-        buffers.reset(window);
-        let mut any = false;
+        buffers.fit(window);
         for i in 0..height {
             let from = window.at(i, 0);
             for (value, &pixel) in buffers.x[from..][..width].iter_mut().zip(&slab.rows[place(i)..]) {
                 *value = pixel - middle;
             }
+            let whole = &mut buffers.e[from - PAD..][..window.stride()];
+            whole.fill(0.0);
             if !lines.contains(&i) {
                 continue;
             }
             let row = (y + i) * size.width + x;
-            let free = &mut buffers.e[from..][columns.clone()];
+            let free = &mut whole[PAD..][columns.clone()];
             for (free, &measured) in free.iter_mut().zip(&mask.as_slice()[row..][columns.clone()]) {
                 *free = f32::from(u8::from(!measured));
             }
@@ -176,10 +181,6 @@ impl Tiles {
                     *free *= f32::from(u8::from(!held));
                 }
             }
-            any = any || free.contains(&1.0);
-        }
-        if !any {
-            return Sweep::NONE;
         }
         let ending = local::solve(self.isa, &self.matrix, window, buffers, task.target, LIMIT);
         if ending.steps > 0 {
@@ -188,7 +189,9 @@ impl Tiles {
                 let row = &mut slab.rows[place(i)..][..width];
                 for ((pixel, &value), &free) in row.iter_mut().zip(&buffers.x[from..]).zip(&buffers.e[from..])
                 {
-                    *pixel = if free == 0.0 { *pixel } else { value + middle };
+                    // By bits: a choice would become a branch.
+                    let keep = u32::from(free == 0.0).wrapping_neg();
+                    *pixel = f32::from_bits(pixel.to_bits() & keep | (value + middle).to_bits() & !keep);
                 }
             }
         }
@@ -197,6 +200,7 @@ impl Tiles {
             converged: ending.converged,
             squares: ending.squares,
             least: ending.least,
+            error: ending.error,
         }
     }
 }
