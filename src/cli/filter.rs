@@ -57,6 +57,7 @@ pub struct FilterArgs {
     #[arg(long, value_name = "SOLVER", help = defaults::tv_solver())]
     pub tv_solver: Option<SolverName>,
 
+    /// Settings of the compressed-sensing filters
     #[command(flatten)]
     pub sensing: SensingArgs,
 
