@@ -9,7 +9,7 @@
 //! └──────────────── sequence repeats it per frame ────────────────────────────────┘
 //! ```
 //!
-//! [`report`] compares frames with their references.
+//! [`report`] compares frames with their references, [`study`] filters with each other.
 //!
 //! [`cli`] turns flags into a checked job and does no work; the algorithms are in the crate `lacuna_filters`.
 
@@ -22,6 +22,7 @@ pub mod reconstruct;
 pub mod report;
 pub mod sequence;
 pub mod sparsify;
+pub mod study;
 #[cfg(test)]
 mod testing;
 pub mod verify;

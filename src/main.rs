@@ -29,6 +29,7 @@ fn run(job: &Job) -> Result<u8, (&'static str, PlanError)> {
         Job::Verify(job) => sequence::verify(job).map_err(|error| ("verify", error)),
         Job::Mask(job) => sequence::mask(job).map_err(|error| ("mask", error)),
         Job::Compare(job) => sequence::compare(job).map_err(|error| ("compare", error)),
+        Job::Study(job) => sequence::study(job).map_err(|error| ("study", error)),
         Job::Sparsify(job) => sequence::sparsify(job).map_err(|error| ("sparsify", error)),
         Job::Render(job) => sequence::render(job).map_err(|error| ("render", error)),
     }

@@ -37,6 +37,13 @@ pub enum Pattern<'a> {
         /// Its channel, if not the obvious one.
         channel: Option<&'a str>,
     },
+    /// A mask that is there already, of every part's size.
+    Given {
+        /// The mask.
+        mask: &'a Arc<Mask>,
+        /// What the attribute calls it.
+        name: &'a str,
+    },
 }
 
 /// A frame that cannot be made sparse.
@@ -123,6 +130,16 @@ fn masks(frame: &Frame, pattern: Pattern<'_>) -> Result<Vec<Arc<Mask>>, Error> {
             };
             (0..frame.parts.len()).map(one).collect()
         }
+        Pattern::Given { mask, .. } => {
+            let one = |index: usize| {
+                if frame.parts[index].size() == mask.size() {
+                    return Ok(Arc::clone(mask));
+                }
+                let why = format!("its size is not the mask's, {}", mask.size());
+                Err(Error::Uncovered { part: prefix(frame, index, "", ": ", ""), why })
+            };
+            (0..frame.parts.len()).map(one).collect()
+        }
     }
 }
 
@@ -149,6 +166,7 @@ fn make_sparse(part: &mut Part, mask: &Mask, pattern: Pattern<'_>) -> Vec<String
             part.attributes.set_text(SEED, &seed.to_string());
         }
         Pattern::File { file, .. } => part.attributes.set_text(PATTERN, &format!("file:{}", file.path())),
+        Pattern::Given { name, .. } => part.attributes.set_text(PATTERN, name),
     }
     let dropped: Vec<&str> = DERIVED.iter().copied().filter(|name| part.attributes.remove(name)).collect();
     if !dropped.is_empty() {

@@ -2,7 +2,7 @@
 
 use half::f16;
 
-use crate::frame::{Attributes, Channel, Compression, Frame, Layout, Part, Samples, Window};
+use crate::frame::{Channel, Frame, Part, Samples, Window};
 
 /// A window by its first column and row, width and height.
 pub fn window(x: i32, y: i32, width: i32, height: i32) -> Window {
@@ -11,17 +11,7 @@ pub fn window(x: i32, y: i32, width: i32, height: i32) -> Window {
 
 /// A part whose display window is its data window.
 pub fn part(window: Window, channels: Vec<Channel>) -> Part {
-    let mut channels = channels;
-    channels.sort_by(|a, b| a.name.cmp(&b.name));
-    Part {
-        attributes: Attributes::default(),
-        data_window: window,
-        display_window: window,
-        compression: Compression::Zip,
-        layout: Layout::ScanLines,
-        channels,
-        had_levels: false,
-    }
+    Part::new(window, channels)
 }
 
 /// A part with a `name` and a `view`, empty for none.

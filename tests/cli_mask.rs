@@ -144,6 +144,47 @@ fn a_second_pass_is_chosen_computed_and_united() {
 }
 
 #[test]
+fn second_passes_go_frame_by_frame() {
+    let room = Room::with(&["a.0001.exr", "a.0003.exr", "b.0001.exr", "b.0003.exr"]);
+    let words = ["mask", "--after", "a.####.exr", "-o", "next.####.txt", "--add", "0.1"];
+    room.ok(&[&words[..], &["--error-estimate", "error.####.png", "--frames", "3"]].concat());
+    assert!(room.path("next.0003.txt").exists() && room.path("error.0003.png").exists());
+    assert!(!room.path("next.0001.txt").exists());
+    room.ok(&words);
+    let (first, third) = (points(&room, "next.0001.txt"), points(&room, "next.0003.txt"));
+    assert!(!first.is_empty() && first.len() == third.len());
+    room.ok(&["mask", "--merge", "a.####.exr", "b.####.exr", "-o", "both.####.exr"]);
+    assert!(room.path("both.0001.exr").exists() && room.path("both.0003.exr").exists());
+    // A frame that fails does not stop the others.
+    let done =
+        room.run(&["mask", "--after", "a.####.exr", "-o", "n.#.png", "--add", "0.1", "--frames", "1-3"]);
+    assert!(done.status == 1 && done.err.contains("a.0002.exr"), "{}", done.err);
+    assert!(room.path("n.0001.png").exists() && room.path("n.0003.png").exists());
+    let done = room.run(&["mask", "--after", "a.####.exr", "-o", "next.txt", "--add", "0.1"]);
+    assert!(done.status == 2 && done.err.contains("pattern"), "{}", done.err);
+}
+
+#[test]
+fn an_input_is_never_written_over() {
+    let room = Room::with(&["a.exr"]);
+    room.ok(&["mask", "-o", "m.png", "--size", "20x10", "--density", "0.5"]);
+    let bytes = |name: &str| std::fs::read(room.path(name)).unwrap();
+    let (frame, mask) = (bytes("a.exr"), bytes("m.png"));
+    for words in [
+        &["--after", "a.exr", "--add", "0.1", "-o", "a.exr"][..],
+        &["--after", "a.exr", "--add", "0.1", "-o", "n.exr", "--error-estimate", "a.exr"],
+        &["--after", "a.exr", "--add", "0.1", "-o", "n.exr", "--error-estimate", "n.exr"],
+        &["--size", "20x10", "--density", "0.2", "--inside", "m.png", "-o", "m.png"],
+        &["--measure", "m.png", "-o", "m.png"],
+    ] {
+        let done = room.run(&[&["mask"][..], words].concat());
+        assert_eq!(done.status, 2, "{words:?}: {}", done.err);
+        assert!(done.err.contains("one of the inputs"), "{words:?}: {}", done.err);
+    }
+    assert!(bytes("a.exr") == frame && bytes("m.png") == mask);
+}
+
+#[test]
 fn masks_are_measured() {
     let room = Room::new();
     room.ok(&["mask", "-o", "m.png", "--size", "64x64", "--density", "0.25", "--pattern", "grid"]);

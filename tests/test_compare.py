@@ -34,7 +34,7 @@ def show(name, ours, theirs):
 
 
 def hdr_pair():
-    """Smooth light with highlights up to 60, and the same with errors; negative values and a ramp through black as well."""
+    """Smooth light with highlights up to 60, and the same with errors; and a little negative light in the test image."""
     rows, columns = np.indices((200, 260)) / 50.0
     base = 0.4 + 0.4 * np.sin(rows * 1.3) * np.cos(columns)
     light = np.stack([base, 0.7 * base + 0.05, 0.5 * base], axis=-1)
@@ -86,6 +86,17 @@ def check_flip(found, reference, test):
         show(name, found[name], twin)
         # oiiotool prints four significant digits.
         assert found[name] == pytest.approx(twin, abs=2e-6, rel=1e-3)
+
+
+def test_flip_takes_negative_light_as_openimageio_does(tmp_path):
+    rows, columns = np.indices((90, 110)) / 20.0
+    base = np.sin(rows * 1.3) * np.cos(columns)
+    one = np.stack([2 * base - 1, base[::-1] + 0.3, 1.5 * np.cos(rows) * np.sin(columns)], axis=-1).astype(np.float32)
+    other = (one + 0.2 * np.random.default_rng(1).normal(size=one.shape)).astype(np.float32)
+    assert np.mean(one < 0) > 0.5
+    paths = [frames.write(tmp_path / f"{name}.exr", dict(zip("RGB", np.moveaxis(image, -1, 0)))) for name, image in (("r", one), ("t", other))]
+    report, _ = compare(*paths, tmp_path, "--measures", "flip,hdr-flip", "--hdr-range", "0.18,2")
+    check_flip(measures(report), *paths)
 
 
 def check_all(reference, test, one, other, folder):

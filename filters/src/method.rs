@@ -1,7 +1,7 @@
 //! The methods a user picks from. A new filter is one file and one line here.
 
 use crate::Filter;
-use crate::baseline::{nearest, push_pull};
+use crate::baseline::{cubic, linear, nearest, push_pull};
 use crate::sensing::{cs_gradient, cs_wavelet};
 use crate::variational::{ss, tv};
 
@@ -17,6 +17,10 @@ pub enum Method {
     PushPull(push_pull::Settings),
     /// The nearest measured pixel.
     Nearest(nearest::Settings),
+    /// Planes on triangles of measured pixels.
+    Linear(linear::Settings),
+    /// Cubic pieces on triangles of measured pixels.
+    Cubic(cubic::Settings),
     /// Compressed sensing in the wavelet domain.
     CsWavelet(cs_wavelet::Settings),
     /// Compressed sensing of the gradient in the Fourier domain.
@@ -31,6 +35,8 @@ impl Method {
             Self::Tv(_) => "tv",
             Self::PushPull(_) => "pushpull",
             Self::Nearest(_) => "nearest",
+            Self::Linear(_) => "linear",
+            Self::Cubic(_) => "cubic",
             Self::CsWavelet(_) => "cs-wavelet",
             Self::CsGradient(_) => "cs-gradient",
         }
@@ -41,7 +47,7 @@ impl Method {
         match self {
             Self::Ss(settings) => settings.to_string(),
             Self::Tv(settings) => settings.to_string(),
-            Self::PushPull(_) | Self::Nearest(_) => String::new(),
+            Self::PushPull(_) | Self::Nearest(_) | Self::Linear(_) | Self::Cubic(_) => String::new(),
             Self::CsWavelet(settings) => settings.to_string(),
             Self::CsGradient(settings) => settings.to_string(),
         }
@@ -54,6 +60,8 @@ impl Method {
             Self::Tv(settings) => settings,
             Self::PushPull(settings) => settings,
             Self::Nearest(settings) => settings,
+            Self::Linear(settings) => settings,
+            Self::Cubic(settings) => settings,
             Self::CsWavelet(settings) => settings,
             Self::CsGradient(settings) => settings,
         }
@@ -64,7 +72,7 @@ impl Method {
         match self {
             Self::Ss(settings) => settings.lambda == 0.0,
             Self::Tv(settings) => settings.epsilon == 0.0,
-            Self::PushPull(_) | Self::Nearest(_) => true,
+            Self::PushPull(_) | Self::Nearest(_) | Self::Linear(_) | Self::Cubic(_) => true,
             Self::CsWavelet(settings) => settings.epsilon == 0.0,
             Self::CsGradient(settings) => !settings.restore,
         }
@@ -78,12 +86,14 @@ mod tests {
     use super::*;
     use crate::{Error, Mask, Plane, Planes, Problem, Run, Size};
 
-    fn all() -> [Method; 6] {
+    fn all() -> [Method; 8] {
         [
             Method::Ss(ss::Settings::default()),
             Method::Tv(tv::Settings::default()),
             Method::PushPull(push_pull::Settings),
             Method::Nearest(nearest::Settings),
+            Method::Linear(linear::Settings),
+            Method::Cubic(cubic::Settings),
             Method::CsWavelet(cs_wavelet::Settings::default()),
             Method::CsGradient(cs_gradient::Settings::default()),
         ]
@@ -99,7 +109,7 @@ mod tests {
 
     #[test]
     fn names_are_those_of_the_command_line() {
-        let names = ["ss", "tv", "pushpull", "nearest", "cs-wavelet", "cs-gradient"];
+        let names = ["ss", "tv", "pushpull", "nearest", "linear", "cubic", "cs-wavelet", "cs-gradient"];
         assert_eq!(all().map(|method| method.name()), names);
     }
 

@@ -8,9 +8,9 @@ use super::filter::{FilterArgs, Switch};
 use super::input::InputArgs;
 use super::mask::MaskArgs;
 use super::output::{Depth, FormatArgs, OutputArgs};
-use super::run::RunArgs;
+use super::run::{PageArgs, RunArgs};
 use crate::reconstruct::{self, Kind};
-use crate::sequence::{Existing, FillJob, Targets};
+use crate::sequence::{Existing, FillJob, RunOptions, Targets};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -52,6 +52,9 @@ pub struct FillArgs {
 
     #[command(flatten)]
     run: RunArgs,
+
+    #[command(flatten)]
+    page: PageArgs,
 }
 
 /// What only outputs with reconstructed channels have.
@@ -91,14 +94,14 @@ impl FillArgs {
             mask: self.mask.mask.clone(),
             overrides: self.channels.channels.clone(),
         };
-        let run = self.run.options();
+        let run = RunOptions { page: self.page.report.clone(), ..self.run.options() };
         Ok(FillJob {
             selection,
             skip_missing,
             targets: Targets {
                 output: self.output.checked()?,
                 mask: self.mask.file(),
-                also_written: run.json.iter().cloned().collect(),
+                also_written: run.json.iter().chain(&run.page).cloned().collect(),
                 create_dir: self.output.create_dir,
             },
             what,

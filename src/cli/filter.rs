@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use lacuna_filters::Method;
-use lacuna_filters::baseline::{nearest, push_pull};
+use lacuna_filters::baseline::{cubic, linear, nearest, push_pull};
 use lacuna_filters::sensing::Solver;
 use lacuna_filters::variational::{ss, tv};
 
@@ -143,6 +143,10 @@ pub enum Name {
     PushPull,
     /// The nearest measured pixel
     Nearest,
+    /// Planes on triangles of measured pixels
+    Linear,
+    /// Cubic pieces on triangles of measured pixels, without creases
+    Cubic,
     /// Compressed sensing: sparse wavelet coefficients; a baseline
     CsWavelet,
     /// Compressed sensing: gradients with a sparse spectrum; a baseline
@@ -229,6 +233,8 @@ impl FilterArgs {
             Name::Tv => Method::Tv(self.tv()),
             Name::PushPull => Method::PushPull(push_pull::Settings),
             Name::Nearest => Method::Nearest(nearest::Settings),
+            Name::Linear => Method::Linear(linear::Settings),
+            Name::Cubic => Method::Cubic(cubic::Settings),
             Name::CsWavelet => Method::CsWavelet(self.sensing.wavelet()),
             Name::CsGradient => Method::CsGradient(self.sensing.gradient()),
         })

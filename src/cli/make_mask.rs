@@ -12,7 +12,7 @@ use crate::frame::Window;
 use crate::mask::Source;
 use crate::mask::generate::Request;
 use crate::sequence::range::Frames;
-use crate::sequence::{BoundFiles, MaskJob, MaskOutput, MaskTask};
+use crate::sequence::{BoundFiles, MaskJob, MaskOutput, MaskTask, NextPass, Union};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -21,6 +21,7 @@ Examples:
   lacuna mask -o rank.exr --size 1920x1080 --rank --pattern blue-noise
   lacuna mask --after filled.exr -o next.txt --add 0.05 --error-estimate error.exr
   lacuna mask --merge first.exr second.exr -o both.exr
+  lacuna mask --after 'filled.####.exr' -o 'next.####.exr' --add 0.05 --frames 1-10
   lacuna mask --measure mask.exr -o spectrum.png --json
 
 Exit status: 0 all done, 1 something failed, 2 usage, 128 + n on signal n.";
@@ -80,8 +81,9 @@ struct PatternArgs {
     #[arg(long, conflicts_with_all = ["after", "merge", "measure"])]
     rank: bool,
 
-    /// A mask for each of these frames; the output is a pattern such as mask.####.exr
-    #[arg(long, value_name = "RANGE", allow_hyphen_values = true, conflicts_with_all = ["after", "merge", "measure"])]
+    /// A mask for each of these frames; the output is a pattern such as mask.####.exr. With --after and --merge the
+    /// frames to take from patterns, all that exist if it is not given
+    #[arg(long, value_name = "RANGE", allow_hyphen_values = true, conflicts_with = "measure")]
     frames: Option<Frames>,
 
     /// How the masks of frames are related
@@ -106,7 +108,7 @@ struct PatternArgs {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "After a first pass")]
 struct AfterArgs {
-    /// Choose the pixels to compute next: a frame that was filled, or is still sparse
+    /// Choose the pixels to compute next: a frame that was filled, or is still sparse, or a pattern of such frames
     #[arg(long, value_name = "FRAME", requires = "add", conflicts_with_all = ["merge", "measure", "density"])]
     after: Option<PathBuf>,
 
@@ -118,7 +120,7 @@ struct AfterArgs {
     #[arg(long, value_name = "FILE", requires = "after")]
     error_estimate: Option<PathBuf>,
 
-    /// Unite two sparse renders of a frame, bit for bit: what either measured is measured
+    /// Unite two sparse renders of a frame, or of frames, bit for bit: what either measured is measured
     #[arg(long, value_names = ["A", "B"], num_args = 2, conflicts_with_all = ["measure", "density"])]
     merge: Option<Vec<PathBuf>>,
 
@@ -206,22 +208,24 @@ impl MakeMaskArgs {
     /// The checked job.
     pub fn job(&self) -> Result<MaskJob, Usage> {
         let task = if let Some(frame) = &self.after.after {
-            MaskTask::After {
+            MaskTask::Next(NextPass {
                 frame: frame.clone(),
+                frames: self.pattern.frames.clone(),
                 source: self.after.mask.clone(),
                 add: self.after.add.unwrap_or(0.0),
                 seed: self.pattern.seed,
                 error_estimate: self.after.error_estimate.clone(),
                 bounds: self.pattern.bounds()?,
                 output: self.output.needed()?,
-            }
+            })
         } else if let Some([first, second]) = self.after.merge.as_deref() {
-            MaskTask::Merge {
+            MaskTask::Merge(Union {
                 first: first.clone(),
                 second: second.clone(),
+                frames: self.pattern.frames.clone(),
                 source: self.after.mask.clone(),
                 output: self.output.needed()?,
-            }
+            })
         } else if let Some(mask) = &self.measure.measure {
             self.measuring(mask.first())?
         } else {
@@ -231,11 +235,24 @@ impl MakeMaskArgs {
     }
 
     fn generating(&self) -> Result<MaskTask, Usage> {
+        // Clap forgets that a flag requires --after where another excludes it.
+        if self.after.add.is_some() || self.after.error_estimate.is_some() {
+            return Err(Usage("--add and --error-estimate go with --after FRAME".into()));
+        }
         let size = self
             .pattern
             .size
             .ok_or_else(|| Usage("--size WxH is needed (or --after, --merge, --measure)".into()))?;
+        let temporal = self.pattern.temporal.into();
         let density = match (self.pattern.density, self.pattern.rank) {
+            (Some(_), true) if temporal != Temporal::Complementary => {
+                return Err(Usage("--rank is the order for every density: leave --density away".into()));
+            }
+            (None, true) if temporal == Temporal::Complementary => {
+                return Err(Usage(
+                    "--rank with --temporal complementary needs --density D of a frame".into(),
+                ));
+            }
             (Some(density), _) => density,
             (None, true) => 1.0,
             (None, false) => return Err(Usage("--density D or --rank is needed".into())),
@@ -245,7 +262,7 @@ impl MakeMaskArgs {
             pattern: self.pattern.pattern.into(),
             density,
             seed: self.pattern.seed,
-            temporal: self.pattern.temporal.into(),
+            temporal,
             paired: self.pattern.paired,
         };
         if request.temporal != Temporal::Fixed && self.pattern.frames.is_none() {
@@ -265,12 +282,23 @@ impl MakeMaskArgs {
         if mask.is_none() && !self.measure.coherence && self.measure.spectrum.is_none() {
             return Err(Usage("--measure needs a mask, --coherence or --spectrum FRAME".into()));
         }
+        let plot = self.output.output.as_ref().map(|_| self.output.needed()).transpose()?;
+        if plot.is_some() && mask.is_none() && self.measure.spectrum.is_none() {
+            return Err(Usage(
+                "-o plots a spectrum: give a mask or --spectrum FRAME; --coherence prints".into(),
+            ));
+        }
+        if let Some(plot) = &plot
+            && !plot.path.extension().is_some_and(|end| end.eq_ignore_ascii_case("png"))
+        {
+            return Err(Usage(format!("{}: the plot is a PNG image, -o FILE.png", plot.path.display())));
+        }
         Ok(MaskTask::Measure {
             mask,
             coherence: if self.measure.coherence { self.measure.densities.clone() } else { Vec::new() },
             spectrum: self.measure.spectrum.clone(),
             seed: self.pattern.seed,
-            plot: self.output.output.as_ref().map(|_| self.output.needed()).transpose()?,
+            plot,
             json: self.measure.json,
         })
     }

@@ -16,6 +16,7 @@ pub mod render;
 pub mod run;
 pub mod sensing;
 pub mod sparsify;
+pub mod study;
 pub mod verify;
 
 use std::ffi::OsString;
@@ -23,7 +24,7 @@ use std::ffi::OsString;
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
-use crate::sequence::{CompareJob, FillJob, InfoJob, MaskJob, RenderJob, SparsifyJob, VerifyJob};
+use crate::sequence::{CompareJob, FillJob, InfoJob, MaskJob, RenderJob, SparsifyJob, StudyJob, VerifyJob};
 
 /// A command line that contradicts itself: exit status 2.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -46,6 +47,7 @@ enum Command {
     Info(info::InfoArgs),
     Verify(verify::VerifyArgs),
     Compare(Box<compare::CompareArgs>),
+    Study(study::StudyArgs),
     Sparsify(sparsify::SparsifyArgs),
     Render(Box<render::RenderArgs>),
     Mask(Box<make_mask::MakeMaskArgs>),
@@ -62,6 +64,8 @@ pub enum Job {
     Verify(VerifyJob),
     /// Compare frames with their references.
     Compare(Box<CompareJob>),
+    /// Compare filters with each other.
+    Study(Box<StudyJob>),
     /// Make sparse frames.
     Sparsify(SparsifyJob),
     /// Render a volume.
@@ -121,6 +125,7 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Job, Ending> {
         Command::Info(args) => ("info", Ok(Job::Info(args.job()))),
         Command::Verify(args) => ("verify", Ok(Job::Verify(args.job()))),
         Command::Compare(args) => ("compare", args.job().map(|job| Job::Compare(Box::new(job)))),
+        Command::Study(args) => ("study", args.job().map(|job| Job::Study(Box::new(job)))),
         Command::Sparsify(args) => ("sparsify", args.job().map(Job::Sparsify)),
         Command::Render(args) => ("render", args.job().map(|job| Job::Render(Box::new(job)))),
         Command::Mask(args) => ("mask", args.job().map(|job| Job::Mask(Box::new(job)))),

@@ -5,18 +5,18 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use lacuna_filters::Method;
-use lacuna_filters::baseline::{nearest, push_pull};
+use lacuna_filters::baseline::{cubic, linear, nearest, push_pull};
 use lacuna_filters::sensing::{cs_gradient, cs_wavelet};
 use lacuna_filters::variational::{ss, tv};
 
 use super::Usage;
 use super::filter::Name;
 use super::output::{Depth, FormatArgs, OutputArgs};
-use super::run::RunArgs;
+use super::run::{PageArgs, RunArgs};
 use crate::frame::{Compression, SampleType};
 use crate::mask::Source;
 use crate::sequence::range::Frames;
-use crate::sequence::{Existing, Pixels, RenderJob, Targets};
+use crate::sequence::{Existing, Pixels, RenderJob, RunOptions, Targets};
 use crate::volume::{InterpolationName, ModeName, Override, Wanted};
 
 const EXAMPLES: &str = "\
@@ -70,6 +70,9 @@ pub struct RenderArgs {
 
     #[command(flatten)]
     run: RunArgs,
+
+    #[command(flatten)]
+    page: PageArgs,
 }
 
 /// Values over the scene's.
@@ -225,7 +228,7 @@ impl RenderArgs {
             ));
         }
         let packing = self.format.compression;
-        let run = self.run.options();
+        let run = RunOptions { page: self.page.report.clone(), ..self.run.options() };
         let kind = SampleType::from(self.layers.data_type);
         Ok(RenderJob {
             scene: self.scene.clone(),
@@ -234,7 +237,7 @@ impl RenderArgs {
             targets: Targets {
                 output: self.output.checked()?,
                 mask,
-                also_written: run.json.iter().cloned().collect(),
+                also_written: run.json.iter().chain(&run.page).cloned().collect(),
                 create_dir: self.output.create_dir,
             },
             pixels,
@@ -265,6 +268,8 @@ fn method(name: Name) -> Method {
         Name::Tv => Method::Tv(tv::Settings::default()),
         Name::PushPull => Method::PushPull(push_pull::Settings),
         Name::Nearest => Method::Nearest(nearest::Settings),
+        Name::Linear => Method::Linear(linear::Settings),
+        Name::Cubic => Method::Cubic(cubic::Settings),
         Name::CsWavelet => Method::CsWavelet(cs_wavelet::Settings::default()),
         Name::CsGradient => Method::CsGradient(cs_gradient::Settings::default()),
     }

@@ -49,6 +49,16 @@ pub struct RunArgs {
     pub json: Option<PathBuf>,
 }
 
+/// A page for people.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Run")]
+pub struct PageArgs {
+    /// Write one HTML page that needs no other file and no network: mask, sparse input and result of each frame, density,
+    /// timings
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+}
+
 /// What is said.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Run")]
@@ -84,6 +94,7 @@ impl RunArgs {
             dry_run: self.dry_run,
             verbosity: self.speech.verbosity(),
             json: self.json.clone(),
+            page: None,
         }
     }
 }

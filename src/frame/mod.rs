@@ -197,6 +197,20 @@ impl Samples {
 }
 
 impl Part {
+    /// A part in scan lines whose display window is its data window; channels go by their names.
+    pub fn new(window: Window, mut channels: Vec<Channel>) -> Self {
+        channels.sort_by(|a, b| a.name.cmp(&b.name));
+        Self {
+            attributes: Attributes::default(),
+            data_window: window,
+            display_window: window,
+            compression: Compression::Zip,
+            layout: Layout::ScanLines,
+            channels,
+            had_levels: false,
+        }
+    }
+
     /// Height and width of the data window.
     pub fn size(&self) -> Size {
         self.data_window.size()

@@ -9,6 +9,7 @@ use std::path::Path;
 
 use half::f16;
 use lacuna_filters::Mask;
+use rayon::prelude::*;
 
 use super::generate::Rank;
 use super::{ATTRIBUTE, MakeError, crop};
@@ -81,7 +82,7 @@ pub fn write_mask(
 ) -> Result<(), MakeError> {
     match Format::of(path)? {
         Format::Exr => {
-            let halves = mask.as_slice().iter().map(|&flag| if flag { f16::ONE } else { f16::ZERO });
+            let halves = mask.as_slice().par_iter().map(|&flag| if flag { f16::ONE } else { f16::ZERO });
             write_exr(path, "mask", Samples::Half(halves.collect()), window, how)
         }
         Format::Png => {

@@ -1,5 +1,6 @@
 //! What `--mask` says, read from and written as text.
 
+use std::path::Path;
 use std::str::FromStr;
 
 /// What `--mask` asks for.
@@ -69,6 +70,16 @@ impl FromStr for Source {
             return Err(nothing());
         }
         Ok(file(path))
+    }
+}
+
+impl Source {
+    /// The file or pattern, if it is one.
+    pub fn path(&self) -> Option<&Path> {
+        match self {
+            Self::File { pattern, .. } => Some(pattern.as_ref()),
+            _ => None,
+        }
     }
 }
 

@@ -9,7 +9,7 @@ pub fn csv(comparison: &Comparison) -> String {
         vec!["frame", "reference", "test", "part", "layer", "channels", "region", "density", "measured_max"];
     head.extend(Measure::all().map(Measure::name));
     head.push("error");
-    let mut text = line(head.iter().map(|&name| name.to_owned()));
+    let mut text = csv_line(head.iter().map(|&name| name.to_owned()));
     for frame in &comparison.frames {
         for group in &frame.groups {
             for region in &group.regions {
@@ -24,7 +24,7 @@ pub fn csv(comparison: &Comparison) -> String {
             let mut cells = start(frame);
             cells.resize(head.len() - 1, String::new());
             cells.push(why.clone());
-            text.push_str(&line(cells.into_iter()));
+            text.push_str(&csv_line(cells.into_iter()));
         }
     }
     text
@@ -52,10 +52,11 @@ fn row(
     cells.push(number(group.measured_max));
     cells.extend(Measure::all().map(|measure| number(measures.get(measure))));
     cells.push(String::new());
-    line(cells.into_iter())
+    csv_line(cells.into_iter())
 }
 
-fn line(cells: impl Iterator<Item = String>) -> String {
+/// Cells as a line, quoted where they must be.
+pub fn csv_line(cells: impl Iterator<Item = String>) -> String {
     let quoted = cells.map(|cell| {
         if cell.contains([',', '"', '\n', '\r']) {
             format!("\"{}\"", cell.replace('"', "\"\""))

@@ -23,8 +23,10 @@ mod values;
 
 pub use compare::{Error, compare};
 pub use csv::csv;
+pub(crate) use csv::csv_line;
 pub use gate::{Bound, Gate, GateError};
 pub use groups::Kind;
+pub(crate) use html::{Filled, FilledPictures, base64, escape, filled, shell};
 pub use html::{MOST_FRAMES_WITH_PIXELS, Picture, html};
 pub use images::{Flicker, Images};
 pub use maps::Maps;

@@ -32,6 +32,8 @@ pub struct RunOptions {
     pub verbosity: Verbosity,
     /// Where the report goes.
     pub json: Option<PathBuf>,
+    /// Where the page goes, of work that has one.
+    pub page: Option<PathBuf>,
 }
 
 /// Why a frame failed, and the file that it is about.
@@ -77,6 +79,11 @@ pub trait Work: Sync {
 
     /// The work itself; it passes over the record if nothing is to be written in the end.
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure>;
+
+    /// What is written when all frames are through.
+    fn end(&self, _heading: &Heading, _records: &[Record]) -> Result<(), String> {
+        Ok(())
+    }
 }
 
 /// What the work on a frame may ask of the batch.
@@ -163,6 +170,10 @@ pub fn run(
         std::thread::park();
     }
     let mut failed = sum(&journal, work, start, console);
+    if let Err(error) = work.end(journal.heading(), &journal.records()) {
+        console.error(&error);
+        failed = true;
+    }
     if let Some(path) = &options.json
         && let Err(error) = journal.write(path)
     {

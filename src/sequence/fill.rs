@@ -7,6 +7,7 @@ use lacuna_filters::{Outcome, Run, Stop};
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::console::Console;
 use super::masks::MaskFiles;
+use super::page::Page;
 use super::plan::{Item, PlanError, Targets, plan};
 use super::plans::SharedPlans;
 use super::record::{Heading, Record};
@@ -39,7 +40,12 @@ pub struct FillJob {
 /// Fills the frames; the exit status.
 pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
     let plan = plan(&job.selection, &job.targets)?;
-    let work = Fill { job, plans: SharedPlans::new(job.run.memory.is_some()), masks: MaskFiles::default() };
+    let work = Fill {
+        job,
+        plans: SharedPlans::new(job.run.memory.is_some()),
+        masks: MaskFiles::default(),
+        page: Page::new(job.run.page.as_ref(), plan.items.len()),
+    };
     let console = Console::new(job.run.verbosity);
     if job.run.dry_run {
         return Ok(prepare::print(&plan, &work, &console));
@@ -59,6 +65,7 @@ struct Fill<'a> {
     job: &'a FillJob,
     plans: SharedPlans,
     masks: MaskFiles,
+    page: Page,
 }
 
 impl Work for Fill<'_> {
@@ -95,7 +102,10 @@ impl Work for Fill<'_> {
             let masks = mask::find(&frame, &what.mask, file.as_deref()).map_err(|error| at_input(&error))?;
             let choices = channels::choose(&frame, &masks, &what.overrides);
             let plans = self.plans.of(&masks);
-            reconstruct::fill(frame, &masks, &choices, what, &plans, &run).map_err(|error| at_input(&error))
+            let filled = reconstruct::fill(frame, &masks, &choices, what, &plans, &run);
+            let filled = filled.map_err(|error| at_input(&error))?;
+            self.page.look(item, &filled.0, |part, channel| masks.get(part, channel).map(|mask| &**mask));
+            Ok(filled)
         });
         let (frame, report) = solved?;
         enter(&report, record);
@@ -103,6 +113,10 @@ impl Work for Fill<'_> {
             return Err(at_input(&"stopped"));
         }
         prepare::write(&frame, item, (self.job.existing, self.job.level), stage, record)
+    }
+
+    fn end(&self, heading: &Heading, records: &[Record]) -> Result<(), String> {
+        self.page.write(heading, records)
     }
 }
 

@@ -6,15 +6,15 @@ use std::path::{Path, PathBuf};
 use lacuna_filters::{Mask, Plane};
 
 use super::console::Console;
+use super::mask_passes::{self, NextPass, Union};
 use super::pattern::Pattern;
 use super::plan::PlanError;
-use super::{Verbosity, masks, signals, threads};
-use crate::channels;
-use crate::frame::{self, Frame, Limits, Samples, Window, WriteOptions};
+use super::{Verbosity, signals, threads};
+use crate::frame::{self, Frame, Limits, Samples, Window};
 use crate::mask::generate::{self, Bounds, Request};
 use crate::mask::judge::{self, Judgement};
 use crate::mask::output::{Listing, Writing, write_floats, write_mask};
-use crate::mask::{self, MakeError, Masks, Source, after, merge};
+use crate::mask::{MakeError, Source};
 use crate::sparsify::{PATTERN, SEED};
 
 /// What `lacuna mask` does.
@@ -45,33 +45,9 @@ pub enum MaskTask {
         output: MaskOutput,
     },
     /// Choose the pixels to compute after a first pass.
-    After {
-        /// The filled or sparse frame.
-        frame: PathBuf,
-        /// Where its mask comes from.
-        source: Source,
-        /// Pixels to add over all pixels, 0 to 1.
-        add: f64,
-        /// The seed of the order that decides between equals.
-        seed: u64,
-        /// Where the estimated error goes.
-        error_estimate: Option<PathBuf>,
-        /// What the estimate does not decide.
-        bounds: BoundFiles,
-        /// Where to.
-        output: MaskOutput,
-    },
+    Next(NextPass),
     /// Unite two sparse renders.
-    Merge {
-        /// The first render.
-        first: PathBuf,
-        /// The second render.
-        second: PathBuf,
-        /// Where their masks come from.
-        source: Source,
-        /// Where to.
-        output: MaskOutput,
-    },
+    Merge(Union),
     /// Say how good a mask is.
     Measure {
         /// The mask, `FILE[:CHANNEL]`.
@@ -124,19 +100,20 @@ pub fn mask(job: &MaskJob) -> Result<u8, PlanError> {
         MaskTask::Generate { request, rank, frames, bounds, output } => {
             generate(request, *rank, frames.as_deref(), bounds, output, &console)
         }
-        MaskTask::After { frame, source, add, seed, error_estimate, bounds, output } => {
-            let next = second_pass(frame, source, *add, *seed, bounds)?;
-            write_next(&next, *seed, error_estimate.as_deref(), output, &console).map(|()| 0)
-        }
-        MaskTask::Merge { first, second, source, output } => unite(first, second, source, output, &console),
+        MaskTask::Next(task) => mask_passes::next(task, &console),
+        MaskTask::Merge(task) => mask_passes::unite(task, &console),
         MaskTask::Measure { mask, coherence, spectrum, seed, plot, json } => {
+            if let Some(plot) = plot {
+                let inputs = mask.iter().filter_map(Source::path).chain(spectrum.as_deref());
+                keep(&[&plot.path], &inputs.collect::<Vec<_>>())?;
+            }
             let judgement = measure(mask.as_ref(), coherence, spectrum.as_deref(), *seed)?;
             tell(&judgement, plot.as_ref(), *json)
         }
     }
 }
 
-fn failed(path: &Path) -> impl Fn(MakeError) -> PlanError + '_ {
+pub(super) fn failed(path: &Path) -> impl Fn(MakeError) -> PlanError + '_ {
     move |error| PlanError::Failed(format!("{}: {error}", path.display()))
 }
 
@@ -156,9 +133,8 @@ fn generate(
     let text = output.path.to_str().unwrap_or_default();
     let pattern = Pattern::parse(text).map_err(|error| PlanError::Usage(error.to_string()))?;
     let Some(pattern) = pattern else {
-        let path = output.path.display();
         return Err(PlanError::Usage(format!(
-            "--frames needs a pattern to write to, such as {path}.####.exr"
+            "{text}: --frames needs a pattern to write to, such as mask.####.exr"
         )));
     };
     let (first, mut status) = (frames.first().copied().unwrap_or(0), 0);
@@ -170,7 +146,7 @@ fn generate(
             _ => number,
         };
         let done =
-            one(request, rank, frame, &bounds.of_frame(number), &pattern.path(number), output, console);
+            one(request, rank, frame, &bounds.of_frame(Some(number)), &pattern.path(number), output, console);
         if let Err(error) = done {
             console.error(&error.to_string());
             status = 1;
@@ -191,6 +167,9 @@ fn one(
     console: &Console,
 ) -> Result<(), PlanError> {
     let fail = failed(path);
+    let inputs: Vec<&Path> =
+        [&bounds.inside, &bounds.always].into_iter().flatten().filter_map(Source::path).collect();
+    keep(&[path], &inputs)?;
     let bounds = bounds.read(request.window).map_err(&fail)?;
     let mut how = output.writing();
     how.attributes = vec![(SEED, request.seed.to_string())];
@@ -215,79 +194,17 @@ fn order_within<'a>(request: &Request, frame: i64, bounds: &'a Bounds) -> genera
     Box::new(move |row, column| if bounds.forces(size, row, column) { 0.0 } else { rank(row, column) })
 }
 
-fn report(path: &Path, mask: &Mask, console: &Console) {
+pub(super) fn report(path: &Path, mask: &Mask, console: &Console) {
     let (count, density) = (mask.count(), 100.0 * mask.density());
     console.note(&format!("{}: {count} pixels, density {density:.3} %", path.display()));
 }
 
-fn read(path: &Path, source: &Source) -> Result<(Frame, Masks), PlanError> {
-    let fail = |error: MakeError| failed(path)(error);
-    let limits = Limits::default();
-    let frame = frame::read(path, &limits).map_err(|error| fail(error.into()))?;
-    let file = match source {
-        Source::File { pattern, .. } => {
-            Some(masks::read(pattern.as_ref(), limits).map_err(|error| fail(error.into()))?)
-        }
-        _ => None,
-    };
-    let masks = mask::find(&frame, source, file.as_ref()).map_err(|error| fail(error.into()))?;
-    Ok((frame, masks))
-}
-
-fn second_pass(
-    path: &Path,
-    source: &Source,
-    add: f64,
-    seed: u64,
-    bounds: &BoundFiles,
-) -> Result<after::Next, PlanError> {
-    let (frame, masks) = read(path, source)?;
-    let choices = channels::choose(&frame, &masks, &[]);
-    after::next(&frame, &masks, &choices, add, seed, |window| bounds.read(window)).map_err(failed(path))
-}
-
-fn write_next(
-    next: &after::Next,
-    seed: u64,
-    error_estimate: Option<&Path>,
-    output: &MaskOutput,
-    console: &Console,
-) -> Result<(), PlanError> {
-    output.make_folder()?;
-    let mut how = output.writing();
-    how.attributes = vec![(PATTERN, "after".into()), (SEED, seed.to_string())];
-    let listing = Listing::Given(&next.pixels);
-    write_mask(&output.path, &next.mask, next.window, &listing, &how).map_err(failed(&output.path))?;
-    report(&output.path, &next.mask, console);
-    if let Some(path) = error_estimate {
-        how.attributes.clear();
-        let largest = next.error.pixels().iter().copied().fold(0.0, f32::max);
-        let pixels = next.error.pixels().to_vec();
-        write_floats(path, "error", pixels, largest, next.window, &how).map_err(failed(path))?;
-    }
-    Ok(())
-}
-
-fn unite(
-    first: &Path,
-    second: &Path,
-    source: &Source,
-    output: &MaskOutput,
-    console: &Console,
-) -> Result<u8, PlanError> {
-    if [first, second].iter().any(|input| same_file(input, &output.path)) {
-        return Err(PlanError::Usage(format!("{}: the output is one of the inputs", output.path.display())));
-    }
-    let (a, a_masks) = read(first, source)?;
-    let (b, b_masks) = read(second, source)?;
-    let merged = merge::merge((a, &a_masks), (&b, &b_masks)).map_err(failed(second))?;
-    merged.notes.iter().for_each(|note| console.warning(&format!("{}: {note}", second.display())));
-    output.make_folder()?;
-    let options = WriteOptions { compression_level: None, no_clobber: output.no_clobber };
-    frame::write(&merged.frame, &output.path, &options)
-        .map_err(|error| failed(&output.path)(error.into()))?;
-    console.note(&format!("{}: density {:.3} %", output.path.display(), 100.0 * merged.density));
-    Ok(0)
+/// Refuses outputs that are inputs.
+pub(super) fn keep(outputs: &[&Path], inputs: &[&Path]) -> Result<(), PlanError> {
+    let taken = outputs.iter().find(|output| inputs.iter().any(|input| same_file(input, output)));
+    taken.map_or(Ok(()), |output| {
+        Err(PlanError::Usage(format!("{}: the output is one of the inputs or outputs", output.display())))
+    })
 }
 
 fn same_file(a: &Path, b: &Path) -> bool {
@@ -362,12 +279,31 @@ fn tell(judgement: &Judgement, plot: Option<&MaskOutput>, json: bool) -> Result<
     }
 }
 
+/// The file of a frame, where the path is a pattern.
+pub(super) fn of_frame(path: &Path, number: Option<i64>) -> PathBuf {
+    match (number, Pattern::parse(&path.to_string_lossy())) {
+        (Some(number), Ok(Some(pattern))) => pattern.path(number),
+        _ => path.into(),
+    }
+}
+
+/// The source of a frame, where it is the pattern of files.
+pub(super) fn source_of_frame(source: &Source, number: Option<i64>) -> Source {
+    match source {
+        Source::File { pattern, channel } => {
+            let pattern = of_frame(pattern.as_ref(), number).display().to_string();
+            Source::File { pattern, channel: channel.clone() }
+        }
+        other => other.clone(),
+    }
+}
+
 impl MaskOutput {
-    fn writing(&self) -> Writing {
+    pub(super) fn writing(&self) -> Writing {
         Writing { no_clobber: self.no_clobber, overhead: self.overhead, attributes: Vec::new() }
     }
 
-    fn make_folder(&self) -> Result<(), PlanError> {
+    pub(super) fn make_folder(&self) -> Result<(), PlanError> {
         let folder = super::plan::folder_of(&self.path);
         if !self.create_dir {
             return Ok(());
@@ -380,21 +316,13 @@ impl MaskOutput {
 
 impl BoundFiles {
     /// The files of one frame.
-    fn of_frame(&self, number: i64) -> Self {
-        let numbered = |source: &Option<Source>| match source {
-            Some(Source::File { pattern, channel }) => {
-                let path = match Pattern::parse(pattern) {
-                    Ok(Some(parsed)) => parsed.path(number).display().to_string(),
-                    _ => pattern.clone(),
-                };
-                Some(Source::File { pattern: path, channel: channel.clone() })
-            }
-            other => other.clone(),
-        };
+    pub(super) fn of_frame(&self, number: Option<i64>) -> Self {
+        let numbered =
+            |source: &Option<Source>| source.as_ref().map(|source| source_of_frame(source, number));
         Self { inside: numbered(&self.inside), always: numbered(&self.always), border: self.border }
     }
 
-    fn read(&self, window: Window) -> Result<Bounds, MakeError> {
+    pub(super) fn read(&self, window: Window) -> Result<Bounds, MakeError> {
         let region = |source: &Option<Source>| match source {
             Some(Source::File { pattern, channel }) => {
                 generate::region(pattern, channel.as_deref(), window).map(Some)

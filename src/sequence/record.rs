@@ -140,6 +140,11 @@ impl Journal {
         Self { heading, records: Arc::new(Mutex::new(items.iter().map(Record::pending).collect())) }
     }
 
+    /// What is said once for all frames.
+    pub fn heading(&self) -> &Heading {
+        &self.heading
+    }
+
     /// Enters a frame's record.
     pub fn enter(&self, index: usize, record: Record) {
         if let Some(slot) = self.records().get_mut(index) {

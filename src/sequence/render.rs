@@ -11,6 +11,7 @@ use lacuna_filters::{Mask, Method, Run, Stop};
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::console::Console;
 use super::masks::MaskFiles;
+use super::page::Page;
 use super::plan::{Item, Plan, PlanError, Targets, outputs};
 use super::prepare;
 use super::range::Frames;
@@ -73,6 +74,7 @@ pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
         volume: Mutex::new(None),
         masks: MaskFiles::default(),
         plans: Plans::new(),
+        page: Page::new(job.run.page.as_ref(), plan.items.len()),
     };
     let console = Console::new(job.run.verbosity);
     if job.run.dry_run {
@@ -150,6 +152,7 @@ struct Render<'a> {
     volume: Mutex<Option<Ready>>,
     masks: MaskFiles,
     plans: Plans,
+    page: Page,
 }
 
 impl Work for Render<'_> {
@@ -193,6 +196,7 @@ impl Work for Render<'_> {
             seconds.1 = Some(start.elapsed().as_secs_f64());
             Ok(filled)
         })?;
+        self.page.look(item, &frame, |_, _| mask.as_deref());
         record.rendered = Some(seconds.0);
         record.filled = seconds.1;
         if let Some(filled) = seconds.1 {
@@ -203,6 +207,10 @@ impl Work for Render<'_> {
         stage
             .write(record, || frame::write(&frame, &item.output, &options))
             .map_err(|error| Failure::at(&item.output, error))
+    }
+
+    fn end(&self, heading: &Heading, records: &[Record]) -> Result<(), String> {
+        self.page.write(heading, records)
     }
 }
 
@@ -264,6 +272,7 @@ impl Render<'_> {
             mask,
             samples: image.samples,
             seed: image.seed,
+            normals: self.job.wanted.normals,
             gradients: self.job.wanted.gradients,
         };
         let (tiles, done) = (volume::tiles(ready.size()) as u64, AtomicU64::new(0));

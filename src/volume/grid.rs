@@ -5,7 +5,7 @@
 //! after (copies of the outermost ones) gives every cell its 4 x 4 x 4 voxels without a test.
 
 use rayon::prelude::*;
-use wide::{f32x4, i32x4};
+use wide::i32x4;
 
 use super::vector::{Affine, Vector, length};
 use super::{Error, Values};
@@ -131,26 +131,26 @@ impl Grid {
         cell[0] + cell[1] * self.strides[0] + cell[2] * self.strides[1]
     }
 
-    /// The `4 x 4 x 4` voxels around a cell, from one before its lowest corner to two after: x fastest, then y, z. The
+    /// The `4 x 4 x 4` voxels around a cell, from one before its lowest corner to two after: slices by z, x fastest. The
     /// cell is given by [`Grid::at`].
     #[inline(always)]
-    pub(super) fn gather4(&self, at: usize, taps: &mut [f32x4; 16]) {
+    pub(super) fn gather4(&self, at: usize, taps: &mut [[f32; 16]; 4]) {
         match &self.voxels {
             Values::U8(voxels) => gather4(voxels, at, self.strides, taps, whole),
             Values::U16(voxels) => gather4(voxels, at, self.strides, taps, whole),
             Values::I16(voxels) => gather4(voxels, at, self.strides, taps, whole),
-            Values::F32(voxels) => gather4(voxels, at, self.strides, taps, f32x4::new),
+            Values::F32(voxels) => gather4(voxels, at, self.strides, taps, |row| row),
         }
     }
 
     /// The `2 x 2 x 2` voxels at the corners of a cell: x fastest, then y, z.
     #[inline(always)]
-    pub(super) fn gather2(&self, at: usize, taps: &mut [f32x4; 2]) {
+    pub(super) fn gather2(&self, at: usize, taps: &mut [f32; 8]) {
         match &self.voxels {
             Values::U8(voxels) => gather2(voxels, at, self.strides, taps, whole),
             Values::U16(voxels) => gather2(voxels, at, self.strides, taps, whole),
             Values::I16(voxels) => gather2(voxels, at, self.strides, taps, whole),
-            Values::F32(voxels) => gather2(voxels, at, self.strides, taps, f32x4::new),
+            Values::F32(voxels) => gather2(voxels, at, self.strides, taps, |row| row),
         }
     }
 
@@ -174,21 +174,45 @@ impl Grid {
     ) -> Vec<(f32, f32)> {
         let blocks = self.size.map(|n| n.div_ceil(window.edge));
         let padded = self.size.map(|n| n + BORDER);
-        // x first, then y, then z; each pass leaves one entry a block along its axis.
-        let along_x: Vec<(T, T)> = voxels
-            .par_chunks(self.strides[0])
-            .flat_map_iter(|row| {
-                (0..blocks[0]).map(move |block| {
-                    let values = &row[window.of(block, padded[0])];
-                    values[1..].iter().fold((values[0], values[0]), |(low, high), &value| {
-                        (if value < low { value } else { low }, if value > high { value } else { high })
+        // z first, as whole slices go fastest, then y, then x; each pass leaves one entry a block along its axis.
+        let slab = |z: usize| {
+            let slices = window.of(z, padded[2]);
+            let [mut low, mut high] =
+                [0, 1].map(|_| voxels[slices.start * self.strides[1]..][..self.strides[1]].to_vec());
+            for slice in slices.skip(1) {
+                spread(&mut low, &mut high, &voxels[slice * self.strides[1]..]);
+            }
+            let (low, high) = (&low, &high);
+            (0..blocks[1])
+                .flat_map(move |y| {
+                    let rows = window.of(y, padded[1]);
+                    let row =
+                        |values: &[T], y: usize| values[y * self.strides[0]..][..self.strides[0]].to_vec();
+                    let (mut least, mut most) = (row(low, rows.start), row(high, rows.start));
+                    for y in rows.skip(1) {
+                        spread(&mut least, &mut [], &low[y * self.strides[0]..]);
+                        spread(&mut [], &mut most, &high[y * self.strides[0]..]);
+                    }
+                    (0..blocks[0]).map(move |x| {
+                        let cells = window.of(x, padded[0]);
+                        let (low, high) = (&least[cells.clone()], &most[cells]);
+                        let least = low.iter().fold(low[0], |a, &b| if b < a { b } else { a });
+                        (to(least), to(high.iter().fold(high[0], |a, &b| if b > a { b } else { a })))
                     })
                 })
-            })
-            .collect();
-        let along_y = merge(&along_x, blocks[0], [padded[1], padded[2]], blocks[1], window);
-        let along_z = merge(&along_y, blocks[0] * blocks[1], [padded[2], 1], blocks[2], window);
-        along_z.into_iter().map(|(low, high)| (to(low), to(high))).collect()
+                .collect::<Vec<_>>()
+        };
+        (0..blocks[2]).into_par_iter().flat_map_iter(slab).collect()
+    }
+}
+
+/// Widens ranges to the values beside them.
+fn spread<T: Copy + PartialOrd>(low: &mut [T], high: &mut [T], values: &[T]) {
+    for (low, &value) in low.iter_mut().zip(values) {
+        *low = if value < *low { value } else { *low };
+    }
+    for (high, &value) in high.iter_mut().zip(values) {
+        *high = if value > *high { value } else { *high };
     }
 }
 
@@ -209,32 +233,10 @@ impl Window {
     }
 }
 
-/// Merges runs of entries along the middle axis of `outer[1] x outer[0] x inner` entries to `blocks` entries.
-fn merge<T: Copy + PartialOrd + Sync + Send>(
-    entries: &[(T, T)],
-    inner: usize,
-    outer: [usize; 2],
-    blocks: usize,
-    window: Window,
-) -> Vec<(T, T)> {
-    let join = |a: (T, T), b: (T, T)| (if b.0 < a.0 { b.0 } else { a.0 }, if b.1 > a.1 { b.1 } else { a.1 });
-    let one = |slab: usize, block: usize| {
-        let rows = window.of(block, outer[0]);
-        (0..inner).map(move |x| {
-            let entry = |row: usize| entries[(slab * outer[0] + row) * inner + x];
-            rows.clone().skip(1).fold(entry(rows.start), |range, row| join(range, entry(row)))
-        })
-    };
-    (0..outer[1])
-        .into_par_iter()
-        .flat_map_iter(|slab| (0..blocks).flat_map(move |block| one(slab, block)))
-        .collect()
-}
-
 /// Integers as floats, through 32-bit ones, which SIMD converts four at a time.
 #[inline(always)]
-fn whole<T: Into<i32>>([a, b, c, d]: [T; 4]) -> f32x4 {
-    i32x4::new([a.into(), b.into(), c.into(), d.into()]).round_float()
+fn whole<T: Into<i32>>([a, b, c, d]: [T; 4]) -> [f32; 4] {
+    i32x4::new([a.into(), b.into(), c.into(), d.into()]).round_float().to_array()
 }
 
 #[inline(always)]
@@ -242,14 +244,14 @@ fn gather4<T: Copy>(
     voxels: &[T],
     at: usize,
     strides: [usize; 2],
-    taps: &mut [f32x4; 16],
-    to: impl Fn([T; 4]) -> f32x4,
+    taps: &mut [[f32; 16]; 4],
+    to: impl Fn([T; 4]) -> [f32; 4],
 ) {
     for z in 0..4 {
         for y in 0..4 {
             let start = at + y * strides[0] + z * strides[1];
             let row = &voxels[start..start + 4];
-            taps[z * 4 + y] = to([row[0], row[1], row[2], row[3]]);
+            taps[z][4 * y..4 * y + 4].copy_from_slice(&to([row[0], row[1], row[2], row[3]]));
         }
     }
 }
@@ -259,14 +261,14 @@ fn gather2<T: Copy>(
     voxels: &[T],
     at: usize,
     strides: [usize; 2],
-    taps: &mut [f32x4; 2],
-    to: impl Fn([T; 4]) -> f32x4,
+    taps: &mut [f32; 8],
+    to: impl Fn([T; 4]) -> [f32; 4],
 ) {
     let corner = at + BEFORE * (1 + strides[0] + strides[1]);
     for z in 0..2 {
         let start = corner + z * strides[1];
         let (a, b) = (&voxels[start..start + 2], &voxels[start + strides[0]..][..2]);
-        taps[z] = to([a[0], a[1], b[0], b[1]]);
+        taps[4 * z..4 * z + 4].copy_from_slice(&to([a[0], a[1], b[0], b[1]]));
     }
 }
 

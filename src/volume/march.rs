@@ -1,5 +1,8 @@
 //! Direct volume rendering of one ray: front to back, `C += (1 - A) a c`, `A += (1 - A) a`.
 //!
+//! Eight samples are interpolated, classified and shaded side by side, then composited one by one: some behind the end of an
+//! opaque ray are computed in vain. Gradients and shading are left out where none of the eight has an opacity.
+//!
 //! With pre-integration the segment between two samples has the mean colour and the opacity of the values that a line
 //! between theirs goes through, so that thin features of the transfer function are not stepped over.
 //!
@@ -9,9 +12,10 @@
 
 use super::integral::Integral;
 use super::kernel::Kernel;
+use super::lanes::{LANES, Lanes};
 use super::shade::{MOST_LIGHTS, Shader};
 use super::transfer::Table;
-use super::walk::Walk;
+use super::walk::{Bundle, Walk};
 
 /// What a ray saw.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,26 +26,6 @@ pub struct Seen {
     pub normal: [f32; 3],
     /// The sample, from the entry, at which there was a surface; negative if there was none.
     pub depth: f32,
-}
-
-impl Seen {
-    /// Nothing.
-    pub const NOTHING: Self = Self { colour: [0.0; 4], normal: [0.0; 3], depth: -1.0 };
-
-    /// Adds a sample behind what was seen; whether it is still not opaque.
-    #[inline(always)]
-    fn add(&mut self, i: u32, opacity: f32, colour: [f32; 3], normal: [f32; 3], march: &March<'_>) -> bool {
-        let share = (1.0 - self.colour[3]) * opacity;
-        for k in 0..3 {
-            self.colour[k] += share * colour[k];
-            self.normal[k] += share * normal[k];
-        }
-        self.colour[3] += share;
-        if self.depth < 0.0 && self.colour[3] >= march.threshold {
-            self.depth = i as f32;
-        }
-        self.colour[3] < march.opaque
-    }
 }
 
 /// What the march needs besides the walk.
@@ -57,97 +41,111 @@ pub struct March<'a> {
     pub opaque: f32,
     /// Alpha of the surface that depth tells.
     pub threshold: f32,
+    /// Whether normals are wanted.
+    pub normals: bool,
+}
+
+/// What a bundle shows: the share of their colours that samples have, what is white, and normals.
+struct Shown {
+    share: [f32; LANES],
+    white: [f32; LANES],
+    normals: [[f32; LANES]; 3],
+}
+
+impl Seen {
+    /// Nothing.
+    pub const NOTHING: Self = Self { colour: [0.0; 4], normal: [0.0; 3], depth: -1.0 };
 }
 
 impl March<'_> {
     /// Marches along a ray of that direction.
     #[inline(always)]
     pub fn ray<K: Kernel>(&self, mut walk: Walk<'_, K>, view: [f32; 3]) -> Seen {
-        if let Some(integral) = self.integral {
-            return self.segments(integral, walk, view);
-        }
-        let halfway = self.halfway(view);
+        let halfway = self.shader.map_or([[0.0; 3]; MOST_LIGHTS], |shader| shader.halfway(view));
         let mut seen = Seen::NOTHING;
-        let mut visible = true;
-        let mut i = 0;
-        while i < walk.count {
-            let place = walk.place(i as f32);
-            if let Some(next) = walk.leap(i, &place) {
-                i = next;
+        // The last sample and its value.
+        let mut known = (f32::NAN, 0.0);
+        while let Some(bundle) = walk.next() {
+            let (values, partial) = walk.values(&bundle);
+            let colours = match self.integral {
+                None => self.table.at_all(values, bundle.count),
+                Some(integral) => segments(integral, &mut known, &bundle, values),
+            };
+            let mut visible = 0;
+            for lane in 0..bundle.count {
+                visible |= u32::from(colours[lane][3] > 0.0) << lane;
+            }
+            if visible == 0 {
                 continue;
             }
-            if walk.enter(&place) && walk.skips() {
-                let (low, high) = walk.bounds();
-                visible = self.table.visible(low, high);
+            let mut shown = Shown { share: [1.0; LANES], white: [0.0; LANES], normals: [[0.0; LANES]; 3] };
+            if let Some(shader) = self.shader {
+                let (normals, lengths) = shader.normals(walk.gradients(&bundle, &partial, visible));
+                let (share, white) = shader.shade(normals, lengths, &halfway);
+                shown = Shown {
+                    share: share.to_array(),
+                    white: white.to_array(),
+                    normals: [normals[0].to_array(), normals[1].to_array(), normals[2].to_array()],
+                };
             }
-            if visible {
-                let (value, partial) = walk.value(&place);
-                let [red, green, blue, opacity] = self.table.at(value);
-                if opacity > 0.0 {
-                    let (mut colour, mut normal) = ([red, green, blue], [0.0; 3]);
-                    if let Some(shader) = self.shader {
-                        let length;
-                        (normal, length) = shader.normal(walk.gradient(&place, &partial));
-                        colour = shader.shade(colour, normal, length, &halfway);
-                    }
-                    if !seen.add(i, opacity, colour, normal, self) {
-                        break;
-                    }
-                }
+            if !self.composite(&mut seen, &bundle, &colours, &shown) {
+                break;
             }
-            i += 1;
         }
         seen
     }
 
-    /// The same with pre-integrated segments: sample `i` stands for the segment from `i - 1`.
+    /// Adds samples behind what was seen; whether it is still not opaque.
     #[inline(always)]
-    fn segments<K: Kernel>(&self, integral: &Integral, mut walk: Walk<'_, K>, view: [f32; 3]) -> Seen {
-        let halfway = self.halfway(view);
-        let mut seen = Seen::NOTHING;
-        // The last sample whose value is known, and that value.
-        let mut known = (u32::MAX, 0.0);
-        let mut i = 0;
-        while i < walk.count {
-            let place = walk.place(i as f32);
-            // The segment from a known sample is finished even if it ends in an empty block.
-            if i == 0 || known.0 != i - 1 {
-                if let Some(next) = walk.leap(i, &place) {
-                    i = next;
-                    continue;
-                }
-                if i > 0 {
-                    known = (i - 1, walk.sample((i - 1) as f32).0);
+    fn composite(
+        &self,
+        seen: &mut Seen,
+        bundle: &Bundle,
+        colours: &[[f32; 4]; LANES],
+        shown: &Shown,
+    ) -> bool {
+        for lane in 0..bundle.count {
+            let [red, green, blue, opacity] = colours[lane];
+            if opacity <= 0.0 {
+                continue;
+            }
+            let part = (1.0 - seen.colour[3]) * opacity;
+            for (k, colour) in [red, green, blue].into_iter().enumerate() {
+                seen.colour[k] += part * (shown.share[lane] * colour + shown.white[lane]);
+            }
+            if self.normals {
+                for k in 0..3 {
+                    seen.normal[k] += part * shown.normals[k][lane];
                 }
             }
-            walk.enter(&place);
-            let (value, partial) = walk.value(&place);
-            if i > 0 {
-                let (mut colour, opacity) = integral.segment(known.1, value);
-                if opacity > 0.0 {
-                    let mut normal = [0.0; 3];
-                    if let Some(shader) = self.shader {
-                        let length;
-                        (normal, length) = shader.normal(walk.gradient(&place, &partial));
-                        colour = shader.shade(colour, normal, length, &halfway);
-                    }
-                    if !seen.add(i, opacity, colour, normal, self) {
-                        break;
-                    }
-                }
+            seen.colour[3] += part;
+            if seen.depth < 0.0 && seen.colour[3] >= self.threshold {
+                seen.depth = bundle.samples[lane];
             }
-            // An empty block takes up the leaps again.
-            known = if walk.leap(i, &place).is_some() { (u32::MAX, 0.0) } else { (i, value) };
-            i += 1;
+            if seen.colour[3] >= self.opaque {
+                return false;
+            }
         }
-        seen
+        true
     }
+}
 
-    #[inline(always)]
-    fn halfway(&self, view: [f32; 3]) -> [[f32; 3]; MOST_LIGHTS] {
-        match self.shader {
-            Some(shader) => shader.halfway(view),
-            None => [[0.0; 3]; MOST_LIGHTS],
+/// Colours and opacities of the segments that end in a bundle's samples; nothing where the sample before is not known.
+#[inline(always)]
+fn segments(
+    integral: &Integral,
+    known: &mut (f32, f32),
+    bundle: &Bundle,
+    values: Lanes,
+) -> [[f32; 4]; LANES] {
+    let mut found = [[0.0; 4]; LANES];
+    for (lane, value) in values.to_array().into_iter().enumerate().take(bundle.count) {
+        let sample = bundle.samples[lane];
+        if known.0 == sample - 1.0 {
+            let ([red, green, blue], opacity) = integral.segment(known.1, value);
+            found[lane] = [red, green, blue, opacity];
         }
+        *known = (sample, value);
     }
+    found
 }

@@ -19,6 +19,7 @@ mod error;
 mod grid;
 mod integral;
 mod kernel;
+mod lanes;
 mod march;
 mod output;
 mod paraview;
@@ -26,6 +27,8 @@ mod picture;
 mod prefilter;
 mod procedural;
 pub mod read;
+#[cfg(test)]
+mod reference;
 mod reshape;
 mod scene;
 mod shade;
@@ -37,6 +40,7 @@ mod transfer;
 mod values;
 mod vector;
 mod walk;
+mod weights;
 
 pub use camera::{Camera, Projection, Ray};
 pub use error::Error;

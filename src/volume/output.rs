@@ -5,7 +5,7 @@ use lacuna_filters::{Mask, Size};
 
 use super::camera::Camera;
 use super::picture::Pixel;
-use crate::frame::{Attributes, Channel, Compression, Frame, Layout, Part, SampleType, Samples, Window};
+use crate::frame::{Attributes, Channel, Compression, Frame, Part, SampleType, Samples, Window};
 use crate::mask;
 
 /// The name of the mask's channel.
@@ -84,7 +84,6 @@ pub fn frame(pixels: &[Pixel], size: Size, mask: Option<&Mask>, wanted: &Wanted,
         let flag = |at: usize| if measured(at) { f16::ONE } else { f16::ZERO };
         add(MASK.into(), Samples::Half((0..pixels.len()).map(flag).collect()));
     }
-    channels.sort_by(|a, b| a.name.cmp(&b.name));
     let part = Part {
         attributes: attributes(size, mask.is_some(), story),
         compression: wanted.compression,
@@ -103,16 +102,8 @@ fn channel(name: &str, samples: Samples) -> Channel {
 }
 
 fn part(size: Size, channels: Vec<Channel>) -> Part {
-    let window = Window { x_min: 0, y_min: 0, x_max: size.width as i32 - 1, y_max: size.height as i32 - 1 };
-    Part {
-        attributes: Attributes::default(),
-        data_window: window,
-        display_window: window,
-        compression: Compression::Zip,
-        layout: Layout::ScanLines,
-        channels,
-        had_levels: false,
-    }
+    let (x_max, y_max) = (size.width as i32 - 1, size.height as i32 - 1);
+    Part::new(Window { x_min: 0, y_min: 0, x_max, y_max }, channels)
 }
 
 /// The nearest half; the largest one instead of infinity.

@@ -6,6 +6,8 @@
 //!
 //! Source of the pattern: M. Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use lacuna_filters::{Mask, Size};
 use rayon::prelude::*;
 
@@ -13,17 +15,21 @@ use super::blocks::Blocks;
 use super::camera::{Camera, clip};
 use super::grid::Grid;
 use super::integral::Integral;
-use super::kernel::{BSpline, CatmullRom, Cubic, Kernel, Linear, Nearest};
+use super::kernel::{Cubic, Kernel, Linear, Nearest};
 use super::march::{March, Seen};
 use super::shade::Shader;
 use super::surface::{Surface, maximum};
 use super::transfer::Table;
 use super::walk::Walk;
+use super::weights::{BSpline, CatmullRom};
 
 /// Pixels along each edge of a tile.
 const TILE: usize = 16;
 /// Half the distance of finite differences, in pixels.
 const DIFFERENCE: f64 = 0.25;
+/// No difference, then one before and one after along x and y.
+const AROUND: [(f64, f64); 5] =
+    [(0.0, 0.0), (-DIFFERENCE, 0.0), (DIFFERENCE, 0.0), (0.0, -DIFFERENCE), (0.0, DIFFERENCE)];
 
 /// How values between voxels are made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,6 +95,8 @@ pub struct Shot<'a> {
     pub samples: u32,
     /// Of their pattern.
     pub seed: u64,
+    /// Whether normals are wanted; they are 0 otherwise, but on isosurfaces.
+    pub normals: bool,
     /// Whether derivatives are wanted.
     pub gradients: bool,
 }
@@ -111,25 +119,75 @@ impl Pixel {
         Self { colour: [0.0; 4], normal: [0.0; 3], depth: f32::INFINITY, slopes: [[0.0; 4]; 2] };
 }
 
+/// Which instructions of the machine tiles are rendered with. All of them give the same bits, as no multiplication is
+/// fused with a sum.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Instructions {
+    /// The widest that the machine has.
+    Best,
+    /// Those that every machine has.
+    #[cfg(test)]
+    Plain,
+    /// Vectors of 256 bits: AVX2, where the machine has it.
+    #[cfg(test)]
+    Wide,
+}
+
+impl Instructions {
+    /// All kinds.
+    #[cfg(test)]
+    pub const ALL: [Self; 3] = [Self::Best, Self::Plain, Self::Wide];
+
+    /// Does the work with them; nothing if the machine lacks them.
+    fn run<W: pulp::WithSimd>(self, work: W) -> Option<W::Output> {
+        match self {
+            Self::Best => Some(pulp::Arch::new().dispatch(work)),
+            #[cfg(test)]
+            Self::Plain => Some(pulp::Simd::vectorize(pulp::Scalar::new(), work)),
+            #[cfg(all(test, any(target_arch = "x86", target_arch = "x86_64")))]
+            Self::Wide => pulp::x86::V3::try_new().map(|simd| pulp::Simd::vectorize(simd, work)),
+            #[cfg(all(test, not(any(target_arch = "x86", target_arch = "x86_64"))))]
+            Self::Wide => None,
+        }
+    }
+}
+
 /// Renders a shot: its pixels row by row. `advance` is told of tiles as they are done, out of [`tiles`]; if it answers
 /// `false` the rest is left out.
 pub fn render(renderer: &Renderer, shot: &Shot<'_>, advance: &(dyn Fn() -> bool + Sync)) -> Vec<Pixel> {
+    render_by(renderer, shot, Instructions::Best, advance).unwrap_or_default()
+}
+
+/// The same with these instructions; nothing if the machine lacks them.
+pub fn render_by(
+    renderer: &Renderer,
+    shot: &Shot<'_>,
+    instructions: Instructions,
+    advance: &(dyn Fn() -> bool + Sync),
+) -> Option<Vec<Pixel>> {
     let columns = shot.size.width.div_ceil(TILE);
     let corner = |number: usize| (number / columns * TILE, number % columns * TILE);
+    let going = AtomicBool::new(true);
     let one = |number: usize| {
-        let pixels = renderer.tile(shot, corner(number));
-        (pixels, advance())
+        if !going.load(Ordering::Relaxed) {
+            return Some(Vec::new());
+        }
+        let pixels = renderer.tile(shot, corner(number), instructions)?;
+        if !advance() {
+            going.store(false, Ordering::Relaxed);
+        }
+        Some(pixels)
     };
-    let done: Vec<_> = (0..tiles(shot.size)).into_par_iter().with_max_len(1).map(one).collect();
+    let done: Option<Vec<_>> = (0..tiles(shot.size)).into_par_iter().with_max_len(1).map(one).collect();
     let mut picture = vec![Pixel::NOTHING; shot.size.pixels()];
-    for (number, (pixels, _)) in done.iter().enumerate() {
+    for (number, pixels) in done?.iter().enumerate() {
         let (top, left) = corner(number);
         let width = TILE.min(shot.size.width - left);
         for (row, pixels) in pixels.chunks(width).enumerate() {
             picture[(top + row) * shot.size.width + left..][..width].copy_from_slice(pixels);
         }
     }
-    picture
+    Some(picture)
 }
 
 /// Number of tiles of an image.
@@ -145,12 +203,6 @@ struct Tile<'a, K> {
     corner: (usize, usize),
 }
 
-/// Renders a tile with the widest instructions that the machine has; all of them give the same bits, as no
-/// multiplication is fused with a sum.
-fn dispatched<K: Kernel>(tile: Tile<'_, K>) -> Vec<Pixel> {
-    pulp::Arch::new().dispatch(tile)
-}
-
 impl<K: Kernel> pulp::WithSimd for Tile<'_, K> {
     type Output = Vec<Pixel>;
 
@@ -161,15 +213,22 @@ impl<K: Kernel> pulp::WithSimd for Tile<'_, K> {
 }
 
 impl Renderer {
-    fn tile(&self, shot: &Shot<'_>, corner: (usize, usize)) -> Vec<Pixel> {
+    fn tile(
+        &self,
+        shot: &Shot<'_>,
+        corner: (usize, usize),
+        instructions: Instructions,
+    ) -> Option<Vec<Pixel>> {
         match self.interpolation {
-            Interpolation::Nearest => dispatched(Tile { renderer: self, kernel: Nearest, shot, corner }),
-            Interpolation::Linear => dispatched(Tile { renderer: self, kernel: Linear, shot, corner }),
+            Interpolation::Nearest => {
+                instructions.run(Tile { renderer: self, kernel: Nearest, shot, corner })
+            }
+            Interpolation::Linear => instructions.run(Tile { renderer: self, kernel: Linear, shot, corner }),
             Interpolation::BSpline => {
-                dispatched(Tile { renderer: self, kernel: Cubic(BSpline), shot, corner })
+                instructions.run(Tile { renderer: self, kernel: Cubic(BSpline), shot, corner })
             }
             Interpolation::CatmullRom => {
-                dispatched(Tile { renderer: self, kernel: Cubic(CatmullRom), shot, corner })
+                instructions.run(Tile { renderer: self, kernel: Cubic(CatmullRom), shot, corner })
             }
         }
     }
@@ -193,26 +252,27 @@ impl Renderer {
     fn pixel<K: Kernel>(&self, kernel: K, shot: &Shot<'_>, (x, y): (usize, usize)) -> Pixel {
         let mut pixel = Pixel::NOTHING;
         let share = 1.0 / shot.samples as f32;
+        // The sample itself, then those before and after it along x and y.
+        let rays = if shot.gradients { 5 } else { 1 };
         for index in 0..shot.samples {
             let (dx, dy) = offset(shot, (x, y), index);
-            let (x, y) = (x as f64 + dx, y as f64 + dy);
-            let (seen, depth) = self.ray(kernel, shot, x, y);
-            for k in 0..4 {
-                pixel.colour[k] += share * seen.colour[k];
-            }
-            for k in 0..3 {
-                pixel.normal[k] += share * seen.normal[k];
-            }
-            pixel.depth = pixel.depth.min(depth);
-            if shot.gradients {
-                for (axis, (dx, dy)) in [(DIFFERENCE, 0.0), (0.0, DIFFERENCE)].into_iter().enumerate() {
-                    let before = self.ray(kernel, shot, x - dx, y - dy).0.colour;
-                    let after = self.ray(kernel, shot, x + dx, y + dy).0.colour;
-                    for k in 0..4 {
-                        let slope = (after[k] - before[k]) / (2.0 * DIFFERENCE) as f32;
-                        pixel.slopes[axis][k] += share * slope;
+            for (k, (right, down)) in AROUND.into_iter().enumerate().take(rays) {
+                let (seen, depth) = self.ray(kernel, shot, x as f64 + dx + right, y as f64 + dy + down);
+                if k > 0 {
+                    let (axis, sign) = ((k - 1) / 2, if k % 2 == 0 { 1.0 } else { -1.0 });
+                    for part in 0..4 {
+                        let slope = sign * seen.colour[part] / (2.0 * DIFFERENCE) as f32;
+                        pixel.slopes[axis][part] += share * slope;
                     }
+                    continue;
                 }
+                for part in 0..4 {
+                    pixel.colour[part] += share * seen.colour[part];
+                }
+                for part in 0..3 {
+                    pixel.normal[part] += share * seen.normal[part];
+                }
+                pixel.depth = pixel.depth.min(depth);
             }
         }
         let [a, b, c] = pixel.normal;
@@ -225,6 +285,11 @@ impl Renderer {
         pixel
     }
 
+    /// Whether what is seen lies between two samples.
+    pub fn spans(&self) -> bool {
+        self.integral.is_some() || matches!(self.look, Look::Iso(..))
+    }
+
     /// What the ray through a point of the image sees, on the background, and the distance to its surface.
     #[inline(always)]
     fn ray<K: Kernel>(&self, kernel: K, shot: &Shot<'_>, x: f64, y: f64) -> (Seen, f32) {
@@ -232,10 +297,11 @@ impl Renderer {
         let mut seen = Seen::NOTHING;
         let mut depth = f32::INFINITY;
         if let Some(segment) = clip(&ray, self.grid.placement(), self.grid.last()) {
-            let walk = Walk::new(&self.grid, kernel, self.blocks.as_ref(), &segment, self.step);
+            let blocks = (self.blocks.as_ref(), self.spans());
+            let walk = Walk::new(&self.grid, kernel, blocks, &segment, self.step);
             let [x, y, z] = ray.direction;
             let view = [x as f32, y as f32, z as f32];
-            seen = self.look(walk, view, shot.shader);
+            seen = self.look(walk, view, shot);
             if seen.depth >= 0.0 {
                 depth = (segment.start + f64::from(seen.depth) * self.step) as f32;
             }
@@ -248,7 +314,8 @@ impl Renderer {
     }
 
     #[inline(always)]
-    fn look<K: Kernel>(&self, walk: Walk<'_, K>, view: [f32; 3], shader: Option<&Shader>) -> Seen {
+    fn look<K: Kernel>(&self, walk: Walk<'_, K>, view: [f32; 3], shot: &Shot<'_>) -> Seen {
+        let shader = shot.shader;
         match self.look {
             Look::Dvr => March {
                 table: &self.table,
@@ -256,6 +323,7 @@ impl Renderer {
                 shader,
                 opaque: self.opaque,
                 threshold: self.threshold,
+                normals: shot.normals,
             }
             .ray(walk, view),
             Look::Iso(value, colour) => Surface { value, colour, shader }.ray(walk, view),

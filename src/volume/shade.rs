@@ -9,6 +9,7 @@
 //! reflection for computer synthesized pictures", SIGGRAPH 1977 (h); M. Levoy, "Display of surfaces from volume data", IEEE
 //! CG&A 8(3), 1988 (weight by the gradient).
 
+use super::lanes::{Lanes, all, dot, splat};
 use super::vector::{Vector, normalise, scale};
 
 /// Lights of a scene at most.
@@ -66,17 +67,16 @@ impl Shader {
         std::array::from_fn(|axis| std::array::from_fn(|k| rows[k][axis] as f32))
     }
 
-    /// The normal of length 1 (0 where there is no gradient) and the length of the gradient, from a gradient in index
+    /// The normals of length 1 (0 where there is no gradient) and the lengths of the gradients, from gradients in index
     /// coordinates.
     #[inline(always)]
-    pub fn normal(&self, gradient: [f32; 3]) -> ([f32; 3], f32) {
-        let m = &self.to_world;
-        let mut world = [0.0; 3];
-        for axis in 0..3 {
-            world[axis] = m[axis][0] * gradient[0] + m[axis][1] * gradient[1] + m[axis][2] * gradient[2];
-        }
+    pub fn normals(&self, gradients: [Lanes; 3]) -> ([Lanes; 3], Lanes) {
+        let [a, b, c] = &self.to_world;
+        let along = |row: &[f32; 3]| dot(splat(*row), gradients);
+        let world = [along(a), along(b), along(c)];
         let length = dot(world, world).sqrt();
-        let over = if length > 0.0 { 1.0 / length } else { 0.0 };
+        // A length of 0 gives an infinite reciprocal.
+        let over = length.simd_gt(Lanes::ZERO).select(all(1.0) / length, Lanes::ZERO);
         ([world[0] * over, world[1] * over, world[2] * over], length)
     }
 
@@ -87,60 +87,49 @@ impl Shader {
         for k in 0..self.lights.len().min(MOST_LIGHTS) {
             let l = self.lights[k].direction;
             let h = [l[0] - view[0], l[1] - view[1], l[2] - view[2]];
-            let square = dot(h, h);
+            let square = h[0] * h[0] + h[1] * h[1] + h[2] * h[2];
             let over = if square > 0.0 { 1.0 / square.sqrt() } else { 0.0 };
             found[k] = [h[0] * over, h[1] * over, h[2] * over];
         }
         found
     }
 
-    /// The shaded colour; `halfway` as [`Shader::halfway`] gives it for the ray.
+    /// The share of their colours and the white that samples show; `halfway` as [`Shader::halfway`] gives it for the ray.
     #[inline(always)]
     pub fn shade(
         &self,
-        colour: [f32; 3],
-        normal: [f32; 3],
-        length: f32,
+        normals: [Lanes; 3],
+        lengths: Lanes,
         halfway: &[[f32; 3]; MOST_LIGHTS],
-    ) -> [f32; 3] {
+    ) -> (Lanes, Lanes) {
         let material = &self.material;
-        let weight = material.gradient_scale * length;
-        let k = if material.gradient_scale > 0.0 && weight < 1.0 { weight } else { 1.0 };
-        let (mut diffuse, mut specular) = (0.0, 0.0);
+        let k = if material.gradient_scale > 0.0 {
+            (all(material.gradient_scale) * lengths).fast_min(all(1.0))
+        } else {
+            all(1.0)
+        };
+        let (mut diffuse, mut specular) = (Lanes::ZERO, Lanes::ZERO);
         for k in 0..self.lights.len().min(MOST_LIGHTS) {
             let (light, h) = (&self.lights[k], &halfway[k]);
-            diffuse += light.intensity * dot(normal, light.direction).abs();
+            diffuse += all(light.intensity) * dot(normals, splat(light.direction)).abs();
             if material.specular > 0.0 {
-                specular += light.intensity * power(dot(normal, *h).abs(), material.shininess);
+                let cosines = dot(normals, splat(*h)).abs();
+                specular += all(light.intensity) * power(cosines, material.shininess);
             }
         }
-        let share = material.flat * (1.0 - k) + k * (material.ambient + material.diffuse * diffuse);
-        let white = k * material.specular * specular;
-        [share * colour[0] + white, share * colour[1] + white, share * colour[2] + white]
+        let surface = all(material.ambient) + all(material.diffuse) * diffuse;
+        let share = all(material.flat) * (all(1.0) - k) + k * surface;
+        (share, k * all(material.specular) * specular)
     }
 }
 
+/// `base^exponent` for bases of 0 or more; by squaring where the exponent is a small whole number.
 #[inline(always)]
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// `base^exponent` for a base of 0 or more; by squaring where the exponent is a small whole number.
-#[inline(always)]
-fn power(base: f32, exponent: f32) -> f32 {
-    let whole = exponent as u32;
+fn power(base: Lanes, exponent: f32) -> Lanes {
     if exponent.fract() != 0.0 || !(0.0..=1024.0).contains(&exponent) {
-        return base.powf(exponent);
+        return Lanes::new(base.to_array().map(|base| base.powf(exponent)));
     }
-    let (mut result, mut square, mut rest) = (1.0, base, whole);
-    if whole < 32 {
-        // Unrolled: the usual exponents take no loop.
-        for bit in 0..5 {
-            result *= if whole >> bit & 1 == 1 { square } else { 1.0 };
-            square *= square;
-        }
-        return result;
-    }
+    let (mut result, mut square, mut rest) = (all(1.0), base, exponent as u32);
     while rest > 0 {
         if rest & 1 == 1 {
             result *= square;
@@ -169,36 +158,40 @@ mod tests {
         Shader { material, lights: vec![Light::new([0.0, 0.0, 2.0], 1.0)], to_world }
     }
 
+    fn normal(gradient: [f32; 3]) -> ([f32; 3], f32) {
+        let (normals, lengths) = shader().normals(gradient.map(all));
+        (normals.map(|part| part.to_array()[5]), lengths.to_array()[2])
+    }
+
     #[test]
     fn powers_are_powers() {
-        for exponent in [0.0, 1.0, 2.0, 7.0, 30.0, 2.5] {
+        for exponent in [0.0, 1.0, 2.0, 7.0, 30.0, 33.0, 2.5] {
             for base in [0.0_f32, 0.3, 0.99, 1.0] {
                 let exact = f64::from(base).powf(f64::from(exponent));
-                assert!(
-                    (f64::from(power(base, exponent)) - exact).abs()
-                        <= 64.0 * f64::from(f32::EPSILON) * exact
-                );
+                let found = power(all(base), exponent).to_array()[3];
+                assert!((f64::from(found) - exact).abs() <= 64.0 * f64::from(f32::EPSILON) * exact);
             }
         }
     }
 
     #[test]
     fn gradients_are_per_voxel_of_world() {
-        let (normal, length) = shader().normal([0.0, 0.0, -100.0]);
-        assert_eq!(normal, [0.0, 0.0, -1.0]);
+        let (found, length) = normal([0.0, 0.0, -100.0]);
+        assert_eq!(found, [0.0, 0.0, -1.0]);
         assert!((length - 0.5).abs() < 1e-6);
-        assert_eq!(shader().normal([0.0; 3]), ([0.0; 3], 0.0));
+        assert_eq!(normal([0.0; 3]), ([0.0; 3], 0.0));
     }
 
     #[test]
     fn a_surface_towards_the_light_is_full_and_a_flat_place_flat() {
         let shader = shader();
         let halfway = shader.halfway([0.0, 0.0, -1.0]);
-        let lit = shader.shade([1.0, 0.5, 0.0], [0.0, 0.0, -1.0], 1.0, &halfway);
-        for (part, expected) in lit.into_iter().zip([1.15, 0.7, 0.25]) {
-            assert!((part - expected).abs() < 1e-6);
-        }
-        let flat = shader.shade([1.0, 0.5, 0.0], [0.0; 3], 0.0, &halfway);
-        assert_eq!(flat, [0.8, 0.4, 0.0]);
+        let shade = |normal: [f32; 3], length: f32| {
+            let (share, white) = shader.shade(normal.map(all), all(length), &halfway);
+            (share.to_array()[7], white.to_array()[0])
+        };
+        let (share, white) = shade([0.0, 0.0, -1.0], 1.0);
+        assert!((share - 0.9).abs() < 1e-6 && (white - 0.25).abs() < 1e-6);
+        assert_eq!(shade([0.0; 3], 0.0), (0.8, 0.0));
     }
 }

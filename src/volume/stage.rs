@@ -8,7 +8,7 @@ use super::automatic;
 use super::blocks::Blocks;
 use super::camera::Camera;
 use super::integral::Integral;
-use super::kernel::{BSpline, CatmullRom, Cubic, Kernel, Linear, Nearest};
+use super::kernel::{Cubic, Kernel, Linear, Nearest};
 use super::picture::{Interpolation, Look, Renderer};
 use super::prefilter::prefilter;
 use super::procedural;
@@ -19,6 +19,7 @@ use super::shade::{Light, Material, Shader};
 use super::surface::slack;
 use super::transfer::{Curve, Transfer};
 use super::vector::{Vector, add, length, scale};
+use super::weights::{BSpline, CatmullRom};
 use super::{Error, Grid, Values, paraview};
 
 /// Distance of the camera in half diagonals of the volume, and the height of the image plane at zoom 1.
@@ -138,30 +139,36 @@ fn background(scene: &Scene) -> [f32; 4] {
 
 /// The blocks in which the renderer's rays may see something.
 fn blocks(renderer: &Renderer) -> Option<Blocks> {
-    fn of<K: Kernel>(_: K, renderer: &Renderer, visible: &(dyn Fn(f32, f32) -> bool + Sync)) -> Blocks {
-        Blocks::new(&renderer.grid, K::SUPPORT, |low, high| {
-            let (low, high) = K::widen(low, high);
-            visible(low, high)
-        })
-    }
-    let shown = |low: f32, high: f32| match renderer.look {
-        Look::Iso(value, _) => low - slack(low, high) <= value && high + slack(low, high) >= value,
-        // Every value may be the largest; cells are passed over one by one.
-        Look::Mip => true,
-        Look::Dvr => renderer.table.visible(low, high),
-    };
-    // Surfaces and segments span two samples, which must lie in one cell or in two that touch.
-    let spans = renderer.integral.is_some() || matches!(renderer.look, Look::Iso(..));
+    // Both samples that something lies between must be in one cell or in two that touch.
     let rows = renderer.grid.placement().inverse_rows();
-    if spans && rows.iter().any(|&row| length(row) * renderer.step > 1.0) {
+    if renderer.spans() && rows.iter().any(|&row| length(row) * renderer.step > 1.0) {
         return None;
     }
     Some(match renderer.interpolation {
-        Interpolation::Nearest => of(Nearest, renderer, &shown),
-        Interpolation::Linear => of(Linear, renderer, &shown),
-        Interpolation::BSpline => of(Cubic(BSpline), renderer, &shown),
-        Interpolation::CatmullRom => of(Cubic(CatmullRom), renderer, &shown),
+        Interpolation::Nearest => blocks_by(Nearest, renderer),
+        Interpolation::Linear => blocks_by(Linear, renderer),
+        Interpolation::BSpline => blocks_by(Cubic(BSpline), renderer),
+        Interpolation::CatmullRom => blocks_by(Cubic(CatmullRom), renderer),
     })
+}
+
+fn blocks_by<K: Kernel>(_: K, renderer: &Renderer) -> Blocks {
+    let grid = &renderer.grid;
+    let widened = |low: f32, high: f32| {
+        let (low, high) = K::widen(low, high);
+        (low - slack(low, high), high + slack(low, high))
+    };
+    match renderer.look {
+        Look::Mip => Blocks::with_highest(grid, K::SUPPORT, |low, high| widened(low, high).1),
+        Look::Iso(value, _) => Blocks::new(grid, K::SUPPORT, |low, high| {
+            let (low, high) = widened(low, high);
+            low <= value && high >= value
+        }),
+        Look::Dvr => Blocks::new(grid, K::SUPPORT, |low, high| {
+            let (low, high) = widened(low, high);
+            renderer.table.visible(low, high)
+        }),
+    }
 }
 
 /// The transfer function of a scene over the values of a volume.

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use wide::f32x4;
 
 use super::Error;
-use super::surface::slack;
+use super::lanes::{LANES, Lanes, all};
 
 /// Entries of the table.
 pub const ENTRIES: usize = 4096;
@@ -154,18 +154,35 @@ impl Table {
     #[inline(always)]
     pub fn at(&self, value: f32) -> [f32; 4] {
         let at = self.position(value);
-        let entry = (at as usize).min(ENTRIES - 2);
-        let share = if self.lookup == Lookup::Linear { at - entry as f32 } else { 0.0 };
-        let (a, b) = (self.entries[entry], self.entries[entry + 1]);
-        (a + f32x4::splat(share) * (b - a)).to_array()
+        self.between((at as usize).min(ENTRIES - 2), at)
     }
 
-    /// Whether any value between these two has an opacity; the rounding of values is allowed for.
     #[inline(always)]
+    fn between(&self, entry: usize, at: f32) -> [f32; 4] {
+        let a = self.entries[entry];
+        if self.lookup == Lookup::Step {
+            return a.to_array();
+        }
+        (a + f32x4::splat(at - entry as f32) * (self.entries[entry + 1] - a)).to_array()
+    }
+
+    /// The same for the first `count` of eight values; nothing for the others.
+    #[inline(always)]
+    pub fn at_all(&self, values: Lanes, count: usize) -> [[f32; 4]; LANES] {
+        let at = (values - all(self.low)) * all(self.per_value);
+        let at = at.fast_max(Lanes::ZERO).fast_min(all((ENTRIES - 1) as f32));
+        let (entries, at) = (at.fast_trunc_int().to_array(), at.to_array());
+        let mut found = [[0.0; 4]; LANES];
+        for lane in 0..count.min(LANES) {
+            found[lane] = self.between((entries[lane] as usize).min(ENTRIES - 2), at[lane]);
+        }
+        found
+    }
+
+    /// Whether any value between these two has an opacity.
     pub fn visible(&self, low: f32, high: f32) -> bool {
-        let slack = slack(low, high);
-        let first = (self.position(low - slack) as usize).saturating_sub(1);
-        let last = (self.position(high + slack) as usize + 2).min(ENTRIES - 1);
+        let first = (self.position(low) as usize).saturating_sub(1);
+        let last = (self.position(high) as usize + 2).min(ENTRIES - 1);
         self.visible_before[last + 1] > self.visible_before[first]
     }
 }

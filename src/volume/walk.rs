@@ -1,153 +1,231 @@
-//! A walk along a ray: sample after sample through the cells of a grid, leaping over empty blocks.
+//! A walk along a ray: bundles of samples in the cells of a grid, leaping over empty blocks.
 //!
 //! Sample `i` lies at `entry + i step` in index coordinates, whatever was leapt over, so that a picture has the same
-//! bits with and without leaps. A leap ends before the first sample that might lie outside the empty blocks.
-
-use wide::f32x4;
+//! bits with and without leaps. A leap ends before the first sample that might lie outside the empty blocks. Samples that
+//! may be seen wait in a queue until they are a bundle, so that lanes stay full.
 
 use super::blocks::{Blocks, EDGE};
 use super::camera::Segment;
 use super::grid::Grid;
-use super::kernel::Kernel;
+use super::kernel::{Cells, Kernel};
+use super::lanes::{LANES, Lanes, all};
 use super::vector::{Vector, scale};
 
 /// Room at the faces of empty blocks for the rounding of positions, in cells.
 const MARGIN: f32 = 1.0 / 512.0;
+/// A queue holds less than a bundle before a scan, which adds a bundle and one sample at most.
+const QUEUE: usize = 2 * LANES;
 
 /// A walk along one ray.
 pub struct Walk<'a, K: Kernel> {
     grid: &'a Grid,
     kernel: K,
     blocks: Option<&'a Blocks>,
-    /// x, y, z and nothing.
-    entry: f32x4,
-    step: f32x4,
+    /// Whether samples count by pairs: both of a pair are given if one may be seen.
+    pairs: bool,
+    entry: [f32; 3],
+    step: [f32; 3],
     /// Samples per index step; 0 where a face is never reached.
-    per_step: f32x4,
-    last: f32x4,
+    per_step: [f32; 3],
+    last: [f32; 3],
     /// Number of samples.
-    pub count: u32,
-    /// The cell whose voxels are gathered.
+    count: u32,
+    /// The first sample that was not scanned.
+    next: u32,
+    queue: [u32; QUEUE],
+    queued: usize,
+    /// The last sample that was queued, and whether it may be seen itself.
+    newest: Option<(u32, bool)>,
+    /// Values up to this one are of no interest; see [`Walk::beat`].
+    least: f32,
+    /// Voxels of the last cells: a ring.
+    cells: Cells<K>,
+    /// The cell gathered last, and where.
     cell: usize,
-    taps: K::Taps,
+    slot: usize,
 }
 
-/// Where a sample lies.
-#[derive(Clone, Copy, Debug)]
-pub struct Place {
-    cell: [usize; 3],
-    /// Within the cell.
-    pub within: f32x4,
+/// Samples side by side.
+pub struct Bundle {
+    /// How many; the lanes behind repeat the last one.
+    pub count: usize,
+    /// Their numbers from the entry.
+    pub samples: [f32; LANES],
+    /// x, y, z within the cell, 0 to 1.
+    within: [Lanes; 3],
+    /// Which cell of the ring.
+    slots: [u8; LANES],
 }
 
-#[inline(always)]
-fn single(v: Vector) -> f32x4 {
-    f32x4::new([v[0] as f32, v[1] as f32, v[2] as f32, 0.0])
+/// Cells and places in them.
+struct Places {
+    cells: [[i32; LANES]; 3],
+    within: [Lanes; 3],
+}
+
+fn single(v: Vector) -> [f32; 3] {
+    v.map(|part| part as f32)
 }
 
 impl<'a, K: Kernel> Walk<'a, K> {
     /// A walk along the segment in steps of `step` world units; no leaps without blocks.
     #[inline(always)]
-    pub fn new(grid: &'a Grid, kernel: K, blocks: Option<&'a Blocks>, segment: &Segment, step: f64) -> Self {
+    pub fn new(
+        grid: &'a Grid,
+        kernel: K,
+        (blocks, pairs): (Option<&'a Blocks>, bool),
+        segment: &Segment,
+        step: f64,
+    ) -> Self {
         let per_sample = single(scale(segment.direction, step));
-        let over = |part: f32| if part == 0.0 { 0.0 } else { 1.0 / part };
-        let [x, y, z, _] = per_sample.to_array();
-        let per_step = f32x4::new([over(x), over(y), over(z), 0.0]);
         Self {
             grid,
             kernel,
             blocks,
+            pairs,
             entry: single(segment.entry),
             step: per_sample,
-            per_step,
+            per_step: per_sample.map(|part| if part == 0.0 { 0.0 } else { 1.0 / part }),
             last: single(grid.last()),
             count: (segment.length / step).min(1e9) as u32 + 1,
+            next: 0,
+            queue: [0; QUEUE],
+            queued: 0,
+            newest: None,
+            least: f32::NEG_INFINITY,
+            cells: K::cells(),
             cell: usize::MAX,
-            taps: K::zero(),
+            slot: 0,
         }
     }
 
-    /// The place of sample `i`, which may be a fraction.
+    /// The next samples that may be seen, in order; nothing at the end.
     #[inline(always)]
-    pub fn place(&self, i: f32) -> Place {
-        let p = self.entry + f32x4::splat(i) * self.step;
-        let p = p.fast_max(f32x4::ZERO).fast_min(self.last);
-        // Not negative, so that cutting the fraction off rounds down.
-        let cell = p.fast_trunc_int();
-        let within = p - cell.round_float();
-        let [x, y, z, _] = cell.to_array();
-        Place { cell: [x as usize, y as usize, z as usize], within }
-    }
-
-    /// Whether empty space is skipped at all.
-    #[inline(always)]
-    pub fn skips(&self) -> bool {
-        self.blocks.is_some()
-    }
-
-    /// If sample `i` lies in an empty block, the next one that may not.
-    #[inline(always)]
-    pub fn leap(&self, i: u32, place: &Place) -> Option<u32> {
-        let blocks = self.blocks?;
-        let block = [place.cell[0] / EDGE, place.cell[1] / EDGE, place.cell[2] / EDGE];
-        let distance = blocks.distance(block);
-        if distance == 0 {
+    pub fn next(&mut self) -> Option<Bundle> {
+        while self.queued < LANES && self.next < self.count {
+            self.scan();
+        }
+        if self.queued == 0 {
             return None;
         }
+        let count = self.queued.min(LANES);
+        let samples = std::array::from_fn(|k| self.queue[k.min(count - 1)] as f32);
+        for k in 0..LANES {
+            self.queue[k] = self.queue[k + LANES];
+        }
+        self.queued -= count;
+        Some(self.bundle(samples, count))
+    }
+
+    /// From now on only values above this one are of interest.
+    #[inline(always)]
+    pub fn beat(&mut self, value: f32) {
+        self.least = value;
+    }
+
+    #[inline(always)]
+    fn push(&mut self, sample: u32, seen: bool) {
+        // Always within the queue: see its length.
+        self.queue[self.queued % QUEUE] = sample;
+        self.queued += 1;
+        self.newest = Some((sample, seen));
+    }
+
+    /// Queues those of the next samples that may be seen, and finds where to go on.
+    #[inline(always)]
+    fn scan(&mut self) {
+        let first = self.next;
+        let end = (first + LANES as u32).min(self.count);
+        self.next = end;
+        let Some(blocks) = self.blocks else {
+            for sample in first..end {
+                self.push(sample, true);
+            }
+            return;
+        };
+        let places = self.places(Lanes::new(std::array::from_fn(|k| (first + k as u32) as f32)));
+        let numbers = blocks.numbers(&places.cells);
+        let mut sample = first;
+        while sample < end {
+            let lane = (sample - first) as usize;
+            let distance = blocks.distance(numbers[lane]);
+            if distance == 0 && blocks.may_beat(numbers[lane], self.least) {
+                if self.pairs && sample > 0 && self.newest.is_none_or(|(newest, _)| newest + 1 < sample) {
+                    self.push(sample - 1, false);
+                }
+                self.push(sample, true);
+                sample += 1;
+                continue;
+            }
+            if self.pairs && self.newest.is_some_and(|(newest, seen)| seen && newest + 1 == sample) {
+                self.push(sample, false);
+            }
+            let [x, y, z] = &places.cells;
+            let cell = [x[lane], y[lane], z[lane]];
+            sample = if distance == 0 { sample + 1 } else { self.leap(sample, cell, distance) };
+        }
+        self.next = sample;
+    }
+
+    /// From a sample in that cell of an empty block of that distance, the next one that may not lie in an empty block.
+    #[inline(always)]
+    fn leap(&self, sample: u32, cell: [i32; 3], distance: u8) -> u32 {
         let reach = (f32::from(distance) - 1.0) * EDGE as f32;
-        let corner =
-            f32x4::new([block[0] as f32, block[1] as f32, block[2] as f32, 0.0]) * f32x4::splat(EDGE as f32);
-        let low = corner - f32x4::splat(reach - MARGIN);
-        let high = corner + f32x4::splat(reach + EDGE as f32 - MARGIN);
-        // The product is the larger for the face ahead. Without a direction both are 0, which is no face.
-        let (back, ahead) = ((low - self.entry) * self.per_step, (high - self.entry) * self.per_step);
-        let faces = back.fast_max(ahead).to_array();
-        let directions = self.per_step.to_array();
         let mut end = f32::MAX;
         for axis in 0..3 {
-            end = if directions[axis] != 0.0 && faces[axis] < end { faces[axis] } else { end };
+            let corner = (cell[axis] as usize / EDGE * EDGE) as f32;
+            let (entry, per_step) = (self.entry[axis], self.per_step[axis]);
+            let (low, high) = (corner - (reach - MARGIN), corner + (reach + EDGE as f32 - MARGIN));
+            // The product is the larger for the face ahead. Without a direction there is no face.
+            let face = if per_step > 0.0 { (high - entry) * per_step } else { (low - entry) * per_step };
+            end = if per_step != 0.0 && face < end { face } else { end };
         }
         // Sample floor(end) is still inside.
         let next = if end > 0.0 { (end as u32).saturating_add(1) } else { 0 };
-        Some(next.max(i + 1).min(self.count))
+        next.max(sample + 1).min(self.count)
     }
 
-    /// Gathers the voxels around a place; whether the cell is another than before.
+    /// The places of samples, which may be fractions.
     #[inline(always)]
-    pub fn enter(&mut self, place: &Place) -> bool {
-        let at = self.grid.at(place.cell);
-        if at == self.cell {
-            return false;
+    fn places(&self, samples: Lanes) -> Places {
+        let mut places = Places { cells: [[0; LANES]; 3], within: [Lanes::ZERO; 3] };
+        for axis in 0..3 {
+            let p = all(self.entry[axis]) + samples * all(self.step[axis]);
+            let p = p.fast_max(Lanes::ZERO).fast_min(all(self.last[axis]));
+            // Not negative, so that cutting the fraction off rounds down.
+            let cell = p.fast_trunc_int();
+            places.within[axis] = p - cell.round_float();
+            places.cells[axis] = cell.to_array();
         }
-        self.cell = at;
-        self.kernel.gather(self.grid, at, &mut self.taps);
-        true
+        places
     }
 
-    /// Bounds of the values in the cell that was entered.
+    /// A bundle of samples in order, which may be fractions: their voxels are gathered.
     #[inline(always)]
-    pub fn bounds(&self) -> (f32, f32) {
-        self.kernel.bounds(&self.taps)
+    pub fn bundle(&mut self, samples: [f32; LANES], count: usize) -> Bundle {
+        let Places { cells: [x, y, z], within } = self.places(Lanes::new(samples));
+        let mut slots = [0; LANES];
+        for lane in 0..count {
+            let at = self.grid.at([x[lane] as usize, y[lane] as usize, z[lane] as usize]);
+            if at != self.cell {
+                self.cell = at;
+                self.slot = (self.slot + 1) % LANES;
+                self.kernel.gather(self.grid, at, &mut self.cells[self.slot]);
+            }
+            slots[lane] = self.slot as u8;
+        }
+        Bundle { count, samples, within, slots }
     }
 
-    /// The value at a place in the cell that was entered.
+    /// The values of a bundle's samples.
     #[inline(always)]
-    pub fn value(&self, place: &Place) -> (f32, K::Partial) {
-        self.kernel.value(&self.taps, place.within)
+    pub fn values(&self, bundle: &Bundle) -> (Lanes, K::Partial) {
+        self.kernel.values(&self.cells, &bundle.slots[..bundle.count], &bundle.within)
     }
 
-    /// The gradient at a place in the cell that was entered, per index step.
+    /// The gradients per index step of those samples whose bit is set; others are anything.
     #[inline(always)]
-    pub fn gradient(&self, place: &Place, partial: &K::Partial) -> [f32; 3] {
-        self.kernel.gradient(&self.taps, place.within, partial)
-    }
-
-    /// Value and gradient at sample `i`, which may be a fraction.
-    #[inline(always)]
-    pub fn sample(&mut self, i: f32) -> (f32, [f32; 3]) {
-        let place = self.place(i);
-        self.enter(&place);
-        let (value, partial) = self.value(&place);
-        (value, self.gradient(&place, &partial))
+    pub fn gradients(&self, bundle: &Bundle, partial: &K::Partial, wanted: u32) -> [Lanes; 3] {
+        self.kernel.gradients(&self.cells, &bundle.slots[..bundle.count], &bundle.within, partial, wanted)
     }
 }

@@ -1,7 +1,10 @@
 //! Baselines: direct methods without an objective, fast and plain; and the rules that copy instead of computing.
 
 pub(crate) mod check;
+pub mod cubic;
+mod delaunay;
 pub mod depth;
+pub mod linear;
 pub mod nearest;
 pub mod push_pull;
 #[cfg(test)]

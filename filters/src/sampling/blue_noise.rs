@@ -10,11 +10,11 @@
 //! one into the largest void the ranks above. Since the energy of the missing pixels is a constant less that of the
 //! measured, the third phase of the paper (the clusters of the minority above one half) is the same as the second.
 //! sigma is 0.475 spacings of the samples (1.5 pixels, the paper's value, at a tenth; 0.9 at least) and follows their number
-//! in steps of a fourth root of two: with one value for all, samples would not feel each other at low densities, and at 20 %
-//! fills are 0.2 dB worse.
+//! in steps of a fourth root of two: with one value for all, samples would not feel each other at low densities.
 //!
-//! Properties: no energy at low frequencies, none in peaks; periodic with 128 pixels. Cost: 0.2 s for a tile, then two table
-//! look-ups a pixel; 64 KiB. Fails: the period may be seen at densities below 0.001.
+//! Properties: little energy at low frequencies; periodic with 128 pixels, so that its spectrum has a value at every 128th
+//! of a cycle only. Cost: the tile, 2^14 moves of a sample, then a table look-up and a rank of the shuffle a pixel; 32 KiB.
+//! Fails: below a density of 1 / 128^2 whole tiles are empty.
 //!
 //! Source: R. Ulichney, "The void-and-cluster method for dither array generation", Proc. SPIE 1913, 1993.
 

@@ -10,8 +10,7 @@
 //!   coarse quarter each), Phi a blur that multiplies the frequency (k, l) (indices -n/2 to n/2) by
 //!   `exp(-(k^2 + l^2) / (2 sigma^2))`: sigma is the standard deviation in the Fourier domain, smaller blurs more.
 //!
-//! Cost: building a basis O(N^2 log N), a coherence N^2 M multiplications in f32: about a second at N = 64^2 and M = N / 2,
-//! and 4 N^2 bytes.
+//! Cost: building a basis O(N^2 log N), a coherence N^2 M / 2 multiplications in f32, and twice 4 N^2 bytes.
 //!
 //! Sources: I. Daubechies, "Ten Lectures on Wavelets", SIAM 1992 (tables 6.1 and 8.3: the filters); P. Sen, S. Darabi,
 //! "Compressive Rendering: A Rendering Application of Compressed Sensing", IEEE TVCG 17(4), 2011 (the blur); L. Welch, "Lower

@@ -5,7 +5,7 @@
 //! seed another offset. Frames k = 0, 1, ... run through all n^2 offsets, each next one far from those before.
 //!
 //! Properties: best hole size for its count, worst spectrum: all energy in a few peaks, so that detail beyond them
-//! aliases into patterns. Not progressive. Cost: nothing. Fails: 2 dB below a shuffle on edges; steps are squares.
+//! aliases into patterns. Not progressive. Cost: two divisions a pixel. Fails: only 1, 1/4, 1/9, ... can be had.
 
 use super::{Field, checked, hash};
 use crate::{Error, Mask};

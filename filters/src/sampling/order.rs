@@ -59,13 +59,16 @@ impl Field {
 
     /// The pixels for which `taken` holds, rows in parallel.
     pub(super) fn mask(&self, taken: impl Fn(usize, usize) -> bool + Sync) -> Mask {
+        self.mask_of_rows(|row, flags| {
+            flags.iter_mut().enumerate().for_each(|(column, flag)| *flag = taken(row, column));
+        })
+    }
+
+    /// The pixels whose flags `fill` sets, a row at a time, rows in parallel.
+    pub(super) fn mask_of_rows(&self, fill: impl Fn(usize, &mut [bool]) + Sync) -> Mask {
         let mut flags = vec![false; self.size.pixels()];
         if self.size.width > 0 {
-            flags.par_chunks_mut(self.size.width).enumerate().for_each(|(row, flags)| {
-                for (column, flag) in flags.iter_mut().enumerate() {
-                    *flag = taken(row, column);
-                }
-            });
+            flags.par_chunks_mut(self.size.width).enumerate().for_each(|(row, flags)| fill(row, flags));
         }
         let size = self.size;
         Mask::new(size, flags).unwrap_or_else(|_| Mask::from_fn(Size::new(0, 0), |_, _| false))
@@ -118,11 +121,10 @@ impl Order {
 
     /// The pixels whose rank lies in the band.
     pub fn mask(&self, band: Band) -> Mask {
-        // The match stands outside of the loops, which are the whole cost for a shuffle.
         match &self.kind {
-            Kind::Shuffle(seed) => self.field.mask(|row, column| {
-                let (x, y) = self.field.at(row, column);
-                band.contains(shuffle::rank(x, y, *seed))
+            Kind::Shuffle(seed) => self.field.mask_of_rows(|row, flags| {
+                let (x, y) = self.field.at(row, 0);
+                shuffle::fill(x, y, *seed, band, flags);
             }),
             _ => self.field.mask(|row, column| band.contains(self.rank(row, column))),
         }

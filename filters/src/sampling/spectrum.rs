@@ -74,8 +74,10 @@ fn radial(size: Size, power: &[f64]) -> Vec<f64> {
     for (pixel, value) in power.iter().enumerate().skip(1) {
         let (fy, fx) =
             (frequency(pixel / size.width, size.height), frequency(pixel % size.width, size.width));
-        let ring = (2.0 * fy.hypot(fx) * rings as f64) as usize;
-        if ring < rings {
+        // The last ring has its upper end: the peaks of a grid of step 2 lie there.
+        let ring = 2.0 * fy.hypot(fx) * rings as f64;
+        if ring <= rings as f64 {
+            let ring = (ring as usize).min(rings - 1);
             sums[ring] += value;
             counts[ring] += 1;
         }

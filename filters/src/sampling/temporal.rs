@@ -41,6 +41,17 @@ impl Band {
         Self { low: from - from.floor(), high: to - from.floor() }
     }
 
+    /// The first of the ranks `0, 1, ... one - 1` over `one` that lies in it, and how many from there on, modulo `one`, do.
+    ///
+    /// `one` is a power of two up to 2^53, so that nothing is rounded but up to the next whole rank.
+    pub(super) fn units(self, one: u64) -> (u64, u64) {
+        let above = |end: f64| (end * one as f64).ceil() as u64;
+        let start = above(self.low);
+        let length =
+            if self.high <= 1.0 { above(self.high) - start } else { one - start + above(self.high - 1.0) };
+        (start, length)
+    }
+
     /// Whether a rank of [0, 1) lies in it.
     pub fn contains(self, rank: f64) -> bool {
         if self.high <= 1.0 {
@@ -107,6 +118,18 @@ mod tests {
             };
             prop_assert!(hits(fitting) <= 1);
             prop_assert!(hits(fitting + 1) >= 1);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn whole_ranks_are_those_of_the_band(density in 0.0..=1.0_f64, k in -9_i64..9, one in 0..12_u32) {
+            let (band, one) = (Band::of_frame(density, k), 1_u64 << one);
+            let (start, length) = band.units(one);
+            for rank in 0..one {
+                let steps = (rank + one - start % one) % one;
+                prop_assert_eq!(band.contains(rank as f64 / one as f64), steps < length);
+            }
         }
     }
 

@@ -4,13 +4,18 @@
 //! sorting and a viewer (slider, linked zoom, exposure, curve, error maps).
 
 mod codes;
+mod filled;
 mod picture;
 mod plot;
+mod shell;
 mod table;
 
 use std::fmt::Write;
 
+pub use codes::base64;
+pub use filled::{Filled, Pictures as FilledPictures, filled};
 pub use picture::Picture;
+pub use shell::shell;
 
 use super::markdown::settings;
 use super::measure::Measure;
@@ -19,35 +24,20 @@ use super::model::{Comparison, FrameReport};
 /// Frames whose every pixel is in the page: the worst ones.
 pub const MOST_FRAMES_WITH_PIXELS: usize = 10;
 
-const STYLE: &str = include_str!("page.css");
-const SCRIPT: [&str; 3] = [include_str!("pixels.js"), include_str!("viewer.js"), include_str!("page.js")];
-
 /// The page; one picture a frame, where there is one.
 pub fn html(comparison: &Comparison, pictures: &[Option<Picture>]) -> String {
     let title = title(comparison);
-    let mut page = String::new();
-    let _ = write!(
-        page,
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>{title}</title>\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <meta name=\"color-scheme\" content=\"light dark\">\n\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data: blob:; \
-         style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n\
-         <link rel=\"icon\" href=\"data:,\">\n<style>\n{STYLE}</style>\n</head>\n<body>\n"
-    );
-    let _ = writeln!(page, "<header><h1>{title}</h1>{}</header>\n<main>", verdict(comparison));
-    viewer(pictures, &mut page);
-    table::summary(comparison, pictures, &mut page);
-    plots(comparison, &mut page);
-    table::details(comparison, pictures, &mut page);
-    about(comparison, pictures, &mut page);
-    page.push_str("</main>\n");
-    data(comparison, pictures, &mut page);
-    for script in SCRIPT {
-        let _ = write!(page, "<script>\n{script}</script>\n");
-    }
-    page.push_str("</body>\n</html>\n");
-    page
+    let mut body = String::new();
+    let _ = writeln!(body, "<header><h1>{title}</h1>{}</header>\n<main>", verdict(comparison));
+    viewer(pictures, &mut body);
+    table::summary(comparison, pictures, &mut body);
+    plots(comparison, &mut body);
+    table::details(comparison, pictures, &mut body);
+    about(comparison, pictures, &mut body);
+    body.push_str("</main>\n");
+    let mut packed = String::new();
+    data(comparison, pictures, &mut packed);
+    shell(&title, &body, &packed, true)
 }
 
 fn title(comparison: &Comparison) -> String {
@@ -135,13 +125,15 @@ fn plots(comparison: &Comparison, page: &mut String) {
                     let value = frame.main_group()?.region(region)?.measures.get(measure)?;
                     value.is_finite().then_some(value)
                 };
-                (region, comparison.frames.iter().map(value).collect::<Vec<_>>())
+                let values = comparison.frames.iter().map(value).collect();
+                plot::Series { name: region, class: region, values }
             })
-            .filter(|(_, values)| values.iter().flatten().count() > 1)
+            .filter(|line| line.values.iter().flatten().count() > 1)
             .collect();
         if !lines.is_empty() {
             let labels: Vec<_> = comparison.frames.iter().map(FrameReport::label).collect();
-            page.push_str(&plot::plot(measure, &labels, &lines));
+            let cell = |value: f64| table::cell(measure, Some(value));
+            page.push_str(&plot::plot(&table::heading(measure), &cell, &labels, &lines));
         }
     }
     page.push_str("</div></section>\n");

@@ -78,6 +78,28 @@ impl Picture {
     }
 }
 
+/// PNG as base64, by name.
+type Named = Vec<(&'static str, String)>;
+
+/// Mask (if there is one), sparse input and result of a group that was filled, and the size of the pictures.
+pub fn filled_pictures(
+    planes: &[Plane],
+    mask: Option<&Mask>,
+    width: usize,
+) -> Option<((usize, usize), Named)> {
+    let image = rgb(planes)?;
+    let thumb = Thumbnail::new(image[0].size(), width);
+    let shown = |value: f32| lacuna_filters::metric::colour::srgb_encode(value.clamp(0.0, 1.0));
+    let mut all = Vec::new();
+    if let Some(mask) = mask {
+        let white = Plane::filled(mask.size(), 1.0);
+        all.push(("mask", thumb.png([&white; 3], Some(mask), |value| value)));
+        all.push(("sparse", thumb.png(image, Some(mask), shown)));
+    }
+    all.push(("result", thumb.png(image, None, shown)));
+    Some(((thumb.size.width, thumb.size.height), all))
+}
+
 impl Pixels {
     fn new(images: &Images<'_>, reference: [&Plane; 3], test: [&Plane; 3]) -> Self {
         let size = reference[0].size();

@@ -3,15 +3,24 @@
 use std::fmt::Write;
 
 use super::escape;
-use crate::report::Measure;
 
 const WIDTH: f64 = 460.0;
 const HEIGHT: f64 = 220.0;
 /// Left, right, top, bottom of the axes.
 const FRAME: [f64; 4] = [58.0, 448.0, 30.0, 178.0];
 
-/// A region's name and its value in each frame.
-type Line<'a> = (&'a str, Vec<Option<f64>>);
+/// A line: its name, the class that gives it its colour, and its value in each frame.
+pub struct Series<'a> {
+    /// What the key calls it.
+    pub name: &'a str,
+    /// A class of the style sheet: `all`, `missing` or `alpha`.
+    pub class: &'a str,
+    /// Per frame.
+    pub values: Vec<Option<f64>>,
+}
+
+/// How a value reads.
+type Cell<'a> = &'a dyn Fn(f64) -> String;
 
 /// Where values and frames lie.
 struct Axes {
@@ -30,14 +39,13 @@ impl Axes {
     }
 }
 
-/// The plot, as HTML.
-pub fn plot(measure: Measure, labels: &[String], lines: &[Line<'_>]) -> String {
-    let values = || lines.iter().flat_map(|(_, values)| values.iter().flatten().copied());
+/// The plot, as HTML; `name` is HTML, with its unit.
+pub fn plot(name: &str, cell: Cell<'_>, labels: &[String], lines: &[Series<'_>]) -> String {
+    let values = || lines.iter().flat_map(|line| line.values.iter().flatten().copied());
     let (low, high) = values().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
     let ticks = ticks(low, high);
     let last = (labels.len().max(2) - 1) as f64;
     let axes = Axes { low: ticks[0].min(low), high: ticks[ticks.len() - 1].max(high), last };
-    let name = super::table::heading(measure);
     let mut svg = format!(
         "<figure class=\"plot\"><svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{name} over the frames\">\
          <text class=\"title\" x=\"{}\" y=\"16\">{name}</text>",
@@ -46,7 +54,7 @@ pub fn plot(measure: Measure, labels: &[String], lines: &[Line<'_>]) -> String {
     grid(&axes, &ticks, labels, &mut svg);
     for (number, line) in lines.iter().enumerate() {
         let key = FRAME[1] - 70.0 * (lines.len() - 1 - number) as f64;
-        draw(measure, &axes, labels, line, key, &mut svg);
+        draw(cell, &axes, labels, line, key, &mut svg);
     }
     svg.push_str("</svg></figure>\n");
     svg
@@ -80,12 +88,12 @@ fn grid(axes: &Axes, ticks: &[f64], labels: &[String], svg: &mut String) {
     }
 }
 
-/// One region: its line, with gaps where there is no value, its points and its name.
+/// One line, with gaps where there is no value, its points and its name.
 fn draw(
-    measure: Measure,
+    cell: Cell<'_>,
     axes: &Axes,
     labels: &[String],
-    (region, values): &Line<'_>,
+    Series { name, class, values }: &Series<'_>,
     key: f64,
     svg: &mut String,
 ) {
@@ -102,17 +110,17 @@ fn draw(
     }
     let _ = write!(
         svg,
-        "<path class=\"line {region}\" d=\"{path}\"/>\
-         <text class=\"key {region}\" text-anchor=\"end\" x=\"{key:.1}\" y=\"16\">{region}</text>"
+        "<path class=\"line {class}\" d=\"{path}\"/>\
+         <text class=\"key {class}\" text-anchor=\"end\" x=\"{key:.1}\" y=\"16\">{name}</text>"
     );
     for (index, value) in values.iter().enumerate().filter_map(|(index, value)| Some((index, (*value)?))) {
         let _ = write!(
             svg,
-            "<circle class=\"{region}\" r=\"2.5\" cx=\"{:.1}\" cy=\"{:.1}\"><title>frame {}: {}</title></circle>",
+            "<circle class=\"{class}\" r=\"2.5\" cx=\"{:.1}\" cy=\"{:.1}\"><title>frame {}: {}</title></circle>",
             axes.x(index),
             axes.y(value),
             escape(&labels[index]),
-            super::table::cell(measure, Some(value))
+            cell(value)
         );
     }
 }
@@ -154,9 +162,12 @@ mod tests {
     #[test]
     fn a_plot_has_a_line_a_region_and_skips_gaps() {
         let labels: Vec<String> = (1..=4).map(|k| k.to_string()).collect();
-        let lines =
-            [("all", vec![Some(40.0), None, Some(42.0), Some(41.0)]), ("missing", vec![Some(39.0); 4])];
-        let svg = plot(Measure::Psnr, &labels, &lines);
+        let series = |name: &'static str, values| Series { name, class: name, values };
+        let lines = [
+            series("all", vec![Some(40.0), None, Some(42.0), Some(41.0)]),
+            series("missing", vec![Some(39.0); 4]),
+        ];
+        let svg = plot("psnr (dB)", &|value| value.to_string(), &labels, &lines);
         assert_eq!(svg.matches("<path").count(), 2);
         assert_eq!(svg.matches("<circle").count(), 7);
         assert_eq!(svg.matches('M').count(), 3);

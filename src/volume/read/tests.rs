@@ -104,6 +104,31 @@ fn a_header_that_lies_takes_no_memory() {
         }
     }
     refused(&room.put("zero.nrrd", &[&lie("0 3 3", "raw")]), "size");
+    for inside in ["ElementDataFile = LOCAL", "CompressedData = True\nElementDataFile = LOCAL"] {
+        let header =
+            format!("NDims = 3\nDimSize = 100000 100000 100000\nElementType = MET_DOUBLE\n{inside}\n");
+        let path = room.put("lie.mha", &[header.as_bytes(), &zlib(&[0; 100])]);
+        assert!(read(&path, None).is_err(), "{inside}");
+    }
+    for format in ["ascii", "binary"] {
+        let file = format!(
+            "<VTKFile type=\"ImageData\" version=\"1.0\" byte_order=\"LittleEndian\">\
+             <ImageData WholeExtent=\"0 99999 0 99999 0 99999\" Origin=\"0 0 0\" Spacing=\"1 1 1\">\
+             <Piece Extent=\"0 99999 0 99999 0 99999\"><PointData Scalars=\"v\"><DataArray type=\"Float64\" Name=\"v\" \
+             format=\"{format}\">AAAA</DataArray></PointData></Piece></ImageData></VTKFile>"
+        );
+        assert!(read(&room.put("lie.vti", &[file.as_bytes()]), None).is_err(), "{format}");
+    }
+    let mut nifti = vec![0_u8; 352];
+    nifti[..4].copy_from_slice(&348_i32.to_le_bytes());
+    for (k, n) in [3_i16, 32_767, 32_767, 32_767].into_iter().enumerate() {
+        nifti[40 + 2 * k..][..2].copy_from_slice(&n.to_le_bytes());
+    }
+    nifti[70..72].copy_from_slice(&64_i16.to_le_bytes());
+    nifti[108..112].copy_from_slice(&352_f32.to_le_bytes());
+    nifti[344..347].copy_from_slice(b"n+1");
+    refused(&room.put("lie.nii", &[&nifti, &[0; 100]]), "truncated");
+    refused(&room.put("lie.nii.gz", &[&gzip(&nifti)]), "truncated");
     let raw: RawLayout = "100000x100000x100000:f64".parse().unwrap();
     assert!(read(&room.put("x.raw", &[b"abc"]), Some(&raw)).is_err());
 }

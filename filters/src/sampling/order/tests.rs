@@ -92,6 +92,15 @@ fn threads_do_not_matter() {
 }
 
 #[test]
+fn one_seed_is_one_mask() {
+    for pattern in ALL {
+        let of = |seed| mask(pattern, field(-8, 1, 37, 51), 0.21, seed, Temporal::Fixed, 0).unwrap();
+        assert_eq!(of(3), of(3), "{pattern:?}");
+        assert!((4..9).any(|seed| of(seed) != of(3)), "{pattern:?}: seeds make no difference");
+    }
+}
+
+#[test]
 fn the_shuffle_is_that_of_the_shuffle() {
     let (field, density) = (field(-9, 70, 33, 44), 0.37);
     let order = Order::new(Pattern::Shuffle, field, 6, 0).unwrap();

@@ -57,6 +57,79 @@ fn a_pass_is_maximal_and_keeps_the_distance() {
     }
 }
 
+/// The same sets without slabs, disks and lists: all pixels of a field in one order, every distance to every sample.
+struct Slow {
+    size: Size,
+    taken: Vec<bool>,
+}
+
+impl Slow {
+    /// The pixels in the order of the darts, round by round over the whole field.
+    fn darts(&self, squared: u64, seed: u64) -> Vec<usize> {
+        let tiles = Tiles::new(self.size, squared, seed);
+        let mut rounds = vec![Vec::new(); 4];
+        for row in 0..tiles.down {
+            tiles.for_each_dart(row, |y, x| {
+                rounds[row % 2 * 2 + x / tiles.side % 2].push(y * self.size.width + x);
+            });
+        }
+        rounds.concat()
+    }
+
+    fn nearest(&self, pixel: usize, besides: usize) -> usize {
+        let width = self.size.width;
+        let distance = |a: usize| {
+            (a / width).abs_diff(pixel / width).pow(2) + (a % width).abs_diff(pixel % width).pow(2)
+        };
+        let others = (0..self.taken.len()).filter(|&other| self.taken[other] && other != besides);
+        others.map(distance).min().unwrap_or(usize::MAX)
+    }
+
+    fn pass(&mut self, squared: u64, seed: u64) {
+        for pixel in self.darts(squared, seed) {
+            if self.nearest(pixel, usize::MAX) >= squared as usize {
+                self.taken[pixel] = true;
+            }
+        }
+    }
+
+    fn relax(&mut self, squared: u64, seed: u64) {
+        let Size { height, width } = self.size;
+        for pixel in self.darts(squared, seed) {
+            if !self.taken[pixel] {
+                continue;
+            }
+            let (row, column) = (pixel / width, pixel % width);
+            let (mut best, mut farthest) = (pixel, self.nearest(pixel, pixel));
+            for y in row.saturating_sub(1)..(row + 2).min(height) {
+                for x in column.saturating_sub(1)..(column + 2).min(width) {
+                    let distance = self.nearest(y * width + x, pixel);
+                    if distance > farthest {
+                        (best, farthest) = (y * width + x, distance);
+                    }
+                }
+            }
+            self.taken[pixel] = false;
+            self.taken[best] = true;
+        }
+    }
+}
+
+#[test]
+fn slabs_and_disks_make_the_sets_of_the_definition() {
+    // Three rows of three tiles of 64 pixels, the last ones cut off.
+    let size = Size::new(150, 139);
+    let (mut fast, mut slow) = (Set::new(size), Slow { size, taken: vec![false; size.pixels()] });
+    for squared in [25, 20] {
+        fast.pass(squared, 4);
+        slow.pass(squared, 4);
+        assert!(fast.taken == slow.taken, "pass {squared}");
+    }
+    fast.relax(20, 5);
+    slow.relax(20, 5);
+    assert!(fast.taken == slow.taken, "relaxation");
+}
+
 #[test]
 fn radii_are_sums_of_two_squares() {
     let sums = [1, 2, 4, 5, 8, 9, 10, 13, 16, 17, 18, 20, 25];

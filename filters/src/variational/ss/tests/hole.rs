@@ -1,6 +1,20 @@
-//! A large hole against a direct solution in f64: Cholesky's factorisation within the envelope of the matrix.
+//! A lost bucket of 256 x 256 pixels against a direct solution in f64: Cholesky's factorisation within the envelope of the matrix.
 
 use super::*;
+
+/// The sum of products over the shorter length, in eight lanes: 20 billion of them make a factorisation.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let length = a.len().min(b.len());
+    let (a, b) = (a[..length].chunks_exact(8), b[..length].chunks_exact(8));
+    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    let mut lanes = [0.0; 8];
+    for (a, b) in a.zip(b) {
+        for (lane, (a, b)) in lanes.iter_mut().zip(a.iter().zip(b)) {
+            *lane += a * b;
+        }
+    }
+    lanes.iter().sum::<f64>() + rest
+}
 
 /// Solves `A x = b`, where row `i` of `A` up to its diagonal is `rows[i]`, from its first entry that is not zero.
 fn envelope(mut rows: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
@@ -12,17 +26,11 @@ fn envelope(mut rows: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
         for j in first..i {
             let other = &done[j];
             let from = first.max(start(other, j));
-            let dot: f64 = row[from - first..j - first]
-                .iter()
-                .zip(&other[from - start(other, j)..])
-                .map(|(a, b)| a * b)
-                .sum();
-            row[j - first] = (row[j - first] - dot) / other[other.len() - 1];
+            let sum = dot(&row[from - first..j - first], &other[from - start(other, j)..]);
+            row[j - first] = (row[j - first] - sum) / other[other.len() - 1];
         }
-        let square: f64 = row[..i - first].iter().map(|a| a * a).sum();
-        row[i - first] = (row[i - first] - square).sqrt();
-        let dot: f64 = row[..i - first].iter().zip(&b[first..]).map(|(a, b)| a * b).sum();
-        b[i] = (b[i] - dot) / row[i - first];
+        row[i - first] = (row[i - first] - dot(&row[..i - first], &row[..i - first])).sqrt();
+        b[i] = (b[i] - dot(&row[..i - first], &b[first..])) / row[i - first];
     }
     for i in (0..rows.len()).rev() {
         let row = &rows[i];
@@ -37,14 +45,14 @@ fn envelope(mut rows: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
 }
 
 #[test]
-fn a_large_hole_meets_the_direct_solution() {
-    let size = Size::new(184, 192);
+fn a_lost_bucket_meets_the_direct_solution() {
+    let size = Size::new(520, 528);
     let samples = Plane::from_fn(size, |y, x| {
         0.5 + 0.3 * (y as f32 / 23.0).sin() * (x as f32 / 31.0).cos() + if x > y { 0.2 } else { 0.0 }
     });
-    let base = random_mask(size, 0.6, 70);
+    let base = random_mask(size, 0.95, 70);
     let mask = Mask::from_fn(size, |y, x| {
-        base.is_measured(y, x) && !((40..128).contains(&y) && (40..128).contains(&x))
+        base.is_measured(y, x) && !((132..388).contains(&y) && (132..388).contains(&x))
     });
     assert!(matches!(holes::divide(&mask), Division::Holes(..)));
     let settings = Settings::default();

@@ -1,0 +1,154 @@
+"""Times and quality of `lacuna render`, as Markdown tables, and its pictures. Called by scripts/rendering."""
+
+import argparse
+import json
+import os
+import pathlib
+import statistics
+import sys
+import tempfile
+
+import numpy as np
+from PIL import Image
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tests"))
+
+import frames  # noqa: E402
+from pictures import srgb  # noqa: E402
+from tool import DATA, ROOT, lacuna  # noqa: E402
+
+SCENES = ROOT / "samples" / "scenes"
+# Scene: its volume (nothing: made by the tool) and, if there is one, the frame made elsewhere from the same scene.
+VOLUMES = {
+    "engine": ("engine", "engine"), "engine-soft": ("engine", "engine-soft"), "tooth": ("tooth", "tooth"),
+    "cthead": ("cthead", "head"), "aneurism-steep": ("aneurism", "aneurism-iso"), "aneurism": ("aneurism", None),
+    "chest": ("chest", None), "foot": ("foot", None), "head": (None, None), "vessels": (None, None),
+    "marschner-lobb": (None, None),
+}
+SHOWN = ["engine", "engine-soft", "tooth", "aneurism", "cthead", "foot", "chest", "head", "vessels", "marschner-lobb"]
+# Seconds in table 4.2 of the thesis.
+THESIS = {"engine": {600: 1093.61, 900: 2442.28, 1200: 4249.44}, "cthead": {600: 1754.92, 900: 3955.13, 1200: 7067.32}}
+FILL = ["--density", "0.2", "--fill", "ss"]
+
+
+def render(scene, out, *words):
+    volume = VOLUMES[scene][0]
+    where = ["--volume", DATA / "volumes" / f"{volume}.nrrd"] if volume else []
+    report = out.with_suffix(".json")
+    result = lacuna("render", SCENES / f"{scene}.toml", "-o", out, "-q", "--json", report, *where, *words, timeout=1200)
+    frame = json.loads(report.read_text())["frames"][0]
+    return {"wall": result.seconds, "busy": result.busy, "march": frame["rendered"], "fill": frame.get("filled")}
+
+
+def measured(scene, size, runs, folder):
+    """Medians of some runs: everything, a fifth, a fifth filled; dB of the filled one and against a frame made elsewhere."""
+    words = ["--size", f"{size}x{size}"] if size else []
+    whole, some, filled = folder / "whole.exr", folder / "some.exr", folder / "filled.exr"
+    rows = {"all": [], "fifth": [], "filled": []}
+    for _ in range(runs):
+        rows["all"].append(render(scene, whole, *words))
+        rows["fifth"].append(render(scene, some, *words, "--density", "0.2"))
+        rows["filled"].append(render(scene, filled, *words, *FILL))
+    found = {kind: {name: statistics.median(row[name] for row in taken) for name in taken[0] if taken[0][name] is not None}
+             for kind, taken in rows.items()}
+    picture = frames.colour(whole, "RGBA")
+    found["dB"] = frames.psnr(frames.colour(filled, "RGBA"), picture)
+    found["size"] = list(picture.shape[:2])
+    frame = DATA / "frames" / f"{VOLUMES[scene][1]}.exr"
+    if VOLUMES[scene][1] and not size and frame.exists():
+        other = frames.colour(frame, "RGBA")
+        found["other dB"] = frames.psnr(picture, other)
+        found["other largest"] = float(np.abs(picture - other).max())
+    found["load"] = os.getloadavg()[0]
+    return found
+
+
+def tables(results):
+    print("| scene | size | all | 20 % and ss | times faster | processor: all | 20 % | 20 % and ss | times faster | PSNR of the filling |")
+    print("|---|---|---:|---:|---:|---:|---:|---:|---:|---:|")
+    for key, row in results.items():
+        scene, _, size = key.partition("@")
+        if size:
+            continue
+        whole, fifth, filled = row["all"], row["fifth"], row["filled"]
+        print(f"| {scene} | {row['size'][1]}x{row['size'][0]} | {whole['wall']:.2f} s | {filled['wall']:.2f} s | "
+              f"{whole['wall'] / filled['wall']:.1f} | {whole['busy']:.2f} s | {fifth['busy']:.2f} s | {filled['busy']:.2f} s | "
+              f"{whole['busy'] / filled['busy']:.1f} | {row['dB']:.2f} dB |")
+    print("\n| scene | size | thesis | all | 20 % and ss | processor: all | 20 % and ss | PSNR of the filling |")
+    print("|---|---|---:|---:|---:|---:|---:|---:|")
+    for scene, sizes in THESIS.items():
+        for size, seconds in sizes.items():
+            row = results.get(f"{scene}@{size}") or (results.get(scene) if size == 1200 else None)
+            if row:
+                print(f"| {scene} | {size}x{size} | {seconds} s | {row['all']['wall']:.2f} s | {row['filled']['wall']:.2f} s | "
+                      f"{row['all']['busy']:.2f} s | {row['filled']['busy']:.2f} s | {row['dB']:.2f} dB |")
+    print("\n| scene | frame | PSNR (RGBA, peak 1) | largest difference |\n|---|---|---:|---:|")
+    for key, row in results.items():
+        if "other dB" in row:
+            print(f"| {key} | {VOLUMES[key][1]}.exr | {row['other dB']:.1f} dB | {row['other largest']:.4f} |")
+    loads = [row["load"] for row in results.values()]
+    print(f"\nLoad while measuring: {min(loads):.1f} to {max(loads):.1f}.")
+
+
+def measure(options):
+    store = pathlib.Path(options.results) if options.results else None
+    results = json.loads(store.read_text()) if store and store.exists() else {}
+    wanted = [scene for scene, (volume, _) in VOLUMES.items() if not volume or DATA.is_dir()]
+    keys = wanted + [f"{scene}@{size}" for scene in THESIS if scene in wanted for size in (600, 900)]
+    with tempfile.TemporaryDirectory() as folder:
+        for key in keys:
+            scene, _, size = key.partition("@")
+            if key in results or (options.only and scene != options.only):
+                continue
+            results[key] = measured(scene, int(size or 0), options.runs, pathlib.Path(folder))
+            print(f"{key}: {json.dumps(results[key])}", file=sys.stderr, flush=True)
+            if store:
+                store.write_text(json.dumps(results, indent=1))
+    tables(results)
+
+
+def shown(path):
+    return Image.fromarray((srgb(frames.colour(path)) * 255 + 0.5).astype(np.uint8))
+
+
+def pasted(rows, path, colours):
+    """Rows of pictures of one size as a PNG."""
+    width, height = rows[0][0].size
+    canvas = Image.new("RGB", (width * len(rows[0]), height * len(rows)))
+    for r, row in enumerate(rows):
+        for c, picture in enumerate(row):
+            canvas.paste(picture, (c * width, r * height))
+    canvas = canvas.quantize(colours, dither=Image.Dither.NONE) if colours else canvas
+    canvas.save(path, optimize=True)
+
+
+def pictures():
+    images = ROOT / "docs" / "images"
+    with tempfile.TemporaryDirectory() as folder:
+        out = pathlib.Path(folder) / "out.exr"
+        if DATA.is_dir():
+            found = []
+            for scene in SHOWN:
+                # Twice as large and halved, so that edges are smooth.
+                render(scene, out, "--size", "320x320")
+                found.append(shown(out).resize((160, 160), Image.Resampling.BOX))
+            pasted([found[:5], found[5:]], images / "volumes.png", None)
+        story = []
+        for words in (["--density", "0.2"], FILL, []):
+            render("head", out, "--size", "360x360", *words)
+            story.append(shown(out).crop((60, 30, 300, 350)))
+        pasted([story], images / "story.png", None)
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--results")
+    parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--only", choices=list(VOLUMES))
+    parser.add_argument("--pictures", action="store_true")
+    options = parser.parse_args()
+    pictures() if options.pictures else measure(options)
+
+
+if __name__ == "__main__":
+    main()

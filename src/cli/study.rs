@@ -1,0 +1,128 @@
+//! `lacuna study`: flags and the study's file to a checked job.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use super::filter::Name;
+use super::run::SpeechArgs;
+use super::{Ending, Job, Usage};
+use crate::sequence::StudyJob;
+use crate::study::{Definition, Entry};
+
+const EXAMPLES: &str = "\
+Examples:
+  lacuna study samples/study/samples.toml -o out/study
+  lacuna study samples/study/frames.toml -o out/study --threads 8
+
+The same command goes on where an earlier run ended. A filter in the study's file is written as it follows --filter on
+fill's command line, for example \"tv --tv-gap 1e-3\"; \"all\" is every filter with its defaults.
+
+Exit status: 0 all done, 1 some cell failed, 2 usage, 128 + n on signal n.";
+
+/// Compare filters on frames, patterns and densities: tables, figures and a page
+///
+/// Makes complete frames sparse, fills them as fill does, and measures the results: frames x patterns x densities x seeds x
+/// filters. Writes into a folder results.jsonl (a line a cell, continued by later runs), results.csv, results.json, tables.md,
+/// figures as SVG and report.html.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct StudyArgs {
+    /// The study's file, TOML (see docs/study.md)
+    #[arg(value_name = "STUDY.toml")]
+    definition: PathBuf,
+
+    /// The folder for results, figures and report; it is made where it is missing
+    #[arg(short, long, value_name = "DIR", help_heading = "Output")]
+    output: PathBuf,
+
+    /// Cells at the same time, each on one thread; 0 for as many as the machine allows
+    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Run")]
+    threads: usize,
+
+    /// Print the cells that would be run and change nothing
+    #[arg(short = 'n', long, help_heading = "Run")]
+    dry_run: bool,
+
+    #[command(flatten)]
+    speech: SpeechArgs,
+}
+
+impl StudyArgs {
+    /// The checked job.
+    pub fn job(&self) -> Result<StudyJob, Usage> {
+        let at = |error: String| Usage(format!("{}: {error}", self.definition.display()));
+        let definition = Definition::read(&self.definition).map_err(|error| at(error.to_string()))?;
+        let mut entries: Vec<Entry> = Vec::new();
+        for label in definition.filters.iter().flat_map(|label| labels(label)) {
+            if entries.iter().all(|entry| entry.label != label) {
+                entries.push(entry(label).map_err(|usage| at(usage.0))?);
+            }
+        }
+        Ok(StudyJob {
+            definition,
+            folder: self.definition.parent().map(PathBuf::from).unwrap_or_default(),
+            entries,
+            output: self.output.clone(),
+            threads: self.threads,
+            dry_run: self.dry_run,
+            verbosity: self.speech.verbosity(),
+        })
+    }
+}
+
+/// The label itself, or every filter that there is for `all`.
+fn labels(label: &str) -> Vec<String> {
+    if label != "all" {
+        return vec![label.to_owned()];
+    }
+    let name = |name: &Name| Some(name.to_possible_value()?.get_name().to_owned());
+    Name::value_variants().iter().filter_map(name).collect()
+}
+
+/// A filter as `fill` would have it.
+fn entry(label: String) -> Result<Entry, Usage> {
+    // The frames' names are of no account.
+    let fixed = ["lacuna", "fill", "study.exr", "-o", "filled.exr", "--filter"];
+    let words = fixed.into_iter().chain(label.split_whitespace()).map(OsString::from);
+    match super::parse(words) {
+        Ok(Job::Fill(job)) => Ok(Entry { label, job: job.what }),
+        Ok(_) => Err(Usage(format!("filter '{label}' is none"))),
+        Err(Ending::Shown(text) | Ending::Usage(text)) => {
+            let line = text.lines().next().unwrap_or_default();
+            let line = line.strip_prefix("lacuna: error: ").unwrap_or(line);
+            Err(Usage(format!("filter '{label}': {line}")))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn filters_are_read_as_fill_reads_them() {
+        let found = entry("tv --tv-gap 1e-3 --limit off".into()).unwrap();
+        assert_eq!((found.job.method.name(), found.job.limit), ("tv", false));
+        for (label, reason) in [
+            ("nothing", "nothing"),
+            ("ss --tv-gap 1e-3", "--tv-gap is a setting of --filter tv"),
+            ("", "filter ''"),
+            ("ss --ss-lambda x", "--ss-lambda"),
+        ] {
+            let error = entry(label.into()).unwrap_err().0;
+            assert!(error.contains(reason) && !error.contains('\n'), "{error}");
+        }
+    }
+
+    #[test]
+    fn all_is_every_filter_of_the_command_line() {
+        let all = labels("all");
+        assert!(["ss", "tv", "linear", "cubic"].iter().all(|name| all.iter().any(|found| found == name)));
+        assert_eq!(all.len(), Name::value_variants().len());
+        for label in all {
+            assert_eq!(entry(label.clone()).unwrap().job.method.name(), label);
+        }
+    }
+}

@@ -1,0 +1,209 @@
+//! What a run made, as one page without a reference: mask, sparse input and result of each frame, density and timings.
+
+use std::fmt::Write;
+
+use lacuna_filters::{Mask, Plane};
+
+use super::escape;
+use super::picture::filled_pictures;
+use super::plot::{Series, plot};
+use super::shell::shell;
+use crate::frame::{Channel, Frame};
+use crate::report::groups::{Group, Kind, pair};
+
+/// A frame of the page.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Filled {
+    /// The frame number, or the file's name.
+    pub label: String,
+    /// What was read and what was written.
+    pub files: [String; 2],
+    /// `done`, `skipped` or `failed`.
+    pub state: String,
+    /// Why it is not done, and what the log warned of.
+    pub messages: Vec<String>,
+    /// Measured pixels over all pixels.
+    pub density: Option<f64>,
+    /// Where the mask was found, what became of the channels, how the solver ended.
+    pub words: Vec<(&'static str, String)>,
+    /// Seconds by stage, in their order.
+    pub seconds: Vec<(&'static str, f64)>,
+    /// The pictures, if the frame has colours.
+    pub pictures: Option<Pictures>,
+}
+
+/// Mask, sparse input and result, as PNG in base64.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Pictures {
+    /// The channels shown.
+    pub label: String,
+    /// Columns and rows of each.
+    pub size: (usize, usize),
+    /// Name and picture.
+    pub all: Vec<(&'static str, String)>,
+}
+
+impl Pictures {
+    /// The pictures of a frame that was filled; `mask` is that of a part and channel. Nothing if there are no floats.
+    pub fn new<'a>(
+        frame: &Frame,
+        mask: impl Fn(usize, usize) -> Option<&'a Mask>,
+        width: usize,
+    ) -> Option<Self> {
+        let groups = pair(frame, frame).groups;
+        let colour = groups.iter().find(|group| group.kind == Kind::Colour);
+        let group: &Group = colour.or_else(|| groups.iter().find(|group| group.kind != Kind::Codes))?;
+        let part = frame.parts.get(group.parts.0)?;
+        let plane = |&(at, _): &(usize, usize)| {
+            let Channel { samples, .. } = &part.channels[at];
+            Plane::new(part.size(), samples.to_floats()?).ok()
+        };
+        let planes: Vec<Plane> = group.channels.iter().map(plane).collect::<Option<_>>()?;
+        let mask = mask(group.parts.0, group.channels.first()?.0);
+        let (size, all) = filled_pictures(&planes, mask, width)?;
+        let names = group.channels.iter().map(|&(at, _)| part.channels[at].display_name().into_owned());
+        Some(Self { label: names.collect::<Vec<_>>().join(" "), size, all })
+    }
+}
+
+/// The page. `title` is text; `about` says what was done, by name and text.
+pub fn filled(title: &str, about: &[(&str, String)], frames: &[Filled]) -> String {
+    let title = escape(title);
+    let mut body = format!("<header><h1>{title}</h1>{}</header>\n<main>\n", summary(frames));
+    table(frames, &mut body);
+    plots(frames, &mut body);
+    body.push_str("<section><h2>What was done</h2>\n<dl class=\"measures\">");
+    for (name, text) in about {
+        let _ = write!(body, "<dt>{}</dt><dd>{}</dd>", escape(name), escape(text));
+    }
+    body.push_str(
+        "</dl>\n<p>Nothing was compared: there is no reference. Mask: white is measured. Pictures are smaller than the frames, \
+         clipped to 0 to 1, after the sRGB curve.</p></section>\n</main>\n",
+    );
+    shell(&title, &body, "", true)
+}
+
+fn summary(frames: &[Filled]) -> String {
+    let count = |state: &str| frames.iter().filter(|frame| frame.state == state).count();
+    let class = if count("failed") > 0 { "bad" } else { "good" };
+    let mut words = vec![format!("{} of {} frames done", count("done"), frames.len())];
+    for state in ["skipped", "failed", "pending"] {
+        if count(state) > 0 {
+            words.push(format!("{} {state}", count(state)));
+        }
+    }
+    let densities: Vec<f64> = frames.iter().filter_map(|frame| frame.density).collect();
+    let (low, high) = densities.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), &v| (a.min(v), b.max(v)));
+    let percent = |value: f64| format!("{:.2}", 100.0 * value);
+    let mut sum = String::new();
+    if !densities.is_empty() {
+        let range = if percent(low) == percent(high) {
+            percent(low)
+        } else {
+            format!("{} to {}", percent(low), percent(high))
+        };
+        let _ = write!(sum, "<span><b>{range} %</b> measured</span>");
+    }
+    let mut names: Vec<&str> = Vec::new();
+    frames.iter().flat_map(|frame| &frame.seconds).for_each(|(name, _)| {
+        if !names.contains(name) {
+            names.push(name);
+        }
+    });
+    for name in names {
+        let all = frames.iter().flat_map(|frame| &frame.seconds).filter(|(other, _)| *other == name);
+        let _ =
+            write!(sum, "<span><b>{:.2} s</b> {name}</span>", all.map(|(_, seconds)| seconds).sum::<f64>());
+    }
+    format!("<p class=\"verdict {class}\">{}</p><p class=\"sum\">{sum}</p>", words.join(", "))
+}
+
+fn table(frames: &[Filled], body: &mut String) {
+    let stages = stages(frames);
+    body.push_str("<section><h2>Frames</h2>\n<div class=\"scroll\"><table id=\"frames\"><thead><tr>");
+    body.push_str("<th scope=\"col\" data-sort=\"number\">frame</th><th scope=\"col\">pictures</th>");
+    body.push_str("<th scope=\"col\" data-sort=\"number\">measured</th>");
+    for stage in &stages {
+        let _ = write!(body, "<th scope=\"col\" data-sort=\"number\">{stage} (s)</th>");
+    }
+    body.push_str("<th scope=\"col\">notes</th></tr></thead>\n<tbody>\n");
+    for (index, frame) in frames.iter().enumerate() {
+        let class = if frame.state == "failed" { " class=\"bad\"" } else { "" };
+        let _ = write!(
+            body,
+            "<tr{class}><th scope=\"row\" data-value=\"{index}\" title=\"{} to {}\">{}</th><td class=\"thumbs\">",
+            escape(&frame.files[0]),
+            escape(&frame.files[1]),
+            escape(&frame.label)
+        );
+        pictures(frame, body);
+        let percent = frame.density.map_or_else(|| "–".into(), |density| format!("{:.2} %", 100.0 * density));
+        let _ = write!(body, "</td><td data-value=\"{}\">{percent}</td>", frame.density.unwrap_or(-1.0));
+        for stage in &stages {
+            let found = frame.seconds.iter().find(|(name, _)| name == stage).map(|(_, seconds)| *seconds);
+            let _ = match found {
+                Some(seconds) => write!(body, "<td data-value=\"{seconds}\">{seconds:.3}</td>"),
+                None => write!(body, "<td>–</td>"),
+            };
+        }
+        body.push_str("<td class=\"notes\">");
+        if frame.state != "done" {
+            let _ = write!(body, "<b>{}</b><br>", escape(&frame.state));
+        }
+        for (name, text) in &frame.words {
+            let _ = write!(body, "{name}: {}<br>", escape(text));
+        }
+        for message in &frame.messages {
+            let _ = write!(body, "<span class=\"bad\">{}</span><br>", escape(message));
+        }
+        body.push_str("</td></tr>\n");
+    }
+    body.push_str("</tbody></table></div></section>\n");
+}
+
+fn pictures(frame: &Filled, body: &mut String) {
+    let Some(pictures) = &frame.pictures else { return };
+    for (name, png) in &pictures.all {
+        let what = format!("{name} of frame {}, {}", frame.label, pictures.label);
+        let _ = write!(
+            body,
+            "<figure><img width=\"{}\" height=\"{}\" alt=\"{}\" src=\"data:image/png;base64,{png}\"><figcaption>{name}</figcaption></figure>",
+            pictures.size.0,
+            pictures.size.1,
+            escape(&what)
+        );
+    }
+}
+
+/// The stages that any frame has, in their order.
+fn stages(frames: &[Filled]) -> Vec<&'static str> {
+    let longest = frames.iter().map(|frame| &frame.seconds).max_by_key(|seconds| seconds.len());
+    longest.map(|seconds| seconds.iter().map(|(name, _)| *name).collect()).unwrap_or_default()
+}
+
+fn plots(frames: &[Filled], body: &mut String) {
+    if frames.len() < 2 {
+        return;
+    }
+    let labels: Vec<String> = frames.iter().map(|frame| frame.label.clone()).collect();
+    let cell = |value: f64| format!("{value:.3}");
+    body.push_str("<section><h2>Over the frames</h2>\n<div class=\"plots\">\n");
+    let density: Vec<Option<f64>> = frames.iter().map(|frame| frame.density.map(|d| 100.0 * d)).collect();
+    if density.iter().flatten().count() > 1 {
+        let line = Series { name: "measured", class: "all", values: density };
+        body.push_str(&plot("measured pixels (%)", &cell, &labels, &[line]));
+    }
+    let stages = stages(frames);
+    let lines: Vec<Series<'_>> = stages
+        .iter()
+        .zip(["all", "missing", "alpha", "all", "missing"])
+        .map(|(name, class)| {
+            let of = |frame: &Filled| frame.seconds.iter().find(|(other, _)| other == name).map(|(_, s)| *s);
+            Series { name, class, values: frames.iter().map(of).collect() }
+        })
+        .collect();
+    if lines.iter().any(|line| line.values.iter().flatten().count() > 1) {
+        body.push_str(&plot("time (s)", &cell, &labels, &lines));
+    }
+    body.push_str("</div></section>\n");
+}

@@ -1,0 +1,182 @@
+//! After a first pass, frame by frame: the pixels to compute next, and two renders united.
+
+use std::path::{Path, PathBuf};
+
+use super::console::Console;
+use super::inputs::{Selection, resolve};
+use super::mask::{BoundFiles, MaskOutput, failed, keep, of_frame, report, source_of_frame};
+use super::masks;
+use super::pattern::Pattern;
+use super::plan::PlanError;
+use super::range::Frames;
+use crate::channels;
+use crate::frame::{self, Frame, Limits, WriteOptions};
+use crate::mask::output::{Listing, write_floats, write_mask};
+use crate::mask::{self, MakeError, Masks, Source, after, merge};
+use crate::sparsify::{PATTERN, SEED};
+
+/// Pixels to choose after a first pass.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NextPass {
+    /// The filled or sparse frame, or a pattern.
+    pub frame: PathBuf,
+    /// The frames of the pattern; all that exist if `None`.
+    pub frames: Option<Frames>,
+    /// Where their masks come from.
+    pub source: Source,
+    /// Pixels to add over all pixels, 0 to 1.
+    pub add: f64,
+    /// The seed of the order that decides between equals.
+    pub seed: u64,
+    /// Where the estimated error goes.
+    pub error_estimate: Option<PathBuf>,
+    /// What the estimate does not decide.
+    pub bounds: BoundFiles,
+    /// Where to.
+    pub output: MaskOutput,
+}
+
+/// Two sparse renders to unite.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Union {
+    /// The first render, or a pattern.
+    pub first: PathBuf,
+    /// The second render, or a pattern.
+    pub second: PathBuf,
+    /// The frames of the patterns; all of the first that exist if `None`.
+    pub frames: Option<Frames>,
+    /// Where their masks come from.
+    pub source: Source,
+    /// Where to.
+    pub output: MaskOutput,
+}
+
+/// Chooses the next pixels of every frame; the exit status.
+pub fn next(task: &NextPass, console: &Console) -> Result<u8, PlanError> {
+    task.output.make_folder()?;
+    let written: Vec<&Path> =
+        std::iter::once(task.output.path.as_path()).chain(task.error_estimate.as_deref()).collect();
+    each(&task.frame, task.frames.as_ref(), &written, console, |frame, number| {
+        let task = task.of_frame(frame, number);
+        task.check()?;
+        task.write(&task.choose()?, console)
+    })
+}
+
+/// Unites the renders of every frame; the exit status.
+pub fn unite(task: &Union, console: &Console) -> Result<u8, PlanError> {
+    task.output.make_folder()?;
+    let patterns = [task.second.as_path(), &task.output.path];
+    each(&task.first, task.frames.as_ref(), &patterns, console, |first, number| {
+        let second = of_frame(&task.second, number);
+        let source = source_of_frame(&task.source, number);
+        let output = of_frame(&task.output.path, number);
+        keep(&[&output], &[first, &second])?;
+        let (a, a_masks) = read(first, &source)?;
+        let (b, b_masks) = read(&second, &source)?;
+        let merged = merge::merge((a, &a_masks), (&b, &b_masks)).map_err(failed(&second))?;
+        merged.notes.iter().for_each(|note| console.warning(&format!("{}: {note}", second.display())));
+        let options = WriteOptions { compression_level: None, no_clobber: task.output.no_clobber };
+        frame::write(&merged.frame, &output, &options).map_err(|error| failed(&output)(error.into()))?;
+        console.note(&format!("{}: density {:.3} %", output.display(), 100.0 * merged.density));
+        Ok(())
+    })
+}
+
+/// Does one frame, or all of a pattern; one that fails does not stop the others.
+fn each(
+    input: &Path,
+    frames: Option<&Frames>,
+    numbered: &[&Path],
+    console: &Console,
+    one: impl Fn(&Path, Option<i64>) -> Result<(), PlanError>,
+) -> Result<u8, PlanError> {
+    let selection = Selection { inputs: vec![input.into()], files_from: None, frames: frames.cloned() };
+    let found = resolve(&selection)?;
+    if !found.is_set {
+        return one(input, None).map(|()| 0);
+    }
+    for path in numbered {
+        if !matches!(Pattern::parse(&path.to_string_lossy()), Ok(Some(_))) {
+            return Err(PlanError::Usage(format!(
+                "{}: several frames need a pattern here too, such as next.####.exr",
+                path.display()
+            )));
+        }
+    }
+    let mut status = 0;
+    console.begin(found.frames.len() as u64);
+    for frame in &found.frames {
+        let done = match frame.number {
+            Some(_) => one(&frame.path, frame.number),
+            None => Err(PlanError::Failed(format!("{}: no frame number in its name", frame.path.display()))),
+        };
+        if let Err(error) = done {
+            console.error(&error.to_string());
+            status = 1;
+        }
+        console.advance(1);
+    }
+    console.end();
+    Ok(status)
+}
+
+impl NextPass {
+    fn of_frame(&self, frame: &Path, number: Option<i64>) -> Self {
+        Self {
+            frame: frame.into(),
+            source: source_of_frame(&self.source, number),
+            error_estimate: self.error_estimate.as_ref().map(|path| of_frame(path, number)),
+            bounds: self.bounds.of_frame(number),
+            output: MaskOutput { path: of_frame(&self.output.path, number), ..self.output.clone() },
+            ..self.clone()
+        }
+    }
+
+    /// Refuses outputs that are inputs or each other.
+    fn check(&self) -> Result<(), PlanError> {
+        let sources = [Some(&self.source), self.bounds.inside.as_ref(), self.bounds.always.as_ref()];
+        let mut inputs: Vec<&Path> = sources.into_iter().flatten().filter_map(Source::path).collect();
+        inputs.push(&self.frame);
+        keep(&[&self.output.path], &inputs)?;
+        if let Some(estimate) = &self.error_estimate {
+            inputs.push(&self.output.path);
+            keep(&[estimate], &inputs)?;
+        }
+        Ok(())
+    }
+
+    fn choose(&self) -> Result<after::Next, PlanError> {
+        let (frame, masks) = read(&self.frame, &self.source)?;
+        let choices = channels::choose(&frame, &masks, &[]);
+        let bounds = |window| self.bounds.read(window);
+        after::next(&frame, &masks, &choices, self.add, self.seed, bounds).map_err(failed(&self.frame))
+    }
+
+    fn write(&self, next: &after::Next, console: &Console) -> Result<(), PlanError> {
+        let (path, mut how) = (&self.output.path, self.output.writing());
+        how.attributes = vec![(PATTERN, "after".into()), (SEED, self.seed.to_string())];
+        let listing = Listing::Given(&next.pixels);
+        write_mask(path, &next.mask, next.window, &listing, &how).map_err(failed(path))?;
+        report(path, &next.mask, console);
+        if let Some(path) = &self.error_estimate {
+            how.attributes.clear();
+            let largest = next.error.pixels().iter().copied().fold(0.0, f32::max);
+            let pixels = next.error.pixels().to_vec();
+            write_floats(path, "error", pixels, largest, next.window, &how).map_err(failed(path))?;
+        }
+        Ok(())
+    }
+}
+
+fn read(path: &Path, source: &Source) -> Result<(Frame, Masks), PlanError> {
+    let fail = |error: MakeError| failed(path)(error);
+    let limits = Limits::default();
+    let frame = frame::read(path, &limits).map_err(|error| fail(error.into()))?;
+    let file = match source.path() {
+        Some(file) => Some(masks::read(file, limits).map_err(|error| fail(error.into()))?),
+        None => None,
+    };
+    let masks = mask::find(&frame, source, file.as_ref()).map_err(|error| fail(error.into()))?;
+    Ok((frame, masks))
+}

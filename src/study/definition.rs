@@ -1,0 +1,187 @@
+//! What a study's TOML file says, checked as far as no frame has to be opened for it.
+
+use std::path::Path;
+
+use lacuna_filters::sampling::Pattern;
+use serde::{Deserialize, Serialize};
+
+/// A study as its file has it.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Definition {
+    /// What the report is called.
+    #[serde(default = "untitled")]
+    pub title: String,
+    /// The frames.
+    pub frames: Vec<SubjectDefinition>,
+    /// Names of patterns, as `mask --pattern` has them.
+    pub patterns: Vec<String>,
+    /// Measured pixels over all pixels, above 0, at most 1.
+    pub densities: Vec<f64>,
+    /// One mask a seed.
+    #[serde(default = "one_seed")]
+    pub seeds: Vec<u64>,
+    /// Filters, each as it follows `--filter` on `fill`'s command line; `all` is each filter with its defaults.
+    pub filters: Vec<String>,
+    /// Compare as a display shows it: clipped to 0 to 1, after the sRGB curve.
+    #[serde(default)]
+    pub display: bool,
+    /// What a verdict calls good.
+    #[serde(default)]
+    pub verdict: Thresholds,
+    /// Pictures of some cells.
+    #[serde(default)]
+    pub sheets: Vec<SheetDefinition>,
+}
+
+/// A frame of a study.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SubjectDefinition {
+    /// What plots call it; a file name too.
+    pub name: String,
+    /// The EXR file, complete; relative to the study's file.
+    pub file: String,
+    /// What kind of picture it is; frames of a class share a verdict.
+    #[serde(default = "unclassed")]
+    pub class: String,
+    /// First column and row (absolute), width and height of what is taken; all if nothing.
+    pub crop: Option<[i32; 4]>,
+}
+
+/// PSNR that a verdict asks for, in dB.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Thresholds {
+    /// At least this is good.
+    pub good: f64,
+    /// At least this is acceptable.
+    pub acceptable: f64,
+}
+
+impl Default for Thresholds {
+    fn default() -> Self {
+        Self { good: 40.0, acceptable: 30.0 }
+    }
+}
+
+/// Results and error maps side by side: a column a filter, a row a density and map.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SheetDefinition {
+    /// The file's name.
+    pub name: String,
+    /// The frame.
+    pub frame: String,
+    /// The pattern.
+    pub pattern: String,
+    /// The densities.
+    pub densities: Vec<f64>,
+    /// Filters as in the study's list; all of them if empty.
+    #[serde(default)]
+    pub filters: Vec<String>,
+    /// First column and row (absolute), width and height of what is shown; all if nothing.
+    pub window: Option<[i32; 4]>,
+    /// Width of a tile in pixels, 16 to 1024.
+    #[serde(default = "tile")]
+    pub tile: usize,
+}
+
+fn untitled() -> String {
+    "Study".into()
+}
+
+fn unclassed() -> String {
+    "frames".into()
+}
+
+fn one_seed() -> Vec<u64> {
+    vec![0]
+}
+
+fn tile() -> usize {
+    128
+}
+
+/// What is wrong with a definition.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct DefinitionError(pub String);
+
+impl Definition {
+    /// Reads a definition.
+    ///
+    /// # Errors
+    /// A file that cannot be read, is no TOML or contradicts itself.
+    pub fn read(path: &Path) -> Result<Self, DefinitionError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|error| DefinitionError(format!("cannot read: {error}")))?;
+        Self::parse(&text)
+    }
+
+    /// Reads a definition from text.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn parse(text: &str) -> Result<Self, DefinitionError> {
+        let found: Self = toml::from_str(text).map_err(|error| DefinitionError(error.to_string()))?;
+        found.check().map_err(DefinitionError)?;
+        Ok(found)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        for (what, empty) in [
+            ("frames", self.frames.is_empty()),
+            ("patterns", self.patterns.is_empty()),
+            ("densities", self.densities.is_empty()),
+            ("seeds", self.seeds.is_empty()),
+            ("filters", self.filters.is_empty()),
+        ] {
+            if empty {
+                return Err(format!("{what} is empty: nothing would be done"));
+            }
+        }
+        let sheets = self.sheets.iter();
+        let densities = self.densities.iter().chain(sheets.clone().flat_map(|sheet| &sheet.densities));
+        if let Some(density) = densities.into_iter().find(|density| !(**density > 0.0 && **density <= 1.0)) {
+            return Err(format!("density {density}: it must be above 0 and at most 1"));
+        }
+        for name in self.patterns.iter().chain(sheets.clone().map(|sheet| &sheet.pattern)) {
+            pattern(name)?;
+        }
+        let names = self.frames.iter().map(|frame| &frame.name);
+        for (index, name) in names.clone().chain(sheets.clone().map(|sheet| &sheet.name)).enumerate() {
+            let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+            if name.is_empty() || name.starts_with('.') || !name.chars().all(plain) {
+                return Err(format!(
+                    "name '{name}': letters, digits, '-', '_' and '.' only, as files are called so"
+                ));
+            }
+            if names
+                .clone()
+                .chain(sheets.clone().map(|sheet| &sheet.name))
+                .skip(index + 1)
+                .any(|other| other == name)
+            {
+                return Err(format!("name '{name}' is there twice"));
+            }
+        }
+        for sheet in sheets {
+            if !names.clone().any(|name| *name == sheet.frame) {
+                return Err(format!("sheet '{}': there is no frame '{}'", sheet.name, sheet.frame));
+            }
+            if !(16..=1024).contains(&sheet.tile) {
+                return Err(format!("sheet '{}': tile = {} is not from 16 to 1024", sheet.name, sheet.tile));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The pattern of that name.
+pub fn pattern(name: &str) -> Result<Pattern, String> {
+    let all = [Pattern::Random, Pattern::Shuffle, Pattern::Poisson, Pattern::BlueNoise, Pattern::Grid];
+    let names = || all.map(Pattern::name).join(", ");
+    let found = all.into_iter().find(|pattern| pattern.name() == name);
+    found.ok_or_else(|| format!("pattern '{name}': there are {}", names()))
+}

@@ -1,0 +1,135 @@
+//! The figures of a study: PSNR and time against missing pixels, and what an even pattern is worth beside a random one.
+
+use super::chart::{Chart, Line};
+use super::rows::Row;
+
+const MISSING: &str = "missing pixels (%)";
+
+/// A figure.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Figure {
+    /// The file's name without its ending.
+    pub name: String,
+    /// What it shows.
+    pub title: String,
+    /// The picture.
+    pub svg: String,
+}
+
+/// Values in the order in which they come first.
+pub fn distinct<'a>(values: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+    let mut all = Vec::new();
+    for value in values {
+        if !all.contains(&value) {
+            all.push(value);
+        }
+    }
+    all
+}
+
+/// The figures of all frames: for each PSNR, time, and the gain over random samples where there are any.
+///
+/// # Errors
+/// A chart that cannot be drawn.
+pub fn figures(rows: &[Row]) -> Result<Vec<Figure>, String> {
+    let mut all = Vec::new();
+    for frame in distinct(rows.iter().map(|row| row.frame.as_str())) {
+        let own: Vec<&Row> = rows.iter().filter(|row| row.frame == frame && row.error.is_none()).collect();
+        if own.is_empty() {
+            continue;
+        }
+        all.push(figure(frame, "psnr", &own)?);
+        all.push(figure(frame, "seconds", &own)?);
+        if own.iter().any(|row| row.pattern == "random") && own.iter().any(|row| row.pattern != "random") {
+            all.push(figure(frame, "gain", &own)?);
+        }
+    }
+    Ok(all)
+}
+
+fn figure(frame: &str, kind: &'static str, rows: &[&Row]) -> Result<Figure, String> {
+    let filters = distinct(rows.iter().map(|row| row.filter.as_str()));
+    let mut patterns = distinct(rows.iter().map(|row| row.pattern.as_str()));
+    // The even patterns in solid lines, the random one dashed.
+    patterns.sort_by_key(|pattern| *pattern == "random");
+    if kind == "gain" {
+        patterns.retain(|pattern| *pattern != "random");
+    }
+    let mut lines = Vec::new();
+    for (style, pattern) in patterns.iter().enumerate() {
+        for (name, filter) in filters.iter().enumerate() {
+            let own = rows.iter().copied().filter(|row| row.filter == *filter);
+            let points = match kind {
+                "gain" => gain(&own, pattern),
+                "seconds" => points(own, pattern, &|row| Some(row.seconds)),
+                _ => points(own, pattern, &Row::psnr),
+            };
+            if !points.is_empty() {
+                lines.push(Line { name, style, points });
+            }
+        }
+    }
+    let (title, y) = match kind {
+        "gain" => (format!("{frame}: gain over random samples"), "PSNR less that of random (dB)"),
+        "seconds" => (format!("{frame}: time of filling"), "processor time, one thread (s)"),
+        _ => (format!("{frame}: quality"), "PSNR (dB)"),
+    };
+    let chart = Chart {
+        title: title.clone(),
+        x: MISSING,
+        y,
+        log: kind == "seconds",
+        span: (0.0, 100.0),
+        names: filters.iter().map(ToString::to_string).collect(),
+        styles: patterns.iter().map(ToString::to_string).collect(),
+        lines,
+    };
+    Ok(Figure { name: format!("{kind}-{frame}"), title, svg: chart.svg()? })
+}
+
+/// Per density, by growing share of missing pixels: that share in percent; mean, least and largest value of the seeds.
+pub fn points<'a>(
+    rows: impl Iterator<Item = &'a Row>,
+    pattern: &str,
+    value: &dyn Fn(&Row) -> Option<f64>,
+) -> Vec<[f64; 4]> {
+    let mut found: Vec<(f64, f64, Vec<f64>)> = Vec::new();
+    for row in rows.filter(|row| row.pattern == pattern) {
+        let Some(value) = value(row).filter(|value| value.is_finite()) else { continue };
+        match found.iter_mut().find(|(density, ..)| *density == row.density) {
+            Some((_, missing, values)) => {
+                *missing += row.missing;
+                values.push(value);
+            }
+            None => found.push((row.density, row.missing, vec![value])),
+        }
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let point = |(_, missing, values): &(f64, f64, Vec<f64>)| {
+        let count = values.len() as f64;
+        let (low, high) =
+            values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &v| (a.min(v), b.max(v)));
+        [100.0 * missing / count, values.iter().sum::<f64>() / count, low, high]
+    };
+    found.iter().map(point).collect()
+}
+
+/// PSNR of a pattern less that of random samples, density by density.
+fn gain<'a>(rows: &(impl Iterator<Item = &'a Row> + Clone), pattern: &str) -> Vec<[f64; 4]> {
+    let densities = |row: &&Row| row.pattern == pattern;
+    let mut all: Vec<f64> = rows.clone().filter(densities).map(|row| row.density).collect();
+    all.sort_by(|a, b| b.total_cmp(a));
+    all.dedup();
+    let mut found = Vec::new();
+    for density in all {
+        let at = |pattern: &str| {
+            let own = rows.clone().filter(|row| row.density == density);
+            points(own, pattern, &Row::psnr).first().copied()
+        };
+        if let (Some(even), Some(random)) = (at(pattern), at("random")) {
+            let by = even[1] - random[1];
+            found.push([even[0], by, by, by]);
+        }
+    }
+    found
+}

@@ -1,0 +1,210 @@
+//! Results and error maps side by side, as one SVG with its pictures inside: a column a filter, three rows a density.
+//!
+//! The rows: result (sRGB), distance in CIELUV (0 black, 20 white), SSIM squared (0 black, 1 white), as the thesis that
+//! lacuna follows shows them. Maps have 16 levels of grey, results 32 levels a channel.
+
+use std::fmt::Write;
+
+use lacuna_filters::Plane;
+use lacuna_filters::metric::colour::srgb_encode;
+
+use super::cell::{Cell, run};
+use super::definition::SheetDefinition;
+use crate::report::{GroupReport, Images, Measure, base64, escape};
+
+/// CIELUV distance that is white.
+const CIELUV: f32 = 20.0;
+const GAP: usize = 6;
+const TEXT: usize = 17;
+
+/// The pictures of one cell.
+#[derive(Clone, Debug, Default)]
+pub struct Sheet {
+    width: usize,
+    height: usize,
+    reference: String,
+    sparse: String,
+    result: String,
+    error: String,
+    similarity: String,
+    psnr: Option<f64>,
+    cieluv: Option<f64>,
+    ssim: Option<f64>,
+}
+
+impl Sheet {
+    /// Runs a cell and keeps its pictures.
+    ///
+    /// # Errors
+    /// What went wrong in the cell.
+    pub fn of(cell: &Cell<'_>, definition: &SheetDefinition) -> Result<Self, String> {
+        let mut sheet = Self::default();
+        let row = run(cell, &mut |images| sheet.look(images, definition));
+        match row.error {
+            Some(error) => Err(error),
+            None if sheet.width == 0 => Err("the sheet's window holds no pixel of the frame".into()),
+            None => Ok(sheet),
+        }
+    }
+
+    fn look(&mut self, images: &Images<'_>, definition: &SheetDefinition) {
+        let Some(view) = View::new(images, definition) else { return };
+        (self.width, self.height) = (view.width, view.height);
+        let colours = |planes: &[Plane], measured: bool| {
+            view.colours(|at, k| {
+                let hidden = measured && images.mask.is_some_and(|mask| !mask.as_slice()[at]);
+                if hidden { 0.0 } else { planes[k.min(planes.len() - 1)].pixels()[at] }
+            })
+        };
+        self.reference = colours(images.reference, false);
+        self.sparse = colours(images.reference, true);
+        self.result = colours(images.test, false);
+        if let Some(map) = images.cieluv {
+            self.error = view.greys(|at| map.pixels()[at] / CIELUV);
+        }
+        let maps = images.similarity;
+        let mean = |at: usize| maps.iter().map(|one| one.map.pixels()[at]).sum::<f32>() / maps.len() as f32;
+        self.similarity = view.greys(|at| mean(at).max(0.0).powi(2));
+        let report: &GroupReport = images.report;
+        let get = |measure: Measure| report.region("all")?.measures.get(measure);
+        (self.psnr, self.cieluv, self.ssim) = (get(Measure::Psnr), get(Measure::Cieluv), get(Measure::Ssim));
+    }
+}
+
+/// Which pixels a tile shows, and how large it is.
+struct View {
+    columns: usize,
+    left: usize,
+    top: usize,
+    shown: [usize; 2],
+    width: usize,
+    height: usize,
+}
+
+impl View {
+    fn new(images: &Images<'_>, definition: &SheetDefinition) -> Option<Self> {
+        let window = images.window;
+        let size = window.size();
+        let all = [window.x_min, window.y_min, size.width as i32, size.height as i32];
+        let [x, y, width, height] = definition.window.unwrap_or(all);
+        let (left, top) = (x.checked_sub(window.x_min)?, y.checked_sub(window.y_min)?);
+        let (left, top) = (usize::try_from(left).ok()?, usize::try_from(top).ok()?);
+        let shown = [usize::try_from(width).ok()?, usize::try_from(height).ok()?];
+        let [columns, rows] =
+            [shown[0].min(size.width.checked_sub(left)?), shown[1].min(size.height.checked_sub(top)?)];
+        if columns == 0 || rows == 0 {
+            return None;
+        }
+        let width = definition.tile.min(columns);
+        let height = (rows * width / columns).max(1);
+        Some(Self { columns: size.width, left, top, shown: [columns, rows], width, height })
+    }
+
+    /// The mean of a value over the box of each of the tile's pixels.
+    fn means(&self, value: impl Fn(usize) -> f32) -> Vec<f32> {
+        let range = |at: usize, small: usize, full: usize| {
+            let start = at * full / small;
+            start..((at + 1) * full / small).max(start + 1).min(full)
+        };
+        let mut out = Vec::with_capacity(self.width * self.height);
+        for y in 0..self.height {
+            for x in 0..self.width {
+                let (mut sum, mut count) = (0.0, 0.0);
+                for v in range(y, self.height, self.shown[1]) {
+                    for u in range(x, self.width, self.shown[0]) {
+                        let value = value((self.top + v) * self.columns + self.left + u);
+                        sum += if value.is_finite() { value } else { 0.0 };
+                        count += 1.0;
+                    }
+                }
+                out.push(sum / count);
+            }
+        }
+        out
+    }
+
+    fn colours(&self, value: impl Fn(usize, usize) -> f32) -> String {
+        let planes = [0, 1, 2].map(|k| self.means(|at| value(at, k)));
+        let code = |value: f32| {
+            let level = (31.0 * srgb_encode(value.clamp(0.0, 1.0))).round() as u8;
+            level << 3 | level >> 2
+        };
+        let bytes: Vec<u8> =
+            (0..planes[0].len()).flat_map(|at| [0, 1, 2].map(|k| code(planes[k][at]))).collect();
+        self.encode(&bytes, png::ColorType::Rgb, png::BitDepth::Eight)
+    }
+
+    fn greys(&self, value: impl Fn(usize) -> f32) -> String {
+        let levels: Vec<u8> =
+            self.means(value).into_iter().map(|v| (15.0 * v.clamp(0.0, 1.0)).round() as u8).collect();
+        let pair = |pair: &[u8]| pair[0] << 4 | pair.get(1).copied().unwrap_or(0);
+        let bytes: Vec<u8> = levels.chunks(self.width).flat_map(|row| row.chunks(2).map(pair)).collect();
+        self.encode(&bytes, png::ColorType::Grayscale, png::BitDepth::Four)
+    }
+
+    fn encode(&self, bytes: &[u8], colour: png::ColorType, depth: png::BitDepth) -> String {
+        let mut out = Vec::new();
+        let mut encoder = png::Encoder::new(&mut out, self.width as u32, self.height as u32);
+        encoder.set_color(colour);
+        encoder.set_depth(depth);
+        encoder.set_compression(png::Compression::High);
+        let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(bytes));
+        if written.is_ok() { base64(&out) } else { String::new() }
+    }
+}
+
+/// The whole sheet: per density and filter the pictures.
+pub fn sheet(definition: &SheetDefinition, filters: &[&str], tiles: &[Vec<Sheet>]) -> String {
+    let Some(first) = tiles.first().and_then(|row| row.first()) else { return String::new() };
+    let (width, height) = (first.width, first.height);
+    let step = width.max(96) + GAP;
+    let block = 3 * (height + TEXT + GAP);
+    let label = 20 + TEXT;
+    let (all_width, all_height) = (GAP + step * (filters.len() + 1), label + tiles.len() * (block + TEXT));
+    let mut svg = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{all_width}\" height=\"{all_height}\" \
+         viewBox=\"0 0 {all_width} {all_height}\" font-family=\"sans-serif\" font-size=\"12\">\n\
+         <rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
+    );
+    let text = |x: usize, y: usize, text: &str, weight: &str| {
+        format!("<text x=\"{x}\" y=\"{y}\" font-weight=\"{weight}\">{}</text>\n", escape(text))
+    };
+    let image = |x: usize, y: usize, png: &str| {
+        format!(
+            "<image x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" href=\"data:image/png;base64,{png}\"/>\n"
+        )
+    };
+    for (index, filter) in filters.iter().enumerate() {
+        svg += &text(GAP + (index + 1) * step, 16, filter, "bold");
+    }
+    for ((row, density), top) in
+        tiles.iter().zip(&definition.densities).zip((0..).map(|row| label + row * (block + TEXT)))
+    {
+        let Some(first) = row.first() else { continue };
+        let heading =
+            format!("{}, {}, {:.0} % missing", definition.frame, definition.pattern, 100.0 * (1.0 - density));
+        svg += &text(GAP, top - 4, &heading, "bold");
+        let lines = [0, 1, 2].map(|k| top + k * (height + TEXT + GAP));
+        svg += &image(GAP, lines[0], &first.reference);
+        svg += &text(GAP, lines[0] + height + 13, "reference", "normal");
+        svg += &image(GAP, lines[1], &first.sparse);
+        svg += &text(GAP, lines[1] + height + 13, "sparse; error 0 to 20", "normal");
+        svg += &text(GAP, lines[2] + height + 13, "SSIM squared", "normal");
+        for (index, tile) in row.iter().enumerate() {
+            let x = GAP + (index + 1) * step;
+            let number = |name: &str, value: Option<f64>, digits: usize| {
+                value.map_or_else(String::new, |value| format!("{name} {value:.digits$}"))
+            };
+            for (line, (png, words)) in lines.iter().zip([
+                (&tile.result, number("PSNR", tile.psnr, 2)),
+                (&tile.error, number("CIELUV", tile.cieluv, 3)),
+                (&tile.similarity, number("mSSIM", tile.ssim, 4)),
+            ]) {
+                let _ =
+                    write!(svg, "{}{}", image(x, *line, png), text(x, line + height + 13, &words, "normal"));
+            }
+        }
+    }
+    svg.push_str("</svg>\n");
+    svg
+}

@@ -1,0 +1,207 @@
+//! Studies on small frames: the same cells give the same rows, figures and verdicts say what the rows say.
+
+use lacuna_filters::Method;
+use lacuna_filters::baseline::{linear, nearest};
+
+use super::*;
+use crate::reconstruct::Job;
+use crate::testing::{float, frame, part, window};
+
+fn subject(name: &str, class: &str) -> Subject {
+    let value = |k: usize| {
+        (0..1024).map(|at| ((at % 32) as f32 / 9.0 + k as f32).sin().abs() * 0.7).collect::<Vec<f32>>()
+    };
+    let planes = [("B", 0), ("G", 1), ("R", 2)].map(|(name, k)| float(name, &value(k)));
+    let frame = frame(vec![part(window(0, 0, 32, 32), planes.to_vec())]);
+    Subject { name: name.into(), class: class.into(), frame, sum: 7 }
+}
+
+fn entries() -> [Entry; 2] {
+    let entry = |label: &str, method| Entry { label: label.into(), job: Job::new(method) };
+    [entry("nearest", Method::Nearest(nearest::Settings)), entry("linear", Method::Linear(linear::Settings))]
+}
+
+const TEXT: &str = "title = 'Small'\npatterns = ['random', 'shuffle']\ndensities = [0.2, 0.5]\nseeds = [1, 2]\n\
+                    filters = ['nearest', 'linear']\n[[frames]]\nname = 'a'\nfile = 'a.exr'\nclass = 'smooth'\n";
+
+fn rows() -> Vec<Row> {
+    let (definition, subjects, entries) =
+        (Definition::parse(TEXT).unwrap(), [subject("a", "smooth")], entries());
+    cells(&definition, &subjects, &entries).unwrap().iter().map(|cell| run(cell, &mut |_| ())).collect()
+}
+
+#[test]
+fn a_grid_is_every_frame_pattern_density_seed_and_filter() {
+    let rows = rows();
+    assert_eq!(rows.len(), 16);
+    assert!(
+        rows.iter().all(|row| row.error.is_none()
+            && row.mse.is_some()
+            && row.ssim.is_some()
+            && row.cieluv.is_some())
+    );
+    let mut keys: Vec<&str> = rows.iter().map(|row| row.key.as_str()).collect();
+    keys.sort_unstable();
+    keys.dedup();
+    assert_eq!(keys.len(), 16);
+    for row in &rows {
+        // The masks have within one row of pixels what was asked for.
+        assert!((row.missing - (1.0 - row.density)).abs() < 1.0 / 32.0);
+        // The error of the whole image is that of the missing pixels: the measured ones are exact.
+        let (all, missing) = (row.mse.unwrap(), row.mse_missing.unwrap() * row.missing);
+        assert!((all - missing).abs() <= 1e-12 * all.max(1e-3));
+    }
+    let psnr = |filter: &str, pattern: &str| -> f64 {
+        rows.iter().filter(|row| row.filter == filter && row.pattern == pattern).filter_map(Row::psnr).sum()
+    };
+    assert!(psnr("linear", "shuffle") > psnr("nearest", "shuffle"));
+    assert!(psnr("linear", "shuffle") > psnr("linear", "random"));
+}
+
+#[test]
+fn a_journal_is_read_back_but_for_what_failed_or_was_cut() {
+    let rows = rows();
+    let failed = Row { error: Some("no".into()), ..rows[0].clone() };
+    let text: String = rows.iter().chain([&failed]).map(journal).collect();
+    let back = read_journal(&(text.clone() + &journal(&rows[0])[..40]));
+    assert_eq!(back, rows);
+    assert_eq!(csv(&rows).lines().count(), 17);
+    let json: serde_json::Value = serde_json::from_str(&json("t", &rows).unwrap()).unwrap();
+    assert!((json["rows"][3]["psnr"].as_f64().unwrap() - rows[3].psnr().unwrap()).abs() < 1e-9);
+}
+
+#[test]
+fn equal_images_have_an_infinite_psnr_that_no_chart_shows() {
+    let rows: Vec<Row> = rows().into_iter().map(|row| Row { mse: Some(0.0), ..row }).collect();
+    assert_eq!(rows[0].psnr(), Some(f64::INFINITY));
+    let json: serde_json::Value = serde_json::from_str(&json("t", &rows).unwrap()).unwrap();
+    assert_eq!(json["rows"][0]["psnr"], "inf");
+    assert_eq!(figures(&rows).unwrap().len(), 3);
+}
+
+#[test]
+fn figures_have_axes_with_units_and_a_line_a_filter_and_pattern() {
+    let rows = rows();
+    let figures = figures(&rows).unwrap();
+    let names: Vec<&str> = figures.iter().map(|figure| figure.name.as_str()).collect();
+    assert_eq!(names, ["psnr-a", "seconds-a", "gain-a"]);
+    for (figure, unit) in figures.iter().zip(["PSNR (dB)", "one thread (s)", "random (dB)"]) {
+        for word in [unit, "missing pixels (%)", "nearest", "linear", figure.title.as_str()] {
+            assert!(figure.svg.contains(word), "{}: {word}", figure.name);
+        }
+        roxmltree::Document::parse(&figure.svg).unwrap();
+    }
+    let polylines = |svg: &str| svg.matches("<polyline").count();
+    assert!(polylines(&figures[0].svg) > polylines(&figures[2].svg));
+}
+
+#[test]
+fn verdicts_follow_the_worst_frame() {
+    let row = |frame: &str, filter: &str, missing: f64, psnr: f64| Row {
+        frame: frame.into(),
+        class: "c".into(),
+        pattern: "shuffle".into(),
+        density: 1.0 - missing,
+        missing,
+        filter: filter.into(),
+        mse: Some(10_f64.powf(-psnr / 10.0)),
+        ..Row::default()
+    };
+    let rows = [
+        row("a", "ss", 0.1, 60.0),
+        row("a", "ss", 0.5, 50.0),
+        row("a", "ss", 0.9, 41.0),
+        row("b", "ss", 0.1, 45.0),
+        row("b", "ss", 0.5, 35.0),
+        row("b", "ss", 0.9, 20.0),
+        row("a", "tv", 0.1, 29.0),
+        row("a", "tv", 0.5, 25.0),
+        row("a", "tv", 0.9, 42.0),
+        row("b", "tv", 0.1, 29.0),
+        row("b", "tv", 0.5, 25.0),
+        row("b", "tv", 0.9, 42.0),
+    ];
+    let texts: Vec<_> =
+        verdicts(&rows, Thresholds::default()).into_iter().map(|v| (v.filter, v.text)).collect();
+    let of = |filter: Option<&str>, text: &str| (filter.map(str::to_owned), text.to_owned());
+    assert_eq!(
+        texts,
+        [
+            of(Some("ss"), "good to 10 % missing, acceptable to 50 %"),
+            of(Some("tv"), "not acceptable, even with 10 % missing"),
+            of(None, "good to 10 % missing, acceptable beyond"),
+        ]
+    );
+    let tables = tables(&rows, Thresholds::default());
+    assert!(tables.contains("| c | a, b | **good to 10 % missing, acceptable beyond** |"));
+    assert!(tables.contains("| a | ss | 60.00 | 50.00 | 41.00 |"));
+}
+
+#[test]
+fn a_sheet_has_a_column_a_filter_and_pictures_inside() {
+    let text = format!(
+        "{TEXT}[[sheets]]\nname = 's'\nframe = 'a'\npattern = 'shuffle'\ndensities = [0.5]\ntile = 16\nwindow = [2, 3, 20, 10]\n"
+    );
+    let definition = Definition::parse(&text).unwrap();
+    let (subjects, entries) = ([subject("a", "c")], entries());
+    let own = Definition {
+        patterns: vec!["shuffle".into()],
+        densities: vec![0.5],
+        seeds: vec![1],
+        ..definition.clone()
+    };
+    let cells = cells(&own, &subjects, &entries).unwrap();
+    let tiles: Vec<Sheet> =
+        cells.iter().map(|cell| Sheet::of(cell, &definition.sheets[0]).unwrap()).collect();
+    let svg = sheet(&definition.sheets[0], &["nearest", "linear"], &[tiles]);
+    let document = roxmltree::Document::parse(&svg).unwrap();
+    let images: Vec<_> = document.descendants().filter(|node| node.has_tag_name("image")).collect();
+    assert_eq!(images.len(), 2 + 3 * 2);
+    assert!(images.iter().all(|image| image.attribute("href").is_some_and(|data| data.len() > 60)));
+    assert!(svg.contains("PSNR") && svg.contains("mSSIM") && svg.contains("50 % missing"));
+}
+
+#[test]
+fn the_page_shows_everything_and_escapes_names() {
+    let rows = rows();
+    let definition = Definition { title: "A <b> study".into(), ..Definition::parse(TEXT).unwrap() };
+    let html = page(&definition, &rows, &figures(&rows).unwrap(), &[("s".into(), "<svg></svg>".into())]);
+    assert!(html.contains("A &lt;b&gt; study") && !html.contains("<b> study"));
+    assert_eq!(html.matches("<tr><th scope=\"row\">a</th>").count(), 16);
+    assert_eq!(html.matches("<figure").count(), 3);
+    assert!(html.contains("best each time"));
+}
+
+#[test]
+fn definitions_that_contradict_themselves_are_refused() {
+    for (change, reason) in [
+        (("[0.2, 0.5]", "[0.2, 0]"), "density 0"),
+        (("[0.2, 0.5]", "[]"), "densities is empty"),
+        (("'random'", "'rand'"), "there are random, shuffle"),
+        (("name = 'a'", "name = 'a/b'"), "name 'a/b'"),
+        (("title", "titel"), "titel"),
+        (
+            (
+                "[[frames]]",
+                "[[sheets]]\nname = 's'\nframe = 'z'\npattern = 'grid'\ndensities = [0.5]\n[[frames]]",
+            ),
+            "no frame 'z'",
+        ),
+    ] {
+        let error = Definition::parse(&TEXT.replace(change.0, change.1)).unwrap_err().0;
+        assert!(error.contains(reason), "{error}");
+    }
+}
+
+#[test]
+fn a_crop_keeps_absolute_coordinates() {
+    let mut whole = subject("a", "c").frame.parts.remove(0);
+    let before = crate::testing::values(&whole, "R");
+    subject::crop(&mut whole, [4, 5, 3, 2]).unwrap();
+    let after = crate::testing::values(&whole, "R");
+    assert_eq!(after, [before[164], before[165], before[166], before[196], before[197], before[198]]);
+    assert_eq!((whole.data_window.x_min, whole.data_window.y_max), (4, 6));
+    for outside in [[4, 5, 3, 2], [3, 5, 3, 2], [4, 5, 4, 2], [4, 5, 0, 2]] {
+        assert_eq!(subject::crop(&mut whole.clone(), outside).is_ok(), outside == [4, 5, 3, 2]);
+    }
+}

@@ -1,0 +1,76 @@
+"""`fill --report` and `render --report`: a page without a reference, in a headless Chromium."""
+
+import re
+
+import pytest
+
+import chromium
+import tool
+
+
+@pytest.fixture(scope="module", autouse=True)
+def browser():
+    chromium.require("the page of fill and render")
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("filled")
+    path = folder / "page.html"
+    tool.lacuna("fill", "-q", tool.SAMPLES / "sequence" / "shot.####.exr", "-o", folder / "full.####.exr", "--report", path)
+    return path
+
+
+def test_it_shows_density_mask_result_and_timings(page):
+    with chromium.Page(page.as_uri()) as opened:
+        assert opened.messages == []
+        assert all(url.startswith(("data:", "blob:")) or url == page.as_uri() for url in opened.requests), opened.requests
+        assert opened.run("document.querySelectorAll('#frames tbody tr').length") == 4
+        names = opened.run("[...document.querySelectorAll('#frames tbody tr:first-child figcaption')].map(f => f.textContent)")
+        assert names == ["mask", "sparse", "result"]
+        assert opened.run("[...document.images].every(image => image.complete && image.naturalWidth > 100)")
+        text = opened.run("document.body.innerText")
+        assert "4 of 4 frames done" in text and "% measured" in text and "lambda=0" in text
+        for stage in ("read", "solve", "write"):
+            assert re.search(rf"\d\.\d\d s {stage}", text), stage
+        assert opened.run("document.querySelectorAll('.plots svg').length") == 2
+        head = "[...document.querySelectorAll('#frames thead button')].find(b => b.textContent.startsWith('solve'))"
+        opened.run(f"{head}.click()")
+        seconds = opened.run("[...document.querySelectorAll('#frames tbody tr')].map(row => Number(row.cells[4].dataset.value))")
+        assert seconds == sorted(seconds)
+
+
+def test_a_phone_needs_no_sideways_scrolling(page):
+    with chromium.Page(page.as_uri(), width=390, height=800) as opened:
+        assert opened.run("document.documentElement.scrollWidth") <= 390
+
+
+def test_a_frame_that_fails_is_on_the_page(tmp_path):
+    (tmp_path / "in.0001.exr").write_bytes((tool.SAMPLES / "sequence" / "shot.0001.exr").read_bytes())
+    (tmp_path / "in.0002.exr").write_bytes(b"no picture")
+    page = tmp_path / "page.html"
+    result = tool.lacuna("fill", "-q", tmp_path / "in.####.exr", "-o", tmp_path / "out.####.exr", "--report", page, ok=False)
+    assert result.status == 1
+    with chromium.Page(page.as_uri()) as opened:
+        text = opened.run("document.body.innerText")
+        assert "1 of 2 frames done, 1 failed" in text and "in.0002.exr" in text
+        assert opened.run("document.querySelectorAll('tr.bad').length") == 1
+
+
+def test_render_says_how_long_rendering_and_filling_took(tmp_path):
+    page = tmp_path / "page.html"
+    tool.lacuna("render", "-q", tool.SAMPLES / "scenes" / "marschner-lobb.toml", "-o", tmp_path / "out.exr", "--size", "96x96",
+                "--density", "0.3", "--fill", "ss", "--report", page)
+    with chromium.Page(page.as_uri()) as opened:
+        assert opened.messages == []
+        text = opened.run("document.body.innerText")
+        for stage in ("read", "render", "fill", "write"):
+            assert re.search(rf"\d\.\d\d s {stage}", text), stage
+        assert re.search(r"(29|30)\.\d\d % measured", text)
+        assert opened.run("document.images.length") == 3
+
+
+def test_the_page_is_no_frame_of_the_run(tmp_path):
+    source = tool.SAMPLES / "sequence" / "shot.0001.exr"
+    result = tool.lacuna("fill", source, "-o", tmp_path / "out.exr", "--report", tmp_path / "out.exr", ok=False)
+    assert result.status == 2 and not (tmp_path / "out.exr").exists()

@@ -1,0 +1,169 @@
+"""`lacuna study`: the numbers are those of sparsify, fill and compare; a run goes on where it was cut; the page holds everything."""
+
+import csv
+import json
+import signal
+import subprocess
+import time
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+
+import chromium
+import frames
+import tool
+
+STUDY = """
+title = "Two samples"
+patterns = ["random", "shuffle"]
+densities = [0.2, 0.5]
+seeds = [3]
+filters = {filters}
+
+[[frames]]
+name = "smooth"
+file = "{samples}/smooth.exr"
+class = "smooth"
+crop = [40, 40, 96, 64]
+
+[[frames]]
+name = "texture"
+file = "{samples}/texture.exr"
+class = "texture"
+crop = [0, 0, 64, 64]
+
+[[sheets]]
+name = "sheet"
+frame = "smooth"
+pattern = "shuffle"
+densities = [0.2]
+tile = 48
+"""
+FILTERS = ["ss", "tv --tv-gap 1e-1", "nearest", "linear"]
+
+
+def definition(folder, filters=FILTERS):
+    path = folder / "study.toml"
+    path.write_text(STUDY.format(samples=tool.SAMPLES, filters=json.dumps(filters)))
+    return path
+
+
+def table(folder):
+    return list(csv.DictReader((folder / "results.csv").open()))
+
+
+def steady(rows):
+    """Rows without what differs from run to run."""
+    return [{key: value for key, value in row.items() if "seconds" not in key} for row in rows]
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    tool.lacuna("study", "-q", definition(folder), "-o", folder / "out", timeout=300)
+    return folder
+
+
+def test_rows_are_what_sparsify_fill_and_compare_find(study, tmp_path):
+    rows = table(study / "out")
+    assert len(rows) == 2 * 2 * 2 * 4 and not any(row["error"] for row in rows)
+    full = frames.colour(tool.SAMPLES / "smooth.exr")[40:104, 40:136]
+    source = frames.write(tmp_path / "full.exr", {name: full[..., k] for k, name in enumerate("RGB")}, origin=(40, 40))
+    tool.lacuna("sparsify", "-q", source, "-o", tmp_path / "sparse.exr", "--density", "0.2", "--seed", "3")
+    for filter in FILTERS:
+        tool.lacuna("fill", "-q", tmp_path / "sparse.exr", "-o", tmp_path / "out.exr", "--filter", *filter.split())
+        row = next(row for row in rows if (row["frame"], row["pattern"], row["density"], row["filter"]) == ("smooth", "shuffle", "0.2", filter))
+        theirs = frames.psnr(frames.colour(tmp_path / "out.exr"), full)
+        print(f"{filter:18} study {float(row['psnr_db']):.6f} dB   numpy on fill's output {theirs:.6f} dB")
+        assert float(row["psnr_db"]) == pytest.approx(theirs, rel=1e-9)
+        compared = json.loads(tool.lacuna("compare", "-q", source, tmp_path / "out.exr", "--measures", "cieluv", "--json", "/dev/stdout").stdout)
+        measures = compared["frames"][0]["groups"][0]["regions"][0]["measures"]
+        assert float(row["ssim"]) == pytest.approx(measures["ssim"], rel=1e-12)
+        assert float(row["cieluv"]) == pytest.approx(measures["cieluv"], rel=1e-12)
+
+
+def test_a_journal_that_was_cut_is_continued(study, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    lines = (study / "out" / "results.jsonl").read_text().splitlines(keepends=True)
+    assert len(lines) == 32
+    (out / "results.jsonl").write_text("".join(lines[:20]) + lines[20][:50])
+    path = definition(tmp_path)
+    result = tool.lacuna("study", path, "-o", out, timeout=300)
+    assert "32 cells, 12 of them to be run" in result.stderr
+    assert steady(table(out)) == steady(table(study / "out"))
+    again = tool.lacuna("study", path, "-o", out, timeout=300)
+    assert "0 of them to be run" in again.stderr and "pictures" not in again.stderr
+    more = tool.lacuna("study", definition(tmp_path, [*FILTERS, "pushpull"]), "-o", out, timeout=300)
+    assert "40 cells, 8 of them to be run" in more.stderr
+
+
+def test_a_signal_ends_a_run_and_the_next_one_goes_on(study, tmp_path):
+    path, out = definition(tmp_path), tmp_path / "out"
+    command = [tool.LACUNA, "study", "-q", path, "-o", out, "--threads", "1"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
+        journal = out / "results.jsonl"
+        while process.poll() is None and not (journal.exists() and journal.read_text().count("\n") > 2):
+            time.sleep(0.01)
+        process.send_signal(signal.SIGTERM)
+        message = process.communicate(timeout=60)[1].decode()
+    if process.returncode != 0:
+        assert process.returncode == 128 + signal.SIGTERM and "goes on from here" in message
+    tool.lacuna("study", "-q", path, "-o", out, timeout=300)
+    assert steady(table(out)) == steady(table(study / "out"))
+
+
+def test_threads_change_no_result(study, tmp_path):
+    tool.lacuna("study", "-q", definition(tmp_path), "-o", tmp_path / "out", "--threads", "1", timeout=300)
+    assert steady(table(tmp_path / "out")) == steady(table(study / "out"))
+
+
+def test_figures_are_svg_with_axes_and_small(study):
+    names = {path.name for path in (study / "out").glob("*.svg")}
+    assert names == {f"{kind}-{frame}.svg" for kind in ("psnr", "seconds", "gain") for frame in ("smooth", "texture")} | {"sheet.svg"}
+    for path in (study / "out").glob("*.svg"):
+        text = path.read_text()
+        ElementTree.fromstring(text)
+        assert len(text) < 200_000, path
+        if path.name != "sheet.svg":
+            assert "missing pixels (%)" in text and "linear" in text
+    tables = (study / "out" / "tables.md").read_text()
+    assert "| smooth |" in tables and "best filter each time" in tables
+
+
+def test_the_page_opens_without_network_or_errors(study):
+    chromium.require("the study's page")
+    page = study / "out" / "report.html"
+    with chromium.Page(page.as_uri()) as opened:
+        assert opened.messages == []
+        assert all(url.startswith(("data:", "blob:")) or url == page.as_uri() for url in opened.requests), opened.requests
+        assert opened.run("document.querySelectorAll('figure svg').length") == 6
+        assert opened.run("[...document.querySelectorAll('svg image')].every(image => image.getBoundingClientRect().width > 20)")
+        opened.run("document.querySelector('details').open = true")
+        head = "[...document.querySelectorAll('#frames thead button')].find(b => b.textContent.startsWith('PSNR'))"
+        opened.run(f"{head}.click()")
+        shown = opened.run("[...document.querySelectorAll('#frames tbody tr')].map(row => Number(row.cells[5].dataset.value))")
+        assert len(shown) == 32 and shown == sorted(shown)
+    with chromium.Page(page.as_uri(), width=390, height=800) as opened:
+        assert opened.run("document.documentElement.scrollWidth") <= 390
+
+
+@pytest.mark.parametrize("change, words", [
+    (("0.5]", "1.5]"), "density 1.5"),
+    (('"nearest"', '"nearst"'), "filter 'nearst'"),
+    (('"nearest"', '"nearest --tv-gap 1"'), "--tv-gap is a setting of --filter tv"),
+    (('frame = "smooth"', 'frame = "rough"'), "there is no frame 'rough'"),
+])
+def test_definitions_that_cannot_be_are_usage_errors(tmp_path, change, words):
+    path = definition(tmp_path)
+    path.write_text(path.read_text().replace(*change))
+    result = tool.lacuna("study", path, "-o", tmp_path / "out", ok=False)
+    assert result.status == 2 and words in result.lines()[0], result
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_frame_that_is_missing_is_named(tmp_path):
+    path = definition(tmp_path)
+    path.write_text(path.read_text().replace("smooth.exr", "none.exr"))
+    result = tool.lacuna("study", path, "-o", tmp_path / "out", ok=False)
+    assert result.status == 1 and "none.exr" in result.stderr and len(result.lines()) == 1
