@@ -94,7 +94,7 @@ pub fn range(mask: &Mask, samples: &Plane, out: &mut Plane, unit: bool) -> Resul
 /// it: the least and the greatest.
 pub(crate) fn around(samples: &Plane) -> [Plane; 2] {
     let size = samples.size();
-    let bounds = Bounds::new(whole_range(&Mask::from_fn(size, |_, _| true), samples));
+    let bounds = Bounds::new(extremes(&vec![true; size.pixels()], samples.pixels()));
     let (mut low, mut high) = (samples.clone(), samples.clone());
     let width = size.width.max(1);
     let rows = low.pixels_mut().par_chunks_mut(width).zip(high.pixels_mut().par_chunks_mut(width));

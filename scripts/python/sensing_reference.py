@@ -105,8 +105,8 @@ def mask(height, width, density):
 
 def optimum_lines():
     for name, boundary, height, width, levels, sigma, kappa, density in [
-        ("db4", "periodic", 16, 16, 2, 4.0, 0.0, 0.5), ("db4", "periodic", 16, 16, 2, 2.0, 1e-2, 0.5),
-        ("cdf97", "symmetric", 12, 15, 1, 3.0, 1e-1, 0.4), ("haar", "periodic", 13, 10, 2, 5.0, 0.0, 0.6),
+        ("db4", "periodic", 16, 16, 2, 4.0, 0.0, 0.5), ("db4", "periodic", 16, 16, 2, 4.0, 1e-1, 0.5),
+        ("cdf97", "symmetric", 12, 15, 1, 6.0, 1e-1, 0.4), ("haar", "periodic", 13, 10, 2, 5.0, 0.0, 0.6),
     ]:
         blur = gain(height, width, sigma, kappa)
         operator = matrix(lambda x: transform(np.fft.ifft2(np.fft.fft2(x.reshape(height, width)) * blur).real, name, boundary, levels),

@@ -79,8 +79,17 @@ impl Bounds {
 /// A density outside 0 to 1; `complementary` with a pattern that is not progressive.
 pub fn generate(request: &Request, frame: i64, bounds: &Bounds) -> Result<Mask, MakeError> {
     let Request { window, pattern, density, seed, temporal, paired } = *request;
-    let make = |density| sampling::mask(pattern, field(window), density, seed, temporal, frame);
-    let mask = if paired { sampling::paired::mask(density, make)? } else { make(density)? };
+    let size = window.size();
+    let mask = match paired {
+        false => sampling::mask(pattern, field(window), density, seed, temporal, frame)?,
+        true if pattern.is_progressive() => sampling::paired::mask(size, density, order(request, frame))?,
+        true => {
+            let name = pattern.name();
+            return Err(MakeError::Other(format!(
+                "the pattern {name} is not progressive: it has no pairs; use shuffle, blue-noise or random"
+            )));
+        }
+    };
     Ok(bounds.apply(mask))
 }
 

@@ -74,14 +74,15 @@ impl Field {
     /// The difference from one pixel to a neighbour.
     fn step(&self, from: usize, to: usize) -> f64 {
         let width = self.size.width;
-        if to == from + 1 {
-            f64::from(self.horizontal[from])
-        } else if to + 1 == from {
-            -f64::from(self.horizontal[to])
-        } else if to == from + width {
+        // Rows first: in an image of one column the next row is also the next pixel.
+        if to == from + width {
             f64::from(self.vertical[from])
         } else if to + width == from {
             -f64::from(self.vertical[to])
+        } else if to == from + 1 {
+            f64::from(self.horizontal[from])
+        } else if to + 1 == from {
+            -f64::from(self.horizontal[to])
         } else {
             0.0
         }

@@ -155,8 +155,7 @@ impl Channel {
             radius: self.radius,
         };
         let limit = shared.settings.max_iterations - self.iterations;
-        let (iterations, ended) =
-            nesta.step::<B>(&mut self.state, samples, (shared.settings.gap, limit), run);
+        let (iterations, ended) = nesta.step::<B>(&mut self.state, samples, limit, run);
         self.iterations += iterations;
         match ended {
             Some(stop) => self.interrupt::<B>(shared, stop),

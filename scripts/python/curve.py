@@ -1,0 +1,125 @@
+"""PSNR against missing pixels, as CSV lines while it runs and as Markdown tables at its end. Called by scripts/curve.
+
+Every method fills the same masks of `lacuna mask`. cs-gradient has masks of its own: as dense, but of pairs (`--paired`); its row
+"restored" is what it recovers at measured pixels, too (`--csg-restore`), its rows "rendered" take the layers dx and dy that
+`lacuna render --gradients` writes for the scene, at the mask's pixels, and are compared with that render.
+"""
+
+import argparse
+import pathlib
+import sys
+import tempfile
+
+import numpy as np
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests"))
+
+import frames  # noqa: E402
+from tool import DATA, lacuna  # noqa: E402
+
+PLAIN = {
+    "ss": ["ss"], "tv": ["tv"], "pushpull": ["pushpull"], "nearest": ["nearest"], "cs-wavelet": ["cs-wavelet"],
+    "cs-wavelet, literal inverse": ["cs-wavelet", "--csw-wiener", "0"],
+}
+PAIRED, RENDERED = "cs-gradient, pairs", "cs-gradient, rendered"
+METHODS = [*PLAIN, PAIRED, RENDERED]
+# frame: scene, volume
+SCENES = {"engine": ("engine", "engine"), "engine-soft": ("engine-soft", "engine"), "tooth": ("tooth", "tooth"),
+          "head": ("cthead", "cthead"), "aneurism-iso": ("aneurism", "aneurism")}
+
+
+def mask(folder, size, pattern, missing, paired=False):
+    path = folder / f"{pattern}-{missing}-{paired}.exr"
+    if not path.exists():
+        words = ["--paired"] if paired else []
+        density = 1 - missing / 100
+        lacuna("mask", "-q", "-o", path, "--size", f"{size}x{size}", "--density", f"{density:.4f}", "--pattern", pattern, *words,
+               timeout=600)
+    return frames.colour(path, ["mask"])[..., 0] > 0.5
+
+
+def rendered(folder, name, size, height, width):
+    """The crop of the scene with its layers dx and dy; only the crop's pixels are rendered."""
+    scene, volume = SCENES[name]
+    inside = np.zeros((height, width), np.float16)
+    top, left = (height - size) // 2, (width - size) // 2
+    inside[top : top + size, left : left + size] = 1
+    region, out = folder / "region.exr", folder / f"{name}.exr"
+    frames.write(region, {"mask": inside})
+    lacuna("render", "-q", ROOT / "samples" / "scenes" / f"{scene}.toml", "--volume", DATA / "volumes" / f"{volume}.nrrd", "-o", out,
+           "--mask", region, "--gradients", timeout=3600)
+    names = ["R", "G", "B", "dx.R", "dx.G", "dx.B", "dy.R", "dy.G", "dy.B"]
+    return frames.colour(out, names)[top : top + size, left : left + size]
+
+
+def fill(folder, planes, words):
+    source, out = folder / "sparse.exr", folder / "filled.exr"
+    frames.write(source, planes)
+    lacuna("fill", "-q", source, "-o", out, "--filter", *words, timeout=3600)
+    return frames.colour(out)
+
+
+def planes_of(pixels, chosen, names="RGB"):
+    sparse = np.where(chosen[..., None], pixels, 0).astype(np.float32)
+    planes = {name: np.ascontiguousarray(sparse[..., k]) for k, name in enumerate(names)}
+    return planes | {"mask": chosen.astype(np.float16)}
+
+
+def measure(folder, full, gradients, chosen, pairs, method):
+    """Rows of the table and their PSNR."""
+    if method in PLAIN:
+        yield method, frames.psnr(fill(folder, planes_of(full, chosen), PLAIN[method]), full)
+        return
+    if method == PAIRED:
+        reference, chosen, planes = full, pairs, planes_of(full, pairs)
+    else:
+        reference = gradients[..., :3]
+        names = ["R", "G", "B", "dx.R", "dx.G", "dx.B", "dy.R", "dy.G", "dy.B"]
+        planes = planes_of(gradients, chosen, names)
+    restored = fill(folder, planes, ["cs-gradient", "--csg-restore"])
+    yield method, frames.psnr(np.where(chosen[..., None], reference, restored), reference)
+    yield f"{method}, restored", frames.psnr(restored, reference)
+
+
+def tables(rows):
+    names = list(dict.fromkeys(row[0] for row in rows))
+    found = {row[:4]: row[4] for row in rows}
+    for name in names:
+        for pattern in dict.fromkeys(row[1] for row in rows):
+            missing = sorted({row[2] for row in rows if row[:2] == (name, pattern)})
+            print(f"\n{name}, {pattern}:\n\n| missing | {' | '.join(f'{m} %' for m in missing)} |\n|---|{'---:|' * len(missing)}")
+            for method in dict.fromkeys(row[3] for row in rows if row[:2] == (name, pattern)):
+                cells = [found.get((name, pattern, m, method)) for m in missing]
+                print(f"| {method} | {' | '.join('' if cell is None else f'{cell:.2f}' for cell in cells)} |")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--size", type=int, default=600, help="side of the crop from the middle of each frame")
+    parser.add_argument("--frames", default=",".join(SCENES))
+    parser.add_argument("--missing", default="20,50,80,90")
+    parser.add_argument("--patterns", default="random,shuffle")
+    parser.add_argument("--methods", default=";".join(METHODS), help="separated by semicolons")
+    chosen = parser.parse_args()
+    methods, rows = chosen.methods.split(";"), []
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        for name in chosen.frames.split(","):
+            full = frames.colour(DATA / "frames" / f"{name}.exr")
+            height, width = full.shape[:2]
+            top, left, size = (height - chosen.size) // 2, (width - chosen.size) // 2, chosen.size
+            gradients = rendered(folder, name, size, height, width) if RENDERED in methods else None
+            full = full[top : top + size, left : left + size]
+            for pattern in chosen.patterns.split(","):
+                for missing in map(int, chosen.missing.split(",")):
+                    plain, pairs = (mask(folder, size, pattern, missing, paired) for paired in (False, True))
+                    for method in methods:
+                        for row, quality in measure(folder, full, gradients, plain, pairs, method):
+                            rows.append((name, pattern, missing, row, quality))
+                            print(",".join(map(str, [name, pattern, missing, f'"{row}"', round(quality, 2)])), file=sys.stderr, flush=True)
+    tables(rows)
+
+
+if __name__ == "__main__":
+    main()
