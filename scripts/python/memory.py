@@ -12,7 +12,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tests"))
 import frames  # noqa: E402
 from tool import LACUNA, SAMPLES, lacuna, run  # noqa: E402
 
-SIZES = [(600, 600), (1200, 1200), (1920, 1080), (3840, 2160)]
+SIZES = [(600, 600), (1200, 1200), (1920, 1080)]
 
 
 def filters():
