@@ -25,7 +25,7 @@ fn shuffle(y: usize, x: usize) -> bool {
 fn sparse(y: usize, x: usize) -> bool {
     let mixed = ((y << 20 | x) as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let mixed = (mixed ^ mixed >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    (mixed ^ mixed >> 32) % 100 == 0
+    (mixed ^ mixed >> 32).is_multiple_of(100)
 }
 
 /// A mask by name: low-discrepancy, the same with a lost bucket of 256 x 256, the same with nine of 64 x 64, random.

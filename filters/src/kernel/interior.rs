@@ -140,6 +140,38 @@ impl<T: Real, const R: usize> Vectored<T> for Sized<'_, T, R> {
 }
 
 impl<T: Real, const R: usize> Sized<'_, T, R> {
+    /// The coefficients of a row for the columns of the image from `x` on; `near` begins `R` columns before.
+    #[inline(always)]
+    fn coefficients<V: Vector<Number = T>, const INSIDE: bool>(
+        interior: &Interior<T>,
+        taps: &[[V; POWERS]; POWERS],
+        near: &[T],
+        x: usize,
+    ) -> [V; POWERS] {
+        let mut c = [V::splat(T::ZERO); POWERS];
+        if INSIDE {
+            let mut pairs = [V::load(&near[R..]); POWERS];
+            for k in 1..=R {
+                pairs[k] = V::load(&near[R - k..]).plus(V::load(&near[R + k..]));
+            }
+            for (c, taps) in c.iter_mut().zip(taps).take(R + 1) {
+                *c = pairs[0].times(taps[0]);
+                for k in 1..=R {
+                    *c = pairs[k].fused(taps[k], *c);
+                }
+            }
+        } else {
+            for k in 0..=2 * R {
+                let value = V::load(&near[k..]);
+                for (l, c) in c.iter_mut().enumerate().take(R + 1) {
+                    let own = &interior.columns[l * (2 * R + 1) + k][x..];
+                    *c = value.fused(V::load(own), *c);
+                }
+            }
+        }
+        c
+    }
+
     /// The columns from `j` on that fill a vector. `INSIDE`: none of them is near a border; `WHOLE`: none is beyond the window.
     #[inline(always)]
     fn block<V: Vector<Number = T>, const INSIDE: bool, const WHOLE: bool>(&mut self, j: usize) -> f64 {
@@ -149,9 +181,9 @@ impl<T: Real, const R: usize> Sized<'_, T, R> {
         let zero = V::splat(T::ZERO);
         let two = V::splat(T::from_f64(2.0));
         let mut taps = [[zero; POWERS]; POWERS];
-        for l in 0..=R {
-            for k in 0..=R {
-                taps[l][k] = V::splat(interior.taps[l][k]);
+        for (taps, own) in taps.iter_mut().zip(&interior.taps).take(R + 1) {
+            for (tap, &own) in taps.iter_mut().zip(own).take(R + 1) {
+                *tap = V::splat(own);
             }
         }
         let mut scheme = Scheme::<V, R>::new();
@@ -159,27 +191,7 @@ impl<T: Real, const R: usize> Sized<'_, T, R> {
         for step in 0..q.len() / stride + 2 * R {
             let start = (first + step + PAD - R) * stride + PAD + j;
             let near = &p[start - R..][..V::LANES + 2 * R];
-            let mut c = [zero; POWERS];
-            if INSIDE {
-                let mut pairs = [V::load(&near[R..]); POWERS];
-                for k in 1..=R {
-                    pairs[k] = V::load(&near[R - k..]).plus(V::load(&near[R + k..]));
-                }
-                for l in 0..=R {
-                    c[l] = pairs[0].times(taps[l][0]);
-                    for k in 1..=R {
-                        c[l] = pairs[k].fused(taps[l][k], c[l]);
-                    }
-                }
-            } else {
-                for k in 0..=2 * R {
-                    let value = V::load(&near[k..]);
-                    for l in 0..=R {
-                        let own = &interior.columns[l * (2 * R + 1) + k][window.x + j..];
-                        c[l] = value.fused(V::load(own), c[l]);
-                    }
-                }
-            }
+            let c = Self::coefficients::<V, INSIDE>(interior, &taps, near, window.x + j);
             let mut sum = scheme.push(&c, two);
             let Some(i) = step.checked_sub(2 * R) else { continue };
             let here = start - R * stride;

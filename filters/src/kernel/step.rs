@@ -161,7 +161,9 @@ mod tests {
                 image
             };
             let mut e = image(0.9);
-            e.iter_mut().for_each(|e| *e = f32::from(u8::from(*e > 0.0)));
+            for e in &mut e {
+                *e = f32::from(u8::from(*e > 0.0));
+            }
             for isa in [Isa::Portable, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available()) {
                 for a in [None, Some(0.3)] {
                     let (q, p, mut x, mut r, mut z) =

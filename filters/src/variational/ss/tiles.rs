@@ -9,6 +9,8 @@
 //! Source: M. Dryja, O. Widlund, "An additive variant of the Schwarz alternating method", Courant Institute 1987 (this is
 //! the multiplicative one).
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::kernel::Isa;
@@ -141,6 +143,42 @@ impl Tiles {
             .collect()
     }
 
+    /// Brings the pixels of a window into the buffers, and which of those in the given rows and columns are free. `rows` begins
+    /// with the window's first row.
+    fn load(
+        &self,
+        mask: &Mask,
+        rows: &[f32],
+        (window, lines, columns): (Window, &Range<usize>, &Range<usize>),
+        middle: f32,
+        buffers: &mut Buffers,
+    ) {
+        let across = self.size.width;
+        buffers.fit(window);
+        for i in 0..window.height {
+            let from = window.at(i, 0);
+            let pixels = &rows[i * across + window.x..];
+            for (value, &pixel) in buffers.x[from..][..window.width].iter_mut().zip(pixels) {
+                *value = pixel - middle;
+            }
+            let whole = &mut buffers.e[from - PAD..][..window.stride()];
+            whole.fill(0.0);
+            if !lines.contains(&i) {
+                continue;
+            }
+            let row = (window.y + i) * across + window.x;
+            let free = &mut whole[PAD..][columns.clone()];
+            for (free, &measured) in free.iter_mut().zip(&mask.as_slice()[row..][columns.clone()]) {
+                *free = f32::from(u8::from(!measured));
+            }
+            if let Some(held) = &self.held {
+                for (free, &held) in free.iter_mut().zip(&held[row..][columns.clone()]) {
+                    *free *= f32::from(u8::from(!held));
+                }
+            }
+        }
+    }
+
     fn solve(
         &self,
         mask: &Mask,
@@ -160,28 +198,8 @@ impl Tiles {
         };
         let (lines, columns) = (inner(y, height, size.height), inner(x, width, size.width));
         let place = |i: usize| (y - slab.y + i) * size.width + x;
-        buffers.fit(window);
-        for i in 0..height {
-            let from = window.at(i, 0);
-            for (value, &pixel) in buffers.x[from..][..width].iter_mut().zip(&slab.rows[place(i)..]) {
-                *value = pixel - middle;
-            }
-            let whole = &mut buffers.e[from - PAD..][..window.stride()];
-            whole.fill(0.0);
-            if !lines.contains(&i) {
-                continue;
-            }
-            let row = (y + i) * size.width + x;
-            let free = &mut whole[PAD..][columns.clone()];
-            for (free, &measured) in free.iter_mut().zip(&mask.as_slice()[row..][columns.clone()]) {
-                *free = f32::from(u8::from(!measured));
-            }
-            if let Some(held) = &self.held {
-                for (free, &held) in free.iter_mut().zip(&held[row..][columns.clone()]) {
-                    *free *= f32::from(u8::from(!held));
-                }
-            }
-        }
+        let rows = &slab.rows[(y - slab.y) * size.width..];
+        self.load(mask, rows, (window, &lines, &columns), middle, buffers);
         let ending = local::solve(self.isa, &self.matrix, window, buffers, task.target, LIMIT);
         if ending.steps > 0 {
             for i in lines {
