@@ -103,7 +103,8 @@ def main():
     cases = [f"{scale}x {sampling}" for scale, sampling in CASES]
     print(f"\nSeconds, all frames:\n\n| filter | {' | '.join(cases)} |\n|---|{'---:|' * len(cases)}")
     for method, row in seconds.items():
-        print(f"| {method} | {' | '.join(f'{row.get(case, float("nan")):.2f}' for case in cases)} |")
+        cells = [f"{row[case]:.2f}" if case in row else "" for case in cases]
+        print(f"| {method} | {' | '.join(cells)} |")
 
 
 if __name__ == "__main__":
