@@ -1,15 +1,16 @@
 //! `lacuna fill`: flags to a checked job.
 
 use clap::Args;
+use lacuna_filters::Method;
 
 use super::Usage;
 use super::channels::ChannelArgs;
-use super::filter::FilterArgs;
+use super::filter::{FilterArgs, SettingArgs};
 use super::input::InputArgs;
 use super::mask::MaskArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::{PageArgs, RunArgs};
-use crate::reconstruct;
+use crate::reconstruct::{self, Enlarge};
 use crate::sequence::{FillJob, RunOptions, Targets};
 
 const EXAMPLES: &str = "\
@@ -60,20 +61,52 @@ pub struct FillArgs {
 impl FillArgs {
     /// The checked job.
     pub fn job(&self) -> Result<FillJob, Usage> {
+        let groups = Groups {
+            input: &self.input,
+            mask: &self.mask,
+            channels: &self.channels,
+            settings: &self.filter.settings,
+            output: &self.output,
+            format: &self.format,
+            more: &self.more,
+            run: &self.run,
+            page: Some(&self.page),
+        };
+        groups.job(self.filter.method()?, None)
+    }
+}
+
+/// The flags that filling shares with enlarging.
+pub(super) struct Groups<'a> {
+    pub input: &'a InputArgs,
+    pub mask: &'a MaskArgs,
+    pub channels: &'a ChannelArgs,
+    pub settings: &'a SettingArgs,
+    pub output: &'a OutputArgs,
+    pub format: &'a FormatArgs,
+    pub more: &'a MoreOutput,
+    pub run: &'a RunArgs,
+    pub page: Option<&'a PageArgs>,
+}
+
+impl Groups<'_> {
+    /// The checked job of a method that fills, and of what is done afterwards.
+    pub fn job(&self, method: Method, enlarge: Option<Enlarge>) -> Result<FillJob, Usage> {
         let (selection, skip_missing) = self.input.selection();
         let packing = self.format.compression;
         let what = reconstruct::Job {
-            method: self.filter.method()?,
-            domain: self.filter.settings.domain(),
-            limit: self.filter.settings.limits(),
+            method,
+            domain: self.settings.domain(),
+            limit: self.settings.limits(),
             kind: self.more.kind(),
             drop_mask: self.more.drop_mask,
             compression: packing.map(|packing| packing.compression),
             mask: self.mask.mask.clone(),
             overrides: self.channels.channels.clone(),
-            enlarge: None,
+            enlarge,
         };
-        let run = RunOptions { page: self.page.report.clone(), ..self.run.options() };
+        let page = self.page.and_then(|page| page.report.clone());
+        let run = RunOptions { page, ..self.run.options() };
         Ok(FillJob {
             selection,
             skip_missing,
@@ -85,7 +118,7 @@ impl FillArgs {
             },
             what,
             level: packing.and_then(|packing| packing.level),
-            existing: self.more.existing(&self.output),
+            existing: self.more.existing(self.output),
             run,
         })
     }

@@ -6,13 +6,14 @@ use lacuna_filters::upscale::{Method, Sampling};
 
 use super::Usage;
 use super::channels::ChannelArgs;
+use super::fill::Groups;
 use super::filter::{DomainName, Name, SettingArgs};
 use super::input::InputArgs;
 use super::mask::MaskArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::RunArgs;
-use crate::reconstruct::{self, Enlarge, Target};
-use crate::sequence::{FillJob, Targets};
+use crate::reconstruct::{Enlarge, Target};
+use crate::sequence::FillJob;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -145,38 +146,22 @@ impl MethodArgs {
 impl UpscaleArgs {
     /// The checked job.
     pub fn job(&self) -> Result<FillJob, Usage> {
-        let (selection, skip_missing) = self.input.selection();
-        let packing = self.format.compression;
         let Some(target) = self.size.scale.or(self.size.size) else {
             return Err(Usage("--scale or --size is needed".into()));
         };
-        let method = self.filter.method()?;
         let settings = &self.filter.settings;
-        let what = reconstruct::Job {
-            method: lacuna_filters::Method::Ss(settings.ss()),
-            domain: settings.domain(),
-            limit: settings.limits(),
-            kind: self.more.kind(),
-            drop_mask: self.more.drop_mask,
-            compression: packing.map(|packing| packing.compression),
-            mask: self.mask.mask.clone(),
-            overrides: self.channels.channels.clone(),
-            enlarge: Some(Enlarge { target, method, sampling: self.filter.sampling }),
+        let groups = Groups {
+            input: &self.input,
+            mask: &self.mask,
+            channels: &self.channels,
+            settings,
+            output: &self.output,
+            format: &self.format,
+            more: &self.more,
+            run: &self.run,
+            page: None,
         };
-        let run = self.run.options();
-        Ok(FillJob {
-            selection,
-            skip_missing,
-            targets: Targets {
-                output: self.output.checked()?,
-                mask: self.mask.file(),
-                also_written: run.json.iter().cloned().collect(),
-                create_dir: self.output.create_dir,
-            },
-            what,
-            level: packing.and_then(|packing| packing.level),
-            existing: self.more.existing(&self.output),
-            run,
-        })
+        let enlarge = Enlarge { target, method: self.filter.method()?, sampling: self.filter.sampling };
+        groups.job(lacuna_filters::Method::Ss(settings.ss()), Some(enlarge))
     }
 }

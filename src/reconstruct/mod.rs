@@ -59,15 +59,8 @@ pub fn fill(
         return Err(Error::OtherFrame);
     }
     let stamp = Stamp::new(job, &masks.origin);
-    let mut report = Report {
-        filter: stamp.filter.clone(),
-        settings: stamp.settings.clone(),
-        mask: masks.origin.clone(),
-        density: masks.density(),
-        copied: true,
-        notes: [masks.notes.clone(), unheeded(&frame, masks, &job.overrides, choices)].concat(),
-        ..Report::default()
-    };
+    let notes = [masks.notes.clone(), unheeded(&frame, masks, &job.overrides, choices)].concat();
+    let mut report = Report { copied: true, ..Report::new(&stamp, masks.density(), notes) };
     for (index, choices) in choices.iter().enumerate() {
         let label = part_label(&frame, index);
         let work = part::Work { index, masks, choices, job, plans, run };

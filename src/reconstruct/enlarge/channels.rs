@@ -4,40 +4,20 @@ use std::sync::Arc;
 
 use lacuna_filters::domain::Domain;
 use lacuna_filters::upscale::{self, Enlarged, Geometry, Method, Question};
-use lacuna_filters::{Mask, Plane, Run};
+use lacuna_filters::{Mask, Plane};
 use rayon::prelude::*;
 
 use crate::channels::{self, Choice, Rule, channel_label};
 use crate::frame::{Channel, Frame, Part, SampleType, Samples};
-use crate::mask::Masks;
 use crate::reconstruct::groups::{Group, Target, groups};
-use crate::reconstruct::part::Done;
+use crate::reconstruct::part::{Done, Work};
 use crate::reconstruct::values::to_halves;
-use crate::reconstruct::{Bounds, Error, GroupReport, Job, Kind, Plans, bounds_of, kind_for, normals};
+use crate::reconstruct::{Bounds, Error, GroupReport, Kind, bounds_of, kind_for, normals};
 
-/// What is to be done to a part, and with what.
-#[derive(Clone, Copy)]
-pub struct Work<'a> {
-    /// The part's place in the frame.
-    pub index: usize,
-    /// The frame's masks, without values that are not finite.
-    pub masks: &'a Masks,
-    /// The part's channel rules.
-    pub choices: &'a [Choice],
-    /// What was asked for.
-    pub job: &'a Job,
-    /// The types that the channels came with.
-    pub kinds: &'a [SampleType],
-    /// Plans made before.
-    pub plans: &'a Plans,
-    /// How to run.
-    pub run: &'a Run<'a>,
-}
-
-/// Puts every channel of a part, which is complete, onto the larger grid.
+/// Puts every channel of a part, which is complete, onto the larger grid; `kinds` are the types that they came with.
 pub fn enlarge(
     frame: &mut Frame,
-    work: &Work<'_>,
+    (work, kinds): (&Work<'_>, &[SampleType]),
     (geometry, method): (Geometry, Method),
     done: &mut Done,
 ) -> Result<(), Error> {
@@ -56,7 +36,7 @@ pub fn enlarge(
     }
     let part = &mut frame.parts[work.index];
     unit_normals(part, work, geometry, &sources, &mut planes);
-    let channels = part.channels.par_iter_mut().zip(planes).zip(work.choices).zip(work.kinds);
+    let channels = part.channels.par_iter_mut().zip(planes).zip(work.choices).zip(kinds);
     let clamped: Vec<usize> = channels
         .map(|(((channel, plane), choice), kind)| match plane {
             None => {

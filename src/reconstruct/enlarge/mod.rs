@@ -69,14 +69,8 @@ pub fn enlarge(
     run: &Run<'_>,
 ) -> Result<(Frame, Report), Error> {
     let stamp = Stamp::new(job, &masks.origin);
-    let mut report = Report {
-        filter: stamp.filter.clone(),
-        settings: stamp.settings.clone(),
-        mask: masks.origin.clone(),
-        density: masks.density(),
-        notes: [masks.notes.clone(), unheeded(&frame, masks, &job.overrides, choices)].concat(),
-        ..Report::default()
-    };
+    let notes = [masks.notes.clone(), unheeded(&frame, masks, &job.overrides, choices)].concat();
+    let mut report = Report::new(&stamp, masks.density(), notes);
     let (finite, lost) = finite(&frame, masks, choices)?;
     for (index, choices) in choices.iter().enumerate() {
         let label = part_label(&frame, index);
@@ -91,8 +85,8 @@ pub fn enlarge(
             channel.non_finite += lost;
         }
         let geometry = windows.geometry(asked.sampling);
-        let work = channels::Work { index, masks: &finite, choices, job, kinds: &kinds, plans, run };
-        channels::enlarge(&mut frame, &work, (geometry, asked.method), &mut done)?;
+        let work = part::Work { index, masks: &finite, choices, job, plans, run };
+        channels::enlarge(&mut frame, (&work, &kinds), (geometry, asked.method), &mut done)?;
         let part = &mut frame.parts[index];
         (part.data_window, part.display_window) = (windows.data, windows.display);
         let mask = mask_name(part, masks, index);
