@@ -19,7 +19,7 @@ import frames  # noqa: E402
 from tool import DATA, lacuna  # noqa: E402
 
 PLAIN = {
-    "ss": ["ss"], "tv": ["tv"], "pushpull": ["pushpull"], "nearest": ["nearest"], "cs-wavelet": ["cs-wavelet"],
+    **{name: [name] for name in ("ss", "tv", "pushpull", "nearest", "linear", "cubic", "cs-wavelet")},
     "cs-wavelet, literal inverse": ["cs-wavelet", "--csw-wiener", "0"],
 }
 PAIRED, RENDERED = "cs-gradient, pairs", "cs-gradient, rendered"
@@ -82,6 +82,33 @@ def measure(folder, full, gradients, chosen, pairs, method):
     yield f"{method}, restored", frames.psnr(restored, reference)
 
 
+def literal(folder):
+    """What the blur does to cs-wavelet: the objective that is reached and that of the complete render."""
+    import json
+
+    import sensing_reference as reference
+
+    size, levels = 256, 4
+    full = frames.colour(DATA / "frames" / "engine.exr", "G")
+    top, left = (full.shape[0] - size) // 2, (full.shape[1] - size) // 2
+    full = full[top : top + size, left : left + size]
+    chosen = mask(folder, size, "shuffle", 50)
+    source, out, report = folder / "sparse.exr", folder / "filled.exr", folder / "report.json"
+    frames.write(source, planes_of(full, chosen, "Y"))
+    cases = [("db4", 0, 0)] + [("db4", sigma, kappa) for kappa in (0, 1e-4) for sigma in (256, 128, 64, 20, 4.27)]
+    cases += [(wavelet, 0, 0) for wavelet in ("haar", "db2", "db8", "sym8", "coif2", "cdf97")]
+    print("| wavelet | sigma | kappa | PSNR | objective reached | of the complete render |\n|---|---:|---:|---:|---:|---:|")
+    for wavelet, sigma, kappa in cases:
+        words = ["--csw-wavelet", wavelet, "--csw-blur", sigma, "--csw-wiener", kappa, "--csw-tolerance", "1e-5", "--csw-iterations", 4000]
+        lacuna("fill", "-q", source, "-o", out, "--filter", "cs-wavelet", "--limit", "off", *words, "--json", report, timeout=3600)
+        blur = reference.gain(size, size, sigma, kappa) if sigma else 1.0
+        blurred = np.fft.ifft2(np.fft.fft2(full[..., 0].astype(float)) * blur).real
+        own = np.abs(reference.transform(blurred, wavelet, "periodic", levels)).sum()
+        reached = json.loads(report.read_text())["frames"][0]["objective"]
+        quality = frames.psnr(frames.colour(out, "Y"), full)
+        print(f"| {wavelet} | {sigma or 'none'} | {kappa} | {quality:.2f} | {reached:.1f} | {own:.1f} |", flush=True)
+
+
 def tables(rows):
     names = list(dict.fromkeys(row[0] for row in rows))
     found = {row[:4]: row[4] for row in rows}
@@ -101,7 +128,12 @@ def main():
     parser.add_argument("--missing", default="20,50,80,90")
     parser.add_argument("--patterns", default="random,shuffle")
     parser.add_argument("--methods", default=";".join(METHODS), help="separated by semicolons")
+    parser.add_argument("--literal", action="store_true", help="print what the blur does to cs-wavelet instead")
     chosen = parser.parse_args()
+    if chosen.literal:
+        with tempfile.TemporaryDirectory() as folder:
+            literal(pathlib.Path(folder))
+        return
     methods, rows = chosen.methods.split(";"), []
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
