@@ -66,13 +66,14 @@ def planes_of(pixels, chosen, names="RGB"):
     return planes | {"mask": chosen.astype(np.float16)}
 
 
-def measure(folder, full, gradients, chosen, pairs, method):
+def measure(folder, full, gradients, pattern, missing, method):
     """Rows of the table and their PSNR."""
+    chosen = mask(folder, len(full), pattern, missing, paired=method == PAIRED)
     if method in PLAIN:
         yield method, frames.psnr(fill(folder, planes_of(full, chosen), PLAIN[method]), full)
         return
     if method == PAIRED:
-        reference, chosen, planes = full, pairs, planes_of(full, pairs)
+        reference, planes = full, planes_of(full, chosen)
     else:
         reference = gradients[..., :3]
         names = ["R", "G", "B", "dx.R", "dx.G", "dx.B", "dy.R", "dy.G", "dy.B"]
@@ -109,16 +110,40 @@ def literal(folder):
         print(f"| {wavelet} | {sigma or 'none'} | {kappa} | {quality:.2f} | {reached:.1f} | {own:.1f} |", flush=True)
 
 
+def picture(folder, path):
+    """Results and eight times their errors at 80 % missing: cs-wavelet, cs-gradient, ss; random, then shuffle."""
+    from PIL import Image
+
+    full = frames.colour(DATA / "frames" / "engine.exr")[400:800, 400:800]
+    sheet = []
+    for method in ("cs-wavelet", "cs-gradient", "ss"):
+        row = []
+        for pattern in ("random", "shuffle"):
+            chosen = mask(folder, 400, pattern, 80, paired=method == "cs-gradient")
+            filled = fill(folder, planes_of(full, chosen), [method])
+            row += [np.clip(image[120:280, 120:280], 0, 1) for image in (filled, 8 * np.abs(filled - full))]
+            power = np.abs(np.fft.fft2((filled - full)[..., 1])) ** 2
+            high = np.hypot(np.fft.fftfreq(400)[:, None], np.fft.fftfreq(400)[None]) > 0.15
+            strongest = np.sort(power[high])[::-1]
+            share = strongest[: len(strongest) // 1000].sum() / strongest.sum()
+            print(f"{method}, {pattern}: {frames.psnr(filled, full):.2f} dB; the strongest thousandth of the frequencies above 0.15 "
+                  f"cycles per pixel holds {share:.2f} of the error's power there")
+        sheet.append(np.concatenate(row, 1))
+    Image.fromarray((np.concatenate(sheet) ** (1 / 2.2) * 255).astype(np.uint8)).save(path)
+
+
 def tables(rows):
-    names = list(dict.fromkeys(row[0] for row in rows))
-    found = {row[:4]: row[4] for row in rows}
-    for name in names:
-        for pattern in dict.fromkeys(row[1] for row in rows):
-            missing = sorted({row[2] for row in rows if row[:2] == (name, pattern)})
-            print(f"\n{name}, {pattern}:\n\n| missing | {' | '.join(f'{m} %' for m in missing)} |\n|---|{'---:|' * len(missing)}")
-            for method in dict.fromkeys(row[3] for row in rows if row[:2] == (name, pattern)):
-                cells = [found.get((name, pattern, m, method)) for m in missing]
-                print(f"| {method} | {' | '.join('' if cell is None else f'{cell:.2f}' for cell in cells)} |")
+    """One table a frame: methods by pattern and share of missing pixels; the best of a column in bold."""
+    for name in dict.fromkeys(row[0] for row in rows):
+        found = {row[1:4]: row[4] for row in rows if row[0] == name}
+        columns = [(pattern, m) for pattern in dict.fromkeys(key[0] for key in found) for m in sorted({key[1] for key in found})]
+        best = {column: max(value for key, value in found.items() if key[:2] == column) for column in columns}
+        print(f"\n| {name} | {' | '.join(f'{pattern} {m} %' for pattern, m in columns)} |\n|---|{'---:|' * len(columns)}")
+        for method in dict.fromkeys(key[2] for key in found):
+            cells = [found.get((*column, method)) for column in columns]
+            words = ["" if cell is None else f"**{cell:.2f}**" if cell == best[column] else f"{cell:.2f}"
+                     for cell, column in zip(cells, columns)]
+            print(f"| {method} | {' | '.join(words)} |")
 
 
 def main():
@@ -129,10 +154,15 @@ def main():
     parser.add_argument("--patterns", default="random,shuffle")
     parser.add_argument("--methods", default=";".join(METHODS), help="separated by semicolons")
     parser.add_argument("--literal", action="store_true", help="print what the blur does to cs-wavelet instead")
+    parser.add_argument("--picture", help="write the picture of docs/methods.md to this PNG instead")
     chosen = parser.parse_args()
     if chosen.literal:
         with tempfile.TemporaryDirectory() as folder:
             literal(pathlib.Path(folder))
+        return
+    if chosen.picture:
+        with tempfile.TemporaryDirectory() as folder:
+            picture(pathlib.Path(folder), chosen.picture)
         return
     methods, rows = chosen.methods.split(";"), []
     with tempfile.TemporaryDirectory() as folder:
@@ -145,9 +175,8 @@ def main():
             full = full[top : top + size, left : left + size]
             for pattern in chosen.patterns.split(","):
                 for missing in map(int, chosen.missing.split(",")):
-                    plain, pairs = (mask(folder, size, pattern, missing, paired) for paired in (False, True))
                     for method in methods:
-                        for row, quality in measure(folder, full, gradients, plain, pairs, method):
+                        for row, quality in measure(folder, full, gradients, pattern, missing, method):
                             rows.append((name, pattern, missing, row, quality))
                             print(",".join(map(str, [name, pattern, missing, f'"{row}"', round(quality, 2)])), file=sys.stderr, flush=True)
     tables(rows)
