@@ -131,7 +131,7 @@ pub(super) mod defaults {
     }
 
     pub fn tv_solver() -> String {
-        let text = "tv: how the image is found, to the same gap; nesta is what the thesis used, and slower";
+        let text = "tv: how the image is found, to the same gap; nesta is what the thesis used";
         with(text, tv::Settings::default().solver.name())
     }
 

@@ -168,7 +168,7 @@ impl Plan for Planned {
             pairs[axis].iter().enumerate().map(difference).collect()
         };
         let sources = Sources { measured: [&pairs[0], &pairs[1]], values: &differences, centred: false };
-        self.solve(samples, &sources, out, run)
+        Ok(self.solve(samples, &sources, out, run))
     }
 
     fn reconstruct_gradients(
@@ -191,7 +191,7 @@ impl Plan for Planned {
             pixels.iter().zip(measured).map(|(value, flag)| if *flag { *value } else { 0.0 }).collect()
         };
         let sources = Sources { measured: [measured, measured], values: &values, centred: true };
-        self.solve(samples, &sources, out, run)
+        Ok(self.solve(samples, &sources, out, run))
     }
 }
 
@@ -215,16 +215,10 @@ impl Planned {
         (0..height).flat_map(|y| (0..width).map(move |x| pair(y, x))).collect()
     }
 
-    fn solve(
-        &self,
-        samples: &Planes,
-        sources: &Sources<'_>,
-        out: &mut Planes,
-        run: &Run<'_>,
-    ) -> Result<Outcome, Error> {
+    fn solve(&self, samples: &Planes, sources: &Sources<'_>, out: &mut Planes, run: &Run<'_>) -> Outcome {
         if self.mask.is_full() && !self.settings.restore {
             out.as_mut_slice().clone_from_slice(samples.as_slice());
-            return Ok(Outcome::direct());
+            return Outcome::direct();
         }
         let mut outcome: Option<Outcome> = None;
         let planes = samples.as_slice().iter().zip(out.as_mut_slice());
@@ -236,7 +230,7 @@ impl Planned {
                 .collect();
             outcome = outcomes.into_iter().chain(outcome).reduce(Outcome::worst);
         }
-        Ok(outcome.unwrap_or(Outcome::direct()))
+        outcome.unwrap_or(Outcome::direct())
     }
 
     fn channel(

@@ -103,7 +103,8 @@ fn adjoint<S: Sparsity>(operator: &S, x: &[f32], y: &[f32], dot: impl Fn(&[S::En
     operator.analyse(x, &mut of_x);
     operator.analyse(y, &mut of_y);
     let left = dot(operator.entries(&mut of_x), operator.entries(&mut of_y));
-    let own = dot(&operator.entries(&mut of_x).to_vec(), operator.entries(&mut of_x));
+    let entries = &*operator.entries(&mut of_x);
+    let own = dot(entries, entries);
     let mut back = vec![0.0; x.len()];
     operator.adjoint(&mut of_y, &mut back);
     let inner =

@@ -53,8 +53,7 @@ impl Wavelet {
         let low_back: Vec<f64> = match self {
             Self::Cdf97 => return cdf97(),
             Self::Haar => vec![std::f64::consts::FRAC_1_SQRT_2; 2],
-            Self::Daubechies(order) => daubechies(order),
-            Self::Symlet(order @ ..=3) => daubechies(order),
+            Self::Daubechies(order) | Self::Symlet(order @ ..=3) => daubechies(order),
             Self::Symlet(order) => symlet(order),
             Self::Coiflet(order) => coiflet(order),
         };

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::line::Line;
+use super::line::{Line, Term};
 use super::{Bank, Boundary};
 use crate::Size;
 
@@ -81,7 +81,7 @@ impl Level {
         self.rows_back(input, out, Line::made_of);
     }
 
-    fn rows_back(&self, input: &[f32], out: &mut [f32], list: fn(&Line, usize) -> &[(u32, [f32; 2])]) {
+    fn rows_back(&self, input: &[f32], out: &mut [f32], list: fn(&Line, usize) -> &[Term]) {
         let line = &self.horizontal;
         let rows = input.par_chunks(line.coefficients()).zip(out.par_chunks_mut(line.length));
         rows.for_each(|(c, out)| {
@@ -150,7 +150,7 @@ impl Level {
         coarse: &[f32],
         details: &[f32],
         rows: &mut [f32],
-        list: fn(&Line, usize) -> &[(u32, [f32; 2])],
+        list: fn(&Line, usize) -> &[Term],
     ) {
         let (half, fine) = (self.horizontal.half, self.fine());
         let width = half + fine;

@@ -2,6 +2,9 @@
 
 use super::{Bank, Boundary};
 
+/// The place of a value or coefficient, and its taps in the coarse and the fine half.
+pub type Term = (u32, [f32; 2]);
+
 /// One level on lines of `length` values.
 #[derive(Clone, Debug)]
 pub struct Line {
@@ -10,11 +13,11 @@ pub struct Line {
     /// Coefficients of either half; 0 of the second on a line of one value, which is its own coarse half.
     pub half: usize,
     /// Per coefficient the values that it reads, with the taps of both filters.
-    reads: Vec<Vec<(u32, [f32; 2])>>,
+    reads: Vec<Vec<Term>>,
     /// Per value the coefficients that read it, with the same taps: the adjoint.
-    read_by: Vec<Vec<(u32, [f32; 2])>>,
+    read_by: Vec<Vec<Term>>,
     /// Per value the coefficients that make it up, with the synthesis taps: the inverse.
-    made_of: Vec<Vec<(u32, [f32; 2])>>,
+    made_of: Vec<Vec<Term>>,
 }
 
 impl Line {
@@ -55,23 +58,23 @@ impl Line {
     }
 
     /// What coefficient `k` of either half reads.
-    pub fn reads(&self, k: usize) -> &[(u32, [f32; 2])] {
+    pub fn reads(&self, k: usize) -> &[Term] {
         &self.reads[k]
     }
 
     /// Which coefficients read value `i`.
-    pub fn read_by(&self, i: usize) -> &[(u32, [f32; 2])] {
+    pub fn read_by(&self, i: usize) -> &[Term] {
         &self.read_by[i]
     }
 
     /// Which coefficients value `i` is made of.
-    pub fn made_of(&self, i: usize) -> &[(u32, [f32; 2])] {
+    pub fn made_of(&self, i: usize) -> &[Term] {
         &self.made_of[i]
     }
 }
 
 /// Adds to an entry, or makes it: a short line is read several times by one coefficient.
-fn add(list: &mut Vec<(u32, [f32; 2])>, at: usize, taps: [f32; 2]) {
+fn add(list: &mut Vec<Term>, at: usize, taps: [f32; 2]) {
     match list.iter_mut().find(|entry| entry.0 == at as u32) {
         Some((_, sum)) => {
             sum[0] += taps[0];
@@ -81,7 +84,7 @@ fn add(list: &mut Vec<(u32, [f32; 2])>, at: usize, taps: [f32; 2]) {
     }
 }
 
-fn synthesis(bank: &Bank, boundary: Boundary, length: usize, half: usize) -> Vec<Vec<(u32, [f32; 2])>> {
+fn synthesis(bank: &Bank, boundary: Boundary, length: usize, half: usize) -> Vec<Vec<Term>> {
     let taps = bank.low.len();
     let mut made_of = vec![Vec::new(); length];
     for k in 0..half {

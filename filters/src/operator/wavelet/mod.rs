@@ -8,7 +8,7 @@
 //! - symmetric: `c = 1`, `floor((n + f - 1) / 2)` coefficients a half, the line mirrored at its edges (the edge value
 //!   twice). A frame with a few more coefficients than pixels.
 //!
-//! These are PyWavelets' `periodization` and `symmetric`, coefficient for coefficient. A line of one value is left alone.
+//! These are `periodization` and `symmetric` of `PyWavelets`, coefficient for coefficient. A line of one value is left alone.
 //! The inverse is exact for every size; the adjoint equals it only where the transform is orthonormal.
 //!
 //! Cost: 4/3 (f + f) operations a pixel and direction. Memory: one plane of coefficients and 1.3 of scratch.

@@ -1,10 +1,10 @@
-//! The transform against PyWavelets, its inverse and its adjoint.
+//! The transform against `PyWavelets`, its inverse and its adjoint.
 
 use proptest::prelude::*;
 
 use super::*;
 
-/// Written by `scripts/python/sensing_reference.py` with PyWavelets: lines
+/// Written by `scripts/python/sensing_reference.py` with `PyWavelets`: lines
 /// `wavelet boundary height width levels coefficients n : every n-th coefficient`.
 const FIXTURE: &str = include_str!("../../../tests/data/wavelets.txt");
 

@@ -52,7 +52,9 @@ impl Field {
             let (sum, count) = both
                 .fold((0.0, 0), |(sum, count), ((x, sample), _)| (sum + f64::from(*sample) - x, count + 1));
             let shift = sum / f64::from(count.max(1));
-            image.iter_mut().for_each(|x| *x += shift);
+            for x in &mut image {
+                *x += shift;
+            }
         }
         image
     }

@@ -4,7 +4,7 @@
 //! objective settles within that. Its dual
 //! point `clip(grad x / mu)` then gives the same certificate as the primal-dual sweeps', so that the gap means the same.
 //!
-//! Cost: an iteration is about two primal-dual sweeps. Memory: five planes a channel more.
+//! Cost: an iteration is two passes over the image and four vectors beside it. Memory: five planes a channel more.
 //!
 //! Source: S. Becker, J. Bobin, E. Candes, "NESTA: A Fast and Accurate First-Order Method for Sparse Recovery", SIAM Journal
 //! on Imaging Sciences 4(1), 2011, section 6.1 (total variation).
