@@ -5,6 +5,7 @@ use clap::Args;
 use super::Usage;
 use super::channels::ChannelArgs;
 use super::filter::{FilterArgs, Switch};
+use super::guides::GuideArgs;
 use super::input::InputArgs;
 use super::mask::MaskArgs;
 use super::output::{Depth, FormatArgs, OutputArgs};
@@ -40,6 +41,9 @@ pub struct FillArgs {
 
     #[command(flatten)]
     filter: FilterArgs,
+
+    #[command(flatten)]
+    guides: GuideArgs,
 
     #[command(flatten)]
     output: OutputArgs,
@@ -90,7 +94,10 @@ impl FillArgs {
             compression: packing.map(|packing| packing.compression),
             mask: self.mask.mask.clone(),
             overrides: self.channels.channels.clone(),
+            guides: self.guides.guides.clone(),
+            guides_from: self.guides.guides_from.clone(),
         };
+        self.guides.check(&what)?;
         let run = self.run.options();
         Ok(FillJob {
             selection,
@@ -98,6 +105,7 @@ impl FillArgs {
             targets: Targets {
                 output: self.output.checked()?,
                 mask: self.mask.file(),
+                guides: self.guides.guides_from.clone(),
                 also_written: run.json.iter().cloned().collect(),
                 create_dir: self.output.create_dir,
             },

@@ -40,6 +40,9 @@ pub enum Error {
         /// What it said.
         source: lacuna_filters::Error,
     },
+    /// Guides that cannot be used.
+    #[error(transparent)]
+    Guides(#[from] crate::guides::Error),
     /// Masks or choices of another frame.
     #[error("the masks or the channel rules belong to another frame")]
     OtherFrame,

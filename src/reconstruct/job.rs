@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::channels::Override;
 use crate::frame::Compression;
+use crate::guides::Asked;
 use crate::mask::Source;
 
 /// A float type that channels can be written in.
@@ -38,6 +39,10 @@ pub struct Job {
     pub mask: Source,
     /// The channel rules that were asked for.
     pub overrides: Vec<Override>,
+    /// The guides that were asked for; only `ss` takes any.
+    pub guides: Asked,
+    /// Path or pattern of the file that they come from, if it is another one.
+    pub guides_from: Option<String>,
 }
 
 impl Job {
@@ -52,7 +57,15 @@ impl Job {
             compression: None,
             mask: Source::Auto,
             overrides: Vec::new(),
+            guides: Asked::Auto,
+            guides_from: None,
         }
+    }
+
+    /// The guides that are looked for: none where the filter takes none, or measured pixels are smoothed.
+    pub fn wanted(&self) -> &Asked {
+        let takes = matches!(self.method, Method::Ss(_)) && self.method.keeps_measured();
+        if takes { &self.guides } else { &Asked::None }
     }
 
     /// Everything that changes the result on one line, `name=value` separated by spaces: equal lines, versions,
@@ -66,6 +79,7 @@ impl Job {
         let compression = self.compression.map_or("input", Compression::name);
         let overrides: Vec<String> = self.overrides.iter().map(ToString::to_string).collect();
         let mask = self.mask.to_string();
+        let guides = self.wanted().to_string();
         let mut line = self.method.settings();
         for (name, value) in [
             ("domain", domain_name(self.domain)),
@@ -76,6 +90,8 @@ impl Job {
             ("mask-channel", if self.drop_mask { "dropped" } else { "kept" }),
             ("mask", mask.as_str()),
             ("channels", overrides.join("\n").as_str()),
+            ("guides", guides.as_str()),
+            ("guides-from", self.guides_from.as_deref().unwrap_or("frame")),
         ] {
             let gap = if line.is_empty() { "" } else { " " };
             line = format!("{line}{gap}{name}={}", quote(value));

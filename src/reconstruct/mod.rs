@@ -40,13 +40,27 @@ pub(crate) use values::{convert, kind_for};
 
 use crate::channels::{Choice, Rule, part_label, unheeded};
 use crate::frame::{Frame, Part, Samples};
+use crate::guides;
 use crate::mask::{ATTRIBUTE, Masks};
 
-/// Fills the missing pixels of a frame.
+/// Fills the missing pixels of a frame, with guides of the same frame.
 pub fn fill(
+    frame: Frame,
+    masks: &Masks,
+    choices: &[Vec<Choice>],
+    job: &Job,
+    plans: &Plans,
+    run: &Run<'_>,
+) -> Result<(Frame, Report), Error> {
+    fill_with(frame, masks, choices, None, job, plans, run)
+}
+
+/// Fills the missing pixels of a frame; guides come from `second` if it is given.
+pub fn fill_with(
     mut frame: Frame,
     masks: &Masks,
     choices: &[Vec<Choice>],
+    second: Option<&Frame>,
     job: &Job,
     plans: &Plans,
     run: &Run<'_>,
@@ -55,6 +69,9 @@ pub fn fill(
     if frame.parts.len() != choices.len() || !frame.parts.iter().zip(choices).all(fits) {
         return Err(Error::OtherFrame);
     }
+    let mut choices = choices.to_vec();
+    let found = guides::find(&frame, masks, &mut choices, job.wanted(), second)?;
+    let choices = choices.as_slice();
     let stamp = Stamp::new(job, &masks.origin);
     let mut report = Report {
         filter: stamp.filter.clone(),
@@ -67,7 +84,9 @@ pub fn fill(
     };
     for (index, choices) in choices.iter().enumerate() {
         let label = part_label(&frame, index);
-        let work = part::Work { index, masks, choices, job, plans, run };
+        let guides = guides::collect(&found.parts[index], &frame, second, frame.parts[index].size());
+        let guides = guides.map_err(|source| Error::Filter { channel: label.clone(), source })?;
+        let work = part::Work { index, masks, choices, guides: &guides, job, plans, run };
         let mut done = part::fill(&mut frame, &work)?;
         let copied = done.report.channels.iter().all(|channel| channel.filled == 0) && !done.converted;
         let part = &mut frame.parts[index];
@@ -81,6 +100,7 @@ pub fn fill(
             let stop = done.report.groups.iter().map(|group| group.outcome.stop).max();
             let density = masks.part_density(index).unwrap_or(1.0);
             stamp.with_mask(mask).write(&mut part.attributes, density, stop.unwrap_or(Stop::Converged));
+            stamp::write_guides(&mut part.attributes, &done.report);
         }
         report.copied &= copied;
         done.notes.extend(notes);

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use lacuna_filters::domain::{Domain, Map};
+use lacuna_filters::variational::guided::{self, Guides};
 use lacuna_filters::{Error, Mask, Outcome, Plane, Planes, Run, limiter};
 
 use super::bounds::Bounds;
@@ -19,6 +20,8 @@ pub struct Question<'a> {
     pub limit: bool,
     /// The bounds of each plane.
     pub bounds: Vec<Bounds>,
+    /// Complete planes that may steer the values.
+    pub guides: Option<&'a Guides>,
 }
 
 /// A group that has been solved.
@@ -34,6 +37,10 @@ pub struct Answer {
     pub limited: Vec<usize>,
     /// Values that overflowed in the filter and took the nearest measured one.
     pub mended: usize,
+    /// The guides that steered it.
+    pub guides: Vec<String>,
+    /// The part of the squared error that they took away, estimated.
+    pub gain: Option<f64>,
 }
 
 /// Solves for the missing pixels of `samples`, which are finite.
@@ -49,16 +56,21 @@ pub fn solve(
     let map =
         if question.light { job.domain.map(mask, samples.as_slice()) } else { Domain::Linear.map(mask, &[]) };
     let mut out = Planes::zeros(samples.size(), samples.len());
-    let outcome = if map.is_linear() {
-        plan.reconstruct(samples, None, &mut out, run)?
+    let reconstruct = |samples: &Planes, out: &mut Planes| match question.guides {
+        Some(guides) => guided::reconstruct((&job.method, plan.as_ref()), mask, samples, guides, out, run),
+        None => Ok((plan.reconstruct(samples, None, out, run)?, guided::Effect::default())),
+    };
+    let (outcome, effect) = if map.is_linear() {
+        reconstruct(samples, &mut out)?
     } else {
         let mut mapped = samples.clone();
         mapped.as_mut_slice().iter_mut().for_each(|plane| map.forward_plane(mask, plane));
-        let outcome = plan.reconstruct(&mapped, None, &mut out, run)?;
+        let found = reconstruct(&mapped, &mut out)?;
         out.as_mut_slice().iter_mut().for_each(|plane| map.inverse_plane(plane));
-        outcome
+        found
     };
-    let mut answer = Answer { planes: out, map, outcome, limited: Vec::new(), mended: 0 };
+    let (guides, gain) = (effect.guides, effect.gain);
+    let mut answer = Answer { planes: out, map, outcome, limited: Vec::new(), mended: 0, guides, gain };
     let planes = samples.as_slice().iter().zip(answer.planes.as_mut_slice()).zip(&question.bounds);
     for ((samples, out), bounds) in planes {
         answer.mended += mend(mask, samples, out, plans)?;

@@ -11,6 +11,7 @@
 
 pub mod blur;
 pub(crate) mod fir;
+pub mod regress;
 pub mod stencil;
 pub mod tv;
 pub mod vector;
