@@ -60,23 +60,28 @@ pub fn solve(
         Some(guides) => guided::reconstruct((&job.method, plan.as_ref()), mask, samples, guides, out, run),
         None => Ok((plan.reconstruct(samples, None, out, run)?, guided::Effect::default())),
     };
-    let (outcome, effect) = if map.is_linear() {
+    let (outcome, mut effect) = if map.is_linear() {
         reconstruct(samples, &mut out)?
     } else {
         let mut mapped = samples.clone();
         mapped.as_mut_slice().iter_mut().for_each(|plane| map.forward_plane(mask, plane));
-        let found = reconstruct(&mapped, &mut out)?;
-        out.as_mut_slice().iter_mut().for_each(|plane| map.inverse_plane(plane));
+        let mut found = reconstruct(&mapped, &mut out)?;
+        let predicted = found.1.predicted.as_mut().map(Planes::as_mut_slice).into_iter().flatten();
+        predicted.chain(out.as_mut_slice()).for_each(|plane| map.inverse_plane(plane));
         found
     };
-    let (guides, gain) = (effect.guides, effect.gain);
+    let (guides, gain, predicted) = (effect.guides, effect.gain, effect.predicted.take());
+    let mut predicted = predicted.map(Planes::into_vec).unwrap_or_default().into_iter();
     let mut answer = Answer { planes: out, map, outcome, limited: Vec::new(), mended: 0, guides, gain };
     let planes = samples.as_slice().iter().zip(answer.planes.as_mut_slice()).zip(&question.bounds);
     for ((samples, out), bounds) in planes {
         answer.mended += mend(mask, samples, out, plans)?;
         let mut moved = 0;
         if job.limit && question.limit {
-            moved += limiter::local(mask, samples, out)?;
+            moved += match predicted.next() {
+                Some(predicted) => limit_guided(mask, samples, &predicted, out)?,
+                None => limiter::local(mask, samples, out)?,
+            };
         }
         if *bounds != Bounds::Free {
             moved += limiter::range(mask, samples, out, *bounds == Bounds::Unit)?;
@@ -87,6 +92,21 @@ pub fn solve(
         answer.limited.push(moved);
     }
     Ok(answer)
+}
+
+/// The limiter, except that values may go as far as the guides predict; returns how many were moved.
+fn limit_guided(mask: &Mask, samples: &Plane, predicted: &Plane, out: &mut Plane) -> Result<usize, Error> {
+    let free = out.clone();
+    limiter::local(mask, samples, out)?;
+    let mut moved = 0;
+    for ((value, &free), &predicted) in out.pixels_mut().iter_mut().zip(free.pixels()).zip(predicted.pixels())
+    {
+        if predicted.is_finite() {
+            *value = free.clamp(value.min(predicted), value.max(predicted));
+        }
+        moved += usize::from(*value != free);
+    }
+    Ok(moved)
 }
 
 /// A method that smooths may take measured pixels out of the bounds as well; returns how many were moved back.

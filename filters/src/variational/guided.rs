@@ -52,7 +52,9 @@ use trust::Trust;
 /// Samples that a regression sees, about.
 const SAMPLES: f64 = 36.0;
 /// Every so manieth measured pixel is left out to find the trust.
-const HOLD_OUT: u64 = 5;
+const HOLD_OUT: usize = 5;
+/// Pixels of the side of a block that stays seen.
+const BLOCK: usize = 8;
 /// Fewer measured pixels say nothing about guides.
 const FEWEST: usize = 256;
 
@@ -63,6 +65,9 @@ pub struct Effect {
     pub guides: Vec<String>,
     /// The part of the squared error that they take away, by the left-out pixels; nothing if they are not used.
     pub gain: Option<f64>,
+    /// What the guides alone predict, where they are trusted; NaN elsewhere. It stays near the samples around, so a limiter
+    /// may let values go that far.
+    pub predicted: Option<Planes>,
 }
 
 /// Fills `out` from `samples` with guides. `plan` is that of `method` on `mask`.
@@ -90,10 +95,10 @@ pub fn reconstruct(
     let Some((scales, trust, gain)) = model.judge(guides, run)? else {
         return Ok((outcome, Effect::default()));
     };
-    let (guided, second) = model.fill(mask, plan, &scales, true, run)?;
+    let (guided, mut predicted, second) = model.fill(mask, plan, &scales, true, run)?;
     let outcome = outcome.worst(second);
-    blend(mask, guides, &trust, &guided, out);
-    Ok((outcome, Effect { guides: guides.counting(&scales), gain: Some(gain) }))
+    blend(mask, guides, &trust, &guided, &mut predicted, out);
+    Ok((outcome, Effect { guides: guides.counting(&scales), gain: Some(gain), predicted: Some(predicted) }))
 }
 
 struct Model<'a> {
@@ -129,7 +134,7 @@ impl Model<'_> {
         let plan = self.method.filter().plan(&Problem::fill(Arc::clone(&kept)), run)?;
         let mut plain = Planes::zeros(size, self.samples.len());
         plan.reconstruct(self.samples, None, &mut plain, run)?;
-        let (guided, _) = self.fill(&kept, plan.as_ref(), &scales, false, run)?;
+        let (guided, ..) = self.fill(&kept, plan.as_ref(), &scales, false, run)?;
         if run.interrupted().is_some() {
             return Ok(None);
         }
@@ -138,7 +143,7 @@ impl Model<'_> {
         Ok((gain >= trust::WORTH).then(|| (scales, trust.plane(size), gain)))
     }
 
-    /// The guided image from the samples of `mask`: at all pixels, or only at those that were measured.
+    /// The guided image and the prediction alone, from the samples of `mask`: at all pixels, or only at those that were measured.
     fn fill(
         &self,
         mask: &Arc<Mask>,
@@ -146,7 +151,7 @@ impl Model<'_> {
         scales: &Scales,
         all: bool,
         run: &Run<'_>,
-    ) -> Result<(Planes, Outcome), Error> {
+    ) -> Result<(Planes, Planes, Outcome), Error> {
         let size = mask.size();
         let store = Store::new(mask, self.samples, self.field);
         let reach = Reach::new(mask, SAMPLES);
@@ -179,39 +184,60 @@ impl Model<'_> {
                 *value += predicted;
             }
         }
-        Ok((filled, outcome))
+        Ok((filled, predicted, outcome))
     }
 }
 
-/// The mask without every [`HOLD_OUT`]th measured pixel, scattered; and these.
+/// The mask without about every [`HOLD_OUT`]th measured pixel, and these. They are scattered, and no block of
+/// [`BLOCK`] x [`BLOCK`] pixels loses its last one: the plain filter would have to fill a hole that is not there.
 fn hold_out(mask: &Mask) -> (Mask, Vec<(usize, usize)>) {
-    let chosen = |row: usize, column: usize| {
-        let key = ((row as u64) << 32 | column as u64).wrapping_add(1);
-        let mixed = (key ^ (key >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let mixed = (mixed ^ (mixed >> 32)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (mixed >> 40) % HOLD_OUT == 0
-    };
+    let size = mask.size();
+    let mut flags = mask.as_slice().to_vec();
     let mut left_out = Vec::new();
-    let kept = Mask::from_fn(mask.size(), |row, column| {
-        let measured = mask.is_measured(row, column);
-        let out = measured && chosen(row, column);
-        if out {
-            left_out.push((row, column));
+    let mut block = Vec::with_capacity(BLOCK * BLOCK);
+    for top in (0..size.height).step_by(BLOCK) {
+        for left in (0..size.width).step_by(BLOCK) {
+            block.clear();
+            for row in top..(top + BLOCK).min(size.height) {
+                let columns = left..(left + BLOCK).min(size.width);
+                block.extend(
+                    columns.filter(|&column| mask.is_measured(row, column)).map(|column| (row, column)),
+                );
+            }
+            let key = ((top as u64) << 32 | left as u64).wrapping_add(1);
+            let mixed = (key ^ (key >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            let mixed = ((mixed ^ (mixed >> 32)).wrapping_mul(0x94d0_49bb_1331_11eb) >> 32) as usize;
+            let count = ((block.len() + mixed % HOLD_OUT) / HOLD_OUT).min(block.len().saturating_sub(1));
+            for part in 0..count {
+                let (row, column) = block[(mixed / HOLD_OUT + part * block.len() / count) % block.len()];
+                left_out.push((row, column));
+                flags[row * size.width + column] = false;
+            }
         }
-        measured && !out
-    });
-    (kept, left_out)
+    }
+    (Mask::from_fn(size, |row, column| flags[row * size.width + column]), left_out)
 }
 
-/// Mixes the guided image into the missing pixels of the plain one.
-fn blend(mask: &Mask, guides: &Guides, trust: &Plane, guided: &Planes, out: &mut Planes) {
+/// Mixes the guided image into the missing pixels of the plain one; predictions that are not used become NaN.
+fn blend(
+    mask: &Mask,
+    guides: &Guides,
+    trust: &Plane,
+    guided: &Planes,
+    predicted: &mut Planes,
+    out: &mut Planes,
+) {
     let known = |index: usize| guides.labels().is_none_or(|labels| labels[index] != guides::UNKNOWN);
-    for (out, guided) in out.as_mut_slice().iter_mut().zip(guided.as_slice()) {
-        let pairs = out.pixels_mut().iter_mut().zip(guided.pixels()).zip(trust.pixels());
-        for (index, ((out, &guided), &trust)) in pairs.enumerate() {
+    let planes = out.as_mut_slice().iter_mut().zip(guided.as_slice()).zip(predicted.as_mut_slice());
+    for ((out, guided), predicted) in planes {
+        let pairs = out.pixels_mut().iter_mut().zip(guided.pixels()).zip(predicted.pixels_mut());
+        for (index, ((out, &guided), predicted)) in pairs.enumerate() {
+            let trust = trust.pixels()[index];
             let share = trust * (guided - *out);
             if trust > 0.0 && share.is_finite() && !mask.as_slice()[index] && known(index) {
                 *out += share;
+            } else {
+                *predicted = f32::NAN;
             }
         }
     }
