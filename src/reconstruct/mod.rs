@@ -111,18 +111,22 @@ pub fn fill_with(
     if report.copied {
         report.notes.push("nothing is to be filled: the pixels are copied".into());
     }
-    let stamped =
-        frame.parts.iter().any(|part| Stamp::read(&part.attributes).is_some_and(|own| own.is_of(job)));
-    if !stamped && (!masks.is_full() || job.compression.is_some()) {
-        // Nothing was filled, but what was asked for is needed to tell that this is right.
-        for (index, part) in frame.parts.iter_mut().enumerate() {
-            let mask = mask_name(part, masks, index);
-            let density = masks.part_density(index).unwrap_or(1.0);
-            stamp.with_mask(mask).write(&mut part.attributes, density, Stop::Converged);
-        }
-    }
+    stamp_copies(&mut frame, masks, job, &stamp);
     report.total();
     Ok((frame, report))
+}
+
+/// Stamps every part of a frame in which nothing was filled: what was asked for is needed to tell that this is right.
+fn stamp_copies(frame: &mut Frame, masks: &Masks, job: &Job, stamp: &Stamp) {
+    let of_job = |part: &Part| Stamp::read(&part.attributes).is_some_and(|own| own.is_of(job));
+    if frame.parts.iter().any(of_job) || (masks.is_full() && job.compression.is_none()) {
+        return;
+    }
+    for (index, part) in frame.parts.iter_mut().enumerate() {
+        let mask = mask_name(part, masks, index);
+        let density = masks.part_density(index).unwrap_or(1.0);
+        stamp.with_mask(mask).write(&mut part.attributes, density, Stop::Converged);
+    }
 }
 
 /// Where the part's mask was found; masks that do not share a name keep the part's own, if it says so already.

@@ -1,7 +1,8 @@
 //! Where the guided image is better than the plain one, found by leaving a part of the samples out.
 //!
-//! At every left-out pixel both errors are known: `s` of the plain filter, `g` of the guided one, weighted as in `tune`. In a neighbourhood the
-//! blend `plain + t (guided - plain)` has the least error for `t = sum s (s - g) / sum (s - g)^2`. How much of the error it
+//! At every left-out pixel both errors are known: `s` of the plain filter, `g` of the guided one, weighted as in `tune`.
+//! In a neighbourhood the blend `plain + t (guided - plain)` has the least error for `t = sum s (s - g) / sum (s - g)^2`.
+//! How much of the error it
 //! takes away, `rho = (sum s (s - g))^2 / (sum (s - g)^2 sum s^2)`, is compared with what chance would: of `n` pixels
 //! about `1 / n`, so `t` is shrunk by `1 - CHANCE / (n rho)`, down to zero. A frame in which blending takes away less
 //! than [`WORTH`] of the error is left to the plain filter altogether.

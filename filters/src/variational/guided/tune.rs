@@ -1,8 +1,9 @@
 //! What each guide counts for, chosen by leaving measured pixels out.
 //!
 //! A measured pixel is predicted from all others; the sum of the squared errors over some thousand pixels, each over the
-//! pixel's own size so that highlights do not decide alone ([`Weights`]), is the score. Group by group the bandwidth is narrowed, widened and taken out, and the group dropped; a change that scores
-//! better stays. Two rounds. A guide that does not predict ends up dropped: it then costs nothing.
+//! pixel's own size so that highlights do not decide alone ([`Weights`]), is the score. Group by group the bandwidth is
+//! narrowed, widened and taken out, and the group dropped; a change that scores better stays. Two
+//! rounds. A guide that does not predict ends up dropped.
 
 use super::fit::{Field, Store, Task, at_marked};
 use super::reach::Reach;
