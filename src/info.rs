@@ -44,6 +44,8 @@ pub struct PartInfo {
     pub levels: bool,
     /// Measured pixels over all pixels, 0 to 1; nothing where no mask serves the part.
     pub density: Option<f64>,
+    /// The guides that `fill` would take for it; those that do not predict count for nothing then.
+    pub guides: Vec<String>,
     /// The channels, in file order.
     pub channels: Vec<ChannelInfo>,
 }
@@ -118,6 +120,7 @@ fn part_info(part: &Part, index: usize, masks: Option<&Masks>, choices: &[Choice
         },
         levels: part.had_levels,
         density: masks.and_then(|masks| masks.part_density(index)),
+        guides: Vec::new(),
         channels: channels.collect(),
     }
 }
@@ -153,6 +156,9 @@ impl std::fmt::Display for Info {
         }
         for (index, part) in self.parts.iter().enumerate() {
             writeln!(f, "{}", head(index, part))?;
+            if !part.guides.is_empty() {
+                writeln!(f, "  guides: {}", visible(&part.guides.join(", ")))?;
+            }
             let width = |cell: fn(&ChannelInfo) -> usize| part.channels.iter().map(cell).max().unwrap_or(0);
             let name = width(|channel| visible(&channel.name).chars().count());
             for channel in &part.channels {

@@ -16,6 +16,7 @@
 pub mod channels;
 pub mod cli;
 pub mod frame;
+pub mod guides;
 pub mod info;
 pub mod mask;
 pub mod reconstruct;

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use lacuna_filters::baseline::push_pull;
-use lacuna_filters::variational::{ss, tv};
-use lacuna_filters::{Error, Filter, Mask, Plane, Planes, Problem, Run, Size};
+use lacuna_filters::variational::{guided, ss, tv};
+use lacuna_filters::{Error, Filter, Mask, Method, Plane, Planes, Problem, Run, Size};
 
 const SIZE: Size = Size::new(1200, 1200);
 const CHANNELS: usize = 3;
@@ -112,4 +112,31 @@ fn tv_gap(bencher: Bencher<'_, '_>, gap: f64) {
 #[divan::bench(sample_count = 5)]
 fn push_pull_reconstruct(bencher: Bencher<'_, '_>) {
     reconstruct(bencher, &push_pull::Settings, (SIZE, CHANNELS), mask(SIZE, "shuffle"));
+}
+
+/// Five guide channels that the colour follows in part.
+fn guides() -> Result<guided::Guides, Error> {
+    let mut guides = guided::Guides::new(SIZE);
+    let plane = |value: fn(f32, f32) -> f32| Plane::from_fn(SIZE, |y, x| value(y as f32, x as f32));
+    let normal = [
+        plane(|y, x| (y / 60.0 + (x / 70.0).sin()).sin()),
+        plane(|_, x| (x / 70.0).cos()),
+        plane(|y, x| f32::from(u8::from((y * x / 4200.0).sin() > 0.9))),
+    ];
+    guides.add("N", normal.into())?;
+    guides.add("Z", vec![plane(|y, x| y + 0.3 * x)])?;
+    guides.add("A", vec![plane(|y, x| ((y - 600.0).hypot(x - 600.0) / 600.0).min(1.0))])?;
+    Ok(guides)
+}
+
+#[divan::bench(sample_count = 5)]
+fn guided_reconstruct(bencher: Bencher<'_, '_>) {
+    let (method, mask) = (Method::Ss(ss::Settings::default()), mask(SIZE, "shuffle"));
+    let plan = method.filter().plan(&Problem::fill(Arc::clone(&mask)), &Run::default());
+    let (Ok(plan), Ok(samples), Ok(guides)) = (plan, samples(SIZE, CHANNELS), guides()) else { return };
+    let mut out = Planes::zeros(SIZE, CHANNELS);
+    let with = (&method, plan.as_ref());
+    bencher.counter(ItemsCount::new(SIZE.pixels() * CHANNELS)).bench_local(|| {
+        guided::reconstruct(with, &mask, black_box(&samples), &guides, &mut out, &Run::default()).is_ok()
+    });
 }

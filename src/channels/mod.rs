@@ -12,7 +12,7 @@ mod unheeded;
 
 pub use names::{Name, channel_label, list_channels, part_label, view_of, visible, words};
 pub use overrides::{Override, OverrideError};
-pub use rules::{by_default, is_alpha, is_light, is_matte};
+pub use rules::{by_default, is_albedo, is_alpha, is_label, is_light, is_matte, is_position};
 use serde::Serialize;
 pub use unheeded::unheeded;
 
@@ -119,7 +119,8 @@ fn choose_one(part: &Part, channel: usize, overrides: &[Override], dense: &[Stri
     Choice { rule, why: why.into() }
 }
 
-fn dense(part: &Part) -> Vec<String> {
+/// The channels that the attribute [`DENSE`] of a part lists.
+pub fn dense(part: &Part) -> Vec<String> {
     let text = part.attributes.text(DENSE).unwrap_or_default();
     text.split([',', '\n']).map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect()
 }

@@ -32,7 +32,7 @@ const TABLE: &[Row] = &[
     Row { rule: Rule::Nearest, why: "motion or disparity, by its name", holds: is_motion },
     Row { rule: Rule::Fill, why: "alpha", holds: |subject| is_alpha(&subject.full) },
     Row { rule: Rule::Fill, why: "a matte", holds: |subject| is_matte(&subject.full) },
-    Row { rule: Rule::Fill, why: "a position", holds: |subject| is_position_name(&subject.full) },
+    Row { rule: Rule::Fill, why: "a position", holds: |subject| is_position(&subject.full) },
     Row { rule: Rule::Fill, why: "colour", holds: is_colour },
     Row { rule: Rule::Fill, why: "a float channel without a rule of its own", holds: |_| true },
 ];
@@ -168,7 +168,7 @@ fn is_normal(subject: &Subject<'_>) -> bool {
 }
 
 /// Whether a channel is a coordinate in space: `P.X`, `Px`, `position.*`.
-fn is_position_name(full: &str) -> bool {
+pub fn is_position(full: &str) -> bool {
     let Name { layer, component } = Name::new(full);
     let last = Name::new(layer).component;
     let pbrt = layer.is_empty() && ["Px", "Py", "Pz"].contains(&component);
@@ -177,7 +177,7 @@ fn is_position_name(full: &str) -> bool {
 
 /// Whether a channel that is filled is light: not an alpha, a matte or a position.
 pub fn is_light(full: &str) -> bool {
-    !is_alpha(full) && !is_matte(full) && !is_position_name(full)
+    !is_alpha(full) && !is_matte(full) && !is_position(full)
 }
 
 /// `Y` is a luminance unless there is an `X` beside it.
@@ -192,6 +192,24 @@ fn is_colour(subject: &Subject<'_>) -> bool {
 pub fn is_alpha(full: &str) -> bool {
     let component = Name::new(full).component.to_ascii_lowercase();
     ["a", "alpha", "ar", "ag", "ab"].contains(&component.as_str())
+}
+
+/// Words that, joined, make a layer one of surface colours without light.
+const ALBEDO: &[&str] = &["albedo", "basecolor", "basecolour", "diffcol", "glosscol", "diffusefilter"];
+
+/// Whether a channel is the colour of a surface, light left out: `albedo.R`, `DiffCol.G`, `denoising albedo.B`.
+pub fn is_albedo(full: &str) -> bool {
+    let layer = words(Name::new(full).layer).concat();
+    ALBEDO.iter().any(|word| layer.contains(word))
+}
+
+/// Whether a channel holds one identifier a pixel, by its name (not Cryptomatte, which holds several).
+pub fn is_label(part: &Part, channel: usize) -> bool {
+    part.channels.get(channel).is_some_and(|own| {
+        let full = own.display_name().into_owned();
+        let subject = Subject { part, index: channel, words: words(&full), full };
+        is_identifier(&subject) && !is_listed_cryptomatte(&subject) && !is_named_cryptomatte(&subject)
+    })
 }
 
 /// Whether a channel is a matte by its name; like an alpha it stays within 0 and 1 where it was.

@@ -6,10 +6,12 @@ use lacuna_filters::Method;
 use super::Usage;
 use super::channels::ChannelArgs;
 use super::filter::{FilterArgs, SettingArgs};
+use super::guides::GuideArgs;
 use super::input::InputArgs;
 use super::mask::MaskArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::{PageArgs, RunArgs};
+use crate::guides::Asked;
 use crate::reconstruct::{self, Enlarge};
 use crate::sequence::{FillJob, RunOptions, Targets};
 
@@ -43,6 +45,9 @@ pub struct FillArgs {
     filter: FilterArgs,
 
     #[command(flatten)]
+    guides: GuideArgs,
+
+    #[command(flatten)]
     output: OutputArgs,
 
     #[command(flatten)]
@@ -71,6 +76,7 @@ impl FillArgs {
             more: &self.more,
             run: &self.run,
             page: Some(&self.page),
+            guides: Some(&self.guides),
         };
         groups.job(self.filter.method()?, None)
     }
@@ -87,6 +93,7 @@ pub(super) struct Groups<'a> {
     pub more: &'a MoreOutput,
     pub run: &'a RunArgs,
     pub page: Option<&'a PageArgs>,
+    pub guides: Option<&'a GuideArgs>,
 }
 
 impl Groups<'_> {
@@ -104,7 +111,12 @@ impl Groups<'_> {
             mask: self.mask.mask.clone(),
             overrides: self.channels.channels.clone(),
             enlarge,
+            guides: self.guides.map_or(Asked::None, |guides| guides.guides.clone()),
+            guides_from: self.guides.and_then(|guides| guides.guides_from.clone()),
         };
+        if let Some(guides) = self.guides {
+            guides.check(&what)?;
+        }
         let page = self.page.and_then(|page| page.report.clone());
         let run = RunOptions { page, ..self.run.options() };
         Ok(FillJob {
@@ -113,6 +125,7 @@ impl Groups<'_> {
             targets: Targets {
                 output: self.output.checked()?,
                 mask: self.mask.file(),
+                guides: what.guides_from.clone(),
                 also_written: run.json.iter().chain(&run.page).cloned().collect(),
                 create_dir: self.output.create_dir,
             },

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::channels::ChannelArgs;
+use super::guides::GuideArgs;
 use super::mask::MaskArgs;
 use super::run::Bytes;
 use crate::sequence::InfoJob;
@@ -31,6 +32,9 @@ pub struct InfoArgs {
     #[command(flatten)]
     channels: ChannelArgs,
 
+    #[command(flatten)]
+    guides: GuideArgs,
+
     /// Memory that reading the frame may take: bytes, or with K, M, G, T (powers of 1024), for example 4G
     /// [default: 1.5G]
     #[arg(long, value_name = "SIZE", allow_hyphen_values = true, help_heading = "Run")]
@@ -48,6 +52,8 @@ impl InfoArgs {
             frame: self.frame.clone(),
             mask: self.mask.mask.clone(),
             overrides: self.channels.channels.clone(),
+            guides: self.guides.guides.clone(),
+            guides_from: self.guides.guides_from.clone(),
             memory: self.memory.map(|bytes| bytes.0),
             json: self.json,
         }

@@ -7,6 +7,7 @@ pub mod channels;
 pub mod compare;
 pub mod fill;
 pub mod filter;
+mod guides;
 pub mod info;
 pub mod input;
 pub mod make_mask;

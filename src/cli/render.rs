@@ -235,6 +235,7 @@ impl RenderArgs {
             overrides: self.scene_values.overrides()?,
             frames: self.frames.clone(),
             targets: Targets {
+                guides: None,
                 output: self.output.checked()?,
                 mask,
                 also_written: run.json.iter().chain(&run.page).cloned().collect(),

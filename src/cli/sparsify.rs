@@ -88,6 +88,7 @@ impl SparsifyArgs {
             selection,
             skip_missing,
             targets: Targets {
+                guides: None,
                 output: self.output.checked()?,
                 mask,
                 also_written: run.json.iter().cloned().collect(),

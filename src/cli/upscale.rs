@@ -160,6 +160,7 @@ impl UpscaleArgs {
             more: &self.more,
             run: &self.run,
             page: None,
+            guides: None,
         };
         let enlarge = Enlarge { target, method: self.filter.method()?, sampling: self.filter.sampling };
         groups.job(lacuna_filters::Method::Ss(settings.ss()), Some(enlarge))

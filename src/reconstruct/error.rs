@@ -48,6 +48,9 @@ pub enum Error {
         /// What is in the way, and the way out.
         why: String,
     },
+    /// Guides that cannot be used.
+    #[error(transparent)]
+    Guides(#[from] crate::guides::Error),
     /// Masks or choices of another frame.
     #[error("the masks or the channel rules belong to another frame")]
     OtherFrame,

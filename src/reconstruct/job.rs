@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::Enlarge;
 use crate::channels::Override;
 use crate::frame::Compression;
+use crate::guides::Asked;
 use crate::mask::Source;
 
 /// A float type that channels can be written in.
@@ -41,6 +42,10 @@ pub struct Job {
     pub overrides: Vec<Override>,
     /// How the filled frame is enlarged, if it is.
     pub enlarge: Option<Enlarge>,
+    /// The guides that were asked for; only `ss` takes any.
+    pub guides: Asked,
+    /// Path or pattern of the file that they come from, if it is another one.
+    pub guides_from: Option<String>,
 }
 
 impl Job {
@@ -56,12 +61,20 @@ impl Job {
             mask: Source::Auto,
             overrides: Vec::new(),
             enlarge: None,
+            guides: Asked::Auto,
+            guides_from: None,
         }
     }
 
     /// The name of the filter that makes the pixels.
     pub fn filter_name(&self) -> &'static str {
         self.enlarge.as_ref().map_or_else(|| self.method.name(), Enlarge::name)
+    }
+
+    /// The guides that are looked for: none where the filter takes none, or measured pixels are smoothed.
+    pub fn wanted(&self) -> &Asked {
+        let takes = matches!(self.method, Method::Ss(_)) && self.method.keeps_measured();
+        if takes { &self.guides } else { &Asked::None }
     }
 
     /// Everything that changes the result on one line, `name=value` separated by spaces: equal lines, versions,
@@ -75,6 +88,7 @@ impl Job {
         let compression = self.compression.map_or("input", Compression::name);
         let overrides: Vec<String> = self.overrides.iter().map(ToString::to_string).collect();
         let mask = self.mask.to_string();
+        let guides = self.wanted().to_string();
         let mut line = self.method.settings();
         if let Some(enlarge) = &self.enlarge {
             line = format!("{} fill={} {line}", enlarge.settings(), self.method.name());
@@ -88,6 +102,8 @@ impl Job {
             ("mask-channel", if self.drop_mask { "dropped" } else { "kept" }),
             ("mask", mask.as_str()),
             ("channels", overrides.join("\n").as_str()),
+            ("guides", guides.as_str()),
+            ("guides-from", self.guides_from.as_deref().unwrap_or("frame")),
         ] {
             let gap = if line.is_empty() { "" } else { " " };
             line = format!("{line}{gap}{name}={}", quote(value));

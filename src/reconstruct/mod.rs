@@ -43,13 +43,27 @@ pub(crate) use values::{convert, kind_for};
 
 use crate::channels::{Choice, Rule, part_label, unheeded};
 use crate::frame::{Frame, Part, Samples};
+use crate::guides;
 use crate::mask::{ATTRIBUTE, Masks};
 
-/// Fills the missing pixels of a frame.
+/// Fills the missing pixels of a frame, with guides of the same frame.
 pub fn fill(
+    frame: Frame,
+    masks: &Masks,
+    choices: &[Vec<Choice>],
+    job: &Job,
+    plans: &Plans,
+    run: &Run<'_>,
+) -> Result<(Frame, Report), Error> {
+    fill_with(frame, masks, choices, None, job, plans, run)
+}
+
+/// Fills the missing pixels of a frame; guides come from `second` if it is given.
+pub fn fill_with(
     mut frame: Frame,
     masks: &Masks,
     choices: &[Vec<Choice>],
+    second: Option<&Frame>,
     job: &Job,
     plans: &Plans,
     run: &Run<'_>,
@@ -58,12 +72,17 @@ pub fn fill(
     if frame.parts.len() != choices.len() || !frame.parts.iter().zip(choices).all(fits) {
         return Err(Error::OtherFrame);
     }
+    let mut choices = choices.to_vec();
+    let found = guides::find(&frame, masks, &mut choices, job.wanted(), second)?;
+    let choices = choices.as_slice();
     let stamp = Stamp::new(job, &masks.origin);
     let notes = [masks.notes.clone(), unheeded(&frame, masks, &job.overrides, choices)].concat();
     let mut report = Report { copied: true, ..Report::new(&stamp, masks.density(), notes) };
     for (index, choices) in choices.iter().enumerate() {
         let label = part_label(&frame, index);
-        let work = part::Work { index, masks, choices, job, plans, run };
+        let guides = guides::collect(&found.parts[index], &frame, second, frame.parts[index].size());
+        let guides = guides.map_err(|source| Error::Filter { channel: label.clone(), source })?;
+        let work = part::Work { index, masks, choices, guides: &guides, job, plans, run };
         let mut done = part::fill(&mut frame, &work)?;
         let copied = done.report.channels.iter().all(|channel| channel.filled == 0) && !done.converted;
         let part = &mut frame.parts[index];
@@ -77,6 +96,7 @@ pub fn fill(
             let stop = done.report.groups.iter().map(|group| group.outcome.stop).max();
             let density = masks.part_density(index).unwrap_or(1.0);
             stamp.with_mask(mask).write(&mut part.attributes, density, stop.unwrap_or(Stop::Converged));
+            stamp::write_guides(&mut part.attributes, &done.report);
         }
         report.copied &= copied;
         done.notes.extend(notes);
@@ -86,16 +106,7 @@ pub fn fill(
     if report.copied {
         report.notes.push("nothing is to be filled: the pixels are copied".into());
     }
-    let stamped =
-        frame.parts.iter().any(|part| Stamp::read(&part.attributes).is_some_and(|own| own.is_of(job)));
-    if !stamped && (!masks.is_full() || job.compression.is_some()) {
-        // Nothing was filled, but what was asked for is needed to tell that this is right.
-        for (index, part) in frame.parts.iter_mut().enumerate() {
-            let mask = mask_name(part, masks, index);
-            let density = masks.part_density(index).unwrap_or(1.0);
-            stamp.with_mask(mask).write(&mut part.attributes, density, Stop::Converged);
-        }
-    }
+    stamp_copies(&mut frame, masks, job, &stamp);
     report.total();
     Ok((frame, report))
 }
@@ -104,6 +115,19 @@ pub fn fill(
 fn prefixed(label: &str, notes: Vec<String>) -> Vec<String> {
     let prefix = if label.is_empty() { String::new() } else { format!("{label}: ") };
     notes.into_iter().map(|note| format!("{prefix}{note}")).collect()
+}
+
+/// Stamps every part of a frame in which nothing was filled: what was asked for is needed to tell that this is right.
+fn stamp_copies(frame: &mut Frame, masks: &Masks, job: &Job, stamp: &Stamp) {
+    let of_job = |part: &Part| Stamp::read(&part.attributes).is_some_and(|own| own.is_of(job));
+    if frame.parts.iter().any(of_job) || (masks.is_full() && job.compression.is_none()) {
+        return;
+    }
+    for (index, part) in frame.parts.iter_mut().enumerate() {
+        let mask = mask_name(part, masks, index);
+        let density = masks.part_density(index).unwrap_or(1.0);
+        stamp.with_mask(mask).write(&mut part.attributes, density, Stop::Converged);
+    }
 }
 
 /// Where the part's mask was found; masks that do not share a name keep the part's own, if it says so already.

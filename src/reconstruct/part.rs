@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use lacuna_filters::baseline::nearest::NearestMap;
+use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Mask, Plane, Planes, Run};
 use rayon::prelude::*;
 
@@ -25,6 +26,8 @@ pub struct Work<'a> {
     pub masks: &'a Masks,
     /// The part's channel rules.
     pub choices: &'a [Choice],
+    /// Complete planes that may steer the colour.
+    pub guides: &'a Guides,
     /// What was asked for.
     pub job: &'a Job,
     /// Plans made before.
@@ -137,8 +140,15 @@ fn filter(
         group.channels.iter().map(|&at| part.channels[at].display_name().into_owned()).collect();
     let bounds = names.iter().map(|name| if group.normal { Bounds::Free } else { bounds_of(name) });
     let gradients = gradients::find(frame, work, group).map_err(fail)?;
-    let question =
-        Question { mask, light: group.light, limit: !group.normal, bounds: bounds.collect(), gradients };
+    let steered = !group.normal && names.iter().all(|name| !channels::is_position(name));
+    let question = Question {
+        mask,
+        light: group.light,
+        limit: !group.normal,
+        bounds: bounds.collect(),
+        gradients,
+        guides: steered.then_some(work.guides),
+    };
     let answer = solve(&question, &samples, work.job, work.plans, work.run).map_err(fail)?;
     if answer.mended > 0 {
         done.notes.push(format!(
@@ -154,6 +164,8 @@ fn filter(
     done.report.groups.push(GroupReport {
         channels: names,
         domain: answer.map.name(),
+        guides: answer.guides,
+        guides_gain: answer.gain,
         outcome: answer.outcome,
     });
     let planes = samples.into_vec().into_iter().zip(answer.planes.into_vec()).zip(answer.limited);

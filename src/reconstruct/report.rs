@@ -70,6 +70,10 @@ pub struct GroupReport {
     pub channels: Vec<String>,
     /// The domain that it was reconstructed in: `linear` or `log`.
     pub domain: &'static str,
+    /// The guides that steered it; none where none were there, or none predicted.
+    pub guides: Vec<String>,
+    /// The part of the squared error that they took away, estimated by leaving measured pixels out.
+    pub guides_gain: Option<f64>,
     /// How the solver ended.
     pub outcome: Outcome,
 }

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use lacuna_filters::domain::{Domain, Map};
-use lacuna_filters::{Error, Mask, Outcome, Plan, Plane, Planes, Run, limiter};
+use lacuna_filters::variational::guided::{self, Guides};
+use lacuna_filters::{Error, Mask, Outcome, Plane, Planes, Run, limiter};
 
 use super::bounds::Bounds;
 use super::gradients::GradientSamples;
@@ -22,6 +23,8 @@ pub struct Question<'a> {
     pub bounds: Vec<Bounds>,
     /// Samples of the gradient, if the method uses them.
     pub gradients: Option<GradientSamples>,
+    /// Complete planes that may steer the values.
+    pub guides: Option<&'a Guides>,
 }
 
 /// A group that has been solved.
@@ -37,6 +40,10 @@ pub struct Answer {
     pub limited: Vec<usize>,
     /// Values that overflowed in the filter and took the nearest measured one.
     pub mended: usize,
+    /// The guides that steered it.
+    pub guides: Vec<String>,
+    /// The part of the squared error that they took away, estimated.
+    pub gain: Option<f64>,
 }
 
 /// Solves for the missing pixels of `samples`, which are finite.
@@ -52,24 +59,42 @@ pub fn solve(
     let map =
         if question.light { job.domain.map(mask, samples.as_slice()) } else { Domain::Linear.map(mask, &[]) };
     let mut out = Planes::zeros(samples.size(), samples.len());
-    let outcome = if map.is_linear() {
-        run_plan(&*plan, samples, question.gradients.as_ref(), &mut out, run)?
+    let reconstruct = |samples: &Planes, gradients: Option<&GradientSamples>, out: &mut Planes| {
+        let plain = |outcome| Ok((outcome, guided::Effect::default()));
+        match (gradients, question.guides) {
+            (Some(gradients), _) => {
+                plain(plan.reconstruct_gradients(samples, &gradients.view(), out, run)?)
+            }
+            (None, Some(guides)) => {
+                guided::reconstruct((&job.method, plan.as_ref()), mask, samples, guides, out, run)
+            }
+            (None, None) => plain(plan.reconstruct(samples, None, out, run)?),
+        }
+    };
+    let gradients = question.gradients.as_ref();
+    let (outcome, mut effect) = if map.is_linear() {
+        reconstruct(samples, gradients, &mut out)?
     } else {
         let mut mapped = samples.clone();
         mapped.as_mut_slice().iter_mut().for_each(|plane| map.forward_plane(mask, plane));
-        let gradients = question.gradients.as_ref();
         let gradients = gradients.map(|found| found.mapped(map, samples, mask)).transpose()?;
-        let outcome = run_plan(&*plan, &mapped, gradients.as_ref(), &mut out, run)?;
-        out.as_mut_slice().iter_mut().for_each(|plane| map.inverse_plane(plane));
-        outcome
+        let mut found = reconstruct(&mapped, gradients.as_ref(), &mut out)?;
+        let predicted = found.1.predicted.as_mut().map(Planes::as_mut_slice).into_iter().flatten();
+        predicted.chain(out.as_mut_slice()).for_each(|plane| map.inverse_plane(plane));
+        found
     };
-    let mut answer = Answer { planes: out, map, outcome, limited: Vec::new(), mended: 0 };
+    let (guides, gain, predicted) = (effect.guides, effect.gain, effect.predicted.take());
+    let mut predicted = predicted.map(Planes::into_vec).unwrap_or_default().into_iter();
+    let mut answer = Answer { planes: out, map, outcome, limited: Vec::new(), mended: 0, guides, gain };
     let planes = samples.as_slice().iter().zip(answer.planes.as_mut_slice()).zip(&question.bounds);
     for ((samples, out), bounds) in planes {
         answer.mended += mend(mask, samples, out, plans)?;
         let mut moved = 0;
         if job.limit && question.limit {
-            moved += limiter::local(mask, samples, out)?;
+            moved += match predicted.next() {
+                Some(predicted) => limit_guided(mask, samples, &predicted, out)?,
+                None => limiter::local(mask, samples, out)?,
+            };
         }
         if *bounds != Bounds::Free {
             moved += limiter::range(mask, samples, out, *bounds == Bounds::Unit)?;
@@ -82,17 +107,19 @@ pub fn solve(
     Ok(answer)
 }
 
-fn run_plan(
-    plan: &dyn Plan,
-    samples: &Planes,
-    gradients: Option<&GradientSamples>,
-    out: &mut Planes,
-    run: &Run<'_>,
-) -> Result<Outcome, Error> {
-    match gradients {
-        Some(gradients) => plan.reconstruct_gradients(samples, &gradients.view(), out, run),
-        None => plan.reconstruct(samples, None, out, run),
+/// The limiter, except that values may go as far as the guides predict; returns how many were moved.
+fn limit_guided(mask: &Mask, samples: &Plane, predicted: &Plane, out: &mut Plane) -> Result<usize, Error> {
+    let free = out.clone();
+    limiter::local(mask, samples, out)?;
+    let mut moved = 0;
+    for ((value, &free), &predicted) in out.pixels_mut().iter_mut().zip(free.pixels()).zip(predicted.pixels())
+    {
+        if predicted.is_finite() {
+            *value = free.clamp(value.min(predicted), value.max(predicted));
+        }
+        moved += usize::from(*value != free);
     }
+    Ok(moved)
 }
 
 /// A method that smooths may take measured pixels out of the bounds as well; returns how many were moved back.

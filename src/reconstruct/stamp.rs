@@ -2,9 +2,11 @@
 
 use lacuna_filters::Stop;
 
+use super::PartReport;
 use super::job::{Job, parse_settings};
 use crate::channels::Override;
 use crate::frame::Attributes;
+use crate::guides;
 use crate::mask::Source;
 
 /// The version that made the part.
@@ -22,7 +24,7 @@ pub const MASK: &str = crate::mask::ATTRIBUTE;
 pub const STOP: &str = "lacuna/stop";
 
 /// All attributes that filling adds.
-pub const ADDED: &[&str] = &[VERSION, FILTER, SETTINGS, DENSITY, MASK, STOP];
+pub const ADDED: &[&str] = &[VERSION, FILTER, SETTINGS, DENSITY, MASK, STOP, guides::ATTRIBUTE];
 
 /// Attributes derived from pixels, which would lie once the pixels differ.
 pub const DERIVED: &[&str] = &["preview", "oiio:SHA-1", "oiio:AverageColor", "oiio:ConstantColor"];
@@ -105,6 +107,21 @@ impl Stamp {
     pub fn overrides(&self) -> Vec<Override> {
         let text = self.setting("channels").unwrap_or_default();
         text.lines().filter_map(|line| line.parse().ok()).collect()
+    }
+}
+
+/// Writes which guides a part was filled with; parts filled without have no such attribute.
+pub fn write_guides(attributes: &mut Attributes, report: &PartReport) {
+    let mut names: Vec<&str> = Vec::new();
+    for name in report.groups.iter().flat_map(|group| &group.guides) {
+        if !names.contains(&name.as_str()) {
+            names.push(name);
+        }
+    }
+    if names.is_empty() {
+        attributes.remove(guides::ATTRIBUTE);
+    } else {
+        attributes.set_text(guides::ATTRIBUTE, &names.join(", "));
     }
 }
 

@@ -16,7 +16,7 @@ use super::{Selection, memory, prepare};
 use crate::channels::{self, Rule};
 use crate::frame;
 use crate::mask::{self, Masks};
-use crate::reconstruct::{self, Report};
+use crate::reconstruct::{self, GroupReport, Report};
 
 /// Frames to be filled, and how.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,11 +94,14 @@ impl Work for Fill<'_> {
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
         let limits = memory::limits(self.job.run.memory, self.bytes(item));
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
-        let (frame, file) = stage.read(record, || {
+        let (frame, file, second) = stage.read(record, || {
             let frame = frame::read(&item.input, &limits).map_err(|error| at_input(&error))?;
             let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose();
             let file = file.map_err(|error| at_input(&error))?;
-            Ok((frame, file))
+            let guides = item.guides.as_deref();
+            let second =
+                guides.map(|path| frame::read(path, &limits).map_err(|error| Failure::at(path, error)));
+            Ok((frame, file, second.transpose()?))
         })?;
         let start = Instant::now();
         let interrupt = || {
@@ -117,7 +120,7 @@ impl Work for Fill<'_> {
             let plans = self.plans.of(&masks);
             let done = match &what.enlarge {
                 Some(asked) => reconstruct::enlarge(frame, &masks, &choices, (what, asked), &plans, &run),
-                None => reconstruct::fill(frame, &masks, &choices, what, &plans, &run),
+                None => reconstruct::fill_with(frame, &masks, &choices, second.as_ref(), what, &plans, &run),
             };
             let done = done.map_err(|error| at_input(&error))?;
             // The masks are those of the frame that was read, not of the enlarged one.
@@ -148,6 +151,10 @@ fn enter(report: &Report, record: &mut Record) {
     record.clamped_halves = Some(report.clamped_halves);
     record.outcome = report.outcome;
     record.rules = Some(rules(report));
+    record.guides = guides(report);
+    if let Some(guides) = &record.guides {
+        tracing::info!("guided by {guides}");
+    }
     record.warn(&report.notes);
     record.warn(report.outcome.and_then(early).as_slice());
     if report.non_finite > 0 {
@@ -174,6 +181,19 @@ fn early(outcome: Outcome) -> Option<String> {
         "stopped by {why} after {} iterations{distance}: the best image so far is written",
         outcome.iterations
     ))
+}
+
+/// What steered which colour, and how much of the error it took away by estimate.
+fn guides(report: &Report) -> Option<String> {
+    let groups = report.parts.iter().flat_map(|part| &part.groups).filter(|group| !group.guides.is_empty());
+    let one = |group: &GroupReport| {
+        let gain = group.guides_gain.unwrap_or(0.0);
+        // A gain in decibels is what people compare.
+        let decibels = -10.0 * (1.0 - gain).max(1e-9).log10();
+        format!("{} ({}: {decibels:.1} dB by estimate)", group.guides.join(", "), group.channels.join(", "))
+    };
+    let all: Vec<String> = groups.map(one).collect();
+    (!all.is_empty()).then(|| all.join("; "))
 }
 
 /// How many channels each rule had: `3 fill, 1 keep`.

@@ -1,13 +1,14 @@
 //! Describing one frame on standard output.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::batch::Failure;
 use super::masks;
 use super::plan::PlanError;
 use crate::channels::{self, Override};
 use crate::frame::{self, Limits};
+use crate::guides::{self, Asked};
 use crate::info;
 use crate::mask::{self, Masks, Source};
 
@@ -20,6 +21,10 @@ pub struct InfoJob {
     pub mask: Source,
     /// Rules before the defaults.
     pub overrides: Vec<Override>,
+    /// The guides that are looked for.
+    pub guides: Asked,
+    /// The file that they come from, if it is another one.
+    pub guides_from: Option<String>,
     /// Bytes that reading the frame may take, if not the default.
     pub memory: Option<u64>,
     /// Whether JSON is printed.
@@ -41,8 +46,23 @@ pub fn info(job: &InfoJob) -> Result<u8, PlanError> {
     };
     let found = mask::find(&frame, &job.mask, file.as_ref());
     let none = Masks::default();
-    let choices = channels::choose(&frame, found.as_ref().unwrap_or(&none), &job.overrides);
+    let mut choices = channels::choose(&frame, found.as_ref().unwrap_or(&none), &job.overrides);
+    let second = job.guides_from.as_ref().map(|path| {
+        let path = Path::new(path);
+        frame::read(path, &limits).map_err(|error| failed(Failure::at(path, error)))
+    });
+    let guided = guides::find(
+        &frame,
+        found.as_ref().unwrap_or(&none),
+        &mut choices,
+        &job.guides,
+        second.transpose()?.as_ref(),
+    );
+    let guided = guided.map_err(|error| failed(Failure::at(&job.frame, error)))?;
     let mut info = info::describe(&frame, found.as_ref(), &choices);
+    for (index, part) in info.parts.iter_mut().enumerate() {
+        part.guides = guided.names(index);
+    }
     info.notes.extend(channels::unheeded(&frame, found.as_ref().unwrap_or(&none), &job.overrides, &choices));
     let text = if job.json {
         serde_json::to_string_pretty(&info).map_err(|error| PlanError::Failed(error.to_string()))?

@@ -35,7 +35,8 @@ pub fn limits(bound: Option<u64>, admitted: u64) -> Limits {
 /// Bytes that filling a frame needs; 0 if its header cannot be read (reading it will say why).
 pub fn to_fill(item: &Item, method: &lacuna_filters::Method) -> u64 {
     let mask = item.mask.as_deref().map_or(0, to_copy);
-    of(&item.input, SOLVING, planning(method)).saturating_add(mask)
+    let guides = item.guides.as_deref().map_or(0, to_copy);
+    of(&item.input, SOLVING, planning(method)).saturating_add(mask).saturating_add(guides)
 }
 
 /// Bytes that the larger frame needs beside: samples, and in each channel that may be computed values and the planes on the

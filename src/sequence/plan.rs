@@ -30,6 +30,8 @@ pub struct Item {
     pub output: PathBuf,
     /// The file with the mask, if the mask comes from a file.
     pub mask: Option<PathBuf>,
+    /// The file with the guides, if they come from another one.
+    pub guides: Option<PathBuf>,
 }
 
 /// All frames, in the order asked for.
@@ -48,6 +50,8 @@ pub struct Targets {
     pub output: PathBuf,
     /// Path or pattern of the mask's file.
     pub mask: Option<String>,
+    /// Path or pattern of the guides' file.
+    pub guides: Option<String>,
     /// Other files that the run writes (a report, say).
     pub also_written: Vec<PathBuf>,
     /// Whether folders are made where they are missing.
@@ -56,7 +60,8 @@ pub struct Targets {
 
 /// Plans a run. Looks at names and folders, opens no frame, changes nothing.
 pub fn plan(selection: &Selection, targets: &Targets) -> Result<Plan, PlanError> {
-    let items = pair(selection, &targets.output, targets.mask.as_deref())?;
+    let mut items = pair(selection, &targets.output, targets.mask.as_deref())?;
+    add_guides(&mut items, targets.guides.as_deref())?;
     let mut places = Places::default();
     check_one_input_each(&items, &mut places)?;
     checked(items, targets, &mut places)
@@ -87,7 +92,7 @@ pub fn outputs(source: &Path, numbers: &[Option<i64>], targets: &Targets) -> Res
         let input = Input { path: source.into(), number };
         let output = destination.of(&input)?;
         let mask = mask.as_ref().map(|mask| mask.of(&input)).transpose()?;
-        Ok(Item { number, input: input.path, output, mask })
+        Ok(Item { number, input: input.path, output, mask, guides: None })
     };
     let items: Vec<Item> = numbers.iter().map(item).collect::<Result<_, _>>()?;
     checked(items, targets, &mut Places::default())
@@ -124,9 +129,26 @@ pub fn pair(selection: &Selection, output: &Path, mask: Option<&str>) -> Result<
     let item = |input: Input| {
         let output = destination.of(&input)?;
         let mask = mask.as_ref().map(|mask| mask.of(&input)).transpose()?;
-        Ok(Item { number: input.number.filter(|_| numbered), input: input.path, output, mask })
+        Ok(Item { number: input.number.filter(|_| numbered), input: input.path, output, mask, guides: None })
     };
     inputs.frames.into_iter().map(item).collect()
+}
+
+/// Every frame with the file of its guides.
+fn add_guides(items: &mut [Item], guides: Option<&str>) -> Result<(), PlanError> {
+    let Some(guides) = guides.map(MaskFile::parse).transpose()? else { return Ok(()) };
+    for item in items {
+        let number = item.number.or_else(|| super::pattern::number_in_name(&item.input));
+        let input = Input { path: item.input.clone(), number };
+        item.guides = Some(guides.of(&input).map_err(|_| {
+            let text = format!(
+                "{}: no frame number in the name for the pattern of --guides-from",
+                item.input.display()
+            );
+            PlanError::Usage(text)
+        })?);
+    }
+    Ok(())
 }
 
 /// The file of the mask: one for all frames, or one a frame.
@@ -161,7 +183,9 @@ pub fn check_report(items: &[Item], report: &Path) -> Result<(), PlanError> {
     if is_standard_output(report) {
         return Ok(());
     }
-    let read = items.iter().flat_map(|item| [Some(&item.input), Some(&item.output), item.mask.as_ref()]);
+    let read = items
+        .iter()
+        .flat_map(|item| [Some(&item.input), Some(&item.output), item.mask.as_ref(), item.guides.as_ref()]);
     let identity = Identity::of(report);
     if identity.is_some() && read.flatten().any(|path| Identity::of(path) == identity) {
         return Err(PlanError::Usage(format!("{}: the report would replace a frame", report.display())));
@@ -197,6 +221,11 @@ fn check_no_input_is_written(
             && let Some(identity) = Identity::of(mask)
         {
             read.insert(identity, (mask, "mask"));
+        }
+        if let Some(guides) = &item.guides
+            && let Some(identity) = Identity::of(guides)
+        {
+            read.insert(identity, (guides, "guides"));
         }
     }
     for item in items {

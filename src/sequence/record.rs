@@ -61,6 +61,9 @@ pub struct Record {
     pub clamped_halves: Option<usize>,
     /// How many channels each rule had.
     pub rules: Option<String>,
+    /// What steered the colour, and what that gained by estimate.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guides: Option<String>,
     /// How the solvers ended: stop, iterations, residual or gap; the worst of all channels.
     #[serde(flatten)]
     pub outcome: Option<Outcome>,
@@ -193,6 +196,7 @@ mod tests {
             input: format!("in \"{number}\".exr").into(),
             output: "out.exr".into(),
             mask: None,
+            guides: None,
         };
         let heading = Heading {
             lacuna: "1",

@@ -23,7 +23,7 @@ pub enum Existing {
 /// and this mask.
 pub fn is_current(item: &Item, job: &Job) -> bool {
     let Some(made) = modified(&item.output) else { return false };
-    let sources = [Some(&item.input), item.mask.as_ref()];
+    let sources = [Some(&item.input), item.mask.as_ref(), item.guides.as_ref()];
     let newer = |source: &std::path::PathBuf| modified(source).is_some_and(|changed| made > changed);
     sources.into_iter().flatten().all(newer) && is_of(item, job)
 }

@@ -12,6 +12,7 @@ use super::update::Existing;
 use super::{Selection, memory, prepare};
 use crate::channels;
 use crate::frame;
+use crate::guides;
 use crate::mask::{self, Source};
 use crate::verify::{Claims, Difference, compare};
 
@@ -101,7 +102,9 @@ impl Work for Verify<'_> {
             record.warn(&[note]);
         }
         let differences = stage.solve(record, || {
-            let choices = channels::choose(&sparse, &masks, &claims.overrides);
+            let mut choices = channels::choose(&sparse, &masks, &claims.overrides);
+            // Guides that cannot be found leave the rules as they are, and what was kept shows as a difference.
+            drop(guides::find(&sparse, &masks, &mut choices, &claims.guides, None));
             compare(&sparse, &filled, &masks, &choices)
         });
         if differences.is_empty() { Ok(()) } else { Err(Failure::at(&item.output, list(&differences))) }

@@ -20,6 +20,7 @@ use serde::Serialize;
 
 use crate::channels::{Choice, Override, Rule, part_label, visible};
 use crate::frame::{Attribute, Compression, Frame, Part, Window};
+use crate::guides::Asked;
 use crate::mask::{Masks, Source};
 use crate::reconstruct::{ADDED, DERIVED, Kind, Stamp, output_compression};
 
@@ -60,6 +61,8 @@ pub struct Claims {
     pub compression: Option<Compression>,
     /// Whether the mask's channels were left out.
     pub drop_mask: bool,
+    /// The guides that were looked for in the frame itself, which are kept.
+    pub guides: Asked,
     /// Whether measured pixels were smoothed.
     pub smoothed: bool,
     /// The filter's name; empty if nothing says it.
@@ -69,8 +72,16 @@ pub struct Claims {
 impl Default for Claims {
     fn default() -> Self {
         let (mask, overrides) = (Source::Auto, Vec::new());
-        let filter = String::new();
-        Self { mask, overrides, kind: None, compression: None, drop_mask: false, smoothed: false, filter }
+        Self {
+            mask,
+            overrides,
+            kind: None,
+            compression: None,
+            drop_mask: false,
+            guides: Asked::None,
+            smoothed: false,
+            filter: String::new(),
+        }
     }
 }
 
@@ -88,6 +99,11 @@ impl Claims {
             kind: kinds.into_iter().find(|kind| setting("type", kind.0)).map(|kind| kind.1),
             compression: stamp.setting("compression").and_then(|name| Compression::from_name(&name)),
             drop_mask: setting("mask-channel", "dropped"),
+            guides: stamp
+                .setting("guides")
+                .filter(|_| setting("guides-from", "frame"))
+                .and_then(|guides| guides.parse().ok())
+                .unwrap_or(Asked::None),
             smoothed: setting("measured", "smoothed"),
             filter: stamp.filter,
         }

@@ -49,7 +49,8 @@ fn filled(sparse: &Frame, job: &Job) -> Frame {
 fn lines(sparse: &Frame, filled: &Frame) -> Vec<String> {
     let claims = Claims::read(filled);
     let masks = find(sparse, &claims.mask, None).unwrap();
-    let choices = choose(sparse, &masks, &claims.overrides);
+    let mut choices = choose(sparse, &masks, &claims.overrides);
+    crate::guides::find(sparse, &masks, &mut choices, &claims.guides, None).unwrap();
     compare(sparse, filled, &masks, &choices).iter().map(ToString::to_string).collect()
 }
 

@@ -13,6 +13,7 @@ pub mod blur;
 pub mod extremes;
 pub(crate) mod fir;
 mod interior;
+pub mod regress;
 pub mod rows;
 pub mod simd;
 pub mod stencil;

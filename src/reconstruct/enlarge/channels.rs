@@ -110,7 +110,13 @@ fn solve(
     let enlarged = channels.map(one).collect::<Result<Vec<_>, _>>().map_err(fail)?;
     let outcome = enlarged.iter().map(|one| one.outcome).reduce(lacuna_filters::Outcome::worst);
     if let Some(outcome) = outcome {
-        done.report.groups.push(GroupReport { channels: names, domain: map.name(), outcome });
+        done.report.groups.push(GroupReport {
+            channels: names,
+            domain: map.name(),
+            outcome,
+            guides: Vec::new(),
+            guides_gain: None,
+        });
     }
     Ok(enlarged)
 }

@@ -17,6 +17,7 @@ mod windows;
 use std::sync::Arc;
 
 use lacuna_filters::upscale::{Geometry, Method, Sampling};
+use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Run, Stop};
 pub use target::Target;
 pub use windows::Windows;
@@ -85,7 +86,8 @@ pub fn enlarge(
             channel.non_finite += lost;
         }
         let geometry = windows.geometry(asked.sampling);
-        let work = part::Work { index, masks: &finite, choices, job, plans, run };
+        let guides = Guides::new(frame.parts[index].size());
+        let work = part::Work { index, masks: &finite, choices, guides: &guides, job, plans, run };
         channels::enlarge(&mut frame, (&work, &kinds), (geometry, asked.method), &mut done)?;
         let part = &mut frame.parts[index];
         (part.data_window, part.display_window) = (windows.data, windows.display);
@@ -113,7 +115,8 @@ fn low(
 ) -> Result<Done, Error> {
     let missing = masks.channels[index].iter().flatten().any(|mask| !mask.is_full());
     let job = Job { kind: missing.then_some(Kind::Float), enlarge: None, ..job.clone() };
-    let work = part::Work { index, masks, choices, job: &job, plans, run };
+    let guides = Guides::new(frame.parts[index].size());
+    let work = part::Work { index, masks, choices, guides: &guides, job: &job, plans, run };
     part::fill(frame, &work)
 }
 

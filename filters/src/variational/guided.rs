@@ -1,0 +1,244 @@
+//! Guided filling: complete, cheap planes (normals, depth, albedo, identifiers) steer the sparse image.
+//!
+//! Given samples `y` at measured pixels and complete guides `g`, the image is
+//!
+//! ```text
+//! x = S y + t (p - S p)          S: the plain filter, from measured pixels to an image;  t: trust, 0 to 1
+//! ```
+//!
+//! so measured pixels stay exact, and where `t` is 0 the result is the plain filter's. The prediction `p` is, at every pixel
+//! by itself, the constant of a weighted first-order regression of the colour on the differences of the guides to
+//! that pixel (`kernel/regress.rs` has the formula). Samples count by their distance, within the radius that holds about
+//! [`SAMPLES`] of them (`reach`), and by the difference of their guides; across a border between labels next to nothing.
+//!
+//! What each guide counts for is chosen for the image by leaving single measured pixels out (`tune`). The trust is chosen
+//! for each neighbourhood by leaving every [`HOLD_OUT`]th measured pixel out, and filling these both ways (`trust`); where
+//! guides gain less than a few percent of the squared error in all, the result is `S y` bit for bit. So it is where no guide
+//! varies.
+//!
+//! Boundary: none; pixels at the border see fewer samples, further away.
+//!
+//! References: B. Bitterli, F. Rousselle, B. Moon, J. Iglesias-Guitian, D. Adler, K. Mitchell, W. Jarosz, J. Novak,
+//! "Nonlinearly Weighted First-order Regression for Denoising Monte Carlo Renderings", Computer Graphics Forum 35(4),
+//! 2016 (regression on auxiliary features with joint weights; theirs compare patches of complete images); W. Cleveland,
+//! "Robust Locally Weighted Regression and Smoothing Scatterplots", JASA 74, 1979.
+//!
+//! Cost: linear in pixels. The plain filter four times (samples and residual, twice), and a regression over about 50 samples
+//! for each pixel. Memory beyond samples, guides and result: 6 planes a channel, one plane a guide, and the
+//! measured pixels once more.
+//!
+//! Fails where no guide sees what the light does: mirrors show other surfaces than the one that they are; shadows and
+//! caustics have edges that no guide has. There it is the plain filter.
+
+use std::sync::Arc;
+
+use crate::kernel::Isa;
+use crate::kernel::regress::Scales;
+use crate::{Error, Mask, Method, Outcome, Plan, Plane, Planes, Problem, Run};
+
+mod fit;
+mod guides;
+mod reach;
+#[cfg(test)]
+mod tests;
+mod trust;
+mod tune;
+
+use fit::{Field, Store, Task};
+pub use guides::Guides;
+use reach::Reach;
+use trust::Trust;
+
+/// Samples that a regression sees, about.
+const SAMPLES: f64 = 36.0;
+/// Every so manieth measured pixel is left out to find the trust.
+const HOLD_OUT: usize = 5;
+/// Pixels of the side of a block that stays seen.
+const BLOCK: usize = 8;
+/// Fewer measured pixels say nothing about guides.
+const FEWEST: usize = 256;
+
+/// What guides did.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Effect {
+    /// The guides that count for something.
+    pub guides: Vec<String>,
+    /// The part of the squared error that they take away, by the left-out pixels; nothing if they are not used.
+    pub gain: Option<f64>,
+    /// What the guides alone predict, where they are trusted; NaN elsewhere. It stays near the samples around, so a limiter
+    /// may let values go that far.
+    pub predicted: Option<Planes>,
+}
+
+/// Fills `out` from `samples` with guides. `plan` is that of `method` on `mask`.
+///
+/// # Errors
+/// Those of the plan, and [`Error::SizeMismatch`].
+pub fn reconstruct(
+    (method, plan): (&Method, &dyn Plan),
+    mask: &Arc<Mask>,
+    samples: &Planes,
+    guides: &Guides,
+    out: &mut Planes,
+    run: &Run<'_>,
+) -> Result<(Outcome, Effect), Error> {
+    let outcome = plan.reconstruct(samples, None, out, run)?;
+    if guides.size() != mask.size() {
+        return Err(Error::SizeMismatch { expected: mask.size(), found: guides.size().to_string() });
+    }
+    let pointless = guides.is_empty() || mask.is_full() || mask.count() < FEWEST || samples.is_empty();
+    if pointless || run.interrupted().is_some() {
+        return Ok((outcome, Effect::default()));
+    }
+    let field = Field { planes: guides.planes(), labels: guides.labels() };
+    let model = Model { method, mask, samples, field, isa: Isa::best() };
+    let Some((scales, trust, gain)) = model.judge(guides, run)? else {
+        return Ok((outcome, Effect::default()));
+    };
+    let (guided, mut predicted, second) = model.fill(mask, plan, &scales, true, run)?;
+    let outcome = outcome.worst(second);
+    blend(mask, guides, &trust, &guided, &mut predicted, out);
+    Ok((outcome, Effect { guides: guides.counting(&scales), gain: Some(gain), predicted: Some(predicted) }))
+}
+
+struct Model<'a> {
+    method: &'a Method,
+    mask: &'a Arc<Mask>,
+    samples: &'a Planes,
+    field: Field<'a>,
+    isa: Isa,
+}
+
+impl Model<'_> {
+    /// What guides count for, where they are trusted, and what they gain; nothing if that is not worth it.
+    fn judge(&self, guides: &Guides, run: &Run<'_>) -> Result<Option<(Scales, Plane, f64)>, Error> {
+        let size = self.mask.size();
+        let (kept, left_out) = hold_out(self.mask);
+        let kept = Arc::new(kept);
+        let reach = Reach::new(self.mask, SAMPLES);
+        let store = Store::new(self.mask, self.samples, self.field);
+        let weights = tune::Weights::new(self.mask, self.samples);
+        let trial = tune::Trial {
+            store: &store,
+            mask: self.mask,
+            values: self.samples,
+            weights,
+            field: self.field,
+            reach: &reach,
+            isa: self.isa,
+        };
+        let scales = trial.choose(guides.groups());
+        if scales.slopes.iter().all(|slope| !slope) && self.field.labels.is_none() {
+            return Ok(None);
+        }
+        let plan = self.method.filter().plan(&Problem::fill(Arc::clone(&kept)), run)?;
+        let mut plain = Planes::zeros(size, self.samples.len());
+        plan.reconstruct(self.samples, None, &mut plain, run)?;
+        let (guided, ..) = self.fill(&kept, plan.as_ref(), &scales, false, run)?;
+        if run.interrupted().is_some() {
+            return Ok(None);
+        }
+        let trust = Trust::new(&left_out, (self.samples, weights), &plain, &guided);
+        let gain = trust.worth();
+        Ok((gain >= trust::WORTH).then(|| (scales, trust.plane(size), gain)))
+    }
+
+    /// The guided image and the prediction alone, from the samples of `mask`: at all pixels, or only at those that were measured.
+    fn fill(
+        &self,
+        mask: &Arc<Mask>,
+        plan: &dyn Plan,
+        scales: &Scales,
+        all: bool,
+        run: &Run<'_>,
+    ) -> Result<(Planes, Planes, Outcome), Error> {
+        let size = mask.size();
+        let store = Store::new(mask, self.samples, self.field);
+        let reach = Reach::new(mask, SAMPLES);
+        let task = Task { field: self.field, scales, reach: &reach, leave_out: false, isa: self.isa };
+        // Where nothing is near: the residual of samples is zero, and missing pixels have no prediction.
+        let mut predicted = self.samples.clone();
+        for plane in predicted.as_mut_slice() {
+            let pairs = plane.pixels_mut().iter_mut().zip(mask.as_slice());
+            pairs.filter(|(_, measured)| !**measured).for_each(|(value, _)| *value = f32::NAN);
+        }
+        if all {
+            fit::everywhere(&store, task, &mut predicted);
+        } else {
+            for (index, values) in fit::at_marked(&store, task, self.mask, 1) {
+                for (plane, value) in predicted.as_mut_slice().iter_mut().zip(values) {
+                    plane.pixels_mut()[index] = value;
+                }
+            }
+        }
+        let mut residual = self.samples.clone();
+        for (residual, predicted) in residual.as_mut_slice().iter_mut().zip(predicted.as_slice()) {
+            for (value, predicted) in residual.pixels_mut().iter_mut().zip(predicted.pixels()) {
+                *value -= predicted;
+            }
+        }
+        let mut filled = Planes::zeros(size, self.samples.len());
+        let outcome = plan.reconstruct(&residual, None, &mut filled, run)?;
+        for (filled, predicted) in filled.as_mut_slice().iter_mut().zip(predicted.as_slice()) {
+            for (value, predicted) in filled.pixels_mut().iter_mut().zip(predicted.pixels()) {
+                *value += predicted;
+            }
+        }
+        Ok((filled, predicted, outcome))
+    }
+}
+
+/// The mask without about every [`HOLD_OUT`]th measured pixel, and these. They are scattered, and no block of
+/// [`BLOCK`] x [`BLOCK`] pixels loses its last one: the plain filter would have to fill a hole that is not there.
+fn hold_out(mask: &Mask) -> (Mask, Vec<(usize, usize)>) {
+    let size = mask.size();
+    let mut flags = mask.as_slice().to_vec();
+    let mut left_out = Vec::new();
+    let mut block = Vec::with_capacity(BLOCK * BLOCK);
+    for top in (0..size.height).step_by(BLOCK) {
+        for left in (0..size.width).step_by(BLOCK) {
+            block.clear();
+            for row in top..(top + BLOCK).min(size.height) {
+                let columns = left..(left + BLOCK).min(size.width);
+                block.extend(
+                    columns.filter(|&column| mask.is_measured(row, column)).map(|column| (row, column)),
+                );
+            }
+            let key = ((top as u64) << 32 | left as u64).wrapping_add(1);
+            let mixed = (key ^ (key >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            let mixed = ((mixed ^ (mixed >> 32)).wrapping_mul(0x94d0_49bb_1331_11eb) >> 32) as usize;
+            let count = ((block.len() + mixed % HOLD_OUT) / HOLD_OUT).min(block.len().saturating_sub(1));
+            for part in 0..count {
+                let (row, column) = block[(mixed / HOLD_OUT + part * block.len() / count) % block.len()];
+                left_out.push((row, column));
+                flags[row * size.width + column] = false;
+            }
+        }
+    }
+    (Mask::from_fn(size, |row, column| flags[row * size.width + column]), left_out)
+}
+
+/// Mixes the guided image into the missing pixels of the plain one; predictions that are not used become NaN.
+fn blend(
+    mask: &Mask,
+    guides: &Guides,
+    trust: &Plane,
+    guided: &Planes,
+    predicted: &mut Planes,
+    out: &mut Planes,
+) {
+    let known = |index: usize| guides.labels().is_none_or(|labels| labels[index] != guides::UNKNOWN);
+    let planes = out.as_mut_slice().iter_mut().zip(guided.as_slice()).zip(predicted.as_mut_slice());
+    for ((out, guided), predicted) in planes {
+        let pairs = out.pixels_mut().iter_mut().zip(guided.pixels()).zip(predicted.pixels_mut());
+        for (index, ((out, &guided), predicted)) in pairs.enumerate() {
+            let trust = trust.pixels()[index];
+            let share = trust * (guided - *out);
+            if trust > 0.0 && share.is_finite() && !mask.as_slice()[index] && known(index) {
+                *out += share;
+            } else {
+                *predicted = f32::NAN;
+            }
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! Guides made comparable: groups of planes, scaled by their own spread, and labels for hard borders.
+
+use crate::kernel::regress::Scales;
+use crate::{Error, Plane, Size};
+
+/// Standard deviation that every group is scaled to.
+const SPREAD: f64 = 0.5;
+/// Pixels that quantiles are taken from, about.
+const PROBES: usize = 1 << 16;
+/// The label of a pixel that has a guide which is not a number: nothing is known there.
+pub const UNKNOWN: u32 = u32::MAX;
+
+/// Complete planes that may tell how the image runs between its samples.
+///
+/// Values may be infinite (a depth without a surface); a pixel with a NaN in any plane is filled without guides.
+#[derive(Clone, Debug)]
+pub struct Guides {
+    size: Size,
+    names: Vec<String>,
+    groups: Vec<Vec<usize>>,
+    planes: Vec<Plane>,
+    labels: Option<Vec<u32>>,
+    label_names: Vec<String>,
+    unknown: usize,
+}
+
+impl Guides {
+    /// No guides yet.
+    pub const fn new(size: Size) -> Self {
+        Self {
+            size,
+            names: Vec::new(),
+            groups: Vec::new(),
+            planes: Vec::new(),
+            labels: None,
+            label_names: Vec::new(),
+            unknown: 0,
+        }
+    }
+
+    /// Adds planes that belong together (the components of a normal, say) and share a scale. Planes that are constant say
+    /// nothing and are left out; returns whether any was taken.
+    ///
+    /// # Errors
+    /// [`Error::SizeMismatch`].
+    pub fn add(&mut self, name: &str, planes: Vec<Plane>) -> Result<bool, Error> {
+        if let Some(other) = planes.iter().find(|plane| plane.size() != self.size) {
+            return Err(Error::SizeMismatch { expected: self.size, found: other.size().to_string() });
+        }
+        let mut group = Vec::new();
+        let (mut variance, mut count) = (0.0, 0.0_f64);
+        for mut plane in planes {
+            self.mark_unknown(&plane);
+            let Some(square) = tame(plane.pixels_mut()) else { continue };
+            variance += square;
+            count += 1.0;
+            group.push(self.planes.len());
+            self.planes.push(plane);
+        }
+        if group.is_empty() {
+            return Ok(false);
+        }
+        let factor = (SPREAD / (variance / count).sqrt()) as f32;
+        for &index in &group {
+            self.planes[index].pixels_mut().iter_mut().for_each(|value| *value *= factor);
+        }
+        self.groups.push(group);
+        self.names.push(name.into());
+        Ok(true)
+    }
+
+    /// Adds labels: pixels with different ones are on different surfaces. One label everywhere says nothing and is left
+    /// out; returns whether they were taken.
+    ///
+    /// # Errors
+    /// [`Error::SizeMismatch`].
+    pub fn add_labels(&mut self, name: &str, labels: &[u32]) -> Result<bool, Error> {
+        if labels.len() != self.size.pixels() {
+            return Err(Error::SizeMismatch {
+                expected: self.size,
+                found: format!("{} labels", labels.len()),
+            });
+        }
+        if labels.iter().all(|label| *label == labels[0]) {
+            return Ok(false);
+        }
+        let own = self.labels.get_or_insert_with(|| vec![0; labels.len()]);
+        for (own, &label) in own.iter_mut().zip(labels).filter(|(own, _)| **own != UNKNOWN) {
+            // Mixed, so that several sets of labels tell all their pairs apart.
+            let mixed =
+                (u64::from(*own).rotate_left(17) ^ u64::from(label)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            *own = (mixed >> 33) as u32;
+        }
+        self.label_names.push(name.into());
+        Ok(true)
+    }
+
+    /// Whether they say nothing at all.
+    pub fn is_empty(&self) -> bool {
+        self.names.is_empty() && self.label_names.is_empty()
+    }
+
+    /// Height and width.
+    pub const fn size(&self) -> Size {
+        self.size
+    }
+
+    /// Pixels that are filled without guides because one of theirs is not a number.
+    pub const fn unknown(&self) -> usize {
+        self.unknown
+    }
+
+    /// The names of the guides that have a weight or a slope, and of the labels.
+    pub(super) fn counting(&self, scales: &Scales) -> Vec<String> {
+        let counts = |(_, group): &(&String, &Vec<usize>)| {
+            group.iter().any(|&guide| scales.slopes[guide] || scales.bandwidths[guide] > 0.0)
+        };
+        let values = self.names.iter().zip(&self.groups).filter(counts).map(|(name, _)| name.clone());
+        values.chain(self.label_names.iter().cloned()).collect()
+    }
+
+    pub(super) fn planes(&self) -> &[Plane] {
+        &self.planes
+    }
+
+    pub(super) fn groups(&self) -> &[Vec<usize>] {
+        &self.groups
+    }
+
+    pub(super) fn labels(&self) -> Option<&[u32]> {
+        self.labels.as_deref()
+    }
+
+    fn mark_unknown(&mut self, plane: &Plane) {
+        if plane.pixels().iter().any(|value| value.is_nan()) {
+            let labels = self.labels.get_or_insert_with(|| vec![0; self.size.pixels()]);
+            for (label, _) in labels.iter_mut().zip(plane.pixels()).filter(|(_, value)| value.is_nan()) {
+                self.unknown += usize::from(*label != UNKNOWN);
+                *label = UNKNOWN;
+            }
+        }
+    }
+}
+
+/// Brings far outliers near and replaces what is not finite; the variance, or nothing if the plane is constant.
+///
+/// The ends of the range, which backgrounds have, do not count for the quantiles, and land apart from the rest.
+fn tame(values: &mut [f32]) -> Option<f64> {
+    let finite = || values.iter().copied().filter(|value| value.is_finite());
+    let (least, most) = finite().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+    let infinite = values.iter().any(|value| value.is_infinite());
+    if least > most || (least == most && !infinite) {
+        return None;
+    }
+    let step = values.len().div_ceil(PROBES);
+    let mut probes: Vec<f32> =
+        values.iter().step_by(step).copied().filter(|v| v.is_finite() && *v > least && *v < most).collect();
+    probes.sort_unstable_by(f32::total_cmp);
+    let (low, high) = match probes.len() {
+        0 => (least, most),
+        count => (probes[count / 50], probes[count - 1 - count / 50]),
+    };
+    let width = (high - low).max(f32::MIN_POSITIVE);
+    let room = if probes.is_empty() { 0.0 } else { width };
+    let (floor, top) = ((low - room).max(f32::MIN), (high + room).min(f32::MAX));
+    let beyond = if probes.is_empty() && least == most { least + 1.0_f32.max(least.abs()) } else { top };
+    for value in values.iter_mut() {
+        *value = if value.is_nan() {
+            low
+        } else if *value == f32::INFINITY {
+            beyond
+        } else {
+            value.clamp(floor, top.max(beyond))
+        };
+    }
+    let count = values.len() as f64;
+    let mean = values.iter().map(|v| f64::from(*v)).sum::<f64>() / count;
+    let variance = values.iter().map(|v| (f64::from(*v) - mean).powi(2)).sum::<f64>() / count;
+    (variance > 0.0 && variance.is_finite()).then_some(variance)
+}

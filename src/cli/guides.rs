@@ -1,0 +1,37 @@
+//! Flags that say what steers the colour.
+
+use clap::Args;
+
+use super::Usage;
+use crate::guides::Asked;
+use crate::reconstruct::Job;
+
+/// Guides.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Guides")]
+pub struct GuideArgs {
+    /// Complete channels that steer colour between its samples: auto, none, or full names separated by commas, globs
+    /// allowed (N.*,Z)
+    ///
+    /// auto: what the attribute lacuna/dense lists, and normals, positions, albedo, depth, alpha and identifiers if every
+    /// pixel holds them. Guides that do not predict the colour count for nothing. Only with --filter ss.
+    #[arg(long, value_name = "GUIDES", default_value = "auto")]
+    pub guides: Asked,
+
+    /// Take the guides from this file, or pattern that goes frame by frame, instead of the frame itself
+    #[arg(long, value_name = "PATTERN")]
+    pub guides_from: Option<String>,
+}
+
+impl GuideArgs {
+    /// Guides that were asked for must be of use to the filter.
+    pub fn check(&self, job: &Job) -> Result<(), Usage> {
+        let named = matches!(self.guides, Asked::Channels(_)) || self.guides_from.is_some();
+        if named && *job.wanted() == Asked::None {
+            let why =
+                "only --filter ss takes guides, and only where measured pixels are kept (--ss-lambda 0)";
+            return Err(Usage(format!("--guides, --guides-from: {why}")));
+        }
+        Ok(())
+    }
+}

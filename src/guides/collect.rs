@@ -1,0 +1,49 @@
+//! The planes of the guides that were found, as the filters take them.
+
+use lacuna_filters::variational::guided::Guides;
+use lacuna_filters::{Error, Plane, Size};
+
+use super::{Guide, Kind};
+use crate::frame::{Frame, Samples};
+
+/// Reads the guides of one part; those that say nothing (constant ones) are left out.
+///
+/// # Errors
+/// [`Error::SizeMismatch`] if a part's pixels are others.
+pub fn collect(guides: &[Guide], frame: &Frame, second: Option<&Frame>, size: Size) -> Result<Guides, Error> {
+    let mut taken = Guides::new(size);
+    for guide in guides {
+        let Some(source) = (if guide.second { second } else { Some(frame) }) else { continue };
+        let part = &source.parts[guide.part];
+        let samples = guide.channels.iter().map(|&at| &part.channels[at].samples);
+        match guide.kind {
+            Kind::Labels => {
+                for samples in samples {
+                    taken.add_labels(&guide.name, &labels(samples))?;
+                }
+            }
+            Kind::Values => {
+                let plane = |samples: &Samples| Plane::new(part.size(), floats(samples));
+                taken.add(&guide.name, samples.map(plane).collect::<Result<_, _>>()?)?;
+            }
+        }
+    }
+    Ok(taken)
+}
+
+fn floats(samples: &Samples) -> Vec<f32> {
+    match samples {
+        Samples::Uint(values) => values.iter().map(|&value| value as f32).collect(),
+        floats => floats.to_floats().unwrap_or_default(),
+    }
+}
+
+/// Labels of surfaces; a float that was averaged over a pixel counts as the whole number next to it.
+fn labels(samples: &Samples) -> Vec<u32> {
+    match samples {
+        Samples::Uint(values) => values.clone(),
+        floats => {
+            floats.to_floats().unwrap_or_default().into_iter().map(|value| value.round().to_bits()).collect()
+        }
+    }
+}

@@ -1,0 +1,51 @@
+//! Guides: complete channels that steer how colour is filled. Which channels are taken, and how filters get them.
+//!
+//! `auto` takes, from the frame (every part with the view and data window of the part that is filled) or from a second
+//! frame: what `lacuna/dense` lists, and normals, positions, albedo, depths, alpha and identifiers, if every pixel holds them
+//! ([`complete`]). A channel that is taken is kept as it is.
+
+mod asked;
+mod collect;
+mod complete;
+mod find;
+#[cfg(test)]
+mod tests;
+
+pub use asked::{Asked, AskedError};
+pub use collect::collect;
+pub use find::{Found, Guide, Kind, find};
+
+/// The attribute that lists the guides of a filled part.
+pub const ATTRIBUTE: &str = "lacuna/guides";
+
+/// Why guides cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Error {
+    /// A name that no channel has.
+    #[error(
+        "--guides {asked}: no channel of that name over the pixels that are filled; there are {channels}"
+    )]
+    NoChannel {
+        /// What was asked for.
+        asked: String,
+        /// What there is.
+        channels: String,
+    },
+    /// A channel that holds nothing where colour is missing.
+    #[error(
+        "--guides: channel {channel} holds nothing at the missing pixels, and only complete channels can guide: leave it out, \
+         or give the file that has it complete with --guides-from"
+    )]
+    Sparse {
+        /// The channel.
+        channel: String,
+    },
+    /// A second file that does not fit.
+    #[error(
+        "--guides-from: no part has the data window {window} of what is filled: render the guides for the same pixels"
+    )]
+    Window {
+        /// What is filled.
+        window: String,
+    },
+}

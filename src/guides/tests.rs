@@ -1,0 +1,164 @@
+//! Which channels of hand-built frames guide, and what becomes of their rules.
+
+use super::*;
+use crate::channels::{Choice, Rule, choose};
+use crate::frame::{Channel, Frame, Part};
+use crate::mask::{Masks, Source};
+use crate::testing::{float, frame, half, named, part, uint, window};
+
+const PIXELS: usize = 64;
+
+fn measured(at: usize) -> bool {
+    at.is_multiple_of(3)
+}
+
+fn board(channels: Vec<Channel>) -> Part {
+    let flags: Vec<f32> = (0..PIXELS).map(|at| f32::from(u8::from(measured(at)))).collect();
+    let mut channels = channels;
+    channels.push(half("mask", &flags));
+    part(window(2, -1, 8, 8), channels)
+}
+
+fn ramp(offset: usize) -> Vec<f32> {
+    (0..PIXELS).map(|at| ((at * 7 + offset) % 11) as f32 / 10.0).collect()
+}
+
+/// The same, zero where pixels are missing.
+fn sparse(offset: usize) -> Vec<f32> {
+    ramp(offset).iter().enumerate().map(|(at, value)| if measured(at) { *value } else { 0.0 }).collect()
+}
+
+fn colour() -> Vec<Channel> {
+    vec![half("R", &sparse(1)), half("G", &sparse(2)), half("B", &sparse(3))]
+}
+
+fn normals(values: impl Fn(usize) -> Vec<f32>) -> Vec<Channel> {
+    vec![half("N.X", &values(4)), half("N.Y", &values(5)), half("N.Z", &values(6))]
+}
+
+fn search(frame: &Frame, asked: &str, second: Option<&Frame>) -> Result<(Found, Vec<Vec<Choice>>), Error> {
+    let masks: Masks = crate::mask::find(frame, &Source::Auto, None).unwrap();
+    let mut choices = choose(frame, &masks, &[]);
+    let found = find(frame, &masks, &mut choices, &asked.parse().unwrap(), second)?;
+    Ok((found, choices))
+}
+
+fn rule(frame: &Frame, choices: &[Vec<Choice>], name: &str) -> Rule {
+    let at = frame.parts[0].channels.iter().position(|channel| channel.name == name.as_bytes()).unwrap();
+    choices[0][at].rule
+}
+
+#[test]
+fn auto_takes_what_is_complete_and_keeps_it() {
+    let channels = [
+        colour(),
+        normals(ramp),
+        vec![float("Z", &ramp(1)), half("albedo.R", &sparse(2)), half("A", &ramp(9))],
+    ];
+    let labels: Vec<u32> = (0..PIXELS).map(|at| u32::from(at > 20)).collect();
+    let frame = frame(vec![board([channels.concat(), vec![uint("objectId", &labels)]].concat())]);
+    let (found, choices) = search(&frame, "auto", None).unwrap();
+    assert_eq!(found.names(0), ["A", "N", "Z", "objectId"]);
+    let kinds: Vec<Kind> = found.parts[0].iter().map(|guide| guide.kind).collect();
+    assert_eq!(kinds, [Kind::Values, Kind::Values, Kind::Values, Kind::Labels]);
+    for (name, expected) in [
+        ("A", Rule::Keep),
+        ("N.X", Rule::Keep),
+        ("Z", Rule::Keep),
+        ("objectId", Rule::Keep),
+        ("R", Rule::Fill),
+        ("albedo.R", Rule::Fill),
+    ] {
+        assert_eq!(rule(&frame, &choices, name), expected, "{name}");
+    }
+    let (found, choices) = search(&frame, "none", None).unwrap();
+    assert!(found.names(0).is_empty());
+    assert_eq!(rule(&frame, &choices, "N.X"), Rule::Normal);
+    let (found, choices) = search(&frame, "Z,N.*", None).unwrap();
+    assert_eq!(found.names(0), ["N", "Z"]);
+    assert_eq!((rule(&frame, &choices, "A"), rule(&frame, &choices, "N.Y")), (Rule::Fill, Rule::Keep));
+}
+
+#[test]
+fn sparse_channels_are_no_guides() {
+    let cleared = |clear: f32| {
+        let values = move |offset| {
+            ramp(offset)
+                .iter()
+                .enumerate()
+                .map(|(at, v)| if measured(at) { *v } else { clear })
+                .collect::<Vec<_>>()
+        };
+        frame(vec![board([colour(), normals(values)].concat())])
+    };
+    for clear in [0.0, 1.0, f32::NAN, -1.0] {
+        let frame = cleared(clear);
+        let (found, choices) = search(&frame, "auto", None).unwrap();
+        assert!(found.names(0).is_empty(), "{clear}");
+        assert_eq!(rule(&frame, &choices, "N.X"), Rule::Normal);
+        assert_eq!(search(&frame, "N.*", None), Err(Error::Sparse { channel: "N".into() }), "{clear}");
+    }
+    let frame = cleared(0.0);
+    assert!(matches!(search(&frame, "N.*,depth", None), Err(Error::Sparse { .. })));
+    assert!(matches!(search(&frame, "depth", None), Err(Error::NoChannel { asked, .. }) if asked == "depth"));
+}
+
+#[test]
+fn a_background_of_zeros_does_no_harm() {
+    let values =
+        |offset| (0..PIXELS).map(|at| if at < 32 { 0.0 } else { ramp(offset)[at] + 0.1 }).collect::<Vec<_>>();
+    let frame = frame(vec![board([colour(), normals(values)].concat())]);
+    assert_eq!(search(&frame, "auto", None).unwrap().0.names(0), ["N"]);
+}
+
+#[test]
+fn the_list_in_the_attribute_is_believed() {
+    let mut own = board([colour(), vec![half("light.R", &ramp(2))], normals(sparse)].concat());
+    own.attributes.set_text(crate::channels::DENSE, "light.R, N.X, N.Y, N.Z");
+    let frame = frame(vec![own]);
+    assert_eq!(search(&frame, "auto", None).unwrap().0.names(0), ["N", "light"]);
+}
+
+#[test]
+fn parts_with_the_same_pixels_help_each_other() {
+    let aovs = part(window(2, -1, 8, 8), normals(ramp));
+    let elsewhere = part(window(0, 0, 8, 8), vec![float("Z", &ramp(3))]);
+    let frame = frame(vec![
+        named("beauty", "", board(colour())),
+        named("aov", "", aovs),
+        named("other", "", elsewhere),
+    ]);
+    let masks = crate::mask::find(&frame, &Source::Auto, None).unwrap();
+    let mut choices = choose(&frame, &masks, &[]);
+    let found = find(&frame, &masks, &mut choices, &Asked::Auto, None).unwrap();
+    assert_eq!(found.names(0), ["N"]);
+    assert!(choices[1].iter().all(|choice| choice.rule == Rule::Keep));
+}
+
+#[test]
+fn a_second_file_must_show_the_same_pixels() {
+    let own = frame(vec![board(colour())]);
+    let guides = frame(vec![part(window(2, -1, 8, 8), normals(ramp))]);
+    let (found, _) = search(&own, "auto", Some(&guides)).unwrap();
+    assert_eq!(found.names(0), ["N"]);
+    assert!(found.parts[0][0].second);
+    let other = frame(vec![part(window(0, 0, 8, 8), normals(ramp))]);
+    assert!(matches!(search(&own, "auto", Some(&other)), Err(Error::Window { .. })));
+}
+
+#[test]
+fn what_was_found_becomes_planes() {
+    let mut depth = ramp(1);
+    depth[5] = f32::INFINITY;
+    depth[6] = f32::NAN;
+    let own = frame(vec![board([colour(), vec![float("Z", &depth)]].concat())]);
+    let (found, _) = search(&own, "Z", None).unwrap();
+    let guides = collect(&found.parts[0], &own, None, own.parts[0].size()).unwrap();
+    assert!(!guides.is_empty());
+    assert_eq!(guides.unknown(), 1);
+    // A constant says nothing.
+    let own = frame(vec![board([colour(), normals(ramp)].concat())]);
+    let guide = Guide { name: "R".into(), second: true, part: 0, channels: vec![0], kind: Kind::Values };
+    let flat = frame(vec![part(window(2, -1, 8, 8), vec![float("R", &[0.5; PIXELS])])]);
+    assert!(collect(&[guide], &own, Some(&flat), own.parts[0].size()).unwrap().is_empty());
+}
