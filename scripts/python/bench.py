@@ -56,12 +56,24 @@ def run(command, output):
         path.unlink(missing_ok=True)
     start = time.perf_counter()
     process = subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    message = process.stderr.read()
-    _, status, usage = os.wait4(process.pid, 0)
+    done, peak = 0, 0
+    while not done:
+        time.sleep(0.001)
+        peak = max(peak, peak_memory(process.pid))
+        done, status, usage = os.wait4(process.pid, os.WNOHANG)
     wall = time.perf_counter() - start
     if status:
-        sys.exit(f"bench: {' '.join(map(str, command))}: {message.decode()}")
-    return wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+        sys.exit(f"bench: {' '.join(map(str, command))}: {process.stderr.read().decode()}")
+    return wall, usage.ru_utime + usage.ru_stime, peak
+
+
+def peak_memory(pid):
+    """Megabytes so far. What wait4 says counts the memory of the parent, too."""
+    try:
+        found = re.search(r"VmHWM:\s*(\d+)", pathlib.Path(f"/proc/{pid}/status").read_text())
+    except OSError:
+        return 0
+    return int(found.group(1)) / 1024 if found else 0
 
 
 def race(commands, runs):
@@ -124,6 +136,7 @@ def large(folder, full, runs):
 def sequence(folder, full, runs):
     """Frame time of a sequence with one mask against single runs of the same frames."""
     (folder / "in").mkdir()
+    (folder / "out").mkdir()
     mask = shuffle(*full.shape[:2], 0.2)[..., None].astype(np.float32)
     for frame in range(1, SEQUENCE + 1):
         pixels = np.roll(full, 3 * frame, axis=1) * mask
