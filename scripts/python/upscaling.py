@@ -64,7 +64,7 @@ def enlarge(folder, low, full, scale, sampling):
     if sampling == "grid":
         places = np.mgrid[0 : full.shape[0], 0 : full.shape[1]] / scale
         spline = ndimage.map_coordinates(low, places, order=3, mode="mirror")
-        results["scipy spline, true positions"] = (*judge(spline, full), float("nan"))
+        results["scipy spline, true positions"] = (*judge(spline, full), None)
     return results
 
 
@@ -101,8 +101,9 @@ def main():
                 rows = {method: [case[name][method][at] for name in names] for method in methods}
                 table(f"{scale}x `{sampling}`, {title}:", names, rows, words)
             for method in methods:
-                busy = sum(case[name][method][2] for name in set(twins.values()))
-                seconds.setdefault(method, {})[f"{scale}x {sampling}"] = busy
+                busy = [case[name][method][2] for name in sorted(set(twins.values()))]
+                if None not in busy:
+                    seconds.setdefault(method, {})[f"{scale}x {sampling}"] = sum(busy)
             sys.stdout.flush()
     cases = [f"{scale}x {sampling}" for scale, sampling in CASES]
     print(f"\nSeconds, all frames:\n\n| filter | {' | '.join(cases)} |\n|---|{'---:|' * len(cases)}")
