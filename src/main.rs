@@ -24,7 +24,7 @@ fn main() -> ExitCode {
 
 fn run(job: &Job) -> Result<u8, (&'static str, PlanError)> {
     match job {
-        Job::Fill(job) => sequence::fill(job).map_err(|error| ("fill", error)),
+        Job::Fill(job) => sequence::fill(job).map_err(|error| (job.command(), error)),
         Job::Info(job) => sequence::info(job).map_err(|error| ("info", error)),
         Job::Verify(job) => sequence::verify(job).map_err(|error| ("verify", error)),
         Job::Mask(job) => sequence::mask(job).map_err(|error| ("mask", error)),

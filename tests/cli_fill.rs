@@ -298,7 +298,7 @@ fn small_frames_and_negative_windows() {
     let mut overscan = part(window);
     overscan.display_window = Window { x_min: 0, y_min: 0, x_max: 3, y_max: 3 };
     room.add("4.exr", &Frame { parts: vec![overscan] });
-    for filter in ["ss", "tv", "pushpull", "nearest"] {
+    for filter in ["ss", "tv", "pushpull", "nearest", "linear", "cubic"] {
         room.ok(&["fill", "[0-9].exr", "-o", "o/", "--create-dir", "--filter", filter]);
         room.ok(&["verify", "[0-9].exr", "o/"]);
     }

@@ -2,6 +2,7 @@
 
 import numpy as np
 import OpenEXR
+import OpenImageIO as oiio
 
 BITS = {np.dtype(np.float16): np.uint16, np.dtype(np.float32): np.uint32, np.dtype(np.uint32): np.uint32}
 
@@ -67,6 +68,17 @@ def write_sparse(path, pixels, mask, names="RGB"):
     """Missing pixels 0 and the channel `mask`, in the type of the pixels."""
     planes = {name: np.where(mask, pixels[..., k], pixels.dtype.type(0)) for k, name in enumerate(names)}
     return write(path, planes | {"mask": mask.astype(pixels.dtype)})
+
+
+def openimageio(full, mask):
+    """OpenImageIO's push-pull on the same samples: an independent reconstruction."""
+    height, width, _ = full.shape
+    image = oiio.ImageBuf(oiio.ImageSpec(width, height, 4, "float"))
+    image.specmod().alpha_channel = 3
+    weighted = np.concatenate([full * mask[..., None], mask[..., None]], axis=-1)
+    image.set_pixels(oiio.ROI(), np.ascontiguousarray(weighted, dtype=np.float32))
+    filled = oiio.ImageBufAlgo.fillholes_pushpull(image).get_pixels(oiio.FLOAT)[..., :3]
+    return np.where(mask[..., None], full, filled)
 
 
 def psnr(one, other):

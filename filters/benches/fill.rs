@@ -1,12 +1,13 @@
-//! Times of the filters on a synthetic frame of 1200 x 1200 pixels and three channels, planes in memory to planes in
-//! memory. `plan` is what the mask alone needs, `reconstruct` the rest.
+//! Times of the filters on synthetic frames, planes in memory to planes in memory: filter x size x mask. `plan` is what the mask
+//! alone needs, everything else is the time of `reconstruct`. `scripts/bench` runs this beside the peers.
 #![allow(missing_docs, reason = "the macro of the harness makes public items")]
 
 use std::sync::Arc;
 
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
-use lacuna_filters::variational::ss;
+use lacuna_filters::baseline::push_pull;
+use lacuna_filters::variational::{ss, tv};
 use lacuna_filters::{Error, Filter, Mask, Plane, Planes, Problem, Run, Size};
 
 const SIZE: Size = Size::new(1200, 1200);
@@ -20,11 +21,19 @@ fn shuffle(y: usize, x: usize) -> bool {
     (x as f64 * 0.754_877_666_246_692_7 + y as f64 * 0.569_840_290_998_053_2 + 0.618).fract() < 0.2
 }
 
-/// A mask by name: low-discrepancy, the same with a lost bucket of 256 x 256, the same with nine of 64 x 64.
-fn mask(name: &str) -> Arc<Mask> {
+/// One of a hundred pixels, without a pattern.
+fn sparse(y: usize, x: usize) -> bool {
+    let mixed = ((y << 20 | x) as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let mixed = (mixed ^ mixed >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    (mixed ^ mixed >> 32).is_multiple_of(100)
+}
+
+/// A mask by name: low-discrepancy, the same with a lost bucket of 256 x 256, the same with nine of 64 x 64, random.
+fn mask(size: Size, name: &str) -> Arc<Mask> {
     let inside = |a: usize, from: usize, length: usize| (from..from + length).contains(&a);
-    Arc::new(Mask::from_fn(SIZE, |y, x| {
+    Arc::new(Mask::from_fn(size, |y, x| {
         let lost = match name {
+            "random-1%" => return sparse(y, x),
             "hole-256" => inside(y, 472, 256) && inside(x, 472, 256),
             "holes-64" => inside(y % 400, 100, 64) && inside(x % 400, 100, 64),
             _ => false,
@@ -33,28 +42,74 @@ fn mask(name: &str) -> Arc<Mask> {
     }))
 }
 
-fn samples() -> Result<Planes, Error> {
+fn samples(size: Size, channels: usize) -> Result<Planes, Error> {
     let plane = |c: usize| {
-        Plane::from_fn(SIZE, |y, x| {
+        Plane::from_fn(size, |y, x| {
             let (y, x) = (y as f32 / 60.0, x as f32 / 70.0 + c as f32);
             0.5 + 0.3 * (y + x.sin()).sin() * x.cos() + if (y * x).sin() > 0.9 { 0.2 } else { 0.0 }
         })
     };
-    Planes::new(SIZE, (0..CHANNELS).map(plane).collect())
+    Planes::new(size, (0..channels).map(plane).collect())
+}
+
+/// Times `reconstruct` alone, warm.
+fn reconstruct(
+    bencher: Bencher<'_, '_>,
+    filter: &dyn Filter,
+    (size, channels): (Size, usize),
+    mask: Arc<Mask>,
+) {
+    let plan = filter.plan(&Problem::fill(mask), &Run::default());
+    let (Ok(plan), Ok(samples)) = (plan, samples(size, channels)) else { return };
+    let mut out = Planes::zeros(size, channels);
+    bencher
+        .counter(ItemsCount::new(size.pixels() * channels))
+        .bench_local(|| plan.reconstruct(black_box(&samples), None, &mut out, &Run::default()).is_ok());
 }
 
 #[divan::bench(args = ["shuffle", "hole-256", "holes-64"], sample_count = 5)]
 fn ss_plan(bencher: Bencher<'_, '_>, name: &str) {
-    let problem = Problem::fill(mask(name));
+    let problem = Problem::fill(mask(SIZE, name));
     bencher.bench_local(|| ss::Settings::default().plan(black_box(&problem), &Run::default()).is_ok());
 }
 
-#[divan::bench(args = ["shuffle", "hole-256", "holes-64"], sample_count = 5)]
+#[divan::bench(args = ["shuffle", "hole-256", "holes-64", "random-1%"], sample_count = 5, sample_size = 1)]
 fn ss_reconstruct(bencher: Bencher<'_, '_>, name: &str) {
-    let plan = ss::Settings::default().plan(&Problem::fill(mask(name)), &Run::default());
-    let (Ok(plan), Ok(samples)) = (plan, samples()) else { return };
+    reconstruct(bencher, &ss::Settings::default(), (SIZE, CHANNELS), mask(SIZE, name));
+}
+
+#[divan::bench(sample_count = 5, sample_size = 1)]
+fn ss_third_order(bencher: Bencher<'_, '_>) {
+    let settings = ss::Settings { order: ss::Order::Third, ..ss::Settings::default() };
+    reconstruct(bencher, &settings, (SIZE, CHANNELS), mask(SIZE, "shuffle"));
+}
+
+/// One channel of a square frame.
+#[divan::bench(args = [1024, 2048, 4096, 8192], sample_count = 5, sample_size = 1)]
+fn ss_side(bencher: Bencher<'_, '_>, side: usize) {
+    let size = Size::new(side, side);
+    reconstruct(bencher, &ss::Settings::default(), (size, 1), mask(size, "shuffle"));
+}
+
+#[divan::bench(args = [1, 2], sample_count = 5, sample_size = 1)]
+fn ss_threads(bencher: Bencher<'_, '_>, threads: usize) {
+    let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(threads).build() else { return };
+    let settings = ss::Settings::default();
+    let plan = settings.plan(&Problem::fill(mask(SIZE, "shuffle")), &Run::default());
+    let (Ok(plan), Ok(samples)) = (plan, samples(SIZE, CHANNELS)) else { return };
     let mut out = Planes::zeros(SIZE, CHANNELS);
-    bencher
-        .counter(ItemsCount::new(SIZE.pixels() * CHANNELS))
-        .bench_local(|| plan.reconstruct(black_box(&samples), None, &mut out, &Run::default()).is_ok());
+    bencher.bench_local(|| {
+        pool.install(|| plan.reconstruct(black_box(&samples), None, &mut out, &Run::default()).is_ok())
+    });
+}
+
+#[divan::bench(args = [0.01, 0.001], sample_count = 5, sample_size = 1)]
+fn tv_gap(bencher: Bencher<'_, '_>, gap: f64) {
+    let settings = tv::Settings { gap, ..tv::Settings::default() };
+    reconstruct(bencher, &settings, (SIZE, CHANNELS), mask(SIZE, "shuffle"));
+}
+
+#[divan::bench(sample_count = 5)]
+fn push_pull_reconstruct(bencher: Bencher<'_, '_>) {
+    reconstruct(bencher, &push_pull::Settings, (SIZE, CHANNELS), mask(SIZE, "shuffle"));
 }

@@ -30,6 +30,7 @@ mod run;
 pub mod sampling;
 pub mod sensing;
 mod solver;
+pub mod upscale;
 pub mod variational;
 
 pub use error::Error;

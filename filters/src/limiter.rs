@@ -27,6 +27,7 @@
 
 use rayon::prelude::*;
 
+use crate::kernel::extremes::{least, or_infinite, range as extremes};
 use crate::{Error, Mask, Plane, Size};
 
 mod blocks;
@@ -44,7 +45,7 @@ const NEAR: usize = 8;
 /// [`Error::SizeMismatch`] and [`Error::EmptyMask`].
 pub fn local(mask: &Mask, samples: &Plane, out: &mut Plane) -> Result<usize, Error> {
     let size = check(mask, samples, out)?;
-    let bounds = Bounds::new(whole_range(mask, samples));
+    let bounds = Bounds::new(extremes(mask.as_slice(), samples.pixels()));
     let radius = radius(mask.density());
     let block = blocks::side(if bounds.margin.is_some() { radius } else { NEAR });
     // Tall strips share more work, flat ones fit the cache and give every thread some.
@@ -79,7 +80,7 @@ pub fn local(mask: &Mask, samples: &Plane, out: &mut Plane) -> Result<usize, Err
 /// [`Error::SizeMismatch`] and [`Error::EmptyMask`].
 pub fn range(mask: &Mask, samples: &Plane, out: &mut Plane, unit: bool) -> Result<usize, Error> {
     let size = check(mask, samples, out)?;
-    let (smallest, largest) = whole_range(mask, samples);
+    let (smallest, largest) = extremes(mask.as_slice(), samples.pixels());
     if smallest < 0.0 {
         return Ok(0);
     }
@@ -87,6 +88,33 @@ pub fn range(mask: &Mask, samples: &Plane, out: &mut Plane, unit: bool) -> Resul
     let (bottom, top) = (vec![0.0; size.width], vec![most; size.width]);
     let rows = out.pixels_mut().par_chunks_mut(size.width).zip(mask.as_slice().par_chunks(size.width));
     Ok(rows.map(|(out, flags)| limit_row(flags, &bottom, &top, out)).sum())
+}
+
+/// Per pixel of a plane that is complete, the values that [`local`] would allow for the range of the 3 x 3 pixels around
+/// it: the least and the greatest.
+pub(crate) fn around(samples: &Plane) -> [Plane; 2] {
+    let size = samples.size();
+    let bounds = Bounds::new(extremes(&vec![true; size.pixels()], samples.pixels()));
+    let (mut low, mut high) = (samples.clone(), samples.clone());
+    let width = size.width.max(1);
+    let rows = low.pixels_mut().par_chunks_mut(width).zip(high.pixels_mut().par_chunks_mut(width));
+    rows.enumerate().for_each(|(y, (low, high))| {
+        let columns = |pick: fn(f32, f32) -> f32| -> Vec<f32> {
+            let near = y.saturating_sub(1)..size.height.min(y + 2);
+            (0..size.width)
+                .map(|x| near.clone().map(|row| samples.at(row, x)).fold(samples.at(y, x), pick))
+                .collect()
+        };
+        for (row, pick) in [(&mut *low, f32::min as fn(f32, f32) -> f32), (&mut *high, f32::max)] {
+            let columns = columns(pick);
+            for (x, out) in row.iter_mut().enumerate() {
+                let near = &columns[x.saturating_sub(1)..size.width.min(x + 2)];
+                *out = near.iter().copied().fold(columns[x], pick);
+            }
+        }
+        bounds.widen(low, high);
+    });
+    [low, high]
 }
 
 /// Sizes agree and something was measured.
@@ -103,36 +131,6 @@ fn check(mask: &Mask, samples: &Plane, out: &Plane) -> Result<Size, Error> {
 /// The radius of the disc in which measured pixels count.
 fn radius(density: f64) -> usize {
     ((2.0 / density.sqrt()).ceil() as usize).clamp(NEAR, 64)
-}
-
-/// The smallest and the largest measured value.
-fn whole_range(mask: &Mask, samples: &Plane) -> (f32, f32) {
-    let tasks = samples.pixels().par_chunks(1 << 14).zip(mask.as_slice().par_chunks(1 << 14));
-    tasks
-        .map(|(values, flags)| {
-            // As many minima as there are lanes: one alone would wait for itself.
-            let (mut low, mut high) = ([f32::INFINITY; 16], [f32::INFINITY; 16]);
-            for (values, flags) in values.chunks(16).zip(flags.chunks(16)) {
-                for (((low, high), &value), &flag) in low.iter_mut().zip(&mut high).zip(values).zip(flags) {
-                    *low = least(*low, or_infinite(value, flag));
-                    *high = least(*high, or_infinite(-value, flag));
-                }
-            }
-            let smallest = |lanes: [f32; 16]| lanes.into_iter().fold(f32::INFINITY, least);
-            (smallest(low), -smallest(high))
-        })
-        .reduce(|| (f32::INFINITY, f32::NEG_INFINITY), |a, b| (least(a.0, b.0), -least(-a.1, -b.1)))
-}
-
-/// The smaller of two numbers; unlike `f32::min` a single instruction, as NaN does not occur.
-fn least(a: f32, b: f32) -> f32 {
-    if b < a { b } else { a }
-}
-
-/// The value if it counts, else infinity. By bits: a choice would become a branch, and the loop would not run in vectors.
-fn or_infinite(value: f32, counts: bool) -> f32 {
-    let keep = u32::from(counts).wrapping_neg();
-    f32::from_bits(value.to_bits() & keep | f32::INFINITY.to_bits() & !keep)
 }
 
 /// From the range of the measured pixels around to the values allowed.

@@ -28,6 +28,10 @@ pub enum Method {
 }
 
 impl Method {
+    /// Every name that `--filter` takes.
+    pub const NAMES: &[&str] =
+        &["ss", "tv", "pushpull", "nearest", "linear", "cubic", "cs-wavelet", "cs-gradient"];
+
     /// The name that `--filter` takes.
     pub const fn name(&self) -> &'static str {
         match self {
@@ -109,8 +113,7 @@ mod tests {
 
     #[test]
     fn names_are_those_of_the_command_line() {
-        let names = ["ss", "tv", "pushpull", "nearest", "linear", "cubic", "cs-wavelet", "cs-gradient"];
-        assert_eq!(all().map(|method| method.name()), names);
+        assert_eq!(all().map(|method| method.name()).as_slice(), Method::NAMES);
     }
 
     #[test]

@@ -4,25 +4,12 @@ import pathlib
 import sys
 import tempfile
 
-import numpy as np
-import OpenImageIO as oiio
-
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tests"))
 
 import frames  # noqa: E402
 from tool import DATA, SAMPLES, lacuna  # noqa: E402
 
 METHODS = ["ss", "tv", "pushpull", "nearest"]
-
-
-def openimageio(full, mask):
-    height, width, _ = full.shape
-    image = oiio.ImageBuf(oiio.ImageSpec(width, height, 4, "float"))
-    image.specmod().alpha_channel = 3
-    weighted = np.concatenate([full * mask[..., None], mask[..., None]], axis=-1)
-    image.set_pixels(oiio.ROI(), np.ascontiguousarray(weighted, dtype=np.float32))
-    filled = oiio.ImageBufAlgo.fillholes_pushpull(image).get_pixels(oiio.FLOAT)[..., :3]
-    return np.where(mask[..., None], full, filled)
 
 
 def row(name, full, folder, hole=0):
@@ -33,7 +20,7 @@ def row(name, full, folder, hole=0):
     for method in METHODS:
         lacuna("fill", "-q", sparse, "-o", out, "--filter", method, timeout=600)
         cells.append(frames.psnr(frames.colour(out), full))
-    cells.append(frames.psnr(openimageio(full, mask), full))
+    cells.append(frames.psnr(frames.openimageio(full, mask), full))
     best = max(cells)
     words = [f"**{cell:.2f}**" if cell == best else f"{cell:.2f}" for cell in cells]
     print(f"| {name} | {' | '.join(words)} |", flush=True)

@@ -29,6 +29,8 @@ SHOWN = ["engine", "engine-soft", "tooth", "aneurism", "cthead", "foot", "chest"
 # Seconds in table 4.2 of the thesis.
 THESIS = {"engine": {600: 1093.61, 900: 2442.28, 1200: 4249.44}, "cthead": {600: 1754.92, 900: 3955.13, 1200: 7067.32}}
 FILL = ["--density", "0.2", "--fill", "ss"]
+# The tables stand between these in docs/rendering.md.
+BEGIN, END = "<!-- scripts/rendering --docs -->", "<!-- end -->"
 
 
 def render(scene, out, *words):
@@ -64,30 +66,40 @@ def measured(scene, size, runs, folder):
 
 
 def tables(results):
-    print("| scene | size | all | 20 % and ss | times faster | processor: all | 20 % | 20 % and ss | times faster | PSNR of the filling |")
-    print("|---|---|---:|---:|---:|---:|---:|---:|---:|---:|")
+    """The tables as lines of Markdown."""
+    lines = ["Wall seconds of the whole process, and the seconds that it kept processors busy (medians):", "",
+             "| scene | size | all | 20 % and ss | times faster | busy: all | 20 % | 20 % and ss | times faster | PSNR of the filling |",
+             "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|"]
     for key, row in results.items():
-        scene, _, size = key.partition("@")
-        if size:
-            continue
         whole, fifth, filled = row["all"], row["fifth"], row["filled"]
-        print(f"| {scene} | {row['size'][1]}x{row['size'][0]} | {whole['wall']:.2f} s | {filled['wall']:.2f} s | "
-              f"{whole['wall'] / filled['wall']:.1f} | {whole['busy']:.2f} s | {fifth['busy']:.2f} s | {filled['busy']:.2f} s | "
-              f"{whole['busy'] / filled['busy']:.1f} | {row['dB']:.2f} dB |")
-    print("\n| scene | size | thesis | all | 20 % and ss | processor: all | 20 % and ss | PSNR of the filling |")
-    print("|---|---|---:|---:|---:|---:|---:|---:|")
+        if "@" not in key:
+            lines.append(f"| {key} | {row['size'][1]}x{row['size'][0]} | {whole['wall']:.2f} s | {filled['wall']:.2f} s | "
+                         f"{whole['wall'] / filled['wall']:.1f} | {whole['busy']:.2f} s | {fifth['busy']:.2f} s | "
+                         f"{filled['busy']:.2f} s | {whole['busy'] / filled['busy']:.1f} | {row['dB']:.2f} dB |")
+    lines += ["", "The sizes of the thesis's table 4.2 (one thread of another machine, other transfer functions):", "",
+              "| scene | size | thesis | all | 20 % and ss | busy: all | 20 % and ss | PSNR of the filling |",
+              "|---|---|---:|---:|---:|---:|---:|---:|"]
     for scene, sizes in THESIS.items():
         for size, seconds in sizes.items():
             row = results.get(f"{scene}@{size}") or (results.get(scene) if size == 1200 else None)
             if row:
-                print(f"| {scene} | {size}x{size} | {seconds} s | {row['all']['wall']:.2f} s | {row['filled']['wall']:.2f} s | "
-                      f"{row['all']['busy']:.2f} s | {row['filled']['busy']:.2f} s | {row['dB']:.2f} dB |")
-    print("\n| scene | frame | PSNR (RGBA, peak 1) | largest difference |\n|---|---|---:|---:|")
-    for key, row in results.items():
-        if "other dB" in row:
-            print(f"| {key} | {VOLUMES[key][1]}.exr | {row['other dB']:.1f} dB | {row['other largest']:.4f} |")
+                lines.append(f"| {scene} | {size}x{size} | {seconds} s | {row['all']['wall']:.2f} s | "
+                             f"{row['filled']['wall']:.2f} s | {row['all']['busy']:.2f} s | {row['filled']['busy']:.2f} s | "
+                             f"{row['dB']:.2f} dB |")
+    lines += ["", "Against frames that another ray caster made from the same scenes (samples as far apart, other arithmetic):", "",
+              "| scene | frame | PSNR (RGBA, peak 1) | largest difference |", "|---|---|---:|---:|"]
+    lines += [f"| {key} | {VOLUMES[key][1]}.exr | {row['other dB']:.1f} dB | {row['other largest']:.4f} |"
+              for key, row in results.items() if "other dB" in row]
     loads = [row["load"] for row in results.values()]
-    print(f"\nLoad while measuring: {min(loads):.1f} to {max(loads):.1f}.")
+    return [*lines, "", f"Load of the machine while measuring, on {os.cpu_count()} cores: {min(loads):.1f} to {max(loads):.1f}."]
+
+
+def published(lines):
+    """Writes the tables into the documentation, between its two marks."""
+    page = ROOT / "docs" / "rendering.md"
+    before, rest = page.read_text().split(BEGIN)
+    _, after = rest.split(END)
+    page.write_text(before + "\n".join([BEGIN, *lines, END]) + after)
 
 
 def measure(options):
@@ -104,7 +116,10 @@ def measure(options):
             print(f"{key}: {json.dumps(results[key])}", file=sys.stderr, flush=True)
             if store:
                 store.write_text(json.dumps(results, indent=1))
-    tables(results)
+    lines = tables(results)
+    print("\n".join(lines))
+    if options.docs:
+        published(lines)
 
 
 def shown(path):
@@ -145,6 +160,7 @@ def main():
     parser.add_argument("--results")
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--only", choices=list(VOLUMES))
+    parser.add_argument("--docs", action="store_true")
     parser.add_argument("--pictures", action="store_true")
     options = parser.parse_args()
     pictures() if options.pictures else measure(options)

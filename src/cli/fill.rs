@@ -1,16 +1,17 @@
 //! `lacuna fill`: flags to a checked job.
 
 use clap::Args;
+use lacuna_filters::Method;
 
 use super::Usage;
 use super::channels::ChannelArgs;
-use super::filter::{FilterArgs, Switch};
+use super::filter::{FilterArgs, SettingArgs};
 use super::input::InputArgs;
 use super::mask::MaskArgs;
-use super::output::{Depth, FormatArgs, OutputArgs};
+use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::{PageArgs, RunArgs};
-use crate::reconstruct::{self, Kind};
-use crate::sequence::{Existing, FillJob, RunOptions, Targets};
+use crate::reconstruct::{self, Enlarge};
+use crate::sequence::{FillJob, RunOptions, Targets};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -57,44 +58,55 @@ pub struct FillArgs {
     page: PageArgs,
 }
 
-/// What only outputs with reconstructed channels have.
-#[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Output")]
-struct MoreOutput {
-    /// Type of the reconstructed channels: half rounds their measured pixels too and clamps what would overflow, both
-    /// are counted; depths, identifiers and kept channels never become half [default: the input's]
-    #[arg(short = 'd', long, value_name = "TYPE")]
-    data_type: Option<Depth>,
-
-    /// Leave the mask's channels out
-    #[arg(long)]
-    drop_mask: bool,
-
-    /// Pass over frames whose output is newer than their input (and mask file) and was made by this version with the
-    /// same settings and mask
-    #[arg(short, long, conflicts_with = "no_clobber")]
-    update: bool,
-}
-
 impl FillArgs {
     /// The checked job.
     pub fn job(&self) -> Result<FillJob, Usage> {
+        let groups = Groups {
+            input: &self.input,
+            mask: &self.mask,
+            channels: &self.channels,
+            settings: &self.filter.settings,
+            output: &self.output,
+            format: &self.format,
+            more: &self.more,
+            run: &self.run,
+            page: Some(&self.page),
+        };
+        groups.job(self.filter.method()?, None)
+    }
+}
+
+/// The flags that filling shares with enlarging.
+pub(super) struct Groups<'a> {
+    pub input: &'a InputArgs,
+    pub mask: &'a MaskArgs,
+    pub channels: &'a ChannelArgs,
+    pub settings: &'a SettingArgs,
+    pub output: &'a OutputArgs,
+    pub format: &'a FormatArgs,
+    pub more: &'a MoreOutput,
+    pub run: &'a RunArgs,
+    pub page: Option<&'a PageArgs>,
+}
+
+impl Groups<'_> {
+    /// The checked job of a method that fills, and of what is done afterwards.
+    pub fn job(&self, method: Method, enlarge: Option<Enlarge>) -> Result<FillJob, Usage> {
         let (selection, skip_missing) = self.input.selection();
         let packing = self.format.compression;
         let what = reconstruct::Job {
-            method: self.filter.method()?,
-            domain: self.filter.domain(),
-            limit: self.filter.limit == Switch::On,
-            kind: self.more.data_type.map(|depth| match depth {
-                Depth::Half => Kind::Half,
-                Depth::Float => Kind::Float,
-            }),
+            method,
+            domain: self.settings.domain(),
+            limit: self.settings.limits(),
+            kind: self.more.kind(),
             drop_mask: self.more.drop_mask,
             compression: packing.map(|packing| packing.compression),
             mask: self.mask.mask.clone(),
             overrides: self.channels.channels.clone(),
+            enlarge,
         };
-        let run = RunOptions { page: self.page.report.clone(), ..self.run.options() };
+        let page = self.page.and_then(|page| page.report.clone());
+        let run = RunOptions { page, ..self.run.options() };
         Ok(FillJob {
             selection,
             skip_missing,
@@ -106,11 +118,7 @@ impl FillArgs {
             },
             what,
             level: packing.and_then(|packing| packing.level),
-            existing: match (self.more.update, self.output.no_clobber) {
-                (true, _) => Existing::Update,
-                (_, true) => Existing::Keep,
-                _ => Existing::Replace,
-            },
+            existing: self.more.existing(self.output),
             run,
         })
     }

@@ -21,6 +21,23 @@ pub struct FilterArgs {
     #[arg(long, value_name = "NAME", default_value = "ss")]
     pub filter: Name,
 
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub settings: SettingArgs,
+
+    /// tv: how the image is found, to the same gap
+    #[arg(long, value_name = "SOLVER", help = defaults::tv_solver())]
+    pub tv_solver: Option<SolverName>,
+
+    /// Settings of the compressed-sensing filters
+    #[command(flatten)]
+    pub sensing: SensingArgs,
+}
+
+/// The settings of the filters.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Filter")]
+pub struct SettingArgs {
     /// ss: weight of smoothness against the samples, 0 or more
     #[arg(long, value_name = "LAMBDA", value_parser = zero_or_more, allow_hyphen_values = true, help = defaults::ss_lambda())]
     pub ss_lambda: Option<f64>,
@@ -52,14 +69,6 @@ pub struct FilterArgs {
     /// tv: iterations at most, 1 or more
     #[arg(long, value_name = "N", value_parser = one_or_more, allow_hyphen_values = true, help = defaults::tv_iterations())]
     pub tv_iterations: Option<u32>,
-
-    /// tv: how the image is found, to the same gap
-    #[arg(long, value_name = "SOLVER", help = defaults::tv_solver())]
-    pub tv_solver: Option<SolverName>,
-
-    /// Settings of the compressed-sensing filters
-    #[command(flatten)]
-    pub sensing: SensingArgs,
 
     /// Where colours are reconstructed: as they are, through a reversible logarithm (for highlights), or as their range
     /// asks for
@@ -205,6 +214,29 @@ pub enum Switch {
 impl FilterArgs {
     /// The filter with its settings. A setting of another filter is an error.
     pub fn method(&self) -> Result<Method, Usage> {
+        self.settings.check(self.filter)?;
+        SettingArgs::check_owner(&[("--tv-solver", self.tv_solver.is_some(), Name::Tv)], self.filter)?;
+        SettingArgs::check_owner(&self.sensing.given(), self.filter)?;
+        Ok(match self.filter {
+            Name::Ss => Method::Ss(self.settings.ss()),
+            Name::Tv => {
+                let mut settings = self.settings.tv();
+                set(&mut settings.solver, self.tv_solver.map(Solver::from));
+                Method::Tv(settings)
+            }
+            Name::PushPull => Method::PushPull(push_pull::Settings),
+            Name::Nearest => Method::Nearest(nearest::Settings),
+            Name::Linear => Method::Linear(linear::Settings),
+            Name::Cubic => Method::Cubic(cubic::Settings),
+            Name::CsWavelet => Method::CsWavelet(self.sensing.wavelet()),
+            Name::CsGradient => Method::CsGradient(self.sensing.gradient()),
+        })
+    }
+}
+
+impl SettingArgs {
+    /// A setting of another filter than the one in use is an error.
+    pub fn check(&self, filter: Name) -> Result<(), Usage> {
         let settings = [
             ("--ss-lambda", self.ss_lambda.is_some(), Name::Ss),
             ("--ss-kernel", self.ss_kernel.is_some(), Name::Ss),
@@ -214,30 +246,26 @@ impl FilterArgs {
             ("--tv-epsilon", self.tv_epsilon.is_some(), Name::Tv),
             ("--tv-gap", self.tv_gap.is_some(), Name::Tv),
             ("--tv-iterations", self.tv_iterations.is_some(), Name::Tv),
-            ("--tv-solver", self.tv_solver.is_some(), Name::Tv),
         ];
-        let settings = settings.into_iter().chain(self.sensing.given()).collect::<Vec<_>>();
-        if let Some((flag, _, owner)) =
-            settings.iter().find(|(_, given, owner)| *given && *owner != self.filter)
-        {
+        Self::check_owner(&settings, filter)
+    }
+
+    fn check_owner(settings: &[(&str, bool, Name)], filter: Name) -> Result<(), Usage> {
+        if let Some((flag, _, owner)) = settings.iter().find(|(_, given, owner)| *given && *owner != filter) {
             let name =
                 |name: Name| name.to_possible_value().map_or(String::new(), |value| value.get_name().into());
             return Err(Usage(format!(
                 "{flag} is a setting of --filter {}, but the filter is {}",
                 name(*owner),
-                name(self.filter)
+                name(filter)
             )));
         }
-        Ok(match self.filter {
-            Name::Ss => Method::Ss(self.ss()),
-            Name::Tv => Method::Tv(self.tv()),
-            Name::PushPull => Method::PushPull(push_pull::Settings),
-            Name::Nearest => Method::Nearest(nearest::Settings),
-            Name::Linear => Method::Linear(linear::Settings),
-            Name::Cubic => Method::Cubic(cubic::Settings),
-            Name::CsWavelet => Method::CsWavelet(self.sensing.wavelet()),
-            Name::CsGradient => Method::CsGradient(self.sensing.gradient()),
-        })
+        Ok(())
+    }
+
+    /// Whether overshoot is limited.
+    pub fn limits(&self) -> bool {
+        self.limit == Switch::On
     }
 
     /// The domain.
@@ -249,7 +277,8 @@ impl FilterArgs {
         }
     }
 
-    fn ss(&self) -> ss::Settings {
+    /// The settings of the splines.
+    pub fn ss(&self) -> ss::Settings {
         let mut settings = ss::Settings::default();
         set(&mut settings.lambda, self.ss_lambda);
         set(&mut settings.tension, self.ss_tension);
@@ -266,7 +295,8 @@ impl FilterArgs {
         settings
     }
 
-    fn tv(&self) -> tv::Settings {
+    /// The settings of total variation.
+    pub fn tv(&self) -> tv::Settings {
         let mut settings = tv::Settings::default();
         set(&mut settings.epsilon, self.tv_epsilon);
         set(&mut settings.gap, self.tv_gap);
@@ -276,7 +306,6 @@ impl FilterArgs {
             Norm::Anisotropic => tv::Norm::Anisotropic,
         });
         set(&mut settings.norm, norm);
-        set(&mut settings.solver, self.tv_solver.map(Solver::from));
         settings
     }
 }

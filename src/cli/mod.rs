@@ -17,12 +17,13 @@ pub mod run;
 pub mod sensing;
 pub mod sparsify;
 pub mod study;
+pub mod upscale;
 pub mod verify;
 
 use std::ffi::OsString;
 
 use clap::error::ErrorKind;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::sequence::{CompareJob, FillJob, InfoJob, MaskJob, RenderJob, SparsifyJob, StudyJob, VerifyJob};
 
@@ -44,6 +45,7 @@ struct Cli {
 #[derive(Subcommand, Clone, Debug)]
 enum Command {
     Fill(Box<fill::FillArgs>),
+    Upscale(Box<upscale::UpscaleArgs>),
     Info(info::InfoArgs),
     Verify(verify::VerifyArgs),
     Compare(Box<compare::CompareArgs>),
@@ -56,7 +58,7 @@ enum Command {
 /// What is to be done.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Job {
-    /// Fill frames.
+    /// Fill frames, and enlarge them if the job says so.
     Fill(Box<FillJob>),
     /// Describe a frame.
     Info(InfoJob),
@@ -87,9 +89,7 @@ impl Ending {
     /// A usage error of a subcommand: one line and where to look.
     pub fn usage(subcommand: &str, text: &str) -> Self {
         let line = text.replace(|c: char| c.is_control(), " ");
-        Self::Usage(format!(
-            "lacuna: error: {line}\n\nFor more information, try 'lacuna {subcommand} --help'.\n"
-        ))
+        Self::Usage(format!("lacuna: error: {line} (see 'lacuna {subcommand} --help')\n"))
     }
 
     /// The exit status.
@@ -101,17 +101,22 @@ impl Ending {
     }
 }
 
-impl From<clap::Error> for Ending {
-    fn from(error: clap::Error) -> Self {
-        if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
-            return Self::Shown(error.render().to_string());
-        }
-        let text = error.render().to_string();
-        match text.strip_prefix("error: ") {
-            Some(rest) => Self::Usage(format!("lacuna: error: {rest}")),
-            None => Self::Usage(text),
-        }
+/// What clap says, for a command line that begins with this word. A log has lines, not paragraphs: the reason, clap's tip, and
+/// where to look instead of the usage.
+fn ending(error: &clap::Error, first: Option<&str>) -> Ending {
+    let text = error.render().to_string();
+    match error.kind() {
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => return Ending::Shown(text),
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => return Ending::Usage(text),
+        _ => {}
     }
+    let reason = ["\n\nUsage:", "\n\nFor more information"]
+        .into_iter()
+        .fold(text.as_str(), |text, end| text.split_once(end).map_or(text, |(before, _)| before));
+    let reason: Vec<&str> = reason.trim_start_matches("error: ").split_whitespace().collect();
+    let command = first.filter(|word| Cli::command().find_subcommand(word).is_some());
+    let help = command.map_or_else(|| "lacuna --help".into(), |name| format!("lacuna {name} --help"));
+    Ending::Usage(format!("lacuna: error: {} (see '{help}')\n", reason.join(" ")))
 }
 
 /// Reads a command line, the program's name first.
@@ -119,9 +124,12 @@ impl From<clap::Error> for Ending {
 /// # Errors
 /// What the user asked to see (help, version) or got wrong.
 pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Job, Ending> {
-    let command = Cli::try_parse_from(words)?.command;
+    let words: Vec<OsString> = words.into_iter().collect();
+    let first = words.get(1).and_then(|word| word.to_str());
+    let command = Cli::try_parse_from(&words).map_err(|error| ending(&error, first))?.command;
     let (name, job) = match &command {
         Command::Fill(args) => ("fill", args.job().map(|job| Job::Fill(Box::new(job)))),
+        Command::Upscale(args) => ("upscale", args.job().map(|job| Job::Fill(Box::new(job)))),
         Command::Info(args) => ("info", Ok(Job::Info(args.job()))),
         Command::Verify(args) => ("verify", Ok(Job::Verify(args.job()))),
         Command::Compare(args) => ("compare", args.job().map(|job| Job::Compare(Box::new(job)))),

@@ -7,6 +7,8 @@ use clap::{Args, ValueEnum};
 
 use super::Usage;
 use crate::frame::{Compression, SampleType};
+use crate::reconstruct::Kind;
+use crate::sequence::Existing;
 
 /// Where outputs go.
 #[derive(Args, Clone, Debug)]
@@ -55,6 +57,44 @@ pub struct FormatArgs {
     /// [default: the input's where it is lossless, else zip; level 4]
     #[arg(long, value_name = "NAME[:LEVEL]")]
     pub compression: Option<Packing>,
+}
+
+/// What only outputs with reconstructed channels have.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Output")]
+pub struct MoreOutput {
+    /// Type of the reconstructed channels: half rounds their measured pixels too and clamps what would overflow, both
+    /// are counted; depths, identifiers and kept channels never become half [default: the input's]
+    #[arg(short = 'd', long, value_name = "TYPE")]
+    pub data_type: Option<Depth>,
+
+    /// Leave the mask's channels out
+    #[arg(long)]
+    pub drop_mask: bool,
+
+    /// Pass over frames whose output is newer than their input (and mask file) and was made by this version with the
+    /// same settings and mask
+    #[arg(short, long, conflicts_with = "no_clobber")]
+    pub update: bool,
+}
+
+impl MoreOutput {
+    /// The type of reconstructed channels.
+    pub fn kind(&self) -> Option<Kind> {
+        self.data_type.map(|depth| match depth {
+            Depth::Half => Kind::Half,
+            Depth::Float => Kind::Float,
+        })
+    }
+
+    /// What happens to outputs that exist.
+    pub fn existing(&self, output: &OutputArgs) -> Existing {
+        match (self.update, output.no_clobber) {
+            (true, _) => Existing::Update,
+            (_, true) => Existing::Keep,
+            _ => Existing::Replace,
+        }
+    }
 }
 
 /// A lossless compression with its level.

@@ -1,4 +1,3 @@
-use clap::CommandFactory;
 use lacuna_filters::Method;
 use lacuna_filters::variational::tv;
 
@@ -44,6 +43,26 @@ fn compare_takes_bounds_and_computes_what_they_need() {
     assert_eq!(job("--hdr-range 0.18,2").settings.hdr_range, Some((0.18, 2.0)));
     for wrong in ["--peak 0", "--fail-below x=1", "--measures x", "--display --no-clip", "--hdr-range 2,1"] {
         assert!(usage(&format!("compare a.exr b.exr {wrong}")).contains("lacuna: error: "), "{wrong}");
+    }
+}
+
+#[test]
+fn a_wrong_command_line_is_one_line() {
+    for (line, help) in [
+        ("mask -o m.exr --size 0x0 --density 0.2", "lacuna mask --help"),
+        ("mask -o m.exr --size 8x8 --density 1.5", "lacuna mask --help"),
+        ("mask -o m.exr --density 0.2", "lacuna mask --help"),
+        ("fill a.exr", "lacuna fill --help"),
+        ("fill a.exr -o b.exr --fliter ss", "lacuna fill --help"),
+        ("fill a.exr -o b.exr --tv-gap 0.1", "lacuna fill --help"),
+        ("frobnicate", "lacuna --help"),
+    ] {
+        let text = usage(line);
+        assert!(
+            text.starts_with("lacuna: error: ") && text.ends_with(&format!("(see '{help}')\n")),
+            "{text}"
+        );
+        assert_eq!(text.lines().count(), 1, "{text}");
     }
 }
 

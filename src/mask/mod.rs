@@ -34,7 +34,7 @@ use lacuna_filters::Mask;
 pub use make_error::MakeError;
 pub use source::{Source, SourceError};
 
-use crate::frame::Samples;
+use crate::frame::{Frame, Part, Samples};
 
 /// The attribute that names the mask channel of a part.
 pub const ATTRIBUTE: &str = "lacuna/mask";
@@ -56,6 +56,22 @@ pub struct Masks {
 }
 
 impl Masks {
+    /// The masks of a frame in which nothing is missing.
+    pub fn complete(frame: &Frame) -> Self {
+        let full = |part: &Part| {
+            let mask = Arc::new(Mask::from_fn(part.size(), |_, _| true));
+            vec![Some(mask); part.channels.len()]
+        };
+        let channels: Vec<_> = frame.parts.iter().map(full).collect();
+        Self {
+            mask_channels: vec![Vec::new(); channels.len()],
+            why_none: channels.iter().map(|part| vec![None; part.len()]).collect(),
+            channels,
+            origin: "none".into(),
+            notes: Vec::new(),
+        }
+    }
+
     /// The mask of a channel.
     pub fn get(&self, part: usize, channel: usize) -> Option<&Arc<Mask>> {
         self.channels.get(part)?.get(channel)?.as_ref()

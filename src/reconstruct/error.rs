@@ -40,6 +40,14 @@ pub enum Error {
         /// What it said.
         source: lacuna_filters::Error,
     },
+    /// It cannot be enlarged as asked.
+    #[error("{part}{why}")]
+    Enlarge {
+        /// The part, if there are several.
+        part: String,
+        /// What is in the way, and the way out.
+        why: String,
+    },
     /// Masks or choices of another frame.
     #[error("the masks or the channel rules belong to another frame")]
     OtherFrame,

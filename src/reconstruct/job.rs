@@ -4,6 +4,7 @@ use lacuna_filters::Method;
 use lacuna_filters::domain::Domain;
 use serde::Serialize;
 
+use super::Enlarge;
 use crate::channels::Override;
 use crate::frame::Compression;
 use crate::mask::Source;
@@ -38,6 +39,8 @@ pub struct Job {
     pub mask: Source,
     /// The channel rules that were asked for.
     pub overrides: Vec<Override>,
+    /// How the filled frame is enlarged, if it is.
+    pub enlarge: Option<Enlarge>,
 }
 
 impl Job {
@@ -52,7 +55,13 @@ impl Job {
             compression: None,
             mask: Source::Auto,
             overrides: Vec::new(),
+            enlarge: None,
         }
+    }
+
+    /// The name of the filter that makes the pixels.
+    pub fn filter_name(&self) -> &'static str {
+        self.enlarge.as_ref().map_or_else(|| self.method.name(), Enlarge::name)
     }
 
     /// Everything that changes the result on one line, `name=value` separated by spaces: equal lines, versions,
@@ -67,6 +76,9 @@ impl Job {
         let overrides: Vec<String> = self.overrides.iter().map(ToString::to_string).collect();
         let mask = self.mask.to_string();
         let mut line = self.method.settings();
+        if let Some(enlarge) = &self.enlarge {
+            line = format!("{} fill={} {line}", enlarge.settings(), self.method.name());
+        }
         for (name, value) in [
             ("domain", domain_name(self.domain)),
             ("limit", if self.limit { "on" } else { "off" }),

@@ -13,6 +13,7 @@
 
 mod apply;
 mod bounds;
+mod enlarge;
 mod error;
 mod gradients;
 mod groups;
@@ -28,6 +29,7 @@ mod tests;
 mod values;
 
 pub(crate) use bounds::{Bounds, bounds_of};
+pub use enlarge::{Enlarge, Target, Windows, enlarge};
 pub use error::Error;
 pub(crate) use groups::usable;
 pub use job::{Job, Kind, output_compression, parse_settings};
@@ -57,15 +59,8 @@ pub fn fill(
         return Err(Error::OtherFrame);
     }
     let stamp = Stamp::new(job, &masks.origin);
-    let mut report = Report {
-        filter: stamp.filter.clone(),
-        settings: stamp.settings.clone(),
-        mask: masks.origin.clone(),
-        density: masks.density(),
-        copied: true,
-        notes: [masks.notes.clone(), unheeded(&frame, masks, &job.overrides, choices)].concat(),
-        ..Report::default()
-    };
+    let notes = [masks.notes.clone(), unheeded(&frame, masks, &job.overrides, choices)].concat();
+    let mut report = Report { copied: true, ..Report::new(&stamp, masks.density(), notes) };
     for (index, choices) in choices.iter().enumerate() {
         let label = part_label(&frame, index);
         let work = part::Work { index, masks, choices, job, plans, run };
@@ -85,8 +80,7 @@ pub fn fill(
         }
         report.copied &= copied;
         done.notes.extend(notes);
-        let prefix = if label.is_empty() { label } else { format!("{label}: ") };
-        report.notes.extend(done.notes.into_iter().map(|note| format!("{prefix}{note}")));
+        report.notes.extend(prefixed(&label, done.notes));
         report.parts.push(done.report);
     }
     if report.copied {
@@ -104,6 +98,12 @@ pub fn fill(
     }
     report.total();
     Ok((frame, report))
+}
+
+/// Notes that name their part.
+fn prefixed(label: &str, notes: Vec<String>) -> Vec<String> {
+    let prefix = if label.is_empty() { String::new() } else { format!("{label}: ") };
+    notes.into_iter().map(|note| format!("{prefix}{note}")).collect()
 }
 
 /// Where the part's mask was found; masks that do not share a name keep the part's own, if it says so already.

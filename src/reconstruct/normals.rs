@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use lacuna_filters::Mask;
-use lacuna_filters::baseline::nearest::NearestMap;
 
 /// Shorter measured vectors are "no normal", as a background has.
 const NO_NORMAL: f32 = 1e-3;
@@ -39,11 +38,11 @@ pub fn kept(masks: &[Arc<Mask>; 3], keeps_measured: bool) -> Mask {
 }
 
 /// Scales every missing vector to unit length. Where the nearest measured vector is none, the filled one is none; one
-/// without a direction takes the nearest measured one.
-pub fn normalise(planes: [&mut [f32]; 3], samples: [&[f32]; 3], mask: &Mask, nearest: &NearestMap) {
+/// without a direction takes the nearest measured one, whose place in `samples` is in `nearest`.
+pub fn normalise(planes: [&mut [f32]; 3], samples: [&[f32]; 3], mask: &Mask, nearest: &[u32]) {
     let [x, y, z] = planes;
     for (at, _) in mask.as_slice().iter().enumerate().filter(|(_, measured)| !**measured) {
-        let source = nearest.as_slice()[at] as usize;
+        let source = nearest[at] as usize;
         let near = samples.map(|plane| plane[source]);
         let vector = [x[at], y[at], z[at]];
         let new = if length(near) < NO_NORMAL {
@@ -69,6 +68,7 @@ fn unit(vector: [f32; 3]) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use lacuna_filters::Size;
+    use lacuna_filters::baseline::nearest::NearestMap;
 
     use super::*;
 
@@ -86,7 +86,7 @@ mod tests {
         let mut z = [0.8, 0.4, 0.0, 0.0, 0.2, 0.0];
         let borrowed = [samples[0].as_slice(), &samples[1], &samples[2]];
         assert!(are_unit(borrowed, &mask));
-        normalise([&mut x, &mut y, &mut z], borrowed, &mask, &nearest);
+        normalise([&mut x, &mut y, &mut z], borrowed, &mask, nearest.as_slice());
         let at = |i: usize| [x[i], y[i], z[i]].map(f32::to_bits);
         assert_eq!(at(0), bits([0.0, 0.6, 0.8]));
         assert_eq!(at(1), bits([0.6, 0.0, 0.8]));

@@ -198,7 +198,7 @@ fn unit_normals(frame: &Frame, work: &Work<'_>, filled: &mut [Filled], done: &mu
         let Ok([a, b, c]) = filled.get_disjoint_mut([x, y, z]) else { continue };
         let nearest = work.plans.nearest(&both).map_err(fail)?;
         let samples = [a.samples.as_slice(), &b.samples, &c.samples];
-        normals::normalise([&mut a.values, &mut b.values, &mut c.values], samples, &all, &nearest);
+        normals::normalise([&mut a.values, &mut b.values, &mut c.values], samples, &all, nearest.as_slice());
     }
     Ok(())
 }

@@ -4,13 +4,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use lacuna_filters::baseline::depth::DepthPlan;
 use lacuna_filters::baseline::nearest::NearestMap;
-use lacuna_filters::{Error, Mask, Method, Plan, Problem, Run};
+use lacuna_filters::{Error, Mask, Method, Plan, Problem, Run, upscale};
 
 /// How many plans are kept.
 const MOST: usize = 4;
 
 /// Method and settings, mask, plan.
 type FilterEntry = (String, Arc<Mask>, Arc<dyn Plan>);
+
+/// Geometry, method, plan.
+type EnlargeEntry = ((upscale::Geometry, upscale::Method), Arc<upscale::Plan>);
 
 /// A bounded, thread-safe store of the last plans.
 ///
@@ -21,6 +24,7 @@ pub struct Plans {
     filters: Mutex<Vec<FilterEntry>>,
     nearest: Mutex<Vec<(Arc<Mask>, Arc<NearestMap>)>>,
     depth: Mutex<Vec<(Arc<Mask>, Arc<DepthPlan>)>>,
+    enlarge: Mutex<Vec<EnlargeEntry>>,
 }
 
 impl std::fmt::Debug for Plans {
@@ -46,6 +50,20 @@ impl Plans {
         if run.interrupted().is_none() {
             store(&self.filters, (key, Arc::clone(mask), Arc::clone(&plan)));
         }
+        Ok(plan)
+    }
+
+    /// The plan of an enlargement.
+    pub fn enlarge(
+        &self,
+        geometry: upscale::Geometry,
+        method: upscale::Method,
+    ) -> Result<Arc<upscale::Plan>, Error> {
+        if let Some(found) = recall(&self.enlarge, |entry| entry.0 == (geometry, method)) {
+            return Ok(found.1);
+        }
+        let plan = Arc::new(upscale::Plan::new(geometry, method)?);
+        store(&self.enlarge, ((geometry, method), Arc::clone(&plan)));
         Ok(plan)
     }
 

@@ -3,6 +3,7 @@
 use lacuna_filters::Outcome;
 use serde::Serialize;
 
+use super::Stamp;
 use crate::channels::Rule;
 
 /// What was done to one frame. Times are the caller's to add.
@@ -74,6 +75,18 @@ pub struct GroupReport {
 }
 
 impl Report {
+    /// A report without parts, with what the stamp tells.
+    pub(super) fn new(stamp: &Stamp, density: Option<f64>, notes: Vec<String>) -> Self {
+        Self {
+            filter: stamp.filter.clone(),
+            settings: stamp.settings.clone(),
+            mask: stamp.mask.clone(),
+            density,
+            notes,
+            ..Self::default()
+        }
+    }
+
     /// Adds up the channels and groups.
     pub(super) fn total(&mut self) {
         let channels = || self.parts.iter().flat_map(|part| &part.channels);

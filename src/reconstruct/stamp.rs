@@ -1,6 +1,6 @@
 //! The attributes that say how a part was filled, and those that are no longer true of it.
 
-use lacuna_filters::{Method, Stop};
+use lacuna_filters::Stop;
 
 use super::job::{Job, parse_settings};
 use crate::channels::Override;
@@ -45,7 +45,7 @@ impl Stamp {
     pub fn new(job: &Job, mask: &str) -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION").into(),
-            filter: Method::name(&job.method).into(),
+            filter: job.filter_name().into(),
             settings: job.settings(),
             mask: mask.into(),
         }
@@ -131,7 +131,7 @@ mod tests {
 
     #[test]
     fn a_part_that_was_cut_short_says_so_until_it_converges() {
-        let stamp = Stamp::new(&Job::new(Method::PushPull(push_pull::Settings)), "mask");
+        let stamp = Stamp::new(&Job::new(lacuna_filters::Method::PushPull(push_pull::Settings)), "mask");
         let mut attributes = Attributes::default();
         for (stop, name, cut) in [
             (Stop::TimeLimit, Some("time-limit"), true),

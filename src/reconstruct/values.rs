@@ -1,7 +1,9 @@
 //! Between the file's sample types and the filters' planes: exact where nothing is filled.
 
 use half::f16;
+use half::slice::HalfFloatSliceExt;
 use lacuna_filters::Mask;
+use rayon::prelude::*;
 
 use super::job::Kind;
 use crate::channels::Rule;
@@ -16,6 +18,22 @@ pub fn to_half(value: f32, clamped: &mut usize) -> f16 {
     } else {
         half
     }
+}
+
+/// The same for many values at once, and how many became the largest half.
+pub fn to_halves(values: &[f32]) -> (Vec<f16>, usize) {
+    let mut halves = vec![f16::ZERO; values.len()];
+    let parts = halves.par_chunks_mut(1 << 14).zip(values.par_chunks(1 << 14));
+    let counts = parts.map(|(halves, values)| {
+        halves.convert_from_f32_slice(values);
+        let mut clamped = 0;
+        for (half, &value) in halves.iter_mut().zip(values).filter(|(half, _)| half.is_infinite()) {
+            *half = to_half(value, &mut clamped);
+        }
+        clamped
+    });
+    let clamped = counts.sum();
+    (halves, clamped)
 }
 
 /// What a smaller type did to values.
@@ -119,6 +137,9 @@ mod tests {
         assert_eq!(to_half(-1e9, &mut clamped), f16::MIN);
         assert_eq!(clamped, 2);
         assert_eq!(to_half(f32::NEG_INFINITY, &mut clamped), f16::NEG_INFINITY);
+        let (halves, count) = to_halves(&[65519.0, 65520.0, -1e9, f32::INFINITY, 0.1]);
+        assert_eq!(halves, [f16::MAX, f16::MAX, f16::MIN, f16::INFINITY, f16::from_f32(0.1)]);
+        assert_eq!(count, 2);
         assert_eq!(clamped, 2);
     }
 

@@ -1,4 +1,4 @@
-//! Filling frames: what is done with each, and with all of them.
+//! Filling frames, and enlarging them: what is done with each, and with all of them.
 
 use std::time::Instant;
 
@@ -15,7 +15,7 @@ use super::update::{Existing, is_current};
 use super::{Selection, memory, prepare};
 use crate::channels::{self, Rule};
 use crate::frame;
-use crate::mask;
+use crate::mask::{self, Masks};
 use crate::reconstruct::{self, Report};
 
 /// Frames to be filled, and how.
@@ -37,6 +37,13 @@ pub struct FillJob {
     pub run: RunOptions,
 }
 
+impl FillJob {
+    /// The subcommand that does it.
+    pub fn command(&self) -> &'static str {
+        if self.what.enlarge.is_some() { "upscale" } else { "fill" }
+    }
+}
+
 /// Fills the frames; the exit status.
 pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
     let plan = plan(&job.selection, &job.targets)?;
@@ -54,8 +61,8 @@ pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
     prepare::make_folders(&plan)?;
     let heading = Heading {
         lacuna: env!("CARGO_PKG_VERSION"),
-        command: "fill",
-        filter: Some(job.what.method.name().into()),
+        command: job.command(),
+        filter: Some(job.what.filter_name().into()),
         settings: Some(job.what.settings()),
     };
     batch::run(heading, &plan.items, &job.run, &work, &console).map_err(PlanError::Failed)
@@ -70,7 +77,7 @@ struct Fill<'a> {
 
 impl Work for Fill<'_> {
     fn words(&self) -> (&'static str, &'static str) {
-        ("fill", "filled")
+        (self.job.command(), if self.job.what.enlarge.is_some() { "enlarged" } else { "filled" })
     }
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
@@ -79,7 +86,9 @@ impl Work for Fill<'_> {
     }
 
     fn bytes(&self, item: &Item) -> u64 {
-        memory::to_fill(item, &self.job.what.method)
+        let what = &self.job.what;
+        let larger = what.enlarge.as_ref().map_or(0, |enlarge| memory::to_enlarge(&item.input, enlarge));
+        memory::to_fill(item, &what.method).saturating_add(larger)
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
@@ -99,13 +108,23 @@ impl Work for Fill<'_> {
         let run = Run { interrupt: Some(&interrupt) };
         let what = &self.job.what;
         let solved = stage.solve(record, || {
-            let masks = mask::find(&frame, &what.mask, file.as_deref()).map_err(|error| at_input(&error))?;
+            let masks = match mask::find(&frame, &what.mask, file.as_deref()) {
+                // A frame to be enlarged may well be complete; one to be filled is not.
+                Err(mask::Error::NotFound { .. }) if what.enlarge.is_some() => Masks::complete(&frame),
+                found => found.map_err(|error| at_input(&error))?,
+            };
             let choices = channels::choose(&frame, &masks, &what.overrides);
             let plans = self.plans.of(&masks);
-            let filled = reconstruct::fill(frame, &masks, &choices, what, &plans, &run);
-            let filled = filled.map_err(|error| at_input(&error))?;
-            self.page.look(item, &filled.0, |part, channel| masks.get(part, channel).map(|mask| &**mask));
-            Ok(filled)
+            let done = match &what.enlarge {
+                Some(asked) => reconstruct::enlarge(frame, &masks, &choices, (what, asked), &plans, &run),
+                None => reconstruct::fill(frame, &masks, &choices, what, &plans, &run),
+            };
+            let done = done.map_err(|error| at_input(&error))?;
+            // The masks are those of the frame that was read, not of the enlarged one.
+            if what.enlarge.is_none() {
+                self.page.look(item, &done.0, |part, channel| masks.get(part, channel).map(|mask| &**mask));
+            }
+            Ok(done)
         });
         let (frame, report) = solved?;
         enter(&report, record);

@@ -7,18 +7,22 @@
 
 use std::path::Path;
 
-use lacuna_filters::Method;
+use lacuna_filters::upscale::Method;
 
 use super::plan::Item;
 use crate::frame::{Limits, PartHeader, SampleType, memory_needed, read_header};
+use crate::reconstruct::{Enlarge, Windows};
 
 const SOLVING: u64 = 24;
 
 /// Bytes a pixel of mask and plan.
-const fn planning(method: &Method) -> u64 {
+const fn planning(method: &lacuna_filters::Method) -> u64 {
     match method {
         // The multigrid levels of a frame that is all hole, in 64-bit floats.
-        Method::Ss(_) => 160,
+        lacuna_filters::Method::Ss(_) => 160,
+        // The triangles of a frame that is nearly all measured; cubics have gradients and edges besides.
+        lacuna_filters::Method::Linear(_) => 192,
+        lacuna_filters::Method::Cubic(_) => 288,
         _ => 48,
     }
 }
@@ -29,9 +33,27 @@ pub fn limits(bound: Option<u64>, admitted: u64) -> Limits {
 }
 
 /// Bytes that filling a frame needs; 0 if its header cannot be read (reading it will say why).
-pub fn to_fill(item: &Item, method: &Method) -> u64 {
+pub fn to_fill(item: &Item, method: &lacuna_filters::Method) -> u64 {
     let mask = item.mask.as_deref().map_or(0, to_copy);
     of(&item.input, SOLVING, planning(method)).saturating_add(mask)
+}
+
+/// Bytes that the larger frame needs beside: samples, and in each channel that may be computed values and the planes on the
+/// way, those of total variation if that is asked for; 0 if the header cannot be read or the frame not be enlarged.
+pub fn to_enlarge(path: &Path, enlarge: &Enlarge) -> u64 {
+    let Ok(parts) = read_header(path) else { return 0 };
+    let planes = if matches!(enlarge.method, Method::Tv(_)) { 40 } else { 20 };
+    let part = |part: &PartHeader| {
+        let Ok(windows) = Windows::of_header(part, &enlarge.target) else { return 0 };
+        let size = windows.data.size();
+        let pixels = (size.height as u64).saturating_mul(size.width as u64);
+        let channel =
+            |kind: SampleType| kind.bytes() as u64 + if kind == SampleType::Uint { 0 } else { planes };
+        let channels: u64 = part.channels.iter().map(|header| channel(header.kind)).sum();
+        // Where each pixel comes from.
+        pixels.saturating_mul(channels + 4)
+    };
+    parts.iter().map(part).fold(0, u64::saturating_add)
 }
 
 /// Bytes that one side of a comparison needs, the maps of the measures included; 0 if its header cannot be read.

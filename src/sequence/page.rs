@@ -22,8 +22,8 @@ impl Page {
     /// A page for so many frames; nothing is done without a path.
     pub fn new(path: Option<&PathBuf>, frames: usize) -> Self {
         let width = match frames {
-            0..=4 => 360,
-            5..=50 => 200,
+            0..=1 => 300,
+            2..=50 => 180,
             _ => 96,
         };
         Self { path: path.cloned(), width, pictures: Mutex::default() }

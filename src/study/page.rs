@@ -76,7 +76,7 @@ fn judged(definition: &Definition, rows: &[Row], body: &mut String) {
     let _ = write!(
         body,
         "<section><h2>Verdict</h2>\n<p>By the worst frame of each class: good from {} dB on, acceptable from {} dB on.</p>\n\
-         <div class=\"scroll\"><table><thead><tr><th scope=\"col\">class</th><th scope=\"col\">filter</th><th scope=\"col\">verdict</th>\
+         <div class=\"scroll\"><table class=\"words\"><thead><tr><th scope=\"col\">class</th><th scope=\"col\">filter</th><th scope=\"col\">verdict</th>\
          <th scope=\"col\">frames</th></tr></thead><tbody>",
         definition.verdict.good, definition.verdict.acceptable
     );

@@ -3,8 +3,6 @@
 //! The rows: result (sRGB), distance in CIELUV (0 black, 20 white), SSIM squared (0 black, 1 white), as the thesis that
 //! lacuna follows shows them. Maps have 16 levels of grey, results 32 levels a channel.
 
-use std::fmt::Write;
-
 use lacuna_filters::Plane;
 use lacuna_filters::metric::colour::srgb_encode;
 
@@ -156,55 +154,62 @@ impl View {
 /// The whole sheet: per density and filter the pictures.
 pub fn sheet(definition: &SheetDefinition, filters: &[&str], tiles: &[Vec<Sheet>]) -> String {
     let Some(first) = tiles.first().and_then(|row| row.first()) else { return String::new() };
-    let (width, height) = (first.width, first.height);
-    let step = width.max(96) + GAP;
-    let block = 3 * (height + TEXT + GAP);
+    let longest = filters.iter().map(|filter| filter.chars().count()).max().unwrap_or(0);
+    let step = first.width.max(100).max(8 * longest) + GAP;
+    let block = 3 * (first.height + TEXT + GAP) + TEXT;
     let label = 20 + TEXT;
-    let (all_width, all_height) = (GAP + step * (filters.len() + 1), label + tiles.len() * (block + TEXT));
+    let (width, height) = (GAP + step * (filters.len() + 1), label + tiles.len() * block);
     let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{all_width}\" height=\"{all_height}\" \
-         viewBox=\"0 0 {all_width} {all_height}\" font-family=\"sans-serif\" font-size=\"12\">\n\
-         <rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
+         font-family=\"sans-serif\" font-size=\"12\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
     );
-    let text = |x: usize, y: usize, text: &str, weight: &str| {
-        format!("<text x=\"{x}\" y=\"{y}\" font-weight=\"{weight}\">{}</text>\n", escape(text))
-    };
-    let image = |x: usize, y: usize, png: &str| {
-        format!(
-            "<image x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" href=\"data:image/png;base64,{png}\"/>\n"
-        )
-    };
     for (index, filter) in filters.iter().enumerate() {
-        svg += &text(GAP + (index + 1) * step, 16, filter, "bold");
+        svg += &text((GAP + (index + 1) * step, 16), filter, "bold");
     }
-    for ((row, density), top) in
-        tiles.iter().zip(&definition.densities).zip((0..).map(|row| label + row * (block + TEXT)))
-    {
-        let Some(first) = row.first() else { continue };
-        let heading =
-            format!("{}, {}, {:.0} % missing", definition.frame, definition.pattern, 100.0 * (1.0 - density));
-        svg += &text(GAP, top - 4, &heading, "bold");
-        let lines = [0, 1, 2].map(|k| top + k * (height + TEXT + GAP));
-        svg += &image(GAP, lines[0], &first.reference);
-        svg += &text(GAP, lines[0] + height + 13, "reference", "normal");
-        svg += &image(GAP, lines[1], &first.sparse);
-        svg += &text(GAP, lines[1] + height + 13, "sparse; error 0 to 20", "normal");
-        svg += &text(GAP, lines[2] + height + 13, "SSIM squared", "normal");
-        for (index, tile) in row.iter().enumerate() {
-            let x = GAP + (index + 1) * step;
-            let number = |name: &str, value: Option<f64>, digits: usize| {
-                value.map_or_else(String::new, |value| format!("{name} {value:.digits$}"))
-            };
-            for (line, (png, words)) in lines.iter().zip([
-                (&tile.result, number("PSNR", tile.psnr, 2)),
-                (&tile.error, number("CIELUV", tile.cieluv, 3)),
-                (&tile.similarity, number("mSSIM", tile.ssim, 4)),
-            ]) {
-                let _ =
-                    write!(svg, "{}{}", image(x, *line, png), text(x, line + height + 13, &words, "normal"));
-            }
-        }
+    for (index, (row, density)) in tiles.iter().zip(&definition.densities).enumerate() {
+        let top = label + index * block;
+        let heading = format!(
+            "{}, {}, {:.0} % missing: result; CIELUV error, 0 to 20; SSIM squared",
+            definition.frame,
+            definition.pattern,
+            100.0 * (1.0 - density)
+        );
+        svg += &text((GAP, top - 4), &heading, "bold");
+        svg += &rows(row, top, step);
     }
     svg.push_str("</svg>\n");
     svg
+}
+
+/// The three rows of a density: reference and sparse input first, then a column a filter.
+fn rows(tiles: &[Sheet], top: usize, step: usize) -> String {
+    let Some(first) = tiles.first() else { return String::new() };
+    let line = |k: usize| top + k * (first.height + TEXT + GAP);
+    let mut svg = first.captioned((GAP, line(0)), &first.reference, "reference");
+    svg += &first.captioned((GAP, line(1)), &first.sparse, "sparse");
+    for (index, tile) in tiles.iter().enumerate() {
+        let x = GAP + (index + 1) * step;
+        let number = |name: &str, value: Option<f64>, digits: usize| {
+            value.map_or_else(String::new, |value| format!("{name} {value:.digits$}"))
+        };
+        svg += &tile.captioned((x, line(0)), &tile.result, &number("PSNR", tile.psnr, 2));
+        svg += &tile.captioned((x, line(1)), &tile.error, &number("CIELUV", tile.cieluv, 3));
+        svg += &tile.captioned((x, line(2)), &tile.similarity, &number("mSSIM", tile.ssim, 4));
+    }
+    svg
+}
+
+impl Sheet {
+    /// One picture with a line below it.
+    fn captioned(&self, (x, y): (usize, usize), png: &str, caption: &str) -> String {
+        let (width, height) = (self.width, self.height);
+        format!(
+            "<image x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" href=\"data:image/png;base64,{png}\"/>\n{}",
+            text((x, y + height + 13), caption, "normal")
+        )
+    }
+}
+
+fn text((x, y): (usize, usize), words: &str, weight: &str) -> String {
+    format!("<text x=\"{x}\" y=\"{y}\" font-weight=\"{weight}\">{}</text>\n", escape(words))
 }

@@ -1,12 +1,11 @@
 //! The attributes that `fill` adds: they agree with the mask that was found and name a filter that there is.
 
+use lacuna_filters::Method;
+
 use super::{Difference, Pair};
 use crate::frame::Part;
 use crate::mask::Source;
 use crate::reconstruct::{DENSITY, Stamp};
-
-/// The filters that `fill` has.
-const FILTERS: &[&str] = &["ss", "tv", "pushpull", "nearest"];
 
 /// What the attributes of a part say that is not so. Attributes that the sparse part had already are not `fill`'s.
 pub fn compare(pair: &Pair<'_>) -> Vec<Difference> {
@@ -16,7 +15,7 @@ pub fn compare(pair: &Pair<'_>) -> Vec<Difference> {
     }
     let mut differences = Vec::new();
     let mut add = |what: String| differences.push(pair.differ(None, None, what));
-    if !FILTERS.contains(&stamp.filter.as_str()) {
+    if !Method::NAMES.contains(&stamp.filter.as_str()) {
         add(format!("the attribute lacuna/filter is '{}', which is no filter", stamp.filter));
     }
     let expected = pair.masks.part_density(pair.index).unwrap_or(1.0) as f32;

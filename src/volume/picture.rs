@@ -121,33 +121,35 @@ impl Pixel {
 
 /// Which instructions of the machine tiles are rendered with. All of them give the same bits, as no multiplication is
 /// fused with a sum.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug)]
 pub enum Instructions {
     /// The widest that the machine has.
     Best,
     /// Those that every machine has.
     #[cfg(test)]
     Plain,
-    /// Vectors of 256 bits: AVX2, where the machine has it.
-    #[cfg(test)]
-    Wide,
+    /// Vectors of 256 bits.
+    #[cfg(all(test, target_arch = "x86_64"))]
+    Wide(pulp::x86::V3),
 }
 
 impl Instructions {
-    /// All kinds.
+    /// All kinds that this machine has.
     #[cfg(test)]
-    pub const ALL: [Self; 3] = [Self::Best, Self::Plain, Self::Wide];
+    pub fn kinds() -> Vec<Self> {
+        let kinds = vec![Self::Best, Self::Plain];
+        #[cfg(target_arch = "x86_64")]
+        let kinds = kinds.into_iter().chain(pulp::x86::V3::try_new().map(Self::Wide)).collect();
+        kinds
+    }
 
-    /// Does the work with them; nothing if the machine lacks them.
-    fn run<W: pulp::WithSimd>(self, work: W) -> Option<W::Output> {
+    fn run<W: pulp::WithSimd>(self, work: W) -> W::Output {
         match self {
-            Self::Best => Some(pulp::Arch::new().dispatch(work)),
+            Self::Best => pulp::Arch::new().dispatch(work),
             #[cfg(test)]
-            Self::Plain => Some(pulp::Simd::vectorize(pulp::Scalar::new(), work)),
-            #[cfg(all(test, any(target_arch = "x86", target_arch = "x86_64")))]
-            Self::Wide => pulp::x86::V3::try_new().map(|simd| pulp::Simd::vectorize(simd, work)),
-            #[cfg(all(test, not(any(target_arch = "x86", target_arch = "x86_64"))))]
-            Self::Wide => None,
+            Self::Plain => pulp::Simd::vectorize(pulp::Scalar::new(), work),
+            #[cfg(all(test, target_arch = "x86_64"))]
+            Self::Wide(simd) => pulp::Simd::vectorize(simd, work),
         }
     }
 }
@@ -155,39 +157,39 @@ impl Instructions {
 /// Renders a shot: its pixels row by row. `advance` is told of tiles as they are done, out of [`tiles`]; if it answers
 /// `false` the rest is left out.
 pub fn render(renderer: &Renderer, shot: &Shot<'_>, advance: &(dyn Fn() -> bool + Sync)) -> Vec<Pixel> {
-    render_by(renderer, shot, Instructions::Best, advance).unwrap_or_default()
+    render_by(renderer, shot, Instructions::Best, advance)
 }
 
-/// The same with these instructions; nothing if the machine lacks them.
+/// The same with these instructions.
 pub fn render_by(
     renderer: &Renderer,
     shot: &Shot<'_>,
     instructions: Instructions,
     advance: &(dyn Fn() -> bool + Sync),
-) -> Option<Vec<Pixel>> {
+) -> Vec<Pixel> {
     let columns = shot.size.width.div_ceil(TILE);
     let corner = |number: usize| (number / columns * TILE, number % columns * TILE);
     let going = AtomicBool::new(true);
     let one = |number: usize| {
         if !going.load(Ordering::Relaxed) {
-            return Some(Vec::new());
+            return Vec::new();
         }
-        let pixels = renderer.tile(shot, corner(number), instructions)?;
+        let pixels = renderer.tile(shot, corner(number), instructions);
         if !advance() {
             going.store(false, Ordering::Relaxed);
         }
-        Some(pixels)
+        pixels
     };
-    let done: Option<Vec<_>> = (0..tiles(shot.size)).into_par_iter().with_max_len(1).map(one).collect();
+    let done: Vec<_> = (0..tiles(shot.size)).into_par_iter().with_max_len(1).map(one).collect();
     let mut picture = vec![Pixel::NOTHING; shot.size.pixels()];
-    for (number, pixels) in done?.iter().enumerate() {
+    for (number, pixels) in done.iter().enumerate() {
         let (top, left) = corner(number);
         let width = TILE.min(shot.size.width - left);
         for (row, pixels) in pixels.chunks(width).enumerate() {
             picture[(top + row) * shot.size.width + left..][..width].copy_from_slice(pixels);
         }
     }
-    Some(picture)
+    picture
 }
 
 /// Number of tiles of an image.
@@ -213,12 +215,7 @@ impl<K: Kernel> pulp::WithSimd for Tile<'_, K> {
 }
 
 impl Renderer {
-    fn tile(
-        &self,
-        shot: &Shot<'_>,
-        corner: (usize, usize),
-        instructions: Instructions,
-    ) -> Option<Vec<Pixel>> {
+    fn tile(&self, shot: &Shot<'_>, corner: (usize, usize), instructions: Instructions) -> Vec<Pixel> {
         match self.interpolation {
             Interpolation::Nearest => {
                 instructions.run(Tile { renderer: self, kernel: Nearest, shot, corner })

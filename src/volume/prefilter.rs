@@ -11,19 +11,25 @@ use rayon::prelude::*;
 
 /// Turns `size[0] x size[1] x size[2]` values, x fastest, into coefficients.
 pub fn prefilter(values: &mut [f32], size: [usize; 3]) {
-    let [nx, ny, _] = size;
+    let [nx, ny, nz] = size;
     let rows = Tridiagonal::new(nx);
-    values.par_chunks_mut(nx).for_each(|row| rows.solve(row, 0, 1));
+    values.par_chunks_mut(nx).for_each(|row| rows.solve(row, 1));
     let columns = Tridiagonal::new(ny);
-    values.par_chunks_mut(nx * ny).for_each(|slice| {
-        for x in 0..nx {
-            columns.solve(slice, x, nx);
+    values.par_chunks_mut(nx * ny).for_each(|slice| columns.solve(slice, nx));
+    // Along z every y is by itself: its rows are brought together, as rows far apart in memory are slow.
+    let depths = Tridiagonal::new(nz);
+    let solved = |y: usize| {
+        let mut rows: Vec<f32> =
+            values.chunks(nx * ny).flat_map(|slice| &slice[y * nx..][..nx]).copied().collect();
+        depths.solve(&mut rows, nx);
+        rows
+    };
+    let solved: Vec<Vec<f32>> = (0..ny).into_par_iter().map(solved).collect();
+    values.par_chunks_mut(nx * ny).enumerate().for_each(|(z, slice)| {
+        for (row, solved) in slice.chunks_mut(nx).zip(&solved) {
+            row.copy_from_slice(&solved[z * nx..][..nx]);
         }
     });
-    let depths = Tridiagonal::new(size[2]);
-    for at in 0..nx * ny {
-        depths.solve(values, at, nx * ny);
-    }
 }
 
 /// The eliminated matrix: the factor of each row, and the reciprocal of its diagonal.
@@ -43,18 +49,24 @@ impl Tridiagonal {
         Self { over }
     }
 
-    fn solve(&self, values: &mut [f32], start: usize, stride: usize) {
-        let n = self.over.len();
-        let mut forward = Vec::with_capacity(n);
-        let mut last = 0.0;
-        for k in 0..n {
-            last = (6.0 * f64::from(values[start + k * stride]) - last) * self.over[k];
-            forward.push(last);
+    /// Solves along the rows of `n x width` values, for every place within a row at once.
+    fn solve(&self, values: &mut [f32], width: usize) {
+        let mut forward = vec![0.0_f64; values.len()];
+        for (k, (row, over)) in values.chunks(width).zip(&self.over).enumerate() {
+            let (before, now) = forward.split_at_mut(k * width);
+            let before = before.chunks(width).last();
+            for (x, (out, value)) in now.iter_mut().zip(row).enumerate() {
+                let last = before.map_or(0.0, |before| before[x]);
+                *out = (6.0 * f64::from(*value) - last) * over;
+            }
         }
-        let mut next = 0.0;
-        for k in (0..n).rev() {
-            next = forward[k] - next * self.over[k];
-            values[start + k * stride] = next as f32;
+        let mut next = vec![0.0_f64; width];
+        let rows = values.chunks_mut(width).zip(forward.chunks(width)).zip(&self.over);
+        for ((row, forward), over) in rows.rev() {
+            for ((value, forward), next) in row.iter_mut().zip(forward).zip(&mut next) {
+                *next = forward - *next * over;
+                *value = *next as f32;
+            }
         }
     }
 }

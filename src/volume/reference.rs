@@ -1,7 +1,7 @@
 //! The slow twin of the march, for tests: one sample after the other in f64, every sum over all voxels of the support
 //! written out, nothing skipped, nothing shared. Only the table of the transfer function is the fast march's own.
 
-use super::camera::clip;
+use super::camera::{Segment, clip};
 use super::picture::{Interpolation, Look, Renderer};
 use super::shade::Shader;
 use super::vector::{Vector, add, dot, length, normalise, scale, subtract};
@@ -95,61 +95,90 @@ fn shaded(shader: &Shader, colour: Vector, gradient: Vector, view: Vector) -> Ve
     colour.map(|part| share * part + white)
 }
 
-/// Red, green, blue, premultiplied, and alpha that a ray sees, without the background. Isosurfaces are found by halving.
+/// One ray's samples, by number.
+struct Samples<'a> {
+    renderer: &'a Renderer,
+    shader: Option<&'a Shader>,
+    segment: Segment,
+    view: Vector,
+}
+
+impl Samples<'_> {
+    fn count(&self) -> u32 {
+        (self.segment.length / self.renderer.step) as u32 + 1
+    }
+
+    fn at(&self, i: f64) -> (f64, Vector) {
+        let grid = &self.renderer.grid;
+        let p = add(self.segment.entry, scale(self.segment.direction, i * self.renderer.step));
+        sample(grid, self.renderer.interpolation, [0, 1, 2].map(|k| p[k].clamp(0.0, grid.last()[k])))
+    }
+
+    fn shown(&self, colour: Vector, gradient: Vector) -> Vector {
+        self.shader.map_or(colour, |shader| shaded(shader, colour, gradient, self.view))
+    }
+
+    /// The table's colour and opacity of sample `i`, or those of the segment that ends there.
+    fn classified(&self, i: u32, value: f64) -> [f64; 4] {
+        let found = match &self.renderer.integral {
+            None => self.renderer.table.at(value as f32),
+            Some(_) if i == 0 => [0.0; 4],
+            Some(integral) => {
+                let before = self.at(f64::from(i) - 1.0).0;
+                let ([red, green, blue], opacity) = integral.segment(before as f32, value as f32);
+                [red, green, blue, opacity]
+            }
+        };
+        found.map(f64::from)
+    }
+
+    fn march(&self) -> [f64; 4] {
+        let mut sum = [0.0; 4];
+        for i in 0..self.count() {
+            let (value, gradient) = self.at(f64::from(i));
+            let [red, green, blue, opacity] = self.classified(i, value);
+            let colour = self.shown([red, green, blue], gradient);
+            let part = (1.0 - sum[3]) * opacity;
+            for k in 0..3 {
+                sum[k] += part * colour[k];
+            }
+            sum[3] += part;
+            if sum[3] >= f64::from(self.renderer.opaque) {
+                break;
+            }
+        }
+        sum
+    }
+
+    /// The first surface, by halving.
+    fn surface(&self, value: f64, colour: Vector) -> [f64; 4] {
+        let inside = |i: f64| self.at(i).0 >= value;
+        let Some(i) = (1..self.count()).map(f64::from).find(|&i| inside(i) != inside(i - 1.0)) else {
+            return [0.0; 4];
+        };
+        let (mut near, mut far) = (i - 1.0, i);
+        for _ in 0..40 {
+            let middle = 0.5 * (near + far);
+            if inside(middle) == inside(i - 1.0) { near = middle } else { far = middle }
+        }
+        let [red, green, blue] = self.shown(colour, self.at(far).1);
+        [red, green, blue, 1.0]
+    }
+
+    fn maximum(&self) -> [f64; 4] {
+        let most = (0..self.count()).map(|i| self.at(f64::from(i)).0).fold(f64::NEG_INFINITY, f64::max);
+        let [red, green, blue, alpha] = self.renderer.table.at(most as f32).map(f64::from);
+        [red * alpha, green * alpha, blue * alpha, alpha]
+    }
+}
+
+/// Red, green, blue, premultiplied, and alpha that a ray sees, without the background.
 pub fn ray(renderer: &Renderer, shader: Option<&Shader>, ray: &Ray) -> [f64; 4] {
-    let grid = &renderer.grid;
-    let Some(segment) = clip(ray, grid.placement(), grid.last()) else { return [0.0; 4] };
-    let count = (segment.length / renderer.step) as u32 + 1;
-    let at = |i: f64| {
-        let p = add(segment.entry, scale(segment.direction, i * renderer.step));
-        sample(grid, renderer.interpolation, [0, 1, 2].map(|k| p[k].clamp(0.0, grid.last()[k])))
-    };
-    let show = |colour: Vector, gradient: Vector| {
-        shader.map_or(colour, |shader| shaded(shader, colour, gradient, ray.direction))
-    };
+    let Some(segment) = clip(ray, renderer.grid.placement(), renderer.grid.last()) else { return [0.0; 4] };
+    let samples = Samples { renderer, shader, segment, view: ray.direction };
     match renderer.look {
-        Look::Mip => {
-            let most = (0..count).map(|i| at(f64::from(i)).0).fold(f64::NEG_INFINITY, f64::max);
-            let [red, green, blue, alpha] = renderer.table.at(most as f32).map(f64::from);
-            [red * alpha, green * alpha, blue * alpha, alpha]
-        }
-        Look::Iso(value, colour) => {
-            let inside = |i: f64| at(i).0 >= f64::from(value);
-            let Some(i) = (1..count).map(f64::from).find(|&i| inside(i) != inside(i - 1.0)) else {
-                return [0.0; 4];
-            };
-            let (mut near, mut far) = (i - 1.0, i);
-            for _ in 0..40 {
-                let middle = 0.5 * (near + far);
-                if inside(middle) == inside(i - 1.0) { near = middle } else { far = middle }
-            }
-            let [red, green, blue] = show(colour.map(f64::from), at(far).1);
-            [red, green, blue, 1.0]
-        }
-        Look::Dvr => {
-            let mut sum = [0.0; 4];
-            for i in 0..count {
-                let (value, gradient) = at(f64::from(i));
-                let [red, green, blue, opacity] = match &renderer.integral {
-                    None => renderer.table.at(value as f32),
-                    Some(_) if i == 0 => [0.0; 4],
-                    Some(integral) => {
-                        let before = at(f64::from(i) - 1.0).0;
-                        let ([red, green, blue], opacity) = integral.segment(before as f32, value as f32);
-                        [red, green, blue, opacity]
-                    }
-                };
-                let colour = show([red, green, blue].map(f64::from), gradient);
-                let part = (1.0 - sum[3]) * f64::from(opacity);
-                for k in 0..3 {
-                    sum[k] += part * colour[k];
-                }
-                sum[3] += part;
-                if sum[3] >= f64::from(renderer.opaque) {
-                    break;
-                }
-            }
-            sum
-        }
+        Look::Mip => samples.maximum(),
+        Look::Iso(value, colour) => samples.surface(value.into(), colour.map(f64::from)),
+        Look::Dvr => samples.march(),
     }
 }

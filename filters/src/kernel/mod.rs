@@ -10,8 +10,13 @@
 #![allow(unsafe_code, reason = "calling a function that was compiled for an instruction set the CPU has")]
 
 pub mod blur;
+pub mod extremes;
 pub(crate) mod fir;
+mod interior;
+pub mod rows;
+pub mod simd;
 pub mod stencil;
+pub mod step;
 pub mod tv;
 pub mod vector;
 

@@ -175,34 +175,3 @@ impl<T: Real> Body for WeightedDifference<'_, T> {
         }
     }
 }
-
-/// One step of conjugate gradients: `x = x + a p`, `r = e (r - a q)`.
-pub fn step<T: Real>(isa: Isa, a: f64, e: &[T], q: &[T], p: &[T], x: &mut [T], r: &mut [T]) {
-    let a = T::from_f64(a);
-    for (i, (x, r)) in x.chunks_mut(PART).zip(r.chunks_mut(PART)).enumerate() {
-        let (at, n) = (i * PART, x.len());
-        dispatch(isa, Step { a, e: &e[at..][..n], q: &q[at..][..n], p: &p[at..][..n], x, r });
-    }
-}
-
-struct Step<'a, T> {
-    a: T,
-    e: &'a [T],
-    q: &'a [T],
-    p: &'a [T],
-    x: &'a mut [T],
-    r: &'a mut [T],
-}
-
-impl<T: Real> Body for Step<'_, T> {
-    type Output = ();
-    #[inline(always)]
-    fn run<const FUSED: bool>(self) {
-        let n = self.x.len();
-        let (e, q, p, r) = (&self.e[..n], &self.q[..n], &self.p[..n], &mut self.r[..n]);
-        for i in 0..n {
-            self.x[i] = fma::<T, FUSED>(self.a, p[i], self.x[i]);
-            r[i] = e[i] * fma::<T, FUSED>(-self.a, q[i], r[i]);
-        }
-    }
-}

@@ -58,6 +58,6 @@ impl Form {
             }
             row
         });
-        Separable { vertical, horizontal, terms: order + 1 }
+        Separable::new(vertical, horizontal, order + 1)
     }
 }

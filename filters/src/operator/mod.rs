@@ -4,4 +4,5 @@ pub mod energy;
 pub mod fourier;
 pub mod profile;
 pub mod resample;
+pub mod taps;
 pub mod wavelet;

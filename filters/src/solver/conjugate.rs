@@ -7,8 +7,9 @@
 //! Y. Notay, "Flexible conjugate gradients", SIAM J. Sci. Comput. 22, 2000.
 
 use super::multigrid::{Multigrid, Workspace};
+use crate::kernel::simd::Lanes;
 use crate::kernel::stencil::{Separable, apply};
-use crate::kernel::{Real, vector};
+use crate::kernel::vector;
 use crate::{Run, Stop};
 
 /// How a solve ended.
@@ -38,7 +39,7 @@ pub struct System<'a> {
 
 /// Solves for the correction `c` of the residual `r` until no entry of a cycle's correction exceeds `tolerance`.
 /// `r` becomes the residual that is left.
-pub fn solve<T: Real>(
+pub fn solve<T: Lanes>(
     system: System<'_>,
     grids: &Multigrid<T>,
     workspace: &mut Workspace<T>,

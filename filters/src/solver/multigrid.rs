@@ -14,6 +14,7 @@
 
 use super::bottom::Bottom;
 use crate::kernel::blur::blur;
+use crate::kernel::simd::Lanes;
 use crate::kernel::stencil::{PAD, Separable, Window, apply};
 use crate::kernel::{Isa, Real, vector};
 use crate::operator::resample::Resample;
@@ -64,7 +65,7 @@ struct Buffers<T> {
     t: Vec<T>,
 }
 
-impl<T: Real> Multigrid<T> {
+impl<T: Lanes> Multigrid<T> {
     /// Sets up the grids below `window`. `matrix(l)` is the operator of level `l` on the whole image; `free` is 1 at free
     /// unknowns and 0 elsewhere, padding included. The window begins at multiples of `2^l` for as many levels as it is
     /// to have.
@@ -186,7 +187,7 @@ impl<T: Real> Multigrid<T> {
     }
 }
 
-impl<T: Real> Level<T> {
+impl<T: Lanes> Level<T> {
     fn new(
         isa: Isa,
         a: &Separable<f64>,

@@ -30,17 +30,18 @@
 //! conjugate gradients in f64 with a multigrid cycle, at order 2 in f32 (`region`), until a cycle's correction is small. Shifted sweeps follow
 //! until no tile and no rectangle has anything left to correct. The aim is 1e-4 of the measured range at any mask; the
 //! largest error seen against multigrid in f64 is 8e-5 (noise, 20 % random samples; renders 3e-5). Sparse masks
-//! (half of the image in rectangles), order 3 and `lambda > 0` take multigrid on the whole image.
+//! (half of the image in rectangles), order 3 with holes, and `lambda > 0` take multigrid on the whole image; so does order 3
+//! where the tiles' own estimate stays above the aim, as f32 does not hold more.
 //! Start: push-pull. The result does not depend on it, nor on the number of threads.
 //!
 //! References: P. Meinguet, "Multivariate interpolation at arbitrary points made simple", ZAMP 30, 1979 (the energy);
 //! M. Unser, "Splines: a perfect fit for signal and image processing", IEEE Signal Processing Magazine 16(6), 1999
 //! (cardinal splines). Solvers and matrices cite theirs.
 //!
-//! Settings: see [`Settings`]. Cost: tiles take 13 to 27 steps on renders at 20 % low-discrepancy samples, 50 to 130 over
-//! all sweeps on noise and on random samples, one application of `H` each (68 flops a pixel at order 2); multigrid 15
-//! to 40 iterations of 9 applications at order 2, up to several hundred at order 3.
-//! Memory beyond samples and result: half a megabyte a thread for tiles; about 7 f64 and 10 f32 planes of a rectangle for
+//! Settings: see [`Settings`]. Cost: tiles take 13 to 27 steps on renders at 20 % low-discrepancy samples (order 3: 51), 50 to
+//! 130 over all sweeps on noise and on random samples, one application of `H` each (`kernel/interior.rs`) and two passes
+//! over a tile (`kernel/step.rs`); multigrid 15 to 40 iterations of 9 applications at order 2, up to several hundred at order 3.
+//! Memory beyond samples and result: 0.7 megabytes a thread for tiles; about 7 f64 and 10 f32 planes of a rectangle for
 //! multigrid, one channel at a time.
 //!
 //! The outcome's residual: the norm of the residual, measured by the preconditioner, after the last sweep over that
@@ -55,6 +56,7 @@ use rayon::prelude::*;
 
 use crate::baseline::push_pull;
 use crate::kernel::Isa;
+use crate::kernel::extremes::range;
 use crate::operator::energy::Form;
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Stop};
 
@@ -77,6 +79,8 @@ use tiles::{Task, Tiles};
 
 /// Largest correction that multigrid may still see, over the measured range. The error is of the same size.
 const TOLERANCE: f64 = 2e-6;
+/// Largest error of the result, over the measured range.
+const AIM: f64 = 1e-4;
 /// Largest error that tiles may leave by their estimate, over the measured range.
 const TILE_TOLERANCE: f64 = 3e-5;
 /// Size of a correction, over the largest value, that f32 cannot tell from rounding.
@@ -121,15 +125,16 @@ impl Filter for Settings {
         let tiles = |held| Tiles::new(isa, &form.energy(mask.size(), (1.0, 1.0)), held);
         let whole = || Region::whole(isa, &form, &mask, self.lambda, weights);
         let small = mask.size().pixels() <= SMALL;
-        let parts = if self.lambda > 0.0 || small || self.order == Order::Third {
+        let parts = if self.lambda > 0.0 || small {
             Parts::Whole(whole())
         } else {
             match holes::divide(&mask) {
                 Division::Dense => Parts::Tiled(tiles(None), Vec::new()),
-                Division::Holes(windows, held) => {
+                // Third order beside a hole is more than f32 can hold.
+                Division::Holes(windows, held) if self.order == Order::Second => {
                     Parts::Tiled(tiles(Some(held)), windows.into_iter().map(region).collect())
                 }
-                Division::Sparse => Parts::Whole(whole()),
+                Division::Holes(..) | Division::Sparse => Parts::Whole(whole()),
             }
         };
         let counts = |i, j| weights.is_none_or(|w: &Plane| w.at(i, j) > 0.0);
@@ -168,7 +173,7 @@ impl Plan for Planned {
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
-        self.check(samples, out)?;
+        // The start checks the planes.
         let mut outcome = self.start.reconstruct(samples, None, out, run)?;
         if self.mask.is_full() && self.settings.lambda == 0.0 {
             return Ok(outcome);
@@ -188,31 +193,8 @@ impl Plan for Planned {
 }
 
 impl Planned {
-    fn check(&self, samples: &Planes, out: &Planes) -> Result<(), Error> {
-        let size = self.mask.size();
-        for planes in [samples, out] {
-            if planes.size() != size {
-                return Err(Error::SizeMismatch { expected: size, found: planes.size().to_string() });
-            }
-        }
-        if out.len() != samples.len() {
-            let found = format!("{} planes for {}", out.len(), samples.len());
-            return Err(Error::SizeMismatch { expected: size, found });
-        }
-        for plane in samples.as_slice() {
-            let bad = plane.pixels().iter().zip(self.mask.as_slice()).position(|(x, m)| *m && !x.is_finite());
-            if let Some(bad) = bad {
-                return Err(Error::NotFinite { row: bad / size.width, column: bad % size.width });
-            }
-        }
-        Ok(())
-    }
-
     fn channel(&self, samples: &Plane, out: &mut Plane, run: &Run<'_>) -> Outcome {
-        let measured =
-            || samples.pixels().iter().zip(self.mask.as_slice()).filter(|(_, m)| **m).map(|(x, _)| *x);
-        let (low, high) =
-            measured().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
+        let (low, high) = range(self.mask.as_slice(), samples.pixels());
         let range = f64::from(high) - f64::from(low);
         if range <= 0.0 {
             return Outcome::direct();
@@ -266,7 +248,8 @@ impl Planned {
             if let Some(stop) = run.interrupted() {
                 return Outcome { stop, ..outcome };
             }
-            if failed {
+            // Third order may have come to the end of f32 before it came near enough.
+            if failed || (work == 0 && self.settings.order == Order::Third && sweep.error > AIM * range) {
                 break;
             }
             if work == 0 {

@@ -94,7 +94,7 @@ impl std::fmt::Display for Settings {
 }
 
 impl Settings {
-    fn validate(&self) -> Result<(), Error> {
+    pub(crate) fn check(&self) -> Result<(), Error> {
         let setting = |name, value: &dyn std::fmt::Display, range| {
             Err(Error::Setting { name, value: value.to_string(), range })
         };
@@ -122,7 +122,7 @@ struct Planned {
 
 impl Filter for Settings {
     fn plan(&self, problem: &Problem, run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
-        self.validate()?;
+        self.check()?;
         let mask = problem.mask.clone();
         if mask.is_empty() {
             return Err(Error::EmptyMask);

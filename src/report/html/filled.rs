@@ -102,7 +102,7 @@ fn summary(frames: &[Filled]) -> String {
         } else {
             format!("{} to {}", percent(low), percent(high))
         };
-        let _ = write!(sum, "<span><b>{range} %</b> measured</span>");
+        let _ = write!(sum, "<span><b>{range} %</b> measured</span> ");
     }
     let mut names: Vec<&str> = Vec::new();
     frames.iter().flat_map(|frame| &frame.seconds).for_each(|(name, _)| {
@@ -113,7 +113,7 @@ fn summary(frames: &[Filled]) -> String {
     for name in names {
         let all = frames.iter().flat_map(|frame| &frame.seconds).filter(|(other, _)| *other == name);
         let _ =
-            write!(sum, "<span><b>{:.2} s</b> {name}</span>", all.map(|(_, seconds)| seconds).sum::<f64>());
+            write!(sum, "<span><b>{:.2} s</b> {name}</span> ", all.map(|(_, seconds)| seconds).sum::<f64>());
     }
     format!("<p class=\"verdict {class}\">{}</p><p class=\"sum\">{sum}</p>", words.join(", "))
 }
@@ -126,7 +126,7 @@ fn table(frames: &[Filled], body: &mut String) {
     for stage in &stages {
         let _ = write!(body, "<th scope=\"col\" data-sort=\"number\">{stage} (s)</th>");
     }
-    body.push_str("<th scope=\"col\">notes</th></tr></thead>\n<tbody>\n");
+    body.push_str("<th scope=\"col\" class=\"words\">notes</th></tr></thead>\n<tbody>\n");
     for (index, frame) in frames.iter().enumerate() {
         let class = if frame.state == "failed" { " class=\"bad\"" } else { "" };
         let _ = write!(

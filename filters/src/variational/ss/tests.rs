@@ -327,6 +327,18 @@ fn a_lost_bucket_meets_the_whole_at_every_order() {
 }
 
 #[test]
+fn dense_masks_meet_the_whole_at_third_order() {
+    let size = Size::new(140, 131);
+    let settings = Settings { order: Order::Third, ..Settings::default() };
+    let shuffle = |y: usize, x: usize| (x as f64 * 0.754_877_666 + y as f64 * 0.569_840_291).fract() < 0.2;
+    for mask in [Mask::from_fn(size, shuffle), random_mask(size, 0.5, 81)] {
+        assert!(matches!(holes::divide(&mask), Division::Dense));
+        let distance = distance_to_whole(&settings, &noise(size, 80), &mask);
+        assert!(distance <= 1e-4, "{distance}");
+    }
+}
+
+#[test]
 fn threads_do_not_change_a_bit() {
     let size = Size::new(290, 410);
     let samples = noise(size, 60);

@@ -9,17 +9,19 @@
 //! Source: M. Dryja, O. Widlund, "An additive variant of the Schwarz alternating method", Courant Institute 1987 (this is
 //! the multiplicative one).
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::kernel::Isa;
-use crate::kernel::stencil::{Separable, Window};
+use crate::kernel::stencil::{PAD, Separable, Window};
 use crate::solver::local::{self, Buffers, Target};
 use crate::{Mask, Plane, Run, Size};
 
 /// Most rows and columns of a tile.
-const SIDES: (usize, usize) = (100, 136);
+const SIDES: (usize, usize) = (120, 176);
 /// Pixels that a window extends beyond its tile.
-const HALO: usize = 6;
+const HALO: usize = 5;
 /// Steps that a tile takes at most in one sweep.
 const LIMIT: usize = 60;
 
@@ -55,10 +57,13 @@ pub struct Sweep {
     pub squares: (f64, f64),
     /// Least eigenvalue of the preconditioned matrix of any tile.
     pub least: f64,
+    /// Largest error that any tile may have left, by its estimate.
+    pub error: f64,
 }
 
 impl Sweep {
-    const NONE: Self = Self { steps: 0, converged: true, squares: (0.0, 0.0), least: f64::INFINITY };
+    const NONE: Self =
+        Self { steps: 0, converged: true, squares: (0.0, 0.0), least: f64::INFINITY, error: 0.0 };
 
     fn and(self, other: Self) -> Self {
         Self {
@@ -66,6 +71,7 @@ impl Sweep {
             converged: self.converged && other.converged,
             squares: (self.squares.0 + other.squares.0, self.squares.1 + other.squares.1),
             least: self.least.min(other.least),
+            error: self.error.max(other.error),
         }
     }
 }
@@ -137,6 +143,42 @@ impl Tiles {
             .collect()
     }
 
+    /// Brings the pixels of a window into the buffers, and which of those in the given rows and columns are free. `rows` begins
+    /// with the window's first row.
+    fn load(
+        &self,
+        mask: &Mask,
+        rows: &[f32],
+        (window, lines, columns): (Window, &Range<usize>, &Range<usize>),
+        middle: f32,
+        buffers: &mut Buffers,
+    ) {
+        let across = self.size.width;
+        buffers.fit(window);
+        for i in 0..window.height {
+            let from = window.at(i, 0);
+            let pixels = &rows[i * across + window.x..];
+            for (value, &pixel) in buffers.x[from..][..window.width].iter_mut().zip(pixels) {
+                *value = pixel - middle;
+            }
+            let whole = &mut buffers.e[from - PAD..][..window.stride()];
+            whole.fill(0.0);
+            if !lines.contains(&i) {
+                continue;
+            }
+            let row = (window.y + i) * across + window.x;
+            let free = &mut whole[PAD..][columns.clone()];
+            for (free, &measured) in free.iter_mut().zip(&mask.as_slice()[row..][columns.clone()]) {
+                *free = f32::from(u8::from(!measured));
+            }
+            if let Some(held) = &self.held {
+                for (free, &held) in free.iter_mut().zip(&held[row..][columns.clone()]) {
+                    *free *= f32::from(u8::from(!held));
+                }
+            }
+        }
+    }
+
     fn solve(
         &self,
         mask: &Mask,
@@ -156,31 +198,8 @@ impl Tiles {
         };
         let (lines, columns) = (inner(y, height, size.height), inner(x, width, size.width));
         let place = |i: usize| (y - slab.y + i) * size.width + x;
-        buffers.reset(window);
-        let mut any = false;
-        for i in 0..height {
-            let from = window.at(i, 0);
-            for (value, &pixel) in buffers.x[from..][..width].iter_mut().zip(&slab.rows[place(i)..]) {
-                *value = pixel - middle;
-            }
-            if !lines.contains(&i) {
-                continue;
-            }
-            let row = (y + i) * size.width + x;
-            let free = &mut buffers.e[from..][columns.clone()];
-            for (free, &measured) in free.iter_mut().zip(&mask.as_slice()[row..][columns.clone()]) {
-                *free = f32::from(u8::from(!measured));
-            }
-            if let Some(held) = &self.held {
-                for (free, &held) in free.iter_mut().zip(&held[row..][columns.clone()]) {
-                    *free *= f32::from(u8::from(!held));
-                }
-            }
-            any = any || free.contains(&1.0);
-        }
-        if !any {
-            return Sweep::NONE;
-        }
+        let rows = &slab.rows[(y - slab.y) * size.width..];
+        self.load(mask, rows, (window, &lines, &columns), middle, buffers);
         let ending = local::solve(self.isa, &self.matrix, window, buffers, task.target, LIMIT);
         if ending.steps > 0 {
             for i in lines {
@@ -188,7 +207,9 @@ impl Tiles {
                 let row = &mut slab.rows[place(i)..][..width];
                 for ((pixel, &value), &free) in row.iter_mut().zip(&buffers.x[from..]).zip(&buffers.e[from..])
                 {
-                    *pixel = if free == 0.0 { *pixel } else { value + middle };
+                    // By bits: a choice would become a branch.
+                    let keep = u32::from(free == 0.0).wrapping_neg();
+                    *pixel = f32::from_bits(pixel.to_bits() & keep | (value + middle).to_bits() & !keep);
                 }
             }
         }
@@ -197,6 +218,7 @@ impl Tiles {
             converged: ending.converged,
             squares: ending.squares,
             least: ending.least,
+            error: ending.error,
         }
     }
 }

@@ -1,0 +1,37 @@
+//! The range of measured values.
+//!
+//! Roofline: 5 bytes a pixel and half a dozen integer and comparing instructions a vector: memory decides.
+
+use rayon::prelude::*;
+
+/// The smallest and the largest of the values that are flagged; infinite the other way round if none is.
+pub fn range(flags: &[bool], values: &[f32]) -> (f32, f32) {
+    let tasks = values.par_chunks(1 << 14).zip(flags.par_chunks(1 << 14));
+    tasks
+        .map(|(values, flags)| {
+            // As many minima as there are lanes: one alone would wait for itself.
+            let (mut low, mut high) = ([f32::INFINITY; 16], [f32::INFINITY; 16]);
+            for (values, flags) in values.chunks(16).zip(flags.chunks(16)) {
+                for (((low, high), &value), &flag) in low.iter_mut().zip(&mut high).zip(values).zip(flags) {
+                    *low = least(*low, or_infinite(value, flag));
+                    *high = least(*high, or_infinite(-value, flag));
+                }
+            }
+            let smallest = |lanes: [f32; 16]| lanes.into_iter().fold(f32::INFINITY, least);
+            (smallest(low), -smallest(high))
+        })
+        .reduce(|| (f32::INFINITY, f32::NEG_INFINITY), |a, b| (least(a.0, b.0), -least(-a.1, -b.1)))
+}
+
+/// The smaller of two numbers; unlike `f32::min` a single instruction, as NaN does not occur.
+#[inline(always)]
+pub fn least(a: f32, b: f32) -> f32 {
+    if b < a { b } else { a }
+}
+
+/// The value if it counts, else infinity. By bits: a choice would become a branch, and the loop would not run in vectors.
+#[inline(always)]
+pub fn or_infinite(value: f32, counts: bool) -> f32 {
+    let keep = u32::from(counts).wrapping_neg();
+    f32::from_bits(value.to_bits() & keep | f32::INFINITY.to_bits() & !keep)
+}

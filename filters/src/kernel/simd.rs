@@ -1,0 +1,267 @@
+//! Vectors of an instruction set, for kernels whose speed depends on what stays in registers.
+//!
+//! [`Body`](super::Body) leaves the choice of vectors to the compiler, which is good enough for plain loops. A kernel that
+//! carries a dozen vectors from row to row is written against [`Vector`] instead and compiled once per instruction set by
+//! [`vectors`].
+
+use super::{Isa, Real};
+
+/// A few numbers that are computed with together.
+pub trait Vector: Copy {
+    /// The numbers.
+    type Number: Real;
+    /// How many there are.
+    const LANES: usize;
+    /// The same number in every lane.
+    fn splat(x: Self::Number) -> Self;
+    /// The first [`Self::LANES`] numbers; zeros if there are fewer.
+    fn load(from: &[Self::Number]) -> Self;
+    /// Sets the first [`Self::LANES`] numbers; none if there are fewer.
+    fn store(self, to: &mut [Self::Number]);
+    /// The sum.
+    fn plus(self, other: Self) -> Self;
+    /// The difference.
+    fn minus(self, other: Self) -> Self;
+    /// The product.
+    fn times(self, other: Self) -> Self;
+    /// `self a + b`, fused where the instruction set has it.
+    fn fused(self, a: Self, b: Self) -> Self;
+    /// The larger of `self` and the absolute value of `other`.
+    fn top(self, other: Self) -> Self;
+}
+
+/// The sum of all lanes, in order.
+#[inline(always)]
+pub fn sum<V: Vector>(v: V) -> f64 {
+    let mut lanes = [V::Number::ZERO; MOST];
+    v.store(&mut lanes);
+    lanes[..V::LANES].iter().map(|x| x.to_f64()).sum()
+}
+
+/// The largest lane, of lanes that are not negative.
+#[inline(always)]
+pub fn largest<V: Vector>(v: V) -> f64 {
+    let mut lanes = [V::Number::ZERO; MOST];
+    v.store(&mut lanes);
+    lanes[..V::LANES].iter().fold(0.0, |top, x| f64::max(top, x.to_f64()))
+}
+
+/// Lanes of the longest vector.
+pub const MOST: usize = 16;
+
+/// A kernel's body over vectors of any length.
+pub trait Vectored<T> {
+    /// What it returns.
+    type Output;
+    /// Does it.
+    fn run<V: Vector<Number = T>>(self) -> Self::Output;
+}
+
+/// Numbers of which every instruction set has vectors.
+pub trait Lanes: Real {
+    /// Vectors of what the target guarantees.
+    type Portable: Vector<Number = Self>;
+    /// Vectors of AVX2.
+    #[cfg(target_arch = "x86_64")]
+    type Avx2: Vector<Number = Self>;
+    /// Vectors of AVX-512.
+    #[cfg(target_arch = "x86_64")]
+    type Avx512: Vector<Number = Self>;
+}
+
+impl Lanes for f32 {
+    type Portable = Pack<f32, 4>;
+    #[cfg(target_arch = "x86_64")]
+    type Avx2 = x86::F32x8;
+    #[cfg(target_arch = "x86_64")]
+    type Avx512 = x86::F32x16;
+}
+
+impl Lanes for f64 {
+    type Portable = Pack<f64, 2>;
+    #[cfg(target_arch = "x86_64")]
+    type Avx2 = x86::F64x4;
+    #[cfg(target_arch = "x86_64")]
+    type Avx512 = x86::F64x8;
+}
+
+/// Runs a body compiled for `isa`, or for the portable set if this machine lacks `isa`.
+#[inline]
+pub fn vectors<T: Lanes, B: Vectored<T>>(isa: Isa, body: B) -> B::Output {
+    match isa {
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx2 if isa.available() => {
+            // SAFETY: `available` has just found the features that `avx2` is compiled for.
+            unsafe { avx2(body) }
+        }
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx512 if isa.available() => {
+            // SAFETY: `available` has just found the features that `avx512` is compiled for.
+            unsafe { avx512(body) }
+        }
+        _ => body.run::<T::Portable>(),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn avx2<T: Lanes, B: Vectored<T>>(body: B) -> B::Output {
+    body.run::<T::Avx2>()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma")]
+fn avx512<T: Lanes, B: Vectored<T>>(body: B) -> B::Output {
+    body.run::<T::Avx512>()
+}
+
+/// A vector that the compiler maps to what every machine of the target has.
+#[derive(Clone, Copy, Debug)]
+pub struct Pack<T, const N: usize>([T; N]);
+
+impl<T: Real, const N: usize> Pack<T, N> {
+    #[inline(always)]
+    fn with(self, other: Self, f: impl Fn(T, T) -> T) -> Self {
+        Self(std::array::from_fn(|i| f(self.0[i], other.0[i])))
+    }
+}
+
+impl<T: Real, const N: usize> Vector for Pack<T, N> {
+    type Number = T;
+    const LANES: usize = N;
+    #[inline(always)]
+    fn splat(x: T) -> Self {
+        Self([x; N])
+    }
+    #[inline(always)]
+    fn load(from: &[T]) -> Self {
+        Self(from.first_chunk().copied().unwrap_or([T::ZERO; N]))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [T]) {
+        if let Some(to) = to.first_chunk_mut() {
+            *to = self.0;
+        }
+    }
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        self.with(other, |a, b| a + b)
+    }
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        self.with(other, |a, b| a - b)
+    }
+    #[inline(always)]
+    fn times(self, other: Self) -> Self {
+        self.with(other, |a, b| a * b)
+    }
+    #[inline(always)]
+    fn fused(self, a: Self, b: Self) -> Self {
+        self.times(a).plus(b)
+    }
+    #[inline(always)]
+    fn top(self, other: Self) -> Self {
+        self.with(other, |a, b| {
+            let b = b.magnitude();
+            if b > a { b } else { a }
+        })
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    //! The vectors of AVX2 and AVX-512. They are made and used only within functions that [`super::vectors`] calls after
+    //! asking the machine, which is why their intrinsics may be called.
+
+    use std::arch::x86_64::{
+        __m256, __m256d, __m512, __m512d, _mm256_add_pd, _mm256_add_ps, _mm256_andnot_pd, _mm256_andnot_ps,
+        _mm256_fmadd_pd, _mm256_fmadd_ps, _mm256_loadu_pd, _mm256_loadu_ps, _mm256_max_pd, _mm256_max_ps,
+        _mm256_mul_pd, _mm256_mul_ps, _mm256_set1_pd, _mm256_set1_ps, _mm256_storeu_pd, _mm256_storeu_ps,
+        _mm256_sub_pd, _mm256_sub_ps, _mm512_add_pd, _mm512_add_ps, _mm512_andnot_pd, _mm512_andnot_ps,
+        _mm512_fmadd_pd, _mm512_fmadd_ps, _mm512_loadu_pd, _mm512_loadu_ps, _mm512_max_pd, _mm512_max_ps,
+        _mm512_mul_pd, _mm512_mul_ps, _mm512_set1_pd, _mm512_set1_ps, _mm512_storeu_pd, _mm512_storeu_ps,
+        _mm512_sub_pd, _mm512_sub_ps,
+    };
+
+    use super::Vector;
+
+    macro_rules! vector {
+        ($(#[$doc:meta])* $name:ident, $inner:ty, $number:ty, $lanes:expr, $splat:ident, $load:ident, $store:ident,
+         $add:ident, $sub:ident, $mul:ident, $fma:ident, $max:ident, $andnot:ident) => {
+            $(#[$doc])*
+            #[derive(Clone, Copy, Debug)]
+            pub struct $name($inner);
+
+            impl Vector for $name {
+                type Number = $number;
+                const LANES: usize = $lanes;
+                #[inline(always)]
+                fn splat(x: $number) -> Self {
+                    // SAFETY: see the head of this module.
+                    Self(unsafe { $splat(x) })
+                }
+                #[inline(always)]
+                fn load(from: &[$number]) -> Self {
+                    match from.first_chunk::<$lanes>() {
+                        // SAFETY: as many numbers can be read; for the rest see the head of this module.
+                        Some(from) => Self(unsafe { $load(from.as_ptr()) }),
+                        None => Self::splat(0.0),
+                    }
+                }
+                #[inline(always)]
+                fn store(self, to: &mut [$number]) {
+                    if let Some(to) = to.first_chunk_mut::<$lanes>() {
+                        // SAFETY: as many numbers can be written; for the rest see the head of this module.
+                        unsafe { $store(to.as_mut_ptr(), self.0) }
+                    }
+                }
+                #[inline(always)]
+                fn plus(self, other: Self) -> Self {
+                    // SAFETY: see the head of this module.
+                    Self(unsafe { $add(self.0, other.0) })
+                }
+                #[inline(always)]
+                fn minus(self, other: Self) -> Self {
+                    // SAFETY: see the head of this module.
+                    Self(unsafe { $sub(self.0, other.0) })
+                }
+                #[inline(always)]
+                fn times(self, other: Self) -> Self {
+                    // SAFETY: see the head of this module.
+                    Self(unsafe { $mul(self.0, other.0) })
+                }
+                #[inline(always)]
+                fn fused(self, a: Self, b: Self) -> Self {
+                    // SAFETY: see the head of this module.
+                    Self(unsafe { $fma(self.0, a.0, b.0) })
+                }
+                #[inline(always)]
+                fn top(self, other: Self) -> Self {
+                    // SAFETY: see the head of this module.
+                    Self(unsafe { $max(self.0, $andnot($splat(-0.0), other.0)) })
+                }
+            }
+        };
+    }
+
+    vector!(
+        /// Eight `f32`.
+        F32x8, __m256, f32, 8, _mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps, _mm256_add_ps, _mm256_sub_ps,
+        _mm256_mul_ps, _mm256_fmadd_ps, _mm256_max_ps, _mm256_andnot_ps
+    );
+    vector!(
+        /// Four `f64`.
+        F64x4, __m256d, f64, 4, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd, _mm256_add_pd, _mm256_sub_pd,
+        _mm256_mul_pd, _mm256_fmadd_pd, _mm256_max_pd, _mm256_andnot_pd
+    );
+    vector!(
+        /// Sixteen `f32`.
+        F32x16, __m512, f32, 16, _mm512_set1_ps, _mm512_loadu_ps, _mm512_storeu_ps, _mm512_add_ps, _mm512_sub_ps,
+        _mm512_mul_ps, _mm512_fmadd_ps, _mm512_max_ps, _mm512_andnot_ps
+    );
+    vector!(
+        /// Eight `f64`.
+        F64x8, __m512d, f64, 8, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd, _mm512_add_pd, _mm512_sub_pd,
+        _mm512_mul_pd, _mm512_fmadd_pd, _mm512_max_pd, _mm512_andnot_pd
+    );
+}

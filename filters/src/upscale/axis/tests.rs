@@ -1,0 +1,129 @@
+use super::*;
+
+const MODELS: [Sampling; 6] = [
+    Sampling::Point,
+    Sampling::Grid,
+    Sampling::Box,
+    Sampling::Gaussian(1.0),
+    Sampling::Gaussian(1.5),
+    Sampling::Mitchell,
+];
+
+/// Whole and broken factors, short and long axes, with and without a shift.
+fn axes() -> Vec<Axis> {
+    let mut axes: Vec<Axis> =
+        [(1, 2), (1, 3), (2, 3), (3, 48), (7, 8), (40, 60), (41, 82), (300, 331), (64, 256)]
+            .map(|(inputs, outputs)| Axis::whole(inputs, outputs))
+            .to_vec();
+    axes.push(Axis { inputs: 20, outputs: 31, scale: 62.0 / 41.0, shift: 7.0 - 5.0 * 62.0 / 41.0 });
+    axes.push(Axis {
+        inputs: 40,
+        outputs: 97,
+        scale: 77.0 / 32.0,
+        shift: -8.0 + 3.0 * 77.0 / 32.0 - 1.0 + 0.9,
+    });
+    axes
+}
+
+fn fits(axis: &Axis, sampling: Sampling) -> bool {
+    axis.check(sampling).is_ok()
+}
+
+#[test]
+fn reduced_again_the_result_is_the_input() {
+    for axis in axes() {
+        for sampling in MODELS.into_iter().filter(|model| fits(&axis, *model)) {
+            let y: Vec<f64> = (0..axis.inputs).map(|k| ((k * k) as f64 * 0.37).sin()).collect();
+            let coefficients = axis.prefilter(sampling).apply(&y);
+            let x = axis.spline(sampling).apply(&coefficients);
+            let back = axis.reduce(sampling).apply(&x);
+            let worst = back.iter().zip(&y).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            // A wide Gaussian multiplies the finest detail by 90, and what is cut with it.
+            let bound = if sampling == Sampling::Gaussian(1.5) { 2e-5 } else { 1e-6 };
+            assert!(worst < bound, "{axis:?} {sampling} {worst}");
+        }
+    }
+}
+
+#[test]
+fn a_ramp_stays_that_ramp() {
+    for axis in axes() {
+        for sampling in MODELS.into_iter().filter(|model| fits(&axis, *model)) {
+            if axis.inputs == 1 || (sampling == Sampling::Box && axis.shift != 0.0) {
+                // A box that is cut at the border is no longer centred.
+                continue;
+            }
+            let whole = axis.scale.fract() == 0.0 && axis.shift == 0.0;
+            let bound = match sampling {
+                Sampling::Gaussian(1.5) if whole => 2e-5,
+                // A hundred weights of 2e-8 are cut.
+                _ if whole || sampling == Sampling::Point => 3e-6,
+                // A pixel that straddles two of low resolution stands for both with one value, so that the model takes
+                // the means of a ramp from places that are not the centres: by a sixth of a pixel at 1.5.
+                Sampling::Gaussian(1.5) => 1.0,
+                _ => 0.2,
+            };
+            let centre = |k: f64| if sampling == Sampling::Grid { k } else { k + 0.5 };
+            let y: Vec<f64> = (0..axis.inputs).map(|k| 3.0 + centre(k as f64)).collect();
+            let x = axis.spline(sampling).apply(&axis.prefilter(sampling).apply(&y));
+            for (j, x) in x.iter().enumerate() {
+                let at = if sampling == Sampling::Grid { j as f64 / axis.scale } else { axis.centre(j) };
+                // In high-resolution pixels, and to f64 in a ramp of hundreds.
+                let error = (x - 3.0 - at).abs() * axis.scale / (1.0 + 0.05 * axis.inputs as f64);
+                assert!(error < bound, "{axis:?} {sampling} {j} {error}");
+            }
+        }
+    }
+}
+
+#[test]
+fn rows_of_both_maps_sum_to_one() {
+    for axis in axes() {
+        for sampling in MODELS.into_iter().filter(|model| fits(&axis, *model)) {
+            for taps in [axis.reduce(sampling), axis.spline(sampling)] {
+                for i in 0..taps.outputs() {
+                    let (start, row) = taps.row(i);
+                    assert!((row.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{axis:?} {sampling}");
+                    assert!(start + row.len() <= taps.inputs());
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_box_at_a_whole_factor_has_cells_and_its_spline_the_known_filter() {
+    let axis = Axis::whole(30, 60);
+    let cells = axis.cells(Sampling::Box).unwrap();
+    assert_eq!(cells[7], 14..16);
+    assert_eq!(axis.cells(Sampling::Grid), None);
+    assert_eq!(Axis::whole(20, 30).cells(Sampling::Box), None);
+    // The mean of a cubic spline over a knot interval: (1, 76, 230, 76, 1) / 384.
+    let both = axis.reduce(Sampling::Box).after(&axis.spline(Sampling::Box));
+    let (start, row) = both.row(15);
+    for (k, expected) in [1.0, 76.0, 230.0, 76.0, 1.0].into_iter().enumerate() {
+        let at = 13 + k - start;
+        assert!((row[at] - expected / 384.0).abs() < 1e-12, "{row:?}");
+    }
+}
+
+#[test]
+fn sources_are_the_pixels_around() {
+    let axis = Axis::whole(3, 6);
+    let of = |sampling| (0..6).map(|j| axis.source(sampling, j)).collect::<Vec<_>>();
+    assert_eq!(of(Sampling::Box), [0, 0, 1, 1, 2, 2]);
+    assert_eq!(of(Sampling::Grid), [0, 0, 1, 1, 2, 2]);
+    let three = Axis::whole(2, 6);
+    let nearest: Vec<_> = (0..6).map(|j| three.source(Sampling::Grid, j)).collect();
+    assert_eq!(nearest, [0, 0, 1, 1, 1, 1]);
+}
+
+#[test]
+fn nonsense_is_refused() {
+    assert!(Axis::whole(4, 2).check(Sampling::Box).is_err());
+    assert!(Axis::whole(1, 17).check(Sampling::Box).is_err());
+    assert!(Axis::whole(0, 1).check(Sampling::Box).is_err());
+    assert!(Axis::whole(4, 6).check(Sampling::Grid).is_err());
+    assert!(Axis { shift: -1.5, ..Axis::whole(4, 8) }.check(Sampling::Box).is_err());
+    assert_eq!(Axis::whole(4, 8).check(Sampling::Grid), Ok(()));
+}

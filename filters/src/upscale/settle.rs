@@ -1,0 +1,231 @@
+//! Bounds as part of the solution: the nearest image that keeps them and still reduces to the input.
+//!
+//! Given an image `x0` with `R x0 = y` and bounds `low <= x <= high` for each pixel,
+//!
+//! ```text
+//! min |x - x0|^2   subject to   R x = y,   low <= x <= high
+//! ```
+//!
+//! so negative light that a clamp would cut off is taken from the pixels beside it, and the mean over each footprint stays.
+//!
+//! Bounds: the range that all measured values keep (no negative light; alpha within 0 and 1), and, for boxes and grids, that of
+//! [`crate::limiter`] for the 3 x 3 low-resolution pixels around: half the least to twice the greatest of them.
+//!
+//! Algorithm. Where the footprints share no pixel (a box at a whole factor), each is a problem of its own:
+//! `x = clamp(x0 + t, low, high)`, with the one `t` that gives the mean; found by bisection, then Newton's step. A grid has
+//! nothing to keep but its samples, which have their bits. Otherwise the dual: `x = clamp(x0 + R' l, low, high)` and
+//! `l <- l + M (y - R x)` with `M = (R R')^-1`, accelerated, until `|R x - y|` is at most [`TOLERANCE`] of the largest
+//! `|y|`. At least one of both is always kept: if no image keeps both (a Gaussian cannot have made those pixels), the bounds
+//! win, the outcome is `IterationLimit`, and its residual says by how much.
+//!
+//! Source: the dual is a projection by A. Beck, M. Teboulle, "A fast iterative shrinkage-thresholding algorithm for linear
+//! inverse problems", SIAM Journal on Imaging Sciences 2(1), 2009, with restarts (B. O'Donoghue, E. Candes, "Adaptive restart
+//! for accelerated gradient schemes", Foundations of Computational Mathematics 15, 2015).
+
+use rayon::prelude::*;
+
+use super::{Enlarged, Plan, Question, Sampling};
+use crate::{Outcome, Plane, Run, Stop, limiter};
+
+/// Largest `|R x - y|` over the largest `|y|` at which the dual stops.
+pub const TOLERANCE: f64 = 1e-5;
+/// Steps of the dual after which it gives up.
+const STEPS: usize = 1000;
+/// Bisections of a cell: to the rounding of f32 and beyond.
+const BISECTIONS: usize = 40;
+
+/// Bounds of the pixels of a footprint, by the low-resolution pixel.
+struct Bounds {
+    low: Plane,
+    high: Plane,
+}
+
+impl Bounds {
+    fn new(samples: &Plane, question: &Question<'_>, local: bool) -> Self {
+        let size = samples.size();
+        let [mut low, mut high] = if local && question.limit {
+            limiter::around(samples)
+        } else {
+            [Plane::filled(size, f32::NEG_INFINITY), Plane::filled(size, f32::INFINITY)]
+        };
+        low.pixels_mut().iter_mut().for_each(|value| *value = value.max(question.range.0));
+        high.pixels_mut().iter_mut().for_each(|value| *value = value.min(question.range.1));
+        Self { low, high }
+    }
+}
+
+/// Moves `plane`, whose reduction is `samples`, into its bounds.
+pub(super) fn settle(
+    plan: &Plan,
+    samples: &Plane,
+    mut plane: Plane,
+    question: &Question<'_>,
+    run: &Run<'_>,
+) -> Enlarged {
+    let sampling = plan.geometry.sampling;
+    let bounds = Bounds::new(samples, question, matches!(sampling, Sampling::Box | Sampling::Grid));
+    let (limited, outcome) = if let Some(cells) = &plan.cells {
+        (in_cells(cells, samples, &bounds, &mut plane), Outcome::direct())
+    } else if sampling == Sampling::Grid {
+        (in_grid(plan, samples, &bounds, &mut plane), Outcome::direct())
+    } else {
+        together(plan, samples, &bounds, &mut plane, run)
+    };
+    Enlarged { plane, limited, outcome }
+}
+
+/// A box at a whole factor: cell by cell.
+fn in_cells(
+    [rows, columns]: &[Vec<std::ops::Range<usize>>; 2],
+    samples: &Plane,
+    bounds: &Bounds,
+    plane: &mut Plane,
+) -> usize {
+    let width = plane.size().width;
+    let tall = rows.first().map_or(1, std::ops::Range::len);
+    let strips = plane.pixels_mut().par_chunks_mut(tall * width).enumerate();
+    let counts = strips.map(|(i, strip)| {
+        let mut values = Vec::new();
+        let mut moved = 0;
+        for (j, range) in columns.iter().enumerate() {
+            values.clear();
+            values.extend(strip.chunks(width).flat_map(|row| &row[range.clone()]).map(|v| f64::from(*v)));
+            let cell = (f64::from(bounds.low.at(i, j)), f64::from(bounds.high.at(i, j)));
+            moved += one_cell(&mut values, f64::from(samples.at(i, j)), cell);
+            let places = strip.chunks_mut(width).flat_map(|row| &mut row[range.clone()]);
+            places.zip(&values).for_each(|(place, value)| *place = *value as f32);
+        }
+        moved
+    });
+    counts.sum()
+}
+
+/// Gives the values the mean `mean` within `low..=high`, which contains it, by the smallest change; how many left
+/// the others behind at a bound.
+fn one_cell(values: &mut [f64], mean: f64, (low, high): (f64, f64)) -> usize {
+    let count = values.len() as f64;
+    let shift = mean - values.iter().sum::<f64>() / count;
+    let outside = |value: &f64| *value + shift < low || *value + shift > high;
+    if !values.iter().any(outside) {
+        for value in values {
+            *value += shift;
+        }
+        return 0;
+    }
+    let (least, most) = values.iter().fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(*v), b.max(*v)));
+    // At `from` no value is above the mean, at `to` none is below.
+    let (mut from, mut to) = (mean - most, mean - least);
+    let sum = |t: f64| values.iter().map(|value| (value + t).clamp(low, high)).sum::<f64>();
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (from + to);
+        if sum(middle) < mean * count { from = middle } else { to = middle }
+    }
+    let free = |value: &&f64| **value + to > low && **value + to < high;
+    let t = to + (mean * count - sum(to)) / values.iter().filter(free).count().max(1) as f64;
+    let moved = values.iter().filter(|value| **value + t < low || **value + t > high).count();
+    for value in values {
+        *value = (*value + t).clamp(low, high);
+    }
+    moved
+}
+
+/// A grid: every pixel by itself, and the samples' bits where they stand.
+fn in_grid(plan: &Plan, samples: &Plane, bounds: &Bounds, plane: &mut Plane) -> usize {
+    let moved = clamp(plan, bounds, plane);
+    plan.restore(samples, plane);
+    moved
+}
+
+/// Moves every pixel into the bounds of its low-resolution pixel; how many were outside.
+fn clamp(plan: &Plan, bounds: &Bounds, plane: &mut Plane) -> usize {
+    let geometry = &plan.geometry;
+    let columns: Vec<usize> =
+        (0..geometry.high().width).map(|x| geometry.horizontal.source(geometry.sampling, x)).collect();
+    let rows = plane.pixels_mut().par_chunks_mut(columns.len()).enumerate();
+    let counts = rows.map(|(y, row)| {
+        let source = geometry.vertical.source(geometry.sampling, y);
+        let (low, high) = (bounds.low.row(source), bounds.high.row(source));
+        let mut moved = 0;
+        for (value, &column) in row.iter_mut().zip(&columns) {
+            let inside = value.clamp(low[column], high[column].max(low[column]));
+            moved += usize::from(inside != *value);
+            *value = inside;
+        }
+        moved
+    });
+    counts.sum()
+}
+
+/// Footprints that share pixels: all together, by the dual.
+fn together(
+    plan: &Plan,
+    samples: &Plane,
+    bounds: &Bounds,
+    plane: &mut Plane,
+    run: &Run<'_>,
+) -> (usize, Outcome) {
+    let start = plane.clone();
+    let peak = largest(samples).max(f64::MIN_POSITIVE);
+    let mut outcome = Outcome { stop: Stop::IterationLimit, ..Outcome::direct() };
+    let mut moved = clamp(plan, bounds, plane);
+    let mut multiplier = Plane::filled(samples.size(), 0.0);
+    let mut ahead = multiplier.clone();
+    let mut momentum = 1.0_f64;
+    loop {
+        let residual = difference(samples, &plan.model.reduce(plane));
+        let off = largest(&residual) / peak;
+        outcome.residual = Some(off);
+        if off <= TOLERANCE {
+            outcome.stop = Stop::Converged;
+        } else if let Some(stop) = run.interrupted() {
+            outcome.stop = stop;
+        } else if outcome.iterations < STEPS {
+            // Without bounds in the way the first step would be exact, so that the step is 1.
+            let next = sum(&ahead, 1.0, &plan.model.gram_inverse(&residual));
+            let way = difference(&next, &multiplier);
+            if dot(&residual, &way) < 0.0 {
+                momentum = 1.0;
+            }
+            let after = f64::midpoint(1.0, (1.0 + 4.0 * momentum * momentum).sqrt());
+            ahead = sum(&next, ((momentum - 1.0) / after) as f32, &way);
+            multiplier = next;
+            momentum = after;
+            *plane = sum(&start, 1.0, &plan.model.adjoint(&ahead));
+            moved = clamp(plan, bounds, plane);
+            outcome.iterations += 1;
+            continue;
+        }
+        return (moved, outcome);
+    }
+}
+
+/// `a - b`.
+fn difference(a: &Plane, b: &Plane) -> Plane {
+    sum(a, -1.0, b)
+}
+
+/// `a + factor b`.
+fn sum(a: &Plane, factor: f32, b: &Plane) -> Plane {
+    let mut out = a.clone();
+    let pairs = out.pixels_mut().par_chunks_mut(PART).zip(b.pixels().par_chunks(PART));
+    pairs.for_each(|(out, b)| out.iter_mut().zip(b).for_each(|(out, b)| *out += factor * b));
+    out
+}
+
+/// Pixels that one task takes.
+const PART: usize = 1 << 14;
+
+fn largest(plane: &Plane) -> f64 {
+    let parts = plane.pixels().par_chunks(PART);
+    f64::from(
+        parts.map(|part| part.iter().fold(0.0_f32, |most, v| most.max(v.abs()))).reduce(|| 0.0, f32::max),
+    )
+}
+
+fn dot(a: &Plane, b: &Plane) -> f64 {
+    let parts = a.pixels().par_chunks(PART).zip(b.pixels().par_chunks(PART));
+    let products =
+        |(a, b): (&[f32], &[f32])| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
+    // In the order of the parts, whatever the threads.
+    parts.map(products).collect::<Vec<f64>>().into_iter().sum()
+}

@@ -1,0 +1,271 @@
+//! The methods as a whole.
+
+use super::*;
+use crate::baseline::testing;
+use crate::variational::tv;
+
+const ALL: Question<'static> =
+    Question { mask: None, range: (f32::NEG_INFINITY, f32::INFINITY), limit: false };
+/// As for light.
+const LIGHT: Question<'static> = Question { range: (0.0, f32::INFINITY), limit: true, ..ALL };
+
+fn geometry(low: Size, high: Size, sampling: Sampling) -> Geometry {
+    let vertical = Axis::whole(low.height, high.height);
+    Geometry { vertical, horizontal: Axis::whole(low.width, high.width), sampling }
+}
+
+fn sizes() -> [(Size, Size); 6] {
+    [
+        (Size::new(1, 1), Size::new(2, 2)),
+        (Size::new(1, 9), Size::new(3, 18)),
+        (Size::new(8, 1), Size::new(12, 1)),
+        (Size::new(7, 10), Size::new(14, 30)),
+        (Size::new(12, 21), Size::new(18, 32)),
+        (Size::new(33, 40), Size::new(66, 80)),
+    ]
+}
+
+const MODELS: [Sampling; 5] =
+    [Sampling::Point, Sampling::Grid, Sampling::Box, Sampling::Gaussian(1.0), Sampling::Mitchell];
+
+/// Smooth with a hard edge and a black half.
+fn scene(size: Size) -> Plane {
+    Plane::from_fn(size, |y, x| {
+        let (v, u) = (y as f32 / size.height as f32, x as f32 / size.width as f32);
+        if u + 0.3 * v > 0.6 { 0.0 } else { 0.4 + 0.3 * (7.0 * u).sin() * (5.0 * v).cos() }
+    })
+}
+
+fn off(plan: &Plan, x: &Plane, y: &Plane) -> f64 {
+    let back = plan.model.reduce(x);
+    let pairs = back.pixels().iter().zip(y.pixels());
+    let worst = pairs.map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
+    worst / y.pixels().iter().map(|v| f64::from(v.abs())).fold(0.0, f64::max)
+}
+
+#[test]
+fn the_fast_path_is_the_slow_one() {
+    for (low, high) in sizes() {
+        for sampling in MODELS {
+            let geometry = geometry(low, high, sampling);
+            let Ok(plan) = Plan::new(geometry, Method::Ss) else { continue };
+            let y = Plane::from_fn(low, |i, j| ((i * 31 + j * 17) % 13) as f32 / 13.0);
+            let fast = plan.enlarge(&y, &ALL, &Run::default()).unwrap().plane;
+            // Line by line, in f64.
+            let line = |axis: &Axis, line: &[f64]| {
+                axis.spline(sampling).apply(&axis.prefilter(sampling).apply(line))
+            };
+            let rows: Vec<Vec<f64>> = (0..low.height)
+                .map(|i| {
+                    line(&geometry.horizontal, &y.row(i).iter().map(|v| f64::from(*v)).collect::<Vec<_>>())
+                })
+                .collect();
+            for x in 0..high.width {
+                let column: Vec<f64> = rows.iter().map(|row| row[x]).collect();
+                for (i, value) in line(&geometry.vertical, &column).into_iter().enumerate() {
+                    let error = (f64::from(fast.at(i, x)) - value).abs();
+                    assert!(error < 64.0 * f64::from(f32::EPSILON), "{sampling} {low} {error}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn reduced_again_it_is_the_input_within_bounds_too() {
+    for (low, high) in sizes() {
+        for sampling in MODELS {
+            let Ok(plan) = Plan::new(geometry(low, high, sampling), Method::Ss) else { continue };
+            // Pixels that such a footprint can have made: those of an image without negative light.
+            let y = plan.model.reduce(&scene(high));
+            let lowest = y.pixels().iter().copied().fold(f32::INFINITY, f32::min);
+            for question in [ALL, Question { range: (0.0, f32::INFINITY), ..LIGHT }] {
+                let done = plan.enlarge(&y, &question, &Run::default()).unwrap();
+                // These footprints overlap and change their sign: where bounds cut into them the dual creeps.
+                let creeps = matches!(sampling, Sampling::Mitchell | Sampling::Point) && question.limit;
+                let off = off(&plan, &done.plane, &y);
+                assert!(off < if creeps { 1e-3 } else { 2e-5 }, "{sampling} {low} {off}");
+                assert!(creeps || done.outcome.stop == crate::Stop::Converged, "{sampling} {low}");
+                if let Some(told) = done.outcome.residual {
+                    assert!((off - told).abs() < 1e-6, "{sampling} {low} {off} {told}");
+                }
+                if lowest >= 0.0 && question.limit {
+                    assert!(done.plane.pixels().iter().all(|value| *value >= 0.0), "{sampling} {low}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_highlight_keeps_its_energy_and_rings_into_nothing_darker() {
+    let low = Size::new(16, 16);
+    let y = Plane::from_fn(low, |i, j| if i == 8 && j == 7 { 1000.0 } else { 0.1 });
+    for factor in [2, 3] {
+        let high = Size::new(16 * factor, 16 * factor);
+        let plan = Plan::new(geometry(low, high, Sampling::Box), Method::Ss).unwrap();
+        let done = plan.enlarge(&y, &LIGHT, &Run::default()).unwrap();
+        assert!(done.limited > 0);
+        for (i, row) in (0..high.height).map(|i| (i, done.plane.row(i))) {
+            for (j, value) in row.iter().enumerate() {
+                let light = i / factor == 8 && j / factor == 7;
+                assert!(*value >= 0.05 - 1e-6 && (light || *value < 0.6), "{i} {j} {value}");
+            }
+        }
+        // Each mean to its own rounding, the dark ones beside the highlight too.
+        let back = plan.model.reduce(&done.plane);
+        for (a, b) in back.pixels().iter().zip(y.pixels()) {
+            assert!((a - b).abs() <= 1e-5 * b, "{a} {b}");
+        }
+    }
+}
+
+#[test]
+fn a_grid_keeps_its_samples_bits_at_their_places() {
+    let (low, high) = (Size::new(9, 14), Size::new(27, 28));
+    let plan = Plan::new(geometry(low, high, Sampling::Grid), Method::Ss).unwrap();
+    let y = scene(low);
+    let x = plan.enlarge(&y, &LIGHT, &Run::default()).unwrap().plane;
+    for i in 0..low.height {
+        for j in 0..low.width {
+            assert_eq!(x.at(3 * i, 2 * j).to_bits(), y.at(i, j).to_bits());
+        }
+    }
+}
+
+#[test]
+fn ramps_and_constants_stay_what_they_are() {
+    let low = Size::new(12, 20);
+    let cases = [
+        (Size::new(24, 60), Sampling::Box, Method::Ss),
+        (Size::new(24, 60), Sampling::Gaussian(1.0), Method::Ss),
+        (Size::new(24, 60), Sampling::Mitchell, Method::Ss),
+        (Size::new(18, 50), Sampling::Point, Method::Ss),
+        (Size::new(18, 50), Sampling::Box, Method::Plain(plain::Kernel::Linear)),
+    ];
+    for (high, sampling, method) in cases {
+        let plan = Plan::new(geometry(low, high, sampling), method).unwrap();
+        let value = |y: f64, x: f64| (1.0 + 0.02 * y + 0.01 * x) as f32;
+        let y = Plane::from_fn(low, |i, j| value(i as f64 + 0.5, j as f64 + 0.5));
+        let x = plan.enlarge(&y, &LIGHT, &Run::default()).unwrap().plane;
+        // A plain filter repeats the border.
+        let edge = if method == Method::Ss { 0 } else { 3 };
+        let (tall, wide) = (high.height as f64 / 12.0, high.width as f64 / 20.0);
+        for i in edge..high.height - edge {
+            for j in edge..high.width - edge {
+                let expected = value((i as f64 + 0.5) / tall, (j as f64 + 0.5) / wide);
+                let error = (x.at(i, j) - expected).abs();
+                assert!(error < 2e-6, "{sampling} {method:?} {i} {j} {error}");
+            }
+        }
+        let flat = plan.enlarge(&Plane::filled(low, 0.7), &LIGHT, &Run::default()).unwrap().plane;
+        assert!(flat.pixels().iter().all(|v| (v - 0.7).abs() < 1e-6));
+    }
+}
+
+#[test]
+fn plain_filters_are_placed_like_the_others() {
+    let low = Size::new(20, 20);
+    let shifted = Axis { inputs: 20, outputs: 31, scale: 62.0 / 41.0, shift: 7.0 - 5.0 * 62.0 / 41.0 };
+    let geometry = Geometry { vertical: shifted, horizontal: shifted, sampling: Sampling::Point };
+    let y = Plane::from_fn(low, |i, j| ((i as f32 * 0.2).sin() + (j as f32 * 0.15).cos()) * 0.3 + 1.0);
+    let of = |method| Plan::new(geometry, method).unwrap().enlarge(&y, &ALL, &Run::default()).unwrap().plane;
+    let spline = of(Method::Ss);
+    for kernel in [plain::Kernel::Lanczos3, plain::Kernel::Cubic, plain::Kernel::Linear] {
+        let plain = of(Method::Plain(kernel));
+        for i in 6..25 {
+            for j in 6..25 {
+                assert!((plain.at(i, j) - spline.at(i, j)).abs() < 6e-3, "{kernel:?} {i} {j}");
+            }
+        }
+    }
+}
+
+fn total_variation(x: &Plane) -> f64 {
+    let size = x.size();
+    let at = |y: usize, c: usize| f64::from(x.at(y.min(size.height - 1), c.min(size.width - 1)));
+    let length = |y, c| (at(y + 1, c) - at(y, c)).hypot(at(y, c + 1) - at(y, c));
+    (0..size.height).flat_map(|y| (0..size.width).map(move |c| (y, c))).map(|(y, c)| length(y, c)).sum()
+}
+
+#[test]
+fn total_variation_is_shorter_than_the_spline_and_keeps_the_means() {
+    let settings = tv::Settings::default();
+    for (low, high) in sizes() {
+        for sampling in [Sampling::Box, Sampling::Grid, Sampling::Gaussian(1.0)] {
+            let geometry = geometry(low, high, sampling);
+            let Ok(plan) = Plan::new(geometry, Method::Tv(settings)) else { continue };
+            let y = plan.model.reduce(&scene(high));
+            let tv = plan.enlarge(&y, &ALL, &Run::default()).unwrap();
+            let ss = Plan::new(geometry, Method::Ss).unwrap().enlarge(&y, &ALL, &Run::default()).unwrap();
+            assert!(off(&plan, &tv.plane, &y) < 2e-5, "{sampling} {low} {}", off(&plan, &tv.plane, &y));
+            let (short, long) = (total_variation(&tv.plane), total_variation(&ss.plane));
+            assert!(short <= long * 1.001, "{sampling} {low} {short} {long}");
+            if low.pixels() > 1000 {
+                assert!(short < 0.98 * long, "{sampling} {low} {short} {long}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_gap_bounds_the_distance_from_the_least_variation() {
+    let (low, high) = (Size::new(12, 14), Size::new(24, 28));
+    let mut settings = tv::Settings::default();
+    let geometry = geometry(low, high, Sampling::Box);
+    let y = Plan::new(geometry, Method::Ss).unwrap().model.reduce(&scene(high));
+    let mut of = |sweeps: usize, gap: f64| {
+        settings.max_iterations = sweeps;
+        settings.gap = gap;
+        let plan = Plan::new(geometry, Method::Tv(settings)).unwrap();
+        let done = plan.enlarge(&y, &ALL, &Run::default()).unwrap();
+        (total_variation(&done.plane), done.outcome)
+    };
+    let (short, _) = of(20, 1e-9);
+    let (least, outcome) = of(4000, 1e-3);
+    let gap = outcome.gap.unwrap();
+    assert!(gap > 0.0 && short >= least * (1.0 - gap), "{short} {least} {gap}");
+}
+
+#[test]
+fn missing_pixels_do_not_bind_total_variation() {
+    let (low, high) = (Size::new(20, 24), Size::new(30, 48));
+    let plan = Plan::new(geometry(low, high, Sampling::Box), Method::Tv(tv::Settings::default())).unwrap();
+    let y = plan.model.reduce(&scene(high));
+    let mask = crate::sampling::shuffle::mask(0, 0, low, 0.5, 1).unwrap();
+    // A guess that is far off must not show.
+    let given = Plane::from_fn(low, |i, j| if mask.is_measured(i, j) { y.at(i, j) } else { 0.3 });
+    let question = Question { mask: Some(&mask), ..ALL };
+    let x = plan.enlarge(&given, &question, &Run::default()).unwrap().plane;
+    let back = plan.model.reduce(&x);
+    let mut moved = 0;
+    for (at, flag) in mask.as_slice().iter().enumerate() {
+        let error = (back.pixels()[at] - given.pixels()[at]).abs();
+        assert!(!flag || error < 1e-4, "{at} {error}");
+        moved += usize::from(!flag && error > 0.05);
+    }
+    assert!(moved > 20, "{moved}");
+}
+
+#[test]
+fn threads_change_nothing() {
+    let (low, high) = (Size::new(40, 37), Size::new(60, 74));
+    for method in [Method::Ss, Method::Tv(tv::Settings::default())] {
+        let plan = Plan::new(geometry(low, high, Sampling::Box), method).unwrap();
+        let y = plan.model.reduce(&scene(high));
+        let with = |threads: usize| {
+            let ask = || plan.enlarge(&y, &LIGHT, &Run::default()).unwrap();
+            testing::with_threads(threads, ask)
+        };
+        assert_eq!(with(1), with(3));
+    }
+}
+
+#[test]
+fn sizes_and_values_are_checked() {
+    let plan = Plan::new(geometry(Size::new(4, 4), Size::new(8, 8), Sampling::Box), Method::Ss).unwrap();
+    let other = plan.enlarge(&Plane::filled(Size::new(4, 5), 0.0), &ALL, &Run::default());
+    assert!(matches!(other, Err(Error::SizeMismatch { .. })));
+    let nan = plan.enlarge(&Plane::filled(Size::new(4, 4), f32::NAN), &ALL, &Run::default());
+    assert_eq!(nan, Err(Error::NotFinite { row: 0, column: 0 }));
+}

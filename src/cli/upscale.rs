@@ -1,0 +1,167 @@
+//! `lacuna upscale`: flags to a checked job.
+
+use clap::{Args, ValueEnum};
+use lacuna_filters::upscale::plain::Kernel;
+use lacuna_filters::upscale::{Method, Sampling};
+
+use super::Usage;
+use super::channels::ChannelArgs;
+use super::fill::Groups;
+use super::filter::{DomainName, Name, SettingArgs};
+use super::input::InputArgs;
+use super::mask::MaskArgs;
+use super::output::{FormatArgs, MoreOutput, OutputArgs};
+use super::run::RunArgs;
+use crate::reconstruct::{Enlarge, Target};
+use crate::sequence::FillJob;
+
+const EXAMPLES: &str = "\
+Examples:
+  lacuna upscale small.exr -o large.exr --scale 2
+  lacuna upscale 'shot.####.exr' -o 'large/shot.####.exr' --size 3840x2160 --create-dir
+  lacuna upscale sparse.exr -o large.exr --scale 1.5 --mask file:mask.png
+  lacuna upscale small.exr -o large.exr --scale 2 --sampling gaussian:1
+
+Which --sampling: what the renderer's pixel filter makes. Path tracers with a box, triangle, Blackman-Harris or area filter of \
+about a pixel: box. A Gaussian or Mitchell filter: that one, with the radius in the renderer's settings (a width of 2 is \
+a radius of 1). One ray through the centre of each pixel, as in lacuna render: point. Pixels kept from a larger render, as \
+oiiotool or a mask of every second pixel does: grid. To tell by a frame: render one small and large, and take the model \
+for which lacuna compare shows the least error.
+
+Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.";
+
+/// Make EXR frames larger, and fill them if pixels are missing
+///
+/// Reads frames rendered at a low resolution and writes them at a higher one. The result, reduced again as a pixel of the renderer
+/// does it, is the input; light stays light, highlights keep their energy. Every channel by its rule: colour is
+/// reconstructed, normals get unit length, depths, identifiers and kept channels take the value of the pixel they lie in.
+/// Frames without a mask are complete.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct UpscaleArgs {
+    #[command(flatten)]
+    input: InputArgs,
+
+    #[command(flatten)]
+    size: SizeArgs,
+
+    #[command(flatten)]
+    filter: MethodArgs,
+
+    #[command(flatten)]
+    mask: MaskArgs,
+
+    #[command(flatten)]
+    channels: ChannelArgs,
+
+    #[command(flatten)]
+    output: OutputArgs,
+
+    #[command(flatten)]
+    format: FormatArgs,
+
+    #[command(flatten)]
+    more: MoreOutput,
+
+    #[command(flatten)]
+    run: RunArgs,
+}
+
+/// How large.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Size")]
+struct SizeArgs {
+    /// Factor, above 1 to 16, broken ones too; two for width and height: 2x1.5
+    #[arg(long, value_name = "S", value_parser = Target::scale, allow_hyphen_values = true)]
+    #[arg(required_unless_present = "size", conflicts_with = "size")]
+    scale: Option<Target>,
+
+    /// Size of the display window; the data window follows
+    #[arg(long, value_name = "WxH", value_parser = Target::size, allow_hyphen_values = true)]
+    size: Option<Target>,
+}
+
+/// How.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Filter")]
+struct MethodArgs {
+    /// The filter that makes the larger image
+    #[arg(long, value_name = "NAME", default_value = "ss")]
+    filter: Choice,
+
+    /// What a pixel of the input is: point (the value at its centre), grid (the pixel (S i, S j) of the larger frame; whole
+    /// factors), box (the mean over its area), gaussian:R (R is 0.5 to 1.5 pixels) or mitchell; see below
+    #[arg(long, value_name = "MODEL", default_value_t = Sampling::Box)]
+    sampling: Sampling,
+
+    #[command(flatten)]
+    settings: SettingArgs,
+}
+
+/// A filter that enlarges.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Choice {
+    /// Smoothness splines: the best on smooth renders, and fast
+    Ss,
+    /// Total variation: flat regions between sharp edges
+    Tv,
+    /// A windowed sinc, without a model of a pixel
+    Lanczos3,
+    /// The cubic of Catmull and Rom, without a model of a pixel
+    Cubic,
+    /// Straight lines between pixels, without a model of a pixel
+    Linear,
+}
+
+impl MethodArgs {
+    /// The filter with its settings.
+    fn method(&self) -> Result<Method, Usage> {
+        // What is missing is filled by splines in any case, so that their settings are settings of all.
+        let shared =
+            SettingArgs { ss_kernel: None, ss_order: None, ss_tension: None, ..self.settings.clone() };
+        shared.check(if self.filter == Choice::Tv { Name::Tv } else { Name::Ss })?;
+        for (flag, given) in [("--ss-lambda", shared.ss_lambda), ("--tv-epsilon", shared.tv_epsilon)] {
+            if given.is_some_and(|value| value != 0.0) {
+                return Err(Usage(format!(
+                    "{flag} smooths what was measured, and upscale keeps it: smooth first, with lacuna fill"
+                )));
+            }
+        }
+        if self.settings.domain == DomainName::Log && !self.sampling.is_pointwise() {
+            return Err(Usage(format!(
+                "--domain log has other means than light: it is for --sampling point and grid, not {}",
+                self.sampling
+            )));
+        }
+        Ok(match self.filter {
+            Choice::Ss => Method::Ss,
+            Choice::Tv => Method::Tv(self.settings.tv()),
+            Choice::Lanczos3 => Method::Plain(Kernel::Lanczos3),
+            Choice::Cubic => Method::Plain(Kernel::Cubic),
+            Choice::Linear => Method::Plain(Kernel::Linear),
+        })
+    }
+}
+
+impl UpscaleArgs {
+    /// The checked job.
+    pub fn job(&self) -> Result<FillJob, Usage> {
+        let Some(target) = self.size.scale.or(self.size.size) else {
+            return Err(Usage("--scale or --size is needed".into()));
+        };
+        let settings = &self.filter.settings;
+        let groups = Groups {
+            input: &self.input,
+            mask: &self.mask,
+            channels: &self.channels,
+            settings,
+            output: &self.output,
+            format: &self.format,
+            more: &self.more,
+            run: &self.run,
+            page: None,
+        };
+        let enlarge = Enlarge { target, method: self.filter.method()?, sampling: self.filter.sampling };
+        groups.job(lacuna_filters::Method::Ss(settings.ss()), Some(enlarge))
+    }
+}
