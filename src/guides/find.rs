@@ -215,13 +215,13 @@ fn candidates(
             layer
         };
         let key = if alone { name.clone() } else { format!("{stem}\n{view:?}") };
-        match found.iter_mut().find(|(other, guide, _)| *other == key && guide.kind == kind && !alone) {
-            Some((_, guide, _)) => guide.channels.push(at),
-            None => {
-                let shown = if alone || stem.is_empty() { name.clone() } else { stem.to_owned() };
-                let guide = Guide { name: shown, second: false, part: index, channels: vec![at], kind };
-                found.push((key, guide, why));
-            }
+        let same = found.iter_mut().find(|(other, guide, _)| *other == key && guide.kind == kind && !alone);
+        if let Some((_, guide, _)) = same {
+            guide.channels.push(at);
+        } else {
+            let shown = if alone || stem.is_empty() { name.clone() } else { stem.to_owned() };
+            let guide = Guide { name: shown, second: false, part: index, channels: vec![at], kind };
+            found.push((key, guide, why));
         }
     }
     found.into_iter().map(|(_, guide, why)| (guide, why)).collect()

@@ -195,8 +195,8 @@ impl Regress<'_> {
                 weight[i] *= inverse * inverse;
             }
             if let Some(&label) = self.samples.labels.get(index) {
-                for i in 0..LANES {
-                    weight[i] *= if label == self.centres.labels[i] { 1.0 } else { FOREIGN };
+                for (weight, own) in weight.iter_mut().zip(&self.centres.labels) {
+                    *weight *= if label == *own { 1.0 } else { FOREIGN };
                 }
             }
             let mut entry = 0;
@@ -288,10 +288,11 @@ fn add<const FUSED: bool>(sum: &mut Lanes, a: &Lanes, b: &Lanes) {
 #[inline(always)]
 fn near<const FUSED: bool>([row, column]: [f32; 2], centres: &Centres, leave_out: bool) -> Lanes {
     let mut weight = [0.0; LANES];
+    let ([rows, columns], inverse) = (&centres.at, &centres.inverse);
     for i in 0..LANES {
-        let (y, x) = (row - centres.at[0][i], column - centres.at[1][i]);
+        let (y, x) = (row - rows[i], column - columns[i]);
         let square = fma::<f32, FUSED>(y, y, x * x);
-        let inside = fma::<f32, FUSED>(-square, centres.inverse[i], 1.0).max(0.0);
+        let inside = fma::<f32, FUSED>(-square, inverse[i], 1.0).max(0.0);
         let own = leave_out && square == 0.0;
         weight[i] = if own { 0.0 } else { inside * inside };
     }

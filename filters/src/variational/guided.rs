@@ -204,7 +204,7 @@ fn hold_out(mask: &Mask) -> (Mask, Vec<(usize, usize)>) {
                     columns.filter(|&column| mask.is_measured(row, column)).map(|column| (row, column)),
                 );
             }
-            let key = ((top as u64) << 32 | left as u64).wrapping_add(1);
+            let key = (((top as u64) << 32) | left as u64).wrapping_add(1);
             let mixed = (key ^ (key >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
             let mixed = ((mixed ^ (mixed >> 32)).wrapping_mul(0x94d0_49bb_1331_11eb) >> 32) as usize;
             let count = ((block.len() + mixed % HOLD_OUT) / HOLD_OUT).min(block.len().saturating_sub(1));

@@ -36,8 +36,8 @@ fn reference(
         }
         let row: Vec<f64> = slopes.iter().map(|&guide| difference(guide)).chain([1.0]).collect();
         for a in 0..order {
-            for b in 0..order {
-                system[a][b] += weight * row[a] * row[b];
+            for (entry, other) in system[a].iter_mut().zip(&row) {
+                *entry += weight * row[a] * other;
             }
             for channel in 0..channels {
                 system[a][order + channel] +=

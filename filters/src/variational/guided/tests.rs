@@ -17,7 +17,7 @@ fn mask(density: f64) -> Arc<Mask> {
 /// Numbers between 0 and 1 without a pattern.
 fn noise(seed: u64) -> impl Fn(usize, usize) -> f32 {
     move |y, x| {
-        let key = ((y as u64) << 32 | x as u64) ^ seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let key = (((y as u64) << 32) | x as u64) ^ seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
         let mixed = (key ^ (key >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let mixed = (mixed ^ (mixed >> 29)).wrapping_mul(0x94d0_49bb_1331_11eb);
         (mixed >> 40) as f32 / (1 << 24) as f32
