@@ -196,12 +196,10 @@ fn candidates(
     for (at, channel) in part.channels.iter().enumerate().filter(|(at, _)| !is_mask(*at)) {
         let name = channel.display_name().into_owned();
         let why = match asked {
-            Asked::None => continue,
             Asked::Channels(patterns) if patterns.iter().any(|pattern| pattern.matches(&name)) => Why::Asked,
-            Asked::Channels(_) => continue,
             Asked::Auto if listed.contains(&name) => Why::Listed,
             Asked::Auto if guides_by_name(part, at, &name) => Why::Name,
-            Asked::Auto => continue,
+            Asked::Auto | Asked::None | Asked::Channels(_) => continue,
         };
         let labels = channels::is_label(part, at);
         let kind = if labels { Kind::Labels } else { Kind::Values };
