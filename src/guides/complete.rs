@@ -32,7 +32,11 @@ pub fn complete(group: &[&Samples], mask: &Mask) -> bool {
         }
     }
     let share = |side: usize| blank[side] as f64 / all[side].max(1) as f64;
-    let varies = differs || (first.is_some() && blank[0] > 0);
+    // One value everywhere, measured pixels included, is complete, if idle.
+    let value = |at: usize| group.iter().map(|samples| bits(samples, at)).collect::<Vec<u32>>();
+    let same = |first: &Vec<u32>| (0..mask.as_slice().len()).all(|at| value(at) == *first);
+    let idle = !differs && blank[0] == 0 && first.as_ref().is_some_and(same);
+    let varies = differs || idle || (first.is_some() && blank[0] > 0);
     varies && share(0) <= share(1) + MARGIN
 }
 

@@ -199,7 +199,7 @@ fn candidates(
             Asked::Channels(patterns) if patterns.iter().any(|pattern| pattern.matches(&name)) => Why::Asked,
             Asked::Auto if listed.contains(&name) => Why::Listed,
             Asked::Auto if guides_by_name(part, at, &name) => Why::Name,
-            Asked::None | Asked::Channels(_) | Asked::Auto => continue,
+            Asked::Auto | Asked::None | Asked::Channels(_) => continue,
         };
         let labels = channels::is_label(part, at);
         let kind = if labels { Kind::Labels } else { Kind::Values };
