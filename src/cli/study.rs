@@ -30,7 +30,7 @@ Exit status: 0 all done, 1 some cell failed, 2 usage, 128 + n on signal n.";
 #[command(after_help = EXAMPLES)]
 pub struct StudyArgs {
     /// The study's file, TOML (see docs/study.md)
-    #[arg(value_name = "STUDY.toml")]
+    #[arg(value_name = "STUDY.toml", help_heading = "Input and frames")]
     definition: PathBuf,
 
     /// The folder for results, figures and report; it is made where it is missing

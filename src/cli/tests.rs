@@ -122,7 +122,7 @@ fn settings_of_another_filter_are_refused() {
     ] {
         let text = usage(&format!("fill a.exr -o b.exr {line}"));
         assert!(text.starts_with(&format!("lacuna: error: {flag} is a setting of")), "{text}");
-        assert_eq!(text.lines().filter(|line| !line.is_empty()).count(), 2, "{text}");
+        assert_eq!(text.lines().count(), 1, "{text}");
     }
 }
 
