@@ -20,7 +20,7 @@ OIIO_BIN = pathlib.Path(OpenImageIO.__file__).parent / "bin"
 
 @dataclasses.dataclass
 class Result:
-    """What a process did: exit status (negative: the signal), its output, its peak memory, the seconds that
+    """What a process did: exit status (negative: the signal), its output, its peak memory (see `Peak`), the seconds that
     it took and those that it kept processors busy."""
 
     command: list
@@ -38,6 +38,32 @@ class Result:
         return f"{' '.join(self.command)}\nexit {self.status}\n{self.stdout}{self.stderr}"
 
 
+class Peak(threading.Thread):
+    """The most memory that a process held, looked at every hundredth of a second.
+
+    What the kernel says at its end is never less than what this process held when it started the other."""
+
+    def __init__(self, process):
+        super().__init__(daemon=True)
+        self.status = pathlib.Path(f"/proc/{process.pid}/status")
+        self.ended = threading.Event()
+        self.bytes = 0
+
+    def run(self):
+        while not self.ended.wait(0.01):
+            try:
+                lines = self.status.read_text().splitlines()
+            except OSError:
+                return
+            self.bytes = max([self.bytes, *(int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM"))])
+
+    def end(self, kernel):
+        """The peak; the kernel's word where the process was too short to be looked at."""
+        self.ended.set()
+        self.join()
+        return min(self.bytes or kernel, kernel)
+
+
 def run(command, timeout=60, environment=None, before=None, folder=None):
     """Runs a command to its end; it is killed after `timeout` seconds (status -9)."""
     command = [str(word) for word in command]
@@ -47,15 +73,18 @@ def run(command, timeout=60, environment=None, before=None, folder=None):
                                    env=None if environment is None else os.environ | environment, preexec_fn=before)
         alarm = threading.Timer(timeout, process.kill)
         alarm.start()
+        peak = Peak(process)
+        peak.start()
         _, status, usage = os.wait4(process.pid, 0)
         seconds = time.perf_counter() - start
         alarm.cancel()
+        peak_bytes = peak.end(usage.ru_maxrss * 1024)
         process.returncode = os.waitstatus_to_exitcode(status)
         texts = []
         for stream in (out, err):
             stream.seek(0)
             texts.append(stream.read().decode("utf-8", "replace"))
-    return Result(command, process.returncode, *texts, usage.ru_maxrss * 1024, seconds, usage.ru_utime + usage.ru_stime)
+    return Result(command, process.returncode, *texts, peak_bytes, seconds, usage.ru_utime + usage.ru_stime)
 
 
 def lacuna(*words, ok=True, **options):
