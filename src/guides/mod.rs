@@ -2,7 +2,7 @@
 //!
 //! `auto` takes, from the frame (every part with the view and data window of the part that is filled) or from a second
 //! frame: what `lacuna/dense` lists, and normals, positions, albedo, depths, alpha and identifiers, if every pixel holds them
-//! ([`complete`]). A channel that is taken is kept as it is.
+//! (`complete`). A channel that is taken is kept as it is.
 
 mod asked;
 mod collect;

@@ -17,7 +17,7 @@
 //! footprints overlap, `(R R')^-1` of the measured rows alone is a few steps of conjugate gradients.
 //! Stops on the duality gap `(|x|_TV - D) / |x|_TV`: for any `q` in the unit ball and any `m`, with `w = grad* q - R' m`,
 //! `D = m' y + sum_j min(low w_j, high w_j)` bounds the minimum from below; `m` is the one of the projection. Or where
-//! [`CHECK`] sweeps no longer shorten the gradients by [`STALL`] of their sum: then the residual says by how much they did.
+//! `CHECK` sweeps no longer shorten the gradients by `STALL` of their sum: then the residual says by how much they did.
 //! In the end the bounds are made to hold exactly ([`super::settle`]).
 //!
 //! Boundary: no gradient across the border. Source: as [`crate::variational::tv`]. Settings: those of it; `epsilon` is 0, as the

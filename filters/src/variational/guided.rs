@@ -9,10 +9,10 @@
 //! so measured pixels stay exact, and where `t` is 0 the result is the plain filter's. The prediction `p` is, at every pixel
 //! by itself, the constant of a weighted first-order regression of the colour on the differences of the guides to
 //! that pixel (`kernel/regress.rs` has the formula). Samples count by their distance, within the radius that holds about
-//! [`SAMPLES`] of them (`reach`), and by the difference of their guides; across a border between labels next to nothing.
+//! `SAMPLES` of them (`reach`), and by the difference of their guides; across a border between labels next to nothing.
 //!
 //! What each guide counts for is chosen for the image by leaving single measured pixels out (`tune`). The trust is chosen
-//! for each neighbourhood by leaving every [`HOLD_OUT`]th measured pixel out, and filling these both ways (`trust`); where
+//! for each neighbourhood by leaving every `HOLD_OUT`th measured pixel out, and filling these both ways (`trust`); where
 //! guides gain less than a few percent of the squared error in all, the result is `S y` bit for bit. So it is where no guide
 //! varies.
 //!

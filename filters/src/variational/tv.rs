@@ -35,7 +35,7 @@
 //!   measured bits. Larger is smoother; at the samples' distance from their mean the image is that mean.
 //! - `gap`: above 0, relative, default 1e-2. Smaller is closer to the minimum and slower; f32 reaches 1e-5 on small frames.
 //! - `max_iterations`: at least 1, default 2000.
-//! - `solver`: primal-dual (default), or NESTA ([`nesta`]), which the thesis used: the same objective and the same certificate.
+//! - `solver`: primal-dual (default), or NESTA (`tv/nesta.rs`), which the thesis used: the same objective and the same certificate.
 //!
 //! Cost: a sweep is one pass of about 40 operations a pixel (two passes for `epsilon > 0`); a certificate costs about
 //! ten sweeps. A frame at 20 % density takes 45 to 90 sweeps to the default gap, 140 to 340 to 1e-3. Memory: per
