@@ -9,7 +9,7 @@
 //! └──────────────── sequence repeats it per frame ────────────────────────────────┘
 //! ```
 //!
-//! [`report`] compares frames with their references, [`study`] filters with each other.
+//! [`report`] compares frames with their references, [`study`] filters with each other, [`submit`] gives a sequence to a farm.
 //!
 //! [`cli`] turns flags into a checked job and does no work; the algorithms are in the crate `lacuna_filters`.
 
@@ -24,6 +24,7 @@ pub mod report;
 pub mod sequence;
 pub mod sparsify;
 pub mod study;
+pub mod submit;
 #[cfg(test)]
 mod testing;
 pub mod verify;

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use lacuna::cli::{self, Ending, Job};
 use lacuna::sequence::{self, PlanError, panic_message};
+use lacuna::submit;
 
 fn main() -> ExitCode {
     // A panic is a defect; it becomes one line, of the frame where it happened or at the end of `run`.
@@ -31,6 +32,7 @@ fn run(job: &Job) -> Result<u8, (&'static str, PlanError)> {
         Job::Compare(job) => sequence::compare(job).map_err(|error| ("compare", error)),
         Job::Study(job) => sequence::study(job).map_err(|error| ("study", error)),
         Job::Sparsify(job) => sequence::sparsify(job).map_err(|error| ("sparsify", error)),
+        Job::Submit(job) => submit::submit(job).map_err(|error| ("submit slurm", error)),
         Job::Render(job) => sequence::render(job).map_err(|error| ("render", error)),
     }
 }

@@ -126,7 +126,7 @@ impl Groups<'_> {
                 output: self.output.checked()?,
                 mask: self.mask.file(),
                 guides: what.guides_from.clone(),
-                also_written: run.json.iter().chain(&run.page).cloned().collect(),
+                also_written: run.also_written(),
                 create_dir: self.output.create_dir,
             },
             what,

@@ -18,6 +18,7 @@ pub mod run;
 pub mod sensing;
 pub mod sparsify;
 pub mod study;
+pub mod submit;
 pub mod upscale;
 pub mod verify;
 
@@ -27,6 +28,7 @@ use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::sequence::{CompareJob, FillJob, InfoJob, MaskJob, RenderJob, SparsifyJob, StudyJob, VerifyJob};
+use crate::submit::SubmitJob;
 
 /// A command line that contradicts itself: exit status 2.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -54,6 +56,7 @@ enum Command {
     Sparsify(sparsify::SparsifyArgs),
     Render(Box<render::RenderArgs>),
     Mask(Box<make_mask::MakeMaskArgs>),
+    Submit(submit::SubmitArgs),
 }
 
 /// What is to be done.
@@ -75,6 +78,8 @@ pub enum Job {
     Render(Box<RenderJob>),
     /// Make, unite or measure masks.
     Mask(Box<MaskJob>),
+    /// Give a sequence to a farm.
+    Submit(Box<SubmitJob>),
 }
 
 /// Why a command line is no job.
@@ -137,6 +142,7 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Job, Ending> {
         Command::Study(args) => ("study", args.job().map(|job| Job::Study(Box::new(job)))),
         Command::Sparsify(args) => ("sparsify", args.job().map(Job::Sparsify)),
         Command::Render(args) => ("render", args.job().map(|job| Job::Render(Box::new(job)))),
+        Command::Submit(args) => return args.job().map(|job| Job::Submit(Box::new(job))),
         Command::Mask(args) => ("mask", args.job().map(|job| Job::Mask(Box::new(job)))),
     };
     job.map_err(|usage| Ending::usage(name, &usage.to_string()))

@@ -238,7 +238,7 @@ impl RenderArgs {
                 guides: None,
                 output: self.output.checked()?,
                 mask,
-                also_written: run.json.iter().chain(&run.page).cloned().collect(),
+                also_written: run.also_written(),
                 create_dir: self.output.create_dir,
             },
             pixels,

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
-use clap::{ArgAction, Args};
+use clap::{ArgAction, Args, ValueEnum};
 
-use crate::sequence::{RunOptions, Verbosity};
+use crate::sequence::{Meter, RunOptions, Verbosity, granted_memory};
 
 // Not a comment for rustdoc, which would read code into it.
 const THREADS: &str =
@@ -26,7 +26,8 @@ pub struct RunArgs {
     pub parallel_frames: u16,
 
     /// Memory that frames on the way may use together: bytes, or with K, M, G, T (powers of 1024), for example 4G;
-    /// a frame that alone needs more is refused [default: no bound together; reading one frame takes 1.5G at most]
+    /// a frame that alone needs more is refused [default: what Slurm granted; elsewhere no bound together, and reading one
+    /// frame takes 1.5G at most]
     #[arg(long, value_name = "SIZE", allow_hyphen_values = true)]
     pub memory: Option<Bytes>,
 
@@ -47,6 +48,39 @@ pub struct RunArgs {
     /// seconds, state
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+
+    /// Append to a ledger that many runs may share, one line of JSON for each frame when it is through: state, hashes of input
+    /// and output, settings, seconds, host, time
+    #[arg(long, value_name = "FILE")]
+    pub log: Option<PathBuf>,
+
+    /// How progress is told
+    #[arg(long, value_name = "HOW", default_value = "auto")]
+    pub progress: ProgressName,
+}
+
+/// How progress is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ProgressName {
+    /// A bar on a terminal, else plain lines, none with -q
+    Auto,
+    /// Lines such as "Progress: 45%" on standard error, as Deadline reads them
+    Plain,
+    /// Lines of Open Job Description (progress, status, fail) on standard output
+    Openjd,
+    /// None
+    None,
+}
+
+impl From<ProgressName> for Meter {
+    fn from(name: ProgressName) -> Self {
+        match name {
+            ProgressName::Auto => Self::Auto,
+            ProgressName::Plain => Self::Plain,
+            ProgressName::Openjd => Self::OpenJd,
+            ProgressName::None => Self::None,
+        }
+    }
 }
 
 /// A page for people.
@@ -89,11 +123,13 @@ impl RunArgs {
         RunOptions {
             threads: self.threads,
             parallel_frames: self.parallel_frames.into(),
-            memory: self.memory.map(|bytes| bytes.0),
+            memory: self.memory.map(|bytes| bytes.0).or_else(granted_memory),
             time_limit: self.time_limit,
             dry_run: self.dry_run,
             verbosity: self.speech.verbosity(),
             json: self.json.clone(),
+            log: self.log.clone(),
+            meter: self.progress.into(),
             page: None,
         }
     }

@@ -91,7 +91,7 @@ impl SparsifyArgs {
                 guides: None,
                 output: self.output.checked()?,
                 mask,
-                also_written: run.json.iter().cloned().collect(),
+                also_written: run.also_written(),
                 create_dir: self.output.create_dir,
             },
             pattern,

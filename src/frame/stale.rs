@@ -1,21 +1,24 @@
 //! What writers that were killed left behind: their temporary files, removed by the next writer in the folder.
 //!
-//! The name of a temporary file tells the machine and the process that write it: `.NAME.lacuna-HOST-PROCESS-RANDOM.tmp`.
+//! The name of a temporary file tells the machine and the process that write it: `.NAME.lacuna-HOST-PROCESS-RANDOM.tmp`. Its
+//! writer holds a lock on it, which ends with the process; a file that is locked is never removed.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::ffi::OsStr;
-use std::fs::{self, DirEntry};
+use std::fs::{self, DirEntry, File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 pub(super) const MARK: &str = ".lacuna-";
 pub(super) const ENDING: &str = ".tmp";
-/// A file that changed within this time may be a writer's that this process cannot see.
-const YOUNG: Duration = Duration::from_mins(1);
+/// Another machine's file that changed within this time may be in work: some file systems lock on one machine only.
+const YOUNG: Duration = Duration::from_mins(2);
+/// How long a folder is not looked through again.
+const REST: Duration = Duration::from_mins(5);
 
-/// The folders that this process has looked through.
-static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+/// When this process last looked through each folder.
+static SWEPT: Mutex<BTreeMap<PathBuf, Instant>> = Mutex::new(BTreeMap::new());
 
 /// Eight digits that tell this machine (and, in a container, its numbering of processes) from others.
 pub(super) fn host() -> &'static str {
@@ -41,29 +44,41 @@ fn owner(name: &OsStr) -> Option<(&str, u32)> {
     Some((host, process.parse().ok()?))
 }
 
-/// Removes the temporary files in `folder` that a process of this host left behind; once for each folder, as a folder
-/// may have many files. Those of other hosts stay: nothing here tells whether they are in work.
+/// Removes the temporary files in `folder` that killed processes left behind: of this host when the process is gone, of
+/// others when nothing has changed for a while. Once in a few minutes, as a folder may have many files.
 pub(super) fn sweep(folder: &Path) {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    if SWEPT.lock().unwrap_or_else(PoisonError::into_inner).insert(folder.into()) {
+    let mut swept = SWEPT.lock().unwrap_or_else(PoisonError::into_inner);
+    if swept.get(folder).is_none_or(|at| at.elapsed() >= REST) {
+        swept.insert(folder.into(), Instant::now());
+        drop(swept);
         remove_stale(folder);
     }
 }
 
 fn remove_stale(folder: &Path) {
-    // Without the system's list of processes every one would seem dead.
-    if !Path::new("/proc/self").exists() {
-        return;
-    }
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
         let Some((host, process)) = owner(&name) else { continue };
-        let dead = || !Path::new("/proc").join(process.to_string()).exists();
-        if host == self::host() && dead() && !is_young(&entry) {
+        let dead = if host == self::host() { is_gone(process) } else { !is_young(&entry) };
+        if dead && !is_locked(&entry.path()) {
             // Another run may have been faster, or the file may be another user's.
             let _ = fs::remove_file(entry.path());
         }
     }
+}
+
+/// Whether this system has no such process; without the system's list none is known to be gone.
+fn is_gone(process: u32) -> bool {
+    let list = Path::new("/proc");
+    list.join("self").exists() && !list.join(process.to_string()).exists()
+}
+
+/// Whether a process holds the file. Where the file system has no locks, or the file is another user's, that is not known.
+fn is_locked(path: &Path) -> bool {
+    // Network file systems lock only what is open for writing.
+    let file = File::options().write(true).open(path);
+    file.is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
 }
 
 fn is_young(entry: &DirEntry) -> bool {
@@ -97,29 +112,42 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn only_what_a_dead_process_of_this_host_left_a_while_ago_goes() {
+    fn only_what_nobody_writes_any_more_goes() {
         let mut child = std::process::Command::new("true").spawn().unwrap();
         child.wait().unwrap();
         let (dead, alive, here) = (child.id(), std::process::id(), host());
         let folder = tempfile::tempdir().unwrap();
         let add = |name: String, seconds: u64| {
-            let file = fs::File::create(folder.path().join(&name)).unwrap();
+            let file = File::create(folder.path().join(&name)).unwrap();
             file.set_modified(std::time::SystemTime::now() - Duration::from_secs(seconds)).unwrap();
-            name
+            (name, file)
         };
+        let hour = 3600;
+        let (held, lock) = add(format!(".a.exr.lacuna-{here}-{dead}-01.tmp"), hour);
+        lock.lock().unwrap();
+        let (elsewhere, other_lock) = add(format!(".b.exr.lacuna-other-{dead}-01.tmp"), hour);
+        other_lock.lock().unwrap();
         let stay = [
-            add(format!(".a.exr.lacuna-{here}-{dead}-01.tmp"), 5),
-            add(format!(".b.exr.lacuna-{here}-{alive}-01.tmp"), 1000),
-            add(format!(".c.exr.lacuna-other-{dead}-01.tmp"), 1_000_000),
-            add("d.exr".into(), 1000),
+            held,
+            elsewhere,
+            add(format!(".c.exr.lacuna-{here}-{alive}-01.tmp"), hour).0,
+            add(format!(".d.exr.lacuna-other-{dead}-01.tmp"), 5).0,
+            add("e.exr".into(), hour).0,
         ];
-        add(format!(".e.exr.lacuna-{here}-{dead}-01.tmp"), 1000);
+        add(format!(".f.exr.lacuna-{here}-{dead}-01.tmp"), 0);
+        add(format!(".g.exr.lacuna-other-{dead}-01.tmp"), hour);
+        let names = || {
+            let entries = fs::read_dir(folder.path()).unwrap();
+            let mut names: Vec<_> =
+                entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+            names.sort();
+            names
+        };
         sweep(folder.path());
-        let mut names: Vec<_> = fs::read_dir(folder.path())
-            .unwrap()
-            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-            .collect();
-        names.sort();
-        assert_eq!(names, stay);
+        assert_eq!(names(), stay);
+        // The folder rests now.
+        let (late, _) = add(format!(".h.exr.lacuna-{here}-{dead}-01.tmp"), 0);
+        sweep(folder.path());
+        assert!(names().contains(&late));
     }
 }

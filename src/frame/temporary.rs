@@ -123,6 +123,8 @@ impl Temporary {
                 destination.with_file_name(temporary_name(destination.file_name().unwrap_or_default()));
             match OpenOptions::new().write(true).create_new(true).open(&path) {
                 Ok(file) => {
+                    // Tells other processes that it is in work; not every file system can.
+                    let _ = file.try_lock();
                     state.paths.push(path.clone());
                     return Ok((Self { registry, path, destination, no_clobber }, file));
                 }

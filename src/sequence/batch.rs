@@ -5,9 +5,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use super::console::{Console, Verbosity, frame_span, label};
-use super::plan::Item;
-use super::record::{Heading, Journal, Record, State};
+use super::console::{Console, Meter, Verbosity, frame_span, label};
+use super::ledger::Ledger;
+use super::plan::{Item, PlanError};
+use super::record::{Heading, Journal, Record, State, is_standard_output};
 use super::schedule::{self, Limits, Permits, Refusal};
 use super::{signals, threads};
 use crate::frame;
@@ -30,10 +31,42 @@ pub struct RunOptions {
     pub dry_run: bool,
     /// How much is said.
     pub verbosity: Verbosity,
+    /// How progress is told.
+    pub meter: Meter,
     /// Where the report goes.
     pub json: Option<PathBuf>,
+    /// The ledger that a line a frame is appended to.
+    pub log: Option<PathBuf>,
     /// Where the page goes, of work that has one.
     pub page: Option<PathBuf>,
+}
+
+impl RunOptions {
+    /// The console that these options ask for.
+    ///
+    /// # Errors
+    /// If two things would go into one file or stream that cannot share it.
+    pub fn console(&self) -> Result<Arc<Console>, PlanError> {
+        let clash = |text: &str| Err(PlanError::Usage(text.into()));
+        let json_is_standard = self.json.as_deref().is_some_and(is_standard_output);
+        if json_is_standard && self.meter == Meter::OpenJd {
+            return clash(
+                "--json - and --progress openjd would both write to standard output; name a file for --json",
+            );
+        }
+        if self.log.as_deref().is_some_and(is_standard_output) {
+            return clash("--log -: a ledger is a file; --json - writes a report to standard output");
+        }
+        if self.log.is_some() && self.log == self.json {
+            return clash("--log and --json name the same file; the report would replace the ledger");
+        }
+        Ok(Console::with(self.verbosity, self.meter))
+    }
+
+    /// The files that a run writes besides its frames.
+    pub fn also_written(&self) -> Vec<PathBuf> {
+        [&self.json, &self.page, &self.log].into_iter().flatten().cloned().collect()
+    }
 }
 
 /// Why a frame failed, and the file that it is about.
@@ -93,6 +126,20 @@ pub struct Stage<'a> {
     stopped: &'a AtomicBool,
 }
 
+/// Where it is written down what became of each frame.
+#[derive(Clone)]
+struct Books {
+    journal: Journal,
+    ledger: Ledger,
+}
+
+impl Books {
+    fn enter(&self, index: usize, record: Record) {
+        self.ledger.end(index, &record);
+        self.journal.enter(index, record);
+    }
+}
+
 impl Stage<'_> {
     /// Reads, and counts the time.
     pub fn read<T>(&self, record: &mut Record, read: impl FnOnce() -> T) -> T {
@@ -145,8 +192,9 @@ pub fn run(
     console: &Arc<Console>,
 ) -> Result<u8, String> {
     let threads = threads::start(options.threads)?;
-    let journal = Journal::new(heading, items);
-    let stopped = watch(&journal, options.json.clone(), console)?;
+    let ledger = Ledger::open(options.log.as_deref(), &heading)?;
+    let books = Books { journal: Journal::new(heading, items), ledger };
+    let stopped = watch(&books, options.json.clone(), console)?;
     let start = Instant::now();
     console.begin(items.len() as u64 * (STEPS + work.pieces()));
     let limits = Limits {
@@ -159,9 +207,9 @@ pub fn run(
         limits,
         |item| work.bytes(item),
         |index, item, permits| {
-            one(index, item, work, &Stage { permits, console, stopped: &stopped }, &journal);
+            one(index, item, work, &Stage { permits, console, stopped: &stopped }, &books);
         },
-        |index, item, refusal| refused(index, item, refusal, console, &journal),
+        |index, item, refusal| refused(index, item, refusal, console, &books),
         || stopped.load(Ordering::SeqCst),
     );
     console.end();
@@ -169,7 +217,12 @@ pub fn run(
         // The signal's thread ends the process.
         std::thread::park();
     }
+    let Books { journal, ledger } = books;
     let mut failed = sum(&journal, work, start, console);
+    if let Some(error) = ledger.error() {
+        console.error(&error);
+        failed = true;
+    }
     if let Err(error) = work.end(journal.heading(), &journal.records()) {
         console.error(&error);
         failed = true;
@@ -184,20 +237,20 @@ pub fn run(
 }
 
 /// Ends the run on a signal: no temporary file stays, the report says what was done.
-fn watch(
-    journal: &Journal,
-    json: Option<PathBuf>,
-    console: &Arc<Console>,
-) -> Result<Arc<AtomicBool>, String> {
-    let (journal, console) = (journal.clone(), Arc::clone(console));
+fn watch(books: &Books, json: Option<PathBuf>, console: &Arc<Console>) -> Result<Arc<AtomicBool>, String> {
+    let (Books { journal, ledger }, console) = (books.clone(), Arc::clone(console));
     let clean = move || {
         frame::remove_temporaries();
         console.end();
+        ledger.stop();
         let (done, all) = {
             let records = journal.records();
             (records.iter().filter(|record| record.state == State::Done).count(), records.len())
         };
         console.error(&format!("stopped by a signal; {done} of {all} frames are done"));
+        if let Some(error) = ledger.error() {
+            console.error(&error);
+        }
         if let Some(Err(error)) = json.map(|path| journal.write(&path)) {
             console.error(&error);
         }
@@ -206,16 +259,19 @@ fn watch(
     signals::watch(clean).map_err(|error| format!("cannot watch for signals: {error}"))
 }
 
-fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, journal: &Journal) {
+fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, books: &Books) {
     let _span = frame_span(&item.input, item.number).entered();
-    let mut record = journal.get(index);
+    let mut record = books.journal.get(index);
     let result = work.decide(item).and_then(|decision| match decision {
         Decision::Skip(reason) => {
             stage.console.advance(STEPS + work.pieces());
             record.pass_over(reason);
             Ok(())
         }
-        Decision::Do => work.frame(item, stage, &mut record),
+        Decision::Do => {
+            books.ledger.begin(index, item, &record);
+            work.frame(item, stage, &mut record)
+        }
     });
     match result {
         // A signal ends the process: the frame is neither done nor at fault.
@@ -230,10 +286,10 @@ fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, journal: &
             stage.console.detail(&line(item, &record));
         }
     }
-    journal.enter(index, record);
+    books.enter(index, record);
 }
 
-fn refused(index: usize, item: &Item, refusal: Refusal, console: &Console, journal: &Journal) {
+fn refused(index: usize, item: &Item, refusal: Refusal, console: &Console, books: &Books) {
     let text = match refusal {
         Refusal::NotStarted => return,
         Refusal::TooLarge { needed, bound } => format!(
@@ -243,9 +299,9 @@ fn refused(index: usize, item: &Item, refusal: Refusal, console: &Console, journ
         ),
         Refusal::Panic(message) => format!("internal error ({message}); please report it with this frame"),
     };
-    let mut record = journal.get(index);
+    let mut record = books.journal.get(index);
     fail(&mut record, item, &Failure { file: item.input.clone(), text }, console);
-    journal.enter(index, record);
+    books.enter(index, record);
 }
 
 fn fail(record: &mut Record, item: &Item, failure: &Failure, console: &Console) {

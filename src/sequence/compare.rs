@@ -63,7 +63,7 @@ pub fn compare(job: &CompareJob) -> Result<u8, PlanError> {
     let items = pair(&job.selection, &job.test, mask)?;
     check_outputs(job, &items)?;
     let work = Compare::new(job, &items);
-    let console = Console::new(job.run.verbosity);
+    let console = job.run.console()?;
     if job.run.dry_run {
         return Ok(prepare::print(
             &Plan { items: items.clone(), new_folders: BTreeSet::new() },
@@ -115,7 +115,8 @@ fn check_outputs(job: &CompareJob, items: &[Item]) -> Result<(), PlanError> {
 
 impl CompareJob {
     fn files(&self) -> impl Iterator<Item = &PathBuf> {
-        [&self.run.json, &self.outputs.csv, &self.outputs.markdown, &self.outputs.html].into_iter().flatten()
+        let outputs = &self.outputs;
+        [&self.run.json, &self.run.log, &outputs.csv, &outputs.markdown, &outputs.html].into_iter().flatten()
     }
 }
 

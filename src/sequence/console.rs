@@ -1,4 +1,5 @@
-//! What is said while a sequence runs: single lines on standard error, and a progress bar or `Progress: 45%` lines.
+//! What is said while a sequence runs: single lines on standard error, and a progress bar or the lines that a farm's
+//! manager reads: `Progress: 45%` on standard error, or those of Open Job Description on standard output.
 
 use std::io::{IsTerminal, Write};
 use std::path::Path;
@@ -21,10 +22,25 @@ pub enum Verbosity {
     Verbose,
 }
 
+/// How progress is told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Meter {
+    /// A bar on a terminal, elsewhere as `Plain`; nothing if quiet.
+    #[default]
+    Auto,
+    /// `Progress: 45%`, a line for each percent, on standard error.
+    Plain,
+    /// `openjd_progress: 45` on standard output, and `openjd_status` and `openjd_fail` with what is said.
+    OpenJd,
+    /// Not at all.
+    None,
+}
+
 /// The place where everything is said, so that lines and bar do not run into each other.
 #[derive(Debug)]
 pub struct Console {
     verbosity: Verbosity,
+    meter: Meter,
     progress: Mutex<Progress>,
 }
 
@@ -39,7 +55,12 @@ struct Progress {
 impl Console {
     /// A console that says that much.
     pub fn new(verbosity: Verbosity) -> Arc<Self> {
-        Arc::new(Self { verbosity, progress: Mutex::default() })
+        Self::with(verbosity, Meter::Auto)
+    }
+
+    /// The same, with progress told in that way.
+    pub fn with(verbosity: Verbosity, meter: Meter) -> Arc<Self> {
+        Arc::new(Self { verbosity, meter, progress: Mutex::default() })
     }
 
     /// Takes the warnings of the whole process; later calls do nothing.
@@ -52,6 +73,7 @@ impl Console {
     /// `lacuna: error: TEXT`.
     pub fn error(&self, text: &str) {
         self.line(&format!("lacuna: error: {text}"));
+        self.to_openjd("fail", text);
     }
 
     /// `lacuna: warning: TEXT`, unless quiet.
@@ -65,6 +87,7 @@ impl Console {
     pub fn note(&self, text: &str) {
         if self.verbosity > Verbosity::Quiet {
             self.line(&format!("lacuna: {text}"));
+            self.to_openjd("status", text);
         }
     }
 
@@ -79,7 +102,8 @@ impl Console {
     pub fn begin(&self, steps: u64) {
         let mut progress = self.progress();
         *progress = Progress { total: steps, ..Progress::default() };
-        if self.verbosity == Verbosity::Quiet || !std::io::stderr().is_terminal() {
+        let quiet = self.verbosity == Verbosity::Quiet;
+        if self.meter != Meter::Auto || quiet || !std::io::stderr().is_terminal() {
             return;
         }
         let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::stderr());
@@ -96,12 +120,29 @@ impl Console {
         progress.done = (progress.done + steps).min(progress.total);
         if let Some(bar) = &progress.bar {
             bar.set_position(progress.done);
-        } else if self.verbosity > Verbosity::Quiet && progress.total > 0 {
-            let percent = progress.done * 100 / progress.total;
-            if progress.percent != Some(percent) {
-                progress.percent = Some(percent);
-                write_line(&format!("Progress: {percent}%"));
-            }
+        } else if let Some(percent) = (progress.done * 100).checked_div(progress.total)
+            && progress.percent != Some(percent)
+        {
+            progress.percent = Some(percent);
+            self.percent(percent);
+        }
+    }
+
+    /// What was asked for is told to a quiet run's reader too.
+    fn percent(&self, percent: u64) {
+        match self.meter {
+            Meter::Plain => write_line(&format!("Progress: {percent}%")),
+            Meter::Auto if self.verbosity > Verbosity::Quiet => write_line(&format!("Progress: {percent}%")),
+            Meter::OpenJd => self.to_openjd("progress", &percent.to_string()),
+            Meter::Auto | Meter::None => {}
+        }
+    }
+
+    /// `openjd_WHAT: TEXT` on standard output, if that is how progress is told.
+    fn to_openjd(&self, what: &str, text: &str) {
+        if self.meter == Meter::OpenJd {
+            // Nobody is left to tell if standard output is closed.
+            drop(writeln!(std::io::stdout().lock(), "openjd_{what}: {}", one_line(text)));
         }
     }
 

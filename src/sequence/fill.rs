@@ -5,7 +5,6 @@ use std::time::Instant;
 use lacuna_filters::{Outcome, Run, Stop};
 
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
-use super::console::Console;
 use super::masks::MaskFiles;
 use super::page::Page;
 use super::plan::{Item, PlanError, Targets, plan};
@@ -53,7 +52,7 @@ pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
         masks: MaskFiles::default(),
         page: Page::new(job.run.page.as_ref(), plan.items.len()),
     };
-    let console = Console::new(job.run.verbosity);
+    let console = job.run.console()?;
     if job.run.dry_run {
         return Ok(prepare::print(&plan, &work, &console));
     }

@@ -64,6 +64,18 @@ pub fn resolve(selection: &Selection) -> Result<Inputs, PlanError> {
     Ok(Inputs { frames, is_set })
 }
 
+/// The numbers of the frames of a pattern or glob, in the order asked for.
+///
+/// # Errors
+/// If they cannot be found, or the selection is plain files.
+pub fn frame_numbers(selection: &Selection) -> Result<Vec<i64>, PlanError> {
+    let inputs = resolve(selection)?;
+    if !inputs.is_set {
+        return Ok(Vec::new());
+    }
+    Ok(inputs.frames.iter().filter_map(|input| input.number).collect())
+}
+
 /// How an INPUT is spelt. A file that exists under the very name is that file, whatever signs it contains.
 enum Kind {
     File,

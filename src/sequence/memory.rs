@@ -15,6 +15,23 @@ use crate::reconstruct::{Enlarge, Windows};
 
 const SOLVING: u64 = 24;
 
+/// The part of what Slurm grants that frames may use; the rest is for the program and the allocator's losses.
+const SHARE: f64 = 0.875;
+
+/// The bound on memory that Slurm's grant to this task gives, if it says one.
+pub fn granted() -> Option<u64> {
+    of_grant(|name| std::env::var(name).ok()?.trim().parse().ok())
+}
+
+/// Slurm tells mebibytes: of the node (0 is all of it, which is no bound), or for each processor.
+fn of_grant(variable: impl Fn(&str) -> Option<u64>) -> Option<u64> {
+    let mebibytes = variable("SLURM_MEM_PER_NODE").or_else(|| {
+        let processors = ["SLURM_CPUS_PER_TASK", "SLURM_CPUS_ON_NODE"].into_iter().find_map(&variable);
+        Some(variable("SLURM_MEM_PER_CPU")?.saturating_mul(processors.unwrap_or(1)))
+    })?;
+    (mebibytes > 0).then(|| (mebibytes as f64 * SHARE * f64::from(1 << 20)) as u64)
+}
+
 /// Bytes a pixel of mask and plan.
 const fn planning(method: &lacuna_filters::Method) -> u64 {
     match method {
@@ -78,4 +95,26 @@ fn of(path: &Path, solving: u64, planning: u64) -> u64 {
         pixels.saturating_mul(channels + planning)
     };
     parts.iter().map(part).fold(memory_needed(&parts), u64::saturating_add)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::of_grant;
+
+    #[test]
+    fn a_grant_of_slurm_bounds_memory() {
+        let of = |known: &[(&str, u64)]| {
+            of_grant(|name| known.iter().find(|(known, _)| *known == name).map(|(_, value)| *value))
+        };
+        assert_eq!(of(&[]), None);
+        assert_eq!(of(&[("SLURM_MEM_PER_NODE", 0)]), None);
+        assert_eq!(of(&[("SLURM_MEM_PER_NODE", 1024)]), Some(896 << 20));
+        let each = [("SLURM_MEM_PER_CPU", 512)];
+        assert_eq!(of(&each), Some(448 << 20));
+        assert_eq!(of(&[&each[..], &[("SLURM_CPUS_ON_NODE", 2)]].concat()), Some(896 << 20));
+        assert_eq!(
+            of(&[&each[..], &[("SLURM_CPUS_ON_NODE", 8), ("SLURM_CPUS_PER_TASK", 4)]].concat()),
+            Some(1792 << 20)
+        );
+    }
 }

@@ -23,6 +23,8 @@ pub enum State {
     Skipped,
     /// Not done, for the reason in `message`.
     Failed,
+    /// Begun and given up on a signal; only a ledger says so.
+    Stopped,
 }
 
 /// Seconds by stage.

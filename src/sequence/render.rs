@@ -9,7 +9,6 @@ use lacuna_filters::sampling::shuffle;
 use lacuna_filters::{Mask, Method, Run, Stop};
 
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
-use super::console::Console;
 use super::masks::MaskFiles;
 use super::page::Page;
 use super::plan::{Item, Plan, PlanError, Targets, outputs};
@@ -76,7 +75,7 @@ pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
         plans: Plans::new(),
         page: Page::new(job.run.page.as_ref(), plan.items.len()),
     };
-    let console = Console::new(job.run.verbosity);
+    let console = job.run.console()?;
     if job.run.dry_run {
         return Ok(prepare::print(&plan, &work, &console));
     }

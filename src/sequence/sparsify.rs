@@ -1,7 +1,6 @@
 //! Making frames sparse: what is done with each, and with all of them.
 
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
-use super::console::Console;
 use super::masks::MaskFiles;
 use super::plan::{Item, PlanError, Targets, plan};
 use super::record::{Heading, Record};
@@ -50,7 +49,7 @@ pub enum SparsifyPattern {
 pub fn sparsify(job: &SparsifyJob) -> Result<u8, PlanError> {
     let plan = plan(&job.selection, &job.targets)?;
     let work = Sparsify { job, masks: MaskFiles::default() };
-    let console = Console::new(job.run.verbosity);
+    let console = job.run.console()?;
     if job.run.dry_run {
         return Ok(prepare::print(&plan, &work, &console));
     }

@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
-use super::console::Console;
 use super::masks::MaskFiles;
 use super::plan::{Item, Plan, PlanError, check_report, pair};
 use super::record::{Heading, Record};
@@ -41,11 +40,11 @@ pub fn verify(job: &VerifyJob) -> Result<u8, PlanError> {
         _ => None,
     };
     let items = pair(&job.selection, &job.filled, mask)?;
-    if let Some(report) = &job.run.json {
+    for report in [&job.run.json, &job.run.log].into_iter().flatten() {
         check_report(&items, report)?;
     }
     let work = Verify { job, masks: MaskFiles::default() };
-    let console = Console::new(job.run.verbosity);
+    let console = job.run.console()?;
     if job.run.dry_run {
         return Ok(prepare::print(&Plan { items, new_folders: BTreeSet::new() }, &work, &console));
     }

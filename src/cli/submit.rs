@@ -1,0 +1,308 @@
+//! `lacuna submit`: flags and the command behind them to a checked job.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+use super::{Ending, Job, parse};
+use crate::report::Bound;
+use crate::sequence::{Existing, FillJob, RenderJob, RunOptions, Selection, frame_numbers};
+use crate::submit::{Grant, Reference, SubmitJob, Task};
+
+const EXAMPLES: &str = "\
+Examples:
+  lacuna submit slurm -- fill 'shot.####.exr' -o 'full/shot.####.exr' --frames 1-240 --create-dir
+  lacuna submit slurm --chunk 8 --cpus 4 --mem 8G --dry-run -- fill 'in/*.exr' -o full/
+  lacuna submit slurm --reference 'truth/shot.####.exr' --fail-below psnr=40 -- fill 'shot.####.exr' -o full/ --frames 1-24
+  lacuna submit slurm -- upscale 'small.####.exr' -o 'large.####.exr' --scale 2 --frames 1-100
+
+Each job is told on a line: what it is, and its number. docs/farm.md has the rest.
+
+Exit status: 0 all submitted, 1 not, 2 usage.";
+
+/// Submit a sequence to a farm
+#[derive(Args, Clone, Debug)]
+#[command(arg_required_else_help = true)]
+pub struct SubmitArgs {
+    #[command(subcommand)]
+    manager: Manager,
+}
+
+#[derive(Subcommand, Clone, Debug)]
+enum Manager {
+    Slurm(Box<SlurmArgs>),
+}
+
+/// Submit an array job of chunks to Slurm, and gates that wait for it
+///
+/// Every task runs the command on its chunk, passes over frames that are done (so that a second submission does the rest
+/// only), appends to the ledger LOGS/NAME.jsonl and writes its log beside it. A task whose node is lost is requeued. Then
+/// verify checks all frames (for upscale and render: that every output is there and up to date), and compare holds them against
+/// a reference if there is one; both wait as long as a task has failed.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = EXAMPLES)]
+struct SlurmArgs {
+    /// Frames of a task, 1 or more
+    #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u32).range(1..))]
+    chunk: u32,
+
+    /// Processors of a task, 1 or more; lacuna takes as many threads
+    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..))]
+    cpus: u32,
+
+    /// Memory of a task, such as 4G; lacuna keeps within it [default: the partition's]
+    #[arg(long, value_name = "SIZE", value_parser = word)]
+    mem: Option<String>,
+
+    /// Wall time of a task, such as 1:30:00 [default: the partition's]
+    #[arg(long, value_name = "TIME", value_parser = word)]
+    time: Option<String>,
+
+    /// The partition [default: Slurm's]
+    #[arg(long, value_name = "NAME", value_parser = word)]
+    partition: Option<String>,
+
+    /// Tasks that run at the same time, at most [default: no bound]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    at_once: Option<u32>,
+
+    /// Another option of sbatch, such as --sbatch=--account=show; may be given again
+    #[arg(long, value_name = "OPTION", value_parser = option, allow_hyphen_values = true)]
+    sbatch: Vec<String>,
+
+    /// The name that jobs, scripts, logs and ledger begin with
+    #[arg(long, value_name = "NAME", default_value = "lacuna", value_parser = word)]
+    name: String,
+
+    /// Folder of scripts, logs and ledger, which all nodes see; made if it is missing
+    #[arg(long, value_name = "DIR", default_value = "lacuna-logs", value_parser = folder)]
+    logs: PathBuf,
+
+    /// Do not check the frames when all tasks are through
+    #[arg(long)]
+    no_verify: bool,
+
+    /// Compare the frames with these when they are checked: a pattern or a folder, as compare's REFERENCE
+    #[arg(long, value_name = "REFERENCE")]
+    reference: Option<String>,
+
+    /// Bounds of that comparison, as in compare: psnr=40,missing.ssim=0.98
+    #[arg(long, value_name = "BOUNDS", value_delimiter = ',', value_parser = bound, requires = "reference")]
+    fail_below: Vec<String>,
+
+    /// The same for measures above their bounds: flip=0.05
+    #[arg(long, value_name = "BOUNDS", value_delimiter = ',', value_parser = bound, requires = "reference")]
+    fail_above: Vec<String>,
+
+    /// The program that tasks run [default: this one, by its full path]
+    #[arg(long, value_name = "FILE")]
+    lacuna: Option<PathBuf>,
+
+    /// Print the scripts and submit nothing
+    #[arg(short = 'n', long)]
+    dry_run: bool,
+
+    /// fill, upscale or render with its flags
+    #[arg(value_name = "COMMAND", required = true, last = true)]
+    command: Vec<String>,
+}
+
+impl SubmitArgs {
+    /// The checked job.
+    pub fn job(&self) -> Result<SubmitJob, Ending> {
+        let Manager::Slurm(args) = &self.manager;
+        args.job()
+    }
+}
+
+impl SlurmArgs {
+    fn job(&self) -> Result<SubmitJob, Ending> {
+        let (task, frames) = task(&self.command)?;
+        if frames.is_empty() {
+            return Err(usage("no frames: name them with --frames after the command"));
+        }
+        let bounds = [("--fail-below", &self.fail_below), ("--fail-above", &self.fail_above)];
+        let bounds = bounds.into_iter().filter(|(_, list)| !list.is_empty());
+        let bounds: Vec<String> = bounds.map(|(flag, list)| format!("{flag}={}", list.join(","))).collect();
+        let program = match &self.lacuna {
+            Some(program) => program.clone(),
+            None => std::env::current_exe().map_err(|error| {
+                usage(&format!("--lacuna is needed: this program's path is unknown: {error}"))
+            })?,
+        };
+        Ok(SubmitJob {
+            task,
+            frames,
+            chunk: self.chunk as usize,
+            grant: Grant {
+                cpus: self.cpus,
+                memory: self.mem.clone(),
+                time: self.time.clone(),
+                partition: self.partition.clone(),
+                at_once: self.at_once,
+                more: self.sbatch.clone(),
+            },
+            verify: !self.no_verify,
+            reference: self.reference.clone().map(|pattern| Reference { pattern, bounds }),
+            name: self.name.clone(),
+            logs: self.logs.clone(),
+            program,
+            dry_run: self.dry_run,
+        })
+    }
+}
+
+fn usage(text: &str) -> Ending {
+    Ending::usage("submit slurm", text)
+}
+
+/// The command, read as `lacuna` will read it, and its frames.
+fn task(words: &[String]) -> Result<(Task, Vec<i64>), Ending> {
+    match parse(std::iter::once("lacuna".into()).chain(words.iter().map(OsString::from)))? {
+        Job::Fill(job) => of_fill(words, &job),
+        Job::Render(job) => of_render(words, &job),
+        _ => Err(usage(&format!("{}: not fill, upscale or render", words.join(" ")))),
+    }
+}
+
+fn of_fill(words: &[String], job: &FillJob) -> Result<(Task, Vec<i64>), Ending> {
+    check(&job.run, &[&job.run.json, &job.run.page])?;
+    let Selection { inputs, files_from: None, .. } = &job.selection else {
+        return Err(usage("--files-from cannot be cut into chunks: name a pattern and --frames"));
+    };
+    let [input] = &inputs[..] else {
+        return Err(usage("one INPUT is needed, a pattern or a glob: chunks are cut by frame numbers"));
+    };
+    let frames = frame_numbers(&job.selection).map_err(|error| usage(&error.to_string()))?;
+    let input = text(input)?;
+    let fills = job.what.enlarge.is_none();
+    let task = Task {
+        words: words.to_vec(),
+        resume: (job.existing == Existing::Replace).then_some("-u"),
+        has_log: job.run.log.is_some(),
+        sparse: fills.then_some(input),
+        output: text(&job.targets.output)?,
+    };
+    Ok((task, frames))
+}
+
+fn of_render(words: &[String], job: &RenderJob) -> Result<(Task, Vec<i64>), Ending> {
+    check(&job.run, &[&job.run.json, &job.run.page])?;
+    let task = Task {
+        words: words.to_vec(),
+        resume: (job.existing == Existing::Replace).then_some("--resume"),
+        has_log: job.run.log.is_some(),
+        sparse: None,
+        output: text(&job.targets.output)?,
+    };
+    Ok((task, job.frames.as_ref().map_or(Vec::new(), |frames| frames.numbers().to_vec())))
+}
+
+fn check(run: &RunOptions, single: &[&Option<PathBuf>]) -> Result<(), Ending> {
+    if run.dry_run {
+        return Err(usage(
+            "--dry-run after the command: nothing would be done; before it the scripts are printed",
+        ));
+    }
+    if single.iter().any(|path| path.is_some()) {
+        return Err(usage(
+            "--json and --report are of one run, and tasks would replace each other's: use --log",
+        ));
+    }
+    Ok(())
+}
+
+fn text(path: &std::path::Path) -> Result<String, Ending> {
+    path.to_str().map(Into::into).ok_or_else(|| usage(&format!("{}: the name is not UTF-8", path.display())))
+}
+
+/// What a line of `#SBATCH` takes without quotes.
+fn word(text: &str) -> Result<String, String> {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_.:,+".contains(c);
+    if !text.is_empty() && text.chars().all(plain) {
+        return Ok(text.into());
+    }
+    Err("it may have letters, digits and - _ . : , + only".into())
+}
+
+fn option(text: &str) -> Result<String, String> {
+    if text.starts_with('-') && !text.contains(char::is_control) {
+        return Ok(text.into());
+    }
+    Err("it must begin with -, as on the command line of sbatch".into())
+}
+
+fn folder(text: &str) -> Result<PathBuf, String> {
+    if text.is_empty() || text.contains(|c: char| c.is_control() || "\"\\".contains(c)) {
+        return Err("Slurm takes no quotes and backslashes in the name of a log".into());
+    }
+    Ok(text.into())
+}
+
+fn bound(text: &str) -> Result<String, String> {
+    text.parse::<Bound>().map(|_| text.into()).map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn submit(line: &str) -> Result<SubmitJob, Ending> {
+        match parse(std::iter::once("lacuna").chain(line.split(' ')).map(OsString::from))? {
+            Job::Submit(job) => Ok(*job),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_command_becomes_tasks() {
+        let job = submit(
+            "submit slurm --chunk 4 --cpus 2 --mem 4G --reference full/ --fail-below psnr=40,ssim=0.9 --sbatch=--account=a \
+             -- fill s.####.exr -o f.####.exr --frames 1-6",
+        )
+        .unwrap();
+        assert_eq!((job.chunk, job.grant.cpus, job.frames.len()), (4, 2, 6));
+        assert_eq!(job.task.resume, Some("-u"));
+        assert_eq!(
+            (job.task.sparse.as_deref(), job.task.output.as_str()),
+            (Some("s.####.exr"), "f.####.exr")
+        );
+        assert_eq!(job.reference.unwrap().bounds, ["--fail-below=psnr=40,ssim=0.9"]);
+        assert!(job.verify && !job.dry_run && job.program.is_absolute());
+        let job = submit("submit slurm -n -- render a.toml -o a.####.exr --frames 1-9x2").unwrap();
+        assert_eq!((job.task.resume, job.task.sparse), (Some("--resume"), None));
+        assert_eq!((job.frames, job.dry_run), (vec![1, 3, 5, 7, 9], true));
+        let job =
+            submit("submit slurm -- upscale a.#.exr -o b.#.exr --scale 2 --frames 1 --no-clobber --log l")
+                .unwrap();
+        assert_eq!((job.task.resume, job.task.sparse, job.task.has_log), (None, None, true));
+    }
+
+    #[test]
+    fn what_cannot_be_cut_into_chunks_is_refused_in_one_line() {
+        for (line, reason) in [
+            ("fill a.exr -o b.exr", "no frames"),
+            ("fill s.#.exr t.#.exr -o f/ --frames 1", "one INPUT"),
+            ("fill --files-from l -o f/", "--files-from"),
+            ("fill s.#.exr -o f.#.exr --frames 1 -n", "--dry-run"),
+            ("fill s.#.exr -o f.#.exr --frames 1 --json r.json", "--log"),
+            ("fill s.#.exr -o f.#.exr --frames 1 --fliter ss", "--fliter"),
+            ("render a.toml -o a.exr", "no frames"),
+            ("info a.exr", "not fill"),
+        ] {
+            let Err(Ending::Usage(text)) = submit(&format!("submit slurm -- {line}")) else {
+                panic!("{line}")
+            };
+            assert!(text.contains(reason) && text.lines().count() == 1, "{line}: {text}");
+        }
+        for wrong in
+            ["--chunk 0", "--mem a\"b", "--sbatch x", "--fail-below psnr=1", "--logs a\"", "--name a/b"]
+        {
+            assert!(
+                submit(&format!("submit slurm {wrong} -- fill s.#.exr -o f.#.exr --frames 1")).is_err(),
+                "{wrong}"
+            );
+        }
+    }
+}

@@ -1,0 +1,218 @@
+"""lacuna as a worker of a farm: signals, repeated and doubled work, what killed workers leave, the ledger, progress, and the job
+template of Open Job Description. Slurm has tests/test_slurm.py."""
+
+import hashlib
+import json
+import os
+import pathlib
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import frames
+from tool import LACUNA, ROOT, SAMPLES, lacuna, run
+
+# Work without an end in sight.
+ENDLESS = ["--filter", "tv", "--tv-gap", "1e-300", "--tv-iterations", "4000000000"]
+OPENJD = pathlib.Path(sys.executable).with_name("openjd")
+TEMPLATE = SAMPLES / "farm" / "sequence.yaml"
+
+
+@pytest.fixture
+def shot(tmp_path):
+    """Four sparse frames as a pattern, the pattern of their outputs, and a ledger."""
+    shutil.copytree(SAMPLES / "sequence", tmp_path / "in")
+    (tmp_path / "out").mkdir()
+    return tmp_path / "in" / "shot.####.exr", tmp_path / "out" / "shot.####.exr", tmp_path / "ledger.jsonl"
+
+
+def start(*words):
+    return subprocess.Popen([LACUNA, *map(str, words)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+
+
+def ledger(path):
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def states(path):
+    return sorted((entry["frame"], entry["state"]) for entry in ledger(path))
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def wait_for(condition, seconds=30):
+    end = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < end, "it did not come to pass"
+        time.sleep(0.001)
+    return found
+
+
+def sha256(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_a_termination_abandons_the_frame_at_hand_and_a_rerun_does_the_rest(shot):
+    source, out, log = shot
+    lacuna("fill", source, "-o", out, "--frames", "1", "--log", log)
+    process = start("fill", source, "-o", out, "--frames", "2-4", "--log", log, *ENDLESS)
+    time.sleep(0.5)
+    assert process.poll() is None, "ended before the signal"
+    process.send_signal(signal.SIGTERM)
+    begin = time.monotonic()
+    assert process.wait(30) == 143
+    assert time.monotonic() - begin < 5
+    assert "stopped by a signal" in process.stderr.read()
+    assert set(contents(out.parent)) == {"shot.0001.exr"}
+    assert states(log)[:2] == [(1, "done"), (2, "stopped")]
+
+    lacuna("fill", source, "-o", out, "-u", "--log", log)
+    again = ledger(log)[-4:]
+    assert {entry["frame"]: entry["state"] for entry in again} == {1: "skipped", 2: "done", 3: "done", 4: "done"}
+    assert len(contents(out.parent)) == 4
+
+
+def test_a_ledger_says_what_became_of_each_frame(shot):
+    source, out, log = shot
+    broken = source.with_name("shot.0003.exr")
+    broken.write_bytes(broken.read_bytes()[:2000])
+    assert lacuna("fill", source, "-o", out, "--log", log, ok=False).status == 1
+    assert states(log) == [(1, "done"), (2, "done"), (3, "failed"), (4, "done")]
+    for entry in ledger(log):
+        name = f"shot.{entry['frame']:04d}.exr"
+        assert (entry["input"], entry["output"]) == (str(source.with_name(name)), str(out.with_name(name)))
+        assert entry["input_sha256"] == sha256(source.with_name(name))
+        assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z", entry["time"])
+        assert (entry["command"], entry["filter"]) == ("fill", "ss") and "lambda" in entry["settings"]
+        assert entry["host"] == os.uname().nodename and entry["process"] > 0
+        assert set(entry["seconds"]) == {"read", "solve", "write"}
+        if entry["state"] == "done":
+            assert entry["output_sha256"] == sha256(out.with_name(name)) and entry["density"] > 0.1
+        else:
+            assert entry["output_sha256"] is None and "shot.0003.exr" in entry["message"]
+
+
+@pytest.mark.parametrize("command", ["verify", "compare", "sparsify", "upscale", "render"])
+def test_every_command_keeps_the_ledger(shot, command):
+    source, out, log = shot
+    full = SAMPLES / "full" / "sequence" / "shot.####.exr"
+    words = {
+        "verify": [source, out],
+        "compare": [full, out],
+        "sparsify": [full, "-o", out, "--density", "0.2"],
+        "upscale": [source, "-o", out, "--scale", "2"],
+        "render": [SAMPLES / "scenes" / "vessels.toml", "-o", out, "--size", "32x32", "--density", "0.2"],
+    }[command]
+    if command in ("verify", "compare"):
+        lacuna("fill", source, "-o", out)
+    lacuna(command, *words, "--frames", "1-2", "--log", log)
+    assert states(log) == [(1, "done"), (2, "done")]
+    assert {entry["command"] for entry in ledger(log)} == {command}
+
+
+def test_workers_that_are_given_the_same_frames_leave_one_good_file_of_each(shot):
+    source, out, log = shot
+    lacuna("fill", source, "-o", out)
+    expected = contents(out.parent)
+    for path in out.parent.iterdir():
+        path.unlink()
+    flags = ["fill", source, "-o", out, "--log", log]
+    workers = [start(*flags, *more) for more in ([], [], ["-u"], ["-u"], ["--no-clobber"], ["--frames", "4-1"])]
+    for worker in workers:
+        assert worker.wait(60) == 0, worker.stderr.read()
+    assert contents(out.parent) == expected
+    # No line is lost, and none is mixed with another.
+    assert len(ledger(log)) == 4 * len(workers)
+    hashes = {(entry["frame"], entry["output_sha256"]) for entry in ledger(log) if entry["state"] == "done"}
+    assert len(hashes) == 4
+
+
+def test_what_a_killed_worker_leaves_is_cleaned_up_by_the_next(tmp_path):
+    pixels = np.random.default_rng(1).random((900, 900, 3), np.float32)
+    frames.write_sparse(tmp_path / "big.exr", pixels, frames.shuffle(900, 900, 0.9))
+    shutil.copyfile(SAMPLES / "sequence" / "shot.0001.exr", tmp_path / "small.exr")
+    out = tmp_path / "out"
+    out.mkdir()
+    worker = start("fill", tmp_path / "big.exr", "-o", out / "big.exr", "--filter", "nearest", "--compression", "zip:12")
+    wait_for(lambda: [path for path in out.iterdir() if path.name.endswith(".tmp")])
+    worker.kill()
+    worker.wait(30)
+    assert [path.suffix for path in out.iterdir()] == [".tmp"], "the worker ended before it was killed"
+    lacuna("fill", tmp_path / "small.exr", "-o", out / "small.exr")
+    assert set(contents(out)) == {"small.exr"}
+
+
+def test_progress_is_told_as_asked(shot):
+    source, out, log = shot
+    plain = lacuna("fill", source, "-o", out, "-q", "--progress", "plain")
+    # The expression that Deadline's plug-ins commonly use.
+    percents = [int(found[1]) for line in plain.stderr.splitlines() if (found := re.match(r"Progress: (\d+)%", line))]
+    assert percents == sorted(percents) and percents[-1] == 100 and plain.stdout == ""
+    openjd = lacuna("fill", source, "-o", out, "--progress", "openjd")
+    lines = openjd.stdout.splitlines()
+    percents = [int(line.removeprefix("openjd_progress: ")) for line in lines if line.startswith("openjd_progress: ")]
+    assert percents == sorted(percents) and percents[-1] == 100
+    assert any(re.match("openjd_status: 4 of 4 frames filled", line) for line in lines), openjd
+    assert "Progress" not in openjd.stderr
+    assert "Progress" not in lacuna("fill", source, "-o", out, "--progress", "none").stderr
+
+    source.with_name("shot.0002.exr").write_bytes(b"no frame")
+    failed = lacuna("fill", source, "-o", out, "--progress", "openjd", "-q", ok=False)
+    assert failed.status == 1
+    [line] = [line for line in failed.stdout.splitlines() if line.startswith("openjd_fail: ")]
+    assert "shot.0002.exr" in line
+
+
+@pytest.mark.parametrize("words, reason", [
+    (["--progress", "openjd", "--json", "-"], "standard output"),
+    (["--log", "-"], "a ledger is a file"),
+    (["--log", "in/shot.0001.exr"], "the same file as the input"),
+    (["--log", "no/such/ledger.jsonl"], "does not exist"),
+    (["--log", "l.jsonl", "--json", "l.jsonl"], "same file"),
+])
+def test_outputs_that_cannot_be_shared_are_refused(shot, words, reason):
+    folder = shot[2].parent
+    refused = lacuna("fill", shot[0], "-o", shot[1], *words, ok=False, folder=folder)
+    assert refused.status == 2 and reason in refused.stderr and len(refused.lines()) == 1, refused
+    assert contents(shot[1].parent) == {}
+
+
+def openjd(*words):
+    return run([OPENJD, *words], timeout=120)
+
+
+def test_the_template_of_open_job_description(tmp_path):
+    checked = openjd("check", TEMPLATE)
+    assert checked.status == 0, checked
+    values = {"Frames": "1-6", "ChunkSize": "4", "Density": "0.3", "Output": tmp_path / "shot", "Lacuna": LACUNA,
+              "RenderFlags": "--set camera.orbit=5 --size 64x48"}
+    words = ["run", TEMPLATE, *(word for name, value in values.items() for word in ("-p", f"{name}={value}"))]
+    done = openjd(*words)
+    assert done.status == 0, done
+    names = [f"frame.{number:04d}.exr" for number in range(1, 7)]
+    assert sorted(contents(tmp_path / "shot" / "full")) == names == sorted(contents(tmp_path / "shot" / "sparse"))
+    entries = ledger(tmp_path / "shot" / "ledger.jsonl")
+    for command in ("render", "fill", "verify"):
+        of = [entry for entry in entries if entry["command"] == command]
+        assert sorted(entry["frame"] for entry in of) == [1, 2, 3, 4, 5, 6]
+        assert {entry["state"] for entry in of} == {"done"} and len({entry["process"] for entry in of}) == 2
+    assert abs(entries[0]["density"] - 0.3) < 0.02
+    # The runner reads the lines of progress and shows them.
+    assert "openjd_progress: 100" in done.stdout and "openjd_status: " in done.stdout
+
+    before = contents(tmp_path / "shot" / "full")
+    (tmp_path / "shot" / "sparse" / "frame.0002.exr").write_bytes(b"no frame")
+    failed = openjd(*words, "--step", "Fill")
+    assert failed.status != 0 and "openjd_fail: " in failed.stdout and "frame.0002.exr" in failed.stdout, failed
+    assert contents(tmp_path / "shot" / "full") == before
+    again = openjd(*words)
+    assert again.status == 0, again
+    assert contents(tmp_path / "shot" / "full") == before
