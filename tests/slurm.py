@@ -142,49 +142,39 @@ class Cluster:
         return {task: tuple(rest) for task, *rest in (line.split("|") for line in lines)}
 
     def processes(self, node=None):
-        """Processes that the daemons started, on all nodes or on one."""
-        found, mark = [], f"SLURM_CONF={self.file}".encode()
+        """What the daemons started, on all nodes or on one: tasks, and first the steps (which report how a task ends)."""
+        steps, tasks, mark = set(), [], f"SLURM_CONF={self.file}".encode()
         own = {process.pid for process in self.daemons.values()} | {os.getpid()}
         for entry in pathlib.Path("/proc").iterdir():
             if not entry.name.isdigit() or int(entry.name) in own:
                 continue
             try:
                 variables = (entry / "environ").read_bytes().split(b"\0")
-                parent = (entry / "stat").read_text().rsplit(")", 1)[1].split()[1]
+                parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+                if mark not in variables or (node and f"SLURMD_NODENAME={node}".encode() not in variables):
+                    continue
+                tasks.append(int(entry.name))
+                # A step has no environment to be told by.
+                if pathlib.Path(f"/proc/{parent}/comm").read_text().startswith("slurmstepd"):
+                    steps.add(parent)
             except OSError:
                 continue
-            here = node is None or f"SLURMD_NODENAME={node}".encode() in variables or int(parent) == self.daemons[node].pid
-            if mark in variables and here:
-                found.append(int(entry.name))
-        return found
+        return [*steps, *tasks]
 
     def lose(self, node):
-        """The node is gone from one moment to the next, with all that runs on it."""
+        """The node is gone from one moment to the next, with all that runs on it: nobody reports anything."""
         daemon = self.daemons[node]
-        daemon.send_signal(signal.SIGSTOP)
-        steps = self.processes(node)
-        for process in steps:
-            kill(process)
-        # What those were about to start.
-        for process in self.processes(node):
-            kill(process)
         daemon.kill()
         daemon.wait()
+        for process in self.processes(node):
+            kill(process)
 
     def stop(self):
-        for name, process in reversed(self.daemons.items()):
-            if name not in ("munged", "slurmctld") and process.poll() is None:
-                process.terminate()
-        for process in self.processes():
-            kill(process)
+        # Nothing of it is used again, and a controller that misses a node ends slowly.
         for process in reversed(self.daemons.values()):
             if process.poll() is None:
-                process.terminate()
-                try:
-                    process.wait(10)
-                except subprocess.TimeoutExpired:
-                    process.kill()
-                    process.wait()
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
         for process in self.processes():
             kill(process)
 

@@ -193,6 +193,7 @@ def test_the_template_of_open_job_description(tmp_path):
     checked = openjd("check", TEMPLATE)
     assert checked.status == 0, checked
     values = {"Frames": "1-6", "ChunkSize": "4", "Density": "0.3", "Output": tmp_path / "shot", "Lacuna": LACUNA,
+              "Scene": SAMPLES / "scenes" / "vessels.toml",
               "RenderFlags": "--set camera.orbit=5 --size 64x48"}
     words = ["run", TEMPLATE, *(word for name, value in values.items() for word in ("-p", f"{name}={value}"))]
     done = openjd(*words)

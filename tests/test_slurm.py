@@ -117,7 +117,7 @@ def test_a_damaged_frame_fails_its_task_only_and_holds_the_gate(cluster, shot):
 
 
 def test_what_a_lost_node_worked_on_is_done_elsewhere(cluster, shot):
-    slow = ["--filter", "tv", "--tv-gap", "1e-12", "--tv-iterations", "1500"]
+    slow = ["--filter", "tv", "--tv-gap", "1e-12", "--tv-iterations", "800"]
     jobs = submit(cluster, shot, "--chunk", "4", *fill(*slow))
     array = jobs["fill"]
 
@@ -131,6 +131,9 @@ def test_what_a_lost_node_worked_on_is_done_elsewhere(cluster, shot):
     task = slurm.wait_for("a task in the middle of its chunk", 60, busy, pause=0.05)
     before = ledger(shot, task=task, state="done")
     cluster.lose("n2")
+    slurm.wait_for("Slurm to miss the node", 90, lambda: cluster.jobs(array)[task][1] == "BeginTime")
+    # It lets two minutes pass before what was lost begins again.
+    cluster.run("scontrol", "update", f"JobId={task}", "StartTime=now")
     states = ended(cluster, array, jobs["verify"])
     assert len(states) == 7 and set(states.values()) == {"COMPLETED"}, states
     assert cluster.states()["n2"] == "down"
