@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import frames
+import slurm
 from tool import LACUNA, ROOT, SAMPLES, lacuna, run
 
 # Work without an end in sight.
@@ -46,14 +47,6 @@ def states(path):
 
 def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
-
-
-def wait_for(condition, seconds=30):
-    end = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < end, "it did not come to pass"
-        time.sleep(0.001)
-    return found
 
 
 def sha256(path):
@@ -142,7 +135,7 @@ def test_what_a_killed_worker_leaves_is_cleaned_up_by_the_next(tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     worker = start("fill", tmp_path / "big.exr", "-o", out / "big.exr", "--filter", "nearest", "--compression", "zip:12")
-    wait_for(lambda: [path for path in out.iterdir() if path.name.endswith(".tmp")])
+    slurm.wait_for("a temporary file", 30, lambda: [path for path in out.iterdir() if path.name.endswith(".tmp")], pause=0.001)
     worker.kill()
     worker.wait(30)
     assert [path.suffix for path in out.iterdir()] == [".tmp"], "the worker ended before it was killed"
@@ -217,3 +210,27 @@ def test_the_template_of_open_job_description(tmp_path):
     again = openjd(*words)
     assert again.status == 0, again
     assert contents(tmp_path / "shot" / "full") == before
+
+
+@pytest.mark.skipif(shutil.which("parallel") is None, reason="no GNU parallel")
+def test_the_commands_for_gnu_parallel_in_the_documentation(tmp_path):
+    text = (ROOT / "docs" / "farm.md").read_text().split("## GNU parallel")[1]
+    first, second, verify = re.search("```sh\n(.*?)```", text, re.DOTALL)[1].splitlines()
+    for number in range(1, 25):
+        shutil.copyfile(SAMPLES / "sequence" / f"shot.{(number - 1) % 4 + 1:04d}.exr", tmp_path / f"shot.{number:04d}.exr")
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "lacuna").symlink_to(pathlib.Path(LACUNA).resolve())
+    (tmp_path / "shot.0007.exr").write_bytes(b"no frame")
+
+    def shell(line):
+        return run(["bash", "-c", line], folder=tmp_path, environment={"PATH": f"{tmp_path}/bin:{os.environ['PATH']}", "HOME": str(tmp_path)})
+
+    assert shell(first).status == 1
+    assert len(contents(tmp_path / "full")) == 23
+    assert shell(verify).status == 1
+    shutil.copyfile(SAMPLES / "sequence" / "shot.0003.exr", tmp_path / "shot.0007.exr")
+    again = shell(second)
+    assert again.status == 0, again
+    assert len(contents(tmp_path / "full")) == 24 and shell(verify).status == 0
+    # Only the chunk that failed ran again.
+    assert len(ledger(tmp_path / "ledger.jsonl")) == 24 + 4

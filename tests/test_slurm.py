@@ -75,7 +75,7 @@ def ended(cluster, *numbers):
         jobs = cluster.jobs(*numbers)
         return jobs if all(state in ends for state, *_ in jobs.values()) else None
 
-    return {task: state for task, (state, *_) in slurm.wait_for("the jobs", 120, states).items()}
+    return {task: state for task, (state, *_) in slurm.wait_for("the jobs", 240, states).items()}
 
 
 def held(cluster, number):
@@ -117,7 +117,7 @@ def test_a_damaged_frame_fails_its_task_only_and_holds_the_gate(cluster, shot):
 
 
 def test_what_a_lost_node_worked_on_is_done_elsewhere(cluster, shot):
-    slow = ["--filter", "tv", "--tv-gap", "1e-12", "--tv-iterations", "800"]
+    slow = ["--filter", "tv", "--tv-gap", "1e-12", "--tv-iterations", "2000"]
     jobs = submit(cluster, shot, "--chunk", "4", *fill(*slow))
     array = jobs["fill"]
 
@@ -128,7 +128,7 @@ def test_what_a_lost_node_worked_on_is_done_elsewhere(cluster, shot):
                 return task
         return None
 
-    task = slurm.wait_for("a task in the middle of its chunk", 60, busy, pause=0.05)
+    task = slurm.wait_for("a task in the middle of its chunk", 120, busy, pause=0.05)
     before = ledger(shot, task=task, state="done")
     cluster.lose("n2")
     slurm.wait_for("Slurm to miss the node", 90, lambda: cluster.jobs(array)[task][1] == "BeginTime")

@@ -6,7 +6,7 @@ use crate::frame::Compression;
 use crate::mask::Source;
 use crate::reconstruct::{Domain, Kind};
 use crate::report::Measure;
-use crate::sequence::{Existing, SparsifyPattern, Verbosity};
+use crate::sequence::{Existing, Meter, SparsifyPattern, Verbosity};
 
 fn words(line: &str) -> Vec<OsString> {
     std::iter::once("lacuna").chain(line.split_whitespace()).map(OsString::from).collect()
@@ -90,7 +90,7 @@ fn every_flag_reaches_the_job() {
         "a.####.exr b.exr -o out/ --frames -2-2x2 --missing-frame skip --files-from list --mask m.##.png \
          --channels beauty.*=keep --channels Z*=depth --filter tv --tv-epsilon 0.5 --domain log --limit off -d half \
          --compression zips:7 --drop-mask -u --create-dir -n --threads 3 --parallel-frames 2 --memory 2G \
-         --time-limit 1.5 -v --json r.json",
+         --time-limit 1.5 -v --json r.json --log l.jsonl --progress openjd",
     );
     assert_eq!(job.selection.inputs.len(), 2);
     assert_eq!(job.selection.frames.unwrap().numbers(), [-2, 0, 2]);
@@ -109,7 +109,8 @@ fn every_flag_reaches_the_job() {
     assert_eq!((job.run.threads, job.run.parallel_frames, job.run.memory), (3, 2, Some(2 << 30)));
     assert_eq!(job.run.time_limit, Some(std::time::Duration::from_millis(1500)));
     assert_eq!(job.run.verbosity, Verbosity::Verbose);
-    assert_eq!(job.targets.also_written, [std::path::PathBuf::from("r.json")]);
+    assert_eq!((job.run.log, job.run.meter), (Some("l.jsonl".into()), Meter::OpenJd));
+    assert_eq!(job.targets.also_written, ["r.json", "l.jsonl"].map(std::path::PathBuf::from));
 }
 
 #[test]

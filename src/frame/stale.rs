@@ -74,11 +74,12 @@ fn is_gone(process: u32) -> bool {
     list.join("self").exists() && !list.join(process.to_string()).exists()
 }
 
-/// Whether a process holds the file. Where the file system has no locks, or the file is another user's, that is not known.
+/// Whether a process holds the file. Where the file system has no locks, none does; what cannot be opened (another user's, who
+/// may still write it) counts as held.
 fn is_locked(path: &Path) -> bool {
     // Network file systems lock only what is open for writing.
     let file = File::options().write(true).open(path);
-    file.is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
+    file.map_or(true, |file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
 }
 
 fn is_young(entry: &DirEntry) -> bool {
