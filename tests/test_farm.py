@@ -178,6 +178,26 @@ def test_outputs_that_cannot_be_shared_are_refused(shot, words, reason):
     assert contents(shot[1].parent) == {}
 
 
+def test_submission_shows_its_scripts_and_says_what_is_missing(shot):
+    folder = shot[2].parent
+    command = ["--", "upscale", "in/shot.####.exr", "-o", "out/shot.####.exr", "--scale", "2", "--frames", "1-4"]
+    shown = lacuna("submit", "slurm", "-n", "--chunk", "3", *command, folder=folder).stdout
+    scripts = dict(re.findall(r"==> lacuna-logs/lacuna-(\w+)\.sbatch <==\n(.*?)\n(?=\n==>|\n*\Z)", shown, re.DOTALL))
+    assert list(scripts) == ["upscale", "check"] and not (folder / "lacuna-logs").exists()
+
+    def shell(name, task):
+        return run(["bash", "-c", scripts[name]], folder=folder, environment={"SLURM_ARRAY_TASK_ID": task}).status
+
+    # As Slurm would run them: the gate is closed until every frame is there.
+    (folder / "lacuna-logs").mkdir()
+    assert [shell("upscale", "0"), shell("check", "")] == [0, 1]
+    assert [shell("upscale", "1"), shell("check", "")] == [0, 0]
+    assert len(contents(shot[1].parent)) == len(ledger(folder / "lacuna-logs" / "lacuna.jsonl")) == 4
+
+    refused = lacuna("submit", "slurm", *command, folder=folder, environment={"PATH": str(folder)}, ok=False)
+    assert refused.status == 1 and "cannot run sbatch" in refused.stderr and len(refused.lines()) == 1, refused
+
+
 def openjd(*words):
     return run([OPENJD, *words], timeout=120)
 
