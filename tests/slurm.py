@@ -118,7 +118,7 @@ class Cluster:
         for name in self.names:
             (self.folder / f"spool.{name}").mkdir()
             self.daemon(name, "slurmd", "-D", "-N", name, "-f", self.file)
-        wait_for("the nodes", 30, lambda: self.states() == {name: "idle" for name in self.names})
+        wait_for("the nodes", 60, lambda: self.states() == {name: "idle" for name in self.names})
 
     def daemon(self, name, *command):
         with open(self.folder / f"{name}.out", "wb") as out:
