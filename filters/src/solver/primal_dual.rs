@@ -83,6 +83,22 @@ impl State {
         Self { size, x, vertical: zeros.clone(), horizontal: zeros, edges }
     }
 
+    /// Starts the dual variable at `eager grad x`, clipped to the ball: where the image is steep it points along its gradient at the
+    /// solution, too.
+    pub fn point_along_gradient<B: DualBall>(&mut self, isa: Isa, eager: f32) {
+        let width = self.size.width.max(1);
+        let rates = Rates { tau: 0.0, sigma: eager, rho: 1.0 };
+        let last = self.x.len().saturating_sub(width);
+        let rows = self.vertical.par_chunks_mut(width).zip(self.horizontal.par_chunks_mut(width));
+        rows.enumerate().for_each(|(y, (vertical, horizontal))| {
+            let row = |y: usize| &self.x[(y * width).min(last)..][..width];
+            let row = DualRow { over: row(y), below: row(y + 1) };
+            vertical.fill(0.0);
+            horizontal.fill(0.0);
+            dual_row::<B>(isa, vertical, horizontal, row, rates);
+        });
+    }
+
     /// Takes `count` sweeps in which fixed pixels stay as they are.
     pub fn advance<B: DualBall>(&mut self, sweeps: Sweeps<'_>, count: usize) {
         let fits = CACHE / (ROW_PLANES * size_of::<f32>() * self.size.width.max(1));

@@ -11,8 +11,9 @@
 //! of the dual variable are zero too, and the adjoint is
 //! `(grad* q)_ij = q1_{i-1,j} - q1_{i,j} + q2_{i,j-1} - q2_{i,j}` with zeros outside.
 //!
-//! Algorithm: over-relaxed primal-dual sweeps (see `solver::primal_dual`) from a push-pull start, with the channel
-//! scaled to 0..1, `rho = 1.6`, `sigma tau = 0.99 / 8` and `tau` 1.1 times the mean gradient of the start (times the
+//! Algorithm: over-relaxed primal-dual sweeps (see `solver::primal_dual`) from a push-pull start `x` and the dual start
+//! `q = clip(3 grad x / mean |grad x|)`, with the channel scaled to 0..1, `rho = 1.6`, `sigma tau = 0.99 / 8` and `tau` 1.1
+//! times the mean gradient of the start (times the
 //! 3/4 power of 0.2 / density). It stops on the relative duality gap `(P - D) / P`, which the outcome reports:
 //! `P` is the objective of the image, and for any `q` in the unit ball, with `d = grad* q`,
 //!
@@ -38,7 +39,7 @@
 //! - `solver`: primal-dual (default), or NESTA (`tv/nesta.rs`), which the thesis used: the same objective and the same certificate.
 //!
 //! Cost: a sweep is one pass of about 40 operations a pixel (two passes for `epsilon > 0`); a certificate costs about
-//! ten sweeps. A frame at 20 % density takes 45 to 90 sweeps to the default gap, 140 to 340 to 1e-3. Memory: per
+//! ten sweeps. A render at 20 % density takes 56 to 74 sweeps to the default gap, 127 to 321 to 1e-3. Memory: per
 //! channel 3 planes of f32 and half a plane of band edges (1 more for `epsilon > 0`); one plane of bytes for all.
 //!
 //! Fails: smooth shading becomes flat steps; on smooth renders it is not better than push-pull (48.24 against 48.98 dB at
