@@ -1,6 +1,6 @@
 """What the bridges to renderers share: frames and their names, masks in, sparse EXR frames out.
 
-Needs numpy and OpenEXR (PyPI); masks from a density need `lacuna` itself: the environment's LACUNA, the PATH, or
+Needs numpy and OpenEXR (PyPI), or for masks alone OpenImageIO; masks from a density need `lacuna` itself: the environment's LACUNA, the PATH, or
 target/release of the checkout that this file lies in.
 """
 
@@ -13,7 +13,11 @@ import sys
 import tempfile
 
 import numpy as np
-import OpenEXR
+
+try:
+    import OpenEXR
+except ImportError:  # Blender has OpenImageIO instead
+    OpenEXR = None
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
@@ -107,22 +111,37 @@ def mask_of(arguments, frame, width, height, origin=(0, 0)):
 def read_mask(path, width, height, origin=(0, 0)):
     """The channel `mask`, or the only one, by absolute pixel coordinates: one half or more is measured."""
     try:
-        part = OpenEXR.File(str(path), separate_channels=True).parts[0]
+        channels, x, y = (read_part if OpenEXR else read_subimage)(str(path))
     except Exception as error:
         raise Failure(f"{path}: cannot be read as an EXR mask ({error})") from None
-    names = list(part.channels)
-    name = "mask" if "mask" in names else names[0] if len(names) == 1 else None
+    name = "mask" if "mask" in channels else next(iter(channels)) if len(channels) == 1 else None
     if name is None:
-        raise Failure(f"{path}: no channel 'mask' among {', '.join(names)}")
-    pixels = part.channels[name].pixels
-    (x, y), (x_max, y_max) = part.header["dataWindow"]
+        raise Failure(f"{path}: no channel 'mask' among {', '.join(channels)}")
+    pixels = channels[name]
     top, left = origin[1] - y, origin[0] - x
-    if top < 0 or left < 0 or origin[0] + width - 1 > x_max or origin[1] + height - 1 > y_max:
+    if top < 0 or left < 0 or top + height > pixels.shape[0] or left + width > pixels.shape[1]:
         raise Failure(f"{path}: the mask does not cover {width}x{height} at {origin}: make it with lacuna mask --size")
     mask = pixels[top : top + height, left : left + width] >= 0.5
     if not mask.any():
         raise Failure(f"{path}: no pixel is to be rendered")
     return mask
+
+
+def read_part(path):
+    """Channels of the first part, and the first pixel (x, y) of its data window."""
+    part = OpenEXR.File(path, separate_channels=True).parts[0]
+    return {name: channel.pixels for name, channel in part.channels.items()}, *part.header["dataWindow"][0]
+
+
+def read_subimage(path):
+    """The same by OpenImageIO."""
+    import OpenImageIO
+
+    image = OpenImageIO.ImageBuf(path)
+    spec, pixels = image.spec(), image.get_pixels("float")
+    if image.has_error or pixels is None:
+        raise OSError(image.geterror())
+    return {name: pixels[..., k] for k, name in enumerate(spec.channelnames)}, spec.x, spec.y
 
 
 def scatter(values, mask):
@@ -132,9 +151,10 @@ def scatter(values, mask):
     return image
 
 
-def write(path, planes, mask, dense=(), origin=(0, 0), display=None, kind=np.float32, attributes=None):
+def write(path, planes, mask, dense=(), origin=(0, 0), display=None, kind=np.float32, attributes=None, whole=()):
     """Writes a sparse frame: `planes` (name to `(height, width)`), zero where nothing was rendered, the channel `mask`,
-    and lacuna's attributes. Names in `dense` are complete. The file appears complete or not at all."""
+    and lacuna's attributes. Names in `dense` are complete and said to be; those in `whole` are written as they are. The
+    file appears complete or not at all."""
     height, width = mask.shape
     x, y = origin
     shown = display or (x, y, x + width - 1, y + height - 1)
@@ -151,7 +171,7 @@ def write(path, planes, mask, dense=(), origin=(0, 0), display=None, kind=np.flo
     header |= attributes or {}
     channels = {}
     for name, plane in planes.items():
-        if name not in dense:
+        if name not in dense and name not in whole:
             plane = np.where(mask, plane, plane.dtype.type(0))
         is_float = plane.dtype.kind == "f"
         channels[name] = np.ascontiguousarray(plane, kind if is_float and not exact(name) else plane.dtype)
