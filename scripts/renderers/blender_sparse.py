@@ -15,7 +15,6 @@ import os
 import pathlib
 import sys
 import tempfile
-import time
 
 import bpy
 
@@ -158,13 +157,13 @@ def render(arguments, scene, frame, shifts, folder):
     straight = put_camera(scene, frame, shifts, folder / f"mask.{frame}.exr", width, height)
     whole = folder / f"whole.{frame}.exr"
     scene.render.filepath = str(whole)
-    start = time.perf_counter()
+    clock = sparse.Clock()
     bpy.ops.render.render(write_still=True)
-    seconds = time.perf_counter() - start
+    clock.stop()
     target = pathlib.Path(sparse.frame_name(arguments.output, frame))
     add_mask(whole, target, mask, straight)
     whole.unlink()
-    sparse.say(target, mask, seconds)
+    sparse.say(target, mask, clock)
 
 
 def parse():

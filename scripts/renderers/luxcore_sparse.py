@@ -19,6 +19,7 @@ import contextlib
 import io
 import os
 import pathlib
+import sys
 import time
 
 import numpy as np
@@ -133,13 +134,13 @@ def render(arguments, frame, folder, output):
     outputs = list(ALWAYS.values()) + [AOVS[name] for name in arguments.aovs]
     prepare(config, outputs, spp, density)
     config.SetFromString(f"renderengine.seed = {arguments.seed * 10000 + frame + 1}\n")
-    start = time.perf_counter()
+    clock = sparse.Clock()
     importance = None if density == 1 else np.ascontiguousarray(asked[::-1], np.float32).ravel()
     film = trace(config, scene, importance, spp).GetFilm()
     planes = {}
     for name, channels, kind in outputs:
         planes |= fetch(film, name, channels, kind, width, height)
-    seconds = time.perf_counter() - start
+    clock.stop()
     count = planes.pop("SAMPLECOUNT")
     measured = asked & (count >= 0.5 * spp)
     outside = count[~asked].sum() / max(1, count.sum())
@@ -147,7 +148,7 @@ def render(arguments, frame, folder, output):
             "samplesOutside": f"{100 * outside:.1f} % of the samples fell outside the mask"}
     planes["SAMPLECOUNT"] = count
     sparse.write(output, planes, measured, (), origin, display, np.float32, note, ["SAMPLECOUNT"])
-    sparse.say(output, measured, seconds)
+    sparse.say(output, measured, clock)
     if measured.sum() < asked.sum():
         print(f"{output}: {int(asked.sum() - measured.sum())} pixels of the mask got too few samples and are missing", flush=True)
 
@@ -182,6 +183,8 @@ def main():
             render(arguments, frame, folder, here / sparse.frame_name(arguments.output, frame))
         except RuntimeError as error:
             raise Failure(f"{arguments.scene}, frame {frame}: {str(error).strip().splitlines()[0]}") from None
+    sys.stdout.flush()
+    os._exit(0)  # LuxCore may crash while Python takes itself apart
 
 
 if __name__ == "__main__":

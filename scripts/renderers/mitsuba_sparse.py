@@ -15,7 +15,6 @@ Needs Mitsuba 3.6 or newer, numpy, OpenEXR and a libLLVM that Mitsuba takes (Deb
 import argparse
 import pathlib
 import re
-import time
 
 import drjit as dr
 import mitsuba as mi
@@ -94,16 +93,20 @@ def film(width, height, pixel_format):
     })
 
 
-def render_pixels(scene, integrator, mask, spp, seed, alpha=False, make=None):
+def render_pixels(scene, integrator, mask, spp, seed, alpha=False):
     """The masked pixels, row by row: `(count, channels)` of float32, alpha the fourth if asked for.
 
-    Rounds of `spp` samples a pixel that fit into a wavefront are averaged by their number of samples."""
+    Rounds that fit into a wavefront are averaged by their numbers of samples. All pixels need no list."""
     inner = scene.sensors()[0]
     pixels = np.flatnonzero(mask)
     across = max(1, int(np.ceil(np.sqrt(len(pixels)))))
     down = -(-len(pixels) // across)
-    own = film(across, down, "rgba" if alpha else "rgb")
-    sensor = (make or sensor_class())(inner, pixels, own, inner.sampler().clone())
+    format = "rgba" if alpha else "rgb"
+    if mask.all() and f"pixel_format = {format}," in str(inner.film()) and "BoxFilter" in str(inner.film().rfilter()):
+        across, down, sensor = mask.shape[1], mask.shape[0], inner
+    else:
+        own = film(across, down, format)
+        sensor = sensor_class()(inner, pixels, own, inner.sampler().clone())
     most = max(1, WAVEFRONT // (across * down))
     total, done, turn = 0.0, 0, 0
     while done < spp:
@@ -182,19 +185,19 @@ def render(arguments, frame):
     mask = sparse.mask_of(arguments, frame, width, height, (x, y))
     spp = arguments.spp or scene.sensors()[0].sampler().sample_count()
     seed = arguments.seed * 10000 + frame
-    start = time.perf_counter()
+    clock = sparse.Clock()
     planes = colour(scene, mask, spp, seed, bool(screen.flags() & int(mi.FilmFlags.Alpha)))
     aovs = aov_list(arguments.aovs)
     where, samples = (np.ones_like(mask), arguments.dense_spp) if arguments.dense_aovs else (mask, min(spp, 16))
     hits = first_hits(scene, aovs, where, samples, seed + 1)
     dense = list(hits) if arguments.dense_aovs else []
-    seconds = time.perf_counter() - start
+    clock.stop()
     full = (0, 0, int(screen.size()[0]) - 1, int(screen.size()[1]) - 1)
     path = sparse.frame_name(arguments.output, frame)
     kind = np.float16 if arguments.half else np.float32
     note = {"renderer": f"Mitsuba {mi.__version__}, {spp} samples a pixel, seed {seed}"}
     sparse.write(path, planes | hits, mask, dense, (x, y), full, kind, note)
-    sparse.say(path, mask, seconds)
+    sparse.say(path, mask, clock)
 
 
 def parse():

@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 
 import numpy as np
 
@@ -191,5 +192,17 @@ def exact(name):
     return re.split(r"[.]", name)[0].lower() in ("depth", "z", "p", "position", "samplecount", "id", "uv")
 
 
-def say(path, mask, seconds):
-    print(f"{path}: {int(mask.sum())} of {mask.size} pixels ({100 * mask.mean():.1f} %) in {seconds:.2f} s", flush=True)
+class Clock:
+    """Seconds since it was made, and seconds that this process has kept processors busy since."""
+
+    def __init__(self):
+        self.wall, self.busy = time.perf_counter(), time.process_time()
+
+    def stop(self):
+        self.wall, self.busy = time.perf_counter() - self.wall, time.process_time() - self.busy
+        return self
+
+
+def say(path, mask, clock):
+    share = f"{int(mask.sum())} of {mask.size} pixels ({100 * mask.mean():.1f} %)"
+    print(f"{path}: {share} in {clock.wall:.2f} s, {clock.busy:.2f} s of processors", flush=True)
