@@ -76,13 +76,16 @@ def check(arguments):
     return frames
 
 
-def run(body):
-    """Runs a bridge: a failure is one line and exit status 1."""
+def run(body, end=sys.exit):
+    """Runs a bridge: a failure is one line and exit status 1. `end` takes the status."""
+    status = 0
     try:
-        sys.exit(body())
+        body()
     except Failure as failure:
         print(f"{pathlib.Path(sys.argv[0]).name}: {failure}", file=sys.stderr)
-        sys.exit(1)
+        status = 1
+    sys.stdout.flush()
+    end(status)
 
 
 def lacuna():
