@@ -42,10 +42,7 @@ def named_in_the_page():
         renderer, *cells = (cell.strip() for cell in line.strip().strip("|").split("|"))
         found = {}
         for rule, cell in zip(heads, cells, strict=True):
-            for code in re.findall(r"`([^`]+)`", cell):
-                # Names with spaces stand alone; several names are single words.
-                words = [code] if re.search(r"\.\w+ \w+", code) and " " in code.rsplit(".", 1)[0] and code.count(".") < 3 else code.split()
-                found |= dict.fromkeys(words, rule)
+            found |= dict.fromkeys(re.findall(r"`([^`]+)`", cell), rule)
         yield renderer, found
 
 
