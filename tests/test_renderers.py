@@ -164,6 +164,28 @@ def test_mistakes_are_told_in_one_line(name, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.skipif("LACUNA_BPY" not in os.environ, reason="LACUNA_BPY names no Python with Blender's package bpy")
+def test_masked_pixels_of_blender_are_those_of_a_full_render(tmp_path):
+    def python(*words):
+        result = run([os.environ["LACUNA_BPY"], *words], timeout=600, environment={"LACUNA": LACUNA})
+        assert result.status == 0, result
+
+    python(SCENES / "make_blend.py")
+    for density in ("1", "0.25"):
+        words = ("-o", tmp_path / f"{density}.exr", "--density", density, "--spp", "4")
+        python(BRIDGES / "blender_sparse.py", SCENES / "made" / "monkey.blend", *words)
+    full, sparse = ({k: v for part in frames.read(tmp_path / f"{density}.exr") for k, v in part.items()} for density in ("1", "0.25"))
+    mask = sparse["mask"] > 0
+    assert set(full) == set(sparse) and 0.24 < mask.mean() < 0.26
+    for name in ("ViewLayer.Combined.R", "ViewLayer.Normal.X", "ViewLayer.CryptoObject00.r", "ViewLayer.Object Index.X"):
+        same = np.isclose(full[name], sparse[name], rtol=1e-3, atol=1e-4)
+        # A sample on the rim of a pixel may fall to either side.
+        assert same[mask].mean() > 0.995, name
+        assert (sparse[name][~mask] == 0).mean() > 0.995, name
+    lacuna("fill", tmp_path / "0.25.exr", "-o", tmp_path / "filled.exr")
+    lacuna("verify", tmp_path / "0.25.exr", tmp_path / "filled.exr")
+
+
 def commands():
     """The blocks of docs/renderers.md that a new user is to type, one text a walk-through."""
     found = re.findall(r"<!-- tested: (\w+) -->\n(.*?)<!-- end of test -->", PAGE.read_text(), re.S)

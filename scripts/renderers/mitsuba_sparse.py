@@ -221,9 +221,13 @@ def main():
     try:
         mi.set_variant(arguments.variant)
     except (ImportError, AttributeError, ValueError) as error:
-        raise Failure(f"--variant {arguments.variant}: {error}; Mitsuba has {', '.join(mi.variants())}") from None
+        have = f"Mitsuba has {', '.join(mi.variants())}; llvm ones need libLLVM 17 or newer (Debian: libllvm19)"
+        raise Failure(f"--variant {arguments.variant}: {error}; {have}") from None
     for frame in frames:
-        render(arguments, frame)
+        try:
+            render(arguments, frame)
+        except RuntimeError as error:
+            raise Failure(f"{arguments.scene}, frame {frame}: {str(error).strip().splitlines()[-1].strip()}") from None
 
 
 if __name__ == "__main__":
