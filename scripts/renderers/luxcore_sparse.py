@@ -64,12 +64,10 @@ def properties(path, frame):
 
 
 def size_of(config):
-    """Width, height, and first pixel (x, y) of what is rendered."""
-    width, height = (config.Get(f"film.{side}", [default]).GetInt() for side, default in (("width", 640), ("height", 480)))
+    """Width and height of the film."""
     if config.IsDefined("film.subregion"):
-        left, right, bottom, top = (config.Get("film.subregion").GetInt(k) for k in range(4))
-        return right - left + 1, top - bottom + 1, (left, height - 1 - top), (0, 0, width - 1, height - 1)
-    return width, height, (0, 0), (0, 0, width - 1, height - 1)
+        raise Failure("film.subregion: leave it out; a mask does what a region does")
+    return [config.Get(f"film.{side}", [default]).GetInt() for side, default in (("width", 640), ("height", 480))]
 
 
 def prepare(config, outputs, spp, density):
@@ -128,8 +126,8 @@ def render(arguments, frame, folder, output):
         raise Failure(f"{folder / path}: names no scene (scene.file)")
     scene = pyluxcore.Scene()
     scene.Parse(properties(config.Get("scene.file").GetString(), frame))
-    width, height, origin, display = size_of(config)
-    asked = sparse.mask_of(arguments, frame, width, height, origin)
+    width, height = size_of(config)
+    asked = sparse.mask_of(arguments, frame, width, height)
     density = float(asked.mean())
     spp = arguments.spp or config.Get("batch.haltspp", [64]).GetInt()
     outputs = list(ALWAYS.values()) + [AOVS[name] for name in arguments.aovs]
@@ -148,7 +146,7 @@ def render(arguments, frame, folder, output):
     note = {"renderer": f"LuxCore {pyluxcore.Version()}, {spp} samples a pixel",
             "samplesOutside": f"{100 * outside:.1f} % of the samples fell outside the mask"}
     planes["SAMPLECOUNT"] = count
-    sparse.write(output, planes, measured, (), origin, display, np.float32, note, ["SAMPLECOUNT"])
+    sparse.write(output, planes, measured, attributes=note, whole=["SAMPLECOUNT"])
     sparse.say(output, measured, clock)
     if measured.sum() < asked.sum():
         print(f"{output}: {int(asked.sum() - measured.sum())} pixels of the mask got too few samples and are missing", flush=True)
