@@ -132,7 +132,7 @@ def render(arguments, frame, folder, output):
     spp = arguments.spp or config.Get("batch.haltspp", [64]).GetInt()
     outputs = list(ALWAYS.values()) + [AOVS[name] for name in arguments.aovs]
     prepare(config, outputs, spp, density)
-    config.SetFromString(f"renderengine.seed = {arguments.seed * 10000 + frame + 1}\n")
+    config.SetFromString(f"renderengine.seed = {sparse.seed_of(arguments, frame) % 1000000 + 1}\n")
     clock = sparse.Clock()
     importance = None if density == 1 else np.ascontiguousarray(asked[::-1], np.float32).ravel()
     film = trace(config, scene, importance, spp).GetFilm()

@@ -111,7 +111,9 @@ def render_pixels(scene, integrator, mask, spp, seed, alpha=False):
     total, done, turn = 0.0, 0, 0
     while done < spp:
         now = min(most, spp - done)
-        image = mi.render(scene, sensor=sensor, integrator=integrator, spp=now, seed=seed * 65536 + turn)
+        # 32 bits, and another stream for every round of every frame.
+        stream = int(np.random.SeedSequence([seed, turn]).generate_state(1)[0])
+        image = mi.render(scene, sensor=sensor, integrator=integrator, spp=now, seed=stream)
         part = np.array(image, np.float64).reshape(across * down, -1)[: len(pixels)]
         total, done, turn = total + part * now, done + now, turn + 1
     return (total / spp).astype(np.float32)
@@ -184,7 +186,7 @@ def render(arguments, frame):
     x, y = (int(n) for n in screen.crop_offset())
     mask = sparse.mask_of(arguments, frame, width, height, (x, y))
     spp = arguments.spp or scene.sensors()[0].sampler().sample_count()
-    seed = arguments.seed * 10000 + frame
+    seed = sparse.seed_of(arguments, frame)
     clock = sparse.Clock()
     planes = colour(scene, mask, spp, seed, bool(screen.flags() & int(mi.FilmFlags.Alpha)))
     aovs = aov_list(arguments.aovs)

@@ -70,6 +70,8 @@ def check(arguments):
         raise Failure(f"--density {arguments.density} is not above 0 and at most 1")
     if arguments.spp is not None and arguments.spp < 1:
         raise Failure(f"--spp {arguments.spp} is not 1 or more")
+    if arguments.seed < 0:
+        raise Failure(f"--seed {arguments.seed} is not 0 or more")
     frames = arguments.frames or [1]
     if len(frames) > 1 and not is_pattern(arguments.output):
         raise Failure(f"{arguments.output} would hold {len(frames)} frames: write frame.####.exr")
@@ -204,6 +206,11 @@ class Clock:
     def stop(self):
         self.wall, self.busy = time.perf_counter() - self.wall, time.process_time() - self.busy
         return self
+
+
+def seed_of(arguments, frame):
+    """A seed of 31 bits that every frame of every --seed has for itself, as good as."""
+    return int(np.random.SeedSequence([arguments.seed, frame & 0xFFFFFFFF]).generate_state(1)[0] >> 1)
 
 
 def say(path, mask, clock):
