@@ -195,9 +195,18 @@ pub fn is_alpha(full: &str) -> bool {
 }
 
 /// Words that, joined, make a layer one of surface colours without light.
-const ALBEDO: &[&str] = &["albedo", "basecolor", "basecolour", "diffcol", "glosscol", "diffusefilter"];
+const ALBEDO: &[&str] = &[
+    "albedo",
+    "basecolor",
+    "basecolour",
+    "diffcol",
+    "diffusecolor",
+    "glosscol",
+    "glossycolor",
+    "diffusefilter",
+];
 
-/// Whether a channel is the colour of a surface, light left out: `albedo.R`, `DiffCol.G`, `denoising albedo.B`.
+/// Whether a channel is the colour of a surface, light left out: `albedo.R`, `DiffCol.G`, `Diffuse Color.B`.
 pub fn is_albedo(full: &str) -> bool {
     let layer = words(Name::new(full).layer).concat();
     ALBEDO.iter().any(|word| layer.contains(word))

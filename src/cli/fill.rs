@@ -8,9 +8,11 @@ use super::channels::ChannelArgs;
 use super::filter::{FilterArgs, SettingArgs};
 use super::guides::GuideArgs;
 use super::input::InputArgs;
+use super::layers::LayerArgs;
 use super::mask::MaskArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::{PageArgs, RunArgs};
+use super::weights::WeightArgs;
 use crate::guides::Asked;
 use crate::reconstruct::{self, Enlarge};
 use crate::sequence::{FillJob, RunOptions, Targets};
@@ -36,6 +38,9 @@ pub struct FillArgs {
     input: InputArgs,
 
     #[command(flatten)]
+    layers: LayerArgs,
+
+    #[command(flatten)]
     mask: MaskArgs,
 
     #[command(flatten)]
@@ -43,6 +48,9 @@ pub struct FillArgs {
 
     #[command(flatten)]
     filter: FilterArgs,
+
+    #[command(flatten)]
+    weights: WeightArgs,
 
     #[command(flatten)]
     guides: GuideArgs,
@@ -77,6 +85,8 @@ impl FillArgs {
             run: &self.run,
             page: Some(&self.page),
             guides: Some(&self.guides),
+            weights: Some(&self.weights),
+            layers: Some(&self.layers),
         };
         groups.job(self.filter.method()?, None)
     }
@@ -94,6 +104,8 @@ pub(super) struct Groups<'a> {
     pub run: &'a RunArgs,
     pub page: Option<&'a PageArgs>,
     pub guides: Option<&'a GuideArgs>,
+    pub weights: Option<&'a WeightArgs>,
+    pub layers: Option<&'a LayerArgs>,
 }
 
 impl Groups<'_> {
@@ -101,6 +113,7 @@ impl Groups<'_> {
     pub fn job(&self, method: Method, enlarge: Option<Enlarge>) -> Result<FillJob, Usage> {
         let (selection, skip_missing) = self.input.selection();
         let packing = self.format.compression;
+        let layers = self.layers.map_or(&[][..], |layers| &layers.layers);
         let what = reconstruct::Job {
             method,
             domain: self.settings.domain(),
@@ -113,7 +126,10 @@ impl Groups<'_> {
             enlarge,
             guides: self.guides.map_or(Asked::None, |guides| guides.guides.clone()),
             guides_from: self.guides.and_then(|guides| guides.guides_from.clone()),
+            weights: self.weights.and_then(|weights| weights.weights.clone()),
+            layers: layers.iter().map(ToString::to_string).collect(),
         };
+        WeightArgs::check(&what)?;
         if let Some(guides) = self.guides {
             guides.check(&what)?;
         }
@@ -127,6 +143,7 @@ impl Groups<'_> {
                 mask: self.mask.file(),
                 guides: what.guides_from.clone(),
                 also_written: run.also_written(),
+                layers: layers.to_vec(),
                 create_dir: self.output.create_dir,
             },
             what,

@@ -10,6 +10,7 @@ pub mod filter;
 mod guides;
 pub mod info;
 pub mod input;
+mod layers;
 pub mod make_mask;
 pub mod mask;
 pub mod output;
@@ -21,6 +22,7 @@ pub mod study;
 pub mod submit;
 pub mod upscale;
 pub mod verify;
+mod weights;
 
 use std::ffi::OsString;
 

@@ -236,6 +236,7 @@ impl RenderArgs {
             frames: self.frames.clone(),
             targets: Targets {
                 guides: None,
+                layers: Vec::new(),
                 output: self.output.checked()?,
                 mask,
                 also_written: run.also_written(),

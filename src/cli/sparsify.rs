@@ -89,6 +89,7 @@ impl SparsifyArgs {
             skip_missing,
             targets: Targets {
                 guides: None,
+                layers: Vec::new(),
                 output: self.output.checked()?,
                 mask,
                 also_written: run.also_written(),

@@ -161,6 +161,8 @@ impl UpscaleArgs {
             run: &self.run,
             page: None,
             guides: None,
+            weights: None,
+            layers: None,
         };
         let enlarge = Enlarge { target, method: self.filter.method()?, sampling: self.filter.sampling };
         groups.job(lacuna_filters::Method::Ss(settings.ss()), Some(enlarge))

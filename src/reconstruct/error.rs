@@ -48,6 +48,14 @@ pub enum Error {
         /// What is in the way, and the way out.
         why: String,
     },
+    /// Weights that cannot be used.
+    #[error("--weights {weights}: {why}")]
+    Weights {
+        /// As asked for.
+        weights: String,
+        /// What is in the way.
+        why: String,
+    },
     /// Guides that cannot be used.
     #[error(transparent)]
     Guides(#[from] crate::guides::Error),

@@ -4,7 +4,7 @@ use lacuna_filters::Method;
 use lacuna_filters::domain::Domain;
 use serde::Serialize;
 
-use super::Enlarge;
+use super::{Enlarge, Weights};
 use crate::channels::Override;
 use crate::frame::Compression;
 use crate::guides::Asked;
@@ -46,6 +46,10 @@ pub struct Job {
     pub guides: Asked,
     /// Path or pattern of the file that they come from, if it is another one.
     pub guides_from: Option<String>,
+    /// How much each measured pixel counts where the method smooths; nothing weighs all alike.
+    pub weights: Option<Weights>,
+    /// The layers that come from other files, each as `NAME=PATTERN`.
+    pub layers: Vec<String>,
 }
 
 impl Job {
@@ -63,6 +67,8 @@ impl Job {
             enlarge: None,
             guides: Asked::Auto,
             guides_from: None,
+            weights: None,
+            layers: Vec::new(),
         }
     }
 
@@ -107,6 +113,12 @@ impl Job {
         ] {
             let gap = if line.is_empty() { "" } else { " " };
             line = format!("{line}{gap}{name}={}", quote(value));
+        }
+        if let Some(weights) = &self.weights {
+            line = format!("{line} weights={}", quote(&weights.to_string()));
+        }
+        if !self.layers.is_empty() {
+            line = format!("{line} layers={}", quote(&self.layers.join("\n")));
         }
         line
     }

@@ -27,6 +27,7 @@ mod stamp;
 #[cfg(test)]
 mod tests;
 mod values;
+mod weights;
 
 pub(crate) use bounds::{Bounds, bounds_of};
 pub use enlarge::{Enlarge, Target, Windows, enlarge};
@@ -40,6 +41,7 @@ pub use plans::Plans;
 pub use report::{ChannelReport, GroupReport, PartReport, Report};
 pub use stamp::{ADDED, DENSITY, DERIVED, Stamp, was_cut_short};
 pub(crate) use values::{convert, kind_for};
+pub use weights::{Weights, WeightsError};
 
 use crate::channels::{Choice, Rule, part_label, unheeded};
 use crate::frame::{Frame, Part, Samples};

@@ -143,6 +143,7 @@ fn filter(
     let steered = !group.normal && names.iter().all(|name| !channels::is_position(name));
     let question = Question {
         mask,
+        weights: weights(frame, work, group, &mut done.notes)?,
         light: group.light,
         limit: !group.normal,
         bounds: bounds.collect(),
@@ -174,6 +175,22 @@ fn filter(
         Some(Filled { target, samples: samples.into_pixels(), values: values.into_pixels(), limited })
     });
     Ok(filled.collect())
+}
+
+/// How much each measured pixel of a group counts, if not all alike.
+fn weights(
+    frame: &Frame,
+    work: &Work<'_>,
+    group: &Group,
+    notes: &mut Vec<String>,
+) -> Result<Option<Arc<Plane>>, Error> {
+    let Some(weights) = &work.job.weights else { return Ok(None) };
+    let (plane, empty) = weights.plane(frame, work.index, &group.mask)?;
+    if empty > 0 {
+        let name = channel_label(frame, work.index, group.channels[0]);
+        notes.push(format!("{name}: {empty} measured pixels count no sample and weigh nothing"));
+    }
+    Ok(Some(plane))
 }
 
 /// A channel's measured values, zero elsewhere.

@@ -4,13 +4,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use lacuna_filters::baseline::depth::DepthPlan;
 use lacuna_filters::baseline::nearest::NearestMap;
-use lacuna_filters::{Error, Mask, Method, Plan, Problem, Run, upscale};
+use lacuna_filters::{Error, Mask, Method, Plan, Plane, Problem, Run, upscale};
 
 /// How many plans are kept.
 const MOST: usize = 4;
 
-/// Method and settings, mask, plan.
-type FilterEntry = (String, Arc<Mask>, Arc<dyn Plan>);
+/// Method and settings, mask, weights, plan.
+type FilterEntry = (String, Arc<Mask>, Option<Arc<Plane>>, Arc<dyn Plan>);
 
 /// Geometry, method, plan.
 type EnlargeEntry = ((upscale::Geometry, upscale::Method), Arc<upscale::Plan>);
@@ -39,16 +39,25 @@ impl Plans {
         Self::default()
     }
 
-    /// The plan of a method on a mask.
-    pub fn filter(&self, method: &Method, mask: &Arc<Mask>, run: &Run<'_>) -> Result<Arc<dyn Plan>, Error> {
+    /// The plan of a method on a mask, with the weights of the samples if they have any.
+    pub fn filter(
+        &self,
+        method: &Method,
+        mask: &Arc<Mask>,
+        weights: Option<&Arc<Plane>>,
+        run: &Run<'_>,
+    ) -> Result<Arc<dyn Plan>, Error> {
         let key = format!("{} {}", method.name(), method.settings());
-        let same = |entry: &FilterEntry| entry.0 == key && equal(&entry.1, mask);
+        let same =
+            |entry: &FilterEntry| entry.0 == key && equal(&entry.1, mask) && entry.2.as_ref() == weights;
         if let Some(found) = recall(&self.filters, same) {
-            return Ok(found.2);
+            return Ok(found.3);
         }
-        let plan: Arc<dyn Plan> = method.filter().plan(&Problem::fill(Arc::clone(mask)), run)?.into();
+        let mut problem = Problem::fill(Arc::clone(mask));
+        problem.weights = weights.cloned();
+        let plan: Arc<dyn Plan> = method.filter().plan(&problem, run)?.into();
         if run.interrupted().is_none() {
-            store(&self.filters, (key, Arc::clone(mask), Arc::clone(&plan)));
+            store(&self.filters, (key, Arc::clone(mask), weights.cloned(), Arc::clone(&plan)));
         }
         Ok(plan)
     }
@@ -121,12 +130,12 @@ mod tests {
         let method = Method::PushPull(push_pull::Settings);
         let plans = Plans::new();
         let run = Run::default();
-        let first = plans.filter(&method, &mask(0), &run).unwrap();
-        assert!(Arc::ptr_eq(&first, &plans.filter(&method, &mask(0), &run).unwrap()));
+        let first = plans.filter(&method, &mask(0), None, &run).unwrap();
+        assert!(Arc::ptr_eq(&first, &plans.filter(&method, &mask(0), None, &run).unwrap()));
         for at in 1..=MOST {
-            plans.filter(&method, &mask(at), &run).unwrap();
+            plans.filter(&method, &mask(at), None, &run).unwrap();
         }
-        assert!(!Arc::ptr_eq(&first, &plans.filter(&method, &mask(0), &run).unwrap()));
+        assert!(!Arc::ptr_eq(&first, &plans.filter(&method, &mask(0), None, &run).unwrap()));
         assert!(Arc::ptr_eq(&plans.nearest(&mask(2)).unwrap(), &plans.nearest(&mask(2)).unwrap()));
     }
 }

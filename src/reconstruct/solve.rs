@@ -15,6 +15,8 @@ use super::{Job, Plans};
 pub struct Question<'a> {
     /// The values that count as measured.
     pub mask: &'a Arc<Mask>,
+    /// How much each counts, if not all alike.
+    pub weights: Option<Arc<Plane>>,
     /// Whether the values are light, which may need the logarithmic domain.
     pub light: bool,
     /// Whether overshoot is limited, if the job does so: not for directions.
@@ -55,7 +57,7 @@ pub fn solve(
     run: &Run<'_>,
 ) -> Result<Answer, Error> {
     let mask = question.mask;
-    let plan = plans.filter(&job.method, mask, run)?;
+    let plan = plans.filter(&job.method, mask, question.weights.as_ref(), run)?;
     let map =
         if question.light { job.domain.map(mask, samples.as_slice()) } else { Domain::Linear.map(mask, &[]) };
     let mut out = Planes::zeros(samples.size(), samples.len());

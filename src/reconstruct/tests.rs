@@ -277,10 +277,10 @@ fn parts_and_frames_with_an_equal_mask_share_plans() {
     let choices = choose(&before, &masks, &[]);
     let (first, _) = fill(before.clone(), &masks, &choices, &job(), &plans, &run).unwrap();
     let mask = masks.get(0, 0).unwrap();
-    let plan = plans.filter(&job().method, mask, &run).unwrap();
+    let plan = plans.filter(&job().method, mask, None, &run).unwrap();
     let again = find(&before, &Source::Auto, None).unwrap();
     let (second, _) = fill(before, &again, &choices, &job(), &plans, &run).unwrap();
     assert_eq!(first, second);
-    let same = plans.filter(&job().method, again.get(1, 0).unwrap(), &run).unwrap();
+    let same = plans.filter(&job().method, again.get(1, 0).unwrap(), None, &run).unwrap();
     assert!(std::sync::Arc::ptr_eq(&plan, &same));
 }

@@ -5,6 +5,7 @@ use std::time::Instant;
 use lacuna_filters::{Outcome, Run, Stop};
 
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
+use super::layers::{self, LayerFile};
 use super::masks::MaskFiles;
 use super::page::Page;
 use super::plan::{Item, PlanError, Targets, plan};
@@ -94,7 +95,12 @@ impl Work for Fill<'_> {
         let limits = memory::limits(self.job.run.memory, self.bytes(item));
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
         let (frame, file, second) = stage.read(record, || {
-            let frame = frame::read(&item.input, &limits).map_err(|error| at_input(&error))?;
+            let mut frame = frame::read(&item.input, &limits).map_err(|error| at_input(&error))?;
+            for LayerFile { name, path } in &item.layers {
+                let at_layer = |error: &dyn std::fmt::Display| Failure::at(path, error);
+                let file = frame::read(path, &limits).map_err(|error| at_layer(&error))?;
+                layers::add(&mut frame, name, file).map_err(|error| at_layer(&error))?;
+            }
             let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose();
             let file = file.map_err(|error| at_input(&error))?;
             let guides = item.guides.as_deref();

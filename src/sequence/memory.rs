@@ -9,6 +9,7 @@ use std::path::Path;
 
 use lacuna_filters::upscale::Method;
 
+use super::layers::LayerFile;
 use super::plan::Item;
 use crate::frame::{Limits, PartHeader, SampleType, memory_needed, read_header};
 use crate::reconstruct::{Enlarge, Windows};
@@ -53,7 +54,13 @@ pub fn limits(bound: Option<u64>, admitted: u64) -> Limits {
 pub fn to_fill(item: &Item, method: &lacuna_filters::Method) -> u64 {
     let mask = item.mask.as_deref().map_or(0, to_copy);
     let guides = item.guides.as_deref().map_or(0, to_copy);
-    of(&item.input, SOLVING, planning(method)).saturating_add(mask).saturating_add(guides)
+    // A layer is read, and solved like the frame's own channels.
+    let layer = |layer: &LayerFile| of(&layer.path, SOLVING, 0);
+    let layers = item.layers.iter().map(layer).fold(0, u64::saturating_add);
+    of(&item.input, SOLVING, planning(method))
+        .saturating_add(mask)
+        .saturating_add(guides)
+        .saturating_add(layers)
 }
 
 /// Bytes that the larger frame needs beside: samples, and in each channel that may be computed values and the planes on the

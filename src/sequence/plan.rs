@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::destination::Destination;
 use super::inputs::{Input, Selection, resolve};
+use super::layers::{LayerFile, LayerSource};
 use super::pattern::Pattern;
 use super::record::is_standard_output;
 
@@ -32,6 +33,8 @@ pub struct Item {
     pub mask: Option<PathBuf>,
     /// The file with the guides, if they come from another one.
     pub guides: Option<PathBuf>,
+    /// The files whose channels become layers of the frame.
+    pub layers: Vec<LayerFile>,
 }
 
 /// All frames, in the order asked for.
@@ -52,6 +55,8 @@ pub struct Targets {
     pub mask: Option<String>,
     /// Path or pattern of the guides' file.
     pub guides: Option<String>,
+    /// Files whose channels become layers of the frames.
+    pub layers: Vec<LayerSource>,
     /// Other files that the run writes (a report, say).
     pub also_written: Vec<PathBuf>,
     /// Whether folders are made where they are missing.
@@ -62,6 +67,7 @@ pub struct Targets {
 pub fn plan(selection: &Selection, targets: &Targets) -> Result<Plan, PlanError> {
     let mut items = pair(selection, &targets.output, targets.mask.as_deref())?;
     add_guides(&mut items, targets.guides.as_deref())?;
+    add_layers(&mut items, &targets.layers)?;
     let mut places = Places::default();
     check_one_input_each(&items, &mut places)?;
     checked(items, targets, &mut places)
@@ -92,7 +98,7 @@ pub fn outputs(source: &Path, numbers: &[Option<i64>], targets: &Targets) -> Res
         let input = Input { path: source.into(), number };
         let output = destination.of(&input)?;
         let mask = mask.as_ref().map(|mask| mask.of(&input)).transpose()?;
-        Ok(Item { number, input: input.path, output, mask, guides: None })
+        Ok(Item { number, input: input.path, output, mask, guides: None, layers: Vec::new() })
     };
     let items: Vec<Item> = numbers.iter().map(item).collect::<Result<_, _>>()?;
     checked(items, targets, &mut Places::default())
@@ -129,7 +135,14 @@ pub fn pair(selection: &Selection, output: &Path, mask: Option<&str>) -> Result<
     let item = |input: Input| {
         let output = destination.of(&input)?;
         let mask = mask.as_ref().map(|mask| mask.of(&input)).transpose()?;
-        Ok(Item { number: input.number.filter(|_| numbered), input: input.path, output, mask, guides: None })
+        Ok(Item {
+            number: input.number.filter(|_| numbered),
+            input: input.path,
+            output,
+            mask,
+            guides: None,
+            layers: Vec::new(),
+        })
     };
     inputs.frames.into_iter().map(item).collect()
 }
@@ -138,17 +151,33 @@ pub fn pair(selection: &Selection, output: &Path, mask: Option<&str>) -> Result<
 fn add_guides(items: &mut [Item], guides: Option<&str>) -> Result<(), PlanError> {
     let Some(guides) = guides.map(MaskFile::parse).transpose()? else { return Ok(()) };
     for item in items {
-        let number = item.number.or_else(|| super::pattern::number_in_name(&item.input));
-        let input = Input { path: item.input.clone(), number };
-        item.guides = Some(guides.of(&input).map_err(|_| {
-            let text = format!(
-                "{}: no frame number in the name for the pattern of --guides-from",
-                item.input.display()
-            );
-            PlanError::Usage(text)
-        })?);
+        item.guides = Some(beside(&guides, item, "--guides-from")?);
     }
     Ok(())
+}
+
+/// Every frame with the files of its layers.
+fn add_layers(items: &mut [Item], layers: &[LayerSource]) -> Result<(), PlanError> {
+    for layer in layers {
+        let file = MaskFile::parse(&layer.pattern)?;
+        for item in items.iter_mut() {
+            let path = beside(&file, item, "--layers")?;
+            item.layers.push(LayerFile { name: layer.name.clone(), path });
+        }
+    }
+    Ok(())
+}
+
+/// The file that belongs to a frame, by the number in the frame's name.
+fn beside(file: &MaskFile, item: &Item, flag: &str) -> Result<PathBuf, PlanError> {
+    let number = item.number.or_else(|| super::pattern::number_in_name(&item.input));
+    let input = Input { path: item.input.clone(), number };
+    file.of(&input).map_err(|_| {
+        PlanError::Usage(format!(
+            "{}: no frame number in the name for the pattern of {flag}",
+            item.input.display()
+        ))
+    })
 }
 
 /// The file of the mask: one for all frames, or one a frame.
@@ -226,6 +255,11 @@ fn check_no_input_is_written(
             && let Some(identity) = Identity::of(guides)
         {
             read.insert(identity, (guides, "guides"));
+        }
+        for LayerFile { path, .. } in &item.layers {
+            if let Some(identity) = Identity::of(path) {
+                read.insert(identity, (path, "layer"));
+            }
         }
     }
     for item in items {

@@ -199,6 +199,7 @@ mod tests {
             output: "out.exr".into(),
             mask: None,
             guides: None,
+            layers: Vec::new(),
         };
         let heading = Heading {
             lacuna: "1",

@@ -25,7 +25,8 @@ pub fn is_current(item: &Item, job: &Job) -> bool {
     let Some(made) = modified(&item.output) else { return false };
     let sources = [Some(&item.input), item.mask.as_ref(), item.guides.as_ref()];
     let newer = |source: &std::path::PathBuf| modified(source).is_some_and(|changed| made > changed);
-    sources.into_iter().flatten().all(newer) && is_of(item, job)
+    let layers = item.layers.iter().map(|layer| &layer.path);
+    sources.into_iter().flatten().chain(layers).all(newer) && is_of(item, job)
 }
 
 fn modified(path: &Path) -> Option<SystemTime> {

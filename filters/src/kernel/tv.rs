@@ -12,9 +12,9 @@ mod bound;
 mod poisson;
 mod sweep;
 
-pub use bound::{Bound, bound_row, variation_row};
+pub use bound::{Bound, bound_row, squares_row, variation_row};
 pub use poisson::{correct_row, descend_row, direction_row, laplacian_row, source_row};
-pub use sweep::{DualRow, PrimalRow, Rates, ball_row, distance_row, dual_row, primal_row};
+pub use sweep::{DualRow, HeldRow, PrimalRow, Rates, ball_row, distance_row, dual_row, primal_row};
 
 /// An instruction set that this machine has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 
 use crate::Size;
 use crate::kernel::tv::{
-    DualBall, DualRow, Isa, PrimalRow, Rates, ball_row, distance_row, dual_row, primal_row,
+    DualBall, DualRow, HeldRow, Isa, PrimalRow, Rates, ball_row, distance_row, dual_row, primal_row,
 };
 
 /// Rows of a band: the unit of work of a thread.
@@ -55,13 +55,25 @@ struct Edges {
     below: Vec<f32>,
 }
 
-/// A constraint that fixed pixels lie within a ball round the samples.
+/// A constraint that fixed pixels lie within a ball round the samples: `sum (x - sample)^2 / ease <= radius^2`.
+///
+/// Its projection is a scaling where distances are measured by the same weights, that is, where a pixel's step is
+/// `ease tau` (T. Pock, A. Chambolle, "Diagonal Preconditioning for First Order Primal-Dual Algorithms in Convex
+/// Optimization", ICCV 2011).
 #[derive(Clone, Copy, Debug)]
 pub struct Ball<'a> {
     /// The samples, on the whole grid.
     pub sample: &'a [f32],
+    /// The inverse of their weights, in (0, 1] at fixed pixels and 1 elsewhere.
+    pub ease: &'a [f32],
     /// Radius.
     pub radius: f64,
+}
+
+impl<'a> Ball<'a> {
+    fn row(self, at: std::ops::Range<usize>) -> HeldRow<'a> {
+        HeldRow { sample: &self.sample[at.clone()], ease: &self.ease[at] }
+    }
 }
 
 /// What all sweeps of a state share.
@@ -115,14 +127,14 @@ impl State {
     /// each sweep takes two passes.
     pub fn advance_in_ball<B: DualBall>(&mut self, sweeps: Sweeps<'_>, ball: Ball<'_>, count: usize) {
         for _ in 0..count {
-            let distance = self.distance(sweeps, ball.sample).sqrt();
+            let distance = self.distance(sweeps, ball).sqrt();
             let keep = if distance > ball.radius { (ball.radius / distance) as f32 } else { 1.0 };
-            self.block::<B>(sweeps, 1, Some((ball.sample, keep)));
+            self.block::<B>(sweeps, 1, Some((ball, keep)));
         }
     }
 
     /// Squared distance of the next primal step from the samples, before its projection.
-    fn distance(&self, sweeps: Sweeps<'_>, sample: &[f32]) -> f64 {
+    fn distance(&self, sweeps: Sweeps<'_>, ball: Ball<'_>) -> f64 {
         let width = self.size.width;
         let zeros = vec![0.0; width];
         let rows: Vec<f64> = (0..self.size.height)
@@ -130,7 +142,7 @@ impl State {
             .map(|y| {
                 let row = self.primal_row(y, &zeros, sweeps.free);
                 let at = y * width..(y + 1) * width;
-                distance_row(sweeps.isa, &self.x[at.clone()], &sample[at], row, sweeps.rates.tau)
+                distance_row(sweeps.isa, &self.x[at.clone()], ball.row(at), row, sweeps.rates.tau)
             })
             .collect();
         rows.iter().sum()
@@ -148,8 +160,8 @@ impl State {
         }
     }
 
-    /// Takes `depth` sweeps over every band; `held` are samples and the factor of the ball's projection.
-    fn block<B: DualBall>(&mut self, sweeps: Sweeps<'_>, depth: usize, held: Option<(&[f32], f32)>) {
+    /// Takes `depth` sweeps over every band; `held` are the ball and the factor of its projection.
+    fn block<B: DualBall>(&mut self, sweeps: Sweeps<'_>, depth: usize, held: Option<(Ball<'_>, f32)>) {
         let Size { height, width } = self.size;
         if width == 0 {
             return;
@@ -249,7 +261,7 @@ struct Front<'a> {
 }
 
 impl Front<'_> {
-    fn run<B: DualBall>(mut self, sweeps: Sweeps<'_>, depth: usize, held: Option<(&[f32], f32)>) {
+    fn run<B: DualBall>(mut self, sweeps: Sweeps<'_>, depth: usize, held: Option<(Ball<'_>, f32)>) {
         for wave in self.from..self.to + depth - 1 {
             for sweep in 0..depth.min(wave + 1) {
                 let y = wave - sweep;
@@ -270,7 +282,7 @@ impl Front<'_> {
         }
     }
 
-    fn primal(&mut self, sweeps: Sweeps<'_>, sweep: usize, y: usize, held: Option<(&[f32], f32)>) {
+    fn primal(&mut self, sweeps: Sweeps<'_>, sweep: usize, y: usize, held: Option<(Ball<'_>, f32)>) {
         let width = self.size.width;
         let over = &mut self.over[(2 * sweep + y % 2) * width..][..width];
         let at = y * width..(y + 1) * width;
@@ -282,8 +294,8 @@ impl Front<'_> {
         };
         match held {
             None => primal_row(sweeps.isa, self.x.row_mut(y), over, row, sweeps.rates),
-            Some((sample, keep)) => {
-                ball_row(sweeps.isa, self.x.row_mut(y), over, &sample[at], row, sweeps.rates, keep);
+            Some((ball, keep)) => {
+                ball_row(sweeps.isa, self.x.row_mut(y), over, ball.row(at), row, sweeps.rates, keep);
             }
         }
     }

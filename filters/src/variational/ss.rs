@@ -147,7 +147,7 @@ impl Filter for Settings {
 }
 
 /// Weights must be finite, not negative, and positive at some measured pixel.
-fn check_weights<'a>(weights: &'a Plane, mask: &Mask) -> Result<&'a Plane, Error> {
+pub(super) fn check_weights<'a>(weights: &'a Plane, mask: &Mask) -> Result<&'a Plane, Error> {
     if weights.size() != mask.size() {
         return Err(Error::SizeMismatch { expected: mask.size(), found: weights.size().to_string() });
     }

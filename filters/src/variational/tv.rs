@@ -21,7 +21,8 @@
 //! D = sum_measured y d + sum_missing min(low d, high d) - epsilon |d|_measured
 //! ```
 //!
-//! bounds the minimum from below. `low..high` is the measured range: clamping an image to it shortens its gradients and
+//! bounds the minimum from below. Weights `w` of the samples make the ball `sum w (x - y)^2 <= epsilon^2`, and `|d|` in
+//! the bound `sqrt(sum d^2 / w)`; a sample of weight 0 is missing. `low..high` is the measured range: clamping an image to it shortens its gradients and
 //! its distance from the samples, so the box moves no minimum, and it makes the bound finite for every `q`. The image
 //! is therefore at most `gap` (relative to its own objective) above the minimum. Before a bound is taken `q`
 //! is made nearly divergence-free at missing pixels (`tighten`), and the sweeps go on from there.
@@ -40,15 +41,16 @@
 //!
 //! Cost: a sweep is one pass of about 40 operations a pixel (two passes for `epsilon > 0`); a certificate costs about
 //! ten sweeps. A render at 20 % density takes 56 to 74 sweeps to the default gap, 127 to 321 to 1e-3. Memory: per
-//! channel 3 planes of f32 and half a plane of band edges (1 more for `epsilon > 0`); one plane of bytes for all.
+//! channel 3 planes of f32 and half a plane of band edges (1 more for `epsilon > 0`, and 1 for all channels); one plane of bytes for all.
 //!
 //! Fails: smooth shading becomes flat steps; on smooth renders it is not better than push-pull (48.24 against 48.98 dB at
 //! 20 % of an engine render). Holes 256 pixels wide and densities of 1 % need thousands of sweeps, and the outcome says
-//! so if they end at the limit. The weights of a problem are not used: the ball is round.
+//! so if they end at the limit. Weights that differ by large factors slow it: the heavier a sample, the shorter its steps.
 
 mod channel;
 mod nesta;
 mod tighten;
+mod weights;
 
 use crate::baseline::push_pull;
 use crate::kernel::tv::{Anisotropic, DualBall, Isa, Isotropic};
@@ -56,6 +58,7 @@ pub use crate::prox::Norm;
 pub use crate::sensing::Solver;
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run};
 use channel::{Channel, Shared};
+use weights::Weights;
 
 /// Sweeps between two looks at the clock.
 const ROUND: usize = 16;
@@ -115,8 +118,10 @@ impl Settings {
 /// What depends on the mask alone.
 struct Planned {
     settings: Settings,
+    /// The measured pixels that count: not those of weight 0.
     mask: std::sync::Arc<Mask>,
     free: Vec<u8>,
+    ball: Weights,
     start: Box<dyn Plan>,
     isa: Isa,
 }
@@ -124,13 +129,18 @@ struct Planned {
 impl Filter for Settings {
     fn plan(&self, problem: &Problem, run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
         self.check()?;
-        let mask = problem.mask.clone();
-        if mask.is_empty() {
+        if problem.mask.is_empty() {
             return Err(Error::EmptyMask);
         }
+        let weights = problem.weights.as_deref().filter(|_| self.epsilon > 0.0);
+        if weights.is_some() && self.solver == Solver::Nesta {
+            let range = "primal-dual where samples have weights";
+            return Err(Error::Setting { name: "solver", value: self.solver.name().into(), range });
+        }
+        let (mask, ball) = Weights::new(&problem.mask, weights, self.epsilon)?;
         let free = mask.as_slice().iter().map(|&measured| u8::from(!measured)).collect();
-        let start = push_pull::Settings.plan(problem, run)?;
-        Ok(Box::new(Planned { settings: *self, mask, free, start, isa: Isa::detect() }))
+        let start = push_pull::Settings.plan(&Problem::fill(mask.clone()), run)?;
+        Ok(Box::new(Planned { settings: *self, mask, free, ball, start, isa: Isa::detect() }))
     }
 }
 
@@ -184,6 +194,7 @@ impl Planned {
             settings: &self.settings,
             size,
             free: &self.free,
+            ball: &self.ball,
             measured: self.mask.as_slice(),
             density: self.mask.density(),
             isa: self.isa,
@@ -223,9 +234,10 @@ impl Planned {
         if low >= high {
             return Some(low);
         }
-        let mean = values().sum::<f64>() / self.mask.count() as f64;
-        let distance = values().map(|v| (v - mean).powi(2)).sum::<f64>().sqrt();
-        (distance <= self.settings.epsilon).then_some(mean)
+        let weights = || self.ball.measured(&self.mask);
+        let mean = values().zip(weights()).map(|(v, w)| w * v).sum::<f64>() / weights().sum::<f64>();
+        let distance = values().zip(weights()).map(|(v, w)| w * (v - mean).powi(2)).sum::<f64>().sqrt();
+        (distance <= self.ball.radius).then_some(mean)
     }
 
     /// Makes missing pixels `value`, and measured ones too where the settings let them move.

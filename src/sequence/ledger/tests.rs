@@ -10,7 +10,14 @@ fn item(folder: &Path) -> Item {
     let input = folder.join("in.exr");
     std::fs::write(&input, "abc").unwrap();
     std::fs::write(folder.join("out.exr"), "").unwrap();
-    Item { number: Some(7), input, output: folder.join("out.exr"), mask: None, guides: None }
+    Item {
+        number: Some(7),
+        input,
+        output: folder.join("out.exr"),
+        mask: None,
+        guides: None,
+        layers: Vec::new(),
+    }
 }
 
 fn record(item: &Item, state: State) -> Record {

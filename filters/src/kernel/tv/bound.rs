@@ -89,3 +89,20 @@ fn bound(sample: &[f32], row: PrimalRow<'_>) -> Bound {
     }
     lanes.into_iter().fold(Bound::default(), |a, b| a + b)
 }
+
+dispatch! {
+    /// [`Bound::squares`] over a row with each square times `ease`, the inverse of the sample's weight.
+    squares_row = squares(ease: &[f32], row: PrimalRow<'_>) -> f64
+}
+
+#[inline(always)]
+fn squares(ease: &[f32], row: PrimalRow<'_>) -> f64 {
+    let (mut sum, mut left) = (0.0, 0.0);
+    for (j, &ease) in ease.iter().enumerate() {
+        let here = row.horizontal[j];
+        let d = (f64::from(row.above[j]) - f64::from(row.vertical[j])) + (f64::from(left) - f64::from(here));
+        left = here;
+        sum += f64::from(1 - row.free[j]) * f64::from(ease) * d * d;
+    }
+    sum
+}

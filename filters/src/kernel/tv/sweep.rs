@@ -98,35 +98,46 @@ fn dual<B: super::DualBall>(vertical: &mut [f32], horizontal: &mut [f32], row: D
 }
 
 dispatch! {
-    /// Sum of squared distances of the primal step's result from the samples, over fixed pixels.
-    distance_row = distance(x: &[f32], sample: &[f32], row: PrimalRow<'_>, tau: f32) -> f64
+    /// Sum of squared distances of the primal step's result from the samples over `ease`, over fixed pixels.
+    distance_row = distance(x: &[f32], samples: HeldRow<'_>, row: PrimalRow<'_>, tau: f32) -> f64
+}
+
+/// What holds the fixed pixels of a row; both slices have the row's width.
+#[derive(Clone, Copy, Debug)]
+pub struct HeldRow<'a> {
+    /// The samples.
+    pub sample: &'a [f32],
+    /// The inverse of their weights, in (0, 1] at fixed pixels and 1 elsewhere: a pixel's step is this times `tau`.
+    pub ease: &'a [f32],
 }
 
 #[inline(always)]
-fn distance(x: &[f32], sample: &[f32], row: PrimalRow<'_>, tau: f32) -> f64 {
+fn distance(x: &[f32], samples: HeldRow<'_>, row: PrimalRow<'_>, tau: f32) -> f64 {
+    let HeldRow { sample, ease } = samples;
     let mut sum = 0.0;
     let mut left = 0.0;
     for j in 0..x.len() {
         let flow = (row.vertical[j] - row.above[j]) + (row.horizontal[j] - left);
         left = row.horizontal[j];
-        let gap = f64::from(x[j] + tau * flow - sample[j]);
-        sum += f64::from(1 - row.free[j]) * gap * gap;
+        let gap = f64::from(x[j] + ease[j] * tau * flow - sample[j]);
+        sum += f64::from(1 - row.free[j]) * gap * gap / f64::from(ease[j]);
     }
     sum
 }
 
 dispatch! {
-    /// As [`primal_row`], but a fixed pixel goes to `sample + keep (x + d - sample)`.
-    ball_row = ball(x: &mut [f32], over: &mut [f32], sample: &[f32], row: PrimalRow<'_>, rates: Rates, keep: f32)
+    /// As [`primal_row`], but `d` is `ease` times that, and a fixed pixel goes to `sample + keep (x + d - sample)`.
+    ball_row = ball(x: &mut [f32], over: &mut [f32], samples: HeldRow<'_>, row: PrimalRow<'_>, rates: Rates, keep: f32)
 }
 
 #[inline(always)]
-fn ball(x: &mut [f32], over: &mut [f32], sample: &[f32], row: PrimalRow<'_>, rates: Rates, keep: f32) {
+fn ball(x: &mut [f32], over: &mut [f32], samples: HeldRow<'_>, row: PrimalRow<'_>, rates: Rates, keep: f32) {
+    let HeldRow { sample, ease } = samples;
     let mut left = 0.0;
     for j in 0..x.len() {
         let flow = (row.vertical[j] - row.above[j]) + (row.horizontal[j] - left);
         left = row.horizontal[j];
-        let there = x[j] + rates.tau * flow;
+        let there = x[j] + ease[j] * rates.tau * flow;
         let held = sample[j] + keep * (there - sample[j]);
         let move_by = (if row.free[j] == 1 { there } else { held }) - x[j];
         over[j] = x[j] + 2.0 * move_by;

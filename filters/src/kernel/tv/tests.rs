@@ -182,7 +182,9 @@ fn everything<B: DualBall>(isa: Isa, width: usize, seed: u32) -> Vec<u64> {
     let (mut x, mut over) = (rows[3].clone(), vec![0.0; width]);
     primal_row(isa, &mut x, &mut over, row, rates);
     let (mut held, mut over_held) = (rows[3].clone(), vec![0.0; width]);
-    ball_row(isa, &mut held, &mut over_held, &rows[4], row, rates, 0.3);
+    let ease: Vec<f32> = rows[5].iter().map(|v| 1.0 - 0.5 * v.abs().min(1.0)).collect();
+    let samples = HeldRow { sample: &rows[4], ease: &ease };
+    ball_row(isa, &mut held, &mut over_held, samples, row, rates, 0.3);
     let (mut vertical, mut horizontal) = (rows[5].clone(), rows[6].clone());
     dual_row::<B>(isa, &mut vertical, &mut horizontal, DualRow { over: &over, below: &rows[7] }, rates);
     let mut lap = vec![0.0; width];
@@ -193,7 +195,8 @@ fn everything<B: DualBall>(isa: Isa, width: usize, seed: u32) -> Vec<u64> {
     direction_row(isa, &mut p, &r, 0.83);
     let (mut a, mut b) = (rows[5].clone(), rows[6].clone());
     correct_row::<B>(isa, &mut a, &mut b, &phi, &p);
-    sums.push(distance_row(isa, &rows[3], &rows[4], row, 0.37));
+    sums.push(distance_row(isa, &rows[3], samples, row, 0.37));
+    sums.push(squares_row(isa, &ease, row));
     sums.push(variation_row::<B>(isa, &rows[3], &rows[4]));
     let bound = bound_row(isa, &rows[3], row);
     sums.extend([bound.measured, bound.missing, bound.squares, source_row(isa, &mut lap, row)]);

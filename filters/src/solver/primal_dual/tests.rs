@@ -21,13 +21,13 @@ fn plain<B: DualBall>(state: &mut State, free: &[u8], rates: Rates, ball: Option
         }
     }
     let mut keep = 0.0;
-    if let Some(Ball { sample, radius }) = ball {
+    if let Some(Ball { sample, ease, radius }) = ball {
         let mut total = 0.0;
         for y in 0..height {
             let mut row = 0.0;
             for i in at(y, 0)..at(y, 0) + width {
-                let gap = f64::from(state.x[i] + rates.tau * flow[i] - sample[i]);
-                row += f64::from(1 - free[i]) * gap * gap;
+                let gap = f64::from(state.x[i] + ease[i] * rates.tau * flow[i] - sample[i]);
+                row += f64::from(1 - free[i]) * gap * gap / f64::from(ease[i]);
             }
             total += row;
         }
@@ -37,8 +37,8 @@ fn plain<B: DualBall>(state: &mut State, free: &[u8], rates: Rates, ball: Option
     for i in 0..height * width {
         let step = match ball {
             None => f32::from(free[i]) * rates.tau * flow[i],
-            Some(Ball { sample, .. }) => {
-                let there = state.x[i] + rates.tau * flow[i];
+            Some(Ball { sample, ease, .. }) => {
+                let there = state.x[i] + ease[i] * rates.tau * flow[i];
                 let held = sample[i] + keep * (there - sample[i]);
                 (if free[i] == 1 { there } else { held }) - state.x[i]
             }
@@ -84,7 +84,8 @@ fn check<B: DualBall>(height: usize, width: usize) {
             assert!(same(&fast, &slow), "{height}x{width}, {count} sweeps");
         }
         let sample = noise(n, 5);
-        let ball = Ball { sample: &sample, radius: 0.3 };
+        let ease: Vec<f32> = noise(n, 7).iter().map(|v| 1.0 - 0.9 * v).collect();
+        let ball = Ball { sample: &sample, ease: &ease, radius: 0.3 };
         let mut fast = State::new(size, sample.clone());
         let mut slow = fast.clone();
         fast.advance_in_ball::<B>(sweeps, ball, 5);

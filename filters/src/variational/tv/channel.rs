@@ -4,8 +4,9 @@ use rayon::prelude::*;
 
 use super::nesta::Nesta;
 use super::tighten::{clip, tighten};
+use super::weights::Weights;
 use super::{Settings, Solver};
-use crate::kernel::tv::{Bound, DualBall, Isa, Rates, bound_row, variation_row};
+use crate::kernel::tv::{Bound, DualBall, Isa, Rates, bound_row, squares_row, variation_row};
 use crate::prox::L2Ball;
 use crate::solver::primal_dual::{Ball, State, Sweeps};
 use crate::solver::sparsity::Samples;
@@ -69,7 +70,9 @@ pub struct Shared<'a> {
     pub size: Size,
     /// 1 where a pixel is missing.
     pub free: &'a [u8],
-    /// Which pixels are not.
+    /// Where measured pixels may move.
+    pub ball: &'a Weights,
+    /// Which pixels are not missing.
     pub measured: &'a [bool],
     /// Measured pixels over all pixels.
     pub density: f64,
@@ -104,7 +107,7 @@ impl Channel {
             state,
             nesta,
             sample,
-            radius: shared.settings.epsilon / range,
+            radius: shared.ball.radius / range,
             rates: Rates { tau: 1.0, sigma: 1.0, rho: RHO },
             bound: 0.0,
             gap: 1.0,
@@ -147,7 +150,7 @@ impl Channel {
         match &self.sample {
             None => self.state.advance::<B>(sweeps, count),
             Some(sample) => {
-                let ball = Ball { sample, radius: self.radius };
+                let ball = Ball { sample, ease: &shared.ball.ease, radius: self.radius };
                 self.state.advance_in_ball::<B>(sweeps, ball, count);
             }
         }
@@ -218,10 +221,13 @@ impl Channel {
                 let width = shared.size.width.max(1);
                 let rows = self.state.x.par_chunks(width).zip(sample.par_chunks(width));
                 let rows: Vec<f64> = rows
-                    .zip(shared.free.par_chunks(width))
-                    .map(|((x, sample), free)| {
-                        let both = x.iter().zip(sample).zip(free);
-                        both.map(|((x, s), &f)| f64::from(1 - f) * f64::from(x - s).powi(2)).sum()
+                    .zip(shared.free.par_chunks(width).zip(shared.ball.ease.par_chunks(width)))
+                    .map(|((x, sample), (free, ease))| {
+                        let both = x.iter().zip(sample).zip(free.iter().zip(ease));
+                        both.map(|((x, s), (&f, &e))| {
+                            f64::from(1 - f) * f64::from(x - s).powi(2) / f64::from(e)
+                        })
+                        .sum()
                     })
                     .collect();
                 L2Ball { radius: self.radius }.keep(rows.iter().sum::<f64>().sqrt()) as f32
@@ -257,7 +263,11 @@ impl Channel {
             .into_par_iter()
             .map(|y| {
                 let row = self.state.primal_row(y, &zeros, shared.free);
-                bound_row(shared.isa, &sample[y * width..][..width], row)
+                let sums = bound_row(shared.isa, &sample[y * width..][..width], row);
+                match shared.ball.ease.get(y * width..(y + 1) * width) {
+                    Some(ease) => Bound { squares: squares_row(shared.isa, ease, row), ..sums },
+                    None => sums,
+                }
             })
             .collect();
         let sum = rows.into_iter().fold(Bound::default(), |a, b| a + b);

@@ -39,10 +39,15 @@ fn random_mask(size: Size, density: f64, seed: u64) -> Arc<Mask> {
 }
 
 fn run(settings: Settings, mask: &Arc<Mask>, planes: Vec<Plane>) -> (Planes, Outcome) {
-    let samples = Planes::new(mask.size(), planes).unwrap();
-    let mut out = Planes::zeros(mask.size(), samples.len());
+    solve(settings, &Problem::fill(mask.clone()), planes)
+}
+
+fn solve(settings: Settings, problem: &Problem, planes: Vec<Plane>) -> (Planes, Outcome) {
+    let size = problem.mask.size();
+    let samples = Planes::new(size, planes).unwrap();
+    let mut out = Planes::zeros(size, samples.len());
     let run = Run::default();
-    let plan = settings.plan(&Problem::fill(mask.clone()), &run).unwrap();
+    let plan = settings.plan(problem, &run).unwrap();
     let outcome = plan.reconstruct(&samples, None, &mut out, &run).unwrap();
     (out, outcome)
 }
@@ -60,6 +65,7 @@ fn twin(settings: Settings, mask: &Mask, plane: &Plane) -> Twin {
         sample: plane.pixels().iter().map(|&v| f64::from(v)).collect(),
         norm: settings.norm,
         epsilon: settings.epsilon,
+        root: vec![1.0; mask.size().pixels()],
     }
 }
 
@@ -75,14 +81,18 @@ fn rounding(plane: &Plane) -> f64 {
 
 /// Solves both ways and compares: feasible, gap true, objective within the gap of the proven minimum.
 fn compare(settings: Settings, mask: &Arc<Mask>, plane: &Plane) {
-    let twin = twin(settings, mask, plane);
+    let (out, outcome) = one(settings, mask, plane);
+    check(settings, &twin(settings, mask, plane), &out, &outcome);
+}
+
+/// The same, for a result that is there.
+fn check(settings: Settings, twin: &Twin, out: &Plane, outcome: &Outcome) {
     let best = twin.solve(1e-9);
     assert!(best.gap <= 1e-9 * best.objective + 1e-13, "twin: gap {} of {}", best.gap, best.objective);
-    let (out, outcome) = one(settings, mask, plane);
-    let x = as_f64(&out);
+    let x = as_f64(out);
     let objective = twin.objective(&x);
     let gap = outcome.gap.unwrap();
-    let slack = rounding(&out);
+    let slack = rounding(out);
     let distance = twin.distance(&x);
     assert!(distance <= settings.epsilon * (1.0 + 1e-6) + slack, "distance {distance}");
     assert!(twin.distance(&best.x) <= settings.epsilon * (1.0 + 1e-9));
@@ -110,6 +120,56 @@ fn twin_agrees_on_small_frames() {
             }
         }
     }
+}
+
+/// Samples between 0 and 8 times as heavy as others; those of weight 0 are missing.
+#[test]
+fn twin_agrees_with_weights() {
+    for (height, width) in [(1, 9), (3, 7), (8, 8)] {
+        for (norm, seed) in [(Norm::Isotropic, 1), (Norm::Anisotropic, 2), (Norm::Isotropic, 3)] {
+            let size = Size::new(height, width);
+            let mask = random_mask(size, 0.6, seed);
+            let first = mask.as_slice().iter().position(|&measured| measured).unwrap();
+            let weight = |y: usize, x: usize| {
+                let value = (9.0 * hash(y, x, seed + 5)).floor();
+                if y * width + x == first { 2.0 } else { value }
+            };
+            let weights = Plane::from_fn(size, |y, x| weight(y, x) as f32);
+            let plane = scene(size, seed);
+            let settings =
+                Settings { norm, gap: 1e-3, epsilon: 0.1, max_iterations: 20_000, ..Settings::default() };
+            let problem = Problem { weights: Some(Arc::new(weights.clone())), ..Problem::fill(mask.clone()) };
+            let (out, outcome) = solve(settings, &problem, vec![plane.clone()]);
+            let counted = Mask::from_fn(size, |y, x| mask.is_measured(y, x) && weight(y, x) > 0.0);
+            let root = weights.pixels().iter().map(|&w| f64::from(w).sqrt()).collect();
+            let twin = Twin { root, ..twin(settings, &counted, &plane) };
+            check(settings, &twin, &out.as_slice()[0], &outcome);
+        }
+    }
+}
+
+/// Weights that are all alike but for a factor are a radius; with `epsilon` 0 they are not looked at.
+#[test]
+fn equal_weights_are_a_radius() {
+    let size = Size::new(40, 33);
+    let mask = random_mask(size, 0.4, 3);
+    let plane = scene(size, 3);
+    let weighted = |settings: Settings, weight: f32| {
+        let weights = Some(Arc::new(Plane::filled(size, weight)));
+        solve(settings, &Problem { weights, ..Problem::fill(mask.clone()) }, vec![plane.clone()]).0
+    };
+    let settings = Settings { epsilon: 0.5, ..Settings::default() };
+    let plain = |epsilon| run(Settings { epsilon, ..settings }, &mask, vec![plane.clone()]).0;
+    assert_eq!(weighted(settings, 4.0), plain(0.25));
+    assert_eq!(weighted(settings, 1.0), plain(0.5));
+    assert_eq!(
+        weighted(Settings::default(), f32::NAN),
+        run(Settings::default(), &mask, vec![plane.clone()]).0
+    );
+    let nesta = Settings { solver: Solver::Nesta, ..settings };
+    let problem =
+        Problem { weights: Some(Arc::new(Plane::filled(size, 1.0))), ..Problem::fill(mask.clone()) };
+    assert!(matches!(nesta.plan(&problem, &Run::default()), Err(Error::Setting { name: "solver", .. })));
 }
 
 /// The twin's own objective, on a problem whose minimum is known: along a line it is the sum of the samples' steps.

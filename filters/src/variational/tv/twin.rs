@@ -17,6 +17,8 @@ pub struct Twin {
     pub sample: Vec<f64>,
     pub norm: Norm,
     pub epsilon: f64,
+    /// Roots of the samples' weights: the residual is `r = root (x - sample)`.
+    pub root: Vec<f64>,
 }
 
 /// A minimiser with its proof.
@@ -65,7 +67,9 @@ impl Twin {
     }
 
     fn residual(&self, x: &[f64]) -> Vec<f64> {
-        (0..x.len()).map(|i| if self.measured[i] { x[i] - self.sample[i] } else { 0.0 }).collect()
+        (0..x.len())
+            .map(|i| if self.measured[i] { self.root[i] * (x[i] - self.sample[i]) } else { 0.0 })
+            .collect()
     }
 
     /// Lower bound of the objective by `q`, with missing pixels in the samples' range.
@@ -82,7 +86,7 @@ impl Twin {
         let low = measured().map(|i| self.sample[i]).fold(f64::INFINITY, f64::min);
         let high = measured().map(|i| self.sample[i]).fold(f64::NEG_INFINITY, f64::max);
         let held: f64 = measured().map(|i| self.sample[i] * d[i]).sum();
-        let ball = self.epsilon * measured().map(|i| d[i] * d[i]).sum::<f64>().sqrt();
+        let ball = self.epsilon * measured().map(|i| (d[i] / self.root[i]).powi(2)).sum::<f64>().sqrt();
         let free: f64 =
             (0..d.len()).filter(|&i| !self.measured[i]).map(|i| (low * d[i]).min(high * d[i])).sum();
         held + free - ball
@@ -148,10 +152,11 @@ impl Twin {
         let room = self.epsilon.powi(2) - r.iter().map(|r| r * r).sum::<f64>();
         if self.epsilon > 0.0 {
             for i in (0..n).filter(|&i| self.measured[i]) {
-                right[i] -= 2.0 * mu / room * r[i];
-                matrix[i * n + i] += at.lambda;
+                let slope = |i: usize| self.root[i] * r[i];
+                right[i] -= 2.0 * mu / room * slope(i);
+                matrix[i * n + i] += at.lambda * self.root[i].powi(2);
                 for j in 0..n {
-                    matrix[i * n + j] += 2.0 * at.lambda * r[i] * r[j] / room;
+                    matrix[i * n + j] += 2.0 * at.lambda * slope(i) * slope(j) / room;
                 }
             }
         }
@@ -190,7 +195,7 @@ impl Twin {
         }
         let mut primal = 1.0;
         if self.epsilon > 0.0 {
-            let along: f64 = r.iter().zip(step).map(|(r, s)| r * s).sum();
+            let along: f64 = (0..r.len()).map(|i| self.root[i] * r[i] * step[i]).sum();
             let turn = (2.0 * mu - at.lambda * room + 2.0 * at.lambda * along) / room;
             while at.lambda + dual * turn <= 0.0 {
                 dual *= 0.9;

@@ -1,0 +1,189 @@
+#!/usr/bin/env python3
+"""Renders mostly the masked pixels of a LuxCore scene, for `lacuna fill`: one multi-layer EXR file a frame.
+
+    luxcore_sparse.py scene.cfg -o frame.####.exr --frames 1-24 --density 0.25 --spp 64
+    luxcore_sparse.py scene.cfg -o frame.exr --mask mask.exr --aovs albedo,N,depth
+
+The mask becomes the film's user importance. LuxCore still gives a pixel outside the mask 5 % of the samples of one
+inside: they are paid for, so that those inside get --spp. The channel `SAMPLECOUNT` says how many samples each pixel got, and `mask` is where the mask asked for the pixel and at least
+half of --spp arrived. Pixels are boxes (film.filter.type NONE). The sampler is SOBOL or RANDOM, the engine any of LuxCore's that
+sample by pixels (PATHCPU).
+
+In a sequence `$frame` in scene.cfg, and in the file that its scene.file names, is the number of the frame; or
+SCENE is a pattern of files, scene.####.cfg. Paths in both files are relative to the folder of SCENE.
+Needs pyluxcore, numpy and OpenEXR.
+"""
+
+import argparse
+import contextlib
+import io
+import os
+import pathlib
+import time
+
+import numpy as np
+
+import sparse
+from sparse import Failure
+
+with contextlib.redirect_stdout(io.StringIO()):
+    import pyluxcore  # last, as what is loaded after its allocator crashes; it tells of its libraries
+
+# Samples that a pixel outside the mask gets, over those of one inside; measured at 16 to 256 a pixel.
+STRAY = 0.05
+# Short name: LuxCore's output, the channels that it becomes, and the type of its numbers.
+AOVS = {
+    "alpha": ("ALPHA", ["A"], float),
+    "depth": ("DEPTH", ["depth.Z"], float),
+    "N": ("AVG_SHADING_NORMAL", ["N.X", "N.Y", "N.Z"], float),
+    "Ng": ("GEOMETRY_NORMAL", ["Ng.X", "Ng.Y", "Ng.Z"], float),
+    "P": ("POSITION", ["P.X", "P.Y", "P.Z"], float),
+    "uv": ("UV", ["uv.U", "uv.V"], float),
+    "albedo": ("ALBEDO", ["albedo.R", "albedo.G", "albedo.B"], float),
+    "direct_diffuse": ("DIRECT_DIFFUSE", ["direct_diffuse.R", "direct_diffuse.G", "direct_diffuse.B"], float),
+    "direct_glossy": ("DIRECT_GLOSSY", ["direct_glossy.R", "direct_glossy.G", "direct_glossy.B"], float),
+    "indirect_diffuse": ("INDIRECT_DIFFUSE", ["indirect_diffuse.R", "indirect_diffuse.G", "indirect_diffuse.B"], float),
+    "indirect_glossy": ("INDIRECT_GLOSSY", ["indirect_glossy.R", "indirect_glossy.G", "indirect_glossy.B"], float),
+    "indirect_specular": ("INDIRECT_SPECULAR", ["indirect_specular.R", "indirect_specular.G", "indirect_specular.B"], float),
+    "emission": ("EMISSION", ["emission.R", "emission.G", "emission.B"], float),
+    "objectId": ("OBJECT_ID", ["objectId"], int),
+    "materialId": ("MATERIAL_ID", ["materialId"], int),
+}
+ALWAYS = {"colour": ("RGB", ["R", "G", "B"], float), "count": ("SAMPLECOUNT", ["SAMPLECOUNT"], int)}
+
+
+def properties(path, frame):
+    """A file of LuxCore's, with the frame's number put in."""
+    try:
+        text = pathlib.Path(path).read_text()
+    except OSError as error:
+        raise Failure(f"{path}: {error.strerror}") from None
+    found = pyluxcore.Properties()
+    found.SetFromString(text.replace("$frame", str(frame)))
+    return found
+
+
+def size_of(config):
+    """Width and height of the film."""
+    if config.IsDefined("film.subregion"):
+        raise Failure("film.subregion: leave it out; a mask does what a region does")
+    return [config.Get(f"film.{side}", [default]).GetInt() for side, default in (("width", 640), ("height", 480))]
+
+
+def prepare(config, outputs, spp, density):
+    """What sparse rendering needs of a configuration."""
+    sampler = config.Get("sampler.type", ["SOBOL"]).GetString()
+    if sampler not in ("SOBOL", "RANDOM"):
+        raise Failure(f"sampler.type {sampler} knows no user importance: write SOBOL or RANDOM")
+    words = [
+        f'sampler.type = "{sampler}"',
+        f"sampler.{sampler.lower()}.adaptive.strength = {0 if density == 1 else 1}",
+        f"sampler.{sampler.lower()}.adaptive.userimportanceweight = 1",
+        'film.filter.type = "NONE"',
+        "film.noiseestimation.warmup = 1",
+        f"batch.haltspp = {max(1, round(spp * (density + STRAY * (1 - density))))}",
+        "batch.halttime = 0",
+    ]
+    # Nothing is saved under these names, but LuxCore wants them, and other ones for identifiers.
+    files = [(output, "png" if output.endswith("_ID") else "exr") for output, _, _ in outputs]
+    for at, (name, ending) in enumerate([*files, ("USER_IMPORTANCE", "exr")]):
+        words += [f'film.outputs.{at}.type = "{name}"', f'film.outputs.{at}.filename = "{name}.{ending}"']
+    config.DeleteAll(config.GetAllNames("film.outputs"))
+    config.DeleteAll(config.GetAllNames("film.filter"))
+    config.SetFromString("\n".join(words) + "\n")
+
+
+def trace(config, scene, importance, spp):
+    """Renders to the end; returns the film's session."""
+    session = pyluxcore.RenderSession(pyluxcore.RenderConfig(config, scene))
+    session.Start()
+    if importance is not None:
+        session.GetFilm().UpdateOutputFloat(pyluxcore.FilmOutputType.USER_IMPORTANCE, importance)
+    while not session.HasDone():
+        time.sleep(0.02)
+        session.UpdateStats()
+    session.Stop()
+    return session
+
+
+def fetch(film, output, channels, kind, width, height):
+    """The planes of an output by channel name, top row first."""
+    what = getattr(pyluxcore.FilmOutputType, output)
+    if kind is int:
+        buffer = np.zeros(width * height * len(channels), np.uint32)
+        film.GetOutputUInt(what, buffer)
+    else:
+        buffer = np.zeros(width * height * len(channels), np.float32)
+        film.GetOutputFloat(what, buffer)
+    planes = buffer.reshape(height, width, len(channels))[::-1]
+    return {name: planes[..., k] for k, name in enumerate(channels)}
+
+
+def render(arguments, frame, folder, output):
+    path = pathlib.Path(sparse.frame_name(arguments.scene, frame)).name
+    config = properties(path, frame)
+    if not config.IsDefined("scene.file"):
+        raise Failure(f"{folder / path}: names no scene (scene.file)")
+    scene = pyluxcore.Scene()
+    scene.Parse(properties(config.Get("scene.file").GetString(), frame))
+    width, height = size_of(config)
+    asked = sparse.mask_of(arguments, frame, width, height)
+    density = float(asked.mean())
+    spp = arguments.spp or config.Get("batch.haltspp", [64]).GetInt()
+    outputs = list(ALWAYS.values()) + [AOVS[name] for name in arguments.aovs]
+    prepare(config, outputs, spp, density)
+    config.SetFromString(f"renderengine.seed = {sparse.seed_of(arguments, frame) % 1000000 + 1}\n")
+    clock = sparse.Clock()
+    importance = None if density == 1 else np.ascontiguousarray(asked[::-1], np.float32).ravel()
+    film = trace(config, scene, importance, spp).GetFilm()
+    planes = {}
+    for name, channels, kind in outputs:
+        planes |= fetch(film, name, channels, kind, width, height)
+    clock.stop()
+    count = planes.pop("SAMPLECOUNT")
+    measured = asked & (count >= 0.5 * spp)
+    outside = count[~asked].sum() / max(1, count.sum())
+    note = {"renderer": f"LuxCore {pyluxcore.Version()}, {spp} samples a pixel",
+            "samplesOutside": f"{100 * outside:.1f} % of the samples fell outside the mask"}
+    planes["SAMPLECOUNT"] = count
+    sparse.write(output, planes, measured, attributes=note, whole=["SAMPLECOUNT"])
+    sparse.say(output, measured, clock)
+    if measured.sum() < asked.sum():
+        print(f"{output}: {int(asked.sum() - measured.sum())} pixels of the mask got too few samples and are missing", flush=True)
+
+
+def aov_list(text):
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    unknown = [name for name in names if name not in AOVS]
+    if unknown:
+        raise argparse.ArgumentTypeError(f"{unknown[0]} is none of {', '.join(AOVS)}")
+    return names
+
+
+def parse():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", help="scene.cfg, or scene.####.cfg, one file a frame")
+    sparse.add_arguments(parser)
+    parser.add_argument("--aovs", type=aov_list, default=[], metavar="LIST", help=", ".join(AOVS))
+    return parser.parse_args()
+
+
+def main():
+    arguments = parse()
+    frames = sparse.check(arguments)
+    pyluxcore.Init(lambda message: None)
+    here = pathlib.Path.cwd()
+    folder = (here / arguments.scene).resolve().parent
+    if arguments.mask:
+        arguments.mask = str(here / arguments.mask)
+    os.chdir(folder)
+    for frame in frames:
+        try:
+            render(arguments, frame, folder, here / sparse.frame_name(arguments.output, frame))
+        except RuntimeError as error:
+            raise Failure(f"{arguments.scene}, frame {frame}: {str(error).strip().splitlines()[0]}") from None
+
+
+if __name__ == "__main__":
+    # LuxCore may crash while Python takes itself apart.
+    sparse.run(main, end=os._exit)

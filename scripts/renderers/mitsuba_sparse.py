@@ -1,0 +1,236 @@
+#!/usr/bin/env python3
+"""Renders only the masked pixels of a Mitsuba 3 scene, with any of its integrators, for `lacuna fill`.
+
+    mitsuba_sparse.py scene.xml -o frame.####.exr --frames 1-24 --density 0.25 --spp 64
+    mitsuba_sparse.py scene.xml -o frame.exr --mask mask.exr --aovs albedo,depth,N --dense-aovs
+
+The scene's sensor is wrapped in one whose film is a small rectangle with a pixel for each masked one, so that nothing else is
+sampled. The film's pixel filter is a box, whatever the scene says: a wider one would spread samples into their
+neighbours. The output holds the colour, the AOVs and the channel `mask`; lacuna's attributes say the rest.
+
+In a sequence the scene's parameter $frame is the number of the frame; or SCENE is a pattern of files, scene.####.xml.
+Needs Mitsuba 3.6 or newer, numpy, OpenEXR and a libLLVM that Mitsuba takes (Debian: libllvm19).
+"""
+
+import argparse
+import pathlib
+import re
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+import sparse
+from sparse import Failure
+
+# AOVs by their short names; others as name:type, in Mitsuba's words.
+AOVS = {
+    "albedo": "albedo:albedo",
+    "depth": "depth:depth",
+    "N": "N:sh_normal",
+    "Ng": "Ng:geo_normal",
+    "P": "P:position",
+    "uv": "uv:uv",
+    "id": "id:shape_index",
+    "prim": "primId:prim_index",
+}
+# Numbers that must not be averaged.
+LABELS = ("shape_index", "prim_index")
+# Samples of one pass: what a wavefront may hold.
+WAVEFRONT = 1 << 22
+
+
+def sensor_class():
+    """The sensor that samples a list of pixels; a class of the variant that is set."""
+
+    class PixelList(mi.Sensor):
+        """Its film has a pixel for each entry of a list; rays are those of the inner sensor, through that pixel."""
+
+        def __init__(self, inner, pixels, film, sampler):
+            props = mi.Properties("pixel_list")
+            props["shutter_open"] = float(inner.shutter_open())
+            props["shutter_close"] = float(inner.shutter_open() + inner.shutter_open_time())
+            props["film"], props["sampler"] = film, sampler
+            super().__init__(props)
+            size = inner.film().crop_size()
+            self.inner = inner
+            self.count = len(pixels)
+            self.list = mi.UInt32(pixels.astype(np.uint32))
+            self.width = int(size[0])
+            self.scale = mi.Vector2f(1 / int(size[0]), 1 / int(size[1]))
+            self.across, self.down = (int(n) for n in film.size())
+            self.m_needs_sample_3 = inner.needs_aperture_sample()
+
+        def place(self, position):
+            """The position on the inner film, each side from 0 to 1, of one on this film."""
+            x, y = position.x * self.across, position.y * self.down
+            column, row = dr.minimum(mi.UInt32(x), self.across - 1), dr.minimum(mi.UInt32(y), self.down - 1)
+            entry = dr.minimum(row * self.across + column, self.count - 1)
+            pixel = dr.gather(mi.UInt32, self.list, entry)
+            inside = mi.Point2f(x - mi.Float(column), y - mi.Float(row))
+            corner = mi.Point2f(mi.Float(pixel % self.width), mi.Float(pixel // self.width))
+            return (corner + inside) * self.scale
+
+        def sample_ray(self, time, wavelength, position, aperture, active=True):
+            return self.inner.sample_ray(time, wavelength, self.place(position), aperture, active)
+
+        def sample_ray_differential(self, time, wavelength, position, aperture, active=True):
+            return self.inner.sample_ray_differential(time, wavelength, self.place(position), aperture, active)
+
+        def bbox(self):
+            return self.inner.bbox()
+
+        def to_string(self):
+            return f"PixelList[{self.count} pixels of {self.inner}]"
+
+    return PixelList
+
+
+def film(width, height, pixel_format):
+    return mi.load_dict({
+        "type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"},
+        "pixel_format": pixel_format, "component_format": "float32",
+    })
+
+
+def render_pixels(scene, integrator, mask, spp, seed, alpha=False):
+    """The masked pixels, row by row: `(count, channels)` of float32, alpha the fourth if asked for.
+
+    Rounds that fit into a wavefront are averaged by their numbers of samples. All pixels need no list."""
+    inner = scene.sensors()[0]
+    pixels = np.flatnonzero(mask)
+    across = max(1, int(np.ceil(np.sqrt(len(pixels)))))
+    down = -(-len(pixels) // across)
+    format = "rgba" if alpha else "rgb"
+    if mask.all() and f"pixel_format = {format}," in str(inner.film()) and "BoxFilter" in str(inner.film().rfilter()):
+        across, down, sensor = mask.shape[1], mask.shape[0], inner
+    else:
+        own = film(across, down, format)
+        sensor = sensor_class()(inner, pixels, own, inner.sampler().clone())
+    most = max(1, WAVEFRONT // (across * down))
+    total, done, turn = 0.0, 0, 0
+    while done < spp:
+        now = min(most, spp - done)
+        # 32 bits, and another stream for every round of every frame.
+        stream = int(np.random.SeedSequence([seed, turn]).generate_state(1)[0])
+        image = mi.render(scene, sensor=sensor, integrator=integrator, spp=now, seed=stream)
+        part = np.array(image, np.float64).reshape(across * down, -1)[: len(pixels)]
+        total, done, turn = total + part * now, done + now, turn + 1
+    return (total / spp).astype(np.float32)
+
+
+def aov_list(text):
+    """Names and types of --aovs, split into those that may be averaged and labels."""
+    aovs = []
+    for word in filter(None, (word.strip() for word in text.split(","))):
+        aov = AOVS.get(word, word)
+        if ":" not in aov:
+            raise Failure(f"--aovs {word}: write one of {', '.join(AOVS)}, or name:type in Mitsuba's words")
+        aovs.append(aov)
+    labels = [aov for aov in aovs if aov.split(":")[1] in LABELS]
+    return [aov for aov in aovs if aov not in labels], labels
+
+
+def first_hits(scene, aovs, mask, spp, seed):
+    """Planes of AOVs at the masked pixels, by name, and nothing else traced; labels take one sample."""
+    planes = {}
+    for some, samples in zip(aovs, (spp, 1), strict=True):
+        if some:
+            integrator = mi.load_dict({"type": "aov", "aovs": ",".join(some)})
+            names = [channel_name(name) for name in integrator.aov_names()]
+            values = render_pixels(scene, integrator, mask, samples, seed)[:, -len(names) :]
+            planes |= {name: sparse.scatter(values[:, k], mask) for k, name in enumerate(names)}
+    return planes
+
+
+def channel_name(name):
+    """Names as `lacuna info` knows them: one depth a pixel is `Z` in its layer, one identifier the name itself."""
+    return re.sub(r"\.T$", ".Z", re.sub(r"^(id|primId)\.[A-Z]$", r"\1", name))
+
+
+def colour(scene, mask, spp, seed, alpha):
+    integrator = scene.integrator()
+    values = render_pixels(scene, integrator, mask, spp, seed, alpha)
+    names = "RGBA" if alpha else "RGB"
+    planes = {name: sparse.scatter(values[:, k], mask) for k, name in enumerate(names)}
+    # An integrator of the scene that writes AOVs itself; one that wraps another repeats that one's image.
+    for k, name in enumerate(integrator.aov_names(), len(names)):
+        layer, _, component = name.rpartition(".")
+        if not (component in names and layer and np.array_equal(values[:, k], values[:, names.index(component)])):
+            planes[channel_name(name)] = sparse.scatter(values[:, k], mask)
+    return planes
+
+
+def load(arguments, frame):
+    path = pathlib.Path(sparse.frame_name(arguments.scene, frame))
+    try:
+        text = path.read_text()
+        parameters = dict(word.split("=", 1) for word in arguments.define)
+    except (OSError, ValueError) as error:
+        raise Failure(f"{path}: {error}") from None
+    if re.search(r"\$frame\b", text):
+        parameters["frame"] = str(frame)
+    try:
+        scene = mi.load_file(str(path), **parameters)
+    except Exception as error:
+        raise Failure(f"{path}: {str(error).strip().splitlines()[0]}") from None
+    if not scene.sensors() or scene.integrator() is None:
+        raise Failure(f"{path}: a scene needs a sensor and an integrator")
+    return scene
+
+
+def render(arguments, frame):
+    scene = load(arguments, frame)
+    screen = scene.sensors()[0].film()
+    width, height = (int(n) for n in screen.crop_size())
+    x, y = (int(n) for n in screen.crop_offset())
+    mask = sparse.mask_of(arguments, frame, width, height, (x, y))
+    spp = arguments.spp or scene.sensors()[0].sampler().sample_count()
+    seed = sparse.seed_of(arguments, frame)
+    clock = sparse.Clock()
+    planes = colour(scene, mask, spp, seed, bool(screen.flags() & int(mi.FilmFlags.Alpha)))
+    aovs = aov_list(arguments.aovs)
+    where, samples = (np.ones_like(mask), arguments.dense_spp) if arguments.dense_aovs else (mask, min(spp, 16))
+    hits = first_hits(scene, aovs, where, samples, seed + 1)
+    dense = list(hits) if arguments.dense_aovs else []
+    clock.stop()
+    full = (0, 0, int(screen.size()[0]) - 1, int(screen.size()[1]) - 1)
+    path = sparse.frame_name(arguments.output, frame)
+    kind = np.float16 if arguments.half else np.float32
+    note = {"renderer": f"Mitsuba {mi.__version__}, {spp} samples a pixel, seed {seed}"}
+    sparse.write(path, planes | hits, mask, dense, (x, y), full, kind, note)
+    sparse.say(path, mask, clock)
+
+
+def parse():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", help="scene.xml, or scene.####.xml, one file a frame")
+    sparse.add_arguments(parser)
+    parser.add_argument("--aovs", default="", metavar="LIST", help=f"first-hit AOVs: {', '.join(AOVS)}, or name:type")
+    parser.add_argument("--dense-aovs", action="store_true", help="render the AOVs for every pixel: guides for lacuna fill")
+    parser.add_argument("--dense-spp", type=int, default=4, metavar="N", help="samples a pixel of dense AOVs [default: 4]")
+    parser.add_argument("--half", action="store_true", help="16 bits for colour, albedo and normals")
+    parser.add_argument("--variant", default="llvm_ad_rgb", help="of Mitsuba; scalar ones save no time [default: llvm_ad_rgb]")
+    parser.add_argument("-D", "--define", action="append", default=[], metavar="NAME=VALUE", help="a parameter of the scene")
+    return parser.parse_args()
+
+
+def main():
+    arguments = parse()
+    frames = sparse.check(arguments)
+    if arguments.dense_aovs and not arguments.aovs:
+        raise Failure("--dense-aovs needs --aovs: which ones?")
+    try:
+        mi.set_variant(arguments.variant)
+    except (ImportError, AttributeError, ValueError) as error:
+        have = f"Mitsuba has {', '.join(mi.variants())}; llvm ones need libLLVM 17 or newer (Debian: libllvm19)"
+        raise Failure(f"--variant {arguments.variant}: {error}; {have}") from None
+    for frame in frames:
+        try:
+            render(arguments, frame)
+        except RuntimeError as error:
+            raise Failure(f"{arguments.scene}, frame {frame}: {str(error).strip().splitlines()[-1].strip()}") from None
+
+
+if __name__ == "__main__":
+    sparse.run(main)

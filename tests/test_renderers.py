@@ -1,0 +1,207 @@
+"""The bridges to renderers that others wrote: masked pixels are right, others are not traced, AOVs arrive, `fill` finishes.
+
+The commands of docs/renderers.md are run as they stand there.
+"""
+
+import json
+import os
+import pathlib
+import re
+import sys
+
+import numpy as np
+import pytest
+
+import frames
+from tool import LACUNA, ROOT, SAMPLES, lacuna, run
+
+BRIDGES = ROOT / "scripts" / "renderers"
+SCENES = SAMPLES / "renderers"
+PAGE = ROOT / "docs" / "renderers.md"
+SMALL = ["-D", "width=120", "-D", "height=90"]
+
+
+def bridge(name, *words, ok=True):
+    result = run([sys.executable, BRIDGES / name, *words], timeout=300, environment={"LACUNA": LACUNA})
+    if ok:
+        assert result.status == 0, result
+    return result
+
+
+@pytest.fixture(scope="module", autouse=True)
+def made():
+    """What the scenes need besides their text."""
+    result = run([sys.executable, SCENES / "make.py"])
+    assert result.status == 0, result
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory):
+    """The LuxCore scene in a small size."""
+    folder = tmp_path_factory.mktemp("still")
+    text = (SCENES / "still.cfg").read_text()
+    text = re.sub(r"film\.width = \d+", "film.width = 96", re.sub(r"film\.height = \d+", "film.height = 72", text))
+    (folder / "still.cfg").write_text(text)
+    (folder / "still.scn").write_text((SCENES / "still.scn").read_text())
+    (folder / "made").symlink_to(SCENES / "made")
+    return folder / "still.cfg"
+
+
+def noise(one, other, where):
+    """Mean squared difference of two renders at some pixels, clipped to [0, 1] so that no highlight decides."""
+    return np.mean((np.clip(one, 0, 1) - np.clip(other, 0, 1))[where] ** 2, dtype=np.float64)
+
+
+def check_agreement(first, second, sparse, mask):
+    """Masked pixels differ from a full render as two full renders of other seeds do, and are not those beside them.
+
+    The mean of some thousand squared differences is known to a few per cent, heavy tails included to some ten."""
+    usual = noise(first, second, mask)
+    here = noise(first, sparse, mask)
+    assert 0.7 < here / usual < 1.4, (here, usual)
+    for shift in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+        beside = noise(np.roll(first, shift, (0, 1)), sparse, mask)
+        assert beside > 1.5 * usual, (shift, beside, usual)
+    bias = np.mean((np.clip(first, 0, 1) - np.clip(sparse, 0, 1))[mask], dtype=np.float64)
+    assert abs(bias) < 4 * np.sqrt(usual / mask.sum()), (bias, usual)
+
+
+def test_masked_pixels_of_mitsuba_are_those_of_a_full_render(tmp_path):
+    scene = SCENES / "watch.xml"
+    for seed in ("1", "2"):
+        words = ("-o", tmp_path / f"full.{seed}.exr", "--density", "1", "--spp", "16", "--seed", seed, *SMALL)
+        bridge("mitsuba_sparse.py", scene, *words)
+    words = ("-o", tmp_path / "sparse.exr", "--density", "0.4", "--spp", "16", "--seed", "3", *SMALL)
+    bridge("mitsuba_sparse.py", scene, *words)
+    sparse = frames.read(tmp_path / "sparse.exr")[0]
+    mask = sparse["mask"] > 0
+    assert abs(mask.mean() - 0.4) < 0.01
+    colour = frames.colour(tmp_path / "sparse.exr")
+    assert not colour[~mask].any() and colour[mask].any(-1).mean() > 0.99
+    check_agreement(*(frames.colour(tmp_path / f"full.{seed}.exr") for seed in (1, 2)), colour, mask)
+
+
+def test_mitsuba_traces_no_other_pixel():
+    """Counted where the wrapped sensor is asked for its rays."""
+    result = run([sys.executable, ROOT / "tests" / "mitsuba_count.py", SCENES / "watch.xml"], timeout=120)
+    assert result.status == 0, result
+    counted = json.loads(result.stdout)
+    assert counted["outside"] == 0 and counted["least"] == counted["spp"], counted
+    # The rectangle of the list's film is a row longer than the list at most.
+    most = counted["masked"] + int(np.ceil(np.sqrt(counted["masked"])))
+    assert counted["masked"] * counted["spp"] <= counted["total"] <= most * counted["spp"], counted
+
+
+def channels(path):
+    """Rule of each channel and its reason, as `lacuna info` has them."""
+    parts = json.loads(lacuna("info", "--json", path).stdout)["parts"]
+    return {channel["name"]: (channel["rule"], channel["why"]) for part in parts for channel in part["channels"]}
+
+
+def test_aovs_of_mitsuba_arrive_and_guide(tmp_path):
+    lacuna("mask", "-o", tmp_path / "mask.exr", "--size", "120x90", "--density", "0.3", "-q")
+    for flag, name in (([], "thin"), (["--dense-aovs"], "dense")):
+        words = ("--mask", tmp_path / "mask.exr", "--spp", "8", "--aovs", "albedo,depth,N,id", *flag, *SMALL)
+        bridge("mitsuba_sparse.py", SCENES / "watch.xml", "-o", tmp_path / f"{name}.exr", *words)
+    thin, dense = (channels(tmp_path / f"{name}.exr") for name in ("thin", "dense"))
+    names = {"R", "G", "B", "mask", "depth.Z", "id", *(f"N.{c}" for c in "XYZ"), *(f"albedo.{c}" for c in "RGB")}
+    assert set(thin) == set(dense) == names
+    assert thin["N.X"][0] == "normal" and thin["depth.Z"][0] == "depth" and thin["id"][0] == "nearest"
+    assert thin["R"][0] == thin["albedo.G"][0] == dense["R"][0] == "fill"
+    for name in ("N.X", "depth.Z", "id", "albedo.G"):
+        assert dense[name] == ("keep", "listed in lacuna/dense"), dense[name]
+    planes = frames.read(tmp_path / "dense.exr")[0]
+    mask = planes["mask"] > 0
+    assert (planes["depth.Z"] > 0).all() and np.array_equal(planes["id"], np.round(planes["id"]))
+    assert not frames.read(tmp_path / "thin.exr")[0]["depth.Z"][~mask].any()
+    for name in ("thin", "dense"):
+        lacuna("fill", tmp_path / f"{name}.exr", "-o", tmp_path / f"{name}.full.exr")
+        lacuna("verify", tmp_path / f"{name}.exr", tmp_path / f"{name}.full.exr")
+
+
+def test_a_volume_is_sampled_where_the_mask_says(tmp_path):
+    words = ("--density", "0.25", "--spp", "4", "--half", "-D", "width=80", "-D", "height=60")
+    bridge("mitsuba_sparse.py", SCENES / "cloud.xml", "-o", tmp_path / "cloud.exr", *words)
+    planes = frames.read(tmp_path / "cloud.exr")[0]
+    mask = planes["mask"] > 0
+    assert planes["R"].dtype == np.float16 and set(planes) == {"R", "G", "B", "A", "mask"}
+    assert (planes["B"][mask] > 0).all() and not planes["B"][~mask].any()
+
+
+def test_luxcore_keeps_to_the_mask(still, tmp_path):
+    names = ("one", "two", "thin")
+    for seed, (name, density) in enumerate(zip(names, ("1", "1", "0.25"))):
+        words = ("--density", density, "--spp", "16", "--seed", seed, "--aovs", "albedo,N,depth,objectId")
+        result = bridge("luxcore_sparse.py", still, "-o", tmp_path / f"{name}.exr", *words)
+        assert result.stdout.startswith(str(tmp_path)), result
+    planes = frames.read(tmp_path / "thin.exr")[0]
+    mask, count = planes["mask"] > 0, planes["SAMPLECOUNT"]
+    assert 0.23 < mask.mean() < 0.27
+    # Counted: LuxCore leaves a pixel outside 5 % of the samples of one inside, and the measured ones got what was asked for.
+    assert count[~mask].mean() < 0.07 * count[mask].mean(), (count[~mask].mean(), count[mask].mean())
+    assert 0.9 * 16 < count[mask].mean() < 1.2 * 16, count[mask].mean()
+    full = [frames.colour(tmp_path / f"{name}.exr") for name in names]
+    check_agreement(*full, mask)
+    rules = {name: rule for name, (rule, _) in channels(tmp_path / "thin.exr").items()}
+    assert rules == {
+        "R": "fill", "G": "fill", "B": "fill", "albedo.R": "fill", "albedo.G": "fill", "albedo.B": "fill", "N.X": "normal",
+        "N.Y": "normal", "N.Z": "normal", "depth.Z": "depth", "objectId": "nearest", "SAMPLECOUNT": "keep", "mask": "keep",
+    }
+    plain = ("fill", tmp_path / "thin.exr", "-o", tmp_path / "thin.full.exr")
+    lacuna(*plain)
+    lacuna("verify", tmp_path / "thin.exr", tmp_path / "thin.full.exr")
+    weights = ("--ss-lambda", "0.05", "--weights", "count:SAMPLECOUNT")
+    lacuna("fill", tmp_path / "thin.exr", "-o", tmp_path / "smooth.exr", *weights)
+
+
+@pytest.mark.parametrize("name", ["mitsuba_sparse.py", "luxcore_sparse.py"])
+def test_mistakes_are_told_in_one_line(name, tmp_path):
+    out = ("-o", tmp_path / "out.exr", "--density", "0.5")
+    for words in (["no.file", *out], [SCENES / "watch.xml", "-o", tmp_path / "out.exr", "--density", "2"]):
+        result = bridge(name, *words, ok=False)
+        assert result.status == 1 and len(result.lines()) == 1 and name in result.lines()[0], result
+    assert "--dense-aovs" in bridge("mitsuba_sparse.py", "--help").stdout
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif("LACUNA_BPY" not in os.environ, reason="LACUNA_BPY names no Python with Blender's package bpy")
+def test_masked_pixels_of_blender_are_those_of_a_full_render(tmp_path):
+    def python(*words):
+        result = run([os.environ["LACUNA_BPY"], *words], timeout=600, environment={"LACUNA": LACUNA})
+        assert result.status == 0, result
+
+    python(SCENES / "make_blend.py")
+    for density in ("1", "0.25"):
+        words = ("-o", tmp_path / f"{density}.exr", "--density", density, "--spp", "4")
+        python(BRIDGES / "blender_sparse.py", SCENES / "made" / "monkey.blend", *words)
+    full, sparse = ({k: v for part in frames.read(tmp_path / f"{density}.exr") for k, v in part.items()} for density in ("1", "0.25"))
+    mask = sparse["mask"] > 0
+    assert set(full) == set(sparse) and 0.24 < mask.mean() < 0.26
+    for name in ("ViewLayer.Combined.R", "ViewLayer.Normal.X", "ViewLayer.CryptoObject00.r", "ViewLayer.Object Index.X"):
+        same = np.isclose(full[name], sparse[name], rtol=1e-3, atol=1e-4)
+        # A sample on the rim of a pixel may fall to either side.
+        assert same[mask].mean() > 0.995, name
+        assert (sparse[name][~mask] == 0).mean() > 0.995, name
+    lacuna("fill", tmp_path / "0.25.exr", "-o", tmp_path / "filled.exr")
+    lacuna("verify", tmp_path / "0.25.exr", tmp_path / "filled.exr")
+
+
+def commands():
+    """The blocks of docs/renderers.md that a new user is to type, one text a walk-through."""
+    found = re.findall(r"<!-- tested: (\w+) -->\n(.*?)<!-- end of test -->", PAGE.read_text(), re.S)
+    return {name: "\n".join(re.findall(r"```sh\n(.*?)```", text, re.S)) for name, text in found}
+
+
+@pytest.mark.parametrize("name", ["mitsuba", "luxcore", "recipes"])
+def test_the_commands_of_the_page_work(name, tmp_path):
+    for folder in ("scripts", "samples", ".venv", "tests"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "lacuna").symlink_to(pathlib.Path(LACUNA).resolve())
+    path = {"PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}"}
+    result = run(["bash", "-euo", "pipefail", "-c", commands()[name]], timeout=300, environment=path, folder=tmp_path)
+    assert result.status == 0, result
+    filled = list((tmp_path / "out").rglob("filled*/*.exr"))
+    assert len(filled) >= 2, result
+    for frame in filled:
+        assert np.isfinite(frames.colour(frame)).all()
