@@ -33,6 +33,8 @@ FILL = ["--density", "0.2", "--fill", "ss"]
 SLOW = 4.0
 # The tables stand between these in docs/rendering.md.
 BEGIN, END = "<!-- scripts/rendering --docs -->", "<!-- end -->"
+BEGIN_DENSE = "<!-- scripts/rendering --dense --docs -->"
+DENSE = ["engine", "engine-soft", "tooth", "foot"]
 
 
 def render(scene, out, *words):
@@ -96,12 +98,38 @@ def tables(results):
     return [*lines, "", f"Load of the machine while measuring, on {os.cpu_count()} cores: {min(loads):.1f} to {max(loads):.1f}."]
 
 
-def published(lines):
+def published(lines, begin=BEGIN):
     """Writes the tables into the documentation, between its two marks."""
     page = ROOT / "docs" / "rendering.md"
-    before, rest = page.read_text().split(BEGIN)
-    _, after = rest.split(END)
-    page.write_text(before + "\n".join([BEGIN, *lines, END]) + after)
+    before, rest = page.read_text().split(begin)
+    _, after = rest.split(END, 1)
+    page.write_text(before + "\n".join([begin, *lines, END]) + after)
+
+
+def dense(options):
+    """What dense AOVs cost and what they gain, with `--dense-aovs` beside without."""
+    lines = ["| scene | march of all | of 20 % | dense AOVs | over all | busy: all | 20 % and ss | with guides | PSNR | with guides |",
+             "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|"]
+    for scene in DENSE:
+        rows = {"all": [], "plain": [], "dense": []}
+        with tempfile.TemporaryDirectory() as folder:
+            out = {kind: pathlib.Path(folder) / f"{kind}.exr" for kind in rows}
+            for _ in range(options.runs):
+                rows["all"].append(render(scene, out["all"]))
+                rows["plain"].append(render(scene, out["plain"], *FILL))
+                rows["dense"].append(render(scene, out["dense"], *FILL, "--dense-aovs"))
+            picture = frames.colour(out["all"], "RGBA")
+            plain, guided = (frames.psnr(frames.colour(out[kind], "RGBA"), picture) for kind in ("plain", "dense"))
+        march, busy = ({kind: statistics.median(row[name] for row in taken) for kind, taken in rows.items()}
+                       for name in ("march", "busy"))
+        cost = march["dense"] - march["plain"]
+        lines.append(f"| {scene} | {march['all']:.2f} s | {march['plain']:.2f} s | {cost:.2f} s | {cost / march['all']:.2f} | "
+                     f"{busy['all']:.2f} s | {busy['plain']:.2f} s | {busy['dense']:.2f} s | {plain:.2f} dB | {guided:.2f} dB |")
+        print(lines[-1], file=sys.stderr, flush=True)
+    lines += ["", f"Medians of {options.runs}; load of the machine {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores."]
+    print("\n".join(lines))
+    if options.docs:
+        published(lines, BEGIN_DENSE)
 
 
 def measure(options):
@@ -191,11 +219,14 @@ def main():
     parser.add_argument("--only", choices=list(VOLUMES))
     parser.add_argument("--docs", action="store_true")
     parser.add_argument("--targets", action="store_true")
+    parser.add_argument("--dense", action="store_true")
     parser.add_argument("--pictures", action="store_true")
     options = parser.parse_args()
     if options.targets:
         sys.exit(targets(options))
-    pictures() if options.pictures else measure(options)
+    if options.dense:
+        return dense(options)
+    return pictures() if options.pictures else measure(options)
 
 
 if __name__ == "__main__":

@@ -13,8 +13,10 @@ use super::{Error, Values};
 
 /// Voxels of the border before the first one.
 const BEFORE: usize = 1;
+/// Voxels of the border behind the last one.
+const AFTER: usize = 2;
 /// Voxels of the border in all.
-const BORDER: usize = 3;
+const BORDER: usize = BEFORE + AFTER;
 
 /// A volume of `size[0] x size[1] x size[2]` voxels, x fastest.
 #[derive(Clone, Debug, PartialEq)]
@@ -285,8 +287,8 @@ fn spread(values: &mut [f32], piece: usize, last: usize) {
     for k in 0..BEFORE {
         values.copy_within(BEFORE * piece..(BEFORE + 1) * piece, k * piece);
     }
-    for k in last + 1..=last + BORDER - BEFORE {
-        values.copy_within(last * piece..(last + 1) * piece, k * piece);
+    for k in 1..=AFTER {
+        values.copy_within(last * piece..(last + 1) * piece, (last + k) * piece);
     }
 }
 

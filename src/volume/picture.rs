@@ -222,15 +222,15 @@ pub fn render_by(
     let going = AtomicBool::new(true);
     let one = |number: usize| {
         if !going.load(Ordering::Relaxed) {
-            return (number, Vec::new());
+            return Vec::new();
         }
         let kept = renderer.tile(shot, number, instructions);
         if !advance() {
             going.store(false, Ordering::Relaxed);
         }
-        (number, kept)
+        kept
     };
-    let done: Vec<_> = tiles::order(shot.size).into_par_iter().with_max_len(1).map(one).collect();
+    let done: Vec<_> = (0..tiles::tiles(shot.size)).into_par_iter().with_max_len(1).map(one).collect();
     shot.picture(tiles::planes(shot.size, shot.mask, &done, shot.kept()))
 }
 

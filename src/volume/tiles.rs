@@ -11,17 +11,6 @@ pub const fn tiles(size: Size) -> usize {
     size.width.div_ceil(TILE) * size.height.div_ceil(TILE)
 }
 
-/// The numbers of the tiles along a curve of Z's, on which tiles that lie near each other mostly follow soon: their rays
-/// pass the same voxels, which the caches still hold then.
-pub fn order(size: Size) -> Vec<usize> {
-    let columns = size.width.div_ceil(TILE);
-    // Bits of row and column in turn.
-    let spread = |k: usize| (0..16).fold(0_u64, |all, bit| all | ((k >> bit & 1) as u64) << (2 * bit));
-    let mut order: Vec<usize> = (0..tiles(size)).collect();
-    order.sort_by_key(|number| spread(number / columns) << 1 | spread(number % columns));
-    order
-}
-
 /// The pixels of a tile that the mask asks for, all without one: row and column, row by row.
 #[inline(always)]
 pub fn pixels(size: Size, mask: Option<&Mask>, number: usize) -> impl Iterator<Item = (usize, usize)> {
@@ -33,12 +22,12 @@ pub fn pixels(size: Size, mask: Option<&Mask>, number: usize) -> impl Iterator<I
         .filter(move |&(y, x)| mask.is_none_or(|mask| mask.is_measured(y, x)))
 }
 
-/// Planes from `count` numbers for every rendered pixel, tile by tile in [`order`]; zeros elsewhere and where a tile has none.
-pub fn planes(size: Size, mask: Option<&Mask>, tiles: &[(usize, Vec<f32>)], count: usize) -> Vec<Vec<f32>> {
+/// Planes from `count` numbers for every rendered pixel, tile by tile; zeros elsewhere and where a tile has none.
+pub fn planes(size: Size, mask: Option<&Mask>, tiles: &[Vec<f32>], count: usize) -> Vec<Vec<f32>> {
     let plane = |k: usize| {
         let mut plane = vec![0.0; size.pixels()];
-        for (number, numbers) in tiles {
-            for ((y, x), numbers) in pixels(size, mask, *number).zip(numbers.chunks_exact(count)) {
+        for (number, numbers) in tiles.iter().enumerate() {
+            for ((y, x), numbers) in pixels(size, mask, number).zip(numbers.chunks_exact(count)) {
                 plane[y * size.width + x] = numbers[k];
             }
         }
@@ -52,22 +41,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tiles_follow_a_curve_of_zs() {
-        assert_eq!(order(Size::new(4 * TILE, 3 * TILE - 1)), [0, 1, 3, 4, 2, 5, 6, 7, 9, 10, 8, 11]);
-    }
-
-    #[test]
     fn every_pixel_has_its_numbers_in_the_planes() {
         for (height, width) in [(1, 1), (1, 40), (33, 1), (16, 32), (35, 50)] {
             let size = Size::new(height, width);
             let mask = Mask::from_fn(size, |y, x| (3 * y + x) % 4 != 0);
             for mask in [None, Some(&mask)] {
                 let of = |(y, x): (usize, usize)| [y as f32, x as f32, 1.0];
-                let numbers: Vec<(usize, Vec<f32>)> = order(size)
-                    .into_iter()
-                    .map(|tile| (tile, pixels(size, mask, tile).flat_map(of).collect()))
-                    .collect();
-                assert_eq!(numbers.len(), tiles(size));
+                let numbers: Vec<Vec<f32>> =
+                    (0..tiles(size)).map(|tile| pixels(size, mask, tile).flat_map(of).collect()).collect();
                 let planes = planes(size, mask, &numbers, 3);
                 for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
                     let found = [0, 1, 2].map(|k| planes[k][y * width + x]);
