@@ -132,7 +132,7 @@ mod tests {
     /// Both pictures of a head.
     fn head(march: &str) -> [Picture; 2] {
         let toml = format!(
-            "volume=\"procedural:head:48\"\n[march]\n{march}\n[image]\nsize=[60, 50]\n\
+            "volume=\"procedural:head:48\"\n[march]\n{march}\n[camera]\nzoom=1.8\n[image]\nsize=[60, 50]\n\
              background=[1.0, 1.0, 1.0, 1.0]\n"
         );
         let stage = prepare(&Scene::parse(&toml, &[]).unwrap(), std::path::Path::new("")).unwrap();
