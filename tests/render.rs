@@ -103,8 +103,9 @@ fn dense_aovs_are_complete_and_guide_the_filling() {
         assert_eq!(channel(&some, name), channel(&dense, name), "{name}");
     }
     let (alpha, mask) = (channel(&dense, "dense.A"), channel(&dense, "mask"));
+    let seen = alpha.iter().filter(|alpha| **alpha > 0.5).count();
     let missing = alpha.iter().zip(&mask).filter(|(alpha, mask)| **alpha > 0.5 && **mask == 0.0).count();
-    assert!(missing > 200, "{missing}");
+    assert!(seen > 100 && 4 * missing > 3 * seen, "{missing} of {seen}");
     for (at, depth) in channel(&dense, "dense.Z").iter().enumerate() {
         assert_eq!(depth.is_finite(), alpha[at] > 0.0, "{at}");
     }
