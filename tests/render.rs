@@ -88,6 +88,38 @@ fn rendering_and_filling_in_one_go_is_rendering_then_filling() {
 }
 
 #[test]
+fn dense_aovs_are_complete_and_guide_the_filling() {
+    let room = tempfile::tempdir().unwrap();
+    let sparse = ["render", HEAD, "--size", "60x50", "--density", "0.2", "-q"];
+    done(room.path(), &[&sparse[..], &["-o", "some.exr"]].concat());
+    done(room.path(), &[&sparse[..], &["--dense-aovs", "-o", "dense.exr"]].concat());
+    done(room.path(), &[&sparse[..], &["--dense-aovs", "--fill", "ss", "-o", "filled.exr"]].concat());
+    done(room.path(), &["fill", "dense.exr", "-o", "later.exr", "-q"]);
+    let [some, dense, filled, later] =
+        ["some.exr", "dense.exr", "filled.exr", "later.exr"].map(|name| frame(&room.path().join(name)));
+    let names = ["dense.A", "dense.N.X", "dense.N.Y", "dense.N.Z", "dense.Z"];
+    assert_eq!(dense.parts[0].attributes.text("lacuna/dense"), Some(names.join(",")));
+    for name in ["R", "G", "B", "A", "mask"] {
+        assert_eq!(channel(&some, name), channel(&dense, name), "{name}");
+    }
+    let (alpha, mask) = (channel(&dense, "dense.A"), channel(&dense, "mask"));
+    let seen = alpha.iter().filter(|alpha| **alpha > 0.5).count();
+    let missing = alpha.iter().zip(&mask).filter(|(alpha, mask)| **alpha > 0.5 && **mask == 0.0).count();
+    assert!(seen > 100 && 4 * missing > 3 * seen, "{missing} of {seen}");
+    for (at, depth) in channel(&dense, "dense.Z").iter().enumerate() {
+        assert_eq!(depth.is_finite(), alpha[at] > 0.0, "{at}");
+    }
+    for name in names {
+        assert_eq!(channel(&filled, name), channel(&dense, name), "{name}");
+    }
+    for name in ["R", "G", "B", "A"] {
+        assert_eq!(channel(&filled, name), channel(&later, name), "{name}");
+    }
+    let guides = filled.parts[0].attributes.text("lacuna/guides").unwrap_or_default();
+    assert!(guides.contains("dense.A"), "{guides}");
+}
+
+#[test]
 fn a_sequence_orbits_and_resumes() {
     let room = tempfile::tempdir().unwrap();
     let scene = "volume = \"procedural:vessels:16\"\n[camera]\norbit = 40.0\n[image]\nsize = [20, 20]\n";

@@ -155,6 +155,13 @@ struct LayerArgs {
     #[arg(long)]
     gradients: bool,
 
+    /// Add dense.A, dense.N.X, dense.N.Y, dense.N.Z, dense.Z: alpha, normal and distance of every pixel, by a coarse march
+    /// (march.dense-step) without shading, listed in lacuna/dense
+    ///
+    /// Filling takes them for guides, with --fill ss here or with lacuna fill later.
+    #[arg(long)]
+    dense_aovs: bool,
+
     /// Type of colours, normals and derivatives
     #[arg(short = 'd', long, value_name = "TYPE", default_value = "float")]
     data_type: Depth,
@@ -248,6 +255,7 @@ impl RenderArgs {
                 normals: self.layers.normals,
                 samples: self.layers.count,
                 gradients: self.layers.gradients,
+                dense: self.layers.dense_aovs,
                 kind,
                 compression: packing.map_or(Compression::Zip, |packing| packing.compression),
             },

@@ -189,7 +189,7 @@ fn early(outcome: Outcome) -> Option<String> {
 }
 
 /// What steered which colour, and how much of the error it took away by estimate.
-fn guides(report: &Report) -> Option<String> {
+pub(super) fn guides(report: &Report) -> Option<String> {
     let groups = report.parts.iter().flat_map(|part| &part.groups).filter(|group| !group.guides.is_empty());
     let one = |group: &GroupReport| {
         let gain = group.guides_gain.unwrap_or(0.0);

@@ -20,10 +20,11 @@ use crate::channels;
 use crate::frame::{self, Frame, WriteOptions, read_header};
 use crate::mask::{self, Source};
 use crate::reconstruct::{self, Plans};
-use crate::volume::{self, Override, Pixel, Scene, Shot, Story, Wanted};
+use crate::volume::{self, Override, Scene, Shot, Story, Wanted};
 
 /// Pieces of a frame's progress while it is rendered.
 const PIECES: u64 = 100;
+const STOPPED: &str = "stopped by a signal";
 
 /// A scene to be rendered, and how.
 #[derive(Clone, Debug, PartialEq)]
@@ -129,6 +130,7 @@ fn settings(job: &RenderJob, scene: &Scene) -> String {
         (wanted.normals, "normals"),
         (wanted.samples, "samples"),
         (wanted.gradients, "gradients"),
+        (wanted.dense, "dense-aovs"),
     ];
     let layers: Vec<&str> = flags.iter().filter(|(on, _)| *on).map(|(_, name)| *name).collect();
     let fill = job.fill.as_ref().map_or("none", |method| method.name());
@@ -175,7 +177,14 @@ impl Work for Render<'_> {
 
     fn bytes(&self, _: &Item) -> u64 {
         let [width, height] = self.scene.image.size;
-        let pixel = 2 * size_of::<Pixel>() as u64 + 64;
+        let wanted = &self.job.wanted;
+        let planes = 6
+            + 3 * u64::from(wanted.normals)
+            + u64::from(wanted.depth)
+            + 8 * u64::from(wanted.gradients)
+            + 8 * u64::from(wanted.dense);
+        // Tiles, planes, what is written and what fills.
+        let pixel = planes * 4 * size_of::<f32>() as u64;
         (width as u64).saturating_mul(height as u64).saturating_mul(pixel)
     }
 
@@ -184,20 +193,25 @@ impl Work for Render<'_> {
         let ready = stage.read(record, || self.ready()).map_err(|error| at_input(&error))?;
         let mask = self.mask(item, &ready)?;
         record.density = Some(mask.as_ref().map_or(1.0, |mask| mask.density()));
-        let mut seconds = (0.0, None);
+        let (mut seconds, mut guided) = ((0.0, None), None);
         let frame = stage.solve(record, || {
             let start = Instant::now();
             let frame = self.picture(item, &ready, mask.as_deref(), stage)?;
             seconds.0 = start.elapsed().as_secs_f64();
             let Some(method) = self.job.fill.as_ref().filter(|_| !stage.stopped()) else { return Ok(frame) };
             let start = Instant::now();
-            let filled = self.fill(frame, method, item, stage)?;
+            let (filled, guides) = self.fill(frame, method, item, stage)?;
             seconds.1 = Some(start.elapsed().as_secs_f64());
+            guided = guides;
             Ok(filled)
         })?;
         self.page.look(item, &frame, |_, _| mask.as_deref());
         record.rendered = Some(seconds.0);
         record.filled = seconds.1;
+        record.guides = guided;
+        if let Some(guides) = &record.guides {
+            tracing::info!("guided by {guides}");
+        }
         if let Some(filled) = seconds.1 {
             stage.note(&format!("rendered in {:.2} s, filled in {filled:.2} s", seconds.0));
         }
@@ -272,6 +286,7 @@ impl Render<'_> {
             samples: image.samples,
             seed: image.seed,
             normals: self.job.wanted.normals,
+            depth: self.job.wanted.depth,
             gradients: self.job.wanted.gradients,
         };
         let (tiles, done) = (volume::tiles(ready.size()) as u64, AtomicU64::new(0));
@@ -281,9 +296,9 @@ impl Render<'_> {
             stage.piece(pieces(now) - pieces(now - 1));
             !stage.stopped()
         };
-        let pixels = volume::render(&ready.renderer, &shot, &advance);
+        let picture = volume::render(&ready.renderer, &shot, &advance);
         if stage.stopped() {
-            return Err(Failure::at(&item.output, "stopped by a signal"));
+            return Err(Failure::at(&item.output, STOPPED));
         }
         let pattern = match &self.job.pixels {
             Pixels::All => None,
@@ -298,21 +313,34 @@ impl Render<'_> {
             samples: image.samples,
             pattern: pattern.as_deref(),
         };
-        Ok(volume::frame(&pixels, ready.size(), mask, &self.job.wanted, &story))
+        let wanted = &self.job.wanted;
+        let mut frame = volume::frame(picture, ready.size(), mask, wanted, &story);
+        if wanted.dense {
+            let dense = volume::dense_shot(&camera, shader.as_ref(), &shot);
+            let picture = volume::render(&ready.coarse(), &dense, &|| !stage.stopped());
+            volume::add_dense(&mut frame, picture, wanted.kind);
+        }
+        if stage.stopped() { Err(Failure::at(&item.output, STOPPED)) } else { Ok(frame) }
     }
 
-    /// The frame with its missing pixels filled.
-    fn fill(&self, frame: Frame, method: &Method, item: &Item, stage: &Stage<'_>) -> Result<Frame, Failure> {
+    /// The frame with its missing pixels filled, and what steered them.
+    fn fill(
+        &self,
+        frame: Frame,
+        method: &Method,
+        item: &Item,
+        stage: &Stage<'_>,
+    ) -> Result<(Frame, Option<String>), Failure> {
         let failed = |error: &dyn std::fmt::Display| Failure::at(&item.output, error);
         let what = reconstruct::Job::new(method.clone());
         let interrupt = || stage.stopped().then_some(Stop::Cancelled);
         let run = Run { interrupt: Some(&interrupt) };
         if self.job.pixels == Pixels::All {
-            return Ok(frame);
+            return Ok((frame, None));
         }
         let masks = mask::find(&frame, &what.mask, None).map_err(|error| failed(&error))?;
         let choices = channels::choose(&frame, &masks, &what.overrides);
         let filled = reconstruct::fill(frame, &masks, &choices, &what, &self.plans, &run);
-        filled.map(|(frame, _)| frame).map_err(|error| failed(&error))
+        filled.map(|(frame, report)| (frame, super::fill::guides(&report))).map_err(|error| failed(&error))
     }
 }

@@ -9,8 +9,6 @@
 //! Sources: A. Rosenfeld, J. L. Pfaltz, "Distance functions on digital pictures", Pattern Recognition 1, 1968 (two
 //! passes); D. Cohen, Z. Sheffer, "Proximity clouds, an acceleration technique for 3D grid traversal", The Visual Computer 11, 1994.
 
-use rayon::prelude::*;
-
 use super::grid::Grid;
 use super::lanes::LANES;
 
@@ -32,9 +30,8 @@ impl Blocks {
     /// Asks `visible` of the bounds of every block, where `support` voxels before and after a cell count.
     pub fn new(grid: &Grid, support: (usize, usize), visible: impl Fn(f32, f32) -> bool + Sync) -> Self {
         let counts = grid.size().map(|n| n.div_ceil(EDGE));
-        let ranges = grid.block_ranges(EDGE, support.0, support.1);
-        let mut distances: Vec<u8> =
-            ranges.into_par_iter().map(|(low, high)| if visible(low, high) { 0 } else { FARTHEST }).collect();
+        let mut distances =
+            grid.blocks(EDGE, support, |low, high| if visible(low, high) { 0 } else { FARTHEST });
         sweep(&mut distances, counts, false);
         sweep(&mut distances, counts, true);
         Self { counts, distances, highest: Vec::new() }
@@ -43,8 +40,7 @@ impl Blocks {
     /// No block is empty; the largest value of each follows from the bounds of its voxels by `most`.
     pub fn with_highest(grid: &Grid, support: (usize, usize), most: impl Fn(f32, f32) -> f32 + Sync) -> Self {
         let counts = grid.size().map(|n| n.div_ceil(EDGE));
-        let ranges = grid.block_ranges(EDGE, support.0, support.1);
-        let highest: Vec<f32> = ranges.into_par_iter().map(|(low, high)| most(low, high)).collect();
+        let highest = grid.blocks(EDGE, support, most);
         Self { counts, distances: vec![0; highest.len()], highest }
     }
 

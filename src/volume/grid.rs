@@ -7,13 +7,16 @@
 use rayon::prelude::*;
 use wide::i32x4;
 
+use super::prefilter::prefilter;
 use super::vector::{Affine, Vector, length};
 use super::{Error, Values};
 
 /// Voxels of the border before the first one.
 const BEFORE: usize = 1;
+/// Voxels of the border behind the last one.
+const AFTER: usize = 2;
 /// Voxels of the border in all.
-const BORDER: usize = 3;
+const BORDER: usize = BEFORE + AFTER;
 
 /// A volume of `size[0] x size[1] x size[2]` voxels, x fastest.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,7 +67,7 @@ impl Grid {
         &self.placement
     }
 
-    /// Least and largest value of all voxels.
+    /// Least and largest value of all voxels as they were given.
     pub const fn range(&self) -> (f64, f64) {
         self.range
     }
@@ -86,7 +89,7 @@ impl Grid {
 
     /// The value of the voxel.
     pub fn value(&self, index: [usize; 3]) -> f64 {
-        let at = self.at(index) + BEFORE * (1 + self.strides[0] + self.strides[1]);
+        let at = self.at(index) + self.corner();
         match &self.voxels {
             Values::U8(voxels) => voxels[at].into(),
             Values::U16(voxels) => voxels[at].into(),
@@ -98,8 +101,61 @@ impl Grid {
     /// All values without the border, x fastest, as f32.
     pub fn values(&self) -> Vec<f32> {
         let [nx, ny, nz] = self.size;
-        let rows = (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z)));
-        rows.flat_map(|(y, z)| (0..nx).map(move |x| self.value([x, y, z]) as f32)).collect()
+        let mut values = vec![0.0; nx * ny * nz];
+        values.par_chunks_mut(nx * ny).enumerate().for_each(|(z, slice)| {
+            for (y, row) in slice.chunks_mut(nx).enumerate() {
+                self.row(y, z, row);
+            }
+        });
+        values
+    }
+
+    /// The values of one row, without the border.
+    fn row(&self, y: usize, z: usize, out: &mut [f32]) {
+        fn of<T: Copy + Into<f32>>(row: &[T], out: &mut [f32]) {
+            for (out, &value) in out.iter_mut().zip(row) {
+                *out = value.into();
+            }
+        }
+        let at = self.at([0, y, z]) + self.corner();
+        let place = at..at + self.size[0];
+        match &self.voxels {
+            Values::U8(voxels) => of(&voxels[place], out),
+            Values::U16(voxels) => of(&voxels[place], out),
+            Values::I16(voxels) => of(&voxels[place], out),
+            Values::F32(voxels) => of(&voxels[place], out),
+        }
+    }
+
+    /// Where the first voxel without the border stands.
+    const fn corner(&self) -> usize {
+        BEFORE * (1 + self.strides[0] + self.strides[1])
+    }
+
+    /// The grid of the coefficients of the cubic B-spline that goes through this one's values; its range stays that of
+    /// the values.
+    #[must_use]
+    pub fn coefficients(&self) -> Self {
+        let [width, area] = self.strides;
+        let last = self.size.map(|n| BEFORE + n - 1);
+        let mut voxels = vec![0.0; area * (self.size[2] + BORDER)];
+        prefilter(&mut voxels[self.corner()..], self.size, self.strides, |y, z, row| self.row(y, z, row));
+        voxels.par_chunks_mut(area).skip(BEFORE).take(self.size[2]).for_each(|slice| {
+            for row in slice.chunks_mut(width) {
+                let (first, end) = (row[BEFORE], row[last[0]]);
+                row[..BEFORE].fill(first);
+                row[last[0] + 1..].fill(end);
+            }
+            spread(slice, width, last[1]);
+        });
+        spread(&mut voxels, area, last[2]);
+        Self { voxels: Values::F32(voxels), ..self.empty() }
+    }
+
+    /// This grid without voxels.
+    const fn empty(&self) -> Self {
+        let Self { size, strides, placement, range, .. } = *self;
+        Self { size, strides, voxels: Values::F32(Vec::new()), placement, range }
     }
 
     /// A grid made from this one's values without the border, in their own type.
@@ -121,8 +177,7 @@ impl Grid {
     fn bare<T: Copy>(&self, voxels: &[T]) -> Vec<T> {
         let [nx, ny, nz] = self.size;
         let rows = (0..nz).flat_map(|z| (0..ny).map(move |y| self.at([0, y, z])));
-        let corner = BEFORE * (1 + self.strides[0] + self.strides[1]);
-        rows.flat_map(|start| &voxels[start + corner..][..nx]).copied().collect()
+        rows.flat_map(|start| &voxels[start + self.corner()..][..nx]).copied().collect()
     }
 
     /// Where the 4 x 4 x 4 voxels of a cell begin in the bordered array.
@@ -154,65 +209,86 @@ impl Grid {
         }
     }
 
-    /// Least and largest voxel within blocks of cells, each block with the voxels `-before..=after` around its cells:
-    /// see [`super::blocks`].
-    pub(super) fn block_ranges(&self, edge: usize, before: usize, after: usize) -> Vec<(f32, f32)> {
+    /// What `of` makes of the least and the largest voxel of each block of `edge^3` cells, with the voxels
+    /// `-before..=after` around its cells: see [`super::blocks`].
+    pub(super) fn blocks<U: Copy + Default + Send>(
+        &self,
+        edge: usize,
+        (before, after): (usize, usize),
+        of: impl Fn(f32, f32) -> U + Sync,
+    ) -> Vec<U> {
         let window = Window { edge, before, after };
         match &self.voxels {
-            Values::U8(voxels) => self.ranges_of(voxels, window, f32::from),
-            Values::U16(voxels) => self.ranges_of(voxels, window, f32::from),
-            Values::I16(voxels) => self.ranges_of(voxels, window, f32::from),
-            Values::F32(voxels) => self.ranges_of(voxels, window, |value| value),
+            Values::U8(voxels) => self.blocks_of(voxels, window, |low, high| of(low.into(), high.into())),
+            Values::U16(voxels) => self.blocks_of(voxels, window, |low, high| of(low.into(), high.into())),
+            Values::I16(voxels) => self.blocks_of(voxels, window, |low, high| of(low.into(), high.into())),
+            Values::F32(voxels) => self.blocks_of(voxels, window, of),
         }
     }
 
-    fn ranges_of<T: Copy + PartialOrd + Sync + Send>(
+    fn blocks_of<T: Copy + PartialOrd + Sync + Send, U: Copy + Default + Send>(
         &self,
         voxels: &[T],
         window: Window,
-        to: fn(T) -> f32,
-    ) -> Vec<(f32, f32)> {
+        of: impl Fn(T, T) -> U + Sync,
+    ) -> Vec<U> {
         let blocks = self.size.map(|n| n.div_ceil(window.edge));
         let padded = self.size.map(|n| n + BORDER);
-        // z first, as whole slices go fastest, then y, then x; each pass leaves one entry a block along its axis.
-        let slab = |z: usize| {
+        let [width, area] = self.strides;
+        let mut found = vec![U::default(); blocks.iter().product()];
+        // z first, as whole slices go fastest, then y, then x; the last for every voxel, side by side.
+        found.par_chunks_mut(blocks[0] * blocks[1]).enumerate().for_each(|(z, found)| {
             let slices = window.of(z, padded[2]);
-            let [mut low, mut high] =
-                [0, 1].map(|_| voxels[slices.start * self.strides[1]..][..self.strides[1]].to_vec());
+            let mut low = voxels[slices.start * area..][..area].to_vec();
+            let mut high = low.clone();
             for slice in slices.skip(1) {
-                spread(&mut low, &mut high, &voxels[slice * self.strides[1]..]);
+                lower(&mut low, &voxels[slice * area..]);
+                higher(&mut high, &voxels[slice * area..]);
             }
-            let (low, high) = (&low, &high);
-            (0..blocks[1])
-                .flat_map(move |y| {
-                    let rows = window.of(y, padded[1]);
-                    let row =
-                        |values: &[T], y: usize| values[y * self.strides[0]..][..self.strides[0]].to_vec();
-                    let (mut least, mut most) = (row(low, rows.start), row(high, rows.start));
-                    for y in rows.skip(1) {
-                        spread(&mut least, &mut [], &low[y * self.strides[0]..]);
-                        spread(&mut [], &mut most, &high[y * self.strides[0]..]);
-                    }
-                    (0..blocks[0]).map(move |x| {
-                        let cells = window.of(x, padded[0]);
-                        let (low, high) = (&least[cells.clone()], &most[cells]);
-                        let least = low.iter().fold(low[0], |a, &b| if b < a { b } else { a });
-                        (to(least), to(high.iter().fold(high[0], |a, &b| if b > a { b } else { a })))
-                    })
-                })
-                .collect::<Vec<_>>()
-        };
-        (0..blocks[2]).into_par_iter().flat_map_iter(slab).collect()
+            for (y, found) in found.chunks_mut(blocks[0]).enumerate() {
+                let rows = window.of(y, padded[1]);
+                let start = rows.start * width;
+                let (mut least, mut most) = (low[start..][..width].to_vec(), high[start..][..width].to_vec());
+                for y in rows.skip(1) {
+                    lower(&mut least, &low[y * width..]);
+                    higher(&mut most, &high[y * width..]);
+                }
+                let (mut lowest, mut highest) = (least.clone(), most.clone());
+                for shift in 1..window.length() {
+                    lower(&mut lowest, least.get(shift..).unwrap_or_default());
+                    higher(&mut highest, most.get(shift..).unwrap_or_default());
+                }
+                for (x, found) in found.iter_mut().enumerate() {
+                    let first = window.of(x, padded[0]).start;
+                    *found = of(lowest[first], highest[first]);
+                }
+            }
+        });
+        found
     }
 }
 
-/// Widens ranges to the values beside them.
-fn spread<T: Copy + PartialOrd>(low: &mut [T], high: &mut [T], values: &[T]) {
+/// Takes the lesser of each two.
+fn lower<T: Copy + PartialOrd>(low: &mut [T], values: &[T]) {
     for (low, &value) in low.iter_mut().zip(values) {
         *low = if value < *low { value } else { *low };
     }
+}
+
+/// Takes the larger of each two.
+fn higher<T: Copy + PartialOrd>(high: &mut [T], values: &[T]) {
     for (high, &value) in high.iter_mut().zip(values) {
         *high = if value > *high { value } else { *high };
+    }
+}
+
+/// Copies the first and the last piece of that length within the border into the border before and behind them.
+fn spread(values: &mut [f32], piece: usize, last: usize) {
+    for k in 0..BEFORE {
+        values.copy_within(BEFORE * piece..(BEFORE + 1) * piece, k * piece);
+    }
+    for k in 1..=AFTER {
+        values.copy_within(last * piece..(last + 1) * piece, (last + k) * piece);
     }
 }
 
@@ -225,6 +301,11 @@ struct Window {
 }
 
 impl Window {
+    /// Voxels of a whole block along an axis.
+    const fn length(self) -> usize {
+        self.before + self.edge + self.after
+    }
+
     /// The voxels of a block along one axis of that padded length.
     fn of(self, block: usize, padded: usize) -> std::ops::Range<usize> {
         let first = block * self.edge + BEFORE;
@@ -273,16 +354,18 @@ fn gather2<T: Copy>(
 }
 
 /// The values with the border around them.
-fn pad<T: Copy + Sync + Send>(values: &[T], size: [usize; 3]) -> Vec<T> {
+fn pad<T: Copy + Default + Sync + Send>(values: &[T], size: [usize; 3]) -> Vec<T> {
     let [nx, ny, nz] = size;
     let inside = |at: usize, n: usize| at.saturating_sub(BEFORE).min(n - 1);
-    (0..(ny + BORDER) * (nz + BORDER))
-        .into_par_iter()
-        .flat_map_iter(|row| {
-            let (y, z) = (inside(row % (ny + BORDER), ny), inside(row / (ny + BORDER), nz));
-            let row = &values[(z * ny + y) * nx..][..nx];
-            let (first, last) = (row[0], row[nx - 1]);
-            std::iter::once(first).chain(row.iter().copied()).chain([last, last])
-        })
-        .collect()
+    let [width, area] = [nx + BORDER, (nx + BORDER) * (ny + BORDER)];
+    let mut padded = vec![T::default(); area * (nz + BORDER)];
+    padded.par_chunks_mut(area).enumerate().for_each(|(z, slice)| {
+        for (y, row) in slice.chunks_mut(width).enumerate() {
+            let values = &values[(inside(z, nz) * ny + inside(y, ny)) * nx..][..nx];
+            row[..BEFORE].fill(values[0]);
+            row[BEFORE..][..nx].copy_from_slice(values);
+            row[BEFORE + nx..].fill(values[nx - 1]);
+        }
+    });
+    padded
 }

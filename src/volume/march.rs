@@ -71,10 +71,7 @@ impl March<'_> {
                 None => self.table.at_all(values, bundle.count),
                 Some(integral) => segments(integral, &mut known, &bundle, values),
             };
-            let mut visible = 0;
-            for lane in 0..bundle.count {
-                visible |= u32::from(colours[lane][3] > 0.0) << lane;
-            }
+            let visible = visible(&colours, bundle.count);
             if visible == 0 {
                 continue;
             }
@@ -128,6 +125,16 @@ impl March<'_> {
         }
         true
     }
+}
+
+/// A bit for each of the first samples that have an opacity.
+#[inline(always)]
+pub fn visible(colours: &[[f32; 4]; LANES], count: usize) -> u32 {
+    let mut visible = 0;
+    for lane in 0..count {
+        visible |= u32::from(colours[lane][3] > 0.0) << lane;
+    }
+    visible
 }
 
 /// Colours and opacities of the segments that end in a bundle's samples; nothing where the sample before is not known.

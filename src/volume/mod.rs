@@ -15,6 +15,7 @@
 mod automatic;
 mod blocks;
 mod camera;
+mod dense;
 mod error;
 mod grid;
 mod integral;
@@ -36,6 +37,7 @@ mod stage;
 mod surface;
 #[cfg(test)]
 mod tests;
+mod tiles;
 mod transfer;
 mod values;
 mod vector;
@@ -43,12 +45,14 @@ mod walk;
 mod weights;
 
 pub use camera::{Camera, Projection, Ray};
+pub use dense::shot as dense_shot;
 pub use error::Error;
 pub use grid::Grid;
-pub use output::{Story, Wanted, canvas, frame};
-pub use picture::{Interpolation, Look, Pixel, Renderer, Shot, render, tiles};
+pub use output::{Story, Wanted, add_dense, canvas, frame};
+pub use picture::{Interpolation, Look, Picture, Renderer, Shot, render};
 pub use scene::{InterpolationName, ModeName, Override, Scene};
 pub use stage::{Stage, prepare};
+pub use tiles::tiles;
 pub use transfer::{Curve, Joining, Lookup, Transfer};
 pub use values::Values;
 pub use vector::{Affine, Vector};

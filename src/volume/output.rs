@@ -4,12 +4,19 @@ use half::f16;
 use lacuna_filters::{Mask, Size};
 
 use super::camera::Camera;
-use super::picture::Pixel;
+use super::picture::Picture;
+use crate::channels;
 use crate::frame::{Attributes, Channel, Compression, Frame, Part, SampleType, Samples, Window};
 use crate::mask;
 
 /// The name of the mask's channel.
 const MASK: &str = "mask";
+/// Those of the colour's channels.
+const COLOURS: [&str; 4] = ["R", "G", "B", "A"];
+/// Alpha and normals of the coarse march.
+const DENSE: [&str; 4] = ["dense.A", "dense.N.X", "dense.N.Y", "dense.N.Z"];
+/// Its depth.
+const DENSE_DEPTH: &str = "dense.Z";
 
 /// What the frame holds besides colour, alpha and mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,6 +31,8 @@ pub struct Wanted {
     pub samples: bool,
     /// The colour's derivatives, layers `dx` and `dy`.
     pub gradients: bool,
+    /// Alpha, normal and depth of every pixel by a coarse march, layer `dense`.
+    pub dense: bool,
     /// The type of colours, normals and derivatives.
     pub kind: SampleType,
     /// How chunks are compressed.
@@ -48,41 +57,34 @@ pub struct Story<'a> {
 }
 
 /// The frame of a picture; a mask channel says which pixels were rendered, if one is given.
-pub fn frame(pixels: &[Pixel], size: Size, mask: Option<&Mask>, wanted: &Wanted, story: &Story<'_>) -> Frame {
+pub fn frame(picture: Picture, size: Size, mask: Option<&Mask>, wanted: &Wanted, story: &Story<'_>) -> Frame {
     let mut channels: Vec<Channel> = Vec::new();
     let mut add = |name: String, samples: Samples| {
         channels.push(channel(&name, samples));
     };
-    let values = |of: &dyn Fn(&Pixel) -> f32| match wanted.kind {
-        SampleType::Half => Samples::Half(pixels.iter().map(|pixel| half(of(pixel))).collect()),
-        _ => Samples::Float(pixels.iter().map(of).collect()),
-    };
-    for (k, name) in ["R", "G", "B", "A"].iter().enumerate() {
-        add((*name).into(), values(&|pixel| pixel.colour[k]));
-        if wanted.gradients {
-            for (axis, layer) in ["dx", "dy"].iter().enumerate() {
-                add(format!("{layer}.{name}"), values(&|pixel| pixel.slopes[axis][k]));
-            }
+    let values = |plane| values(plane, wanted.kind);
+    for (name, plane) in COLOURS.into_iter().zip(picture.colour) {
+        add(name.into(), values(plane));
+    }
+    for (layer, planes) in ["dx", "dy"].into_iter().zip(picture.slopes).filter(|_| wanted.gradients) {
+        for (name, plane) in COLOURS.into_iter().zip(planes) {
+            add(format!("{layer}.{name}"), values(plane));
         }
     }
-    if wanted.normals {
-        for (k, name) in ["N.X", "N.Y", "N.Z"].iter().enumerate() {
-            add((*name).into(), values(&|pixel| pixel.normal[k]));
-        }
+    for (name, plane) in ["N.X", "N.Y", "N.Z"].into_iter().zip(picture.normal).filter(|_| wanted.normals) {
+        add(name.into(), values(plane));
+    }
+    if wanted.depth {
+        add("Z".into(), Samples::Float(picture.depth));
     }
     let measured = |at: usize| mask.is_none_or(|mask| mask.as_slice()[at]);
-    if wanted.depth {
-        // A pixel that was not rendered has no depth, not an infinite one.
-        let depth = |at: usize| if measured(at) { pixels[at].depth } else { 0.0 };
-        add("Z".into(), Samples::Float((0..pixels.len()).map(depth).collect()));
-    }
     if wanted.samples {
         let count = |at: usize| if measured(at) { story.samples } else { 0 };
-        add("samples".into(), Samples::Uint((0..pixels.len()).map(count).collect()));
+        add("samples".into(), Samples::Uint((0..size.pixels()).map(count).collect()));
     }
     if mask.is_some() {
         let flag = |at: usize| if measured(at) { f16::ONE } else { f16::ZERO };
-        add(MASK.into(), Samples::Half((0..pixels.len()).map(flag).collect()));
+        add(MASK.into(), Samples::Half((0..size.pixels()).map(flag).collect()));
     }
     let part = Part {
         attributes: attributes(size, mask.is_some(), story),
@@ -90,6 +92,23 @@ pub fn frame(pixels: &[Pixel], size: Size, mask: Option<&Mask>, wanted: &Wanted,
         ..part(size, channels)
     };
     Frame { parts: vec![part] }
+}
+
+/// Adds what a coarse march told of every pixel, and lists it as complete.
+pub fn add_dense(frame: &mut Frame, picture: Picture, kind: SampleType) {
+    let Some(part) = frame.parts.first_mut() else { return };
+    let [.., alpha] = picture.colour;
+    let named = DENSE.into_iter().zip([alpha].into_iter().chain(picture.normal));
+    part.channels.extend(named.map(|(name, plane)| channel(name, values(plane, kind))));
+    part.channels.push(channel(DENSE_DEPTH, Samples::Float(picture.depth)));
+    part.attributes.set_text(channels::DENSE, &[&DENSE[..], &[DENSE_DEPTH]].concat().join(","));
+}
+
+fn values(plane: Vec<f32>, kind: SampleType) -> Samples {
+    match kind {
+        SampleType::Half => Samples::Half(plane.into_iter().map(half).collect()),
+        _ => Samples::Float(plane),
+    }
 }
 
 /// A frame of that size with one channel, for what needs only its windows.

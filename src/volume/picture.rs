@@ -6,6 +6,7 @@
 //!
 //! Source of the pattern: M. Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use lacuna_filters::{Mask, Size};
@@ -13,18 +14,18 @@ use rayon::prelude::*;
 
 use super::blocks::Blocks;
 use super::camera::{Camera, clip};
+use super::dense::Dense;
 use super::grid::Grid;
 use super::integral::Integral;
 use super::kernel::{Cubic, Kernel, Linear, Nearest};
 use super::march::{March, Seen};
 use super::shade::Shader;
 use super::surface::{Surface, maximum};
+use super::tiles;
 use super::transfer::Table;
 use super::walk::Walk;
 use super::weights::{BSpline, CatmullRom};
 
-/// Pixels along each edge of a tile.
-const TILE: usize = 16;
 /// Half the distance of finite differences, in pixels.
 const DIFFERENCE: f64 = 0.25;
 /// No difference, then one before and one after along x and y.
@@ -53,13 +54,15 @@ pub enum Look {
     Iso(f32, [f32; 3]),
     /// The largest value.
     Mip,
+    /// Alpha, normal and depth alone: see [`super::dense`].
+    Dense,
 }
 
 /// Everything that rendering needs and that does not change from frame to frame.
 #[derive(Clone, Debug)]
 pub struct Renderer {
     /// The volume.
-    pub grid: Grid,
+    pub grid: Arc<Grid>,
     /// The interpolation.
     pub interpolation: Interpolation,
     /// What rays look for.
@@ -69,7 +72,7 @@ pub struct Renderer {
     /// Its integrals, if segments are pre-integrated.
     pub integral: Option<Integral>,
     /// Where there is something to see; nothing walks through everything.
-    pub blocks: Option<Blocks>,
+    pub blocks: Option<Arc<Blocks>>,
     /// World length of a step.
     pub step: f64,
     /// The march ends at this opacity.
@@ -95,13 +98,28 @@ pub struct Shot<'a> {
     pub samples: u32,
     /// Of their pattern.
     pub seed: u64,
-    /// Whether normals are wanted; they are 0 otherwise, but on isosurfaces.
+    /// Whether normals are wanted.
     pub normals: bool,
+    /// Whether depths are wanted.
+    pub depth: bool,
     /// Whether derivatives are wanted.
     pub gradients: bool,
 }
 
-/// What was rendered of a pixel; zeros where nothing was.
+/// What was rendered: planes, row by row, with zeros where no pixel was. What was not wanted is empty.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Picture {
+    /// Red, green, blue, premultiplied, and alpha.
+    pub colour: [Vec<f32>; 4],
+    /// The surface normal, of length 1; zeros without one.
+    pub normal: [Vec<f32>; 3],
+    /// Distance from the camera to the surface; infinite without one.
+    pub depth: Vec<f32>,
+    /// The colour's derivative by columns, then by rows (downwards), per pixel.
+    pub slopes: [[Vec<f32>; 4]; 2],
+}
+
+/// What was rendered of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pixel {
     /// Red, green, blue, premultiplied, and alpha.
@@ -154,9 +172,43 @@ impl Instructions {
     }
 }
 
-/// Renders a shot: its pixels row by row. `advance` is told of tiles as they are done, out of [`tiles`]; if it answers
+impl Shot<'_> {
+    /// The numbers that are kept of a pixel, in the order of the planes.
+    #[inline(always)]
+    fn keep(&self, pixel: &Pixel, kept: &mut Vec<f32>) {
+        kept.extend_from_slice(&pixel.colour);
+        if self.normals {
+            kept.extend_from_slice(&pixel.normal);
+        }
+        if self.depth {
+            kept.push(pixel.depth);
+        }
+        if self.gradients {
+            kept.extend_from_slice(pixel.slopes.as_flattened());
+        }
+    }
+
+    /// How many these are.
+    const fn kept(&self) -> usize {
+        4 + 3 * self.normals as usize + self.depth as usize + 8 * self.gradients as usize
+    }
+
+    /// The picture of these planes.
+    fn picture(&self, planes: Vec<Vec<f32>>) -> Picture {
+        let mut planes = planes.into_iter();
+        let mut take = |wanted: bool| if wanted { planes.next().unwrap_or_default() } else { Vec::new() };
+        Picture {
+            colour: [true; 4].map(&mut take),
+            normal: [self.normals; 3].map(&mut take),
+            depth: take(self.depth),
+            slopes: [[self.gradients; 4]; 2].map(|wanted| wanted.map(&mut take)),
+        }
+    }
+}
+
+/// Renders a shot. `advance` is told of tiles as they are done, out of [`tiles::tiles`]; if it answers
 /// `false` the rest is left out.
-pub fn render(renderer: &Renderer, shot: &Shot<'_>, advance: &(dyn Fn() -> bool + Sync)) -> Vec<Pixel> {
+pub fn render(renderer: &Renderer, shot: &Shot<'_>, advance: &(dyn Fn() -> bool + Sync)) -> Picture {
     render_by(renderer, shot, Instructions::Best, advance)
 }
 
@@ -166,35 +218,20 @@ pub fn render_by(
     shot: &Shot<'_>,
     instructions: Instructions,
     advance: &(dyn Fn() -> bool + Sync),
-) -> Vec<Pixel> {
-    let columns = shot.size.width.div_ceil(TILE);
-    let corner = |number: usize| (number / columns * TILE, number % columns * TILE);
+) -> Picture {
     let going = AtomicBool::new(true);
     let one = |number: usize| {
         if !going.load(Ordering::Relaxed) {
             return Vec::new();
         }
-        let pixels = renderer.tile(shot, corner(number), instructions);
+        let kept = renderer.tile(shot, number, instructions);
         if !advance() {
             going.store(false, Ordering::Relaxed);
         }
-        pixels
+        kept
     };
-    let done: Vec<_> = (0..tiles(shot.size)).into_par_iter().with_max_len(1).map(one).collect();
-    let mut picture = vec![Pixel::NOTHING; shot.size.pixels()];
-    for (number, pixels) in done.iter().enumerate() {
-        let (top, left) = corner(number);
-        let width = TILE.min(shot.size.width - left);
-        for (row, pixels) in pixels.chunks(width).enumerate() {
-            picture[(top + row) * shot.size.width + left..][..width].copy_from_slice(pixels);
-        }
-    }
-    picture
-}
-
-/// Number of tiles of an image.
-pub const fn tiles(size: Size) -> usize {
-    size.width.div_ceil(TILE) * size.height.div_ceil(TILE)
+    let done: Vec<_> = (0..tiles::tiles(shot.size)).into_par_iter().with_max_len(1).map(one).collect();
+    shot.picture(tiles::planes(shot.size, shot.mask, &done, shot.kept()))
 }
 
 /// A tile to be rendered.
@@ -202,47 +239,41 @@ struct Tile<'a, K> {
     renderer: &'a Renderer,
     kernel: K,
     shot: &'a Shot<'a>,
-    corner: (usize, usize),
+    number: usize,
 }
 
 impl<K: Kernel> pulp::WithSimd for Tile<'_, K> {
-    type Output = Vec<Pixel>;
+    type Output = Vec<f32>;
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) -> Vec<Pixel> {
-        self.renderer.tile_by(self.kernel, self.shot, self.corner)
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Vec<f32> {
+        self.renderer.tile_by(self.kernel, self.shot, self.number)
     }
 }
 
 impl Renderer {
-    fn tile(&self, shot: &Shot<'_>, corner: (usize, usize), instructions: Instructions) -> Vec<Pixel> {
+    fn tile(&self, shot: &Shot<'_>, number: usize, instructions: Instructions) -> Vec<f32> {
         match self.interpolation {
             Interpolation::Nearest => {
-                instructions.run(Tile { renderer: self, kernel: Nearest, shot, corner })
+                instructions.run(Tile { renderer: self, kernel: Nearest, shot, number })
             }
-            Interpolation::Linear => instructions.run(Tile { renderer: self, kernel: Linear, shot, corner }),
+            Interpolation::Linear => instructions.run(Tile { renderer: self, kernel: Linear, shot, number }),
             Interpolation::BSpline => {
-                instructions.run(Tile { renderer: self, kernel: Cubic(BSpline), shot, corner })
+                instructions.run(Tile { renderer: self, kernel: Cubic(BSpline), shot, number })
             }
             Interpolation::CatmullRom => {
-                instructions.run(Tile { renderer: self, kernel: Cubic(CatmullRom), shot, corner })
+                instructions.run(Tile { renderer: self, kernel: Cubic(CatmullRom), shot, number })
             }
         }
     }
 
     #[inline(always)]
-    fn tile_by<K: Kernel>(&self, kernel: K, shot: &Shot<'_>, (top, left): (usize, usize)) -> Vec<Pixel> {
-        let mut pixels = Vec::with_capacity(TILE * TILE);
-        for y in top..(top + TILE).min(shot.size.height) {
-            for x in left..(left + TILE).min(shot.size.width) {
-                let wanted = match shot.mask {
-                    Some(mask) => mask.is_measured(y, x),
-                    None => true,
-                };
-                pixels.push(if wanted { self.pixel(kernel, shot, (x, y)) } else { Pixel::NOTHING });
-            }
+    fn tile_by<K: Kernel>(&self, kernel: K, shot: &Shot<'_>, number: usize) -> Vec<f32> {
+        let mut kept = Vec::new();
+        for (y, x) in tiles::pixels(shot.size, shot.mask, number) {
+            shot.keep(&self.pixel(kernel, shot, (x, y)), &mut kept);
         }
-        pixels
+        kept
     }
 
     #[inline(always)]
@@ -294,7 +325,7 @@ impl Renderer {
         let mut seen = Seen::NOTHING;
         let mut depth = f32::INFINITY;
         if let Some(segment) = clip(&ray, self.grid.placement(), self.grid.last()) {
-            let blocks = (self.blocks.as_ref(), self.spans());
+            let blocks = (self.blocks.as_deref(), self.spans());
             let walk = Walk::new(&self.grid, kernel, blocks, &segment, self.step);
             let [x, y, z] = ray.direction;
             let view = [x as f32, y as f32, z as f32];
@@ -325,6 +356,7 @@ impl Renderer {
             .ray(walk, view),
             Look::Iso(value, colour) => Surface { value, colour, shader }.ray(walk, view),
             Look::Mip => maximum(walk, &self.table),
+            Look::Dense => Dense { table: &self.table, shader, opaque: self.opaque }.ray(walk),
         }
     }
 }

@@ -2,70 +2,96 @@
 //!
 //! Along each axis the coefficients c solve `(c[k-1] + 4 c[k] + c[k+1]) / 6 = v[k]`, where beyond the ends the outermost
 //! coefficient repeats, as it does in the grid's border. The system is tridiagonal and diagonally dominant: elimination
-//! without pivots, in f64.
+//! without pivots, in place in f32: every step shrinks what was rounded before to 0.27 of it.
 //!
 //! Source: M. Unser, A. Aldroubi, M. Eden, "B-spline signal processing: Part I", IEEE Transactions on Signal Processing
 //! 41(2), 1993.
 
 use rayon::prelude::*;
 
-/// Turns `size[0] x size[1] x size[2]` values, x fastest, into coefficients.
-pub fn prefilter(values: &mut [f32], size: [usize; 3]) {
+/// Rows that are solved side by side along themselves.
+const ABREAST: usize = 16;
+
+/// Writes the coefficients of `size[0] x size[1] x size[2]` voxels, x fastest. `strides` are from one row and from one
+/// slice to the next; what lies between is left alone. `voxels` writes those of row y in slice z.
+pub fn prefilter(
+    values: &mut [f32],
+    size: [usize; 3],
+    strides: [usize; 2],
+    voxels: impl Fn(usize, usize, &mut [f32]) + Sync,
+) {
     let [nx, ny, nz] = size;
-    let rows = Tridiagonal::new(nx);
-    values.par_chunks_mut(nx).for_each(|row| rows.solve(row, 1));
-    let columns = Tridiagonal::new(ny);
-    values.par_chunks_mut(nx * ny).for_each(|slice| columns.solve(slice, nx));
-    // Along z every y is by itself: its rows are brought together, as rows far apart in memory are slow.
-    let depths = Tridiagonal::new(nz);
-    let solved = |y: usize| {
-        let mut rows: Vec<f32> =
-            values.chunks(nx * ny).flat_map(|slice| &slice[y * nx..][..nx]).copied().collect();
-        depths.solve(&mut rows, nx);
-        rows
-    };
-    let solved: Vec<Vec<f32>> = (0..ny).into_par_iter().map(solved).collect();
-    values.par_chunks_mut(nx * ny).enumerate().for_each(|(z, slice)| {
-        for (row, solved) in slice.chunks_mut(nx).zip(&solved) {
-            row.copy_from_slice(&solved[z * nx..][..nx]);
+    let [along_x, along_y, along_z] = size.map(Tridiagonal::new);
+    values.par_chunks_mut(strides[1]).take(nz).enumerate().for_each(|(z, slice)| {
+        let mut rows: Vec<_> = slice.chunks_mut(strides[0]).take(ny).map(|row| &mut row[..nx]).collect();
+        for (y, row) in rows.iter_mut().enumerate() {
+            voxels(y, z, row);
         }
+        let mut columns = vec![[0.0; ABREAST]; nx];
+        for rows in rows.chunks_mut(ABREAST) {
+            along_x.solve_along(rows, &mut columns);
+        }
+        along_y.solve(&mut rows);
     });
+    let mut of_y: Vec<Vec<&mut [f32]>> = (0..ny).map(|_| Vec::with_capacity(nz)).collect();
+    for slice in values.chunks_mut(strides[1]).take(nz) {
+        for (rows, row) in of_y.iter_mut().zip(slice.chunks_mut(strides[0])) {
+            rows.push(&mut row[..nx]);
+        }
+    }
+    of_y.par_iter_mut().for_each(|rows| along_z.solve(rows));
 }
 
 /// The eliminated matrix: the factor of each row, and the reciprocal of its diagonal.
 struct Tridiagonal {
-    over: Vec<f64>,
+    over: Vec<f32>,
 }
 
 impl Tridiagonal {
     fn new(n: usize) -> Self {
-        let mut over: Vec<f64> = Vec::with_capacity(n);
+        let (mut over, mut eliminated) = (Vec::with_capacity(n), 0.0);
         for k in 0..n {
             // A repeated neighbour adds to the diagonal.
             let ends = f64::from(u8::from(k == 0)) + f64::from(u8::from(k + 1 == n));
-            let eliminated = over.last().copied().unwrap_or(0.0);
-            over.push((4.0 + ends - eliminated).recip());
+            eliminated = (4.0 + ends - eliminated).recip();
+            over.push(eliminated as f32);
         }
         Self { over }
     }
 
-    /// Solves along the rows of `n x width` values, for every place within a row at once.
-    fn solve(&self, values: &mut [f32], width: usize) {
-        let mut forward = vec![0.0_f64; values.len()];
-        for (k, (row, over)) in values.chunks(width).zip(&self.over).enumerate() {
-            let (before, now) = forward.split_at_mut(k * width);
-            let before = before.chunks(width).last();
-            for (x, (out, value)) in now.iter_mut().zip(row).enumerate() {
-                let last = before.map_or(0.0, |before| before[x]);
-                *out = (6.0 * f64::from(*value) - last) * over;
+    /// Solves across rows: every place within them is a system of its own.
+    fn solve<R: AsMut<[f32]> + AsRef<[f32]>>(&self, rows: &mut [R]) {
+        for (k, &over) in self.over.iter().enumerate() {
+            let (before, now) = rows.split_at_mut(k);
+            let now = now[0].as_mut();
+            match before.last() {
+                Some(before) => {
+                    for (value, before) in now.iter_mut().zip(before.as_ref()) {
+                        *value = (6.0 * *value - before) * over;
+                    }
+                }
+                None => now.iter_mut().for_each(|value| *value *= 6.0 * over),
             }
         }
-        let mut next = vec![0.0_f64; width];
-        let rows = values.chunks_mut(width).zip(forward.chunks(width)).zip(&self.over);
-        for ((row, forward), over) in rows.rev() {
-            for ((value, forward), next) in row.iter_mut().zip(forward).zip(&mut next) {
-                *next = forward - *next * over;
-                *value = *next as f32;
+        for (k, &over) in self.over.iter().enumerate().rev().skip(1) {
+            let (now, next) = rows.split_at_mut(k + 1);
+            for (value, next) in now[k].as_mut().iter_mut().zip(next[0].as_ref()) {
+                *value -= next * over;
+            }
+        }
+    }
+
+    /// Solves along some rows, [`ABREAST`] at most, by way of their columns.
+    fn solve_along(&self, rows: &mut [&mut [f32]], columns: &mut [[f32; ABREAST]]) {
+        for (k, row) in rows.iter().enumerate() {
+            for (column, value) in columns.iter_mut().zip(row.iter()) {
+                column[k] = *value;
+            }
+        }
+        self.solve(columns);
+        for (k, row) in rows.iter_mut().enumerate() {
+            for (column, value) in columns.iter().zip(row.iter_mut()) {
+                *value = column[k];
             }
         }
     }
@@ -77,11 +103,13 @@ mod tests {
 
     #[test]
     fn the_spline_goes_through_the_voxels() {
-        for size in [[1, 1, 1], [5, 1, 2], [2, 7, 4], [9, 8, 7]] {
+        for size in [[1, 1, 1], [5, 1, 2], [2, 7, 4], [9, 8, 7], [3, 37, 2]] {
             let [nx, ny, nz] = size;
             let values: Vec<f32> = (0..nx * ny * nz).map(|k| ((k * 7919 + 13) % 101) as f32).collect();
             let mut coefficients = values.clone();
-            prefilter(&mut coefficients, size);
+            prefilter(&mut coefficients, size, [nx, nx * ny], |y, z, row| {
+                row.copy_from_slice(&values[(z * ny + y) * nx..][..nx]);
+            });
             let at = |x: i64, y: i64, z: i64| {
                 let inside = |k: i64, n: usize| k.clamp(0, n as i64 - 1) as usize;
                 f64::from(coefficients[inside(x, nx) + nx * (inside(y, ny) + ny * inside(z, nz))])

@@ -179,6 +179,6 @@ pub fn ray(renderer: &Renderer, shader: Option<&Shader>, ray: &Ray) -> [f64; 4] 
     match renderer.look {
         Look::Mip => samples.maximum(),
         Look::Iso(value, colour) => samples.surface(value.into(), colour.map(f64::from)),
-        Look::Dvr => samples.march(),
+        Look::Dvr | Look::Dense => samples.march(),
     }
 }

@@ -216,6 +216,8 @@ pub struct MarchScene {
     pub opaque: f64,
     /// Opacity of the surface that `Z` tells; 0 is the first hit.
     pub depth_opacity: f64,
+    /// Length of a step of dense AOVs in voxels; not less than `step`.
+    pub dense_step: f64,
     /// Whether empty space is skipped; it changes no bit.
     pub skip: bool,
 }
@@ -230,6 +232,7 @@ impl Default for MarchScene {
             preintegrated: false,
             opaque: 0.995,
             depth_opacity: 0.5,
+            dense_step: 1.0,
             skip: true,
         }
     }
@@ -327,6 +330,10 @@ impl Scene {
             ),
             (!(1..=65_536).contains(&self.image.samples), "image.samples: 1 to 65536"),
             (!(march.step >= 1e-3 && march.step <= 1e3), "march.step: 0.001 to 1000 voxels"),
+            (
+                !(march.dense_step > 0.0 && march.dense_step <= 1e3),
+                "march.dense-step: above 0, 1000 voxels at most",
+            ),
             (!(march.opaque > 0.0 && march.opaque <= 1.0), "march.opaque: above 0, 1 at most"),
             (!share.contains(&march.depth_opacity), "march.depth-opacity: 0 to 1"),
             (!march.iso.is_finite(), "march.iso: a number"),

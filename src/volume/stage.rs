@@ -1,6 +1,7 @@
 //! From a scene to a renderer: the volume is read and prepared, the transfer function and the camera are made.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use lacuna_filters::Size;
 
@@ -10,7 +11,6 @@ use super::camera::Camera;
 use super::integral::Integral;
 use super::kernel::{Cubic, Kernel, Linear, Nearest};
 use super::picture::{Interpolation, Look, Renderer};
-use super::prefilter::prefilter;
 use super::procedural;
 use super::read::{self, RawLayout};
 use super::reshape;
@@ -20,7 +20,7 @@ use super::surface::slack;
 use super::transfer::{Curve, Transfer};
 use super::vector::{Vector, add, length, scale};
 use super::weights::{BSpline, CatmullRom};
-use super::{Error, Grid, Values, paraview};
+use super::{Error, Grid, paraview};
 
 /// Distance of the camera in half diagonals of the volume, and the height of the image plane at zoom 1.
 const FAR: f64 = 3.0;
@@ -97,9 +97,9 @@ pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, E
     let gradient_map = Shader::gradient_map(placement.inverse_rows(), per_value, voxel);
     let half = grid.size().map(|n| 0.5 * n as f64);
     let (centre, radius) = (placement.point(half), length(placement.direction(half)));
-    let (grid, interpolation) = interpolated(grid, march.interpolation)?;
+    let (grid, interpolation) = interpolated(grid, march.interpolation);
     let mut renderer = Renderer {
-        grid,
+        grid: Arc::new(grid),
         interpolation,
         look,
         integral: (march.preintegrated && look == Look::Dvr).then(|| Integral::new(&table)),
@@ -111,24 +111,20 @@ pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, E
         background: background(scene),
     };
     if march.skip {
-        renderer.blocks = blocks(&renderer);
+        renderer.blocks = blocks(&renderer).map(Arc::new);
     }
     Ok(Stage { renderer, scene: scene.clone(), centre, radius, gradient_map })
 }
 
 /// The grid that the kernel works on: voxels, or spline coefficients.
-fn interpolated(grid: Grid, name: InterpolationName) -> Result<(Grid, Interpolation), Error> {
-    Ok(match name {
+fn interpolated(grid: Grid, name: InterpolationName) -> (Grid, Interpolation) {
+    match name {
         InterpolationName::Nearest => (grid, Interpolation::Nearest),
         InterpolationName::Trilinear => (grid, Interpolation::Linear),
         InterpolationName::TricubicSmooth => (grid, Interpolation::BSpline),
         InterpolationName::CatmullRom => (grid, Interpolation::CatmullRom),
-        InterpolationName::Tricubic => {
-            let mut values = grid.values();
-            prefilter(&mut values, grid.size());
-            (Grid::new(grid.size(), &Values::F32(values), *grid.placement())?, Interpolation::BSpline)
-        }
-    })
+        InterpolationName::Tricubic => (grid.coefficients(), Interpolation::BSpline),
+    }
 }
 
 /// Premultiplied.
@@ -153,7 +149,7 @@ fn blocks(renderer: &Renderer) -> Option<Blocks> {
 }
 
 fn blocks_by<K: Kernel>(_: K, renderer: &Renderer) -> Blocks {
-    let grid = &renderer.grid;
+    let grid = renderer.grid.as_ref();
     let widened = |low: f32, high: f32| {
         let (low, high) = K::widen(low, high);
         (low - slack(low, high), high + slack(low, high))
@@ -164,7 +160,7 @@ fn blocks_by<K: Kernel>(_: K, renderer: &Renderer) -> Blocks {
             let (low, high) = widened(low, high);
             low <= value && high >= value
         }),
-        Look::Dvr => Blocks::new(grid, K::SUPPORT, |low, high| {
+        Look::Dvr | Look::Dense => Blocks::new(grid, K::SUPPORT, |low, high| {
             let (low, high) = widened(low, high);
             renderer.table.visible(low, high)
         }),
@@ -241,6 +237,11 @@ impl Stage {
             None => Camera::around(target, FAR * self.radius, given.azimuth + turn, given.elevation, field)?,
         };
         Ok(Camera { projection: given.projection, ..camera })
+    }
+
+    /// The renderer of dense AOVs.
+    pub fn coarse(&self) -> Renderer {
+        self.renderer.coarse(self.scene.march.dense_step * self.renderer.grid.voxel())
     }
 
     /// The shading as that camera's lights make it.

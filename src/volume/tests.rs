@@ -5,7 +5,7 @@ use lacuna_filters::{Mask, Size};
 use super::camera::clip;
 use super::kernel::{Cubic, Kernel, Linear};
 use super::lanes::LANES;
-use super::picture::{Instructions, Interpolation, Look, Pixel, Shot, render, render_by};
+use super::picture::{Instructions, Interpolation, Look, Picture, Pixel, Shot, render, render_by};
 use super::scene::Scene;
 use super::shade::Shader;
 use super::stage::{Stage, prepare};
@@ -132,6 +132,7 @@ fn shot<'a>(
         samples: image.samples,
         seed: image.seed,
         normals: true,
+        depth: true,
         gradients: false,
     }
 }
@@ -139,7 +140,18 @@ fn shot<'a>(
 /// All pixels of a stage with a camera.
 fn picture(stage: &Stage, camera: &Camera, mask: Option<&Mask>) -> Vec<Pixel> {
     let shader = stage.shader(camera);
-    render(&stage.renderer, &shot(stage, camera, shader.as_ref(), mask), &|| true)
+    pixels(&render(&stage.renderer, &shot(stage, camera, shader.as_ref(), mask), &|| true))
+}
+
+/// A picture pixel by pixel.
+fn pixels(picture: &Picture) -> Vec<Pixel> {
+    let pixel = |at: usize| Pixel {
+        colour: std::array::from_fn(|k| picture.colour[k][at]),
+        normal: std::array::from_fn(|k| picture.normal[k][at]),
+        depth: picture.depth[at],
+        slopes: Default::default(),
+    };
+    (0..picture.depth.len()).map(pixel).collect()
 }
 
 /// Looks along -z at the centre of a cube of 17^3.
@@ -322,7 +334,7 @@ fn every_kind_of_instructions_gives_the_same_bits() {
         let best = picture(&stage, &camera, None);
         assert!(Instructions::kinds().len() >= 2);
         for instructions in Instructions::kinds() {
-            let found = render_by(&stage.renderer, &shot, instructions, &|| true);
+            let found = pixels(&render_by(&stage.renderer, &shot, instructions, &|| true));
             for (a, b) in best.iter().zip(&found) {
                 assert_eq!(bits(a), bits(b), "{toml} {instructions:?}");
             }

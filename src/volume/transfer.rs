@@ -136,6 +136,16 @@ pub fn corrected(opacity: f64, length: f64) -> f64 {
 }
 
 impl Table {
+    /// The table for steps that are `ratio` times as long.
+    #[must_use]
+    pub fn longer(&self, ratio: f64) -> Self {
+        let entry = |entry: &f32x4| {
+            let [red, green, blue, opacity] = entry.to_array();
+            f32x4::new([red, green, blue, corrected(opacity.into(), ratio) as f32])
+        };
+        Self { entries: self.entries.iter().map(entry).collect(), ..self.clone() }
+    }
+
     /// Where a value lies in the table, from 0 to `ENTRIES - 1`.
     #[inline(always)]
     pub fn position(&self, value: f32) -> f32 {
@@ -216,6 +226,10 @@ mod tests {
             );
         }
         assert!((corrected(corrected(0.3, 0.25), 4.0) - 0.3).abs() < 1e-15);
+        let (short, whole) = (transfer.table(0.25).longer(4.0), transfer.table(1.0));
+        for k in 0..ENTRIES {
+            assert!((short.entry(k)[3] - whole.entry(k)[3]).abs() < 4.0 * f32::EPSILON, "{k}");
+        }
     }
 
     #[test]

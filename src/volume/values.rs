@@ -1,5 +1,7 @@
 //! Voxel values in the type they are kept in.
 
+use rayon::prelude::*;
+
 /// Values of one type. Other types are converted when they are read: `i8` to `i16`; `u32`, `i32`, `f64` to `f32`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Values {
@@ -41,22 +43,45 @@ impl Values {
 
     /// Least and largest value; nothing if there is none or one is not finite.
     pub fn range(&self) -> Option<(f64, f64)> {
-        fn of<T: Copy + PartialOrd>(values: &[T]) -> Option<(T, T)> {
-            let first = *values.first()?;
-            Some(values.iter().fold((first, first), |(low, high), &value| {
-                (if value < low { value } else { low }, if value > high { value } else { high })
-            }))
-        }
         match self {
-            Self::U8(values) => of(values).map(|(a, b)| (a.into(), b.into())),
-            Self::U16(values) => of(values).map(|(a, b)| (a.into(), b.into())),
-            Self::I16(values) => of(values).map(|(a, b)| (a.into(), b.into())),
-            Self::F32(values) if values.iter().all(|value| value.is_finite()) => {
-                of(values).map(|(a, b)| (a.into(), b.into()))
-            }
+            Self::U8(values) => bounds(values).map(|(a, b)| (a.into(), b.into())),
+            Self::U16(values) => bounds(values).map(|(a, b)| (a.into(), b.into())),
+            Self::I16(values) => bounds(values).map(|(a, b)| (a.into(), b.into())),
+            Self::F32(values) if finite(values) => bounds(values).map(|(a, b)| (a.into(), b.into())),
             Self::F32(_) => None,
         }
     }
+}
+
+/// Values that a thread looks at in one go.
+const PIECE: usize = 1 << 16;
+/// Bounds kept side by side, so that the comparisons do not wait for each other.
+const ABREAST: usize = 32;
+
+/// Least and largest of values that can all be compared.
+fn bounds<T: Copy + PartialOrd + Sync + Send>(values: &[T]) -> Option<(T, T)> {
+    fn wider<T: PartialOrd>(a: (T, T), b: (T, T)) -> (T, T) {
+        (if b.0 < a.0 { b.0 } else { a.0 }, if b.1 > a.1 { b.1 } else { a.1 })
+    }
+    let first = *values.first()?;
+    let piece = |values: &[T]| {
+        let (rows, rest) = values.as_chunks::<ABREAST>();
+        let (mut low, mut high) = ([first; ABREAST], [first; ABREAST]);
+        for row in rows {
+            for k in 0..ABREAST {
+                low[k] = if row[k] < low[k] { row[k] } else { low[k] };
+                high[k] = if row[k] > high[k] { row[k] } else { high[k] };
+            }
+        }
+        let beside = low.into_iter().zip(high).chain(rest.iter().map(|&value| (value, value)));
+        beside.fold((first, first), wider)
+    };
+    values.par_chunks(PIECE).map(piece).reduce_with(wider)
+}
+
+fn finite(values: &[f32]) -> bool {
+    // Without an early end, so that it is done side by side.
+    values.par_chunks(PIECE).all(|piece| piece.iter().fold(true, |all, value| all & value.is_finite()))
 }
 
 impl Values {
@@ -72,5 +97,29 @@ impl Values {
             Self::I16(values) => of(values, slope, intercept),
             Self::F32(values) => of(values, slope, intercept),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_range_is_that_of_all_values() {
+        for n in [1, 31, 32, 33, 70_000, 200_001] {
+            let values: Vec<f32> = (0..n).map(|k| ((k * 7919) % 100_003) as f32 - 5e4).collect();
+            let expected = values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &value| {
+                (low.min(value), high.max(value))
+            });
+            let found = Values::F32(values.clone()).range().unwrap();
+            assert_eq!(found, (expected.0.into(), expected.1.into()), "{n}");
+            for (at, bad) in [(0, f32::NAN), (n / 2, f32::INFINITY), (n - 1, f32::NEG_INFINITY)] {
+                let mut values = values.clone();
+                values[at] = bad;
+                assert_eq!(Values::F32(values).range(), None);
+            }
+        }
+        assert_eq!(Values::U8(Vec::new()).range(), None);
+        assert_eq!(Values::I16(vec![3, -7, 5]).range(), Some((-7.0, 5.0)));
     }
 }

@@ -53,9 +53,11 @@ impl Element {
     }
 
     /// The values in bytes; a rest that makes no value is left out.
-    pub(super) fn decode(self, bytes: &[u8], big_endian: bool) -> Values {
+    pub(super) fn decode(self, bytes: Vec<u8>, big_endian: bool) -> Values {
+        let given = bytes;
+        let bytes = given.as_slice();
         match self {
-            Self::U8 => Values::U8(bytes.to_vec()),
+            Self::U8 => Values::U8(given),
             Self::I8 => Values::I16(bytes.iter().map(|&byte| i16::from(byte as i8)).collect()),
             Self::U16 => Values::U16(each(bytes, big_endian, u16::from_le_bytes)),
             Self::I16 => Values::I16(each(bytes, big_endian, i16::from_le_bytes)),

@@ -19,6 +19,12 @@ pub(super) fn inflate(packed: &[u8], coding: Coding, expected: usize) -> Result<
             packed.len()
         ));
     }
+    // What does not give just these bytes in one go, such as several streams in a row, goes piece by piece.
+    if expected <= FIRST
+        && let Some(plain) = at_once(packed, coding, expected)
+    {
+        return Ok(plain);
+    }
     let mut plain = Vec::with_capacity(expected.min(FIRST));
     let limit = expected as u64 + 1;
     let read = match coding {
@@ -33,4 +39,15 @@ pub(super) fn inflate(packed: &[u8], coding: Coding, expected: usize) -> Result<
         Ok(_) => Err(format!("truncated: {got} bytes of voxels where the header promises {expected}")),
         Err(error) => Err(format!("damaged after {got} of {expected} bytes of voxels: {error}")),
     }
+}
+
+/// The bytes of a single stream, if it is whole and holds exactly so many.
+fn at_once(packed: &[u8], coding: Coding, expected: usize) -> Option<Vec<u8>> {
+    let mut plain = vec![0; expected];
+    let mut decompressor = libdeflater::Decompressor::new();
+    let got = match coding {
+        Coding::Zlib => decompressor.zlib_decompress(packed, &mut plain),
+        _ => decompressor.gzip_decompress(packed, &mut plain),
+    };
+    (got == Ok(expected)).then_some(plain)
 }

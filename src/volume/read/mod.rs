@@ -99,7 +99,7 @@ fn load(path: &Path, header: &Header, place: &Place) -> Result<Grid, Error> {
         .checked_mul(header.element.bytes())
         .ok_or_else(|| damaged(path, format!("the size {:?} is beyond all memory", header.size)))?;
     let values = match place.coding {
-        Coding::Plain => header.element.decode(&plain(place, bytes)?, header.big_endian),
+        Coding::Plain => header.element.decode(plain(place, bytes)?, header.big_endian),
         Coding::Text => {
             header.element.parse(&rest(place)?, count).map_err(|why| damaged(&place.file, why))?
         }
@@ -107,7 +107,7 @@ fn load(path: &Path, header: &Header, place: &Place) -> Result<Grid, Error> {
             let packed = rest(place)?;
             let plain =
                 inflate::inflate(&packed, place.coding, bytes).map_err(|why| damaged(&place.file, why))?;
-            header.element.decode(&plain, header.big_endian)
+            header.element.decode(plain, header.big_endian)
         }
     };
     build(path, header, &values)

@@ -39,7 +39,7 @@ pub(super) fn read(path: &Path) -> Result<Grid, Error> {
         return Err(damaged(path, format!("the size {:?} is beyond all memory", header.size)));
     };
     let plain = inflate::inflate(&packed, Coding::Gzip, all).map_err(|why| damaged(path, why))?;
-    build(path, &header, &header.element.decode(&plain[offset as usize..], header.big_endian))
+    build(path, &header, &header.element.decode(plain[offset as usize..].to_vec(), header.big_endian))
 }
 
 /// Numbers at places of a header, in its byte order.

@@ -116,7 +116,7 @@ impl<'a> File<'a> {
             }
             other => return Err(format!("data of format {other:?} are not read")),
         };
-        Ok(element.decode(&data, self.header.big_endian))
+        Ok(element.decode(data, self.header.big_endian))
     }
 
     /// Data behind their length or table of lengths.
