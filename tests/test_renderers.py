@@ -42,8 +42,7 @@ def still(tmp_path_factory):
     text = (SCENES / "still.cfg").read_text()
     text = re.sub(r"film\.width = \d+", "film.width = 96", re.sub(r"film\.height = \d+", "film.height = 72", text))
     (folder / "still.cfg").write_text(text)
-    (folder / "still.scn").write_text((SCENES / "still.scn").read_text())
-    (folder / "made").symlink_to(SCENES / "made")
+    (folder / "still.scn").write_text((SCENES / "still.scn").read_text().replace("../../out", str(ROOT / "out")))
     return folder / "still.cfg"
 
 
@@ -53,17 +52,22 @@ def noise(one, other, where):
 
 
 def check_agreement(first, second, sparse, mask):
-    """Masked pixels differ from a full render as two full renders of other seeds do, and are not those beside them.
+    """Masked pixels differ from a full render as two full renders of other seeds do.
 
     The mean of some thousand squared differences is known to a few per cent, heavy tails included to some ten."""
     usual = noise(first, second, mask)
     here = noise(first, sparse, mask)
     assert 0.7 < here / usual < 1.4, (here, usual)
-    for shift in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-        beside = noise(np.roll(first, shift, (0, 1)), sparse, mask)
-        assert beside > 1.5 * usual, (shift, beside, usual)
     bias = np.mean((np.clip(first, 0, 1) - np.clip(sparse, 0, 1))[mask], dtype=np.float64)
     assert abs(bias) < 4 * np.sqrt(usual / mask.sum()), (bias, usual)
+
+
+def check_place(full, sparse, mask):
+    """Masked pixels are not those beside them."""
+    here = noise(full, sparse, mask)
+    for shift in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+        beside = noise(np.roll(full, shift, (0, 1)), sparse, mask)
+        assert beside > 1.5 * here, (shift, beside, here)
 
 
 def test_masked_pixels_of_mitsuba_are_those_of_a_full_render(tmp_path):
@@ -78,7 +82,9 @@ def test_masked_pixels_of_mitsuba_are_those_of_a_full_render(tmp_path):
     assert abs(mask.mean() - 0.4) < 0.01
     colour = frames.colour(tmp_path / "sparse.exr")
     assert not colour[~mask].any() and colour[mask].any(-1).mean() > 0.99
-    check_agreement(*(frames.colour(tmp_path / f"full.{seed}.exr") for seed in (1, 2)), colour, mask)
+    full = [frames.colour(tmp_path / f"full.{seed}.exr") for seed in (1, 2)]
+    check_agreement(*full, colour, mask)
+    check_place(full[0], colour, mask)
 
 
 def test_mitsuba_traces_no_other_pixel():
@@ -142,6 +148,9 @@ def test_luxcore_keeps_to_the_mask(still, tmp_path):
     assert 0.9 * 16 < count[mask].mean() < 1.2 * 16, count[mask].mean()
     full = [frames.colour(tmp_path / f"{name}.exr") for name in names]
     check_agreement(*full, mask)
+    # The colour's noise at so few samples hides a shift; the albedo's does not.
+    albedo = [frames.colour(tmp_path / f"{name}.exr", [f"albedo.{c}" for c in "RGB"]) for name in ("one", "thin")]
+    check_place(*albedo, mask)
     rules = {name: rule for name, (rule, _) in channels(tmp_path / "thin.exr").items()}
     assert rules == {
         "R": "fill", "G": "fill", "B": "fill", "albedo.R": "fill", "albedo.G": "fill", "albedo.B": "fill", "N.X": "normal",
@@ -173,7 +182,7 @@ def test_masked_pixels_of_blender_are_those_of_a_full_render(tmp_path):
     python(SCENES / "make_blend.py")
     for density in ("1", "0.25"):
         words = ("-o", tmp_path / f"{density}.exr", "--density", density, "--spp", "4")
-        python(BRIDGES / "blender_sparse.py", SCENES / "made" / "monkey.blend", *words)
+        python(BRIDGES / "blender_sparse.py", ROOT / "out" / "renderers" / "monkey.blend", *words)
     full, sparse = ({k: v for part in frames.read(tmp_path / f"{density}.exr") for k, v in part.items()} for density in ("1", "0.25"))
     mask = sparse["mask"] > 0
     assert set(full) == set(sparse) and 0.24 < mask.mean() < 0.26

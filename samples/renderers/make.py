@@ -2,7 +2,7 @@
 
 Usage: .venv/bin/python samples/renderers/make.py
 
-Writes into samples/renderers/made: dial.exr (heights of the watch's dial over radius and angle), bezel.ply (a fluted
+Writes into out/renderers: dial.exr (heights of the watch's dial over radius and angle), bezel.ply (a fluted
 ring), knot.ply (a torus knot), ball.ply (a sphere), floor.ply (a square) and cloud.vol (densities between 0 and 1).
 Needs numpy and OpenEXR.
 """
@@ -13,7 +13,7 @@ import struct
 import numpy as np
 import OpenEXR
 
-MADE = pathlib.Path(__file__).resolve().parent / "made"
+MADE = pathlib.Path(__file__).resolve().parents[2] / "out" / "renderers"
 
 
 def dial(radii=512, angles=4096):
@@ -106,7 +106,7 @@ def cloud(side=96, seed=5):
 
 
 def main():
-    MADE.mkdir(exist_ok=True)
+    MADE.mkdir(parents=True, exist_ok=True)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     OpenEXR.File(header, {"Y": dial()}).write(str(MADE / "dial.exr"))
     ply(MADE / "bezel.ply", *grid(1440, 32, bezel))

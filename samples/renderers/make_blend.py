@@ -1,4 +1,4 @@
-"""Makes a small scene for Blender, made/monkey.blend: with the package bpy, or `blender -b -P samples/renderers/make_blend.py`.
+"""Makes a small scene for Blender, out/renderers/monkey.blend: with the package bpy, or `blender -b -P samples/renderers/make_blend.py`.
 
 A monkey's head of brushed metal beside a rough one on a tiled floor, turned a little each frame; passes: depth, normal, diffuse
 colour, object index, Cryptomatte.
@@ -9,7 +9,7 @@ import pathlib
 
 import bpy
 
-MADE = pathlib.Path(__file__).resolve().parent / "made"
+MADE = pathlib.Path(__file__).resolve().parents[2] / "out" / "renderers"
 
 
 def material(name, colour, metallic, roughness):
@@ -59,7 +59,7 @@ def main():
     layer = scene.view_layers[0]
     layer.use_pass_z = layer.use_pass_normal = layer.use_pass_object_index = layer.use_pass_diffuse_color = True
     layer.use_pass_cryptomatte_object = True
-    MADE.mkdir(exist_ok=True)
+    MADE.mkdir(parents=True, exist_ok=True)
     bpy.ops.wm.save_as_mainfile(filepath=str(MADE / "monkey.blend"))
 
 

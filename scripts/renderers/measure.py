@@ -24,7 +24,7 @@ PAGE = ROOT / "docs" / "renderers.md"
 DENSITIES = (0.5, 0.3, 0.25, 0.2)
 # Scene, bridge, samples a pixel, what it is, and the corner (x, y) of the detail that is shown.
 SCENES = {
-    "watch": ("mitsuba_sparse.py", "watch.xml", 64, "Mitsuba, path tracing, metal and fine engraving", (400, 190)),
+    "watch": ("mitsuba_sparse.py", "watch.xml", 128, "Mitsuba, path tracing, metal and fine engraving", (240, 110)),
     "cloud": ("mitsuba_sparse.py", "cloud.xml", 64, "Mitsuba, volumetric path tracing", (90, 20)),
     "still": ("luxcore_sparse.py", "still.cfg", 32, "LuxCore, path tracing", (250, 100)),
 }

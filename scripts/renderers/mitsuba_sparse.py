@@ -36,6 +36,8 @@ AOVS = {
 }
 # Numbers that must not be averaged.
 LABELS = ("shape_index", "prim_index")
+# Share of a pixel's side that samples keep from its rim, above the rounding of positions on films of 4000 pixels.
+RIM = 1e-3
 # Samples of one pass: what a wavefront may hold.
 WAVEFRONT = 1 << 22
 
@@ -69,7 +71,8 @@ def sensor_class():
             pixel = dr.gather(mi.UInt32, self.list, entry)
             inside = mi.Point2f(x - mi.Float(column), y - mi.Float(row))
             corner = mi.Point2f(mi.Float(pixel % self.width), mi.Float(pixel // self.width))
-            return (corner + inside) * self.scale
+            # Nearer to its rim a position might be rounded into the pixel beside it.
+            return (corner + dr.clip(inside, RIM, 1 - RIM)) * self.scale
 
         def sample_ray(self, time, wavelength, position, aperture, active=True):
             return self.inner.sample_ray(time, wavelength, self.place(position), aperture, active)
