@@ -5,6 +5,7 @@
 
 pub mod channels;
 pub mod compare;
+pub mod dictionary;
 pub mod fill;
 pub mod filter;
 mod guides;
@@ -18,6 +19,7 @@ pub mod run;
 pub mod sensing;
 pub mod sparsify;
 pub mod study;
+pub mod train;
 pub mod upscale;
 pub mod verify;
 
@@ -26,7 +28,10 @@ use std::ffi::OsString;
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 
-use crate::sequence::{CompareJob, FillJob, InfoJob, MaskJob, RenderJob, SparsifyJob, StudyJob, VerifyJob};
+use crate::sequence::{
+    CompareJob, DictionaryJob, FillJob, InfoJob, MaskJob, RenderJob, SparsifyJob, StudyJob, TrainJob,
+    VerifyJob,
+};
 
 /// A command line that contradicts itself: exit status 2.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -54,6 +59,10 @@ enum Command {
     Sparsify(sparsify::SparsifyArgs),
     Render(Box<render::RenderArgs>),
     Mask(Box<make_mask::MakeMaskArgs>),
+    Train(Box<train::TrainArgs>),
+    Encode(dictionary::EncodeArgs),
+    Decode(dictionary::DecodeArgs),
+    DictionaryInfo(dictionary::DictionaryInfoArgs),
 }
 
 /// What is to be done.
@@ -75,6 +84,10 @@ pub enum Job {
     Render(Box<RenderJob>),
     /// Make, unite or measure masks.
     Mask(Box<MaskJob>),
+    /// Learn a dictionary.
+    Train(Box<TrainJob>),
+    /// Use one on single files; the name of the subcommand.
+    Dictionary(&'static str, Box<DictionaryJob>),
 }
 
 /// Why a command line is no job.
@@ -138,8 +151,16 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Job, Ending> {
         Command::Sparsify(args) => ("sparsify", args.job().map(Job::Sparsify)),
         Command::Render(args) => ("render", args.job().map(|job| Job::Render(Box::new(job)))),
         Command::Mask(args) => ("mask", args.job().map(|job| Job::Mask(Box::new(job)))),
+        Command::Train(args) => ("train", args.job().map(|job| Job::Train(Box::new(job)))),
+        Command::Encode(args) => with_dictionary("encode", args.job()),
+        Command::Decode(args) => with_dictionary("decode", args.job()),
+        Command::DictionaryInfo(args) => with_dictionary("dictionary-info", args.job()),
     };
     job.map_err(|usage| Ending::usage(name, &usage.to_string()))
+}
+
+fn with_dictionary(name: &'static str, job: DictionaryJob) -> (&'static str, Result<Job, Usage>) {
+    (name, Ok(Job::Dictionary(name, Box::new(job))))
 }
 
 #[cfg(test)]
