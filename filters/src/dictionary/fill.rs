@@ -49,7 +49,7 @@ const FLOOR: f32 = 1e-3;
 /// Gram matrices that a plan keeps.
 const MOST_SHARED: usize = 4;
 /// Parts of an image that are in memory at once.
-const WAVE: usize = 16;
+const WAVE: usize = 8;
 
 /// How a dictionary is used.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -240,9 +240,11 @@ impl Plan for Planned {
         let planes = (0..samples.len()).step_by(channels);
         let items =
             || planes.clone().flat_map(|plane| (0..self.grid.len()).map(move |block| Item { plane, block }));
+        let (lit, dark): (Vec<Item>, Vec<Item>) = items().partition(|item| self.is_lit(samples, *item));
         let (alike, others): (Vec<Item>, Vec<Item>) =
-            items().partition(|item| self.group[item.block].is_some());
-        let pixels = self.grid_pixels();
+            lit.into_iter().partition(|item| self.group[item.block].is_some());
+        let black = vec![0.0; self.dictionary.dimension()];
+        dark.iter().for_each(|item| self.lay(&mut averages, *item, &black));
         let masked = Masked::new(&self.dictionary);
         let mut outcome = Outcome::direct();
         for (items, shared) in [(alike, true), (others, false)] {
@@ -262,13 +264,7 @@ impl Plan for Planned {
                 let sums: Vec<Array2<f32>> = sums.collect();
                 for (part, sums) in wave.chunks(TOGETHER).zip(&sums) {
                     for (item, sum) in part.iter().zip(sums.rows()) {
-                        let Some(sum) = sum.to_slice() else { continue };
-                        // Nothing is known of a block without a measured pixel.
-                        if self.measured(item.block) > 0 {
-                            for (channel, values) in sum.chunks_exact(pixels).enumerate() {
-                                averages[item.plane + channel].add(&self.grid, item.block, values);
-                            }
-                        }
+                        self.lay(&mut averages, *item, sum.to_slice().unwrap_or(&black));
                     }
                 }
             }
@@ -281,6 +277,24 @@ impl Plan for Planned {
 impl Planned {
     fn grid_pixels(&self) -> usize {
         self.dictionary.block() * self.dictionary.block()
+    }
+
+    /// Whether a measured value of the block is not 0; all others have an empty code.
+    fn is_lit(&self, samples: &Planes, item: Item) -> bool {
+        let flags = self.grid.flags(&self.mask, item.block);
+        let mut values = vec![0.0; self.grid_pixels()];
+        (0..self.dictionary.channels()).any(|channel| {
+            self.grid.take(samples.as_slice()[item.plane + channel].pixels(), item.block, &mut values);
+            values.iter().zip(&flags).any(|(value, measured)| *measured && *value != 0.0)
+        })
+    }
+
+    /// Lays a block on the planes; nothing is known of one without a measured pixel.
+    fn lay(&self, averages: &mut [Average], item: Item, values: &[f32]) {
+        if self.measured(item.block) > 0 {
+            let planes = averages[item.plane..].iter_mut().zip(values.chunks_exact(self.grid_pixels()));
+            planes.for_each(|(average, values)| average.add(&self.grid, item.block, values));
+        }
     }
 
     fn measured(&self, block: usize) -> usize {

