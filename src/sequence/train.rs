@@ -158,10 +158,13 @@ fn learn(
     let begun = Instant::now();
     let (mut said, mut saved) = (begun, begun);
     let mut trouble = None;
-    console.begin(all as u64);
-    console.advance(first as u64);
     let state = ksvd::learn(values, &job.settings, start, &Run::default(), |state| {
         let done = state.errors.len();
+        // Begun here, as settings may be refused before.
+        if done == first + 1 {
+            console.begin(all as u64);
+            console.advance(first as u64);
+        }
         console.advance(1);
         let left = begun.elapsed().as_secs_f64() / (done - first) as f64 * all.saturating_sub(done) as f64;
         let error = state.errors.last().copied().unwrap_or(0.0);
