@@ -244,7 +244,9 @@ impl Plan for Planned {
         let (alike, others): (Vec<Item>, Vec<Item>) =
             lit.into_iter().partition(|item| self.group[item.block].is_some());
         let black = vec![0.0; self.dictionary.dimension()];
-        dark.iter().for_each(|item| self.lay(&mut averages, *item, &black));
+        for item in dark {
+            self.lay(&mut averages, item, &black);
+        }
         let masked = Masked::new(&self.dictionary);
         let mut outcome = Outcome::direct();
         for (items, shared) in [(alike, true), (others, false)] {
