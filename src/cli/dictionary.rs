@@ -15,6 +15,7 @@ use crate::sequence::{DictionaryJob, DictionaryTask};
 
 /// Settings of `dictionary` and `dct`.
 #[derive(Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Filter")]
 pub struct DictionaryArgs {
     /// dictionary: the file that lacuna train made
     #[arg(long, value_name = "FILE")]
@@ -123,6 +124,7 @@ impl FileRun {
 ///
 /// Prints the bytes, the bits per pixel and the PSNR of what decoding gives. Other channels and attributes are not kept.
 #[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Files")]
 pub struct EncodeArgs {
     /// The frame
     #[arg(value_name = "FRAME")]
@@ -167,6 +169,7 @@ impl EncodeArgs {
 
 /// Make a frame of what lacuna encode wrote
 #[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Files")]
 pub struct DecodeArgs {
     /// The encoded frame
     #[arg(value_name = "FILE")]
@@ -196,6 +199,7 @@ impl DecodeArgs {
 ///
 /// Prints its size, training, how often atoms are used and how alike they are.
 #[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Files")]
 pub struct DictionaryInfoArgs {
     /// The dictionary, a file of lacuna train
     #[arg(value_name = "FILE")]

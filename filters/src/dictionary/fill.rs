@@ -16,7 +16,7 @@
 //! measured pixel say nothing; pixels that no other block covers are filled by push-pull.
 //!
 //! Where many blocks have the same measured pixels (a periodic mask, or none missing) they share a Gram matrix
-//! ([`super::pursuit`]); the others step together ([`super::masked`]).
+//! ([`super::pursuit`]); the others step together (`masked`).
 //!
 //! Source: X. Liu, "Compressive Volume Rendering", sections 3.2 and 4.1. Settings:
 //! - `sparsity`: 1 or more, default 30: atoms of a block at most, and never more than a third of its measured values. Larger follows

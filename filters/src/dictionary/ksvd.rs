@@ -6,10 +6,10 @@
 //! min_{D, X}  sum_i |y_i - D x_i|^2   subject to   |x_i|_0 <= L        (equation 3.12 of the thesis)
 //! ```
 //!
-//! by turns: codes by orthogonal matching pursuit ([`super::pursuit`]), then atom after atom with its factors ([`update`]): the
+//! by turns: codes by orthogonal matching pursuit ([`super::pursuit`]), then atom after atom with its factors (`update`): the
 //! best rank-one approximation of what the other atoms leave of its blocks, by power iterations to 1e-6 of its square (the exact
 //! variant), or one step of them (the approximate variant). Between the two, atoms that no block uses, and the lesser used of two
-//! whose product exceeds 0.99, are replaced by the blocks that are represented worst ([`replace`]).
+//! whose product exceeds 0.99, are replaced by the blocks that are represented worst (`replace`).
 //!
 //! The error never increases: a pursuit is greedy, so a block keeps its old code where the new one is worse; an atom's update
 //! cannot increase it; and an atom is replaced only where the block that it becomes gains as much as its users lose.
