@@ -9,12 +9,14 @@
 //! └──────────────── sequence repeats it per frame ────────────────────────────────┘
 //! ```
 //!
-//! [`report`] compares frames with their references, [`study`] filters with each other, [`submit`] gives a sequence to a farm.
+//! [`report`] compares frames with their references, [`study`] filters with each other, [`dictionary`] learns from frames,
+//! [`submit`] gives a sequence to a farm.
 //!
 //! [`cli`] turns flags into a checked job and does no work; the algorithms are in the crate `lacuna_filters`.
 
 pub mod channels;
 pub mod cli;
+pub mod dictionary;
 pub mod frame;
 pub mod guides;
 pub mod info;

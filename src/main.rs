@@ -33,6 +33,8 @@ fn run(job: &Job) -> Result<u8, (&'static str, PlanError)> {
         Job::Study(job) => sequence::study(job).map_err(|error| ("study", error)),
         Job::Sparsify(job) => sequence::sparsify(job).map_err(|error| ("sparsify", error)),
         Job::Submit(job) => submit::submit(job).map_err(|error| ("submit slurm", error)),
+        Job::Train(job) => sequence::train(job).map_err(|error| ("train", error)),
+        Job::Dictionary(name, job) => sequence::dictionary(job).map_err(|error| (*name, error)),
         Job::Render(job) => sequence::render(job).map_err(|error| ("render", error)),
     }
 }

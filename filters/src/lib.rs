@@ -11,9 +11,10 @@
 //! [`domain`] and [`limiter`] stand before and after a plan and keep long ranges from ringing.
 //! What depends on the mask alone is in the plan, which serves every channel and every frame of that mask.
 //! The rooms, each importing only from those to its right:
-//! `variational | sensing | baseline -> solver -> operator | prox -> kernel -> plane | mask`.
+//! `variational | sensing | dictionary | baseline -> solver -> operator | prox -> kernel -> plane | mask`.
 
 pub mod baseline;
+pub mod dictionary;
 pub mod domain;
 mod error;
 mod filter;

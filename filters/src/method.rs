@@ -2,6 +2,7 @@
 
 use crate::Filter;
 use crate::baseline::{cubic, linear, nearest, push_pull};
+use crate::dictionary::fill;
 use crate::sensing::{cs_gradient, cs_wavelet};
 use crate::variational::{ss, tv};
 
@@ -25,12 +26,26 @@ pub enum Method {
     CsWavelet(cs_wavelet::Settings),
     /// Compressed sensing of the gradient in the Fourier domain.
     CsGradient(cs_gradient::Settings),
+    /// Few atoms of a learned dictionary.
+    Dictionary(fill::Learned),
+    /// Few cosines.
+    Dct(fill::Cosines),
 }
 
 impl Method {
     /// Every name that `--filter` takes.
-    pub const NAMES: &[&str] =
-        &["ss", "tv", "pushpull", "nearest", "linear", "cubic", "cs-wavelet", "cs-gradient"];
+    pub const NAMES: &[&str] = &[
+        "ss",
+        "tv",
+        "pushpull",
+        "nearest",
+        "linear",
+        "cubic",
+        "cs-wavelet",
+        "cs-gradient",
+        "dictionary",
+        "dct",
+    ];
 
     /// The name that `--filter` takes.
     pub const fn name(&self) -> &'static str {
@@ -43,6 +58,8 @@ impl Method {
             Self::Cubic(_) => "cubic",
             Self::CsWavelet(_) => "cs-wavelet",
             Self::CsGradient(_) => "cs-gradient",
+            Self::Dictionary(_) => "dictionary",
+            Self::Dct(_) => "dct",
         }
     }
 
@@ -54,6 +71,8 @@ impl Method {
             Self::PushPull(_) | Self::Nearest(_) | Self::Linear(_) | Self::Cubic(_) => String::new(),
             Self::CsWavelet(settings) => settings.to_string(),
             Self::CsGradient(settings) => settings.to_string(),
+            Self::Dictionary(settings) => settings.to_string(),
+            Self::Dct(settings) => settings.to_string(),
         }
     }
 
@@ -68,6 +87,8 @@ impl Method {
             Self::Cubic(settings) => settings,
             Self::CsWavelet(settings) => settings,
             Self::CsGradient(settings) => settings,
+            Self::Dictionary(settings) => settings,
+            Self::Dct(settings) => settings,
         }
     }
 
@@ -79,7 +100,14 @@ impl Method {
             Self::PushPull(_) | Self::Nearest(_) | Self::Linear(_) | Self::Cubic(_) => true,
             Self::CsWavelet(settings) => settings.epsilon == 0.0,
             Self::CsGradient(settings) => !settings.restore,
+            Self::Dictionary(settings) => !settings.how.restore,
+            Self::Dct(settings) => !settings.how.restore,
         }
+    }
+
+    /// Whether frames without a missing pixel are not left as they are.
+    pub fn restores(&self) -> bool {
+        matches!(self, Self::Dictionary(_) | Self::Dct(_)) && !self.keeps_measured()
     }
 }
 
@@ -90,7 +118,7 @@ mod tests {
     use super::*;
     use crate::{Error, Mask, Plane, Planes, Problem, Run, Size};
 
-    fn all() -> [Method; 8] {
+    fn all() -> [Method; 10] {
         [
             Method::Ss(ss::Settings::default()),
             Method::Tv(tv::Settings::default()),
@@ -100,6 +128,12 @@ mod tests {
             Method::Cubic(cubic::Settings),
             Method::CsWavelet(cs_wavelet::Settings::default()),
             Method::CsGradient(cs_gradient::Settings::default()),
+            Method::Dictionary(fill::Learned {
+                dictionary: Arc::new(crate::dictionary::dct::dictionary(4, 16).unwrap()),
+                name: "cosines".into(),
+                how: fill::Use::default(),
+            }),
+            Method::Dct(fill::Cosines::default()),
         ]
     }
 

@@ -10,6 +10,7 @@ use lacuna_filters::sensing::Solver;
 use lacuna_filters::variational::{ss, tv};
 
 use super::Usage;
+use super::dictionary::DictionaryArgs;
 use super::sensing::{SensingArgs, SolverName};
 use crate::reconstruct::Domain;
 
@@ -32,6 +33,10 @@ pub struct FilterArgs {
     /// Settings of the compressed-sensing filters
     #[command(flatten)]
     pub sensing: SensingArgs,
+
+    /// Settings of the filters with a dictionary
+    #[command(flatten)]
+    pub dictionary: DictionaryArgs,
 }
 
 /// The settings of the filters.
@@ -160,6 +165,10 @@ pub enum Name {
     CsWavelet,
     /// Compressed sensing: gradients with a sparse spectrum; a baseline
     CsGradient,
+    /// Few atoms of a learned dictionary a block (--dictionary FILE, see lacuna train)
+    Dictionary,
+    /// Few cosines a block; a baseline
+    Dct,
 }
 
 /// The spline of `ss`.
@@ -217,6 +226,7 @@ impl FilterArgs {
         self.settings.check(self.filter)?;
         SettingArgs::check_owner(&[("--tv-solver", self.tv_solver.is_some(), Name::Tv)], self.filter)?;
         SettingArgs::check_owner(&self.sensing.given(), self.filter)?;
+        self.dictionary.check(self.filter)?;
         Ok(match self.filter {
             Name::Ss => Method::Ss(self.settings.ss()),
             Name::Tv => {
@@ -230,6 +240,8 @@ impl FilterArgs {
             Name::Cubic => Method::Cubic(cubic::Settings),
             Name::CsWavelet => Method::CsWavelet(self.sensing.wavelet()),
             Name::CsGradient => Method::CsGradient(self.sensing.gradient()),
+            Name::Dictionary => Method::Dictionary(self.dictionary.learned()?),
+            Name::Dct => Method::Dct(self.dictionary.cosines()?),
         })
     }
 }

@@ -5,6 +5,7 @@
 
 pub mod channels;
 pub mod compare;
+pub mod dictionary;
 pub mod fill;
 pub mod filter;
 mod guides;
@@ -20,6 +21,7 @@ pub mod sensing;
 pub mod sparsify;
 pub mod study;
 pub mod submit;
+pub mod train;
 pub mod upscale;
 pub mod verify;
 mod weights;
@@ -29,7 +31,10 @@ use std::ffi::OsString;
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 
-use crate::sequence::{CompareJob, FillJob, InfoJob, MaskJob, RenderJob, SparsifyJob, StudyJob, VerifyJob};
+use crate::sequence::{
+    CompareJob, DictionaryJob, FillJob, InfoJob, MaskJob, RenderJob, SparsifyJob, StudyJob, TrainJob,
+    VerifyJob,
+};
 use crate::submit::SubmitJob;
 
 /// A command line that contradicts itself: exit status 2.
@@ -59,6 +64,10 @@ enum Command {
     Render(Box<render::RenderArgs>),
     Mask(Box<make_mask::MakeMaskArgs>),
     Submit(submit::SubmitArgs),
+    Train(Box<train::TrainArgs>),
+    Encode(dictionary::EncodeArgs),
+    Decode(dictionary::DecodeArgs),
+    DictionaryInfo(dictionary::DictionaryInfoArgs),
 }
 
 /// What is to be done.
@@ -82,6 +91,10 @@ pub enum Job {
     Mask(Box<MaskJob>),
     /// Give a sequence to a farm.
     Submit(Box<SubmitJob>),
+    /// Learn a dictionary.
+    Train(Box<TrainJob>),
+    /// Use one on single files; the name of the subcommand.
+    Dictionary(&'static str, Box<DictionaryJob>),
 }
 
 /// Why a command line is no job.
@@ -146,8 +159,16 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Job, Ending> {
         Command::Render(args) => ("render", args.job().map(|job| Job::Render(Box::new(job)))),
         Command::Submit(args) => return args.job().map(|job| Job::Submit(Box::new(job))),
         Command::Mask(args) => ("mask", args.job().map(|job| Job::Mask(Box::new(job)))),
+        Command::Train(args) => ("train", args.job().map(|job| Job::Train(Box::new(job)))),
+        Command::Encode(args) => with_dictionary("encode", args.job()),
+        Command::Decode(args) => with_dictionary("decode", args.job()),
+        Command::DictionaryInfo(args) => with_dictionary("dictionary-info", args.job()),
     };
     job.map_err(|usage| Ending::usage(name, &usage.to_string()))
+}
+
+fn with_dictionary(name: &'static str, job: DictionaryJob) -> (&'static str, Result<Job, Usage>) {
+    (name, Ok(Job::Dictionary(name, Box::new(job))))
 }
 
 #[cfg(test)]

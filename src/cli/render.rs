@@ -6,6 +6,7 @@ use std::str::FromStr;
 use clap::{Args, ValueEnum};
 use lacuna_filters::Method;
 use lacuna_filters::baseline::{cubic, linear, nearest, push_pull};
+use lacuna_filters::dictionary::fill;
 use lacuna_filters::sensing::{cs_gradient, cs_wavelet};
 use lacuna_filters::variational::{ss, tv};
 
@@ -260,7 +261,7 @@ impl RenderArgs {
                 compression: packing.map_or(Compression::Zip, |packing| packing.compression),
             },
             level: packing.and_then(|packing| packing.level),
-            fill: self.pixels.fill.map(method),
+            fill: self.pixels.fill.map(method).transpose()?,
             existing: match (self.resume, self.output.no_clobber) {
                 (true, _) => Existing::Update,
                 (_, true) => Existing::Keep,
@@ -272,8 +273,8 @@ impl RenderArgs {
 }
 
 /// A filter with its default settings.
-fn method(name: Name) -> Method {
-    match name {
+fn method(name: Name) -> Result<Method, Usage> {
+    Ok(match name {
         Name::Ss => Method::Ss(ss::Settings::default()),
         Name::Tv => Method::Tv(tv::Settings::default()),
         Name::PushPull => Method::PushPull(push_pull::Settings),
@@ -282,5 +283,11 @@ fn method(name: Name) -> Method {
         Name::Cubic => Method::Cubic(cubic::Settings),
         Name::CsWavelet => Method::CsWavelet(cs_wavelet::Settings::default()),
         Name::CsGradient => Method::CsGradient(cs_gradient::Settings::default()),
-    }
+        Name::Dct => Method::Dct(fill::Cosines::default()),
+        Name::Dictionary => {
+            let text =
+                "--fill dictionary needs a dictionary: render sparse, then lacuna fill --filter dictionary";
+            return Err(Usage(text.into()));
+        }
+    })
 }

@@ -36,7 +36,14 @@ pub struct Group {
 }
 
 /// The channels of a part that miss something, with the masks that are true for their values.
-pub fn targets(frame: &Frame, part: usize, masks: &Masks, choices: &[Choice]) -> Result<Vec<Target>, Error> {
+/// Those that miss nothing belong to them where a method restores.
+pub fn targets(
+    frame: &Frame,
+    part: usize,
+    masks: &Masks,
+    choices: &[Choice],
+    restores: bool,
+) -> Result<Vec<Target>, Error> {
     let mut found: Vec<Target> = Vec::new();
     for (index, choice) in choices.iter().enumerate() {
         if choice.rule == Rule::Keep {
@@ -50,7 +57,7 @@ pub fn targets(frame: &Frame, part: usize, masks: &Masks, choices: &[Choice]) ->
             let why = why.unwrap_or_else(|| "no mask".into());
             return Err(Error::NoMask { channel: label(), name: name(), why });
         };
-        if mask.is_full() {
+        if mask.is_full() && !(restores && choice.rule == Rule::Fill) {
             continue;
         }
         if mask.is_empty() {

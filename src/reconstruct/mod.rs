@@ -18,6 +18,7 @@ mod error;
 mod gradients;
 mod groups;
 mod job;
+mod learned;
 pub(crate) mod normals;
 mod part;
 mod plans;
@@ -86,7 +87,9 @@ pub fn fill_with(
         let guides = guides.map_err(|source| Error::Filter { channel: label.clone(), source })?;
         let work = part::Work { index, masks, choices, guides: &guides, job, plans, run };
         let mut done = part::fill(&mut frame, &work)?;
-        let copied = done.report.channels.iter().all(|channel| channel.filled == 0) && !done.converted;
+        let same = done.report.channels.iter().all(|channel| channel.filled == 0) && !done.converted;
+        // A restoration fills nothing and changes all.
+        let copied = same && done.report.groups.is_empty();
         let part = &mut frame.parts[index];
         if copied {
             done.notes.extend(non_finite_copied(part, masks, choices, index));

@@ -12,7 +12,7 @@ use super::bounds::{Bounds, bounds_of};
 use super::gradients;
 use super::groups::{Group, Target, groups, targets};
 use super::solve::{Question, solve};
-use super::{ChannelReport, Error, GroupReport, Job, PartReport, Plans, normals};
+use super::{ChannelReport, Error, GroupReport, Job, PartReport, Plans, learned, normals};
 use crate::channels::{self, Choice, Rule, channel_label};
 use crate::frame::{Frame, Part, Samples};
 use crate::mask::Masks;
@@ -57,7 +57,7 @@ struct Filled {
 
 /// Fills one part of a frame, in place.
 pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
-    let mut targets = targets(frame, work.index, work.masks, work.choices)?;
+    let mut targets = targets(frame, work.index, work.masks, work.choices, work.job.method.restores())?;
     let part = &frame.parts[work.index];
     let mut done = Done { report: blank_report(part, work.choices), ..Done::default() };
     for channel in gradients::used(part, &targets, &work.job.method) {
@@ -66,8 +66,15 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
         (report.rule, report.why) = (Rule::Keep, "samples of the gradient".into());
     }
     let mut filled = Vec::new();
-    for group in groups(frame, work.index, &targets) {
-        filled.extend(filter(frame, work, &group, &targets, &mut done)?);
+    for (group, job) in learned::assign(part, groups(frame, work.index, &targets), work.job) {
+        let own = Work { job: &job, ..*work };
+        let before = done.report.groups.len();
+        filled.extend(filter(frame, &own, &group, &targets, &mut done)?);
+        if job.method.name() != work.job.method.name() {
+            let names = done.report.groups[before..].iter().flat_map(|group| group.channels.clone());
+            let names = names.collect::<Vec<_>>().join(", ");
+            done.notes.push(format!("{names}: not of the dictionary, filled by {}", job.method.name()));
+        }
     }
     unit_normals(frame, work, &mut filled, &mut done)?;
     let mut changes: Vec<Option<Change>> = vec![None; part.channels.len()];

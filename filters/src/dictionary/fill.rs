@@ -1,0 +1,402 @@
+//! The filters `dictionary` and `dct`: missing pixels from the few atoms that explain a block's measured ones.
+//!
+//! Of each block `y = D x` of `n` numbers, some are known, `S y`. Its code is
+//!
+//! ```text
+//! min_x |x|_0   subject to   S D x = S y        (equation 4.2 of the thesis)
+//! ```
+//!
+//! by orthogonal matching pursuit; the block is `D x`, the image the mean of its blocks ([`super::blocks`]), and measured pixels
+//! keep their bits.
+//!
+//! - `dictionary`: a learned dictionary over one channel, which every channel is filled with alone, or over all of them together.
+//! - `dct`: [`super::dct`] over each channel alone.
+//!
+//! Boundary: the last blocks end with the image; one that is smaller than a block lies in the first corner of one. Blocks without a
+//! measured pixel say nothing; pixels that no other block covers are filled by push-pull.
+//!
+//! Where many blocks have the same measured pixels (a periodic mask, or none missing) they share a Gram matrix
+//! ([`super::pursuit`]); the others step together (`masked`).
+//!
+//! Source: X. Liu, "Compressive Volume Rendering", sections 3.2 and 4.1. Settings:
+//! - `sparsity`: 1 or more, default 30: atoms of a block at most, and never more than a third of its measured values. Larger follows
+//!   the samples closer.
+//! - `error`: 0 or more, default 0, the unit of the (mapped) values: the root of the mean squared error of a block's measured
+//!   values at which no more atoms are taken. Larger is smoother.
+//! - `stride`: 1 to the block, default half of it; the block itself reproduces the thesis. Smaller is better and slower.
+//! - `restore`: measured pixels leave as approximated, too; default off.
+//!
+//! Cost: `n K` multiplications an atom and block. Memory: the blocks of a part of the image, and 4 `K^2` bytes for each mask that many
+//! blocks share.
+//! Fails: with fewer than some ten measured values a block the pursuit has little to go by, and strides near the block show
+//! seams; [`crate::variational::ss`] is better there.
+
+use std::sync::Arc;
+
+use ndarray::Array2;
+use ndarray::linalg::general_mat_mul;
+use rayon::prelude::*;
+
+use super::blocks::{Average, Grid};
+use super::masked::{Masked, TOGETHER};
+use super::pursuit::{Code, Scratch, Selection, Shared};
+use super::{Dictionary, dct};
+use crate::baseline::{check, push_pull};
+use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run};
+
+/// The part of an atom's squared length that must lie on measured values.
+const FLOOR: f32 = 1e-3;
+/// Gram matrices that a plan keeps.
+const MOST_SHARED: usize = 4;
+/// Parts of an image that are in memory at once.
+const WAVE: usize = 8;
+
+/// How a dictionary is used.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Use {
+    /// Atoms of a block at most.
+    pub sparsity: usize,
+    /// The root of the mean squared error of a block's measured values that is good enough; 0 takes all atoms.
+    pub error: f64,
+    /// Pixels from block to block; half a block if `None`.
+    pub stride: Option<usize>,
+    /// Whether measured pixels leave as approximated.
+    pub restore: bool,
+}
+
+impl Default for Use {
+    fn default() -> Self {
+        Self { sparsity: 30, error: 0.0, stride: None, restore: false }
+    }
+}
+
+impl std::fmt::Display for Use {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { sparsity, error, restore, .. } = self;
+        let stride = self.stride.map_or_else(|| "half".into(), |stride| stride.to_string());
+        write!(f, "sparsity={sparsity} error={error} stride={stride} restore={restore}")
+    }
+}
+
+/// What is asked of the filter `dictionary`; see the module.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Learned {
+    /// The dictionary.
+    pub dictionary: Arc<Dictionary>,
+    /// What tells it from others, for the settings line.
+    pub name: String,
+    /// How it is used.
+    pub how: Use,
+}
+
+impl std::fmt::Display for Learned {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "dictionary={} {}", self.name, self.how)
+    }
+}
+
+/// What is asked of the filter `dct`; see the module.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cosines {
+    /// Pixels of a block's side.
+    pub block: usize,
+    /// Atoms, a square number.
+    pub atoms: usize,
+    /// How they are used.
+    pub how: Use,
+}
+
+impl Default for Cosines {
+    /// As in the thesis: 256 x 1024.
+    fn default() -> Self {
+        Self { block: 16, atoms: 1024, how: Use::default() }
+    }
+}
+
+impl std::fmt::Display for Cosines {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "block={} atoms={} {}", self.block, self.atoms, self.how)
+    }
+}
+
+impl Filter for Learned {
+    fn plan(&self, problem: &Problem, _run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
+        Ok(Box::new(Planned::new(Arc::clone(&self.dictionary), self.how, problem)?))
+    }
+}
+
+impl Filter for Cosines {
+    fn plan(&self, problem: &Problem, _run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
+        let dictionary = dct::dictionary(self.block, self.atoms);
+        let dictionary = dictionary.map_err(|error| Error::Setting {
+            name: "block or atoms",
+            value: error.to_string(),
+            range: "blocks of 1 to 64, 1 to 16384 atoms",
+        })?;
+        Ok(Box::new(Planned::new(Arc::new(dictionary), self.how, problem)?))
+    }
+}
+
+/// What depends on the mask alone.
+struct Planned {
+    dictionary: Arc<Dictionary>,
+    how: Use,
+    mask: Arc<Mask>,
+    grid: Grid,
+    /// Which of `shared` each block has; blocks without are coded together.
+    group: Vec<Option<usize>>,
+    shared: Vec<Shared>,
+}
+
+impl Planned {
+    fn new(dictionary: Arc<Dictionary>, how: Use, problem: &Problem) -> Result<Self, Error> {
+        let refuse = |name, value: String, range| Err(Error::Setting { name, value, range });
+        if how.sparsity == 0 {
+            return refuse("sparsity", how.sparsity.to_string(), "1 or more");
+        }
+        if !(how.error >= 0.0 && how.error.is_finite()) {
+            return refuse("error", how.error.to_string(), "0 or more, finite");
+        }
+        let stride = how.stride.unwrap_or(dictionary.block().div_ceil(2));
+        if stride == 0 || stride > dictionary.block() {
+            return refuse("stride", stride.to_string(), "1 to the block");
+        }
+        let mask = Arc::clone(&problem.mask);
+        if mask.is_empty() {
+            return Err(Error::EmptyMask);
+        }
+        let grid = Grid::new(mask.size(), dictionary.block(), stride);
+        let (group, shared) = share(&dictionary, &mask, &grid, how.sparsity);
+        Ok(Self { dictionary, how, mask, grid, group, shared })
+    }
+
+    /// Atoms for a block of so many measured pixels.
+    fn sparsity(&self, measured: usize) -> usize {
+        (measured * self.dictionary.channels() / 3).clamp(usize::from(measured > 0), self.how.sparsity)
+    }
+
+    fn selection(&self, sparsity: usize, measured: usize) -> Selection {
+        let values = (measured * self.dictionary.channels()) as f64;
+        Selection { sparsity, error: self.how.error.powi(2) * values, floor: FLOOR }
+    }
+}
+
+/// Blocks in groups of the same measured pixels, where one Gram matrix costs less than stepping together.
+fn share(
+    dictionary: &Dictionary,
+    mask: &Mask,
+    grid: &Grid,
+    sparsity: usize,
+) -> (Vec<Option<usize>>, Vec<Shared>) {
+    let flags: Vec<Vec<bool>> = (0..grid.len()).into_par_iter().map(|at| grid.flags(mask, at)).collect();
+    let mut order: Vec<usize> = (0..flags.len()).collect();
+    order.sort_by(|a, b| flags[*a].cmp(&flags[*b]).then(a.cmp(b)));
+    let mut runs: Vec<&[usize]> = order.chunk_by(|a, b| flags[*a] == flags[*b]).collect();
+    runs.sort_by_key(|run| (std::cmp::Reverse(run.len()), run[0]));
+    let worth =
+        |run: &&&[usize]| run.len() * sparsity >= 2 * dictionary.len() && flags[run[0]].contains(&true);
+    let mut group = vec![None; flags.len()];
+    let mut shared = Vec::new();
+    for run in runs.iter().take(MOST_SHARED).filter(worth) {
+        run.iter().for_each(|block| group[*block] = Some(shared.len()));
+        let flags = &flags[run[0]];
+        let mut atoms = dictionary.atoms().clone();
+        for mut atom in atoms.rows_mut() {
+            let missing = atom.iter_mut().zip(flags.iter().cycle()).filter(|(_, measured)| !**measured);
+            missing.for_each(|(x, _)| *x = 0.0);
+        }
+        shared.push(Shared::new(&atoms, FLOOR));
+    }
+    (group, shared)
+}
+
+/// A block of some of the planes.
+#[derive(Clone, Copy)]
+struct Item {
+    /// The first plane.
+    plane: usize,
+    block: usize,
+}
+
+impl Plan for Planned {
+    fn reconstruct(
+        &self,
+        samples: &Planes,
+        _guides: Option<&Planes>,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<Outcome, Error> {
+        check::group(&self.mask, samples, out)?;
+        let channels = self.dictionary.channels();
+        if !samples.len().is_multiple_of(channels) {
+            let found = format!("{} planes for a dictionary over {channels}", samples.len());
+            return Err(Error::SizeMismatch { expected: self.mask.size(), found });
+        }
+        if self.mask.is_full() && !self.how.restore {
+            out.as_mut_slice().clone_from_slice(samples.as_slice());
+            return Ok(Outcome::direct());
+        }
+        let mut averages = vec![Average::new(samples.size()); samples.len()];
+        let planes = (0..samples.len()).step_by(channels);
+        let items =
+            || planes.clone().flat_map(|plane| (0..self.grid.len()).map(move |block| Item { plane, block }));
+        let (lit, dark): (Vec<Item>, Vec<Item>) = items().partition(|item| self.is_lit(samples, *item));
+        let (alike, others): (Vec<Item>, Vec<Item>) =
+            lit.into_iter().partition(|item| self.group[item.block].is_some());
+        let black = vec![0.0; self.dictionary.dimension()];
+        for item in dark {
+            self.lay(&mut averages, item, &black);
+        }
+        let masked = Masked::new(&self.dictionary);
+        let mut outcome = Outcome::direct();
+        for (items, shared) in [(alike, true), (others, false)] {
+            for wave in items.chunks(WAVE * TOGETHER) {
+                // Parts that are left out are filled like blocks without a measured pixel.
+                if let Some(stop) = run.interrupted() {
+                    outcome.stop = outcome.stop.max(stop);
+                    break;
+                }
+                let parts = wave.par_chunks(TOGETHER);
+                let sums = parts.map(|part| {
+                    let values = self.values(samples, part);
+                    let codes =
+                        if shared { self.alike(part, &values) } else { self.others(&masked, part, &values) };
+                    self.sums(&codes)
+                });
+                let sums: Vec<Array2<f32>> = sums.collect();
+                for (part, sums) in wave.chunks(TOGETHER).zip(&sums) {
+                    for (item, sum) in part.iter().zip(sums.rows()) {
+                        self.lay(&mut averages, *item, sum.to_slice().unwrap_or(&black));
+                    }
+                }
+            }
+        }
+        self.write(samples, &averages, out, run)?;
+        Ok(outcome)
+    }
+}
+
+impl Planned {
+    fn grid_pixels(&self) -> usize {
+        self.dictionary.block() * self.dictionary.block()
+    }
+
+    /// Whether a measured value of the block is not 0; all others have an empty code.
+    fn is_lit(&self, samples: &Planes, item: Item) -> bool {
+        let flags = self.grid.flags(&self.mask, item.block);
+        let mut values = vec![0.0; self.grid_pixels()];
+        (0..self.dictionary.channels()).any(|channel| {
+            self.grid.take(samples.as_slice()[item.plane + channel].pixels(), item.block, &mut values);
+            values.iter().zip(&flags).any(|(value, measured)| *measured && *value != 0.0)
+        })
+    }
+
+    /// Lays a block on the planes; nothing is known of one without a measured pixel.
+    fn lay(&self, averages: &mut [Average], item: Item, values: &[f32]) {
+        if self.measured(item.block) > 0 {
+            let planes = averages[item.plane..].iter_mut().zip(values.chunks_exact(self.grid_pixels()));
+            planes.for_each(|(average, values)| average.add(&self.grid, item.block, values));
+        }
+    }
+
+    fn measured(&self, block: usize) -> usize {
+        self.grid.flags(&self.mask, block).into_iter().filter(|flag| *flag).count()
+    }
+
+    /// The measured values of blocks, `B x n`; zeros where missing.
+    fn values(&self, samples: &Planes, items: &[Item]) -> Array2<f32> {
+        let pixels = self.grid_pixels();
+        let mut values = Array2::zeros((items.len(), self.dictionary.dimension()));
+        for (item, mut row) in items.iter().zip(values.rows_mut()) {
+            let flags = self.grid.flags(&self.mask, item.block);
+            let Some(row) = row.as_slice_mut() else { continue };
+            for (channel, values) in row.chunks_exact_mut(pixels).enumerate() {
+                self.grid.take(samples.as_slice()[item.plane + channel].pixels(), item.block, values);
+                values.iter_mut().zip(&flags).filter(|(_, flag)| !**flag).for_each(|(x, _)| *x = 0.0);
+            }
+        }
+        values
+    }
+
+    /// The codes of blocks that share Gram matrices.
+    fn alike(&self, items: &[Item], values: &Array2<f32>) -> Vec<Code> {
+        let mut products = Array2::<f32>::zeros((items.len(), self.dictionary.len()));
+        general_mat_mul(1.0, values, &self.dictionary.atoms().t(), 0.0, &mut products);
+        let mut scratch = Scratch::default();
+        let rows = items.iter().zip(values.rows()).zip(products.rows_mut());
+        rows.map(|((item, values), mut products)| {
+            let (Some(products), Some(group)) = (products.as_slice_mut(), self.group[item.block]) else {
+                return Code::new();
+            };
+            let energy = values.iter().map(|x| f64::from(*x).powi(2)).sum();
+            let measured = self.measured(item.block);
+            let selection = self.selection(self.sparsity(measured), measured);
+            self.shared[group].code(products, energy, &selection, &mut scratch)
+        })
+        .collect()
+    }
+
+    /// The codes of blocks that have each its own mask.
+    fn others(&self, masked: &Masked<'_>, items: &[Item], values: &Array2<f32>) -> Vec<Code> {
+        let pixels = self.grid_pixels();
+        let flags: Vec<f32> = items
+            .iter()
+            .flat_map(|item| self.grid.flags(&self.mask, item.block))
+            .map(|flag| f32::from(u8::from(flag)))
+            .collect();
+        let Ok(flags) = Array2::from_shape_vec((items.len(), pixels), flags) else { return Vec::new() };
+        let measured: Vec<usize> = items.iter().map(|item| self.measured(item.block)).collect();
+        let selections: Vec<Selection> =
+            measured.iter().map(|count| self.selection(self.sparsity(*count), *count)).collect();
+        masked.codes(values, &flags, &selections)
+    }
+
+    /// The blocks that codes stand for, `B x n`.
+    fn sums(&self, codes: &[Code]) -> Array2<f32> {
+        let mut sums = Array2::zeros((codes.len(), self.dictionary.dimension()));
+        for (code, mut row) in codes.iter().zip(sums.rows_mut()) {
+            if let Some(row) = row.as_slice_mut() {
+                self.dictionary.sum(code, row);
+            }
+        }
+        sums
+    }
+
+    fn write(
+        &self,
+        samples: &Planes,
+        averages: &[Average],
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<(), Error> {
+        let mut bare = false;
+        let mut holes = Vec::new();
+        for ((average, out), samples) in averages.iter().zip(out.as_mut_slice()).zip(samples.as_slice()) {
+            let hole = average.write(out);
+            let known =
+                out.pixels_mut().iter_mut().zip(samples.pixels()).zip(self.mask.as_slice()).zip(&hole);
+            for (((value, sample), measured), hole) in known {
+                if *measured && (*hole || !self.how.restore) {
+                    *value = *sample;
+                }
+            }
+            bare |= hole.contains(&true);
+            holes.push(hole);
+        }
+        if !bare {
+            return Ok(());
+        }
+        let plan = push_pull::Settings.plan(&Problem::fill(Arc::clone(&self.mask)), run)?;
+        let mut coarse = Planes::zeros(samples.size(), samples.len());
+        plan.reconstruct(samples, None, &mut coarse, run)?;
+        let planes = out.as_mut_slice().iter_mut().zip(coarse.as_slice()).zip(&holes);
+        planes.for_each(|((out, coarse), hole): ((&mut Plane, &Plane), _)| {
+            let pixels = out.pixels_mut().iter_mut().zip(coarse.pixels()).zip(hole);
+            pixels.filter(|(_, hole)| **hole).for_each(|((to, from), _)| *to = *from);
+        });
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,205 @@
+//! Learning a dictionary from frames: read, blocks, iterations, file.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use lacuna_filters::dictionary::{Dictionary, ksvd};
+use lacuna_filters::{Run, Stop};
+
+use super::console::Console;
+use super::inputs::resolve;
+use super::plan::PlanError;
+use super::{Selection, Verbosity, signals, threads};
+use crate::dictionary::file::hash_of;
+use crate::dictionary::training::{self, Blocks};
+use crate::dictionary::{Stored, Trained};
+use crate::frame::{self, Limits};
+
+/// How often the dictionary so far is written.
+const CHECKPOINT: Duration = Duration::from_secs(30);
+/// How often a line says how far it is.
+const LINE: Duration = Duration::from_secs(10);
+
+/// A dictionary to be learned.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrainJob {
+    /// The frames.
+    pub selection: Selection,
+    /// Where the dictionary goes.
+    pub output: PathBuf,
+    /// What is learned; `channels` is 1 for grey and 3 for colour.
+    pub settings: ksvd::Settings,
+    /// Pixels from block to block.
+    pub stride: usize,
+    /// Blocks at most; 0 takes all.
+    pub blocks_max: usize,
+    /// Whether an unfinished dictionary of the same settings is continued.
+    pub resume: bool,
+    /// Make the output's folder where it is missing.
+    pub create_dir: bool,
+    /// Threads in all; 0 takes what there is.
+    pub threads: usize,
+    /// How much is said.
+    pub verbosity: Verbosity,
+}
+
+/// Learns; the exit status.
+pub fn train(job: &TrainJob) -> Result<u8, PlanError> {
+    threads::start(job.threads).map_err(PlanError::Failed)?;
+    let console = Console::new(job.verbosity);
+    console.listen();
+    signals::watch(frame::remove_temporaries)
+        .map_err(|error| PlanError::Failed(format!("cannot watch for signals: {error}")))?;
+    let frames = resolve(&job.selection)?.frames;
+    let output =
+        |error: &dyn std::fmt::Display| PlanError::Failed(format!("{}: {error}", job.output.display()));
+    if let Some(folder) = job.output.parent().filter(|_| job.create_dir) {
+        std::fs::create_dir_all(folder).map_err(|error| output(&error))?;
+    }
+    let same =
+        |path: &Path| path.canonicalize().is_ok_and(|path| job.output.canonicalize().ok() == Some(path));
+    if frames.iter().any(|frame| same(&frame.path)) {
+        return Err(PlanError::Usage(format!(
+            "{}: is one of the frames; name another file",
+            job.output.display()
+        )));
+    }
+    frame::check_destination(&job.output).map_err(|error| output(&error))?;
+    let paths: Vec<PathBuf> = frames.into_iter().map(|frame| frame.path).collect();
+    let values = blocks(job, &paths)?;
+    let blank = Trained {
+        sparsity: job.settings.sparsity as u32,
+        stride: job.stride as u32,
+        frames: paths.len() as u32,
+        signals: (values.len() / dimension(&job.settings)) as u32,
+        iterations: job.settings.iterations as u32,
+        seed: job.settings.seed,
+        blocks_max: job.blocks_max as u64,
+        approximate: job.settings.approximate,
+        data_hash: hash_of(&values),
+        ..Trained::default()
+    };
+    let start = if job.resume { earlier(job, &blank, &console)? } else { None };
+    let done = learn(job, &values, &blank, start, &console)?;
+    let stored = stored(job, &blank, &done, false)?;
+    stored.write(&job.output).map_err(|error| output(&error))?;
+    let error = done.errors.last().copied().unwrap_or(0.0);
+    console.note(&format!(
+        "{}: dictionary {} of {} x {} from {} blocks, {} iterations, error {error:.6}",
+        job.output.display(),
+        stored.name(),
+        stored.dictionary.dimension(),
+        stored.dictionary.len(),
+        blank.signals,
+        done.errors.len(),
+    ));
+    Ok(0)
+}
+
+const fn dimension(settings: &ksvd::Settings) -> usize {
+    settings.channels * settings.block * settings.block
+}
+
+/// The blocks of the frames.
+fn blocks(job: &TrainJob, paths: &[PathBuf]) -> Result<Vec<f32>, PlanError> {
+    let mut blocks = Blocks::new(job.settings.block, job.stride, job.blocks_max, job.settings.seed);
+    for path in paths {
+        let failed =
+            |error: &dyn std::fmt::Display| PlanError::Failed(format!("{}: {error}", path.display()));
+        let frame = frame::read(path, &Limits::default()).map_err(|error| failed(&error))?;
+        let (part, channels) = training::colour(&frame).map_err(|error| failed(&error))?;
+        let (planes, _) = training::planes(&frame.parts[part], &channels).map_err(|error| failed(&error))?;
+        if job.settings.channels == 1 {
+            blocks.add(&training::grey(&planes));
+        } else {
+            blocks.add(&planes);
+        }
+    }
+    Ok(blocks.into_values())
+}
+
+/// The state of an unfinished training of the same blocks and settings.
+fn earlier(job: &TrainJob, blank: &Trained, console: &Console) -> Result<Option<ksvd::State>, PlanError> {
+    if !job.output.exists() {
+        return Ok(None);
+    }
+    let failed = |text: String| PlanError::Failed(format!("{}: {text}", job.output.display()));
+    let stored = Stored::read(&job.output).map_err(|error| failed(error.to_string()))?;
+    let found = &stored.trained;
+    let alike = Trained {
+        errors: Vec::new(),
+        usage: Vec::new(),
+        codes: None,
+        iterations: blank.iterations,
+        ..found.clone()
+    };
+    let settings = &job.settings;
+    let shape = (stored.dictionary.block(), stored.dictionary.channels(), stored.dictionary.len());
+    if alike != *blank || shape != (settings.block, settings.channels, settings.atoms) {
+        let text = "is of other frames or settings, so it cannot be continued; drop --resume to replace it";
+        return Err(failed(text.into()));
+    }
+    console.note(&format!("{}: continues after {} iterations", job.output.display(), found.errors.len()));
+    let codes = found.codes.clone().unwrap_or_else(|| vec![Vec::new(); found.signals as usize]);
+    let (atoms, errors) = (stored.dictionary.atoms().clone(), found.errors.clone());
+    Ok(Some(ksvd::State { atoms, codes, errors, stop: Stop::Cancelled }))
+}
+
+/// The iterations, with lines and checkpoints on the way.
+fn learn(
+    job: &TrainJob,
+    values: &[f32],
+    blank: &Trained,
+    start: Option<ksvd::State>,
+    console: &Console,
+) -> Result<ksvd::State, PlanError> {
+    let first = start.as_ref().map_or(0, |state| state.errors.len());
+    let all = job.settings.iterations;
+    let begun = Instant::now();
+    let (mut said, mut saved) = (begun, begun);
+    let mut trouble = None;
+    let state = ksvd::learn(values, &job.settings, start, &Run::default(), |state| {
+        let done = state.errors.len();
+        // Begun here, as settings may be refused before.
+        if done == first + 1 {
+            console.begin(all as u64);
+            console.advance(first as u64);
+        }
+        console.advance(1);
+        let left = begun.elapsed().as_secs_f64() / (done - first) as f64 * all.saturating_sub(done) as f64;
+        let error = state.errors.last().copied().unwrap_or(0.0);
+        let line = format!("iteration {done} of {all}: error {error:.6}, {left:.0} s left");
+        if said.elapsed() >= LINE || done == first + 1 {
+            said = Instant::now();
+            console.note(&line);
+        } else {
+            console.detail(&line);
+        }
+        if saved.elapsed() >= CHECKPOINT && done < all {
+            saved = Instant::now();
+            let written = stored(job, blank, state, true).and_then(|stored| {
+                stored.write(&job.output).map_err(|error| PlanError::Failed(error.to_string()))
+            });
+            trouble = written.err();
+        }
+    });
+    console.end();
+    if let Some(error) = trouble {
+        console.warning(&format!(
+            "{}: the dictionary so far could not be written: {error}",
+            job.output.display()
+        ));
+    }
+    state.map_err(|error| PlanError::Failed(error.to_string()))
+}
+
+/// A state as a file; with its codes, if it is to be continued.
+fn stored(job: &TrainJob, blank: &Trained, state: &ksvd::State, open: bool) -> Result<Stored, PlanError> {
+    let ksvd::Settings { block, channels, atoms, .. } = job.settings;
+    let dictionary = Dictionary::new(block, channels, state.atoms.clone());
+    let dictionary = dictionary.map_err(|error| PlanError::Failed(error.to_string()))?;
+    let usage = ksvd::usage(&state.codes, atoms).into_iter().map(|count| count as u64).collect();
+    let codes = open.then(|| state.codes.clone());
+    let trained = Trained { errors: state.errors.clone(), usage, codes, ..blank.clone() };
+    Ok(Stored { dictionary, trained })
+}

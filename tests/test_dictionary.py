@@ -1,0 +1,191 @@
+"""Dictionaries: training, filling, encoding, against scikit-learn's pursuit and NumPy, and what bad input meets."""
+
+import json
+import zipfile
+
+import numpy as np
+import OpenEXR
+import pytest
+from sklearn.linear_model import orthogonal_mp
+
+import frames
+from tool import SAMPLES, lacuna
+
+BLOCK = 8
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """A small dictionary over colour blocks, and the frame that it was trained on."""
+    folder = tmp_path_factory.mktemp("dictionary")
+    result = lacuna("train", SAMPLES / "smooth.exr", "-o", folder / "show.dict", "--block", BLOCK, "--atoms", 300, "--stride", 2,
+                    "--sparsity", 5, "--iterations", 6, "--seed", 3, "-v")
+    return folder / "show.dict", frames.colour(SAMPLES / "smooth.exr"), result
+
+
+def blocks(image, stride=BLOCK):
+    """Blocks of the rows and columns that whole blocks fill, channel after channel, one a row."""
+    height, width = (length // BLOCK * BLOCK for length in image.shape[:2])
+    corners = [(y, x) for y in range(0, height, stride) for x in range(0, width, stride)]
+    return np.stack([image[y : y + BLOCK, x : x + BLOCK].transpose(2, 0, 1).ravel() for y, x in corners])
+
+
+def restored(folder, image, dictionary, *words):
+    """The pure approximation of an image of whole blocks without a missing pixel."""
+    mask = np.ones(image.shape[:2], bool)
+    source = frames.write_sparse(folder / "whole.exr", image, mask)
+    lacuna("fill", "-q", source, "-o", folder / "restored.exr", "--filter", "dictionary", "--dictionary", dictionary, "--dict-restore",
+           "--dict-stride", BLOCK, "--domain", "linear", *words)
+    return frames.colour(folder / "restored.exr")
+
+
+def whole(image):
+    height, width = (length // BLOCK * BLOCK for length in image.shape[:2])
+    return np.ascontiguousarray(image[:height, :width].astype(np.float32))
+
+
+def test_numpy_opens_a_dictionary_and_finds_what_was_asked_for(trained):
+    path, _, result = trained
+    with np.load(path) as file:
+        atoms = file["atoms"]
+        assert atoms.shape == (3 * BLOCK * BLOCK, 300) and atoms.dtype == np.float32
+        np.testing.assert_allclose(np.linalg.norm(atoms, axis=0), 1, atol=1e-5)
+        assert (file["block"], file["channels"], file["sparsity"], file["seed"], file["iterations"]) == (BLOCK, 3, 5, 3, 6)
+        errors = file["errors"]
+        assert len(errors) == 6 and np.all(np.diff(errors) <= 1e-6 * errors[:-1])
+        assert len(file["data_hash"]) == 32 and file["usage"].sum() <= 5 * file["signals"]
+        assert "code_atoms" not in file
+    assert "iteration 6 of 6: error" in result.stderr
+
+
+def test_full_blocks_get_the_code_of_scikit_learn(tmp_path, trained):
+    path, image, _ = trained
+    image = whole(image)
+    found = blocks(restored(tmp_path, image, path, "--dict-sparsity", 7))
+    with np.load(path) as file:
+        atoms = file["atoms"].astype(np.float64)
+    signals = blocks(image).astype(np.float64)
+    expected = (atoms @ orthogonal_mp(atoms, signals.T, n_nonzero_coefs=7, precompute=True)).T
+    scale = np.linalg.norm(signals, axis=1) + 1e-12
+    apart = np.linalg.norm(found - expected, axis=1) / scale
+    # Where two atoms are equally good, rounding to 32 bits decides; what is left over is as small then.
+    assert np.mean(apart < 2e-4) > 0.95
+    left, other = (np.linalg.norm(image - signals, axis=1) / scale for image in (found, expected))
+    assert np.abs(left - other).max() < 0.02 and abs(left.mean() - other.mean()) < 1e-3
+
+
+def test_filling_keeps_measured_bits_and_atoms_learned_here_beat_cosines(tmp_path, trained):
+    path, image, _ = trained
+    image = whole(image)
+    mask = frames.shuffle(*image.shape[:2], 0.3)
+    source = frames.write_sparse(tmp_path / "in.exr", image, mask)
+    found = {}
+    for name, words in {"trained": ("--filter", "dictionary", "--dictionary", path), "dct": ("--filter", "dct")}.items():
+        outputs = []
+        for threads in ("1", "3"):
+            out = tmp_path / f"{name}{threads}.exr"
+            report = tmp_path / "report.json"
+            lacuna("fill", "-q", source, "-o", out, *words, "--threads", threads, "--json", report)
+            outputs.append(out.read_bytes())
+        assert outputs[0] == outputs[1]
+        assert json.loads(report.read_text())["frames"][0]["density"] == pytest.approx(0.3, abs=0.01)
+        filled = frames.colour(out)
+        assert frames.same_bits(filled[mask], image[mask]) and np.isfinite(filled).all()
+        lacuna("verify", "-q", source, out)
+        found[name] = frames.psnr(filled, image)
+    assert found["trained"] > 30 and found["dct"] > 25, found
+
+
+def test_other_channels_go_with_splines_and_the_attributes_name_the_dictionary(tmp_path, trained):
+    path, image, _ = trained
+    image = whole(image)
+    mask = frames.shuffle(*image.shape[:2], 0.4)
+    planes = {name: np.where(mask, image[..., k], 0).astype(np.float32) for k, name in enumerate("RGB")}
+    source = frames.write(tmp_path / "in.exr", planes | {"A": mask.astype(np.float32), "mask": mask.astype(np.float32)})
+    result = lacuna("fill", source, "-o", tmp_path / "out.exr", "--filter", "dictionary", "--dictionary", path, "-v")
+    assert "A: not of the dictionary, filled by ss" in result.stderr
+    settings = OpenEXR.File(str(tmp_path / "out.exr")).parts[0].header["lacuna/settings"]
+    name = next(line.split()[1] for line in lacuna("dictionary-info", path).stdout.splitlines() if line.startswith("dictionary"))
+    assert len(name) == 16 and f"dictionary={name}" in settings
+    assert np.allclose(frames.read(tmp_path / "out.exr")[0]["A"], 1)
+
+
+def test_encoded_frames_come_back(tmp_path, trained):
+    path, image, _ = trained
+    lacuna("encode", SAMPLES / "smooth.exr", "--dictionary", path, "-o", tmp_path / "frame.code", "--dict-sparsity", 12, "--bits", 12)
+    said = lacuna("encode", SAMPLES / "smooth.exr", "--dictionary", path, "-o", tmp_path / "frame.code", "--dict-sparsity", 12).stdout
+    lacuna("decode", tmp_path / "frame.code", "--dictionary", path, "-o", tmp_path / "back.exr")
+    back = frames.colour(tmp_path / "back.exr")
+    assert back.shape == image.shape and frames.psnr(back, image) > 30
+    size = (tmp_path / "frame.code").stat().st_size
+    assert said.startswith(f"{size} bytes, {8 * size / image[..., 0].size:.3f} bits per pixel, PSNR ")
+
+
+def test_info_draws_the_atoms(tmp_path, trained):
+    path, _, _ = trained
+    said = lacuna("dictionary-info", path, "--png", tmp_path / "atoms.png").stdout
+    assert "300 of 192 numbers" in said and "usage" in said and "coherence" in said
+    assert (tmp_path / "atoms.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_finished_training_resumes_and_other_settings_do_not(tmp_path):
+    words = ["train", SAMPLES / "smooth.exr", "-q", "-o", tmp_path / "a.npz", "--block", 4, "--atoms", 60, "--sparsity", 3]
+    lacuna(*words, "--iterations", 2)
+    before = (tmp_path / "a.npz").read_bytes()
+    lacuna(*words, "--iterations", 2, "--resume")
+    with np.load(tmp_path / "a.npz") as file:
+        assert len(file["errors"]) == 2
+    assert before[:4] == b"PK\x03\x04"
+    refused = lacuna(*words, "--iterations", 3, "--resume", "--seed", 9, ok=False)
+    assert refused.status == 1 and "cannot be continued" in refused.stderr and len(refused.lines()) == 1
+
+
+def bad_files(folder, good):
+    """Files that are no dictionary, by name."""
+    content = good.read_bytes()
+    yield "text", b"no dictionary"
+    yield "empty", b""
+    yield "half", content[: len(content) // 2]
+    with zipfile.ZipFile(good) as archive:
+        arrays = {name: archive.read(name) for name in archive.namelist()}
+    header = b"\x93NUMPY\x01\x00\x76\x00" + b"{'descr': '<f4', 'fortran_order': False, 'shape': (999999999, 999999999), }".ljust(117) + b"\n"
+    for name, changed in {"huge": {"atoms.npy": header}, "none": {"atoms.npy": None}}.items():
+        path = folder / f"{name}.npz"
+        with zipfile.ZipFile(path, "w") as archive:
+            for entry, data in (arrays | changed).items():
+                if data is not None:
+                    archive.writestr(entry, data)
+        yield name, path.read_bytes()
+    bomb = folder / "bomb.npz"
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("atoms.npy", bytes(1 << 28))
+    yield "bomb", bomb.read_bytes()
+
+
+def test_bad_input_ends_in_one_line(tmp_path, trained):
+    path, _, _ = trained
+    frame = SAMPLES / "smooth.exr"
+    lacuna("encode", frame, "--dictionary", path, "-o", tmp_path / "frame.code")
+    lacuna("train", frame, "-q", "-o", tmp_path / "other.npz", "--block", 4, "--atoms", 60, "--iterations", 1)
+    code = (tmp_path / "frame.code").read_bytes()
+    commands = {
+        "no dictionary": (["fill", frame, "-o", tmp_path / "o.exr", "--filter", "dictionary"], "needs --dictionary"),
+        "a foreign setting": (["fill", frame, "-o", tmp_path / "o.exr", "--dict-sparsity", 3], "--filter dictionary"),
+        "a stride": (["fill", frame, "-o", tmp_path / "o.exr", "--filter", "dictionary", "--dictionary", path, "--dict-stride", 9], "block"),
+        "too many atoms": (["train", frame, "-o", tmp_path / "o.npz", "--block", 64, "--atoms", 16384], "blocks"),
+        "no frame": (["train", tmp_path / "none.exr", "-o", tmp_path / "o.npz"], "none.exr"),
+        "another dictionary": (["decode", tmp_path / "frame.code", "--dictionary", tmp_path / "other.npz", "-o", tmp_path / "o.exr"],
+                               "encoded with dictionary"),
+        "no code": (["decode", frame, "--dictionary", path, "-o", tmp_path / "o.exr"], "not an encoded frame"),
+    }
+    for name, content in bad_files(tmp_path, path):
+        (tmp_path / name).write_bytes(content)
+        commands[name] = (["dictionary-info", tmp_path / name], name)
+    for length in (0, 20, 60, len(code) // 2, len(code) - 3):
+        (tmp_path / f"cut{length}").write_bytes(code[:length])
+        commands[f"cut{length}"] = (["decode", tmp_path / f"cut{length}", "--dictionary", path, "-o", tmp_path / "o.exr"], "cut")
+    for name, (words, reason) in commands.items():
+        result = lacuna(*words, ok=False)
+        assert result.status in (1, 2) and len(result.lines()) == 1 and reason in result.stderr, (name, str(result))
+        assert result.peak_bytes < 600 << 20, name
+        assert not (tmp_path / "o.exr").exists() and not (tmp_path / "o.npz").exists()
