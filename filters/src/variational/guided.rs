@@ -163,13 +163,9 @@ impl Model<'_> {
             pairs.filter(|(_, measured)| !**measured).for_each(|(value, _)| *value = f32::NAN);
         }
         if all {
-            fit::everywhere(&store, task, &mut predicted);
+            fit::predict(&store, task, &Mask::from_fn(size, |_, _| true), &mut predicted);
         } else {
-            for (index, values) in fit::at_marked(&store, task, self.mask, 1) {
-                for (plane, value) in predicted.as_mut_slice().iter_mut().zip(values) {
-                    plane.pixels_mut()[index] = value;
-                }
-            }
+            fit::predict(&store, task, self.mask, &mut predicted);
         }
         let mut residual = self.samples.clone();
         for (residual, predicted) in residual.as_mut_slice().iter_mut().zip(predicted.as_slice()) {
