@@ -29,6 +29,10 @@ pub const RIDGE: f32 = 1e-4;
 const BEYOND: f32 = 0.25;
 /// Sums that stay in registers together.
 const CHUNK: usize = 13;
+/// Products that are formed together.
+const ROW: usize = 8;
+/// Channels whose range is found together.
+const QUAD: usize = 4;
 
 /// One number for each pixel of a block.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,10 +79,11 @@ pub struct Table {
     origins: (Vec<f32>, Vec<f32>),
     at: Vec<[f32; 2]>,
     labels: Vec<u32>,
-    values: Vec<f32>,
+    /// Channels, to fill whole quads.
+    values: Vec<[f32; QUAD]>,
     /// Guides times their factors.
     scaled: Vec<f32>,
-    /// For each entry `a` of `u`: its products with the entries up to itself, then with the channels.
+    /// For each entry `a` of `u`: its products with the channels, then with the entries up to itself.
     products: Vec<f32>,
     /// Products from one sample to the next.
     stride: usize,
@@ -111,33 +116,45 @@ impl Table {
         self.clear();
         for &(start, end) in runs {
             self.at.extend_from_slice(&samples.at[start..end]);
-            self.values.extend_from_slice(&samples.values[start * self.channels..end * self.channels]);
+            for values in
+                samples.values[start * self.channels..end * self.channels].chunks_exact(self.channels)
+            {
+                self.values.extend(values.chunks(QUAD).map(|values| {
+                    let mut quad = [0.0; QUAD];
+                    quad[..values.len()].copy_from_slice(values);
+                    quad
+                }));
+            }
             if !samples.labels.is_empty() {
                 self.labels.extend_from_slice(&samples.labels[start..end]);
             }
         }
         self.find_origins(samples, runs);
-        let (order, channels) = (self.sloping.len() + 1, self.channels);
-        let mut u = vec![1.0; order];
-        let mut v = vec![0.0; channels];
-        self.products.resize(self.at.len() * self.stride, 0.0);
-        let indices = runs.iter().flat_map(|&(start, end)| start..end);
-        for (index, products) in indices.zip(self.products.chunks_exact_mut(self.stride)) {
+        let channels = self.channels;
+        // The channels, then `u`; a row of products is the beginning of this line times an entry of `u`.
+        let mut line = vec![0.0; (channels + self.sloping.len() + 1).next_multiple_of(ROW)];
+        line[channels] = 1.0;
+        self.products.resize(self.at.len() * self.stride + line.len(), 0.0);
+        for (place, index) in runs.iter().flat_map(|&(start, end)| start..end).enumerate() {
             let guides = &samples.guides[index * self.guides..][..self.guides];
             self.scaled.extend(self.weighing.iter().map(|&(guide, factor)| guides[guide] * factor));
-            for (u, &guide) in u[1..].iter_mut().zip(&self.sloping) {
-                *u = guides[guide] - self.origins.0[guide];
-            }
             let values = &samples.values[index * channels..][..channels];
-            for ((v, value), origin) in v.iter_mut().zip(values).zip(&self.origins.1) {
+            for ((v, value), origin) in line.iter_mut().zip(values).zip(&self.origins.1) {
                 *v = value - origin;
             }
-            let mut at = 0;
-            for (a, own) in u.iter().enumerate() {
-                for (product, other) in products[at..].iter_mut().zip(u[..=a].iter().chain(&v)) {
-                    *product = own * other;
+            for (u, &guide) in line[channels + 1..].iter_mut().zip(&self.sloping) {
+                *u = guides[guide] - self.origins.0[guide];
+            }
+            let own = &mut self.products[place * self.stride..];
+            for a in 0..=self.sloping.len() {
+                // The line is longer than the row; what is too much is overwritten by the next.
+                let row = &mut own[right(a, channels)..][..line.len()];
+                let factor = line[channels + a];
+                for (row, line) in row.as_chunks_mut::<ROW>().0.iter_mut().zip(line.as_chunks::<ROW>().0) {
+                    for (product, other) in row.iter_mut().zip(line) {
+                        *product = factor * other;
+                    }
                 }
-                at += a + 1 + channels;
             }
         }
     }
@@ -162,8 +179,9 @@ impl Table {
             }
         }
         channels.fill(f32::INFINITY);
-        for values in self.values.chunks_exact(self.channels) {
-            for (origin, &value) in channels.iter_mut().zip(values) {
+        let quads = self.channels.div_ceil(QUAD);
+        for values in self.values.chunks_exact(quads) {
+            for (origin, &value) in channels.iter_mut().zip(values.as_flattened()) {
                 *origin = if value.abs() < origin.abs() { value } else { *origin };
             }
         }
@@ -213,8 +231,8 @@ pub struct Scratch {
     factor: Vec<[Lanes; 2]>,
     /// `u_p`, then `A^-1 u_p`.
     solution: Vec<Lanes>,
-    low: Vec<f32>,
-    high: Vec<f32>,
+    low: Vec<[f32; QUAD]>,
+    high: Vec<[f32; QUAD]>,
 }
 
 impl Vectored<f32> for Regress<'_> {
@@ -223,7 +241,7 @@ impl Vectored<f32> for Regress<'_> {
     fn run<V: Vector<Number = f32>>(mut self) -> Lanes {
         if self.range() {
             // All samples alike: so is what lies between them.
-            for (out, low) in self.out.iter_mut().zip(&self.scratch.low) {
+            for (out, low) in self.out.iter_mut().zip(self.scratch.low.as_flattened()) {
                 out.0 = [*low; LANES];
             }
             return Lanes([1.0; LANES]);
@@ -239,14 +257,20 @@ impl Vectored<f32> for Regress<'_> {
             self.predict::<V>(from);
         }
         let Scratch { sums, low, high, .. } = &*self.scratch;
-        for ((out, &low), &high) in self.out.iter_mut().zip(low).zip(high) {
+        for ((out, &low), &high) in self.out.iter_mut().zip(low.as_flattened()).zip(high.as_flattened()) {
             let room = BEYOND * (high - low);
             for out in &mut out.0 {
                 *out = out.clamp(low - room, high + room);
             }
         }
-        sums[0]
+        sums[right(0, self.table.channels) + self.table.channels]
     }
+}
+
+/// Where the products of entry `a` with the channels stand; those with the entries up to itself come after them.
+#[inline(always)]
+const fn right(a: usize, channels: usize) -> usize {
+    at(a, 0) + a * channels
 }
 
 /// Where row `a`, column `b` of a lower triangle stands.
@@ -260,22 +284,24 @@ impl Regress<'_> {
     #[inline(always)]
     fn range(&mut self) -> bool {
         let Scratch { low, high, .. } = &mut *self.scratch;
-        let channels = self.table.channels;
+        let quads = self.table.channels.div_ceil(QUAD);
         low.clear();
-        low.resize(channels, f32::INFINITY);
+        low.resize(quads, [f32::INFINITY; QUAD]);
         high.clear();
-        high.resize(channels, f32::NEG_INFINITY);
+        high.resize(quads, [f32::NEG_INFINITY; QUAD]);
         for &(start, end) in self.runs {
-            for value in self.table.values[start * channels..end * channels].chunks_exact(channels) {
-                for ((low, high), &value) in low.iter_mut().zip(high.iter_mut()).zip(value) {
-                    *low = low.min(value);
-                    *high = high.max(value);
+            for values in self.table.values[start * quads..end * quads].chunks_exact(quads) {
+                for ((low, high), values) in low.iter_mut().zip(high.iter_mut()).zip(values) {
+                    for k in 0..QUAD {
+                        low[k] = if values[k] < low[k] { values[k] } else { low[k] };
+                        high[k] = if values[k] > high[k] { values[k] } else { high[k] };
+                    }
                 }
             }
         }
-        if low[0] > high[0] {
-            low.fill(0.0);
-            high.fill(0.0);
+        if low[0][0] > high[0][0] {
+            low.fill([0.0; QUAD]);
+            high.fill([0.0; QUAD]);
         }
         low == high
     }
@@ -370,7 +396,7 @@ impl Regress<'_> {
         let Scratch { sums, factor, solution, .. } = &mut *self.scratch;
         let load = |lanes: &Lanes| V::load(&lanes.0[from..]);
         for a in 0..solution.len() {
-            let row = at(a, 0) + a * self.table.channels;
+            let row = right(a, self.table.channels) + self.table.channels;
             for b in 0..=a {
                 let mut sum = load(&sums[row + b]);
                 for k in 0..b {
@@ -417,8 +443,7 @@ impl Regress<'_> {
         for (channel, out) in self.out.iter_mut().enumerate() {
             let mut sum = V::splat(self.table.origins.1[channel]);
             for (a, own) in solution.iter().enumerate() {
-                let right = at(a, 0) + a * channels + a + 1 + channel;
-                sum = load(own).fused(load(&sums[right]), sum);
+                sum = load(own).fused(load(&sums[right(a, channels) + channel]), sum);
             }
             sum.store(&mut out.0[from..]);
         }

@@ -55,6 +55,10 @@ const SAMPLES: f64 = 36.0;
 const HOLD_OUT: usize = 5;
 /// Pixels of the side of a block that stays seen.
 const BLOCK: usize = 8;
+/// Error of the splines that is allowed where both ways are compared, over the range of what they fill.
+const TRIAL: f64 = 1e-2;
+/// The same for what the fit leaves, in the result.
+const FINAL: f64 = 1e-3;
 /// Fewer measured pixels say nothing about guides.
 const FEWEST: usize = 256;
 
@@ -92,10 +96,13 @@ pub fn reconstruct(
     }
     let field = Field { planes: guides.planes(), labels: guides.labels() };
     let model = Model { method, mask, samples, field, isa: Isa::best() };
-    let Some((scales, trust, gain)) = model.judge(guides, run)? else {
+    let seen = Seen::new(mask, samples, field);
+    let Some((scales, trust, gain)) = model.judge(&seen, guides, run)? else {
         return Ok((outcome, Effect::default()));
     };
-    let (guided, mut predicted, second) = model.fill(mask, plan, &scales, true, run)?;
+    let everywhere = Mask::from_fn(mask.size(), |_, _| true);
+    let part = Part { mask, plan, seen: &seen, scales: &scales };
+    let (guided, mut predicted, second) = model.fill(part, &everywhere, FINAL, run)?;
     let outcome = outcome.worst(second);
     blend(mask, guides, &trust, &guided, &mut predicted, out);
     Ok((outcome, Effect { guides: guides.counting(&scales), gain: Some(gain), predicted: Some(predicted) }))
@@ -109,32 +116,58 @@ struct Model<'a> {
     isa: Isa,
 }
 
+/// The measured pixels of a mask, ready for regressions.
+struct Seen {
+    store: Store,
+    reach: Reach,
+}
+
+impl Seen {
+    fn new(mask: &Mask, samples: &Planes, field: Field<'_>) -> Self {
+        Self { store: Store::new(mask, samples, field), reach: Reach::new(mask, SAMPLES) }
+    }
+}
+
+/// What a fill starts from: all measured pixels, or those that were kept.
+#[derive(Clone, Copy)]
+struct Part<'a> {
+    mask: &'a Mask,
+    plan: &'a dyn Plan,
+    seen: &'a Seen,
+    scales: &'a Scales,
+}
+
 impl Model<'_> {
     /// What guides count for, where they are trusted, and what they gain; nothing if that is not worth it.
-    fn judge(&self, guides: &Guides, run: &Run<'_>) -> Result<Option<(Scales, Plane, f64)>, Error> {
+    fn judge(
+        &self,
+        seen: &Seen,
+        guides: &Guides,
+        run: &Run<'_>,
+    ) -> Result<Option<(Scales, Plane, f64)>, Error> {
         let size = self.mask.size();
-        let (kept, left_out) = hold_out(self.mask);
-        let kept = Arc::new(kept);
-        let reach = Reach::new(self.mask, SAMPLES);
-        let store = Store::new(self.mask, self.samples, self.field);
         let weights = tune::Weights::new(self.mask, self.samples);
         let trial = tune::Trial {
-            store: &store,
+            store: &seen.store,
             mask: self.mask,
             values: self.samples,
             weights,
             field: self.field,
-            reach: &reach,
+            reach: &seen.reach,
             isa: self.isa,
         };
         let scales = trial.choose(guides.groups());
         if scales.slopes.iter().all(|slope| !slope) && self.field.labels.is_none() {
             return Ok(None);
         }
+        let (kept, left_out) = hold_out(self.mask);
+        let kept = Arc::new(kept);
         let plan = self.method.filter().plan(&Problem::fill(Arc::clone(&kept)), run)?;
         let mut plain = Planes::zeros(size, self.samples.len());
-        plan.reconstruct(self.samples, None, &mut plain, run)?;
-        let (guided, ..) = self.fill(&kept, plan.as_ref(), &scales, false, run)?;
+        plan.reconstruct_roughly(self.samples, TRIAL, &mut plain, run)?;
+        let seen = Seen::new(&kept, self.samples, self.field);
+        let part = Part { mask: &kept, plan: plan.as_ref(), seen: &seen, scales: &scales };
+        let (guided, ..) = self.fill(part, self.mask, TRIAL, run)?;
         if run.interrupted().is_some() {
             return Ok(None);
         }
@@ -143,30 +176,23 @@ impl Model<'_> {
         Ok((gain >= trust::WORTH).then(|| (scales, trust.plane(size), gain)))
     }
 
-    /// The guided image and the prediction alone, from the samples of `mask`: at all pixels, or only at those that were measured.
+    /// The guided image and the prediction alone at the pixels that are wanted, from the samples of a part.
     fn fill(
         &self,
-        mask: &Arc<Mask>,
-        plan: &dyn Plan,
-        scales: &Scales,
-        all: bool,
+        Part { mask, plan, seen, scales }: Part<'_>,
+        wanted: &Mask,
+        error: f64,
         run: &Run<'_>,
     ) -> Result<(Planes, Planes, Outcome), Error> {
         let size = mask.size();
-        let store = Store::new(mask, self.samples, self.field);
-        let reach = Reach::new(mask, SAMPLES);
-        let task = Task { field: self.field, scales, reach: &reach, leave_out: false, isa: self.isa };
+        let task = Task { field: self.field, scales, reach: &seen.reach, leave_out: false, isa: self.isa };
         // Where nothing is near: the residual of samples is zero, and missing pixels have no prediction.
         let mut predicted = self.samples.clone();
         for plane in predicted.as_mut_slice() {
             let pairs = plane.pixels_mut().iter_mut().zip(mask.as_slice());
             pairs.filter(|(_, measured)| !**measured).for_each(|(value, _)| *value = f32::NAN);
         }
-        if all {
-            fit::predict(&store, task, &Mask::from_fn(size, |_, _| true), &mut predicted);
-        } else {
-            fit::predict(&store, task, self.mask, &mut predicted);
-        }
+        fit::predict(&seen.store, task, wanted, &mut predicted);
         let mut residual = self.samples.clone();
         for (residual, predicted) in residual.as_mut_slice().iter_mut().zip(predicted.as_slice()) {
             for (value, predicted) in residual.pixels_mut().iter_mut().zip(predicted.pixels()) {
@@ -174,7 +200,7 @@ impl Model<'_> {
             }
         }
         let mut filled = Planes::zeros(size, self.samples.len());
-        let outcome = plan.reconstruct(&residual, None, &mut filled, run)?;
+        let outcome = plan.reconstruct_roughly(&residual, error, &mut filled, run)?;
         for (filled, predicted) in filled.as_mut_slice().iter_mut().zip(predicted.as_slice()) {
             for (value, predicted) in filled.pixels_mut().iter_mut().zip(predicted.pixels()) {
                 *value += predicted;

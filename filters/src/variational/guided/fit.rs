@@ -16,7 +16,7 @@ const STRIDE: usize = 4;
 /// Pixels that a block holds on average: fewer than [`LANES`], so that few of them need a second one.
 const FILLED: f64 = 14.0;
 /// Least and largest side of a tile, about.
-const TILE: (usize, usize) = (32, 128);
+const TILE: (usize, usize) = (48, 128);
 
 /// The guides of an image, scaled.
 #[derive(Clone, Copy, Debug)]
