@@ -18,6 +18,7 @@
 //! guides and three channels, about 40 cycles where two can begin in one.
 
 use super::simd::{Vector, Vectored};
+use super::{Body, Isa, dispatch};
 
 /// Pixels of one block.
 pub const LANES: usize = 16;
@@ -112,35 +113,35 @@ impl Table {
     }
 
     /// Takes the given samples instead of those it held, in their order.
-    pub fn fill(&mut self, samples: &Samples, runs: &[(usize, usize)]) {
+    pub fn fill(&mut self, isa: Isa, samples: &Samples, runs: &[(usize, usize)]) {
         self.clear();
         for &(start, end) in runs {
             self.at.extend_from_slice(&samples.at[start..end]);
-            for values in
-                samples.values[start * self.channels..end * self.channels].chunks_exact(self.channels)
-            {
-                self.values.extend(values.chunks(QUAD).map(|values| {
-                    let mut quad = [0.0; QUAD];
-                    quad[..values.len()].copy_from_slice(values);
-                    quad
-                }));
-            }
             if !samples.labels.is_empty() {
                 self.labels.extend_from_slice(&samples.labels[start..end]);
             }
         }
         self.find_origins(samples, runs);
-        let channels = self.channels;
+        dispatch(isa, Fill { table: self, samples, runs });
+    }
+
+    /// Sets the channels, the scaled guides and the products.
+    #[inline(always)]
+    fn multiply(&mut self, samples: &Samples, runs: &[(usize, usize)]) {
+        let (channels, quads) = (self.channels, self.channels.div_ceil(QUAD));
         // The channels, then `u`; a row of products is the beginning of this line times an entry of `u`.
         let mut line = vec![0.0; (channels + self.sloping.len() + 1).next_multiple_of(ROW)];
         line[channels] = 1.0;
+        self.values.resize(self.at.len() * quads, [0.0; QUAD]);
         self.products.resize(self.at.len() * self.stride + line.len(), 0.0);
         for (place, index) in runs.iter().flat_map(|&(start, end)| start..end).enumerate() {
             let guides = &samples.guides[index * self.guides..][..self.guides];
             self.scaled.extend(self.weighing.iter().map(|&(guide, factor)| guides[guide] * factor));
             let values = &samples.values[index * channels..][..channels];
-            for ((v, value), origin) in line.iter_mut().zip(values).zip(&self.origins.1) {
-                *v = value - origin;
+            let own = self.values[place * quads..][..quads].as_flattened_mut();
+            for (k, (&value, origin)) in values.iter().zip(&self.origins.1).enumerate() {
+                own[k] = value;
+                line[k] = value - origin;
             }
             for (u, &guide) in line[channels + 1..].iter_mut().zip(&self.sloping) {
                 *u = guides[guide] - self.origins.0[guide];
@@ -179,12 +180,29 @@ impl Table {
             }
         }
         channels.fill(f32::INFINITY);
-        let quads = self.channels.div_ceil(QUAD);
-        for values in self.values.chunks_exact(quads) {
-            for (origin, &value) in channels.iter_mut().zip(values.as_flattened()) {
-                *origin = if value.abs() < origin.abs() { value } else { *origin };
+        for &(start, end) in runs {
+            for values in
+                samples.values[start * self.channels..end * self.channels].chunks_exact(self.channels)
+            {
+                for (origin, &value) in channels.iter_mut().zip(values) {
+                    *origin = if value.abs() < origin.abs() { value } else { *origin };
+                }
             }
         }
+    }
+}
+
+struct Fill<'a> {
+    table: &'a mut Table,
+    samples: &'a Samples,
+    runs: &'a [(usize, usize)],
+}
+
+impl Body for Fill<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        self.table.multiply(self.samples, self.runs);
     }
 }
 

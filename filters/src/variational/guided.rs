@@ -23,14 +23,16 @@
 //! 2016 (regression on auxiliary features with joint weights; theirs compare patches of complete images); W. Cleveland,
 //! "Robust Locally Weighted Regression and Smoothing Scatterplots", JASA 74, 1979.
 //!
-//! Cost: linear in pixels. The plain filter four times (samples and residual, twice), and a regression over about 50 samples
-//! for each pixel. Memory beyond samples, guides and result: 6 planes a channel, one plane a guide, and the
+//! Cost: linear in pixels. The plain filter once, three times more at the errors [`TRIAL`] and [`FINAL`] (samples and
+//! residual to find the trust; the residual), and a regression over about 50 samples for each pixel. Memory beyond samples, guides and result: 6 planes a channel, one plane a guide, and the
 //! measured pixels once more.
 //!
 //! Fails where no guide sees what the light does: mirrors show other surfaces than the one that they are; shadows and
 //! caustics have edges that no guide has. There it is the plain filter.
 
 use std::sync::Arc;
+
+use rayon::prelude::*;
 
 use crate::kernel::Isa;
 use crate::kernel::regress::Scales;
@@ -59,6 +61,8 @@ const BLOCK: usize = 8;
 const TRIAL: f64 = 1e-2;
 /// The same for what the fit leaves, in the result.
 const FINAL: f64 = 1e-3;
+/// Pixels that one task of a loop over planes takes.
+const PART: usize = 1 << 16;
 /// Fewer measured pixels say nothing about guides.
 const FEWEST: usize = 256;
 
@@ -124,7 +128,9 @@ struct Seen {
 
 impl Seen {
     fn new(mask: &Mask, samples: &Planes, field: Field<'_>) -> Self {
-        Self { store: Store::new(mask, samples, field), reach: Reach::new(mask, SAMPLES) }
+        let store = || Store::new(mask, samples, field);
+        let (store, reach) = rayon::join(store, || Reach::new(mask, SAMPLES));
+        Self { store, reach }
     }
 }
 
@@ -162,10 +168,11 @@ impl Model<'_> {
         }
         let (kept, left_out) = hold_out(self.mask);
         let kept = Arc::new(kept);
-        let plan = self.method.filter().plan(&Problem::fill(Arc::clone(&kept)), run)?;
+        let plan = || self.method.filter().plan(&Problem::fill(Arc::clone(&kept)), run);
+        let (plan, seen) = rayon::join(plan, || Seen::new(&kept, self.samples, self.field));
+        let plan = plan?;
         let mut plain = Planes::zeros(size, self.samples.len());
         plan.reconstruct_roughly(self.samples, TRIAL, &mut plain, run)?;
-        let seen = Seen::new(&kept, self.samples, self.field);
         let part = Part { mask: &kept, plan: plan.as_ref(), seen: &seen, scales: &scales };
         let (guided, ..) = self.fill(part, self.mask, TRIAL, run)?;
         if run.interrupted().is_some() {
@@ -186,27 +193,26 @@ impl Model<'_> {
     ) -> Result<(Planes, Planes, Outcome), Error> {
         let size = mask.size();
         let task = Task { field: self.field, scales, reach: &seen.reach, leave_out: false, isa: self.isa };
-        // Where nothing is near: the residual of samples is zero, and missing pixels have no prediction.
-        let mut predicted = self.samples.clone();
-        for plane in predicted.as_mut_slice() {
-            let pairs = plane.pixels_mut().iter_mut().zip(mask.as_slice());
-            pairs.filter(|(_, measured)| !**measured).for_each(|(value, _)| *value = f32::NAN);
-        }
+        let unknown = (0..self.samples.len()).map(|_| Plane::filled(size, f32::NAN));
+        let mut predicted = Planes::new(size, unknown.collect())?;
         fit::predict(&seen.store, task, wanted, &mut predicted);
-        let mut residual = self.samples.clone();
-        for (residual, predicted) in residual.as_mut_slice().iter_mut().zip(predicted.as_slice()) {
-            for (value, predicted) in residual.pixels_mut().iter_mut().zip(predicted.pixels()) {
-                *value -= predicted;
-            }
-        }
+        // Where nothing is near, nothing is left of a sample.
+        let mut residual = predicted.clone();
+        combine(&mut residual, self.samples, |to, sample| {
+            *to = if to.is_finite() { sample - *to } else { 0.0 };
+        });
         let mut filled = Planes::zeros(size, self.samples.len());
         let outcome = plan.reconstruct_roughly(&residual, error, &mut filled, run)?;
-        for (filled, predicted) in filled.as_mut_slice().iter_mut().zip(predicted.as_slice()) {
-            for (value, predicted) in filled.pixels_mut().iter_mut().zip(predicted.pixels()) {
-                *value += predicted;
-            }
-        }
+        combine(&mut filled, &predicted, |to, predicted| *to += predicted);
         Ok((filled, predicted, outcome))
+    }
+}
+
+/// Changes each pixel by that of other planes.
+fn combine(planes: &mut Planes, others: &Planes, change: impl Fn(&mut f32, f32) + Sync) {
+    for (plane, other) in planes.as_mut_slice().iter_mut().zip(others.as_slice()) {
+        let parts = plane.pixels_mut().par_chunks_mut(PART).zip(other.pixels().par_chunks(PART));
+        parts.for_each(|(plane, other)| plane.iter_mut().zip(other).for_each(|(to, &by)| change(to, by)));
     }
 }
 
@@ -252,15 +258,19 @@ fn blend(
     let known = |index: usize| guides.labels().is_none_or(|labels| labels[index] != guides::UNKNOWN);
     let planes = out.as_mut_slice().iter_mut().zip(guided.as_slice()).zip(predicted.as_mut_slice());
     for ((out, guided), predicted) in planes {
-        let pairs = out.pixels_mut().iter_mut().zip(guided.pixels()).zip(predicted.pixels_mut());
-        for (index, ((out, &guided), predicted)) in pairs.enumerate() {
-            let trust = trust.pixels()[index];
-            let share = trust * (guided - *out);
-            if trust > 0.0 && share.is_finite() && !mask.as_slice()[index] && known(index) {
-                *out += share;
-            } else {
-                *predicted = f32::NAN;
+        let (out, guided) = (out.pixels_mut().par_chunks_mut(PART), guided.pixels().par_chunks(PART));
+        let parts = out.zip(guided).zip(predicted.pixels_mut().par_chunks_mut(PART)).enumerate();
+        parts.for_each(|(part, ((out, guided), predicted))| {
+            let pairs = out.iter_mut().zip(guided).zip(predicted);
+            for (index, ((out, &guided), predicted)) in (part * PART..).zip(pairs) {
+                let trust = trust.pixels()[index];
+                let share = trust * (guided - *out);
+                if trust > 0.0 && share.is_finite() && !mask.as_slice()[index] && known(index) {
+                    *out += share;
+                } else {
+                    *predicted = f32::NAN;
+                }
             }
-        }
+        });
     }
 }

@@ -3,7 +3,6 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::kernel::Isa;
 use crate::kernel::simd::vectors;
 
 /// A pixel's sum of weights and prediction from the definition.
@@ -103,7 +102,7 @@ fn run(
     let mut out = vec![Lanes::ZERO; channels];
     let runs = [(0, samples.at.len())];
     let mut table = Table::new(scales, channels);
-    table.fill(samples, &runs);
+    table.fill(isa, samples, &runs);
     let mut scratch = Scratch::default();
     let regress =
         Regress { table: &table, runs: &runs, centres, leave_out, scratch: &mut scratch, out: &mut out };

@@ -133,7 +133,7 @@ impl<'a> Worker<'a> {
         let Size { height, width } = self.store.size;
         let (rows, columns) = (around(rows, height), around(columns, width));
         self.store.runs(rows.clone(), &columns, &mut self.runs);
-        self.table.fill(&self.store.samples, &self.runs);
+        self.table.fill(self.task.isa, &self.store.samples, &self.runs);
         self.before.clear();
         let mut base = 0;
         for &(start, end) in &self.runs {
@@ -170,27 +170,32 @@ impl<'a> Worker<'a> {
 
     /// Predicts the listed pixels of the tile, at most [`LANES`] of them near each other.
     fn block(&mut self, at: &[[usize; 2]]) -> Lanes {
-        let mut far = 0.0_f32;
-        for lane in 0..LANES {
-            // Idle lanes repeat the last pixel.
-            let [row, column] = at[lane.min(at.len() - 1)];
-            let index = row * self.store.size.width + column;
-            let centres = &mut self.centres;
-            centres.at[0].0[lane] = row as f32;
-            centres.at[1].0[lane] = column as f32;
-            let radius = self.task.reach.at(row, column);
-            far = far.max(radius);
-            centres.inverse.0[lane] = 1.0 / (radius * radius);
-            for (guide, plane) in centres.guides.iter_mut().zip(self.task.field.planes) {
-                guide.0[lane] = plane.pixels()[index];
-            }
-            centres.labels[lane] = self.task.field.labels.map_or(0, |labels| labels[index]);
-        }
         let span = |axis: usize| {
             let all = at.iter().map(|at| at[axis]);
             all.fold((usize::MAX, 0), |(low, high), at| (low.min(at), high.max(at)))
         };
-        self.look(span(0), span(1), far);
+        let (rows, columns) = (span(0), span(1));
+        // One radius for all: it changes slowly.
+        let radius =
+            self.task.reach.at(usize::midpoint(rows.0, rows.1), usize::midpoint(columns.0, columns.1));
+        let centres = &mut self.centres;
+        centres.inverse.0 = [1.0 / (radius * radius); LANES];
+        // Idle lanes repeat the last pixel.
+        let place = |lane: usize| at[lane.min(at.len() - 1)];
+        let index: [usize; LANES] = std::array::from_fn(|lane| {
+            let [row, column] = place(lane);
+            centres.at[0].0[lane] = row as f32;
+            centres.at[1].0[lane] = column as f32;
+            row * self.store.size.width + column
+        });
+        for (guide, plane) in centres.guides.iter_mut().zip(self.task.field.planes) {
+            let pixels = plane.pixels();
+            guide.0 = index.map(|index| pixels[index]);
+        }
+        if let Some(labels) = self.task.field.labels {
+            centres.labels = index.map(|index| labels[index]);
+        }
+        self.look(rows, columns, radius);
         let regress = Regress {
             table: &self.table,
             runs: &self.runs,

@@ -12,7 +12,7 @@ use crate::kernel::regress::Scales;
 use crate::{Mask, Planes};
 
 /// Measured pixels that are left out, about.
-const PROBES: usize = 4000;
+const PROBES: usize = 3000;
 /// Factor of a guide's difference to begin with.
 const BANDWIDTH: f32 = 1.6;
 /// What a change of the bandwidth must gain.
