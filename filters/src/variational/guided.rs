@@ -193,26 +193,28 @@ impl Model<'_> {
     ) -> Result<(Planes, Planes, Outcome), Error> {
         let size = mask.size();
         let task = Task { field: self.field, scales, reach: &seen.reach, leave_out: false, isa: self.isa };
-        let unknown = (0..self.samples.len()).map(|_| Plane::filled(size, f32::NAN));
-        let mut predicted = Planes::new(size, unknown.collect())?;
+        let mut predicted = Planes::zeros(size, self.samples.len());
         fit::predict(&seen.store, task, wanted, &mut predicted);
+        let mut residual = Planes::zeros(size, self.samples.len());
         // Where nothing is near, nothing is left of a sample.
-        let mut residual = predicted.clone();
-        combine(&mut residual, self.samples, |to, sample| {
-            *to = if to.is_finite() { sample - *to } else { 0.0 };
+        merge(&mut residual, self.samples, &predicted, |sample, predicted| {
+            if predicted.is_finite() { sample - predicted } else { 0.0 }
         });
         let mut filled = Planes::zeros(size, self.samples.len());
         let outcome = plan.reconstruct_roughly(&residual, error, &mut filled, run)?;
-        combine(&mut filled, &predicted, |to, predicted| *to += predicted);
-        Ok((filled, predicted, outcome))
+        let mut guided = residual;
+        merge(&mut guided, &filled, &predicted, |filled, predicted| filled + predicted);
+        Ok((guided, predicted, outcome))
     }
 }
 
-/// Changes each pixel by that of other planes.
-fn combine(planes: &mut Planes, others: &Planes, change: impl Fn(&mut f32, f32) + Sync) {
-    for (plane, other) in planes.as_mut_slice().iter_mut().zip(others.as_slice()) {
-        let parts = plane.pixels_mut().par_chunks_mut(PART).zip(other.pixels().par_chunks(PART));
-        parts.for_each(|(plane, other)| plane.iter_mut().zip(other).for_each(|(to, &by)| change(to, by)));
+/// Sets each pixel to a function of those of two other groups of planes.
+fn merge(to: &mut Planes, a: &Planes, b: &Planes, value: impl Fn(f32, f32) -> f32 + Sync) {
+    for ((to, a), b) in to.as_mut_slice().iter_mut().zip(a.as_slice()).zip(b.as_slice()) {
+        let parts = a.pixels().par_chunks(PART).zip(b.pixels().par_chunks(PART));
+        to.pixels_mut().par_chunks_mut(PART).zip(parts).for_each(|(to, (a, b))| {
+            to.iter_mut().zip(a.iter().zip(b)).for_each(|(to, (&a, &b))| *to = value(a, b));
+        });
     }
 }
 

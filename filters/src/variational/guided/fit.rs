@@ -255,7 +255,7 @@ fn parts(range: Range<usize>, length: usize) -> impl Iterator<Item = Range<usize
     range.step_by(length).map(move |start| start..(start + length).min(end))
 }
 
-/// Predicts the pixels that are marked in `wanted`; where nothing is near, and elsewhere, `values` stay as they are.
+/// Predicts the pixels that are marked in `wanted`; where nothing is near, and elsewhere, `values` become NaN.
 pub fn predict(store: &Store, task: Task<'_>, wanted: &Mask, values: &mut Planes) {
     let Size { height, width } = store.size;
     let side = side(wanted);
@@ -272,6 +272,7 @@ pub fn predict(store: &Store, task: Task<'_>, wanted: &Mask, values: &mut Planes
     bands.for_each_init(
         || Worker::new(store, task),
         |work, (mut band, rows)| {
+            band.iter_mut().for_each(|pixels| pixels.fill(f32::NAN));
             for columns in parts(0..width, tile) {
                 work.open(&rows, &columns);
                 for (rows, columns) in parts(rows.clone(), side)
