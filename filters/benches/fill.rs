@@ -115,9 +115,9 @@ fn push_pull_reconstruct(bencher: Bencher<'_, '_>) {
 }
 
 /// Five guide channels that the colour follows in part.
-fn guides() -> Result<guided::Guides, Error> {
-    let mut guides = guided::Guides::new(SIZE);
-    let plane = |value: fn(f32, f32) -> f32| Plane::from_fn(SIZE, |y, x| value(y as f32, x as f32));
+fn guides(size: Size) -> Result<guided::Guides, Error> {
+    let mut guides = guided::Guides::new(size);
+    let plane = |value: fn(f32, f32) -> f32| Plane::from_fn(size, |y, x| value(y as f32, x as f32));
     let normal = [
         plane(|y, x| (y / 60.0 + (x / 70.0).sin()).sin()),
         plane(|_, x| (x / 70.0).cos()),
@@ -129,14 +129,16 @@ fn guides() -> Result<guided::Guides, Error> {
     Ok(guides)
 }
 
-#[divan::bench(sample_count = 5)]
-fn guided_reconstruct(bencher: Bencher<'_, '_>) {
-    let (method, mask) = (Method::Ss(ss::Settings::default()), mask(SIZE, "shuffle"));
+/// A square frame of so many pixels a side.
+#[divan::bench(args = [1200, 2400], sample_count = 5, sample_size = 1)]
+fn guided_reconstruct(bencher: Bencher<'_, '_>, side: usize) {
+    let size = Size::new(side, side);
+    let (method, mask) = (Method::Ss(ss::Settings::default()), mask(size, "shuffle"));
     let plan = method.filter().plan(&Problem::fill(Arc::clone(&mask)), &Run::default());
-    let (Ok(plan), Ok(samples), Ok(guides)) = (plan, samples(SIZE, CHANNELS), guides()) else { return };
-    let mut out = Planes::zeros(SIZE, CHANNELS);
+    let (Ok(plan), Ok(samples), Ok(guides)) = (plan, samples(size, CHANNELS), guides(size)) else { return };
+    let mut out = Planes::zeros(size, CHANNELS);
     let with = (&method, plan.as_ref());
-    bencher.counter(ItemsCount::new(SIZE.pixels() * CHANNELS)).bench_local(|| {
+    bencher.counter(ItemsCount::new(size.pixels() * CHANNELS)).bench_local(|| {
         guided::reconstruct(with, &mask, black_box(&samples), &guides, &mut out, &Run::default()).is_ok()
     });
 }

@@ -49,6 +49,21 @@ pub trait Plan: Send + Sync {
         run: &Run<'_>,
     ) -> Result<Outcome, Error>;
 
+    /// The same where a rough result will do: it may be off by about `error` times the range of the samples. Methods that
+    /// have no faster way give their usual result.
+    ///
+    /// # Errors
+    /// As [`Plan::reconstruct`].
+    fn reconstruct_roughly(
+        &self,
+        samples: &Planes,
+        _error: f64,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<Outcome, Error> {
+        self.reconstruct(samples, None, out, run)
+    }
+
     /// The same, where samples of the image's gradient were measured, too. Methods that have no use for them fill from
     /// the pixels alone.
     ///

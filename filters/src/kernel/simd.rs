@@ -26,6 +26,10 @@ pub trait Vector: Copy {
     fn times(self, other: Self) -> Self;
     /// `self a + b`, fused where the instruction set has it.
     fn fused(self, a: Self, b: Self) -> Self;
+    /// The quotient.
+    fn over(self, other: Self) -> Self;
+    /// The larger one.
+    fn larger(self, other: Self) -> Self;
     /// The larger of `self` and the absolute value of `other`.
     fn top(self, other: Self) -> Self;
 }
@@ -160,6 +164,14 @@ impl<T: Real, const N: usize> Vector for Pack<T, N> {
         self.times(a).plus(b)
     }
     #[inline(always)]
+    fn over(self, other: Self) -> Self {
+        self.with(other, |a, b| a / b)
+    }
+    #[inline(always)]
+    fn larger(self, other: Self) -> Self {
+        self.with(other, |a, b| if a > b { a } else { b })
+    }
+    #[inline(always)]
     fn top(self, other: Self) -> Self {
         self.with(other, |a, b| {
             let b = b.magnitude();
@@ -175,19 +187,19 @@ mod x86 {
 
     use std::arch::x86_64::{
         __m256, __m256d, __m512, __m512d, _mm256_add_pd, _mm256_add_ps, _mm256_andnot_pd, _mm256_andnot_ps,
-        _mm256_fmadd_pd, _mm256_fmadd_ps, _mm256_loadu_pd, _mm256_loadu_ps, _mm256_max_pd, _mm256_max_ps,
-        _mm256_mul_pd, _mm256_mul_ps, _mm256_set1_pd, _mm256_set1_ps, _mm256_storeu_pd, _mm256_storeu_ps,
-        _mm256_sub_pd, _mm256_sub_ps, _mm512_add_pd, _mm512_add_ps, _mm512_andnot_pd, _mm512_andnot_ps,
-        _mm512_fmadd_pd, _mm512_fmadd_ps, _mm512_loadu_pd, _mm512_loadu_ps, _mm512_max_pd, _mm512_max_ps,
-        _mm512_mul_pd, _mm512_mul_ps, _mm512_set1_pd, _mm512_set1_ps, _mm512_storeu_pd, _mm512_storeu_ps,
-        _mm512_sub_pd, _mm512_sub_ps,
+        _mm256_div_pd, _mm256_div_ps, _mm256_fmadd_pd, _mm256_fmadd_ps, _mm256_loadu_pd, _mm256_loadu_ps,
+        _mm256_max_pd, _mm256_max_ps, _mm256_mul_pd, _mm256_mul_ps, _mm256_set1_pd, _mm256_set1_ps,
+        _mm256_storeu_pd, _mm256_storeu_ps, _mm256_sub_pd, _mm256_sub_ps, _mm512_add_pd, _mm512_add_ps,
+        _mm512_andnot_pd, _mm512_andnot_ps, _mm512_div_pd, _mm512_div_ps, _mm512_fmadd_pd, _mm512_fmadd_ps,
+        _mm512_loadu_pd, _mm512_loadu_ps, _mm512_max_pd, _mm512_max_ps, _mm512_mul_pd, _mm512_mul_ps,
+        _mm512_set1_pd, _mm512_set1_ps, _mm512_storeu_pd, _mm512_storeu_ps, _mm512_sub_pd, _mm512_sub_ps,
     };
 
     use super::Vector;
 
     macro_rules! vector {
         ($(#[$doc:meta])* $name:ident, $inner:ty, $number:ty, $lanes:expr, $splat:ident, $load:ident, $store:ident,
-         $add:ident, $sub:ident, $mul:ident, $fma:ident, $max:ident, $andnot:ident) => {
+         $add:ident, $sub:ident, $mul:ident, $fma:ident, $max:ident, $andnot:ident, $div:ident) => {
             $(#[$doc])*
             #[derive(Clone, Copy, Debug)]
             pub struct $name($inner);
@@ -236,6 +248,16 @@ mod x86 {
                     Self(unsafe { $fma(self.0, a.0, b.0) })
                 }
                 #[inline(always)]
+                fn over(self, other: Self) -> Self {
+                    // SAFETY: see the head of this module.
+                    Self(unsafe { $div(self.0, other.0) })
+                }
+                #[inline(always)]
+                fn larger(self, other: Self) -> Self {
+                    // SAFETY: see the head of this module.
+                    Self(unsafe { $max(self.0, other.0) })
+                }
+                #[inline(always)]
                 fn top(self, other: Self) -> Self {
                     // SAFETY: see the head of this module.
                     Self(unsafe { $max(self.0, $andnot($splat(-0.0), other.0)) })
@@ -247,21 +269,21 @@ mod x86 {
     vector!(
         /// Eight `f32`.
         F32x8, __m256, f32, 8, _mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps, _mm256_add_ps, _mm256_sub_ps,
-        _mm256_mul_ps, _mm256_fmadd_ps, _mm256_max_ps, _mm256_andnot_ps
+        _mm256_mul_ps, _mm256_fmadd_ps, _mm256_max_ps, _mm256_andnot_ps, _mm256_div_ps
     );
     vector!(
         /// Four `f64`.
         F64x4, __m256d, f64, 4, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd, _mm256_add_pd, _mm256_sub_pd,
-        _mm256_mul_pd, _mm256_fmadd_pd, _mm256_max_pd, _mm256_andnot_pd
+        _mm256_mul_pd, _mm256_fmadd_pd, _mm256_max_pd, _mm256_andnot_pd, _mm256_div_pd
     );
     vector!(
         /// Sixteen `f32`.
         F32x16, __m512, f32, 16, _mm512_set1_ps, _mm512_loadu_ps, _mm512_storeu_ps, _mm512_add_ps, _mm512_sub_ps,
-        _mm512_mul_ps, _mm512_fmadd_ps, _mm512_max_ps, _mm512_andnot_ps
+        _mm512_mul_ps, _mm512_fmadd_ps, _mm512_max_ps, _mm512_andnot_ps, _mm512_div_ps
     );
     vector!(
         /// Eight `f64`.
         F64x8, __m512d, f64, 8, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd, _mm512_add_pd, _mm512_sub_pd,
-        _mm512_mul_pd, _mm512_fmadd_pd, _mm512_max_pd, _mm512_andnot_pd
+        _mm512_mul_pd, _mm512_fmadd_pd, _mm512_max_pd, _mm512_andnot_pd, _mm512_div_pd
     );
 }

@@ -16,6 +16,9 @@ use super::stencil::{PAD, Window};
 use super::vector::scale_add;
 use super::{Isa, Real};
 
+/// Rows after which a sum's lanes are added up: few, so that f32 loses nothing that matters.
+const RUN: usize = 4;
+
 /// `p = z + b p`; with `b = 0` what was in `p` is not read.
 pub fn direction<T: Real>(isa: Isa, b: f64, z: &[T], p: &mut [T]) {
     if b == 0.0 {
@@ -70,7 +73,8 @@ impl<T: Real> Vectored<T> for Advance<'_, T> {
         let stride = self.window.stride();
         // Sums of three rows, and what stands beside their ends.
         let mut line = vec![T::ZERO; stride + 2 * MOST];
-        let (mut total, mut most) = (0.0, 0.0_f64);
+        let zero = V::splat(T::ZERO);
+        let (mut total, mut dot, mut top) = (0.0, zero, zero);
         // Below the last row stands one of zeros, which stay zeros.
         for row in PAD..=PAD + self.window.height {
             match self.a {
@@ -78,12 +82,14 @@ impl<T: Real> Vectored<T> for Advance<'_, T> {
                 None => self.update::<V, false>(row * stride, T::ZERO, &mut line),
             }
             if row > PAD {
-                let (dot, top) = self.blur::<V>((row - 1) * stride, &line);
-                total += dot;
-                most = most.max(top);
+                (dot, top) = self.blur::<V>((row - 1) * stride, &line, (dot, top));
+            }
+            if row % RUN == 0 {
+                total += sum(dot);
+                dot = zero;
             }
         }
-        (total, most)
+        (total + sum(dot), largest(top))
     }
 }
 
@@ -118,16 +124,20 @@ impl<T: Real> Advance<'_, T> {
         }
     }
 
-    /// Computes the row of `z` that begins at `start`.
+    /// Computes the row of `z` that begins at `start`; adds to the sum of `r z` and the largest `|z|`.
     #[inline(always)]
-    fn blur<V: Vector<Number = T>>(&mut self, start: usize, line: &[T]) -> (f64, f64) {
+    fn blur<V: Vector<Number = T>>(
+        &mut self,
+        start: usize,
+        line: &[T],
+        (mut dot, mut top): (V, V),
+    ) -> (V, V) {
         let stride = self.window.stride();
         let own = start..start + stride;
         let Buffers { e, r, z, .. } = &mut self.buffers;
         let (e, r, z) = (&e[own.clone()], &r[own.clone()], &mut z[own]);
         let line = &line[MOST - 1..][..stride + 2];
         let (c, two) = (V::splat(self.c), V::splat(T::from_f64(2.0)));
-        let (mut dot, mut top) = (V::splat(T::ZERO), V::splat(T::ZERO));
         for k in (0..stride).step_by(V::LANES) {
             let end = k + V::LANES;
             let near = &line[k..end + 2];
@@ -139,7 +149,7 @@ impl<T: Real> Advance<'_, T> {
             dot = residual.fused(value, dot);
             top = top.top(value);
         }
-        (sum(dot), largest(top))
+        (dot, top)
     }
 }
 

@@ -23,14 +23,16 @@
 //! 2016 (regression on auxiliary features with joint weights; theirs compare patches of complete images); W. Cleveland,
 //! "Robust Locally Weighted Regression and Smoothing Scatterplots", JASA 74, 1979.
 //!
-//! Cost: linear in pixels. The plain filter four times (samples and residual, twice), and a regression over about 50 samples
-//! for each pixel. Memory beyond samples, guides and result: 6 planes a channel, one plane a guide, and the
+//! Cost: linear in pixels. The plain filter once, three times more at the errors [`TRIAL`] and [`FINAL`] (samples and
+//! residual to find the trust; the residual), and a regression over about 50 samples for each pixel. Memory beyond samples, guides and result: 6 planes a channel, one plane a guide, and the
 //! measured pixels once more.
 //!
 //! Fails where no guide sees what the light does: mirrors show other surfaces than the one that they are; shadows and
 //! caustics have edges that no guide has. There it is the plain filter.
 
 use std::sync::Arc;
+
+use rayon::prelude::*;
 
 use crate::kernel::Isa;
 use crate::kernel::regress::Scales;
@@ -55,6 +57,12 @@ const SAMPLES: f64 = 36.0;
 const HOLD_OUT: usize = 5;
 /// Pixels of the side of a block that stays seen.
 const BLOCK: usize = 8;
+/// Error of the splines that is allowed where both ways are compared, over the range of what they fill.
+const TRIAL: f64 = 1e-2;
+/// The same for what the fit leaves, in the result.
+const FINAL: f64 = 1e-3;
+/// Pixels that one task of a loop over planes takes.
+const PART: usize = 1 << 16;
 /// Fewer measured pixels say nothing about guides.
 const FEWEST: usize = 256;
 
@@ -92,10 +100,13 @@ pub fn reconstruct(
     }
     let field = Field { planes: guides.planes(), labels: guides.labels() };
     let model = Model { method, mask, samples, field, isa: Isa::best() };
-    let Some((scales, trust, gain)) = model.judge(guides, run)? else {
+    let seen = Seen::new(mask, samples, field);
+    let Some((scales, trust, gain)) = model.judge(&seen, guides, run)? else {
         return Ok((outcome, Effect::default()));
     };
-    let (guided, mut predicted, second) = model.fill(mask, plan, &scales, true, run)?;
+    let everywhere = Mask::from_fn(mask.size(), |_, _| true);
+    let part = Part { mask, plan, seen: &seen, scales: &scales };
+    let (guided, mut predicted, second) = model.fill(part, &everywhere, FINAL, run)?;
     let outcome = outcome.worst(second);
     blend(mask, guides, &trust, &guided, &mut predicted, out);
     Ok((outcome, Effect { guides: guides.counting(&scales), gain: Some(gain), predicted: Some(predicted) }))
@@ -109,32 +120,61 @@ struct Model<'a> {
     isa: Isa,
 }
 
+/// The measured pixels of a mask, ready for regressions.
+struct Seen {
+    store: Store,
+    reach: Reach,
+}
+
+impl Seen {
+    fn new(mask: &Mask, samples: &Planes, field: Field<'_>) -> Self {
+        let store = || Store::new(mask, samples, field);
+        let (store, reach) = rayon::join(store, || Reach::new(mask, SAMPLES));
+        Self { store, reach }
+    }
+}
+
+/// What a fill starts from: all measured pixels, or those that were kept.
+#[derive(Clone, Copy)]
+struct Part<'a> {
+    mask: &'a Mask,
+    plan: &'a dyn Plan,
+    seen: &'a Seen,
+    scales: &'a Scales,
+}
+
 impl Model<'_> {
     /// What guides count for, where they are trusted, and what they gain; nothing if that is not worth it.
-    fn judge(&self, guides: &Guides, run: &Run<'_>) -> Result<Option<(Scales, Plane, f64)>, Error> {
+    fn judge(
+        &self,
+        seen: &Seen,
+        guides: &Guides,
+        run: &Run<'_>,
+    ) -> Result<Option<(Scales, Plane, f64)>, Error> {
         let size = self.mask.size();
-        let (kept, left_out) = hold_out(self.mask);
-        let kept = Arc::new(kept);
-        let reach = Reach::new(self.mask, SAMPLES);
-        let store = Store::new(self.mask, self.samples, self.field);
         let weights = tune::Weights::new(self.mask, self.samples);
         let trial = tune::Trial {
-            store: &store,
+            store: &seen.store,
             mask: self.mask,
             values: self.samples,
             weights,
             field: self.field,
-            reach: &reach,
+            reach: &seen.reach,
             isa: self.isa,
         };
         let scales = trial.choose(guides.groups());
         if scales.slopes.iter().all(|slope| !slope) && self.field.labels.is_none() {
             return Ok(None);
         }
-        let plan = self.method.filter().plan(&Problem::fill(Arc::clone(&kept)), run)?;
+        let (kept, left_out) = hold_out(self.mask);
+        let kept = Arc::new(kept);
+        let plan = || self.method.filter().plan(&Problem::fill(Arc::clone(&kept)), run);
+        let (plan, seen) = rayon::join(plan, || Seen::new(&kept, self.samples, self.field));
+        let plan = plan?;
         let mut plain = Planes::zeros(size, self.samples.len());
-        plan.reconstruct(self.samples, None, &mut plain, run)?;
-        let (guided, ..) = self.fill(&kept, plan.as_ref(), &scales, false, run)?;
+        plan.reconstruct_roughly(self.samples, TRIAL, &mut plain, run)?;
+        let part = Part { mask: &kept, plan: plan.as_ref(), seen: &seen, scales: &scales };
+        let (guided, ..) = self.fill(part, self.mask, TRIAL, run)?;
         if run.interrupted().is_some() {
             return Ok(None);
         }
@@ -143,48 +183,38 @@ impl Model<'_> {
         Ok((gain >= trust::WORTH).then(|| (scales, trust.plane(size), gain)))
     }
 
-    /// The guided image and the prediction alone, from the samples of `mask`: at all pixels, or only at those that were measured.
+    /// The guided image and the prediction alone at the pixels that are wanted, from the samples of a part.
     fn fill(
         &self,
-        mask: &Arc<Mask>,
-        plan: &dyn Plan,
-        scales: &Scales,
-        all: bool,
+        Part { mask, plan, seen, scales }: Part<'_>,
+        wanted: &Mask,
+        error: f64,
         run: &Run<'_>,
     ) -> Result<(Planes, Planes, Outcome), Error> {
         let size = mask.size();
-        let store = Store::new(mask, self.samples, self.field);
-        let reach = Reach::new(mask, SAMPLES);
-        let task = Task { field: self.field, scales, reach: &reach, leave_out: false, isa: self.isa };
-        // Where nothing is near: the residual of samples is zero, and missing pixels have no prediction.
-        let mut predicted = self.samples.clone();
-        for plane in predicted.as_mut_slice() {
-            let pairs = plane.pixels_mut().iter_mut().zip(mask.as_slice());
-            pairs.filter(|(_, measured)| !**measured).for_each(|(value, _)| *value = f32::NAN);
-        }
-        if all {
-            fit::everywhere(&store, task, &mut predicted);
-        } else {
-            for (index, values) in fit::at_marked(&store, task, self.mask, 1) {
-                for (plane, value) in predicted.as_mut_slice().iter_mut().zip(values) {
-                    plane.pixels_mut()[index] = value;
-                }
-            }
-        }
-        let mut residual = self.samples.clone();
-        for (residual, predicted) in residual.as_mut_slice().iter_mut().zip(predicted.as_slice()) {
-            for (value, predicted) in residual.pixels_mut().iter_mut().zip(predicted.pixels()) {
-                *value -= predicted;
-            }
-        }
+        let task = Task { field: self.field, scales, reach: &seen.reach, leave_out: false, isa: self.isa };
+        let mut predicted = Planes::zeros(size, self.samples.len());
+        fit::predict(&seen.store, task, wanted, &mut predicted);
+        let mut residual = Planes::zeros(size, self.samples.len());
+        // Where nothing is near, nothing is left of a sample.
+        merge(&mut residual, self.samples, &predicted, |sample, predicted| {
+            if predicted.is_finite() { sample - predicted } else { 0.0 }
+        });
         let mut filled = Planes::zeros(size, self.samples.len());
-        let outcome = plan.reconstruct(&residual, None, &mut filled, run)?;
-        for (filled, predicted) in filled.as_mut_slice().iter_mut().zip(predicted.as_slice()) {
-            for (value, predicted) in filled.pixels_mut().iter_mut().zip(predicted.pixels()) {
-                *value += predicted;
-            }
-        }
-        Ok((filled, predicted, outcome))
+        let outcome = plan.reconstruct_roughly(&residual, error, &mut filled, run)?;
+        let mut guided = residual;
+        merge(&mut guided, &filled, &predicted, |filled, predicted| filled + predicted);
+        Ok((guided, predicted, outcome))
+    }
+}
+
+/// Sets each pixel to a function of those of two other groups of planes.
+fn merge(to: &mut Planes, a: &Planes, b: &Planes, value: impl Fn(f32, f32) -> f32 + Sync) {
+    for ((to, a), b) in to.as_mut_slice().iter_mut().zip(a.as_slice()).zip(b.as_slice()) {
+        let parts = a.pixels().par_chunks(PART).zip(b.pixels().par_chunks(PART));
+        to.pixels_mut().par_chunks_mut(PART).zip(parts).for_each(|(to, (a, b))| {
+            to.iter_mut().zip(a.iter().zip(b)).for_each(|(to, (&a, &b))| *to = value(a, b));
+        });
     }
 }
 
@@ -230,15 +260,19 @@ fn blend(
     let known = |index: usize| guides.labels().is_none_or(|labels| labels[index] != guides::UNKNOWN);
     let planes = out.as_mut_slice().iter_mut().zip(guided.as_slice()).zip(predicted.as_mut_slice());
     for ((out, guided), predicted) in planes {
-        let pairs = out.pixels_mut().iter_mut().zip(guided.pixels()).zip(predicted.pixels_mut());
-        for (index, ((out, &guided), predicted)) in pairs.enumerate() {
-            let trust = trust.pixels()[index];
-            let share = trust * (guided - *out);
-            if trust > 0.0 && share.is_finite() && !mask.as_slice()[index] && known(index) {
-                *out += share;
-            } else {
-                *predicted = f32::NAN;
+        let (out, guided) = (out.pixels_mut().par_chunks_mut(PART), guided.pixels().par_chunks(PART));
+        let parts = out.zip(guided).zip(predicted.pixels_mut().par_chunks_mut(PART)).enumerate();
+        parts.for_each(|(part, ((out, guided), predicted))| {
+            let pairs = out.iter_mut().zip(guided).zip(predicted);
+            for (index, ((out, &guided), predicted)) in (part * PART..).zip(pairs) {
+                let trust = trust.pixels()[index];
+                let share = trust * (guided - *out);
+                if trust > 0.0 && share.is_finite() && !mask.as_slice()[index] && known(index) {
+                    *out += share;
+                } else {
+                    *predicted = f32::NAN;
+                }
             }
-        }
+        });
     }
 }

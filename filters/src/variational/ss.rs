@@ -87,6 +87,8 @@ const TILE_TOLERANCE: f64 = 3e-5;
 const ROUNDING: f64 = 4e-7;
 /// Images of up to so many pixels are left to multigrid.
 const SMALL: usize = 64 * 64;
+/// From this error on, over the measured range, one sweep of tiles is enough.
+const ROUGH: f64 = 5e-3;
 /// Rounds of tiles and holes after which the whole image is handed to multigrid.
 const ROUNDS: usize = 8;
 
@@ -173,6 +175,16 @@ impl Plan for Planned {
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
+        self.reconstruct_roughly(samples, AIM, out, run)
+    }
+
+    fn reconstruct_roughly(
+        &self,
+        samples: &Planes,
+        error: f64,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<Outcome, Error> {
         // The start checks the planes.
         let mut outcome = self.start.reconstruct(samples, None, out, run)?;
         if self.mask.is_full() && self.settings.lambda == 0.0 {
@@ -182,29 +194,50 @@ impl Plan for Planned {
         if matches!(&self.parts, Parts::Tiled(_, regions) if regions.is_empty()) {
             let pairs: Vec<_> = pairs.collect();
             let ends: Vec<Outcome> =
-                pairs.into_par_iter().map(|(sample, out)| self.channel(sample, out, run)).collect();
+                pairs.into_par_iter().map(|(sample, out)| self.channel(sample, out, error, run)).collect();
             return Ok(ends.into_iter().fold(outcome, Outcome::worst));
         }
         for (sample, out) in pairs {
-            outcome = outcome.worst(self.channel(sample, out, run));
+            outcome = outcome.worst(self.channel(sample, out, error, run));
         }
         Ok(outcome)
     }
 }
 
+/// What a channel asks for.
+#[derive(Clone, Copy)]
+struct Wanted {
+    /// A value in the midst of the measured ones.
+    middle: f32,
+    /// Their range.
+    range: f64,
+    /// Largest error of the result.
+    error: f64,
+}
+
+impl Wanted {
+    /// Where the best result may be off by `best` times the range: by how much this one may be.
+    fn within(self, best: f64) -> f64 {
+        best * self.error / AIM
+    }
+
+    /// As many rounds as this error is worth.
+    fn rounds(self) -> usize {
+        if self.error < ROUGH * self.range { ROUNDS } else { 1 }
+    }
+}
+
 impl Planned {
-    fn channel(&self, samples: &Plane, out: &mut Plane, run: &Run<'_>) -> Outcome {
+    fn channel(&self, samples: &Plane, out: &mut Plane, error: f64, run: &Run<'_>) -> Outcome {
         let (low, high) = range(self.mask.as_slice(), samples.pixels());
         let range = f64::from(high) - f64::from(low);
         if range <= 0.0 {
             return Outcome::direct();
         }
+        let wanted = Wanted { middle: low + 0.5 * (high - low), range, error: error * range };
         let outcome = match &self.parts {
-            Parts::Whole(region) => region.solve(samples, out, TOLERANCE * range, run),
-            Parts::Tiled(tiles, regions) => {
-                let middle = low + 0.5 * (high - low);
-                self.tiled(tiles, regions, samples, out, (middle, range), run)
-            }
+            Parts::Whole(region) => region.solve(samples, out, wanted.within(TOLERANCE), run),
+            Parts::Tiled(tiles, regions) => self.tiled(tiles, regions, samples, out, wanted, run),
         };
         if let Some(unseen) = &self.unseen {
             let smooths = self.settings.lambda > 0.0;
@@ -220,14 +253,16 @@ impl Planned {
         regions: &[Region],
         samples: &Plane,
         out: &mut Plane,
-        (middle, range): (f32, f64),
+        wanted: Wanted,
         run: &Run<'_>,
     ) -> Outcome {
         let mut outcome = Outcome::direct();
+        let Wanted { middle, range, error } = wanted;
         let floor = ROUNDING * f64::max(range, f64::from(middle.abs()));
         let (mut first, mut least, mut holes) = (0.0, None, 0.0_f64);
-        for round in 0..ROUNDS {
-            let target = Target { tolerance: TILE_TOLERANCE * range, floor, least };
+        let rounds = wanted.rounds();
+        for round in 0..rounds {
+            let target = Target { tolerance: wanted.within(TILE_TOLERANCE), floor, least };
             let task = Task { shifted: round % 2 == 1, middle, target };
             let sweep = tiles.sweep(&self.mask, out, task, run);
             if round == 0 {
@@ -237,7 +272,7 @@ impl Planned {
             let mut work = sweep.steps;
             let mut failed = false;
             for region in regions.iter().filter(|_| round == 0 || sweep.steps > 0) {
-                let ending = region.solve(samples, out, TOLERANCE * range, run);
+                let ending = region.solve(samples, out, wanted.within(TOLERANCE), run);
                 work = work.max(ending.iterations);
                 failed |= ending.stop != Stop::Converged;
                 holes = holes.max(ending.residual.filter(|_| round == 0).unwrap_or(0.0));
@@ -249,15 +284,15 @@ impl Planned {
                 return Outcome { stop, ..outcome };
             }
             // Third order may have come to the end of f32 before it came near enough.
-            if failed || (work == 0 && self.settings.order == Order::Third && sweep.error > AIM * range) {
+            if failed || (work == 0 && self.settings.order == Order::Third && sweep.error > error) {
                 break;
             }
-            if work == 0 {
+            if work == 0 || rounds == 1 {
                 return outcome;
             }
         }
         let whole = Region::whole(Isa::best(), &self.form, &self.mask, 0.0, None);
-        let last = whole.solve(samples, out, TOLERANCE * range, run);
+        let last = whole.solve(samples, out, wanted.within(TOLERANCE), run);
         Outcome { stop: last.stop, iterations: outcome.iterations + last.iterations, ..last }
     }
 }

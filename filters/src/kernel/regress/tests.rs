@@ -3,9 +3,9 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::kernel::{Isa, dispatch};
+use crate::kernel::simd::vectors;
 
-/// A pixel's prediction from the definition.
+/// A pixel's sum of weights and prediction from the definition.
 fn reference(
     samples: &Samples,
     channels: usize,
@@ -13,22 +13,22 @@ fn reference(
     lane: usize,
     scales: &Scales,
     leave_out: bool,
-) -> Vec<f64> {
+) -> (f64, Vec<f64>) {
     let guides = scales.bandwidths.len();
     let slopes: Vec<usize> = (0..guides).filter(|&guide| scales.slopes[guide]).collect();
     let order = slopes.len() + 1;
     let mut system = vec![vec![0.0; order + channels]; order];
     for index in 0..samples.at.len() {
         let difference = |guide: usize| {
-            f64::from(samples.guides[index * guides + guide]) - f64::from(centres.guides[guide][lane])
+            f64::from(samples.guides[index * guides + guide]) - f64::from(centres.guides[guide].0[lane])
         };
         let square: f64 = (0..2)
-            .map(|axis| (f64::from(samples.at[index][axis]) - f64::from(centres.at[axis][lane])).powi(2))
+            .map(|axis| (f64::from(samples.at[index][axis]) - f64::from(centres.at[axis].0[lane])).powi(2))
             .sum();
         if leave_out && square == 0.0 {
             continue;
         }
-        let near = (1.0 - square * f64::from(centres.inverse[lane])).max(0.0).powi(2);
+        let near = (1.0 - square * f64::from(centres.inverse.0[lane])).max(0.0).powi(2);
         let sum: f64 = (0..guides).map(|g| (f64::from(scales.bandwidths[g]) * difference(g)).powi(2)).sum();
         let mut weight = near / (1.0 + sum).powi(4);
         if samples.labels.get(index).is_some_and(|label| *label != centres.labels[lane]) {
@@ -45,6 +45,7 @@ fn reference(
             }
         }
     }
+    let total = system[order - 1][order - 1];
     for (a, row) in system.iter_mut().enumerate().take(order - 1) {
         row[a] += f64::from(RIDGE);
     }
@@ -59,7 +60,8 @@ fn reference(
             }
         }
     }
-    (0..channels).map(|channel| system[order - 1][order + channel] / system[order - 1][order - 1]).collect()
+    let last = &system[order - 1];
+    (total, (0..channels).map(|channel| last[order + channel] / last[order - 1]).collect())
 }
 
 /// Samples and pixels from a seed.
@@ -78,12 +80,12 @@ fn scene(seed: u64, count: usize, guides: usize, channels: usize) -> (Samples, C
         samples.values.extend((0..channels).map(|_| 3.0 + next()));
         samples.labels.push(u32::from(next() > 0.3));
     }
-    let mut lanes = |scale: f32| std::array::from_fn(|_| (next() * scale).floor());
+    let mut lanes = |scale: f32| Lanes(std::array::from_fn(|_| (next() * scale).floor()));
     let at = [lanes(12.0), lanes(12.0)];
     let centres = Centres {
         at,
-        inverse: [1.0 / 64.0; LANES],
-        guides: (0..guides).map(|_| std::array::from_fn(|_| next())).collect(),
+        inverse: Lanes([1.0 / 64.0; LANES]),
+        guides: (0..guides).map(|_| Lanes(std::array::from_fn(|_| next()))).collect(),
         labels: std::array::from_fn(|_| u32::from(next() > 0.3)),
     };
     (samples, centres)
@@ -97,20 +99,14 @@ fn run(
     scales: &Scales,
     leave_out: bool,
 ) -> (Lanes, Vec<Lanes>) {
-    let mut scratch = Scratch::new(scales.bandwidths.len(), channels);
-    let mut out = vec![[0.0; LANES]; channels];
+    let mut out = vec![Lanes::ZERO; channels];
     let runs = [(0, samples.at.len())];
-    let regress = Regress {
-        samples,
-        channels,
-        runs: &runs,
-        centres,
-        scales,
-        leave_out,
-        scratch: &mut scratch,
-        out: &mut out,
-    };
-    (dispatch(isa, regress), out)
+    let mut table = Table::new(scales, channels);
+    table.fill(isa, samples, &runs);
+    let mut scratch = Scratch::default();
+    let regress =
+        Regress { table: &table, runs: &runs, centres, leave_out, scratch: &mut scratch, out: &mut out };
+    (vectors(isa, regress), out)
 }
 
 proptest! {
@@ -126,15 +122,20 @@ proptest! {
         }
         for isa in [Isa::Portable, Isa::Avx2, Isa::Avx512] {
             let (weights, found) = run(isa, &samples, channels, &centres, &scales, leave_out);
-            for lane in (0..LANES).filter(|&lane| weights[lane] > 1e-3) {
-                let expected = reference(&samples, channels, &centres, lane, &scales, leave_out);
+            for lane in 0..LANES {
+                let (weight, expected) = reference(&samples, channels, &centres, lane, &scales, leave_out);
+                let found_weight = f64::from(weights.0[lane]);
+                prop_assert!((found_weight - weight).abs() <= 60.0 * f64::from(f32::EPSILON) * 60.0);
+                if weight <= 1e-3 {
+                    continue;
+                }
                 for (found, expected) in found.iter().zip(expected) {
                     // Values lie within 1 of each other; predictions end 0.25 beyond. Rounding of sums of 60 terms grows
                     // by the condition, which the ridge bounds by the largest entry over it.
                     let bounded = expected.clamp(2.75, 4.25);
                     let tolerance = 60.0 * f64::from(f32::EPSILON) * 1.0e3;
                     if (3.0..=4.0).contains(&bounded) {
-                        prop_assert!((f64::from(found[lane]) - bounded).abs() <= tolerance, "{} {}", found[lane], bounded);
+                        prop_assert!((f64::from(found.0[lane]) - bounded).abs() <= tolerance, "{} {}", found.0[lane], bounded);
                     }
                 }
             }
@@ -155,11 +156,11 @@ fn a_colour_that_follows_the_guides_is_found() {
     }
     let scales = Scales { bandwidths: vec![1.0; 3], slopes: vec![true; 3] };
     let (weights, found) = run(Isa::best(), &samples, 2, &centres, &scales, false);
-    for lane in (0..LANES).filter(|&lane| weights[lane] > 0.5) {
-        let guides = [0, 1, 2].map(|guide| centres.guides[guide][lane]);
+    for lane in (0..LANES).filter(|&lane| weights.0[lane] > 0.5) {
+        let guides = [0, 1, 2].map(|guide| centres.guides[guide].0[lane]);
         for (channel, found) in found.iter().enumerate() {
             // The ridge alone is in the way.
-            assert!((found[lane] - colour(&guides, channel)).abs() < 2e-2, "{lane}");
+            assert!((found.0[lane] - colour(&guides, channel)).abs() < 2e-2, "{lane}");
         }
     }
 }
@@ -170,9 +171,9 @@ fn constants_stay_and_nothing_near_says_so() {
     samples.values.fill(0.1);
     let scales = Scales { bandwidths: vec![1.0; 2], slopes: vec![true; 2] };
     let (_, found) = run(Isa::best(), &samples, 1, &centres, &scales, false);
-    assert_eq!(found[0], [0.1; LANES]);
+    assert_eq!(found[0].0, [0.1; LANES]);
     samples.values[0] = 0.2;
-    centres.at[0] = [1000.0; LANES];
+    centres.at[0] = Lanes([1000.0; LANES]);
     let (weights, _) = run(Isa::best(), &samples, 1, &centres, &scales, false);
-    assert_eq!(weights, [0.0; LANES]);
+    assert_eq!(weights, Lanes::ZERO);
 }

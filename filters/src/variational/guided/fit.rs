@@ -1,14 +1,22 @@
-//! Regressions over an image: the samples in rows, the blocks of pixels, and what each block sees.
+//! Regressions over an image: the samples in rows, the tiles whose pixels share a table of samples, and the blocks of
+//! pixels that are predicted at once.
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 
 use super::reach::Reach;
-use crate::kernel::regress::{Centres, LANES, Lanes, Regress, Samples, Scales, Scratch};
-use crate::kernel::{Isa, dispatch};
+use crate::kernel::Isa;
+use crate::kernel::regress::{Centres, LANES, Lanes, Regress, Samples, Scales, Scratch, Table};
+use crate::kernel::simd::vectors;
 use crate::{Mask, Plane, Planes, Size};
 
 /// Columns after which the samples of a row are counted anew.
 const STRIDE: usize = 4;
+/// Pixels that a block holds on average: fewer than [`LANES`], so that few of them need a second one.
+const FILLED: f64 = 14.0;
+/// Least and largest side of a tile, about.
+const TILE: (usize, usize) = (48, 128);
 
 /// The guides of an image, scaled.
 #[derive(Clone, Copy, Debug)]
@@ -58,54 +66,15 @@ impl Store {
         Self { size, samples, channels: channels.len(), starts }
     }
 
-    /// The runs of samples in a rectangle of rows and columns, its last ones included; columns are rounded outwards.
-    fn runs(&self, rows: (usize, usize), columns: (usize, usize), runs: &mut Vec<(usize, usize)>) {
+    /// The runs of samples in a rectangle of rows and columns; columns are rounded outwards.
+    fn runs(&self, rows: Range<usize>, columns: &Range<usize>, runs: &mut Vec<(usize, usize)>) {
         let per_row = self.size.width.div_ceil(STRIDE) + 1;
         runs.clear();
-        for row in rows.0..=rows.1 {
+        for row in rows {
             let line = &self.starts[row * per_row..][..per_row];
-            let (start, end) = (line[columns.0 / STRIDE], line[columns.1 / STRIDE + 1]);
-            if start < end {
-                runs.push((start as usize, end as usize));
-            }
+            let (start, end) = (line[columns.start / STRIDE], line[columns.end.div_ceil(STRIDE)]);
+            runs.push((start as usize, end as usize));
         }
-    }
-
-    /// Predicts the listed pixels of one neighbourhood, at most [`LANES`] of them.
-    fn block(&self, at: &[[usize; 2]], work: &mut Worker<'_>) -> Lanes {
-        let radius = |&[row, column]: &[usize; 2]| work.task.reach.at(row, column);
-        for lane in 0..LANES {
-            // Idle lanes repeat the last pixel.
-            let [row, column] = at[lane.min(at.len() - 1)];
-            let index = row * self.size.width + column;
-            let centres = &mut work.centres;
-            centres.at[0][lane] = row as f32;
-            centres.at[1][lane] = column as f32;
-            let radius = radius(&[row, column]);
-            centres.inverse[lane] = 1.0 / (radius * radius);
-            for (guide, plane) in centres.guides.iter_mut().zip(work.task.field.planes) {
-                guide[lane] = plane.pixels()[index];
-            }
-            centres.labels[lane] = work.task.field.labels.map_or(0, |labels| labels[index]);
-        }
-        let far = at.iter().map(radius).fold(0.0, f32::max) as usize;
-        let span = |axis: usize, end: usize| {
-            let all = at.iter().map(|at| at[axis]);
-            let (low, high) = (all.clone().min().unwrap_or(0), all.max().unwrap_or(0));
-            (low.saturating_sub(far), (high + far).min(end - 1))
-        };
-        self.runs(span(0, self.size.height), span(1, self.size.width), &mut work.runs);
-        let regress = Regress {
-            samples: &self.samples,
-            channels: self.channels,
-            runs: &work.runs,
-            centres: &work.centres,
-            scales: work.task.scales,
-            leave_out: work.task.leave_out,
-            scratch: &mut work.scratch,
-            out: &mut work.out,
-        };
-        dispatch(work.task.isa, regress)
     }
 }
 
@@ -124,8 +93,15 @@ pub struct Task<'a> {
     pub isa: Isa,
 }
 
+/// Predicts the pixels of one tile after the other.
 struct Worker<'a> {
+    store: &'a Store,
     task: Task<'a>,
+    table: Table,
+    /// Rows and columns that the table's samples come from.
+    seen: (Range<usize>, Range<usize>),
+    /// Per row of these, and column and the one after the last: samples of the table before it.
+    before: Vec<u32>,
     centres: Centres,
     runs: Vec<(usize, usize)>,
     scratch: Scratch,
@@ -133,89 +109,221 @@ struct Worker<'a> {
 }
 
 impl<'a> Worker<'a> {
-    fn new(task: Task<'a>, channels: usize) -> Self {
-        let guides = task.scales.bandwidths.len();
-        let zero = [0.0; LANES];
+    fn new(store: &'a Store, task: Task<'a>) -> Self {
+        let guides = vec![Lanes::ZERO; task.scales.bandwidths.len()];
+        let (at, inverse) = ([Lanes::ZERO; 2], Lanes::ZERO);
         Self {
+            store,
             task,
-            centres: Centres { at: [zero; 2], inverse: zero, guides: vec![zero; guides], labels: [0; LANES] },
+            table: Table::new(task.scales, store.channels),
+            seen: (0..0, 0..0),
+            before: Vec::new(),
+            centres: Centres { at, inverse, guides, labels: [0; LANES] },
             runs: Vec::new(),
-            scratch: Scratch::new(guides, channels),
-            out: vec![zero; channels],
+            scratch: Scratch::default(),
+            out: vec![Lanes::ZERO; store.channels],
+        }
+    }
+
+    /// Takes the samples that the pixels of a tile may see.
+    fn open(&mut self, rows: &Range<usize>, columns: &Range<usize>) {
+        let far = self.task.reach.most(rows, columns) as usize;
+        let around =
+            |span: &Range<usize>, end: usize| span.start.saturating_sub(far)..(span.end + far).min(end);
+        let Size { height, width } = self.store.size;
+        let (rows, columns) = (around(rows, height), around(columns, width));
+        self.store.runs(rows.clone(), &columns, &mut self.runs);
+        self.table.fill(self.task.isa, &self.store.samples, &self.runs);
+        self.before.clear();
+        let mut base = 0;
+        for &(start, end) in &self.runs {
+            let mut samples = self.store.samples.at[start..end].iter().peekable();
+            let mut count = base;
+            for column in columns.start..=columns.end {
+                while samples.next_if(|at| (at[1] as usize) < column).is_some() {
+                    count += 1;
+                }
+                self.before.push(count);
+            }
+            base += (end - start) as u32;
+        }
+        self.seen = (rows, columns);
+    }
+
+    /// The samples within the farthest reach of a block's pixels, whose first and last rows and columns are given.
+    fn look(&mut self, (top, bottom): (usize, usize), (left, right): (usize, usize), far: f32) {
+        let (rows, columns) = &self.seen;
+        let whole = far as usize;
+        self.runs.clear();
+        for row in top.saturating_sub(whole).max(rows.start)..(bottom + whole + 1).min(rows.end) {
+            let away = (top.saturating_sub(row) + row.saturating_sub(bottom)) as f32;
+            let half = (far * far - away * away).max(0.0).sqrt() as usize;
+            let (from, to) =
+                (left.saturating_sub(half).max(columns.start), (right + half + 1).min(columns.end));
+            let line = &self.before[(row - rows.start) * (columns.len() + 1)..][..=columns.len()];
+            let (start, end) = (line[from - columns.start], line[to - columns.start]);
+            if start < end {
+                self.runs.push((start as usize, end as usize));
+            }
+        }
+    }
+
+    /// Predicts the listed pixels of the tile, at most [`LANES`] of them near each other.
+    fn block(&mut self, at: &[[usize; 2]]) -> Lanes {
+        let span = |axis: usize| {
+            let all = at.iter().map(|at| at[axis]);
+            all.fold((usize::MAX, 0), |(low, high), at| (low.min(at), high.max(at)))
+        };
+        let (rows, columns) = (span(0), span(1));
+        // One radius for all: it changes slowly.
+        let radius =
+            self.task.reach.at(usize::midpoint(rows.0, rows.1), usize::midpoint(columns.0, columns.1));
+        let centres = &mut self.centres;
+        centres.inverse.0 = [1.0 / (radius * radius); LANES];
+        // Idle lanes repeat the last pixel.
+        let place = |lane: usize| at[lane.min(at.len() - 1)];
+        let index: [usize; LANES] = std::array::from_fn(|lane| {
+            let [row, column] = place(lane);
+            centres.at[0].0[lane] = row as f32;
+            centres.at[1].0[lane] = column as f32;
+            row * self.store.size.width + column
+        });
+        for (guide, plane) in centres.guides.iter_mut().zip(self.task.field.planes) {
+            let pixels = plane.pixels();
+            guide.0 = index.map(|index| pixels[index]);
+        }
+        if let Some(labels) = self.task.field.labels {
+            centres.labels = index.map(|index| labels[index]);
+        }
+        self.look(rows, columns, radius);
+        let regress = Regress {
+            table: &self.table,
+            runs: &self.runs,
+            centres: &self.centres,
+            leave_out: self.task.leave_out,
+            scratch: &mut self.scratch,
+            out: &mut self.out,
+        };
+        vectors(self.task.isa, regress)
+    }
+
+    /// Predicts the marked pixels of some rows and columns of the tile; `found` gets each with its channels, unless nothing is
+    /// near.
+    fn cell(
+        &mut self,
+        wanted: &Mask,
+        (rows, columns): (Range<usize>, Range<usize>),
+        mut found: impl FnMut([usize; 2], &[Lanes], usize),
+    ) {
+        let mut at = [[0; 2]; LANES];
+        let mut count = 0;
+        let last = (rows.end - 1, columns.end - 1);
+        for row in rows {
+            for column in columns.clone() {
+                if wanted.is_measured(row, column) {
+                    at[count] = [row, column];
+                    count += 1;
+                }
+                if count == LANES || (count > 0 && (row, column) == last) {
+                    let weights = self.block(&at[..count]);
+                    for (lane, at) in
+                        at[..count].iter().enumerate().filter(|(lane, _)| weights.0[*lane] > 0.0)
+                    {
+                        if self.out.iter().all(|out| out.0[lane].is_finite()) {
+                            found(*at, &self.out, lane);
+                        }
+                    }
+                    count = 0;
+                }
+            }
         }
     }
 }
 
-/// Pixels of a side of the blocks in which all pixels are predicted.
-const SIDE: usize = 4;
-
-/// Predicts every pixel; where nothing is near, `values` stay as they are.
-pub fn everywhere(store: &Store, task: Task<'_>, values: &mut Planes) {
-    let Size { height, width } = store.size;
-    let bands: Vec<Vec<f32>> = (0..height.div_ceil(SIDE))
-        .into_par_iter()
-        .map(|band| {
-            let rows = (height - band * SIDE).min(SIDE);
-            let mut found = vec![f32::NAN; store.channels * rows * width];
-            let mut work = Worker::new(task, store.channels);
-            for left in (0..width).step_by(SIDE) {
-                let columns = (width - left).min(SIDE);
-                let mut at = [[0; 2]; LANES];
-                let pixels = rows * columns;
-                for (index, at) in at[..pixels].iter_mut().enumerate() {
-                    *at = [band * SIDE + index / columns, left + index % columns];
-                }
-                let weights = store.block(&at[..pixels], &mut work);
-                for (lane, [row, column]) in at[..pixels].iter().enumerate() {
-                    if weights[lane] > 0.0 {
-                        for (channel, out) in work.out.iter().enumerate() {
-                            found[(channel * rows + row - band * SIDE) * width + column] = out[lane];
-                        }
-                    }
-                }
-            }
-            found
-        })
-        .collect();
-    values.as_mut_slice().par_iter_mut().enumerate().for_each(|(channel, plane)| {
-        for (pixels, found) in plane.pixels_mut().chunks_mut(SIDE * width).zip(&bands) {
-            let found = &found[channel * pixels.len()..][..pixels.len()];
-            for (pixel, &found) in pixels.iter_mut().zip(found).filter(|(_, found)| found.is_finite()) {
-                *pixel = found;
-            }
-        }
-    });
+/// Pixels of a cell's side, so that the marked ones of a cell about fill a block.
+fn side(wanted: &Mask) -> usize {
+    let density = wanted.density();
+    if density >= 1.0 {
+        return 4;
+    }
+    ((FILLED / density.max(1e-4)).sqrt() as usize).clamp(4, 32)
 }
 
-/// Predicts the pixels that are marked in `wanted`, in blocks of near ones, keeping one tile in `keep_every`; each entry
-/// is a pixel's index and its channels.
-pub fn at_marked(store: &Store, task: Task<'_>, wanted: &Mask, keep_every: usize) -> Vec<(usize, Vec<f32>)> {
+/// The parts of `length` pixels of a range.
+fn parts(range: Range<usize>, length: usize) -> impl Iterator<Item = Range<usize>> + Clone {
+    let end = range.end;
+    range.step_by(length).map(move |start| start..(start + length).min(end))
+}
+
+/// Predicts the pixels that are marked in `wanted`; where nothing is near, and elsewhere, `values` become NaN.
+pub fn predict(store: &Store, task: Task<'_>, wanted: &Mask, values: &mut Planes) {
     let Size { height, width } = store.size;
-    let density = wanted.density().max(1e-4);
-    let side = ((LANES as f64 / density).sqrt().round() as usize).clamp(SIDE, 32);
-    let columns = width.div_ceil(side);
-    let tiles = height.div_ceil(side) * columns;
-    let found: Vec<Vec<(usize, Vec<f32>)>> = (0..tiles)
-        .into_par_iter()
-        .filter(|tile| tile % keep_every == keep_every / 2)
-        .map(|tile| {
-            let (top, left) = (tile / columns * side, tile % columns * side);
-            let (bottom, right) = ((top + side).min(height), (left + side).min(width));
-            let all = (top..bottom).flat_map(|row| (left..right).map(move |column| [row, column]));
-            let at: Vec<_> = all.filter(|&[row, column]| wanted.is_measured(row, column)).collect();
-            let mut work = Worker::new(task, store.channels);
-            let mut found = Vec::with_capacity(at.len());
-            for at in at.chunks(LANES) {
-                let weights = store.block(at, &mut work);
-                for (lane, [row, column]) in at.iter().enumerate() {
-                    let values: Vec<f32> = work.out.iter().map(|out| out[lane]).collect();
-                    if weights[lane] > 0.0 && values.iter().all(|value| value.is_finite()) {
-                        found.push((row * width + column, values));
-                    }
+    let side = side(wanted);
+    let far = task.reach.most(&(0..height), &(0..width)) as usize;
+    let tile = (2 * far).clamp(TILE.0, TILE.1).next_multiple_of(side);
+    let mut bands: Vec<Vec<&mut [f32]>> = (0..height.div_ceil(tile)).map(|_| Vec::new()).collect();
+    for plane in values.as_mut_slice() {
+        bands
+            .iter_mut()
+            .zip(plane.pixels_mut().chunks_mut(tile * width))
+            .for_each(|(band, rows)| band.push(rows));
+    }
+    let bands = bands.into_par_iter().zip(parts(0..height, tile).collect::<Vec<_>>());
+    bands.for_each_init(
+        || Worker::new(store, task),
+        |work, (mut band, rows)| {
+            band.iter_mut().for_each(|pixels| pixels.fill(f32::NAN));
+            for columns in parts(0..width, tile) {
+                work.open(&rows, &columns);
+                for (rows, columns) in parts(rows.clone(), side)
+                    .flat_map(|rows| parts(columns.clone(), side).map(move |columns| (rows.clone(), columns)))
+                {
+                    work.cell(wanted, (rows, columns), |[row, column], out, lane| {
+                        for (pixels, out) in band.iter_mut().zip(out) {
+                            pixels[(row % tile) * width + column] = out.0[lane];
+                        }
+                    });
                 }
             }
-            found
-        })
+        },
+    );
+}
+
+/// Predictions at some pixels.
+#[derive(Debug, Default)]
+pub struct Found {
+    /// Where they stand in a plane.
+    pub at: Vec<usize>,
+    /// Their channels, all of a pixel together.
+    pub values: Vec<f32>,
+}
+
+/// Predicts pixels that are marked in `wanted`: those of one cell in `keep_every`, scattered over the image.
+pub fn probe(store: &Store, task: Task<'_>, wanted: &Mask, keep_every: usize) -> Found {
+    let Size { height, width } = store.size;
+    let side = side(wanted);
+    let cells = parts(0..height, side)
+        .flat_map(|rows| parts(0..width, side).map(move |columns| (rows.clone(), columns)));
+    let cells: Vec<_> = cells.skip(keep_every / 2).step_by(keep_every).collect();
+    let found: Vec<Found> = cells
+        .into_par_iter()
+        .map_init(
+            || Worker::new(store, task),
+            |work, (rows, columns)| {
+                let mut found = Found::default();
+                work.open(&rows, &columns);
+                work.cell(wanted, (rows, columns), |[row, column], out, lane| {
+                    found.at.push(row * width + column);
+                    found.values.extend(out.iter().map(|out| out.0[lane]));
+                });
+                found
+            },
+        )
         .collect();
-    found.into_iter().flatten().collect()
+    let mut all = Found::default();
+    for found in found {
+        all.at.extend(found.at);
+        all.values.extend(found.values);
+    }
+    all
 }

@@ -3,6 +3,8 @@
 //! Counted in squares around the nodes of a grid of [`STEP`] pixels by a summed-area table, turned into the radius of a
 //! disc, averaged over 3 x 3 nodes and interpolated linearly in between, so that it changes slowly.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::{Mask, Size};
@@ -48,6 +50,16 @@ impl Reach {
             }
         });
         Self { nodes, columns, rows }
+    }
+
+    /// The largest radius of the pixels in some rows and columns, or a little more.
+    pub fn most(&self, rows: &Range<usize>, columns: &Range<usize>) -> f32 {
+        let nodes = |span: &Range<usize>, count: usize| {
+            (span.start / STEP).min(count - 1)..(span.end.div_ceil(STEP) + 1).min(count)
+        };
+        let all = nodes(rows, self.rows)
+            .flat_map(|row| self.nodes[row * self.columns..][nodes(columns, self.columns)].iter());
+        all.fold(0.0, |most, radius| most.max(*radius))
     }
 
     /// The radius at a pixel.

@@ -7,6 +7,8 @@
 //! about `1 / n`, so `t` is shrunk by `1 - CHANCE / (n rho)`, down to zero. A frame in which blending takes away less
 //! than [`WORTH`] of the error is left to the plain filter altogether.
 
+use rayon::prelude::*;
+
 use super::tune::Weights;
 use crate::{Plane, Planes, Size};
 
@@ -60,7 +62,8 @@ impl Trust {
             {
                 let at = |plane: &Plane| f64::from(plane.at(row, column));
                 let s = at(plain) - at(truth);
-                let difference = at(plain) - at(guided);
+                // Where guides predict nothing, nothing would change.
+                let difference = Some(at(plain) - at(guided)).filter(|d| d.is_finite()).unwrap_or(0.0);
                 cell.plain += weight * s * s;
                 cell.cross += weight * s * difference;
                 cell.change += weight * difference * difference;
@@ -92,14 +95,18 @@ impl Trust {
             let low = at as usize;
             (low, (low + 1).min(count - 1), at - low as f32)
         };
-        Plane::from_fn(size, |row, column| {
-            let ((top, bottom, v), (left, right, u)) = (place(row, self.rows), place(column, self.columns));
-            let line = |row: usize| {
-                let (a, b) = (shares[row * self.columns + left], shares[row * self.columns + right]);
-                a + u * (b - a)
-            };
-            line(top) + v * (line(bottom) - line(top))
-        })
+        let across: Vec<_> = (0..size.width).map(|column| place(column, self.columns)).collect();
+        let mut plane = Plane::filled(size, 0.0);
+        plane.pixels_mut().par_chunks_mut(size.width).enumerate().for_each(|(row, pixels)| {
+            let (top, bottom, v) = place(row, self.rows);
+            let line = |row: usize| &shares[row * self.columns..][..self.columns];
+            let (top, bottom) = (line(top), line(bottom));
+            for (pixel, &(left, right, u)) in pixels.iter_mut().zip(&across) {
+                let along = |line: &[f32]| line[left] + u * (line[right] - line[left]);
+                *pixel = along(top) + v * (along(bottom) - along(top));
+            }
+        });
+        plane
     }
 }
 

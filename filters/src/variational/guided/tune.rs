@@ -5,14 +5,14 @@
 //! narrowed, widened and taken out, and the group dropped; a change that scores better stays. Two
 //! rounds. A guide that does not predict ends up dropped.
 
-use super::fit::{Field, Store, Task, at_marked};
+use super::fit::{Field, Store, Task, probe};
 use super::reach::Reach;
 use crate::kernel::Isa;
 use crate::kernel::regress::Scales;
 use crate::{Mask, Planes};
 
 /// Measured pixels that are left out, about.
-const PROBES: usize = 4000;
+const PROBES: usize = 3000;
 /// Factor of a guide's difference to begin with.
 const BANDWIDTH: f32 = 1.6;
 /// What a change of the bandwidth must gain.
@@ -40,13 +40,13 @@ impl Trial<'_> {
     fn score(&self, scales: &Scales) -> f64 {
         let keep_every = (self.mask.count() / PROBES).max(1);
         let task = Task { field: self.field, scales, reach: self.reach, leave_out: true, isa: self.isa };
-        let found = at_marked(self.store, task, self.mask, keep_every);
-        let error = |(index, values): &(usize, Vec<f32>)| {
-            let truth = self.values.as_slice().iter().map(|plane| plane.pixels()[*index]);
+        let found = probe(self.store, task, self.mask, keep_every);
+        let error = |(&index, values): (&usize, &[f32])| {
+            let truth = self.values.as_slice().iter().map(|plane| plane.pixels()[index]);
             let squares = values.iter().zip(truth).map(|(a, b)| f64::from(a - b).powi(2));
-            squares.sum::<f64>() * self.weights.at(self.values, *index)
+            squares.sum::<f64>() * self.weights.at(self.values, index)
         };
-        found.iter().map(error).sum()
+        found.at.iter().zip(found.values.chunks_exact(self.values.len())).map(error).sum()
     }
 
     /// The best scales that were tried.
