@@ -272,7 +272,9 @@ pub fn predict(store: &Store, task: Task<'_>, wanted: &Mask, values: &mut Planes
     bands.for_each_init(
         || Worker::new(store, task),
         |work, (mut band, rows)| {
-            band.iter_mut().for_each(|pixels| pixels.fill(f32::NAN));
+            for pixels in &mut band {
+                pixels.fill(f32::NAN);
+            }
             for columns in parts(0..width, tile) {
                 work.open(&rows, &columns);
                 for (rows, columns) in parts(rows.clone(), side)
