@@ -6,6 +6,7 @@ LACUNA, the PATH, or target/release of the checkout that this file lies in.
 
 import argparse
 import contextlib
+import io
 import os
 import pathlib
 import re
@@ -183,7 +184,7 @@ def check_exr(path):
 
 @contextlib.contextmanager
 def quiet():
-    """Nothing on standard error meanwhile: OpenEXR tells there what it raises as well."""
+    """Nothing is said meanwhile: OpenEXR tells what it raises on both outputs as well."""
     if sys.stderr is None:
         yield
         return
@@ -192,7 +193,8 @@ def quiet():
     try:
         with open(os.devnull, "wb") as nothing:
             os.dup2(nothing.fileno(), 2)
-        yield
+        with contextlib.redirect_stdout(io.StringIO()):
+            yield
     finally:
         os.dup2(kept, 2)
         os.close(kept)
