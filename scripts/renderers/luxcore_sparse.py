@@ -115,8 +115,10 @@ def trace(config, scene, importance, spp):
     session.Start()
     if importance is not None:
         session.GetFilm().UpdateOutputFloat(pyluxcore.FilmOutputType.USER_IMPORTANCE, importance)
+    # LuxCore looks at its halting conditions when it is asked for statistics: late asking gives more samples than were wanted.
+    begun = time.monotonic()
     while not session.HasDone():
-        time.sleep(0.02)
+        time.sleep(min(max(0.01 * (time.monotonic() - begun), 0.001), 0.1))
         session.UpdateStats()
     session.Stop()
     return session
