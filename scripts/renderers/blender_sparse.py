@@ -10,26 +10,27 @@ pass, as Blender does; one part more holds the channel `mask`. For perspective c
 of field); all of the frame, on processors or with OptiX. Needs Blender 4.5 or newer, or its package bpy; nothing else.
 """
 
-import argparse
-import os
+import functools
 import pathlib
 import sys
 import tempfile
 
-import bpy
-
-try:
-    import OpenImageIO as oiio
-except ImportError:  # the package bpy brings it along, but not on the path
-    local = pathlib.Path(bpy.utils.resource_path("LOCAL")) / "python" / "lib"
-    sys.path += [str(folder) for folder in local.glob("python3.*/site-packages")]
-    import OpenImageIO as oiio
-
-import numpy as np
-
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
-import sparse  # noqa: E402
-from sparse import Failure  # noqa: E402
+import bridge  # noqa: E402
+from bridge import Failure  # noqa: E402
+
+with bridge.needing("bpy numpy", "run this in Blender"):
+    import bpy
+    import numpy as np
+
+    try:
+        import OpenImageIO as oiio
+    except ImportError:  # the package bpy brings it along, but not on the path
+        local = pathlib.Path(bpy.utils.resource_path("LOCAL")) / "python" / "lib"
+        sys.path += [str(folder) for folder in local.glob("python3.*/site-packages")]
+        import OpenImageIO as oiio
+
+    import sparse
 
 # Depths from here on are those of the background.
 FAR = 1e9
@@ -137,19 +138,16 @@ def add_mask(source, target, mask, straight):
     spec.attribute("lacuna/density", float(mask.mean()))
     specs.append(spec)
     planes.append(mask.astype(np.float32)[..., None])
-    target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = target.with_name(f".{target.stem}.{os.getpid()}.exr")
-    out = oiio.ImageOutput.create(str(temporary))
-    done = out.open(str(temporary), tuple(specs))
-    for at, (spec, plane) in enumerate(zip(specs, planes, strict=True)):
-        done = done and (at == 0 or out.open(str(temporary), spec, "AppendSubimage")) and out.write_image(plane)
-    if not (done and out.close()):
-        temporary.unlink(missing_ok=True)
-        raise Failure(f"{target}: cannot be written: {out.geterror()}")
-    temporary.replace(target)
+    with sparse.temporary(target, ".exr") as part:
+        out = oiio.ImageOutput.create(str(part))
+        done = out.open(str(part), tuple(specs))
+        for at, (spec, plane) in enumerate(zip(specs, planes, strict=True)):
+            done = done and (at == 0 or out.open(str(part), spec, "AppendSubimage")) and out.write_image(plane)
+        if not (done and out.close()):
+            raise Failure(f"{target}: cannot be written: {out.geterror()}")
 
 
-def render(arguments, scene, frame, shifts, folder):
+def render(arguments, scene, shifts, folder, frame):
     percent = scene.render.resolution_percentage / 100
     width, height = int(scene.render.resolution_x * percent), int(scene.render.resolution_y * percent)
     mask = sparse.mask_of(arguments, frame, width, height)
@@ -157,10 +155,11 @@ def render(arguments, scene, frame, shifts, folder):
     straight = put_camera(scene, frame, shifts, folder / f"mask.{frame}.exr", width, height)
     whole = folder / f"whole.{frame}.exr"
     scene.render.filepath = str(whole)
+    target = sparse.ready(sparse.frame_name(arguments.output, frame))
     clock = sparse.Clock()
-    bpy.ops.render.render(write_still=True)
+    if bpy.ops.render.render(write_still=True) != {"FINISHED"}:
+        raise Failure(f"frame {frame}: Blender gave up rendering it")
     clock.stop()
-    target = pathlib.Path(sparse.frame_name(arguments.output, frame))
     add_mask(whole, target, mask, straight)
     whole.unlink()
     sparse.say(target, mask, clock)
@@ -169,7 +168,7 @@ def render(arguments, scene, frame, shifts, folder):
 def parse():
     inside = bpy.data.filepath or "--" in sys.argv
     words = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else [] if bpy.data.filepath else sys.argv[1:]
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = bridge.Parser(__doc__)
     if not inside:
         parser.add_argument("scene", help="the .blend file; blender -b takes it before -P")
     sparse.add_arguments(parser)
@@ -177,7 +176,11 @@ def parse():
     if not inside:
         if not pathlib.Path(arguments.scene).is_file():
             raise Failure(f"{arguments.scene}: no such file")
-        bpy.ops.wm.open_mainfile(filepath=str(pathlib.Path(arguments.scene).resolve()))
+        try:
+            with sparse.quiet():
+                bpy.ops.wm.open_mainfile(filepath=str(pathlib.Path(arguments.scene).resolve()))
+        except RuntimeError as error:
+            raise Failure(f"{arguments.scene}: {bridge.brief(error).removeprefix('Error: ')}") from None
     return arguments
 
 
@@ -189,9 +192,9 @@ def main():
     set_up(scene, arguments.spp, arguments.seed)
     shifts = {}
     with tempfile.TemporaryDirectory() as folder:
-        for frame in frames:
-            render(arguments, scene, frame, shifts, pathlib.Path(folder))
+        what = bpy.data.filepath or "the scene"
+        sparse.each(what, frames, functools.partial(render, arguments, scene, shifts, pathlib.Path(folder)))
 
 
 if __name__ == "__main__":
-    sparse.run(main)
+    bridge.run(main)

@@ -16,18 +16,23 @@ Needs pyluxcore, numpy and OpenEXR.
 
 import argparse
 import contextlib
+import functools
 import io
 import os
 import pathlib
 import time
 
-import numpy as np
+import bridge
+from bridge import Failure
 
-import sparse
-from sparse import Failure
+with bridge.needing("numpy OpenEXR pyluxcore"):
+    import numpy as np
+    import OpenEXR  # noqa: F401, sparse can do without
 
-with contextlib.redirect_stdout(io.StringIO()):
-    import pyluxcore  # last, as what is loaded after its allocator crashes; it tells of its libraries
+    import sparse
+
+    with contextlib.redirect_stdout(io.StringIO()):
+        import pyluxcore  # last, as what is loaded after its allocator crashes; it tells of its libraries
 
 # Samples that a pixel outside the mask gets, over those of one inside; measured at 16 to 256 a pixel.
 STRAY = 0.05
@@ -54,20 +59,31 @@ ALWAYS = {"colour": ("RGB", ["R", "G", "B"], float), "count": ("SAMPLECOUNT", ["
 
 def properties(path, frame):
     """A file of LuxCore's, with the frame's number put in."""
+    found = pyluxcore.Properties()
     try:
-        text = pathlib.Path(path).read_text()
+        found.SetFromString(pathlib.Path(path).read_text("utf-8").replace("$frame", str(frame)))
     except OSError as error:
         raise Failure(f"{path}: {error.strerror}") from None
-    found = pyluxcore.Properties()
-    found.SetFromString(text.replace("$frame", str(frame)))
+    except UnicodeDecodeError:
+        raise Failure(f"{path}: this is no text in UTF-8: save it as such") from None
+    except RuntimeError as error:
+        raise Failure(f"{path}: {bridge.brief(error)}") from None
     return found
 
 
-def size_of(config):
+def whole(config, path, key, default):
+    """A number from 1 of a configuration; LuxCore takes any text for one."""
+    text = config.Get(key, [default]).GetString()
+    if not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise Failure(f"{path}: {key} = {text}: write a whole number from 1")
+    return int(text)
+
+
+def size_of(config, path):
     """Width and height of the film."""
     if config.IsDefined("film.subregion"):
-        raise Failure("film.subregion: leave it out; a mask does what a region does")
-    return [config.Get(f"film.{side}", [default]).GetInt() for side, default in (("width", 640), ("height", 480))]
+        raise Failure(f"{path}: film.subregion: leave it out; a mask does what a region does")
+    return [whole(config, path, f"film.{side}", default) for side, default in (("width", 640), ("height", 480))]
 
 
 def prepare(config, outputs, spp, density):
@@ -99,8 +115,10 @@ def trace(config, scene, importance, spp):
     session.Start()
     if importance is not None:
         session.GetFilm().UpdateOutputFloat(pyluxcore.FilmOutputType.USER_IMPORTANCE, importance)
+    # LuxCore looks at its halting conditions when it is asked for statistics: late asking gives more samples than were wanted.
+    begun = time.monotonic()
     while not session.HasDone():
-        time.sleep(0.02)
+        time.sleep(min(max(0.01 * (time.monotonic() - begun), 0.001), 0.1))
         session.UpdateStats()
     session.Stop()
     return session
@@ -119,27 +137,20 @@ def fetch(film, output, channels, kind, width, height):
     return {name: planes[..., k] for k, name in enumerate(channels)}
 
 
-def render(arguments, frame, folder, output):
-    path = pathlib.Path(sparse.frame_name(arguments.scene, frame)).name
+def render(arguments, frame):
+    path = pathlib.Path(sparse.source_name(arguments.scene, frame))
     config = properties(path, frame)
     if not config.IsDefined("scene.file"):
-        raise Failure(f"{folder / path}: names no scene (scene.file)")
-    scene = pyluxcore.Scene()
-    scene.Parse(properties(config.Get("scene.file").GetString(), frame))
-    width, height = size_of(config)
+        raise Failure(f"{path}: names no scene (scene.file)")
+    scene_file = properties(path.parent / config.Get("scene.file").GetString(), frame)
+    width, height = size_of(config, path)
     asked = sparse.mask_of(arguments, frame, width, height)
-    density = float(asked.mean())
-    spp = arguments.spp or config.Get("batch.haltspp", [64]).GetInt()
+    spp = arguments.spp or whole(config, path, "batch.haltspp", 64)
     outputs = list(ALWAYS.values()) + [AOVS[name] for name in arguments.aovs]
-    prepare(config, outputs, spp, density)
-    config.SetFromString(f"renderengine.seed = {sparse.seed_of(arguments, frame) % 1000000 + 1}\n")
-    clock = sparse.Clock()
-    importance = None if density == 1 else np.ascontiguousarray(asked[::-1], np.float32).ravel()
-    film = trace(config, scene, importance, spp).GetFilm()
-    planes = {}
-    for name, channels, kind in outputs:
-        planes |= fetch(film, name, channels, kind, width, height)
-    clock.stop()
+    output = sparse.ready(sparse.frame_name(arguments.output, frame))
+    seed = sparse.seed_of(arguments, frame) % 1000000 + 1
+    with contextlib.chdir(path.parent):  # what the scene names is relative to it
+        planes, clock = render_scene(config, scene_file, asked, outputs, spp, seed)
     count = planes.pop("SAMPLECOUNT")
     measured = asked & (count >= 0.5 * spp)
     outside = count[~asked].sum() / max(1, count.sum())
@@ -152,16 +163,33 @@ def render(arguments, frame, folder, output):
         print(f"{output}: {int(asked.sum() - measured.sum())} pixels of the mask got too few samples and are missing", flush=True)
 
 
+def render_scene(config, scene_file, asked, outputs, spp, seed):
+    """The planes of the outputs, and the time that they took."""
+    scene = pyluxcore.Scene()
+    scene.Parse(scene_file)
+    density = float(asked.mean())
+    prepare(config, outputs, spp, density)
+    config.SetFromString(f"renderengine.seed = {seed}\n")
+    clock = sparse.Clock()
+    importance = None if density == 1 else np.ascontiguousarray(asked[::-1], np.float32).ravel()
+    film = trace(config, scene, importance, spp).GetFilm()
+    planes = {}
+    for name, channels, kind in outputs:
+        planes |= fetch(film, name, channels, kind, asked.shape[1], asked.shape[0])
+    return planes, clock.stop()
+
+
 def aov_list(text):
     names = [name.strip() for name in text.split(",") if name.strip()]
     unknown = [name for name in names if name not in AOVS]
     if unknown:
         raise argparse.ArgumentTypeError(f"{unknown[0]} is none of {', '.join(AOVS)}")
+    sparse.once(names)
     return names
 
 
 def parse():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = bridge.Parser(__doc__)
     parser.add_argument("scene", help="scene.cfg, or scene.####.cfg, one file a frame")
     sparse.add_arguments(parser)
     parser.add_argument("--aovs", type=aov_list, default=[], metavar="LIST", help=", ".join(AOVS))
@@ -172,18 +200,9 @@ def main():
     arguments = parse()
     frames = sparse.check(arguments)
     pyluxcore.Init(lambda message: None)
-    here = pathlib.Path.cwd()
-    folder = (here / arguments.scene).resolve().parent
-    if arguments.mask:
-        arguments.mask = str(here / arguments.mask)
-    os.chdir(folder)
-    for frame in frames:
-        try:
-            render(arguments, frame, folder, here / sparse.frame_name(arguments.output, frame))
-        except RuntimeError as error:
-            raise Failure(f"{arguments.scene}, frame {frame}: {str(error).strip().splitlines()[0]}") from None
+    sparse.each(arguments.scene, frames, functools.partial(render, arguments))
 
 
 if __name__ == "__main__":
     # LuxCore may crash while Python takes itself apart.
-    sparse.run(main, end=os._exit)
+    bridge.run(main, end=os._exit)

@@ -13,15 +13,20 @@ Needs Mitsuba 3.6 or newer, numpy, OpenEXR and a libLLVM that Mitsuba takes (Deb
 """
 
 import argparse
+import functools
 import pathlib
 import re
 
-import drjit as dr
-import mitsuba as mi
-import numpy as np
+import bridge
+from bridge import Failure, Misuse
 
-import sparse
-from sparse import Failure
+with bridge.needing("numpy OpenEXR mitsuba"):
+    import drjit as dr
+    import mitsuba as mi
+    import numpy as np
+    import OpenEXR  # noqa: F401, sparse can do without
+
+    import sparse
 
 # AOVs by their short names; others as name:type, in Mitsuba's words.
 AOVS = {
@@ -128,8 +133,9 @@ def aov_list(text):
     for word in filter(None, (word.strip() for word in text.split(","))):
         aov = AOVS.get(word, word)
         if ":" not in aov:
-            raise Failure(f"--aovs {word}: write one of {', '.join(AOVS)}, or name:type in Mitsuba's words")
+            raise argparse.ArgumentTypeError(f"{word} is none of {', '.join(AOVS)}, nor name:type in Mitsuba's words")
         aovs.append(aov)
+    sparse.once([aov.split(":")[0] for aov in aovs])
     labels = [aov for aov in aovs if aov.split(":")[1] in LABELS]
     return [aov for aov in aovs if aov not in labels], labels
 
@@ -164,19 +170,26 @@ def colour(scene, mask, spp, seed, alpha):
     return planes
 
 
+def definition(text):
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise argparse.ArgumentTypeError(f"'{text}' is no parameter: write -D NAME=VALUE")
+    return name, value
+
+
 def load(arguments, frame):
-    path = pathlib.Path(sparse.frame_name(arguments.scene, frame))
+    path = pathlib.Path(sparse.source_name(arguments.scene, frame))
     try:
-        text = path.read_text()
-        parameters = dict(word.split("=", 1) for word in arguments.define)
-    except (OSError, ValueError) as error:
-        raise Failure(f"{path}: {error}") from None
-    if re.search(r"\$frame\b", text):
+        text = path.read_bytes()
+    except OSError as error:
+        raise Failure(f"{path}: {error.strerror}") from None
+    parameters = dict(arguments.define)
+    if re.search(rb"\$frame\b", text):
         parameters["frame"] = str(frame)
     try:
         scene = mi.load_file(str(path), **parameters)
     except Exception as error:
-        raise Failure(f"{path}: {str(error).strip().splitlines()[0]}") from None
+        raise Failure(f"{path}: {bridge.brief(error)}") from None
     if not scene.sensors() or scene.integrator() is None:
         raise Failure(f"{path}: a scene needs a sensor and an integrator")
     return scene
@@ -190,15 +203,14 @@ def render(arguments, frame):
     mask = sparse.mask_of(arguments, frame, width, height, (x, y))
     spp = arguments.spp or scene.sensors()[0].sampler().sample_count()
     seed = sparse.seed_of(arguments, frame)
+    path = sparse.ready(sparse.frame_name(arguments.output, frame))
     clock = sparse.Clock()
     planes = colour(scene, mask, spp, seed, bool(screen.flags() & int(mi.FilmFlags.Alpha)))
-    aovs = aov_list(arguments.aovs)
     where, samples = (np.ones_like(mask), arguments.dense_spp) if arguments.dense_aovs else (mask, min(spp, 16))
-    hits = first_hits(scene, aovs, where, samples, seed + 1)
+    hits = first_hits(scene, arguments.aovs, where, samples, seed + 1)
     dense = list(hits) if arguments.dense_aovs else []
     clock.stop()
     full = (0, 0, int(screen.size()[0]) - 1, int(screen.size()[1]) - 1)
-    path = sparse.frame_name(arguments.output, frame)
     kind = np.float16 if arguments.half else np.float32
     note = {"renderer": f"Mitsuba {mi.__version__}, {spp} samples a pixel, seed {seed}"}
     sparse.write(path, planes | hits, mask, dense, (x, y), full, kind, note)
@@ -206,34 +218,33 @@ def render(arguments, frame):
 
 
 def parse():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = bridge.Parser(__doc__)
     parser.add_argument("scene", help="scene.xml, or scene.####.xml, one file a frame")
     sparse.add_arguments(parser)
-    parser.add_argument("--aovs", default="", metavar="LIST", help=f"first-hit AOVs: {', '.join(AOVS)}, or name:type")
+    parser.add_argument("--aovs", type=aov_list, default=([], []), metavar="LIST", help=f"first-hit AOVs: {', '.join(AOVS)}, or name:type")
     parser.add_argument("--dense-aovs", action="store_true", help="render the AOVs for every pixel: guides for lacuna fill")
     parser.add_argument("--dense-spp", type=int, default=4, metavar="N", help="samples a pixel of dense AOVs [default: 4]")
     parser.add_argument("--half", action="store_true", help="16 bits for colour, albedo and normals")
     parser.add_argument("--variant", default="llvm_ad_rgb", help="of Mitsuba; scalar ones save no time [default: llvm_ad_rgb]")
-    parser.add_argument("-D", "--define", action="append", default=[], metavar="NAME=VALUE", help="a parameter of the scene")
+    parser.add_argument("-D", "--define", type=definition, action="append", default=[], metavar="NAME=VALUE", help="a parameter of the scene")
     return parser.parse_args()
 
 
 def main():
     arguments = parse()
     frames = sparse.check(arguments)
-    if arguments.dense_aovs and not arguments.aovs:
-        raise Failure("--dense-aovs needs --aovs: which ones?")
+    if arguments.dense_aovs and not any(arguments.aovs):
+        raise Misuse("--dense-aovs needs --aovs: which ones?")
+    if arguments.dense_spp < 1:
+        raise Misuse(f"--dense-spp {arguments.dense_spp} is not 1 or more")
     try:
         mi.set_variant(arguments.variant)
     except (ImportError, AttributeError, ValueError) as error:
         have = f"Mitsuba has {', '.join(mi.variants())}; llvm ones need libLLVM 17 or newer (Debian: libllvm19)"
         raise Failure(f"--variant {arguments.variant}: {error}; {have}") from None
-    for frame in frames:
-        try:
-            render(arguments, frame)
-        except RuntimeError as error:
-            raise Failure(f"{arguments.scene}, frame {frame}: {str(error).strip().splitlines()[-1].strip()}") from None
+    # The last line of Mitsuba's errors is the cause.
+    sparse.each(arguments.scene, frames, functools.partial(render, arguments), line=-1)
 
 
 if __name__ == "__main__":
-    sparse.run(main)
+    bridge.run(main)

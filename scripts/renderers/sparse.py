@@ -1,12 +1,16 @@
-"""What the bridges to renderers share: frames and their names, masks in, sparse EXR frames out.
+"""What the bridges to renderers share: arguments, masks in, sparse EXR frames out.
 
-Needs numpy and OpenEXR (PyPI), or for masks alone OpenImageIO; masks from a density need `lacuna` itself: the environment's LACUNA, the PATH, or
-target/release of the checkout that this file lies in.
+Needs numpy and OpenEXR (PyPI), or for masks alone OpenImageIO; masks from a density need `lacuna` itself: the environment's
+LACUNA, the PATH, or target/release of the checkout that this file lies in.
 """
 
+import argparse
+import contextlib
+import io
 import os
 import pathlib
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -15,42 +19,15 @@ import time
 
 import numpy as np
 
+from bridge import Failure, Misuse, brief
+from sequence import frame_name, frame_range, is_pattern, source_name
+
 try:
     import OpenEXR
 except ImportError:  # Blender has OpenImageIO instead
     OpenEXR = None
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-
-
-class Failure(Exception):
-    """What stops a frame or a run, in one line for people."""
-
-
-def frame_name(pattern, frame):
-    """The path of a frame: #### (a single # is four digits), %04d, or a plain name."""
-    text = str(pattern)
-    if re.search(r"%0?\d*d", text):
-        return re.sub(r"%0?(\d*)d", lambda found: str(frame).zfill(int(found.group(1) or 1)), text)
-    digits = lambda found: str(frame).zfill(4 if len(found.group()) == 1 else len(found.group()))
-    return re.sub(r"#+", digits, text)
-
-
-def is_pattern(text):
-    return bool(re.search(r"#|%0?\d*d", str(text)))
-
-
-def frame_range(text):
-    """1-10, 1-10x2 and 1,5,9-12 as a list of numbers."""
-    frames = []
-    for piece in text.split(","):
-        found = re.fullmatch(r"(-?\d+)(?:-(-?\d+)(?:[x:](\d+))?)?", piece.strip())
-        if not found:
-            raise ValueError(f"'{text}' is no range of frames: write 1-10, 1-10x2 or 1,5,9-12")
-        first, last, step = (int(part) if part else None for part in found.groups())
-        last = first if last is None else last
-        frames += range(first, last + 1, step or 1) if last >= first else range(first, last - 1, -(step or 1))
-    return frames
 
 
 def add_arguments(parser):
@@ -67,59 +44,118 @@ def add_arguments(parser):
 def check(arguments):
     """Frames to do; refuses arguments that do not fit together."""
     if arguments.density is not None and not 0 < arguments.density <= 1:
-        raise Failure(f"--density {arguments.density} is not above 0 and at most 1")
+        raise Misuse(f"--density {arguments.density} is not above 0 and at most 1")
     if arguments.spp is not None and arguments.spp < 1:
-        raise Failure(f"--spp {arguments.spp} is not 1 or more")
+        raise Misuse(f"--spp {arguments.spp} is not 1 or more")
     if arguments.seed < 0:
-        raise Failure(f"--seed {arguments.seed} is not 0 or more")
+        raise Misuse(f"--seed {arguments.seed} is not 0 or more")
     frames = arguments.frames or [1]
     if len(frames) > 1 and not is_pattern(arguments.output):
-        raise Failure(f"{arguments.output} would hold {len(frames)} frames: write frame.####.exr")
+        raise Misuse(f"{arguments.output} would hold {len(frames)} frames: write frame.####.exr")
+    for frame in frames:
+        place(frame_name(arguments.output, frame))
     return frames
 
 
-def run(body, end=sys.exit):
-    """Runs a bridge: a failure is one line and exit status 1. `end` takes the status."""
-    status = 0
+def place(text):
+    """The path to write, links followed; refuses what cannot be written or must not be replaced. Makes nothing yet."""
+    if not text or text.endswith(os.sep):
+        raise Misuse(f"-o '{text}' names no file: write frame.####.exr")
+    path = pathlib.Path(os.path.realpath(text) if os.path.islink(text) else text)
     try:
-        body()
-    except Failure as failure:
-        print(f"{pathlib.Path(sys.argv[0]).name}: {failure}", file=sys.stderr)
-        status = 1
-    sys.stdout.flush()
-    end(status)
+        if path.is_dir():
+            raise Failure(f"-o {text}: this is a folder: name a file in it")
+        if path.exists() and not path.is_file():
+            raise Failure(f"-o {text}: this exists and is no regular file: name another one")
+        above = next(folder for folder in path.absolute().parents if folder.exists())
+        if not above.is_dir():
+            raise Failure(f"-o {text}: {above} is a file and no folder: name another path")
+        if not os.access(above, os.W_OK | os.X_OK):
+            raise Failure(f"-o {text}: {above} may not be written to: name another path")
+    except OSError as error:
+        raise Failure(f"-o {text}: {error.strerror}: name another path") from None
+    return path
+
+
+def ready(text):
+    """The same before a frame is rendered: its folder is made."""
+    path = place(os.fspath(text))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise Failure(f"-o {text}: its folder cannot be made ({error.strerror}): name another path") from None
+    return path
+
+
+def each(what, frames, render, line=0):
+    """Renders frame after frame; the first that fails ends it, and is named with `what` (the scene)."""
+    for frame in frames:
+        try:
+            render(frame)
+        except Failure:
+            raise
+        except Exception as error:
+            raise Failure(f"{what}, frame {frame}: {brief(error, line)}") from None
+
+
+def once(names):
+    """Refuses names given twice."""
+    for name in names:
+        if names.count(name) > 1:
+            raise argparse.ArgumentTypeError(f"{name} is given twice")
 
 
 def lacuna():
     """The binary."""
-    found = os.environ.get("LACUNA") or shutil.which("lacuna") or ROOT / "target" / "release" / "lacuna"
-    if not os.access(found, os.X_OK):
+    named = os.environ.get("LACUNA")
+    if named:
+        found = shutil.which(named)
+        if not found:
+            why = "is a folder" if os.path.isdir(named) else "may not be run" if os.path.exists(named) else "does not exist"
+            raise Failure(f"LACUNA names {named}, which {why}: let it name the binary, or give --mask")
+        return found
+    found = shutil.which("lacuna") or shutil.which(ROOT / "target" / "release" / "lacuna")
+    if not found:
         raise Failure("no lacuna to make the mask: set LACUNA, put it on the PATH, or give --mask")
     return str(found)
+
+
+def make_mask(path, *words):
+    """Runs `lacuna mask`."""
+    command = [lacuna(), "mask", "-q", "-o", str(path), *map(str, words)]
+    way = "let LACUNA name the binary of lacuna, or give --mask"
+    try:
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")
+    except OSError as error:
+        raise Failure(f"{command[0]} cannot be run ({error.strerror}): {way}") from None
+    if done.returncode != 0:
+        said = done.stderr.strip().splitlines()
+        raise Failure(f"{command[0]} mask: {said[-1] if said else f'ended with status {done.returncode}: {way}'}")
+    if not path.is_file():
+        raise Failure(f"'{shlex.join(command)}' wrote no mask: {way}")
 
 
 def mask_of(arguments, frame, width, height, origin=(0, 0)):
     """The pixels to render, `(height, width)` of bool; `origin` is the data window's first pixel (x, y)."""
     if arguments.density is None:
-        return read_mask(frame_name(arguments.mask, frame), width, height, origin)
+        return read_mask(source_name(arguments.mask, frame), width, height, origin)
     if arguments.density == 1:
         return np.ones((height, width), bool)
     with tempfile.TemporaryDirectory() as folder:
         path = pathlib.Path(folder) / "mask.exr"
         size = f"{width}x{height}{origin[0]:+d}{origin[1]:+d}"
-        words = [lacuna(), "mask", "-q", "-o", path, f"--size={size}", "--density", arguments.density, "--seed", arguments.seed]
-        done = subprocess.run([str(word) for word in words], capture_output=True, text=True)
-        if done.returncode != 0:
-            raise Failure(done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "lacuna mask failed")
+        make_mask(path, f"--size={size}", "--density", arguments.density, "--seed", arguments.seed)
         return read_mask(path, width, height, origin)
 
 
 def read_mask(path, width, height, origin=(0, 0)):
     """The channel `mask`, or the only one, by absolute pixel coordinates: one half or more is measured."""
+    check_exr(path)
     try:
-        channels, x, y = (read_part if OpenEXR else read_subimage)(str(path))
-    except Exception as error:
-        raise Failure(f"{path}: cannot be read as an EXR mask ({error})") from None
+        with quiet():
+            channels, x, y = (read_part if OpenEXR else read_subimage)(str(path))
+    except Exception:
+        raise Failure(f"{path}: the mask is truncated or damaged: make it again with lacuna mask") from None
     name = "mask" if "mask" in channels else next(iter(channels)) if len(channels) == 1 else None
     if name is None:
         raise Failure(f"{path}: no channel 'mask' among {', '.join(channels)}")
@@ -131,6 +167,37 @@ def read_mask(path, width, height, origin=(0, 0)):
     if not mask.any():
         raise Failure(f"{path}: no pixel is to be rendered")
     return mask
+
+
+def check_exr(path):
+    """Refuses what is no EXR file, before a library does at length."""
+    try:
+        if not pathlib.Path(path).is_file():
+            why = "is no regular file" if pathlib.Path(path).exists() else "does not exist"
+            raise Failure(f"{path}: the mask {why}: make one with lacuna mask, or give --density")
+        with open(path, "rb") as file:
+            if file.read(4) != b"\x76\x2f\x31\x01":
+                raise Failure(f"{path}: the mask is no EXR file: make one with lacuna mask, or give --density")
+    except OSError as error:
+        raise Failure(f"{path}: the mask cannot be read: {error.strerror}") from None
+
+
+@contextlib.contextmanager
+def quiet():
+    """Nothing is said meanwhile: OpenEXR tells what it raises on both outputs as well."""
+    if sys.stderr is None:
+        yield
+        return
+    sys.stderr.flush()
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, "wb") as nothing:
+            os.dup2(nothing.fileno(), 2)
+        with contextlib.redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def read_part(path):
@@ -182,14 +249,24 @@ def write(path, planes, mask, dense=(), origin=(0, 0), display=None, kind=np.flo
         is_float = plane.dtype.kind == "f"
         channels[name] = np.ascontiguousarray(plane, kind if is_float and not exact(name) else plane.dtype)
     channels["mask"] = mask.astype(np.float16)
-    path = pathlib.Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    path = ready(path)
+    with temporary(path, ".tmp") as part, quiet():
+        OpenEXR.File(header, channels).write(str(part))
+
+
+@contextlib.contextmanager
+def temporary(path, ending):
+    """A file beside `path` to write, which then becomes `path`; gone if anything stops that."""
+    part = path.with_name(f".{path.name[:200]}.{os.getpid()}{ending}")
     try:
-        OpenEXR.File(header, channels).write(str(temporary))
-        temporary.replace(path)
+        yield part
+        part.replace(path)
+    except Failure:
+        raise
+    except Exception as error:
+        raise Failure(f"{path}: cannot be written: {brief(error)}") from None
     finally:
-        temporary.unlink(missing_ok=True)
+        part.unlink(missing_ok=True)
 
 
 def exact(name):

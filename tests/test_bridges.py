@@ -1,0 +1,248 @@
+"""What the bridges to renderers refuse, in one line each, and what they leave behind: nothing. Hardly anything is rendered."""
+
+import os
+import pathlib
+import re
+import signal
+import stat
+import sys
+
+import numpy as np
+import pytest
+
+import frames
+from tool import LACUNA, ROOT, SAMPLES, lacuna, run
+
+BRIDGES = ROOT / "scripts" / "renderers"
+WATCH = SAMPLES / "renderers" / "watch.xml"
+SMALL = ["-D", "width=32", "-D", "height=24", "--spp", "1"]
+MITSUBA, LUXCORE, BLENDER = "mitsuba_sparse.py", "luxcore_sparse.py", "blender_sparse.py"
+BOTH = pytest.mark.parametrize("name", [MITSUBA, LUXCORE])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def made():
+    """What the scenes need besides their text."""
+    result = run([sys.executable, SAMPLES / "renderers" / "make.py"])
+    assert result.status == 0, result
+
+
+@pytest.fixture
+def cfg(tmp_path):
+    """The LuxCore scene in a tiny size, in a folder of its own."""
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    text = (SAMPLES / "renderers" / "still.cfg").read_text()
+    text = re.sub(r"film\.width = \d+", "film.width = 32", re.sub(r"film\.height = \d+", "film.height = 24", text))
+    (folder / "still.cfg").write_text(text)
+    (folder / "still.scn").write_text((SAMPLES / "renderers" / "still.scn").read_text().replace("../../out", str(ROOT / "out")))
+    return folder / "still.cfg"
+
+
+def bridge(name, *words, python=(), **environment):
+    return run([sys.executable, *python, BRIDGES / name, *words], timeout=120, environment={"LACUNA": LACUNA} | environment)
+
+
+def told(result, status, *parts):
+    """One line on standard error, with all of this in it, and that exit status."""
+    assert result.status == status and len(result.lines()) == 1 and not result.stdout, result
+    assert result.lines()[0].startswith(f"{pathlib.Path(result.command[1]).name}: error: "), result
+    for part in parts:
+        assert str(part) in result.stderr, result
+    if status == 2:
+        assert result.stderr.endswith("--help')\n"), result
+
+
+def scene(name, cfg):
+    return [WATCH, *SMALL] if name == MITSUBA else [cfg, "--spp", "1"]
+
+
+def here(folder):
+    return sorted(path.relative_to(folder) for path in folder.rglob("*"))
+
+
+@BOTH
+def test_outputs_that_cannot_be_are_refused_before_rendering(name, cfg, tmp_path):
+    (tmp_path / "file").write_text("text")
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "link.exr").symlink_to("fifo")
+    before = here(tmp_path)
+    cases = [
+        (tmp_path / "file" / "x.exr", 1, "is a file and no folder"),
+        (tmp_path / "folder", 1, "this is a folder"),
+        (tmp_path / "fifo", 1, "no regular file"),
+        (tmp_path / "link.exr", 1, "no regular file"),
+        ("", 2, "names no file"),
+        ("/proc/nowhere/y.exr", 1, "/proc/nowhere/y.exr"),
+        (tmp_path / ("n" * 300), 1, "File name too long"),
+        (tmp_path / "x.%4d.exr", 2, "write %04d"),
+    ]
+    for output, status, words in cases:
+        result = bridge(name, *scene(name, cfg), "-o", output, "--density", "0.5")
+        assert result.status == status and words in result.stderr and len(result.lines()) == 1, result
+    assert here(tmp_path) == before and stat.S_ISFIFO((tmp_path / "fifo").stat().st_mode)
+
+
+@BOTH
+def test_a_lacuna_that_is_none_is_named(name, cfg, tmp_path):
+    junk = tmp_path / "junk"
+    junk.write_text("junk")
+    junk.chmod(0o755)
+    for value, words in [
+        (tmp_path, f"LACUNA names {tmp_path}, which is a folder"),
+        (junk, f"{junk} cannot be run"),
+        ("/nope/lacuna", "LACUNA names /nope/lacuna, which does not exist"),
+        (cfg, f"LACUNA names {cfg}, which may not be run"),
+        ("/bin/true", "'/bin/true mask -q -o "),
+        ("/bin/true", "wrote no mask"),
+        ("/bin/false", "/bin/false mask: ended with status 1"),
+    ]:
+        result = bridge(name, *scene(name, cfg), "-o", tmp_path / "x.exr", "--density", "0.5", LACUNA=str(value))
+        assert result.status == 1 and len(result.lines()) == 1 and words in result.stderr, result
+    assert not (tmp_path / "x.exr").exists()
+
+
+@BOTH
+def test_a_mask_that_cannot_be_read_is_named(name, cfg, tmp_path):
+    lacuna("mask", "-q", "-o", tmp_path / "mask.exr", "--size", "32x24", "--density", "0.5")
+    whole = (tmp_path / "mask.exr").read_bytes()
+    for cut in (8, 200, len(whole) - 20):
+        (tmp_path / f"cut{cut}.exr").write_bytes(whole[:cut])
+    (tmp_path / "grey.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    os.mkfifo(tmp_path / "fifo")
+    cases = {"none.exr": "does not exist", "grey.png": "no EXR file", "fifo": "no regular file", "scene": "no regular file"}
+    cases |= {path.name: "truncated or damaged" for path in tmp_path.glob("cut*")}
+    for mask, words in cases.items():
+        result = bridge(name, *scene(name, cfg), "-o", tmp_path / "x.exr", "--mask", tmp_path / mask)
+        told(result, 1, tmp_path / mask, words)
+
+
+@BOTH
+def test_usage_is_one_line(name, cfg, tmp_path):
+    out = [*scene(name, cfg), "-o", tmp_path / "x.####.exr", "--density", "0.5"]
+    for words, said in [
+        (["--frames", "abc"], "'abc' is not a frame or a range"),
+        (["--frames", "1-2x0"], "step of '1-2x0'"),
+        (["--frames", "1-9999999"], "more than"),
+        (["--aovs", "depth,depth"], "depth is given twice"),
+        (["--aovs", "nothing"], "nothing is none of"),
+        (["--seed", "-1"], "--seed -1"),
+        (["--density", "2"], "--density 2"),
+        (["--nonsense"], "--nonsense"),
+        (["--frames", "1-2", "-o", tmp_path / "x.exr"], "would hold 2 frames"),
+    ]:
+        told(bridge(name, *out, *words), 2, said, f"(see '{name} --help')")
+    assert here(tmp_path) == [pathlib.Path(part) for part in ("scene", "scene/still.cfg", "scene/still.scn")]
+
+
+def test_usage_of_mitsuba_alone(tmp_path):
+    out = [WATCH, "-o", tmp_path / "x.exr", "--density", "0.5"]
+    told(bridge(MITSUBA, *out, "-D", "width"), 2, "-D", "NAME=VALUE", "'width'")
+    told(bridge(MITSUBA, *out, "--aovs", "depth,depth:depth"), 2, "depth is given twice")
+    for count in ("0", "-3"):
+        told(bridge(MITSUBA, *out, "--aovs", "N", "--dense-aovs", "--dense-spp", count), 2, f"--dense-spp {count}")
+    told(bridge(MITSUBA, *out, "-D", "nothing=1"), 1, "nothing")
+
+
+def test_files_of_luxcore_that_are_wrong_are_named(cfg, tmp_path):
+    out = ["-o", tmp_path / "x.exr", "--density", "0.5", "--spp", "1"]
+    text = cfg.read_text()
+    told(bridge(LUXCORE, "nodir/nope.cfg", *out), 1, "nodir/nope.cfg")
+    for name, content, words in [
+        ("word.cfg", text.replace("film.width = 32", "film.width = abc"), "film.width = abc"),
+        ("zero.cfg", text.replace("film.height = 24", "film.height = 0"), "film.height = 0"),
+        ("latin.cfg", f"# é\n{text}", "UTF-8"),
+        ("none.cfg", text.replace('"still.scn"', '"none.scn"'), "none.scn"),
+        ("junk.cfg", "nonsense", "line 1"),
+    ]:
+        (cfg.parent / name).write_text(content, "latin-1")
+        told(bridge(LUXCORE, cfg.parent / name, *out), 1, cfg.parent, words, "" if name == "none.cfg" else name)
+
+
+def test_patterns_go_frame_by_frame(cfg, tmp_path):
+    """Every spelling, the folder of the scene too; a name that exists is that file."""
+    for frame in (1, 2):
+        folder = tmp_path / f"sd.{frame:04}"
+        folder.mkdir()
+        for file in (cfg, cfg.with_suffix(".scn")):
+            (folder / file.name).write_text(file.read_text())
+        lacuna("mask", "-q", "-o", tmp_path / f"mask.{frame:02}.exr", "--size", "32x24", "--density", "0.5", "--seed", str(frame))
+    words = ("-o", tmp_path / "$F4" / "x.%02d.@@@.exr", "--mask", tmp_path / "mask.##.exr", "--frames", "1-2", "--spp", "1")
+    result = bridge(LUXCORE, tmp_path / "sd.####" / "still.cfg", *words)
+    assert result.status == 0, result
+    for frame in (1, 2):
+        mask = frames.read(tmp_path / f"mask.{frame:02}.exr")[0]["mask"] > 0
+        found = frames.read(tmp_path / f"{frame:04}" / f"x.{frame:02}.{frame:03}.exr")[0]["mask"] > 0
+        assert not (found & ~mask).any() and found.any()
+    odd = tmp_path / "watch#@@.xml"
+    odd.write_text(WATCH.read_text())
+    sys.path.insert(0, str(BRIDGES))
+    try:
+        import sequence
+    finally:
+        sys.path.remove(str(BRIDGES))
+    assert sequence.source_name(odd, 3) == str(odd)
+    spelt = {"#": "0007", "##": "07", "@@@": "007", "@": "@", "%d": "7", "%03d": "007", "$F": "7", "$F4": "0007", "$FOO": "$FOO", "a%20b": "a%20b"}
+    assert {text: sequence.frame_name(text, 7) for text in spelt} == spelt
+    assert sequence.frame_name("s.####.exr", -1) == "s.-001.exr"
+    assert sequence.frame_range("3,1-4,10-1x4") == [3, 1, 2, 4, 10, 6] and sequence.frame_range("-5--1:2") == [-5, -3, -1]
+
+
+@pytest.mark.parametrize("name", [MITSUBA, LUXCORE, BLENDER])
+def test_a_python_without_packages_is_told_what_to_install(name):
+    result = bridge(name, "--help", python=["-S"])
+    assert result.status == 1 and len(result.lines()) == 1, result
+    assert re.search(rf"^{name}: error: this Python has no \w+: .*pip install ", result.stderr), result
+
+
+# Ends a run in the middle of a write, or with what nobody thought of.
+STOPPED = """
+import os, pathlib, signal, sys
+sys.path.insert(0, sys.argv[1])
+import bridge, numpy, sparse
+
+class File:
+    def __init__(self, *_):
+        pass
+    def write(self, path):
+        pathlib.Path(path).write_bytes(b"half")
+        if sys.argv[3].isdigit():
+            os.kill(os.getpid(), int(sys.argv[3]))
+        raise {"RuntimeError": RuntimeError, "OSError": OSError}[sys.argv[3]]("no\\nway")
+
+sparse.OpenEXR.File = File
+plane = numpy.ones((2, 3), numpy.float32)
+def body():
+    if sys.argv[3] == "KeyError":
+        raise KeyError("what\\never")
+    sparse.write(sys.argv[2], {"R": plane}, plane > 0)
+bridge.run(body, end=os._exit)
+"""
+
+
+@pytest.mark.parametrize("how, status, words", [
+    (str(int(signal.SIGTERM)), 143, "stopped by SIGTERM"),
+    (str(int(signal.SIGINT)), 130, "stopped by SIGINT"),
+    ("RuntimeError", 1, "x.exr: cannot be written: no"),
+    ("OSError", 1, "x.exr: cannot be written"),
+    ("KeyError", 1, "KeyError"),
+])
+def test_whatever_stops_a_write_leaves_nothing(how, status, words, tmp_path):
+    script, folder = tmp_path / "script.py", tmp_path / "frames"
+    script.write_text(STOPPED)
+    folder.mkdir()
+    (folder / "x.exr").write_bytes(b"of yesterday")
+    result = run([sys.executable, script, BRIDGES, folder / "x.exr", how])
+    told(result, status, words)
+    assert here(folder) == [pathlib.Path("x.exr")] and (folder / "x.exr").read_bytes() == b"of yesterday"
+
+
+def test_a_link_to_a_file_stays_one(tmp_path):
+    (tmp_path / "shot").mkdir()
+    (tmp_path / "shot" / "x.exr").write_bytes(b"old")
+    (tmp_path / "x.exr").symlink_to("shot/x.exr")
+    result = bridge(MITSUBA, WATCH, "-o", tmp_path / "x.exr", "--density", "0.5", *SMALL)
+    assert result.status == 0 and (tmp_path / "x.exr").is_symlink(), result
+    assert np.isfinite(frames.colour(tmp_path / "shot" / "x.exr")).all()
+    assert here(tmp_path) == [pathlib.Path(part) for part in ("shot", "shot/x.exr", "x.exr")]
