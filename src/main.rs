@@ -11,15 +11,20 @@ use lacuna::submit;
 fn main() -> ExitCode {
     // A panic is a defect; it becomes one line, of the frame where it happened or at the end of `run`.
     std::panic::set_hook(Box::new(|_| {}));
-    let job = match cli::parse(std::env::args_os()) {
+    let words: Vec<_> = std::env::args_os().collect();
+    let openjd = cli::tells_openjd(&words);
+    let job = match cli::parse(words) {
         Ok(job) => job,
-        Err(ending) => return end(&ending),
+        Err(ending) => return end(&ending, openjd),
     };
     match catch_unwind(AssertUnwindSafe(|| run(&job))) {
         Ok(Ok(status)) => status.into(),
-        Ok(Err((_, PlanError::Failed(text)))) => fail(&text),
-        Ok(Err((subcommand, PlanError::Usage(text)))) => end(&Ending::usage(subcommand, &text)),
-        Err(panic) => fail(&format!("internal error ({}); please report it", panic_message(panic.as_ref()))),
+        Ok(Err((_, PlanError::Failed(text)))) => fail(&text, openjd),
+        Ok(Err((subcommand, PlanError::Usage(text)))) => end(&Ending::usage(subcommand, &text), openjd),
+        Err(panic) => {
+            let text = panic_message(panic.as_ref());
+            fail(&format!("internal error ({text}); please report it"), openjd)
+        }
     }
 }
 
@@ -40,7 +45,10 @@ fn run(job: &Job) -> Result<u8, (&'static str, PlanError)> {
 }
 
 /// Says why there is no job.
-fn end(ending: &Ending) -> ExitCode {
+fn end(ending: &Ending, openjd: bool) -> ExitCode {
+    if let (Ending::Usage(text), true) = (ending, openjd) {
+        sequence::openjd_fail(text.trim_start_matches("lacuna: error: "));
+    }
     // Nobody is left to tell if the stream is closed.
     drop(match ending {
         Ending::Shown(text) => write!(std::io::stdout().lock(), "{text}"),
@@ -49,7 +57,10 @@ fn end(ending: &Ending) -> ExitCode {
     ending.status().into()
 }
 
-fn fail(text: &str) -> ExitCode {
+fn fail(text: &str, openjd: bool) -> ExitCode {
+    if openjd {
+        sequence::openjd_fail(text);
+    }
     let line = text.replace(|c: char| c.is_control(), " ");
     // Nobody is left to tell if standard error is closed.
     drop(writeln!(std::io::stderr().lock(), "lacuna: error: {line}"));

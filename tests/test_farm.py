@@ -178,24 +178,114 @@ def test_outputs_that_cannot_be_shared_are_refused(shot, words, reason):
     assert contents(shot[1].parent) == {}
 
 
+def jobs(folder, *words):
+    """The scripts of a submission: what each is called -> a function that runs it as Slurm would and gives its exit status."""
+    shown = lacuna("submit", "slurm", "-n", "--chunk", "3", *words, folder=folder).stdout
+    scripts = re.findall(r"==> lacuna-logs/lacuna-(\w+)\.sbatch <==\n(.*?)\n(?=\n==>|\n*\Z)", shown, re.DOTALL)
+
+    def shell(text):
+        return lambda task="": run(["bash", "-c", text], folder=folder, environment={"SLURM_ARRAY_TASK_ID": task}).status
+
+    return {name: shell(text) for name, text in scripts}
+
+
 def test_submission_shows_its_scripts_and_says_what_is_missing(shot):
     folder = shot[2].parent
     command = ["--", "upscale", "in/shot.####.exr", "-o", "out/shot.####.exr", "--scale", "2", "--frames", "1-4"]
-    shown = lacuna("submit", "slurm", "-n", "--chunk", "3", *command, folder=folder).stdout
-    scripts = dict(re.findall(r"==> lacuna-logs/lacuna-(\w+)\.sbatch <==\n(.*?)\n(?=\n==>|\n*\Z)", shown, re.DOTALL))
+    scripts = jobs(folder, *command)
     assert list(scripts) == ["upscale", "check"] and not (folder / "lacuna-logs").exists()
-
-    def shell(name, task):
-        return run(["bash", "-c", scripts[name]], folder=folder, environment={"SLURM_ARRAY_TASK_ID": task}).status
-
-    # As Slurm would run them: the gate is closed until every frame is there.
+    # The gate is closed until every frame is there.
     (folder / "lacuna-logs").mkdir()
-    assert [shell("upscale", "0"), shell("check", "")] == [0, 1]
-    assert [shell("upscale", "1"), shell("check", "")] == [0, 0]
+    assert [scripts["upscale"]("0"), scripts["check"]()] == [0, 1]
+    assert [scripts["upscale"]("1"), scripts["check"]()] == [0, 0]
     assert len(contents(shot[1].parent)) == len(ledger(folder / "lacuna-logs" / "lacuna.jsonl")) == 4
 
     refused = lacuna("submit", "slurm", *command, folder=folder, environment={"PATH": str(folder)}, ok=False)
     assert refused.status == 1 and "cannot run sbatch" in refused.stderr and len(refused.lines()) == 1, refused
+
+
+def test_gates_open_for_whole_frames_only(shot):
+    folder = shot[2].parent
+    (folder / "lacuna-logs").mkdir()
+    # Flags go before the inputs, and an output that merely exists is not enough.
+    command = ["--", "upscale", "-o", "out/", "--scale", "2", "--frames", "1-3", "--no-clobber", "--", "in/shot.####.exr"]
+    scripts = jobs(folder, *command)
+    (folder / "out" / "shot.0002.exr").write_bytes(b"junk")
+    assert [scripts["upscale"]("0"), scripts["check"]()] == [0, 1]
+    (folder / "out" / "shot.0002.exr").unlink()
+    assert [scripts["upscale"]("0"), scripts["check"]()] == [0, 0]
+    assert len(ledger(folder / "lacuna-logs" / "lacuna.jsonl")) == 6
+
+
+@pytest.mark.parametrize("flags, gates", [
+    (["--layers", "more=in/shot.####.exr", "--frames", "1-3"], ["check", "compare"]),
+    (["--frames", "2-6", "--missing-frame", "skip"], ["verify", "compare"]),
+])
+def test_gates_judge_what_the_tasks_were_asked_for(shot, flags, gates):
+    folder = shot[2].parent
+    (folder / "lacuna-logs").mkdir()
+    reference = SAMPLES / "full" / "sequence" / "shot.####.exr"
+    scripts = jobs(folder, "--reference", reference, "--fail-below", "psnr=20", "--", "fill", "in/shot.####.exr", "-o", "out/shot.####.exr", *flags)
+    fill, *after = scripts.values()
+    assert list(scripts) == ["fill", *gates]
+    if "--layers" in flags:
+        assert [fill("0"), *(gate() for gate in after)] == [0, 0, 0]
+        (folder / "out" / "shot.0002.exr").write_bytes(b"junk")
+        assert after[0]() == 1
+    else:
+        assert [fill("0"), fill("1"), *(gate() for gate in after)] == [0] * 4
+
+
+@pytest.mark.parametrize("words, reason", [
+    (["-o", "one.exr"], "several frames need an output pattern"),
+    (["-o", "notthere/"], "--create-dir makes it"),
+    (["-o", "in/"], "the same file as the input"),
+])
+def test_what_every_task_would_refuse_is_not_submitted(shot, words, reason):
+    refused = lacuna("submit", "slurm", "--", "fill", "in/shot.####.exr", "--frames", "1-4", *words, ok=False, folder=shot[2].parent)
+    assert refused.status == 2 and reason in refused.stderr and len(refused.lines()) == 1, refused
+    assert not shot[2].with_name("lacuna-logs").exists()
+
+
+def test_a_scene_that_cannot_be_read_is_told_of_each_frame(tmp_path):
+    words = ["render", "nope.toml", "-o", "r.####.exr", "--frames", "1-3", "--log", "l.jsonl", "--progress", "openjd"]
+    failed = lacuna(*words, ok=False, folder=tmp_path)
+    assert failed.status == 1 and len(failed.lines()) == 1 and failed.stderr.count("nope.toml") == 1, failed
+    assert failed.stdout.startswith("openjd_fail: nope.toml: cannot read the scene")
+    assert states(tmp_path / "l.jsonl") == [(1, "failed"), (2, "failed"), (3, "failed")]
+    usage = lacuna(*words, "--densty", "1", ok=False, folder=tmp_path)
+    assert usage.status == 2 and usage.stdout.startswith("openjd_fail: ") and "--densty" in usage.stdout, usage
+    assert usage.stdout.count("\n") == 1
+
+
+def test_a_ledger_is_not_appended_to_another_file(shot):
+    source, out, log = shot
+    frame = source.with_name("shot.0004.exr")
+    before = frame.read_bytes()
+    log.symlink_to(frame)
+    refused = lacuna("fill", source, "-o", out, "--frames", "1", "--log", log, ok=False)
+    assert refused.status == 1 and "no ledger" in refused.stderr and len(refused.lines()) == 1, refused
+    assert frame.read_bytes() == before and contents(out.parent) == {}
+
+
+def test_memory_that_slurm_bounds_is_asked_of_slurm(shot):
+    refused = lacuna("fill", shot[0], "-o", shot[1], "--frames", "1", ok=False, environment={"SLURM_MEM_PER_NODE": "1"})
+    assert refused.status == 1 and "the job's --mem" in refused.stderr, refused
+
+
+@pytest.mark.skipif(shutil.which("jq") is None, reason="no jq")
+def test_the_recipes_for_the_ledger_in_the_documentation(tmp_path):
+    text = (ROOT / "docs" / "farm.md").read_text().split("### The ledger")[1]
+    failed, seconds = re.findall("^jq .*$", re.search("```sh\n(.*?)```", text, re.DOTALL)[1], re.MULTILINE)
+
+    def line(frame, state):
+        return json.dumps({"command": "fill", "host": "n1", "frame": frame, "output": f"o.{frame}.exr", "state": state,
+                           "message": "broken" if state == "failed" else None, "seconds": {"solve": 1.5}})
+
+    lines = [line(1, "failed"), line(2, "failed"), '{"time":"20', line(1, "done"), line(3, "done"), line(10, "skipped"), '{"ti']
+    (tmp_path / "ledger.jsonl").write_text("\n".join(lines))
+    shown = [run(["bash", "-c", recipe], folder=tmp_path) for recipe in (failed, seconds)]
+    assert [(result.status, result.stdout) for result in shown] == [(0, "2 n1 broken\n"), (0, "3\n")], shown
 
 
 def openjd(*words):
@@ -230,6 +320,22 @@ def test_the_template_of_open_job_description(tmp_path):
     again = openjd(*words)
     assert again.status == 0, again
     assert contents(tmp_path / "shot" / "full") == before
+
+
+def test_no_value_of_the_template_is_a_command(tmp_path):
+    trap = f"$(touch {tmp_path}/PWN)"
+    values = {"Frames": "1", "Output": f"{tmp_path}/it's \"{trap}\"", "Lacuna": LACUNA, "Scene": SAMPLES / "scenes" / "vessels.toml"}
+
+    def renders(**more):
+        given = values | {"RenderFlags": "--size 16x16"} | more
+        return openjd("run", TEMPLATE, "--step", "Render", *(word for name, value in given.items() for word in ("-p", f"{name}={value}")))
+
+    done = renders()
+    assert done.status == 0, done
+    assert len(list(tmp_path.rglob("frame.0001.exr"))) == 1
+    for more in ({"RenderFlags": f"--size 16x16; {trap} `{trap}`"}, {"Lacuna": f"no-such; {trap}"}, {"Scene": f"/no/{trap}.toml"}):
+        assert renders(**more).status != 0
+    assert not (tmp_path / "PWN").exists()
 
 
 @pytest.mark.skipif(shutil.which("parallel") is None, reason="no GNU parallel")

@@ -122,9 +122,9 @@ impl Ending {
     }
 }
 
-/// What clap says, for a command line that begins with this word. A log has lines, not paragraphs: the reason, clap's tip, and
-/// where to look instead of the usage.
-fn ending(error: &clap::Error, first: Option<&str>) -> Ending {
+/// What clap says of a command line. A log has lines, not paragraphs: the reason, clap's tip, and where to look instead of the
+/// usage.
+fn ending(error: &clap::Error, words: &[OsString]) -> Ending {
     let text = error.render().to_string();
     match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => return Ending::Shown(text),
@@ -135,9 +135,22 @@ fn ending(error: &clap::Error, first: Option<&str>) -> Ending {
         .into_iter()
         .fold(text.as_str(), |text, end| text.split_once(end).map_or(text, |(before, _)| before));
     let reason: Vec<&str> = reason.trim_start_matches("error: ").split_whitespace().collect();
-    let command = first.filter(|word| Cli::command().find_subcommand(word).is_some());
-    let help = command.map_or_else(|| "lacuna --help".into(), |name| format!("lacuna {name} --help"));
-    Ending::Usage(format!("lacuna: error: {} (see '{help}')\n", reason.join(" ")))
+    let (mut command, mut help) = (Cli::command(), String::from("lacuna"));
+    for word in words.iter().skip(1) {
+        let Some(inner) = command.find_subcommand(word).cloned() else { break };
+        help = format!("{help} {}", inner.get_name());
+        command = inner;
+    }
+    Ending::Usage(format!("lacuna: error: {} (see '{help} --help')\n", reason.join(" ")))
+}
+
+/// Whether a command line, good or not, asks for the lines of Open Job Description.
+pub fn tells_openjd(words: &[OsString]) -> bool {
+    let own: Vec<&str> =
+        words.iter().map(|word| word.to_str().unwrap_or_default()).take_while(|word| *word != "--").collect();
+    let after = own.iter().zip(own.iter().skip(1));
+    let named = after.filter_map(|(flag, value)| (*flag == "--progress").then_some(*value));
+    named.chain(own.iter().filter_map(|word| word.strip_prefix("--progress="))).any(|how| how == "openjd")
 }
 
 /// Reads a command line, the program's name first.
@@ -146,8 +159,7 @@ fn ending(error: &clap::Error, first: Option<&str>) -> Ending {
 /// What the user asked to see (help, version) or got wrong.
 pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Job, Ending> {
     let words: Vec<OsString> = words.into_iter().collect();
-    let first = words.get(1).and_then(|word| word.to_str());
-    let command = Cli::try_parse_from(&words).map_err(|error| ending(&error, first))?.command;
+    let command = Cli::try_parse_from(&words).map_err(|error| ending(&error, &words))?.command;
     let (name, job) = match &command {
         Command::Fill(args) => ("fill", args.job().map(|job| Job::Fill(Box::new(job)))),
         Command::Upscale(args) => ("upscale", args.job().map(|job| Job::Fill(Box::new(job)))),

@@ -7,14 +7,14 @@ use clap::{Args, Subcommand};
 
 use super::{Ending, Job, parse};
 use crate::report::Bound;
-use crate::sequence::{Existing, FillJob, RenderJob, RunOptions, Selection, frame_numbers};
+use crate::sequence::{FillJob, PlanError, RenderJob, RunOptions, Selection, frame_numbers};
 use crate::submit::{Grant, Reference, SubmitJob, Task};
 
 const EXAMPLES: &str = "\
 Examples:
   lacuna submit slurm -- fill 'shot.####.exr' -o 'full/shot.####.exr' --frames 1-240 --create-dir
-  lacuna submit slurm --chunk 8 --cpus 4 --mem 8G --dry-run -- fill 'in/*.exr' -o full/
-  lacuna submit slurm --reference 'truth/shot.####.exr' --fail-below psnr=40 -- fill 'shot.####.exr' -o full/ --frames 1-24
+  lacuna submit slurm --chunk 8 --cpus 4 --mem 8G --dry-run -- fill 'in/*.exr' -o full/ --create-dir
+  lacuna submit slurm --reference 'truth/s.#.exr' --fail-below psnr=40 -- fill 's.#.exr' -o 'full/s.#.exr' --create-dir
   lacuna submit slurm -- upscale 'small.####.exr' -o 'large.####.exr' --scale 2 --frames 1-100
 
 Each job is told on a line: what it is, and its number. docs/farm.md has the rest.
@@ -38,8 +38,8 @@ enum Manager {
 ///
 /// Every task runs the command on its chunk, passes over frames that are done (so that a second submission does the rest
 /// only), appends to the ledger LOGS/NAME.jsonl and writes its log beside it. A task whose node is lost is requeued. Then
-/// verify checks all frames (for upscale and render: that every output is there and up to date), and compare holds them against
-/// a reference if there is one; both wait as long as a task has failed.
+/// verify checks all frames (for upscale, render and fill --layers: that every output is there, whole and up to date), and compare
+/// holds them against a reference if there is one; both wait as long as a task has failed.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 struct SlurmArgs {
@@ -119,9 +119,6 @@ impl SubmitArgs {
 impl SlurmArgs {
     fn job(&self) -> Result<SubmitJob, Ending> {
         let (task, frames) = task(&self.command)?;
-        if frames.is_empty() {
-            return Err(usage("no frames: name them with --frames after the command"));
-        }
         let bounds = [("--fail-below", &self.fail_below), ("--fail-above", &self.fail_above)];
         let bounds = bounds.into_iter().filter(|(_, list)| !list.is_empty());
         let bounds: Vec<String> = bounds.map(|(flag, list)| format!("{flag}={}", list.join(","))).collect();
@@ -174,14 +171,19 @@ fn of_fill(words: &[String], job: &FillJob) -> Result<(Task, Vec<i64>), Ending> 
     let [input] = &inputs[..] else {
         return Err(usage("one INPUT is needed, a pattern or a glob: chunks are cut by frame numbers"));
     };
-    let frames = frame_numbers(&job.selection).map_err(|error| usage(&error.to_string()))?;
+    let refused = |error: PlanError| Ending::usage(job.command(), &error.to_string());
+    let frames = some(frame_numbers(&job.selection).map_err(refused)?)?;
+    job.check().map_err(refused)?;
     let input = text(input)?;
-    let fills = job.what.enlarge.is_none();
+    // To `verify`, channels of other files would be new ones.
+    let verifies = job.what.enlarge.is_none() && job.targets.layers.is_empty();
     let task = Task {
         words: words.to_vec(),
-        resume: (job.existing == Existing::Replace).then_some("-u"),
+        existing: job.existing,
+        update: "-u",
+        skip_missing: job.skip_missing,
         has_log: job.run.log.is_some(),
-        sparse: fills.then_some(input),
+        sparse: verifies.then_some(input),
         output: text(&job.targets.output)?,
     };
     Ok((task, frames))
@@ -189,14 +191,25 @@ fn of_fill(words: &[String], job: &FillJob) -> Result<(Task, Vec<i64>), Ending> 
 
 fn of_render(words: &[String], job: &RenderJob) -> Result<(Task, Vec<i64>), Ending> {
     check(&job.run, &[&job.run.json, &job.run.page])?;
+    let frames = some(job.frames.as_ref().map_or(Vec::new(), |frames| frames.numbers().to_vec()))?;
+    job.check().map_err(|error| Ending::usage("render", &error.to_string()))?;
     let task = Task {
         words: words.to_vec(),
-        resume: (job.existing == Existing::Replace).then_some("--resume"),
+        existing: job.existing,
+        update: "--resume",
+        skip_missing: false,
         has_log: job.run.log.is_some(),
         sparse: None,
         output: text(&job.targets.output)?,
     };
-    Ok((task, job.frames.as_ref().map_or(Vec::new(), |frames| frames.numbers().to_vec())))
+    Ok((task, frames))
+}
+
+fn some(frames: Vec<i64>) -> Result<Vec<i64>, Ending> {
+    if frames.is_empty() {
+        return Err(usage("no frames: name them with --frames after the command"));
+    }
+    Ok(frames)
 }
 
 fn check(run: &RunOptions, single: &[&Option<PathBuf>]) -> Result<(), Ending> {
@@ -226,18 +239,51 @@ fn word(text: &str) -> Result<String, String> {
     Err("it may have letters, digits and - _ . : , + only".into())
 }
 
+/// An option of sbatch as a line of `#SBATCH` has it.
 fn option(text: &str) -> Result<String, String> {
-    if text.starts_with('-') && !text.contains(char::is_control) {
-        return Ok(text.into());
+    let ends: &[char] = if text.starts_with("--") { &['=', ' '] } else { &[' '] };
+    let (name, value) = text.split_once(ends).map_or((text, None), |(name, value)| (name, Some(value)));
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:=,+@%".contains(c);
+    if !name.starts_with('-') || name.trim_start_matches('-').is_empty() || !name.chars().all(plain) {
+        return Err("it must be --NAME or --NAME=VALUE, as on the command line of sbatch".into());
     }
-    Err("it must begin with -, as on the command line of sbatch".into())
+    if let Some(taken) = ["--array", "--dependency", "--wrap"].into_iter().find(|taken| is_spelt(name, taken))
+    {
+        return Err(format!(
+            "{taken} is set by submit itself: the array, its scripts and their order are its work"
+        ));
+    }
+    let Some(value) = value else { return Ok(name.into()) };
+    if value.contains(|c: char| c.is_control() || "\"\\".contains(c)) {
+        return Err("a line of #SBATCH takes no double quotes and backslashes".into());
+    }
+    let between = if name.starts_with("--") { '=' } else { ' ' };
+    if !value.is_empty() && value.chars().all(plain) {
+        return Ok(format!("{name}{between}{value}"));
+    }
+    Ok(format!("{name}{between}\"{value}\""))
+}
+
+/// Whether sbatch would read that name as this option: shortened, or by its letter.
+fn is_spelt(name: &str, option: &str) -> bool {
+    let letter = match option {
+        "--array" => Some("-a"),
+        "--dependency" => Some("-d"),
+        _ => None,
+    };
+    let shortened = name.len() > 3 && option.starts_with(name);
+    shortened || letter.is_some_and(|letter| name.starts_with(letter))
 }
 
 fn folder(text: &str) -> Result<PathBuf, String> {
-    if text.is_empty() || text.contains(|c: char| c.is_control() || "\"\\".contains(c)) {
+    if text.is_empty() {
+        return Err("it must name a folder; without --logs it is lacuna-logs".into());
+    }
+    if text.contains(|c: char| c.is_control() || "\"\\".contains(c)) {
         return Err("Slurm takes no quotes and backslashes in the name of a log".into());
     }
-    Ok(text.into())
+    // To sbatch, a script that begins with - would be an option.
+    Ok(if text.starts_with('-') { format!("./{text}").into() } else { text.into() })
 }
 
 fn bound(text: &str) -> Result<String, String> {
@@ -247,6 +293,7 @@ fn bound(text: &str) -> Result<String, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sequence::Existing;
 
     fn submit(line: &str) -> Result<SubmitJob, Ending> {
         match parse(std::iter::once("lacuna").chain(line.split(' ')).map(OsString::from))? {
@@ -263,20 +310,56 @@ mod tests {
         )
         .unwrap();
         assert_eq!((job.chunk, job.grant.cpus, job.frames.len()), (4, 2, 6));
-        assert_eq!(job.task.resume, Some("-u"));
+        assert_eq!(
+            (job.task.existing, job.task.update, job.task.skip_missing),
+            (Existing::Replace, "-u", false)
+        );
         assert_eq!(
             (job.task.sparse.as_deref(), job.task.output.as_str()),
             (Some("s.####.exr"), "f.####.exr")
         );
         assert_eq!(job.reference.unwrap().bounds, ["--fail-below=psnr=40,ssim=0.9"]);
         assert!(job.verify && !job.dry_run && job.program.is_absolute());
-        let job = submit("submit slurm -n -- render a.toml -o a.####.exr --frames 1-9x2").unwrap();
-        assert_eq!((job.task.resume, job.task.sparse), (Some("--resume"), None));
+        let job = submit("submit slurm -n -- render a.nrrd -o a.####.exr --frames 1-9x2").unwrap();
+        assert_eq!((job.task.update, job.task.sparse), ("--resume", None));
         assert_eq!((job.frames, job.dry_run), (vec![1, 3, 5, 7, 9], true));
         let job =
             submit("submit slurm -- upscale a.#.exr -o b.#.exr --scale 2 --frames 1 --no-clobber --log l")
                 .unwrap();
-        assert_eq!((job.task.resume, job.task.sparse, job.task.has_log), (None, None, true));
+        assert_eq!((job.task.existing, job.task.sparse, job.task.has_log), (Existing::Keep, None, true));
+        let layers = "fill a.#.exr -o b.#.exr --layers n=n.#.exr --frames 1-2 --missing-frame skip";
+        let job = submit(&format!("submit slurm --logs=-x -- {layers}")).unwrap();
+        assert_eq!((job.task.sparse, job.task.skip_missing, job.logs), (None, true, "./-x".into()));
+    }
+
+    #[test]
+    fn options_of_sbatch_are_written_as_its_lines_are_read() {
+        for (given, written) in [
+            ("--account=show", "--account=show"),
+            ("--account show", "--account=show"),
+            ("--comment=my shot's #1", "--comment=\"my shot's #1\""),
+            ("--exclusive", "--exclusive"),
+            ("-A show", "-A show"),
+            ("-C a&b", "-C \"a&b\""),
+            ("--distribution=block", "--distribution=block"),
+        ] {
+            assert_eq!(option(given).unwrap(), written);
+        }
+        for (given, reason) in [
+            ("x", "--NAME"),
+            ("--", "--NAME"),
+            ("--array=0-3", "--array is set"),
+            ("--arr 0-3", "--array is set"),
+            ("-a0-3", "--array is set"),
+            ("--dependency=afterok:1", "--dependency is set"),
+            ("-d afterok:1", "--dependency is set"),
+            ("--wrap=hostname", "--wrap is set"),
+            ("--comment=a\"b", "no double quotes"),
+            ("--comment=a\nb", "no double quotes"),
+        ] {
+            assert!(option(given).unwrap_err().contains(reason), "{given}");
+        }
+        assert!(folder("").unwrap_err().contains("must name a folder"));
     }
 
     #[test]
@@ -289,6 +372,11 @@ mod tests {
             ("fill s.#.exr -o f.#.exr --frames 1 --json r.json", "--log"),
             ("fill s.#.exr -o f.#.exr --frames 1 --fliter ss", "--fliter"),
             ("render a.toml -o a.exr", "no frames"),
+            ("fill s.#.exr -o one.exr --frames 1-4", "several frames need"),
+            ("fill s.#.exr -o not/there/ --frames 1-4", "--create-dir makes it"),
+            ("render a.nrrd -o a.exr --frames 1-4", "output pattern"),
+            ("render not-there.toml -o a.#.exr --frames 1-4", "cannot read the scene"),
+            ("fill s.#.exr -o f.#.exr --frames 1 --log -", "a ledger is a file"),
             ("info a.exr", "not fill"),
         ] {
             let Err(Ending::Usage(text)) = submit(&format!("submit slurm -- {line}")) else {

@@ -55,6 +55,8 @@ fn a_wrong_command_line_is_one_line() {
         ("fill a.exr", "lacuna fill --help"),
         ("fill a.exr -o b.exr --fliter ss", "lacuna fill --help"),
         ("fill a.exr -o b.exr --tv-gap 0.1", "lacuna fill --help"),
+        ("submit slurm --chunk 0 -- fill", "lacuna submit slurm --help"),
+        ("submit slrum", "lacuna submit --help"),
         ("frobnicate", "lacuna --help"),
     ] {
         let text = usage(line);
@@ -63,6 +65,19 @@ fn a_wrong_command_line_is_one_line() {
             "{text}"
         );
         assert_eq!(text.lines().count(), 1, "{text}");
+    }
+}
+
+#[test]
+fn a_wrong_command_line_may_ask_for_lines_of_openjd() {
+    for (line, asks) in [
+        ("fill --progress openjd --frames x", true),
+        ("fill --fliter ss --progress=openjd", true),
+        ("fill --progress plain", false),
+        ("fill --progress", false),
+        ("submit slurm -- fill --progress openjd", false),
+    ] {
+        assert_eq!(tells_openjd(&words(line)), asks, "{line}");
     }
 }
 

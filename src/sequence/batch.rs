@@ -10,7 +10,7 @@ use super::ledger::Ledger;
 use super::plan::{Item, PlanError};
 use super::record::{Heading, Journal, Record, State, is_standard_output};
 use super::schedule::{self, Limits, Permits, Refusal};
-use super::{signals, threads};
+use super::{memory, signals, threads};
 use crate::frame;
 
 /// Parts of a frame's progress: read, solve, write.
@@ -236,6 +236,20 @@ pub fn run(
     Ok(u8::from(failed))
 }
 
+/// No frame can be done, for this reason: ledger and report say so of each.
+pub fn none(heading: Heading, items: &[Item], options: &RunOptions, reason: &str) -> Result<(), String> {
+    let ledger = Ledger::open(options.log.as_deref(), &heading)?;
+    let books = Books { journal: Journal::new(heading, items), ledger };
+    for index in 0..items.len() {
+        let mut record = books.journal.get(index);
+        record.state = State::Failed;
+        record.message = Some(reason.into());
+        books.enter(index, record);
+    }
+    books.ledger.error().map_or(Ok(()), Err)?;
+    options.json.as_ref().map_or(Ok(()), |path| books.journal.write(path))
+}
+
 /// Ends the run on a signal: no temporary file stays, the report says what was done.
 fn watch(books: &Books, json: Option<PathBuf>, console: &Arc<Console>) -> Result<Arc<AtomicBool>, String> {
     let (Books { journal, ledger }, console) = (books.clone(), Arc::clone(console));
@@ -292,16 +306,26 @@ fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, books: &Bo
 fn refused(index: usize, item: &Item, refusal: Refusal, console: &Console, books: &Books) {
     let text = match refusal {
         Refusal::NotStarted => return,
-        Refusal::TooLarge { needed, bound } => format!(
-            "the frame needs about {} MiB of memory, more than the bound of {} MiB; allow more with --memory",
-            needed.div_ceil(1 << 20),
-            bound >> 20
-        ),
+        Refusal::TooLarge { needed, bound } => too_large(needed, bound, memory::granted()),
         Refusal::Panic(message) => format!("internal error ({message}); please report it with this frame"),
     };
     let mut record = books.journal.get(index);
     fail(&mut record, item, &Failure { file: item.input.clone(), text }, console);
     books.enter(index, record);
+}
+
+/// Why a frame is not even read, when Slurm grants so much or says nothing.
+fn too_large(needed: u64, bound: u64, granted: Option<u64>) -> String {
+    let way = if granted == Some(bound) {
+        ", 7/8 of what Slurm grants; ask for more with the job's --mem"
+    } else {
+        "; allow more with --memory"
+    };
+    format!(
+        "the frame needs about {} MiB of memory, more than the bound of {} MiB{way}",
+        needed.div_ceil(1 << 20),
+        bound >> 20
+    )
 }
 
 fn fail(record: &mut Record, item: &Item, failure: &Failure, console: &Console) {
@@ -366,4 +390,17 @@ fn sum(journal: &Journal, work: &dyn Work, start: Instant, console: &Console) ->
 
 fn plural(count: usize) -> &'static str {
     if count == 1 { "frame" } else { "frames" }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::too_large;
+
+    #[test]
+    fn more_memory_is_asked_of_the_one_who_bounds_it() {
+        let (needed, bound) = (5 << 20, 3 << 20);
+        assert!(too_large(needed, bound, None).ends_with("bound of 3 MiB; allow more with --memory"));
+        assert!(too_large(needed, bound, Some(9 << 20)).ends_with("--memory"));
+        assert!(too_large(needed, bound, Some(bound)).ends_with("with the job's --mem"));
+    }
 }

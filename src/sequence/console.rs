@@ -141,8 +141,7 @@ impl Console {
     /// `openjd_WHAT: TEXT` on standard output, if that is how progress is told.
     fn to_openjd(&self, what: &str, text: &str) {
         if self.meter == Meter::OpenJd {
-            // Nobody is left to tell if standard output is closed.
-            drop(writeln!(std::io::stdout().lock(), "openjd_{what}: {}", one_line(text)));
+            openjd(what, text);
         }
     }
 
@@ -172,6 +171,16 @@ pub fn label(file: &Path, number: Option<i64>) -> String {
         || file.display().to_string(),
         |number| format!("{} (frame {number})", file.display()), //
     )
+}
+
+/// `openjd_fail: TEXT` on standard output, for what ends a run before it has a console.
+pub fn openjd_fail(text: &str) {
+    openjd("fail", text);
+}
+
+fn openjd(what: &str, text: &str) {
+    // Nobody is left to tell if standard output is closed.
+    drop(writeln!(std::io::stdout().lock(), "openjd_{what}: {}", one_line(text)));
 }
 
 /// Nobody is left to tell if standard error is closed.

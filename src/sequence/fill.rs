@@ -42,6 +42,12 @@ impl FillJob {
     pub fn command(&self) -> &'static str {
         if self.what.enlarge.is_some() { "upscale" } else { "fill" }
     }
+
+    /// Whether there is a plan for it, as every task of a farm will find. Opens no frame, changes nothing.
+    pub fn check(&self) -> Result<(), PlanError> {
+        plan(&self.selection, &self.targets)?;
+        self.run.console().map(drop)
+    }
 }
 
 /// Fills the frames; the exit status.

@@ -65,10 +65,16 @@ impl Ledger {
     /// The ledger in that file, which is made if it is missing.
     ///
     /// # Errors
-    /// If the file cannot be opened for appending.
+    /// If the file cannot be opened for appending, or holds something else.
     pub fn open(path: Option<&Path>, heading: &Heading) -> Result<Self, String> {
         let Some(path) = path else { return Ok(Self(None)) };
-        open(path).map_err(|error| unwritten(path, &error))?;
+        let mut file = open(path).map_err(|error| unwritten(path, &error))?;
+        if !is_ledger(&mut file).map_err(|error| unwritten(path, &error))? {
+            return Err(format!(
+                "{}: the file is no ledger, which begins with {{, and nothing is appended to it; name another for --log",
+                path.display()
+            ));
+        }
         let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default().trim().to_owned();
         Ok(Self(Some(Arc::new(Inner {
             path: path.into(),
@@ -151,6 +157,15 @@ fn unwritten(path: &Path, error: &std::io::Error) -> String {
 
 fn open(path: &Path) -> std::io::Result<File> {
     OpenOptions::new().read(true).append(true).create(true).open(path)
+}
+
+/// Whether a file is empty or begins as a line of JSON does; a pipe or a device has no beginning.
+fn is_ledger(file: &mut File) -> std::io::Result<bool> {
+    if !file.metadata()?.is_file() {
+        return Ok(true);
+    }
+    let mut first = [0];
+    Ok(file.read(&mut first)? == 0 || first == *b"{")
 }
 
 /// Appends a line in one write. The file is opened anew, so that a network's file system tells its true end.

@@ -39,7 +39,7 @@ mod verify;
 
 pub use batch::RunOptions;
 pub use compare::{CompareJob, CompareOutputs, compare};
-pub use console::{Meter, Verbosity};
+pub use console::{Meter, Verbosity, openjd_fail};
 pub use encode::{DictionaryJob, DictionaryTask, dictionary};
 pub use fill::{FillJob, fill};
 pub use info::{InfoJob, info};

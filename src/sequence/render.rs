@@ -17,7 +17,7 @@ use super::range::Frames;
 use super::record::{Heading, Record};
 use super::update::Existing;
 use crate::channels;
-use crate::frame::{self, Frame, WriteOptions, read_header};
+use crate::frame::{self, Frame, WriteOptions, read_whole_header};
 use crate::mask::{self, Source};
 use crate::reconstruct::{self, Plans};
 use crate::volume::{self, Override, Scene, Shot, Story, Wanted};
@@ -62,10 +62,20 @@ pub enum Pixels {
     Mask(Source),
 }
 
+impl RenderJob {
+    /// Whether there is a scene and a plan for it, as every task of a farm will find. Changes nothing.
+    pub fn check(&self) -> Result<(), PlanError> {
+        plan(self)?;
+        scene(self)?;
+        self.run.console().map(drop)
+    }
+}
+
 /// Renders the frames; the exit status.
 pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
-    let (scene, folder) = scene(job)?;
     let plan = plan(job)?;
+    let console = job.run.console()?;
+    let (scene, folder) = scene(job).map_err(|error| without_scene(job, &plan, error))?;
     let work = Render {
         job,
         settings: settings(job, &scene),
@@ -76,19 +86,30 @@ pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
         plans: Plans::new(),
         page: Page::new(job.run.page.as_ref(), plan.items.len()),
     };
-    let console = job.run.console()?;
     if job.run.dry_run {
         return Ok(prepare::print(&plan, &work, &console));
     }
     console.listen();
     prepare::make_folders(&plan)?;
-    let heading = Heading {
-        lacuna: env!("CARGO_PKG_VERSION"),
-        command: "render",
-        filter: job.fill.as_ref().map(|method| method.name().into()),
-        settings: Some(work.settings.clone()),
-    };
+    let heading = heading(job, Some(work.settings.clone()));
     batch::run(heading, &plan.items, &job.run, &work, &console).map_err(PlanError::Failed)
+}
+
+fn heading(job: &RenderJob, settings: Option<String>) -> Heading {
+    let filter = job.fill.as_ref().map(|method| method.name().into());
+    Heading { lacuna: env!("CARGO_PKG_VERSION"), command: "render", filter, settings }
+}
+
+/// The scene cannot be had: the ledger and the report say so of every frame.
+fn without_scene(job: &RenderJob, plan: &Plan, error: PlanError) -> PlanError {
+    let PlanError::Failed(text) = &error else { return error };
+    if job.run.dry_run || (job.run.log.is_none() && job.run.json.is_none()) {
+        return error;
+    }
+    let written = prepare::make_folders(plan)
+        .map_err(|error| error.to_string())
+        .and_then(|()| batch::none(heading(job, None), &plan.items, &job.run, text));
+    written.err().map_or_else(|| error.clone(), |more| PlanError::Failed(format!("{text}; {more}")))
 }
 
 /// The scene, and the folder that its paths are relative to.
@@ -96,11 +117,12 @@ fn scene(job: &RenderJob) -> Result<(Scene, PathBuf), PlanError> {
     let failed = |error: volume::Error| PlanError::Failed(error.to_string());
     if job.scene.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
         let folder = job.scene.parent().unwrap_or_else(|| Path::new("")).to_path_buf();
-        let scene = Scene::read(&job.scene, &job.overrides);
-        return Ok((
-            scene.map_err(|error| PlanError::Failed(format!("{}: {error}", job.scene.display())))?,
-            folder,
-        ));
+        let scene = Scene::read(&job.scene, &job.overrides).map_err(|error| match error {
+            // The file is named already.
+            volume::Error::Io { .. } | volume::Error::File { .. } => failed(error),
+            _ => PlanError::Failed(format!("{}: {error}", job.scene.display())),
+        });
+        return Ok((scene?, folder));
     }
     let mut scene = Scene::parse("", &job.overrides).map_err(failed)?;
     if scene.volume.is_empty() {
@@ -239,7 +261,7 @@ impl Render<'_> {
 
     /// Whether an output is what this run would make again.
     fn is_current(&self, output: &Path) -> bool {
-        let Ok(parts) = read_header(output) else { return false };
+        let Ok(parts) = read_whole_header(output) else { return false };
         parts.iter().all(|part| {
             part.attributes.text("lacuna/render").as_deref() == Some(self.settings.as_str())
                 && part.attributes.text("lacuna/version").as_deref() == Some(env!("CARGO_PKG_VERSION"))

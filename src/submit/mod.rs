@@ -14,15 +14,19 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::Command;
 
-use crate::sequence::PlanError;
+use crate::sequence::{Existing, PlanError};
 
 /// What a task does.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Task {
     /// The subcommand and its flags, without the frames.
     pub words: Vec<String>,
-    /// What is appended so that frames that are done are passed over: `-u`, `--resume`, or nothing.
-    pub resume: Option<&'static str>,
+    /// What the command says of outputs that exist.
+    pub existing: Existing,
+    /// The flag that passes over frames that are done: `-u` or `--resume`.
+    pub update: &'static str,
+    /// Whether frames that do not exist are passed over.
+    pub skip_missing: bool,
     /// Whether the command names a ledger itself.
     pub has_log: bool,
     /// The sparse frames, if `verify` can judge what is made of them.

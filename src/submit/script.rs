@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::{SubmitJob, ranges};
+use crate::sequence::Existing;
 
 /// A batch script.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,12 +30,11 @@ impl Script {
 pub fn all(job: &SubmitJob) -> Vec<Script> {
     let mut scripts = vec![array(job)];
     if job.verify {
-        scripts.push(job.task.sparse.as_deref().map_or_else(|| finished(job), |sparse| verify(job, sparse)));
+        let sparse = job.task.sparse.as_deref();
+        scripts.push(sparse.map_or_else(|| finished(job), |sparse| gate(job, "verify", sparse, &[])));
     }
     if let Some(reference) = &job.reference {
-        let mut words = vec!["compare".into(), reference.pattern.clone(), job.task.output.clone()];
-        words.extend(reference.bounds.iter().cloned());
-        scripts.push(gate(job, "compare", &format!("exec {}", logged(job, &words, false))));
+        scripts.push(gate(job, "compare", &reference.pattern, &reference.bounds));
     }
     scripts
 }
@@ -45,35 +45,48 @@ fn array(job: &SubmitJob) -> Script {
     let mut options = vec![format!("--array=0-{}{at_once}", chunks.len().saturating_sub(1))];
     options.push(output(job, job.what(), "%A_%a"));
     let lines: Vec<String> = chunks.iter().map(|chunk| quoted(&ranges::text(chunk))).collect();
-    let mut words = job.task.words.clone();
-    words.extend(job.task.resume.map(Into::into));
-    let command = logged(job, &words, job.task.has_log);
+    let task = &job.task;
+    let mut flags = Vec::new();
+    flags.extend((task.existing == Existing::Replace).then(|| task.update.to_owned()));
+    flags.extend((!task.has_log).then(|| ledger(job)));
+    flags.push("--frames=\"${frames[$SLURM_ARRAY_TASK_ID]}\"".into());
+    flags.push("--progress=plain".into());
     let body = format!(
         "frames=(\n{}\n)\n\
          # The task is lacuna itself, so that Slurm's signals reach it.\n\
-         exec {command} --frames=\"${{frames[$SLURM_ARRAY_TASK_ID]}}\" --progress=plain",
-        lines.join("\n")
+         exec {}",
+        lines.join("\n"),
+        command(job, &task.words, &flags)
     );
     script(job, job.what(), &options, &body)
 }
 
-fn verify(job: &SubmitJob, sparse: &str) -> Script {
-    let words = ["verify".into(), sparse.into(), job.task.output.clone()];
-    gate(job, "verify", &format!("exec {}", logged(job, &words, false)))
-}
-
-/// For what `verify` does not know: every frame is passed over as up to date.
+/// For what `verify` does not know: every frame is passed over as up to date. That an output exists is not enough.
 fn finished(job: &SubmitJob) -> Script {
-    let mut words = job.task.words.clone();
-    words.extend(job.task.resume.map(Into::into));
-    words.push("-n".into());
-    let body =
-        format!("set -o pipefail\n{} {} | {{ ! grep -v '^skip  '; }}", command(job, &words), all_frames(job));
+    let task = &job.task;
+    let own = place_of_flags(&task.words);
+    let kept = |(at, word): &(usize, &String)| *at >= own || word.as_str() != "--no-clobber";
+    let words: Vec<String> =
+        task.words.iter().enumerate().filter(kept).map(|(_, word)| word.clone()).collect();
+    let mut flags = Vec::new();
+    flags.extend((task.existing != Existing::Update).then(|| task.update.to_owned()));
+    flags.extend(["-n".into(), all_frames(job)]);
+    let body = format!("set -o pipefail\n{} | {{ ! grep -v '^skip  '; }}", command(job, &words, &flags));
     script(job, "check", &[output(job, "check", "%j")], &body)
 }
 
-fn gate(job: &SubmitJob, what: &str, body: &str) -> Script {
-    script(job, what, &[output(job, what, "%j")], &format!("{body} {}", all_frames(job)))
+/// A job that holds what was made against frames of the user's.
+fn gate(job: &SubmitJob, what: &str, other: &str, bounds: &[String]) -> Script {
+    let mut words = vec![what.into(), other.into(), job.task.output.clone()];
+    if words[1..].iter().any(|word| word.starts_with('-')) {
+        words.insert(1, "--".into());
+    }
+    let mut flags: Vec<String> = bounds.iter().map(|bound| quoted(bound)).collect();
+    flags.push(ledger(job));
+    flags.extend(job.task.skip_missing.then(|| "--missing-frame=skip".to_owned()));
+    flags.push(all_frames(job));
+    let body = format!("exec {}", command(job, &words, &flags));
+    script(job, what, &[output(job, what, "%j")], &body)
 }
 
 fn all_frames(job: &SubmitJob) -> String {
@@ -107,16 +120,23 @@ fn output(job: &SubmitJob, what: &str, numbers: &str) -> String {
     format!("--output=\"{folder}/{}-{what}-{numbers}.log\"", job.name)
 }
 
-/// A command that appends to the ledger.
-fn logged(job: &SubmitJob, words: &[String], has_log: bool) -> String {
-    let ledger = job.logs.join(format!("{}.jsonl", job.name)).display().to_string();
-    let log = if has_log { String::new() } else { format!(" --log={}", quoted(&ledger)) };
-    format!("{}{log}", command(job, words))
+/// The flag that names the ledger of these jobs.
+fn ledger(job: &SubmitJob) -> String {
+    format!("--log={}", quoted(&job.logs.join(format!("{}.jsonl", job.name)).display().to_string()))
 }
 
-fn command(job: &SubmitJob, words: &[String]) -> String {
+/// The place of a `--` of the user's: what stands behind it is an input, whatever it looks like.
+fn place_of_flags(words: &[String]) -> usize {
+    words.iter().position(|word| word == "--").unwrap_or(words.len())
+}
+
+/// A command of these words, and flags that are quoted already.
+fn command(job: &SubmitJob, words: &[String], flags: &[String]) -> String {
+    let (own, inputs) = words.split_at(place_of_flags(words));
+    let text = |word: &String| quoted(word);
     let program = job.program.display().to_string();
-    let words: Vec<String> = std::iter::once(&program).chain(words).map(|word| quoted(word)).collect();
+    let words = std::iter::once(quoted(&program)).chain(own.iter().map(text));
+    let words: Vec<String> = words.chain(flags.iter().cloned()).chain(inputs.iter().map(text)).collect();
     words.join(" ")
 }
 

@@ -7,7 +7,9 @@ fn job() -> SubmitJob {
     SubmitJob {
         task: Task {
             words: ["fill", "in/it's $x.####.exr", "-o", "out/"].map(String::from).to_vec(),
-            resume: Some("-u"),
+            existing: Existing::Replace,
+            update: "-u",
+            skip_missing: false,
             has_log: false,
             sparse: Some("in/it's $x.####.exr".into()),
             output: "out/".into(),
@@ -69,8 +71,29 @@ fn what_verify_does_not_know_is_checked_to_be_up_to_date_and_a_reference_adds_a_
     );
     let compare = "compare full/ out/ --fail-below=psnr=40 --log=logs/shot.jsonl --frames=1-7,9\n";
     assert!(scripts[2].1.ends_with(compare), "{}", scripts[2].1);
+    job.task.skip_missing = true;
+    assert!(texts(&job)[2].1.ends_with(" --missing-frame=skip --frames=1-7,9\n"));
     job.verify = false;
     assert_eq!(texts(&job).len(), 2);
+}
+
+#[test]
+fn flags_stand_before_the_inputs_and_gates_ask_for_more_than_a_file() {
+    let mut job = job();
+    job.task.words = ["upscale", "-o", "out/", "--no-clobber", "--", "--no-clobber", "-x.#.exr"]
+        .map(String::from)
+        .to_vec();
+    job.task.existing = Existing::Keep;
+    job.task.sparse = None;
+    let scripts = texts(&job);
+    let array = "upscale -o out/ --no-clobber --log=logs/shot.jsonl --frames=\"${frames[$SLURM_ARRAY_TASK_ID]}\" \
+                 --progress=plain -- --no-clobber -x.#.exr\n";
+    assert!(scripts[0].1.ends_with(&array.replace("-x.#.exr", "'-x.#.exr'")), "{}", scripts[0].1);
+    let check = "upscale -o out/ -u -n --frames=1-7,9 -- --no-clobber '-x.#.exr' | { ! grep";
+    assert!(scripts[1].1.contains(check), "{}", scripts[1].1);
+    job.task.sparse = Some("-x.exr".into());
+    let verify = "verify --log=logs/shot.jsonl --frames=1-7,9 -- -x.exr out/\n";
+    assert!(texts(&job)[1].1.ends_with(verify), "{}", texts(&job)[1].1);
 }
 
 #[test]

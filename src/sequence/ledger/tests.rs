@@ -107,6 +107,20 @@ fn a_line_that_was_cut_short_is_closed() {
 }
 
 #[test]
+fn what_is_no_ledger_is_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("frame.exr");
+    for (text, fits) in [("", true), ("{\"time\"", true), ("v/1\u{1}", false), ("\n{}", false)] {
+        std::fs::write(&path, text).unwrap();
+        let opened = Ledger::open(Some(&path), &heading());
+        assert_eq!(opened.is_ok(), fits, "{text:?}");
+        assert!(fits || opened.unwrap_err().contains("frame.exr: the file is no ledger"));
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+    }
+    assert!(Ledger::open(Some(Path::new("/dev/null")), &heading()).is_ok());
+}
+
+#[test]
 fn a_lock_that_never_ends_and_a_missing_folder_are_errors() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("ledger.jsonl");
