@@ -23,7 +23,10 @@ pub struct FilterArgs {
     pub filter: Name,
 
     #[command(flatten)]
-    #[allow(missing_docs)]
+    #[allow(
+        missing_docs,
+        reason = "rustdoc on a flattened group would become the help of the whole subcommand"
+    )]
     pub settings: SettingArgs,
 
     /// tv: how the image is found, to the same gap

@@ -25,7 +25,10 @@ pub struct InputArgs {
     pub files_from: Option<PathBuf>,
 
     #[command(flatten)]
-    #[allow(missing_docs)]
+    #[allow(
+        missing_docs,
+        reason = "rustdoc on a flattened group would become the help of the whole subcommand"
+    )]
     pub frames: FramesArgs,
 }
 

@@ -21,7 +21,10 @@ at least N samples. In a channel or image, half of the full value or more is mea
 pub struct MaskArgs {
     // Not a comment for rustdoc, which would read addresses and emphasis into it.
     #[arg(long, value_name = "SOURCE", default_value = "auto", help = MASK, long_help = MASK_LONG)]
-    #[allow(missing_docs)]
+    #[allow(
+        missing_docs,
+        reason = "the help is a constant, whose addresses and emphasis are not for rustdoc"
+    )]
     pub mask: Source,
 }
 

@@ -18,7 +18,7 @@ const THREADS: &str =
 pub struct RunArgs {
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
     #[arg(allow_hyphen_values = true, help = THREADS)]
-    #[allow(missing_docs)]
+    #[allow(missing_docs, reason = "the help is a constant")]
     pub threads: usize,
 
     /// Frames solved at the same time, 1 or more; reading and writing overlap with it anyway
@@ -41,7 +41,10 @@ pub struct RunArgs {
     pub dry_run: bool,
 
     #[command(flatten)]
-    #[allow(missing_docs)]
+    #[allow(
+        missing_docs,
+        reason = "rustdoc on a flattened group would become the help of the whole subcommand"
+    )]
     pub speech: SpeechArgs,
 
     /// Write a report as JSON (- is standard output): per frame files, settings, density, iterations, residual or gap, objective,

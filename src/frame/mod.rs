@@ -75,7 +75,7 @@ pub struct Window {
 
 /// How the chunks of a part are compressed, in the order of the file format's numbers 0 to 9.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[allow(missing_docs)]
+#[allow(missing_docs, reason = "the names are those of the file format")]
 pub enum Compression {
     None,
     Rle,

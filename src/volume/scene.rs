@@ -143,7 +143,7 @@ impl Default for LightScene {
 /// How surfaces reflect; see [`super::shade`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
-#[allow(missing_docs)]
+#[allow(missing_docs, reason = "the formula in `shade` tells each value")]
 pub struct ShadingScene {
     pub enabled: bool,
     pub flat: f64,

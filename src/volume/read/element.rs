@@ -8,7 +8,7 @@ use crate::volume::Values;
 
 /// The type of a voxel in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)]
+#[allow(missing_docs, reason = "the names are the types")]
 pub enum Element {
     I8,
     U8,
