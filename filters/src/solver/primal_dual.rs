@@ -109,11 +109,11 @@ enum Kind<'a> {
 }
 
 impl State {
-    /// Starts from an image, with a dual variable of 0. `x` has `size.pixels()` values.
-    pub fn new(size: Size, x: &[f32]) -> Self {
+    /// Starts from what `scale` makes of an image of `size.pixels()` values, with a dual variable of 0.
+    pub fn new(size: Size, image: &[f32], scale: impl Fn(f32) -> f32 + Sync) -> Self {
         let edges = vec![Edges::default(); size.height.div_ceil(BAND)];
-        let zeros = || Aligned::zeros(x.len());
-        Self { size, x: Aligned::copy(x), vertical: zeros(), horizontal: zeros(), edges }
+        let zeros = || Aligned::zeros(image.len());
+        Self { size, x: Aligned::map(image, scale), vertical: zeros(), horizontal: zeros(), edges }
     }
 
     /// Starts the dual variable at `eager sigma grad x`, clipped to the ball: where the image is steep it points along its
@@ -136,7 +136,8 @@ impl State {
     pub fn advance<B: DualBall>(&mut self, sweeps: Sweeps<'_>, count: usize) {
         let mut left = count;
         while left > 0 {
-            let block = left.min(self.depth());
+            // Blocks of one depth, nearly.
+            let block = left.div_ceil(left.div_ceil(self.depth()));
             self.block::<B>(Kind::Fixed(sweeps), block);
             left -= block;
         }

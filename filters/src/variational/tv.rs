@@ -12,22 +12,22 @@
 //! `(grad* q)_ij = q1_{i-1,j} - q1_{i,j} + q2_{i,j-1} - q2_{i,j}` with zeros outside.
 //!
 //! Algorithm: over-relaxed primal-dual sweeps (see `solver::primal_dual`) from a push-pull start `x` and the dual start
-//! `q = clip(a grad x)`, with the channel scaled to 0..1 and `rho = 1.6`. Step sizes follow the start: in each block of
-//! 16 x 16 pixels, with `g` its mean gradient (smoothed over neighbouring blocks) and `m` that of the image, `tau = 0.8 sqrt(g m)` (times the
-//! 3/4 power of 0.2 / density), `a` is `2.4 / tau`, and `sigma` the largest for which no gradient has `sigma tau > 0.99 / 8`. It stops
-//! on the relative duality gap `(P - D) / P`, which the outcome reports:
-//! `P` is the objective of the image, and for any `q` in the unit ball, with `d = grad* q`,
+//! `q = clip(a grad x)`, with the channel scaled to 0..1 and `rho = 1.6`. Step sizes follow the start: in each block of 16 x 16
+//! pixels, with `g` its mean gradient (smoothed over neighbouring blocks) and `m` that of the image, `tau = 0.8 sqrt(g m)`
+//! (times the 3/4 power of 0.2 / density), `sigma` is the largest for which no gradient has `sigma tau > 0.99 / 8`, and `a = 2.4 / tau`
+//! (times that power). It stops on the relative duality gap `(P - D) / P`, which the outcome reports: `P` is the
+//! objective of the image, and for any `q` in the unit ball, with `d = grad* q`,
 //!
 //! ```text
 //! D = sum_measured y d + sum_missing min(low d, high d) - epsilon |d|_measured
 //! ```
 //!
 //! bounds the minimum from below. Weights `w` of the samples make the ball `sum w (x - y)^2 <= epsilon^2`, and `|d|` in
-//! the bound `sqrt(sum d^2 / w)`; a sample of weight 0 is missing. `low..high` is the measured range: clamping an image to it shortens its gradients and
-//! its distance from the samples, so the box moves no minimum, and it makes the bound finite for every `q`. The image
-//! is therefore at most `gap` (relative to its own objective) above the minimum. Before a bound is taken `q`
-//! is made nearly divergence-free at missing pixels (`tighten`), and the sweeps go on from there. With `epsilon > 0` the steps are
-//! the same everywhere: `tau = 1.1 m`, `a = 3 / m`.
+//! the bound `sqrt(sum d^2 / w)`; a sample of weight 0 is missing. `low..high` is the measured range: clamping an image to it
+//! shortens its gradients and its distance from the samples, so the box moves no minimum, and it makes the bound finite for every
+//! `q`. The image is therefore at most `gap` (relative to its own objective) above the minimum. Before a bound is taken `q`
+//! is made nearly divergence-free at missing pixels (`tighten`), and the sweeps go on from there. With `epsilon > 0` the steps
+//! are the same everywhere: `tau = 1.1 m`, `a = 3 / m`, times that power as well in `tau`.
 //!
 //! Source: L. Rudin, S. Osher, E. Fatemi, "Nonlinear Total Variation Based Noise Removal Algorithms", Physica D 60, 1992
 //! (the functional); A. Chambolle, T. Pock, JMIV 40, 2011, algorithm 1; L. Condat, JOTA 158, 2013, algorithm 3.1.
@@ -42,7 +42,7 @@
 //! - `solver`: primal-dual (default), or NESTA (`tv/nesta.rs`), which the thesis used: the same objective and the same certificate.
 //!
 //! Cost: a sweep is one pass of about 30 operations, a root and a division a pixel (two passes for `epsilon > 0`); a certificate
-//! costs about 20 sweeps. A render at 20 % density takes 35 to 41 sweeps to the default gap, 90 to 120 to 1e-3. Memory: per
+//! costs about 20 sweeps. A render at 20 % density takes 35 to 41 sweeps to the default gap, 95 to 112 to 1e-3. Memory: per
 //! channel 3 planes of f32, half a plane of band edges and an eighth of a plane of step sizes (1 more for `epsilon > 0`, and 1 for
 //! all channels); one plane of bytes for all.
 //!

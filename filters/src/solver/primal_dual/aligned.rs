@@ -3,8 +3,13 @@
 
 use std::ops::{Deref, DerefMut};
 
+use rayon::prelude::*;
+
 /// Bytes of a line, and of the longest vector.
 const LINE: usize = 64;
+
+/// Numbers that are worth a task of their own.
+const LEAST: usize = 1 << 14;
 
 /// A slice that knows where it begins.
 #[derive(Debug)]
@@ -22,17 +27,17 @@ impl Aligned {
         Self { values, first, length }
     }
 
-    /// A copy.
-    pub fn copy(from: &[f32]) -> Self {
-        let mut copy = Self::zeros(from.len());
-        copy.copy_from_slice(from);
-        copy
+    /// What `f` makes of some numbers.
+    pub fn map(from: &[f32], f: impl Fn(f32) -> f32 + Sync) -> Self {
+        let mut all = Self::zeros(from.len());
+        all.par_iter_mut().zip(from).with_min_len(LEAST).for_each(|(to, from)| *to = f(*from));
+        all
     }
 }
 
 impl Clone for Aligned {
     fn clone(&self) -> Self {
-        Self::copy(self)
+        Self::map(self, |value| value)
     }
 }
 

@@ -34,8 +34,13 @@ impl Steps {
         // A gradient depends on the pixel itself, the one to its right and the one below.
         let largest = |row, column| at(row, column).max(at(row + 1, column)).max(at(row, column + 1));
         let spread = |value: &dyn Fn(usize, usize) -> f64| -> Vec<f32> {
-            let pixels = (0..rows).flat_map(|row| (0..size.width).map(move |x| (row, x / BLOCK)));
-            pixels.map(|(row, column)| value(row, column) as f32).collect()
+            let places = (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
+            let mut all = Vec::with_capacity(rows * size.width);
+            for (row, column) in places {
+                let pixels = BLOCK.min(size.width - column * BLOCK);
+                all.resize(all.len() + pixels, value(row, column) as f32);
+            }
+            all
         };
         Self {
             tau: spread(&at),

@@ -98,7 +98,7 @@ fn check<B: DualBall>(height: usize, width: usize) {
     for isa in Isa::all() {
         let sweeps = Sweeps { free: &free, steps: &varied, rho: 1.6, isa };
         for count in [1, 7, 8, 19] {
-            let mut fast = State::new(size, &noise(n, 1));
+            let mut fast = State::new(size, &noise(n, 1), |v| v);
             let mut slow = fast.clone();
             fast.advance::<B>(sweeps, count);
             (0..count).for_each(|_| plain::<B>(&mut slow, &free, (&varied, 1.6), None));
@@ -113,7 +113,7 @@ fn check<B: DualBall>(height: usize, width: usize) {
         let sample = noise(n, 5);
         let ease: Vec<f32> = noise(n, 7).iter().map(|v| 1.0 - 0.9 * v).collect();
         let ball = Ball { sample: &sample, ease: &ease, radius: 0.3 };
-        let mut fast = State::new(size, &sample);
+        let mut fast = State::new(size, &sample, |v| v);
         let mut slow = fast.clone();
         let sweeps = Sweeps { steps: &uniform, ..sweeps };
         fast.advance_in_ball::<B>(sweeps, ball, 5);

@@ -39,8 +39,8 @@ const USUAL_GAP: f64 = 1e-2;
 /// The gap falls about as this power of the sweeps from one look to the next.
 const DECAY: f64 = 2.2;
 /// And as this one to far smaller gaps.
-const FAR_DECAY: f64 = 2.8;
-/// The sweeps grow as this power of [`USUAL_DENSITY`] over the density.
+const FAR_DECAY: f64 = 2.35;
+/// The sweeps grow as this power of [`USUAL_DENSITY`] over the density. Denser samples get no fewer, for the image's sake.
 const LATER: f64 = 0.9;
 
 /// A channel's solver.
@@ -98,11 +98,10 @@ impl Channel {
     /// span `low..=high`, which differ.
     pub fn new<B: DualBall>(shared: Shared<'_>, start: &Plane, low: f64, high: f64) -> Self {
         let range = high - low;
-        let scale = |&v: &f32| ((f64::from(v) - low) / range).clamp(0.0, 1.0) as f32;
-        let x: Vec<f32> = start.pixels().par_iter().map(scale).collect();
-        let nesta = (shared.settings.solver == Solver::Nesta).then(|| Box::new(Nesta::new(x.len())));
-        let state = State::new(shared.size, &x);
-        let sample = (shared.settings.epsilon > 0.0).then_some(x);
+        let scale = |v: f32| ((f64::from(v) - low) / range).clamp(0.0, 1.0) as f32;
+        let state = State::new(shared.size, start.pixels(), scale);
+        let nesta = (shared.settings.solver == Solver::Nesta).then(|| Box::new(Nesta::new(state.x.len())));
+        let sample = (shared.settings.epsilon > 0.0).then(|| state.x.to_vec());
         let mut channel = Self {
             low,
             range,
@@ -329,6 +328,6 @@ impl Channel {
 
 /// When to evaluate the gap for the first time.
 fn first_check(gap: f64, sparsity: f64) -> usize {
-    let sweeps = USUAL_SWEEPS * (USUAL_GAP / gap).powf(1.0 / FAR_DECAY) * sparsity.powf(LATER);
+    let sweeps = USUAL_SWEEPS * (USUAL_GAP / gap).powf(1.0 / FAR_DECAY) * sparsity.max(1.0).powf(LATER);
     sweeps.clamp(16.0, 400.0) as usize
 }

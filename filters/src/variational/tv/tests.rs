@@ -463,7 +463,7 @@ fn tightening_is_sound() {
             let value = |i: usize, seed| (amount * (2.0 * hash(i, 1, seed) - 1.0)) as f32;
             let last_row = |i: usize| i + width >= n;
             let last_column = |i: usize| i % width == width - 1;
-            let mut state = State::new(size, &vec![0.5; n]);
+            let mut state = State::new(size, &vec![0.5; n], |v| v);
             for i in 0..n {
                 state.vertical[i] = if last_row(i) { 0.0 } else { value(i, 5) };
                 state.horizontal[i] = if last_column(i) { 0.0 } else { value(i, 6) };

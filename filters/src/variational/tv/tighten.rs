@@ -1,7 +1,7 @@
 //! Makes a dual variable nearly free of divergence at missing pixels, so that its bound is close.
 //!
-//! Projected descent on `|M grad* q|^2 / 2` (`M` keeps the missing pixels), `q <- clip(q - alpha_k M-masked grad grad* q)`: as many rows
-//! and bytes as a sweep, blocked in time like it ([`State::repair`]). Without the clip, Chebyshev's step sizes on the
+//! Projected descent on `|M grad* q|^2 / 2` (`M` keeps the missing pixels), `q <- clip(q - alpha_k grad (M grad* q))`: about the work
+//! of a sweep, blocked in time like it ([`State::repair`]). Without the clip, Chebyshev's step sizes on the
 //! eigenvalues `lowest..8` of `M grad* grad M` are the best; in cycles of four, whose product stays harmless, they do
 //! well with it, too. Any step sizes give a valid bound.
 //!
