@@ -42,11 +42,11 @@
 //! - `solver`: primal-dual (default), or NESTA (`tv/nesta.rs`), which the thesis used: the same objective and the same certificate.
 //!
 //! Cost: a sweep is one pass of about 30 operations, a root and a division a pixel (two passes for `epsilon > 0`); a certificate
-//! costs about 20 sweeps. A render at 20 % density takes 35 to 41 sweeps to the default gap, 95 to 112 to 1e-3. Memory: per
+//! costs about 20 sweeps. A render at 20 % density takes 40 sweeps to the default gap, 104 to 115 to 1e-3. Memory: per
 //! channel 3 planes of f32, half a plane of band edges and an eighth of a plane of step sizes (1 more for `epsilon > 0`, and 1 for
 //! all channels); one plane of bytes for all.
 //!
-//! Fails: smooth shading becomes flat steps; on smooth renders it is not better than push-pull (48.24 against 48.98 dB at
+//! Fails: smooth shading becomes flat steps; on smooth renders it is not better than push-pull (48.30 against 48.98 dB at
 //! 20 % of an engine render). Holes 256 pixels wide and densities of 1 % need thousands of sweeps, and the outcome says
 //! so if they end at the limit. Weights that differ by large factors slow it: the heavier a sample, the shorter its steps.
 

@@ -33,13 +33,13 @@ const LONGER: f64 = 4.0 * f32::EPSILON as f64;
 /// What the start's gradient over its mean norm is multiplied by before it is clipped: the dual variable's start.
 const EAGER: f64 = 3.0;
 /// Sweeps after which most frames at 20 % density have a gap of [`USUAL_GAP`]: there it is first evaluated.
-const USUAL_SWEEPS: f64 = 36.0;
+const USUAL_SWEEPS: f64 = 40.0;
 /// See [`USUAL_SWEEPS`].
 const USUAL_GAP: f64 = 1e-2;
 /// The gap falls about as this power of the sweeps from one look to the next.
 const DECAY: f64 = 2.2;
 /// And as this one to far smaller gaps.
-const FAR_DECAY: f64 = 2.35;
+const FAR_DECAY: f64 = 2.4;
 /// The sweeps grow as this power of [`USUAL_DENSITY`] over the density. Denser samples get no fewer, for the image's sake.
 const LATER: f64 = 0.9;
 
