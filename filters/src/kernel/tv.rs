@@ -9,12 +9,12 @@
 )]
 
 mod bound;
-mod poisson;
+mod fused;
 mod sweep;
 
 pub use bound::{Bound, bound_row, squares_row, variation_row};
-pub use poisson::{correct_row, descend_row, direction_row, laplacian_row, source_row};
-pub use sweep::{DualRow, HeldRow, PrimalRow, Rates, ball_row, distance_row, dual_row, primal_row};
+pub use fused::{Rates, SweepRow, repair_row, sweep_row};
+pub use sweep::{DualRow, HeldRow, PrimalRow, ball_row, distance_row, dual_row};
 
 /// An instruction set that this machine has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,8 +66,6 @@ impl Isa {
 pub trait DualBall: Copy + Send + Sync {
     /// Projects (vertical, horizontal).
     fn clip(a: f32, b: f32) -> (f32, f32);
-    /// The same to within a relative 5e-6, never outside the ball by more than rounding, and several times faster.
-    fn clip_roughly(a: f32, b: f32) -> (f32, f32);
     /// The norm of the gradient (vertical, horizontal) whose dual ball this is.
     fn norm(a: f64, b: f64) -> f64;
 }
@@ -88,13 +86,6 @@ impl DualBall for Isotropic {
     }
 
     #[inline(always)]
-    fn clip_roughly(a: f32, b: f32) -> (f32, f32) {
-        let square = a * a + b * b;
-        let shrink = if square > 1.0 { inverse_root(square) } else { 1.0 };
-        (a * shrink, b * shrink)
-    }
-
-    #[inline(always)]
     fn norm(a: f64, b: f64) -> f64 {
         (a * a + b * b).sqrt()
     }
@@ -107,26 +98,9 @@ impl DualBall for Anisotropic {
     }
 
     #[inline(always)]
-    fn clip_roughly(a: f32, b: f32) -> (f32, f32) {
-        Self::clip(a, b)
-    }
-
-    #[inline(always)]
     fn norm(a: f64, b: f64) -> f64 {
         a.abs() + b.abs()
     }
-}
-
-/// `1 / sqrt(v)` for positive normal `v`, too small by at most 5e-6 of itself: Newton steps from a guess by halving the
-/// exponent, in products and differences only, so that every instruction set gives the same bits.
-///
-/// Source: C. Lomont, "Fast Inverse Square Root", Purdue University, 2003.
-#[inline(always)]
-fn inverse_root(v: f32) -> f32 {
-    let half = 0.5 * v;
-    let guess = f32::from_bits(0x5f37_5a86 - (v.to_bits() >> 1));
-    let better = guess * (1.5 - half * guess * guess);
-    better * (1.5 - half * better * better)
 }
 
 /// Compiles `$body` for every instruction set and calls the one that is asked for.

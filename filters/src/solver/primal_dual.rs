@@ -15,12 +15,20 @@
 //! depend on and computes them as well; each value is thus computed by the same operations on the same operands
 //! whatever the bands, and neither their height, nor the number of sweeps in a block, nor threads change a bit.
 
+mod aligned;
+mod rows;
+mod steps;
+
 use rayon::prelude::*;
 
 use crate::Size;
 use crate::kernel::tv::{
-    DualBall, DualRow, HeldRow, Isa, PrimalRow, Rates, ball_row, distance_row, dual_row, primal_row,
+    DualBall, DualRow, HeldRow, Isa, PrimalRow, Rates, SweepRow, ball_row, distance_row, dual_row,
+    repair_row, sweep_row,
 };
+use aligned::Aligned;
+use rows::Rows;
+pub use steps::{BLOCK, Steps, smooth};
 
 /// Rows of a band: the unit of work of a thread.
 pub const BAND: usize = 128;
@@ -40,11 +48,11 @@ pub struct State {
     /// Height and width.
     pub size: Size,
     /// The image.
-    pub x: Vec<f32>,
+    pub x: Aligned,
     /// Vertical dual variable; 0 in the last row.
-    pub vertical: Vec<f32>,
+    pub vertical: Aligned,
     /// Horizontal dual variable; 0 in the last column.
-    pub horizontal: Vec<f32>,
+    pub horizontal: Aligned,
     edges: Vec<Edges>,
 }
 
@@ -81,46 +89,71 @@ impl<'a> Ball<'a> {
 pub struct Sweeps<'a> {
     /// 1 where a pixel may move freely, 0 where it is fixed.
     pub free: &'a [u8],
-    /// Step sizes.
-    pub rates: Rates,
+    /// Step sizes; in a ball they are the same everywhere.
+    pub steps: &'a Steps,
+    /// Over-relaxation, in (0, 2).
+    pub rho: f32,
     /// Instruction set.
     pub isa: Isa,
 }
 
+/// What the sweeps of a block do.
+#[derive(Clone, Copy, Debug)]
+enum Kind<'a> {
+    /// Fixed pixels stay.
+    Fixed(Sweeps<'a>),
+    /// Fixed pixels move within a ball; the number is the factor of its projection.
+    Held(Sweeps<'a>, Ball<'a>, f32),
+    /// Only the dual variable moves: the step sizes of as many sweeps.
+    Repair(&'a [u8], &'a [f32], Isa),
+}
+
 impl State {
-    /// Starts from an image, with a dual variable of 0. `x` has `size.pixels()` values.
-    pub fn new(size: Size, x: Vec<f32>) -> Self {
-        let zeros = vec![0.0; x.len()];
+    /// Starts from what `scale` makes of an image of `size.pixels()` values, with a dual variable of 0.
+    pub fn new(size: Size, image: &[f32], scale: impl Fn(f32) -> f32 + Sync) -> Self {
         let edges = vec![Edges::default(); size.height.div_ceil(BAND)];
-        Self { size, x, vertical: zeros.clone(), horizontal: zeros, edges }
+        let zeros = || Aligned::zeros(image.len());
+        Self { size, x: Aligned::map(image, scale), vertical: zeros(), horizontal: zeros(), edges }
     }
 
-    /// Starts the dual variable at `eager grad x`, clipped to the ball: where the image is steep it points along its gradient at the
-    /// solution, too.
-    pub fn point_along_gradient<B: DualBall>(&mut self, isa: Isa, eager: f32) {
+    /// Starts the dual variable at `eager sigma grad x`, clipped to the ball: where the image is steep it points along its
+    /// gradient at the solution, too.
+    pub fn point_along_gradient<B: DualBall>(&mut self, isa: Isa, steps: &Steps, eager: f32) {
         let width = self.size.width.max(1);
-        let rates = Rates { tau: 0.0, sigma: eager, rho: 1.0 };
         let last = self.x.len().saturating_sub(width);
         let rows = self.vertical.par_chunks_mut(width).zip(self.horizontal.par_chunks_mut(width));
         rows.enumerate().for_each(|(y, (vertical, horizontal))| {
             let row = |y: usize| &self.x[(y * width).min(last)..][..width];
-            let row = DualRow { over: row(y), below: row(y + 1) };
+            let sigma: Vec<f32> = steps.sigma(y).iter().map(|sigma| eager * sigma).collect();
+            let row = DualRow { over: row(y), below: row(y + 1), sigma: &sigma };
             vertical.fill(0.0);
             horizontal.fill(0.0);
-            dual_row::<B>(isa, vertical, horizontal, row, rates);
+            dual_row::<B>(isa, vertical, horizontal, row, 1.0);
         });
     }
 
     /// Takes `count` sweeps in which fixed pixels stay as they are.
     pub fn advance<B: DualBall>(&mut self, sweeps: Sweeps<'_>, count: usize) {
-        let fits = CACHE / (ROW_PLANES * size_of::<f32>() * self.size.width.max(1));
-        let depth = fits.clamp(1, DEPTH);
         let mut left = count;
         while left > 0 {
-            let block = left.min(depth);
-            self.block::<B>(sweeps, block, None);
+            // Blocks of one depth, nearly.
+            let block = left.div_ceil(left.div_ceil(self.depth()));
+            self.block::<B>(Kind::Fixed(sweeps), block);
             left -= block;
         }
+    }
+
+    /// Takes a step `q <- clip(q - alpha grad (free grad* q))` for each of `alphas`: projected descent on half the squared
+    /// divergence at free pixels, whose curvature is below 8. Leaves `q` in its ball, to rounding; the image is not touched.
+    pub fn repair<B: DualBall>(&mut self, isa: Isa, free: &[u8], alphas: &[f32]) {
+        for alphas in alphas.chunks(self.depth()) {
+            self.block::<B>(Kind::Repair(free, alphas, isa), alphas.len());
+        }
+    }
+
+    /// Sweeps in a block.
+    fn depth(&self) -> usize {
+        (CACHE / (ROW_PLANES * size_of::<f32>() * self.size.width.max(1))).clamp(1, DEPTH)
     }
 
     /// Takes `count` sweeps in which fixed pixels move within a ball. Its projection needs a sum over all of them, so
@@ -129,7 +162,7 @@ impl State {
         for _ in 0..count {
             let distance = self.distance(sweeps, ball).sqrt();
             let keep = if distance > ball.radius { (ball.radius / distance) as f32 } else { 1.0 };
-            self.block::<B>(sweeps, 1, Some((ball, keep)));
+            self.block::<B>(Kind::Held(sweeps, ball, keep), 1);
         }
     }
 
@@ -142,7 +175,7 @@ impl State {
             .map(|y| {
                 let row = self.primal_row(y, &zeros, sweeps.free);
                 let at = y * width..(y + 1) * width;
-                distance_row(sweeps.isa, &self.x[at.clone()], ball.row(at), row, sweeps.rates.tau)
+                distance_row(sweeps.isa, &self.x[at.clone()], ball.row(at), row, sweeps.steps.tau(y)[0])
             })
             .collect();
         rows.iter().sum()
@@ -160,13 +193,13 @@ impl State {
         }
     }
 
-    /// Takes `depth` sweeps over every band; `held` are the ball and the factor of its projection.
-    fn block<B: DualBall>(&mut self, sweeps: Sweeps<'_>, depth: usize, held: Option<(Ball<'_>, f32)>) {
+    /// Takes `depth` sweeps over every band.
+    fn block<B: DualBall>(&mut self, kind: Kind<'_>, depth: usize) {
         let Size { height, width } = self.size;
         if width == 0 {
             return;
         }
-        let planes = [&self.x, &self.vertical, &self.horizontal];
+        let planes: [&[f32]; 3] = [&self.x, &self.vertical, &self.horizontal];
         self.edges.par_iter_mut().enumerate().for_each(|(band, edges)| {
             let (first, end) = (band * BAND, ((band + 1) * BAND).min(height));
             edges.above.clear();
@@ -197,51 +230,14 @@ impl State {
                 x,
                 vertical,
                 horizontal,
-                over: vec![0.0; 2 * depth * width],
-                zeros: vec![0.0; width],
+                over: Aligned::zeros(2 * depth * width + 1),
+                edge: vec![0.0; 2 * width],
                 from: first - before,
                 to: first + rows + after,
                 size: self.size,
             };
-            front.run::<B>(sweeps, depth, held);
+            front.run::<B>(kind, depth);
         });
-    }
-}
-
-/// Rows of one plane that a band works on: its own, and copies of those beyond its edges.
-struct Rows<'a> {
-    above: &'a mut [f32],
-    own: &'a mut [f32],
-    below: &'a mut [f32],
-    /// First row of its own.
-    first: usize,
-    width: usize,
-}
-
-impl Rows<'_> {
-    fn row(&self, y: usize) -> &[f32] {
-        let at = y * self.width;
-        let own = self.first * self.width;
-        if at < own {
-            &self.above[at + self.above.len() - own..][..self.width]
-        } else if at < own + self.own.len() {
-            &self.own[at - own..][..self.width]
-        } else {
-            &self.below[at - own - self.own.len()..][..self.width]
-        }
-    }
-
-    fn row_mut(&mut self, y: usize) -> &mut [f32] {
-        let at = y * self.width;
-        let own = self.first * self.width;
-        if at < own {
-            let above = self.above.len();
-            &mut self.above[at + above - own..][..self.width]
-        } else if at < own + self.own.len() {
-            &mut self.own[at - own..][..self.width]
-        } else {
-            &mut self.below[at - own - self.own.len()..][..self.width]
-        }
     }
 }
 
@@ -250,9 +246,10 @@ struct Front<'a> {
     x: Rows<'a>,
     vertical: Rows<'a>,
     horizontal: Rows<'a>,
-    /// Two rows of extrapolated image for each sweep.
-    over: Vec<f32>,
-    zeros: Vec<f32>,
+    /// Two rows of extrapolated image for each sweep, of which fused steps use one, and one value more.
+    over: Aligned,
+    /// Two rows of zeros: the dual variable above the image.
+    edge: Vec<f32>,
     /// First row that there are values of.
     from: usize,
     /// One past the last such row.
@@ -261,7 +258,7 @@ struct Front<'a> {
 }
 
 impl Front<'_> {
-    fn run<B: DualBall>(mut self, sweeps: Sweeps<'_>, depth: usize, held: Option<(Ball<'_>, f32)>) {
+    fn run<B: DualBall>(mut self, kind: Kind<'_>, depth: usize) {
         for wave in self.from..self.to + depth - 1 {
             for sweep in 0..depth.min(wave + 1) {
                 let y = wave - sweep;
@@ -271,41 +268,90 @@ impl Front<'_> {
                 if y < start || y >= end {
                     continue;
                 }
-                self.primal(sweeps, sweep, y, held);
-                if y > start {
-                    self.dual::<B>(sweeps, sweep, y - 1, y);
+                match kind {
+                    Kind::Held(sweeps, ball, keep) => {
+                        self.primal(sweeps, (ball, keep), sweep, y);
+                        if y > start {
+                            self.dual::<B>(sweeps, sweep, y - 1, y);
+                        }
+                    }
+                    _ => self.fused::<B>(kind, sweep, y),
                 }
                 if y + 1 == self.size.height {
-                    self.dual::<B>(sweeps, sweep, y, y);
+                    self.last::<B>(kind, sweep, y);
                 }
             }
         }
     }
 
-    fn primal(&mut self, sweeps: Sweeps<'_>, sweep: usize, y: usize, held: Option<(Ball<'_>, f32)>) {
+    /// The primal step of row `y` and the dual step of the row above. At the first row of a sweep that row is beyond the
+    /// image, or of the copies and not needed any more: what is written to it does not matter.
+    fn fused<B: DualBall>(&mut self, kind: Kind<'_>, sweep: usize, y: usize) {
+        let width = self.size.width;
+        let over = &mut self.over[2 * sweep * width..][..=width];
+        let at = y * width..(y + 1) * width;
+        let (above, beside, vertical, horizontal) = if y == 0 {
+            self.edge.fill(0.0);
+            let (above, beside) = self.edge.split_at_mut(width);
+            (above, beside, self.vertical.row(0), self.horizontal.row(0))
+        } else {
+            let (above, vertical) = self.vertical.pair(y);
+            let (beside, horizontal) = self.horizontal.pair(y);
+            (above, beside, vertical, horizontal)
+        };
+        match kind {
+            Kind::Fixed(Sweeps { free, steps, rho, isa })
+            | Kind::Held(Sweeps { free, steps, rho, isa }, ..) => {
+                let rates = Rates { tau: steps.tau(y), sigma: steps.sigma(y.saturating_sub(1)), rho };
+                let row = SweepRow { vertical, horizontal, free: &free[at] };
+                sweep_row::<B>(isa, self.x.row_mut(y), over, above, beside, row, rates);
+            }
+            Kind::Repair(free, alphas, isa) => {
+                let row = SweepRow { vertical, horizontal, free: &free[at] };
+                repair_row::<B>(isa, over, above, beside, row, alphas[sweep]);
+            }
+        }
+    }
+
+    /// The dual step of the image's last row, which has no vertical gradient.
+    fn last<B: DualBall>(&mut self, kind: Kind<'_>, sweep: usize, y: usize) {
+        let width = self.size.width;
+        let parity = if matches!(kind, Kind::Held(..)) { y % 2 } else { 0 };
+        let over = &self.over[(2 * sweep + parity) * width..][..width];
+        let (vertical, horizontal) = (self.vertical.row_mut(y), self.horizontal.row_mut(y));
+        match kind {
+            Kind::Fixed(Sweeps { steps, rho, isa, .. }) | Kind::Held(Sweeps { steps, rho, isa, .. }, ..) => {
+                let row = DualRow { over, below: over, sigma: steps.sigma(y) };
+                dual_row::<B>(isa, vertical, horizontal, row, rho);
+            }
+            Kind::Repair(_, _, isa) => {
+                let ones = vec![1.0; width];
+                let row = DualRow { over, below: over, sigma: &ones };
+                dual_row::<B>(isa, vertical, horizontal, row, 1.0);
+            }
+        }
+    }
+
+    fn primal(&mut self, sweeps: Sweeps<'_>, (ball, keep): (Ball<'_>, f32), sweep: usize, y: usize) {
         let width = self.size.width;
         let over = &mut self.over[(2 * sweep + y % 2) * width..][..width];
         let at = y * width..(y + 1) * width;
         let row = PrimalRow {
-            above: if y == 0 { &self.zeros } else { self.vertical.row(y - 1) },
+            above: if y == 0 { &self.edge[..width] } else { self.vertical.row(y - 1) },
             vertical: self.vertical.row(y),
             horizontal: self.horizontal.row(y),
             free: &sweeps.free[at.clone()],
         };
-        match held {
-            None => primal_row(sweeps.isa, self.x.row_mut(y), over, row, sweeps.rates),
-            Some((ball, keep)) => {
-                ball_row(sweeps.isa, self.x.row_mut(y), over, ball.row(at), row, sweeps.rates, keep);
-            }
-        }
+        let rates = [sweeps.steps.tau(y)[0], sweeps.rho, keep];
+        ball_row(sweeps.isa, self.x.row_mut(y), over, ball.row(at), row, rates);
     }
 
-    /// The dual step of row `y`, with `below` the next row, or `y` itself at the last.
+    /// The dual step of row `y`, with `below` the next row.
     fn dual<B: DualBall>(&mut self, sweeps: Sweeps<'_>, sweep: usize, y: usize, below: usize) {
         let width = self.size.width;
         let over = |y: usize| &self.over[(2 * sweep + y % 2) * width..][..width];
-        let row = DualRow { over: over(y), below: over(below) };
-        dual_row::<B>(sweeps.isa, self.vertical.row_mut(y), self.horizontal.row_mut(y), row, sweeps.rates);
+        let row = DualRow { over: over(y), below: over(below), sigma: sweeps.steps.sigma(y) };
+        dual_row::<B>(sweeps.isa, self.vertical.row_mut(y), self.horizontal.row_mut(y), row, sweeps.rho);
     }
 }
 

@@ -12,20 +12,22 @@
 //! `(grad* q)_ij = q1_{i-1,j} - q1_{i,j} + q2_{i,j-1} - q2_{i,j}` with zeros outside.
 //!
 //! Algorithm: over-relaxed primal-dual sweeps (see `solver::primal_dual`) from a push-pull start `x` and the dual start
-//! `q = clip(3 grad x / mean |grad x|)`, with the channel scaled to 0..1, `rho = 1.6`, `sigma tau = 0.99 / 8` and `tau` 1.1
-//! times the mean gradient of the start (times the
-//! 3/4 power of 0.2 / density). It stops on the relative duality gap `(P - D) / P`, which the outcome reports:
-//! `P` is the objective of the image, and for any `q` in the unit ball, with `d = grad* q`,
+//! `q = clip(a grad x)`, with the channel scaled to 0..1 and `rho = 1.6`. Step sizes follow the start: in each block of 16 x 16
+//! pixels, with `g` its mean gradient (smoothed over neighbouring blocks) and `m` that of the image, `tau = 0.8 sqrt(g m)`
+//! (times the 3/4 power of 0.2 / density), `sigma` is the largest for which no gradient has `sigma tau > 0.99 / 8`, and `a = 2.4 / tau`
+//! (times that power). It stops on the relative duality gap `(P - D) / P`, which the outcome reports: `P` is the
+//! objective of the image, and for any `q` in the unit ball, with `d = grad* q`,
 //!
 //! ```text
 //! D = sum_measured y d + sum_missing min(low d, high d) - epsilon |d|_measured
 //! ```
 //!
 //! bounds the minimum from below. Weights `w` of the samples make the ball `sum w (x - y)^2 <= epsilon^2`, and `|d|` in
-//! the bound `sqrt(sum d^2 / w)`; a sample of weight 0 is missing. `low..high` is the measured range: clamping an image to it shortens its gradients and
-//! its distance from the samples, so the box moves no minimum, and it makes the bound finite for every `q`. The image
-//! is therefore at most `gap` (relative to its own objective) above the minimum. Before a bound is taken `q`
-//! is made nearly divergence-free at missing pixels (`tighten`), and the sweeps go on from there.
+//! the bound `sqrt(sum d^2 / w)`; a sample of weight 0 is missing. `low..high` is the measured range: clamping an image to it
+//! shortens its gradients and its distance from the samples, so the box moves no minimum, and it makes the bound finite for every
+//! `q`. The image is therefore at most `gap` (relative to its own objective) above the minimum. Before a bound is taken `q`
+//! is made nearly divergence-free at missing pixels (`tighten`), and the sweeps go on from there. With `epsilon > 0` the steps
+//! are the same everywhere: `tau = 1.1 m`, `a = 3 / m`, times that power as well in `tau`.
 //!
 //! Source: L. Rudin, S. Osher, E. Fatemi, "Nonlinear Total Variation Based Noise Removal Algorithms", Physica D 60, 1992
 //! (the functional); A. Chambolle, T. Pock, JMIV 40, 2011, algorithm 1; L. Condat, JOTA 158, 2013, algorithm 3.1.
@@ -39,11 +41,12 @@
 //! - `max_iterations`: at least 1, default 2000.
 //! - `solver`: primal-dual (default), or NESTA (`tv/nesta.rs`), which the thesis used: the same objective and the same certificate.
 //!
-//! Cost: a sweep is one pass of about 40 operations a pixel (two passes for `epsilon > 0`); a certificate costs about
-//! ten sweeps. A render at 20 % density takes 56 to 74 sweeps to the default gap, 127 to 321 to 1e-3. Memory: per
-//! channel 3 planes of f32 and half a plane of band edges (1 more for `epsilon > 0`, and 1 for all channels); one plane of bytes for all.
+//! Cost: a sweep is one pass of about 30 operations, a root and a division a pixel (two passes for `epsilon > 0`); a certificate
+//! costs about 20 sweeps. A render at 20 % density takes 40 sweeps to the default gap, 104 to 115 to 1e-3. Memory: per
+//! channel 3 planes of f32, half a plane of band edges and an eighth of a plane of step sizes (1 more for `epsilon > 0`, and 1 for
+//! all channels); one plane of bytes for all.
 //!
-//! Fails: smooth shading becomes flat steps; on smooth renders it is not better than push-pull (48.24 against 48.98 dB at
+//! Fails: smooth shading becomes flat steps; on smooth renders it is not better than push-pull (48.30 against 48.98 dB at
 //! 20 % of an engine render). Holes 256 pixels wide and densities of 1 % need thousands of sweeps, and the outcome says
 //! so if they end at the limit. Weights that differ by large factors slow it: the heavier a sample, the shorter its steps.
 
@@ -51,6 +54,8 @@ mod channel;
 mod nesta;
 mod tighten;
 mod weights;
+
+use rayon::prelude::*;
 
 use crate::baseline::push_pull;
 use crate::kernel::tv::{Anisotropic, DualBall, Isa, Isotropic};
@@ -179,9 +184,18 @@ impl Planned {
             return differs(format!("{} planes for {}", out.len(), samples.len()));
         }
         for plane in samples.as_slice() {
-            let both = plane.pixels().iter().zip(self.mask.as_slice());
-            if let Some(at) = both.into_iter().position(|(v, &measured)| measured && !v.is_finite()) {
-                return Err(Error::NotFinite { row: at / size.width, column: at % size.width });
+            let width = size.width.max(1);
+            let rows = plane.pixels().par_chunks(width).zip(self.mask.as_slice().par_chunks(width));
+            let bad = |row: &[f32], measured: &[bool]| {
+                // No branch a pixel: rows are good nearly always.
+                let sum =
+                    row.iter().zip(measured).filter(|(v, measured)| **measured & !v.is_finite()).count();
+                if sum == 0 { None } else { row.iter().zip(measured).position(|(v, &m)| m && !v.is_finite()) }
+            };
+            let found =
+                rows.enumerate().find_map_first(|(y, (row, m))| bad(row, m).map(|column| (y, column)));
+            if let Some((row, column)) = found {
+                return Err(Error::NotFinite { row, column });
             }
         }
         Ok(())
@@ -202,10 +216,10 @@ impl Planned {
         let mut outcome = PROVEN;
         let mut channels = Vec::new();
         for plane in out.as_mut_slice() {
-            if let Some(value) = self.constant(plane) {
+            let (low, high) = self.range(plane);
+            if let Some(value) = self.constant(plane, low, high) {
                 self.fill(plane, value);
             } else {
-                let (low, high) = self.range(plane);
                 let channel = Channel::new::<B>(shared, plane, low, high);
                 channels.push((channel, plane));
             }
@@ -227,13 +241,15 @@ impl Planned {
         outcome
     }
 
-    /// The samples' mean, if it is near enough to all of them to be the answer.
-    fn constant(&self, plane: &Plane) -> Option<f64> {
-        let values = || measured(plane, &self.mask);
-        let (low, high) = self.range(plane);
+    /// The samples' mean, if it is near enough to all of them, which span `low..=high`, to be the answer.
+    fn constant(&self, plane: &Plane, low: f64, high: f64) -> Option<f64> {
         if low >= high {
             return Some(low);
         }
+        if self.ball.radius == 0.0 {
+            return None;
+        }
+        let values = || measured(plane, &self.mask);
         let weights = || self.ball.measured(&self.mask);
         let mean = values().zip(weights()).map(|(v, w)| w * v).sum::<f64>() / weights().sum::<f64>();
         let distance = values().zip(weights()).map(|(v, w)| w * (v - mean).powi(2)).sum::<f64>().sqrt();
@@ -252,8 +268,20 @@ impl Planned {
 
     /// The least and the largest measured value.
     fn range(&self, plane: &Plane) -> (f64, f64) {
-        measured(plane, &self.mask)
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+        let width = self.mask.size().width.max(1);
+        let rows = plane.pixels().par_chunks(width).zip(self.mask.as_slice().par_chunks(width));
+        let of_row = |(row, measured): (&[f32], &[bool])| {
+            row.iter().zip(measured).fold(
+                (f32::INFINITY, f32::NEG_INFINITY),
+                |(low, high), (&v, &measured)| {
+                    let (least, most) = if measured { (v, v) } else { (f32::INFINITY, f32::NEG_INFINITY) };
+                    (low.min(least), high.max(most))
+                },
+            )
+        };
+        let none = || (f32::INFINITY, f32::NEG_INFINITY);
+        let (low, high) = rows.map(of_row).reduce(none, |a, b| (a.0.min(b.0), a.1.max(b.1)));
+        (f64::from(low), f64::from(high))
     }
 }
 

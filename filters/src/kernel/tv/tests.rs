@@ -31,31 +31,28 @@ const SIZES: [(usize, usize); 12] =
 /// Forward gradient of an image by the dual kernel: from 0, with unit steps, values too small to be clipped.
 fn gradient(isa: Isa, height: usize, width: usize, x: &[f32]) -> (Vec<f32>, Vec<f32>) {
     let (mut vertical, mut horizontal) = (vec![0.0; x.len()], vec![0.0; x.len()]);
-    let rates = Rates { tau: 1.0, sigma: 1.0, rho: 1.0 };
+    let ones = vec![1.0; width];
     for y in 0..height {
         let at = y * width..(y + 1) * width;
         let below = (y + 1).min(height - 1) * width;
-        let row = DualRow { over: &x[at.clone()], below: &x[below..below + width] };
-        dual_row::<Anisotropic>(isa, &mut vertical[at.clone()], &mut horizontal[at], row, rates);
+        let row = DualRow { over: &x[at.clone()], below: &x[below..below + width], sigma: &ones };
+        dual_row::<Anisotropic>(isa, &mut vertical[at.clone()], &mut horizontal[at], row, 1.0);
     }
     (vertical, horizontal)
 }
 
-/// Adjoint gradient by the primal kernel: from 0, with unit steps, `x` becomes minus the adjoint.
+/// Adjoint gradient by the primal step of the fused kernel: from 0, with unit steps, `x` becomes minus the adjoint.
 fn adjoint(isa: Isa, height: usize, width: usize, vertical: &[f32], horizontal: &[f32]) -> Vec<f32> {
     let mut x = vec![0.0; vertical.len()];
-    let (zeros, free, mut over) = (vec![0.0; width], vec![1; width], vec![0.0; width]);
-    let rates = Rates { tau: 1.0, sigma: 1.0, rho: 1.0 };
+    let (ones, free) = (vec![1.0; width], vec![1; width]);
     for y in 0..height {
         let at = y * width..(y + 1) * width;
-        let above = if y == 0 { &zeros } else { &vertical[(y - 1) * width..y * width] };
-        let row = PrimalRow {
-            above,
-            vertical: &vertical[at.clone()],
-            horizontal: &horizontal[at.clone()],
-            free: &free,
-        };
-        primal_row(isa, &mut x[at], &mut over, row, rates);
+        let mut above = if y == 0 { vec![0.0; width] } else { vertical[at.start - width..at.start].to_vec() };
+        let (mut over, mut beside) = (vec![0.0; width + 1], vec![0.0; width]);
+        let row =
+            SweepRow { vertical: &vertical[at.clone()], horizontal: &horizontal[at.clone()], free: &free };
+        let rates = Rates { tau: &ones, sigma: &ones, rho: 1.0 };
+        sweep_row::<Isotropic>(isa, &mut x[at], &mut over, &mut above, &mut beside, row, rates);
     }
     x.iter().map(|v| -v).collect()
 }
@@ -92,7 +89,7 @@ fn gradient_and_primal_step_are_adjoint() {
 }
 
 #[test]
-fn source_is_the_masked_adjoint_and_bound_sums_it() {
+fn bound_sums_the_masked_adjoint() {
     for isa in Isa::all() {
         for (height, width) in SIZES {
             let (p, q) = dual_noise(height, width, 5);
@@ -109,22 +106,17 @@ fn source_is_the_masked_adjoint_and_bound_sums_it() {
                     horizontal: &q[at.clone()],
                     free: &free[at.clone()],
                 };
-                let mut out = vec![9.0; width];
-                let norm = source_row(isa, &mut out, row);
                 let mut want = Bound::default();
                 for j in 0..width {
                     let d = f64::from(full[y * width + j]);
                     if free[y * width + j] == 1 {
-                        assert!((f64::from(out[j]) - d).abs() <= 4.0 * f64::from(f32::EPSILON));
                         want.missing += d.min(0.0);
                     } else {
-                        assert_eq!(out[j], 0.0);
                         want.measured += d * f64::from(sample[y * width + j]);
                         want.squares += d * d;
                     }
                 }
                 let tolerance = 32.0 * f64::from(f32::EPSILON) * width as f64;
-                assert!((norm - dot(&out, &out)).abs() <= tolerance);
                 let got = bound_row(isa, &sample[at], row);
                 assert!((got.measured - want.measured).abs() <= tolerance);
                 assert!((got.missing - want.missing).abs() <= tolerance);
@@ -134,26 +126,52 @@ fn source_is_the_masked_adjoint_and_bound_sums_it() {
     }
 }
 
+/// A step of repair, row after row, against `q <- clip(q - alpha grad (M grad* q))` made of the other kernels, in f64.
 #[test]
-fn laplacian_is_adjoint_of_gradient_after_gradient() {
+fn repair_descends_along_the_gradient_of_the_masked_divergence() {
     for isa in Isa::all() {
         for (height, width) in SIZES {
             let n = height * width;
             let free = flags(n, 3);
-            let p: Vec<f32> = noise(n, 4).iter().zip(&free).map(|(v, &f)| v * 0.25 * f32::from(f)).collect();
-            let (a, b) = gradient(isa, height, width, &p);
-            let want = adjoint(isa, height, width, &a, &b);
-            let at = |y: usize| y * width..(y + 1) * width;
+            let (p, q) = dual_noise(height, width, 4);
+            let alpha = 0.3_f32;
+            let masked: Vec<f32> = adjoint(isa, height, width, &p, &q)
+                .iter()
+                .zip(&free)
+                .map(|(d, &free)| 0.125 * f32::from(free) * d)
+                .collect();
+            // The gradient's own kernel clips to 1: an eighth of a divergence is at most a half.
+            let (down, along) = gradient(isa, height, width, &masked);
+            let norm = crate::prox::Norm::Isotropic;
+            let want: Vec<[f64; 2]> = (0..n)
+                .map(|i| {
+                    let moved = |q: f32, d: f32| f64::from(q) - f64::from(alpha) * 8.0 * f64::from(d);
+                    norm.clip([moved(p[i], down[i]), moved(q[i], along[i])])
+                })
+                .collect();
+            let (mut vertical, mut horizontal) = (p.clone(), q.clone());
+            let (mut over, ones) = (vec![0.0; width + 1], vec![1.0; width]);
             for y in 0..height {
-                let mut out = vec![9.0; width];
-                let (above, below) = (&p[at(y.saturating_sub(1))], &p[at((y + 1).min(height - 1))]);
-                let product = laplacian_row(isa, &mut out, &p[at(y)], above, below, &free[at(y)]);
-                for j in 0..width {
-                    let want = want[y * width + j] * f32::from(free[y * width + j]);
-                    assert!((out[j] - want).abs() <= 8.0 * f32::EPSILON, "{height}x{width} {y} {j}");
+                let (above, rest) = vertical.split_at_mut(y * width);
+                let (beside, right) = horizontal.split_at_mut(y * width);
+                let (mut zeros, mut more) = (vec![0.0; width], vec![0.0; width]);
+                let above = if y == 0 { &mut zeros[..] } else { &mut above[(y - 1) * width..] };
+                let beside = if y == 0 { &mut more[..] } else { &mut beside[(y - 1) * width..] };
+                let row = SweepRow {
+                    vertical: &rest[..width],
+                    horizontal: &right[..width],
+                    free: &free[y * width..(y + 1) * width],
+                };
+                repair_row::<Isotropic>(isa, &mut over, above, beside, row, alpha);
+            }
+            let row = DualRow { over: &over[..width], below: &over[..width], sigma: &ones };
+            let last = (height - 1) * width..;
+            dual_row::<Isotropic>(isa, &mut vertical[last.clone()], &mut horizontal[last], row, 1.0);
+            for i in 0..n {
+                for (got, want) in [(vertical[i], want[i][0]), (horizontal[i], want[i][1])] {
+                    let tolerance = 16.0 * f64::from(f32::EPSILON);
+                    assert!((f64::from(got) - want).abs() <= tolerance, "{height}x{width} {i}: {got} {want}");
                 }
-                let tolerance = 16.0 * f64::from(f32::EPSILON) * width as f64;
-                assert!((product - dot(&p[at(y)], &out)).abs() <= tolerance);
             }
         }
     }
@@ -175,32 +193,35 @@ fn variation_counts_every_difference_once() {
 
 /// Runs all kernels on one row and returns every bit that they wrote.
 fn everything<B: DualBall>(isa: Isa, width: usize, seed: u32) -> Vec<u64> {
-    let rates = Rates { tau: 0.37, sigma: 0.31, rho: 1.6 };
     let rows: Vec<Vec<f32>> = (0..8).map(|k| noise(width, seed + k)).collect();
     let free = flags(width, seed);
+    let steps = |scale: f32, row: &[f32]| row.iter().map(|v| scale * (1.5 + v)).collect::<Vec<f32>>();
+    let (tau, sigma) = (steps(0.25, &rows[6]), steps(0.2, &rows[7]));
     let row = PrimalRow { above: &rows[0], vertical: &rows[1], horizontal: &rows[2], free: &free };
-    let (mut x, mut over) = (rows[3].clone(), vec![0.0; width]);
-    primal_row(isa, &mut x, &mut over, row, rates);
+    let fused = SweepRow { vertical: &rows[1], horizontal: &rows[2], free: &free };
+    let rates = Rates { tau: &tau, sigma: &sigma, rho: 1.6 };
+    let (mut x, mut over, mut above, mut beside) =
+        (rows[3].clone(), noise(width + 1, seed + 9), rows[4].clone(), rows[5].clone());
+    sweep_row::<B>(isa, &mut x, &mut over, &mut above, &mut beside, fused, rates);
+    let (mut d, mut up, mut along) = (noise(width + 1, seed + 10), rows[4].clone(), rows[5].clone());
+    repair_row::<B>(isa, &mut d, &mut up, &mut along, fused, 0.23);
     let (mut held, mut over_held) = (rows[3].clone(), vec![0.0; width]);
     let ease: Vec<f32> = rows[5].iter().map(|v| 1.0 - 0.5 * v.abs().min(1.0)).collect();
     let samples = HeldRow { sample: &rows[4], ease: &ease };
-    ball_row(isa, &mut held, &mut over_held, samples, row, rates, 0.3);
+    ball_row(isa, &mut held, &mut over_held, samples, row, [0.37, 1.6, 0.3]);
     let (mut vertical, mut horizontal) = (rows[5].clone(), rows[6].clone());
-    dual_row::<B>(isa, &mut vertical, &mut horizontal, DualRow { over: &over, below: &rows[7] }, rates);
-    let mut lap = vec![0.0; width];
-    let mut sums = vec![laplacian_row(isa, &mut lap, &rows[1], &rows[2], &rows[3], &free)];
-    let (mut phi, mut r) = (rows[0].clone(), rows[1].clone());
-    sums.push(descend_row(isa, &mut phi, &mut r, &rows[2], &lap, 0.21));
-    let mut p = rows[4].clone();
-    direction_row(isa, &mut p, &r, 0.83);
-    let (mut a, mut b) = (rows[5].clone(), rows[6].clone());
-    correct_row::<B>(isa, &mut a, &mut b, &phi, &p);
-    sums.push(distance_row(isa, &rows[3], samples, row, 0.37));
-    sums.push(squares_row(isa, &ease, row));
-    sums.push(variation_row::<B>(isa, &rows[3], &rows[4]));
+    let dual = DualRow { over: &over[..width], below: &rows[7], sigma: &sigma };
+    dual_row::<B>(isa, &mut vertical, &mut horizontal, dual, 1.6);
     let bound = bound_row(isa, &rows[3], row);
-    sums.extend([bound.measured, bound.missing, bound.squares, source_row(isa, &mut lap, row)]);
-    let all = [x, over, held, over_held, vertical, horizontal, lap, phi, r, p, a, b].concat();
+    let sums = [
+        distance_row(isa, &rows[3], samples, row, 0.37),
+        squares_row(isa, &ease, row),
+        variation_row::<B>(isa, &rows[3], &rows[4]),
+        bound.measured,
+        bound.missing,
+        bound.squares,
+    ];
+    let all = [x, over, above, beside, d, up, along, held, over_held, vertical, horizontal].concat();
     all.iter().map(|v| u64::from(v.to_bits())).chain(sums.iter().map(|v| v.to_bits())).collect()
 }
 
@@ -214,7 +235,7 @@ proptest! {
         }
     }
 
-    /// The fast clip is the proximal map, and leaves nothing outside the ball by more than rounding.
+    /// The clip is the proximal map, and leaves nothing outside the ball by more than rounding.
     #[test]
     fn clip_agrees_with_the_proximal_map(a in -4.0_f32..4.0, b in -4.0_f32..4.0) {
         let norms = [crate::prox::Norm::Isotropic, crate::prox::Norm::Anisotropic];
@@ -223,12 +244,6 @@ proptest! {
             let got = [got.0, got.1].map(f64::from);
             prop_assert!((got[0] - want[0]).abs() <= 2.0 * f64::from(f32::EPSILON));
             prop_assert!((got[1] - want[1]).abs() <= 2.0 * f64::from(f32::EPSILON));
-            let rough = match norm {
-                crate::prox::Norm::Isotropic => Isotropic::clip_roughly(a, b),
-                crate::prox::Norm::Anisotropic => Anisotropic::clip_roughly(a, b),
-            };
-            prop_assert!((f64::from(rough.0) - want[0]).abs() <= 5e-6 && (f64::from(rough.1) - want[1]).abs() <= 5e-6);
-            prop_assert!(norm.of([rough.0, rough.1].map(f64::from)) <= 1.0 + 4.0 * f64::from(f32::EPSILON) || norm == crate::prox::Norm::Anisotropic);
             if norm == crate::prox::Norm::Isotropic {
                 prop_assert!(got[0].hypot(got[1]) <= 1.0 + 4.0 * f64::from(f32::EPSILON));
             }

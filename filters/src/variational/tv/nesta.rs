@@ -60,7 +60,7 @@ impl Nesta {
         let (iterations, stop) = step.solve(&mut state.x, &mut self.buffers, &mut work, limit, run);
         operator.analyse(&state.x, &mut work);
         operator.soften(&mut work, self.mu);
-        let dual = state.vertical.par_iter_mut().zip(&mut state.horizontal);
+        let dual = state.vertical.par_iter_mut().zip(state.horizontal.par_iter_mut());
         dual.zip(&work).for_each(|((vertical, horizontal), pair)| [*vertical, *horizontal] = pair.value);
         self.mu = (LOWER * self.mu).max(LEAST[0]);
         self.tolerance = (STRICTER * self.tolerance).max(LEAST[1]);
