@@ -22,7 +22,7 @@ const GAIN: f64 = 1e-3;
 const PATIENCE: usize = 3;
 /// Rounds of refinement.
 const ROUNDS: usize = 40;
-/// The error that is aimed at over the last correction that third order may see.
+/// The error that order 2 may leave by its estimate, over the last correction that the others may see.
 const EASE: f64 = 30.0;
 /// Rows whose residual one task computes.
 const CHUNK: usize = 32;
