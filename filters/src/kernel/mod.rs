@@ -9,12 +9,14 @@
 )]
 #![allow(unsafe_code, reason = "calling a function that was compiled for an instruction set the CPU has")]
 
-pub mod blur;
 pub mod dense;
 pub mod extremes;
 pub(crate) mod fir;
 mod interior;
+pub mod points;
 pub mod regress;
+pub mod relax;
+pub mod resample;
 pub mod rows;
 pub mod simd;
 pub mod stencil;

@@ -4,15 +4,14 @@
 //! q = sum over t of  V_t p H_t'      V_t: H x H, along columns;  H_t: W x W, along rows;  both banded, reach R <= 4
 //! ```
 //!
-//! The window is a rectangle of the image; what lies outside it counts as zero. Its values stand in a buffer with
-//! [`PAD`] rows and columns of zeros around them, see [`Window`].
+//! The window is a rectangle of the image. Its values stand in a buffer with [`PAD`] rows and columns around them, see
+//! [`Window`]: zeros if what lies outside counts as zero, else its values. Beyond the image they may be any finite numbers.
 //!
 //! Roofline, per pixel and application at R = 3 with three terms: along rows 3 additions (the taps are symmetric away
 //! from the borders), 3 multiplications and 9 multiply-adds, along columns 21 multiply-adds, and one for `p q`: 37
 //! instructions a vector, 68 flops. A panel of 160 columns goes down row by row; its lines filtered along rows stay in
 //! rings in L1 (13 kB used in f32 at 160 columns), so a window in L2 streams 4 bytes in and 4 bytes out. Two
-//! arithmetic instructions a cycle would give 18 cycles a vector, 1.2 a pixel with 16 lanes of f32; memory
-//! bandwidth is no limit. What is reached has not been measured apart from the solver.
+//! arithmetic instructions a cycle would give 18 cycles a vector, 1.2 a pixel with 16 lanes of f32; memory is no limit.
 
 use rayon::prelude::*;
 
@@ -273,10 +272,7 @@ impl<T: Real> Apply<'_, T> {
         // Row `first + step - R` of the window goes into the rings; then row `first + step - 2R` can be computed.
         for step in 0..count + 2 * R {
             let slot = step % depth;
-            match (self.first + step).checked_sub(R).filter(|&i| i < window.height) {
-                Some(i) => self.along_row::<R, FUSED>(i, from, slot, rings),
-                None => rings.iter_mut().for_each(|ring| ring[slot] = [[T::ZERO; BLOCK]; TERMS]),
-            }
+            self.along_row::<R, FUSED>(self.first + step + PAD - R, from, slot, rings);
             let Some(output) = step.checked_sub(2 * R) else { continue };
             let i = self.first + output;
             let taps = self.a.vertical.row(window.y + i);
@@ -293,7 +289,7 @@ impl<T: Real> Apply<'_, T> {
         total
     }
 
-    /// Filters the columns from `from` on of row `i` with each term's taps.
+    /// Filters the columns from `from` on of row `i` of the buffer with each term's taps.
     #[inline(always)]
     fn along_row<const R: usize, const FUSED: bool>(
         &self,
@@ -303,7 +299,7 @@ impl<T: Real> Apply<'_, T> {
         rings: &mut [Ring<T>],
     ) {
         let (window, axis) = (self.window, &self.a.horizontal);
-        let row = &self.p[(i + PAD) * window.stride() + from..];
+        let row = &self.p[i * window.stride() + from..];
         let taps = axis.row(axis.len / 2);
         if axis.ends < axis.len {
             for (b, ring) in rings.iter_mut().enumerate() {
@@ -462,6 +458,34 @@ mod tests {
             scale += size;
         }
         assert!((dot - expected_dot).abs() <= 64.0 * epsilon * scale, "{dot} {expected_dot}");
+    }
+
+    /// Rows of a window, with what lies around them in its buffer.
+    #[test]
+    fn a_part_reads_its_surroundings() {
+        let a = Form::new(Kernel::Bspline, 2, 0.01).energy(Size::new(40, 21), (1.0, 1.0));
+        let window = Window { y: 0, x: 0, height: 40, width: 21 };
+        let mut p = window.zeros::<f64>();
+        for i in 0..40 {
+            for j in 0..21 {
+                p[window.at(i, j)] = ((i * 31 + j * 17) as f64 * 0.37).sin();
+            }
+        }
+        for isa in [Isa::Portable, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available()) {
+            let mut whole = window.zeros();
+            apply(isa, &a, window, &p, None, &mut whole);
+            for (y, height) in [(0, 1), (0, 7), (3, 12), (33, 7), (39, 1), (12, 20)] {
+                let part = Window { y, height, ..window };
+                let mut q = part.zeros();
+                apply(isa, &a, part, &p[y * window.stride()..], None, &mut q);
+                for i in 0..height {
+                    let (own, all) = (&q[part.at(i, 0)..][..21], &whole[window.at(y + i, 0)..][..21]);
+                    for (own, all) in own.iter().zip(all) {
+                        assert!((own - all).abs() <= 256.0 * f64::EPSILON * a.diagonal(y + i, 10), "{y} {i}");
+                    }
+                }
+            }
+        }
     }
 
     #[test]

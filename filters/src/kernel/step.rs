@@ -1,6 +1,6 @@
 //! One step of conjugate gradients on a tile in as few passes as its sums allow.
 //!
-//! With the energy `A`, the preconditioner `E (B + c) E` of [`super::blur`] and the residual `r`, a step is the three passes
+//! With the energy `A`, the preconditioner `E (B + c) E` of [`super::relax`] and the residual `r`, a step is the three passes
 //!
 //! ```text
 //! p = z + b p                                            [`direction`]

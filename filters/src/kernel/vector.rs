@@ -77,38 +77,6 @@ impl<T: Real> Body for ScaleAdd<'_, T> {
     }
 }
 
-/// One step of a polynomial smoother: `s = b s + a z`, `x = x + s`.
-pub fn smooth<T: Real>(isa: Isa, (a, b): (f64, f64), z: &[T], s: &mut [T], x: &mut [T]) {
-    let (a, b) = (T::from_f64(a), T::from_f64(b));
-    let run = |i: usize, s: &mut [T], x: &mut [T]| {
-        dispatch(isa, Smooth { a, b, z: &z[i * PART..][..s.len()], s, x });
-    };
-    if s.len() > LARGE {
-        s.par_chunks_mut(PART).zip(x.par_chunks_mut(PART)).enumerate().for_each(|(i, (s, x))| run(i, s, x));
-    } else {
-        s.chunks_mut(PART).zip(x.chunks_mut(PART)).enumerate().for_each(|(i, (s, x))| run(i, s, x));
-    }
-}
-
-struct Smooth<'a, T> {
-    a: T,
-    b: T,
-    z: &'a [T],
-    s: &'a mut [T],
-    x: &'a mut [T],
-}
-
-impl<T: Real> Body for Smooth<'_, T> {
-    type Output = ();
-    #[inline(always)]
-    fn run<const FUSED: bool>(self) {
-        for ((s, x), &z) in self.s.iter_mut().zip(self.x).zip(self.z) {
-            *s = fma::<T, FUSED>(self.b, *s, self.a * z);
-            *x += *s;
-        }
-    }
-}
-
 /// The sum of `x y` and the largest `|y|`.
 pub fn dot<T: Real>(isa: Isa, x: &[T], y: &[T]) -> (f64, f64) {
     let part = |(x, y): (&[T], &[T])| dispatch(isa, Dot { x, y });
@@ -150,28 +118,23 @@ impl<T: Real> Body for Dot<'_, T> {
     }
 }
 
-/// `s = e (r - q)`.
-pub fn weighted_difference<T: Real>(isa: Isa, e: &[T], r: &[T], q: &[T], s: &mut [T]) {
-    let len = s.len();
-    parts!(s, len, |(i, s): (usize, &mut [T])| {
-        let (at, n) = (i * PART, s.len());
-        dispatch(isa, WeightedDifference { e: &e[at..][..n], r: &r[at..][..n], q: &q[at..][..n], s });
-    });
+/// `q = e (r - q)`, by one task.
+pub fn weighted_rest<T: Real>(isa: Isa, e: &[T], r: &[T], q: &mut [T]) {
+    dispatch(isa, WeightedRest { e, r, q });
 }
 
-struct WeightedDifference<'a, T> {
+struct WeightedRest<'a, T> {
     e: &'a [T],
     r: &'a [T],
-    q: &'a [T],
-    s: &'a mut [T],
+    q: &'a mut [T],
 }
 
-impl<T: Real> Body for WeightedDifference<'_, T> {
+impl<T: Real> Body for WeightedRest<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
-        for (s, (&e, (&r, &q))) in self.s.iter_mut().zip(self.e.iter().zip(self.r.iter().zip(self.q))) {
-            *s = e * (r - q);
+        for (q, (&e, &r)) in self.q.iter_mut().zip(self.e.iter().zip(self.r)) {
+            *q = e * (r - *q);
         }
     }
 }

@@ -10,8 +10,12 @@
 
 use rayon::prelude::*;
 
-use crate::kernel::Real;
+use crate::kernel::resample::{Prolong, Restrict};
 use crate::kernel::stencil::{PAD, Window};
+use crate::kernel::{Isa, Real, dispatch};
+
+/// Rows that one task computes.
+const CHUNK: usize = 16;
 
 /// Weights for fine cells and for coarse cells along one axis; a cell's sources begin at `2`-fold known places.
 #[derive(Clone, Debug)]
@@ -77,25 +81,34 @@ fn weights(cell: usize, image: usize, coarse_image: usize) -> [f64; 4] {
 /// Prolongation from a coarse window to a fine one, and its adjoint.
 #[derive(Clone, Debug)]
 pub struct Resample<T> {
+    isa: Isa,
     fine: Window,
     coarse: Window,
     vertical: Axis<T>,
-    horizontal: Axis<T>,
+    /// Along rows, per coarse cell: four weights of its first fine cell, four of its second.
+    up: [Vec<T>; 8],
+    /// Along rows, per coarse cell: its eight weights.
+    down: [Vec<T>; 8],
 }
 
 impl<T: Real> Resample<T> {
     /// Between `fine`, a window of an image of `height x width` whose first row and column are even, and the window
     /// of coarse cells that cover it.
-    pub fn new(fine: Window, height: usize, width: usize) -> Self {
+    pub fn new(isa: Isa, fine: Window, height: usize, width: usize) -> Self {
         let coarse = Window {
             y: fine.y / 2,
             x: fine.x / 2,
             height: fine.height.div_ceil(2),
             width: fine.width.div_ceil(2),
         };
-        let vertical = Axis::new(fine.y, fine.height, height);
         let horizontal = Axis::new(fine.x, fine.width, width);
-        Self { fine, coarse, vertical, horizontal }
+        let none = [T::ZERO; 4];
+        let up = std::array::from_fn(|k| {
+            let cell = |c: usize| horizontal.up.get(2 * c + k / 4).unwrap_or(&none)[k % 4];
+            (0..coarse.width).map(cell).collect()
+        });
+        let down = std::array::from_fn(|k| horizontal.down.iter().map(|row| row[k]).collect());
+        Self { isa, fine, coarse, vertical: Axis::new(fine.y, fine.height, height), up, down }
     }
 
     /// The coarse window.
@@ -105,65 +118,41 @@ impl<T: Real> Resample<T> {
 
     /// Adds `share` times the prolonged `coarse` to `fine`.
     pub fn prolong_add(&self, coarse: &[T], share: &[T], fine: &mut [T]) {
-        let (stride, width) = (self.fine.stride(), self.fine.width);
-        let row = |(i, out): (usize, &mut [T])| {
-            let weights = &self.vertical.up[i];
-            let first = i / 2 + i % 2 + PAD - 2;
-            let from = self.coarse.stride();
-            // One line of coarse columns, then its fine columns.
-            let mut line = vec![T::ZERO; from];
-            for (k, &weight) in weights.iter().enumerate() {
-                let source = &coarse[(first + k) * from..][..from];
-                for (sum, &value) in line.iter_mut().zip(source) {
-                    *sum += weight * value;
-                }
-            }
-            let share = &share[self.fine.at(i, 0)..][..width];
-            for (j, (out, &share)) in out[PAD..][..width].iter_mut().zip(share).enumerate() {
-                if share != T::ZERO {
-                    let taps = &self.horizontal.up[j];
-                    let source = &line[j / 2 + j % 2 + PAD - 2..][..4];
-                    let sum =
-                        taps[0] * source[0] + taps[1] * source[1] + taps[2] * source[2] + taps[3] * source[3];
-                    *out += share * sum;
-                }
+        let (stride, from) = (self.fine.stride(), self.coarse.stride());
+        let chunk = |(index, rows): (usize, &mut [T])| {
+            for (k, out) in rows.chunks_mut(stride).enumerate() {
+                let i = index * CHUNK + k;
+                let first = i / 2 + i % 2 + PAD - 2;
+                let body = Prolong {
+                    vertical: &self.vertical.up[i],
+                    sources: std::array::from_fn(|k| &coarse[(first + k) * from..][..from]),
+                    horizontal: &self.up,
+                    share: &share[self.fine.at(i, 0)..][..self.fine.width],
+                    out: &mut out[PAD..][..self.fine.width],
+                };
+                dispatch(self.isa, body);
             }
         };
         let rows = &mut fine[PAD * stride..][..self.fine.height * stride];
         if self.fine.is_large() {
-            rows.par_chunks_mut(stride).enumerate().for_each(row);
+            rows.par_chunks_mut(CHUNK * stride).enumerate().for_each(chunk);
         } else {
-            rows.chunks_mut(stride).enumerate().for_each(row);
+            rows.chunks_mut(CHUNK * stride).enumerate().for_each(chunk);
         }
     }
 
-    /// Sets `coarse` to the adjoint's image of `fine`, whose padding is zero.
-    pub fn restrict(&self, fine: &[T], coarse: &mut [T]) {
-        let (stride, width) = (self.coarse.stride(), self.coarse.width);
-        let row = |(i, out): (usize, &mut [T])| {
-            let weights = &self.vertical.down[i];
-            let from = self.fine.stride();
-            let mut line = vec![T::ZERO; from + 2 * PAD];
-            for (k, &weight) in weights.iter().enumerate() {
-                let source = &fine[(2 * i + PAD + k - 3) * from..][..from];
-                for (sum, &value) in line.iter_mut().zip(source) {
-                    *sum += weight * value;
-                }
-            }
-            for (j, out) in out[PAD..][..width].iter_mut().enumerate() {
-                let source = &line[2 * j + PAD - 3..][..8];
-                let mut sum = T::ZERO;
-                for (&tap, &value) in self.horizontal.down[j].iter().zip(source) {
-                    sum += tap * value;
-                }
-                *out = sum;
-            }
-        };
-        let rows = &mut coarse[PAD * stride..][..self.coarse.height * stride];
-        if self.fine.is_large() {
-            rows.par_chunks_mut(stride).enumerate().for_each(row);
-        } else {
-            rows.chunks_mut(stride).enumerate().for_each(row);
+    /// Sets rows of `coarse`, whole strides from row `first` of its window on, to those of the adjoint's image of `fine`. This
+    /// begins with row `2 first - 3` of the fine window (counted in its padding) and is zero beside the window.
+    pub fn restrict(&self, first: usize, fine: &[T], coarse: &mut [T]) {
+        let (from, width) = (self.fine.stride(), self.coarse.width);
+        for (k, out) in coarse.chunks_mut(self.coarse.stride()).enumerate() {
+            let body = Restrict {
+                vertical: &self.vertical.down[first + k],
+                sources: std::array::from_fn(|tap| &fine[(2 * k + tap) * from..][..from]),
+                horizontal: &self.down,
+                out: &mut out[PAD..][..width],
+            };
+            dispatch(self.isa, body);
         }
     }
 }
@@ -190,23 +179,26 @@ mod tests {
     fn restriction_is_the_adjoint() {
         for (height, width) in [(1, 1), (1, 7), (8, 1), (2, 2), (3, 5), (16, 9), (300, 301)] {
             let fine = window(height, width);
-            let resample = Resample::<f64>::new(fine, height, width);
-            let coarse = resample.coarse();
-            let noise = |seed: f64| move |i: usize, j: usize| ((i * 37 + j * 101) as f64 * seed).sin();
-            let (f, c) = (fill(fine, noise(0.7)), fill(coarse, noise(0.3)));
-            let (mut up, mut down) = (fine.zeros(), coarse.zeros());
-            resample.prolong_add(&c, &fill(fine, |_, _| 1.0), &mut up);
-            resample.restrict(&f, &mut down);
-            let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-            let (left, right) = (dot(&f, &up), dot(&down, &c));
-            assert!((left - right).abs() <= 1e-13 * (height * width) as f64, "{left} {right}");
+            for isa in [Isa::Portable, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available()) {
+                let resample = Resample::<f64>::new(isa, fine, height, width);
+                let coarse = resample.coarse();
+                let noise = |seed: f64| move |i: usize, j: usize| ((i * 37 + j * 101) as f64 * seed).sin();
+                let (f, c) = (fill(fine, noise(0.7)), fill(coarse, noise(0.3)));
+                let (mut up, mut down) = (fine.zeros(), coarse.zeros());
+                resample.prolong_add(&c, &fill(fine, |_, _| 1.0), &mut up);
+                let (from, to) = (fine.stride(), coarse.stride());
+                resample.restrict(0, &f[(PAD - 3) * from..], &mut down[PAD * to..][..coarse.height * to]);
+                let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+                let (left, right) = (dot(&f, &up), dot(&down, &c));
+                assert!((left - right).abs() <= 1e-13 * (height * width) as f64, "{left} {right}");
+            }
         }
     }
 
     #[test]
     fn planes_are_prolonged_exactly() {
         let fine = window(9, 14);
-        let resample = Resample::<f64>::new(fine, 9, 14);
+        let resample = Resample::<f64>::new(Isa::best(), fine, 9, 14);
         let plane = |y: f64, x: f64| 1.0 + 0.25 * y - 0.5 * x;
         let centre = |c: usize| 2.0 * c as f64 + 0.5;
         let coarse = fill(resample.coarse(), |i, j| plane(centre(i), centre(j)));

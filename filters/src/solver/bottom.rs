@@ -1,7 +1,7 @@
 //! A direct solver for the coarsest grid: Cholesky's factorisation of the matrix between its free unknowns.
 
 use crate::kernel::Real;
-use crate::kernel::stencil::{Separable, Window};
+use crate::kernel::stencil::Window;
 
 /// Relative size below which a pivot counts as zero: the unknown is then left at zero.
 const SINGULAR: f64 = 1e-13;
@@ -14,23 +14,18 @@ pub struct Bottom {
 }
 
 impl Bottom {
-    /// Factors `A + diag(d)` restricted to the unknowns of the window where `free` is not zero.
-    pub fn new<T: Real>(a: &Separable<f64>, window: Window, free: &[T], d: Option<&[T]>) -> Self {
-        let cells: Vec<(usize, usize)> = (0..window.height)
-            .flat_map(|i| (0..window.width).map(move |j| (i, j)))
-            .filter(|&(i, j)| free[window.at(i, j)] != T::ZERO)
-            .collect();
+    /// Factors the matrix with these entries between cells (row, column) of the window: those that are free.
+    pub fn new(
+        window: Window,
+        cells: Vec<(usize, usize)>,
+        entry: impl Fn((usize, usize), (usize, usize)) -> f64,
+    ) -> Self {
         let n = cells.len();
         let mut lower = vec![0.0; n * n];
-        let image = |(i, j): (usize, usize)| (window.y + i, window.x + j);
         for (row, &cell) in cells.iter().enumerate() {
-            let own = d.map_or(0.0, |d| d[window.at(cell.0, cell.1)].to_f64());
-            let whole = a.entry(image(cell), image(cell)) + own;
+            let whole = entry(cell, cell);
             for column in 0..=row {
-                let mut sum = a.entry(image(cell), image(cells[column]));
-                if row == column {
-                    sum = whole;
-                }
+                let mut sum = entry(cell, cells[column]);
                 for k in 0..column {
                     sum -= lower[row * n + k] * lower[column * n + k];
                 }

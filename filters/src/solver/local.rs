@@ -68,14 +68,14 @@ pub struct Ending {
 /// The tridiagonal matrix that conjugate gradients build, whose extreme eigenvalues approach those of the preconditioned
 /// matrix from inside (C. Lanczos, 1950).
 #[derive(Default)]
-struct Lanczos {
+pub(super) struct Lanczos {
     /// Diagonal entries and the squares of those before them in the row.
     rows: Vec<(f64, f64)>,
     step: f64,
 }
 
 impl Lanczos {
-    fn push(&mut self, step: f64, ratio: f64) {
+    pub(super) fn push(&mut self, step: f64, ratio: f64) {
         let (add, square) = if self.rows.is_empty() {
             (0.0, 0.0)
         } else {
@@ -95,7 +95,7 @@ impl Lanczos {
     }
 
     /// The least eigenvalue to within 2 %, from below.
-    fn least(&self) -> f64 {
+    pub(super) fn least(&self) -> f64 {
         let Some(mut high) = self.rows.iter().map(|row| row.0).reduce(f64::min) else { return f64::INFINITY };
         let mut low = high * 1e-9;
         while high > 1.02 * low {

@@ -1,46 +1,55 @@
 //! A multigrid cycle on a window, as a preconditioner: symmetric, positive definite, one sweep down and one up.
 //!
-//! The system is `(A_l + diag(d_l)) x = r` over the free unknowns of each level. Level 0 is the caller's; each coarser
-//! grid has half the resolution, its own `A_l` (the same energy at twice the spacing), `d` summed over a cell's
-//! children, and a cell that is free only if all its children are. Smoother: a Chebyshev polynomial in `B A`
-//! for the upper part of the spectrum, with `B` the masked blur of [`crate::kernel::blur`], the same
-//! down and up; its bound is the largest eigenvalue of the masked operator, which exceeds that of the unmasked one. Transfer: [`crate::operator::resample`]. The coarsest grid
-//! is solved directly.
+//! The system is `(A_l + D_l) x = r` over the free unknowns of each level. Level 0 is the caller's; each coarser
+//! grid has half the resolution and its own `A_l` (the same energy at twice the spacing), and all its cells are free. What
+//! holds it is `D_l`: every measured pixel of level 0 asks for a zero at the place where it lies, by the bilinear
+//! weights of the four cells around it ([`crate::kernel::points`]) and as firmly as a cell is held by its neighbours, as more would
+//! be undone by the finer grids. Cells that are held where a sample only lies somewhere inside took twice the iterations at
+//! 1 % density (16 instead of 8).
+//!
+//! Smoother: a polynomial in `B (A + D)`, with `B` the masked blur of [`crate::kernel::relax`], tile by tile ([`smooth`]). Transfer: [`crate::operator::resample`]. The coarsest grid is solved directly.
 //!
 //! Source: W. Briggs, V. Henson, S. Mc Cormick, "A Multigrid Tutorial", SIAM 2000; M. Adams, M. Brezina, J. Hu,
 //! R. Tuminaro, "Parallel multigrid smoothing: polynomial versus Gauss-Seidel", J. Comput. Phys. 188, 2003.
 //!
-//! Cost: `2 DEGREE` applications of `A` a level, 4/3 of that in all. Memory: seven buffers a level, 10 windows in all.
+//! Cost: `2 DEGREE + 1` applications of `A` a level, 4/3 of that in all. Memory: six buffers at level 0, ten at the others, which
+//! together have a third of its cells: 9 windows in all.
+
+use rayon::prelude::*;
 
 use super::bottom::Bottom;
-use crate::kernel::blur::blur;
+use crate::kernel::points::{Point, Points};
 use crate::kernel::simd::Lanes;
 use crate::kernel::stencil::{PAD, Separable, Window, apply};
-use crate::kernel::{Isa, Real, vector};
+use crate::kernel::{Isa, vector};
 use crate::operator::resample::Resample;
 
-/// Steps of the smoother before and after the coarse correction.
-const DEGREE: usize = 3;
-/// The smoother works on eigenvalues from the largest down to the largest over this.
-const SPREAD: f64 = 12.0;
-/// Added to the middle of the smoother's blur.
-const CENTRE: f64 = 1.0;
+mod smooth;
+#[cfg(test)]
+mod tests;
+
+pub use smooth::Pool;
+
 /// Grids with at most this many cells are solved directly.
 const DIRECT: usize = 144;
+/// Rows of a coarse grid whose right-hand sides are computed together: what they need of a wide fine grid is in L2.
+const CHUNK: usize = 20;
+/// How firmly a measured pixel holds the coarse cells around it, over the diagonal of their operator.
+const FIRM: f64 = 1.0;
 
 /// One grid.
 struct Level<T> {
     a: Separable<T>,
     window: Window,
-    /// Added to the diagonal.
-    d: Option<Vec<T>>,
+    /// What is added to it.
+    points: Option<Points<T>>,
     /// The share of `A` in the diagonal at free unknowns, zero at others: what a coarse correction is multiplied by. It
-    /// keeps corrections away from unknowns that are held by a large `d`, as it does from those that are not free.
+    /// keeps corrections away from unknowns that are held, as it does from those that are not free.
     share: Vec<T>,
     /// Its square root, `E` of the smoother.
     e: Vec<T>,
-    /// Bounds of the eigenvalues that the smoother damps.
-    bounds: (f64, f64),
+    /// Largest eigenvalue that the smoother damps.
+    high: f64,
     /// To the next coarser grid.
     down: Option<Resample<T>>,
 }
@@ -55,20 +64,26 @@ pub struct Multigrid<T> {
 /// Buffers for one cycle at a time.
 pub struct Workspace<T> {
     levels: Vec<Buffers<T>>,
+    pool: Pool<T>,
 }
 
 struct Buffers<T> {
     r: Vec<T>,
     x: Vec<T>,
-    q: Vec<T>,
-    s: Vec<T>,
-    t: Vec<T>,
+}
+
+impl<T> Workspace<T> {
+    /// The residual that [`Multigrid::cycle`] reads, and the correction that it has found.
+    pub fn finest(&mut self) -> (&mut [T], &[T]) {
+        let Buffers { r, x } = &mut self.levels[0];
+        (r, x)
+    }
 }
 
 impl<T: Lanes> Multigrid<T> {
     /// Sets up the grids below `window`. `matrix(l)` is the operator of level `l` on the whole image; `free` is 1 at free
-    /// unknowns and 0 elsewhere, padding included. The window begins at multiples of `2^l` for as many levels as it is
-    /// to have.
+    /// unknowns and 0 elsewhere, padding included; `d` is added to the diagonal. The window begins at multiples of `2^l` for as
+    /// many levels as it is to have.
     pub fn new(
         isa: Isa,
         window: Window,
@@ -76,49 +91,33 @@ impl<T: Lanes> Multigrid<T> {
         free: Vec<T>,
         d: Option<Vec<T>>,
     ) -> Self {
-        let mut levels: Vec<Level<T>> = Vec::new();
-        let (mut window, mut free, mut d) = (window, free, d);
-        let bottom = loop {
-            let a = matrix(levels.len());
-            if window.pixels() <= DIRECT {
-                break Some((Bottom::new(&a, window, &free, d.as_deref()), a));
-            }
+        let held = held(window, &free, d.as_deref());
+        let finest = window;
+        let (mut window, mut free, mut points) = (window, Some(free), d.map(Points::diagonal));
+        let mut grids = Self { isa, levels: Vec::new(), bottom: None };
+        let mut a = matrix(0);
+        loop {
             let size = a.size();
-            let splits = window.y % 2 == 0 && window.x % 2 == 0;
-            let down = splits.then(|| Resample::new(window, size.height, size.width));
-            let coarse = down.as_ref().map(|down| coarsen(window, down.coarse(), &free, d.as_deref()));
-            let more = coarse.as_ref().is_some_and(|(free, _)| free.iter().any(|&x| x != T::ZERO));
-            let next = down.as_ref().map(Resample::coarse).filter(|_| more);
-            levels.push(Level::new(isa, &a, window, d, free, down.filter(|_| more)));
-            let (Some(next), Some(coarse)) = (next, coarse) else { break None };
-            (window, (free, d)) = (next, coarse);
-        };
-        let bottom = bottom.map(|(bottom, a)| {
-            let none = Vec::new;
-            levels.push(Level {
-                a: a.cast(),
-                window,
-                d: None,
-                share: none(),
-                e: none(),
-                bounds: (1.0, 1.0),
-                down: None,
-            });
-            bottom
-        });
-        Self { isa, levels, bottom }
+            let splits = window.y % 2 == 0 && window.x % 2 == 0 && window.pixels() > DIRECT;
+            let down = splits.then(|| Resample::new(isa, window, size.height, size.width));
+            let next = down.as_ref().map(Resample::coarse);
+            if window.pixels() <= DIRECT {
+                grids.bottom = Some(bottom(&a, window, points.as_ref(), free.as_deref()));
+            }
+            grids.levels.push(Level::new(isa, &a, window, points, free.take(), down));
+            let Some(next) = next else { return grids };
+            let cell = (ratio(finest.height, next.height), ratio(finest.width, next.width));
+            a = matrix(grids.levels.len());
+            let middle = a.diagonal(a.vertical.len / 2, a.horizontal.len / 2);
+            points = Some(Points::new(next, cell, &held, FIRM * middle));
+            window = next;
+        }
     }
 
     /// Buffers for [`Self::cycle`].
     pub fn workspace(&self) -> Workspace<T> {
-        let buffers = |level: &Level<T>| Buffers {
-            r: level.window.zeros(),
-            x: level.window.zeros(),
-            q: level.window.zeros(),
-            s: level.window.zeros(),
-            t: level.window.zeros(),
-        };
-        Workspace { levels: self.levels.iter().map(buffers).collect() }
+        let buffers = |level: &Level<T>| Buffers { r: level.window.zeros(), x: level.window.zeros() };
+        Workspace { levels: self.levels.iter().map(buffers).collect(), pool: Pool::default() }
     }
 
     /// The instruction set in use.
@@ -131,19 +130,30 @@ impl<T: Lanes> Multigrid<T> {
         self.levels[0].window
     }
 
-    /// Sets `z` to an approximate solution for the residual `r`: zero at unknowns that are not free. While computing, `r` is
-    /// multiplied by `scale`.
-    pub fn cycle(&self, r: &[f64], scale: f64, workspace: &mut Workspace<T>, z: &mut [f64]) {
-        for (own, &r) in workspace.levels[0].r.iter_mut().zip(r) {
-            *own = T::from_f64(r * scale);
-        }
-        self.descend(0, &mut workspace.levels);
-        for (z, x) in z.iter_mut().zip(&workspace.levels[0].x) {
-            *z = x.to_f64() / scale;
+    /// Not zero at the free unknowns of the finest window.
+    pub fn free(&self) -> &[T] {
+        &self.levels[0].share
+    }
+
+    /// `q = (A + D) p` on the finest window; returns the sum of `p q`.
+    pub fn apply(&self, p: &[T], q: &mut [T]) -> f64 {
+        let level = &self.levels[0];
+        let sum = apply(self.isa, &level.a, level.window, p, None, q);
+        match &level.points {
+            Some(points) => {
+                points.add(self.isa, level.window, (0, 0), level.window, p, q);
+                vector::dot(self.isa, p, q).0
+            }
+            None => sum,
         }
     }
 
-    fn descend(&self, index: usize, buffers: &mut [Buffers<T>]) {
+    /// Computes the workspace's correction for its residual: zero at unknowns that are not free.
+    pub fn cycle(&self, workspace: &mut Workspace<T>) {
+        self.descend(0, &mut workspace.levels, &workspace.pool);
+    }
+
+    fn descend(&self, index: usize, buffers: &mut [Buffers<T>], pool: &Pool<T>) {
         let Some((here, below)) = buffers.split_first_mut() else { return };
         let level = &self.levels[index];
         if let Some(bottom) = self.bottom.as_ref().filter(|_| index + 1 == self.levels.len()) {
@@ -151,113 +161,112 @@ impl<T: Lanes> Multigrid<T> {
             return;
         }
         here.x.fill(T::ZERO);
-        self.smooth(level, here, true);
+        level.smooth(self.isa, &here.r, &mut here.x, false, pool);
         if let (Some(down), Some(coarse)) = (&level.down, below.first_mut()) {
-            apply(self.isa, &level.a, level.window, &here.x, level.d.as_deref(), &mut here.q);
-            vector::weighted_difference(self.isa, &level.share, &here.r, &here.q, &mut here.t);
-            down.restrict(&here.t, &mut coarse.r);
-            self.descend(index + 1, below);
+            level.restrict(self.isa, down, here, &mut coarse.r, pool);
+            self.descend(index + 1, below, pool);
             down.prolong_add(&below[0].x, &level.share, &mut here.x);
-            self.smooth(level, here, false);
         }
-    }
-
-    fn smooth(&self, level: &Level<T>, here: &mut Buffers<T>, from_zero: bool) {
-        let (low, high) = level.bounds;
-        let (centre, radius) = (0.5 * (high + low), 0.5 * (high - low));
-        let mut rho = radius / centre;
-        for step in 0..DEGREE {
-            if step == 0 && from_zero {
-                here.q.fill(T::ZERO);
-            } else {
-                apply(self.isa, &level.a, level.window, &here.x, level.d.as_deref(), &mut here.q);
-            }
-            let factors = if step == 0 {
-                (1.0 / centre, 0.0)
-            } else {
-                let next = 1.0 / (2.0 * centre / radius - rho);
-                let factors = (2.0 * next / radius, next * rho);
-                rho = next;
-                factors
-            };
-            vector::weighted_difference(self.isa, &level.e, &here.r, &here.q, &mut here.t);
-            blur(self.isa, level.window, CENTRE, &level.e, &here.t, &mut here.q);
-            vector::smooth(self.isa, factors, &here.q, &mut here.s, &mut here.x);
-        }
+        level.smooth(self.isa, &here.r, &mut here.x, true, pool);
     }
 }
 
 impl<T: Lanes> Level<T> {
+    /// Without `free`, all of the window is.
     fn new(
         isa: Isa,
         a: &Separable<f64>,
         window: Window,
-        d: Option<Vec<T>>,
-        free: Vec<T>,
+        points: Option<Points<T>>,
+        free: Option<Vec<T>>,
         down: Option<Resample<T>>,
     ) -> Self {
-        let (mut e, mut share) = (free.clone(), free);
-        for (i, (e, share)) in e.iter_mut().zip(&mut share).enumerate() {
-            if *e != T::ZERO {
-                let own = d.as_ref().map_or(0.0, |d| d[i].to_f64());
-                let stride = window.stride();
-                let (y, x) = (window.y + i / stride - PAD, window.x + i % stride - PAD);
-                let diagonal = a.diagonal(y, x);
-                *share = T::from_f64(diagonal / (diagonal + own));
-                *e = T::from_f64((diagonal / (diagonal + own)).sqrt());
+        let mut share = free.unwrap_or_else(|| {
+            let mut all = window.zeros();
+            for i in 0..window.height {
+                all[window.at(i, 0)..][..window.width].fill(T::from_f64(1.0));
+            }
+            all
+        });
+        let mut e = share.clone();
+        if let Some(points) = &points {
+            let middle = a.diagonal(a.vertical.len / 2, a.horizontal.len / 2);
+            for ((share, e), own) in share.iter_mut().zip(&mut e).zip(points.middle()) {
+                let part = share.to_f64() * middle / (middle + own.to_f64());
+                (*share, *e) = (T::from_f64(part), T::from_f64(part.sqrt()));
             }
         }
-        let mut level = Self { a: a.cast(), window, d, share, e, bounds: (1.0, 1.0), down };
-        let high = level.largest(isa) * 1.15;
-        level.bounds = (high / SPREAD, high);
+        let mut level = Self { a: a.cast(), window, points, share, e, high: 1.0, down };
+        level.high = level.bound(isa);
         level
     }
 
-    /// The largest eigenvalue of the preconditioned matrix by power iteration.
-    fn largest(&self, isa: Isa) -> f64 {
-        const STEPS: usize = 24;
-        let window = self.window;
-        let (mut x, mut q, mut t) = (window.zeros::<T>(), window.zeros::<T>(), window.zeros::<T>());
-        // A start that is rough and has a share in every free unknown.
-        for i in 0..window.height {
-            for j in 0..window.width {
-                let sign = if (i + j) % 2 == 0 { 1.0 } else { -1.0 };
-                let place = window.at(i, j);
-                x[place] = self.e[place] * T::from_f64(sign * (1.0 + 0.2 * ((i * 7 + j * 3) % 5) as f64));
+    /// Sets `coarse` to the restriction of what is left of the residual.
+    fn restrict(&self, isa: Isa, down: &Resample<T>, here: &Buffers<T>, coarse: &mut [T], pool: &Pool<T>) {
+        let (window, to) = (self.window, down.coarse());
+        let (stride, width) = (window.stride(), to.stride());
+        let chunk = |(index, rows): (usize, &mut [T])| {
+            let (first, count) = (index * CHUNK, rows.len() / width);
+            // Eight fine rows for each, from three before its own.
+            let above = (2 * first).saturating_sub(3);
+            let below = window.height.min(2 * (first + count) + 3);
+            let part = Window { y: window.y + above, height: below - above, ..window };
+            let mut q = pool.take(part.len());
+            q[..PAD * stride].fill(T::ZERO);
+            q[(PAD + part.height) * stride..part.len()].fill(T::ZERO);
+            let x = &here.x[above * stride..];
+            apply(isa, &self.a, part, x, None, &mut q);
+            if let Some(points) = &self.points {
+                points.add(isa, window, (above, 0), part, x, &mut q);
             }
+            let own = (above + PAD) * stride..(below + PAD) * stride;
+            let left = &mut q[PAD * stride..][..part.height * stride];
+            vector::weighted_rest(isa, &self.share[own.clone()], &here.r[own], left);
+            down.restrict(first, &q[(2 * first + PAD - 3 - above) * stride..], rows);
+            pool.give(q);
+        };
+        let rows = &mut coarse[PAD * width..][..to.height * width];
+        if window.is_large() {
+            rows.par_chunks_mut(CHUNK * width).enumerate().for_each(chunk);
+        } else {
+            rows.chunks_mut(CHUNK * width).enumerate().for_each(chunk);
         }
-        let zero = window.zeros::<T>();
-        let mut value = 1.0;
-        for _ in 0..STEPS {
-            let (norm, _) = vector::dot(isa, &x, &x);
-            let unit: Vec<T> = x.iter().map(|&x| x * T::from_f64(1.0 / norm.sqrt().max(1e-30))).collect();
-            apply(isa, &self.a, window, &unit, self.d.as_deref(), &mut q);
-            vector::weighted_difference(isa, &self.e, &q, &zero, &mut t);
-            blur(isa, window, CENTRE, &self.e, &t, &mut x);
-            value = vector::dot(isa, &x, &x).0.sqrt();
-        }
-        value
     }
 }
 
-/// What is free, and what is added to the diagonal, one level up.
-fn coarsen<T: Real>(fine: Window, coarse: Window, free: &[T], d: Option<&[T]>) -> (Vec<T>, Option<Vec<T>>) {
-    let mut coarse_free = coarse.zeros();
-    let mut coarse_d = d.map(|_| coarse.zeros());
-    for i in 0..coarse.height {
-        for j in 0..coarse.width {
-            let place = coarse.at(i, j);
-            let mut all = true;
-            for (y, x) in [(2 * i, 2 * j), (2 * i, 2 * j + 1), (2 * i + 1, 2 * j), (2 * i + 1, 2 * j + 1)] {
-                if y < fine.height && x < fine.width {
-                    all &= free[fine.at(y, x)] != T::ZERO;
-                    if let (Some(sum), Some(d)) = (&mut coarse_d, d) {
-                        sum[place] += d[fine.at(y, x)];
-                    }
-                }
+/// Measured pixels of a window, or pulls on it.
+fn held<T: Lanes>(window: Window, free: &[T], d: Option<&[T]>) -> Vec<Point> {
+    let mut points = Vec::new();
+    for i in 0..window.height {
+        for j in 0..window.width {
+            let at = window.at(i, j);
+            if free[at] == T::ZERO {
+                points.push((i, j, f64::INFINITY));
+            } else if let Some(pull) = d.map(|d| d[at].to_f64()).filter(|&pull| pull > 0.0) {
+                points.push((i, j, pull));
             }
-            coarse_free[place] = T::from_f64(if all { 1.0 } else { 0.0 });
         }
     }
-    (coarse_free, coarse_d)
+    points
+}
+
+/// Pixels of the finest grid along one side of a cell.
+fn ratio(fine: usize, coarse: usize) -> usize {
+    fine.div_ceil(coarse).next_power_of_two()
+}
+
+fn bottom<T: Lanes>(
+    a: &Separable<f64>,
+    window: Window,
+    points: Option<&Points<T>>,
+    free: Option<&[T]>,
+) -> Bottom {
+    let cells = (0..window.height).flat_map(|i| (0..window.width).map(move |j| (i, j)));
+    let cells = cells.filter(|&(i, j)| free.is_none_or(|free| free[window.at(i, j)] != T::ZERO));
+    let image = |(i, j): (usize, usize)| (window.y + i, window.x + j);
+    Bottom::new(window, cells.collect(), |k, l| {
+        let own = points
+            .map_or(0.0, |points| points.entry(window.stride(), window.at(k.0, k.1), window.at(l.0, l.1)));
+        a.entry(image(k), image(l)) + own
+    })
 }

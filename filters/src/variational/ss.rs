@@ -26,8 +26,9 @@
 //!
 //! Algorithm: the mask decides (`holes`). Where every 8 x 8 block has a sample: overlapping tiles, each by conjugate
 //! gradients in f32 with a masked blur as preconditioner (`tiles`), until the preconditioned residual over the least
-//! eigenvalue that the steps have shown is small, or f32 cannot tell it from rounding. Around empty blocks: rectangles, by
-//! conjugate gradients in f64 with a multigrid cycle, at order 2 in f32 (`region`), until a cycle's correction is small. Shifted sweeps follow
+//! eigenvalue that the steps have shown is small, or f32 cannot tell it from rounding. Around empty blocks: rectangles, roughly
+//! before the tiles and exactly after them, by conjugate gradients with a multigrid cycle; at order 2 in f32 around residuals in
+//! f64, until the same estimate is small, else in f64 until a cycle's correction is (`region`). Shifted sweeps follow
 //! until no tile and no rectangle has anything left to correct. The aim is 1e-4 of the measured range at any mask; the
 //! largest error seen against multigrid in f64 is 8e-5 (noise, 20 % random samples; renders 3e-5). Sparse masks
 //! (half of the image in rectangles), order 3 with holes, and `lambda > 0` take multigrid on the whole image; so does order 3
@@ -40,9 +41,9 @@
 //!
 //! Settings: see [`Settings`]. Cost: tiles take 13 to 27 steps on renders at 20 % low-discrepancy samples (order 3: 51), 50 to
 //! 130 over all sweeps on noise and on random samples, one application of `H` each (`kernel/interior.rs`) and two passes
-//! over a tile (`kernel/step.rs`); multigrid 15 to 40 iterations of 9 applications at order 2, up to several hundred at order 3.
-//! Memory beyond samples and result: 0.7 megabytes a thread for tiles; about 7 f64 and 10 f32 planes of a rectangle for
-//! multigrid, one channel at a time.
+//! over a tile (`kernel/step.rs`); multigrid 5 to 9 iterations of 8 applications at order 2, up to a hundred and more at order 3.
+//! Memory beyond samples and result: 0.7 megabytes a thread for tiles; for multigrid about 12 planes of a rectangle for each
+//! channel that is being solved (as many as there are threads) and 4 that they share, in f32 at order 2, else in f64.
 //!
 //! The outcome's residual: the norm of the residual, measured by the preconditioner, after the last sweep over that
 //! before the first; with holes the larger of this and the same for the first solve of any rectangle.
@@ -79,6 +80,8 @@ use tiles::{Task, Tiles};
 
 /// Largest correction that multigrid may still see, over the measured range. The error is of the same size.
 const TOLERANCE: f64 = 2e-6;
+/// The same when holes are solved for the first time, before their surroundings.
+const GUESS: f64 = 1e-4;
 /// Largest error of the result, over the measured range.
 const AIM: f64 = 1e-4;
 /// Largest error that tiles may leave by their estimate, over the measured range.
@@ -186,21 +189,14 @@ impl Plan for Planned {
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
         // The start checks the planes.
-        let mut outcome = self.start.reconstruct(samples, None, out, run)?;
+        let outcome = self.start.reconstruct(samples, None, out, run)?;
         if self.mask.is_full() && self.settings.lambda == 0.0 {
             return Ok(outcome);
         }
-        let pairs = samples.as_slice().iter().zip(out.as_mut_slice());
-        if matches!(&self.parts, Parts::Tiled(_, regions) if regions.is_empty()) {
-            let pairs: Vec<_> = pairs.collect();
-            let ends: Vec<Outcome> =
-                pairs.into_par_iter().map(|(sample, out)| self.channel(sample, out, error, run)).collect();
-            return Ok(ends.into_iter().fold(outcome, Outcome::worst));
-        }
-        for (sample, out) in pairs {
-            outcome = outcome.worst(self.channel(sample, out, error, run));
-        }
-        Ok(outcome)
+        let pairs: Vec<_> = samples.as_slice().iter().zip(out.as_mut_slice()).collect();
+        let ends: Vec<Outcome> =
+            pairs.into_par_iter().map(|(sample, out)| self.channel(sample, out, error, run)).collect();
+        Ok(ends.into_iter().fold(outcome, Outcome::worst))
     }
 }
 
@@ -261,6 +257,11 @@ impl Planned {
         let floor = ROUNDING * f64::max(range, f64::from(middle.abs()));
         let (mut first, mut least, mut holes) = (0.0, None, 0.0_f64);
         let rounds = wanted.rounds();
+        // A first guess for holes, whose rims the tiles then find better.
+        let guesses: Vec<f64> = regions
+            .iter()
+            .filter_map(|region| region.solve(samples, out, wanted.within(GUESS), run).residual)
+            .collect();
         for round in 0..rounds {
             let target = Target { tolerance: wanted.within(TILE_TOLERANCE), floor, least };
             let task = Task { shifted: round % 2 == 1, middle, target };
@@ -271,11 +272,11 @@ impl Planned {
             least = Some(sweep.least);
             let mut work = sweep.steps;
             let mut failed = false;
-            for region in regions.iter().filter(|_| round == 0 || sweep.steps > 0) {
+            for (region, guess) in regions.iter().zip(&guesses).filter(|_| round == 0 || sweep.steps > 0) {
                 let ending = region.solve(samples, out, wanted.within(TOLERANCE), run);
                 work = work.max(ending.iterations);
                 failed |= ending.stop != Stop::Converged;
-                holes = holes.max(ending.residual.filter(|_| round == 0).unwrap_or(0.0));
+                holes = holes.max(ending.residual.filter(|_| round == 0).map_or(0.0, |left| guess * left));
             }
             outcome.iterations += work;
             let left = if first > 0.0 { (sweep.squares.1.max(0.0) / first).sqrt() } else { 0.0 };

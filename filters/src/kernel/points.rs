@@ -1,0 +1,257 @@
+//! What point constraints add to an operator: a symmetric matrix between neighbours on a grid.
+//!
+//! A point whose value is to be zero adds `w v v'`, with `v` the bilinear weights of the four cells around it. The sum over all
+//! points has nine diagonals, of which five planes hold what there is: a cell with itself, with the next one in
+//! its row, and with the three below. A plain diagonal is the first plane alone.
+//!
+//! Roofline of [`Points::add`], per pixel: 9 multiply-adds, 5 planes and one buffer read, one buffer updated; the planes
+//! stay in L2 while a tile is smoothed.
+
+use super::relax::Part;
+use super::stencil::Window;
+use super::{Body, Isa, Real, dispatch, fma};
+
+/// The planes, each a buffer of the window: either the first or all five.
+#[derive(Clone, Debug)]
+pub struct Points<T> {
+    planes: Vec<Vec<T>>,
+}
+
+/// A point: row and column in pixels of the finest window, and its weight there (infinite: a measured pixel).
+pub type Point = (usize, usize, f64);
+
+impl<T: Real> Points<T> {
+    /// A diagonal.
+    pub fn diagonal(values: Vec<T>) -> Self {
+        Self { planes: vec![values] }
+    }
+
+    /// The points on a grid whose cells are `cell` (high, wide) pixels of the finest. No point weighs more than `most`: the
+    /// weight is that of two springs in a row, the point's own and the grid's.
+    pub fn new(window: Window, cell: (usize, usize), points: &[Point], most: f64) -> Self {
+        let mut planes: Vec<Vec<T>> = (0..5).map(|_| window.zeros()).collect();
+        let place = |at: usize, cell: usize, n: usize| {
+            let centre = (at as f64 + 0.5) / cell as f64 - 0.5;
+            let first = centre.max(0.0).min((n as f64 - 2.0).max(0.0)) as usize;
+            // A lone cell takes all.
+            (first, if n > 1 { centre - first as f64 } else { 0.0 })
+        };
+        for &(y, x, weight) in points {
+            let weight = if weight.is_finite() { weight * most / (weight + most) } else { most };
+            let (i, down) = place(y, cell.0, window.height);
+            let (j, right) = place(x, cell.1, window.width);
+            let at = window.at(i, j);
+            let below = at + window.stride();
+            let v = [(1.0 - down) * (1.0 - right), (1.0 - down) * right, down * (1.0 - right), down * right];
+            let mut add = |plane: usize, at: usize, a: usize, b: usize| {
+                planes[plane][at] += T::from_f64(weight * v[a] * v[b]);
+            };
+            for (k, at) in [at, at + 1, below, below + 1].into_iter().enumerate() {
+                add(0, at, k, k);
+            }
+            add(1, at, 0, 1);
+            add(1, below, 2, 3);
+            add(2, at + 1, 1, 2);
+            add(3, at, 0, 2);
+            add(3, at + 1, 1, 3);
+            add(4, at, 0, 3);
+        }
+        Self { planes }
+    }
+
+    /// The diagonal, a buffer of the window.
+    pub fn middle(&self) -> &[T] {
+        &self.planes[0]
+    }
+
+    /// The entry between places `k` and `l` of a buffer with this stride.
+    pub fn entry(&self, stride: usize, k: usize, l: usize) -> f64 {
+        let (k, l) = (k.min(l), k.max(l));
+        [0, 1, stride - 1, stride, stride + 1]
+            .iter()
+            .position(|&distance| l - k == distance)
+            .and_then(|plane| self.planes.get(plane))
+            .map_or(0.0, |plane| plane[k].to_f64())
+    }
+
+    /// Adds the matrix times `x` to `q`, both buffers of `tile`, which begins at `(i, j)` of the window.
+    pub fn add(&self, isa: Isa, window: Window, (i, j): (usize, usize), tile: Window, x: &[T], q: &mut [T]) {
+        let planes: Vec<Part<'_, T>> =
+            self.planes.iter().map(|plane| Part::new(plane, window, (i, j))).collect();
+        match <[Part<'_, T>; 5]>::try_from(planes) {
+            Ok(planes) => dispatch(isa, Add { planes, tile, x, q }),
+            Err(planes) => dispatch(isa, Diagonal { plane: planes[0], tile, x, q }),
+        }
+    }
+}
+
+struct Diagonal<'a, T> {
+    plane: Part<'a, T>,
+    tile: Window,
+    x: &'a [T],
+    q: &'a mut [T],
+}
+
+impl<T: Real> Body for Diagonal<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let width = self.tile.width;
+        for i in 0..self.tile.height {
+            let at = self.tile.at(i, 0);
+            let (x, q) = (&self.x[at..][..width], &mut self.q[at..][..width]);
+            for ((q, &x), &d) in q.iter_mut().zip(x).zip(self.plane.row(i)) {
+                *q = fma::<T, FUSED>(d, x, *q);
+            }
+        }
+    }
+}
+
+struct Add<'a, T> {
+    planes: [Part<'a, T>; 5],
+    tile: Window,
+    x: &'a [T],
+    q: &'a mut [T],
+}
+
+impl<T: Real> Body for Add<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let (width, stride) = (self.tile.width, self.tile.stride());
+        for i in 0..self.tile.height {
+            let at = self.tile.at(i, 0);
+            let row = |at: usize| &self.x[at - 1..][..width + 2];
+            let (above, here, below) = (row(at - stride), row(at), row(at + stride));
+            // From one column before the tile on, in this row and in the one above.
+            let own = |plane: usize| {
+                let part = self.planes[plane];
+                &part.values[part.start + i * part.stride - 1..][..width + 2]
+            };
+            let upper = |plane: usize| {
+                let part = self.planes[plane];
+                &part.values[part.start + i * part.stride - part.stride - 1..][..width + 2]
+            };
+            let (centre, right) = (own(0), own(1));
+            let (down_left, down, down_right) = (own(2), own(3), own(4));
+            let (up_right, up, up_left) = (upper(2), upper(3), upper(4));
+            let q = &mut self.q[at..][..width];
+            for (j, q) in q.iter_mut().enumerate() {
+                let k = j + 1;
+                let mut sum = fma::<T, FUSED>(centre[k], here[k], *q);
+                sum = fma::<T, FUSED>(right[k], here[k + 1], sum);
+                sum = fma::<T, FUSED>(right[k - 1], here[k - 1], sum);
+                sum = fma::<T, FUSED>(down_left[k], below[k - 1], sum);
+                sum = fma::<T, FUSED>(down[k], below[k], sum);
+                sum = fma::<T, FUSED>(down_right[k], below[k + 1], sum);
+                sum = fma::<T, FUSED>(up_right[k + 1], above[k + 1], sum);
+                sum = fma::<T, FUSED>(up[k], above[k], sum);
+                *q = fma::<T, FUSED>(up_left[k - 1], above[k - 1], sum);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The sum of `w v v'` point by point, and every instruction set's product with it on the window and on a part.
+    #[test]
+    fn every_instruction_set_adds_the_sum_over_the_points() {
+        for (height, width) in [(1, 1), (1, 6), (7, 1), (2, 2), (5, 23), (12, 40)] {
+            let window = Window { y: 0, x: 0, height, width };
+            let cell = (4, 2);
+            let held: Vec<Point> = (0..2 * height * width)
+                .map(|k| ((k * 7) % (cell.0 * height), (k * 11) % (cell.1 * width)))
+                .enumerate()
+                .map(|(k, (y, x))| (y, x, if k % 3 == 0 { f64::INFINITY } else { 0.5 + k as f64 }))
+                .collect();
+            let most = 2.0;
+            let points = Points::<f64>::new(window, cell, &held, most);
+            let cells: Vec<(usize, usize)> =
+                (0..height).flat_map(|i| (0..width).map(move |j| (i, j))).collect();
+            // Bilinear weights by their definition: a line through the two nearest cells of either axis.
+            let weight = |at: usize, cell: usize, n: usize, i: usize| {
+                let centre = (at as f64 + 0.5) / cell as f64 - 0.5;
+                let first = (centre.floor().max(0.0) as usize).min(n.saturating_sub(2));
+                match (n, i.checked_sub(first)) {
+                    (1, _) => 1.0,
+                    (_, Some(0)) => 1.0 - (centre - first as f64),
+                    (_, Some(1)) => centre - first as f64,
+                    _ => 0.0,
+                }
+            };
+            let mut x = window.zeros::<f64>();
+            for &(i, j) in &cells {
+                x[window.at(i, j)] = ((i * 31 + j * 17) as f64 * 0.37).sin();
+            }
+            let entry = |k: (usize, usize), l: (usize, usize)| -> f64 {
+                let of = |point: &Point, at: (usize, usize)| {
+                    weight(point.0, cell.0, height, at.0) * weight(point.1, cell.1, width, at.1)
+                };
+                let firm = |own: f64| if own.is_finite() { 1.0 / (1.0 / own + 1.0 / most) } else { most };
+                held.iter().map(|point| firm(point.2) * of(point, k) * of(point, l)).sum()
+            };
+            for isa in [Isa::Portable, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available()) {
+                let mut q = window.zeros::<f64>();
+                points.add(isa, window, (0, 0), window, &x, &mut q);
+                let single = Points::<f32>::new(window, cell, &held, most);
+                let narrow: Vec<f32> = x.iter().map(|&x| x as f32).collect();
+                let mut narrow_q = window.zeros::<f32>();
+                single.add(isa, window, (0, 0), window, &narrow, &mut narrow_q);
+                for &k in &cells {
+                    let (mut sum, mut size) = (0.0, 0.0);
+                    for &l in &cells {
+                        let own = entry(k, l);
+                        let stored = points.entry(window.stride(), window.at(k.0, k.1), window.at(l.0, l.1));
+                        assert!((own - stored).abs() <= 1e-12 * held.len() as f64 * most, "{k:?} {l:?}");
+                        sum += own * x[window.at(l.0, l.1)];
+                        size += own.abs();
+                    }
+                    let at = window.at(k.0, k.1);
+                    assert!((q[at] - sum).abs() <= 64.0 * f64::EPSILON * size, "{isa:?} {k:?}");
+                    let bound = 64.0 * f64::from(f32::EPSILON) * size;
+                    assert!((f64::from(narrow_q[at]) - sum).abs() <= bound, "{isa:?} {k:?}");
+                }
+                if height > 3 && width > 8 {
+                    let (i, j) = (2, 5);
+                    let part = Window { y: i, x: j, height: height - 3, width: width - 7 };
+                    let (mut own, mut product) = (part.zeros::<f64>(), part.zeros::<f64>());
+                    super::super::relax::load(&x, window, (i, j), part, &mut own);
+                    points.add(isa, window, (i, j), part, &own, &mut product);
+                    for k in 0..part.height {
+                        let (here, whole) = (part.at(k, 0), window.at(i + k, j));
+                        for (a, b) in product[here..][..part.width].iter().zip(&q[whole..]) {
+                            assert!((a - b).abs() <= 64.0 * f64::EPSILON * b.abs().max(1.0));
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_diagonal_multiplies_place_by_place() {
+        let window = Window { y: 0, x: 0, height: 3, width: 5 };
+        let (mut d, mut x) = (window.zeros::<f64>(), window.zeros::<f64>());
+        for i in 0..3 {
+            for j in 0..5 {
+                (d[window.at(i, j)], x[window.at(i, j)]) = (i as f64, 1.0 + j as f64);
+            }
+        }
+        let points = Points::diagonal(d);
+        let mut q = window.zeros::<f64>();
+        points.add(Isa::best(), window, (0, 0), window, &x, &mut q);
+        for i in 0..3 {
+            for j in 0..5 {
+                assert!((q[window.at(i, j)] - i as f64 * (1.0 + j as f64)).abs() <= f64::EPSILON);
+                assert!(
+                    (points.entry(window.stride(), window.at(i, j), window.at(i, j)) - i as f64).abs() <= 0.0
+                );
+            }
+        }
+    }
+}
