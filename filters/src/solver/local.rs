@@ -6,36 +6,72 @@
 //! Source: M. Hestenes, E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49, 1952.
 
 use crate::kernel::Isa;
+use crate::kernel::simd::MOST;
 use crate::kernel::stencil::{PAD, Separable, Window, apply};
-use crate::kernel::step::{self, advance, direction};
+use crate::kernel::step::{self, Move, Sums, aligned, pass};
 
 /// Added to the middle of the preconditioner's blur.
-const CENTRE: f64 = 1.0;
+const CENTRE: f64 = 0.5;
 /// Steps before the least eigenvalue that they show is believed.
 const FEW: usize = 4;
 
-/// Buffers of one window; `x` is the image, `e` is 1 at free pixels and 0 at others.
+/// Numbers from one page of memory to the next.
+const PAGE: usize = 1024;
+/// By how many numbers the place of a buffer in its page differs from that of the one before. Loads that lie where a store
+/// before them does, one or more pages apart, wait for it.
+const STAGGER: usize = 144;
+
+/// Buffers of one window, whose rows begin at multiples of a cache line.
 #[derive(Default)]
 pub struct Buffers {
+    length: usize,
+    all: Vec<f32>,
+}
+
+/// The buffers of a window by name: see [`step::Buffers`].
+pub struct Views<'a> {
     /// The image. What its padding holds does not matter, as long as it is finite.
-    pub x: Vec<f32>,
-    /// 1 at free pixels, 0 elsewhere: to be set in whole strides.
-    pub e: Vec<f32>,
-    r: Vec<f32>,
-    p: Vec<f32>,
-    q: Vec<f32>,
-    z: Vec<f32>,
+    pub x: &'a mut [f32],
+    /// The diagonal of the preconditioner: 0 where pixels are not free, to be set in whole strides.
+    pub d: &'a mut [f32],
+    r: &'a mut [f32],
+    u: &'a mut [f32],
+    /// Free for any use before the solve, with finite numbers.
+    pub w: &'a mut [f32],
+    p: &'a mut [f32],
+    s: &'a mut [f32],
 }
 
 impl Buffers {
     /// Makes room for `window`, whatever window they served before.
-    pub fn fit(&mut self, window: Window) {
-        for buffer in [&mut self.x, &mut self.e, &mut self.r, &mut self.p, &mut self.q, &mut self.z] {
-            buffer.resize(window.len(), 0.0);
+    pub fn fit(&mut self, window: Window) -> Views<'_> {
+        self.length = window.len();
+        let views = self.views();
+        let rows = PAD * window.stride();
+        let below = (PAD + window.height) * window.stride();
+        views.r[..rows].fill(0.0);
+        views.u[..rows].fill(0.0);
+        views.u[below..].fill(0.0);
+        views
+    }
+
+    /// The buffers as they are.
+    pub fn views(&mut self) -> Views<'_> {
+        let length = self.length;
+        let apart = length.next_multiple_of(PAGE) + STAGGER;
+        if self.all.len() < 7 * apart + MOST {
+            self.all.resize(7 * apart + MOST, 0.0);
         }
-        let stride = window.stride();
-        self.e[(PAD + window.height) * stride..][..stride].fill(0.0);
-        self.r[..PAD * stride].fill(0.0);
+        let mut rest = &mut self.all[..];
+        let skip = aligned(rest);
+        rest = &mut rest[skip..];
+        let mut next = || {
+            let (own, others) = std::mem::take(&mut rest).split_at_mut(apart);
+            rest = others;
+            &mut own[..length]
+        };
+        let (x, d, r, u, w, p, s) = (next(), next(), next(), next(), next(), next(), next());
+        Views { x, d, r, u, w, p, s }
     }
 }
 
@@ -107,43 +143,48 @@ impl Lanczos {
 }
 
 /// Minimises `x' A x` over the free pixels until the error is at most about `tolerance` everywhere, or `limit` steps are
-/// done. With `z` the preconditioned residual and `least` the least eigenvalue of the preconditioned matrix, the error is
-/// about `max |z| / least` at most. That eigenvalue is taken from the steps themselves and from what is known of it already;
+/// done. With `u` the preconditioned residual and `least` the least eigenvalue of the preconditioned matrix, the error is
+/// about `max |u| / least` at most. That eigenvalue is taken from the steps themselves and from what is known of it already;
 /// where nothing is, a few steps are taken in any case.
 pub fn solve(
     isa: Isa,
     a: &Separable<f32>,
     window: Window,
-    buffers: &mut Buffers,
+    views: Views<'_>,
     target: Target,
     limit: usize,
 ) -> Ending {
-    let Buffers { x, e, r, p, q, z } = buffers;
+    let Views { x, d, r, u, w, p, s } = views;
     // In these units the correction of a lone free pixel is exact.
     let unit = 1.0 / ((4.0 + CENTRE) * a.diagonal(a.vertical.len / 2, a.horizontal.len / 2));
-    apply(isa, a, window, x, None, q);
-    let mut length = None;
-    let (mut before, mut first) = (0.0, 0.0);
+    apply(isa, a, window, x, None, w);
+    let mut go = |what: Move, applies: bool| -> Sums {
+        pass(isa, a, window, (what, applies), CENTRE, step::Buffers { d, x, r, u, w, p, s })
+    };
+    // Where the least eigenvalue is known, most windows have nothing left to do.
+    let mut sums = go(Move::Begin, target.least.is_none());
+    let first = sums.square;
+    let (mut length, mut before) = (0.0, 0.0);
     let mut lanczos = Lanczos::default();
     for steps in 0..=limit {
-        let (rz, top) = advance(isa, window, length, CENTRE, step::Buffers { e, q, p, x, r, z });
-        if steps == 0 {
-            first = rz;
-        }
+        let Sums { square, top, .. } = sums;
         let bound = top / target.tolerance;
         let known = target.least.map_or(steps >= FEW, |least| least >= bound);
         let converged = top * unit <= target.floor || (known && lanczos.exceeds(bound));
-        if converged || steps == limit || rz.is_nan() || rz <= 0.0 {
+        if converged || steps == limit || square.is_nan() || square <= 0.0 {
             let least = lanczos.least().min(target.least.unwrap_or(f64::INFINITY));
             let error = if top > 0.0 { top / least } else { 0.0 };
-            return Ending { steps, converged, squares: (first, rz), least, error };
+            return Ending { steps, converged, squares: (first, square), least, error };
         }
-        let ratio = if steps == 0 { 0.0 } else { rz / before };
-        direction(isa, ratio, z, p);
-        before = rz;
-        let curvature = apply(isa, a, window, p, None, q);
-        lanczos.push(rz / curvature, ratio);
-        length = Some(rz / curvature);
+        if steps == 0 && target.least.is_some() {
+            sums = go(Move::Begin, true);
+        }
+        let ratio = if steps == 0 { 0.0 } else { square / before };
+        let conjugate = if steps == 0 { 0.0 } else { ratio * square / length };
+        length = square / (sums.curvature - conjugate);
+        before = square;
+        lanczos.push(length, ratio);
+        sums = go(if steps == 0 { Move::First(length) } else { Move::Step(length, ratio) }, true);
     }
     Ending { steps: limit, converged: false, squares: (first, before), least: 0.0, error: f64::INFINITY }
 }

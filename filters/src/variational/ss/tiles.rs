@@ -13,9 +13,9 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::kernel::Isa;
+use crate::kernel::{Isa, step};
 use crate::kernel::stencil::{PAD, Separable, Window};
-use crate::solver::local::{self, Buffers, Target};
+use crate::solver::local::{self, Buffers, Target, Views};
 use crate::{Mask, Plane, Run, Size};
 
 /// Most rows and columns of a tile.
@@ -151,17 +151,16 @@ impl Tiles {
         rows: &[f32],
         (window, lines, columns): (Window, &Range<usize>, &Range<usize>),
         middle: f32,
-        buffers: &mut Buffers,
+        views: &mut Views<'_>,
     ) {
         let across = self.size.width;
-        buffers.fit(window);
         for i in 0..window.height {
             let from = window.at(i, 0);
             let pixels = &rows[i * across + window.x..];
-            for (value, &pixel) in buffers.x[from..][..window.width].iter_mut().zip(pixels) {
+            for (value, &pixel) in views.x[from..][..window.width].iter_mut().zip(pixels) {
                 *value = pixel - middle;
             }
-            let whole = &mut buffers.e[from - PAD..][..window.stride()];
+            let whole = &mut views.w[from - PAD..][..window.stride()];
             whole.fill(0.0);
             if !lines.contains(&i) {
                 continue;
@@ -177,6 +176,7 @@ impl Tiles {
                 }
             }
         }
+        step::shares(self.isa, window, views.w, views.d);
     }
 
     fn solve(
@@ -199,13 +199,15 @@ impl Tiles {
         let (lines, columns) = (inner(y, height, size.height), inner(x, width, size.width));
         let place = |i: usize| (y - slab.y + i) * size.width + x;
         let rows = &slab.rows[(y - slab.y) * size.width..];
-        self.load(mask, rows, (window, &lines, &columns), middle, buffers);
-        let ending = local::solve(self.isa, &self.matrix, window, buffers, task.target, LIMIT);
+        let mut views = buffers.fit(window);
+        self.load(mask, rows, (window, &lines, &columns), middle, &mut views);
+        let ending = local::solve(self.isa, &self.matrix, window, views, task.target, LIMIT);
         if ending.steps > 0 {
+            let views = buffers.views();
             for i in lines {
                 let from = window.at(i, 0);
                 let row = &mut slab.rows[place(i)..][..width];
-                for ((pixel, &value), &free) in row.iter_mut().zip(&buffers.x[from..]).zip(&buffers.e[from..])
+                for ((pixel, &value), &free) in row.iter_mut().zip(&views.x[from..]).zip(&views.d[from..])
                 {
                     // By bits: a choice would become a branch.
                     let keep = u32::from(free == 0.0).wrapping_neg();
