@@ -19,6 +19,7 @@ pub mod rows;
 pub mod simd;
 pub mod stencil;
 pub mod step;
+pub mod tile;
 pub mod tv;
 pub mod vector;
 

@@ -34,12 +34,12 @@ pub struct Views<'a> {
     pub x: &'a mut [f32],
     /// The diagonal of the preconditioner: 0 where pixels are not free, to be set in whole strides.
     pub d: &'a mut [f32],
-    r: &'a mut [f32],
-    u: &'a mut [f32],
+    pub r: &'a mut [f32],
+    pub u: &'a mut [f32],
     /// Free for any use before the solve, with finite numbers.
     pub w: &'a mut [f32],
-    p: &'a mut [f32],
-    s: &'a mut [f32],
+    pub p: &'a mut [f32],
+    pub s: &'a mut [f32],
 }
 
 impl Buffers {

@@ -44,8 +44,8 @@
 //! Memory beyond samples and result: 0.7 megabytes a thread for tiles; about 7 f64 and 10 f32 planes of a rectangle for
 //! multigrid, one channel at a time.
 //!
-//! The outcome's residual: the norm of the residual, measured by the preconditioner, after the last sweep over that
-//! before the first; with holes the larger of this and the same for the first solve of any rectangle.
+//! The outcome's residual: the norm of the residual, measured by the preconditioner, after all sweeps (what each left is
+//! added up) over that before the first; with holes the larger of this and the same for the first solve of any rectangle.
 //!
 //! Fails: overshoots at sharp edges (order 3 more than order 2), so values leave the measured range; callers limit
 //! them. In a hole it is smooth, whatever the texture around.
@@ -60,6 +60,7 @@ use crate::kernel::extremes::range;
 use crate::operator::energy::Form;
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Stop};
 
+mod doubt;
 mod holes;
 mod polynomials;
 mod region;
@@ -259,26 +260,32 @@ impl Planned {
         let mut outcome = Outcome::direct();
         let Wanted { middle, range, error } = wanted;
         let floor = ROUNDING * f64::max(range, f64::from(middle.abs()));
-        let (mut first, mut least, mut holes) = (0.0, None, 0.0_f64);
+        let (mut first, mut after, mut least, mut holes) = (0.0, 0.0, None, 0.0_f64);
+        let mut seen = None;
+        let mut changed = Vec::new();
         let rounds = wanted.rounds();
         for round in 0..rounds {
             let target = Target { tolerance: wanted.within(TILE_TOLERANCE), floor, least };
-            let task = Task { shifted: round % 2 == 1, middle, target };
-            let sweep = tiles.sweep(&self.mask, out, task, run);
+            let task = Task { before: seen.as_ref(), changed: &changed, middle, target };
+            let (sweep, now) = tiles.sweep(&self.mask, out, task, run);
+            seen = Some(now);
+            changed.clear();
             if round == 0 {
                 first = sweep.squares.0;
             }
-            least = Some(sweep.least);
+            after += sweep.squares.1.max(0.0);
+            least = Some(sweep.least.min(least.unwrap_or(f64::INFINITY)));
             let mut work = sweep.steps;
             let mut failed = false;
             for region in regions.iter().filter(|_| round == 0 || sweep.steps > 0) {
                 let ending = region.solve(samples, out, wanted.within(TOLERANCE), run);
+                changed.push(region.window());
                 work = work.max(ending.iterations);
                 failed |= ending.stop != Stop::Converged;
                 holes = holes.max(ending.residual.filter(|_| round == 0).unwrap_or(0.0));
             }
             outcome.iterations += work;
-            let left = if first > 0.0 { (sweep.squares.1.max(0.0) / first).sqrt() } else { 0.0 };
+            let left = if first > 0.0 { (after / first).sqrt() } else { 0.0 };
             outcome.residual = Some(left.max(holes));
             if let Some(stop) = run.interrupted() {
                 return Outcome { stop, ..outcome };
