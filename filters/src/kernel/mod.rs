@@ -10,6 +10,7 @@
 #![allow(unsafe_code, reason = "calling a function that was compiled for an instruction set the CPU has")]
 
 pub mod blur;
+pub mod chebyshev;
 pub mod dense;
 pub mod extremes;
 pub(crate) mod fir;

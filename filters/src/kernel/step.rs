@@ -144,7 +144,7 @@ impl<T: Real> Vectored<T> for Shares<'_, T> {
             let lines = shifted(0).zip(shifted(1)).zip(shifted(2));
             let out = self.d[(i + PAD) * stride..][..stride].chunks_exact_mut(V::LANES);
             for ((((left, middle), right), e), out) in lines.zip(row(i).chunks_exact(V::LANES)).zip(out) {
-                let blurred = two.fused(V::load(middle), V::load(left).plus(V::load(right)));
+                let blurred = blurred(V::load(left), V::load(middle), V::load(right));
                 V::load(e).times(blurred.times(sixteenth)).store(out);
             }
         }
@@ -224,6 +224,12 @@ impl<T: Real, const R: usize> Vectored<T> for Sized<'_, '_, T, R> {
     }
 }
 
+/// A row of the blur from the vertical sums at its columns and beside them.
+#[inline(always)]
+pub fn blurred<V: Vector>(left: V, middle: V, right: V) -> V {
+    V::splat(V::Number::from_f64(2.0)).fused(middle, left.plus(right))
+}
+
 /// Numbers before the first that stands at a multiple of a cache line.
 pub fn aligned<T>(buffer: &[T]) -> usize {
     buffer.as_ptr().align_offset(64).min(MOST)
@@ -288,7 +294,7 @@ impl<T: Real> Pass<'_, T> {
         let start = (row + PAD) * stride;
         let own = start..start + stride;
         let Buffers { d, r, u, .. } = &mut self.buffers;
-        let (c, two) = (V::splat(self.numbers.2), V::splat(T::from_f64(2.0)));
+        let c = V::splat(self.numbers.2);
         let shifted = |by: usize| line[MOST + by - 1..][..stride].chunks_exact(V::LANES);
         let lines = shifted(0).zip(shifted(1)).zip(shifted(2));
         let inputs = d[own.clone()].chunks_exact(V::LANES).zip(r[own.clone()].chunks_exact(V::LANES));
@@ -296,7 +302,7 @@ impl<T: Real> Pass<'_, T> {
         for ((((left, middle), right), (d, r)), u) in
             lines.zip(inputs).zip(u[own].chunks_exact_mut(V::LANES))
         {
-            let blurred = two.fused(V::load(middle), V::load(left).plus(V::load(right)));
+            let blurred = blurred(V::load(left), V::load(middle), V::load(right));
             let residual = V::load(r);
             let value = c.fused(residual, blurred);
             square = residual.fused(value, square);

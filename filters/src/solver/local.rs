@@ -8,6 +8,7 @@
 use crate::kernel::Isa;
 use crate::kernel::simd::MOST;
 use crate::kernel::stencil::{PAD, Separable, Window, apply};
+use crate::kernel::chebyshev;
 use crate::kernel::step::{self, Move, Sums, aligned, pass};
 
 /// Added to the middle of the preconditioner's blur.
@@ -15,6 +16,12 @@ const CENTRE: f64 = 0.5;
 /// Steps before the least eigenvalue that they show is believed.
 const FEW: usize = 4;
 
+/// Steps of a probe between looks at its least eigenvalue, and at most.
+const PROBES: (usize, usize) = (4, 40);
+/// A probe ends when the least eigenvalue has not fallen below so much of what it was at the last look.
+const SETTLED: f64 = 0.93;
+/// How many times larger than the Chebyshev polynomials promise the residual may be.
+const LATE: f64 = 20.0;
 /// Numbers from one page of memory to the next.
 const PAGE: usize = 1024;
 /// By how many numbers the place of a buffer in its page differs from that of the one before. Loads that lie where a store
@@ -34,12 +41,12 @@ pub struct Views<'a> {
     pub x: &'a mut [f32],
     /// The diagonal of the preconditioner: 0 where pixels are not free, to be set in whole strides.
     pub d: &'a mut [f32],
-    pub r: &'a mut [f32],
-    pub u: &'a mut [f32],
+    r: &'a mut [f32],
+    u: &'a mut [f32],
     /// Free for any use before the solve, with finite numbers.
     pub w: &'a mut [f32],
-    pub p: &'a mut [f32],
-    pub s: &'a mut [f32],
+    p: &'a mut [f32],
+    s: &'a mut [f32],
 }
 
 impl Buffers {
@@ -52,6 +59,8 @@ impl Buffers {
         views.r[..rows].fill(0.0);
         views.u[..rows].fill(0.0);
         views.u[below..].fill(0.0);
+        views.p[..rows].fill(0.0);
+        views.p[below..].fill(0.0);
         views
     }
 
@@ -86,6 +95,15 @@ pub struct Target {
     pub least: Option<f64>,
 }
 
+/// Extreme eigenvalues of the preconditioned matrix.
+#[derive(Clone, Copy, Debug)]
+pub struct Spectrum {
+    /// The least one.
+    pub least: f64,
+    /// The largest one.
+    pub largest: f64,
+}
+
 /// How far a local solve came.
 #[derive(Clone, Copy, Debug)]
 pub struct Ending {
@@ -93,8 +111,8 @@ pub struct Ending {
     pub steps: usize,
     /// Whether the tolerance was met.
     pub converged: bool,
-    /// The residual's square, measured by the preconditioner, at the start and at the end.
-    pub squares: (f64, f64),
+    /// The largest entry of the preconditioned residual at the start and at the end.
+    pub tops: (f64, f64),
     /// The least eigenvalue of the preconditioned matrix as far as it has shown, or the one that was given.
     pub least: f64,
     /// The largest error that may be left, by that eigenvalue.
@@ -130,16 +148,113 @@ impl Lanczos {
         })
     }
 
+    /// Whether all eigenvalues are below `bound`.
+    fn below(&self, bound: f64) -> bool {
+        let mut pivot = 1.0;
+        self.rows.iter().all(|&(diagonal, square)| {
+            pivot = bound - diagonal - square / pivot;
+            pivot > 0.0
+        })
+    }
+
     /// The least eigenvalue to within 2 %, from below.
     fn least(&self) -> f64 {
-        let Some(mut high) = self.rows.iter().map(|row| row.0).reduce(f64::min) else { return f64::INFINITY };
-        let mut low = high * 1e-9;
-        while high > 1.02 * low {
-            let middle = (low * high).sqrt();
-            if self.exceeds(middle) { low = middle } else { high = middle }
-        }
-        low
+        let Some(high) = self.rows.iter().map(|row| row.0).reduce(f64::min) else { return f64::INFINITY };
+        bisect(high * 1e-9, high, |bound| self.exceeds(bound)).0
     }
+
+    /// The largest eigenvalue to within 2 %, from above.
+    fn largest(&self) -> f64 {
+        let Some(low) = self.rows.iter().map(|row| row.0).reduce(f64::max) else { return 0.0 };
+        bisect(low, 4.0 * low, |bound| !self.below(bound)).1
+    }
+}
+
+/// Narrows an interval at whose lower end `holds` is true, and at whose upper end it is not, to 2 %.
+fn bisect(mut low: f64, mut high: f64, holds: impl Fn(f64) -> bool) -> (f64, f64) {
+    while high > 1.02 * low {
+        let middle = (low * high).sqrt();
+        if holds(middle) { low = middle } else { high = middle }
+    }
+    (low, high)
+}
+
+/// The extreme eigenvalues of the preconditioned matrix on a window, as conjugate gradients from a rough start show them. The
+/// least one is a few percent too large. `None` if nothing is free.
+pub fn probe(isa: Isa, a: &Separable<f32>, window: Window, views: Views<'_>) -> Option<Spectrum> {
+    let Views { x, d, r, u, w, p, s } = views;
+    // A residual that has a share in everything.
+    for (k, w) in w.iter_mut().enumerate() {
+        *w = ((k as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as f32 - (1 << 23) as f32;
+    }
+    let mut go =
+        |what: Move| pass(isa, a, window, (what, true), CENTRE, step::Buffers { d, x, r, u, w, p, s });
+    let mut lanczos = Lanczos::default();
+    let mut sums = go(Move::Begin);
+    let (mut length, mut before, mut settled) = (0.0, 0.0, f64::INFINITY);
+    for steps in 0..PROBES.1 {
+        if sums.square.is_nan() || sums.square <= 0.0 {
+            break;
+        }
+        let ratio = if steps == 0 { 0.0 } else { sums.square / before };
+        let conjugate = if steps == 0 { 0.0 } else { ratio * sums.square / length };
+        length = sums.square / (sums.curvature - conjugate);
+        before = sums.square;
+        lanczos.push(length, ratio);
+        if steps % PROBES.0 == PROBES.0 - 1 {
+            let least = lanczos.least();
+            if least > SETTLED * settled {
+                break;
+            }
+            settled = least;
+        }
+        sums = go(if steps == 0 { Move::First(length) } else { Move::Step(length, ratio) });
+    }
+    let (least, largest) = (lanczos.least(), lanczos.largest());
+    (!lanczos.rows.is_empty()).then_some(Spectrum { least, largest })
+}
+
+/// Minimises `x' A x` over the free pixels as [`solve`] does, by the Chebyshev iteration for eigenvalues in `spectrum`: as many
+/// steps, at half the price. Where it falls behind what they promise, or `limit` steps are done, conjugate gradients go on.
+///
+/// Source: G. Golub, R. Varga, "Chebyshev semi-iterative methods, successive overrelaxation iterative methods, and second
+/// order Richardson iterative methods", Numerische Mathematik 3, 1961.
+pub fn iterate(
+    isa: Isa,
+    a: &Separable<f32>,
+    window: Window,
+    views: Views<'_>,
+    (target, spectrum): (Target, Spectrum),
+    limit: usize,
+) -> Ending {
+    let Views { x, d, r, u, w, p, s } = views;
+    let unit = 1.0 / ((4.0 + CENTRE) * a.diagonal(a.vertical.len / 2, a.horizontal.len / 2));
+    let (middle, radius) =
+        (0.5 * (spectrum.largest + spectrum.least), 0.5 * (spectrum.largest - spectrum.least));
+    let sigma = middle / radius;
+    let mut go = |begins: bool, factors: (f64, f64)| {
+        let buffers = chebyshev::Buffers { d, x, r, p, q: w };
+        chebyshev::pass(isa, a, window, begins, factors, CENTRE, buffers)
+    };
+    let least = target.least.unwrap_or(spectrum.least);
+    let first = go(true, (0.0, 1.0 / middle));
+    let (mut top, mut rho, mut promised) = (first, 1.0 / sigma, 1.0);
+    for steps in 0..=limit {
+        let converged = top * unit <= target.floor || top <= target.tolerance * least;
+        if converged || (limit == 0 && top.is_finite()) {
+            return Ending { steps, converged, tops: (first, top), least, error: top / least };
+        }
+        // A NaN ends here, too.
+        if !(top <= LATE * promised * first) {
+            break;
+        }
+        let next = 1.0 / (2.0 * sigma - rho);
+        top = go(false, (next * rho, 2.0 * next / radius));
+        promised *= next;
+        rho = next;
+    }
+    if std::env::var("TRACE").is_ok() { eprintln!("late {window:?} {first} {top} {promised}"); }
+    solve(isa, a, window, Views { x, d, r, u, w, p, s }, target, limit)
 }
 
 /// Minimises `x' A x` over the free pixels until the error is at most about `tolerance` everywhere, or `limit` steps are
@@ -163,7 +278,7 @@ pub fn solve(
     };
     // Where the least eigenvalue is known, most windows have nothing left to do.
     let mut sums = go(Move::Begin, target.least.is_none());
-    let first = sums.square;
+    let first = sums.top;
     let (mut length, mut before) = (0.0, 0.0);
     let mut lanczos = Lanczos::default();
     for steps in 0..=limit {
@@ -174,7 +289,7 @@ pub fn solve(
         if converged || steps == limit || square.is_nan() || square <= 0.0 {
             let least = lanczos.least().min(target.least.unwrap_or(f64::INFINITY));
             let error = if top > 0.0 { top / least } else { 0.0 };
-            return Ending { steps, converged, squares: (first, square), least, error };
+            return Ending { steps, converged, tops: (first, top), least, error };
         }
         if steps == 0 && target.least.is_some() {
             sums = go(Move::Begin, true);
@@ -186,7 +301,7 @@ pub fn solve(
         lanczos.push(length, ratio);
         sums = go(if steps == 0 { Move::First(length) } else { Move::Step(length, ratio) }, true);
     }
-    Ending { steps: limit, converged: false, squares: (first, before), least: 0.0, error: f64::INFINITY }
+    Ending { steps: limit, converged: false, tops: (first, sums.top), least: 0.0, error: f64::INFINITY }
 }
 
 #[cfg(test)]

@@ -44,8 +44,8 @@
 //! Memory beyond samples and result: 0.7 megabytes a thread for tiles; about 7 f64 and 10 f32 planes of a rectangle for
 //! multigrid, one channel at a time.
 //!
-//! The outcome's residual: the norm of the residual, measured by the preconditioner, after all sweeps (what each left is
-//! added up) over that before the first; with holes the larger of this and the same for the first solve of any rectangle.
+//! The outcome's residual: the largest entry of the preconditioned residual that the last sweep left where it looked over that
+//! before the first; with holes the larger of this and the same for the first solve of any rectangle.
 //!
 //! Fails: overshoots at sharp edges (order 3 more than order 2), so values leave the measured range; callers limit
 //! them. In a hole it is smooth, whatever the texture around.
@@ -125,7 +125,7 @@ impl Filter for Settings {
         let form = Form::new(self.kernel, self.order.number(), self.tension);
         let isa = Isa::best();
         let region = |window| Region::new(isa, &form, &mask, self.lambda, weights, window);
-        let tiles = |held| Tiles::new(isa, &form.energy(mask.size(), (1.0, 1.0)), held);
+        let tiles = |held| Tiles::new(isa, &form.energy(mask.size(), (1.0, 1.0)), &mask, held);
         let whole = || Region::whole(isa, &form, &mask, self.lambda, weights);
         let small = mask.size().pixels() <= SMALL;
         let parts = if self.lambda > 0.0 || small {
@@ -260,7 +260,7 @@ impl Planned {
         let mut outcome = Outcome::direct();
         let Wanted { middle, range, error } = wanted;
         let floor = ROUNDING * f64::max(range, f64::from(middle.abs()));
-        let (mut first, mut after, mut least, mut holes) = (0.0, 0.0, None, 0.0_f64);
+        let (mut first, mut least, mut holes) = (0.0, None, 0.0_f64);
         let mut seen = None;
         let mut changed = Vec::new();
         let rounds = wanted.rounds();
@@ -271,9 +271,8 @@ impl Planned {
             seen = Some(now);
             changed.clear();
             if round == 0 {
-                first = sweep.squares.0;
+                first = sweep.tops.0;
             }
-            after += sweep.squares.1.max(0.0);
             least = Some(sweep.least.min(least.unwrap_or(f64::INFINITY)));
             let mut work = sweep.steps;
             let mut failed = false;
@@ -285,7 +284,7 @@ impl Planned {
                 holes = holes.max(ending.residual.filter(|_| round == 0).unwrap_or(0.0));
             }
             outcome.iterations += work;
-            let left = if first > 0.0 { (after / first).sqrt() } else { 0.0 };
+            let left = if first > 0.0 { sweep.tops.1 / first } else { 0.0 };
             outcome.residual = Some(left.max(holes));
             if let Some(stop) = run.interrupted() {
                 return Outcome { stop, ..outcome };

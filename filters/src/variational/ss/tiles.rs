@@ -18,7 +18,7 @@ use super::doubt::{Doubt, Grid, Mark, Seen};
 use crate::kernel::stencil::{PAD, Separable, Window};
 use crate::kernel::tile::{Gather, Scatter, free, gather, scatter};
 use crate::kernel::{Isa, step};
-use crate::solver::local::{self, Buffers, Ending, Target, Views};
+use crate::solver::local::{self, Buffers, Ending, Spectrum, Target, Views};
 use crate::{Mask, Plane, Run, Size};
 
 /// Most rows and columns of a tile.
@@ -27,6 +27,12 @@ const SIDES: (usize, usize) = (120, 176);
 const HALO: usize = 5;
 /// Steps that a tile takes at most in one sweep.
 const LIMIT: usize = 60;
+/// Tiles whose eigenvalues are looked at.
+const PROBES: usize = 6;
+/// Ratio of the least eigenvalues of tiles up to which one stands for all.
+const ALIKE: f64 = 2.5;
+/// By how much the largest eigenvalue of any tile may exceed those seen.
+const MARGIN: f64 = 1.04;
 
 /// The dense part of a plan.
 pub struct Tiles {
@@ -35,6 +41,8 @@ pub struct Tiles {
     size: Size,
     /// Pixels that tiles may not change besides the measured ones: those in holes.
     held: Option<Vec<bool>>,
+    /// Eigenvalues of the preconditioned matrix, if they are much the same in all tiles.
+    spectrum: Option<Spectrum>,
 }
 
 /// What a sweep is to do.
@@ -56,8 +64,8 @@ pub struct Task<'a> {
 pub struct Sweep {
     /// Most steps that a tile took.
     pub steps: usize,
-    /// The residual's square, measured by the preconditioner, before and after: sums over all windows looked at.
-    pub squares: (f64, f64),
+    /// The largest entry of the preconditioned residual before and after, in all windows looked at.
+    pub tops: (f64, f64),
     /// Least eigenvalue of the preconditioned matrix of any tile.
     pub least: f64,
     /// Largest error that any tile may have left, by its estimate.
@@ -65,12 +73,12 @@ pub struct Sweep {
 }
 
 impl Sweep {
-    const NONE: Self = Self { steps: 0, squares: (0.0, 0.0), least: f64::INFINITY, error: 0.0 };
+    const NONE: Self = Self { steps: 0, tops: (0.0, 0.0), least: f64::INFINITY, error: 0.0 };
 
     fn and(self, other: Self) -> Self {
         Self {
             steps: self.steps.max(other.steps),
-            squares: (self.squares.0 + other.squares.0, self.squares.1 + other.squares.1),
+            tops: (self.tops.0.max(other.tops.0), self.tops.1.max(other.tops.1)),
             least: self.least.min(other.least),
             error: self.error.max(other.error),
         }
@@ -79,7 +87,7 @@ impl Sweep {
 
 impl From<Ending> for Sweep {
     fn from(ending: Ending) -> Self {
-        Self { steps: ending.steps, squares: ending.squares, least: ending.least, error: ending.error }
+        Self { steps: ending.steps, tops: ending.tops, least: ending.least, error: ending.error }
     }
 }
 
@@ -101,8 +109,49 @@ struct Place {
 
 impl Tiles {
     /// `held` marks pixels that are solved elsewhere.
-    pub fn new(isa: Isa, matrix: &Separable<f64>, held: Option<Vec<bool>>) -> Self {
-        Self { isa, matrix: matrix.cast(), size: matrix.size(), held }
+    pub fn new(isa: Isa, matrix: &Separable<f64>, mask: &Mask, held: Option<Vec<bool>>) -> Self {
+        let mut tiles = Self { isa, matrix: matrix.cast(), size: matrix.size(), held, spectrum: None };
+        tiles.spectrum = tiles.probe(mask);
+        tiles
+    }
+
+    /// The least eigenvalue that tiles have, if they have it in common.
+    pub fn least(&self) -> Option<f64> {
+        self.spectrum.map(|spectrum| spectrum.least)
+    }
+
+    /// Whether the image goes on on all sides of a window: at its border lower eigenvalues occur.
+    fn is_inside(&self, window: Window) -> bool {
+        let Window { y, x, height, width } = window;
+        y > 0 && x > 0 && y + height < self.size.height && x + width < self.size.width
+    }
+
+    /// Looks at the eigenvalues of a few tiles.
+    fn probe(&self, mask: &Mask) -> Option<Spectrum> {
+        let grid = Grid::new(self.size, SIDES, false);
+        let all = grid.rows.iter().flat_map(|&(y, height)| {
+            grid.columns.iter().map(move |&(x, width)| Window { y, x, height, width })
+        });
+        let inside: Vec<Place> = all
+            .map(|tile| self.place(tile, HALO + self.matrix.terms))
+            .filter(|place| self.is_inside(place.window))
+            .collect();
+        let count = PROBES.min(inside.len());
+        let picks: Vec<&Place> = (0..count).map(|k| &inside[(2 * k + 1) * inside.len() / (2 * count)]).collect();
+        let spectra: Vec<Spectrum> = picks
+            .into_par_iter()
+            .filter_map(|place| {
+                let mut buffers = Buffers::default();
+                let mut views = buffers.fit(place.window);
+                self.free(mask, place, &mut views);
+                local::probe(self.isa, &self.matrix, place.window, views)
+            })
+            .collect();
+        let least = |of: fn(f64, f64) -> f64| spectra.iter().map(|spectrum| spectrum.least).reduce(of);
+        let (low, high) = (least(f64::min)?, least(f64::max)?);
+        let largest = spectra.iter().map(|spectrum| spectrum.largest).fold(0.0, f64::max);
+        if std::env::var("TRACE").is_ok() { eprintln!("{spectra:?}"); }
+        (high <= ALIKE * low).then_some(Spectrum { least: low, largest: MARGIN * largest })
     }
 
     /// Solves each tile whose residual asks for it; also says what the next sweep must look at.
@@ -207,22 +256,29 @@ impl Tiles {
 
     /// Brings the pixels of a window into the buffers, and which of them are free.
     fn load(&self, mask: &Mask, slab: &Slab<'_>, place: &Place, middle: f32, views: &mut Views<'_>) {
-        let (across, window, isa) = (self.size.width, place.window, self.isa);
+        let (across, window) = (self.size.width, place.window);
         for i in 0..window.height {
-            let from = window.at(i, 0);
             let pixels = &slab.rows[(window.y - slab.y + i) * across + window.x..][..window.width];
-            let values = &mut views.x[from..][..window.width];
-            gather(isa, Gather { pixels, middle, values });
-            let flags = &mut views.w[from - PAD..][..window.stride()];
+            let values = &mut views.x[window.at(i, 0)..][..window.width];
+            gather(self.isa, Gather { pixels, middle, values });
+        }
+        self.free(mask, place, views);
+    }
+
+    /// The diagonal of the preconditioner on a window: which pixels are free.
+    fn free(&self, mask: &Mask, place: &Place, views: &mut Views<'_>) {
+        let (across, window) = (self.size.width, place.window);
+        for i in 0..window.height {
+            let flags = &mut views.w[window.at(i, 0) - PAD..][..window.stride()];
             flags.fill(0.0);
             if place.lines.contains(&i) {
                 let row = (window.y + i) * across + window.x;
                 let own = row + place.columns.start..row + place.columns.end;
                 let held = self.held.as_ref().map(|held| &held[own.clone()]);
-                free(isa, &mask.as_slice()[own], held, &mut flags[PAD..][place.columns.clone()]);
+                free(self.isa, &mask.as_slice()[own], held, &mut flags[PAD..][place.columns.clone()]);
             }
         }
-        step::shares(isa, window, views.w, views.d);
+        step::shares(self.isa, window, views.w, views.d);
     }
 
     fn solve(
@@ -236,7 +292,11 @@ impl Tiles {
     ) -> Ending {
         let mut views = buffers.fit(place.window);
         self.load(mask, slab, place, task.middle, &mut views);
-        local::solve(self.isa, &self.matrix, place.window, views, task.target, limit)
+        let (isa, matrix, window) = (self.isa, &self.matrix, place.window);
+        match self.spectrum.filter(|_| self.is_inside(window)) {
+            Some(spectrum) => local::iterate(isa, matrix, window, views, (task.target, spectrum), limit),
+            None => local::solve(isa, matrix, window, views, task.target, limit),
+        }
     }
 
     /// Brings what was solved back into the image.
