@@ -28,7 +28,7 @@ const HALO: usize = 5;
 /// Steps that a tile takes at most in one sweep.
 const LIMIT: usize = 60;
 /// Tiles whose eigenvalues are looked at.
-const PROBES: usize = 6;
+const PROBES: usize = 4;
 /// Ratio of the least eigenvalues of tiles up to which one stands for all.
 const ALIKE: f64 = 2.5;
 /// By how much the largest eigenvalue of any tile may exceed those seen.
@@ -41,8 +41,9 @@ pub struct Tiles {
     size: Size,
     /// Pixels that tiles may not change besides the measured ones: those in holes.
     held: Option<Vec<bool>>,
-    /// Eigenvalues of the preconditioned matrix, if they are much the same in all tiles.
-    spectrum: Option<Spectrum>,
+    /// Eigenvalues of the preconditioned matrix in tiles away from the border of the image and in those at one side of it, if
+    /// they are much the same in all of them.
+    spectra: [Option<Spectrum>; 2],
 }
 
 /// What a sweep is to do.
@@ -110,35 +111,32 @@ struct Place {
 impl Tiles {
     /// `held` marks pixels that are solved elsewhere.
     pub fn new(isa: Isa, matrix: &Separable<f64>, mask: &Mask, held: Option<Vec<bool>>) -> Self {
-        let mut tiles = Self { isa, matrix: matrix.cast(), size: matrix.size(), held, spectrum: None };
-        tiles.spectrum = tiles.probe(mask);
+        let mut tiles = Self { isa, matrix: matrix.cast(), size: matrix.size(), held, spectra: [None; 2] };
+        tiles.spectra = [0, 1].map(|ends| tiles.probe(mask, ends));
         tiles
     }
 
-    /// The least eigenvalue that tiles have, if they have it in common.
-    pub fn least(&self) -> Option<f64> {
-        self.spectrum.map(|spectrum| spectrum.least)
-    }
-
-    /// Whether the image goes on on all sides of a window: at its border lower eigenvalues occur.
-    fn is_inside(&self, window: Window) -> bool {
+    /// On how many sides of a window the image ends: there, and most of all in corners, lower eigenvalues occur.
+    fn ends(&self, window: Window) -> usize {
         let Window { y, x, height, width } = window;
-        y > 0 && x > 0 && y + height < self.size.height && x + width < self.size.width
+        let sides = [y == 0, x == 0, y + height == self.size.height, x + width == self.size.width];
+        sides.iter().filter(|ends| **ends).count()
     }
 
-    /// Looks at the eigenvalues of a few tiles.
-    fn probe(&self, mask: &Mask) -> Option<Spectrum> {
+    /// Looks at the eigenvalues of a few of the tiles at which the image ends on so many sides.
+    fn probe(&self, mask: &Mask, ends: usize) -> Option<Spectrum> {
         let grid = Grid::new(self.size, SIDES, false);
-        let all = grid.rows.iter().flat_map(|&(y, height)| {
+        let tiles = grid.rows.iter().flat_map(|&(y, height)| {
             grid.columns.iter().map(move |&(x, width)| Window { y, x, height, width })
         });
-        let inside: Vec<Place> = all
+        let places: Vec<Place> = tiles
             .map(|tile| self.place(tile, HALO + self.matrix.terms))
-            .filter(|place| self.is_inside(place.window))
+            .filter(|place| self.ends(place.window) == ends)
             .collect();
-        let count = PROBES.min(inside.len());
-        let picks: Vec<&Place> = (0..count).map(|k| &inside[(2 * k + 1) * inside.len() / (2 * count)]).collect();
+        let (count, last) = (PROBES.min(places.len()), places.len().saturating_sub(1));
+        let picks = (0..count).map(|k| &places[k * last / (count - 1).max(1)]);
         let spectra: Vec<Spectrum> = picks
+            .collect::<Vec<_>>()
             .into_par_iter()
             .filter_map(|place| {
                 let mut buffers = Buffers::default();
@@ -150,7 +148,6 @@ impl Tiles {
         let least = |of: fn(f64, f64) -> f64| spectra.iter().map(|spectrum| spectrum.least).reduce(of);
         let (low, high) = (least(f64::min)?, least(f64::max)?);
         let largest = spectra.iter().map(|spectrum| spectrum.largest).fold(0.0, f64::max);
-        if std::env::var("TRACE").is_ok() { eprintln!("{spectra:?}"); }
         (high <= ALIKE * low).then_some(Spectrum { least: low, largest: MARGIN * largest })
     }
 
@@ -279,6 +276,26 @@ impl Tiles {
             }
         }
         step::shares(self.isa, window, views.w, views.d);
+        self.scale(window, views.d);
+    }
+
+    /// Near the border of the image the matrix has smaller entries, and the blur's weights end: the diagonal makes up for both.
+    fn scale(&self, window: Window, d: &mut [f32]) {
+        let Size { height, width } = self.size;
+        let ends = (self.matrix.vertical.ends.min(height), self.matrix.horizontal.ends.min(width));
+        let inside = self.matrix.diagonal(height / 2, width / 2);
+        let weight = |i: usize, n: usize| 4.0 - f64::from(u8::from(i == 0)) - f64::from(u8::from(i + 1 == n));
+        let left = ends.1.saturating_sub(window.x).min(window.width);
+        let right = (width - ends.1).saturating_sub(window.x).clamp(left, window.width);
+        for i in 0..window.height {
+            let y = window.y + i;
+            let inner = if y < ends.0 || y + ends.0 >= height { 0..0 } else { left..right };
+            for j in (0..inner.start).chain(inner.end..window.width) {
+                let x = window.x + j;
+                let share = 16.0 / (weight(y, height) * weight(x, width));
+                d[window.at(i, j)] *= (share * (inside / self.matrix.diagonal(y, x)).sqrt()) as f32;
+            }
+        }
     }
 
     fn solve(
@@ -293,7 +310,7 @@ impl Tiles {
         let mut views = buffers.fit(place.window);
         self.load(mask, slab, place, task.middle, &mut views);
         let (isa, matrix, window) = (self.isa, &self.matrix, place.window);
-        match self.spectrum.filter(|_| self.is_inside(window)) {
+        match self.spectra.get(self.ends(window)).copied().flatten() {
             Some(spectrum) => local::iterate(isa, matrix, window, views, (task.target, spectrum), limit),
             None => local::solve(isa, matrix, window, views, task.target, limit),
         }
