@@ -15,6 +15,7 @@ pub mod dense;
 pub mod extremes;
 pub(crate) mod fir;
 mod interior;
+pub mod pyramid;
 pub mod regress;
 pub mod rows;
 pub mod simd;

@@ -10,6 +10,7 @@ use crate::kernel::simd::MOST;
 use crate::kernel::stencil::{PAD, Separable, Window, apply};
 use crate::kernel::chebyshev;
 use crate::kernel::step::{self, Move, Sums, aligned, pass};
+use crate::kernel::vector::add_scaled;
 
 /// Added to the middle of the preconditioner's blur.
 const CENTRE: f64 = 0.5;
@@ -240,20 +241,27 @@ pub fn iterate(
     let first = go(true, (0.0, 1.0 / middle));
     let (mut top, mut rho, mut promised) = (first, 1.0 / sigma, 1.0);
     for steps in 0..=limit {
-        let converged = top * unit <= target.floor || top <= target.tolerance * least;
-        if converged || (limit == 0 && top.is_finite()) {
-            return Ending { steps, converged, tops: (first, top), least, error: top / least };
+        let enough = f64::max(target.floor / unit, target.tolerance * least);
+        let end = |steps: usize, top: f64| {
+            Ending { steps, converged: top <= enough, tops: (first, top), least, error: top / least }
+        };
+        if top <= enough || (limit == 0 && top.is_finite()) {
+            return end(steps, top);
+        }
+        let next = 1.0 / (2.0 * sigma - rho);
+        if steps > 0 && top * next <= enough {
+            // The correction to come is there already, and what it promises suffices.
+            add_scaled(isa, x, 1.0, p);
+            return end(steps + 1, top * next);
         }
         // A NaN ends here, too.
         if !(top <= LATE * promised * first) {
             break;
         }
-        let next = 1.0 / (2.0 * sigma - rho);
         top = go(false, (next * rho, 2.0 * next / radius));
         promised *= next;
         rho = next;
     }
-    if std::env::var("TRACE").is_ok() { eprintln!("late {window:?} {first} {top} {promised}"); }
     solve(isa, a, window, Views { x, d, r, u, w, p, s }, target, limit)
 }
 

@@ -11,6 +11,7 @@
 //! the multiplicative one).
 
 use std::ops::Range;
+use std::sync::Mutex;
 
 use rayon::prelude::*;
 
@@ -27,7 +28,9 @@ const SIDES: (usize, usize) = (120, 176);
 const HALO: usize = 5;
 /// Steps that a tile takes at most in one sweep.
 const LIMIT: usize = 60;
-/// Tiles whose eigenvalues are looked at.
+/// Most rows and columns of the parts whose eigenvalues are looked at.
+const SAMPLE: (usize, usize) = (60, 88);
+/// Parts whose eigenvalues are looked at.
 const PROBES: usize = 4;
 /// Ratio of the least eigenvalues of tiles up to which one stands for all.
 const ALIKE: f64 = 2.5;
@@ -44,6 +47,22 @@ pub struct Tiles {
     /// Eigenvalues of the preconditioned matrix in tiles away from the border of the image and in those at one side of it, if
     /// they are much the same in all of them.
     spectra: [Option<Spectrum>; 2],
+    /// Buffers that nobody uses now: memory that is not new costs no page faults.
+    spare: Mutex<Vec<Buffers>>,
+}
+
+/// Buffers that go back to the spare ones.
+struct Borrowed<'a> {
+    own: Buffers,
+    spare: &'a Mutex<Vec<Buffers>>,
+}
+
+impl Drop for Borrowed<'_> {
+    fn drop(&mut self) {
+        if let Ok(mut spare) = self.spare.lock() {
+            spare.push(std::mem::take(&mut self.own));
+        }
+    }
 }
 
 /// What a sweep is to do.
@@ -111,9 +130,14 @@ struct Place {
 impl Tiles {
     /// `held` marks pixels that are solved elsewhere.
     pub fn new(isa: Isa, matrix: &Separable<f64>, mask: &Mask, held: Option<Vec<bool>>) -> Self {
-        let mut tiles = Self { isa, matrix: matrix.cast(), size: matrix.size(), held, spectra: [None; 2] };
+        let mut tiles = Self { isa, matrix: matrix.cast(), size: matrix.size(), held, spectra: [None; 2], spare: Mutex::default() };
         tiles.spectra = [0, 1].map(|ends| tiles.probe(mask, ends));
         tiles
+    }
+
+    fn buffers(&self) -> Borrowed<'_> {
+        let own = self.spare.lock().ok().and_then(|mut spare| spare.pop()).unwrap_or_default();
+        Borrowed { own, spare: &self.spare }
     }
 
     /// On how many sides of a window the image ends: there, and most of all in corners, lower eigenvalues occur.
@@ -125,7 +149,7 @@ impl Tiles {
 
     /// Looks at the eigenvalues of a few of the tiles at which the image ends on so many sides.
     fn probe(&self, mask: &Mask, ends: usize) -> Option<Spectrum> {
-        let grid = Grid::new(self.size, SIDES, false);
+        let grid = Grid::new(self.size, SAMPLE, false);
         let tiles = grid.rows.iter().flat_map(|&(y, height)| {
             grid.columns.iter().map(move |&(x, width)| Window { y, x, height, width })
         });
@@ -139,8 +163,8 @@ impl Tiles {
             .collect::<Vec<_>>()
             .into_par_iter()
             .filter_map(|place| {
-                let mut buffers = Buffers::default();
-                let mut views = buffers.fit(place.window);
+                let mut buffers = self.buffers();
+                let mut views = buffers.own.fit(place.window);
                 self.free(mask, place, &mut views);
                 local::probe(self.isa, &self.matrix, place.window, views)
             })
@@ -161,14 +185,14 @@ impl Tiles {
             let slabs = self.slabs(image, grid.rows.iter().skip(parity).step_by(2));
             let sweeps: Vec<(Sweep, Vec<Mark>)> = slabs
                 .into_par_iter()
-                .map_init(Buffers::default, |buffers, mut slab| {
+                .map_init(|| self.buffers(), |buffers, mut slab| {
                     let (mut total, mut marks) = (Sweep::NONE, Vec::new());
                     for &(x, width) in &grid.columns {
                         if run.interrupted().is_some() {
                             break;
                         }
                         let tile = Window { y: slab.tiles.0, x, height: slab.tiles.1, width };
-                        let sweep = self.visit(mask, &mut slab, tile, task, buffers);
+                        let sweep = self.visit(mask, &mut slab, tile, task, &mut buffers.own);
                         marks.push(Mark::new(sweep.steps, sweep.error <= task.target.tolerance));
                         total = total.and(sweep);
                     }
