@@ -15,8 +15,8 @@
 
 use super::interior::{Interior, Scheme, Taps};
 use super::simd::{Lanes, MOST, Vector, Vectored, largest, vectors};
-use super::step::{aligned, blurred};
 use super::stencil::{PAD, Separable, Window, near_ends};
+use super::step::{aligned, blurred};
 use super::{Isa, Real};
 
 /// What a pass reads and changes: buffers of one window. `d` is zero in all padding, `p` is so in the rows of padding, `r` in
@@ -93,7 +93,7 @@ impl<T: Real> Pass<'_, T> {
         let mut lines = vec![T::ZERO; 2 * length + MOST];
         let skip = aligned(&lines);
         let (even, odd) = lines[skip..][..2 * length].split_at_mut(length);
-        let mut lines = [even, odd];
+        let lines = [even, odd];
         let taps = self.interior.map(Taps::<V, R>::new);
         let mut schemes = vec![Scheme::<V, R>::new(); stride / V::LANES];
         let (from, to) = self.rows;
@@ -234,8 +234,7 @@ impl<T: Real> Pass<'_, T> {
         let lines = shifted(0).zip(shifted(1)).zip(shifted(2));
         let inputs = d[own.clone()].chunks_exact(V::LANES).zip(r[own.clone()].chunks_exact(V::LANES));
         let mut top = top;
-        for ((((left, middle), right), (d, r)), p) in
-            lines.zip(inputs).zip(p[own].chunks_exact_mut(V::LANES))
+        for ((((left, middle), right), (d, r)), p) in lines.zip(inputs).zip(p[own].chunks_exact_mut(V::LANES))
         {
             let blurred = blurred(V::load(left), V::load(middle), V::load(right));
             let value = V::load(d).times(c.fused(V::load(r), blurred));
@@ -247,3 +246,6 @@ impl<T: Real> Pass<'_, T> {
         top
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -21,7 +21,11 @@ impl Body for Finite<'_> {
     #[inline(always)]
     fn run<const FUSED: bool>(self) -> bool {
         // No exit inside the loop: that lets it run in vectors.
-        !self.flags.iter().zip(self.values).fold(false, |any, (&flag, &value)| any | (flag & !value.is_finite()))
+        !self
+            .flags
+            .iter()
+            .zip(self.values)
+            .fold(false, |any, (&flag, &value)| any | (flag & !value.is_finite()))
     }
 }
 
@@ -42,17 +46,17 @@ impl Body for Range<'_> {
     type Output = (f32, f32);
     #[inline(always)]
     fn run<const FUSED: bool>(self) -> (f32, f32) {
-            let Range { flags, values } = self;
-            // As many minima as there are lanes: one alone would wait for itself.
-            let (mut low, mut high) = ([f32::INFINITY; 16], [f32::INFINITY; 16]);
-            for (values, flags) in values.chunks(16).zip(flags.chunks(16)) {
-                for (((low, high), &value), &flag) in low.iter_mut().zip(&mut high).zip(values).zip(flags) {
-                    *low = least(*low, or_infinite(value, flag));
-                    *high = least(*high, or_infinite(-value, flag));
-                }
+        let Range { flags, values } = self;
+        // As many minima as there are lanes: one alone would wait for itself.
+        let (mut low, mut high) = ([f32::INFINITY; 16], [f32::INFINITY; 16]);
+        for (values, flags) in values.chunks(16).zip(flags.chunks(16)) {
+            for (((low, high), &value), &flag) in low.iter_mut().zip(&mut high).zip(values).zip(flags) {
+                *low = least(*low, or_infinite(value, flag));
+                *high = least(*high, or_infinite(-value, flag));
             }
-            let smallest = |lanes: [f32; 16]| lanes.into_iter().fold(f32::INFINITY, least);
-            (smallest(low), -smallest(high))
+        }
+        let smallest = |lanes: [f32; 16]| lanes.into_iter().fold(f32::INFINITY, least);
+        (smallest(low), -smallest(high))
     }
 }
 

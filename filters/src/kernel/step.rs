@@ -88,7 +88,7 @@ pub fn pass<T: Lanes>(
     };
     let rows = (inside.start, inside.end);
     let numbers = (T::from_f64(length), T::from_f64(share), T::from_f64(c));
-    let mut pass = Pass { interior: a.interior(), window, what, numbers, rows, applies, buffers };
+    let mut pass = Pass { interior: a.interior(), window, what, numbers, rows, buffers };
     let mut sums = match a.terms {
         3 => vectors(isa, Sized::<T, 3>(&mut pass)),
         _ => vectors(isa, Sized::<T, 4>(&mut pass)),
@@ -159,7 +159,6 @@ struct Pass<'a, T> {
     numbers: (T, T, T),
     /// The rows of `w` that are computed here: none of them is near an end.
     rows: (usize, usize),
-    applies: bool,
     buffers: Buffers<'a, T>,
 }
 
@@ -186,7 +185,7 @@ impl<T: Real, const R: usize> Vectored<T> for Sized<'_, '_, T, R> {
         let mut lines = vec![T::ZERO; 2 * length + MOST];
         let skip = aligned(&lines);
         let (even, odd) = lines[skip..][..2 * length].split_at_mut(length);
-        let mut lines = [even, odd];
+        let lines = [even, odd];
         let taps = pass.interior.map(Taps::<V, R>::new);
         let mut schemes = vec![Scheme::<V, R>::new(); stride / V::LANES];
         let mut sums = Sums { square: 0.0, curvature: 0.0, top: 0.0 };
@@ -272,7 +271,8 @@ impl<T: Real> Pass<'_, T> {
         let p = p[own.clone()].chunks_exact_mut(V::LANES);
         let s = s[own].chunks_exact_mut(V::LANES);
         let changed = residuals.zip(x).zip(p).zip(s);
-        for (((line, (far, near)), (((r, x), p), s)), (u, w)) in lines.zip(around).zip(changed).zip(u.zip(w)) {
+        for (((line, (far, near)), (((r, x), p), s)), (u, w)) in lines.zip(around).zip(changed).zip(u.zip(w))
+        {
             let (mut direction, mut product) = (V::load(u), V::load(w));
             if STEP == 2 {
                 direction = share.fused(V::load(p), direction);
@@ -299,8 +299,7 @@ impl<T: Real> Pass<'_, T> {
         let lines = shifted(0).zip(shifted(1)).zip(shifted(2));
         let inputs = d[own.clone()].chunks_exact(V::LANES).zip(r[own.clone()].chunks_exact(V::LANES));
         let (mut square, mut top) = (totals.square, totals.top);
-        for ((((left, middle), right), (d, r)), u) in
-            lines.zip(inputs).zip(u[own].chunks_exact_mut(V::LANES))
+        for ((((left, middle), right), (d, r)), u) in lines.zip(inputs).zip(u[own].chunks_exact_mut(V::LANES))
         {
             let blurred = blurred(V::load(left), V::load(middle), V::load(right));
             let residual = V::load(r);
@@ -396,3 +395,5 @@ impl<T: Real> Blocks<'_, T> {
     }
 }
 
+#[cfg(test)]
+pub(super) mod tests;

@@ -83,7 +83,7 @@ const TOLERANCE: f64 = 2e-6;
 /// Largest error of the result, over the measured range.
 const AIM: f64 = 1e-4;
 /// Largest error that tiles may leave by their estimate, over the measured range.
-const TILE_TOLERANCE: f64 = 5e-5;
+const TILE_TOLERANCE: f64 = 4e-5;
 /// Size of a correction, over the largest value, that f32 cannot tell from rounding.
 const ROUNDING: f64 = 4e-7;
 /// Images of up to so many pixels are left to multigrid.

@@ -104,8 +104,12 @@ impl Doubt {
                 if *mark == Mark::Open {
                     return Self::Everywhere;
                 }
-                rows.extend([y, y + height].into_iter().filter(|&line| near(line, tile.y, tile.height, width)));
-                columns.extend([x, x + across].into_iter().filter(|&line| near(line, tile.x, tile.width, width)));
+                rows.extend(
+                    [y, y + height].into_iter().filter(|&line| near(line, tile.y, tile.height, width)),
+                );
+                columns.extend(
+                    [x, x + across].into_iter().filter(|&line| near(line, tile.x, tile.width, width)),
+                );
             }
         }
         let band = |line: usize, from: usize, length: usize| {

@@ -130,7 +130,14 @@ struct Place {
 impl Tiles {
     /// `held` marks pixels that are solved elsewhere.
     pub fn new(isa: Isa, matrix: &Separable<f64>, mask: &Mask, held: Option<Vec<bool>>) -> Self {
-        let mut tiles = Self { isa, matrix: matrix.cast(), size: matrix.size(), held, spectra: [None; 2], spare: Mutex::default() };
+        let mut tiles = Self {
+            isa,
+            matrix: matrix.cast(),
+            size: matrix.size(),
+            held,
+            spectra: [None; 2],
+            spare: Mutex::default(),
+        };
         tiles.spectra = [0, 1].map(|ends| tiles.probe(mask, ends));
         tiles
     }
@@ -169,10 +176,12 @@ impl Tiles {
                 local::probe(self.isa, &self.matrix, place.window, views)
             })
             .collect();
-        let least = |of: fn(f64, f64) -> f64| spectra.iter().map(|spectrum| spectrum.least).reduce(of);
-        let (low, high) = (least(f64::min)?, least(f64::max)?);
+        let extreme = |of: fn(f64, f64) -> f64| spectra.iter().map(|spectrum| spectrum.least).reduce(of);
+        let (low, high) = (extreme(f64::min)?, extreme(f64::max)?);
         let largest = spectra.iter().map(|spectrum| spectrum.largest).fold(0.0, f64::max);
-        (high <= ALIKE * low).then_some(Spectrum { least: low, largest: MARGIN * largest })
+        // Others may have as much less than the least as this one has less than the largest of them.
+        (high <= ALIKE * low)
+            .then_some(Spectrum { least: low * (low / high).sqrt(), largest: MARGIN * largest })
     }
 
     /// Solves each tile whose residual asks for it; also says what the next sweep must look at.
@@ -185,19 +194,22 @@ impl Tiles {
             let slabs = self.slabs(image, grid.rows.iter().skip(parity).step_by(2));
             let sweeps: Vec<(Sweep, Vec<Mark>)> = slabs
                 .into_par_iter()
-                .map_init(|| self.buffers(), |buffers, mut slab| {
-                    let (mut total, mut marks) = (Sweep::NONE, Vec::new());
-                    for &(x, width) in &grid.columns {
-                        if run.interrupted().is_some() {
-                            break;
+                .map_init(
+                    || self.buffers(),
+                    |buffers, mut slab| {
+                        let (mut total, mut marks) = (Sweep::NONE, Vec::new());
+                        for &(x, width) in &grid.columns {
+                            if run.interrupted().is_some() {
+                                break;
+                            }
+                            let tile = Window { y: slab.tiles.0, x, height: slab.tiles.1, width };
+                            let sweep = self.visit(mask, &mut slab, tile, task, &mut buffers.own);
+                            marks.push(Mark::new(sweep.steps, sweep.error <= task.target.tolerance));
+                            total = total.and(sweep);
                         }
-                        let tile = Window { y: slab.tiles.0, x, height: slab.tiles.1, width };
-                        let sweep = self.visit(mask, &mut slab, tile, task, &mut buffers.own);
-                        marks.push(Mark::new(sweep.steps, sweep.error <= task.target.tolerance));
-                        total = total.and(sweep);
-                    }
-                    (total, marks)
-                })
+                        (total, marks)
+                    },
+                )
                 .collect();
             for (k, (sweep, row)) in sweeps.into_iter().enumerate() {
                 total = total.and(sweep);
