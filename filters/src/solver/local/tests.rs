@@ -138,7 +138,7 @@ fn both_iterations_agree_with_elimination() {
         let a = case.a.cast::<f32>();
         let mut buffers = Buffers::default();
         let spectrum = probe(ISA, &a, case.window, case.load(&mut buffers)).unwrap();
-        let wrong = Spectrum { least: 4.0 * spectrum.least, largest: 0.5 * spectrum.largest };
+        let wrong = Spectrum { least: 2.0 * spectrum.least, largest: 0.6 * spectrum.largest };
         let target = Target { tolerance: 1e-4, floor: 1e-7, least: None };
         for guess in [None, Some(spectrum), Some(wrong)] {
             let views = case.load(&mut buffers);
