@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use crate::kernel::extremes;
 use crate::{Error, Mask, Planes};
 
 /// Sizes agree and measured values are finite; `out` has as many planes as `samples`.
@@ -27,9 +28,8 @@ pub(crate) fn group(mask: &Mask, samples: &Planes, out: &Planes) -> Result<(), E
 fn finite(mask: &Mask, values: &[f32]) -> Result<(), Error> {
     let width = mask.size().width.max(1);
     for (row, (flags, values)) in mask.as_slice().chunks(width).zip(values.chunks(width)).enumerate() {
-        let bad = |(flag, value): (&bool, &f32)| *flag && !value.is_finite();
-        // No exit inside a row: that lets the common case run in vectors.
-        if flags.iter().zip(values).fold(false, |any, pair| any | bad(pair)) {
+        if !extremes::finite(flags, values) {
+            let bad = |(flag, value): (&bool, &f32)| *flag && !value.is_finite();
             let column = flags.iter().zip(values).position(bad).unwrap_or(0);
             return Err(Error::NotFinite { row, column });
         }

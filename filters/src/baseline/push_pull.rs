@@ -16,6 +16,8 @@
 use rayon::prelude::*;
 
 use super::check;
+use crate::kernel::Isa;
+use crate::kernel::pyramid::{self, Pull};
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Size};
 
 /// No settings.
@@ -150,7 +152,7 @@ fn any_of_four(size: Size, known: &[bool]) -> Vec<bool> {
 
 /// One level down the image size: the mean of the known among each 2x2 block, 0 where there is none.
 fn push(size: Size, known: &[bool], values: &[f32], above: &mut [f32]) {
-    let width = halved(size).width;
+    let (width, isa) = (halved(size).width, Isa::best());
     above.par_chunks_mut(width).with_min_len(rows_per_task(size.width)).enumerate().for_each(|(y, above)| {
         let row = |y: usize| {
             let range = y * size.width..(y + 1) * size.width;
@@ -159,97 +161,36 @@ fn push(size: Size, known: &[bool], values: &[f32], above: &mut [f32]) {
         let (upper_known, upper) = row(2 * y);
         if 2 * y + 1 < size.height {
             let (lower_known, lower) = row(2 * y + 1);
-            push_rows(above, [upper_known, lower_known], [upper, lower]);
+            pyramid::push(isa, above, [upper_known, lower_known], [upper, lower]);
         } else {
-            push_rows(above, [upper_known], [upper]);
+            pyramid::push(isa, above, [upper_known], [upper]);
         }
     });
-}
-
-/// The means of the blocks of one row of the level above, from its one or two rows.
-fn push_rows<const N: usize>(above: &mut [f32], known: [&[bool]; N], values: [&[f32]; N]) {
-    let halves = known.map(<[bool]>::as_chunks::<2>);
-    let pairs = values.map(<[f32]>::as_chunks::<2>);
-    let (whole, rest) = above.split_at_mut(pairs[0].0.len());
-    let (known, values) =
-        (halves.map(|half| &half.0[..whole.len()]), pairs.map(|pair| &pair.0[..whole.len()]));
-    for (x, above) in whole.iter_mut().enumerate() {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for (known, values) in known.iter().zip(&values) {
-            let ([left_known, right_known], [left, right]) = (known[x], values[x]);
-            sum += f64::from(choose(left_known, left, 0.0)) + f64::from(choose(right_known, right, 0.0));
-            count += f64::from(u8::from(left_known) + u8::from(right_known));
-        }
-        *above = (sum / if count > 0.0 { count } else { 1.0 }) as f32;
-    }
-    for above in rest {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for (half, pair) in halves.iter().zip(&pairs) {
-            for (_, value) in half.1.iter().zip(pair.1).filter(|(known, _)| **known) {
-                sum += f64::from(*value);
-                count += 1.0;
-            }
-        }
-        *above = (sum / if count > 0.0 { count } else { 1.0 }) as f32;
-    }
 }
 
 /// One level up the image size: unknown pixels of `values` take the bilinear sample of `above`. With `samples`, the
 /// known pixels are copied from there first.
 fn pull(size: Size, known: &[bool], samples: Option<&[f32]>, values: &mut [f32], above: &[f32]) {
-    let coarse = halved(size);
+    let (coarse, isa) = (halved(size), Isa::best());
     let per_task = rows_per_task(size.width);
     values.par_chunks_mut(size.width * per_task).enumerate().for_each(|(task, rows)| {
         let mut between = vec![0.0; coarse.width + 2];
         for (row, values) in rows.chunks_mut(size.width).enumerate() {
             let y = task * per_task + row;
             let own = y * size.width..(y + 1) * size.width;
-            if let Some(samples) = samples {
-                values.copy_from_slice(&samples[own.clone()]);
-            }
+            let known = &known[own.clone()];
+            let samples = samples.map(|samples| &samples[own]);
             let near = &above[y / 2 * coarse.width..][..coarse.width];
             let far = &above[neighbour(y, coarse.height) * coarse.width..][..coarse.width];
-            for ((between, &near), &far) in between[1..].iter_mut().zip(near).zip(far) {
-                *between = blend(near, far);
-            }
-            between[0] = between[1];
-            between[coarse.width + 1] = between[coarse.width];
-            pull_row(values, &known[own], &between);
+            pyramid::pull(isa, Pull { values, known, samples, near, far, between: &mut between });
         }
     });
-}
-
-/// The unknown pixels of one row, from the row of the level above that is interpolated to its height and repeats
-/// its first and its last value.
-fn pull_row(values: &mut [f32], known: &[bool], above: &[f32]) {
-    let (pairs, last) = values.as_chunks_mut::<2>();
-    let (flags, last_known) = known.as_chunks::<2>();
-    for ((pair, flags), &[before, near, after]) in pairs.iter_mut().zip(flags).zip(above.array_windows::<3>())
-    {
-        let (left, right) = (blend(near, before), blend(near, after));
-        pair[0] = choose(flags[0], pair[0], left);
-        pair[1] = choose(flags[1], pair[1], right);
-    }
-    if let ([value], [false]) = (last, last_known) {
-        *value = blend(above[above.len() - 2], above[above.len() - 3]);
-    }
 }
 
 /// The second of the two coarse rows or columns between which the centre of the fine one `at` lies; the border
 /// repeats itself.
 fn neighbour(at: usize, coarse: usize) -> usize {
     if at.is_multiple_of(2) { (at / 2).saturating_sub(1) } else { (at / 2 + 1).min(coarse - 1) }
-}
-
-/// `a` if `first`, else `b`. By bits: a choice would become a branch, and the loop would not run in vectors.
-fn choose(first: bool, a: f32, b: f32) -> f32 {
-    let keep = u32::from(first).wrapping_neg();
-    f32::from_bits(a.to_bits() & keep | b.to_bits() & !keep)
-}
-
-/// Three parts of `near`, one of `far`; `near` itself where both agree, always between the two.
-fn blend(near: f32, far: f32) -> f32 {
-    near + (0.25 * far - 0.25 * near)
 }
 
 #[cfg(test)]

@@ -4,23 +4,60 @@
 
 use rayon::prelude::*;
 
+use super::{Body, Isa, dispatch};
+
+/// Whether all of the values that are flagged are finite.
+pub fn finite(flags: &[bool], values: &[f32]) -> bool {
+    dispatch(Isa::best(), Finite { flags, values })
+}
+
+struct Finite<'a> {
+    flags: &'a [bool],
+    values: &'a [f32],
+}
+
+impl Body for Finite<'_> {
+    type Output = bool;
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) -> bool {
+        // No exit inside the loop: that lets it run in vectors.
+        !self
+            .flags
+            .iter()
+            .zip(self.values)
+            .fold(false, |any, (&flag, &value)| any | (flag & !value.is_finite()))
+    }
+}
+
 /// The smallest and the largest of the values that are flagged; infinite the other way round if none is.
 pub fn range(flags: &[bool], values: &[f32]) -> (f32, f32) {
     let tasks = values.par_chunks(1 << 14).zip(flags.par_chunks(1 << 14));
     tasks
-        .map(|(values, flags)| {
-            // As many minima as there are lanes: one alone would wait for itself.
-            let (mut low, mut high) = ([f32::INFINITY; 16], [f32::INFINITY; 16]);
-            for (values, flags) in values.chunks(16).zip(flags.chunks(16)) {
-                for (((low, high), &value), &flag) in low.iter_mut().zip(&mut high).zip(values).zip(flags) {
-                    *low = least(*low, or_infinite(value, flag));
-                    *high = least(*high, or_infinite(-value, flag));
-                }
-            }
-            let smallest = |lanes: [f32; 16]| lanes.into_iter().fold(f32::INFINITY, least);
-            (smallest(low), -smallest(high))
-        })
+        .map(|(values, flags)| dispatch(Isa::best(), Range { flags, values }))
         .reduce(|| (f32::INFINITY, f32::NEG_INFINITY), |a, b| (least(a.0, b.0), -least(-a.1, -b.1)))
+}
+
+struct Range<'a> {
+    flags: &'a [bool],
+    values: &'a [f32],
+}
+
+impl Body for Range<'_> {
+    type Output = (f32, f32);
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) -> (f32, f32) {
+        let Range { flags, values } = self;
+        // As many minima as there are lanes: one alone would wait for itself.
+        let (mut low, mut high) = ([f32::INFINITY; 16], [f32::INFINITY; 16]);
+        for (values, flags) in values.chunks(16).zip(flags.chunks(16)) {
+            for (((low, high), &value), &flag) in low.iter_mut().zip(&mut high).zip(values).zip(flags) {
+                *low = least(*low, or_infinite(value, flag));
+                *high = least(*high, or_infinite(-value, flag));
+            }
+        }
+        let smallest = |lanes: [f32; 16]| lanes.into_iter().fold(f32::INFINITY, least);
+        (smallest(low), -smallest(high))
+    }
 }
 
 /// The smaller of two numbers; unlike `f32::min` a single instruction, as NaN does not occur.

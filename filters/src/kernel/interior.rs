@@ -19,6 +19,8 @@
 //! Source: W. Horner, "A new method of solving numerical equations of all orders, by continuous approximation",
 //! Philosophical Transactions 109, 1819.
 
+use std::ops::Range;
+
 use super::simd::{Lanes, MOST, Vector, Vectored, sum, vectors};
 use super::stencil::{Axis, PAD, REACH, WIDTH, Window};
 use super::{Isa, Real};
@@ -31,7 +33,7 @@ const POWERS: usize = REACH + 1;
 pub struct Interior<T> {
     /// Per power of `d` the taps of a column away from the borders: in the middle, one beside it, and so on.
     taps: [[T; POWERS]; POWERS],
-    /// Per power and tap, one for each column of the image: used near its borders.
+    /// Per power and tap, one for each column of the image behind [`PAD`] zeros: used near its borders.
     columns: Vec<Vec<T>>,
     /// Columns at either border that have taps of their own.
     ends: usize,
@@ -71,7 +73,8 @@ impl<T: Real> Interior<T> {
         for l in 0..=terms {
             for k in REACH - terms..=REACH + terms {
                 let line = (0..horizontal.len).map(|x| T::from_f64(tap(l, x, k)));
-                columns.push(line.chain(std::iter::repeat_n(T::ZERO, MOST)).collect());
+                let before = std::iter::repeat_n(T::ZERO, PAD);
+                columns.push(before.chain(line).chain(std::iter::repeat_n(T::ZERO, 2 * MOST)).collect());
             }
         }
         let (ends, len) = (horizontal.ends, horizontal.len);
@@ -140,38 +143,6 @@ impl<T: Real, const R: usize> Vectored<T> for Sized<'_, T, R> {
 }
 
 impl<T: Real, const R: usize> Sized<'_, T, R> {
-    /// The coefficients of a row for the columns of the image from `x` on; `near` begins `R` columns before.
-    #[inline(always)]
-    fn coefficients<V: Vector<Number = T>, const INSIDE: bool>(
-        interior: &Interior<T>,
-        taps: &[[V; POWERS]; POWERS],
-        near: &[T],
-        x: usize,
-    ) -> [V; POWERS] {
-        let mut c = [V::splat(T::ZERO); POWERS];
-        if INSIDE {
-            let mut pairs = [V::load(&near[R..]); POWERS];
-            for k in 1..=R {
-                pairs[k] = V::load(&near[R - k..]).plus(V::load(&near[R + k..]));
-            }
-            for (c, taps) in c.iter_mut().zip(taps).take(R + 1) {
-                *c = pairs[0].times(taps[0]);
-                for k in 1..=R {
-                    *c = pairs[k].fused(taps[k], *c);
-                }
-            }
-        } else {
-            for k in 0..=2 * R {
-                let value = V::load(&near[k..]);
-                for (l, c) in c.iter_mut().enumerate().take(R + 1) {
-                    let own = &interior.columns[l * (2 * R + 1) + k][x..];
-                    *c = value.fused(V::load(own), *c);
-                }
-            }
-        }
-        c
-    }
-
     /// The columns from `j` on that fill a vector. `INSIDE`: none of them is near a border; `WHOLE`: none is beyond the window.
     #[inline(always)]
     fn block<V: Vector<Number = T>, const INSIDE: bool, const WHOLE: bool>(&mut self, j: usize) -> f64 {
@@ -180,18 +151,13 @@ impl<T: Real, const R: usize> Sized<'_, T, R> {
         let valid = V::LANES.min(window.width - j);
         let zero = V::splat(T::ZERO);
         let two = V::splat(T::from_f64(2.0));
-        let mut taps = [[zero; POWERS]; POWERS];
-        for (taps, own) in taps.iter_mut().zip(&interior.taps).take(R + 1) {
-            for (tap, &own) in taps.iter_mut().zip(own).take(R + 1) {
-                *tap = V::splat(own);
-            }
-        }
+        let taps = Taps::<V, R>::new(interior);
         let mut scheme = Scheme::<V, R>::new();
         let mut dot = zero;
         for step in 0..q.len() / stride + 2 * R {
             let start = (first + step + PAD - R) * stride + PAD + j;
             let near = &p[start - R..][..V::LANES + 2 * R];
-            let c = Self::coefficients::<V, INSIDE>(interior, &taps, near, window.x + j);
+            let c = if INSIDE { taps.middle(near) } else { taps.near_border(near, window.x + j + PAD) };
             let mut sum = scheme.push(&c, two);
             let Some(i) = step.checked_sub(2 * R) else { continue };
             let here = start - R * stride;
@@ -218,27 +184,94 @@ impl<T: Real, const R: usize> Sized<'_, T, R> {
     }
 }
 
+/// The filters along rows in vectors.
+pub struct Taps<'a, V: Vector, const R: usize> {
+    interior: &'a Interior<V::Number>,
+    middle: [[V; POWERS]; POWERS],
+}
+
+impl<'a, V: Vector, const R: usize> Taps<'a, V, R> {
+    #[inline(always)]
+    pub fn new(interior: &'a Interior<V::Number>) -> Self {
+        let mut middle = [[V::splat(V::Number::ZERO); POWERS]; POWERS];
+        for (taps, own) in middle.iter_mut().zip(&interior.taps).take(R + 1) {
+            for (tap, &own) in taps.iter_mut().zip(own).take(R + 1) {
+                *tap = V::splat(own);
+            }
+        }
+        Self { interior, middle }
+    }
+
+    /// The vectors of a row of a window's buffer none of whose columns in the window is near a border of the image.
+    #[inline(always)]
+    pub fn inside(&self, window: Window) -> Range<usize> {
+        let Interior { ends, len, .. } = *self.interior;
+        // Numbers of the row, counted from its padding.
+        let first = if window.x >= ends { 0 } else { ends - window.x + PAD };
+        let last = len - ends;
+        let end = if window.x + window.width <= last {
+            window.stride()
+        } else {
+            (last.saturating_sub(window.x) + PAD).min(window.stride())
+        };
+        let first = first.div_ceil(V::LANES);
+        first..(end / V::LANES).max(first)
+    }
+
+    /// The coefficients of a row for a vector of columns away from the borders; `near` begins `R` columns before.
+    #[inline(always)]
+    pub fn middle(&self, near: &[V::Number]) -> [V; POWERS] {
+        let mut c = [V::splat(V::Number::ZERO); POWERS];
+        let mut pairs = [V::load(&near[R..]); POWERS];
+        for k in 1..=R {
+            pairs[k] = V::load(&near[R - k..]).plus(V::load(&near[R + k..]));
+        }
+        for (c, taps) in c.iter_mut().zip(&self.middle).take(R + 1) {
+            *c = pairs[0].times(taps[0]);
+            for k in 1..=R {
+                *c = pairs[k].fused(taps[k], *c);
+            }
+        }
+        c
+    }
+
+    /// The same for any columns; the first is column `x - PAD` of the image.
+    #[inline(always)]
+    pub fn near_border(&self, near: &[V::Number], x: usize) -> [V; POWERS] {
+        let mut c = [V::splat(V::Number::ZERO); POWERS];
+        for k in 0..=2 * R {
+            let value = V::load(&near[k..]);
+            for (l, c) in c.iter_mut().enumerate().take(R + 1) {
+                let own = &self.interior.columns[l * (2 * R + 1) + k][x..];
+                *c = value.fused(V::load(own), *c);
+            }
+        }
+        c
+    }
+}
+
 /// Horner's scheme down the rows. With `a_R = c_R` and `a_l = c_l + d a_(l+1)`, `a_l` of a row needs `a_(l+1)` of the next,
 /// so every level is one row later than the one above.
-struct Scheme<V, const R: usize> {
+#[derive(Clone)]
+pub struct Scheme<V, const R: usize> {
     /// Per level what `a_l` of the row to come lacks but for `a_(l+1)` of the row after it.
-    open: [V; REACH],
+    open: [V; R],
     /// `a_(l+1)` of the row before.
-    before: [V; REACH],
+    before: [V; R],
     /// `c_l` of the rows that level `l` has not come to, the latest first.
-    waiting: [[V; REACH]; REACH],
+    waiting: [[V; R]; R],
 }
 
 impl<V: Vector, const R: usize> Scheme<V, R> {
     #[inline(always)]
-    fn new() -> Self {
+    pub fn new() -> Self {
         let zero = V::splat(V::Number::ZERO);
-        Self { open: [zero; REACH], before: [zero; REACH], waiting: [[zero; REACH]; REACH] }
+        Self { open: [zero; R], before: [zero; R], waiting: [[zero; R]; R] }
     }
 
     /// Takes the coefficients of a row; returns the sum of the row `R` above.
     #[inline(always)]
-    fn push(&mut self, c: &[V; POWERS], two: V) -> V {
+    pub fn push(&mut self, c: &[V; POWERS], two: V) -> V {
         let mut a = c[R];
         for l in (0..R).rev() {
             let late = R - 1 - l;

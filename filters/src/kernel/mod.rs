@@ -9,11 +9,13 @@
 )]
 #![allow(unsafe_code, reason = "calling a function that was compiled for an instruction set the CPU has")]
 
+pub mod chebyshev;
 pub mod dense;
 pub mod extremes;
 pub(crate) mod fir;
 mod interior;
 pub mod points;
+pub mod pyramid;
 pub mod regress;
 pub mod relax;
 pub mod resample;
@@ -21,6 +23,7 @@ pub mod rows;
 pub mod simd;
 pub mod stencil;
 pub mod step;
+pub mod tile;
 pub mod tv;
 pub mod vector;
 

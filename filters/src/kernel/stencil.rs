@@ -13,6 +13,8 @@
 //! rings in L1 (13 kB used in f32 at 160 columns), so a window in L2 streams 4 bytes in and 4 bytes out. Two
 //! arithmetic instructions a cycle would give 18 cycles a vector, 1.2 a pixel with 16 lanes of f32; memory is no limit.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::interior::{self, Interior, Rows};
@@ -120,6 +122,19 @@ impl<T: Real> Separable<T> {
         }
     }
 
+    /// Rows of a window that Horner's scheme computes.
+    pub fn inside(&self, window: Window) -> Range<usize> {
+        let Some(interior) = &self.interior else { return 0..0 };
+        let limit = |row: usize| row.saturating_sub(window.y).min(window.height);
+        let from = limit(interior.rows);
+        from..limit(self.vertical.len - interior.rows).max(from)
+    }
+
+    /// The same away from the upper and lower end, if there is anything away from them.
+    pub(super) fn interior(&self) -> Option<&Interior<T>> {
+        self.interior.as_ref()
+    }
+
     /// The diagonal entry of pixel `(y, x)`.
     pub fn diagonal(&self, y: usize, x: usize) -> f64 {
         let (rows, columns) = (self.vertical.row(y), self.horizontal.row(x));
@@ -194,13 +209,7 @@ pub fn apply<T: Lanes>(
 ) -> f64 {
     let stride = window.stride();
     let rows = &mut q[PAD * stride..][..window.height * stride];
-    let near_ends = |first: usize, q: &mut [T]| {
-        let body = Apply { a, window, p, d, first, q };
-        match a.terms {
-            3 => dispatch(isa, Sized::<T, 3>(body)),
-            _ => dispatch(isa, Sized::<T, 4>(body)),
-        }
-    };
+    let near_ends = |first: usize, q: &mut [T]| any_rows(isa, Apply { a, window, p, d, first, q });
     let chunk = |(index, q): (usize, &mut [T])| {
         let (first, count) = (index * CHUNK, q.len() / stride);
         let Some(interior) = &a.interior else { return near_ends(first, q) };
@@ -226,6 +235,26 @@ pub fn apply<T: Lanes>(
         sums.iter().sum()
     } else {
         chunk((0, rows))
+    }
+}
+
+/// `q = A p` on any rows of a window, also near the ends of the image; `q` is those rows in whole strides. Returns their
+/// sum of `p q`.
+pub(super) fn near_ends<T: Lanes>(
+    isa: Isa,
+    a: &Separable<T>,
+    window: Window,
+    p: &[T],
+    first: usize,
+    q: &mut [T],
+) -> f64 {
+    any_rows(isa, Apply { a, window, p, d: None, first, q })
+}
+
+fn any_rows<T: Lanes>(isa: Isa, body: Apply<'_, T>) -> f64 {
+    match body.a.terms {
+        3 => dispatch(isa, Sized::<T, 3>(body)),
+        _ => dispatch(isa, Sized::<T, 4>(body)),
     }
 }
 

@@ -7,7 +7,7 @@
 //! Source: M. Hestenes, E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49, 1952;
 //! Y. Notay, "Flexible conjugate gradients", SIAM J. Sci. Comput. 22, 2000.
 
-use super::local::Lanczos;
+use super::lanczos::Lanczos;
 use super::multigrid::{Multigrid, Workspace};
 use crate::kernel::simd::Lanes;
 use crate::kernel::vector;

@@ -45,7 +45,7 @@
 //! Memory beyond samples and result: 0.7 megabytes a thread for tiles; for multigrid about 12 planes of a rectangle for each
 //! channel that is being solved (as many as there are threads) and 4 that they share, in f32 at order 2, else in f64.
 //!
-//! The outcome's residual: the norm of the residual, measured by the preconditioner, after the last sweep over that
+//! The outcome's residual: the largest entry of the preconditioned residual that the last sweep left where it looked over that
 //! before the first; with holes the larger of this and the same for the first solve of any rectangle.
 //!
 //! Fails: overshoots at sharp edges (order 3 more than order 2), so values leave the measured range; callers limit
@@ -61,6 +61,7 @@ use crate::kernel::extremes::range;
 use crate::operator::energy::Form;
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Stop};
 
+mod doubt;
 mod holes;
 mod polynomials;
 mod region;
@@ -85,7 +86,7 @@ const GUESS: f64 = 1e-4;
 /// Largest error of the result, over the measured range.
 const AIM: f64 = 1e-4;
 /// Largest error that tiles may leave by their estimate, over the measured range.
-const TILE_TOLERANCE: f64 = 3e-5;
+const TILE_TOLERANCE: f64 = 4e-5;
 /// Size of a correction, over the largest value, that f32 cannot tell from rounding.
 const ROUNDING: f64 = 4e-7;
 /// Images of up to so many pixels are left to multigrid.
@@ -127,7 +128,7 @@ impl Filter for Settings {
         let form = Form::new(self.kernel, self.order.number(), self.tension);
         let isa = Isa::best();
         let region = |window| Region::new(isa, &form, &mask, self.lambda, weights, window);
-        let tiles = |held| Tiles::new(isa, &form.energy(mask.size(), (1.0, 1.0)), held);
+        let tiles = |held| Tiles::new(isa, &form.energy(mask.size(), (1.0, 1.0)), &mask, held);
         let whole = || Region::whole(isa, &form, &mask, self.lambda, weights);
         let small = mask.size().pixels() <= SMALL;
         let parts = if self.lambda > 0.0 || small {
@@ -256,6 +257,8 @@ impl Planned {
         let Wanted { middle, range, error } = wanted;
         let floor = ROUNDING * f64::max(range, f64::from(middle.abs()));
         let (mut first, mut least, mut holes) = (0.0, None, 0.0_f64);
+        let mut seen = None;
+        let mut changed = Vec::new();
         let rounds = wanted.rounds();
         // A first guess for holes, whose rims the tiles then find better.
         let guesses: Vec<f64> = regions
@@ -264,22 +267,28 @@ impl Planned {
             .collect();
         for round in 0..rounds {
             let target = Target { tolerance: wanted.within(TILE_TOLERANCE), floor, least };
-            let task = Task { shifted: round % 2 == 1, middle, target };
-            let sweep = tiles.sweep(&self.mask, out, task, run);
+            let task = Task { before: seen.as_ref(), changed: &changed, middle, target };
+            let (sweep, now) = tiles.sweep(&self.mask, out, task, run);
+            changed.clear();
             if round == 0 {
-                first = sweep.squares.0;
+                first = sweep.tops.0;
             }
-            least = Some(sweep.least);
+            least = Some(sweep.least.min(least.unwrap_or(f64::INFINITY)));
             let mut work = sweep.steps;
             let mut failed = false;
-            for (region, guess) in regions.iter().zip(&guesses).filter(|_| round == 0 || sweep.steps > 0) {
+            for (region, guess) in regions.iter().zip(&guesses) {
+                if round > 0 && !now.touches(&region.window(), tiles.felt()) {
+                    continue;
+                }
                 let ending = region.solve(samples, out, wanted.within(TOLERANCE), run);
+                changed.push(region.window());
                 work = work.max(ending.iterations);
                 failed |= ending.stop != Stop::Converged;
                 holes = holes.max(ending.residual.filter(|_| round == 0).map_or(0.0, |left| guess * left));
             }
+            seen = Some(now);
             outcome.iterations += work;
-            let left = if first > 0.0 { (sweep.squares.1.max(0.0) / first).sqrt() } else { 0.0 };
+            let left = if first > 0.0 { sweep.tops.1 / first } else { 0.0 };
             outcome.residual = Some(left.max(holes));
             if let Some(stop) = run.interrupted() {
                 return Outcome { stop, ..outcome };

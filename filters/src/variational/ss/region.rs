@@ -97,6 +97,11 @@ impl Region {
         Self { isa, window, matrix: form.energy(mask.size(), (1.0, 1.0)), grids, pull }
     }
 
+    /// The rectangle.
+    pub fn window(&self) -> Window {
+        self.window
+    }
+
     /// Replaces the free pixels of `image` in the window by the solution, to within about `tolerance`.
     pub fn solve(&self, samples: &Plane, image: &mut Plane, tolerance: f64, run: &Run<'_>) -> Outcome {
         match &self.grids {
