@@ -14,6 +14,7 @@ pub mod dense;
 pub mod extremes;
 pub(crate) mod fir;
 mod interior;
+pub mod pages;
 pub mod regress;
 pub mod rows;
 pub mod simd;
