@@ -12,9 +12,10 @@ const SHORTEST_OF_FEW: usize = 6;
 const FEW: usize = 180;
 /// Bits of a hash: a table of 16-bit places fills two thirds of a first-level cache.
 const HASH_BITS: u32 = 14;
-/// The step of the search is 1 + (tries since the last match / 2^PATIENCE)^2, up to this.
+/// The step of the search is 1 + (tries since the last match / 2^PATIENCE)^2, up to a number to 32 that the bytes themselves
+/// give: so a search in bytes that were there before soon treads where the one before did.
 const PATIENCE: u32 = 5;
-const LONGEST_STEP: usize = 17;
+const STEPS: usize = 32;
 /// The last bytes of a range are literals: the search looks at eight at a time.
 const MARGIN: usize = 8;
 
@@ -72,7 +73,7 @@ impl Parser {
                     continue;
                 }
             }
-            at += LONGEST_STEP.min(1 + (tries >> PATIENCE).pow(2));
+            at += 1 + (tries >> PATIENCE).pow(2).min(hash(bytes) % STEPS);
             tries += 1;
         }
         self.tokens.push(Token { literals: (range.end - begun) as u32, length: 0, distance: 0 });
@@ -102,11 +103,14 @@ impl Parser {
         }
     }
 
-    /// Enters the places inside of a match, of a long one only the end.
+    /// Enters the places inside of a match, of a long one those that a long search would tread.
     fn remember(&mut self, input: &[u8], places: Range<usize>) {
-        let start = if places.len() < 32 { places.start } else { places.end - 2 };
-        for at in start..places.end {
-            self.places[hash(four(input, at))] = at as u16;
+        let long = places.len() >= STEPS;
+        let mut at = places.start;
+        while at < places.end {
+            let hash = hash(four(input, at));
+            self.places[hash] = at as u16;
+            at += if long { 1 + hash % STEPS } else { 1 };
         }
     }
 }
