@@ -7,11 +7,6 @@ use std::process::ExitCode;
 use lacuna::cli::{self, Ending, Job};
 use lacuna::sequence::{self, PlanError, panic_message};
 use lacuna::submit;
-use lacuna_filters::LargePages;
-
-/// Frames are few large blocks.
-#[global_allocator]
-static ALLOCATOR: LargePages = LargePages;
 
 fn main() -> ExitCode {
     // A panic is a defect; it becomes one line, of the frame where it happened or at the end of `run`.

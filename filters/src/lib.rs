@@ -36,7 +36,6 @@ pub mod variational;
 
 pub use error::Error;
 pub use filter::{Filter, Gradients, Plan, Problem};
-pub use kernel::pages::LargePages;
 pub use mask::Mask;
 pub use method::Method;
 pub use outcome::{Outcome, Stop};

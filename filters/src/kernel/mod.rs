@@ -14,7 +14,6 @@ pub mod dense;
 pub mod extremes;
 pub(crate) mod fir;
 mod interior;
-pub mod pages;
 pub mod regress;
 pub mod rows;
 pub mod simd;
