@@ -25,6 +25,8 @@
 //! in sparse planes; O(R W) scratch per thread.
 //! Fails: a true highlight that no sample hit is held down to twice its surroundings, a true shadow up to half of them.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::kernel::extremes::{least, or_infinite, range as extremes};
@@ -53,22 +55,23 @@ pub fn local(mask: &Mask, samples: &Plane, out: &mut Plane) -> Result<usize, Err
     let strips = out.pixels_mut().par_chunks_mut(size.width * rows).enumerate();
     let counts = strips.map(|(strip, out)| {
         let first = strip * rows;
-        let columns = blocks::suspects(&bounds, (mask, samples), first, out, block);
-        if columns.is_empty() {
-            return 0;
-        }
+        let suspects = blocks::suspects(&bounds, (mask, samples), first, out, (block, 2 * radius));
         let rows = first..first + out.len() / size.width;
-        let mut ranges = disc::Ranges::new((mask, samples), rows.clone(), columns.clone(), radius);
-        if radius > NEAR && bounds.margin.is_none() {
-            ranges.raise(&disc::Ranges::new((mask, samples), rows.clone(), columns.clone(), NEAR));
-        }
-        let mut count = 0;
-        for ((y, row), out) in rows.enumerate().zip(out.chunks_mut(size.width)) {
-            let (low, high) = ranges.row_mut(y);
-            bounds.widen(low, high);
-            count += limit_row(&mask.row(row)[columns.clone()], low, high, &mut out[columns.clone()]);
-        }
-        count
+        let search = |columns: Range<usize>| {
+            let discs = |radius| disc::Ranges::new((mask, samples), rows.clone(), columns.clone(), radius);
+            let mut ranges = discs(radius);
+            if radius > NEAR && bounds.margin.is_none() {
+                ranges.raise(&discs(NEAR));
+            }
+            let mut count = 0;
+            for ((y, row), out) in rows.clone().enumerate().zip(out.chunks_mut(size.width)) {
+                let (low, high) = ranges.row_mut(y);
+                bounds.widen(low, high);
+                count += limit_row(&mask.row(row)[columns.clone()], low, high, &mut out[columns.clone()]);
+            }
+            count
+        };
+        suspects.into_iter().map(search).sum::<usize>()
     });
     Ok(counts.sum())
 }

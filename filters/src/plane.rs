@@ -127,7 +127,8 @@ impl Planes {
 
     /// `count` planes of zeros.
     pub fn zeros(size: Size, count: usize) -> Self {
-        Self { size, planes: vec![Plane::filled(size, 0.0); count] }
+        // Each by itself: memory that comes zeroed is not touched, a copy would be.
+        Self { size, planes: (0..count).map(|_| Plane::filled(size, 0.0)).collect() }
     }
 
     /// Height and width of every plane.

@@ -54,7 +54,7 @@ impl OutputArgs {
 #[command(next_help_heading = "Output")]
 pub struct FormatArgs {
     /// Lossless compression: none, rle, zips, zip or piz; LEVEL is for zips and zip, 1 (fast) to 12 (small)
-    /// [default: the input's where it is lossless, else zip; level 4]
+    /// [default: the input's where it is lossless, else zip; no level: twice as fast as 4, files about 3 % larger]
     #[arg(long, value_name = "NAME[:LEVEL]")]
     pub compression: Option<Packing>,
 }

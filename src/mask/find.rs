@@ -165,7 +165,7 @@ fn from_channels(
     places: &[Place],
     layered: bool,
     origin: String,
-    measured: impl Fn(f64) -> bool,
+    measured: impl Fn(f64) -> bool + Sync,
 ) -> Masks {
     let mut providers = Vec::new();
     let mut between = 0;

@@ -32,6 +32,7 @@ pub use find::find;
 use half::slice::HalfFloatSliceExt;
 use lacuna_filters::Mask;
 pub use make_error::MakeError;
+use rayon::prelude::*;
 pub use source::{Source, SourceError};
 
 use crate::frame::{Frame, Part, Samples};
@@ -123,15 +124,29 @@ impl Masks {
     }
 }
 
+/// Pixels that one task takes.
+const PIECE: usize = 1 << 14;
+
 /// The pixels of a channel whose value says so.
-fn flags(samples: &Samples, measured: impl Fn(f64) -> bool) -> Vec<bool> {
+fn flags(samples: &Samples, measured: impl Fn(f64) -> bool + Sync) -> Vec<bool> {
+    fn each<T: Copy + Sync>(values: &[T], flags: &mut [bool], measured: impl Fn(T) -> bool + Sync) {
+        let pieces = flags.par_chunks_mut(PIECE).zip(values.par_chunks(PIECE));
+        pieces.for_each(|(flags, values)| {
+            flags.iter_mut().zip(values).for_each(|(flag, &value)| *flag = measured(value));
+        });
+    }
+    let mut flags = vec![false; samples.len()];
     match samples {
         Samples::Half(values) => {
-            let mut floats = vec![0.0_f32; values.len()];
-            values.convert_to_f32_slice(&mut floats);
-            floats.iter().map(|value| measured(f64::from(*value))).collect()
+            let pieces = flags.par_chunks_mut(PIECE).zip(values.par_chunks(PIECE));
+            pieces.for_each_init(Vec::new, |floats, (flags, values)| {
+                floats.resize(values.len(), 0.0);
+                values.convert_to_f32_slice(floats);
+                flags.iter_mut().zip(floats).for_each(|(flag, value)| *flag = measured(f64::from(*value)));
+            });
         }
-        Samples::Float(values) => values.iter().map(|value| measured(f64::from(*value))).collect(),
-        Samples::Uint(values) => values.iter().map(|value| measured(f64::from(*value))).collect(),
+        Samples::Float(values) => each(values, &mut flags, |value| measured(f64::from(value))),
+        Samples::Uint(values) => each(values, &mut flags, |value| measured(f64::from(value))),
     }
+    flags
 }

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use lacuna_filters::Mask;
+use rayon::prelude::*;
 
-use super::Error;
+use super::{Error, PIECE};
 use crate::channels::{self, Choice, Name, Rule, channel_label};
 use crate::frame::{Frame, Samples};
 use crate::mask::Masks;
@@ -86,15 +87,25 @@ pub fn usable(rule: Rule, samples: &Samples, mask: &Arc<Mask>) -> Result<Arc<Mas
 }
 
 /// The mask without the pixels whose value does not fit; the same one if all do.
-fn measured_and(samples: &Samples, mask: &Arc<Mask>, fits: impl Fn(f32) -> bool) -> Result<Arc<Mask>, Error> {
+fn measured_and(
+    samples: &Samples,
+    mask: &Arc<Mask>,
+    fits: impl Fn(f32) -> bool + Sync,
+) -> Result<Arc<Mask>, Error> {
     let flags = mask.as_slice();
     // Counted without leaving early, so that it runs in vectors.
     let bad = |value: f32, measured: bool| usize::from(measured & !fits(value));
     let misfits: usize = match samples {
         Samples::Half(values) => {
-            values.iter().zip(flags).map(|(value, &flag)| bad(value.to_f32(), flag)).sum()
+            let pieces = values.par_chunks(PIECE).zip(flags.par_chunks(PIECE));
+            pieces
+                .map(|(v, f)| v.iter().zip(f).map(|(value, &flag)| bad(value.to_f32(), flag)).sum::<usize>())
+                .sum()
         }
-        Samples::Float(values) => values.iter().zip(flags).map(|(&value, &flag)| bad(value, flag)).sum(),
+        Samples::Float(values) => {
+            let pieces = values.par_chunks(PIECE).zip(flags.par_chunks(PIECE));
+            pieces.map(|(v, f)| v.iter().zip(f).map(|(&value, &flag)| bad(value, flag)).sum::<usize>()).sum()
+        }
         Samples::Uint(_) => 0,
     };
     if misfits == 0 {

@@ -49,6 +49,9 @@ use crate::frame::{Frame, Part, Samples};
 use crate::guides;
 use crate::mask::{ATTRIBUTE, Masks};
 
+/// Pixels that one task takes in loops over a plane.
+const PIECE: usize = 1 << 14;
+
 /// Fills the missing pixels of a frame, with guides of the same frame.
 pub fn fill(
     frame: Frame,

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use half::slice::HalfFloatSliceExt;
 use lacuna_filters::baseline::nearest::NearestMap;
 use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Mask, Plane, Planes, Run};
@@ -12,7 +13,7 @@ use super::bounds::{Bounds, bounds_of};
 use super::gradients;
 use super::groups::{Group, Target, groups, targets};
 use super::solve::{Question, solve};
-use super::{ChannelReport, Error, GroupReport, Job, PartReport, Plans, learned, normals};
+use super::{ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, learned, normals};
 use crate::channels::{self, Choice, Rule, channel_label};
 use crate::frame::{Frame, Part, Samples};
 use crate::mask::Masks;
@@ -141,7 +142,7 @@ fn filter(
         let values = measured_floats(&part.channels[channel].samples, mask)?;
         Plane::new(mask.size(), values).map_err(fail)
     };
-    let planes = group.channels.par_iter().map(plane).collect::<Result<_, _>>()?;
+    let planes = group.channels.iter().map(plane).collect::<Result<_, _>>()?;
     let samples = Planes::new(mask.size(), planes).map_err(fail)?;
     let names: Vec<_> =
         group.channels.iter().map(|&at| part.channels[at].display_name().into_owned()).collect();
@@ -202,13 +203,29 @@ fn weights(
 
 /// A channel's measured values, zero elsewhere.
 pub fn measured_floats(samples: &Samples, mask: &Mask) -> Result<Vec<f32>, Error> {
-    let mut values = samples.to_floats().ok_or(Error::OtherFrame)?;
-    for (value, &measured) in values.iter_mut().zip(mask.as_slice()) {
-        if !measured {
-            *value = 0.0;
+    let mut floats = vec![0.0; samples.len()];
+    let pieces = floats.par_chunks_mut(PIECE).zip(mask.as_slice().par_chunks(PIECE));
+    match samples {
+        Samples::Half(values) => {
+            pieces.zip(values.par_chunks(PIECE)).for_each(|((floats, flags), values)| {
+                values.convert_to_f32_slice(&mut floats[..values.len()]);
+                floats.iter_mut().zip(flags).for_each(|(value, &flag)| *value = only(*value, flag));
+            });
         }
+        Samples::Float(values) => {
+            pieces.zip(values.par_chunks(PIECE)).for_each(|((floats, flags), values)| {
+                let places = floats.iter_mut().zip(flags).zip(values);
+                places.for_each(|((place, &flag), &value)| *place = only(value, flag));
+            });
+        }
+        Samples::Uint(_) => return Err(Error::OtherFrame),
     }
-    Ok(values)
+    Ok(floats)
+}
+
+/// The value if it counts, else zero. By bits: a choice would become a branch.
+fn only(value: f32, counts: bool) -> f32 {
+    f32::from_bits(value.to_bits() & u32::from(counts).wrapping_neg())
 }
 
 /// Gives every whole normal unit length.

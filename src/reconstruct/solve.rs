@@ -5,10 +5,11 @@ use std::sync::Arc;
 use lacuna_filters::domain::{Domain, Map};
 use lacuna_filters::variational::guided::{self, Guides};
 use lacuna_filters::{Error, Mask, Outcome, Plane, Planes, Run, limiter};
+use rayon::prelude::*;
 
 use super::bounds::Bounds;
 use super::gradients::GradientSamples;
-use super::{Job, Plans};
+use super::{Job, PIECE, Plans};
 
 /// What a group is and what is asked of it.
 #[derive(Clone, Debug)]
@@ -140,7 +141,8 @@ fn bound_measured(bounds: Bounds, mask: &Mask, samples: &Plane, out: &mut Plane)
 
 /// Values near the end of a float's range can overflow inside a filter; such pixels take the nearest measured value.
 fn mend(mask: &Arc<Mask>, samples: &Plane, out: &mut Plane, plans: &Plans) -> Result<usize, Error> {
-    let bad = out.pixels().iter().filter(|value| !value.is_finite()).count();
+    let pieces = out.pixels().par_chunks(PIECE);
+    let bad: usize = pieces.map(|piece| piece.iter().filter(|value| !value.is_finite()).count()).sum();
     if bad > 0 {
         let nearest = plans.nearest(mask)?;
         for (value, &source) in out.pixels_mut().iter_mut().zip(nearest.as_slice()) {

@@ -5,6 +5,7 @@ use half::slice::HalfFloatSliceExt;
 use lacuna_filters::Mask;
 use rayon::prelude::*;
 
+use super::PIECE;
 use super::job::Kind;
 use crate::channels::Rule;
 use crate::frame::Samples;
@@ -84,24 +85,38 @@ pub fn convert(samples: Samples, kind: Option<Kind>, mask: Option<&Mask>) -> (Sa
 
 /// Writes `values` where the mask is missing, or everywhere if `all`; returns how many halves were clamped.
 pub fn write(samples: &mut Samples, values: &[f32], mask: &Mask, all: bool) -> usize {
-    let mut clamped = 0;
-    let places = mask.as_slice().iter().zip(values).map(|(&measured, &value)| (all || !measured, value));
+    let pieces = mask.as_slice().par_chunks(PIECE).zip(values.par_chunks(PIECE));
     match samples {
         Samples::Half(out) => {
-            for (out, (write, value)) in out.iter_mut().zip(places) {
-                if write {
-                    *out = to_half(value, &mut clamped);
-                }
-            }
+            let pieces = out.par_chunks_mut(PIECE).zip(pieces);
+            pieces.map(|(out, (flags, values))| write_halves(out, values, flags, all)).sum()
         }
         Samples::Float(out) => {
-            for (out, (write, value)) in out.iter_mut().zip(places) {
-                if write {
-                    *out = value;
+            out.par_chunks_mut(PIECE).zip(pieces).for_each(|(out, (flags, values))| {
+                for ((out, &value), &flag) in out.iter_mut().zip(values).zip(flags) {
+                    // By bits: a choice would become a branch.
+                    let new = (u32::from(all) | u32::from(!flag)).wrapping_neg();
+                    *out = f32::from_bits(value.to_bits() & new | out.to_bits() & !new);
                 }
+            });
+            0
+        }
+        Samples::Uint(_) => 0,
+    }
+}
+
+/// The same for a piece of halves.
+fn write_halves(out: &mut [f16], values: &[f32], flags: &[bool], all: bool) -> usize {
+    let mut clamped = 0;
+    let mut halves = [f16::ZERO; 256];
+    for ((out, values), flags) in out.chunks_mut(256).zip(values.chunks(256)).zip(flags.chunks(256)) {
+        let halves = &mut halves[..values.len()];
+        halves.convert_from_f32_slice(values);
+        for (((out, &half), &value), &flag) in out.iter_mut().zip(&*halves).zip(values).zip(flags) {
+            if all || !flag {
+                *out = if half.is_infinite() { to_half(value, &mut clamped) } else { half };
             }
         }
-        Samples::Uint(_) => {}
     }
     clamped
 }

@@ -1,4 +1,4 @@
-//! A cheap look at a strip of rows: which of its columns can hold a pixel that has to be moved at all.
+//! A cheap look at a strip of rows: which ranges of its columns can hold a pixel that has to be moved at all.
 //!
 //! The disc around any pixel of a small block holds the whole block, so that the bounds of the pixel enclose those that
 //! follow from the measured pixels of the block alone. If the missing pixels of the block are within those, none of them is
@@ -22,27 +22,34 @@ pub(super) fn side(radius: usize) -> usize {
     1 + (radius * radius / 2).isqrt()
 }
 
-/// The columns of the `rows` rows from row `first` among which all pixels lie that may be out of bounds; `out`
-/// holds those rows of the reconstruction. Blocks have `side` columns and at most as many rows.
+/// Ranges of columns of some rows from row `first` on, in which all pixels lie that may be out of bounds; `out` holds those
+/// rows of the reconstruction. Blocks have `side` columns and at most as many rows; ranges that are nearer to each other
+/// than `gap` become one, as searching them would look at the pixels between twice.
 pub(super) fn suspects(
     bounds: &Bounds,
     (mask, samples): (&Mask, &Plane),
     first: usize,
     out: &[f32],
-    side: usize,
-) -> Range<usize> {
+    (side, gap): (usize, usize),
+) -> Vec<Range<usize>> {
     let width = mask.size().width;
-    let (mut start, mut end) = (width, 0);
+    let mut suspect = vec![false; width.div_ceil(side)];
     for (block, out) in out.chunks(width * side).enumerate() {
         let columns = Columns::new((mask, samples), first + block * side, out);
-        for left in (0..width).step_by(side) {
-            let right = (left + side).min(width);
-            if !columns.within(bounds, left..right) {
-                (start, end) = (start.min(left), end.max(right));
-            }
+        for (index, suspect) in suspect.iter_mut().enumerate() {
+            let left = index * side;
+            *suspect = *suspect || !columns.within(bounds, left..width.min(left + side));
         }
     }
-    start.min(end)..end
+    let mut ranges: Vec<Range<usize>> = Vec::new();
+    for (index, _) in suspect.iter().enumerate().filter(|(_, suspect)| **suspect) {
+        let (left, right) = (index * side, width.min(index * side + side));
+        match ranges.last_mut().filter(|last| left < last.end + gap) {
+            Some(last) => last.end = right,
+            None => ranges.push(left..right),
+        }
+    }
+    ranges
 }
 
 impl Columns {

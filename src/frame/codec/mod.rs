@@ -1,7 +1,9 @@
 //! One chunk's bytes to pixels and back: per row, per channel, little-endian.
 //!
-//! NONE, RLE, ZIP and ZIPS are done here around libdeflate; the `exr` crate does the rest.
+//! NONE, RLE, ZIP and ZIPS are done here around libdeflate and, where no level is asked for, a deflate of our own; the
+//! `exr` crate does the rest.
 
+mod deflate;
 mod library;
 mod predictor;
 mod rle;
@@ -9,6 +11,7 @@ mod rle;
 use libdeflater::{CompressionLvl, Compressor, Decompressor};
 
 use super::{ChannelHeader, Compression};
+use deflate::Deflater;
 use lacuna_filters::Size;
 use library::Library;
 
@@ -28,9 +31,17 @@ pub(super) struct Decoder {
 
 /// Scratch memory of one thread that encodes.
 pub(super) struct Encoder {
-    deflater: Compressor,
+    zlib: Zlib,
+    raw: Vec<u8>,
     planar: Vec<u8>,
     predicted: Vec<u8>,
+}
+
+/// What makes a zlib stream.
+enum Zlib {
+    Own(Deflater),
+    /// libdeflate at a level, and room for what it makes.
+    Level(Compressor, Vec<u8>),
 }
 
 impl Codec {
@@ -112,32 +123,66 @@ impl Decoder {
 }
 
 impl Encoder {
-    /// `level` is deflate's, 0 to 12 (slower and smaller); others are taken as the nearest.
-    pub(super) fn new(level: u8) -> Self {
-        let level = CompressionLvl::new(i32::from(level.min(12))).unwrap_or_default();
-        Self { deflater: Compressor::new(level), planar: Vec::new(), predicted: Vec::new() }
+    /// `level` is libdeflate's, 0 to 12 (slower and smaller); others are taken as the nearest. Without one the faster
+    /// deflate of our own is taken.
+    pub(super) fn new(level: Option<u8>) -> Self {
+        let zlib = match level {
+            None => Zlib::Own(Deflater::new()),
+            Some(level) => {
+                let level = CompressionLvl::new(i32::from(level.min(12))).unwrap_or_default();
+                Zlib::Level(Compressor::new(level), Vec::new())
+            }
+        };
+        Self { zlib, raw: Vec::new(), planar: Vec::new(), predicted: Vec::new() }
     }
 
-    /// The bytes of a chunk in the file, from its pixels.
-    pub(super) fn encode(&mut self, codec: &Codec, size: Size, raw: Vec<u8>) -> Result<Vec<u8>, String> {
+    /// The bytes of a chunk in the file, from its pixels, which `gather` puts into a slice of their length. They are put
+    /// into `packed` in place of what it holds.
+    pub(super) fn encode(
+        &mut self,
+        codec: &Codec,
+        size: Size,
+        gather: impl FnOnce(&mut [u8]),
+        packed: &mut Vec<u8>,
+    ) -> Result<(), String> {
+        packed.clear();
+        let length = codec.raw_length(size);
+        self.raw.resize(length, 0);
+        gather(&mut self.raw);
         if let Some(library) = &codec.library {
-            return library.encode(size, raw);
+            *packed = library.encode(size, std::mem::take(&mut self.raw))?;
+            return Ok(());
         }
         if codec.compression == Compression::None {
-            return Ok(raw);
+            packed.extend_from_slice(&self.raw);
+            return Ok(());
         }
-        self.planar.resize(raw.len(), 0);
-        self.predicted.resize(raw.len(), 0);
-        predictor::apply(&raw, &mut self.planar, &mut self.predicted);
-        let packed = if codec.compression == Compression::Rle {
-            rle::encode(&self.predicted)
+        self.planar.resize(length, 0);
+        self.predicted.resize(length, 0);
+        predictor::apply(&self.raw, &mut self.planar, &mut self.predicted);
+        let run_lengths;
+        let smaller = if codec.compression == Compression::Rle {
+            run_lengths = rle::encode(&self.predicted);
+            run_lengths.as_slice()
         } else {
-            let mut packed = vec![0; self.deflater.zlib_compress_bound(raw.len())];
-            let length = self.deflater.zlib_compress(&self.predicted, &mut packed);
-            packed.truncate(length.map_err(|_| "zlib found no room".to_owned())?);
-            packed
+            self.zlib.pack(&self.predicted)?
         };
-        Ok(if packed.len() < raw.len() { packed } else { raw })
+        packed.extend_from_slice(if smaller.len() < length { smaller } else { &self.raw });
+        Ok(())
+    }
+}
+
+impl Zlib {
+    fn pack(&mut self, bytes: &[u8]) -> Result<&[u8], String> {
+        match self {
+            Self::Own(deflater) => Ok(deflater.zlib(bytes)),
+            Self::Level(compressor, room) => {
+                let most = compressor.zlib_compress_bound(bytes.len());
+                room.resize(most.max(room.len()), 0);
+                let length = compressor.zlib_compress(bytes, room);
+                Ok(&room[..length.map_err(|_| "zlib found no room".to_owned())?])
+            }
+        }
     }
 }
 
