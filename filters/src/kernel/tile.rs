@@ -31,16 +31,16 @@ impl Body for Gather<'_> {
 
 /// Which pixels of a row are free: 1 where neither `measured` nor `held`, 0 elsewhere.
 pub fn free(isa: Isa, measured: &[bool], held: Option<&[bool]>, free: &mut [f32]) {
-    dispatch(isa, Free { measured, held: held.unwrap_or(measured), free });
+    dispatch(isa, Flags { measured, held: held.unwrap_or(measured), free });
 }
 
-struct Free<'a> {
+struct Flags<'a> {
     measured: &'a [bool],
     held: &'a [bool],
     free: &'a mut [f32],
 }
 
-impl Body for Free<'_> {
+impl Body for Flags<'_> {
     type Output = ();
     #[inline(always)]
     fn run<const FUSED: bool>(self) {

@@ -224,8 +224,7 @@ pub fn iterate(
             add_scaled(isa, x, 1.0, p);
             return end(steps + 1, top * next);
         }
-        // A NaN ends here, too.
-        if !(top <= LATE * promised * first) {
+        if top.is_nan() || top > LATE * promised * first {
             break;
         }
         top = go(false, (next * rho, 2.0 * next / radius));

@@ -1,6 +1,6 @@
 //! A pass against its definition in f64, entry by entry of the matrix.
 
-use super::super::step::tests::{Case, norm, sets};
+use super::super::step::tests::{Case, narrow, norm, sets};
 use super::*;
 
 #[test]
@@ -20,7 +20,7 @@ fn every_instruction_set_takes_the_same_step() {
             let top = u.iter().fold(0.0, |top: f64, u| top.max(u.abs()));
             for isa in sets() {
                 let [d, mut x_now, mut r_now, mut p_now] =
-                    [&case.d, &case.x, &case.r, &case.p].map(|buffer| case.narrow(buffer));
+                    [&case.d, &case.x, &case.r, &case.p].map(|buffer| narrow(buffer));
                 let mut q = case.window.zeros::<f32>();
                 let buffers = Buffers { d: &d, x: &mut x_now, r: &mut r_now, p: &mut p_now, q: &mut q };
                 let found = pass(isa, &a, case.window, begins, (share, length), case.c, buffers);

@@ -94,11 +94,6 @@ impl Case {
         result
     }
 
-    /// A buffer for a pass, its rows at multiples of a cache line or not: a pass may not depend on it.
-    pub fn narrow(&self, buffer: &[f64]) -> Vec<f32> {
-        buffer.iter().map(|&x| x as f32).collect()
-    }
-
     /// Whether a buffer of a pass is what it should be, within rounding of values up to `scale`.
     pub fn check(&self, name: &str, found: &[f32], expected: &[f64], scale: f64) {
         for (i, j) in cells(self.window) {
@@ -108,6 +103,11 @@ impl Case {
             assert!(error <= bound, "{name} {:?} {i} {j}: {} {}", self.window, found[k], expected[k]);
         }
     }
+}
+
+/// A buffer for a pass, its rows at multiples of a cache line or not: a pass may not depend on it.
+pub(crate) fn narrow(buffer: &[f64]) -> Vec<f32> {
+    buffer.iter().map(|&x| x as f32).collect()
 }
 
 /// The pixels of a window.
@@ -150,7 +150,7 @@ fn every_instruction_set_takes_the_same_step() {
             let top = u_next.iter().fold(0.0, |top: f64, u| top.max(u.abs()));
             for isa in sets() {
                 let [d, mut x_now, mut r_now, mut u_now, mut w_now, mut p_now, mut s_now] =
-                    [&case.d, &case.x, &case.r, &u, &w, &case.p, &s].map(|buffer| case.narrow(buffer));
+                    [&case.d, &case.x, &case.r, &u, &w, &case.p, &s].map(|buffer| narrow(buffer));
                 let buffers = Buffers {
                     d: &d,
                     x: &mut x_now,
@@ -181,7 +181,7 @@ fn shares_are_those_of_the_blur_on_free_pixels() {
         let blurred = Case { c: 0.0, ..Case::new(case.a.clone(), case.window) }.blur(&free);
         for isa in sets() {
             let mut d = case.window.zeros::<f32>();
-            shares(isa, case.window, &case.narrow(&free), &mut d);
+            shares(isa, case.window, &narrow(&free), &mut d);
             for (i, j) in cells(case.window) {
                 let k = case.window.at(i, j);
                 assert_eq!(f64::from(d[k]), free[k] * blurred[k] / 16.0, "{isa:?} {i} {j}");

@@ -7,6 +7,11 @@ use crate::operator::profile::Kernel;
 
 const ISA: Isa = Isa::Portable;
 
+/// What the pixels are.
+fn image(i: usize, j: usize) -> f64 {
+    (0.3 * i as f64).sin() * (0.2 * j as f64).cos() + 0.3 * ((i * j) as f64).sin()
+}
+
 /// A window inside a larger image, with a fifth of its pixels measured and a frame of fixed ones.
 struct Case {
     a: Separable<f64>,
@@ -27,10 +32,6 @@ impl Case {
         Self { a, window, free }
     }
 
-    fn image(&self, i: usize, j: usize) -> f64 {
-        (0.3 * i as f64).sin() * (0.2 * j as f64).cos() + 0.3 * ((i * j) as f64).sin()
-    }
-
     fn entry(&self, p: (usize, usize), q: (usize, usize)) -> f64 {
         let Window { y, x, .. } = self.window;
         self.a.entry((y + p.0, x + p.1), (y + q.0, x + q.1))
@@ -41,7 +42,7 @@ impl Case {
         let views = buffers.fit(self.window);
         for i in 0..self.window.height {
             for j in 0..self.window.width {
-                views.x[self.window.at(i, j)] = self.image(i, j) as f32;
+                views.x[self.window.at(i, j)] = image(i, j) as f32;
             }
         }
         views.w.fill(0.0);
@@ -65,7 +66,7 @@ impl Case {
             .iter()
             .map(|&p| {
                 let right =
-                    fixed.iter().map(|&q| -self.entry(p, q) * f64::from(self.image(q.0, q.1) as f32)).sum();
+                    fixed.iter().map(|&q| -self.entry(p, q) * f64::from(image(q.0, q.1) as f32)).sum();
                 self.free.iter().map(|&q| self.entry(p, q)).chain([right]).collect()
             })
             .collect();
@@ -106,7 +107,9 @@ impl Case {
             let mut value = 0.0;
             for _ in 0..steps {
                 let norm = x.iter().map(|x| x * x).sum::<f64>().sqrt();
-                x.iter_mut().for_each(|x| *x /= norm);
+                for x in &mut x {
+                    *x /= norm;
+                }
                 let next = self.preconditioned(d, &x);
                 x = next.iter().zip(&x).map(|(next, x)| shift * x - next).collect();
                 value = x.iter().map(|x| x * x).sum::<f64>().sqrt();
