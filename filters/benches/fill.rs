@@ -1,4 +1,4 @@
-//! Times of the filters on synthetic frames, planes in memory to planes in memory: filter x size x mask. `plan` is what the mask
+//! Times of the filters, planes in memory to planes in memory: filter x size x mask, on a render (see `rendered`) or synthetic frames. `plan` is what the mask
 //! alone needs, everything else is the time of `reconstruct`. `scripts/bench` runs this beside the peers.
 #![allow(missing_docs, reason = "the macro of the harness makes public items")]
 
@@ -42,7 +42,23 @@ fn mask(size: Size, name: &str) -> Arc<Mask> {
     }))
 }
 
+/// The planes of a render, if `LACUNA_BENCH_PLANES` names a file with them: `f32`, little-endian, one plane after the other.
+fn rendered(size: Size, channels: usize) -> Option<Vec<Plane>> {
+    let bytes = std::fs::read(std::env::var_os("LACUNA_BENCH_PLANES")?).ok()?;
+    let pixels = size.pixels();
+    if bytes.len() != 4 * pixels * channels {
+        return None;
+    }
+    let (numbers, _) = bytes.as_chunks::<4>();
+    let plane =
+        |c: usize| Plane::from_fn(size, |y, x| f32::from_le_bytes(numbers[c * pixels + y * size.width + x]));
+    Some((0..channels).map(plane).collect())
+}
+
 fn samples(size: Size, channels: usize) -> Result<Planes, Error> {
+    if let Some(planes) = rendered(size, channels) {
+        return Planes::new(size, planes);
+    }
     let plane = |c: usize| {
         Plane::from_fn(size, |y, x| {
             let (y, x) = (y as f32 / 60.0, x as f32 / 70.0 + c as f32);

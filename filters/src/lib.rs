@@ -36,6 +36,7 @@ pub mod variational;
 
 pub use error::Error;
 pub use filter::{Filter, Gradients, Plan, Problem};
+pub use kernel::heap::keep_freed_memory;
 pub use mask::Mask;
 pub use method::Method;
 pub use outcome::{Outcome, Stop};

@@ -29,7 +29,9 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::kernel::extremes::{least, or_infinite, range as extremes};
+use crate::kernel::Isa;
+use crate::kernel::extremes::{least, range as extremes};
+use crate::kernel::minima::outside;
 use crate::{Error, Mask, Plane, Size};
 
 mod blocks;
@@ -177,17 +179,9 @@ impl Bounds {
 }
 
 /// Moves the missing pixels of one row into their bounds and counts those that were outside.
-#[expect(clippy::needless_bitwise_bool, reason = "lazy operators would keep the loop out of vectors")]
 fn limit_row(flags: &[bool], bottom: &[f32], top: &[f32], out: &mut [f32]) -> usize {
     // Looking runs in vectors and finds nothing in most rows.
-    let any = out
-        .iter()
-        .zip(flags)
-        .zip(bottom.iter().zip(top))
-        .fold(false, |any, ((value, flag), (bottom, top))| {
-            any | (!flag & !((*value >= *bottom) & (*value <= *top)))
-        });
-    if !any {
+    if !outside(Isa::best(), flags, (bottom, top), out) {
         return 0;
     }
     let bounds = bottom.iter().zip(top);

@@ -231,7 +231,12 @@ def main():
     parser.add_argument("--runs", type=int, default=7, help="runs of each process")
     parser.add_argument("--solves", help="what `cargo bench` printed")
     parser.add_argument("--print", action="store_true", help="only print, leave docs/performance.md alone")
+    parser.add_argument("--planes", help="only write the render's planes there, for the solver benches")
     arguments = parser.parse_args()
+    if arguments.planes:
+        if RENDER.exists():
+            np.ascontiguousarray(np.moveaxis(read(RENDER), -1, 0), dtype="<f4").tofile(arguments.planes)
+        return
     measured = table(arguments)
     print(measured)
     if not arguments.print:

@@ -197,6 +197,10 @@ pub fn run(
     let stopped = watch(&books, options.json.clone(), console)?;
     let start = Instant::now();
     console.begin(items.len() as u64 * (STEPS + work.pieces()));
+    // With a bound, memory counts for more than time.
+    if items.len() > 1 && options.memory.is_none() {
+        lacuna_filters::keep_freed_memory();
+    }
     let limits = Limits {
         parallel_frames: options.parallel_frames,
         overlap: if threads > 1 { 2 } else { 0 },

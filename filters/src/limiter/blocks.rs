@@ -6,7 +6,9 @@
 
 use std::ops::Range;
 
-use super::{Bounds, least, or_infinite};
+use super::{Bounds, least};
+use crate::kernel::Isa;
+use crate::kernel::minima::{poison, take};
 use crate::{Mask, Plane};
 
 /// Per column of a strip, what its pixels range over; maxima negated, so that all are minima.
@@ -66,9 +68,10 @@ impl Columns {
     /// Takes in one row.
     fn add(&mut self, flags: &[bool], samples: &[f32], out: &[f32]) {
         let ([low, high], [from, to]) = (&mut self.measured, &mut self.missing);
-        take([low, high], flags, samples, true);
-        take([from, to], flags, out, false);
-        poison(&mut self.poison, flags, out);
+        let isa = Isa::best();
+        take(isa, [low, high], flags, samples, true);
+        take(isa, [from, to], flags, out, false);
+        poison(isa, &mut self.poison, flags, out);
     }
 
     /// Whether the missing pixels of a block are within the bounds that its measured ones give.
@@ -81,24 +84,5 @@ impl Columns {
         bounds.widen(&mut bottom, &mut top);
         // A block without measured pixels says nothing: its discs may reach some.
         finite && (from > to || (low <= high && from >= bottom[0] && to <= top[0]))
-    }
-}
-
-/// Minima of the values, and of their negatives, where the flag is `which`. A function of its own, like the next, so
-/// that the compiler knows the slices apart.
-#[inline(never)]
-fn take([low, high]: [&mut [f32]; 2], flags: &[bool], values: &[f32], which: bool) {
-    for (((low, high), &value), &flag) in low.iter_mut().zip(high).zip(values).zip(flags) {
-        *low = least(*low, or_infinite(value, flag == which));
-        *high = least(*high, or_infinite(-value, flag == which));
-    }
-}
-
-/// NaN for missing pixels that are not finite.
-#[inline(never)]
-fn poison(poison: &mut [f32], flags: &[bool], values: &[f32]) {
-    for ((poison, &value), &flag) in poison.iter_mut().zip(values).zip(flags) {
-        let missing = u32::from(!flag).wrapping_neg();
-        *poison += f32::from_bits(value.to_bits() & missing) * 0.0;
     }
 }

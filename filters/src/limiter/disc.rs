@@ -2,7 +2,8 @@
 
 use std::ops::Range;
 
-use super::{least, or_infinite};
+use crate::kernel::Isa;
+use crate::kernel::minima::{lower_to, of_three, take};
 use crate::{Mask, Plane};
 
 /// Per pixel of a strip of rows the range of the measured pixels around it.
@@ -30,20 +31,20 @@ impl Ranges {
         };
         let from = reach(&columns, size.width);
         let mut lines = [Line::new(width, radius), Line::new(width, radius)];
-        let chords = chords(radius);
+        let (chords, isa) = (chords(radius), Isa::best());
         for y in reach(&rows, size.height) {
             let start = from.start + radius - columns.start;
-            let pixels = samples.row(y)[from.clone()].iter().zip(&mask.row(y)[from.clone()]);
-            lines[0].load(start, pixels.clone().map(|(&value, &flag)| or_infinite(value, flag)));
-            // Negated, so that both are minima; negated back at the end.
-            lines[1].load(start, pixels.map(|(&value, &flag)| or_infinite(-value, flag)));
+            let [low_line, high_line] = &mut lines;
+            let places = [low_line.clear(start, from.len()), high_line.clear(start, from.len())];
+            // Maxima are minima of negatives, negated back at the end.
+            take(isa, places, &mask.row(y)[from.clone()], &samples.row(y)[from.clone()], true);
             for (half, away) in chords.iter().enumerate() {
                 for (line, plane) in lines.iter_mut().zip([&mut low, &mut high]) {
                     if half > 0 {
                         line.widen();
                     }
                     for target in targets(y, away, &rows) {
-                        lower_to(&mut plane[(target - rows.start) * width..][..width], line.minima());
+                        lower_to(isa, &mut plane[(target - rows.start) * width..][..width], line.minima());
                     }
                 }
             }
@@ -99,14 +100,11 @@ impl Line {
         Self { scratch: values.clone(), values, radius, half: 0 }
     }
 
-    /// Takes a row, to stand from `start`; windows of one pixel.
-    fn load(&mut self, start: usize, values: impl ExactSizeIterator<Item = f32>) {
+    /// Makes room for a row of so many pixels, to stand from `start`; windows of one pixel. All of it is infinite.
+    fn clear(&mut self, start: usize, length: usize) -> &mut [f32] {
         self.half = 0;
-        let (before, rest) = self.values.split_at_mut(start);
-        let (place, after) = rest.split_at_mut(values.len());
-        before.fill(f32::INFINITY);
-        place.iter_mut().zip(values).for_each(|(place, value)| *place = value);
-        after.fill(f32::INFINITY);
+        self.values.fill(f32::INFINITY);
+        &mut self.values[start..][..length]
     }
 
     /// Grows the windows; those that would reach beyond the ends of the line are dropped.
@@ -114,9 +112,7 @@ impl Line {
         let last = self.values.len() - 1 - self.half;
         let old = &self.values[self.half..=last];
         let new = &mut self.scratch[self.half + 1..last];
-        for (((new, &left), &middle), &right) in new.iter_mut().zip(old).zip(&old[1..]).zip(&old[2..]) {
-            *new = least(least(left, right), middle);
-        }
+        of_three(Isa::best(), old, new);
         std::mem::swap(&mut self.values, &mut self.scratch);
         self.half += 1;
     }
@@ -124,13 +120,5 @@ impl Line {
     /// The minima around the pixels in question.
     fn minima(&self) -> &[f32] {
         &self.values[self.radius..self.values.len() - self.radius]
-    }
-}
-
-/// The minima of two rows, in the first. A function of its own, so that the compiler knows that the rows are two.
-#[inline(never)]
-fn lower_to(row: &mut [f32], other: &[f32]) {
-    for (value, &other) in row.iter_mut().zip(other) {
-        *value = least(*value, other);
     }
 }
