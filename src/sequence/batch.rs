@@ -198,7 +198,7 @@ pub fn run(
     let start = Instant::now();
     console.begin(items.len() as u64 * (STEPS + work.pieces()));
     // With a bound, memory counts for more than time.
-    if items.len() > 1 && options.memory.is_none() {
+    if options.memory.is_none() {
         lacuna_filters::keep_freed_memory();
     }
     let limits = Limits {

@@ -1,7 +1,7 @@
 //! What the allocator does with memory that is given back.
 
 /// Keeps memory that is given back for the next allocation instead of returning it to the system. Of use where images of one
-/// size come and go, as in a sequence of frames: pages that are new cost a fault and are cleared each, a tenth of a frame's time.
+/// size come and go, as in a sequence of frames: each new page costs a fault and is cleared, a tenth of a frame's time.
 /// It holds for the whole process, and the peak grows by what lies between blocks in use.
 ///
 /// Only the C library of GNU systems is asked for it; elsewhere nothing happens.
