@@ -31,7 +31,8 @@ class Page:
     """One page of a browser of its own; what it asks of the network and says on its console is kept."""
 
     def __init__(self, url, width=1280, height=900, javascript=True):
-        self.folder = tempfile.TemporaryDirectory()
+        # Helpers of the browser may write there a moment longer than itself.
+        self.folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         self.process = subprocess.Popen(
             [find(), "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--remote-debugging-port=0",
              "--remote-allow-origins=*", f"--user-data-dir={self.folder.name}", f"--window-size={width},{height}", "about:blank"],

@@ -10,7 +10,7 @@ use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::sync::{Mutex, PoisonError};
 
 use half::f16;
@@ -69,7 +69,14 @@ pub fn write(frame: &Frame, path: &Path, options: &WriteOptions) -> Result<(), E
 fn sync_early(file: &File, due: &Receiver<()>) -> std::io::Result<()> {
     while due.recv().is_ok() {
         // One time serves all that was written until now.
-        due.try_iter().for_each(drop);
+        loop {
+            match due.try_recv() {
+                Ok(()) => {}
+                Err(TryRecvError::Empty) => break,
+                // Nothing more comes: the end of the file brings the rest to the disk, or it is removed.
+                Err(TryRecvError::Disconnected) => return Ok(()),
+            }
+        }
         match file.sync_data() {
             // The file system cannot tell; the end of the file says more.
             Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => {}

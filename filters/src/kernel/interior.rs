@@ -214,7 +214,7 @@ impl<'a, V: Vector, const R: usize> Taps<'a, V, R> {
         } else {
             (last.saturating_sub(window.x) + PAD).min(window.stride())
         };
-        let first = first.div_ceil(V::LANES);
+        let first = first.div_ceil(V::LANES).min(window.stride() / V::LANES);
         first..(end / V::LANES).max(first)
     }
 

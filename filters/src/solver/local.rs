@@ -215,7 +215,7 @@ pub fn iterate(
             least,
             error: top / least,
         };
-        if top <= enough || (limit == 0 && top.is_finite()) {
+        if top <= enough || limit == 0 {
             return end(steps, top);
         }
         let next = 1.0 / (2.0 * sigma - rho);
@@ -231,7 +231,9 @@ pub fn iterate(
         promised *= next;
         rho = next;
     }
-    solve(isa, a, window, Views { x, d, r, u, w, p, s }, target, limit)
+    let ending = solve(isa, a, window, Views { x, d, r, u, w, p, s }, target, limit);
+    // The image has moved, whatever was left to do.
+    Ending { steps: ending.steps + 1, tops: (first, ending.tops.1), ..ending }
 }
 
 /// Minimises `x' A x` over the free pixels until the error is at most about `tolerance` everywhere, or `limit` steps are
@@ -260,8 +262,19 @@ pub fn solve(
         let Sums { square, top, .. } = sums;
         let bound = top / target.tolerance;
         let known = target.least.map_or(steps >= FEW, |least| least >= bound);
+        // The largest of some numbers does not tell that others are none.
+        if !square.is_finite() {
+            let least = target.least.unwrap_or(0.0);
+            return Ending {
+                steps: 0,
+                converged: false,
+                tops: (first, f64::INFINITY),
+                least,
+                error: f64::INFINITY,
+            };
+        }
         let converged = top * unit <= target.floor || (known && recurrence.lanczos.exceeds(bound));
-        if converged || steps == limit || square.is_nan() || square <= 0.0 {
+        if converged || steps == limit || square <= 0.0 {
             let least = recurrence.lanczos.least().min(target.least.unwrap_or(f64::INFINITY));
             let error = if top > 0.0 { top / least } else { 0.0 };
             return Ending { steps, converged, tops: (first, top), least, error };

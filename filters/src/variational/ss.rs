@@ -88,6 +88,8 @@ const GUESS: f64 = 1e-4;
 const AIM: f64 = 1e-4;
 /// Largest error that tiles may leave by their estimate, over the measured range.
 const TILE_TOLERANCE: f64 = 4e-5;
+/// Measured ranges whose squares, as tiles sum them, fit f32.
+const TILED: std::ops::Range<f64> = 1e-12..1e15;
 /// Size of a correction, over the largest value, that f32 cannot tell from rounding.
 const ROUNDING: f64 = 4e-7;
 /// Images of up to so many pixels are left to multigrid.
@@ -235,6 +237,10 @@ impl Planned {
         let wanted = Wanted { middle: low + 0.5 * (high - low), range, error: error * range };
         let outcome = match &self.parts {
             Parts::Whole(region) => region.solve(samples, out, wanted.within(TOLERANCE), run),
+            Parts::Tiled(..) if !TILED.contains(&range) => {
+                let whole = Region::whole(Isa::best(), &self.form, &self.mask, 0.0, None);
+                whole.solve(samples, out, wanted.within(TOLERANCE), run)
+            }
             Parts::Tiled(tiles, regions) => self.tiled(tiles, regions, samples, out, wanted, run),
         };
         if let Some(unseen) = &self.unseen {
@@ -274,7 +280,7 @@ impl Planned {
             if round == 0 {
                 first = sweep.tops.0;
             }
-            least = Some(sweep.least.min(least.unwrap_or(f64::INFINITY)));
+            least = Some(sweep.least.min(least.unwrap_or(f64::INFINITY))).filter(|least| least.is_finite());
             let mut work = sweep.steps;
             let mut failed = false;
             for (region, guess) in regions.iter().zip(&guesses) {

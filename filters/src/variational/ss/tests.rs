@@ -338,6 +338,36 @@ fn dense_masks_meet_the_whole_at_third_order() {
     }
 }
 
+/// Images hardly wider than the rows at their ends that have entries of their own.
+#[test]
+fn narrow_images_meet_the_whole() {
+    for order in [Order::Second, Order::Third] {
+        let settings = Settings { order, ..Settings::default() };
+        for size in [Size::new(200, 32), Size::new(260, 29), Size::new(31, 210), Size::new(150, 33)] {
+            let mask = random_mask(size, 0.35, 90);
+            let distance = distance_to_whole(&settings, &noise(size, 91), &mask);
+            assert!(distance <= 1e-4, "{settings} {size}: {distance}");
+        }
+    }
+}
+
+/// Squares of very large and of very small numbers do not fit f32.
+#[test]
+fn ranges_of_any_size_are_solved() {
+    let size = Size::new(130, 190);
+    let (samples, mask) = (noise(size, 92), random_mask(size, 0.3, 93));
+    let settings = Settings::default();
+    let (expected, _) = solve(&settings, &samples, &mask, None);
+    for scale in [1e-30_f32, 1e14, 1e30] {
+        let scaled = Plane::from_fn(size, |y, x| scale * samples.at(y, x));
+        let (found, outcome) = solve(&settings, &scaled, &mask, None);
+        assert_eq!(outcome.stop, Stop::Converged, "{scale} {outcome:?}");
+        for (found, expected) in found.pixels().iter().zip(expected.pixels()) {
+            assert!((found / scale - expected).abs() <= 2e-4, "{scale}: {found} {expected}");
+        }
+    }
+}
+
 #[test]
 fn threads_do_not_change_a_bit() {
     let size = Size::new(290, 410);

@@ -252,7 +252,10 @@ impl Tiles {
         }
         let place = self.place(tile, HALO + reach);
         let ending = self.solve(mask, slab, &place, task, LIMIT, buffers);
-        if ending.steps > 0 {
+        if !ending.tops.1.is_finite() {
+            // Numbers that f32 cannot hold go neither into the image nor, from the padding, into the next window.
+            *buffers = Buffers::default();
+        } else if ending.steps > 0 {
             self.store(slab, &place, task.middle, buffers);
         }
         ending.into()
