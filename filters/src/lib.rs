@@ -1,7 +1,8 @@
 //! Reconstruction of images from sparse samples.
 //!
 //! A renderer measured some pixels of a frame; the filters here compute the rest. No file, clock, environment
-//! or global state: planes in, planes out, the same bits for every thread count.
+//! or global state: planes in, planes out, the same bits for every thread count. One function is about the process, and nothing
+//! calls it here: [`keep_freed_memory`].
 //!
 //! ```text
 //! Problem (mask, weights) ──> Filter::plan ──> Plan ──┐

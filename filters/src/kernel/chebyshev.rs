@@ -13,10 +13,11 @@
 //! with 16 lanes of f32. 7 streams of 4 bytes a pixel go to and from L2, against 13 of conjugate gradients: 12 cycles. A
 //! vector that crosses a cache line counts twice: 36 loads take 18 cycles, and stores, one a cycle, 13.
 
+use super::aligned::Aligned;
 use super::interior::{Interior, Scheme, Taps};
 use super::simd::{Lanes, MOST, Vector, Vectored, largest, vectors};
 use super::stencil::{PAD, Separable, Window, near_ends};
-use super::step::{aligned, blurred};
+use super::step::blurred;
 use super::{Isa, Real};
 
 /// What a pass reads and changes: buffers of one window. `d` is zero in all padding, `p` is so in the rows of padding, `r` in
@@ -90,9 +91,8 @@ impl<T: Real> Pass<'_, T> {
         let (height, stride) = (self.window.height, self.window.stride());
         // Sums of three rows, of the latest two rows, and room beside their ends.
         let length = stride + 2 * MOST;
-        let mut lines = vec![T::ZERO; 2 * length + MOST];
-        let skip = aligned(&lines);
-        let (even, odd) = lines[skip..][..2 * length].split_at_mut(length);
+        let mut lines = Aligned::zeros(2 * length);
+        let (even, odd) = lines.split_at_mut(length);
         let lines = [even, odd];
         let taps = self.interior.map(Taps::<V, R>::new);
         let mut schemes = vec![Scheme::<V, R>::new(); stride / V::LANES];

@@ -9,6 +9,7 @@
 )]
 #![allow(unsafe_code, reason = "calling a function that was compiled for an instruction set the CPU has")]
 
+pub mod aligned;
 pub mod chebyshev;
 pub mod dense;
 pub mod extremes;

@@ -9,7 +9,7 @@
 //!
 //! where `r` and `s` are kept multiplied by `D`, with the sums `r' (B + c) r` and `u' A u` from which the next `a` and `b`
 //! follow: this is the arrangement of A. Chronopoulos and C. Gear, whose two sums do not wait for each other, so that all
-//! of a step can follow the rows down: row `i` is updated, then row `i - 1` blurred, then row `i - 1 - R` of `A u` is
+//! of a step can follow the rows down: row `i` is updated, then row `i - 2` blurred, then row `i - 3 - R` of `A u` is
 //! complete. What Horner's scheme ([`super::interior`]) needs of the rows before stays in L1.
 //!
 //! Roofline, per vector at R = 3: 6 arithmetic instructions for the updates, 9 for the blur and its sums, 30 for `A u` and
@@ -22,6 +22,7 @@
 
 use std::ops::Range;
 
+use super::aligned::Aligned;
 use super::interior::{Interior, Scheme, Taps};
 use super::simd::{Lanes, MOST, Vector, Vectored, largest, sum, vectors};
 use super::stencil::{PAD, Separable, Window, near_ends};
@@ -182,9 +183,8 @@ impl<T: Real, const R: usize> Vectored<T> for Sized<'_, '_, T, R> {
         let zero = V::splat(T::ZERO);
         // Sums of three rows, of the latest two rows, and room beside their ends.
         let length = stride + 2 * MOST;
-        let mut lines = vec![T::ZERO; 2 * length + MOST];
-        let skip = aligned(&lines);
-        let (even, odd) = lines[skip..][..2 * length].split_at_mut(length);
+        let mut lines = Aligned::zeros(2 * length);
+        let (even, odd) = lines.split_at_mut(length);
         let lines = [even, odd];
         let taps = pass.interior.map(Taps::<V, R>::new);
         let mut schemes = vec![Scheme::<V, R>::new(); stride / V::LANES];
@@ -227,11 +227,6 @@ impl<T: Real, const R: usize> Vectored<T> for Sized<'_, '_, T, R> {
 #[inline(always)]
 pub fn blurred<V: Vector>(left: V, middle: V, right: V) -> V {
     V::splat(V::Number::from_f64(2.0)).fused(middle, left.plus(right))
-}
-
-/// Numbers before the first that stands at a multiple of a cache line.
-pub fn aligned<T>(buffer: &[T]) -> usize {
-    buffer.as_ptr().align_offset(64).min(MOST)
 }
 
 impl<T: Real> Pass<'_, T> {

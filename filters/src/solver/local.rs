@@ -3,18 +3,18 @@
 //!
 //! There the energy, preconditioned by the masked blur, is so well conditioned that about ten steps suffice and f32 is enough.
 //! Where the extreme eigenvalues are known beforehand, as they are much the same in all windows of a mask, the Chebyshev
-//! iteration needs as many steps as conjugate gradients and half of their time; these find the eigenvalues, and take over where
-//! they were wrong. All buffers of a window of 136 x 192 stay in L2 (seven of 120 kB).
+//! iteration needs as many steps as conjugate gradients, and a step moves half as much memory; these find the eigenvalues, and
+//! take over where they were wrong. All buffers of a window of 136 x 192 stay in L2 (seven of 120 kB).
 //!
 //! Source: M. Hestenes, E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49, 1952;
 //! G. Golub, R. Varga, "Chebyshev semi-iterative methods, successive overrelaxation iterative methods, and second order
 //! Richardson iterative methods", Numerische Mathematik 3, 1961.
 
 use crate::kernel::Isa;
+use crate::kernel::aligned::Aligned;
 use crate::kernel::chebyshev;
-use crate::kernel::simd::MOST;
 use crate::kernel::stencil::{PAD, Separable, Window, apply};
-use crate::kernel::step::{self, Move, Sums, aligned, pass};
+use crate::kernel::step::{self, Move, Sums, pass};
 use crate::kernel::vector::add_scaled;
 use crate::solver::lanczos::Lanczos;
 
@@ -39,7 +39,7 @@ const STAGGER: usize = 144;
 #[derive(Default)]
 pub struct Buffers {
     length: usize,
-    all: Vec<f32>,
+    all: Aligned<f32>,
 }
 
 /// The buffers of a window by name: see [`step::Buffers`].
@@ -75,12 +75,10 @@ impl Buffers {
     pub fn views(&mut self) -> Views<'_> {
         let length = self.length;
         let apart = length.next_multiple_of(PAGE) + STAGGER;
-        if self.all.len() < 7 * apart + MOST {
-            self.all.resize(7 * apart + MOST, 0.0);
+        if self.all.len() < 7 * apart {
+            self.all = Aligned::zeros(7 * apart);
         }
         let mut rest = &mut self.all[..];
-        let skip = aligned(rest);
-        rest = &mut rest[skip..];
         let mut next = || {
             let (own, others) = std::mem::take(&mut rest).split_at_mut(apart);
             rest = others;
@@ -185,7 +183,7 @@ pub fn probe(isa: Isa, a: &Separable<f32>, window: Window, views: Views<'_>) -> 
 }
 
 /// Minimises `x' A x` over the free pixels as [`solve`] does, by the Chebyshev iteration for eigenvalues in `spectrum`: as many
-/// steps, at half the price. Where it falls behind what they promise, or `limit` steps are done, conjugate gradients go on.
+/// steps, each of which moves half as much memory. Where it falls behind what they promise, or `limit` steps are done, conjugate gradients go on.
 pub fn iterate(
     isa: Isa,
     a: &Separable<f32>,

@@ -8,6 +8,7 @@ pub mod local;
 pub mod multigrid;
 pub mod nesta;
 pub mod poisson;
+pub mod pool;
 pub mod primal_dual;
 pub mod saddle;
 pub mod sparsity;

@@ -18,6 +18,7 @@
 use rayon::prelude::*;
 
 use super::bottom::Bottom;
+use super::pool::Pool;
 use crate::kernel::points::{Point, Points};
 use crate::kernel::simd::Lanes;
 use crate::kernel::stencil::{PAD, Separable, Window, apply};
@@ -27,8 +28,6 @@ use crate::operator::resample::Resample;
 mod smooth;
 #[cfg(test)]
 mod tests;
-
-pub use smooth::Pool;
 
 /// Grids with at most this many cells are solved directly.
 const DIRECT: usize = 144;
@@ -64,7 +63,7 @@ pub struct Multigrid<T> {
 /// Buffers for one cycle at a time.
 pub struct Workspace<T> {
     levels: Vec<Buffers<T>>,
-    pool: Pool<T>,
+    pool: Pool<Vec<T>>,
 }
 
 struct Buffers<T> {
@@ -153,7 +152,7 @@ impl<T: Lanes> Multigrid<T> {
         self.descend(0, &mut workspace.levels, &workspace.pool);
     }
 
-    fn descend(&self, index: usize, buffers: &mut [Buffers<T>], pool: &Pool<T>) {
+    fn descend(&self, index: usize, buffers: &mut [Buffers<T>], pool: &Pool<Vec<T>>) {
         let Some((here, below)) = buffers.split_first_mut() else { return };
         let level = &self.levels[index];
         if let Some(bottom) = self.bottom.as_ref().filter(|_| index + 1 == self.levels.len()) {
@@ -202,7 +201,14 @@ impl<T: Lanes> Level<T> {
     }
 
     /// Sets `coarse` to the restriction of what is left of the residual.
-    fn restrict(&self, isa: Isa, down: &Resample<T>, here: &Buffers<T>, coarse: &mut [T], pool: &Pool<T>) {
+    fn restrict(
+        &self,
+        isa: Isa,
+        down: &Resample<T>,
+        here: &Buffers<T>,
+        coarse: &mut [T],
+        pool: &Pool<Vec<T>>,
+    ) {
         let (window, to) = (self.window, down.coarse());
         let (stride, width) = (window.stride(), to.stride());
         let chunk = |(index, rows): (usize, &mut [T])| {
@@ -211,7 +217,7 @@ impl<T: Lanes> Level<T> {
             let above = (2 * first).saturating_sub(3);
             let below = window.height.min(2 * (first + count) + 3);
             let part = Window { y: window.y + above, height: below - above, ..window };
-            let mut q = pool.take(part.len());
+            let mut q = pool.lend_long(part.len());
             q[..PAD * stride].fill(T::ZERO);
             q[(PAD + part.height) * stride..part.len()].fill(T::ZERO);
             let x = &here.x[above * stride..];
@@ -223,7 +229,6 @@ impl<T: Lanes> Level<T> {
             let left = &mut q[PAD * stride..][..part.height * stride];
             vector::weighted_rest(isa, &self.share[own.clone()], &here.r[own], left);
             down.restrict(first, &q[(2 * first + PAD - 3 - above) * stride..], rows);
-            pool.give(q);
         };
         let rows = &mut coarse[PAD * width..][..to.height * width];
         if window.is_large() {

@@ -15,18 +15,17 @@
 //! depend on and computes them as well; each value is thus computed by the same operations on the same operands
 //! whatever the bands, and neither their height, nor the number of sweeps in a block, nor threads change a bit.
 
-mod aligned;
 mod rows;
 mod steps;
 
 use rayon::prelude::*;
 
 use crate::Size;
+use crate::kernel::aligned::Aligned;
 use crate::kernel::tv::{
     DualBall, DualRow, HeldRow, Isa, PrimalRow, Rates, SweepRow, ball_row, distance_row, dual_row,
     repair_row, sweep_row,
 };
-use aligned::Aligned;
 use rows::Rows;
 pub use steps::{BLOCK, Steps, smooth};
 
@@ -48,11 +47,11 @@ pub struct State {
     /// Height and width.
     pub size: Size,
     /// The image.
-    pub x: Aligned,
+    pub x: Aligned<f32>,
     /// Vertical dual variable; 0 in the last row.
-    pub vertical: Aligned,
+    pub vertical: Aligned<f32>,
     /// Horizontal dual variable; 0 in the last column.
-    pub horizontal: Aligned,
+    pub horizontal: Aligned<f32>,
     edges: Vec<Edges>,
 }
 
@@ -247,7 +246,7 @@ struct Front<'a> {
     vertical: Rows<'a>,
     horizontal: Rows<'a>,
     /// Two rows of extrapolated image for each sweep, of which fused steps use one, and one value more.
-    over: Aligned,
+    over: Aligned<f32>,
     /// Two rows of zeros: the dual variable above the image.
     edge: Vec<f32>,
     /// First row that there are values of.

@@ -24,25 +24,32 @@
 //! (order 3: paraboloids) are exact up to the border. Where tension is 0 and the samples lie on a line (order 3: a
 //! conic), the result is the limit of a vanishing harmonic term (`polynomials`).
 //!
-//! Algorithm: the mask decides (`holes`). Where every 8 x 8 block has a sample: overlapping tiles in f32 with a masked blur as
-//! preconditioner (`tiles`), each by a Chebyshev iteration between eigenvalues that a few parts of the mask show beforehand, in
-//! corners and where these differ by conjugate gradients (`solver/local`), until the preconditioned residual over the least
-//! eigenvalue is small, or f32 cannot tell it from rounding. Around empty blocks: rectangles, roughly
-//! before the tiles and exactly after them, by conjugate gradients with a multigrid cycle; at order 2 in f32 around residuals in
-//! f64, until the same estimate is small, else in f64 until a cycle's correction is (`region`). Shifted sweeps look along the
-//! borders of the tiles that were solved (`doubt`), until no tile and no rectangle has anything left to correct. The aim is 1e-4
-//! of the measured range at any mask. Sparse masks
-//! (half of the image in rectangles), order 3 with holes, and `lambda > 0` take multigrid on the whole image; so does order 3
-//! where the tiles' own estimate stays above the aim, as f32 does not hold more.
+//! Algorithm: the mask decides (`holes`).
+//!
+//! - Where every 8 x 8 block has a sample: overlapping tiles in f32 with a masked blur as preconditioner (`tiles`), each by a
+//!   Chebyshev iteration between eigenvalues that a few parts of the mask show beforehand, in corners and where these differ
+//!   by conjugate gradients (`solver/local`), until the preconditioned residual over the least eigenvalue is small, or f32
+//!   cannot tell it from rounding.
+//! - Around empty blocks: rectangles, roughly before the tiles and exactly after them, by conjugate gradients with a multigrid
+//!   cycle; at order 2 in f32 around residuals in f64, until the same estimate is small, else in f64 until a cycle's
+//!   correction is (`region`).
+//! - Shifted sweeps look along the borders of the tiles that were solved (`doubt`), until no tile and no rectangle has
+//!   anything left to correct. The aim is 1e-4 of the measured range at any mask.
+//! - Sparse masks (half of the image in rectangles), order 3 with holes, and `lambda > 0` take multigrid on the whole image; so
+//!   does order 3 where the tiles' own estimate stays above the aim, as f32 does not hold more.
+//!
 //! Start: push-pull. The result does not depend on it, nor on the number of threads.
 //!
 //! References: P. Meinguet, "Multivariate interpolation at arbitrary points made simple", ZAMP 30, 1979 (the energy);
 //! M. Unser, "Splines: a perfect fit for signal and image processing", IEEE Signal Processing Magazine 16(6), 1999
 //! (cardinal splines). Solvers and matrices cite theirs.
 //!
-//! Settings: see [`Settings`]. Cost: tiles take at most 18 steps on renders at 20 % low-discrepancy samples
-//! (order 3: 73), up to 75 over all sweeps at random ones; a step is one pass over a tile with one application of
-//! `H` (`kernel/chebyshev.rs`, by conjugate gradients `kernel/step.rs`); multigrid 5 to 9 iterations of 8 applications at order 2, up to a hundred and more at order 3.
+//! Settings: see [`Settings`].
+//!
+//! Cost: tiles take at most 18 steps on renders at 20 % low-discrepancy samples (order 3: 73), up to 75 over all sweeps at
+//! random ones; a step is one pass over a tile with one application of `H` (`kernel/chebyshev.rs`, by conjugate gradients
+//! `kernel/step.rs`). Multigrid takes 5 to 9 iterations of 8 applications at order 2, up to a hundred and more at order 3.
+//!
 //! Memory beyond samples and result: 0.9 megabytes a thread for tiles; for multigrid about 12 planes of a rectangle for each
 //! channel that is being solved (as many as there are threads) and 4 that they share, in f32 at order 2, else in f64.
 //!

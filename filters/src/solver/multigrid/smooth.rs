@@ -9,8 +9,6 @@
 //! their values for its steps; rows of tiles take turns, even and odd, and rows of the same turn are shared out among threads.
 //! Going up the order is reversed, which makes a cycle symmetric.
 
-use std::sync::{Mutex, PoisonError};
-
 use rayon::prelude::*;
 
 use super::Level;
@@ -19,6 +17,7 @@ use crate::kernel::relax::{self, Part, relax};
 use crate::kernel::simd::Lanes;
 use crate::kernel::stencil::{PAD, Window, apply};
 use crate::kernel::vector;
+use crate::solver::pool::Pool;
 
 /// Steps of the smoother before and after the coarse correction.
 const DEGREE: usize = 3;
@@ -31,34 +30,9 @@ const SAMPLES: usize = 12;
 /// Columns of them that are taken.
 const SAMPLE: usize = 128;
 
-/// Buffers that serve one task after another.
-pub struct Pool<T>(Mutex<Vec<Vec<T>>>);
-
-impl<T> Default for Pool<T> {
-    fn default() -> Self {
-        Self(Mutex::new(Vec::new()))
-    }
-}
-
-impl<T: Lanes> Pool<T> {
-    /// A buffer of at least this length with any finite numbers in it.
-    pub fn take(&self, length: usize) -> Vec<T> {
-        let mut buffer = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default();
-        if buffer.len() < length {
-            buffer.resize(length, T::ZERO);
-        }
-        buffer
-    }
-
-    /// Gives it back.
-    pub fn give(&self, buffer: Vec<T>) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(buffer);
-    }
-}
-
 impl<T: Lanes> Level<T> {
     /// Smooths what `x` lacks to solve for `r`.
-    pub fn smooth(&self, isa: Isa, r: &[T], x: &mut [T], up: bool, pool: &Pool<T>) {
+    pub fn smooth(&self, isa: Isa, r: &[T], x: &mut [T], up: bool, pool: &Pool<Vec<T>>) {
         let stride = self.window.stride();
         let rows = rows(self.window.height);
         for turn in 0..2 {
@@ -103,9 +77,9 @@ impl<T: Lanes> Level<T> {
         (tile.y - self.window.y, tile.x - self.window.x)
     }
 
-    fn tile(&self, isa: Isa, r: &[T], slab: &mut [T], tile: Window, pool: &Pool<T>) {
+    fn tile(&self, isa: Isa, r: &[T], slab: &mut [T], tile: Window, pool: &Pool<Vec<T>>) {
         let (window, at) = (self.window, self.place(tile));
-        let [mut x, mut q, mut s] = std::array::from_fn(|_| pool.take(tile.len()));
+        let [mut x, mut q, mut s] = std::array::from_fn(|_| pool.lend_long(tile.len()));
         relax::load(slab, window, (0, at.1), tile, &mut x);
         for step in 1..=DEGREE {
             let k = step as f64;
@@ -119,9 +93,6 @@ impl<T: Lanes> Level<T> {
         for i in 0..tile.height {
             let own = &x[tile.at(i, 0)..][..tile.width];
             slab[(i + PAD) * stride + PAD + at.1..][..tile.width].copy_from_slice(own);
-        }
-        for buffer in [x, q, s] {
-            pool.give(buffer);
         }
     }
 

@@ -73,23 +73,27 @@ pub struct Seen {
 impl Seen {
     /// Whether a tile that was solved lies within `width` pixels of a window.
     pub fn touches(&self, window: &Window, width: usize) -> bool {
-        let Grid { rows, columns, .. } = &self.grid;
-        rows.iter().zip(&self.marks).any(|(&(y, height), marks)| {
-            columns.iter().zip(marks).any(|(&(x, across), mark)| {
-                *mark != Mark::Quiet && meets(&wide(&Window { y, x, height, width: across }, width), window)
-            })
+        self.near(*window, width).next().is_some()
+    }
+
+    /// The tiles within `width` pixels of a window that were not left as they are.
+    fn near(&self, window: Window, width: usize) -> impl Iterator<Item = (Window, Mark)> {
+        let rows = self.grid.rows.iter().zip(&self.marks);
+        let rows = rows.filter(move |(row, _)| within(**row, (window.y, window.height), width));
+        rows.flat_map(move |(&(y, height), marks)| {
+            let tiles = self.grid.columns.iter().zip(marks);
+            tiles
+                .filter(move |(column, mark)| {
+                    **mark != Mark::Quiet && within(**column, (window.x, window.width), width)
+                })
+                .map(move |(&(x, width), &mark)| (Window { y, x, height, width }, mark))
         })
     }
 }
 
-/// A window and what lies within `width` pixels of it.
-fn wide(window: &Window, width: usize) -> Window {
-    Window {
-        y: window.y.saturating_sub(width),
-        x: window.x.saturating_sub(width),
-        height: window.height + 2 * width,
-        width: window.width + 2 * width,
-    }
+/// Whether two ranges, first and length of each, share anything once one is extended by `width` to either side.
+const fn within(a: (usize, usize), b: (usize, usize), width: usize) -> bool {
+    a.0 < b.0 + b.1 + width && b.0 < a.0 + a.1 + width
 }
 
 /// Where something may be left in a tile.
@@ -106,27 +110,21 @@ impl Doubt {
     /// away.
     pub fn new(tile: Window, before: Option<&Seen>, changed: &[Window], width: usize) -> Self {
         let Some(before) = before else { return Self::Everywhere };
-        if changed.iter().any(|window| meets(&wide(window, width), &tile)) {
+        let (down, across) = ((tile.y, tile.height), (tile.x, tile.width));
+        let touches = |window: &Window| {
+            within((window.y, window.height), down, width) && within((window.x, window.width), across, width)
+        };
+        if changed.iter().any(touches) {
             return Self::Everywhere;
         }
-        let mut rows = Vec::new();
-        let mut columns = Vec::new();
-        for (&(y, height), marks) in before.grid.rows.iter().zip(&before.marks) {
-            for (&(x, across), mark) in before.grid.columns.iter().zip(marks) {
-                let own = Window { y, x, height, width: across };
-                if *mark == Mark::Quiet || !meets(&wide(&own, width), &tile) {
-                    continue;
-                }
-                if *mark == Mark::Open {
-                    return Self::Everywhere;
-                }
-                rows.extend(
-                    [y, y + height].into_iter().filter(|&line| near(line, tile.y, tile.height, width)),
-                );
-                columns.extend(
-                    [x, x + across].into_iter().filter(|&line| near(line, tile.x, tile.width, width)),
-                );
+        let (mut rows, mut columns) = (Vec::new(), Vec::new());
+        for (own, mark) in before.near(tile, width) {
+            if mark == Mark::Open {
+                return Self::Everywhere;
             }
+            let (lines, sides) = ([own.y, own.y + own.height], [own.x, own.x + own.width]);
+            rows.extend(lines.into_iter().filter(|&line| within((line, 0), down, width)));
+            columns.extend(sides.into_iter().filter(|&line| within((line, 0), across, width)));
         }
         let band = |line: usize, from: usize, length: usize| {
             let start = line.saturating_sub(width).max(from);
@@ -147,16 +145,6 @@ impl Doubt {
         }
         Self::Along(bands)
     }
-}
-
-/// Whether two rectangles share a pixel.
-fn meets(a: &Window, b: &Window) -> bool {
-    a.y < b.y + b.height && b.y < a.y + a.height && a.x < b.x + b.width && b.x < a.x + a.width
-}
-
-/// Whether `width` pixels to either side of a line lie in a range.
-fn near(line: usize, from: usize, length: usize, width: usize) -> bool {
-    line + width > from && line < from + length + width
 }
 
 #[cfg(test)]

@@ -11,7 +11,6 @@
 //! the multiplicative one).
 
 use std::ops::Range;
-use std::sync::Mutex;
 
 use rayon::prelude::*;
 
@@ -20,6 +19,7 @@ use crate::kernel::stencil::{PAD, Separable, Window};
 use crate::kernel::tile::{Gather, Scatter, free, gather, scatter};
 use crate::kernel::{Isa, step};
 use crate::solver::local::{self, Buffers, Ending, Spectrum, Target, Views};
+use crate::solver::pool::Pool;
 use crate::{Mask, Plane, Run, Size};
 
 /// Most rows and columns of a tile.
@@ -47,22 +47,7 @@ pub struct Tiles {
     /// Eigenvalues of the preconditioned matrix in tiles away from the border of the image and in those at one side of it, if
     /// they are much the same in all of them.
     spectra: [Option<Spectrum>; 2],
-    /// Buffers that nobody uses now: memory that is not new costs no page faults.
-    spare: Mutex<Vec<Buffers>>,
-}
-
-/// Buffers that go back to the spare ones.
-struct Borrowed<'a> {
-    own: Buffers,
-    spare: &'a Mutex<Vec<Buffers>>,
-}
-
-impl Drop for Borrowed<'_> {
-    fn drop(&mut self) {
-        if let Ok(mut spare) = self.spare.lock() {
-            spare.push(std::mem::take(&mut self.own));
-        }
-    }
+    spare: Pool<Buffers>,
 }
 
 /// What a sweep is to do.
@@ -136,7 +121,7 @@ impl Tiles {
             size: matrix.size(),
             held,
             spectra: [None; 2],
-            spare: Mutex::default(),
+            spare: Pool::default(),
         };
         tiles.spectra = [0, 1].map(|ends| tiles.probe(mask, ends));
         tiles
@@ -145,11 +130,6 @@ impl Tiles {
     /// How far beyond a tile its solution is felt: the pixels that it changes there, and those whose residual they enter.
     pub fn felt(&self) -> usize {
         HALO + self.matrix.terms + 1
-    }
-
-    fn buffers(&self) -> Borrowed<'_> {
-        let own = self.spare.lock().ok().and_then(|mut spare| spare.pop()).unwrap_or_default();
-        Borrowed { own, spare: &self.spare }
     }
 
     /// On how many sides of a window the image ends: there, and most of all in corners, lower eigenvalues occur.
@@ -175,8 +155,8 @@ impl Tiles {
             .collect::<Vec<_>>()
             .into_par_iter()
             .filter_map(|place| {
-                let mut buffers = self.buffers();
-                let mut views = buffers.own.fit(place.window);
+                let mut buffers = self.spare.lend();
+                let mut views = buffers.fit(place.window);
                 self.free(mask, place, &mut views);
                 local::probe(self.isa, &self.matrix, place.window, views)
             })
@@ -200,7 +180,7 @@ impl Tiles {
             let sweeps: Vec<(Sweep, Vec<Mark>)> = slabs
                 .into_par_iter()
                 .map_init(
-                    || self.buffers(),
+                    || self.spare.lend(),
                     |buffers, mut slab| {
                         let (mut total, mut marks) = (Sweep::NONE, Vec::new());
                         for &(x, width) in &grid.columns {
@@ -208,7 +188,7 @@ impl Tiles {
                                 break;
                             }
                             let tile = Window { y: slab.tiles.0, x, height: slab.tiles.1, width };
-                            let sweep = self.visit(mask, &mut slab, tile, task, &mut buffers.own);
+                            let sweep = self.visit(mask, &mut slab, tile, task, buffers);
                             marks.push(Mark::new(sweep.steps, sweep.error <= task.target.tolerance));
                             total = total.and(sweep);
                         }

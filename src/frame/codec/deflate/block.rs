@@ -73,6 +73,15 @@ pub(super) fn write(bits: &mut Bits, bytes: &[u8], tokens: &[Token], last: bool)
     write_tokens(bits, bytes, tokens, (&codes(&symbols), &codes(&distances)));
 }
 
+/// The literals before each token, and the token.
+fn runs<'a>(bytes: &'a [u8], tokens: &'a [Token]) -> impl Iterator<Item = (&'a [u8], &'a Token)> {
+    tokens.iter().scan(bytes, |rest, token| {
+        let (run, after) = rest.split_at(token.literals as usize);
+        *rest = &after[usize::from(token.length)..];
+        Some((run, token))
+    })
+}
+
 /// How often each symbol occurs.
 struct Counts {
     symbols: [u32; SYMBOLS],
@@ -84,10 +93,7 @@ impl Counts {
         let mut counts = Self { symbols: [0; SYMBOLS], distances: [0; DISTANCES] };
         // Four counters for each literal: one alone would wait for itself where the same follows.
         let mut literals = [[0_u32; 256]; 4];
-        let mut rest = bytes;
-        for token in tokens {
-            let (run, after) = rest.split_at(token.literals as usize);
-            rest = &after[usize::from(token.length)..];
+        for (run, token) in runs(bytes, tokens) {
             let (fours, odd) = run.as_chunks::<4>();
             for four in fours {
                 for (counts, &byte) in literals.iter_mut().zip(four) {
@@ -231,10 +237,7 @@ fn write_tokens(
     tokens: &[Token],
     (symbols, distances): (&[Code; SYMBOLS], &[Code; DISTANCES]),
 ) {
-    let mut rest = bytes;
-    for token in tokens {
-        let (run, after) = rest.split_at(token.literals as usize);
-        rest = &after[usize::from(token.length)..];
+    for (run, token) in runs(bytes, tokens) {
         let (fours, odd) = run.as_chunks::<4>();
         for four in fours {
             for &byte in four {

@@ -5,6 +5,8 @@ use std::ops::{Deref, DerefMut};
 
 use rayon::prelude::*;
 
+use super::Real;
+
 /// Bytes of a line, and of the longest vector.
 const LINE: usize = 64;
 
@@ -13,44 +15,50 @@ const LEAST: usize = 1 << 14;
 
 /// A slice that knows where it begins.
 #[derive(Debug)]
-pub struct Aligned {
-    values: Vec<f32>,
+pub struct Aligned<T> {
+    values: Vec<T>,
     first: usize,
     length: usize,
 }
 
-impl Aligned {
+impl<T: Real> Aligned<T> {
     /// Zeros.
     pub fn zeros(length: usize) -> Self {
-        let values = vec![0.0_f32; length + LINE / size_of::<f32>()];
+        let values = vec![T::ZERO; length + LINE / size_of::<T>()];
         let first = values.as_ptr().align_offset(LINE).min(values.len() - length);
         Self { values, first, length }
     }
 
     /// What `f` makes of some numbers.
-    pub fn map(from: &[f32], f: impl Fn(f32) -> f32 + Sync) -> Self {
+    pub fn map(from: &[T], f: impl Fn(T) -> T + Sync) -> Self {
         let mut all = Self::zeros(from.len());
         all.par_iter_mut().zip(from).with_min_len(LEAST).for_each(|(to, from)| *to = f(*from));
         all
     }
 }
 
-impl Clone for Aligned {
+impl<T: Real> Default for Aligned<T> {
+    fn default() -> Self {
+        Self::zeros(0)
+    }
+}
+
+impl<T: Real> Clone for Aligned<T> {
     fn clone(&self) -> Self {
         Self::map(self, |value| value)
     }
 }
 
-impl Deref for Aligned {
-    type Target = [f32];
+impl<T> Deref for Aligned<T> {
+    type Target = [T];
 
-    fn deref(&self) -> &[f32] {
+    fn deref(&self) -> &[T] {
         &self.values[self.first..][..self.length]
     }
 }
 
-impl DerefMut for Aligned {
-    fn deref_mut(&mut self) -> &mut [f32] {
+impl<T> DerefMut for Aligned<T> {
+    fn deref_mut(&mut self) -> &mut [T] {
         &mut self.values[self.first..][..self.length]
     }
 }
