@@ -130,7 +130,7 @@ fn check(mask: &Mask, samples: &Plane, out: &Plane) -> Result<Size, Error> {
             return Err(Error::SizeMismatch { expected: size, found: found.to_string() });
         }
     }
-    if mask.is_empty() { Err(Error::EmptyMask) } else { Ok(size) }
+    mask.require_samples().map(|()| size)
 }
 
 /// The radius of the disc in which measured pixels count.

@@ -73,6 +73,14 @@ impl Mask {
     pub const fn is_empty(&self) -> bool {
         self.count == 0
     }
+
+    /// That some pixel was measured.
+    ///
+    /// # Errors
+    /// [`Error::EmptyMask`] if none was.
+    pub const fn require_samples(&self) -> Result<(), Error> {
+        if self.is_empty() { Err(Error::EmptyMask) } else { Ok(()) }
+    }
 }
 
 #[cfg(test)]
@@ -100,6 +108,7 @@ mod tests {
             (true, false, 1.0_f64.to_bits())
         );
         assert_eq!((empty.is_full(), empty.is_empty(), empty.density().to_bits()), (false, true, 0));
+        assert!(matches!(empty.require_samples(), Err(Error::EmptyMask)) && full.require_samples().is_ok());
         let nothing = Mask::from_fn(Size::new(0, 4), |_, _| true);
         assert_eq!((nothing.is_empty(), nothing.density().to_bits()), (true, 0));
     }

@@ -38,9 +38,7 @@ impl Triangulation {
     /// [`Error::EmptyMask`]; [`Error::TooLarge`] if the image has 2^31 pixels or more.
     pub fn new(mask: &Mask) -> Result<Self, Error> {
         let size = mask.size();
-        if mask.is_empty() {
-            return Err(Error::EmptyMask);
-        }
+        mask.require_samples()?;
         if i32::try_from(size.pixels()).is_err() {
             return Err(Error::TooLarge { size });
         }

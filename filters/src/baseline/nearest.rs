@@ -66,9 +66,7 @@ impl NearestMap {
     /// [`Error::EmptyMask`]; [`Error::TooLarge`] if the image has 2^32 pixels or more.
     pub fn new(mask: &Mask) -> Result<Self, Error> {
         let size = mask.size();
-        if mask.is_empty() {
-            return Err(Error::EmptyMask);
-        }
+        mask.require_samples()?;
         if u32::try_from(size.pixels()).is_err() {
             return Err(Error::TooLarge { size });
         }

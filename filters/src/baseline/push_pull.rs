@@ -75,9 +75,7 @@ impl Pyramid {
     /// # Errors
     /// [`Error::EmptyMask`].
     pub(crate) fn new(mask: &Mask) -> Result<Self, Error> {
-        if mask.is_empty() {
-            return Err(Error::EmptyMask);
-        }
+        mask.require_samples()?;
         let mut levels: Vec<Level> = Vec::new();
         let mut size = mask.size();
         while size.height > 1 || size.width > 1 {

@@ -162,9 +162,7 @@ impl Planned {
             return refuse("stride", stride.to_string(), "1 to the block");
         }
         let mask = Arc::clone(&problem.mask);
-        if mask.is_empty() {
-            return Err(Error::EmptyMask);
-        }
+        mask.require_samples()?;
         let grid = Grid::new(mask.size(), dictionary.block(), stride);
         let (group, shared) = share(&dictionary, &mask, &grid, how.sparsity);
         Ok(Self { dictionary, how, mask, grid, group, shared })

@@ -137,9 +137,7 @@ impl Filter for Settings {
         not_negative("epsilon", self.epsilon)?;
         self.rule().validate()?;
         let mask = problem.mask.clone();
-        if mask.is_empty() {
-            return Err(Error::EmptyMask);
-        }
+        mask.require_samples()?;
         let operator = Operator { fourier: Fourier::new(mask.size()), size: mask.size() };
         Ok(Box::new(Planned { settings: *self, mask, operator }))
     }
@@ -179,9 +177,7 @@ impl Plan for Planned {
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
         check::group(&self.mask, samples, out)?;
-        if gradients.mask.is_empty() {
-            return Err(Error::EmptyMask);
-        }
+        gradients.mask.require_samples()?;
         for planes in gradients.planes {
             check::group(gradients.mask, planes, out)?;
         }

@@ -141,9 +141,7 @@ impl Filter for Settings {
     fn plan(&self, problem: &Problem, run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
         self.validate()?;
         let mask = problem.mask.clone();
-        if mask.is_empty() {
-            return Err(Error::EmptyMask);
-        }
+        mask.require_samples()?;
         let start = push_pull::Settings.plan(problem, run)?;
         let operator = Operator::new(mask.size(), self);
         Ok(Box::new(Planned { settings: *self, mask, start, operator }))

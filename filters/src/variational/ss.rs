@@ -128,9 +128,7 @@ impl Filter for Settings {
     fn plan(&self, problem: &Problem, run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
         self.check()?;
         let mask = Arc::clone(&problem.mask);
-        if mask.is_empty() {
-            return Err(Error::EmptyMask);
-        }
+        mask.require_samples()?;
         let weights = match (&problem.weights, self.lambda > 0.0) {
             (Some(weights), true) => Some(check_weights(weights, &mask)?),
             _ => None,

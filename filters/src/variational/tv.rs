@@ -134,9 +134,7 @@ struct Planned {
 impl Filter for Settings {
     fn plan(&self, problem: &Problem, run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
         self.check()?;
-        if problem.mask.is_empty() {
-            return Err(Error::EmptyMask);
-        }
+        problem.mask.require_samples()?;
         let weights = problem.weights.as_deref().filter(|_| self.epsilon > 0.0);
         if weights.is_some() && self.solver == Solver::Nesta {
             let range = "primal-dual where samples have weights";
