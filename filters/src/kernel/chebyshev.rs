@@ -3,15 +3,16 @@
 //! With the energy `A` and the preconditioner `M = D (B + c) D` of [`super::step`], a step is
 //!
 //! ```text
-//! x = x + p      r = r - D A p      u = D (B + c) r      p = a p + b u
+//! r = r - D A p      u = D (B + c) r      q = a p + b u      x = x + p + q      p = q
 //! ```
 //!
-//! where `r` is kept multiplied by `D`. No sum is waited for, so row `i` of `p` enters Horner's scheme ([`super::interior`]),
-//! row `i - R` of `x` and `r` moves, and row `i - R - 2` of `p` is replaced: all that `A` needs of it is in the scheme.
+//! where `r` is kept multiplied by `D`, and the image `x` takes two corrections every other step: nothing else reads it. No sum
+//! is waited for, so row `i` of `p` enters Horner's scheme ([`super::interior`]), row `i - R` of `r` moves, and row `i - R - 2`
+//! of `p` is replaced: all that `A` needs of it is in the scheme.
 //!
 //! Roofline, per vector at R = 3: 28 arithmetic instructions for `A p`, 12 for the rest: 20 cycles at two a cycle, 1.3 a pixel
-//! with 16 lanes of f32. 7 streams of 4 bytes a pixel go to and from L2, against 13 of conjugate gradients: 12 cycles. A
-//! vector that crosses a cache line counts twice: 36 loads take 18 cycles, and stores, one a cycle, 13.
+//! with 16 lanes of f32, 2.5 with 8. 6 streams of 4 bytes a pixel go to and from L2, against 13 of conjugate gradients: 10 cycles.
+//! A vector that crosses a cache line counts twice: 36 loads take 18 cycles, and stores, one a cycle, 13.
 
 use super::aligned::Aligned;
 use super::interior::{Interior, Scheme, Taps};
@@ -35,18 +36,29 @@ pub struct Buffers<'a, T> {
     pub q: &'a mut [T],
 }
 
-/// A pass with factors `(a, b)`; with `begins`, `r = -D A x` instead, `x` stays and `a` is 0. Returns the largest `|u|`.
+/// What a pass begins from, and whether the image changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Turn {
+    /// `r = -D A x` and `p = b u`; the image stays.
+    Begin,
+    /// The image stays, and lacks the correction before as well as the one to come.
+    Hold,
+    /// The image takes both.
+    Take,
+}
+
+/// A pass with factors `(a, b)`. Returns the largest `|u|`.
 pub fn pass<T: Lanes>(
     isa: Isa,
     a: &Separable<T>,
     window: Window,
-    begins: bool,
+    turn: Turn,
     factors: (f64, f64),
     c: f64,
     buffers: Buffers<'_, T>,
 ) -> f64 {
     let inside = a.inside(window);
-    let source = if begins { &*buffers.x } else { &*buffers.p };
+    let source = if turn == Turn::Begin { &*buffers.x } else { &*buffers.p };
     for rows in [0..inside.start, inside.end..window.height] {
         if !rows.is_empty() {
             let own = window.at(rows.start, 0) - PAD..window.at(rows.end, 0) - PAD;
@@ -55,7 +67,7 @@ pub fn pass<T: Lanes>(
     }
     let factors = (T::from_f64(factors.0), T::from_f64(factors.1), T::from_f64(c));
     let rows = (inside.start, inside.end);
-    let mut pass = Pass { interior: a.interior(), window, begins, factors, rows, buffers };
+    let mut pass = Pass { interior: a.interior(), window, turn, factors, rows, buffers };
     match a.terms {
         3 => vectors(isa, Sized::<T, 3>(&mut pass)),
         _ => vectors(isa, Sized::<T, 4>(&mut pass)),
@@ -65,7 +77,7 @@ pub fn pass<T: Lanes>(
 struct Pass<'a, T> {
     interior: Option<&'a Interior<T>>,
     window: Window,
-    begins: bool,
+    turn: Turn,
     /// Of `p`, of `u`, and what is added to the middle of the blur.
     factors: (T, T, T),
     /// The rows of `A p` that are computed here: none of them is near an end.
@@ -81,7 +93,7 @@ impl<T: Real, const R: usize> Vectored<T> for Sized<'_, '_, T, R> {
 
     #[inline(always)]
     fn run<V: Vector<Number = T>>(self) -> f64 {
-        if self.0.begins { self.0.all::<V, R, true>() } else { self.0.all::<V, R, false>() }
+        if self.0.turn == Turn::Begin { self.0.all::<V, R, true>() } else { self.0.all::<V, R, false>() }
     }
 }
 
@@ -115,7 +127,12 @@ impl<T: Real> Pass<'_, T> {
             }
             // What lies across two vectors cannot be loaded before both have reached the cache: a row later.
             if let Some(row) = moved.and_then(|row| row.checked_sub(2)).filter(|&row| row < height) {
-                top = self.replace::<V, BEGINS>(row, &*lines[(step - 1) % 2], top);
+                let line = &*lines[(step - 1) % 2];
+                top = match self.turn {
+                    Turn::Begin => self.replace::<V, true, false>(row, line, top),
+                    Turn::Hold => self.replace::<V, false, false>(row, line, top),
+                    Turn::Take => self.replace::<V, false, true>(row, line, top),
+                };
             }
         }
         largest(top)
@@ -187,10 +204,6 @@ impl<T: Real> Pass<'_, T> {
                     if BEGINS { minus.times(product) } else { minus.fused(product, V::load(here)) };
                 residual.store(here);
                 two.fused(V::load(near), V::load(far).plus(residual)).store(line);
-                if !BEGINS {
-                    let x = &mut x[moved + k..][..V::LANES];
-                    V::load(x).plus(V::load(&p[moved + k..][..V::LANES])).store(x);
-                }
             }
         }
     }
@@ -200,7 +213,7 @@ impl<T: Real> Pass<'_, T> {
     fn near_end<V: Vector<Number = T>, const BEGINS: bool>(&mut self, row: usize, line: &mut [T]) {
         let stride = self.window.stride();
         let start = (row + PAD) * stride;
-        let Buffers { d, x, r, p, q } = &mut self.buffers;
+        let Buffers { d, r, q, .. } = &mut self.buffers;
         let (above, here) = r.split_at_mut(start);
         let (far, near) = above[start - 2 * stride..].split_at(stride);
         let two = V::splat(T::from_f64(2.0));
@@ -213,34 +226,39 @@ impl<T: Real> Pass<'_, T> {
                     if BEGINS { minus.times(product) } else { minus.fused(product, V::load(&here[k..])) };
                 residual.store(&mut here[k..]);
                 sum = sum.plus(residual);
-                if !BEGINS {
-                    let x = &mut x[start + k..];
-                    V::load(x).plus(V::load(&p[start + k..])).store(x);
-                }
             }
             two.fused(V::load(&near[k..]), sum).store(&mut line[MOST + k..]);
         }
     }
 
-    /// Computes a row of `u` and of `p`.
+    /// Computes a row of `u` and of `p`; with `TAKES`, of `x`.
     #[inline(always)]
-    fn replace<V: Vector<Number = T>, const BEGINS: bool>(&mut self, row: usize, line: &[T], top: V) -> V {
+    fn replace<V: Vector<Number = T>, const BEGINS: bool, const TAKES: bool>(
+        &mut self,
+        row: usize,
+        line: &[T],
+        top: V,
+    ) -> V {
         let stride = self.window.stride();
         let start = (row + PAD) * stride;
         let own = start..start + stride;
-        let Buffers { d, r, p, .. } = &mut self.buffers;
+        let Buffers { d, x, r, p, .. } = &mut self.buffers;
         let (a, b, c) = (V::splat(self.factors.0), V::splat(self.factors.1), V::splat(self.factors.2));
         let shifted = |by: usize| line[MOST + by - 1..][..stride].chunks_exact(V::LANES);
         let lines = shifted(0).zip(shifted(1)).zip(shifted(2));
         let inputs = d[own.clone()].chunks_exact(V::LANES).zip(r[own.clone()].chunks_exact(V::LANES));
+        let outputs = p[own.clone()].chunks_exact_mut(V::LANES).zip(x[own].chunks_exact_mut(V::LANES));
         let mut top = top;
-        for ((((left, middle), right), (d, r)), p) in lines.zip(inputs).zip(p[own].chunks_exact_mut(V::LANES))
-        {
+        for ((((left, middle), right), (d, r)), (p, x)) in lines.zip(inputs).zip(outputs) {
             let blurred = blurred(V::load(left), V::load(middle), V::load(right));
             let value = V::load(d).times(c.fused(V::load(r), blurred));
             top = top.top(value);
             let value = b.times(value);
-            let next = if BEGINS { value } else { a.fused(V::load(p), value) };
+            let before = V::load(p);
+            let next = if BEGINS { value } else { a.fused(before, value) };
+            if TAKES {
+                V::load(x).plus(before.plus(next)).store(x);
+            }
             next.store(p);
         }
         top

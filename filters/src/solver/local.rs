@@ -12,7 +12,7 @@
 
 use crate::kernel::Isa;
 use crate::kernel::aligned::Aligned;
-use crate::kernel::chebyshev;
+use crate::kernel::chebyshev::{self, Turn};
 use crate::kernel::stencil::{PAD, Separable, Window, apply};
 use crate::kernel::step::{self, Move, Sums, pass};
 use crate::kernel::vector::add_scaled;
@@ -100,11 +100,13 @@ pub struct Target {
     pub least: Option<f64>,
 }
 
-/// Extreme eigenvalues of the preconditioned matrix.
+/// Eigenvalues of the preconditioned matrix.
 #[derive(Clone, Copy, Debug)]
 pub struct Spectrum {
-    /// The least one.
+    /// The least one, as it bounds errors.
     pub least: f64,
+    /// Where the interval begins that the Chebyshev iteration is for: the few below it have little share in a residual.
+    pub begin: f64,
     /// The largest one.
     pub largest: f64,
 }
@@ -179,7 +181,7 @@ pub fn probe(isa: Isa, a: &Separable<f32>, window: Window, views: Views<'_>) -> 
         sums = go(what);
     }
     let (least, largest) = (steps.lanczos.least(), steps.lanczos.largest());
-    (!steps.lanczos.is_empty()).then_some(Spectrum { least, largest })
+    (!steps.lanczos.is_empty()).then_some(Spectrum { least, begin: least, largest })
 }
 
 /// Minimises `x' A x` over the free pixels as [`solve`] does, by the Chebyshev iteration for eigenvalues in `spectrum`: as many
@@ -195,15 +197,17 @@ pub fn iterate(
     let Views { x, d, r, u, w, p, s } = views;
     let unit = lone(a);
     let (middle, radius) =
-        (0.5 * (spectrum.largest + spectrum.least), 0.5 * (spectrum.largest - spectrum.least));
+        (0.5 * (spectrum.largest + spectrum.begin), 0.5 * (spectrum.largest - spectrum.begin));
     let sigma = middle / radius;
-    let mut go = |begins: bool, factors: (f64, f64)| {
+    let mut go = |turn: Turn, factors: (f64, f64)| {
         let buffers = chebyshev::Buffers { d, x, r, p, q: w };
-        chebyshev::pass(isa, a, window, begins, factors, CENTRE, buffers)
+        chebyshev::pass(isa, a, window, turn, factors, CENTRE, buffers)
     };
     let least = target.least.unwrap_or(spectrum.least);
-    let first = go(true, (0.0, 1.0 / middle));
+    let first = go(Turn::Begin, (0.0, 1.0 / middle));
     let (mut top, mut rho, mut promised) = (first, 1.0 / sigma, 1.0);
+    // What the last step left of the residual.
+    let mut share = 0.0;
     for steps in 0..=limit {
         let enough = f64::max(target.floor / unit, target.tolerance * least);
         let end = |steps: usize, top: f64| Ending {
@@ -217,15 +221,21 @@ pub fn iterate(
             return end(steps, top);
         }
         let next = 1.0 / (2.0 * sigma - rho);
-        if steps > 0 && top * next <= enough {
-            // The correction to come is there already, and what it promises suffices.
-            add_scaled(isa, x, 1.0, p);
-            return end(steps + 1, top * next);
+        let foreseen = top * f64::max(next, share);
+        if steps > 0 && foreseen <= enough {
+            // The correction to come is there already, and suffices.
+            if steps % 2 == 0 {
+                add_scaled(isa, x, 1.0, p);
+            }
+            return end(steps + 1, foreseen);
         }
         if top.is_nan() || top > LATE * promised * first {
             break;
         }
-        top = go(false, (next * rho, 2.0 * next / radius));
+        let before = top;
+        let turn = if steps % 2 == 0 { Turn::Take } else { Turn::Hold };
+        top = go(turn, (next * rho, 2.0 * next / radius));
+        share = top / before;
         promised *= next;
         rho = next;
     }

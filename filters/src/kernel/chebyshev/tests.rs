@@ -7,24 +7,27 @@ use super::*;
 fn every_instruction_set_takes_the_same_step() {
     for case in Case::all() {
         let (a, scale) = (case.a.cast::<f32>(), norm(&case.a));
-        for begins in [true, false] {
+        for turn in [Turn::Begin, Turn::Hold, Turn::Take] {
+            let begins = turn == Turn::Begin;
             let (share, length) = if begins { (0.0, 0.02) } else { (0.4, 0.01) };
             let source = if begins { &case.x } else { &case.p };
             let product = case.times(source);
             let old = |r: f64| if begins { 0.0 } else { r };
             let r: Vec<f64> =
                 case.r.iter().zip(&case.d).zip(&product).map(|((r, d), q)| old(*r) - d * q).collect();
-            let x: Vec<f64> = case.x.iter().zip(&case.p).map(|(x, p)| x + old(*p)).collect();
             let u: Vec<f64> = case.blur(&r).iter().zip(&case.d).map(|(u, d)| u * d).collect();
             let p: Vec<f64> = u.iter().zip(&case.p).map(|(u, p)| share * old(*p) + length * u).collect();
+            let takes = if turn == Turn::Take { 1.0 } else { 0.0 };
+            let corrections = case.p.iter().zip(&p).map(|(before, next)| takes * (before + next));
+            let x: Vec<f64> = case.x.iter().zip(corrections).map(|(x, correction)| x + correction).collect();
             let top = u.iter().fold(0.0, |top: f64, u| top.max(u.abs()));
             for isa in sets() {
                 let [d, mut x_now, mut r_now, mut p_now] =
                     [&case.d, &case.x, &case.r, &case.p].map(|buffer| narrow(buffer));
                 let mut q = case.window.zeros::<f32>();
                 let buffers = Buffers { d: &d, x: &mut x_now, r: &mut r_now, p: &mut p_now, q: &mut q };
-                let found = pass(isa, &a, case.window, begins, (share, length), case.c, buffers);
-                case.check("x", &x_now, &x, 2.0);
+                let found = pass(isa, &a, case.window, turn, (share, length), case.c, buffers);
+                case.check("x", &x_now, &x, 3.0 + takes * 20.0 * scale * length);
                 case.check("r", &r_now, &r, scale);
                 case.check("p", &p_now, &p, 20.0 * scale * length);
                 let bound = 64.0 * f64::from(f32::EPSILON) * 20.0 * scale;

@@ -117,7 +117,8 @@ impl Case {
             value
         };
         let largest = power(0.0, 60);
-        Spectrum { least: largest - power(largest, 150), largest }
+        let least = largest - power(largest, 150);
+        Spectrum { least, begin: least, largest }
     }
 }
 
@@ -141,9 +142,10 @@ fn both_iterations_agree_with_elimination() {
         let a = case.a.cast::<f32>();
         let mut buffers = Buffers::default();
         let spectrum = probe(ISA, &a, case.window, case.load(&mut buffers)).unwrap();
-        let wrong = Spectrum { least: 2.0 * spectrum.least, largest: 0.6 * spectrum.largest };
+        let late = Spectrum { begin: 1.5 * spectrum.least, ..spectrum };
+        let wrong = Spectrum { begin: 2.0 * spectrum.least, largest: 0.6 * spectrum.largest, ..spectrum };
         let target = Target { tolerance: 1e-4, floor: 1e-7, least: None };
-        for guess in [None, Some(spectrum), Some(wrong)] {
+        for guess in [None, Some(spectrum), Some(late), Some(wrong)] {
             let views = case.load(&mut buffers);
             let ending = match guess {
                 None => solve(ISA, &a, case.window, views, target, 200),

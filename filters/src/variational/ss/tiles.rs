@@ -25,7 +25,7 @@ use crate::{Mask, Plane, Run, Size};
 /// Most rows and columns of a tile.
 const SIDES: (usize, usize) = (120, 176);
 /// Pixels that a window extends beyond its tile.
-const HALO: usize = 5;
+const HALO: usize = 6;
 /// Steps that a tile takes at most in one sweep.
 const LIMIT: usize = 60;
 /// Most rows and columns of the parts whose eigenvalues are looked at.
@@ -34,6 +34,8 @@ const SAMPLE: (usize, usize) = (60, 88);
 const PROBES: usize = 4;
 /// Ratio of the least eigenvalues of tiles up to which one stands for all.
 const ALIKE: f64 = 2.5;
+/// Where the interval of the Chebyshev iteration begins, over the largest of the least eigenvalues seen.
+const BEGIN: f64 = 1.15;
 /// By how much the largest eigenvalue of any tile may exceed those seen.
 const MARGIN: f64 = 1.04;
 
@@ -165,8 +167,11 @@ impl Tiles {
         let (low, high) = (extreme(f64::min)?, extreme(f64::max)?);
         let largest = spectra.iter().map(|spectrum| spectrum.largest).fold(0.0, f64::max);
         // Others may have as much less than the least as this one has less than the largest of them.
-        (high <= ALIKE * low)
-            .then_some(Spectrum { least: low * (low / high).sqrt(), largest: MARGIN * largest })
+        (high <= ALIKE * low).then_some(Spectrum {
+            least: low * (low / high).sqrt(),
+            begin: BEGIN * high,
+            largest: MARGIN * largest,
+        })
     }
 
     /// Solves each tile whose residual asks for it; also says what the next sweep must look at.
