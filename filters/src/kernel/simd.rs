@@ -65,7 +65,7 @@ pub trait Vectored<T> {
 pub trait Lanes: Real {
     /// Vectors of what the target guarantees.
     type Portable: Vector<Number = Self>;
-    /// Vectors of AVX2.
+    /// Vectors of AVX2, whose 16 registers do not hold the taps of an energy.
     #[cfg(target_arch = "x86_64")]
     type Avx2: Vector<Number = Self>;
     /// Vectors of AVX-512.
@@ -76,7 +76,7 @@ pub trait Lanes: Real {
 impl Lanes for f32 {
     type Portable = Pack<f32, 4>;
     #[cfg(target_arch = "x86_64")]
-    type Avx2 = x86::F32x8;
+    type Avx2 = Pair<x86::F32x8>;
     #[cfg(target_arch = "x86_64")]
     type Avx512 = x86::F32x16;
 }
@@ -177,6 +177,63 @@ impl<T: Real, const N: usize> Vector for Pack<T, N> {
             let b = b.magnitude();
             if b > a { b } else { a }
         })
+    }
+}
+
+/// Two vectors as one. What is the same for both, as the taps of a filter, is read once where the instruction set has too few
+/// registers to keep it: with AVX2 that saves a third of all loads of a step on a tile, which its two a cycle make the limit.
+#[derive(Clone, Copy, Debug)]
+pub struct Pair<V>(V, V);
+
+impl<V: Vector> Vector for Pair<V> {
+    type Number = V::Number;
+    const LANES: usize = 2 * V::LANES;
+    #[inline(always)]
+    fn splat(x: V::Number) -> Self {
+        let v = V::splat(x);
+        Self(v, v)
+    }
+    #[inline(always)]
+    fn load(from: &[V::Number]) -> Self {
+        match from.get(..Self::LANES) {
+            Some(from) => Self(V::load(&from[..V::LANES]), V::load(&from[V::LANES..])),
+            None => Self::splat(V::Number::ZERO),
+        }
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [V::Number]) {
+        if let Some(to) = to.get_mut(..Self::LANES) {
+            self.0.store(&mut to[..V::LANES]);
+            self.1.store(&mut to[V::LANES..]);
+        }
+    }
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        Self(self.0.plus(other.0), self.1.plus(other.1))
+    }
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        Self(self.0.minus(other.0), self.1.minus(other.1))
+    }
+    #[inline(always)]
+    fn times(self, other: Self) -> Self {
+        Self(self.0.times(other.0), self.1.times(other.1))
+    }
+    #[inline(always)]
+    fn fused(self, a: Self, b: Self) -> Self {
+        Self(self.0.fused(a.0, b.0), self.1.fused(a.1, b.1))
+    }
+    #[inline(always)]
+    fn over(self, other: Self) -> Self {
+        Self(self.0.over(other.0), self.1.over(other.1))
+    }
+    #[inline(always)]
+    fn larger(self, other: Self) -> Self {
+        Self(self.0.larger(other.0), self.1.larger(other.1))
+    }
+    #[inline(always)]
+    fn top(self, other: Self) -> Self {
+        Self(self.0.top(other.0), self.1.top(other.1))
     }
 }
 
