@@ -1,8 +1,8 @@
 //! What a sweep over tiles must look at after the one before.
 //!
-//! A tile leaves its own residual within the tolerance. Only where its neighbours have changed what lies around their
-//! common border, later than it was solved, may anything be left: in bands along the borders of the tiles that were
-//! solved. A tile that did not come near enough is in doubt as a whole, and so is what lies around other changes.
+//! A tile leaves the residual of its window within the tolerance. Only just beyond the window may it have made any: in a strip
+//! around it as wide as the energy reaches, unless the tile there was solved later. A tile that did not come near enough is in
+//! doubt as a whole, and so is what lies around other changes.
 
 use crate::Size;
 use crate::kernel::stencil::Window;
@@ -70,30 +70,74 @@ pub struct Seen {
     pub marks: Vec<Vec<Mark>>,
 }
 
+/// Distances from a tile, from and to, at which pixels feel its solution but were not solved with it.
+#[derive(Clone, Copy, Debug)]
+pub struct Felt {
+    /// Where they begin.
+    pub from: usize,
+    /// Where they end.
+    pub to: usize,
+}
+
 impl Seen {
-    /// Whether a tile that was solved lies within `width` pixels of a window.
-    pub fn touches(&self, window: &Window, width: usize) -> bool {
-        self.near(*window, width).next().is_some()
+    /// Whether the solution of a tile is felt in a window.
+    pub fn touches(&self, window: &Window, felt: Felt) -> bool {
+        self.near(*window, felt.to).next().is_some()
     }
 
-    /// The tiles within `width` pixels of a window that were not left as they are.
-    fn near(&self, window: Window, width: usize) -> impl Iterator<Item = (Window, Mark)> {
-        let rows = self.grid.rows.iter().zip(&self.marks);
-        let rows = rows.filter(move |(row, _)| within(**row, (window.y, window.height), width));
-        rows.flat_map(move |(&(y, height), marks)| {
-            let tiles = self.grid.columns.iter().zip(marks);
+    /// The tiles within `width` pixels of a window that were not left as they are: row, column and mark.
+    fn near(&self, window: Window, width: usize) -> impl Iterator<Item = (usize, usize, Mark)> {
+        let rows = self.grid.rows.iter().zip(&self.marks).enumerate();
+        let rows = rows.filter(move |(_, (row, _))| within(**row, (window.y, window.height), width));
+        rows.flat_map(move |(i, (_, marks))| {
+            let tiles = self.grid.columns.iter().zip(marks).enumerate();
             tiles
-                .filter(move |(column, mark)| {
+                .filter(move |(_, (column, mark))| {
                     **mark != Mark::Quiet && within(**column, (window.x, window.width), width)
                 })
-                .map(move |(&(x, width), &mark)| (Window { y, x, height, width }, mark))
+                .map(move |(j, (_, &mark))| (i, j, mark))
         })
+    }
+
+    /// The strips above, below, left and right of a tile that feel it and were not solved later: first and number of their rows,
+    /// and of their columns. Even rows of tiles are solved first, each from left to right.
+    fn strips(&self, i: usize, j: usize, felt: Felt) -> ([(usize, usize); 2], [(usize, usize); 2]) {
+        let Grid { rows, columns, .. } = &self.grid;
+        let solved = |i: usize, mut tiles: std::ops::Range<usize>| {
+            let wide = |j: usize| columns.get(j).is_some_and(|column| column.1 >= felt.to);
+            let own = |j: usize| self.marks[i].get(j) == Some(&Mark::Solved) && wide(j);
+            rows[i].1 >= felt.to && tiles.all(own)
+        };
+        let around = j.saturating_sub(1)..columns.len().min(j + 2);
+        let settled = |other: Option<usize>| {
+            let Some(other) = other.filter(|&other| other < rows.len()) else { return true };
+            other % 2 == 1 && solved(other, around.clone())
+        };
+        let Felt { from, to } = felt;
+        let before = |(start, _): (usize, usize), settled: bool| {
+            let first = start.saturating_sub(to);
+            (first, if settled { 0 } else { start.saturating_sub(from) - first })
+        };
+        let after = |(start, length): (usize, usize), settled: bool| {
+            (start + length + from, if settled { 0 } else { to - from })
+        };
+        let right = j + 1 == columns.len() || solved(i, j + 1..j + 2);
+        (
+            [before(rows[i], settled(i.checked_sub(1))), after(rows[i], settled(Some(i + 1)))],
+            [before(columns[j], j == 0), after(columns[j], right)],
+        )
     }
 }
 
 /// Whether two ranges, first and length of each, share anything once one is extended by `width` to either side.
 const fn within(a: (usize, usize), b: (usize, usize), width: usize) -> bool {
     a.0 < b.0 + b.1 + width && b.0 < a.0 + a.1 + width
+}
+
+/// What two ranges share, if they do.
+fn common(a: (usize, usize), b: (usize, usize)) -> Option<(usize, usize)> {
+    let (first, end) = (a.0.max(b.0), (a.0 + a.1).min(b.0 + b.1));
+    (first < end).then(|| (first, end - first))
 }
 
 /// Where something may be left in a tile.
@@ -106,44 +150,33 @@ pub enum Doubt {
 }
 
 impl Doubt {
-    /// What the sweep `before` leaves to doubt in a tile, when `changed` was changed besides. Changes are felt `width` pixels
-    /// away.
-    pub fn new(tile: Window, before: Option<&Seen>, changed: &[Window], width: usize) -> Self {
+    /// What the sweep `before` leaves to doubt in a tile, when `changed` was changed besides.
+    pub fn new(tile: Window, before: Option<&Seen>, changed: &[Window], felt: Felt) -> Self {
         let Some(before) = before else { return Self::Everywhere };
         let (down, across) = ((tile.y, tile.height), (tile.x, tile.width));
         let touches = |window: &Window| {
-            within((window.y, window.height), down, width) && within((window.x, window.width), across, width)
+            let (rows, columns) = ((window.y, window.height), (window.x, window.width));
+            within(rows, down, felt.to) && within(columns, across, felt.to)
         };
         if changed.iter().any(touches) {
             return Self::Everywhere;
         }
         let (mut rows, mut columns) = (Vec::new(), Vec::new());
-        for (own, mark) in before.near(tile, width) {
+        for (i, j, mark) in before.near(tile, felt.to) {
             if mark == Mark::Open {
                 return Self::Everywhere;
             }
-            let (lines, sides) = ([own.y, own.y + own.height], [own.x, own.x + own.width]);
-            rows.extend(lines.into_iter().filter(|&line| within((line, 0), down, width)));
-            columns.extend(sides.into_iter().filter(|&line| within((line, 0), across, width)));
+            let (lines, sides) = before.strips(i, j, felt);
+            rows.extend(lines.into_iter().filter_map(|strip| common(strip, down)));
+            columns.extend(sides.into_iter().filter_map(|strip| common(strip, across)));
         }
-        let band = |line: usize, from: usize, length: usize| {
-            let start = line.saturating_sub(width).max(from);
-            (start, (line + width).min(from + length) - start)
-        };
-        let mut bands = Vec::new();
-        for lines in [&mut rows, &mut columns] {
-            lines.sort_unstable();
-            lines.dedup();
+        for strips in [&mut rows, &mut columns] {
+            strips.sort_unstable();
+            strips.dedup();
         }
-        for line in rows {
-            let (y, height) = band(line, tile.y, tile.height);
-            bands.push(Window { y, height, ..tile });
-        }
-        for line in columns {
-            let (x, across) = band(line, tile.x, tile.width);
-            bands.push(Window { x, width: across, ..tile });
-        }
-        Self::Along(bands)
+        let rows = rows.into_iter().map(|(y, height)| Window { y, height, ..tile });
+        let columns = columns.into_iter().map(|(x, width)| Window { x, width, ..tile });
+        Self::Along(rows.chain(columns).collect())
     }
 }
 
@@ -174,55 +207,80 @@ mod tests {
         }
     }
 
-    #[test]
-    fn bands_cover_what_solved_tiles_leave_in_doubt() {
-        let width = 9;
-        let marks = seen(|i, j| if (i, j) == (1, 1) { Mark::Solved } else { Mark::Quiet });
-        let solved = Window { y: 100, x: 100, height: 100, width: 100 };
-        let mut doubted = vec![false; SIZE.pixels()];
-        let grid = Grid::new(SIZE, (100, 100), true);
+    const FELT: Felt = Felt { from: 5, to: 10 };
+
+    /// What a sweep by half a tile looks at, pixel by pixel.
+    fn looks(before: &Seen) -> Vec<bool> {
+        let mut looked = vec![false; SIZE.pixels()];
+        let grid = Grid::new(SIZE, (100, 100), !before.grid.shifted);
         for &(y, height) in &grid.rows {
-            for &(x, across) in &grid.columns {
-                let tile = Window { y, x, height, width: across };
-                let Doubt::Along(bands) = Doubt::new(tile, Some(&marks), &[], width) else { panic!() };
-                for band in bands {
-                    assert!(band.y >= y && band.y + band.height <= y + height);
-                    assert!(band.x >= x && band.x + band.width <= x + across);
-                    for i in band.y..band.y + band.height {
-                        doubted[i * SIZE.width..][band.x..band.x + band.width].fill(true);
+            for &(x, width) in &grid.columns {
+                let tile = Window { y, x, height, width };
+                let Doubt::Along(parts) = Doubt::new(tile, Some(before), &[], FELT) else { panic!() };
+                for part in parts {
+                    assert!(part.y >= y && part.y + part.height <= y + height);
+                    assert!(part.x >= x && part.x + part.width <= x + width);
+                    for i in part.y..part.y + part.height {
+                        looked[i * SIZE.width..][part.x..part.x + part.width].fill(true);
                     }
                 }
             }
         }
-        for i in 0..SIZE.height {
-            for j in 0..SIZE.width {
-                let to = |a: usize, from: usize, length: usize| {
-                    // Distance of a pixel to the two borders, and whether it is between or beside them by less.
-                    let (low, high) = (from.abs_diff(a), (from + length).abs_diff(a));
-                    (low.min(high) < width, a + width >= from && a < from + length + width)
-                };
-                let ((line, along), (column, across)) =
-                    (to(i, solved.y, solved.height), to(j, solved.x, solved.width));
-                if (line && across) || (column && along) {
-                    assert!(doubted[i * SIZE.width + j], "{i} {j}");
+        looked
+    }
+
+    /// Where a sweep leaves a residual: solving a tile settles its window and stirs what lies around it.
+    fn left(sweep: &Seen) -> Vec<bool> {
+        let mut stirred = vec![false; SIZE.pixels()];
+        let Grid { rows, columns, .. } = &sweep.grid;
+        for i in (0..rows.len()).step_by(2).chain((1..rows.len()).step_by(2)) {
+            for j in (0..columns.len()).filter(|&j| sweep.marks[i][j] == Mark::Solved) {
+                for (beyond, state) in [(FELT.to, true), (FELT.from, false)] {
+                    let span = |(start, length): (usize, usize), n: usize| {
+                        start.saturating_sub(beyond)..n.min(start + length + beyond)
+                    };
+                    for y in span(rows[i], SIZE.height) {
+                        stirred[y * SIZE.width..][span(columns[j], SIZE.width)].fill(state);
+                    }
                 }
             }
         }
+        stirred
+    }
+
+    #[test]
+    fn looks_cover_what_a_sweep_leaves() {
+        let all = seen(|_, _| Mark::Solved);
+        let some = |k: usize| {
+            seen(move |i, j| if (i * 7 + j * 5 + k * 3) % 4 < 2 { Mark::Solved } else { Mark::Quiet })
+        };
+        let one = seen(|i, j| if (i, j) == (1, 1) { Mark::Solved } else { Mark::Quiet });
+        for sweep in [all.clone(), one, some(0), some(1), some(2), some(3)] {
+            let (looked, left) = (looks(&sweep), left(&sweep));
+            for (k, (looked, left)) in looked.iter().zip(&left).enumerate() {
+                assert!(looked | !left, "{} {}", k / SIZE.width, k % SIZE.width);
+            }
+        }
+        // One strip at each border between tiles, and no more.
+        let looked = looks(&all).into_iter().filter(|looked| *looked).count();
+        let width = FELT.to - FELT.from;
+        assert!(looked <= 2 * width * SIZE.width + 3 * width * SIZE.height, "{looked}");
     }
 
     #[test]
     fn open_tiles_and_other_changes_are_in_doubt_as_a_whole() {
         let tile = Window { y: 50, x: 50, height: 100, width: 100 };
         let open = seen(|i, j| if (i, j) == (1, 1) { Mark::Open } else { Mark::Quiet });
-        assert_eq!(Doubt::new(tile, Some(&open), &[], 9), Doubt::Everywhere);
-        assert_eq!(Doubt::new(tile, None, &[], 9), Doubt::Everywhere);
+        assert_eq!(Doubt::new(tile, Some(&open), &[], FELT), Doubt::Everywhere);
+        assert_eq!(Doubt::new(tile, None, &[], FELT), Doubt::Everywhere);
         let quiet = seen(|_, _| Mark::Quiet);
-        assert_eq!(Doubt::new(tile, Some(&quiet), &[], 9), Doubt::Along(Vec::new()));
+        assert_eq!(Doubt::new(tile, Some(&quiet), &[], FELT), Doubt::Along(Vec::new()));
         let hole = |x| Window { y: 60, x, height: 10, width: 10 };
-        assert_eq!(Doubt::new(tile, Some(&quiet), &[hole(158)], 9), Doubt::Everywhere);
-        assert_eq!(Doubt::new(tile, Some(&quiet), &[hole(159)], 9), Doubt::Along(Vec::new()));
+        assert_eq!(Doubt::new(tile, Some(&quiet), &[hole(159)], FELT), Doubt::Everywhere);
+        assert_eq!(Doubt::new(tile, Some(&quiet), &[hole(160)], FELT), Doubt::Along(Vec::new()));
         // Tile (1, 1) begins at column 100.
         let near = |x| Window { y: 150, x, height: 10, width: 10 };
-        assert!(open.touches(&near(82), 9) && !open.touches(&near(81), 9) && !quiet.touches(&near(120), 9));
+        assert!(open.touches(&near(81), FELT) && !open.touches(&near(80), FELT));
+        assert!(!quiet.touches(&near(120), FELT));
     }
 }

@@ -14,7 +14,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::doubt::{Doubt, Grid, Mark, Seen};
+use super::doubt::{Doubt, Felt, Grid, Mark, Seen};
 use crate::kernel::stencil::{PAD, Separable, Window};
 use crate::kernel::tile::{Gather, Scatter, free, gather, scatter};
 use crate::kernel::{Isa, step};
@@ -129,9 +129,10 @@ impl Tiles {
         tiles
     }
 
-    /// How far beyond a tile its solution is felt: the pixels that it changes there, and those whose residual they enter.
-    pub fn felt(&self) -> usize {
-        HALO + self.matrix.terms + 1
+    /// Where the solution of a tile is felt but not part of it: at pixels whose residual those that it changes enter. The
+    /// preconditioner mixes residuals of neighbours.
+    pub fn felt(&self) -> Felt {
+        Felt { from: HALO - 1, to: HALO + self.matrix.terms + 1 }
     }
 
     /// On how many sides of a window the image ends: there, and most of all in corners, lower eigenvalues occur.
