@@ -33,8 +33,8 @@ const POWERS: usize = REACH + 1;
 pub struct Interior<T> {
     /// Per power of `d` the taps of a column away from the borders: in the middle, one beside it, and so on.
     taps: [[T; POWERS]; POWERS],
-    /// Per power and tap, one for each column of the image behind [`PAD`] zeros: used near its borders.
-    columns: Vec<Vec<T>>,
+    /// Per tap and power, one for each column of the image behind [`PAD`] zeros and before others: used near its borders.
+    columns: Vec<T>,
     /// Columns at either border that have taps of their own.
     ends: usize,
     /// Rows at either end where none of this holds.
@@ -70,11 +70,11 @@ impl<T: Real> Interior<T> {
         let middle = horizontal.len / 2;
         let taps = std::array::from_fn(|l| std::array::from_fn(|k| T::from_f64(tap(l, middle, REACH + k))));
         let mut columns = Vec::new();
-        for l in 0..=terms {
-            for k in REACH - terms..=REACH + terms {
-                let line = (0..horizontal.len).map(|x| T::from_f64(tap(l, x, k)));
-                let before = std::iter::repeat_n(T::ZERO, PAD);
-                columns.push(before.chain(line).chain(std::iter::repeat_n(T::ZERO, 2 * MOST)).collect());
+        for k in REACH - terms..=REACH + terms {
+            for l in 0..=terms {
+                columns.extend(std::iter::repeat_n(T::ZERO, PAD));
+                columns.extend((0..horizontal.len).map(|x| T::from_f64(tap(l, x, k))));
+                columns.extend(std::iter::repeat_n(T::ZERO, 2 * MOST));
             }
         }
         let (ends, len) = (horizontal.ends, horizontal.len);
@@ -86,7 +86,7 @@ impl<T: Real> Interior<T> {
         let cast = |x: &T| U::from_f64(x.to_f64());
         Interior {
             taps: self.taps.each_ref().map(|taps| taps.each_ref().map(cast)),
-            columns: self.columns.iter().map(|line| line.iter().map(cast).collect()).collect(),
+            columns: self.columns.iter().map(cast).collect(),
             ends: self.ends,
             rows: self.rows,
             len: self.len,
@@ -239,10 +239,10 @@ impl<'a, V: Vector, const R: usize> Taps<'a, V, R> {
     #[inline(always)]
     pub fn near_border(&self, near: &[V::Number], x: usize) -> [V; POWERS] {
         let mut c = [V::splat(V::Number::ZERO); POWERS];
-        for k in 0..=2 * R {
+        let length = PAD + self.interior.len + 2 * MOST;
+        for (k, taps) in self.interior.columns.chunks_exact((R + 1) * length).enumerate() {
             let value = V::load(&near[k..]);
-            for (l, c) in c.iter_mut().enumerate().take(R + 1) {
-                let own = &self.interior.columns[l * (2 * R + 1) + k][x..];
+            for (c, own) in c.iter_mut().zip(taps[x..].chunks(length)) {
                 *c = value.fused(V::load(own), *c);
             }
         }

@@ -10,6 +10,7 @@
 #![allow(unsafe_code, reason = "calling a function that was compiled for an instruction set the CPU has")]
 
 pub mod aligned;
+pub mod cascade;
 pub mod chebyshev;
 pub mod dense;
 pub mod extremes;
@@ -20,7 +21,6 @@ pub mod minima;
 pub mod points;
 pub mod pyramid;
 pub mod regress;
-pub mod relax;
 pub mod resample;
 pub mod rows;
 pub mod simd;

@@ -4,12 +4,11 @@
 //! points has nine diagonals, of which five planes hold what there is: a cell with itself, with the next one in
 //! its row, and with the three below. A plain diagonal is the first plane alone.
 //!
-//! Roofline of [`Points::add`], per pixel: 9 multiply-adds, 5 planes and one buffer read, one buffer updated; the planes
-//! stay in L2 while a tile is smoothed.
+//! Roofline of a row, per vector: 9 multiply-adds, 19 loads and a store; the planes are the five streams from memory.
 
-use super::relax::Part;
-use super::stencil::Window;
-use super::{Body, Isa, Real, dispatch, fma};
+use super::simd::{Lanes, Vector, Vectored, vectors};
+use super::stencil::{PAD, Window};
+use super::{Isa, Real};
 
 /// The planes, each a buffer of the window: either the first or all five.
 #[derive(Clone, Debug)]
@@ -59,6 +58,12 @@ impl<T: Real> Points<T> {
         Self { planes }
     }
 
+    /// The same with other numbers.
+    #[cfg(test)]
+    pub fn map<U: Real>(&self, cast: impl Fn(&[T]) -> Vec<U>) -> Points<U> {
+        Points { planes: self.planes.iter().map(|plane| cast(plane)).collect() }
+    }
+
     /// The diagonal, a buffer of the window.
     pub fn middle(&self) -> &[T] {
         &self.planes[0]
@@ -74,82 +79,82 @@ impl<T: Real> Points<T> {
             .map_or(0.0, |plane| plane[k].to_f64())
     }
 
-    /// Adds the matrix times `x` to `q`, both buffers of `tile`, which begins at `(i, j)` of the window.
-    pub fn add(&self, isa: Isa, window: Window, (i, j): (usize, usize), tile: Window, x: &[T], q: &mut [T]) {
-        let planes: Vec<Part<'_, T>> =
-            self.planes.iter().map(|plane| Part::new(plane, window, (i, j))).collect();
-        match <[Part<'_, T>; 5]>::try_from(planes) {
-            Ok(planes) => dispatch(isa, Add { planes, tile, x, q }),
-            Err(planes) => dispatch(isa, Diagonal { plane: planes[0], tile, x, q }),
-        }
+    /// Adds the matrix times `x` to `q`, both buffers of `tile`, which begins at `(i, j)` of the window. In the padding beside
+    /// the tile `q` may become anything.
+    pub fn add(&self, isa: Isa, window: Window, (i, j): (usize, usize), tile: Window, x: &[T], q: &mut [T])
+    where
+        T: Lanes,
+    {
+        vectors(isa, Add { points: self, window, at: (i, j), tile, x, q });
     }
-}
 
-struct Diagonal<'a, T> {
-    plane: Part<'a, T>,
-    tile: Window,
-    x: &'a [T],
-    q: &'a mut [T],
-}
-
-impl<T: Real> Body for Diagonal<'_, T> {
-    type Output = ();
-
+    /// Adds a row of the matrix times `x` to `q`, a multiple of any vector's lanes. `x`: the row above, its own and the one below,
+    /// each with one value more to either side; the first value of `q` belongs to place `at` of the window's buffers.
     #[inline(always)]
-    fn run<const FUSED: bool>(self) {
-        let width = self.tile.width;
-        for i in 0..self.tile.height {
-            let at = self.tile.at(i, 0);
-            let (x, q) = (&self.x[at..][..width], &mut self.q[at..][..width]);
-            for ((q, &x), &d) in q.iter_mut().zip(x).zip(self.plane.row(i)) {
-                *q = fma::<T, FUSED>(d, x, *q);
+    pub fn add_row<'a, V: Vector<Number = T>>(
+        &'a self,
+        window: Window,
+        at: usize,
+        x: [&'a [T]; 3],
+        q: &mut [T],
+    ) {
+        let length = q.len();
+        let Some([centre, right, down_left, down, down_right]) =
+            self.planes.first_chunk().map(|planes: &[Vec<T>; 5]| planes.each_ref().map(Vec::as_slice))
+        else {
+            for ((q, &x), &d) in q.iter_mut().zip(&x[1][1..]).zip(&self.planes[0][at..]) {
+                *q += d * x;
             }
+            return;
+        };
+        let above = at - window.stride();
+        let [upper, here, lower] = x;
+        let plane = |plane: &'a [T], at: usize| plane[at..][..length].chunks_exact(V::LANES);
+        let values = |row: &'a [T], at: usize| row[at..][..length].chunks_exact(V::LANES);
+        let own = plane(centre, at).zip(values(here, 1)).zip(plane(right, at).zip(values(here, 2)));
+        let own = own.zip(plane(right, at - 1).zip(values(here, 0)));
+        let below = plane(down_left, at).zip(values(lower, 0)).zip(plane(down, at).zip(values(lower, 1)));
+        let below = below.zip(plane(down_right, at).zip(values(lower, 2)));
+        let over =
+            plane(down_left, above + 1).zip(values(upper, 2)).zip(plane(down, above).zip(values(upper, 1)));
+        let over = over.zip(plane(down_right, above - 1).zip(values(upper, 0)));
+        for (q, ((own, below), over)) in q.chunks_exact_mut(V::LANES).zip(own.zip(below).zip(over)) {
+            add_three(add_three(add_three(V::load(q), own), below), over).store(q);
         }
     }
+}
+
+/// Three vectors of planes, each with what it is multiplied by.
+type Three<'a, T> = (((&'a [T], &'a [T]), (&'a [T], &'a [T])), (&'a [T], &'a [T]));
+
+#[inline(always)]
+fn add_three<V: Vector>(sum: V, (((a, x), (b, y)), (c, z)): Three<'_, V::Number>) -> V {
+    let sum = V::load(a).fused(V::load(x), sum);
+    V::load(c).fused(V::load(z), V::load(b).fused(V::load(y), sum))
 }
 
 struct Add<'a, T> {
-    planes: [Part<'a, T>; 5],
+    points: &'a Points<T>,
+    window: Window,
+    at: (usize, usize),
     tile: Window,
     x: &'a [T],
     q: &'a mut [T],
 }
 
-impl<T: Real> Body for Add<'_, T> {
+impl<T: Real> Vectored<T> for Add<'_, T> {
     type Output = ();
 
     #[inline(always)]
-    fn run<const FUSED: bool>(self) {
-        let (width, stride) = (self.tile.width, self.tile.stride());
+    fn run<V: Vector<Number = T>>(self) {
+        let stride = self.tile.stride();
         for i in 0..self.tile.height {
-            let at = self.tile.at(i, 0);
-            let row = |at: usize| &self.x[at - 1..][..width + 2];
-            let (above, here, below) = (row(at - stride), row(at), row(at + stride));
-            // From one column before the tile on, in this row and in the one above.
-            let own = |plane: usize| {
-                let part = self.planes[plane];
-                &part.values[part.start + i * part.stride - 1..][..width + 2]
-            };
-            let upper = |plane: usize| {
-                let part = self.planes[plane];
-                &part.values[part.start + i * part.stride - part.stride - 1..][..width + 2]
-            };
-            let (centre, right) = (own(0), own(1));
-            let (down_left, down, down_right) = (own(2), own(3), own(4));
-            let (up_right, up, up_left) = (upper(2), upper(3), upper(4));
-            let q = &mut self.q[at..][..width];
-            for (j, q) in q.iter_mut().enumerate() {
-                let k = j + 1;
-                let mut sum = fma::<T, FUSED>(centre[k], here[k], *q);
-                sum = fma::<T, FUSED>(right[k], here[k + 1], sum);
-                sum = fma::<T, FUSED>(right[k - 1], here[k - 1], sum);
-                sum = fma::<T, FUSED>(down_left[k], below[k - 1], sum);
-                sum = fma::<T, FUSED>(down[k], below[k], sum);
-                sum = fma::<T, FUSED>(down_right[k], below[k + 1], sum);
-                sum = fma::<T, FUSED>(up_right[k + 1], above[k + 1], sum);
-                sum = fma::<T, FUSED>(up[k], above[k], sum);
-                *q = fma::<T, FUSED>(up_left[k - 1], above[k - 1], sum);
-            }
+            // From the padding on, which has no points.
+            let own = (i + PAD) * stride;
+            let row = |at: usize| &self.x[at - 1..][..stride + 2];
+            let at = self.window.at(self.at.0 + i, self.at.1) - PAD;
+            let x = [row(own - stride), row(own), row(own + stride)];
+            self.points.add_row::<V>(self.window, at, x, &mut self.q[own..][..stride]);
         }
     }
 }
@@ -220,7 +225,11 @@ mod tests {
                     let (i, j) = (2, 5);
                     let part = Window { y: i, x: j, height: height - 3, width: width - 7 };
                     let (mut own, mut product) = (part.zeros::<f64>(), part.zeros::<f64>());
-                    super::super::relax::load(&x, window, (i, j), part, &mut own);
+                    for k in 0..part.height + 2 * PAD {
+                        let length = part.width + 2 * PAD;
+                        let row = &x[(i + k) * window.stride() + j..][..length];
+                        own[k * part.stride()..][..length].copy_from_slice(row);
+                    }
                     points.add(isa, window, (i, j), part, &own, &mut product);
                     for k in 0..part.height {
                         let (here, whole) = (part.at(k, 0), window.at(i + k, j));

@@ -198,6 +198,24 @@ impl Window {
     }
 }
 
+/// Rows of a tile in a larger buffer.
+#[derive(Clone, Copy, Debug)]
+pub struct Part<'a, T> {
+    /// The buffer.
+    pub values: &'a [T],
+    /// Where the tile's first row begins in it.
+    pub start: usize,
+    /// Values from one row to the next.
+    pub stride: usize,
+}
+
+impl<'a, T> Part<'a, T> {
+    /// The tile whose first pixel is row `i`, column `j` of the window that `values` belong to.
+    pub fn new(values: &'a [T], window: Window, (i, j): (usize, usize)) -> Self {
+        Self { values, start: window.at(i, j), stride: window.stride() }
+    }
+}
+
 /// `q = (A + diag(d)) p` on a window; returns the sum of `p q`. The padding of `q` stays as it is.
 pub fn apply<T: Lanes>(
     isa: Isa,

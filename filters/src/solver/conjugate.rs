@@ -10,7 +10,7 @@
 use super::lanczos::Lanczos;
 use super::multigrid::{Multigrid, Workspace};
 use crate::kernel::simd::Lanes;
-use crate::kernel::vector;
+use crate::kernel::vector::{self, Sums};
 use crate::{Run, Stop};
 
 /// How a solve ended.
@@ -65,26 +65,26 @@ impl Goal {
     }
 }
 
-/// Solves for the correction `c` of the residual that stands in the workspace, until no entry of a cycle's correction exceeds
-/// what the goal says. The last cycle's correction is added as it is.
+/// Solves for the correction of the residual that stands in the workspace, and leaves it there, until no entry of a cycle's
+/// correction exceeds what the goal says. The last cycle's correction is added as it is.
 pub fn solve<T: Lanes>(
     grids: &Multigrid<T>,
     workspace: &mut Workspace<T>,
-    c: &mut [T],
     goal: Goal,
     run: &Run<'_>,
 ) -> Ending {
-    let (isa, window) = (grids.isa(), grids.window());
-    let (mut p, mut q) = (window.zeros::<T>(), window.zeros::<T>());
+    let isa = grids.isa();
     let (mut before, mut first, mut step) = (0.0, (0.0, 0.0), 0.0);
     let (mut smallest, mut age) = (f64::INFINITY, 0);
+    let mut curvature = 0.0;
     let mut iterations = 0;
     let mut lanczos = Lanczos::default();
     let stop = loop {
         grids.cycle(workspace);
-        let (r, z) = workspace.finest();
-        let (rz, top) = vector::dot(isa, r, z);
-        if iterations == 0 {
+        let mut vectors = workspace.vectors();
+        let begins = iterations == 0;
+        let Sums { residual: rz, energy, before: zq, top } = vectors.sums(isa, begins);
+        if begins {
             first = (rz, top);
         }
         (smallest, age) = if top < smallest { (top, 0) } else { (smallest, age + 1) };
@@ -95,25 +95,30 @@ pub fn solve<T: Lanes>(
         } else {
             run.interrupted()
         };
-        if stop == Some(Stop::Converged) {
-            vector::add_scaled(isa, c, 1.0, z);
-        }
         if let Some(stop) = stop {
+            if begins {
+                vectors.c.fill(T::ZERO);
+            }
+            if stop == Stop::Converged {
+                vector::add_scaled(isa, vectors.c, 1.0, vectors.z);
+            }
             break (stop, rz);
         }
         // `z' (r - r_before) = -step z' q`.
-        let ratio = if iterations == 0 { 0.0 } else { -step * vector::dot(isa, &q, z).0 / before };
-        vector::scale_add(isa, &mut p, ratio, z);
+        let ratio = if begins { 0.0 } else { -step * zq / before };
         before = rz;
-        let curvature = grids.apply(&p, &mut q);
+        // `p' A p` of the new direction.
+        curvature = energy + ratio * (2.0 * zq + ratio * curvature);
         if curvature.is_nan() || curvature <= 0.0 {
+            if begins {
+                vectors.c.fill(T::ZERO);
+            }
             break (Stop::IterationLimit, rz);
         }
         // `p' r = r' z`, as the step before has left nothing along the direction before.
         step = rz / curvature;
         lanczos.push(step, ratio.max(0.0));
-        vector::add_scaled(isa, c, step, &p);
-        vector::add_scaled(isa, r, -step, &q);
+        vectors.step(isa, begins, (step, ratio));
         iterations += 1;
     };
     let residual = if first.0 > 0.0 { (stop.1.max(0.0) / first.0).sqrt() } else { 0.0 };

@@ -1,4 +1,4 @@
-//! A multigrid cycle on a window, as a preconditioner: symmetric, positive definite, one sweep down and one up.
+//! A multigrid cycle on a window, as a preconditioner: symmetric, positive definite, one smoothing down and one up.
 //!
 //! The system is `(A_l + D_l) x = r` over the free unknowns of each level. Level 0 is the caller's; each coarser
 //! grid has half the resolution and its own `A_l` (the same energy at twice the spacing), and all its cells are free. What
@@ -7,22 +7,26 @@
 //! be undone by the finer grids. Cells that are held where a sample only lies somewhere inside took twice the iterations at
 //! 1 % density (16 instead of 8).
 //!
-//! Smoother: a polynomial in `B (A + D)`, with `B` the masked blur of [`crate::kernel::relax`], tile by tile ([`smooth`]). Transfer: [`crate::operator::resample`]. The coarsest grid is solved directly.
+//! Smoother: a polynomial in `B (A + D)`, with `B` a masked blur ([`smooth`]), which also tells what it leaves of the right-hand
+//! side: coarse grids take it from there, and conjugate gradients have their product. Transfer: [`crate::operator::resample`].
+//! The coarsest grid is solved directly.
 //!
 //! Source: W. Briggs, V. Henson, S. Mc Cormick, "A Multigrid Tutorial", SIAM 2000; M. Adams, M. Brezina, J. Hu,
 //! R. Tuminaro, "Parallel multigrid smoothing: polynomial versus Gauss-Seidel", J. Comput. Phys. 188, 2003.
 //!
-//! Cost: `2 DEGREE + 1` applications of `A` a level, 4/3 of that in all. Memory: six buffers at level 0, ten at the others, which
-//! together have a third of its cells: 9 windows in all.
+//! Cost: `2 DEGREE` applications of `A` a level, one more at level 0, and an eighth more where strips overlap. Memory: six buffers
+//! at level 0, eleven at the others, which together have a third of its cells, and three of conjugate gradients: 13 windows in all.
 
 use rayon::prelude::*;
 
 use super::bottom::Bottom;
-use super::pool::Pool;
+use super::pool::{Lent, Pool};
+use crate::kernel::cascade::Scratch;
 use crate::kernel::points::{Point, Points};
 use crate::kernel::simd::Lanes;
-use crate::kernel::stencil::{PAD, Separable, Window, apply};
-use crate::kernel::{Isa, vector};
+use crate::kernel::stencil::{PAD, Separable, Window};
+use crate::kernel::vector::Gradients;
+use crate::kernel::{Isa, Real, vector};
 use crate::operator::resample::Resample;
 
 mod smooth;
@@ -54,28 +58,50 @@ struct Level<T> {
 }
 
 /// The grids of a window.
-pub struct Multigrid<T> {
+pub struct Multigrid<T: Real> {
     isa: Isa,
     levels: Vec<Level<T>>,
     bottom: Option<Bottom>,
+    workspaces: Pool<Workspace<T>>,
 }
 
 /// Buffers for one cycle at a time.
-pub struct Workspace<T> {
+#[derive(Default)]
+pub struct Workspace<T: Real> {
     levels: Vec<Buffers<T>>,
-    pool: Pool<Vec<T>>,
+    pool: Pool<Scratch<T>>,
+    /// Of conjugate gradients: direction, its product with the matrix, solution.
+    p: Vec<T>,
+    q: Vec<T>,
+    c: Vec<T>,
 }
 
 struct Buffers<T> {
+    /// The right-hand side.
     r: Vec<T>,
+    /// The correction.
     x: Vec<T>,
+    /// The correction before the second smoothing.
+    y: Vec<T>,
+    /// What it leaves of the right-hand side, times `share`.
+    rest: Vec<T>,
 }
 
-impl<T> Workspace<T> {
-    /// The residual that [`Multigrid::cycle`] reads, and the correction that it has found.
-    pub fn finest(&mut self) -> (&mut [T], &[T]) {
-        let Buffers { r, x } = &mut self.levels[0];
-        (r, x)
+impl<T: Real> Workspace<T> {
+    /// The residual that [`Multigrid::cycle`] reads.
+    pub fn residual(&mut self) -> &mut [T] {
+        &mut self.levels[0].r
+    }
+
+    /// The correction that conjugate gradients have found.
+    pub fn correction(&self) -> &[T] {
+        &self.c
+    }
+
+    /// The vectors of conjugate gradients.
+    pub fn vectors(&mut self) -> Gradients<'_, T> {
+        let Buffers { r, x, rest, .. } = &mut self.levels[0];
+        Gradients { r, rest, z: x, p: &mut self.p, q: &mut self.q, c: &mut self.c }
     }
 }
 
@@ -93,7 +119,7 @@ impl<T: Lanes> Multigrid<T> {
         let held = held(window, &free, d.as_deref());
         let finest = window;
         let (mut window, mut free, mut points) = (window, Some(free), d.map(Points::diagonal));
-        let mut grids = Self { isa, levels: Vec::new(), bottom: None };
+        let mut grids = Self { isa, levels: Vec::new(), bottom: None, workspaces: Pool::default() };
         let mut a = matrix(0);
         loop {
             let size = a.size();
@@ -113,10 +139,19 @@ impl<T: Lanes> Multigrid<T> {
         }
     }
 
-    /// Buffers for [`Self::cycle`].
-    pub fn workspace(&self) -> Workspace<T> {
-        let buffers = |level: &Level<T>| Buffers { r: level.window.zeros(), x: level.window.zeros() };
-        Workspace { levels: self.levels.iter().map(buffers).collect(), pool: Pool::default() }
+    /// Buffers for [`Self::cycle`], which one solve after another may use.
+    pub fn workspace(&self) -> Lent<'_, Workspace<T>> {
+        let mut workspace = self.workspaces.lend();
+        if workspace.levels.is_empty() {
+            let buffers = |level: &Level<T>| {
+                let zeros = || level.window.zeros();
+                Buffers { r: zeros(), x: zeros(), y: zeros(), rest: zeros() }
+            };
+            workspace.levels = self.levels.iter().map(buffers).collect();
+            let zeros = || self.window().zeros();
+            (workspace.p, workspace.q, workspace.c) = (zeros(), zeros(), zeros());
+        }
+        workspace
     }
 
     /// The instruction set in use.
@@ -134,39 +169,33 @@ impl<T: Lanes> Multigrid<T> {
         &self.levels[0].share
     }
 
-    /// `q = (A + D) p` on the finest window; returns the sum of `p q`.
-    pub fn apply(&self, p: &[T], q: &mut [T]) -> f64 {
-        let level = &self.levels[0];
-        let sum = apply(self.isa, &level.a, level.window, p, None, q);
-        match &level.points {
-            Some(points) => {
-                points.add(self.isa, level.window, (0, 0), level.window, p, q);
-                vector::dot(self.isa, p, q).0
-            }
-            None => sum,
+    /// Computes the workspace's correction for its residual, and what is left of this: both are zero at unknowns that are not
+    /// free, where the residual has to be so.
+    pub fn cycle(&self, workspace: &mut Workspace<T>) {
+        self.descend(0, &mut workspace.levels, &workspace.pool);
+        let (level, Buffers { r, x, rest, .. }) = (&self.levels[0], &mut workspace.levels[0]);
+        // Weighted by the share, it is of no use to others.
+        if level.points.is_some() || self.levels.len() == 1 {
+            level.product(self.isa, level.window, x, rest);
+            vector::rest(self.isa, &level.share, r, rest);
         }
     }
 
-    /// Computes the workspace's correction for its residual: zero at unknowns that are not free.
-    pub fn cycle(&self, workspace: &mut Workspace<T>) {
-        self.descend(0, &mut workspace.levels, &workspace.pool);
-    }
-
-    fn descend(&self, index: usize, buffers: &mut [Buffers<T>], pool: &Pool<Vec<T>>) {
+    fn descend(&self, index: usize, buffers: &mut [Buffers<T>], pool: &Pool<Scratch<T>>) {
         let Some((here, below)) = buffers.split_first_mut() else { return };
         let level = &self.levels[index];
         if let Some(bottom) = self.bottom.as_ref().filter(|_| index + 1 == self.levels.len()) {
             bottom.solve(&here.r, &mut here.x);
             return;
         }
-        here.x.fill(T::ZERO);
-        level.smooth(self.isa, &here.r, &mut here.x, false, pool);
+        let Buffers { r, x, y, rest } = here;
+        level.smooth(self.isa, (r, None), y, Some(rest), pool);
         if let (Some(down), Some(coarse)) = (&level.down, below.first_mut()) {
-            level.restrict(self.isa, down, here, &mut coarse.r, pool);
+            level.restrict(down, rest, &mut coarse.r);
             self.descend(index + 1, below, pool);
-            down.prolong_add(&below[0].x, &level.share, &mut here.x);
+            down.prolong_add(&below[0].x, &level.share, y);
         }
-        level.smooth(self.isa, &here.r, &mut here.x, true, pool);
+        level.smooth(self.isa, (r, Some(y)), x, (index == 0).then_some(rest), pool);
     }
 }
 
@@ -200,35 +229,14 @@ impl<T: Lanes> Level<T> {
         level
     }
 
-    /// Sets `coarse` to the restriction of what is left of the residual.
-    fn restrict(
-        &self,
-        isa: Isa,
-        down: &Resample<T>,
-        here: &Buffers<T>,
-        coarse: &mut [T],
-        pool: &Pool<Vec<T>>,
-    ) {
+    /// Sets `coarse` to the restriction of `rest`, what is left of the residual.
+    fn restrict(&self, down: &Resample<T>, rest: &[T], coarse: &mut [T]) {
         let (window, to) = (self.window, down.coarse());
         let (stride, width) = (window.stride(), to.stride());
+        // The first coarse row takes fine ones from three before it.
         let chunk = |(index, rows): (usize, &mut [T])| {
-            let (first, count) = (index * CHUNK, rows.len() / width);
-            // Eight fine rows for each, from three before its own.
-            let above = (2 * first).saturating_sub(3);
-            let below = window.height.min(2 * (first + count) + 3);
-            let part = Window { y: window.y + above, height: below - above, ..window };
-            let mut q = pool.lend_long(part.len());
-            q[..PAD * stride].fill(T::ZERO);
-            q[(PAD + part.height) * stride..part.len()].fill(T::ZERO);
-            let x = &here.x[above * stride..];
-            apply(isa, &self.a, part, x, None, &mut q);
-            if let Some(points) = &self.points {
-                points.add(isa, window, (above, 0), part, x, &mut q);
-            }
-            let own = (above + PAD) * stride..(below + PAD) * stride;
-            let left = &mut q[PAD * stride..][..part.height * stride];
-            vector::weighted_rest(isa, &self.share[own.clone()], &here.r[own], left);
-            down.restrict(first, &q[(2 * first + PAD - 3 - above) * stride..], rows);
+            let first = index * CHUNK;
+            down.restrict(first, &rest[(2 * first + PAD - 3) * stride..], rows);
         };
         let rows = &mut coarse[PAD * width..][..to.height * width];
         if window.is_large() {

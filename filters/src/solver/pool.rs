@@ -3,8 +3,6 @@
 use std::ops::{Deref, DerefMut};
 use std::sync::{Mutex, PoisonError};
 
-use crate::kernel::Real;
-
 /// Buffers that nobody uses now.
 #[derive(Debug, Default)]
 pub struct Pool<B>(Mutex<Vec<B>>);
@@ -21,17 +19,6 @@ impl<B: Default> Pool<B> {
     pub fn lend(&self) -> Lent<'_, B> {
         let own = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default();
         Lent { own, pool: self }
-    }
-}
-
-impl<T: Real> Pool<Vec<T>> {
-    /// A buffer of at least this length with any finite numbers in it.
-    pub fn lend_long(&self, length: usize) -> Lent<'_, Vec<T>> {
-        let mut lent = self.lend();
-        if lent.len() < length {
-            lent.resize(length, T::ZERO);
-        }
-        lent
     }
 }
 

@@ -1,21 +1,22 @@
-//! The smoother of a level: the same polynomial on every tile, one tile after the other.
+//! The smoother of a level: a polynomial in its matrix.
 //!
 //! The polynomial is Chebyshev's of the fourth kind in `B (A + D)`, which takes no lower bound and made one iteration in eight
 //! unnecessary against the first kind's. Source: J. Lottes, "Optimal polynomial smoothers for multigrid V-cycles",
 //! Numerical Linear Algebra with Applications 30, 2023.
 //!
-//! A tile and what its steps need are in L2 (five buffers of 190 kB), so that they cost arithmetic and not memory: wide tiles, as
-//! the hardware reads ahead along rows (64 x 256 took 1.2 times as long). Around a tile the unknowns keep
-//! their values for its steps; rows of tiles take turns, even and odd, and rows of the same turn are shared out among threads.
-//! Going up the order is reversed, which makes a cycle symmetric.
+//! All steps are taken in one way down strips of the window ([`crate::kernel::cascade`]), so memory is passed over once for a
+//! smoothing. As a polynomial in one matrix it is symmetric, and nothing is special where strips or threads meet: with tiles one
+//! after the other, which took the unknowns around them as given, the slowest places were the corners of tiles.
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 
 use super::Level;
 use crate::kernel::Isa;
-use crate::kernel::relax::{self, Part, relax};
-use crate::kernel::simd::Lanes;
-use crate::kernel::stencil::{PAD, Window, apply};
+use crate::kernel::cascade::{self, Out, Scratch, Strip};
+use crate::kernel::simd::{Lanes, MOST};
+use crate::kernel::stencil::{PAD, Part, Window, apply};
 use crate::kernel::vector;
 use crate::solver::pool::Pool;
 
@@ -23,52 +24,85 @@ use crate::solver::pool::Pool;
 const DEGREE: usize = 3;
 /// Added to the middle of the smoother's blur.
 const CENTRE: f64 = 1.0;
-/// Most rows of a tile, and columns of all but the last, a multiple of the lanes of any vector.
-const SIDES: (usize, usize) = (64, 640);
+/// Most rows of a band, which is a task, and columns of a strip, whose rings of rows (300 kB in f32) are to be in L2.
+const SIDES: (usize, usize) = (240, 400);
+/// Most rows and columns of a tile whose largest eigenvalue is estimated.
+const TILE: (usize, usize) = (64, 640);
 /// Tiles of a level whose largest eigenvalues are estimated, at most.
 const SAMPLES: usize = 12;
 /// Columns of them that are taken.
 const SAMPLE: usize = 128;
 
 impl<T: Lanes> Level<T> {
-    /// Smooths what `x` lacks to solve for `r`.
-    pub fn smooth(&self, isa: Isa, r: &[T], x: &mut [T], up: bool, pool: &Pool<Vec<T>>) {
-        let stride = self.window.stride();
-        let rows = rows(self.window.height);
-        for turn in 0..2 {
-            let parity = if up { 1 - turn } else { turn };
-            let (mut rest, mut top) = (&mut x[..], 0);
-            let slabs: Vec<_> = rows
-                .iter()
-                .skip(parity)
-                .step_by(2)
-                .map(|&(first, height)| {
-                    let here = std::mem::take(&mut rest);
-                    let length = (height + 2 * PAD) * stride;
-                    let (slab, below) = here[(first - top) * stride..].split_at_mut(length);
-                    (rest, top) = (below, first + height + 2 * PAD);
-                    (first, height, slab)
-                })
-                .collect();
-            let work = |(first, height, slab): (usize, usize, &mut [T])| {
-                let across = self.window.width.div_ceil(SIDES.1);
-                for k in 0..across {
-                    let k = if up { across - 1 - k } else { k };
-                    self.tile(isa, r, slab, self.part(first, height, k), pool);
-                }
-            };
-            if self.window.is_large() {
-                slabs.into_par_iter().for_each(work);
-            } else {
-                slabs.into_iter().for_each(work);
+    /// Smooths what `from` (or zero) lacks to solve for `r`, into `x`. With `rest`, this becomes `share` times what is left of `r`.
+    pub fn smooth(
+        &self,
+        isa: Isa,
+        (r, from): (&[T], Option<&[T]>),
+        x: &mut [T],
+        rest: Option<&mut [T]>,
+        pool: &Pool<Scratch<T>>,
+    ) {
+        let (window, stride) = (self.window, self.window.stride());
+        let bands = bands(window.height, SIDES.0);
+        let factors: Vec<(f64, f64)> = (1..=DEGREE)
+            .map(|step| {
+                let k = step as f64;
+                let share = if step > 1 { (2.0 * k - 3.0) / (2.0 * k + 1.0) } else { 0.0 };
+                (share, (8.0 * k - 4.0) / ((2.0 * k + 1.0) * self.high))
+            })
+            .collect();
+        let mut outputs = Vec::new();
+        let (mut x, mut rest) = (&mut x[PAD * stride..], rest.map(|rest| &mut rest[PAD * stride..]));
+        for band in bands {
+            let length = band.len() * stride;
+            let own = x.split_off_mut(..length).unwrap_or_default();
+            let left = rest.as_mut().map(|rest| rest.split_off_mut(..length).unwrap_or_default());
+            outputs.push((band, own, left));
+        }
+        let work = |(rows, x, mut rest): (Range<usize>, &mut [T], Option<&mut [T]>)| {
+            let mut scratch = pool.lend();
+            for columns in strips(window.width) {
+                let reach = cascade::reach(self.a.terms, DEGREE);
+                let (top, bottom) = (rows.start.saturating_sub(reach), window.height.min(rows.end + reach));
+                let aside = reach.next_multiple_of(MOST);
+                let (left, right) =
+                    (columns.start.saturating_sub(aside), window.width.min(columns.end + aside));
+                let strip = Window {
+                    y: window.y + top,
+                    x: window.x + left,
+                    height: bottom - top,
+                    width: right - left,
+                };
+                let part = |values| Part::new(values, window, (top, left));
+                let out = Out { stride, first: PAD + columns.start, x: &mut *x, rest: rest.as_deref_mut() };
+                let strip = Strip {
+                    a: &self.a,
+                    points: self.points.as_ref().map(|points| (points, window, (top, left))),
+                    window: strip,
+                    e: part(&self.e),
+                    r: part(r),
+                    x: from.map(part),
+                    factors: &factors,
+                    c: CENTRE,
+                    rows: rows.start - top..rows.end - top,
+                    columns: columns.start - left..columns.end - left,
+                    out,
+                };
+                cascade::cascade(isa, strip, &mut scratch);
             }
+        };
+        if window.is_large() {
+            outputs.into_par_iter().for_each(work);
+        } else {
+            outputs.into_iter().for_each(work);
         }
     }
 
     /// The tile of some rows that is the `k`-th from the left.
     fn part(&self, first: usize, height: usize, k: usize) -> Window {
-        let left = k * SIDES.1;
-        let width = SIDES.1.min(self.window.width - left);
+        let left = k * TILE.1;
+        let width = TILE.1.min(self.window.width - left);
         Window { y: self.window.y + first, x: self.window.x + left, height, width }
     }
 
@@ -77,27 +111,8 @@ impl<T: Lanes> Level<T> {
         (tile.y - self.window.y, tile.x - self.window.x)
     }
 
-    fn tile(&self, isa: Isa, r: &[T], slab: &mut [T], tile: Window, pool: &Pool<Vec<T>>) {
-        let (window, at) = (self.window, self.place(tile));
-        let [mut x, mut q, mut s] = std::array::from_fn(|_| pool.lend_long(tile.len()));
-        relax::load(slab, window, (0, at.1), tile, &mut x);
-        for step in 1..=DEGREE {
-            let k = step as f64;
-            let before = if step > 1 { (2.0 * k - 3.0) / (2.0 * k + 1.0) } else { 0.0 };
-            let factors = ((8.0 * k - 4.0) / ((2.0 * k + 1.0) * self.high), before);
-            self.product(isa, tile, &x, &mut q);
-            let (e, r) = (Part::new(&self.e, window, at), Part::new(r, window, at));
-            relax(isa, tile, factors, CENTRE, relax::Buffers { e, r, q: &q, s: &mut s, x: &mut x });
-        }
-        let stride = window.stride();
-        for i in 0..tile.height {
-            let own = &x[tile.at(i, 0)..][..tile.width];
-            slab[(i + PAD) * stride + PAD + at.1..][..tile.width].copy_from_slice(own);
-        }
-    }
-
     /// `q = (A + D) x` on a tile.
-    fn product(&self, isa: Isa, tile: Window, x: &[T], q: &mut [T]) {
+    pub fn product(&self, isa: Isa, tile: Window, x: &[T], q: &mut [T]) {
         apply(isa, &self.a, tile, x, None, q);
         if let Some(points) = &self.points {
             points.add(isa, self.window, self.place(tile), tile, x, q);
@@ -108,10 +123,10 @@ impl<T: Lanes> Level<T> {
     /// matrix without a mask (138 for the cardinal spline of order 2).
     pub fn bound(&self, isa: Isa) -> f64 {
         const MARGIN: f64 = 1.2;
-        let across = self.window.width.div_ceil(SIDES.1);
-        let tiles: Vec<Window> = rows(self.window.height)
+        let across = self.window.width.div_ceil(TILE.1);
+        let tiles: Vec<Window> = bands(self.window.height, TILE.0)
             .into_iter()
-            .flat_map(|(first, height)| (0..across).map(move |k| (first, height, k)))
+            .flat_map(|rows| (0..across).map(move |k| (rows.start, rows.len(), k)))
             .map(|(first, height, k)| self.part(first, height, k))
             .map(|tile| Window { width: tile.width.min(SAMPLE), ..tile })
             .collect();
@@ -126,32 +141,43 @@ impl<T: Lanes> Level<T> {
     fn largest(&self, isa: Isa, tile: Window) -> f64 {
         const STEPS: usize = 10;
         let at = self.place(tile);
-        let [mut x, mut q, mut s, zero] = std::array::from_fn(|_| tile.zeros::<T>());
+        let (stride, factors) = (tile.stride(), |norm: f64| [(0.0, -1.0 / norm)]);
+        let [mut x, mut next, mut e, zero] = std::array::from_fn(|_| tile.zeros::<T>());
         // A start that is rough and has a share in every free unknown.
         for i in 0..tile.height {
-            for j in 0..tile.width {
+            let own = &self.e[self.window.at(at.0 + i, at.1)..][..tile.width];
+            e[tile.at(i, 0)..][..tile.width].copy_from_slice(own);
+            for (j, &e) in own.iter().enumerate() {
                 let sign = if (i + j) % 2 == 0 { 1.0 } else { -1.0 };
                 let rough = T::from_f64(sign * (1.0 + 0.2 * ((i * 7 + j * 3) % 5) as f64));
-                x[tile.at(i, j)] = self.e[self.window.at(at.0 + i, at.1 + j)] * rough;
+                x[tile.at(i, j)] = e * rough;
             }
         }
         let mut norm = vector::dot(isa, &x, &x).0.sqrt();
         let mut value = 0.0;
+        let mut scratch = Scratch::default();
         for _ in 0..STEPS {
             if norm.is_nan() || norm <= 0.0 {
                 break;
             }
-            self.product(isa, tile, &x, &mut q);
-            x.fill(T::ZERO);
-            let (e, r) = (Part::new(&self.e, self.window, at), Part::new(&zero, tile, (0, 0)));
-            // The step begins at zero: `x = E (B + c) E q / norm`.
-            relax(
-                isa,
-                tile,
-                (-1.0 / norm, 0.0),
-                CENTRE,
-                relax::Buffers { e, r, q: &q, s: &mut s, x: &mut x },
-            );
+            // A step from `x` for a right-hand side of zero: `x + E (B + c) E (A + D) x / norm`.
+            let part = |values| Part::new(values, tile, (0, 0));
+            let strip = Strip {
+                a: &self.a,
+                points: self.points.as_ref().map(|points| (points, self.window, at)),
+                window: tile,
+                e: part(&e),
+                r: part(&zero),
+                x: Some(part(&x)),
+                factors: &factors(norm),
+                c: CENTRE,
+                rows: 0..tile.height,
+                columns: 0..tile.width,
+                out: Out { stride, first: PAD, x: &mut next[PAD * stride..], rest: None },
+            };
+            cascade::cascade(isa, strip, &mut scratch);
+            vector::add_scaled(isa, &mut next, -1.0, &x);
+            std::mem::swap(&mut x, &mut next);
             value = vector::dot(isa, &x, &x).0.sqrt();
             norm = value;
         }
@@ -159,8 +185,15 @@ impl<T: Lanes> Level<T> {
     }
 }
 
-/// First and number of the rows of each row of tiles, all of about the same height.
-fn rows(height: usize) -> Vec<(usize, usize)> {
-    let count = height.div_ceil(SIDES.0);
-    (0..count).map(|k| (k * height / count, (k + 1) * height / count - k * height / count)).collect()
+/// Rows of bands of about the same height, at most `most`.
+fn bands(height: usize, most: usize) -> Vec<Range<usize>> {
+    let count = height.div_ceil(most);
+    (0..count).map(|k| k * height / count..(k + 1) * height / count).collect()
+}
+
+/// Columns of strips of about the same width, each beginning at a multiple of the longest vector.
+fn strips(width: usize) -> impl Iterator<Item = Range<usize>> {
+    let count = width.div_ceil(SIDES.1);
+    let side = width.div_ceil(count).next_multiple_of(MOST);
+    (0..width).step_by(side).map(move |left| left..width.min(left + side))
 }

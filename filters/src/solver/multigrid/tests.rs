@@ -44,9 +44,9 @@ fn image(grids: &Multigrid<f64>, seed: usize) -> Vec<f64> {
 
 fn cycle(grids: &Multigrid<f64>, r: &[f64]) -> Vec<f64> {
     let mut workspace = grids.workspace();
-    workspace.finest().0.copy_from_slice(r);
+    workspace.residual().copy_from_slice(r);
     grids.cycle(&mut workspace);
-    workspace.finest().1.to_vec()
+    workspace.vectors().z.to_vec()
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -76,10 +76,9 @@ fn conjugate_gradients_converge_at_any_density() {
     for density in [0.002, 0.01, 0.05, 0.2, 0.7] {
         let grids = grids(window, Size::new(200, 211), density, false);
         let mut workspace = grids.workspace();
-        workspace.finest().0.copy_from_slice(&image(&grids, 3));
+        workspace.residual().copy_from_slice(&image(&grids, 3));
         let goal = Goal { tolerance: 0.0, error: 0.0, least: None, gain: 1e-6, patience: 3 };
-        let mut c = window.zeros();
-        let ending = conjugate::solve(&grids, &mut workspace, &mut c, goal, &Run::default());
+        let ending = conjugate::solve(&grids, &mut workspace, goal, &Run::default());
         assert_eq!(ending.stop, Stop::Converged);
         assert!(ending.iterations <= 15, "density {density}: {}", ending.iterations);
     }

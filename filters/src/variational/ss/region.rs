@@ -127,14 +127,13 @@ impl Region {
     ) -> Outcome {
         let window = self.window;
         let mut workspace = grids.workspace();
-        let mut c: Vec<T> = window.zeros();
         let mut outcome = Outcome::direct();
         let mut left = 1.0;
         for _ in 0..ROUNDS {
             // In units of the tolerance, which suit f32 whatever the range of the image.
-            self.residual(samples, image, grids.free(), 1.0 / tolerance, workspace.finest().0);
-            c.fill(T::ZERO);
-            let ending = conjugate::solve(grids, &mut workspace, &mut c, goal, run);
+            self.residual(samples, image, grids.free(), 1.0 / tolerance, workspace.residual());
+            let ending = conjugate::solve(grids, &mut workspace, goal, run);
+            let c = workspace.correction();
             for i in 0..window.height {
                 let row = &mut image.row_mut(window.y + i)[window.x..][..window.width];
                 let at = window.at(i, 0);
