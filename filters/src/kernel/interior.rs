@@ -28,6 +28,9 @@ use super::{Isa, Real};
 /// Powers of `d`.
 const POWERS: usize = REACH + 1;
 
+/// Most coefficients that wait in Horner's scheme.
+const WAITING: usize = REACH * (REACH - 1) / 2;
+
 /// The filters along rows.
 #[derive(Clone, Debug)]
 pub struct Interior<T> {
@@ -258,15 +261,16 @@ pub struct Scheme<V, const R: usize> {
     open: [V; R],
     /// `a_(l+1)` of the row before.
     before: [V; R],
-    /// `c_l` of the rows that level `l` has not come to, the latest first.
-    waiting: [[V; R]; R],
+    /// `c_l` of the rows that level `l` has not come to, the latest first: `R - 1` rows for level 0, one less for the next, and
+    /// so on, without gaps, as the schemes of a row's blocks share L1 with what else a pass needs.
+    waiting: [V; WAITING],
 }
 
 impl<V: Vector, const R: usize> Scheme<V, R> {
     #[inline(always)]
     pub fn new() -> Self {
         let zero = V::splat(V::Number::ZERO);
-        Self { open: [zero; R], before: [zero; R], waiting: [[zero; R]; R] }
+        Self { open: [zero; R], before: [zero; R], waiting: [zero; WAITING] }
     }
 
     /// Takes the coefficients of a row; returns the sum of the row `R` above.
@@ -277,11 +281,12 @@ impl<V: Vector, const R: usize> Scheme<V, R> {
             let late = R - 1 - l;
             let mut own = c[l];
             if late > 0 {
-                own = self.waiting[l][late - 1];
-                for m in (1..late).rev() {
-                    self.waiting[l][m] = self.waiting[l][m - 1];
+                let first = l * (2 * R - 1 - l) / 2;
+                own = self.waiting[first + late - 1];
+                for m in (first + 1..first + late).rev() {
+                    self.waiting[m] = self.waiting[m - 1];
                 }
-                self.waiting[l][0] = c[l];
+                self.waiting[first] = c[l];
             }
             let next = self.open[l].minus(a);
             self.open[l] = a.fused(two, own).minus(self.before[l]);

@@ -14,11 +14,13 @@ pub mod cascade;
 pub mod chebyshev;
 pub mod dense;
 pub mod extremes;
+pub mod factor;
 pub(crate) mod fir;
 pub mod heap;
 mod interior;
 pub mod minima;
 pub mod points;
+pub mod preconditioner;
 pub mod pyramid;
 pub mod regress;
 pub mod resample;
@@ -58,10 +60,14 @@ pub trait Real:
     fn fused(self, a: Self, b: Self) -> Self;
     /// The absolute value.
     fn magnitude(self) -> Self;
+    /// Two numbers in one: the upper halves of their bits, rounded.
+    fn packed(upper: Self, lower: Self) -> Self;
+    /// The two numbers that one holds.
+    fn halves(self) -> (Self, Self);
 }
 
 macro_rules! real {
-    ($t:ty) => {
+    ($t:ty, $half:expr) => {
         impl Real for $t {
             const ZERO: Self = 0.0;
             #[inline(always)]
@@ -80,11 +86,21 @@ macro_rules! real {
             fn magnitude(self) -> Self {
                 self.abs()
             }
+            #[inline(always)]
+            fn packed(upper: Self, lower: Self) -> Self {
+                let rounded = |x: Self| (x.to_bits() + (1 << ($half - 1))) >> $half;
+                Self::from_bits(rounded(upper) << $half | rounded(lower))
+            }
+            #[inline(always)]
+            fn halves(self) -> (Self, Self) {
+                let bits = self.to_bits();
+                (Self::from_bits(bits >> $half << $half), Self::from_bits(bits << $half))
+            }
         }
     };
 }
-real!(f32);
-real!(f64);
+real!(f32, 16);
+real!(f64, 32);
 
 /// `a * b + c`, fused where the instruction set has it.
 #[inline(always)]

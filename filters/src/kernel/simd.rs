@@ -32,6 +32,8 @@ pub trait Vector: Copy {
     fn larger(self, other: Self) -> Self;
     /// The larger of `self` and the absolute value of `other`.
     fn top(self, other: Self) -> Self;
+    /// The two numbers that each lane holds: see [`Real::packed`].
+    fn halves(self) -> (Self, Self);
 }
 
 /// The sum of all lanes, in order.
@@ -178,6 +180,10 @@ impl<T: Real, const N: usize> Vector for Pack<T, N> {
             if b > a { b } else { a }
         })
     }
+    #[inline(always)]
+    fn halves(self) -> (Self, Self) {
+        (Self(self.0.map(|x| x.halves().0)), Self(self.0.map(|x| x.halves().1)))
+    }
 }
 
 /// Two vectors as one. What is the same for both, as the taps of a filter, is read once where the instruction set has too few
@@ -235,6 +241,11 @@ impl<V: Vector> Vector for Pair<V> {
     fn top(self, other: Self) -> Self {
         Self(self.0.top(other.0), self.1.top(other.1))
     }
+    #[inline(always)]
+    fn halves(self) -> (Self, Self) {
+        let (first, second) = (self.0.halves(), self.1.halves());
+        (Self(first.0, second.0), Self(first.1, second.1))
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -244,19 +255,24 @@ mod x86 {
 
     use std::arch::x86_64::{
         __m256, __m256d, __m512, __m512d, _mm256_add_pd, _mm256_add_ps, _mm256_andnot_pd, _mm256_andnot_ps,
-        _mm256_div_pd, _mm256_div_ps, _mm256_fmadd_pd, _mm256_fmadd_ps, _mm256_loadu_pd, _mm256_loadu_ps,
-        _mm256_max_pd, _mm256_max_ps, _mm256_mul_pd, _mm256_mul_ps, _mm256_set1_pd, _mm256_set1_ps,
-        _mm256_storeu_pd, _mm256_storeu_ps, _mm256_sub_pd, _mm256_sub_ps, _mm512_add_pd, _mm512_add_ps,
-        _mm512_andnot_pd, _mm512_andnot_ps, _mm512_div_pd, _mm512_div_ps, _mm512_fmadd_pd, _mm512_fmadd_ps,
-        _mm512_loadu_pd, _mm512_loadu_ps, _mm512_max_pd, _mm512_max_ps, _mm512_mul_pd, _mm512_mul_ps,
-        _mm512_set1_pd, _mm512_set1_ps, _mm512_storeu_pd, _mm512_storeu_ps, _mm512_sub_pd, _mm512_sub_ps,
+        _mm256_castpd_si256, _mm256_castps_si256, _mm256_castsi256_pd, _mm256_castsi256_ps, _mm256_div_pd,
+        _mm256_div_ps, _mm256_fmadd_pd, _mm256_fmadd_ps, _mm256_loadu_pd, _mm256_loadu_ps, _mm256_max_pd,
+        _mm256_max_ps, _mm256_mul_pd, _mm256_mul_ps, _mm256_set1_pd, _mm256_set1_ps, _mm256_slli_epi32,
+        _mm256_slli_epi64, _mm256_srli_epi32, _mm256_srli_epi64, _mm256_storeu_pd, _mm256_storeu_ps,
+        _mm256_sub_pd, _mm256_sub_ps, _mm512_add_pd, _mm512_add_ps, _mm512_andnot_pd, _mm512_andnot_ps,
+        _mm512_castpd_si512, _mm512_castps_si512, _mm512_castsi512_pd, _mm512_castsi512_ps, _mm512_div_pd,
+        _mm512_div_ps, _mm512_fmadd_pd, _mm512_fmadd_ps, _mm512_loadu_pd, _mm512_loadu_ps, _mm512_max_pd,
+        _mm512_max_ps, _mm512_mul_pd, _mm512_mul_ps, _mm512_set1_pd, _mm512_set1_ps, _mm512_slli_epi32,
+        _mm512_slli_epi64, _mm512_srli_epi32, _mm512_srli_epi64, _mm512_storeu_pd, _mm512_storeu_ps,
+        _mm512_sub_pd, _mm512_sub_ps,
     };
 
     use super::Vector;
 
     macro_rules! vector {
         ($(#[$doc:meta])* $name:ident, $inner:ty, $number:ty, $lanes:expr, $splat:ident, $load:ident, $store:ident,
-         $add:ident, $sub:ident, $mul:ident, $fma:ident, $max:ident, $andnot:ident, $div:ident) => {
+         $add:ident, $sub:ident, $mul:ident, $fma:ident, $max:ident, $andnot:ident, $div:ident,
+         $bits:ident, $right:ident, $left:ident, $number_of:ident, $half:expr) => {
             $(#[$doc])*
             #[derive(Clone, Copy, Debug)]
             pub struct $name($inner);
@@ -319,6 +335,15 @@ mod x86 {
                     // SAFETY: see the head of this module.
                     Self(unsafe { $max(self.0, $andnot($splat(-0.0), other.0)) })
                 }
+                #[inline(always)]
+                fn halves(self) -> (Self, Self) {
+                    // SAFETY: see the head of this module.
+                    unsafe {
+                        let bits = $bits(self.0);
+                        let upper = $left::<$half>($right::<$half>(bits));
+                        (Self($number_of(upper)), Self($number_of($left::<$half>(bits))))
+                    }
+                }
             }
         };
     }
@@ -326,21 +351,25 @@ mod x86 {
     vector!(
         /// Eight `f32`.
         F32x8, __m256, f32, 8, _mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps, _mm256_add_ps, _mm256_sub_ps,
-        _mm256_mul_ps, _mm256_fmadd_ps, _mm256_max_ps, _mm256_andnot_ps, _mm256_div_ps
+        _mm256_mul_ps, _mm256_fmadd_ps, _mm256_max_ps, _mm256_andnot_ps, _mm256_div_ps,
+        _mm256_castps_si256, _mm256_srli_epi32, _mm256_slli_epi32, _mm256_castsi256_ps, 16
     );
     vector!(
         /// Four `f64`.
         F64x4, __m256d, f64, 4, _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd, _mm256_add_pd, _mm256_sub_pd,
-        _mm256_mul_pd, _mm256_fmadd_pd, _mm256_max_pd, _mm256_andnot_pd, _mm256_div_pd
+        _mm256_mul_pd, _mm256_fmadd_pd, _mm256_max_pd, _mm256_andnot_pd, _mm256_div_pd,
+        _mm256_castpd_si256, _mm256_srli_epi64, _mm256_slli_epi64, _mm256_castsi256_pd, 32
     );
     vector!(
         /// Sixteen `f32`.
         F32x16, __m512, f32, 16, _mm512_set1_ps, _mm512_loadu_ps, _mm512_storeu_ps, _mm512_add_ps, _mm512_sub_ps,
-        _mm512_mul_ps, _mm512_fmadd_ps, _mm512_max_ps, _mm512_andnot_ps, _mm512_div_ps
+        _mm512_mul_ps, _mm512_fmadd_ps, _mm512_max_ps, _mm512_andnot_ps, _mm512_div_ps,
+        _mm512_castps_si512, _mm512_srli_epi32, _mm512_slli_epi32, _mm512_castsi512_ps, 16
     );
     vector!(
         /// Eight `f64`.
         F64x8, __m512d, f64, 8, _mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd, _mm512_add_pd, _mm512_sub_pd,
-        _mm512_mul_pd, _mm512_fmadd_pd, _mm512_max_pd, _mm512_andnot_pd, _mm512_div_pd
+        _mm512_mul_pd, _mm512_fmadd_pd, _mm512_max_pd, _mm512_andnot_pd, _mm512_div_pd,
+        _mm512_castpd_si512, _mm512_srli_epi64, _mm512_slli_epi64, _mm512_castsi512_pd, 32
     );
 }

@@ -1,16 +1,16 @@
 //! One step of conjugate gradients on a tile in a single pass.
 //!
-//! With the energy `A`, the preconditioner `M = D (B + c) D`, where `B` is the blur of 3 x 3 pixels with weights
-//! (1 2 1) and the diagonal `D` is zero where pixels are not free, a step is
+//! With the energy `A` and a preconditioner `M` ([`Preconditioner`]) a step is
 //!
 //! ```text
-//! p = u + b p      s = w + b s      x = x + a p      r = r - a s      u = D (B + c) r      w = D A u
+//! p = u + b p      s = w + b s      x = x + a p      r = r - a s      u = M r      w = A u
 //! ```
 //!
-//! where `r` and `s` are kept multiplied by `D`, with the sums `r' (B + c) r` and `u' A u` from which the next `a` and `b`
-//! follow: this is the arrangement of A. Chronopoulos and C. Gear, whose two sums do not wait for each other, so that all
-//! of a step can follow the rows down: row `i` is updated, then row `i - 2` blurred, then row `i - 3 - R` of `A u` is
-//! complete. What Horner's scheme ([`super::interior`]) needs of the rows before stays in L1.
+//! with the sums `r' M r` and `u' A u` from which the next `a` and `b` follow; if `M = D (B + c) D`, `r`, `s` and `w` are
+//! kept multiplied by `D`. This is the arrangement of A. Chronopoulos and C. Gear, whose two sums do not wait for each other,
+//! so that all of a step can follow the rows down: row `i` is updated, then row `i - 2` blurred (with the sparse factor `i - 4`
+//! is multiplied), then row `i - 3 - R` (or `i - 5 - R`) of `A u` is complete. What Horner's scheme ([`super::interior`]) needs
+//! of the rows before stays in L1.
 //!
 //! Roofline, per vector at R = 3: 6 arithmetic instructions for the updates, 9 for the blur and its sums, 30 for `A u` and
 //! its sum: 45, which two a cycle make 23 cycles, 1.4 a pixel with 16 lanes of f32. 30 loads and 17 stores meet L1 only;
@@ -23,7 +23,9 @@
 use std::ops::Range;
 
 use super::aligned::Aligned;
+use super::factor::{BELOW, Carried, LATE, Placed, added};
 use super::interior::{Interior, Scheme, Taps};
+use super::preconditioner::Preconditioner;
 use super::simd::{Lanes, MOST, Vector, Vectored, largest, sum, vectors};
 use super::stencil::{PAD, Separable, Window, near_ends};
 use super::{Isa, Real};
@@ -31,29 +33,29 @@ use super::{Isa, Real};
 /// Rows after which a sum's lanes are added up: few, so that f32 loses nothing that matters.
 const RUN: usize = 4;
 
-/// What a pass reads and changes: buffers of one window. `d` is zero in all padding, `u` and `r` are so in the rows of
-/// padding; elsewhere the padding holds any finite numbers.
+/// What a pass reads and changes: buffers of one window. `u` and `r` are zero in the rows of padding; elsewhere the padding
+/// holds any finite numbers.
 pub struct Buffers<'a, T> {
-    /// The diagonal `D`: zero where pixels are not free.
-    pub d: &'a [T],
+    /// The preconditioner.
+    pub m: Preconditioner<'a, T>,
     /// The image.
     pub x: &'a mut [T],
-    /// The residual times `D`.
+    /// The residual: with a blur times `D`, else with any finite numbers where pixels are not free; so are `w` and `s`.
     pub r: &'a mut [T],
     /// The preconditioned residual.
     pub u: &'a mut [T],
-    /// `D A u`; when it begins, `A x`.
+    /// `A u`; when it begins, `A x`.
     pub w: &'a mut [T],
     /// The direction.
     pub p: &'a mut [T],
-    /// `D A p`.
+    /// `A p`.
     pub s: &'a mut [T],
 }
 
 /// What comes before the blur.
 #[derive(Clone, Copy, Debug)]
 pub enum Move {
-    /// `w` is `A x` and `r` becomes `-D w`.
+    /// `w` is `A x` and `r` becomes `-w`.
     Begin,
     /// The first step, of this length: directions begin.
     First(f64),
@@ -64,7 +66,7 @@ pub enum Move {
 /// The sums of a pass.
 #[derive(Clone, Copy, Debug)]
 pub struct Sums {
-    /// `r' M r`, with the residual `r` as it is without `D`.
+    /// `r' M r`.
     pub square: f64,
     /// `u' A u`; 0 if it was not asked for.
     pub curvature: f64,
@@ -72,13 +74,12 @@ pub struct Sums {
     pub top: f64,
 }
 
-/// Moves, and computes `u`; also `w = D A u` if `applies`.
+/// Moves, and computes `u`; also `w = A u` if `applies`.
 pub fn pass<T: Lanes>(
     isa: Isa,
     a: &Separable<T>,
     window: Window,
     (what, applies): (Move, bool),
-    c: f64,
     buffers: Buffers<'_, T>,
 ) -> Sums {
     let inside = if applies { a.inside(window) } else { 0..0 };
@@ -88,19 +89,23 @@ pub fn pass<T: Lanes>(
         Move::Step(length, share) => (length, share),
     };
     let rows = (inside.start, inside.end);
-    let numbers = (T::from_f64(length), T::from_f64(share), T::from_f64(c));
+    let numbers = (T::from_f64(length), T::from_f64(share));
     let mut pass = Pass { interior: a.interior(), window, what, numbers, rows, buffers };
-    let mut sums = match a.terms {
-        3 => vectors(isa, Sized::<T, 3>(&mut pass)),
-        _ => vectors(isa, Sized::<T, 4>(&mut pass)),
+    let mut sums = match (pass.buffers.m, a.terms) {
+        (Preconditioner::Blur { .. }, 3) => vectors(isa, Sized::<T, 3, false>(&mut pass)),
+        (Preconditioner::Blur { .. }, _) => vectors(isa, Sized::<T, 4, false>(&mut pass)),
+        (Preconditioner::Factor(_), 3) => vectors(isa, Sized::<T, 3, true>(&mut pass)),
+        (Preconditioner::Factor(_), _) => vectors(isa, Sized::<T, 4, true>(&mut pass)),
     };
     if applies {
-        let Buffers { d, u, w, .. } = pass.buffers;
+        let Buffers { m, u, w, .. } = pass.buffers;
         for rows in [0..inside.start, inside.end..window.height] {
             if !rows.is_empty() {
                 let own = window.at(rows.start, 0) - PAD..window.at(rows.end, 0) - PAD;
                 sums.curvature += near_ends(isa, a, window, u, rows.start, &mut w[own.clone()]);
-                w[own.clone()].iter_mut().zip(&d[own]).for_each(|(w, &d)| *w = d * *w);
+                if let Preconditioner::Blur { d, .. } = m {
+                    w[own.clone()].iter_mut().zip(&d[own]).for_each(|(w, &d)| *w = d * *w);
+                }
             }
         }
     }
@@ -156,15 +161,15 @@ struct Pass<'a, T> {
     interior: Option<&'a Interior<T>>,
     window: Window,
     what: Move,
-    /// Length, share and what is added to the middle of the blur.
-    numbers: (T, T, T),
+    /// Length and share.
+    numbers: (T, T),
     /// The rows of `w` that are computed here: none of them is near an end.
     rows: (usize, usize),
     buffers: Buffers<'a, T>,
 }
 
-/// The body for a reach that the compiler knows.
-struct Sized<'a, 'b, T, const R: usize>(&'a mut Pass<'b, T>);
+/// The body for a reach and a kind of preconditioner that the compiler knows.
+struct Sized<'a, 'b, T, const R: usize, const FACTOR: bool>(&'a mut Pass<'b, T>);
 
 /// Lanes of the sums.
 struct Totals<V> {
@@ -173,7 +178,7 @@ struct Totals<V> {
     top: V,
 }
 
-impl<T: Real, const R: usize> Vectored<T> for Sized<'_, '_, T, R> {
+impl<T: Real, const R: usize, const FACTOR: bool> Vectored<T> for Sized<'_, '_, T, R, FACTOR> {
     type Output = Sums;
 
     #[inline(always)]
@@ -192,27 +197,36 @@ impl<T: Real, const R: usize> Vectored<T> for Sized<'_, '_, T, R> {
         let mut totals = Totals { square: zero, curvature: zero, top: zero };
         let (from, to) = pass.rows;
         let last = if from < to { to + R } else { height };
+        let mut carried = FACTOR.then(|| Carried::<V>::new(stride));
+        let late = if FACTOR { LATE } else { 2 };
+        let rows = last.max(height) + late + 1;
         // Every loop works on what the one before it has left a row earlier: what lies across two vectors cannot be loaded
         // before both have reached the cache.
-        for row in 0..last.max(height) + 3 {
+        for row in 0..rows {
             if row <= height {
                 let line = &mut *lines[row % 2];
                 match pass.what {
-                    Move::Begin => pass.update::<V, 0>(row, line),
-                    Move::First(_) => pass.update::<V, 1>(row, line),
-                    Move::Step(..) => pass.update::<V, 2>(row, line),
+                    Move::Begin => pass.update::<V, 0, FACTOR>(row, line),
+                    Move::First(_) => pass.update::<V, 1, FACTOR>(row, line),
+                    Move::Step(..) => pass.update::<V, 2, FACTOR>(row, line),
                 }
             }
-            if let Some(row) = row.checked_sub(3) {
+            if let Some(row) = row.checked_sub(late + 1) {
                 // Rows from `from - R` on reach the first that is asked for.
                 if let (Some(taps), true) = (&taps, from < to && row + R >= from && row < to + R) {
-                    pass.matrix::<V, R>(row, taps, &mut schemes, &mut totals);
+                    pass.matrix::<V, R, FACTOR>(row, taps, &mut schemes, &mut totals);
                 }
             }
-            if let Some(above) = row.checked_sub(2).filter(|&row| row < height) {
-                pass.blur::<V>(above, &*lines[(row - 1) % 2], &mut totals);
+            if let (Some(carried), Some(row)) = (&mut carried, row.checked_sub(1)) {
+                pass.take(row, carried, &mut totals);
             }
-            if row % RUN == 0 || row == last.max(height) + 2 {
+            if let Some(above) = row.checked_sub(late).filter(|&row| row < height) {
+                match &carried {
+                    Some(carried) => pass.place(above, carried.row(above), &mut totals),
+                    None => pass.blur::<V>(above, &*lines[(row - 1) % 2], &mut totals),
+                }
+            }
+            if row % RUN == 0 || row + 1 == rows {
                 sums.square += sum(totals.square);
                 sums.curvature += sum(totals.curvature);
                 totals = Totals { square: zero, curvature: zero, ..totals };
@@ -232,10 +246,14 @@ pub fn blurred<V: Vector>(left: V, middle: V, right: V) -> V {
 impl<T: Real> Pass<'_, T> {
     /// Updates a row of the window, or the one of zeros below; `line` becomes the one above it, twice, and its neighbours.
     #[inline(always)]
-    fn update<V: Vector<Number = T>, const STEP: usize>(&mut self, row: usize, line: &mut [T]) {
+    fn update<V: Vector<Number = T>, const STEP: usize, const FACTOR: bool>(
+        &mut self,
+        row: usize,
+        line: &mut [T],
+    ) {
         let stride = self.window.stride();
         let start = (row + PAD) * stride;
-        let Buffers { d, x, r, u, w, p, s } = &mut self.buffers;
+        let Buffers { m, x, r, u, w, p, s } = &mut self.buffers;
         let (above, here) = r.split_at_mut(start);
         let (far, near) = above[start - 2 * stride..].split_at(stride);
         let around = far.chunks_exact(V::LANES).zip(near.chunks_exact(V::LANES));
@@ -253,9 +271,10 @@ impl<T: Real> Pass<'_, T> {
         let residuals = here[..stride].chunks_exact_mut(V::LANES);
         let w = w[own.clone()].chunks_exact(V::LANES);
         if STEP == 0 {
-            let d = d[own].chunks_exact(V::LANES);
+            let d = m.diagonal()[own].chunks_exact(V::LANES);
             for ((((line, (far, near)), r), w), d) in lines.zip(around).zip(residuals).zip(w).zip(d) {
-                let residual = V::splat(T::ZERO).minus(V::load(d).times(V::load(w)));
+                let product = if FACTOR { V::load(w) } else { V::load(d).times(V::load(w)) };
+                let residual = V::splat(T::ZERO).minus(product);
                 residual.store(r);
                 two.fused(V::load(near), V::load(far).plus(residual)).store(line);
             }
@@ -282,14 +301,37 @@ impl<T: Real> Pass<'_, T> {
         }
     }
 
-    /// Computes a row of `u`.
+    /// Takes a row of the residual, or one of the zeros below, for the sparse factor.
+    #[inline(always)]
+    fn take<V: Vector<Number = T>>(&self, row: usize, carried: &mut Carried<V>, totals: &mut Totals<V>) {
+        let Buffers { m: Preconditioner::Factor(planes), r, .. } = &self.buffers else { return };
+        if row < self.window.height + BELOW {
+            let start = (row + PAD) * self.window.stride();
+            totals.square = carried.take((row, start), planes, r, totals.square);
+        }
+    }
+
+    /// Stores a row of `u`.
+    #[inline(always)]
+    fn place<V: Vector<Number = T>>(&mut self, row: usize, sums: Placed<'_, T>, totals: &mut Totals<V>) {
+        let stride = self.window.stride();
+        let u = self.buffers.u[(row + PAD) * stride..][..stride].chunks_exact_mut(V::LANES);
+        for (u, sums) in u.zip(sums) {
+            let value: V = added(sums);
+            value.store(u);
+            totals.top = totals.top.top(value);
+        }
+    }
+
+    /// Computes a row of `u` by the blur.
     #[inline(always)]
     fn blur<V: Vector<Number = T>>(&mut self, row: usize, line: &[T], totals: &mut Totals<V>) {
+        let Preconditioner::Blur { d, c } = self.buffers.m else { return };
         let stride = self.window.stride();
         let start = (row + PAD) * stride;
         let own = start..start + stride;
-        let Buffers { d, r, u, .. } = &mut self.buffers;
-        let c = V::splat(self.numbers.2);
+        let Buffers { r, u, .. } = &mut self.buffers;
+        let c = V::splat(T::from_f64(c));
         let shifted = |by: usize| line[MOST + by - 1..][..stride].chunks_exact(V::LANES);
         let lines = shifted(0).zip(shifted(1)).zip(shifted(2));
         let inputs = d[own.clone()].chunks_exact(V::LANES).zip(r[own.clone()].chunks_exact(V::LANES));
@@ -309,7 +351,7 @@ impl<T: Real> Pass<'_, T> {
 
     /// Takes a row of `u` and computes the row of `w` that lies `R` above.
     #[inline(always)]
-    fn matrix<V: Vector<Number = T>, const R: usize>(
+    fn matrix<V: Vector<Number = T>, const R: usize, const FACTOR: bool>(
         &mut self,
         row: usize,
         taps: &Taps<'_, V, R>,
@@ -318,17 +360,17 @@ impl<T: Real> Pass<'_, T> {
     ) {
         let (window, stride) = (self.window, self.window.stride());
         let start = (row + PAD) * stride;
-        let Buffers { d, u, w, .. } = &mut self.buffers;
+        let Buffers { m, u, w, .. } = &mut self.buffers;
         let own = start - R * stride..start - (R - 1) * stride;
         let blocks = Blocks {
             near: &u[start - MOST..],
-            d: &d[own.clone()],
+            d: &m.diagonal()[own.clone()],
             centre: &u[own.clone()],
             w: &mut w[own],
             x: window.x,
             outputs: row >= self.rows.0 + R,
         };
-        totals.curvature = blocks.run(taps, taps.inside(window), schemes, totals.curvature);
+        totals.curvature = blocks.run::<V, R, FACTOR>(taps, taps.inside(window), schemes, totals.curvature);
     }
 }
 
@@ -348,7 +390,7 @@ struct Blocks<'a, T> {
 impl<T: Real> Blocks<'_, T> {
     /// `inside`: the blocks none of whose columns is near a border.
     #[inline(always)]
-    fn run<V: Vector<Number = T>, const R: usize>(
+    fn run<V: Vector<Number = T>, const R: usize, const FACTOR: bool>(
         mut self,
         taps: &Taps<'_, V, R>,
         inside: Range<usize>,
@@ -357,13 +399,13 @@ impl<T: Real> Blocks<'_, T> {
     ) -> V {
         let (before, rest) = schemes.split_at_mut(inside.start);
         let (within, after) = rest.split_at_mut(inside.len());
-        sum = self.part::<V, R, false>(taps, 0, before, sum);
-        sum = self.part::<V, R, true>(taps, inside.start, within, sum);
-        self.part::<V, R, false>(taps, inside.end, after, sum)
+        sum = self.part::<V, R, FACTOR, false>(taps, 0, before, sum);
+        sum = self.part::<V, R, FACTOR, true>(taps, inside.start, within, sum);
+        self.part::<V, R, FACTOR, false>(taps, inside.end, after, sum)
     }
 
     #[inline(always)]
-    fn part<V: Vector<Number = T>, const R: usize, const INSIDE: bool>(
+    fn part<V: Vector<Number = T>, const R: usize, const FACTOR: bool, const INSIDE: bool>(
         &mut self,
         taps: &Taps<'_, V, R>,
         first: usize,
@@ -383,7 +425,8 @@ impl<T: Real> Blocks<'_, T> {
             let row = scheme.push(&c, two);
             if self.outputs {
                 sum = V::load(centre).fused(row, sum);
-                V::load(d).times(row).store(w);
+                let row = if FACTOR { row } else { V::load(d).times(row) };
+                row.store(w);
             }
         }
         sum

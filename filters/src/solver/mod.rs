@@ -3,6 +3,7 @@
 pub mod anchored;
 pub mod bottom;
 pub mod conjugate;
+pub mod factor;
 pub mod lanczos;
 pub mod local;
 pub mod multigrid;

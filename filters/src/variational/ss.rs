@@ -46,13 +46,13 @@
 //!
 //! Settings: see [`Settings`].
 //!
-//! Cost: tiles take at most 18 steps on renders at 20 % low-discrepancy samples (order 3: 73), up to 75 over all sweeps at
+//! Cost: tiles take at most 18 steps on renders at 20 % low-discrepancy samples (order 3: 21), up to 75 over all sweeps at
 //! random ones; a step is one pass over a tile with one application of `H` (`kernel/chebyshev.rs`, by conjugate gradients
 //! `kernel/step.rs`). Multigrid takes 5 to 9 iterations of 7 applications at order 2, up to a hundred and more at order 3.
 //!
-//! Memory beyond samples and result: 0.9 megabytes a thread for tiles; for multigrid about 9 planes of a rectangle for each
-//! channel that is being solved (as many as there are threads), kept for the next solve, and 5 that they share, in f32 at
-//! order 2, else in f64.
+//! Memory beyond samples and result: 0.9 megabytes a thread for tiles (order 3: 1.5); for multigrid about 9 planes of a rectangle
+//! for each channel that is being solved (as many as there are threads), kept for the next solve, and 5 that they share, in f32
+//! at order 2, else in f64.
 //!
 //! The outcome's residual: the largest entry of the preconditioned residual that the last sweep left where it looked over that
 //! before the first; with holes the larger of this and the same for the first solve of any rectangle.

@@ -2,6 +2,8 @@
 
 use super::*;
 use crate::Size;
+use crate::kernel::Real;
+use crate::kernel::factor::BEFORE;
 use crate::operator::energy::Form;
 use crate::operator::profile::Kernel;
 
@@ -12,11 +14,18 @@ fn image(i: usize, j: usize) -> f64 {
     (0.3 * i as f64).sin() * (0.2 * j as f64).cos() + 0.3 * ((i * j) as f64).sin()
 }
 
+/// A preconditioner by rows, among the free pixels: the diagonal `D`, or where the weights of `G` stand, and the weights.
+enum Rows {
+    Blur(Vec<f64>),
+    Factor(Vec<Vec<(usize, f64)>>),
+}
+
 /// A window inside a larger image, with a fifth of its pixels measured and a frame of fixed ones.
 struct Case {
     a: Separable<f64>,
     window: Window,
     free: Vec<(usize, usize)>,
+    factors: Option<Factors>,
 }
 
 impl Case {
@@ -29,7 +38,8 @@ impl Case {
             .filter(|&(i, j)| inside(i, window.height) && inside(j, window.width))
             .filter(|&(i, j)| (j as f64 * 0.754_877 + i as f64 * 0.569_840).fract() >= 0.2)
             .collect();
-        Self { a, window, free }
+        let factors = Factors::suit(a.terms).then(|| Factors::new(a.clone()));
+        Self { a, window, free, factors }
     }
 
     fn entry(&self, p: (usize, usize), q: (usize, usize)) -> f64 {
@@ -39,7 +49,7 @@ impl Case {
 
     /// The buffers with the image, zero at free pixels.
     fn load<'a>(&self, buffers: &'a mut Buffers) -> Views<'a> {
-        let views = buffers.fit(self.window);
+        let mut views = buffers.fit(self.window);
         for i in 0..self.window.height {
             for j in 0..self.window.width {
                 views.x[self.window.at(i, j)] = image(i, j) as f32;
@@ -50,7 +60,13 @@ impl Case {
             views.x[self.window.at(i, j)] = 0.0;
             views.w[self.window.at(i, j)] = 1.0;
         }
-        step::shares(ISA, self.window, views.w, views.d);
+        match &self.factors {
+            None => step::shares(ISA, self.window, views.w, views.d),
+            Some(factors) => {
+                let (free, planes) = views.factor();
+                factors.fill(ISA, self.window, free, planes);
+            }
+        }
         views
     }
 
@@ -87,10 +103,24 @@ impl Case {
         x
     }
 
-    /// `D (B + c) D A` of an image that is zero but at free pixels.
-    fn preconditioned(&self, d: &[f64], x: &[f64]) -> Vec<f64> {
+    /// `M A` of an image that is zero but at free pixels.
+    fn preconditioned(&self, m: &Rows, x: &[f64]) -> Vec<f64> {
         let product =
             |p: (usize, usize)| self.free.iter().zip(x).map(|(&q, x)| self.entry(p, q) * x).sum::<f64>();
+        let d = match m {
+            Rows::Blur(d) => d,
+            Rows::Factor(rows) => {
+                let r: Vec<f64> = self.free.iter().map(|&p| product(p)).collect();
+                let mut u = vec![0.0; r.len()];
+                for row in rows {
+                    let y: f64 = row.iter().map(|&(k, weight)| weight * r[k]).sum();
+                    for &(k, weight) in row {
+                        u[k] += weight * y;
+                    }
+                }
+                return u;
+            }
+        };
         let r: Vec<f64> = self.free.iter().zip(d).map(|(&p, d)| d * product(p)).collect();
         let weight = |p: (usize, usize), q: (usize, usize)| {
             let one = |a: usize, b: usize| [2.0, 1.0, 0.0][a.abs_diff(b).min(2)];
@@ -100,8 +130,30 @@ impl Case {
         self.free.iter().zip(d).map(|(&p, d)| d * blurred(p)).collect()
     }
 
+    /// The preconditioner as it stands in buffers.
+    fn rows(&self, views: &mut Views<'_>) -> Rows {
+        let number = |p: usize, (up, right): (usize, isize)| {
+            let (i, j) = self.free[p];
+            let before = (i.wrapping_sub(up), j.wrapping_add_signed(right));
+            self.free.iter().position(|&q| q == before)
+        };
+        if self.factors.is_none() {
+            return Rows::Blur(
+                self.free.iter().map(|&(i, j)| f64::from(views.d[self.window.at(i, j)])).collect(),
+            );
+        }
+        let (_, planes) = views.factor();
+        let rows = self.free.iter().enumerate().map(|(p, &(i, j))| {
+            let weights =
+                planes.iter().flat_map(|plane| <[f32; 2]>::from(plane[self.window.at(i, j)].halves()));
+            let places = std::iter::once((0, 0)).chain(BEFORE).map(|place| number(p, place));
+            places.zip(weights).filter_map(|(place, weight)| Some((place?, f64::from(weight)))).collect()
+        });
+        Rows::Factor(rows.collect())
+    }
+
     /// The extreme eigenvalues by power iterations.
-    fn spectrum(&self, d: &[f64]) -> Spectrum {
+    fn spectrum(&self, m: &Rows) -> Spectrum {
         let power = |shift: f64, steps: usize| {
             let mut x: Vec<f64> = (0..self.free.len()).map(|k| ((k * k) as f64).sin()).collect();
             let mut value = 0.0;
@@ -110,7 +162,7 @@ impl Case {
                 for x in &mut x {
                     *x /= norm;
                 }
-                let next = self.preconditioned(d, &x);
+                let next = self.preconditioned(m, &x);
                 x = next.iter().zip(&x).map(|(next, x)| shift * x - next).collect();
                 value = x.iter().map(|x| x * x).sum::<f64>().sqrt();
             }
@@ -124,14 +176,17 @@ impl Case {
 
 #[test]
 fn probes_find_the_extreme_eigenvalues() {
-    let case = Case::new(2);
-    let mut buffers = Buffers::default();
-    let views = case.load(&mut buffers);
-    let d: Vec<f64> = case.free.iter().map(|&(i, j)| f64::from(views.d[case.window.at(i, j)])).collect();
-    let exact = case.spectrum(&d);
-    let found = probe(ISA, &case.a.cast(), case.window, views).unwrap();
-    assert!((found.largest / exact.largest - 1.0).abs() < 0.05, "{found:?} {exact:?}");
-    assert!((0.95..1.25).contains(&(found.least / exact.least)), "{found:?} {exact:?}");
+    for order in [2, 3] {
+        let case = Case::new(order);
+        let mut buffers = Buffers::default();
+        let mut views = case.load(&mut buffers);
+        let exact = case.spectrum(&case.rows(&mut views));
+        let found = probe(ISA, &case.a.cast(), case.window, views).unwrap();
+        assert!((found.largest / exact.largest - 1.0).abs() < 0.05, "{order} {found:?} {exact:?}");
+        assert!((0.95..1.25).contains(&(found.least / exact.least)), "{order} {found:?} {exact:?}");
+        // What the preconditioners are for: the blur would leave 30 at order 3.
+        assert!(exact.largest < [7.0, 9.0][order - 2] * exact.least, "{order} {exact:?}");
+    }
 }
 
 #[test]
