@@ -7,13 +7,16 @@
 use crate::Size;
 use crate::kernel::stencil::Window;
 
+/// First and number of some rows or columns.
+type Span = (usize, usize);
+
 /// How the image is cut into tiles.
 #[derive(Clone, Debug)]
 pub struct Grid {
-    /// First and number of the rows of each row of tiles.
-    pub rows: Vec<(usize, usize)>,
+    /// The rows of each row of tiles.
+    pub rows: Vec<Span>,
     /// The same of columns.
-    pub columns: Vec<(usize, usize)>,
+    pub columns: Vec<Span>,
     /// Whether the tiles are moved by half a tile.
     pub shifted: bool,
 }
@@ -25,9 +28,9 @@ impl Grid {
     }
 }
 
-/// Cuts `n` rows or columns into parts of about the same length, at most `side`: first and number of each. Shifted by
+/// Cuts `n` rows or columns into parts of about the same length, at most `side`. Shifted by
 /// half a part, the first and the last are half as long.
-fn cuts(n: usize, side: usize, shifted: bool) -> Vec<(usize, usize)> {
+fn cuts(n: usize, side: usize, shifted: bool) -> Vec<Span> {
     let count = n.div_ceil(side);
     let mut edges = vec![0];
     if shifted {
@@ -99,9 +102,9 @@ impl Seen {
         })
     }
 
-    /// The strips above, below, left and right of a tile that feel it and were not solved later: first and number of their rows,
-    /// and of their columns. Even rows of tiles are solved first, each from left to right.
-    fn strips(&self, i: usize, j: usize, felt: Felt) -> ([(usize, usize); 2], [(usize, usize); 2]) {
+    /// The rows of the strips above and below a tile that feel it and were not solved later, and the columns of those left and
+    /// right of it. Even rows of tiles are solved first, each from left to right.
+    fn strips(&self, i: usize, j: usize, felt: Felt) -> ([Span; 2], [Span; 2]) {
         let Grid { rows, columns, .. } = &self.grid;
         let solved = |i: usize, mut tiles: std::ops::Range<usize>| {
             let wide = |j: usize| columns.get(j).is_some_and(|column| column.1 >= felt.to);
@@ -114,11 +117,11 @@ impl Seen {
             other % 2 == 1 && solved(other, around.clone())
         };
         let Felt { from, to } = felt;
-        let before = |(start, _): (usize, usize), settled: bool| {
+        let before = |(start, _): Span, settled: bool| {
             let first = start.saturating_sub(to);
             (first, if settled { 0 } else { start.saturating_sub(from) - first })
         };
-        let after = |(start, length): (usize, usize), settled: bool| {
+        let after = |(start, length): Span, settled: bool| {
             (start + length + from, if settled { 0 } else { to - from })
         };
         let right = j + 1 == columns.len() || solved(i, j + 1..j + 2);
@@ -129,13 +132,13 @@ impl Seen {
     }
 }
 
-/// Whether two ranges, first and length of each, share anything once one is extended by `width` to either side.
-const fn within(a: (usize, usize), b: (usize, usize), width: usize) -> bool {
+/// Whether two spans share anything once one is extended by `width` to either side.
+const fn within(a: Span, b: Span, width: usize) -> bool {
     a.0 < b.0 + b.1 + width && b.0 < a.0 + a.1 + width
 }
 
-/// What two ranges share, if they do.
-fn common(a: (usize, usize), b: (usize, usize)) -> Option<(usize, usize)> {
+/// What two spans share, if they do.
+fn common(a: Span, b: Span) -> Option<Span> {
     let (first, end) = (a.0.max(b.0), (a.0 + a.1).min(b.0 + b.1));
     (first < end).then(|| (first, end - first))
 }
@@ -236,7 +239,7 @@ mod tests {
         for i in (0..rows.len()).step_by(2).chain((1..rows.len()).step_by(2)) {
             for j in (0..columns.len()).filter(|&j| sweep.marks[i][j] == Mark::Solved) {
                 for (beyond, state) in [(FELT.to, true), (FELT.from, false)] {
-                    let span = |(start, length): (usize, usize), n: usize| {
+                    let span = |(start, length): Span, n: usize| {
                         start.saturating_sub(beyond)..n.min(start + length + beyond)
                     };
                     for y in span(rows[i], SIZE.height) {
@@ -258,7 +261,7 @@ mod tests {
         for sweep in [all.clone(), one, some(0), some(1), some(2), some(3)] {
             let (looked, left) = (looks(&sweep), left(&sweep));
             for (k, (looked, left)) in looked.iter().zip(&left).enumerate() {
-                assert!(looked | !left, "{} {}", k / SIZE.width, k % SIZE.width);
+                assert!(*looked || !left, "{} {}", k / SIZE.width, k % SIZE.width);
             }
         }
         // One strip at each border between tiles, and no more.
