@@ -13,8 +13,9 @@
 //! Roofline, per vector at R = 3: 28 arithmetic instructions for `A p`, 12 for the rest: 20 cycles at two a cycle, 1.3 a pixel
 //! with 16 lanes of f32, 2.5 with 8. 6 streams of 4 bytes a pixel go to and from L2, against 13 of conjugate gradients: 10 cycles.
 //! A vector that crosses a cache line counts twice: 36 loads take 18 cycles, and stores, one a cycle, 13. Where registers are too
-//! few for the 16 taps, as with AVX2, loads are the limit: 44 for a vector of 8, 22 cycles, 2.8 a pixel. At R = 4 with the sparse
-//! factor: 41 instructions for `A p`, 38 for `M r`, 5 for the rest, 10 streams.
+//! few for the 16 taps, as with AVX2, loads would be the limit: 44 for a vector of 8, 22 cycles, 2.8 a pixel; pairs of vectors
+//! that share the taps ([`super::simd::Pair`]) need 36. At R = 4 with the sparse factor: 41 instructions for `A p`, 38 for `M r`,
+//! 5 for the rest, 10 streams.
 
 use super::aligned::Aligned;
 use super::factor::{BELOW, Carried, LATE, Placed, added};

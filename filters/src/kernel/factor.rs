@@ -168,11 +168,11 @@ impl<V: Vector> Carried<V> {
 /// The four sums of blocks in their place.
 pub type Placed<'a, T> = Zip<Zip<Chunks<'a, T>, Chunks<'a, T>>, Zip<Chunks<'a, T>, Chunks<'a, T>>>;
 type Chunks<'a, T> = ChunksExact<'a, T>;
-type Pair<'a, T> = (&'a [T], &'a [T]);
+type Blocks<'a, T> = (&'a [T], &'a [T]);
 
 /// A block of `G' G r`.
 #[inline(always)]
-pub fn added<V: Vector>(((far, left), (here, right)): (Pair<'_, V::Number>, Pair<'_, V::Number>)) -> V {
+pub fn added<V: Vector>(((far, left), (here, right)): (Blocks<'_, V::Number>, Blocks<'_, V::Number>)) -> V {
     V::load(far).plus(V::load(left)).plus(V::load(here).plus(V::load(right)))
 }
 

@@ -7,8 +7,8 @@
 //! A_k = L L'      g = L'^-1 e      with e zero but for a one in the last place
 //! ```
 //!
-//! Which of the nine are free is a number of nine bits, and away from the border of the image the energy is the same
-//! everywhere, so a table of 512 rows holds all of `G`. Within a few pixels of the border each row and column has a table of its
+//! Which of the ten are free is a number of ten bits, and away from the border of the image the energy is the same
+//! everywhere, so a table of 1024 rows holds all of `G` (rows of pixels that are not free are zero). Within a few pixels of the border each row and column has a table of its
 //! own, of which the rows that occur are computed once.
 //!
 //! Against the blur, the condition of the preconditioned third-order energy falls from 32 to 8 at 20 % low-discrepancy samples

@@ -223,7 +223,8 @@ pub fn probe(isa: Isa, a: &Separable<f32>, window: Window, views: Views<'_>) -> 
 }
 
 /// Minimises `x' A x` over the free pixels as [`solve`] does, by the Chebyshev iteration for eigenvalues in `spectrum`: as many
-/// steps, each of which moves half as much memory. Where it falls behind what they promise, or `limit` steps are done, conjugate gradients go on.
+/// steps, each of which moves half as much memory. Where it falls behind what they promise, or `limit` steps are done,
+/// conjugate gradients go on.
 pub fn iterate(
     isa: Isa,
     a: &Separable<f32>,
@@ -262,7 +263,7 @@ pub fn iterate(
         let next = 1.0 / (2.0 * sigma - rho);
         let foreseen = top * f64::max(next, share);
         if steps > 0 && foreseen <= enough {
-            // The correction to come is there already, and suffices.
+            // The correction to come is there already, and suffices; after an odd number of steps the image has it.
             if steps % 2 == 0 {
                 add_scaled(isa, x, 1.0, p);
             }

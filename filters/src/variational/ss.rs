@@ -26,10 +26,10 @@
 //!
 //! Algorithm: the mask decides (`holes`).
 //!
-//! - Where every 8 x 8 block has a sample: overlapping tiles in f32 with a masked blur as preconditioner (`tiles`), each by a
-//!   Chebyshev iteration between eigenvalues that a few parts of the mask show beforehand, in corners and where these differ
-//!   by conjugate gradients (`solver/local`), until the preconditioned residual over the least eigenvalue is small, or f32
-//!   cannot tell it from rounding.
+//! - Where every 8 x 8 block has a sample: overlapping tiles in f32 (`tiles`), with a masked blur as preconditioner, at order 3
+//!   a sparse factor (`solver/factor`), each by a Chebyshev iteration between eigenvalues that a few parts of the mask show
+//!   beforehand, in corners and where these differ by conjugate gradients (`solver/local`), until the preconditioned residual
+//!   over the least eigenvalue is small, or f32 cannot tell it from rounding.
 //! - Around empty blocks: rectangles, roughly before the tiles and exactly after them, by conjugate gradients with a multigrid
 //!   cycle; at order 2 in f32 around residuals in f64, until the same estimate is small, else in f64 until a cycle's
 //!   correction is (`region`).
@@ -46,7 +46,7 @@
 //!
 //! Settings: see [`Settings`].
 //!
-//! Cost: tiles take at most 18 steps on renders at 20 % low-discrepancy samples (order 3: 21), up to 75 over all sweeps at
+//! Cost: tiles take at most 14 steps over all sweeps on renders at 20 % low-discrepancy samples (order 3: 24), up to 59 at
 //! random ones; a step is one pass over a tile with one application of `H` (`kernel/chebyshev.rs`, by conjugate gradients
 //! `kernel/step.rs`). Multigrid takes 5 to 9 iterations of 7 applications at order 2, up to a hundred and more at order 3.
 //!

@@ -1,6 +1,7 @@
 //! The definition of the steps in f64, entry by entry, and that strips cannot be told from the whole.
 
 use super::super::points::Point;
+use super::super::step::tests::sets;
 use super::*;
 use crate::Size;
 use crate::operator::energy::Form;
@@ -136,10 +137,6 @@ impl Problem {
     }
 }
 
-fn instruction_sets() -> impl Iterator<Item = Isa> {
-    [Isa::Portable, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available())
-}
-
 #[test]
 fn every_instruction_set_takes_the_steps_of_the_definition() {
     let whole = |height, width| (Size::new(height, width), Window { y: 0, x: 0, height, width });
@@ -152,7 +149,7 @@ fn every_instruction_set_takes_the_steps_of_the_definition() {
             // Entries reach 50 (order 3: 500) and their rows' sums of sizes a few times that, over seven products.
             let size =
                 if order == 3 { 4e3 } else { 4e2 } * expected.0.iter().fold(1.0, |a: f64, x| a.max(x.abs()));
-            for isa in instruction_sets() {
+            for isa in sets() {
                 let found = problem.cascade::<f32>(isa, &[0], &[0]);
                 let exact = problem.cascade::<f64>(isa, &[0], &[0]);
                 for i in 0..window.height {
@@ -184,7 +181,7 @@ fn strips_give_the_bits_of_the_whole() {
     let window = Window { y: 0, x: 0, height: 131, width: 150 };
     for (order, kind) in [(2, 0), (2, 1), (3, 0)] {
         let problem = Problem::new(Size::new(131, 150), window, order, kind);
-        for isa in instruction_sets() {
+        for isa in sets() {
             let whole = problem.cascade::<f32>(isa, &[0], &[0]);
             let size = |values: &[f32]| values.iter().fold(1.0, |a: f32, x| a.max(x.abs()));
             let size = if order == 3 { 4e3 } else { 4e2 } * size(&whole.0).max(size(&whole.1));

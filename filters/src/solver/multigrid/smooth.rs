@@ -45,13 +45,7 @@ impl<T: Lanes> Level<T> {
     ) {
         let (window, stride) = (self.window, self.window.stride());
         let bands = bands(window.height, SIDES.0);
-        let factors: Vec<(f64, f64)> = (1..=DEGREE)
-            .map(|step| {
-                let k = step as f64;
-                let share = if step > 1 { (2.0 * k - 3.0) / (2.0 * k + 1.0) } else { 0.0 };
-                (share, (8.0 * k - 4.0) / ((2.0 * k + 1.0) * self.high))
-            })
-            .collect();
+        let factors = polynomial(self.high);
         let mut outputs = Vec::new();
         let (mut x, mut rest) = (&mut x[PAD * stride..], rest.map(|rest| &mut rest[PAD * stride..]));
         for band in bands {
@@ -183,6 +177,15 @@ impl<T: Lanes> Level<T> {
         }
         value
     }
+}
+
+/// Per step the share of the step before, and the factor of the preconditioned residual, for eigenvalues up to `high`.
+fn polynomial(high: f64) -> [(f64, f64); DEGREE] {
+    std::array::from_fn(|step| {
+        let k = (step + 1) as f64;
+        let share = if step > 0 { (2.0 * k - 3.0) / (2.0 * k + 1.0) } else { 0.0 };
+        (share, (8.0 * k - 4.0) / ((2.0 * k + 1.0) * high))
+    })
 }
 
 /// Rows of bands of about the same height, at most `most`.
