@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use proptest::prelude::*;
+use rayon::prelude::*;
 
 use super::{Solver, cs_gradient, cs_wavelet};
 use crate::baseline::testing::{self, with_threads};
@@ -46,8 +47,9 @@ fn minimum<S: Sparsity>(operator: &S, size: Size, density: f64, radius: f64, sol
 /// The objective is the minimum to 1e-4, with either solver, wherever Clarabel says it is.
 #[test]
 fn objectives_are_those_of_an_independent_solver() {
-    let mut count = 0;
-    for line in OPTIMA.lines().filter(|line| !line.starts_with('#')) {
+    let lines: Vec<&str> = OPTIMA.lines().filter(|line| !line.starts_with('#')).collect();
+    assert_eq!(lines.len(), 7);
+    lines.into_par_iter().for_each(|line| {
         let (head, optimum) = line.split_once(" : ").unwrap();
         let optimum: f64 = optimum.parse().unwrap();
         let words: Vec<&str> = head.split(' ').collect();
@@ -77,9 +79,7 @@ fn objectives_are_those_of_an_independent_solver() {
             let relative = (found - optimum) / optimum;
             assert!(relative.abs() <= 1e-4, "{head} {solver:?}: {found} where {optimum} is the minimum");
         }
-        count += 1;
-    }
-    assert_eq!(count, 7);
+    });
 }
 
 /// With a radius, the distance from the samples is that radius, and the objective falls.

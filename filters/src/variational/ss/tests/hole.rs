@@ -1,19 +1,32 @@
 //! A lost bucket of 256 x 256 pixels against a direct solution in f64: Cholesky's factorisation within the envelope of the matrix.
 
 use super::*;
+use crate::kernel::simd::{Vector, Vectored, sum, vectors};
 
-/// The sum of products over the shorter length, in eight lanes: 20 billion of them make a factorisation.
+/// The sum of products over the shorter length: 20 billion of them make a factorisation.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let length = a.len().min(b.len());
-    let (a, b) = (a[..length].chunks_exact(8), b[..length].chunks_exact(8));
-    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
-    let mut lanes = [0.0; 8];
-    for (a, b) in a.zip(b) {
-        for (lane, (a, b)) in lanes.iter_mut().zip(a.iter().zip(b)) {
-            *lane += a * b;
+    struct Dot<'a>(&'a [f64], &'a [f64]);
+    impl Vectored<f64> for Dot<'_> {
+        type Output = f64;
+        #[allow(clippy::inline_always)] // Elsewhere it is not compiled for the instruction set.
+        #[inline(always)]
+        fn run<V: Vector<Number = f64>>(self) -> f64 {
+            let (a, b) = (self.0.chunks(4 * V::LANES), self.1.chunks(4 * V::LANES));
+            let mut sums = [V::splat(0.0); 4];
+            for (a, b) in a.zip(b) {
+                if a.len() < 4 * V::LANES {
+                    return a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>()
+                        + sums.map(sum).iter().sum::<f64>();
+                }
+                for (k, sum) in sums.iter_mut().enumerate() {
+                    *sum = V::load(&a[k * V::LANES..]).fused(V::load(&b[k * V::LANES..]), *sum);
+                }
+            }
+            sums.map(sum).iter().sum()
         }
     }
-    lanes.iter().sum::<f64>() + rest
+    let length = a.len().min(b.len());
+    vectors(Isa::best(), Dot(&a[..length], &b[..length]))
 }
 
 /// Solves `A x = b`, where row `i` of `A` up to its diagonal is `rows[i]`, from its first entry that is not zero.
