@@ -21,7 +21,7 @@ use super::aligned::Aligned;
 use super::factor::{BELOW, Carried, LATE, Placed, added};
 use super::interior::{Interior, Scheme, Taps};
 use super::preconditioner::Preconditioner;
-use super::simd::{Lanes, MOST, Vector, Vectored, largest, vectors};
+use super::simd::{Lanes, MOST, Vector, Vectored, largest, pairs};
 use super::stencil::{PAD, Separable, Window, near_ends};
 use super::step::blurred;
 use super::{Isa, Real};
@@ -73,10 +73,10 @@ pub fn pass<T: Lanes>(
     let rows = (inside.start, inside.end);
     let mut pass = Pass { interior: a.interior(), window, turn, factors, rows, buffers };
     match (pass.buffers.m, a.terms) {
-        (Preconditioner::Blur { .. }, 3) => vectors(isa, Sized::<T, 3, false>(&mut pass)),
-        (Preconditioner::Blur { .. }, _) => vectors(isa, Sized::<T, 4, false>(&mut pass)),
-        (Preconditioner::Factor(_), 3) => vectors(isa, Sized::<T, 3, true>(&mut pass)),
-        (Preconditioner::Factor(_), _) => vectors(isa, Sized::<T, 4, true>(&mut pass)),
+        (Preconditioner::Blur { .. }, 3) => pairs(isa, Sized::<T, 3, false>(&mut pass)),
+        (Preconditioner::Blur { .. }, _) => pairs(isa, Sized::<T, 4, false>(&mut pass)),
+        (Preconditioner::Factor(_), 3) => pairs(isa, Sized::<T, 3, true>(&mut pass)),
+        (Preconditioner::Factor(_), _) => pairs(isa, Sized::<T, 4, true>(&mut pass)),
     }
 }
 

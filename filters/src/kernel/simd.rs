@@ -67,7 +67,7 @@ pub trait Vectored<T> {
 pub trait Lanes: Real {
     /// Vectors of what the target guarantees.
     type Portable: Vector<Number = Self>;
-    /// Vectors of AVX2, whose 16 registers do not hold the taps of an energy.
+    /// Vectors of AVX2.
     #[cfg(target_arch = "x86_64")]
     type Avx2: Vector<Number = Self>;
     /// Vectors of AVX-512.
@@ -78,7 +78,7 @@ pub trait Lanes: Real {
 impl Lanes for f32 {
     type Portable = Pack<f32, 4>;
     #[cfg(target_arch = "x86_64")]
-    type Avx2 = Pair<x86::F32x8>;
+    type Avx2 = x86::F32x8;
     #[cfg(target_arch = "x86_64")]
     type Avx512 = x86::F32x16;
 }
@@ -98,8 +98,28 @@ pub fn vectors<T: Lanes, B: Vectored<T>>(isa: Isa, body: B) -> B::Output {
         #[cfg(target_arch = "x86_64")]
         Isa::Avx2 if isa.available() => {
             // SAFETY: `available` has just found the features that `avx2` is compiled for.
-            unsafe { avx2(body) }
+            unsafe { avx2::<T::Avx2, B>(body) }
         }
+        _ => but_avx2(isa, body),
+    }
+}
+
+/// The same with vectors of AVX2 in pairs, for a body that has few vectors of its own but more taps than registers.
+#[inline]
+pub fn pairs<T: Lanes, B: Vectored<T>>(isa: Isa, body: B) -> B::Output {
+    match isa {
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx2 if isa.available() => {
+            // SAFETY: `available` has just found the features that `avx2` is compiled for.
+            unsafe { avx2::<Pair<T::Avx2>, B>(body) }
+        }
+        _ => but_avx2(isa, body),
+    }
+}
+
+#[inline]
+fn but_avx2<T: Lanes, B: Vectored<T>>(isa: Isa, body: B) -> B::Output {
+    match isa {
         #[cfg(target_arch = "x86_64")]
         Isa::Avx512 if isa.available() => {
             // SAFETY: `available` has just found the features that `avx512` is compiled for.
@@ -111,8 +131,8 @@ pub fn vectors<T: Lanes, B: Vectored<T>>(isa: Isa, body: B) -> B::Output {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn avx2<T: Lanes, B: Vectored<T>>(body: B) -> B::Output {
-    body.run::<T::Avx2>()
+fn avx2<V: Vector, B: Vectored<V::Number>>(body: B) -> B::Output {
+    body.run::<V>()
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -187,7 +207,8 @@ impl<T: Real, const N: usize> Vector for Pack<T, N> {
 }
 
 /// Two vectors as one. What is the same for both, as the taps of a filter, is read once where the instruction set has too few
-/// registers to keep it: with AVX2 that saves a third of all loads of a step on a tile, which its two a cycle make the limit.
+/// registers to keep it: with AVX2 that saves a third of all loads of a step on a tile, which its two a cycle make the limit. A
+/// body that carries a scheme's vectors from row to row besides (`cascade`) is a quarter slower so, as those no longer stay.
 #[derive(Clone, Copy, Debug)]
 pub struct Pair<V>(V, V);
 

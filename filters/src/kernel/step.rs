@@ -26,7 +26,7 @@ use super::aligned::Aligned;
 use super::factor::{BELOW, Carried, LATE, Placed, added};
 use super::interior::{Interior, Scheme, Taps};
 use super::preconditioner::Preconditioner;
-use super::simd::{Lanes, MOST, Vector, Vectored, largest, sum, vectors};
+use super::simd::{Lanes, MOST, Vector, Vectored, largest, pairs, sum, vectors};
 use super::stencil::{PAD, Separable, Window, near_ends};
 use super::{Isa, Real};
 
@@ -92,10 +92,10 @@ pub fn pass<T: Lanes>(
     let numbers = (T::from_f64(length), T::from_f64(share));
     let mut pass = Pass { interior: a.interior(), window, what, numbers, rows, buffers };
     let mut sums = match (pass.buffers.m, a.terms) {
-        (Preconditioner::Blur { .. }, 3) => vectors(isa, Sized::<T, 3, false>(&mut pass)),
-        (Preconditioner::Blur { .. }, _) => vectors(isa, Sized::<T, 4, false>(&mut pass)),
-        (Preconditioner::Factor(_), 3) => vectors(isa, Sized::<T, 3, true>(&mut pass)),
-        (Preconditioner::Factor(_), _) => vectors(isa, Sized::<T, 4, true>(&mut pass)),
+        (Preconditioner::Blur { .. }, 3) => pairs(isa, Sized::<T, 3, false>(&mut pass)),
+        (Preconditioner::Blur { .. }, _) => pairs(isa, Sized::<T, 4, false>(&mut pass)),
+        (Preconditioner::Factor(_), 3) => pairs(isa, Sized::<T, 3, true>(&mut pass)),
+        (Preconditioner::Factor(_), _) => pairs(isa, Sized::<T, 4, true>(&mut pass)),
     };
     if applies {
         let Buffers { m, u, w, .. } = pass.buffers;
