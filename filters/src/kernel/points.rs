@@ -10,6 +10,44 @@ use super::simd::{Lanes, Vector, Vectored, vectors};
 use super::stencil::{PAD, Window};
 use super::{Isa, Real};
 
+/// How firmly a point of this weight holds a grid: two springs in a row, its own and one of weight `most`.
+fn firm(weight: f64, most: f64) -> f64 {
+    if weight.is_finite() { weight * most / (weight + most) } else { most }
+}
+
+/// Where the first of the four cells around a pixel stands, and the weights of that, the next in its row, and the two below.
+fn bilinear(window: Window, cell: (usize, usize), (y, x): (usize, usize)) -> (usize, [f64; 4]) {
+    let place = |at: usize, cell: usize, n: usize| {
+        let centre = (at as f64 + 0.5) / cell as f64 - 0.5;
+        let first = centre.max(0.0).min((n as f64 - 2.0).max(0.0)) as usize;
+        // A lone cell takes all.
+        (first, if n > 1 { centre - first as f64 } else { 0.0 })
+    };
+    let ((i, down), (j, right)) = (place(y, cell.0, window.height), place(x, cell.1, window.width));
+    let v = [(1.0 - down) * (1.0 - right), (1.0 - down) * right, down * (1.0 - right), down * right];
+    (window.at(i, j), v)
+}
+
+/// Sets `pull` to the right-hand side of points that ask for values instead of zeros: the sum of `w v` times the value.
+pub fn pull<T: Real>(
+    window: Window,
+    cell: (usize, usize),
+    points: &[Point],
+    most: f64,
+    value: &dyn Fn(usize, usize) -> f64,
+    pull: &mut [T],
+) {
+    pull.fill(T::ZERO);
+    for &(y, x, weight) in points {
+        let (at, v) = bilinear(window, cell, (y, x));
+        let below = at + window.stride();
+        let force = firm(weight, most) * value(y, x);
+        for (at, v) in [at, at + 1, below, below + 1].into_iter().zip(v) {
+            pull[at] += T::from_f64(force * v);
+        }
+    }
+}
+
 /// The planes, each a buffer of the window: either the first or all five.
 #[derive(Clone, Debug)]
 pub struct Points<T> {
@@ -29,19 +67,10 @@ impl<T: Real> Points<T> {
     /// weight is that of two springs in a row, the point's own and the grid's.
     pub fn new(window: Window, cell: (usize, usize), points: &[Point], most: f64) -> Self {
         let mut planes: Vec<Vec<T>> = (0..5).map(|_| window.zeros()).collect();
-        let place = |at: usize, cell: usize, n: usize| {
-            let centre = (at as f64 + 0.5) / cell as f64 - 0.5;
-            let first = centre.max(0.0).min((n as f64 - 2.0).max(0.0)) as usize;
-            // A lone cell takes all.
-            (first, if n > 1 { centre - first as f64 } else { 0.0 })
-        };
         for &(y, x, weight) in points {
-            let weight = if weight.is_finite() { weight * most / (weight + most) } else { most };
-            let (i, down) = place(y, cell.0, window.height);
-            let (j, right) = place(x, cell.1, window.width);
-            let at = window.at(i, j);
+            let weight = firm(weight, most);
+            let (at, v) = bilinear(window, cell, (y, x));
             let below = at + window.stride();
-            let v = [(1.0 - down) * (1.0 - right), (1.0 - down) * right, down * (1.0 - right), down * right];
             let mut add = |plane: usize, at: usize, a: usize, b: usize| {
                 planes[plane][at] += T::from_f64(weight * v[a] * v[b]);
             };
@@ -200,22 +229,26 @@ mod tests {
                 let firm = |own: f64| if own.is_finite() { 1.0 / (1.0 / own + 1.0 / most) } else { most };
                 held.iter().map(|point| firm(point.2) * of(point, k) * of(point, l)).sum()
             };
-            for isa in [Isa::Portable, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available()) {
-                let mut q = window.zeros::<f64>();
-                points.add(isa, window, (0, 0), window, &x, &mut q);
-                let single = Points::<f32>::new(window, cell, &held, most);
-                let narrow: Vec<f32> = x.iter().map(|&x| x as f32).collect();
-                let mut narrow_q = window.zeros::<f32>();
-                single.add(isa, window, (0, 0), window, &narrow, &mut narrow_q);
-                for &k in &cells {
-                    let (mut sum, mut size) = (0.0, 0.0);
-                    for &l in &cells {
+            // Per cell the product with `x` and the size of what it sums; the stored entries on the way.
+            let sums: Vec<(f64, f64)> = cells
+                .iter()
+                .map(|&k| {
+                    cells.iter().fold((0.0, 0.0), |(sum, size), &l| {
                         let own = entry(k, l);
                         let stored = points.entry(window.stride(), window.at(k.0, k.1), window.at(l.0, l.1));
                         assert!((own - stored).abs() <= 1e-12 * held.len() as f64 * most, "{k:?} {l:?}");
-                        sum += own * x[window.at(l.0, l.1)];
-                        size += own.abs();
-                    }
+                        (sum + own * x[window.at(l.0, l.1)], size + own.abs())
+                    })
+                })
+                .collect();
+            let single = Points::<f32>::new(window, cell, &held, most);
+            let narrow: Vec<f32> = x.iter().map(|&x| x as f32).collect();
+            for isa in [Isa::Portable, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available()) {
+                let mut q = window.zeros::<f64>();
+                points.add(isa, window, (0, 0), window, &x, &mut q);
+                let mut narrow_q = window.zeros::<f32>();
+                single.add(isa, window, (0, 0), window, &narrow, &mut narrow_q);
+                for (&k, &(sum, size)) in cells.iter().zip(&sums) {
                     let at = window.at(k.0, k.1);
                     assert!((q[at] - sum).abs() <= 64.0 * f64::EPSILON * size, "{isa:?} {k:?}");
                     let bound = 64.0 * f64::from(f32::EPSILON) * size;
@@ -238,6 +271,32 @@ mod tests {
                         }
                     }
                 }
+            }
+        }
+    }
+
+    /// Bilinear weights give planes exactly, so points that ask for the values of a plane pull as the matrix would.
+    #[test]
+    fn points_on_a_plane_pull_as_the_matrix_does() {
+        let window = Window { y: 0, x: 0, height: 6, width: 9 };
+        let (cell, most) = ((4, 2), 2.0);
+        let held: Vec<Point> = (0..40).map(|k| ((k * 7) % 24, (k * 11) % 18, 0.5 + k as f64)).collect();
+        let plane = |y: f64, x: f64| 1.0 + 0.25 * y - 0.5 * x;
+        let mut grid = window.zeros::<f64>();
+        for i in 0..window.height {
+            for j in 0..window.width {
+                grid[window.at(i, j)] = plane(4.0 * i as f64 + 1.5, 2.0 * j as f64 + 0.5);
+            }
+        }
+        let mut product = window.zeros();
+        let points = Points::<f64>::new(window, cell, &held, most);
+        points.add(Isa::best(), window, (0, 0), window, &grid, &mut product);
+        let mut found = vec![f64::NAN; window.len()];
+        pull(window, cell, &held, most, &|y, x| plane(y as f64, x as f64), &mut found);
+        for i in 0..window.height {
+            for j in 0..window.width {
+                let at = window.at(i, j);
+                assert!((found[at] - product[at]).abs() <= 1e-12 * 40.0 * most * 10.0, "{i} {j}");
             }
         }
     }

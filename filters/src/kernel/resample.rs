@@ -9,7 +9,7 @@
 use super::stencil::PAD;
 use super::{Body, Real, fma};
 
-/// Adds a row of the prolongation, times `share`, to `out`.
+/// Adds a row of the prolongation, times `share` if there is one, to `out`.
 #[derive(Debug)]
 pub struct Prolong<'a, T> {
     /// Weights of the rows.
@@ -19,7 +19,7 @@ pub struct Prolong<'a, T> {
     /// Per coarse cell four weights of its first fine cell, four of its second.
     pub horizontal: &'a [Vec<T>; 8],
     /// What the row is multiplied by.
-    pub share: &'a [T],
+    pub share: Option<&'a [T]>,
     /// The row.
     pub out: &'a mut [T],
 }
@@ -51,7 +51,16 @@ impl<T: Real> Body for Prolong<'_, T> {
         }
         let (even, odd) = halves.split_at(n);
         let (pairs, rest) = self.out.as_chunks_mut::<2>();
-        let (shares, last) = self.share.as_chunks::<2>();
+        let Some(share) = self.share else {
+            for ((out, &even), &odd) in pairs.iter_mut().zip(even).zip(odd) {
+                (out[0], out[1]) = (out[0] + even, out[1] + odd);
+            }
+            if let [out] = rest {
+                *out += even[n - 1];
+            }
+            return;
+        };
+        let (shares, last) = share.as_chunks::<2>();
         for (((out, share), &even), &odd) in pairs.iter_mut().zip(shares).zip(even).zip(odd) {
             out[0] = fma::<T, FUSED>(share[0], even, out[0]);
             out[1] = fma::<T, FUSED>(share[1], odd, out[1]);

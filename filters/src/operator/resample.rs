@@ -116,8 +116,8 @@ impl<T: Real> Resample<T> {
         self.coarse
     }
 
-    /// Adds `share` times the prolonged `coarse` to `fine`.
-    pub fn prolong_add(&self, coarse: &[T], share: &[T], fine: &mut [T]) {
+    /// Adds the prolonged `coarse`, times `share` if there is one, to `fine`.
+    pub fn prolong_add(&self, coarse: &[T], share: Option<&[T]>, fine: &mut [T]) {
         let (stride, from) = (self.fine.stride(), self.coarse.stride());
         let chunk = |(index, rows): (usize, &mut [T])| {
             for (k, out) in rows.chunks_mut(stride).enumerate() {
@@ -127,7 +127,7 @@ impl<T: Real> Resample<T> {
                     vertical: &self.vertical.up[i],
                     sources: std::array::from_fn(|k| &coarse[(first + k) * from..][..from]),
                     horizontal: &self.up,
-                    share: &share[self.fine.at(i, 0)..][..self.fine.width],
+                    share: share.map(|share| &share[self.fine.at(i, 0)..][..self.fine.width]),
                     out: &mut out[PAD..][..self.fine.width],
                 };
                 dispatch(self.isa, body);
@@ -185,7 +185,7 @@ mod tests {
                 let noise = |seed: f64| move |i: usize, j: usize| ((i * 37 + j * 101) as f64 * seed).sin();
                 let (f, c) = (fill(fine, noise(0.7)), fill(coarse, noise(0.3)));
                 let (mut up, mut down) = (fine.zeros(), coarse.zeros());
-                resample.prolong_add(&c, &fill(fine, |_, _| 1.0), &mut up);
+                resample.prolong_add(&c, None, &mut up);
                 let (from, to) = (fine.stride(), coarse.stride());
                 resample.restrict(0, &f[(PAD - 3) * from..], &mut down[PAD * to..][..coarse.height * to]);
                 let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
@@ -203,7 +203,7 @@ mod tests {
         let centre = |c: usize| 2.0 * c as f64 + 0.5;
         let coarse = fill(resample.coarse(), |i, j| plane(centre(i), centre(j)));
         let mut up = fine.zeros();
-        resample.prolong_add(&coarse, &fill(fine, |_, _| 1.0), &mut up);
+        resample.prolong_add(&coarse, None, &mut up);
         for i in 0..9 {
             for j in 0..14 {
                 assert!((up[fine.at(i, j)] - plane(i as f64, j as f64)).abs() < 1e-13);

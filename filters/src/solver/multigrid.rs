@@ -22,7 +22,7 @@ use rayon::prelude::*;
 use super::bottom::Bottom;
 use super::pool::{Lent, Pool};
 use crate::kernel::cascade::Scratch;
-use crate::kernel::points::{Point, Points};
+use crate::kernel::points::{self, Point, Points};
 use crate::kernel::simd::Lanes;
 use crate::kernel::stencil::{PAD, Separable, Window};
 use crate::kernel::vector::Gradients;
@@ -55,12 +55,17 @@ struct Level<T> {
     high: f64,
     /// To the next coarser grid.
     down: Option<Resample<T>>,
+    /// Pixels of the finest grid along the sides of a cell, and the weight of a measured pixel.
+    cell: (usize, usize),
+    firm: f64,
 }
 
 /// The grids of a window.
 pub struct Multigrid<T: Real> {
     isa: Isa,
     levels: Vec<Level<T>>,
+    /// Measured pixels of the window, or pulls on it.
+    held: Vec<Point>,
     bottom: Option<Bottom>,
     workspaces: Pool<Workspace<T>>,
 }
@@ -93,7 +98,7 @@ impl<T: Real> Workspace<T> {
         &mut self.levels[0].r
     }
 
-    /// The correction that conjugate gradients have found.
+    /// The correction that conjugate gradients have found, or the start.
     pub fn correction(&self) -> &[T] {
         &self.c
     }
@@ -119,8 +124,8 @@ impl<T: Lanes> Multigrid<T> {
         let held = held(window, &free, d.as_deref());
         let finest = window;
         let (mut window, mut free, mut points) = (window, Some(free), d.map(Points::diagonal));
-        let mut grids = Self { isa, levels: Vec::new(), bottom: None, workspaces: Pool::default() };
-        let mut a = matrix(0);
+        let mut grids = Self { isa, levels: Vec::new(), held, bottom: None, workspaces: Pool::default() };
+        let (mut a, mut cell, mut firm) = (matrix(0), (1, 1), 0.0);
         loop {
             let size = a.size();
             let splits = window.y % 2 == 0 && window.x % 2 == 0 && window.pixels() > DIRECT;
@@ -129,12 +134,12 @@ impl<T: Lanes> Multigrid<T> {
             if window.pixels() <= DIRECT {
                 grids.bottom = Some(bottom(&a, window, points.as_ref(), free.as_deref()));
             }
-            grids.levels.push(Level::new(isa, &a, window, points, free.take(), down));
+            grids.levels.push(Level { cell, firm, ..Level::new(isa, &a, window, points, free.take(), down) });
             let Some(next) = next else { return grids };
-            let cell = (ratio(finest.height, next.height), ratio(finest.width, next.width));
+            cell = (ratio(finest.height, next.height), ratio(finest.width, next.width));
             a = matrix(grids.levels.len());
-            let middle = a.diagonal(a.vertical.len / 2, a.horizontal.len / 2);
-            points = Some(Points::new(next, cell, &held, FIRM * middle));
+            firm = FIRM * a.diagonal(a.vertical.len / 2, a.horizontal.len / 2);
+            points = Some(Points::new(next, cell, &grids.held, firm));
             window = next;
         }
     }
@@ -169,6 +174,39 @@ impl<T: Lanes> Multigrid<T> {
         &self.levels[0].share
     }
 
+    /// Sets the workspace's correction to a start for the samples' image: from the coarsest grid up to the one below the finest, each
+    /// takes what the coarser one has found and a cycle for what it lacks. Zero if there is but one grid. The image is not held to
+    /// the samples, and takes the window for the whole image.
+    pub fn start(&self, workspace: &mut Workspace<T>, samples: &dyn Fn(usize, usize) -> f64) {
+        let Workspace { levels, pool, c, .. } = workspace;
+        for index in (1..self.levels.len()).rev() {
+            let level = &self.levels[index];
+            points::pull(level.window, level.cell, &self.held, level.firm, samples, &mut levels[index].r);
+            let coarser = index + 1 < self.levels.len();
+            if coarser {
+                let c = &mut c[..level.window.len()];
+                self.raise(index, levels, c);
+                let Buffers { r, rest, .. } = &mut levels[index];
+                level.product(self.isa, level.window, c, rest);
+                vector::rest(self.isa, &level.share, r, rest);
+                std::mem::swap(r, rest);
+            }
+            self.descend(index, &mut levels[index..], pool);
+            if coarser {
+                vector::add_scaled(self.isa, &mut levels[index].x, 1.0, &c[..level.window.len()]);
+            }
+        }
+        self.raise(0, levels, c);
+    }
+
+    /// Sets `fine` to what the grid below one has found, on this one.
+    fn raise(&self, index: usize, buffers: &[Buffers<T>], fine: &mut [T]) {
+        fine.fill(T::ZERO);
+        if let (Some(down), Some(coarse)) = (&self.levels[index].down, buffers.get(index + 1)) {
+            down.prolong_add(&coarse.x, None, fine);
+        }
+    }
+
     /// Computes the workspace's correction for its residual, and what is left of this: both are zero at unknowns that are not
     /// free, where the residual has to be so.
     pub fn cycle(&self, workspace: &mut Workspace<T>) {
@@ -193,7 +231,7 @@ impl<T: Lanes> Multigrid<T> {
         if let (Some(down), Some(coarse)) = (&level.down, below.first_mut()) {
             level.restrict(down, rest, &mut coarse.r);
             self.descend(index + 1, below, pool);
-            down.prolong_add(&below[0].x, &level.share, y);
+            down.prolong_add(&below[0].x, Some(&level.share), y);
         }
         level.smooth(self.isa, (r, Some(y)), x, (index == 0).then_some(rest), pool);
     }
@@ -224,7 +262,8 @@ impl<T: Lanes> Level<T> {
                 (*share, *e) = (T::from_f64(part), T::from_f64(part.sqrt()));
             }
         }
-        let mut level = Self { a: a.cast(), window, points, share, e, high: 1.0, down };
+        let mut level =
+            Self { a: a.cast(), window, points, share, e, high: 1.0, down, cell: (1, 1), firm: 0.0 };
         level.high = level.bound(isa);
         level
     }

@@ -83,3 +83,35 @@ fn conjugate_gradients_converge_at_any_density() {
         assert!(ending.iterations <= 15, "density {density}: {}", ending.iterations);
     }
 }
+
+/// What coarse grids make of the samples of a smooth image is near what the finest makes of them; of a constant it is that.
+#[test]
+fn the_start_is_near_the_solution() {
+    let window = Window { y: 0, x: 0, height: 200, width: 211 };
+    let wave = |i: usize, j: usize| (i as f64 / 31.0).sin() * (j as f64 / 23.0).cos();
+    for density in [0.01, 0.05] {
+        let grids = grids(window, Size::new(200, 211), density, false);
+        for (height, bound) in [(0.0, 1e-9), (1.0, 0.05)] {
+            let image = |i: usize, j: usize| 2.0 + height * wave(i, j);
+            let mut workspace = grids.workspace();
+            grids.start(&mut workspace, &image);
+            let start = workspace.correction().to_vec();
+            // The solution: the samples, and what they lack.
+            let (mut samples, mut product) = (window.zeros(), window.zeros());
+            for i in 0..window.height {
+                for j in 0..window.width {
+                    let at = window.at(i, j);
+                    samples[at] = if grids.free()[at] > 0.0 { 0.0 } else { image(i, j) };
+                }
+            }
+            grids.levels[0].product(grids.isa, window, &samples, &mut product);
+            vector::rest(grids.isa, grids.free(), &window.zeros(), &mut product);
+            workspace.residual().copy_from_slice(&product);
+            let goal = Goal { tolerance: 0.0, error: 0.0, least: None, gain: 1e-10, patience: 9 };
+            assert_eq!(conjugate::solve(&grids, &mut workspace, goal, &Run::default()).stop, Stop::Converged);
+            let free = (0..window.len()).filter(|&at| grids.free()[at] > 0.0);
+            let error = free.map(|at| (start[at] - workspace.correction()[at]).abs()).fold(0.0, f64::max);
+            assert!(error <= bound, "density {density}: {error}");
+        }
+    }
+}
