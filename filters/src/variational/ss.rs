@@ -38,7 +38,8 @@
 //! - Sparse masks (half of the image in rectangles), order 3 with holes, and `lambda > 0` take multigrid on the whole image; so
 //!   does order 3 where the tiles' own estimate stays above the aim, as f32 does not hold more.
 //!
-//! Start: push-pull. The result does not depend on it, nor on the number of threads.
+//! Start: push-pull; where multigrid takes the whole image, what its coarse grids make of the samples. The result depends neither on
+//! it nor on the number of threads.
 //!
 //! References: P. Meinguet, "Multivariate interpolation at arbitrary points made simple", ZAMP 30, 1979 (the energy);
 //! M. Unser, "Splines: a perfect fit for signal and image processing", IEEE Signal Processing Magazine 16(6), 1999
@@ -50,9 +51,9 @@
 //! random ones; a step is one pass over a tile with one application of `H` (`kernel/chebyshev.rs`, by conjugate gradients
 //! `kernel/step.rs`). Multigrid takes 5 to 9 iterations of 7 applications at order 2, up to a hundred and more at order 3.
 //!
-//! Memory beyond samples and result: 0.9 megabytes a thread for tiles (order 3: 1.5); for multigrid about 9 planes of a rectangle
-//! for each channel that is being solved (as many as there are threads), kept for the next solve, and 5 that they share, in f32
-//! at order 2, else in f64.
+//! Memory beyond samples and result: 0.9 megabytes a thread for tiles (order 3: 1.5). For multigrid 5 planes of a rectangle, and 13 for
+//! each channel that is being solved: around holes all channels in f32, on the whole image two at a time in f32 (order 2), else one in
+//! f64.
 //!
 //! The outcome's residual: the largest entry of the preconditioned residual that the last sweep left where it looked over that
 //! before the first; with holes the larger of this and the same for the first solve of any rectangle.
@@ -203,11 +204,39 @@ impl Plan for Planned {
         if self.mask.is_full() && self.settings.lambda == 0.0 {
             return Ok(outcome);
         }
-        let pairs: Vec<_> = samples.as_slice().iter().zip(out.as_mut_slice()).collect();
-        let ends: Vec<Outcome> =
-            pairs.into_par_iter().map(|(sample, out)| self.channel(sample, out, error, run)).collect();
-        Ok(ends.into_iter().fold(outcome, Outcome::worst))
+        let mut pairs: Vec<_> = samples.as_slice().iter().zip(out.as_mut_slice()).collect();
+        let at_once = match &self.parts {
+            Parts::Whole(region) => region.side_by_side(),
+            Parts::Tiled(..) => pairs.len(),
+        };
+        let mut ends = Vec::with_capacity(pairs.len());
+        for some in pairs.chunks_mut(at_once.max(1)) {
+            let channel = |(sample, out): &mut (&Plane, &mut Plane)| self.channel(sample, out, error, run);
+            ends.par_extend(some.par_iter_mut().map(channel));
+        }
+        let (mut worst, mut whole) = (outcome, None);
+        for (end, (sample, out)) in ends.into_iter().zip(samples.as_slice().iter().zip(out.as_mut_slice())) {
+            worst = worst.worst(match end {
+                Ending::Done(outcome) => outcome,
+                // One channel after the other: the grids of a whole image are the most memory that a fill takes.
+                Ending::Left { iterations, tolerance } => {
+                    let region = || Region::whole(Isa::best(), &self.form, &self.mask, 0.0, None);
+                    let last = whole.get_or_insert_with(region).solve(sample, out, tolerance, run);
+                    self.settle(out);
+                    Outcome { iterations: iterations + last.iterations, ..last }
+                }
+            });
+        }
+        Ok(worst)
     }
+}
+
+/// How a channel ended.
+enum Ending {
+    /// With this outcome.
+    Done(Outcome),
+    /// Tiles could not do it after so many iterations: it is left to multigrid on the whole image, to within this tolerance.
+    Left { iterations: usize, tolerance: f64 },
 }
 
 /// What a channel asks for.
@@ -234,26 +263,32 @@ impl Wanted {
 }
 
 impl Planned {
-    fn channel(&self, samples: &Plane, out: &mut Plane, error: f64, run: &Run<'_>) -> Outcome {
+    fn channel(&self, samples: &Plane, out: &mut Plane, error: f64, run: &Run<'_>) -> Ending {
         let (low, high) = range(self.mask.as_slice(), samples.pixels());
         let range = f64::from(high) - f64::from(low);
         if range <= 0.0 {
-            return Outcome::direct();
+            return Ending::Done(Outcome::direct());
         }
         let wanted = Wanted { middle: low + 0.5 * (high - low), range, error: error * range };
-        let outcome = match &self.parts {
-            Parts::Whole(region) => region.solve(samples, out, wanted.within(TOLERANCE), run),
+        let end = match &self.parts {
+            Parts::Whole(region) => Ending::Done(region.solve(samples, out, wanted.within(TOLERANCE), run)),
             Parts::Tiled(..) if !TILED.contains(&range) => {
-                let whole = Region::whole(Isa::best(), &self.form, &self.mask, 0.0, None);
-                whole.solve(samples, out, wanted.within(TOLERANCE), run)
+                Ending::Left { iterations: 0, tolerance: wanted.within(TOLERANCE) }
             }
             Parts::Tiled(tiles, regions) => self.tiled(tiles, regions, samples, out, wanted, run),
         };
+        if matches!(end, Ending::Done(_)) {
+            self.settle(out);
+        }
+        end
+    }
+
+    /// Settles what neither the samples nor the energy see.
+    fn settle(&self, out: &mut Plane) {
         if let Some(unseen) = &self.unseen {
             let smooths = self.settings.lambda > 0.0;
             unseen.settle(out, |i, j| smooths || !self.mask.is_measured(i, j));
         }
-        outcome
     }
 
     /// Tiles, then holes, then tiles that are shifted, and so on until nothing is left to correct.
@@ -265,7 +300,7 @@ impl Planned {
         out: &mut Plane,
         wanted: Wanted,
         run: &Run<'_>,
-    ) -> Outcome {
+    ) -> Ending {
         let mut outcome = Outcome::direct();
         let Wanted { middle, range, error } = wanted;
         let floor = ROUNDING * f64::max(range, f64::from(middle.abs()));
@@ -304,18 +339,16 @@ impl Planned {
             let left = if first > 0.0 { sweep.tops.1 / first } else { 0.0 };
             outcome.residual = Some(left.max(holes));
             if let Some(stop) = run.interrupted() {
-                return Outcome { stop, ..outcome };
+                return Ending::Done(Outcome { stop, ..outcome });
             }
             // Third order may have come to the end of f32 before it came near enough.
             if failed || (work == 0 && self.settings.order == Order::Third && sweep.error > error) {
                 break;
             }
             if work == 0 || rounds == 1 {
-                return outcome;
+                return Ending::Done(outcome);
             }
         }
-        let whole = Region::whole(Isa::best(), &self.form, &self.mask, 0.0, None);
-        let last = whole.solve(samples, out, wanted.within(TOLERANCE), run);
-        Outcome { stop: last.stop, iterations: outcome.iterations + last.iterations, ..last }
+        Ending::Left { iterations: outcome.iterations, tolerance: wanted.within(TOLERANCE) }
     }
 }
