@@ -175,9 +175,12 @@ impl<T: Lanes> Multigrid<T> {
     }
 
     /// Sets the workspace's correction to a start for the samples' image: from the coarsest grid up to the one below the finest, each
-    /// takes what the coarser one has found and a cycle for what it lacks. Zero if there is but one grid. The image is not held to
-    /// the samples, and takes the window for the whole image.
-    pub fn start(&self, workspace: &mut Workspace<T>, samples: &dyn Fn(usize, usize) -> f64) {
+    /// takes what the coarser one has found and a cycle for what it lacks. The image is not held to the samples, and takes the window
+    /// for the whole image. Returns false, and does nothing, if there is but one grid.
+    pub fn start(&self, workspace: &mut Workspace<T>, samples: &dyn Fn(usize, usize) -> f64) -> bool {
+        if self.levels.len() == 1 {
+            return false;
+        }
         let Workspace { levels, pool, c, .. } = workspace;
         for index in (1..self.levels.len()).rev() {
             let level = &self.levels[index];
@@ -197,6 +200,7 @@ impl<T: Lanes> Multigrid<T> {
             }
         }
         self.raise(0, levels, c);
+        true
     }
 
     /// Sets `fine` to what the grid below one has found, on this one.

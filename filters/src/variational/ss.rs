@@ -271,7 +271,11 @@ impl Planned {
         }
         let wanted = Wanted { middle: low + 0.5 * (high - low), range, error: error * range };
         let end = match &self.parts {
-            Parts::Whole(region) => Ending::Done(region.solve(samples, out, wanted.within(TOLERANCE), run)),
+            Parts::Whole(region) => {
+                let tolerance = wanted.within(TOLERANCE);
+                region.begin(samples, out, tolerance);
+                Ending::Done(region.solve(samples, out, tolerance, run))
+            }
             Parts::Tiled(..) if !TILED.contains(&range) => {
                 Ending::Left { iterations: 0, tolerance: wanted.within(TOLERANCE) }
             }

@@ -94,7 +94,7 @@ fn the_start_is_near_the_solution() {
         for (height, bound) in [(0.0, 1e-9), (1.0, 0.05)] {
             let image = |i: usize, j: usize| 2.0 + height * wave(i, j);
             let mut workspace = grids.workspace();
-            grids.start(&mut workspace, &image);
+            assert!(grids.start(&mut workspace, &image));
             let start = workspace.correction().to_vec();
             // The solution: the samples, and what they lack.
             let (mut samples, mut product) = (window.zeros(), window.zeros());

@@ -13,7 +13,7 @@ use crate::kernel::simd::Lanes;
 use crate::kernel::stencil::{PAD, Separable, Window, apply};
 use crate::operator::energy::Form;
 use crate::solver::conjugate::{self, Goal};
-use crate::solver::multigrid::{Multigrid, Workspace};
+use crate::solver::multigrid::Multigrid;
 use crate::{Mask, Outcome, Plane, Run, Size, Stop};
 
 /// What a round of refinement in f32 is to gain.
@@ -110,6 +110,33 @@ impl Region {
         }
     }
 
+    /// Sets the free pixels of the image, all of which the window has to take up, to what the coarse grids make of the samples.
+    /// Without coarse grids nothing happens.
+    pub fn begin(&self, samples: &Plane, image: &mut Plane, tolerance: f64) {
+        match &self.grids {
+            Grids::Single(grids) => self.start(grids, (samples, image), tolerance),
+            Grids::Double(grids) => self.start(grids, (samples, image), tolerance),
+        }
+    }
+
+    fn start<T: Lanes>(&self, grids: &Multigrid<T>, (samples, image): (&Plane, &mut Plane), tolerance: f64) {
+        let mut workspace = grids.workspace();
+        // About a value in their midst and in units of the tolerance, which suit f32 whatever the samples are.
+        let middle = f64::from(image.at(0, 0));
+        if !grids.start(&mut workspace, &|y, x| (f64::from(samples.at(y, x)) - middle) / tolerance) {
+            return;
+        }
+        for i in 0..self.window.height {
+            let at = self.window.at(i, 0);
+            let values = workspace.correction()[at..].iter().zip(&grids.free()[at..]);
+            for (value, (c, free)) in image.row_mut(i).iter_mut().zip(values) {
+                if *free != T::ZERO {
+                    *value = (middle + c.to_f64() * tolerance) as f32;
+                }
+            }
+        }
+    }
+
     /// Replaces the free pixels of `image` in the window by the solution, to within about `tolerance`.
     pub fn solve(&self, samples: &Plane, image: &mut Plane, tolerance: f64, run: &Run<'_>) -> Outcome {
         match &self.grids {
@@ -137,9 +164,6 @@ impl Region {
         let mut workspace = grids.workspace();
         let mut outcome = Outcome::direct();
         let mut left = 1.0;
-        if window.height == image.size().height && window.width == image.size().width {
-            self.start(grids, &mut workspace, (samples, image), tolerance);
-        }
         for _ in 0..ROUNDS {
             // In units of the tolerance, which suit f32 whatever the range of the image.
             self.residual(samples, image, grids.free(), 1.0 / tolerance, workspace.residual());
@@ -169,28 +193,6 @@ impl Region {
             }
         }
         Outcome { stop: Stop::IterationLimit, ..outcome }
-    }
-
-    /// Sets the free pixels of an image that the window takes up to what the coarse grids make of the samples.
-    fn start<T: Lanes>(
-        &self,
-        grids: &Multigrid<T>,
-        workspace: &mut Workspace<T>,
-        (samples, image): (&Plane, &mut Plane),
-        tolerance: f64,
-    ) {
-        // About a value in their midst and in units of the tolerance, which suit f32 whatever the samples are.
-        let middle = f64::from(image.at(0, 0));
-        grids.start(workspace, &|y, x| (f64::from(samples.at(y, x)) - middle) / tolerance);
-        for i in 0..self.window.height {
-            let at = self.window.at(i, 0);
-            let values = workspace.correction().iter().zip(grids.free()).skip(at);
-            for (value, (c, free)) in image.row_mut(i).iter_mut().zip(values) {
-                if *free != T::ZERO {
-                    *value = (middle + c.to_f64() * tolerance) as f32;
-                }
-            }
-        }
     }
 
     /// Sets `residual` to `scale (diag(pull) (samples - image) - H image)`, computed in f64, at free pixels and to zero elsewhere.
