@@ -199,6 +199,20 @@ def test_the_gate_decides_the_exit_status_and_names_the_frames(tmp_path):
     assert result.status == 1 and report["frames"][1]["error"] and report["frames"][2]["groups"], result
 
 
+@pytest.mark.parametrize("gate", ["compare", "verify"])
+def test_nothing_passes_by_absence(gate, tmp_path):
+    pair = (tmp_path / "r.####.exr", tmp_path / "t.####.exr")
+    result = tool.lacuna(gate, "-q", *pair, "--frames", "1-4", "--missing-frame", "skip", ok=False)
+    assert result.status == 1 and result.lines() == [
+        "lacuna: error: none of the frames exists, so nothing was done: check the pattern and --frames"
+    ]
+    # One of them is enough; then all of the progress is made, too.
+    frames.write(tmp_path / "r.0002.exr", {"R": np.ones((8, 9), np.float32)})
+    frames.write(tmp_path / "t.0002.exr", {"R": np.ones((8, 9), np.float32)})
+    result = tool.lacuna(gate, *pair, "--frames", "1-4", "--missing-frame", "skip", ok=gate == "compare")
+    assert "Progress: 100%" in result.stderr, result
+
+
 def test_every_format_has_the_same_numbers(tmp_path):
     sequence(tmp_path, 2)
     files = {name: tmp_path / f"out.{name}" for name in ("csv", "md", "html")}

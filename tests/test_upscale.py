@@ -51,6 +51,16 @@ def test_reduced_again_it_is_the_input_and_light_stays_light(scene, tmp_path, me
     assert alpha.min() >= 0 and alpha.max() <= 1
 
 
+@pytest.mark.parametrize("words", [("--filter", "ss"), ("--filter", "tv"), ("--sampling", "mitchell")])
+def test_what_overflows_takes_the_nearest_value_and_is_told(tmp_path, words):
+    image = np.full((24, 32), 0.25, np.float32)
+    image[10, 12] = 3.3e38
+    given = frames.write(tmp_path / "given.exr", {"R": image})
+    result = lacuna("upscale", given, "-o", tmp_path / "out.exr", "--scale", "2", "--domain", "linear", *words)
+    assert np.isfinite(floats(tmp_path / "out.exr")).all()
+    assert "values overflowed in the filter and took the nearest given one" in result.stderr, result
+
+
 def test_a_broken_factor_returns_its_area_means(scene, tmp_path):
     upscale(scene, tmp_path / "out.exr", "--scale", "1.5x1.25")
     given, got = floats(scene), floats(tmp_path / "out.exr")

@@ -25,7 +25,10 @@ pub enum Error {
         origin: String,
     },
     /// Measured pixels, but none with a usable value.
-    #[error("{channel}: no measured value is finite: keep the channel with --channels '{name}=keep'")]
+    #[error(
+        "{channel}: no measured value is finite: keep the channel with --channels '{}=keep'",
+        glob::Pattern::escape(name).replace('=', "[=]")
+    )]
     NothingFinite {
         /// Part and channel.
         channel: String,

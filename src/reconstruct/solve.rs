@@ -91,7 +91,7 @@ pub fn solve(
     let mut answer = Answer { planes: out, map, outcome, limited: Vec::new(), mended: 0, guides, gain };
     let planes = samples.as_slice().iter().zip(answer.planes.as_mut_slice()).zip(&question.bounds);
     for ((samples, out), bounds) in planes {
-        answer.mended += mend(mask, samples, out, plans)?;
+        answer.mended += mend(samples, out, || plans.nearest(mask), |nearest| nearest.as_slice())?;
         let mut moved = 0;
         if job.limit && question.limit {
             moved += match predicted.next() {
@@ -139,13 +139,19 @@ fn bound_measured(bounds: Bounds, mask: &Mask, samples: &Plane, out: &mut Plane)
     moved
 }
 
-/// Values near the end of a float's range can overflow inside a filter; such pixels take the nearest measured value.
-fn mend(mask: &Arc<Mask>, samples: &Plane, out: &mut Plane, plans: &Plans) -> Result<usize, Error> {
+/// Values near the end of a float's range can overflow inside a filter; such pixels take the nearest one of `samples`, whose
+/// place `of` tells for every pixel of `out`. Returns how many did.
+pub fn mend<N, E>(
+    samples: &Plane,
+    out: &mut Plane,
+    nearest: impl FnOnce() -> Result<N, E>,
+    of: impl Fn(&N) -> &[u32],
+) -> Result<usize, E> {
     let pieces = out.pixels().par_chunks(PIECE);
     let bad: usize = pieces.map(|piece| piece.iter().filter(|value| !value.is_finite()).count()).sum();
     if bad > 0 {
-        let nearest = plans.nearest(mask)?;
-        for (value, &source) in out.pixels_mut().iter_mut().zip(nearest.as_slice()) {
+        let nearest = nearest()?;
+        for (value, &source) in out.pixels_mut().iter_mut().zip(of(&nearest)) {
             if !value.is_finite() {
                 *value = samples.pixels()[source as usize];
             }

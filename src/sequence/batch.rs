@@ -10,7 +10,7 @@ use super::ledger::Ledger;
 use super::plan::{Item, PlanError};
 use super::record::{Heading, Journal, Record, State, is_standard_output};
 use super::schedule::{self, Limits, Permits, Refusal};
-use super::{memory, signals, threads};
+use super::{memory, prepare, signals, threads};
 use crate::frame;
 
 /// Parts of a frame's progress: read, solve, write.
@@ -98,6 +98,11 @@ pub enum Decision {
 pub trait Work: Sync {
     /// What the work is called in plans and sums: "fill", "filled".
     fn words(&self) -> (&'static str, &'static str);
+
+    /// Whether it only checks frames, so that nothing passes by absence.
+    fn is_gate(&self) -> bool {
+        false
+    }
 
     /// Pieces of progress that solving a frame tells besides the stages, by [`Stage::piece`].
     fn pieces(&self) -> u64 {
@@ -300,6 +305,8 @@ fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, books: &Bo
             stage.console.detail(&format!("{}: skipped: {reason}", label(&item.input, item.number)));
         }
         Ok(()) => {
+            // A stage that was not needed, as writing where frames are only checked, is done as well.
+            stage.console.advance(STEPS.saturating_sub(record.steps_done()));
             record.state = State::Done;
             stage.console.detail(&line(item, &record));
         }
@@ -389,7 +396,17 @@ fn sum(journal: &Journal, work: &dyn Work, start: Instant, console: &Console) ->
     }
     parts.push(format!("{:.2} s", start.elapsed().as_secs_f64()));
     console.note(&parts.join(", "));
-    failed > 0
+    let absent = |record: &Record| record.message.as_deref() == Some(prepare::ABSENT);
+    if records.is_empty() || !records.iter().all(absent) {
+        return failed > 0;
+    }
+    let text = "none of the frames exists, so nothing was done: check the pattern and --frames";
+    if work.is_gate() {
+        console.error(text);
+    } else {
+        console.warning(text);
+    }
+    work.is_gate()
 }
 
 fn plural(count: usize) -> &'static str {

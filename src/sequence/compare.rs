@@ -165,6 +165,10 @@ impl Work for Compare<'_> {
         ("compare", "compared")
     }
 
+    fn is_gate(&self) -> bool {
+        true
+    }
+
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
         let decision = prepare::decide(item, self.job.skip_missing, Existing::Replace, |_| false);
         let at = self.index(item);

@@ -64,6 +64,10 @@ impl Work for Verify<'_> {
         ("verify", "verified")
     }
 
+    fn is_gate(&self) -> bool {
+        true
+    }
+
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
         prepare::decide(item, self.job.skip_missing, Existing::Replace, |_| false)
     }

@@ -11,6 +11,7 @@ use crate::channels::{self, Choice, Rule, channel_label};
 use crate::frame::{Channel, Frame, Part, SampleType, Samples};
 use crate::reconstruct::groups::{Group, Target, groups};
 use crate::reconstruct::part::{Done, Work};
+use crate::reconstruct::solve::mend;
 use crate::reconstruct::values::to_halves;
 use crate::reconstruct::{Bounds, Error, GroupReport, Kind, bounds_of, kind_for, normals};
 
@@ -104,10 +105,20 @@ fn solve(
         let mut enlarged = plan.enlarge(&mapped, &question, work.run)?;
         map.inverse_plane(&mut enlarged.plane);
         plan.restore(sample, &mut enlarged.plane);
-        Ok(enlarged)
+        let sources = || Ok(geometry.sources());
+        let mended = mend(sample, &mut enlarged.plane, sources, Vec::as_slice)?;
+        Ok((enlarged, mended))
     };
     let channels = group.channels.par_iter().zip(&samples).zip(&names);
     let enlarged = channels.map(one).collect::<Result<Vec<_>, _>>().map_err(fail)?;
+    let (enlarged, mended): (Vec<_>, Vec<usize>) = enlarged.into_iter().unzip();
+    let mended: usize = mended.into_iter().sum();
+    if mended > 0 {
+        done.notes.push(format!(
+            "{}: {mended} values overflowed in the filter and took the nearest given one",
+            names.join(", ")
+        ));
+    }
     let outcome = enlarged.iter().map(|one| one.outcome).reduce(lacuna_filters::Outcome::worst);
     if let Some(outcome) = outcome {
         done.report.groups.push(GroupReport {
