@@ -9,7 +9,8 @@
 //!
 //! Smoother: a polynomial in `B (A + D)`, with `B` a masked blur ([`smooth`]), which also tells what it leaves of the right-hand
 //! side: coarse grids take it from there, and conjugate gradients have their product. Transfer: [`crate::operator::resample`].
-//! The coarsest grid is solved directly.
+//! The coarsest grid is solved directly. With the samples instead of zeros asked for, the coarse grids make a start for the whole
+//! image, too ([`Multigrid::start`]).
 //!
 //! Source: W. Briggs, V. Henson, S. Mc Cormick, "A Multigrid Tutorial", SIAM 2000; M. Adams, M. Brezina, J. Hu,
 //! R. Tuminaro, "Parallel multigrid smoothing: polynomial versus Gauss-Seidel", J. Comput. Phys. 188, 2003.
@@ -55,17 +56,12 @@ struct Level<T> {
     high: f64,
     /// To the next coarser grid.
     down: Option<Resample<T>>,
-    /// Pixels of the finest grid along the sides of a cell, and the weight of a measured pixel.
-    cell: (usize, usize),
-    firm: f64,
 }
 
 /// The grids of a window.
 pub struct Multigrid<T: Real> {
     isa: Isa,
     levels: Vec<Level<T>>,
-    /// Measured pixels of the window, or pulls on it.
-    held: Vec<Point>,
     bottom: Option<Bottom>,
     workspaces: Pool<Workspace<T>>,
 }
@@ -124,8 +120,8 @@ impl<T: Lanes> Multigrid<T> {
         let held = held(window, &free, d.as_deref());
         let finest = window;
         let (mut window, mut free, mut points) = (window, Some(free), d.map(Points::diagonal));
-        let mut grids = Self { isa, levels: Vec::new(), held, bottom: None, workspaces: Pool::default() };
-        let (mut a, mut cell, mut firm) = (matrix(0), (1, 1), 0.0);
+        let mut grids = Self { isa, levels: Vec::new(), bottom: None, workspaces: Pool::default() };
+        let mut a = matrix(0);
         loop {
             let size = a.size();
             let splits = window.y % 2 == 0 && window.x % 2 == 0 && window.pixels() > DIRECT;
@@ -134,12 +130,10 @@ impl<T: Lanes> Multigrid<T> {
             if window.pixels() <= DIRECT {
                 grids.bottom = Some(bottom(&a, window, points.as_ref(), free.as_deref()));
             }
-            grids.levels.push(Level { cell, firm, ..Level::new(isa, &a, window, points, free.take(), down) });
+            grids.levels.push(Level::new(isa, &a, window, points, free.take(), down));
             let Some(next) = next else { return grids };
-            cell = (ratio(finest.height, next.height), ratio(finest.width, next.width));
             a = matrix(grids.levels.len());
-            firm = FIRM * a.diagonal(a.vertical.len / 2, a.horizontal.len / 2);
-            points = Some(Points::new(next, cell, &grids.held, firm));
+            points = Some(Points::new(next, cell(finest, next), &held, FIRM * middle(&a)));
             window = next;
         }
     }
@@ -182,9 +176,12 @@ impl<T: Lanes> Multigrid<T> {
             return false;
         }
         let Workspace { levels, pool, c, .. } = workspace;
+        let finest = &self.levels[0];
+        let held = held(finest.window, &finest.share, finest.points.as_ref().map(Points::middle));
         for index in (1..self.levels.len()).rev() {
             let level = &self.levels[index];
-            points::pull(level.window, level.cell, &self.held, level.firm, samples, &mut levels[index].r);
+            let (cell, firm) = (cell(finest.window, level.window), FIRM * middle(&level.a));
+            points::pull(level.window, cell, &held, firm, samples, &mut levels[index].r);
             let coarser = index + 1 < self.levels.len();
             if coarser {
                 let c = &mut c[..level.window.len()];
@@ -260,14 +257,13 @@ impl<T: Lanes> Level<T> {
         });
         let mut e = share.clone();
         if let Some(points) = &points {
-            let middle = a.diagonal(a.vertical.len / 2, a.horizontal.len / 2);
+            let middle = middle(a);
             for ((share, e), own) in share.iter_mut().zip(&mut e).zip(points.middle()) {
                 let part = share.to_f64() * middle / (middle + own.to_f64());
                 (*share, *e) = (T::from_f64(part), T::from_f64(part.sqrt()));
             }
         }
-        let mut level =
-            Self { a: a.cast(), window, points, share, e, high: 1.0, down, cell: (1, 1), firm: 0.0 };
+        let mut level = Self { a: a.cast(), window, points, share, e, high: 1.0, down };
         level.high = level.bound(isa);
         level
     }
@@ -306,9 +302,15 @@ fn held<T: Lanes>(window: Window, free: &[T], d: Option<&[T]>) -> Vec<Point> {
     points
 }
 
-/// Pixels of the finest grid along one side of a cell.
-fn ratio(fine: usize, coarse: usize) -> usize {
-    fine.div_ceil(coarse).next_power_of_two()
+/// Pixels of the finest grid along the sides of a cell.
+fn cell(finest: Window, coarse: Window) -> (usize, usize) {
+    let ratio = |fine: usize, coarse: usize| fine.div_ceil(coarse).next_power_of_two();
+    (ratio(finest.height, coarse.height), ratio(finest.width, coarse.width))
+}
+
+/// The diagonal away from the ends of the image.
+fn middle<T: Real>(a: &Separable<T>) -> f64 {
+    a.diagonal(a.vertical.len / 2, a.horizontal.len / 2)
 }
 
 fn bottom<T: Lanes>(
