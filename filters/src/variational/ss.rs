@@ -49,7 +49,7 @@
 //!
 //! Cost: tiles take at most 14 steps over all sweeps on renders at 20 % low-discrepancy samples (order 3: 24), up to 59 at
 //! random ones; a step is one pass over a tile with one application of `H` (`kernel/chebyshev.rs`, by conjugate gradients
-//! `kernel/step.rs`). Multigrid takes 5 to 9 iterations of 7 applications at order 2, up to a hundred and more at order 3.
+//! `kernel/step.rs`). Multigrid takes 4 to 9 iterations of 7 applications at order 2, up to a hundred and more at order 3.
 //!
 //! Memory beyond samples and result: 0.9 megabytes a thread for tiles (order 3: 1.5). For multigrid 5 planes of a rectangle, and 13 for
 //! each channel that is being solved: around holes all channels in f32, on the whole image two at a time in f32 (order 2), else one in

@@ -1,32 +1,12 @@
 //! A lost bucket of 256 x 256 pixels against a direct solution in f64: Cholesky's factorisation within the envelope of the matrix.
 
 use super::*;
-use crate::kernel::simd::{Vector, Vectored, sum, vectors};
+use crate::kernel::vector;
 
 /// The sum of products over the shorter length: 20 billion of them make a factorisation.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    struct Dot<'a>(&'a [f64], &'a [f64]);
-    impl Vectored<f64> for Dot<'_> {
-        type Output = f64;
-        #[allow(clippy::inline_always)] // Elsewhere it is not compiled for the instruction set.
-        #[inline(always)]
-        fn run<V: Vector<Number = f64>>(self) -> f64 {
-            let (a, b) = (self.0.chunks(4 * V::LANES), self.1.chunks(4 * V::LANES));
-            let mut sums = [V::splat(0.0); 4];
-            for (a, b) in a.zip(b) {
-                if a.len() < 4 * V::LANES {
-                    return a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>()
-                        + sums.map(sum).iter().sum::<f64>();
-                }
-                for (k, sum) in sums.iter_mut().enumerate() {
-                    *sum = V::load(&a[k * V::LANES..]).fused(V::load(&b[k * V::LANES..]), *sum);
-                }
-            }
-            sums.map(sum).iter().sum()
-        }
-    }
     let length = a.len().min(b.len());
-    vectors(Isa::best(), Dot(&a[..length], &b[..length]))
+    vector::dot(Isa::best(), &a[..length], &b[..length]).0
 }
 
 /// Solves `A x = b`, where row `i` of `A` up to its diagonal is `rows[i]`, from its first entry that is not zero.
