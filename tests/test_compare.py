@@ -203,13 +203,13 @@ def test_the_gate_decides_the_exit_status_and_names_the_frames(tmp_path):
 def test_nothing_passes_by_absence(gate, tmp_path):
     pair = (tmp_path / "r.####.exr", tmp_path / "t.####.exr")
     result = tool.lacuna(gate, "-q", *pair, "--frames", "1-4", "--missing-frame", "skip", ok=False)
-    assert result.status == 1 and result.lines() == [
-        "lacuna: error: none of the frames exists, so nothing was done: check the pattern and --frames"
-    ]
+    (line,) = result.lines()
+    assert result.status == 1 and line.startswith(f"lacuna: error: no frame was {'compared' if gate == 'compare' else 'verified'}"), result
     # One of them is enough; then all of the progress is made, too.
-    frames.write(tmp_path / "r.0002.exr", {"R": np.ones((8, 9), np.float32)})
-    frames.write(tmp_path / "t.0002.exr", {"R": np.ones((8, 9), np.float32)})
-    result = tool.lacuna(gate, *pair, "--frames", "1-4", "--missing-frame", "skip", ok=gate == "compare")
+    flags = np.indices((8, 9)).sum(0) % 2
+    frames.write(tmp_path / "r.0002.exr", {"R": np.ones((8, 9), np.float32), "mask": flags.astype(np.float32)})
+    tool.lacuna("fill", tmp_path / "r.0002.exr", "-o", tmp_path / "t.0002.exr")
+    result = tool.lacuna(gate, *pair, "--frames", "1-4", "--missing-frame", "skip")
     assert "Progress: 100%" in result.stderr, result
 
 

@@ -10,7 +10,7 @@ use super::ledger::Ledger;
 use super::plan::{Item, PlanError};
 use super::record::{Heading, Journal, Record, State, is_standard_output};
 use super::schedule::{self, Limits, Permits, Refusal};
-use super::{memory, prepare, signals, threads};
+use super::{memory, signals, threads};
 use crate::frame;
 
 /// Parts of a frame's progress: read, solve, write.
@@ -396,17 +396,13 @@ fn sum(journal: &Journal, work: &dyn Work, start: Instant, console: &Console) ->
     }
     parts.push(format!("{:.2} s", start.elapsed().as_secs_f64()));
     console.note(&parts.join(", "));
-    let absent = |record: &Record| record.message.as_deref() == Some(prepare::ABSENT);
-    if records.is_empty() || !records.iter().all(absent) {
-        return failed > 0;
+    // They pass over nothing but frames that are not there.
+    let unchecked = work.is_gate() && done + failed == 0;
+    if unchecked {
+        let what = work.words().1;
+        console.error(&format!("no frame was {what}: none of them exists; check the pattern and --frames"));
     }
-    let text = "none of the frames exists, so nothing was done: check the pattern and --frames";
-    if work.is_gate() {
-        console.error(text);
-    } else {
-        console.warning(text);
-    }
-    work.is_gate()
+    failed > 0 || unchecked
 }
 
 fn plural(count: usize) -> &'static str {

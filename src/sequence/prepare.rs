@@ -10,9 +10,6 @@ use super::record::Record;
 use super::update::Existing;
 use crate::frame::{self, Frame, WriteOptions};
 
-/// Why a frame that is not there is passed over.
-pub const ABSENT: &str = "the frame does not exist";
-
 /// What is to be done with a frame; `is_current` tells whether its output would only be made again.
 pub fn decide(
     item: &Item,
@@ -23,7 +20,7 @@ pub fn decide(
     let skip = |reason: &str| Ok(Decision::Skip(reason.into()));
     match item.input.metadata() {
         Err(error) if error.kind() == ErrorKind::NotFound && skip_missing => {
-            return skip(ABSENT);
+            return skip("the frame does not exist");
         }
         Err(error) if error.kind() == ErrorKind::NotFound => {
             let text = "the frame does not exist (--missing-frame skip passes over it)";
