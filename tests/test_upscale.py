@@ -58,7 +58,7 @@ def test_what_overflows_takes_the_nearest_value_and_is_told(tmp_path, words):
     given = frames.write(tmp_path / "given.exr", {"R": image})
     result = lacuna("upscale", given, "-o", tmp_path / "out.exr", "--scale", "2", "--domain", "linear", *words)
     assert np.isfinite(floats(tmp_path / "out.exr")).all()
-    assert "values overflowed in the filter and took the nearest given one" in result.stderr, result
+    assert "values overflowed in the filter and took the nearest known one" in result.stderr, result
 
 
 def test_a_broken_factor_returns_its_area_means(scene, tmp_path):

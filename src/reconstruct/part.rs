@@ -12,7 +12,7 @@ use super::apply::{Change, apply};
 use super::bounds::{Bounds, bounds_of};
 use super::gradients;
 use super::groups::{Group, Target, groups, targets};
-use super::solve::{Question, solve};
+use super::solve::{Question, overflow_note, solve};
 use super::{ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, learned, normals};
 use crate::channels::{self, Choice, Rule, channel_label};
 use crate::frame::{Frame, Part, Samples};
@@ -159,13 +159,7 @@ fn filter(
         guides: steered.then_some(work.guides),
     };
     let answer = solve(&question, &samples, work.job, work.plans, work.run).map_err(fail)?;
-    if answer.mended > 0 {
-        done.notes.push(format!(
-            "{}: {} values overflowed in the filter and took the nearest measured one",
-            names.join(", "),
-            answer.mended
-        ));
-    }
+    done.notes.extend(overflow_note(&names, answer.mended));
     if !work.job.method.keeps_measured() && answer.map.name() == "log" {
         done.notes
             .push(format!("{}: smoothed in the log domain, whose unit the setting has", names.join(", ")));

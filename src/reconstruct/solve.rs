@@ -139,6 +139,13 @@ fn bound_measured(bounds: Bounds, mask: &Mask, samples: &Plane, out: &mut Plane)
     moved
 }
 
+/// What is told of values that [`mend`] has found, if it found any.
+pub fn overflow_note(names: &[String], count: usize) -> Option<String> {
+    let names = names.join(", ");
+    (count > 0)
+        .then(|| format!("{names}: {count} values overflowed in the filter and took the nearest known one"))
+}
+
 /// Values near the end of a float's range can overflow inside a filter; such pixels take the nearest one of `samples`, whose
 /// place `of` tells for every pixel of `out`. Returns how many did.
 pub fn mend<N, E>(

@@ -11,7 +11,7 @@ use crate::channels::{self, Choice, Rule, channel_label};
 use crate::frame::{Channel, Frame, Part, SampleType, Samples};
 use crate::reconstruct::groups::{Group, Target, groups};
 use crate::reconstruct::part::{Done, Work};
-use crate::reconstruct::solve::mend;
+use crate::reconstruct::solve::{mend, overflow_note};
 use crate::reconstruct::values::to_halves;
 use crate::reconstruct::{Bounds, Error, GroupReport, Kind, bounds_of, kind_for, normals};
 
@@ -112,13 +112,7 @@ fn solve(
     let channels = group.channels.par_iter().zip(&samples).zip(&names);
     let enlarged = channels.map(one).collect::<Result<Vec<_>, _>>().map_err(fail)?;
     let (enlarged, mended): (Vec<_>, Vec<usize>) = enlarged.into_iter().unzip();
-    let mended: usize = mended.into_iter().sum();
-    if mended > 0 {
-        done.notes.push(format!(
-            "{}: {mended} values overflowed in the filter and took the nearest given one",
-            names.join(", ")
-        ));
-    }
+    done.notes.extend(overflow_note(&names, mended.into_iter().sum()));
     let outcome = enlarged.iter().map(|one| one.outcome).reduce(lacuna_filters::Outcome::worst);
     if let Some(outcome) = outcome {
         done.report.groups.push(GroupReport {
