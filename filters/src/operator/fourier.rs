@@ -7,10 +7,8 @@
 
 use std::sync::Arc;
 
+use lacuna_transforms::{Complex, ComplexToReal, Fft, Planned, RealToComplex};
 use rayon::prelude::*;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
-use rustfft::num_complex::Complex;
-use rustfft::{Fft, FftPlanner};
 
 use crate::Size;
 
@@ -38,14 +36,12 @@ pub struct Spectrum {
 impl Fourier {
     /// Plans for a size.
     pub fn new(size: Size) -> Self {
-        let mut real = RealFftPlanner::new();
-        let mut complex = FftPlanner::new();
         Self {
             size,
-            rows: real.plan_fft_forward(size.width),
-            rows_back: real.plan_fft_inverse(size.width),
-            columns: complex.plan_fft_forward(size.height),
-            columns_back: complex.plan_fft_inverse(size.height),
+            rows: f32::real_forward(size.width),
+            rows_back: f32::real_inverse(size.width),
+            columns: f32::forward(size.height),
+            columns_back: f32::inverse(size.height),
         }
     }
 

@@ -16,9 +16,9 @@
 //! "Compressive Rendering: A Rendering Application of Compressed Sensing", IEEE TVCG 17(4), 2011 (the blur); L. Welch, "Lower
 //! Bounds on the Maximum Cross Correlation of Signals", IEEE Transactions on Information Theory 20(3), 1974.
 
+use lacuna_transforms::Complex;
 use ndarray::{Array2, Axis, s};
 use rayon::prelude::*;
-use rustfft::num_complex::Complex;
 
 use super::spectrum::dft;
 use crate::{Error, Mask, Size};

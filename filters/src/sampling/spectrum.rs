@@ -8,8 +8,7 @@
 //! Sources: R. Ulichney, "Digital Halftoning", MIT Press 1987 (radially averaged power spectra, anisotropy); M. Bartlett,
 //! "Smoothing Periodograms from Time-Series with Continuous Spectra", Nature 161, 1948 (averaging).
 
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
+use lacuna_transforms::{Complex, Planned};
 use serde::Serialize;
 
 use crate::{Mask, Plane, Size};
@@ -101,9 +100,8 @@ pub(super) fn dft(size: Size, mut values: Vec<Complex<f64>>) -> Vec<Complex<f64>
     if values.is_empty() {
         return values;
     }
-    let mut planner = FftPlanner::new();
-    planner.plan_fft_forward(size.width).process(&mut values);
-    let columns = planner.plan_fft_forward(size.height);
+    f64::forward(size.width).process(&mut values);
+    let columns = f64::forward(size.height);
     let mut column = vec![Complex::default(); size.height];
     for x in 0..size.width {
         for (y, value) in column.iter_mut().enumerate() {

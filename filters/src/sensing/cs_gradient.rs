@@ -45,8 +45,8 @@ mod tests;
 
 use std::sync::Arc;
 
+use lacuna_transforms::Complex;
 use rayon::prelude::*;
-use rustfft::num_complex::Complex;
 use serde::Serialize;
 
 use super::cs_wavelet::SIDE_BY_SIDE;

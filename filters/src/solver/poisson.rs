@@ -12,9 +12,8 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
+use lacuna_transforms::{Complex, Planned, RealToComplex};
 use rayon::prelude::*;
-use realfft::{RealFftPlanner, RealToComplex};
-use rustfft::num_complex::Complex;
 
 use crate::Size;
 
@@ -79,7 +78,7 @@ struct Sine {
 
 impl Sine {
     fn new(n: usize) -> Self {
-        Self { n, plan: RealFftPlanner::new().plan_fft_forward(2 * (n + 1)) }
+        Self { n, plan: f64::real_forward(2 * (n + 1)) }
     }
 
     /// Transforms the values 1 to n of each row of `width`.

@@ -3,8 +3,8 @@
 //! The entries of `U x` are real numbers, complex ones or pairs; `|.|_1` is the sum of their magnitudes. Sums run over
 //! rows of a fixed length in f64, each in order, then over the rows in order: no thread changes a bit.
 
+use lacuna_transforms::Complex;
 use rayon::prelude::*;
-use rustfft::num_complex::Complex;
 
 use crate::prox::L2Ball;
 
