@@ -8,12 +8,12 @@
 //! ```
 //!
 //! where `r` is the residual times `E`. It begins with `p = x` as given, or with `u` of the right-hand side where `x` is zero,
-//! which spares a product. A step follows the one before a few rows later, [`CHUNK`] rows at a time: `p` of every step, `r` and
-//! `x` are rings of rows in L2, so that memory sees the right-hand side and `E` once on their way in, and `x` and the residual on
-//! their way out. The residual comes with `x`: nobody has to apply the energy again for it.
+//! which spares a product. A step follows the one before a few rows later, [`CHUNK`] rows at a time: `p` of every step and `r` are
+//! rings of rows in L2, so that memory sees the right-hand side and `E` once on their way in, and `x`, the sum of all `p`, and the
+//! residual on their way out. The residual comes with `x`: nobody has to apply the energy again for it.
 //!
 //! A strip is cut out of the window with as many rows and columns around it as the steps reach ([`reach`]), so that nothing
-//! shows in the result where strips meet. Their places must not depend on threads: near the ends of the image the order of sums
+//! shows in the result where strips meet; what does not count there is taken as held. Their places must not depend on threads: near the ends of the image the order of sums
 //! depends on where a strip begins.
 //!
 //! Roofline, per vector and step at R = 3: 28 arithmetic instructions for the energy, 12 for the rest: 20 cycles at two a
@@ -24,7 +24,8 @@ use std::ops::Range;
 use super::aligned::Aligned;
 use super::interior::{Scheme, Taps};
 use super::points::Points;
-use super::simd::{Lanes, MOST, Vector, Vectored, vectors};
+use super::simd::{Lanes, MOST, Vector, Vectored, prefetch, vectors};
+use super::spans::Spans;
 use super::stencil::{PAD, Part, Separable, Window, near_ends};
 use super::step::blurred;
 use super::{Isa, Real};
@@ -47,6 +48,8 @@ pub struct Strip<'a, T> {
     pub points: Option<(&'a Points<T>, Window, (usize, usize))>,
     /// The strip and what is around it. The columns begin at a multiple of 16 in the windows of all inputs.
     pub window: Window,
+    /// Which pixels are not held at zero, and where the strip begins among them.
+    pub spans: (&'a Spans, (usize, usize)),
     /// The factors `E`.
     pub e: Part<'a, T>,
     /// The right-hand side.
@@ -65,16 +68,19 @@ pub struct Strip<'a, T> {
     pub out: Out<'a, T>,
 }
 
-/// Where results go: the rows wanted one after the other, in whole strides of the same window.
+/// Where results go: the columns wanted of each of the rows wanted.
 pub struct Out<'a, T> {
-    /// Values from one row to the next.
-    pub stride: usize,
-    /// Where the first column wanted stands in a row.
-    pub first: usize,
     /// The unknowns.
-    pub x: &'a mut [T],
-    /// `E^2` times what is left of the right-hand side.
-    pub rest: Option<&'a mut [T]>,
+    pub x: Vec<&'a mut [T]>,
+    /// `E^2` times what is left of the right-hand side; empty if nobody asks.
+    pub rest: Vec<&'a mut [T]>,
+}
+
+/// All rows of a window's buffer, without padding.
+pub fn rows<T>(window: Window, values: &mut [T]) -> Vec<&mut [T]> {
+    let stride = window.stride();
+    let rows = values[PAD * stride..].chunks_mut(stride).take(window.height);
+    rows.map(|row| &mut row[PAD..][..window.width]).collect()
 }
 
 /// Buffers that one strip after another uses.
@@ -151,24 +157,30 @@ impl<T: Lanes, const R: usize> Vectored<T> for Sized<'_, '_, T, R> {
         // Per step: whether it applies the energy, and by how many rows it follows those that are loaded.
         let (mut late, mut stages) = (0, Vec::with_capacity(count));
         for k in 0..count {
-            let product = if k == 0 { strip.x.is_some() } else { k + 1 < count || strip.out.rest.is_some() };
+            let product =
+                if k == 0 { strip.x.is_some() } else { k + 1 < count || !strip.out.rest.is_empty() };
             late += if k > 0 { LATE } else { 0 } + if product { R } else { 0 };
             let schemes = vec![Scheme::<V, R>::new(); if product { blocks } else { 0 }];
             let line = || Aligned::zeros(stride + 2 * MOST);
             stages.push(Stage { late, product, schemes, lines: [line(), line()] });
         }
-        scratch.0.resize_with(3 + count, Ring::default);
-        for (k, ring) in scratch.0.iter_mut().enumerate() {
-            let rows = CHUNK + if k < 3 { late } else { 2 * R };
-            ring.prepare(stride, rows.next_power_of_two(), height);
+        scratch.0.resize_with(2 + count, Ring::default);
+        let Some(([e, r], steps)) = scratch.0.split_first_chunk_mut() else { return };
+        let prepare =
+            |ring: &mut Ring<T>, rows: usize| ring.prepare(stride, rows.next_power_of_two(), height);
+        prepare(&mut *e, CHUNK + late);
+        prepare(&mut *r, CHUNK + late);
+        for (k, ring) in steps.iter_mut().enumerate() {
+            // The last step reads it when it writes the sum; the energy reads rows to either side.
+            let first: usize = if k == 0 { 0 } else { stages[k - 1].late + LATE };
+            prepare(ring, CHUNK + (late - first).max(2 * R));
         }
-        let Some(([e, r, x], steps)) = scratch.0.split_first_chunk_mut() else { return };
         let taps = strip.a.interior().map(Taps::<V, R>::new);
         let inside = strip.a.inside(strip.window);
         let products = Aligned::zeros(CHUNK * stride);
         let near = (Window { height: CHUNK, ..strip.window }.zeros(), vec![T::ZERO; CHUNK * stride]);
         let rows_end = strip.rows.end;
-        let mut all = Cascade { isa, strip, rings: Rings { e, r, x, steps }, taps, inside, products, near };
+        let mut all = Cascade { isa, strip, rings: Rings { e, r, steps }, taps, inside, products, near };
         let end = rows_end + late;
         for top in (0..end).step_by(CHUNK) {
             all.load(top);
@@ -191,7 +203,6 @@ struct Stage<V: Vector, const R: usize> {
 struct Rings<'a, T: Real> {
     e: &'a mut Ring<T>,
     r: &'a mut Ring<T>,
-    x: &'a mut Ring<T>,
     /// `p` of every step.
     steps: &'a mut [Ring<T>],
 }
@@ -213,19 +224,30 @@ impl<'a, V: Vector<Number = T>, T: Lanes, const R: usize> Cascade<'a, '_, V, T, 
     /// Brings rows of the inputs into the rings, from `top` on.
     #[inline(always)]
     fn load(&mut self, top: usize) {
-        let stride = self.strip.window.stride();
+        let (stride, height) = (self.strip.window.stride(), self.strip.window.height);
         let input =
             |part: Part<'a, T>, i: usize| &part.values[part.start + i * part.stride - PAD..][..stride];
+        // Rows are too short for the processor to see them coming.
+        for i in (top + CHUNK).min(height)..(top + 2 * CHUNK).min(height) {
+            for part in [Some(self.strip.e), Some(self.strip.r), self.strip.x].into_iter().flatten() {
+                prefetch(input(part, i));
+            }
+        }
         for i in top..(top + CHUNK).min(self.strip.window.height) {
             let (from, row) = (input(self.strip.e, i), i as isize);
             let e = self.rings.e.row_mut(row);
             let r = self.rings.r.row_mut(row);
+            let (spans, (y, x)) = self.strip.spans;
+            let clear = |row: &mut [T]| spans.clear_row(y + i, x as isize - PAD as isize, row);
             e.copy_from_slice(from);
+            clear(e);
             for ((r, &e), &from) in r.iter_mut().zip(&*e).zip(input(self.strip.r, i)) {
                 *r = e * from;
             }
             if let (Some(x), Some(p)) = (self.strip.x, self.rings.steps.first_mut()) {
-                p.row_mut(row).copy_from_slice(input(x, i));
+                let p = p.row_mut(row);
+                p.copy_from_slice(input(x, i));
+                clear(p);
             }
         }
     }
@@ -241,10 +263,12 @@ impl<'a, V: Vector<Number = T>, T: Lanes, const R: usize> Cascade<'a, '_, V, T, 
             if row < height {
                 let product = stage.product.then(|| (row - first) as usize * self.rings.r.stride);
                 if last {
-                    self.write(k, product, row);
+                    self.write(product, row);
                     continue;
                 }
-                self.advance(k, product, row);
+                if let Some(product) = product {
+                    self.advance(product, row);
+                }
             }
             if !last {
                 self.sum(row, &mut stage.lines[row as usize % 2]);
@@ -321,52 +345,56 @@ impl<'a, V: Vector<Number = T>, T: Lanes, const R: usize> Cascade<'a, '_, V, T, 
         }
     }
 
-    /// Moves a row of `x` and, by the product that begins there, of `r`.
+    /// Moves a row of `r` by the product that begins there.
     #[inline(always)]
-    fn advance(&mut self, k: usize, product: Option<usize>, row: isize) {
-        let Rings { e, r, x, steps } = &mut self.rings;
-        if let Some(product) = product {
-            let zero = V::splat(T::ZERO);
-            let products = self.products[product..][..r.stride].chunks_exact(V::LANES);
-            let r = r.row_mut(row).chunks_exact_mut(V::LANES);
-            for ((r, e), product) in r.zip(e.row(row).chunks_exact(V::LANES)).zip(products) {
-                zero.minus(V::load(e)).fused(V::load(product), V::load(r)).store(r);
-            }
-        }
-        // Without unknowns to begin with, the first step sets them.
-        let begins = usize::from(self.strip.x.is_none());
-        if k > begins {
-            for (x, &p) in x.row_mut(row).iter_mut().zip(steps[k].row(row)) {
-                *x += p;
-            }
-        } else if k == begins {
-            x.row_mut(row).copy_from_slice(steps[k].row(row));
+    fn advance(&mut self, product: usize, row: isize) {
+        let Rings { e, r, .. } = &mut self.rings;
+        let zero = V::splat(T::ZERO);
+        let products = self.products[product..][..r.stride].chunks_exact(V::LANES);
+        let r = r.row_mut(row).chunks_exact_mut(V::LANES);
+        for ((r, e), product) in r.zip(e.row(row).chunks_exact(V::LANES)).zip(products) {
+            zero.minus(V::load(e)).fused(V::load(product), V::load(r)).store(r);
         }
     }
 
-    /// The last step's move of a row, if it is wanted.
+    /// The results of a row, if it is wanted.
     #[inline(always)]
-    fn write(&mut self, k: usize, product: Option<usize>, row: isize) {
-        let begins = usize::from(self.strip.x.is_none());
-        let Strip { rows, columns, out, .. } = &mut self.strip;
+    fn write(&mut self, product: Option<usize>, row: isize) {
+        let Strip { rows, columns, out, x, .. } = &mut self.strip;
         let Some(index) = (row as usize).checked_sub(rows.start).filter(|&index| index < rows.len()) else {
             return;
         };
-        let (at, width, own) = (index * out.stride + out.first, columns.len(), PAD + columns.start);
-        let Rings { e, r, x, steps } = &self.rings;
-        let p = &steps[k].row(row)[own..][..width];
-        let to = &mut out.x[at..][..width];
-        if k == begins {
-            to.copy_from_slice(p);
-        } else {
-            for ((to, &x), &p) in to.iter_mut().zip(&x.row(row)[own..]).zip(p) {
-                *to = x + p;
+        let (width, own) = (columns.len(), PAD + columns.start);
+        let Rings { e, r, steps } = &self.rings;
+        // Without unknowns to begin with, the first step sets them.
+        let step = |k: usize| &steps[k].row(row)[own..][..width];
+        let to = &mut *out.x[index];
+        match (x.is_some(), steps.len()) {
+            (true, 4) => {
+                let inputs = step(0).iter().zip(step(1)).zip(step(2).iter().zip(step(3)));
+                for (to, ((&a, &b), (&c, &d))) in to.iter_mut().zip(inputs) {
+                    *to = a + b + (c + d);
+                }
+            }
+            (false, 4) => {
+                for (to, ((&a, &b), &c)) in to.iter_mut().zip(step(1).iter().zip(step(2)).zip(step(3))) {
+                    *to = a + b + c;
+                }
+            }
+            (given, count) => {
+                let first = usize::from(!given);
+                to.copy_from_slice(step(first));
+                for k in first + 1..count {
+                    for (to, &p) in to.iter_mut().zip(step(k)) {
+                        *to += p;
+                    }
+                }
             }
         }
-        if let (Some(rest), Some(product)) = (&mut out.rest, product) {
+        if let (Some(rest), Some(product)) = (out.rest.get_mut(index), product) {
             let line = &self.products[product + own..][..width];
             let inputs = e.row(row)[own..][..width].iter().zip(&r.row(row)[own..]).zip(line);
-            for (rest, ((&e, &r), &line)) in rest[at..][..width].iter_mut().zip(inputs) {
+            for (rest, ((&e, &r), &line)) in rest.iter_mut().zip(inputs) {
                 *rest = e * (r - e * line);
             }
         }

@@ -17,31 +17,32 @@ fn firm(weight: f64, most: f64) -> f64 {
 
 /// Where the first of the four cells around a pixel stands, and the weights of that, the next in its row, and the two below.
 fn bilinear(window: Window, cell: (usize, usize), (y, x): (usize, usize)) -> (usize, [f64; 4]) {
-    let place = |at: usize, cell: usize, n: usize| {
-        let centre = (at as f64 + 0.5) / cell as f64 - 0.5;
+    let place = |at: usize, scale: f64, n: usize| {
+        let centre = (at as f64 + 0.5) * scale - 0.5;
         let first = centre.max(0.0).min((n as f64 - 2.0).max(0.0)) as usize;
         // A lone cell takes all.
         (first, if n > 1 { centre - first as f64 } else { 0.0 })
     };
-    let ((i, down), (j, right)) = (place(y, cell.0, window.height), place(x, cell.1, window.width));
+    let ((i, down), (j, right)) =
+        (place(y, 1.0 / cell.0 as f64, window.height), place(x, 1.0 / cell.1 as f64, window.width));
     let v = [(1.0 - down) * (1.0 - right), (1.0 - down) * right, down * (1.0 - right), down * right];
     (window.at(i, j), v)
 }
 
-/// Sets `pull` to the right-hand side of points that ask for values instead of zeros: the sum of `w v` times the value.
+/// Sets `pull` to the right-hand side of points that ask for these values instead of zeros: the sum of `w v` times the value.
 pub fn pull<T: Real>(
     window: Window,
     cell: (usize, usize),
     points: &[Point],
+    values: &[f64],
     most: f64,
-    value: &dyn Fn(usize, usize) -> f64,
     pull: &mut [T],
 ) {
     pull.fill(T::ZERO);
-    for &(y, x, weight) in points {
+    for (&(y, x, weight), value) in points.iter().zip(values) {
         let (at, v) = bilinear(window, cell, (y, x));
         let below = at + window.stride();
-        let force = firm(weight, most) * value(y, x);
+        let force = firm(weight, most) * value;
         for (at, v) in [at, at + 1, below, below + 1].into_iter().zip(v) {
             pull[at] += T::from_f64(force * v);
         }
@@ -292,7 +293,8 @@ mod tests {
         let points = Points::<f64>::new(window, cell, &held, most);
         points.add(Isa::best(), window, (0, 0), window, &grid, &mut product);
         let mut found = vec![f64::NAN; window.len()];
-        pull(window, cell, &held, most, &|y, x| plane(y as f64, x as f64), &mut found);
+        let values: Vec<f64> = held.iter().map(|point| plane(point.0 as f64, point.1 as f64)).collect();
+        pull(window, cell, &held, &values, most, &mut found);
         for i in 0..window.height {
             for j in 0..window.width {
                 let at = window.at(i, j);

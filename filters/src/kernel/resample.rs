@@ -17,11 +17,13 @@ pub struct Prolong<'a, T> {
     /// Rows of the coarse buffer, whole strides.
     pub sources: [&'a [T]; 4],
     /// Per coarse cell four weights of its first fine cell, four of its second.
-    pub horizontal: &'a [Vec<T>; 8],
+    pub horizontal: [&'a [T]; 8],
     /// What the row is multiplied by.
     pub share: Option<&'a [T]>,
     /// The row.
     pub out: &'a mut [T],
+    /// Room for a row of the coarse buffer and one of its cells, twice.
+    pub room: &'a mut Vec<T>,
 }
 
 impl<T: Real> Body for Prolong<'_, T> {
@@ -33,15 +35,15 @@ impl<T: Real> Body for Prolong<'_, T> {
         let [first, second, third, fourth] = self.sources;
         let length = first.len();
         let (second, third, fourth) = (&second[..length], &third[..length], &fourth[..length]);
-        let mut line = vec![T::ZERO; length];
+        let n = self.horizontal[0].len();
+        self.room.resize(self.room.len().max(length + 2 * n), T::ZERO);
+        let (line, halves) = self.room.split_at_mut(length);
         for k in 0..length {
             let sum = fma::<T, FUSED>(b, second[k], a * first[k]);
             line[k] = fma::<T, FUSED>(d, fourth[k], fma::<T, FUSED>(c, third[k], sum));
         }
-        let n = self.horizontal[0].len();
-        let mut halves = vec![T::ZERO; 2 * n];
-        let (even, odd) = halves.split_at_mut(n);
-        for (half, out) in [even, odd].into_iter().enumerate() {
+        let (even, odd) = halves[..2 * n].split_at_mut(n);
+        for (half, out) in [&mut *even, &mut *odd].into_iter().enumerate() {
             let near = &line[PAD - 2 + half..][..n + 3];
             let w: [&[T]; 4] = std::array::from_fn(|k| &self.horizontal[4 * half + k][..n]);
             for j in 0..n {
@@ -49,7 +51,7 @@ impl<T: Real> Body for Prolong<'_, T> {
                 out[j] = fma::<T, FUSED>(w[3][j], near[j + 3], fma::<T, FUSED>(w[2][j], near[j + 2], sum));
             }
         }
-        let (even, odd) = halves.split_at(n);
+        let (even, odd) = (&*even, &*odd);
         let (pairs, rest) = self.out.as_chunks_mut::<2>();
         let Some(share) = self.share else {
             for ((out, &even), &odd) in pairs.iter_mut().zip(even).zip(odd) {
@@ -79,9 +81,11 @@ pub struct Restrict<'a, T> {
     /// Rows of the fine buffer, whole strides.
     pub sources: [&'a [T]; 8],
     /// Per coarse cell its eight weights.
-    pub horizontal: &'a [Vec<T>; 8],
+    pub horizontal: [&'a [T]; 8],
     /// The row.
     pub out: &'a mut [T],
+    /// Room for two rows of the fine buffer.
+    pub room: &'a mut Vec<T>,
 }
 
 impl<T: Real> Body for Restrict<'_, T> {
@@ -91,7 +95,12 @@ impl<T: Real> Body for Restrict<'_, T> {
     fn run<const FUSED: bool>(self) {
         let length = self.sources[0].len();
         let sources = self.sources.map(|source| &source[..length]);
-        let mut line = vec![T::ZERO; length + 2 * PAD];
+        // Coarse cell `j` takes the places `2 j + PAD - 3 ..`, the first of which is odd.
+        let n = self.out.len();
+        let half = n + PAD;
+        self.room.resize(self.room.len().max(length + 2 * PAD + 2 * half), T::ZERO);
+        let (line, halves) = self.room.split_at_mut(length + 2 * PAD);
+        line[length..].fill(T::ZERO);
         for k in 0..length {
             let mut sum = T::ZERO;
             for (&weight, source) in self.vertical.iter().zip(&sources) {
@@ -99,10 +108,7 @@ impl<T: Real> Body for Restrict<'_, T> {
             }
             line[k] = sum;
         }
-        // Coarse cell `j` takes the places `2 j + PAD - 3 ..`, the first of which is odd.
-        let n = self.out.len();
-        let mut halves = vec![T::ZERO; 2 * (n + PAD)];
-        let (even, odd) = halves.split_at_mut(n + PAD);
+        let (even, odd) = halves[..2 * half].split_at_mut(half);
         for ((pair, even), odd) in line.as_chunks::<2>().0.iter().zip(&mut *even).zip(&mut *odd) {
             (*even, *odd) = (pair[0], pair[1]);
         }

@@ -153,7 +153,7 @@ impl<T: Real> Separable<T> {
 }
 
 /// A rectangle of an image and how its values lie in a buffer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Window {
     /// First row in the image.
     pub y: usize,

@@ -118,99 +118,25 @@ impl<T: Real> Body for Dot<'_, T> {
     }
 }
 
-/// The vectors of conjugate gradients whose preconditioner returns what it leaves of the residual.
-pub struct Gradients<'a, T> {
-    /// The residual.
-    pub r: &'a mut [T],
-    /// What the preconditioner's correction leaves of it.
-    pub rest: &'a [T],
-    /// The correction.
-    pub z: &'a [T],
-    /// The direction.
-    pub p: &'a mut [T],
-    /// Its product with the matrix.
-    pub q: &'a mut [T],
-    /// The solution.
-    pub c: &'a mut [T],
+/// `r = -scale product` where `free` is not zero, zero elsewhere; by one task.
+pub fn lacking<T: Real>(isa: Isa, free: &[T], scale: f64, product: &[f64], r: &mut [T]) {
+    dispatch(isa, Lacking { free, scale, product, r });
 }
 
-/// Sums over all unknowns.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Sums {
-    /// Of `z r`.
-    pub residual: f64,
-    /// Of `z A z`.
-    pub energy: f64,
-    /// Of `z q`.
-    pub before: f64,
-    /// The largest `|z|`.
-    pub top: f64,
+struct Lacking<'a, T> {
+    free: &'a [T],
+    scale: f64,
+    product: &'a [f64],
+    r: &'a mut [T],
 }
 
-impl<T: Real> Gradients<'_, T> {
-    /// The sums that the next step needs; without a direction before, `q` is not read.
-    pub fn sums(&self, isa: Isa, begins: bool) -> Sums {
-        let part = |i: usize| {
-            let own = i * PART..self.r.len().min((i + 1) * PART);
-            let z = &self.z[own.clone()];
-            let (residual, top) = dispatch(isa, Dot { x: &self.r[own.clone()], y: z });
-            let left = dispatch(isa, Dot { x: &self.rest[own.clone()], y: z }).0;
-            let before = if begins { 0.0 } else { dispatch(isa, Dot { x: &self.q[own], y: z }).0 };
-            Sums { residual, energy: residual - left, before, top }
-        };
-        let parts = 0..self.r.len().div_ceil(PART);
-        let sums: Vec<Sums> = if self.r.len() > LARGE {
-            parts.into_par_iter().map(part).collect()
-        } else {
-            parts.map(part).collect()
-        };
-        sums.into_iter().fold(Sums::default(), |all, part| Sums {
-            residual: all.residual + part.residual,
-            energy: all.energy + part.energy,
-            before: all.before + part.before,
-            top: all.top.max(part.top),
-        })
-    }
-
-    /// `p = z + b p`, `q = A z + b q`, `c = c + a p`, `r = r - a q`. When it begins, `p`, `q` and `c` were zero.
-    pub fn step(&mut self, isa: Isa, begins: bool, (a, b): (f64, f64)) {
-        let factors = (T::from_f64(a), T::from_f64(b));
-        let Self { r, rest, z, p, q, c } = self;
-        if r.len() <= LARGE {
-            dispatch(isa, Step { begins, factors, vectors: Gradients { r, rest, z, p, q, c } });
-            return;
-        }
-        let inputs = r.par_chunks_mut(PART).zip(rest.par_chunks(PART)).zip(z.par_chunks(PART));
-        let own = p.par_chunks_mut(PART).zip(q.par_chunks_mut(PART)).zip(c.par_chunks_mut(PART));
-        inputs.zip(own).for_each(|(((r, rest), z), ((p, q), c))| {
-            dispatch(isa, Step { begins, factors, vectors: Gradients { r, rest, z, p, q, c } });
-        });
-    }
-}
-
-struct Step<'a, T> {
-    begins: bool,
-    factors: (T, T),
-    vectors: Gradients<'a, T>,
-}
-
-impl<T: Real> Body for Step<'_, T> {
+impl<T: Real> Body for Lacking<'_, T> {
     type Output = ();
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
-        let (a, b) = self.factors;
-        let Gradients { r, rest, z, p, q, c } = self.vectors;
-        if self.begins {
-            p.fill(T::ZERO);
-            q.fill(T::ZERO);
-            c.fill(T::ZERO);
-        }
-        let inputs = r.iter_mut().zip(rest).zip(z);
-        for ((((r, &rest), &z), p), (q, c)) in inputs.zip(p).zip(q.iter_mut().zip(c)) {
-            *p = fma::<T, FUSED>(b, *p, z);
-            *q = fma::<T, FUSED>(b, *q, *r - rest);
-            *c = fma::<T, FUSED>(a, *p, *c);
-            *r = fma::<T, FUSED>(-a, *q, *r);
+        for (r, (&free, &product)) in self.r.iter_mut().zip(self.free.iter().zip(self.product)) {
+            let value = T::from_f64(-self.scale * product);
+            *r = if free == T::ZERO { T::ZERO } else { value };
         }
     }
 }

@@ -11,6 +11,7 @@
 use rayon::prelude::*;
 
 use crate::kernel::resample::{Prolong, Restrict};
+use crate::kernel::spans::Spans;
 use crate::kernel::stencil::{PAD, Window};
 use crate::kernel::{Isa, Real, dispatch};
 
@@ -116,19 +117,25 @@ impl<T: Real> Resample<T> {
         self.coarse
     }
 
-    /// Adds the prolonged `coarse`, times `share` if there is one, to `fine`.
-    pub fn prolong_add(&self, coarse: &[T], share: Option<&[T]>, fine: &mut [T]) {
+    /// Adds the prolonged `coarse`, times `share` if there is one, to those rows of `fine` that have spans.
+    pub fn prolong_add(&self, coarse: &[T], share: Option<&[T]>, spans: &Spans, fine: &mut [T]) {
         let (stride, from) = (self.fine.stride(), self.coarse.stride());
         let chunk = |(index, rows): (usize, &mut [T])| {
+            let mut room = Vec::new();
             for (k, out) in rows.chunks_mut(stride).enumerate() {
                 let i = index * CHUNK + k;
-                let first = i / 2 + i % 2 + PAD - 2;
+                let Some(columns) = spans.columns(i..i + 1, 0..self.fine.width) else { continue };
+                let (first, cells) = (i / 2 + i % 2 + PAD - 2, columns.start / 2..columns.end.div_ceil(2));
+                let own = 2 * cells.start..columns.end;
                 let body = Prolong {
                     vertical: &self.vertical.up[i],
-                    sources: std::array::from_fn(|k| &coarse[(first + k) * from..][..from]),
-                    horizontal: &self.up,
-                    share: share.map(|share| &share[self.fine.at(i, 0)..][..self.fine.width]),
-                    out: &mut out[PAD..][..self.fine.width],
+                    sources: std::array::from_fn(|k| {
+                        &coarse[(first + k) * from..][cells.start..cells.end + 2 * PAD]
+                    }),
+                    horizontal: self.up.each_ref().map(|weights| &weights[cells.clone()]),
+                    share: share.map(|share| &share[self.fine.at(i, own.start)..][..own.len()]),
+                    out: &mut out[PAD + own.start..][..own.len()],
+                    room: &mut room,
                 };
                 dispatch(self.isa, body);
             }
@@ -142,15 +149,21 @@ impl<T: Real> Resample<T> {
     }
 
     /// Sets rows of `coarse`, whole strides from row `first` of its window on, to those of the adjoint's image of `fine`. This
-    /// begins with row `2 first - 3` of the fine window (counted in its padding) and is zero beside the window.
-    pub fn restrict(&self, first: usize, fine: &[T], coarse: &mut [T]) {
+    /// begins with row `2 first - 3` of the fine window (counted in its padding) and is zero beside the window. Rows without spans, and
+    /// what is beside the spans of others, may become anything.
+    pub fn restrict(&self, first: usize, fine: &[T], spans: &Spans, coarse: &mut [T]) {
         let (from, width) = (self.fine.stride(), self.coarse.width);
+        let mut room = Vec::new();
         for (k, out) in coarse.chunks_mut(self.coarse.stride()).enumerate() {
+            let Some(cells) = spans.columns(first + k..first + k + 1, 0..width) else { continue };
+            // What a cell takes begins three fine ones before it; in the padding, four before the first.
+            let near = 2 * cells.start..from.min(2 * cells.end + 2 * PAD);
             let body = Restrict {
                 vertical: &self.vertical.down[first + k],
-                sources: std::array::from_fn(|tap| &fine[(2 * k + tap) * from..][..from]),
-                horizontal: &self.down,
-                out: &mut out[PAD..][..width],
+                sources: std::array::from_fn(|tap| &fine[(2 * k + tap) * from..][near.clone()]),
+                horizontal: self.down.each_ref().map(|weights| &weights[cells.clone()]),
+                out: &mut out[PAD + cells.start..][..cells.len()],
+                room: &mut room,
             };
             dispatch(self.isa, body);
         }
@@ -185,9 +198,14 @@ mod tests {
                 let noise = |seed: f64| move |i: usize, j: usize| ((i * 37 + j * 101) as f64 * seed).sin();
                 let (f, c) = (fill(fine, noise(0.7)), fill(coarse, noise(0.3)));
                 let (mut up, mut down) = (fine.zeros(), coarse.zeros());
-                resample.prolong_add(&c, None, &mut up);
+                resample.prolong_add(&c, None, &Spans::all(fine), &mut up);
                 let (from, to) = (fine.stride(), coarse.stride());
-                resample.restrict(0, &f[(PAD - 3) * from..], &mut down[PAD * to..][..coarse.height * to]);
+                resample.restrict(
+                    0,
+                    &f[(PAD - 3) * from..],
+                    &Spans::all(coarse),
+                    &mut down[PAD * to..][..coarse.height * to],
+                );
                 let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
                 let (left, right) = (dot(&f, &up), dot(&down, &c));
                 assert!((left - right).abs() <= 1e-13 * (height * width) as f64, "{left} {right}");
@@ -203,7 +221,7 @@ mod tests {
         let centre = |c: usize| 2.0 * c as f64 + 0.5;
         let coarse = fill(resample.coarse(), |i, j| plane(centre(i), centre(j)));
         let mut up = fine.zeros();
-        resample.prolong_add(&coarse, None, &mut up);
+        resample.prolong_add(&coarse, None, &Spans::all(fine), &mut up);
         for i in 0..9 {
             for j in 0..14 {
                 assert!((up[fine.at(i, j)] - plane(i as f64, j as f64)).abs() < 1e-13);

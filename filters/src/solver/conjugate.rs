@@ -4,13 +4,17 @@
 //! flexible form allows for, and the residual drifts from the true one: whoever calls takes a few digits at a time
 //! ([`Goal::gain`]) and comes again with a residual computed in f64.
 //!
+//! Corrections become small in most places long before they do so in all: cells where they are small are left out ([`Goal::spare`]),
+//! as if they were held, and the directions of the others begin anew.
+//!
 //! Source: M. Hestenes, E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49, 1952;
 //! Y. Notay, "Flexible conjugate gradients", SIAM J. Sci. Comput. 22, 2000.
 
 use super::lanczos::Lanczos;
-use super::multigrid::{Multigrid, Workspace};
+use super::multigrid::{CELL, Multigrid, Workspace};
+use crate::kernel::gradients::Sums;
 use crate::kernel::simd::Lanes;
-use crate::kernel::vector::{self, Sums};
+use crate::kernel::vector;
 use crate::{Run, Stop};
 
 /// How a solve ended.
@@ -22,9 +26,10 @@ pub struct Ending {
     pub iterations: usize,
     /// The residual's norm, measured by the preconditioner, over that of the start.
     pub residual: f64,
-    /// Largest entry of the first cycle's correction.
-    pub first: f64,
-    /// Least eigenvalue of the preconditioned matrix as far as it has shown or was known; infinite if neither.
+    /// Largest error left, by the last correction and the least eigenvalue.
+    pub left: f64,
+    /// Least eigenvalue of the preconditioned matrix as far as it has shown or was known; infinite if neither, as after a few
+    /// iterations.
     pub least: f64,
 }
 
@@ -46,13 +51,15 @@ pub struct Goal {
     pub least: Option<f64>,
     /// The tolerance over the largest entry of the first cycle's correction: what the numbers can hold.
     pub gain: f64,
+    /// The error up to which a cell may be left out, by the same eigenvalue; zero to keep all.
+    pub spare: f64,
     /// Iterations without a new smallest correction after which rounding has the upper hand.
     pub patience: usize,
 }
 
 impl Goal {
-    /// Whether it is met by a correction with this largest entry, the first one's being `first`.
-    fn met(&self, top: f64, first: f64, lanczos: &Lanczos, steps: usize) -> bool {
+    /// The error that a correction leaves, over its largest entry.
+    fn left(&self, lanczos: &Lanczos, steps: usize) -> f64 {
         let seen = lanczos.least();
         let least = match self.least {
             Some(known) => known.min(seen),
@@ -60,7 +67,11 @@ impl Goal {
             None => seen,
         };
         // A correction leaves `1 - least` of the error, or what the largest eigenvalues (up to 1.5) overshoot.
-        let left = top * (1.0 - least).max(0.5) / least;
+        (1.0 - least).max(0.5) / least
+    }
+
+    /// Whether it is met by a correction with this largest entry, which leaves this error, the first one's entry being `first`.
+    fn met(&self, top: f64, left: f64, first: f64) -> bool {
         top <= self.tolerance.max(self.gain * first) || left <= self.error
     }
 }
@@ -70,25 +81,30 @@ impl Goal {
 pub fn solve<T: Lanes>(
     grids: &Multigrid<T>,
     workspace: &mut Workspace<T>,
-    goal: Goal,
+    mut goal: Goal,
     run: &Run<'_>,
 ) -> Ending {
     let isa = grids.isa();
     let (mut before, mut first, mut step) = (0.0, (0.0, 0.0), 0.0);
     let (mut smallest, mut age) = (f64::INFINITY, 0);
     let mut curvature = 0.0;
-    let mut iterations = 0;
+    // `steps`: those since the directions began.
+    let (mut iterations, mut steps) = (0, 0);
     let mut lanczos = Lanczos::default();
-    let stop = loop {
+    workspace.vectors().c.fill(T::ZERO);
+    let (stop, rz, left) = loop {
         grids.cycle(workspace);
         let mut vectors = workspace.vectors();
-        let begins = iterations == 0;
-        let Sums { residual: rz, energy, before: zq, top } = vectors.sums(isa, begins);
-        if begins {
+        let begins = steps == 0;
+        let (Sums { residual: rz, energy, before: zq }, tops) = vectors.sums(isa, begins, CELL);
+        let top = tops.iter().copied().fold(0.0, f64::max);
+        if iterations == 0 {
             first = (rz, top);
         }
         (smallest, age) = if top < smallest { (top, 0) } else { (smallest, age + 1) };
-        let stop = if goal.met(top, first.1, &lanczos, iterations) {
+        let share = goal.left(&lanczos, steps);
+        let left = share * top;
+        let stop = if goal.met(top, left, first.1) {
             Some(Stop::Converged)
         } else if age > goal.patience || rz.is_nan() || rz <= 0.0 || iterations == LIMIT {
             Some(Stop::IterationLimit)
@@ -96,13 +112,10 @@ pub fn solve<T: Lanes>(
             run.interrupted()
         };
         if let Some(stop) = stop {
-            if begins {
-                vectors.c.fill(T::ZERO);
-            }
             if stop == Stop::Converged {
                 vector::add_scaled(isa, vectors.c, 1.0, vectors.z);
             }
-            break (stop, rz);
+            break (stop, rz, left);
         }
         // `z' (r - r_before) = -step z' q`.
         let ratio = if begins { 0.0 } else { -step * zq / before };
@@ -110,18 +123,25 @@ pub fn solve<T: Lanes>(
         // `p' A p` of the new direction.
         curvature = energy + ratio * (2.0 * zq + ratio * curvature);
         if curvature.is_nan() || curvature <= 0.0 {
-            if begins {
-                vectors.c.fill(T::ZERO);
-            }
-            break (Stop::IterationLimit, rz);
+            break (Stop::IterationLimit, rz, left);
         }
         // `p' r = r' z`, as the step before has left nothing along the direction before.
         step = rz / curvature;
         lanczos.push(step, ratio.max(0.0));
         vectors.step(isa, begins, (step, ratio));
-        iterations += 1;
+        (iterations, steps) = (iterations + 1, steps + 1);
+        if goal.spare > 0.0 && grids.leave_out(workspace, &tops, goal.spare / share) {
+            goal.least = known(goal.least, &lanczos, steps);
+            (lanczos, steps, smallest, age) = (Lanczos::default(), 0, f64::INFINITY, 0);
+        }
     };
-    let residual = if first.0 > 0.0 { (stop.1.max(0.0) / first.0).sqrt() } else { 0.0 };
-    let least = goal.least.unwrap_or(f64::INFINITY).min(lanczos.least());
-    Ending { stop: stop.0, iterations, residual, first: first.1, least }
+    let residual = if first.0 > 0.0 { (rz.max(0.0) / first.0).sqrt() } else { 0.0 };
+    let least = known(goal.least, &lanczos, steps).unwrap_or(f64::INFINITY);
+    Ending { stop, iterations, residual, left, least }
+}
+
+/// What is known of the least eigenvalue after so many steps.
+fn known(before: Option<f64>, lanczos: &Lanczos, steps: usize) -> Option<f64> {
+    let seen = Some(lanczos.least()).filter(|_| steps >= FEW);
+    before.into_iter().chain(seen).reduce(f64::min)
 }

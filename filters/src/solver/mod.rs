@@ -11,5 +11,6 @@ pub mod nesta;
 pub mod poisson;
 pub mod pool;
 pub mod primal_dual;
+pub mod regression;
 pub mod saddle;
 pub mod sparsity;

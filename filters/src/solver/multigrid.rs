@@ -9,13 +9,13 @@
 //!
 //! Smoother: a polynomial in `B (A + D)`, with `B` a masked blur ([`smooth`]), which also tells what it leaves of the right-hand
 //! side: coarse grids take it from there, and conjugate gradients have their product. Transfer: [`crate::operator::resample`].
-//! The coarsest grid is solved directly. With the samples instead of zeros asked for, the coarse grids make a start for the whole
-//! image, too ([`Multigrid::start`]).
+//! The coarsest grid is solved directly. All grids leave out cells where nothing is left to correct ([`active`]). With the
+//! samples instead of zeros asked for, the coarse grids make a start for the whole image, too ([`Multigrid::start`]).
 //!
 //! Source: W. Briggs, V. Henson, S. Mc Cormick, "A Multigrid Tutorial", SIAM 2000; M. Adams, M. Brezina, J. Hu,
 //! R. Tuminaro, "Parallel multigrid smoothing: polynomial versus Gauss-Seidel", J. Comput. Phys. 188, 2003.
 //!
-//! Cost: `2 DEGREE` applications of `A` a level, one more at level 0, and an eighth more where strips overlap. Memory: six buffers
+//! Cost: `2 DEGREE` applications of `A` a level, one more at level 0, and a fifth more where patches overlap. Memory: six buffers
 //! at level 0, eleven at the others, which together have a third of its cells, and three of conjugate gradients: 13 windows in all.
 
 use rayon::prelude::*;
@@ -23,21 +23,28 @@ use rayon::prelude::*;
 use super::bottom::Bottom;
 use super::pool::{Lent, Pool};
 use crate::kernel::cascade::Scratch;
+use crate::kernel::gradients::Gradients;
 use crate::kernel::points::{self, Point, Points};
 use crate::kernel::simd::Lanes;
+use crate::kernel::spans::Spans;
 use crate::kernel::stencil::{PAD, Separable, Window};
-use crate::kernel::vector::Gradients;
 use crate::kernel::{Isa, Real, vector};
 use crate::operator::resample::Resample;
 
+mod active;
 mod smooth;
 #[cfg(test)]
 mod tests;
+
+pub use active::CELL;
+use active::{Active, Share};
 
 /// Grids with at most this many cells are solved directly.
 const DIRECT: usize = 144;
 /// Rows of a coarse grid whose right-hand sides are computed together: what they need of a wide fine grid is in L2.
 const CHUNK: usize = 20;
+/// Cells left over those worked on where leaving out the others pays, as conjugate gradients begin anew.
+const FEWER: f64 = 0.8;
 /// How firmly a measured pixel holds the coarse cells around it, over the diagonal of their operator.
 const FIRM: f64 = 1.0;
 
@@ -63,13 +70,18 @@ pub struct Multigrid<T: Real> {
     isa: Isa,
     levels: Vec<Level<T>>,
     bottom: Option<Bottom>,
+    /// Everything.
+    all: Active,
     workspaces: Pool<Workspace<T>>,
 }
 
 /// Buffers for one cycle at a time.
 #[derive(Default)]
 pub struct Workspace<T: Real> {
+    window: Window,
     levels: Vec<Buffers<T>>,
+    /// What is worked on; what is not has no correction.
+    active: Active,
     pool: Pool<Scratch<T>>,
     /// Of conjugate gradients: direction, its product with the matrix, solution.
     p: Vec<T>,
@@ -89,9 +101,9 @@ struct Buffers<T> {
 }
 
 impl<T: Real> Workspace<T> {
-    /// The residual that [`Multigrid::cycle`] reads.
-    pub fn residual(&mut self) -> &mut [T] {
-        &mut self.levels[0].r
+    /// The pixels that are worked on, and the residual that [`Multigrid::cycle`] reads.
+    pub fn residual(&mut self) -> (&Spans, &mut [T]) {
+        (&self.active.grids[0].spans, &mut self.levels[0].r)
     }
 
     /// The correction that conjugate gradients have found, or the start.
@@ -102,7 +114,8 @@ impl<T: Real> Workspace<T> {
     /// The vectors of conjugate gradients.
     pub fn vectors(&mut self) -> Gradients<'_, T> {
         let Buffers { r, x, rest, .. } = &mut self.levels[0];
-        Gradients { r, rest, z: x, p: &mut self.p, q: &mut self.q, c: &mut self.c }
+        let (window, spans) = (self.window, &self.active.grids[0].spans);
+        Gradients { window, spans, r, rest, z: x, p: &mut self.p, q: &mut self.q, c: &mut self.c }
     }
 }
 
@@ -120,7 +133,8 @@ impl<T: Lanes> Multigrid<T> {
         let held = held(window, &free, d.as_deref());
         let finest = window;
         let (mut window, mut free, mut points) = (window, Some(free), d.map(Points::diagonal));
-        let mut grids = Self { isa, levels: Vec::new(), bottom: None, workspaces: Pool::default() };
+        let all = Active::default();
+        let mut grids = Self { isa, levels: Vec::new(), bottom: None, all, workspaces: Pool::default() };
         let mut a = matrix(0);
         loop {
             let size = a.size();
@@ -131,14 +145,21 @@ impl<T: Lanes> Multigrid<T> {
                 grids.bottom = Some(bottom(&a, window, points.as_ref(), free.as_deref()));
             }
             grids.levels.push(Level::new(isa, &a, window, points, free.take(), down));
-            let Some(next) = next else { return grids };
+            let Some(next) = next else { break };
             a = matrix(grids.levels.len());
             points = Some(Points::new(next, cell(finest, next), &held, FIRM * middle(&a)));
             window = next;
         }
+        grids.all = Active::all(&grids.shapes());
+        grids
     }
 
-    /// Buffers for [`Self::cycle`], which one solve after another may use.
+    /// Per level its window and what a smoothing reaches.
+    fn shapes(&self) -> Vec<(Window, usize)> {
+        self.levels.iter().map(|level| (level.window, level.reach())).collect()
+    }
+
+    /// Buffers for [`Self::cycle`], which one solve after another may use; everything is to be worked on.
     pub fn workspace(&self) -> Lent<'_, Workspace<T>> {
         let mut workspace = self.workspaces.lend();
         if workspace.levels.is_empty() {
@@ -149,8 +170,43 @@ impl<T: Lanes> Multigrid<T> {
             workspace.levels = self.levels.iter().map(buffers).collect();
             let zeros = || self.window().zeros();
             (workspace.p, workspace.q, workspace.c) = (zeros(), zeros(), zeros());
+            workspace.window = self.window();
         }
+        workspace.active = self.all.clone();
         workspace
+    }
+
+    /// Leaves out the cells whose `tops`, the largest corrections, are at most `bound`, if that spares enough work. Returns whether it
+    /// does; the residual of the others stays.
+    pub fn leave_out(&self, workspace: &mut Workspace<T>, tops: &[f64], bound: f64) -> bool {
+        let cells: Vec<bool> = tops.iter().map(|top| *top > bound).collect();
+        let count = |cells: &[bool]| cells.iter().filter(|cell| **cell).count() as f64;
+        let spares = count(&cells) < FEWER * count(&workspace.active.cells);
+        if spares {
+            self.work_on(workspace, cells);
+        }
+        spares
+    }
+
+    /// For another solution that corrects this one: works on the cells where this exceeds `bound`, and if `others` also on those that
+    /// were not left out. Returns whether there are any.
+    pub fn take_up(&self, workspace: &mut Workspace<T>, bound: f64, others: bool) -> bool {
+        let tops = workspace.vectors().tops(self.isa, CELL);
+        let own = tops.iter().zip(&workspace.active.cells);
+        let cells: Vec<bool> = own.map(|(top, active)| *top > bound || (others && *active)).collect();
+        let any = cells.contains(&true);
+        self.work_on(workspace, cells);
+        any
+    }
+
+    fn work_on(&self, workspace: &mut Workspace<T>, cells: Vec<bool>) {
+        workspace.active = Active::new(&self.shapes(), cells);
+        for ((level, buffers), share) in
+            self.levels.iter().zip(&mut workspace.levels).zip(&workspace.active.grids)
+        {
+            share.spans.clear(level.window, &mut buffers.x);
+            share.spans.clear(level.window, &mut buffers.rest);
+        }
     }
 
     /// The instruction set in use.
@@ -175,44 +231,40 @@ impl<T: Lanes> Multigrid<T> {
         if self.levels.len() == 1 {
             return false;
         }
-        let Workspace { levels, pool, c, .. } = workspace;
+        let Workspace { levels, active, pool, c, .. } = workspace;
+        let shares = active.grids.as_slice();
         let finest = &self.levels[0];
         let held = held(finest.window, &finest.share, finest.points.as_ref().map(Points::middle));
+        let values: Vec<f64> = held.iter().map(|&(y, x, _)| samples(y, x)).collect();
         for index in (1..self.levels.len()).rev() {
             let level = &self.levels[index];
             let (cell, firm) = (cell(finest.window, level.window), FIRM * middle(&level.a));
-            points::pull(level.window, cell, &held, firm, samples, &mut levels[index].r);
+            points::pull(level.window, cell, &held, &values, firm, &mut levels[index].r);
+            let own = &mut c[..level.window.len()];
             let coarser = index + 1 < self.levels.len();
             if coarser {
-                let c = &mut c[..level.window.len()];
-                self.raise(index, levels, c);
-                let Buffers { r, rest, .. } = &mut levels[index];
-                level.product(self.isa, level.window, c, rest);
-                vector::rest(self.isa, &level.share, r, rest);
-                std::mem::swap(r, rest);
+                self.raise(index, levels, shares, own);
             }
-            self.descend(index, &mut levels[index..], pool);
-            if coarser {
-                vector::add_scaled(self.isa, &mut levels[index].x, 1.0, &c[..level.window.len()]);
-            }
+            self.descend(index, coarser.then_some(&*own), &mut levels[index..], shares, pool);
         }
-        self.raise(0, levels, c);
+        self.raise(0, levels, shares, c);
         true
     }
 
     /// Sets `fine` to what the grid below one has found, on this one.
-    fn raise(&self, index: usize, buffers: &[Buffers<T>], fine: &mut [T]) {
+    fn raise(&self, index: usize, buffers: &[Buffers<T>], shares: &[Share], fine: &mut [T]) {
         fine.fill(T::ZERO);
         if let (Some(down), Some(coarse)) = (&self.levels[index].down, buffers.get(index + 1)) {
-            down.prolong_add(&coarse.x, None, fine);
+            down.prolong_add(&coarse.x, None, &shares[index].spans, fine);
         }
     }
 
     /// Computes the workspace's correction for its residual, and what is left of this: both are zero at unknowns that are not
     /// free, where the residual has to be so.
     pub fn cycle(&self, workspace: &mut Workspace<T>) {
-        self.descend(0, &mut workspace.levels, &workspace.pool);
-        let (level, Buffers { r, x, rest, .. }) = (&self.levels[0], &mut workspace.levels[0]);
+        let Workspace { levels, active, pool, .. } = workspace;
+        self.descend(0, None, levels, &active.grids, pool);
+        let (level, Buffers { r, x, rest, .. }) = (&self.levels[0], &mut levels[0]);
         // Weighted by the share, it is of no use to others.
         if level.points.is_some() || self.levels.len() == 1 {
             level.product(self.isa, level.window, x, rest);
@@ -220,21 +272,31 @@ impl<T: Lanes> Multigrid<T> {
         }
     }
 
-    fn descend(&self, index: usize, buffers: &mut [Buffers<T>], pool: &Pool<Scratch<T>>) {
+    /// Sets the unknowns of a level to what a cycle makes of `from`, or of zero, for its right-hand side.
+    fn descend(
+        &self,
+        index: usize,
+        from: Option<&[T]>,
+        buffers: &mut [Buffers<T>],
+        shares: &[Share],
+        pool: &Pool<Scratch<T>>,
+    ) {
         let Some((here, below)) = buffers.split_first_mut() else { return };
-        let level = &self.levels[index];
+        let (level, active) = (&self.levels[index], &shares[index]);
         if let Some(bottom) = self.bottom.as_ref().filter(|_| index + 1 == self.levels.len()) {
+            active.spans.clear(level.window, &mut here.r);
             bottom.solve(&here.r, &mut here.x);
+            active.spans.clear(level.window, &mut here.x);
             return;
         }
         let Buffers { r, x, y, rest } = here;
-        level.smooth(self.isa, (r, None), y, Some(rest), pool);
+        level.smooth(self.isa, (r, from), active, y, Some(rest), pool);
         if let (Some(down), Some(coarse)) = (&level.down, below.first_mut()) {
-            level.restrict(down, rest, &mut coarse.r);
-            self.descend(index + 1, below, pool);
-            down.prolong_add(&below[0].x, Some(&level.share), y);
+            level.restrict(down, rest, &shares[index + 1].spans, &mut coarse.r);
+            self.descend(index + 1, None, below, shares, pool);
+            down.prolong_add(&below[0].x, Some(&level.share), &active.spans, y);
         }
-        level.smooth(self.isa, (r, Some(y)), x, (index == 0).then_some(rest), pool);
+        level.smooth(self.isa, (r, Some(y)), active, x, (index == 0).then_some(rest), pool);
     }
 }
 
@@ -268,14 +330,14 @@ impl<T: Lanes> Level<T> {
         level
     }
 
-    /// Sets `coarse` to the restriction of `rest`, what is left of the residual.
-    fn restrict(&self, down: &Resample<T>, rest: &[T], coarse: &mut [T]) {
+    /// Sets `coarse` to the restriction of `rest`, what is left of the residual, where it counts there.
+    fn restrict(&self, down: &Resample<T>, rest: &[T], spans: &Spans, coarse: &mut [T]) {
         let (window, to) = (self.window, down.coarse());
         let (stride, width) = (window.stride(), to.stride());
         // The first coarse row takes fine ones from three before it.
         let chunk = |(index, rows): (usize, &mut [T])| {
             let first = index * CHUNK;
-            down.restrict(first, &rest[(2 * first + PAD - 3) * stride..], rows);
+            down.restrict(first, &rest[(2 * first + PAD - 3) * stride..], spans, rows);
         };
         let rows = &mut coarse[PAD * width..][..to.height * width];
         if window.is_large() {

@@ -38,8 +38,9 @@
 //! - Sparse masks (half of the image in rectangles), order 3 with holes, and `lambda > 0` take multigrid on the whole image; so
 //!   does order 3 where the tiles' own estimate stays above the aim, as f32 does not hold more.
 //!
-//! Start: push-pull; where multigrid takes the whole image, what its coarse grids make of the samples. The result depends neither on
-//! it nor on the number of threads.
+//! Start: push-pull; where multigrid takes the whole image, what its coarse grids make of the samples, and of one channel what those
+//! before it explain (`whole`). The result does not depend on the number of threads, nor on the start or on other channels by more than
+//! the aim.
 //!
 //! References: P. Meinguet, "Multivariate interpolation at arbitrary points made simple", ZAMP 30, 1979 (the energy);
 //! M. Unser, "Splines: a perfect fit for signal and image processing", IEEE Signal Processing Magazine 16(6), 1999
@@ -49,11 +50,11 @@
 //!
 //! Cost: tiles take at most 14 steps over all sweeps on renders at 20 % low-discrepancy samples (order 3: 24), up to 59 at
 //! random ones; a step is one pass over a tile with one application of `H` (`kernel/chebyshev.rs`, by conjugate gradients
-//! `kernel/step.rs`). Multigrid takes 4 to 9 iterations of 7 applications at order 2, up to a hundred and more at order 3.
+//! `kernel/step.rs`). Multigrid takes 4 to 9 iterations of 7 applications at order 2, most of them on a part of the image (on four
+//! renders at 1 % they amount to two to three on all of it), up to a hundred and more at order 3.
 //!
 //! Memory beyond samples and result: 0.9 megabytes a thread for tiles (order 3: 1.5). For multigrid 5 planes of a rectangle, and 13 for
-//! each channel that is being solved: around holes all channels in f32, on the whole image two at a time in f32 (order 2), else one in
-//! f64.
+//! each channel that is being solved: around holes all channels in f32, on the whole image one at a time, in f32 (order 2) or f64.
 //!
 //! The outcome's residual: the largest entry of the preconditioned residual that the last sweep left where it looked over that
 //! before the first; with holes the larger of this and the same for the first solve of any rectangle.
@@ -79,6 +80,7 @@ mod settings;
 #[cfg(test)]
 mod tests;
 mod tiles;
+mod whole;
 
 pub use crate::operator::profile::Kernel;
 pub use settings::{Order, Settings};
@@ -88,6 +90,7 @@ use holes::Division;
 use polynomials::Unseen;
 use region::Region;
 use tiles::{Task, Tiles};
+use whole::Whole;
 
 /// Largest correction that multigrid may still see, over the measured range. The error is of the same size.
 const TOLERANCE: f64 = 2e-6;
@@ -204,16 +207,19 @@ impl Plan for Planned {
         if self.mask.is_full() && self.settings.lambda == 0.0 {
             return Ok(outcome);
         }
-        let mut pairs: Vec<_> = samples.as_slice().iter().zip(out.as_mut_slice()).collect();
-        let at_once = match &self.parts {
-            Parts::Whole(region) => region.side_by_side(),
-            Parts::Tiled(..) => pairs.len(),
+        let (tiles, regions) = match &self.parts {
+            Parts::Whole(region) => {
+                let smooths = self.settings.lambda > 0.0;
+                let tolerance = TOLERANCE * error / AIM;
+                let settle = |out: &mut Plane| self.settle(out);
+                let whole = Whole { region, mask: &self.mask, smooths, tolerance, settle: &settle };
+                return Ok(outcome.worst(whole.solve(samples.as_slice(), out.as_mut_slice(), run)));
+            }
+            Parts::Tiled(tiles, regions) => (tiles, regions),
         };
-        let mut ends = Vec::with_capacity(pairs.len());
-        for some in pairs.chunks_mut(at_once.max(1)) {
-            let channel = |(sample, out): &mut (&Plane, &mut Plane)| self.channel(sample, out, error, run);
-            ends.par_extend(some.par_iter_mut().map(channel));
-        }
+        let channel =
+            |(sample, out): (&Plane, &mut Plane)| self.channel(tiles, regions, sample, out, error, run);
+        let ends: Vec<Ending> = samples.as_slice().par_iter().zip(out.as_mut_slice()).map(channel).collect();
         let (mut worst, mut whole) = (outcome, None);
         for (end, (sample, out)) in ends.into_iter().zip(samples.as_slice().iter().zip(out.as_mut_slice())) {
             worst = worst.worst(match end {
@@ -263,24 +269,25 @@ impl Wanted {
 }
 
 impl Planned {
-    fn channel(&self, samples: &Plane, out: &mut Plane, error: f64, run: &Run<'_>) -> Ending {
+    fn channel(
+        &self,
+        tiles: &Tiles,
+        regions: &[Region],
+        samples: &Plane,
+        out: &mut Plane,
+        error: f64,
+        run: &Run<'_>,
+    ) -> Ending {
         let (low, high) = range(self.mask.as_slice(), samples.pixels());
         let range = f64::from(high) - f64::from(low);
         if range <= 0.0 {
             return Ending::Done(Outcome::direct());
         }
         let wanted = Wanted { middle: low + 0.5 * (high - low), range, error: error * range };
-        let end = match &self.parts {
-            Parts::Whole(region) => {
-                let tolerance = wanted.within(TOLERANCE);
-                region.begin(samples, out, tolerance);
-                Ending::Done(region.solve(samples, out, tolerance, run))
-            }
-            Parts::Tiled(..) if !TILED.contains(&range) => {
-                Ending::Left { iterations: 0, tolerance: wanted.within(TOLERANCE) }
-            }
-            Parts::Tiled(tiles, regions) => self.tiled(tiles, regions, samples, out, wanted, run),
-        };
+        if !TILED.contains(&range) {
+            return Ending::Left { iterations: 0, tolerance: wanted.within(TOLERANCE) };
+        }
+        let end = self.tiled(tiles, regions, samples, out, wanted, run);
         if matches!(end, Ending::Done(_)) {
             self.settle(out);
         }

@@ -1,6 +1,7 @@
 //! The definition of the steps in f64, entry by entry, and that strips cannot be told from the whole.
 
 use super::super::points::Point;
+use super::super::spans::Spans;
 use super::super::step::tests::sets;
 use super::*;
 use crate::Size;
@@ -27,6 +28,8 @@ struct Problem {
     e: Vec<f64>,
     r: Vec<f64>,
     x: Option<Vec<f64>>,
+    /// Everything.
+    spans: Spans,
 }
 
 impl Problem {
@@ -46,7 +49,7 @@ impl Problem {
         };
         let e = image(window, 0.9).into_iter().map(|e| e.max(0.0)).collect();
         let x = (kind != 1).then(|| image(window, 0.21));
-        Self { a, window, points, e, r: image(window, 0.71), x }
+        Self { a, window, points, e, r: image(window, 0.71), x, spans: Spans::all(window) }
     }
 
     /// `x` and what is left of `r`, by the definition.
@@ -109,9 +112,11 @@ impl Problem {
                 let (top, left) = (first.saturating_sub(reach), begin.saturating_sub(aside));
                 let (bottom, right) = (window.height.min(last + reach), window.width.min(end + aside));
                 let part = |values| Part::new(values, window, (top, left));
-                let stride = window.stride();
-                let own = (PAD + first) * stride;
-                let (x, rest) = (&mut x[own..], Some(&mut rest[own..]));
+                let wanted = |rows: Vec<_>| -> Vec<_> {
+                    let rows = rows.into_iter().take(last).skip(first);
+                    rows.map(|row: &mut [T]| &mut row[begin..end]).collect()
+                };
+                let out = Out { x: wanted(rows(window, &mut x)), rest: wanted(rows(window, &mut rest)) };
                 let strip = Strip {
                     a: &a,
                     points: points.as_ref().map(|points| (points, window, (top, left))),
@@ -121,6 +126,7 @@ impl Problem {
                         height: bottom - top,
                         width: right - left,
                     },
+                    spans: (&self.spans, (top, left)),
                     e: part(&e),
                     r: part(&r),
                     x: start.as_deref().map(part),
@@ -128,7 +134,7 @@ impl Problem {
                     c: C,
                     rows: first - top..last - top,
                     columns: begin - left..end - left,
-                    out: Out { stride, first: PAD + begin, x, rest },
+                    out,
                 };
                 cascade(isa, strip, &mut scratch);
             }
@@ -196,6 +202,30 @@ fn strips_give_the_bits_of_the_whole() {
                         assert!(same || close, "{order} {kind} {isa:?} {tops:?} {lefts:?} {k}: {a} {b}");
                     }
                 }
+            }
+        }
+    }
+}
+
+/// What does not count is held: as if its factors and its unknowns were zero, whatever the buffers hold there.
+#[test]
+fn what_does_not_count_is_held_at_zero() {
+    let window = Window { y: 0, x: 0, height: 61, width: 150 };
+    let counts = [true, false, true, true, false, false, true, false, true, true, false];
+    let cells =
+        (0..61_usize.div_ceil(7) * 150_usize.div_ceil(16)).map(|k| counts[k % 11]).collect::<Vec<bool>>();
+    for (order, kind) in [(2, 0), (2, 1), (2, 2), (3, 1)] {
+        let mut problem = Problem::new(Size::new(61, 150), window, order, kind);
+        problem.spans = Spans::of_cells(window, (7, 16), &cells);
+        for isa in sets() {
+            for (tops, lefts) in [(vec![0], vec![0]), (vec![0, 30], vec![0, 64])] {
+                let found = problem.cascade::<f64>(isa, &tops, &lefts);
+                let mut held = Problem::new(Size::new(61, 150), window, order, kind);
+                problem.spans.clear(window, &mut held.e);
+                held.x.iter_mut().for_each(|x| problem.spans.clear(window, x));
+                let expected = held.cascade::<f64>(isa, &tops, &lefts);
+                assert_eq!(found, expected, "{order} {kind} {isa:?}");
+                assert!(found.0.iter().any(|&x| x > 0.0));
             }
         }
     }

@@ -4,19 +4,19 @@
 //! unnecessary against the first kind's. Source: J. Lottes, "Optimal polynomial smoothers for multigrid V-cycles",
 //! Numerical Linear Algebra with Applications 30, 2023.
 //!
-//! All steps are taken in one way down strips of the window ([`crate::kernel::cascade`]), so memory is passed over once for a
-//! smoothing. As a polynomial in one matrix it is symmetric, and nothing is special where strips or threads meet: with tiles one
+//! All steps are taken in one way down patches of the window ([`crate::kernel::cascade`]), so memory is passed over once for a
+//! smoothing. As a polynomial in one matrix it is symmetric, and nothing is special where patches or threads meet: with tiles one
 //! after the other, which took the unknowns around them as given, the slowest places were the corners of tiles.
-
-use std::ops::Range;
 
 use rayon::prelude::*;
 
 use super::Level;
+use super::active::{Patch, Share, parts};
 use crate::kernel::Isa;
-use crate::kernel::cascade::{self, Out, Scratch, Strip};
-use crate::kernel::simd::{Lanes, MOST};
-use crate::kernel::stencil::{PAD, Part, Window, apply};
+use crate::kernel::cascade::{self, Out, Scratch, Strip, rows};
+use crate::kernel::simd::Lanes;
+use crate::kernel::spans::Spans;
+use crate::kernel::stencil::{Part, Window, apply};
 use crate::kernel::vector;
 use crate::solver::pool::Pool;
 
@@ -24,8 +24,6 @@ use crate::solver::pool::Pool;
 const DEGREE: usize = 3;
 /// Added to the middle of the smoother's blur.
 const CENTRE: f64 = 1.0;
-/// Most rows of a band, which is a task, and columns of a strip, whose rings of rows (300 kB in f32) are to be in L2.
-const SIDES: (usize, usize) = (240, 400);
 /// Most rows and columns of a tile whose largest eigenvalue is estimated.
 const TILE: (usize, usize) = (64, 640);
 /// Tiles of a level whose largest eigenvalues are estimated, at most.
@@ -34,60 +32,51 @@ const SAMPLES: usize = 12;
 const SAMPLE: usize = 128;
 
 impl<T: Lanes> Level<T> {
-    /// Smooths what `from` (or zero) lacks to solve for `r`, into `x`. With `rest`, this becomes `share` times what is left of `r`.
+    /// Pixels around a pixel that a smoothing of it depends on.
+    pub fn reach(&self) -> usize {
+        cascade::reach(self.a.terms, DEGREE)
+    }
+
+    /// Smooths what `from` (or zero) lacks to solve for `r`, into `x`, where it counts; all else is held at zero. With `rest`, this
+    /// becomes `share` times what is left of `r`.
     pub fn smooth(
         &self,
         isa: Isa,
         (r, from): (&[T], Option<&[T]>),
+        active: &Share,
         x: &mut [T],
         rest: Option<&mut [T]>,
         pool: &Pool<Scratch<T>>,
     ) {
-        let (window, stride) = (self.window, self.window.stride());
-        let bands = bands(window.height, SIDES.0);
         let factors = polynomial(self.high);
-        let mut outputs = Vec::new();
-        let (mut x, mut rest) = (&mut x[PAD * stride..], rest.map(|rest| &mut rest[PAD * stride..]));
-        for band in bands {
-            let length = band.len() * stride;
-            let own = x.split_off_mut(..length).unwrap_or_default();
-            let left = rest.as_mut().map(|rest| rest.split_off_mut(..length).unwrap_or_default());
-            outputs.push((band, own, left));
-        }
-        let work = |(rows, x, mut rest): (Range<usize>, &mut [T], Option<&mut [T]>)| {
-            let mut scratch = pool.lend();
-            for columns in strips(window.width) {
-                let reach = cascade::reach(self.a.terms, DEGREE);
-                let (top, bottom) = (rows.start.saturating_sub(reach), window.height.min(rows.end + reach));
-                let aside = reach.next_multiple_of(MOST);
-                let (left, right) =
-                    (columns.start.saturating_sub(aside), window.width.min(columns.end + aside));
-                let strip = Window {
-                    y: window.y + top,
-                    x: window.x + left,
-                    height: bottom - top,
-                    width: right - left,
-                };
-                let part = |values| Part::new(values, window, (top, left));
-                let out = Out { stride, first: PAD + columns.start, x: &mut *x, rest: rest.as_deref_mut() };
-                let strip = Strip {
-                    a: &self.a,
-                    points: self.points.as_ref().map(|points| (points, window, (top, left))),
-                    window: strip,
-                    e: part(&self.e),
-                    r: part(r),
-                    x: from.map(part),
-                    factors: &factors,
-                    c: CENTRE,
-                    rows: rows.start - top..rows.end - top,
-                    columns: columns.start - left..columns.end - left,
-                    out,
-                };
-                cascade::cascade(isa, strip, &mut scratch);
-            }
+        let left = rest.map_or_else(
+            || active.patches.iter().map(|_| Vec::new()).collect(),
+            |rest| active.split(self.window, rest),
+        );
+        let outputs = active.split(self.window, x).into_iter().zip(left).map(|(x, rest)| Out { x, rest });
+        let outputs: Vec<(Out<'_, T>, &Patch)> = outputs.zip(&active.patches).collect();
+        let work = |(out, patch): (Out<'_, T>, &Patch)| {
+            let Patch { rows, columns, around } = patch;
+            let at = (around.y, around.x);
+            let part = |values| Part::new(values, self.window, at);
+            let strip = Strip {
+                a: &self.a,
+                points: self.points.as_ref().map(|points| (points, self.window, at)),
+                window: Window { y: self.window.y + around.y, x: self.window.x + around.x, ..*around },
+                spans: (&active.spans, at),
+                e: part(&self.e),
+                r: part(r),
+                x: from.map(part),
+                factors: &factors,
+                c: CENTRE,
+                rows: rows.start - around.y..rows.end - around.y,
+                columns: columns.start - around.x..columns.end - around.x,
+                out,
+            };
+            cascade::cascade(isa, strip, &mut pool.lend());
         };
-        if window.is_large() {
-            outputs.into_par_iter().for_each(work);
+        if self.window.is_large() {
+            outputs.into_par_iter().with_max_len(1).for_each(work);
         } else {
             outputs.into_iter().for_each(work);
         }
@@ -118,8 +107,7 @@ impl<T: Lanes> Level<T> {
     pub fn bound(&self, isa: Isa) -> f64 {
         const MARGIN: f64 = 1.2;
         let across = self.window.width.div_ceil(TILE.1);
-        let tiles: Vec<Window> = bands(self.window.height, TILE.0)
-            .into_iter()
+        let tiles: Vec<Window> = parts(self.window.height, TILE.0, 1)
             .flat_map(|rows| (0..across).map(move |k| (rows.start, rows.len(), k)))
             .map(|(first, height, k)| self.part(first, height, k))
             .map(|tile| Window { width: tile.width.min(SAMPLE), ..tile })
@@ -135,7 +123,7 @@ impl<T: Lanes> Level<T> {
     fn largest(&self, isa: Isa, tile: Window) -> f64 {
         const STEPS: usize = 10;
         let at = self.place(tile);
-        let (stride, factors) = (tile.stride(), |norm: f64| [(0.0, -1.0 / norm)]);
+        let factors = |norm: f64| [(0.0, -1.0 / norm)];
         let [mut x, mut next, mut e, zero] = std::array::from_fn(|_| tile.zeros::<T>());
         // A start that is rough and has a share in every free unknown.
         for i in 0..tile.height {
@@ -150,6 +138,7 @@ impl<T: Lanes> Level<T> {
         let mut norm = vector::dot(isa, &x, &x).0.sqrt();
         let mut value = 0.0;
         let mut scratch = Scratch::default();
+        let spans = Spans::all(tile);
         for _ in 0..STEPS {
             if norm.is_nan() || norm <= 0.0 {
                 break;
@@ -160,6 +149,7 @@ impl<T: Lanes> Level<T> {
                 a: &self.a,
                 points: self.points.as_ref().map(|points| (points, self.window, at)),
                 window: tile,
+                spans: (&spans, (0, 0)),
                 e: part(&e),
                 r: part(&zero),
                 x: Some(part(&x)),
@@ -167,7 +157,7 @@ impl<T: Lanes> Level<T> {
                 c: CENTRE,
                 rows: 0..tile.height,
                 columns: 0..tile.width,
-                out: Out { stride, first: PAD, x: &mut next[PAD * stride..], rest: None },
+                out: Out { x: rows(tile, &mut next), rest: Vec::new() },
             };
             cascade::cascade(isa, strip, &mut scratch);
             vector::add_scaled(isa, &mut next, -1.0, &x);
@@ -186,17 +176,4 @@ fn polynomial(high: f64) -> [(f64, f64); DEGREE] {
         let share = if step > 0 { (2.0 * k - 3.0) / (2.0 * k + 1.0) } else { 0.0 };
         (share, (8.0 * k - 4.0) / ((2.0 * k + 1.0) * high))
     })
-}
-
-/// Rows of bands of about the same height, at most `most`.
-fn bands(height: usize, most: usize) -> Vec<Range<usize>> {
-    let count = height.div_ceil(most);
-    (0..count).map(|k| k * height / count..(k + 1) * height / count).collect()
-}
-
-/// Columns of strips of about the same width, each beginning at a multiple of the longest vector.
-fn strips(width: usize) -> impl Iterator<Item = Range<usize>> {
-    let count = width.div_ceil(SIDES.1);
-    let side = width.div_ceil(count).next_multiple_of(MOST);
-    (0..width).step_by(side).map(move |left| left..width.min(left + side))
 }

@@ -8,9 +8,10 @@
 
 use rayon::prelude::*;
 
-use crate::kernel::Isa;
 use crate::kernel::simd::Lanes;
+use crate::kernel::spans::Spans;
 use crate::kernel::stencil::{PAD, Separable, Window, apply};
+use crate::kernel::{Isa, vector};
 use crate::operator::energy::Form;
 use crate::solver::conjugate::{self, Goal};
 use crate::solver::multigrid::Multigrid;
@@ -24,6 +25,8 @@ const PATIENCE: usize = 3;
 const ROUNDS: usize = 40;
 /// The error that order 2 may leave by its estimate, over the last correction that the others may see.
 const EASE: f64 = 30.0;
+/// The error that a cell may be left with where others are corrected further, over what all may have.
+const SPARE: f64 = 0.4;
 /// Rows whose residual one task computes.
 const CHUNK: usize = 32;
 
@@ -102,14 +105,6 @@ impl Region {
         self.window
     }
 
-    /// How many channels to solve at a time, which bounds the memory: a channel keeps all threads busy if the window is large.
-    pub fn side_by_side(&self) -> usize {
-        match self.grids {
-            Grids::Single(_) => 2,
-            Grids::Double(_) => 1,
-        }
-    }
-
     /// Sets the free pixels of the image, all of which the window has to take up, to what the coarse grids make of the samples.
     /// Without coarse grids nothing happens.
     pub fn begin(&self, samples: &Plane, image: &mut Plane, tolerance: f64) {
@@ -126,26 +121,26 @@ impl Region {
         if !grids.start(&mut workspace, &|y, x| (f64::from(samples.at(y, x)) - middle) / tolerance) {
             return;
         }
-        for i in 0..self.window.height {
-            let at = self.window.at(i, 0);
-            let values = workspace.correction()[at..].iter().zip(&grids.free()[at..]);
-            for (value, (c, free)) in image.row_mut(i).iter_mut().zip(values) {
-                if *free != T::ZERO {
-                    *value = (middle + c.to_f64() * tolerance) as f32;
-                }
-            }
-        }
+        self.correct(grids.free(), workspace.correction(), image, |_| middle, tolerance);
     }
 
     /// Replaces the free pixels of `image` in the window by the solution, to within about `tolerance`.
     pub fn solve(&self, samples: &Plane, image: &mut Plane, tolerance: f64, run: &Run<'_>) -> Outcome {
         match &self.grids {
             Grids::Single(grids) => {
-                let goal = Goal { tolerance: 0.0, error: 1.0, least: None, gain: GAIN, patience: PATIENCE };
+                let goal = Goal {
+                    tolerance: 0.0,
+                    error: 1.0,
+                    least: None,
+                    gain: GAIN,
+                    spare: SPARE,
+                    patience: PATIENCE,
+                };
                 self.refine(grids, goal, (samples, image), EASE * tolerance, run)
             }
             Grids::Double(grids) => {
-                let goal = Goal { tolerance: 1.0, error: 0.0, least: None, gain: 0.0, patience: 200 };
+                let goal =
+                    Goal { tolerance: 1.0, error: 0.0, least: None, gain: 0.0, spare: 0.0, patience: 200 };
                 self.refine(grids, goal, (samples, image), tolerance, run)
             }
         }
@@ -160,25 +155,16 @@ impl Region {
         tolerance: f64,
         run: &Run<'_>,
     ) -> Outcome {
-        let window = self.window;
         let mut workspace = grids.workspace();
         let mut outcome = Outcome::direct();
         let mut left = 1.0;
         for _ in 0..ROUNDS {
             // In units of the tolerance, which suit f32 whatever the range of the image.
-            self.residual(samples, image, grids.free(), 1.0 / tolerance, workspace.residual());
+            let (spans, residual) = workspace.residual();
+            self.residual(samples, image, (grids.free(), spans), 1.0 / tolerance, residual);
             let ending = conjugate::solve(grids, &mut workspace, goal, run);
-            let c = workspace.correction();
-            for i in 0..window.height {
-                let row = &mut image.row_mut(window.y + i)[window.x..][..window.width];
-                let at = window.at(i, 0);
-                for ((value, c), free) in row.iter_mut().zip(&c[at..]).zip(&grids.free()[at..]) {
-                    if *free != T::ZERO {
-                        *value = (f64::from(*value) + c.to_f64() * tolerance) as f32;
-                    }
-                }
-            }
-            goal.least = ending.least.is_finite().then_some(ending.least);
+            self.correct(grids.free(), workspace.correction(), image, f64::from, tolerance);
+            goal.least = Some(ending.least).filter(|least| least.is_finite());
             left *= ending.residual;
             outcome.iterations += ending.iterations;
             outcome.residual = Some(left);
@@ -186,49 +172,88 @@ impl Region {
             let over = !matches!(ending.stop, Stop::Converged | Stop::IterationLimit)
                 || (ending.stop == Stop::IterationLimit && ending.iterations == 0)
                 || goal.gain == 0.0;
-            // The correction was so small that its rounding does not matter.
-            let exact = ending.stop == Stop::Converged && goal.gain * ending.first <= 1.0;
-            if over || exact {
+            // A correction so small that its rounding does not matter is exact.
+            let near = ending.stop == Stop::Converged && ending.left <= goal.error;
+            if over || !grids.take_up(&mut workspace, SPARE / GAIN, !near) {
                 return outcome;
             }
         }
         Outcome { stop: Stop::IterationLimit, ..outcome }
     }
 
-    /// Sets `residual` to `scale (diag(pull) (samples - image) - H image)`, computed in f64, at free pixels and to zero elsewhere.
-    /// Pixels around the window count.
-    fn residual<T: Lanes>(&self, samples: &Plane, image: &Plane, free: &[T], scale: f64, residual: &mut [T]) {
+    /// Changes the free pixels of `image` in the window to what `before` makes of them and `scale c`.
+    fn correct<T: Lanes>(
+        &self,
+        free: &[T],
+        c: &[T],
+        image: &mut Plane,
+        before: impl Fn(f32) -> f64 + Sync,
+        scale: f64,
+    ) {
+        let (window, width) = (self.window, image.size().width);
+        let chunk = |(i, row): (usize, &mut [f32])| {
+            let at = window.at(i, 0);
+            let row = &mut row[window.x..][..window.width];
+            for ((value, c), free) in row.iter_mut().zip(&c[at..]).zip(&free[at..]) {
+                let new = (before(*value) + c.to_f64() * scale) as f32;
+                *value = if *free == T::ZERO { *value } else { new };
+            }
+        };
+        let rows = &mut image.pixels_mut()[window.y * width..][..window.height * width];
+        if window.is_large() {
+            rows.par_chunks_mut(width).enumerate().for_each(chunk);
+        } else {
+            rows.chunks_mut(width).enumerate().for_each(chunk);
+        }
+    }
+
+    /// Sets `residual` to `scale (diag(pull) (samples - image) - H image)`, computed in f64, at free pixels of the spans and to
+    /// anything elsewhere. Pixels around the window count.
+    fn residual<T: Lanes>(
+        &self,
+        samples: &Plane,
+        image: &Plane,
+        (free, spans): (&[T], &Spans),
+        scale: f64,
+        residual: &mut [T],
+    ) {
         let (window, size) = (self.window, image.size());
         let stride = window.stride();
         let chunk = |(index, rows): (usize, &mut [T])| {
-            let part = Window { y: window.y + index * CHUNK, height: rows.len() / stride, ..window };
+            let own = index * CHUNK..index * CHUNK + rows.len() / stride;
+            let Some(columns) = spans.columns(own.clone(), 0..window.width) else { return };
+            let part = Window {
+                y: window.y + own.start,
+                x: window.x + columns.start,
+                height: own.len(),
+                width: columns.len(),
+            };
             // With what lies around it in the image; zeros beyond.
             let mut values = part.zeros::<f64>();
             let (left, right) = (part.x.min(PAD), PAD.min(size.width - part.x - part.width));
             for k in 0..part.height + 2 * PAD {
                 let Some(y) = (part.y + k).checked_sub(PAD).filter(|&y| y < size.height) else { continue };
                 let row = &image.row(y)[part.x - left..][..left + part.width + right];
-                for (value, &pixel) in values[k * stride + PAD - left..].iter_mut().zip(row) {
+                for (value, &pixel) in values[k * part.stride() + PAD - left..].iter_mut().zip(row) {
                     *value = f64::from(pixel);
                 }
             }
             let mut product = part.zeros::<f64>();
             apply(self.isa, &self.matrix, part, &values, None, &mut product);
             for i in 0..part.height {
-                let (at, whole) = (part.at(i, 0), window.at(part.y - window.y + i, 0));
-                let row = &mut rows[i * stride + PAD..][..part.width];
-                let free = &free[whole..];
-                for (j, out) in row.iter_mut().enumerate() {
-                    let mut value = -product[at + j];
-                    if let Some(pull) =
-                        self.pull.as_ref().map(|pull| pull[whole + j]).filter(|&pull| pull > 0.0)
-                    {
-                        let (row, column) = (part.y + i, part.x + j);
-                        let sample = f64::from(samples.at(row, column));
-                        value += pull * (sample - f64::from(image.at(row, column)));
+                let whole = window.at(own.start + i, columns.start);
+                let product = &mut product[part.at(i, 0)..][..part.width];
+                if let Some(pull) = &self.pull {
+                    let [image, samples] = [image, samples].map(|plane| &plane.row(part.y + i)[part.x..]);
+                    let pulls = pull[whole..].iter().zip(image.iter().zip(samples));
+                    for (value, (&pull, (&pixel, &sample))) in product.iter_mut().zip(pulls) {
+                        if pull > 0.0 {
+                            *value -= pull * (f64::from(sample) - f64::from(pixel));
+                        }
                     }
-                    *out = if free[j] == T::ZERO { T::ZERO } else { T::from_f64(value * scale) };
                 }
+                let out = &mut rows[i * stride + PAD + columns.start..][..part.width];
+                vector::lacking(self.isa, &free[whole..][..part.width], scale, product, out);
             }
         };
         let rows = &mut residual[PAD * stride..][..window.height * stride];

@@ -1,0 +1,174 @@
+//! Columns of data as sums of others, by least squares, and an order in which the others come first.
+//!
+//! Source: G. Golub, C. Van Loan, "Matrix Computations", 4th edition, 2013, section 5.3.
+
+/// Largest sum of the sizes of the factors of columns in units of their ranges: errors of those columns add up by it.
+const LARGEST: f64 = 1.5;
+/// Share of the variance that may be left where it pays.
+const PAYS: f64 = 0.5;
+/// A column of which those before leave less than this share of the variance is no help.
+const ALIKE: f64 = 1e-6;
+
+/// A constant and factors of other columns.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Line {
+    /// What is added.
+    pub constant: f64,
+    /// Numbers of columns, and what these are multiplied by.
+    pub factors: Vec<(usize, f64)>,
+}
+
+/// In which order to take columns, given as values and range; those with a range of zero are left out. With each, what those
+/// before it explain, where that pays.
+pub fn order(columns: &[(Vec<f32>, f64)]) -> Vec<(usize, Option<Line>)> {
+    let mut open: Vec<usize> = (0..columns.len()).filter(|&k| columns[k].1 > 0.0).collect();
+    let moments = Moments::new(columns);
+    let mut order = Vec::new();
+    // From the last one on: that of which the others leave least.
+    while open.len() > 1 {
+        let explain = |(index, &k): (usize, &usize)| {
+            let others: Vec<usize> = open.iter().copied().filter(|&j| j != k).collect();
+            moments.explain(&others, k).map(|(left, line)| (left, index, line))
+        };
+        let least = open.iter().enumerate().filter_map(explain).reduce(|a, b| if b.0 <= a.0 { b } else { a });
+        let Some((_, index, line)) = least else { break };
+        order.push((open.remove(index), Some(line)));
+    }
+    order.extend(open.into_iter().rev().map(|k| (k, None)));
+    order.reverse();
+    order
+}
+
+/// Means of columns and products of their differences from these, in units of their ranges.
+struct Moments {
+    ranges: Vec<f64>,
+    means: Vec<f64>,
+    products: Vec<Vec<f64>>,
+}
+
+impl Moments {
+    fn new(columns: &[(Vec<f32>, f64)]) -> Self {
+        let n = columns.len();
+        let units = |k: usize| {
+            let (values, range) = &columns[k];
+            values.iter().map(move |&value| if *range > 0.0 { f64::from(value) / range } else { 0.0 })
+        };
+        let mean = |k: usize| units(k).sum::<f64>() / (columns[k].0.len().max(1)) as f64;
+        let means: Vec<f64> = (0..n).map(mean).collect();
+        let mut products = vec![vec![0.0; n]; n];
+        for i in 0..n {
+            for j in 0..=i {
+                let terms = units(i).zip(units(j)).map(|(a, b)| (a - means[i]) * (b - means[j]));
+                products[i][j] = terms.sum();
+                products[j][i] = products[i][j];
+            }
+        }
+        Self { ranges: columns.iter().map(|column| column.1).collect(), means, products }
+    }
+
+    /// The share of the variance of column `k` that others leave, and how they explain the rest; `None` if that does not pay.
+    fn explain(&self, others: &[usize], k: usize) -> Option<(f64, Line)> {
+        let all: Vec<usize> = others.iter().copied().chain([k]).collect();
+        let row = |&i: &usize| all.iter().map(|&j| self.products[i][j]).collect::<Vec<f64>>();
+        let mut m: Vec<Vec<f64>> = all.iter().map(row).collect();
+        let own = others.len();
+        let whole = m[own][own];
+        // Elimination down the diagonal, which is what is left of each column's variance.
+        let mut used = Vec::new();
+        for i in 0..own {
+            if m[i][i] > ALIKE * self.products[all[i]][all[i]] {
+                used.push(i);
+                let pivot = m[i].clone();
+                for row in &mut m[i + 1..] {
+                    let factor = row[i] / pivot[i];
+                    row.iter_mut().zip(&pivot).for_each(|(x, p)| *x -= factor * p);
+                }
+            }
+        }
+        let mut factors = vec![0.0; own];
+        for (number, &i) in used.iter().enumerate().rev() {
+            let rest: f64 = used[number + 1..].iter().map(|&j| m[i][j] * factors[j]).sum();
+            factors[i] = (m[i][own] - rest) / m[i][i];
+        }
+        let left = m[own][own].max(0.0) / whole;
+        let size: f64 = factors.iter().map(|factor| factor.abs()).sum();
+        if !(whole > 0.0 && left <= PAYS && size <= LARGEST) {
+            return None;
+        }
+        let mean = |k: usize| self.means[k] * self.ranges[k];
+        let factors: Vec<(usize, f64)> =
+            others.iter().zip(factors).map(|(&j, a)| (j, a * self.ranges[k] / self.ranges[j])).collect();
+        let constant = mean(k) - factors.iter().map(|&(j, a)| a * mean(j)).sum::<f64>();
+        Some((left, Line { constant, factors }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noise(k: usize, seed: usize) -> f32 {
+        ((k * 7919 + seed * 104_729 + 17) % 1009) as f32 / 1009.0
+    }
+
+    fn column(value: impl Fn(usize) -> f32) -> (Vec<f32>, f64) {
+        let values: Vec<f32> = (0..500).map(value).collect();
+        let (low, high) =
+            values.iter().fold((f32::MAX, f32::MIN), |(low, high), v| (low.min(*v), high.max(*v)));
+        (values, f64::from(high - low))
+    }
+
+    /// A mixture of two columns is found whichever place it has; it comes last, and is what the line says.
+    #[test]
+    fn a_mixture_is_explained_by_its_parts() {
+        let (a, b) = (|k: usize| 3.0 + noise(k, 1), |k: usize| 1e3 * noise(k, 2));
+        let mixture = move |k: usize| -7.0 + 0.4 * a(k) + 5e-4 * b(k);
+        for place in 0..3 {
+            let mut columns = vec![column(a), column(b)];
+            columns.insert(place, column(mixture));
+            let order = order(&columns);
+            assert_eq!(order.len(), 3);
+            assert!(order[0].1.is_none() && order[1].1.is_none(), "{order:?}");
+            assert_eq!(order[2].0, place);
+            let line = order[2].1.as_ref().unwrap();
+            for k in 0..500 {
+                let terms = line.factors.iter().map(|&(j, factor)| factor * f64::from(columns[j].0[k]));
+                let value = line.constant + terms.sum::<f64>();
+                assert!(
+                    (value - f64::from(mixture(k))).abs() <= 64.0 * f64::from(f32::EPSILON) * 7.0,
+                    "{value}"
+                );
+            }
+        }
+    }
+
+    /// What has nothing in common, or is constant, is left alone, as is what others explain by large factors only.
+    #[test]
+    fn what_does_not_pay_is_not_explained() {
+        let columns =
+            [column(|k| noise(k, 1)), column(|_| 2.0), column(|k| noise(k, 2)), column(|k| noise(k, 3))];
+        assert_eq!(order(&columns), vec![(0, None), (2, None), (3, None)]);
+        // Of `b`, `a + b / 100` and `a`, each of the latter explains the other; for the third it takes factors of 100.
+        let (a, b) = (|k: usize| noise(k, 1), |k: usize| noise(k, 2));
+        let columns = [column(b), column(move |k| a(k) + b(k) / 100.0), column(a)];
+        let order = order(&columns);
+        assert_eq!(order.iter().filter(|column| column.1.is_some()).count(), 1, "{order:?}");
+        assert!(
+            order.iter().flat_map(|column| &column.1).flat_map(|line| &line.factors).all(|f| f.1.abs() < 1.2)
+        );
+        // Twice the same: the second copy is of no use to the others.
+        let columns = [column(a), column(a), column(move |k| a(k) + 0.1 * b(k))];
+        let order = order_of(&columns);
+        assert_eq!(order.len(), 3);
+    }
+
+    fn order_of(columns: &[(Vec<f32>, f64)]) -> Vec<usize> {
+        order(columns).into_iter().map(|column| column.0).collect()
+    }
+
+    #[test]
+    fn nothing_makes_an_empty_order() {
+        assert!(order(&[]).is_empty());
+        assert!(order(&[(Vec::new(), 0.0)]).is_empty());
+    }
+}
