@@ -24,7 +24,7 @@ pub struct Ending {
     pub stop: Stop,
     /// Iterations taken.
     pub iterations: usize,
-    /// The residual's norm, measured by the preconditioner, over that of the start.
+    /// The residual's norm, measured by the preconditioner, over that of the start; without cells that were left out.
     pub residual: f64,
     /// Largest error left, by the last correction and the least eigenvalue.
     pub left: f64,
@@ -85,9 +85,8 @@ pub fn solve<T: Lanes>(
     run: &Run<'_>,
 ) -> Ending {
     let isa = grids.isa();
-    let (mut before, mut first, mut step) = (0.0, (0.0, 0.0), 0.0);
+    let (mut before, mut curvature, mut first, mut step) = (0.0, 0.0, (0.0, 0.0), 0.0);
     let (mut smallest, mut age) = (f64::INFINITY, 0);
-    let mut curvature = 0.0;
     // `steps`: those since the directions began.
     let (mut iterations, mut steps) = (0, 0);
     let mut lanczos = Lanczos::default();

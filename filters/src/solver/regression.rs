@@ -4,6 +4,10 @@
 
 /// Largest sum of the sizes of the factors of columns in units of their ranges: errors of those columns add up by it.
 const LARGEST: f64 = 1.5;
+/// Largest value of a column over its range: its values are rounded, and its factor multiplies that.
+const FARTHEST: f64 = 100.0;
+/// Values that are looked at, at most, evenly taken.
+const VALUES: usize = 1 << 16;
 /// Share of the variance that may be left where it pays.
 const PAYS: f64 = 0.5;
 /// A column of which those before leave less than this share of the variance is no help.
@@ -18,16 +22,36 @@ pub struct Line {
     pub factors: Vec<(usize, f64)>,
 }
 
-/// In which order to take columns, given as values and range; those with a range of zero are left out. With each, what those
-/// before it explain, where that pays.
-pub fn order(columns: &[(Vec<f32>, f64)]) -> Vec<(usize, Option<Line>)> {
-    let mut open: Vec<usize> = (0..columns.len()).filter(|&k| columns[k].1 > 0.0).collect();
+/// A column: some of its values, which belong to those of other columns by number, and the range of all.
+#[derive(Clone, Debug)]
+pub struct Column {
+    values: Vec<f32>,
+    /// The largest of all values less the smallest.
+    pub range: f64,
+}
+
+impl Column {
+    /// Takes so many values of this range.
+    pub fn new(values: impl Iterator<Item = f32>, count: usize, range: f64) -> Self {
+        Self { values: values.step_by(count.div_ceil(VALUES).max(1)).collect(), range }
+    }
+}
+
+/// In which order to take columns; those with a range of zero are left out. With each, what those before it explain, where that
+/// pays.
+pub fn order(columns: &[Column]) -> Vec<(usize, Option<Line>)> {
+    let mut open: Vec<usize> = (0..columns.len()).filter(|&k| columns[k].range > 0.0).collect();
     let moments = Moments::new(columns);
+    let near = |k: usize| {
+        let Column { values, range } = &columns[k];
+        values.iter().all(|value| f64::from(value.abs()) <= FARTHEST * range)
+    };
+    let near: Vec<bool> = (0..columns.len()).map(near).collect();
     let mut order = Vec::new();
     // From the last one on: that of which the others leave least.
     while open.len() > 1 {
         let explain = |(index, &k): (usize, &usize)| {
-            let others: Vec<usize> = open.iter().copied().filter(|&j| j != k).collect();
+            let others: Vec<usize> = open.iter().copied().filter(|&j| j != k && near[j]).collect();
             moments.explain(&others, k).map(|(left, line)| (left, index, line))
         };
         let least = open.iter().enumerate().filter_map(explain).reduce(|a, b| if b.0 <= a.0 { b } else { a });
@@ -47,13 +71,13 @@ struct Moments {
 }
 
 impl Moments {
-    fn new(columns: &[(Vec<f32>, f64)]) -> Self {
+    fn new(columns: &[Column]) -> Self {
         let n = columns.len();
         let units = |k: usize| {
-            let (values, range) = &columns[k];
+            let Column { values, range } = &columns[k];
             values.iter().map(move |&value| if *range > 0.0 { f64::from(value) / range } else { 0.0 })
         };
-        let mean = |k: usize| units(k).sum::<f64>() / (columns[k].0.len().max(1)) as f64;
+        let mean = |k: usize| units(k).sum::<f64>() / columns[k].values.len().max(1) as f64;
         let means: Vec<f64> = (0..n).map(mean).collect();
         let mut products = vec![vec![0.0; n]; n];
         for i in 0..n {
@@ -63,7 +87,7 @@ impl Moments {
                 products[j][i] = products[i][j];
             }
         }
-        Self { ranges: columns.iter().map(|column| column.1).collect(), means, products }
+        Self { ranges: columns.iter().map(|column| column.range).collect(), means, products }
     }
 
     /// The share of the variance of column `k` that others leave, and how they explain the rest; `None` if that does not pay.
@@ -111,11 +135,11 @@ mod tests {
         ((k * 7919 + seed * 104_729 + 17) % 1009) as f32 / 1009.0
     }
 
-    fn column(value: impl Fn(usize) -> f32) -> (Vec<f32>, f64) {
+    fn column(value: impl Fn(usize) -> f32) -> Column {
         let values: Vec<f32> = (0..500).map(value).collect();
         let (low, high) =
             values.iter().fold((f32::MAX, f32::MIN), |(low, high), v| (low.min(*v), high.max(*v)));
-        (values, f64::from(high - low))
+        Column::new(values.into_iter(), 500, f64::from(high - low))
     }
 
     /// A mixture of two columns is found whichever place it has; it comes last, and is what the line says.
@@ -132,7 +156,7 @@ mod tests {
             assert_eq!(order[2].0, place);
             let line = order[2].1.as_ref().unwrap();
             for k in 0..500 {
-                let terms = line.factors.iter().map(|&(j, factor)| factor * f64::from(columns[j].0[k]));
+                let terms = line.factors.iter().map(|&(j, factor)| factor * f64::from(columns[j].values[k]));
                 let value = line.constant + terms.sum::<f64>();
                 assert!(
                     (value - f64::from(mixture(k))).abs() <= 64.0 * f64::from(f32::EPSILON) * 7.0,
@@ -156,19 +180,41 @@ mod tests {
         assert!(
             order.iter().flat_map(|column| &column.1).flat_map(|line| &line.factors).all(|f| f.1.abs() < 1.2)
         );
-        // Twice the same: the second copy is of no use to the others.
-        let columns = [column(a), column(a), column(move |k| a(k) + 0.1 * b(k))];
-        let order = order_of(&columns);
-        assert_eq!(order.len(), 3);
     }
 
-    fn order_of(columns: &[(Vec<f32>, f64)]) -> Vec<usize> {
-        order(columns).into_iter().map(|column| column.0).collect()
+    /// Of two copies each explains the other, and a third column needs but one.
+    #[test]
+    fn a_copy_is_of_no_more_use() {
+        let (a, b) = (|k: usize| noise(k, 1), |k: usize| noise(k, 2));
+        let columns = [column(a), column(a), column(move |k| a(k) + 0.1 * b(k))];
+        let order = order(&columns);
+        let lines: Vec<&Line> = order.iter().filter_map(|column| column.1.as_ref()).collect();
+        assert_eq!(lines.len(), 2, "{order:?}");
+        for line in lines {
+            assert_eq!(line.factors.iter().filter(|factor| factor.1.abs() > 1e-9).count(), 1, "{order:?}");
+        }
+    }
+
+    /// Values far from zero are rounded so that what they explain would be rounded, too.
+    #[test]
+    fn a_column_far_from_zero_explains_nothing() {
+        let columns = [column(|k| 1000.0 + noise(k, 1)), column(|k| noise(k, 1))];
+        let order = order(&columns);
+        let explained: Vec<usize> =
+            order.iter().filter(|column| column.1.is_some()).map(|column| column.0).collect();
+        assert_eq!(explained, [0]);
+    }
+
+    #[test]
+    fn many_values_are_taken_evenly() {
+        let column = Column::new((0..200_000).map(|k| k as f32), 200_000, 2e5);
+        assert!(column.values.len() <= VALUES && column.values.len() > VALUES / 2);
+        assert_eq!(column.values[1] - column.values[0], column.values[9] - column.values[8]);
     }
 
     #[test]
     fn nothing_makes_an_empty_order() {
         assert!(order(&[]).is_empty());
-        assert!(order(&[(Vec::new(), 0.0)]).is_empty());
+        assert!(order(&[Column::new(std::iter::empty(), 0, 0.0)]).is_empty());
     }
 }

@@ -53,8 +53,9 @@
 //! `kernel/step.rs`). Multigrid takes 4 to 9 iterations of 7 applications at order 2, most of them on a part of the image (on four
 //! renders at 1 % they amount to two to three on all of it), up to a hundred and more at order 3.
 //!
-//! Memory beyond samples and result: 0.9 megabytes a thread for tiles (order 3: 1.5). For multigrid 5 planes of a rectangle, and 13 for
-//! each channel that is being solved: around holes all channels in f32, on the whole image one at a time, in f32 (order 2) or f64.
+//! Memory beyond samples and result: 0.9 megabytes a thread for tiles (order 3: 1.5). For multigrid 5 planes of a rectangle, and 9 for
+//! each channel that is being solved: around holes all channels in f32, on the whole image one at a time, in f32 (order 2) or f64, and
+//! two planes of samples.
 //!
 //! The outcome's residual: the largest entry of the preconditioned residual that the last sweep left where it looked over that
 //! before the first; with holes the larger of this and the same for the first solve of any rectangle.

@@ -1,6 +1,6 @@
 //! What of a window is worked on: cells of the finest grid where something is left to correct, and their share of every grid.
 //!
-//! All else is held at zero, on every grid, as measured pixels are. The smoother takes what counts in patches: rectangles of the size
+//! All else is held at zero, on every grid, as measured pixels are (the coarsest is solved as a whole, and cut to what counts). The smoother takes what counts in patches: rectangles of the size
 //! of its strips, cut where that leaves out more than is computed twice.
 
 use std::ops::Range;

@@ -26,7 +26,7 @@ const ROUNDS: usize = 40;
 /// The error that order 2 may leave by its estimate, over the last correction that the others may see.
 const EASE: f64 = 30.0;
 /// The error that a cell may be left with where others are corrected further, over what all may have.
-const SPARE: f64 = 0.4;
+const SPARE: f64 = 0.25;
 /// Rows whose residual one task computes.
 const CHUNK: usize = 32;
 

@@ -9,11 +9,15 @@ use rayon::prelude::*;
 
 use super::region::Region;
 use crate::kernel::extremes::range;
-use crate::solver::regression::{self, Line};
+use crate::solver::regression::{self, Column, Line};
 use crate::{Mask, Outcome, Plane, Run};
 
-/// Ranges of channels of which parts may be solved for.
+/// Ranges of channels of which parts may be solved for: differences of larger values may be too large, of smaller ones too coarse.
 const EXPLAINED: std::ops::Range<f64> = 1e-30..1e30;
+/// The error that a channel may have with what others bring along, over its own: what the aim leaves (`EASE` in [`super::region`]).
+const ERROR: f64 = 1.6;
+/// Less of its own is not worth it.
+const OWN: f64 = 0.3;
 
 /// What the channels have in common.
 pub struct Whole<'a> {
@@ -32,19 +36,27 @@ pub struct Whole<'a> {
 impl Whole<'_> {
     /// Replaces the free pixels of all channels by the solutions. Channels of one value keep what they have.
     pub fn solve(&self, samples: &[Plane], out: &mut [Plane], run: &Run<'_>) -> Outcome {
+        let count = self.mask.as_slice().iter().filter(|measured| **measured).count();
         let column = |plane: &Plane| {
             let (low, high) = range(self.mask.as_slice(), plane.pixels());
             let measured = plane.pixels().iter().zip(self.mask.as_slice()).filter(|(_, measured)| **measured);
-            (measured.map(|(value, _)| *value).collect(), f64::from(high) - f64::from(low))
+            Column::new(measured.map(|(value, _)| *value), count, f64::from(high) - f64::from(low))
         };
-        let columns: Vec<(Vec<f32>, f64)> = samples.par_iter().map(column).collect();
-        let order = regression::order(&columns);
-        let ranges: Vec<f64> = columns.into_iter().map(|column| column.1).collect();
+        let columns: Vec<Column> = samples.par_iter().map(column).collect();
         let mut worst = Outcome::direct();
-        for (k, line) in order {
-            let tolerance = self.tolerance * ranges[k];
-            // Differences of larger values may be too large, of smaller ones too coarse.
-            worst = worst.worst(match line.filter(|_| EXPLAINED.contains(&ranges[k])) {
+        // Per channel its error with those of others, over what one may have alone.
+        let mut errors = vec![1.0; samples.len()];
+        for (k, line) in regression::order(&columns) {
+            let wide = columns[k].range;
+            let brought = |line: &Line| -> f64 {
+                line.factors.iter().map(|&(j, a)| a.abs() * columns[j].range / wide * errors[j]).sum()
+            };
+            let line = line.filter(|line| EXPLAINED.contains(&wide) && brought(line) <= ERROR - OWN);
+            let brought = line.as_ref().map_or(0.0, brought);
+            let own = (ERROR - brought).min(1.0);
+            errors[k] = own + brought;
+            let tolerance = own * self.tolerance * wide;
+            worst = worst.worst(match line {
                 None => self.channel(&samples[k], &mut out[k], tolerance, run),
                 Some(line) => {
                     let rest = self.rest(samples, k, &line);
@@ -168,13 +180,20 @@ mod tests {
         let mixture = Plane::from_fn(SIZE, |y, x| {
             5.0 + 0.4 * a.at(y, x) + 0.6 * b.at(y, x) + (y as f32 / 5.0).sin() / 50.0
         });
-        let channels = [a, mixture, flat, b];
+        // Samples that are rounded to more than the aim of the first, which has the same shape.
+        let far = Plane::from_fn(SIZE, |y, x| 1000.0 + 1e-2 * a.at(y, x));
+        let channels = [a, mixture, flat, b, far];
         for settings in [Settings::default(), Settings { lambda: 0.2, ..Settings::default() }] {
             let together = solve(&settings, &mask, &channels, AIM);
             for (channel, together) in channels.iter().zip(&together) {
                 let alone = solve(&settings, &mask, std::slice::from_ref(channel), AIM);
                 let distance = distance(&alone[0], together);
-                assert!(distance <= 2.0 * RANGE * AIM, "{settings}: {distance}");
+                let top =
+                    |from: f32| channel.pixels().iter().fold(0.0, |top: f32, x| top.max((x - from).abs()));
+                // Values far from zero are rounded in the end.
+                let (range, rounding) =
+                    (f64::from(top(channel.at(0, 0))), f64::from(f32::EPSILON * top(0.0)));
+                assert!(distance <= 2.0 * (AIM * range + rounding), "{settings}: {distance} of {range}");
                 for (y, x) in (0..SIZE.height).flat_map(|y| (0..SIZE.width).map(move |x| (y, x))) {
                     let kept = settings.lambda > 0.0 || !mask.is_measured(y, x);
                     assert!(kept || together.at(y, x).to_bits() == channel.at(y, x).to_bits());
