@@ -2,7 +2,8 @@
 //!
 //! Order 2 is solved in f32 by iterative refinement: the residual of the image as it stands is computed in f64, its
 //! correction in f32 to two digits, and so on. Rounding the image to f32 in between costs nothing, as the next residual is
-//! that of the rounded image. Third order, smoothing, and energies without tension are solved in f64 in one go.
+//! that of the rounded image. Third order, smoothing, energies without tension, and windows that are little more than a line, where the
+//! least eigenvalue is smaller than a few iterations show, are solved in f64 in one go.
 //!
 //! Source: J. Wilkinson, "Rounding Errors in Algebraic Processes", HMSO 1963 (iterative refinement).
 
@@ -27,6 +28,8 @@ const ROUNDS: usize = 40;
 const EASE: f64 = 30.0;
 /// The error that a cell may be left with where others are corrected further, over what all may have.
 const SPARE: f64 = 0.25;
+/// Rows or columns from which on f32 is taken.
+const NARROW: usize = 16;
 /// Rows whose residual one task computes.
 const CHUNK: usize = 32;
 
@@ -34,7 +37,7 @@ const CHUNK: usize = 32;
 enum Grids {
     /// For the well-posed case.
     Single(Multigrid<f32>),
-    /// For third order, smoothing, and energies that may leave an image undetermined.
+    /// For third order, smoothing, energies that may leave an image undetermined, and lines.
     Double(Multigrid<f64>),
 }
 
@@ -91,7 +94,8 @@ impl Region {
             }
             form.energy(size, spacing)
         };
-        let grids = if form.order == 2 && form.tension > 0.0 && pull.is_none() {
+        let wide = window.height.min(window.width) >= NARROW;
+        let grids = if form.order == 2 && form.tension > 0.0 && pull.is_none() && wide {
             let free = free.into_iter().map(|free| free as f32).collect();
             Grids::Single(Multigrid::new(isa, window, &mut matrix, free, None))
         } else {

@@ -352,6 +352,16 @@ fn narrow_images_meet_the_whole() {
 }
 
 /// Squares of very large and of very small numbers do not fit f32.
+/// Samples hundreds of pixels apart on a line.
+#[test]
+fn a_line_with_few_samples_meets_the_direct_solution() {
+    let size = Size::new(1, 1500);
+    let samples = Plane::from_fn(size, |_, x| (x as f32 / 20.0).sin() + 0.1 * (x % 7) as f32);
+    for seed in [3, 4] {
+        compare(&Settings::default(), &samples, &random_mask(size, 0.004, seed), None);
+    }
+}
+
 #[test]
 fn ranges_of_any_size_are_solved() {
     let size = Size::new(130, 190);
