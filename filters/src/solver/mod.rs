@@ -2,6 +2,7 @@
 
 pub mod anchored;
 pub mod bottom;
+pub mod cholesky;
 pub mod conjugate;
 pub mod factor;
 pub mod lanczos;

@@ -2,6 +2,8 @@
 //!
 //! Source: G. Golub, C. Van Loan, "Matrix Computations", 4th edition, 2013, section 5.3.
 
+use super::cholesky::Cholesky;
+
 /// Largest sum of the sizes of the factors of columns in units of their ranges: errors of those columns add up by it.
 const LARGEST: f64 = 1.5;
 /// Largest value of a column over its range: its values are rounded, and its factor multiplies that.
@@ -92,36 +94,21 @@ impl Moments {
 
     /// The share of the variance of column `k` that others leave, and how they explain the rest; `None` if that does not pay.
     fn explain(&self, others: &[usize], k: usize) -> Option<(f64, Line)> {
-        let all: Vec<usize> = others.iter().copied().chain([k]).collect();
-        let row = |&i: &usize| all.iter().map(|&j| self.products[i][j]).collect::<Vec<f64>>();
-        let mut m: Vec<Vec<f64>> = all.iter().map(row).collect();
-        let own = others.len();
-        let whole = m[own][own];
-        // Elimination down the diagonal, which is what is left of each column's variance.
-        let mut used = Vec::new();
-        for i in 0..own {
-            if m[i][i] > ALIKE * self.products[all[i]][all[i]] {
-                used.push(i);
-                let pivot = m[i].clone();
-                for row in &mut m[i + 1..] {
-                    let factor = row[i] / pivot[i];
-                    row.iter_mut().zip(&pivot).for_each(|(x, p)| *x -= factor * p);
-                }
-            }
-        }
-        let mut factors = vec![0.0; own];
-        for (number, &i) in used.iter().enumerate().rev() {
-            let rest: f64 = used[number + 1..].iter().map(|&j| m[i][j] * factors[j]).sum();
-            factors[i] = (m[i][own] - rest) / m[i][i];
-        }
-        let left = m[own][own].max(0.0) / whole;
+        let factor = Cholesky::new(others.len(), ALIKE, |i, j| self.products[others[i]][others[j]]);
+        let shared: Vec<f64> = others.iter().map(|&j| self.products[j][k]).collect();
+        let mut factors = shared.clone();
+        factor.solve(&mut factors);
+        let whole = self.products[k][k];
+        let explained: f64 = factors.iter().zip(&shared).map(|(factor, shared)| factor * shared).sum();
+        let left = (whole - explained).max(0.0) / whole;
         let size: f64 = factors.iter().map(|factor| factor.abs()).sum();
         if !(whole > 0.0 && left <= PAYS && size <= LARGEST) {
             return None;
         }
         let mean = |k: usize| self.means[k] * self.ranges[k];
+        let used = others.iter().zip(factors).filter(|factor| factor.1 != 0.0);
         let factors: Vec<(usize, f64)> =
-            others.iter().zip(factors).map(|(&j, a)| (j, a * self.ranges[k] / self.ranges[j])).collect();
+            used.map(|(&j, a)| (j, a * self.ranges[k] / self.ranges[j])).collect();
         let constant = mean(k) - factors.iter().map(|&(j, a)| a * mean(j)).sum::<f64>();
         Some((left, Line { constant, factors }))
     }

@@ -1,0 +1,77 @@
+//! Cholesky's factorisation of a small symmetric matrix, dense and in f64; unknowns that others determine are left at zero.
+//!
+//! Source: G. Golub, C. Van Loan, "Matrix Computations", 4th edition, 2013, section 4.2.
+
+/// `L` with `A = L L'`, row by row.
+#[derive(Clone, Debug)]
+pub struct Cholesky {
+    n: usize,
+    lower: Vec<f64>,
+}
+
+impl Cholesky {
+    /// Factors the matrix of `n` unknowns with these entries. A pivot of at most `singular` times the diagonal counts as zero.
+    pub fn new(n: usize, singular: f64, entry: impl Fn(usize, usize) -> f64) -> Self {
+        let mut lower = vec![0.0; n * n];
+        for row in 0..n {
+            let whole = entry(row, row);
+            for column in 0..=row {
+                let mut sum = entry(row, column);
+                for k in 0..column {
+                    sum -= lower[row * n + k] * lower[column * n + k];
+                }
+                let pivot = lower[column * n + column];
+                lower[row * n + column] = if row == column {
+                    if sum > singular * whole { sum.sqrt() } else { 0.0 }
+                } else if pivot > 0.0 {
+                    sum / pivot
+                } else {
+                    0.0
+                };
+            }
+        }
+        Self { n, lower }
+    }
+
+    /// Replaces a right-hand side by the solution.
+    pub fn solve(&self, y: &mut [f64]) {
+        let Self { n, lower } = self;
+        let divide = |value: f64, i: usize| {
+            let pivot = lower[i * n + i];
+            if pivot > 0.0 { value / pivot } else { 0.0 }
+        };
+        for i in 0..*n {
+            let sum: f64 = (0..i).map(|k| lower[i * n + k] * y[k]).sum();
+            y[i] = divide(y[i] - sum, i);
+        }
+        for i in (0..*n).rev() {
+            let sum: f64 = (i + 1..*n).map(|k| lower[k * n + i] * y[k]).sum();
+            y[i] = divide(y[i] - sum, i);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `B B'` of some numbers, for which the solution is known; the last unknown may repeat the first.
+    #[test]
+    fn it_solves_and_leaves_what_others_determine_at_zero() {
+        let n = 9;
+        for repeated in [false, true] {
+            let row = |i: usize| if repeated && i + 1 == n { 0 } else { i };
+            let b = |i: usize, k: usize| {
+                ((row(i) * 7919 + k * 3571 + row(i) * k * 311) % 1009) as f64 / 1009.0 - 0.5
+            };
+            let entry = |i: usize, j: usize| (0..2 * n).map(|k| b(i, k) * b(j, k)).sum::<f64>();
+            let known = |i: usize| if repeated && i + 1 == n { 0.0 } else { 1.0 + i as f64 };
+            let mut y: Vec<f64> =
+                (0..n).map(|i| (0..n).map(|j| entry(i, j) * known(j)).sum::<f64>()).collect();
+            Cholesky::new(n, 1e-10, entry).solve(&mut y);
+            for (i, y) in y.into_iter().enumerate() {
+                assert!((y - known(i)).abs() <= 1e-9 * n as f64, "{repeated} {i}: {y}");
+            }
+        }
+    }
+}
