@@ -8,7 +8,8 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::spans::Spans;
-use super::stencil::{PAD, Window, lanes_dot};
+use super::stencil::{PAD, Window};
+use super::vector::Dot;
 use super::{Body, Isa, Real, dispatch, fma};
 
 /// Rows that one task of a step takes.
@@ -156,11 +157,11 @@ impl<T: Real> Body for Row<'_, T> {
     #[inline(always)]
     fn run<const FUSED: bool>(self) -> Sums {
         let Self { r, rest, z, q, width, tops } = self;
-        let residual = lanes_dot::<T, FUSED>(r, z);
-        let energy = residual - lanes_dot::<T, FUSED>(rest, z);
+        let residual = Dot { x: r, y: z }.run::<FUSED>();
+        let energy = residual - Dot { x: rest, y: z }.run::<FUSED>();
         // A closure would be compiled for other instructions.
         let before = match q {
-            Some(q) => lanes_dot::<T, FUSED>(q, z),
+            Some(q) => Dot { x: q, y: z }.run::<FUSED>(),
             None => 0.0,
         };
         Tops { width, row: z, cells: tops }.run::<FUSED>();

@@ -13,8 +13,6 @@ const PART: usize = 1 << 14;
 const LARGE: usize = 1 << 16;
 /// Elements after which a sum's lanes are added up.
 const RUN: usize = 1 << 10;
-/// Lanes of a maximum.
-const LANES: usize = 16;
 
 /// Splits any number of buffers into parts and runs a body on each.
 macro_rules! parts {
@@ -77,44 +75,33 @@ impl<T: Real> Body for ScaleAdd<'_, T> {
     }
 }
 
-/// The sum of `x y` and the largest `|y|`.
-pub fn dot<T: Real>(isa: Isa, x: &[T], y: &[T]) -> (f64, f64) {
+/// The sum of `x y`.
+pub fn dot<T: Real>(isa: Isa, x: &[T], y: &[T]) -> f64 {
     let part = |(x, y): (&[T], &[T])| dispatch(isa, Dot { x, y });
-    let parts: Vec<(f64, f64)> = if x.len() > LARGE {
+    let parts: Vec<f64> = if x.len() > LARGE {
         x.par_chunks(PART).zip(y.par_chunks(PART)).map(part).collect()
     } else {
         x.chunks(PART).zip(y.chunks(PART)).map(part).collect()
     };
-    parts.into_iter().fold((0.0, 0.0), |(sum, top), (s, t)| (sum + s, f64::max(top, t)))
+    parts.into_iter().sum()
 }
 
-struct Dot<'a, T> {
-    x: &'a [T],
-    y: &'a [T],
+/// The same by one task, for the body of another kernel, too.
+pub(super) struct Dot<'a, T> {
+    pub(super) x: &'a [T],
+    pub(super) y: &'a [T],
 }
 
 impl<T: Real> Body for Dot<'_, T> {
-    type Output = (f64, f64);
+    type Output = f64;
     #[inline(always)]
-    fn run<const FUSED: bool>(self) -> (f64, f64) {
+    fn run<const FUSED: bool>(self) -> f64 {
         let mut total = 0.0;
-        let mut top = T::ZERO;
         // Lanes are emptied into f64 often enough for f32 to lose nothing that matters.
         for (x, y) in self.x.chunks(RUN).zip(self.y.chunks(RUN)) {
             total += lanes_dot::<T, FUSED>(x, y);
-            let mut tops = [T::ZERO; LANES];
-            let (blocks, rest) = y.as_chunks::<LANES>();
-            for y in blocks {
-                for i in 0..LANES {
-                    let size = y[i].magnitude();
-                    tops[i] = if size > tops[i] { size } else { tops[i] };
-                }
-            }
-            for size in tops.into_iter().chain(rest.iter().map(|y| y.magnitude())) {
-                top = if size > top { size } else { top };
-            }
         }
-        (total, top.to_f64())
+        total
     }
 }
 

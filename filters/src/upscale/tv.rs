@@ -202,7 +202,7 @@ impl<'a> Solver<'a> {
         let mut r = b.clone();
         let mut z = inverse(&r);
         let mut p = z.clone();
-        let mut square = vector::dot(isa, r.pixels(), z.pixels()).0;
+        let mut square = vector::dot(isa, r.pixels(), z.pixels());
         let first = square;
         for _ in 0..INNER.0 {
             if square <= first * INNER.1 * INNER.1 || square <= 0.0 {
@@ -210,7 +210,7 @@ impl<'a> Solver<'a> {
             }
             let mut q = self.plan.model.reduce(&self.plan.model.adjoint(&p));
             keep(&mut q, mask);
-            let length = vector::dot(isa, p.pixels(), q.pixels()).0;
+            let length = vector::dot(isa, p.pixels(), q.pixels());
             if length <= 0.0 {
                 break;
             }
@@ -218,7 +218,7 @@ impl<'a> Solver<'a> {
             vector::add_scaled(isa, x.pixels_mut(), a, p.pixels());
             vector::add_scaled(isa, r.pixels_mut(), -a, q.pixels());
             z = inverse(&r);
-            let next = vector::dot(isa, r.pixels(), z.pixels()).0;
+            let next = vector::dot(isa, r.pixels(), z.pixels());
             vector::scale_add(isa, p.pixels_mut(), next / square, z.pixels());
             square = next;
         }
@@ -230,7 +230,7 @@ impl<'a> Solver<'a> {
         // grad* q = R' m + w: the divergence is its negative, and so are the multipliers.
         let mut w = self.divergence(-1.0);
         let multiplier = self.project(&mut w);
-        let given = vector::dot(Isa::best(), multiplier.pixels(), self.samples.pixels()).0;
+        let given = vector::dot(Isa::best(), multiplier.pixels(), self.samples.pixels());
         let (low, high) = (f64::from(low), f64::from(high));
         let rows = w.pixels().par_chunks(self.x.size().width);
         let least =

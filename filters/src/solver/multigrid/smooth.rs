@@ -135,7 +135,7 @@ impl<T: Lanes> Level<T> {
                 x[tile.at(i, j)] = e * rough;
             }
         }
-        let mut norm = vector::dot(isa, &x, &x).0.sqrt();
+        let mut norm = vector::dot(isa, &x, &x).sqrt();
         let mut value = 0.0;
         let mut scratch = Scratch::default();
         let spans = Spans::all(tile);
@@ -162,7 +162,7 @@ impl<T: Lanes> Level<T> {
             cascade::cascade(isa, strip, &mut scratch);
             vector::add_scaled(isa, &mut next, -1.0, &x);
             std::mem::swap(&mut x, &mut next);
-            value = vector::dot(isa, &x, &x).0.sqrt();
+            value = vector::dot(isa, &x, &x).sqrt();
             norm = value;
         }
         value

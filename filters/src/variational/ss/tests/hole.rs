@@ -6,7 +6,7 @@ use crate::kernel::vector;
 /// The sum of products over the shorter length: 20 billion of them make a factorisation.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let length = a.len().min(b.len());
-    vector::dot(Isa::best(), &a[..length], &b[..length]).0
+    vector::dot(Isa::best(), &a[..length], &b[..length])
 }
 
 /// Solves `A x = b`, where row `i` of `A` up to its diagonal is `rows[i]`, from its first entry that is not zero.
