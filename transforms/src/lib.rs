@@ -1,7 +1,7 @@
 //! Plans of fast Fourier transforms, for the numbers that the filters use.
 //!
-//! The planners of `rustfft` are generic: a crate that calls one compiles every butterfly for every instruction set itself, a third
-//! of what there was to compile in the filters, and as much again for their tests. Here that is done once. Callers get trait
+//! The planners of `rustfft` are generic: a crate that calls one compiles every butterfly for every instruction set itself, more than
+//! a quarter of what there was to compile in the filters, and as much again for their tests. Here that is done once. Callers get trait
 //! objects, which bring no code along.
 
 use std::sync::Arc;

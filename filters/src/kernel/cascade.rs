@@ -374,27 +374,11 @@ impl<'a, V: Vector<Number = T>, T: Lanes, const R: usize> Cascade<'a, '_, V, T, 
         // Without unknowns to begin with, the first step sets them.
         let step = |k: usize| &steps[k].row(row)[own..][..width];
         let to = &mut *out.x[index];
-        // In one pass for three steps, which multigrid takes.
-        match (x.is_some(), steps.len()) {
-            (true, 4) => {
-                let inputs = step(0).iter().zip(step(1)).zip(step(2).iter().zip(step(3)));
-                for (to, ((&a, &b), (&c, &d))) in to.iter_mut().zip(inputs) {
-                    *to = a + b + (c + d);
-                }
-            }
-            (false, 4) => {
-                for (to, ((&a, &b), &c)) in to.iter_mut().zip(step(1).iter().zip(step(2)).zip(step(3))) {
-                    *to = a + b + c;
-                }
-            }
-            (given, count) => {
-                let first = usize::from(!given);
-                to.copy_from_slice(step(first));
-                for k in first + 1..count {
-                    for (to, &p) in to.iter_mut().zip(step(k)) {
-                        *to += p;
-                    }
-                }
+        let first = usize::from(x.is_none());
+        to.copy_from_slice(step(first));
+        for k in first + 1..steps.len() {
+            for (to, &p) in to.iter_mut().zip(step(k)) {
+                *to += p;
             }
         }
         if let (Some(rest), Some(product)) = (out.rest.get_mut(index), product) {

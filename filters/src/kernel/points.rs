@@ -17,14 +17,13 @@ fn firm(weight: f64, most: f64) -> f64 {
 
 /// Where the first of the four cells around a pixel stands, and the weights of that, the next in its row, and the two below.
 fn bilinear(window: Window, cell: (usize, usize), (y, x): (usize, usize)) -> (usize, [f64; 4]) {
-    let place = |at: usize, scale: f64, n: usize| {
-        let centre = (at as f64 + 0.5) * scale - 0.5;
+    let place = |at: usize, cell: usize, n: usize| {
+        let centre = (at as f64 + 0.5) / cell as f64 - 0.5;
         let first = centre.max(0.0).min((n as f64 - 2.0).max(0.0)) as usize;
         // A lone cell takes all.
         (first, if n > 1 { centre - first as f64 } else { 0.0 })
     };
-    let ((i, down), (j, right)) =
-        (place(y, 1.0 / cell.0 as f64, window.height), place(x, 1.0 / cell.1 as f64, window.width));
+    let ((i, down), (j, right)) = (place(y, cell.0, window.height), place(x, cell.1, window.width));
     let v = [(1.0 - down) * (1.0 - right), (1.0 - down) * right, down * (1.0 - right), down * right];
     (window.at(i, j), v)
 }

@@ -57,12 +57,12 @@ pub const MOST: usize = 16;
 
 /// Asks for numbers that are wanted soon to be brought nearer, where the processor can.
 #[inline(always)]
-pub fn prefetch<T>(values: &[T]) {
+pub fn prefetch<T: Real>(values: &[T]) {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T1, _mm_prefetch};
         const LINE: usize = 64;
-        for line in values.chunks((LINE / size_of::<T>().max(1)).max(1)) {
+        for line in values.chunks(LINE / size_of::<T>()) {
             // SAFETY: a hint, which reads nothing; every x86-64 processor has it.
             unsafe { _mm_prefetch::<_MM_HINT_T1>(line.as_ptr().cast()) };
         }

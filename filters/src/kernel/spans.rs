@@ -4,8 +4,6 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::Real;
 use super::stencil::{PAD, Window};
 
@@ -180,18 +178,11 @@ impl Spans {
 
     /// Sets the pixels of the window's buffer that do not count to zero.
     pub fn clear<T: Real>(&self, window: Window, values: &mut [T]) {
-        let stride = window.stride();
-        let chunk = |(index, rows): (usize, &mut [T])| {
-            for (k, row) in rows.chunks_mut(stride).enumerate() {
-                self.clear_row(index * CHUNK + k, 0, &mut row[PAD..][..window.width]);
+        window.in_chunks(values, CHUNK, |first, rows| {
+            for (k, row) in rows.chunks_mut(window.stride()).enumerate() {
+                self.clear_row(first + k, 0, &mut row[PAD..][..window.width]);
             }
-        };
-        let rows = &mut values[PAD * stride..][..window.height * stride];
-        if window.is_large() {
-            rows.par_chunks_mut(CHUNK * stride).enumerate().for_each(chunk);
-        } else {
-            rows.chunks_mut(CHUNK * stride).enumerate().for_each(chunk);
-        }
+        });
     }
 }
 

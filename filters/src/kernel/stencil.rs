@@ -196,6 +196,22 @@ impl Window {
     pub const fn is_large(self) -> bool {
         self.pixels() > LARGE
     }
+
+    /// Hands a buffer's rows, whole strides of so many rows each time, to a task with the number of the first.
+    pub fn in_chunks<T: Send>(
+        self,
+        values: &mut [T],
+        rows: usize,
+        task: impl Fn(usize, &mut [T]) + Sync + Send,
+    ) {
+        let stride = self.stride();
+        let values = &mut values[PAD * stride..][..self.height * stride];
+        if self.is_large() {
+            values.par_chunks_mut(rows * stride).enumerate().for_each(|(k, chunk)| task(k * rows, chunk));
+        } else {
+            values.chunks_mut(rows * stride).enumerate().for_each(|(k, chunk)| task(k * rows, chunk));
+        }
+    }
 }
 
 /// Rows of a tile in a larger buffer.

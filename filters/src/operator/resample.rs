@@ -8,8 +8,6 @@
 //! Source: N. Dyn, M. Floater, K. Hormann, "A C2 four-point subdivision scheme with fourth order accuracy and its
 //! extensions", Mathematical Methods for Curves and Surfaces, 2005.
 
-use rayon::prelude::*;
-
 use crate::kernel::resample::{Prolong, Restrict};
 use crate::kernel::spans::Spans;
 use crate::kernel::stencil::{PAD, Window};
@@ -120,10 +118,10 @@ impl<T: Real> Resample<T> {
     /// Adds the prolonged `coarse`, times `share` if there is one, to those rows of `fine` that have spans.
     pub fn prolong_add(&self, coarse: &[T], share: Option<&[T]>, spans: &Spans, fine: &mut [T]) {
         let (stride, from) = (self.fine.stride(), self.coarse.stride());
-        let chunk = |(index, rows): (usize, &mut [T])| {
+        self.fine.in_chunks(fine, CHUNK, |top, rows| {
             let mut room = Vec::new();
             for (k, out) in rows.chunks_mut(stride).enumerate() {
-                let i = index * CHUNK + k;
+                let i = top + k;
                 let Some(columns) = spans.columns(i..i + 1, 0..self.fine.width) else { continue };
                 let (first, cells) = (i / 2 + i % 2 + PAD - 2, columns.start / 2..columns.end.div_ceil(2));
                 let own = 2 * cells.start..columns.end;
@@ -139,13 +137,7 @@ impl<T: Real> Resample<T> {
                 };
                 dispatch(self.isa, body);
             }
-        };
-        let rows = &mut fine[PAD * stride..][..self.fine.height * stride];
-        if self.fine.is_large() {
-            rows.par_chunks_mut(CHUNK * stride).enumerate().for_each(chunk);
-        } else {
-            rows.chunks_mut(CHUNK * stride).enumerate().for_each(chunk);
-        }
+        });
     }
 
     /// Sets rows of `coarse`, whole strides from row `first` of its window on, to those of the adjoint's image of `fine`. This

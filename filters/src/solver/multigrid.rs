@@ -18,8 +18,6 @@
 //! Cost: `2 DEGREE` applications of `A` a level, one more at level 0, and a fifth more where patches overlap. Memory: six buffers
 //! at level 0, eleven at the others, which together have a third of its cells, and three of conjugate gradients: 13 windows in all.
 
-use rayon::prelude::*;
-
 use super::bottom::Bottom;
 use super::pool::{Lent, Pool};
 use crate::kernel::cascade::Scratch;
@@ -195,7 +193,9 @@ impl<T: Lanes> Multigrid<T> {
         let own = tops.iter().zip(&workspace.active.cells);
         let cells: Vec<bool> = own.map(|(top, active)| *top > bound || (others && *active)).collect();
         let any = cells.contains(&true);
-        self.work_on(workspace, cells);
+        if any {
+            self.work_on(workspace, cells);
+        }
         any
     }
 
@@ -332,19 +332,10 @@ impl<T: Lanes> Level<T> {
 
     /// Sets `coarse` to the restriction of `rest`, what is left of the residual, where it counts there.
     fn restrict(&self, down: &Resample<T>, rest: &[T], spans: &Spans, coarse: &mut [T]) {
-        let (window, to) = (self.window, down.coarse());
-        let (stride, width) = (window.stride(), to.stride());
         // The first coarse row takes fine ones from three before it.
-        let chunk = |(index, rows): (usize, &mut [T])| {
-            let first = index * CHUNK;
-            down.restrict(first, &rest[(2 * first + PAD - 3) * stride..], spans, rows);
-        };
-        let rows = &mut coarse[PAD * width..][..to.height * width];
-        if window.is_large() {
-            rows.par_chunks_mut(CHUNK * width).enumerate().for_each(chunk);
-        } else {
-            rows.chunks_mut(CHUNK * width).enumerate().for_each(chunk);
-        }
+        down.coarse().in_chunks(coarse, CHUNK, |first, rows| {
+            down.restrict(first, &rest[(2 * first + PAD - 3) * self.window.stride()..], spans, rows);
+        });
     }
 }
 

@@ -51,7 +51,7 @@
 //! Cost: tiles take at most 14 steps over all sweeps on renders at 20 % low-discrepancy samples (order 3: 24), up to 59 at
 //! random ones; a step is one pass over a tile with one application of `H` (`kernel/chebyshev.rs`, by conjugate gradients
 //! `kernel/step.rs`). Multigrid takes 4 to 9 iterations of 7 applications at order 2, most of them on a part of the image (on four
-//! renders at 1 % they amount to two to three on all of it), up to a hundred and more at order 3.
+//! renders at 1 % they amount to about three on all of it), up to a hundred and more at order 3.
 //!
 //! Memory beyond samples and result: 0.9 megabytes a thread for tiles (order 3: 1.5). For multigrid 5 planes of a rectangle, and 9 for
 //! each channel that is being solved: around holes all channels in f32, on the whole image one at a time, in f32 (order 2) or f64, and

@@ -223,8 +223,8 @@ impl Region {
     ) {
         let (window, size) = (self.window, image.size());
         let stride = window.stride();
-        let chunk = |(index, rows): (usize, &mut [T])| {
-            let own = index * CHUNK..index * CHUNK + rows.len() / stride;
+        window.in_chunks(residual, CHUNK, |first, rows| {
+            let own = first..first + rows.len() / stride;
             let Some(columns) = spans.columns(own.clone(), 0..window.width) else { return };
             let part = Window {
                 y: window.y + own.start,
@@ -259,12 +259,6 @@ impl Region {
                 let out = &mut rows[i * stride + PAD + columns.start..][..part.width];
                 vector::lacking(self.isa, &free[whole..][..part.width], scale, product, out);
             }
-        };
-        let rows = &mut residual[PAD * stride..][..window.height * stride];
-        if window.is_large() {
-            rows.par_chunks_mut(CHUNK * stride).enumerate().for_each(chunk);
-        } else {
-            rows.chunks_mut(CHUNK * stride).enumerate().for_each(chunk);
-        }
+        });
     }
 }
