@@ -12,12 +12,14 @@ use std::path::{Path, PathBuf};
 use lacuna::frame::{self, Attribute, Compression, Error, Frame, Limits, Part, WriteOptions};
 
 fn corpus() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/exr");
-    if folder.is_dir() {
-        return Some(folder);
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    if !data.is_dir() {
+        println!("left out: {} does not exist", data.display());
+        return None;
     }
-    println!("left out: {} does not exist", folder.display());
-    None
+    let folder = data.join("exr");
+    assert!(folder.is_dir(), "{} does not exist", folder.display());
+    Some(folder)
 }
 
 /// All files below the folder, sorted; texts are not frames.

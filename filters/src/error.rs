@@ -49,6 +49,13 @@ pub enum Error {
     },
 }
 
+impl Error {
+    /// A setting with this value is outside its range.
+    pub(crate) fn setting(name: &'static str, value: &dyn std::fmt::Display, range: &'static str) -> Self {
+        Self::Setting { name, value: value.to_string(), range }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

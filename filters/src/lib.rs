@@ -1,8 +1,8 @@
 //! Reconstruction of images from sparse samples.
 //!
 //! A renderer measured some pixels of a frame; the filters here compute the rest. No file, clock, environment
-//! or global state: planes in, planes out, the same bits for every thread count. One function is about the process, and nothing
-//! calls it here: [`keep_freed_memory`].
+//! or global state: planes in, planes out, the same bits for every thread count. The one exception is [`keep_freed_memory`], which
+//! sets the allocator of the process; no filter calls it.
 //!
 //! ```text
 //! Problem (mask, weights) ──> Filter::plan ──> Plan ──┐
@@ -11,10 +11,14 @@
 //!
 //! [`domain`] and [`limiter`] stand before and after a plan and keep long ranges from ringing.
 //! What depends on the mask alone is in the plan, which serves every channel and every frame of that mask.
-//! The rooms, each importing only from those to its right:
-//! `variational | sensing | dictionary | baseline -> solver -> operator | prox -> kernel -> plane | mask`.
+//! The rooms of the filters, each importing only from those to its right:
+//! `variational | sensing | dictionary | upscale -> baseline -> solver -> operator | prox -> kernel -> plane | mask`.
+//! [`sampling`] makes masks, [`metric`] compares images.
+//!
+//! "The thesis", whose equations the filters cite, is X. Liu, "Compressive Volume Rendering", University of Calgary.
 
 pub mod baseline;
+mod check;
 pub mod dictionary;
 pub mod domain;
 mod error;
@@ -27,7 +31,7 @@ pub mod metric;
 mod operator;
 mod outcome;
 mod plane;
-pub mod prox;
+mod prox;
 mod run;
 pub mod sampling;
 pub mod sensing;

@@ -23,7 +23,7 @@ pub struct Outcome {
     pub stop: Stop,
     /// Iterations taken; 0 for direct methods.
     pub iterations: usize,
-    /// Relative residual of the normal equations, for linear methods.
+    /// What is left of the residual over what it was, for linear methods; each says in which norm.
     pub residual: Option<f64>,
     /// Relative duality gap, for convex methods: the objective is at most this far above its minimum.
     pub gap: Option<f64>,

@@ -13,10 +13,9 @@
 
 use std::sync::Arc;
 
-use super::check;
 use super::delaunay::{NONE, Triangulation};
 use super::nearest::NearestMap;
-use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run};
+use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, check};
 
 /// No settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,6 +1,5 @@
 //! Baselines: direct methods without an objective, fast and plain; and the rules that copy instead of computing.
 
-pub(crate) mod check;
 pub mod cubic;
 mod delaunay;
 pub mod depth;

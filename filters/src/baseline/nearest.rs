@@ -18,8 +18,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::check;
-use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, Size};
+use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, Size, check};
 
 /// No settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -15,10 +15,9 @@
 
 use rayon::prelude::*;
 
-use super::check;
 use crate::kernel::Isa;
 use crate::kernel::pyramid::{self, Pull};
-use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Size};
+use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Size, check};
 
 /// No settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -41,8 +41,8 @@ use super::blocks::{Average, Grid};
 use super::masked::{Masked, TOGETHER};
 use super::pursuit::{Code, Scratch, Selection, Shared};
 use super::{Dictionary, dct};
-use crate::baseline::{check, push_pull};
-use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run};
+use crate::baseline::push_pull;
+use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, check};
 
 /// The part of an atom's squared length that must lie on measured values.
 const FLOOR: f32 = 1e-3;
@@ -128,10 +128,8 @@ impl Filter for Learned {
 impl Filter for Cosines {
     fn plan(&self, problem: &Problem, _run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
         let dictionary = dct::dictionary(self.block, self.atoms);
-        let dictionary = dictionary.map_err(|error| Error::Setting {
-            name: "block or atoms",
-            value: error.to_string(),
-            range: "blocks of 1 to 64, 1 to 16384 atoms",
+        let dictionary = dictionary.map_err(|error| {
+            Error::setting("block or atoms", &error, "blocks of 1 to 64, 1 to 16384 atoms")
         })?;
         Ok(Box::new(Planned::new(Arc::new(dictionary), self.how, problem)?))
     }
@@ -150,16 +148,11 @@ struct Planned {
 
 impl Planned {
     fn new(dictionary: Arc<Dictionary>, how: Use, problem: &Problem) -> Result<Self, Error> {
-        let refuse = |name, value: String, range| Err(Error::Setting { name, value, range });
-        if how.sparsity == 0 {
-            return refuse("sparsity", how.sparsity.to_string(), "1 or more");
-        }
-        if !(how.error >= 0.0 && how.error.is_finite()) {
-            return refuse("error", how.error.to_string(), "0 or more, finite");
-        }
+        check::some("sparsity", how.sparsity)?;
+        check::not_negative("error", how.error)?;
         let stride = how.stride.unwrap_or(dictionary.block().div_ceil(2));
         if stride == 0 || stride > dictionary.block() {
-            return refuse("stride", stride.to_string(), "1 to the block");
+            return Err(Error::setting("stride", &stride, "1 to the block"));
         }
         let mask = Arc::clone(&problem.mask);
         mask.require_samples()?;

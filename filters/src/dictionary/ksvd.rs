@@ -143,24 +143,22 @@ pub fn usage(codes: &[Code], atoms: usize) -> Vec<usize> {
     usage
 }
 
-fn setting<T>(name: &'static str, value: &dyn std::fmt::Display, range: &'static str) -> Result<T, Error> {
-    Err(Error::Setting { name, value: value.to_string(), range })
-}
-
 fn check(settings: &Settings) -> Result<(), Error> {
     let Settings { block, channels, atoms, sparsity, .. } = *settings;
     // A dictionary of one atom tells whether the shape is one.
     let one = Array2::from_shape_fn((1, channels * block * block), |(_, i)| if i == 0 { 1.0 } else { 0.0 });
     match Dictionary::new(block, channels, one) {
-        Err(Invalid::Range { name: "block", value, .. }) => return setting("block", &value, "1 to 64"),
-        Err(_) => return setting("channels", &channels, "1 to 8"),
+        Err(Invalid::Range { name: "block", value, .. }) => {
+            return Err(Error::setting("block", &value, "1 to 64"));
+        }
+        Err(_) => return Err(Error::setting("channels", &channels, "1 to 8")),
         Ok(_) => {}
     }
     if !(1..=super::MOST_ATOMS).contains(&atoms) {
-        return setting("atoms", &atoms, "1 to 16384");
+        return Err(Error::setting("atoms", &atoms, "1 to 16384"));
     }
     if sparsity == 0 || sparsity > atoms.min(channels * block * block) {
-        return setting("sparsity", &sparsity, "1 to the atoms and to the numbers of a block");
+        return Err(Error::setting("sparsity", &sparsity, "1 to the atoms and to the numbers of a block"));
     }
     Ok(())
 }
@@ -172,7 +170,7 @@ fn fitting(state: State, settings: &Settings, dimension: usize, count: usize) ->
     if fits && state.codes.iter().all(code) {
         Ok(state)
     } else {
-        setting("resume", &"the state", "that of a training with the same blocks and settings")
+        Err(Error::setting("resume", &"the state", "that of a training with the same blocks and settings"))
     }
 }
 
@@ -186,7 +184,7 @@ fn first_atoms(blocks: &[f32], dimension: usize, settings: &Settings) -> Result<
         let range =
             "at most the blocks that are not black: take more frames, a smaller --stride, or fewer atoms";
         let value = format!("{} of {} blocks", settings.atoms, usable.len());
-        return setting("atoms", &value, range);
+        return Err(Error::setting("atoms", &value, range));
     }
     let order = Permutation::new(usable.len() as u64, settings.seed);
     let mut atoms = Array2::zeros((settings.atoms, dimension));

@@ -1,5 +1,6 @@
 //! Sums over long vectors: inner products, multiples added, and the entry that stands out most.
 
+use super::vector::AddScaled;
 use super::{Body, Isa, dispatch, fma};
 
 /// Partial sums that are kept apart, so that the compiler may use vectors.
@@ -12,7 +13,7 @@ pub fn dot(a: &[f32], b: &[f32]) -> f32 {
 
 /// `y += factor x`, for vectors of one length.
 pub fn add_multiple(factor: f32, x: &[f32], y: &mut [f32]) {
-    dispatch(Isa::best(), AddMultiple { factor, x, y });
+    dispatch(Isa::best(), AddScaled { x, a: factor, y });
 }
 
 /// The first place where `|values| weights` is largest, and that product; nothing where no product is above 0.
@@ -40,23 +41,6 @@ impl Body for Dot<'_> {
         }
         let rest: f32 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
         sums.iter().sum::<f32>() + rest
-    }
-}
-
-struct AddMultiple<'a> {
-    factor: f32,
-    x: &'a [f32],
-    y: &'a mut [f32],
-}
-
-impl Body for AddMultiple<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<const FUSED: bool>(self) {
-        for (y, x) in self.y.iter_mut().zip(self.x) {
-            *y = fma::<f32, FUSED>(self.factor, *x, *y);
-        }
     }
 }
 
@@ -114,7 +98,7 @@ mod tests {
                 assert!((f64::from(sum) - exact).abs() <= bound, "{count} {isa:?}");
                 assert_eq!(dispatch(isa, Strongest { values: &a, weights: &weights }), best);
                 let mut y = b.clone();
-                dispatch(isa, AddMultiple { factor: 0.3, x: &a, y: &mut y });
+                dispatch(isa, AddScaled { x: &a, a: 0.3, y: &mut y });
                 for ((y, a), b) in y.iter().zip(&a).zip(&b) {
                     assert!((y - (b + 0.3 * a)).abs() <= 4.0 * f32::EPSILON, "{count} {isa:?}");
                 }

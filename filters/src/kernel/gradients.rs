@@ -251,7 +251,7 @@ mod tests {
                 .map(|(i, j)| (window.at(i, j), i / cell.0 * width.div_ceil(cell.1) + j / cell.1))
                 .filter(|&(_, cell)| counts[cell])
                 .collect();
-            for isa in [Isa::Portable, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available()) {
+            for isa in Isa::all() {
                 for begins in [true, false] {
                     let [before_r, rest, z] = [0.7, 0.3, 0.5].map(|seed| values(window, seed));
                     let [before_p, before_q, before_c] = [0.9, 0.2, 0.4].map(|seed| values(window, seed));

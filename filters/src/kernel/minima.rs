@@ -133,7 +133,7 @@ mod tests {
             let row = |seed: f32| -> Vec<f32> { (0..length).map(|k| number(k, seed)).collect() };
             let finite = |seed: f32| -> Vec<f32> { (0..length).map(|k| (k as f32 * seed).sin()).collect() };
             let flags: Vec<bool> = (0..length).map(|k| k % 3 == 0).collect();
-            for isa in [Isa::Portable, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available()) {
+            for isa in Isa::all() {
                 let (a, b) = (finite(0.3), finite(0.7));
                 let mut found = a.clone();
                 lower_to(isa, &mut found, &b);

@@ -1,4 +1,4 @@
-//! Loops over rows: the only place for SIMD and for threads over pixels.
+//! Loops over pixels in vectors: the only place for `unsafe` SIMD.
 //!
 //! A kernel is one generic body, [`Body::run`], that is compiled once per instruction set; [`dispatch`] picks one at run
 //! time. The bodies accumulate in a fixed number of lanes, so instruction sets differ only where one fuses a
@@ -139,6 +139,12 @@ impl Isa {
             #[cfg(not(target_arch = "x86_64"))]
             _ => false,
         }
+    }
+
+    /// Every one that this machine has.
+    #[cfg(test)]
+    pub fn all() -> impl Iterator<Item = Self> {
+        [Self::Portable, Self::Avx2, Self::Avx512].into_iter().filter(|isa| isa.available())
     }
 
     /// The best one that this machine has.

@@ -243,7 +243,7 @@ mod tests {
                 .collect();
             let single = Points::<f32>::new(window, cell, &held, most);
             let narrow: Vec<f32> = x.iter().map(|&x| x as f32).collect();
-            for isa in [Isa::Portable, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available()) {
+            for isa in Isa::all() {
                 let mut q = window.zeros::<f64>();
                 points.add(isa, window, (0, 0), window, &x, &mut q);
                 let mut narrow_q = window.zeros::<f32>();

@@ -1,7 +1,7 @@
-//! Row kernels of total variation: the primal-dual sweep, its certificate, and the choice of instruction set.
+//! Row kernels of total variation: the primal-dual sweep and its certificate.
 //!
-//! Every kernel is a plain loop that is compiled once per instruction set; no loop contracts a product and a sum, so
-//! all instruction sets give the same bits.
+//! Every kernel is a plain loop that is compiled once per instruction set, as other kernels are; but no loop contracts a product and a
+//! sum, so all instruction sets give the same bits.
 #![allow(clippy::inline_always, reason = "a body must be compiled with the instruction set of its caller")]
 #![allow(
     unsafe_code,
@@ -15,52 +15,6 @@ mod sweep;
 pub use bound::{Bound, bound_row, squares_row, variation_row};
 pub use fused::{Rates, SweepRow, repair_row, sweep_row};
 pub use sweep::{DualRow, HeldRow, PrimalRow, ball_row, distance_row, dual_row};
-
-/// An instruction set that this machine has.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Isa(Level);
-
-/// Compiled variants; private, so that an [`Isa`] can only come from detection.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Level {
-    Baseline,
-    #[cfg(target_arch = "x86_64")]
-    Avx2,
-    #[cfg(target_arch = "x86_64")]
-    Avx512,
-}
-
-impl Isa {
-    /// The widest instruction set of this machine.
-    pub fn detect() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        {
-            if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl") {
-                return Self(Level::Avx512);
-            }
-            if is_x86_feature_detected!("avx2") {
-                return Self(Level::Avx2);
-            }
-        }
-        Self(Level::Baseline)
-    }
-
-    /// Every instruction set of this machine, for tests.
-    #[cfg(test)]
-    pub fn all() -> Vec<Self> {
-        let mut all = vec![Self(Level::Baseline)];
-        #[cfg(target_arch = "x86_64")]
-        {
-            if is_x86_feature_detected!("avx2") {
-                all.push(Self(Level::Avx2));
-            }
-            if Self::detect() == Self(Level::Avx512) {
-                all.push(Self(Level::Avx512));
-            }
-        }
-        all
-    }
-}
 
 /// The pointwise map of the dual variable: the nearest vector whose dual norm is at most 1.
 pub trait DualBall: Copy + Send + Sync {
@@ -109,24 +63,24 @@ macro_rules! dispatch {
         $(#[$doc])*
         #[inline]
         pub fn $name $(<$ball: $crate::kernel::tv::DualBall>)? (
-            isa: $crate::kernel::tv::Isa, $($arg: $type),*
+            isa: $crate::kernel::Isa, $($arg: $type),*
         ) $(-> $result)? {
             #[cfg(target_arch = "x86_64")]
             {
-                #[target_feature(enable = "avx2")]
+                #[target_feature(enable = "avx2,fma")]
                 fn avx2 $(<$ball: $crate::kernel::tv::DualBall>)? ($($arg: $type),*) $(-> $result)? {
                     $body $(::<$ball>)? ($($arg),*)
                 }
-                #[target_feature(enable = "avx512f,avx512vl")]
+                #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma")]
                 fn avx512 $(<$ball: $crate::kernel::tv::DualBall>)? ($($arg: $type),*) $(-> $result)? {
                     $body $(::<$ball>)? ($($arg),*)
                 }
-                match isa.0 {
-                    // SAFETY: an `Isa` of this level exists only where the machine was seen to have these features.
-                    $crate::kernel::tv::Level::Avx512 => return unsafe { avx512 $(::<$ball>)? ($($arg),*) },
+                match isa {
+                    // SAFETY: `available` has just found the features.
+                    $crate::kernel::Isa::Avx512 if isa.available() => return unsafe { avx512 $(::<$ball>)? ($($arg),*) },
                     // SAFETY: as above.
-                    $crate::kernel::tv::Level::Avx2 => return unsafe { avx2 $(::<$ball>)? ($($arg),*) },
-                    $crate::kernel::tv::Level::Baseline => {}
+                    $crate::kernel::Isa::Avx2 if isa.available() => return unsafe { avx2 $(::<$ball>)? ($($arg),*) },
+                    _ => {}
                 }
             }
             let _ = isa;

@@ -34,10 +34,11 @@ pub fn add_scaled<T: Real>(isa: Isa, y: &mut [T], a: f64, x: &[T]) {
     });
 }
 
-struct AddScaled<'a, T> {
-    y: &'a mut [T],
-    a: T,
-    x: &'a [T],
+/// The same by one task.
+pub(super) struct AddScaled<'a, T> {
+    pub(super) y: &'a mut [T],
+    pub(super) a: T,
+    pub(super) x: &'a [T],
 }
 
 impl<T: Real> Body for AddScaled<'_, T> {

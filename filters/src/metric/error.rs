@@ -86,7 +86,7 @@ pub fn compare_regions(
     options: Options,
 ) -> Result<Vec<Statistics>, Error> {
     if options.peak.is_nan() || options.peak <= 0.0 {
-        return Err(Error::Setting { name: "peak", value: options.peak.to_string(), range: "above 0" });
+        return Err(Error::setting("peak", &options.peak, "above 0"));
     }
     same_size(reference.size(), &[test])?;
     let width = reference.size().width.max(1);

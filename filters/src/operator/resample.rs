@@ -184,7 +184,7 @@ mod tests {
     fn restriction_is_the_adjoint() {
         for (height, width) in [(1, 1), (1, 7), (8, 1), (2, 2), (3, 5), (16, 9), (300, 301)] {
             let fine = window(height, width);
-            for isa in [Isa::Portable, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available()) {
+            for isa in Isa::all() {
                 let resample = Resample::<f64>::new(isa, fine, height, width);
                 let coarse = resample.coarse();
                 let noise = |seed: f64| move |i: usize, j: usize| ((i * 37 + j * 101) as f64 * seed).sin();

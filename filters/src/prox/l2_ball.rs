@@ -15,11 +15,6 @@ impl L2Ball {
     pub fn keep(self, distance: f64) -> f64 {
         if distance > self.radius { self.radius / distance } else { 1.0 }
     }
-
-    /// What a vector of length `distance` is multiplied by for the proximal map of `radius` times the Euclidean norm.
-    pub fn shrink(self, distance: f64) -> f64 {
-        if distance > self.radius { 1.0 - self.radius / distance } else { 0.0 }
-    }
 }
 
 #[cfg(test)]
@@ -36,8 +31,10 @@ mod tests {
         fn moreau(v in prop::collection::vec(-10.0..10.0, 1..6), radius in 0.0..20.0) {
             let length = v.iter().map(|v: &f64| v * v).sum::<f64>().sqrt();
             let ball = L2Ball { radius };
+            // The proximal map of `radius` times the Euclidean norm.
+            let shrink = if length > radius { 1.0 - radius / length } else { 0.0 };
             for v in v {
-                let sum = v * ball.keep(length) + v * ball.shrink(length);
+                let sum = v * ball.keep(length) + v * shrink;
                 prop_assert!((sum - v).abs() <= 4.0 * f64::EPSILON * v.abs());
             }
         }

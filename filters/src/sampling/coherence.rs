@@ -125,11 +125,10 @@ impl Basis {
     /// [`Error::Setting`] if the side is no power of two from 2 to 64 or sigma not above 0.
     pub fn new(side: usize, wavelet: Wavelet, sigma: Option<f64>) -> Result<Self, Error> {
         if !side.is_power_of_two() || !(2..=64).contains(&side) {
-            let range = "a power of two from 2 to 64";
-            return Err(Error::Setting { name: "side", value: side.to_string(), range });
+            return Err(Error::setting("side", &side, "a power of two from 2 to 64"));
         }
         if let Some(value) = sigma.filter(|sigma| sigma.is_nan() || *sigma <= 0.0) {
-            return Err(Error::Setting { name: "sigma", value: value.to_string(), range: "above 0" });
+            return Err(Error::setting("sigma", &value, "above 0"));
         }
         let pixels = side * side;
         let filters = wavelet.synthesis();

@@ -28,7 +28,7 @@ fn checked(density: f64) -> Result<f64, Error> {
     if (0.0..=1.0).contains(&density) {
         Ok(density)
     } else {
-        Err(Error::Setting { name: "density", value: density.to_string(), range: "0 to 1" })
+        Err(Error::setting("density", &density, "0 to 1"))
     }
 }
 

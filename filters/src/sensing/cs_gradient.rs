@@ -50,11 +50,11 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::cs_wavelet::SIDE_BY_SIDE;
-use super::recover::{Rule, Solver, not_negative};
-use crate::baseline::check;
+use super::recover::Rule;
 use crate::operator::fourier::{Fourier, Spectrum};
+use crate::solver::Solver;
 use crate::solver::sparsity::{Samples, Sparsity};
-use crate::{Error, Filter, Gradients, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Size};
+use crate::{Error, Filter, Gradients, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Size, check};
 
 /// Which pixels the integration starts from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -134,7 +134,7 @@ struct Planned {
 
 impl Filter for Settings {
     fn plan(&self, problem: &Problem, _run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
-        not_negative("epsilon", self.epsilon)?;
+        check::not_negative("epsilon", self.epsilon)?;
         self.rule().validate()?;
         let mask = problem.mask.clone();
         mask.require_samples()?;

@@ -49,11 +49,13 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::recover::{Rule, Solver, not_negative, refuse};
+use super::recover::Rule;
 use super::wavelet::{Boundary, Wavelet};
-use crate::baseline::{check, push_pull};
+use crate::baseline::push_pull;
+use crate::kernel::extremes::range;
+use crate::solver::Solver;
 use crate::solver::sparsity::Samples;
-use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Stop};
+use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Stop, check};
 use operator::Operator;
 
 /// Channels that are solved side by side; more would cost memory.
@@ -116,14 +118,14 @@ impl Settings {
     }
 
     fn validate(&self) -> Result<(), Error> {
-        not_negative("blur", self.blur)?;
-        not_negative("wiener", self.wiener)?;
-        not_negative("epsilon", self.epsilon)?;
+        check::not_negative("blur", self.blur)?;
+        check::not_negative("wiener", self.wiener)?;
+        check::not_negative("epsilon", self.epsilon)?;
         if self.levels > 16 {
-            return refuse("levels", &self.levels, "0 to 16");
+            return Err(Error::setting("levels", &self.levels, "0 to 16"));
         }
         if !Wavelet::all().contains(&self.wavelet) {
-            return refuse("wavelet", &self.wavelet, "an order that exists");
+            return Err(Error::setting("wavelet", &self.wavelet, "an order that exists"));
         }
         self.rule().validate()
     }
@@ -156,8 +158,7 @@ impl Plan for Planned {
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
-        check::group(&self.mask, samples, out)?;
-        // The start also copies every measured pixel's bits.
+        // The start checks the planes, and copies every measured pixel's bits.
         self.start.reconstruct(samples, guides, out, run)?;
         if self.settings.epsilon == 0.0 && self.mask.is_full() {
             return Ok(Outcome::direct());
@@ -177,16 +178,16 @@ impl Planned {
     /// Improves the start that `out` holds.
     fn channel(&self, samples: &Plane, out: &mut Plane, run: &Run<'_>) -> Outcome {
         let measured = self.mask.as_slice();
-        let values = samples.pixels().iter().zip(measured).filter(|(_, measured)| **measured);
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (value, _)| {
-            (low.min(f64::from(*value)), high.max(f64::from(*value)))
-        });
+        let (low, high) = range(measured, samples.pixels());
         if low >= high {
             // The start is that constant already.
             return Outcome { stop: Stop::Converged, ..Outcome::direct() };
         }
         let samples = Samples { values: samples.pixels(), measured, radius: self.settings.epsilon };
-        self.settings.rule().solve(&self.operator, samples, high - low, out.pixels_mut(), run).into()
+        self.settings
+            .rule()
+            .solve(&self.operator, samples, f64::from(high) - f64::from(low), out.pixels_mut(), run)
+            .into()
     }
 }
 

@@ -7,6 +7,5 @@ mod recover;
 #[cfg(test)]
 mod tests;
 
-pub use recover::Solver;
-
 pub use crate::operator::wavelet;
+pub use crate::solver::Solver;

@@ -1,31 +1,8 @@
 //! What both methods do with an operator: scale, goal, solver, outcome.
 
-use serde::Serialize;
-
 use crate::solver::sparsity::{Ending, Samples, Sparsity};
-use crate::solver::{nesta, saddle};
-use crate::{Error, Outcome, Run};
-
-/// How the l1 problem is solved.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Solver {
-    /// Nesterov's method on the smoothed norm, as the thesis used it.
-    #[default]
-    Nesta,
-    /// Primal-dual steps on the norm itself: the second opinion.
-    PrimalDual,
-}
-
-impl Solver {
-    /// The name that settings and options use.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Nesta => "nesta",
-            Self::PrimalDual => "primal-dual",
-        }
-    }
-}
+use crate::solver::{Solver, nesta, saddle};
+use crate::{Error, Outcome, Run, check};
 
 /// When a solver stops, in the units of the settings.
 #[derive(Clone, Copy, Debug)]
@@ -58,24 +35,9 @@ impl Rule {
 
     /// Its settings are in their ranges.
     pub fn validate(self) -> Result<(), Error> {
-        if !(self.tolerance > 0.0 && self.tolerance.is_finite()) {
-            return refuse("tolerance", &self.tolerance, "above 0, finite");
-        }
-        if self.iterations == 0 {
-            return refuse("max_iterations", &self.iterations, "1 or more");
-        }
-        Ok(())
+        check::positive("tolerance", self.tolerance)?;
+        check::some("max_iterations", self.iterations)
     }
-}
-
-/// A setting that is out of its range.
-pub fn refuse<T>(name: &'static str, value: &dyn std::fmt::Display, range: &'static str) -> Result<T, Error> {
-    Err(Error::Setting { name, value: value.to_string(), range })
-}
-
-/// A finite value of 0 or more.
-pub fn not_negative(name: &'static str, value: f64) -> Result<(), Error> {
-    if value >= 0.0 && value.is_finite() { Ok(()) } else { refuse(name, &value, "0 or more, finite") }
 }
 
 impl From<Ending> for Outcome {

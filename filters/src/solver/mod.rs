@@ -15,3 +15,26 @@ pub mod primal_dual;
 pub mod regression;
 pub mod saddle;
 pub mod sparsity;
+
+use serde::Serialize;
+
+/// Which solver minimises a norm that is not smooth.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Solver {
+    /// Nesterov's method on the smoothed norm ([`nesta`]), as the thesis used it.
+    #[default]
+    Nesta,
+    /// Primal-dual steps on the norm itself ([`saddle`]; of total variation [`primal_dual`]).
+    PrimalDual,
+}
+
+impl Solver {
+    /// The name that settings and options use.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Nesta => "nesta",
+            Self::PrimalDual => "primal-dual",
+        }
+    }
+}

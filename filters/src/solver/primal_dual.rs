@@ -21,10 +21,11 @@ mod steps;
 use rayon::prelude::*;
 
 use crate::Size;
+use crate::kernel::Isa;
 use crate::kernel::aligned::Aligned;
 use crate::kernel::tv::{
-    DualBall, DualRow, HeldRow, Isa, PrimalRow, Rates, SweepRow, ball_row, distance_row, dual_row,
-    repair_row, sweep_row,
+    DualBall, DualRow, HeldRow, PrimalRow, Rates, SweepRow, ball_row, distance_row, dual_row, repair_row,
+    sweep_row,
 };
 use rows::Rows;
 pub use steps::{BLOCK, Steps, smooth};

@@ -50,7 +50,7 @@ impl Axis {
     /// # Errors
     /// [`Error::Setting`].
     pub fn check(&self, sampling: Sampling) -> Result<(), Error> {
-        let setting = |name, value: f64, range| Err(Error::Setting { name, value: value.to_string(), range });
+        let setting = |name, value: f64, range| Err(Error::setting(name, &value, range));
         if self.inputs == 0 || self.outputs == 0 {
             return setting("pixels", 0.0, "at least 1");
         }

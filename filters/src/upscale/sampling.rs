@@ -31,7 +31,7 @@ impl Sampling {
     pub fn check(self) -> Result<(), Error> {
         match self {
             Self::Gaussian(radius) if !(0.5..=1.5).contains(&radius) => {
-                Err(Error::Setting { name: "gaussian", value: radius.to_string(), range: "0.5 to 1.5" })
+                Err(Error::setting("gaussian", &radius, "0.5 to 1.5"))
             }
             _ => Ok(()),
         }

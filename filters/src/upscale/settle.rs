@@ -25,6 +25,7 @@
 use rayon::prelude::*;
 
 use super::{Enlarged, Plan, Question, Sampling};
+use crate::kernel::{Isa, vector};
 use crate::{Outcome, Plane, Run, Stop, limiter};
 
 /// Largest `|R x - y|` over the largest `|y|` at which the dual stops.
@@ -183,11 +184,11 @@ fn together(
             // Without bounds in the way the first step would be exact, so that the step is 1.
             let next = sum(&ahead, 1.0, &plan.model.gram_inverse(&residual));
             let way = difference(&next, &multiplier);
-            if dot(&residual, &way) < 0.0 {
+            if vector::dot(Isa::best(), residual.pixels(), way.pixels()) < 0.0 {
                 momentum = 1.0;
             }
             let after = f64::midpoint(1.0, (1.0 + 4.0 * momentum * momentum).sqrt());
-            ahead = sum(&next, ((momentum - 1.0) / after) as f32, &way);
+            ahead = sum(&next, (momentum - 1.0) / after, &way);
             multiplier = next;
             momentum = after;
             *plane = sum(&start, 1.0, &plan.model.adjoint(&ahead));
@@ -205,27 +206,12 @@ fn difference(a: &Plane, b: &Plane) -> Plane {
 }
 
 /// `a + factor b`.
-fn sum(a: &Plane, factor: f32, b: &Plane) -> Plane {
+fn sum(a: &Plane, factor: f64, b: &Plane) -> Plane {
     let mut out = a.clone();
-    let pairs = out.pixels_mut().par_chunks_mut(PART).zip(b.pixels().par_chunks(PART));
-    pairs.for_each(|(out, b)| out.iter_mut().zip(b).for_each(|(out, b)| *out += factor * b));
+    vector::add_scaled(Isa::best(), out.pixels_mut(), factor, b.pixels());
     out
 }
 
-/// Pixels that one task takes.
-const PART: usize = 1 << 14;
-
 fn largest(plane: &Plane) -> f64 {
-    let parts = plane.pixels().par_chunks(PART);
-    f64::from(
-        parts.map(|part| part.iter().fold(0.0_f32, |most, v| most.max(v.abs()))).reduce(|| 0.0, f32::max),
-    )
-}
-
-fn dot(a: &Plane, b: &Plane) -> f64 {
-    let parts = a.pixels().par_chunks(PART).zip(b.pixels().par_chunks(PART));
-    let products =
-        |(a, b): (&[f32], &[f32])| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
-    // In the order of the parts, whatever the threads.
-    parts.map(products).collect::<Vec<f64>>().into_iter().sum()
+    f64::from(plane.pixels().par_iter().map(|value| value.abs()).reduce(|| 0.0, f32::max))
 }

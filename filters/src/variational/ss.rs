@@ -26,10 +26,10 @@
 //!
 //! Algorithm: the mask decides (`holes`).
 //!
-//! - Where every 8 x 8 block has a sample: overlapping tiles in f32 (`tiles`), with a masked blur as preconditioner, at order 3
-//!   a sparse factor (`solver/factor`), each by a Chebyshev iteration between eigenvalues that a few parts of the mask show
-//!   beforehand, in corners and where these differ by conjugate gradients (`solver/local`), until the preconditioned residual
-//!   over the least eigenvalue is small, or f32 cannot tell it from rounding.
+//! - Where every 8 x 8 block has a sample: overlapping tiles in f32 (`tiles`). The preconditioner is a masked blur, at order 3 a
+//!   sparse factor (`solver/factor`). A tile is solved by a Chebyshev iteration between eigenvalues that a few parts of the mask
+//!   show beforehand; in corners, and where these differ much, by conjugate gradients (`solver/local`). It is done when the
+//!   preconditioned residual over the least eigenvalue is small, or f32 cannot tell it from rounding.
 //! - Around empty blocks: rectangles, roughly before the tiles and exactly after them, by conjugate gradients with a multigrid
 //!   cycle; at order 2 in f32 around residuals in f64, until the same estimate is small, else in f64 until a cycle's
 //!   correction is (`region`).
@@ -53,12 +53,14 @@
 //! `kernel/step.rs`). Multigrid takes 4 to 9 iterations of 7 applications at order 2, most of them on a part of the image (on four
 //! renders at 1 % they amount to about three on all of it), up to a hundred and more at order 3.
 //!
-//! Memory beyond samples and result: 0.9 megabytes a thread for tiles (order 3: 1.5). For multigrid 5 planes of a rectangle, and 9 for
-//! each channel that is being solved: around holes all channels in f32, on the whole image one at a time, in f32 (order 2) or f64, and
-//! two planes of samples.
+//! Memory beyond samples and result:
 //!
-//! The outcome's residual: the largest entry of the preconditioned residual that the last sweep left where it looked over that
-//! before the first; with holes the larger of this and the same for the first solve of any rectangle.
+//! - tiles: 0.9 megabytes a thread (order 3: 1.5);
+//! - around holes: 5 planes of a rectangle and 9 for each channel, in f32;
+//! - multigrid on the whole image: 5 planes and 9 for one channel at a time, in f32 (order 2) or f64, and two planes of samples.
+//!
+//! The outcome's residual: the largest entry of the preconditioned residual after the last sweep, in the pixels that it looked at,
+//! over that before the first; with holes the larger of this and the same for the first solve of any rectangle.
 //!
 //! Fails: overshoots at sharp edges (order 3 more than order 2), so values leave the measured range; callers limit
 //! them. In a hole it is smooth, whatever the texture around.
@@ -173,11 +175,7 @@ pub(super) fn check_weights<'a>(weights: &'a Plane, mask: &Mask) -> Result<&'a P
     }
     let measured = || weights.pixels().iter().zip(mask.as_slice()).filter(|(_, m)| **m).map(|(w, _)| *w);
     if let Some(bad) = measured().find(|w| !w.is_finite() || *w < 0.0) {
-        return Err(Error::Setting {
-            name: "weight",
-            value: bad.to_string(),
-            range: "finite and at least 0",
-        });
+        return Err(Error::setting("weight", &bad, "0 or more, finite"));
     }
     if measured().all(|w| w == 0.0) {
         return Err(Error::EmptyMask);

@@ -2,7 +2,6 @@
 
 use super::super::points::Point;
 use super::super::spans::Spans;
-use super::super::step::tests::sets;
 use super::*;
 use crate::Size;
 use crate::operator::energy::Form;
@@ -155,7 +154,7 @@ fn every_instruction_set_takes_the_steps_of_the_definition() {
             // Entries reach 50 (order 3: 500) and their rows' sums of sizes a few times that, over seven products.
             let size =
                 if order == 3 { 4e3 } else { 4e2 } * expected.0.iter().fold(1.0, |a: f64, x| a.max(x.abs()));
-            for isa in sets() {
+            for isa in Isa::all() {
                 let found = problem.cascade::<f32>(isa, &[0], &[0]);
                 let exact = problem.cascade::<f64>(isa, &[0], &[0]);
                 for i in 0..window.height {
@@ -187,7 +186,7 @@ fn strips_give_the_bits_of_the_whole() {
     let window = Window { y: 0, x: 0, height: 131, width: 150 };
     for (order, kind) in [(2, 0), (2, 1), (3, 0)] {
         let problem = Problem::new(Size::new(131, 150), window, order, kind);
-        for isa in sets() {
+        for isa in Isa::all() {
             let whole = problem.cascade::<f32>(isa, &[0], &[0]);
             let size = |values: &[f32]| values.iter().fold(1.0, |a: f32, x| a.max(x.abs()));
             let size = if order == 3 { 4e3 } else { 4e2 } * size(&whole.0).max(size(&whole.1));
@@ -217,7 +216,7 @@ fn what_does_not_count_is_held_at_zero() {
     for (order, kind) in [(2, 0), (2, 1), (2, 2), (3, 1)] {
         let mut problem = Problem::new(Size::new(61, 150), window, order, kind);
         problem.spans = Spans::of_cells(window, (7, 16), &cells);
-        for isa in sets() {
+        for isa in Isa::all() {
             for (tops, lefts) in [(vec![0], vec![0]), (vec![0, 30], vec![0, 64])] {
                 let found = problem.cascade::<f64>(isa, &tops, &lefts);
                 let mut held = Problem::new(Size::new(61, 150), window, order, kind);

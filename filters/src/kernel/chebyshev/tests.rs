@@ -1,6 +1,6 @@
 //! A pass against its definition in f64, entry by entry of the matrix.
 
-use super::super::step::tests::{Case, KINDS, narrow, norm, sets};
+use super::super::step::tests::{Case, KINDS, narrow, norm};
 use super::*;
 
 #[test]
@@ -21,7 +21,7 @@ fn every_instruction_set_takes_the_same_step() {
             let corrections = case.p.iter().zip(&p).map(|(before, next)| takes * (before + next));
             let x: Vec<f64> = case.x.iter().zip(corrections).map(|(x, correction)| x + correction).collect();
             let top = u.iter().fold(0.0, |top: f64, u| top.max(u.abs()));
-            for isa in sets() {
+            for isa in Isa::all() {
                 let [d, mut x_now, mut r_now, mut p_now] =
                     [&case.d, &case.x, &case.r, &case.p].map(|buffer| narrow(buffer));
                 let mut q = case.window.zeros::<f32>();

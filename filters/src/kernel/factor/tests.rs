@@ -1,7 +1,6 @@
 //! What is packed, and which pixels are found free; the products are tested with the passes that use them.
 
 use super::super::simd::{Lanes, Vectored, vectors};
-use super::super::step::tests::sets;
 use super::*;
 
 struct Halves<'a, T>(&'a [T]);
@@ -28,7 +27,7 @@ fn numbers_come_back<T: Lanes>(digits: i32) {
         (0..64).map(|k| (value(k), if k % 5 == 0 { 0.0 } else { value(k + 90) })).collect();
     let packed: Vec<T> =
         pairs.iter().map(|&(upper, lower)| T::packed(T::from_f64(upper), T::from_f64(lower))).collect();
-    for isa in sets() {
+    for isa in Isa::all() {
         for (found, expected) in vectors(isa, Halves(&packed)).into_iter().zip(&pairs) {
             for (found, expected) in [(found.0, expected.0), (found.1, expected.1)] {
                 let error = (found.to_f64() - expected).abs();
@@ -50,7 +49,7 @@ fn patterns_say_which_pixels_are_free() {
     let free = |k: usize| (k * 7919) % 11 < 6;
     let e: Vec<f32> = (0..stride * rows).map(|k| f32::from(u8::from(free(k)))).collect();
     let start = 4 * stride;
-    for isa in sets() {
+    for isa in Isa::all() {
         let mut line = vec![0; stride];
         patterns(isa, &e, (start, stride), &mut line);
         for (j, &pattern) in line.iter().enumerate() {

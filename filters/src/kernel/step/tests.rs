@@ -193,11 +193,6 @@ pub(crate) fn cells(window: Window) -> impl Iterator<Item = (usize, usize)> {
     (0..window.height).flat_map(move |i| (0..window.width).map(move |j| (i, j)))
 }
 
-/// Instruction sets of this machine.
-pub(crate) fn sets() -> impl Iterator<Item = Isa> {
-    [Isa::Portable, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available())
-}
-
 /// The sum of absolute values in a row of the matrix, and of the blur: what rounding is measured by.
 pub(crate) fn norm(a: &Separable<f64>) -> f64 {
     16.5 * 16.0 * a.diagonal(a.vertical.len / 2, a.horizontal.len / 2).max(1.0)
@@ -231,7 +226,7 @@ fn check(case: &Case, kind: Kind, what: Move) {
     let w_next = case.kept(kind, &case.times(&u_next));
     let curvature: f64 = product(&u_next, &case.times(&u_next)).iter().sum();
     let top = u_next.iter().fold(0.0, |top: f64, u| top.max(u.abs()));
-    for isa in sets() {
+    for isa in Isa::all() {
         let [d, mut x_now, mut r_now, mut u_now, mut w_now, mut p_now, mut s_now] =
             [&case.d, &case.x, &case.r, &u, &w, &case.p, &s].map(|buffer| narrow(buffer));
         let buffers = Buffers {
@@ -260,7 +255,7 @@ fn shares_are_those_of_the_blur_on_free_pixels() {
     for case in Case::all() {
         let free: Vec<f64> = case.d.iter().map(|&d| f64::from(u8::from(d > 0.0))).collect();
         let blurred = Case { c: 0.0, ..Case::new(case.a.clone(), case.window) }.blur(&free);
-        for isa in sets() {
+        for isa in Isa::all() {
             let mut d = case.window.zeros::<f32>();
             shares(isa, case.window, &narrow(&free), &mut d);
             for (i, j) in cells(case.window) {

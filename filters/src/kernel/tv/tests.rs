@@ -5,6 +5,7 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::kernel::Isa;
 
 /// Test images of one size: values in [-1, 1] from a hash, which differ by seed.
 fn noise(n: usize, seed: u32) -> Vec<f32> {
@@ -228,7 +229,7 @@ fn everything<B: DualBall>(isa: Isa, width: usize, seed: u32) -> Vec<u64> {
 proptest! {
     #[test]
     fn instruction_sets_agree_to_the_bit(width in 1_usize..80, seed in 0_u32..1000) {
-        let all = Isa::all();
+        let all: Vec<Isa> = Isa::all().collect();
         for &isa in &all[1..] {
             prop_assert_eq!(everything::<Isotropic>(all[0], width, seed), everything::<Isotropic>(isa, width, seed));
             prop_assert_eq!(everything::<Anisotropic>(all[0], width, seed), everything::<Anisotropic>(isa, width, seed));

@@ -2,7 +2,8 @@
 
 use super::{BLOCK, Ball, State, Steps, Sweeps, smooth};
 use crate::Size;
-use crate::kernel::tv::{Anisotropic, DualBall, Isa, Isotropic};
+use crate::kernel::Isa;
+use crate::kernel::tv::{Anisotropic, DualBall, Isotropic};
 
 fn noise(n: usize, seed: usize) -> Vec<f32> {
     (0..n).map(|i| ((i * 7919 + seed * 104_729) % 1009) as f32 / 1009.0).collect()

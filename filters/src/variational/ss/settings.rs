@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::Kernel;
-use crate::Error;
+use crate::{Error, check};
 
 /// Order of the derivatives whose energy is least.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -53,16 +53,8 @@ impl Settings {
     /// # Errors
     /// [`Error::Setting`].
     pub fn check(&self) -> Result<(), Error> {
-        for (name, value) in [("lambda", self.lambda), ("tension", self.tension)] {
-            if !value.is_finite() || value < 0.0 {
-                return Err(Error::Setting {
-                    name,
-                    value: value.to_string(),
-                    range: "finite and at least 0",
-                });
-            }
-        }
-        Ok(())
+        check::not_negative("lambda", self.lambda)?;
+        check::not_negative("tension", self.tension)
     }
 }
 

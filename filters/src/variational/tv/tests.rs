@@ -444,7 +444,8 @@ fn a_gap_of_1e_5_is_reached() {
 #[test]
 fn tightening_is_sound() {
     use super::tighten::step_sizes;
-    use crate::kernel::tv::{Isa, Isotropic};
+    use crate::kernel::Isa;
+    use crate::kernel::tv::Isotropic;
     use crate::solver::primal_dual::State;
     for (height, width) in [(1, 1), (1, 9), (9, 1), (16, 3), (17, 5), (32, 4), (33, 7), (48, 6), (85, 21)] {
         let size = Size::new(height, width);
@@ -468,9 +469,9 @@ fn tightening_is_sound() {
                 state.vertical[i] = if last_row(i) { 0.0 } else { value(i, 5) };
                 state.horizontal[i] = if last_column(i) { 0.0 } else { value(i, 6) };
             }
-            state.repair::<Isotropic>(Isa::detect(), &free, &[0.0]);
+            state.repair::<Isotropic>(Isa::best(), &free, &[0.0]);
             let before = divergence(&state.vertical, &state.horizontal);
-            state.repair::<Isotropic>(Isa::detect(), &free, &step_sizes(1.0));
+            state.repair::<Isotropic>(Isa::best(), &free, &step_sizes(1.0));
             assert!(state.x.iter().all(|&x| x == 0.5));
             for (i, (&a, &b)) in state.vertical.iter().zip(state.horizontal.iter()).enumerate() {
                 assert!(f64::from(a).hypot(f64::from(b)) <= 1.0 + 4.0 * f64::from(f32::EPSILON));

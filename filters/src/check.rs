@@ -1,9 +1,32 @@
-//! What baselines and compressed sensing demand of the planes that it is given.
+//! What plans demand of the planes and the settings that they are given.
 
 use rayon::prelude::*;
 
 use crate::kernel::extremes;
 use crate::{Error, Mask, Planes};
+
+/// A finite value of 0 or more.
+pub(crate) fn not_negative(name: &'static str, value: f64) -> Result<(), Error> {
+    if value >= 0.0 && value.is_finite() {
+        Ok(())
+    } else {
+        Err(Error::setting(name, &value, "0 or more, finite"))
+    }
+}
+
+/// A finite value above 0.
+pub(crate) fn positive(name: &'static str, value: f64) -> Result<(), Error> {
+    if value > 0.0 && value.is_finite() {
+        Ok(())
+    } else {
+        Err(Error::setting(name, &value, "above 0, finite"))
+    }
+}
+
+/// A count of 1 or more.
+pub(crate) fn some(name: &'static str, value: usize) -> Result<(), Error> {
+    if value > 0 { Ok(()) } else { Err(Error::setting(name, &value, "1 or more")) }
+}
 
 /// Sizes agree and measured values are finite; `out` has as many planes as `samples`.
 pub(crate) fn group(mask: &Mask, samples: &Planes, out: &Planes) -> Result<(), Error> {
