@@ -173,6 +173,10 @@ fn nonsense_is_a_usage_error() {
         "sparsify a.exr -o b.exr --density 0.5 --mask m.exr",
         "sparsify a.exr -o b.exr --mask alpha",
         "verify a.exr",
+        "verify a.exr b.exr --time-limit 1",
+        "compare a.exr b.exr --time-limit 1",
+        "sparsify a.exr -o b.exr --density 0.5 --time-limit 1",
+        "render a.toml -o b.exr --time-limit 1",
         "info",
         "what",
     ] {

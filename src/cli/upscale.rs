@@ -11,7 +11,7 @@ use super::filter::{DomainName, Name, SettingArgs};
 use super::input::InputArgs;
 use super::mask::MaskArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
-use super::run::RunArgs;
+use super::run::{RunArgs, SolveArgs};
 use crate::reconstruct::{Enlarge, Target};
 use crate::sequence::FillJob;
 
@@ -65,6 +65,9 @@ pub struct UpscaleArgs {
 
     #[command(flatten)]
     run: RunArgs,
+
+    #[command(flatten)]
+    solve: SolveArgs,
 }
 
 /// How large.
@@ -159,6 +162,7 @@ impl UpscaleArgs {
             format: &self.format,
             more: &self.more,
             run: &self.run,
+            solve: &self.solve,
             page: None,
             guides: None,
             weights: None,
