@@ -231,10 +231,17 @@ fn help_and_version_are_shown() {
 }
 
 #[test]
-fn verify_names_the_sparse_frame_first() {
-    let Err(Ending::Shown(text)) = parse(words("verify --help")) else { panic!("no help") };
-    let list = &text[text.find("Input and frames").unwrap()..];
-    assert!(list.find("SPARSE").unwrap() < list.find("FILLED").unwrap(), "{text}");
+fn frames_come_before_their_flags() {
+    for (line, names) in [
+        ("fill --help", &["[INPUT]", "--files-from", "--frames", "--missing-frame"][..]),
+        ("verify --help", &["<SPARSE>", "<FILLED>", "--frames", "--missing-frame"]),
+        ("compare --help", &["<REFERENCE>", "<TEST>", "--frames", "--missing-frame"]),
+    ] {
+        let Err(Ending::Shown(text)) = parse(words(line)) else { panic!("no help") };
+        let list = &text[text.find("Input and frames").unwrap()..];
+        let places: Vec<_> = names.iter().map(|name| list.find(name).unwrap()).collect();
+        assert!(places.is_sorted(), "{places:?} {text}");
+    }
 }
 
 #[test]
