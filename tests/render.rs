@@ -163,8 +163,10 @@ fn what_cannot_be_rendered_is_one_line() {
         "NRRD0004\ntype: uchar\nsizes: 9 9 9\nencoding: raw\n\nabc",
     )
     .unwrap();
+    std::fs::write(room.path().join("lost.toml"), "volume = \"none.nrrd\"\n").unwrap();
     for (arguments, status, part) in [
         (&["render", "none.nrrd", "-o", "o.exr"][..], 1, "none.nrrd"),
+        (&["render", "lost.toml", "-o", "o.exr"], 1, "none.nrrd: there is no such file; --volume"),
         (&["render", "short.nrrd", "-o", "o.exr"], 1, "truncated"),
         (&["render", "bad.toml", "-o", "o.exr"], 1, "line 2"),
         (&["render", "procedural:cat", "-o", "o.exr"], 1, "marschner-lobb"),

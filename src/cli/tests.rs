@@ -206,6 +206,8 @@ fn numbers_out_of_range_get_the_range() {
         assert!(text.contains(reason), "{line}: {text}");
     }
     assert!(usage("sparsify a.exr -o b.exr --density -0.5").contains("from 0 to 1"));
+    let neither = usage("upscale a.exr -o b.exr");
+    assert!(neither.contains("--scale") && neither.contains("--size"), "{neither}");
     let neither = usage("sparsify a.exr -o b.exr");
     assert!(neither.contains("--density") && neither.contains("--mask"), "{neither}");
     assert!(usage("fill a.exr -o b.txt").contains("a folder that is not there yet ends in /"));

@@ -76,7 +76,7 @@ pub struct UpscaleArgs {
 struct SizeArgs {
     /// Factor, above 1 to 16, broken ones too; two for width and height: 2x1.5
     #[arg(long, value_name = "S", value_parser = Target::scale, allow_hyphen_values = true)]
-    #[arg(required_unless_present = "size", conflicts_with = "size")]
+    #[arg(conflicts_with = "size")]
     scale: Option<Target>,
 
     /// Size of the display window; the data window follows
@@ -150,7 +150,7 @@ impl UpscaleArgs {
     /// The checked job.
     pub fn job(&self) -> Result<FillJob, Usage> {
         let Some(target) = self.size.scale.or(self.size.size) else {
-            return Err(Usage("--scale or --size is needed".into()));
+            return Err(Usage("how large is not said: give --scale S or --size WxH".into()));
         };
         let settings = &self.filter.settings;
         let groups = Groups {
