@@ -173,6 +173,22 @@ fn update_does_only_what_is_stale() {
     let whole = bytes(&output);
     std::fs::write(&output, &whole[..whole.len() - 10]).unwrap();
     assert_eq!(run(&["--channels", "R=nearest"]), [3]);
+    // An older render of other windows was put in the place of the input.
+    let before = room.read("s.0002.exr");
+    let mut moved = before.clone();
+    moved.parts[0].display_window.x_max += 1;
+    room.add("s.0002.exr", &moved);
+    age(&room.path("s.0002.exr"), 1000);
+    assert_eq!(run(&["--channels", "R=nearest"]), [2]);
+    assert_eq!(run(&["--channels", "R=nearest"]), [0; 0]);
+    moved.parts[0].data_window.y_min += 5;
+    moved.parts[0].data_window.y_max += 5;
+    room.add("s.0002.exr", &moved);
+    age(&room.path("s.0002.exr"), 1000);
+    assert_eq!(run(&["--channels", "R=nearest"]), [2]);
+    room.add("s.0002.exr", &before);
+    age(&room.path("s.0002.exr"), 1000);
+    assert_eq!(run(&["--channels", "R=nearest"]), [2]);
     // The mask's file counts as an input, by its time and its name.
     std::fs::copy(room.path("s.0001.exr"), room.path("m1.exr")).unwrap();
     std::fs::copy(room.path("s.0001.exr"), room.path("m2.exr")).unwrap();

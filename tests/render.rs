@@ -120,6 +120,22 @@ fn dense_aovs_are_complete_and_guide_the_filling() {
 }
 
 #[test]
+fn frames_in_a_folder_are_called_after_the_scene() {
+    let room = tempfile::tempdir().unwrap();
+    std::fs::write(room.path().join("far.v2.toml"), format!("volume = \"{HEAD}\"\n")).unwrap();
+    let small = ["--size", "8x6", "-q", "--create-dir"];
+    done(room.path(), &[&["render", "far.v2.toml", "-o", "new/"][..], &small].concat());
+    done(room.path(), &[&["render", HEAD, "-o", "new"][..], &small].concat());
+    let frames = ["--frames", "-1,7,12345"];
+    done(room.path(), &[&["render", "far.v2.toml", "-o", "new"][..], &frames, &small].concat());
+    let entries = std::fs::read_dir(room.path().join("new")).unwrap();
+    let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    let numbered = ["far.v2.-001.exr", "far.v2.0007.exr", "far.v2.12345.exr"];
+    assert_eq!(names, [&numbered[..], &["far.v2.exr", "head.exr"]].concat());
+}
+
+#[test]
 fn a_sequence_orbits_and_resumes() {
     let room = tempfile::tempdir().unwrap();
     let scene = "volume = \"procedural:vessels:16\"\n[camera]\norbit = 40.0\n[image]\nsize = [20, 20]\n";
@@ -147,8 +163,10 @@ fn what_cannot_be_rendered_is_one_line() {
         "NRRD0004\ntype: uchar\nsizes: 9 9 9\nencoding: raw\n\nabc",
     )
     .unwrap();
+    std::fs::write(room.path().join("lost.toml"), "volume = \"none.nrrd\"\n").unwrap();
     for (arguments, status, part) in [
         (&["render", "none.nrrd", "-o", "o.exr"][..], 1, "none.nrrd"),
+        (&["render", "lost.toml", "-o", "o.exr"], 1, "none.nrrd: there is no such file; --volume"),
         (&["render", "short.nrrd", "-o", "o.exr"], 1, "truncated"),
         (&["render", "bad.toml", "-o", "o.exr"], 1, "line 2"),
         (&["render", "procedural:cat", "-o", "o.exr"], 1, "marschner-lobb"),

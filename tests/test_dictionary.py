@@ -121,6 +121,19 @@ def test_encoded_frames_come_back(tmp_path, trained):
     assert said.startswith(f"{size} bytes, {8 * size / image[..., 0].size:.3f} bits per pixel, PSNR ")
 
 
+def test_values_that_are_not_finite_are_told(tmp_path, trained):
+    path, image, _ = trained
+    broken = image.astype(np.float32)
+    broken[3, 4, 0] = broken[5, 6, 0] = np.inf
+    broken[7, 8, 1] = np.nan
+    frame = frames.write(tmp_path / "broken.0007.exr", dict(zip("RGB", np.moveaxis(broken, -1, 0))))
+    told = f"lacuna: warning: {frame}: 3 values are not finite and count as 0: R 2, G 1"
+    for words in (["encode", frame, "--dictionary", path, "-o", tmp_path / "frame.code"],
+                  ["train", frame, "-o", tmp_path / "b.npz", "--block", 4, "--atoms", 60, "--iterations", 1]):
+        result = lacuna(*words)
+        assert result.lines().count(told) == 1, result
+
+
 def test_info_draws_the_atoms(tmp_path, trained):
     path, _, _ = trained
     said = lacuna("dictionary-info", path, "--png", tmp_path / "atoms.png").stdout

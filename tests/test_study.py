@@ -83,6 +83,18 @@ def test_rows_are_what_sparsify_fill_and_compare_find(study, tmp_path):
         assert float(row["cieluv"]) == pytest.approx(measures["cieluv"], rel=1e-12)
 
 
+def test_values_that_are_not_finite_are_told_once(tmp_path):
+    image = frames.colour(tool.SAMPLES / "smooth.exr")[:32, :32].astype(np.float32)
+    image[1, 2, 0], image[3, 4, :2] = np.nan, np.inf
+    frame = frames.write(tmp_path / "broken.exr", dict(zip("RGB", np.moveaxis(image, -1, 0))))
+    path = tmp_path / "study.toml"
+    path.write_text('patterns = ["shuffle"]\ndensities = [0.5]\nfilters = ["nearest", "pushpull"]\n'
+                    '[[frames]]\nname = "broken"\nfile = "broken.exr"\nclass = "smooth"\n')
+    result = tool.lacuna("study", path, "-o", tmp_path / "out")
+    told = f"lacuna: warning: {frame}: 3 values are not finite; measured ones count as missing, and no measure counts any: G 1, R 2"
+    assert [line for line in result.lines() if "not finite" in line] == [told], result
+
+
 def test_a_journal_that_was_cut_is_continued(study, tmp_path):
     out = tmp_path / "out"
     out.mkdir()

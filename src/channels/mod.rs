@@ -3,6 +3,7 @@
 //! First match wins: the sampling mask itself is kept; then the caller's overrides; then the channels that the
 //! attribute `lacuna/dense` lists, which are complete; then the names and types in `rules`.
 
+mod finite;
 mod names;
 mod overrides;
 mod rules;
@@ -10,6 +11,7 @@ mod rules;
 mod tests;
 mod unheeded;
 
+pub use finite::{non_finite, non_finite_note};
 pub use names::{Name, channel_label, list_channels, part_label, view_of, visible, words};
 pub use overrides::{Override, OverrideError};
 pub use rules::{by_default, is_albedo, is_alpha, is_label, is_light, is_matte, is_position};

@@ -32,11 +32,11 @@ const MASK: &str =
 #[command(after_help = EXAMPLES)]
 pub struct CompareArgs {
     /// The reference: a file, a pattern or a glob, as in fill
-    #[arg(value_name = "REFERENCE", help_heading = "Input and frames")]
+    #[arg(value_name = "REFERENCE", display_order = 0, help_heading = "Input and frames")]
     reference: PathBuf,
 
     /// The test image: a file, a pattern or a folder, as fill's OUTPUT
-    #[arg(value_name = "TEST", help_heading = "Input and frames")]
+    #[arg(value_name = "TEST", display_order = 1, help_heading = "Input and frames")]
     test: PathBuf,
 
     #[command(flatten)]

@@ -9,7 +9,8 @@ use crate::sequence::range::Frames;
 
 /// Inputs of a subcommand that works through frames.
 #[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Input and frames")]
+// After the frames themselves, which have no flag.
+#[command(next_help_heading = "Input and frames", next_display_order = 1)]
 pub struct InputArgs {
     /// Frames: a file, a pattern or a glob; several may be given
     ///
@@ -34,7 +35,8 @@ pub struct InputArgs {
 
 /// Which frames of a sequence.
 #[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Input and frames")]
+// After the frames themselves, of which there may be two kinds.
+#[command(next_help_heading = "Input and frames", next_display_order = 2)]
 pub struct FramesArgs {
     /// Frames of a pattern or glob, in this order: 1-10, 1-10x2 or 1-10:2 (every second), 1,5,9-12, 10-1, -5--1
     /// [default: all that exist, by number]

@@ -72,8 +72,8 @@ pub struct MoreOutput {
     #[arg(long)]
     pub drop_mask: bool,
 
-    /// Pass over frames whose output is newer than their input (and mask file) and was made by this version with the
-    /// same settings and mask
+    /// Pass over frames whose output is newer than their input (and mask file), has the right windows and was made by this version
+    /// with the same settings and mask
     #[arg(short, long, conflicts_with = "no_clobber")]
     pub update: bool,
 }

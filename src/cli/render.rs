@@ -18,7 +18,7 @@ use crate::frame::{Compression, SampleType};
 use crate::mask::Source;
 use crate::sequence::range::Frames;
 use crate::sequence::{Existing, Pixels, RenderJob, RunOptions, Targets};
-use crate::volume::{InterpolationName, ModeName, Override, Wanted};
+use crate::volume::{InterpolationName, ModeName, Override, PROCEDURAL, Wanted};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -46,7 +46,7 @@ pub struct RenderArgs {
     #[arg(value_name = "SCENE", help = SCENE, help_heading = "Scene")]
     scene: PathBuf,
 
-    /// Frames of an output pattern: 1-10, 1-10x2 or 1-10:2 (every second), 1,5,9-12, 10-1, -5--1
+    /// Frames of an output pattern or folder: 1-10, 1-10x2 or 1-10:2 (every second), 1,5,9-12, 10-1, -5--1
     #[arg(long, value_name = "RANGE", allow_hyphen_values = true, help_heading = "Scene")]
     frames: Option<Frames>,
 
@@ -193,7 +193,7 @@ impl SceneArgs {
         let mut found = self.set.clone();
         // A path on the command line is relative to the working folder, not to the scene.
         let volume = match &self.volume {
-            Some(path) if path.to_string_lossy().starts_with("procedural:") => Some(path.clone()),
+            Some(path) if path.to_string_lossy().starts_with(PROCEDURAL) => Some(path.clone()),
             Some(path) => Some(
                 std::path::absolute(path)
                     .map_err(|error| Usage(format!("--volume {}: {error}", path.display())))?,

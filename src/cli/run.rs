@@ -21,7 +21,7 @@ pub struct RunArgs {
     #[allow(missing_docs, reason = "the help is a constant")]
     pub threads: usize,
 
-    /// Frames solved at the same time, 1 or more; reading and writing overlap with it anyway
+    /// Frames computed at the same time, 1 or more; reading and writing overlap with it anyway
     #[arg(long, value_name = "N", default_value = "1", value_parser = frames, allow_hyphen_values = true)]
     pub parallel_frames: u16,
 
@@ -30,11 +30,6 @@ pub struct RunArgs {
     /// frame takes 1.5G at most]
     #[arg(long, value_name = "SIZE", allow_hyphen_values = true)]
     pub memory: Option<Bytes>,
-
-    /// Seconds that solving one frame may take, above 0; then its best image so far is written and the report says so
-    /// [default: no limit]
-    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_hyphen_values = true)]
-    pub time_limit: Option<Duration>,
 
     /// Print the plan (input, output, what would be done) and change nothing
     #[arg(short = 'n', long)]
@@ -47,8 +42,8 @@ pub struct RunArgs {
     )]
     pub speech: SpeechArgs,
 
-    /// Write a report as JSON (- is standard output): per frame files, settings, density, iterations, residual or gap, objective,
-    /// seconds, state
+    /// Write a report as JSON (- is standard output): per frame files, state, seconds, warnings, and what the subcommand
+    /// finds out (density, iterations, measures ...)
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 
@@ -60,6 +55,16 @@ pub struct RunArgs {
     /// How progress is told
     #[arg(long, value_name = "HOW", default_value = "auto")]
     pub progress: ProgressName,
+}
+
+/// How long a solver may run.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Run")]
+pub struct SolveArgs {
+    /// Seconds that solving one frame may take, above 0; then its best image so far is written and the report says so
+    /// [default: no limit]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_hyphen_values = true)]
+    pub time_limit: Option<Duration>,
 }
 
 /// How progress is told.
@@ -127,7 +132,7 @@ impl RunArgs {
             threads: self.threads,
             parallel_frames: self.parallel_frames.into(),
             memory: self.memory.map(|bytes| bytes.0).or_else(granted_memory),
-            time_limit: self.time_limit,
+            time_limit: None,
             dry_run: self.dry_run,
             verbosity: self.speech.verbosity(),
             json: self.json.clone(),

@@ -173,6 +173,10 @@ fn nonsense_is_a_usage_error() {
         "sparsify a.exr -o b.exr --density 0.5 --mask m.exr",
         "sparsify a.exr -o b.exr --mask alpha",
         "verify a.exr",
+        "verify a.exr b.exr --time-limit 1",
+        "compare a.exr b.exr --time-limit 1",
+        "sparsify a.exr -o b.exr --density 0.5 --time-limit 1",
+        "render a.toml -o b.exr --time-limit 1",
         "info",
         "what",
     ] {
@@ -202,6 +206,8 @@ fn numbers_out_of_range_get_the_range() {
         assert!(text.contains(reason), "{line}: {text}");
     }
     assert!(usage("sparsify a.exr -o b.exr --density -0.5").contains("from 0 to 1"));
+    let neither = usage("upscale a.exr -o b.exr");
+    assert!(neither.contains("--scale") && neither.contains("--size"), "{neither}");
     let neither = usage("sparsify a.exr -o b.exr");
     assert!(neither.contains("--density") && neither.contains("--mask"), "{neither}");
     assert!(usage("fill a.exr -o b.txt").contains("a folder that is not there yet ends in /"));
@@ -227,10 +233,17 @@ fn help_and_version_are_shown() {
 }
 
 #[test]
-fn verify_names_the_sparse_frame_first() {
-    let Err(Ending::Shown(text)) = parse(words("verify --help")) else { panic!("no help") };
-    let list = &text[text.find("Input and frames").unwrap()..];
-    assert!(list.find("SPARSE").unwrap() < list.find("FILLED").unwrap(), "{text}");
+fn frames_come_before_their_flags() {
+    for (line, names) in [
+        ("fill --help", &["[INPUT]", "--files-from", "--frames", "--missing-frame"][..]),
+        ("verify --help", &["<SPARSE>", "<FILLED>", "--frames", "--missing-frame"]),
+        ("compare --help", &["<REFERENCE>", "<TEST>", "--frames", "--missing-frame"]),
+    ] {
+        let Err(Ending::Shown(text)) = parse(words(line)) else { panic!("no help") };
+        let list = &text[text.find("Input and frames").unwrap()..];
+        let places: Vec<_> = names.iter().map(|name| list.find(name).unwrap()).collect();
+        assert!(places.is_sorted(), "{places:?} {text}");
+    }
 }
 
 #[test]

@@ -11,7 +11,7 @@ use super::filter::{DomainName, Name, SettingArgs};
 use super::input::InputArgs;
 use super::mask::MaskArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
-use super::run::RunArgs;
+use super::run::{RunArgs, SolveArgs};
 use crate::reconstruct::{Enlarge, Target};
 use crate::sequence::FillJob;
 
@@ -65,6 +65,9 @@ pub struct UpscaleArgs {
 
     #[command(flatten)]
     run: RunArgs,
+
+    #[command(flatten)]
+    solve: SolveArgs,
 }
 
 /// How large.
@@ -73,7 +76,7 @@ pub struct UpscaleArgs {
 struct SizeArgs {
     /// Factor, above 1 to 16, broken ones too; two for width and height: 2x1.5
     #[arg(long, value_name = "S", value_parser = Target::scale, allow_hyphen_values = true)]
-    #[arg(required_unless_present = "size", conflicts_with = "size")]
+    #[arg(conflicts_with = "size")]
     scale: Option<Target>,
 
     /// Size of the display window; the data window follows
@@ -147,7 +150,7 @@ impl UpscaleArgs {
     /// The checked job.
     pub fn job(&self) -> Result<FillJob, Usage> {
         let Some(target) = self.size.scale.or(self.size.size) else {
-            return Err(Usage("--scale or --size is needed".into()));
+            return Err(Usage("how large is not said: give --scale S or --size WxH".into()));
         };
         let settings = &self.filter.settings;
         let groups = Groups {
@@ -159,6 +162,7 @@ impl UpscaleArgs {
             format: &self.format,
             more: &self.more,
             run: &self.run,
+            solve: &self.solve,
             page: None,
             guides: None,
             weights: None,

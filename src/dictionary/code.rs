@@ -55,6 +55,8 @@ pub struct Encoded {
     pub blocks: usize,
     /// Channels that were left out.
     pub left_out: Vec<String>,
+    /// What the log should say of values that are not finite.
+    pub non_finite: Option<String>,
 }
 
 /// What stands before the code.
@@ -115,6 +117,7 @@ pub fn encode(frame: &Frame, dictionary: &Dictionary, how: Fineness) -> Result<E
     });
     Ok(Encoded {
         left_out: left_out.collect(),
+        non_finite: training::non_finite(part, &channels),
         frame: decode(&bytes, dictionary)?,
         bytes,
         colour: channels.iter().filter_map(|at| part.channels[*at].samples.to_floats()).collect(),

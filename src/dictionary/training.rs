@@ -5,7 +5,7 @@ use lacuna_filters::domain::{Domain, Map};
 use lacuna_filters::{Mask, Plane, Planes};
 
 use super::Error;
-use crate::channels::Name;
+use crate::channels::{self, Name};
 use crate::frame::{Frame, Part};
 
 /// Weights of R, G and B in a grey image: the luminance of Rec. 709.
@@ -52,6 +52,13 @@ pub fn colour(frame: &Frame) -> Result<(usize, [usize; 3]), Error> {
     }
     let all = crate::channels::list_channels(frame);
     Err(Error::Frame(format!("no channels R, G and B (there are: {all}); name another frame")))
+}
+
+/// What the log should say of values that are not finite, which [`planes`] takes as 0.
+pub fn non_finite(part: &Part, channels: &[usize]) -> Option<String> {
+    let counts = channels.iter().filter_map(|&at| part.channels.get(at));
+    let counts = counts.map(|channel| (channel.display_name(), channels::non_finite(&channel.samples)));
+    channels::non_finite_note("values are not finite and count as 0", counts)
 }
 
 /// Some channels of a part in the domain that fills work in, values that are not finite as 0; and the map there.

@@ -20,7 +20,7 @@ pub enum Error {
         names: String,
     },
     /// The channel asked for is not there.
-    #[error("no channel '{name}' to take the mask from; channels are {channels}")]
+    #[error("no channel '{name}' to take the mask from: name another with --mask; channels are {channels}")]
     NoChannel {
         /// The name asked for.
         name: String,
@@ -28,13 +28,15 @@ pub enum Error {
         channels: String,
     },
     /// `alpha` in a frame without one.
-    #[error("no alpha channel to take the mask from; channels are {channels}")]
+    #[error("no alpha channel to take the mask from: name another mask with --mask; channels are {channels}")]
     NoAlpha {
         /// The channels of the frame.
         channels: String,
     },
     /// `nan` in a frame in which no channel can say it.
-    #[error("no float channel to tell measured pixels by; channels are {channels}")]
+    #[error(
+        "no float channel to tell measured pixels by: name another mask with --mask; channels are {channels}"
+    )]
     NoFloat {
         /// The channels of the frame.
         channels: String,
@@ -62,7 +64,7 @@ pub enum Error {
     },
     /// Several channels and nothing that says which.
     #[error(
-        "mask {path} has no channel '{wanted}': name one with file:{path}:CHANNEL; channels are {channels}"
+        "mask {path} has no channel '{wanted}': name one with --mask file:{path}:CHANNEL; channels are {channels}"
     )]
     FileChannel {
         /// The mask file.

@@ -93,7 +93,7 @@ impl MaskFile {
                 part.channels.iter().map(|c| c.display_name()).filter(|name| fits(name)).collect();
             if rivals.len() > 1 {
                 let why = format!(
-                    "several channels could be the mask ({}): name one with file:PATH:CHANNEL",
+                    "several channels could be the mask ({}): name one with --mask file:PATH:CHANNEL",
                     rivals.join(", ")
                 );
                 return Err(Error::File { path: self.path.clone(), why });

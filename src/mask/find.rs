@@ -240,12 +240,7 @@ fn finite(frame: &Frame) -> Result<Masks, Error> {
     for (index, part) in frame.parts.iter().enumerate() {
         let mut views: Vec<(String, Vec<bool>)> = Vec::new();
         for (number, channel) in part.channels.iter().enumerate() {
-            let flags = match (channels::by_default(part, number).0, &channel.samples) {
-                (Rule::Keep, _) | (_, Samples::Uint(_)) => continue,
-                (Rule::Nearest, _) if is_coded(part, number) => continue,
-                (Rule::Depth, samples) => flags(samples, |value| !value.is_nan()),
-                (_, samples) => flags(samples, f64::is_finite),
-            };
+            let Some(flags) = told_by(part, number) else { continue };
             let name = channel.display_name().into_owned();
             let same = |(other, _): &&mut (String, _)| view_of(part, other) == view_of(part, &name);
             match views.iter_mut().find(same) {
@@ -262,6 +257,16 @@ fn finite(frame: &Frame) -> Result<Masks, Error> {
     let mut masks = serve(frame, &providers);
     masks.origin = Source::Finite.to_string();
     Ok(masks)
+}
+
+/// The pixels that a channel calls measured by its values; nothing of one that says nothing.
+pub(super) fn told_by(part: &Part, channel: usize) -> Option<Vec<bool>> {
+    match (channels::by_default(part, channel).0, &part.channels[channel].samples) {
+        (Rule::Keep, _) | (_, Samples::Uint(_)) => None,
+        (Rule::Nearest, _) if is_coded(part, channel) => None,
+        (Rule::Depth, samples) => Some(flags(samples, |value| !value.is_nan())),
+        (_, samples) => Some(flags(samples, f64::is_finite)),
+    }
 }
 
 /// Whether the bits of a channel are a code, so that a NaN among them may be a value like any other.

@@ -10,6 +10,7 @@
 pub mod after;
 mod cover;
 pub mod crop;
+mod empty;
 mod error;
 mod file;
 mod find;
@@ -26,6 +27,7 @@ mod tests;
 
 use std::sync::Arc;
 
+pub use empty::why_empty;
 pub use error::Error;
 pub use file::MaskFile;
 pub use find::find;

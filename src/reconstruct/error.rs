@@ -15,18 +15,18 @@ pub enum Error {
         why: String,
     },
     /// A mask without a measured pixel.
-    #[error(
-        "{channel}: the mask ({origin}) has no measured pixel, so nothing says what the image is: check --mask"
-    )]
+    #[error("{channel}: the mask ({origin}) has no measured pixel, {why}")]
     EmptyMask {
         /// Part and channel.
         channel: String,
         /// Where the mask was found.
         origin: String,
+        /// What is the matter with it, and the way out.
+        why: String,
     },
     /// Measured pixels, but none with a usable value.
     #[error(
-        "{channel}: no measured value is finite: keep the channel with --channels '{}=keep'",
+        "{channel}: no measured value is finite: render the frame again, or keep the channel with --channels '{}=keep'",
         glob::Pattern::escape(name).replace('=', "[=]")
     )]
     NothingFinite {

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::{Error, PIECE};
 use crate::channels::{self, Choice, Name, Rule, channel_label};
 use crate::frame::{Frame, Samples};
-use crate::mask::Masks;
+use crate::mask::{self, Masks};
 
 /// A channel that is to be filled.
 #[derive(Clone, Debug)]
@@ -62,7 +62,8 @@ pub fn targets(
             continue;
         }
         if mask.is_empty() {
-            return Err(Error::EmptyMask { channel: label(), origin: masks.origin.clone() });
+            let why = mask::why_empty(frame, masks, part);
+            return Err(Error::EmptyMask { channel: label(), origin: masks.origin.clone(), why });
         }
         let usable = usable(choice.rule, &channel.samples, mask)?;
         if usable.is_empty() {

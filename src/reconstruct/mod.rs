@@ -44,8 +44,8 @@ pub use stamp::{ADDED, DENSITY, DERIVED, Stamp, was_cut_short};
 pub(crate) use values::{convert, kind_for};
 pub use weights::{Weights, WeightsError};
 
-use crate::channels::{Choice, Rule, part_label, unheeded};
-use crate::frame::{Frame, Part, Samples};
+use crate::channels::{Choice, Rule, non_finite, non_finite_note, part_label, unheeded};
+use crate::frame::{Frame, Part};
 use crate::guides;
 use crate::mask::{ATTRIBUTE, Masks};
 
@@ -97,6 +97,7 @@ pub fn fill_with(
         if copied {
             done.notes.extend(non_finite_copied(part, masks, choices, index));
         }
+        done.notes.extend(done.report.non_finite());
         let mask = mask_name(part, masks, index);
         let (notes, dropped) = finish(part, masks, index, job);
         if !copied || dropped {
@@ -156,18 +157,12 @@ fn drop_derived(part: &mut Part) -> Option<String> {
 
 /// Says how many values are not finite in channels that a full mask leaves alone.
 fn non_finite_copied(part: &Part, masks: &Masks, choices: &[Choice], index: usize) -> Option<String> {
-    let count = |samples: &Samples| match samples {
-        Samples::Half(values) => values.iter().filter(|value| !value.is_finite()).count(),
-        Samples::Float(values) => values.iter().filter(|value| !value.is_finite()).count(),
-        Samples::Uint(_) => 0,
-    };
     let computed = |channel: &usize| matches!(choices[*channel].rule, Rule::Fill | Rule::Normal);
     let served = |channel: &usize| masks.get(index, *channel).is_some();
     let channels = (0..part.channels.len()).filter(computed).filter(served);
-    let all: usize = channels.map(|channel| count(&part.channels[channel].samples)).sum();
-    (all > 0).then(|| {
-        format!("{all} values are not finite and stay, as the mask calls them measured (--mask nan)")
-    })
+    let counts = channels.map(|at| &part.channels[at]);
+    let counts = counts.map(|channel| (channel.display_name(), non_finite(&channel.samples)));
+    non_finite_note("values are not finite and stay, as the mask calls them measured (--mask nan)", counts)
 }
 
 /// Compression, levels and the mask channels, which do not depend on the pixels. Returns what to tell, and whether

@@ -4,7 +4,7 @@ use lacuna_filters::Outcome;
 use serde::Serialize;
 
 use super::Stamp;
-use crate::channels::Rule;
+use crate::channels::{self, Rule};
 
 /// What was done to one frame. Times are the caller's to add.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -76,6 +76,14 @@ pub struct GroupReport {
     pub guides_gain: Option<f64>,
     /// How the solver ended.
     pub outcome: Outcome,
+}
+
+impl PartReport {
+    /// What the log should say of measured values that are not finite.
+    pub(super) fn non_finite(&self) -> Option<String> {
+        let counts = self.channels.iter().map(|channel| (&channel.name, channel.non_finite));
+        channels::non_finite_note("measured values are not finite and count as missing", counts)
+    }
 }
 
 impl Report {

@@ -188,7 +188,21 @@ fn a_full_mask_copies_and_an_empty_one_is_refused() {
         report.notes
     );
     let error = filled(&frame(vec![make(0.0)]), &job()).unwrap_err();
-    assert_eq!(error, Error::EmptyMask { channel: "channel R".into(), origin: "mask".into() });
+    assert!(matches!(&error, Error::EmptyMask { origin, .. } if origin == "mask"), "{error:?}");
+    assert!(
+        error.to_string().ends_with("has no measured pixel, so nothing says what the image is: check --mask")
+    );
+    // What is the matter is in the values, not in the choice of the mask.
+    let error = filled(&frame(vec![make(f32::NAN)]), &job()).unwrap_err().to_string();
+    assert!(error.contains("(mask) has no measured pixel, as no value of mask is finite: render"), "{error}");
+    let by_values = Job { mask: Source::Finite, ..job() };
+    let hole = |values: [&[f32]; 2]| {
+        let channels = vec![float("G", values[0]), float("R", values[1])];
+        filled(&frame(vec![part(window(0, 0, 2, 1), channels)]), &by_values).unwrap_err().to_string()
+    };
+    assert!(hole([&[NAN; 2]; 2]).contains("as no value of G, R is finite: render the frame again"));
+    assert!(hole([&[NAN; 2], &[1.0; 2]]).contains("as no value of G is finite"));
+    assert!(hole([&[NAN, 1.0], &[1.0, INF]]).contains("as every pixel has a value that is not finite"));
 }
 
 #[test]

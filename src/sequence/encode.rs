@@ -117,6 +117,9 @@ fn encode(
     let frame = frame::read(input, &Limits::default()).map_err(|error| failed(input, &error))?;
     let encoded = code::encode(&frame, dictionary, how).map_err(|error| failed(input, &error))?;
     frame::write_whole(output, &encoded.bytes).map_err(|error| failed(output, &error))?;
+    if let Some(note) = &encoded.non_finite {
+        console.warning(&format!("{}: {note}", input.display()));
+    }
     if !encoded.left_out.is_empty() {
         let names = encoded.left_out.join(", ");
         console.warning(&format!("{}: not encoded: {names}", input.display()));

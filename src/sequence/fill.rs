@@ -168,9 +168,6 @@ fn enter(report: &Report, record: &mut Record) {
     }
     record.warn(&report.notes);
     record.warn(report.outcome.and_then(early).as_slice());
-    if report.non_finite > 0 {
-        record.warn(&[format!("{} measured values are not finite and count as missing", report.non_finite)]);
-    }
     if report.clamped_halves > 0 {
         record.warn(&[format!("{} values past the largest half were clamped to it", report.clamped_halves)]);
     }

@@ -73,17 +73,19 @@ pub fn plan(selection: &Selection, targets: &Targets) -> Result<Plan, PlanError>
     checked(items, targets, &mut places)
 }
 
-/// Plans a run that makes frames of one file: every number its output. Looks at names and folders, changes nothing.
-pub fn outputs(source: &Path, numbers: &[Option<i64>], targets: &Targets) -> Result<Plan, PlanError> {
+/// Plans a run that makes frames of one file: every number its output, in a folder `NAME.exr` or `NAME.0001.exr`. Looks at
+/// names and folders, changes nothing.
+pub fn outputs(
+    (source, name): (&Path, &str),
+    numbers: &[Option<i64>],
+    targets: &Targets,
+) -> Result<Plan, PlanError> {
     let destination = Destination::parse(&targets.output)?;
     let shown = targets.output.display();
     match (&destination, numbers) {
-        (Destination::Folder(_), _) => {
-            return Err(PlanError::Usage(format!("{shown}: name a file or a pattern such as shot.####.exr")));
-        }
         (Destination::File(_), [Some(_), ..]) => {
             return Err(PlanError::Usage(format!(
-                "{shown}: --frames needs an output pattern (shot.####.exr)"
+                "{shown}: --frames needs an output pattern (shot.####.exr) or a folder (ends in /)"
             )));
         }
         (Destination::Pattern(_), [None, ..]) => {
@@ -95,10 +97,11 @@ pub fn outputs(source: &Path, numbers: &[Option<i64>], targets: &Targets) -> Res
     }
     let mask = targets.mask.as_deref().map(MaskFile::parse).transpose()?;
     let item = |&number: &Option<i64>| {
-        let input = Input { path: source.into(), number };
-        let output = destination.of(&input)?;
-        let mask = mask.as_ref().map(|mask| mask.of(&input)).transpose()?;
-        Ok(Item { number, input: input.path, output, mask, guides: None, layers: Vec::new() })
+        let path = number.map_or_else(|| format!("{name}.exr"), |number| format!("{name}.{number:04}.exr"));
+        let frame = Input { path: path.into(), number };
+        let output = destination.of(&frame)?;
+        let mask = mask.as_ref().map(|mask| mask.of(&frame)).transpose()?;
+        Ok(Item { number, input: source.into(), output, mask, guides: None, layers: Vec::new() })
     };
     let items: Vec<Item> = numbers.iter().map(item).collect::<Result<_, _>>()?;
     checked(items, targets, &mut Places::default())

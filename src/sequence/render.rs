@@ -136,7 +136,16 @@ fn plan(job: &RenderJob) -> Result<Plan, PlanError> {
         None => vec![None],
         Some(frames) => frames.numbers().iter().copied().map(Some).collect(),
     };
-    outputs(&job.scene, &numbers, &job.targets)
+    outputs((&job.scene, &name(&job.scene)), &numbers, &job.targets)
+}
+
+/// What frames of a scene are called in a folder: as its file, or as its kind if the tool makes it itself.
+fn name(scene: &Path) -> String {
+    let text = scene.to_string_lossy();
+    if let Some(kind) = text.strip_prefix(volume::PROCEDURAL) {
+        return kind.split(':').next().unwrap_or_default().into();
+    }
+    scene.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Everything that the pixels depend on, on one line.

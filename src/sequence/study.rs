@@ -43,6 +43,7 @@ pub fn study(job: &StudyJob) -> Result<u8, PlanError> {
     let subjects: Result<Vec<Subject>, String> =
         job.definition.frames.iter().map(|frame| Subject::read(frame, &job.folder)).collect();
     let subjects = subjects.map_err(PlanError::Failed)?;
+    subjects.iter().filter_map(|subject| subject.non_finite.as_ref()).for_each(|note| console.warning(note));
     let cells = study::cells(&job.definition, &subjects, &job.entries)
         .map_err(|error| PlanError::Usage(error.to_string()))?;
     let sheets = sheets(job, &subjects)?;

@@ -66,7 +66,7 @@ pub fn train(job: &TrainJob) -> Result<u8, PlanError> {
     }
     frame::check_destination(&job.output).map_err(|error| output(&error))?;
     let paths: Vec<PathBuf> = frames.into_iter().map(|frame| frame.path).collect();
-    let values = blocks(job, &paths)?;
+    let values = blocks(job, &paths, &console)?;
     let blank = Trained {
         sparsity: job.settings.sparsity as u32,
         stride: job.stride as u32,
@@ -101,13 +101,16 @@ const fn dimension(settings: &ksvd::Settings) -> usize {
 }
 
 /// The blocks of the frames.
-fn blocks(job: &TrainJob, paths: &[PathBuf]) -> Result<Vec<f32>, PlanError> {
+fn blocks(job: &TrainJob, paths: &[PathBuf], console: &Console) -> Result<Vec<f32>, PlanError> {
     let mut blocks = Blocks::new(job.settings.block, job.stride, job.blocks_max, job.settings.seed);
     for path in paths {
         let failed =
             |error: &dyn std::fmt::Display| PlanError::Failed(format!("{}: {error}", path.display()));
         let frame = frame::read(path, &Limits::default()).map_err(|error| failed(&error))?;
         let (part, channels) = training::colour(&frame).map_err(|error| failed(&error))?;
+        if let Some(note) = training::non_finite(&frame.parts[part], &channels) {
+            console.warning(&format!("{}: {note}", path.display()));
+        }
         let (planes, _) = training::planes(&frame.parts[part], &channels).map_err(|error| failed(&error))?;
         if job.settings.channels == 1 {
             blocks.add(&training::grey(&planes));

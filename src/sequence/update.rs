@@ -4,9 +4,9 @@ use std::path::Path;
 use std::time::SystemTime;
 
 use super::plan::Item;
-use crate::frame::read_whole_header;
+use crate::frame::{PartHeader, read_header, read_whole_header};
 use crate::mask::Source;
-use crate::reconstruct::{Job, Stamp, was_cut_short};
+use crate::reconstruct::{Job, Stamp, Windows, was_cut_short};
 
 /// What happens to outputs that exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,12 +33,12 @@ fn modified(path: &Path) -> Option<SystemTime> {
     path.metadata().ok()?.modified().ok()
 }
 
-/// Whether the file is whole, at least one part has a stamp, all stamps are this run's and no time limit cut a part
-/// short. The settings tell which mask was asked for;
-/// of a file they tell the pattern, so its path is compared as well.
+/// Whether the file is whole, has the windows that this run would give it and a stamp on at least one part, all stamps are
+/// this run's and no time limit cut a part short. The settings tell which mask was asked for; of a file they tell the
+/// pattern, so its path is compared as well.
 fn is_of(item: &Item, job: &Job) -> bool {
     let Ok(parts) = read_whole_header(&item.output) else { return false };
-    if parts.iter().any(|part| was_cut_short(&part.attributes)) {
+    if parts.iter().any(|part| was_cut_short(&part.attributes)) || !has_windows(&parts, &item.input, job) {
         return false;
     }
     let stamps: Vec<Stamp> = parts.iter().filter_map(|part| Stamp::read(&part.attributes)).collect();
@@ -50,4 +50,20 @@ fn is_of(item: &Item, job: &Job) -> bool {
     });
     let same_mask = |stamp: &Stamp| source.as_ref().is_none_or(|source| *source == stamp.mask);
     !stamps.is_empty() && stamps.iter().all(|stamp| stamp.is_of(job) && same_mask(stamp))
+}
+
+/// Whether the parts of an output have the windows that this run makes of those of the input.
+fn has_windows(output: &[PartHeader], input: &Path, job: &Job) -> bool {
+    let Ok(input) = read_header(input) else { return false };
+    let made = |part: &PartHeader| match &job.enlarge {
+        None => Some((part.data_window, part.display_window)),
+        Some(enlarge) => {
+            let windows = Windows::of_header(part, &enlarge.target).ok()?;
+            Some((windows.data, windows.display))
+        }
+    };
+    let same = |(part, output): (&PartHeader, &PartHeader)| {
+        made(part) == Some((output.data_window, output.display_window))
+    };
+    input.len() == output.len() && input.iter().zip(output).all(same)
 }

@@ -7,6 +7,7 @@ use lacuna_filters::Mask;
 use lacuna_filters::sampling::{Field, Pattern, Temporal, mask};
 
 use super::definition::SubjectDefinition;
+use crate::channels::{non_finite, non_finite_note};
 use crate::frame::{self, Channel, Frame, Limits, Part, Samples, Window};
 
 /// The channels that are studied, where the frame has them.
@@ -23,6 +24,8 @@ pub struct Subject {
     pub frame: Frame,
     /// Checksum of the pixels and their place.
     pub sum: u32,
+    /// What the log should say of values that are not finite.
+    pub non_finite: Option<String>,
 }
 
 impl Subject {
@@ -43,8 +46,12 @@ impl Subject {
         if let Some(window) = definition.crop {
             crop(part, window).map_err(fail)?;
         }
-        let sum = sum(part);
-        Ok(Self { name: definition.name.clone(), class: definition.class.clone(), frame, sum })
+        let counts = part.channels.iter();
+        let counts = counts.map(|channel| (channel.display_name(), non_finite(&channel.samples)));
+        let said = "values are not finite; measured ones count as missing, and no measure counts any";
+        let note = non_finite_note(said, counts).map(|note| format!("{}: {note}", path.display()));
+        let (name, class, sum) = (definition.name.clone(), definition.class.clone(), sum(part));
+        Ok(Self { name, class, frame, sum, non_finite: note })
     }
 
     /// Columns, rows and where they begin.

@@ -13,7 +13,7 @@ fn subject(name: &str, class: &str) -> Subject {
     };
     let planes = [("B", 0), ("G", 1), ("R", 2)].map(|(name, k)| float(name, &value(k)));
     let frame = frame(vec![part(window(0, 0, 32, 32), planes.to_vec())]);
-    Subject { name: name.into(), class: class.into(), frame, sum: 7 }
+    Subject { name: name.into(), class: class.into(), frame, sum: 7, non_finite: None }
 }
 
 fn entries() -> [Entry; 2] {

@@ -50,6 +50,7 @@ pub use error::Error;
 pub use grid::Grid;
 pub use output::{Story, Wanted, add_dense, canvas, frame};
 pub use picture::{Interpolation, Look, Picture, Renderer, Shot, render};
+pub use procedural::PREFIX as PROCEDURAL;
 pub use scene::{InterpolationName, ModeName, Override, Scene};
 pub use stage::{Stage, prepare};
 pub use tiles::tiles;

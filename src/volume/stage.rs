@@ -1,5 +1,6 @@
 //! From a scene to a renderer: the volume is read and prepared, the transfer function and the camera are made.
 
+use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -55,13 +56,23 @@ pub fn volume(scene: &Scene, folder: &Path) -> Result<Grid, Error> {
         .map_err(|why: String| Error::Scene(format!("raw: {why}")))?;
     let grid = match scene.volume.strip_prefix(procedural::PREFIX) {
         Some(name) => procedural::make(name)?,
-        None => read::read(&folder.join(&scene.volume), raw.as_ref())?,
+        None => read::read(&folder.join(&scene.volume), raw.as_ref()).map_err(with_way_out)?,
     };
     let grid = match &scene.axes {
         Some(axes) => reshape::axes(&grid, axes)?,
         None => grid,
     };
     if scene.resample { reshape::cubes(&grid) } else { Ok(grid) }
+}
+
+/// A volume that is not there may be somewhere else.
+fn with_way_out(error: Error) -> Error {
+    match error {
+        Error::Io { path, source, .. } if source.kind() == ErrorKind::NotFound => {
+            Error::File { path, why: "there is no such file; --volume FILE names the volume's".into() }
+        }
+        other => other,
+    }
 }
 
 /// Prepares a scene; colour maps are sought relative to `folder`.

@@ -85,6 +85,7 @@ pub fn enlarge(
         for (channel, lost) in done.report.channels.iter_mut().zip(&lost[index]) {
             channel.non_finite += lost;
         }
+        done.notes.extend(done.report.non_finite());
         let geometry = windows.geometry(asked.sampling);
         let guides = Guides::new(frame.parts[index].size());
         let work = part::Work { index, masks: &finite, choices, guides: &guides, job, plans, run };

@@ -48,17 +48,13 @@ impl Codes {
         let whole = (1.0 + KNEE * largest).log2();
         let (reference, test) = (Logarithms::new(reference, whole), Logarithms::new(test, whole));
         let pixels = reference.planes[0].len();
-        let mut best = None;
-        for levels in LEVELS {
-            let packed = [reference.packed(levels), test.packed_after(&reference, levels)];
-            let bytes: f64 = packed.iter().map(|bytes| entropy(bytes)).sum();
-            best = Some((levels, packed));
-            if pixels <= SMALL || bytes <= BUDGET * pixels as f64 {
-                break;
-            }
-        }
-        let (levels, [reference, test]) = best.unwrap_or_default();
-        Self { levels, largest, reference: packed(&reference), test: packed(&test) }
+        // Finer levels take more bytes, so that halving the list asks for few of them.
+        let too_fine =
+            |&levels: &i32| pixels > SMALL && bytes(&reference, &test, levels) > BUDGET * pixels as f64;
+        let levels = LEVELS[LEVELS.partition_point(too_fine).min(LEVELS.len() - 1)];
+        let (reference, test) = codes(&reference, &test, levels);
+        let (reference, test) = rayon::join(|| packed(&reference), || packed(&test));
+        Self { levels, largest, reference, test }
     }
 }
 
@@ -114,7 +110,7 @@ impl Logarithms {
         }
     }
 
-    fn packed(&self, levels: i32) -> Vec<u8> {
+    fn codes(&self, levels: i32) -> Vec<u8> {
         let code = |&log: &f32| code(log, levels);
         let [r, g, b] = [0, 1, 2].map(|k| self.planes[k].iter().map(code).collect::<Vec<i16>>());
         let less = |a: &[i16]| a.iter().zip(&g).map(|(a, g)| a.wrapping_sub(*g)).collect::<Vec<_>>();
@@ -124,11 +120,23 @@ impl Logarithms {
         split(&folded)
     }
 
-    fn packed_after(&self, reference: &Self, levels: i32) -> Vec<u8> {
+    fn codes_after(&self, reference: &Self, levels: i32) -> Vec<u8> {
         let pairs = reference.planes.iter().flatten().zip(self.planes.iter().flatten());
         let folded: Vec<u16> = pairs.map(|(&r, &t)| fold(after(r, t, levels))).collect();
         split(&folded)
     }
+}
+
+/// The codes of a reference and of its test image.
+fn codes(reference: &Logarithms, test: &Logarithms, levels: i32) -> (Vec<u8>, Vec<u8>) {
+    rayon::join(|| reference.codes(levels), || test.codes_after(reference, levels))
+}
+
+/// Bytes that they would take.
+fn bytes(reference: &Logarithms, test: &Logarithms, levels: i32) -> f64 {
+    let (reference, test) = codes(reference, test, levels);
+    let (reference, test) = rayon::join(|| entropy(&reference), || entropy(&test));
+    reference + test
 }
 
 /// The code of a value by its logarithm.
@@ -244,5 +252,25 @@ mod tests {
             assert_eq!(code(log, levels) + after(log, f32::NAN, levels), 1024);
         }
         assert_eq!(code(f32::NAN, levels), 1024);
+    }
+
+    #[test]
+    fn levels_are_the_most_that_fit() {
+        let size = lacuna_filters::Size::new(260, 260);
+        let noise = |y: usize, x: usize| ((y * 7919 + x * 104_729) % 1009) as f32 / 1009.0 - 0.5;
+        let mut chosen = Vec::new();
+        for strength in [1e-6, 3e-5, 1e-4, 3e-4, 1e-3, 1.0] {
+            let image = Plane::from_fn(size, |y, x| (y as f32 / 300.0).sin() * (x as f32 / 400.0).cos());
+            let other =
+                Plane::from_fn(size, |y, x| image.pixels()[y * size.width + x] + strength * noise(y, x));
+            let found = Codes::new([&image; 3], [&other; 3]);
+            let whole = (1.0 + KNEE * found.largest).log2();
+            let (image, other) = (Logarithms::new([&image; 3], whole), Logarithms::new([&other; 3], whole));
+            let fits = |levels: &i32| bytes(&image, &other, *levels) <= BUDGET * size.pixels() as f64;
+            assert_eq!(found.levels, LEVELS.into_iter().find(fits).unwrap_or(255), "{strength}");
+            chosen.push(found.levels);
+        }
+        chosen.dedup();
+        assert!(chosen.len() > 2, "{chosen:?}");
     }
 }
