@@ -140,7 +140,8 @@ impl Region {
                     spare: SPARE,
                     patience: PATIENCE,
                 };
-                self.refine(grids, goal, (samples, image), EASE * tolerance, run)
+                let unit = f64::max(EASE * tolerance, self.spacing(image));
+                self.refine(grids, goal, (samples, image), unit, run)
             }
             Grids::Double(grids) => {
                 let goal =
@@ -148,6 +149,16 @@ impl Region {
                 self.refine(grids, goal, (samples, image), tolerance, run)
             }
         }
+    }
+
+    /// About how far the largest values of the image in the window are apart: no correction of a rounded image is smaller.
+    fn spacing(&self, image: &Plane) -> f64 {
+        let Window { y, x, height, width } = self.window;
+        let top = |i: usize| {
+            image.row(y + i)[x..][..width].iter().fold(0.0, |top: f32, value| top.max(value.abs()))
+        };
+        let top = (0..height).into_par_iter().map(top).reduce(|| 0.0, f32::max);
+        f64::from(f32::EPSILON) * f64::from(top.max(f32::MIN_POSITIVE))
     }
 
     /// Iterative refinement: corrections in the numbers of the grids for residuals in f64.

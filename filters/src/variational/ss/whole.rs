@@ -172,6 +172,20 @@ mod tests {
         assert!(distance > 0.0 && distance <= RANGE * AIM, "{distance}");
     }
 
+    /// Neither where values lie no further apart than what is asked for, nor where they are hardly any.
+    #[test]
+    fn samples_that_differ_by_little_more_than_rounding_converge() {
+        let mask = sparse();
+        let a = picture(0);
+        for (middle, size) in [(1000.0, 1e-4), (1.0, 3e-7), (0.0, 1e-38), (0.0, 1e-44)] {
+            let channel = Plane::from_fn(SIZE, |y, x| middle + size * a.at(y, x));
+            let top =
+                |plane: &Plane| plane.pixels().iter().fold(0.0, |top: f32, x| top.max((x - middle).abs()));
+            let found = &solve(&Settings::default(), &mask, std::slice::from_ref(&channel), AIM)[0];
+            assert!(top(found) <= 2.0 * top(&channel), "{middle} {size}");
+        }
+    }
+
     /// What channels have in common changes neither a sample nor, beyond what is allowed, any other pixel.
     #[test]
     fn channels_with_much_in_common_are_solved_as_alone() {
