@@ -18,6 +18,11 @@
 //! `|y|`. At least one of both is always kept: if no image keeps both (a Gaussian cannot have made those pixels), the bounds
 //! win, the outcome is `IterationLimit`, and its residual says by how much.
 //!
+//! Boxes at broken factors meet that at every hard edge: a bright pixel between dark ones shares its pixels with them. Multipliers
+//! then grow without end, and with them a pattern of black and white pixels. Where the residual no longer falls they are
+//! therefore limited to twice the largest pixel around (an exact penalty on `|y - R x|`): where smaller ones suffice
+//! `R x = y` holds as before, elsewhere the image stays near the spline.
+//!
 //! Source: the dual is a projection by A. Beck, M. Teboulle, "A fast iterative shrinkage-thresholding algorithm for linear
 //! inverse problems", SIAM Journal on Imaging Sciences 2(1), 2009, with restarts (B. O'Donoghue, E. Candes, "Adaptive restart
 //! for accelerated gradient schemes", Foundations of Computational Mathematics 15, 2015).
@@ -26,12 +31,20 @@ use rayon::prelude::*;
 
 use super::{Enlarged, Plan, Question, Sampling};
 use crate::kernel::{Isa, vector};
-use crate::{Outcome, Plane, Run, Stop, limiter};
+use crate::{Outcome, Plane, Run, Size, Stop, limiter};
 
 /// Largest `|R x - y|` over the largest `|y|` at which the dual stops.
 pub const TOLERANCE: f64 = 1e-5;
 /// Steps of the dual after which it gives up.
 const STEPS: usize = 1000;
+/// Steps between two looks at whether the dual gets nearer.
+const LOOK: usize = 50;
+/// What is left after so many steps, over what was before, if it does not.
+const STUCK: f64 = 0.9;
+/// Multipliers that are limited, over the largest of the 3 x 3 pixels around.
+const LARGEST: f32 = 2.0;
+/// By how much the largest eigenvalue of `R R'` may exceed what it makes of a constant.
+const MARGIN: f64 = 1.2;
 /// Bisections of a cell: to the rounding of f32 and beyond.
 const BISECTIONS: usize = 40;
 
@@ -169,9 +182,8 @@ fn together(
     let peak = largest(samples).max(f64::MIN_POSITIVE);
     let mut outcome = Outcome { stop: Stop::IterationLimit, ..Outcome::direct() };
     let mut moved = clamp(plan, bounds, plane);
-    let mut multiplier = Plane::filled(samples.size(), 0.0);
-    let mut ahead = multiplier.clone();
-    let mut momentum = 1.0_f64;
+    let mut dual = Dual::new(samples.size());
+    let mut before = f64::INFINITY;
     loop {
         let residual = difference(samples, &plan.model.reduce(plane));
         let off = largest(&residual) / peak;
@@ -180,23 +192,82 @@ fn together(
             outcome.stop = Stop::Converged;
         } else if let Some(stop) = run.interrupted() {
             outcome.stop = stop;
-        } else if outcome.iterations < STEPS {
-            // Without bounds in the way the first step would be exact, so that the step is 1.
-            let next = sum(&ahead, 1.0, &plan.model.gram_inverse(&residual));
-            let way = difference(&next, &multiplier);
-            if vector::dot(Isa::best(), residual.pixels(), way.pixels()) < 0.0 {
-                momentum = 1.0;
+        } else if outcome.iterations < STEPS && !dual.rests(TOLERANCE * peak) {
+            let looks = outcome.iterations.is_multiple_of(LOOK) && dual.limits.is_none();
+            if looks && plan.geometry.sampling == Sampling::Box && off > STUCK * before {
+                dual = Dual::limited(plan, samples);
+            } else {
+                before = if looks { off } else { before };
+                dual.step(plan, &residual);
+                outcome.iterations += 1;
             }
-            let after = f64::midpoint(1.0, (1.0 + 4.0 * momentum * momentum).sqrt());
-            ahead = sum(&next, (momentum - 1.0) / after, &way);
-            multiplier = next;
-            momentum = after;
-            *plane = sum(&start, 1.0, &plan.model.adjoint(&ahead));
+            *plane = sum(&start, 1.0, &plan.model.adjoint(&dual.ahead));
             moved = clamp(plan, bounds, plane);
-            outcome.iterations += 1;
             continue;
         }
         return (moved, outcome);
+    }
+}
+
+/// The dual's way up: accelerated steps, begun anew where they go down.
+struct Dual {
+    multiplier: Plane,
+    ahead: Plane,
+    momentum: f64,
+    /// The largest change of the last step.
+    change: f64,
+    /// What multipliers may not exceed, and the length of a step.
+    limits: Option<(Plane, f64)>,
+}
+
+impl Dual {
+    fn new(size: Size) -> Self {
+        let multiplier = Plane::filled(size, 0.0);
+        Self { ahead: multiplier.clone(), multiplier, momentum: 1.0, change: f64::INFINITY, limits: None }
+    }
+
+    /// Limits as large as the pixels around allow for.
+    fn limited(plan: &Plan, samples: &Plane) -> Self {
+        let size = samples.size();
+        let most = Plane::from_fn(size, |y, x| {
+            let near = |at: usize, n: usize| at.saturating_sub(1)..(at + 2).min(n);
+            let rows = near(y, size.height).map(|y| &samples.row(y)[near(x, size.width)]);
+            LARGEST * rows.flatten().fold(0.0, |most: f32, value| most.max(value.abs()))
+        });
+        // A mean lets pass most of what does not vary.
+        let gain = largest(&plan.model.reduce(&plan.model.adjoint(&Plane::filled(size, 1.0))));
+        Self { limits: Some((most, 1.0 / (MARGIN * gain))), ..Self::new(size) }
+    }
+
+    /// Whether limited multipliers no longer change.
+    fn rests(&self, tolerance: f64) -> bool {
+        self.limits.is_some() && self.change <= tolerance
+    }
+
+    /// Follows what the image lacks of the samples.
+    fn step(&mut self, plan: &Plan, residual: &Plane) {
+        let mut next = match &self.limits {
+            // Without bounds in the way the first step would be exact, so that the step is 1.
+            None => sum(&self.ahead, 1.0, &plan.model.gram_inverse(residual)),
+            Some((_, length)) => sum(&self.ahead, *length, residual),
+        };
+        self.limit(&mut next);
+        let way = difference(&next, &self.multiplier);
+        if vector::dot(Isa::best(), residual.pixels(), way.pixels()) < 0.0 {
+            self.momentum = 1.0;
+        }
+        let after = f64::midpoint(1.0, (1.0 + 4.0 * self.momentum * self.momentum).sqrt());
+        let mut ahead = sum(&next, (self.momentum - 1.0) / after, &way);
+        self.limit(&mut ahead);
+        (self.multiplier, self.ahead) = (next, ahead);
+        (self.momentum, self.change) = (after, largest(&way));
+    }
+
+    fn limit(&self, multiplier: &mut Plane) {
+        if let Some((most, _)) = &self.limits {
+            let pairs = multiplier.pixels_mut().par_iter_mut().zip(most.pixels());
+            pairs.for_each(|(value, most)| *value = value.clamp(-most, *most));
+        }
     }
 }
 

@@ -274,3 +274,21 @@ fn sizes_and_values_are_checked() {
     let nan = plan.enlarge(&Plane::filled(Size::new(4, 4), f32::NAN), &ALL, &Run::default());
     assert_eq!(nan, Err(Error::NotFinite { row: 0, column: 0 }));
 }
+
+/// No image without negative light has these means: boxes that share pixels ask for light and for none in the same place. What is made
+/// of them stays calm, and keeps the means where nothing is in the way.
+#[test]
+fn hard_edges_at_broken_factors_stay_calm() {
+    let (low, high) = (Size::new(40, 40), Size::new(50, 50));
+    let y = Plane::from_fn(low, |i, j| {
+        if (i as f32 - 12.0).hypot(j as f32 - 12.0) < 8.0 || (i + j == 60) { 1.0 } else { 0.0 }
+    });
+    let plan = Plan::new(geometry(low, high, Sampling::Box), Method::Ss).unwrap();
+    let done = plan.enlarge(&y, &LIGHT, &Run::default()).unwrap();
+    assert_eq!(done.outcome.stop, crate::Stop::IterationLimit);
+    assert!(done.outcome.iterations < 400, "{:?}", done.outcome);
+    // Without limits of the multipliers it is twice as many.
+    let back = plan.model.reduce(&done.plane);
+    let off = back.pixels().iter().zip(y.pixels()).filter(|(a, b)| (**a - **b).abs() > 1e-3).count();
+    assert!(off < 100, "{off} of {}", low.pixels());
+}
