@@ -5,14 +5,13 @@ use std::path::{Path, PathBuf};
 use super::console::Console;
 use super::inputs::{Selection, resolve};
 use super::mask::{BoundFiles, MaskOutput, failed, keep, of_frame, report, source_of_frame};
-use super::masks;
 use super::pattern::Pattern;
 use super::plan::PlanError;
 use super::range::Frames;
 use crate::channels;
 use crate::frame::{self, Frame, Limits, WriteOptions};
 use crate::mask::output::{Listing, write_floats, write_mask};
-use crate::mask::{self, MakeError, Masks, Source, after, merge};
+use crate::mask::{self, MakeError, MaskFile, Masks, Source, after, merge};
 use crate::sparsify::{PATTERN, SEED};
 
 /// Pixels to choose after a first pass.
@@ -174,7 +173,7 @@ fn read(path: &Path, source: &Source) -> Result<(Frame, Masks), PlanError> {
     let limits = Limits::default();
     let frame = frame::read(path, &limits).map_err(|error| fail(error.into()))?;
     let file = match source.path() {
-        Some(file) => Some(masks::read(file, limits).map_err(|error| fail(error.into()))?),
+        Some(file) => Some(MaskFile::read(file, limits).map_err(|error| fail(error.into()))?),
         None => None,
     };
     let masks = mask::find(&frame, source, file.as_ref()).map_err(|error| fail(error.into()))?;
