@@ -185,6 +185,43 @@ fn an_input_is_never_written_over() {
 }
 
 #[test]
+fn outputs_that_are_to_stay_are_passed_over() {
+    let room = Room::with(&["a.0001.exr", "a.0002.exr"]);
+    let old = b"of another run";
+    let stays = ["m.0002.txt", "next.0001.txt", "error.0002.exr", "both.exr", "plot.png"];
+    for name in stays {
+        std::fs::write(room.path(name), old).unwrap();
+    }
+    room.ok(&["mask", "-o", "m.exr", "--size", "20x10", "--density", "0.5"]);
+    let (first, after) = (["--merge", "a.0001.exr", "a.0002.exr"], ["--after", "a.####.exr", "--add", "0.1"]);
+    for (words, passed, made) in [
+        (
+            &["-o", "m.#.txt", "--size", "8x8", "--density", "0.5", "--frames", "1-3"][..],
+            &["m.0002.txt"][..],
+            &["m.0001.txt", "m.0003.txt"][..],
+        ),
+        (
+            &[&after[..], &["-o", "next.####.txt", "--error-estimate", "error.####.exr"]].concat(),
+            &["next.0001.txt", "error.0002.exr"],
+            &["next.0002.txt", "error.0001.exr"],
+        ),
+        (&[&first[..], &["-o", "both.exr"]].concat(), &["both.exr"], &[]),
+        (&["--measure", "m.exr", "-o", "plot.png"], &["plot.png"], &[]),
+    ] {
+        let done = room.ok(&[&["mask", "--no-clobber"][..], words].concat());
+        for name in passed {
+            assert!(
+                done.err.contains(&format!("{name}: skipped: the output exists")),
+                "{name}: {}",
+                done.err
+            );
+        }
+        assert!(made.iter().all(|name| room.path(name).exists()), "{words:?}");
+    }
+    assert!(stays.iter().all(|name| std::fs::read(room.path(name)).unwrap() == old));
+}
+
+#[test]
 fn masks_are_measured() {
     let room = Room::new();
     room.ok(&["mask", "-o", "m.png", "--size", "64x64", "--density", "0.25", "--pattern", "grid"]);

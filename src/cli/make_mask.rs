@@ -171,7 +171,7 @@ struct OutputArgs {
     #[arg(long, requires = "output")]
     create_dir: bool,
 
-    /// Fail where the output exists
+    /// Pass over outputs that exist
     #[arg(long, requires = "output")]
     no_clobber: bool,
 

@@ -108,7 +108,7 @@ pub fn mask(job: &MaskJob) -> Result<u8, PlanError> {
                 keep(&[&plot.path], &inputs.collect::<Vec<_>>())?;
             }
             let judgement = measure(mask.as_ref(), coherence, spectrum.as_deref(), *seed)?;
-            tell(&judgement, plot.as_ref(), *json)
+            tell(&judgement, plot.as_ref(), *json, &console)
         }
     }
 }
@@ -170,6 +170,9 @@ fn one(
     let inputs: Vec<&Path> =
         [&bounds.inside, &bounds.always].into_iter().flatten().filter_map(Source::path).collect();
     keep(&[path], &inputs)?;
+    if !output.wants(path, console) {
+        return Ok(());
+    }
     let bounds = bounds.read(request.window).map_err(&fail)?;
     let mut how = output.writing();
     how.attributes = vec![(SEED, request.seed.to_string())];
@@ -177,14 +180,16 @@ fn one(
     if rank {
         let ranks = generate::ranks(request, frame, &bounds).map_err(&fail)?;
         how.attributes.push((PATTERN, pattern.into()));
-        return write_floats(path, "rank", ranks, 1.0, request.window, &how).map_err(fail);
+        let written = write_floats(path, "rank", ranks, 1.0, request.window, &how);
+        return output.wrote(path, written, console).map(drop);
     }
     let mask = generate::generate(request, frame, &bounds).map_err(&fail)?;
     let paired = if request.paired { " paired" } else { "" };
     how.attributes.push((PATTERN, format!("{pattern} density={}{paired}", request.density)));
     let listing = Listing::Rank(order_within(request, frame, &bounds));
-    write_mask(path, &mask, request.window, &listing, &how).map_err(fail)?;
-    report(path, &mask, console);
+    if output.wrote(path, write_mask(path, &mask, request.window, &listing, &how), console)? {
+        report(path, &mask, console);
+    }
     Ok(())
 }
 
@@ -261,10 +266,17 @@ fn luminance(frame: &Frame) -> Result<Plane, MakeError> {
     Ok(Plane::new(part.size(), pixels)?)
 }
 
-fn tell(judgement: &Judgement, plot: Option<&MaskOutput>, json: bool) -> Result<u8, PlanError> {
-    if let (Some(output), Some(plot)) = (plot, judgement.plot()) {
+fn tell(
+    judgement: &Judgement,
+    plot: Option<&MaskOutput>,
+    json: bool,
+    console: &Console,
+) -> Result<u8, PlanError> {
+    if let (Some(output), Some(plot)) = (plot, judgement.plot())
+        && output.wants(&output.path, console)
+    {
         output.make_folder()?;
-        plot.write(&output.path, output.no_clobber).map_err(failed(&output.path))?;
+        output.wrote(&output.path, plot.write(&output.path, output.no_clobber), console)?;
     }
     let text = if json {
         serde_json::to_string_pretty(judgement).map_err(|error| PlanError::Failed(error.to_string()))?
@@ -299,6 +311,31 @@ pub(super) fn source_of_frame(source: &Source, number: Option<i64>) -> Source {
 }
 
 impl MaskOutput {
+    /// Whether a file is to be written; one that is there and stays is passed over.
+    pub(super) fn wants(&self, path: &Path, console: &Console) -> bool {
+        let stays = self.no_clobber && path.symlink_metadata().is_ok();
+        if stays {
+            console.note(&format!("{}: skipped: the output exists", path.display()));
+        }
+        !stays
+    }
+
+    /// Whether a file was written; one that came into being meanwhile is passed over like one that was there.
+    pub(super) fn wrote(
+        &self,
+        path: &Path,
+        written: Result<(), MakeError>,
+        console: &Console,
+    ) -> Result<bool, PlanError> {
+        match written {
+            Err(MakeError::Frame(frame::Error::Exists)) if self.no_clobber => {
+                console.note(&format!("{}: skipped: the output appeared during the run", path.display()));
+                Ok(false)
+            }
+            written => written.map(|()| true).map_err(failed(path)),
+        }
+    }
+
     pub(super) fn writing(&self) -> Writing {
         Writing { no_clobber: self.no_clobber, overhead: self.overhead, attributes: Vec::new() }
     }

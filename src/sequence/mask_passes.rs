@@ -58,7 +58,7 @@ pub fn next(task: &NextPass, console: &Console) -> Result<u8, PlanError> {
     each(&task.frame, task.frames.as_ref(), &written, console, |frame, number| {
         let task = task.of_frame(frame, number);
         task.check()?;
-        task.write(&task.choose()?, console)
+        task.write(console)
     })
 }
 
@@ -71,13 +71,18 @@ pub fn unite(task: &Union, console: &Console) -> Result<u8, PlanError> {
         let source = source_of_frame(&task.source, number);
         let output = of_frame(&task.output.path, number);
         keep(&[&output], &[first, &second])?;
+        if !task.output.wants(&output, console) {
+            return Ok(());
+        }
         let (a, a_masks) = read(first, &source)?;
         let (b, b_masks) = read(&second, &source)?;
         let merged = merge::merge((a, &a_masks), (&b, &b_masks)).map_err(failed(&second))?;
         merged.notes.iter().for_each(|note| console.warning(&format!("{}: {note}", second.display())));
         let options = WriteOptions { compression_level: None, no_clobber: task.output.no_clobber };
-        frame::write(&merged.frame, &output, &options).map_err(|error| failed(&output)(error.into()))?;
-        console.note(&format!("{}: density {:.3} %", output.display(), 100.0 * merged.density));
+        let written = frame::write(&merged.frame, &output, &options).map_err(MakeError::from);
+        if task.output.wrote(&output, written, console)? {
+            console.note(&format!("{}: density {:.3} %", output.display(), 100.0 * merged.density));
+        }
         Ok(())
     })
 }
@@ -152,17 +157,26 @@ impl NextPass {
         after::next(&frame, &masks, &choices, self.add, self.seed, bounds).map_err(failed(&self.frame))
     }
 
-    fn write(&self, next: &after::Next, console: &Console) -> Result<(), PlanError> {
-        let (path, mut how) = (&self.output.path, self.output.writing());
-        how.attributes = vec![(PATTERN, "after".into()), (SEED, self.seed.to_string())];
-        let listing = Listing::Given(&next.pixels);
-        write_mask(path, &next.mask, next.window, &listing, &how).map_err(failed(path))?;
-        report(path, &next.mask, console);
-        if let Some(path) = &self.error_estimate {
+    fn write(&self, console: &Console) -> Result<(), PlanError> {
+        let mask = Some(self.output.path.as_path()).filter(|path| self.output.wants(path, console));
+        let estimate = self.error_estimate.as_deref().filter(|path| self.output.wants(path, console));
+        if mask.is_none() && estimate.is_none() {
+            return Ok(());
+        }
+        let (next, mut how) = (self.choose()?, self.output.writing());
+        if let Some(path) = mask {
+            how.attributes = vec![(PATTERN, "after".into()), (SEED, self.seed.to_string())];
+            let written = write_mask(path, &next.mask, next.window, &Listing::Given(&next.pixels), &how);
+            if self.output.wrote(path, written, console)? {
+                report(path, &next.mask, console);
+            }
+        }
+        if let Some(path) = estimate {
             how.attributes.clear();
             let largest = next.error.pixels().iter().copied().fold(0.0, f32::max);
             let pixels = next.error.pixels().to_vec();
-            write_floats(path, "error", pixels, largest, next.window, &how).map_err(failed(path))?;
+            let written = write_floats(path, "error", pixels, largest, next.window, &how);
+            self.output.wrote(path, written, console)?;
         }
         Ok(())
     }
