@@ -168,18 +168,29 @@ fn second_passes_go_frame_by_frame() {
 fn an_input_is_never_written_over() {
     let room = Room::with(&["a.exr"]);
     room.ok(&["mask", "-o", "m.png", "--size", "20x10", "--density", "0.5"]);
+    for (name, other) in [("a.exr", "hard.exr"), ("m.png", "hard.png")] {
+        std::fs::hard_link(room.path(name), room.path(other)).unwrap();
+    }
     let bytes = |name: &str| std::fs::read(room.path(name)).unwrap();
     let (frame, mask) = (bytes("a.exr"), bytes("m.png"));
     for words in [
         &["--after", "a.exr", "--add", "0.1", "-o", "a.exr"][..],
         &["--after", "a.exr", "--add", "0.1", "-o", "n.exr", "--error-estimate", "a.exr"],
-        &["--after", "a.exr", "--add", "0.1", "-o", "n.exr", "--error-estimate", "n.exr"],
+        &["--after", "a.exr", "--add", "0.1", "-o", "hard.exr"],
+        &["--merge", "a.exr", "a.exr", "-o", "hard.exr"],
+        &["--after", "a.exr", "--add", "0.1", "--mask", "m.png", "-o", "hard.png"],
         &["--size", "20x10", "--density", "0.2", "--inside", "m.png", "-o", "m.png"],
         &["--measure", "m.png", "-o", "m.png"],
+        &["--measure", "m.png", "-o", "hard.png"],
     ] {
         let done = room.run(&[&["mask"][..], words].concat());
         assert_eq!(done.status, 2, "{words:?}: {}", done.err);
-        assert!(done.err.contains("one of the inputs"), "{words:?}: {}", done.err);
+        assert!(done.err.contains("the output is the same file as the"), "{words:?}: {}", done.err);
+    }
+    for estimate in ["n.exr", "./n.exr"] {
+        let words = ["mask", "--after", "a.exr", "--add", "0.1", "-o", "n.exr", "--error-estimate", estimate];
+        let done = room.run(&words);
+        assert!(done.status == 2 && done.err.contains("written twice"), "{}", done.err);
     }
     assert!(bytes("a.exr") == frame && bytes("m.png") == mask);
 }
@@ -244,7 +255,7 @@ fn nonsense_is_refused_in_one_line() {
         (&["--size", "0x10", "--density", "0.5", "-o", "m.exr"], 2, "from 1 to 32768"),
         (&["--size", "10x10", "--density", "0.5", "-o", "m.tif"], 1, "does not end in"),
         (&["--after", "missing.exr", "--add", "0.1", "-o", "m.exr"], 1, "missing.exr"),
-        (&["--merge", "a.exr", "a.exr", "-o", "a.exr"], 2, "one of the inputs"),
+        (&["--merge", "a.exr", "a.exr", "-o", "a.exr"], 2, "the same file as the first render"),
         (
             &["--size", "10x10", "--density", "0.5", "-o", "m.exr", "--inside", "missing.exr"],
             1,

@@ -138,6 +138,45 @@ fn a_sequence_orbits_and_resumes() {
     assert_eq!(left, 4, "no temporary file stays");
 }
 
+/// A volume of that many bytes, its header apart.
+fn detached_volume(folder: &Path, value: u8) {
+    let header = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 8 8 8\nencoding: raw\ndata file: v.raw\n";
+    std::fs::write(folder.join("v.nhdr"), header).unwrap();
+    let voxels: Vec<u8> = (0..512).map(|at| if at % 8 > 2 { value } else { 0 }).collect();
+    std::fs::write(folder.join("v.raw"), voxels).unwrap();
+}
+
+const MAP: &str = r#"[{"RGBPoints": [0, 0, 0, 0, 1, 1, 1, 1], "Points": [0, 0, 0.5, 0, 1, 1, 0.5, 0]}]"#;
+
+#[test]
+fn no_file_of_the_scene_is_written() {
+    let room = tempfile::tempdir().unwrap();
+    let path = |name: &str| room.path().join(name);
+    detached_volume(room.path(), 200);
+    std::fs::write(path("map.json"), MAP).unwrap();
+    std::fs::write(path("s.toml"), "volume = \"v.nhdr\"\n[transfer]\nparaview = \"map.json\"\n").unwrap();
+    done(room.path(), &["render", "s.toml", "-o", "mask.exr", "--size", "8x8", "--density", "0.5", "-q"]);
+    for (name, what) in [
+        ("s.toml", "input"),
+        ("v.nhdr", "volume"),
+        ("v.raw", "volume"),
+        ("map.json", "colour map"),
+        ("mask.exr", "mask"),
+    ] {
+        std::fs::hard_link(path(name), path("hard.exr")).unwrap();
+        let before = std::fs::read(path(name)).unwrap();
+        for more in [&["-o", "hard.exr"][..], &["-o", "o.exr", "--json", "hard.exr"]] {
+            let words = [&["render", "s.toml", "--size", "8x8", "--mask", "mask.exr"][..], more].concat();
+            let output = lacuna(room.path(), &words);
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(2), "{name}: {said}");
+            assert!(said.contains(&format!("hard.exr: the output is the same file as the {what}")), "{said}");
+        }
+        assert!(std::fs::read(path(name)).unwrap() == before);
+        std::fs::remove_file(path("hard.exr")).unwrap();
+    }
+}
+
 #[test]
 fn what_cannot_be_rendered_is_one_line() {
     let room = tempfile::tempdir().unwrap();

@@ -7,6 +7,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::console::Console;
+use super::identity::{Sources, check_once};
 use super::masks::MaskFiles;
 use super::plan::{Item, Plan, PlanError, pair};
 use super::record::{Heading, Record};
@@ -90,22 +91,10 @@ pub fn compare(job: &CompareJob) -> Result<u8, PlanError> {
 /// Refuses outputs that are inputs, or that are named twice.
 fn check_outputs(job: &CompareJob, items: &[Item]) -> Result<(), PlanError> {
     let outputs: Vec<&PathBuf> = job.files().collect();
-    let real = |path: &Path| path.canonicalize().ok();
-    let read: BTreeSet<PathBuf> = items
-        .iter()
-        .flat_map(|item| [Some(&item.input), Some(&item.output), item.mask.as_ref()])
-        .filter_map(|path| real(path?))
-        .collect();
-    for (index, path) in outputs.iter().enumerate() {
-        if real(path).is_some_and(|path| read.contains(&path)) {
-            return Err(PlanError::Usage(format!(
-                "{}: is one of the images that are compared; name another file",
-                path.display()
-            )));
-        }
-        if outputs[..index].contains(path) {
-            return Err(PlanError::Usage(format!("{}: would be written twice", path.display())));
-        }
+    let read = Sources::new(items.iter().flat_map(Item::compared));
+    check_once(outputs.iter().map(|path| path.as_path()))?;
+    for path in outputs {
+        read.check(path)?;
         if path.is_dir() || !super::plan::folder_of(path).is_dir() {
             return Err(PlanError::Usage(format!("{}: no file can be written there", path.display())));
         }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use lacuna_filters::{Mask, Plane};
 
 use super::console::Console;
+use super::identity::Sources;
 use super::mask_passes::{self, NextPass, Union};
 use super::pattern::Pattern;
 use super::plan::PlanError;
@@ -104,8 +105,9 @@ pub fn mask(job: &MaskJob) -> Result<u8, PlanError> {
         MaskTask::Merge(task) => mask_passes::unite(task, &console),
         MaskTask::Measure { mask, coherence, spectrum, seed, plot, json } => {
             if let Some(plot) = plot {
-                let inputs = mask.iter().filter_map(Source::path).chain(spectrum.as_deref());
-                keep(&[&plot.path], &inputs.collect::<Vec<_>>())?;
+                let mask = mask.iter().filter_map(Source::path).map(|path| (path, "mask"));
+                let frame = spectrum.iter().map(|path| (&**path, "frame"));
+                Sources::new(mask.chain(frame)).check(&plot.path)?;
             }
             let judgement = measure(mask.as_ref(), coherence, spectrum.as_deref(), *seed)?;
             tell(&judgement, plot.as_ref(), *json, &console)
@@ -167,9 +169,7 @@ fn one(
     console: &Console,
 ) -> Result<(), PlanError> {
     let fail = failed(path);
-    let inputs: Vec<&Path> =
-        [&bounds.inside, &bounds.always].into_iter().flatten().filter_map(Source::path).collect();
-    keep(&[path], &inputs)?;
+    Sources::new(bounds.files()).check(path)?;
     if !output.wants(path, console) {
         return Ok(());
     }
@@ -202,21 +202,6 @@ fn order_within<'a>(request: &Request, frame: i64, bounds: &'a Bounds) -> genera
 pub(super) fn report(path: &Path, mask: &Mask, console: &Console) {
     let (count, density) = (mask.count(), 100.0 * mask.density());
     console.note(&format!("{}: {count} pixels, density {density:.3} %", path.display()));
-}
-
-/// Refuses outputs that are inputs.
-pub(super) fn keep(outputs: &[&Path], inputs: &[&Path]) -> Result<(), PlanError> {
-    let taken = outputs.iter().find(|output| inputs.iter().any(|input| same_file(input, output)));
-    taken.map_or(Ok(()), |output| {
-        Err(PlanError::Usage(format!("{}: the output is one of the inputs or outputs", output.display())))
-    })
-}
-
-fn same_file(a: &Path, b: &Path) -> bool {
-    match (a.canonicalize(), b.canonicalize()) {
-        (Ok(a), Ok(b)) => a == b,
-        _ => a == b,
-    }
 }
 
 fn measure(
@@ -352,6 +337,12 @@ impl MaskOutput {
 }
 
 impl BoundFiles {
+    /// The images, and what they are.
+    pub(super) fn files(&self) -> impl Iterator<Item = (&Path, &'static str)> {
+        let all = [(&self.inside, "image of --inside"), (&self.always, "image of --always")];
+        all.into_iter().filter_map(|(source, what)| Some((source.as_ref()?.path()?, what)))
+    }
+
     /// The files of one frame.
     pub(super) fn of_frame(&self, number: Option<i64>) -> Self {
         let numbered =

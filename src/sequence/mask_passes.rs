@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use super::console::Console;
+use super::identity::{Sources, check_once};
 use super::inputs::{Selection, resolve};
-use super::mask::{BoundFiles, MaskOutput, failed, keep, of_frame, report, source_of_frame};
+use super::mask::{BoundFiles, MaskOutput, failed, of_frame, report, source_of_frame};
 use super::pattern::Pattern;
 use super::plan::PlanError;
 use super::range::Frames;
@@ -70,7 +71,9 @@ pub fn unite(task: &Union, console: &Console) -> Result<u8, PlanError> {
         let second = of_frame(&task.second, number);
         let source = source_of_frame(&task.source, number);
         let output = of_frame(&task.output.path, number);
-        keep(&[&output], &[first, &second])?;
+        let mask = source.path().map(|path| (path, "mask"));
+        Sources::new([(first, "first render"), (&*second, "second render")].into_iter().chain(mask))
+            .check(&output)?;
         if !task.output.wants(&output, console) {
             return Ok(());
         }
@@ -139,15 +142,12 @@ impl NextPass {
 
     /// Refuses outputs that are inputs or each other.
     fn check(&self) -> Result<(), PlanError> {
-        let sources = [Some(&self.source), self.bounds.inside.as_ref(), self.bounds.always.as_ref()];
-        let mut inputs: Vec<&Path> = sources.into_iter().flatten().filter_map(Source::path).collect();
-        inputs.push(&self.frame);
-        keep(&[&self.output.path], &inputs)?;
-        if let Some(estimate) = &self.error_estimate {
-            inputs.push(&self.output.path);
-            keep(&[estimate], &inputs)?;
-        }
-        Ok(())
+        let mask = self.source.path().map(|path| (path, "mask"));
+        let read = std::iter::once((&*self.frame, "frame")).chain(mask).chain(self.bounds.files());
+        let read = Sources::new(read);
+        let outputs = || std::iter::once(&*self.output.path).chain(self.error_estimate.as_deref());
+        outputs().try_for_each(|output| read.check(output))?;
+        check_once(outputs())
     }
 
     fn choose(&self) -> Result<after::Next, PlanError> {

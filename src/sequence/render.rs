@@ -65,8 +65,8 @@ pub enum Pixels {
 impl RenderJob {
     /// Whether there is a scene and a plan for it, as every task of a farm will find. Changes nothing.
     pub fn check(&self) -> Result<(), PlanError> {
-        plan(self)?;
-        scene(self)?;
+        let (plan, (scene, folder)) = (plan(self)?, scene(self)?);
+        plan.with_files(&volume::files(&scene, &folder), &self.targets)?;
         self.run.console().map(drop)
     }
 }
@@ -76,6 +76,7 @@ pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
     let plan = plan(job)?;
     let console = job.run.console()?;
     let (scene, folder) = scene(job).map_err(|error| without_scene(job, &plan, error))?;
+    let plan = plan.with_files(&volume::files(&scene, &folder), &job.targets)?;
     let work = Render {
         job,
         settings: settings(job, &scene),

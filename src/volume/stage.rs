@@ -1,6 +1,6 @@
 //! From a scene to a renderer: the volume is read and prepared, the transfer function and the camera are made.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use lacuna_filters::Size;
@@ -62,6 +62,15 @@ pub fn volume(scene: &Scene, folder: &Path) -> Result<Grid, Error> {
         None => grid,
     };
     if scene.resample { reshape::cubes(&grid) } else { Ok(grid) }
+}
+
+/// The files that a scene is made from besides its own, and what they are; paths are relative to `folder`.
+pub fn files(scene: &Scene, folder: &Path) -> Vec<(&'static str, PathBuf)> {
+    let raw = scene.raw.as_ref().and_then(|text| text.parse::<RawLayout>().ok());
+    let made = scene.volume.is_empty() || scene.volume.starts_with(procedural::PREFIX);
+    let volume = if made { Vec::new() } else { read::files(&folder.join(&scene.volume), raw.as_ref()) };
+    let map = scene.transfer.paraview.as_ref().map(|path| ("colour map", folder.join(path)));
+    volume.into_iter().map(|path| ("volume", path)).chain(map).collect()
 }
 
 /// Prepares a scene; colour maps are sought relative to `folder`.
