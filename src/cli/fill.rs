@@ -11,7 +11,7 @@ use super::input::InputArgs;
 use super::layers::LayerArgs;
 use super::mask::MaskArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
-use super::run::{PageArgs, RunArgs};
+use super::run::{LimitArgs, PageArgs, RunArgs};
 use super::weights::WeightArgs;
 use crate::guides::Asked;
 use crate::reconstruct::{self, Enlarge};
@@ -68,6 +68,9 @@ pub struct FillArgs {
     run: RunArgs,
 
     #[command(flatten)]
+    limit: LimitArgs,
+
+    #[command(flatten)]
     page: PageArgs,
 }
 
@@ -83,6 +86,7 @@ impl FillArgs {
             format: &self.format,
             more: &self.more,
             run: &self.run,
+            limit: &self.limit,
             page: Some(&self.page),
             guides: Some(&self.guides),
             weights: Some(&self.weights),
@@ -102,6 +106,7 @@ pub(super) struct Groups<'a> {
     pub format: &'a FormatArgs,
     pub more: &'a MoreOutput,
     pub run: &'a RunArgs,
+    pub limit: &'a LimitArgs,
     pub page: Option<&'a PageArgs>,
     pub guides: Option<&'a GuideArgs>,
     pub weights: Option<&'a WeightArgs>,
@@ -134,7 +139,7 @@ impl Groups<'_> {
             guides.check(&what)?;
         }
         let page = self.page.and_then(|page| page.report.clone());
-        let run = RunOptions { page, ..self.run.options() };
+        let run = RunOptions { page, time_limit: self.limit.time_limit, ..self.run.options() };
         Ok(FillJob {
             selection,
             skip_missing,

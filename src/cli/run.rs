@@ -31,11 +31,6 @@ pub struct RunArgs {
     #[arg(long, value_name = "SIZE", allow_hyphen_values = true)]
     pub memory: Option<Bytes>,
 
-    /// Seconds that solving one frame may take, above 0; then its best image so far is written and the report says so
-    /// [default: no limit]
-    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_hyphen_values = true)]
-    pub time_limit: Option<Duration>,
-
     /// Print the plan (input, output, what would be done) and change nothing
     #[arg(short = 'n', long)]
     pub dry_run: bool,
@@ -60,6 +55,16 @@ pub struct RunArgs {
     /// How progress is told
     #[arg(long, value_name = "HOW", default_value = "auto")]
     pub progress: ProgressName,
+}
+
+/// A limit for work that can stop early.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Run")]
+pub struct LimitArgs {
+    /// Seconds that solving one frame may take, above 0; then its best image so far is written and the report says so
+    /// [default: no limit]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_hyphen_values = true)]
+    pub time_limit: Option<Duration>,
 }
 
 /// How progress is told.
@@ -127,7 +132,7 @@ impl RunArgs {
             threads: self.threads,
             parallel_frames: self.parallel_frames.into(),
             memory: self.memory.map(|bytes| bytes.0).or_else(granted_memory),
-            time_limit: self.time_limit,
+            time_limit: None,
             dry_run: self.dry_run,
             verbosity: self.speech.verbosity(),
             json: self.json.clone(),

@@ -129,6 +129,22 @@ fn every_flag_reaches_the_job() {
 }
 
 #[test]
+fn only_what_can_stop_early_takes_a_time_limit() {
+    for line in ["fill a.exr -o b.exr", "upscale a.exr -o b.exr --scale 2"] {
+        let Ok(Job::Fill(job)) = parse(words(&format!("{line} --time-limit 2"))) else { panic!("{line}") };
+        assert_eq!(job.run.time_limit, Some(std::time::Duration::from_secs(2)), "{line}");
+    }
+    for line in [
+        "render a.nrrd -o b.exr --density 0.5 --fill ss",
+        "sparsify a.exr -o b.exr --density 0.5",
+        "verify a.exr b.exr",
+        "compare a.exr b.exr",
+    ] {
+        assert!(usage(&format!("{line} --time-limit 2")).contains("'--time-limit'"), "{line}");
+    }
+}
+
+#[test]
 fn settings_of_another_filter_are_refused() {
     for (line, flag) in [
         ("--tv-norm isotropic", "--tv-norm"),

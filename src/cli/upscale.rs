@@ -11,7 +11,7 @@ use super::filter::{DomainName, Name, SettingArgs};
 use super::input::InputArgs;
 use super::mask::MaskArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
-use super::run::RunArgs;
+use super::run::{LimitArgs, RunArgs};
 use crate::reconstruct::{Enlarge, Target};
 use crate::sequence::FillJob;
 
@@ -65,6 +65,9 @@ pub struct UpscaleArgs {
 
     #[command(flatten)]
     run: RunArgs,
+
+    #[command(flatten)]
+    limit: LimitArgs,
 }
 
 /// How large.
@@ -159,6 +162,7 @@ impl UpscaleArgs {
             format: &self.format,
             more: &self.more,
             run: &self.run,
+            limit: &self.limit,
             page: None,
             guides: None,
             weights: None,
