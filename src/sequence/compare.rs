@@ -11,7 +11,6 @@ use super::identity::{Sources, check_once};
 use super::masks::MaskFiles;
 use super::plan::{Item, Plan, PlanError, pair};
 use super::record::{Heading, Record};
-use super::update::Existing;
 use super::{Selection, Verbosity, memory, prepare};
 use crate::frame::{self, Frame};
 use crate::mask::{self, Masks, Source};
@@ -159,7 +158,7 @@ impl Work for Compare<'_> {
     }
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
-        let decision = prepare::decide(item, self.job.skip_missing, Existing::Replace, |_| false);
+        let decision = prepare::decide(item, self.job.skip_missing);
         let at = self.index(item);
         match &decision {
             Ok(Decision::Skip(reason)) => self.found().frames[at].skipped = Some(reason.clone()),
