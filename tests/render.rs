@@ -126,13 +126,16 @@ fn a_sequence_orbits_and_resumes() {
     let room = tempfile::tempdir().unwrap();
     let scene = "volume = \"procedural:vessels:16\"\n[camera]\norbit = 40.0\n[image]\nsize = [20, 20]\n";
     std::fs::write(room.path().join("s.toml"), scene).unwrap();
-    let sequence = ["render", "s.toml", "-o", "o.###.exr", "--frames", "1-3", "--resume"];
+    let sequence = ["render", "s.toml", "-o", "o.###.exr", "--frames", "1-3", "-u"];
     done(room.path(), &sequence);
     let first = frame(&room.path().join("o.001.exr"));
     assert_ne!(channel(&first, "A"), channel(&frame(&room.path().join("o.002.exr")), "A"));
     std::fs::remove_file(room.path().join("o.002.exr")).unwrap();
     let said = done(room.path(), &sequence);
     assert!(said.contains("2 skipped"), "{said}");
+    // The flag's former name.
+    let said = done(room.path(), &[&sequence[..6], &["--resume"]].concat());
+    assert!(said.contains("3 skipped"), "{said}");
     // Another setting makes every frame anew.
     let said = done(room.path(), &[&sequence[..], &["--set", "camera.zoom=1.5"]].concat());
     assert!(said.contains("3 of 3 frames rendered"), "{said}");
@@ -197,7 +200,7 @@ fn frames_are_made_anew_when_a_file_of_the_scene_changed() {
     for name in sources {
         age(&path(name), 200);
     }
-    let words = ["render", "s.toml", "-o", "o.exr", "--size", "8x8", "--mask", "mask.exr", "--resume"];
+    let words = ["render", "s.toml", "-o", "o.exr", "--size", "8x8", "--mask", "mask.exr", "-u"];
     done(room.path(), &words);
     for name in sources {
         assert!(done(room.path(), &words).contains("1 skipped"), "{name}");
@@ -211,7 +214,7 @@ fn frames_are_made_anew_when_a_file_of_the_scene_changed() {
     age(&path("o.exr"), 100);
     assert!(done(room.path(), &words).contains("1 skipped"));
     // A volume without a scene.
-    let words = ["render", "v.nhdr", "-o", "w.exr", "--size", "8x8", "--resume"];
+    let words = ["render", "v.nhdr", "-o", "w.exr", "--size", "8x8", "-u"];
     done(room.path(), &words);
     age(&path("w.exr"), 100);
     assert!(done(room.path(), &words).contains("1 skipped"));

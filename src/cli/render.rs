@@ -17,7 +17,7 @@ use super::run::{PageArgs, RunArgs};
 use crate::frame::{Compression, SampleType};
 use crate::mask::Source;
 use crate::sequence::range::Frames;
-use crate::sequence::{Existing, Pixels, RenderJob, RunOptions, Targets};
+use crate::sequence::{Pixels, RenderJob, RunOptions, Targets};
 use crate::volume::{InterpolationName, ModeName, Override, Wanted};
 
 const EXAMPLES: &str = "\
@@ -65,9 +65,11 @@ pub struct RenderArgs {
     #[command(flatten)]
     format: FormatArgs,
 
-    /// Pass over frames that are there already and were made from the same scene with the same settings and version
-    #[arg(long, conflicts_with = "no_clobber", help_heading = "Output")]
-    resume: bool,
+    /// Pass over frames whose output is newer than the volume, the colour map and the mask file and was made by this
+    /// version from the same scene with the same settings
+    // It was --resume once, which stands in scripts.
+    #[arg(short, long, alias = "resume", conflicts_with = "no_clobber", help_heading = "Output")]
+    update: bool,
 
     #[command(flatten)]
     run: RunArgs,
@@ -262,11 +264,7 @@ impl RenderArgs {
             },
             level: packing.and_then(|packing| packing.level),
             fill: self.pixels.fill.map(method).transpose()?,
-            existing: match (self.resume, self.output.no_clobber) {
-                (true, _) => Existing::Update,
-                (_, true) => Existing::Keep,
-                _ => Existing::Replace,
-            },
+            existing: self.output.existing(self.update),
             run,
         })
     }

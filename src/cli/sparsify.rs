@@ -7,7 +7,7 @@ use super::input::InputArgs;
 use super::output::{FormatArgs, OutputArgs};
 use super::run::RunArgs;
 use crate::mask::Source;
-use crate::sequence::{Existing, SparsifyJob, SparsifyPattern, Targets};
+use crate::sequence::{SparsifyJob, SparsifyPattern, Targets};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -98,7 +98,7 @@ impl SparsifyArgs {
             pattern,
             compression: packing.map(|packing| packing.compression),
             level: packing.and_then(|packing| packing.level),
-            existing: if self.output.no_clobber { Existing::Keep } else { Existing::Replace },
+            existing: self.output.existing(false),
             run,
         })
     }
