@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, SystemTime};
 
-use lacuna::frame::{Frame, Limits, Samples, read};
+use lacuna::frame::{Frame, Limits, read};
 
 fn lacuna(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_lacuna")).current_dir(folder).args(arguments).output().unwrap()
@@ -27,11 +27,7 @@ fn frame(path: &Path) -> Frame {
 
 fn channel(frame: &Frame, name: &str) -> Vec<f32> {
     let channel = frame.parts[0].channels.iter().find(|channel| channel.name == name.as_bytes()).unwrap();
-    match &channel.samples {
-        Samples::Half(values) => values.iter().map(|value| value.to_f32()).collect(),
-        Samples::Float(values) => values.clone(),
-        Samples::Uint(values) => values.iter().map(|&value| value as f32).collect(),
-    }
+    channel.samples.as_f32()
 }
 
 const HEAD: &str = "procedural:head:24";

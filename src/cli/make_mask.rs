@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use lacuna_filters::sampling::{Pattern, Temporal};
 
 use super::Usage;
+use super::filter::fraction;
 use super::run::SpeechArgs;
 use crate::frame::Window;
 use crate::mask::Source;
@@ -447,11 +448,6 @@ fn file(flag: &str, source: &Source) -> Result<Source, Usage> {
         Source::File { .. } => Ok(source.clone()),
         other => Err(Usage(format!("{flag} {other}: give an image file"))),
     }
-}
-
-fn fraction(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "not a number from 0 to 1")?;
-    if (0.0..=1.0).contains(&value) { Ok(value) } else { Err("not a number from 0 to 1".into()) }
 }
 
 /// A window as text: `WxH`, `WxH+X+Y`.

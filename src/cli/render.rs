@@ -11,7 +11,7 @@ use lacuna_filters::sensing::{cs_gradient, cs_wavelet};
 use lacuna_filters::variational::{ss, tv};
 
 use super::Usage;
-use super::filter::Name;
+use super::filter::{Name, fraction};
 use super::output::{Depth, FormatArgs, OutputArgs};
 use super::run::{PageArgs, RunArgs};
 use crate::frame::{Compression, SampleType};
@@ -124,7 +124,7 @@ struct SceneArgs {
 #[command(next_help_heading = "Mask")]
 struct PixelArgs {
     /// Render only this share of the pixels, 0 to 1, spread evenly
-    #[arg(long, value_name = "D", value_parser = super::sparsify::fraction)]
+    #[arg(long, value_name = "D", value_parser = fraction)]
     density: Option<f64>,
 
     #[arg(long, value_name = "SOURCE", help = MASK, conflicts_with = "density")]

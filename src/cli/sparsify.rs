@@ -3,6 +3,7 @@
 use clap::Args;
 
 use super::Usage;
+use super::filter::fraction;
 use super::input::InputArgs;
 use super::output::{FormatArgs, OutputArgs};
 use super::run::RunArgs;
@@ -102,10 +103,4 @@ impl SparsifyArgs {
             run,
         })
     }
-}
-
-/// A number from 0 to 1.
-pub(super) fn fraction(text: &str) -> Result<f64, String> {
-    let value = text.parse().ok().filter(|value| (0.0..=1.0).contains(value));
-    value.ok_or_else(|| "it must be a number from 0 to 1".into())
 }

@@ -11,7 +11,7 @@ use super::mask_passes::{self, NextPass, Union};
 use super::pattern::Pattern;
 use super::plan::PlanError;
 use super::{Verbosity, signals, threads};
-use crate::frame::{self, Frame, Limits, Samples, Window};
+use crate::frame::{self, Frame, Limits, Window};
 use crate::mask::generate::{self, Bounds, Request};
 use crate::mask::judge::{self, Judgement};
 use crate::mask::output::{Listing, Writing, write_floats, write_mask};
@@ -233,20 +233,13 @@ fn luminance(frame: &Frame) -> Result<Plane, MakeError> {
     let none = || MakeError::Other("the frame has no channels".into());
     let part = frame.parts.first().ok_or_else(none)?;
     let plane = |name: &str| part.channels.iter().find(|channel| channel.name == name.as_bytes());
-    let values = |samples: &Samples| -> Vec<f32> {
-        match samples {
-            Samples::Half(values) => values.iter().map(|value| value.to_f32()).collect(),
-            Samples::Float(values) => values.clone(),
-            Samples::Uint(values) => values.iter().map(|&value| value as f32).collect(),
-        }
-    };
     let pixels = match (plane("R"), plane("G"), plane("B")) {
         (Some(r), Some(g), Some(b)) => {
-            let (r, g, b) = (values(&r.samples), values(&g.samples), values(&b.samples));
+            let (r, g, b) = (r.samples.as_f32(), g.samples.as_f32(), b.samples.as_f32());
             let weighted = |((r, g), b): ((&f32, &f32), &f32)| 0.2126 * r + 0.7152 * g + 0.0722 * b;
             r.iter().zip(&g).zip(&b).map(weighted).collect()
         }
-        _ => values(&part.channels.first().ok_or_else(none)?.samples),
+        _ => part.channels.first().ok_or_else(none)?.samples.as_f32(),
     };
     Ok(Plane::new(part.size(), pixels)?)
 }
