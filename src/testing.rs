@@ -48,9 +48,5 @@ pub fn uint(name: &str, values: &[u32]) -> Channel {
 
 /// The values of a channel of one part.
 pub fn values(part: &Part, name: &str) -> Vec<f32> {
-    match &part.channels.iter().find(|channel| channel.name == name.as_bytes()).unwrap().samples {
-        Samples::Half(values) => values.iter().map(|value| value.to_f32()).collect(),
-        Samples::Float(values) => values.clone(),
-        Samples::Uint(values) => values.iter().map(|&value| value as f32).collect(),
-    }
+    part.channels.iter().find(|channel| channel.name == name.as_bytes()).unwrap().samples.as_f32()
 }

@@ -168,20 +168,68 @@ fn second_passes_go_frame_by_frame() {
 fn an_input_is_never_written_over() {
     let room = Room::with(&["a.exr"]);
     room.ok(&["mask", "-o", "m.png", "--size", "20x10", "--density", "0.5"]);
+    for (name, other) in [("a.exr", "hard.exr"), ("m.png", "hard.png")] {
+        std::fs::hard_link(room.path(name), room.path(other)).unwrap();
+    }
     let bytes = |name: &str| std::fs::read(room.path(name)).unwrap();
     let (frame, mask) = (bytes("a.exr"), bytes("m.png"));
     for words in [
         &["--after", "a.exr", "--add", "0.1", "-o", "a.exr"][..],
         &["--after", "a.exr", "--add", "0.1", "-o", "n.exr", "--error-estimate", "a.exr"],
-        &["--after", "a.exr", "--add", "0.1", "-o", "n.exr", "--error-estimate", "n.exr"],
+        &["--after", "a.exr", "--add", "0.1", "-o", "hard.exr"],
+        &["--merge", "a.exr", "a.exr", "-o", "hard.exr"],
+        &["--after", "a.exr", "--add", "0.1", "--mask", "m.png", "-o", "hard.png"],
         &["--size", "20x10", "--density", "0.2", "--inside", "m.png", "-o", "m.png"],
         &["--measure", "m.png", "-o", "m.png"],
+        &["--measure", "m.png", "-o", "hard.png"],
     ] {
         let done = room.run(&[&["mask"][..], words].concat());
         assert_eq!(done.status, 2, "{words:?}: {}", done.err);
-        assert!(done.err.contains("one of the inputs"), "{words:?}: {}", done.err);
+        assert!(done.err.contains("the output is the same file as the"), "{words:?}: {}", done.err);
+    }
+    for estimate in ["n.exr", "./n.exr"] {
+        let words = ["mask", "--after", "a.exr", "--add", "0.1", "-o", "n.exr", "--error-estimate", estimate];
+        let done = room.run(&words);
+        assert!(done.status == 2 && done.err.contains("written twice"), "{}", done.err);
     }
     assert!(bytes("a.exr") == frame && bytes("m.png") == mask);
+}
+
+#[test]
+fn outputs_that_are_to_stay_are_passed_over() {
+    let room = Room::with(&["a.0001.exr", "a.0002.exr"]);
+    let old = b"of another run";
+    let stays = ["m.0002.txt", "next.0001.txt", "error.0002.exr", "both.exr", "plot.png"];
+    for name in stays {
+        std::fs::write(room.path(name), old).unwrap();
+    }
+    room.ok(&["mask", "-o", "m.exr", "--size", "20x10", "--density", "0.5"]);
+    let (first, after) = (["--merge", "a.0001.exr", "a.0002.exr"], ["--after", "a.####.exr", "--add", "0.1"]);
+    for (words, passed, made) in [
+        (
+            &["-o", "m.#.txt", "--size", "8x8", "--density", "0.5", "--frames", "1-3"][..],
+            &["m.0002.txt"][..],
+            &["m.0001.txt", "m.0003.txt"][..],
+        ),
+        (
+            &[&after[..], &["-o", "next.####.txt", "--error-estimate", "error.####.exr"]].concat(),
+            &["next.0001.txt", "error.0002.exr"],
+            &["next.0002.txt", "error.0001.exr"],
+        ),
+        (&[&first[..], &["-o", "both.exr"]].concat(), &["both.exr"], &[]),
+        (&["--measure", "m.exr", "-o", "plot.png"], &["plot.png"], &[]),
+    ] {
+        let done = room.ok(&[&["mask", "--no-clobber"][..], words].concat());
+        for name in passed {
+            assert!(
+                done.err.contains(&format!("{name}: skipped: the output exists")),
+                "{name}: {}",
+                done.err
+            );
+        }
+        assert!(made.iter().all(|name| room.path(name).exists()), "{words:?}");
+    }
+    assert!(stays.iter().all(|name| std::fs::read(room.path(name)).unwrap() == old));
 }
 
 #[test]
@@ -207,7 +255,7 @@ fn nonsense_is_refused_in_one_line() {
         (&["--size", "0x10", "--density", "0.5", "-o", "m.exr"], 2, "from 1 to 32768"),
         (&["--size", "10x10", "--density", "0.5", "-o", "m.tif"], 1, "does not end in"),
         (&["--after", "missing.exr", "--add", "0.1", "-o", "m.exr"], 1, "missing.exr"),
-        (&["--merge", "a.exr", "a.exr", "-o", "a.exr"], 2, "one of the inputs"),
+        (&["--merge", "a.exr", "a.exr", "-o", "a.exr"], 2, "the same file as the first render"),
         (
             &["--size", "10x10", "--density", "0.5", "-o", "m.exr", "--inside", "missing.exr"],
             1,

@@ -3,10 +3,12 @@
 // Tests may unwrap: that is how they fail. Bits are meant to be equal.
 #![allow(clippy::unwrap_used, clippy::float_cmp)]
 
+use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, SystemTime};
 
-use lacuna::frame::{Frame, Limits, Samples, read};
+use lacuna::frame::{Frame, Limits, read};
 
 fn lacuna(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_lacuna")).current_dir(folder).args(arguments).output().unwrap()
@@ -25,11 +27,7 @@ fn frame(path: &Path) -> Frame {
 
 fn channel(frame: &Frame, name: &str) -> Vec<f32> {
     let channel = frame.parts[0].channels.iter().find(|channel| channel.name == name.as_bytes()).unwrap();
-    match &channel.samples {
-        Samples::Half(values) => values.iter().map(|value| value.to_f32()).collect(),
-        Samples::Float(values) => values.clone(),
-        Samples::Uint(values) => values.iter().map(|&value| value as f32).collect(),
-    }
+    channel.samples.as_f32()
 }
 
 const HEAD: &str = "procedural:head:24";
@@ -140,18 +138,143 @@ fn a_sequence_orbits_and_resumes() {
     let room = tempfile::tempdir().unwrap();
     let scene = "volume = \"procedural:vessels:16\"\n[camera]\norbit = 40.0\n[image]\nsize = [20, 20]\n";
     std::fs::write(room.path().join("s.toml"), scene).unwrap();
-    let sequence = ["render", "s.toml", "-o", "o.###.exr", "--frames", "1-3", "--resume"];
+    let sequence = ["render", "s.toml", "-o", "o.###.exr", "--frames", "1-3", "-u"];
     done(room.path(), &sequence);
     let first = frame(&room.path().join("o.001.exr"));
     assert_ne!(channel(&first, "A"), channel(&frame(&room.path().join("o.002.exr")), "A"));
     std::fs::remove_file(room.path().join("o.002.exr")).unwrap();
     let said = done(room.path(), &sequence);
     assert!(said.contains("2 skipped"), "{said}");
+    // The flag's former name.
+    let said = done(room.path(), &[&sequence[..6], &["--resume"]].concat());
+    assert!(said.contains("3 skipped"), "{said}");
     // Another setting makes every frame anew.
     let said = done(room.path(), &[&sequence[..], &["--set", "camera.zoom=1.5"]].concat());
     assert!(said.contains("3 of 3 frames rendered"), "{said}");
     let left = std::fs::read_dir(room.path()).unwrap().count();
     assert_eq!(left, 4, "no temporary file stays");
+}
+
+/// A volume of that many bytes, its header apart.
+fn detached_volume(folder: &Path, value: u8) {
+    let header = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 8 8 8\nencoding: raw\ndata file: v.raw\n";
+    std::fs::write(folder.join("v.nhdr"), header).unwrap();
+    let voxels: Vec<u8> = (0..512).map(|at| if at % 8 > 2 { value } else { 0 }).collect();
+    std::fs::write(folder.join("v.raw"), voxels).unwrap();
+}
+
+const MAP: &str = r#"[{"RGBPoints": [0, 0, 0, 0, 1, 1, 1, 1], "Points": [0, 0, 0.5, 0, 1, 1, 0.5, 0]}]"#;
+
+#[test]
+fn no_file_of_the_scene_is_written() {
+    let room = tempfile::tempdir().unwrap();
+    let path = |name: &str| room.path().join(name);
+    detached_volume(room.path(), 200);
+    std::fs::write(path("map.json"), MAP).unwrap();
+    std::fs::write(path("s.toml"), "volume = \"v.nhdr\"\n[transfer]\nparaview = \"map.json\"\n").unwrap();
+    done(room.path(), &["render", "s.toml", "-o", "mask.exr", "--size", "8x8", "--density", "0.5", "-q"]);
+    for (name, what) in [
+        ("s.toml", "input"),
+        ("v.nhdr", "volume"),
+        ("v.raw", "volume"),
+        ("map.json", "colour map"),
+        ("mask.exr", "mask"),
+    ] {
+        std::fs::hard_link(path(name), path("hard.exr")).unwrap();
+        let before = std::fs::read(path(name)).unwrap();
+        for more in [&["-o", "hard.exr"][..], &["-o", "o.exr", "--json", "hard.exr"]] {
+            let words = [&["render", "s.toml", "--size", "8x8", "--mask", "mask.exr"][..], more].concat();
+            let output = lacuna(room.path(), &words);
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(2), "{name}: {said}");
+            assert!(said.contains(&format!("hard.exr: the output is the same file as the {what}")), "{said}");
+        }
+        assert!(std::fs::read(path(name)).unwrap() == before);
+        std::fs::remove_file(path("hard.exr")).unwrap();
+    }
+}
+
+/// Sets a file's time of last change to that many seconds ago.
+fn age(path: &Path, seconds: u64) {
+    let time = SystemTime::now() - Duration::from_secs(seconds);
+    std::fs::File::options().write(true).open(path).unwrap().set_modified(time).unwrap();
+}
+
+#[test]
+fn frames_are_made_anew_when_a_file_of_the_scene_changed() {
+    let room = tempfile::tempdir().unwrap();
+    let path = |name: &str| room.path().join(name);
+    detached_volume(room.path(), 200);
+    std::fs::write(path("map.json"), MAP).unwrap();
+    std::fs::write(path("s.toml"), "volume = \"v.nhdr\"\n[transfer]\nparaview = \"map.json\"\n").unwrap();
+    done(room.path(), &["render", "s.toml", "-o", "mask.exr", "--size", "8x8", "--density", "0.5", "-q"]);
+    let sources = ["v.nhdr", "v.raw", "map.json", "mask.exr"];
+    for name in sources {
+        age(&path(name), 200);
+    }
+    let words = ["render", "s.toml", "-o", "o.exr", "--size", "8x8", "--mask", "mask.exr", "-u"];
+    done(room.path(), &words);
+    for name in sources {
+        assert!(done(room.path(), &words).contains("1 skipped"), "{name}");
+        age(&path("o.exr"), 100);
+        assert!(done(room.path(), &words).contains("1 skipped"), "{name}");
+        age(&path(name), 50);
+        assert!(done(room.path(), &words).contains("1 of 1 frame"), "{name}");
+        age(&path(name), 200);
+    }
+    // What the scene's own file says is in the settings, not what it was before.
+    age(&path("o.exr"), 100);
+    assert!(done(room.path(), &words).contains("1 skipped"));
+    // A volume without a scene.
+    let words = ["render", "v.nhdr", "-o", "w.exr", "--size", "8x8", "-u"];
+    done(room.path(), &words);
+    age(&path("w.exr"), 100);
+    assert!(done(room.path(), &words).contains("1 skipped"));
+    detached_volume(room.path(), 90);
+    assert!(done(room.path(), &words).contains("1 of 1 frame"));
+}
+
+#[cfg(unix)]
+#[test]
+fn an_output_that_cannot_be_written_is_seen_before_anything_is_rendered() {
+    let room = tempfile::tempdir().unwrap();
+    assert!(Command::new("mkfifo").arg(room.path().join("o.exr")).status().unwrap().success());
+    for (more, file) in
+        [(&["-o", "o.exr"][..], "o.exr"), (&["-o", "p.exr", "--mask", "missing.exr"], "missing.exr")]
+    {
+        for dry in [&["-n"][..], &[]] {
+            // The volume is not there either, which rendering would find first.
+            let output = lacuna(room.path(), &[&["render", "none.nrrd"][..], more, dry].concat());
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(1), "{more:?} {dry:?}: {said}");
+            assert!(said.contains(&format!("error: {file}")) && !said.contains("none.nrrd:"), "{said}");
+        }
+    }
+}
+
+#[test]
+fn an_output_that_appears_meanwhile_is_passed_over() {
+    let room = tempfile::tempdir().unwrap();
+    let words = ["render", HEAD, "-o", "o.exr", "--size", "100x100", "--step", "0.02", "--no-clobber"];
+    let mut process = Command::new(env!("CARGO_BIN_EXE_lacuna"))
+        .current_dir(room.path())
+        .args(words)
+        .args(["--threads", "1", "--progress", "plain"])
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut said = BufReader::new(process.stderr.take().unwrap());
+    let mut line = String::new();
+    while !line.contains("Progress:") {
+        line.clear();
+        assert_ne!(said.read_line(&mut line).unwrap(), 0, "it ended without a word");
+    }
+    std::fs::write(room.path().join("o.exr"), "mine").unwrap();
+    let mut rest = String::new();
+    said.read_to_string(&mut rest).unwrap();
+    assert!(process.wait().unwrap().success() && rest.contains("1 skipped"), "{rest}");
+    assert_eq!(std::fs::read(room.path().join("o.exr")).unwrap(), b"mine");
+    assert_eq!(std::fs::read_dir(room.path()).unwrap().count(), 1);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-"""`lacuna render` beside VTK, and as a process that is interrupted and resumed."""
+"""`lacuna render` beside VTK, and as a process that is interrupted and goes on."""
 
 import json
 import math
@@ -113,7 +113,7 @@ def test_the_picture_is_that_of_vtk(tmp_path):
     assert error(ours(voxels, tmp_path)) > 2.5 * same
 
 
-def test_an_interrupt_leaves_no_file_and_resume_goes_on(tmp_path):
+def test_an_interrupt_leaves_no_file_and_an_update_goes_on(tmp_path):
     words = ["render", "procedural:head:48", "-o", tmp_path / "o.###.exr", "--frames", "1-40", "--size", "400x400",
              "--step", "0.05", "--set", "camera.orbit=9", "--threads", "1"]
     # A test run in the background ignores the signal, and so would lacuna.
@@ -131,7 +131,7 @@ def test_an_interrupt_leaves_no_file_and_resume_goes_on(tmp_path):
     for name in left:
         assert colours(tmp_path / name, "A").max() > 0
     words[words.index("1-40")] = f"1-{len(left) + 1}"
-    result = lacuna(*words, "--resume")
+    result = lacuna(*words, "--update")
     assert f"{len(left)} skipped" in result.stderr, result
     assert times == {name: (tmp_path / name).stat().st_mtime_ns for name in left}
     assert (tmp_path / f"o.{len(left) + 1:03}.exr").exists()

@@ -153,7 +153,7 @@ impl Groups<'_> {
             },
             what,
             level: packing.and_then(|packing| packing.level),
-            existing: self.more.existing(self.output),
+            existing: self.output.existing(self.more.update),
             run,
         })
     }

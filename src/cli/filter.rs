@@ -346,3 +346,7 @@ pub(super) fn one_or_more(text: &str) -> Result<u32, String> {
 pub(super) fn above_zero(text: &str) -> Result<f64, String> {
     number(text, "above 0", |value: &f64| *value > 0.0 && value.is_finite())
 }
+
+pub(super) fn fraction(text: &str) -> Result<f64, String> {
+    number(text, "from 0 to 1", |value: &f64| (0.0..=1.0).contains(value))
+}

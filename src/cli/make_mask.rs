@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use lacuna_filters::sampling::{Pattern, Temporal};
 
 use super::Usage;
+use super::filter::fraction;
 use super::run::SpeechArgs;
 use crate::frame::Window;
 use crate::mask::Source;
@@ -25,6 +26,9 @@ Examples:
   lacuna mask --measure mask.exr -o spectrum.png --json
 
 Exit status: 0 all done, 1 something failed, 2 usage, 128 + n on signal n.";
+
+/// Pixels that starting a crop costs if nothing is said.
+const CROP_OVERHEAD: usize = 256;
 
 /// Make masks: which pixels a renderer should compute, in a first pass and after it
 ///
@@ -58,37 +62,37 @@ pub struct MakeMaskArgs {
 #[command(next_help_heading = "From a pattern")]
 struct PatternArgs {
     /// Columns and rows, and the first column and row if they are not 0: 1920x1080, 2020x1180-50-50
-    #[arg(long, value_name = "WxH[+X+Y]", conflicts_with_all = ["after", "merge", "measure"])]
+    #[arg(long, value_name = "WxH[+X+Y]")]
     size: Option<Geometry>,
 
     /// Measured pixels over all pixels (of the region), 0 to 1
     #[arg(long, value_name = "D", value_parser = fraction, allow_negative_numbers = true)]
     density: Option<f64>,
 
-    /// How the pixels lie
-    #[arg(long, value_name = "PATTERN", default_value = "shuffle")]
-    pattern: PatternName,
+    /// How the pixels lie [default: shuffle]
+    #[arg(long, value_name = "PATTERN")]
+    pattern: Option<PatternName>,
 
-    /// Another pattern of the same kind; after a first pass, the seed of that
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    seed: u64,
+    /// Another pattern of the same kind; after a first pass, the seed of that [default: 0]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
 
     /// Each pixel with its right and its lower neighbour, which all count for the density: for --filter cs-gradient
-    #[arg(long, conflicts_with_all = ["rank", "after", "merge", "measure"])]
+    #[arg(long, conflicts_with = "rank")]
     paired: bool,
 
     /// Write the rank of each pixel instead: rank < D is the mask of density D (shuffle, blue-noise, random)
-    #[arg(long, conflicts_with_all = ["after", "merge", "measure"])]
+    #[arg(long)]
     rank: bool,
 
     /// A mask for each of these frames; the output is a pattern such as mask.####.exr. With --after and --merge the
     /// frames to take from patterns, all that exist if it is not given
-    #[arg(long, value_name = "RANGE", allow_hyphen_values = true, conflicts_with = "measure")]
+    #[arg(long, value_name = "RANGE", allow_hyphen_values = true)]
     frames: Option<Frames>,
 
-    /// How the masks of frames are related
-    #[arg(long, value_name = "HOW", default_value = "fixed")]
-    temporal: TemporalName,
+    /// How the masks of frames are related [default: fixed]
+    #[arg(long, value_name = "HOW")]
+    temporal: Option<TemporalName>,
 
     /// Only pixels where this image is above 0: an EXR file's channel (mask, A or the only one if not named), by absolute
     /// coordinates, or a PNG of the mask's size; a pattern goes frame by frame
@@ -99,9 +103,9 @@ struct PatternArgs {
     #[arg(long, value_name = "IMAGE[:CHANNEL]")]
     always: Option<Source>,
 
-    /// Also the outermost N pixels
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    border: usize,
+    /// Also the outermost N pixels [default: 0]
+    #[arg(long, value_name = "N")]
+    border: Option<usize>,
 }
 
 /// A mask from a frame, and two renders united.
@@ -109,24 +113,24 @@ struct PatternArgs {
 #[command(next_help_heading = "After a first pass")]
 struct AfterArgs {
     /// Choose the pixels to compute next: a frame that was filled, or is still sparse, or a pattern of such frames
-    #[arg(long, value_name = "FRAME", requires = "add", conflicts_with_all = ["merge", "measure", "density"])]
+    #[arg(long, value_name = "FRAME", requires = "add", conflicts_with_all = ["merge", "measure"])]
     after: Option<PathBuf>,
 
     /// Pixels to compute next over all pixels, 0 to 1
-    #[arg(long, value_name = "D", value_parser = fraction, allow_negative_numbers = true, requires = "after")]
+    #[arg(long, value_name = "D", value_parser = fraction, allow_negative_numbers = true)]
     add: Option<f64>,
 
     /// Write the estimated error of the fill as an image, .exr (channel error) or .png
-    #[arg(long, value_name = "FILE", requires = "after")]
+    #[arg(long, value_name = "FILE")]
     error_estimate: Option<PathBuf>,
 
     /// Unite two sparse renders of a frame, or of frames, bit for bit: what either measured is measured
-    #[arg(long, value_names = ["A", "B"], num_args = 2, conflicts_with_all = ["measure", "density"])]
+    #[arg(long, value_names = ["A", "B"], num_args = 2, conflicts_with = "measure")]
     merge: Option<Vec<PathBuf>>,
 
-    /// Where the masks of these frames come from, as in fill
-    #[arg(long, value_name = "SOURCE", default_value = "auto")]
-    mask: Source,
+    /// Where the masks of these frames come from, as in fill [default: auto]
+    #[arg(long, value_name = "SOURCE")]
+    mask: Option<Source>,
 }
 
 /// Figures of a mask.
@@ -134,26 +138,25 @@ struct AfterArgs {
 #[command(next_help_heading = "Measure")]
 struct MeasureArgs {
     /// Print density, star discrepancy, distances and the largest hole; -o FILE.png plots the power spectrum
-    #[arg(long, value_name = "MASK[:CHANNEL]", num_args = 0..=1, conflicts_with = "density")]
+    #[arg(long, value_name = "MASK[:CHANNEL]", num_args = 0..=1)]
     measure: Option<Vec<Source>>,
 
     /// With --measure: coherence of 64 x 64 sensing matrices (partial Fourier, wavelets with and without blur) over
     /// densities, as figure 3.1 of the thesis; takes minutes
-    #[arg(long, requires = "measure")]
+    #[arg(long)]
     coherence: bool,
 
-    /// The densities of --coherence
-    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = fraction,
-          default_value = "0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8,0.9")]
-    densities: Vec<f64>,
+    /// The densities of --coherence [default: 0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8,0.9]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = fraction)]
+    densities: Option<Vec<f64>>,
 
     /// With --measure: histogram of the DFT magnitudes of a frame and of its derivatives, as figure 3.2 of the thesis;
     /// -o FILE.png plots it
-    #[arg(long, value_name = "FRAME", requires = "measure")]
+    #[arg(long, value_name = "FRAME")]
     spectrum: Option<PathBuf>,
 
     /// With --measure: print JSON
-    #[arg(long, requires = "measure")]
+    #[arg(long)]
     json: bool,
 }
 
@@ -166,16 +169,16 @@ struct OutputArgs {
     output: Option<PathBuf>,
 
     /// Make the output's folder where it is missing
-    #[arg(long)]
+    #[arg(long, requires = "output")]
     create_dir: bool,
 
-    /// Fail where the output exists
-    #[arg(long)]
+    /// Pass over outputs that exist
+    #[arg(long, requires = "output")]
     no_clobber: bool,
 
-    /// For .json: what starting a crop costs, in pixels; larger makes fewer and larger rectangles
-    #[arg(long, value_name = "PIXELS", default_value_t = 256)]
-    crop_overhead: usize,
+    /// For .json: what starting a crop costs, in pixels; larger makes fewer and larger rectangles [default: 256]
+    #[arg(long, value_name = "PIXELS")]
+    crop_overhead: Option<usize>,
 }
 
 /// A pattern.
@@ -204,46 +207,124 @@ enum TemporalName {
     Complementary,
 }
 
+/// What is to be done, which decides the flags that mean something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Task {
+    Generate,
+    After,
+    Merge,
+    Measure,
+    Coherence,
+}
+
+impl Task {
+    /// The flag that asks for it.
+    const fn flag(self) -> &'static str {
+        match self {
+            Self::Generate => "--size",
+            Self::After => "--after",
+            Self::Merge => "--merge",
+            Self::Measure => "--measure",
+            Self::Coherence => "--measure --coherence",
+        }
+    }
+}
+
 impl MakeMaskArgs {
     /// The checked job.
     pub fn job(&self) -> Result<MaskJob, Usage> {
-        let task = if let Some(frame) = &self.after.after {
-            MaskTask::Next(NextPass {
-                frame: frame.clone(),
-                frames: self.pattern.frames.clone(),
-                source: self.after.mask.clone(),
-                add: self.after.add.unwrap_or(0.0),
-                seed: self.pattern.seed,
-                error_estimate: self.after.error_estimate.clone(),
-                bounds: self.pattern.bounds()?,
-                output: self.output.needed()?,
-            })
-        } else if let Some([first, second]) = self.after.merge.as_deref() {
-            MaskTask::Merge(Union {
-                first: first.clone(),
-                second: second.clone(),
-                frames: self.pattern.frames.clone(),
-                source: self.after.mask.clone(),
-                output: self.output.needed()?,
-            })
-        } else if let Some(mask) = &self.measure.measure {
-            self.measuring(mask.first())?
-        } else {
-            self.generating()?
+        self.check_tasks()?;
+        let task = match self.task() {
+            Task::Generate => self.generating()?,
+            Task::After => self.choosing()?,
+            Task::Merge => self.uniting()?,
+            Task::Measure | Task::Coherence => self.measuring()?,
         };
         Ok(MaskJob { task, threads: self.threads, verbosity: self.speech.verbosity() })
     }
 
-    fn generating(&self) -> Result<MaskTask, Usage> {
-        // Clap forgets that a flag requires --after where another excludes it.
-        if self.after.add.is_some() || self.after.error_estimate.is_some() {
-            return Err(Usage("--add and --error-estimate go with --after FRAME".into()));
+    fn task(&self) -> Task {
+        let (after, measure) = (&self.after, &self.measure);
+        match (&after.after, &after.merge, &measure.measure, measure.coherence) {
+            (Some(_), ..) => Task::After,
+            (_, Some(_), ..) => Task::Merge,
+            (.., Some(_), true) => Task::Coherence,
+            (.., Some(_), false) => Task::Measure,
+            _ => Task::Generate,
         }
+    }
+
+    /// A flag that the task does not use is an error.
+    fn check_tasks(&self) -> Result<(), Usage> {
+        use Task::{After, Coherence, Generate, Measure, Merge};
+        let (pattern, after, measure) = (&self.pattern, &self.after, &self.measure);
+        let flags: [(&str, bool, &[Task]); 19] = [
+            ("--size", pattern.size.is_some(), &[Generate]),
+            ("--density", pattern.density.is_some(), &[Generate]),
+            ("--pattern", pattern.pattern.is_some(), &[Generate]),
+            ("--seed", pattern.seed.is_some(), &[Generate, After, Coherence]),
+            ("--paired", pattern.paired, &[Generate]),
+            ("--rank", pattern.rank, &[Generate]),
+            ("--frames", pattern.frames.is_some(), &[Generate, After, Merge]),
+            ("--temporal", pattern.temporal.is_some(), &[Generate]),
+            ("--inside", pattern.inside.is_some(), &[Generate, After]),
+            ("--always", pattern.always.is_some(), &[Generate, After]),
+            ("--border", pattern.border.is_some(), &[Generate, After]),
+            ("--add", after.add.is_some(), &[After]),
+            ("--error-estimate", after.error_estimate.is_some(), &[After]),
+            ("--mask", after.mask.is_some(), &[After, Merge]),
+            ("--coherence", measure.coherence, &[Coherence]),
+            ("--densities", measure.densities.is_some(), &[Coherence]),
+            ("--spectrum", measure.spectrum.is_some(), &[Measure, Coherence]),
+            ("--json", measure.json, &[Measure, Coherence]),
+            ("--crop-overhead", self.output.crop_overhead.is_some(), &[Generate, After]),
+        ];
+        let task = self.task();
+        let unused = flags.iter().find(|(_, given, tasks)| *given && !tasks.contains(&task));
+        unused.map_or(Ok(()), |(flag, _, tasks)| {
+            let owners: Vec<&str> = tasks.iter().map(|task| task.flag()).collect();
+            let owners = owners.join(" or ");
+            Err(Usage(match task {
+                // No flag asked for it.
+                Generate if self.pattern.size.is_none() => format!("{flag} goes with {owners}"),
+                _ => format!("{flag} goes with {owners}; {} does not use it, drop it", task.flag()),
+            }))
+        })
+    }
+
+    fn choosing(&self) -> Result<MaskTask, Usage> {
+        let needed = || Usage("--after FRAME with --add D is needed".into());
+        Ok(MaskTask::Next(NextPass {
+            frame: self.after.after.clone().ok_or_else(needed)?,
+            frames: self.pattern.frames.clone(),
+            source: self.after.source(),
+            add: self.after.add.ok_or_else(needed)?,
+            seed: self.pattern.seed(),
+            error_estimate: self.after.error_estimate.clone(),
+            bounds: self.pattern.bounds()?,
+            output: self.output.needed()?,
+        }))
+    }
+
+    fn uniting(&self) -> Result<MaskTask, Usage> {
+        let Some([first, second]) = self.after.merge.as_deref() else {
+            return Err(Usage("--merge takes two frames".into()));
+        };
+        Ok(MaskTask::Merge(Union {
+            first: first.clone(),
+            second: second.clone(),
+            frames: self.pattern.frames.clone(),
+            source: self.after.source(),
+            output: self.output.needed()?,
+        }))
+    }
+
+    fn generating(&self) -> Result<MaskTask, Usage> {
         let size = self
             .pattern
             .size
             .ok_or_else(|| Usage("--size WxH is needed (or --after, --merge, --measure)".into()))?;
-        let temporal = self.pattern.temporal.into();
+        let temporal = self.pattern.temporal.map_or(Temporal::Fixed, Temporal::from);
         let density = match (self.pattern.density, self.pattern.rank) {
             (Some(_), true) if temporal != Temporal::Complementary => {
                 return Err(Usage("--rank is the order for every density: leave --density away".into()));
@@ -259,9 +340,9 @@ impl MakeMaskArgs {
         };
         let request = Request {
             window: size.0,
-            pattern: self.pattern.pattern.into(),
+            pattern: self.pattern.pattern.map_or(Pattern::Shuffle, Pattern::from),
             density,
-            seed: self.pattern.seed,
+            seed: self.pattern.seed(),
             temporal,
             paired: self.pattern.paired,
         };
@@ -277,7 +358,8 @@ impl MakeMaskArgs {
         })
     }
 
-    fn measuring(&self, mask: Option<&Source>) -> Result<MaskTask, Usage> {
+    fn measuring(&self) -> Result<MaskTask, Usage> {
+        let mask = self.measure.measure.iter().flatten().next();
         let mask = mask.map(|mask| file("--measure", mask)).transpose()?;
         if mask.is_none() && !self.measure.coherence && self.measure.spectrum.is_none() {
             return Err(Usage("--measure needs a mask, --coherence or --spectrum FRAME".into()));
@@ -295,9 +377,9 @@ impl MakeMaskArgs {
         }
         Ok(MaskTask::Measure {
             mask,
-            coherence: if self.measure.coherence { self.measure.densities.clone() } else { Vec::new() },
+            coherence: if self.measure.coherence { self.measure.densities() } else { Vec::new() },
             spectrum: self.measure.spectrum.clone(),
-            seed: self.pattern.seed,
+            seed: self.pattern.seed(),
             plot,
             json: self.measure.json,
         })
@@ -305,19 +387,36 @@ impl MakeMaskArgs {
 }
 
 impl PatternArgs {
+    fn seed(&self) -> u64 {
+        self.seed.unwrap_or(0)
+    }
+
     fn bounds(&self) -> Result<BoundFiles, Usage> {
         Ok(BoundFiles {
             inside: self.inside.as_ref().map(|source| file("--inside", source)).transpose()?,
             always: self.always.as_ref().map(|source| file("--always", source)).transpose()?,
-            border: self.border,
+            border: self.border.unwrap_or(0),
         })
+    }
+}
+
+impl AfterArgs {
+    fn source(&self) -> Source {
+        self.mask.clone().unwrap_or(Source::Auto)
+    }
+}
+
+impl MeasureArgs {
+    fn densities(&self) -> Vec<f64> {
+        self.densities.clone().unwrap_or_else(|| (1..10).map(|tenths| f64::from(tenths) / 10.0).collect())
     }
 }
 
 impl OutputArgs {
     fn needed(&self) -> Result<MaskOutput, Usage> {
         let path = self.output.clone().ok_or_else(|| Usage("-o OUTPUT is needed".into()))?;
-        let (create_dir, no_clobber, overhead) = (self.create_dir, self.no_clobber, self.crop_overhead);
+        let (create_dir, no_clobber) = (self.create_dir, self.no_clobber);
+        let overhead = self.crop_overhead.unwrap_or(CROP_OVERHEAD);
         Ok(MaskOutput { path, create_dir, no_clobber, overhead })
     }
 }
@@ -349,11 +448,6 @@ fn file(flag: &str, source: &Source) -> Result<Source, Usage> {
         Source::File { .. } => Ok(source.clone()),
         other => Err(Usage(format!("{flag} {other}: give an image file"))),
     }
-}
-
-fn fraction(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "not a number from 0 to 1")?;
-    if (0.0..=1.0).contains(&value) { Ok(value) } else { Err("not a number from 0 to 1".into()) }
 }
 
 /// A window as text: `WxH`, `WxH+X+Y`.

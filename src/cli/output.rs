@@ -29,6 +29,15 @@ pub struct OutputArgs {
 }
 
 impl OutputArgs {
+    /// What happens to outputs that exist; `update` passes over those that are up to date.
+    pub fn existing(&self, update: bool) -> Existing {
+        match (update, self.no_clobber) {
+            (true, _) => Existing::Update,
+            (_, true) => Existing::Keep,
+            _ => Existing::Replace,
+        }
+    }
+
     /// The only output.
     ///
     /// # Errors
@@ -85,15 +94,6 @@ impl MoreOutput {
             Depth::Half => Kind::Half,
             Depth::Float => Kind::Float,
         })
-    }
-
-    /// What happens to outputs that exist.
-    pub fn existing(&self, output: &OutputArgs) -> Existing {
-        match (self.update, output.no_clobber) {
-            (true, _) => Existing::Update,
-            (_, true) => Existing::Keep,
-            _ => Existing::Replace,
-        }
     }
 }
 

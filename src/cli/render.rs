@@ -11,13 +11,13 @@ use lacuna_filters::sensing::{cs_gradient, cs_wavelet};
 use lacuna_filters::variational::{ss, tv};
 
 use super::Usage;
-use super::filter::Name;
+use super::filter::{Name, fraction};
 use super::output::{Depth, FormatArgs, OutputArgs};
 use super::run::{PageArgs, RunArgs};
 use crate::frame::{Compression, SampleType};
 use crate::mask::Source;
 use crate::sequence::range::Frames;
-use crate::sequence::{Existing, Pixels, RenderJob, RunOptions, Targets};
+use crate::sequence::{Pixels, RenderJob, RunOptions, Targets};
 use crate::volume::{InterpolationName, ModeName, Override, PROCEDURAL, Wanted};
 
 const EXAMPLES: &str = "\
@@ -65,9 +65,11 @@ pub struct RenderArgs {
     #[command(flatten)]
     format: FormatArgs,
 
-    /// Pass over frames that are there already and were made from the same scene with the same settings and version
-    #[arg(long, conflicts_with = "no_clobber", help_heading = "Output")]
-    resume: bool,
+    /// Pass over frames whose output is newer than the volume, the colour map and the mask file and was made by this
+    /// version from the same scene with the same settings
+    // It was --resume once, which stands in scripts.
+    #[arg(short, long, alias = "resume", conflicts_with = "no_clobber", help_heading = "Output")]
+    update: bool,
 
     #[command(flatten)]
     run: RunArgs,
@@ -122,7 +124,7 @@ struct SceneArgs {
 #[command(next_help_heading = "Mask")]
 struct PixelArgs {
     /// Render only this share of the pixels, 0 to 1, spread evenly
-    #[arg(long, value_name = "D", value_parser = super::sparsify::fraction)]
+    #[arg(long, value_name = "D", value_parser = fraction)]
     density: Option<f64>,
 
     #[arg(long, value_name = "SOURCE", help = MASK, conflicts_with = "density")]
@@ -262,11 +264,7 @@ impl RenderArgs {
             },
             level: packing.and_then(|packing| packing.level),
             fill: self.pixels.fill.map(method).transpose()?,
-            existing: match (self.resume, self.output.no_clobber) {
-                (true, _) => Existing::Update,
-                (_, true) => Existing::Keep,
-                _ => Existing::Replace,
-            },
+            existing: self.output.existing(self.update),
             run,
         })
     }

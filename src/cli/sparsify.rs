@@ -3,11 +3,12 @@
 use clap::Args;
 
 use super::Usage;
+use super::filter::fraction;
 use super::input::InputArgs;
 use super::output::{FormatArgs, OutputArgs};
 use super::run::RunArgs;
 use crate::mask::Source;
-use crate::sequence::{Existing, SparsifyJob, SparsifyPattern, Targets};
+use crate::sequence::{SparsifyJob, SparsifyPattern, Targets};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -98,14 +99,8 @@ impl SparsifyArgs {
             pattern,
             compression: packing.map(|packing| packing.compression),
             level: packing.and_then(|packing| packing.level),
-            existing: if self.output.no_clobber { Existing::Keep } else { Existing::Replace },
+            existing: self.output.existing(false),
             run,
         })
     }
-}
-
-/// A number from 0 to 1.
-pub(super) fn fraction(text: &str) -> Result<f64, String> {
-    let value = text.parse().ok().filter(|value| (0.0..=1.0).contains(value));
-    value.ok_or_else(|| "it must be a number from 0 to 1".into())
 }

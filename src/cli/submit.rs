@@ -180,7 +180,6 @@ fn of_fill(words: &[String], job: &FillJob) -> Result<(Task, Vec<i64>), Ending> 
     let task = Task {
         words: words.to_vec(),
         existing: job.existing,
-        update: "-u",
         skip_missing: job.skip_missing,
         has_log: job.run.log.is_some(),
         sparse: verifies.then_some(input),
@@ -196,7 +195,6 @@ fn of_render(words: &[String], job: &RenderJob) -> Result<(Task, Vec<i64>), Endi
     let task = Task {
         words: words.to_vec(),
         existing: job.existing,
-        update: "--resume",
         skip_missing: false,
         has_log: job.run.log.is_some(),
         sparse: None,
@@ -310,10 +308,7 @@ mod tests {
         )
         .unwrap();
         assert_eq!((job.chunk, job.grant.cpus, job.frames.len()), (4, 2, 6));
-        assert_eq!(
-            (job.task.existing, job.task.update, job.task.skip_missing),
-            (Existing::Replace, "-u", false)
-        );
+        assert_eq!((job.task.existing, job.task.skip_missing), (Existing::Replace, false));
         assert_eq!(
             (job.task.sparse.as_deref(), job.task.output.as_str()),
             (Some("s.####.exr"), "f.####.exr")
@@ -321,7 +316,7 @@ mod tests {
         assert_eq!(job.reference.unwrap().bounds, ["--fail-below=psnr=40,ssim=0.9"]);
         assert!(job.verify && !job.dry_run && job.program.is_absolute());
         let job = submit("submit slurm -n -- render a.nrrd -o a.####.exr --frames 1-9x2").unwrap();
-        assert_eq!((job.task.update, job.task.sparse), ("--resume", None));
+        assert_eq!(job.task.sparse, None);
         assert_eq!((job.frames, job.dry_run), (vec![1, 3, 5, 7, 9], true));
         let job =
             submit("submit slurm -- upscale a.#.exr -o b.#.exr --scale 2 --frames 1 --no-clobber --log l")

@@ -129,6 +129,22 @@ fn every_flag_reaches_the_job() {
 }
 
 #[test]
+fn only_what_can_stop_early_takes_a_time_limit() {
+    for line in ["fill a.exr -o b.exr", "upscale a.exr -o b.exr --scale 2"] {
+        let Ok(Job::Fill(job)) = parse(words(&format!("{line} --time-limit 2"))) else { panic!("{line}") };
+        assert_eq!(job.run.time_limit, Some(std::time::Duration::from_secs(2)), "{line}");
+    }
+    for line in [
+        "render a.nrrd -o b.exr --density 0.5 --fill ss",
+        "sparsify a.exr -o b.exr --density 0.5",
+        "verify a.exr b.exr",
+        "compare a.exr b.exr",
+    ] {
+        assert!(usage(&format!("{line} --time-limit 2")).contains("'--time-limit'"), "{line}");
+    }
+}
+
+#[test]
 fn settings_of_another_filter_are_refused() {
     for (line, flag) in [
         ("--tv-norm isotropic", "--tv-norm"),
@@ -139,6 +155,54 @@ fn settings_of_another_filter_are_refused() {
         let text = usage(&format!("fill a.exr -o b.exr {line}"));
         assert!(text.starts_with(&format!("lacuna: error: {flag} is a setting of")), "{text}");
         assert_eq!(text.lines().count(), 1, "{text}");
+    }
+}
+
+#[test]
+fn a_flag_that_the_task_of_mask_does_not_use_is_refused() {
+    let generate = "--size 8x8 --density 0.5 -o m.exr";
+    let (after, merge) = ("--after a.exr --add 0.1 -o m.exr", "--merge a.exr b.exr -o m.exr");
+    let (measure, coherence) = ("--measure m.png", "--measure --coherence");
+    for (task, flag, owners) in [
+        (generate, "--add 0.1", "--after"),
+        (generate, "--error-estimate e.exr", "--after"),
+        (generate, "--mask alpha", "--after or --merge"),
+        (generate, "--json", "--measure or --measure --coherence"),
+        (generate, "--coherence", "--measure --coherence"),
+        (after, "--pattern grid", "--size"),
+        (after, "--temporal offset", "--size"),
+        (after, "--density 0.1", "--size"),
+        (after, "--spectrum a.exr", "--measure or --measure --coherence"),
+        (merge, "--inside i.png", "--size or --after"),
+        (merge, "--always i.png", "--size or --after"),
+        (merge, "--border 1", "--size or --after"),
+        (merge, "--pattern shuffle", "--size"),
+        (merge, "--temporal fixed", "--size"),
+        (merge, "--seed 0", "--size or --after or --measure --coherence"),
+        (merge, "--crop-overhead 9", "--size or --after"),
+        (merge, "--rank", "--size"),
+        (measure, "--frames 1-2", "--size or --after or --merge"),
+        (measure, "--seed 1", "--size or --after or --measure --coherence"),
+        (measure, "--densities 0.1", "--measure --coherence"),
+        (coherence, "--size 8x8", "--size"),
+        (coherence, "--mask alpha", "--after or --merge"),
+    ] {
+        let text = usage(&format!("mask {task} {flag}"));
+        let name = flag.split(' ').next().unwrap();
+        assert!(text.starts_with(&format!("lacuna: error: {name} goes with {owners}; --")), "{text}");
+        assert!(text.contains("does not use it") && text.lines().count() == 1, "{text}");
+    }
+    for (task, flags) in [
+        (
+            generate,
+            "--pattern grid --seed 1 --frames 1-2 --temporal offset --inside i.png --border 1 --threads 2",
+        ),
+        (after, "--seed 1 --frames 1-2 --always i.png --border 1 --mask alpha --error-estimate e.exr"),
+        (merge, "--frames 1-2 --mask alpha --create-dir -q"),
+        (measure, "--json --spectrum a.exr -o p.png --no-clobber"),
+        (coherence, "--densities 0.1,0.2 --seed 3 --json"),
+    ] {
+        assert!(matches!(parse(words(&format!("mask {task} {flags}"))), Ok(Job::Mask(_))), "{task} {flags}");
     }
 }
 

@@ -183,6 +183,14 @@ impl Samples {
         }
     }
 
+    /// The values of any channel as 32-bit floats, whole numbers above 2^24 rounded.
+    pub fn as_f32(&self) -> Vec<f32> {
+        match self {
+            Self::Uint(values) => values.iter().map(|&value| value as f32).collect(),
+            floats => floats.to_floats().unwrap_or_default(),
+        }
+    }
+
     /// Whether the bits are the same, those of NaNs included (`==` calls two NaNs different and two zeros equal).
     pub fn same_bits(&self, other: &Self) -> bool {
         match (self, other) {

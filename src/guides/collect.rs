@@ -23,7 +23,7 @@ pub fn collect(guides: &[Guide], frame: &Frame, second: Option<&Frame>, size: Si
                 }
             }
             Kind::Values => {
-                let plane = |samples: &Samples| Plane::new(part.size(), floats(samples));
+                let plane = |samples: &Samples| Plane::new(part.size(), samples.as_f32());
                 taken.add(&guide.name, samples.map(plane).collect::<Result<_, _>>()?)?;
             }
         }
@@ -31,19 +31,10 @@ pub fn collect(guides: &[Guide], frame: &Frame, second: Option<&Frame>, size: Si
     Ok(taken)
 }
 
-fn floats(samples: &Samples) -> Vec<f32> {
-    match samples {
-        Samples::Uint(values) => values.iter().map(|&value| value as f32).collect(),
-        floats => floats.to_floats().unwrap_or_default(),
-    }
-}
-
 /// Labels of surfaces; a float that was averaged over a pixel counts as the whole number next to it.
 fn labels(samples: &Samples) -> Vec<u32> {
     match samples {
         Samples::Uint(values) => values.clone(),
-        floats => {
-            floats.to_floats().unwrap_or_default().into_iter().map(|value| value.round().to_bits()).collect()
-        }
+        floats => floats.as_f32().into_iter().map(|value| value.round().to_bits()).collect(),
     }
 }

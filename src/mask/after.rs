@@ -9,7 +9,7 @@ use lacuna_filters::{Mask, Plane, Planes, Run};
 use super::generate::{Bounds, field};
 use super::{MakeError, Masks};
 use crate::channels::{Choice, Rule};
-use crate::frame::{Frame, Part, Samples, Window};
+use crate::frame::{Frame, Samples, Window};
 
 /// The pixels to compute next.
 #[derive(Clone, Debug)]
@@ -46,7 +46,8 @@ pub fn next(
     })?;
     let part = &frame.parts[index];
     let (size, window) = (part.size(), part.data_window);
-    let planes: Vec<Vec<f32>> = channels.iter().map(|&channel| floats(part, channel)).collect();
+    let planes: Vec<Vec<f32>> =
+        channels.iter().map(|&channel| part.channels[channel].samples.as_f32()).collect();
     // A pixel that is not finite is measured, so not computed again, but says nothing about its surroundings.
     let finite = |pixel: usize| planes.iter().all(|plane| plane[pixel].is_finite());
     let width = size.width;
@@ -86,12 +87,4 @@ fn subject(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Option<(usi
         let same = |channel: &usize| masks.get(index, *channel) == Some(&mask);
         Some((index, channels.into_iter().filter(same).collect(), mask))
     })
-}
-
-fn floats(part: &Part, channel: usize) -> Vec<f32> {
-    match &part.channels[channel].samples {
-        Samples::Half(values) => values.iter().map(|value| value.to_f32()).collect(),
-        Samples::Float(values) => values.clone(),
-        Samples::Uint(values) => values.iter().map(|&value| value as f32).collect(),
-    }
 }

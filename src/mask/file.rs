@@ -1,5 +1,6 @@
 //! Mask files that have been read: EXR frames, which know where their pixels are, and grey PNG images, which do not.
 
+use std::io::Read;
 use std::path::Path;
 
 use lacuna_filters::{Mask, Size};
@@ -7,7 +8,13 @@ use lacuna_filters::{Mask, Size};
 use super::provider::{Provider, Views};
 use super::{Error, flags};
 use crate::channels::{list_channels, view_of};
-use crate::frame::{Frame, Window};
+use crate::frame::{self, Frame, Limits, Window};
+
+/// The first bytes of an EXR file.
+const EXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+
+/// The first bytes of a PNG image.
+const PNG: [u8; 8] = [0x89, b'P', b'N', b'G', b'\r', b'\n', 0x1a, b'\n'];
 
 /// A mask image that has been read; one serves every frame that it is the mask of.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,13 +23,47 @@ pub struct MaskFile {
     content: Content,
 }
 
+/// What was read.
 #[derive(Clone, Debug, PartialEq)]
-enum Content {
+pub(super) enum Content {
+    /// Channels, which know where their pixels are.
     Exr(Frame),
-    Grey { size: Size, measured: Vec<bool> },
+    /// Values from 0 to `white`, row by row.
+    Grey { size: Size, values: Vec<u16>, white: u16 },
 }
 
 impl MaskFile {
+    /// Reads a mask file: EXR or PNG, by its first bytes.
+    ///
+    /// # Errors
+    /// A file that is neither, or that cannot be read.
+    pub fn read(path: &Path, limits: Limits) -> Result<Self, Error> {
+        let name = path.display().to_string();
+        let fail = |why: String| Error::File { path: name.clone(), why };
+        let mut start = Vec::new();
+        let file = frame::open_regular(path);
+        file.and_then(|file| file.take(8).read_to_end(&mut start)).map_err(|error| fail(match &*name {
+            // A mask takes the number of its frame, not whatever is there.
+            glob if glob.contains(['*', '?']) => format!(
+                "{error}; a mask takes a pattern such as mask.####.exr, which goes frame by frame, but no glob"
+            ),
+            _ => error.to_string(),
+        }))?;
+        if start.starts_with(&EXR) {
+            let frame = frame::read(path, &limits).map_err(|error| fail(error.to_string()))?;
+            return Ok(Self::from_frame(name, frame));
+        }
+        if start == PNG {
+            return Self::read_png(path);
+        }
+        let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+        Err(fail(match ending.as_deref() {
+            Some("exr") => "not an EXR file".into(),
+            Some("png") => "not a PNG image".into(),
+            _ => "neither an EXR file nor a PNG image".into(),
+        }))
+    }
+
     /// Reads a PNG image. Colours count by their brightness; a pixel is measured from half of the full brightness
     /// on, or if it is 1 in an image in which nothing is brighter (0 and 1 written without scaling).
     pub fn read_png(path: &Path) -> Result<Self, Error> {
@@ -42,14 +83,12 @@ impl MaskFile {
         } else {
             (image.into_luma16().into_raw(), u16::MAX)
         };
-        Ok(Self::from_grey(name, size, &values, white))
+        Ok(Self::from_grey(name, size, values, white))
     }
 
     /// A grey image of `size` with values from 0 to `white`, row by row.
-    pub fn from_grey(path: String, size: Size, values: &[u16], white: u16) -> Self {
-        let unscaled = values.iter().max() == Some(&1);
-        let measured = values.iter().map(|&value| unscaled && value == 1 || value > white / 2).collect();
-        Self { path, content: Content::Grey { size, measured } }
+    pub fn from_grey(path: String, size: Size, values: Vec<u16>, white: u16) -> Self {
+        Self { path, content: Content::Grey { size, values, white } }
     }
 
     /// An EXR frame that was read from `path`.
@@ -62,18 +101,35 @@ impl MaskFile {
         &self.path
     }
 
+    /// What was read, of which nothing is a channel that a PNG image has not.
+    pub(super) fn content(&self, channel: Option<&str>) -> Result<&Content, Error> {
+        match (&self.content, channel) {
+            (Content::Grey { .. }, Some(wanted)) => Err(Error::File {
+                path: self.path.clone(),
+                why: format!("a PNG has no channel '{wanted}': leave the channel out"),
+            }),
+            (content, _) => Ok(content),
+        }
+    }
+
     /// The masks in it that may serve `frame`.
     pub(super) fn providers(&self, frame: &Frame, channel: Option<&str>) -> Result<Vec<Provider>, Error> {
-        match &self.content {
+        match self.content(channel)? {
             Content::Exr(mask) => self.of_exr(mask, channel),
-            Content::Grey { size, measured } => {
-                if let Some(wanted) = channel {
-                    return Err(Error::File {
-                        path: self.path.clone(),
-                        why: format!("a PNG has no channel '{wanted}': leave the channel out"),
-                    });
-                }
-                self.anchor(frame, *size, measured)
+            Content::Grey { size, values, white } => self.anchor(frame, *size, &measured(values, *white)),
+        }
+    }
+
+    /// The mask as it stands, of several the first.
+    pub(super) fn mask(&self, channel: Option<&str>) -> Result<Mask, Error> {
+        let fail = |why: String| Error::File { path: self.path.clone(), why };
+        match self.content(channel)? {
+            Content::Exr(mask) => {
+                let first = self.of_exr(mask, channel)?.into_iter().next();
+                first.map(|provider| provider.mask).ok_or_else(|| fail("it has no channel".into()))
+            }
+            Content::Grey { size, values, white } => {
+                Mask::new(*size, measured(values, *white)).map_err(|error| fail(error.to_string()))
             }
         }
     }
@@ -164,4 +220,10 @@ impl MaskFile {
         }
         Ok(found)
     }
+}
+
+/// Bright pixels, and ones where nothing is brighter.
+fn measured(values: &[u16], white: u16) -> Vec<bool> {
+    let unscaled = values.iter().max() == Some(&1);
+    values.iter().map(|&value| unscaled && value == 1 || value > white / 2).collect()
 }

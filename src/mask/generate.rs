@@ -5,8 +5,9 @@ use std::path::Path;
 use lacuna_filters::sampling::{self, Field, Order, Pattern, Temporal, shuffle};
 use lacuna_filters::{Mask, Size};
 
-use super::MakeError;
-use crate::frame::{self, Frame, Limits, Part, Samples, Window};
+use super::file::Content;
+use super::{Error, MakeError, MaskFile};
+use crate::frame::{Frame, Limits, Part, Samples, Window};
 
 /// A mask that is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -159,39 +160,32 @@ fn below(value: f64) -> f32 {
 /// A file that cannot be read or does not fit.
 pub fn region(path: &str, channel: Option<&str>, window: Window) -> Result<Mask, MakeError> {
     let fail = |why: String| MakeError::Other(format!("{path}: {why}"));
-    let is_png = Path::new(path).extension().is_some_and(|end| end.eq_ignore_ascii_case("png"));
-    if !is_png {
-        let frame =
-            frame::read(Path::new(path), &Limits::default()).map_err(|error| fail(error.to_string()))?;
-        return of_frame(&frame, channel, window).map_err(fail);
+    let file = MaskFile::read(Path::new(path), Limits::default()).map_err(|error| fail(reason(error)))?;
+    match file.content(channel).map_err(|error| fail(reason(error)))? {
+        Content::Exr(frame) => of_frame(frame, channel, window).map_err(fail),
+        Content::Grey { size, values, .. } if *size == window.size() => {
+            Mask::new(*size, values.iter().map(|&value| value > 0).collect())
+                .map_err(|error| fail(error.to_string()))
+        }
+        Content::Grey { size, .. } => Err(fail(format!("has {size} pixels, the mask has {}", window.size()))),
     }
-    let image = image::open(path).map_err(|error| fail(error.to_string()))?.into_luma16();
-    let (size, found) = (window.size(), Size::new(image.height() as usize, image.width() as usize));
-    if size != found {
-        return Err(fail(format!("has {found} pixels, the mask has {size}")));
-    }
-    Mask::new(size, image.into_raw().into_iter().map(|value| value > 0).collect())
-        .map_err(|error| fail(error.to_string()))
 }
 
-/// A mask file as it stands: a channel of an EXR file as for [`region`], at least one half being measured, or a PNG
-/// image, at least half white.
+/// A mask file as it stands, by the rules of filling.
 ///
 /// # Errors
 /// A file that cannot be read.
 pub fn load(path: &str, channel: Option<&str>) -> Result<Mask, MakeError> {
-    let fail = |why: String| MakeError::Other(why);
-    if Path::new(path).extension().is_some_and(|end| end.eq_ignore_ascii_case("png")) {
-        let image = image::open(path).map_err(|error| fail(error.to_string()))?.into_luma16();
-        let size = Size::new(image.height() as usize, image.width() as usize);
-        return Ok(Mask::new(
-            size,
-            image.into_raw().into_iter().map(|value| value > u16::MAX / 2).collect(),
-        )?);
+    let file = MaskFile::read(Path::new(path), Limits::default());
+    file.and_then(|file| file.mask(channel)).map_err(|error| MakeError::Other(reason(error)))
+}
+
+/// What is wrong with a file, which whoever asked for it names.
+fn reason(error: Error) -> String {
+    match error {
+        Error::File { why, .. } => why,
+        other => other.to_string(),
     }
-    let frame = frame::read(Path::new(path), &Limits::default())?;
-    let (part, samples) = pick(&frame, channel).map_err(fail)?;
-    Ok(Mask::new(part.size(), super::flags(samples, |value| value >= 0.5))?)
 }
 
 /// A channel by its name, else `mask`, else `A`, else the only one.

@@ -215,15 +215,15 @@ fn files_fit_by_window_or_by_size() {
         frame(vec![part])
     };
     let any = Source::File { pattern: "m".into(), channel: None };
-    let grey = |size: Size, values: &[u16]| MaskFile::from_grey("m.png".into(), size, values, 255);
-    let data = find(&target, &any, Some(&grey(Size::new(2, 2), &[0, 127, 128, 255]))).unwrap();
+    let grey = |size: Size, values: Vec<u16>| MaskFile::from_grey("m.png".into(), size, values, 255);
+    let data = find(&target, &any, Some(&grey(Size::new(2, 2), vec![0, 127, 128, 255]))).unwrap();
     assert_eq!(shown(&target, &data, 0, "R"), "0011");
     assert_eq!(data.origin, "file:m.png");
     let mut display = vec![0; 36];
     display[4 * 6 + 5] = 1;
-    let display = find(&target, &any, Some(&grey(Size::new(6, 6), &display))).unwrap();
+    let display = find(&target, &any, Some(&grey(Size::new(6, 6), display))).unwrap();
     assert_eq!(shown(&target, &display, 0, "R"), "0100");
-    let error = find(&target, &any, Some(&grey(Size::new(1, 2), &[0, 0]))).unwrap_err().to_string();
+    let error = find(&target, &any, Some(&grey(Size::new(1, 2), vec![0, 0]))).unwrap_err().to_string();
     assert!(error.contains("2x1") && error.contains("2x2, 6x6"), "{error}");
     assert_eq!(find(&target, &any, None).unwrap_err(), Error::FileNotRead);
 
@@ -245,7 +245,7 @@ fn own_windows_go_before_those_of_other_parts() {
     let first = part(window(0, 0, 2, 2), vec![half("R", &R4)]);
     let second = part(window(1, 0, 2, 2), vec![half("R", &R4)]);
     let frame = frame(vec![first, second]);
-    let file = MaskFile::from_grey("m.png".into(), Size::new(2, 2), &[1, 0, 0, 0], 255);
+    let file = MaskFile::from_grey("m.png".into(), Size::new(2, 2), vec![1, 0, 0, 0], 255);
     let masks = find(&frame, &Source::File { pattern: "m".into(), channel: None }, Some(&file)).unwrap();
     assert_eq!(
         (shown(&frame, &masks, 0, "R"), shown(&frame, &masks, 1, "R")),
@@ -282,4 +282,35 @@ fn png_files_are_read_by_brightness() {
     let grey = MaskFile::read_png(&path("grey.png")).unwrap();
     let named = Source::File { pattern: "m".into(), channel: Some("R".into()) };
     assert!(find(&target, &named, Some(&grey)).unwrap_err().to_string().contains("no channel 'R'"));
+}
+
+#[test]
+fn masks_are_measured_as_they_serve_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let load = |name: &str, channel| generate::load(&path(name), channel);
+    image::GrayImage::from_raw(2, 2, vec![0, 1, 1, 0]).unwrap().save(path("unscaled.png")).unwrap();
+    assert_eq!(load("unscaled.png", None).unwrap().as_slice(), [false, true, true, false]);
+    // The content says what a file is, not its name.
+    std::fs::copy(path("unscaled.png"), path("named.exr")).unwrap();
+    assert_eq!(load("named.exr", None).unwrap().count(), 2);
+    let region = generate::region(&path("named.exr"), None, window(7, 7, 2, 2)).unwrap();
+    assert_eq!(region.as_slice(), [false, true, true, false]);
+    let write = |name: &str, channels| {
+        let options = crate::frame::WriteOptions::default();
+        crate::frame::write(&frame(vec![four(channels)]), path(name).as_ref(), &options).unwrap();
+    };
+    write("m.exr", vec![half("A", &R4), half("mask", &[0.4, 0.5, 1.0, f32::NAN])]);
+    assert_eq!(load("m.exr", None).unwrap().as_slice(), [false, true, true, false]);
+    // What fill would not take for a mask is not measured as one.
+    write("a.exr", vec![half("A", &R4), half("R", &R4)]);
+    assert!(load("a.exr", None).unwrap_err().to_string().contains("channels are A, R"));
+    assert!(load("a.exr", Some("A")).is_ok());
+    for (name, channel, reason) in
+        [("unscaled.png", Some("R"), "no channel 'R'"), ("absent.png", None, "No such file")]
+    {
+        assert!(load(name, channel).unwrap_err().to_string().contains(reason), "{name}");
+        let error = generate::region(&path(name), channel, window(0, 0, 2, 2)).unwrap_err().to_string();
+        assert!(error.contains(reason) && error.contains(name), "{error}");
+    }
 }

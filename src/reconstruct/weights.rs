@@ -10,7 +10,7 @@ use lacuna_filters::{Mask, Plane};
 
 use super::Error;
 use crate::channels::{channel_label, list_channels};
-use crate::frame::{Frame, Part, Samples};
+use crate::frame::{Frame, Part};
 
 /// What `--weights` says: the channel that counts samples.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -59,10 +59,7 @@ impl Weights {
                 if part == 0 { String::new() } else { format!(" of {}", channel_label(frame, part, 0)) };
             fail(format!("no such channel over the pixels{what}; there are {}", list_channels(frame)))
         })?;
-        let counts = match samples {
-            Samples::Uint(values) => values.iter().map(|&value| value as f32).collect(),
-            other => other.to_floats().ok_or(Error::OtherFrame)?,
-        };
+        let counts = samples.as_f32();
         let usable = |count: f32| if count.is_finite() && count > 0.0 { count } else { 0.0 };
         let measured =
             || counts.iter().zip(mask.as_slice()).filter(|(_, flag)| **flag).map(|(&count, _)| usable(count));

@@ -7,10 +7,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::console::Console;
+use super::identity::{Sources, check_once};
 use super::masks::MaskFiles;
 use super::plan::{Item, Plan, PlanError, pair};
 use super::record::{Heading, Record};
-use super::update::Existing;
 use super::{Selection, Verbosity, memory, prepare};
 use crate::frame::{self, Frame};
 use crate::mask::{self, Masks, Source};
@@ -90,22 +90,10 @@ pub fn compare(job: &CompareJob) -> Result<u8, PlanError> {
 /// Refuses outputs that are inputs, or that are named twice.
 fn check_outputs(job: &CompareJob, items: &[Item]) -> Result<(), PlanError> {
     let outputs: Vec<&PathBuf> = job.files().collect();
-    let real = |path: &Path| path.canonicalize().ok();
-    let read: BTreeSet<PathBuf> = items
-        .iter()
-        .flat_map(|item| [Some(&item.input), Some(&item.output), item.mask.as_ref()])
-        .filter_map(|path| real(path?))
-        .collect();
-    for (index, path) in outputs.iter().enumerate() {
-        if real(path).is_some_and(|path| read.contains(&path)) {
-            return Err(PlanError::Usage(format!(
-                "{}: is one of the images that are compared; name another file",
-                path.display()
-            )));
-        }
-        if outputs[..index].contains(path) {
-            return Err(PlanError::Usage(format!("{}: would be written twice", path.display())));
-        }
+    let read = Sources::new(items.iter().flat_map(Item::compared));
+    check_once(outputs.iter().map(|path| path.as_path()))?;
+    for path in outputs {
+        read.check(path)?;
         if path.is_dir() || !super::plan::folder_of(path).is_dir() {
             return Err(PlanError::Usage(format!("{}: no file can be written there", path.display())));
         }
@@ -170,7 +158,7 @@ impl Work for Compare<'_> {
     }
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
-        let decision = prepare::decide(item, self.job.skip_missing, Existing::Replace, |_| false);
+        let decision = prepare::decide(item, self.job.skip_missing);
         let at = self.index(item);
         match &decision {
             Ok(Decision::Skip(reason)) => self.found().frames[at].skipped = Some(reason.clone()),

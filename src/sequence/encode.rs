@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use lacuna_filters::dictionary::Dictionary;
 
 use super::console::Console;
+use super::identity::Sources;
 use super::plan::PlanError;
 use super::{Verbosity, signals, threads};
 use crate::dictionary::code::{self, Encoded, Fineness};
@@ -63,18 +64,19 @@ pub fn dictionary(job: &DictionaryJob) -> Result<u8, PlanError> {
     signals::watch(frame::remove_temporaries)
         .map_err(|error| PlanError::Failed(format!("cannot watch for signals: {error}")))?;
     let stored = Stored::read(&job.dictionary).map_err(|error| failed(&job.dictionary, &error))?;
+    let dictionary = (&*job.dictionary, "dictionary");
     match &job.task {
         DictionaryTask::Encode { input, output, how } => {
-            keep(output, &[input, &job.dictionary])?;
+            Sources::new([(&**input, "input"), dictionary]).check(output)?;
             encode(input, output, &stored.dictionary, *how, &console)?;
         }
         DictionaryTask::Decode { input, output } => {
-            keep(output, &[input, &job.dictionary])?;
+            Sources::new([(&**input, "input"), dictionary]).check(output)?;
             decode(input, output, &stored.dictionary)?;
         }
         DictionaryTask::Info { png } => {
             if let Some(path) = png {
-                keep(path, &[&job.dictionary])?;
+                Sources::new([dictionary]).check(path)?;
                 let bytes = picture::png(&stored.dictionary).map_err(|error| failed(path, &error))?;
                 frame::write_whole(path, &bytes).map_err(|error| failed(path, &error))?;
             }
@@ -86,16 +88,6 @@ pub fn dictionary(job: &DictionaryJob) -> Result<u8, PlanError> {
 
 fn failed(path: &Path, error: &dyn std::fmt::Display) -> PlanError {
     PlanError::Failed(format!("{}: {error}", path.display()))
-}
-
-/// An output is none of the inputs.
-fn keep(output: &Path, inputs: &[&Path]) -> Result<(), PlanError> {
-    let real = |path: &Path| path.canonicalize().ok();
-    if inputs.iter().any(|input| real(input).is_some_and(|input| real(output) == Some(input))) {
-        let text = format!("{}: would be written over an input; name another file", output.display());
-        return Err(PlanError::Usage(text));
-    }
-    Ok(())
 }
 
 fn say(text: &str) -> Result<(), PlanError> {

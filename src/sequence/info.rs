@@ -4,13 +4,12 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::batch::Failure;
-use super::masks;
 use super::plan::PlanError;
 use crate::channels::{self, Override};
 use crate::frame::{self, Limits};
 use crate::guides::{self, Asked};
 use crate::info;
-use crate::mask::{self, Masks, Source};
+use crate::mask::{self, MaskFile, Masks, Source};
 
 /// The frame to be described.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,7 +38,7 @@ pub fn info(job: &InfoJob) -> Result<u8, PlanError> {
     let frame = frame::read(&job.frame, &limits).map_err(|error| failed(Failure::at(&job.frame, error)))?;
     let file = match &job.mask {
         Source::File { pattern, .. } => {
-            let read = masks::read(pattern.as_ref(), limits);
+            let read = MaskFile::read(pattern.as_ref(), limits);
             Some(read.map_err(|error| failed(Failure::at(&job.frame, error)))?)
         }
         _ => None,

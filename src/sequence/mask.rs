@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use lacuna_filters::{Mask, Plane};
 
 use super::console::Console;
+use super::identity::Sources;
 use super::mask_passes::{self, NextPass, Union};
 use super::pattern::Pattern;
 use super::plan::PlanError;
 use super::{Verbosity, signals, threads};
-use crate::frame::{self, Frame, Limits, Samples, Window};
+use crate::frame::{self, Frame, Limits, Window};
 use crate::mask::generate::{self, Bounds, Request};
 use crate::mask::judge::{self, Judgement};
 use crate::mask::output::{Listing, Writing, write_floats, write_mask};
@@ -104,11 +105,12 @@ pub fn mask(job: &MaskJob) -> Result<u8, PlanError> {
         MaskTask::Merge(task) => mask_passes::unite(task, &console),
         MaskTask::Measure { mask, coherence, spectrum, seed, plot, json } => {
             if let Some(plot) = plot {
-                let inputs = mask.iter().filter_map(Source::path).chain(spectrum.as_deref());
-                keep(&[&plot.path], &inputs.collect::<Vec<_>>())?;
+                let mask = mask.iter().filter_map(Source::path).map(|path| (path, "mask"));
+                let frame = spectrum.iter().map(|path| (&**path, "frame"));
+                Sources::new(mask.chain(frame)).check(&plot.path)?;
             }
             let judgement = measure(mask.as_ref(), coherence, spectrum.as_deref(), *seed)?;
-            tell(&judgement, plot.as_ref(), *json)
+            tell(&judgement, plot.as_ref(), *json, &console)
         }
     }
 }
@@ -167,9 +169,10 @@ fn one(
     console: &Console,
 ) -> Result<(), PlanError> {
     let fail = failed(path);
-    let inputs: Vec<&Path> =
-        [&bounds.inside, &bounds.always].into_iter().flatten().filter_map(Source::path).collect();
-    keep(&[path], &inputs)?;
+    Sources::new(bounds.files()).check(path)?;
+    if !output.wants(path, console) {
+        return Ok(());
+    }
     let bounds = bounds.read(request.window).map_err(&fail)?;
     let mut how = output.writing();
     how.attributes = vec![(SEED, request.seed.to_string())];
@@ -177,14 +180,16 @@ fn one(
     if rank {
         let ranks = generate::ranks(request, frame, &bounds).map_err(&fail)?;
         how.attributes.push((PATTERN, pattern.into()));
-        return write_floats(path, "rank", ranks, 1.0, request.window, &how).map_err(fail);
+        let written = write_floats(path, "rank", ranks, 1.0, request.window, &how);
+        return output.wrote(path, written, console).map(drop);
     }
     let mask = generate::generate(request, frame, &bounds).map_err(&fail)?;
     let paired = if request.paired { " paired" } else { "" };
     how.attributes.push((PATTERN, format!("{pattern} density={}{paired}", request.density)));
     let listing = Listing::Rank(order_within(request, frame, &bounds));
-    write_mask(path, &mask, request.window, &listing, &how).map_err(fail)?;
-    report(path, &mask, console);
+    if output.wrote(path, write_mask(path, &mask, request.window, &listing, &how), console)? {
+        report(path, &mask, console);
+    }
     Ok(())
 }
 
@@ -197,21 +202,6 @@ fn order_within<'a>(request: &Request, frame: i64, bounds: &'a Bounds) -> genera
 pub(super) fn report(path: &Path, mask: &Mask, console: &Console) {
     let (count, density) = (mask.count(), 100.0 * mask.density());
     console.note(&format!("{}: {count} pixels, density {density:.3} %", path.display()));
-}
-
-/// Refuses outputs that are inputs.
-pub(super) fn keep(outputs: &[&Path], inputs: &[&Path]) -> Result<(), PlanError> {
-    let taken = outputs.iter().find(|output| inputs.iter().any(|input| same_file(input, output)));
-    taken.map_or(Ok(()), |output| {
-        Err(PlanError::Usage(format!("{}: the output is one of the inputs or outputs", output.display())))
-    })
-}
-
-fn same_file(a: &Path, b: &Path) -> bool {
-    match (a.canonicalize(), b.canonicalize()) {
-        (Ok(a), Ok(b)) => a == b,
-        _ => a == b,
-    }
 }
 
 fn measure(
@@ -243,28 +233,28 @@ fn luminance(frame: &Frame) -> Result<Plane, MakeError> {
     let none = || MakeError::Other("the frame has no channels".into());
     let part = frame.parts.first().ok_or_else(none)?;
     let plane = |name: &str| part.channels.iter().find(|channel| channel.name == name.as_bytes());
-    let values = |samples: &Samples| -> Vec<f32> {
-        match samples {
-            Samples::Half(values) => values.iter().map(|value| value.to_f32()).collect(),
-            Samples::Float(values) => values.clone(),
-            Samples::Uint(values) => values.iter().map(|&value| value as f32).collect(),
-        }
-    };
     let pixels = match (plane("R"), plane("G"), plane("B")) {
         (Some(r), Some(g), Some(b)) => {
-            let (r, g, b) = (values(&r.samples), values(&g.samples), values(&b.samples));
+            let (r, g, b) = (r.samples.as_f32(), g.samples.as_f32(), b.samples.as_f32());
             let weighted = |((r, g), b): ((&f32, &f32), &f32)| 0.2126 * r + 0.7152 * g + 0.0722 * b;
             r.iter().zip(&g).zip(&b).map(weighted).collect()
         }
-        _ => values(&part.channels.first().ok_or_else(none)?.samples),
+        _ => part.channels.first().ok_or_else(none)?.samples.as_f32(),
     };
     Ok(Plane::new(part.size(), pixels)?)
 }
 
-fn tell(judgement: &Judgement, plot: Option<&MaskOutput>, json: bool) -> Result<u8, PlanError> {
-    if let (Some(output), Some(plot)) = (plot, judgement.plot()) {
+fn tell(
+    judgement: &Judgement,
+    plot: Option<&MaskOutput>,
+    json: bool,
+    console: &Console,
+) -> Result<u8, PlanError> {
+    if let (Some(output), Some(plot)) = (plot, judgement.plot())
+        && output.wants(&output.path, console)
+    {
         output.make_folder()?;
-        plot.write(&output.path, output.no_clobber).map_err(failed(&output.path))?;
+        output.wrote(&output.path, plot.write(&output.path, output.no_clobber), console)?;
     }
     let text = if json {
         serde_json::to_string_pretty(judgement).map_err(|error| PlanError::Failed(error.to_string()))?
@@ -299,6 +289,31 @@ pub(super) fn source_of_frame(source: &Source, number: Option<i64>) -> Source {
 }
 
 impl MaskOutput {
+    /// Whether a file is to be written; one that is there and stays is passed over.
+    pub(super) fn wants(&self, path: &Path, console: &Console) -> bool {
+        let stays = self.no_clobber && path.symlink_metadata().is_ok();
+        if stays {
+            console.note(&format!("{}: skipped: the output exists", path.display()));
+        }
+        !stays
+    }
+
+    /// Whether a file was written; one that came into being meanwhile is passed over like one that was there.
+    pub(super) fn wrote(
+        &self,
+        path: &Path,
+        written: Result<(), MakeError>,
+        console: &Console,
+    ) -> Result<bool, PlanError> {
+        match written {
+            Err(MakeError::Frame(frame::Error::Exists)) if self.no_clobber => {
+                console.note(&format!("{}: skipped: the output appeared during the run", path.display()));
+                Ok(false)
+            }
+            written => written.map(|()| true).map_err(failed(path)),
+        }
+    }
+
     pub(super) fn writing(&self) -> Writing {
         Writing { no_clobber: self.no_clobber, overhead: self.overhead, attributes: Vec::new() }
     }
@@ -315,6 +330,12 @@ impl MaskOutput {
 }
 
 impl BoundFiles {
+    /// The images, and what they are.
+    pub(super) fn files(&self) -> impl Iterator<Item = (&Path, &'static str)> {
+        let all = [(&self.inside, "image of --inside"), (&self.always, "image of --always")];
+        all.into_iter().filter_map(|(source, what)| Some((source.as_ref()?.path()?, what)))
+    }
+
     /// The files of one frame.
     pub(super) fn of_frame(&self, number: Option<i64>) -> Self {
         let numbered =

@@ -3,16 +3,16 @@
 use std::path::{Path, PathBuf};
 
 use super::console::Console;
+use super::identity::{Sources, check_once};
 use super::inputs::{Selection, resolve};
-use super::mask::{BoundFiles, MaskOutput, failed, keep, of_frame, report, source_of_frame};
-use super::masks;
+use super::mask::{BoundFiles, MaskOutput, failed, of_frame, report, source_of_frame};
 use super::pattern::Pattern;
 use super::plan::PlanError;
 use super::range::Frames;
 use crate::channels;
 use crate::frame::{self, Frame, Limits, WriteOptions};
 use crate::mask::output::{Listing, write_floats, write_mask};
-use crate::mask::{self, MakeError, Masks, Source, after, merge};
+use crate::mask::{self, MakeError, MaskFile, Masks, Source, after, merge};
 use crate::sparsify::{PATTERN, SEED};
 
 /// Pixels to choose after a first pass.
@@ -59,7 +59,7 @@ pub fn next(task: &NextPass, console: &Console) -> Result<u8, PlanError> {
     each(&task.frame, task.frames.as_ref(), &written, console, |frame, number| {
         let task = task.of_frame(frame, number);
         task.check()?;
-        task.write(&task.choose()?, console)
+        task.write(console)
     })
 }
 
@@ -71,14 +71,21 @@ pub fn unite(task: &Union, console: &Console) -> Result<u8, PlanError> {
         let second = of_frame(&task.second, number);
         let source = source_of_frame(&task.source, number);
         let output = of_frame(&task.output.path, number);
-        keep(&[&output], &[first, &second])?;
+        let mask = source.path().map(|path| (path, "mask"));
+        Sources::new([(first, "first render"), (&*second, "second render")].into_iter().chain(mask))
+            .check(&output)?;
+        if !task.output.wants(&output, console) {
+            return Ok(());
+        }
         let (a, a_masks) = read(first, &source)?;
         let (b, b_masks) = read(&second, &source)?;
         let merged = merge::merge((a, &a_masks), (&b, &b_masks)).map_err(failed(&second))?;
         merged.notes.iter().for_each(|note| console.warning(&format!("{}: {note}", second.display())));
         let options = WriteOptions { compression_level: None, no_clobber: task.output.no_clobber };
-        frame::write(&merged.frame, &output, &options).map_err(|error| failed(&output)(error.into()))?;
-        console.note(&format!("{}: density {:.3} %", output.display(), 100.0 * merged.density));
+        let written = frame::write(&merged.frame, &output, &options).map_err(MakeError::from);
+        if task.output.wrote(&output, written, console)? {
+            console.note(&format!("{}: density {:.3} %", output.display(), 100.0 * merged.density));
+        }
         Ok(())
     })
 }
@@ -135,15 +142,12 @@ impl NextPass {
 
     /// Refuses outputs that are inputs or each other.
     fn check(&self) -> Result<(), PlanError> {
-        let sources = [Some(&self.source), self.bounds.inside.as_ref(), self.bounds.always.as_ref()];
-        let mut inputs: Vec<&Path> = sources.into_iter().flatten().filter_map(Source::path).collect();
-        inputs.push(&self.frame);
-        keep(&[&self.output.path], &inputs)?;
-        if let Some(estimate) = &self.error_estimate {
-            inputs.push(&self.output.path);
-            keep(&[estimate], &inputs)?;
-        }
-        Ok(())
+        let mask = self.source.path().map(|path| (path, "mask"));
+        let read = std::iter::once((&*self.frame, "frame")).chain(mask).chain(self.bounds.files());
+        let read = Sources::new(read);
+        let outputs = || std::iter::once(&*self.output.path).chain(self.error_estimate.as_deref());
+        outputs().try_for_each(|output| read.check(output))?;
+        check_once(outputs())
     }
 
     fn choose(&self) -> Result<after::Next, PlanError> {
@@ -153,17 +157,26 @@ impl NextPass {
         after::next(&frame, &masks, &choices, self.add, self.seed, bounds).map_err(failed(&self.frame))
     }
 
-    fn write(&self, next: &after::Next, console: &Console) -> Result<(), PlanError> {
-        let (path, mut how) = (&self.output.path, self.output.writing());
-        how.attributes = vec![(PATTERN, "after".into()), (SEED, self.seed.to_string())];
-        let listing = Listing::Given(&next.pixels);
-        write_mask(path, &next.mask, next.window, &listing, &how).map_err(failed(path))?;
-        report(path, &next.mask, console);
-        if let Some(path) = &self.error_estimate {
+    fn write(&self, console: &Console) -> Result<(), PlanError> {
+        let mask = Some(self.output.path.as_path()).filter(|path| self.output.wants(path, console));
+        let estimate = self.error_estimate.as_deref().filter(|path| self.output.wants(path, console));
+        if mask.is_none() && estimate.is_none() {
+            return Ok(());
+        }
+        let (next, mut how) = (self.choose()?, self.output.writing());
+        if let Some(path) = mask {
+            how.attributes = vec![(PATTERN, "after".into()), (SEED, self.seed.to_string())];
+            let written = write_mask(path, &next.mask, next.window, &Listing::Given(&next.pixels), &how);
+            if self.output.wrote(path, written, console)? {
+                report(path, &next.mask, console);
+            }
+        }
+        if let Some(path) = estimate {
             how.attributes.clear();
             let largest = next.error.pixels().iter().copied().fold(0.0, f32::max);
             let pixels = next.error.pixels().to_vec();
-            write_floats(path, "error", pixels, largest, next.window, &how).map_err(failed(path))?;
+            let written = write_floats(path, "error", pixels, largest, next.window, &how);
+            self.output.wrote(path, written, console)?;
         }
         Ok(())
     }
@@ -174,7 +187,7 @@ fn read(path: &Path, source: &Source) -> Result<(Frame, Masks), PlanError> {
     let limits = Limits::default();
     let frame = frame::read(path, &limits).map_err(|error| fail(error.into()))?;
     let file = match source.path() {
-        Some(file) => Some(masks::read(file, limits).map_err(|error| fail(error.into()))?),
+        Some(file) => Some(MaskFile::read(file, limits).map_err(|error| fail(error.into()))?),
         None => None,
     };
     let masks = mask::find(&frame, source, file.as_ref()).map_err(|error| fail(error.into()))?;

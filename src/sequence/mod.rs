@@ -12,6 +12,7 @@ mod console;
 mod destination;
 mod encode;
 mod fill;
+mod identity;
 mod info;
 mod inputs;
 mod layers;

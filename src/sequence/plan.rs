@@ -4,6 +4,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
 use super::destination::Destination;
+use super::identity::{Places, Sources};
 use super::inputs::{Input, Selection, resolve};
 use super::layers::{LayerFile, LayerSource};
 use super::pattern::Pattern;
@@ -35,6 +36,24 @@ pub struct Item {
     pub guides: Option<PathBuf>,
     /// The files whose channels become layers of the frame.
     pub layers: Vec<LayerFile>,
+    /// Further files that it is made from, with what they are.
+    pub made_from: Vec<(&'static str, PathBuf)>,
+}
+
+impl Item {
+    /// The files that the output is made from, and what they are.
+    pub fn sources(&self) -> impl Iterator<Item = (&Path, &'static str)> {
+        let beside = [(self.mask.as_deref(), "mask"), (self.guides.as_deref(), "guides")];
+        let beside = beside.into_iter().filter_map(|(path, what)| Some((path?, what)));
+        let layers = self.layers.iter().map(|layer| (&*layer.path, "layer"));
+        let further = self.made_from.iter().map(|(what, path)| (&**path, *what));
+        std::iter::once((&*self.input, "input")).chain(beside).chain(layers).chain(further)
+    }
+
+    /// The files that are read where the output is one of them: two frames are held against each other.
+    pub fn compared(&self) -> impl Iterator<Item = (&Path, &'static str)> {
+        self.sources().chain(std::iter::once((&*self.output, "other frame")))
+    }
 }
 
 /// All frames, in the order asked for.
@@ -101,10 +120,30 @@ pub fn outputs(
         let frame = Input { path: path.into(), number };
         let output = destination.of(&frame)?;
         let mask = mask.as_ref().map(|mask| mask.of(&frame)).transpose()?;
-        Ok(Item { number, input: source.into(), output, mask, guides: None, layers: Vec::new() })
+        Ok(Item {
+            number,
+            input: source.into(),
+            output,
+            mask,
+            guides: None,
+            layers: Vec::new(),
+            made_from: Vec::new(),
+        })
     };
     let items: Vec<Item> = numbers.iter().map(item).collect::<Result<_, _>>()?;
     checked(items, targets, &mut Places::default())
+}
+
+impl Plan {
+    /// The plan once every frame is known to be made from these files as well.
+    pub fn with_files(
+        mut self,
+        files: &[(&'static str, PathBuf)],
+        targets: &Targets,
+    ) -> Result<Self, PlanError> {
+        self.items.iter_mut().for_each(|item| item.made_from = files.to_vec());
+        checked(self.items, targets, &mut Places::default())
+    }
 }
 
 /// The plan of these frames, once nothing that is read is written and every folder is there or may be made.
@@ -145,6 +184,7 @@ pub fn pair(selection: &Selection, output: &Path, mask: Option<&str>) -> Result<
             mask,
             guides: None,
             layers: Vec::new(),
+            made_from: Vec::new(),
         })
     };
     inputs.frames.into_iter().map(item).collect()
@@ -215,13 +255,7 @@ pub fn check_report(items: &[Item], report: &Path) -> Result<(), PlanError> {
     if is_standard_output(report) {
         return Ok(());
     }
-    let read = items
-        .iter()
-        .flat_map(|item| [Some(&item.input), Some(&item.output), item.mask.as_ref(), item.guides.as_ref()]);
-    let identity = Identity::of(report);
-    if identity.is_some() && read.flatten().any(|path| Identity::of(path) == identity) {
-        return Err(PlanError::Usage(format!("{}: the report would replace a frame", report.display())));
-    }
+    Sources::new(items.iter().flat_map(Item::compared)).check(report)?;
     check_folder(report, false, &mut BTreeSet::new())
 }
 
@@ -247,40 +281,9 @@ fn check_no_input_is_written(
     also_written: &[PathBuf],
     places: &mut Places,
 ) -> Result<(), PlanError> {
-    let mut read: HashMap<Identity, (&Path, &str)> = HashMap::new();
-    for item in items {
-        if let Some(mask) = &item.mask
-            && let Some(identity) = Identity::of(mask)
-        {
-            read.insert(identity, (mask, "mask"));
-        }
-        if let Some(guides) = &item.guides
-            && let Some(identity) = Identity::of(guides)
-        {
-            read.insert(identity, (guides, "guides"));
-        }
-        for LayerFile { path, .. } in &item.layers {
-            if let Some(identity) = Identity::of(path) {
-                read.insert(identity, (path, "layer"));
-            }
-        }
-    }
-    for item in items {
-        if let Some(identity) = Identity::of(&item.input) {
-            read.insert(identity, (&item.input, "input"));
-        }
-    }
+    let read = Sources::new(items.iter().flat_map(Item::sources));
     for written in items.iter().map(|item| &item.output).chain(also_written) {
-        // What does not exist is neither an input nor a folder.
-        let Some(identity) = Identity::of(written) else { continue };
-        if let Some((source, what)) = read.get(&identity) {
-            let same =
-                if *source == written.as_path() { String::new() } else { format!(" ({})", source.display()) };
-            return Err(PlanError::Usage(format!(
-                "{}: the output is the same file as the {what}{same}; nothing is overwritten in place, name another output",
-                written.display()
-            )));
-        }
+        read.check(written)?;
         if written.is_dir() {
             return Err(PlanError::Usage(format!("{}: the output is a folder", written.display())));
         }
@@ -320,44 +323,6 @@ pub fn folder_of(file: &Path) -> PathBuf {
     match file.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder.into(),
         _ => ".".into(),
-    }
-}
-
-/// Folders with their links resolved, each looked up once.
-#[derive(Default)]
-struct Places(HashMap<PathBuf, PathBuf>);
-
-impl Places {
-    /// Where a file lies or will lie, links in its folder resolved.
-    fn of(&mut self, file: &Path) -> PathBuf {
-        let resolve = |folder: &PathBuf| {
-            folder.canonicalize().or_else(|_| std::path::absolute(folder)).unwrap_or_else(|_| folder.clone())
-        };
-        let folder = self.0.entry(folder_of(file)).or_insert_with_key(resolve);
-        file.file_name().map_or_else(|| folder.clone(), |name| folder.join(name))
-    }
-}
-
-/// What tells an existing file from every other, whatever its names.
-#[derive(PartialEq, Eq, Hash)]
-struct Identity {
-    #[cfg(unix)]
-    device_and_inode: (u64, u64),
-    #[cfg(not(unix))]
-    path: PathBuf,
-}
-
-impl Identity {
-    #[cfg(unix)]
-    fn of(path: &Path) -> Option<Self> {
-        use std::os::unix::fs::MetadataExt;
-        let metadata = path.metadata().ok()?;
-        Some(Self { device_and_inode: (metadata.dev(), metadata.ino()) })
-    }
-
-    #[cfg(not(unix))]
-    fn of(path: &Path) -> Option<Self> {
-        path.canonicalize().ok().map(|path| Self { path })
     }
 }
 

@@ -10,50 +10,54 @@ use super::record::Record;
 use super::update::Existing;
 use crate::frame::{self, Frame, WriteOptions};
 
-/// What is to be done with a frame; `is_current` tells whether its output would only be made again.
-pub fn decide(
-    item: &Item,
-    skip_missing: bool,
-    existing: Existing,
-    is_current: impl Fn(&Item) -> bool,
-) -> Result<Decision, Failure> {
-    let skip = |reason: &str| Ok(Decision::Skip(reason.into()));
+/// What is to be done with a frame that is read.
+pub fn decide(item: &Item, skip_missing: bool) -> Result<Decision, Failure> {
     match item.input.metadata() {
         Err(error) if error.kind() == ErrorKind::NotFound && skip_missing => {
-            return skip("the frame does not exist");
+            Ok(Decision::Skip("the frame does not exist".into()))
         }
         Err(error) if error.kind() == ErrorKind::NotFound => {
             let text = "the frame does not exist (--missing-frame skip passes over it)";
-            return Err(Failure::at(&item.input, text));
+            Err(Failure::at(&item.input, text))
         }
         Ok(found) if !found.is_file() => {
-            return Err(Failure::at(&item.input, "cannot open: it is not a regular file"));
+            Err(Failure::at(&item.input, "cannot open: it is not a regular file"))
         }
-        _ => {}
-    }
-    match existing {
-        Existing::Keep if item.output.symlink_metadata().is_ok() => skip("the output exists"),
-        Existing::Update if is_current(item) => skip("the output is up to date"),
         _ => Ok(Decision::Do),
     }
 }
 
-/// The same for outputs that are written: what is to be done can be done, as far as names, kinds and rights of files
-/// tell.
+/// The same for one from which another is made.
 pub fn decide_to_write(
     item: &Item,
     skip_missing: bool,
     existing: Existing,
     is_current: impl Fn(&Item) -> bool,
 ) -> Result<Decision, Failure> {
-    let decision = decide(item, skip_missing, existing, is_current)?;
-    if decision == Decision::Do {
-        if let Some(mask) = &item.mask {
-            check_mask(mask)?;
-        }
-        frame::check_destination(&item.output).map_err(|error| Failure::at(&item.output, error))?;
+    match decide(item, skip_missing)? {
+        Decision::Do => decide_to_make(item, existing, is_current),
+        skip @ Decision::Skip(_) => Ok(skip),
     }
-    Ok(decision)
+}
+
+/// What is to be done with an output, `is_current` telling whether it would only be made again: what is to be done can be
+/// done, as far as names, kinds and rights of files tell.
+pub fn decide_to_make(
+    item: &Item,
+    existing: Existing,
+    is_current: impl Fn(&Item) -> bool,
+) -> Result<Decision, Failure> {
+    let skip = |reason: &str| Ok(Decision::Skip(reason.into()));
+    match existing {
+        Existing::Keep if item.output.symlink_metadata().is_ok() => return skip("the output exists"),
+        Existing::Update if is_current(item) => return skip("the output is up to date"),
+        _ => {}
+    }
+    if let Some(mask) = &item.mask {
+        check_mask(mask)?;
+    }
+    frame::check_destination(&item.output).map_err(|error| Failure::at(&item.output, error))?;
+    Ok(Decision::Do)
 }
 
 fn check_mask(mask: &Path) -> Result<(), Failure> {

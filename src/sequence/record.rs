@@ -200,6 +200,7 @@ mod tests {
             mask: None,
             guides: None,
             layers: Vec::new(),
+            made_from: Vec::new(),
         };
         let heading = Heading {
             lacuna: "1",

@@ -15,9 +15,9 @@ use super::plan::{Item, Plan, PlanError, Targets, outputs};
 use super::prepare;
 use super::range::Frames;
 use super::record::{Heading, Record};
-use super::update::Existing;
+use super::update::{Existing, is_made_from};
 use crate::channels;
-use crate::frame::{self, Frame, WriteOptions, read_whole_header};
+use crate::frame::{self, Frame};
 use crate::mask::{self, Source};
 use crate::reconstruct::{self, Plans};
 use crate::volume::{self, Override, Scene, Shot, Story, Wanted};
@@ -65,8 +65,8 @@ pub enum Pixels {
 impl RenderJob {
     /// Whether there is a scene and a plan for it, as every task of a farm will find. Changes nothing.
     pub fn check(&self) -> Result<(), PlanError> {
-        plan(self)?;
-        scene(self)?;
+        let (plan, (scene, folder)) = (plan(self)?, scene(self)?);
+        plan.with_files(&volume::files(&scene, &folder), &self.targets)?;
         self.run.console().map(drop)
     }
 }
@@ -76,6 +76,7 @@ pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
     let plan = plan(job)?;
     let console = job.run.console()?;
     let (scene, folder) = scene(job).map_err(|error| without_scene(job, &plan, error))?;
+    let plan = plan.with_files(&volume::files(&scene, &folder), &job.targets)?;
     let work = Render {
         job,
         settings: settings(job, &scene),
@@ -198,12 +199,7 @@ impl Work for Render<'_> {
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
         // The scene was read already; a volume that is missing is found when it is read, and may be procedural.
-        let skip = |reason: &str| Ok(Decision::Skip(reason.into()));
-        match self.job.existing {
-            Existing::Keep if item.output.symlink_metadata().is_ok() => skip("the output exists"),
-            Existing::Update if self.is_current(&item.output) => skip("the output is up to date"),
-            _ => Ok(Decision::Do),
-        }
+        prepare::decide_to_make(item, self.job.existing, |item| self.is_current(item))
     }
 
     fn bytes(&self, _: &Item) -> u64 {
@@ -246,11 +242,7 @@ impl Work for Render<'_> {
         if let Some(filled) = seconds.1 {
             stage.note(&format!("rendered in {:.2} s, filled in {filled:.2} s", seconds.0));
         }
-        let no_clobber = self.job.existing == Existing::Keep;
-        let options = WriteOptions { compression_level: self.job.level, no_clobber };
-        stage
-            .write(record, || frame::write(&frame, &item.output, &options))
-            .map_err(|error| Failure::at(&item.output, error))
+        prepare::write(&frame, item, (self.job.existing, self.job.level), stage, record)
     }
 
     fn end(&self, heading: &Heading, records: &[Record]) -> Result<(), String> {
@@ -268,12 +260,15 @@ impl Render<'_> {
         volume.get_or_insert_with(make).clone()
     }
 
-    /// Whether an output is what this run would make again.
-    fn is_current(&self, output: &Path) -> bool {
-        let Ok(parts) = read_whole_header(output) else { return false };
-        parts.iter().all(|part| {
-            part.attributes.text("lacuna/render").as_deref() == Some(self.settings.as_str())
-                && part.attributes.text("lacuna/version").as_deref() == Some(env!("CARGO_PKG_VERSION"))
+    /// Whether an output is what this run would make again. What the scene's own file says is in the settings.
+    fn is_current(&self, item: &Item) -> bool {
+        let files = item.made_from.iter().map(|(_, path)| path);
+        let sources = files.chain(&item.mask).map(|path| &**path);
+        is_made_from(&item.output, sources, |parts| {
+            parts.iter().all(|part| {
+                part.attributes.text("lacuna/render").as_deref() == Some(self.settings.as_str())
+                    && part.attributes.text("lacuna/version").as_deref() == Some(env!("CARGO_PKG_VERSION"))
+            })
         })
     }
 

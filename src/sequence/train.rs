@@ -1,12 +1,13 @@
 //! Learning a dictionary from frames: read, blocks, iterations, file.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use lacuna_filters::dictionary::{Dictionary, ksvd};
 use lacuna_filters::{Run, Stop};
 
 use super::console::Console;
+use super::identity::Sources;
 use super::inputs::resolve;
 use super::plan::PlanError;
 use super::{Selection, Verbosity, signals, threads};
@@ -56,14 +57,7 @@ pub fn train(job: &TrainJob) -> Result<u8, PlanError> {
     if let Some(folder) = job.output.parent().filter(|_| job.create_dir) {
         std::fs::create_dir_all(folder).map_err(|error| output(&error))?;
     }
-    let same =
-        |path: &Path| path.canonicalize().is_ok_and(|path| job.output.canonicalize().ok() == Some(path));
-    if frames.iter().any(|frame| same(&frame.path)) {
-        return Err(PlanError::Usage(format!(
-            "{}: is one of the frames; name another file",
-            job.output.display()
-        )));
-    }
+    Sources::new(frames.iter().map(|frame| (&*frame.path, "frame"))).check(&job.output)?;
     frame::check_destination(&job.output).map_err(|error| output(&error))?;
     let paths: Vec<PathBuf> = frames.into_iter().map(|frame| frame.path).collect();
     let values = blocks(job, &paths, &console)?;

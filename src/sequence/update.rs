@@ -22,23 +22,29 @@ pub enum Existing {
 /// Whether the output is newer than all that it was made from, and its attributes name this version, these settings
 /// and this mask.
 pub fn is_current(item: &Item, job: &Job) -> bool {
-    let Some(made) = modified(&item.output) else { return false };
-    let sources = [Some(&item.input), item.mask.as_ref(), item.guides.as_ref()];
-    let newer = |source: &std::path::PathBuf| modified(source).is_some_and(|changed| made > changed);
-    let layers = item.layers.iter().map(|layer| &layer.path);
-    sources.into_iter().flatten().chain(layers).all(newer) && is_of(item, job)
+    is_made_from(&item.output, item.sources().map(|(path, _)| path), |parts| is_of(item, job, parts))
+}
+
+/// Whether the output is newer than these files and whole, and its headers are what this run would write.
+pub fn is_made_from<'a>(
+    output: &Path,
+    sources: impl IntoIterator<Item = &'a Path>,
+    is_of: impl FnOnce(&[PartHeader]) -> bool,
+) -> bool {
+    let Some(made) = modified(output) else { return false };
+    let newer = |source: &Path| modified(source).is_some_and(|changed| made > changed);
+    sources.into_iter().all(newer) && read_whole_header(output).is_ok_and(|parts| is_of(&parts))
 }
 
 fn modified(path: &Path) -> Option<SystemTime> {
     path.metadata().ok()?.modified().ok()
 }
 
-/// Whether the file is whole, has the windows that this run would give it and a stamp on at least one part, all stamps are
-/// this run's and no time limit cut a part short. The settings tell which mask was asked for; of a file they tell the
-/// pattern, so its path is compared as well.
-fn is_of(item: &Item, job: &Job) -> bool {
-    let Ok(parts) = read_whole_header(&item.output) else { return false };
-    if parts.iter().any(|part| was_cut_short(&part.attributes)) || !has_windows(&parts, &item.input, job) {
+/// Whether the windows are those that this run would give it, at least one part has a stamp, all stamps are this run's and no time
+/// limit cut a part short. The settings tell which mask was asked for; of a file they tell the pattern, so its path is compared as
+/// well.
+fn is_of(item: &Item, job: &Job, parts: &[PartHeader]) -> bool {
+    if parts.iter().any(|part| was_cut_short(&part.attributes)) || !has_windows(parts, &item.input, job) {
         return false;
     }
     let stamps: Vec<Stamp> = parts.iter().filter_map(|part| Stamp::read(&part.attributes)).collect();

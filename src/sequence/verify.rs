@@ -7,7 +7,6 @@ use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::masks::MaskFiles;
 use super::plan::{Item, Plan, PlanError, check_report, pair};
 use super::record::{Heading, Record};
-use super::update::Existing;
 use super::{Selection, memory, prepare};
 use crate::channels;
 use crate::frame;
@@ -69,7 +68,7 @@ impl Work for Verify<'_> {
     }
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
-        prepare::decide(item, self.job.skip_missing, Existing::Replace, |_| false)
+        prepare::decide(item, self.job.skip_missing)
     }
 
     fn bytes(&self, item: &Item) -> u64 {

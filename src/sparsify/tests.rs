@@ -66,7 +66,7 @@ fn a_frame_with_a_mask_is_refused() {
 
 #[test]
 fn masks_from_files_and_lossy_input() {
-    let file = MaskFile::from_grey("m.png".into(), Size::new(2, 2), &[255, 0, 0, 255], 255);
+    let file = MaskFile::from_grey("m.png".into(), Size::new(2, 2), vec![255, 0, 0, 255], 255);
     let mut part = ones(0, 0, 2, 2);
     part.compression = Compression::B44;
     part.attributes.set_text(mask::ATTRIBUTE, "other");

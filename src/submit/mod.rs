@@ -23,8 +23,6 @@ pub struct Task {
     pub words: Vec<String>,
     /// What the command says of outputs that exist.
     pub existing: Existing,
-    /// The flag that passes over frames that are done: `-u` or `--resume`.
-    pub update: &'static str,
     /// Whether frames that do not exist are passed over.
     pub skip_missing: bool,
     /// Whether the command names a ledger itself.

@@ -5,6 +5,9 @@ use std::path::PathBuf;
 use super::{SubmitJob, ranges};
 use crate::sequence::Existing;
 
+/// The flag that passes over frames that are done.
+const UPDATE: &str = "-u";
+
 /// A batch script.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Script {
@@ -47,7 +50,7 @@ fn array(job: &SubmitJob) -> Script {
     let lines: Vec<String> = chunks.iter().map(|chunk| quoted(&ranges::text(chunk))).collect();
     let task = &job.task;
     let mut flags = Vec::new();
-    flags.extend((task.existing == Existing::Replace).then(|| task.update.to_owned()));
+    flags.extend((task.existing == Existing::Replace).then(|| UPDATE.to_owned()));
     flags.extend((!task.has_log).then(|| ledger(job)));
     flags.push("--frames=\"${frames[$SLURM_ARRAY_TASK_ID]}\"".into());
     flags.push("--progress=plain".into());
@@ -69,7 +72,7 @@ fn finished(job: &SubmitJob) -> Script {
     let words: Vec<String> =
         task.words.iter().enumerate().filter(kept).map(|(_, word)| word.clone()).collect();
     let mut flags = Vec::new();
-    flags.extend((task.existing != Existing::Update).then(|| task.update.to_owned()));
+    flags.extend((task.existing != Existing::Update).then(|| UPDATE.to_owned()));
     flags.extend(["-n".into(), all_frames(job)]);
     let body = format!("set -o pipefail\n{} | {{ ! grep -v '^skip  '; }}", command(job, &words, &flags));
     script(job, "check", &[output(job, "check", "%j")], &body)

@@ -8,7 +8,6 @@ fn job() -> SubmitJob {
         task: Task {
             words: ["fill", "in/it's $x.####.exr", "-o", "out/"].map(String::from).to_vec(),
             existing: Existing::Replace,
-            update: "-u",
             skip_missing: false,
             has_log: false,
             sparse: Some("in/it's $x.####.exr".into()),

@@ -52,7 +52,7 @@ pub use output::{Story, Wanted, add_dense, canvas, frame};
 pub use picture::{Interpolation, Look, Picture, Renderer, Shot, render};
 pub use procedural::PREFIX as PROCEDURAL;
 pub use scene::{InterpolationName, ModeName, Override, Scene};
-pub use stage::{Stage, prepare};
+pub use stage::{Stage, files, prepare};
 pub use tiles::tiles;
 pub use transfer::{Curve, Joining, Lookup, Transfer};
 pub use values::Values;

@@ -1,7 +1,7 @@
 //! From a scene to a renderer: the volume is read and prepared, the transfer function and the camera are made.
 
 use std::io::ErrorKind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use lacuna_filters::Size;
@@ -73,6 +73,15 @@ fn with_way_out(error: Error) -> Error {
         }
         other => other,
     }
+}
+
+/// The files that a scene is made from besides its own, and what they are; paths are relative to `folder`.
+pub fn files(scene: &Scene, folder: &Path) -> Vec<(&'static str, PathBuf)> {
+    let raw = scene.raw.as_ref().and_then(|text| text.parse::<RawLayout>().ok());
+    let made = scene.volume.is_empty() || scene.volume.starts_with(procedural::PREFIX);
+    let volume = if made { Vec::new() } else { read::files(&folder.join(&scene.volume), raw.as_ref()) };
+    let map = scene.transfer.paraview.as_ref().map(|path| ("colour map", folder.join(path)));
+    volume.into_iter().map(|path| ("volume", path)).chain(map).collect()
 }
 
 /// Prepares a scene; colour maps are sought relative to `folder`.

@@ -167,11 +167,7 @@ pub fn send(signal: &str, process: u32) {
 /// The values of a channel of the first part.
 pub fn values(frame: &Frame, name: &str) -> Vec<f32> {
     let channel = frame.parts[0].channels.iter().find(|channel| channel.name == name.as_bytes()).unwrap();
-    match &channel.samples {
-        Samples::Half(values) => values.iter().map(|value| value.to_f32()).collect(),
-        Samples::Float(values) => values.clone(),
-        Samples::Uint(values) => values.iter().map(|&value| value as f32).collect(),
-    }
+    channel.samples.as_f32()
 }
 
 /// The bytes of a file.

@@ -2,7 +2,7 @@
 //!
 //! Source: the `MetaIO` library's documentation, itk.org/Wiki/MetaIO/Documentation.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::{
     Affine, Coding, Element, Error, Grid, Header, Place, beside, damaged, head, load, numbers, three,
@@ -46,6 +46,13 @@ pub(super) fn read(path: &Path) -> Result<Grid, Error> {
     };
     let file = if local { path.to_path_buf() } else { beside(path, name) };
     load(path, &header, &Place { file, offset, coding })
+}
+
+/// The other file that has the voxels, as far as the header can be read.
+pub(super) fn voxels(path: &Path) -> Option<PathBuf> {
+    let (fields, _) = parse(&head(path).ok()?).ok()?;
+    let name = fields.data_file.filter(|name| !name.eq_ignore_ascii_case("local"))?;
+    Some(beside(path, &name))
 }
 
 /// The fields and where local data begin: behind the line `ElementDataFile`, which is the last one.

@@ -92,6 +92,19 @@ pub fn read(path: &Path, raw: Option<&RawLayout>) -> Result<Grid, Error> {
     }
 }
 
+/// The file of a volume, and that of its voxels if its header names another one.
+pub fn files(path: &Path, raw: Option<&RawLayout>) -> Vec<PathBuf> {
+    let mut start = [0; 4];
+    let named = |ending: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending));
+    let voxels = match open(path).and_then(|mut file| file.read(&mut start).map_err(io(path, "read"))) {
+        Ok(_) if raw.is_some() => None,
+        Ok(4) if &start == b"NRRD" => nrrd::voxels(path),
+        Ok(_) if named("mhd") || named("mha") => metaimage::voxels(path),
+        _ => None,
+    };
+    std::iter::once(path.to_path_buf()).chain(voxels).collect()
+}
+
 /// Reads the voxels that a header describes.
 fn load(path: &Path, header: &Header, place: &Place) -> Result<Grid, Error> {
     let count = checked_count(path, header)?;

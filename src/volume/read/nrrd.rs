@@ -2,7 +2,7 @@
 //!
 //! Source: G. Kindlmann, "Definition of NRRD File Format", teem.sourceforge.net/nrrd/format.html.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::{
     Affine, Coding, Element, Error, Grid, Header, Place, beside, damaged, head, load, numbers, rest,
@@ -46,6 +46,12 @@ pub(super) fn read(path: &Path) -> Result<Grid, Error> {
     let mut place = Place { file, offset: Some(offset), coding };
     skip(&mut place, &fields)?;
     load(path, &header, &place)
+}
+
+/// The other file that has the voxels, as far as the header can be read.
+pub(super) fn voxels(path: &Path) -> Option<PathBuf> {
+    let (fields, _) = parse(&head(path).ok()?).ok()?;
+    fields.data_file.map(|name| beside(path, &name))
 }
 
 /// Passes over the lines and bytes that the header wants left out.
