@@ -54,7 +54,9 @@ def test_numpy_opens_a_dictionary_and_finds_what_was_asked_for(trained):
         errors = file["errors"]
         assert len(errors) == 6 and np.all(np.diff(errors) <= 1e-6 * errors[:-1])
         assert len(file["data_hash"]) == 32 and file["usage"].sum() <= 5 * file["signals"]
-        assert "code_atoms" not in file
+        # The codes, with which training goes on, say the same as usage.
+        assert len(file["code_lengths"]) == file["signals"] and file["code_lengths"].sum() == len(file["code_factors"])
+        np.testing.assert_array_equal(np.bincount(file["code_atoms"], minlength=300), file["usage"])
     assert "iteration 6 of 6: error" in result.stderr
 
 
@@ -141,16 +143,34 @@ def test_info_draws_the_atoms(tmp_path, trained):
     assert (tmp_path / "atoms.png").read_bytes().startswith(b"\x89PNG")
 
 
+def without_codes(path):
+    """The file as versions before this one left it at the end."""
+    with zipfile.ZipFile(path) as archive:
+        kept = {name: archive.read(name) for name in archive.namelist() if not name.startswith("code_")}
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in kept.items():
+            archive.writestr(name, data)
+    return path.read_bytes()
+
+
 def test_a_finished_training_resumes_and_other_settings_do_not(tmp_path):
-    words = ["train", SAMPLES / "smooth.exr", "-q", "-o", tmp_path / "a.npz", "--block", 4, "--atoms", 60, "--sparsity", 3]
-    lacuna(*words, "--iterations", 2)
-    before = (tmp_path / "a.npz").read_bytes()
-    lacuna(*words, "--iterations", 2, "--resume")
-    with np.load(tmp_path / "a.npz") as file:
-        assert len(file["errors"]) == 2
-    assert before[:4] == b"PK\x03\x04"
-    refused = lacuna(*words, "--iterations", 3, "--resume", "--seed", 9, ok=False)
-    assert refused.status == 1 and "cannot be continued" in refused.stderr and len(refused.lines()) == 1
+    path = tmp_path / "a.npz"
+    words = ["train", SAMPLES / "smooth.exr", "-q", "--block", 4, "--atoms", 60, "--sparsity", 3]
+    mine = [*words, "-o", path]
+    lacuna(*mine, "--iterations", 2)
+    before = path.read_bytes()
+    lacuna(*mine, "--iterations", 2, "--resume")
+    assert path.read_bytes() == before and before[:4] == b"PK\x03\x04"
+    lacuna(*mine, "--iterations", 5, "--resume")
+    lacuna(*words, "-o", tmp_path / "straight.npz", "--iterations", 5)
+    assert path.read_bytes() == (tmp_path / "straight.npz").read_bytes()
+    old = without_codes(path)
+    lacuna(*mine, "--iterations", 5, "--resume")
+    for other, reason in ((["--iterations", 5, "--seed", 9], "is of other frames or settings"), (["--iterations", 4], "has 5 iterations already"),
+                          (["--iterations", 6], "codes of its blocks, so it cannot be continued")):
+        refused = lacuna(*mine, *other, "--resume", ok=False)
+        assert refused.status == 1 and f"{path}: " in refused.stderr and reason in refused.stderr and len(refused.lines()) == 1, refused
+    assert path.read_bytes() == old
 
 
 def bad_files(folder, good):
