@@ -136,6 +136,22 @@ def test_values_that_are_not_finite_are_told(tmp_path, trained):
         assert result.lines().count(told) == 1, result
 
 
+def test_sparse_frames_are_refused_until_they_are_filled(tmp_path, trained):
+    path, image, _ = trained
+    sparse = frames.write_sparse(tmp_path / "sparse.exr", image.astype(np.float32), frames.shuffle(*image.shape[:2], 0.4))
+    filled = tmp_path / "filled.exr"
+    lacuna("fill", "-q", sparse, "-o", filled, "--filter", "linear")
+    assert "mask" in frames.read(filled)[0]
+    words = {"encode": ["--dictionary", path, "-o", tmp_path / "frame.code"],
+             "train": ["-o", tmp_path / "b.npz", "--block", 4, "--atoms", 60, "--iterations", 1]}
+    for command, more in words.items():
+        refused = lacuna(command, sparse, *more, ok=False)
+        told = f"lacuna: error: {sparse}: the frame has a channel 'mask': the frame looks sparse; fill it first"
+        assert refused.status == 1 and len(refused.lines()) == 1 and refused.stderr.startswith(told), refused
+        assert not more[more.index("-o") + 1].exists()
+        lacuna(command, filled, *more)
+
+
 def test_info_draws_the_atoms(tmp_path, trained):
     path, _, _ = trained
     said = lacuna("dictionary-info", path, "--png", tmp_path / "atoms.png").stdout

@@ -14,6 +14,7 @@ use crate::dictionary::file::hash_of;
 use crate::dictionary::training::{self, Blocks};
 use crate::dictionary::{Stored, Trained};
 use crate::frame::{self, Limits};
+use crate::sparsify;
 
 /// How often the dictionary so far is written.
 const CHECKPOINT: Duration = Duration::from_secs(30);
@@ -115,6 +116,7 @@ fn blocks(job: &TrainJob, paths: &[PathBuf], console: &Console) -> Result<Vec<f3
         let failed =
             |error: &dyn std::fmt::Display| PlanError::Failed(format!("{}: {error}", path.display()));
         let frame = frame::read(path, &Limits::default()).map_err(|error| failed(&error))?;
+        sparsify::check_complete(&frame).map_err(|error| failed(&error))?;
         let (part, channels) = training::colour(&frame).map_err(|error| failed(&error))?;
         if let Some(note) = training::non_finite(&frame.parts[part], &channels) {
             console.warning(&format!("{}: {note}", path.display()));
