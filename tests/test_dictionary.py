@@ -233,6 +233,9 @@ def test_bad_input_ends_in_one_line(tmp_path, trained):
     for length in (0, 20, 60, len(code) // 2, len(code) - 3):
         (tmp_path / f"cut{length}").write_bytes(code[:length])
         commands[f"cut{length}"] = (["decode", tmp_path / f"cut{length}", "--dictionary", path, "-o", tmp_path / "o.exr"], "cut")
+    for at in (8, 9, 30, 50, 64, len(code) - 3):
+        (tmp_path / f"flip{at}").write_bytes(code[:at] + bytes([code[at] ^ 1]) + code[at + 1 :])
+        commands[f"flip{at}"] = (["decode", tmp_path / f"flip{at}", "--dictionary", path, "-o", tmp_path / "o.exr"], f"flip{at}")
     for name, (words, reason) in commands.items():
         result = lacuna(*words, ok=False)
         assert result.status in (1, 2) and len(result.lines()) == 1 and reason in result.stderr, (name, str(result))
