@@ -225,6 +225,8 @@ def test_bad_input_ends_in_one_line(tmp_path, trained):
         "no frame": (["train", tmp_path / "none.exr", "-o", tmp_path / "o.npz"], "none.exr"),
         "another dictionary": (["decode", tmp_path / "frame.code", "--dictionary", tmp_path / "other.npz", "-o", tmp_path / "o.exr"],
                                "encoded with dictionary"),
+        "a frame called .png": (["decode", tmp_path / "frame.code", "--dictionary", path, "-o", tmp_path / "o.png"], "o.png: the file that is written ends in .exr"),
+        "a picture called .exr": (["dictionary-info", path, "--png", tmp_path / "o.exr"], "o.exr: the file that is written ends in .png"),
         "no code": (["decode", frame, "--dictionary", path, "-o", tmp_path / "o.exr"], "not an encoded frame"),
     }
     for name, content in bad_files(tmp_path, path):
@@ -240,4 +242,4 @@ def test_bad_input_ends_in_one_line(tmp_path, trained):
         result = lacuna(*words, ok=False)
         assert result.status in (1, 2) and len(result.lines()) == 1 and reason in result.stderr, (name, str(result))
         assert result.peak_bytes < 600 << 20, name
-        assert not (tmp_path / "o.exr").exists() and not (tmp_path / "o.npz").exists()
+        assert not any((tmp_path / f"o.{ending}").exists() for ending in ("exr", "npz", "png"))
