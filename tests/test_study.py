@@ -113,7 +113,8 @@ def test_a_journal_that_was_cut_is_continued(study, tmp_path):
     out.mkdir()
     lines = (study / "out" / "results.jsonl").read_text().splitlines(keepends=True)
     assert len(lines) == 32
-    (out / "results.jsonl").write_text("".join(lines[:20]) + lines[20][:50])
+    # A line of another's bytes is as good as one that was cut.
+    (out / "results.jsonl").write_bytes("".join(lines[:20]).encode() + b"\xff{}\n" + lines[20][:50].encode())
     path = definition(tmp_path)
     result = tool.lacuna("study", path, "-o", out, timeout=300)
     assert "32 cells, 12 of them to be run" in result.stderr
