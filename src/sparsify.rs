@@ -11,7 +11,7 @@ use lacuna_filters::{Mask, sampling::shuffle};
 use crate::channels::part_label;
 use crate::frame::{Channel, Frame, Part, Samples};
 use crate::mask::{self, MaskFile};
-use crate::reconstruct::{DERIVED, output_compression};
+use crate::reconstruct::{DERIVED, FILLING, Stamp, output_compression};
 
 /// The attribute that holds the seed of a generated pattern, as text.
 pub const SEED: &str = "lacuna/seed";
@@ -51,8 +51,10 @@ pub enum Pattern<'a> {
 #[non_exhaustive]
 pub enum Error {
     /// There is a mask already.
-    #[error("{0}has a channel 'mask' already: the frame looks sparse; remove that channel first")]
-    HasMask(String),
+    #[error(
+        "{0}has a channel '{1}': the frame looks sparse; fill it first, with --drop-mask, or remove that channel"
+    )]
+    HasMask(String, String),
     /// The mask image does not fit.
     #[error(transparent)]
     Mask(#[from] mask::Error),
@@ -83,8 +85,9 @@ pub struct Sparse {
 /// Makes a frame sparse.
 pub fn sparsify(mut frame: Frame, pattern: Pattern<'_>) -> Result<Sparse, Error> {
     for (index, part) in frame.parts.iter().enumerate() {
-        if part.channels.iter().any(|channel| channel.name.eq_ignore_ascii_case(CHANNEL.as_bytes())) {
-            return Err(Error::HasMask(prefix(&frame, index, "", " ", "the frame ")));
+        let is_mask = |channel: &&Channel| channel.name.eq_ignore_ascii_case(CHANNEL.as_bytes());
+        if let Some(channel) = part.channels.iter().find(is_mask) {
+            return Err(has_mask(&frame, index, &channel.display_name()));
         }
     }
     let masks = masks(&frame, pattern)?;
@@ -99,6 +102,30 @@ pub fn sparsify(mut frame: Frame, pattern: Pattern<'_>) -> Result<Sparse, Error>
     }
     let density = if all == 0 { 0.0 } else { measured as f64 / all as f64 };
     Ok(Sparse { frame, density, notes })
+}
+
+/// Refuses a frame that is to be complete, where a mask says that pixels are missing and no attribute that they were filled.
+///
+/// # Errors
+/// [`Error::HasMask`].
+pub fn check_complete(frame: &Frame) -> Result<(), Error> {
+    let masks = match mask::find(frame, &mask::Source::Auto, None) {
+        Ok(masks) => masks,
+        Err(mask::Error::Several { names }) => return Err(has_mask(frame, 0, &names)),
+        Err(_) => return Ok(()),
+    };
+    for (index, part) in frame.parts.iter().enumerate() {
+        let filled = Stamp::read(&part.attributes).is_some();
+        let own = masks.mask_channels[index].first().map(|&at| part.channels[at].display_name());
+        if !filled && masks.part_density(index).is_some_and(|density| density < 1.0) {
+            return Err(has_mask(frame, index, &own.unwrap_or_else(|| masks.origin.as_str().into())));
+        }
+    }
+    Ok(())
+}
+
+fn has_mask(frame: &Frame, part: usize, channel: &str) -> Error {
+    Error::HasMask(prefix(frame, part, "", " ", "the frame "), channel.into())
 }
 
 /// The part's label between two texts, or another text if the frame has one part only.
@@ -168,7 +195,8 @@ fn make_sparse(part: &mut Part, mask: &Mask, pattern: Pattern<'_>) -> Vec<String
         Pattern::File { file, .. } => part.attributes.set_text(PATTERN, &format!("file:{}", file.path())),
         Pattern::Given { name, .. } => part.attributes.set_text(PATTERN, name),
     }
-    let dropped: Vec<&str> = DERIVED.iter().copied().filter(|name| part.attributes.remove(name)).collect();
+    let false_now = DERIVED.iter().chain(FILLING).copied();
+    let dropped: Vec<&str> = false_now.filter(|name| part.attributes.remove(name)).collect();
     if !dropped.is_empty() {
         notes.push(format!("dropped {}, which were made from other pixels", dropped.join(", ")));
     }

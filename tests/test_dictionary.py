@@ -54,7 +54,9 @@ def test_numpy_opens_a_dictionary_and_finds_what_was_asked_for(trained):
         errors = file["errors"]
         assert len(errors) == 6 and np.all(np.diff(errors) <= 1e-6 * errors[:-1])
         assert len(file["data_hash"]) == 32 and file["usage"].sum() <= 5 * file["signals"]
-        assert "code_atoms" not in file
+        # The codes, with which training goes on, say the same as usage.
+        assert len(file["code_lengths"]) == file["signals"] and file["code_lengths"].sum() == len(file["code_factors"])
+        np.testing.assert_array_equal(np.bincount(file["code_atoms"], minlength=300), file["usage"])
     assert "iteration 6 of 6: error" in result.stderr
 
 
@@ -134,6 +136,22 @@ def test_values_that_are_not_finite_are_told(tmp_path, trained):
         assert result.lines().count(told) == 1, result
 
 
+def test_sparse_frames_are_refused_until_they_are_filled(tmp_path, trained):
+    path, image, _ = trained
+    sparse = frames.write_sparse(tmp_path / "sparse.exr", image.astype(np.float32), frames.shuffle(*image.shape[:2], 0.4))
+    filled = tmp_path / "filled.exr"
+    lacuna("fill", "-q", sparse, "-o", filled, "--filter", "linear")
+    assert "mask" in frames.read(filled)[0]
+    words = {"encode": ["--dictionary", path, "-o", tmp_path / "frame.code"],
+             "train": ["-o", tmp_path / "b.npz", "--block", 4, "--atoms", 60, "--iterations", 1]}
+    for command, more in words.items():
+        refused = lacuna(command, sparse, *more, ok=False)
+        told = f"lacuna: error: {sparse}: the frame has a channel 'mask': the frame looks sparse; fill it first"
+        assert refused.status == 1 and len(refused.lines()) == 1 and refused.stderr.startswith(told), refused
+        assert not more[more.index("-o") + 1].exists()
+        lacuna(command, filled, *more)
+
+
 def test_info_draws_the_atoms(tmp_path, trained):
     path, _, _ = trained
     said = lacuna("dictionary-info", path, "--png", tmp_path / "atoms.png").stdout
@@ -141,16 +159,34 @@ def test_info_draws_the_atoms(tmp_path, trained):
     assert (tmp_path / "atoms.png").read_bytes().startswith(b"\x89PNG")
 
 
+def without_codes(path):
+    """The file as versions before this one left it at the end."""
+    with zipfile.ZipFile(path) as archive:
+        kept = {name: archive.read(name) for name in archive.namelist() if not name.startswith("code_")}
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in kept.items():
+            archive.writestr(name, data)
+    return path.read_bytes()
+
+
 def test_a_finished_training_resumes_and_other_settings_do_not(tmp_path):
-    words = ["train", SAMPLES / "smooth.exr", "-q", "-o", tmp_path / "a.npz", "--block", 4, "--atoms", 60, "--sparsity", 3]
-    lacuna(*words, "--iterations", 2)
-    before = (tmp_path / "a.npz").read_bytes()
-    lacuna(*words, "--iterations", 2, "--resume")
-    with np.load(tmp_path / "a.npz") as file:
-        assert len(file["errors"]) == 2
-    assert before[:4] == b"PK\x03\x04"
-    refused = lacuna(*words, "--iterations", 3, "--resume", "--seed", 9, ok=False)
-    assert refused.status == 1 and "cannot be continued" in refused.stderr and len(refused.lines()) == 1
+    path = tmp_path / "a.npz"
+    words = ["train", SAMPLES / "smooth.exr", "-q", "--block", 4, "--atoms", 60, "--sparsity", 3]
+    mine = [*words, "-o", path]
+    lacuna(*mine, "--iterations", 2)
+    before = path.read_bytes()
+    lacuna(*mine, "--iterations", 2, "--resume")
+    assert path.read_bytes() == before and before[:4] == b"PK\x03\x04"
+    lacuna(*mine, "--iterations", 5, "--resume")
+    lacuna(*words, "-o", tmp_path / "straight.npz", "--iterations", 5)
+    assert path.read_bytes() == (tmp_path / "straight.npz").read_bytes()
+    old = without_codes(path)
+    lacuna(*mine, "--iterations", 5, "--resume")
+    for other, reason in ((["--iterations", 5, "--seed", 9], "is of other frames or settings"), (["--iterations", 4], "has 5 iterations already"),
+                          (["--iterations", 6], "codes of its blocks, so it cannot be continued")):
+        refused = lacuna(*mine, *other, "--resume", ok=False)
+        assert refused.status == 1 and f"{path}: " in refused.stderr and reason in refused.stderr and len(refused.lines()) == 1, refused
+    assert path.read_bytes() == old
 
 
 def bad_files(folder, good):
@@ -189,6 +225,8 @@ def test_bad_input_ends_in_one_line(tmp_path, trained):
         "no frame": (["train", tmp_path / "none.exr", "-o", tmp_path / "o.npz"], "none.exr"),
         "another dictionary": (["decode", tmp_path / "frame.code", "--dictionary", tmp_path / "other.npz", "-o", tmp_path / "o.exr"],
                                "encoded with dictionary"),
+        "a frame called .png": (["decode", tmp_path / "frame.code", "--dictionary", path, "-o", tmp_path / "o.png"], "o.png: the file that is written ends in .exr"),
+        "a picture called .exr": (["dictionary-info", path, "--png", tmp_path / "o.exr"], "o.exr: the file that is written ends in .png"),
         "no code": (["decode", frame, "--dictionary", path, "-o", tmp_path / "o.exr"], "not an encoded frame"),
     }
     for name, content in bad_files(tmp_path, path):
@@ -197,8 +235,11 @@ def test_bad_input_ends_in_one_line(tmp_path, trained):
     for length in (0, 20, 60, len(code) // 2, len(code) - 3):
         (tmp_path / f"cut{length}").write_bytes(code[:length])
         commands[f"cut{length}"] = (["decode", tmp_path / f"cut{length}", "--dictionary", path, "-o", tmp_path / "o.exr"], "cut")
+    for at in (8, 9, 30, 50, 64, len(code) - 3):
+        (tmp_path / f"flip{at}").write_bytes(code[:at] + bytes([code[at] ^ 1]) + code[at + 1 :])
+        commands[f"flip{at}"] = (["decode", tmp_path / f"flip{at}", "--dictionary", path, "-o", tmp_path / "o.exr"], f"flip{at}")
     for name, (words, reason) in commands.items():
         result = lacuna(*words, ok=False)
         assert result.status in (1, 2) and len(result.lines()) == 1 and reason in result.stderr, (name, str(result))
         assert result.peak_bytes < 600 << 20, name
-        assert not (tmp_path / "o.exr").exists() and not (tmp_path / "o.npz").exists()
+        assert not any((tmp_path / f"o.{ending}").exists() for ending in ("exr", "npz", "png"))

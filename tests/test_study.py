@@ -95,12 +95,26 @@ def test_values_that_are_not_finite_are_told_once(tmp_path):
     assert [line for line in result.lines() if "not finite" in line] == [told], result
 
 
+def test_a_sparse_frame_is_refused_until_it_is_filled(tmp_path):
+    image = frames.colour(tool.SAMPLES / "smooth.exr")[:32, :32].astype(np.float32)
+    frames.write_sparse(tmp_path / "sparse.exr", image, frames.shuffle(32, 32, 0.5))
+    tool.lacuna("fill", "-q", tmp_path / "sparse.exr", "-o", tmp_path / "filled.exr", "--filter", "linear")
+    head = 'title = "T"\npatterns = ["random"]\ndensities = [0.5]\nseeds = [1]\nfilters = ["nearest"]\n'
+    for name in ("sparse", "filled"):
+        (tmp_path / f"{name}.toml").write_text(head + f'[[frames]]\nname = "a"\nfile = "{name}.exr"\nclass = "c"\n')
+    refused = tool.lacuna("study", tmp_path / "sparse.toml", "-o", tmp_path / "out", ok=False)
+    assert refused.status == 1 and len(refused.lines()) == 1 and not (tmp_path / "out").exists(), refused
+    assert "sparse.exr: the frame has a channel 'mask': the frame looks sparse; fill it first" in refused.stderr
+    tool.lacuna("study", "-q", tmp_path / "filled.toml", "-o", tmp_path / "out")
+
+
 def test_a_journal_that_was_cut_is_continued(study, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     lines = (study / "out" / "results.jsonl").read_text().splitlines(keepends=True)
     assert len(lines) == 32
-    (out / "results.jsonl").write_text("".join(lines[:20]) + lines[20][:50])
+    # A line of another's bytes is as good as one that was cut.
+    (out / "results.jsonl").write_bytes("".join(lines[:20]).encode() + b"\xff{}\n" + lines[20][:50].encode())
     path = definition(tmp_path)
     result = tool.lacuna("study", path, "-o", out, timeout=300)
     assert "32 cells, 12 of them to be run" in result.stderr

@@ -8,6 +8,7 @@ use lacuna_filters::dictionary::fill::{Cosines, Learned, Use};
 
 use super::Usage;
 use super::filter::{Name, one_or_more, set, zero_or_more};
+use super::output::called;
 use super::run::SpeechArgs;
 use crate::dictionary::Stored;
 use crate::dictionary::code::Fineness;
@@ -179,7 +180,7 @@ pub struct DecodeArgs {
     #[arg(long, value_name = "FILE")]
     dictionary: PathBuf,
 
-    /// The frame
+    /// The frame, an EXR file
     #[arg(short, long, value_name = "FRAME")]
     output: PathBuf,
 
@@ -189,9 +190,9 @@ pub struct DecodeArgs {
 
 impl DecodeArgs {
     /// The checked job.
-    pub fn job(&self) -> DictionaryJob {
-        let (input, output) = (self.input.clone(), self.output.clone());
-        self.run.job(&self.dictionary, DictionaryTask::Decode { input, output })
+    pub fn job(&self) -> Result<DictionaryJob, Usage> {
+        let (input, output) = (self.input.clone(), called("-o", &self.output, "exr")?);
+        Ok(self.run.job(&self.dictionary, DictionaryTask::Decode { input, output }))
     }
 }
 
@@ -205,7 +206,7 @@ pub struct DictionaryInfoArgs {
     #[arg(value_name = "FILE")]
     dictionary: PathBuf,
 
-    /// Write a picture of the first 200 atoms: a panel a channel
+    /// Write a picture of the first 200 atoms, a PNG image: a panel a channel
     #[arg(long, value_name = "FILE")]
     png: Option<PathBuf>,
 
@@ -215,7 +216,8 @@ pub struct DictionaryInfoArgs {
 
 impl DictionaryInfoArgs {
     /// The checked job.
-    pub fn job(&self) -> DictionaryJob {
-        self.run.job(&self.dictionary, DictionaryTask::Info { png: self.png.clone() })
+    pub fn job(&self) -> Result<DictionaryJob, Usage> {
+        let png = self.png.as_ref().map(|path| called("--png", path, "png")).transpose()?;
+        Ok(self.run.job(&self.dictionary, DictionaryTask::Info { png }))
     }
 }

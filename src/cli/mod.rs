@@ -172,15 +172,18 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Job, Ending> {
         Command::Submit(args) => return args.job().map(|job| Job::Submit(Box::new(job))),
         Command::Mask(args) => ("mask", args.job().map(|job| Job::Mask(Box::new(job)))),
         Command::Train(args) => ("train", args.job().map(|job| Job::Train(Box::new(job)))),
-        Command::Encode(args) => with_dictionary("encode", args.job()),
+        Command::Encode(args) => with_dictionary("encode", Ok(args.job())),
         Command::Decode(args) => with_dictionary("decode", args.job()),
         Command::DictionaryInfo(args) => with_dictionary("dictionary-info", args.job()),
     };
     job.map_err(|usage| Ending::usage(name, &usage.to_string()))
 }
 
-fn with_dictionary(name: &'static str, job: DictionaryJob) -> (&'static str, Result<Job, Usage>) {
-    (name, Ok(Job::Dictionary(name, Box::new(job))))
+fn with_dictionary(
+    name: &'static str,
+    job: Result<DictionaryJob, Usage>,
+) -> (&'static str, Result<Job, Usage>) {
+    (name, job.map(|job| Job::Dictionary(name, Box::new(job))))
 }
 
 #[cfg(test)]

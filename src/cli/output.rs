@@ -1,6 +1,6 @@
 //! Flags that say where frames go and how their files are made.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
@@ -48,14 +48,31 @@ impl OutputArgs {
             return Err(Usage(format!("-o is given more than once ({}): one is needed", all.join(", "))));
         };
         let text = output.to_string_lossy();
-        let ending = output.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("exr"));
-        if ending || text.is_empty() || text.ends_with(std::path::is_separator) || output.is_dir() {
+        if ends_in(output, "exr")
+            || text.is_empty()
+            || text.ends_with(std::path::is_separator)
+            || output.is_dir()
+        {
             return Ok(output.clone());
         }
         Err(Usage(format!(
             "-o {text}: an output file ends in .exr; a folder that is not there yet ends in /"
         )))
     }
+}
+
+/// Whether a file is called as what is written into it.
+fn ends_in(path: &Path, ending: &str) -> bool {
+    path.extension().is_some_and(|own| own.eq_ignore_ascii_case(ending))
+}
+
+/// The file that a flag names, if it is called as what is written into it.
+///
+/// # Errors
+/// For any other name.
+pub fn called(flag: &str, path: &Path, ending: &str) -> Result<PathBuf, Usage> {
+    let wrong = || Usage(format!("{flag} {}: the file that is written ends in .{ending}", path.display()));
+    ends_in(path, ending).then(|| path.to_path_buf()).ok_or_else(wrong)
 }
 
 /// How files are made.

@@ -50,7 +50,8 @@ struct TrainOutput {
     #[arg(long)]
     create_dir: bool,
 
-    /// Continue the output if it is unfinished and of the same frames and settings; it is written twice a minute
+    /// Continue the output, which has the same frames and settings and is unfinished (it is written twice a minute) or has fewer
+    /// --iterations
     #[arg(long)]
     resume: bool,
 }

@@ -4,11 +4,11 @@
 //! so many atoms ([`lacuna_filters::dictionary::whole`]). Factors are rounded to multiples of one step. The file is
 //!
 //! ```text
-//! "LACUNACO", version, dictionary's hash (8 bytes), windows (8 x i32), compression, layer (length, bytes), kinds of R, G, B,
+//! "LACUNACO", version, CRC-32 of all that follows, dictionary's hash (8 bytes), windows (8 x i32), compression, layer (length, bytes), kinds of R, G, B,
 //! domain's scale (f64; 0: linear), step (f32), then per block: count, and per atom gap to the one before, size, sign (stream)
 //! ```
 //!
-//! all little-endian. Other channels and attributes are not kept.
+//! all little-endian; files of version 1 have no checksum and are read as they are. Other channels and attributes are not kept.
 
 use lacuna_filters::dictionary::pursuit::{Code, Selection};
 use lacuna_filters::dictionary::{Dictionary, whole};
@@ -21,7 +21,9 @@ use crate::channels::Name;
 use crate::frame::{Channel, Frame, Part, SampleType, Samples, Window};
 use crate::reconstruct::{Kind as FloatKind, convert};
 
-const MAGIC: &[u8] = b"LACUNACO\x01";
+const MAGIC: &[u8] = b"LACUNACO";
+/// The version that is written; 1, without a checksum, is read as well.
+const VERSION: u8 = 2;
 /// The most pixels of a decoded frame: three planes of floats and their sums stay below 1.5 GiB.
 const MOST_PIXELS: u64 = 1 << 25;
 /// The most atoms of all blocks together: 512 MiB of codes.
@@ -108,7 +110,7 @@ pub fn encode(frame: &Frame, dictionary: &Dictionary, how: Fineness) -> Result<E
             "the blocks have too many atoms together; give a smaller --dict-sparsity".into(),
         ));
     }
-    let bytes = [head.bytes()?, stream::encode(&numbers)?].concat();
+    let bytes = sealed(&[head.bytes()?, stream::encode(&numbers)?].concat());
     let all = frame.parts.iter().enumerate();
     let left_out = all.flat_map(|(at, part)| {
         let kept = move |channel: usize| at == index && channels.contains(&channel);
@@ -150,8 +152,7 @@ fn numbers(codes: &[Code], step: f32) -> Vec<(Kind, u32)> {
 /// # Errors
 /// For another dictionary than the frame's, and for bytes that are no frame; before memory is taken.
 pub fn decode(bytes: &[u8], dictionary: &Dictionary) -> Result<Frame, Error> {
-    let rest = bytes.strip_prefix(MAGIC).ok_or(Error::Other("an encoded frame"))?;
-    let (head, rest) = Head::read(rest)?;
+    let (head, rest) = Head::read(opened(bytes)?)?;
     if head.name != hash(dictionary) {
         let given = file::name(dictionary);
         let wanted = file::hex(&head.name);
@@ -202,6 +203,31 @@ fn block(reader: &mut Reader, dictionary: &Dictionary, step: f32) -> Result<Code
     Ok(code)
 }
 
+fn checksum(body: &[u8]) -> u32 {
+    let mut sum = flate2::Crc::new();
+    sum.update(body);
+    sum.sum()
+}
+
+/// The file of a header and its code.
+fn sealed(body: &[u8]) -> Vec<u8> {
+    [MAGIC, &[VERSION], &checksum(body).to_le_bytes(), body].concat()
+}
+
+/// The header and the code of a file, as they were written.
+fn opened(bytes: &[u8]) -> Result<&[u8], Error> {
+    let rest = bytes.strip_prefix(MAGIC).ok_or(Error::Other("an encoded frame"))?;
+    match rest.split_first().ok_or_else(truncated)? {
+        (1, body) => Ok(body),
+        (&VERSION, mut body) => {
+            let sum = u32::from_le_bytes(take(&mut body)?);
+            let wrong = || Error::Damaged("its checksum is that of other bytes".into());
+            (sum == checksum(body)).then_some(body).ok_or_else(wrong)
+        }
+        _ => Err(Error::Other("an encoded frame of a version that is known here")),
+    }
+}
+
 /// What tells a dictionary from others, in the file.
 fn hash(dictionary: &Dictionary) -> [u8; 8] {
     let name = u64::from_str_radix(&file::name(dictionary), 16).unwrap_or(0);
@@ -210,7 +236,7 @@ fn hash(dictionary: &Dictionary) -> [u8; 8] {
 
 impl Head {
     fn bytes(&self) -> Result<Vec<u8>, Error> {
-        let mut out = [MAGIC, &self.name].concat();
+        let mut out = self.name.to_vec();
         for window in [self.data, self.display] {
             for corner in [window.x_min, window.y_min, window.x_max, window.y_max] {
                 out.extend(corner.to_le_bytes());
@@ -342,14 +368,29 @@ mod tests {
         for length in (0..bytes.len()).step_by(13) {
             assert!(decode(&bytes[..length], &dictionary).is_err(), "{length}");
         }
-        for at in 0..bytes.len() {
+        for bit in 0..8 * bytes.len() {
             let mut flipped = bytes.clone();
-            flipped[at] ^= 0x40;
-            // It may decode to another frame; it may not panic or take memory that is not there.
-            drop(decode(&flipped, &dictionary));
+            flipped[bit / 8] ^= 1 << (bit % 8);
+            assert!(decode(&flipped, &dictionary).is_err(), "bit {bit}");
         }
-        let mut huge = bytes.clone();
-        huge[MAGIC.len() + 16..][..8].copy_from_slice(&[0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff, 0x7f]);
-        assert!(matches!(decode(&huge, &dictionary), Err(Error::TooLarge(_))));
+        let body = opened(&bytes).unwrap();
+        for at in 0..body.len() {
+            let mut flipped = body.to_vec();
+            flipped[at] ^= 0x40;
+            // What has its checksum may decode to another frame; it may not panic or take memory that is not there.
+            drop(decode(&sealed(&flipped), &dictionary));
+        }
+        let mut huge = body.to_vec();
+        huge[16..24].copy_from_slice(&[0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff, 0x7f]);
+        assert!(matches!(decode(&sealed(&huge), &dictionary), Err(Error::TooLarge(_))));
+    }
+
+    #[test]
+    fn files_without_a_checksum_are_read() {
+        let dictionary = dct::dictionary(4, 36).unwrap();
+        let encoded = encode(&frame(true), &dictionary, FINE).unwrap();
+        let old = [MAGIC, &[1], opened(&encoded.bytes).unwrap()].concat();
+        assert_eq!(decode(&old, &dictionary).unwrap(), encoded.frame);
+        assert!(matches!(decode(&[MAGIC, &[3]].concat(), &dictionary), Err(Error::Other(_))));
     }
 }

@@ -10,7 +10,7 @@
 //! | `errors` | `f8 (done,)` | the root mean squared error after each iteration |
 //! | `usage` | `u8 (K,)` | how many blocks use each atom |
 //! | `data_hash` | `u1 (32,)` | SHA-256 of the blocks |
-//! | `code_lengths`, `code_atoms`, `code_factors` | `u4 (N,)`, `u4`, `f4` | the codes of an unfinished training |
+//! | `code_lengths`, `code_atoms`, `code_factors` | `u4 (N,)`, `u4`, `f4` | the blocks' codes, without which a training cannot go on |
 
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read, Write};
@@ -30,6 +30,8 @@ use crate::frame::{open_regular, write_whole};
 const MOST_BYTES: u64 = 1 << 30;
 /// The most bytes of all arrays together.
 const MOST_IN_ALL: u64 = 3 << 29;
+/// The most blocks and entries of codes that are kept: the arrays of more could not be read again.
+const MOST_CODES: usize = 1 << 26;
 /// The most arrays.
 const MOST_ARRAYS: usize = 64;
 
@@ -58,7 +60,7 @@ pub struct Trained {
     pub usage: Vec<u64>,
     /// SHA-256 of the blocks.
     pub data_hash: Vec<u8>,
-    /// The codes, while the training is not finished.
+    /// The blocks' codes, which the next iteration goes by; files of earlier versions have none once they are finished.
     pub codes: Option<Vec<Code>>,
 }
 
@@ -79,7 +81,7 @@ impl Stored {
 
     /// Whether all iterations that were asked for were done.
     pub fn is_finished(&self) -> bool {
-        self.trained.codes.is_none()
+        self.trained.errors.len() >= self.trained.iterations as usize
     }
 
     /// Reads a file.
@@ -187,7 +189,8 @@ impl Stored {
         put("errors", npy::write(&[self.trained.errors.len()], &self.trained.errors))?;
         put("usage", npy::write(&[self.trained.usage.len()], &self.trained.usage))?;
         put("data_hash", npy::write(&[self.trained.data_hash.len()], &self.trained.data_hash))?;
-        if let Some(codes) = &self.trained.codes {
+        let kept = |codes: &&Vec<Code>| codes.len() + codes.iter().map(Vec::len).sum::<usize>() <= MOST_CODES;
+        if let Some(codes) = self.trained.codes.as_ref().filter(kept) {
             let lengths: Vec<u32> = codes.iter().map(|code| code.len() as u32).collect();
             let (atoms, factors): (Vec<u32>, Vec<f32>) = codes.iter().flatten().copied().unzip();
             put("code_lengths", npy::write(&[lengths.len()], &lengths))?;

@@ -26,6 +26,9 @@ pub const STOP: &str = "lacuna/stop";
 /// All attributes that filling adds.
 pub const ADDED: &[&str] = &[VERSION, FILTER, SETTINGS, DENSITY, MASK, STOP, guides::ATTRIBUTE];
 
+/// Those of them that say how the pixels were filled, which would lie once pixels are missing again.
+pub const FILLING: &[&str] = &[FILTER, SETTINGS, DENSITY, STOP, guides::ATTRIBUTE];
+
 /// Attributes derived from pixels, which would lie once the pixels differ.
 pub const DERIVED: &[&str] = &["preview", "oiio:SHA-1", "oiio:AverageColor", "oiio:ConstantColor"];
 

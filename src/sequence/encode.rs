@@ -13,6 +13,7 @@ use crate::dictionary::code::{self, Encoded, Fineness};
 use crate::dictionary::file::hex;
 use crate::dictionary::{Stored, picture};
 use crate::frame::{self, Limits, WriteOptions};
+use crate::sparsify;
 
 /// The most bytes of an encoded frame that are read.
 const MOST_BYTES: u64 = 1 << 28;
@@ -107,6 +108,7 @@ fn encode(
     console: &Console,
 ) -> Result<(), PlanError> {
     let frame = frame::read(input, &Limits::default()).map_err(|error| failed(input, &error))?;
+    sparsify::check_complete(&frame).map_err(|error| failed(input, &error))?;
     let encoded = code::encode(&frame, dictionary, how).map_err(|error| failed(input, &error))?;
     frame::write_whole(output, &encoded.bytes).map_err(|error| failed(output, &error))?;
     if let Some(note) = &encoded.non_finite {

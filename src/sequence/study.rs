@@ -81,8 +81,8 @@ fn fail(path: &Path, what: &str, error: &dyn std::fmt::Display) -> PlanError {
 
 /// The rows of an earlier run, by their keys.
 fn known(journal: &Path) -> Result<BTreeMap<String, Row>, String> {
-    match std::fs::read_to_string(journal) {
-        Ok(text) => Ok(study::read_journal(&text).into_iter().map(|row| (row.key.clone(), row)).collect()),
+    match std::fs::read(journal) {
+        Ok(bytes) => Ok(study::read_journal(&bytes).into_iter().map(|row| (row.key.clone(), row)).collect()),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(BTreeMap::new()),
         Err(error) => Err(format!("{}: cannot read: {error}", journal.display())),
     }

@@ -15,6 +15,7 @@ use crate::dictionary::file::hash_of;
 use crate::dictionary::training::{self, Blocks};
 use crate::dictionary::{Stored, Trained};
 use crate::frame::{self, Limits};
+use crate::sparsify;
 
 /// How often the dictionary so far is written.
 const CHECKPOINT: Duration = Duration::from_secs(30);
@@ -34,7 +35,7 @@ pub struct TrainJob {
     pub stride: usize,
     /// Blocks at most; 0 takes all.
     pub blocks_max: usize,
-    /// Whether an unfinished dictionary of the same settings is continued.
+    /// Whether a dictionary of the same settings is continued, unfinished or with fewer iterations.
     pub resume: bool,
     /// Make the output's folder where it is missing.
     pub create_dir: bool,
@@ -73,11 +74,19 @@ pub fn train(job: &TrainJob) -> Result<u8, PlanError> {
         data_hash: hash_of(&values),
         ..Trained::default()
     };
-    let start = if job.resume { earlier(job, &blank, &console)? } else { None };
-    let done = learn(job, &values, &blank, start, &console)?;
-    let stored = stored(job, &blank, &done, false)?;
-    stored.write(&job.output).map_err(|error| output(&error))?;
-    let error = done.errors.last().copied().unwrap_or(0.0);
+    let found = if job.resume { earlier(job, &blank)? } else { None };
+    let stored = match found {
+        // Nothing is left to be done, and the file stays as it is.
+        Some(found) if found.is_finished() && found.trained.iterations == blank.iterations => found,
+        found => {
+            let start = found.map(|found| state(job, found, &console)).transpose()?;
+            let stored = stored(job, &blank, &learn(job, &values, &blank, start, &console)?)?;
+            stored.write(&job.output).map_err(|error| output(&error))?;
+            stored
+        }
+    };
+    let errors = &stored.trained.errors;
+    let error = errors.last().copied().unwrap_or(0.0);
     console.note(&format!(
         "{}: dictionary {} of {} x {} from {} blocks, {} iterations, error {error:.6}",
         job.output.display(),
@@ -85,7 +94,7 @@ pub fn train(job: &TrainJob) -> Result<u8, PlanError> {
         stored.dictionary.dimension(),
         stored.dictionary.len(),
         blank.signals,
-        done.errors.len(),
+        errors.len(),
     ));
     Ok(0)
 }
@@ -101,6 +110,7 @@ fn blocks(job: &TrainJob, paths: &[PathBuf], console: &Console) -> Result<Vec<f3
         let failed =
             |error: &dyn std::fmt::Display| PlanError::Failed(format!("{}: {error}", path.display()));
         let frame = frame::read(path, &Limits::default()).map_err(|error| failed(&error))?;
+        sparsify::check_complete(&frame).map_err(|error| failed(&error))?;
         let (part, channels) = training::colour(&frame).map_err(|error| failed(&error))?;
         if let Some(note) = training::non_finite(&frame.parts[part], &channels) {
             console.warning(&format!("{}: {note}", path.display()));
@@ -115,13 +125,16 @@ fn blocks(job: &TrainJob, paths: &[PathBuf], console: &Console) -> Result<Vec<f3
     Ok(blocks.into_values())
 }
 
-/// The state of an unfinished training of the same blocks and settings.
-fn earlier(job: &TrainJob, blank: &Trained, console: &Console) -> Result<Option<ksvd::State>, PlanError> {
+fn failed(job: &TrainJob, why: &dyn std::fmt::Display) -> PlanError {
+    PlanError::Failed(format!("{}: {why}", job.output.display()))
+}
+
+/// An earlier training of the same blocks and settings, of no more iterations.
+fn earlier(job: &TrainJob, blank: &Trained) -> Result<Option<Stored>, PlanError> {
     if !job.output.exists() {
         return Ok(None);
     }
-    let failed = |text: String| PlanError::Failed(format!("{}: {text}", job.output.display()));
-    let stored = Stored::read(&job.output).map_err(|error| failed(error.to_string()))?;
+    let stored = Stored::read(&job.output).map_err(|error| failed(job, &error))?;
     let found = &stored.trained;
     let alike = Trained {
         errors: Vec::new(),
@@ -134,12 +147,28 @@ fn earlier(job: &TrainJob, blank: &Trained, console: &Console) -> Result<Option<
     let shape = (stored.dictionary.block(), stored.dictionary.channels(), stored.dictionary.len());
     if alike != *blank || shape != (settings.block, settings.channels, settings.atoms) {
         let text = "is of other frames or settings, so it cannot be continued; drop --resume to replace it";
-        return Err(failed(text.into()));
+        return Err(failed(job, &text));
     }
-    console.note(&format!("{}: continues after {} iterations", job.output.display(), found.errors.len()));
-    let codes = found.codes.clone().unwrap_or_else(|| vec![Vec::new(); found.signals as usize]);
-    let (atoms, errors) = (stored.dictionary.atoms().clone(), found.errors.clone());
-    Ok(Some(ksvd::State { atoms, codes, errors, stop: Stop::Cancelled }))
+    let done = found.errors.len();
+    if done > settings.iterations {
+        let text = format!(
+            "has {done} iterations already: give --iterations {done} or more, or drop --resume to replace it"
+        );
+        return Err(failed(job, &text));
+    }
+    Ok(Some(stored))
+}
+
+/// What an earlier training goes on from.
+fn state(job: &TrainJob, stored: Stored, console: &Console) -> Result<ksvd::State, PlanError> {
+    let Trained { codes, errors, .. } = stored.trained;
+    // Other codes would lead to other atoms: an iteration keeps those that it finds no better ones for.
+    let codes = codes.ok_or_else(|| {
+        let text = "keeps no codes of its blocks, so it cannot be continued; drop --resume to replace it";
+        failed(job, &text)
+    })?;
+    console.note(&format!("{}: continues after {} iterations", job.output.display(), errors.len()));
+    Ok(ksvd::State { atoms: stored.dictionary.atoms().clone(), codes, errors, stop: Stop::Cancelled })
 }
 
 /// The iterations, with lines and checkpoints on the way.
@@ -174,7 +203,7 @@ fn learn(
         }
         if saved.elapsed() >= CHECKPOINT && done < all {
             saved = Instant::now();
-            let written = stored(job, blank, state, true).and_then(|stored| {
+            let written = stored(job, blank, state).and_then(|stored| {
                 stored.write(&job.output).map_err(|error| PlanError::Failed(error.to_string()))
             });
             trouble = written.err();
@@ -190,13 +219,13 @@ fn learn(
     state.map_err(|error| PlanError::Failed(error.to_string()))
 }
 
-/// A state as a file; with its codes, if it is to be continued.
-fn stored(job: &TrainJob, blank: &Trained, state: &ksvd::State, open: bool) -> Result<Stored, PlanError> {
+/// A state as a file.
+fn stored(job: &TrainJob, blank: &Trained, state: &ksvd::State) -> Result<Stored, PlanError> {
     let ksvd::Settings { block, channels, atoms, .. } = job.settings;
     let dictionary = Dictionary::new(block, channels, state.atoms.clone());
     let dictionary = dictionary.map_err(|error| PlanError::Failed(error.to_string()))?;
     let usage = ksvd::usage(&state.codes, atoms).into_iter().map(|count| count as u64).collect();
-    let codes = open.then(|| state.codes.clone());
-    let trained = Trained { errors: state.errors.clone(), usage, codes, ..blank.clone() };
+    let (errors, codes) = (state.errors.clone(), Some(state.codes.clone()));
+    let trained = Trained { errors, usage, codes, ..blank.clone() };
     Ok(Stored { dictionary, trained })
 }

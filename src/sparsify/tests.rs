@@ -5,6 +5,7 @@ use lacuna_filters::Size;
 use super::*;
 use crate::frame::{Channel, Compression};
 use crate::mask::Source;
+use crate::reconstruct::Job;
 use crate::testing::{float, frame, half, part, uint, values, window};
 
 const SHUFFLE: Pattern<'_> = Pattern::Shuffle { density: 0.3, seed: 7 };
@@ -59,9 +60,56 @@ fn a_frame_with_a_mask_is_refused() {
     let mut part = ones(0, 0, 2, 2);
     part.channels.push(half("Mask", &[1.0; 4]));
     let error = sparsify(frame(vec![part]), SHUFFLE).unwrap_err().to_string();
-    assert!(error.starts_with("the frame has a channel 'mask' already"), "{error}");
+    assert!(error.starts_with("the frame has a channel 'Mask': the frame looks sparse; fill it"), "{error}");
     let out_of_range = Pattern::Shuffle { density: 1.5, seed: 0 };
     assert!(sparsify(frame(vec![ones(0, 0, 2, 2)]), out_of_range).is_err());
+}
+
+#[test]
+fn a_frame_is_complete_without_a_mask_with_a_full_one_and_once_it_is_filled() {
+    let stamped = |mut part: Part| {
+        let job = Job::new(lacuna_filters::Method::Nearest(lacuna_filters::baseline::nearest::Settings));
+        Stamp::new(&job, CHANNEL).write(&mut part.attributes, 0.5, lacuna_filters::Stop::Converged);
+        part
+    };
+    let with = |name: &str, flags: [f32; 4]| {
+        let mut part = ones(0, 0, 2, 2);
+        part.channels.push(half(name, &flags));
+        part
+    };
+    let holes = [1.0, 0.0, 1.0, 1.0];
+    let other = || ones(9, 9, 3, 3);
+    for complete in [
+        vec![other()],
+        vec![with("mask", [1.0; 4])],
+        vec![stamped(with("mask", holes))],
+        vec![with("object", holes)],
+    ] {
+        assert_eq!(check_complete(&frame(complete)), Ok(()));
+    }
+    for (sparse, named) in [
+        (vec![with("mask", holes)], "the frame has a channel 'mask'"),
+        (vec![stamped(other()), with("MASK", holes)], "part 1 has a channel 'MASK'"),
+        (vec![with("beauty.mask", holes), other()], "part 0 has a channel 'beauty.mask'"),
+    ] {
+        let mut sparse = frame(sparse);
+        if let Some(channel) = sparse.parts[0].channels.first_mut() {
+            channel.name = b"beauty.R".into();
+        }
+        let error = check_complete(&sparse).unwrap_err().to_string();
+        assert!(
+            error.starts_with(named) && error.contains("the frame looks sparse; fill it first"),
+            "{error}"
+        );
+    }
+    // What was filled and made sparse again is not filled any more.
+    let again = sparsify(frame(vec![stamped(other())]), SHUFFLE).unwrap();
+    assert!(check_complete(&again.frame).is_err());
+    assert!(
+        again.notes[0].starts_with("dropped lacuna/filter, lacuna/settings, lacuna/density, which"),
+        "{:?}",
+        again.notes
+    );
 }
 
 #[test]

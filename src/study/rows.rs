@@ -63,8 +63,8 @@ pub fn journal(row: &Row) -> String {
 
 /// The rows of a journal; lines that are damaged (the last one of a run that was killed) are passed over, and rows of cells
 /// that failed, so that they are tried again.
-pub fn read_journal(text: &str) -> Vec<Row> {
-    let rows = text.lines().filter_map(|line| serde_json::from_str::<Row>(line).ok());
+pub fn read_journal(bytes: &[u8]) -> Vec<Row> {
+    let rows = bytes.split(|&byte| byte == b'\n').filter_map(|line| serde_json::from_slice::<Row>(line).ok());
     rows.filter(|row| row.error.is_none()).collect()
 }
 

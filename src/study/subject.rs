@@ -32,11 +32,12 @@ impl Subject {
     /// Reads a frame; its file is relative to `folder`.
     ///
     /// # Errors
-    /// A file that cannot be read, has no colours, or less than the crop.
+    /// A file that cannot be read, looks sparse, has no colours, or less than the crop.
     pub fn read(definition: &SubjectDefinition, folder: &Path) -> Result<Self, String> {
         let path = folder.join(&definition.file);
         let fail = |why: String| format!("{}: {why}", path.display());
         let mut frame = frame::read(&path, &Limits::default()).map_err(|error| fail(error.to_string()))?;
+        crate::sparsify::check_complete(&frame).map_err(|error| fail(error.to_string()))?;
         frame.parts.truncate(1);
         let part = frame.parts.first_mut().ok_or_else(|| fail("there is no part".into()))?;
         part.channels.retain(|channel| COLOURS.contains(&channel.name.as_slice()));

@@ -86,7 +86,7 @@ struct Work<'a> {
 }
 
 /// Learns from blocks, `N x n` numbers in one row after another; `tell` hears of each iteration. Between iterations, `run` may
-/// end it; the state can be continued with the same blocks and settings, to the same end as without a break.
+/// end it; the state can be continued with the same blocks and settings, or more iterations, to the same end as without a break.
 ///
 /// # Errors
 /// [`Error::Setting`] for settings out of range, fewer usable blocks than atoms, and a state of other blocks.

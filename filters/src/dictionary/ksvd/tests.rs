@@ -132,6 +132,8 @@ fn threads_and_breaks_change_no_bit() {
     let part = learn(&blocks, &settings, None, &run, |_| told += 1).unwrap();
     assert_eq!((part.stop, part.errors.len(), told), (Stop::Cancelled, 2, 2));
     assert_eq!(learn(&blocks, &settings, Some(part), &Run::default(), |_| {}).unwrap(), whole);
+    let finished = train(&blocks, &small(64, 3, 4));
+    assert_eq!(learn(&blocks, &settings, Some(finished), &Run::default(), |_| {}).unwrap(), whole);
 }
 
 #[test]
