@@ -168,6 +168,11 @@ fn what_cannot_be_rendered_is_one_line() {
         (&["render", "none.nrrd", "-o", "o.exr"][..], 1, "none.nrrd"),
         (&["render", "lost.toml", "-o", "o.exr"], 1, "none.nrrd: there is no such file; --volume"),
         (&["render", "short.nrrd", "-o", "o.exr"], 1, "truncated"),
+        (
+            &["render", "short.nrrd", "-o", "o.exr", "--raw", "6x7x1:u8"],
+            1,
+            "short.nrrd: 52 bytes where 6x7x1 voxels have 42",
+        ),
         (&["render", "bad.toml", "-o", "o.exr"], 1, "line 2"),
         (&["render", "procedural:cat", "-o", "o.exr"], 1, "marschner-lobb"),
         (&["render", HEAD, "-o", "o.exr", "--frames", "1-2"], 2, "pattern"),
