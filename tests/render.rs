@@ -291,6 +291,11 @@ fn what_cannot_be_rendered_is_one_line() {
         (&["render", "none.nrrd", "-o", "o.exr"][..], 1, "none.nrrd"),
         (&["render", "lost.toml", "-o", "o.exr"], 1, "none.nrrd: there is no such file; --volume"),
         (&["render", "short.nrrd", "-o", "o.exr"], 1, "truncated"),
+        (
+            &["render", "short.nrrd", "-o", "o.exr", "--raw", "6x7x1:u8"],
+            1,
+            "short.nrrd: 52 bytes where 6x7x1 voxels have 42",
+        ),
         (&["render", "bad.toml", "-o", "o.exr"], 1, "line 2"),
         (&["render", "procedural:cat", "-o", "o.exr"], 1, "marschner-lobb"),
         (&["render", HEAD, "-o", "o.exr", "--frames", "1-2"], 2, "pattern"),
@@ -303,6 +308,8 @@ fn what_cannot_be_rendered_is_one_line() {
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(status), "{arguments:?}: {said}");
         assert!(said.contains(part), "{arguments:?}: {said}");
+        // A file is named once, whoever names it.
+        assert!(said.matches(&format!("{}: ", arguments[1])).count() <= 1, "{arguments:?}: {said}");
         assert!(!room.path().join("o.exr").exists());
     }
 }

@@ -79,9 +79,10 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// A failure about `file`.
+    /// A failure about `file`, which some errors name themselves.
     pub fn at(file: &Path, error: impl std::fmt::Display) -> Self {
-        Self { file: file.into(), text: error.to_string() }
+        let (text, named) = (error.to_string(), format!("{}: ", file.display()));
+        Self { file: file.into(), text: text.strip_prefix(&named).unwrap_or(&text).into() }
     }
 }
 

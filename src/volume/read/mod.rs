@@ -72,6 +72,7 @@ pub(super) struct Place {
 /// [`Error::Io`] and [`Error::File`], naming the file and what is wrong with it.
 pub fn read(path: &Path, raw: Option<&RawLayout>) -> Result<Grid, Error> {
     if let Some(layout) = raw {
+        layout.check_length(path)?;
         return load(path, &layout.header(), &RawLayout::place(path));
     }
     let mut start = [0; 4];

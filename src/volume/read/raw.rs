@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::str::FromStr;
 
-use super::{Affine, Coding, Element, Header, Place};
+use super::{Affine, Coding, Element, Error, Header, Place, damaged, io, open};
 
 /// What the command line says about a file without a header.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,6 +58,23 @@ impl RawLayout {
             placement: Affine::spacing(self.spacing),
             rescale: None,
         }
+    }
+
+    /// A file without a header holds its voxels alone: a longer one is of another size or type.
+    pub(super) fn check_length(&self, path: &Path) -> Result<(), Error> {
+        let length = open(path)?.metadata().map_err(io(path, "read"))?.len();
+        let sizes = self.size.iter().map(|&n| n as u64);
+        let bytes = sizes.fold(self.element.bytes() as u64, u64::saturating_mul);
+        if length > bytes && Self::place(path).coding == Coding::Plain {
+            let [x, y, z] = self.size;
+            return Err(damaged(
+                path,
+                format!(
+                    "{length} bytes where {x}x{y}x{z} voxels have {bytes}: give its size and type (--raw) as they are"
+                ),
+            ));
+        }
+        Ok(())
     }
 
     /// A gzipped file is told by its name.

@@ -258,6 +258,11 @@ fn raw_voxels_and_every_type() {
     for bad in ["", "3x2:u8", "3x2x2", "3x2x2:u7", "0x2x2:u8", "3x2x2:u8:1,0,1", "3x2x2:u8:1,1"] {
         assert!(bad.parse::<RawLayout>().is_err(), "{bad}");
     }
+    let long = room.put("long.raw", &[&bytes(true), b"x"]);
+    let error = read(&long, Some(&layout)).unwrap_err().to_string();
+    assert!(error.contains("long.raw: 25 bytes where 3x2x2 voxels have 24"), "{error}");
+    let packed = room.put("long.raw.gz", &[&gzip(&[bytes(true), vec![0]].concat())]);
+    assert!(read(&packed, Some(&layout)).is_err());
     let nan = room.put("nan.raw", &[&f32::NAN.to_le_bytes()]);
     assert!(read(&nan, Some(&"1x1x1:f32".parse().unwrap())).is_err());
     refused(&room.put("c.txt", &[b"hello"]), "not a volume");
