@@ -170,6 +170,9 @@ def test_progress_is_told_as_asked(shot):
     (["--log", "in/shot.0001.exr"], "the same file as the input"),
     (["--log", "no/such/ledger.jsonl"], "does not exist"),
     (["--log", "l.jsonl", "--json", "l.jsonl"], "same file"),
+    (["--report", "r", "--json", "./r"], "would be written twice"),
+    (["--report", "-", "--json", "-"], "standard output"),
+    (["--report", "-", "--progress", "openjd"], "standard output"),
 ])
 def test_outputs_that_cannot_be_shared_are_refused(shot, words, reason):
     folder = shot[2].parent

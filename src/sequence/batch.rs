@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 use super::console::{Console, Meter, Verbosity, frame_span, label};
 use super::ledger::Ledger;
 use super::plan::{Item, PlanError};
-use super::record::{Heading, Journal, Record, State, is_standard_output};
+use super::record::{Heading, Journal, Record, State};
+use super::reports::{self, is_standard_output};
 use super::schedule::{self, Limits, Permits, Refusal};
 use super::{memory, signals, threads};
 use crate::frame;
@@ -47,19 +48,19 @@ impl RunOptions {
     /// # Errors
     /// If two things would go into one file or stream that cannot share it.
     pub fn console(&self) -> Result<Arc<Console>, PlanError> {
-        let clash = |text: &str| Err(PlanError::Usage(text.into()));
-        let json_is_standard = self.json.as_deref().is_some_and(is_standard_output);
-        if json_is_standard && self.meter == Meter::OpenJd {
-            return clash(
-                "--json - and --progress openjd would both write to standard output; name a file for --json",
-            );
-        }
+        self.console_beside(&[])
+    }
+
+    /// The same where the work has further reports.
+    pub fn console_beside(&self, others: &[reports::Asked<'_>]) -> Result<Arc<Console>, PlanError> {
         if self.log.as_deref().is_some_and(is_standard_output) {
-            return clash("--log -: a ledger is a file; --json - writes a report to standard output");
+            let text = "--log -: a ledger is a file; --json - writes a report to standard output";
+            return Err(PlanError::Usage(text.into()));
         }
-        if self.log.is_some() && self.log == self.json {
-            return clash("--log and --json name the same file; the report would replace the ledger");
-        }
+        let own = [("--json", &self.json), ("--report", &self.page), ("--log", &self.log)];
+        let own = own.into_iter().filter_map(|(flag, path)| Some((flag, path.as_deref()?)));
+        let all: Vec<_> = own.chain(others.iter().copied()).collect();
+        reports::check(&all, self.meter == Meter::OpenJd)?;
         Ok(Console::with(self.verbosity, self.meter))
     }
 

@@ -28,6 +28,7 @@ mod prepare;
 pub mod range;
 mod record;
 mod render;
+mod reports;
 mod schedule;
 mod signals;
 mod sparsify;

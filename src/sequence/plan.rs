@@ -7,7 +7,7 @@ use super::destination::Destination;
 use super::inputs::{Input, Selection, resolve};
 use super::layers::{LayerFile, LayerSource};
 use super::pattern::Pattern;
-use super::record::is_standard_output;
+use super::reports::is_standard_output;
 
 /// Why there is nothing to run.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -325,11 +325,11 @@ pub fn folder_of(file: &Path) -> PathBuf {
 
 /// Folders with their links resolved, each looked up once.
 #[derive(Default)]
-struct Places(HashMap<PathBuf, PathBuf>);
+pub struct Places(HashMap<PathBuf, PathBuf>);
 
 impl Places {
     /// Where a file lies or will lie, links in its folder resolved.
-    fn of(&mut self, file: &Path) -> PathBuf {
+    pub fn of(&mut self, file: &Path) -> PathBuf {
         let resolve = |folder: &PathBuf| {
             folder.canonicalize().or_else(|_| std::path::absolute(folder)).unwrap_or_else(|_| folder.clone())
         };
@@ -340,7 +340,7 @@ impl Places {
 
 /// What tells an existing file from every other, whatever its names.
 #[derive(PartialEq, Eq, Hash)]
-struct Identity {
+pub struct Identity {
     #[cfg(unix)]
     device_and_inode: (u64, u64),
     #[cfg(not(unix))]
@@ -349,14 +349,16 @@ struct Identity {
 
 impl Identity {
     #[cfg(unix)]
-    fn of(path: &Path) -> Option<Self> {
+    /// That of a file that exists.
+    pub fn of(path: &Path) -> Option<Self> {
         use std::os::unix::fs::MetadataExt;
         let metadata = path.metadata().ok()?;
         Some(Self { device_and_inode: (metadata.dev(), metadata.ino()) })
     }
 
     #[cfg(not(unix))]
-    fn of(path: &Path) -> Option<Self> {
+    /// That of a file that exists.
+    pub fn of(path: &Path) -> Option<Self> {
         path.canonicalize().ok().map(|path| Self { path })
     }
 }
