@@ -233,7 +233,9 @@ pub fn run(
         console.error(&error);
         failed = true;
     }
-    if let Err(error) = work.end(journal.heading(), &journal.records()) {
+    // A copy: a signal's thread needs the records while reports are written.
+    let records = journal.records().clone();
+    if let Err(error) = work.end(journal.heading(), &records) {
         console.error(&error);
         failed = true;
     }
