@@ -152,6 +152,20 @@ def test_unusual_names(shot, name):
     assert names(shot[1]) == [name]
 
 
+def test_names_that_are_not_utf8(shot, tmp_path):
+    for number in (1, 2):
+        shutil.copy(shot[0].with_name(f"shot.{number:04d}.exr"), tmp_path / f"in/odd\udcff.{number:04d}.exr")
+    report, log, page = (tmp_path / name for name in ("r.json", "l.jsonl", "page.html"))
+    lacuna("fill", tmp_path / "in/*.exr", "-o", tmp_path / "out/", "--json", report, "--log", log, "--report", page)
+    assert names(shot[1]) == sorted(names(shot[0])) and len(names(shot[1])) == 6
+    assert len(json.loads(report.read_text())["frames"]) == 6
+    assert all(json.loads(line)["output_sha256"] for line in log.read_text().splitlines())
+    checked = lacuna("verify", tmp_path / "in/*.exr", tmp_path / "out/")
+    assert "6 of 6" in checked.stderr, checked
+    lacuna("fill", tmp_path / "in/odd\udcff.####.exr", "-o", tmp_path / "out/p\udcfe.##.exr")
+    assert {"p\udcfe.01.exr", "p\udcfe.02.exr"} < set(names(shot[1]))
+
+
 def test_the_json_report(shot, tmp_path):
     report = tmp_path / "report.json"
     lacuna("fill", shot[0], "-o", shot[1], "--json", report)

@@ -1,11 +1,13 @@
 //! What is to be done, frame by frame, checked before any work: every output has one input, and none is an input.
 
 use std::collections::{BTreeSet, HashMap};
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use super::destination::Destination;
 use super::inputs::{Input, Selection, resolve};
 use super::layers::{LayerFile, LayerSource};
+use super::names::to_text;
 use super::pattern::Pattern;
 use super::reports::is_standard_output;
 
@@ -194,7 +196,8 @@ impl MaskFile {
         if Path::new(text).exists() {
             return Ok(Self::One(text.into()));
         }
-        let pattern = Pattern::parse(text).map_err(|error| PlanError::Usage(format!("{text}: {error}")))?;
+        let pattern = Pattern::parse(&to_text(OsStr::new(text)))
+            .map_err(|error| PlanError::Usage(format!("{text}: {error}")))?;
         Ok(pattern.map_or_else(|| Self::One(text.into()), Self::PerFrame))
     }
 
