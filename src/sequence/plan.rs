@@ -274,7 +274,7 @@ fn check_no_input_is_written(
         }
     }
     for written in items.iter().map(|item| &item.output).chain(also_written) {
-        // What does not exist is neither an input nor a folder.
+        // What does not exist is no input.
         let Some(identity) = Identity::of(written) else { continue };
         if let Some((source, what)) = read.get(&identity) {
             let same =
@@ -284,9 +284,10 @@ fn check_no_input_is_written(
                 written.display()
             )));
         }
-        if written.is_dir() {
-            return Err(PlanError::Usage(format!("{}: the output is a folder", written.display())));
-        }
+    }
+    // An output that is a folder is the failure of its frame.
+    if let Some(folder) = also_written.iter().find(|written| written.is_dir()) {
+        return Err(PlanError::Usage(format!("{}: it is a folder; name a file", folder.display())));
     }
     let outputs: BTreeSet<PathBuf> = items.iter().map(|item| places.of(&item.output)).collect();
     match also_written.iter().find(|written| outputs.contains(&places.of(written))) {

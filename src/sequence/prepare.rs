@@ -32,7 +32,10 @@ pub fn decide(
         _ => {}
     }
     match existing {
-        Existing::Keep if item.output.symlink_metadata().is_ok() => skip("the output exists"),
+        // A folder in the output's place is no output.
+        Existing::Keep if item.output.symlink_metadata().is_ok_and(|found| !found.is_dir()) => {
+            skip("the output exists")
+        }
         Existing::Update if is_current(item) => skip("the output is up to date"),
         _ => Ok(Decision::Do),
     }
