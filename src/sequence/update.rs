@@ -22,11 +22,27 @@ pub enum Existing {
 /// Whether the output is newer than all that it was made from, and its attributes name this version, these settings
 /// and this mask.
 pub fn is_current(item: &Item, job: &Job) -> bool {
+    is_newer(item) && is_of(item, job)
+}
+
+/// Whether the output may be a copy of a complete frame, which gets no stamp: it is whole, newer than all that it was made
+/// from, and has the stamps of the input, if any. The input's mask has to tell whether it is.
+pub fn may_be_copy(item: &Item) -> bool {
+    let (Ok(output), Ok(input)) = (read_whole_header(&item.output), read_header(&item.input)) else {
+        return false;
+    };
+    let stamps = |parts: &[PartHeader]| -> Vec<Option<Stamp>> {
+        parts.iter().map(|part| Stamp::read(&part.attributes)).collect()
+    };
+    is_newer(item) && stamps(&output) == stamps(&input)
+}
+
+fn is_newer(item: &Item) -> bool {
     let Some(made) = modified(&item.output) else { return false };
     let sources = [Some(&item.input), item.mask.as_ref(), item.guides.as_ref()];
     let newer = |source: &std::path::PathBuf| modified(source).is_some_and(|changed| made > changed);
     let layers = item.layers.iter().map(|layer| &layer.path);
-    sources.into_iter().flatten().chain(layers).all(newer) && is_of(item, job)
+    sources.into_iter().flatten().chain(layers).all(newer)
 }
 
 fn modified(path: &Path) -> Option<SystemTime> {
