@@ -8,10 +8,10 @@ use std::sync::Arc;
 use half::f16;
 use lacuna_filters::{Mask, sampling::shuffle};
 
-use crate::channels::part_label;
+use crate::channels::{DENSE, part_label};
 use crate::frame::{Channel, Frame, Part, Samples};
 use crate::mask::{self, MaskFile};
-use crate::reconstruct::{DERIVED, output_compression};
+use crate::reconstruct::{ADDED, DERIVED, VERSION, output_compression};
 
 /// The attribute that holds the seed of a generated pattern, as text.
 pub const SEED: &str = "lacuna/seed";
@@ -143,6 +143,12 @@ fn masks(frame: &Frame, pattern: Pattern<'_>) -> Result<Vec<Arc<Mask>>, Error> {
     }
 }
 
+/// Attributes that would lie about the sparse part: made from its pixels, said of its filling, or of complete channels.
+fn stale() -> impl Iterator<Item = &'static str> {
+    let filled = ADDED.iter().filter(|name| ![mask::ATTRIBUTE, VERSION].contains(name));
+    DERIVED.iter().chain(filled).copied().chain([DENSE])
+}
+
 fn make_sparse(part: &mut Part, mask: &Mask, pattern: Pattern<'_>) -> Vec<String> {
     let mut notes = Vec::new();
     for channel in &mut part.channels {
@@ -168,9 +174,9 @@ fn make_sparse(part: &mut Part, mask: &Mask, pattern: Pattern<'_>) -> Vec<String
         Pattern::File { file, .. } => part.attributes.set_text(PATTERN, &format!("file:{}", file.path())),
         Pattern::Given { name, .. } => part.attributes.set_text(PATTERN, name),
     }
-    let dropped: Vec<&str> = DERIVED.iter().copied().filter(|name| part.attributes.remove(name)).collect();
+    let dropped: Vec<&str> = stale().filter(|name| part.attributes.remove(name)).collect();
     if !dropped.is_empty() {
-        notes.push(format!("dropped {}, which were made from other pixels", dropped.join(", ")));
+        notes.push(format!("dropped {}, which are about other pixels", dropped.join(", ")));
     }
     let compression = output_compression(part.compression, None);
     if compression != part.compression {

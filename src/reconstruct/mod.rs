@@ -40,7 +40,7 @@ use lacuna_filters::{Run, Stop};
 pub(crate) use part::measured_floats;
 pub use plans::Plans;
 pub use report::{ChannelReport, GroupReport, PartReport, Report};
-pub use stamp::{ADDED, DENSITY, DERIVED, Stamp, was_cut_short};
+pub use stamp::{ADDED, DENSITY, DERIVED, Stamp, VERSION, was_cut_short};
 pub(crate) use values::{convert, kind_for};
 pub use weights::{Weights, WeightsError};
 
