@@ -54,7 +54,7 @@ pub struct Record {
     pub mask: Option<String>,
     /// Measured pixels over all pixels.
     pub density: Option<f64>,
-    /// Measured samples that were not finite and were taken as missing.
+    /// Measured samples that no missing one was made from because they are NaN or infinite.
     pub non_finite: Option<usize>,
     /// Values that the limiter or a bound moved.
     pub limited: Option<usize>,
