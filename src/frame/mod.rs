@@ -22,7 +22,7 @@ mod temporary;
 mod write;
 
 pub use attributes::{Attribute, Attributes};
-pub use error::Error;
+pub use error::{Amount, Error};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 pub use header::{ChannelHeader, PartHeader};

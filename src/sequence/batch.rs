@@ -335,11 +335,8 @@ fn too_large(needed: u64, bound: u64, granted: Option<u64>) -> String {
     } else {
         "; allow more with --memory"
     };
-    format!(
-        "the frame needs about {} MiB of memory, more than the bound of {} MiB{way}",
-        needed.div_ceil(1 << 20),
-        bound >> 20
-    )
+    let (needed, bound) = (frame::Amount::at_most(needed), frame::Amount::at_least(bound));
+    format!("the frame needs about {needed} of memory, more than the bound of {bound}{way}")
 }
 
 fn fail(record: &mut Record, item: &Item, failure: &Failure, console: &Console) {
@@ -420,6 +417,9 @@ mod tests {
     fn more_memory_is_asked_of_the_one_who_bounds_it() {
         let (needed, bound) = (5 << 20, 3 << 20);
         assert!(too_large(needed, bound, None).ends_with("bound of 3 MiB; allow more with --memory"));
+        assert!(
+            too_large(needed, 1 << 10, None).contains("about 5 MiB of memory, more than the bound of 1 KiB")
+        );
         assert!(too_large(needed, bound, Some(9 << 20)).ends_with("--memory"));
         assert!(too_large(needed, bound, Some(bound)).ends_with("with the job's --mem"));
     }
