@@ -8,7 +8,7 @@ use std::sync::Arc;
 use half::f16;
 use lacuna_filters::{Mask, sampling::shuffle};
 
-use crate::channels::part_label;
+use crate::channels::{DENSE, part_label};
 use crate::frame::{Channel, Frame, Part, Samples};
 use crate::mask::{self, MaskFile};
 use crate::reconstruct::{DERIVED, FILLING, Stamp, output_compression};
@@ -170,6 +170,11 @@ fn masks(frame: &Frame, pattern: Pattern<'_>) -> Result<Vec<Arc<Mask>>, Error> {
     }
 }
 
+/// Attributes that would lie about the sparse part: made from its pixels, said of its filling, or of complete channels.
+fn stale() -> impl Iterator<Item = &'static str> {
+    DERIVED.iter().chain(FILLING).copied().chain([DENSE])
+}
+
 fn make_sparse(part: &mut Part, mask: &Mask, pattern: Pattern<'_>) -> Vec<String> {
     let mut notes = Vec::new();
     for channel in &mut part.channels {
@@ -195,10 +200,9 @@ fn make_sparse(part: &mut Part, mask: &Mask, pattern: Pattern<'_>) -> Vec<String
         Pattern::File { file, .. } => part.attributes.set_text(PATTERN, &format!("file:{}", file.path())),
         Pattern::Given { name, .. } => part.attributes.set_text(PATTERN, name),
     }
-    let false_now = DERIVED.iter().chain(FILLING).copied();
-    let dropped: Vec<&str> = false_now.filter(|name| part.attributes.remove(name)).collect();
+    let dropped: Vec<&str> = stale().filter(|name| part.attributes.remove(name)).collect();
     if !dropped.is_empty() {
-        notes.push(format!("dropped {}, which were made from other pixels", dropped.join(", ")));
+        notes.push(format!("dropped {}, which are about other pixels", dropped.join(", ")));
     }
     let compression = output_compression(part.compression, None);
     if compression != part.compression {

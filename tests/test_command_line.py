@@ -83,6 +83,44 @@ def test_update_does_only_what_is_stale(shot):
     assert made() == numbered(1, 2, 3, 4)
 
 
+def complete(path):
+    """Makes all pixels of a frame measured."""
+    [planes] = frames.read(path)
+    frames.write(path, planes | {"mask": np.ones_like(planes["mask"])})
+
+
+@pytest.mark.parametrize("flags", [[], ["--layers", "more=layer.exr"]])
+def test_the_copy_of_a_complete_frame_is_up_to_date(shot, tmp_path, flags):
+    source, out = shot
+    shutil.copy(source.with_name("shot.0001.exr"), tmp_path / "layer.exr")
+    complete(tmp_path / "layer.exr")
+    complete(source.with_name("shot.0002.exr"))
+
+    def planned(*more):
+        words = ["fill", source, "-o", out, "-u", "-n", *flags, *more]
+        return [line.split()[0] for line in lacuna(*words, folder=tmp_path).stdout.splitlines()]
+
+    lacuna("fill", source, "-o", out, *flags, folder=tmp_path)
+    assert planned() == ["skip"] * 4
+    # What this run would not copy is not up to date; nor is a sparse frame that somebody copied.
+    assert planned("--compression", "none") == ["fill"] * 4
+    assert planned("-d", "float" if frames.read(source.with_name("shot.0002.exr"))[0]["R"].dtype == np.float16 else "half") == ["fill"] * 4
+    shutil.copy(source.with_name("shot.0003.exr"), out.with_name("shot.0003.exr"))
+    os.utime(source.with_name("shot.0004.exr"))
+    assert planned() == ["skip", "skip", "fill", "fill"]
+
+
+def test_a_folder_in_the_place_of_an_output_stops_no_other_frame(shot):
+    folder = shot[1].with_name("shot.0002.exr")
+    folder.mkdir()
+    for flags in [[], ["--no-clobber"]]:
+        result = lacuna("fill", shot[0], "-o", shot[1], "-q", *flags, ok=False)
+        assert result.status == 1 and len(result.lines()) == 1 and "shot.0002.exr (frame 2)" in result.stderr, result
+        assert names(shot[1]) == numbered(1, 2, 3, 4) and folder.is_dir()
+    result = lacuna("fill", shot[0], "-o", shot[1], "--json", folder, ok=False)
+    assert result.status == 2 and "it is a folder" in result.stderr or "written twice" in result.stderr, result
+
+
 def test_no_clobber_leaves_what_is_there(shot):
     there = shot[1].with_name("shot.0001.exr")
     there.write_bytes(b"mine")
@@ -150,6 +188,20 @@ def test_unusual_names(shot, name):
     shutil.copy(shot[0].with_name("shot.0001.exr"), source)
     lacuna("fill", source, "-o", shot[1].with_name(name))
     assert names(shot[1]) == [name]
+
+
+def test_names_that_are_not_utf8(shot, tmp_path):
+    for number in (1, 2):
+        shutil.copy(shot[0].with_name(f"shot.{number:04d}.exr"), tmp_path / f"in/odd\udcff.{number:04d}.exr")
+    report, log, page = (tmp_path / name for name in ("r.json", "l.jsonl", "page.html"))
+    lacuna("fill", tmp_path / "in/*.exr", "-o", tmp_path / "out/", "--json", report, "--log", log, "--report", page)
+    assert names(shot[1]) == sorted(names(shot[0])) and len(names(shot[1])) == 6
+    assert len(json.loads(report.read_text())["frames"]) == 6
+    assert all(json.loads(line)["output_sha256"] for line in log.read_text().splitlines())
+    checked = lacuna("verify", tmp_path / "in/*.exr", tmp_path / "out/")
+    assert "6 of 6" in checked.stderr, checked
+    lacuna("fill", tmp_path / "in/odd\udcff.####.exr", "-o", tmp_path / "out/p\udcfe.##.exr")
+    assert {"p\udcfe.01.exr", "p\udcfe.02.exr"} < set(names(shot[1]))
 
 
 def test_the_json_report(shot, tmp_path):

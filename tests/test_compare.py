@@ -238,6 +238,21 @@ def test_every_format_has_the_same_numbers(tmp_path):
         assert f"{value:.2f}" in result.stdout and f"{value:.2f}" in files["html"].read_text()
 
 
+def test_a_report_on_standard_output_takes_the_place_of_the_tables(tmp_path):
+    sequence(tmp_path, 2)
+    words = ["compare", tmp_path / "r.####.exr", tmp_path / "t.####.exr"]
+    tables = tool.lacuna(*words, folder=tmp_path).stdout
+    assert tool.lacuna(*words, "--md", "-", folder=tmp_path).stdout == tables
+    assert len(json.loads(tool.lacuna(*words, "--json", "-", folder=tmp_path).stdout)["frames"]) == 2
+    rows = list(csv.DictReader(tool.lacuna(*words, "-q", "--csv", "-", folder=tmp_path).stdout.splitlines()))
+    assert {row["region"] for row in rows} >= {"all"}
+    assert tool.lacuna(*words, "--html", "-", folder=tmp_path).stdout.lower().startswith("<!doctype html>")
+    for flags in (["--csv", "-", "--md", "-"], ["--json", "-", "--html", "-"], ["--csv", "r", "--md", "r"], ["--csv", "-", "--progress", "openjd"]):
+        refused = tool.lacuna(*words, *flags, ok=False, folder=tmp_path)
+        assert refused.status == 2 and len(refused.lines()) == 1, refused
+    assert not (tmp_path / "-").exists() and not (tmp_path / "r").exists()
+
+
 def test_maps_hold_the_errors(tmp_path):
     one, other = hdr_pair()
     paths = [frames.write(tmp_path / f"{k}.exr", dict(zip("RGB", np.moveaxis(image, -1, 0)))) for k, image in enumerate((one, other))]

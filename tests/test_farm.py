@@ -73,6 +73,28 @@ def test_a_termination_abandons_the_frame_at_hand_and_a_rerun_does_the_rest(shot
     assert len(contents(out.parent)) == 4
 
 
+@pytest.mark.parametrize("words", [["fill", "--json"], ["fill", "--report"], ["compare", "--csv"]])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_report_that_nobody_reads_holds_no_signal_up(shot, words, number):
+    source, out, log = shot
+    pipe = log.with_name("pipe")
+    os.mkfifo(pipe)
+    command, flag = words
+    rest = [source, "-o", out] if command == "fill" else [source, source]
+    process = start(command, *rest, flag, pipe, "--log", log, "--threads", "1")
+    begun = time.monotonic()
+    while len(ledger(log)) < 4 and time.monotonic() < begun + 60:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    assert process.poll() is None, "it does not wait for a reader"
+    begun = time.monotonic()
+    process.send_signal(number)
+    assert process.wait(timeout=20) == 128 + number
+    assert time.monotonic() - begun < 5
+    process.stderr.close()
+    assert not [name for name in contents(out.parent) if name.startswith(".")]
+
+
 def test_a_ledger_says_what_became_of_each_frame(shot):
     source, out, log = shot
     broken = source.with_name("shot.0003.exr")
@@ -170,6 +192,9 @@ def test_progress_is_told_as_asked(shot):
     (["--log", "in/shot.0001.exr"], "the same file as the input"),
     (["--log", "no/such/ledger.jsonl"], "does not exist"),
     (["--log", "l.jsonl", "--json", "l.jsonl"], "same file"),
+    (["--report", "r", "--json", "./r"], "would be written twice"),
+    (["--report", "-", "--json", "-"], "standard output"),
+    (["--report", "-", "--progress", "openjd"], "standard output"),
 ])
 def test_outputs_that_cannot_be_shared_are_refused(shot, words, reason):
     folder = shot[2].parent

@@ -184,6 +184,7 @@ def test_sequences_are_updated_and_threads_change_no_byte(tmp_path):
     (["--scale", "2", "--tv-gap", "1e-3"], "--filter tv"),
     (["--scale", "2", "--ss-lambda", "1"], "lacuna fill"),
     (["--scale", "2", "--domain", "log"], "point and grid"),
+    (["--scale", "1.5", "--sampling", "grid"], "whole factors"),
 ])
 def test_nonsense_is_a_usage_error_of_one_line(tmp_path, words, reason):
     done = lacuna("upscale", SAMPLES / "smooth.exr", "-o", tmp_path / "out.exr", *words, ok=False)
@@ -194,7 +195,7 @@ def test_nonsense_is_a_usage_error_of_one_line(tmp_path, words, reason):
 @pytest.mark.parametrize("words, reason", [
     (["--size", "10x10"], "oiiotool INPUT --resize"),
     (["--size", "16000x16000"], "more than 16 times"),
-    (["--scale", "1.5", "--sampling", "grid"], "whole number"),
+    (["--size", "90x72", "--sampling", "grid"], "whole number"),
 ])
 def test_what_does_not_suit_the_frame_fails_in_one_line(scene, tmp_path, words, reason):
     done = lacuna("upscale", "-q", scene, "-o", tmp_path / "out.exr", *words, ok=False)

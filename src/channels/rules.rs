@@ -12,6 +12,13 @@ struct Subject<'a> {
     words: Vec<String>,
 }
 
+impl<'a> Subject<'a> {
+    fn new(part: &'a Part, index: usize) -> Option<Self> {
+        let full = part.channels.get(index)?.display_name().into_owned();
+        Some(Self { part, index, words: words(&full), full })
+    }
+}
+
 /// One row: the rule, the reason it gives, and the channels it is for.
 struct Row {
     rule: Rule,
@@ -39,10 +46,7 @@ const TABLE: &[Row] = &[
 
 /// The default rule for a channel of a part, and why.
 pub fn by_default(part: &Part, channel: usize) -> (Rule, &'static str) {
-    let Some(full) = part.channels.get(channel).map(|channel| channel.display_name().into_owned()) else {
-        return (Rule::Keep, "no such channel");
-    };
-    let subject = Subject { part, index: channel, words: words(&full), full };
+    let Some(subject) = Subject::new(part, channel) else { return (Rule::Keep, "no such channel") };
     TABLE
         .iter()
         .find(|row| (row.holds)(&subject))
@@ -214,11 +218,17 @@ pub fn is_albedo(full: &str) -> bool {
 
 /// Whether a channel holds one identifier a pixel, by its name (not Cryptomatte, which holds several).
 pub fn is_label(part: &Part, channel: usize) -> bool {
-    part.channels.get(channel).is_some_and(|own| {
-        let full = own.display_name().into_owned();
-        let subject = Subject { part, index: channel, words: words(&full), full };
-        is_identifier(&subject) && !is_listed_cryptomatte(&subject) && !is_named_cryptomatte(&subject)
-    })
+    Subject::new(part, channel).is_some_and(|subject| is_identifier(&subject) && !is_cryptomatte(&subject))
+}
+
+/// Whether a channel holds codes, of which only the bits count: whole numbers, Cryptomatte and other identifiers.
+pub fn is_code(part: &Part, channel: usize) -> bool {
+    Subject::new(part, channel)
+        .is_some_and(|subject| is_uint(&subject) || is_identifier(&subject) || is_cryptomatte(&subject))
+}
+
+fn is_cryptomatte(subject: &Subject<'_>) -> bool {
+    is_listed_cryptomatte(subject) || is_named_cryptomatte(subject)
 }
 
 /// Whether a channel is a matte by its name; like an alpha it stays within 0 and 1 where it was.

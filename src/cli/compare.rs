@@ -27,7 +27,7 @@ const MASK: &str =
 /// Per part, layer and group of channels (R, G and B of a layer together): MSE, RMSE, largest error, PSNR, relative MSE,
 /// PSNR of logarithms, SSIM, counts of NaN and infinities, on request CIELUV, FLIP, HDR-FLIP and flicker; over the whole
 /// image, over the missing pixels only, and where the reference's alpha is above 0. The tables go to standard output as
-/// Markdown.
+/// Markdown, unless a report goes there.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct CompareArgs {
@@ -94,7 +94,7 @@ struct MeasureArgs {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Reports")]
 struct ReportArgs {
-    /// Write every measure as CSV: a line a frame, group, channel and region
+    /// Write every measure as CSV (- is standard output, as for the others): a line a frame, group, channel and region
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
 

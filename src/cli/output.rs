@@ -99,7 +99,7 @@ pub struct MoreOutput {
     pub drop_mask: bool,
 
     /// Pass over frames whose output is newer than their input (and mask file), has the right windows and was made by this version
-    /// with the same settings and mask
+    /// with the same settings and mask, or is the copy of a complete frame
     #[arg(short, long, conflicts_with = "no_clobber")]
     pub update: bool,
 }

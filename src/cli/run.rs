@@ -95,8 +95,8 @@ impl From<ProgressName> for Meter {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Run")]
 pub struct PageArgs {
-    /// Write one HTML page that needs no other file and no network: mask, sparse input and result of each frame, density,
-    /// timings
+    /// Write one HTML page (- is standard output) that needs no other file and no network: mask, sparse input and result of
+    /// each frame, density, timings
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
 }

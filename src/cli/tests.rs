@@ -272,6 +272,10 @@ fn numbers_out_of_range_get_the_range() {
     assert!(usage("sparsify a.exr -o b.exr --density -0.5").contains("from 0 to 1"));
     let neither = usage("upscale a.exr -o b.exr");
     assert!(neither.contains("--scale") && neither.contains("--size"), "{neither}");
+    for scale in ["1.5", "2x1.5"] {
+        let text = usage(&format!("upscale a.exr -o b.exr --sampling grid --scale {scale}"));
+        assert!(text.contains("--sampling grid needs whole factors"), "{text}");
+    }
     let neither = usage("sparsify a.exr -o b.exr");
     assert!(neither.contains("--density") && neither.contains("--mask"), "{neither}");
     assert!(usage("fill a.exr -o b.txt").contains("a folder that is not there yet ends in /"));

@@ -152,6 +152,13 @@ impl UpscaleArgs {
         let Some(target) = self.size.scale.or(self.size.size) else {
             return Err(Usage("how large is not said: give --scale S or --size WxH".into()));
         };
+        let broken = matches!(target, Target::Scale { x, y } if x.fract() != 0.0 || y.fract() != 0.0);
+        if self.filter.sampling == Sampling::Grid && broken {
+            return Err(Usage(
+                "--sampling grid needs whole factors, such as --scale 2; --sampling point takes broken ones"
+                    .into(),
+            ));
+        }
         let settings = &self.filter.settings;
         let groups = Groups {
             input: &self.input,

@@ -41,7 +41,11 @@ pub enum Error {
         remedy: String,
     },
     /// Decoding would take more memory than allowed.
-    #[error("the frame needs {} MiB of memory, the limit is {} MiB; allow more with --memory", needed.div_ceil(1 << 20), limit >> 20)]
+    #[error(
+        "the frame needs {} of memory, the limit is {}; allow more with --memory",
+        Amount::at_most(*needed),
+        Amount::at_least(*limit)
+    )]
     TooLarge {
         /// Bytes that decoding needs.
         needed: u64,
@@ -56,6 +60,36 @@ pub enum Error {
     Unwritable(String),
 }
 
+/// An amount of memory for people, in the largest unit of which there is one, rounded so that what is above a bound never
+/// looks as if it were within.
+#[derive(Clone, Copy, Debug)]
+pub struct Amount {
+    bytes: u64,
+    up: bool,
+}
+
+impl Amount {
+    /// Rounded up.
+    pub const fn at_most(bytes: u64) -> Self {
+        Self { bytes, up: true }
+    }
+
+    /// Rounded down.
+    pub const fn at_least(bytes: u64) -> Self {
+        Self { bytes, up: false }
+    }
+}
+
+impl std::fmt::Display for Amount {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let units = [(20, "MiB"), (10, "KiB"), (0, "bytes")];
+        let unit = units.into_iter().find(|(shift, _)| self.bytes >> shift > 0);
+        let (shift, name) = unit.unwrap_or((0, "bytes"));
+        let number = if self.up { self.bytes.div_ceil(1 << shift) } else { self.bytes >> shift };
+        write!(f, "{number} {name}")
+    }
+}
+
 impl Error {
     pub(super) fn io(action: &'static str) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::Io { action, source }
@@ -63,5 +97,24 @@ impl Error {
 
     pub(super) fn damaged(message: impl Into<String>) -> Self {
         Self::Damaged(message.into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Amount;
+
+    #[test]
+    fn amounts_have_the_unit_that_they_need() {
+        for (bytes, at_most, at_least) in [
+            (0, "0 bytes", "0 bytes"),
+            (1000, "1000 bytes", "1000 bytes"),
+            (1 << 10, "1 KiB", "1 KiB"),
+            ((1 << 20) - 1, "1024 KiB", "1023 KiB"),
+            ((3 << 30) + 1, "3073 MiB", "3072 MiB"),
+        ] {
+            assert_eq!(Amount::at_most(bytes).to_string(), at_most);
+            assert_eq!(Amount::at_least(bytes).to_string(), at_least);
+        }
     }
 }

@@ -22,7 +22,7 @@ mod temporary;
 mod write;
 
 pub use attributes::{Attribute, Attributes};
-pub use error::Error;
+pub use error::{Amount, Error};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 pub use header::{ChannelHeader, PartHeader};
@@ -31,7 +31,7 @@ pub use other::write_other;
 pub use read::{Limits, memory_needed, read, read_header, read_whole_header};
 pub use source::open_regular;
 pub use temporary::{check_destination, remove_temporaries, write_whole};
-pub use write::{WriteOptions, write};
+pub use write::{WriteOptions, has_header_of, write};
 
 /// One EXR file in memory: its parts in file order.
 #[derive(Clone, Debug, PartialEq)]

@@ -7,7 +7,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufWriter, ErrorKind, Seek, SeekFrom, Write};
+use std::io::{BufWriter, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
@@ -19,7 +19,7 @@ use super::codec::{Codec, Encoder};
 use super::grid::{Area, Grid};
 use super::serialize::{channel_order, headers};
 use super::temporary::Temporary;
-use super::{Channel, ChannelHeader, Error, Frame, Layout, Part, Samples};
+use super::{Channel, ChannelHeader, Error, Frame, Layout, Part, Samples, open_regular};
 
 /// Pixels of chunks that are compressed at a time, in bytes.
 const BATCH: usize = 64 << 20;
@@ -63,6 +63,14 @@ pub fn write(frame: &Frame, path: &Path, options: &WriteOptions) -> Result<(), E
         written.and(synced.map_err(Error::io("write")))
     })?;
     temporary.commit(file)
+}
+
+/// Whether a file begins with the header that [`write`] gives this frame.
+pub fn has_header_of(path: &Path, frame: &Frame) -> bool {
+    let Ok(header) = headers(frame) else { return false };
+    let mut found = vec![0; header.len()];
+    let read = open_regular(path).and_then(|mut file| file.read_exact(&mut found));
+    read.is_ok() && found == header
 }
 
 /// Brings to the disk what is written, whenever it is due.

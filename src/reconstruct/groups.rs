@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::{Error, PIECE};
 use crate::channels::{self, Choice, Name, Rule, channel_label};
-use crate::frame::{Frame, Samples};
+use crate::frame::{Frame, Part, Samples};
 use crate::mask::{self, Masks};
 
 /// A channel that is to be filled.
@@ -19,7 +19,7 @@ pub struct Target {
     pub rule: Rule,
     /// The values that count as measured.
     pub mask: Arc<Mask>,
-    /// Measured values that do not count because they are NaN or infinite.
+    /// Measured values that do not count because they are NaN or infinite, or are not copied because they are NaN.
     pub non_finite: usize,
 }
 
@@ -69,7 +69,11 @@ pub fn targets(
         if usable.is_empty() {
             return Err(Error::NothingFinite { channel: label(), name: name() });
         }
-        let non_finite = mask.count() - usable.count();
+        let non_finite = match choice.rule {
+            Rule::Nearest if channels::is_code(&frame.parts[part], index) => 0,
+            Rule::Nearest => mask.count() - numbers(&channel.samples, mask)?.count(),
+            _ => mask.count() - usable.count(),
+        };
         let known = found.iter().map(|target| &target.mask).find(|other| ***other == *usable);
         let mask = known.cloned().unwrap_or(usable);
         found.push(Target { channel: index, rule: choice.rule, mask, non_finite });
@@ -82,9 +86,27 @@ pub fn targets(
 pub fn usable(rule: Rule, samples: &Samples, mask: &Arc<Mask>) -> Result<Arc<Mask>, Error> {
     match rule {
         Rule::Fill | Rule::Normal => measured_and(samples, mask, f32::is_finite),
-        Rule::Depth => measured_and(samples, mask, |value| !value.is_nan()),
+        Rule::Depth => numbers(samples, mask),
         Rule::Nearest | Rule::Keep => Ok(Arc::clone(mask)),
     }
+}
+
+/// The measured pixels that missing ones of a channel with the rule `nearest` are copied from: without those where it or
+/// another such channel of its layer is NaN, so that the components of a vector stay together; all if no other is left.
+pub fn copyable(part: &Part, target: &Target, targets: &[Target]) -> Result<Arc<Mask>, Error> {
+    let layer = |target: &Target| Name::new(&part.channels[target.channel].display_name()).layer.to_owned();
+    let own = layer(target);
+    let beside = |other: &&Target| other.rule == Rule::Nearest && other.non_finite > 0 && layer(other) == own;
+    let mut mask = Arc::clone(&target.mask);
+    for other in targets.iter().filter(beside) {
+        mask = numbers(&part.channels[other.channel].samples, &mask)?;
+    }
+    Ok(if mask.is_empty() { Arc::clone(&target.mask) } else { mask })
+}
+
+/// The mask without the pixels whose value is NaN.
+fn numbers(samples: &Samples, mask: &Arc<Mask>) -> Result<Arc<Mask>, Error> {
+    measured_and(samples, mask, |value| !value.is_nan())
 }
 
 /// The mask without the pixels whose value does not fit; the same one if all do.

@@ -8,8 +8,9 @@
 //! ```
 //!
 //! A measured value that is NaN or infinite counts as missing, here and nowhere else (`groups::targets`); an infinite
-//! depth is a value like any other, and channels that are only copied are copied as they are. A mask without a missing
-//! pixel leaves its channels alone, non-finite values included.
+//! depth is a value like any other, and codes (identifiers, Cryptomatte) are copied as they are; a NaN in another channel that
+//! is only copied stays where it is and is not copied (`groups::copyable`). A mask without a missing pixel leaves its
+//! channels alone, non-finite values included.
 
 mod apply;
 mod bounds;

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::apply::{Change, apply};
 use super::bounds::{Bounds, bounds_of};
 use super::gradients;
-use super::groups::{Group, Target, groups, targets};
+use super::groups::{Group, Target, copyable, groups, targets};
 use super::solve::{Question, overflow_note, solve};
 use super::{ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, learned, normals};
 use crate::channels::{self, Choice, Rule, channel_label};
@@ -85,7 +85,7 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
         changes[target.channel] = Some(Change::Values { values, mask: target.mask, all });
     }
     for target in targets.iter().filter(|target| matches!(target.rule, Rule::Nearest | Rule::Depth)) {
-        let map = sources(frame, work, target)?;
+        let map = sources(frame, work, target, &targets)?;
         changes[target.channel] = Some(Change::Copies { map, mask: Arc::clone(&target.mask) });
     }
     for target in &targets {
@@ -250,12 +250,18 @@ fn unit_normals(frame: &Frame, work: &Work<'_>, filled: &mut [Filled], done: &mu
     Ok(())
 }
 
-/// Which measured pixel each pixel of an identifier or a depth takes its bits from.
-fn sources(frame: &Frame, work: &Work<'_>, target: &Target) -> Result<Arc<NearestMap>, Error> {
+/// Which measured pixel each pixel of an identifier, a motion vector or a depth takes its bits from.
+fn sources(
+    frame: &Frame,
+    work: &Work<'_>,
+    target: &Target,
+    targets: &[Target],
+) -> Result<Arc<NearestMap>, Error> {
     let fail = |source| Error::Filter { channel: channel_label(frame, work.index, target.channel), source };
     let mask = &target.mask;
     if target.rule == Rule::Nearest {
-        return work.plans.nearest(mask).map_err(fail);
+        let mask = copyable(&frame.parts[work.index], target, targets)?;
+        return work.plans.nearest(&mask).map_err(fail);
     }
     let depth = measured_floats(&frame.parts[work.index].channels[target.channel].samples, mask)?;
     let depth = Plane::new(mask.size(), depth).map_err(fail)?;

@@ -19,7 +19,7 @@ pub struct Report {
     pub density: Option<f64>,
     /// Whether nothing was missing, so that the pixels are those of the input.
     pub copied: bool,
-    /// Measured values that were NaN or infinite and counted as missing, over all channels.
+    /// Measured values, over all channels, that no missing one was made from because they are NaN or infinite.
     pub non_finite: usize,
     /// Values that the limiter or a bound (no negative light, alpha within 0 and 1) moved.
     pub limited: usize,
@@ -55,7 +55,7 @@ pub struct ChannelReport {
     pub why: String,
     /// Values that were filled in.
     pub filled: usize,
-    /// Measured values that were NaN or infinite and counted as missing.
+    /// Measured values that no missing one was made from because they are NaN or infinite.
     pub non_finite: usize,
     /// Values that the limiter or a bound moved.
     pub limited: usize,
@@ -80,9 +80,15 @@ pub struct GroupReport {
 
 impl PartReport {
     /// What the log should say of measured values that are not finite.
-    pub(super) fn non_finite(&self) -> Option<String> {
-        let counts = self.channels.iter().map(|channel| (&channel.name, channel.non_finite));
-        channels::non_finite_note("measured values are not finite and count as missing", counts)
+    pub(super) fn non_finite(&self) -> Vec<String> {
+        let note = |copied: bool, said: &str| {
+            let channels = self.channels.iter().filter(|channel| (channel.rule == Rule::Nearest) == copied);
+            channels::non_finite_note(said, channels.map(|channel| (&channel.name, channel.non_finite)))
+        };
+        let computed = note(false, "measured values are not finite and count as missing");
+        let copied =
+            note(true, "measured values are NaN and stay; missing pixels take others where there are any");
+        computed.into_iter().chain(copied).collect()
     }
 }
 

@@ -95,6 +95,33 @@ fn what_is_not_finite_counts_as_missing_and_is_counted() {
 }
 
 #[test]
+fn a_nan_is_not_copied_unless_it_is_a_code() {
+    let (mut u, v) = (ramp(1.0), ramp(2.0));
+    u[5] = NAN;
+    let hash = vec![NAN; 32];
+    let channels = vec![float("forward.u", &u), float("forward.v", &v), float("objectId", &hash)];
+    let before = frame(vec![board(channels)]);
+    let (after, report) = filled(&before, &job()).unwrap();
+    let part = &after.parts[0];
+    let (new_u, new_v) = (values(part, "forward.u"), values(part, "forward.v"));
+    for at in (0..32).filter(|&at| !measured(at)) {
+        // Both components come from one pixel.
+        assert_eq!(2.0 * new_u[at] - 1.0, new_v[at], "{at}");
+    }
+    assert!(new_u[5].is_nan() && new_v[5] == v[5]);
+    assert!(values(part, "objectId").iter().all(|value| value.is_nan()));
+    assert_eq!(report.non_finite, 1);
+    let told =
+        "1 measured values are NaN and stay; missing pixels take others where there are any: forward.u 1";
+    assert!(report.notes.iter().any(|note| note == told), "{:?}", report.notes);
+    // Where there is no other value, the NaN is copied.
+    let alone = frame(vec![board(vec![float("forward.u", &[NAN; 32])])]);
+    assert!(
+        values(&filled(&alone, &job()).unwrap().0.parts[0], "forward.u").iter().all(|value| value.is_nan())
+    );
+}
+
+#[test]
 fn identifiers_and_depths_have_only_measured_values() {
     let ids: Vec<u32> =
         (0..32).map(|at| if measured(at) { 0xffff_fff0 + at as u32 / 2 } else { 0 }).collect();

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::channels::{Name, Rule, by_default, channel_label, is_alpha, is_light, part_label};
+use crate::channels::{Name, Rule, by_default, channel_label, is_alpha, is_code, is_light, part_label};
 use crate::frame::{Frame, Part, Samples};
 
 /// How the values of a group are understood.
@@ -86,7 +86,7 @@ fn kind_of(part: &Part, channel: usize) -> Option<Kind> {
     Some(match rule {
         _ if matches!(part.channels[channel].samples, Samples::Uint(_)) => Kind::Codes,
         Rule::Keep if why.contains("mask") => return None,
-        Rule::Nearest if !why.starts_with("motion") => Kind::Codes,
+        Rule::Nearest if is_code(part, channel) => Kind::Codes,
         Rule::Fill if is_alpha(&name) => Kind::Alpha,
         Rule::Fill if is_light(&name) && place(&name, Kind::Colour).is_some() => Kind::Colour,
         _ => Kind::Data,

@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 use super::console::{Console, Meter, Verbosity, frame_span, label};
 use super::ledger::Ledger;
 use super::plan::{Item, PlanError};
-use super::record::{Heading, Journal, Record, State, is_standard_output};
+use super::record::{Heading, Journal, Record, State};
+use super::reports::{self, is_standard_output};
 use super::schedule::{self, Limits, Permits, Refusal};
 use super::{memory, signals, threads};
 use crate::frame;
@@ -47,19 +48,19 @@ impl RunOptions {
     /// # Errors
     /// If two things would go into one file or stream that cannot share it.
     pub fn console(&self) -> Result<Arc<Console>, PlanError> {
-        let clash = |text: &str| Err(PlanError::Usage(text.into()));
-        let json_is_standard = self.json.as_deref().is_some_and(is_standard_output);
-        if json_is_standard && self.meter == Meter::OpenJd {
-            return clash(
-                "--json - and --progress openjd would both write to standard output; name a file for --json",
-            );
-        }
+        self.console_beside(&[])
+    }
+
+    /// The same where the work has further reports.
+    pub fn console_beside(&self, others: &[reports::Asked<'_>]) -> Result<Arc<Console>, PlanError> {
         if self.log.as_deref().is_some_and(is_standard_output) {
-            return clash("--log -: a ledger is a file; --json - writes a report to standard output");
+            let text = "--log -: a ledger is a file; --json - writes a report to standard output";
+            return Err(PlanError::Usage(text.into()));
         }
-        if self.log.is_some() && self.log == self.json {
-            return clash("--log and --json name the same file; the report would replace the ledger");
-        }
+        let own = [("--json", &self.json), ("--report", &self.page), ("--log", &self.log)];
+        let own = own.into_iter().filter_map(|(flag, path)| Some((flag, path.as_deref()?)));
+        let all: Vec<_> = own.chain(others.iter().copied()).collect();
+        reports::check(&all, self.meter == Meter::OpenJd)?;
         Ok(Console::with(self.verbosity, self.meter))
     }
 
@@ -233,7 +234,9 @@ pub fn run(
         console.error(&error);
         failed = true;
     }
-    if let Err(error) = work.end(journal.heading(), &journal.records()) {
+    // A copy: a signal's thread needs the records while reports are written.
+    let records = journal.records().clone();
+    if let Err(error) = work.end(journal.heading(), &records) {
         console.error(&error);
         failed = true;
     }
@@ -333,11 +336,8 @@ fn too_large(needed: u64, bound: u64, granted: Option<u64>) -> String {
     } else {
         "; allow more with --memory"
     };
-    format!(
-        "the frame needs about {} MiB of memory, more than the bound of {} MiB{way}",
-        needed.div_ceil(1 << 20),
-        bound >> 20
-    )
+    let (needed, bound) = (frame::Amount::at_most(needed), frame::Amount::at_least(bound));
+    format!("the frame needs about {needed} of memory, more than the bound of {bound}{way}")
 }
 
 fn fail(record: &mut Record, item: &Item, failure: &Failure, console: &Console) {
@@ -418,6 +418,9 @@ mod tests {
     fn more_memory_is_asked_of_the_one_who_bounds_it() {
         let (needed, bound) = (5 << 20, 3 << 20);
         assert!(too_large(needed, bound, None).ends_with("bound of 3 MiB; allow more with --memory"));
+        assert!(
+            too_large(needed, 1 << 10, None).contains("about 5 MiB of memory, more than the bound of 1 KiB")
+        );
         assert!(too_large(needed, bound, Some(9 << 20)).ends_with("--memory"));
         assert!(too_large(needed, bound, Some(bound)).ends_with("with the job's --mem"));
     }

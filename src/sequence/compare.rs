@@ -7,10 +7,11 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::batch::{self, Decision, Failure, RunOptions, Stage, Work};
 use super::console::Console;
-use super::identity::{Sources, check_once};
+use super::identity::Sources;
 use super::masks::MaskFiles;
 use super::plan::{Item, Plan, PlanError, pair};
 use super::record::{Heading, Record};
+use super::reports::{self, is_standard_output};
 use super::{Selection, Verbosity, memory, prepare};
 use crate::frame::{self, Frame};
 use crate::mask::{self, Masks, Source};
@@ -63,7 +64,7 @@ pub fn compare(job: &CompareJob) -> Result<u8, PlanError> {
     let items = pair(&job.selection, &job.test, mask)?;
     check_outputs(job, &items)?;
     let work = Compare::new(job, &items);
-    let console = job.run.console()?;
+    let console = job.run.console_beside(&job.outputs.reports())?;
     if job.run.dry_run {
         return Ok(prepare::print(
             &Plan { items: items.clone(), new_folders: BTreeSet::new() },
@@ -87,12 +88,12 @@ pub fn compare(job: &CompareJob) -> Result<u8, PlanError> {
     Ok(status.max(u8::from(failed)))
 }
 
-/// Refuses outputs that are inputs, or that are named twice.
+/// Refuses outputs that are inputs, or that cannot be files.
 fn check_outputs(job: &CompareJob, items: &[Item]) -> Result<(), PlanError> {
-    let outputs: Vec<&PathBuf> = job.files().collect();
     let read = Sources::new(items.iter().flat_map(Item::compared));
-    check_once(outputs.iter().map(|path| path.as_path()))?;
-    for path in outputs {
+    let run = [&job.run.json, &job.run.log].into_iter().flatten().map(PathBuf::as_path);
+    let outputs = run.chain(job.outputs.reports().into_iter().map(|(_, path)| path));
+    for path in outputs.filter(|path| !is_standard_output(path)) {
         read.check(path)?;
         if path.is_dir() || !super::plan::folder_of(path).is_dir() {
             return Err(PlanError::Usage(format!("{}: no file can be written there", path.display())));
@@ -101,21 +102,19 @@ fn check_outputs(job: &CompareJob, items: &[Item]) -> Result<(), PlanError> {
     Ok(())
 }
 
-impl CompareJob {
-    fn files(&self) -> impl Iterator<Item = &PathBuf> {
-        let outputs = &self.outputs;
-        [&self.run.json, &self.run.log, &outputs.csv, &outputs.markdown, &outputs.html].into_iter().flatten()
+impl CompareOutputs {
+    /// The reports by their flags.
+    fn reports(&self) -> Vec<reports::Asked<'_>> {
+        let all = [("--csv", &self.csv), ("--md", &self.markdown), ("--html", &self.html)];
+        all.into_iter().filter_map(|(flag, path)| Some((flag, path.as_deref()?))).collect()
     }
 }
 
-/// Writes every format that was asked for, and the tables to standard output.
+/// Writes every format that was asked for, and the tables to standard output if that is not taken.
 fn write(job: &CompareJob, comparison: &Comparison, pictures: &[Option<Picture>]) -> Result<(), String> {
     let put = |path: &Option<PathBuf>, text: &dyn Fn() -> Result<String, String>| match path {
         None => Ok(()),
-        Some(path) => text().and_then(|text| {
-            frame::write_whole(path, text.as_bytes())
-                .map_err(|error| format!("{}: cannot write the report: {error}", path.display()))
-        }),
+        Some(path) => text().and_then(|text| reports::write(path, text.as_bytes())),
     };
     put(&job.run.json, &|| {
         serde_json::to_string_pretty(comparison).map(|text| text + "\n").map_err(|error| error.to_string())
@@ -123,7 +122,9 @@ fn write(job: &CompareJob, comparison: &Comparison, pictures: &[Option<Picture>]
     put(&job.outputs.csv, &|| Ok(report::csv(comparison)))?;
     put(&job.outputs.markdown, &|| Ok(report::markdown(comparison)))?;
     put(&job.outputs.html, &|| Ok(report::html(comparison, pictures)))?;
-    if job.run.verbosity == Verbosity::Quiet {
+    let asked = job.outputs.reports().into_iter().map(|(_, path)| path);
+    let taken = asked.chain(job.run.json.as_deref()).any(is_standard_output);
+    if taken || job.run.verbosity == Verbosity::Quiet {
         return Ok(());
     }
     match write!(std::io::stdout().lock(), "{}", report::markdown(comparison)) {

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::PlanError;
 use super::inputs::Input;
+use super::names::to_text;
 use super::pattern::Pattern;
 
 /// A place for outputs.
@@ -23,16 +24,16 @@ impl Destination {
         if path.is_dir() {
             return Ok(Self::Folder(path.into()));
         }
-        let Some(text) = path.to_str() else { return Ok(Self::File(path.into())) };
+        let (text, shown) = (to_text(path.as_os_str()), path.display());
         if text.ends_with(std::path::is_separator) {
             return Ok(Self::Folder(path.into()));
         }
         if text.contains(['*', '?']) {
             return Err(PlanError::Usage(format!(
-                "{text}: an output cannot be a glob; use a pattern or a folder"
+                "{shown}: an output cannot be a glob; use a pattern or a folder"
             )));
         }
-        let pattern = Pattern::parse(text).map_err(|error| PlanError::Usage(format!("{text}: {error}")))?;
+        let pattern = Pattern::parse(&text).map_err(|error| PlanError::Usage(format!("{shown}: {error}")))?;
         Ok(pattern.map_or_else(|| Self::File(path.into()), Self::Pattern))
     }
 
@@ -79,6 +80,19 @@ mod tests {
         assert_eq!(output("new/", "a/in 7.exr", Some(7)), Ok("new/in 7.exr".into()));
         assert_eq!(output(".", "a/in 7.exr", None), Ok("./in 7.exr".into()));
         assert_eq!(output("100%.exr", "in.exr", None), Ok("100%.exr".into()));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn names_need_not_be_utf8() {
+        use std::ffi::OsStr;
+        use std::os::unix::ffi::OsStrExt;
+        let path = |name: &[u8]| PathBuf::from(OsStr::from_bytes(name));
+        let input = Input { path: path(b"in/b\xff.exr"), number: Some(3) };
+        let output = |name: &[u8]| Destination::parse(&path(name)).unwrap().of(&input).unwrap();
+        assert_eq!(output(b"o\xfe.####.exr"), path(b"o\xfe.0003.exr"));
+        assert_eq!(output(b"o\xfe/"), path(b"o\xfe/b\xff.exr"));
+        assert_eq!(output(b"o\xfe.exr"), path(b"o\xfe.exr"));
     }
 
     #[test]

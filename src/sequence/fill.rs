@@ -1,5 +1,6 @@
 //! Filling frames, and enlarging them: what is done with each, and with all of them.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use lacuna_filters::{Outcome, Run, Stop};
@@ -11,11 +12,11 @@ use super::page::Page;
 use super::plan::{Item, PlanError, Targets, plan};
 use super::plans::SharedPlans;
 use super::record::{Heading, Record};
-use super::update::{Existing, is_current};
+use super::update::{Existing, is_current, may_be_copy};
 use super::{Selection, memory, prepare};
 use crate::channels::{self, Rule};
-use crate::frame;
-use crate::mask::{self, Masks};
+use crate::frame::{self, Frame, Limits};
+use crate::mask::{self, MaskFile, Masks};
 use crate::reconstruct::{self, GroupReport, Report};
 
 /// Frames to be filled, and how.
@@ -81,13 +82,59 @@ struct Fill<'a> {
     page: Page,
 }
 
+/// What is read for a frame.
+struct Sources {
+    /// With its layers.
+    frame: Frame,
+    mask: Option<Arc<MaskFile>>,
+    guides: Option<Frame>,
+}
+
+impl Fill<'_> {
+    fn limits(&self, item: &Item) -> Limits {
+        memory::limits(self.job.run.memory, self.bytes(item))
+    }
+
+    fn read(&self, item: &Item) -> Result<Sources, Failure> {
+        let limits = self.limits(item);
+        let mut frame = frame::read(&item.input, &limits).map_err(|error| Failure::at(&item.input, error))?;
+        for LayerFile { name, path } in &item.layers {
+            let at_layer = |error: &dyn std::fmt::Display| Failure::at(path, error);
+            let file = frame::read(path, &limits).map_err(|error| at_layer(&error))?;
+            layers::add(&mut frame, name, file).map_err(|error| at_layer(&error))?;
+        }
+        let mask = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose();
+        let mask = mask.map_err(|error| Failure::at(&item.input, error))?;
+        let guides = item.guides.as_deref();
+        let guides = guides.map(|path| frame::read(path, &limits).map_err(|error| Failure::at(path, error)));
+        Ok(Sources { frame, mask, guides: guides.transpose()? })
+    }
+
+    /// Whether the output is the copy that this run would make of a frame in which nothing is missing. A copy is the input,
+    /// attribute for attribute, so that only the input's mask can tell.
+    fn is_copy(&self, item: &Item) -> bool {
+        let what = &self.job.what;
+        if what.enlarge.is_some() || what.method.restores() || !may_be_copy(item) {
+            return false;
+        }
+        // What cannot be read or filled says so when it is done.
+        let Ok(Sources { frame, mask, guides }) = self.read(item) else { return false };
+        let found = mask::find(&frame, &what.mask, mask.as_deref());
+        let Some(masks) = found.ok().filter(Masks::is_full) else { return false };
+        let choices = channels::choose(&frame, &masks, &what.overrides);
+        let (plans, run) = (self.plans.of(&masks), Run::default());
+        reconstruct::fill_with(frame, &masks, &choices, guides.as_ref(), what, &plans, &run)
+            .is_ok_and(|(frame, report)| report.copied && frame::has_header_of(&item.output, &frame))
+    }
+}
+
 impl Work for Fill<'_> {
     fn words(&self) -> (&'static str, &'static str) {
         (self.job.command(), if self.job.what.enlarge.is_some() { "enlarged" } else { "filled" })
     }
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
-        let current = |item: &Item| is_current(item, &self.job.what);
+        let current = |item: &Item| is_current(item, &self.job.what) || self.is_copy(item);
         prepare::decide_to_write(item, self.job.skip_missing, self.job.existing, current)
     }
 
@@ -98,22 +145,8 @@ impl Work for Fill<'_> {
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
-        let limits = memory::limits(self.job.run.memory, self.bytes(item));
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
-        let (frame, file, second) = stage.read(record, || {
-            let mut frame = frame::read(&item.input, &limits).map_err(|error| at_input(&error))?;
-            for LayerFile { name, path } in &item.layers {
-                let at_layer = |error: &dyn std::fmt::Display| Failure::at(path, error);
-                let file = frame::read(path, &limits).map_err(|error| at_layer(&error))?;
-                layers::add(&mut frame, name, file).map_err(|error| at_layer(&error))?;
-            }
-            let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose();
-            let file = file.map_err(|error| at_input(&error))?;
-            let guides = item.guides.as_deref();
-            let second =
-                guides.map(|path| frame::read(path, &limits).map_err(|error| Failure::at(path, error)));
-            Ok((frame, file, second.transpose()?))
-        })?;
+        let Sources { frame, mask, guides } = stage.read(record, || self.read(item))?;
         let start = Instant::now();
         let interrupt = || {
             let late = self.job.run.time_limit.is_some_and(|limit| start.elapsed() >= limit);
@@ -122,7 +155,7 @@ impl Work for Fill<'_> {
         let run = Run { interrupt: Some(&interrupt) };
         let what = &self.job.what;
         let solved = stage.solve(record, || {
-            let masks = match mask::find(&frame, &what.mask, file.as_deref()) {
+            let masks = match mask::find(&frame, &what.mask, mask.as_deref()) {
                 // A frame to be enlarged may well be complete; one to be filled is not.
                 Err(mask::Error::NotFound { .. }) if what.enlarge.is_some() => Masks::complete(&frame),
                 found => found.map_err(|error| at_input(&error))?,
@@ -131,7 +164,7 @@ impl Work for Fill<'_> {
             let plans = self.plans.of(&masks);
             let done = match &what.enlarge {
                 Some(asked) => reconstruct::enlarge(frame, &masks, &choices, (what, asked), &plans, &run),
-                None => reconstruct::fill_with(frame, &masks, &choices, second.as_ref(), what, &plans, &run),
+                None => reconstruct::fill_with(frame, &masks, &choices, guides.as_ref(), what, &plans, &run),
             };
             let done = done.map_err(|error| at_input(&error))?;
             // The masks are those of the frame that was read, not of the enlarged one.

@@ -60,7 +60,7 @@ impl Places {
 
 /// What tells an existing file from every other, whatever its names.
 #[derive(PartialEq, Eq, Hash)]
-struct Identity {
+pub struct Identity {
     #[cfg(unix)]
     device_and_inode: (u64, u64),
     #[cfg(not(unix))]
@@ -68,15 +68,17 @@ struct Identity {
 }
 
 impl Identity {
+    /// That of a file that exists.
     #[cfg(unix)]
-    fn of(path: &Path) -> Option<Self> {
+    pub fn of(path: &Path) -> Option<Self> {
         use std::os::unix::fs::MetadataExt;
         let metadata = path.metadata().ok()?;
         Some(Self { device_and_inode: (metadata.dev(), metadata.ino()) })
     }
 
+    /// That of a file that exists.
     #[cfg(not(unix))]
-    fn of(path: &Path) -> Option<Self> {
+    pub fn of(path: &Path) -> Option<Self> {
         path.canonicalize().ok().map(|path| Self { path })
     }
 }

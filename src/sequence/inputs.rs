@@ -4,9 +4,10 @@ use std::collections::{BTreeMap, HashMap};
 use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
-use super::PlanError;
+use super::names::to_text;
 use super::pattern::{Pattern, number_in_name};
 use super::range::Frames;
+use super::{PlanError, globs};
 
 /// What the user selected.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -80,7 +81,7 @@ pub fn frame_numbers(selection: &Selection) -> Result<Vec<i64>, PlanError> {
 enum Kind {
     File,
     Pattern(Pattern),
-    Glob(String),
+    Glob,
 }
 
 impl Kind {
@@ -92,14 +93,15 @@ impl Kind {
                 input.join("*.exr").display()
             )));
         }
-        let Some(text) = input.to_str().filter(|_| input.symlink_metadata().is_err()) else {
+        if input.symlink_metadata().is_ok() {
             return Ok(Self::File);
-        };
-        let pattern = Pattern::parse(text)
+        }
+        let text = to_text(input.as_os_str());
+        let pattern = Pattern::parse(&text)
             .map_err(|error| PlanError::Usage(format!("{}: {error}", input.display())))?;
         Ok(match pattern {
             Some(pattern) => Self::Pattern(pattern),
-            None if text.contains(['*', '?', '[']) => Self::Glob(text.into()),
+            None if text.contains(globs::SIGNS) => Self::Glob,
             None => Self::File,
         })
     }
@@ -111,8 +113,8 @@ impl Kind {
                 return Ok(asked.numbers().iter().map(|&number| numbered(pattern, number)).collect());
             }
             (Self::Pattern(pattern), None) => on_disk(pattern, input)?,
-            (Self::Glob(glob), asked) => {
-                let found = matches(glob)?;
+            (Self::Glob, asked) => {
+                let found = matches(input)?;
                 match asked {
                     Some(asked) => chosen(&found, asked, input),
                     None => found,
@@ -167,9 +169,10 @@ fn on_disk(pattern: &Pattern, input: &Path) -> Result<Vec<Input>, PlanError> {
 }
 
 /// The files that a glob matches, by frame number, then by name.
-fn matches(glob: &str) -> Result<Vec<Input>, PlanError> {
-    let paths = glob::glob(glob).map_err(|error| PlanError::Usage(format!("{glob}: not a glob: {error}")))?;
-    let mut found: Vec<Input> = paths.flatten().filter(|path| !path.is_dir()).map(plain).collect();
+fn matches(glob: &Path) -> Result<Vec<Input>, PlanError> {
+    let paths = globs::files(glob)
+        .map_err(|error| PlanError::Usage(format!("{}: not a glob: {error}", glob.display())))?;
+    let mut found: Vec<Input> = paths.into_iter().map(plain).collect();
     found.sort_by(|a, b| (a.number, &a.path).cmp(&(b.number, &b.path)));
     Ok(found)
 }
@@ -286,6 +289,30 @@ mod tests {
         assert_eq!(resolved(folder.path(), &["a*.exr"], Some("10")).unwrap().len(), 1);
         assert_eq!(resolved(folder.path(), &["a*.exr"], Some("11")).unwrap()[0], (Some(11), "a*.exr".into()));
         assert!(matches!(resolved(folder.path(), &["c*.exr"], None), Err(PlanError::Failed(_))));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn names_need_not_be_utf8() {
+        use std::ffi::OsStr;
+        use std::os::unix::ffi::OsStrExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &[u8]| folder.path().join(OsStr::from_bytes(name));
+        for name in [&b"b\xff.0002.exr"[..], b"b\xff.0001.exr", b"b\xfe.0007.exr"] {
+            std::fs::write(path(name), "").unwrap();
+        }
+        let found = |name: &[u8], frames: Option<&str>| {
+            let frames = frames.map(|text| text.parse().unwrap());
+            let selection = Selection { inputs: vec![path(name)], frames, ..Selection::default() };
+            let frames = resolve(&selection).unwrap().frames;
+            frames.into_iter().map(|input| (input.number, input.path)).collect::<Vec<_>>()
+        };
+        let both = [(Some(1), path(b"b\xff.0001.exr")), (Some(2), path(b"b\xff.0002.exr"))];
+        assert_eq!(found(b"b\xff.####.exr", None), both);
+        assert_eq!(found(b"b\xff.####.exr", Some("1-2")), both);
+        assert_eq!(found(b"b\xff.*.exr", None), both);
+        assert_eq!(found(b"b?.*.exr", None).len(), 3);
+        assert_eq!(found(b"*.exr", Some("7")), [(Some(7), path(b"b\xfe.0007.exr"))]);
     }
 
     #[test]

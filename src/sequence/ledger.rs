@@ -39,11 +39,21 @@ struct Inner {
 
 #[derive(Debug, Default)]
 struct Entries {
-    /// Frames begun and not ended: their index, their record so far and the hash of their input.
-    begun: BTreeMap<usize, (Record, Option<String>)>,
+    /// Frames begun and not ended, by their index.
+    begun: BTreeMap<usize, Begun>,
     /// Frames that have a line.
     ended: BTreeSet<usize>,
     error: Option<String>,
+}
+
+#[derive(Debug)]
+struct Begun {
+    /// So far.
+    record: Record,
+    /// The hash of the input.
+    input: Option<String>,
+    /// The record has it as text, which is not every path.
+    output: PathBuf,
 }
 
 #[derive(Serialize)]
@@ -89,19 +99,21 @@ impl Ledger {
     /// The work on a frame begins: its input is hashed before it is read.
     pub fn begin(&self, index: usize, item: &Item, record: &Record) {
         if let Some(inner) = &self.0 {
-            let hash = hash(&item.input);
-            inner.state().begun.insert(index, (record.clone(), hash));
+            let begun =
+                Begun { record: record.clone(), input: hash(&item.input), output: item.output.clone() };
+            inner.state().begun.insert(index, begun);
         }
     }
 
     /// The frame is through: its line, with the hash of the output if there is a new one.
     pub fn end(&self, index: usize, record: &Record) {
         let Some(inner) = &self.0 else { return };
-        let output = (record.state == State::Done).then(|| hash(Path::new(&record.output))).flatten();
+        let made = inner.state().begun.get(&index).map(|begun| begun.output.clone());
+        let output = made.filter(|_| record.state == State::Done).and_then(|path| hash(&path));
         let mut state = inner.state();
         // A signal's thread may have been faster.
         if state.ended.insert(index) {
-            let input = state.begun.remove(&index).and_then(|(_, hash)| hash);
+            let input = state.begun.remove(&index).and_then(|begun| begun.input);
             inner.enter(&mut state, record, (input.as_deref(), output.as_deref()));
         }
     }
@@ -111,7 +123,7 @@ impl Ledger {
         let Some(inner) = &self.0 else { return };
         inner.hurried.store(true, Ordering::SeqCst);
         let mut state = inner.state();
-        for (index, (mut record, input)) in std::mem::take(&mut state.begun) {
+        for (index, Begun { mut record, input, .. }) in std::mem::take(&mut state.begun) {
             record.state = State::Stopped;
             state.ended.insert(index);
             inner.enter(&mut state, &record, (input.as_deref(), None));

@@ -8,7 +8,8 @@ use lacuna_filters::Mask;
 
 use super::plan::Item;
 use super::record::{Heading, Record};
-use crate::frame::{self, Frame};
+use super::reports;
+use crate::frame::Frame;
 use crate::report::{Filled, FilledPictures, filled};
 
 /// Pictures by output, until the run ends.
@@ -50,8 +51,7 @@ impl Page {
         about.extend(heading.filter.iter().map(|filter| ("filter", filter.clone())));
         about.extend(heading.settings.iter().map(|settings| ("settings", settings.clone())));
         let page = filled(&title(heading, records), &about, &frames);
-        frame::write_whole(path, page.as_bytes())
-            .map_err(|error| format!("{}: the page is not written: {error}", path.display()))
+        reports::write(path, page.as_bytes())
     }
 }
 

@@ -6,6 +6,8 @@
 
 use std::path::{Path, PathBuf};
 
+use super::names::{to_path, to_text};
+
 /// A path with at least one place for a frame number; several places take the same number.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pattern {
@@ -25,7 +27,7 @@ enum Piece {
 pub struct PatternError(usize);
 
 impl Pattern {
-    /// The pattern in `text`, or `None` if it has no place for a frame number.
+    /// The pattern in `text` (of [`to_text`] where it is a path's), or `None` if it has no place for a frame number.
     pub fn parse(text: &str) -> Result<Option<Self>, PatternError> {
         let mut pieces = Vec::new();
         let mut literal = String::new();
@@ -69,12 +71,12 @@ impl Pattern {
                 Piece::Number(width) => path.push_str(&number(*width)),
             }
         }
-        path.into()
+        to_path(&path)
     }
 
     /// The frame number of `path` if it is one that this pattern stands for.
     pub fn number_of(&self, path: &Path) -> Option<i64> {
-        let text = path.to_str()?;
+        let text = to_text(path.as_os_str());
         let Some(Piece::Number(_)) = self.pieces.iter().find(|piece| matches!(piece, Piece::Number(_)))
         else {
             return None;
@@ -129,7 +131,7 @@ fn token(text: &str) -> Result<Option<(usize, usize)>, PatternError> {
 /// The frame number in a plain file name: the last field between dots that is all digits, else the last run of
 /// digits before the extension. A minus sign counts if it starts the field.
 pub fn number_in_name(path: &Path) -> Option<i64> {
-    let stem = path.file_stem()?.to_str()?;
+    let stem = to_text(path.file_stem()?);
     let field = stem.rsplit('.').find(|field| {
         let digits = field.strip_prefix('-').unwrap_or(field);
         !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit())

@@ -1,14 +1,16 @@
 //! What is to be done, frame by frame, checked before any work: every output has one input, and none is an input.
 
 use std::collections::{BTreeSet, HashMap};
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use super::destination::Destination;
 use super::identity::{Places, Sources};
 use super::inputs::{Input, Selection, resolve};
 use super::layers::{LayerFile, LayerSource};
+use super::names::to_text;
 use super::pattern::Pattern;
-use super::record::is_standard_output;
+use super::reports::is_standard_output;
 
 /// Why there is nothing to run.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -234,7 +236,8 @@ impl MaskFile {
         if Path::new(text).exists() {
             return Ok(Self::One(text.into()));
         }
-        let pattern = Pattern::parse(text).map_err(|error| PlanError::Usage(format!("{text}: {error}")))?;
+        let pattern = Pattern::parse(&to_text(OsStr::new(text)))
+            .map_err(|error| PlanError::Usage(format!("{text}: {error}")))?;
         Ok(pattern.map_or_else(|| Self::One(text.into()), Self::PerFrame))
     }
 
@@ -284,9 +287,10 @@ fn check_no_input_is_written(
     let read = Sources::new(items.iter().flat_map(Item::sources));
     for written in items.iter().map(|item| &item.output).chain(also_written) {
         read.check(written)?;
-        if written.is_dir() {
-            return Err(PlanError::Usage(format!("{}: the output is a folder", written.display())));
-        }
+    }
+    // An output that is a folder is the failure of its frame.
+    if let Some(folder) = also_written.iter().find(|written| written.is_dir()) {
+        return Err(PlanError::Usage(format!("{}: it is a folder; name a file", folder.display())));
     }
     let outputs: BTreeSet<PathBuf> = items.iter().map(|item| places.of(&item.output)).collect();
     match also_written.iter().find(|written| outputs.contains(&places.of(written))) {

@@ -49,7 +49,10 @@ pub fn decide_to_make(
 ) -> Result<Decision, Failure> {
     let skip = |reason: &str| Ok(Decision::Skip(reason.into()));
     match existing {
-        Existing::Keep if item.output.symlink_metadata().is_ok() => return skip("the output exists"),
+        // A folder in the output's place is no output.
+        Existing::Keep if item.output.symlink_metadata().is_ok_and(|found| !found.is_dir()) => {
+            return skip("the output exists");
+        }
         Existing::Update if is_current(item) => return skip("the output is up to date"),
         _ => {}
     }

@@ -1,6 +1,5 @@
 //! What happened to each frame, as the JSON report has it.
 
-use std::io::Write;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -8,7 +7,7 @@ use lacuna_filters::Outcome;
 use serde::Serialize;
 
 use super::plan::Item;
-use crate::frame;
+use super::reports;
 
 /// How far a frame came.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -55,7 +54,7 @@ pub struct Record {
     pub mask: Option<String>,
     /// Measured pixels over all pixels.
     pub density: Option<f64>,
-    /// Measured samples that were not finite and were taken as missing.
+    /// Measured samples that no missing one was made from because they are NaN or infinite.
     pub non_finite: Option<usize>,
     /// Values that the limiter or a bound moved.
     pub limited: Option<usize>,
@@ -169,22 +168,13 @@ impl Journal {
 
     /// Writes the report, complete or not at all; `-` is standard output.
     pub fn write(&self, path: &Path) -> Result<(), String> {
-        let failed =
-            |error: &dyn std::fmt::Display| format!("{}: the report is not written: {error}", path.display());
-        let report = Report { heading: &self.heading, frames: &self.records() };
-        let mut text = serde_json::to_vec_pretty(&report).map_err(|error| failed(&error))?;
+        // Not while it is written: that may take for ever, and a signal's thread needs the records.
+        let text = serde_json::to_vec_pretty(&Report { heading: &self.heading, frames: &self.records() });
+        let mut text =
+            text.map_err(|error| format!("{}: the report is not written: {error}", path.display()))?;
         text.push(b'\n');
-        if is_standard_output(path) {
-            let mut out = std::io::stdout().lock();
-            return out.write_all(&text).and_then(|()| out.flush()).map_err(|error| failed(&error));
-        }
-        frame::write_whole(path, &text).map_err(|error| failed(&error))
+        reports::write(path, &text)
     }
-}
-
-/// Whether a report of that name goes to standard output.
-pub fn is_standard_output(path: &Path) -> bool {
-    path == Path::new("-")
 }
 
 #[cfg(test)]

@@ -2,12 +2,16 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
 
+/// How long cleaning up may take. A pipe that nobody reads would hold it up for ever.
+const PATIENCE: Duration = Duration::from_secs(4);
+
 /// Waits for a signal in a thread of its own. When one comes, the flag that is returned turns true, `clean` runs, and
-/// the process ends with status 128 + the signal's number.
+/// the process ends with status 128 + the signal's number, within `PATIENCE` whatever `clean` waits for.
 ///
 /// A signal that the parent had ignored (`nohup` does so with hang-ups, a shell with the interrupts of what it runs in
 /// the background) stays ignored.
@@ -24,8 +28,15 @@ pub fn watch(clean: impl FnOnce() + Send + 'static) -> std::io::Result<Arc<Atomi
     std::thread::Builder::new().name("lacuna-signals".into()).spawn(move || {
         if let Some(signal) = signals.forever().next() {
             flag.store(true, Ordering::SeqCst);
+            let end = move || std::process::exit(128 + signal);
+            let deadline = std::thread::Builder::new().name("lacuna-deadline".into());
+            // Where there are no more threads, it takes as long as it takes.
+            drop(deadline.spawn(move || {
+                std::thread::sleep(PATIENCE);
+                end();
+            }));
             clean();
-            std::process::exit(128 + signal);
+            end();
         }
     })?;
     Ok(stopped)

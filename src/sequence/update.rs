@@ -36,6 +36,16 @@ pub fn is_made_from<'a>(
     sources.into_iter().all(newer) && read_whole_header(output).is_ok_and(|parts| is_of(&parts))
 }
 
+/// Whether the output may be a copy of a complete frame, which gets no stamp: it is whole, newer than all that it was made
+/// from, and has the stamps of the input, if any. The input's mask has to tell whether it is.
+pub fn may_be_copy(item: &Item) -> bool {
+    let Ok(input) = read_header(&item.input) else { return false };
+    let stamps = |parts: &[PartHeader]| -> Vec<Option<Stamp>> {
+        parts.iter().map(|part| Stamp::read(&part.attributes)).collect()
+    };
+    is_made_from(&item.output, item.sources().map(|(path, _)| path), |parts| stamps(parts) == stamps(&input))
+}
+
 fn modified(path: &Path) -> Option<SystemTime> {
     path.metadata().ok()?.modified().ok()
 }

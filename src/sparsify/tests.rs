@@ -56,6 +56,28 @@ fn parts_agree_on_absolute_pixels() {
 }
 
 #[test]
+fn what_a_frame_says_of_its_filling_goes() {
+    let mut full = ones(0, 0, 8, 8);
+    let told = [
+        "lacuna/filter",
+        "lacuna/settings",
+        "lacuna/density",
+        "lacuna/stop",
+        "lacuna/guides",
+        "lacuna/dense",
+    ];
+    for name in told.iter().chain(&["preview", "lacuna/mask", "lacuna/version", "lacuna/scene", "owner"]) {
+        full.attributes.set_text(name, "x");
+    }
+    let sparse = sparsify(frame(vec![full]), SHUFFLE).unwrap();
+    let attributes = &sparse.frame.parts[0].attributes;
+    assert!(told.iter().chain(&["preview"]).all(|name| attributes.get(name).is_none()));
+    assert!(["lacuna/version", "lacuna/scene", "owner"].iter().all(|name| attributes.get(name).is_some()));
+    assert_eq!(attributes.text(mask::ATTRIBUTE).as_deref(), Some("mask"));
+    assert!(sparse.notes[0].starts_with("dropped preview, lacuna/filter, "), "{:?}", sparse.notes);
+}
+
+#[test]
 fn a_frame_with_a_mask_is_refused() {
     let mut part = ones(0, 0, 2, 2);
     part.channels.push(half("Mask", &[1.0; 4]));
