@@ -22,10 +22,10 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Solver {
-    /// Nesterov's method on the smoothed norm ([`nesta`]), as the thesis used it.
+    /// Nesterov's method on the smoothed norm (`solver/nesta.rs`), as the thesis used it.
     #[default]
     Nesta,
-    /// Primal-dual steps on the norm itself ([`saddle`]; of total variation [`primal_dual`]).
+    /// Primal-dual steps on the norm itself (`solver/saddle.rs`; of total variation `solver/primal_dual.rs`).
     PrimalDual,
 }
 
