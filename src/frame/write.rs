@@ -65,7 +65,7 @@ pub fn write(frame: &Frame, path: &Path, options: &WriteOptions) -> Result<(), E
     temporary.commit(file)
 }
 
-/// Whether a file begins with the header that [`write`] gives this frame.
+/// Whether a file begins with the header that [`write()`] gives this frame.
 pub fn has_header_of(path: &Path, frame: &Frame) -> bool {
     let Ok(header) = headers(frame) else { return false };
     let mut found = vec![0; header.len()];

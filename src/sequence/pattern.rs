@@ -27,7 +27,7 @@ enum Piece {
 pub struct PatternError(usize);
 
 impl Pattern {
-    /// The pattern in `text` (of [`to_text`] where it is a path's), or `None` if it has no place for a frame number.
+    /// The pattern in `text` (of `names::to_text` where it is a path's), or `None` if it has no place for a frame number.
     pub fn parse(text: &str) -> Result<Option<Self>, PatternError> {
         let mut pieces = Vec::new();
         let mut literal = String::new();
