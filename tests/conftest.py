@@ -5,6 +5,7 @@ not. With LACUNA_REQUIRE_DATA set (scripts/check does it) a run fails if the fol
 """
 
 import os
+import signal
 
 import pytest
 
@@ -43,5 +44,7 @@ def pytest_sessionfinish(session, exitstatus):
 
 
 def pytest_sessionstart():
+    # What a shell runs in the background ignores interrupts, and so would all that the tests start.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if not os.access(tool.LACUNA, os.X_OK):
         pytest.exit(f"no lacuna at {tool.LACUNA}: run 'cargo build --release', or set LACUNA to a binary", returncode=2)
