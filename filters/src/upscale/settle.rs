@@ -19,8 +19,8 @@
 //! win, the outcome is `IterationLimit`, and its residual says by how much.
 //!
 //! Boxes at broken factors meet that at every hard edge: a bright pixel between dark ones shares its pixels with them. Multipliers
-//! then grow without end, and with them a pattern of black and white pixels. Where the residual no longer falls they are
-//! therefore limited to twice the largest pixel around (an exact penalty on `|y - R x|`): where smaller ones suffice
+//! then grow without end, and with them a pattern of black and white pixels. Where the steps have left more than `HOPELESS` they are
+//! therefore begun anew and limited to twice the largest pixel around (an exact penalty on `|y - R x|`): where smaller ones suffice
 //! `R x = y` holds as before, elsewhere the image stays near the spline.
 //!
 //! Source: the dual is a projection by A. Beck, M. Teboulle, "A fast iterative shrinkage-thresholding algorithm for linear
@@ -35,12 +35,10 @@ use crate::{Outcome, Plane, Run, Size, Stop, limiter};
 
 /// Largest `|R x - y|` over the largest `|y|` at which the dual stops.
 pub const TOLERANCE: f64 = 1e-5;
-/// Steps of the dual after which it gives up.
+/// Steps of the dual after which it gives up, or begins anew with limits.
 const STEPS: usize = 1000;
-/// Steps between two looks at whether the dual gets nearer.
-const LOOK: usize = 50;
-/// What is left after so many steps, over what was before, if it does not.
-const STUCK: f64 = 0.9;
+/// Largest `|R x - y|` over the largest `|y|` after these steps up to which bounds and means may yet be kept together.
+const HOPELESS: f64 = 1e-3;
 /// Multipliers that are limited, over the largest of the 3 x 3 pixels around.
 const LARGEST: f32 = 2.0;
 /// By how much the largest eigenvalue of `R R'` may exceed what it makes of a constant.
@@ -183,7 +181,6 @@ fn together(
     let mut outcome = Outcome { stop: Stop::IterationLimit, ..Outcome::direct() };
     let mut moved = clamp(plan, bounds, plane);
     let mut dual = Dual::new(samples.size());
-    let mut before = f64::INFINITY;
     loop {
         let residual = difference(samples, &plan.model.reduce(plane));
         let off = largest(&residual) / peak;
@@ -192,16 +189,15 @@ fn together(
             outcome.stop = Stop::Converged;
         } else if let Some(stop) = run.interrupted() {
             outcome.stop = stop;
-        } else if outcome.iterations < STEPS && !dual.rests(TOLERANCE * peak) {
-            let looks = outcome.iterations.is_multiple_of(LOOK) && dual.limits.is_none();
-            if looks && plan.geometry.sampling == Sampling::Box && off > STUCK * before {
-                dual = Dual::limited(plan, samples);
-            } else {
-                before = if looks { off } else { before };
-                dual.step(plan, &residual);
-                outcome.iterations += 1;
-            }
+        } else if dual.steps < STEPS && !dual.rests(TOLERANCE * peak) {
+            dual.step(plan, &residual);
+            outcome.iterations += 1;
             *plane = sum(&start, 1.0, &plan.model.adjoint(&dual.ahead));
+            moved = clamp(plan, bounds, plane);
+            continue;
+        } else if dual.limits.is_none() && plan.geometry.sampling == Sampling::Box && off > HOPELESS {
+            dual = Dual::limited(plan, samples);
+            plane.clone_from(&start);
             moved = clamp(plan, bounds, plane);
             continue;
         }
@@ -214,6 +210,7 @@ struct Dual {
     multiplier: Plane,
     ahead: Plane,
     momentum: f64,
+    steps: usize,
     /// The largest change of the last step.
     change: f64,
     /// What multipliers may not exceed, and the length of a step.
@@ -223,7 +220,14 @@ struct Dual {
 impl Dual {
     fn new(size: Size) -> Self {
         let multiplier = Plane::filled(size, 0.0);
-        Self { ahead: multiplier.clone(), multiplier, momentum: 1.0, change: f64::INFINITY, limits: None }
+        Self {
+            ahead: multiplier.clone(),
+            multiplier,
+            momentum: 1.0,
+            steps: 0,
+            change: f64::INFINITY,
+            limits: None,
+        }
     }
 
     /// Limits as large as the pixels around allow for.
@@ -261,6 +265,7 @@ impl Dual {
         self.limit(&mut ahead);
         (self.multiplier, self.ahead) = (next, ahead);
         (self.momentum, self.change) = (after, largest(&way));
+        self.steps += 1;
     }
 
     fn limit(&self, multiplier: &mut Plane) {
