@@ -24,7 +24,7 @@ pub(crate) fn positive(name: &'static str, value: f64) -> Result<(), Error> {
 }
 
 /// A count of 1 or more.
-pub(crate) fn some(name: &'static str, value: usize) -> Result<(), Error> {
+pub(crate) fn at_least_one(name: &'static str, value: usize) -> Result<(), Error> {
     if value > 0 { Ok(()) } else { Err(Error::setting(name, &value, "1 or more")) }
 }
 

@@ -148,7 +148,7 @@ struct Planned {
 
 impl Planned {
     fn new(dictionary: Arc<Dictionary>, how: Use, problem: &Problem) -> Result<Self, Error> {
-        check::some("sparsity", how.sparsity)?;
+        check::at_least_one("sparsity", how.sparsity)?;
         check::not_negative("error", how.error)?;
         let stride = how.stride.unwrap_or(dictionary.block().div_ceil(2));
         if stride == 0 || stride > dictionary.block() {

@@ -36,7 +36,7 @@ impl Rule {
     /// Its settings are in their ranges.
     pub fn validate(self) -> Result<(), Error> {
         check::positive("tolerance", self.tolerance)?;
-        check::some("max_iterations", self.iterations)
+        check::at_least_one("max_iterations", self.iterations)
     }
 }
 

@@ -106,7 +106,7 @@ impl Settings {
     pub(crate) fn check(&self) -> Result<(), Error> {
         check::not_negative("epsilon", self.epsilon)?;
         check::positive("gap", self.gap)?;
-        check::some("max_iterations", self.max_iterations)
+        check::at_least_one("max_iterations", self.max_iterations)
     }
 }
 
