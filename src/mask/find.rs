@@ -263,13 +263,9 @@ fn finite(frame: &Frame) -> Result<Masks, Error> {
 pub(super) fn told_by(part: &Part, channel: usize) -> Option<Vec<bool>> {
     match (channels::by_default(part, channel).0, &part.channels[channel].samples) {
         (Rule::Keep, _) | (_, Samples::Uint(_)) => None,
-        (Rule::Nearest, _) if is_coded(part, channel) => None,
+        // A NaN among codes may be a value like any other.
+        (Rule::Nearest, _) if channels::is_code(part, channel) => None,
         (Rule::Depth, samples) => Some(flags(samples, |value| !value.is_nan())),
         (_, samples) => Some(flags(samples, f64::is_finite)),
     }
-}
-
-/// Whether the bits of a channel are a code, so that a NaN among them may be a value like any other.
-fn is_coded(part: &Part, channel: usize) -> bool {
-    !channels::by_default(part, channel).1.starts_with("motion")
 }
