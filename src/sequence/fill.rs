@@ -83,7 +83,7 @@ struct Fill<'a> {
 }
 
 /// What is read for a frame.
-struct Sources {
+struct Loaded {
     /// With its layers.
     frame: Frame,
     mask: Option<Arc<MaskFile>>,
@@ -95,7 +95,7 @@ impl Fill<'_> {
         memory::limits(self.job.run.memory, self.bytes(item))
     }
 
-    fn read(&self, item: &Item) -> Result<Sources, Failure> {
+    fn read(&self, item: &Item) -> Result<Loaded, Failure> {
         let limits = self.limits(item);
         let mut frame = frame::read(&item.input, &limits).map_err(|error| Failure::at(&item.input, error))?;
         for LayerFile { name, path } in &item.layers {
@@ -107,7 +107,7 @@ impl Fill<'_> {
         let mask = mask.map_err(|error| Failure::at(&item.input, error))?;
         let guides = item.guides.as_deref();
         let guides = guides.map(|path| frame::read(path, &limits).map_err(|error| Failure::at(path, error)));
-        Ok(Sources { frame, mask, guides: guides.transpose()? })
+        Ok(Loaded { frame, mask, guides: guides.transpose()? })
     }
 
     /// Whether the output is the copy that this run would make of a frame in which nothing is missing. A copy is the input,
@@ -118,7 +118,7 @@ impl Fill<'_> {
             return false;
         }
         // What cannot be read or filled says so when it is done.
-        let Ok(Sources { frame, mask, guides }) = self.read(item) else { return false };
+        let Ok(Loaded { frame, mask, guides }) = self.read(item) else { return false };
         let found = mask::find(&frame, &what.mask, mask.as_deref());
         let Some(masks) = found.ok().filter(Masks::is_full) else { return false };
         let choices = channels::choose(&frame, &masks, &what.overrides);
@@ -146,7 +146,7 @@ impl Work for Fill<'_> {
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
-        let Sources { frame, mask, guides } = stage.read(record, || self.read(item))?;
+        let Loaded { frame, mask, guides } = stage.read(record, || self.read(item))?;
         let start = Instant::now();
         let interrupt = || {
             let late = self.job.run.time_limit.is_some_and(|limit| start.elapsed() >= limit);
