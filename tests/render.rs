@@ -165,14 +165,20 @@ fn detached_volume(folder: &Path, value: u8) {
 
 const MAP: &str = r#"[{"RGBPoints": [0, 0, 0, 0, 1, 1, 1, 1], "Points": [0, 0, 0.5, 0, 1, 1, 0.5, 0]}]"#;
 
+/// A scene with a file for whatever may have one, and a mask.
+fn scene_of_files(folder: &Path) {
+    detached_volume(folder, 200);
+    std::fs::write(folder.join("map.json"), MAP).unwrap();
+    let scene = "volume = \"v.nhdr\"\n[transfer]\nparaview = \"map.json\"\n";
+    std::fs::write(folder.join("s.toml"), scene).unwrap();
+    done(folder, &["render", "s.toml", "-o", "mask.exr", "--size", "8x8", "--density", "0.5", "-q"]);
+}
+
 #[test]
 fn no_file_of_the_scene_is_written() {
     let room = tempfile::tempdir().unwrap();
     let path = |name: &str| room.path().join(name);
-    detached_volume(room.path(), 200);
-    std::fs::write(path("map.json"), MAP).unwrap();
-    std::fs::write(path("s.toml"), "volume = \"v.nhdr\"\n[transfer]\nparaview = \"map.json\"\n").unwrap();
-    done(room.path(), &["render", "s.toml", "-o", "mask.exr", "--size", "8x8", "--density", "0.5", "-q"]);
+    scene_of_files(room.path());
     for (name, what) in [
         ("s.toml", "input"),
         ("v.nhdr", "volume"),
@@ -204,10 +210,7 @@ fn age(path: &Path, seconds: u64) {
 fn frames_are_made_anew_when_a_file_of_the_scene_changed() {
     let room = tempfile::tempdir().unwrap();
     let path = |name: &str| room.path().join(name);
-    detached_volume(room.path(), 200);
-    std::fs::write(path("map.json"), MAP).unwrap();
-    std::fs::write(path("s.toml"), "volume = \"v.nhdr\"\n[transfer]\nparaview = \"map.json\"\n").unwrap();
-    done(room.path(), &["render", "s.toml", "-o", "mask.exr", "--size", "8x8", "--density", "0.5", "-q"]);
+    scene_of_files(room.path());
     let sources = ["v.nhdr", "v.raw", "map.json", "mask.exr"];
     for name in sources {
         age(&path(name), 200);

@@ -1,6 +1,6 @@
-//! Files by what they are, whatever their names: nothing that a run reads is written, and nothing is written twice.
+//! Files by what they are, whatever their names: nothing that a run reads is written.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use super::plan::{PlanError, folder_of};
@@ -31,15 +31,6 @@ impl<'a> Sources<'a> {
             "{}: the output is the same file as the {what}{same}; nothing is overwritten in place, name another output",
             written.display()
         )))
-    }
-}
-
-/// Refuses to write one file twice.
-pub fn check_once<'a>(written: impl IntoIterator<Item = &'a Path>) -> Result<(), PlanError> {
-    let (mut places, mut seen) = (Places::default(), HashSet::new());
-    match written.into_iter().find(|path| !seen.insert(places.of(path))) {
-        Some(path) => Err(PlanError::Usage(format!("{}: would be written twice", path.display()))),
-        None => Ok(()),
     }
 }
 
@@ -101,9 +92,5 @@ mod tests {
             assert!(text.contains("the same file as the frame"), "{text}");
         }
         assert!(sources.check(&b).is_ok() && sources.check(&absent).is_ok());
-        assert!(check_once([&*a, &b, &absent]).is_ok());
-        assert!(check_once([&*absent, &path("./absent")]).is_err());
-        // Written beside and renamed, two names are two files.
-        assert!(check_once([&*a, &path("hard")]).is_ok());
     }
 }

@@ -3,12 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use super::console::Console;
-use super::identity::{Sources, check_once};
+use super::identity::Sources;
 use super::inputs::{Selection, resolve};
 use super::mask::{BoundFiles, MaskOutput, failed, of_frame, report, source_of_frame};
 use super::pattern::Pattern;
 use super::plan::PlanError;
 use super::range::Frames;
+use super::reports;
 use crate::channels;
 use crate::frame::{self, Frame, Limits, WriteOptions};
 use crate::mask::output::{Listing, write_floats, write_mask};
@@ -145,9 +146,10 @@ impl NextPass {
         let mask = self.source.path().map(|path| (path, "mask"));
         let read = std::iter::once((&*self.frame, "frame")).chain(mask).chain(self.bounds.files());
         let read = Sources::new(read);
-        let outputs = || std::iter::once(&*self.output.path).chain(self.error_estimate.as_deref());
-        outputs().try_for_each(|output| read.check(output))?;
-        check_once(outputs())
+        let estimate = self.error_estimate.as_deref().map(|path| ("--error-estimate", path));
+        let outputs: Vec<_> = std::iter::once(("-o", &*self.output.path)).chain(estimate).collect();
+        outputs.iter().try_for_each(|(_, output)| read.check(output))?;
+        reports::check(&outputs, false)
     }
 
     fn choose(&self) -> Result<after::Next, PlanError> {

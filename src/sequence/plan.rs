@@ -137,21 +137,28 @@ pub fn outputs(
 }
 
 impl Plan {
-    /// The plan once every frame is known to be made from these files as well.
+    /// The plan once every frame is known to be made from these files as well, none of which is written.
     pub fn with_files(
         mut self,
         files: &[(&'static str, PathBuf)],
         targets: &Targets,
     ) -> Result<Self, PlanError> {
+        let read = Sources::new(files.iter().map(|(what, path)| (&**path, *what)));
+        let outputs = self.items.iter().map(|item| &item.output);
+        outputs.chain(also_written(targets)).try_for_each(|written| read.check(written))?;
         self.items.iter_mut().for_each(|item| item.made_from = files.to_vec());
-        checked(self.items, targets, &mut Places::default())
+        Ok(self)
     }
+}
+
+/// The reports that are files.
+fn also_written(targets: &Targets) -> impl Iterator<Item = &PathBuf> {
+    targets.also_written.iter().filter(|path| !is_standard_output(path))
 }
 
 /// The plan of these frames, once nothing that is read is written and every folder is there or may be made.
 fn checked(items: Vec<Item>, targets: &Targets, places: &mut Places) -> Result<Plan, PlanError> {
-    let also_written: Vec<PathBuf> =
-        targets.also_written.iter().filter(|path| !is_standard_output(path)).cloned().collect();
+    let also_written: Vec<PathBuf> = also_written(targets).cloned().collect();
     check_no_input_is_written(&items, &also_written, places)?;
     let mut new_folders = BTreeSet::new();
     let mut checked = BTreeSet::new();

@@ -15,7 +15,7 @@ pub fn is_standard_output(path: &Path) -> bool {
     path == Path::new("-")
 }
 
-/// Refuses reports that would mix or replace each other; `openjd` is whether progress is told on standard output.
+/// Refuses reports, or what else a run writes, that would mix or replace each other; `openjd` is whether progress is told on standard output.
 pub fn check(reports: &[Asked<'_>], openjd: bool) -> Result<(), PlanError> {
     for (index, (flag, path)) in reports.iter().enumerate() {
         if openjd && is_standard_output(path) {
