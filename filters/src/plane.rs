@@ -1,35 +1,9 @@
 //! Planes: one channel's pixels, and groups of them.
 
+use lacuna_core::Size;
 use ndarray::ArrayView2;
 
 use crate::Error;
-
-/// Height and width of an image in pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Size {
-    /// Number of rows.
-    pub height: usize,
-    /// Number of columns.
-    pub width: usize,
-}
-
-impl Size {
-    /// `height` rows of `width` pixels.
-    pub const fn new(height: usize, width: usize) -> Self {
-        Self { height, width }
-    }
-
-    /// Number of pixels.
-    pub const fn pixels(self) -> usize {
-        self.height * self.width
-    }
-}
-
-impl std::fmt::Display for Size {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}x{}", self.width, self.height)
-    }
-}
 
 /// One channel: `height x width` values, row-major, `y` down.
 #[derive(Clone, Debug, PartialEq)]
@@ -206,11 +180,5 @@ mod tests {
         assert_eq!(Planes::new(size, other), Err(error));
         assert!(Planes::zeros(size, 0).is_empty());
         assert_eq!(Planes::zeros(size, 2).as_slice()[1].pixels(), [0.0; 6]);
-    }
-
-    #[test]
-    fn a_size_reads_width_first() {
-        assert_eq!(Size::new(1080, 1920).to_string(), "1920x1080");
-        assert_eq!(Size::new(3, 5).pixels(), 15);
     }
 }
