@@ -80,7 +80,7 @@ fn reconstruct(
     let mut out = Planes::zeros(size, channels);
     bencher
         .counter(ItemsCount::new(size.pixels() * channels))
-        .bench_local(|| plan.reconstruct(black_box(&samples), None, &mut out, &Run::default()).is_ok());
+        .bench_local(|| plan.reconstruct(black_box(&samples), &mut out, &Run::default()).is_ok());
 }
 
 #[divan::bench(args = ["shuffle", "hole-256", "holes-64"], sample_count = 5)]
@@ -115,7 +115,7 @@ fn ss_threads(bencher: Bencher<'_, '_>, threads: usize) {
     let (Ok(plan), Ok(samples)) = (plan, samples(SIZE, CHANNELS)) else { return };
     let mut out = Planes::zeros(SIZE, CHANNELS);
     bencher.bench_local(|| {
-        pool.install(|| plan.reconstruct(black_box(&samples), None, &mut out, &Run::default()).is_ok())
+        pool.install(|| plan.reconstruct(black_box(&samples), &mut out, &Run::default()).is_ok())
     });
 }
 

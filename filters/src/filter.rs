@@ -36,18 +36,11 @@ pub trait Plan: Send + Sync {
     /// Fills `out` from `samples`.
     ///
     /// `samples` holds finite values at measured pixels; what it holds elsewhere is not read. In `out` every pixel
-    /// is finite, and measured pixels keep their bits unless the settings ask for smoothing. `guides`, if given, are
-    /// complete planes of the same size.
+    /// is finite, and measured pixels keep their bits unless the settings ask for smoothing.
     ///
     /// # Errors
     /// [`Error::SizeMismatch`] and [`Error::NotFinite`].
-    fn reconstruct(
-        &self,
-        samples: &Planes,
-        guides: Option<&Planes>,
-        out: &mut Planes,
-        run: &Run<'_>,
-    ) -> Result<Outcome, Error>;
+    fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error>;
 
     /// The same where a rough result will do: it may be off by about `error` times the range of the samples. Methods that
     /// have no faster way give their usual result.
@@ -61,7 +54,7 @@ pub trait Plan: Send + Sync {
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
-        self.reconstruct(samples, None, out, run)
+        self.reconstruct(samples, out, run)
     }
 
     /// The same, where samples of the image's gradient were measured, too. Methods that have no use for them fill from
@@ -76,7 +69,7 @@ pub trait Plan: Send + Sync {
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
-        self.reconstruct(samples, None, out, run)
+        self.reconstruct(samples, out, run)
     }
 }
 

@@ -181,7 +181,7 @@ mod tests {
             assert_eq!(empty.err(), Some(Error::EmptyMask));
             let plan = method.filter().plan(&problem(&[0, 3]), &Run::default()).unwrap();
             let mut out = Planes::zeros(size, 1);
-            plan.reconstruct(&samples, None, &mut out, &Run::default()).unwrap();
+            plan.reconstruct(&samples, &mut out, &Run::default()).unwrap();
             assert_eq!(out.as_slice()[0].pixels(), expected, "{}", method.name());
         }
     }

@@ -71,7 +71,7 @@ pub fn solve(
             (None, Some(guides)) => {
                 guided::reconstruct((&job.method, plan.as_ref()), mask, samples, guides, out, run)
             }
-            (None, None) => plain(plan.reconstruct(samples, None, out, run)?),
+            (None, None) => plain(plan.reconstruct(samples, out, run)?),
         }
     };
     let gradients = question.gradients.as_ref();

@@ -50,13 +50,7 @@ struct Planned {
 }
 
 impl Plan for Planned {
-    fn reconstruct(
-        &self,
-        samples: &Planes,
-        _guides: Option<&Planes>,
-        out: &mut Planes,
-        run: &Run<'_>,
-    ) -> Result<Outcome, Error> {
+    fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
         self.scattered.start(samples, out)?;
         let planes = samples.as_slice().par_iter().zip(out.as_mut_slice());
         let outcomes: Vec<Outcome> = planes

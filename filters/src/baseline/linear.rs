@@ -32,13 +32,7 @@ struct Planned {
 }
 
 impl Plan for Planned {
-    fn reconstruct(
-        &self,
-        samples: &Planes,
-        _guides: Option<&Planes>,
-        out: &mut Planes,
-        _run: &Run<'_>,
-    ) -> Result<Outcome, Error> {
+    fn reconstruct(&self, samples: &Planes, out: &mut Planes, _run: &Run<'_>) -> Result<Outcome, Error> {
         self.scattered.start(samples, out)?;
         let triangulation = &self.scattered.triangulation;
         for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {

@@ -36,13 +36,7 @@ struct Planned {
 }
 
 impl Plan for Planned {
-    fn reconstruct(
-        &self,
-        samples: &Planes,
-        _guides: Option<&Planes>,
-        out: &mut Planes,
-        _run: &Run<'_>,
-    ) -> Result<Outcome, Error> {
+    fn reconstruct(&self, samples: &Planes, out: &mut Planes, _run: &Run<'_>) -> Result<Outcome, Error> {
         check::group(&self.mask, samples, out)?;
         for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
             self.map.copy(samples.pixels(), out.pixels_mut())?;

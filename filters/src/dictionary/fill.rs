@@ -210,13 +210,7 @@ struct Item {
 }
 
 impl Plan for Planned {
-    fn reconstruct(
-        &self,
-        samples: &Planes,
-        _guides: Option<&Planes>,
-        out: &mut Planes,
-        run: &Run<'_>,
-    ) -> Result<Outcome, Error> {
+    fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
         check::group(&self.mask, samples, out)?;
         let channels = self.dictionary.channels();
         if !samples.len().is_multiple_of(channels) {
@@ -379,7 +373,7 @@ impl Planned {
         }
         let plan = push_pull::Settings.plan(&Problem::fill(Arc::clone(&self.mask)), run)?;
         let mut coarse = Planes::zeros(samples.size(), samples.len());
-        plan.reconstruct(samples, None, &mut coarse, run)?;
+        plan.reconstruct(samples, &mut coarse, run)?;
         let planes = out.as_mut_slice().iter_mut().zip(coarse.as_slice()).zip(&holes);
         planes.for_each(|((out, coarse), hole): ((&mut Plane, &Plane), _)| {
             let pixels = out.pixels_mut().iter_mut().zip(coarse.pixels()).zip(hole);

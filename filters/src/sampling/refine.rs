@@ -136,7 +136,7 @@ fn compress(value: f32) -> f32 {
 
 fn fill(samples: &Planes, mask: &Arc<Mask>, filter: &dyn Filter, run: &Run<'_>) -> Result<Planes, Error> {
     let mut out = Planes::zeros(samples.size(), samples.len());
-    filter.plan(&Problem::fill(mask.clone()), run)?.reconstruct(samples, None, &mut out, run)?;
+    filter.plan(&Problem::fill(mask.clone()), run)?.reconstruct(samples, &mut out, run)?;
     Ok(out)
 }
 

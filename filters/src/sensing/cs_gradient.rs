@@ -144,13 +144,7 @@ impl Filter for Settings {
 }
 
 impl Plan for Planned {
-    fn reconstruct(
-        &self,
-        samples: &Planes,
-        _guides: Option<&Planes>,
-        out: &mut Planes,
-        run: &Run<'_>,
-    ) -> Result<Outcome, Error> {
+    fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
         check::group(&self.mask, samples, out)?;
         let pairs = [self.pairs(0, 1), self.pairs(1, 0)];
         let Size { height, width } = self.mask.size();

@@ -151,15 +151,9 @@ impl Filter for Settings {
 }
 
 impl Plan for Planned {
-    fn reconstruct(
-        &self,
-        samples: &Planes,
-        guides: Option<&Planes>,
-        out: &mut Planes,
-        run: &Run<'_>,
-    ) -> Result<Outcome, Error> {
+    fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
         // The start checks the planes, and copies every measured pixel's bits.
-        self.start.reconstruct(samples, guides, out, run)?;
+        self.start.reconstruct(samples, out, run)?;
         if self.settings.epsilon == 0.0 && self.mask.is_full() {
             return Ok(Outcome::direct());
         }

@@ -145,7 +145,7 @@ proptest! {
         for method in [Method::CsWavelet(cs_wavelet::Settings::default()), Method::CsGradient(gradient)] {
             let mut out = Planes::zeros(size, 2);
             let plan = method.filter().plan(&Problem::fill(Arc::new(mask.clone())), &Run::default()).unwrap();
-            let result = plan.reconstruct(&samples, None, &mut out, &Run::default());
+            let result = plan.reconstruct(&samples, &mut out, &Run::default());
             if result == Err(Error::NoPairs) {
                 continue;
             }
@@ -191,7 +191,7 @@ fn threads_change_no_bit_and_outcomes_tell_objective_and_constraint() {
             with_threads(threads, || {
                 let plan = method.filter().plan(&Problem::fill(mask.clone()), &Run::default()).unwrap();
                 let mut out = Planes::zeros(size, 4);
-                let outcome = plan.reconstruct(&samples, None, &mut out, &Run::default()).unwrap();
+                let outcome = plan.reconstruct(&samples, &mut out, &Run::default()).unwrap();
                 (outcome, out)
             })
         };
@@ -213,7 +213,7 @@ fn constants_stay_and_an_interrupted_run_says_so() {
         let plan = method.filter().plan(&Problem::fill(mask.clone()), &Run::default()).unwrap();
         let mut out = Planes::zeros(size, 1);
         let constant = Planes::new(size, vec![Plane::filled(size, 0.7)]).unwrap();
-        plan.reconstruct(&constant, None, &mut out, &Run::default()).unwrap();
+        plan.reconstruct(&constant, &mut out, &Run::default()).unwrap();
         assert!(
             out.as_slice()[0].pixels().iter().all(|value| (value - 0.7).abs() < 1e-6),
             "{}",
@@ -221,7 +221,7 @@ fn constants_stay_and_an_interrupted_run_says_so() {
         );
         let samples = Planes::new(size, vec![Plane::new(size, image(size)).unwrap()]).unwrap();
         let stop = || Some(Stop::TimeLimit);
-        let outcome = plan.reconstruct(&samples, None, &mut out, &Run { interrupt: Some(&stop) }).unwrap();
+        let outcome = plan.reconstruct(&samples, &mut out, &Run { interrupt: Some(&stop) }).unwrap();
         assert_eq!((outcome.stop, outcome.iterations), (Stop::TimeLimit, 0));
         assert!(out.as_slice()[0].pixels().iter().all(|value| value.is_finite()));
     }

@@ -90,7 +90,7 @@ pub fn reconstruct(
     out: &mut Planes,
     run: &Run<'_>,
 ) -> Result<(Outcome, Effect), Error> {
-    let outcome = plan.reconstruct(samples, None, out, run)?;
+    let outcome = plan.reconstruct(samples, out, run)?;
     if guides.size() != mask.size() {
         return Err(Error::SizeMismatch { expected: mask.size(), found: guides.size().to_string() });
     }

@@ -184,13 +184,7 @@ pub(super) fn check_weights<'a>(weights: &'a Plane, mask: &Mask) -> Result<&'a P
 }
 
 impl Plan for Planned {
-    fn reconstruct(
-        &self,
-        samples: &Planes,
-        _guides: Option<&Planes>,
-        out: &mut Planes,
-        run: &Run<'_>,
-    ) -> Result<Outcome, Error> {
+    fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
         self.reconstruct_roughly(samples, AIM, out, run)
     }
 
@@ -202,7 +196,7 @@ impl Plan for Planned {
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
         // The start checks the planes.
-        let outcome = self.start.reconstruct(samples, None, out, run)?;
+        let outcome = self.start.reconstruct(samples, out, run)?;
         if self.mask.is_full() && self.settings.lambda == 0.0 {
             return Ok(outcome);
         }

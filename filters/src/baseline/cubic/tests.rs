@@ -18,7 +18,7 @@ fn fill(mask: &Mask, plane: &Plane) -> Plane {
     let size = mask.size();
     let mut out = Planes::zeros(size, 1);
     let samples = Planes::new(size, vec![plane.clone()]).unwrap();
-    let outcome = planned(mask).reconstruct(&samples, None, &mut out, &Run::default()).unwrap();
+    let outcome = planned(mask).reconstruct(&samples, &mut out, &Run::default()).unwrap();
     assert_eq!(outcome.stop, Stop::Converged);
     out.into_vec().remove(0)
 }
@@ -134,7 +134,7 @@ fn smooth_surfaces_come_out_better_than_from_planes() {
     let linear =
         crate::baseline::linear::Settings.plan(&Problem::fill(Arc::new(mask.clone())), &Run::default());
     let samples = Planes::new(size, vec![truth.clone()]).unwrap();
-    linear.unwrap().reconstruct(&samples, None, &mut planes, &Run::default()).unwrap();
+    linear.unwrap().reconstruct(&samples, &mut planes, &Run::default()).unwrap();
     assert!(error(&fill(&mask, &truth)) < 0.25 * error(&planes.as_slice()[0]));
 }
 
@@ -145,7 +145,7 @@ fn an_interrupt_ends_the_sweeps() {
     let stop = || Some(Stop::TimeLimit);
     let mut out = Planes::zeros(mask.size(), 1);
     let run = Run { interrupt: Some(&stop) };
-    let outcome = planned(&mask).reconstruct(&samples, None, &mut out, &run).unwrap();
+    let outcome = planned(&mask).reconstruct(&samples, &mut out, &run).unwrap();
     assert_eq!((outcome.stop, outcome.iterations), (Stop::TimeLimit, 1));
 }
 

@@ -10,7 +10,7 @@ fn fill(mask: &Mask, plane: &Plane) -> Plane {
     let mut out = Planes::zeros(size, 1);
     let plan = Settings.plan(&Problem::fill(Arc::new(mask.clone())), &Run::default()).unwrap();
     let samples = Planes::new(size, vec![plane.clone()]).unwrap();
-    assert_eq!(plan.reconstruct(&samples, None, &mut out, &Run::default()), Ok(Outcome::direct()));
+    assert_eq!(plan.reconstruct(&samples, &mut out, &Run::default()), Ok(Outcome::direct()));
     out.into_vec().remove(0)
 }
 
@@ -66,7 +66,7 @@ fn empty_masks_and_other_sizes_are_refused() {
     let full = Arc::new(Mask::from_fn(size, |_, _| true));
     let plan = Settings.plan(&Problem::fill(full), &Run::default()).unwrap();
     let other = Planes::zeros(Size::new(4, 5), 1);
-    assert!(plan.reconstruct(&other, None, &mut Planes::zeros(size, 1), &Run::default()).is_err());
+    assert!(plan.reconstruct(&other, &mut Planes::zeros(size, 1), &Run::default()).is_err());
 }
 
 #[test]

@@ -76,7 +76,7 @@ fn the_filter_copies_every_plane() {
     let samples = Planes::new(size, vec![plane(0), plane(1)]).unwrap();
     let mut out = Planes::zeros(size, 2);
     let plan = Settings.plan(&Problem::fill(Arc::new(mask.clone())), &Run::default()).unwrap();
-    plan.reconstruct(&samples, None, &mut out, &Run::default()).unwrap();
+    plan.reconstruct(&samples, &mut out, &Run::default()).unwrap();
     for (k, out) in out.as_slice().iter().enumerate() {
         let expected: Vec<f32> = slow(&mask).iter().map(|&i| (i as usize + 100 * k) as f32).collect();
         assert_eq!(out.pixels(), expected);

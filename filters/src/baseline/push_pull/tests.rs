@@ -67,7 +67,7 @@ fn run(mask: &Mask, samples: &[Plane]) -> Planes {
     let samples = Planes::new(size, samples.to_vec()).unwrap();
     let mut out = Planes::zeros(size, samples.len());
     let plan = Settings.plan(&Problem::fill(Arc::new(mask.clone())), &Run::default()).unwrap();
-    let outcome = plan.reconstruct(&samples, None, &mut out, &Run::default()).unwrap();
+    let outcome = plan.reconstruct(&samples, &mut out, &Run::default()).unwrap();
     assert_eq!(outcome, Outcome::direct());
     out
 }
@@ -154,12 +154,11 @@ fn refuses_what_it_cannot_fill() {
     let plan = Settings.plan(&Problem::fill(mask), &Run::default()).unwrap();
     let bad = Plane::from_fn(size, |y, x| if (y, x) == (1, 1) { f32::INFINITY } else { 0.0 });
     let bad = Planes::new(size, vec![bad]).unwrap();
-    let found = plan.reconstruct(&bad, None, &mut Planes::zeros(size, 1), &Run::default());
+    let found = plan.reconstruct(&bad, &mut Planes::zeros(size, 1), &Run::default());
     assert_eq!(found, Err(Error::NotFinite { row: 1, column: 1 }));
-    let found = plan.reconstruct(&bad, None, &mut Planes::zeros(size, 2), &Run::default());
+    let found = plan.reconstruct(&bad, &mut Planes::zeros(size, 2), &Run::default());
     assert!(matches!(found, Err(Error::SizeMismatch { .. })));
     let other = Size::new(3, 2);
-    let found =
-        plan.reconstruct(&Planes::zeros(other, 1), None, &mut Planes::zeros(size, 1), &Run::default());
+    let found = plan.reconstruct(&Planes::zeros(other, 1), &mut Planes::zeros(size, 1), &Run::default());
     assert!(matches!(found, Err(Error::SizeMismatch { .. })));
 }

@@ -31,7 +31,7 @@ fn image(dictionary: &Dictionary, rows: usize, columns: usize) -> Planes {
 fn run(filter: &dyn Filter, mask: &Arc<Mask>, samples: &Planes) -> Planes {
     let plan = filter.plan(&Problem::fill(Arc::clone(mask)), &Run::default()).unwrap();
     let mut out = Planes::zeros(samples.size(), samples.len());
-    let outcome = plan.reconstruct(samples, None, &mut out, &Run::default()).unwrap();
+    let outcome = plan.reconstruct(samples, &mut out, &Run::default()).unwrap();
     assert_eq!(outcome, Outcome::direct());
     out
 }
@@ -78,10 +78,10 @@ fn a_repeating_mask_gives_what_stepping_together_gives() {
     let mut plan = Planned::new(Arc::clone(&dictionary), how, &problem).unwrap();
     assert_eq!(plan.shared.len(), 1);
     let mut shared = Planes::zeros(size, 1);
-    plan.reconstruct(&truth, None, &mut shared, &Run::default()).unwrap();
+    plan.reconstruct(&truth, &mut shared, &Run::default()).unwrap();
     plan.group.fill(None);
     let mut alone = Planes::zeros(size, 1);
-    plan.reconstruct(&truth, None, &mut alone, &Run::default()).unwrap();
+    plan.reconstruct(&truth, &mut alone, &Run::default()).unwrap();
     assert!(distance(&shared, &alone) < 1e-3, "{}", distance(&shared, &alone));
 }
 
@@ -150,7 +150,7 @@ fn settings_out_of_range_are_refused() {
     ));
     let plan = learned(&dictionary, Use::default()).plan(&problem, &Run::default()).unwrap();
     let two = Planes::zeros(Size::new(20, 20), 2);
-    let refused = plan.reconstruct(&two, None, &mut two.clone(), &Run::default());
+    let refused = plan.reconstruct(&two, &mut two.clone(), &Run::default());
     assert!(matches!(refused, Err(Error::SizeMismatch { .. })));
     assert!(Cosines { block: 65, ..Cosines::default() }.plan(&problem, &Run::default()).is_err());
 }

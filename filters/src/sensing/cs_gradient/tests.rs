@@ -84,7 +84,7 @@ fn images_come_back_from_gradients_and_from_pairs() {
     let mask = Arc::new(Mask::from_fn(size, near));
     let plan = settings.plan(&Problem::fill(mask), &Run::default()).unwrap();
     let mut out = Planes::zeros(size, 1);
-    plan.reconstruct(&image, None, &mut out, &Run::default()).unwrap();
+    plan.reconstruct(&image, &mut out, &Run::default()).unwrap();
     let error = relative_error(out.as_slice()[0].pixels(), image.as_slice()[0].pixels());
     assert!(error < 5e-3, "{error}");
 }
@@ -97,7 +97,7 @@ fn a_mask_without_pairs_is_refused_with_the_way_out() {
         |mask: Mask| Settings::default().plan(&Problem::fill(Arc::new(mask)), &Run::default()).unwrap();
     let mut out = Planes::zeros(size, 1);
     let mut run =
-        |mask| plan(mask).reconstruct(&image, None, &mut out, &Run::default()).map(|outcome| outcome.stop);
+        |mask| plan(mask).reconstruct(&image, &mut out, &Run::default()).map(|outcome| outcome.stop);
     assert_eq!(run(Mask::from_fn(size, |y, x| (y + x) % 2 == 0)), Err(Error::NoPairs));
     assert_eq!(run(Mask::from_fn(size, |y, _| y % 2 == 0)), Err(Error::NoPairs));
     assert_eq!(run(Mask::from_fn(size, |_, _| true)), Ok(crate::Stop::Converged));

@@ -70,7 +70,7 @@ fn both(mask: &Arc<Mask>, image: &Planes, guides: &Guides) -> (Planes, Planes, E
         }
     }
     let mut plain = Planes::zeros(SIZE, image.len());
-    plan.reconstruct(&samples, None, &mut plain, &run).unwrap();
+    plan.reconstruct(&samples, &mut plain, &run).unwrap();
     let mut guided = Planes::zeros(SIZE, image.len());
     let (_, effect) =
         reconstruct((&method, plan.as_ref()), mask, &samples, guides, &mut guided, &run).unwrap();

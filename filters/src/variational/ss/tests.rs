@@ -97,7 +97,7 @@ fn solve(settings: &Settings, samples: &Plane, mask: &Mask, weights: Option<&Pla
     let group = Planes::new(samples.size(), vec![hidden]).unwrap();
     let mut out = Planes::zeros(samples.size(), 1);
     let plan = settings.plan(&problem, &Run::default()).unwrap();
-    let outcome = plan.reconstruct(&group, None, &mut out, &Run::default()).unwrap();
+    let outcome = plan.reconstruct(&group, &mut out, &Run::default()).unwrap();
     (out.into_vec().remove(0), outcome)
 }
 
@@ -274,7 +274,7 @@ fn an_interrupt_ends_the_solver() {
     let run = Run { interrupt: Some(&stop) };
     let plan = Settings::default().plan(&Problem::fill(Arc::new(mask)), &run).unwrap();
     let mut out = Planes::zeros(size, 1);
-    let outcome = plan.reconstruct(&Planes::new(size, vec![samples]).unwrap(), None, &mut out, &run).unwrap();
+    let outcome = plan.reconstruct(&Planes::new(size, vec![samples]).unwrap(), &mut out, &run).unwrap();
     assert_eq!(outcome.stop, Stop::TimeLimit);
     assert!(out.as_slice()[0].pixels().iter().all(|x| x.is_finite()));
 }

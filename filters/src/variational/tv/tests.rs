@@ -48,7 +48,7 @@ fn solve(settings: Settings, problem: &Problem, planes: Vec<Plane>) -> (Planes, 
     let mut out = Planes::zeros(size, samples.len());
     let run = Run::default();
     let plan = settings.plan(problem, &run).unwrap();
-    let outcome = plan.reconstruct(&samples, None, &mut out, &run).unwrap();
+    let outcome = plan.reconstruct(&samples, &mut out, &run).unwrap();
     (out, outcome)
 }
 
@@ -379,7 +379,7 @@ fn stops_are_told_apart() {
         let ask = || (asked.fetch_add(1, Ordering::Relaxed) >= after).then_some(stop);
         let run = Run { interrupt: Some(&ask) };
         let mut out = Planes::zeros(size, 2);
-        let outcome = plan.reconstruct(&samples, None, &mut out, &run).unwrap();
+        let outcome = plan.reconstruct(&samples, &mut out, &run).unwrap();
         assert_eq!(outcome.stop, stop);
         assert_eq!(outcome.iterations, after * super::ROUND);
         assert!(outcome.gap.unwrap() > 1e-7 && outcome.gap.unwrap() <= 1.0);
@@ -410,13 +410,13 @@ fn bad_input_is_named() {
     let plan = base.plan(&problem, &run).unwrap();
     let mut out = Planes::zeros(size, 1);
     let other = Planes::zeros(Size::new(4, 3), 1);
-    assert!(matches!(plan.reconstruct(&other, None, &mut out, &run), Err(Error::SizeMismatch { .. })));
+    assert!(matches!(plan.reconstruct(&other, &mut out, &run), Err(Error::SizeMismatch { .. })));
     let two = Planes::zeros(size, 2);
-    assert!(matches!(plan.reconstruct(&two, None, &mut out, &run), Err(Error::SizeMismatch { .. })));
+    assert!(matches!(plan.reconstruct(&two, &mut out, &run), Err(Error::SizeMismatch { .. })));
     let at = mask.as_slice().iter().position(|&m| m).unwrap();
     let mut bad = Planes::zeros(size, 1);
     bad.as_mut_slice()[0].pixels_mut()[at] = f32::NAN;
-    let found = plan.reconstruct(&bad, None, &mut out, &run);
+    let found = plan.reconstruct(&bad, &mut out, &run);
     assert_eq!(found.err(), Some(Error::NotFinite { row: at / 4, column: at % 4 }));
 }
 
