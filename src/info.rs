@@ -2,10 +2,10 @@
 
 use std::fmt::Write as _;
 
+use lacuna_exr::{Frame, Layout, Part, Samples, Window};
 use serde::Serialize;
 
 use crate::channels::{Choice, Rule, visible};
-use crate::frame::{Frame, Layout, Part, Samples, Window};
 use crate::mask::{self, Masks};
 
 /// A frame's parts and the mask that was found.

@@ -16,18 +16,18 @@
 
 pub mod channels;
 pub mod cli;
+pub mod commands;
 pub mod dictionary;
-pub mod frame;
+pub mod files;
 pub mod guides;
 pub mod info;
 pub mod mask;
 pub mod reconstruct;
 pub mod report;
-pub mod sequence;
+pub mod run;
 pub mod sparsify;
 pub mod study;
 pub mod submit;
 #[cfg(test)]
 mod testing;
 pub mod verify;
-pub mod volume;

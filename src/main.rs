@@ -5,7 +5,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 
 use lacuna::cli::{self, Ending, Job};
-use lacuna::sequence::{self, PlanError, panic_message};
+use lacuna::commands;
+use lacuna::files::PlanError;
+use lacuna::run::{openjd_fail, panic_message};
 use lacuna::submit;
 
 fn main() -> ExitCode {
@@ -30,24 +32,24 @@ fn main() -> ExitCode {
 
 fn run(job: &Job) -> Result<u8, (&'static str, PlanError)> {
     match job {
-        Job::Fill(job) => sequence::fill(job).map_err(|error| (job.command(), error)),
-        Job::Info(job) => sequence::info(job).map_err(|error| ("info", error)),
-        Job::Verify(job) => sequence::verify(job).map_err(|error| ("verify", error)),
-        Job::Mask(job) => sequence::mask(job).map_err(|error| ("mask", error)),
-        Job::Compare(job) => sequence::compare(job).map_err(|error| ("compare", error)),
-        Job::Study(job) => sequence::study(job).map_err(|error| ("study", error)),
-        Job::Sparsify(job) => sequence::sparsify(job).map_err(|error| ("sparsify", error)),
+        Job::Fill(job) => commands::fill(job).map_err(|error| (job.command(), error)),
+        Job::Info(job) => commands::info(job).map_err(|error| ("info", error)),
+        Job::Verify(job) => commands::verify(job).map_err(|error| ("verify", error)),
+        Job::Mask(job) => commands::mask(job).map_err(|error| ("mask", error)),
+        Job::Compare(job) => commands::compare(job).map_err(|error| ("compare", error)),
+        Job::Study(job) => commands::study(job).map_err(|error| ("study", error)),
+        Job::Sparsify(job) => commands::sparsify(job).map_err(|error| ("sparsify", error)),
         Job::Submit(job) => submit::submit(job).map_err(|error| ("submit slurm", error)),
-        Job::Train(job) => sequence::train(job).map_err(|error| ("train", error)),
-        Job::Dictionary(name, job) => sequence::dictionary(job).map_err(|error| (*name, error)),
-        Job::Render(job) => sequence::render(job).map_err(|error| ("render", error)),
+        Job::Train(job) => commands::train(job).map_err(|error| ("train", error)),
+        Job::Dictionary(name, job) => commands::dictionary(job).map_err(|error| (*name, error)),
+        Job::Render(job) => commands::render(job).map_err(|error| ("render", error)),
     }
 }
 
 /// Says why there is no job.
 fn end(ending: &Ending, openjd: bool) -> ExitCode {
     if let (Ending::Usage(text), true) = (ending, openjd) {
-        sequence::openjd_fail(text.trim_start_matches("lacuna: error: "));
+        openjd_fail(text.trim_start_matches("lacuna: error: "));
     }
     // Nobody is left to tell if the stream is closed.
     drop(match ending {
@@ -59,7 +61,7 @@ fn end(ending: &Ending, openjd: bool) -> ExitCode {
 
 fn fail(text: &str, openjd: bool) -> ExitCode {
     if openjd {
-        sequence::openjd_fail(text);
+        openjd_fail(text);
     }
     let line = text.replace(|c: char| c.is_control(), " ");
     // Nobody is left to tell if standard error is closed.

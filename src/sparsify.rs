@@ -6,17 +6,13 @@
 use std::sync::Arc;
 
 use half::f16;
+use lacuna_exr::{Channel, Frame, Part, Samples};
 use lacuna_filters::{Mask, sampling::shuffle};
 
 use crate::channels::{DENSE, part_label};
-use crate::frame::{Channel, Frame, Part, Samples};
-use crate::mask::{self, MaskFile};
+use crate::mask::{self, MaskFile, PATTERN, SEED};
 use crate::reconstruct::{DERIVED, FILLING, Stamp, output_compression};
 
-/// The attribute that holds the seed of a generated pattern, as text.
-pub const SEED: &str = "lacuna/seed";
-/// The attribute that says which pattern the mask is.
-pub const PATTERN: &str = "lacuna/pattern";
 /// The channel that is added.
 const CHANNEL: &str = "mask";
 

@@ -1,8 +1,7 @@
 //! Frames built by hand for unit tests.
 
 use half::f16;
-
-use crate::frame::{Channel, Frame, Part, Samples, Window};
+use lacuna_exr::{Channel, Frame, Part, Samples, Window};
 
 /// A window by its first column and row, width and height.
 pub fn window(x: i32, y: i32, width: i32, height: i32) -> Window {

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Room, age, bytes, part, sparse, values};
-use lacuna::frame::{Frame, Window};
+use lacuna_exr::{Frame, Window};
 
 const SHOT: &[&str] = &["s.0001.exr", "s.0002.exr", "s.0003.exr"];
 

@@ -11,7 +11,7 @@ mod common;
 use std::collections::HashSet;
 
 use common::{Room, values};
-use lacuna::frame::Samples;
+use lacuna_exr::Samples;
 
 /// The `x y` lines of a list.
 fn points(room: &Room, name: &str) -> Vec<(i64, i64)> {

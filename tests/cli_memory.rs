@@ -8,7 +8,7 @@ mod common;
 use std::time::Duration;
 
 use common::{Room, part_from};
-use lacuna::frame::{Frame, Window};
+use lacuna_exr::{Frame, Window};
 
 /// What a process takes besides frames: program, threads, allocator.
 const BASE: u64 = 32 << 20;

@@ -9,7 +9,7 @@
 
 use std::path::{Path, PathBuf};
 
-use lacuna::frame::{self, Attribute, Compression, Error, Frame, Limits, Part, WriteOptions};
+use lacuna_exr::{self, Attribute, Compression, Error, Frame, Limits, Part, WriteOptions};
 
 fn corpus() -> Option<PathBuf> {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
@@ -81,15 +81,15 @@ fn check_survival(path: &Path, original: &Frame, output: &Path) {
             part.compression = Compression::Zip;
         }
     }
-    frame::write(&frame, output, &WriteOptions::default()).unwrap();
-    let again = frame::read(output, &Limits::default()).unwrap();
+    lacuna_exr::write(&frame, output, &WriteOptions::default()).unwrap();
+    let again = lacuna_exr::read(output, &Limits::default()).unwrap();
     assert_same(path, &frame, &again);
     for (before, after) in original.parts.iter().zip(&again.parts) {
         assert_eq!(lasting(before, before), lasting(after, before), "{}", path.display());
     }
     // The same bytes for the same frame.
     let bytes = std::fs::read(output).unwrap();
-    frame::write(&again, output, &WriteOptions::default()).unwrap();
+    lacuna_exr::write(&again, output, &WriteOptions::default()).unwrap();
     assert!(bytes == std::fs::read(output).unwrap(), "{}", path.display());
 }
 
@@ -99,7 +99,7 @@ fn valid_files_survive() {
     let folder = tempfile::tempdir().unwrap();
     let (mut survived, mut refused) = (0, 0);
     for path in files(&corpus).into_iter().filter(|path| !is_broken(path)) {
-        match frame::read(&path, &Limits::default()) {
+        match lacuna_exr::read(&path, &Limits::default()) {
             Ok(frame) => {
                 check_survival(&path, &frame, &folder.path().join("out.exr"));
                 survived += 1;
@@ -128,7 +128,7 @@ fn broken_files_never_panic() {
     let Some(corpus) = corpus() else { return };
     let (mut read, mut refused) = (0, 0);
     for path in files(&corpus).into_iter().filter(|path| is_broken(path)) {
-        match frame::read(&path, &Limits::default()) {
+        match lacuna_exr::read(&path, &Limits::default()) {
             Ok(_) => read += 1,
             Err(error) => {
                 println!("{}: {error}", path.file_name().unwrap().to_string_lossy());

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, SystemTime};
 
-use lacuna::frame::{Frame, Limits, read};
+use lacuna_exr::{Frame, Limits, read};
 
 fn lacuna(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_lacuna")).current_dir(folder).args(arguments).output().unwrap()

@@ -1,6 +1,6 @@
 //! Values that are NaN or infinite: how many a channel has, and how the log says so.
 
-use crate::frame::Samples;
+use lacuna_exr::Samples;
 
 /// How many values are NaN or infinite; whole numbers never are.
 pub fn non_finite(samples: &Samples) -> usize {

@@ -12,14 +12,12 @@ mod tests;
 mod unheeded;
 
 pub use finite::{non_finite, non_finite_note};
+use lacuna_exr::{Frame, Part, Samples};
 pub use names::{Name, channel_label, list_channels, part_label, view_of, visible, words};
 pub use overrides::{Override, OverrideError};
 pub use rules::{by_default, is_albedo, is_alpha, is_code, is_label, is_light, is_matte, is_position};
 use serde::Serialize;
 pub use unheeded::unheeded;
-
-use crate::frame::{Frame, Part, Samples};
-use crate::mask::Masks;
 
 /// The attribute that lists channels which are complete already, separated by commas or lines.
 pub const DENSE: &str = "lacuna/dense";
@@ -62,23 +60,43 @@ impl std::fmt::Display for Rule {
     }
 }
 
+/// What decided a channel's rule.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DecidedBy {
+    /// It is the sampling mask.
+    SamplingMask,
+    /// An override.
+    Override,
+    /// The attribute [`DENSE`].
+    Dense,
+    /// Its name and type.
+    Name,
+    /// Its name, but its siblings are not all there.
+    IncompleteNormal,
+    /// It is complete and guides others.
+    Guide,
+}
+
 /// A rule and why it was chosen, for people.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Choice {
     /// What is done.
     pub rule: Rule,
+    /// What decided it.
+    #[serde(skip)]
+    pub by: DecidedBy,
     /// Why: the option, attribute or name that decided.
     pub why: String,
 }
 
-/// The rule of every channel, per part in file order.
-pub fn choose(frame: &Frame, masks: &Masks, overrides: &[Override]) -> Vec<Vec<Choice>> {
+/// The rule of every channel, per part in file order; `mask_channels` are the sampling masks in use, per part.
+pub fn choose(frame: &Frame, mask_channels: &[Vec<usize>], overrides: &[Override]) -> Vec<Vec<Choice>> {
     let one = |(index, part): (usize, &Part)| {
         let dense = dense(part);
         let mut choices: Vec<_> = (0..part.channels.len())
             .map(|channel| {
-                if masks.is_mask_channel(index, channel) {
-                    return Choice { rule: Rule::Keep, why: "the sampling mask".into() };
+                if is_mask_channel(mask_channels, index, channel) {
+                    return Choice::new(Rule::Keep, DecidedBy::SamplingMask, "the sampling mask");
                 }
                 choose_one(part, channel, overrides, &dense)
             })
@@ -87,6 +105,22 @@ pub fn choose(frame: &Frame, masks: &Masks, overrides: &[Override]) -> Vec<Vec<C
         choices
     };
     frame.parts.iter().enumerate().map(one).collect()
+}
+
+impl Choice {
+    fn new(rule: Rule, by: DecidedBy, why: impl Into<String>) -> Self {
+        Self { rule, by, why: why.into() }
+    }
+
+    /// Keeps a channel that is complete and guides others.
+    pub fn guide(&mut self) {
+        *self = Self::new(Rule::Keep, DecidedBy::Guide, format!("{}, complete: a guide", self.why));
+    }
+}
+
+/// Whether a channel is a sampling mask in use.
+fn is_mask_channel(mask_channels: &[Vec<usize>], part: usize, channel: usize) -> bool {
+    mask_channels.get(part).is_some_and(|channels| channels.contains(&channel))
 }
 
 /// The three channels of the normal that a channel with [`Rule::Normal`] belongs to, in the order of the axes.
@@ -108,17 +142,19 @@ fn choose_one(part: &Part, channel: usize, overrides: &[Override], dense: &[Stri
     let uint = matches!(part.channels[channel].samples, Samples::Uint(_));
     if let Some(found) = overrides.iter().find(|candidate| candidate.matches(&name)) {
         return match found.rule {
-            Rule::Fill | Rule::Normal | Rule::Depth if uint => {
-                Choice { rule: Rule::Nearest, why: format!("whole numbers, which {found} cannot be for") }
-            }
-            rule => Choice { rule, why: format!("--channels {found}") },
+            Rule::Fill | Rule::Normal | Rule::Depth if uint => Choice::new(
+                Rule::Nearest,
+                DecidedBy::Override,
+                format!("whole numbers, which {found} cannot be for"),
+            ),
+            rule => Choice::new(rule, DecidedBy::Override, format!("--channels {found}")),
         };
     }
     if dense.iter().any(|listed| listed == &*name) {
-        return Choice { rule: Rule::Keep, why: format!("listed in {DENSE}") };
+        return Choice::new(Rule::Keep, DecidedBy::Dense, format!("listed in {DENSE}"));
     }
     let (rule, why) = by_default(part, channel);
-    Choice { rule, why: why.into() }
+    Choice::new(rule, DecidedBy::Name, why)
 }
 
 /// The channels that the attribute [`DENSE`] of a part lists.
@@ -133,6 +169,6 @@ fn demote_incomplete_normals(part: &Part, choices: &mut [Choice]) {
         .collect();
     for index in incomplete {
         let why = format!("{}, but {INCOMPLETE}", choices[index].why);
-        choices[index] = Choice { rule: Rule::Fill, why };
+        choices[index] = Choice::new(Rule::Fill, DecidedBy::IncompleteNormal, why);
     }
 }

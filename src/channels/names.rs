@@ -1,6 +1,6 @@
 //! Channel names taken apart: layers, components, views, and the words they are made of.
 
-use crate::frame::{Frame, Part};
+use lacuna_exr::{Frame, Part};
 
 /// A channel's name split at its last full stop: `layer.component`, both as they stand in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,8 +1,9 @@
 //! The default rules: what a channel's name, type and part say about it, as a table read from the top.
 
+use lacuna_exr::{Part, Samples};
+
 use super::Rule;
 use super::names::{Name, words};
-use crate::frame::{Part, Samples};
 
 /// What the rows of the table look at.
 struct Subject<'a> {

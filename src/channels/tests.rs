@@ -1,7 +1,8 @@
 //! Rules of many names, as renderers write them.
 
+use lacuna_exr::Samples;
+
 use super::*;
-use crate::frame::Samples;
 use crate::testing::{float, frame, half, part, uint, window};
 
 /// A part of one pixel with float channels of those names.
@@ -17,7 +18,7 @@ fn rule(part: &Part, name: &str) -> Rule {
 fn choices(part: Part, overrides: &[&str]) -> Vec<(String, Rule)> {
     let overrides: Vec<Override> = overrides.iter().map(|text| text.parse().unwrap()).collect();
     let frame = frame(vec![part]);
-    let chosen = choose(&frame, &Masks::default(), &overrides).remove(0);
+    let chosen = choose(&frame, &[], &overrides).remove(0);
     let names = frame.parts[0].channels.iter().map(|channel| channel.display_name().into_owned());
     names.zip(chosen).map(|(name, choice)| (name, choice.rule)).collect()
 }
@@ -131,8 +132,8 @@ fn overrides_come_first_and_the_first_wins() {
 #[test]
 fn the_mask_in_use_is_kept_whatever_is_asked() {
     let frame = frame(vec![with(&["R", "mask"])]);
-    let masks = Masks { mask_channels: vec![vec![1]], ..Masks::default() };
-    let choices = choose(&frame, &masks, &["*=fill".parse().unwrap()]);
+    let mask_channels = vec![vec![1]];
+    let choices = choose(&frame, &mask_channels, &["*=fill".parse().unwrap()]);
     assert_eq!(choices[0][1].rule, Rule::Keep);
     assert_eq!(choices[0][0].rule, Rule::Fill);
 }
@@ -152,10 +153,10 @@ fn what_is_asked_in_vain_is_told() {
     channels.push(uint("id", &[1]));
     let frame = frame(vec![part(window(0, 0, 1, 1), channels)]);
     let at = frame.parts[0].channels.iter().position(|channel| channel.name == b"mask").unwrap();
-    let masks = Masks { mask_channels: vec![vec![at]], ..Masks::default() };
+    let mask_channels = vec![vec![at]];
     let told = |texts: &[&str]| {
         let overrides: Vec<Override> = texts.iter().map(|text| text.parse().unwrap()).collect();
-        unheeded(&frame, &masks, &overrides, &choose(&frame, &masks, &overrides)).join("; ")
+        unheeded(&frame, &mask_channels, &overrides, &choose(&frame, &mask_channels, &overrides)).join("; ")
     };
     for (texts, expected) in [
         (&["*=nearest"] as &[&str], ""),

@@ -1,23 +1,27 @@
 //! What `--channels` asks for in vain, told to whoever wrote it.
 
-use super::{Choice, INCOMPLETE, Override, Rule};
-use crate::frame::{Frame, Samples};
-use crate::mask::Masks;
+use lacuna_exr::{Frame, Samples};
+
+use super::{Choice, DecidedBy, INCOMPLETE, Override, Rule, is_mask_channel};
 
 /// One line for each override that does nothing in this frame, or not what it says; `choices` are those that
 /// [`super::choose`] made with them.
 pub fn unheeded(
     frame: &Frame,
-    masks: &Masks,
+    mask_channels: &[Vec<usize>],
     overrides: &[Override],
     choices: &[Vec<Choice>],
 ) -> Vec<String> {
-    overrides.iter().enumerate().filter_map(|(at, _)| reason(frame, masks, overrides, choices, at)).collect()
+    overrides
+        .iter()
+        .enumerate()
+        .filter_map(|(at, _)| reason(frame, mask_channels, overrides, choices, at))
+        .collect()
 }
 
 fn reason(
     frame: &Frame,
-    masks: &Masks,
+    mask_channels: &[Vec<usize>],
     overrides: &[Override],
     choices: &[Vec<Choice>],
     at: usize,
@@ -32,11 +36,11 @@ fn reason(
                 continue;
             }
             matched += 1;
-            if masks.is_mask_channel(index, number) {
+            if is_mask_channel(mask_channels, index, number) {
                 masked += 1;
             } else if overrides[..at].iter().any(|other| other.matches(&name)) {
                 taken += 1;
-            } else if asked.rule == Rule::Normal && choice.why.ends_with(INCOMPLETE) {
+            } else if asked.rule == Rule::Normal && choice.by == DecidedBy::IncompleteNormal {
                 alone.push(name.into_owned());
             } else if asked.rule != choice.rule && matches!(channel.samples, Samples::Uint(_)) {
                 whole.push(name.into_owned());

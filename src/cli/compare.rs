@@ -7,9 +7,10 @@ use clap::Args;
 use super::Usage;
 use super::input::FramesArgs;
 use super::run::RunArgs;
+use crate::commands::{CompareJob, CompareOutputs};
+use crate::files::Selection;
 use crate::mask::Source;
 use crate::report::{Bound, Gate, Measure, Settings, Wanted};
-use crate::sequence::{CompareJob, CompareOutputs, Selection};
 
 const EXAMPLES: &str = "\
 Examples:

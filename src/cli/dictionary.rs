@@ -10,9 +10,9 @@ use super::Usage;
 use super::filter::{Name, one_or_more, set, zero_or_more};
 use super::output::called;
 use super::run::SpeechArgs;
+use crate::commands::{DictionaryJob, DictionaryTask};
 use crate::dictionary::Stored;
 use crate::dictionary::code::Fineness;
-use crate::sequence::{DictionaryJob, DictionaryTask};
 
 /// Settings of `dictionary` and `dct`.
 #[derive(Args, Clone, Debug, Default)]

@@ -9,13 +9,15 @@ use super::filter::{FilterArgs, SettingArgs};
 use super::guides::GuideArgs;
 use super::input::InputArgs;
 use super::layers::LayerArgs;
-use super::mask::MaskArgs;
+use super::mask_source::MaskArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::{PageArgs, RunArgs, SolveArgs};
 use super::weights::WeightArgs;
+use crate::commands::FillJob;
+use crate::files::Targets;
 use crate::guides::Asked;
 use crate::reconstruct::{self, Enlarge};
-use crate::sequence::{FillJob, RunOptions, Targets};
+use crate::run::RunOptions;
 
 const EXAMPLES: &str = "\
 Examples:

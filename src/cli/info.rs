@@ -6,9 +6,9 @@ use clap::Args;
 
 use super::channels::ChannelArgs;
 use super::guides::GuideArgs;
-use super::mask::MaskArgs;
+use super::mask_source::MaskArgs;
 use super::run::Bytes;
-use crate::sequence::InfoJob;
+use crate::commands::InfoJob;
 
 const EXAMPLES: &str = "\
 Examples:

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use crate::sequence::Selection;
-use crate::sequence::range::Frames;
+use crate::files::Selection;
+use crate::files::ranges::Frames;
 
 /// Inputs of a subcommand that works through frames.
 #[derive(Args, Clone, Debug)]

@@ -2,7 +2,7 @@
 
 use clap::Args;
 
-use crate::sequence::LayerSource;
+use crate::files::LayerSource;
 
 /// Layers from other files.
 #[derive(Args, Clone, Debug)]

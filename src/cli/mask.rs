@@ -1,48 +1,480 @@
-//! Flags that say which pixels were measured.
+//! `lacuna mask`: flags to a checked job.
 
-use clap::Args;
+use std::path::PathBuf;
+use std::str::FromStr;
 
+use clap::{Args, ValueEnum};
+use lacuna_exr::Window;
+use lacuna_filters::sampling::{Pattern, Temporal};
+
+use super::Usage;
+use super::filter::fraction;
+use super::run::SpeechArgs;
+use crate::commands::{BoundFiles, MaskJob, MaskOutput, MaskTask, NextPass, Union};
+use crate::files::ranges::Frames;
 use crate::mask::Source;
+use crate::mask::generate::Request;
 
-const MASK: &str =
-    "Which pixels were measured: auto, channel:NAME, file:PATTERN[:CHANNEL], alpha, nan or count:CHANNEL:N";
+const EXAMPLES: &str = "\
+Examples:
+  lacuna mask -o mask.exr --size 1920x1080 --density 0.2
+  lacuna mask -o 'mask.####.png' --size 1920x1080 --density 0.1 --frames 1-10 --temporal complementary
+  lacuna mask -o rank.exr --size 1920x1080 --rank --pattern blue-noise
+  lacuna mask --after filled.exr -o next.txt --add 0.05 --error-estimate error.exr
+  lacuna mask --merge first.exr second.exr -o both.exr
+  lacuna mask --after 'filled.####.exr' -o 'next.####.exr' --add 0.05 --frames 1-10
+  lacuna mask --measure mask.exr -o spectrum.png --json
 
-const MASK_LONG: &str = "\
-Which pixels were measured: auto, channel:NAME, file:PATTERN[:CHANNEL], alpha, nan or count:CHANNEL:N
+Exit status: 0 all done, 1 something failed, 2 usage, 128 + n on signal n.";
 
-auto: in this order the channel that the attribute lacuna/mask names, a channel called mask, or LAYER.mask for the \
-channels of LAYER. file: an EXR or PNG image, or a pattern that goes frame by frame; a bare path means the same. \
-alpha: measured where alpha is above 0. nan: measured where the colour is finite. count: measured where CHANNEL counts \
-at least N samples. In a channel or image, half of the full value or more is measured.";
+/// Pixels that starting a crop costs if nothing is said.
+const CROP_OVERHEAD: usize = 256;
 
-/// Where the sampling mask comes from.
+/// Make masks: which pixels a renderer should compute, in a first pass and after it
+///
+/// The output's extension says the form: .exr (channel mask), .png (white is measured), .txt (one x y a line, in the order
+/// in which they should be computed), .json (rectangles, for renderers that can only crop).
 #[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Mask")]
-pub struct MaskArgs {
-    // Not a comment for rustdoc, which would read addresses and emphasis into it.
-    #[arg(long, value_name = "SOURCE", default_value = "auto", help = MASK, long_help = MASK_LONG)]
-    #[allow(
-        missing_docs,
-        reason = "the help is a constant, whose addresses and emphasis are not for rustdoc"
-    )]
-    pub mask: Source,
+#[command(after_help = EXAMPLES)]
+pub struct MakeMaskArgs {
+    #[command(flatten)]
+    pattern: PatternArgs,
+
+    #[command(flatten)]
+    after: AfterArgs,
+
+    #[command(flatten)]
+    measure: MeasureArgs,
+
+    #[command(flatten)]
+    output: OutputArgs,
+
+    /// Threads in all; 0 takes what the machine, a cgroup limit and the batch system allow
+    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Run")]
+    threads: usize,
+
+    #[command(flatten)]
+    speech: SpeechArgs,
 }
 
-/// Where the mask of a filled frame came from.
+/// A mask from a pattern.
 #[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Mask")]
-pub struct SameMaskArgs {
-    /// The mask that the frames were filled with, as in fill [default: what the filled frame's attributes say]
+#[command(next_help_heading = "From a pattern")]
+struct PatternArgs {
+    /// Columns and rows, and the first column and row if they are not 0: 1920x1080, 2020x1180-50-50
+    #[arg(long, value_name = "WxH[+X+Y]")]
+    size: Option<Geometry>,
+
+    /// Measured pixels over all pixels (of the region), 0 to 1
+    #[arg(long, value_name = "D", value_parser = fraction, allow_negative_numbers = true)]
+    density: Option<f64>,
+
+    /// How the pixels lie [default: shuffle]
+    #[arg(long, value_name = "PATTERN")]
+    pattern: Option<PatternName>,
+
+    /// Another pattern of the same kind; after a first pass, the seed of that [default: 0]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+
+    /// Each pixel with its right and its lower neighbour, which all count for the density: for --filter cs-gradient
+    #[arg(long, conflicts_with = "rank")]
+    paired: bool,
+
+    /// Write the rank of each pixel instead: rank < D is the mask of density D (shuffle, blue-noise, random)
+    #[arg(long)]
+    rank: bool,
+
+    /// A mask for each of these frames; the output is a pattern such as mask.####.exr. With --after and --merge the
+    /// frames to take from patterns, all that exist if it is not given
+    #[arg(long, value_name = "RANGE", allow_hyphen_values = true)]
+    frames: Option<Frames>,
+
+    /// How the masks of frames are related [default: fixed]
+    #[arg(long, value_name = "HOW")]
+    temporal: Option<TemporalName>,
+
+    /// Only pixels where this image is above 0: an EXR file's channel (mask, A or the only one if not named), by absolute
+    /// coordinates, or a PNG of the mask's size; a pattern goes frame by frame
+    #[arg(long, value_name = "IMAGE[:CHANNEL]")]
+    inside: Option<Source>,
+
+    /// Also pixels where this image is above 0, as for --inside
+    #[arg(long, value_name = "IMAGE[:CHANNEL]")]
+    always: Option<Source>,
+
+    /// Also the outermost N pixels [default: 0]
+    #[arg(long, value_name = "N")]
+    border: Option<usize>,
+}
+
+/// A mask from a frame, and two renders united.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "After a first pass")]
+struct AfterArgs {
+    /// Choose the pixels to compute next: a frame that was filled, or is still sparse, or a pattern of such frames
+    #[arg(long, value_name = "FRAME", requires = "add", conflicts_with_all = ["merge", "measure"])]
+    after: Option<PathBuf>,
+
+    /// Pixels to compute next over all pixels, 0 to 1
+    #[arg(long, value_name = "D", value_parser = fraction, allow_negative_numbers = true)]
+    add: Option<f64>,
+
+    /// Write the estimated error of the fill as an image, .exr (channel error) or .png
+    #[arg(long, value_name = "FILE")]
+    error_estimate: Option<PathBuf>,
+
+    /// Unite two sparse renders of a frame, or of frames, bit for bit: what either measured is measured
+    #[arg(long, value_names = ["A", "B"], num_args = 2, conflicts_with = "measure")]
+    merge: Option<Vec<PathBuf>>,
+
+    /// Where the masks of these frames come from, as in fill [default: auto]
     #[arg(long, value_name = "SOURCE")]
-    pub mask: Option<Source>,
+    mask: Option<Source>,
 }
 
-impl MaskArgs {
-    /// Path or pattern of the mask's file, if it comes from one.
-    pub fn file(&self) -> Option<String> {
-        match &self.mask {
-            Source::File { pattern, .. } => Some(pattern.clone()),
-            _ => None,
+/// Figures of a mask.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Measure")]
+struct MeasureArgs {
+    /// Print density, star discrepancy, distances and the largest hole; -o FILE.png plots the power spectrum
+    #[arg(long, value_name = "MASK[:CHANNEL]", num_args = 0..=1)]
+    measure: Option<Vec<Source>>,
+
+    /// With --measure: coherence of 64 x 64 sensing matrices (partial Fourier, wavelets with and without blur) over
+    /// densities, as figure 3.1 of the thesis; takes minutes
+    #[arg(long)]
+    coherence: bool,
+
+    /// The densities of --coherence [default: 0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8,0.9]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = fraction)]
+    densities: Option<Vec<f64>>,
+
+    /// With --measure: histogram of the DFT magnitudes of a frame and of its derivatives, as figure 3.2 of the thesis;
+    /// -o FILE.png plots it
+    #[arg(long, value_name = "FRAME")]
+    spectrum: Option<PathBuf>,
+
+    /// With --measure: print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Where the result goes.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Output")]
+struct OutputArgs {
+    /// A file, or a pattern with --frames
+    #[arg(short, long, value_name = "OUTPUT")]
+    output: Option<PathBuf>,
+
+    /// Make the output's folder where it is missing
+    #[arg(long, requires = "output")]
+    create_dir: bool,
+
+    /// Pass over outputs that exist
+    #[arg(long, requires = "output")]
+    no_clobber: bool,
+
+    /// For .json: what starting a crop costs, in pixels; larger makes fewer and larger rectangles [default: 256]
+    #[arg(long, value_name = "PIXELS")]
+    crop_overhead: Option<usize>,
+}
+
+/// A pattern.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum PatternName {
+    /// Uniform, without replacement; progressive
+    Random,
+    /// Linear pixel shuffling, of low discrepancy; progressive
+    Shuffle,
+    /// Poisson disk; not progressive
+    Poisson,
+    /// Void and cluster, period 128; progressive
+    BlueNoise,
+    /// Every n-th pixel of every n-th row, 1 / n^2 being nearest to the density
+    Grid,
+}
+
+/// How masks of frames are related.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum TemporalName {
+    /// The same mask
+    Fixed,
+    /// Independent masks
+    Offset,
+    /// Masks that together cover every pixel as early and evenly as possible
+    Complementary,
+}
+
+/// What is to be done, which decides the flags that mean something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Task {
+    Generate,
+    After,
+    Merge,
+    Measure,
+    Coherence,
+}
+
+impl Task {
+    /// The flag that asks for it.
+    const fn flag(self) -> &'static str {
+        match self {
+            Self::Generate => "--size",
+            Self::After => "--after",
+            Self::Merge => "--merge",
+            Self::Measure => "--measure",
+            Self::Coherence => "--measure --coherence",
         }
     }
 }
+
+impl MakeMaskArgs {
+    /// The checked job.
+    pub fn job(&self) -> Result<MaskJob, Usage> {
+        self.check_tasks()?;
+        let task = match self.task() {
+            Task::Generate => self.generating()?,
+            Task::After => self.choosing()?,
+            Task::Merge => self.uniting()?,
+            Task::Measure | Task::Coherence => self.measuring()?,
+        };
+        Ok(MaskJob { task, threads: self.threads, verbosity: self.speech.verbosity() })
+    }
+
+    fn task(&self) -> Task {
+        let (after, measure) = (&self.after, &self.measure);
+        match (&after.after, &after.merge, &measure.measure, measure.coherence) {
+            (Some(_), ..) => Task::After,
+            (_, Some(_), ..) => Task::Merge,
+            (.., Some(_), true) => Task::Coherence,
+            (.., Some(_), false) => Task::Measure,
+            _ => Task::Generate,
+        }
+    }
+
+    /// A flag that the task does not use is an error.
+    fn check_tasks(&self) -> Result<(), Usage> {
+        use Task::{After, Coherence, Generate, Measure, Merge};
+        let (pattern, after, measure) = (&self.pattern, &self.after, &self.measure);
+        let flags: [(&str, bool, &[Task]); 19] = [
+            ("--size", pattern.size.is_some(), &[Generate]),
+            ("--density", pattern.density.is_some(), &[Generate]),
+            ("--pattern", pattern.pattern.is_some(), &[Generate]),
+            ("--seed", pattern.seed.is_some(), &[Generate, After, Coherence]),
+            ("--paired", pattern.paired, &[Generate]),
+            ("--rank", pattern.rank, &[Generate]),
+            ("--frames", pattern.frames.is_some(), &[Generate, After, Merge]),
+            ("--temporal", pattern.temporal.is_some(), &[Generate]),
+            ("--inside", pattern.inside.is_some(), &[Generate, After]),
+            ("--always", pattern.always.is_some(), &[Generate, After]),
+            ("--border", pattern.border.is_some(), &[Generate, After]),
+            ("--add", after.add.is_some(), &[After]),
+            ("--error-estimate", after.error_estimate.is_some(), &[After]),
+            ("--mask", after.mask.is_some(), &[After, Merge]),
+            ("--coherence", measure.coherence, &[Coherence]),
+            ("--densities", measure.densities.is_some(), &[Coherence]),
+            ("--spectrum", measure.spectrum.is_some(), &[Measure, Coherence]),
+            ("--json", measure.json, &[Measure, Coherence]),
+            ("--crop-overhead", self.output.crop_overhead.is_some(), &[Generate, After]),
+        ];
+        let task = self.task();
+        let unused = flags.iter().find(|(_, given, tasks)| *given && !tasks.contains(&task));
+        unused.map_or(Ok(()), |(flag, _, tasks)| {
+            let owners: Vec<&str> = tasks.iter().map(|task| task.flag()).collect();
+            let owners = owners.join(" or ");
+            Err(Usage(match task {
+                // No flag asked for it.
+                Generate if self.pattern.size.is_none() => format!("{flag} goes with {owners}"),
+                _ => format!("{flag} goes with {owners}; {} does not use it, drop it", task.flag()),
+            }))
+        })
+    }
+
+    fn choosing(&self) -> Result<MaskTask, Usage> {
+        let needed = || Usage("--after FRAME with --add D is needed".into());
+        Ok(MaskTask::Next(NextPass {
+            frame: self.after.after.clone().ok_or_else(needed)?,
+            frames: self.pattern.frames.clone(),
+            source: self.after.source(),
+            add: self.after.add.ok_or_else(needed)?,
+            seed: self.pattern.seed(),
+            error_estimate: self.after.error_estimate.clone(),
+            bounds: self.pattern.bounds()?,
+            output: self.output.needed()?,
+        }))
+    }
+
+    fn uniting(&self) -> Result<MaskTask, Usage> {
+        let Some([first, second]) = self.after.merge.as_deref() else {
+            return Err(Usage("--merge takes two frames".into()));
+        };
+        Ok(MaskTask::Merge(Union {
+            first: first.clone(),
+            second: second.clone(),
+            frames: self.pattern.frames.clone(),
+            source: self.after.source(),
+            output: self.output.needed()?,
+        }))
+    }
+
+    fn generating(&self) -> Result<MaskTask, Usage> {
+        let size = self
+            .pattern
+            .size
+            .ok_or_else(|| Usage("--size WxH is needed (or --after, --merge, --measure)".into()))?;
+        let temporal = self.pattern.temporal.map_or(Temporal::Fixed, Temporal::from);
+        let density = match (self.pattern.density, self.pattern.rank) {
+            (Some(_), true) if temporal != Temporal::Complementary => {
+                return Err(Usage("--rank is the order for every density: leave --density away".into()));
+            }
+            (None, true) if temporal == Temporal::Complementary => {
+                return Err(Usage(
+                    "--rank with --temporal complementary needs --density D of a frame".into(),
+                ));
+            }
+            (Some(density), _) => density,
+            (None, true) => 1.0,
+            (None, false) => return Err(Usage("--density D or --rank is needed".into())),
+        };
+        let request = Request {
+            window: size.0,
+            pattern: self.pattern.pattern.map_or(Pattern::Shuffle, Pattern::from),
+            density,
+            seed: self.pattern.seed(),
+            temporal,
+            paired: self.pattern.paired,
+        };
+        if request.temporal != Temporal::Fixed && self.pattern.frames.is_none() {
+            return Err(Usage("--temporal needs --frames".into()));
+        }
+        Ok(MaskTask::Generate {
+            request,
+            rank: self.pattern.rank,
+            frames: self.pattern.frames.as_ref().map(|frames| frames.numbers().to_vec()),
+            bounds: self.pattern.bounds()?,
+            output: self.output.needed()?,
+        })
+    }
+
+    fn measuring(&self) -> Result<MaskTask, Usage> {
+        let mask = self.measure.measure.iter().flatten().next();
+        let mask = mask.map(|mask| file("--measure", mask)).transpose()?;
+        if mask.is_none() && !self.measure.coherence && self.measure.spectrum.is_none() {
+            return Err(Usage("--measure needs a mask, --coherence or --spectrum FRAME".into()));
+        }
+        let plot = self.output.output.as_ref().map(|_| self.output.needed()).transpose()?;
+        if plot.is_some() && mask.is_none() && self.measure.spectrum.is_none() {
+            return Err(Usage(
+                "-o plots a spectrum: give a mask or --spectrum FRAME; --coherence prints".into(),
+            ));
+        }
+        if let Some(plot) = &plot
+            && !plot.path.extension().is_some_and(|end| end.eq_ignore_ascii_case("png"))
+        {
+            return Err(Usage(format!("{}: the plot is a PNG image, -o FILE.png", plot.path.display())));
+        }
+        Ok(MaskTask::Measure {
+            mask,
+            coherence: if self.measure.coherence { self.measure.densities() } else { Vec::new() },
+            spectrum: self.measure.spectrum.clone(),
+            seed: self.pattern.seed(),
+            plot,
+            json: self.measure.json,
+        })
+    }
+}
+
+impl PatternArgs {
+    fn seed(&self) -> u64 {
+        self.seed.unwrap_or(0)
+    }
+
+    fn bounds(&self) -> Result<BoundFiles, Usage> {
+        Ok(BoundFiles {
+            inside: self.inside.as_ref().map(|source| file("--inside", source)).transpose()?,
+            always: self.always.as_ref().map(|source| file("--always", source)).transpose()?,
+            border: self.border.unwrap_or(0),
+        })
+    }
+}
+
+impl AfterArgs {
+    fn source(&self) -> Source {
+        self.mask.clone().unwrap_or(Source::Auto)
+    }
+}
+
+impl MeasureArgs {
+    fn densities(&self) -> Vec<f64> {
+        self.densities.clone().unwrap_or_else(|| (1..10).map(|tenths| f64::from(tenths) / 10.0).collect())
+    }
+}
+
+impl OutputArgs {
+    fn needed(&self) -> Result<MaskOutput, Usage> {
+        let path = self.output.clone().ok_or_else(|| Usage("-o OUTPUT is needed".into()))?;
+        let (create_dir, no_clobber) = (self.create_dir, self.no_clobber);
+        let overhead = self.crop_overhead.unwrap_or(CROP_OVERHEAD);
+        Ok(MaskOutput { path, create_dir, no_clobber, overhead })
+    }
+}
+
+impl From<PatternName> for Pattern {
+    fn from(name: PatternName) -> Self {
+        match name {
+            PatternName::Random => Self::Random,
+            PatternName::Shuffle => Self::Shuffle,
+            PatternName::Poisson => Self::Poisson,
+            PatternName::BlueNoise => Self::BlueNoise,
+            PatternName::Grid => Self::Grid,
+        }
+    }
+}
+
+impl From<TemporalName> for Temporal {
+    fn from(name: TemporalName) -> Self {
+        match name {
+            TemporalName::Fixed => Self::Fixed,
+            TemporalName::Offset => Self::Offset,
+            TemporalName::Complementary => Self::Complementary,
+        }
+    }
+}
+
+fn file(flag: &str, source: &Source) -> Result<Source, Usage> {
+    match source {
+        Source::File { .. } => Ok(source.clone()),
+        other => Err(Usage(format!("{flag} {other}: give an image file"))),
+    }
+}
+
+/// A window as text: `WxH`, `WxH+X+Y`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Geometry(Window);
+
+impl FromStr for Geometry {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || "not a size such as 1920x1080 or 2020x1180-50-50".to_string();
+        let (size, offset) = match text.find(['+', '-']) {
+            Some(at) => text.split_at(at),
+            None => (text, "+0+0"),
+        };
+        let (width, height) = size.split_once('x').ok_or_else(wrong)?;
+        let second = offset.rfind(['+', '-']).filter(|&at| at > 0).ok_or_else(wrong)?;
+        let number = |text: &str| text.parse::<i32>().map_err(|_| wrong());
+        let (x, y) = (number(&offset[..second])?, number(&offset[second..])?);
+        let (width, height) = (number(width)?, number(height)?);
+        if !(1..=32768).contains(&width) || !(1..=32768).contains(&height) {
+            return Err("width and height must be from 1 to 32768".into());
+        }
+        let end = |first: i32, count: i32| first.checked_add(count - 1).ok_or_else(wrong);
+        Ok(Self(Window { x_min: x, y_min: y, x_max: end(x, width)?, y_max: end(y, height)? }))
+    }
+}
+
+#[cfg(test)]
+mod tests;

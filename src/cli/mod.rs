@@ -12,8 +12,8 @@ mod guides;
 pub mod info;
 pub mod input;
 mod layers;
-pub mod make_mask;
 pub mod mask;
+mod mask_source;
 pub mod output;
 pub mod render;
 pub mod run;
@@ -31,7 +31,7 @@ use std::ffi::OsString;
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 
-use crate::sequence::{
+use crate::commands::{
     CompareJob, DictionaryJob, FillJob, InfoJob, MaskJob, RenderJob, SparsifyJob, StudyJob, TrainJob,
     VerifyJob,
 };
@@ -62,7 +62,7 @@ enum Command {
     Study(study::StudyArgs),
     Sparsify(sparsify::SparsifyArgs),
     Render(Box<render::RenderArgs>),
-    Mask(Box<make_mask::MakeMaskArgs>),
+    Mask(Box<mask::MakeMaskArgs>),
     Submit(submit::SubmitArgs),
     Train(Box<train::TrainArgs>),
     Encode(dictionary::EncodeArgs),

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
+use lacuna_exr::{Compression, SampleType};
 
 use super::Usage;
-use crate::frame::{Compression, SampleType};
 use crate::reconstruct::Kind;
-use crate::sequence::Existing;
+use crate::run::Existing;
 
 /// Where outputs go.
 #[derive(Args, Clone, Debug)]

@@ -4,21 +4,23 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
+use lacuna_exr::{Compression, SampleType};
 use lacuna_filters::Method;
 use lacuna_filters::baseline::{cubic, linear, nearest, push_pull};
 use lacuna_filters::dictionary::fill;
 use lacuna_filters::sensing::{cs_gradient, cs_wavelet};
 use lacuna_filters::variational::{ss, tv};
+use lacuna_volume::{InterpolationName, ModeName, Override, PROCEDURAL};
 
 use super::Usage;
 use super::filter::{Name, fraction};
 use super::output::{Depth, FormatArgs, OutputArgs};
 use super::run::{PageArgs, RunArgs};
-use crate::frame::{Compression, SampleType};
+use crate::commands::{Pixels, RenderJob, Wanted};
+use crate::files::Targets;
+use crate::files::ranges::Frames;
 use crate::mask::Source;
-use crate::sequence::range::Frames;
-use crate::sequence::{Pixels, RenderJob, RunOptions, Targets};
-use crate::volume::{InterpolationName, ModeName, Override, PROCEDURAL, Wanted};
+use crate::run::RunOptions;
 
 const EXAMPLES: &str = "\
 Examples:

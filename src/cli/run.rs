@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use clap::{ArgAction, Args, ValueEnum};
 
-use crate::sequence::{Meter, RunOptions, Verbosity, granted_memory};
+use crate::run::{Meter, RunOptions, Verbosity, granted_memory};
 
 // Not a comment for rustdoc, which would read code into it.
 const THREADS: &str =

@@ -7,8 +7,9 @@ use super::filter::fraction;
 use super::input::InputArgs;
 use super::output::{FormatArgs, OutputArgs};
 use super::run::RunArgs;
+use crate::commands::{SparsifyJob, SparsifyPattern};
+use crate::files::Targets;
 use crate::mask::Source;
-use crate::sequence::{SparsifyJob, SparsifyPattern, Targets};
 
 const EXAMPLES: &str = "\
 Examples:

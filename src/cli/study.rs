@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use super::filter::Name;
 use super::run::SpeechArgs;
 use super::{Ending, Job, Usage};
-use crate::sequence::StudyJob;
+use crate::commands::StudyJob;
 use crate::study::{Definition, Entry};
 
 const EXAMPLES: &str = "\

@@ -6,8 +6,10 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 use super::{Ending, Job, parse};
+use crate::commands::{FillJob, RenderJob};
+use crate::files::{PlanError, Selection, frame_numbers};
 use crate::report::Bound;
-use crate::sequence::{FillJob, PlanError, RenderJob, RunOptions, Selection, frame_numbers};
+use crate::run::RunOptions;
 use crate::submit::{Grant, Reference, SubmitJob, Task};
 
 const EXAMPLES: &str = "\
@@ -291,7 +293,7 @@ fn bound(text: &str) -> Result<String, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sequence::Existing;
+    use crate::run::Existing;
 
     fn submit(line: &str) -> Result<SubmitJob, Ending> {
         match parse(std::iter::once("lacuna").chain(line.split(' ')).map(OsString::from))? {

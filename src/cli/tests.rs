@@ -1,12 +1,13 @@
+use lacuna_exr::Compression;
 use lacuna_filters::Method;
 use lacuna_filters::variational::tv;
 
 use super::*;
-use crate::frame::Compression;
+use crate::commands::SparsifyPattern;
 use crate::mask::Source;
 use crate::reconstruct::{Domain, Kind};
 use crate::report::Measure;
-use crate::sequence::{Existing, Meter, SparsifyPattern, Verbosity};
+use crate::run::{Existing, Meter, Verbosity};
 
 fn words(line: &str) -> Vec<OsString> {
     std::iter::once("lacuna").chain(line.split_whitespace()).map(OsString::from).collect()

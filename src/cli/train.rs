@@ -8,7 +8,7 @@ use lacuna_filters::dictionary::ksvd;
 use super::Usage;
 use super::input::InputArgs;
 use super::run::SpeechArgs;
-use crate::sequence::TrainJob;
+use crate::commands::TrainJob;
 
 const EXAMPLES: &str = "\
 Examples:

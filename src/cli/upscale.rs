@@ -9,11 +9,11 @@ use super::channels::ChannelArgs;
 use super::fill::Groups;
 use super::filter::{DomainName, Name, SettingArgs};
 use super::input::InputArgs;
-use super::mask::MaskArgs;
+use super::mask_source::MaskArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::{RunArgs, SolveArgs};
+use crate::commands::FillJob;
 use crate::reconstruct::{Enlarge, Target};
-use crate::sequence::FillJob;
 
 const EXAMPLES: &str = "\
 Examples:

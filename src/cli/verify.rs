@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::input::FramesArgs;
-use super::mask::SameMaskArgs;
+use super::mask_source::SameMaskArgs;
 use super::run::RunArgs;
-use crate::sequence::{Selection, VerifyJob};
+use crate::commands::VerifyJob;
+use crate::files::Selection;
 
 const EXAMPLES: &str = "\
 Examples:

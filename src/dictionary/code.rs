@@ -10,6 +10,7 @@
 //!
 //! all little-endian; files of version 1 have no checksum and are read as they are. Other channels and attributes are not kept.
 
+use lacuna_exr::{Channel, Frame, Part, SampleType, Samples, Window};
 use lacuna_filters::dictionary::pursuit::{Code, Selection};
 use lacuna_filters::dictionary::{Dictionary, whole};
 use lacuna_filters::domain::Map;
@@ -18,7 +19,6 @@ use lacuna_filters::{Mask, Planes};
 use super::stream::{self, Kind, Reader};
 use super::{Error, file, training};
 use crate::channels::Name;
-use crate::frame::{Channel, Frame, Part, SampleType, Samples, Window};
 use crate::reconstruct::{Kind as FloatKind, convert};
 
 const MAGIC: &[u8] = b"LACUNACO";

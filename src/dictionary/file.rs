@@ -16,6 +16,7 @@ use std::collections::BTreeMap;
 use std::io::{Cursor, Read, Write};
 use std::path::Path;
 
+use lacuna_exr::{open_regular, write_whole};
 use lacuna_filters::dictionary::Dictionary;
 use lacuna_filters::dictionary::pursuit::Code;
 use ndarray::{Array2, ArrayView2};
@@ -24,7 +25,6 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
 use super::{Error, npy};
-use crate::frame::{open_regular, write_whole};
 
 /// The most bytes of an array.
 const MOST_BYTES: u64 = 1 << 30;

@@ -1,12 +1,12 @@
 //! Blocks of frames, for training; and where a frame's colour is.
 
+use lacuna_exr::{Frame, Part};
 use lacuna_filters::dictionary::blocks::Grid;
 use lacuna_filters::domain::{Domain, Map};
 use lacuna_filters::{Mask, Plane, Planes};
 
 use super::Error;
 use crate::channels::{self, Name};
-use crate::frame::{Frame, Part};
 
 /// Weights of R, G and B in a grey image: the luminance of Rec. 709.
 const GREY: [f32; 3] = [0.2126, 0.7152, 0.0722];

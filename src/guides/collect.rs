@@ -1,10 +1,10 @@
 //! The planes of the guides that were found, as the filters take them.
 
+use lacuna_exr::{Frame, Samples};
 use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Error, Plane, Size};
 
 use super::{Guide, Kind};
-use crate::frame::{Frame, Samples};
 
 /// Reads the guides of one part; those that say nothing (constant ones) are left out.
 ///

@@ -5,10 +5,9 @@
 //! blank (all channels zero, or any of them NaN) than the measured ones, give or take a little; so a background of
 //! zeros does no harm, if it is behind both.
 
+use lacuna_exr::Samples;
 use lacuna_filters::Mask;
 use rayon::prelude::*;
-
-use crate::frame::Samples;
 
 /// What the share of blank pixels may be higher.
 const MARGIN: f64 = 0.02;

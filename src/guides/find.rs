@@ -1,11 +1,11 @@
 //! Which channels guide which part.
 
+use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
 
 use super::complete::complete;
 use super::{Asked, Error};
-use crate::channels::{self, Choice, Name, Rule, list_channels, view_of};
-use crate::frame::{Frame, Part, Samples};
+use crate::channels::{self, Choice, DecidedBy, Name, Rule, list_channels, view_of};
 use crate::mask::Masks;
 
 /// What a guide is, which says how it is used.
@@ -75,7 +75,7 @@ pub fn find(
         for &at in &guide.channels {
             let choice = &mut choices[guide.part][at];
             if choice.rule != Rule::Keep {
-                *choice = Choice { rule: Rule::Keep, why: format!("{}, complete: a guide", choice.why) };
+                choice.guide();
             }
         }
     }
@@ -110,7 +110,7 @@ fn of_frame(
             // A rule that was asked for goes before.
             let overridden = |&at: &usize| {
                 let choice = &choices[part][at];
-                choice.rule != Rule::Keep && choice.why.starts_with("--channels")
+                choice.rule != Rule::Keep && choice.by == DecidedBy::Override
             };
             if matches!(asked, Asked::Auto) && guide.channels.iter().any(overridden) {
                 continue;

@@ -1,8 +1,9 @@
 //! Which channels of hand-built frames guide, and what becomes of their rules.
 
+use lacuna_exr::{Channel, Frame, Part};
+
 use super::*;
 use crate::channels::{Choice, Rule, choose};
-use crate::frame::{Channel, Frame, Part};
 use crate::mask::{Masks, Source};
 use crate::testing::{float, frame, half, named, part, uint, window};
 
@@ -38,7 +39,7 @@ fn normals(values: impl Fn(usize) -> Vec<f32>) -> Vec<Channel> {
 
 fn search(frame: &Frame, asked: &str, second: Option<&Frame>) -> Result<(Found, Vec<Vec<Choice>>), Error> {
     let masks: Masks = crate::mask::find(frame, &Source::Auto, None).unwrap();
-    let mut choices = choose(frame, &masks, &[]);
+    let mut choices = choose(frame, &masks.mask_channels, &[]);
     let found = find(frame, &masks, &mut choices, &asked.parse().unwrap(), second)?;
     Ok((found, choices))
 }
@@ -129,7 +130,7 @@ fn parts_with_the_same_pixels_help_each_other() {
         named("other", "", elsewhere),
     ]);
     let masks = crate::mask::find(&frame, &Source::Auto, None).unwrap();
-    let mut choices = choose(&frame, &masks, &[]);
+    let mut choices = choose(&frame, &masks.mask_channels, &[]);
     let found = find(&frame, &masks, &mut choices, &Asked::Auto, None).unwrap();
     assert_eq!(found.names(0), ["N"]);
     assert!(choices[1].iter().all(|choice| choice.rule == Rule::Keep));

@@ -19,7 +19,7 @@ fn sample() -> Frame {
 fn the_table_says_what_would_be_done_and_why() {
     let frame = sample();
     let masks = find(&frame, &Source::Auto, None).unwrap();
-    let info = describe(&frame, Ok(&masks), &choose(&frame, &masks, &[]));
+    let info = describe(&frame, Ok(&masks), &choose(&frame, &masks.mask_channels, &[]));
     let expected = "\
 mask: mask, density 25.00 %
 part 0 'rgba', view left, data 2x2 at (-1, 2), display 6x4 at (0, 0), zip, tiles of 32x16, with levels, density 25.00 %
@@ -42,7 +42,7 @@ fn the_mask_channels_are_named_and_control_characters_shown() {
     let channels = vec![half("a.R", &[0.0]), half("a.mask", &[1.0]), half("x\x1b[2J\ny", &[0.0])];
     let frame = frame(vec![part(window(0, 0, 1, 1), channels)]);
     let masks = find(&frame, &Source::Auto, None).unwrap();
-    let text = describe(&frame, Ok(&masks), &choose(&frame, &masks, &[])).to_string();
+    let text = describe(&frame, Ok(&masks), &choose(&frame, &masks.mask_channels, &[])).to_string();
     assert!(text.starts_with("mask: auto (channel a.mask), density 100.00 %\n"), "{text}");
     assert!(text.contains("\n  x\\u{1b}[2J\\ny  half"), "{text}");
     assert!(!text.contains('\x1b'), "{text}");
@@ -52,7 +52,7 @@ fn the_mask_channels_are_named_and_control_characters_shown() {
 fn without_a_mask_the_rules_are_still_told() {
     let frame = frame(vec![part(window(0, 0, 1, 1), vec![half("R", &[0.0])])]);
     let error = find(&frame, &Source::Auto, None).unwrap_err();
-    let choices = choose(&frame, &Masks::default(), &[]);
+    let choices = choose(&frame, &Masks::default().mask_channels, &[]);
     let text = describe(&frame, Err(&error), &choices).to_string();
     assert!(
         text.starts_with("mask: no sampling mask found") && text.ends_with("  R  half   fill     colour\n"),

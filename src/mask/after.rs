@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use lacuna_exr::{Frame, Samples, Window};
 use lacuna_filters::sampling::refine;
 use lacuna_filters::variational::ss;
 use lacuna_filters::{Mask, Plane, Planes, Run};
@@ -9,7 +10,6 @@ use lacuna_filters::{Mask, Plane, Planes, Run};
 use super::generate::{Bounds, field};
 use super::{MakeError, Masks};
 use crate::channels::{Choice, Rule};
-use crate::frame::{Frame, Samples, Window};
 
 /// The pixels to compute next.
 #[derive(Clone, Debug)]

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
+use lacuna_exr::{Frame, Window};
 use lacuna_filters::Mask;
 
 use super::Masks;
 use super::provider::Provider;
 use crate::channels::view_of;
-use crate::frame::{Frame, Window};
 
 /// What the providers make for one window: the mask, or the first pixel that none covers.
 type Cover = Result<Arc<Mask>, Option<(i64, i64)>>;

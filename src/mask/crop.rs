@@ -4,10 +4,9 @@
 //! so on down to single pixels. A rectangle costs its area plus a fixed overhead (what a renderer spends on starting a
 //! crop, in pixels); from the smallest up, two halves replace the whole where they cost less. Cost: O(N log N), N pixels.
 
+use lacuna_exr::Window;
 use lacuna_filters::Mask;
 use serde::Serialize;
-
-use crate::frame::Window;
 
 /// One rectangle, in absolute pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -142,11 +141,11 @@ fn cut(mask: &Mask, area: Area, overhead: usize, out: &mut Vec<Area>) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use lacuna_filters::Size;
     use proptest::prelude::*;
 
     use super::*;
     use crate::testing::window;
-    use lacuna_filters::Size;
 
     proptest! {
         #[test]

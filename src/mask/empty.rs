@@ -1,9 +1,10 @@
 //! Why a mask has no measured pixel, and the way out, for a message.
 
+use lacuna_exr::{Frame, Part};
+
 use super::find::told_by;
 use super::{Masks, Source};
 use crate::channels::{is_alpha, non_finite, visible};
-use crate::frame::{Frame, Part};
 
 /// What a message about a part's empty mask ends with.
 pub fn why_empty(frame: &Frame, masks: &Masks, index: usize) -> String {

@@ -3,12 +3,12 @@
 use std::io::Read;
 use std::path::Path;
 
+use lacuna_exr::{Frame, Limits, Window};
 use lacuna_filters::{Mask, Size};
 
 use super::provider::{Provider, Views};
 use super::{Error, flags};
 use crate::channels::{list_channels, view_of};
-use crate::frame::{self, Frame, Limits, Window};
 
 /// The first bytes of an EXR file.
 const EXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
@@ -41,7 +41,7 @@ impl MaskFile {
         let name = path.display().to_string();
         let fail = |why: String| Error::File { path: name.clone(), why };
         let mut start = Vec::new();
-        let file = frame::open_regular(path);
+        let file = lacuna_exr::open_regular(path);
         file.and_then(|file| file.take(8).read_to_end(&mut start)).map_err(|error| fail(match &*name {
             // A mask takes the number of its frame, not whatever is there.
             glob if glob.contains(['*', '?']) => format!(
@@ -50,7 +50,7 @@ impl MaskFile {
             _ => error.to_string(),
         }))?;
         if start.starts_with(&EXR) {
-            let frame = frame::read(path, &limits).map_err(|error| fail(error.to_string()))?;
+            let frame = lacuna_exr::read(path, &limits).map_err(|error| fail(error.to_string()))?;
             return Ok(Self::from_frame(name, frame));
         }
         if start == PNG {

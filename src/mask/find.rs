@@ -1,12 +1,12 @@
 //! Looking for the mask: each source in turn, and the order that `auto` goes by.
 
+use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
 
 use super::cover::serve;
 use super::provider::{Provider, Views};
 use super::{ATTRIBUTE, Error, MaskFile, Masks, Source, flags};
 use crate::channels::{self, Name, Rule, list_channels, view_of};
-use crate::frame::{Frame, Part, Samples};
 
 /// A channel of the frame, by its place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
+use lacuna_exr::{Frame, Limits, Part, Samples, Window};
 use lacuna_filters::sampling::{self, Field, Order, Pattern, Temporal, shuffle};
 use lacuna_filters::{Mask, Size};
 
 use super::file::Content;
 use super::{Error, MakeError, MaskFile};
-use crate::frame::{Frame, Limits, Part, Samples, Window};
 
 /// A mask that is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -12,7 +12,7 @@ pub enum MakeError {
     Mask(#[from] super::Error),
     /// A file cannot be read or written.
     #[error(transparent)]
-    Frame(#[from] crate::frame::Error),
+    Frame(#[from] lacuna_exr::Error),
     /// Anything else.
     #[error("{0}")]
     Other(String),

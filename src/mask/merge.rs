@@ -5,11 +5,11 @@
 //! without a mask) is the first render's; the second must have the same parts, windows and channels.
 
 use half::f16;
+use lacuna_exr::{Channel, Frame, Part, Samples};
 use lacuna_filters::Mask;
 
 use super::{ATTRIBUTE, MakeError, Masks};
-use crate::frame::{Channel, Frame, Part, Samples};
-use crate::sparsify::{PATTERN, SEED};
+use crate::mask::{PATTERN, SEED};
 
 /// The channel that is added to a part without one.
 const CHANNEL: &str = "mask";

@@ -21,6 +21,7 @@ pub mod merge;
 pub mod output;
 pub mod plot;
 mod provider;
+pub(crate) mod shared;
 mod source;
 #[cfg(test)]
 mod tests;
@@ -32,15 +33,18 @@ pub use error::Error;
 pub use file::MaskFile;
 pub use find::find;
 use half::slice::HalfFloatSliceExt;
+use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
 pub use make_error::MakeError;
 use rayon::prelude::*;
 pub use source::{Source, SourceError};
 
-use crate::frame::{Frame, Part, Samples};
-
 /// The attribute that names the mask channel of a part.
 pub const ATTRIBUTE: &str = "lacuna/mask";
+/// The attribute that holds the seed of a generated pattern, as text.
+pub const SEED: &str = "lacuna/seed";
+/// The attribute that says which pattern the mask is.
+pub const PATTERN: &str = "lacuna/pattern";
 
 /// The masks of one frame: for every part and channel the mask that serves it.
 #[derive(Clone, Debug, Default)]

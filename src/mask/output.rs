@@ -8,14 +8,12 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use half::f16;
+use lacuna_exr::{Attributes, Channel, Compression, Frame, Layout, Part, Samples, Window, WriteOptions};
 use lacuna_filters::Mask;
 use rayon::prelude::*;
 
 use super::generate::Rank;
 use super::{ATTRIBUTE, MakeError, crop};
-use crate::frame::{
-    self, Attributes, Channel, Compression, Frame, Layout, Part, Samples, Window, WriteOptions,
-};
 
 /// What the extension of an output asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,10 +91,12 @@ pub fn write_mask(
                 }
             })
         }
-        Format::Text => Ok(frame::write_other(path, how.no_clobber, |out| list(out, mask, window, listing))?),
+        Format::Text => {
+            Ok(lacuna_exr::write_other(path, how.no_clobber, |out| list(out, mask, window, listing))?)
+        }
         Format::Json => {
             let crops = crop::crops(mask, window, how.overhead);
-            Ok(frame::write_other(path, how.no_clobber, |out| {
+            Ok(lacuna_exr::write_other(path, how.no_clobber, |out| {
                 serde_json::to_writer_pretty(&mut *out, &crops)?;
                 out.write_all(b"\n")
             })?)
@@ -158,7 +158,7 @@ fn write_exr(
         had_levels: false,
     };
     let options = WriteOptions { compression_level: Some(1), no_clobber: how.no_clobber };
-    Ok(frame::write(&Frame { parts: vec![part] }, path, &options)?)
+    Ok(lacuna_exr::write(&Frame { parts: vec![part] }, path, &options)?)
 }
 
 /// Writes a grey PNG row by row; `fill` sets the bits of a row that is zero.
@@ -174,7 +174,7 @@ fn write_png(
         return Err(MakeError::Other(format!("'{}': too large for a PNG image", path.display())));
     };
     let bytes = (size.width * depth as usize).div_ceil(8);
-    Ok(frame::write_other(path, how.no_clobber, |out| {
+    Ok(lacuna_exr::write_other(path, how.no_clobber, |out| {
         let mut encoder = png::Encoder::new(out, width, height);
         encoder.set_color(png::ColorType::Grayscale);
         encoder.set_depth(depth);

@@ -5,7 +5,6 @@ use std::path::Path;
 use image::{GrayImage, Luma};
 
 use super::MakeError;
-use crate::frame;
 
 /// Pixels of the image, and of its margins for the numbers.
 const SIZE: (u32, u32) = (640, 400);
@@ -35,7 +34,7 @@ impl Plot {
     /// What the system refuses.
     pub fn write(&self, path: &Path, no_clobber: bool) -> Result<(), MakeError> {
         let image = self.draw();
-        Ok(frame::write_other(path, no_clobber, |out| {
+        Ok(lacuna_exr::write_other(path, no_clobber, |out| {
             let encoder = image::codecs::png::PngEncoder::new(out);
             image.write_with_encoder(encoder).map_err(std::io::Error::other)
         })?)

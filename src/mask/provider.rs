@@ -1,9 +1,9 @@
 //! A mask over a window of absolute pixels, and which channels it may serve.
 
+use lacuna_exr::Window;
 use lacuna_filters::Mask;
 
 use crate::channels::Name;
-use crate::frame::Window;
 
 /// The views that a mask serves.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,14 +1,14 @@
 //! Masks found in hand-built frames.
 
+use lacuna_exr::{Frame, Part};
 use lacuna_filters::Size;
 
 use super::*;
-use crate::frame::{Frame, Part};
 use crate::testing::{float, frame, half, named, part, uint, window};
 
 const R4: [f32; 4] = [1.0, 2.0, 3.0, 4.0];
 
-fn four(channels: Vec<crate::frame::Channel>) -> Part {
+fn four(channels: Vec<lacuna_exr::Channel>) -> Part {
     part(window(0, 0, 2, 2), channels)
 }
 
@@ -297,8 +297,8 @@ fn masks_are_measured_as_they_serve_frames() {
     let region = generate::region(&path("named.exr"), None, window(7, 7, 2, 2)).unwrap();
     assert_eq!(region.as_slice(), [false, true, true, false]);
     let write = |name: &str, channels| {
-        let options = crate::frame::WriteOptions::default();
-        crate::frame::write(&frame(vec![four(channels)]), path(name).as_ref(), &options).unwrap();
+        let options = lacuna_exr::WriteOptions::default();
+        lacuna_exr::write(&frame(vec![four(channels)]), path(name).as_ref(), &options).unwrap();
     };
     write("m.exr", vec![half("A", &R4), half("mask", &[0.4, 0.5, 1.0, f32::NAN])]);
     assert_eq!(load("m.exr", None).unwrap().as_slice(), [false, true, true, false]);

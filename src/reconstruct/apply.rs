@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use lacuna_exr::{Part, Samples};
 use lacuna_filters::Mask;
 use lacuna_filters::baseline::nearest::NearestMap;
 use rayon::prelude::*;
@@ -9,7 +10,6 @@ use rayon::prelude::*;
 use super::job::Kind;
 use super::values::{Loss, convert, copy_from, kind_for, write};
 use crate::channels::Choice;
-use crate::frame::{Part, Samples};
 
 /// What happens to the pixels of one channel.
 #[derive(Clone, Debug)]

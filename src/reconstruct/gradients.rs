@@ -5,13 +5,13 @@
 
 use std::sync::Arc;
 
+use lacuna_exr::{Frame, Part};
 use lacuna_filters::domain::Map;
 use lacuna_filters::{Error, Gradients, Mask, Method, Plane, Planes};
 
 use super::groups::{Group, Target, usable};
 use super::part::{Work, measured_floats};
 use crate::channels::{Name, Rule};
-use crate::frame::{Frame, Part};
 
 /// The layers, along x and along y.
 const LAYERS: [&str; 2] = ["dx", "dy"];

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
+use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
 use rayon::prelude::*;
 
 use super::{Error, PIECE};
 use crate::channels::{self, Choice, Name, Rule, channel_label};
-use crate::frame::{Frame, Part, Samples};
 use crate::mask::{self, Masks};
 
 /// A channel that is to be filled.

@@ -1,12 +1,12 @@
 //! What is to be done to a frame, and the line of text that says so in the output.
 
+use lacuna_exr::Compression;
 use lacuna_filters::Method;
 use lacuna_filters::domain::Domain;
 use serde::Serialize;
 
 use super::{Enlarge, Weights};
 use crate::channels::Override;
-use crate::frame::Compression;
 use crate::guides::Asked;
 use crate::mask::Source;
 

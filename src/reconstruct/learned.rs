@@ -4,13 +4,13 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
+use lacuna_exr::Part;
 use lacuna_filters::Method;
 use lacuna_filters::variational::ss;
 
 use super::Job;
 use super::groups::Group;
 use crate::dictionary::training::component;
-use crate::frame::Part;
 
 /// The groups with the job that fills each; those of methods without a dictionary are as they were.
 pub fn assign<'a>(part: &Part, groups: Vec<Group>, job: &'a Job) -> Vec<(Group, Cow<'a, Job>)> {

@@ -24,6 +24,7 @@ pub(crate) mod normals;
 mod part;
 mod plans;
 mod report;
+pub(crate) mod shared;
 mod solve;
 mod stamp;
 #[cfg(test)]
@@ -36,6 +37,7 @@ pub use enlarge::{Enlarge, Target, Windows, enlarge};
 pub use error::Error;
 pub(crate) use groups::usable;
 pub use job::{Job, Kind, output_compression, parse_settings};
+use lacuna_exr::{Frame, Part};
 pub use lacuna_filters::domain::Domain;
 use lacuna_filters::{Run, Stop};
 pub(crate) use part::measured_floats;
@@ -46,7 +48,6 @@ pub(crate) use values::{convert, kind_for};
 pub use weights::{Weights, WeightsError};
 
 use crate::channels::{Choice, Rule, non_finite, non_finite_note, part_label, unheeded};
-use crate::frame::{Frame, Part};
 use crate::guides;
 use crate::mask::{ATTRIBUTE, Masks};
 
@@ -83,7 +84,8 @@ pub fn fill_with(
     let found = guides::find(&frame, masks, &mut choices, job.wanted(), second)?;
     let choices = choices.as_slice();
     let stamp = Stamp::new(job, &masks.origin);
-    let notes = [masks.notes.clone(), unheeded(&frame, masks, &job.overrides, choices)].concat();
+    let notes =
+        [masks.notes.clone(), unheeded(&frame, &masks.mask_channels, &job.overrides, choices)].concat();
     let mut report = Report { copied: true, ..Report::new(&stamp, masks.density(), notes) };
     for (index, choices) in choices.iter().enumerate() {
         let label = part_label(&frame, index);

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use half::slice::HalfFloatSliceExt;
+use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::baseline::nearest::NearestMap;
 use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Mask, Plane, Planes, Run};
@@ -10,12 +11,10 @@ use rayon::prelude::*;
 
 use super::apply::{Change, apply};
 use super::bounds::{Bounds, bounds_of};
-use super::gradients;
 use super::groups::{Group, Target, copyable, groups, targets};
 use super::solve::{Question, overflow_note, solve};
-use super::{ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, learned, normals};
+use super::{ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, gradients, learned, normals};
 use crate::channels::{self, Choice, Rule, channel_label};
-use crate::frame::{Frame, Part, Samples};
 use crate::mask::Masks;
 
 /// What is to be done to a part, and with what.

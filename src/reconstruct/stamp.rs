@@ -1,11 +1,11 @@
 //! The attributes that say how a part was filled, and those that are no longer true of it.
 
+use lacuna_exr::Attributes;
 use lacuna_filters::Stop;
 
 use super::PartReport;
 use super::job::{Job, parse_settings};
 use crate::channels::Override;
-use crate::frame::Attributes;
 use crate::guides;
 use crate::mask::Source;
 

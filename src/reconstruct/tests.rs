@@ -1,12 +1,12 @@
 //! Whole fills of hand-built frames.
 
 use half::f16;
+use lacuna_exr::{Compression, Frame, Samples};
 use lacuna_filters::Method;
 use lacuna_filters::baseline::{nearest, push_pull};
 
 use super::*;
 use crate::channels::choose;
-use crate::frame::{Compression, Frame, Samples};
 use crate::mask::{Source, find};
 use crate::testing::{float, frame, half, named, part, uint, values, window};
 
@@ -20,12 +20,12 @@ fn job() -> Job {
 /// Fills with the masks and rules that the job asks for.
 fn filled(frame: &Frame, job: &Job) -> Result<(Frame, Report), Error> {
     let masks = find(frame, &job.mask, None).unwrap();
-    let choices = choose(frame, &masks, &job.overrides);
+    let choices = choose(frame, &masks.mask_channels, &job.overrides);
     fill(frame.clone(), &masks, &choices, job, &Plans::new(), &Run::default())
 }
 
 /// A part of 8 x 4 pixels of which every second one was measured, in a checkerboard.
-fn board(channels: Vec<crate::frame::Channel>) -> crate::frame::Part {
+fn board(channels: Vec<lacuna_exr::Channel>) -> lacuna_exr::Part {
     let mut channels = channels;
     let flags: Vec<f32> = (0..32).map(|at| ((at / 8 + at) % 2) as f32).collect();
     channels.push(half("mask", &flags));
@@ -239,7 +239,7 @@ fn a_part_without_a_mask_must_be_kept() {
     let error = filled(&before, &job()).unwrap_err().to_string();
     assert!(error.starts_with("part 1 (right), channel R: no mask of its view"), "{error}");
     let masks = find(&before, &Source::Auto, None).unwrap();
-    let mut choices = choose(&before, &masks, &[]);
+    let mut choices = choose(&before, &masks.mask_channels, &[]);
     choices[1][0].rule = crate::channels::Rule::Keep;
     let (after, _) = fill(before, &masks, &choices, &job(), &Plans::new(), &Run::default()).unwrap();
     assert_eq!(after.parts[1], other);
@@ -315,7 +315,7 @@ fn parts_and_frames_with_an_equal_mask_share_plans() {
     let before = frame(vec![board(vec![half("R", &ramp(0.1))]), board(vec![half("R", &ramp(0.2))])]);
     let (plans, run) = (Plans::new(), Run::default());
     let masks = find(&before, &Source::Auto, None).unwrap();
-    let choices = choose(&before, &masks, &[]);
+    let choices = choose(&before, &masks.mask_channels, &[]);
     let (first, _) = fill(before.clone(), &masks, &choices, &job(), &plans, &run).unwrap();
     let mask = masks.get(0, 0).unwrap();
     let plan = plans.filter(&job().method, mask, None, &run).unwrap();

@@ -2,13 +2,13 @@
 
 use half::f16;
 use half::slice::HalfFloatSliceExt;
+use lacuna_exr::Samples;
 use lacuna_filters::Mask;
 use rayon::prelude::*;
 
 use super::PIECE;
 use super::job::Kind;
 use crate::channels::Rule;
-use crate::frame::Samples;
 
 /// The nearest half (ties to even); finite values past the largest half become the largest, and are counted.
 pub fn to_half(value: f32, clamped: &mut usize) -> f16 {

@@ -6,11 +6,11 @@
 use std::str::FromStr;
 use std::sync::Arc;
 
+use lacuna_exr::{Frame, Part};
 use lacuna_filters::{Mask, Plane};
 
 use super::Error;
 use crate::channels::{channel_label, list_channels};
-use crate::frame::{Frame, Part};
 
 /// What `--weights` says: the channel that counts samples.
 #[derive(Clone, Debug, PartialEq, Eq)]

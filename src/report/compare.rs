@@ -3,6 +3,7 @@
 //! Pixels at which either value is not finite are counted and take no part in sums; for maps (SSIM, CIELUV, FLIP) such a
 //! value is 0, in both images if it is the reference's.
 
+use lacuna_exr::{Frame, Part};
 use lacuna_filters::metric::error::{self, Options, Statistics};
 use lacuna_filters::metric::ssim::Similarity;
 use lacuna_filters::metric::{flip, luv, mean};
@@ -14,7 +15,6 @@ use super::measure::Measure;
 use super::model::{FrameReport, GroupReport, Measures, RegionReport, Settings};
 use super::values::{Clean, Values, chromaticities, differing, value};
 use crate::channels::{Name, channel_label, is_alpha, part_label};
-use crate::frame::{Frame, Part};
 use crate::mask::Masks;
 
 /// Why two frames cannot be compared.

@@ -1,9 +1,9 @@
 //! Which channels of two frames are compared with which, and together with which others.
 
+use lacuna_exr::{Frame, Part, Samples};
 use serde::Serialize;
 
 use crate::channels::{Name, Rule, by_default, channel_label, is_alpha, is_code, is_light, part_label};
-use crate::frame::{Frame, Part, Samples};
 
 /// How the values of a group are understood.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use lacuna_exr::Window;
 use lacuna_filters::metric::ssim::Similarity;
 use lacuna_filters::{Mask, Plane};
 
 use super::groups::Kind;
 use super::model::GroupReport;
-use crate::frame::Window;
 
 /// What a comparison of one group has at hand.
 pub struct Images<'a> {

@@ -6,12 +6,12 @@
 
 use std::io::Cursor;
 
+use lacuna_exr::{Attributes, Channel, Compression, Frame, Layout, Part, Samples};
 use lacuna_filters::Plane;
 
 use super::groups::Kind;
 use super::images::Images;
 use crate::channels::Name;
-use crate::frame::{Attributes, Channel, Compression, Frame, Layout, Part, Samples};
 
 /// The part of the peak that is white in the picture of the absolute error.
 const ERROR_RANGE: f32 = 0.1;

@@ -1,7 +1,8 @@
 //! The model and its formats, from frames built by hand.
 
+use lacuna_exr::Frame;
+
 use super::*;
-use crate::frame::Frame;
 use crate::mask::{self, Source};
 use crate::testing::{float, frame, half, part, uint, window};
 

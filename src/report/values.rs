@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use lacuna_exr::{Part, Samples};
 use lacuna_filters::Plane;
 use lacuna_filters::metric::colour::{Chromaticities, srgb_encode};
 use lacuna_filters::metric::error::Options;
@@ -9,7 +10,6 @@ use rayon::prelude::*;
 
 use super::groups::Kind;
 use super::model::Settings;
-use crate::frame::{Part, Samples};
 
 /// How the values of a group are taken.
 pub struct Values {

@@ -1,9 +1,9 @@
 //! Sparse frames from hand-built full ones.
 
+use lacuna_exr::{Channel, Compression};
 use lacuna_filters::Size;
 
 use super::*;
-use crate::frame::{Channel, Compression};
 use crate::mask::Source;
 use crate::reconstruct::Job;
 use crate::testing::{float, frame, half, part, uint, values, window};

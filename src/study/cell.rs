@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use lacuna_exr::Frame;
 use lacuna_filters::Run;
 use lacuna_filters::sampling::Pattern;
 
@@ -9,7 +10,6 @@ use super::definition::{Definition, pattern};
 use super::rows::Row;
 use super::subject::{Subject, mask_of};
 use super::{DefinitionError, clock};
-use crate::frame::Frame;
 use crate::mask::Masks;
 use crate::reconstruct::{self, Job, Plans};
 use crate::report::{self, Images, Measure, Settings};
@@ -119,7 +119,7 @@ fn fill(cell: &Cell<'_>, row: &mut Row, visit: &mut dyn FnMut(&Images<'_>)) -> R
     let job = &cell.entry.job;
     let (wall, busy) = (Instant::now(), clock::busy());
     let masks = mask::find(&sparse, &job.mask, None).map_err(|error| error.to_string())?;
-    let choices = channels::choose(&sparse, &masks, &job.overrides);
+    let choices = channels::choose(&sparse, &masks.mask_channels, &job.overrides);
     let filled = reconstruct::fill(sparse, &masks, &choices, job, &Plans::new(), &Run::default());
     let (filled, report) = filled.map_err(|error| error.to_string())?;
     row.wall_seconds = wall.elapsed().as_secs_f64();

@@ -3,12 +3,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use lacuna_exr::{Channel, Frame, Limits, Part, Samples, Window};
 use lacuna_filters::Mask;
 use lacuna_filters::sampling::{Field, Pattern, Temporal, mask};
 
 use super::definition::SubjectDefinition;
 use crate::channels::{non_finite, non_finite_note};
-use crate::frame::{self, Channel, Frame, Limits, Part, Samples, Window};
 
 /// The channels that are studied, where the frame has them.
 const COLOURS: [&[u8]; 4] = [b"R", b"G", b"B", b"Y"];
@@ -36,7 +36,8 @@ impl Subject {
     pub fn read(definition: &SubjectDefinition, folder: &Path) -> Result<Self, String> {
         let path = folder.join(&definition.file);
         let fail = |why: String| format!("{}: {why}", path.display());
-        let mut frame = frame::read(&path, &Limits::default()).map_err(|error| fail(error.to_string()))?;
+        let mut frame =
+            lacuna_exr::read(&path, &Limits::default()).map_err(|error| fail(error.to_string()))?;
         crate::sparsify::check_complete(&frame).map_err(|error| fail(error.to_string()))?;
         frame.parts.truncate(1);
         let part = frame.parts.first_mut().ok_or_else(|| fail("there is no part".into()))?;

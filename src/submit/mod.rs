@@ -14,7 +14,8 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::Command;
 
-use crate::sequence::{Existing, PlanError};
+use crate::files::PlanError;
+use crate::run::Existing;
 
 /// What a task does.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -126,7 +127,7 @@ fn printed(texts: impl Iterator<Item = String>) -> Result<u8, PlanError> {
 /// Writes a script and submits it; the number of the job.
 fn sbatch(job: &SubmitJob, script: &script::Script, after: Option<&String>) -> Result<String, String> {
     let path = script.path(job);
-    crate::frame::write_whole(&path, script.text.as_bytes())
+    lacuna_exr::write_whole(&path, script.text.as_bytes())
         .map_err(|error| format!("{}: cannot write the script: {error}", path.display()))?;
     let mut command = Command::new("sbatch");
     command.arg("--parsable");

@@ -25,7 +25,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::text;
-    use crate::sequence::range::Frames;
+    use crate::files::ranges::Frames;
 
     #[test]
     fn runs_become_ranges() {

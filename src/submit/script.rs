@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::{SubmitJob, ranges};
-use crate::sequence::Existing;
+use crate::run::Existing;
 
 /// The flag that passes over frames that are done.
 const UPDATE: &str = "-u";

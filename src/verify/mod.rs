@@ -16,10 +16,10 @@ mod stamps;
 #[cfg(test)]
 mod tests;
 
+use lacuna_exr::{Attribute, Compression, Frame, Part, Window};
 use serde::Serialize;
 
 use crate::channels::{Choice, Override, Rule, part_label, visible};
-use crate::frame::{Attribute, Compression, Frame, Part, Window};
 use crate::guides::Asked;
 use crate::mask::{Masks, Source};
 use crate::reconstruct::{ADDED, DERIVED, Kind, Stamp, output_compression};

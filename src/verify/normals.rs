@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
+use lacuna_exr::{Channel, Samples};
 use lacuna_filters::Mask;
 
 use super::pixels::value;
 use super::{Difference, Pair};
 use crate::channels::normal_triple;
-use crate::frame::{Channel, Samples};
 use crate::reconstruct::{measured_floats, normals, usable};
 
 /// How far the length of a unit vector may be from 1 if a component is a half: its rounding error.

@@ -2,11 +2,11 @@
 
 use std::collections::HashSet;
 
+use lacuna_exr::{Channel, Samples};
 use lacuna_filters::Mask;
 
 use super::{Difference, Pair};
 use crate::channels::Rule;
-use crate::frame::{Channel, Samples};
 use crate::info::kind;
 use crate::reconstruct::{Bounds, bounds_of, convert, kind_for, usable};
 

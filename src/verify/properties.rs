@@ -1,13 +1,13 @@
 //! What filling makes of any frame is what verifying expects of it, for every size, type, mask and value.
 
 use half::f16;
+use lacuna_exr::{Channel, Frame, Samples};
 use lacuna_filters::baseline::{nearest, push_pull};
 use lacuna_filters::{Method, Run};
 use proptest::prelude::*;
 
 use super::compare;
 use crate::channels::choose;
-use crate::frame::{Channel, Frame, Samples};
 use crate::mask::{Source, find};
 use crate::reconstruct::{Domain, Error, Job, Kind, Plans, fill};
 use crate::testing::{frame, part, window};
@@ -88,7 +88,7 @@ proptest! {
     #[test]
     fn every_filled_frame_passes(sparse in any_frame(), job in any_job()) {
         let masks = find(&sparse, &Source::Auto, None).unwrap();
-        let choices = choose(&sparse, &masks, &[]);
+        let choices = choose(&sparse, &masks.mask_channels, &[]);
         match fill(sparse.clone(), &masks, &choices, &job, &Plans::new(), &Run::default()) {
             Ok((filled, report)) => {
                 let differences = compare(&sparse, &filled, &masks, &choices);
@@ -104,7 +104,7 @@ proptest! {
     #[test]
     fn threads_do_not_change_a_bit(sparse in any_frame(), job in any_job()) {
         let masks = find(&sparse, &Source::Auto, None).unwrap();
-        let choices = choose(&sparse, &masks, &[]);
+        let choices = choose(&sparse, &masks.mask_channels, &[]);
         let with = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| fill(sparse.clone(), &masks, &choices, &job, &Plans::new(), &Run::default()))

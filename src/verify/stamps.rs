@@ -1,9 +1,9 @@
 //! The attributes that `fill` adds: they agree with the mask that was found and name a filter that there is.
 
+use lacuna_exr::Part;
 use lacuna_filters::Method;
 
 use super::{Difference, Pair};
-use crate::frame::Part;
 use crate::mask::Source;
 use crate::reconstruct::{DENSITY, Stamp};
 

@@ -1,13 +1,13 @@
 //! Filled frames with one thing wrong.
 
 use half::f16;
+use lacuna_exr::{Layout, Samples};
 use lacuna_filters::baseline::push_pull;
 use lacuna_filters::variational::tv;
 use lacuna_filters::{Method, Run};
 
 use super::*;
 use crate::channels::choose;
-use crate::frame::{Layout, Samples};
 use crate::mask::find;
 use crate::reconstruct::{Job, Plans, fill};
 use crate::sparsify::{Pattern, sparsify};
@@ -41,7 +41,7 @@ fn sparse() -> Frame {
 
 fn filled(sparse: &Frame, job: &Job) -> Frame {
     let masks = find(sparse, &job.mask, None).unwrap();
-    let choices = choose(sparse, &masks, &job.overrides);
+    let choices = choose(sparse, &masks.mask_channels, &job.overrides);
     fill(sparse.clone(), &masks, &choices, job, &Plans::new(), &Run::default()).unwrap().0
 }
 
@@ -49,7 +49,7 @@ fn filled(sparse: &Frame, job: &Job) -> Frame {
 fn lines(sparse: &Frame, filled: &Frame) -> Vec<String> {
     let claims = Claims::read(filled);
     let masks = find(sparse, &claims.mask, None).unwrap();
-    let mut choices = choose(sparse, &masks, &claims.overrides);
+    let mut choices = choose(sparse, &masks.mask_channels, &claims.overrides);
     crate::guides::find(sparse, &masks, &mut choices, &claims.guides, None).unwrap();
     compare(sparse, filled, &masks, &choices).iter().map(ToString::to_string).collect()
 }

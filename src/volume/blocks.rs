@@ -98,7 +98,7 @@ fn sweep(distances: &mut [u8], [nx, ny, nz]: [usize; 3], reverse: bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::volume::{Affine, Values};
+    use crate::{Affine, Values};
 
     #[test]
     fn distances_are_those_to_the_nearest_occupied_block() {

@@ -4,7 +4,7 @@
 //! `2 atan(field / 2)`; pixels are square. An orthographic camera sends parallel rays from a plane of height
 //! `field * distance` through the eye, so that both show the target at one size.
 
-use lacuna_filters::Size;
+use lacuna_core::Size;
 
 use super::Error;
 use super::vector::{Affine, Vector, add, cross, dot, length, normalise, scale, subtract};

@@ -106,9 +106,10 @@ pub fn shot<'a>(camera: &'a Camera, shader: Option<&'a Shader>, of: &Shot<'_>) -
 
 #[cfg(test)]
 mod tests {
-    use crate::volume::picture::Picture;
-    use crate::volume::{Affine, Camera, Grid, Projection, Renderer, Scene, Shot, Stage, Values};
-    use crate::volume::{dense_shot, prepare, render};
+    use crate::picture::Picture;
+    use crate::{
+        Affine, Camera, Grid, Projection, Renderer, Scene, Shot, Stage, Values, dense_shot, prepare, render,
+    };
 
     /// A stage's picture in its own steps, without a background, and its dense AOVs.
     fn both(stage: &Stage, camera: &Camera) -> [Picture; 2] {
@@ -180,7 +181,7 @@ mod tests {
         let toml = "[transfer]\ndomain=[0.0, 1.0]\ncolour=[[0.0, 0.5, 0.25, 1.0]]\nopacity=[[0.0, 0.1]]\n\
                     [march]\nopaque=1.0\nstep=0.5\n[image]\nsize=[4, 4]";
         let scene = Scene::parse(toml, &[]).unwrap();
-        let stage = crate::volume::stage::prepare_grid(&scene, grid.unwrap(), std::path::Path::new(""));
+        let stage = crate::stage::prepare_grid(&scene, grid.unwrap(), std::path::Path::new(""));
         let mut camera = Camera::look_at([8.0, 8.0, 40.0], [8.0, 8.0, 8.0], [0.0, 1.0, 0.0], 0.05).unwrap();
         camera.projection = Projection::Orthographic;
         let [_, dense] = both(&stage.unwrap(), &camera);

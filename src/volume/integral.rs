@@ -70,7 +70,7 @@ impl Integral {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::volume::{Curve, Joining, Transfer};
+    use crate::{Curve, Joining, Transfer};
 
     #[test]
     fn a_segment_has_the_mean_extinction_of_its_values() {
@@ -81,7 +81,7 @@ mod tests {
             colour: Curve::new(vec![(0.0, [0.0; 3]), (1.0, [1.0, 0.5, 0.0])], Joining::Linear).unwrap(),
             opacity: Curve::new(opacity, Joining::Linear).unwrap(),
             domain: (0.0, 1.0),
-            lookup: crate::volume::Lookup::Linear,
+            lookup: crate::Lookup::Linear,
         };
         let integral = Integral::new(&transfer.table(1.0));
         for (a, b) in [(0.1_f32, 0.9_f32), (0.9, 0.1), (0.3, 0.300_1), (0.5, 0.5), (0.0, 1.0)] {
@@ -102,7 +102,7 @@ mod tests {
             colour: Curve::new(vec![(0.0, [1.0; 3])], Joining::Linear).unwrap(),
             opacity: Curve::new(peak, Joining::Linear).unwrap(),
             domain: (0.0, 1.0),
-            lookup: crate::volume::Lookup::Linear,
+            lookup: crate::Lookup::Linear,
         };
         let integral = Integral::new(&transfer.table(1.0));
         assert!(integral.segment(0.4, 0.6).1 > 0.01);

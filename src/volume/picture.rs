@@ -9,7 +9,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use lacuna_filters::{Mask, Size};
+use lacuna_core::Size;
 use rayon::prelude::*;
 
 use super::blocks::Blocks;
@@ -92,8 +92,8 @@ pub struct Shot<'a> {
     pub shader: Option<&'a Shader>,
     /// Height and width.
     pub size: Size,
-    /// The pixels to render; nothing renders all.
-    pub mask: Option<&'a Mask>,
+    /// The pixels to render, `size` row-major; nothing renders all.
+    pub mask: Option<&'a [bool]>,
     /// Samples a pixel, 1 or more.
     pub samples: u32,
     /// Of their pattern.

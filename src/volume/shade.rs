@@ -143,7 +143,7 @@ fn power(base: Lanes, exponent: f32) -> Lanes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::volume::vector::Affine;
+    use crate::vector::Affine;
 
     fn shader() -> Shader {
         let material = Material {

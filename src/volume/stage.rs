@@ -4,7 +4,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use lacuna_filters::Size;
+use lacuna_core::Size;
 
 use super::automatic;
 use super::blocks::Blocks;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
 use half::f16;
-use lacuna::frame::{
+use lacuna_exr::{
     self, Attributes, Channel, Compression, Frame, Layout, Limits, Part, Samples, Window, WriteOptions,
 };
 
@@ -49,12 +49,12 @@ impl Room {
 
     /// Writes a frame.
     pub fn add(&self, name: &str, frame: &Frame) {
-        frame::write(frame, &self.path(name), &WriteOptions::default()).unwrap();
+        lacuna_exr::write(frame, &self.path(name), &WriteOptions::default()).unwrap();
     }
 
     /// Reads a frame.
     pub fn read(&self, name: &str) -> Frame {
-        frame::read(&self.path(name), &Limits::default()).unwrap()
+        lacuna_exr::read(&self.path(name), &Limits::default()).unwrap()
     }
 
     /// Makes a folder.

@@ -1,10 +1,10 @@
 //! Tests of the files that masks become.
 
+use lacuna_exr::Limits;
 use lacuna_filters::Size;
 use lacuna_filters::sampling::{Pattern, Temporal};
 
 use super::*;
-use crate::frame::Limits;
 use crate::mask::generate::{self, Bounds, Request};
 use crate::testing::window;
 
@@ -34,7 +34,7 @@ fn images_hold_the_mask_and_its_window() {
         assert_eq!(generate::load(path.to_str().unwrap(), None).unwrap(), mask, "{name}");
     }
     let (_folder, path) = write("m.exr", &mask);
-    let frame = frame::read(&path, &Limits::default()).unwrap();
+    let frame = lacuna_exr::read(&path, &Limits::default()).unwrap();
     assert_eq!(frame.parts[0].data_window, REQUEST.window);
     assert_eq!(frame.parts[0].attributes.text(ATTRIBUTE).as_deref(), Some("mask"));
 }
@@ -80,7 +80,7 @@ fn floats_are_images() {
     assert_eq!(image::open(&path).unwrap().into_luma16().into_raw(), [0, 16384, 32768, 65535]);
     let path = folder.path().join("e.exr");
     write_floats(&path, "error", values.clone(), 1.0, small, &Writing::default()).unwrap();
-    let frame = frame::read(&path, &Limits::default()).unwrap();
+    let frame = lacuna_exr::read(&path, &Limits::default()).unwrap();
     assert_eq!(frame.parts[0].channels[0].samples, Samples::Float(values.clone()));
     let error = write_floats(&folder.path().join("e.txt"), "error", values, 1.0, small, &Writing::default());
     assert!(error.unwrap_err().to_string().contains("write .exr or .png"));

@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
+use lacuna_exr::{Channel, Frame, Part, SampleType, Samples};
 use lacuna_filters::domain::Domain;
 use lacuna_filters::upscale::{self, Enlarged, Geometry, Method, Question};
 use lacuna_filters::{Mask, Plane};
 use rayon::prelude::*;
 
 use crate::channels::{self, Choice, Rule, channel_label};
-use crate::frame::{Channel, Frame, Part, SampleType, Samples};
 use crate::reconstruct::groups::{Group, Target, groups};
 use crate::reconstruct::part::{Done, Work};
 use crate::reconstruct::solve::{mend, overflow_note};

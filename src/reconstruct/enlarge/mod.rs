@@ -16,6 +16,7 @@ mod windows;
 
 use std::sync::Arc;
 
+use lacuna_exr::Frame;
 use lacuna_filters::upscale::{Geometry, Method, Sampling};
 use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Run, Stop};
@@ -26,7 +27,6 @@ use super::groups::usable;
 use super::part::{self, Done};
 use super::{Error, Job, Kind, Plans, Report, Stamp, drop_derived, finish, mask_name, prefixed};
 use crate::channels::{Choice, channel_label, part_label, unheeded};
-use crate::frame::Frame;
 use crate::mask::Masks;
 
 /// How frames are enlarged.
@@ -70,7 +70,8 @@ pub fn enlarge(
     run: &Run<'_>,
 ) -> Result<(Frame, Report), Error> {
     let stamp = Stamp::new(job, &masks.origin);
-    let notes = [masks.notes.clone(), unheeded(&frame, masks, &job.overrides, choices)].concat();
+    let notes =
+        [masks.notes.clone(), unheeded(&frame, &masks.mask_channels, &job.overrides, choices)].concat();
     let mut report = Report::new(&stamp, masks.density(), notes);
     let (finite, lost) = finite(&frame, masks, choices)?;
     for (index, choices) in choices.iter().enumerate() {

@@ -4,10 +4,10 @@
 //! window follows: its first pixel is the one that its old corner lies in, and it has as many pixels as cover the old ones,
 //! rounded up. All in whole numbers, so that no rounding moves a corner.
 
+use lacuna_exr::{Part, PartHeader, Window};
 use lacuna_filters::upscale::Axis;
 
 use super::Target;
-use crate::frame::{Part, PartHeader, Window};
 
 /// The windows of an enlarged part.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,13 +2,13 @@
 
 use std::fmt::Write;
 
+use lacuna_exr::{Channel, Frame};
 use lacuna_filters::{Mask, Plane};
 
 use super::escape;
 use super::picture::filled_pictures;
 use super::plot::{Series, plot};
 use super::shell::shell;
-use crate::frame::{Channel, Frame};
 use crate::report::groups::{Group, Kind, pair};
 
 /// A frame of the page.

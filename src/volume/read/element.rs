@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use rayon::prelude::*;
 
-use crate::volume::Values;
+use crate::Values;
 
 /// The type of a voxel in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::{
     Affine, Coding, Element, Error, Grid, Header, Place, beside, damaged, head, load, numbers, three,
 };
-use crate::volume::vector::scale;
+use crate::vector::scale;
 
 /// What the lines of a header say, as far as it matters.
 #[derive(Default)]

@@ -11,7 +11,7 @@ use super::{
     Affine, Coding, Element, Error, Grid, Header, Place, build, checked_count, damaged, head, inflate, load,
     rest,
 };
-use crate::volume::vector::scale;
+use crate::vector::scale;
 
 const LENGTH_1: usize = 348;
 const LENGTH_2: usize = 540;

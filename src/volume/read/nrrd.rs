@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::{
     Affine, Coding, Element, Error, Grid, Header, Place, beside, damaged, head, load, numbers, rest,
 };
-use crate::volume::vector::Vector;
+use crate::vector::Vector;
 
 /// What the lines of a header say, as far as it matters.
 #[derive(Default)]

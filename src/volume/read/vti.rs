@@ -11,7 +11,7 @@ use roxmltree::{Document, Node};
 use super::{
     Affine, Coding, Element, Error, Grid, Header, build, checked_count, damaged, inflate, rest, three,
 };
-use crate::volume::vector::{Vector, scale};
+use crate::vector::{Vector, scale};
 
 pub(super) fn read(path: &Path) -> Result<Grid, Error> {
     let whole = super::Place { file: path.into(), offset: Some(0), coding: Coding::Plain };
@@ -99,7 +99,7 @@ impl<'a> File<'a> {
         })
     }
 
-    fn values(&self, count: usize) -> Result<crate::volume::Values, String> {
+    fn values(&self, count: usize) -> Result<crate::Values, String> {
         let element = self.header.element;
         let expected = count.checked_mul(element.bytes()).ok_or("the extent is beyond all memory")?;
         let text = self.array.text().unwrap_or_default();

@@ -1,0 +1,387 @@
+//! Comparing frames with their references: what is done with each, and with all of them.
+
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use lacuna_exr::Frame;
+
+use crate::files::error::PlanError;
+use crate::files::identity::Sources;
+use crate::files::inputs::Selection;
+use crate::files::plan::{Item, Plan, pair};
+use crate::files::reports;
+use crate::files::reports::is_standard_output;
+use crate::mask::shared::MaskFiles;
+use crate::mask::{self, Masks, Source};
+use crate::report::{
+    self, Comparison, Flicker, FrameReport, Gate, Images, Kind, MOST_FRAMES_WITH_PIXELS, Maps, Measure,
+    Picture, Settings,
+};
+use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
+use crate::run::console::{Console, Verbosity};
+use crate::run::record::{Heading, Record};
+use crate::run::{batch, memory, outputs};
+use crate::verify::Claims;
+
+/// Frames to be compared.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CompareJob {
+    /// The references.
+    pub selection: Selection,
+    /// Whether references that do not exist are passed over.
+    pub skip_missing: bool,
+    /// File, pattern or folder of the test images.
+    pub test: PathBuf,
+    /// Where the mask comes from; what the test image says, if anything, if `None`.
+    pub mask: Option<Source>,
+    /// How images are compared.
+    pub settings: Settings,
+    /// What decides the exit status.
+    pub gate: Gate,
+    /// What is written.
+    pub outputs: CompareOutputs,
+    /// How to run; its `json` is the comparison's.
+    pub run: RunOptions,
+}
+
+/// Files that a comparison writes.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CompareOutputs {
+    /// As CSV.
+    pub csv: Option<PathBuf>,
+    /// As Markdown.
+    pub markdown: Option<PathBuf>,
+    /// As one HTML page.
+    pub html: Option<PathBuf>,
+    /// A folder for maps of each frame.
+    pub maps: Option<PathBuf>,
+}
+
+/// Compares the frames; the exit status.
+pub fn compare(job: &CompareJob) -> Result<u8, PlanError> {
+    let mask = match &job.mask {
+        Some(Source::File { pattern, .. }) => Some(pattern.as_str()),
+        _ => None,
+    };
+    let items = pair(&job.selection, &job.test, mask)?;
+    check_outputs(job, &items)?;
+    let work = Compare::new(job, &items);
+    let console = job.run.console_beside(&job.outputs.reports())?;
+    if job.run.dry_run {
+        return Ok(outputs::print(
+            &Plan { items: items.clone(), new_folders: BTreeSet::new() },
+            &work,
+            &console,
+        ));
+    }
+    if let Some(folder) = &job.outputs.maps {
+        std::fs::create_dir_all(folder).map_err(|error| {
+            PlanError::Failed(format!("{}: cannot make the folder: {error}", folder.display()))
+        })?;
+    }
+    console.listen();
+    let heading =
+        Heading { lacuna: env!("CARGO_PKG_VERSION"), command: "compare", filter: None, settings: None };
+    let run = RunOptions { json: None, ..job.run.clone() };
+    let status = batch::run(heading, &items, &run, &work, &console).map_err(PlanError::Failed)?;
+    let (comparison, pictures) = work.finish(&console);
+    let failed = comparison.frames.iter().any(|frame| !frame.failures.is_empty());
+    write(job, &comparison, &pictures).map_err(PlanError::Failed)?;
+    Ok(status.max(u8::from(failed)))
+}
+
+/// Refuses outputs that are inputs, or that cannot be files.
+fn check_outputs(job: &CompareJob, items: &[Item]) -> Result<(), PlanError> {
+    let read = Sources::new(items.iter().flat_map(Item::compared));
+    let run = [&job.run.json, &job.run.log].into_iter().flatten().map(PathBuf::as_path);
+    let outputs = run.chain(job.outputs.reports().into_iter().map(|(_, path)| path));
+    for path in outputs.filter(|path| !is_standard_output(path)) {
+        read.check(path)?;
+        if path.is_dir() || !crate::files::names::folder_of(path).is_dir() {
+            return Err(PlanError::Usage(format!("{}: no file can be written there", path.display())));
+        }
+    }
+    Ok(())
+}
+
+impl CompareOutputs {
+    /// The reports by their flags.
+    fn reports(&self) -> Vec<reports::Asked<'_>> {
+        let all = [("--csv", &self.csv), ("--md", &self.markdown), ("--html", &self.html)];
+        all.into_iter().filter_map(|(flag, path)| Some((flag, path.as_deref()?))).collect()
+    }
+}
+
+/// Writes every format that was asked for, and the tables to standard output if that is not taken.
+fn write(job: &CompareJob, comparison: &Comparison, pictures: &[Option<Picture>]) -> Result<(), String> {
+    let put = |path: &Option<PathBuf>, text: &dyn Fn() -> Result<String, String>| match path {
+        None => Ok(()),
+        Some(path) => text().and_then(|text| reports::write(path, text.as_bytes())),
+    };
+    put(&job.run.json, &|| {
+        serde_json::to_string_pretty(comparison).map(|text| text + "\n").map_err(|error| error.to_string())
+    })?;
+    put(&job.outputs.csv, &|| Ok(report::csv(comparison)))?;
+    put(&job.outputs.markdown, &|| Ok(report::markdown(comparison)))?;
+    put(&job.outputs.html, &|| Ok(report::html(comparison, pictures)))?;
+    let asked = job.outputs.reports().into_iter().map(|(_, path)| path);
+    let taken = asked.chain(job.run.json.as_deref()).any(is_standard_output);
+    if taken || job.run.verbosity == Verbosity::Quiet {
+        return Ok(());
+    }
+    match write!(std::io::stdout().lock(), "{}", report::markdown(comparison)) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(format!("cannot write to standard output: {error}"))
+        }
+        _ => Ok(()),
+    }
+}
+
+struct Compare<'a> {
+    job: &'a CompareJob,
+    items: &'a [Item],
+    masks: MaskFiles,
+    found: Mutex<Found>,
+}
+
+/// What was found so far.
+struct Found {
+    frames: Vec<FrameReport>,
+    flicker: Flicker,
+    pictures: Vec<Option<Picture>>,
+}
+
+impl Work for Compare<'_> {
+    fn words(&self) -> (&'static str, &'static str) {
+        ("compare", "compared")
+    }
+
+    fn is_gate(&self) -> bool {
+        true
+    }
+
+    fn decide(&self, item: &Item) -> Result<Decision, Failure> {
+        let decision = outputs::decide(item, self.job.skip_missing);
+        let at = self.index(item);
+        match &decision {
+            Ok(Decision::Skip(reason)) => self.found().frames[at].skipped = Some(reason.clone()),
+            Err(failure) => self.found().frames[at].error = Some(failure.text.clone()),
+            Ok(Decision::Do) => {}
+        }
+        decision
+    }
+
+    fn bytes(&self, item: &Item) -> u64 {
+        memory::to_compare(&item.input).saturating_add(memory::to_compare(&item.output))
+    }
+
+    fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
+        let result = self.one(item, stage, record);
+        if let Err(failure) = &result {
+            let at = self.index(item);
+            self.found().frames[at].error = Some(failure.text.clone());
+        }
+        result
+    }
+}
+
+impl<'a> Compare<'a> {
+    fn new(job: &'a CompareJob, items: &'a [Item]) -> Self {
+        let pending = |item: &Item| FrameReport {
+            frame: item.number,
+            reference: item.input.display().to_string(),
+            test: item.output.display().to_string(),
+            ..FrameReport::default()
+        };
+        let frames = items.iter().map(pending).collect();
+        let pictures = items.iter().map(|_| None).collect();
+        Self {
+            job,
+            items,
+            masks: MaskFiles::default(),
+            found: Mutex::new(Found { frames, flicker: Flicker::default(), pictures }),
+        }
+    }
+
+    fn found(&self) -> MutexGuard<'_, Found> {
+        self.found.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The place of an item of the plan in the order asked for.
+    fn index(&self, item: &Item) -> usize {
+        self.items.iter().position(|other| std::ptr::eq(other, item) || other == item).unwrap_or(0)
+    }
+
+    fn one(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
+        let limits = memory::limits(self.job.run.memory, self.bytes(item));
+        let (reference, test) = stage.read(record, || {
+            let read = |path| lacuna_exr::read(path, &limits).map_err(|error| Failure::at(path, error));
+            Ok((read(&item.input)?, read(&item.output)?))
+        })?;
+        let masks = self.mask_of(item, &reference, &test, limits)?;
+        record.density = masks.as_ref().and_then(Masks::density);
+        let index = self.index(item);
+        let mut seen = Seen::default();
+        let wants_flicker = self.job.settings.wanted.has(Measure::Flicker) && self.items.len() > 1;
+        let compared = stage.solve(record, || {
+            report::compare(&reference, &test, masks.as_ref(), &self.job.settings, &mut |images: &Images<
+                '_,
+            >| {
+                if wants_flicker {
+                    seen.errors.extend(Flicker::errors(images));
+                }
+                seen.look(images, &self.job.outputs, self.items.len());
+            })
+        });
+        let compared = compared.map_err(|error| Failure::at(&item.output, error))?;
+        for note in &compared.notes {
+            tracing::warn!("{note}");
+        }
+        stage.write(record, || self.write_maps(item, std::mem::take(&mut seen.maps)))?;
+        let mut found = self.found();
+        let slot = &mut found.frames[index];
+        *slot = FrameReport {
+            frame: slot.frame,
+            reference: std::mem::take(&mut slot.reference),
+            test: std::mem::take(&mut slot.test),
+            ..compared
+        };
+        found.pictures[index] = seen.picture;
+        keep_the_worst(&mut found.pictures);
+        if wants_flicker {
+            for (at, label, value) in found.flicker.enter(index, seen.errors) {
+                enter_flicker(&mut found.frames[at], &label, value);
+            }
+        }
+        Ok(())
+    }
+
+    /// The mask: the one asked for, in the test image or else in the reference; if none was asked for, what the test
+    /// image says, where it says anything.
+    fn mask_of(
+        &self,
+        item: &Item,
+        reference: &Frame,
+        test: &Frame,
+        limits: lacuna_exr::Limits,
+    ) -> Result<Option<Masks>, Failure> {
+        let claims = Claims::read(test);
+        let source = self.job.mask.as_ref().unwrap_or(&claims.mask);
+        let path = match (&item.mask, source) {
+            (Some(path), _) => Some(path.as_path()),
+            (None, Source::File { pattern, .. }) => Some(Path::new(pattern)),
+            _ => None,
+        };
+        let file = path.map(|path| self.masks.get(path, limits)).transpose();
+        let found = file.map_err(|error| Failure::at(&item.output, error)).and_then(|file| {
+            let in_test = mask::find(test, source, file.as_deref());
+            // A mask for the reference serves as well: the windows of both are the same.
+            let found =
+                in_test.or_else(|error| mask::find(reference, source, file.as_deref()).map_err(|_| error));
+            found.map_err(|error| Failure::at(&item.output, error))
+        });
+        match found {
+            Ok(masks) => Ok(Some(masks)),
+            Err(_) if self.job.mask.is_none() => Ok(None),
+            Err(failure) => Err(failure),
+        }
+    }
+
+    /// Everything that was found, judged by the gate; failures are named.
+    fn finish(&self, console: &Console) -> (Comparison, Vec<Option<Picture>>) {
+        let pictures = std::mem::take(&mut self.found().pictures);
+        let mut frames = std::mem::take(&mut self.found().frames);
+        let gate = &self.job.gate;
+        let mut failing = 0;
+        for (index, frame) in frames.iter_mut().enumerate() {
+            if frame.groups.is_empty() && frame.error.is_none() && frame.skipped.is_none() {
+                // Refused before it was opened, by its memory say; the log has the reason.
+                frame.error = Some("not compared; the log says why".into());
+            }
+            if frame.error.is_some() || frame.skipped.is_some() {
+                continue;
+            }
+            frame.failures = gate.failures(frame, index == 0);
+            if !frame.failures.is_empty() {
+                failing += 1;
+                let label = crate::run::console::label(Path::new(&frame.test), frame.frame);
+                console.error(&format!("{label}: {}", frame.failures.join("; ")));
+            }
+        }
+        if failing > 0 {
+            console.error(&format!("{failing} of {} frames fail: {}", frames.len(), gate.texts().join(", ")));
+        }
+        let comparison = Comparison {
+            lacuna: env!("CARGO_PKG_VERSION"),
+            settings: self.job.settings.clone(),
+            gate: gate.texts(),
+            frames,
+        };
+        (comparison, pictures)
+    }
+
+    /// Writes the maps of a frame beside each other, named after the test image.
+    fn write_maps(&self, item: &Item, maps: Maps) -> Result<(), Failure> {
+        let (Some(folder), Some((frame, pictures))) = (&self.job.outputs.maps, maps.finish()) else {
+            return Ok(());
+        };
+        let stem = item.output.file_stem().map(|stem| stem.display().to_string()).unwrap_or_default();
+        let path = folder.join(format!("{stem}.maps.exr"));
+        lacuna_exr::write(&frame, &path, &lacuna_exr::WriteOptions::default())
+            .map_err(|error| Failure::at(&path, error))?;
+        for (name, png) in pictures {
+            let path = folder.join(format!("{stem}.{name}.png"));
+            lacuna_exr::write_whole(&path, &png).map_err(|error| Failure::at(&path, error))?;
+        }
+        Ok(())
+    }
+}
+
+/// What is taken from the images of a frame while they are there.
+#[derive(Default)]
+struct Seen {
+    errors: Vec<(String, Vec<lacuna_filters::Plane>, Option<Vec<bool>>)>,
+    picture: Option<Picture>,
+    /// Whether the picture shows colours.
+    colour: bool,
+    maps: Maps,
+}
+
+impl Seen {
+    fn look(&mut self, images: &Images<'_>, outputs: &CompareOutputs, frames: usize) {
+        let colour = images.report.kind == Kind::Colour;
+        if outputs.html.is_some() && (self.picture.is_none() || colour && !self.colour) {
+            let width = if frames <= 20 { 160 } else { 64 };
+            self.picture = Picture::new(images, width);
+            self.colour = colour;
+        }
+        if outputs.maps.is_some() {
+            self.maps.add(images);
+        }
+    }
+}
+
+/// Keeps every pixel of the worst frames only; which those are does not depend on the order of frames.
+fn keep_the_worst(pictures: &mut [Option<Picture>]) {
+    let full = |picture: &Option<Picture>| picture.as_ref().is_some_and(|picture| picture.pixels.is_some());
+    while pictures.iter().filter(|picture| full(picture)).count() > MOST_FRAMES_WITH_PIXELS {
+        let best = pictures.iter_mut().flatten().filter(|picture| picture.pixels.is_some());
+        let Some(best) = best.max_by(|a, b| a.score.total_cmp(&b.score)) else { return };
+        best.pixels = None;
+    }
+}
+
+/// Enters a flicker where it was measured: in the missing pixels, or everywhere if there is no mask.
+fn enter_flicker(frame: &mut FrameReport, label: &str, value: f64) {
+    let group = frame.groups.iter_mut().find(|group| group.label() == label);
+    let regions = group.map(|group| &mut group.regions);
+    let region = regions.and_then(|regions| {
+        let missing = regions.iter().position(|region| region.region == "missing").unwrap_or(0);
+        regions.get_mut(missing)
+    });
+    if let Some(region) = region {
+        region.measures.set(Measure::Flicker, value);
+    }
+}

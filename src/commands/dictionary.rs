@@ -1,0 +1,209 @@
+//! Single files of dictionaries: frames encoded and decoded, dictionaries described.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use lacuna_exr::{Limits, WriteOptions};
+use lacuna_filters::dictionary::Dictionary;
+
+use crate::dictionary::code::{self, Encoded, Fineness};
+use crate::dictionary::file::hex;
+use crate::dictionary::{Stored, picture};
+use crate::files::error::PlanError;
+use crate::files::identity::Sources;
+use crate::run::console::{Console, Verbosity};
+use crate::run::{signals, threads};
+use crate::sparsify;
+
+/// The most bytes of an encoded frame that are read.
+const MOST_BYTES: u64 = 1 << 28;
+
+/// What is done with a dictionary.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DictionaryJob {
+    /// The dictionary.
+    pub dictionary: PathBuf,
+    /// Which of the tasks.
+    pub task: DictionaryTask,
+    /// Threads in all; 0 takes what there is.
+    pub threads: usize,
+    /// How much is said.
+    pub verbosity: Verbosity,
+}
+
+/// A task.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DictionaryTask {
+    /// A frame becomes a file of atoms.
+    Encode {
+        /// The frame.
+        input: PathBuf,
+        /// The file.
+        output: PathBuf,
+        /// How.
+        how: Fineness,
+    },
+    /// And back.
+    Decode {
+        /// The file.
+        input: PathBuf,
+        /// The frame.
+        output: PathBuf,
+    },
+    /// The dictionary is described.
+    Info {
+        /// Where a picture of its atoms goes.
+        png: Option<PathBuf>,
+    },
+}
+
+/// Does it; the exit status.
+pub fn dictionary(job: &DictionaryJob) -> Result<u8, PlanError> {
+    threads::start(job.threads).map_err(PlanError::Failed)?;
+    let console = Console::new(job.verbosity);
+    console.listen();
+    signals::watch(lacuna_exr::remove_temporaries)
+        .map_err(|error| PlanError::Failed(format!("cannot watch for signals: {error}")))?;
+    let stored = Stored::read(&job.dictionary).map_err(|error| failed(&job.dictionary, &error))?;
+    let dictionary = (&*job.dictionary, "dictionary");
+    match &job.task {
+        DictionaryTask::Encode { input, output, how } => {
+            Sources::new([(&**input, "input"), dictionary]).check(output)?;
+            encode(input, output, &stored.dictionary, *how, &console)?;
+        }
+        DictionaryTask::Decode { input, output } => {
+            Sources::new([(&**input, "input"), dictionary]).check(output)?;
+            decode(input, output, &stored.dictionary)?;
+        }
+        DictionaryTask::Info { png } => {
+            if let Some(path) = png {
+                Sources::new([dictionary]).check(path)?;
+                let bytes = picture::png(&stored.dictionary).map_err(|error| failed(path, &error))?;
+                lacuna_exr::write_whole(path, &bytes).map_err(|error| failed(path, &error))?;
+            }
+            say(&describe(&stored))?;
+        }
+    }
+    Ok(0)
+}
+
+fn failed(path: &Path, error: &dyn std::fmt::Display) -> PlanError {
+    PlanError::Failed(format!("{}: {error}", path.display()))
+}
+
+fn say(text: &str) -> Result<(), PlanError> {
+    match write!(std::io::stdout().lock(), "{text}") {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(PlanError::Failed(format!("cannot write to standard output: {error}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn encode(
+    input: &Path,
+    output: &Path,
+    dictionary: &Dictionary,
+    how: Fineness,
+    console: &Console,
+) -> Result<(), PlanError> {
+    let frame = lacuna_exr::read(input, &Limits::default()).map_err(|error| failed(input, &error))?;
+    sparsify::check_complete(&frame).map_err(|error| failed(input, &error))?;
+    let encoded = code::encode(&frame, dictionary, how).map_err(|error| failed(input, &error))?;
+    lacuna_exr::write_whole(output, &encoded.bytes).map_err(|error| failed(output, &error))?;
+    if let Some(note) = &encoded.non_finite {
+        console.warning(&format!("{}: {note}", input.display()));
+    }
+    if !encoded.left_out.is_empty() {
+        let names = encoded.left_out.join(", ");
+        console.warning(&format!("{}: not encoded: {names}", input.display()));
+    }
+    let pixels = encoded.colour.first().map_or(1, Vec::len).max(1);
+    say(&format!(
+        "{} bytes, {:.3} bits per pixel, PSNR {} dB, {:.1} atoms per block\n",
+        encoded.bytes.len(),
+        8.0 * encoded.bytes.len() as f64 / pixels as f64,
+        psnr(&encoded),
+        encoded.atoms as f64 / encoded.blocks.max(1) as f64,
+    ))
+}
+
+/// Over all channels, the peak being 1, or the largest value where that is more.
+fn psnr(encoded: &Encoded) -> String {
+    let (mut squared, mut count, mut peak) = (0.0, 0_usize, 1.0_f64);
+    for (values, name) in encoded.colour.iter().zip(["R", "G", "B"]) {
+        let channels = encoded.frame.parts.iter().flat_map(|part| &part.channels);
+        let mut found = channels.filter(|channel| {
+            let full = channel.display_name();
+            crate::channels::Name::new(&full).component == name
+        });
+        let Some(back) = found.next().and_then(|channel| channel.samples.to_floats()) else { continue };
+        for (a, b) in values.iter().zip(&back).filter(|(a, _)| a.is_finite()) {
+            squared += f64::from(a - b).powi(2);
+            peak = peak.max(f64::from(*a));
+            count += 1;
+        }
+    }
+    let mean = squared / count.max(1) as f64;
+    if mean > 0.0 { format!("{:.2}", 10.0 * (peak * peak / mean).log10()) } else { "infinite".into() }
+}
+
+fn decode(input: &Path, output: &Path, dictionary: &Dictionary) -> Result<(), PlanError> {
+    let read = || -> std::io::Result<Vec<u8>> {
+        use std::io::Read;
+        let mut bytes = Vec::new();
+        lacuna_exr::open_regular(input)?.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
+        Ok(bytes)
+    };
+    let bytes = read().map_err(|error| failed(input, &format!("cannot read: {error}")))?;
+    if bytes.len() as u64 > MOST_BYTES {
+        return Err(failed(input, &"larger than any frame that lacuna encodes; check the path"));
+    }
+    let frame = code::decode(&bytes, dictionary).map_err(|error| failed(input, &error))?;
+    lacuna_exr::write(&frame, output, &WriteOptions::default()).map_err(|error| failed(output, &error))
+}
+
+/// What a dictionary is, a line each.
+fn describe(stored: &Stored) -> String {
+    let (dictionary, trained) = (&stored.dictionary, &stored.trained);
+    let mut coherences = dictionary.coherences();
+    coherences.sort_by(f32::total_cmp);
+    let mut usage = trained.usage.clone();
+    usage.sort_unstable();
+    let middle = |count: usize| count / 2;
+    let (lowest, median, highest) =
+        (usage.first().copied().unwrap_or(0), usage[middle(usage.len())], usage.last().copied().unwrap_or(0));
+    let unused = usage.iter().filter(|count| **count == 0).count();
+    let colour = if dictionary.channels() == 1 { "grey" } else { "R, G, B" };
+    let seed = trained.seed;
+    let variant = if trained.approximate { "approximate" } else { "exact" };
+    let mut lines = vec![
+        format!("dictionary   {}", stored.name()),
+        format!("atoms        {} of {} numbers", dictionary.len(), dictionary.dimension()),
+        format!("block        {0} x {0}, {colour}", dictionary.block()),
+        format!(
+            "training     {} of {} iterations ({variant}), sparsity {}, seed {seed}",
+            trained.errors.len(),
+            trained.iterations,
+            trained.sparsity
+        ),
+        format!(
+            "data         {} blocks of {} frames, stride {}",
+            trained.signals, trained.frames, trained.stride
+        ),
+        format!("data hash    {}", hex(&trained.data_hash)),
+        format!("usage        {lowest} to {highest} blocks an atom, median {median}, {unused} unused"),
+        format!(
+            "coherence    {:.4} at most, median {:.4} (largest product of an atom with another)",
+            coherences.last().copied().unwrap_or(0.0),
+            coherences[middle(coherences.len())],
+        ),
+    ];
+    if let (Some(first), Some(last)) = (trained.errors.first(), trained.errors.last()) {
+        lines.push(format!("error        {first:.6} after the first iteration, {last:.6} after the last"));
+    }
+    if !stored.is_finished() {
+        lines.push("unfinished   train with the same settings and --resume continues it".into());
+    }
+    lines.join("\n") + "\n"
+}

@@ -1,0 +1,60 @@
+//! Whether an output that exists is what this run would make again.
+
+use std::path::Path;
+
+use lacuna_exr::{PartHeader, read_header};
+
+use crate::files::plan::Item;
+use crate::mask::Source;
+use crate::reconstruct::{Job, Stamp, Windows, was_cut_short};
+use crate::run::existing::is_made_from;
+
+/// Whether the output is newer than all that it was made from, and its attributes name this version, these settings
+/// and this mask.
+pub fn is_current(item: &Item, job: &Job) -> bool {
+    is_made_from(&item.output, item.sources().map(|(path, _)| path), |parts| is_of(item, job, parts))
+}
+
+/// Whether the output may be a copy of a complete frame, which gets no stamp: it is whole, newer than all that it was made
+/// from, and has the stamps of the input, if any. The input's mask has to tell whether it is.
+pub fn may_be_copy(item: &Item) -> bool {
+    let Ok(input) = read_header(&item.input) else { return false };
+    let stamps = |parts: &[PartHeader]| -> Vec<Option<Stamp>> {
+        parts.iter().map(|part| Stamp::read(&part.attributes)).collect()
+    };
+    is_made_from(&item.output, item.sources().map(|(path, _)| path), |parts| stamps(parts) == stamps(&input))
+}
+
+/// Whether the windows are those that this run would give it, at least one part has a stamp, all stamps are this run's and no time
+/// limit cut a part short. The settings tell which mask was asked for; of a file they tell the pattern, so its path is compared as
+/// well.
+fn is_of(item: &Item, job: &Job, parts: &[PartHeader]) -> bool {
+    if parts.iter().any(|part| was_cut_short(&part.attributes)) || !has_windows(parts, &item.input, job) {
+        return false;
+    }
+    let stamps: Vec<Stamp> = parts.iter().filter_map(|part| Stamp::read(&part.attributes)).collect();
+    let source = item.mask.as_ref().and_then(|path| match &job.mask {
+        Source::File { channel, .. } => {
+            Some(Source::File { pattern: path.display().to_string(), channel: channel.clone() }.to_string())
+        }
+        _ => None,
+    });
+    let same_mask = |stamp: &Stamp| source.as_ref().is_none_or(|source| *source == stamp.mask);
+    !stamps.is_empty() && stamps.iter().all(|stamp| stamp.is_of(job) && same_mask(stamp))
+}
+
+/// Whether the parts of an output have the windows that this run makes of those of the input.
+fn has_windows(output: &[PartHeader], input: &Path, job: &Job) -> bool {
+    let Ok(input) = read_header(input) else { return false };
+    let made = |part: &PartHeader| match &job.enlarge {
+        None => Some((part.data_window, part.display_window)),
+        Some(enlarge) => {
+            let windows = Windows::of_header(part, &enlarge.target).ok()?;
+            Some((windows.data, windows.display))
+        }
+    };
+    let same = |(part, output): (&PartHeader, &PartHeader)| {
+        made(part) == Some((output.data_window, output.display_window))
+    };
+    input.len() == output.len() && input.iter().zip(output).all(same)
+}

@@ -1,0 +1,256 @@
+//! Filling frames, and enlarging them: what is done with each, and with all of them.
+
+mod current;
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use lacuna_exr::{Frame, Limits};
+use lacuna_filters::{Outcome, Run, Stop};
+
+use crate::channels::{self, Rule};
+use crate::commands::fill::current::{is_current, may_be_copy};
+use crate::commands::page::Page;
+use crate::files::error::PlanError;
+use crate::files::inputs::Selection;
+use crate::files::layers;
+use crate::files::layers::LayerFile;
+use crate::files::plan::{Item, Targets, plan};
+use crate::mask::shared::MaskFiles;
+use crate::mask::{self, MaskFile, Masks};
+use crate::reconstruct::shared::SharedPlans;
+use crate::reconstruct::{self, GroupReport, Report};
+use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
+use crate::run::existing::Existing;
+use crate::run::record::{Heading, Record};
+use crate::run::{batch, memory, outputs};
+
+/// Frames to be filled, and how.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FillJob {
+    /// The frames.
+    pub selection: Selection,
+    /// Whether frames that do not exist are passed over.
+    pub skip_missing: bool,
+    /// Where outputs go.
+    pub targets: Targets,
+    /// What is done to a frame.
+    pub what: reconstruct::Job,
+    /// The level of the compression.
+    pub level: Option<u8>,
+    /// What happens to outputs that exist.
+    pub existing: Existing,
+    /// How to run.
+    pub run: RunOptions,
+}
+
+impl FillJob {
+    /// The subcommand that does it.
+    pub fn command(&self) -> &'static str {
+        if self.what.enlarge.is_some() { "upscale" } else { "fill" }
+    }
+
+    /// Whether there is a plan for it, as every task of a farm will find. Opens no frame, changes nothing.
+    pub fn check(&self) -> Result<(), PlanError> {
+        plan(&self.selection, &self.targets)?;
+        self.run.console().map(drop)
+    }
+}
+
+/// Fills the frames; the exit status.
+pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
+    let plan = plan(&job.selection, &job.targets)?;
+    let work = Fill {
+        job,
+        plans: SharedPlans::new(job.run.memory.is_some()),
+        masks: MaskFiles::default(),
+        page: Page::new(job.run.page.as_ref(), plan.items.len()),
+    };
+    let console = job.run.console()?;
+    if job.run.dry_run {
+        return Ok(outputs::print(&plan, &work, &console));
+    }
+    console.listen();
+    outputs::make_folders(&plan)?;
+    let heading = Heading {
+        lacuna: env!("CARGO_PKG_VERSION"),
+        command: job.command(),
+        filter: Some(job.what.filter_name().into()),
+        settings: Some(job.what.settings()),
+    };
+    batch::run(heading, &plan.items, &job.run, &work, &console).map_err(PlanError::Failed)
+}
+
+struct Fill<'a> {
+    job: &'a FillJob,
+    plans: SharedPlans,
+    masks: MaskFiles,
+    page: Page,
+}
+
+/// What is read for a frame.
+struct Loaded {
+    /// With its layers.
+    frame: Frame,
+    mask: Option<Arc<MaskFile>>,
+    guides: Option<Frame>,
+}
+
+impl Fill<'_> {
+    fn limits(&self, item: &Item) -> Limits {
+        memory::limits(self.job.run.memory, self.bytes(item))
+    }
+
+    fn read(&self, item: &Item) -> Result<Loaded, Failure> {
+        let limits = self.limits(item);
+        let mut frame =
+            lacuna_exr::read(&item.input, &limits).map_err(|error| Failure::at(&item.input, error))?;
+        for LayerFile { name, path } in &item.layers {
+            let at_layer = |error: &dyn std::fmt::Display| Failure::at(path, error);
+            let file = lacuna_exr::read(path, &limits).map_err(|error| at_layer(&error))?;
+            layers::add(&mut frame, name, file).map_err(|error| at_layer(&error))?;
+        }
+        let mask = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose();
+        let mask = mask.map_err(|error| Failure::at(&item.input, error))?;
+        let guides = item.guides.as_deref();
+        let guides =
+            guides.map(|path| lacuna_exr::read(path, &limits).map_err(|error| Failure::at(path, error)));
+        Ok(Loaded { frame, mask, guides: guides.transpose()? })
+    }
+
+    /// Whether the output is the copy that this run would make of a frame in which nothing is missing. A copy is the input,
+    /// attribute for attribute, so that only the input's mask can tell.
+    fn is_copy(&self, item: &Item) -> bool {
+        let what = &self.job.what;
+        if what.enlarge.is_some() || what.method.restores() || !may_be_copy(item) {
+            return false;
+        }
+        // What cannot be read or filled says so when it is done.
+        let Ok(Loaded { frame, mask, guides }) = self.read(item) else { return false };
+        let found = mask::find(&frame, &what.mask, mask.as_deref());
+        let Some(masks) = found.ok().filter(Masks::is_full) else { return false };
+        let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
+        let (plans, run) = (self.plans.of(&masks), Run::default());
+        reconstruct::fill_with(frame, &masks, &choices, guides.as_ref(), what, &plans, &run)
+            .is_ok_and(|(frame, report)| report.copied && lacuna_exr::has_header_of(&item.output, &frame))
+    }
+}
+
+impl Work for Fill<'_> {
+    fn words(&self) -> (&'static str, &'static str) {
+        (self.job.command(), if self.job.what.enlarge.is_some() { "enlarged" } else { "filled" })
+    }
+
+    fn decide(&self, item: &Item) -> Result<Decision, Failure> {
+        let current = |item: &Item| is_current(item, &self.job.what) || self.is_copy(item);
+        outputs::decide_to_write(item, self.job.skip_missing, self.job.existing, current)
+    }
+
+    fn bytes(&self, item: &Item) -> u64 {
+        let what = &self.job.what;
+        let larger = what.enlarge.as_ref().map_or(0, |enlarge| memory::to_enlarge(&item.input, enlarge));
+        memory::to_fill(item, &what.method).saturating_add(larger)
+    }
+
+    fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
+        let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
+        let Loaded { frame, mask, guides } = stage.read(record, || self.read(item))?;
+        let start = Instant::now();
+        let interrupt = || {
+            let late = self.job.run.time_limit.is_some_and(|limit| start.elapsed() >= limit);
+            if stage.stopped() { Some(Stop::Cancelled) } else { late.then_some(Stop::TimeLimit) }
+        };
+        let run = Run { interrupt: Some(&interrupt) };
+        let what = &self.job.what;
+        let solved = stage.solve(record, || {
+            let masks = match mask::find(&frame, &what.mask, mask.as_deref()) {
+                // A frame to be enlarged may well be complete; one to be filled is not.
+                Err(mask::Error::NotFound { .. }) if what.enlarge.is_some() => Masks::complete(&frame),
+                found => found.map_err(|error| at_input(&error))?,
+            };
+            let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
+            let plans = self.plans.of(&masks);
+            let done = match &what.enlarge {
+                Some(asked) => reconstruct::enlarge(frame, &masks, &choices, (what, asked), &plans, &run),
+                None => reconstruct::fill_with(frame, &masks, &choices, guides.as_ref(), what, &plans, &run),
+            };
+            let done = done.map_err(|error| at_input(&error))?;
+            // The masks are those of the frame that was read, not of the enlarged one.
+            if what.enlarge.is_none() {
+                self.page.look(item, &done.0, |part, channel| masks.get(part, channel).map(|mask| &**mask));
+            }
+            Ok(done)
+        });
+        let (frame, report) = solved?;
+        enter(&report, record);
+        if report.outcome.is_some_and(|outcome| outcome.stop == Stop::Cancelled) {
+            return Err(at_input(&"stopped"));
+        }
+        outputs::write(&frame, item, (self.job.existing, self.job.level), stage, record)
+    }
+
+    fn end(&self, heading: &Heading, records: &[Record]) -> Result<(), String> {
+        self.page.write(heading, records)
+    }
+}
+
+/// Puts what was done into the frame's record, and its notes into the log.
+fn enter(report: &Report, record: &mut Record) {
+    record.mask = Some(report.mask.clone());
+    record.density = report.density;
+    record.non_finite = Some(report.non_finite);
+    record.limited = Some(report.limited);
+    record.clamped_halves = Some(report.clamped_halves);
+    record.outcome = report.outcome;
+    record.rules = Some(rules(report));
+    record.guides = guides(report);
+    if let Some(guides) = &record.guides {
+        tracing::info!("guided by {guides}");
+    }
+    record.warn(&report.notes);
+    record.warn(report.outcome.and_then(early).as_slice());
+    if report.clamped_halves > 0 {
+        record.warn(&[format!("{} values past the largest half were clamped to it", report.clamped_halves)]);
+    }
+}
+
+/// What is to be said of a solver that stopped before it converged.
+fn early(outcome: Outcome) -> Option<String> {
+    let why = match outcome.stop {
+        Stop::Converged | Stop::Cancelled => return None,
+        Stop::IterationLimit => "the limit of iterations",
+        Stop::TimeLimit => "--time-limit",
+    };
+    let distance = match (outcome.gap, outcome.residual) {
+        (Some(gap), _) => format!(", relative gap {gap:.1e}"),
+        (None, Some(residual)) => format!(", residual {residual:.1e}"),
+        (None, None) => String::new(),
+    };
+    Some(format!(
+        "stopped by {why} after {} iterations{distance}: the best image so far is written",
+        outcome.iterations
+    ))
+}
+
+/// What steered which colour, and how much of the error it took away by estimate.
+pub fn guides(report: &Report) -> Option<String> {
+    let groups = report.parts.iter().flat_map(|part| &part.groups).filter(|group| !group.guides.is_empty());
+    let one = |group: &GroupReport| {
+        let gain = group.guides_gain.unwrap_or(0.0);
+        // A gain in decibels is what people compare.
+        let decibels = -10.0 * (1.0 - gain).max(1e-9).log10();
+        format!("{} ({}: {decibels:.1} dB by estimate)", group.guides.join(", "), group.channels.join(", "))
+    };
+    let all: Vec<String> = groups.map(one).collect();
+    (!all.is_empty()).then(|| all.join("; "))
+}
+
+/// How many channels each rule had: `3 fill, 1 keep`.
+fn rules(report: &Report) -> String {
+    let count = |rule: Rule| {
+        report.parts.iter().flat_map(|part| &part.channels).filter(|channel| channel.rule == rule).count()
+    };
+    let all = [Rule::Fill, Rule::Normal, Rule::Depth, Rule::Nearest, Rule::Keep];
+    let used = all.map(|rule| (count(rule), rule)).into_iter().filter(|(count, _)| *count > 0);
+    used.map(|(count, rule)| format!("{count} {rule}")).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,241 @@
+//! Making, uniting and measuring masks: files in, files out.
+
+mod output;
+mod passes;
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use lacuna_exr::{Frame, Limits};
+use lacuna_filters::Plane;
+pub use output::{BoundFiles, MaskOutput};
+pub use passes::{NextPass, Union};
+
+use self::output::{failed, report};
+use crate::files::error::PlanError;
+use crate::files::identity::Sources;
+use crate::files::patterns::Pattern;
+use crate::mask::generate::{self, Bounds, Request};
+use crate::mask::judge::{self, Judgement};
+use crate::mask::output::{Listing, write_floats, write_mask};
+use crate::mask::{MakeError, PATTERN, SEED, Source};
+use crate::run::console::{Console, Verbosity};
+use crate::run::{signals, threads};
+
+/// What `lacuna mask` does.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MaskJob {
+    /// Which of its tasks.
+    pub task: MaskTask,
+    /// Threads in all; 0 takes what there is.
+    pub threads: usize,
+    /// How much is said.
+    pub verbosity: Verbosity,
+}
+
+/// A task.
+#[derive(Clone, Debug, PartialEq)]
+pub enum MaskTask {
+    /// Make masks from a pattern.
+    Generate {
+        /// The mask.
+        request: Request,
+        /// Write the rank image instead.
+        rank: bool,
+        /// The frames, if there are several; then the output is a pattern.
+        frames: Option<Vec<i64>>,
+        /// What the pattern does not decide.
+        bounds: BoundFiles,
+        /// Where to.
+        output: MaskOutput,
+    },
+    /// Choose the pixels to compute after a first pass.
+    Next(NextPass),
+    /// Unite two sparse renders.
+    Merge(Union),
+    /// Say how good a mask is.
+    Measure {
+        /// The mask, `FILE[:CHANNEL]`.
+        mask: Option<Source>,
+        /// Densities at which the coherences of figure 3.1 are computed.
+        coherence: Vec<f64>,
+        /// A frame whose DFT magnitudes are wanted.
+        spectrum: Option<PathBuf>,
+        /// The seed of the masks of the coherences.
+        seed: u64,
+        /// Where the plot goes.
+        plot: Option<MaskOutput>,
+        /// Whether JSON is printed.
+        json: bool,
+    },
+}
+
+/// Does the task; the exit status.
+pub fn mask(job: &MaskJob) -> Result<u8, PlanError> {
+    threads::start(job.threads).map_err(PlanError::Failed)?;
+    let console = Console::new(job.verbosity);
+    console.listen();
+    signals::watch(lacuna_exr::remove_temporaries)
+        .map_err(|error| PlanError::Failed(format!("cannot watch for signals: {error}")))?;
+    match &job.task {
+        MaskTask::Generate { request, rank, frames, bounds, output } => {
+            generate(request, *rank, frames.as_deref(), bounds, output, &console)
+        }
+        MaskTask::Next(task) => passes::next(task, &console),
+        MaskTask::Merge(task) => passes::unite(task, &console),
+        MaskTask::Measure { mask, coherence, spectrum, seed, plot, json } => {
+            if let Some(plot) = plot {
+                let mask = mask.iter().filter_map(Source::path).map(|path| (path, "mask"));
+                let frame = spectrum.iter().map(|path| (&**path, "frame"));
+                Sources::new(mask.chain(frame)).check(&plot.path)?;
+            }
+            let judgement = measure(mask.as_ref(), coherence, spectrum.as_deref(), *seed)?;
+            tell(&judgement, plot.as_ref(), *json, &console)
+        }
+    }
+}
+
+/// One mask per frame; a frame that fails does not stop the others.
+fn generate(
+    request: &Request,
+    rank: bool,
+    frames: Option<&[i64]>,
+    bounds: &BoundFiles,
+    output: &MaskOutput,
+    console: &Console,
+) -> Result<u8, PlanError> {
+    output.make_folder()?;
+    let Some(frames) = frames else {
+        return one(request, rank, 0, bounds, &output.path, output, console).map(|()| 0);
+    };
+    let text = output.path.to_str().unwrap_or_default();
+    let pattern = Pattern::parse(text).map_err(|error| PlanError::Usage(error.to_string()))?;
+    let Some(pattern) = pattern else {
+        return Err(PlanError::Usage(format!(
+            "{text}: --frames needs a pattern to write to, such as mask.####.exr"
+        )));
+    };
+    let (first, mut status) = (frames.first().copied().unwrap_or(0), 0);
+    console.begin(frames.len() as u64);
+    for &number in frames {
+        // Complementary masks count from the first frame asked for, offset ones go by the number.
+        let frame = match request.temporal {
+            lacuna_filters::sampling::Temporal::Complementary => number - first,
+            _ => number,
+        };
+        let done =
+            one(request, rank, frame, &bounds.of_frame(Some(number)), &pattern.path(number), output, console);
+        if let Err(error) = done {
+            console.error(&error.to_string());
+            status = 1;
+        }
+        console.advance(1);
+    }
+    console.end();
+    Ok(status)
+}
+
+fn one(
+    request: &Request,
+    rank: bool,
+    frame: i64,
+    bounds: &BoundFiles,
+    path: &Path,
+    output: &MaskOutput,
+    console: &Console,
+) -> Result<(), PlanError> {
+    let fail = failed(path);
+    Sources::new(bounds.files()).check(path)?;
+    if !output.wants(path, console) {
+        return Ok(());
+    }
+    let bounds = bounds.read(request.window).map_err(&fail)?;
+    let mut how = output.writing();
+    how.attributes = vec![(SEED, request.seed.to_string())];
+    let pattern = request.pattern.name();
+    if rank {
+        let ranks = generate::ranks(request, frame, &bounds).map_err(&fail)?;
+        how.attributes.push((PATTERN, pattern.into()));
+        let written = write_floats(path, "rank", ranks, 1.0, request.window, &how);
+        return output.wrote(path, written, console).map(drop);
+    }
+    let mask = generate::generate(request, frame, &bounds).map_err(&fail)?;
+    let paired = if request.paired { " paired" } else { "" };
+    how.attributes.push((PATTERN, format!("{pattern} density={}{paired}", request.density)));
+    let listing = Listing::Rank(order_within(request, frame, &bounds));
+    if output.wrote(path, write_mask(path, &mask, request.window, &listing, &how), console)? {
+        report(path, &mask, console);
+    }
+    Ok(())
+}
+
+/// The order of a list: forced pixels first.
+fn order_within<'a>(request: &Request, frame: i64, bounds: &'a Bounds) -> generate::Rank<'a> {
+    let (rank, size) = (generate::order(request, frame), request.window.size());
+    Box::new(move |row, column| if bounds.forces(size, row, column) { 0.0 } else { rank(row, column) })
+}
+
+fn measure(
+    mask: Option<&Source>,
+    coherence: &[f64],
+    spectrum: Option<&Path>,
+    seed: u64,
+) -> Result<Judgement, PlanError> {
+    let mut judgement = Judgement::default();
+    if let Some(Source::File { pattern, channel }) = mask {
+        let fail = failed(pattern.as_ref());
+        let mask = generate::load(pattern, channel.as_deref()).map_err(&fail)?;
+        judgement = judge::judge(&mask).map_err(&fail)?;
+    }
+    if !coherence.is_empty() {
+        judgement.coherence =
+            judge::coherences(coherence, seed).map_err(|error| PlanError::Failed(error.to_string()))?;
+    }
+    if let Some(path) = spectrum {
+        let fail = failed(path);
+        let frame = lacuna_exr::read(path, &Limits::default()).map_err(|error| fail(error.into()))?;
+        judgement.magnitudes = Some(judge::magnitudes(&luminance(&frame).map_err(fail)?));
+    }
+    Ok(judgement)
+}
+
+/// The luminance of the first part with `R`, `G`, `B` (Rec. 709 weights), else its first channel.
+fn luminance(frame: &Frame) -> Result<Plane, MakeError> {
+    let none = || MakeError::Other("the frame has no channels".into());
+    let part = frame.parts.first().ok_or_else(none)?;
+    let plane = |name: &str| part.channels.iter().find(|channel| channel.name == name.as_bytes());
+    let pixels = match (plane("R"), plane("G"), plane("B")) {
+        (Some(r), Some(g), Some(b)) => {
+            let (r, g, b) = (r.samples.as_f32(), g.samples.as_f32(), b.samples.as_f32());
+            let weighted = |((r, g), b): ((&f32, &f32), &f32)| 0.2126 * r + 0.7152 * g + 0.0722 * b;
+            r.iter().zip(&g).zip(&b).map(weighted).collect()
+        }
+        _ => part.channels.first().ok_or_else(none)?.samples.as_f32(),
+    };
+    Ok(Plane::new(part.size(), pixels)?)
+}
+
+fn tell(
+    judgement: &Judgement,
+    plot: Option<&MaskOutput>,
+    json: bool,
+    console: &Console,
+) -> Result<u8, PlanError> {
+    if let (Some(output), Some(plot)) = (plot, judgement.plot())
+        && output.wants(&output.path, console)
+    {
+        output.make_folder()?;
+        output.wrote(&output.path, plot.write(&output.path, output.no_clobber), console)?;
+    }
+    let text = if json {
+        serde_json::to_string_pretty(judgement).map_err(|error| PlanError::Failed(error.to_string()))?
+    } else {
+        judgement.to_string()
+    };
+    match writeln!(std::io::stdout().lock(), "{}", text.trim_end()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(PlanError::Failed(format!("cannot write to standard output: {error}")))
+        }
+        _ => Ok(0),
+    }
+}

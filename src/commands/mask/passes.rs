@@ -1,0 +1,197 @@
+//! After a first pass, frame by frame: the pixels to compute next, and two renders united.
+
+use std::path::{Path, PathBuf};
+
+use lacuna_exr::{Frame, Limits, WriteOptions};
+
+use super::output::{BoundFiles, MaskOutput, failed, of_frame, report, source_of_frame};
+use crate::channels;
+use crate::files::error::PlanError;
+use crate::files::identity::Sources;
+use crate::files::inputs::{Selection, resolve};
+use crate::files::patterns::Pattern;
+use crate::files::ranges::Frames;
+use crate::files::reports;
+use crate::mask::output::{Listing, write_floats, write_mask};
+use crate::mask::{self, MakeError, MaskFile, Masks, PATTERN, SEED, Source, after, merge};
+use crate::run::console::Console;
+
+/// Pixels to choose after a first pass.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NextPass {
+    /// The filled or sparse frame, or a pattern.
+    pub frame: PathBuf,
+    /// The frames of the pattern; all that exist if `None`.
+    pub frames: Option<Frames>,
+    /// Where their masks come from.
+    pub source: Source,
+    /// Pixels to add over all pixels, 0 to 1.
+    pub add: f64,
+    /// The seed of the order that decides between equals.
+    pub seed: u64,
+    /// Where the estimated error goes.
+    pub error_estimate: Option<PathBuf>,
+    /// What the estimate does not decide.
+    pub bounds: BoundFiles,
+    /// Where to.
+    pub output: MaskOutput,
+}
+
+/// Two sparse renders to unite.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Union {
+    /// The first render, or a pattern.
+    pub first: PathBuf,
+    /// The second render, or a pattern.
+    pub second: PathBuf,
+    /// The frames of the patterns; all of the first that exist if `None`.
+    pub frames: Option<Frames>,
+    /// Where their masks come from.
+    pub source: Source,
+    /// Where to.
+    pub output: MaskOutput,
+}
+
+/// Chooses the next pixels of every frame; the exit status.
+pub fn next(task: &NextPass, console: &Console) -> Result<u8, PlanError> {
+    task.output.make_folder()?;
+    let written: Vec<&Path> =
+        std::iter::once(task.output.path.as_path()).chain(task.error_estimate.as_deref()).collect();
+    each(&task.frame, task.frames.as_ref(), &written, console, |frame, number| {
+        let task = task.of_frame(frame, number);
+        task.check()?;
+        task.write(console)
+    })
+}
+
+/// Unites the renders of every frame; the exit status.
+pub fn unite(task: &Union, console: &Console) -> Result<u8, PlanError> {
+    task.output.make_folder()?;
+    let patterns = [task.second.as_path(), &task.output.path];
+    each(&task.first, task.frames.as_ref(), &patterns, console, |first, number| {
+        let second = of_frame(&task.second, number);
+        let source = source_of_frame(&task.source, number);
+        let output = of_frame(&task.output.path, number);
+        let mask = source.path().map(|path| (path, "mask"));
+        Sources::new([(first, "first render"), (&*second, "second render")].into_iter().chain(mask))
+            .check(&output)?;
+        if !task.output.wants(&output, console) {
+            return Ok(());
+        }
+        let (a, a_masks) = read(first, &source)?;
+        let (b, b_masks) = read(&second, &source)?;
+        let merged = merge::merge((a, &a_masks), (&b, &b_masks)).map_err(failed(&second))?;
+        merged.notes.iter().for_each(|note| console.warning(&format!("{}: {note}", second.display())));
+        let options = WriteOptions { compression_level: None, no_clobber: task.output.no_clobber };
+        let written = lacuna_exr::write(&merged.frame, &output, &options).map_err(MakeError::from);
+        if task.output.wrote(&output, written, console)? {
+            console.note(&format!("{}: density {:.3} %", output.display(), 100.0 * merged.density));
+        }
+        Ok(())
+    })
+}
+
+/// Does one frame, or all of a pattern; one that fails does not stop the others.
+fn each(
+    input: &Path,
+    frames: Option<&Frames>,
+    numbered: &[&Path],
+    console: &Console,
+    one: impl Fn(&Path, Option<i64>) -> Result<(), PlanError>,
+) -> Result<u8, PlanError> {
+    let selection = Selection { inputs: vec![input.into()], files_from: None, frames: frames.cloned() };
+    let found = resolve(&selection)?;
+    if !found.is_set {
+        return one(input, None).map(|()| 0);
+    }
+    for path in numbered {
+        if !matches!(Pattern::parse(&path.to_string_lossy()), Ok(Some(_))) {
+            return Err(PlanError::Usage(format!(
+                "{}: several frames need a pattern here too, such as next.####.exr",
+                path.display()
+            )));
+        }
+    }
+    let mut status = 0;
+    console.begin(found.frames.len() as u64);
+    for frame in &found.frames {
+        let done = match frame.number {
+            Some(_) => one(&frame.path, frame.number),
+            None => Err(PlanError::Failed(format!("{}: no frame number in its name", frame.path.display()))),
+        };
+        if let Err(error) = done {
+            console.error(&error.to_string());
+            status = 1;
+        }
+        console.advance(1);
+    }
+    console.end();
+    Ok(status)
+}
+
+impl NextPass {
+    fn of_frame(&self, frame: &Path, number: Option<i64>) -> Self {
+        Self {
+            frame: frame.into(),
+            source: source_of_frame(&self.source, number),
+            error_estimate: self.error_estimate.as_ref().map(|path| of_frame(path, number)),
+            bounds: self.bounds.of_frame(number),
+            output: MaskOutput { path: of_frame(&self.output.path, number), ..self.output.clone() },
+            ..self.clone()
+        }
+    }
+
+    /// Refuses outputs that are inputs or each other.
+    fn check(&self) -> Result<(), PlanError> {
+        let mask = self.source.path().map(|path| (path, "mask"));
+        let read = std::iter::once((&*self.frame, "frame")).chain(mask).chain(self.bounds.files());
+        let read = Sources::new(read);
+        let estimate = self.error_estimate.as_deref().map(|path| ("--error-estimate", path));
+        let outputs: Vec<_> = std::iter::once(("-o", &*self.output.path)).chain(estimate).collect();
+        outputs.iter().try_for_each(|(_, output)| read.check(output))?;
+        reports::check(&outputs, false)
+    }
+
+    fn choose(&self) -> Result<after::Next, PlanError> {
+        let (frame, masks) = read(&self.frame, &self.source)?;
+        let choices = channels::choose(&frame, &masks.mask_channels, &[]);
+        let bounds = |window| self.bounds.read(window);
+        after::next(&frame, &masks, &choices, self.add, self.seed, bounds).map_err(failed(&self.frame))
+    }
+
+    fn write(&self, console: &Console) -> Result<(), PlanError> {
+        let mask = Some(self.output.path.as_path()).filter(|path| self.output.wants(path, console));
+        let estimate = self.error_estimate.as_deref().filter(|path| self.output.wants(path, console));
+        if mask.is_none() && estimate.is_none() {
+            return Ok(());
+        }
+        let (next, mut how) = (self.choose()?, self.output.writing());
+        if let Some(path) = mask {
+            how.attributes = vec![(PATTERN, "after".into()), (SEED, self.seed.to_string())];
+            let written = write_mask(path, &next.mask, next.window, &Listing::Given(&next.pixels), &how);
+            if self.output.wrote(path, written, console)? {
+                report(path, &next.mask, console);
+            }
+        }
+        if let Some(path) = estimate {
+            how.attributes.clear();
+            let largest = next.error.pixels().iter().copied().fold(0.0, f32::max);
+            let pixels = next.error.pixels().to_vec();
+            let written = write_floats(path, "error", pixels, largest, next.window, &how);
+            self.output.wrote(path, written, console)?;
+        }
+        Ok(())
+    }
+}
+
+fn read(path: &Path, source: &Source) -> Result<(Frame, Masks), PlanError> {
+    let fail = |error: MakeError| failed(path)(error);
+    let limits = Limits::default();
+    let frame = lacuna_exr::read(path, &limits).map_err(|error| fail(error.into()))?;
+    let file = match source.path() {
+        Some(file) => Some(MaskFile::read(file, limits).map_err(|error| fail(error.into()))?),
+        None => None,
+    };
+    let masks = mask::find(&frame, source, file.as_ref()).map_err(|error| fail(error.into()))?;
+    Ok((frame, masks))
+}

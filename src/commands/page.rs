@@ -1,0 +1,111 @@
+//! The page of a run that has no reference (`--report`): pictures are taken while frames are there, the rest is the records'.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use lacuna_exr::Frame;
+use lacuna_filters::Mask;
+
+use crate::files::plan::Item;
+use crate::files::reports;
+use crate::report::{Filled, FilledPictures, filled};
+use crate::run::record::{Heading, Record};
+
+/// Pictures by output, until the run ends.
+pub struct Page {
+    path: Option<PathBuf>,
+    width: usize,
+    pictures: Mutex<BTreeMap<PathBuf, FilledPictures>>,
+}
+
+impl Page {
+    /// A page for so many frames; nothing is done without a path.
+    pub fn new(path: Option<&PathBuf>, frames: usize) -> Self {
+        let width = match frames {
+            0..=1 => 300,
+            2..=50 => 180,
+            _ => 96,
+        };
+        Self { path: path.cloned(), width, pictures: Mutex::default() }
+    }
+
+    /// Takes the pictures of a frame that was filled; `mask` is that of a part and channel.
+    pub fn look<'a>(&self, item: &Item, frame: &Frame, mask: impl Fn(usize, usize) -> Option<&'a Mask>) {
+        if self.path.is_none() {
+            return;
+        }
+        if let Some(pictures) = FilledPictures::new(frame, mask, self.width) {
+            let mut all = self.pictures.lock().unwrap_or_else(PoisonError::into_inner);
+            all.insert(item.output.clone(), pictures);
+        }
+    }
+
+    /// Writes the page, if one was asked for.
+    pub fn write(&self, heading: &Heading, records: &[Record]) -> Result<(), String> {
+        let Some(path) = &self.path else { return Ok(()) };
+        let mut pictures = self.pictures.lock().unwrap_or_else(PoisonError::into_inner);
+        let frames: Vec<Filled> =
+            records.iter().map(|record| shown(record, pictures.remove(Path::new(&record.output)))).collect();
+        let mut about = vec![("lacuna", format!("{} {}", heading.lacuna, heading.command))];
+        about.extend(heading.filter.iter().map(|filter| ("filter", filter.clone())));
+        about.extend(heading.settings.iter().map(|settings| ("settings", settings.clone())));
+        let page = filled(&title(heading, records), &about, &frames);
+        reports::write(path, page.as_bytes())
+    }
+}
+
+fn title(heading: &Heading, records: &[Record]) -> String {
+    let name = |record: &Record| {
+        Path::new(&record.output).file_name().map(|name| name.display().to_string()).unwrap_or_default()
+    };
+    let what = if heading.command == "render" { "rendered" } else { "filled" };
+    match records {
+        [one] => format!("{} {what}", name(one)),
+        [first, .., last] => format!("{} to {}: {} frames {what}", name(first), name(last), records.len()),
+        [] => "No frames".into(),
+    }
+}
+
+fn shown(record: &Record, pictures: Option<FilledPictures>) -> Filled {
+    let name = Path::new(&record.output).file_name().map(|name| name.display().to_string());
+    let mut words = Vec::new();
+    words.extend(record.mask.iter().map(|mask| ("mask", mask.clone())));
+    words.extend(record.rules.iter().map(|rules| ("channels", rules.clone())));
+    if let Some(outcome) = record.outcome {
+        let mut text = format!("{} iterations", outcome.iterations);
+        text += &outcome.residual.map_or_else(String::new, |residual| format!(", residual {residual:.1e}"));
+        text += &outcome.gap.map_or_else(String::new, |gap| format!(", relative gap {gap:.1e}"));
+        words.push(("solver", text));
+    }
+    for (what, count) in [
+        ("limited values", record.limited),
+        ("values that are not finite", record.non_finite),
+        ("clamped halves", record.clamped_halves),
+    ] {
+        words.extend(count.filter(|count| *count > 0).map(|count| (what, count.to_string())));
+    }
+    let seconds = record.seconds;
+    let stages = match (record.rendered, record.filled) {
+        (Some(rendered), filled) => {
+            vec![
+                ("read", seconds.read),
+                ("render", rendered),
+                ("fill", filled.unwrap_or(0.0)),
+                ("write", seconds.write),
+            ]
+        }
+        _ => vec![("read", seconds.read), ("solve", seconds.solve), ("write", seconds.write)],
+    };
+    let state = serde_json::to_value(record.state).ok().and_then(|state| Some(state.as_str()?.to_owned()));
+    Filled {
+        label: record.frame.map(|number| number.to_string()).or(name).unwrap_or_default(),
+        files: [record.input.clone(), record.output.clone()],
+        state: state.unwrap_or_default(),
+        messages: record.message.iter().chain(&record.warnings).cloned().collect(),
+        density: record.density,
+        words,
+        seconds: stages,
+        pictures,
+    }
+}

@@ -1,0 +1,378 @@
+//! Rendering frames of a scene: what is done with each, and with all of them.
+
+mod picture;
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use lacuna_exr::Frame;
+use lacuna_filters::sampling::shuffle;
+use lacuna_filters::{Mask, Method, Run, Stop};
+use lacuna_volume::{Override, Scene, Shot};
+use picture::Story;
+pub use picture::Wanted;
+
+use crate::channels;
+use crate::commands::page::Page;
+use crate::files::error::PlanError;
+use crate::files::plan::{Item, Plan, Targets, outputs};
+use crate::files::ranges::Frames;
+use crate::mask::shared::MaskFiles;
+use crate::mask::{self, Source};
+use crate::reconstruct::{self, Plans};
+use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
+use crate::run::existing::{Existing, is_made_from};
+use crate::run::record::{Heading, Record};
+use crate::run::{batch, outputs};
+
+/// Pieces of a frame's progress while it is rendered.
+const PIECES: u64 = 100;
+const STOPPED: &str = "stopped by a signal";
+
+/// A scene to be rendered, and how.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RenderJob {
+    /// The scene's file, or a volume.
+    pub scene: PathBuf,
+    /// Values over the scene's.
+    pub overrides: Vec<Override>,
+    /// The frames; one without a number if `None`.
+    pub frames: Option<Frames>,
+    /// Where outputs go, and the mask's file.
+    pub targets: Targets,
+    /// Which pixels are rendered.
+    pub pixels: Pixels,
+    /// What the frames hold.
+    pub wanted: Wanted,
+    /// The level of the compression.
+    pub level: Option<u8>,
+    /// What fills the other pixels, in memory.
+    pub fill: Option<Method>,
+    /// What happens to outputs that exist.
+    pub existing: Existing,
+    /// How to run.
+    pub run: RunOptions,
+}
+
+/// Which pixels are rendered.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Pixels {
+    /// All.
+    All,
+    /// A nested low-discrepancy pattern of that density, with the scene's seed.
+    Shuffle(f64),
+    /// Those of a mask file.
+    Mask(Source),
+}
+
+impl RenderJob {
+    /// Whether there is a scene and a plan for it, as every task of a farm will find. Changes nothing.
+    pub fn check(&self) -> Result<(), PlanError> {
+        let (plan, (scene, folder)) = (plan(self)?, scene(self)?);
+        plan.with_files(&lacuna_volume::files(&scene, &folder), &self.targets)?;
+        self.run.console().map(drop)
+    }
+}
+
+/// Renders the frames; the exit status.
+pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
+    let plan = plan(job)?;
+    let console = job.run.console()?;
+    let (scene, folder) = scene(job).map_err(|error| without_scene(job, &plan, error))?;
+    let plan = plan.with_files(&lacuna_volume::files(&scene, &folder), &job.targets)?;
+    let work = Render {
+        job,
+        settings: settings(job, &scene),
+        scene,
+        folder,
+        volume: Mutex::new(None),
+        masks: MaskFiles::default(),
+        plans: Plans::new(),
+        page: Page::new(job.run.page.as_ref(), plan.items.len()),
+    };
+    if job.run.dry_run {
+        return Ok(outputs::print(&plan, &work, &console));
+    }
+    console.listen();
+    outputs::make_folders(&plan)?;
+    let heading = heading(job, Some(work.settings.clone()));
+    batch::run(heading, &plan.items, &job.run, &work, &console).map_err(PlanError::Failed)
+}
+
+fn heading(job: &RenderJob, settings: Option<String>) -> Heading {
+    let filter = job.fill.as_ref().map(|method| method.name().into());
+    Heading { lacuna: env!("CARGO_PKG_VERSION"), command: "render", filter, settings }
+}
+
+/// The scene cannot be had: the ledger and the report say so of every frame.
+fn without_scene(job: &RenderJob, plan: &Plan, error: PlanError) -> PlanError {
+    let PlanError::Failed(text) = &error else { return error };
+    if job.run.dry_run || (job.run.log.is_none() && job.run.json.is_none()) {
+        return error;
+    }
+    let written = outputs::make_folders(plan)
+        .map_err(|error| error.to_string())
+        .and_then(|()| batch::none(heading(job, None), &plan.items, &job.run, text));
+    written.err().map_or_else(|| error.clone(), |more| PlanError::Failed(format!("{text}; {more}")))
+}
+
+/// The scene, and the folder that its paths are relative to.
+fn scene(job: &RenderJob) -> Result<(Scene, PathBuf), PlanError> {
+    let failed = |error: lacuna_volume::Error| PlanError::Failed(error.to_string());
+    if job.scene.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
+        let folder = job.scene.parent().unwrap_or_else(|| Path::new("")).to_path_buf();
+        let scene = Scene::read(&job.scene, &job.overrides).map_err(|error| match error {
+            // The file is named already.
+            lacuna_volume::Error::Io { .. } | lacuna_volume::Error::File { .. } => failed(error),
+            _ => PlanError::Failed(format!("{}: {error}", job.scene.display())),
+        });
+        return Ok((scene?, folder));
+    }
+    let mut scene = Scene::parse("", &job.overrides).map_err(failed)?;
+    if scene.volume.is_empty() {
+        scene.volume = job.scene.display().to_string();
+    }
+    Ok((scene, PathBuf::new()))
+}
+
+fn plan(job: &RenderJob) -> Result<Plan, PlanError> {
+    let numbers: Vec<Option<i64>> = match &job.frames {
+        None => vec![None],
+        Some(frames) => frames.numbers().iter().copied().map(Some).collect(),
+    };
+    outputs((&job.scene, &name(&job.scene)), &numbers, &job.targets)
+}
+
+/// What frames of a scene are called in a folder: as its file, or as its kind if the tool makes it itself.
+fn name(scene: &Path) -> String {
+    let text = scene.to_string_lossy();
+    if let Some(kind) = text.strip_prefix(lacuna_volume::PROCEDURAL) {
+        return kind.split(':').next().unwrap_or_default().into();
+    }
+    scene.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Everything that the pixels depend on, on one line.
+fn settings(job: &RenderJob, scene: &Scene) -> String {
+    let pixels = match &job.pixels {
+        Pixels::All => "all".into(),
+        Pixels::Shuffle(density) => format!("shuffle density={density}"),
+        Pixels::Mask(source) => source.to_string(),
+    };
+    let wanted = &job.wanted;
+    let flags = [
+        (wanted.depth, "depth"),
+        (wanted.normals, "normals"),
+        (wanted.samples, "samples"),
+        (wanted.gradients, "gradients"),
+        (wanted.dense, "dense-aovs"),
+    ];
+    let layers: Vec<&str> = flags.iter().filter(|(on, _)| *on).map(|(_, name)| *name).collect();
+    let fill = job.fill.as_ref().map_or("none", |method| method.name());
+    format!(
+        "scene={} pixels={pixels} layers={} type={:?} fill={fill}",
+        scene.line(),
+        layers.join("+"),
+        wanted.kind
+    )
+}
+
+type Ready = Result<Arc<lacuna_volume::Stage>, String>;
+
+struct Render<'a> {
+    job: &'a RenderJob,
+    scene: Scene,
+    folder: PathBuf,
+    settings: String,
+    /// Read by the first frame, for all.
+    volume: Mutex<Option<Ready>>,
+    masks: MaskFiles,
+    plans: Plans,
+    page: Page,
+}
+
+impl Work for Render<'_> {
+    fn words(&self) -> (&'static str, &'static str) {
+        ("render", "rendered")
+    }
+
+    fn pieces(&self) -> u64 {
+        PIECES
+    }
+
+    fn decide(&self, item: &Item) -> Result<Decision, Failure> {
+        // The scene was read already; a volume that is missing is found when it is read, and may be procedural.
+        outputs::decide_to_make(item, self.job.existing, |item| self.is_current(item))
+    }
+
+    fn bytes(&self, _: &Item) -> u64 {
+        let [width, height] = self.scene.image.size;
+        let wanted = &self.job.wanted;
+        let planes = 6
+            + 3 * u64::from(wanted.normals)
+            + u64::from(wanted.depth)
+            + 8 * u64::from(wanted.gradients)
+            + 8 * u64::from(wanted.dense);
+        // Tiles, planes, what is written and what fills.
+        let pixel = planes * 4 * size_of::<f32>() as u64;
+        (width as u64).saturating_mul(height as u64).saturating_mul(pixel)
+    }
+
+    fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
+        let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
+        let ready = stage.read(record, || self.ready()).map_err(|error| at_input(&error))?;
+        let mask = self.mask(item, &ready)?;
+        record.density = Some(mask.as_ref().map_or(1.0, |mask| mask.density()));
+        let (mut seconds, mut guided) = ((0.0, None), None);
+        let frame = stage.solve(record, || {
+            let start = Instant::now();
+            let frame = self.picture(item, &ready, mask.as_deref(), stage)?;
+            seconds.0 = start.elapsed().as_secs_f64();
+            let Some(method) = self.job.fill.as_ref().filter(|_| !stage.stopped()) else { return Ok(frame) };
+            let start = Instant::now();
+            let (filled, guides) = self.fill(frame, method, item, stage)?;
+            seconds.1 = Some(start.elapsed().as_secs_f64());
+            guided = guides;
+            Ok(filled)
+        })?;
+        self.page.look(item, &frame, |_, _| mask.as_deref());
+        record.rendered = Some(seconds.0);
+        record.filled = seconds.1;
+        record.guides = guided;
+        if let Some(guides) = &record.guides {
+            tracing::info!("guided by {guides}");
+        }
+        if let Some(filled) = seconds.1 {
+            stage.note(&format!("rendered in {:.2} s, filled in {filled:.2} s", seconds.0));
+        }
+        outputs::write(&frame, item, (self.job.existing, self.job.level), stage, record)
+    }
+
+    fn end(&self, heading: &Heading, records: &[Record]) -> Result<(), String> {
+        self.page.write(heading, records)
+    }
+}
+
+impl Render<'_> {
+    /// The volume and what is made from it, once.
+    fn ready(&self) -> Ready {
+        // Held while the volume is read: other frames wait for it.
+        let mut volume = self.volume.lock().unwrap_or_else(PoisonError::into_inner);
+        let make = || {
+            lacuna_volume::prepare(&self.scene, &self.folder).map(Arc::new).map_err(|error| error.to_string())
+        };
+        volume.get_or_insert_with(make).clone()
+    }
+
+    /// Whether an output is what this run would make again. What the scene's own file says is in the settings.
+    fn is_current(&self, item: &Item) -> bool {
+        let files = item.made_from.iter().map(|(_, path)| path);
+        let sources = files.chain(&item.mask).map(|path| &**path);
+        is_made_from(&item.output, sources, |parts| {
+            parts.iter().all(|part| {
+                part.attributes.text("lacuna/render").as_deref() == Some(self.settings.as_str())
+                    && part.attributes.text("lacuna/version").as_deref() == Some(env!("CARGO_PKG_VERSION"))
+            })
+        })
+    }
+
+    fn mask(&self, item: &Item, ready: &lacuna_volume::Stage) -> Result<Option<Arc<Mask>>, Failure> {
+        let size = ready.size();
+        match &self.job.pixels {
+            Pixels::All => Ok(None),
+            Pixels::Shuffle(density) => {
+                let mask = shuffle::mask(0, 0, size, *density, self.scene.image.seed);
+                mask.map(|mask| Some(Arc::new(mask))).map_err(|error| Failure::at(&item.input, error))
+            }
+            Pixels::Mask(source) => {
+                let Some(path) = &item.mask else { return Ok(None) };
+                let file = self.masks.get(path, lacuna_exr::Limits::default());
+                let file = file.map_err(|error| Failure::at(&item.input, error))?;
+                let canvas = picture::canvas(size);
+                let found =
+                    mask::find(&canvas, source, Some(&file)).map_err(|error| Failure::at(path, error))?;
+                let mask = found.get(0, 0).cloned();
+                mask.map(Some).ok_or_else(|| Failure::at(path, "the mask does not cover the picture"))
+            }
+        }
+    }
+
+    fn picture(
+        &self,
+        item: &Item,
+        ready: &lacuna_volume::Stage,
+        mask: Option<&Mask>,
+        stage: &Stage<'_>,
+    ) -> Result<Frame, Failure> {
+        let number = item.number.unwrap_or(0);
+        let camera = ready.camera(number).map_err(|error| Failure::at(&item.input, error))?;
+        let shader = ready.shader(&camera);
+        let image = &self.scene.image;
+        let shot = Shot {
+            camera: &camera,
+            shader: shader.as_ref(),
+            size: ready.size(),
+            mask: mask.map(Mask::as_slice),
+            samples: image.samples,
+            seed: image.seed,
+            normals: self.job.wanted.normals,
+            depth: self.job.wanted.depth,
+            gradients: self.job.wanted.gradients,
+        };
+        let (tiles, done) = (lacuna_volume::tiles(ready.size()) as u64, AtomicU64::new(0));
+        let advance = || {
+            let now = done.fetch_add(1, Ordering::Relaxed) + 1;
+            let pieces = |tiles_done: u64| tiles_done * PIECES / tiles;
+            stage.piece(pieces(now) - pieces(now - 1));
+            !stage.stopped()
+        };
+        let picture = lacuna_volume::render(&ready.renderer, &shot, &advance);
+        if stage.stopped() {
+            return Err(Failure::at(&item.output, STOPPED));
+        }
+        let pattern = match &self.job.pixels {
+            Pixels::All => None,
+            Pixels::Shuffle(density) => Some(format!("shuffle density={density}")),
+            Pixels::Mask(source) => Some(source.to_string()),
+        };
+        let story = Story {
+            scene: &self.scene.line(),
+            render: &self.settings,
+            camera: &camera,
+            seed: image.seed,
+            samples: image.samples,
+            pattern: pattern.as_deref(),
+        };
+        let wanted = &self.job.wanted;
+        let mut frame = picture::frame(picture, ready.size(), mask, wanted, &story);
+        if wanted.dense {
+            let dense = lacuna_volume::dense_shot(&camera, shader.as_ref(), &shot);
+            let picture = lacuna_volume::render(&ready.coarse(), &dense, &|| !stage.stopped());
+            picture::add_dense(&mut frame, picture, wanted.kind);
+        }
+        if stage.stopped() { Err(Failure::at(&item.output, STOPPED)) } else { Ok(frame) }
+    }
+
+    /// The frame with its missing pixels filled, and what steered them.
+    fn fill(
+        &self,
+        frame: Frame,
+        method: &Method,
+        item: &Item,
+        stage: &Stage<'_>,
+    ) -> Result<(Frame, Option<String>), Failure> {
+        let failed = |error: &dyn std::fmt::Display| Failure::at(&item.output, error);
+        let what = reconstruct::Job::new(method.clone());
+        let interrupt = || stage.stopped().then_some(Stop::Cancelled);
+        let run = Run { interrupt: Some(&interrupt) };
+        if self.job.pixels == Pixels::All {
+            return Ok((frame, None));
+        }
+        let masks = mask::find(&frame, &what.mask, None).map_err(|error| failed(&error))?;
+        let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
+        let filled = reconstruct::fill(frame, &masks, &choices, &what, &self.plans, &run);
+        filled.map(|(frame, report)| (frame, super::fill::guides(&report))).map_err(|error| failed(&error))
+    }
+}

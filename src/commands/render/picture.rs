@@ -1,0 +1,153 @@
+//! A rendered picture as an EXR frame: channels, and attributes that say how it was made.
+
+use half::f16;
+use lacuna_exr::{Attributes, Channel, Compression, Frame, Part, SampleType, Samples, Window};
+use lacuna_filters::{Mask, Size};
+use lacuna_volume::{Camera, Picture};
+
+use crate::{channels, mask};
+
+/// The name of the mask's channel.
+const MASK: &str = "mask";
+/// Those of the colour's channels.
+const COLOURS: [&str; 4] = ["R", "G", "B", "A"];
+/// Alpha and normals of the coarse march.
+const DENSE: [&str; 4] = ["dense.A", "dense.N.X", "dense.N.Y", "dense.N.Z"];
+/// Its depth.
+const DENSE_DEPTH: &str = "dense.Z";
+
+/// What the frame holds besides colour, alpha and mask.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+// Each is a flag of its own.
+#[allow(clippy::struct_excessive_bools)]
+pub struct Wanted {
+    /// Depth `Z`, always 32 bits.
+    pub depth: bool,
+    /// Normals `N.X`, `N.Y`, `N.Z`.
+    pub normals: bool,
+    /// Samples a pixel, `samples`.
+    pub samples: bool,
+    /// The colour's derivatives, layers `dx` and `dy`.
+    pub gradients: bool,
+    /// Alpha, normal and depth of every pixel by a coarse march, layer `dense`.
+    pub dense: bool,
+    /// The type of colours, normals and derivatives.
+    pub kind: SampleType,
+    /// How chunks are compressed.
+    pub compression: Compression,
+}
+
+/// What the attributes of a frame say.
+#[derive(Clone, Copy, Debug)]
+pub struct Story<'a> {
+    /// The scene on one line.
+    pub scene: &'a str,
+    /// Everything that the pixels depend on, on one line.
+    pub render: &'a str,
+    /// The camera.
+    pub camera: &'a Camera,
+    /// Of all patterns.
+    pub seed: u64,
+    /// Samples a pixel.
+    pub samples: u32,
+    /// How pixels were chosen, if not all were rendered.
+    pub pattern: Option<&'a str>,
+}
+
+/// The frame of a picture; a mask channel says which pixels were rendered, if one is given.
+pub fn frame(picture: Picture, size: Size, mask: Option<&Mask>, wanted: &Wanted, story: &Story<'_>) -> Frame {
+    let mut channels: Vec<Channel> = Vec::new();
+    let mut add = |name: String, samples: Samples| {
+        channels.push(channel(&name, samples));
+    };
+    let values = |plane| values(plane, wanted.kind);
+    for (name, plane) in COLOURS.into_iter().zip(picture.colour) {
+        add(name.into(), values(plane));
+    }
+    for (layer, planes) in ["dx", "dy"].into_iter().zip(picture.slopes).filter(|_| wanted.gradients) {
+        for (name, plane) in COLOURS.into_iter().zip(planes) {
+            add(format!("{layer}.{name}"), values(plane));
+        }
+    }
+    for (name, plane) in ["N.X", "N.Y", "N.Z"].into_iter().zip(picture.normal).filter(|_| wanted.normals) {
+        add(name.into(), values(plane));
+    }
+    if wanted.depth {
+        add("Z".into(), Samples::Float(picture.depth));
+    }
+    let measured = |at: usize| mask.is_none_or(|mask| mask.as_slice()[at]);
+    if wanted.samples {
+        let count = |at: usize| if measured(at) { story.samples } else { 0 };
+        add("samples".into(), Samples::Uint((0..size.pixels()).map(count).collect()));
+    }
+    if mask.is_some() {
+        let flag = |at: usize| if measured(at) { f16::ONE } else { f16::ZERO };
+        add(MASK.into(), Samples::Half((0..size.pixels()).map(flag).collect()));
+    }
+    let part = Part {
+        attributes: attributes(size, mask.is_some(), story),
+        compression: wanted.compression,
+        ..part(size, channels)
+    };
+    Frame { parts: vec![part] }
+}
+
+/// Adds what a coarse march told of every pixel, and lists it as complete.
+pub fn add_dense(frame: &mut Frame, picture: Picture, kind: SampleType) {
+    let Some(part) = frame.parts.first_mut() else { return };
+    let [.., alpha] = picture.colour;
+    let named = DENSE.into_iter().zip([alpha].into_iter().chain(picture.normal));
+    part.channels.extend(named.map(|(name, plane)| channel(name, values(plane, kind))));
+    part.channels.push(channel(DENSE_DEPTH, Samples::Float(picture.depth)));
+    part.attributes.set_text(channels::DENSE, &[&DENSE[..], &[DENSE_DEPTH]].concat().join(","));
+}
+
+fn values(plane: Vec<f32>, kind: SampleType) -> Samples {
+    match kind {
+        SampleType::Half => Samples::Half(plane.into_iter().map(half).collect()),
+        _ => Samples::Float(plane),
+    }
+}
+
+/// A frame of that size with one channel, for what needs only its windows.
+pub fn canvas(size: Size) -> Frame {
+    Frame { parts: vec![part(size, vec![channel("R", Samples::Half(vec![f16::ZERO; size.pixels()]))])] }
+}
+
+fn channel(name: &str, samples: Samples) -> Channel {
+    Channel { name: name.into(), perceptually_linear: false, samples }
+}
+
+fn part(size: Size, channels: Vec<Channel>) -> Part {
+    let (x_max, y_max) = (size.width as i32 - 1, size.height as i32 - 1);
+    Part::new(Window { x_min: 0, y_min: 0, x_max, y_max }, channels)
+}
+
+/// The nearest half; the largest one instead of infinity.
+fn half(value: f32) -> f16 {
+    if value.is_finite() {
+        f16::from_f32(value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
+    } else {
+        f16::from_f32(value)
+    }
+}
+
+fn attributes(size: Size, masked: bool, story: &Story<'_>) -> Attributes {
+    let mut attributes = Attributes::default();
+    let matrix = |rows: [[f64; 4]; 4]| -> Vec<u8> {
+        rows.iter().flatten().flat_map(|value| (*value as f32).to_le_bytes()).collect()
+    };
+    attributes.set("worldToCamera", "m44f", matrix(story.camera.world_to_camera()));
+    attributes.set("worldToNDC", "m44f", matrix(story.camera.world_to_ndc(size)));
+    attributes.set_text("lacuna/version", env!("CARGO_PKG_VERSION"));
+    attributes.set_text("lacuna/scene", story.scene);
+    attributes.set_text("lacuna/render", story.render);
+    attributes.set_text("lacuna/seed", &story.seed.to_string());
+    if masked {
+        attributes.set_text(mask::ATTRIBUTE, MASK);
+    }
+    if let Some(pattern) = story.pattern {
+        attributes.set_text("lacuna/pattern", pattern);
+    }
+    attributes
+}

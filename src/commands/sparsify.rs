@@ -1,0 +1,122 @@
+//! Making frames sparse: what is done with each, and with all of them.
+
+use lacuna_exr::Compression;
+
+use crate::files::error::PlanError;
+use crate::files::inputs::Selection;
+use crate::files::plan::{Item, Targets, plan};
+use crate::mask::Source;
+use crate::mask::shared::MaskFiles;
+use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
+use crate::run::existing::Existing;
+use crate::run::record::{Heading, Record};
+use crate::run::{batch, memory, outputs};
+use crate::sparsify::{self, Pattern};
+
+/// Frames to be made sparse, and how.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SparsifyJob {
+    /// The frames.
+    pub selection: Selection,
+    /// Whether frames that do not exist are passed over.
+    pub skip_missing: bool,
+    /// Where outputs go.
+    pub targets: Targets,
+    /// Which pixels stay.
+    pub pattern: SparsifyPattern,
+    /// The outputs' compression; the input's where it is lossless, else ZIP, if `None`.
+    pub compression: Option<Compression>,
+    /// Its level.
+    pub level: Option<u8>,
+    /// What happens to outputs that exist.
+    pub existing: Existing,
+    /// How to run.
+    pub run: RunOptions,
+}
+
+/// Which pixels stay.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SparsifyPattern {
+    /// A nested low-discrepancy pattern.
+    Shuffle {
+        /// Measured pixels over all pixels, 0 to 1.
+        density: f64,
+        /// Which pattern.
+        seed: u64,
+    },
+    /// Those of a mask file.
+    Mask(Source),
+}
+
+/// Makes the frames sparse; the exit status.
+pub fn sparsify(job: &SparsifyJob) -> Result<u8, PlanError> {
+    let plan = plan(&job.selection, &job.targets)?;
+    let work = Sparsify { job, masks: MaskFiles::default() };
+    let console = job.run.console()?;
+    if job.run.dry_run {
+        return Ok(outputs::print(&plan, &work, &console));
+    }
+    console.listen();
+    outputs::make_folders(&plan)?;
+    let settings = match &job.pattern {
+        SparsifyPattern::Shuffle { density, seed } => format!("shuffle density={density} seed={seed}"),
+        SparsifyPattern::Mask(source) => source.to_string(),
+    };
+    let heading = Heading {
+        lacuna: env!("CARGO_PKG_VERSION"),
+        command: "sparsify",
+        filter: None,
+        settings: Some(settings),
+    };
+    batch::run(heading, &plan.items, &job.run, &work, &console).map_err(PlanError::Failed)
+}
+
+struct Sparsify<'a> {
+    job: &'a SparsifyJob,
+    masks: MaskFiles,
+}
+
+impl Work for Sparsify<'_> {
+    fn words(&self) -> (&'static str, &'static str) {
+        ("sparsify", "made sparse")
+    }
+
+    fn decide(&self, item: &Item) -> Result<Decision, Failure> {
+        outputs::decide_to_write(item, self.job.skip_missing, self.job.existing, |_| false)
+    }
+
+    fn bytes(&self, item: &Item) -> u64 {
+        let mask = item.mask.as_deref().map_or(0, memory::to_copy);
+        memory::to_copy(&item.input).saturating_add(mask)
+    }
+
+    fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
+        let limits = memory::limits(self.job.run.memory, self.bytes(item));
+        let (frame, file) = stage.read(record, || {
+            let frame =
+                lacuna_exr::read(&item.input, &limits).map_err(|error| Failure::at(&item.input, error))?;
+            let file = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose();
+            let file = file.map_err(|error| Failure::at(&item.input, error))?;
+            Ok((frame, file))
+        })?;
+        let pattern = match (&self.job.pattern, &file) {
+            (SparsifyPattern::Mask(Source::File { channel, .. }), Some(file)) => {
+                Pattern::File { file, channel: channel.as_deref() }
+            }
+            (SparsifyPattern::Shuffle { density, seed }, _) => {
+                Pattern::Shuffle { density: *density, seed: *seed }
+            }
+            _ => return Err(Failure::at(&item.input, "no mask file was given")),
+        };
+        let sparse = stage
+            .solve(record, || sparsify::sparsify(frame, pattern))
+            .map_err(|error| Failure::at(&item.input, error))?;
+        record.density = Some(sparse.density);
+        record.warn(&sparse.notes);
+        let mut frame = sparse.frame;
+        if let Some(compression) = self.job.compression {
+            frame.parts.iter_mut().for_each(|part| part.compression = compression);
+        }
+        outputs::write(&frame, item, (self.job.existing, self.job.level), stage, record)
+    }
+}

@@ -1,0 +1,294 @@
+//! Running a study: cells side by side, each on one thread; a journal that is continued; the report.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::files::error::PlanError;
+use crate::run::console::{Console, Verbosity};
+use crate::run::{schedule, signals, threads};
+use crate::study::{self, Cell, Definition, Entry, Row, Sheet, SheetDefinition, Subject};
+
+/// The journal's file.
+const JOURNAL: &str = "results.jsonl";
+
+/// A study that is to be run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StudyJob {
+    /// What is studied.
+    pub definition: Definition,
+    /// The folder that its frames are relative to.
+    pub folder: PathBuf,
+    /// The filters, in the definition's order.
+    pub entries: Vec<Entry>,
+    /// The folder for journal, tables, figures and page.
+    pub output: PathBuf,
+    /// Cells at the same time; 0 for as many as there are processors.
+    pub threads: usize,
+    /// Say only what is to be done.
+    pub dry_run: bool,
+    /// How much is said.
+    pub verbosity: Verbosity,
+}
+
+/// Runs the cells that are not in the journal yet, then writes the report; the exit status.
+pub fn study(job: &StudyJob) -> Result<u8, PlanError> {
+    let console = Console::new(job.verbosity);
+    console.listen();
+    let subjects: Result<Vec<Subject>, String> =
+        job.definition.frames.iter().map(|frame| Subject::read(frame, &job.folder)).collect();
+    let subjects = subjects.map_err(PlanError::Failed)?;
+    subjects.iter().filter_map(|subject| subject.non_finite.as_ref()).for_each(|note| console.warning(note));
+    let cells = study::cells(&job.definition, &subjects, &job.entries)
+        .map_err(|error| PlanError::Usage(error.to_string()))?;
+    let sheets = sheets(job, &subjects)?;
+    let journal = job.output.join(JOURNAL);
+    let mut known = known(&journal).map_err(PlanError::Failed)?;
+    let todo = missing(&cells, &known);
+    console.note(&format!("{} cells, {} of them to be run", cells.len(), todo.len()));
+    if job.dry_run {
+        for cell in todo {
+            console.note(&cell.key());
+        }
+        return Ok(0);
+    }
+    let made = std::fs::create_dir_all(&job.output);
+    made.map_err(|error| fail(&job.output, "cannot make the folder", &error))?;
+    let workers = Workers::new(job.threads, &console).map_err(PlanError::Failed)?;
+    for row in workers.rows(&todo, &journal, &console)? {
+        known.insert(row.key.clone(), row);
+    }
+    let rows: Vec<Row> = cells.iter().filter_map(|cell| named(cell, &known)).collect();
+    let sheets = workers.sheets(&sheets, &job.output, &console)?;
+    write(job, &rows, &sheets)?;
+    let failed = rows.iter().filter(|row| row.error.is_some()).count();
+    console.note(&format!(
+        "{} cells, {failed} failed; the report is {}",
+        rows.len(),
+        job.output.join("report.html").display()
+    ));
+    Ok(u8::from(failed > 0))
+}
+
+fn fail(path: &Path, what: &str, error: &dyn std::fmt::Display) -> PlanError {
+    PlanError::Failed(format!("{}: {what}: {error}", path.display()))
+}
+
+/// The rows of an earlier run, by their keys.
+fn known(journal: &Path) -> Result<BTreeMap<String, Row>, String> {
+    match std::fs::read(journal) {
+        Ok(bytes) => Ok(study::read_journal(&bytes).into_iter().map(|row| (row.key.clone(), row)).collect()),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(BTreeMap::new()),
+        Err(error) => Err(format!("{}: cannot read: {error}", journal.display())),
+    }
+}
+
+/// The cells without a row, each key once.
+fn missing<'a, 'b>(cells: &'b [Cell<'a>], known: &BTreeMap<String, Row>) -> Vec<&'b Cell<'a>> {
+    let mut seen = BTreeSet::new();
+    cells.iter().filter(|cell| !known.contains_key(&cell.key()) && seen.insert(cell.key())).collect()
+}
+
+/// The row of a cell under its own names: another study may have called them otherwise.
+fn named(cell: &Cell<'_>, known: &BTreeMap<String, Row>) -> Option<Row> {
+    let row = known.get(&cell.key())?.clone();
+    Some(Row {
+        frame: cell.subject.name.clone(),
+        class: cell.subject.class.clone(),
+        filter: cell.entry.label.clone(),
+        ..row
+    })
+}
+
+/// A sheet with the cells that it shows: per density one a filter.
+struct Planned<'a> {
+    definition: &'a SheetDefinition,
+    filters: Vec<&'a str>,
+    cells: Vec<Cell<'a>>,
+}
+
+fn sheets<'a>(job: &'a StudyJob, subjects: &'a [Subject]) -> Result<Vec<Planned<'a>>, PlanError> {
+    let one = |definition: &'a SheetDefinition| {
+        let wrong = |what: &str| PlanError::Usage(format!("sheet '{}': {what}", definition.name));
+        let own = Definition {
+            patterns: vec![definition.pattern.clone()],
+            densities: definition.densities.clone(),
+            seeds: job.definition.seeds[..1].to_vec(),
+            ..job.definition.clone()
+        };
+        if let Some(label) =
+            definition.filters.iter().find(|label| !job.entries.iter().any(|entry| entry.label == **label))
+        {
+            return Err(wrong(&format!("filter '{label}' is none of the study's")));
+        }
+        let wanted = |label: &String| definition.filters.is_empty() || definition.filters.contains(label);
+        let subject = subjects.iter().filter(|subject| subject.name == definition.frame);
+        let mut cells = Vec::new();
+        for subject in subject {
+            let all = study::cells(&own, std::slice::from_ref(subject), &job.entries);
+            cells.extend(all.map_err(|error| wrong(&error.to_string()))?);
+        }
+        cells.retain(|cell| wanted(&cell.entry.label));
+        let filters = job.entries.iter().map(|entry| &entry.label).filter(|label| wanted(label));
+        Ok(Planned { definition, filters: filters.map(String::as_str).collect(), cells })
+    };
+    job.definition.sheets.iter().map(one).collect()
+}
+
+/// Threads that take cells one after another.
+struct Workers {
+    pools: Vec<rayon::ThreadPool>,
+    stopped: Arc<std::sync::atomic::AtomicBool>,
+}
+
+impl Workers {
+    fn new(asked: usize, console: &Arc<Console>) -> Result<Self, String> {
+        let pool =
+            || rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|error| error.to_string());
+        let pools: Result<Vec<_>, _> = (0..threads::count(asked)).map(|_| pool()).collect();
+        let console = Arc::clone(console);
+        let clean = move || {
+            console.end();
+            console.error("stopped by a signal; the same command goes on from here");
+            lacuna_exr::remove_temporaries();
+        };
+        let stopped = signals::watch(clean).map_err(|error| format!("cannot watch for signals: {error}"))?;
+        Ok(Self { pools: pools?, stopped })
+    }
+
+    /// Does `work` for each number below `count`; what it gives goes to `done`.
+    fn each<T: Send>(&self, count: usize, work: impl Fn(usize) -> T + Sync, done: impl Fn(usize, T) + Sync) {
+        let next = AtomicUsize::new(0);
+        std::thread::scope(|scope| {
+            for pool in &self.pools {
+                let (next, work, done) = (&next, &work, &done);
+                scope.spawn(move || {
+                    while !self.stopped.load(Ordering::SeqCst) {
+                        let at = next.fetch_add(1, Ordering::Relaxed);
+                        if at >= count {
+                            break;
+                        }
+                        done(at, pool.install(|| work(at)));
+                    }
+                });
+            }
+        });
+        while self.stopped.load(Ordering::SeqCst) {
+            // The signal's thread ends the process.
+            std::thread::park();
+        }
+    }
+
+    /// Runs cells; each row is in the journal as soon as it is there.
+    fn rows(&self, cells: &[&Cell<'_>], journal: &Path, console: &Console) -> Result<Vec<Row>, PlanError> {
+        let file = open(journal).map_err(|error| fail(journal, "cannot write", &error))?;
+        let state = Mutex::new((file, Vec::new(), None));
+        console.begin(cells.len() as u64);
+        let work = |at: usize| guarded(cells[at]);
+        self.each(cells.len(), work, |_, row| {
+            let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
+            let written = state.0.write_all(study::journal(&row).as_bytes());
+            state.2 = state.2.take().or(written.err());
+            console.detail(&format!(
+                "{}: {}",
+                row.key,
+                row.psnr().map_or_else(String::new, |psnr| format!("{psnr:.2} dB"))
+            ));
+            if let Some(error) = &row.error {
+                console.error(&format!("{}: {error}", row.key));
+            }
+            state.1.push(row);
+            console.advance(1);
+        });
+        console.end();
+        let (_, rows, broken) = state.into_inner().unwrap_or_else(PoisonError::into_inner);
+        broken.map_or(Ok(rows), |error| Err(fail(journal, "cannot write", &error)))
+    }
+
+    /// Makes the sheets that are not there yet; their names and pictures.
+    fn sheets(
+        &self,
+        sheets: &[Planned<'_>],
+        folder: &Path,
+        console: &Console,
+    ) -> Result<Vec<(String, String)>, PlanError> {
+        let mut all = Vec::new();
+        for sheet in sheets {
+            let path = folder.join(format!("{}.svg", sheet.definition.name));
+            let mark = sheet.mark();
+            let old = std::fs::read_to_string(&path).unwrap_or_default();
+            if old.ends_with(&mark) {
+                all.push((sheet.definition.name.clone(), old));
+                continue;
+            }
+            console.note(&format!("{}: {} cells for the pictures", path.display(), sheet.cells.len()));
+            let tiles = Mutex::new(BTreeMap::new());
+            let work = |at: usize| Sheet::of(&sheet.cells[at], sheet.definition);
+            self.each(sheet.cells.len(), work, |at, tile| {
+                tiles.lock().unwrap_or_else(PoisonError::into_inner).insert(at, tile);
+            });
+            let tiles = tiles.into_inner().unwrap_or_else(PoisonError::into_inner).into_values();
+            let tiles: Vec<Sheet> =
+                tiles.collect::<Result<_, _>>().map_err(|error| fail(&path, "cannot be made", &error))?;
+            let rows: Vec<Vec<Sheet>> =
+                tiles.chunks(sheet.filters.len().max(1)).map(<[Sheet]>::to_vec).collect();
+            let svg = study::sheet(sheet.definition, &sheet.filters, &rows) + &mark;
+            put(&path, &svg)?;
+            all.push((sheet.definition.name.clone(), svg));
+        }
+        Ok(all)
+    }
+}
+
+impl Planned<'_> {
+    /// The last line of the sheet's file, which tells what it was made from.
+    fn mark(&self) -> String {
+        let mut sum = flate2::Crc::new();
+        sum.update(format!("{:?}", self.definition).as_bytes());
+        for cell in &self.cells {
+            sum.update(cell.key().as_bytes());
+            sum.update(cell.entry.label.as_bytes());
+        }
+        format!("<!-- made from {:08x} -->\n", sum.sum())
+    }
+}
+
+/// A cell whose defects are its own.
+fn guarded(cell: &Cell<'_>) -> Row {
+    let ran = catch_unwind(AssertUnwindSafe(|| study::run(cell, &mut |_| ())));
+    ran.unwrap_or_else(|panic| {
+        let error = format!("internal error ({}); please report it", schedule::message(panic.as_ref()));
+        Row { error: Some(error), ..cell.blank() }
+    })
+}
+
+/// The journal, ready for the next line: a last line that was cut short is ended.
+fn open(journal: &Path) -> std::io::Result<File> {
+    let cut = std::fs::read(journal).is_ok_and(|bytes| bytes.last().is_some_and(|&last| last != b'\n'));
+    let mut file = OpenOptions::new().create(true).append(true).open(journal)?;
+    if cut {
+        file.write_all(b"\n")?;
+    }
+    Ok(file)
+}
+
+fn put(path: &Path, text: &str) -> Result<(), PlanError> {
+    lacuna_exr::write_whole(path, text.as_bytes()).map_err(|error| fail(path, "cannot write", &error))
+}
+
+fn write(job: &StudyJob, rows: &[Row], sheets: &[(String, String)]) -> Result<(), PlanError> {
+    let at = |name: &str| job.output.join(name);
+    let definition = &job.definition;
+    put(&at("results.csv"), &study::csv(rows))?;
+    put(&at("results.json"), &study::json(&definition.title, rows).map_err(PlanError::Failed)?)?;
+    put(&at("tables.md"), &study::tables(rows, definition.verdict))?;
+    let figures = study::figures(rows).map_err(PlanError::Failed)?;
+    for figure in &figures {
+        put(&at(&format!("{}.svg", figure.name)), &figure.svg)?;
+    }
+    put(&at("report.html"), &study::page(definition, rows, &figures, sheets))
+}

@@ -1,0 +1,122 @@
+//! Holding filled frames against the sparse ones: what is done with each, and with all of them.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use crate::files::error::PlanError;
+use crate::files::inputs::Selection;
+use crate::files::plan::{Item, Plan, check_report, pair};
+use crate::mask::shared::MaskFiles;
+use crate::mask::{self, Source};
+use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
+use crate::run::record::{Heading, Record};
+use crate::run::{batch, memory, outputs};
+use crate::verify::{Claims, Difference, compare};
+use crate::{channels, guides};
+
+/// How many differences of a frame are named; the rest is counted.
+const NAMED: usize = 8;
+
+/// Filled frames to be verified.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VerifyJob {
+    /// The sparse frames.
+    pub selection: Selection,
+    /// Whether sparse frames that do not exist are passed over.
+    pub skip_missing: bool,
+    /// File, pattern or folder of the filled frames.
+    pub filled: PathBuf,
+    /// Where the mask comes from; what the filled frame's attributes say if `None`.
+    pub mask: Option<Source>,
+    /// How to run.
+    pub run: RunOptions,
+}
+
+/// Verifies the frames; the exit status.
+pub fn verify(job: &VerifyJob) -> Result<u8, PlanError> {
+    let mask = match &job.mask {
+        Some(Source::File { pattern, .. }) => Some(pattern.as_str()),
+        _ => None,
+    };
+    let items = pair(&job.selection, &job.filled, mask)?;
+    for report in [&job.run.json, &job.run.log].into_iter().flatten() {
+        check_report(&items, report)?;
+    }
+    let work = Verify { job, masks: MaskFiles::default() };
+    let console = job.run.console()?;
+    if job.run.dry_run {
+        return Ok(outputs::print(&Plan { items, new_folders: BTreeSet::new() }, &work, &console));
+    }
+    console.listen();
+    let heading =
+        Heading { lacuna: env!("CARGO_PKG_VERSION"), command: "verify", filter: None, settings: None };
+    batch::run(heading, &items, &job.run, &work, &console).map_err(PlanError::Failed)
+}
+
+struct Verify<'a> {
+    job: &'a VerifyJob,
+    masks: MaskFiles,
+}
+
+impl Work for Verify<'_> {
+    fn words(&self) -> (&'static str, &'static str) {
+        ("verify", "verified")
+    }
+
+    fn is_gate(&self) -> bool {
+        true
+    }
+
+    fn decide(&self, item: &Item) -> Result<Decision, Failure> {
+        outputs::decide(item, self.job.skip_missing)
+    }
+
+    fn bytes(&self, item: &Item) -> u64 {
+        memory::to_copy(&item.input).saturating_add(memory::to_copy(&item.output))
+    }
+
+    fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
+        let limits = memory::limits(self.job.run.memory, self.bytes(item));
+        let (sparse, filled) = stage.read(record, || {
+            let read = |path| lacuna_exr::read(path, &limits).map_err(|error| Failure::at(path, error));
+            Ok((read(&item.input)?, read(&item.output)?))
+        })?;
+        let claims = Claims::read(&filled);
+        let source = self.job.mask.as_ref().unwrap_or(&claims.mask);
+        let path = match (&item.mask, source) {
+            (Some(path), _) => Some(path.as_path()),
+            (None, Source::File { pattern, .. }) => Some(Path::new(pattern)),
+            _ => None,
+        };
+        let hint = match (&self.job.mask, source) {
+            (None, Source::File { .. }) => {
+                " (the path is from the attribute lacuna/mask; verify --mask overrides it)"
+            }
+            _ => "",
+        };
+        let file = path.map(|path| self.masks.get(path, limits)).transpose();
+        let file = file.map_err(|error| Failure::at(&item.output, format!("{error}{hint}")))?;
+        let masks =
+            mask::find(&sparse, source, file.as_deref()).map_err(|error| Failure::at(&item.input, error))?;
+        record.mask = Some(masks.origin.clone());
+        record.density = masks.density();
+        if let Some(note) = claims.not_compared() {
+            record.warn(&[note]);
+        }
+        let differences = stage.solve(record, || {
+            let mut choices = channels::choose(&sparse, &masks.mask_channels, &claims.overrides);
+            // Guides that cannot be found leave the rules as they are, and what was kept shows as a difference.
+            drop(guides::find(&sparse, &masks, &mut choices, &claims.guides, None));
+            compare(&sparse, &filled, &masks, &choices)
+        });
+        if differences.is_empty() { Ok(()) } else { Err(Failure::at(&item.output, list(&differences))) }
+    }
+}
+
+/// The differences on one line.
+fn list(differences: &[Difference]) -> String {
+    let named: Vec<String> = differences.iter().take(NAMED).map(ToString::to_string).collect();
+    let more = differences.len().saturating_sub(NAMED);
+    let rest = if more > 0 { format!("; and {more} more differences") } else { String::new() };
+    format!("not as promised: {}{rest}", named.join("; "))
+}

@@ -1,0 +1,97 @@
+//! Files by what they are, whatever their names: nothing that a run reads is written.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use crate::files::error::PlanError;
+use crate::files::names::folder_of;
+
+/// The files that a run reads, each with what it is to the run.
+pub struct Sources<'a>(HashMap<Identity, (&'a Path, &'static str)>);
+
+impl<'a> Sources<'a> {
+    /// Those of these files that exist; one with several names goes by the first.
+    pub fn new(files: impl IntoIterator<Item = (&'a Path, &'static str)>) -> Self {
+        let mut known = HashMap::new();
+        for (path, what) in files {
+            if let Some(identity) = Identity::of(path) {
+                known.entry(identity).or_insert((path, what));
+            }
+        }
+        Self(known)
+    }
+
+    /// Refuses to write one of them.
+    pub fn check(&self, written: &Path) -> Result<(), PlanError> {
+        // What does not exist is no source.
+        let Some((source, what)) = Identity::of(written).and_then(|identity| self.0.get(&identity)) else {
+            return Ok(());
+        };
+        let same = if *source == written { String::new() } else { format!(" ({})", source.display()) };
+        Err(PlanError::Usage(format!(
+            "{}: the output is the same file as the {what}{same}; nothing is overwritten in place, name another output",
+            written.display()
+        )))
+    }
+}
+
+/// Folders with their links resolved, each looked up once.
+#[derive(Default)]
+pub struct Places(HashMap<PathBuf, PathBuf>);
+
+impl Places {
+    /// Where a file lies or will lie, links in its folder resolved.
+    pub fn of(&mut self, file: &Path) -> PathBuf {
+        let resolve = |folder: &PathBuf| {
+            folder.canonicalize().or_else(|_| std::path::absolute(folder)).unwrap_or_else(|_| folder.clone())
+        };
+        let folder = self.0.entry(folder_of(file)).or_insert_with_key(resolve);
+        file.file_name().map_or_else(|| folder.clone(), |name| folder.join(name))
+    }
+}
+
+/// What tells an existing file from every other, whatever its names.
+#[derive(PartialEq, Eq, Hash)]
+pub struct Identity {
+    #[cfg(unix)]
+    device_and_inode: (u64, u64),
+    #[cfg(not(unix))]
+    path: PathBuf,
+}
+
+impl Identity {
+    /// That of a file that exists.
+    #[cfg(unix)]
+    pub fn of(path: &Path) -> Option<Self> {
+        use std::os::unix::fs::MetadataExt;
+        let metadata = path.metadata().ok()?;
+        Some(Self { device_and_inode: (metadata.dev(), metadata.ino()) })
+    }
+
+    /// That of a file that exists.
+    #[cfg(not(unix))]
+    pub fn of(path: &Path) -> Option<Self> {
+        path.canonicalize().ok().map(|path| Self { path })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_known_by_all_its_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        std::fs::write(path("a"), "").unwrap();
+        std::fs::write(path("b"), "").unwrap();
+        std::fs::hard_link(path("a"), path("hard")).unwrap();
+        let (a, b, absent) = (path("a"), path("b"), path("absent"));
+        let sources = Sources::new([(&*a, "frame"), (&*absent, "mask")]);
+        for name in ["a", "./a", "hard"] {
+            let PlanError::Usage(text) = sources.check(&path(name)).unwrap_err() else { panic!("{name}") };
+            assert!(text.contains("the same file as the frame"), "{text}");
+        }
+        assert!(sources.check(&b).is_ok() && sources.check(&absent).is_ok());
+    }
+}

@@ -1,0 +1,347 @@
+//! From what the user names (files, patterns, globs, lists) to the frames to be done, in the order asked.
+
+use std::collections::{BTreeMap, HashMap};
+use std::io::BufRead;
+use std::path::{Path, PathBuf};
+
+use crate::files::error::PlanError;
+use crate::files::globs;
+use crate::files::names::to_text;
+use crate::files::patterns::{Pattern, number_in_name};
+use crate::files::ranges::Frames;
+
+/// What the user selected.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Selection {
+    /// Files, patterns and globs, in order.
+    pub inputs: Vec<PathBuf>,
+    /// A file that lists further files, one path a line; `-` is standard input.
+    pub files_from: Option<PathBuf>,
+    /// The frames to take from patterns and globs; all that exist if `None`.
+    pub frames: Option<Frames>,
+}
+
+/// One frame that was asked for; its file need not exist.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Input {
+    /// The file.
+    pub path: PathBuf,
+    /// The frame number, from the pattern or from the file's name.
+    pub number: Option<i64>,
+}
+
+/// The frames asked for, and whether they were asked for as a set (pattern, glob, list or several inputs).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Inputs {
+    /// In the order asked for.
+    pub frames: Vec<Input>,
+    /// Whether a single output file would be a slip.
+    pub is_set: bool,
+}
+
+/// Resolves a selection. Looks into folders, opens no frame.
+pub fn resolve(selection: &Selection) -> Result<Inputs, PlanError> {
+    let mut frames = Vec::new();
+    let mut is_set = selection.inputs.len() > 1 || selection.files_from.is_some();
+    let mut takes_frames = false;
+    for input in &selection.inputs {
+        let kind = Kind::of(input)?;
+        if !matches!(kind, Kind::File) {
+            is_set = true;
+            takes_frames = true;
+        }
+        frames.extend(kind.frames(input, selection.frames.as_ref())?);
+    }
+    if let Some(list) = &selection.files_from {
+        frames.extend(listed(list)?.into_iter().map(plain));
+    }
+    if selection.frames.is_some() && !takes_frames {
+        return Err(PlanError::Usage(
+            "--frames needs an INPUT with a place for the frame number, such as shot.####.exr, or a glob"
+                .into(),
+        ));
+    }
+    let mut seen = std::collections::HashSet::new();
+    frames.retain(|input: &Input| seen.insert((input.path.clone(), input.number)));
+    Ok(Inputs { frames, is_set })
+}
+
+/// The numbers of the frames of a pattern or glob, in the order asked for.
+///
+/// # Errors
+/// If they cannot be found, or the selection is plain files.
+pub fn frame_numbers(selection: &Selection) -> Result<Vec<i64>, PlanError> {
+    let inputs = resolve(selection)?;
+    if !inputs.is_set {
+        return Ok(Vec::new());
+    }
+    Ok(inputs.frames.iter().filter_map(|input| input.number).collect())
+}
+
+/// How an INPUT is spelt. A file that exists under the very name is that file, whatever signs it contains.
+enum Kind {
+    File,
+    Pattern(Pattern),
+    Glob,
+}
+
+impl Kind {
+    fn of(input: &Path) -> Result<Self, PlanError> {
+        if input.is_dir() {
+            return Err(PlanError::Usage(format!(
+                "{0} is a folder; name its frames, for example '{1}'",
+                input.display(),
+                input.join("*.exr").display()
+            )));
+        }
+        if input.symlink_metadata().is_ok() {
+            return Ok(Self::File);
+        }
+        let text = to_text(input.as_os_str());
+        let pattern = Pattern::parse(&text)
+            .map_err(|error| PlanError::Usage(format!("{}: {error}", input.display())))?;
+        Ok(match pattern {
+            Some(pattern) => Self::Pattern(pattern),
+            None if text.contains(globs::SIGNS) => Self::Glob,
+            None => Self::File,
+        })
+    }
+
+    fn frames(&self, input: &Path, asked: Option<&Frames>) -> Result<Vec<Input>, PlanError> {
+        let found = match (self, asked) {
+            (Self::File, _) => return Ok(vec![plain(input.into())]),
+            (Self::Pattern(pattern), Some(asked)) => {
+                return Ok(asked.numbers().iter().map(|&number| numbered(pattern, number)).collect());
+            }
+            (Self::Pattern(pattern), None) => on_disk(pattern, input)?,
+            (Self::Glob, asked) => {
+                let found = matches(input)?;
+                match asked {
+                    Some(asked) => chosen(&found, asked, input),
+                    None => found,
+                }
+            }
+        };
+        if found.is_empty() {
+            return Err(PlanError::Failed(format!("{}: no file matches", input.display())));
+        }
+        Ok(found)
+    }
+}
+
+fn plain(path: PathBuf) -> Input {
+    Input { number: number_in_name(&path), path }
+}
+
+/// The file of a frame; other tools' spelling of negative numbers if only that one exists.
+fn numbered(pattern: &Pattern, number: i64) -> Input {
+    let path = pattern.path(number);
+    let path = match pattern.alternative(number) {
+        Some(other) if !path.exists() && other.exists() => other,
+        _ => path,
+    };
+    Input { path, number: Some(number) }
+}
+
+/// The frames of a pattern that exist, by number.
+fn on_disk(pattern: &Pattern, input: &Path) -> Result<Vec<Input>, PlanError> {
+    let Some(folder) = pattern.folder() else {
+        return Err(PlanError::Usage(format!(
+            "{}: the frame number is in a folder's name, so --frames is needed",
+            input.display()
+        )));
+    };
+    let listed = if folder.as_os_str().is_empty() { Path::new(".") } else { &folder };
+    let entries = std::fs::read_dir(listed).map_err(|error| {
+        PlanError::Failed(format!("{}: cannot list {}: {error}", input.display(), listed.display()))
+    })?;
+    let mut found = BTreeMap::new();
+    for entry in entries.flatten() {
+        let path = folder.join(entry.file_name());
+        if let Some(number) = pattern.number_of(&path) {
+            let canonical = pattern.path(number) == path;
+            let slot = found.entry(number).or_insert_with(|| path.clone());
+            if canonical {
+                *slot = path;
+            }
+        }
+    }
+    Ok(found.into_iter().map(|(number, path)| Input { path, number: Some(number) }).collect())
+}
+
+/// The files that a glob matches, by frame number, then by name.
+fn matches(glob: &Path) -> Result<Vec<Input>, PlanError> {
+    let paths = globs::files(glob)
+        .map_err(|error| PlanError::Usage(format!("{}: not a glob: {error}", glob.display())))?;
+    let mut found: Vec<Input> = paths.into_iter().map(plain).collect();
+    found.sort_by(|a, b| (a.number, &a.path).cmp(&(b.number, &b.path)));
+    Ok(found)
+}
+
+/// Of the files of a glob those with the numbers asked for, in that order; a number that several files have stands
+/// for all of them, one that none has for a file that does not exist.
+fn chosen(found: &[Input], asked: &Frames, input: &Path) -> Vec<Input> {
+    let mut files: HashMap<i64, Vec<&Input>> = HashMap::new();
+    for file in found {
+        if let Some(number) = file.number {
+            files.entry(number).or_default().push(file);
+        }
+    }
+    let mut chosen = Vec::new();
+    for &number in asked.numbers() {
+        match files.get(&number) {
+            Some(files) => chosen.extend(files.iter().copied().cloned()),
+            None => chosen.push(Input { path: input.into(), number: Some(number) }),
+        }
+    }
+    chosen
+}
+
+/// The paths in a list, one a line, taken as they are; empty lines do not count.
+fn listed(list: &Path) -> Result<Vec<PathBuf>, PlanError> {
+    let failed = |error: std::io::Error| {
+        PlanError::Failed(format!("{}: cannot read the list: {error}", list.display()))
+    };
+    let reader: Box<dyn BufRead> = if list == Path::new("-") {
+        Box::new(std::io::stdin().lock())
+    } else {
+        Box::new(std::io::BufReader::new(std::fs::File::open(list).map_err(failed)?))
+    };
+    let mut paths = Vec::new();
+    for line in reader.split(b'\n') {
+        let mut line = line.map_err(failed)?;
+        if line.last() == Some(&b'\r') {
+            line.pop();
+        }
+        if !line.is_empty() {
+            paths.push(path_from(line).ok_or_else(|| {
+                PlanError::Failed(format!("{}: line {} is not UTF-8", list.display(), paths.len() + 1))
+            })?);
+        }
+    }
+    if paths.is_empty() {
+        return Err(PlanError::Failed(format!("{}: the list is empty", list.display())));
+    }
+    Ok(paths)
+}
+
+/// The path of those bytes; anywhere but on Unix they must be UTF-8.
+fn path_from(bytes: Vec<u8>) -> Option<PathBuf> {
+    #[cfg(unix)]
+    let name = Some(<std::ffi::OsString as std::os::unix::ffi::OsStringExt>::from_vec(bytes));
+    #[cfg(not(unix))]
+    let name = String::from_utf8(bytes).ok();
+    name.map(PathBuf::from)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder(names: &[&str]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        for name in names {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        folder
+    }
+
+    fn resolved(
+        folder: &Path,
+        inputs: &[&str],
+        frames: Option<&str>,
+    ) -> Result<Vec<(Option<i64>, String)>, PlanError> {
+        let selection = Selection {
+            inputs: inputs.iter().map(|input| folder.join(input)).collect(),
+            frames: frames.map(|text| text.parse().unwrap()),
+            ..Selection::default()
+        };
+        let name =
+            |input: Input| (input.number, input.path.file_name().unwrap().to_str().unwrap().to_owned());
+        Ok(resolve(&selection)?.frames.into_iter().map(name).collect())
+    }
+
+    #[test]
+    fn a_pattern_takes_what_exists_by_number() {
+        let folder =
+            folder(&["s.0010.exr", "s.0002.exr", "s.-001.exr", "s.12345.exr", "s.2.exr", "s.0002.png"]);
+        let found = resolved(folder.path(), &["s.####.exr"], None).unwrap();
+        let numbers: Vec<_> = found.iter().map(|(number, _)| number.unwrap()).collect();
+        assert_eq!(numbers, [-1, 2, 10, 12345]);
+        let unpadded = resolved(folder.path(), &["s.%d.exr"], None).unwrap();
+        assert!(unpadded.contains(&(Some(2), "s.2.exr".into())));
+        assert!(!unpadded.contains(&(Some(2), "s.0002.exr".into())));
+    }
+
+    #[test]
+    fn frames_are_taken_in_the_order_asked_whether_they_exist_or_not() {
+        let folder = folder(&["s.0001.exr", "s.-0002.exr"]);
+        let found = resolved(folder.path(), &["s.####.exr"], Some("3-1x2,-2")).unwrap();
+        let expected = [(3, "s.0003.exr"), (1, "s.0001.exr"), (-2, "s.-0002.exr")];
+        assert_eq!(found, expected.map(|(number, name)| (Some(number), name.to_owned())));
+    }
+
+    #[test]
+    fn a_glob_takes_numbers_from_names() {
+        let folder = folder(&["a 10.exr", "a 9.exr", "ä 3.exr", "b.png"]);
+        let found = resolved(folder.path(), &["*.exr"], None).unwrap();
+        let names: Vec<_> = found.iter().map(|(_, name)| name.as_str()).collect();
+        assert_eq!(names, ["ä 3.exr", "a 9.exr", "a 10.exr"]);
+        assert_eq!(resolved(folder.path(), &["a*.exr"], Some("10")).unwrap().len(), 1);
+        assert_eq!(resolved(folder.path(), &["a*.exr"], Some("11")).unwrap()[0], (Some(11), "a*.exr".into()));
+        assert!(matches!(resolved(folder.path(), &["c*.exr"], None), Err(PlanError::Failed(_))));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn names_need_not_be_utf8() {
+        use std::ffi::OsStr;
+        use std::os::unix::ffi::OsStrExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &[u8]| folder.path().join(OsStr::from_bytes(name));
+        for name in [&b"b\xff.0002.exr"[..], b"b\xff.0001.exr", b"b\xfe.0007.exr"] {
+            std::fs::write(path(name), "").unwrap();
+        }
+        let found = |name: &[u8], frames: Option<&str>| {
+            let frames = frames.map(|text| text.parse().unwrap());
+            let selection = Selection { inputs: vec![path(name)], frames, ..Selection::default() };
+            let frames = resolve(&selection).unwrap().frames;
+            frames.into_iter().map(|input| (input.number, input.path)).collect::<Vec<_>>()
+        };
+        let both = [(Some(1), path(b"b\xff.0001.exr")), (Some(2), path(b"b\xff.0002.exr"))];
+        assert_eq!(found(b"b\xff.####.exr", None), both);
+        assert_eq!(found(b"b\xff.####.exr", Some("1-2")), both);
+        assert_eq!(found(b"b\xff.*.exr", None), both);
+        assert_eq!(found(b"b?.*.exr", None).len(), 3);
+        assert_eq!(found(b"*.exr", Some("7")), [(Some(7), path(b"b\xfe.0007.exr"))]);
+    }
+
+    #[test]
+    fn a_file_of_that_very_name_is_that_file() {
+        let folder = folder(&["odd[1].####.exr", "100% $F4.exr", "*.exr"]);
+        for name in ["odd[1].####.exr", "100% $F4.exr", "*.exr"] {
+            assert_eq!(resolved(folder.path(), &[name], None).unwrap()[0].1, name);
+        }
+    }
+
+    #[test]
+    fn folders_and_useless_frames_are_usage_errors() {
+        let folder = folder(&["one.exr"]);
+        assert!(matches!(resolved(folder.path(), &["."], None), Err(PlanError::Usage(_))));
+        assert!(matches!(resolved(folder.path(), &["one.exr"], Some("1-3")), Err(PlanError::Usage(_))));
+        assert!(matches!(resolved(folder.path(), &["##/s.exr"], None), Err(PlanError::Usage(_))));
+        assert!(matches!(resolved(folder.path(), &["s.%4d.exr"], None), Err(PlanError::Usage(_))));
+    }
+
+    #[test]
+    fn a_list_is_read_line_by_line() {
+        let folder = folder(&[]);
+        let list = folder.path().join("list");
+        std::fs::write(&list, "a b.0001.exr\r\n\nü*.exr\n").unwrap();
+        let selection = Selection { files_from: Some(list), ..Selection::default() };
+        let inputs = resolve(&selection).unwrap();
+        assert!(inputs.is_set);
+        assert_eq!(inputs.frames[0], Input { path: "a b.0001.exr".into(), number: Some(1) });
+        assert_eq!(inputs.frames[1], Input { path: "ü*.exr".into(), number: None });
+    }
+}

@@ -1,0 +1,248 @@
+//! File names with a frame number in them: `shot.####.exr`, `shot.%04d.exr`, `shot.@@@@.exr`, `shot.$F4.exr`.
+//!
+//! A single `#` reads as four digits, a run of n as n; `@` needs a run of two or more (so that `logo@2x.exr` is a
+//! plain name); `%d` and `$F` pad nothing. Numbers wider than the padding take the digits that they need; the minus
+//! sign of a negative number counts as one of the digits, as in C's `printf`. Everything else is literal.
+
+use std::path::{Path, PathBuf};
+
+use crate::files::names::{to_path, to_text};
+
+/// A path with at least one place for a frame number; several places take the same number.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Pattern {
+    pieces: Vec<Piece>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Piece {
+    Text(String),
+    /// The least number of digits.
+    Number(usize),
+}
+
+/// A spelling that would not do what it seems to say.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("'%{0}d' pads with spaces; write %0{0}d")]
+pub struct PatternError(usize);
+
+impl Pattern {
+    /// The pattern in `text` (of `names::to_text` where it is a path's), or `None` if it has no place for a frame number.
+    pub fn parse(text: &str) -> Result<Option<Self>, PatternError> {
+        let mut pieces = Vec::new();
+        let mut literal = String::new();
+        let mut rest = text;
+        while let Some(c) = rest.chars().next() {
+            if let Some((length, width)) = token(rest)? {
+                if !literal.is_empty() {
+                    pieces.push(Piece::Text(std::mem::take(&mut literal)));
+                }
+                pieces.push(Piece::Number(width));
+                rest = &rest[length..];
+            } else {
+                literal.push(c);
+                rest = &rest[c.len_utf8()..];
+            }
+        }
+        if pieces.is_empty() {
+            return Ok(None);
+        }
+        if !literal.is_empty() {
+            pieces.push(Piece::Text(literal));
+        }
+        Ok(Some(Self { pieces }))
+    }
+
+    /// The path of frame `number`.
+    pub fn path(&self, number: i64) -> PathBuf {
+        self.written(|width| format!("{number:0width$}"))
+    }
+
+    /// The path of frame `number` as some tools write it: a minus sign before the full padding.
+    pub fn alternative(&self, number: i64) -> Option<PathBuf> {
+        (number < 0).then(|| self.written(|width| format!("-{:0width$}", number.unsigned_abs())))
+    }
+
+    fn written(&self, number: impl Fn(usize) -> String) -> PathBuf {
+        let mut path = String::new();
+        for piece in &self.pieces {
+            match piece {
+                Piece::Text(text) => path.push_str(text),
+                Piece::Number(width) => path.push_str(&number(*width)),
+            }
+        }
+        to_path(&path)
+    }
+
+    /// The frame number of `path` if it is one that this pattern stands for.
+    pub fn number_of(&self, path: &Path) -> Option<i64> {
+        let text = to_text(path.as_os_str());
+        let Some(Piece::Number(_)) = self.pieces.iter().find(|piece| matches!(piece, Piece::Number(_)))
+        else {
+            return None;
+        };
+        let start = match &self.pieces[0] {
+            Piece::Text(prefix) => prefix.len(),
+            Piece::Number(_) => 0,
+        };
+        let digits = text.get(start..)?;
+        let end = digits.char_indices().find(|&(at, c)| !(c.is_ascii_digit() || (at == 0 && c == '-')));
+        let number = digits[..end.map_or(digits.len(), |(at, _)| at)].parse().ok()?;
+        let is = |candidate: Option<PathBuf>| candidate.is_some_and(|candidate| candidate == path);
+        (is(Some(self.path(number))) || is(self.alternative(number))).then_some(number)
+    }
+
+    /// The folder in which the frames lie, if it is the same for all of them.
+    pub fn folder(&self) -> Option<PathBuf> {
+        let (zero, one) = (self.path(0), self.path(1));
+        (zero.parent() == one.parent()).then(|| zero.parent().map(Path::to_path_buf)).flatten()
+    }
+}
+
+/// Length and padding of the frame number's place at the start of `text`, if there is one.
+fn token(text: &str) -> Result<Option<(usize, usize)>, PatternError> {
+    let run = |c: char| text.chars().take_while(|&other| other == c).count();
+    let digits = |text: &str| text.chars().take_while(char::is_ascii_digit).count();
+    Ok(match text.as_bytes()[0] {
+        b'#' => Some((run('#'), if run('#') == 1 { 4 } else { run('#') })),
+        b'@' if run('@') > 1 => Some((run('@'), run('@'))),
+        b'%' => {
+            let width = &text[1..][..digits(&text[1..])];
+            if text[1 + width.len()..].starts_with('d') && width.len() < 4 {
+                let value = width.parse().unwrap_or(1);
+                if !width.is_empty() && !width.starts_with('0') {
+                    return Err(PatternError(value));
+                }
+                Some((width.len() + 2, value.max(1)))
+            } else {
+                None
+            }
+        }
+        b'$' if text[1..].starts_with('F') => {
+            let width = &text[2..][..digits(&text[2..]).min(2)];
+            let next = text[2 + width.len()..].chars().next();
+            let word = width.is_empty() && next.is_some_and(|c| c.is_alphanumeric() || c == '_');
+            (!word).then(|| (2 + width.len(), width.parse().unwrap_or(1).max(1)))
+        }
+        _ => None,
+    })
+}
+
+/// The frame number in a plain file name: the last field between dots that is all digits, else the last run of
+/// digits before the extension. A minus sign counts if it starts the field.
+pub fn number_in_name(path: &Path) -> Option<i64> {
+    let stem = to_text(path.file_stem()?);
+    let field = stem.rsplit('.').find(|field| {
+        let digits = field.strip_prefix('-').unwrap_or(field);
+        !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit())
+    });
+    if let Some(field) = field {
+        return field.parse().ok();
+    }
+    let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
+    let start = stem[..end]
+        .rfind(|c: char| !c.is_ascii_digit())
+        .map_or(0, |at| at + stem[at..].chars().next().map_or(1, char::len_utf8));
+    stem[start..end].parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pattern(text: &str) -> Pattern {
+        Pattern::parse(text).unwrap().unwrap()
+    }
+
+    fn path(text: &str, number: i64) -> String {
+        pattern(text).path(number).to_str().unwrap().into()
+    }
+
+    #[test]
+    fn all_spellings_pad_as_documented() {
+        assert_eq!(path("a/shot.####.exr", 12), "a/shot.0012.exr");
+        assert_eq!(path("shot.#.exr", 12), "shot.0012.exr");
+        assert_eq!(path("shot.##.exr", 7), "shot.07.exr");
+        assert_eq!(path("shot.%04d.exr", 12), "shot.0012.exr");
+        assert_eq!(path("shot.%d.exr", 12), "shot.12.exr");
+        assert_eq!(path("shot.@@@.exr", 12), "shot.012.exr");
+        assert_eq!(path("shot.$F4.exr", 12), "shot.0012.exr");
+        assert_eq!(path("shot.$F.exr", 12), "shot.12.exr");
+        assert_eq!(path("####/shot.%02d.exr", 3), "0003/shot.03.exr");
+        assert_eq!(path("größe ünd raum.####.exr", 1), "größe ünd raum.0001.exr");
+    }
+
+    #[test]
+    fn numbers_may_outgrow_the_padding_and_be_negative() {
+        assert_eq!(path("s.####.exr", 123_456), "s.123456.exr");
+        assert_eq!(path("s.####.exr", -1), "s.-001.exr");
+        assert_eq!(path("s.%d.exr", -12), "s.-12.exr");
+        assert_eq!(path("s.####.exr", -12_345), "s.-12345.exr");
+    }
+
+    #[test]
+    fn other_signs_are_literal() {
+        for text in
+            ["plain.exr", "100%.exr", "logo@2x.exr", "a%20b.exr", "$FOO.exr", "%s.exr", "$.exr", "%%.exr"]
+        {
+            assert_eq!(Pattern::parse(text), Ok(None), "{text}");
+        }
+        assert_eq!(path("100% $FOO a@b.##.exr", 1), "100% $FOO a@b.01.exr");
+        assert_eq!(Pattern::parse("a.%4d.exr"), Err(PatternError(4)));
+    }
+
+    #[test]
+    fn a_name_gives_back_its_number() {
+        let shot = pattern("dir/shot.####.exr");
+        let number = |name: &str| shot.number_of(Path::new(name));
+        assert_eq!(number("dir/shot.0012.exr"), Some(12));
+        assert_eq!(number("dir/shot.12345.exr"), Some(12345));
+        assert_eq!(number("dir/shot.-001.exr"), Some(-1));
+        assert_eq!(number("dir/shot.-0001.exr"), Some(-1));
+        for other in [
+            "dir/shot.12.exr",
+            "dir/shot.00012.exr",
+            "dir/shot..exr",
+            "dir/shot.0012.png",
+            "shot.0012.exr",
+            "d",
+        ] {
+            assert_eq!(number(other), None, "{other}");
+        }
+        assert_eq!(pattern("####.exr").number_of(Path::new("0007.exr")), Some(7));
+        assert_eq!(pattern("s-##.exr").number_of(Path::new("s-07.exr")), Some(7));
+        assert_eq!(pattern("##/s.##.exr").number_of(Path::new("07/s.08.exr")), None);
+        assert_eq!(pattern("##/s.##.exr").number_of(Path::new("07/s.07.exr")), Some(7));
+        assert_eq!(pattern("é.##.exr").number_of(Path::new("aé.07.exr")), None);
+    }
+
+    #[test]
+    fn every_number_comes_back() {
+        for text in ["s.####.exr", "s.%d.exr", "a/s_@@@.exr", "$F3.exr"] {
+            for number in [-12_345, -100, -1, 0, 1, 9, 10, 999, 1000, 99_999] {
+                let pattern = pattern(text);
+                assert_eq!(pattern.number_of(&pattern.path(number)), Some(number), "{text} {number}");
+            }
+        }
+    }
+
+    #[test]
+    fn plain_names_have_numbers_too() {
+        let number = |name: &str| number_in_name(Path::new(name));
+        assert_eq!(number("a/shot.0012.exr"), Some(12));
+        assert_eq!(number("shot.-003.exr"), Some(-3));
+        assert_eq!(number("shot-003.exr"), Some(3));
+        assert_eq!(number("shot_v2.0012.beauty_l8.exr"), Some(12));
+        assert_eq!(number("shot_v2.exr"), Some(2));
+        assert_eq!(number("0007.exr"), Some(7));
+        assert_eq!(number("bild ä7ö.exr"), Some(7));
+        assert_eq!(number("plain.exr"), None);
+    }
+
+    #[test]
+    fn the_folder_is_known_unless_it_has_the_number() {
+        assert_eq!(pattern("a/s.##.exr").folder(), Some("a".into()));
+        assert_eq!(pattern("s.##.exr").folder(), Some("".into()));
+        assert_eq!(pattern("a.##/s.exr").folder(), None);
+    }
+}

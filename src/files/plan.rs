@@ -1,0 +1,446 @@
+//! What is to be done, frame by frame, checked before any work: every output has one input, and none is an input.
+
+use std::collections::{BTreeSet, HashMap};
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+use crate::files::destinations::Destination;
+use crate::files::error::PlanError;
+use crate::files::identity::{Places, Sources};
+use crate::files::inputs::{Input, Selection, resolve};
+use crate::files::layers::{LayerFile, LayerSource};
+use crate::files::names::{folder_of, to_text};
+use crate::files::patterns::Pattern;
+use crate::files::reports::is_standard_output;
+
+/// One frame's files.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Item {
+    /// The frame number, if the name has one.
+    pub number: Option<i64>,
+    /// Read from here; may not exist.
+    pub input: PathBuf,
+    /// Written here.
+    pub output: PathBuf,
+    /// The file with the mask, if the mask comes from a file.
+    pub mask: Option<PathBuf>,
+    /// The file with the guides, if they come from another one.
+    pub guides: Option<PathBuf>,
+    /// The files whose channels become layers of the frame.
+    pub layers: Vec<LayerFile>,
+    /// Further files that it is made from, with what they are.
+    pub made_from: Vec<(&'static str, PathBuf)>,
+}
+
+impl Item {
+    /// The files that the output is made from, and what they are.
+    pub fn sources(&self) -> impl Iterator<Item = (&Path, &'static str)> {
+        let beside = [(self.mask.as_deref(), "mask"), (self.guides.as_deref(), "guides")];
+        let beside = beside.into_iter().filter_map(|(path, what)| Some((path?, what)));
+        let layers = self.layers.iter().map(|layer| (&*layer.path, "layer"));
+        let further = self.made_from.iter().map(|(what, path)| (&**path, *what));
+        std::iter::once((&*self.input, "input")).chain(beside).chain(layers).chain(further)
+    }
+
+    /// The files that are read where the output is one of them: two frames are held against each other.
+    pub fn compared(&self) -> impl Iterator<Item = (&Path, &'static str)> {
+        self.sources().chain(std::iter::once((&*self.output, "other frame")))
+    }
+}
+
+/// All frames, in the order asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Plan {
+    /// The frames.
+    pub items: Vec<Item>,
+    /// Folders of outputs that do not exist yet.
+    pub new_folders: BTreeSet<PathBuf>,
+}
+
+/// What a plan is made from, besides the selection.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Targets {
+    /// File, pattern or folder.
+    pub output: PathBuf,
+    /// Path or pattern of the mask's file.
+    pub mask: Option<String>,
+    /// Path or pattern of the guides' file.
+    pub guides: Option<String>,
+    /// Files whose channels become layers of the frames.
+    pub layers: Vec<LayerSource>,
+    /// Other files that the run writes (a report, say).
+    pub also_written: Vec<PathBuf>,
+    /// Whether folders are made where they are missing.
+    pub create_dir: bool,
+}
+
+/// Plans a run. Looks at names and folders, opens no frame, changes nothing.
+pub fn plan(selection: &Selection, targets: &Targets) -> Result<Plan, PlanError> {
+    let mut items = pair(selection, &targets.output, targets.mask.as_deref())?;
+    add_guides(&mut items, targets.guides.as_deref())?;
+    add_layers(&mut items, &targets.layers)?;
+    let mut places = Places::default();
+    check_one_input_each(&items, &mut places)?;
+    checked(items, targets, &mut places)
+}
+
+/// Plans a run that makes frames of one file: every number its output, in a folder `NAME.exr` or `NAME.0001.exr`. Looks at
+/// names and folders, changes nothing.
+pub fn outputs(
+    (source, name): (&Path, &str),
+    numbers: &[Option<i64>],
+    targets: &Targets,
+) -> Result<Plan, PlanError> {
+    let destination = Destination::parse(&targets.output)?;
+    let shown = targets.output.display();
+    match (&destination, numbers) {
+        (Destination::File(_), [Some(_), ..]) => {
+            return Err(PlanError::Usage(format!(
+                "{shown}: --frames needs an output pattern (shot.####.exr) or a folder (ends in /)"
+            )));
+        }
+        (Destination::Pattern(_), [None, ..]) => {
+            return Err(PlanError::Usage(format!(
+                "{shown}: a pattern needs --frames, such as --frames 1-10"
+            )));
+        }
+        _ => {}
+    }
+    let mask = targets.mask.as_deref().map(MaskPattern::parse).transpose()?;
+    let item = |&number: &Option<i64>| {
+        let path = number.map_or_else(|| format!("{name}.exr"), |number| format!("{name}.{number:04}.exr"));
+        let frame = Input { path: path.into(), number };
+        let output = destination.of(&frame)?;
+        let mask = mask.as_ref().map(|mask| mask.of(&frame)).transpose()?;
+        Ok(Item {
+            number,
+            input: source.into(),
+            output,
+            mask,
+            guides: None,
+            layers: Vec::new(),
+            made_from: Vec::new(),
+        })
+    };
+    let items: Vec<Item> = numbers.iter().map(item).collect::<Result<_, _>>()?;
+    checked(items, targets, &mut Places::default())
+}
+
+impl Plan {
+    /// The plan once every frame is known to be made from these files as well, none of which is written.
+    pub fn with_files(
+        mut self,
+        files: &[(&'static str, PathBuf)],
+        targets: &Targets,
+    ) -> Result<Self, PlanError> {
+        let read = Sources::new(files.iter().map(|(what, path)| (&**path, *what)));
+        let outputs = self.items.iter().map(|item| &item.output);
+        outputs.chain(also_written(targets)).try_for_each(|written| read.check(written))?;
+        self.items.iter_mut().for_each(|item| item.made_from = files.to_vec());
+        Ok(self)
+    }
+}
+
+/// The reports that are files.
+fn also_written(targets: &Targets) -> impl Iterator<Item = &PathBuf> {
+    targets.also_written.iter().filter(|path| !is_standard_output(path))
+}
+
+/// The plan of these frames, once nothing that is read is written and every folder is there or may be made.
+fn checked(items: Vec<Item>, targets: &Targets, places: &mut Places) -> Result<Plan, PlanError> {
+    let also_written: Vec<PathBuf> = also_written(targets).cloned().collect();
+    check_no_input_is_written(&items, &also_written, places)?;
+    let mut new_folders = BTreeSet::new();
+    let mut checked = BTreeSet::new();
+    for written in items.iter().map(|item| &item.output).chain(&also_written) {
+        if checked.insert(folder_of(written)) {
+            check_folder(written, targets.create_dir, &mut new_folders)?;
+        }
+    }
+    Ok(Plan { items, new_folders })
+}
+
+/// Every input with its output and mask file, without any check of the file system's state.
+pub fn pair(selection: &Selection, output: &Path, mask: Option<&str>) -> Result<Vec<Item>, PlanError> {
+    let inputs = resolve(selection)?;
+    let destination = Destination::parse(output)?;
+    if inputs.is_set && !destination.holds_many() {
+        return Err(PlanError::Usage(format!(
+            "{0}: several frames need an output pattern (shot.####.exr) or a folder ('{0}/')",
+            output.display()
+        )));
+    }
+    let mask = mask.map(MaskPattern::parse).transpose()?;
+    // A single plain file is not a frame of a sequence, whatever digits its name has, unless its number is asked for.
+    let numbered =
+        inputs.is_set || destination.is_numbered() || matches!(mask, Some(MaskPattern::PerFrame(_)));
+    let item = |input: Input| {
+        let output = destination.of(&input)?;
+        let mask = mask.as_ref().map(|mask| mask.of(&input)).transpose()?;
+        Ok(Item {
+            number: input.number.filter(|_| numbered),
+            input: input.path,
+            output,
+            mask,
+            guides: None,
+            layers: Vec::new(),
+            made_from: Vec::new(),
+        })
+    };
+    inputs.frames.into_iter().map(item).collect()
+}
+
+/// Every frame with the file of its guides.
+fn add_guides(items: &mut [Item], guides: Option<&str>) -> Result<(), PlanError> {
+    let Some(guides) = guides.map(MaskPattern::parse).transpose()? else { return Ok(()) };
+    for item in items {
+        item.guides = Some(beside(&guides, item, "--guides-from")?);
+    }
+    Ok(())
+}
+
+/// Every frame with the files of its layers.
+fn add_layers(items: &mut [Item], layers: &[LayerSource]) -> Result<(), PlanError> {
+    for layer in layers {
+        let file = MaskPattern::parse(&layer.pattern)?;
+        for item in items.iter_mut() {
+            let path = beside(&file, item, "--layers")?;
+            item.layers.push(LayerFile { name: layer.name.clone(), path });
+        }
+    }
+    Ok(())
+}
+
+/// The file that belongs to a frame, by the number in the frame's name.
+fn beside(file: &MaskPattern, item: &Item, flag: &str) -> Result<PathBuf, PlanError> {
+    let number = item.number.or_else(|| super::patterns::number_in_name(&item.input));
+    let input = Input { path: item.input.clone(), number };
+    file.of(&input).map_err(|_| {
+        PlanError::Usage(format!(
+            "{}: no frame number in the name for the pattern of {flag}",
+            item.input.display()
+        ))
+    })
+}
+
+/// The file of the mask: one for all frames, or one a frame.
+enum MaskPattern {
+    One(PathBuf),
+    PerFrame(Pattern),
+}
+
+impl MaskPattern {
+    fn parse(text: &str) -> Result<Self, PlanError> {
+        if Path::new(text).exists() {
+            return Ok(Self::One(text.into()));
+        }
+        let pattern = Pattern::parse(&to_text(OsStr::new(text)))
+            .map_err(|error| PlanError::Usage(format!("{text}: {error}")))?;
+        Ok(pattern.map_or_else(|| Self::One(text.into()), Self::PerFrame))
+    }
+
+    fn of(&self, input: &Input) -> Result<PathBuf, PlanError> {
+        match (self, input.number) {
+            (Self::One(path), _) => Ok(path.clone()),
+            (Self::PerFrame(pattern), Some(number)) => Ok(pattern.path(number)),
+            (Self::PerFrame(_), None) => Err(PlanError::Usage(format!(
+                "{}: no frame number in the name for the mask's pattern; name one mask file",
+                input.path.display()
+            ))),
+        }
+    }
+}
+
+/// Checks a report of a run that writes nothing else: it replaces no file that the run reads, and its folder exists.
+pub fn check_report(items: &[Item], report: &Path) -> Result<(), PlanError> {
+    if is_standard_output(report) {
+        return Ok(());
+    }
+    Sources::new(items.iter().flat_map(Item::compared)).check(report)?;
+    check_folder(report, false, &mut BTreeSet::new())
+}
+
+fn check_one_input_each(items: &[Item], places: &mut Places) -> Result<(), PlanError> {
+    let mut owners: HashMap<PathBuf, &Path> = HashMap::new();
+    for item in items {
+        if let Some(other) = owners.insert(places.of(&item.output), &item.input)
+            && other != item.input
+        {
+            return Err(PlanError::Usage(format!(
+                "{} and {} would both be written to {}",
+                other.display(),
+                item.input.display(),
+                item.output.display()
+            )));
+        }
+    }
+    Ok(())
+}
+
+fn check_no_input_is_written(
+    items: &[Item],
+    also_written: &[PathBuf],
+    places: &mut Places,
+) -> Result<(), PlanError> {
+    let read = Sources::new(items.iter().flat_map(Item::sources));
+    for written in items.iter().map(|item| &item.output).chain(also_written) {
+        read.check(written)?;
+    }
+    // An output that is a folder is the failure of its frame.
+    if let Some(folder) = also_written.iter().find(|written| written.is_dir()) {
+        return Err(PlanError::Usage(format!("{}: it is a folder; name a file", folder.display())));
+    }
+    let outputs: BTreeSet<PathBuf> = items.iter().map(|item| places.of(&item.output)).collect();
+    match also_written.iter().find(|written| outputs.contains(&places.of(written))) {
+        Some(written) => Err(PlanError::Usage(format!("{}: would be written twice", written.display()))),
+        None => Ok(()),
+    }
+}
+
+fn check_folder(output: &Path, create_dir: bool, new: &mut BTreeSet<PathBuf>) -> Result<(), PlanError> {
+    let folder = folder_of(output);
+    if folder.is_dir() {
+        return Ok(());
+    }
+    if let Some(file) = folder.ancestors().find(|ancestor| ancestor.exists() && !ancestor.is_dir()) {
+        return Err(PlanError::Failed(format!(
+            "{}: {} is a file, not a folder",
+            output.display(),
+            file.display()
+        )));
+    }
+    if !create_dir {
+        return Err(PlanError::Usage(format!(
+            "{}: the folder {} does not exist (--create-dir makes it)",
+            output.display(),
+            folder.display()
+        )));
+    }
+    new.insert(folder);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Room(tempfile::TempDir);
+
+    impl Room {
+        fn new(names: &[&str]) -> Self {
+            let folder = tempfile::tempdir().unwrap();
+            for name in names {
+                std::fs::write(folder.path().join(name), "").unwrap();
+            }
+            Self(folder)
+        }
+
+        fn path(&self, name: &str) -> PathBuf {
+            self.0.path().join(name)
+        }
+
+        fn plan(&self, inputs: &[&str], output: &str) -> Result<Plan, PlanError> {
+            self.plan_with(inputs, output, |_| {})
+        }
+
+        fn plan_with(
+            &self,
+            inputs: &[&str],
+            output: &str,
+            more: impl Fn(&mut Targets),
+        ) -> Result<Plan, PlanError> {
+            let inputs = inputs.iter().map(|input| self.path(input)).collect();
+            let mut targets = Targets { output: self.path(output), ..Targets::default() };
+            more(&mut targets);
+            plan(&Selection { inputs, ..Selection::default() }, &targets)
+        }
+    }
+
+    fn usage(result: Result<Plan, PlanError>) -> String {
+        match result {
+            Err(PlanError::Usage(text)) => text,
+            other => panic!("not a usage error: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn output_numbers_follow_the_input() {
+        let room = Room::new(&["s.0003.exr", "s.0011.exr", "m.03.exr"]);
+        let mask = room.path("m.##.exr").to_str().unwrap().to_owned();
+        let plan =
+            room.plan_with(&["s.####.exr"], "o.%d.exr", |targets| targets.mask = Some(mask.clone())).unwrap();
+        let outputs: Vec<_> = plan.items.iter().map(|item| item.output.clone()).collect();
+        assert_eq!(outputs, [room.path("o.3.exr"), room.path("o.11.exr")]);
+        assert_eq!(plan.items[0].mask, Some(room.path("m.03.exr")));
+        assert!(plan.new_folders.is_empty());
+    }
+
+    #[test]
+    fn a_set_needs_a_place_for_many() {
+        let room = Room::new(&["s.0003.exr", "a.exr", "b.exr"]);
+        assert!(usage(room.plan(&["s.####.exr"], "o.exr")).contains("pattern"));
+        assert!(usage(room.plan(&["*.exr"], "o.exr")).contains("folder"));
+        assert!(usage(room.plan(&["a.exr", "b.exr"], "o.exr")).contains("folder"));
+    }
+
+    #[test]
+    fn two_inputs_never_share_an_output() {
+        let room = Room::new(&["a.0001.exr", "b.0001.exr"]);
+        assert!(usage(room.plan(&["a.0001.exr", "b.0001.exr"], "o.####.exr")).contains("both be written"));
+        let plan = room.plan(&["a.0001.exr", "a.0001.exr"], "o.####.exr").unwrap();
+        assert_eq!(plan.items.len(), 1);
+    }
+
+    #[test]
+    fn no_input_is_overwritten_by_any_name() {
+        let room = Room::new(&["a.exr", "m.exr"]);
+        std::fs::hard_link(room.path("a.exr"), room.path("hard.exr")).unwrap();
+        assert!(usage(room.plan(&["a.exr"], "a.exr")).contains("in place"));
+        assert!(usage(room.plan(&["a.exr"], "./a.exr")).contains("in place"));
+        assert!(usage(room.plan(&["a.exr"], "hard.exr")).contains("in place"));
+        assert!(usage(room.plan(&["a.exr"], "")).contains("in place"));
+        let mask = room.path("m.exr").to_str().unwrap().to_owned();
+        assert!(usage(room.plan_with(&["a.exr"], "m.exr", |t| t.mask = Some(mask.clone()))).contains("mask"));
+        let json = |name: &str| vec![room.path(name)];
+        assert!(
+            usage(room.plan_with(&["a.exr"], "o.exr", |t| t.also_written = json("a.exr")))
+                .contains("in place")
+        );
+        assert!(
+            usage(room.plan_with(&["a.exr"], "o.exr", |t| t.also_written = json("o.exr"))).contains("twice")
+        );
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_to_inputs_and_folders_are_seen_through() {
+        let room = Room::new(&["a.exr"]);
+        std::os::unix::fs::symlink(room.path("a.exr"), room.path("soft.exr")).unwrap();
+        std::fs::create_dir(room.path("d")).unwrap();
+        std::os::unix::fs::symlink(room.path("d"), room.path("e")).unwrap();
+        std::fs::write(room.path("d/a.exr"), "").unwrap();
+        assert!(usage(room.plan(&["a.exr"], "soft.exr")).contains("in place"));
+        assert!(usage(room.plan(&["soft.exr"], "a.exr")).contains("in place"));
+        assert!(usage(room.plan(&["d/a.exr"], "e")).contains("in place"));
+    }
+
+    #[test]
+    fn folders_are_made_only_when_asked() {
+        let room = Room::new(&["a.exr"]);
+        assert!(usage(room.plan(&["a.exr"], "x/y/o.exr")).contains("--create-dir"));
+        let plan = room.plan_with(&["a.exr"], "x/y/o.exr", |targets| targets.create_dir = true).unwrap();
+        assert_eq!(plan.new_folders, BTreeSet::from([room.path("x/y")]));
+        let below = room.plan_with(&["a.exr"], "a.exr/o.exr", |targets| targets.create_dir = true);
+        assert!(matches!(below, Err(PlanError::Failed(_))));
+    }
+
+    #[test]
+    fn numbers_are_needed_where_patterns_are() {
+        let room = Room::new(&["a.exr"]);
+        assert!(usage(room.plan(&["a.exr"], "o.####.exr")).contains("frame number"));
+        assert!(
+            usage(room.plan_with(&["a.exr"], "o.exr", |t| t.mask = Some("m.####.exr".into())))
+                .contains("mask")
+        );
+    }
+}

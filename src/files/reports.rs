@@ -1,0 +1,92 @@
+//! The reports of a run: each goes to a place of its own, `-` is standard output.
+
+use std::io::Write;
+use std::path::Path;
+
+use crate::files::error::PlanError;
+use crate::files::identity::{Identity, Places};
+
+/// A report that was asked for: its flag and its place.
+pub type Asked<'a> = (&'static str, &'a Path);
+
+/// Whether a report of that name goes to standard output.
+pub fn is_standard_output(path: &Path) -> bool {
+    path == Path::new("-")
+}
+
+/// Refuses reports, or what else a run writes, that would mix or replace each other; `openjd` is whether progress is told on standard output.
+pub fn check(reports: &[Asked<'_>], openjd: bool) -> Result<(), PlanError> {
+    for (index, (flag, path)) in reports.iter().enumerate() {
+        if openjd && is_standard_output(path) {
+            return Err(PlanError::Usage(format!(
+                "{flag} - and --progress openjd would both write to standard output; name a file for {flag}"
+            )));
+        }
+        let same = reports[..index].iter().find(|(_, before)| is_same(before, path));
+        let Some((other, _)) = same else { continue };
+        return Err(PlanError::Usage(if is_standard_output(path) {
+            format!("{other} - and {flag} - would both write to standard output; name a file for {flag}")
+        } else {
+            format!("{}: would be written twice: {other} and {flag} name the same file", path.display())
+        }));
+    }
+    Ok(())
+}
+
+/// Whether two reports go to one file or stream. A device or a pipe takes both, one after the other.
+fn is_same(one: &Path, other: &Path) -> bool {
+    if is_standard_output(one) || is_standard_output(other) {
+        return one == other;
+    }
+    if one.metadata().is_ok_and(|found| !found.is_file()) {
+        return false;
+    }
+    let mut places = Places::default();
+    let identity = Identity::of(one);
+    places.of(one) == places.of(other) || (identity.is_some() && identity == Identity::of(other))
+}
+
+/// Writes a report, complete or not at all.
+pub fn write(path: &Path, content: &[u8]) -> Result<(), String> {
+    let failed =
+        |error: &dyn std::fmt::Display| format!("{}: the report is not written: {error}", path.display());
+    if is_standard_output(path) {
+        let mut out = std::io::stdout().lock();
+        return out.write_all(content).and_then(|()| out.flush()).map_err(|error| failed(&error));
+    }
+    lacuna_exr::write_whole(path, content).map_err(|error| failed(&error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refusal(reports: &[Asked<'_>], openjd: bool) -> Option<String> {
+        check(reports, openjd).err().map(|error| error.to_string())
+    }
+
+    #[test]
+    fn each_report_has_a_place_of_its_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, again) = (folder.path().join("r"), folder.path().join("./r"));
+        let both = [("--json", file.as_path()), ("--report", again.as_path())];
+        for _ in 0..2 {
+            let text = refusal(&both, false).unwrap();
+            assert!(text.contains("written twice") && text.contains("--json and --report"), "{text}");
+            // The same if it is there already.
+            std::fs::write(&file, "").unwrap();
+        }
+        #[cfg(unix)]
+        {
+            let link = folder.path().join("link");
+            std::os::unix::fs::symlink(&file, &link).unwrap();
+            assert!(refusal(&[("--json", &file), ("--log", &link)], false).is_some());
+            let nowhere = Path::new("/dev/null");
+            assert_eq!(refusal(&[("--json", nowhere), ("--report", nowhere)], false), None);
+        }
+        let out = Path::new("-");
+        assert_eq!(refusal(&[("--json", out), ("--csv", &file)], false), None);
+        assert!(refusal(&[("--json", out), ("--csv", out)], false).unwrap().contains("standard output"));
+        assert!(refusal(&[("--csv", out)], true).unwrap().contains("--progress openjd"));
+    }
+}

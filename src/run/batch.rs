@@ -1,0 +1,428 @@
+//! Runs one kind of work on every frame of a plan: schedule, progress, messages, report and exit status.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use crate::files::error::PlanError;
+use crate::files::plan::Item;
+use crate::files::reports;
+use crate::files::reports::is_standard_output;
+use crate::run::console::{Console, Meter, Verbosity, frame_span, label};
+use crate::run::ledger::Ledger;
+use crate::run::record::{Heading, Journal, Record, State};
+use crate::run::schedule::{Limits, Permits, Refusal};
+use crate::run::{memory, schedule, signals, threads};
+
+/// Parts of a frame's progress: read, solve, write.
+const STEPS: u64 = 3;
+
+/// How to run; none of it changes a bit of a result but the time limit.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RunOptions {
+    /// Threads in all; 0 for all that there are.
+    pub threads: usize,
+    /// Frames that are solved at the same time.
+    pub parallel_frames: usize,
+    /// Bytes that frames on the way may use together.
+    pub memory: Option<u64>,
+    /// For solving one frame.
+    pub time_limit: Option<Duration>,
+    /// Print the plan only.
+    pub dry_run: bool,
+    /// How much is said.
+    pub verbosity: Verbosity,
+    /// How progress is told.
+    pub meter: Meter,
+    /// Where the report goes.
+    pub json: Option<PathBuf>,
+    /// The ledger that a line a frame is appended to.
+    pub log: Option<PathBuf>,
+    /// Where the page goes, of work that has one.
+    pub page: Option<PathBuf>,
+}
+
+impl RunOptions {
+    /// The console that these options ask for.
+    ///
+    /// # Errors
+    /// If two things would go into one file or stream that cannot share it.
+    pub fn console(&self) -> Result<Arc<Console>, PlanError> {
+        self.console_beside(&[])
+    }
+
+    /// The same where the work has further reports.
+    pub fn console_beside(&self, others: &[reports::Asked<'_>]) -> Result<Arc<Console>, PlanError> {
+        if self.log.as_deref().is_some_and(is_standard_output) {
+            let text = "--log -: a ledger is a file; --json - writes a report to standard output";
+            return Err(PlanError::Usage(text.into()));
+        }
+        let own = [("--json", &self.json), ("--report", &self.page), ("--log", &self.log)];
+        let own = own.into_iter().filter_map(|(flag, path)| Some((flag, path.as_deref()?)));
+        let all: Vec<_> = own.chain(others.iter().copied()).collect();
+        reports::check(&all, self.meter == Meter::OpenJd)?;
+        Ok(Console::with(self.verbosity, self.meter))
+    }
+
+    /// The files that a run writes besides its frames.
+    pub fn also_written(&self) -> Vec<PathBuf> {
+        [&self.json, &self.page, &self.log].into_iter().flatten().cloned().collect()
+    }
+}
+
+/// Why a frame failed, and the file that it is about.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// The file.
+    pub file: PathBuf,
+    /// What is wrong and the way out.
+    pub text: String,
+}
+
+impl Failure {
+    /// A failure about `file`, which some errors name themselves.
+    pub fn at(file: &Path, error: impl std::fmt::Display) -> Self {
+        let (text, named) = (error.to_string(), format!("{}: ", file.display()));
+        Self { file: file.into(), text: text.strip_prefix(&named).unwrap_or(&text).into() }
+    }
+}
+
+/// What is to be done with a frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Decision {
+    /// The work.
+    Do,
+    /// Nothing, for this reason.
+    Skip(String),
+}
+
+/// One kind of work on frames.
+pub trait Work: Sync {
+    /// What the work is called in plans and sums: "fill", "filled".
+    fn words(&self) -> (&'static str, &'static str);
+
+    /// Whether it only checks frames, so that nothing passes by absence.
+    fn is_gate(&self) -> bool {
+        false
+    }
+
+    /// Pieces of progress that solving a frame tells besides the stages, by [`Stage::piece`].
+    fn pieces(&self) -> u64 {
+        0
+    }
+
+    /// Whether anything is to be done. Looks at files, changes nothing.
+    fn decide(&self, item: &Item) -> Result<Decision, Failure>;
+
+    /// Bytes that the work on this frame needs, from its header; 0 if that cannot be read.
+    fn bytes(&self, item: &Item) -> u64;
+
+    /// The work itself; it passes over the record if nothing is to be written in the end.
+    fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure>;
+
+    /// What is written when all frames are through.
+    fn end(&self, _heading: &Heading, _records: &[Record]) -> Result<(), String> {
+        Ok(())
+    }
+}
+
+/// What the work on a frame may ask of the batch.
+pub struct Stage<'a> {
+    permits: &'a Permits,
+    console: &'a Console,
+    stopped: &'a AtomicBool,
+}
+
+/// Where it is written down what became of each frame.
+#[derive(Clone)]
+struct Books {
+    journal: Journal,
+    ledger: Ledger,
+}
+
+impl Books {
+    fn enter(&self, index: usize, record: Record) {
+        self.ledger.end(index, &record);
+        self.journal.enter(index, record);
+    }
+}
+
+impl Stage<'_> {
+    /// Reads, and counts the time.
+    pub fn read<T>(&self, record: &mut Record, read: impl FnOnce() -> T) -> T {
+        self.timed(&mut record.seconds.read, read)
+    }
+
+    /// Solves when it is this frame's turn, and counts the time from then on.
+    pub fn solve<T>(&self, record: &mut Record, solve: impl FnOnce() -> T) -> T {
+        let _permit = self.permits.wait();
+        self.timed(&mut record.seconds.solve, solve)
+    }
+
+    /// Writes, and counts the time.
+    pub fn write<T>(&self, record: &mut Record, write: impl FnOnce() -> T) -> T {
+        self.timed(&mut record.seconds.write, write)
+    }
+
+    /// Some pieces of solving are done.
+    pub fn piece(&self, pieces: u64) {
+        if pieces > 0 {
+            self.console.advance(pieces);
+        }
+    }
+
+    /// Tells something about a frame that went well.
+    pub fn note(&self, text: &str) {
+        self.console.note(text);
+    }
+
+    /// Whether the run is to end.
+    pub fn stopped(&self) -> bool {
+        self.stopped.load(Ordering::SeqCst)
+    }
+
+    fn timed<T>(&self, seconds: &mut f64, work: impl FnOnce() -> T) -> T {
+        let start = Instant::now();
+        let result = work();
+        *seconds += start.elapsed().as_secs_f64();
+        self.console.advance(1);
+        result
+    }
+}
+
+/// Runs `work` on all items; the exit status is 0, or 1 if a frame failed.
+pub fn run(
+    heading: Heading,
+    items: &[Item],
+    options: &RunOptions,
+    work: &dyn Work,
+    console: &Arc<Console>,
+) -> Result<u8, String> {
+    let threads = threads::start(options.threads)?;
+    let ledger = Ledger::open(options.log.as_deref(), &heading)?;
+    let books = Books { journal: Journal::new(heading, items), ledger };
+    let stopped = watch(&books, options.json.clone(), console)?;
+    let start = Instant::now();
+    console.begin(items.len() as u64 * (STEPS + work.pieces()));
+    // With a bound, memory counts for more than time.
+    if options.memory.is_none() {
+        lacuna_filters::keep_freed_memory();
+    }
+    let limits = Limits {
+        parallel_frames: options.parallel_frames,
+        overlap: if threads > 1 { 2 } else { 0 },
+        memory: options.memory,
+    };
+    schedule::run(
+        items,
+        limits,
+        |item| work.bytes(item),
+        |index, item, permits| {
+            one(index, item, work, &Stage { permits, console, stopped: &stopped }, &books);
+        },
+        |index, item, refusal| refused(index, item, refusal, console, &books),
+        || stopped.load(Ordering::SeqCst),
+    );
+    console.end();
+    while stopped.load(Ordering::SeqCst) {
+        // The signal's thread ends the process.
+        std::thread::park();
+    }
+    let Books { journal, ledger } = books;
+    let mut failed = sum(&journal, work, start, console);
+    if let Some(error) = ledger.error() {
+        console.error(&error);
+        failed = true;
+    }
+    // A copy: a signal's thread needs the records while reports are written.
+    let records = journal.records().clone();
+    if let Err(error) = work.end(journal.heading(), &records) {
+        console.error(&error);
+        failed = true;
+    }
+    if let Some(path) = &options.json
+        && let Err(error) = journal.write(path)
+    {
+        console.error(&error);
+        failed = true;
+    }
+    Ok(u8::from(failed))
+}
+
+/// No frame can be done, for this reason: ledger and report say so of each.
+pub fn none(heading: Heading, items: &[Item], options: &RunOptions, reason: &str) -> Result<(), String> {
+    let ledger = Ledger::open(options.log.as_deref(), &heading)?;
+    let books = Books { journal: Journal::new(heading, items), ledger };
+    for index in 0..items.len() {
+        let mut record = books.journal.get(index);
+        record.state = State::Failed;
+        record.message = Some(reason.into());
+        books.enter(index, record);
+    }
+    books.ledger.error().map_or(Ok(()), Err)?;
+    options.json.as_ref().map_or(Ok(()), |path| books.journal.write(path))
+}
+
+/// Ends the run on a signal: no temporary file stays, the report says what was done.
+fn watch(books: &Books, json: Option<PathBuf>, console: &Arc<Console>) -> Result<Arc<AtomicBool>, String> {
+    let (Books { journal, ledger }, console) = (books.clone(), Arc::clone(console));
+    let clean = move || {
+        lacuna_exr::remove_temporaries();
+        console.end();
+        ledger.stop();
+        let (done, all) = {
+            let records = journal.records();
+            (records.iter().filter(|record| record.state == State::Done).count(), records.len())
+        };
+        console.error(&format!("stopped by a signal; {done} of {all} frames are done"));
+        if let Some(error) = ledger.error() {
+            console.error(&error);
+        }
+        if let Some(Err(error)) = json.map(|path| journal.write(&path)) {
+            console.error(&error);
+        }
+        lacuna_exr::remove_temporaries();
+    };
+    signals::watch(clean).map_err(|error| format!("cannot watch for signals: {error}"))
+}
+
+fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, books: &Books) {
+    let _span = frame_span(&item.input, item.number).entered();
+    let mut record = books.journal.get(index);
+    let result = work.decide(item).and_then(|decision| match decision {
+        Decision::Skip(reason) => {
+            stage.console.advance(STEPS + work.pieces());
+            record.pass_over(reason);
+            Ok(())
+        }
+        Decision::Do => {
+            books.ledger.begin(index, item, &record);
+            work.frame(item, stage, &mut record)
+        }
+    });
+    match result {
+        // A signal ends the process: the frame is neither done nor at fault.
+        Err(_) if stage.stopped() => return,
+        Err(failure) => fail(&mut record, item, &failure, stage.console),
+        Ok(()) if record.state == State::Skipped => {
+            let reason = record.message.as_deref().unwrap_or_default();
+            stage.console.detail(&format!("{}: skipped: {reason}", label(&item.input, item.number)));
+        }
+        Ok(()) => {
+            // A stage that was not needed, as writing where frames are only checked, is done as well.
+            stage.console.advance(STEPS.saturating_sub(record.steps_done()));
+            record.state = State::Done;
+            stage.console.detail(&line(item, &record));
+        }
+    }
+    books.enter(index, record);
+}
+
+fn refused(index: usize, item: &Item, refusal: Refusal, console: &Console, books: &Books) {
+    let text = match refusal {
+        Refusal::NotStarted => return,
+        Refusal::TooLarge { needed, bound } => too_large(needed, bound, memory::granted()),
+        Refusal::Panic(message) => format!("internal error ({message}); please report it with this frame"),
+    };
+    let mut record = books.journal.get(index);
+    fail(&mut record, item, &Failure { file: item.input.clone(), text }, console);
+    books.enter(index, record);
+}
+
+/// Why a frame is not even read, when Slurm grants so much or says nothing.
+fn too_large(needed: u64, bound: u64, granted: Option<u64>) -> String {
+    let way = if granted == Some(bound) {
+        ", 7/8 of what Slurm grants; ask for more with the job's --mem"
+    } else {
+        "; allow more with --memory"
+    };
+    let (needed, bound) = (lacuna_exr::Amount::at_most(needed), lacuna_exr::Amount::at_least(bound));
+    format!("the frame needs about {needed} of memory, more than the bound of {bound}{way}")
+}
+
+fn fail(record: &mut Record, item: &Item, failure: &Failure, console: &Console) {
+    let text = format!("{}: {}", label(&failure.file, item.number), failure.text);
+    console.error(&text);
+    console.advance(STEPS.saturating_sub(record.steps_done()));
+    record.state = State::Failed;
+    record.message = Some(text);
+}
+
+/// The line that `-v` prints for a frame.
+fn line(item: &Item, record: &Record) -> String {
+    let mut parts = Vec::new();
+    if let Some(density) = record.density {
+        parts.push(format!("density {:.2} %", density * 100.0));
+    }
+    if let Some(rules) = &record.rules {
+        parts.push(rules.clone());
+    }
+    if let Some(outcome) = record.outcome {
+        parts.push(format!("{} iterations", outcome.iterations));
+        parts.extend(outcome.residual.map(|residual| format!("residual {residual:.1e}")));
+        parts.extend(outcome.gap.map(|gap| format!("gap {gap:.1e}")));
+        parts.extend(outcome.objective.map(|objective| format!("objective {objective:.6}")));
+        parts.extend(outcome.constraint.map(|distance| format!("distance from the samples {distance:.1e}")));
+    }
+    let seconds = record.seconds;
+    parts.push(format!(
+        "{:.2} s (read {:.2}, solve {:.2}, write {:.2})",
+        seconds.read + seconds.solve + seconds.write,
+        seconds.read,
+        seconds.solve,
+        seconds.write
+    ));
+    format!("{}: {}", label(&item.input, item.number), parts.join("; "))
+}
+
+/// Says what came of the run; whether a frame failed.
+fn sum(journal: &Journal, work: &dyn Work, start: Instant, console: &Console) -> bool {
+    let records = journal.records();
+    let count = |state: State| records.iter().filter(|record| record.state == state).count();
+    let (done, skipped, failed) = (count(State::Done), count(State::Skipped), count(State::Failed));
+    let mut parts = vec![format!("{done} of {} {} {}", records.len(), plural(records.len()), work.words().1)];
+    for (number, what) in [(skipped, "skipped"), (failed, "failed")] {
+        if number > 0 {
+            parts.push(format!("{number} {what}"));
+        }
+    }
+    let densities = records.iter().filter_map(|record| record.density).map(|density| density * 100.0);
+    if let Some((least, most)) = densities.map(|d| (d, d)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))) {
+        let (least, most) = (format!("{least:.2}"), format!("{most:.2}"));
+        parts.push(if least == most {
+            format!("density {least} %")
+        } else {
+            format!("density {least} to {most} %")
+        });
+    }
+    parts.push(format!("{:.2} s", start.elapsed().as_secs_f64()));
+    console.note(&parts.join(", "));
+    // They pass over nothing but frames that are not there.
+    let unchecked = work.is_gate() && done + failed == 0;
+    if unchecked {
+        let what = work.words().1;
+        console.error(&format!("no frame was {what}: none of them exists; check the pattern and --frames"));
+    }
+    failed > 0 || unchecked
+}
+
+fn plural(count: usize) -> &'static str {
+    if count == 1 { "frame" } else { "frames" }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::too_large;
+
+    #[test]
+    fn more_memory_is_asked_of_the_one_who_bounds_it() {
+        let (needed, bound) = (5 << 20, 3 << 20);
+        assert!(too_large(needed, bound, None).ends_with("bound of 3 MiB; allow more with --memory"));
+        assert!(
+            too_large(needed, 1 << 10, None).contains("about 5 MiB of memory, more than the bound of 1 KiB")
+        );
+        assert!(too_large(needed, bound, Some(9 << 20)).ends_with("--memory"));
+        assert!(too_large(needed, bound, Some(bound)).ends_with("with the job's --mem"));
+    }
+}

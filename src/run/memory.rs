@@ -1,0 +1,127 @@
+//! How much memory a frame needs, estimated from its header, so that frames are admitted before they are read.
+//!
+//! A frame takes what reading it takes. A pixel takes besides the samples written, bytes for mask and plan that depend on the
+//! filter, and in every channel of floats `SOLVING` bytes for values, result and the solvers' planes; whether a channel is
+//! reconstructed is not known before it is read. They were measured as peak memory over pixels, the allocator's losses
+//! included; `tests/cli_memory.rs` holds the process to them.
+
+use std::path::Path;
+
+use lacuna_exr::{Limits, PartHeader, SampleType, memory_needed, read_header};
+use lacuna_filters::upscale::Method;
+
+use crate::files::layers::LayerFile;
+use crate::files::plan::Item;
+use crate::reconstruct::{Enlarge, Windows};
+
+const SOLVING: u64 = 24;
+
+/// The part of what Slurm grants that frames may use; the rest is for the program and the allocator's losses.
+const SHARE: f64 = 0.875;
+
+/// The bound on memory that Slurm's grant to this task gives, if it says one.
+pub fn granted() -> Option<u64> {
+    of_grant(|name| std::env::var(name).ok()?.trim().parse().ok())
+}
+
+/// Slurm tells mebibytes: of the node (0 is all of it, which is no bound), or for each processor.
+fn of_grant(variable: impl Fn(&str) -> Option<u64>) -> Option<u64> {
+    let mebibytes = variable("SLURM_MEM_PER_NODE").or_else(|| {
+        let processors = ["SLURM_CPUS_PER_TASK", "SLURM_CPUS_ON_NODE"].into_iter().find_map(&variable);
+        Some(variable("SLURM_MEM_PER_CPU")?.saturating_mul(processors.unwrap_or(1)))
+    })?;
+    (mebibytes > 0).then(|| (mebibytes as f64 * SHARE * f64::from(1 << 20)) as u64)
+}
+
+/// Bytes a pixel of mask and plan.
+const fn planning(method: &lacuna_filters::Method) -> u64 {
+    match method {
+        // The multigrid levels of a frame that is all hole, in 64-bit floats.
+        lacuna_filters::Method::Ss(_) => 160,
+        // The triangles of a frame that is nearly all measured; cubics have gradients and edges besides.
+        lacuna_filters::Method::Linear(_) => 192,
+        lacuna_filters::Method::Cubic(_) => 288,
+        _ => 48,
+    }
+}
+
+/// What reading a frame may take: as much as its work was admitted for where there is a bound, else the default.
+pub fn limits(bound: Option<u64>, admitted: u64) -> Limits {
+    bound.map_or_else(Limits::default, |bound| Limits { bytes: admitted.min(bound) })
+}
+
+/// Bytes that filling a frame needs; 0 if its header cannot be read (reading it will say why).
+pub fn to_fill(item: &Item, method: &lacuna_filters::Method) -> u64 {
+    let mask = item.mask.as_deref().map_or(0, to_copy);
+    let guides = item.guides.as_deref().map_or(0, to_copy);
+    // A layer is read, and solved like the frame's own channels.
+    let layer = |layer: &LayerFile| of(&layer.path, SOLVING, 0);
+    let layers = item.layers.iter().map(layer).fold(0, u64::saturating_add);
+    of(&item.input, SOLVING, planning(method))
+        .saturating_add(mask)
+        .saturating_add(guides)
+        .saturating_add(layers)
+}
+
+/// Bytes that the larger frame needs beside: samples, and in each channel that may be computed values and the planes on the
+/// way, those of total variation if that is asked for; 0 if the header cannot be read or the frame not be enlarged.
+pub fn to_enlarge(path: &Path, enlarge: &Enlarge) -> u64 {
+    let Ok(parts) = read_header(path) else { return 0 };
+    let planes = if matches!(enlarge.method, Method::Tv(_)) { 40 } else { 20 };
+    let part = |part: &PartHeader| {
+        let Ok(windows) = Windows::of_header(part, &enlarge.target) else { return 0 };
+        let size = windows.data.size();
+        let pixels = (size.height as u64).saturating_mul(size.width as u64);
+        let channel =
+            |kind: SampleType| kind.bytes() as u64 + if kind == SampleType::Uint { 0 } else { planes };
+        let channels: u64 = part.channels.iter().map(|header| channel(header.kind)).sum();
+        // Where each pixel comes from.
+        pixels.saturating_mul(channels + 4)
+    };
+    parts.iter().map(part).fold(0, u64::saturating_add)
+}
+
+/// Bytes that one side of a comparison needs, the maps of the measures included; 0 if its header cannot be read.
+pub fn to_compare(path: &Path) -> u64 {
+    of(path, SOLVING, 48)
+}
+
+/// Bytes that reading, copying and writing a frame needs; 0 if its header cannot be read.
+pub fn to_copy(path: &Path) -> u64 {
+    of(path, 0, 0)
+}
+
+fn of(path: &Path, solving: u64, planning: u64) -> u64 {
+    let Ok(parts) = read_header(path) else { return 0 };
+    let part = |part: &PartHeader| {
+        let size = part.data_window.size();
+        let pixels = (size.height as u64).saturating_mul(size.width as u64);
+        let channel =
+            |kind: SampleType| kind.bytes() as u64 + if kind == SampleType::Uint { 0 } else { solving };
+        let channels: u64 = part.channels.iter().map(|header| channel(header.kind)).sum();
+        pixels.saturating_mul(channels + planning)
+    };
+    parts.iter().map(part).fold(memory_needed(&parts), u64::saturating_add)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::of_grant;
+
+    #[test]
+    fn a_grant_of_slurm_bounds_memory() {
+        let of = |known: &[(&str, u64)]| {
+            of_grant(|name| known.iter().find(|(known, _)| *known == name).map(|(_, value)| *value))
+        };
+        assert_eq!(of(&[]), None);
+        assert_eq!(of(&[("SLURM_MEM_PER_NODE", 0)]), None);
+        assert_eq!(of(&[("SLURM_MEM_PER_NODE", 1024)]), Some(896 << 20));
+        let each = [("SLURM_MEM_PER_CPU", 512)];
+        assert_eq!(of(&each), Some(448 << 20));
+        assert_eq!(of(&[&each[..], &[("SLURM_CPUS_ON_NODE", 2)]].concat()), Some(896 << 20));
+        assert_eq!(
+            of(&[&each[..], &[("SLURM_CPUS_ON_NODE", 8), ("SLURM_CPUS_PER_TASK", 4)]].concat()),
+            Some(1792 << 20)
+        );
+    }
+}

@@ -1,0 +1,147 @@
+//! What is settled about each frame before it is opened: missing, there already, or to be done.
+
+use std::io::{BufWriter, ErrorKind, Write};
+use std::path::Path;
+
+use lacuna_exr::{Frame, WriteOptions};
+
+use crate::files::error::PlanError;
+use crate::files::plan::{Item, Plan};
+use crate::run::batch::{Decision, Failure, Stage, Work};
+use crate::run::console::{Console, label};
+use crate::run::existing::Existing;
+use crate::run::record::Record;
+
+/// What is to be done with a frame that is read.
+pub fn decide(item: &Item, skip_missing: bool) -> Result<Decision, Failure> {
+    match item.input.metadata() {
+        Err(error) if error.kind() == ErrorKind::NotFound && skip_missing => {
+            Ok(Decision::Skip("the frame does not exist".into()))
+        }
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            let text = "the frame does not exist (--missing-frame skip passes over it)";
+            Err(Failure::at(&item.input, text))
+        }
+        Ok(found) if !found.is_file() => {
+            Err(Failure::at(&item.input, "cannot open: it is not a regular file"))
+        }
+        _ => Ok(Decision::Do),
+    }
+}
+
+/// The same for one from which another is made.
+pub fn decide_to_write(
+    item: &Item,
+    skip_missing: bool,
+    existing: Existing,
+    is_current: impl Fn(&Item) -> bool,
+) -> Result<Decision, Failure> {
+    match decide(item, skip_missing)? {
+        Decision::Do => decide_to_make(item, existing, is_current),
+        skip @ Decision::Skip(_) => Ok(skip),
+    }
+}
+
+/// What is to be done with an output, `is_current` telling whether it would only be made again: what is to be done can be
+/// done, as far as names, kinds and rights of files tell.
+pub fn decide_to_make(
+    item: &Item,
+    existing: Existing,
+    is_current: impl Fn(&Item) -> bool,
+) -> Result<Decision, Failure> {
+    let skip = |reason: &str| Ok(Decision::Skip(reason.into()));
+    match existing {
+        // A folder in the output's place is no output.
+        Existing::Keep if item.output.symlink_metadata().is_ok_and(|found| !found.is_dir()) => {
+            return skip("the output exists");
+        }
+        Existing::Update if is_current(item) => return skip("the output is up to date"),
+        _ => {}
+    }
+    if let Some(mask) = &item.mask {
+        check_mask(mask)?;
+    }
+    lacuna_exr::check_destination(&item.output).map_err(|error| Failure::at(&item.output, error))?;
+    Ok(Decision::Do)
+}
+
+fn check_mask(mask: &Path) -> Result<(), Failure> {
+    match mask.metadata() {
+        Ok(found) if found.is_file() => Ok(()),
+        Ok(_) => Err(Failure::at(mask, "cannot read the mask: it is not a regular file")),
+        Err(error) => Err(Failure::at(mask, format!("cannot read the mask: {error}"))),
+    }
+}
+
+/// Writes a frame. An output that came into being since the decision is passed over like one that was there.
+pub fn write(
+    frame: &Frame,
+    item: &Item,
+    (existing, compression_level): (Existing, Option<u8>),
+    stage: &Stage<'_>,
+    record: &mut Record,
+) -> Result<(), Failure> {
+    let no_clobber = existing == Existing::Keep;
+    let options = WriteOptions { compression_level, no_clobber };
+    match stage.write(record, || lacuna_exr::write(frame, &item.output, &options)) {
+        Err(lacuna_exr::Error::Exists) if no_clobber => {
+            record.pass_over("the output appeared during the run".into());
+            Ok(())
+        }
+        result => result.map_err(|error| Failure::at(&item.output, error)),
+    }
+}
+
+/// Makes the folders that the plan wants.
+pub fn make_folders(plan: &Plan) -> Result<(), PlanError> {
+    plan.new_folders.iter().try_for_each(|folder| {
+        std::fs::create_dir_all(folder).map_err(|error| {
+            PlanError::Failed(format!("{}: cannot make the folder: {error}", folder.display()))
+        })
+    })
+}
+
+/// Prints the plan of a dry run; the exit status is 1 if a frame would fail at once or the plan cannot be printed.
+pub fn print(plan: &Plan, work: &dyn Work, console: &Console) -> u8 {
+    let mut failed = false;
+    let mut out = BufWriter::new(std::io::stdout().lock());
+    let printed = print_to(&mut out, plan, work, |text| {
+        failed = true;
+        console.error(&text);
+    });
+    if let Err(error) = printed.and_then(|()| out.flush())
+        // A reader that went away needs no plan.
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        console.error(&format!("cannot write the plan to standard output: {error}"));
+        failed = true;
+    }
+    u8::from(failed)
+}
+
+fn print_to(
+    out: &mut impl Write,
+    plan: &Plan,
+    work: &dyn Work,
+    mut fail: impl FnMut(String),
+) -> std::io::Result<()> {
+    for folder in &plan.new_folders {
+        writeln!(out, "make folder  {}", folder.display())?;
+    }
+    for item in &plan.items {
+        let arrow = format!("{} -> {}", label(&item.input, item.number), item.output.display());
+        match work.decide(item) {
+            Ok(Decision::Do) => {
+                let mask =
+                    item.mask.as_ref().map(|mask| format!(" (mask {})", mask.display())).unwrap_or_default();
+                writeln!(out, "{}  {arrow}{mask}", work.words().0)?;
+            }
+            Ok(Decision::Skip(reason)) => writeln!(out, "skip  {arrow}: {reason}")?,
+            Err(failure) => {
+                writeln!(out, "fail  {arrow}")?;
+                fail(format!("{}: {}", label(&failure.file, item.number), failure.text));
+            }
+        }
+    }
+    Ok(())
+}
