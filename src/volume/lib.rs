@@ -15,6 +15,7 @@
 mod automatic;
 mod blocks;
 mod camera;
+mod coarse;
 mod dense;
 mod error;
 mod grid;
@@ -44,7 +45,7 @@ mod walk;
 mod weights;
 
 pub use camera::{Camera, Projection, Ray};
-pub use dense::shot as dense_shot;
+pub use coarse::shot as dense_shot;
 pub use error::Error;
 pub use grid::Grid;
 pub use picture::{Interpolation, Look, Picture, Renderer, Shot, render};

@@ -1,7 +1,5 @@
 //! The ray caster against closed forms, polynomials, finite differences, and itself with and without leaps.
 
-use lacuna_core::Size;
-
 use super::camera::clip;
 use super::kernel::{Cubic, Kernel, Linear};
 use super::lanes::LANES;

@@ -44,7 +44,7 @@ mod tests {
     fn every_pixel_has_its_numbers_in_the_planes() {
         for (height, width) in [(1, 1), (1, 40), (33, 1), (16, 32), (35, 50)] {
             let size = Size::new(height, width);
-            let flag = |at: usize| (3 * (at / width) + at % width) % 4 != 0;
+            let flag = |at: usize| !(3 * (at / width) + at % width).is_multiple_of(4);
             let mask: Vec<bool> = (0..size.pixels()).map(flag).collect();
             for mask in [None, Some(mask.as_slice())] {
                 let of = |(y, x): (usize, usize)| [y as f32, x as f32, 1.0];

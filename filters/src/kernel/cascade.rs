@@ -26,8 +26,9 @@ use super::interior::{Scheme, Taps};
 use super::points::Points;
 use super::simd::{Lanes, MOST, Vector, Vectored, prefetch, vectors};
 use super::spans::Spans;
-use super::stencil::{PAD, Part, Separable, Window, near_ends};
+use super::stencil::{Part, Separable, near_ends};
 use super::step::blurred;
+use super::window::{PAD, Window};
 use super::{Isa, Real};
 
 /// Rows that a step takes at a time.

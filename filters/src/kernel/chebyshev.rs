@@ -22,8 +22,9 @@ use super::factor::{BELOW, Carried, LATE, Placed, added};
 use super::interior::{Interior, Scheme, Taps};
 use super::preconditioner::Preconditioner;
 use super::simd::{Lanes, MOST, Vector, Vectored, largest, pairs};
-use super::stencil::{PAD, Separable, Window, near_ends};
+use super::stencil::{Separable, near_ends};
 use super::step::blurred;
+use super::window::{PAD, Window};
 use super::{Isa, Real};
 
 /// What a pass reads and changes: buffers of one window. `p` is zero in the rows of padding, `r` in those above; elsewhere the

@@ -8,8 +8,8 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::spans::Spans;
-use super::stencil::{PAD, Window};
 use super::vector::Dot;
+use super::window::{PAD, Window};
 use super::{Body, Isa, Real, dispatch, fma};
 
 /// Rows that one task of a step takes.

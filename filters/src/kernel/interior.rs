@@ -22,7 +22,7 @@
 use std::ops::Range;
 
 use super::simd::{Lanes, MOST, Vector, Vectored, sum, vectors};
-use super::stencil::{Axis, PAD, REACH, WIDTH, Window};
+use super::window::{Axis, PAD, REACH, WIDTH, Window};
 use super::{Isa, Real};
 
 /// Powers of `d`.

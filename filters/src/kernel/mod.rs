@@ -33,6 +33,7 @@ pub mod step;
 pub mod tile;
 pub mod tv;
 pub mod vector;
+pub mod window;
 
 use std::sync::OnceLock;
 

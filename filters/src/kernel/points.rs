@@ -7,7 +7,7 @@
 //! Roofline of a row, per vector: 9 multiply-adds, 19 loads and a store; the planes are the five streams from memory.
 
 use super::simd::{Lanes, Vector, Vectored, vectors};
-use super::stencil::{PAD, Window};
+use super::window::{PAD, Window};
 use super::{Isa, Real};
 
 /// How firmly a point of this weight holds a grid: two springs in a row, its own and one of weight `most`.

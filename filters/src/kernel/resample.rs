@@ -6,7 +6,7 @@
 //! Roofline: a fine pixel costs 2 (up: 4) multiply-adds down the columns and 4 along rows, and one load of a weight for each of
 //! the latter; everything but the rows themselves is in L1.
 
-use super::stencil::PAD;
+use super::window::PAD;
 use super::{Body, Real, fma};
 
 /// Adds a row of the prolongation, times `share` if there is one, to `out`.

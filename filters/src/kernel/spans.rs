@@ -5,7 +5,7 @@
 use std::ops::Range;
 
 use super::Real;
-use super::stencil::{PAD, Window};
+use super::window::{PAD, Window};
 
 /// Rows that one task clears.
 const CHUNK: usize = 32;

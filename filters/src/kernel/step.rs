@@ -27,7 +27,8 @@ use super::factor::{BELOW, Carried, LATE, Placed, added};
 use super::interior::{Interior, Scheme, Taps};
 use super::preconditioner::Preconditioner;
 use super::simd::{Lanes, MOST, Vector, Vectored, largest, pairs, sum, vectors};
-use super::stencil::{PAD, Separable, Window, near_ends};
+use super::stencil::{Separable, near_ends};
+use super::window::{PAD, Window};
 use super::{Isa, Real};
 
 /// Rows after which a sum's lanes are added up: few, so that f32 loses nothing that matters.

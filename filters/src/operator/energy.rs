@@ -13,7 +13,8 @@
 
 use super::profile::{Kernel, Profile};
 use crate::Size;
-use crate::kernel::stencil::{Axis, Separable, WIDTH};
+use crate::kernel::stencil::Separable;
+use crate::kernel::window::{Axis, WIDTH};
 
 /// What an energy is made of, apart from the size of the image.
 #[derive(Clone, Debug)]

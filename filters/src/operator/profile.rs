@@ -16,7 +16,7 @@
 //!
 //! Source: C. Reinsch, "Smoothing by spline functions", Numerische Mathematik 10, 1967, for `Q` and `R`.
 
-use crate::kernel::stencil::{REACH, WIDTH};
+use crate::kernel::window::{REACH, WIDTH};
 
 /// Which function passes through the samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

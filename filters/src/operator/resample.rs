@@ -10,7 +10,7 @@
 
 use crate::kernel::resample::{Prolong, Restrict};
 use crate::kernel::spans::Spans;
-use crate::kernel::stencil::{PAD, Window};
+use crate::kernel::window::{PAD, Window};
 use crate::kernel::{Isa, Real, dispatch};
 
 /// Rows that one task computes.

@@ -2,7 +2,7 @@
 
 use super::cholesky::Cholesky;
 use crate::kernel::Real;
-use crate::kernel::stencil::Window;
+use crate::kernel::window::Window;
 
 /// Relative size below which a pivot counts as zero: the unknown is then left at zero.
 const SINGULAR: f64 = 1e-13;

@@ -21,7 +21,8 @@ use std::sync::OnceLock;
 
 use crate::kernel::Isa;
 use crate::kernel::factor::{BEFORE, BELOW, PATTERNS, PLANES, WEIGHTS, pack, patterns};
-use crate::kernel::stencil::{Axis, PAD, Separable, Window};
+use crate::kernel::stencil::Separable;
+use crate::kernel::window::{Axis, PAD, Window};
 
 /// How far the pixels of a row lie apart.
 const SPREAD: usize = 2;

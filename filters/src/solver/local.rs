@@ -17,9 +17,10 @@ use crate::kernel::aligned::Aligned;
 use crate::kernel::chebyshev::{self, Turn};
 use crate::kernel::factor::PLANES;
 use crate::kernel::preconditioner::Preconditioner;
-use crate::kernel::stencil::{PAD, Separable, Window, apply};
+use crate::kernel::stencil::{Separable, apply};
 use crate::kernel::step::{self, Move, Sums, pass};
 use crate::kernel::vector::add_scaled;
+use crate::kernel::window::{PAD, Window};
 use crate::solver::factor::Factors;
 use crate::solver::lanczos::Lanczos;
 

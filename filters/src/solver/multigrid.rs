@@ -25,7 +25,8 @@ use crate::kernel::gradients::Gradients;
 use crate::kernel::points::{self, Point, Points};
 use crate::kernel::simd::Lanes;
 use crate::kernel::spans::Spans;
-use crate::kernel::stencil::{PAD, Separable, Window};
+use crate::kernel::stencil::Separable;
+use crate::kernel::window::{PAD, Window};
 use crate::kernel::{Isa, Real, vector};
 use crate::operator::resample::Resample;
 

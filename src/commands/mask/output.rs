@@ -107,6 +107,7 @@ impl BoundFiles {
     }
 
     /// The files of one frame.
+    #[must_use]
     pub fn of_frame(&self, number: Option<i64>) -> Self {
         let numbered =
             |source: &Option<Source>| source.as_ref().map(|source| source_of_frame(source, number));

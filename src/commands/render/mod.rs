@@ -346,7 +346,7 @@ impl Render<'_> {
             pattern: pattern.as_deref(),
         };
         let wanted = &self.job.wanted;
-        let mut frame = picture::frame(picture, ready.size(), mask, wanted, &story);
+        let mut frame = picture::frame(picture, ready.size(), mask, *wanted, &story);
         if wanted.dense {
             let dense = lacuna_volume::dense_shot(&camera, shader.as_ref(), &shot);
             let picture = lacuna_volume::render(&ready.coarse(), &dense, &|| !stage.stopped());

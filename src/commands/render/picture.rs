@@ -55,7 +55,7 @@ pub struct Story<'a> {
 }
 
 /// The frame of a picture; a mask channel says which pixels were rendered, if one is given.
-pub fn frame(picture: Picture, size: Size, mask: Option<&Mask>, wanted: &Wanted, story: &Story<'_>) -> Frame {
+pub fn frame(picture: Picture, size: Size, mask: Option<&Mask>, wanted: Wanted, story: &Story<'_>) -> Frame {
     let mut channels: Vec<Channel> = Vec::new();
     let mut add = |name: String, samples: Samples| {
         channels.push(channel(&name, samples));

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use crate::kernel::simd::MOST;
 use crate::kernel::spans::Spans;
-use crate::kernel::stencil::{PAD, Window};
+use crate::kernel::window::{PAD, Window};
 
 /// Rows and columns of a cell on the finest grid.
 pub const CELL: (usize, usize) = (16, 32);

@@ -16,8 +16,9 @@ use crate::kernel::Isa;
 use crate::kernel::cascade::{self, Out, Scratch, Strip, rows};
 use crate::kernel::simd::Lanes;
 use crate::kernel::spans::Spans;
-use crate::kernel::stencil::{Part, Window, apply};
+use crate::kernel::stencil::{Part, apply};
 use crate::kernel::vector;
+use crate::kernel::window::Window;
 use crate::solver::pool::Pool;
 
 /// Steps of the smoother before and after the coarse correction.

@@ -5,7 +5,7 @@
 //! doubt as a whole, and so is what lies around other changes.
 
 use crate::Size;
-use crate::kernel::stencil::Window;
+use crate::kernel::window::Window;
 
 /// First and number of some rows or columns.
 type Span = (usize, usize);

@@ -1,6 +1,6 @@
 //! Where the mask has holes: blocks without a measured pixel, and rectangles around them.
 
-use crate::kernel::stencil::Window;
+use crate::kernel::window::Window;
 use crate::{Mask, Size};
 
 /// Side of the blocks. A gap that contains no whole block is left to the tiles.

@@ -11,7 +11,8 @@ use rayon::prelude::*;
 
 use crate::kernel::simd::Lanes;
 use crate::kernel::spans::Spans;
-use crate::kernel::stencil::{PAD, Separable, Window, apply};
+use crate::kernel::stencil::{Separable, apply};
+use crate::kernel::window::{PAD, Window};
 use crate::kernel::{Isa, vector};
 use crate::operator::energy::Form;
 use crate::solver::conjugate::{self, Goal};

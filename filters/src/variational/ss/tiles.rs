@@ -15,8 +15,9 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::doubt::{Doubt, Felt, Grid, Mark, Seen};
-use crate::kernel::stencil::{PAD, Separable, Window};
+use crate::kernel::stencil::Separable;
 use crate::kernel::tile::{Gather, Scatter, free, gather, scatter};
+use crate::kernel::window::{PAD, Window};
 use crate::kernel::{Isa, factor, step};
 use crate::solver::factor::Factors;
 use crate::solver::local::{self, Buffers, Ending, Spectrum, Target, Views};
