@@ -22,6 +22,7 @@ pub mod files;
 pub mod guides;
 pub mod info;
 pub mod mask;
+mod raster;
 pub mod reconstruct;
 pub mod report;
 pub mod run;

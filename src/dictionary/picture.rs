@@ -5,6 +5,8 @@
 
 use lacuna_filters::dictionary::Dictionary;
 
+use crate::raster::{self, BitDepth, ColorType, Compression};
+
 /// Atoms in a row of a panel, and rows at most.
 const COLUMNS: usize = 20;
 const ROWS: usize = 10;
@@ -38,15 +40,6 @@ pub fn png(dictionary: &Dictionary) -> Result<Vec<u8>, String> {
             }
         }
     }
-    let mut out = Vec::new();
-    let mut encoder = png::Encoder::new(&mut out, width as u32, height as u32);
-    encoder.set_color(png::ColorType::Grayscale);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_compression(png::Compression::High);
-    let written = encoder.write_header().and_then(|mut writer| {
-        writer.write_image_data(&pixels)?;
-        writer.finish()
-    });
-    written.map_err(|error| error.to_string())?;
-    Ok(out)
+    let kind = (ColorType::Grayscale, BitDepth::Eight);
+    raster::png((width, height), kind, Compression::High, &pixels).map_err(|error| error.to_string())
 }

@@ -149,11 +149,7 @@ impl Blocks {
 
 /// A random number of a seed and a place.
 fn random(seed: u64, place: u64) -> u64 {
-    let mix = |value: u64| {
-        let value = (value ^ (value >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let value = (value ^ (value >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        value ^ (value >> 31)
-    };
+    use lacuna_core::mix;
     mix(mix(seed ^ 0x6a09_e667_f3bc_c908).wrapping_add(place.wrapping_mul(0x9e37_79b9_7f4a_7c15)))
 }
 

@@ -1,6 +1,6 @@
 //! Mask files that have been read: EXR frames, which know where their pixels are, and grey PNG images, which do not.
 
-use std::io::Read;
+use std::io::{BufReader, Read};
 use std::path::Path;
 
 use lacuna_exr::{Frame, Limits, Window};
@@ -9,6 +9,7 @@ use lacuna_filters::{Mask, Size};
 use super::provider::{Provider, Views};
 use super::{Error, flags};
 use crate::channels::{list_channels, view_of};
+use crate::raster::{self, Grey};
 
 /// The first bytes of an EXR file.
 const EXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
@@ -54,7 +55,7 @@ impl MaskFile {
             return Ok(Self::from_frame(name, frame));
         }
         if start == PNG {
-            return Self::read_png(path);
+            return Self::read_png(path, limits);
         }
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
         Err(fail(match ending.as_deref() {
@@ -66,23 +67,12 @@ impl MaskFile {
 
     /// Reads a PNG image. Colours count by their brightness; a pixel is measured from half of the full brightness
     /// on, or if it is 1 in an image in which nothing is brighter (0 and 1 written without scaling).
-    pub fn read_png(path: &Path) -> Result<Self, Error> {
+    pub fn read_png(path: &Path, limits: Limits) -> Result<Self, Error> {
         let name = path.display().to_string();
         let fail = |why: String| Error::File { path: name.clone(), why };
-        let mut reader = image::ImageReader::open(path)
-            .and_then(image::ImageReader::with_guessed_format)
-            .map_err(|error| fail(error.to_string()))?;
-        let mut limits = image::Limits::default();
-        limits.max_alloc = Some(1 << 29);
-        reader.limits(limits);
-        let image = reader.decode().map_err(|error| fail(error.to_string()))?;
-        let size = Size::new(image.height() as usize, image.width() as usize);
-        let eight_bits = image.color().bytes_per_pixel() == image.color().channel_count();
-        let (values, white): (Vec<u16>, u16) = if eight_bits {
-            (image.into_luma8().into_raw().into_iter().map(u16::from).collect(), 255)
-        } else {
-            (image.into_luma16().into_raw(), u16::MAX)
-        };
+        let file = lacuna_exr::open_regular(path).map_err(|error| fail(error.to_string()))?;
+        let Grey { size, values, white } =
+            raster::read_grey(BufReader::new(file), limits.bytes).map_err(fail)?;
         Ok(Self::from_grey(name, size, values, white))
     }
 

@@ -1,16 +1,16 @@
 //! Plain plots as PNG: axes, grid lines with numbers, one or more curves.
 
+use std::io::Write;
 use std::path::Path;
 
-use image::{GrayImage, Luma};
-
 use super::MakeError;
+use crate::raster::{self, BitDepth, ColorType, Compression};
 
 /// Pixels of the image, and of its margins for the numbers.
-const SIZE: (u32, u32) = (640, 400);
-const LEFT: u32 = 44;
-const BELOW: u32 = 24;
-const MARGIN: u32 = 12;
+const SIZE: (usize, usize) = (640, 400);
+const LEFT: usize = 44;
+const BELOW: usize = 24;
+const MARGIN: usize = 12;
 
 /// A plot: the ranges of its axes, where their grid lines stand, and its curves.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,31 +33,31 @@ impl Plot {
     /// # Errors
     /// What the system refuses.
     pub fn write(&self, path: &Path, no_clobber: bool) -> Result<(), MakeError> {
-        let image = self.draw();
+        let kind = (ColorType::Grayscale, BitDepth::Eight);
+        let png = raster::png(SIZE, kind, Compression::Fast, &self.draw().0);
         Ok(lacuna_exr::write_other(path, no_clobber, |out| {
-            let encoder = image::codecs::png::PngEncoder::new(out);
-            image.write_with_encoder(encoder).map_err(std::io::Error::other)
+            out.write_all(&png.map_err(std::io::Error::other)?)
         })?)
     }
 
-    fn draw(&self) -> GrayImage {
-        let mut image = GrayImage::from_pixel(SIZE.0, SIZE.1, Luma([255]));
+    fn draw(&self) -> Grey {
+        let mut image = Grey(vec![255; SIZE.0 * SIZE.1]);
         let (right, bottom) = (SIZE.0 - MARGIN, SIZE.1 - BELOW);
-        let place = |value: f64, (low, high): (f64, f64), from: u32, to: u32| {
+        let place = |value: f64, (low, high): (f64, f64), from: usize, to: usize| {
             let share = if high > low { ((value - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 };
-            f64::from(from) + share * (f64::from(to) - f64::from(from))
+            from as f64 + share * (to as f64 - from as f64)
         };
         let across = |x: f64| place(x, self.x, LEFT, right);
         let up = |y: f64| place(y, self.y, bottom, MARGIN);
         for &x in &self.x_lines {
             line(&mut image, (across(x), up(self.y.0)), (across(x), up(self.y.1)), 220);
             let text = format!("{x}");
-            write(&mut image, &text, across(x) as i64 - 4 * text.len() as i64, i64::from(bottom) + 6);
+            write(&mut image, &text, across(x) as i64 - 4 * text.len() as i64, bottom as i64 + 6);
         }
         for &y in &self.y_lines {
             line(&mut image, (across(self.x.0), up(y)), (across(self.x.1), up(y)), 220);
             let text = format!("{y}");
-            write(&mut image, &text, i64::from(LEFT) - 8 * text.len() as i64 - 4, up(y) as i64 - 5);
+            write(&mut image, &text, LEFT as i64 - 8 * text.len() as i64 - 4, up(y) as i64 - 5);
         }
         for (index, curve) in self.curves.iter().enumerate() {
             let grey = (index * 90).min(180) as u8;
@@ -74,15 +74,21 @@ impl Plot {
     }
 }
 
-fn set(image: &mut GrayImage, x: i64, y: i64, grey: u8) {
-    if let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y))
-        && let Some(pixel) = image.get_pixel_mut_checked(x, y)
+/// Grey values, 0 to 255, row by row.
+struct Grey(Vec<u8>);
+
+/// Darkens a pixel; those outside are passed over.
+fn set(image: &mut Grey, x: i64, y: i64, grey: u8) {
+    if let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y))
+        && x < SIZE.0
+        && y < SIZE.1
     {
-        pixel.0[0] = pixel.0[0].min(grey);
+        let pixel = &mut image.0[y * SIZE.0 + x];
+        *pixel = grey.min(*pixel);
     }
 }
 
-fn line(image: &mut GrayImage, from: (f64, f64), to: (f64, f64), grey: u8) {
+fn line(image: &mut Grey, from: (f64, f64), to: (f64, f64), grey: u8) {
     let steps = (to.0 - from.0).abs().max((to.1 - from.1).abs()).ceil().max(1.0);
     for step in 0..=steps as u32 {
         let share = f64::from(step) / steps;
@@ -92,7 +98,7 @@ fn line(image: &mut GrayImage, from: (f64, f64), to: (f64, f64), grey: u8) {
 }
 
 /// Writes digits, points and signs, each 3 x 5 dots of 2 x 2 pixels, 8 pixels apart.
-fn write(image: &mut GrayImage, text: &str, x: i64, y: i64) {
+fn write(image: &mut Grey, text: &str, x: i64, y: i64) {
     for (index, letter) in text.chars().enumerate() {
         for (row, bits) in glyph(letter).into_iter().enumerate() {
             for column in (0..3).filter(|column| bits & (4 >> column) != 0) {
@@ -137,9 +143,10 @@ mod tests {
             curves: vec![vec![(0.0, 1.0), (1.0, 1.0)], vec![(0.0, f64::NAN), (1.0, 9.0)]],
         };
         let image = plot.draw();
+        let at = |x: usize, y: usize| image.0[y * SIZE.0 + x];
         let middle = MARGIN + (SIZE.1 - BELOW - MARGIN) / 2;
-        assert_eq!(image.get_pixel(LEFT + 100, middle).0, [0]);
-        assert_eq!(image.get_pixel(LEFT + 100, middle + 5).0, [255]);
-        assert_eq!(image.get_pixel(LEFT + (SIZE.0 - MARGIN - LEFT) / 2, middle + 50).0, [220]);
+        assert_eq!(at(LEFT + 100, middle), 0);
+        assert_eq!(at(LEFT + 100, middle + 5), 255);
+        assert_eq!(at(LEFT + (SIZE.0 - MARGIN - LEFT) / 2, middle + 50), 220);
     }
 }

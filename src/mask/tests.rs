@@ -4,6 +4,7 @@ use lacuna_exr::{Frame, Part};
 use lacuna_filters::Size;
 
 use super::*;
+use crate::raster::{self, BitDepth, ColorType, Compression};
 use crate::testing::{float, frame, half, named, part, uint, window};
 
 const R4: [f32; 4] = [1.0, 2.0, 3.0, 4.0];
@@ -253,33 +254,38 @@ fn own_windows_go_before_those_of_other_parts() {
     );
 }
 
+/// Writes a PNG image of 2 x 2 pixels.
+fn save(path: &std::path::Path, kind: (ColorType, BitDepth), bytes: &[u8]) {
+    std::fs::write(path, raster::png((2, 2), kind, Compression::Fast, bytes).unwrap()).unwrap();
+}
+
 #[test]
 fn png_files_are_read_by_brightness() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let target = frame(vec![four(vec![half("R", &R4)])]);
     let found = |name: &str| {
-        let file = MaskFile::read_png(&path(name)).unwrap();
+        let file = MaskFile::read_png(&path(name), lacuna_exr::Limits::default()).unwrap();
         let masks = find(&target, &Source::File { pattern: "m".into(), channel: None }, Some(&file)).unwrap();
         shown(&target, &masks, 0, "R")
     };
-    image::GrayImage::from_raw(2, 2, vec![0, 127, 128, 255]).unwrap().save(path("grey.png")).unwrap();
+    save(path("grey.png").as_ref(), (ColorType::Grayscale, BitDepth::Eight), &vec![0, 127, 128, 255]);
     assert_eq!(found("grey.png"), "0011");
-    image::GrayImage::from_raw(2, 2, vec![0, 1, 1, 0]).unwrap().save(path("unscaled.png")).unwrap();
+    save(path("unscaled.png").as_ref(), (ColorType::Grayscale, BitDepth::Eight), &vec![0, 1, 1, 0]);
     assert_eq!(found("unscaled.png"), "0110");
-    let deep: Vec<u16> = vec![0, 32767, 32768, 65535];
-    image::ImageBuffer::<image::Luma<u16>, _>::from_raw(2, 2, deep).unwrap().save(path("deep.png")).unwrap();
+    let deep: Vec<u8> = [0_u16, 32767, 32768, 65535].into_iter().flat_map(u16::to_be_bytes).collect();
+    save(&path("deep.png"), (ColorType::Grayscale, BitDepth::Sixteen), &deep);
     assert_eq!(found("deep.png"), "0011");
     let colour = vec![255, 255, 255, 0, 0, 0, 200, 200, 200, 0, 0, 20];
-    image::RgbImage::from_raw(2, 2, colour).unwrap().save(path("colour.png")).unwrap();
+    save(&path("colour.png"), (ColorType::Rgb, BitDepth::Eight), &colour);
     assert_eq!(found("colour.png"), "1010");
 
     std::fs::write(path("broken.png"), b"\x89PNG\r\n\x1a\nnothing").unwrap();
     for name in ["broken.png", "absent.png"] {
-        let error = MaskFile::read_png(&path(name)).unwrap_err().to_string();
+        let error = MaskFile::read_png(&path(name), lacuna_exr::Limits::default()).unwrap_err().to_string();
         assert!(error.contains(name) && !error.contains('\n'), "{error}");
     }
-    let grey = MaskFile::read_png(&path("grey.png")).unwrap();
+    let grey = MaskFile::read_png(&path("grey.png"), lacuna_exr::Limits::default()).unwrap();
     let named = Source::File { pattern: "m".into(), channel: Some("R".into()) };
     assert!(find(&target, &named, Some(&grey)).unwrap_err().to_string().contains("no channel 'R'"));
 }
@@ -289,7 +295,7 @@ fn masks_are_measured_as_they_serve_frames() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let load = |name: &str, channel| generate::load(&path(name), channel);
-    image::GrayImage::from_raw(2, 2, vec![0, 1, 1, 0]).unwrap().save(path("unscaled.png")).unwrap();
+    save(path("unscaled.png").as_ref(), (ColorType::Grayscale, BitDepth::Eight), &vec![0, 1, 1, 0]);
     assert_eq!(load("unscaled.png", None).unwrap().as_slice(), [false, true, true, false]);
     // The content says what a file is, not its name.
     std::fs::copy(path("unscaled.png"), path("named.exr")).unwrap();

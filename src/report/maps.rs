@@ -4,14 +4,13 @@
 //! `cieluv` and `flip`, each behind the name of its layer. PNG, grey: error 0 to 0.1 of the peak, CIELUV 0 to 20, SSIM 0 to
 //! 1, FLIP 0 to 1.
 
-use std::io::Cursor;
-
 use lacuna_exr::{Attributes, Channel, Compression, Frame, Layout, Part, Samples};
 use lacuna_filters::Plane;
 
 use super::groups::Kind;
 use super::images::Images;
 use crate::channels::Name;
+use crate::raster::{self, BitDepth, ColorType};
 
 /// The part of the peak that is white in the picture of the absolute error.
 const ERROR_RANGE: f32 = 0.1;
@@ -103,12 +102,11 @@ impl Maps {
             (255.0 * (value / range).clamp(0.0, 1.0)).round() as u8
         };
         let bytes: Vec<u8> = (0..size.pixels()).map(grey).collect();
-        let mut png = Cursor::new(Vec::new());
-        let image = image::GrayImage::from_raw(size.width as u32, size.height as u32, bytes);
-        if image.is_some_and(|image| image.write_to(&mut png, image::ImageFormat::Png).is_ok()) {
+        let kind = (ColorType::Grayscale, BitDepth::Eight);
+        if let Ok(png) = raster::png((size.width, size.height), kind, raster::Compression::Fast, &bytes) {
             let safe = |c: char| if c.is_alphanumeric() || ".-_".contains(c) { c } else { '-' };
             let label: String = images.report.label().chars().map(safe).collect();
-            self.pictures.push((format!("{label}.{name}"), png.into_inner()));
+            self.pictures.push((format!("{label}.{name}"), png));
         }
     }
 

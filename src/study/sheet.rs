@@ -8,6 +8,7 @@ use lacuna_filters::metric::colour::srgb_encode;
 
 use super::cell::{Cell, run};
 use super::definition::SheetDefinition;
+use crate::raster::{self, BitDepth, ColorType, Compression};
 use crate::report::{GroupReport, Images, Measure, base64, escape};
 
 /// CIELUV distance that is white.
@@ -129,7 +130,7 @@ impl View {
         };
         let bytes: Vec<u8> =
             (0..planes[0].len()).flat_map(|at| [0, 1, 2].map(|k| code(planes[k][at]))).collect();
-        self.encode(&bytes, png::ColorType::Rgb, png::BitDepth::Eight)
+        self.encode(&bytes, ColorType::Rgb, BitDepth::Eight)
     }
 
     fn greys(&self, value: impl Fn(usize) -> f32) -> String {
@@ -137,17 +138,12 @@ impl View {
             self.means(value).into_iter().map(|v| (15.0 * v.clamp(0.0, 1.0)).round() as u8).collect();
         let pair = |pair: &[u8]| pair[0] << 4 | pair.get(1).copied().unwrap_or(0);
         let bytes: Vec<u8> = levels.chunks(self.width).flat_map(|row| row.chunks(2).map(pair)).collect();
-        self.encode(&bytes, png::ColorType::Grayscale, png::BitDepth::Four)
+        self.encode(&bytes, ColorType::Grayscale, BitDepth::Four)
     }
 
-    fn encode(&self, bytes: &[u8], colour: png::ColorType, depth: png::BitDepth) -> String {
-        let mut out = Vec::new();
-        let mut encoder = png::Encoder::new(&mut out, self.width as u32, self.height as u32);
-        encoder.set_color(colour);
-        encoder.set_depth(depth);
-        encoder.set_compression(png::Compression::High);
-        let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(bytes));
-        if written.is_ok() { base64(&out) } else { String::new() }
+    fn encode(&self, bytes: &[u8], colour: ColorType, depth: BitDepth) -> String {
+        let png = raster::png((self.width, self.height), (colour, depth), Compression::High, bytes);
+        png.map_or_else(|_| String::new(), |png| base64(&png))
     }
 }
 

@@ -370,15 +370,8 @@ fn offset(shot: &Shot<'_>, (x, y): (usize, usize), index: u32) -> (f64, f64) {
     }
     let key = shot.seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ ((y as u64) << 32 | x as u64);
     let place = |axis: u64| {
-        let start = (mixed(key.wrapping_add(axis)) >> 11) as f64 / (1_u64 << 53) as f64;
+        let start = (lacuna_core::mix(key.wrapping_add(axis)) >> 11) as f64 / (1_u64 << 53) as f64;
         (start + STEPS[axis as usize] * f64::from(index)).fract()
     };
     (place(0), place(1))
-}
-
-/// A number that looks random: the finaliser of `SplitMix64` (G. Steele, D. Lea, C. Flood, OOPSLA 2014).
-fn mixed(key: u64) -> u64 {
-    let key = (key ^ (key >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let key = (key ^ (key >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    key ^ (key >> 31)
 }

@@ -32,17 +32,9 @@ fn checked(density: f64) -> Result<f64, Error> {
     }
 }
 
-/// Mixes 64 bits so that each bit of the input changes about half of the output's.
-///
-/// Source: G. Steele, D. Lea, C. Flood, "Fast Splittable Pseudorandom Number Generators", OOPSLA 2014 (its 64-bit mixer, with
-/// the constants of D. Stafford's variant 13).
-const fn mix(value: u64) -> u64 {
-    let value = (value ^ (value >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let value = (value ^ (value >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    value ^ (value >> 31)
-}
-
 /// A hash of two numbers: the second counts along a stream that the first starts.
 pub(crate) const fn hash(seed: u64, value: u64) -> u64 {
-    mix(mix(seed).wrapping_add(value.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15)))
+    lacuna_core::mix(
+        lacuna_core::mix(seed).wrapping_add(value.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15)),
+    )
 }

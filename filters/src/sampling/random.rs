@@ -14,7 +14,9 @@
 //!
 //! Source: J. Black, P. Rogaway, "Ciphers with Arbitrary Finite Domains", CT-RSA 2002 (section 3, cycle walking).
 
-use super::{hash, mix};
+use lacuna_core::mix;
+
+use super::hash;
 
 const ROUNDS: usize = 6;
 

@@ -5,6 +5,7 @@ use lacuna_filters::{Mask, Plane, Size};
 use serde::Serialize;
 
 use super::codes::{Codes, base64, packed};
+use crate::raster::{self, BitDepth, ColorType, Compression};
 use crate::report::{Images, Measure};
 
 /// Maps of images with more pixels are shown at half the resolution.
@@ -212,7 +213,7 @@ impl Thumbnail {
             if measured { image.map(|plane| plane.pixels()[at]) } else { [0.0; 3] }
         };
         let bytes = |rgb: [f32; 3]| rgb.map(|value| (255.0 * curve(value)).round() as u8);
-        self.encode(self.means(value).into_iter().flat_map(bytes).collect())
+        self.encode(&self.means(value).into_iter().flat_map(bytes).collect::<Vec<u8>>())
     }
 
     fn error(&self, reference: [&Plane; 3], test: [&Plane; 3]) -> String {
@@ -220,15 +221,13 @@ impl Thumbnail {
             let by = |k: usize| (test[k].pixels()[at] - reference[k].pixels()[at]).abs();
             [by(0).max(by(1)).max(by(2)) * ERROR_GAIN; 3]
         };
-        self.encode(self.means(value).into_iter().flat_map(|[value, ..]| heat(value)).collect())
+        self.encode(&self.means(value).into_iter().flat_map(|[value, ..]| heat(value)).collect::<Vec<u8>>())
     }
 
-    fn encode(&self, bytes: Vec<u8>) -> String {
-        let (width, height) = (self.size.width as u32, self.size.height as u32);
-        let mut png = std::io::Cursor::new(Vec::new());
-        let written = image::RgbImage::from_raw(width, height, bytes)
-            .map(|image| image.write_to(&mut png, image::ImageFormat::Png));
-        if matches!(written, Some(Ok(()))) { base64(png.get_ref()) } else { String::new() }
+    fn encode(&self, bytes: &[u8]) -> String {
+        let kind = (ColorType::Rgb, BitDepth::Eight);
+        let png = raster::png((self.size.width, self.size.height), kind, Compression::Fast, bytes);
+        png.map_or_else(|_| String::new(), |png| base64(&png))
     }
 }
 

@@ -1,0 +1,24 @@
+//! Numbers that look random, made from numbers that do not.
+
+/// Mixes 64 bits so that each bit of the input changes about half of the output's.
+///
+/// Source: G. Steele, D. Lea, C. Flood, "Fast Splittable Pseudorandom Number Generators", OOPSLA 2014 (its 64-bit mixer, with
+/// the constants of D. Stafford's variant 13).
+pub const fn mix(value: u64) -> u64 {
+    let value = (value ^ (value >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let value = (value ^ (value >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    value ^ (value >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_bit_changes_about_half_of_the_others() {
+        let keys = 0..64_u64;
+        let changed =
+            |bit: u32| keys.clone().map(|key| (mix(key) ^ mix(key ^ 1 << bit)).count_ones()).sum::<u32>();
+        assert!((0..64).all(|bit| (64 * 28..64 * 36).contains(&changed(bit))));
+    }
+}
