@@ -3,10 +3,10 @@
 //! The way a frame goes, which is also the order of the modules:
 //!
 //! ```text
-//! frame::read ──> mask ──> channels ──> reconstruct (lacuna_filters) ──> frame::write
-//!                 which    one rule     planes in, planes out
-//!                 pixels   a channel
-//! └──────────────── sequence repeats it per frame ────────────────────────────────┘
+//! lacuna_exr::read ──> mask ──> channels ──> reconstruct (lacuna_filters) ──> lacuna_exr::write
+//!                      which    one rule     planes in, planes out
+//!                      pixels   a channel
+//! └──────────────── commands and run repeat it per frame ──────────────────────────────┘
 //! ```
 //!
 //! [`report`] compares frames with their references, [`study`] filters with each other, [`dictionary`] learns from frames,
