@@ -88,6 +88,10 @@ struct SceneArgs {
     #[arg(long, value_name = "FILE")]
     volume: Option<PathBuf>,
 
+    /// Let a volume's header name a file outside its own folder
+    #[arg(long)]
+    allow_outside: bool,
+
     /// Layout of a volume without a header: WxHxD:type[:le|be][:spacing], type u8, i8, u16, i16, u32, i32, f32 or f64
     #[arg(long, value_name = "LAYOUT")]
     raw: Option<String>,
@@ -254,6 +258,7 @@ impl RenderArgs {
                 also_written: run.also_written(),
                 create_dir: self.output.create_dir,
             },
+            allow_outside: self.scene_values.allow_outside,
             pixels,
             wanted: Wanted {
                 depth: self.layers.depth,

@@ -77,7 +77,9 @@ mod tests {
             "volume=\"procedural:head:48\"\n[march]\n{march}\n[camera]\nzoom=1.8\n[image]\nsize=[60, 50]\n\
              background=[1.0, 1.0, 1.0, 1.0]\n"
         );
-        let stage = prepare(&Scene::parse(&toml, &[]).unwrap(), std::path::Path::new("")).unwrap();
+        let stage =
+            prepare(&Scene::parse(&toml, &[]).unwrap(), std::path::Path::new(""), &crate::Limits::default())
+                .unwrap();
         both(&stage, &stage.camera(0).unwrap())
     }
 

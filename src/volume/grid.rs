@@ -46,6 +46,13 @@ impl Grid {
         if !flat.is_finite() || flat == 0.0 || placement.origin.iter().any(|x| !x.is_finite()) {
             return Err(Error::Volume("the axes of the voxels do not span space".into()));
         }
+        // Beyond these squares and reciprocals leave the range of numbers.
+        if let Some(edge) = placement.axes.map(length).into_iter().find(|edge| !(1e-30..=1e30).contains(edge))
+        {
+            return Err(Error::Volume(format!(
+                "an edge of its voxels is {edge:e} long: 1e-30 to 1e30 can be rendered"
+            )));
+        }
         let range = values.range().ok_or_else(|| Error::Volume("a value is not finite".into()))?;
         let strides = [size[0] + BORDER, (size[0] + BORDER) * (size[1] + BORDER)];
         let voxels = match values {

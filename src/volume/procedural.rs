@@ -6,7 +6,7 @@
 use rayon::prelude::*;
 
 use super::vector::{Affine, Vector, add, cross, dot, length, normalise, scale, subtract};
-use super::{Error, Grid, Values};
+use super::{Error, Grid, Limits, Values};
 
 /// The word before the name.
 pub const PREFIX: &str = "procedural:";
@@ -19,12 +19,14 @@ const LARGEST: usize = 1024;
 ///
 /// # Errors
 /// [`Error::Scene`] for an unknown name or size.
-pub fn make(text: &str) -> Result<Grid, Error> {
+pub fn make(text: &str, limits: &Limits) -> Result<Grid, Error> {
     let (name, edge) = text.split_once(':').unwrap_or((text, ""));
     let edge: usize = if edge.is_empty() { EDGE } else { edge.parse().unwrap_or(0) };
     if !(2..=LARGEST).contains(&edge) {
         return Err(Error::Scene(format!("volume '{text}': the size must be 2 to {LARGEST}")));
     }
+    // As floats, as bytes with and without a border, as coefficients.
+    limits.voxels([edge; 3], 2 + 2 * size_of::<f32>() as u64)?;
     let function = match name {
         "marschner-lobb" => marschner_lobb,
         "head" => head,

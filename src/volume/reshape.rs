@@ -1,7 +1,7 @@
 //! Volumes turned, mirrored and resampled to cubes.
 
 use super::vector::{Affine, length, scale};
-use super::{Error, Grid, Values};
+use super::{Error, Grid, Limits, Values};
 
 /// The volume whose axes are those that `text` names: `x -z y` has the file's x, its z mirrored, and its y. The new
 /// volume stands upright at the world's origin with its voxels' lengths.
@@ -58,18 +58,20 @@ impl Order {
 ///
 /// # Errors
 /// [`Error::Volume`] if it would become too large.
-pub fn cubes(grid: &Grid) -> Result<Grid, Error> {
+pub fn cubes(grid: &Grid, limits: &Limits) -> Result<Grid, Error> {
     let placement = grid.placement();
     let factors = placement.axes.map(|axis| (length(axis) / grid.voxel()).round().max(1.0) as usize);
     if factors == [1; 3] {
         return Ok(grid.clone());
     }
     let old = grid.size();
-    let size: [usize; 3] = std::array::from_fn(|k| factors[k] * (old[k] - 1) + 1);
+    let size: [usize; 3] = std::array::from_fn(|k| factors[k].saturating_mul(old[k] - 1).saturating_add(1));
     let count = size.iter().try_fold(1_usize, |product, &n| product.checked_mul(n));
     if count.is_none_or(|count| count > 1 << 33) {
         return Err(Error::Volume(format!("resampled to {size:?} voxels it is too large")));
     }
+    // As floats before and after an axis, and with a border.
+    limits.voxels(size, 3 * size_of::<f32>() as u64)?;
     let mut values = grid.values();
     let mut now = old;
     for axis in 0..3 {
@@ -124,7 +126,7 @@ mod tests {
 
     #[test]
     fn cubes_have_the_values_of_lines() {
-        let cubes = cubes(&grid()).unwrap();
+        let cubes = cubes(&grid(), &Limits::default()).unwrap();
         assert_eq!(cubes.size(), [2, 5, 10]);
         assert_eq!(cubes.voxel(), 1.0);
         // The values grow by 1, 2, 6 along the axes.

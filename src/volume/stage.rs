@@ -21,11 +21,13 @@ use super::surface::slack;
 use super::transfer::{Curve, Transfer};
 use super::vector::{Vector, add, length, scale};
 use super::weights::{BSpline, CatmullRom};
-use super::{Error, Grid, paraview};
+use super::{Error, Grid, Limits, paraview};
 
 /// Distance of the camera in half diagonals of the volume, and the height of the image plane at zoom 1.
 const FAR: f64 = 3.0;
 const FIELD: f64 = 0.7;
+/// Steps of a ray through the volume, beyond which nobody waits for a picture.
+const MOST_STEPS: f64 = 1e6;
 
 /// A scene that is ready to be rendered.
 #[derive(Clone, Debug)]
@@ -44,7 +46,7 @@ pub struct Stage {
 ///
 /// # Errors
 /// What is wrong with the file or the scene.
-pub fn volume(scene: &Scene, folder: &Path) -> Result<Grid, Error> {
+pub fn volume(scene: &Scene, folder: &Path, limits: &Limits) -> Result<Grid, Error> {
     if scene.volume.is_empty() {
         return Err(Error::Scene("no volume is named (volume = \"FILE\" or --volume FILE)".into()));
     }
@@ -55,14 +57,14 @@ pub fn volume(scene: &Scene, folder: &Path) -> Result<Grid, Error> {
         .transpose()
         .map_err(|why: String| Error::Scene(format!("raw: {why}")))?;
     let grid = match scene.volume.strip_prefix(procedural::PREFIX) {
-        Some(name) => procedural::make(name)?,
-        None => read::read(&folder.join(&scene.volume), raw.as_ref()).map_err(with_way_out)?,
+        Some(name) => procedural::make(name, limits)?,
+        None => read::read(&folder.join(&scene.volume), raw.as_ref(), limits).map_err(with_way_out)?,
     };
     let grid = match &scene.axes {
         Some(axes) => reshape::axes(&grid, axes)?,
         None => grid,
     };
-    if scene.resample { reshape::cubes(&grid) } else { Ok(grid) }
+    if scene.resample { reshape::cubes(&grid, limits) } else { Ok(grid) }
 }
 
 /// A volume that is not there may be somewhere else.
@@ -84,12 +86,12 @@ pub fn files(scene: &Scene, folder: &Path) -> Vec<(&'static str, PathBuf)> {
     volume.into_iter().map(|path| ("volume", path)).chain(map).collect()
 }
 
-/// Prepares a scene; colour maps are sought relative to `folder`.
+/// Prepares a scene; its files are sought relative to `folder`.
 ///
 /// # Errors
 /// What contradicts itself.
-pub fn prepare(scene: &Scene, folder: &Path) -> Result<Stage, Error> {
-    prepare_grid(scene, volume(scene, folder)?, folder)
+pub fn prepare(scene: &Scene, folder: &Path, limits: &Limits) -> Result<Stage, Error> {
+    prepare_grid(scene, volume(scene, folder, limits)?, folder)
 }
 
 /// Prepares a scene with a volume that is there already.
@@ -101,6 +103,13 @@ pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, E
     let (voxel, march) = (grid.voxel(), &scene.march);
     let placement = *grid.placement();
     let step = march.step * voxel;
+    let across = 2.0 * length(placement.direction(grid.size().map(|n| 0.5 * n as f64)));
+    if across / step > MOST_STEPS {
+        return Err(Error::Scene(format!(
+            "a ray would take {:.0} steps: the edges of the voxels differ too much, or the step is too short (resample, march.step)",
+            across / step
+        )));
+    }
     let value = if scene.transfer.data_units {
         march.iso
     } else {

@@ -288,7 +288,7 @@ fn leaps_change_no_bit() {
     for toml in all_scenes() {
         let [with, without] = ["", "skip=false"].map(|skip| {
             let scene = Scene::parse(&toml.replace("[march]\n", &format!("[march]\n{skip}\n")), &[]).unwrap();
-            let stage = prepare(&scene, std::path::Path::new("")).unwrap();
+            let stage = prepare(&scene, std::path::Path::new(""), &crate::Limits::default()).unwrap();
             picture(&stage, &stage.camera(1).unwrap(), None)
         });
         assert!(with.iter().any(|pixel| pixel.colour[3] > 0.1), "{toml}");
@@ -301,7 +301,7 @@ fn leaps_change_no_bit() {
 #[test]
 fn a_masked_pixel_has_the_bits_of_the_full_picture() {
     let scene = Scene::parse(&format!("{}samples=3\n", all_scenes()[8]), &[]).unwrap();
-    let stage = prepare(&scene, std::path::Path::new("")).unwrap();
+    let stage = prepare(&scene, std::path::Path::new(""), &crate::Limits::default()).unwrap();
     let camera = stage.camera(0).unwrap();
     let mask: Vec<bool> = (0..30 * 40).map(|at| (at % 40 * 7 + at / 40 * 3) % 5 == 0).collect();
     let (full, sparse) = (picture(&stage, &camera, None), picture(&stage, &camera, Some(&mask)));
@@ -314,7 +314,7 @@ fn a_masked_pixel_has_the_bits_of_the_full_picture() {
 fn modes_and_interpolations_are_as_named() {
     for (k, toml) in all_scenes().iter().enumerate() {
         let scene = Scene::parse(toml, &[]).unwrap();
-        let stage = prepare(&scene, std::path::Path::new("")).unwrap();
+        let stage = prepare(&scene, std::path::Path::new(""), &crate::Limits::default()).unwrap();
         let cubic = matches!(stage.renderer.interpolation, Interpolation::BSpline);
         assert_eq!(cubic, (8..16).contains(&k));
         assert_eq!(matches!(stage.renderer.look, Look::Iso(..)), k % 4 == 2);
@@ -325,7 +325,9 @@ fn modes_and_interpolations_are_as_named() {
 #[test]
 fn every_kind_of_instructions_gives_the_same_bits() {
     for toml in all_scenes() {
-        let stage = prepare(&Scene::parse(&toml, &[]).unwrap(), std::path::Path::new("")).unwrap();
+        let stage =
+            prepare(&Scene::parse(&toml, &[]).unwrap(), std::path::Path::new(""), &crate::Limits::default())
+                .unwrap();
         let camera = stage.camera(0).unwrap();
         let shader = stage.shader(&camera);
         let shot = shot(&stage, &camera, shader.as_ref(), None);
@@ -350,7 +352,9 @@ fn every_kind_of_instructions_gives_the_same_bits() {
 #[test]
 fn the_march_agrees_with_its_slow_twin() {
     for toml in all_scenes() {
-        let stage = prepare(&Scene::parse(&toml, &[]).unwrap(), std::path::Path::new("")).unwrap();
+        let stage =
+            prepare(&Scene::parse(&toml, &[]).unwrap(), std::path::Path::new(""), &crate::Limits::default())
+                .unwrap();
         let camera = stage.camera(0).unwrap();
         let shader = stage.shader(&camera);
         let nearest = stage.renderer.interpolation == Interpolation::Nearest;

@@ -42,6 +42,8 @@ pub struct RenderJob {
     pub frames: Option<Frames>,
     /// Where outputs go, and the mask's file.
     pub targets: Targets,
+    /// Whether a volume's header may name a file outside its own folder.
+    pub allow_outside: bool,
     /// Which pixels are rendered.
     pub pixels: Pixels,
     /// What the frames hold.
@@ -222,7 +224,7 @@ impl Work for Render<'_> {
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
-        let ready = stage.read(record, || self.ready()).map_err(|error| at_input(&error))?;
+        let ready = stage.read(record, || self.ready(self.bytes(item))).map_err(|error| at_input(&error))?;
         let mask = self.mask(item, &ready)?;
         record.density = Some(mask.as_ref().map_or(1.0, |mask| mask.density()));
         let (mut seconds, mut guided) = ((0.0, None), None);
@@ -257,11 +259,15 @@ impl Work for Render<'_> {
 
 impl Render<'_> {
     /// The volume and what is made from it, once.
-    fn ready(&self) -> Ready {
+    fn ready(&self, frame: u64) -> Ready {
         // Held while the volume is read: other frames wait for it.
         let mut volume = self.volume.lock().unwrap_or_else(PoisonError::into_inner);
+        // The volume has what a frame leaves.
+        let bytes = self.job.run.memory.map_or(u64::MAX, |bound| bound.saturating_sub(frame));
+        let limits = lacuna_volume::Limits { bytes, outside: self.job.allow_outside };
         let make = || {
-            lacuna_volume::prepare(&self.scene, &self.folder).map(Arc::new).map_err(|error| error.to_string())
+            let ready = lacuna_volume::prepare(&self.scene, &self.folder, &limits);
+            ready.map(Arc::new).map_err(|error| error.to_string())
         };
         volume.get_or_insert_with(make).clone()
     }

@@ -52,6 +52,15 @@ impl Element {
         }
     }
 
+    /// Bytes of one voxel in the type that is kept.
+    pub(super) const fn kept(self) -> usize {
+        match self {
+            Self::U8 => 1,
+            Self::I8 | Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 | Self::F64 => 4,
+        }
+    }
+
     /// The values in bytes; a rest that makes no value is left out.
     pub(super) fn decode(self, bytes: Vec<u8>, big_endian: bool) -> Values {
         let given = bytes;

@@ -5,7 +5,8 @@
 use std::path::{Path, PathBuf};
 
 use super::{
-    Affine, Coding, Element, Error, Grid, Header, Place, beside, damaged, head, load, numbers, three,
+    Affine, Coding, Element, Error, Grid, Header, Limits, Place, beside, beside_within, damaged, head, load,
+    numbers, three,
 };
 use crate::vector::scale;
 
@@ -25,7 +26,7 @@ struct Fields {
     data_file: Option<String>,
 }
 
-pub(super) fn read(path: &Path) -> Result<Grid, Error> {
+pub(super) fn read(path: &Path, limits: &Limits) -> Result<Grid, Error> {
     let bytes = head(path)?;
     let (fields, end) = parse(&bytes).map_err(|why| damaged(path, why))?;
     let header = fields.header().map_err(|why| damaged(path, why))?;
@@ -44,8 +45,8 @@ pub(super) fn read(path: &Path) -> Result<Grid, Error> {
         (false, -1) if coding == Coding::Plain => None,
         (false, skipped) => Some(skipped.max(0) as u64),
     };
-    let file = if local { path.to_path_buf() } else { beside(path, name) };
-    load(path, &header, &Place { file, offset, coding })
+    let file = if local { path.to_path_buf() } else { beside_within(path, name, limits)? };
+    load(path, &header, &Place { file, offset, coding }, limits)
 }
 
 /// The other file that has the voxels, as far as the header can be read.

@@ -13,13 +13,13 @@ mod vti;
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 pub use element::Element;
 pub use raw::RawLayout;
 
 use super::vector::Affine;
-use super::{Error, Grid, Values};
+use super::{Error, Grid, Limits, Values};
 
 /// The formats, for messages.
 const FORMATS: &str = "NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha), NIfTI (.nii, .nii.gz), VTK image data (.vti), or raw \
@@ -70,10 +70,10 @@ pub(super) struct Place {
 ///
 /// # Errors
 /// [`Error::Io`] and [`Error::File`], naming the file and what is wrong with it.
-pub fn read(path: &Path, raw: Option<&RawLayout>) -> Result<Grid, Error> {
+pub fn read(path: &Path, raw: Option<&RawLayout>, limits: &Limits) -> Result<Grid, Error> {
     if let Some(layout) = raw {
         layout.check_length(path)?;
-        return load(path, &layout.header(), &RawLayout::place(path));
+        return load(path, &layout.header(), &RawLayout::place(path), limits);
     }
     let mut start = [0; 4];
     let mut file = open(path)?;
@@ -81,13 +81,13 @@ pub fn read(path: &Path, raw: Option<&RawLayout>) -> Result<Grid, Error> {
     let name = path.file_name().map(|name| name.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let ends = |ending: &str| name.ends_with(ending);
     if got == 4 && &start == b"NRRD" {
-        nrrd::read(path)
+        nrrd::read(path, limits)
     } else if ends(".mhd") || ends(".mha") {
-        metaimage::read(path)
+        metaimage::read(path, limits)
     } else if ends(".nii") || ends(".nii.gz") {
-        nifti::read(path)
+        nifti::read(path, limits)
     } else if ends(".vti") {
-        vti::read(path)
+        vti::read(path, limits)
     } else {
         Err(damaged(path, format!("not a volume that is read here: {FORMATS}")))
     }
@@ -107,24 +107,38 @@ pub fn files(path: &Path, raw: Option<&RawLayout>) -> Vec<PathBuf> {
 }
 
 /// Reads the voxels that a header describes.
-fn load(path: &Path, header: &Header, place: &Place) -> Result<Grid, Error> {
+fn load(path: &Path, header: &Header, place: &Place, limits: &Limits) -> Result<Grid, Error> {
     let count = checked_count(path, header)?;
+    let words = if place.coding == Coding::Text { size_of::<&str>() } else { 0 };
+    check_memory(path, header, words, limits)?;
     let bytes = count
         .checked_mul(header.element.bytes())
         .ok_or_else(|| damaged(path, format!("the size {:?} is beyond all memory", header.size)))?;
     let values = match place.coding {
         Coding::Plain => header.element.decode(plain(place, bytes)?, header.big_endian),
         Coding::Text => {
-            header.element.parse(&rest(place)?, count).map_err(|why| damaged(&place.file, why))?
+            header.element.parse(&rest(place, limits)?, count).map_err(|why| damaged(&place.file, why))?
         }
         Coding::Gzip | Coding::Zlib => {
-            let packed = rest(place)?;
+            let packed = rest(place, limits)?;
             let plain =
                 inflate::inflate(&packed, place.coding, bytes).map_err(|why| damaged(&place.file, why))?;
             header.element.decode(plain, header.big_endian)
         }
     };
     build(path, header, &values)
+}
+
+/// That the voxels fit into memory: as they are stored, as they are kept with and without a border, as spline coefficients;
+/// `more` bytes a voxel besides.
+fn check_memory(path: &Path, header: &Header, more: usize, limits: &Limits) -> Result<(), Error> {
+    let (stored, kept) = (header.element.bytes(), header.element.kept());
+    let kept = if header.rescale.is_some() { kept + size_of::<f32>() } else { kept };
+    let each = (stored + kept).max(2 * kept).max(kept + size_of::<f32>()) + more;
+    limits.voxels(header.size, each as u64).map_err(|error| match error {
+        Error::Volume(why) => damaged(path, why),
+        other => other,
+    })
 }
 
 /// The grid from decoded values.
@@ -167,8 +181,15 @@ fn short(place: &Place, bytes: usize, found: u64) -> Error {
 }
 
 /// Everything from the offset on.
-fn rest(place: &Place) -> Result<Vec<u8>, Error> {
+fn rest(place: &Place, limits: &Limits) -> Result<Vec<u8>, Error> {
     let mut file = open(&place.file)?;
+    let length = file.metadata().map_err(io(&place.file, "read"))?.len();
+    if length > limits.bytes {
+        return Err(damaged(
+            &place.file,
+            format!("{length} bytes are more memory than is granted (--memory)"),
+        ));
+    }
     file.seek(SeekFrom::Start(place.offset.unwrap_or(0))).map_err(io(&place.file, "read"))?;
     let mut data = Vec::new();
     file.read_to_end(&mut data).map_err(io(&place.file, "read"))?;
@@ -182,7 +203,11 @@ fn head(path: &Path) -> Result<Vec<u8>, Error> {
     Ok(bytes)
 }
 
+/// Opens a regular file: a pipe would wait for a writer, a device never end.
 fn open(path: &Path) -> Result<File, Error> {
+    if !path.metadata().map_err(io(path, "open"))?.is_file() {
+        return Err(damaged(path, "cannot open: it is not a regular file"));
+    }
     File::open(path).map_err(io(path, "open"))
 }
 
@@ -198,6 +223,19 @@ fn damaged(path: &Path, why: impl Into<String>) -> Error {
 /// A file that a header names, relative to the header's folder.
 fn beside(header: &Path, name: &str) -> PathBuf {
     header.parent().unwrap_or_else(|| Path::new("")).join(name)
+}
+
+/// The same, refused where it leaves that folder and may not.
+fn beside_within(header: &Path, name: &str, limits: &Limits) -> Result<PathBuf, Error> {
+    let stays =
+        Path::new(name).components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    if stays || limits.outside {
+        return Ok(beside(header, name));
+    }
+    Err(damaged(
+        header,
+        format!("it names '{name}', outside its own folder: move the file there, or give --allow-outside"),
+    ))
 }
 
 /// Numbers separated by white space (and commas); nothing if one is none.

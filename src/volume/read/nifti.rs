@@ -8,15 +8,15 @@ use std::path::Path;
 use flate2::read::MultiGzDecoder;
 
 use super::{
-    Affine, Coding, Element, Error, Grid, Header, Place, build, checked_count, damaged, head, inflate, load,
-    rest,
+    Affine, Coding, Element, Error, Grid, Header, Limits, Place, build, check_memory, checked_count, damaged,
+    head, inflate, load, rest,
 };
 use crate::vector::scale;
 
 const LENGTH_1: usize = 348;
 const LENGTH_2: usize = 540;
 
-pub(super) fn read(path: &Path) -> Result<Grid, Error> {
+pub(super) fn read(path: &Path, limits: &Limits) -> Result<Grid, Error> {
     let start = head(path)?;
     let gzip = start.starts_with(&[0x1f, 0x8b]);
     let bytes = if gzip {
@@ -30,10 +30,11 @@ pub(super) fn read(path: &Path) -> Result<Grid, Error> {
     let (header, offset) = parse(&bytes).map_err(|why| damaged(path, why))?;
     let place = Place { file: path.into(), offset: Some(offset), coding: Coding::Plain };
     if !gzip {
-        return load(path, &header, &place);
+        return load(path, &header, &place, limits);
     }
     // The stream holds the header too: it is decoded and dropped.
-    let packed = rest(&Place { offset: Some(0), ..place })?;
+    check_memory(path, &header, header.element.bytes(), limits)?;
+    let packed = rest(&Place { offset: Some(0), ..place }, limits)?;
     let voxels = checked_count(path, &header)?.checked_mul(header.element.bytes());
     let Some(all) = voxels.and_then(|bytes| bytes.checked_add(usize::try_from(offset).ok()?)) else {
         return Err(damaged(path, format!("the size {:?} is beyond all memory", header.size)));

@@ -5,7 +5,8 @@
 use std::path::{Path, PathBuf};
 
 use super::{
-    Affine, Coding, Element, Error, Grid, Header, Place, beside, damaged, head, load, numbers, rest,
+    Affine, Coding, Element, Error, Grid, Header, Limits, Place, beside, beside_within, damaged, head, load,
+    numbers, rest,
 };
 use crate::vector::Vector;
 
@@ -24,7 +25,7 @@ struct Fields {
     byte_skip: i64,
 }
 
-pub(super) fn read(path: &Path) -> Result<Grid, Error> {
+pub(super) fn read(path: &Path, limits: &Limits) -> Result<Grid, Error> {
     let bytes = head(path)?;
     let (fields, end) = parse(&bytes).map_err(|why| damaged(path, why))?;
     let header = fields.header().map_err(|why| damaged(path, why))?;
@@ -40,12 +41,12 @@ pub(super) fn read(path: &Path) -> Result<Grid, Error> {
         }
     };
     let (file, offset) = match &fields.data_file {
-        Some(name) => (beside(path, name), 0),
+        Some(name) => (beside_within(path, name, limits)?, 0),
         None => (path.to_path_buf(), end as u64),
     };
     let mut place = Place { file, offset: Some(offset), coding };
-    skip(&mut place, &fields)?;
-    load(path, &header, &place)
+    skip(&mut place, &fields, limits)?;
+    load(path, &header, &place, limits)
 }
 
 /// The other file that has the voxels, as far as the header can be read.
@@ -55,9 +56,9 @@ pub(super) fn voxels(path: &Path) -> Option<PathBuf> {
 }
 
 /// Passes over the lines and bytes that the header wants left out.
-fn skip(place: &mut Place, fields: &Fields) -> Result<(), Error> {
+fn skip(place: &mut Place, fields: &Fields, limits: &Limits) -> Result<(), Error> {
     if fields.line_skip > 0 {
-        let data = rest(place)?;
+        let data = rest(place, limits)?;
         let ends = data.iter().enumerate().filter(|(_, byte)| **byte == b'\n').map(|(at, _)| at);
         let Some(last) = ends.take(fields.line_skip).last() else {
             return Err(damaged(&place.file, "truncated: fewer lines than are to be skipped"));

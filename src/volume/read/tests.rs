@@ -9,6 +9,11 @@ use flate2::write::{GzEncoder, ZlibEncoder};
 
 use super::*;
 
+/// Reads without limits.
+fn read(path: &Path, raw: Option<&RawLayout>) -> Result<Grid, Error> {
+    super::read(path, raw, &Limits::default())
+}
+
 /// 3 x 2 x 2 voxels.
 const SIZE: [usize; 3] = [3, 2, 2];
 const VOXELS: [i16; 12] = [0, 1, -2, 300, 4, 5, 6, 7, -800, 9, 10, 1100];
@@ -266,4 +271,51 @@ fn raw_voxels_and_every_type() {
     let nan = room.put("nan.raw", &[&f32::NAN.to_le_bytes()]);
     assert!(read(&nan, Some(&"1x1x1:f32".parse().unwrap())).is_err());
     refused(&room.put("c.txt", &[b"hello"]), "not a volume");
+}
+
+#[test]
+fn headers_stay_in_their_folder_and_name_regular_files() {
+    let room = Room::new();
+    std::fs::create_dir(room.0.path().join("in")).unwrap();
+    room.put("v.raw", &[&bytes(true)]);
+    room.put("in/v.raw", &[&bytes(true)]);
+    let detached = |file: &str| nrrd("raw", "big", &format!("data file: {file}"));
+    let outside = room.put("in/up.nhdr", &[&detached("../v.raw")]);
+    refused(&outside, "--allow-outside");
+    refused(&room.put("in/abs.nhdr", &[&detached("/dev/zero")]), "--allow-outside");
+    check(&super::read(&outside, None, &Limits { outside: true, ..Limits::default() }).unwrap());
+    check(&read(&room.put("in/same.nhdr", &[&detached("./v.raw")]), None).unwrap());
+    let device = room.put("device.nhdr", &[&detached("/dev/zero")]);
+    let error = super::read(&device, None, &Limits { outside: true, ..Limits::default() }).unwrap_err();
+    assert!(error.to_string().contains("not a regular file"), "{error}");
+}
+
+#[test]
+fn no_more_memory_is_taken_than_is_granted() {
+    let room = Room::new();
+    let file = room.put("v.nrrd", &[&nrrd("raw", "big", ""), &bytes(true)]);
+    // Twelve voxels of 2 bytes, and as coefficients 4 bytes more.
+    let with = |bytes: u64| super::read(&file, None, &Limits { bytes, ..Limits::default() });
+    assert!(with(12 * 6 - 1).is_err());
+    check(&with(12 * 6).unwrap());
+    let gz = room.put("v.nhdr", &[&nrrd("gzip", "big", "data file: v.gz")]);
+    room.put("v.gz", &[&gzip(&bytes(true))]);
+    let error =
+        super::read(&gz, None, &Limits { bytes: 12 * 6 - 1, ..Limits::default() }).unwrap_err().to_string();
+    assert!(error.contains("3x2x2 voxels") && error.contains("--memory"), "{error}");
+    check(&super::read(&gz, None, &Limits { bytes: 12 * 6, ..Limits::default() }).unwrap());
+}
+
+#[test]
+fn voxels_of_no_length_are_refused() {
+    let room = Room::new();
+    let spacing = |z: &str| {
+        let header = format!(
+            "NDims = 3\nDimSize = 3 2 2\nElementType = MET_SHORT\nElementSpacing = 1 1 {z}\nElementDataFile = LOCAL\n"
+        );
+        room.put("s.mha", &[header.as_bytes(), &bytes(false)])
+    };
+    for z in ["1e-320", "1e-300", "1e300"] {
+        refused(&spacing(z), "long");
+    }
 }

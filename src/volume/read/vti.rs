@@ -9,18 +9,20 @@ use base64::engine::general_purpose::STANDARD;
 use roxmltree::{Document, Node};
 
 use super::{
-    Affine, Coding, Element, Error, Grid, Header, build, checked_count, damaged, inflate, rest, three,
+    Affine, Coding, Element, Error, Grid, Header, Limits, build, check_memory, checked_count, damaged,
+    inflate, rest, three,
 };
 use crate::vector::{Vector, scale};
 
-pub(super) fn read(path: &Path) -> Result<Grid, Error> {
+pub(super) fn read(path: &Path, limits: &Limits) -> Result<Grid, Error> {
     let whole = super::Place { file: path.into(), offset: Some(0), coding: Coding::Plain };
-    let bytes = rest(&whole)?;
+    let bytes = rest(&whole, limits)?;
     let wrong = |why: String| damaged(path, why);
     let (xml, appended) = split(&bytes).map_err(wrong)?;
     let document = Document::parse(&xml).map_err(|error| wrong(format!("not XML: {error}")))?;
     let file = File::new(document.root_element(), appended).map_err(wrong)?;
     let count = checked_count(path, &file.header)?;
+    check_memory(path, &file.header, 0, limits)?;
     let values = file.values(count).map_err(wrong)?;
     build(path, &file.header, &values)
 }
