@@ -1,6 +1,6 @@
 //! What plans demand of the planes and the settings that they are given.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use crate::kernel::extremes;
 use crate::{Error, Mask, Planes};
@@ -40,11 +40,8 @@ pub(crate) fn group(mask: &Mask, samples: &Planes, out: &Planes) -> Result<(), E
         return Err(Error::SizeMismatch { expected: mask.size(), found });
     }
     let planes = samples.as_slice();
-    if planes.par_iter().all(|plane| finite(mask, plane.pixels()).is_ok()) {
-        return Ok(());
-    }
-    // Again in order, for the first that is wrong.
-    planes.iter().try_for_each(|plane| finite(mask, plane.pixels()))
+    // The first that is wrong, whatever the threads.
+    planes.par_iter().map(|plane| finite(mask, plane.pixels())).into_iter().collect()
 }
 
 /// Measured values are finite.

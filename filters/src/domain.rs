@@ -16,7 +16,7 @@
 //! Cost: one f64 logarithm per measured pixel, one exponential per pixel back; nothing if the map is linear.
 //! Fails: overshoot becomes a factor and does not vanish: see [`crate::limiter`].
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 use serde::Serialize;
 
 use crate::{Mask, Plane};
@@ -62,18 +62,16 @@ impl Domain {
 fn statistics(mask: &Mask, plane: &Plane) -> (f64, u64, f64) {
     let width = mask.size().width.max(1);
     let rows = mask.as_slice().par_chunks(width).zip(plane.pixels().par_chunks(width));
-    let rows: Vec<(f64, u64, f64)> = rows
-        .map(|(flags, values)| {
-            let (mut sum, mut count, mut largest) = (0.0, 0, 0.0_f64);
-            for (_, &value) in flags.iter().zip(values).filter(|(flag, value)| **flag && **value != 0.0) {
-                let size = f64::from(value).abs();
-                sum += size.sqrt().sqrt();
-                count += 1;
-                largest = largest.max(size);
-            }
-            (sum, count, largest)
-        })
-        .collect();
+    let rows = rows.map(|(flags, values)| {
+        let (mut sum, mut count, mut largest) = (0.0, 0_u64, 0.0_f64);
+        for (_, &value) in flags.iter().zip(values).filter(|(flag, value)| **flag && **value != 0.0) {
+            let size = f64::from(value).abs();
+            sum += size.sqrt().sqrt();
+            count += 1;
+            largest = largest.max(size);
+        }
+        (sum, count, largest)
+    });
     // In the order of the rows, whatever the threads.
     rows.into_iter().fold((0.0, 0, 0.0), |all, row| (all.0 + row.0, all.1 + row.1, all.2.max(row.2)))
 }

@@ -27,7 +27,7 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use crate::kernel::Isa;
 use crate::kernel::extremes::{least, range as extremes};
@@ -75,7 +75,7 @@ pub fn local(mask: &Mask, samples: &Plane, out: &mut Plane) -> Result<usize, Err
         };
         suspects.into_iter().map(search).sum::<usize>()
     });
-    Ok(counts.sum())
+    Ok(counts.into_iter().sum())
 }
 
 /// Keeps what is true of all measured pixels true of the missing ones: a channel that is nowhere negative stays so, and
@@ -92,7 +92,7 @@ pub fn range(mask: &Mask, samples: &Plane, out: &mut Plane, unit: bool) -> Resul
     let most = if unit && largest <= 1.0 { 1.0 } else { f32::MAX };
     let (bottom, top) = (vec![0.0; size.width], vec![most; size.width]);
     let rows = out.pixels_mut().par_chunks_mut(size.width).zip(mask.as_slice().par_chunks(size.width));
-    Ok(rows.map(|(out, flags)| limit_row(flags, &bottom, &top, out)).sum())
+    Ok(rows.map(|(out, flags)| limit_row(flags, &bottom, &top, out)).into_iter().sum())
 }
 
 /// Per pixel of a plane that is complete, the values that [`local`] would allow for the range of the 3 x 3 pixels around

@@ -10,10 +10,17 @@
 
 mod parts;
 
-pub use parts::{Chunks, ChunksMut, Enumerate, Indices, IntoParts, Items, ItemsMut, Limited, Slices, Zip};
+/// What a module that loops this way imports.
+pub mod prelude {
+    pub use super::{IntoParallel, Parallel, ParallelSlice};
+}
+
+pub use parts::{
+    Chunks, ChunksMut, Enumerate, Indices, IntoParallel, Items, ItemsMut, Limited, ParallelSlice, Zip,
+};
 
 /// A sequence that can be cut in two, for two threads.
-pub trait Parts: Sized + Send {
+pub trait Parallel: Sized + Send {
     /// What a closure gets.
     type Item;
 
@@ -42,13 +49,18 @@ pub trait Parts: Sized + Send {
     }
 
     /// Items beside those of `other`; as many as the shorter has.
-    fn zip<P: IntoParts>(self, other: P) -> Zip<Self, P::Parts> {
+    fn zip<P: IntoParallel>(self, other: P) -> Zip<Self, P::Parts> {
         Zip::new(self, other.into_par_iter())
     }
 
-    /// At least `least` items a task; `usize::MAX` leaves everything to the calling thread.
+    /// At least `least` items a task.
     fn with_min_len(self, least: usize) -> Limited<Self> {
         Limited::new(self, (least, usize::MAX))
+    }
+
+    /// Shares them out only if `shared`; otherwise they are one task, of the calling thread.
+    fn shared_if(self, shared: bool) -> Limited<Self> {
+        self.with_min_len(if shared { 1 } else { usize::MAX })
     }
 
     /// At most `most` items a task.
@@ -125,11 +137,11 @@ impl Halving {
 }
 
 /// Shares parts out among the threads.
-fn share<P: Parts>(parts: P, task: &(dyn Fn(P) + Sync)) {
+fn share<P: Parallel>(parts: P, task: &(dyn Fn(P) + Sync)) {
     halve(Halving::new(parts.len(), parts.limits()), false, parts, task);
 }
 
-fn halve<P: Parts>(halving: Halving, moved: bool, parts: P, task: &(dyn Fn(P) + Sync)) {
+fn halve<P: Parallel>(halving: Halving, moved: bool, parts: P, task: &(dyn Fn(P) + Sync)) {
     let len = parts.len();
     let Some(halving) = halving.again(len, moved) else {
         return task(parts);

@@ -24,7 +24,7 @@
 mod gradients;
 mod patch;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use self::gradients::Network;
 use self::patch::{Patch, across};
@@ -53,17 +53,15 @@ impl Plan for Planned {
     fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
         self.scattered.start(samples, out)?;
         let planes = samples.as_slice().par_iter().zip(out.as_mut_slice());
-        let outcomes: Vec<Outcome> = planes
-            .map(|(samples, out)| {
-                let triangulation = &self.scattered.triangulation;
-                let value = |&pixel: &u32| f64::from(samples.pixels()[pixel as usize]);
-                let values: Vec<f64> = triangulation.pixels.iter().map(value).collect();
-                let (gradients, outcome) = self.network.gradients(&values, run);
-                let patch = |triangle: u32| self.patch(triangle, &values, &gradients);
-                triangulation.fill(out.pixels_mut(), patch, |patch, shares| patch.at(shares) as f32);
-                outcome
-            })
-            .collect();
+        let outcomes: Vec<Outcome> = planes.map(|(samples, out)| {
+            let triangulation = &self.scattered.triangulation;
+            let value = |&pixel: &u32| f64::from(samples.pixels()[pixel as usize]);
+            let values: Vec<f64> = triangulation.pixels.iter().map(value).collect();
+            let (gradients, outcome) = self.network.gradients(&values, run);
+            let patch = |triangle: u32| self.patch(triangle, &values, &gradients);
+            triangulation.fill(out.pixels_mut(), patch, |patch, shares| patch.at(shares) as f32);
+            outcome
+        });
         Ok(outcomes.into_iter().reduce(Outcome::worst).unwrap_or(Outcome::direct()))
     }
 }

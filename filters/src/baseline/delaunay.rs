@@ -9,7 +9,7 @@
 //! than about 4000 pixels, beyond which a triangle may be thinner than it must.
 
 use delaunator::{EMPTY, Point};
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use crate::{Error, Mask, Size};
 

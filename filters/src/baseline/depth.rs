@@ -17,7 +17,7 @@
 //! Cost: four sweeps, each serial, side by side on four threads; four planes of u32. Planned once for a mask.
 //! Fails: an object that no measured pixel hit is not there; a thin one keeps only its measured pixels.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::nearest::NearestMap;
 use crate::{Error, Mask, Plane, Size};

@@ -16,7 +16,7 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, Size, check};
 
@@ -132,26 +132,23 @@ fn nearest_in_row(flags: &[bool], columns: &mut [u32]) {
 
 /// The nearest measured pixel, as an index, from the nearest measured column in each row.
 fn nearest_in_columns(size: Size, columns: &[u32]) -> Vec<u32> {
-    let blocks: Vec<Vec<u32>> = (0..size.width.div_ceil(COLUMNS))
-        .into_par_iter()
-        .map(|block| {
-            let first = block * COLUMNS;
-            let count = COLUMNS.min(size.width - first);
-            let mut found = vec![0; size.height * count];
-            let mut gathered = vec![NONE; size.height * count];
-            for (y, row) in columns.chunks(size.width).enumerate() {
-                for (x, &column) in row[first..first + count].iter().enumerate() {
-                    gathered[x * size.height + y] = column;
-                }
+    let blocks: Vec<Vec<u32>> = (0..size.width.div_ceil(COLUMNS)).into_par_iter().map(|block| {
+        let first = block * COLUMNS;
+        let count = COLUMNS.min(size.width - first);
+        let mut found = vec![0; size.height * count];
+        let mut gathered = vec![NONE; size.height * count];
+        for (y, row) in columns.chunks(size.width).enumerate() {
+            for (x, &column) in row[first..first + count].iter().enumerate() {
+                gathered[x * size.height + y] = column;
             }
-            let mut envelope = Envelope::default();
-            for (x, column) in gathered.chunks(size.height).enumerate() {
-                envelope.build((first + x) as i64, column);
-                envelope.lookup(column, size.width, |y, index| found[y * count + x] = index);
-            }
-            found
-        })
-        .collect();
+        }
+        let mut envelope = Envelope::default();
+        for (x, column) in gathered.chunks(size.height).enumerate() {
+            envelope.build((first + x) as i64, column);
+            envelope.lookup(column, size.width, |y, index| found[y * count + x] = index);
+        }
+        found
+    });
     let mut source = vec![0; size.pixels()];
     source.par_chunks_mut(size.width).enumerate().for_each(|(y, row)| {
         for (row, block) in row.chunks_mut(COLUMNS).zip(&blocks) {

@@ -13,7 +13,7 @@
 //!
 //! Source: S. Gortler, R. Grzeszczuk, R. Szeliski, M. Cohen, "The Lumigraph", SIGGRAPH 1996 (rebinning).
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use crate::kernel::Isa;
 use crate::kernel::pyramid::{self, Pull};

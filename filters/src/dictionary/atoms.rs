@@ -1,8 +1,8 @@
 //! A dictionary: its atoms and what they stand for.
 
+use lacuna_core::parallel::prelude::*;
 use ndarray::linalg::general_mat_mul;
 use ndarray::{Array2, Axis};
-use rayon::prelude::*;
 
 /// The largest block, in pixels of a side.
 pub const MOST_BLOCK: usize = 64;
@@ -134,12 +134,10 @@ impl Dictionary {
     pub fn coherences(&self) -> Vec<f32> {
         let gram = gram(&self.atoms);
         let rows: Vec<_> = gram.axis_iter(Axis(0)).enumerate().collect();
-        rows.into_par_iter()
-            .map(|(at, row)| {
-                let others = row.iter().enumerate().filter(|(other, _)| *other != at);
-                others.fold(0.0_f32, |top, (_, product)| top.max(product.abs()))
-            })
-            .collect()
+        rows.into_par_iter().map(|(at, row)| {
+            let others = row.iter().enumerate().filter(|(other, _)| *other != at);
+            others.fold(0.0_f32, |top, (_, product)| top.max(product.abs()))
+        })
     }
 }
 

@@ -33,9 +33,9 @@
 
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
 use ndarray::Array2;
 use ndarray::linalg::general_mat_mul;
-use rayon::prelude::*;
 
 use super::blocks::{Average, Grid};
 use super::masked::{Masked, TOGETHER};
@@ -179,7 +179,7 @@ fn share(
     grid: &Grid,
     sparsity: usize,
 ) -> (Vec<Option<usize>>, Vec<Shared>) {
-    let flags: Vec<Vec<bool>> = (0..grid.len()).into_par_iter().map(|at| grid.flags(mask, at)).collect();
+    let flags: Vec<Vec<bool>> = (0..grid.len()).into_par_iter().map(|at| grid.flags(mask, at));
     let mut order: Vec<usize> = (0..flags.len()).collect();
     order.sort_by(|a, b| flags[*a].cmp(&flags[*b]).then(a.cmp(b)));
     let mut runs: Vec<&[usize]> = order.chunk_by(|a, b| flags[*a] == flags[*b]).collect();
@@ -241,14 +241,12 @@ impl Plan for Planned {
                     outcome.stop = outcome.stop.max(stop);
                     break;
                 }
-                let parts = wave.par_chunks(TOGETHER);
-                let sums = parts.map(|part| {
+                let sums: Vec<Array2<f32>> = wave.par_chunks(TOGETHER).map(|part| {
                     let values = self.values(samples, part);
                     let codes =
                         if shared { self.alike(part, &values) } else { self.others(&masked, part, &values) };
                     self.sums(&codes)
                 });
-                let sums: Vec<Array2<f32>> = sums.collect();
                 for (part, sums) in wave.chunks(TOGETHER).zip(&sums) {
                     for (item, sum) in part.iter().zip(sums.rows()) {
                         self.lay(&mut averages, *item, sum.to_slice().unwrap_or(&black));

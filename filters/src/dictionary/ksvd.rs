@@ -28,9 +28,9 @@
 mod replace;
 mod update;
 
+use lacuna_core::parallel::prelude::*;
 use ndarray::linalg::general_mat_mul;
 use ndarray::{Array2, ArrayView2};
-use rayon::prelude::*;
 
 use super::pursuit::{Code, Scratch, Selection, Shared};
 use super::{Dictionary, Invalid};
@@ -177,7 +177,7 @@ fn fitting(state: State, settings: &Settings, dimension: usize, count: usize) ->
 /// Blocks of length 1, picked by the seed among those that are not zero.
 fn first_atoms(blocks: &[f32], dimension: usize, settings: &Settings) -> Result<Array2<f32>, Error> {
     let squared = |block: &[f32]| block.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>();
-    let lengths: Vec<f64> = blocks.par_chunks_exact(dimension).map(squared).collect();
+    let lengths: Vec<f64> = blocks.par_chunks(dimension).map(squared);
     let mean = lengths.iter().sum::<f64>() / lengths.len().max(1) as f64;
     let usable: Vec<usize> = (0..lengths.len()).filter(|at| lengths[*at] > 1e-9 * mean).collect();
     if usable.len() < settings.atoms {
@@ -243,7 +243,7 @@ impl Work<'_> {
     }
 
     fn squared_errors(&self) -> Vec<f64> {
-        self.residuals.par_chunks_exact(self.dimension).map(squared).collect()
+        self.residuals.par_chunks(self.dimension).map(squared)
     }
 
     /// For each atom, the blocks that use it and where in their codes.

@@ -3,9 +3,9 @@
 //! Blocks lie side by side (the last ones end with the image). All share one Gram matrix; their products with the atoms are dense
 //! products of many blocks at once.
 
+use lacuna_core::parallel::prelude::*;
 use ndarray::Array2;
 use ndarray::linalg::general_mat_mul;
-use rayon::prelude::*;
 
 use super::Dictionary;
 use super::blocks::{Average, Grid};
@@ -50,7 +50,7 @@ pub fn codes(dictionary: &Dictionary, planes: &Planes, selection: &Selection) ->
         })
         .collect::<Vec<Code>>()
     });
-    Ok(parts.collect::<Vec<_>>().concat())
+    Ok(parts.concat())
 }
 
 /// The planes that codes stand for.

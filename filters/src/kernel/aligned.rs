@@ -3,7 +3,7 @@
 
 use std::ops::{Deref, DerefMut};
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::Real;
 

@@ -2,7 +2,7 @@
 //!
 //! Roofline: 5 bytes a pixel and half a dozen integer and comparing instructions a vector: memory decides.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::{Body, Isa, dispatch};
 
@@ -32,9 +32,9 @@ impl Body for Finite<'_> {
 /// The smallest and the largest of the values that are flagged; infinite the other way round if none is.
 pub fn range(flags: &[bool], values: &[f32]) -> (f32, f32) {
     let tasks = values.par_chunks(1 << 14).zip(flags.par_chunks(1 << 14));
-    tasks
-        .map(|(values, flags)| dispatch(Isa::best(), Range { flags, values }))
-        .reduce(|| (f32::INFINITY, f32::NEG_INFINITY), |a, b| (least(a.0, b.0), -least(-a.1, -b.1)))
+    let ranges = tasks.map(|(values, flags)| dispatch(Isa::best(), Range { flags, values }));
+    let both = |a: (f32, f32), b: (f32, f32)| (least(a.0, b.0), -least(-a.1, -b.1));
+    ranges.into_iter().fold((f32::INFINITY, f32::NEG_INFINITY), both)
 }
 
 struct Range<'a> {

@@ -4,7 +4,7 @@
 //! arithmetic decides, so the sums of a block of pixels stay in registers over all taps. Each pixel is computed by itself,
 //! so that threads change no bit.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::{Body, Isa, Real, dispatch};
 use crate::{Plane, Size};

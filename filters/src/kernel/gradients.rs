@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::spans::Spans;
 use super::vector::Dot;
@@ -103,13 +103,9 @@ impl<T: Real> Gradients<'_, T> {
             }
         };
         let size = ROWS * stride;
-        if window.is_large() {
-            let (r, p) = (r.par_chunks_mut(size), p.par_chunks_mut(size));
-            r.zip(p).zip(q.par_chunks_mut(size).zip(c.par_chunks_mut(size))).enumerate().for_each(chunk);
-        } else {
-            let (r, p) = (r.chunks_mut(size), p.chunks_mut(size));
-            r.zip(p).zip(q.chunks_mut(size).zip(c.chunks_mut(size))).enumerate().for_each(chunk);
-        }
+        let (r, p) = (r.par_chunks_mut(size), p.par_chunks_mut(size));
+        let chunks = r.zip(p).zip(q.par_chunks_mut(size).zip(c.par_chunks_mut(size))).enumerate();
+        chunks.shared_if(window.is_large()).for_each(chunk);
     }
 
     /// The largest `|c|` of every cell, of those that do not count as well.
@@ -134,9 +130,8 @@ fn over_cells<T: Real, S: Send>(
         let mut numbers = vec![T::ZERO; window.width.div_ceil(cell.1)];
         (part(k * cell.0..window.height.min((k + 1) * cell.0), &mut numbers), numbers)
     };
-    let parts = 0..window.height.div_ceil(cell.0);
-    let parts: Vec<(S, Vec<T>)> =
-        if window.is_large() { parts.into_par_iter().map(part).collect() } else { parts.map(part).collect() };
+    let parts = (0..window.height.div_ceil(cell.0)).into_par_iter();
+    let parts: Vec<(S, Vec<T>)> = parts.shared_if(window.is_large()).map(part);
     let (results, numbers): (Vec<S>, Vec<Vec<T>>) = parts.into_iter().unzip();
     (results, numbers.into_iter().flatten().map(Real::to_f64).collect())
 }

@@ -4,7 +4,7 @@
 //! different taps, so 16 rows are turned on their side and become the lanes of a vector. Each pixel is computed by
 //! itself, in the order of its taps, so that threads change no bit.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::{Body, Isa, Real, dispatch};
 use crate::{Plane, Size};

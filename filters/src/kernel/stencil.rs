@@ -15,7 +15,7 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::interior::{self, Interior, Rows};
 use super::simd::Lanes;
@@ -150,7 +150,7 @@ pub fn apply<T: Lanes>(
         sum
     };
     if window.is_large() {
-        let sums: Vec<f64> = rows.par_chunks_mut(CHUNK * stride).enumerate().map(chunk).collect();
+        let sums: Vec<f64> = rows.par_chunks_mut(CHUNK * stride).enumerate().map(chunk);
         sums.iter().sum()
     } else {
         chunk((0, rows))

@@ -2,7 +2,7 @@
 //!
 //! Roofline: two to ten streams and one to eight flops an element; in L2 about 3 cycles a vector, in memory its bandwidth.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::stencil::lanes_dot;
 use super::{Body, Isa, Real, dispatch, fma};
@@ -14,24 +14,17 @@ const LARGE: usize = 1 << 16;
 /// Elements after which a sum's lanes are added up.
 const RUN: usize = 1 << 10;
 
-/// Splits any number of buffers into parts and runs a body on each.
-macro_rules! parts {
-    ($y:expr, $len:expr, $run:expr) => {
-        if $len > LARGE {
-            $y.par_chunks_mut(PART).enumerate().for_each($run);
-        } else {
-            $y.chunks_mut(PART).enumerate().for_each($run);
-        }
-    };
+/// Runs `each` on parts of `x` and `y`.
+fn in_parts<T: Real>(x: &[T], y: &mut [T], each: impl Fn(&[T], &mut [T]) + Sync) {
+    debug_assert_eq!(x.len(), y.len());
+    let large = y.len() > LARGE;
+    x.par_chunks(PART).zip(y.par_chunks_mut(PART)).shared_if(large).for_each(|(x, y)| each(x, y));
 }
 
 /// `y = y + a x`.
 pub fn add_scaled<T: Real>(isa: Isa, y: &mut [T], a: f64, x: &[T]) {
     let a = T::from_f64(a);
-    let len = y.len();
-    parts!(y, len, |(i, y): (usize, &mut [T])| {
-        dispatch(isa, AddScaled { x: &x[i * PART..][..y.len()], a, y });
-    });
+    in_parts(x, y, |x, y| dispatch(isa, AddScaled { y, a, x }));
 }
 
 /// The same by one task.
@@ -54,10 +47,7 @@ impl<T: Real> Body for AddScaled<'_, T> {
 /// `y = x + b y`.
 pub fn scale_add<T: Real>(isa: Isa, y: &mut [T], b: f64, x: &[T]) {
     let b = T::from_f64(b);
-    let len = y.len();
-    parts!(y, len, |(i, y): (usize, &mut [T])| {
-        dispatch(isa, ScaleAdd { x: &x[i * PART..][..y.len()], b, y });
-    });
+    in_parts(x, y, |x, y| dispatch(isa, ScaleAdd { y, b, x }));
 }
 
 struct ScaleAdd<'a, T> {
@@ -78,13 +68,8 @@ impl<T: Real> Body for ScaleAdd<'_, T> {
 
 /// The sum of `x y`.
 pub fn dot<T: Real>(isa: Isa, x: &[T], y: &[T]) -> f64 {
-    let part = |(x, y): (&[T], &[T])| dispatch(isa, Dot { x, y });
-    let parts: Vec<f64> = if x.len() > LARGE {
-        x.par_chunks(PART).zip(y.par_chunks(PART)).map(part).collect()
-    } else {
-        x.chunks(PART).zip(y.chunks(PART)).map(part).collect()
-    };
-    parts.into_iter().sum()
+    let parts = x.par_chunks(PART).zip(y.par_chunks(PART)).shared_if(x.len() > LARGE);
+    parts.map(|(x, y)| dispatch(isa, Dot { x, y })).into_iter().sum()
 }
 
 /// The same by one task, for the body of another kernel, too.

@@ -1,6 +1,6 @@
 //! Windows of an image and the banded matrices of its axes: what the kernels of [`super::stencil`] and [`super::interior`] share.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::Real;
 
@@ -113,10 +113,7 @@ impl Window {
     ) {
         let stride = self.stride();
         let values = &mut values[PAD * stride..][..self.height * stride];
-        if self.is_large() {
-            values.par_chunks_mut(rows * stride).enumerate().for_each(|(k, chunk)| task(k * rows, chunk));
-        } else {
-            values.chunks_mut(rows * stride).enumerate().for_each(|(k, chunk)| task(k * rows, chunk));
-        }
+        let chunks = values.par_chunks_mut(rows * stride).enumerate();
+        chunks.shared_if(self.is_large()).for_each(|(k, chunk)| task(k * rows, chunk));
     }
 }

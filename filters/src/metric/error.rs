@@ -8,7 +8,7 @@
 //!   Sampling and Reconstruction using Greedy Error Minimization", SIGGRAPH Asia 2011;
 //! - log PSNR: PSNR of `l(v) = sign(v) log2(1 + |v|)`, unclipped, its peak `l` of the largest reference value.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 use serde::Serialize;
 
 use super::same_size;
@@ -93,8 +93,7 @@ pub fn compare_regions(
     let rows: Vec<Vec<Statistics>> = (reference.pixels().par_chunks(width))
         .zip(test.pixels().par_chunks(width))
         .enumerate()
-        .map(|(y, (reference, test))| row(y * width, reference, test, regions, options))
-        .collect();
+        .map(|(y, (reference, test))| row(y * width, reference, test, regions, options));
     let sum = |index: usize| rows.iter().fold(Statistics::default(), |sum, row| sum.and(row[index]));
     Ok((0..regions.len()).map(sum).collect())
 }

@@ -12,7 +12,7 @@
 //! Evaluator for Alternating Images", HPG 2020; P. Andersson, J. Nilsson, P. Shirley, T. Akenine-Moller, "Visualizing
 //! Errors in Rendered High Dynamic Range Images", Eurographics Short Papers 2021 (exposures).
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::colour::{Chromaticities, Matrix, apply, inverse};
 use super::same_size;
@@ -95,9 +95,13 @@ pub fn exposures_of(reference: Rgb<'_>) -> Vec<f64> {
         })
         .filter(|value| value.is_finite() && *value > 0.0)
         .collect();
-    luminance.par_sort_unstable_by(f32::total_cmp);
-    let at = |index: usize| luminance.get(index).map_or(1.0, |&value| f64::from(value));
-    exposures_between(at(luminance.len() / 2), at(luminance.len().saturating_sub(1)))
+    if luminance.is_empty() {
+        return exposures_between(1.0, 1.0);
+    }
+    let middle = luminance.len() / 2;
+    let (_, median, above) = luminance.select_nth_unstable_by(middle, f32::total_cmp);
+    let brightest = above.iter().copied().fold(*median, f32::max);
+    exposures_between(f64::from(*median), f64::from(brightest))
 }
 
 /// The exposures that bring luminances from `bright` to `dark` (both above 0) just below white: as many as there are

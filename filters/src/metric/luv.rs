@@ -7,7 +7,7 @@
 //! Source: CIE 15:2018, "Colorimetry", section 8.2.2; used for error images as in the thesis that lacuna follows,
 //! "Compressive Volume Rendering", section 4.2 (error range 0 to 20 as grey).
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::colour::{Chromaticities, Matrix, apply};
 use super::same_size;

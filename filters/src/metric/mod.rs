@@ -13,26 +13,21 @@ pub mod flip;
 pub mod luv;
 pub mod ssim;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use crate::{Error, Plane, Size};
 
 /// The mean of a map over a region, `None` if the region is empty.
 pub fn mean(map: &Plane, region: Option<&[bool]>) -> Option<f64> {
     let width = map.size().width.max(1);
-    let rows: Vec<(f64, usize)> = map
-        .pixels()
-        .par_chunks(width)
-        .enumerate()
-        .map(|(y, row)| match region {
-            None => (row.iter().map(|&value| f64::from(value)).sum(), row.len()),
-            Some(flags) => row
-                .iter()
-                .zip(&flags[y * width..])
-                .filter(|&(_, &flag)| flag)
-                .fold((0.0, 0), |(sum, count), (&value, _)| (sum + f64::from(value), count + 1)),
-        })
-        .collect();
+    let rows: Vec<(f64, usize)> = map.pixels().par_chunks(width).enumerate().map(|(y, row)| match region {
+        None => (row.iter().map(|&value| f64::from(value)).sum(), row.len()),
+        Some(flags) => row
+            .iter()
+            .zip(&flags[y * width..])
+            .filter(|&(_, &flag)| flag)
+            .fold((0.0, 0), |(sum, count), (&value, _)| (sum + f64::from(value), count + 1)),
+    });
     let (sum, count) = rows.iter().fold((0.0, 0), |(sum, count), row| (sum + row.0, count + row.1));
     (count > 0).then(|| sum / count as f64)
 }

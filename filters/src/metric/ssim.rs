@@ -11,7 +11,7 @@
 //! Source: Z. Wang, A. C. Bovik, H. R. Sheikh, E. P. Simoncelli, "Image Quality Assessment: From Error Visibility to
 //! Structural Similarity", IEEE Transactions on Image Processing 13(4), 2004, equation 13 and section III.C.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::{mean, same_size};
 use crate::kernel::fir::separable;
@@ -39,11 +39,12 @@ impl Similarity {
         // Sums about a mean value: squares of large values would swallow small variances.
         let centre = mean(reference, None).unwrap_or(0.0) as f32;
         let of = |f: &(dyn Fn(f32, f32) -> f32 + Sync)| {
-            let pixels = (reference.pixels().par_iter().zip(test.pixels())).map(|(&a, &b)| f(a, b)).collect();
-            Plane::new(reference.size(), pixels)
+            let mut of = reference.clone();
+            of.pixels_mut().par_iter_mut().zip(test.pixels()).for_each(|(a, &b)| *a = f(*a, b));
+            of
         };
-        let sum = of(&|a, b| (a - centre) + (b - centre))?;
-        let difference = of(&|a, b| a - b)?;
+        let sum = of(&|a, b| (a - centre) + (b - centre));
+        let difference = of(&|a, b| a - b);
         let square = |mut plane: Plane| {
             plane.pixels_mut().par_iter_mut().for_each(|value| *value *= *value);
             plane

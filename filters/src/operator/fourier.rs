@@ -7,8 +7,8 @@
 
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
 use lacuna_transforms::{Complex, ComplexToReal, Fft, Planned, RealToComplex};
-use rayon::prelude::*;
 
 use crate::Size;
 

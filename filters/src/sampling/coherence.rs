@@ -16,9 +16,9 @@
 //! "Compressive Rendering: A Rendering Application of Compressed Sensing", IEEE TVCG 17(4), 2011 (the blur); L. Welch, "Lower
 //! Bounds on the Maximum Cross Correlation of Signals", IEEE Transactions on Information Theory 20(3), 1974.
 
+use lacuna_core::parallel::prelude::*;
 use lacuna_transforms::Complex;
 use ndarray::{Array2, Axis, s};
-use rayon::prelude::*;
 
 use super::spectrum::dft;
 use crate::{Error, Mask, Size};
@@ -133,7 +133,7 @@ impl Basis {
         let pixels = side * side;
         let filters = wavelet.synthesis();
         let mut columns = vec![0.0_f32; pixels * pixels];
-        columns.par_chunks_exact_mut(pixels).enumerate().for_each(|(index, column)| {
+        columns.par_chunks_mut(pixels).enumerate().for_each(|(index, column)| {
             let mut image = vec![0.0; pixels];
             image[index] = 1.0;
             synthesise(side, &mut image, &filters);
@@ -198,7 +198,7 @@ fn largest_product(columns: &Array2<f32>) -> f64 {
         }
         largest
     });
-    f64::from(largest.reduce(|| 0.0, f32::max))
+    f64::from(largest.into_iter().fold(0.0, f32::max))
 }
 
 /// The inverse wavelet transform over all levels, in place: level after level the coarse square doubles its side.

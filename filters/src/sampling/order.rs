@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::{Band, blue_noise, hash, random, shuffle};
 use crate::{Mask, Size};

@@ -22,7 +22,7 @@
 //! radius); R. Bridson, "Fast Poisson Disk Sampling in Arbitrary Dimensions", SIGGRAPH sketches 2007 (the grid that makes a
 //! dart cost constant time); L.-Y. Wei, "Parallel Poisson Disk Sampling", SIGGRAPH 2008 (rounds of tiles).
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::random::Permutation;
 use super::{Field, checked, hash};
@@ -153,7 +153,7 @@ impl Set {
                 slabs.push((Slab { top: from, width, taken }, row));
                 (rest, top) = (after, to);
             }
-            results.par_extend(slabs.into_par_iter().map(|(mut slab, row)| work(&mut slab, tiles, row)));
+            results.extend(slabs.into_par_iter().map(|(mut slab, row)| work(&mut slab, tiles, row)));
         }
         results
     }

@@ -45,8 +45,8 @@ mod tests;
 
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
 use lacuna_transforms::Complex;
-use rayon::prelude::*;
 use serde::Serialize;
 
 use super::cs_wavelet::SIDE_BY_SIDE;
@@ -215,9 +215,8 @@ impl Planned {
         let mut planes: Vec<(usize, (&Plane, &mut Plane))> = planes.enumerate().collect();
         for group in planes.chunks_mut(SIDE_BY_SIDE) {
             let channels = group.par_iter_mut();
-            let outcomes: Vec<Outcome> = channels
-                .map(|(channel, (samples, out))| self.channel(*channel, samples, sources, out, run))
-                .collect();
+            let outcomes =
+                channels.map(|(channel, (samples, out))| self.channel(*channel, samples, sources, out, run));
             outcome = outcomes.into_iter().chain(outcome).reduce(Outcome::worst);
         }
         outcome.unwrap_or(Outcome::direct())

@@ -47,7 +47,7 @@ mod operator;
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::recover::Rule;
 use super::wavelet::{Boundary, Wavelet};
@@ -161,7 +161,7 @@ impl Plan for Planned {
         let outcomes: Vec<Outcome> = both
             .flat_map(|(samples, out)| {
                 let channels = samples.par_iter().zip(out);
-                channels.map(|(samples, out)| self.channel(samples, out, run)).collect::<Vec<_>>()
+                channels.map(|(samples, out)| self.channel(samples, out, run))
             })
             .collect();
         Ok(outcomes.into_iter().reduce(Outcome::worst).unwrap_or(Outcome::direct()))

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
 use proptest::prelude::*;
-use rayon::prelude::*;
 
 use super::{Solver, cs_gradient, cs_wavelet};
 use crate::baseline::testing::{self, with_threads};

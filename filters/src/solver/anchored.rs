@@ -6,7 +6,7 @@
 //!
 //! Source: M. Hestenes, E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49, 1952.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use crate::{Run, Size};
 
@@ -25,9 +25,9 @@ pub fn solve(
 ) -> usize {
     let mut product = vec![0.0; x.len()];
     laplacian(size, x, fixed, &mut product);
-    let zip = right.par_iter().zip(&product).zip(fixed);
-    let mut r: Vec<f64> =
-        zip.map(|((right, product), &fixed)| if fixed { 0.0 } else { product - right }).collect();
+    let mut r = product.clone();
+    let others = right.par_iter().zip(fixed);
+    r.par_iter_mut().zip(others).for_each(|(r, (right, &fixed))| *r = if fixed { 0.0 } else { *r - right });
     let mut p = vec![0.0; x.len()];
     let (mut before, mut quiet) = (0.0, 0);
     for iteration in 0..LIMIT {
@@ -49,7 +49,8 @@ pub fn solve(
             return iteration;
         }
         let step = rz / curvature;
-        let largest = p.par_iter().map(|p| p.abs()).reduce(|| 0.0, f64::max);
+        let largest = p.par_chunks(width).map(|row| row.iter().fold(0.0, |top: f64, p| top.max(p.abs())));
+        let largest = largest.into_iter().fold(0.0, f64::max);
         quiet = if (step * largest).abs() <= tolerance { quiet + 1 } else { 0 };
         x.par_iter_mut().zip(&p).for_each(|(x, p)| *x += step * p);
         r.par_iter_mut().zip(&product).for_each(|(r, product)| *r += step * product);
@@ -68,8 +69,7 @@ fn degree(size: Size, y: usize, x: usize) -> f64 {
 fn rows(size: Size, term: impl Fn(usize, usize, usize) -> f64 + Sync) -> f64 {
     let rows: Vec<f64> = (0..size.height)
         .into_par_iter()
-        .map(|y| (0..size.width).map(|x| term(y, x, y * size.width + x)).sum())
-        .collect();
+        .map(|y| (0..size.width).map(|x| term(y, x, y * size.width + x)).sum());
     rows.iter().sum()
 }
 

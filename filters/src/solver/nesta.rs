@@ -16,7 +16,7 @@
 //! Source: S. Becker, J. Bobin, E. Candes, "NESTA: A Fast and Accurate First-Order Method for Sparse Recovery", SIAM Journal
 //! on Imaging Sciences 4(1), 2011 (algorithm of section 3.1, projection of section 3.3, continuation of section 3.6).
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::sparsity::{Ending, ROW, Samples, Settling, Sparsity};
 use crate::{Run, Stop};

@@ -12,8 +12,8 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
 use lacuna_transforms::{Complex, Planned, RealToComplex};
-use rayon::prelude::*;
 
 use crate::Size;
 

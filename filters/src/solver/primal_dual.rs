@@ -18,7 +18,7 @@
 mod rows;
 mod steps;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use crate::Size;
 use crate::kernel::Isa;
@@ -170,14 +170,11 @@ impl State {
     fn distance(&self, sweeps: Sweeps<'_>, ball: Ball<'_>) -> f64 {
         let width = self.size.width;
         let zeros = vec![0.0; width];
-        let rows: Vec<f64> = (0..self.size.height)
-            .into_par_iter()
-            .map(|y| {
-                let row = self.primal_row(y, &zeros, sweeps.free);
-                let at = y * width..(y + 1) * width;
-                distance_row(sweeps.isa, &self.x[at.clone()], ball.row(at), row, sweeps.steps.tau(y)[0])
-            })
-            .collect();
+        let rows = (0..self.size.height).into_par_iter().map(|y| {
+            let row = self.primal_row(y, &zeros, sweeps.free);
+            let at = y * width..(y + 1) * width;
+            distance_row(sweeps.isa, &self.x[at.clone()], ball.row(at), row, sweeps.steps.tau(y)[0])
+        });
         rows.iter().sum()
     }
 

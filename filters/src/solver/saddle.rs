@@ -13,7 +13,7 @@
 //! Source: A. Chambolle, T. Pock, "A First-Order Primal-Dual Algorithm for Convex Problems with Applications to Imaging",
 //! JMIV 40, 2011 (algorithm 1).
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::nesta::{Goal, project};
 use super::sparsity::{Ending, Entry, ROW, Samples, Settling, Sparsity};

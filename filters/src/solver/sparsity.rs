@@ -3,8 +3,8 @@
 //! The entries of `U x` are real numbers, complex ones or pairs; `|.|_1` is the sum of their magnitudes. Sums run over
 //! rows of a fixed length in f64, each in order, then over the rows in order: no thread changes a bit.
 
+use lacuna_core::parallel::prelude::*;
 use lacuna_transforms::Complex;
-use rayon::prelude::*;
 
 use crate::prox::L2Ball;
 
@@ -97,8 +97,8 @@ pub trait Sparsity: Sync {
 
     /// The largest magnitude.
     fn peak(&self, work: &mut Self::Work) -> f64 {
-        let entries = self.entries(work).par_iter();
-        f64::from(entries.map(|entry| entry.magnitude()).reduce(|| 0.0, f32::max))
+        let largest = |row: &[Self::Entry]| row.iter().map(|entry| entry.magnitude()).fold(0.0, f32::max);
+        f64::from(self.entries(work).par_chunks(ROW).map(largest).into_iter().fold(0.0, f32::max))
     }
 
     /// Replaces the entries `c` by those `u` of the dual ball at which `<u, c> - mu/2 |u|^2` is largest, and returns the sum of
@@ -114,17 +114,15 @@ pub trait Sparsity: Sync {
     /// Replaces every entry, and adds up values beside them.
     fn sum(&self, work: &mut Self::Work, each: impl Fn(&Self::Entry) -> (Self::Entry, f32) + Sync) -> f64 {
         let rows = self.entries(work).par_chunks_mut(self.row());
-        let sums: Vec<f64> = rows
-            .map(|row| {
-                let mut sum = 0.0;
-                for entry in row {
-                    let (new, value) = each(entry);
-                    *entry = new;
-                    sum += f64::from(value);
-                }
-                sum
-            })
-            .collect();
+        let sums = rows.map(|row| {
+            let mut sum = 0.0;
+            for entry in row {
+                let (new, value) = each(entry);
+                *entry = new;
+                sum += f64::from(value);
+            }
+            sum
+        });
         sums.into_iter().enumerate().map(|(row, sum)| self.weight(row) * sum).sum()
     }
 }
@@ -151,17 +149,12 @@ impl Samples<'_> {
 
     /// `|S x - y|_2`.
     pub fn distance(&self, x: impl Fn(usize) -> f32 + Sync) -> f64 {
-        let rows: Vec<f64> = self
-            .values
-            .par_chunks(ROW)
-            .zip(self.measured.par_chunks(ROW))
-            .enumerate()
-            .map(|(row, (values, measured))| {
-                let both = values.iter().zip(measured).enumerate().filter(|(_, (_, measured))| **measured);
-                both.map(|(i, (value, _))| f64::from(x(row * ROW + i) - value).powi(2)).sum()
-            })
-            .collect();
-        rows.iter().sum::<f64>().sqrt()
+        let rows = self.values.par_chunks(ROW).zip(self.measured.par_chunks(ROW)).enumerate();
+        let squares = rows.map(|(row, (values, measured))| -> f64 {
+            let both = values.iter().zip(measured).enumerate().filter(|(_, (_, measured))| **measured);
+            both.map(|(i, (value, _))| f64::from(x(row * ROW + i) - value).powi(2)).sum()
+        });
+        squares.into_iter().sum::<f64>().sqrt()
     }
 }
 

@@ -27,7 +27,7 @@ mod tests;
 pub mod tv;
 
 pub use axis::Axis;
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 pub use sampling::Sampling;
 
 use crate::kernel::rows::Rows;
@@ -85,9 +85,12 @@ impl Geometry {
         let columns: Vec<usize> =
             (0..self.high().width).map(|x| self.horizontal.source(self.sampling, x)).collect();
         let width = self.low().width;
-        let rows =
-            (0..self.high().height).into_par_iter().map(|y| self.vertical.source(self.sampling, y) * width);
-        rows.flat_map_iter(|row| columns.iter().map(move |column| (row + column) as u32)).collect()
+        let mut sources = vec![0; self.high().pixels()];
+        sources.par_chunks_mut(columns.len()).enumerate().for_each(|(y, sources)| {
+            let row = self.vertical.source(self.sampling, y) * width;
+            sources.iter_mut().zip(&columns).for_each(|(source, column)| *source = (row + column) as u32);
+        });
+        sources
     }
 }
 

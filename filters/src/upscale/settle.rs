@@ -27,7 +27,7 @@
 //! inverse problems", SIAM Journal on Imaging Sciences 2(1), 2009, with restarts (B. O'Donoghue, E. Candes, "Adaptive restart
 //! for accelerated gradient schemes", Foundations of Computational Mathematics 15, 2015).
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::{Enlarged, Plan, Question, Sampling};
 use crate::kernel::{Isa, vector};
@@ -109,7 +109,7 @@ fn in_cells(
         }
         moved
     });
-    counts.sum()
+    counts.into_iter().sum()
 }
 
 /// Gives the values the mean `mean` within `low..=high`, which contains it, by the smallest change; how many left
@@ -165,7 +165,7 @@ fn clamp(plan: &Plan, bounds: &Bounds, plane: &mut Plane) -> usize {
         }
         moved
     });
-    counts.sum()
+    counts.into_iter().sum()
 }
 
 /// Footprints that share pixels: all together, by the dual.
@@ -289,5 +289,7 @@ fn sum(a: &Plane, factor: f64, b: &Plane) -> Plane {
 }
 
 fn largest(plane: &Plane) -> f64 {
-    f64::from(plane.pixels().par_iter().map(|value| value.abs()).reduce(|| 0.0, f32::max))
+    let rows = plane.pixels().par_chunks(plane.size().width);
+    let largest = rows.map(|row| row.iter().fold(0.0, |top: f32, value| top.max(value.abs())));
+    f64::from(largest.into_iter().fold(0.0, f32::max))
 }

@@ -24,7 +24,7 @@
 //! constraint is exact. Cost: a sweep takes about 60 operations and four passes of `R` a pixel; 100 to 300 sweeps.
 //! Fails: smooth shading becomes flat steps of the size of a low-resolution pixel; it is slower than `ss` by two orders.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::{Enlarged, Plan, Question, settle};
 use crate::kernel::vector;
@@ -236,7 +236,7 @@ impl<'a> Solver<'a> {
         let least =
             rows.map(|row| row.iter().map(|w| f64::from(*w)).map(|w| (low * w).min(high * w)).sum::<f64>());
         // In the order of the rows, whatever the threads.
-        given + least.collect::<Vec<f64>>().into_iter().sum::<f64>()
+        given + least.into_iter().sum::<f64>()
     }
 
     /// The total variation of the image.
@@ -250,7 +250,7 @@ impl<'a> Solver<'a> {
             };
             (0..size.width).map(length).sum::<f64>()
         });
-        rows.collect::<Vec<f64>>().into_iter().sum()
+        rows.into_iter().sum()
     }
 }
 

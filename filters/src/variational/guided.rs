@@ -32,7 +32,7 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::{join, prelude::*};
 
 use crate::kernel::Isa;
 use crate::kernel::regress::Scales;
@@ -129,7 +129,7 @@ struct Seen {
 impl Seen {
     fn new(mask: &Mask, samples: &Planes, field: Field<'_>) -> Self {
         let store = || Store::new(mask, samples, field);
-        let (store, reach) = rayon::join(store, || Reach::new(mask, SAMPLES));
+        let (store, reach) = join(store, || Reach::new(mask, SAMPLES));
         Self { store, reach }
     }
 }
@@ -169,7 +169,7 @@ impl Model<'_> {
         let (kept, left_out) = hold_out(self.mask);
         let kept = Arc::new(kept);
         let plan = || self.method.filter().plan(&Problem::fill(Arc::clone(&kept)), run);
-        let (plan, seen) = rayon::join(plan, || Seen::new(&kept, self.samples, self.field));
+        let (plan, seen) = join(plan, || Seen::new(&kept, self.samples, self.field));
         let plan = plan?;
         let mut plain = Planes::zeros(size, self.samples.len());
         plan.reconstruct_roughly(self.samples, TRIAL, &mut plain, run)?;

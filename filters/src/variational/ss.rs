@@ -67,7 +67,7 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use crate::baseline::push_pull;
 use crate::kernel::Isa;
@@ -212,7 +212,7 @@ impl Plan for Planned {
         };
         let channel =
             |(sample, out): (&Plane, &mut Plane)| self.channel(tiles, regions, sample, out, error, run);
-        let ends: Vec<Ending> = samples.as_slice().par_iter().zip(out.as_mut_slice()).map(channel).collect();
+        let ends = samples.as_slice().into_par_iter().zip(out.as_mut_slice()).map(channel);
         let (mut worst, mut whole) = (outcome, None);
         for (end, (sample, out)) in ends.into_iter().zip(samples.as_slice().iter().zip(out.as_mut_slice())) {
             worst = worst.worst(match end {

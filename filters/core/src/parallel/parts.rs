@@ -2,17 +2,17 @@
 
 use std::ops::Range;
 
-use super::Parts;
+use super::Parallel;
 
 /// What parts are made of.
-pub trait IntoParts {
+pub trait IntoParallel {
     /// The parts.
-    type Parts: Parts;
+    type Parts: Parallel;
     /// Makes them.
     fn into_par_iter(self) -> Self::Parts;
 }
 
-impl<P: Parts> IntoParts for P {
+impl<P: Parallel> IntoParallel for P {
     type Parts = P;
     fn into_par_iter(self) -> P {
         self
@@ -21,7 +21,7 @@ impl<P: Parts> IntoParts for P {
 
 macro_rules! into {
     ([$($generics:tt)*] $from:ty => $to:ty, $self:ident, $make:expr) => {
-        impl<$($generics)*> IntoParts for $from {
+        impl<$($generics)*> IntoParallel for $from {
             type Parts = $to;
             fn into_par_iter($self) -> $to {
                 $make
@@ -37,7 +37,7 @@ into!([T: Send] Vec<T> => Owned<T>, self, Owned(self));
 into!([] Range<usize> => Indices, self, Indices(self));
 
 /// Slices as parts.
-pub trait Slices<T> {
+pub trait ParallelSlice<T> {
     /// Every item.
     fn par_iter(&self) -> Items<'_, T>;
     /// Every item, to be changed.
@@ -48,7 +48,7 @@ pub trait Slices<T> {
     fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T>;
 }
 
-impl<T> Slices<T> for [T] {
+impl<T> ParallelSlice<T> for [T] {
     fn par_iter(&self) -> Items<'_, T> {
         Items(self)
     }
@@ -67,7 +67,7 @@ impl<T> Slices<T> for [T] {
 #[derive(Debug)]
 pub struct Indices(Range<usize>);
 
-impl Parts for Indices {
+impl Parallel for Indices {
     type Item = usize;
     fn len(&self) -> usize {
         self.0.len()
@@ -85,7 +85,7 @@ impl Parts for Indices {
 #[derive(Debug)]
 pub struct Items<'a, T>(&'a [T]);
 
-impl<'a, T: Sync> Parts for Items<'a, T> {
+impl<'a, T: Sync> Parallel for Items<'a, T> {
     type Item = &'a T;
     fn len(&self) -> usize {
         self.0.len()
@@ -103,7 +103,7 @@ impl<'a, T: Sync> Parts for Items<'a, T> {
 #[derive(Debug)]
 pub struct ItemsMut<'a, T>(&'a mut [T]);
 
-impl<'a, T: Send> Parts for ItemsMut<'a, T> {
+impl<'a, T: Send> Parallel for ItemsMut<'a, T> {
     type Item = &'a mut T;
     fn len(&self) -> usize {
         self.0.len()
@@ -121,7 +121,7 @@ impl<'a, T: Send> Parts for ItemsMut<'a, T> {
 #[derive(Debug)]
 pub struct Owned<T>(Vec<T>);
 
-impl<T: Send> Parts for Owned<T> {
+impl<T: Send> Parallel for Owned<T> {
     type Item = T;
     fn len(&self) -> usize {
         self.0.len()
@@ -142,7 +142,7 @@ pub struct Chunks<'a, T> {
     size: usize,
 }
 
-impl<'a, T: Sync> Parts for Chunks<'a, T> {
+impl<'a, T: Sync> Parallel for Chunks<'a, T> {
     type Item = &'a [T];
     fn len(&self) -> usize {
         self.slice.len().div_ceil(self.size)
@@ -163,7 +163,7 @@ pub struct ChunksMut<'a, T> {
     size: usize,
 }
 
-impl<'a, T: Send> Parts for ChunksMut<'a, T> {
+impl<'a, T: Send> Parallel for ChunksMut<'a, T> {
     type Item = &'a mut [T];
     fn len(&self) -> usize {
         self.slice.len().div_ceil(self.size)
@@ -192,7 +192,7 @@ impl<P> Enumerate<P> {
     }
 }
 
-impl<P: Parts> Parts for Enumerate<P> {
+impl<P: Parallel> Parallel for Enumerate<P> {
     type Item = (usize, P::Item);
     fn len(&self) -> usize {
         self.parts.len()
@@ -220,7 +220,7 @@ impl<A, B> Zip<A, B> {
     }
 }
 
-impl<A: Parts, B: Parts> Parts for Zip<A, B> {
+impl<A: Parallel, B: Parallel> Parallel for Zip<A, B> {
     type Item = (A::Item, B::Item);
     fn len(&self) -> usize {
         self.0.len().min(self.1.len())
@@ -251,7 +251,7 @@ impl<P> Limited<P> {
     }
 }
 
-impl<P: Parts> Parts for Limited<P> {
+impl<P: Parallel> Parallel for Limited<P> {
     type Item = P::Item;
     fn len(&self) -> usize {
         self.parts.len()

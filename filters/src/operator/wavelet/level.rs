@@ -1,6 +1,6 @@
 //! One level in two dimensions: rows first, then columns; the same lines back.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::line::{Line, Term};
 use super::{Bank, Boundary};

@@ -1,6 +1,6 @@
 //! `W G`: a filter in the Fourier domain, then wavelets; with its adjoint and a bound of its norm.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::Settings;
 use crate::Size;
@@ -83,10 +83,8 @@ impl Operator {
 
 /// Sum of squares, row by row.
 fn squares(values: &[f32]) -> f64 {
-    let rows: Vec<f64> = values
-        .par_chunks(ROW)
-        .map(|row| row.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>())
-        .collect();
+    let rows: Vec<f64> =
+        values.par_chunks(ROW).map(|row| row.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>());
     rows.iter().sum()
 }
 

@@ -8,7 +8,7 @@
 //! smoothing. As a polynomial in one matrix it is symmetric, and nothing is special where patches or threads meet: with tiles one
 //! after the other, which took the unknowns around them as given, the slowest places were the corners of tiles.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::Level;
 use super::active::{Patch, Share, parts};
@@ -76,11 +76,7 @@ impl<T: Lanes> Level<T> {
             };
             cascade::cascade(isa, strip, &mut pool.lend());
         };
-        if self.window.is_large() {
-            outputs.into_par_iter().with_max_len(1).for_each(work);
-        } else {
-            outputs.into_iter().for_each(work);
-        }
+        outputs.into_par_iter().with_max_len(1).shared_if(self.window.is_large()).for_each(work);
     }
 
     /// The tile of some rows that is the `k`-th from the left.
@@ -115,7 +111,7 @@ impl<T: Lanes> Level<T> {
             .collect();
         let every = tiles.len().div_ceil(SAMPLES);
         let some: Vec<Window> = tiles.into_iter().step_by(every).collect();
-        let largest: Vec<f64> = some.into_par_iter().map(|tile| self.largest(isa, tile)).collect();
+        let largest: Vec<f64> = some.into_par_iter().map(|tile| self.largest(isa, tile));
         let high = MARGIN * largest.into_iter().fold(0.0, f64::max);
         if high > 0.0 { high } else { 1.0 }
     }

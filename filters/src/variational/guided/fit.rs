@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::reach::Reach;
 use crate::kernel::Isa;
@@ -307,21 +307,18 @@ pub fn probe(store: &Store, task: Task<'_>, wanted: &Mask, keep_every: usize) ->
     let cells = parts(0..height, side)
         .flat_map(|rows| parts(0..width, side).map(move |columns| (rows.clone(), columns)));
     let cells: Vec<_> = cells.skip(keep_every / 2).step_by(keep_every).collect();
-    let found: Vec<Found> = cells
-        .into_par_iter()
-        .map_init(
-            || Worker::new(store, task),
-            |work, (rows, columns)| {
-                let mut found = Found::default();
-                work.open(&rows, &columns);
-                work.cell(wanted, (rows, columns), |[row, column], out, lane| {
-                    found.at.push(row * width + column);
-                    found.values.extend(out.iter().map(|out| out.0[lane]));
-                });
-                found
-            },
-        )
-        .collect();
+    let found = cells.into_par_iter().map_init(
+        || Worker::new(store, task),
+        |work, (rows, columns)| {
+            let mut found = Found::default();
+            work.open(&rows, &columns);
+            work.cell(wanted, (rows, columns), |[row, column], out, lane| {
+                found.at.push(row * width + column);
+                found.values.extend(out.iter().map(|out| out.0[lane]));
+            });
+            found
+        },
+    );
     let mut all = Found::default();
     for found in found {
         all.at.extend(found.at);

@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use crate::{Mask, Size};
 

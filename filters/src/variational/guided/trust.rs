@@ -7,7 +7,7 @@
 //! about `1 / n`, so `t` is shrunk by `1 - CHANCE / (n rho)`, down to zero. A frame in which blending takes away less
 //! than [`WORTH`] of the error is left to the plain filter altogether.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::tune::Weights;
 use crate::{Plane, Planes, Size};

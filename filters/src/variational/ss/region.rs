@@ -7,7 +7,7 @@
 //!
 //! Source: J. Wilkinson, "Rounding Errors in Algebraic Processes", HMSO 1963 (iterative refinement).
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use crate::kernel::simd::Lanes;
 use crate::kernel::spans::Spans;
@@ -158,7 +158,7 @@ impl Region {
         let top = |i: usize| {
             image.row(y + i)[x..][..width].iter().fold(0.0, |top: f32, value| top.max(value.abs()))
         };
-        let top = (0..height).into_par_iter().map(top).reduce(|| 0.0, f32::max);
+        let top = (0..height).into_par_iter().map(top).into_iter().fold(0.0, f32::max);
         f64::from(f32::EPSILON) * f64::from(top.max(f32::MIN_POSITIVE))
     }
 
@@ -216,11 +216,7 @@ impl Region {
             }
         };
         let rows = &mut image.pixels_mut()[window.y * width..][..window.height * width];
-        if window.is_large() {
-            rows.par_chunks_mut(width).enumerate().for_each(chunk);
-        } else {
-            rows.chunks_mut(width).enumerate().for_each(chunk);
-        }
+        rows.par_chunks_mut(width).enumerate().shared_if(window.is_large()).for_each(chunk);
     }
 
     /// Sets `residual` to `scale (diag(pull) (samples - image) - H image)`, computed in f64, at free pixels of the spans and to

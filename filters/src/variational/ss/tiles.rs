@@ -12,7 +12,7 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::doubt::{Doubt, Felt, Grid, Mark, Seen};
 use crate::kernel::stencil::Separable;
@@ -169,12 +169,14 @@ impl Tiles {
         let spectra: Vec<Spectrum> = picks
             .collect::<Vec<_>>()
             .into_par_iter()
-            .filter_map(|place| {
+            .map(|place| {
                 let mut buffers = self.spare.lend();
                 let mut views = buffers.fit(place.window);
                 self.free(mask, place, &mut views);
                 local::probe(self.isa, &self.matrix, place.window, views)
             })
+            .into_iter()
+            .flatten()
             .collect();
         let extreme = |of: fn(f64, f64) -> f64| spectra.iter().map(|spectrum| spectrum.least).reduce(of);
         let (low, high) = (extreme(f64::min)?, extreme(f64::max)?);
@@ -195,25 +197,22 @@ impl Tiles {
         let mut marks = vec![Vec::new(); grid.rows.len()];
         for parity in 0..2 {
             let slabs = self.slabs(image, grid.rows.iter().skip(parity).step_by(2));
-            let sweeps: Vec<(Sweep, Vec<Mark>)> = slabs
-                .into_par_iter()
-                .map_init(
-                    || self.spare.lend(),
-                    |buffers, mut slab| {
-                        let (mut total, mut marks) = (Sweep::NONE, Vec::new());
-                        for &(x, width) in &grid.columns {
-                            if run.interrupted().is_some() {
-                                break;
-                            }
-                            let tile = Window { y: slab.tiles.0, x, height: slab.tiles.1, width };
-                            let sweep = self.visit(mask, &mut slab, tile, task, buffers);
-                            marks.push(Mark::new(sweep.steps, sweep.error <= task.target.tolerance));
-                            total = total.and(sweep);
+            let sweeps = slabs.into_par_iter().map_init(
+                || self.spare.lend(),
+                |buffers, mut slab| {
+                    let (mut total, mut marks) = (Sweep::NONE, Vec::new());
+                    for &(x, width) in &grid.columns {
+                        if run.interrupted().is_some() {
+                            break;
                         }
-                        (total, marks)
-                    },
-                )
-                .collect();
+                        let tile = Window { y: slab.tiles.0, x, height: slab.tiles.1, width };
+                        let sweep = self.visit(mask, &mut slab, tile, task, buffers);
+                        marks.push(Mark::new(sweep.steps, sweep.error <= task.target.tolerance));
+                        total = total.and(sweep);
+                    }
+                    (total, marks)
+                },
+            );
             for (k, (sweep, row)) in sweeps.into_iter().enumerate() {
                 total = total.and(sweep);
                 marks[2 * k + parity] = row;

@@ -5,7 +5,7 @@
 //! `y - b - sum a_k y_k`, whatever `b` and `a_k` are. Channels of renders have much in common: with `b` and `a_k` by least squares
 //! over the measured pixels, less is left to solve for, in fewer places ([`crate::solver::regression`]).
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::region::Region;
 use crate::kernel::extremes::range;
@@ -42,7 +42,7 @@ impl Whole<'_> {
             let measured = plane.pixels().iter().zip(self.mask.as_slice()).filter(|(_, measured)| **measured);
             Column::new(measured.map(|(value, _)| *value), count, f64::from(high) - f64::from(low))
         };
-        let columns: Vec<Column> = samples.par_iter().map(column).collect();
+        let columns: Vec<Column> = samples.par_iter().map(column);
         let mut worst = Outcome::direct();
         // Per channel its error with those of others, over what one may have alone.
         let mut errors = vec![1.0; samples.len()];

@@ -1,6 +1,6 @@
 //! One channel on its way: scaled to [0, 1], advanced by sweeps, judged by its duality gap.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::nesta::Nesta;
 use super::tighten::step_sizes;
@@ -155,7 +155,7 @@ impl Channel {
             }
             sums
         };
-        (0..rows).into_par_iter().flat_map_iter(of_rows).collect()
+        (0..rows).into_par_iter().map(of_rows).concat()
     }
 
     /// Whether it has stopped.
@@ -249,16 +249,12 @@ impl Channel {
             Some(sample) => {
                 let width = shared.size.width.max(1);
                 let rows = self.state.x.par_chunks(width).zip(sample.par_chunks(width));
-                let rows: Vec<f64> = rows
-                    .zip(shared.free.par_chunks(width).zip(shared.ball.ease.par_chunks(width)))
-                    .map(|((x, sample), (free, ease))| {
-                        let both = x.iter().zip(sample).zip(free.iter().zip(ease));
-                        both.map(|((x, s), (&f, &e))| {
-                            f64::from(1 - f) * f64::from(x - s).powi(2) / f64::from(e)
-                        })
+                let rows = rows.zip(shared.free.par_chunks(width).zip(shared.ball.ease.par_chunks(width)));
+                let rows = rows.map(|((x, sample), (free, ease))| -> f64 {
+                    let both = x.iter().zip(sample).zip(free.iter().zip(ease));
+                    both.map(|((x, s), (&f, &e))| f64::from(1 - f) * f64::from(x - s).powi(2) / f64::from(e))
                         .sum()
-                    })
-                    .collect();
+                });
                 L2Ball { radius: self.radius }.keep(rows.iter().sum::<f64>().sqrt()) as f32
             }
         };
@@ -276,11 +272,8 @@ impl Channel {
     fn variation<B: DualBall>(&self, isa: Isa) -> f64 {
         let Size { height, width } = self.state.size;
         let row = |y: usize| &self.state.x[y * width..][..width];
-        let rows: Vec<f64> = (0..height)
-            .into_par_iter()
-            .map(|y| variation_row::<B>(isa, row(y), row((y + 1).min(height - 1))))
-            .collect();
-        rows.iter().sum()
+        let rows = (0..height).into_par_iter();
+        rows.map(|y| variation_row::<B>(isa, row(y), row((y + 1).min(height - 1)))).iter().sum()
     }
 
     /// A lower bound of the objective over all feasible images within [0, 1]; at least 0.
@@ -288,17 +281,14 @@ impl Channel {
         let width = shared.size.width;
         let zeros = vec![0.0; width];
         let sample = self.sample.as_deref().unwrap_or(&self.state.x);
-        let rows: Vec<Bound> = (0..shared.size.height)
-            .into_par_iter()
-            .map(|y| {
-                let row = self.state.primal_row(y, &zeros, shared.free);
-                let sums = bound_row(shared.isa, &sample[y * width..][..width], row);
-                match shared.ball.ease.get(y * width..(y + 1) * width) {
-                    Some(ease) => Bound { squares: squares_row(shared.isa, ease, row), ..sums },
-                    None => sums,
-                }
-            })
-            .collect();
+        let rows = (0..shared.size.height).into_par_iter().map(|y| {
+            let row = self.state.primal_row(y, &zeros, shared.free);
+            let sums = bound_row(shared.isa, &sample[y * width..][..width], row);
+            match shared.ball.ease.get(y * width..(y + 1) * width) {
+                Some(ease) => Bound { squares: squares_row(shared.isa, ease, row), ..sums },
+                None => sums,
+            }
+        });
         let sum = rows.into_iter().fold(Bound::default(), |a, b| a + b);
         let ball = if self.sample.is_some() { self.radius * sum.squares.sqrt() } else { 0.0 };
         ((sum.measured + sum.missing - ball) / (1.0 + LONGER)).max(0.0)

@@ -11,7 +11,7 @@
 
 use std::marker::PhantomData;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use crate::kernel::tv::DualBall;
 use crate::solver::nesta::{Buffers, Step};
