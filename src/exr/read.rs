@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use half::f16;
 use half::vec::HalfBitsVecExt;
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::codec::{Codec, Decoder, scratch_bytes};
 use super::grid::{Area, Grid};
@@ -223,8 +223,7 @@ impl Reader<'_> {
                 result
             };
             // Collected in order, so that the first error is the same for every number of threads.
-            let results: Vec<Result<(), Error>> = work.into_par_iter().map(decode).collect();
-            results.into_iter().collect::<Result<(), _>>()?;
+            work.into_par_iter().map(decode).into_iter().collect::<Result<(), Error>>()?;
         }
     }
 

@@ -5,9 +5,9 @@
 //! blank (all channels zero, or any of them NaN) than the measured ones, give or take a little; so a background of
 //! zeros does no harm, if it is behind both.
 
+use lacuna_core::parallel::prelude::*;
 use lacuna_exr::Samples;
 use lacuna_filters::Mask;
-use rayon::prelude::*;
 
 /// What the share of blank pixels may be higher.
 const MARGIN: f64 = 0.02;
@@ -20,7 +20,7 @@ pub fn complete(group: &[&Samples], mask: &Mask) -> bool {
         return true;
     }
     let pieces = mask.as_slice().par_chunks(PIECE).enumerate();
-    let pieces: Vec<Seen> = pieces.map(|(piece, flags)| Seen::new(group, flags, piece * PIECE)).collect();
+    let pieces = pieces.map(|(piece, flags)| Seen::new(group, flags, piece * PIECE));
     let Seen { blank, all, first, differs } = pieces.into_iter().fold(Seen::default(), Seen::and);
     let share = |side: usize| blank[side] as f64 / all[side].max(1) as f64;
     // One value everywhere, measured pixels included, is complete, if idle.

@@ -139,7 +139,7 @@ pub fn ranks(request: &Request, frame: i64, bounds: &Bounds) -> Result<Vec<f32>,
     };
     let mut ranks = vec![0.0; size.pixels()];
     if size.width > 0 {
-        use rayon::prelude::*;
+        use lacuna_core::parallel::prelude::*;
         ranks.par_chunks_mut(size.width).enumerate().for_each(|(row, ranks)| {
             ranks.iter_mut().enumerate().for_each(|(column, rank)| *rank = value(row, column));
         });

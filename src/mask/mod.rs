@@ -33,10 +33,10 @@ pub use error::Error;
 pub use file::MaskFile;
 pub use find::find;
 use half::slice::HalfFloatSliceExt;
+use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
 pub use make_error::MakeError;
-use rayon::prelude::*;
 pub use source::{Source, SourceError};
 
 /// The attribute that names the mask channel of a part.

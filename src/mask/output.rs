@@ -8,9 +8,9 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use half::f16;
+use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Attributes, Channel, Compression, Frame, Layout, Part, Samples, Window, WriteOptions};
 use lacuna_filters::Mask;
-use rayon::prelude::*;
 
 use super::generate::Rank;
 use super::{ATTRIBUTE, MakeError, crop};
@@ -81,7 +81,7 @@ pub fn write_mask(
     match Format::of(path)? {
         Format::Exr => {
             let halves = mask.as_slice().par_iter().map(|&flag| if flag { f16::ONE } else { f16::ZERO });
-            write_exr(path, "mask", Samples::Half(halves.collect()), window, how)
+            write_exr(path, "mask", Samples::Half(halves), window, how)
         }
         Format::Png => {
             let size = mask.size();

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Part, Samples};
 use lacuna_filters::Mask;
 use lacuna_filters::baseline::nearest::NearestMap;
-use rayon::prelude::*;
 
 use super::job::Kind;
 use super::values::{Loss, convert, copy_from, kind_for, write};
@@ -57,11 +57,9 @@ pub fn apply(
     kind: Option<Kind>,
 ) -> Vec<Applied> {
     let channels = part.channels.par_iter_mut().zip(changes).zip(choices);
-    channels
-        .map(|((channel, change), choice)| {
-            apply_one(&mut channel.samples, change.as_ref(), kind_for(choice.rule, kind))
-        })
-        .collect()
+    channels.map(|((channel, change), choice)| {
+        apply_one(&mut channel.samples, change.as_ref(), kind_for(choice.rule, kind))
+    })
 }
 
 fn apply_one(samples: &mut Samples, change: Option<&Change>, kind: Option<Kind>) -> Applied {

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
-use rayon::prelude::*;
 
 use super::{Error, PIECE};
 use crate::channels::{self, Choice, Name, Rule, channel_label};
@@ -123,11 +123,15 @@ fn measured_and(
             let pieces = values.par_chunks(PIECE).zip(flags.par_chunks(PIECE));
             pieces
                 .map(|(v, f)| v.iter().zip(f).map(|(value, &flag)| bad(value.to_f32(), flag)).sum::<usize>())
+                .into_iter()
                 .sum()
         }
         Samples::Float(values) => {
             let pieces = values.par_chunks(PIECE).zip(flags.par_chunks(PIECE));
-            pieces.map(|(v, f)| v.iter().zip(f).map(|(&value, &flag)| bad(value, flag)).sum::<usize>()).sum()
+            pieces
+                .map(|(v, f)| v.iter().zip(f).map(|(&value, &flag)| bad(value, flag)).sum::<usize>())
+                .into_iter()
+                .sum()
         }
         Samples::Uint(_) => 0,
     };

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use half::slice::HalfFloatSliceExt;
+use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::baseline::nearest::NearestMap;
 use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Mask, Plane, Planes, Run};
-use rayon::prelude::*;
 
 use super::apply::{Change, apply};
 use super::bounds::{Bounds, bounds_of};

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
 use lacuna_filters::domain::{Domain, Map};
 use lacuna_filters::variational::guided::{self, Guides};
 use lacuna_filters::{Error, Mask, Outcome, Plane, Planes, Run, limiter};
-use rayon::prelude::*;
 
 use super::bounds::Bounds;
 use super::gradients::GradientSamples;
@@ -155,7 +155,8 @@ pub fn mend<N, E>(
     of: impl Fn(&N) -> &[u32],
 ) -> Result<usize, E> {
     let pieces = out.pixels().par_chunks(PIECE);
-    let bad: usize = pieces.map(|piece| piece.iter().filter(|value| !value.is_finite()).count()).sum();
+    let bad = pieces.map(|piece| piece.iter().filter(|value| !value.is_finite()).count());
+    let bad: usize = bad.into_iter().sum();
     if bad > 0 {
         let nearest = nearest()?;
         for (value, &source) in out.pixels_mut().iter_mut().zip(of(&nearest)) {

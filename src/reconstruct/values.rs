@@ -2,9 +2,9 @@
 
 use half::f16;
 use half::slice::HalfFloatSliceExt;
+use lacuna_core::parallel::prelude::*;
 use lacuna_exr::Samples;
 use lacuna_filters::Mask;
-use rayon::prelude::*;
 
 use super::PIECE;
 use super::job::Kind;
@@ -33,7 +33,7 @@ pub fn to_halves(values: &[f32]) -> (Vec<f16>, usize) {
         }
         clamped
     });
-    let clamped = counts.sum();
+    let clamped = counts.into_iter().sum();
     (halves, clamped)
 }
 
@@ -89,7 +89,7 @@ pub fn write(samples: &mut Samples, values: &[f32], mask: &Mask, all: bool) -> u
     match samples {
         Samples::Half(out) => {
             let pieces = out.par_chunks_mut(PIECE).zip(pieces);
-            pieces.map(|(out, (flags, values))| write_halves(out, values, flags, all)).sum()
+            pieces.map(|(out, (flags, values))| write_halves(out, values, flags, all)).into_iter().sum()
         }
         Samples::Float(out) => {
             out.par_chunks_mut(PIECE).zip(pieces).for_each(|(out, (flags, values))| {

@@ -2,11 +2,11 @@
 
 use std::borrow::Cow;
 
+use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Part, Samples};
 use lacuna_filters::Plane;
 use lacuna_filters::metric::colour::{Chromaticities, srgb_encode};
 use lacuna_filters::metric::error::Options;
-use rayon::prelude::*;
 
 use super::groups::Kind;
 use super::model::Settings;

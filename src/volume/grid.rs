@@ -4,7 +4,7 @@
 //! unit cube between voxel centres; cell `c` has its lowest corner at voxel `c`. A border of one voxel before and two
 //! after (copies of the outermost ones) gives every cell its 4 x 4 x 4 voxels without a test.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 use wide::i32x4;
 
 use super::prefilter::prefilter;
@@ -147,7 +147,7 @@ impl Grid {
         let last = self.size.map(|n| BEFORE + n - 1);
         let mut voxels = vec![0.0; area * (self.size[2] + BORDER)];
         prefilter(&mut voxels[self.corner()..], self.size, self.strides, |y, z, row| self.row(y, z, row));
-        voxels.par_chunks_mut(area).skip(BEFORE).take(self.size[2]).for_each(|slice| {
+        voxels[BEFORE * area..][..self.size[2] * area].par_chunks_mut(area).for_each(|slice| {
             for row in slice.chunks_mut(width) {
                 let (first, end) = (row[BEFORE], row[last[0]]);
                 row[..BEFORE].fill(first);

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use lacuna_core::Size;
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::blocks::Blocks;
 use super::camera::{Camera, clip};
@@ -230,7 +230,7 @@ pub fn render_by(
         }
         kept
     };
-    let done: Vec<_> = (0..tiles::tiles(shot.size)).into_par_iter().with_max_len(1).map(one).collect();
+    let done = (0..tiles::tiles(shot.size)).into_par_iter().with_max_len(1).map(one);
     shot.picture(tiles::planes(shot.size, shot.mask, &done, shot.kept()))
 }
 

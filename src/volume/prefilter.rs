@@ -7,7 +7,7 @@
 //! Source: M. Unser, A. Aldroubi, M. Eden, "B-spline signal processing: Part I", IEEE Transactions on Signal Processing
 //! 41(2), 1993.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 /// Rows that are solved side by side along themselves.
 const ABREAST: usize = 16;
@@ -22,7 +22,8 @@ pub fn prefilter(
 ) {
     let [nx, ny, nz] = size;
     let [along_x, along_y, along_z] = size.map(Tridiagonal::new);
-    values.par_chunks_mut(strides[1]).take(nz).enumerate().for_each(|(z, slice)| {
+    let end = values.len().min(nz * strides[1]);
+    values[..end].par_chunks_mut(strides[1]).enumerate().for_each(|(z, slice)| {
         let mut rows: Vec<_> = slice.chunks_mut(strides[0]).take(ny).map(|row| &mut row[..nx]).collect();
         for (y, row) in rows.iter_mut().enumerate() {
             voxels(y, z, row);

@@ -3,7 +3,7 @@
 //! Sources: S. Marschner, R. Lobb, "An evaluation of reconstruction filters for volume rendering", Visualization 1994
 //! (the test signal, frequency 6, amplitude 0.25). The head and the vessels are the project's own.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use super::vector::{Affine, Vector, add, cross, dot, length, normalise, scale, subtract};
 use super::{Error, Grid, Limits, Values};
@@ -40,7 +40,7 @@ pub fn make(text: &str, limits: &Limits) -> Result<Grid, Error> {
     let value = |k: usize| {
         function([place(k % edge, edge), place(k / edge % edge, edge), place(k / edge / edge, edge)]) as f32
     };
-    build(edge, &(0..edge * edge * edge).into_par_iter().map(value).collect::<Vec<_>>())
+    build(edge, &(0..edge * edge * edge).into_par_iter().map(value))
 }
 
 /// Where voxel `k` of an edge lies in -1 to 1.

@@ -1,7 +1,7 @@
 //! Tiles of an image: where they are, and how what was rendered of their pixels becomes planes.
 
 use lacuna_core::Size;
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 /// Pixels along each edge of a tile.
 const TILE: usize = 16;
@@ -33,7 +33,7 @@ pub fn planes(size: Size, mask: Option<&[bool]>, tiles: &[Vec<f32>], count: usiz
         }
         plane
     };
-    (0..count).into_par_iter().map(plane).collect()
+    (0..count).into_par_iter().map(plane)
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Voxel values in the type they are kept in.
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 /// Values of one type. Other types are converted when they are read: `i8` to `i16`; `u32`, `i32`, `f64` to `f32`.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,11 +76,11 @@ fn bounds<T: Copy + PartialOrd + Sync + Send>(values: &[T]) -> Option<(T, T)> {
         let beside = low.into_iter().zip(high).chain(rest.iter().map(|&value| (value, value)));
         beside.fold((first, first), wider)
     };
-    values.par_chunks(PIECE).map(piece).reduce_with(wider)
+    values.par_chunks(PIECE).map(piece).into_iter().reduce(wider)
 }
 
 fn finite(values: &[f32]) -> bool {
-    // Without an early end, so that it is done side by side.
+    // Without an early end within a piece, so that it is done side by side.
     values.par_chunks(PIECE).all(|piece| piece.iter().fold(true, |all, value| all & value.is_finite()))
 }
 

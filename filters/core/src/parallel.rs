@@ -8,6 +8,9 @@
 //! Results come in the order of the parts, whatever the number of threads. Nothing else is offered: a sum is folded from
 //! them, in their order.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+
 mod parts;
 
 /// What a module that loops this way imports.
@@ -81,11 +84,20 @@ pub trait Parallel: Sized + Send {
         });
     }
 
+    /// Whether `holds` for every item; not all are looked at if not.
+    fn all(self, holds: impl Fn(Self::Item) -> bool + Sync) -> bool {
+        let all = AtomicBool::new(true);
+        share(self, &|parts: Self| {
+            if all.load(Ordering::Relaxed) && !parts.items().all(&holds) {
+                all.store(false, Ordering::Relaxed);
+            }
+        });
+        all.into_inner()
+    }
+
     /// What `task` makes of each item, in order.
     fn map<R: Send>(self, task: impl Fn(Self::Item) -> R + Sync) -> Vec<R> {
-        let mut results: Vec<Option<R>> = (0..self.len()).map(|_| None).collect();
-        self.zip(&mut results).for_each(|(item, result)| *result = Some(task(item)));
-        results.into_iter().flatten().collect()
+        collect(self, &|parts: Self| parts.items().map(&task).collect())
     }
 
     /// What `task` makes of each item, with what `init` makes for each task, in order.
@@ -94,9 +106,10 @@ pub trait Parallel: Sized + Send {
         init: impl Fn() -> W + Sync,
         task: impl Fn(&mut W, Self::Item) -> R + Sync,
     ) -> Vec<R> {
-        let mut results: Vec<Option<R>> = (0..self.len()).map(|_| None).collect();
-        self.zip(&mut results).for_each_init(init, |with, (item, result)| *result = Some(task(with, item)));
-        results.into_iter().flatten().collect()
+        collect(self, &|parts: Self| {
+            let mut with = init();
+            parts.items().map(|item| task(&mut with, item)).collect()
+        })
     }
 }
 
@@ -139,6 +152,22 @@ impl Halving {
 /// Shares parts out among the threads.
 fn share<P: Parallel>(parts: P, task: &(dyn Fn(P) + Sync)) {
     halve(Halving::new(parts.len(), parts.limits()), false, parts, task);
+}
+
+/// The results of all tasks, in the order of their parts.
+fn collect<P: Parallel, R: Send>(parts: P, task: &(dyn Fn(P) -> Vec<R> + Sync)) -> Vec<R> {
+    let done = Mutex::new(Vec::new());
+    share(parts.enumerate(), &|parts: Enumerate<P>| {
+        let first = parts.first();
+        let results = task(parts.into_inner());
+        done.lock().unwrap_or_else(PoisonError::into_inner).push((first, results));
+    });
+    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    done.sort_unstable_by_key(|(first, _)| *first);
+    let mut done = done.into_iter().map(|(_, results)| results);
+    let mut all = done.next().unwrap_or_default();
+    done.for_each(|mut results| all.append(&mut results));
+    all
 }
 
 fn halve<P: Parallel>(halving: Halving, moved: bool, parts: P, task: &(dyn Fn(P) + Sync)) {

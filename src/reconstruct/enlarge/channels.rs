@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Channel, Frame, Part, SampleType, Samples};
 use lacuna_filters::domain::Domain;
 use lacuna_filters::upscale::{self, Enlarged, Geometry, Method, Question};
 use lacuna_filters::{Mask, Plane};
-use rayon::prelude::*;
 
 use crate::channels::{self, Choice, Rule, channel_label};
 use crate::reconstruct::groups::{Group, Target, groups};
@@ -38,19 +38,17 @@ pub fn enlarge(
     let part = &mut frame.parts[work.index];
     unit_normals(part, work, geometry, &sources, &mut planes);
     let channels = part.channels.par_iter_mut().zip(planes).zip(work.choices).zip(kinds);
-    let clamped: Vec<usize> = channels
-        .map(|(((channel, plane), choice), kind)| match plane {
-            None => {
-                copy(channel, &sources);
-                0
-            }
-            Some(plane) => {
-                let asked = kind_for(choice.rule, work.job.kind);
-                let half = asked.map_or(*kind == SampleType::Half, |kind| kind == Kind::Half);
-                write(channel, plane, half)
-            }
-        })
-        .collect();
+    let clamped = channels.map(|(((channel, plane), choice), kind)| match plane {
+        None => {
+            copy(channel, &sources);
+            0
+        }
+        Some(plane) => {
+            let asked = kind_for(choice.rule, work.job.kind);
+            let half = asked.map_or(*kind == SampleType::Half, |kind| kind == Kind::Half);
+            write(channel, plane, half)
+        }
+    });
     for (report, clamped) in done.report.channels.iter_mut().zip(clamped) {
         report.clamped_halves = clamped;
     }
@@ -85,7 +83,7 @@ fn solve(
         let values = part.channels[channel].samples.to_floats().ok_or(Error::OtherFrame)?;
         Plane::new(part.size(), values).map_err(fail)
     };
-    let samples = group.channels.par_iter().map(plane).collect::<Result<Vec<_>, _>>()?;
+    let samples = group.channels.par_iter().map(plane).into_iter().collect::<Result<Vec<_>, _>>()?;
     let names: Vec<_> =
         group.channels.iter().map(|&at| part.channels[at].display_name().into_owned()).collect();
     let domain =
@@ -110,7 +108,7 @@ fn solve(
         Ok((enlarged, mended))
     };
     let channels = group.channels.par_iter().zip(&samples).zip(&names);
-    let enlarged = channels.map(one).collect::<Result<Vec<_>, _>>().map_err(fail)?;
+    let enlarged = channels.map(one).into_iter().collect::<Result<Vec<_>, _>>().map_err(fail)?;
     let (enlarged, mended): (Vec<_>, Vec<usize>) = enlarged.into_iter().unzip();
     done.notes.extend(overflow_note(&names, mended.into_iter().sum()));
     let outcome = enlarged.iter().map(|one| one.outcome).reduce(lacuna_filters::Outcome::worst);
@@ -156,7 +154,7 @@ fn unit_normals(
 /// The bits of the pixels that the new ones lie in.
 fn copy(channel: &mut Channel, sources: &[u32]) {
     fn pick<T: Copy + Send + Sync>(values: &[T], sources: &[u32]) -> Vec<T> {
-        sources.par_iter().map(|&source| values[source as usize]).collect()
+        sources.par_iter().map(|&source| values[source as usize])
     }
     channel.samples = match &channel.samples {
         Samples::Half(values) => Samples::Half(pick(values, sources)),

@@ -13,8 +13,8 @@
 //! All modulo 2^16, signs folded into the lowest bit, low bytes before high bytes, deflated.
 
 use base64::Engine;
+use lacuna_core::parallel::prelude::*;
 use lacuna_filters::Plane;
-use rayon::prelude::*;
 use serde::Serialize;
 
 /// Values far below this are linear in their codes.
@@ -95,10 +95,7 @@ impl Logarithms {
             let log = (1.0 + KNEE * f64::from(value.abs())).log2() / whole;
             if value.is_finite() { (log as f32).copysign(value) } else { f32::NAN }
         };
-        Self {
-            planes: image.map(|plane| plane.pixels().par_iter().map(of).collect()),
-            width: image[0].size().width,
-        }
+        Self { planes: image.map(|plane| plane.pixels().par_iter().map(of)), width: image[0].size().width }
     }
 
     fn codes(&self, levels: i32) -> Vec<u8> {

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use rayon::prelude::*;
+use lacuna_core::parallel::prelude::*;
 
 use crate::Values;
 
@@ -106,15 +106,11 @@ fn all<T: FromStr>(words: &[&str]) -> Result<Vec<T>, String> {
 }
 
 fn each<const N: usize, T: Send>(bytes: &[u8], big_endian: bool, to: impl Fn([u8; N]) -> T + Sync) -> Vec<T> {
-    bytes
-        .par_chunks_exact(N)
-        .map(|chunk| {
-            let mut word = [0; N];
-            word.copy_from_slice(chunk);
-            if big_endian {
-                word.reverse();
-            }
-            to(word)
-        })
-        .collect()
+    bytes.as_chunks::<N>().0.par_iter().map(|&word| {
+        let mut word = word;
+        if big_endian {
+            word.reverse();
+        }
+        to(word)
+    })
 }

@@ -190,6 +190,16 @@ impl<P> Enumerate<P> {
     pub(super) fn new(parts: P) -> Self {
         Self { parts, first: 0 }
     }
+
+    /// The number of the first item.
+    pub(super) fn first(&self) -> usize {
+        self.first
+    }
+
+    /// The items without their numbers.
+    pub(super) fn into_inner(self) -> P {
+        self.parts
+    }
 }
 
 impl<P: Parallel> Parallel for Enumerate<P> {

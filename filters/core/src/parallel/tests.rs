@@ -51,6 +51,16 @@ fn the_shorter_of_two_ends_both() {
 }
 
 #[test]
+fn one_item_is_enough_for_not_all() {
+    for (threads, len) in THREADS.into_iter().flat_map(|t| LENGTHS.map(|len| (t, len))) {
+        on(threads, || {
+            assert!((0..len).into_par_iter().all(|i| i < len));
+            assert!((0..len).all(|wrong| !(0..len).into_par_iter().all(|i| i != wrong)));
+        });
+    }
+}
+
+#[test]
 fn tasks_keep_to_their_limits() {
     let tasks = |parts: Limited<Indices>| {
         let count = AtomicUsize::new(0);
