@@ -149,11 +149,11 @@ fn guides(size: Size) -> Result<guided::Guides, Error> {
 #[divan::bench(args = [1200, 2400], sample_count = 5, sample_size = 1)]
 fn guided_reconstruct(bencher: Bencher<'_, '_>, side: usize) {
     let size = Size::new(side, side);
-    let (method, mask) = (Method::Ss(ss::Settings::default()), mask(size, "shuffle"));
+    let (method, mask) = (Method::from(ss::Settings::default()), mask(size, "shuffle"));
     let plan = method.filter().plan(&Problem::fill(Arc::clone(&mask)), &Run::default());
     let (Ok(plan), Ok(samples), Ok(guides)) = (plan, samples(size, CHANNELS), guides(size)) else { return };
     let mut out = Planes::zeros(size, CHANNELS);
-    let with = (&method, plan.as_ref());
+    let with = (method.filter(), plan.as_ref());
     bencher.counter(ItemsCount::new(size.pixels() * CHANNELS)).bench_local(|| {
         guided::reconstruct(with, &mask, black_box(&samples), &guides, &mut out, &Run::default()).is_ok()
     });

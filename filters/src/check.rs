@@ -45,7 +45,7 @@ pub(crate) fn group(mask: &Mask, samples: &Planes, out: &Planes) -> Result<(), E
 }
 
 /// Measured values are finite.
-fn finite(mask: &Mask, values: &[f32]) -> Result<(), Error> {
+pub(crate) fn finite(mask: &Mask, values: &[f32]) -> Result<(), Error> {
     let width = mask.size().width.max(1);
     for (row, (flags, values)) in mask.as_slice().chunks(width).zip(values.chunks(width)).enumerate() {
         if !extremes::finite(flags, values) {

@@ -1,5 +1,7 @@
 //! What can go wrong in a filter.
 
+use std::borrow::Cow;
+
 use crate::Size;
 
 /// A problem that a filter cannot be run on. Stopping early is not one: see [`crate::Outcome`].
@@ -19,10 +21,36 @@ pub enum Error {
     EmptyMask,
     /// No two neighbours were measured, so that no difference is known.
     #[error(
-        "no two neighbours are measured in a row or in a column, so nothing is known of the gradient: use a mask of \
-         `lacuna mask --paired`, or render gradients"
+        "no two neighbours are measured in a row or in a column, so nothing is known of the gradient: measure pixels in pairs, \
+         or give samples of the gradient"
     )]
     NoPairs,
+    /// Measured pixels, but none with a finite value.
+    #[error("no measured value of plane {plane} is finite")]
+    NothingFinite {
+        /// The plane's place in the group.
+        plane: usize,
+    },
+    /// Weights that leave no sample.
+    #[error("no measured pixel has a weight above 0")]
+    NothingWeighs,
+    /// A filter that uses a learned dictionary and has none.
+    #[error("there is no dictionary to fill with")]
+    NoDictionary,
+    /// A name that no method has.
+    #[error("there is no method '{name}'")]
+    NoMethod {
+        /// The name.
+        name: String,
+    },
+    /// A name that no setting of a method has.
+    #[error("{method} has no setting '{name}'")]
+    NoSetting {
+        /// The method.
+        method: &'static str,
+        /// The name.
+        name: String,
+    },
     /// A setting is outside its range.
     #[error("{name} = {value} is out of range ({range})")]
     Setting {
@@ -31,7 +59,7 @@ pub enum Error {
         /// The value given.
         value: String,
         /// The values allowed.
-        range: &'static str,
+        range: Cow<'static, str>,
     },
     /// A measured value is NaN or infinite; callers take such pixels out of the mask.
     #[error("a measured value is not finite (row {row}, column {column})")]
@@ -52,7 +80,7 @@ pub enum Error {
 impl Error {
     /// A setting with this value is outside its range.
     pub(crate) fn setting(name: &'static str, value: &dyn std::fmt::Display, range: &'static str) -> Self {
-        Self::Setting { name, value: value.to_string(), range }
+        Self::Setting { name, value: value.to_string(), range: range.into() }
     }
 }
 
@@ -70,7 +98,7 @@ mod tests {
             ),
             (Error::EmptyMask, "the mask has no measured pixel"),
             (
-                Error::Setting { name: "density", value: "2".into(), range: "0 to 1" },
+                Error::Setting { name: "density", value: "2".into(), range: "0 to 1".into() },
                 "density = 2 is out of range (0 to 1)",
             ),
             (Error::NotFinite { row: 3, column: 5 }, "a measured value is not finite (row 3, column 5)"),

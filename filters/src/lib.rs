@@ -4,24 +4,33 @@
 //! or global state: planes in, planes out, the same bits for every thread count. The one exception is [`keep_freed_memory`], which
 //! sets the allocator of the process; no filter calls it.
 //!
+//! The calls, [`fill()`] and [`upscale()`], do for a group of channels what the tool does:
+//!
 //! ```text
-//! Problem (mask, weights) ──> Filter::plan ──> Plan ──┐
-//! Planes (samples of a group of channels) ────────────┴─> Plan::reconstruct ──> Planes + Outcome
+//! samples, mask, [fill::Options] ──> domain ──> Plan::reconstruct ──> back ──> limiter, bounds ──> Filled
+//!                                                 └── Filter::plan, kept in [Plans] for groups and frames of the mask
 //! ```
 //!
-//! [`domain`] and [`limiter`] stand before and after a plan and keep long ranges from ringing.
-//! What depends on the mask alone is in the plan, which serves every channel and every frame of that mask.
+//! Below them, for those who need a part: a [`Method`] (one of [`METHODS`], each with a [`descriptor`]), [`domain`] and [`limiter`],
+//! [`Filter`] and [`Plan`]. [`sampling`] makes masks, [`metric`] compares images.
 //! The rooms of the filters, each importing only from those to its right:
-//! `variational | sensing | dictionary | upscale -> baseline -> solver -> operator | prox -> kernel -> plane | mask`.
-//! [`sampling`] makes masks, [`metric`] compares images.
+//! `fill -> method -> variational | sensing | dictionary | upscale -> baseline -> descriptor -> solver -> operator | prox -> kernel
+//! -> plane | mask`.
 //!
 //! "The thesis", whose equations the filters cite, is X. Liu, "Compressive Volume Rendering", University of Calgary.
+//!
+#![doc = include_str!("../README.md")]
 
+mod arrays;
 pub mod baseline;
+mod bounds;
 mod check;
+pub mod descriptor;
 pub mod dictionary;
 pub mod domain;
+pub mod enlarge;
 mod error;
+pub mod fill;
 mod filter;
 mod kernel;
 pub mod limiter;
@@ -31,6 +40,7 @@ pub mod metric;
 mod operator;
 mod outcome;
 mod plane;
+mod plans;
 mod prox;
 mod run;
 pub mod sampling;
@@ -39,12 +49,16 @@ mod solver;
 pub mod upscale;
 pub mod variational;
 
+pub use bounds::Bounds;
+pub use enlarge::upscale;
 pub use error::Error;
+pub use fill::{Filled, Options, fill};
 pub use filter::{Filter, Gradients, Plan, Problem};
 pub use kernel::heap::keep_freed_memory;
 pub use lacuna_core::Size;
 pub use mask::Mask;
-pub use method::Method;
+pub use method::{METHODS, Method};
 pub use outcome::{Outcome, Stop};
 pub use plane::{Plane, Planes};
+pub use plans::Plans;
 pub use run::Run;

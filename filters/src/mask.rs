@@ -1,6 +1,6 @@
 //! The sampling mask: which pixels were measured.
 
-use crate::{Error, Size};
+use crate::{Error, Planes, Size};
 
 /// Which pixels of an image were measured: `height x width` flags, row-major.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -17,11 +17,25 @@ impl Mask {
     /// [`Error::SizeMismatch`] if the number of flags is another.
     pub fn new(size: Size, measured: Vec<bool>) -> Result<Self, Error> {
         if measured.len() == size.pixels() {
-            let count = measured.iter().filter(|&&flag| flag).count();
-            Ok(Self { size, measured, count })
+            Ok(Self::of(size, measured))
         } else {
             Err(Error::SizeMismatch { expected: size, found: format!("{} flags", measured.len()) })
         }
+    }
+
+    /// As many flags as the size has pixels.
+    pub(crate) fn of(size: Size, measured: Vec<bool>) -> Self {
+        let count = measured.iter().filter(|&&flag| flag).count();
+        Self { size, measured, count }
+    }
+
+    /// The pixels at which every plane of a group is finite: for arrays that say by NaN what was not measured.
+    pub fn finite(planes: &Planes) -> Self {
+        let mut flags = vec![true; planes.size().pixels()];
+        for plane in planes.as_slice() {
+            flags.iter_mut().zip(plane.pixels()).for_each(|(flag, value)| *flag &= value.is_finite());
+        }
+        Self::of(planes.size(), flags)
     }
 
     /// A mask whose pixel at row `y`, column `x` is measured where `measured(y, x)`.

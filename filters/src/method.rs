@@ -1,113 +1,175 @@
-//! The methods a user picks from. A new filter is one file and one line here.
+//! The methods a user picks from, and what is to be known of each. A new filter is one file and one line here.
 
-use crate::Filter;
 use crate::baseline::{cubic, linear, nearest, push_pull};
+use crate::descriptor::{Configured, Descriptor};
 use crate::dictionary::fill;
 use crate::sensing::{cs_gradient, cs_wavelet};
 use crate::variational::{ss, tv};
+use crate::{Error, Filter};
 
-/// A reconstruction method with its settings.
-#[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum Method {
+/// All methods, the default first.
+pub static METHODS: &[&Descriptor] = &[
+    &ss::DESCRIPTOR,
+    &tv::DESCRIPTOR,
+    &push_pull::DESCRIPTOR,
+    &nearest::DESCRIPTOR,
+    &linear::DESCRIPTOR,
+    &cubic::DESCRIPTOR,
+    &cs_wavelet::DESCRIPTOR,
+    &cs_gradient::DESCRIPTOR,
+    &fill::LEARNED,
+    &fill::COSINES,
+];
+
+/// A reconstruction method with its settings: made of any `Settings` of a filter, or by name.
+///
+/// ```
+/// use lacuna_filters::{Method, variational::ss};
+///
+/// let smooth = Method::from(ss::Settings { lambda: 0.5, ..ss::Settings::default() });
+/// assert_eq!(smooth, Method::named("ss", &[("lambda", "0.5")])?);
+/// assert_eq!(smooth.settings(), "lambda=0.5 kernel=bspline order=2 tension=0.03");
+/// # Ok::<(), lacuna_filters::Error>(())
+/// ```
+#[derive(Debug)]
+pub struct Method(Box<dyn Configured>);
+
+impl<S: Configured + 'static> From<S> for Method {
+    fn from(settings: S) -> Self {
+        Self(Box::new(settings))
+    }
+}
+
+impl Default for Method {
     /// Smoothness splines.
-    Ss(ss::Settings),
-    /// Total variation.
-    Tv(tv::Settings),
-    /// Push-pull pyramid.
-    PushPull(push_pull::Settings),
-    /// The nearest measured pixel.
-    Nearest(nearest::Settings),
-    /// Planes on triangles of measured pixels.
-    Linear(linear::Settings),
-    /// Cubic pieces on triangles of measured pixels.
-    Cubic(cubic::Settings),
-    /// Compressed sensing in the wavelet domain.
-    CsWavelet(cs_wavelet::Settings),
-    /// Compressed sensing of the gradient in the Fourier domain.
-    CsGradient(cs_gradient::Settings),
-    /// Few atoms of a learned dictionary.
-    Dictionary(fill::Learned),
-    /// Few cosines.
-    Dct(fill::Cosines),
+    fn default() -> Self {
+        ss::Settings::default().into()
+    }
+}
+
+impl Clone for Method {
+    fn clone(&self) -> Self {
+        Self(self.0.boxed())
+    }
+}
+
+impl PartialEq for Method {
+    fn eq(&self, other: &Self) -> bool {
+        self.name() == other.name() && self.settings() == other.settings()
+    }
 }
 
 impl Method {
-    /// Every name that `--filter` takes.
-    pub const NAMES: &[&str] = &[
-        "ss",
-        "tv",
-        "pushpull",
-        "nearest",
-        "linear",
-        "cubic",
-        "cs-wavelet",
-        "cs-gradient",
-        "dictionary",
-        "dct",
-    ];
+    /// The method of that name with these settings, `(name, value)` each, and its defaults else.
+    ///
+    /// # Errors
+    /// [`Error::NoMethod`], [`Error::NoSetting`] and [`Error::Setting`].
+    pub fn named(name: &str, settings: &[(&str, &str)]) -> Result<Self, Error> {
+        let found = METHODS.iter().find(|method| method.name == name);
+        Self::of(found.ok_or_else(|| Error::NoMethod { name: name.into() })?, settings)
+    }
 
-    /// The name that `--filter` takes.
-    pub const fn name(&self) -> &'static str {
-        match self {
-            Self::Ss(_) => "ss",
-            Self::Tv(_) => "tv",
-            Self::PushPull(_) => "pushpull",
-            Self::Nearest(_) => "nearest",
-            Self::Linear(_) => "linear",
-            Self::Cubic(_) => "cubic",
-            Self::CsWavelet(_) => "cs-wavelet",
-            Self::CsGradient(_) => "cs-gradient",
-            Self::Dictionary(_) => "dictionary",
-            Self::Dct(_) => "dct",
+    /// The method of a descriptor with these settings, `(name, value)` each, and its defaults else.
+    ///
+    /// # Errors
+    /// [`Error::NoSetting`] and [`Error::Setting`].
+    pub fn of(descriptor: &Descriptor, settings: &[(&str, &str)]) -> Result<Self, Error> {
+        let mut method = Self((descriptor.new)());
+        settings.iter().try_for_each(|(name, value)| method.set(name, value))?;
+        Ok(method)
+    }
+
+    /// What is to be known of it.
+    pub fn descriptor(&self) -> &'static Descriptor {
+        self.0.descriptor()
+    }
+
+    /// The name that tells it from the others.
+    pub fn name(&self) -> &'static str {
+        self.descriptor().name
+    }
+
+    /// Sets a setting by its name.
+    ///
+    /// # Errors
+    /// [`Error::NoSetting`] and [`Error::Setting`].
+    pub fn set(&mut self, name: &str, value: &str) -> Result<(), Error> {
+        let descriptor = self.descriptor();
+        let missing = || Error::NoSetting { method: descriptor.name, name: name.into() };
+        let setting = descriptor.setting(name).ok_or_else(missing)?;
+        let field = self.0.field(name).ok_or_else(missing)?;
+        if setting.range.holds(value) && field.read(value) {
+            return Ok(());
         }
+        Err(Error::Setting {
+            name: setting.name,
+            value: value.into(),
+            range: setting.range.to_string().into(),
+        })
+    }
+
+    /// The value of a setting as the settings line has it.
+    pub fn get(&self, name: &str) -> Option<String> {
+        self.0.boxed().field(name).map(|field| field.show())
     }
 
     /// The settings on one line, `name=value` separated by spaces; equal lines mean equal results.
     pub fn settings(&self) -> String {
-        match self {
-            Self::Ss(settings) => settings.to_string(),
-            Self::Tv(settings) => settings.to_string(),
-            Self::PushPull(_) | Self::Nearest(_) | Self::Linear(_) | Self::Cubic(_) => String::new(),
-            Self::CsWavelet(settings) => settings.to_string(),
-            Self::CsGradient(settings) => settings.to_string(),
-            Self::Dictionary(settings) => settings.to_string(),
-            Self::Dct(settings) => settings.to_string(),
+        let (mut own, mut plain) = (self.0.boxed(), (self.descriptor().new)());
+        let mut line = Vec::new();
+        for setting in self.descriptor().settings {
+            let Some(shown) = own.field(setting.name).map(|field| field.show()) else { continue };
+            let mut default = || plain.field(setting.name).is_some_and(|field| field.show() == shown);
+            if !(setting.silent && default()) {
+                line.push(format!("{}={shown}", setting.name));
+            }
         }
+        line.join(" ")
     }
 
     /// The filter itself.
     pub fn filter(&self) -> &dyn Filter {
-        match self {
-            Self::Ss(settings) => settings,
-            Self::Tv(settings) => settings,
-            Self::PushPull(settings) => settings,
-            Self::Nearest(settings) => settings,
-            Self::Linear(settings) => settings,
-            Self::Cubic(settings) => settings,
-            Self::CsWavelet(settings) => settings,
-            Self::CsGradient(settings) => settings,
-            Self::Dictionary(settings) => settings,
-            Self::Dct(settings) => settings,
-        }
+        self.0.as_ref()
     }
 
     /// Whether measured pixels leave with the bits they came with.
     pub fn keeps_measured(&self) -> bool {
-        match self {
-            Self::Ss(settings) => settings.lambda == 0.0,
-            Self::Tv(settings) => settings.epsilon == 0.0,
-            Self::PushPull(_) | Self::Nearest(_) | Self::Linear(_) | Self::Cubic(_) => true,
-            Self::CsWavelet(settings) => settings.epsilon == 0.0,
-            Self::CsGradient(settings) => !settings.restore,
-            Self::Dictionary(settings) => !settings.how.restore,
-            Self::Dct(settings) => !settings.how.restore,
-        }
+        let smooths = self.descriptor().settings.iter().filter(|setting| setting.smooths);
+        let mut own = self.0.boxed();
+        smooths.into_iter().all(|setting| {
+            own.field(setting.name).is_none_or(|field| matches!(field.show().as_str(), "0" | "-0" | "false"))
+        })
     }
 
-    /// Whether frames without a missing pixel are not left as they are.
+    /// Whether images without a missing pixel are not left as they are.
     pub fn restores(&self) -> bool {
-        matches!(self, Self::Dictionary(_) | Self::Dct(_)) && !self.keeps_measured()
+        self.descriptor().restores && !self.keeps_measured()
+    }
+
+    /// Whether the settings fit together.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn check(&self) -> Result<(), Error> {
+        self.0.check()
+    }
+
+    /// Planes that a group must have; nothing if any number will do. Other groups are for smoothness splines.
+    pub fn planes(&self) -> Option<usize> {
+        self.0.planes()
+    }
+
+    /// Whether weights of the samples have a meaning.
+    ///
+    /// # Errors
+    /// The name of a setting that they cannot go with; empty if it is the method, or measured pixels stay.
+    pub fn weighs(&self) -> Result<(), &'static str> {
+        let smooths = self.descriptor().takes.weights && !self.keeps_measured();
+        match self.0.unweighted() {
+            Some(setting) => Err(setting),
+            None if smooths => Ok(()),
+            None => Err(""),
+        }
     }
 }
 
@@ -116,57 +178,84 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::{Error, Mask, Plane, Planes, Problem, Run, Size};
+    use crate::descriptor::Range;
+    use crate::{Mask, Plane, Planes, Problem, Run, Size};
 
-    fn all() -> [Method; 10] {
-        [
-            Method::Ss(ss::Settings::default()),
-            Method::Tv(tv::Settings::default()),
-            Method::PushPull(push_pull::Settings),
-            Method::Nearest(nearest::Settings),
-            Method::Linear(linear::Settings),
-            Method::Cubic(cubic::Settings),
-            Method::CsWavelet(cs_wavelet::Settings::default()),
-            Method::CsGradient(cs_gradient::Settings::default()),
-            Method::Dictionary(fill::Learned {
-                dictionary: Arc::new(crate::dictionary::dct::dictionary(4, 16).unwrap()),
-                name: "cosines".into(),
-                how: fill::Use::default(),
-            }),
-            Method::Dct(fill::Cosines::default()),
-        ]
-    }
-
-    fn smoothing() -> ss::Settings {
-        let smooth = |mut settings: ss::Settings| {
-            settings.lambda = 0.5;
-            settings
-        };
-        smooth(ss::Settings::default())
+    fn all() -> Vec<Method> {
+        METHODS.iter().map(|found| Method::of(found, &[]).unwrap()).collect()
     }
 
     #[test]
-    fn names_are_those_of_the_command_line() {
-        assert_eq!(all().map(|method| method.name()).as_slice(), Method::NAMES);
-    }
-
-    #[test]
-    fn by_default_every_method_interpolates() {
-        assert!(all().iter().all(Method::keeps_measured));
-        assert!(!Method::Ss(smoothing()).keeps_measured());
-        let mut smoothing = Method::Tv(tv::Settings::default());
-        if let Method::Tv(settings) = &mut smoothing {
-            settings.epsilon = 0.5;
+    fn every_setting_is_there_shown_and_read() {
+        for mut method in all() {
+            let name = method.name();
+            assert_eq!(METHODS.iter().filter(|other| other.name == name).count(), 1, "{name}");
+            assert!(method.keeps_measured() && !method.restores(), "{name}: by default it interpolates");
+            assert_eq!(method.clone(), method);
+            let line = method.settings();
+            assert!(!line.contains('\n'));
+            for setting in method.descriptor().settings {
+                let shown = method.get(setting.name).unwrap_or_else(|| panic!("{name}: {}", setting.name));
+                if let Range::Dictionary = setting.range {
+                    continue;
+                }
+                method.set(setting.name, &shown).unwrap();
+                assert!(setting.silent || line.contains(&format!("{}={shown}", setting.name)), "{line}");
+                assert!(
+                    !setting.help.is_empty() && (setting.range.holds(&shown)),
+                    "{name}: {}",
+                    setting.name
+                );
+                for wrong in ["", "-1", "nan", "no such value"] {
+                    let error = method.set(setting.name, wrong).unwrap_err().to_string();
+                    assert!(error.starts_with(setting.name), "{error}");
+                }
+                if setting.smooths {
+                    let value = if let Range::Switch = setting.range { "true" } else { "0.5" };
+                    method.set(setting.name, value).unwrap();
+                    assert!(!method.keeps_measured(), "{name}: {}", setting.name);
+                    assert_ne!(method.settings(), line);
+                    method.set(setting.name, &shown).unwrap();
+                }
+            }
+            assert_eq!(method.settings(), line);
+            assert!(matches!(method.set("no such setting", "1"), Err(Error::NoSetting { .. })));
         }
-        assert!(!smoothing.keeps_measured());
+        assert!(matches!(Method::named("no such method", &[]), Err(Error::NoMethod { .. })));
     }
 
     #[test]
-    fn settings_tell_methods_with_settings_apart() {
-        let [ss, _, push_pull, nearest, ..] = all();
-        assert_ne!(ss.settings(), Method::Ss(smoothing()).settings());
-        assert!(!ss.settings().contains('\n'));
-        assert_eq!((push_pull.settings().as_str(), nearest.settings().as_str()), ("", ""));
+    fn a_line_of_settings_is_what_it_was() {
+        for (name, settings, line) in [
+            ("pushpull", &[][..], ""),
+            ("ss", &[("order", "3"), ("lambda", "1e-3")], "lambda=0.001 kernel=bspline order=3 tension=0.03"),
+            ("tv", &[], "norm=isotropic epsilon=0 gap=0.01 max_iterations=2000"),
+            (
+                "tv",
+                &[("solver", "nesta")],
+                "norm=isotropic epsilon=0 gap=0.01 max_iterations=2000 solver=nesta",
+            ),
+            (
+                "cs-wavelet",
+                &[],
+                "blur=20 wiener=0.0001 wavelet=db4 levels=4 boundary=periodic epsilon=0 tolerance=0.01 \
+                 max_iterations=2000 solver=nesta",
+            ),
+            (
+                "cs-gradient",
+                &[],
+                "anchor=border restore=false epsilon=0 tolerance=0.01 max_iterations=2000 solver=nesta",
+            ),
+            ("dct", &[("stride", "8")], "block=16 atoms=1024 sparsity=30 error=0 stride=8 restore=false"),
+        ] {
+            assert_eq!(Method::named(name, settings).unwrap().settings(), line);
+        }
+        let mut learned = Method::named("dictionary", &[]).unwrap();
+        assert!(learned.set("dictionary", "x").is_err());
+        let cosines = crate::dictionary::dct::dictionary(4, 16).unwrap();
+        let dictionary = Some(Arc::new(cosines));
+        learned = fill::Learned { dictionary, name: "cosines".into(), how: fill::Use::default() }.into();
+        assert_eq!(learned.settings(), "dictionary=cosines sparsity=30 error=0 stride=half restore=false");
     }
 
     #[test]
@@ -176,13 +265,16 @@ mod tests {
             |measured: &[usize]| Problem::fill(Arc::new(Mask::from_fn(size, |_, x| measured.contains(&x))));
         let samples = Plane::new(size, vec![0.0, f32::NAN, f32::NAN, 8.0]).unwrap();
         let samples = Planes::new(size, vec![samples]).unwrap();
-        for (method, expected) in [(&all()[2], [0.0, 2.0, 6.0, 8.0]), (&all()[3], [0.0, 0.0, 8.0, 8.0])] {
+        for (name, expected) in [("pushpull", [0.0, 2.0, 6.0, 8.0]), ("nearest", [0.0, 0.0, 8.0, 8.0])] {
+            let method = Method::named(name, &[]).unwrap();
             let empty = method.filter().plan(&problem(&[]), &Run::default());
             assert_eq!(empty.err(), Some(Error::EmptyMask));
             let plan = method.filter().plan(&problem(&[0, 3]), &Run::default()).unwrap();
             let mut out = Planes::zeros(size, 1);
             plan.reconstruct(&samples, &mut out, &Run::default()).unwrap();
-            assert_eq!(out.as_slice()[0].pixels(), expected, "{}", method.name());
+            assert_eq!(out.as_slice()[0].pixels(), expected, "{name}");
         }
+        let none = Method::named("dictionary", &[]).unwrap();
+        assert_eq!(none.filter().plan(&problem(&[0]), &Run::default()).err(), Some(Error::NoDictionary));
     }
 }

@@ -1,9 +1,7 @@
 //! Planes: one channel's pixels, and groups of them.
 
-use lacuna_core::Size;
-use ndarray::ArrayView2;
-
 use crate::Error;
+use lacuna_core::Size;
 
 /// One channel: `height x width` values, row-major, `y` down.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,6 +21,11 @@ impl Plane {
         } else {
             Err(Error::SizeMismatch { expected: size, found: format!("{} values", pixels.len()) })
         }
+    }
+
+    /// As many values as the size has pixels.
+    pub(crate) const fn of(size: Size, pixels: Vec<f32>) -> Self {
+        Self { size, pixels }
     }
 
     /// A plane with the same value everywhere.
@@ -73,11 +76,6 @@ impl Plane {
     pub fn into_pixels(self) -> Vec<f32> {
         self.pixels
     }
-
-    /// The plane as a two-dimensional array (row, column), without a copy.
-    pub fn view(&self) -> Option<ArrayView2<'_, f32>> {
-        ArrayView2::from_shape((self.size.height, self.size.width), &self.pixels).ok()
-    }
 }
 
 /// A group of channels of one size, in a fixed order.
@@ -97,6 +95,11 @@ impl Planes {
             None => Ok(Self { size, planes }),
             Some(other) => Err(Error::SizeMismatch { expected: size, found: other.size().to_string() }),
         }
+    }
+
+    /// Planes of that size.
+    pub(crate) const fn of(size: Size, planes: Vec<Plane>) -> Self {
+        Self { size, planes }
     }
 
     /// `count` planes of zeros.
@@ -147,8 +150,6 @@ mod tests {
         assert_eq!(plane.pixels(), [0.0, 1.0, 2.0, 10.0, 11.0, 12.0]);
         assert_eq!(plane.row(1), [10.0, 11.0, 12.0]);
         assert_eq!(plane.at(1, 2).to_bits(), 12.0_f32.to_bits());
-        let view = plane.view().unwrap();
-        assert_eq!((view.dim(), view[(1, 0)].to_bits()), ((2, 3), 10.0_f32.to_bits()));
         plane.row_mut(0)[2] = 7.0;
         plane.pixels_mut()[3] = 8.0;
         assert_eq!(plane.into_pixels(), [0.0, 1.0, 7.0, 8.0, 11.0, 12.0]);

@@ -84,6 +84,13 @@ pub fn visible(text: &str) -> std::borrow::Cow<'_, str> {
     text.chars().map(escaped).collect::<String>().into()
 }
 
+/// The place of a channel among R, G and B, by the last word of its full name.
+pub fn rgb_place(full: &str) -> Option<usize> {
+    let component = Name::new(full).component.to_ascii_lowercase();
+    let names = [["r", "red"], ["g", "green"], ["b", "blue"]];
+    names.iter().position(|names| names.contains(&component.as_str()))
+}
+
 /// A part as messages call it: `part 2 (depth_left)`; nothing for the only part of a frame.
 pub fn part_label(frame: &Frame, part: usize) -> String {
     match frame.parts.get(part).and_then(Part::name) {

@@ -5,13 +5,14 @@ use lacuna_filters::Method;
 
 use super::Usage;
 use super::channels::ChannelArgs;
-use super::filter::{FilterArgs, SettingArgs};
+use super::filter::AroundArgs;
 use super::guides::GuideArgs;
 use super::input::InputArgs;
 use super::layers::LayerArgs;
 use super::mask_source::MaskArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::{PageArgs, RunArgs, SolveArgs};
+use super::settings::FilterArgs;
 use super::weights::WeightArgs;
 use crate::commands::FillJob;
 use crate::files::Targets;
@@ -52,6 +53,9 @@ pub struct FillArgs {
     filter: FilterArgs,
 
     #[command(flatten)]
+    around: AroundArgs,
+
+    #[command(flatten)]
     weights: WeightArgs,
 
     #[command(flatten)]
@@ -83,7 +87,7 @@ impl FillArgs {
             input: &self.input,
             mask: &self.mask,
             channels: &self.channels,
-            settings: &self.filter.settings,
+            around: &self.around,
             output: &self.output,
             format: &self.format,
             more: &self.more,
@@ -103,7 +107,7 @@ pub(super) struct Groups<'a> {
     pub input: &'a InputArgs,
     pub mask: &'a MaskArgs,
     pub channels: &'a ChannelArgs,
-    pub settings: &'a SettingArgs,
+    pub around: &'a AroundArgs,
     pub output: &'a OutputArgs,
     pub format: &'a FormatArgs,
     pub more: &'a MoreOutput,
@@ -123,8 +127,8 @@ impl Groups<'_> {
         let layers = self.layers.map_or(&[][..], |layers| &layers.layers);
         let what = reconstruct::Job {
             method,
-            domain: self.settings.domain(),
-            limit: self.settings.limits(),
+            domain: self.around.domain(),
+            limit: self.around.limits(),
             kind: self.more.kind(),
             drop_mask: self.more.drop_mask,
             compression: packing.map(|packing| packing.compression),

@@ -1,6 +1,7 @@
 //! Flags that say what steers the colour.
 
 use clap::Args;
+use lacuna_filters::METHODS;
 
 use super::Usage;
 use crate::guides::Asked;
@@ -28,10 +29,20 @@ impl GuideArgs {
     pub fn check(&self, job: &Job) -> Result<(), Usage> {
         let named = matches!(self.guides, Asked::Channels(_)) || self.guides_from.is_some();
         if named && *job.wanted() == Asked::None {
+            let (filters, kept) = takers();
             let why =
-                "only --filter ss takes guides, and only where measured pixels are kept (--ss-lambda 0)";
+                format!("only {filters} takes guides, and only where measured pixels are kept ({kept})");
             return Err(Usage(format!("--guides, --guides-from: {why}")));
         }
         Ok(())
     }
+}
+
+/// The filters that take guides, and the flags with which they keep measured pixels.
+fn takers() -> (String, String) {
+    let takers = METHODS.iter().filter(|method| method.takes.guides);
+    let names: Vec<_> = takers.clone().map(|method| format!("--filter {}", method.name)).collect();
+    let smooths = takers.flat_map(|method| method.settings).filter(|setting| setting.smooths);
+    let kept: Vec<_> = smooths.map(|setting| format!("--{} 0", setting.flag)).collect();
+    (names.join(" or "), kept.join(", "))
 }

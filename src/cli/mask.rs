@@ -8,7 +8,7 @@ use lacuna_exr::Window;
 use lacuna_filters::sampling::{Pattern, Temporal};
 
 use super::Usage;
-use super::filter::fraction;
+use super::numbers::fraction;
 use super::run::SpeechArgs;
 use crate::commands::{BoundFiles, MaskJob, MaskOutput, MaskTask, NextPass, Union};
 use crate::files::ranges::Frames;

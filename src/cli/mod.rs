@@ -1,6 +1,6 @@
 //! The command line: flags become a checked job; no work is done here.
 //!
-//! Groups of flags that several subcommands share have a file each ([`input`], [`mask`], [`channels`], [`filter`], [`sensing`],
+//! Groups of flags that several subcommands share have a file each ([`input`], [`mask`], [`channels`], [`filter`], `settings`,
 //! [`output`], [`run`]), so that a flag means the same everywhere; so has each subcommand.
 
 pub mod channels;
@@ -14,10 +14,11 @@ pub mod input;
 mod layers;
 pub mod mask;
 mod mask_source;
+mod numbers;
 pub mod output;
 pub mod render;
 pub mod run;
-pub mod sensing;
+mod settings;
 pub mod sparsify;
 pub mod study;
 pub mod submit;

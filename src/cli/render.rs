@@ -6,16 +6,13 @@ use std::str::FromStr;
 use clap::{Args, ValueEnum};
 use lacuna_exr::{Compression, SampleType};
 use lacuna_filters::Method;
-use lacuna_filters::baseline::{cubic, linear, nearest, push_pull};
-use lacuna_filters::dictionary::fill;
-use lacuna_filters::sensing::{cs_gradient, cs_wavelet};
-use lacuna_filters::variational::{ss, tv};
 use lacuna_volume::{InterpolationName, ModeName, Override, PROCEDURAL};
 
 use super::Usage;
-use super::filter::{Name, fraction};
+use super::numbers::fraction;
 use super::output::{Depth, FormatArgs, OutputArgs};
 use super::run::{PageArgs, RunArgs};
+use super::settings::FilterName;
 use crate::commands::{Pixels, RenderJob, Wanted};
 use crate::files::Targets;
 use crate::files::ranges::Frames;
@@ -138,7 +135,7 @@ struct PixelArgs {
 
     /// Fill the other pixels in memory with this filter's default settings, and report both times
     #[arg(long, value_name = "FILTER")]
-    fill: Option<Name>,
+    fill: Option<FilterName>,
 }
 
 /// What a frame holds besides colour and alpha.
@@ -278,21 +275,12 @@ impl RenderArgs {
 }
 
 /// A filter with its default settings.
-fn method(name: Name) -> Result<Method, Usage> {
-    Ok(match name {
-        Name::Ss => Method::Ss(ss::Settings::default()),
-        Name::Tv => Method::Tv(tv::Settings::default()),
-        Name::PushPull => Method::PushPull(push_pull::Settings),
-        Name::Nearest => Method::Nearest(nearest::Settings),
-        Name::Linear => Method::Linear(linear::Settings),
-        Name::Cubic => Method::Cubic(cubic::Settings),
-        Name::CsWavelet => Method::CsWavelet(cs_wavelet::Settings::default()),
-        Name::CsGradient => Method::CsGradient(cs_gradient::Settings::default()),
-        Name::Dct => Method::Dct(fill::Cosines::default()),
-        Name::Dictionary => {
-            let text =
-                "--fill dictionary needs a dictionary: render sparse, then lacuna fill --filter dictionary";
-            return Err(Usage(text.into()));
-        }
-    })
+fn method(FilterName(filter): FilterName) -> Result<Method, Usage> {
+    if filter.takes.dictionary {
+        let name = filter.name;
+        return Err(Usage(format!(
+            "--fill {name} needs a dictionary: render sparse, then lacuna fill --filter {name}"
+        )));
+    }
+    Method::of(filter, &[]).map_err(|error| Usage(error.to_string()))
 }

@@ -3,8 +3,8 @@
 use clap::Args;
 
 use super::Usage;
-use super::filter::fraction;
 use super::input::InputArgs;
+use super::numbers::fraction;
 use super::output::{FormatArgs, OutputArgs};
 use super::run::RunArgs;
 use crate::commands::{SparsifyJob, SparsifyPattern};

@@ -3,9 +3,10 @@
 use std::ffi::OsString;
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
+use lacuna_filters::METHODS;
+use lacuna_filters::descriptor::Descriptor;
 
-use super::filter::Name;
 use super::run::SpeechArgs;
 use super::{Ending, Job, Usage};
 use crate::commands::StudyJob;
@@ -55,7 +56,7 @@ impl StudyArgs {
         let at = |error: String| Usage(format!("{}: {error}", self.definition.display()));
         let definition = Definition::read(&self.definition).map_err(|error| at(error.to_string()))?;
         let mut entries: Vec<Entry> = Vec::new();
-        for label in definition.filters.iter().flat_map(|label| labels(label)) {
+        for label in definition.filters.iter().flat_map(|label| labels(label, METHODS)) {
             if entries.iter().all(|entry| entry.label != label) {
                 entries.push(entry(label).map_err(|usage| at(usage.0))?);
             }
@@ -73,12 +74,11 @@ impl StudyArgs {
 }
 
 /// The label itself, or every filter that needs no file for `all`.
-fn labels(label: &str) -> Vec<String> {
+pub(super) fn labels(label: &str, methods: &[&Descriptor]) -> Vec<String> {
     if label != "all" {
         return vec![label.to_owned()];
     }
-    let name = |name: &Name| Some(name.to_possible_value()?.get_name().to_owned());
-    Name::value_variants().iter().filter(|name| **name != Name::Dictionary).filter_map(name).collect()
+    methods.iter().filter(|method| !method.takes.dictionary).map(|method| method.name.into()).collect()
 }
 
 /// A filter as `fill` would have it.
@@ -118,9 +118,9 @@ mod tests {
 
     #[test]
     fn all_is_every_filter_of_the_command_line_that_needs_no_file() {
-        let all = labels("all");
+        let all = labels("all", METHODS);
         assert!(["ss", "tv", "linear", "cubic"].iter().all(|name| all.iter().any(|found| found == name)));
-        assert_eq!(all.len(), Name::value_variants().len() - 1);
+        assert_eq!(all.len(), METHODS.len() - 1);
         for label in all {
             assert_eq!(entry(label.clone()).unwrap().job.method.name(), label);
         }

@@ -114,7 +114,7 @@ fn every_flag_reaches_the_job() {
     assert!(job.skip_missing);
     assert_eq!(job.targets.mask, Some("m.##.png".into()));
     assert_eq!(job.what.overrides.len(), 2);
-    assert_eq!(job.what.method, Method::Tv(tv::Settings { epsilon: 0.5, ..tv::Settings::default() }));
+    assert_eq!(job.what.method, Method::from(tv::Settings { epsilon: 0.5, ..tv::Settings::default() }));
     assert_eq!((job.what.domain, job.what.limit, job.what.drop_mask), (Domain::Log, false, true));
     assert_eq!(
         (job.what.kind, job.what.compression, job.level),

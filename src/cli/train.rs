@@ -69,7 +69,7 @@ struct KsvdArgs {
     atoms: Option<u16>,
 
     /// Atoms of a block at most, 1 or more
-    #[arg(long, value_name = "L", default_value_t = 10, value_parser = super::filter::one_or_more, allow_hyphen_values = true)]
+    #[arg(long, value_name = "L", default_value_t = 10, value_parser = super::numbers::one_or_more, allow_hyphen_values = true)]
     sparsity: u32,
 
     /// One channel instead of three: the luminance; fills then take each channel alone
@@ -77,7 +77,7 @@ struct KsvdArgs {
     grey: bool,
 
     /// Iterations, 1 or more
-    #[arg(long, value_name = "N", default_value_t = 50, value_parser = super::filter::one_or_more, allow_hyphen_values = true)]
+    #[arg(long, value_name = "N", default_value_t = 50, value_parser = super::numbers::one_or_more, allow_hyphen_values = true)]
     iterations: u32,
 
     /// Pixels from block to block, 1 to the block [default: the block]

@@ -1,17 +1,20 @@
 //! `lacuna upscale`: flags to a checked job.
 
 use clap::{Args, ValueEnum};
+use lacuna_filters::descriptor::{Descriptor, Setting};
 use lacuna_filters::upscale::plain::Kernel;
 use lacuna_filters::upscale::{Method, Sampling};
+use lacuna_filters::variational::{ss, tv};
 
 use super::Usage;
 use super::channels::ChannelArgs;
 use super::fill::Groups;
-use super::filter::{DomainName, Name, SettingArgs};
+use super::filter::{AroundArgs, DomainName};
 use super::input::InputArgs;
 use super::mask_source::MaskArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::{RunArgs, SolveArgs};
+use super::settings::{Offer, SettingArgs};
 use crate::commands::FillJob;
 use crate::reconstruct::{Enlarge, Target};
 
@@ -98,7 +101,10 @@ struct MethodArgs {
     sampling: Sampling,
 
     #[command(flatten)]
-    settings: SettingArgs,
+    settings: SettingArgs<Enlarging>,
+
+    #[command(flatten)]
+    around: AroundArgs,
 }
 
 /// A filter that enlarges.
@@ -116,21 +122,40 @@ enum Choice {
     Linear,
 }
 
+/// The filters whose settings count: splines fill what is missing whatever enlarges.
+#[derive(Clone, Copy, Debug)]
+struct Enlarging;
+
+impl Offer for Enlarging {
+    fn methods() -> Vec<&'static Descriptor> {
+        vec![&ss::DESCRIPTOR, &tv::DESCRIPTOR]
+    }
+
+    fn has(setting: &Setting) -> bool {
+        // Enlarging has one solver.
+        setting.flag != "tv-solver"
+    }
+}
+
 impl MethodArgs {
     /// The filter with its settings.
     fn method(&self) -> Result<Method, Usage> {
-        // What is missing is filled by splines in any case, so that their settings are settings of all.
-        let shared =
-            SettingArgs { ss_kernel: None, ss_order: None, ss_tension: None, ..self.settings.clone() };
-        shared.check(if self.filter == Choice::Tv { Name::Tv } else { Name::Ss })?;
-        for (flag, given) in [("--ss-lambda", shared.ss_lambda), ("--tv-epsilon", shared.tv_epsilon)] {
-            if given.is_some_and(|value| value != 0.0) {
+        let name = self.filter.to_possible_value();
+        let name = name.as_ref().map_or("", |value| value.get_name());
+        if let Some((setting, _)) = self.settings.of(&tv::DESCRIPTOR).find(|_| self.filter != Choice::Tv) {
+            return Err(SettingArgs::<Enlarging>::of_another(setting.flag, name));
+        }
+        for filter in Enlarging::methods() {
+            if let Some((setting, _)) =
+                self.settings.of(filter).find(|(setting, text)| setting.smooths && text.parse() != Ok(0.0))
+            {
                 return Err(Usage(format!(
-                    "{flag} smooths what was measured, and upscale keeps it: smooth first, with lacuna fill"
+                    "--{} smooths what was measured, and upscale keeps it: smooth first, with lacuna fill",
+                    setting.flag
                 )));
             }
         }
-        if self.settings.domain == DomainName::Log && !self.sampling.is_pointwise() {
+        if self.around.domain == DomainName::Log && !self.sampling.is_pointwise() {
             return Err(Usage(format!(
                 "--domain log has other means than light: it is for --sampling point and grid, not {}",
                 self.sampling
@@ -138,11 +163,22 @@ impl MethodArgs {
         }
         Ok(match self.filter {
             Choice::Ss => Method::Ss,
-            Choice::Tv => Method::Tv(self.settings.tv()),
+            Choice::Tv => {
+                let mut settings = tv::Settings::default();
+                self.settings.apply(&mut settings);
+                Method::Tv(settings)
+            }
             Choice::Lanczos3 => Method::Plain(Kernel::Lanczos3),
             Choice::Cubic => Method::Plain(Kernel::Cubic),
             Choice::Linear => Method::Plain(Kernel::Linear),
         })
+    }
+
+    /// The splines that fill what is missing.
+    fn filling(&self) -> lacuna_filters::Method {
+        let mut settings = ss::Settings::default();
+        self.settings.apply(&mut settings);
+        settings.into()
     }
 }
 
@@ -159,12 +195,11 @@ impl UpscaleArgs {
                     .into(),
             ));
         }
-        let settings = &self.filter.settings;
         let groups = Groups {
             input: &self.input,
             mask: &self.mask,
             channels: &self.channels,
-            settings,
+            around: &self.filter.around,
             output: &self.output,
             format: &self.format,
             more: &self.more,
@@ -176,6 +211,6 @@ impl UpscaleArgs {
             layers: None,
         };
         let enlarge = Enlarge { target, method: self.filter.method()?, sampling: self.filter.sampling };
-        groups.job(lacuna_filters::Method::Ss(settings.ss()), Some(enlarge))
+        groups.job(self.filter.filling(), Some(enlarge))
     }
 }

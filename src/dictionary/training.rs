@@ -6,19 +6,10 @@ use lacuna_filters::domain::{Domain, Map};
 use lacuna_filters::{Mask, Plane, Planes};
 
 use super::Error;
-use crate::channels::{self, Name};
+use crate::channels::{self, Name, rgb_place};
 
 /// Weights of R, G and B in a grey image: the luminance of Rec. 709.
 const GREY: [f32; 3] = [0.2126, 0.7152, 0.0722];
-
-/// The place of a component among R, G and B.
-pub fn component(full: &str) -> Option<usize> {
-    let component = Name::new(full).component.to_ascii_lowercase();
-    ["r", "g", "b"]
-        .iter()
-        .zip(["red", "green", "blue"])
-        .position(|(short, long)| component == *short || component == long)
-}
 
 /// The channels R, G and B of a layer, in that order.
 pub fn triple(part: &Part, layer: &str) -> Option<[usize; 3]> {
@@ -26,7 +17,7 @@ pub fn triple(part: &Part, layer: &str) -> Option<[usize; 3]> {
     for (at, channel) in part.channels.iter().enumerate() {
         let name = channel.display_name();
         if Name::new(&name).layer == layer
-            && let Some(place) = component(&name)
+            && let Some(place) = rgb_place(&name)
         {
             found[place].get_or_insert(at);
             if found[place] != Some(at) {

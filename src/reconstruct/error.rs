@@ -36,7 +36,7 @@ pub enum Error {
         name: String,
     },
     /// The filter refused.
-    #[error("{channel}: {source}")]
+    #[error("{channel}: {source}{}", remedy(source))]
     Filter {
         /// Part and channel.
         channel: String,
@@ -65,4 +65,12 @@ pub enum Error {
     /// Masks or choices of another frame.
     #[error("the masks or the channel rules belong to another frame")]
     OtherFrame,
+}
+
+/// The flags that are the way out of what a filter refused, if there are such.
+fn remedy(source: &lacuna_filters::Error) -> &'static str {
+    match source {
+        lacuna_filters::Error::NoPairs => " (lacuna mask --paired, lacuna render --gradients)",
+        _ => "",
+    }
 }

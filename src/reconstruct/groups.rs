@@ -5,6 +5,7 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
+use lacuna_filters::fill::Values;
 
 use super::{Error, PIECE};
 use crate::channels::{self, Choice, Name, Rule, channel_label};
@@ -17,7 +18,7 @@ pub struct Target {
     pub channel: usize,
     /// What is done with it; never `keep`.
     pub rule: Rule,
-    /// The values that count as measured.
+    /// The values that count as measured; before the filters have run, those that are not finite among them.
     pub mask: Arc<Mask>,
     /// Measured values that do not count because they are NaN or infinite, or are not copied because they are NaN.
     pub non_finite: usize,
@@ -28,12 +29,10 @@ pub struct Target {
 pub struct Group {
     /// Their places in the part.
     pub channels: Vec<usize>,
-    /// The values that count as measured.
+    /// The measured pixels.
     pub mask: Arc<Mask>,
-    /// Whether they are light: not an alpha, a matte, a position or a normal.
-    pub light: bool,
-    /// Whether they are components of normals.
-    pub normal: bool,
+    /// What they are: light is no alpha, matte, position or normal.
+    pub values: Values,
 }
 
 /// The channels of a part that miss something, with the masks that are true for their values.
@@ -65,15 +64,21 @@ pub fn targets(
             let why = mask::why_empty(frame, masks, part);
             return Err(Error::EmptyMask { channel: label(), origin: masks.origin.clone(), why });
         }
-        let usable = usable(choice.rule, &channel.samples, mask)?;
+        // What is computed, the filters look through.
+        let (usable, non_finite) = match choice.rule {
+            Rule::Depth => {
+                let numbers = numbers(&channel.samples, mask)?;
+                let non_finite = mask.count() - numbers.count();
+                (numbers, non_finite)
+            }
+            Rule::Nearest if !channels::is_code(&frame.parts[part], index) => {
+                (Arc::clone(mask), mask.count() - numbers(&channel.samples, mask)?.count())
+            }
+            _ => (Arc::clone(mask), 0),
+        };
         if usable.is_empty() {
             return Err(Error::NothingFinite { channel: label(), name: name() });
         }
-        let non_finite = match choice.rule {
-            Rule::Nearest if channels::is_code(&frame.parts[part], index) => 0,
-            Rule::Nearest => mask.count() - numbers(&channel.samples, mask)?.count(),
-            _ => mask.count() - usable.count(),
-        };
         let known = found.iter().map(|target| &target.mask).find(|other| ***other == *usable);
         let mask = known.cloned().unwrap_or(usable);
         found.push(Target { channel: index, rule: choice.rule, mask, non_finite });
@@ -149,17 +154,19 @@ pub fn groups(frame: &Frame, part: usize, targets: &[Target]) -> Vec<Group> {
     for target in targets.iter().filter(|target| matches!(target.rule, Rule::Fill | Rule::Normal)) {
         let name = frame.parts[part].channels[target.channel].display_name();
         let layer = Name::new(&name).layer;
-        let normal = target.rule == Rule::Normal;
-        let light = target.rule == Rule::Fill && channels::is_light(&name);
+        let values = match target.rule {
+            Rule::Normal => Values::Directions,
+            _ if channels::is_light(&name) => Values::Light,
+            _ => Values::Other,
+        };
         let same = groups.iter_mut().find(|(other, group)| {
-            let alike = group.normal == normal && group.light == light;
-            other == layer && alike && Arc::ptr_eq(&group.mask, &target.mask)
+            other == layer && group.values == values && Arc::ptr_eq(&group.mask, &target.mask)
         });
         if let Some((_, group)) = same {
             group.channels.push(target.channel);
         } else {
             let mask = Arc::clone(&target.mask);
-            let group = Group { channels: vec![target.channel], mask, light, normal };
+            let group = Group { channels: vec![target.channel], mask, values };
             groups.push((layer.to_owned(), group));
         }
     }

@@ -42,7 +42,7 @@ pub struct Job {
     pub overrides: Vec<Override>,
     /// How the filled frame is enlarged, if it is.
     pub enlarge: Option<Enlarge>,
-    /// The guides that were asked for; only `ss` takes any.
+    /// The guides that were asked for; few methods take any.
     pub guides: Asked,
     /// Path or pattern of the file that they come from, if it is another one.
     pub guides_from: Option<String>,
@@ -79,7 +79,7 @@ impl Job {
 
     /// The guides that are looked for: none where the filter takes none, or measured pixels are smoothed.
     pub fn wanted(&self) -> &Asked {
-        let takes = matches!(self.method, Method::Ss(_)) && self.method.keeps_measured();
+        let takes = self.method.descriptor().takes.guides && self.method.keeps_measured();
         if takes { &self.guides } else { &Asked::None }
     }
 
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn settings_come_back() {
-        let mut job = Job::new(Method::PushPull(push_pull::Settings));
+        let mut job = Job::new(Method::from(push_pull::Settings));
         job.mask = Source::File { pattern: "my dir/a \"b\".exr".into(), channel: None };
         job.overrides = vec!["Diffuse Direct.*=keep".parse().unwrap(), "[=]x=fill".parse().unwrap()];
         job.kind = Some(Kind::Half);

@@ -1,35 +1,29 @@
 //! Which groups of channels a dictionary is for: R, G and B of a layer together, in that order, or each alone for a grey one. All
 //! others are filled by smoothness splines.
 
-use std::borrow::Cow;
-use std::sync::Arc;
-
 use lacuna_exr::Part;
 use lacuna_filters::Method;
-use lacuna_filters::variational::ss;
+use lacuna_filters::fill::Values;
 
-use super::Job;
 use super::groups::Group;
-use crate::dictionary::training::component;
+use crate::channels::rgb_place;
 
-/// The groups with the job that fills each; those of methods without a dictionary are as they were.
-pub fn assign<'a>(part: &Part, groups: Vec<Group>, job: &'a Job) -> Vec<(Group, Cow<'a, Job>)> {
-    let Method::Dictionary(learned) = &job.method else {
-        return groups.into_iter().map(|group| (group, Cow::Borrowed(job))).collect();
-    };
-    let splines = || Cow::Owned(Job { method: Method::Ss(ss::Settings::default()), ..job.clone() });
+/// The groups with the method that fills each; those of methods that take any planes are as they were.
+pub fn assign(part: &Part, groups: Vec<Group>, method: &Method) -> Vec<(Group, Method)> {
+    if !method.descriptor().takes.dictionary {
+        return groups.into_iter().map(|group| (group, method.clone())).collect();
+    }
     let mut assigned = Vec::new();
     for group in groups {
-        let (taken, rest) = match learned.dictionary.channels() {
-            _ if !group.light => (Vec::new(), group.channels.clone()),
-            1 => (group.channels.clone(), Vec::new()),
-            3 => triple(part, &group.channels),
-            _ => (Vec::new(), group.channels.clone()),
+        let (taken, rest) = match method.planes() {
+            _ if group.values != Values::Light => (Vec::new(), group.channels.clone()),
+            None => (group.channels.clone(), Vec::new()),
+            Some(3) => triple(part, &group.channels),
+            Some(_) => (Vec::new(), group.channels.clone()),
         };
-        let (light, normal) = (group.light, group.normal);
-        let of = |channels| Group { channels, mask: Arc::clone(&group.mask), light, normal };
-        assigned.extend((!taken.is_empty()).then(|| (of(taken), Cow::Borrowed(job))));
-        assigned.extend((!rest.is_empty()).then(|| (of(rest), splines())));
+        let of = |channels| Group { channels, ..group.clone() };
+        assigned.extend((!taken.is_empty()).then(|| (of(taken), method.clone())));
+        assigned.extend((!rest.is_empty()).then(|| (of(rest), Method::default())));
     }
     assigned
 }
@@ -38,7 +32,7 @@ pub fn assign<'a>(part: &Part, groups: Vec<Group>, job: &'a Job) -> Vec<(Group, 
 fn triple(part: &Part, channels: &[usize]) -> (Vec<usize>, Vec<usize>) {
     let place = |at: &usize| {
         let name = part.channels.get(*at)?.display_name();
-        component(&name)
+        rgb_place(&name)
     };
     let found = [0, 1, 2].map(|wanted| channels.iter().copied().find(|at| place(at) == Some(wanted)));
     let [Some(r), Some(g), Some(b)] = found else { return (Vec::new(), channels.to_vec()) };

@@ -22,26 +22,26 @@ mod job;
 mod learned;
 pub(crate) mod normals;
 mod part;
-mod plans;
 mod report;
+#[cfg(test)]
+mod same_bits;
 pub(crate) mod shared;
-mod solve;
 mod stamp;
 #[cfg(test)]
 mod tests;
 mod values;
 mod weights;
 
-pub(crate) use bounds::{Bounds, bounds_of};
+pub(crate) use bounds::bounds_of;
 pub use enlarge::{Enlarge, Target, Windows, enlarge};
 pub use error::Error;
 pub(crate) use groups::usable;
 pub use job::{Job, Kind, output_compression, parse_settings};
 use lacuna_exr::{Frame, Part};
+pub use lacuna_filters::Plans;
 pub use lacuna_filters::domain::Domain;
 use lacuna_filters::{Run, Stop};
 pub(crate) use part::measured_floats;
-pub use plans::Plans;
 pub use report::{ChannelReport, GroupReport, PartReport, Report};
 pub use stamp::{ADDED, DENSITY, DERIVED, FILLING, Stamp, was_cut_short};
 pub(crate) use values::{convert, kind_for};

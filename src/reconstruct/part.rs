@@ -6,13 +6,13 @@ use half::slice::HalfFloatSliceExt;
 use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::baseline::nearest::NearestMap;
+use lacuna_filters::fill::{Options, Set, Values, fill_with};
 use lacuna_filters::variational::guided::Guides;
-use lacuna_filters::{Mask, Plane, Planes, Run};
+use lacuna_filters::{Bounds, Mask, Method, Plane, Planes, Run};
 
 use super::apply::{Change, apply};
-use super::bounds::{Bounds, bounds_of};
+use super::bounds::bounds_of;
 use super::groups::{Group, Target, copyable, groups, targets};
-use super::solve::{Question, overflow_note, solve};
 use super::{ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, gradients, learned, normals};
 use crate::channels::{self, Choice, Rule, channel_label};
 use crate::mask::Masks;
@@ -49,7 +49,9 @@ pub struct Done {
 
 /// A channel's values after the filter, before they are written.
 struct Filled {
-    target: Target,
+    channel: usize,
+    /// The values that count as measured.
+    mask: Arc<Mask>,
     samples: Vec<f32>,
     values: Vec<f32>,
     limited: usize,
@@ -66,22 +68,21 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
         (report.rule, report.why) = (Rule::Keep, "samples of the gradient".into());
     }
     let mut filled = Vec::new();
-    for (group, job) in learned::assign(part, groups(frame, work.index, &targets), work.job) {
-        let own = Work { job: &job, ..*work };
-        let before = done.report.groups.len();
-        filled.extend(filter(frame, &own, &group, &targets, &mut done)?);
-        if job.method.name() != work.job.method.name() {
-            let names = done.report.groups[before..].iter().flat_map(|group| group.channels.clone());
-            let names = names.collect::<Vec<_>>().join(", ");
-            done.notes.push(format!("{names}: not of the dictionary, filled by {}", job.method.name()));
-        }
+    for (group, method) in learned::assign(part, groups(frame, work.index, &targets), &work.job.method) {
+        filled.extend(filter(frame, work, (&group, method), &mut targets, &mut done)?);
     }
+    // Sets of other masks come apart in the filter; the report has them in the order of the channels.
+    let first = |group: &GroupReport| {
+        let name = group.channels.first();
+        done.report.channels.iter().position(|channel| Some(&channel.name) == name)
+    };
+    done.report.groups.sort_by_key(first);
     unit_normals(frame, work, &mut filled, &mut done)?;
     let mut changes: Vec<Option<Change>> = vec![None; part.channels.len()];
     let all = !work.job.method.keeps_measured();
-    for Filled { target, values, limited, .. } in filled {
-        done.report.channels[target.channel].limited = limited;
-        changes[target.channel] = Some(Change::Values { values, mask: target.mask, all });
+    for Filled { channel, mask, values, limited, .. } in filled {
+        done.report.channels[channel].limited = limited;
+        changes[channel] = Some(Change::Values { values, mask, all });
     }
     for target in targets.iter().filter(|target| matches!(target.rule, Rule::Nearest | Rule::Depth)) {
         let map = sources(frame, work, target, &targets)?;
@@ -125,17 +126,16 @@ fn blank_report(part: &Part, choices: &[Choice]) -> PartReport {
     }
 }
 
-/// Runs the filter on a group, with the domain and the limiter around it.
+/// Fills a group of channels, and says in the report and in its targets what was found.
 fn filter(
     frame: &Frame,
     work: &Work<'_>,
-    group: &Group,
-    targets: &[Target],
+    (group, method): (&Group, Method),
+    targets: &mut [Target],
     done: &mut Done,
 ) -> Result<Vec<Filled>, Error> {
     let part = &frame.parts[work.index];
-    let fail =
-        |source| Error::Filter { channel: channel_label(frame, work.index, group.channels[0]), source };
+    let fail = |source| failed(frame, work, group, source);
     let mask = &group.mask;
     let plane = |&channel: &usize| {
         let values = measured_floats(&part.channels[channel].samples, mask)?;
@@ -143,55 +143,105 @@ fn filter(
     };
     let planes = group.channels.iter().map(plane).collect::<Result<_, _>>()?;
     let samples = Planes::new(mask.size(), planes).map_err(fail)?;
-    let names: Vec<_> =
-        group.channels.iter().map(|&at| part.channels[at].display_name().into_owned()).collect();
-    let bounds = names.iter().map(|name| if group.normal { Bounds::Free } else { bounds_of(name) });
-    let gradients = gradients::find(frame, work, group).map_err(fail)?;
-    let steered = !group.normal && names.iter().all(|name| !channels::is_position(name));
-    let question = Question {
-        mask,
-        weights: weights(frame, work, group, &mut done.notes)?,
-        light: group.light,
-        limit: !group.normal,
-        bounds: bounds.collect(),
-        gradients,
-        guides: steered.then_some(work.guides),
-    };
-    let answer = solve(&question, &samples, work.job, work.plans, work.run).map_err(fail)?;
-    done.notes.extend(overflow_note(&names, answer.mended));
-    if !work.job.method.keeps_measured() && answer.map.name() == "log" {
-        done.notes
-            .push(format!("{}: smoothed in the log domain, whose unit the setting has", names.join(", ")));
+    let names = channel_names(part, group);
+    let options = options(frame, work, (group, method), &names)?;
+    let answer = fill_with(&samples, mask, &options, work.plans, work.run).map_err(fail)?;
+    for set in &answer.sets {
+        let names: Vec<_> = set.planes.iter().map(|&at| names[at].clone()).collect();
+        done.notes.extend(set_notes(set, &names, &work.job.method));
+        done.report.groups.push(GroupReport {
+            channels: names,
+            domain: set.map.name(),
+            guides: set.guides.clone(),
+            guides_gain: set.gain,
+            outcome: set.outcome,
+        });
+        if set.weightless > 0 {
+            let name = channel_label(frame, work.index, group.channels[set.planes[0]]);
+            let what = "measured pixels count no sample and weigh nothing";
+            done.notes.push(format!("{name}: {} {what}", set.weightless));
+        }
     }
-    done.report.groups.push(GroupReport {
-        channels: names,
-        domain: answer.map.name(),
-        guides: answer.guides,
-        guides_gain: answer.gain,
-        outcome: answer.outcome,
-    });
+    let masks: Vec<_> = (0..names.len()).map(|at| answer.mask(at).map_or(mask, |own| own).clone()).collect();
     let planes = samples.into_vec().into_iter().zip(answer.planes.into_vec()).zip(answer.limited);
-    let filled = group.channels.iter().zip(planes).filter_map(|(&channel, ((samples, values), limited))| {
-        let target = targets.iter().find(|target| target.channel == channel)?.clone();
-        Some(Filled { target, samples: samples.into_pixels(), values: values.into_pixels(), limited })
+    let counted = group.channels.iter().zip(masks).zip(answer.non_finite);
+    let filled = counted.zip(planes).map(|(((&channel, mask), non_finite), ((samples, values), limited))| {
+        for target in targets.iter_mut().filter(|target| target.channel == channel) {
+            (target.mask, target.non_finite) = (Arc::clone(&mask), non_finite);
+        }
+        Filled { channel, mask, samples: samples.into_pixels(), values: values.into_pixels(), limited }
     });
     Ok(filled.collect())
 }
 
-/// How much each measured pixel of a group counts, if not all alike.
-fn weights(
+/// The full names of a group's channels.
+pub fn channel_names(part: &Part, group: &Group) -> Vec<String> {
+    group.channels.iter().map(|&at| part.channels[at].display_name().into_owned()).collect()
+}
+
+/// What a group asks of the filter.
+fn options<'a>(
     frame: &Frame,
-    work: &Work<'_>,
-    group: &Group,
-    notes: &mut Vec<String>,
-) -> Result<Option<Arc<Plane>>, Error> {
-    let Some(weights) = &work.job.weights else { return Ok(None) };
-    let (plane, empty) = weights.plane(frame, work.index, &group.mask)?;
-    if empty > 0 {
-        let name = channel_label(frame, work.index, group.channels[0]);
-        notes.push(format!("{name}: {empty} measured pixels count no sample and weigh nothing"));
+    work: &Work<'a>,
+    (group, method): (&Group, Method),
+    names: &[String],
+) -> Result<Options<'a>, Error> {
+    let masks = work.masks.channels.get(work.index).map_or(&[][..], Vec::as_slice);
+    let mut options = values_options(group, names, work.job);
+    options.gradients = gradients::find(&frame.parts[work.index], masks, group, &method);
+    options.method = method;
+    options.weights = match &work.job.weights {
+        Some(weights) => Some(weights.plane(frame, work.index)?),
+        None => None,
+    };
+    let steered = group.values != Values::Directions && names.iter().all(|name| !channels::is_position(name));
+    options.guides = steered.then_some(work.guides).filter(|guides| !guides.is_empty());
+    Ok(options)
+}
+
+/// What the values of a group are, and what of it the job decides.
+pub fn values_options<'a>(group: &Group, names: &[String], job: &Job) -> Options<'a> {
+    let mut options = Options::default();
+    (options.values, options.domain, options.limit) = (group.values, job.domain, job.limit);
+    let free = group.values == Values::Directions;
+    let bounds = names.iter().map(|name| if free { Bounds::Free } else { bounds_of(name) });
+    options.bounds = bounds.collect();
+    options
+}
+
+/// What is told of channels that were filled together, by their names.
+fn set_notes(set: &Set, names: &[String], asked: &Method) -> Vec<String> {
+    let smoothed = !set.method.keeps_measured() && !set.map.is_linear();
+    let names = names.join(", ");
+    let notes = [
+        overflow_note(&names, set.mended),
+        smoothed.then(|| format!("{names}: smoothed in the log domain, whose unit the setting has")),
+        (set.method.name() != asked.name())
+            .then(|| format!("{names}: not of the dictionary, filled by {}", set.method.name())),
+    ];
+    notes.into_iter().flatten().collect()
+}
+
+/// What is told of values that overflowed, if any did.
+pub fn overflow_note(names: &str, count: usize) -> Option<String> {
+    (count > 0)
+        .then(|| format!("{names}: {count} values overflowed in the filter and took the nearest known one"))
+}
+
+/// Why a group cannot be filled.
+fn failed(frame: &Frame, work: &Work<'_>, group: &Group, source: lacuna_filters::Error) -> Error {
+    let label = |at: usize| channel_label(frame, work.index, group.channels[at]);
+    match (source, &work.job.weights) {
+        (lacuna_filters::Error::NothingFinite { plane }, _) => {
+            let channel = &frame.parts[work.index].channels[group.channels[plane]];
+            Error::NothingFinite { channel: label(plane), name: channel.display_name().into_owned() }
+        }
+        (lacuna_filters::Error::NothingWeighs, Some(weights)) => {
+            let why = "it counts no sample in any measured pixel".into();
+            Error::Weights { weights: weights.to_string(), why }
+        }
+        (source, _) => Error::Filter { channel: label(0), source },
     }
-    Ok(Some(plane))
 }
 
 /// A channel's measured values, zero elsewhere.
@@ -226,13 +276,13 @@ fn unit_normals(frame: &Frame, work: &Work<'_>, filled: &mut [Filled], done: &mu
     let part = &frame.parts[work.index];
     for channel in 0..part.channels.len() {
         let Some(triple) = channels::normal_triple(part, work.choices, channel) else { continue };
-        let at = |wanted: usize| filled.iter().position(|filled| filled.target.channel == wanted);
+        let at = |wanted: usize| filled.iter().position(|filled| filled.channel == wanted);
         let (Some(x), Some(y), Some(z)) = (at(triple[0]), at(triple[1]), at(triple[2])) else { continue };
         if triple.iter().min() != Some(&channel) {
             continue;
         }
         let fail = |source| Error::Filter { channel: channel_label(frame, work.index, channel), source };
-        let masks = [x, y, z].map(|at| Arc::clone(&filled[at].target.mask));
+        let masks = [x, y, z].map(|at| Arc::clone(&filled[at].mask));
         let all = normals::kept(&masks, work.job.method.keeps_measured());
         let both = normals::both(&masks);
         if !normals::are_unit([x, y, z].map(|at| filled[at].samples.as_slice()), &both) {

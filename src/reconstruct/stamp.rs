@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn a_part_that_was_cut_short_says_so_until_it_converges() {
-        let stamp = Stamp::new(&Job::new(lacuna_filters::Method::PushPull(push_pull::Settings)), "mask");
+        let stamp = Stamp::new(&Job::new(lacuna_filters::Method::from(push_pull::Settings)), "mask");
         let mut attributes = Attributes::default();
         for (stop, name, cut) in [
             (Stop::TimeLimit, Some("time-limit"), true),

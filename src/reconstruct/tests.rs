@@ -14,7 +14,7 @@ const INF: f32 = f32::INFINITY;
 const NAN: f32 = f32::NAN;
 
 fn job() -> Job {
-    Job::new(Method::PushPull(push_pull::Settings))
+    Job::new(Method::from(push_pull::Settings))
 }
 
 /// Fills with the masks and rules that the job asks for.
@@ -289,7 +289,7 @@ fn types_compression_levels_and_the_mask_channel_as_asked() {
 fn light_stays_light_and_alpha_within_one() {
     let edge: Vec<f32> = (0..32).map(|at| if at % 8 < 4 { 0.0 } else { 1.0 }).collect();
     let before = frame(vec![board(vec![half("R", &edge), half("A", &edge)])]);
-    for method in [Method::PushPull(push_pull::Settings), Method::Nearest(nearest::Settings)] {
+    for method in [Method::from(push_pull::Settings), Method::from(nearest::Settings)] {
         let (after, _) = filled(&before, &Job::new(method)).unwrap();
         for name in ["R", "A"] {
             assert!(values(&after.parts[0], name).iter().all(|value| (0.0..=1.0).contains(value)), "{name}");

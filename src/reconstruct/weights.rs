@@ -1,13 +1,12 @@
 //! How much each measured pixel counts where a filter smooths: by the samples that were taken in it.
 //!
-//! The mean of n samples has a variance of 1/n, so a pixel of n samples weighs n. Weights are divided by their mean over the
-//! measured pixels, so that the filters' settings mean what they mean without weights.
+//! The mean of n samples has a variance of 1/n, so a pixel of n samples weighs n.
 
 use std::str::FromStr;
 use std::sync::Arc;
 
 use lacuna_exr::{Frame, Part};
-use lacuna_filters::{Mask, Plane};
+use lacuna_filters::Plane;
 
 use super::Error;
 use crate::channels::{channel_label, list_channels};
@@ -42,11 +41,11 @@ impl std::fmt::Display for Weights {
 }
 
 impl Weights {
-    /// The weights of a part's pixels, 0 where nothing was counted, and how many measured pixels that are.
+    /// The weights of a part's pixels.
     ///
     /// # Errors
-    /// No such channel in the part or in another one of its view and data window; nothing counted in any measured pixel.
-    pub fn plane(&self, frame: &Frame, part: usize, mask: &Mask) -> Result<(Arc<Plane>, usize), Error> {
+    /// No such channel in the part or in another one of its view and data window.
+    pub fn plane(&self, frame: &Frame, part: usize) -> Result<Arc<Plane>, Error> {
         let own = &frame.parts[part];
         let fail = |why: String| Error::Weights { weights: self.to_string(), why };
         let alike = |other: &&Part| other.data_window == own.data_window && other.view() == own.view();
@@ -59,26 +58,13 @@ impl Weights {
                 if part == 0 { String::new() } else { format!(" of {}", channel_label(frame, part, 0)) };
             fail(format!("no such channel over the pixels{what}; there are {}", list_channels(frame)))
         })?;
-        let counts = samples.as_f32();
-        let usable = |count: f32| if count.is_finite() && count > 0.0 { count } else { 0.0 };
-        let measured =
-            || counts.iter().zip(mask.as_slice()).filter(|(_, flag)| **flag).map(|(&count, _)| usable(count));
-        let sum: f64 = measured().map(f64::from).sum();
-        let empty = measured().filter(|&count| count == 0.0).count();
-        if sum <= 0.0 {
-            return Err(fail("it counts no sample in any measured pixel".into()));
-        }
-        let mean = sum / (mask.count() - empty) as f64;
-        let weights = counts.iter().map(|&count| (f64::from(usable(count)) / mean) as f32).collect();
-        let plane = Plane::new(mask.size(), weights).map_err(|_| Error::OtherFrame)?;
-        Ok((Arc::new(plane), empty))
+        let plane = Plane::new(own.size(), samples.as_f32()).map_err(|_| Error::OtherFrame)?;
+        Ok(Arc::new(plane))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use lacuna_filters::Size;
-
     use super::*;
     use crate::testing::{float, frame, named, part, uint, window};
 
@@ -93,17 +79,13 @@ mod tests {
     }
 
     #[test]
-    fn counts_become_weights_of_mean_one() {
+    fn the_counts_are_found_over_the_same_pixels_only() {
         let colour = || named("colour", "", part(window(0, 0, 4, 1), vec![float("R", &[0.0; 4])]));
-        let counted = |values: &[u32]| named("count", "", part(window(0, 0, 4, 1), vec![uint("n", values)]));
-        let mask = Mask::from_fn(Size::new(1, 4), |_, x| x < 3);
+        let counted = |at: i32| named("count", "", part(window(at, 0, 4, 1), vec![uint("n", &[3, 1, 0, 8])]));
         let weights = Weights { channel: "n".into() };
-        let both = |values: &[u32]| weights.plane(&frame(vec![colour(), counted(values)]), 0, &mask);
-        let (plane, empty) = both(&[3, 1, 0, 8]).unwrap();
-        assert_eq!((plane.pixels(), empty), (&[1.5, 0.5, 0.0, 4.0][..], 1));
-        assert!(both(&[0, 0, 0, 9]).unwrap_err().to_string().contains("no sample"));
-        let elsewhere = frame(vec![colour(), part(window(1, 0, 4, 1), vec![uint("n", &[1; 4])])]);
-        let error = weights.plane(&elsewhere, 0, &mask).unwrap_err().to_string();
+        let plane = weights.plane(&frame(vec![colour(), counted(0)]), 0).unwrap();
+        assert_eq!(plane.pixels(), [3.0, 1.0, 0.0, 8.0]);
+        let error = weights.plane(&frame(vec![colour(), counted(1)]), 0).unwrap_err().to_string();
         assert!(error.contains("count:n") && error.contains("no such channel"), "{error}");
     }
 }

@@ -33,18 +33,6 @@ fn of_grant(variable: impl Fn(&str) -> Option<u64>) -> Option<u64> {
     (mebibytes > 0).then(|| (mebibytes as f64 * SHARE * f64::from(1 << 20)) as u64)
 }
 
-/// Bytes a pixel of mask and plan.
-const fn planning(method: &lacuna_filters::Method) -> u64 {
-    match method {
-        // The multigrid levels of a frame that is all hole, in 64-bit floats.
-        lacuna_filters::Method::Ss(_) => 160,
-        // The triangles of a frame that is nearly all measured; cubics have gradients and edges besides.
-        lacuna_filters::Method::Linear(_) => 192,
-        lacuna_filters::Method::Cubic(_) => 288,
-        _ => 48,
-    }
-}
-
 /// What reading a frame may take: as much as its work was admitted for where there is a bound, else the default.
 pub fn limits(bound: Option<u64>, admitted: u64) -> Limits {
     bound.map_or_else(Limits::default, |bound| Limits { bytes: admitted.min(bound) })
@@ -57,7 +45,7 @@ pub fn to_fill(item: &Item, method: &lacuna_filters::Method) -> u64 {
     // A layer is read, and solved like the frame's own channels.
     let layer = |layer: &LayerFile| of(&layer.path, SOLVING, 0);
     let layers = item.layers.iter().map(layer).fold(0, u64::saturating_add);
-    of(&item.input, SOLVING, planning(method))
+    of(&item.input, SOLVING, method.descriptor().bytes)
         .saturating_add(mask)
         .saturating_add(guides)
         .saturating_add(layers)

@@ -18,7 +18,7 @@ fn subject(name: &str, class: &str) -> Subject {
 
 fn entries() -> [Entry; 2] {
     let entry = |label: &str, method| Entry { label: label.into(), job: Job::new(method) };
-    [entry("nearest", Method::Nearest(nearest::Settings)), entry("linear", Method::Linear(linear::Settings))]
+    [entry("nearest", Method::from(nearest::Settings)), entry("linear", Method::from(linear::Settings))]
 }
 
 const TEXT: &str = "title = 'Small'\npatterns = ['random', 'shuffle']\ndensities = [0.2, 0.5]\nseeds = [1, 2]\n\

@@ -3,12 +3,12 @@
 use std::collections::HashSet;
 
 use lacuna_exr::{Channel, Samples};
-use lacuna_filters::Mask;
+use lacuna_filters::{Bounds, Mask};
 
 use super::{Difference, Pair};
 use crate::channels::Rule;
 use crate::info::kind;
-use crate::reconstruct::{Bounds, bounds_of, convert, kind_for, usable};
+use crate::reconstruct::{bounds_of, convert, kind_for, usable};
 
 /// The differences of one channel: of each sort the first pixel and the number.
 pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Difference> {

@@ -72,11 +72,8 @@ fn any_job() -> impl Strategy<Value = Job> {
     let domains = prop_oneof![Just(Domain::Auto), Just(Domain::Linear), Just(Domain::Log)];
     (any::<bool>(), any::<bool>(), any::<bool>(), kinds, domains).prop_map(
         |(smooth, limit, drop_mask, kind, domain)| {
-            let method = if smooth {
-                Method::PushPull(push_pull::Settings)
-            } else {
-                Method::Nearest(nearest::Settings)
-            };
+            let method =
+                if smooth { Method::from(push_pull::Settings) } else { Method::from(nearest::Settings) };
             Job { domain, limit, kind, drop_mask, ..Job::new(method) }
         },
     )

@@ -1,7 +1,7 @@
 //! The attributes that `fill` adds: they agree with the mask that was found and name a filter that there is.
 
 use lacuna_exr::Part;
-use lacuna_filters::Method;
+use lacuna_filters::METHODS;
 
 use super::{Difference, Pair};
 use crate::mask::Source;
@@ -15,7 +15,7 @@ pub fn compare(pair: &Pair<'_>) -> Vec<Difference> {
     }
     let mut differences = Vec::new();
     let mut add = |what: String| differences.push(pair.differ(None, None, what));
-    if !Method::NAMES.contains(&stamp.filter.as_str()) {
+    if METHODS.iter().all(|method| method.name != stamp.filter) {
         add(format!("the attribute lacuna/filter is '{}', which is no filter", stamp.filter));
     }
     let expected = pair.masks.part_density(pair.index).unwrap_or(1.0) as f32;

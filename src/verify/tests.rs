@@ -14,7 +14,7 @@ use crate::sparsify::{Pattern, sparsify};
 use crate::testing::{float, frame, half, named, part, uint, window};
 
 fn job() -> Job {
-    Job::new(Method::PushPull(push_pull::Settings))
+    Job::new(Method::from(push_pull::Settings))
 }
 
 fn sparse() -> Frame {
@@ -273,7 +273,7 @@ fn smoothing_may_change_measured_light_and_nothing_else() {
     for at in (0..48).filter(|&at| !masks.get(0, 0).unwrap().as_slice()[at]) {
         halves(&mut sparse, 0, "R")[at] = f16::ZERO;
     }
-    let job = Job::new(Method::Tv(tv::Settings { epsilon: 0.3, ..tv::Settings::default() }));
+    let job = Job::new(Method::from(tv::Settings { epsilon: 0.3, ..tv::Settings::default() }));
     assert!(!job.method.keeps_measured());
     let mut filled = filled(&sparse, &job);
     let note = "measured pixels were not compared: the file says that they were smoothed by tv";

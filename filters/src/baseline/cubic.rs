@@ -30,11 +30,38 @@ use self::gradients::Network;
 use self::patch::{Patch, across};
 use super::delaunay::Barycentric;
 use super::linear::Scattered;
+use crate::descriptor::{Configured, Descriptor, Field, Takes};
 use crate::{Error, Filter, Outcome, Plan, Planes, Problem, Run, Stop};
 
 /// No settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Settings;
+
+/// What is to be known of it.
+pub static DESCRIPTOR: Descriptor = Descriptor {
+    name: "cubic",
+    help: "Cubic pieces on triangles of measured pixels, without creases",
+    settings: &[],
+    // Those triangles, gradients and edges.
+    bytes: 288,
+    takes: Takes::NOTHING,
+    restores: false,
+    new: || Box::new(Settings),
+};
+
+impl Configured for Settings {
+    fn descriptor(&self) -> &'static Descriptor {
+        &DESCRIPTOR
+    }
+
+    fn field(&mut self, _name: &str) -> Option<&mut dyn Field> {
+        None
+    }
+
+    fn boxed(&self) -> Box<dyn Configured> {
+        Box::new(*self)
+    }
+}
 
 impl Filter for Settings {
     fn plan(&self, problem: &Problem, _run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {

@@ -18,11 +18,37 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
+use crate::descriptor::{Configured, Descriptor, Field, Takes};
 use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, Size, check};
 
 /// No settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Settings;
+
+/// What is to be known of it.
+pub static DESCRIPTOR: Descriptor = Descriptor {
+    name: "nearest",
+    help: "The nearest measured pixel",
+    settings: &[],
+    bytes: 48,
+    takes: Takes::NOTHING,
+    restores: false,
+    new: || Box::new(Settings),
+};
+
+impl Configured for Settings {
+    fn descriptor(&self) -> &'static Descriptor {
+        &DESCRIPTOR
+    }
+
+    fn field(&mut self, _name: &str) -> Option<&mut dyn Field> {
+        None
+    }
+
+    fn boxed(&self) -> Box<dyn Configured> {
+        Box::new(*self)
+    }
+}
 
 impl Filter for Settings {
     fn plan(&self, problem: &Problem, _run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {

@@ -15,6 +15,7 @@
 
 use lacuna_core::parallel::prelude::*;
 
+use crate::descriptor::{Configured, Descriptor, Field, Takes};
 use crate::kernel::Isa;
 use crate::kernel::pyramid::{self, Pull};
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Size, check};
@@ -22,6 +23,31 @@ use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Siz
 /// No settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Settings;
+
+/// What is to be known of it.
+pub static DESCRIPTOR: Descriptor = Descriptor {
+    name: "pushpull",
+    help: "Push-pull pyramid: fast and plain",
+    settings: &[],
+    bytes: 48,
+    takes: Takes::NOTHING,
+    restores: false,
+    new: || Box::new(Settings),
+};
+
+impl Configured for Settings {
+    fn descriptor(&self) -> &'static Descriptor {
+        &DESCRIPTOR
+    }
+
+    fn field(&mut self, _name: &str) -> Option<&mut dyn Field> {
+        None
+    }
+
+    fn boxed(&self) -> Box<dyn Configured> {
+        Box::new(*self)
+    }
+}
 
 impl Filter for Settings {
     fn plan(&self, problem: &Problem, _run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {

@@ -42,6 +42,7 @@ use super::masked::{Masked, TOGETHER};
 use super::pursuit::{Code, Scratch, Selection, Shared};
 use super::{Dictionary, dct};
 use crate::baseline::push_pull;
+use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes};
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, check};
 
 /// The part of an atom's squared length that must lie on measured values.
@@ -70,28 +71,121 @@ impl Default for Use {
     }
 }
 
-impl std::fmt::Display for Use {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { sparsity, error, restore, .. } = self;
-        let stride = self.stride.map_or_else(|| "half".into(), |stride| stride.to_string());
-        write!(f, "sparsity={sparsity} error={error} stride={stride} restore={restore}")
+const SPARSITY: Setting = Setting {
+    name: "sparsity",
+    flag: "dict-sparsity",
+    value: "L",
+    range: Range::Count(1, usize::MAX),
+    help: "atoms of a block at most, 1 or more, and never more than a third of its measured values; larger follows the samples \
+           closer",
+    ..Setting::PLAIN
+};
+
+const ERROR: Setting = Setting {
+    name: "error",
+    flag: "dict-error",
+    value: "ERROR",
+    range: Range::NotNegative,
+    help: "root mean squared error of a block's measured values at which no more atoms are taken, 0 or more; larger is smoother",
+    ..Setting::PLAIN
+};
+
+const STRIDE: Setting = Setting {
+    name: "stride",
+    flag: "dict-stride",
+    value: "N",
+    range: Range::CountOr(1, "half"),
+    help: "pixels from block to block, 1 to the block; smaller is better and slower, the block itself is what the thesis has; \
+           half is half a block",
+    ..Setting::PLAIN
+};
+
+const RESTORE: Setting = Setting {
+    name: "restore",
+    flag: "dict-restore",
+    range: Range::Switch,
+    help: "measured pixels leave as approximated, too, instead of as they came; also where none is missing",
+    smooths: true,
+    ..Setting::PLAIN
+};
+
+impl Use {
+    /// The stride is within a block of so many pixels.
+    fn check(&self, block: usize) -> Result<(), Error> {
+        match self.stride.filter(|stride| !(1..=block).contains(stride)) {
+            Some(stride) => {
+                let range = format!("1 to the block of {block} pixels").into();
+                Err(Error::Setting { name: "stride", value: stride.to_string(), range })
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn field(&mut self, name: &str) -> Option<&mut dyn Field> {
+        Some(match name {
+            "sparsity" => &mut self.sparsity,
+            "error" => &mut self.error,
+            "stride" => &mut self.stride,
+            "restore" => &mut self.restore,
+            _ => return None,
+        })
     }
 }
 
 /// What is asked of the filter `dictionary`; see the module.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Learned {
-    /// The dictionary.
-    pub dictionary: Arc<Dictionary>,
+    /// The dictionary, without which nothing can be planned.
+    pub dictionary: Option<Arc<Dictionary>>,
     /// What tells it from others, for the settings line.
     pub name: String,
     /// How it is used.
     pub how: Use,
 }
 
-impl std::fmt::Display for Learned {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "dictionary={} {}", self.name, self.how)
+/// What is to be known of the filter `dictionary`.
+pub static LEARNED: Descriptor = Descriptor {
+    name: "dictionary",
+    help: "Few atoms of a learned dictionary a block (--dictionary FILE, see lacuna train)",
+    settings: &[
+        Setting {
+            name: "dictionary",
+            flag: "dictionary",
+            value: "FILE",
+            range: Range::Dictionary,
+            help: "the file that lacuna train made",
+            ..Setting::PLAIN
+        },
+        SPARSITY,
+        ERROR,
+        STRIDE,
+        RESTORE,
+    ],
+    bytes: 48,
+    takes: Takes { dictionary: true, ..Takes::NOTHING },
+    restores: true,
+    new: || Box::new(Learned::default()),
+};
+
+impl Configured for Learned {
+    fn descriptor(&self) -> &'static Descriptor {
+        &LEARNED
+    }
+
+    fn field(&mut self, name: &str) -> Option<&mut dyn Field> {
+        if name == "dictionary" { Some(&mut self.name) } else { self.how.field(name) }
+    }
+
+    fn boxed(&self) -> Box<dyn Configured> {
+        Box::new(self.clone())
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        self.dictionary.as_ref().map_or(Ok(()), |dictionary| self.how.check(dictionary.block()))
+    }
+
+    fn planes(&self) -> Option<usize> {
+        self.dictionary.as_ref().map(|dictionary| dictionary.channels()).filter(|&channels| channels > 1)
     }
 }
 
@@ -113,15 +207,60 @@ impl Default for Cosines {
     }
 }
 
-impl std::fmt::Display for Cosines {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "block={} atoms={} {}", self.block, self.atoms, self.how)
+/// What is to be known of the filter `dct`.
+pub static COSINES: Descriptor = Descriptor {
+    name: "dct",
+    help: "Few cosines a block; a baseline",
+    settings: &[
+        Setting {
+            name: "block",
+            range: Range::Count(1, 64),
+            help: "pixels of a block's side",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "atoms",
+            range: Range::Count(1, 16384),
+            help: "atoms, a square number",
+            ..Setting::PLAIN
+        },
+        SPARSITY,
+        ERROR,
+        STRIDE,
+        RESTORE,
+    ],
+    bytes: 48,
+    takes: Takes::NOTHING,
+    restores: true,
+    new: || Box::new(Cosines::default()),
+};
+
+impl Configured for Cosines {
+    fn descriptor(&self) -> &'static Descriptor {
+        &COSINES
+    }
+
+    fn field(&mut self, name: &str) -> Option<&mut dyn Field> {
+        match name {
+            "block" => Some(&mut self.block),
+            "atoms" => Some(&mut self.atoms),
+            name => self.how.field(name),
+        }
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        self.how.check(self.block)
+    }
+
+    fn boxed(&self) -> Box<dyn Configured> {
+        Box::new(*self)
     }
 }
 
 impl Filter for Learned {
     fn plan(&self, problem: &Problem, _run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
-        Ok(Box::new(Planned::new(Arc::clone(&self.dictionary), self.how, problem)?))
+        let dictionary = self.dictionary.as_ref().ok_or(Error::NoDictionary)?;
+        Ok(Box::new(Planned::new(Arc::clone(dictionary), self.how, problem)?))
     }
 }
 
@@ -150,10 +289,8 @@ impl Planned {
     fn new(dictionary: Arc<Dictionary>, how: Use, problem: &Problem) -> Result<Self, Error> {
         check::at_least_one("sparsity", how.sparsity)?;
         check::not_negative("error", how.error)?;
+        how.check(dictionary.block())?;
         let stride = how.stride.unwrap_or(dictionary.block().div_ceil(2));
-        if stride == 0 || stride > dictionary.block() {
-            return Err(Error::setting("stride", &stride, "1 to the block"));
-        }
         let mask = Arc::clone(&problem.mask);
         mask.require_samples()?;
         let grid = Grid::new(mask.size(), dictionary.block(), stride);

@@ -182,7 +182,7 @@ fn first_atoms(blocks: &[f32], dimension: usize, settings: &Settings) -> Result<
     let usable: Vec<usize> = (0..lengths.len()).filter(|at| lengths[*at] > 1e-9 * mean).collect();
     if usable.len() < settings.atoms {
         let range =
-            "at most the blocks that are not black: take more frames, a smaller --stride, or fewer atoms";
+            "at most the blocks that are not black: take more frames, a smaller stride, or fewer atoms";
         let value = format!("{} of {} blocks", settings.atoms, usable.len());
         return Err(Error::setting("atoms", &value, range));
     }

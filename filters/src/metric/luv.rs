@@ -28,7 +28,7 @@ pub fn difference(
     let matrix = chromaticities.to_xyz().ok_or_else(|| Error::Setting {
         name: "chromaticities",
         value: format!("{chromaticities:?}"),
-        range: "three primaries that are not on a line",
+        range: "three primaries that are not on a line".into(),
     })?;
     let white = chromaticities.white_xyz();
     let mut map = Plane::filled(size, 0.0);

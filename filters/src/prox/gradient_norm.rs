@@ -14,14 +14,6 @@ pub enum Norm {
 }
 
 impl Norm {
-    /// The name that settings and options use.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Isotropic => "isotropic",
-            Self::Anisotropic => "anisotropic",
-        }
-    }
-
     /// The norm of a gradient.
     pub fn of(self, [a, b]: [f64; 2]) -> f64 {
         match self {
@@ -54,12 +46,6 @@ impl Norm {
             }
             Self::Anisotropic => [a, b].map(|v| (v.abs() - threshold).max(0.0).copysign(v)),
         }
-    }
-}
-
-impl std::fmt::Display for Norm {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
     }
 }
 

@@ -87,7 +87,7 @@ pub fn mask(
         _ if temporal == Temporal::Complementary => Err(Error::Setting {
             name: "temporal",
             value: "complementary".into(),
-            range: "fixed or offset with the pattern poisson, which is not progressive",
+            range: "fixed or offset with the pattern poisson, which is not progressive".into(),
         }),
         _ => poisson::mask(field, density, own),
     }

@@ -51,6 +51,7 @@ use serde::Serialize;
 
 use super::cs_wavelet::SIDE_BY_SIDE;
 use super::recover::Rule;
+use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes, words};
 use crate::operator::fourier::{Fourier, Spectrum};
 use crate::solver::Solver;
 use crate::solver::sparsity::{Samples, Sparsity};
@@ -65,16 +66,6 @@ pub enum Anchor {
     Border,
     /// All that were measured.
     Measured,
-}
-
-impl Anchor {
-    /// The name that settings and options use.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Border => "border",
-            Self::Measured => "measured",
-        }
-    }
 }
 
 /// What is asked of CS-Gradient; see the module for units and directions.
@@ -107,15 +98,91 @@ impl Default for Settings {
     }
 }
 
-impl std::fmt::Display for Settings {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { restore, epsilon, tolerance, max_iterations, .. } = self;
-        let (anchor, solver) = (self.anchor.name(), self.solver.name());
-        write!(
-            f,
-            "anchor={anchor} restore={restore} epsilon={epsilon} tolerance={tolerance} \
-             max_iterations={max_iterations} solver={solver}"
-        )
+words!(Anchor {
+    Border: "border", "At the image border";
+    Measured: "measured", "At every measured pixel";
+});
+
+/// What is to be known of CS-Gradient.
+pub static DESCRIPTOR: Descriptor = Descriptor {
+    name: "cs-gradient",
+    help: "Compressed sensing: gradients with a sparse spectrum; a baseline",
+    settings: &[
+        Setting {
+            name: "anchor",
+            flag: "csg-anchor",
+            value: "ANCHOR",
+            range: Range::OneOf(Anchor::CHOICES),
+            help: "the measured pixels from which gradients are integrated",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "restore",
+            flag: "csg-restore",
+            range: Range::Switch,
+            help: "measured pixels leave as recovered, too, instead of as they came",
+            smooths: true,
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "epsilon",
+            flag: "csg-epsilon",
+            value: "EPSILON",
+            range: Range::NotNegative,
+            help: "distance from a component's samples that is allowed, a Euclidean norm, 0 or more; larger is smoother",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "tolerance",
+            flag: "csg-tolerance",
+            value: "TOLERANCE",
+            range: Range::Positive,
+            help: "relative change of the objective at which the solver stops, and its smoothing over the largest sample, above 0; \
+                   smaller is closer to the minimum and slower",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "max_iterations",
+            flag: "csg-iterations",
+            value: "N",
+            range: Range::Count(1, usize::MAX),
+            help: "iterations at most for a component, 1 or more",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "solver",
+            flag: "csg-solver",
+            value: "SOLVER",
+            range: Range::OneOf(Solver::CHOICES),
+            help: "the solver",
+            ..Setting::PLAIN
+        },
+    ],
+    bytes: 48,
+    takes: Takes { gradients: true, ..Takes::NOTHING },
+    restores: false,
+    new: || Box::new(Settings::default()),
+};
+
+impl Configured for Settings {
+    fn descriptor(&self) -> &'static Descriptor {
+        &DESCRIPTOR
+    }
+
+    fn field(&mut self, name: &str) -> Option<&mut dyn Field> {
+        Some(match name {
+            "anchor" => &mut self.anchor,
+            "restore" => &mut self.restore,
+            "epsilon" => &mut self.epsilon,
+            "tolerance" => &mut self.tolerance,
+            "max_iterations" => &mut self.max_iterations,
+            "solver" => &mut self.solver,
+            _ => return None,
+        })
+    }
+
+    fn boxed(&self) -> Box<dyn Configured> {
+        Box::new(*self)
     }
 }
 

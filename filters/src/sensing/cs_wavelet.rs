@@ -52,6 +52,7 @@ use lacuna_core::parallel::prelude::*;
 use super::recover::Rule;
 use super::wavelet::{Boundary, Wavelet};
 use crate::baseline::push_pull;
+use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes, words};
 use crate::kernel::extremes::range;
 use crate::solver::Solver;
 use crate::solver::sparsity::Samples;
@@ -100,15 +101,124 @@ impl Default for Settings {
     }
 }
 
-impl std::fmt::Display for Settings {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { blur, wiener, wavelet, levels, epsilon, tolerance, max_iterations, .. } = self;
-        let (boundary, solver) = (self.boundary.name(), self.solver.name());
-        write!(
-            f,
-            "blur={blur} wiener={wiener} wavelet={wavelet} levels={levels} boundary={boundary} epsilon={epsilon} \
-             tolerance={tolerance} max_iterations={max_iterations} solver={solver}"
-        )
+words!(Boundary {
+    Periodic: "periodic", "The opposite edge";
+    Symmetric: "symmetric", "The mirror image";
+});
+
+/// The wavelets by name.
+const WAVELETS: &str = "haar, db2 to db10, sym2 to sym10, coif1 to coif5 or cdf97";
+
+/// What is to be known of CS-Wavelet.
+pub static DESCRIPTOR: Descriptor = Descriptor {
+    name: "cs-wavelet",
+    help: "Compressed sensing: sparse wavelet coefficients; a baseline",
+    settings: &[
+        Setting {
+            name: "blur",
+            flag: "csw-blur",
+            value: "SIGMA",
+            range: Range::NotNegative,
+            help: "standard deviation of the blur in DFT samples of the frame, 0 or more; smaller blurs more, 0 not at all",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "wiener",
+            flag: "csw-wiener",
+            value: "KAPPA",
+            range: Range::NotNegative,
+            help: "regularisation of the blur's inverse (Wiener), 0 or more; 0 takes it literally, larger is nearer to no \
+                   blur",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "wavelet",
+            flag: "csw-wavelet",
+            value: "WAVELET",
+            range: Range::Word(WAVELETS),
+            help: "the wavelet: haar, db2 to db10, sym2 to sym10, coif1 to coif5 or cdf97",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "levels",
+            flag: "csw-levels",
+            value: "N",
+            range: Range::Count(0, 16),
+            help: "levels of the transform, 0 to 16",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "boundary",
+            flag: "csw-boundary",
+            value: "BOUNDARY",
+            range: Range::OneOf(Boundary::CHOICES),
+            help: "what lies beyond the edges for the wavelet",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "epsilon",
+            flag: "csw-epsilon",
+            value: "EPSILON",
+            range: Range::NotNegative,
+            help: "distance from the samples that is allowed, a Euclidean norm over a channel's measured pixels, 0 or \
+                   more; 0 is exact, larger is smoother and changes measured pixels",
+            smooths: true,
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "tolerance",
+            flag: "csw-tolerance",
+            value: "TOLERANCE",
+            range: Range::Positive,
+            help: "relative change of the objective at which the solver stops, and its smoothing over the samples' range, above \
+                   0; smaller is closer to the minimum and slower",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "max_iterations",
+            flag: "csw-iterations",
+            value: "N",
+            range: Range::Count(1, usize::MAX),
+            help: "iterations at most, 1 or more",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "solver",
+            flag: "csw-solver",
+            value: "SOLVER",
+            range: Range::OneOf(Solver::CHOICES),
+            help: "the solver",
+            ..Setting::PLAIN
+        },
+    ],
+    bytes: 48,
+    takes: Takes::NOTHING,
+    restores: false,
+    new: || Box::new(Settings::default()),
+};
+
+impl Configured for Settings {
+    fn descriptor(&self) -> &'static Descriptor {
+        &DESCRIPTOR
+    }
+
+    fn field(&mut self, name: &str) -> Option<&mut dyn Field> {
+        Some(match name {
+            "blur" => &mut self.blur,
+            "wiener" => &mut self.wiener,
+            "wavelet" => &mut self.wavelet,
+            "levels" => &mut self.levels,
+            "boundary" => &mut self.boundary,
+            "epsilon" => &mut self.epsilon,
+            "tolerance" => &mut self.tolerance,
+            "max_iterations" => &mut self.max_iterations,
+            "solver" => &mut self.solver,
+            _ => return None,
+        })
+    }
+
+    fn boxed(&self) -> Box<dyn Configured> {
+        Box::new(*self)
     }
 }
 

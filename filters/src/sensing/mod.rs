@@ -7,5 +7,13 @@ mod recover;
 #[cfg(test)]
 mod tests;
 
+use crate::descriptor::{plain, words};
 pub use crate::operator::wavelet;
 pub use crate::solver::Solver;
+use wavelet::Wavelet;
+
+words!(Solver {
+    Nesta: "nesta", "Nesterov's method on the smoothed norm";
+    PrimalDual: "primal-dual", "Primal-dual steps on the norm itself";
+});
+plain!(Wavelet);

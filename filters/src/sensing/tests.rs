@@ -142,7 +142,7 @@ proptest! {
         let samples = Plane::new(size, image(size)).unwrap();
         let samples = Planes::new(size, vec![samples; 2]).unwrap();
         let gradient = cs_gradient::Settings { restore, ..cs_gradient::Settings::default() };
-        for method in [Method::CsWavelet(cs_wavelet::Settings::default()), Method::CsGradient(gradient)] {
+        for method in [Method::from(cs_wavelet::Settings::default()), Method::from(gradient)] {
             let mut out = Planes::zeros(size, 2);
             let plan = method.filter().plan(&Problem::fill(Arc::new(mask.clone())), &Run::default()).unwrap();
             let result = plan.reconstruct(&samples, &mut out, &Run::default());
@@ -170,11 +170,11 @@ fn methods() -> Vec<Method> {
     let anchored =
         cs_gradient::Settings { anchor: cs_gradient::Anchor::Measured, ..cs_gradient::Settings::default() };
     vec![
-        Method::CsWavelet(cs_wavelet::Settings::default()),
-        Method::CsWavelet(wavelet),
-        Method::CsWavelet(symmetric),
-        Method::CsGradient(cs_gradient::Settings::default()),
-        Method::CsGradient(anchored),
+        Method::from(cs_wavelet::Settings::default()),
+        Method::from(wavelet),
+        Method::from(symmetric),
+        Method::from(cs_gradient::Settings::default()),
+        Method::from(anchored),
     ]
 }
 
@@ -233,13 +233,13 @@ fn settings_out_of_range_are_refused() {
     let wavelet = cs_wavelet::Settings::default();
     let gradient = cs_gradient::Settings::default();
     let wrong = [
-        Method::CsWavelet(cs_wavelet::Settings { blur: -1.0, ..wavelet }),
-        Method::CsWavelet(cs_wavelet::Settings { wiener: f64::NAN, ..wavelet }),
-        Method::CsWavelet(cs_wavelet::Settings { levels: 17, ..wavelet }),
-        Method::CsWavelet(cs_wavelet::Settings { wavelet: super::wavelet::Wavelet::Coiflet(9), ..wavelet }),
-        Method::CsWavelet(cs_wavelet::Settings { tolerance: 0.0, ..wavelet }),
-        Method::CsGradient(cs_gradient::Settings { max_iterations: 0, ..gradient }),
-        Method::CsGradient(cs_gradient::Settings { epsilon: -0.1, ..gradient }),
+        Method::from(cs_wavelet::Settings { blur: -1.0, ..wavelet }),
+        Method::from(cs_wavelet::Settings { wiener: f64::NAN, ..wavelet }),
+        Method::from(cs_wavelet::Settings { levels: 17, ..wavelet }),
+        Method::from(cs_wavelet::Settings { wavelet: super::wavelet::Wavelet::Coiflet(9), ..wavelet }),
+        Method::from(cs_wavelet::Settings { tolerance: 0.0, ..wavelet }),
+        Method::from(cs_gradient::Settings { max_iterations: 0, ..gradient }),
+        Method::from(cs_gradient::Settings { epsilon: -0.1, ..gradient }),
     ];
     for method in wrong {
         let refused = method.filter().plan(&problem, &Run::default()).err();

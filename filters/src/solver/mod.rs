@@ -28,13 +28,3 @@ pub enum Solver {
     /// Primal-dual steps on the norm itself (`solver/saddle.rs`; of total variation `solver/primal_dual.rs`).
     PrimalDual,
 }
-
-impl Solver {
-    /// The name that settings and options use.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Nesta => "nesta",
-            Self::PrimalDual => "primal-dual",
-        }
-    }
-}

@@ -57,6 +57,12 @@ pub struct Geometry {
 }
 
 impl Geometry {
+    /// An image enlarged by a factor along both axes; the new size is rounded.
+    pub fn scaled(low: Size, factor: f64, sampling: Sampling) -> Self {
+        let axis = |pixels: usize| Axis::whole(pixels, (pixels as f64 * factor).round() as usize);
+        Self { vertical: axis(low.height), horizontal: axis(low.width), sampling }
+    }
+
     /// Whether factors and model are in range.
     ///
     /// # Errors
@@ -161,6 +167,11 @@ impl Plan {
             },
             cells: vertical.zip(horizontal).map(|(vertical, horizontal)| [vertical, horizontal]),
         })
+    }
+
+    /// Where the pixels lie.
+    pub const fn geometry(&self) -> &Geometry {
+        &self.geometry
     }
 
     /// Enlarges one channel of finite values.

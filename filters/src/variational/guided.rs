@@ -36,7 +36,7 @@ use lacuna_core::parallel::{join, prelude::*};
 
 use crate::kernel::Isa;
 use crate::kernel::regress::Scales;
-use crate::{Error, Mask, Method, Outcome, Plan, Plane, Planes, Problem, Run};
+use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run};
 
 mod fit;
 mod guides;
@@ -78,12 +78,12 @@ pub struct Effect {
     pub predicted: Option<Planes>,
 }
 
-/// Fills `out` from `samples` with guides. `plan` is that of `method` on `mask`.
+/// Fills `out` from `samples` with guides. `plan` is that of `filter` on `mask`.
 ///
 /// # Errors
 /// Those of the plan, and [`Error::SizeMismatch`].
 pub fn reconstruct(
-    (method, plan): (&Method, &dyn Plan),
+    (filter, plan): (&dyn Filter, &dyn Plan),
     mask: &Arc<Mask>,
     samples: &Planes,
     guides: &Guides,
@@ -99,7 +99,7 @@ pub fn reconstruct(
         return Ok((outcome, Effect::default()));
     }
     let field = Field { planes: guides.planes(), labels: guides.labels() };
-    let model = Model { method, mask, samples, field, isa: Isa::best() };
+    let model = Model { filter, mask, samples, field, isa: Isa::best() };
     let seen = Seen::new(mask, samples, field);
     let Some((scales, trust, gain)) = model.judge(&seen, guides, run)? else {
         return Ok((outcome, Effect::default()));
@@ -113,7 +113,7 @@ pub fn reconstruct(
 }
 
 struct Model<'a> {
-    method: &'a Method,
+    filter: &'a dyn Filter,
     mask: &'a Arc<Mask>,
     samples: &'a Planes,
     field: Field<'a>,
@@ -168,7 +168,7 @@ impl Model<'_> {
         }
         let (kept, left_out) = hold_out(self.mask);
         let kept = Arc::new(kept);
-        let plan = || self.method.filter().plan(&Problem::fill(Arc::clone(&kept)), run);
+        let plan = || self.filter.plan(&Problem::fill(Arc::clone(&kept)), run);
         let (plan, seen) = join(plan, || Seen::new(&kept, self.samples, self.field));
         let plan = plan?;
         let mut plain = Planes::zeros(size, self.samples.len());

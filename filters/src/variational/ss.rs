@@ -86,7 +86,7 @@ mod tiles;
 mod whole;
 
 pub use crate::operator::profile::Kernel;
-pub use settings::{Order, Settings};
+pub use settings::{DESCRIPTOR, Order, Settings};
 
 use crate::solver::local::Target;
 use holes::Division;

@@ -56,6 +56,7 @@ mod tighten;
 mod weights;
 
 use crate::baseline::push_pull;
+use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes, words};
 use crate::kernel::Isa;
 use crate::kernel::extremes::range;
 use crate::kernel::tv::{Anisotropic, DualBall, Isotropic};
@@ -93,12 +94,88 @@ impl Default for Settings {
     }
 }
 
-impl std::fmt::Display for Settings {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { norm, epsilon, gap, max_iterations, solver } = self;
-        write!(f, "norm={norm} epsilon={epsilon} gap={gap} max_iterations={max_iterations}")?;
-        // The default adds nothing, so that stamps of older outputs still match.
-        if *solver == Solver::PrimalDual { Ok(()) } else { write!(f, " solver={}", solver.name()) }
+words!(Norm {
+    Isotropic: "isotropic", "Euclidean length";
+    Anisotropic: "anisotropic", "Sum of absolute differences";
+});
+
+/// What is to be known of total variation.
+pub static DESCRIPTOR: Descriptor = Descriptor {
+    name: "tv",
+    help: "Total variation: flat regions between sharp edges",
+    settings: &[
+        Setting {
+            name: "norm",
+            flag: "tv-norm",
+            value: "NORM",
+            range: Range::OneOf(Norm::CHOICES),
+            help: "how the length of a gradient is measured; anisotropic prefers edges along rows and columns",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "epsilon",
+            flag: "tv-epsilon",
+            value: "EPSILON",
+            range: Range::NotNegative,
+            help: "distance from the samples that is allowed, a Euclidean norm over a channel's measured pixels, 0 or \
+                   more; 0 is exact, larger is smoother and changes measured pixels",
+            smooths: true,
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "gap",
+            flag: "tv-gap",
+            value: "GAP",
+            range: Range::Positive,
+            help: "relative duality gap at which the solver stops, above 0; smaller is closer to the minimum and slower",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "max_iterations",
+            flag: "tv-iterations",
+            value: "N",
+            range: Range::Count(1, usize::MAX),
+            help: "iterations at most, 1 or more",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "solver",
+            flag: "tv-solver",
+            value: "SOLVER",
+            range: Range::OneOf(Solver::CHOICES),
+            help: "how the image is found, to the same gap; nesta is what the thesis used",
+            silent: true,
+            ..Setting::PLAIN
+        },
+    ],
+    bytes: 48,
+    takes: Takes { weights: true, ..Takes::NOTHING },
+    restores: false,
+    new: || Box::new(Settings::default()),
+};
+
+impl Configured for Settings {
+    fn descriptor(&self) -> &'static Descriptor {
+        &DESCRIPTOR
+    }
+
+    fn field(&mut self, name: &str) -> Option<&mut dyn Field> {
+        Some(match name {
+            "norm" => &mut self.norm,
+            "epsilon" => &mut self.epsilon,
+            "gap" => &mut self.gap,
+            "max_iterations" => &mut self.max_iterations,
+            "solver" => &mut self.solver,
+            _ => return None,
+        })
+    }
+
+    fn boxed(&self) -> Box<dyn Configured> {
+        Box::new(*self)
+    }
+
+    fn unweighted(&self) -> Option<&'static str> {
+        (self.solver == Solver::Nesta).then_some("solver")
     }
 }
 
@@ -128,7 +205,7 @@ impl Filter for Settings {
         let weights = problem.weights.as_deref().filter(|_| self.epsilon > 0.0);
         if weights.is_some() && self.solver == Solver::Nesta {
             let range = "primal-dual where samples have weights";
-            return Err(Error::setting("solver", &self.solver.name(), range));
+            return Err(Error::setting("solver", &self.solver.show(), range));
         }
         let (mask, ball) = Weights::new(&problem.mask, weights, self.epsilon)?;
         let free = mask.as_slice().iter().map(|&measured| u8::from(!measured)).collect();

@@ -4,16 +4,15 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Channel, Frame, Part, SampleType, Samples};
-use lacuna_filters::domain::Domain;
-use lacuna_filters::upscale::{self, Enlarged, Geometry, Method, Question};
-use lacuna_filters::{Mask, Plane};
+use lacuna_filters::enlarge::{self, Options, Upscaled};
+use lacuna_filters::upscale::{Geometry, Method};
+use lacuna_filters::{Mask, Plane, Planes};
 
 use crate::channels::{self, Choice, Rule, channel_label};
 use crate::reconstruct::groups::{Group, Target, groups};
-use crate::reconstruct::part::{Done, Work};
-use crate::reconstruct::solve::{mend, overflow_note};
+use crate::reconstruct::part::{Done, Work, channel_names, overflow_note, values_options};
 use crate::reconstruct::values::to_halves;
-use crate::reconstruct::{Bounds, Error, GroupReport, Kind, bounds_of, kind_for, normals};
+use crate::reconstruct::{Error, GroupReport, Kind, kind_for, normals};
 
 /// Puts every channel of a part, which is complete, onto the larger grid; `kinds` are the types that they came with.
 pub fn enlarge(
@@ -22,17 +21,16 @@ pub fn enlarge(
     (geometry, method): (Geometry, Method),
     done: &mut Done,
 ) -> Result<(), Error> {
-    let fail = |source| Error::Filter { channel: channel_label(frame, work.index, 0), source };
-    let plan = work.plans.enlarge(geometry, method).map_err(fail)?;
     // Where only colour is enlarged nothing is copied.
     let copies = work.choices.iter().any(|choice| choice.rule != Rule::Fill);
     let sources = if copies { geometry.sources() } else { Vec::new() };
     let mut planes: Vec<Option<Plane>> = vec![None; work.choices.len()];
     for group in groups(frame, work.index, &computed(&frame.parts[work.index], work.choices)) {
-        let enlarged = solve(frame, work, &group, (&plan, geometry), done)?;
-        for (&channel, enlarged) in group.channels.iter().zip(enlarged) {
-            done.report.channels[channel].limited += enlarged.limited;
-            planes[channel] = Some(enlarged.plane);
+        let large = solve(frame, work, &group, (geometry, method), done)?;
+        let large = large.planes.into_vec().into_iter().zip(large.limited);
+        for (&channel, (plane, limited)) in group.channels.iter().zip(large) {
+            done.report.channels[channel].limited += limited;
+            planes[channel] = Some(plane);
         }
     }
     let part = &mut frame.parts[work.index];
@@ -68,14 +66,14 @@ fn computed(part: &Part, choices: &[Choice]) -> Vec<Target> {
     choices.iter().enumerate().filter(|(_, choice)| is(choice)).map(target).collect()
 }
 
-/// Enlarges a group of channels. Values at points go through the value domain, means do not: a logarithm has others.
+/// Enlarges a group of channels.
 fn solve(
     frame: &Frame,
     work: &Work<'_>,
     group: &Group,
-    (plan, geometry): (&upscale::Plan, Geometry),
+    (geometry, method): (Geometry, Method),
     done: &mut Done,
-) -> Result<Vec<Enlarged>, Error> {
+) -> Result<Upscaled, Error> {
     let part = &frame.parts[work.index];
     let fail =
         |source| Error::Filter { channel: channel_label(frame, work.index, group.channels[0]), source };
@@ -84,44 +82,22 @@ fn solve(
         Plane::new(part.size(), values).map_err(fail)
     };
     let samples = group.channels.par_iter().map(plane).into_iter().collect::<Result<Vec<_>, _>>()?;
-    let names: Vec<_> =
-        group.channels.iter().map(|&at| part.channels[at].display_name().into_owned()).collect();
-    let domain =
-        if group.light && geometry.sampling.is_pointwise() { work.job.domain } else { Domain::Linear };
-    let map = domain.map(&group.mask, &samples);
-    let one = |((&channel, sample), name): ((&usize, &Plane), &String)| {
-        let bounds = if group.normal { Bounds::Free } else { bounds_of(name) };
-        let (low, high) = bounds.range(sample.pixels().iter().copied());
-        let mask = work.masks.get(work.index, channel).filter(|mask| !mask.is_full());
-        let question = Question {
-            mask: mask.map(AsRef::as_ref),
-            range: (map.forward(low), map.forward(high)),
-            limit: work.job.limit && !group.normal,
-        };
-        let mut mapped = sample.clone();
-        map.forward_plane(&group.mask, &mut mapped);
-        let mut enlarged = plan.enlarge(&mapped, &question, work.run)?;
-        map.inverse_plane(&mut enlarged.plane);
-        plan.restore(sample, &mut enlarged.plane);
-        let sources = || Ok(geometry.sources());
-        let mended = mend(sample, &mut enlarged.plane, sources, Vec::as_slice)?;
-        Ok((enlarged, mended))
-    };
-    let channels = group.channels.par_iter().zip(&samples).zip(&names);
-    let enlarged = channels.map(one).into_iter().collect::<Result<Vec<_>, _>>().map_err(fail)?;
-    let (enlarged, mended): (Vec<_>, Vec<usize>) = enlarged.into_iter().unzip();
-    done.notes.extend(overflow_note(&names, mended.into_iter().sum()));
-    let outcome = enlarged.iter().map(|one| one.outcome).reduce(lacuna_filters::Outcome::worst);
-    if let Some(outcome) = outcome {
-        done.report.groups.push(GroupReport {
-            channels: names,
-            domain: map.name(),
-            outcome,
-            guides: Vec::new(),
-            guides_gain: None,
-        });
-    }
-    Ok(enlarged)
+    let samples = Planes::new(part.size(), samples).map_err(fail)?;
+    let names = channel_names(part, group);
+    let masks: Vec<_> = group.channels.iter().map(|&at| work.masks.get(work.index, at).cloned()).collect();
+    let mut options = Options::new(geometry);
+    options.method = method;
+    options.fill = values_options(group, &names, work.job);
+    let large = enlarge::complete(&samples, &masks, &options, work.plans, work.run).map_err(fail)?;
+    done.notes.extend(overflow_note(&names.join(", "), large.mended));
+    done.report.groups.push(GroupReport {
+        channels: names,
+        domain: large.map.name(),
+        outcome: large.outcome,
+        guides: Vec::new(),
+        guides_gain: None,
+    });
+    Ok(large)
 }
 
 /// Gives every whole normal unit length again.

@@ -53,8 +53,8 @@ impl Enlarge {
     /// Everything that changes the result, `name=value` separated by spaces.
     pub fn settings(&self) -> String {
         let line = format!("upscale={} {} sampling={}", self.name(), self.target, self.sampling);
-        match &self.method {
-            Method::Tv(settings) => format!("{line} {settings}"),
+        match self.method {
+            Method::Tv(settings) => format!("{line} {}", lacuna_filters::Method::from(settings).settings()),
             _ => line,
         }
     }

@@ -6,7 +6,7 @@ use crate::baseline::testing::with_threads;
 use crate::dictionary::pursuit::tests::random;
 
 fn learned(dictionary: &Arc<Dictionary>, how: Use) -> Learned {
-    Learned { dictionary: Arc::clone(dictionary), name: "test".into(), how }
+    Learned { dictionary: Some(Arc::clone(dictionary)), name: "test".into(), how }
 }
 
 /// Planes of blocks with two atoms each, laid side by side.

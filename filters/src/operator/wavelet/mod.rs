@@ -41,14 +41,6 @@ pub enum Boundary {
 }
 
 impl Boundary {
-    /// The name that settings and options use.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Periodic => "periodic",
-            Self::Symmetric => "symmetric",
-        }
-    }
-
     /// The pixel of a line of `length` that stands at `index`.
     fn fold(self, index: isize, length: usize) -> usize {
         let n = length as isize;

@@ -6,8 +6,8 @@ use crate::{Size, sampling::shuffle};
 
 const SIZE: Size = Size::new(120, 150);
 
-fn method() -> Method {
-    Method::Ss(ss::Settings::default())
+fn method() -> ss::Settings {
+    ss::Settings::default()
 }
 
 fn mask(density: f64) -> Arc<Mask> {
@@ -62,7 +62,7 @@ fn guides(groups: Vec<Vec<Plane>>) -> Guides {
 /// The plain image, the guided one, and what guides did.
 fn both(mask: &Arc<Mask>, image: &Planes, guides: &Guides) -> (Planes, Planes, Effect) {
     let (method, run) = (method(), Run::default());
-    let plan = method.filter().plan(&Problem::fill(Arc::clone(mask)), &run).unwrap();
+    let plan = method.plan(&Problem::fill(Arc::clone(mask)), &run).unwrap();
     let mut samples = image.clone();
     for plane in samples.as_mut_slice() {
         for (value, _) in plane.pixels_mut().iter_mut().zip(mask.as_slice()).filter(|(_, flag)| !**flag) {
@@ -216,15 +216,17 @@ fn other_sizes_are_refused_and_small_images_are_plain() {
     let (method, run) = (method(), Run::default());
     let size = Size::new(1, 7);
     let mask = Arc::new(Mask::from_fn(size, |_, x| x % 2 == 0));
-    let plan = method.filter().plan(&Problem::fill(Arc::clone(&mask)), &run).unwrap();
+    let plan = method.plan(&Problem::fill(Arc::clone(&mask)), &run).unwrap();
     let samples = Planes::zeros(size, 2);
     let mut out = Planes::zeros(size, 2);
-    let wrong = reconstruct((&method, plan.as_ref()), &mask, &samples, &guides(vec![]), &mut out, &run);
+    let wrong =
+        reconstruct((&method, plan.as_ref()), &mask, &samples, &guides(vec![]), &mut out, &run);
     assert!(matches!(wrong, Err(Error::SizeMismatch { .. })));
     let mut own = Guides::new(size);
     assert!(own.add("wrong", planes(normal)).is_err());
     own.add("x", vec![Plane::from_fn(size, |_, x| x as f32)]).unwrap();
-    let (_, effect) = reconstruct((&method, plan.as_ref()), &mask, &samples, &own, &mut out, &run).unwrap();
+    let (_, effect) =
+        reconstruct((&method, plan.as_ref()), &mask, &samples, &own, &mut out, &run).unwrap();
     assert_eq!(effect, Effect::default());
 }
 

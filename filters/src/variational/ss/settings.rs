@@ -1,8 +1,7 @@
 //! What a user may set.
 
-use std::fmt;
-
 use super::Kernel;
+use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes, words};
 use crate::{Error, check};
 
 /// Order of the derivatives whose energy is least.
@@ -58,13 +57,79 @@ impl Settings {
     }
 }
 
-impl fmt::Display for Settings {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let kernel = match self.kernel {
-            Kernel::Bspline => "bspline",
-            Kernel::Piecewise => "piecewise",
-        };
-        let order = self.order.number();
-        write!(f, "lambda={} kernel={kernel} order={order} tension={}", self.lambda, self.tension)
+words!(Kernel {
+    Bspline: "bspline", "The cardinal cubic B-spline";
+    Piecewise: "piecewise", "The thesis's kernel, taken piece by piece";
+});
+
+words!(Order {
+    Second: "2", "Second derivatives";
+    Third: "3", "Third derivatives";
+});
+
+/// What is to be known of the splines.
+pub static DESCRIPTOR: Descriptor = Descriptor {
+    name: "ss",
+    help: "Smoothness splines: the best on smooth renders",
+    settings: &[
+        Setting {
+            name: "lambda",
+            flag: "ss-lambda",
+            value: "LAMBDA",
+            range: Range::NotNegative,
+            help: "weight of smoothness against the samples, 0 or more; 0 interpolates, larger is smoother and changes \
+                   measured pixels",
+            smooths: true,
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "kernel",
+            flag: "ss-kernel",
+            value: "KERNEL",
+            range: Range::OneOf(Kernel::CHOICES),
+            help: "the spline through the samples, whose derivatives are kept small",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "order",
+            flag: "ss-order",
+            value: "ORDER",
+            range: Range::OneOf(Order::CHOICES),
+            help: "the order of those derivatives; 3 is smoother, 2 is calmer at edges and in holes",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "tension",
+            flag: "ss-tension",
+            value: "TENSION",
+            range: Range::NotNegative,
+            help: "share of first derivatives in the energy, 0 or more; larger pulls large holes flat",
+            ..Setting::PLAIN
+        },
+    ],
+    // The multigrid levels of a frame that is all hole, in 64-bit floats.
+    bytes: 160,
+    takes: Takes { guides: true, weights: true, ..Takes::NOTHING },
+    restores: false,
+    new: || Box::new(Settings::default()),
+};
+
+impl Configured for Settings {
+    fn descriptor(&self) -> &'static Descriptor {
+        &DESCRIPTOR
+    }
+
+    fn field(&mut self, name: &str) -> Option<&mut dyn Field> {
+        Some(match name {
+            "lambda" => &mut self.lambda,
+            "kernel" => &mut self.kernel,
+            "order" => &mut self.order,
+            "tension" => &mut self.tension,
+            _ => return None,
+        })
+    }
+
+    fn boxed(&self) -> Box<dyn Configured> {
+        Box::new(*self)
     }
 }

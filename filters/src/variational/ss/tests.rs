@@ -104,7 +104,7 @@ fn solve(settings: &Settings, samples: &Plane, mask: &Mask, weights: Option<&Pla
 /// Solves both ways and asks for 1e-4 of the measured range.
 fn compare(settings: &Settings, samples: &Plane, mask: &Mask, weights: Option<&Plane>) {
     let (image, outcome) = solve(settings, samples, mask, weights);
-    assert_eq!(outcome.stop, Stop::Converged, "{settings} {:?} {outcome:?}", mask.size());
+    assert_eq!(outcome.stop, Stop::Converged, "{settings:?} {:?} {outcome:?}", mask.size());
     let expected = reference(settings, samples, mask, weights);
     let measured: Vec<f32> =
         samples.pixels().iter().zip(mask.as_slice()).filter(|(_, m)| **m).map(|(x, _)| *x).collect();
@@ -114,7 +114,7 @@ fn compare(settings: &Settings, samples: &Plane, mask: &Mask, weights: Option<&P
     for (k, (&x, e)) in image.pixels().iter().zip(expected).enumerate() {
         assert!(
             (f64::from(x) - e).abs() <= limit,
-            "{settings} {:?} pixel {k}: {x} instead of {e}",
+            "{settings:?} {:?} pixel {k}: {x} instead of {e}",
             mask.size()
         );
         if settings.lambda == 0.0 && mask.as_slice()[k] {
@@ -210,9 +210,9 @@ fn polynomials_are_exact_up_to_the_borders() {
         let truth = if settings.order == Order::Third { &parabola } else { &plane };
         for density in [0.03, 0.2] {
             let (image, outcome) = solve(&settings, truth, &random_mask(size, density, 21), None);
-            assert_eq!(outcome.stop, Stop::Converged, "{settings} {density} {outcome:?}");
+            assert_eq!(outcome.stop, Stop::Converged, "{settings:?} {density} {outcome:?}");
             for (x, e) in image.pixels().iter().zip(truth.pixels()) {
-                assert!((x - e).abs() < 1e-4, "{settings} {x} {e}");
+                assert!((x - e).abs() < 1e-4, "{settings:?} {x} {e}");
             }
         }
     }
@@ -236,7 +236,7 @@ fn undetermined_images_take_the_harmonic_limit() {
             if settings.order == Order::Second {
                 let limit = reference(&tiny, &samples, mask, None);
                 for (x, e) in image.pixels().iter().zip(limit) {
-                    assert!((f64::from(*x) - e).abs() < 2e-2, "{none} {x} {e}");
+                    assert!((f64::from(*x) - e).abs() < 2e-2, "{none:?} {x} {e}");
                 }
             }
         }
@@ -263,7 +263,7 @@ fn settings_out_of_range_are_refused() {
     ] {
         assert!(matches!(settings.plan(&problem, &Run::default()), Err(Error::Setting { .. })));
     }
-    assert_eq!(Settings::default().to_string(), "lambda=0 kernel=bspline order=2 tension=0.03");
+    assert_eq!(crate::Method::default().settings(), "lambda=0 kernel=bspline order=2 tension=0.03");
 }
 
 #[test]
@@ -322,7 +322,7 @@ fn a_lost_bucket_meets_the_whole_at_every_order() {
     });
     for settings in kinds() {
         let distance = distance_to_whole(&settings, &samples, &mask);
-        assert!(distance <= 1e-4, "{settings}: {distance}");
+        assert!(distance <= 1e-4, "{settings:?}: {distance}");
     }
 }
 
@@ -346,7 +346,7 @@ fn narrow_images_meet_the_whole() {
         for size in [Size::new(200, 32), Size::new(260, 29), Size::new(31, 210), Size::new(150, 33)] {
             let mask = random_mask(size, 0.35, 90);
             let distance = distance_to_whole(&settings, &noise(size, 91), &mask);
-            assert!(distance <= 1e-4, "{settings} {size}: {distance}");
+            assert!(distance <= 1e-4, "{settings:?} {size}: {distance}");
         }
     }
 }

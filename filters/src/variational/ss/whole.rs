@@ -207,7 +207,7 @@ mod tests {
                 // Values far from zero are rounded in the end.
                 let (range, rounding) =
                     (f64::from(top(channel.at(0, 0))), f64::from(f32::EPSILON * top(0.0)));
-                assert!(distance <= 2.0 * (AIM * range + rounding), "{settings}: {distance} of {range}");
+                assert!(distance <= 2.0 * (AIM * range + rounding), "{settings:?}: {distance} of {range}");
                 for (y, x) in (0..SIZE.height).flat_map(|y| (0..SIZE.width).map(move |x| (y, x))) {
                     let kept = settings.lambda > 0.0 || !mask.is_measured(y, x);
                     assert!(kept || together.at(y, x).to_bits() == channel.at(y, x).to_bits());

@@ -1,10 +1,10 @@
-//! Plans that depend on the mask alone, kept for the parts and frames that have an equal one.
+//! Plans that depend on the mask alone, kept for the groups and frames that have an equal one.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use lacuna_filters::baseline::depth::DepthPlan;
-use lacuna_filters::baseline::nearest::NearestMap;
-use lacuna_filters::{Error, Mask, Method, Plan, Plane, Problem, Run, upscale};
+use crate::baseline::depth::DepthPlan;
+use crate::baseline::nearest::NearestMap;
+use crate::{Error, Mask, Method, Plan, Plane, Problem, Run, upscale};
 
 /// How many plans are kept.
 const MOST: usize = 4;
@@ -120,14 +120,14 @@ fn store<T>(entries: &Mutex<Vec<T>>, entry: T) {
 
 #[cfg(test)]
 mod tests {
-    use lacuna_filters::{Size, baseline::push_pull};
+    use crate::{Size, baseline::push_pull};
 
     use super::*;
 
     #[test]
     fn equal_masks_share_a_plan_and_few_are_kept() {
         let mask = |at| Arc::new(Mask::from_fn(Size::new(3, 3), |y, x| y * 3 + x == at));
-        let method = Method::PushPull(push_pull::Settings);
+        let method = Method::from(push_pull::Settings);
         let plans = Plans::new();
         let run = Run::default();
         let first = plans.filter(&method, &mask(0), None, &run).unwrap();

@@ -1,0 +1,170 @@
+//! What is to be known of a method without running it: one record that help texts, checks and plans of memory read.
+
+mod field;
+
+pub use field::{Choice, Field};
+pub(crate) use field::{plain, words};
+
+use crate::{Error, Filter};
+
+/// A method: its name, its settings, what it needs.
+#[derive(Debug)]
+pub struct Descriptor {
+    /// The name that tells it from the others.
+    pub name: &'static str,
+    /// What it is, in a line.
+    pub help: &'static str,
+    /// Its settings, in the order of the settings line.
+    pub settings: &'static [Setting],
+    /// Bytes a pixel for mask and plan; values, result and a solver's planes come besides, for every channel.
+    pub bytes: u64,
+    /// What it can use beside samples.
+    pub takes: Takes,
+    /// Whether images without a missing pixel are smoothed, too, where the settings ask for smoothing.
+    pub restores: bool,
+    /// The method as it is by default.
+    pub new: fn() -> Box<dyn Configured>,
+}
+
+/// What a method can use beside samples and their mask.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Takes {
+    /// Complete planes that steer the image; only where measured pixels stay.
+    pub guides: bool,
+    /// Weights of the samples; only where measured pixels do not stay.
+    pub weights: bool,
+    /// Samples of the image's gradient.
+    pub gradients: bool,
+    /// A learned dictionary, without which it cannot plan.
+    pub dictionary: bool,
+}
+
+impl Takes {
+    /// Samples and their mask only.
+    pub const NOTHING: Self = Self { guides: false, weights: false, gradients: false, dictionary: false };
+}
+
+/// One setting of a method.
+#[derive(Debug)]
+pub struct Setting {
+    /// Its name in the settings line.
+    pub name: &'static str,
+    /// Its name among the settings of all methods; empty if users do not set it.
+    pub flag: &'static str,
+    /// What stands for its value in help texts.
+    pub value: &'static str,
+    /// The values it may have.
+    pub range: Range,
+    /// What it does: unit, range and direction.
+    pub help: &'static str,
+    /// Whether measured pixels are changed where it is not zero or off.
+    pub smooths: bool,
+    /// Whether the settings line leaves it out at its default, so that lines of older versions still match.
+    pub silent: bool,
+}
+
+impl Setting {
+    /// A setting without a name, to be filled in.
+    pub const PLAIN: Self =
+        Self { name: "", flag: "", value: "", range: Range::Switch, help: "", smooths: false, silent: false };
+}
+
+/// The values that a setting may have.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub enum Range {
+    /// A finite number of 0 or more.
+    NotNegative,
+    /// A finite number above 0.
+    Positive,
+    /// A whole number between two.
+    Count(usize, usize),
+    /// A whole number of this or more, or a word.
+    CountOr(usize, &'static str),
+    /// One of these words.
+    OneOf(&'static [Choice]),
+    /// A word that the setting knows; this says which there are.
+    Word(&'static str),
+    /// On or off.
+    Switch,
+    /// A learned dictionary, which no text has.
+    Dictionary,
+}
+
+impl std::fmt::Display for Range {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::NotNegative => f.write_str("a number of 0 or more"),
+            Self::Positive => f.write_str("a number above 0"),
+            Self::Count(least, usize::MAX) => write!(f, "a number of {least} or more"),
+            Self::Count(least, most) => write!(f, "a number from {least} to {most}"),
+            Self::CountOr(least, word) => write!(f, "a number of {least} or more, or {word}"),
+            Self::OneOf(choices) => {
+                let names: Vec<_> = choices.iter().map(|choice| choice.name).collect();
+                f.write_str(&names.join(", "))
+            }
+            Self::Word(words) => f.write_str(words),
+            Self::Switch => f.write_str("true or false"),
+            Self::Dictionary => f.write_str("a learned dictionary"),
+        }
+    }
+}
+
+impl Range {
+    /// Whether a text is in range, as far as the range alone can tell.
+    pub fn holds(&self, text: &str) -> bool {
+        let number =
+            |fits: fn(f64) -> bool| text.parse().is_ok_and(|value: f64| value.is_finite() && fits(value));
+        match self {
+            Self::NotNegative => number(|value| value >= 0.0),
+            Self::Positive => number(|value| value > 0.0),
+            Self::Count(least, most) => {
+                text.parse().is_ok_and(|value: usize| (*least..=*most).contains(&value))
+            }
+            Self::CountOr(least, word) => {
+                text == *word || text.parse().is_ok_and(|value: usize| value >= *least)
+            }
+            Self::OneOf(choices) => choices.iter().any(|choice| choice.name == text),
+            Self::Switch => matches!(text, "true" | "false"),
+            Self::Word(_) => true,
+            Self::Dictionary => false,
+        }
+    }
+}
+
+/// A filter whose settings can be read and set by name.
+pub trait Configured: Filter + std::fmt::Debug {
+    /// What is to be known of the method.
+    fn descriptor(&self) -> &'static Descriptor;
+
+    /// The place of a setting of the descriptor, by its name there.
+    fn field(&mut self, name: &str) -> Option<&mut dyn Field>;
+
+    /// The same filter.
+    fn boxed(&self) -> Box<dyn Configured>;
+
+    /// Whether the settings fit together; each alone is in its range.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    fn check(&self) -> Result<(), Error> {
+        Ok(())
+    }
+
+    /// Planes that a group must have; nothing if any number will do. Other groups are for smoothness splines.
+    fn planes(&self) -> Option<usize> {
+        None
+    }
+
+    /// The setting as it is, by its name in the descriptor, that weights of the samples cannot go with.
+    fn unweighted(&self) -> Option<&'static str> {
+        None
+    }
+}
+
+impl Descriptor {
+    /// The setting of that name.
+    pub fn setting(&self, name: &str) -> Option<&'static Setting> {
+        self.settings.iter().find(|setting| setting.name == name)
+    }
+}

@@ -1,0 +1,150 @@
+//! The call that enlarges: planes of a group of channels in, larger ones out; what is missing is filled on the way.
+//!
+//! Missing pixels are filled on the given grid first ([`crate::fill`]). Values at points go through the value domain, means do not: a
+//! logarithm has others. With total variation what was missing does not bind the result: filling and enlarging are one problem. With
+//! splines they are one too: among the splines whose reduction passes through the measured pixels, the one whose reduction has the
+//! least energy.
+
+use std::sync::Arc;
+
+use lacuna_core::parallel::prelude::*;
+
+use crate::domain::{Domain, Map};
+use crate::fill::{self, Filled, Values, fill_usable};
+use crate::upscale::{Enlarged, Geometry, Method, Plan, Question};
+use crate::{Error, Mask, Outcome, Plane, Planes, Plans, Run};
+
+/// What is asked for beside the samples.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Options<'a> {
+    /// Where the pixels of both images lie, and what those of the small one mean.
+    pub geometry: Geometry,
+    /// How the image is enlarged.
+    pub method: Method,
+    /// Which pixels were measured; without it all that are finite.
+    pub mask: Option<Arc<Mask>>,
+    /// How missing pixels are filled; domain, limiter, bounds and what the values are hold for both steps.
+    pub fill: fill::Options<'a>,
+}
+
+impl Options<'_> {
+    /// Splines onto that grid.
+    pub fn new(geometry: Geometry) -> Self {
+        Self { geometry, method: Method::Ss, mask: None, fill: fill::Options::default() }
+    }
+}
+
+/// A group that was enlarged.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Upscaled {
+    /// The larger planes, in their order.
+    pub planes: Planes,
+    /// How the solver ended, filling included: the worst of the planes.
+    pub outcome: Outcome,
+    /// The domain that they were enlarged in.
+    pub map: Map,
+    /// Per plane, the values that the limiter or a bound moved.
+    pub limited: Vec<usize>,
+    /// Values that overflowed and took that of the pixel they lie in.
+    pub mended: usize,
+    /// What was done to missing pixels; nothing if that was done before.
+    pub filled: Option<Filled>,
+}
+
+/// Enlarges a group of channels as `lacuna upscale` does, and fills it if pixels are missing.
+///
+/// ```
+/// use lacuna_filters::enlarge::{Options, upscale};
+/// use lacuna_filters::upscale::{Geometry, Sampling};
+/// use lacuna_filters::{Planes, Size};
+/// use ndarray::Array2;
+///
+/// let small = Array2::from_shape_fn((24, 32), |(_, x)| x as f32);
+/// let geometry = Geometry::scaled(Size::new(24, 32), 2.0, Sampling::Box);
+/// let large = Array2::try_from(upscale(&Planes::from(small), &Options::new(geometry))?.planes)?;
+/// assert_eq!(large.dim(), (48, 64));
+/// # Ok::<(), lacuna_filters::Error>(())
+/// ```
+///
+/// # Errors
+/// Those of [`fill()`](crate::fill()), and [`Error::Setting`] for factors and models out of range.
+pub fn upscale(samples: &Planes, options: &Options<'_>) -> Result<Upscaled, Error> {
+    let (plans, run) = (Plans::new(), Run::default());
+    let mask = options.mask.clone();
+    let mask = mask.unwrap_or_else(|| Arc::new(Mask::from_fn(samples.size(), |_, _| true)));
+    let filled = fill_usable(samples, &mask, &options.fill, &plans, &run)?;
+    let masks: Vec<_> = (0..samples.len()).map(|plane| filled.mask(plane).cloned()).collect();
+    let mut large = complete(&filled.planes, &masks, options, &plans, &run)?;
+    large.outcome = large.outcome.worst(filled.outcome);
+    large.filled = Some(filled);
+    Ok(large)
+}
+
+/// Enlarges planes that are complete: finite everywhere. `masks` says of each plane which pixels were measured, where not all were.
+///
+/// # Errors
+/// [`Error::Setting`], [`Error::TooLarge`], [`Error::SizeMismatch`] and [`Error::NotFinite`].
+pub fn complete(
+    samples: &Planes,
+    masks: &[Option<Arc<Mask>>],
+    options: &Options<'_>,
+    plans: &Plans,
+    run: &Run<'_>,
+) -> Result<Upscaled, Error> {
+    let (geometry, values) = (options.geometry, options.fill.values);
+    let plan = plans.enlarge(geometry, options.method)?;
+    let full = Mask::of(samples.size(), vec![true; samples.size().pixels()]);
+    let pointwise = values == Values::Light && geometry.sampling.is_pointwise();
+    let domain = if pointwise { options.fill.domain } else { Domain::Linear };
+    let map = domain.map(&full, samples.as_slice());
+    let one = |(at, samples): (usize, &Plane)| {
+        let (low, high) = options.fill.bounds_of(at).range(samples.pixels().iter().copied());
+        let mask = masks.get(at).and_then(Option::as_deref).filter(|mask| !mask.is_full());
+        let question = Question {
+            mask,
+            range: (map.forward(low), map.forward(high)),
+            limit: options.fill.limit && values != Values::Directions,
+        };
+        one(&plan, samples, &question, (&full, map), run)
+    };
+    let large = samples.as_slice().par_iter().enumerate().map(one);
+    let mut result = Upscaled {
+        planes: Planes::zeros(geometry.high(), 0),
+        outcome: Outcome::direct(),
+        map,
+        limited: Vec::new(),
+        mended: 0,
+        filled: None,
+    };
+    let mut planes = Vec::with_capacity(samples.len());
+    for large in large {
+        let (enlarged, mended) = large?;
+        let first = planes.is_empty();
+        result.outcome = if first { enlarged.outcome } else { result.outcome.worst(enlarged.outcome) };
+        result.limited.push(enlarged.limited);
+        result.mended += mended;
+        planes.push(enlarged.plane);
+    }
+    result.planes = Planes::of(geometry.high(), planes);
+    Ok(result)
+}
+
+/// Enlarges one plane within the value domain; how many values overflowed, too.
+fn one(
+    plan: &Plan,
+    samples: &Plane,
+    question: &Question<'_>,
+    (full, map): (&Mask, Map),
+    run: &Run<'_>,
+) -> Result<(Enlarged, usize), Error> {
+    let mut mapped = samples.clone();
+    map.forward_plane(full, &mut mapped);
+    let mut enlarged = plan.enlarge(&mapped, question, run)?;
+    map.inverse_plane(&mut enlarged.plane);
+    plan.restore(samples, &mut enlarged.plane);
+    let sources = || Ok(plan.geometry().sources());
+    let mended = fill::mend(samples, &mut enlarged.plane, sources, Vec::as_slice)?;
+    Ok((enlarged, mended))
+}

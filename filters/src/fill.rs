@@ -1,0 +1,263 @@
+//! The call that fills: measured planes of a group of channels, their mask and what is asked for in; complete planes, and what was
+//! decided on the way, out.
+//!
+//! ```text
+//! finite samples ──> sets of one mask ──> domain ──> method, guides ──> back ──> overflow mended ──> limiter ──> bounds
+//! ```
+//!
+//! - A measured value that is NaN or infinite counts as missing; planes that miss other pixels are solved as sets of their own. A
+//!   mask without a missing pixel leaves its planes alone, such values included, unless the method restores.
+//! - Light with a long range is solved as logarithms ([`crate::domain`]).
+//! - Values that overflow in the method take the nearest measured one.
+//! - Overshoot is held back to what the samples around allow ([`crate::limiter`]); with guides, or to what those predict.
+//! - What is true of all measured values stays true ([`Bounds`]).
+//! - A measured, finite pixel keeps its bits, unless the method smooths.
+//!
+//! The same bits for every number of threads.
+
+mod solve;
+pub(crate) use solve::mend;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+
+use lacuna_core::parallel::prelude::*;
+
+use crate::domain::{Domain, Map};
+use crate::variational::guided::Guides;
+use crate::{Bounds, Error, Mask, Method, Outcome, Plane, Planes, Plans, Run};
+
+/// What the values of a group are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Values {
+    /// Light: colours, of any range.
+    #[default]
+    Light,
+    /// Something else that may be interpolated: alpha, mattes, positions. Never through a logarithm.
+    Other,
+    /// Components of directions, which are not limited either.
+    Directions,
+}
+
+/// What is asked for beside samples and mask. By default, light is filled by smoothness splines.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Options<'a> {
+    /// The method with its settings. Sets of planes that it cannot take are filled by smoothness splines.
+    pub method: Method,
+    /// What the values are.
+    pub values: Values,
+    /// Where light is reconstructed.
+    pub domain: Domain,
+    /// Whether overshoot is limited.
+    pub limit: bool,
+    /// The bounds of each plane; if empty, those of light are positive and all others free.
+    pub bounds: Vec<Bounds>,
+    /// How much each measured pixel counts where the method smooths: the number of its samples, say. Only ratios matter; what is not
+    /// finite or above 0 counts for nothing.
+    pub weights: Option<Arc<Plane>>,
+    /// Of each plane, derivatives along rows (x) and along columns (y) per pixel, NaN where there are none; empty for none at all.
+    pub gradients: Vec<Option<[Plane; 2]>>,
+    /// Complete planes that may steer the values.
+    pub guides: Option<&'a Guides>,
+}
+
+impl Default for Options<'_> {
+    fn default() -> Self {
+        Self {
+            method: Method::default(),
+            values: Values::default(),
+            domain: Domain::default(),
+            limit: true,
+            bounds: Vec::new(),
+            weights: None,
+            gradients: Vec::new(),
+            guides: None,
+        }
+    }
+}
+
+impl Options<'_> {
+    /// The defaults with another method.
+    pub fn of(method: impl Into<Method>) -> Self {
+        Self { method: method.into(), ..Self::default() }
+    }
+
+    /// The bounds of a plane.
+    pub(crate) fn bounds_of(&self, plane: usize) -> Bounds {
+        let light = if self.values == Values::Light { Bounds::Positive } else { Bounds::Free };
+        self.bounds.get(plane).copied().unwrap_or(light)
+    }
+}
+
+/// A group that was filled.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Filled {
+    /// The planes, in their order. At pixels that count as measured they are the samples, unless the method smooths.
+    pub planes: Planes,
+    /// How the solver ended: the worst of the sets.
+    pub outcome: Outcome,
+    /// What was solved together, and what was decided for it; nothing where nothing was missing.
+    pub sets: Vec<Set>,
+    /// Per plane, the values that the limiter or a bound moved.
+    pub limited: Vec<usize>,
+    /// Per plane, the measured values that count as missing because they are NaN or infinite.
+    pub non_finite: Vec<usize>,
+}
+
+/// Planes of a group that were solved together, because the same pixels of them count as measured.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Set {
+    /// The places of the planes in the group.
+    pub planes: Vec<usize>,
+    /// The pixels that count as measured.
+    pub mask: Arc<Mask>,
+    /// The method that filled them.
+    pub method: Method,
+    /// The domain that they were solved in.
+    pub map: Map,
+    /// How the solver ended.
+    pub outcome: Outcome,
+    /// Values that overflowed in the method and took the nearest measured one.
+    pub mended: usize,
+    /// The guides that steered it; none where none were there, or none predicted.
+    pub guides: Vec<String>,
+    /// The part of the squared error that they took away, estimated by leaving measured pixels out.
+    pub gain: Option<f64>,
+    /// Measured pixels whose weight is 0.
+    pub weightless: usize,
+}
+
+/// Fills the missing pixels of a group of channels as `lacuna fill` does.
+///
+/// ```
+/// use lacuna_filters::{Mask, Options, Planes, fill};
+/// use ndarray::Array2;
+///
+/// let image = Array2::from_shape_fn((48, 64), |(y, x)| if (y + x) % 3 == 0 { (y + x) as f32 } else { f32::NAN });
+/// let samples = Planes::from(image);
+/// let filled = fill(&samples, Mask::finite(&samples), &Options::default())?;
+/// let image = Array2::try_from(filled.planes)?;
+/// assert!((image[(20, 30)] - 50.0).abs() < 0.01);
+/// # Ok::<(), lacuna_filters::Error>(())
+/// ```
+///
+/// # Errors
+/// [`Error::EmptyMask`] and [`Error::NothingFinite`] where nothing is known, [`Error::SizeMismatch`] where sizes or numbers of
+/// planes differ, [`Error::NothingWeighs`], and those of the method.
+pub fn fill(samples: &Planes, mask: impl Into<Arc<Mask>>, options: &Options<'_>) -> Result<Filled, Error> {
+    fill_with(samples, &mask.into(), options, &Plans::new(), &Run::default())
+}
+
+/// The same with plans that were made before, for groups and frames of the same mask, and a way to stop.
+///
+/// # Errors
+/// As [`fill`].
+pub fn fill_with(
+    samples: &Planes,
+    mask: &Arc<Mask>,
+    options: &Options<'_>,
+    plans: &Plans,
+    run: &Run<'_>,
+) -> Result<Filled, Error> {
+    check(samples, mask, options)?;
+    if mask.is_full() && !options.method.restores() {
+        let none = vec![0; samples.len()];
+        return Ok(Filled::untouched(samples.clone(), none));
+    }
+    fill_usable(samples, mask, options, plans, run)
+}
+
+/// Fills what has no finite value as well where the mask calls everything measured.
+pub(crate) fn fill_usable(
+    samples: &Planes,
+    mask: &Arc<Mask>,
+    options: &Options<'_>,
+    plans: &Plans,
+    run: &Run<'_>,
+) -> Result<Filled, Error> {
+    check(samples, mask, options)?;
+    mask.require_samples()?;
+    let masks = samples.as_slice().par_iter().map(|plane| usable(mask, plane));
+    let non_finite: Vec<usize> = masks.iter().map(|usable| mask.count() - usable.count()).collect();
+    if let Some(plane) = masks.iter().position(|usable| usable.is_empty()) {
+        return Err(Error::NothingFinite { plane });
+    }
+    let sets = sets(masks);
+    let restores = options.method.restores();
+    if let [(mask, _)] = sets.as_slice()
+        && (!mask.is_full() || restores)
+    {
+        let planes = (0..samples.len()).collect();
+        let (planes, limited, set) = solve::solve(samples, (mask, planes), options, plans, run)?;
+        let outcome = set.outcome;
+        return Ok(Filled { planes, outcome, sets: vec![set], limited, non_finite });
+    }
+    let mut filled = Filled::untouched(samples.clone(), non_finite);
+    for (mask, places) in sets.into_iter().filter(|(mask, _)| !mask.is_full() || restores) {
+        let own = places.iter().map(|&at| samples.as_slice()[at].clone()).collect();
+        let own = Planes::of(samples.size(), own);
+        let (planes, limited, set) = solve::solve(&own, (&mask, places), options, plans, run)?;
+        for ((&at, plane), limited) in set.planes.iter().zip(planes.into_vec()).zip(limited) {
+            filled.planes.as_mut_slice()[at] = plane;
+            filled.limited[at] = limited;
+        }
+        let outcome = set.outcome;
+        filled.outcome = if filled.sets.is_empty() { outcome } else { filled.outcome.worst(outcome) };
+        filled.sets.push(set);
+    }
+    Ok(filled)
+}
+
+impl Filled {
+    fn untouched(planes: Planes, non_finite: Vec<usize>) -> Self {
+        let limited = vec![0; planes.len()];
+        Self { planes, outcome: Outcome::direct(), sets: Vec::new(), limited, non_finite }
+    }
+
+    /// The pixels of a plane that count as measured; nothing if none was missing.
+    pub fn mask(&self, plane: usize) -> Option<&Arc<Mask>> {
+        self.sets.iter().find(|set| set.planes.contains(&plane)).map(|set| &set.mask)
+    }
+}
+
+/// Sizes and numbers agree.
+fn check(samples: &Planes, mask: &Mask, options: &Options<'_>) -> Result<(), Error> {
+    let gradients = options.gradients.iter().flatten().flatten().map(Plane::size);
+    let sizes = gradients.chain([samples.size()]).chain(options.weights.iter().map(|plane| plane.size()));
+    let sizes = sizes.chain(options.guides.map(Guides::size));
+    if let Some(other) = { sizes }.find(|size| *size != mask.size()) {
+        return Err(Error::SizeMismatch { expected: mask.size(), found: other.to_string() });
+    }
+    for (what, count) in [("bounds", options.bounds.len()), ("gradients", options.gradients.len())] {
+        if count != 0 && count != samples.len() {
+            let found = format!("{count} {what} for {} planes", samples.len());
+            return Err(Error::SizeMismatch { expected: mask.size(), found });
+        }
+    }
+    Ok(())
+}
+
+/// The measured pixels whose value is finite; the same mask if all are.
+fn usable(mask: &Arc<Mask>, plane: &Plane) -> Arc<Mask> {
+    if crate::check::finite(mask, plane.pixels()).is_ok() {
+        return Arc::clone(mask);
+    }
+    let flags = mask.as_slice().iter().zip(plane.pixels());
+    Arc::new(Mask::of(mask.size(), flags.map(|(&flag, value)| flag && value.is_finite()).collect()))
+}
+
+/// Planes of equal masks together, in the order of their first ones.
+fn sets(masks: Vec<Arc<Mask>>) -> Vec<(Arc<Mask>, Vec<usize>)> {
+    let mut sets: Vec<(Arc<Mask>, Vec<usize>)> = Vec::new();
+    for (at, mask) in masks.into_iter().enumerate() {
+        match sets.iter_mut().find(|(other, _)| Arc::ptr_eq(other, &mask) || **other == *mask) {
+            Some((_, planes)) => planes.push(at),
+            None => sets.push((mask, vec![at])),
+        }
+    }
+    sets
+}

@@ -1,0 +1,240 @@
+//! One set of planes: into the value domain, method, back, mended, limited, bounded.
+
+use std::sync::Arc;
+
+use lacuna_core::parallel::prelude::*;
+
+use super::{Options, Set, Values};
+use crate::domain::{Domain, Map};
+use crate::variational::guided::{self, Effect};
+use crate::{Bounds, Error, Gradients, Mask, Method, Outcome, Plan, Plane, Planes, Plans, Run, limiter};
+
+/// Pixels that one task takes in loops over a plane.
+const PIECE: usize = 1 << 14;
+
+/// Solves for the missing pixels of `samples`, whose measured ones are finite; `places` are those of the planes in their group.
+/// Returns the planes, per plane how many values the limiter or a bound moved, and what was decided.
+pub fn solve(
+    samples: &Planes,
+    (mask, places): (&Arc<Mask>, Vec<usize>),
+    options: &Options<'_>,
+    plans: &Plans,
+    run: &Run<'_>,
+) -> Result<(Planes, Vec<usize>, Set), Error> {
+    let fits = options.method.planes().is_none_or(|planes| planes == samples.len());
+    let method = if fits { options.method.clone() } else { Method::default() };
+    let (weights, weightless) = match &options.weights {
+        Some(weights) => weigh(weights, mask).map(|(plane, weightless)| (Some(plane), weightless))?,
+        None => (None, 0),
+    };
+    let plan = plans.filter(&method, mask, weights.as_ref(), run)?;
+    let light = options.values == Values::Light;
+    let domain = if light { options.domain } else { Domain::Linear };
+    let map = domain.map(mask, samples.as_slice());
+    let mut out = Planes::zeros(samples.size(), samples.len());
+    let gradients = Slopes::new(options, &method, &places, mask);
+    let task = Task { method: &method, plan: plan.as_ref(), mask, options, run };
+    let (outcome, mut effect) = task.reconstruct((samples, gradients.as_ref()), map, &mut out)?;
+    let mut predicted = effect.predicted.take().map(Planes::into_vec).unwrap_or_default().into_iter();
+    let (mut mended, mut limited) = (0, Vec::with_capacity(places.len()));
+    let limit = options.limit && options.values != Values::Directions;
+    for ((samples, out), &place) in samples.as_slice().iter().zip(out.as_mut_slice()).zip(&places) {
+        mended += mend(samples, out, || plans.nearest(mask), |nearest| nearest.as_slice())?;
+        let mut moved = 0;
+        if limit {
+            moved += match predicted.next() {
+                Some(predicted) => limit_guided(mask, samples, &predicted, out)?,
+                None => limiter::local(mask, samples, out)?,
+            };
+        }
+        let bounds = options.bounds_of(place);
+        if bounds != Bounds::Free {
+            moved += limiter::range(mask, samples, out, bounds == Bounds::Unit)?;
+            if !method.keeps_measured() {
+                moved += bound_measured(bounds, mask, samples, out);
+            }
+        }
+        limited.push(moved);
+    }
+    let Effect { guides, gain, .. } = effect;
+    let mask = Arc::clone(mask);
+    let set = Set { planes: places, mask, method, map, outcome, mended, guides, gain, weightless };
+    Ok((out, limited, set))
+}
+
+/// A method that is ready to run on a mask.
+struct Task<'a> {
+    method: &'a Method,
+    plan: &'a dyn Plan,
+    mask: &'a Arc<Mask>,
+    options: &'a Options<'a>,
+    run: &'a Run<'a>,
+}
+
+impl Task<'_> {
+    /// The method within the value domain.
+    fn reconstruct(
+        &self,
+        (samples, gradients): (&Planes, Option<&Slopes>),
+        map: Map,
+        out: &mut Planes,
+    ) -> Result<(Outcome, Effect), Error> {
+        if map.is_linear() {
+            return self.mapped(samples, gradients, out);
+        }
+        let mut mapped = samples.clone();
+        mapped.as_mut_slice().iter_mut().for_each(|plane| map.forward_plane(self.mask, plane));
+        let slopes = gradients.map(|found| found.mapped(map, samples, self.mask));
+        let mut found = self.mapped(&mapped, slopes.as_ref(), out)?;
+        let predicted = found.1.predicted.as_mut().map(Planes::as_mut_slice).into_iter().flatten();
+        predicted.chain(out.as_mut_slice()).for_each(|plane| map.inverse_plane(plane));
+        if self.method.keeps_measured() {
+            for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
+                restore(self.mask, samples, out);
+            }
+        }
+        Ok(found)
+    }
+
+    /// The method on values that are mapped already.
+    fn mapped(
+        &self,
+        samples: &Planes,
+        gradients: Option<&Slopes>,
+        out: &mut Planes,
+    ) -> Result<(Outcome, Effect), Error> {
+        let Self { method, plan, mask, options, run } = *self;
+        let guides =
+            options.guides.filter(|_| options.method.descriptor().takes.guides && method.keeps_measured());
+        match (gradients, guides) {
+            (Some(slopes), _) => {
+                let [x, y] = &slopes.planes;
+                let gradients = Gradients { planes: [x, y], mask: &slopes.mask };
+                Ok((plan.reconstruct_gradients(samples, &gradients, out, run)?, Effect::default()))
+            }
+            (None, Some(guides)) => {
+                guided::reconstruct((method.filter(), plan), mask, samples, guides, out, run)
+            }
+            (None, None) => Ok((plan.reconstruct(samples, out, run)?, Effect::default())),
+        }
+    }
+}
+
+/// Puts the bits of measured pixels back.
+fn restore(mask: &Mask, samples: &Plane, out: &mut Plane) {
+    let pieces = mask.as_slice().par_chunks(PIECE).zip(samples.pixels().par_chunks(PIECE));
+    out.pixels_mut().par_chunks_mut(PIECE).zip(pieces).for_each(|(out, (flags, samples))| {
+        for ((out, &flag), &sample) in out.iter_mut().zip(flags).zip(samples) {
+            *out = if flag { sample } else { *out };
+        }
+    });
+}
+
+/// Samples of the gradients of a set: known where those of all its planes are.
+struct Slopes {
+    planes: [Planes; 2],
+    mask: Mask,
+}
+
+impl Slopes {
+    /// Those that were given, if the method uses them and every plane has some.
+    fn new(options: &Options<'_>, method: &Method, places: &[usize], mask: &Mask) -> Option<Self> {
+        if !method.descriptor().takes.gradients {
+            return None;
+        }
+        let all: Vec<&[Plane; 2]> =
+            places.iter().map(|&at| options.gradients.get(at)?.as_ref()).collect::<Option<_>>()?;
+        let mut flags = vec![true; mask.size().pixels()];
+        for plane in all.iter().copied().flatten() {
+            flags.iter_mut().zip(plane.pixels()).for_each(|(flag, slope)| *flag &= slope.is_finite());
+        }
+        let known = |plane: &Plane| {
+            let slopes = plane.pixels().iter().zip(&flags);
+            Plane::of(mask.size(), slopes.map(|(&slope, &flag)| if flag { slope } else { 0.0 }).collect())
+        };
+        let axis =
+            |axis: usize| Planes::of(mask.size(), all.iter().map(|planes| known(&planes[axis])).collect());
+        let planes = [axis(0), axis(1)];
+        Some(Self { planes, mask: Mask::of(mask.size(), flags) })
+    }
+
+    /// The gradients of mapped values, by the chain rule; known only where the values themselves are.
+    fn mapped(&self, map: Map, samples: &Planes, measured: &Mask) -> Self {
+        let both = self.mask.as_slice().iter().zip(measured.as_slice()).map(|(a, b)| *a && *b).collect();
+        let mut planes = self.planes.clone();
+        for planes in &mut planes {
+            for (plane, samples) in planes.as_mut_slice().iter_mut().zip(samples.as_slice()) {
+                for (slope, value) in plane.pixels_mut().iter_mut().zip(samples.pixels()) {
+                    *slope *= map.slope(*value);
+                }
+            }
+        }
+        Self { planes, mask: Mask::of(self.mask.size(), both) }
+    }
+}
+
+/// Weights over their mean over the measured pixels that have any, so that the settings mean what they mean without weights; and how
+/// many measured pixels have none.
+fn weigh(weights: &Plane, mask: &Mask) -> Result<(Arc<Plane>, usize), Error> {
+    let usable = |weight: f32| if weight.is_finite() && weight > 0.0 { weight } else { 0.0 };
+    let pairs = || weights.pixels().iter().zip(mask.as_slice());
+    let measured = || pairs().filter(|(_, flag)| **flag).map(|(&weight, _)| usable(weight));
+    let sum: f64 = measured().map(f64::from).sum();
+    if sum <= 0.0 {
+        return Err(Error::NothingWeighs);
+    }
+    let weightless = measured().filter(|&weight| weight == 0.0).count();
+    let mean = sum / (mask.count() - weightless) as f64;
+    let relative = weights.pixels().iter().map(|&weight| (f64::from(usable(weight)) / mean) as f32).collect();
+    Ok((Arc::new(Plane::of(mask.size(), relative)), weightless))
+}
+
+/// The limiter, except that values may go as far as the guides predict; returns how many were moved.
+fn limit_guided(mask: &Mask, samples: &Plane, predicted: &Plane, out: &mut Plane) -> Result<usize, Error> {
+    let free = out.clone();
+    limiter::local(mask, samples, out)?;
+    let mut moved = 0;
+    for ((value, &free), &predicted) in out.pixels_mut().iter_mut().zip(free.pixels()).zip(predicted.pixels())
+    {
+        if predicted.is_finite() {
+            *value = free.clamp(value.min(predicted), value.max(predicted));
+        }
+        moved += usize::from(*value != free);
+    }
+    Ok(moved)
+}
+
+/// A method that smooths may take measured pixels out of the bounds as well; returns how many were moved back.
+fn bound_measured(bounds: Bounds, mask: &Mask, samples: &Plane, out: &mut Plane) -> usize {
+    let measured = samples.pixels().iter().zip(mask.as_slice()).filter(|(_, flag)| **flag);
+    let (low, high) = bounds.range(measured.map(|(value, _)| *value));
+    let mut moved = 0;
+    for (value, _) in out.pixels_mut().iter_mut().zip(mask.as_slice()).filter(|(_, flag)| **flag) {
+        if *value < low || *value > high {
+            *value = value.clamp(low, high);
+            moved += 1;
+        }
+    }
+    moved
+}
+
+/// Values near the end of a float's range can overflow inside a method; such pixels take the nearest one of `samples`, whose
+/// place `of` tells for every pixel of `out`. Returns how many did.
+pub(crate) fn mend<N>(
+    samples: &Plane,
+    out: &mut Plane,
+    nearest: impl FnOnce() -> Result<N, Error>,
+    of: impl Fn(&N) -> &[u32],
+) -> Result<usize, Error> {
+    let count = |piece: &[f32]| piece.iter().filter(|value| !value.is_finite()).count();
+    let bad: usize = out.pixels().par_chunks(PIECE).map(count).into_iter().sum();
+    if bad > 0 {
+        let nearest = nearest()?;
+        for (value, &source) in out.pixels_mut().iter_mut().zip(of(&nearest)) {
+            if !value.is_finite() {
+                *value = samples.pixels()[source as usize];
+            }
+        }
+    }
+    Ok(bad)
+}

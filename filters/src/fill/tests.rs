@@ -1,0 +1,117 @@
+//! What the call decides, on images made by hand; the bits of every method are compared with the tool's by the tool's own tests.
+
+use super::*;
+use crate::{METHODS, Size};
+
+fn size() -> Size {
+    Size::new(24, 31)
+}
+
+/// About a third of the pixels.
+fn mask() -> Arc<Mask> {
+    Arc::new(Mask::from_fn(size(), |y, x| crate::sampling::hash(y as u64, x as u64) % 3 == 0))
+}
+
+fn image(at: usize) -> Plane {
+    Plane::from_fn(size(), |y, x| 0.2 + ((y * 3 + x * (at + 1)) % 17) as f32 / 20.0)
+}
+
+fn images(count: usize) -> Planes {
+    Planes::new(size(), (0..count).map(image).collect()).unwrap()
+}
+
+fn bits(plane: &Plane) -> Vec<u32> {
+    plane.pixels().iter().map(|value| value.to_bits()).collect()
+}
+
+#[test]
+fn measured_bits_stay_in_every_domain_and_all_is_finite() {
+    let mut samples = images(3);
+    samples.as_mut_slice()[0].pixels_mut()[5] = 1e6;
+    for found in METHODS.iter().filter(|found| !found.takes.dictionary) {
+        for domain in [Domain::Linear, Domain::Log] {
+            let options = Options { domain, ..Options::of(Method::of(found, &[]).unwrap()) };
+            let filled = fill(&samples, mask(), &options).unwrap();
+            for (before, after) in samples.as_slice().iter().zip(filled.planes.as_slice()) {
+                assert!(after.pixels().iter().all(|value| value.is_finite()), "{}", found.name);
+                let pairs = mask()
+                    .as_slice()
+                    .iter()
+                    .zip(bits(before).into_iter().zip(bits(after)))
+                    .all(|(&flag, (before, after))| !flag || before == after);
+                assert!(pairs, "{} {domain:?}", found.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn planes_with_other_measured_values_are_solved_apart() {
+    let mut samples = images(3);
+    let first = mask().as_slice().iter().position(|&flag| flag).unwrap();
+    samples.as_mut_slice()[1].pixels_mut()[first] = f32::NAN;
+    let filled = fill(&samples, mask(), &Options::default()).unwrap();
+    let places: Vec<_> = filled.sets.iter().map(|set| set.planes.clone()).collect();
+    assert_eq!((places, filled.non_finite.clone()), (vec![vec![0, 2], vec![1]], vec![0, 1, 0]));
+    assert_eq!(filled.mask(1).unwrap().count() + 1, filled.mask(0).unwrap().count());
+    let alone = fill(&Planes::from(samples.as_slice()[1].clone()), mask(), &Options::default()).unwrap();
+    assert_eq!(bits(&filled.planes.as_slice()[1]), bits(&alone.planes.as_slice()[0]));
+    samples.as_mut_slice()[2].pixels_mut().fill(f32::NAN);
+    let error = fill(&samples, mask(), &Options::default()).unwrap_err();
+    assert_eq!(error, Error::NothingFinite { plane: 2 });
+}
+
+#[test]
+fn what_misses_nothing_is_left_alone() {
+    let mut samples = images(2);
+    samples.as_mut_slice()[0].pixels_mut()[3] = f32::NAN;
+    let full = Mask::from_fn(size(), |_, _| true);
+    let filled = fill(&samples, full.clone(), &Options::default()).unwrap();
+    assert_eq!(bits(&filled.planes.as_slice()[0]), bits(&samples.as_slice()[0]));
+    assert!(filled.sets.is_empty());
+    let restoring = Method::named("dct", &[("restore", "true"), ("sparsity", "2")]).unwrap();
+    let filled = fill(&samples, full, &Options::of(restoring)).unwrap();
+    assert_ne!(bits(&filled.planes.as_slice()[1]), bits(&samples.as_slice()[1]));
+}
+
+#[test]
+fn sizes_and_numbers_must_agree() {
+    let samples = images(2);
+    let wrong = |options: Options<'_>| {
+        let error = fill(&samples, mask(), &options).unwrap_err();
+        assert!(matches!(error, Error::SizeMismatch { .. }), "{error}");
+    };
+    wrong(Options { bounds: vec![Bounds::Unit], ..Options::default() });
+    wrong(Options { gradients: vec![None], ..Options::default() });
+    let small = Plane::filled(Size::new(1, 1), 1.0);
+    wrong(Options { weights: Some(Arc::new(small.clone())), ..Options::default() });
+    wrong(Options { gradients: vec![None, Some([image(0), small])], ..Options::default() });
+    wrong(Options { guides: Some(&Guides::new(Size::new(1, 1))), ..Options::default() });
+    let empty = Mask::from_fn(size(), |_, _| false);
+    assert_eq!(fill(&samples, empty, &Options::default()).unwrap_err(), Error::EmptyMask);
+}
+
+#[test]
+fn only_the_ratios_of_weights_matter() {
+    let smooth = Method::named("ss", &[("lambda", "0.1")]).unwrap();
+    let counts = Plane::from_fn(size(), |y, x| ((y + x) % 4) as f32);
+    let with = |factor: f32| {
+        let weights = Plane::from_fn(size(), |y, x| counts.at(y, x) * factor);
+        let options = Options { weights: Some(Arc::new(weights)), ..Options::of(smooth.clone()) };
+        fill(&images(1), mask(), &options)
+    };
+    let (one, four) = (with(1.0).unwrap(), with(4.0).unwrap());
+    assert_eq!(bits(&one.planes.as_slice()[0]), bits(&four.planes.as_slice()[0]));
+    let none = (0..size().pixels()).filter(|&at| mask().as_slice()[at] && counts.pixels()[at] == 0.0).count();
+    assert_eq!((one.sets[0].weightless, none > 0), (none, true));
+    assert_eq!(with(0.0).unwrap_err(), Error::NothingWeighs);
+}
+
+#[test]
+fn bounds_are_those_of_the_values_unless_they_are_given() {
+    let light = Options::default();
+    let other = Options { values: Values::Other, ..Options::default() };
+    let given = Options { bounds: vec![Bounds::Unit, Bounds::Free], ..Options::default() };
+    assert_eq!([light.bounds_of(1), other.bounds_of(0)], [Bounds::Positive, Bounds::Free]);
+    assert_eq!([given.bounds_of(0), given.bounds_of(1)], [Bounds::Unit, Bounds::Free]);
+}
