@@ -3,7 +3,7 @@
 //! A frame takes what reading it takes. A pixel takes besides the samples written, bytes for mask and plan that depend on the
 //! filter, and in every channel of floats `SOLVING` bytes for values, result and the solvers' planes; whether a channel is
 //! reconstructed is not known before it is read. They were measured as peak memory over pixels, the allocator's losses
-//! included; `tests/cli_memory.rs` holds the process to them.
+//! included; `tests/cli/memory.rs` holds the process to them.
 
 use std::path::Path;
 

@@ -1,16 +1,8 @@
 //! `lacuna mask` through the binary: patterns, ranks, frames, two passes, measures, refusals.
 
-#![allow(
-    clippy::unwrap_used,
-    clippy::float_cmp,
-    reason = "helpers of tests fail by panicking; a mask holds 0 and 1"
-)]
-
-mod common;
-
 use std::collections::HashSet;
 
-use common::{Room, values};
+use crate::room::{Room, values};
 use lacuna_exr::Samples;
 
 /// The `x y` lines of a list.
@@ -101,7 +93,7 @@ fn ranks_are_floats() {
 fn a_second_pass_is_chosen_computed_and_united() {
     let room = Room::new();
     let full = |room: &Room, name: &str| {
-        let mut frame = common::sparse(40, 30);
+        let mut frame = crate::room::sparse(40, 30);
         frame.parts[0].channels.retain(|channel| channel.name != b"mask");
         for (index, channel) in frame.parts[0].channels.iter_mut().enumerate() {
             let step = |pixel: usize| if pixel % 40 > 18 { 0.9_f32 } else { 0.1 } + index as f32 * 0.01;

@@ -1,12 +1,6 @@
 //! Every EXR file of the shared corpus, where it exists: valid ones survive reading, writing and reading again,
 //! unsupported ones are refused by name, damaged ones never panic.
 
-#![allow(
-    clippy::unwrap_used,
-    clippy::print_stdout,
-    reason = "helpers of tests fail by panicking, and counts are shown"
-)]
-
 use std::path::{Path, PathBuf};
 
 use lacuna_exr::{self, Attribute, Compression, Error, Frame, Limits, Part, WriteOptions};

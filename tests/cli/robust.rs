@@ -1,13 +1,9 @@
 //! Runs that are stopped, that run out of disk, memory or rights, and that must not depend on threads.
 
-#![cfg(unix)]
-
-mod common;
-
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use common::{Done, LACUNA, Room, bytes, send, sparse, status};
+use crate::room::{Done, LACUNA, Room, bytes, send, sparse, status};
 
 /// Work without an end in sight.
 const ENDLESS: &[&str] = &["--filter", "tv", "--tv-gap", "1e-300", "--tv-iterations", "4000000000"];

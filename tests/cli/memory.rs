@@ -1,13 +1,8 @@
 //! `--memory` bounds what a process really takes.
 
-#![cfg(target_os = "linux")]
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
-
-mod common;
-
 use std::time::Duration;
 
-use common::{Room, part_from};
+use crate::room::{Room, part_from};
 use lacuna_exr::{Frame, Window};
 
 /// What a process takes besides frames: program, threads, allocator.

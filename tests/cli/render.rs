@@ -1,8 +1,5 @@
 //! `lacuna render` through the binary: sparse pictures, resuming, filling, refusals.
 
-// Tests may unwrap: that is how they fail. Bits are meant to be equal.
-#![allow(clippy::unwrap_used, clippy::float_cmp)]
-
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};

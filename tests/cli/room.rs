@@ -1,8 +1,5 @@
 //! A folder of test frames, and lacuna run on it as a process.
 
-#![allow(dead_code, reason = "each test crate uses a part")]
-#![allow(clippy::unwrap_used, clippy::missing_panics_doc, reason = "helpers of tests fail by panicking")]
-
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 

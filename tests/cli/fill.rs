@@ -1,8 +1,6 @@
 //! `lacuna fill` on sequences: names and numbers, partial failure, repeated runs, reports, refusals.
 
-mod common;
-
-use common::{Room, age, bytes, part, sparse, values};
+use crate::room::{Room, age, bytes, part, sparse, values};
 use lacuna_exr::{Frame, Window};
 
 const SHOT: &[&str] = &["s.0001.exr", "s.0002.exr", "s.0003.exr"];
