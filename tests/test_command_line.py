@@ -13,7 +13,7 @@ import OpenEXR
 import pytest
 
 import frames
-from tool import LACUNA, SAMPLES, lacuna
+from tool import LACUNA, SAMPLES, lacuna, wait_until_at_work
 
 
 @pytest.fixture
@@ -148,14 +148,24 @@ def test_a_list_of_files(shot):
     assert names(shot[1]) == numbered(1, 2)
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.05, 0.2])
+def begun(process, folder):
+    """A file of an output is there, under whatever name."""
+    while process.poll() is None and not any(folder.iterdir()):
+        time.sleep(0.001)
+
+
+@pytest.mark.parametrize("when", ["at once", "at work", "writing"])
 @pytest.mark.parametrize("killer", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
-def test_a_killed_run_leaves_no_partial_frame(shot, killer, delay):
+def test_a_killed_run_leaves_no_partial_frame(shot, killer, when):
     process = subprocess.Popen([LACUNA, "fill", str(shot[0]), "-o", str(shot[1]), "--filter", "tv", "--threads", "1"],
-                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    time.sleep(delay)
+                               stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    if when == "at work":
+        wait_until_at_work(process)
+    elif when == "writing":
+        begun(process, shot[1].parent)
     process.send_signal(killer)
-    status = process.wait(timeout=30)
+    process.communicate(timeout=30)
+    status = process.returncode
     assert status in (0, -killer, 128 + killer)
     for path in shot[1].parent.iterdir():
         if path.suffix == ".exr" and not path.name.startswith("."):

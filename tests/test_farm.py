@@ -17,7 +17,7 @@ import pytest
 
 import frames
 import slurm
-from tool import LACUNA, ROOT, SAMPLES, lacuna, run
+from tool import LACUNA, ROOT, SAMPLES, lacuna, run, wait_until_at_work
 
 # Work without an end in sight.
 ENDLESS = ["--filter", "tv", "--tv-gap", "1e-300", "--tv-iterations", "4000000000"]
@@ -35,6 +35,14 @@ def shot(tmp_path):
 
 def start(*words):
     return subprocess.Popen([LACUNA, *map(str, words)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+
+
+def waits_for_a_reader(process):
+    """Whether a thread of it opens a pipe that nobody reads, as the kernel tells."""
+    try:
+        return any(task.read_text() == "wait_for_partner" for task in pathlib.Path(f"/proc/{process.pid}/task").glob("*/wchan"))
+    except OSError:
+        return False
 
 
 def ledger(path):
@@ -57,7 +65,7 @@ def test_a_termination_abandons_the_frame_at_hand_and_a_rerun_does_the_rest(shot
     source, out, log = shot
     lacuna("fill", source, "-o", out, "--frames", "1", "--log", log)
     process = start("fill", source, "-o", out, "--frames", "2-4", "--log", log, *ENDLESS)
-    time.sleep(0.5)
+    wait_until_at_work(process)
     assert process.poll() is None, "ended before the signal"
     process.send_signal(signal.SIGTERM)
     begin = time.monotonic()
@@ -85,7 +93,9 @@ def test_a_report_that_nobody_reads_holds_no_signal_up(shot, words, number):
     begun = time.monotonic()
     while len(ledger(log)) < 4 and time.monotonic() < begun + 60:
         time.sleep(0.05)
-    time.sleep(0.5)
+    begun = time.monotonic()
+    while not waits_for_a_reader(process) and time.monotonic() < begun + 2:
+        time.sleep(0.01)
     assert process.poll() is None, "it does not wait for a reader"
     begun = time.monotonic()
     process.send_signal(number)

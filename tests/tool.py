@@ -96,6 +96,14 @@ def lacuna(*words, ok=True, **options):
     return result
 
 
+def wait_until_at_work(process):
+    """Reads standard error of a run up to the first line of its progress: a frame has been read, what follows is work."""
+    for line in process.stderr:
+        if "Progress: " in line:
+            return
+    raise AssertionError(f"ended before it said anything, with status {process.wait()}")
+
+
 def oiio(tool, *words):
     """Runs oiiotool or idiff."""
     return run([OIIO_BIN / tool, *words])

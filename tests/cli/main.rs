@@ -8,7 +8,6 @@
     reason = "tests fail by panicking, mean equal bits, and show counts"
 )]
 
-mod corpus;
 mod fill;
 mod mask;
 #[cfg(target_os = "linux")]

@@ -3,7 +3,7 @@
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use crate::room::{Done, LACUNA, Room, bytes, send, sparse, status};
+use crate::room::{Done, LACUNA, Room, at_work, bytes, send, sparse, status};
 
 /// Work without an end in sight.
 const ENDLESS: &[&str] = &["--filter", "tv", "--tv-gap", "1e-300", "--tv-iterations", "4000000000"];
@@ -14,7 +14,7 @@ fn a_signal_ends_the_run_within_a_moment() {
     room.add("big.exr", &sparse(300, 300));
     room.folder("o");
     for (signal, number) in [("-INT", 2), ("-TERM", 15), ("-HUP", 1)] {
-        if is_ignored(number) {
+        if is_ignored("self", number) {
             println!(
                 "left out {signal}: the tests were started with that signal ignored, which lacuna keeps so"
             );
@@ -23,7 +23,7 @@ fn a_signal_ends_the_run_within_a_moment() {
         let expected = 128 + number;
         let words = [&["fill", "big.exr", "-o", "o/", "--json", "r.json"], ENDLESS].concat();
         let mut process = room.command(&words).spawn().unwrap();
-        std::thread::sleep(Duration::from_millis(300));
+        let _said = at_work(&mut process);
         assert!(process.try_wait().unwrap().is_none(), "ended before the signal");
         send(signal, process.id());
         let start = Instant::now();
@@ -36,9 +36,9 @@ fn a_signal_ends_the_run_within_a_moment() {
     }
 }
 
-/// Whether this process, and so every child of it, was started with that signal ignored (`nohup` does that).
-fn is_ignored(signal: i32) -> bool {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+/// Whether a process ignores that signal: this one and so every child of it, if it was started so (`nohup` does that).
+fn is_ignored(process: &str, signal: i32) -> bool {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap_or("0").trim();
     u64::from_str_radix(mask, 16).is_ok_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
@@ -57,8 +57,12 @@ fn whenever_a_run_is_killed_no_partial_frame_has_the_final_name() {
         room.folder(&out);
         let words = ["fill", "s.####.exr", "-o", &out, "--filter", "pushpull"];
         let mut process = room.command(&words).spawn().unwrap();
-        std::thread::sleep(Duration::from_millis(2 + 7 * round as u64));
-        send(signal, process.id());
+        while room.names(&out).len() < 2 * round && process.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        if process.try_wait().unwrap().is_none() {
+            send(signal, process.id());
+        }
         let ended = status(process.wait().unwrap());
         cut_short += usize::from(ended != 0);
         for name in room.names(&out).iter().filter(|name| !name.starts_with('.')) {
@@ -231,12 +235,13 @@ fn a_signal_that_was_ignored_stays_ignored() {
     let mut process = Command::new("sh")
         .args(["-c", &script])
         .current_dir(room.path("."))
-        .stderr(std::process::Stdio::null())
+        .stderr(std::process::Stdio::piped())
         .spawn()
         .unwrap();
-    std::thread::sleep(Duration::from_millis(300));
+    let _said = at_work(&mut process);
+    // The kernel drops what is ignored when it is sent: nothing is left that could still end the run.
+    assert!(!cfg!(target_os = "linux") || is_ignored(&process.id().to_string(), 1));
     send("-HUP", process.id());
-    std::thread::sleep(Duration::from_millis(300));
     assert!(process.try_wait().unwrap().is_none(), "the signal ended the run");
     send("-TERM", process.id());
     assert_eq!(status(process.wait().unwrap()), 143);
@@ -285,12 +290,12 @@ fn an_output_that_appears_meanwhile_is_passed_over() {
     let room = Room::new();
     room.add("big.exr", &sparse(100, 100));
     let words = [&["fill", "big.exr", "-o", "o.exr", "--no-clobber", "--time-limit", "2"], ENDLESS].concat();
-    let process = room.command(&words).spawn().unwrap();
-    std::thread::sleep(Duration::from_millis(700));
+    let mut process = room.command(&words).spawn().unwrap();
+    let said = at_work(&mut process);
     std::fs::write(room.path("o.exr"), "mine").unwrap();
-    let done = Done::from(process.wait_with_output().unwrap());
-    assert_eq!(done.status, 0, "{}", done.err);
-    assert!(done.err.contains("1 skipped"), "{}", done.err);
+    let err = std::io::read_to_string(said).unwrap();
+    assert_eq!(status(process.wait().unwrap()), 0, "{err}");
+    assert!(err.contains("1 skipped"), "{err}");
     assert_eq!(bytes(&room.path("o.exr")), b"mine");
     assert_eq!(room.names("."), ["big.exr", "o.exr"]);
 }

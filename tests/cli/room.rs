@@ -1,7 +1,8 @@
 //! A folder of test frames, and lacuna run on it as a process.
 
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, ChildStderr, Command, Output, Stdio};
 
 use half::f16;
 use lacuna_exr::{
@@ -152,6 +153,18 @@ pub fn part_from(window: Window, first: usize) -> Part {
 /// A sparse frame of that size at the origin.
 pub fn sparse(width: i32, height: i32) -> Frame {
     Frame { parts: vec![part(Window { x_min: 0, y_min: 0, x_max: width - 1, y_max: height - 1 })] }
+}
+
+/// Reads standard error of a run up to the first line of its progress: a frame has been read, what follows is work. What
+/// it says from there on.
+pub fn at_work(process: &mut Child) -> BufReader<ChildStderr> {
+    let mut said = BufReader::new(process.stderr.take().unwrap());
+    let mut line = String::new();
+    while !line.contains("Progress: ") {
+        line.clear();
+        assert!(said.read_line(&mut line).unwrap() > 0, "ended before it said anything");
+    }
+    said
 }
 
 /// Sends a signal, such as `-TERM`, to a process.
