@@ -48,14 +48,6 @@ def test_a_lost_bucket_is_on_a_par_with_openimageio(tmp_path):
     assert our_quality >= their_quality - 0.05
 
 
-@pytest.mark.data
-def test_smoothness_splines_take_a_second_at_most(tmp_path):
-    full = frames.colour(DATA / "frames" / "engine.exr")
-    mask = frames.shuffle(*full.shape[:2], 0.2)
-    # Busy time: what other processes do to the clock on the wall is none of lacuna's doing.
-    assert min(filled(tmp_path, full, mask, "ss")[1].busy for _ in range(3)) <= 1.0
-
-
 def sample(name, names="RGB"):
     return frames.colour(SAMPLES / name, names)
 

