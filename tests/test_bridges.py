@@ -14,17 +14,13 @@ import frames
 from tool import LACUNA, ROOT, SAMPLES, lacuna, run
 
 BRIDGES = ROOT / "scripts" / "renderers"
-WATCH = SAMPLES / "renderers" / "watch.xml"
+BALL = ROOT / "tests" / "ball.xml"
 SMALL = ["-D", "width=32", "-D", "height=24", "--spp", "1"]
 MITSUBA, LUXCORE, BLENDER = "mitsuba_sparse.py", "luxcore_sparse.py", "blender_sparse.py"
 BOTH = pytest.mark.parametrize("name", [MITSUBA, LUXCORE])
 
 
-@pytest.fixture(scope="module", autouse=True)
-def made():
-    """What the scenes need besides their text."""
-    result = run([sys.executable, SAMPLES / "renderers" / "make.py"])
-    assert result.status == 0, result
+pytestmark = pytest.mark.usefixtures("renderer_scenes")
 
 
 @pytest.fixture
@@ -54,7 +50,7 @@ def told(result, status, *parts):
 
 
 def scene(name, cfg):
-    return [WATCH, *SMALL] if name == MITSUBA else [cfg, "--spp", "1"]
+    return [BALL, *SMALL] if name == MITSUBA else [cfg, "--spp", "1"]
 
 
 def here(folder):
@@ -137,7 +133,7 @@ def test_usage_is_one_line(name, cfg, tmp_path):
 
 
 def test_usage_of_mitsuba_alone(tmp_path):
-    out = [WATCH, "-o", tmp_path / "x.exr", "--density", "0.5"]
+    out = [BALL, "-o", tmp_path / "x.exr", "--density", "0.5"]
     told(bridge(MITSUBA, *out, "-D", "width"), 2, "-D", "NAME=VALUE", "'width'")
     told(bridge(MITSUBA, *out, "--aovs", "depth,depth:depth"), 2, "depth is given twice")
     for count in ("0", "-3"):
@@ -176,7 +172,7 @@ def test_patterns_go_frame_by_frame(cfg, tmp_path):
         found = frames.read(tmp_path / f"{frame:04}" / f"x.{frame:02}.{frame:03}.exr")[0]["mask"] > 0
         assert not (found & ~mask).any() and found.any()
     odd = tmp_path / "watch#@@.xml"
-    odd.write_text(WATCH.read_text())
+    odd.write_text(BALL.read_text())
     sys.path.insert(0, str(BRIDGES))
     try:
         import sequence
@@ -242,7 +238,7 @@ def test_a_link_to_a_file_stays_one(tmp_path):
     (tmp_path / "shot").mkdir()
     (tmp_path / "shot" / "x.exr").write_bytes(b"old")
     (tmp_path / "x.exr").symlink_to("shot/x.exr")
-    result = bridge(MITSUBA, WATCH, "-o", tmp_path / "x.exr", "--density", "0.5", *SMALL)
+    result = bridge(MITSUBA, BALL, "-o", tmp_path / "x.exr", "--density", "0.5", *SMALL)
     assert result.status == 0 and (tmp_path / "x.exr").is_symlink(), result
     assert np.isfinite(frames.colour(tmp_path / "shot" / "x.exr")).all()
     assert here(tmp_path) == [pathlib.Path(part) for part in ("shot", "shot/x.exr", "x.exr")]

@@ -28,11 +28,7 @@ def bridge(name, *words, ok=True):
     return result
 
 
-@pytest.fixture(scope="module", autouse=True)
-def made():
-    """What the scenes need besides their text."""
-    result = run([sys.executable, SCENES / "make.py"])
-    assert result.status == 0, result
+pytestmark = pytest.mark.usefixtures("renderer_scenes")
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ Needs numpy and OpenEXR.
 
 import pathlib
 import struct
+import tempfile
 
 import numpy as np
 import OpenEXR
@@ -105,16 +106,24 @@ def cloud(side=96, seed=5):
     return head + density.astype("<f4").tobytes()
 
 
+def make(folder):
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"Y": dial()}).write(str(folder / "dial.exr"))
+    ply(folder / "bezel.ply", *grid(1440, 32, bezel))
+    ply(folder / "knot.ply", *grid(600, 48, knot))
+    ply(folder / "ball.ply", *ball())
+    square = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]], float)
+    ply(folder / "floor.ply", square, np.array([[0, 2, 1], [0, 3, 2]]), square[:, [0, 2]] * 0.5 + 0.5)
+    (folder / "cloud.vol").write_bytes(cloud())
+
+
 def main():
     MADE.mkdir(parents=True, exist_ok=True)
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    OpenEXR.File(header, {"Y": dial()}).write(str(MADE / "dial.exr"))
-    ply(MADE / "bezel.ply", *grid(1440, 32, bezel))
-    ply(MADE / "knot.ply", *grid(600, 48, knot))
-    ply(MADE / "ball.ply", *ball())
-    square = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]], float)
-    ply(MADE / "floor.ply", square, np.array([[0, 2, 1], [0, 3, 2]]), square[:, [0, 2]] * 0.5 + 0.5)
-    (MADE / "cloud.vol").write_bytes(cloud())
+    # Others may be reading what an earlier run made: each file is replaced as a whole.
+    with tempfile.TemporaryDirectory(dir=MADE) as folder:
+        make(pathlib.Path(folder))
+        for path in pathlib.Path(folder).iterdir():
+            path.replace(MADE / path.name)
 
 
 if __name__ == "__main__":
