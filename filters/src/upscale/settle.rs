@@ -27,6 +27,8 @@
 //! inverse problems", SIAM Journal on Imaging Sciences 2(1), 2009, with restarts (B. O'Donoghue, E. Candes, "Adaptive restart
 //! for accelerated gradient schemes", Foundations of Computational Mathematics 15, 2015).
 
+use std::borrow::Cow;
+
 use lacuna_core::parallel::prelude::*;
 
 use super::{Enlarged, Plan, Question, Sampling};
@@ -75,6 +77,7 @@ pub(super) fn settle(
     run: &Run<'_>,
 ) -> Enlarged {
     let sampling = plan.geometry.sampling;
+    let samples = &within(samples, question.range);
     let bounds = Bounds::new(samples, question, matches!(sampling, Sampling::Box | Sampling::Grid));
     let (limited, outcome) = if let Some(cells) = &plan.cells {
         (in_cells(cells, samples, &bounds, &mut plane), Outcome::direct())
@@ -84,6 +87,17 @@ pub(super) fn settle(
         together(plan, samples, &bounds, &mut plane, run)
     };
     Enlarged { plane, limited, outcome }
+}
+
+/// Samples in the range that all must keep. Measured ones are; those that a fill has made may lie beside it by a rounding, and
+/// no image in the range has such a mean.
+fn within(samples: &Plane, (low, high): (f32, f32)) -> Cow<'_, Plane> {
+    if samples.pixels().iter().all(|value| (low..=high).contains(value)) {
+        return Cow::Borrowed(samples);
+    }
+    let mut samples = samples.clone();
+    samples.pixels_mut().iter_mut().for_each(|value| *value = value.max(low).min(high));
+    Cow::Owned(samples)
 }
 
 /// A box at a whole factor: cell by cell.

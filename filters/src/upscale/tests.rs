@@ -292,3 +292,16 @@ fn hard_edges_at_broken_factors_stay_calm() {
     let off = back.pixels().iter().zip(y.pixels()).filter(|(a, b)| (**a - **b).abs() > 1e-3).count();
     assert!(off < 100, "{off} of {}", low.pixels());
 }
+
+#[test]
+fn samples_beside_the_range_by_a_rounding_are_taken_into_it() {
+    let low = Size::new(4, 6);
+    let y = Plane::from_fn(low, |i, j| if (i + j) % 3 == 0 { 1.0 } else { -2e-6 });
+    for sampling in MODELS {
+        for high in [Size::new(8, 12), Size::new(5, 8)] {
+            let Ok(plan) = Plan::new(geometry(low, high, sampling), Method::Ss) else { continue };
+            let large = plan.enlarge(&y, &LIGHT, &Run::default()).unwrap().plane;
+            assert!(large.pixels().iter().all(|value| (0.0..f32::INFINITY).contains(value)), "{sampling:?}");
+        }
+    }
+}
