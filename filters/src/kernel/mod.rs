@@ -12,6 +12,7 @@
 pub mod aligned;
 pub mod cascade;
 pub mod chebyshev;
+pub mod curvature;
 pub mod dense;
 pub mod extremes;
 pub mod factor;
