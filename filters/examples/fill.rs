@@ -4,7 +4,7 @@ use lacuna_filters::{Mask, Options, Planes, fill};
 use ndarray::Array2;
 
 fn main() -> Result<(), lacuna_filters::Error> {
-    let truth = |y: usize, x: usize| ((y as f32 / 9.0).sin() * (x as f32 / 7.0).cos() + 1.0) / 2.0;
+    let truth = |y: usize, x: usize| 0.5 + 0.5 * (y as f32 / 9.0).sin() * (x as f32 / 7.0).cos();
     let sparse = |(y, x): (usize, usize)| if (y + 2 * x) % 5 == 0 { truth(y, x) } else { f32::NAN };
 
     let samples = Planes::from(Array2::from_shape_fn((120, 160), sparse));

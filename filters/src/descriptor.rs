@@ -28,6 +28,7 @@ pub struct Descriptor {
 
 /// What a method can use beside samples and their mask.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[allow(clippy::struct_excessive_bools, reason = "each is a flag of its own")]
 pub struct Takes {
     /// Complete planes that steer the image; only where measured pixels stay.
     pub guides: bool,

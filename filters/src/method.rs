@@ -4,13 +4,14 @@ use crate::baseline::{cubic, linear, nearest, push_pull};
 use crate::descriptor::{Configured, Descriptor};
 use crate::dictionary::fill;
 use crate::sensing::{cs_gradient, cs_wavelet};
-use crate::variational::{ss, tv};
+use crate::variational::{edge, ss, tv};
 use crate::{Error, Filter};
 
 /// All methods, the default first.
 pub static METHODS: &[&Descriptor] = &[
     &ss::DESCRIPTOR,
     &tv::DESCRIPTOR,
+    &edge::DESCRIPTOR,
     &push_pull::DESCRIPTOR,
     &nearest::DESCRIPTOR,
     &linear::DESCRIPTOR,

@@ -160,8 +160,8 @@ impl<O: Offer> SettingArgs<O> {
     /// The method with the settings that were given. A setting of another filter is an error.
     pub fn method(&self, filter: &'static Descriptor) -> Result<Method, Usage> {
         let file = self.dictionary.as_ref().map(|_| "dictionary");
-        let given = self.given.iter().map(|(flag, _)| *flag).chain(file);
-        for flag in given.filter(|flag| filter.settings.iter().all(|own| own.flag != *flag)) {
+        let mut given = self.given.iter().map(|(flag, _)| *flag).chain(file);
+        if let Some(flag) = given.find(|flag| filter.settings.iter().all(|own| own.flag != *flag)) {
             return Err(Self::of_another(flag, filter.name));
         }
         let mut method = match &self.dictionary {
@@ -172,12 +172,12 @@ impl<O: Offer> SettingArgs<O> {
                     filter.name
                 )));
             }
-            None => Method::of(filter, &[]).map_err(|error| usage(filter, error))?,
+            None => Method::of(filter, &[]).map_err(|error| usage(filter, &error))?,
         };
         for (setting, text) in self.of(filter) {
-            method.set(setting.name, text).map_err(|error| usage(filter, error))?;
+            method.set(setting.name, text).map_err(|error| usage(filter, &error))?;
         }
-        method.check().map_err(|error| usage(filter, error))?;
+        method.check().map_err(|error| usage(filter, &error))?;
         Ok(method)
     }
 
@@ -218,8 +218,8 @@ fn learned(path: &Path) -> Result<Method, Usage> {
 }
 
 /// What a filter says of its settings, with the flag.
-fn usage(filter: &'static Descriptor, error: Error) -> Usage {
-    match &error {
+fn usage(filter: &'static Descriptor, error: &Error) -> Usage {
+    match error {
         Error::Setting { name, value, range } => {
             let flag = filter.setting(name).map_or(*name, |setting| setting.flag);
             Usage(format!("--{flag} {value}: it must be {range}"))

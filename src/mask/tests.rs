@@ -269,9 +269,9 @@ fn png_files_are_read_by_brightness() {
         let masks = find(&target, &Source::File { pattern: "m".into(), channel: None }, Some(&file)).unwrap();
         shown(&target, &masks, 0, "R")
     };
-    save(path("grey.png").as_ref(), (ColorType::Grayscale, BitDepth::Eight), &vec![0, 127, 128, 255]);
+    save(path("grey.png").as_ref(), (ColorType::Grayscale, BitDepth::Eight), &[0, 127, 128, 255]);
     assert_eq!(found("grey.png"), "0011");
-    save(path("unscaled.png").as_ref(), (ColorType::Grayscale, BitDepth::Eight), &vec![0, 1, 1, 0]);
+    save(path("unscaled.png").as_ref(), (ColorType::Grayscale, BitDepth::Eight), &[0, 1, 1, 0]);
     assert_eq!(found("unscaled.png"), "0110");
     let deep: Vec<u8> = [0_u16, 32767, 32768, 65535].into_iter().flat_map(u16::to_be_bytes).collect();
     save(&path("deep.png"), (ColorType::Grayscale, BitDepth::Sixteen), &deep);
@@ -295,7 +295,7 @@ fn masks_are_measured_as_they_serve_frames() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let load = |name: &str, channel| generate::load(&path(name), channel);
-    save(path("unscaled.png").as_ref(), (ColorType::Grayscale, BitDepth::Eight), &vec![0, 1, 1, 0]);
+    save(path("unscaled.png").as_ref(), (ColorType::Grayscale, BitDepth::Eight), &[0, 1, 1, 0]);
     assert_eq!(load("unscaled.png", None).unwrap().as_slice(), [false, true, true, false]);
     // The content says what a file is, not its name.
     std::fs::copy(path("unscaled.png"), path("named.exr")).unwrap();

@@ -9,7 +9,7 @@ fn size() -> Size {
 
 /// About a third of the pixels.
 fn mask() -> Arc<Mask> {
-    Arc::new(Mask::from_fn(size(), |y, x| crate::sampling::hash(y as u64, x as u64) % 3 == 0))
+    Arc::new(Mask::from_fn(size(), |y, x| crate::sampling::hash(y as u64, x as u64).is_multiple_of(3)))
 }
 
 fn image(at: usize) -> Plane {

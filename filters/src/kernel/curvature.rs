@@ -173,13 +173,12 @@ fn blur(plane: &mut [f32], between: &mut [f32], taps: &[f32; REACH + 1], h: usiz
         let row = |y: usize| &plane[y.min(h - 1) * w..][..w];
         let rows: [(&[f32], &[f32]); REACH + 1] =
             std::array::from_fn(|k| (row(y.saturating_sub(k)), row(y + k)));
-        let out = &mut between[y * w..][..w];
-        for x in 0..w {
+        for (x, out) in between[y * w..][..w].iter_mut().enumerate() {
             let mut sum = taps[0] * rows[0].0[x];
             for k in 1..=REACH {
                 sum += taps[k] * (rows[k].0[x] + rows[k].1[x]);
             }
-            out[x] = sum;
+            *out = sum;
         }
     }
     for (from, to) in between.chunks_exact(w).zip(plane.chunks_exact_mut(w)) {

@@ -50,6 +50,7 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
+use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes};
 use crate::kernel::curvature::{Solve, Tile, Weigh, Weighting};
 use crate::kernel::{Isa, dispatch};
 use crate::variational::ss;
@@ -89,10 +90,51 @@ impl Default for Settings {
     }
 }
 
-impl std::fmt::Display for Settings {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { contrast, rounds } = self;
-        write!(f, "contrast={contrast} rounds={rounds}")
+/// What is to be known of edge-enhancing splines.
+pub static DESCRIPTOR: Descriptor = Descriptor {
+    name: "edge",
+    help: "Edge-enhancing splines: smooth, but bending freely across edges",
+    settings: &[
+        Setting {
+            name: "contrast",
+            flag: "edge-contrast",
+            value: "CONTRAST",
+            range: Range::Positive,
+            help: "the curvature that is taken for an edge, in spreads of the samples a pixel squared, above 0; larger is \
+                   nearer to ss",
+            ..Setting::PLAIN
+        },
+        Setting {
+            name: "rounds",
+            flag: "edge-rounds",
+            value: "N",
+            range: Range::Count(1, usize::MAX),
+            help: "how often edges are looked for and the image is found again, 1 or more",
+            ..Setting::PLAIN
+        },
+    ],
+    // As `ss`, from which it starts.
+    bytes: 160,
+    takes: Takes::NOTHING,
+    restores: false,
+    new: || Box::new(Settings::default()),
+};
+
+impl Configured for Settings {
+    fn descriptor(&self) -> &'static Descriptor {
+        &DESCRIPTOR
+    }
+
+    fn field(&mut self, name: &str) -> Option<&mut dyn Field> {
+        Some(match name {
+            "contrast" => &mut self.contrast,
+            "rounds" => &mut self.rounds,
+            _ => return None,
+        })
+    }
+
+    fn boxed(&self) -> Box<dyn Configured> {
+        Box::new(*self)
     }
 }
 

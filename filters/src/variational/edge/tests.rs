@@ -51,6 +51,9 @@ fn largest_difference(one: &Plane, other: &Plane) -> f32 {
     one.pixels().iter().zip(other.pixels()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
+/// From the side of a square, a row and a column to where that pixel comes from.
+type Map = fn(usize, usize, usize) -> (usize, usize);
+
 #[test]
 fn edges_are_straighter_than_those_of_splines_and_samples_are_exact() {
     let size = Size::new(150, 170);
@@ -109,8 +112,7 @@ fn flips_and_transposition_do_not_matter() {
     let size = Size::new(128, 128);
     let (side, random, full) = (size.width, mask(size, 0.3), disc(size));
     let plain = edge(&random, vec![full.clone()]).remove(0);
-    let maps: [fn(usize, usize, usize) -> (usize, usize); 3] =
-        [|n, y, x| (n - 1 - y, x), |n, y, x| (y, n - 1 - x), |_, y, x| (x, y)];
+    let maps: [Map; 3] = [|n, y, x| (n - 1 - y, x), |n, y, x| (y, n - 1 - x), |_, y, x| (x, y)];
     for (k, map) in maps.into_iter().enumerate() {
         let at = |y, x| map(side, y, x);
         let turned = Arc::new(Mask::from_fn(size, |y, x| random.is_measured(at(y, x).0, at(y, x).1)));

@@ -219,14 +219,12 @@ fn other_sizes_are_refused_and_small_images_are_plain() {
     let plan = method.plan(&Problem::fill(Arc::clone(&mask)), &run).unwrap();
     let samples = Planes::zeros(size, 2);
     let mut out = Planes::zeros(size, 2);
-    let wrong =
-        reconstruct((&method, plan.as_ref()), &mask, &samples, &guides(vec![]), &mut out, &run);
+    let wrong = reconstruct((&method, plan.as_ref()), &mask, &samples, &guides(vec![]), &mut out, &run);
     assert!(matches!(wrong, Err(Error::SizeMismatch { .. })));
     let mut own = Guides::new(size);
     assert!(own.add("wrong", planes(normal)).is_err());
     own.add("x", vec![Plane::from_fn(size, |_, x| x as f32)]).unwrap();
-    let (_, effect) =
-        reconstruct((&method, plan.as_ref()), &mask, &samples, &own, &mut out, &run).unwrap();
+    let (_, effect) = reconstruct((&method, plan.as_ref()), &mask, &samples, &own, &mut out, &run).unwrap();
     assert_eq!(effect, Effect::default());
 }
 
