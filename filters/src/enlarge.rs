@@ -1,6 +1,6 @@
 //! The call that enlarges: planes of a group of channels in, larger ones out; what is missing is filled on the way.
 //!
-//! Missing pixels are filled on the given grid first ([`crate::fill`]). Values at points go through the value domain, means do not: a
+//! Missing pixels are filled on the given grid first ([`crate::fill()`]). Values at points go through the value domain, means do not: a
 //! logarithm has others. With total variation what was missing does not bind the result: filling and enlarging are one problem. With
 //! splines they are one too: among the splines whose reduction passes through the measured pixels, the one whose reduction has the
 //! least energy.
