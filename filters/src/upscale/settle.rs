@@ -77,7 +77,9 @@ pub(super) fn settle(
     run: &Run<'_>,
 ) -> Enlarged {
     let sampling = plan.geometry.sampling;
-    let samples = &within(samples, question.range);
+    // A mean of values in the range is in it; other footprints weigh some pixels negatively.
+    let own = if plan.cells.is_some() { within(samples, question.range) } else { Cow::Borrowed(samples) };
+    let samples = own.as_ref();
     let bounds = Bounds::new(samples, question, matches!(sampling, Sampling::Box | Sampling::Grid));
     let (limited, outcome) = if let Some(cells) = &plan.cells {
         (in_cells(cells, samples, &bounds, &mut plane), Outcome::direct())
@@ -89,8 +91,7 @@ pub(super) fn settle(
     Enlarged { plane, limited, outcome }
 }
 
-/// Samples in the range that all must keep. Measured ones are; those that a fill has made may lie beside it by a rounding, and
-/// no image in the range has such a mean.
+/// Means in the range that all must keep. Measured ones are; those that a fill has made may lie beside it by a rounding.
 fn within(samples: &Plane, (low, high): (f32, f32)) -> Cow<'_, Plane> {
     if samples.pixels().iter().all(|value| (low..=high).contains(value)) {
         return Cow::Borrowed(samples);

@@ -294,14 +294,10 @@ fn hard_edges_at_broken_factors_stay_calm() {
 }
 
 #[test]
-fn samples_beside_the_range_by_a_rounding_are_taken_into_it() {
-    let low = Size::new(4, 6);
+fn means_beside_the_range_by_a_rounding_are_taken_into_it() {
+    let (low, high) = (Size::new(4, 6), Size::new(8, 12));
     let y = Plane::from_fn(low, |i, j| if (i + j) % 3 == 0 { 1.0 } else { -2e-6 });
-    for sampling in MODELS {
-        for high in [Size::new(8, 12), Size::new(5, 8)] {
-            let Ok(plan) = Plan::new(geometry(low, high, sampling), Method::Ss) else { continue };
-            let large = plan.enlarge(&y, &LIGHT, &Run::default()).unwrap().plane;
-            assert!(large.pixels().iter().all(|value| (0.0..f32::INFINITY).contains(value)), "{sampling:?}");
-        }
-    }
+    let plan = Plan::new(geometry(low, high, Sampling::Box), Method::Ss).unwrap();
+    let large = plan.enlarge(&y, &LIGHT, &Run::default()).unwrap().plane;
+    assert!(large.pixels().iter().all(|value| (0.0..f32::INFINITY).contains(value)));
 }
