@@ -30,7 +30,6 @@ pub mod dictionary;
 pub mod domain;
 pub mod enlarge;
 mod error;
-pub mod estimate;
 pub mod fill;
 mod filter;
 mod kernel;
