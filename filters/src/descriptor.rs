@@ -5,6 +5,7 @@ mod field;
 pub use field::{Choice, Field};
 pub(crate) use field::{plain, words};
 
+use crate::estimate::Kind;
 use crate::{Error, Filter};
 
 /// A method: its name, its settings, what it needs.
@@ -22,6 +23,8 @@ pub struct Descriptor {
     pub takes: Takes,
     /// Whether images without a missing pixel are smoothed, too, where the settings ask for smoothing.
     pub restores: bool,
+    /// The variance that errors of held-out samples go with; nothing where a fill takes too long to be made again for an estimate.
+    pub held_out: Option<Kind>,
     /// The method as it is by default.
     pub new: fn() -> Box<dyn Configured>,
 }
@@ -152,7 +155,7 @@ pub trait Configured: Filter + std::fmt::Debug {
         Ok(())
     }
 
-    /// Planes that a group must have; nothing if any number will do. Other groups are for smoothness splines.
+    /// Planes that a group must have; nothing if any number will do. Other groups are for the default method.
     fn planes(&self) -> Option<usize> {
         None
     }

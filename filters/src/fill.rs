@@ -16,7 +16,7 @@
 //! The same bits for every number of threads.
 
 mod solve;
-pub(crate) use solve::mend;
+pub(crate) use solve::{mend, restore};
 #[cfg(test)]
 mod tests;
 
@@ -25,6 +25,7 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 
 use crate::domain::{Domain, Map};
+use crate::estimate::Verdict;
 use crate::variational::guided::Guides;
 use crate::{Bounds, Error, Mask, Method, Outcome, Plane, Planes, Plans, Run};
 
@@ -40,11 +41,23 @@ pub enum Values {
     Directions,
 }
 
-/// What is asked for beside samples and mask. By default, light is filled by smoothness splines.
+/// What is to be said of the error of missing pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Estimate {
+    /// Nothing, and no time spent on it.
+    #[default]
+    No,
+    /// How large it is in all ([`Set::estimate`]): two fills more, of a part of the samples.
+    Figure,
+    /// How large it is at each pixel ([`Set::errors`]), too.
+    Pixels,
+}
+
+/// What is asked for beside samples and mask. By default, light is filled by what held-out samples choose.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Options<'a> {
-    /// The method with its settings. Sets of planes that it cannot take are filled by smoothness splines.
+    /// The method with its settings. Sets of planes that it cannot take are filled by the default one.
     pub method: Method,
     /// What the values are.
     pub values: Values,
@@ -61,6 +74,8 @@ pub struct Options<'a> {
     pub gradients: Vec<Option<[Plane; 2]>>,
     /// Complete planes that may steer the values.
     pub guides: Option<&'a Guides>,
+    /// What is to be said of the error.
+    pub estimate: Estimate,
 }
 
 impl Default for Options<'_> {
@@ -74,6 +89,7 @@ impl Default for Options<'_> {
             weights: None,
             gradients: Vec::new(),
             guides: None,
+            estimate: Estimate::No,
         }
     }
 }
@@ -127,6 +143,12 @@ pub struct Set {
     pub guides: Vec<String>,
     /// The part of the squared error that they took away, estimated by leaving measured pixels out.
     pub gain: Option<f64>,
+    /// Where the method chose: what it chose, and the mean weight of each at missing pixels.
+    pub shares: Vec<(&'static str, f64)>,
+    /// How wrong missing pixels are, over the planes of the set, light clipped to 0 and 1; nothing where that was not asked for, or held-out samples cannot show it.
+    pub estimate: Option<Verdict>,
+    /// The estimated root mean square error of each pixel over the planes, 0 at measured ones, if that was asked for.
+    pub errors: Option<Plane>,
     /// Measured pixels whose weight is 0.
     pub weightless: usize,
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::auto::Blend;
 use crate::{Error, Mask, Outcome, Plane, Planes, Run};
 
 /// What is to be solved, as far as the samples' values do not matter.
@@ -70,6 +71,11 @@ pub trait Plan: Send + Sync {
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
         self.reconstruct(samples, out, run)
+    }
+
+    /// The blend that this is, if it is one: that also takes guides and says what it chose.
+    fn blend(&self) -> Option<&Blend> {
+        None
     }
 }
 

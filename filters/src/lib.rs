@@ -22,6 +22,7 @@
 #![doc = include_str!("../README.md")]
 
 mod arrays;
+pub mod auto;
 pub mod baseline;
 mod bounds;
 mod check;
@@ -30,6 +31,7 @@ pub mod dictionary;
 pub mod domain;
 pub mod enlarge;
 mod error;
+pub mod estimate;
 pub mod fill;
 mod filter;
 mod kernel;

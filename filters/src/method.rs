@@ -1,5 +1,6 @@
 //! The methods a user picks from, and what is to be known of each. A new filter is one file and one line here.
 
+use crate::auto;
 use crate::baseline::{cubic, linear, nearest, push_pull};
 use crate::descriptor::{Configured, Descriptor};
 use crate::dictionary::fill;
@@ -9,6 +10,7 @@ use crate::{Error, Filter};
 
 /// All methods, the default first.
 pub static METHODS: &[&Descriptor] = &[
+    &auto::DESCRIPTOR,
     &ss::DESCRIPTOR,
     &tv::DESCRIPTOR,
     &edge::DESCRIPTOR,
@@ -42,9 +44,9 @@ impl<S: Configured + 'static> From<S> for Method {
 }
 
 impl Default for Method {
-    /// Smoothness splines.
+    /// What held-out samples choose.
     fn default() -> Self {
-        ss::Settings::default().into()
+        auto::Settings.into()
     }
 }
 
@@ -155,7 +157,7 @@ impl Method {
         self.0.check()
     }
 
-    /// Planes that a group must have; nothing if any number will do. Other groups are for smoothness splines.
+    /// Planes that a group must have; nothing if any number will do. Other groups are for the default method.
     pub fn planes(&self) -> Option<usize> {
         self.0.planes()
     }

@@ -2,9 +2,11 @@
 
 use clap::Args;
 use lacuna_filters::Method;
+use lacuna_filters::fill::Estimate;
 
 use super::Usage;
 use super::channels::ChannelArgs;
+use super::estimate::EstimateArgs;
 use super::filter::AroundArgs;
 use super::guides::GuideArgs;
 use super::input::InputArgs;
@@ -17,7 +19,7 @@ use super::weights::WeightArgs;
 use crate::commands::FillJob;
 use crate::files::Targets;
 use crate::guides::Asked;
-use crate::reconstruct::{self, Enlarge};
+use crate::reconstruct::{self, Enlarge, Gate};
 use crate::run::RunOptions;
 
 const EXAMPLES: &str = "\
@@ -62,6 +64,9 @@ pub struct FillArgs {
     guides: GuideArgs,
 
     #[command(flatten)]
+    estimate: EstimateArgs,
+
+    #[command(flatten)]
     output: OutputArgs,
 
     #[command(flatten)]
@@ -97,6 +102,7 @@ impl FillArgs {
             guides: Some(&self.guides),
             weights: Some(&self.weights),
             layers: Some(&self.layers),
+            estimate: Some(&self.estimate),
         };
         groups.job(self.filter.method()?, None)
     }
@@ -117,6 +123,7 @@ pub(super) struct Groups<'a> {
     pub guides: Option<&'a GuideArgs>,
     pub weights: Option<&'a WeightArgs>,
     pub layers: Option<&'a LayerArgs>,
+    pub estimate: Option<&'a EstimateArgs>,
 }
 
 impl Groups<'_> {
@@ -139,6 +146,8 @@ impl Groups<'_> {
             guides_from: self.guides.and_then(|guides| guides.guides_from.clone()),
             weights: self.weights.and_then(|weights| weights.weights.clone()),
             layers: layers.iter().map(ToString::to_string).collect(),
+            estimate: self.estimate.map_or(Estimate::No, EstimateArgs::estimate),
+            error_channel: self.estimate.and_then(|estimate| estimate.error_channel.clone()),
         };
         WeightArgs::check(&what)?;
         if let Some(guides) = self.guides {
@@ -160,6 +169,7 @@ impl Groups<'_> {
             what,
             level: packing.and_then(|packing| packing.level),
             existing: self.output.existing(self.more.update),
+            gate: self.estimate.map_or_else(Gate::default, EstimateArgs::gate),
             run,
         })
     }

@@ -6,6 +6,7 @@
 pub mod channels;
 pub mod compare;
 pub mod dictionary;
+mod estimate;
 pub mod fill;
 pub mod filter;
 mod guides;

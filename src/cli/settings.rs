@@ -181,6 +181,15 @@ impl<O: Offer> SettingArgs<O> {
         Ok(method)
     }
 
+    /// The only filter that has all of the settings that were given, if any were and there is one.
+    fn owner(&self) -> Option<&'static Descriptor> {
+        let file = self.dictionary.as_ref().map(|_| "dictionary");
+        let given: Vec<&str> = self.given.iter().map(|(flag, _)| *flag).chain(file).collect();
+        let has = |owner: &&'static Descriptor, flag: &str| owner.settings.iter().any(|own| own.flag == flag);
+        let mut owners = O::methods().into_iter().filter(|owner| given.iter().all(|flag| has(owner, flag)));
+        owners.next().filter(|_| !given.is_empty() && owners.next().is_none())
+    }
+
     /// Sets those of the settings that were given.
     pub fn apply(&self, to: &mut dyn Configured) {
         for (setting, text) in self.of(to.descriptor()) {
@@ -240,7 +249,9 @@ impl<O: Offer> Args for FilterArgs<O> {
         let methods = O::methods();
         let default = methods.first().map_or("", |method| method.name);
         let name = Arg::new("filter").long("filter").value_name("NAME").help_heading("Filter");
-        let name = name.help("The filter that reconstructs colour").value_parser(NameParser(methods));
+        let name = name
+            .help("The filter that reconstructs colour; a setting of one filter alone chooses it, too")
+            .value_parser(NameParser(methods));
         SettingArgs::<O>::augment_args(command.arg(name.default_value(default)))
     }
 
@@ -255,7 +266,9 @@ impl<O: Offer> FromArgMatches for FilterArgs<O> {
         let filter = matches.get_one::<FilterName>("filter");
         let filter =
             filter.ok_or_else(|| clap::Error::new(clap::error::ErrorKind::MissingRequiredArgument))?;
-        Ok(Self { filter: filter.0, settings })
+        let named = matches.value_source("filter") == Some(ValueSource::CommandLine);
+        let implied = settings.owner().filter(|_| !named);
+        Ok(Self { filter: implied.unwrap_or(filter.0), settings })
     }
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {

@@ -55,7 +55,7 @@ fn a_wrong_command_line_is_one_line() {
         ("mask -o m.exr --density 0.2", "lacuna mask --help"),
         ("fill a.exr", "lacuna fill --help"),
         ("fill a.exr -o b.exr --fliter ss", "lacuna fill --help"),
-        ("fill a.exr -o b.exr --tv-gap 0.1", "lacuna fill --help"),
+        ("fill a.exr -o b.exr --filter ss --tv-gap 0.1", "lacuna fill --help"),
         ("submit slurm --chunk 0 -- fill", "lacuna submit slurm --help"),
         ("submit slrum", "lacuna submit --help"),
         ("frobnicate", "lacuna --help"),
@@ -90,7 +90,7 @@ fn the_commands_are_sound() {
 #[test]
 fn the_defaults_are_the_documented_ones() {
     let job = fill("a.exr -o b.exr");
-    assert_eq!(job.what.method.name(), "ss");
+    assert_eq!(job.what.method.name(), "auto");
     assert!(job.what.method.keeps_measured());
     assert_eq!(job.what.mask, Source::Auto);
     assert_eq!((job.what.domain, job.what.limit, job.what.drop_mask), (Domain::Auto, true, false));
@@ -148,7 +148,7 @@ fn only_what_can_stop_early_takes_a_time_limit() {
 #[test]
 fn settings_of_another_filter_are_refused() {
     for (line, flag) in [
-        ("--tv-norm isotropic", "--tv-norm"),
+        ("--filter auto --tv-norm isotropic", "--tv-norm"),
         ("--filter tv --ss-lambda 0.1", "--ss-lambda"),
         ("--filter pushpull --tv-gap 0.1", "--tv-gap"),
         ("--filter nearest --ss-order 2", "--ss-order"),

@@ -209,6 +209,7 @@ impl UpscaleArgs {
             guides: None,
             weights: None,
             layers: None,
+            estimate: None,
         };
         let enlarge = Enlarge { target, method: self.filter.method()?, sampling: self.filter.sampling };
         groups.job(self.filter.filling(), Some(enlarge))

@@ -3,6 +3,7 @@
 use lacuna_exr::Compression;
 use lacuna_filters::Method;
 use lacuna_filters::domain::Domain;
+use lacuna_filters::fill::Estimate;
 use serde::Serialize;
 
 use super::{Enlarge, Weights};
@@ -50,6 +51,10 @@ pub struct Job {
     pub weights: Option<Weights>,
     /// The layers that come from other files, each as `NAME=PATTERN`.
     pub layers: Vec<String>,
+    /// What is to be said of the error of missing pixels.
+    pub estimate: Estimate,
+    /// The name of the channel that holds the estimated error of each pixel, if there is to be one.
+    pub error_channel: Option<String>,
 }
 
 impl Job {
@@ -69,6 +74,8 @@ impl Job {
             guides_from: None,
             weights: None,
             layers: Vec::new(),
+            estimate: Estimate::No,
+            error_channel: None,
         }
     }
 
@@ -116,6 +123,9 @@ impl Job {
         }
         if let Some(weights) = &self.weights {
             line = format!("{line} weights={}", quote(&weights.to_string()));
+        }
+        if let Some(name) = &self.error_channel {
+            line = format!("{line} error-channel={name}");
         }
         if !self.layers.is_empty() {
             line = format!("{line} layers={}", quote(&self.layers.join("\n")));

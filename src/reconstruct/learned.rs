@@ -1,5 +1,5 @@
 //! Which groups of channels a dictionary is for: R, G and B of a layer together, in that order, or each alone for a grey one. All
-//! others are filled by smoothness splines.
+//! others are filled by the default method.
 
 use lacuna_exr::Part;
 use lacuna_filters::Method;

@@ -16,6 +16,7 @@ mod apply;
 mod bounds;
 mod enlarge;
 mod error;
+pub(crate) mod estimate;
 mod gradients;
 mod groups;
 mod job;
@@ -35,6 +36,7 @@ mod weights;
 pub(crate) use bounds::bounds_of;
 pub use enlarge::{Enlarge, Target, Windows, enlarge};
 pub use error::Error;
+pub use estimate::{Estimated, Gate};
 pub(crate) use groups::usable;
 pub use job::{Job, Kind, output_compression, parse_settings};
 use lacuna_exr::{Frame, Part};
@@ -109,6 +111,10 @@ pub fn fill_with(
             let density = masks.part_density(index).unwrap_or(1.0);
             stamp.with_mask(mask).write(&mut part.attributes, density, stop.unwrap_or(Stop::Converged));
             stamp::write_guides(&mut part.attributes, &done.report);
+            stamp::write_estimate(&mut part.attributes, &done.report);
+        }
+        if let Some(name) = &job.error_channel {
+            done.notes.extend(estimate::add_channels(part, name, std::mem::take(&mut done.errors)));
         }
         report.copied &= copied;
         done.notes.extend(notes);

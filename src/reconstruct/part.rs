@@ -45,6 +45,8 @@ pub struct Done {
     pub converted: bool,
     /// For the log.
     pub notes: Vec<String>,
+    /// The estimated error of layers, if it is to be written: the layer's first channel, and the error.
+    pub errors: Vec<(String, Plane)>,
 }
 
 /// A channel's values after the filter, before they are written.
@@ -147,6 +149,8 @@ fn filter(
     let options = options(frame, work, (group, method), &names)?;
     let answer = fill_with(&samples, mask, &options, work.plans, work.run).map_err(fail)?;
     for set in &answer.sets {
+        let error = set.errors.as_ref().filter(|_| group.values == Values::Light);
+        done.errors.extend(error.map(|error| (names[set.planes[0]].clone(), error.clone())));
         let names: Vec<_> = set.planes.iter().map(|&at| names[at].clone()).collect();
         done.notes.extend(set_notes(set, &names, &work.job.method));
         done.report.groups.push(GroupReport {
@@ -154,6 +158,8 @@ fn filter(
             domain: set.map.name(),
             guides: set.guides.clone(),
             guides_gain: set.gain,
+            chosen: set.shares.iter().map(|(name, share)| ((*name).into(), *share)).collect(),
+            estimate: set.estimate.map(Into::into),
             outcome: set.outcome,
         });
         if set.weightless > 0 {
@@ -190,6 +196,7 @@ fn options<'a>(
     let mut options = values_options(group, names, work.job);
     options.gradients = gradients::find(&frame.parts[work.index], masks, group, &method);
     options.method = method;
+    options.estimate = work.job.estimate;
     options.weights = match &work.job.weights {
         Some(weights) => Some(weights.plane(frame, work.index)?),
         None => None,

@@ -4,6 +4,7 @@ use lacuna_filters::Outcome;
 use serde::Serialize;
 
 use super::Stamp;
+use super::estimate::Estimated;
 use crate::channels::{self, Rule};
 
 /// What was done to one frame. Times are the caller's to add.
@@ -74,6 +75,12 @@ pub struct GroupReport {
     pub guides: Vec<String>,
     /// The part of the squared error that they took away, estimated by leaving measured pixels out.
     pub guides_gain: Option<f64>,
+    /// Where the filter chose: the methods that it chose, and the mean weight of each at missing pixels.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub chosen: Vec<(String, f64)>,
+    /// How wrong the missing pixels are by estimate; nothing where that was not asked for, or would take too long.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub estimate: Option<Estimated>,
     /// How the solver ended.
     pub outcome: Outcome,
 }

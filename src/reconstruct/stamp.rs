@@ -3,8 +3,8 @@
 use lacuna_exr::Attributes;
 use lacuna_filters::Stop;
 
-use super::PartReport;
 use super::job::{Job, parse_settings};
+use super::{PartReport, estimate};
 use crate::channels::Override;
 use crate::guides;
 use crate::mask::Source;
@@ -24,10 +24,11 @@ pub const MASK: &str = crate::mask::ATTRIBUTE;
 pub const STOP: &str = "lacuna/stop";
 
 /// All attributes that filling adds.
-pub const ADDED: &[&str] = &[VERSION, FILTER, SETTINGS, DENSITY, MASK, STOP, guides::ATTRIBUTE];
+pub const ADDED: &[&str] =
+    &[VERSION, FILTER, SETTINGS, DENSITY, MASK, STOP, guides::ATTRIBUTE, estimate::ATTRIBUTE];
 
 /// Those of them that say how the pixels were filled, which would lie once pixels are missing again.
-pub const FILLING: &[&str] = &[FILTER, SETTINGS, DENSITY, STOP, guides::ATTRIBUTE];
+pub const FILLING: &[&str] = &[FILTER, SETTINGS, DENSITY, STOP, guides::ATTRIBUTE, estimate::ATTRIBUTE];
 
 /// Attributes derived from pixels, which would lie once the pixels differ.
 pub const DERIVED: &[&str] = &["preview", "oiio:SHA-1", "oiio:AverageColor", "oiio:ConstantColor"];
@@ -125,6 +126,14 @@ pub fn write_guides(attributes: &mut Attributes, report: &PartReport) {
         attributes.remove(guides::ATTRIBUTE);
     } else {
         attributes.set_text(guides::ATTRIBUTE, &names.join(", "));
+    }
+}
+
+/// Writes how wrong a part's missing pixels are by estimate; parts that were not judged have no such attribute.
+pub fn write_estimate(attributes: &mut Attributes, report: &PartReport) {
+    match estimate::line(report.groups.iter()) {
+        Some(line) => attributes.set_text(estimate::ATTRIBUTE, &line),
+        None => drop(attributes.remove(estimate::ATTRIBUTE)),
     }
 }
 

@@ -86,6 +86,11 @@ impl Failure {
         let (text, named) = (error.to_string(), format!("{}: ", file.display()));
         Self { file: file.into(), text: text.strip_prefix(&named).unwrap_or(&text).into() }
     }
+
+    /// A file that was written, but is not believed for this reason.
+    pub fn doubtful(file: &Path, why: &str) -> Self {
+        Self { file: file.into(), text: format!("written, but doubtful: {why}") }
+    }
 }
 
 /// What is to be done with a frame.

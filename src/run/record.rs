@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use crate::files::plan::Item;
 use crate::files::reports;
+use crate::reconstruct::Estimated;
 
 /// How far a frame came.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -35,6 +36,16 @@ pub struct Seconds {
     pub solve: f64,
     /// Encoding and writing.
     pub write: f64,
+}
+
+/// How wrong the missing pixels of a group of channels are by estimate.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Estimate {
+    /// The channels' full names.
+    pub channels: Vec<String>,
+    /// The error.
+    #[serde(flatten)]
+    pub error: Estimated,
 }
 
 /// One frame of the report.
@@ -65,6 +76,12 @@ pub struct Record {
     /// What steered the colour, and what that gained by estimate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guides: Option<String>,
+    /// What the filter chose where, if it does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub chosen: Option<String>,
+    /// How wrong the missing pixels of each group of channels are by estimate.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub estimates: Vec<Estimate>,
     /// How the solvers ended: stop, iterations, residual or gap; the worst of all channels.
     #[serde(flatten)]
     pub outcome: Option<Outcome>,

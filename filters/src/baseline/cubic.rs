@@ -31,6 +31,7 @@ use self::patch::{Patch, across};
 use super::delaunay::Barycentric;
 use super::linear::Scattered;
 use crate::descriptor::{Configured, Descriptor, Field, Takes};
+use crate::estimate::Kind;
 use crate::{Error, Filter, Outcome, Plan, Planes, Problem, Run, Stop};
 
 /// No settings.
@@ -46,6 +47,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     bytes: 288,
     takes: Takes::NOTHING,
     restores: false,
+    held_out: Some(Kind::Spline),
     new: || Box::new(Settings),
 };
 

@@ -16,6 +16,7 @@ use std::sync::Arc;
 use super::delaunay::{NONE, Triangulation};
 use super::nearest::NearestMap;
 use crate::descriptor::{Configured, Descriptor, Field, Takes};
+use crate::estimate::Kind;
 use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, check};
 
 /// No settings.
@@ -31,6 +32,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     bytes: 192,
     takes: Takes::NOTHING,
     restores: false,
+    held_out: Some(Kind::Distance),
     new: || Box::new(Settings),
 };
 

@@ -19,6 +19,7 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 
 use crate::descriptor::{Configured, Descriptor, Field, Takes};
+use crate::estimate::Kind;
 use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, Size, check};
 
 /// No settings.
@@ -33,6 +34,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     bytes: 48,
     takes: Takes::NOTHING,
     restores: false,
+    held_out: Some(Kind::Distance),
     new: || Box::new(Settings),
 };
 

@@ -16,6 +16,7 @@
 use lacuna_core::parallel::prelude::*;
 
 use crate::descriptor::{Configured, Descriptor, Field, Takes};
+use crate::estimate::Kind;
 use crate::kernel::Isa;
 use crate::kernel::pyramid::{self, Pull};
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Size, check};
@@ -32,6 +33,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     bytes: 48,
     takes: Takes::NOTHING,
     restores: false,
+    held_out: Some(Kind::Distance),
     new: || Box::new(Settings),
 };
 

@@ -164,6 +164,7 @@ pub static LEARNED: Descriptor = Descriptor {
     bytes: 48,
     takes: Takes { dictionary: true, ..Takes::NOTHING },
     restores: true,
+    held_out: None,
     new: || Box::new(Learned::default()),
 };
 
@@ -232,6 +233,7 @@ pub static COSINES: Descriptor = Descriptor {
     bytes: 48,
     takes: Takes::NOTHING,
     restores: true,
+    held_out: None,
     new: || Box::new(Cosines::default()),
 };
 

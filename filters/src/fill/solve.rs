@@ -4,10 +4,13 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
-use super::{Options, Set, Values};
+use super::{Estimate, Options, Set, Values};
 use crate::domain::{Domain, Map};
+use crate::estimate::{Evidence, Folds, Model};
 use crate::variational::guided::{self, Effect};
-use crate::{Bounds, Error, Gradients, Mask, Method, Outcome, Plan, Plane, Planes, Plans, Run, limiter};
+use crate::{
+    Bounds, Error, Gradients, Mask, Method, Outcome, Plan, Plane, Planes, Plans, Problem, Run, limiter,
+};
 
 /// Pixels that one task takes in loops over a plane.
 const PIECE: usize = 1 << 14;
@@ -34,7 +37,13 @@ pub fn solve(
     let mut out = Planes::zeros(samples.size(), samples.len());
     let gradients = Slopes::new(options, &method, &places, mask);
     let task = Task { method: &method, plan: plan.as_ref(), mask, options, run };
-    let (outcome, mut effect) = task.reconstruct((samples, gradients.as_ref()), map, &mut out)?;
+    let values = (samples, gradients.as_ref());
+    let (outcome, mut effect) = task.reconstruct(values, map, &mut out)?;
+    let model = if options.estimate == Estimate::No {
+        None
+    } else {
+        task.learn(values, map, effect.evidence.take())?
+    };
     let mut predicted = effect.predicted.take().map(Planes::into_vec).unwrap_or_default().into_iter();
     let (mut mended, mut limited) = (0, Vec::with_capacity(places.len()));
     let limit = options.limit && options.values != Values::Directions;
@@ -56,9 +65,24 @@ pub fn solve(
         }
         limited.push(moved);
     }
-    let Effect { guides, gain, .. } = effect;
+    let Effect { guides, gain, shares, .. } = effect;
+    let errors = model.as_ref().filter(|_| options.estimate == Estimate::Pixels).map(Model::plane);
+    let estimate = model.map(|model| model.verdict());
     let mask = Arc::clone(mask);
-    let set = Set { planes: places, mask, method, map, outcome, mended, guides, gain, weightless };
+    let set = Set {
+        planes: places,
+        mask,
+        method,
+        map,
+        outcome,
+        mended,
+        guides,
+        gain,
+        shares,
+        estimate,
+        errors,
+        weightless,
+    };
     Ok((out, limited, set))
 }
 
@@ -72,6 +96,49 @@ struct Task<'a> {
 }
 
 impl Task<'_> {
+    /// How wrong the method is on this mask, from `evidence` where it says so itself, and else from fills without some of the samples;
+    /// nothing where those would take too long, or the method smooths, so that its error at a sample is not that beside it.
+    fn learn(
+        &self,
+        (samples, gradients): (&Planes, Option<&Slopes>),
+        map: Map,
+        evidence: Option<Evidence>,
+    ) -> Result<Option<Model>, Error> {
+        let folds = Folds::default();
+        let Some(kind) = self.method.descriptor().held_out.filter(|_| self.method.keeps_measured()) else {
+            return Ok(None);
+        };
+        let mut evidence = if let Some(evidence) = evidence {
+            evidence
+        } else {
+            let mut again = |samples: &Planes, kept: &Arc<Mask>| {
+                let plan = self.method.filter().plan(&Problem::fill(Arc::clone(kept)), self.run)?;
+                let task = Task { plan: plan.as_ref(), mask: kept, ..*self };
+                let mut out = Planes::zeros(samples.size(), samples.len());
+                task.reconstruct((samples, gradients), map, &mut out)?;
+                Ok(out)
+            };
+            Evidence::of_folds((samples, self.mask), folds, kind, &mut again)?
+        };
+        if self.run.interrupted().is_some() {
+            return Ok(None);
+        }
+        if self.options.values != Values::Light {
+            return Ok(Some(Model::new(&evidence, samples, self.mask, folds.seed)));
+        }
+        // As light is compared: a highlight counts as what can be shown of it.
+        evidence.map(|_, value| value.clamp(0.0, 1.0));
+        let mut shown = samples.clone();
+        for plane in shown.as_mut_slice() {
+            plane.pixels_mut().par_chunks_mut(PIECE).for_each(|values| {
+                for value in values {
+                    *value = value.clamp(0.0, 1.0);
+                }
+            });
+        }
+        Ok(Some(Model::new(&evidence, &shown, self.mask, folds.seed)))
+    }
+
     /// The method within the value domain.
     fn reconstruct(
         &self,
@@ -86,6 +153,9 @@ impl Task<'_> {
         mapped.as_mut_slice().iter_mut().for_each(|plane| map.forward_plane(self.mask, plane));
         let slopes = gradients.map(|found| found.mapped(map, samples, self.mask));
         let mut found = self.mapped(&mapped, slopes.as_ref(), out)?;
+        if let Some(evidence) = &mut found.1.evidence {
+            evidence.map(|_, value| map.inverse(value));
+        }
         let predicted = found.1.predicted.as_mut().map(Planes::as_mut_slice).into_iter().flatten();
         predicted.chain(out.as_mut_slice()).for_each(|plane| map.inverse_plane(plane));
         if self.method.keeps_measured() {
@@ -107,6 +177,9 @@ impl Task<'_> {
         let guides =
             options.guides.filter(|_| options.method.descriptor().takes.guides && method.keeps_measured());
         match (gradients, guides) {
+            (None, guides) if let Some(blend) = plan.blend() => {
+                blend.choose(samples, guides, options.estimate != Estimate::No, out, run)
+            }
             (Some(slopes), _) => {
                 let [x, y] = &slopes.planes;
                 let gradients = Gradients { planes: [x, y], mask: &slopes.mask };
@@ -121,7 +194,7 @@ impl Task<'_> {
 }
 
 /// Puts the bits of measured pixels back.
-fn restore(mask: &Mask, samples: &Plane, out: &mut Plane) {
+pub(crate) fn restore(mask: &Mask, samples: &Plane, out: &mut Plane) {
     let pieces = mask.as_slice().par_chunks(PIECE).zip(samples.pixels().par_chunks(PIECE));
     out.pixels_mut().par_chunks_mut(PIECE).zip(pieces).for_each(|(out, (flags, samples))| {
         for ((out, &flag), &sample) in out.iter_mut().zip(flags).zip(samples) {

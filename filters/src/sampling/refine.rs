@@ -230,7 +230,7 @@ fn take(size: Size, squared: &mut [u32], pixel: usize) {
 }
 
 /// Convolves with a Gaussian of standard deviation `sigma` pixels, cut at four of them; zero outside of the image.
-fn blur(size: Size, values: &[f32], sigma: f64) -> Vec<f32> {
+pub(crate) fn blur(size: Size, values: &[f32], sigma: f64) -> Vec<f32> {
     let reach = (4.0 * sigma).ceil() as usize;
     let weights: Vec<f32> =
         (0..=reach).map(|d| (-((d * d) as f64) / (2.0 * sigma * sigma)).exp() as f32).collect();

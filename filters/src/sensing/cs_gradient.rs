@@ -161,6 +161,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     bytes: 48,
     takes: Takes { gradients: true, ..Takes::NOTHING },
     restores: false,
+    held_out: None,
     new: || Box::new(Settings::default()),
 };
 

@@ -194,6 +194,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     bytes: 48,
     takes: Takes::NOTHING,
     restores: false,
+    held_out: None,
     new: || Box::new(Settings::default()),
 };
 

@@ -51,6 +51,7 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 
 use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes};
+use crate::estimate::Kind;
 use crate::kernel::curvature::{Solve, Tile, Weigh, Weighting};
 use crate::kernel::{Isa, dispatch};
 use crate::variational::ss;
@@ -117,6 +118,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     bytes: 160,
     takes: Takes::NOTHING,
     restores: false,
+    held_out: Some(Kind::Spline),
     new: || Box::new(Settings::default()),
 };
 

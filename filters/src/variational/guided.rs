@@ -34,6 +34,7 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::{join, prelude::*};
 
+use crate::estimate::Evidence;
 use crate::kernel::Isa;
 use crate::kernel::regress::Scales;
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run};
@@ -76,6 +77,10 @@ pub struct Effect {
     /// What the guides alone predict, where they are trusted; NaN elsewhere. It stays near the samples around, so a limiter
     /// may let values go that far.
     pub predicted: Option<Planes>,
+    /// Where the method is a blend: the candidates that count, and the mean weight of each at missing pixels.
+    pub shares: Vec<(&'static str, f64)>,
+    /// The same: what held-out samples show of it, if that was asked for.
+    pub evidence: Option<Evidence>,
 }
 
 /// Fills `out` from `samples` with guides. `plan` is that of `filter` on `mask`.
@@ -109,7 +114,8 @@ pub fn reconstruct(
     let (guided, mut predicted, second) = model.fill(part, &everywhere, FINAL, run)?;
     let outcome = outcome.worst(second);
     blend(mask, guides, &trust, &guided, &mut predicted, out);
-    Ok((outcome, Effect { guides: guides.counting(&scales), gain: Some(gain), predicted: Some(predicted) }))
+    let guides = guides.counting(&scales);
+    Ok((outcome, Effect { guides, gain: Some(gain), predicted: Some(predicted), ..Effect::default() }))
 }
 
 struct Model<'a> {

@@ -57,6 +57,7 @@ mod weights;
 
 use crate::baseline::push_pull;
 use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes, words};
+use crate::estimate::Kind;
 use crate::kernel::Isa;
 use crate::kernel::extremes::range;
 use crate::kernel::tv::{Anisotropic, DualBall, Isotropic};
@@ -151,6 +152,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     bytes: 48,
     takes: Takes { weights: true, ..Takes::NOTHING },
     restores: false,
+    held_out: Some(Kind::Distance),
     new: || Box::new(Settings::default()),
 };
 

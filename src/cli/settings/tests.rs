@@ -23,6 +23,7 @@ struct Flat {
 }
 
 static FLAT: Descriptor = Descriptor {
+    held_out: None,
     name: "flat",
     help: "One grey everywhere",
     settings: &[
@@ -121,10 +122,12 @@ fn it_has_its_flags_and_their_ranges() {
     let found = method("--filter flat --flat-grey 0.5 --flat-how slow").unwrap();
     assert_eq!((found.name(), found.settings().as_str()), ("flat", "grey=0.5 how=slow"));
     assert_eq!(method("--filter flat").unwrap().settings(), "grey=0.25 how=fast");
+    assert_eq!(method("--flat-how slow").unwrap().settings(), "grey=0.25 how=slow");
+    assert_eq!(method("").unwrap().name(), "auto");
     for (line, reason) in [
         ("--filter flat --flat-grey -1", "it must be a number of 0 or more"),
         ("--filter flat --flat-how never", "[possible values: fast, slow]"),
-        ("--flat-grey 0.5", "--flat-grey is a setting of --filter flat, but the filter is ss"),
+        ("--flat-grey 0.5 --ss-lambda 1", "--ss-lambda is a setting of --filter ss, but the filter is auto"),
         ("--filter flat --ss-lambda 1", "--ss-lambda is a setting of --filter ss, but the filter is flat"),
         ("--filter ss --dict-restore", "--dict-restore is a setting of --filter dictionary and --filter dct"),
         ("--filter dct --dict-stride 17", "--dict-stride 17: it must be"),

@@ -19,10 +19,10 @@ use crate::files::plan::{Item, Targets, plan};
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, MaskFile, Masks};
 use crate::reconstruct::shared::SharedPlans;
-use crate::reconstruct::{self, GroupReport, Report};
+use crate::reconstruct::{self, Gate, GroupReport, Report, estimate};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
-use crate::run::record::{Heading, Record};
+use crate::run::record::{Estimate, Heading, Record};
 use crate::run::{batch, memory, outputs};
 
 /// Frames to be filled, and how.
@@ -40,6 +40,8 @@ pub struct FillJob {
     pub level: Option<u8>,
     /// What happens to outputs that exist.
     pub existing: Existing,
+    /// What the fill must reach by its estimate.
+    pub gate: Gate,
     /// How to run.
     pub run: RunOptions,
 }
@@ -186,7 +188,9 @@ impl Work for Fill<'_> {
         if report.outcome.is_some_and(|outcome| outcome.stop == Stop::Cancelled) {
             return Err(at_input(&"stopped"));
         }
-        outputs::write(&frame, item, (self.job.existing, self.job.level), stage, record)
+        let doubt = self.job.gate.is_set().then(|| self.job.gate.doubt(&report)).flatten();
+        outputs::write(&frame, item, (self.job.existing, self.job.level), stage, record)?;
+        doubt.map_or(Ok(()), |doubt| Err(Failure::doubtful(&item.output, &doubt)))
     }
 
     fn end(&self, heading: &Heading, records: &[Record]) -> Result<(), String> {
@@ -207,6 +211,19 @@ fn enter(report: &Report, record: &mut Record) {
     if let Some(guides) = &record.guides {
         tracing::info!("guided by {guides}");
     }
+    let groups = || report.parts.iter().flat_map(|part| &part.groups);
+    record.chosen = estimate::chosen(groups());
+    if let Some(chosen) = &record.chosen {
+        tracing::info!("chosen by held-out samples: {chosen}");
+    }
+    if let Some(line) = estimate::line(groups()) {
+        tracing::info!("missing pixels by estimate: {line}");
+    }
+    let estimated = |group: &GroupReport| {
+        let error = group.estimate.clone()?;
+        Some(Estimate { channels: group.channels.clone(), error })
+    };
+    record.estimates = groups().filter_map(estimated).collect();
     record.warn(&report.notes);
     record.warn(report.outcome.and_then(early).as_slice());
     if report.clamped_halves > 0 {

@@ -91,6 +91,8 @@ fn solve(
     let large = enlarge::complete(&samples, &masks, &options, work.plans, work.run).map_err(fail)?;
     done.notes.extend(overflow_note(&names.join(", "), large.mended));
     done.report.groups.push(GroupReport {
+        chosen: Vec::new(),
+        estimate: None,
         channels: names,
         domain: large.map.name(),
         outcome: large.outcome,

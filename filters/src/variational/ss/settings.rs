@@ -2,6 +2,7 @@
 
 use super::Kernel;
 use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes, words};
+use crate::estimate::Kind;
 use crate::{Error, check};
 
 /// Order of the derivatives whose energy is least.
@@ -111,6 +112,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     bytes: 160,
     takes: Takes { guides: true, weights: true, ..Takes::NOTHING },
     restores: false,
+    held_out: Some(Kind::Spline),
     new: || Box::new(Settings::default()),
 };
 

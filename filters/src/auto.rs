@@ -1,0 +1,277 @@
+//! The filter that held-out samples choose, place by place: splines, edge-enhancing splines, total variation, and guides where there are any.
+//!
+//! Given samples `y` at the measured pixels of an `H x W` image and candidates `F_k`, the image is
+//!
+//! ```text
+//! x(p) = sum over k of w_k(p) F_k(y)(p),      w_k >= 0,  sum of w_k = 1
+//! w(p) = argmin  w' (A(p) + s tr A(p) B / tr B) w,      A_kl(p) = sum over held-out samples i of g(p - i) e_k(i) e_l(i)
+//! ```
+//!
+//! with `e_k(i)` the error of `F_k` at a sample that it did not see, `g` a Gaussian of [`SPREAD`] spacings of held-out samples, `B` the sum
+//! over all of the image and `s` = [`FRAME`]: where little was held out around a pixel, or nothing differs, the image decides. Errors of all
+//! channels count alike; the weights are theirs together.
+//!
+//! A candidate that takes less than [`WORTH`] of the squared error away stays out, and is not computed for all of the image. Large images
+//! first try the candidates on tiles that are spread over them (`trial`).
+//!
+//! Algorithm: samples are held out in folds ([`crate::estimate::Folds`]), which also say how wrong the result is. `A` is summed in cells of half
+//! the Gaussian's width; in each the small quadratic problem is solved by trying all sets of candidates (`weights`). Between cells weights are
+//! interpolated linearly. Measured pixels keep their bits.
+//!
+//! Boundary: that of the candidates. No settings. The same bits for any number of threads.
+//!
+//! Cost: two fills of each candidate that counts. Memory: three planes a channel beside the candidate that takes most.
+//!
+//! Fails: images in which a few pixels that no sample shows carry all of the error; the blend is then that of the rest.
+//!
+//! Sources: L. Breiman, "Stacked regressions", Machine Learning 24, 1996 (non-negative combinations by held-out errors); M. Stone,
+//! "Cross-Validatory Choice and Assessment of Statistical Predictions", Journal of the Royal Statistical Society B 36, 1974.
+
+mod trial;
+mod weights;
+
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+
+use crate::descriptor::{Configured, Descriptor, Field, Takes};
+use crate::estimate::{Evidence, Folds, HeldOut, Kind};
+use crate::variational::guided::{self, Effect, Guides};
+use crate::variational::{edge, ss, tv};
+use crate::{Error, Filter, Gradients, Mask, Outcome, Plan, Planes, Problem, Run};
+use weights::Weights;
+
+/// Width of the neighbourhood, in spacings of held-out samples.
+const SPREAD: f64 = 4.0;
+/// What the errors of all of the image count for in each neighbourhood.
+const FRAME: f64 = 0.5;
+/// What a candidate must take away of the squared error to be computed.
+const WORTH: f64 = 0.01;
+/// Fewer measured pixels choose nothing.
+const FEWEST: usize = 64;
+
+/// No settings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Settings;
+
+/// What is to be known of it.
+pub static DESCRIPTOR: Descriptor = Descriptor {
+    name: "auto",
+    help: "What held-out samples choose, place by place: edge, ss or tv",
+    settings: &[],
+    bytes: 240,
+    takes: Takes { guides: true, gradients: true, ..Takes::NOTHING },
+    restores: false,
+    held_out: Some(Kind::Spline),
+    new: || Box::new(Settings),
+};
+
+impl Configured for Settings {
+    fn descriptor(&self) -> &'static Descriptor {
+        &DESCRIPTOR
+    }
+
+    fn field(&mut self, _name: &str) -> Option<&mut dyn Field> {
+        None
+    }
+
+    fn boxed(&self) -> Box<dyn Configured> {
+        Box::new(*self)
+    }
+}
+
+/// What is chosen from; guides come besides. The first is what the others are held against where nothing is known.
+fn candidates() -> [(&'static str, Box<dyn Filter>); 3] {
+    [
+        ("ss", Box::new(ss::Settings::default())),
+        ("edge", Box::new(edge::Settings::default())),
+        ("tv", Box::new(tv::Settings::default())),
+    ]
+}
+
+impl Filter for Settings {
+    fn plan(&self, problem: &Problem, run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
+        let mask = Arc::clone(&problem.mask);
+        mask.require_samples()?;
+        let plain = ss::Settings::default().plan(&Problem::fill(Arc::clone(&mask)), run)?;
+        Ok(Box::new(Blend { mask, plain, folds: Folds::default() }))
+    }
+}
+
+/// Candidates on a mask.
+pub struct Blend {
+    mask: Arc<Mask>,
+    /// Smoothness splines, which are the result where there is nothing to choose by.
+    plain: Box<dyn Plan>,
+    folds: Folds,
+}
+
+impl Plan for Blend {
+    fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
+        Ok(self.choose(samples, None, false, out, run)?.0)
+    }
+
+    fn reconstruct_roughly(
+        &self,
+        samples: &Planes,
+        error: f64,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<Outcome, Error> {
+        self.plain.reconstruct_roughly(samples, error, out, run)
+    }
+
+    fn reconstruct_gradients(
+        &self,
+        samples: &Planes,
+        gradients: &Gradients<'_>,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<Outcome, Error> {
+        self.plain.reconstruct_gradients(samples, gradients, out, run)
+    }
+
+    fn blend(&self) -> Option<&Blend> {
+        Some(self)
+    }
+}
+
+/// One way to fill, on any mask.
+struct Candidate<'a> {
+    name: &'static str,
+    filter: Box<dyn Filter>,
+    guides: Option<&'a Guides>,
+}
+
+impl Candidate<'_> {
+    fn fill(
+        &self,
+        samples: &Planes,
+        mask: &Arc<Mask>,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<(Outcome, Effect), Error> {
+        let plan = self.filter.plan(&Problem::fill(Arc::clone(mask)), run)?;
+        match self.guides {
+            Some(guides) => {
+                guided::reconstruct((self.filter.as_ref(), plan.as_ref()), mask, samples, guides, out, run)
+            }
+            None => Ok((plan.reconstruct(samples, out, run)?, Effect::default())),
+        }
+    }
+
+    /// What it predicts at the samples of all folds.
+    fn held_out(
+        &self,
+        (samples, mask): (&Planes, &Mask),
+        (folds, kind): (Folds, Option<Kind>),
+        run: &Run<'_>,
+    ) -> Result<HeldOut, Error> {
+        let mut held = HeldOut::default();
+        for parts in folds.near(mask.count()) {
+            let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
+                let mut out = Planes::zeros(samples.size(), samples.len());
+                self.fill(samples, kept, &mut out, run)?;
+                Ok(out)
+            };
+            held.extend(HeldOut::new((samples, mask), (folds, [parts.clone(), parts]), kind, &mut fill)?);
+        }
+        Ok(held)
+    }
+}
+
+impl Blend {
+    /// Fills `out`; also says what was chosen and, if asked for, what held-out samples show of the result.
+    pub(crate) fn choose(
+        &self,
+        samples: &Planes,
+        guides: Option<&Guides>,
+        learn: bool,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<(Outcome, Effect), Error> {
+        crate::check::group(&self.mask, samples, out)?;
+        if self.mask.count() < FEWEST || samples.is_empty() || self.mask.is_full() {
+            return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
+        }
+        let all = candidates().into_iter().map(|(name, filter)| Candidate { name, filter, guides: None });
+        let mut all: Vec<Candidate<'_>> = all.collect();
+        let tried = trial::worth_trying(&all, (samples, &self.mask), self.folds, run)?;
+        all.retain(|candidate| tried.contains(&candidate.name));
+        if let Some(guides) = guides.filter(|guides| !guides.is_empty()) {
+            let filter = Box::new(ss::Settings::default());
+            all.push(Candidate { name: "guided", filter, guides: Some(guides) });
+        }
+        let mut held = Vec::with_capacity(all.len());
+        if all.len() > 1 || learn {
+            for candidate in &all {
+                // The first one's variances are those of all.
+                let kind = (learn && held.is_empty()).then_some(Kind::Spline);
+                held.push(candidate.held_out((samples, &self.mask), (self.folds, kind), run)?);
+            }
+        }
+        if run.interrupted().is_some() {
+            return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
+        }
+        let weights = Weights::new(&self.mask, samples, &held);
+        let (outcome, mut effect) = self.fill(&all, &weights, samples, out, run)?;
+        if learn {
+            effect.evidence = Some(self.evidence(&all, held, &weights, samples, run)?);
+        }
+        Ok((outcome, effect))
+    }
+
+    /// The blend of those candidates that count.
+    fn fill(
+        &self,
+        all: &[Candidate<'_>],
+        weights: &Weights,
+        samples: &Planes,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<(Outcome, Effect), Error> {
+        let (mut outcome, mut effect) = (None::<Outcome>, Effect::default());
+        let mut one = Planes::zeros(samples.size(), samples.len());
+        for (k, candidate) in all.iter().enumerate().filter(|(k, _)| weights.counts(*k)) {
+            let alone = weights.alone() == Some(k);
+            let (ended, found) =
+                candidate.fill(samples, &self.mask, if alone { out } else { &mut one }, run)?;
+            outcome = Some(outcome.map_or(ended, |outcome| outcome.worst(ended)));
+            effect.shares.push((candidate.name, weights.share(k)));
+            if candidate.guides.is_some() {
+                (effect.guides, effect.gain, effect.predicted) = (found.guides, found.gain, found.predicted);
+            }
+            if !alone {
+                weights.add(k, &one, out);
+            }
+        }
+        for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
+            crate::fill::restore(&self.mask, samples, out);
+        }
+        Ok((outcome.unwrap_or(Outcome::direct()), effect))
+    }
+
+    /// What was predicted by the same blend; how error grows with depth, the candidate shows that counts most.
+    fn evidence(
+        &self,
+        all: &[Candidate<'_>],
+        mut held: Vec<HeldOut>,
+        weights: &Weights,
+        samples: &Planes,
+        run: &Run<'_>,
+    ) -> Result<Evidence, Error> {
+        let near = weights.of_held_out(&held);
+        let most = (0..all.len()).max_by(|&a, &b| weights.share(a).total_cmp(&weights.share(b))).unwrap_or(0);
+        let mut shallow = held.swap_remove(most);
+        shallow.variance.clone_from(&near.variance);
+        let mut alone = |samples: &Planes, kept: &Arc<Mask>| {
+            let mut out = Planes::zeros(samples.size(), samples.len());
+            all[most].fill(samples, kept, &mut out, run)?;
+            Ok(out)
+        };
+        let depth = self.folds.deep(self.mask.count());
+        let deep = HeldOut::new((samples, &self.mask), depth, Some(Kind::Spline), &mut alone)?;
+        Ok(Evidence::new(Kind::Spline, self.folds, &near, &shallow, &deep))
+    }
+}

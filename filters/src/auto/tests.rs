@@ -1,0 +1,120 @@
+//! What the choice promises: it is never far behind the best candidate, keeps what was measured, and depends on no thread.
+
+#![allow(clippy::float_cmp, reason = "where bits are promised, bits are compared")]
+
+use super::*;
+use crate::baseline::testing::with_threads;
+use crate::fill::{Estimate, Options};
+use crate::sampling::{Field as Place, Pattern, Temporal, mask as generate};
+use crate::{Method, Plane, Size, fill};
+
+const SIZE: Size = Size::new(150, 170);
+
+fn mask(density: f64) -> Arc<Mask> {
+    let field = Place { x: 0, y: 0, size: SIZE };
+    Arc::new(generate(Pattern::Shuffle, field, density, 3, Temporal::Fixed, 0).unwrap())
+}
+
+/// A number between 0 and 1 without a pattern.
+fn noise(row: usize, column: usize) -> f32 {
+    lacuna_core::mix((row * 4096 + column) as u64) as f32 / u64::MAX as f32
+}
+
+/// A wave.
+fn smooth(row: usize, column: usize) -> f32 {
+    0.5 + 0.2 * (0.09 * row as f32).sin() * (0.07 * column as f32).cos()
+}
+
+/// Flat regions, which total variation is made for.
+fn flat(row: usize, column: usize) -> f32 {
+    let (v, u) = (row as f32, column as f32);
+    if (0.37 * v + 0.93 * u) % 31.0 < 14.0 { 0.8 } else { 0.2 + 0.02 * noise(row / 40, column / 40) }
+}
+
+fn scenes() -> [(&'static str, Planes); 3] {
+    let half = |row, column| if column < SIZE.width / 2 { smooth(row, column) } else { flat(row, column) };
+    let image =
+        |value: &dyn Fn(usize, usize) -> f32| Planes::new(SIZE, vec![Plane::from_fn(SIZE, value)]).unwrap();
+    [("smooth", image(&smooth)), ("flat", image(&flat)), ("half", image(&half))]
+}
+
+/// The sum of squared errors.
+fn error(truth: &Planes, image: &Planes) -> f64 {
+    let pairs = truth.as_slice()[0].pixels().iter().zip(image.as_slice()[0].pixels());
+    pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum()
+}
+
+fn by(filter: &dyn Filter, truth: &Planes, mask: &Arc<Mask>) -> Planes {
+    let (run, mut out) = (Run::default(), Planes::zeros(SIZE, truth.len()));
+    filter.plan(&Problem::fill(Arc::clone(mask)), &run).unwrap().reconstruct(truth, &mut out, &run).unwrap();
+    out
+}
+
+#[test]
+fn it_is_never_far_behind_the_best_and_keeps_what_was_measured() {
+    for density in [0.1, 0.2, 0.5] {
+        let mask = mask(density);
+        for (name, truth) in scenes() {
+            let chosen = by(&Settings, &truth, &mask);
+            let alone = candidates().map(|(_, filter)| error(&truth, &by(filter.as_ref(), &truth, &mask)));
+            let best = alone.iter().copied().fold(f64::INFINITY, f64::min);
+            let behind = 10.0 * (error(&truth, &chosen) / best).log10();
+            assert!(behind < 0.15, "{name} at {density}: {behind} dB behind");
+            let kept = mask
+                .as_slice()
+                .iter()
+                .zip(truth.as_slice()[0].pixels().iter().zip(chosen.as_slice()[0].pixels()));
+            assert!({ kept }.filter(|(flag, _)| **flag).all(|(_, (a, b))| a == b), "{name}");
+        }
+    }
+}
+
+#[test]
+fn threads_change_no_bit() {
+    let mask = mask(0.2);
+    let [.., (_, truth)] = scenes();
+    let one = with_threads(1, || by(&Settings, &truth, &mask));
+    assert_eq!(one, with_threads(3, || by(&Settings, &truth, &mask)));
+}
+
+#[test]
+fn guides_are_a_candidate_like_the_others() {
+    let mask = mask(0.2);
+    // A texture that nothing between samples tells, and a guide that shows it.
+    let texture = |row: usize, column: usize| 0.2 + 0.6 * noise(row / 2, column / 3);
+    let truth = Planes::new(SIZE, vec![Plane::from_fn(SIZE, texture)]).unwrap();
+    let mut guides = Guides::new(SIZE);
+    guides.add("albedo", vec![Plane::from_fn(SIZE, |row, column| 1.0 - texture(row, column))]).unwrap();
+    let mut options = Options::of(Method::from(Settings));
+    let plain = fill(&truth, Arc::clone(&mask), &options).unwrap();
+    (options.guides, options.estimate) = (Some(&guides), Estimate::Figure);
+    let guided = fill(&truth, Arc::clone(&mask), &options).unwrap();
+    let share = guided.sets[0].shares.iter().find(|(name, _)| *name == "guided").unwrap().1;
+    assert!(share > 0.8, "{share}");
+    assert!(error(&truth, &guided.planes) < 0.01 * error(&truth, &plain.planes));
+    assert_eq!(guided.sets[0].guides, ["albedo"]);
+    assert!(guided.sets[0].estimate.is_some());
+}
+
+#[test]
+fn large_images_try_candidates_on_tiles() {
+    let size = Size::new(900, 940);
+    let field = Place { x: 0, y: 0, size };
+    let mask = Arc::new(generate(Pattern::Shuffle, field, 0.2, 3, Temporal::Fixed, 0).unwrap());
+    let truth = Planes::new(size, vec![Plane::from_fn(size, smooth)]).unwrap();
+    let all: Vec<Candidate<'_>> =
+        { candidates().into_iter() }.map(|(name, filter)| Candidate { name, filter, guides: None }).collect();
+    let run = Run::default();
+    let found = trial::worth_trying(&all, (&truth, &mask), Folds::default(), &run).unwrap();
+    assert!(!found.contains(&"tv") && !found.is_empty(), "{found:?}");
+    let few = Arc::new(Mask::from_fn(size, |row, column| row % 200 == 0 && column % 200 == 0));
+    let found = trial::worth_trying(&all, (&truth, &few), Folds::default(), &run).unwrap();
+    assert_eq!(found.len(), all.len());
+}
+
+#[test]
+fn few_samples_are_for_splines() {
+    let truth = scenes()[0].1.clone();
+    let few = Arc::new(Mask::from_fn(SIZE, |row, column| row % 40 == 0 && column % 40 == 0));
+    assert_eq!(by(&Settings, &truth, &few), by(&ss::Settings::default(), &truth, &few));
+}

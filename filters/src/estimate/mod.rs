@@ -1,0 +1,43 @@
+//! How wrong a fill is: one model, learned from measured pixels that were predicted without themselves.
+//!
+//! A held-out sample shows the error of a method where the truth is known ([`Evidence`]). It stands in an emptier place than a
+//! missing pixel does, so its error is too large, by 1 to 8 dB at masks of low discrepancy. How empty a place is, the mask alone
+//! says, as a variance `v` ([`Kind`]); error follows it as a power, with a factor that depends on the place ([`Model`]):
+//!
+//! ```text
+//! e(x)^2 = c(x) v(x)^p        c: sums of e^2 and v^p over held-out samples around x
+//!                             p: from samples that were held out twice, with few and with half of the others
+//! ```
+//!
+//! `p` is 1.2 to 2 where shading is smooth, about 0.6 where edges decide, 0 where noise does; it stays within 0 and 1.75. Where errors are
+//! as large as the samples' own differences, the power levels off before the first depth, and `p` is raised by up to 0.15.
+//!
+//! From it follow the root mean square error of the missing pixels with an interval that holds the truth nine times of ten
+//! ([`Model::verdict`], [`Verdict`]), and a plane of estimated errors, calibrated on the same samples ([`Model::plane`]). The interval is made of
+//! what few cells carry (as a bootstrap of cells would find it), of the exponent's uncertainty times how far missing pixels lie from held-out ones
+//! in `ln v`, and of a rest. A frame whose error few cells carry, or where the interval passes 6 dB to a side, gets
+//! [`Verdict::CannotTell`].
+//!
+//! Held-out samples come from [`Evidence::of_folds`], for any method. [`Folds`] are drawn by a seed; all that learns from a frame
+//! uses the same.
+//!
+//! Cost: two fills (up to eleven where there are few samples), the four nearest samples of each held-out one and of 40000 missing pixels.
+//! The plane: the nearest samples of every missing pixel, and four blurs. Memory: six planes.
+//!
+//! Fails: details that no sample has seen anywhere; samples that were chosen by what they show, except where `c` follows them;
+//! a method whose error at a sample is not that beside it (one that smooths its samples). Noise is taken for detail in part:
+//! at masks of low discrepancy its estimate is up to 1 dB too good, within the interval.
+//!
+//! Sources: N. Cressie, "Statistics for Spatial Data", 1993 (kriging variance); M. Stone, "Cross-Validatory Choice and
+//! Assessment of Statistical Predictions", Journal of the Royal Statistical Society B 36, 1974.
+
+mod evidence;
+mod kriging;
+mod model;
+mod near;
+mod plane;
+mod variance;
+
+pub use evidence::{Evidence, Folds, HeldOut, PARTS, Reconstruct};
+pub use model::{Model, Rmse, Verdict, Why};
+pub use variance::Kind;

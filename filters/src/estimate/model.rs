@@ -1,0 +1,328 @@
+//! From held-out samples to the error of the missing pixels: a power of the variance, a factor that depends on the place, an interval.
+
+use std::sync::Arc;
+
+use lacuna_core::parallel::prelude::*;
+use serde::Serialize;
+
+use super::evidence::Evidence;
+use super::near::{Near, Places};
+use super::variance::Variance;
+use crate::sampling::hash;
+use crate::{Mask, Planes, Size};
+
+/// Side of a cell in spacings of held-out samples.
+const CELL: f64 = 4.0;
+/// Missing pixels that are looked at, about.
+const LOOKED_AT: usize = 40_000;
+/// Bounds of the exponent.
+const EXPONENTS: (f64, f64) = (0.0, 1.75);
+/// What is added to the exponent where errors are as large as the samples' own differences: there the law levels off, so that two
+/// depths show too little of it.
+const LEVELLED: f64 = 0.15;
+/// Standard deviation of the exponent.
+const EXPONENT_OFF: f64 = 0.4;
+/// Standard deviation of the rest, of the logarithm of the squared error.
+const REST: f64 = 0.1;
+/// What chance is multiplied by: errors are dealt less evenly than cells show.
+const CHANCE: f64 = 1.5;
+/// Standard deviations to either side: 90 % of a normal distribution.
+const SIDE: f64 = 1.645;
+/// Fewer held-out samples tell nothing.
+const FEWEST: usize = 30;
+/// Cells that carry the error, fewer of which tell nothing.
+const CARRIERS: f64 = 4.0;
+/// Half an interval, of the logarithm of the squared error, beyond which it tells nothing: 6 dB.
+const WIDEST: f64 = 1.4;
+/// Neighbours whose spread is compared with the error.
+const SPREAD: usize = 8;
+
+/// The root mean square error of the missing pixels, over the channels of a group.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Rmse {
+    /// The estimate.
+    pub rmse: f64,
+    /// Lower end of an interval that holds the truth nine times of ten.
+    pub low: f64,
+    /// Its upper end.
+    pub high: f64,
+}
+
+impl Rmse {
+    /// As PSNR in decibels: the estimate, and the interval from the lower to the upper end.
+    pub fn psnr(&self, peak: f64) -> [f64; 3] {
+        [self.rmse, self.high, self.low].map(|rmse| 20.0 * (peak / rmse).log10())
+    }
+}
+
+/// Why an error cannot be told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Why {
+    /// There are too few samples to hold any out.
+    FewSamples,
+    /// A few samples carry all of the error.
+    FewCarryAll,
+    /// The missing pixels lie too far from the samples for what these show.
+    TooFar,
+}
+
+impl std::fmt::Display for Why {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::FewSamples => "there are too few samples",
+            Self::FewCarryAll => "a few samples carry all of the error",
+            Self::TooFar => "samples say too little about pixels that are as far from them as these",
+        })
+    }
+}
+
+/// What is said of the error of a fill.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// About how large it is.
+    Estimate(Rmse),
+    /// It cannot be told.
+    CannotTell(Why),
+}
+
+/// Held-out errors as a law.
+#[derive(Clone, Debug)]
+pub struct Model {
+    mask: Arc<Mask>,
+    variance: Variance,
+    /// Errors below this are rounding.
+    floor: f32,
+    /// The exponent of the variance.
+    exponent: f64,
+    /// Its standard deviation.
+    exponent_off: f64,
+    held: Vec<Error>,
+    missing: Vec<Error>,
+    /// All missing pixels.
+    all_missing: usize,
+}
+
+/// The squared error (0 if not known) and the logarithm of the variance of a pixel.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Error {
+    pub pixel: u32,
+    pub squared: f32,
+    pub ln_variance: f32,
+}
+
+impl Model {
+    /// Learns the law from held-out samples. `truth` holds the samples of `mask`.
+    pub fn new(evidence: &Evidence, truth: &Planes, mask: &Arc<Mask>, seed: u64) -> Self {
+        let places = Places::new(mask, |_| true);
+        let near = &evidence.near;
+        let errors = near.squared_errors(truth);
+        let held = near.at.iter().zip(&near.variance).zip(errors).filter(|(_, squared)| squared.is_finite());
+        let held = held.map(|((&pixel, v), squared)| Error { pixel, squared, ln_variance: v.ln() }).collect();
+        let all_missing = mask.size().pixels() - mask.count();
+        let every = (all_missing / LOOKED_AT).max(1) as u64;
+        let looked_at = |&pixel: &u32| {
+            !mask.as_slice()[pixel as usize] && hash(seed ^ 0x51, u64::from(pixel)).is_multiple_of(every)
+        };
+        let pixels: Vec<u32> = (0..mask.size().pixels() as u32).filter(looked_at).collect();
+        let variance = Variance::new(evidence.kind, mask, &places, seed);
+        let missing = pixels
+            .iter()
+            .zip(variance.all(&places, &pixels))
+            .map(|(&pixel, v)| Error { pixel, squared: 0.0, ln_variance: v.ln() })
+            .collect();
+        let (exponent, exponent_off) = exponent(evidence, truth, &places);
+        let floor = rounding(truth, mask);
+        Self { mask: Arc::clone(mask), variance, floor, exponent, exponent_off, held, missing, all_missing }
+    }
+
+    /// The exponent of the variance: about 2 where shading is smooth, 0.6 where edges decide, 0 where noise does.
+    pub const fn exponent(&self) -> f64 {
+        self.exponent
+    }
+
+    pub(super) fn size(&self) -> Size {
+        self.mask.size()
+    }
+
+    pub(super) const fn floor(&self) -> f32 {
+        self.floor
+    }
+
+    pub(super) fn held(&self) -> &[Error] {
+        &self.held
+    }
+
+    /// The variance of every missing pixel, 0 at measured ones.
+    pub(super) fn missing_variance(&self) -> Vec<f32> {
+        let places = Places::new(&self.mask, |_| true);
+        let one = |(pixel, flag): (usize, &bool)| if *flag { 0.0 } else { self.variance.at(&places, pixel) };
+        self.mask.as_slice().par_iter().with_min_len(1 << 12).enumerate().map(one)
+    }
+
+    /// The error of the missing pixels.
+    pub fn verdict(&self) -> Verdict {
+        if self.all_missing == 0 {
+            return Verdict::Estimate(Rmse { rmse: 0.0, low: 0.0, high: 0.0 });
+        }
+        if self.held.len() < FEWEST {
+            return Verdict::CannotTell(Why::FewSamples);
+        }
+        let (mean, carriers) = self.mean(self.exponent);
+        if mean <= 0.0 {
+            return Verdict::Estimate(Rmse { rmse: 0.0, low: 0.0, high: 0.0 });
+        }
+        let (steep, _) = self.mean(self.exponent + 0.5);
+        let (flat, _) = self.mean(self.exponent - 0.5);
+        let contrast = (steep / flat).ln().abs();
+        let by_chance = CHANCE * (1.0 + self.held.len() as f64 / self.all_missing as f64) / carriers;
+        let off = (by_chance + (contrast * self.exponent_off).powi(2) + REST * REST).sqrt();
+        let side = SIDE * off;
+        if carriers < CARRIERS {
+            return Verdict::CannotTell(Why::FewCarryAll);
+        }
+        if side > WIDEST || !mean.is_finite() {
+            return Verdict::CannotTell(Why::TooFar);
+        }
+        let rmse = mean.sqrt();
+        let factor = (0.5 * side).exp();
+        Verdict::Estimate(Rmse { rmse, low: rmse / factor, high: rmse * factor })
+    }
+
+    /// The mean squared error of missing pixels for this exponent, and how many cells carry it.
+    ///
+    /// In each cell and those around it the factor is `sum e^2 / sum v^p` over held-out samples.
+    fn mean(&self, exponent: f64) -> (f64, f64) {
+        let size = self.size();
+        let density = self.held.len() as f64 / self.size().pixels().max(1) as f64;
+        let side = ((CELL / density.sqrt()).ceil() as usize).max(4);
+        let grid = Grid { rows: size.height.div_ceil(side), columns: size.width.div_ceil(side) };
+        let mut cells = vec![[0.0_f64; 3]; grid.rows * grid.columns];
+        let cell = |pixel: u32| {
+            let (row, column) = (pixel as usize / size.width, pixel as usize % size.width);
+            row / side * grid.columns + column / side
+        };
+        let power = |error: &Error| f64::from((error.ln_variance * exponent as f32).exp());
+        for error in &self.held {
+            let cell = &mut cells[cell(error.pixel)];
+            cell[0] += f64::from(error.squared);
+            cell[1] += power(error);
+        }
+        for error in &self.missing {
+            cells[cell(error.pixel)][2] += power(error);
+        }
+        let all: f64 = cells.iter().map(|cell| cell[1]).sum();
+        let around = grid.around(&cells);
+        // What a held-out error counts for, spread back to where it was seen.
+        let share: Vec<[f64; 3]> = cells
+            .iter()
+            .zip(&around)
+            .map(
+                |(cell, around)| {
+                    if around[1] > 0.0 { [cell[2] / around[1], 0.0, 0.0] } else { [0.0, cell[2], 0.0] }
+                },
+            )
+            .collect();
+        // Where nothing was held out near, all of the frame counts.
+        let elsewhere = share.iter().map(|share| share[1]).sum::<f64>() / all;
+        let counts = grid.around(&share);
+        let (mut total, mut squares) = (0.0, 0.0);
+        for (cell, counts) in cells.iter().zip(&counts) {
+            let part = cell[0] * (counts[0] + elsewhere);
+            total += part;
+            squares += part * part;
+        }
+        (total / self.missing.len().max(1) as f64, if squares > 0.0 { total * total / squares } else { 0.0 })
+    }
+}
+
+/// What rounding may amount to: some steps of f32 at the largest finite sample.
+fn rounding(truth: &Planes, mask: &Mask) -> f32 {
+    let largest = |plane: &crate::Plane| {
+        let measured =
+            plane.pixels().iter().zip(mask.as_slice()).filter(|(value, flag)| **flag && value.is_finite());
+        measured.fold(0.0, |largest: f32, (value, _)| largest.max(value.abs()))
+    };
+    8.0 * f32::EPSILON * truth.as_slice().iter().map(largest).fold(0.0, f32::max)
+}
+
+/// Cells of an image.
+#[derive(Clone, Copy)]
+struct Grid {
+    rows: usize,
+    columns: usize,
+}
+
+impl Grid {
+    /// Sums over a cell and those that touch it.
+    fn around(self, cells: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        let sum = |row: usize, column: usize| {
+            let mut sum = [0.0; 3];
+            for y in row.saturating_sub(1)..(row + 2).min(self.rows) {
+                for x in column.saturating_sub(1)..(column + 2).min(self.columns) {
+                    sum.iter_mut().zip(cells[y * self.columns + x]).for_each(|(sum, value)| *sum += value);
+                }
+            }
+            sum
+        };
+        (0..cells.len()).into_par_iter().with_min_len(256).map(|k| sum(k / self.columns, k % self.columns))
+    }
+}
+
+/// The exponent from samples that were held out at two depths, and its standard deviation.
+///
+/// It makes `sum e^2 (v' / v)^p` over the samples equal to `sum e'^2`.
+fn exponent(evidence: &Evidence, truth: &Planes, places: &Places) -> (f64, f64) {
+    let [near, deep] = &evidence.pairs;
+    let pairs: Vec<[f64; 3]> = near
+        .squared_errors(truth)
+        .into_iter()
+        .zip(deep.squared_errors(truth))
+        .zip(deep.variance.iter().zip(&near.variance))
+        .map(|((e, deep), (v, near))| [f64::from(e), f64::from(deep), f64::from(v / near).ln()])
+        .filter(|pair| pair.iter().all(|value| value.is_finite()))
+        .collect();
+    let deep_sum: f64 = pairs.iter().map(|pair| pair[1]).sum();
+    let near_sum: f64 = pairs.iter().map(|pair| pair[0]).sum();
+    if pairs.len() < FEWEST || deep_sum <= 0.0 || near_sum <= 0.0 {
+        return (0.5 * (EXPONENTS.0 + EXPONENTS.1), EXPONENTS.1 - EXPONENTS.0);
+    }
+    let excess = |p: f64| pairs.iter().map(|pair| pair[0] * (p * pair[2]).exp()).sum::<f64>() - deep_sum;
+    let (mut low, mut high) = (-1.0, 4.0);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if excess(middle) < 0.0 {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    let found = 0.5 * (low + high);
+    let spread = spread(evidence, truth, places);
+    let levelled = if spread > 0.0 { (near_sum / spread).min(1.0) } else { 0.0 };
+    let exponent = (found + LEVELLED * levelled).clamp(EXPONENTS.0, EXPONENTS.1);
+    (exponent, EXPONENT_OFF + (found - EXPONENTS.1).max(EXPONENTS.0 - found).max(0.0) * 0.5)
+}
+
+/// `sum s^2` over the pairs, `s^2` the variance of a sample's nearest samples' values, the mean over the channels.
+fn spread(evidence: &Evidence, truth: &Planes, places: &Places) -> f64 {
+    let [near, _] = &evidence.pairs;
+    let width = truth.size().width;
+    let one = |&pixel: &u32| {
+        let mut found = [Near::default(); SPREAD];
+        let count = places.nearest((pixel as usize / width, pixel as usize % width), &mut found);
+        let of = |plane: &crate::Plane| {
+            let value = |near: &Near| f64::from(plane.at(near.row as usize, near.column as usize));
+            let n = count.max(1) as f64;
+            let mean = found[..count].iter().map(value).sum::<f64>() / n;
+            found[..count].iter().map(|near| (value(near) - mean).powi(2)).sum::<f64>() / n
+        };
+        truth.as_slice().iter().map(of).sum::<f64>() / truth.len().max(1) as f64
+    };
+    let all: Vec<f64> = near.at.par_iter().with_min_len(512).map(one);
+    all.iter().filter(|value| value.is_finite()).sum()
+}
+
+#[cfg(test)]
+mod tests;

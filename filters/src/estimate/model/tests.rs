@@ -1,0 +1,88 @@
+//! Estimates against the truth, on frames and masks that nothing was tuned on.
+
+use super::*;
+use crate::estimate::{Folds, Kind};
+use crate::sampling::{Field, Pattern, Temporal, mask as generate};
+use crate::variational::{ss, tv};
+use crate::{Filter, Plane, Problem, Run};
+
+/// Discs, a wave and a ramp.
+fn scene(size: Size) -> Planes {
+    let value = |y: usize, x: usize| {
+        let (y, x) = (y as f32, x as f32);
+        let disc = |cy: f32, cx: f32, r: f32| if (y - cy).hypot(x - cx) < r { 0.5 } else { 0.0 };
+        0.1 * (0.15 * x).sin() + 0.002 * y + disc(50.0, 60.0, 30.0) + disc(95.0, 120.0, 22.0)
+    };
+    Planes::new(size, vec![Plane::from_fn(size, value)]).unwrap()
+}
+
+fn masks(size: Size) -> Vec<Arc<Mask>> {
+    let field = Field { x: 0, y: 0, size };
+    let one = |pattern, density| Arc::new(generate(pattern, field, density, 3, Temporal::Fixed, 0).unwrap());
+    vec![one(Pattern::Shuffle, 0.2), one(Pattern::Random, 0.2), one(Pattern::BlueNoise, 0.4)]
+}
+
+fn fill(filter: &dyn Filter, samples: &Planes, mask: &Arc<Mask>) -> Planes {
+    let (run, mut out) = (Run::default(), Planes::zeros(samples.size(), samples.len()));
+    filter.plan(&Problem::fill(mask.clone()), &run).unwrap().reconstruct(samples, &mut out, &run).unwrap();
+    out
+}
+
+/// The root mean square error of missing pixels.
+fn truly(truth: &Planes, filled: &Planes, mask: &Mask) -> f64 {
+    let pairs = truth.as_slice()[0].pixels().iter().zip(filled.as_slice()[0].pixels());
+    let missing = pairs.zip(mask.as_slice()).filter(|(_, flag)| !**flag);
+    let sum: f64 = missing.map(|((a, b), _)| f64::from(a - b).powi(2)).sum();
+    (sum / (mask.size().pixels() - mask.count()) as f64).sqrt()
+}
+
+fn check(name: &str, model: &Model, right: f64) {
+    let Verdict::Estimate(found) = model.verdict() else { panic!("{name}: {:?}", model.verdict()) };
+    let off = 20.0 * (found.rmse / right).log10();
+    assert!(off.abs() < 3.0, "{name}: {off} dB");
+    assert!(found.low <= right && right <= found.high, "{name}: {right} in {found:?}");
+    let plane = model.plane();
+    let sum: f64 = plane.pixels().iter().map(|&error| f64::from(error).powi(2)).sum();
+    let measured = plane.pixels().iter().zip(model.mask.as_slice()).filter(|(_, flag)| **flag);
+    assert!(measured.clone().all(|(error, _)| *error == 0.0), "{name}");
+    let mean = (sum / (model.mask.size().pixels() - model.mask.count()) as f64).sqrt();
+    let off = 20.0 * (mean / right).log10();
+    assert!(off.abs() < 3.5, "{name}: {off} dB of the plane");
+}
+
+/// What the folds of a filter's fill show.
+fn learn(filter: &dyn Filter, kind: Kind, truth: &Planes, mask: &Arc<Mask>) -> Model {
+    let mut again = |samples: &Planes, mask: &Arc<Mask>| Ok(fill(filter, samples, mask));
+    let evidence = Evidence::of_folds((truth, mask), Folds { seed: 2 }, kind, &mut again).unwrap();
+    Model::new(&evidence, truth, mask, 2)
+}
+
+#[test]
+fn methods_know_how_wrong_they_are() {
+    let truth = scene(Size::new(150, 180));
+    let filters: [(&str, Kind, &dyn Filter); 2] =
+        [("ss", Kind::Spline, &ss::Settings::default()), ("tv", Kind::Distance, &tv::Settings::default())];
+    for (name, kind, filter) in filters {
+        for (k, mask) in masks(truth.size()).iter().enumerate() {
+            let model = learn(filter, kind, &truth, mask);
+            check(&format!("{name} {k}"), &model, truly(&truth, &fill(filter, &truth, mask), mask));
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_told_is_not() {
+    let size = Size::new(40, 40);
+    let verdict = |truth: &Planes, mask: &Arc<Mask>| {
+        learn(&ss::Settings::default(), Kind::Spline, truth, mask).verdict()
+    };
+    let few = Arc::new(Mask::from_fn(size, |row, column| row % 9 == 0 && column % 9 == 0));
+    assert_eq!(verdict(&scene(size), &few), Verdict::CannotTell(Why::FewSamples));
+    let some = Arc::new(Mask::from_fn(size, |row, column| (3 * row + column) % 7 == 0));
+    let spark =
+        Plane::from_fn(size, |row, column| if (row, column) == (14, 14) { 1e3 } else { 0.01 * row as f32 });
+    let spark = Planes::new(size, vec![spark]).unwrap();
+    assert_eq!(verdict(&spark, &some), Verdict::CannotTell(Why::FewCarryAll));
+    let full = Arc::new(Mask::from_fn(size, |_, _| true));
+    assert!(matches!(verdict(&scene(size), &full), Verdict::Estimate(Rmse { rmse: 0.0, .. })));
+}

@@ -1,0 +1,147 @@
+//! How uncertain the pattern of samples leaves each pixel, from the mask alone.
+//!
+//! Of the distances `d_1 .. d_4` to the nearest samples:
+//!
+//! - [`Kind::Spline`]: `v = a d_1^b1 d_2^b2 d_3^b3 d_4^b4`, the variance of [`super::kriging`] as the mask itself shows it: the five numbers
+//!   are fitted in logarithms to some hundreds of pixels, where 16 neighbours were solved for. Off by 3 % (low discrepancy) to 14 % (random masks of 5 %).
+//! - [`Kind::Distance`]: `v` is the mean of `d_1^2`, `d_2^2`, `d_3^2`: for methods that do not gain from samples on all sides as splines do.
+
+use lacuna_core::parallel::prelude::*;
+
+use super::kriging::{self, NEIGHBOURS};
+use super::near::{Near, Places};
+use crate::sampling::hash;
+use crate::solver::cholesky::Cholesky;
+use crate::{Mask, Size};
+
+/// Which variance goes with a method.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// That of splines of least second derivatives.
+    Spline,
+    /// The mean squared distance to three samples.
+    Distance,
+}
+
+/// Distances that count.
+const DISTANCES: usize = 4;
+/// Coefficients.
+const TERMS: usize = DISTANCES + 1;
+/// Pixels that are solved for, of measured and missing ones each.
+const FITTED: usize = 500;
+
+/// The variance as a function of the nearest samples.
+#[derive(Clone, Debug)]
+pub struct Variance {
+    size: Size,
+    /// Logarithm of the factor and the powers of squared distances; nothing for [`Kind::Distance`].
+    fitted: Option<[f64; TERMS]>,
+}
+
+impl Variance {
+    /// Fits the variance to a mask. One whose samples do not determine it (fewer than four, all on lines) gets that of distances.
+    pub fn new(kind: Kind, mask: &Mask, places: &Places, seed: u64) -> Self {
+        let fitted = (kind == Kind::Spline).then(|| fit(mask, places, seed)).flatten();
+        Self { size: mask.size(), fitted }
+    }
+
+    /// The variance of a pixel, from the samples other than itself.
+    pub fn at(&self, places: &Places, pixel: usize) -> f32 {
+        let mut found = [Near::default(); DISTANCES];
+        let place = (pixel / self.size.width, pixel % self.size.width);
+        let count = match self.fitted {
+            Some(_) => places.nearest(place, &mut found),
+            None => places.nearest(place, &mut found[..3]),
+        };
+        self.of(&found[..count])
+    }
+
+    /// The variance of pixels, rows in parallel.
+    pub fn all(&self, places: &Places, pixels: &[u32]) -> Vec<f32> {
+        pixels.par_iter().with_min_len(1 << 10).map(|&pixel| self.at(places, pixel as usize))
+    }
+
+    fn of(&self, found: &[Near]) -> f32 {
+        let far = (self.size.height.pow(2) + self.size.width.pow(2)) as f32;
+        let squared = |k: usize| found.get(k).map_or(far, |near| near.squared as f32);
+        match &self.fitted {
+            Some(fitted) => {
+                let sum: f32 = (0..DISTANCES).map(|k| fitted[k + 1] as f32 * squared(k).ln()).sum();
+                (fitted[0] as f32 + sum).exp()
+            }
+            None => (0..3).map(squared).sum::<f32>() / 3.0,
+        }
+    }
+}
+
+/// Least squares in logarithms over some pixels, measured and missing ones in equal shares.
+fn fit(mask: &Mask, places: &Places, seed: u64) -> Option<[f64; TERMS]> {
+    let (size, count) = (mask.size(), mask.count());
+    let rare = |pixel: usize| {
+        let of = if mask.as_slice()[pixel] { count } else { size.pixels() - count };
+        hash(seed, pixel as u64).is_multiple_of((of / FITTED).max(1) as u64)
+    };
+    let pixels: Vec<usize> = (0..size.pixels()).filter(|&pixel| rare(pixel)).collect();
+    let row = |&pixel: &usize| {
+        let mut found = [Near::default(); NEIGHBOURS];
+        let place = (pixel / size.width, pixel % size.width);
+        let count = places.nearest(place, &mut found);
+        let variance = kriging::variance(place, &found[..count])?;
+        let ln = |k: usize| f64::from(found[k].squared).ln();
+        Some(([1.0, ln(0), ln(1), ln(2), ln(3)], variance.ln()))
+    };
+    let rows = pixels.par_iter().with_min_len(32).map(row);
+    let rows: Vec<([f64; TERMS], f64)> = rows.into_iter().flatten().collect();
+    if rows.len() < 4 * TERMS {
+        return None;
+    }
+    // What a mask does not tell apart (a grid has few patterns) is left small.
+    let ridge = 1e-6 * rows.len() as f64;
+    let entry = |i: usize, j: usize| {
+        rows.iter().map(|(x, _)| x[i] * x[j]).sum::<f64>() + if i == j { ridge } else { 0.0 }
+    };
+    let mut solution: [f64; TERMS] = std::array::from_fn(|i| rows.iter().map(|(x, y)| x[i] * y).sum());
+    Cholesky::new(TERMS, 1e-12, entry).solve(&mut solution);
+    Some(solution)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_that_of_kriging_within_some_percent() {
+        for density in [3, 5, 20] {
+            let size = Size::new(90, 110);
+            let mask = Mask::from_fn(size, |row, column| {
+                hash(3, (row * 512 + column) as u64).is_multiple_of(density)
+            });
+            let places = Places::new(&mask, |_| true);
+            let variance = Variance::new(Kind::Spline, &mask, &places, 7);
+            let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
+            for pixel in (0..size.pixels()).step_by(13) {
+                let mut found = [Near::default(); NEIGHBOURS];
+                let place = (pixel / size.width, pixel % size.width);
+                let inside = (10..80).contains(&place.0) && (10..100).contains(&place.1);
+                let near = places.nearest(place, &mut found);
+                let Some(exact) = kriging::variance(place, &found[..near]).filter(|_| inside) else {
+                    continue;
+                };
+                let off = f64::from(variance.at(&places, pixel)).ln() - exact.ln();
+                sum += off;
+                squares += off * off;
+                count += 1.0;
+            }
+            let (mean, root) = (f64::abs(sum / count), f64::sqrt(squares / count));
+            assert!(mean < 0.05 && root < 0.2, "{density}: {mean} {root}");
+        }
+    }
+
+    #[test]
+    fn few_samples_have_distances() {
+        let mask = Mask::from_fn(Size::new(5, 5), |row, column| row == 0 && column < 2);
+        let places = Places::new(&mask, |_| true);
+        let variance = Variance::new(Kind::Spline, &mask, &places, 0);
+        assert_eq!(variance.at(&places, 5), (1.0 + 2.0 + 50.0) / 3.0);
+    }
+}

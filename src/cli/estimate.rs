@@ -1,0 +1,58 @@
+//! Flags about the error that a fill is estimated to have.
+
+use clap::Args;
+use lacuna_filters::fill::Estimate;
+
+use crate::reconstruct::Gate;
+
+/// The estimated error.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Estimated error")]
+pub struct EstimateArgs {
+    /// Do not estimate how wrong the missing pixels are, which takes fills of a part of the samples
+    #[arg(long, conflicts_with_all = ["error_channel", "min_psnr", "max_rmse"])]
+    pub no_estimate: bool,
+
+    /// Write the estimated error of every pixel as a channel of each layer that is filled: root mean square over its colours, 0 at
+    /// measured pixels
+    #[arg(long, value_name = "NAME", num_args = 0..=1, require_equals = true, default_missing_value = "error", value_parser = name)]
+    pub error_channel: Option<String>,
+
+    /// A frame whose missing pixels are estimated below DB decibels (PSNR, peak 1) is written, but counts as failed
+    #[arg(long, value_name = "DB", value_parser = decibels)]
+    pub min_psnr: Option<f64>,
+
+    /// The same above a root mean square error of E
+    #[arg(long, value_name = "E", value_parser = bound)]
+    pub max_rmse: Option<f64>,
+}
+
+fn name(text: &str) -> Result<String, String> {
+    let plain = !text.is_empty() && text.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c));
+    if plain { Ok(text.into()) } else { Err("must be letters, digits, '_', '-' or '.'".into()) }
+}
+
+fn decibels(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| "must be a finite number".into())
+}
+
+fn bound(text: &str) -> Result<f64, String> {
+    let usable = |value: &f64| value.is_finite() && *value >= 0.0;
+    text.parse().ok().filter(usable).ok_or_else(|| "must be a number of 0 or more".into())
+}
+
+impl EstimateArgs {
+    /// What is to be said of the error.
+    pub fn estimate(&self) -> Estimate {
+        match (self.no_estimate, &self.error_channel) {
+            (true, _) => Estimate::No,
+            (false, None) => Estimate::Figure,
+            (false, Some(_)) => Estimate::Pixels,
+        }
+    }
+
+    /// What the fill must reach.
+    pub fn gate(&self) -> Gate {
+        Gate { min_psnr: self.min_psnr, max_rmse: self.max_rmse }
+    }
+}

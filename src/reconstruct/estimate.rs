@@ -1,0 +1,193 @@
+//! How wrong a fill is by its own estimate: in words for the log and the attribute, as numbers for the report, and held to a bound.
+
+use lacuna_exr::{Channel, Part, Samples};
+use lacuna_filters::Plane;
+use lacuna_filters::estimate::Verdict;
+use serde::Serialize;
+
+use super::{GroupReport, Report};
+
+/// The attribute that says how wrong the missing pixels of a part are by estimate.
+pub const ATTRIBUTE: &str = "lacuna/estimate";
+
+/// An estimate with the interval that holds the truth nine times of ten.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Interval {
+    /// The estimate.
+    pub estimate: f64,
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+}
+
+/// The error of the missing pixels of a group of channels, colours clipped to 0 and 1 as `lacuna compare` does.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Estimated {
+    /// It is about this.
+    Error {
+        /// Root mean square error.
+        rmse: Interval,
+        /// Peak signal-to-noise ratio in decibels, the peak 1; nothing where the error is 0.
+        psnr: Option<Interval>,
+    },
+    /// It cannot be told.
+    Unknown {
+        /// Why not.
+        unknown: String,
+    },
+}
+
+impl From<Verdict> for Estimated {
+    fn from(verdict: Verdict) -> Self {
+        match verdict {
+            Verdict::Estimate(found) => {
+                let rmse = Interval { estimate: found.rmse, low: found.low, high: found.high };
+                let [estimate, low, high] = found.psnr(1.0);
+                let psnr = (found.low > 0.0).then_some(Interval { estimate, low, high });
+                Self::Error { rmse, psnr }
+            }
+            Verdict::CannotTell(why) => Self::Unknown { unknown: why.to_string() },
+        }
+    }
+}
+
+impl std::fmt::Display for Estimated {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Error { rmse, psnr: Some(psnr) } => {
+                let Interval { estimate, low, high } = psnr;
+                write!(f, "{estimate:.1} dB ({low:.1} to {high:.1}), RMSE {:.2e}", rmse.estimate)
+            }
+            Self::Error { .. } => f.write_str("exact"),
+            Self::Unknown { unknown } => write!(f, "cannot be told: {unknown}"),
+        }
+    }
+}
+
+/// The least that a fill must reach by its estimate.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Gate {
+    /// Peak signal-to-noise ratio in decibels.
+    pub min_psnr: Option<f64>,
+    /// Root mean square error.
+    pub max_rmse: Option<f64>,
+}
+
+impl Gate {
+    /// Whether it asks for anything.
+    pub fn is_set(&self) -> bool {
+        self.min_psnr.is_some() || self.max_rmse.is_some()
+    }
+
+    /// Why a group is doubtful, if it is; an error that cannot be told is.
+    fn refuses(&self, group: &GroupReport) -> Option<String> {
+        let estimated = group.estimate.as_ref()?;
+        let names = group.channels.join(", ");
+        let (rmse, psnr) = match estimated {
+            Estimated::Unknown { unknown } => {
+                return Some(format!("the error of {names} cannot be told: {unknown}"));
+            }
+            Estimated::Error { rmse, psnr } => {
+                (rmse.estimate, psnr.map_or(f64::INFINITY, |psnr| psnr.estimate))
+            }
+        };
+        let low = self.min_psnr.filter(|&bound| psnr < bound);
+        let high = self.max_rmse.filter(|&bound| rmse > bound);
+        let low =
+            low.map(|bound| format!("{names}: about {psnr:.1} dB by estimate, below --min-psnr {bound}"));
+        low.or_else(|| {
+            high.map(|bound| format!("{names}: RMSE about {rmse:.2e} by estimate, above --max-rmse {bound}"))
+        })
+    }
+
+    /// Why a filled frame is doubtful, if it is.
+    pub fn doubt(&self, report: &Report) -> Option<String> {
+        let groups = report.parts.iter().flat_map(|part| &part.groups);
+        let doubts: Vec<String> = { groups }.filter_map(|group| self.refuses(group)).collect();
+        (!doubts.is_empty()).then(|| doubts.join("; "))
+    }
+}
+
+/// What groups of channels are worth by estimate: `R, G, B: 58.1 dB (56.2 to 60.1), RMSE 1.24e-3; ...`.
+pub fn line<'a>(groups: impl Iterator<Item = &'a GroupReport>) -> Option<String> {
+    let one =
+        |group: &GroupReport| Some(format!("{}: {}", group.channels.join(", "), group.estimate.as_ref()?));
+    let all: Vec<String> = groups.filter_map(one).collect();
+    (!all.is_empty()).then(|| all.join("; "))
+}
+
+/// Adds the estimated error of each layer to a part as a channel of that name; the first group of a layer speaks for it. Returns what to tell.
+pub fn add_channels(part: &mut Part, name: &str, errors: Vec<(String, Plane)>) -> Vec<String> {
+    let mut notes = Vec::new();
+    let own = part.channels.len();
+    for (first, error) in errors {
+        let full =
+            first.rsplit_once('.').map_or_else(|| name.to_owned(), |(layer, _)| format!("{layer}.{name}"));
+        if let Some(at) = part.channels.iter().position(|channel| channel.name == full.as_bytes()) {
+            if at >= own {
+                continue;
+            }
+            notes.push(format!("no channel {full} of estimated errors: there is one of that name"));
+            continue;
+        }
+        let samples = Samples::Float(error.into_pixels());
+        part.channels.push(Channel { name: full.into(), perceptually_linear: false, samples });
+    }
+    notes
+}
+
+/// What a blend is made of: `R, G, B: edge 81 %, tv 19 %; ...`.
+pub fn chosen<'a>(groups: impl Iterator<Item = &'a GroupReport>) -> Option<String> {
+    let one = |group: &GroupReport| {
+        let shares = group.chosen.iter().map(|(name, share)| format!("{name} {:.0} %", 100.0 * share));
+        format!("{}: {}", group.channels.join(", "), shares.collect::<Vec<_>>().join(", "))
+    };
+    let all: Vec<String> = groups.filter(|group| !group.chosen.is_empty()).map(one).collect();
+    (!all.is_empty()).then(|| all.join("; "))
+}
+
+#[cfg(test)]
+mod tests {
+    use lacuna_filters::Outcome;
+    use lacuna_filters::estimate::{Rmse, Why};
+
+    use super::*;
+
+    fn group(verdict: Verdict) -> GroupReport {
+        GroupReport {
+            channels: vec!["R".into(), "G".into()],
+            domain: "linear",
+            guides: Vec::new(),
+            guides_gain: None,
+            chosen: vec![("edge".into(), 0.8), ("tv".into(), 0.2)],
+            estimate: Some(verdict.into()),
+            outcome: Outcome::direct(),
+        }
+    }
+
+    #[test]
+    fn an_estimate_is_said_in_words_and_held_to_bounds() {
+        let good = group(Verdict::Estimate(Rmse { rmse: 0.001, low: 0.0005, high: 0.002 }));
+        let unknown = group(Verdict::CannotTell(Why::FewSamples));
+        let exact = group(Verdict::Estimate(Rmse { rmse: 0.0, low: 0.0, high: 0.0 }));
+        assert_eq!(
+            line([&good, &unknown].into_iter()).unwrap(),
+            "R, G: 60.0 dB (54.0 to 66.0), RMSE 1.00e-3; R, G: cannot be told: there are too few samples"
+        );
+        assert_eq!(chosen([&good].into_iter()).unwrap(), "R, G: edge 80 %, tv 20 %");
+        assert_eq!(line([&exact].into_iter()).unwrap(), "R, G: exact");
+        let gate = |min_psnr, max_rmse| Gate { min_psnr, max_rmse };
+        for (gate, group, refused) in [
+            (gate(Some(59.9), None), &good, false),
+            (gate(Some(60.1), None), &good, true),
+            (gate(None, Some(0.0011)), &good, false),
+            (gate(None, Some(0.0009)), &good, true),
+            (gate(Some(1.0), None), &unknown, true),
+            (gate(Some(300.0), Some(0.0)), &exact, false),
+        ] {
+            assert_eq!(gate.refuses(group).is_some(), refused, "{gate:?} {group:?}");
+        }
+    }
+}

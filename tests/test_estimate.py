@@ -1,0 +1,98 @@
+"""The filter that held-out samples choose, and the error that a fill is estimated to have: figures, channel, gate."""
+
+import json
+import math
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from tool import SAMPLES, lacuna
+
+COMPLETE = SAMPLES / "full" / "sequence" / "shot.0001.exr"
+
+
+def read(path, *names):
+    image = oiio.ImageBuf(str(path))
+    channels = list(image.spec().channelnames)
+    return image.get_pixels(oiio.FLOAT)[..., [channels.index(name) for name in names]]
+
+
+def sparse(folder, source=COMPLETE, density=0.2):
+    path = folder / f"sparse-{source.stem}.exr"
+    lacuna("sparsify", source, "-o", path, "--density", density)
+    return path
+
+
+def fill(folder, source, *flags, status=0):
+    output, report = folder / "full.exr", folder / "report.json"
+    output.unlink(missing_ok=True)
+    result = lacuna("fill", source, "-o", output, "--json", report, *flags, ok=False)
+    assert result.status == status, result
+    return output, json.loads(report.read_text())["frames"][0], result
+
+
+def true_error(output, source, mask_of, complete=COMPLETE):
+    missing = read(mask_of, "mask")[..., 0] < 0.5
+    difference = read(output, *"RGB").clip(0, 1) - read(complete, *"RGB").clip(0, 1)
+    return math.sqrt(float((difference[missing].astype(np.float64) ** 2).mean()))
+
+
+@pytest.mark.parametrize("flags", [[], ["--filter", "ss"], ["--filter", "edge"], ["--filter", "tv"]], ids=["auto", "ss", "edge", "tv"])
+@pytest.mark.parametrize("density", [0.1, 0.3])
+def test_the_estimate_holds_the_truth(tmp_path, flags, density):
+    source = sparse(tmp_path, density=density)
+    output, record, result = fill(tmp_path, source, "-v", *flags)
+    found = next(item for item in record["estimates"] if "R" in item["channels"])
+    truth = true_error(output, COMPLETE, source)
+    assert found["rmse"]["low"] <= truth <= found["rmse"]["high"], (truth, found)
+    assert abs(20 * math.log10(found["rmse"]["estimate"] / truth)) < 4, (truth, found)
+    assert "missing pixels by estimate" in result.stderr
+    assert "dB" in oiio.ImageBuf(str(output)).spec().getattribute("lacuna/estimate")
+
+
+def test_the_default_chooses_and_is_never_far_behind(tmp_path):
+    for source in (COMPLETE, SAMPLES / "edges.exr"):
+        mask_of = sparse(tmp_path, source)
+        error = {}
+        for name in ("auto", "ss", "edge", "tv"):
+            output, record, _ = fill(tmp_path, mask_of, "--filter", name, "--no-estimate")
+            assert "estimates" not in record
+            error[name] = true_error(output, source, mask_of, source)
+        output, record, _ = fill(tmp_path, mask_of, "--no-estimate")
+        assert record["chosen"]
+        assert true_error(output, source, mask_of, source) == error["auto"]
+        assert 20 * math.log10(error["auto"] / min(error.values())) < 0.15, error
+
+
+def test_the_error_channel_is_zero_where_measured_and_as_large_as_the_error_elsewhere(tmp_path):
+    source = sparse(tmp_path)
+    output, _, _ = fill(tmp_path, source, "--error-channel")
+    error, mask = read(output, "error")[..., 0], read(source, "mask")[..., 0]
+    assert (error[mask > 0.5] == 0).all() and np.isfinite(error).all() and (error >= 0).all()
+    truth = true_error(output, COMPLETE, source)
+    mean = math.sqrt(float((error[mask < 0.5].astype(np.float64) ** 2).mean()))
+    assert abs(20 * math.log10(mean / truth)) < 4, (mean, truth)
+    plain, _, _ = fill(tmp_path, source)
+    assert "error" not in oiio.ImageBuf(str(plain)).spec().channelnames
+    named, _, result = fill(tmp_path, source, "--error-channel=R")
+    assert "there is one of that name" in result.stderr
+
+
+def test_a_gate_writes_the_frame_and_fails(tmp_path):
+    source = sparse(tmp_path)
+    for flags, words in ((["--min-psnr", 90], "below --min-psnr 90"), (["--max-rmse", "1e-6"], "above --max-rmse")):
+        output, record, result = fill(tmp_path, source, *flags, status=1)
+        assert output.exists() and record["state"] == "failed"
+        assert "written, but doubtful" in record["message"] and words in record["message"]
+        assert words in result.stderr
+    _, record, _ = fill(tmp_path, source, "--min-psnr", 5, "--max-rmse", 0.5)
+    assert record["state"] == "done"
+
+
+@pytest.mark.parametrize("flags", [["--min-psnr", "x"], ["--max-rmse", "-1"], ["--max-rmse", "nan"], ["--no-estimate", "--min-psnr", "3"], ["--error-channel=a b"]])
+def test_senseless_bounds_are_refused(tmp_path, flags):
+    source = sparse(tmp_path)
+    result = lacuna("fill", source, "-o", tmp_path / "full.exr", *flags, ok=False)
+    assert result.status == 2, result
+    assert not (tmp_path / "full.exr").exists() and len(result.lines()) <= 2
