@@ -22,7 +22,7 @@ use crate::run::RunOptions;
 const EXAMPLES: &str = "\
 Examples:
   lacuna render samples/scenes/head.toml -o head.exr
-  lacuna render samples/scenes/head.toml -o head.exr --density 0.2 --fill ss
+  lacuna render samples/scenes/head.toml -o head.exr --density 0.2 --fill auto
   lacuna render samples/scenes/engine.toml -o 'engine.####.exr' --volume engine.nrrd --frames 1-36 --set camera.orbit=10
   lacuna render foot.nrrd -o foot.exr --mode mip
   lacuna render scan.raw -o scan.exr --raw 256x256x128:u16:be:1,1,2
@@ -164,7 +164,7 @@ struct LayerArgs {
     /// Add dense.A, dense.N.X, dense.N.Y, dense.N.Z, dense.Z: alpha, normal and distance of every pixel, by a coarse march
     /// (march.dense-step) without shading, listed in lacuna/dense
     ///
-    /// Filling takes them for guides, with --fill ss here or with lacuna fill later.
+    /// Filling takes them for guides, with --fill auto here or with lacuna fill later.
     #[arg(long)]
     dense_aovs: bool,
 

@@ -248,7 +248,7 @@ fn usage_errors_are_one_line_and_status_2() {
         &["fill", "s.0001.exr", "s.0002.exr", "-o", "o.exr"],
         &["fill", ".", "-o", "o/"],
         &["fill", "s.%4d.exr", "-o", "o.%4d.exr"],
-        &["fill", "s.0001.exr", "-o", "o.exr", "--tv-norm", "isotropic"],
+        &["fill", "s.0001.exr", "-o", "o.exr", "--filter", "ss", "--tv-norm", "isotropic"],
         &["fill", "s.0001.exr", "-o", "o.exr", "--compression", "dwaa:45"],
         &["fill", "s.0001.exr", "-o", "o.exr", "--what"],
     ] {

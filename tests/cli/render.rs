@@ -69,7 +69,7 @@ fn rendering_and_filling_in_one_go_is_rendering_then_filling() {
     let common = ["--size", "64x64", "--density", "0.4"];
     let said = done(
         room.path(),
-        &[&["render", HEAD, "-o", "one.exr", "--fill", "ss", "--json", "r.json"][..], &common].concat(),
+        &[&["render", HEAD, "-o", "one.exr", "--fill", "auto", "--json", "r.json"][..], &common].concat(),
     );
     assert!(said.contains("rendered in") && said.contains("filled in"), "{said}");
     done(room.path(), &[&["render", HEAD, "-o", "sparse.exr", "-q"][..], &common].concat());
@@ -88,7 +88,7 @@ fn dense_aovs_are_complete_and_guide_the_filling() {
     let sparse = ["render", HEAD, "--size", "60x50", "--density", "0.2", "-q"];
     done(room.path(), &[&sparse[..], &["-o", "some.exr"]].concat());
     done(room.path(), &[&sparse[..], &["--dense-aovs", "-o", "dense.exr"]].concat());
-    done(room.path(), &[&sparse[..], &["--dense-aovs", "--fill", "ss", "-o", "filled.exr"]].concat());
+    done(room.path(), &[&sparse[..], &["--dense-aovs", "--fill", "auto", "-o", "filled.exr"]].concat());
     done(room.path(), &["fill", "dense.exr", "-o", "later.exr", "-q"]);
     let [some, dense, filled, later] =
         ["some.exr", "dense.exr", "filled.exr", "later.exr"].map(|name| frame(&room.path().join(name)));
@@ -300,7 +300,7 @@ fn what_cannot_be_rendered_is_one_line() {
         (&["render", "procedural:cat", "-o", "o.exr"], 1, "marschner-lobb"),
         (&["render", HEAD, "-o", "o.exr", "--frames", "1-2"], 2, "pattern"),
         (&["render", HEAD, "-o", "o.####.exr"], 2, "--frames"),
-        (&["render", HEAD, "-o", "o.exr", "--fill", "ss"], 2, "--density"),
+        (&["render", HEAD, "-o", "o.exr", "--fill", "auto"], 2, "--density"),
         (&["render", HEAD, "-o", "o.exr", "--set", "march.stop=1"], 1, "unknown field"),
         (&["render", HEAD, "-o", "o.exr", "--density", "2"], 2, "0 to 1"),
     ] {
