@@ -7,9 +7,12 @@ use std::sync::Arc;
 
 use half::f16;
 use lacuna_exr::{Channel, Frame, Part, Samples};
-use lacuna_filters::{Mask, sampling::shuffle};
+use lacuna_filters::sampling::{adaptive, shuffle};
+use lacuna_filters::{Mask, Plane, Planes, Run};
 
 use crate::channels::{DENSE, part_label};
+use crate::mask::generate::field;
+use crate::mask::rounds::{self, ROUNDS, Rounds};
 use crate::mask::{self, MaskFile, PATTERN, SEED};
 use crate::reconstruct::{DERIVED, FILLING, Stamp, output_compression};
 
@@ -32,6 +35,13 @@ pub enum Pattern<'a> {
         file: &'a MaskFile,
         /// Its channel, if not the obvious one.
         channel: Option<&'a str>,
+    },
+    /// Pixels that are chosen in rounds, with the frame as renderer.
+    Adaptive {
+        /// How many, and in which rounds.
+        settings: &'a adaptive::Settings,
+        /// How to run.
+        run: &'a Run<'a>,
     },
     /// A mask that is there already, of every part's size.
     Given {
@@ -62,6 +72,11 @@ pub enum Error {
         /// What is wrong.
         why: String,
     },
+    /// There is no colour to choose pixels by.
+    #[error(
+        "no part has a channel of colours, halves or floats, to choose pixels by; give --density without --adaptive"
+    )]
+    Colourless,
     /// The pattern's settings are out of range.
     #[error(transparent)]
     Pattern(#[from] lacuna_filters::Error),
@@ -74,6 +89,8 @@ pub struct Sparse {
     pub frame: Frame,
     /// Measured pixels over all pixels of all parts.
     pub density: f64,
+    /// In which rounds pixels were chosen, if they were.
+    pub rounds: Option<Rounds>,
     /// One line each.
     pub notes: Vec<String>,
 }
@@ -86,18 +103,25 @@ pub fn sparsify(mut frame: Frame, pattern: Pattern<'_>) -> Result<Sparse, Error>
             return Err(has_mask(&frame, index, &channel.display_name()));
         }
     }
-    let masks = masks(&frame, pattern)?;
+    let rounds = match pattern {
+        Pattern::Adaptive { settings, run } => Some(in_rounds(&frame, settings, run)?),
+        _ => None,
+    };
+    let masks = masks(&frame, pattern, rounds.as_ref())?;
     let (mut measured, mut all) = (0, 0);
     let mut notes = Vec::new();
     for (index, mask) in masks.iter().enumerate() {
         let label = prefix(&frame, index, "", ": ", "");
         let part = &mut frame.parts[index];
         notes.extend(make_sparse(part, mask, pattern).into_iter().map(|note| format!("{label}{note}")));
+        if let Some(rounds) = &rounds {
+            part.attributes.set_text(ROUNDS, &rounds.line());
+        }
         measured += mask.count();
         all += mask.as_slice().len();
     }
     let density = if all == 0 { 0.0 } else { measured as f64 / all as f64 };
-    Ok(Sparse { frame, density, notes })
+    Ok(Sparse { frame, density, rounds, notes })
 }
 
 /// Refuses a frame that is to be complete, where a mask says that pixels are missing and no attribute that they were filled.
@@ -131,7 +155,7 @@ fn prefix(frame: &Frame, part: usize, before: &str, after: &str, otherwise: &str
 }
 
 /// One mask per part.
-fn masks(frame: &Frame, pattern: Pattern<'_>) -> Result<Vec<Arc<Mask>>, Error> {
+fn masks(frame: &Frame, pattern: Pattern<'_>, rounds: Option<&Rounds>) -> Result<Vec<Arc<Mask>>, Error> {
     match pattern {
         Pattern::Shuffle { density, seed } => {
             let one = |part: &Part| {
@@ -153,22 +177,44 @@ fn masks(frame: &Frame, pattern: Pattern<'_>) -> Result<Vec<Arc<Mask>>, Error> {
             };
             (0..frame.parts.len()).map(one).collect()
         }
-        Pattern::Given { mask, .. } => {
-            let one = |index: usize| {
-                if frame.parts[index].size() == mask.size() {
-                    return Ok(Arc::clone(mask));
-                }
-                let why = format!("its size is not the mask's, {}", mask.size());
-                Err(Error::Uncovered { part: prefix(frame, index, "", ": ", ""), why })
-            };
-            (0..frame.parts.len()).map(one).collect()
+        Pattern::Given { mask, .. } => of_every_part(frame, mask),
+        Pattern::Adaptive { .. } => {
+            rounds.map_or_else(|| Ok(Vec::new()), |rounds| of_every_part(frame, &rounds.mask))
         }
     }
 }
 
+/// The same mask for every part.
+fn of_every_part(frame: &Frame, mask: &Arc<Mask>) -> Result<Vec<Arc<Mask>>, Error> {
+    let one = |index: usize| {
+        if frame.parts[index].size() == mask.size() {
+            return Ok(Arc::clone(mask));
+        }
+        let why = format!("its size is not the mask's, {}", mask.size());
+        Err(Error::Uncovered { part: prefix(frame, index, "", ": ", ""), why })
+    };
+    (0..frame.parts.len()).map(one).collect()
+}
+
+/// Chooses pixels by the colour of the first part that has one, else by all that its channels measure.
+fn in_rounds(frame: &Frame, settings: &adaptive::Settings, run: &Run<'_>) -> Result<Rounds, Error> {
+    let counts = |channel: &&Channel| !matches!(channel.samples, Samples::Uint(_));
+    let is_colour = |channel: &&Channel| matches!(channel.name.as_slice(), b"R" | b"G" | b"B");
+    let colours = |part: &Part| part.channels.iter().filter(counts).any(|channel| is_colour(&channel));
+    let part = frame.parts.iter().find(|part| colours(part));
+    let part = part.or_else(|| frame.parts.iter().find(|part| part.channels.iter().any(|c| counts(&c))));
+    let part = part.ok_or(Error::Colourless)?;
+    let only = colours(part);
+    let channels = part.channels.iter().filter(counts).filter(|channel| !only || is_colour(channel));
+    let planes: Result<Vec<Plane>, _> =
+        channels.map(|channel| Plane::new(part.size(), channel.samples.as_f32())).collect();
+    let planes = Planes::new(part.size(), planes?)?;
+    Ok(rounds::choose(settings, field(part.data_window), run, |_| Ok(planes.clone()))?)
+}
+
 /// Attributes that would lie about the sparse part: made from its pixels, said of its filling, or of complete channels.
 fn stale() -> impl Iterator<Item = &'static str> {
-    DERIVED.iter().chain(FILLING).copied().chain([DENSE])
+    DERIVED.iter().chain(FILLING).copied().chain([DENSE, ROUNDS])
 }
 
 fn make_sparse(part: &mut Part, mask: &Mask, pattern: Pattern<'_>) -> Vec<String> {
@@ -194,6 +240,10 @@ fn make_sparse(part: &mut Part, mask: &Mask, pattern: Pattern<'_>) -> Vec<String
             part.attributes.set_text(SEED, &seed.to_string());
         }
         Pattern::File { file, .. } => part.attributes.set_text(PATTERN, &format!("file:{}", file.path())),
+        Pattern::Adaptive { settings, .. } => {
+            part.attributes.set_text(PATTERN, &rounds::pattern(settings));
+            part.attributes.set_text(SEED, &settings.seed.to_string());
+        }
         Pattern::Given { name, .. } => part.attributes.set_text(PATTERN, name),
     }
     let dropped: Vec<&str> = stale().filter(|name| part.attributes.remove(name)).collect();

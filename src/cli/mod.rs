@@ -3,7 +3,8 @@
 //! Groups of flags that several subcommands share have a file each ([`input`], [`mask`], [`channels`], [`filter`], `settings`,
 //! [`output`], [`run`]), so that a flag means the same everywhere; so has each subcommand.
 
-pub mod channels;
+pub mod adaptive;
+mod channels;
 pub mod compare;
 pub mod dictionary;
 mod estimate;

@@ -9,6 +9,7 @@ use lacuna_filters::Method;
 use lacuna_volume::{InterpolationName, ModeName, Override, PROCEDURAL};
 
 use super::Usage;
+use super::adaptive::AdaptiveArgs;
 use super::numbers::fraction;
 use super::output::{Depth, FormatArgs, OutputArgs};
 use super::run::{PageArgs, RunArgs};
@@ -23,6 +24,7 @@ const EXAMPLES: &str = "\
 Examples:
   lacuna render samples/scenes/head.toml -o head.exr
   lacuna render samples/scenes/head.toml -o head.exr --density 0.2 --fill auto
+  lacuna render samples/scenes/head.toml -o head.exr --density 0.1 --adaptive --fill auto
   lacuna render samples/scenes/engine.toml -o 'engine.####.exr' --volume engine.nrrd --frames 1-36 --set camera.orbit=10
   lacuna render foot.nrrd -o foot.exr --mode mip
   lacuna render scan.raw -o scan.exr --raw 256x256x128:u16:be:1,1,2
@@ -133,6 +135,9 @@ struct PixelArgs {
     #[arg(long, value_name = "SOURCE", help = MASK, conflicts_with = "density")]
     mask: Option<Source>,
 
+    #[command(flatten)]
+    adaptive: AdaptiveArgs,
+
     /// Fill the other pixels in memory with this filter's default settings, and report both times
     #[arg(long, value_name = "FILTER")]
     fill: Option<FilterName>,
@@ -232,7 +237,11 @@ impl RenderArgs {
             (Some(other), _) => {
                 return Err(Usage(format!("--mask {other} needs a frame; render takes a mask file")));
             }
-            (None, Some(density)) => (Pixels::Shuffle(density), None),
+            (None, Some(density)) => {
+                // The seed is the scene's.
+                let rounds = self.pixels.adaptive.settings(density, 0)?;
+                (rounds.map_or(Pixels::Shuffle(density), Pixels::Adaptive), None)
+            }
             (None, None) => (Pixels::All, None),
         };
         if self.pixels.fill.is_some() && pixels == Pixels::All {

@@ -3,6 +3,7 @@
 use clap::Args;
 
 use super::Usage;
+use super::adaptive::AdaptiveArgs;
 use super::input::InputArgs;
 use super::numbers::fraction;
 use super::output::{FormatArgs, OutputArgs};
@@ -16,6 +17,7 @@ Examples:
   lacuna sparsify full.exr -o sparse.exr --density 0.2
   lacuna sparsify 'full.####.exr' -o 'sparse/full.####.exr' --density 0.1 --seed 7 --create-dir
   lacuna sparsify full.exr -o sparse.exr --mask mask.png
+  lacuna sparsify full.exr -o sparse.exr --density 0.2 --adaptive
 
 Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.";
 
@@ -27,7 +29,7 @@ const MASK: &str = "A mask instead of a density: file:PATTERN[:CHANNEL] or a bar
 ///
 /// Missing pixels become zero in every part, every part gets a channel mask, nothing else changes. The pattern is of low
 /// discrepancy and nested (a smaller density is a subset of a larger one), and anchored to absolute pixels, so that parts
-/// and overscan agree.
+/// and overscan agree. With --adaptive the frame stands for a renderer that is asked for pixels in rounds.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct SparsifyArgs {
@@ -61,6 +63,9 @@ struct PatternArgs {
 
     #[arg(long, value_name = "SOURCE", help = MASK, conflicts_with_all = ["density", "seed"])]
     mask: Option<Source>,
+
+    #[command(flatten)]
+    adaptive: AdaptiveArgs,
 }
 
 impl SparsifyArgs {
@@ -76,7 +81,12 @@ impl SparsifyArgs {
                     "--mask {other} is in the sparse frame itself; sparsify takes a mask file"
                 )));
             }
-            (None, Some(density)) => (SparsifyPattern::Shuffle { density, seed: self.pattern.seed }, None),
+            (None, Some(density)) => {
+                let seed = self.pattern.seed;
+                let shuffle = SparsifyPattern::Shuffle { density, seed };
+                let rounds = self.pattern.adaptive.settings(density, seed)?;
+                (rounds.map_or(shuffle, SparsifyPattern::Adaptive), None)
+            }
             (None, None) => {
                 return Err(Usage(
                     "what stays measured is not said: give --density D (0 to 1) or --mask SOURCE (a file)"

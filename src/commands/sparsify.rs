@@ -1,12 +1,14 @@
 //! Making frames sparse: what is done with each, and with all of them.
 
 use lacuna_exr::Compression;
+use lacuna_filters::sampling::adaptive;
+use lacuna_filters::{Run, Stop};
 
 use crate::files::error::PlanError;
 use crate::files::inputs::Selection;
 use crate::files::plan::{Item, Targets, plan};
-use crate::mask::Source;
 use crate::mask::shared::MaskFiles;
+use crate::mask::{Source, rounds};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
 use crate::run::record::{Heading, Record};
@@ -44,6 +46,8 @@ pub enum SparsifyPattern {
         /// Which pattern.
         seed: u64,
     },
+    /// Chosen in rounds.
+    Adaptive(adaptive::Settings),
     /// Those of a mask file.
     Mask(Source),
 }
@@ -60,6 +64,9 @@ pub fn sparsify(job: &SparsifyJob) -> Result<u8, PlanError> {
     outputs::make_folders(&plan)?;
     let settings = match &job.pattern {
         SparsifyPattern::Shuffle { density, seed } => format!("shuffle density={density} seed={seed}"),
+        SparsifyPattern::Adaptive(settings) => {
+            format!("{} seed={}", rounds::pattern(settings), settings.seed)
+        }
         SparsifyPattern::Mask(source) => source.to_string(),
     };
     let heading = Heading {
@@ -99,7 +106,10 @@ impl Work for Sparsify<'_> {
             let file = file.map_err(|error| Failure::at(&item.input, error))?;
             Ok((frame, file))
         })?;
+        let interrupt = || stage.stopped().then_some(Stop::Cancelled);
+        let run = Run { interrupt: Some(&interrupt) };
         let pattern = match (&self.job.pattern, &file) {
+            (SparsifyPattern::Adaptive(settings), _) => Pattern::Adaptive { settings, run: &run },
             (SparsifyPattern::Mask(Source::File { channel, .. }), Some(file)) => {
                 Pattern::File { file, channel: channel.as_deref() }
             }
@@ -112,7 +122,13 @@ impl Work for Sparsify<'_> {
             .solve(record, || sparsify::sparsify(frame, pattern))
             .map_err(|error| Failure::at(&item.input, error))?;
         record.density = Some(sparse.density);
+        if stage.stopped() {
+            return Err(Failure::at(&item.output, "stopped by a signal"));
+        }
         record.warn(&sparse.notes);
+        if let (Some(rounds), SparsifyPattern::Adaptive(settings)) = (&sparse.rounds, &self.job.pattern) {
+            record.chosen(rounds, settings.target).iter().for_each(|text| stage.note(text));
+        }
         let mut frame = sparse.frame;
         if let Some(compression) = self.job.compression {
             frame.parts.iter_mut().for_each(|part| part.compression = compression);

@@ -56,7 +56,7 @@ pub fn next(
     }));
     let planes: Result<Vec<Plane>, _> = planes.into_iter().map(|pixels| Plane::new(size, pixels)).collect();
     let samples = Planes::new(size, planes?)?;
-    let estimate = refine::estimate(&samples, &mask, &ss::Settings::default(), &Run::default())?;
+    let estimate = refine::estimate_spline(&samples, &mask, &ss::Settings::default(), &Run::default())?;
     let bounds = bounds(window)?;
     let missing = |pixel: usize| {
         let (row, column) = (pixel / width, pixel % width);

@@ -21,6 +21,7 @@ pub mod merge;
 pub mod output;
 pub mod plot;
 mod provider;
+pub mod rounds;
 pub(crate) mod shared;
 mod source;
 #[cfg(test)]

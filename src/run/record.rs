@@ -9,6 +9,7 @@ use serde::Serialize;
 use crate::files::plan::Item;
 use crate::files::reports;
 use crate::reconstruct::Estimated;
+use crate::mask::rounds::{Round, Rounds};
 
 /// How far a frame came.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -85,6 +86,9 @@ pub struct Record {
     /// How the solvers ended: stop, iterations, residual or gap; the worst of all channels.
     #[serde(flatten)]
     pub outcome: Option<Outcome>,
+    /// The rounds in which pixels were chosen.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub rounds: Vec<Round>,
     /// Seconds of rendering, where frames are rendered.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rendered: Option<f64>,
@@ -104,6 +108,13 @@ impl Record {
             tracing::warn!("{note}");
         }
         self.warnings.extend_from_slice(notes);
+    }
+
+    /// Pixels were chosen in rounds. Returns what there is to know about their target.
+    pub fn chosen(&mut self, rounds: &Rounds, target: Option<f64>) -> Option<String> {
+        self.rounds.clone_from(&rounds.rounds);
+        let verdict = rounds.verdict(target)?;
+        verdict.map_err(|text| self.warn(&[text])).ok()
     }
 
     /// Nothing was written, for this reason.

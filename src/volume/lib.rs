@@ -53,6 +53,7 @@ pub use limits::Limits;
 pub use picture::{Interpolation, Look, Picture, Renderer, Shot, render};
 pub use procedural::PREFIX as PROCEDURAL;
 pub use scene::{InterpolationName, ModeName, Override, Scene};
+pub use shade::Shader;
 pub use stage::{Stage, files, prepare};
 pub use tiles::tiles;
 pub use transfer::{Curve, Joining, Lookup, Transfer};

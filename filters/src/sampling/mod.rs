@@ -3,11 +3,13 @@
 //! A [`Pattern`] with a seed is an [`Order`] of the pixels where it is progressive ([`random`], [`shuffle`],
 //! [`blue_noise`]): the mask of density D is where the rank is less than D, so that each density contains the smaller
 //! ones. [`poisson`] and [`grid`] are made for one density. [`temporal`] says how the frames of a sequence share an
-//! order, [`refine`] which pixels to compute after a first pass. [`measure`], [`spectrum`] and [`coherence`] judge masks.
+//! order, [`refine`] which pixels to compute after a first pass, and [`adaptive`] does so round after round. [`measure`], [`spectrum`] and [`coherence`] judge masks.
 
+pub mod adaptive;
 pub mod blue_noise;
 pub mod coherence;
 pub mod grid;
+mod leave_out;
 pub mod measure;
 pub mod order;
 pub mod paired;

@@ -4,9 +4,8 @@
 //! fill at a missing pixel x is modelled as `e(x)^2 = c(x) l(x) d(x)^6`:
 //!
 //! - `d(x)`: distance to the nearest measured pixel. A spline of third order errs like the cube of it where the image is smooth.
-//! - `c(x)`: leave-out error. M is cut into 8 parts at random; each in turn is taken out, the rest filled by the very
-//!   filter of the fill, and the squared error found where a sample was left out, over the sixth power of its distance to
-//!   the samples that were kept: `c = G_s * e_out^2 / G_s * d_out^6` over M, with `G_s` a Gaussian of standard deviation
+//! - `c(x)`: leave-out error (`leave_out.rs`): the squared error of the very filter of the fill where a sample was left out, over the
+//!   sixth power of its distance to the samples that were kept: `c = G_s * e_out^2 / G_s * d_out^6` over M, with `G_s` a Gaussian of standard deviation
 //!   0.6 spacings (spacing: `sqrt(1 / density)`).
 //! - `l(x) = sqrt(g / G_t * g)`: where within that neighbourhood, `g` the squared gradient of the fill over all channels,
 //!   `G_t` a Gaussian of 1.2 spacings. This finds the edge that passes between samples.
@@ -17,22 +16,21 @@
 //! one just taken has d = 1 and waits, so no clumps arise. Equal scores are taken in the order of the shuffle; where
 //! the estimate is zero everywhere, that order is simply continued.
 //!
-//! Cost: 9 fills; O(N log N) for the picks; 8 planes. Fails: on noisy samples, whose noise looks like error.
+//! Cost: a fill of a spline, 9 of any other filter; O(N log N) for the picks; 8 planes. Fails: on noisy samples, whose noise looks like error.
 //!
-//! Sources: M. Stone, "Cross-Validatory Choice and Assessment of Statistical Predictions", Journal of the Royal Statistical
-//! Society B 36, 1974 (leaving out); Y. Eldar, M. Lindenbaum, M. Porat, Y. Zeevi, "The Farthest Point Strategy for
+//! Source: Y. Eldar, M. Lindenbaum, M. Porat, Y. Zeevi, "The Farthest Point Strategy for
 //! Progressive Image Sampling", IEEE Transactions on Image Processing 6(9), 1997 (greedy by distance, which this weighs).
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::Arc;
 
-use super::{Field, hash, shuffle};
+use super::leave_out::{self, LeftOut};
+use super::{Field, shuffle};
 use crate::baseline::nearest::NearestMap;
-use crate::{Error, Filter, Mask, Plane, Planes, Problem, Run, Size};
+use crate::variational::ss;
+use crate::{Error, Filter, Mask, Plane, Planes, Run, Size};
 
-/// Parts into which the samples are cut.
-const PARTS: u64 = 8;
 /// Width of the neighbourhood of the leave-out error, in spacings.
 const SPREAD: f64 = 0.6;
 /// Width of the neighbourhood of the gradient, in spacings.
@@ -48,6 +46,8 @@ pub struct Estimate {
     coefficient: Vec<f32>,
     /// Squared distance to the nearest measured pixel.
     squared: Vec<u32>,
+    /// The fill whose error it is, of the samples as they count.
+    filled: Planes,
 }
 
 /// Estimates the error of `filter` on these samples.
@@ -62,29 +62,49 @@ pub fn estimate(
     filter: &dyn Filter,
     run: &Run<'_>,
 ) -> Result<Estimate, Error> {
-    let size = mask.size();
-    let mut samples = samples.clone();
-    for plane in samples.as_mut_slice() {
-        plane.pixels_mut().iter_mut().for_each(|value| *value = compress(*value));
+    let samples = compressed(samples);
+    let left = leave_out::by_parts(&samples, mask, filter, run)?;
+    Estimate::new(mask, &left, leave_out::fill(&samples, mask, filter, run)?)
+}
+
+/// The same of a spline; of one that [`leave_out::of_spline`] knows at the cost of one fill.
+///
+/// # Errors
+/// As [`estimate`].
+pub fn estimate_spline(
+    samples: &Planes,
+    mask: &Arc<Mask>,
+    settings: &ss::Settings,
+    run: &Run<'_>,
+) -> Result<Estimate, Error> {
+    if !leave_out::suits(settings) {
+        return estimate(samples, mask, settings, run);
     }
-    let spacing = mask.density().sqrt().recip();
-    let (error, distance) = leave_out(&samples, mask, filter, run)?;
-    let filled = fill(&samples, mask, filter, run)?;
-    let ratio = local_gradient(&filled, CONTEXT * spacing);
-    let above = blur(size, &error, SPREAD * spacing);
-    let below = blur(size, &distance, SPREAD * spacing);
-    // Far from every sample, in a hole, the frame's mean is all that is known.
-    let (mean_above, mean_below) = (mean(&error), mean(&distance));
-    let least = 1e-6 * mean_below;
-    let coefficient = above.iter().zip(&below).zip(&ratio).map(|((above, below), ratio)| {
-        let share = f64::from(*below) + least;
-        let c = if share > 0.0 { (f64::from(*above) + 1e-6 * mean_above) / share } else { 0.0 };
-        (c * f64::from(*ratio)) as f32
-    });
-    Ok(Estimate { mask: mask.clone(), coefficient: coefficient.collect(), squared: squared_distances(mask)? })
+    let samples = compressed(samples);
+    let filled = leave_out::fill(&samples, mask, settings, run)?;
+    Estimate::new(mask, &leave_out::of_spline(settings, mask, &filled), filled)
 }
 
 impl Estimate {
+    fn new(mask: &Arc<Mask>, left: &LeftOut, filled: Planes) -> Result<Self, Error> {
+        let size = mask.size();
+        let spacing = mask.density().sqrt().recip();
+        let LeftOut { error, distance } = left;
+        let ratio = local_gradient(&filled, CONTEXT * spacing);
+        let above = blur(size, error, SPREAD * spacing);
+        let below = blur(size, distance, SPREAD * spacing);
+        // Far from every sample, in a hole, the frame's mean is all that is known.
+        let (mean_above, mean_below) = (mean(error), mean(distance));
+        let least = 1e-6 * mean_below;
+        let coefficient = above.iter().zip(&below).zip(&ratio).map(|((above, below), ratio)| {
+            let share = f64::from(*below) + least;
+            let c = if share > 0.0 { (f64::from(*above) + 1e-6 * mean_above) / share } else { 0.0 };
+            (c * f64::from(*ratio)) as f32
+        });
+        let coefficient = coefficient.collect();
+        Ok(Self { mask: mask.clone(), coefficient, squared: squared_distances(mask)?, filled })
+    }
+
     /// The estimated error of each pixel, in the unit of the samples (root of the sum over channels of squares); 0 at
     /// measured ones.
     pub fn error(&self) -> Plane {
@@ -93,13 +113,44 @@ impl Estimate {
         Plane::from_fn(size, |row, column| value(row * size.width + column))
     }
 
+    /// The squared error of a pixel, summed over the channels.
+    pub(super) fn squared_error(&self, pixel: usize) -> f32 {
+        f32::from_bits(self.score(pixel, self.squared[pixel]))
+    }
+
+    /// By how much the fill misses a pixel of these samples: the sum of squares over the channels.
+    pub(super) fn misses(&self, samples: &Planes, pixel: usize) -> f64 {
+        let planes = samples.as_slice().iter().zip(self.filled.as_slice());
+        planes.map(|(y, x)| f64::from(y.pixels()[pixel] - x.pixels()[pixel]).powi(2)).sum()
+    }
+
+    /// The fill whose error it is.
+    pub(super) fn filled(&self) -> &Planes {
+        &self.filled
+    }
+
     /// The next `count` pixels to compute, the most useful first, as indices row by row; fewer only if fewer are missing.
     ///
     /// `allowed` says which pixels may be taken; `seed` is that of the shuffle order that decides between equals, and
     /// `field` where the frame lies in it.
     pub fn next(&self, count: usize, field: Field, seed: u64, allowed: impl Fn(usize) -> bool) -> Vec<usize> {
+        self.next_beside(&[], count, field, seed, allowed)
+    }
+
+    /// The same beside others that are computed anyway.
+    pub(super) fn next_beside(
+        &self,
+        others: &[usize],
+        count: usize,
+        field: Field,
+        seed: u64,
+        allowed: impl Fn(usize) -> bool,
+    ) -> Vec<usize> {
         let size = self.mask.size();
         let mut squared = self.squared.clone();
+        for &pixel in others {
+            take(size, &mut squared, pixel);
+        }
         let order = |pixel: usize| {
             let (x, y) = field.at(pixel / size.width, pixel % size.width);
             (shuffle::rank(x, y, seed) * f64::from(u32::MAX)) as u32
@@ -129,48 +180,22 @@ impl Estimate {
     }
 }
 
+/// Samples as they count.
+fn compressed(samples: &Planes) -> Planes {
+    let mut samples = samples.clone();
+    for plane in samples.as_mut_slice() {
+        plane.pixels_mut().iter_mut().for_each(|value| *value = compress(*value));
+    }
+    samples
+}
+
 /// A value as it counts: linear to 1, logarithmic above.
-fn compress(value: f32) -> f32 {
+pub(super) fn compress(value: f32) -> f32 {
     if value > 1.0 { 1.0 + value.ln() } else { value }
 }
 
-fn fill(samples: &Planes, mask: &Arc<Mask>, filter: &dyn Filter, run: &Run<'_>) -> Result<Planes, Error> {
-    let mut out = Planes::zeros(samples.size(), samples.len());
-    filter.plan(&Problem::fill(mask.clone()), run)?.reconstruct(samples, &mut out, run)?;
-    Ok(out)
-}
-
-/// At measured pixels the squared error of leaving them out, and the sixth power of the distance it took; else 0.
-fn leave_out(
-    samples: &Planes,
-    mask: &Arc<Mask>,
-    filter: &dyn Filter,
-    run: &Run<'_>,
-) -> Result<(Vec<f32>, Vec<f32>), Error> {
-    let size = mask.size();
-    let mut error = vec![0.0; size.pixels()];
-    let mut distance = vec![0.0; size.pixels()];
-    for part in 0..PARTS {
-        let out = |pixel: usize| hash(0, pixel as u64) % PARTS == part;
-        let kept = Arc::new(Mask::from_fn(size, |row, column| {
-            mask.is_measured(row, column) && !out(row * size.width + column)
-        }));
-        if kept.is_empty() || kept.count() == mask.count() {
-            continue;
-        }
-        let filled = fill(samples, &kept, filter, run)?;
-        let squared = squared_distances(&kept)?;
-        for pixel in (0..size.pixels()).filter(|&pixel| mask.as_slice()[pixel] && out(pixel)) {
-            let planes = samples.as_slice().iter().zip(filled.as_slice());
-            error[pixel] = planes.map(|(y, u)| (y.pixels()[pixel] - u.pixels()[pixel]).powi(2)).sum();
-            distance[pixel] = (squared[pixel] as f32).powi(3);
-        }
-    }
-    Ok((error, distance))
-}
-
 /// Squared distance of each pixel to the nearest measured one.
-fn squared_distances(mask: &Mask) -> Result<Vec<u32>, Error> {
+pub(super) fn squared_distances(mask: &Mask) -> Result<Vec<u32>, Error> {
     let map = NearestMap::new(mask)?;
     let width = mask.size().width;
     let squared = |(pixel, source): (usize, usize)| {

@@ -1,18 +1,19 @@
 //! Rendering frames of a scene: what is done with each, and with all of them.
 
 mod picture;
+mod rounds;
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use lacuna_exr::Frame;
-use lacuna_filters::sampling::shuffle;
+use lacuna_filters::sampling::{adaptive, shuffle};
 use lacuna_filters::{Mask, Method, Run, Stop};
-use lacuna_volume::{Override, Scene, Shot};
+use lacuna_volume::{Camera, Override, Picture, Scene, Shader, Shot};
 use picture::Story;
 pub use picture::Wanted;
+use rounds::{Advance, PIECES};
 
 use crate::channels;
 use crate::commands::page::Page;
@@ -27,8 +28,6 @@ use crate::run::existing::{Existing, is_made_from};
 use crate::run::record::{Heading, Record};
 use crate::run::{batch, outputs};
 
-/// Pieces of a frame's progress while it is rendered.
-const PIECES: u64 = 100;
 const STOPPED: &str = "stopped by a signal";
 
 /// A scene to be rendered, and how.
@@ -65,8 +64,22 @@ pub enum Pixels {
     All,
     /// A nested low-discrepancy pattern of that density, with the scene's seed.
     Shuffle(f64),
+    /// Chosen in rounds, with the scene's seed.
+    Adaptive(adaptive::Settings),
     /// Those of a mask file.
     Mask(Source),
+}
+
+impl Pixels {
+    /// Which pixels, on one line, if not all.
+    fn pattern(&self) -> Option<String> {
+        match self {
+            Self::All => None,
+            Self::Shuffle(density) => Some(format!("shuffle density={density}")),
+            Self::Adaptive(settings) => Some(mask::rounds::pattern(settings)),
+            Self::Mask(source) => Some(source.to_string()),
+        }
+    }
 }
 
 impl RenderJob {
@@ -158,11 +171,7 @@ fn name(scene: &Path) -> String {
 
 /// Everything that the pixels depend on, on one line.
 fn settings(job: &RenderJob, scene: &Scene) -> String {
-    let pixels = match &job.pixels {
-        Pixels::All => "all".into(),
-        Pixels::Shuffle(density) => format!("shuffle density={density}"),
-        Pixels::Mask(source) => source.to_string(),
-    };
+    let pixels = job.pixels.pattern().unwrap_or_else(|| "all".into());
     let wanted = &job.wanted;
     let flags = [
         (wanted.depth, "depth"),
@@ -225,12 +234,19 @@ impl Work for Render<'_> {
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
         let ready = stage.read(record, || self.ready(self.bytes(item))).map_err(|error| at_input(&error))?;
-        let mask = self.mask(item, &ready)?;
-        record.density = Some(mask.as_ref().map_or(1.0, |mask| mask.density()));
+        let mut mask = self.mask(item, &ready)?;
         let (mut seconds, mut guided) = ((0.0, None), None);
+        let mut rounds = None;
         let frame = stage.solve(record, || {
             let start = Instant::now();
-            let frame = self.picture(item, &ready, mask.as_deref(), stage)?;
+            let frame = if let Pixels::Adaptive(settings) = &self.job.pixels {
+                let (frame, found) = self.in_rounds(settings, item, &ready, stage)?;
+                mask = Some(Arc::clone(&found.mask));
+                rounds = Some((found, settings.target));
+                frame
+            } else {
+                self.picture(item, &ready, mask.as_deref(), stage)?
+            };
             seconds.0 = start.elapsed().as_secs_f64();
             let Some(method) = self.job.fill.as_ref().filter(|_| !stage.stopped()) else { return Ok(frame) };
             let start = Instant::now();
@@ -240,6 +256,10 @@ impl Work for Render<'_> {
             Ok(filled)
         })?;
         self.page.look(item, &frame, |_, _| mask.as_deref());
+        record.density = Some(mask.as_ref().map_or(1.0, |mask| mask.density()));
+        if let Some((rounds, target)) = &rounds {
+            record.chosen(rounds, *target).iter().for_each(|text| stage.note(text));
+        }
         record.rendered = Some(seconds.0);
         record.filled = seconds.1;
         record.guides = guided;
@@ -287,7 +307,7 @@ impl Render<'_> {
     fn mask(&self, item: &Item, ready: &lacuna_volume::Stage) -> Result<Option<Arc<Mask>>, Failure> {
         let size = ready.size();
         match &self.job.pixels {
-            Pixels::All => Ok(None),
+            Pixels::All | Pixels::Adaptive(_) => Ok(None),
             Pixels::Shuffle(density) => {
                 let mask = shuffle::mask(0, 0, size, *density, self.scene.image.seed);
                 mask.map(|mask| Some(Arc::new(mask))).map_err(|error| Failure::at(&item.input, error))
@@ -312,49 +332,57 @@ impl Render<'_> {
         mask: Option<&Mask>,
         stage: &Stage<'_>,
     ) -> Result<Frame, Failure> {
-        let number = item.number.unwrap_or(0);
-        let camera = ready.camera(number).map_err(|error| Failure::at(&item.input, error))?;
+        let camera = camera(item, ready)?;
         let shader = ready.shader(&camera);
-        let image = &self.scene.image;
-        let shot = Shot {
-            camera: &camera,
-            shader: shader.as_ref(),
+        let shot = self.shot(ready, (&camera, shader.as_ref()), mask);
+        let picture = lacuna_volume::render(&ready.renderer, &shot, &Advance::new(&shot, 1, stage).told());
+        self.composed(picture, &shot, mask, ready, (item, stage))
+    }
+
+    fn shot<'a>(
+        &self,
+        ready: &lacuna_volume::Stage,
+        (camera, shader): (&'a Camera, Option<&'a Shader>),
+        mask: Option<&'a Mask>,
+    ) -> Shot<'a> {
+        Shot {
+            camera,
+            shader,
             size: ready.size(),
             mask: mask.map(Mask::as_slice),
-            samples: image.samples,
-            seed: image.seed,
+            samples: self.scene.image.samples,
+            seed: self.scene.image.seed,
             normals: self.job.wanted.normals,
             depth: self.job.wanted.depth,
             gradients: self.job.wanted.gradients,
-        };
-        let (tiles, done) = (lacuna_volume::tiles(ready.size()) as u64, AtomicU64::new(0));
-        let advance = || {
-            let now = done.fetch_add(1, Ordering::Relaxed) + 1;
-            let pieces = |tiles_done: u64| tiles_done * PIECES / tiles;
-            stage.piece(pieces(now) - pieces(now - 1));
-            !stage.stopped()
-        };
-        let picture = lacuna_volume::render(&ready.renderer, &shot, &advance);
+        }
+    }
+
+    /// The frame of a picture, with what a coarse march tells of every pixel if that is wanted.
+    fn composed(
+        &self,
+        picture: Picture,
+        shot: &Shot<'_>,
+        mask: Option<&Mask>,
+        ready: &lacuna_volume::Stage,
+        (item, stage): (&Item, &Stage<'_>),
+    ) -> Result<Frame, Failure> {
         if stage.stopped() {
             return Err(Failure::at(&item.output, STOPPED));
         }
-        let pattern = match &self.job.pixels {
-            Pixels::All => None,
-            Pixels::Shuffle(density) => Some(format!("shuffle density={density}")),
-            Pixels::Mask(source) => Some(source.to_string()),
-        };
+        let pattern = self.job.pixels.pattern();
         let story = Story {
             scene: &self.scene.line(),
             render: &self.settings,
-            camera: &camera,
-            seed: image.seed,
-            samples: image.samples,
+            camera: shot.camera,
+            seed: shot.seed,
+            samples: shot.samples,
             pattern: pattern.as_deref(),
         };
         let wanted = &self.job.wanted;
         let mut frame = picture::frame(picture, ready.size(), mask, *wanted, &story);
         if wanted.dense {
-            let dense = lacuna_volume::dense_shot(&camera, shader.as_ref(), &shot);
+            let dense = lacuna_volume::dense_shot(shot.camera, shot.shader, shot);
             let picture = lacuna_volume::render(&ready.coarse(), &dense, &|| !stage.stopped());
             picture::add_dense(&mut frame, picture, wanted.kind);
         }
@@ -381,4 +409,9 @@ impl Render<'_> {
         let filled = reconstruct::fill(frame, &masks, &choices, &what, &self.plans, &run);
         filled.map(|(frame, report)| (frame, super::fill::guides(&report))).map_err(|error| failed(&error))
     }
+}
+
+/// The camera of a frame.
+fn camera(item: &Item, ready: &lacuna_volume::Stage) -> Result<Camera, Failure> {
+    ready.camera(item.number.unwrap_or(0)).map_err(|error| Failure::at(&item.input, error))
 }

@@ -102,7 +102,7 @@ pub fn add_dense(frame: &mut Frame, picture: Picture, kind: SampleType) {
     part.attributes.set_text(channels::DENSE, &[&DENSE[..], &[DENSE_DEPTH]].concat().join(","));
 }
 
-fn values(plane: Vec<f32>, kind: SampleType) -> Samples {
+pub fn values(plane: Vec<f32>, kind: SampleType) -> Samples {
     match kind {
         SampleType::Half => Samples::Half(plane.into_iter().map(half).collect()),
         _ => Samples::Float(plane),

@@ -104,7 +104,7 @@ fn the_error_is_that_of_the_fill_in_scale() {
     let mask = first_pass(field, 0.15);
     let image = Plane::from_fn(field.size, |y, x| 0.5 + 0.4 * ((x as f32) * 0.5 + (y as f32) * 0.3).sin());
     let samples = Planes::new(field.size, vec![image.clone()]).unwrap();
-    let filled = fill(&samples, &mask, &push_pull::Settings, &Run::default()).unwrap();
+    let filled = leave_out::fill(&samples, &mask, &push_pull::Settings, &Run::default()).unwrap();
     let square = |values: &mut dyn Iterator<Item = f32>| values.map(|v| f64::from(v * v)).sum::<f64>().sqrt();
     let real = square(&mut image.pixels().iter().zip(filled.as_slice()[0].pixels()).map(|(a, b)| a - b));
     let estimated = square(&mut of(&image, &mask).error().pixels().iter().copied());

@@ -1,0 +1,290 @@
+//! Pixels chosen in rounds: what was measured says where to measure next.
+//!
+//! Of `N` pixels at most `round(D N)` are measured, in `R` rounds. The first takes the mask of density `first` in the order of
+//! [`shuffle`]; each further one takes an equal part of the rest where the estimated error of the fill so far is largest
+//! ([`refine`]), but one pixel in 64 by the order of the shuffle, whatever the estimate says. With one round, or `first = D`, it is the
+//! shuffle's mask.
+//!
+//! New pixels test the fill that chose them. With `e` the estimated and `t` the true error of that fill at them, `ln t^2 = a + b ln e^2`
+//! is fitted to means over octaves of `e`, and turns the next round's estimate into one that has been right before: chosen pixels
+//! tell of large errors, the others of small ones. The estimate of a round is the root mean square over all pixels and channels, 0 at
+//! measured ones, over the range of the measured values.
+//!
+//! Values enter as [`refine`] has them: linear to 1, logarithmic above. The mask depends on the values that `measure` returns, on the
+//! settings and on the field, not on the number of threads.
+//!
+//! Cost: a fill and an application of its energy a round. Fails: on noisy samples, and on what the first round passes over: what lies
+//! between its samples and does not show at them is only found by chance.
+
+use std::sync::Arc;
+
+use super::refine::{Estimate, compress, estimate_spline};
+use super::{Field, shuffle};
+use crate::variational::ss;
+use crate::{Error, Mask, Planes, Run};
+
+/// Rounds, if nothing else is asked for.
+pub const ROUNDS: usize = 5;
+/// One new pixel in so many is taken by the shuffle's order.
+const EXPLORE: usize = 64;
+/// New pixels of an octave that say as much as any more.
+const ENOUGH: f64 = 256.0;
+/// Powers that a fit may have.
+const POWERS: (f64, f64) = (0.2, 1.2);
+
+/// How many pixels, and in which rounds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Measured pixels over all pixels, at most; 0 to 1.
+    pub density: f64,
+    /// Rounds, 1 or more.
+    pub rounds: usize,
+    /// Density of the first round, up to `density`; [`first_of`] that if `None`.
+    pub first: Option<f64>,
+    /// The estimated error, over the measured range, from which on no round follows; nothing measures all.
+    pub target: Option<f64>,
+    /// Of the shuffle.
+    pub seed: u64,
+}
+
+/// The density of the first round where only that of all is given.
+///
+/// 0.3 of it, but enough to be near everything: 2 % of the pixels, or half of all that are measured.
+pub fn first_of(density: f64) -> f64 {
+    (0.3 * density).max((0.5 * density).min(0.02))
+}
+
+/// A round that was measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Round {
+    /// Pixels that it added.
+    pub pixels: usize,
+    /// The estimated error of the fill after it, over the measured range; nothing where no measured value is finite.
+    pub error: Option<f64>,
+}
+
+/// What was measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chosen {
+    /// The pixels.
+    pub mask: Mask,
+    /// The rounds that it took.
+    pub rounds: Vec<Round>,
+}
+
+impl Settings {
+    /// The density of the first round.
+    pub fn first(&self) -> f64 {
+        if self.rounds == 1 { self.density } else { self.first.unwrap_or_else(|| first_of(self.density)) }
+    }
+
+    /// Whether these make sense for so many pixels; how many are measured in the end.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn check(&self, pixels: usize) -> Result<usize, Error> {
+        super::checked(self.density)?;
+        let first = self.first();
+        if !(0.0..=self.density).contains(&first) {
+            return Err(Error::setting("first", &first, "at most the density, which counts all rounds"));
+        }
+        if let Some(target) = self.target.filter(|target| target.is_nan() || *target < 0.0) {
+            return Err(Error::setting("target error", &target, "0 or more"));
+        }
+        let total = (self.density * pixels as f64).round() as usize;
+        if self.rounds == 0 || self.rounds > total.max(1) {
+            let range = "1 to the number of pixels that are measured";
+            return Err(Error::setting("rounds", &self.rounds, range));
+        }
+        Ok(total)
+    }
+}
+
+/// Measures pixels in rounds.
+///
+/// `measure` is given the new pixels of a round and returns planes that hold their values; what these hold elsewhere is not read.
+/// A pixel with a value that is not finite counts as measured and says nothing. If the run is interrupted, no round follows.
+///
+/// # Errors
+/// Settings out of range, and those of `measure`.
+pub fn choose<E: From<Error>>(
+    settings: &Settings,
+    field: Field,
+    run: &Run<'_>,
+    mut measure: impl FnMut(&Mask) -> Result<Planes, E>,
+) -> Result<Chosen, E> {
+    let total = settings.check(field.size.pixels())?;
+    let mut new = shuffle::mask(field.x, field.y, field.size, settings.first(), settings.seed)?;
+    let mut known = Known { mask: vec![false; field.size.pixels()], usable: Vec::new(), samples: None };
+    let mut rounds: Vec<Round> = Vec::new();
+    let mut before: Option<Estimate> = None;
+    let mut fit = Fit::default();
+    loop {
+        known.add(&new, &measure(&new)?)?;
+        if let (Some(before), Some(samples)) = (&before, &known.samples) {
+            fit = Fit::new(before, samples, &new).unwrap_or(fit);
+        }
+        let estimate = known.estimate(run)?;
+        let error = estimate.as_ref().zip(known.range()).map(|(estimate, range)| fit.rmse(estimate, range));
+        rounds.push(Round { pixels: new.count(), error });
+        let measured = known.mask.iter().filter(|flag| **flag).count();
+        let reached = error.zip(settings.target).is_some_and(|(error, target)| error <= target);
+        let left = settings.rounds.saturating_sub(rounds.len());
+        if left == 0 || measured >= total || reached || run.interrupted().is_some() {
+            return Ok(Chosen { mask: Mask::new(field.size, known.mask)?, rounds });
+        }
+        let count = (total - measured).div_ceil(left);
+        new = next(estimate.as_ref(), &known.mask, count, field, settings.seed)?;
+        before = estimate;
+    }
+}
+
+/// The pixels of the next round.
+fn next(
+    estimate: Option<&Estimate>,
+    measured: &[bool],
+    count: usize,
+    field: Field,
+    seed: u64,
+) -> Result<Mask, Error> {
+    let explored = if estimate.is_some() { count / EXPLORE } else { count };
+    let mut taken = in_order(measured, explored, field, seed);
+    if let Some(estimate) = estimate {
+        let more = estimate.next_beside(&taken, count - taken.len(), field, seed, |pixel| !measured[pixel]);
+        taken.extend(more);
+    }
+    let mut flags = vec![false; measured.len()];
+    for pixel in taken {
+        flags[pixel] = true;
+    }
+    Mask::new(field.size, flags)
+}
+
+/// The first `count` missing pixels in the order of the shuffle.
+fn in_order(measured: &[bool], count: usize, field: Field, seed: u64) -> Vec<usize> {
+    let rank = |pixel: usize| {
+        let (x, y) = field.at(pixel / field.size.width, pixel % field.size.width);
+        shuffle::rank(x, y, seed)
+    };
+    let missing = (0..measured.len()).filter(|&pixel| !measured[pixel]);
+    let mut ranked: Vec<(f64, usize)> = missing.map(|pixel| (rank(pixel), pixel)).collect();
+    if count < ranked.len() {
+        ranked.select_nth_unstable_by(count, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        ranked.truncate(count);
+    }
+    ranked.into_iter().map(|(_, pixel)| pixel).collect()
+}
+
+/// What was measured so far.
+struct Known {
+    mask: Vec<bool>,
+    /// Those whose values are finite.
+    usable: Vec<bool>,
+    samples: Option<Planes>,
+}
+
+impl Known {
+    fn add(&mut self, new: &Mask, values: &Planes) -> Result<(), Error> {
+        let size = new.size();
+        if values.size() != size {
+            return Err(Error::SizeMismatch { expected: size, found: values.size().to_string() });
+        }
+        self.usable.resize(size.pixels(), false);
+        let at = || (0..size.pixels()).filter(|&pixel| new.as_slice()[pixel]);
+        for pixel in at() {
+            self.mask[pixel] = true;
+            self.usable[pixel] = values.as_slice().iter().all(|plane| plane.pixels()[pixel].is_finite());
+        }
+        let samples = self.samples.get_or_insert_with(|| Planes::zeros(size, values.len()));
+        for (own, plane) in samples.as_mut_slice().iter_mut().zip(values.as_slice()) {
+            for pixel in at().filter(|&pixel| self.usable[pixel]) {
+                own.pixels_mut()[pixel] = compress(plane.pixels()[pixel]);
+            }
+        }
+        Ok(())
+    }
+
+    fn estimate(&self, run: &Run<'_>) -> Result<Option<Estimate>, Error> {
+        let Some(samples) = self.samples.as_ref().filter(|samples| !samples.is_empty()) else {
+            return Ok(None);
+        };
+        if !self.usable.contains(&true) {
+            return Ok(None);
+        }
+        let mask = Arc::new(Mask::new(samples.size(), self.usable.clone())?);
+        estimate_spline(samples, &mask, &ss::Settings::default(), run).map(Some)
+    }
+
+    /// Of all values that were measured.
+    fn range(&self) -> Option<f64> {
+        let planes = self.samples.as_ref()?.as_slice();
+        let values = planes.iter().flat_map(|plane| plane.pixels().iter().zip(&self.usable));
+        let ends = (f32::INFINITY, f32::NEG_INFINITY);
+        let (low, high) =
+            values.filter(|(_, usable)| **usable).fold(ends, |(l, h), (v, _)| (l.min(*v), h.max(*v)));
+        (low <= high).then(|| f64::from(high) - f64::from(low))
+    }
+}
+
+/// The true squared error as a function of the estimated one.
+#[derive(Clone, Copy, Debug)]
+struct Fit {
+    /// `a`.
+    factor: f64,
+    /// `b`.
+    power: f64,
+}
+
+impl Default for Fit {
+    fn default() -> Self {
+        Self { factor: 0.0, power: 1.0 }
+    }
+}
+
+impl Fit {
+    /// From the pixels that an estimate did not know; nothing where none of them errs.
+    fn new(before: &Estimate, samples: &Planes, new: &Mask) -> Option<Self> {
+        // Per octave of the estimate: pixels, and the sums of both squared errors.
+        let mut octaves = std::collections::BTreeMap::<i32, [f64; 3]>::new();
+        for pixel in (0..new.as_slice().len()).filter(|&pixel| new.as_slice()[pixel]) {
+            let (guess, truth) = (f64::from(before.squared_error(pixel)), before.misses(samples, pixel));
+            if guess > 0.0 && guess.is_finite() {
+                let octave = octaves.entry(guess.log2().floor() as i32).or_default();
+                for (sum, value) in octave.iter_mut().zip([1.0, guess, truth]) {
+                    *sum += value;
+                }
+            }
+        }
+        let points = octaves.values().filter(|[_, _, truth]| *truth > 0.0);
+        let points: Vec<[f64; 3]> = points
+            .map(|[count, guess, truth]| [count.min(ENOUGH), (guess / count).ln(), (truth / count).ln()])
+            .collect();
+        let sum =
+            |of: &dyn Fn(&[f64; 3]) -> f64| points.iter().map(|point| point[0] * of(point)).sum::<f64>();
+        let weight = sum(&|_| 1.0);
+        if weight == 0.0 {
+            return None;
+        }
+        let (x, y) = (sum(&|point| point[1]) / weight, sum(&|point| point[2]) / weight);
+        let square = sum(&|point| (point[1] - x).powi(2));
+        let slope = if square > 0.0 { sum(&|point| (point[1] - x) * (point[2] - y)) / square } else { 1.0 };
+        let power = slope.clamp(POWERS.0, POWERS.1);
+        Some(Self { factor: y - power * x, power })
+    }
+
+    /// The root mean square of what a fill errs by, over `range`.
+    fn rmse(self, estimate: &Estimate, range: f64) -> f64 {
+        let pixels = estimate.filled().size().pixels();
+        let error = |pixel: usize| match f64::from(estimate.squared_error(pixel)) {
+            guess if guess > 0.0 => (self.factor + self.power * guess.ln()).exp(),
+            _ => 0.0,
+        };
+        let sum: f64 = (0..pixels).map(error).sum();
+        let mean = sum / (pixels * estimate.filled().len()).max(1) as f64;
+        if range > 0.0 { mean.sqrt() / range } else { 0.0 }
+    }
+}
+
+#[cfg(test)]
+#[path = "adaptive/tests.rs"]
+mod tests;

@@ -1,0 +1,162 @@
+//! Tests of the rounds.
+
+use super::*;
+use crate::{Plane, Size, Stop};
+
+const SIZE: Size = Size::new(90, 120);
+const FIELD: Field = Field { x: -7, y: 3, size: SIZE };
+
+fn settings(density: f64, rounds: usize) -> Settings {
+    Settings { density, rounds, first: None, target: None, seed: 5 }
+}
+
+/// A disc on a slope, in two channels.
+fn picture() -> Planes {
+    let disc = |y: usize, x: usize| (x as f32 - 70.0).hypot(y as f32 - 40.0) < 25.0;
+    let plane =
+        |inside: f32| Plane::from_fn(SIZE, |y, x| if disc(y, x) { inside } else { 0.001 * (x + y) as f32 });
+    Planes::new(SIZE, vec![plane(0.9), plane(3.0)]).unwrap()
+}
+
+/// Chooses with the picture as renderer; also all that it was asked for.
+fn chosen(settings: &Settings, picture: &Planes) -> (Chosen, Vec<Mask>) {
+    let mut asked = Vec::new();
+    let found = choose(settings, FIELD, &Run::default(), |new: &Mask| {
+        asked.push(new.clone());
+        // What was not asked for must not be read.
+        let hide = |plane: &Plane| {
+            Plane::from_fn(SIZE, |y, x| if new.is_measured(y, x) { plane.at(y, x) } else { f32::NAN })
+        };
+        Planes::new(SIZE, picture.as_slice().iter().map(hide).collect())
+    });
+    (found.unwrap(), asked)
+}
+
+#[test]
+fn every_pixel_is_measured_once_and_the_budget_is_spent() {
+    let (found, asked) = chosen(&settings(0.2, 4), &picture());
+    assert_eq!(found.mask.count(), (0.2 * SIZE.pixels() as f64).round() as usize);
+    assert_eq!(found.rounds.len(), 4);
+    assert_eq!(asked[0], shuffle::mask(-7, 3, SIZE, first_of(0.2), 5).unwrap());
+    for (round, asked) in found.rounds.iter().zip(&asked) {
+        assert_eq!(round.pixels, asked.count());
+    }
+    let all = (0..SIZE.pixels()).map(|pixel| asked.iter().filter(|mask| mask.as_slice()[pixel]).count());
+    assert!(all.zip(found.mask.as_slice()).all(|(times, measured)| times == usize::from(*measured)));
+}
+
+#[test]
+fn one_round_and_a_whole_first_one_are_the_shuffle() {
+    let shuffle = shuffle::mask(-7, 3, SIZE, 0.13, 5).unwrap();
+    assert_eq!(chosen(&settings(0.13, 1), &picture()).0.mask, shuffle);
+    let first = Settings { first: Some(0.13), ..settings(0.13, 3) };
+    let (found, _) = chosen(&first, &picture());
+    assert!(shuffle.as_slice().iter().zip(found.mask.as_slice()).all(|(a, b)| !a || *b));
+}
+
+#[test]
+fn later_rounds_go_to_the_edge_and_a_few_elsewhere() {
+    let (_, asked) = chosen(&settings(0.15, 3), &picture());
+    let far = |mask: &Mask| {
+        let distance = |pixel: usize| {
+            let (y, x) = ((pixel / 120) as f32, (pixel % 120) as f32);
+            ((x - 70.0).hypot(y - 40.0) - 25.0).abs()
+        };
+        (0..SIZE.pixels()).filter(|&pixel| mask.as_slice()[pixel] && distance(pixel) > 8.0).count()
+    };
+    // Within 8 pixels of the edge lies a quarter of the picture.
+    assert!(far(&asked[0]) * 2 > asked[0].count());
+    for mask in &asked[1..] {
+        assert!(far(mask) * 5 < mask.count(), "{} of {}", far(mask), mask.count());
+        assert!(far(mask) > 0);
+    }
+}
+
+/// The error that each round reports is that of the fill, within what a jump as hard as this one leaves open.
+#[test]
+fn the_estimate_is_near_the_error() {
+    let picture = picture();
+    let (found, asked) = chosen(&settings(0.25, 4), &picture);
+    let mut flags = vec![false; SIZE.pixels()];
+    for (number, (round, new)) in found.rounds.iter().zip(&asked).enumerate() {
+        flags.iter_mut().zip(new.as_slice()).for_each(|(flag, new)| *flag |= new);
+        let mask = Arc::new(Mask::new(SIZE, flags.clone()).unwrap());
+        let estimate = estimate_spline(&picture, &mask, &ss::Settings::default(), &Run::default()).unwrap();
+        let mut known = picture.clone();
+        known.as_mut_slice().iter_mut().for_each(|plane| {
+            plane.pixels_mut().iter_mut().for_each(|value| *value = compress(*value));
+        });
+        let sum: f64 = (0..SIZE.pixels()).map(|pixel| estimate.misses(&known, pixel)).sum();
+        let truth = (sum / (2 * SIZE.pixels()) as f64).sqrt() / f64::from(compress(3.0));
+        let off = 20.0 * (round.error.unwrap() / truth).log10();
+        assert!(off.abs() < 9.0, "round {number}: {off} dB");
+    }
+}
+
+#[test]
+fn a_target_ends_it_and_one_out_of_reach_does_not() {
+    let with = |target: f64| Settings { target: Some(target), ..settings(0.2, 4) };
+    let (at_once, _) = chosen(&with(1.0), &picture());
+    assert_eq!(at_once.rounds.len(), 1);
+    let (all, _) = chosen(&with(0.0), &picture());
+    assert_eq!(all.rounds.len(), 4);
+    let between = all.rounds[1].error.unwrap().max(all.rounds[2].error.unwrap());
+    let (some, _) = chosen(&with(between), &picture());
+    assert!((1..=3).contains(&some.rounds.len()));
+    assert!(some.rounds.last().unwrap().error.unwrap() <= between);
+}
+
+#[test]
+fn values_that_are_not_finite_are_measured_and_say_nothing() {
+    let mut picture = picture();
+    for plane in picture.as_mut_slice() {
+        plane.pixels_mut().iter_mut().step_by(3).for_each(|value| *value = f32::NAN);
+    }
+    let (found, asked) = chosen(&settings(0.2, 3), &picture);
+    assert_eq!(found.mask.count(), asked.iter().map(Mask::count).sum::<usize>());
+    assert!(found.rounds.iter().all(|round| round.error.is_some_and(f64::is_finite)));
+    let nothing = Planes::new(SIZE, vec![Plane::filled(SIZE, f32::INFINITY)]).unwrap();
+    let (found, _) = chosen(&settings(0.2, 3), &nothing);
+    assert_eq!(found.rounds.iter().filter_map(|round| round.error).count(), 0);
+    assert_eq!(found.mask.count(), (0.2 * SIZE.pixels() as f64).round() as usize);
+}
+
+#[test]
+fn an_even_picture_has_no_error() {
+    let even = Planes::new(SIZE, vec![Plane::filled(SIZE, 0.5)]).unwrap();
+    let (found, _) = chosen(&settings(0.1, 3), &even);
+    assert!(found.rounds.iter().all(|round| round.error == Some(0.0)));
+}
+
+#[test]
+fn what_cannot_be_done_is_refused() {
+    let refused = |settings: &Settings| settings.check(SIZE.pixels()).unwrap_err().to_string();
+    assert!(refused(&Settings { first: Some(0.3), ..settings(0.2, 3) }).contains("first = 0.3"));
+    assert!(refused(&settings(0.0003, 5)).contains("rounds = 5"));
+    assert!(refused(&settings(0.2, 0)).contains("rounds = 0"));
+    assert!(refused(&settings(1.5, 2)).contains("density = 1.5"));
+    assert!(refused(&Settings { target: Some(f64::NAN), ..settings(0.2, 2) }).contains("target"));
+}
+
+#[test]
+fn a_renderer_that_fails_and_an_interruption_end_it() {
+    let picture = picture();
+    let mut rounds = 0;
+    let failed = choose(&settings(0.2, 4), FIELD, &Run::default(), |_: &Mask| {
+        rounds += 1;
+        if rounds < 3 { Ok(picture.clone()) } else { Err(Error::EmptyMask) }
+    });
+    assert_eq!((failed, rounds), (Err(Error::EmptyMask), 3));
+    let stop = || Some(Stop::Cancelled);
+    let run = Run { interrupt: Some(&stop) };
+    let found = choose(&settings(0.2, 4), FIELD, &run, |_: &Mask| Ok::<_, Error>(picture.clone())).unwrap();
+    assert_eq!(found.rounds.len(), 1);
+}
+
+#[test]
+fn threads_change_nothing() {
+    let with = |threads: usize| {
+        crate::baseline::testing::with_threads(threads, || chosen(&settings(0.2, 3), &picture()).0)
+    };
+    assert_eq!(with(1), with(3));
+}

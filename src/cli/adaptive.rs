@@ -1,0 +1,40 @@
+//! The flags of pixels that are chosen in rounds.
+
+use clap::Args;
+use lacuna_filters::sampling::adaptive::{ROUNDS, Settings};
+
+use super::Usage;
+use super::numbers::{fraction, one_or_more, zero_or_more};
+
+/// In which rounds pixels are chosen.
+#[derive(Args, Clone, Debug)]
+pub struct AdaptiveArgs {
+    /// Choose the pixels in rounds: after the first, where the estimated error of the fill so far is largest
+    #[arg(long, requires = "density")]
+    adaptive: bool,
+
+    /// Rounds in all, of which the first is spread evenly
+    #[arg(long, value_name = "N", requires = "adaptive", value_parser = one_or_more, default_value_t = ROUNDS as u32)]
+    rounds: u32,
+
+    /// Density of the first round [default: 0.3 of --density, but 0.02 or half of it]
+    #[arg(long, value_name = "D", requires = "adaptive", value_parser = fraction, allow_hyphen_values = true)]
+    first: Option<f64>,
+
+    /// Stop when the estimated error (RMSE over the measured range) is at most this; --density is then the most
+    #[arg(long, value_name = "E", requires = "adaptive", value_parser = zero_or_more, allow_hyphen_values = true)]
+    target_error: Option<f64>,
+}
+
+impl AdaptiveArgs {
+    /// The settings, where rounds are asked for.
+    pub fn settings(&self, density: f64, seed: u64) -> Result<Option<Settings>, Usage> {
+        if let Some(first) = self.first.filter(|first| *first > density) {
+            return Err(Usage(format!(
+                "--first {first} is more than --density {density}, which counts all rounds"
+            )));
+        }
+        let (rounds, first, target) = (self.rounds as usize, self.first, self.target_error);
+        Ok(self.adaptive.then_some(Settings { density, rounds, first, target, seed }))
+    }
+}
