@@ -13,7 +13,9 @@ mod unheeded;
 
 pub use finite::{non_finite, non_finite_note};
 use lacuna_exr::{Frame, Part, Samples};
-pub use names::{Name, channel_label, list_channels, part_label, rgb_place, view_of, visible, words};
+pub use names::{
+    Name, channel_label, list_channels, names_view, part_label, rgb_place, view_of, visible, words,
+};
 pub use overrides::{Override, OverrideError};
 pub use rules::{by_default, is_albedo, is_alpha, is_code, is_label, is_light, is_matte, is_position};
 use serde::Serialize;

@@ -49,10 +49,19 @@ pub fn view_of(part: &Part, name: &str) -> Option<String> {
     if let Some(view) = part.view() {
         return Some(view);
     }
-    let views = multi_view(part);
-    let first = views.first()?.clone();
+    let first = multi_view(part).into_iter().next()?;
+    Some(listed_view(part, name).unwrap_or(first))
+}
+
+/// Whether a view is said: by the part, or in the channel's name.
+pub fn names_view(part: &Part, name: &str) -> bool {
+    part.view().is_some() || listed_view(part, name).is_some()
+}
+
+/// The view in a channel's name, if the `multiView` attribute lists it.
+fn listed_view(part: &Part, name: &str) -> Option<String> {
     let prefix = Name::new(Name::new(name).layer).component;
-    Some(views.into_iter().find(|view| view == prefix).unwrap_or(first))
+    multi_view(part).into_iter().find(|view| view == prefix)
 }
 
 /// The views that the attribute `multiView` lists, the default one first; empty where there is none.

@@ -8,7 +8,7 @@ use lacuna_filters::{Mask, Size};
 
 use super::provider::{Provider, Views};
 use super::{Error, flags};
-use crate::channels::{list_channels, view_of};
+use crate::channels::list_channels;
 use crate::raster::{self, Grey};
 
 /// The first bytes of an EXR file.
@@ -163,7 +163,10 @@ impl MaskFile {
                 let flags = flags(&channel.samples, |value| value >= 0.5);
                 let mask = Mask::new(part.size(), flags)
                     .map_err(|error| Error::File { path: self.path.clone(), why: error.to_string() })?;
-                let views = view_of(part, &name).map_or(Views::All, |view| Views::Of(Some(view)));
+                let views = match Views::of_mask(part, &name) {
+                    Views::Of(None) => Views::All,
+                    views => views,
+                };
                 found.push(Provider { part: None, views, layer: None, window: part.data_window, mask });
             }
         }

@@ -176,7 +176,8 @@ fn from_channels(
         let binary = flags(&channel.samples, is_binary);
         between += binary.iter().filter(|&&binary| !binary).count();
         let layer = layered.then(|| Name::new(&name).layer.to_owned());
-        providers.extend(provider(part, place.part, &name, layer, flags(&channel.samples, &measured)));
+        let views = Views::of_mask(part, &name);
+        providers.extend(provider((part, place.part), views, layer, flags(&channel.samples, &measured)));
     }
     let mut masks = serve(frame, &providers);
     masks.origin = origin;
@@ -192,14 +193,12 @@ fn from_channels(
 }
 
 fn provider(
-    part: &Part,
-    index: usize,
-    name: &str,
+    (part, index): (&Part, usize),
+    views: Views,
     layer: Option<String>,
     flags: Vec<bool>,
 ) -> Option<Provider> {
     let mask = Mask::new(part.size(), flags).ok()?;
-    let views = Views::Of(view_of(part, name));
     Some(Provider { part: Some(index), views, layer, window: part.data_window, mask })
 }
 
@@ -216,7 +215,8 @@ fn alpha(frame: &Frame) -> Result<Masks, Error> {
         }
         let of_view = part.view().is_none() && view_of(part, &name).as_deref() == Some(layer);
         let layer = (!layer.is_empty() && !of_view).then(|| layer.to_owned());
-        providers.extend(provider(part, place.part, &name, layer, flags(&channel.samples, |a| a > 0.0)));
+        let views = Views::Of(view_of(part, &name));
+        providers.extend(provider((part, place.part), views, layer, flags(&channel.samples, |a| a > 0.0)));
     }
     if providers.is_empty() {
         return Err(Error::NoAlpha { channels: list_channels(frame) });
@@ -248,8 +248,10 @@ fn finite(frame: &Frame) -> Result<Masks, Error> {
                 None => views.push((name, flags)),
             }
         }
-        providers
-            .extend(views.into_iter().filter_map(|(name, flags)| provider(part, index, &name, None, flags)));
+        let one = |(name, flags): (String, _)| {
+            provider((part, index), Views::Of(view_of(part, &name)), None, flags)
+        };
+        providers.extend(views.into_iter().filter_map(one));
     }
     if providers.is_empty() {
         return Err(Error::NoFloat { channels: list_channels(frame) });

@@ -1,9 +1,9 @@
 //! A mask over a window of absolute pixels, and which channels it may serve.
 
-use lacuna_exr::Window;
+use lacuna_exr::{Part, Window};
 use lacuna_filters::Mask;
 
-use crate::channels::Name;
+use crate::channels::{Name, names_view, view_of};
 
 /// The views that a mask serves.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -12,6 +12,18 @@ pub enum Views {
     All,
     /// The parts of one view, or those without one.
     Of(Option<String>),
+    /// This view, which is the default one, and the other views of the same part that have no mask of their own.
+    Default(String),
+}
+
+impl Views {
+    /// The views of a sampling mask that is the channel `name` of `part`: without a view in either it is for all.
+    pub fn of_mask(part: &Part, name: &str) -> Self {
+        match view_of(part, name) {
+            Some(view) if !names_view(part, name) => Self::Default(view),
+            view => Self::Of(view),
+        }
+    }
 }
 
 /// A mask that was found, and what it is for.
@@ -30,14 +42,18 @@ pub struct Provider {
 }
 
 impl Provider {
-    /// How well the mask suits a channel: smaller is better, nothing is not at all. A layer's own mask goes first
-    /// (the closest layer), then the part's own, then the others of the view.
-    pub fn suits(&self, part: usize, view: Option<&str>, name: &str) -> Option<(usize, bool)> {
-        let view_fits = match &self.views {
-            Views::All => true,
-            Views::Of(own) => own.as_deref() == view,
-        };
+    /// How well the mask suits a channel: smaller is better, nothing is not at all. A mask of the channel's view goes first, then
+    /// that of its layer (the closest layer), then the part's own.
+    pub fn suits(&self, part: usize, view: Option<&str>, name: &str) -> Option<(bool, usize, bool)> {
         let elsewhere = self.part != Some(part);
+        let (view_fits, borrowed) = match &self.views {
+            Views::All => (true, false),
+            Views::Of(own) => (own.as_deref() == view, false),
+            Views::Default(own) => {
+                let same = view == Some(own.as_str());
+                (same || self.part.is_none() || !elsewhere, !same)
+            }
+        };
         let distance = match &self.layer {
             None => usize::MAX,
             Some(layer) => {
@@ -48,6 +64,6 @@ impl Provider {
                 rest.len()
             }
         };
-        view_fits.then_some((distance, elsewhere))
+        view_fits.then_some((borrowed, distance, elsewhere))
     }
 }

@@ -164,6 +164,35 @@ fn views_of_one_part_have_their_own_masks() {
 }
 
 #[test]
+fn a_mask_without_a_view_serves_the_views_that_have_none() {
+    let mut part = four(vec![
+        half("R", &R4),
+        half("left.R", &R4),
+        half("middle.R", &R4),
+        half("mask", &[1.0, 0.0, 0.0, 1.0]),
+        half("middle.mask", &[0.0, 1.0, 0.0, 0.0]),
+    ]);
+    let views = ["right", "left", "middle"]
+        .map(|view| [&(view.len() as u32).to_le_bytes()[..], view.as_bytes()].concat());
+    part.attributes.set("multiView", "stringvector", views.concat());
+    let stereo = frame(vec![part.clone()]);
+    let mut bare = frame(vec![part.clone()]);
+    bare.parts[0].channels.retain(|channel| !channel.name.ends_with(b"mask"));
+    part.channels.retain(|channel| channel.name == b"mask");
+    let file = MaskFile::from_frame("m.exr".into(), frame(vec![part]));
+    let from_file = Source::File { pattern: "m.exr".into(), channel: None };
+    for (frame, source, middle) in [
+        (&stereo, Source::Auto, "0100"),
+        (&stereo, Source::Channel("mask".into()), "1001"),
+        (&bare, from_file, "1001"),
+    ] {
+        let masks = find(frame, &source, Some(&file)).unwrap();
+        let names = ["R", "left.R", "middle.R"];
+        assert_eq!(names.map(|name| shown(frame, &masks, 0, name)), ["1001", "1001", middle], "{source}");
+    }
+}
+
+#[test]
 fn alpha_counts_above_zero() {
     let first = frame(vec![four(vec![half("R", &R4), half("A", &[0.0, 0.1, 1.0, f32::NAN])])]);
     let masks = find(&first, &Source::Alpha, None).unwrap();
