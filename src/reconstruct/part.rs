@@ -13,6 +13,7 @@ use lacuna_filters::{Bounds, Mask, Method, Plane, Planes, Run};
 use super::apply::{Change, apply};
 use super::bounds::bounds_of;
 use super::groups::{Group, Target, copyable, groups, targets};
+use super::normals::Lengths;
 use super::{ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, gradients, learned, normals};
 use crate::channels::{self, Choice, Rule, channel_label};
 use crate::mask::Masks;
@@ -278,7 +279,7 @@ fn only(value: f32, counts: bool) -> f32 {
     f32::from_bits(value.to_bits() & u32::from(counts).wrapping_neg())
 }
 
-/// Gives every whole normal unit length.
+/// Gives every whole normal the length that the measured ones around it have.
 fn unit_normals(frame: &Frame, work: &Work<'_>, filled: &mut [Filled], done: &mut Done) -> Result<(), Error> {
     let part = &frame.parts[work.index];
     for channel in 0..part.channels.len() {
@@ -292,16 +293,25 @@ fn unit_normals(frame: &Frame, work: &Work<'_>, filled: &mut [Filled], done: &mu
         let masks = [x, y, z].map(|at| Arc::clone(&filled[at].mask));
         let all = normals::kept(&masks, work.job.method.keeps_measured());
         let both = normals::both(&masks);
-        if !normals::are_unit([x, y, z].map(|at| filled[at].samples.as_slice()), &both) {
+        let Some(lengths) = normals::lengths([x, y, z].map(|at| filled[at].samples.as_slice()), &both) else {
             let name = part.channels[channel].display_name();
             done.notes
                 .push(format!("channel {name}: measured normals are not of unit length, so none is scaled"));
             continue;
-        }
+        };
         let Ok([a, b, c]) = filled.get_disjoint_mut([x, y, z]) else { continue };
         let nearest = work.plans.nearest(&both).map_err(fail)?;
         let samples = [a.samples.as_slice(), &b.samples, &c.samples];
-        normals::normalise([&mut a.values, &mut b.values, &mut c.values], samples, &all, nearest.as_slice());
+        let around = match lengths {
+            Lengths::Unit => None,
+            Lengths::Mixed => Some(work.plans.depth(&both).map_err(fail)?),
+        };
+        let nearest = nearest.as_slice();
+        let allowed = |at: usize| match &around {
+            None => normals::unit_range(samples, nearest[at] as usize),
+            Some(around) => normals::range(samples, around.around(at)),
+        };
+        normals::scale([&mut a.values, &mut b.values, &mut c.values], samples, &all, nearest, allowed);
     }
     Ok(())
 }

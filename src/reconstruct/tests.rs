@@ -164,6 +164,23 @@ fn normals_are_units_and_the_background_is_empty() {
 }
 
 #[test]
+fn normals_beside_shorter_ones_are_no_units() {
+    // A silhouette whose pixels are means of a normal and the background.
+    let z: Vec<f32> = (0..32).map(|at| [1.0, 1.0, 1.0, 0.7, 0.3, 0.0, 0.0, 0.0][at % 8]).collect();
+    let none = [0.0; 32];
+    let before = frame(vec![board(vec![float("N.X", &none), float("N.Y", &none), float("N.Z", &z)])]);
+    let (after, _) = filled(&before, &job()).unwrap();
+    let filled = values(&after.parts[0], "N.Z");
+    for at in (0..32).filter(|at| !measured(*at)) {
+        let whole = at % 8 < 2;
+        assert!(if whole { filled[at] > 1.0 - 1e-6 } else { filled[at] < 1.0 }, "{at}: {}", filled[at]);
+        assert!(filled[at] <= 1.0 + 1e-6 && (at % 8 < 7 || filled[at] == 0.0), "{at}: {}", filled[at]);
+    }
+    let wrong: f32 = filled.iter().zip(&z).map(|(filled, z)| (filled - z).abs()).fold(0.0, f32::max);
+    assert!(wrong < 0.4, "{wrong}");
+}
+
+#[test]
 fn the_parts_say_how_they_were_filled_and_lies_are_dropped() {
     let mut sparse = named("a", "", board(vec![half("R", &ramp(0.1))]));
     sparse.attributes.set("preview", "preview", vec![0; 8]);

@@ -1,13 +1,15 @@
-//! The length of filled normals: one, or zero where there is none.
+//! The length of filled normals: that of the measured ones around them.
 
 use std::sync::Arc;
 
 use lacuna_exr::{Channel, Samples};
 use lacuna_filters::Mask;
+use lacuna_filters::baseline::depth::DepthPlan;
 
 use super::pixels::value;
 use super::{Difference, Pair};
 use crate::channels::normal_triple;
+use crate::reconstruct::normals::Lengths;
 use crate::reconstruct::{measured_floats, normals, usable};
 
 /// How far the length of a unit vector may be from 1 if a component is a half: its rounding error.
@@ -39,9 +41,11 @@ fn one(pair: &Pair<'_>, triple: [usize; 3]) -> Option<Difference> {
     for (samples, mask) in samples.iter().zip(&masks) {
         planes.push(measured_floats(samples, mask).ok()?);
     }
-    if !normals::are_unit([&planes[0], &planes[1], &planes[2]], &normals::both(&masks)) {
-        return None;
-    }
+    let (both, measured) = (normals::both(&masks), [planes[0].as_slice(), &planes[1], &planes[2]]);
+    let around = match normals::lengths(measured, &both)? {
+        Lengths::Unit => None,
+        Lengths::Mixed => Some(DepthPlan::new(&both).ok()?),
+    };
     let filled = |channel: usize| -> Option<&Channel> {
         let name = &part.channels[channel].name;
         let found = pair.filled.channels.iter().find(|other| other.name == *name)?;
@@ -54,12 +58,22 @@ fn one(pair: &Pair<'_>, triple: [usize; 3]) -> Option<Difference> {
         let squares = filled.map(|channel| f64::from(value(&channel.samples, *at)).powi(2));
         let length = squares.iter().sum::<f64>().sqrt();
         // What is not finite is told of its channel.
-        length.is_finite() && length != 0.0 && (length - 1.0).abs() > tolerance
+        length.is_finite()
+            && match &around {
+                None => length != 0.0 && (length - 1.0).abs() > tolerance,
+                Some(around) => {
+                    let (low, high) = normals::range(measured, around.around(*at));
+                    length < f64::from(low) - tolerance || length > f64::from(high) + tolerance
+                }
+            }
     };
     let kept = normals::kept(&masks, !pair.claims.smoothed);
     let all = (0..kept.as_slice().len()).filter(|&at| !kept.as_slice()[at]).filter(wrong);
     let all: Vec<usize> = all.collect();
-    let what = "a filled normal is not of unit length, as the measured ones are";
+    let what = match &around {
+        None => "a filled normal is not of unit length, as the measured ones are",
+        Some(_) => "a filled normal is longer or shorter than the measured ones around it",
+    };
     let name = part.channels[triple[0]].display_name();
     pair.first_of(&name, what, &all)
 }

@@ -256,6 +256,23 @@ fn filled_normals_must_be_of_unit_length() {
 }
 
 #[test]
+fn filled_normals_are_no_longer_than_those_around() {
+    let lengths: Vec<f32> = (0..48).map(|at| [1.0, 0.8, 0.6, 0.4, 0.6, 0.8, 1.0, 1.0][at % 8]).collect();
+    let none = [0.0; 48];
+    let channels = vec![float("N.X", &none), float("N.Y", &none), float("N.Z", &lengths)];
+    let full = frame(vec![part(window(0, 0, 8, 6), channels)]);
+    let sparse = sparsify(full, Pattern::Shuffle { density: 0.5, seed: 1 }).unwrap().frame;
+    let mut filled = filled(&sparse, &job());
+    assert_eq!(lines(&sparse, &filled), [""; 0]);
+    let masks = find(&sparse, &Source::Auto, None).unwrap();
+    let at = masks.get(0, 0).unwrap().as_slice().iter().position(|flag| !flag).unwrap();
+    let Samples::Float(values) = channel(&mut filled, 0, "N.Z") else { panic!("not floats") };
+    values[at] = 1.01;
+    let found = lines(&sparse, &filled);
+    assert!(found.len() == 1 && found[0].contains("longer or shorter"), "{found:?}");
+}
+
+#[test]
 fn an_unfilled_frame_is_not_a_filled_one() {
     let sparse = sparse();
     let found = lines(&sparse, &sparse);

@@ -75,8 +75,15 @@ impl DepthPlan {
         Ok(NearestMap::from_source(size, source))
     }
 
-    /// The weighted median of the neighbours of one missing pixel.
-    fn median(&self, depth: &[f32], y: usize, x: usize) -> u32 {
+    /// The measured pixels that have a say in the value of one that is missing: at most four, by their indices.
+    pub fn around(&self, at: usize) -> impl Iterator<Item = usize> {
+        let (near, count) = self.near(at / self.size.width, at % self.size.width);
+        let reach = reach(&near[..count]);
+        near.into_iter().take(count).filter(move |near| near.0 <= reach).map(|near| near.1 as usize)
+    }
+
+    /// The neighbours of one missing pixel with their squared distances, and how many there are.
+    fn near(&self, y: usize, x: usize) -> ([(u64, u32); 4], usize) {
         let at = y * self.size.width + x;
         let mut near = [(0, NONE); 4];
         let mut count = 0;
@@ -87,8 +94,14 @@ impl DepthPlan {
                 count += 1;
             }
         }
+        (near, count)
+    }
+
+    /// The weighted median of the neighbours of one missing pixel.
+    fn median(&self, depth: &[f32], y: usize, x: usize) -> u32 {
+        let (mut near, count) = self.near(y, x);
         let near = &mut near[..count];
-        let reach = near.iter().map(|neighbour| neighbour.0).min().unwrap_or(0).saturating_mul(REACH_SQUARED);
+        let reach = reach(near);
         near.sort_unstable_by(|a, b| depth[a.1 as usize].total_cmp(&depth[b.1 as usize]).then(a.cmp(b)));
         let weight = |r: u64| if r <= reach { 1.0 / (r as f64).sqrt() } else { 0.0 };
         let total: f64 = near.iter().map(|neighbour| weight(neighbour.0)).sum();
@@ -102,6 +115,11 @@ impl DepthPlan {
         }
         near.last().map_or(NONE, |neighbour| neighbour.1)
     }
+}
+
+/// The squared distance up to which neighbours have a say.
+fn reach(near: &[(u64, u32)]) -> u64 {
+    near.iter().map(|neighbour| neighbour.0).min().unwrap_or(0).saturating_mul(REACH_SQUARED)
 }
 
 /// Squared distance from row `y`, column `x` to the pixel with index `pixel`.

@@ -6,10 +6,11 @@ use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Channel, Frame, Part, SampleType, Samples};
 use lacuna_filters::enlarge::{self, Options, Upscaled};
 use lacuna_filters::upscale::{Geometry, Method};
-use lacuna_filters::{Mask, Plane, Planes};
+use lacuna_filters::{Mask, Plane, Planes, Size};
 
 use crate::channels::{self, Choice, Rule, channel_label};
 use crate::reconstruct::groups::{Group, Target, groups};
+use crate::reconstruct::normals::Lengths;
 use crate::reconstruct::part::{Done, Work, channel_names, overflow_note, values_options};
 use crate::reconstruct::values::to_halves;
 use crate::reconstruct::{Error, GroupReport, Kind, kind_for, normals};
@@ -102,7 +103,7 @@ fn solve(
     Ok(large)
 }
 
-/// Gives every whole normal unit length again.
+/// Gives every whole normal the length that those around it had.
 fn unit_normals(
     part: &Part,
     work: &Work<'_>,
@@ -119,14 +120,26 @@ fn unit_normals(
         }
         let floats = triple.map(|at| part.channels[at].samples.to_floats().unwrap_or_default());
         let samples = floats.each_ref().map(Vec::as_slice);
-        if !samples.iter().all(|plane| plane.len() == low.as_slice().len())
-            || !normals::are_unit(samples, &low)
-        {
+        if !samples.iter().all(|plane| plane.len() == low.as_slice().len()) {
             continue;
         }
+        let Some(lengths) = normals::lengths(samples, &low) else { continue };
         let Ok([Some(x), Some(y), Some(z)]) = planes.get_disjoint_mut(triple) else { continue };
-        normals::normalise([x.pixels_mut(), y.pixels_mut(), z.pixels_mut()], samples, &high, sources);
+        let allowed = |at: usize| match lengths {
+            Lengths::Unit => normals::unit_range(samples, sources[at] as usize),
+            Lengths::Mixed => normals::range(samples, block(geometry.low(), sources[at] as usize)),
+        };
+        let planes = [x.pixels_mut(), y.pixels_mut(), z.pixels_mut()];
+        normals::scale(planes, samples, &high, sources, allowed);
     }
+}
+
+/// The 3 x 3 pixels around one.
+fn block(size: Size, at: usize) -> impl Iterator<Item = usize> {
+    let (y, x) = (at / size.width, at % size.width);
+    let columns = x.saturating_sub(1)..size.width.min(x + 2);
+    (y.saturating_sub(1)..size.height.min(y + 2))
+        .flat_map(move |y| columns.clone().map(move |x| y * size.width + x))
 }
 
 /// The bits of the pixels that the new ones lie in.
