@@ -35,6 +35,8 @@ const TABLE: &[Row] = &[
     Row { rule: Rule::Nearest, why: "Cryptomatte, by its header attributes", holds: is_listed_cryptomatte },
     Row { rule: Rule::Nearest, why: "Cryptomatte, by its name", holds: is_named_cryptomatte },
     Row { rule: Rule::Nearest, why: "an identifier, by its name", holds: is_identifier },
+    Row { rule: Rule::Nearest, why: "few values, repeated exactly: a label", holds: is_valued_label },
+    Row { rule: Rule::Fill, why: "mist, a share of light", holds: is_mist },
     Row { rule: Rule::Depth, why: "a depth, by its name", holds: is_depth },
     Row { rule: Rule::Normal, why: "a normal with its two siblings", holds: is_normal },
     Row { rule: Rule::Nearest, why: "motion or disparity, by its name", holds: is_motion },
@@ -75,6 +77,9 @@ const IDENTIFIERS: &[&str] = &[
     "renderid",
     "faceid",
     "puzzleid",
+    "label",
+    "labels",
+    "segmentation",
     "index",
     "indexob",
     "indexma",
@@ -118,7 +123,15 @@ fn is_sample_count(subject: &Subject<'_>) -> bool {
         let joined = words(name).concat();
         matches!(
             joined.as_str(),
-            "samples" | "samplecount" | "samplescount" | "numsamples" | "debugsamplecount"
+            "samples"
+                | "samplecount"
+                | "samplescount"
+                | "numsamples"
+                | "nsamples"
+                | "debugsamplecount"
+                | "raycount"
+                | "numrays"
+                | "nrays"
         )
     })
 }
@@ -147,6 +160,55 @@ fn is_named_cryptomatte(subject: &Subject<'_>) -> bool {
 
 fn is_identifier(subject: &Subject<'_>) -> bool {
     has(&subject.words, IDENTIFIERS)
+}
+
+/// Mist is antialiased like colour, and no distance.
+fn is_mist(subject: &Subject<'_>) -> bool {
+    has(&subject.words, &["mist"])
+}
+
+/// Layers of mattes and scalars without a rule of their own are labels if their values say so.
+fn is_valued_label(subject: &Subject<'_>) -> bool {
+    let Name { layer, component } = Name::new(&subject.full);
+    let matte = has(&words(layer), &["puzzle", "matte", "mattes", "multimatte"]);
+    let light = is_colour(subject) || is_alpha(&subject.full) || is_matte(&subject.full);
+    let ruled = light || is_mist(subject) || is_depth(subject) || is_normal(subject) || is_motion(subject);
+    let coordinate = ["u", "v", "w", "x", "y", "z", "s", "t"]
+        .contains(&component.to_ascii_lowercase().as_str())
+        && !layer.is_empty();
+    (matte || !(ruled || coordinate || is_position(&subject.full)))
+        && few_values(&subject.part.channels[subject.index].samples)
+}
+
+/// The most values that labels have, zero and what is not finite left out.
+const MOST_LABELS: usize = 64;
+/// How often each is there on average.
+const REPEATED: usize = 16;
+
+/// Whether the samples hold few values, each many times; zeros, which missing pixels may have, say nothing.
+fn few_values(samples: &Samples) -> bool {
+    fn few<T: Copy>(values: &[T], bits: impl Fn(T) -> Option<u32>) -> bool {
+        let (mut seen, mut count) = (Vec::<u32>::new(), 0_usize);
+        for bits in values.iter().filter_map(|&value| bits(value)) {
+            if let Err(at) = seen.binary_search(&bits) {
+                if seen.len() == MOST_LABELS {
+                    return false;
+                }
+                seen.insert(at, bits);
+            }
+            count += 1;
+        }
+        seen.len() > 1 && count >= seen.len() * REPEATED
+    }
+    match samples {
+        Samples::Half(values) => few(values, |value| {
+            (value.is_finite() && value.to_f32() != 0.0).then(|| u32::from(value.to_bits()))
+        }),
+        Samples::Float(values) => {
+            few(values, |value| (value.is_finite() && value != 0.0).then(|| value.to_bits()))
+        }
+        Samples::Uint(_) => true,
+    }
 }
 
 /// `Z` and `ZBack` in any layer that has no `X` beside them, and everything in a layer called depth.
@@ -244,7 +306,8 @@ pub fn normal_siblings(part: &Part, channel: usize) -> Option<[usize; 3]> {
     let full = part.channels.get(channel)?.display_name().into_owned();
     let Name { layer, component } = Name::new(&full);
     let last = Name::new(layer).component;
-    let triples = if NORMALS.contains(&last) || has(&words(last), &["normal", "normals"]) {
+    let stem = last.split('_').next().unwrap_or(last);
+    let triples = if NORMALS.contains(&stem) || has(&words(last), &["normal", "normals"]) {
         siblings(part, layer)
     } else if layer.is_empty() {
         let stem = component.strip_suffix(['x', 'y', 'z', 'X', 'Y', 'Z']).unwrap_or("");

@@ -40,7 +40,10 @@ const NAMES: &[(Rule, &str)] = &[
     ),
     (Rule::Nearest, "velocity.R|motionvector.x|disparityL.x|shape_index.Y|prim_index|nodeId3|flow.x"),
     (Rule::Depth, "Z|z|ZBack|zback|depth.T|depth.R|Depth|ViewLayer.Depth.Z|VRayZDepth|camera_depth|beauty.Z"),
-    (Rule::Depth, "ViewLayer.Mist.Z|depth.Z|deep.ZBack|zDepth.R"),
+    (Rule::Fill, "ViewLayer.Mist.Z|mist"),
+    (Rule::Nearest, "label|segmentation|labels.R|face_label"),
+    (Rule::Keep, "nSamples|rayCount|stats.nSamples|rayCount.R"),
+    (Rule::Depth, "depth.Z|deep.ZBack|zDepth.R"),
     (Rule::Keep, "mask|Mask|MASK|samples|SAMPLECOUNT|SampleCount|stats.samples|sample_count"),
     (Rule::Keep, "ViewLayer.Debug Sample Count.X"),
 ];
@@ -55,6 +58,26 @@ fn single_names() {
 }
 
 #[test]
+fn few_values_that_repeat_exactly_are_labels() {
+    let labels: Vec<f32> = (0..256).map(|at| [0.0, 0.25, 1.0, 7.5][at / 16 % 4]).collect();
+    let ramp: Vec<f32> = (0..256).map(|at| at as f32 / 256.0).collect();
+    let make = |values: &[f32]| {
+        let names = ["R", "puzzle_matte.R", "region", "mask.matte", "uv.u", "density"];
+        part(window(0, 0, 16, 16), names.map(|name| half(name, values)).to_vec())
+    };
+    let nearest = |part: &Part| -> Vec<String> {
+        let names = part.channels.iter().map(|channel| channel.display_name().into_owned());
+        names.filter(|name| rule(part, name) == Rule::Nearest).collect()
+    };
+    assert_eq!(nearest(&make(&labels)), ["density", "puzzle_matte.R", "region"]);
+    assert_eq!(nearest(&make(&ramp)), [""; 0]);
+    // One label alone, and a few samples of a ramp, are none.
+    assert_eq!(nearest(&make(&[0.5; 256])), [""; 0]);
+    let sparse: Vec<f32> = ramp.iter().map(|v| if v * 8.0 == (v * 8.0).floor() { *v } else { 0.0 }).collect();
+    assert_eq!(nearest(&make(&sparse)), [""; 0]);
+}
+
+#[test]
 fn normals_need_their_siblings() {
     for names in [
         ["N.X", "N.Y", "N.Z"],
@@ -63,6 +86,7 @@ fn normals_need_their_siblings() {
         ["Ns.X", "Ns.Y", "Ns.Z"],
         ["VRayNormals.R", "VRayNormals.G", "VRayNormals.B"],
         ["bumpNormals.red", "bumpNormals.green", "bumpNormals.blue"],
+        ["N_cam.X", "N_cam.Y", "N_cam.Z"],
         ["Nx", "Ny", "Nz"],
         ["normal_x", "normal_y", "normal_z"],
     ] {
