@@ -20,7 +20,7 @@ pub struct Target {
     pub rule: Rule,
     /// The values that count as measured; before the filters have run, those that are not finite among them.
     pub mask: Arc<Mask>,
-    /// Measured values that do not count because they are NaN or infinite, or are not copied because they are NaN.
+    /// Measured values that do not count because they are NaN or infinite, or are not copied for that.
     pub non_finite: usize,
 }
 
@@ -72,7 +72,7 @@ pub fn targets(
                 (numbers, non_finite)
             }
             Rule::Nearest if !channels::is_code(&frame.parts[part], index) => {
-                (Arc::clone(mask), mask.count() - numbers(&channel.samples, mask)?.count())
+                (Arc::clone(mask), mask.count() - finite(&channel.samples, mask)?.count())
             }
             _ => (Arc::clone(mask), 0),
         };
@@ -90,23 +90,28 @@ pub fn targets(
 /// all for what is only copied.
 pub fn usable(rule: Rule, samples: &Samples, mask: &Arc<Mask>) -> Result<Arc<Mask>, Error> {
     match rule {
-        Rule::Fill | Rule::Normal => measured_and(samples, mask, f32::is_finite),
+        Rule::Fill | Rule::Normal => finite(samples, mask),
         Rule::Depth => numbers(samples, mask),
         Rule::Nearest | Rule::Keep => Ok(Arc::clone(mask)),
     }
 }
 
 /// The measured pixels that missing ones of a channel with the rule `nearest` are copied from: without those where it or
-/// another such channel of its layer is NaN, so that the components of a vector stay together; all if no other is left.
+/// another such channel of its layer is not finite, so that the components of a vector stay together; all if no other is left.
 pub fn copyable(part: &Part, target: &Target, targets: &[Target]) -> Result<Arc<Mask>, Error> {
     let layer = |target: &Target| Name::new(&part.channels[target.channel].display_name()).layer.to_owned();
     let own = layer(target);
     let beside = |other: &&Target| other.rule == Rule::Nearest && other.non_finite > 0 && layer(other) == own;
     let mut mask = Arc::clone(&target.mask);
     for other in targets.iter().filter(beside) {
-        mask = numbers(&part.channels[other.channel].samples, &mask)?;
+        mask = finite(&part.channels[other.channel].samples, &mask)?;
     }
     Ok(if mask.is_empty() { Arc::clone(&target.mask) } else { mask })
+}
+
+/// The mask without the pixels whose value is not finite.
+fn finite(samples: &Samples, mask: &Arc<Mask>) -> Result<Arc<Mask>, Error> {
+    measured_and(samples, mask, f32::is_finite)
 }
 
 /// The mask without the pixels whose value is NaN.

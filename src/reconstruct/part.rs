@@ -12,7 +12,7 @@ use lacuna_filters::{Bounds, Mask, Method, Plane, Planes, Run};
 
 use super::apply::{Change, apply};
 use super::bounds::bounds_of;
-use super::groups::{Group, Target, copyable, groups, targets};
+use super::groups::{Group, Target, copyable, groups, targets, usable};
 use super::normals::Lengths;
 use super::{ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, gradients, learned, normals};
 use crate::channels::{self, Choice, Rule, channel_label};
@@ -65,10 +65,12 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
     let mut targets = targets(frame, work.index, work.masks, work.choices, work.job.method.restores())?;
     let part = &frame.parts[work.index];
     let mut done = Done { report: blank_report(part, work.choices), ..Done::default() };
+    let mut changes: Vec<Option<Change>> = vec![None; part.channels.len()];
     for channel in gradients::used(part, &targets, &work.job.method) {
         targets.retain(|target| target.channel != channel);
         let report = &mut done.report.channels[channel];
         (report.rule, report.why) = (Rule::Keep, "samples of the gradient".into());
+        (changes[channel], report.non_finite) = finite_slopes(frame, work, channel)?;
     }
     let mut filled = Vec::new();
     for (group, method) in learned::assign(part, groups(frame, work.index, &targets), &work.job.method) {
@@ -81,7 +83,6 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
     };
     done.report.groups.sort_by_key(first);
     unit_normals(frame, work, &mut filled, &mut done)?;
-    let mut changes: Vec<Option<Change>> = vec![None; part.channels.len()];
     let all = !work.job.method.keeps_measured();
     for Filled { channel, mask, values, limited, .. } in filled {
         done.report.channels[channel].limited = limited;
@@ -110,6 +111,26 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
         done.notes.push(format!("{rounded} measured values changed because -d half was asked for"));
     }
     Ok(done)
+}
+
+/// Samples of a gradient that are not finite take the nearest one that is, measured ones counted.
+fn finite_slopes(frame: &Frame, work: &Work<'_>, channel: usize) -> Result<(Option<Change>, usize), Error> {
+    let samples = &frame.parts[work.index].channels[channel].samples;
+    let Some(measured) = work.masks.get(work.index, channel) else { return Ok((None, 0)) };
+    let values = samples.to_floats().ok_or(Error::OtherFrame)?;
+    let flags: Vec<bool> = values.iter().map(|value| value.is_finite()).collect();
+    let fail = |source| Error::Filter { channel: channel_label(frame, work.index, channel), source };
+    let mask = Mask::new(measured.size(), flags).map_err(fail)?;
+    if mask.is_full() {
+        return Ok((None, 0));
+    }
+    let finite = usable(Rule::Fill, samples, measured)?;
+    if finite.is_empty() {
+        let name = frame.parts[work.index].channels[channel].display_name().into_owned();
+        return Err(Error::NothingFinite { channel: channel_label(frame, work.index, channel), name });
+    }
+    let map = work.plans.nearest(&finite).map_err(fail)?;
+    Ok((Some(Change::Copies { map, mask: Arc::new(mask) }), measured.count() - finite.count()))
 }
 
 fn blank_report(part: &Part, choices: &[Choice]) -> PartReport {

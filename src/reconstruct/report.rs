@@ -93,8 +93,10 @@ impl PartReport {
             channels::non_finite_note(said, channels.map(|channel| (&channel.name, channel.non_finite)))
         };
         let computed = note(false, "measured values are not finite and count as missing");
-        let copied =
-            note(true, "measured values are NaN and stay; missing pixels take others where there are any");
+        let copied = note(
+            true,
+            "measured values are not finite and stay; missing pixels take others where there are any",
+        );
         computed.into_iter().chain(copied).collect()
     }
 }

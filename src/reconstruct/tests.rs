@@ -97,7 +97,7 @@ fn what_is_not_finite_counts_as_missing_and_is_counted() {
 #[test]
 fn a_nan_is_not_copied_unless_it_is_a_code() {
     let (mut u, v) = (ramp(1.0), ramp(2.0));
-    u[5] = NAN;
+    (u[5], u[7]) = (NAN, INF);
     let hash = vec![NAN; 32];
     let channels = vec![float("forward.u", &u), float("forward.v", &v), float("objectId", &hash)];
     let before = frame(vec![board(channels)]);
@@ -110,9 +110,8 @@ fn a_nan_is_not_copied_unless_it_is_a_code() {
     }
     assert!(new_u[5].is_nan() && new_v[5] == v[5]);
     assert!(values(part, "objectId").iter().all(|value| value.is_nan()));
-    assert_eq!(report.non_finite, 1);
-    let told =
-        "1 measured values are NaN and stay; missing pixels take others where there are any: forward.u 1";
+    assert_eq!(report.non_finite, 2);
+    let told = "2 measured values are not finite and stay; missing pixels take others where there are any: forward.u 2";
     assert!(report.notes.iter().any(|note| note == told), "{:?}", report.notes);
     // Where there is no other value, the NaN is copied.
     let alone = frame(vec![board(vec![float("forward.u", &[NAN; 32])])]);
@@ -178,6 +177,24 @@ fn normals_beside_shorter_ones_are_no_units() {
     }
     let wrong: f32 = filled.iter().zip(&z).map(|(filled, z)| (filled - z).abs()).fold(0.0, f32::max);
     assert!(wrong < 0.4, "{wrong}");
+}
+
+#[test]
+fn samples_of_a_gradient_that_are_not_finite_do_not_leave() {
+    let mut slopes = ramp(0.01);
+    (slopes[1], slopes[2], slopes[10]) = (NAN, NAN, INF);
+    let before =
+        frame(vec![board(vec![float("G", &ramp(0.1)), float("dx.G", &slopes), float("dy.G", &ramp(0.01))])]);
+    let job =
+        Job { method: Method::from(lacuna_filters::sensing::cs_gradient::Settings::default()), ..job() };
+    let (after, report) = filled(&before, &job).unwrap();
+    let new = values(&after.parts[0], "dx.G");
+    for at in 0..32 {
+        assert!(new[at].is_finite() && (!slopes[at].is_finite() || slopes.contains(&new[at])), "{at}");
+        assert!(!slopes[at].is_finite() || new[at].to_bits() == slopes[at].to_bits(), "{at}");
+    }
+    let channel = report.parts[0].channels.iter().find(|channel| channel.name == "dx.G").unwrap();
+    assert_eq!((channel.rule, channel.non_finite), (crate::channels::Rule::Keep, 2));
 }
 
 #[test]
