@@ -29,8 +29,9 @@ pub use header::{ChannelHeader, PartHeader};
 use lacuna_core::Size;
 pub use other::write_other;
 pub use read::{Limits, memory_needed, read, read_header, read_whole_header};
-pub use source::open_regular;
-pub use temporary::{check_destination, remove_temporaries, write_whole};
+pub use serialize::REQUIRED;
+pub use source::{open_regular, read_small};
+pub use temporary::{Over, check_destination, remove_temporaries, write_whole};
 pub use write::{WriteOptions, has_header_of, write};
 
 /// One EXR file in memory: its parts in file order.

@@ -123,6 +123,14 @@ fn push_attribute(bytes: &mut Vec<u8>, attribute: &Attribute) -> Result<(), Erro
     Ok(())
 }
 
+/// Required attributes that are no typed fields, and their types; one of another type is replaced.
+pub const REQUIRED: [(&str, &str); 4] = [
+    ("lineOrder", "lineOrder"),
+    ("pixelAspectRatio", "float"),
+    ("screenWindowCenter", "v2f"),
+    ("screenWindowWidth", "float"),
+];
+
 /// The part's attributes with the typed fields put in, and the required ones that it lacks added.
 fn attributes(part: &Part, multi_part: bool) -> Result<Attributes, Error> {
     let mut all = part.attributes.clone();
@@ -135,10 +143,10 @@ fn attributes(part: &Part, multi_part: bool) -> Result<Attributes, Error> {
             all.set(name, kind, value);
         }
     };
-    default("lineOrder", "lineOrder", vec![0]);
-    default("pixelAspectRatio", "float", 1_f32.to_le_bytes().into());
-    default("screenWindowCenter", "v2f", vec![0; 8]);
-    default("screenWindowWidth", "float", 1_f32.to_le_bytes().into());
+    let one = 1_f32.to_le_bytes();
+    for ((name, kind), value) in REQUIRED.into_iter().zip([&[0][..], &one, &[0; 8], &one]) {
+        default(name, kind, value.into());
+    }
     let kind = match part.layout {
         Layout::ScanLines => "scanlineimage",
         Layout::Tiles { width, height } => {

@@ -1,6 +1,7 @@
 //! A file that many threads read at many places.
 
 use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 use super::Error;
@@ -18,6 +19,19 @@ pub fn open_regular(path: &Path) -> std::io::Result<File> {
     } else {
         Err(std::io::Error::other("it is not a regular file"))
     }
+}
+
+/// The bytes of a small regular file: one of more than `most` bytes is refused.
+///
+/// # Errors
+/// What the system says, and for what is no regular file or too large.
+pub fn read_small(path: &Path, most: u64) -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open_regular(path)?.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        return Err(std::io::Error::other(format!("it has more than {most} bytes")));
+    }
+    Ok(bytes)
 }
 
 impl Source {

@@ -16,7 +16,7 @@ mod stamps;
 #[cfg(test)]
 mod tests;
 
-use lacuna_exr::{Attribute, Compression, Frame, Part, Window};
+use lacuna_exr::{Attribute, Compression, Frame, Part, REQUIRED, Window};
 use serde::Serialize;
 
 use crate::channels::{Choice, Override, Rule, part_label, visible};
@@ -120,9 +120,14 @@ impl Claims {
 /// Attributes that the typed fields of a part stand for, and those that follow from them.
 const TYPED: &[&str] = &["channels", "compression", "dataWindow", "displayWindow", "chunkCount", "tiles"];
 
-/// Required attributes, which writing adds to a part that lacks them.
-const REQUIRED: &[&str] =
-    &["name", "type", "lineOrder", "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth"];
+/// Attributes that writing adds to a part of several that lacks them.
+const OF_PARTS: &[&str] = &["name", "type"];
+
+/// Whether writing gives an attribute that a part lacks, or has in another type.
+fn is_given(name: &[u8], kind: &[u8]) -> bool {
+    let own = |(other, of): &(&str, &str)| other.as_bytes() == name && of.as_bytes() == kind;
+    OF_PARTS.iter().any(|other| other.as_bytes() == name) || REQUIRED.iter().any(own)
+}
 
 /// The part at hand, on both sides.
 struct Pair<'a> {
@@ -237,6 +242,7 @@ fn compare_attributes(pair: &Pair<'_>, differences: &mut Vec<Difference>) {
         match find(pair.filled, &attribute.name) {
             None if stamped && is(DERIVED, &attribute.name) => {}
             None => add(format!("the attribute {} is lost", show(attribute))),
+            Some(found) if found.kind != attribute.kind && is_given(&found.name, &found.kind) => {}
             Some(found) if found != *attribute => {
                 add(format!("the attribute {} has changed", show(attribute)));
             }
@@ -247,7 +253,7 @@ fn compare_attributes(pair: &Pair<'_>, differences: &mut Vec<Difference>) {
         }
     }
     for attribute in pair.filled.attributes.iter().filter(|attribute| !is(TYPED, &attribute.name)) {
-        let promised = (stamped && is(ADDED, &attribute.name)) || is(REQUIRED, &attribute.name);
+        let promised = (stamped && is(ADDED, &attribute.name)) || is_given(&attribute.name, &attribute.kind);
         if !promised && find(pair.sparse, &attribute.name).is_none() {
             add(format!("the attribute {} is new", show(attribute)));
         }

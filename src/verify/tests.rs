@@ -257,7 +257,7 @@ fn filled_normals_must_be_of_unit_length() {
 
 #[test]
 fn filled_normals_are_no_longer_than_those_around() {
-    let lengths: Vec<f32> = (0..48).map(|at| [1.0, 0.8, 0.6, 0.4, 0.6, 0.8, 1.0, 1.0][at % 8]).collect();
+    let lengths: Vec<f32> = (0..48).map(|at| [1.0, 1.0, 0.7, 0.3, 0.7, 1.0, 1.0, 1.0][at % 8]).collect();
     let none = [0.0; 48];
     let channels = vec![float("N.X", &none), float("N.Y", &none), float("N.Z", &lengths)];
     let full = frame(vec![part(window(0, 0, 8, 6), channels)]);
@@ -270,6 +270,21 @@ fn filled_normals_are_no_longer_than_those_around() {
     values[at] = 1.01;
     let found = lines(&sparse, &filled);
     assert!(found.len() == 1 && found[0].contains("longer or shorter"), "{found:?}");
+}
+
+#[test]
+fn required_attributes_of_a_wrong_type_may_be_repaired() {
+    let mut sparse = sparse();
+    for part in &mut sparse.parts {
+        part.attributes.set("lineOrder", "string", b"decreasing".to_vec());
+    }
+    let mut filled = filled(&sparse, &job());
+    for part in &mut filled.parts {
+        part.attributes.set("lineOrder", "lineOrder", vec![0]);
+    }
+    assert_eq!(lines(&sparse, &filled), [""; 0]);
+    filled.parts[0].attributes.set("lineOrder", "int", vec![0; 4]);
+    assert_eq!(lines(&sparse, &filled).len(), 1);
 }
 
 #[test]
