@@ -26,6 +26,10 @@ pub struct OutputArgs {
     /// Pass over frames whose output exists
     #[arg(long)]
     pub no_clobber: bool,
+
+    /// Replace outputs that are read-only, too
+    #[arg(long, conflicts_with = "no_clobber")]
+    pub force: bool,
 }
 
 impl OutputArgs {
@@ -34,6 +38,7 @@ impl OutputArgs {
         match (update, self.no_clobber) {
             (true, _) => Existing::Update,
             (_, true) => Existing::Keep,
+            _ if self.force => Existing::Force,
             _ => Existing::Replace,
         }
     }
@@ -100,7 +105,7 @@ pub struct MoreOutput {
 
     /// Pass over frames whose output is newer than their input (and mask file), has the right windows and was made by this version
     /// with the same settings and mask, or is the copy of a complete frame
-    #[arg(short, long, conflicts_with = "no_clobber")]
+    #[arg(short, long, conflicts_with_all = ["no_clobber", "force"])]
     pub update: bool,
 }
 

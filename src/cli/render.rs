@@ -69,7 +69,7 @@ pub struct RenderArgs {
     /// Pass over frames whose output is newer than the volume, the colour map and the mask file and was made by this
     /// version from the same scene with the same settings
     // It was --resume once, which stands in scripts.
-    #[arg(short, long, alias = "resume", conflicts_with = "no_clobber", help_heading = "Output")]
+    #[arg(short, long, alias = "resume", conflicts_with_all = ["no_clobber", "force"], help_heading = "Output")]
     update: bool,
 
     #[command(flatten)]

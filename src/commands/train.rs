@@ -59,7 +59,7 @@ pub fn train(job: &TrainJob) -> Result<u8, PlanError> {
         std::fs::create_dir_all(folder).map_err(|error| output(&error))?;
     }
     Sources::new(frames.iter().map(|frame| (&*frame.path, "frame"))).check(&job.output)?;
-    lacuna_exr::check_destination(&job.output).map_err(|error| output(&error))?;
+    lacuna_exr::check_destination(&job.output, lacuna_exr::Over::Replace).map_err(|error| output(&error))?;
     let paths: Vec<PathBuf> = frames.into_iter().map(|frame| frame.path).collect();
     let values = blocks(job, &paths, &console)?;
     let blank = Trained {

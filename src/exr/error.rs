@@ -42,7 +42,7 @@ pub enum Error {
     },
     /// Decoding would take more memory than allowed.
     #[error(
-        "the frame needs {} of memory, the limit is {}; allow more with --memory",
+        "it needs {} of memory, the limit is {}; allow more with --memory",
         Amount::at_most(*needed),
         Amount::at_least(*limit)
     )]
@@ -55,6 +55,11 @@ pub enum Error {
     /// The output exists and must not be replaced.
     #[error("exists already; remove it or drop --no-clobber")]
     Exists,
+    /// The output exists and nobody is meant to change it.
+    #[error(
+        "exists and is read-only; make it writable, remove it, or replace it with --force where a subcommand has that"
+    )]
+    ReadOnly,
     /// The frame in memory is not one that an EXR file can hold.
     #[error("cannot be written: {0}")]
     Unwritable(String),

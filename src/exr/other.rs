@@ -5,7 +5,7 @@ use std::io::{self, BufWriter};
 use std::path::Path;
 
 use super::Error;
-use super::temporary::Temporary;
+use super::temporary::{Over, Temporary};
 
 /// Writes a file by `content`; it appears under its name when that is done, or not at all.
 ///
@@ -16,7 +16,7 @@ pub fn write_other(
     no_clobber: bool,
     content: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<(), Error> {
-    let (temporary, file) = Temporary::create(path, no_clobber)?;
+    let (temporary, file) = Temporary::create(path, Over::unless(no_clobber))?;
     let mut output = BufWriter::with_capacity(1 << 20, file);
     content(&mut output).map_err(Error::io("write"))?;
     let file = output.into_inner().map_err(|error| Error::io("write")(error.into_error()))?;

@@ -77,8 +77,19 @@ fn is_gone(process: u32) -> bool {
 /// Whether a process holds the file. Where the file system has no locks, none does; what cannot be opened (another user's, who
 /// may still write it) counts as held.
 fn is_locked(path: &Path) -> bool {
-    // Network file systems lock only what is open for writing.
-    let file = File::options().write(true).open(path);
+    // Network file systems lock only what is open for writing. A pipe of that name would wait for a reader, and is not ours.
+    if !fs::symlink_metadata(path).is_ok_and(|found| found.is_file()) {
+        return true;
+    }
+    let mut options = File::options();
+    options.write(true);
+    #[cfg(unix)]
+    {
+        use rustix::fs::OFlags;
+        use std::os::unix::fs::OpenOptionsExt;
+        options.custom_flags((OFlags::NONBLOCK | OFlags::NOFOLLOW).bits() as i32);
+    }
+    let file = options.open(path);
     file.map_or(true, |file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
 }
 
@@ -109,6 +120,26 @@ mod tests {
         }
         let long = temporary_name(OsStr::new(&"ä".repeat(127)));
         assert!(long.len() < 255 && owner(&long).is_some());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn what_is_no_file_stays_and_is_not_opened() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut child = std::process::Command::new("true").spawn().unwrap();
+        child.wait().unwrap();
+        let name = |letter: char| format!(".{letter}.exr.lacuna-{}-{}-01.tmp", host(), child.id());
+        let (pipe, link) = (folder.path().join(name('p')), folder.path().join(name('l')));
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        std::os::unix::fs::symlink(&pipe, &link).unwrap();
+        let (done, waits) = std::sync::mpsc::channel();
+        let path = folder.path().to_path_buf();
+        std::thread::spawn(move || {
+            remove_stale(&path);
+            done.send(()).unwrap();
+        });
+        assert!(waits.recv_timeout(Duration::from_secs(20)).is_ok(), "waits for the pipe");
+        assert!(pipe.symlink_metadata().is_ok() && link.symlink_metadata().is_ok());
     }
 
     #[cfg(target_os = "linux")]

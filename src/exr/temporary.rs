@@ -42,7 +42,7 @@ pub fn write_whole(destination: &Path, content: &[u8]) -> Result<(), Error> {
         let mut file = OpenOptions::new().append(true).open(destination).map_err(Error::io("open"))?;
         return file.write_all(content).map_err(Error::io("write"));
     }
-    let (temporary, mut file) = Temporary::create_in(&REPORTS, destination, false)?;
+    let (temporary, mut file) = Temporary::create_in(&REPORTS, destination, Over::Replace)?;
     file.write_all(content).map_err(Error::io("write"))?;
     temporary.commit(file)
 }
@@ -50,10 +50,10 @@ pub fn write_whole(destination: &Path, content: &[u8]) -> Result<(), Error> {
 /// Whether [`write`](super::write()) could begin with that file, as far as can be told without making one.
 ///
 /// # Errors
-/// If the destination is there and not a regular file, or its folder (where that is missing, the one that it would be
+/// If the destination is there and stays, is read-only or not a regular file, or its folder (where that is missing, the one that it would be
 /// made in) takes no files.
-pub fn check_destination(destination: &Path) -> Result<(), Error> {
-    let path = resolve(destination, false)?;
+pub fn check_destination(destination: &Path, over: Over) -> Result<(), Error> {
+    let path = resolve(destination, over)?;
     #[cfg(unix)]
     {
         use rustix::fs::{Access, access};
@@ -63,6 +63,25 @@ pub fn check_destination(destination: &Path) -> Result<(), Error> {
             .map_err(|error| Error::io("create a file in the output's folder")(error.into()))?;
     }
     Ok(())
+}
+
+/// What happens to a file that is there already.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Over {
+    /// It is replaced unless it is read-only.
+    #[default]
+    Replace,
+    /// It is replaced.
+    Force,
+    /// It stays, and writing fails.
+    Keep,
+}
+
+impl Over {
+    /// What flags without force say.
+    pub fn unless(no_clobber: bool) -> Self {
+        if no_clobber { Self::Keep } else { Self::Replace }
+    }
 }
 
 /// The temporary files of this process.
@@ -97,21 +116,17 @@ pub(super) struct Temporary {
     registry: &'static Registry,
     path: PathBuf,
     destination: PathBuf,
-    no_clobber: bool,
+    over: Over,
 }
 
 impl Temporary {
     /// Creates the temporary file for that destination, with the permissions that the umask leaves.
-    pub(super) fn create(destination: &Path, no_clobber: bool) -> Result<(Self, File), Error> {
-        Self::create_in(&IN_WORK, destination, no_clobber)
+    pub(super) fn create(destination: &Path, over: Over) -> Result<(Self, File), Error> {
+        Self::create_in(&IN_WORK, destination, over)
     }
 
-    fn create_in(
-        registry: &'static Registry,
-        destination: &Path,
-        no_clobber: bool,
-    ) -> Result<(Self, File), Error> {
-        let destination = resolve(destination, no_clobber)?;
+    fn create_in(registry: &'static Registry, destination: &Path, over: Over) -> Result<(Self, File), Error> {
+        let destination = resolve(destination, over)?;
         sweep(destination.parent().unwrap_or(Path::new("")));
         // Created and registered under one lock: no signal comes between.
         let mut state = registry.lock();
@@ -121,12 +136,12 @@ impl Temporary {
         for _ in 0..16 {
             let path =
                 destination.with_file_name(temporary_name(destination.file_name().unwrap_or_default()));
-            match OpenOptions::new().write(true).create_new(true).open(&path) {
+            match create_new(&path, &destination) {
                 Ok(file) => {
                     // Tells other processes that it is in work; not every file system can.
                     let _ = file.try_lock();
                     state.paths.push(path.clone());
-                    return Ok((Self { registry, path, destination, no_clobber }, file));
+                    return Ok((Self { registry, path, destination, over }, file));
                 }
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(Error::io("create a file in the output's folder")(error)),
@@ -147,7 +162,7 @@ impl Temporary {
             result => result.map_err(Error::io("write"))?,
         }
         drop(file);
-        if !self.no_clobber {
+        if self.over != Over::Keep {
             return fs::rename(&self.path, &self.destination).map_err(Error::io("rename the output"));
         }
         // A hard link fails if the name is taken, which a rename does not. Dropping removes the temporary name.
@@ -170,23 +185,61 @@ impl Drop for Temporary {
     }
 }
 
+/// Creates a file that is not there, with the permissions of the one that it will replace, or those that the umask leaves.
+fn create_new(path: &Path, destination: &Path) -> std::io::Result<File> {
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    let Ok(old) = fs::metadata(destination) else { return options.open(path) };
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
+        // Nobody may read what nobody could before, not even for a moment.
+        let mode = old.permissions().mode() & 0o777;
+        let file = options.mode(mode).open(path)?;
+        // Not every file system has permissions.
+        let _ = file.set_permissions(fs::Permissions::from_mode(mode));
+        Ok(file)
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = old;
+        options.open(path)
+    }
+}
+
 /// The path to replace: behind a symbolic link its target, so that the link stays.
-fn resolve(destination: &Path, no_clobber: bool) -> Result<PathBuf, Error> {
+fn resolve(destination: &Path, over: Over) -> Result<PathBuf, Error> {
     if destination.file_name().is_none() {
         return Err(Error::Io { action: "write", source: ErrorKind::IsADirectory.into() });
     }
     let Ok(metadata) = fs::symlink_metadata(destination) else {
         return Ok(destination.into());
     };
-    if no_clobber {
+    if over == Over::Keep {
         return Err(Error::Exists);
     }
     let path = if metadata.is_symlink() { behind(destination) } else { destination.into() };
-    if fs::metadata(&path).is_ok_and(|metadata| !metadata.is_file()) {
+    let Ok(found) = fs::metadata(&path) else { return Ok(path) };
+    if !found.is_file() {
         let reason = std::io::Error::other("the output exists and is not a regular file");
         return Err(Error::Io { action: "write", source: reason });
     }
+    if over != Over::Force && is_read_only(&path, &found) {
+        return Err(Error::ReadOnly);
+    }
     Ok(path)
+}
+
+/// Whether nobody may write a file, or this process may not.
+fn is_read_only(path: &Path, found: &fs::Metadata) -> bool {
+    #[cfg(unix)]
+    let refused = rustix::fs::access(path, rustix::fs::Access::WRITE_OK).is_err();
+    #[cfg(not(unix))]
+    let refused = {
+        let _ = path;
+        false
+    };
+    refused || found.permissions().readonly()
 }
 
 /// What a symbolic link leads to in the end, whether that exists or not; a loop of links leads nowhere and stays.

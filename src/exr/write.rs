@@ -18,7 +18,7 @@ use half::f16;
 use super::codec::{Codec, Encoder};
 use super::grid::{Area, Grid};
 use super::serialize::{channel_order, headers};
-use super::temporary::Temporary;
+use super::temporary::{Over, Temporary};
 use super::{Channel, ChannelHeader, Error, Frame, Layout, Part, Samples, open_regular};
 
 /// Pixels of chunks that are compressed at a time, in bytes.
@@ -32,8 +32,8 @@ pub struct WriteOptions {
     /// libdeflate's level for ZIP and ZIPS, 0 to 12: higher is smaller and slower; the C++ library takes 4. `None` is a deflate
     /// of our own, in half of that time, for files that are about 3 percent larger.
     pub compression_level: Option<u8>,
-    /// Fail with [`Error::Exists`] if the file exists, also if it came into being meanwhile.
-    pub no_clobber: bool,
+    /// What happens to a file that exists; [`Over::Keep`] is [`Error::Exists`], also if it came into being meanwhile.
+    pub over: Over,
 }
 
 /// Writes the frame; the file appears under its name when it is complete, or not at all. An existing file is
@@ -42,13 +42,13 @@ pub struct WriteOptions {
 ///
 /// # Errors
 /// [`Error::Unwritable`] for a frame that an EXR file cannot hold or whose compression is lossy, [`Error::Exists`],
-/// and what the system refuses.
+/// [`Error::ReadOnly`] and what the system refuses.
 pub fn write(frame: &Frame, path: &Path, options: &WriteOptions) -> Result<(), Error> {
     if frame.parts.is_empty() {
         return Err(Error::Unwritable("the frame has no parts".into()));
     }
     let header = headers(frame)?;
-    let (temporary, file) = Temporary::create(path, options.no_clobber)?;
+    let (temporary, file) = Temporary::create(path, options.over)?;
     let (early, due) = channel();
     std::thread::scope(|scope| {
         // Failures to reach the disk are told once: to whom asks first.

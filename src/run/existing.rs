@@ -3,17 +3,30 @@
 use std::path::Path;
 use std::time::SystemTime;
 
-use lacuna_exr::{PartHeader, read_whole_header};
+use lacuna_exr::{Over, PartHeader, read_whole_header};
 
 /// What happens to outputs that exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
-    /// They are replaced.
+    /// They are replaced, but not where they are read-only.
     Replace,
+    /// They are replaced.
+    Force,
     /// They stay.
     Keep,
     /// They stay if they are what this run would make.
     Update,
+}
+
+impl Existing {
+    /// What writing one does with what is there.
+    pub fn over(self) -> Over {
+        match self {
+            Self::Replace | Self::Update => Over::Replace,
+            Self::Force => Over::Force,
+            Self::Keep => Over::Keep,
+        }
+    }
 }
 
 /// Whether the output is newer than these files and whole, and its headers are what this run would write.

@@ -3,7 +3,7 @@
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::Path;
 
-use lacuna_exr::{Frame, WriteOptions};
+use lacuna_exr::{Frame, Over, WriteOptions};
 
 use crate::files::error::PlanError;
 use crate::files::plan::{Item, Plan};
@@ -61,7 +61,8 @@ pub fn decide_to_make(
     if let Some(mask) = &item.mask {
         check_mask(mask)?;
     }
-    lacuna_exr::check_destination(&item.output).map_err(|error| Failure::at(&item.output, error))?;
+    let over = if existing == Existing::Force { Over::Force } else { Over::Replace };
+    lacuna_exr::check_destination(&item.output, over).map_err(|error| Failure::at(&item.output, error))?;
     Ok(Decision::Do)
 }
 
@@ -81,10 +82,9 @@ pub fn write(
     stage: &Stage<'_>,
     record: &mut Record,
 ) -> Result<(), Failure> {
-    let no_clobber = existing == Existing::Keep;
-    let options = WriteOptions { compression_level, no_clobber };
+    let options = WriteOptions { compression_level, over: existing.over() };
     match stage.write(record, || lacuna_exr::write(frame, &item.output, &options)) {
-        Err(lacuna_exr::Error::Exists) if no_clobber => {
+        Err(lacuna_exr::Error::Exists) if existing == Existing::Keep => {
             record.pass_over("the output appeared during the run".into());
             Ok(())
         }

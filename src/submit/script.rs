@@ -68,7 +68,8 @@ fn array(job: &SubmitJob) -> Script {
 fn finished(job: &SubmitJob) -> Script {
     let task = &job.task;
     let own = place_of_flags(&task.words);
-    let kept = |(at, word): &(usize, &String)| *at >= own || word.as_str() != "--no-clobber";
+    let kept =
+        |(at, word): &(usize, &String)| *at >= own || !["--no-clobber", "--force"].contains(&word.as_str());
     let words: Vec<String> =
         task.words.iter().enumerate().filter(kept).map(|(_, word)| word.clone()).collect();
     let mut flags = Vec::new();

@@ -19,13 +19,13 @@ fn commit_replaces_and_drop_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("täst frame.0001.exr");
     fs::write(&path, "old").unwrap();
-    let (temporary, mut file) = Temporary::create(&path, false).unwrap();
+    let (temporary, mut file) = Temporary::create(&path, Over::Replace).unwrap();
     file.write_all(b"new").unwrap();
     drop(temporary);
     assert_eq!(fs::read(&path).unwrap(), b"old");
     assert_eq!(names(folder.path()).len(), 1);
 
-    let (temporary, mut file) = Temporary::create(&path, false).unwrap();
+    let (temporary, mut file) = Temporary::create(&path, Over::Replace).unwrap();
     file.write_all(b"new").unwrap();
     assert_eq!(names(folder.path()).len(), 2);
     temporary.commit(file).unwrap();
@@ -37,15 +37,15 @@ fn commit_replaces_and_drop_leaves_nothing() {
 fn no_clobber_keeps_what_is_there_and_what_comes_meanwhile() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.exr");
-    let (temporary, file) = Temporary::create(&path, true).unwrap();
+    let (temporary, file) = Temporary::create(&path, Over::Keep).unwrap();
     fs::write(&path, "meanwhile").unwrap();
     assert!(matches!(temporary.commit(file), Err(Error::Exists)));
-    assert!(matches!(Temporary::create(&path, true), Err(Error::Exists)));
+    assert!(matches!(Temporary::create(&path, Over::Keep), Err(Error::Exists)));
     assert_eq!(fs::read(&path).unwrap(), b"meanwhile");
     assert_eq!(names(folder.path()), ["a.exr"]);
 
     let free = folder.path().join("b.exr");
-    let (temporary, file) = Temporary::create(&free, true).unwrap();
+    let (temporary, file) = Temporary::create(&free, Over::Keep).unwrap();
     temporary.commit(file).unwrap();
     assert_eq!(names(folder.path()), ["a.exr", "b.exr"]);
 }
@@ -55,11 +55,11 @@ fn closing_removes_files_in_work_and_refuses_new_ones() {
     let folder = tempfile::tempdir().unwrap();
     let registry = registry();
     let path = folder.path().join("a.exr");
-    let (temporary, file) = Temporary::create_in(registry, &path, false).unwrap();
+    let (temporary, file) = Temporary::create_in(registry, &path, Over::Replace).unwrap();
     registry.close();
     assert!(names(folder.path()).is_empty());
     assert!(temporary.commit(file).is_err());
-    assert!(Temporary::create_in(registry, &path, false).is_err());
+    assert!(Temporary::create_in(registry, &path, Over::Replace).is_err());
     assert!(names(folder.path()).is_empty());
 }
 
@@ -72,20 +72,20 @@ fn permissions_links_and_devices() {
     // A file that the standard library creates has what the umask leaves.
     fs::write(folder.path().join("plain"), "").unwrap();
     let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
-    let (temporary, file) = Temporary::create(&path, false).unwrap();
+    let (temporary, file) = Temporary::create(&path, Over::Replace).unwrap();
     temporary.commit(file).unwrap();
     assert_eq!(mode(&path), mode(&folder.path().join("plain")));
 
     let link = folder.path().join("link.exr");
     symlink(&path, &link).unwrap();
-    let (temporary, mut file) = Temporary::create(&link, false).unwrap();
+    let (temporary, mut file) = Temporary::create(&link, Over::Replace).unwrap();
     file.write_all(b"through").unwrap();
     temporary.commit(file).unwrap();
     assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
     assert_eq!(fs::read(&path).unwrap(), b"through");
 
-    assert!(Temporary::create(Path::new("/dev/null"), false).is_err());
-    assert!(Temporary::create(folder.path(), false).is_err());
+    assert!(Temporary::create(Path::new("/dev/null"), Over::Replace).is_err());
+    assert!(Temporary::create(folder.path(), Over::Replace).is_err());
 }
 
 #[cfg(unix)]
@@ -121,4 +121,26 @@ fn what_is_no_regular_file_is_written_into() {
     assert_eq!(reader.join().unwrap(), b"report");
     assert!(fs::metadata(&pipe).unwrap().file_type().is_fifo());
     assert!(write_whole(folder.path(), b"report").is_err());
+}
+
+#[cfg(unix)]
+#[test]
+fn permissions_are_kept_and_read_only_files_only_replaced_by_force() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
+    for asked in [0o600, 0o664, 0o444] {
+        fs::write(&path, "old").unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(asked)).unwrap();
+        let read_only = asked == 0o444;
+        assert_eq!(matches!(check_destination(&path, Over::Replace), Err(Error::ReadOnly)), read_only);
+        assert_eq!(matches!(write_whole(&path, b"no"), Err(Error::ReadOnly)), read_only);
+        let (temporary, mut file) = Temporary::create(&path, Over::Force).unwrap();
+        assert_eq!(mode(&temporary.path), asked);
+        file.write_all(b"new").unwrap();
+        temporary.commit(file).unwrap();
+        assert_eq!((fs::read(&path).unwrap(), mode(&path)), (b"new".to_vec(), asked));
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
+    }
 }

@@ -130,7 +130,8 @@ fn the_level_changes_the_size_not_the_pixels() {
     let frame = Frame { parts: vec![part(None, window(0, 0, 70, 70), &[SampleType::Half; 3], 1)] };
     let (_folder, path) = output();
     let length = |level| {
-        write(&frame, &path, &WriteOptions { compression_level: Some(level), no_clobber: false }).unwrap();
+        write(&frame, &path, &WriteOptions { compression_level: Some(level), ..WriteOptions::default() })
+            .unwrap();
         assert_same_pixels(&frame, &read(&path, &Limits::default()).unwrap());
         std::fs::metadata(&path).unwrap().len()
     };
@@ -171,7 +172,7 @@ fn errors_leave_the_folder_as_it_was() {
     let missing = folder.path().join("no such folder/frame.exr");
     assert!(matches!(write(&frame, &missing, &WriteOptions::default()), Err(Error::Io { .. })));
     std::fs::write(&path, "precious").unwrap();
-    let options = WriteOptions { no_clobber: true, ..WriteOptions::default() };
+    let options = WriteOptions { over: Over::Keep, ..WriteOptions::default() };
     assert!(matches!(write(&frame, &path, &options), Err(Error::Exists)));
     assert_eq!(std::fs::read(&path).unwrap(), b"precious");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
