@@ -1,6 +1,6 @@
 //! The reports of a run: each goes to a place of its own, `-` is standard output.
 
-use std::io::Write;
+use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use crate::files::error::PlanError;
@@ -22,6 +22,7 @@ pub fn check(reports: &[Asked<'_>], openjd: bool) -> Result<(), PlanError> {
                 "{flag} - and --progress openjd would both write to standard output; name a file for {flag}"
             )));
         }
+        check_old((flag, path))?;
         let same = reports[..index].iter().find(|(_, before)| is_same(before, path));
         let Some((other, _)) = same else { continue };
         return Err(PlanError::Usage(if is_standard_output(path) {
@@ -31,6 +32,44 @@ pub fn check(reports: &[Asked<'_>], openjd: bool) -> Result<(), PlanError> {
         }));
     }
     Ok(())
+}
+
+/// Refuses to put a report in the place of a file that is none of its kind, as far as its first and last bytes tell.
+fn check_old((flag, path): Asked<'_>) -> Result<(), PlanError> {
+    const TOLD: usize = 4096;
+    let is: fn(&str, &str) -> bool = match flag {
+        "--json" => |start, _| start.trim_start().starts_with('{') && start.contains("\"lacuna\""),
+        "--log" => |start, _| start.trim_start().starts_with('{'),
+        "--csv" => |start, _| start.starts_with("frame,"),
+        "--md" => |_, end| end.contains("\nlacuna "),
+        "--html" | "--report" => |start, _| start.starts_with("<!DOCTYPE html>") && start.contains("lacuna"),
+        _ => return Ok(()),
+    };
+    if is_standard_output(path) || !path.metadata().is_ok_and(|found| found.is_file()) {
+        return Ok(());
+    }
+    let ends = || -> std::io::Result<[String; 2]> {
+        let mut file = lacuna_exr::open_regular(path)?;
+        let mut start = Vec::new();
+        Read::by_ref(&mut file).take(TOLD as u64).read_to_end(&mut start)?;
+        let length = file.metadata()?.len();
+        file.seek(SeekFrom::Start(length.saturating_sub(TOLD as u64)))?;
+        let mut end = Vec::new();
+        file.take(TOLD as u64).read_to_end(&mut end)?;
+        Ok([start, end].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()))
+    };
+    match ends() {
+        Ok([start, _]) if start.is_empty() => Ok(()),
+        Ok([start, end]) if is(&start, &end) => Ok(()),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
+        Ok(_) => Err(PlanError::Usage(format!(
+            "{flag} {}: there is a file that is no such report; remove it or choose another name",
+            path.display()
+        ))),
+        Err(error) => {
+            Err(PlanError::Usage(format!("{flag} {}: cannot read what is there: {error}", path.display())))
+        }
+    }
 }
 
 /// Whether two reports go to one file or stream. A device or a pipe takes both, one after the other.
@@ -63,6 +102,31 @@ mod tests {
 
     fn refusal(reports: &[Asked<'_>], openjd: bool) -> Option<String> {
         check(reports, openjd).err().map(|error| error.to_string())
+    }
+
+    #[test]
+    fn what_is_no_such_report_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("r");
+        for (flag, old, stays) in [
+            ("--json", "", false),
+            ("--json", "{\n  \"lacuna\": \"0.1.0\",", false),
+            ("--json", "{\"settings\": 1}", true),
+            ("--log", "{\"frame\":1}\n", false),
+            ("--log", "# notes\n", true),
+            ("--csv", "frame,reference,test\n", false),
+            ("--csv", "name,salary\n", true),
+            ("--md", "### Whole image\n\nlacuna 0.1.0: linear values\n", false),
+            ("--md", "# lacuna\n", true),
+            ("--html", "<!DOCTYPE html>\n<title>lacuna compare</title>", false),
+            ("--report", "<!DOCTYPE html>\n<title>home</title>", true),
+            ("--report", "\x76\x2f\x31\x01 lacuna", true),
+        ] {
+            std::fs::write(&path, old).unwrap();
+            let text = refusal(&[(flag, &path)], false);
+            assert_eq!(text.is_some(), stays, "{flag} {old:?}: {text:?}");
+            assert!(text.is_none_or(|text| text.contains("no such report") && text.contains(flag)));
+        }
     }
 
     #[test]

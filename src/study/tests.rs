@@ -169,7 +169,13 @@ fn a_sheet_has_a_column_a_filter_and_pictures_inside() {
 fn the_page_shows_everything_and_escapes_names() {
     let rows = rows();
     let definition = Definition { title: "A <b> study".into(), ..Definition::parse(TEXT).unwrap() };
-    let html = page(&definition, &rows, &figures(&rows).unwrap(), &[("s".into(), "<svg></svg>".into())]);
+    let html = page(
+        &definition,
+        &rows,
+        &figures(&rows).unwrap(),
+        &[("s".into(), "<svg><script>1</script></svg>".into())],
+    );
+    assert!(html.contains("src=\"data:image/svg+xml;base64,") && !html.contains("<script>1"));
     assert!(html.contains("A &lt;b&gt; study") && !html.contains("<b> study"));
     assert_eq!(html.matches("<tr><th scope=\"row\">a</th>").count(), 16);
     assert_eq!(html.matches("<figure").count(), 3);

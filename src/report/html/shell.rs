@@ -8,7 +8,7 @@ const SCRIPT: [&str; 3] = [include_str!("pixels.js"), include_str!("viewer.js"),
 /// A page. Title and body are HTML; `data` stands between body and scripts, which sort tables and show pixels.
 pub fn shell(title: &str, body: &str, data: &str, scripts: bool) -> String {
     let mut page = format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>{title}</title>\n\
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"generator\" content=\"lacuna\">\n<title>{title}</title>\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta name=\"color-scheme\" content=\"light dark\">\n\
          <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data: blob:; \
