@@ -9,11 +9,12 @@ use lacuna_filters::sampling::{Pattern, Temporal};
 
 use super::Usage;
 use super::numbers::fraction;
-use super::run::SpeechArgs;
+use super::run::{Bytes, SpeechArgs};
 use crate::commands::{BoundFiles, MaskJob, MaskOutput, MaskTask, NextPass, Union};
 use crate::files::ranges::Frames;
 use crate::mask::Source;
 use crate::mask::generate::Request;
+use crate::run::granted_memory;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -52,6 +53,11 @@ pub struct MakeMaskArgs {
     /// Threads in all; 0 takes what the machine, a cgroup limit and the batch system allow
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Run")]
     threads: usize,
+
+    /// Memory that the work may take: bytes, or with K, M, G, T (powers of 1024), for example 4G [default: what Slurm granted;
+    /// elsewhere reading one image takes 1.5G at most]
+    #[arg(long, value_name = "SIZE", allow_hyphen_values = true, help_heading = "Run")]
+    memory: Option<Bytes>,
 
     #[command(flatten)]
     speech: SpeechArgs,
@@ -240,7 +246,8 @@ impl MakeMaskArgs {
             Task::Merge => self.uniting()?,
             Task::Measure | Task::Coherence => self.measuring()?,
         };
-        Ok(MaskJob { task, threads: self.threads, verbosity: self.speech.verbosity() })
+        let memory = self.memory.map(|bytes| bytes.0).or_else(granted_memory);
+        Ok(MaskJob { task, threads: self.threads, memory, verbosity: self.speech.verbosity() })
     }
 
     fn task(&self) -> Task {
@@ -471,7 +478,12 @@ impl FromStr for Geometry {
         if !(1..=32768).contains(&width) || !(1..=32768).contains(&height) {
             return Err("width and height must be from 1 to 32768".into());
         }
-        let end = |first: i32, count: i32| first.checked_add(count - 1).ok_or_else(wrong);
+        // What OpenEXR opens.
+        let most = i32::MAX / 2;
+        let end = |first: i32, count: i32| -> Result<i32, String> {
+            let end = first.checked_add(count - 1).filter(|end| first >= -most && *end <= most);
+            end.ok_or_else(|| format!("all pixels must lie within -{most} and {most}"))
+        };
         Ok(Self(Window { x_min: x, y_min: y, x_max: end(x, width)?, y_max: end(y, height)? }))
     }
 }

@@ -3,14 +3,13 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use lacuna_exr::Limits;
-
 use crate::channels::{self, Override};
 use crate::files::error::PlanError;
 use crate::guides::{self, Asked};
 use crate::info;
 use crate::mask::{self, MaskFile, Masks, Source};
 use crate::run::batch::Failure;
+use crate::run::memory;
 
 /// The frame to be described.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,7 +34,7 @@ pub struct InfoJob {
 pub fn info(job: &InfoJob) -> Result<u8, PlanError> {
     let failed =
         |failure: Failure| PlanError::Failed(format!("{}: {}", failure.file.display(), failure.text));
-    let limits = job.memory.map_or_else(Limits::default, |bytes| Limits { bytes });
+    let limits = memory::reading(job.memory);
     let frame =
         lacuna_exr::read(&job.frame, &limits).map_err(|error| failed(Failure::at(&job.frame, error)))?;
     let file = match &job.mask {

@@ -158,9 +158,9 @@ fn below(value: f64) -> f32 {
 ///
 /// # Errors
 /// A file that cannot be read or does not fit.
-pub fn region(path: &str, channel: Option<&str>, window: Window) -> Result<Mask, MakeError> {
+pub fn region(path: &str, channel: Option<&str>, window: Window, limits: Limits) -> Result<Mask, MakeError> {
     let fail = |why: String| MakeError::Other(format!("{path}: {why}"));
-    let file = MaskFile::read(Path::new(path), Limits::default()).map_err(|error| fail(reason(error)))?;
+    let file = MaskFile::read(Path::new(path), limits).map_err(|error| fail(reason(error)))?;
     match file.content(channel).map_err(|error| fail(reason(error)))? {
         Content::Exr(frame) => of_frame(frame, channel, window).map_err(fail),
         Content::Grey { size, values, .. } if *size == window.size() => {
@@ -175,8 +175,8 @@ pub fn region(path: &str, channel: Option<&str>, window: Window) -> Result<Mask,
 ///
 /// # Errors
 /// A file that cannot be read.
-pub fn load(path: &str, channel: Option<&str>) -> Result<Mask, MakeError> {
-    let file = MaskFile::read(Path::new(path), Limits::default());
+pub fn load(path: &str, channel: Option<&str>, limits: Limits) -> Result<Mask, MakeError> {
+    let file = MaskFile::read(Path::new(path), limits);
     file.and_then(|file| file.mask(channel)).map_err(|error| MakeError::Other(reason(error)))
 }
 

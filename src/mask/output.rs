@@ -9,7 +9,9 @@ use std::path::Path;
 
 use half::f16;
 use lacuna_core::parallel::prelude::*;
-use lacuna_exr::{Attributes, Channel, Compression, Frame, Layout, Part, Samples, Window, WriteOptions};
+use lacuna_exr::{
+    Attributes, Channel, Compression, Frame, Layout, Over, Part, Samples, Window, WriteOptions,
+};
 use lacuna_filters::Mask;
 
 use super::generate::Rank;
@@ -157,7 +159,7 @@ fn write_exr(
         channels: vec![channel],
         had_levels: false,
     };
-    let options = WriteOptions { compression_level: Some(1), no_clobber: how.no_clobber };
+    let options = WriteOptions { compression_level: Some(1), over: Over::unless(how.no_clobber) };
     Ok(lacuna_exr::write(&Frame { parts: vec![part] }, path, &options)?)
 }
 

@@ -323,13 +323,14 @@ fn png_files_are_read_by_brightness() {
 fn masks_are_measured_as_they_serve_frames() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let load = |name: &str, channel| generate::load(&path(name), channel);
+    let load = |name: &str, channel| generate::load(&path(name), channel, lacuna_exr::Limits::default());
     save(path("unscaled.png").as_ref(), (ColorType::Grayscale, BitDepth::Eight), &[0, 1, 1, 0]);
     assert_eq!(load("unscaled.png", None).unwrap().as_slice(), [false, true, true, false]);
     // The content says what a file is, not its name.
     std::fs::copy(path("unscaled.png"), path("named.exr")).unwrap();
     assert_eq!(load("named.exr", None).unwrap().count(), 2);
-    let region = generate::region(&path("named.exr"), None, window(7, 7, 2, 2)).unwrap();
+    let limits = lacuna_exr::Limits::default();
+    let region = generate::region(&path("named.exr"), None, window(7, 7, 2, 2), limits).unwrap();
     assert_eq!(region.as_slice(), [false, true, true, false]);
     let write = |name: &str, channels| {
         let options = lacuna_exr::WriteOptions::default();
@@ -345,7 +346,8 @@ fn masks_are_measured_as_they_serve_frames() {
         [("unscaled.png", Some("R"), "no channel 'R'"), ("absent.png", None, "No such file")]
     {
         assert!(load(name, channel).unwrap_err().to_string().contains(reason), "{name}");
-        let error = generate::region(&path(name), channel, window(0, 0, 2, 2)).unwrap_err().to_string();
+        let error =
+            generate::region(&path(name), channel, window(0, 0, 2, 2), limits).unwrap_err().to_string();
         assert!(error.contains(reason) && error.contains(name), "{error}");
     }
 }

@@ -38,6 +38,23 @@ pub fn limits(bound: Option<u64>, admitted: u64) -> Limits {
     bound.map_or_else(Limits::default, |bound| Limits { bytes: admitted.min(bound) })
 }
 
+/// What reading one file may take where it is read outside a batch: the bound, else the default.
+pub fn reading(bound: Option<u64>) -> Limits {
+    bound.map_or_else(Limits::default, |bytes| Limits { bytes })
+}
+
+/// Whether so many bytes a pixel are within the bound, if there is one.
+///
+/// # Errors
+/// What they would need.
+pub fn afford(bound: Option<u64>, pixels: usize, bytes: u64) -> Result<(), lacuna_exr::Error> {
+    let needed = bytes.saturating_mul(pixels as u64);
+    match bound {
+        Some(limit) if needed > limit => Err(lacuna_exr::Error::TooLarge { needed, limit }),
+        _ => Ok(()),
+    }
+}
+
 /// Bytes that filling a frame needs; 0 if its header cannot be read (reading it will say why).
 pub fn to_fill(item: &Item, method: &lacuna_filters::Method) -> u64 {
     let mask = item.mask.as_deref().map_or(0, to_copy);

@@ -18,9 +18,21 @@ fn sizes_are_read_with_their_origin() {
     assert_eq!(window("20x10"), Ok(Window { x_min: 0, y_min: 0, x_max: 19, y_max: 9 }));
     assert_eq!(window("20x10-3+4"), Ok(Window { x_min: -3, y_min: 4, x_max: 16, y_max: 13 }));
     assert_eq!(window("1x1+5-6"), Ok(Window { x_min: 5, y_min: -6, x_max: 5, y_max: -6 }));
-    for nonsense in
-        ["", "20", "0x10", "10x0", "10x", "axb", "10x10+3", "10x10+", "40000x1", "2x2+2147483647+0", "-3x4"]
-    {
+    for nonsense in [
+        "",
+        "20",
+        "0x10",
+        "10x0",
+        "10x",
+        "axb",
+        "10x10+3",
+        "10x10+",
+        "40000x1",
+        "2x2+2147483647+0",
+        "2x2+1073741823+0",
+        "2x2+0-1073741824",
+        "-3x4",
+    ] {
         assert!(window(nonsense).is_err(), "{nonsense}");
     }
 }

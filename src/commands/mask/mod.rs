@@ -6,7 +6,7 @@ mod passes;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use lacuna_exr::{Frame, Limits};
+use lacuna_exr::Frame;
 use lacuna_filters::Plane;
 pub use output::{BoundFiles, MaskOutput};
 pub use passes::{NextPass, Union};
@@ -20,7 +20,7 @@ use crate::mask::judge::{self, Judgement};
 use crate::mask::output::{Listing, write_floats, write_mask};
 use crate::mask::{MakeError, PATTERN, SEED, Source};
 use crate::run::console::{Console, Verbosity};
-use crate::run::{signals, threads};
+use crate::run::{memory, signals, threads};
 
 /// What `lacuna mask` does.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,6 +29,8 @@ pub struct MaskJob {
     pub task: MaskTask,
     /// Threads in all; 0 takes what there is.
     pub threads: usize,
+    /// Bytes of memory that the work may take, if there is a bound.
+    pub memory: Option<u64>,
     /// How much is said.
     pub verbosity: Verbosity,
 }
@@ -79,25 +81,31 @@ pub fn mask(job: &MaskJob) -> Result<u8, PlanError> {
         .map_err(|error| PlanError::Failed(format!("cannot watch for signals: {error}")))?;
     match &job.task {
         MaskTask::Generate { request, rank, frames, bounds, output } => {
-            generate(request, *rank, frames.as_deref(), bounds, output, &console)
+            generate((request, job.memory), *rank, frames.as_deref(), bounds, output, &console)
         }
-        MaskTask::Next(task) => passes::next(task, &console),
-        MaskTask::Merge(task) => passes::unite(task, &console),
+        MaskTask::Next(task) => passes::next(task, job.memory, &console),
+        MaskTask::Merge(task) => passes::unite(task, job.memory, &console),
         MaskTask::Measure { mask, coherence, spectrum, seed, plot, json } => {
             if let Some(plot) = plot {
                 let mask = mask.iter().filter_map(Source::path).map(|path| (path, "mask"));
                 let frame = spectrum.iter().map(|path| (&**path, "frame"));
                 Sources::new(mask.chain(frame)).check(&plot.path)?;
             }
-            let judgement = measure(mask.as_ref(), coherence, spectrum.as_deref(), *seed)?;
+            let images = (mask.as_ref(), spectrum.as_deref());
+            let judgement = measure(images, coherence, *seed, job.memory)?;
             tell(&judgement, plot.as_ref(), *json, &console)
         }
     }
 }
 
+/// Bytes a pixel that a mask takes to be made and written, as measured.
+const MAKING: u64 = 8;
+/// Bytes a pixel that its figures take.
+const MEASURING: u64 = 24;
+
 /// One mask per frame; a frame that fails does not stop the others.
 fn generate(
-    request: &Request,
+    (request, memory): (&Request, Option<u64>),
     rank: bool,
     frames: Option<&[i64]>,
     bounds: &BoundFiles,
@@ -106,7 +114,7 @@ fn generate(
 ) -> Result<u8, PlanError> {
     output.make_folder()?;
     let Some(frames) = frames else {
-        return one(request, rank, 0, bounds, &output.path, output, console).map(|()| 0);
+        return one((request, memory), rank, 0, bounds, &output.path, output, console).map(|()| 0);
     };
     let text = output.path.to_str().unwrap_or_default();
     let pattern = Pattern::parse(text).map_err(|error| PlanError::Usage(error.to_string()))?;
@@ -123,8 +131,8 @@ fn generate(
             lacuna_filters::sampling::Temporal::Complementary => number - first,
             _ => number,
         };
-        let done =
-            one(request, rank, frame, &bounds.of_frame(Some(number)), &pattern.path(number), output, console);
+        let (bounds, path) = (bounds.of_frame(Some(number)), pattern.path(number));
+        let done = one((request, memory), rank, frame, &bounds, &path, output, console);
         if let Err(error) = done {
             console.error(&error.to_string());
             status = 1;
@@ -136,7 +144,7 @@ fn generate(
 }
 
 fn one(
-    request: &Request,
+    (request, memory): (&Request, Option<u64>),
     rank: bool,
     frame: i64,
     bounds: &BoundFiles,
@@ -149,7 +157,8 @@ fn one(
     if !output.wants(path, console) {
         return Ok(());
     }
-    let bounds = bounds.read(request.window).map_err(&fail)?;
+    memory::afford(memory, request.window.size().pixels(), MAKING).map_err(|error| fail(error.into()))?;
+    let bounds = bounds.read(request.window, memory::reading(memory)).map_err(&fail)?;
     let mut how = output.writing();
     how.attributes = vec![(SEED, request.seed.to_string())];
     let pattern = request.pattern.name();
@@ -176,15 +185,17 @@ fn order_within<'a>(request: &Request, frame: i64, bounds: &'a Bounds) -> genera
 }
 
 fn measure(
-    mask: Option<&Source>,
+    (mask, spectrum): (Option<&Source>, Option<&Path>),
     coherence: &[f64],
-    spectrum: Option<&Path>,
     seed: u64,
+    memory: Option<u64>,
 ) -> Result<Judgement, PlanError> {
     let mut judgement = Judgement::default();
+    let limits = memory::reading(memory);
     if let Some(Source::File { pattern, channel }) = mask {
         let fail = failed(pattern.as_ref());
-        let mask = generate::load(pattern, channel.as_deref()).map_err(&fail)?;
+        let mask = generate::load(pattern, channel.as_deref(), limits).map_err(&fail)?;
+        memory::afford(memory, mask.size().pixels(), MEASURING).map_err(|error| fail(error.into()))?;
         judgement = judge::judge(&mask).map_err(&fail)?;
     }
     if !coherence.is_empty() {
@@ -193,7 +204,7 @@ fn measure(
     }
     if let Some(path) = spectrum {
         let fail = failed(path);
-        let frame = lacuna_exr::read(path, &Limits::default()).map_err(|error| fail(error.into()))?;
+        let frame = lacuna_exr::read(path, &limits).map_err(|error| fail(error.into()))?;
         judgement.magnitudes = Some(judge::magnitudes(&luminance(&frame).map_err(fail)?));
     }
     Ok(judgement)

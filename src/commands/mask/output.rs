@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use lacuna_exr::Window;
+use lacuna_exr::{Limits, Window};
 use lacuna_filters::Mask;
 
 use crate::files::error::PlanError;
@@ -115,14 +115,22 @@ impl BoundFiles {
     }
 
     /// Reads the images that bound a mask over this window.
-    pub fn read(&self, window: Window) -> Result<Bounds, MakeError> {
+    pub fn read(&self, window: Window, limits: Limits) -> Result<Bounds, MakeError> {
         let region = |source: &Option<Source>| match source {
             Some(Source::File { pattern, channel }) => {
-                generate::region(pattern, channel.as_deref(), window).map(Some)
+                generate::region(pattern, channel.as_deref(), window, limits).map(Some)
             }
             _ => Ok(None),
         };
-        Ok(Bounds { inside: region(&self.inside)?, always: region(&self.always)?, border: self.border })
+        let inside = region(&self.inside)?;
+        if let (Some(Source::File { pattern, .. }), Some(mask)) = (&self.inside, &inside)
+            && mask.is_empty()
+        {
+            let text =
+                format!("--inside {pattern}: it is above 0 at none of the mask's pixels; see their windows");
+            return Err(MakeError::Other(text));
+        }
+        Ok(Bounds { inside, always: region(&self.always)?, border: self.border })
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use lacuna_exr::{Frame, Limits, WriteOptions};
+use lacuna_exr::{Frame, Limits, Over, WriteOptions};
 
 use super::output::{BoundFiles, MaskOutput, failed, of_frame, report, source_of_frame};
 use crate::channels;
@@ -15,6 +15,7 @@ use crate::files::reports;
 use crate::mask::output::{Listing, write_floats, write_mask};
 use crate::mask::{self, MakeError, MaskFile, Masks, PATTERN, SEED, Source, after, merge};
 use crate::run::console::Console;
+use crate::run::memory;
 
 /// Pixels to choose after a first pass.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,19 +54,19 @@ pub struct Union {
 }
 
 /// Chooses the next pixels of every frame; the exit status.
-pub fn next(task: &NextPass, console: &Console) -> Result<u8, PlanError> {
+pub fn next(task: &NextPass, memory: Option<u64>, console: &Console) -> Result<u8, PlanError> {
     task.output.make_folder()?;
     let written: Vec<&Path> =
         std::iter::once(task.output.path.as_path()).chain(task.error_estimate.as_deref()).collect();
     each(&task.frame, task.frames.as_ref(), &written, console, |frame, number| {
         let task = task.of_frame(frame, number);
         task.check()?;
-        task.write(console)
+        task.write(memory::reading(memory), console)
     })
 }
 
 /// Unites the renders of every frame; the exit status.
-pub fn unite(task: &Union, console: &Console) -> Result<u8, PlanError> {
+pub fn unite(task: &Union, memory: Option<u64>, console: &Console) -> Result<u8, PlanError> {
     task.output.make_folder()?;
     let patterns = [task.second.as_path(), &task.output.path];
     each(&task.first, task.frames.as_ref(), &patterns, console, |first, number| {
@@ -78,11 +79,12 @@ pub fn unite(task: &Union, console: &Console) -> Result<u8, PlanError> {
         if !task.output.wants(&output, console) {
             return Ok(());
         }
-        let (a, a_masks) = read(first, &source)?;
-        let (b, b_masks) = read(&second, &source)?;
+        let limits = memory::reading(memory);
+        let (a, a_masks) = read(first, &source, limits)?;
+        let (b, b_masks) = read(&second, &source, limits)?;
         let merged = merge::merge((a, &a_masks), (&b, &b_masks)).map_err(failed(&second))?;
         merged.notes.iter().for_each(|note| console.warning(&format!("{}: {note}", second.display())));
-        let options = WriteOptions { compression_level: None, no_clobber: task.output.no_clobber };
+        let options = WriteOptions { compression_level: None, over: Over::unless(task.output.no_clobber) };
         let written = lacuna_exr::write(&merged.frame, &output, &options).map_err(MakeError::from);
         if task.output.wrote(&output, written, console)? {
             console.note(&format!("{}: density {:.3} %", output.display(), 100.0 * merged.density));
@@ -152,20 +154,20 @@ impl NextPass {
         reports::check(&outputs, false)
     }
 
-    fn choose(&self) -> Result<after::Next, PlanError> {
-        let (frame, masks) = read(&self.frame, &self.source)?;
+    fn choose(&self, limits: Limits) -> Result<after::Next, PlanError> {
+        let (frame, masks) = read(&self.frame, &self.source, limits)?;
         let choices = channels::choose(&frame, &masks.mask_channels, &[]);
-        let bounds = |window| self.bounds.read(window);
+        let bounds = |window| self.bounds.read(window, limits);
         after::next(&frame, &masks, &choices, self.add, self.seed, bounds).map_err(failed(&self.frame))
     }
 
-    fn write(&self, console: &Console) -> Result<(), PlanError> {
+    fn write(&self, limits: Limits, console: &Console) -> Result<(), PlanError> {
         let mask = Some(self.output.path.as_path()).filter(|path| self.output.wants(path, console));
         let estimate = self.error_estimate.as_deref().filter(|path| self.output.wants(path, console));
         if mask.is_none() && estimate.is_none() {
             return Ok(());
         }
-        let (next, mut how) = (self.choose()?, self.output.writing());
+        let (next, mut how) = (self.choose(limits)?, self.output.writing());
         if let Some(path) = mask {
             how.attributes = vec![(PATTERN, "after".into()), (SEED, self.seed.to_string())];
             let written = write_mask(path, &next.mask, next.window, &Listing::Given(&next.pixels), &how);
@@ -184,9 +186,8 @@ impl NextPass {
     }
 }
 
-fn read(path: &Path, source: &Source) -> Result<(Frame, Masks), PlanError> {
+fn read(path: &Path, source: &Source, limits: Limits) -> Result<(Frame, Masks), PlanError> {
     let fail = |error: MakeError| failed(path)(error);
-    let limits = Limits::default();
     let frame = lacuna_exr::read(path, &limits).map_err(|error| fail(error.into()))?;
     let file = match source.path() {
         Some(file) => Some(MaskFile::read(file, limits).map_err(|error| fail(error.into()))?),

@@ -31,7 +31,7 @@ fn images_hold_the_mask_and_its_window() {
     let mask = generate::generate(&REQUEST, 0, &Bounds::default()).unwrap();
     for name in ["m.exr", "m.png"] {
         let (_folder, path) = write(name, &mask);
-        assert_eq!(generate::load(path.to_str().unwrap(), None).unwrap(), mask, "{name}");
+        assert_eq!(generate::load(path.to_str().unwrap(), None, Limits::default()).unwrap(), mask, "{name}");
     }
     let (_folder, path) = write("m.exr", &mask);
     let frame = lacuna_exr::read(&path, &Limits::default()).unwrap();
