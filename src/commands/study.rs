@@ -13,6 +13,8 @@ use crate::run::console::{Console, Verbosity};
 use crate::run::{schedule, signals, threads};
 use crate::study::{self, Cell, Definition, Entry, Row, Sheet, SheetDefinition, Subject};
 
+/// The most bytes that a journal or a picture of an earlier run may have.
+const MOST_READ: u64 = 1 << 30;
 /// The journal's file.
 const JOURNAL: &str = "results.jsonl";
 
@@ -80,7 +82,7 @@ fn fail(path: &Path, what: &str, error: &dyn std::fmt::Display) -> PlanError {
 
 /// The rows of an earlier run, by their keys.
 fn known(journal: &Path) -> Result<BTreeMap<String, Row>, String> {
-    match std::fs::read(journal) {
+    match lacuna_exr::read_small(journal, MOST_READ) {
         Ok(bytes) => Ok(study::read_journal(&bytes).into_iter().map(|row| (row.key.clone(), row)).collect()),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(BTreeMap::new()),
         Err(error) => Err(format!("{}: cannot read: {error}", journal.display())),
@@ -220,7 +222,9 @@ impl Workers {
         for sheet in sheets {
             let path = folder.join(format!("{}.svg", sheet.definition.name));
             let mark = sheet.mark();
-            let old = std::fs::read_to_string(&path).unwrap_or_default();
+            let old =
+                lacuna_exr::read_small(&path, MOST_READ).ok().and_then(|old| String::from_utf8(old).ok());
+            let old = old.unwrap_or_default();
             if old.ends_with(&mark) {
                 all.push((sheet.definition.name.clone(), old));
                 continue;
@@ -268,7 +272,8 @@ fn guarded(cell: &Cell<'_>) -> Row {
 
 /// The journal, ready for the next line: a last line that was cut short is ended.
 fn open(journal: &Path) -> std::io::Result<File> {
-    let cut = std::fs::read(journal).is_ok_and(|bytes| bytes.last().is_some_and(|&last| last != b'\n'));
+    let cut = lacuna_exr::read_small(journal, MOST_READ)
+        .is_ok_and(|bytes| bytes.last().is_some_and(|&last| last != b'\n'));
     let mut file = OpenOptions::new().create(true).append(true).open(journal)?;
     if cut {
         file.write_all(b"\n")?;

@@ -1,7 +1,7 @@
 //! From what the user names (files, patterns, globs, lists) to the frames to be done, in the order asked.
 
 use std::collections::{BTreeMap, HashMap};
-use std::io::BufRead;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use crate::files::error::PlanError;
@@ -87,6 +87,13 @@ enum Kind {
 
 impl Kind {
     fn of(input: &Path) -> Result<Self, PlanError> {
+        if input == Path::new("-") {
+            return Err(PlanError::Usage(
+                "-: a frame is not read from standard input, as it is read at many places; name its file \
+                 (--files-from - reads a list of files)"
+                    .into(),
+            ));
+        }
         if input.is_dir() {
             return Err(PlanError::Usage(format!(
                 "{0} is a folder; name its frames, for example '{1}'",
@@ -197,24 +204,28 @@ fn chosen(found: &[Input], asked: &Frames, input: &Path) -> Vec<Input> {
     chosen
 }
 
-/// The paths in a list, one a line, taken as they are; empty lines do not count.
+/// The most bytes that a list may have.
+const MOST_LISTED: u64 = 64 << 20;
+
+/// The paths in a list, one a line, taken as they are; empty lines do not count. A list with zero bytes (`find -print0`) ends each
+/// path by one.
 fn listed(list: &Path) -> Result<Vec<PathBuf>, PlanError> {
     let failed = |error: std::io::Error| {
         PlanError::Failed(format!("{}: cannot read the list: {error}", list.display()))
     };
-    let reader: Box<dyn BufRead> = if list == Path::new("-") {
-        Box::new(std::io::stdin().lock())
+    let bytes = if list == Path::new("-") {
+        let mut bytes = Vec::new();
+        std::io::stdin().lock().take(MOST_LISTED).read_to_end(&mut bytes).map_err(failed)?;
+        bytes
     } else {
-        Box::new(std::io::BufReader::new(std::fs::File::open(list).map_err(failed)?))
+        lacuna_exr::read_small(list, MOST_LISTED).map_err(failed)?
     };
+    let by_zeros = bytes.contains(&0);
     let mut paths = Vec::new();
-    for line in reader.split(b'\n') {
-        let mut line = line.map_err(failed)?;
-        if line.last() == Some(&b'\r') {
-            line.pop();
-        }
+    for line in bytes.split(|&byte| byte == if by_zeros { 0 } else { b'\n' }) {
+        let line = if by_zeros { line } else { line.strip_suffix(b"\r").unwrap_or(line) };
         if !line.is_empty() {
-            paths.push(path_from(line).ok_or_else(|| {
+            paths.push(path_from(line.to_vec()).ok_or_else(|| {
                 PlanError::Failed(format!("{}: line {} is not UTF-8", list.display(), paths.len() + 1))
             })?);
         }
@@ -325,12 +336,38 @@ mod tests {
     }
 
     #[test]
+    fn standard_input_holds_no_frame() {
+        let found = resolve(&Selection { inputs: vec!["-".into()], ..Selection::default() });
+        assert!(found.unwrap_err().to_string().contains("--files-from - reads a list"));
+    }
+
+    #[test]
     fn folders_and_useless_frames_are_usage_errors() {
         let folder = folder(&["one.exr"]);
         assert!(matches!(resolved(folder.path(), &["."], None), Err(PlanError::Usage(_))));
         assert!(matches!(resolved(folder.path(), &["one.exr"], Some("1-3")), Err(PlanError::Usage(_))));
         assert!(matches!(resolved(folder.path(), &["##/s.exr"], None), Err(PlanError::Usage(_))));
         assert!(matches!(resolved(folder.path(), &["s.%4d.exr"], None), Err(PlanError::Usage(_))));
+    }
+
+    #[test]
+    fn a_list_with_zeros_is_split_at_them() {
+        let folder = folder(&[]);
+        let list = folder.path().join("list");
+        std::fs::write(&list, b"a\nb.0001.exr\0c.exr\0").unwrap();
+        let found = resolve(&Selection { files_from: Some(list), ..Selection::default() }).unwrap();
+        let names: Vec<_> = found.frames.iter().map(|input| input.path.to_str().unwrap()).collect();
+        assert_eq!(names, ["a\nb.0001.exr", "c.exr"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_list_that_is_a_pipe_is_refused() {
+        let folder = folder(&[]);
+        let pipe = folder.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let found = resolve(&Selection { files_from: Some(pipe), ..Selection::default() });
+        assert!(found.unwrap_err().to_string().contains("not a regular file"));
     }
 
     #[test]

@@ -87,6 +87,9 @@ pub struct SheetDefinition {
     pub tile: usize,
 }
 
+/// The most bytes that a definition may have.
+const MOST: u64 = 16 << 20;
+
 fn untitled() -> String {
     "Study".into()
 }
@@ -114,8 +117,9 @@ impl Definition {
     /// # Errors
     /// A file that cannot be read, is no TOML or contradicts itself.
     pub fn read(path: &Path) -> Result<Self, DefinitionError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|error| DefinitionError(format!("cannot read: {error}")))?;
+        let fail = |error: &dyn std::fmt::Display| DefinitionError(format!("cannot read: {error}"));
+        let bytes = lacuna_exr::read_small(path, MOST).map_err(|error| fail(&error))?;
+        let text = String::from_utf8(bytes).map_err(|error| fail(&error))?;
         Self::parse(&text)
     }
 
