@@ -199,6 +199,16 @@ fn what_is_asked_in_vain_is_told() {
 }
 
 #[test]
+fn complete_channels_that_are_none_are_told() {
+    let mut part = with(&["R", "Z"]);
+    part.attributes.set_text(DENSE, "Z, albedo.R\nN.X");
+    let frame = frame(vec![part]);
+    let choices = choose(&frame, &[], &[]);
+    let told = unheeded(&frame, &[], &[], &choices);
+    assert_eq!(told, ["the attribute lacuna/dense lists albedo.R, N.X, which is no channel here"]);
+}
+
+#[test]
 fn overrides_have_one_equals_sign() {
     let error = |text: &str| text.parse::<Override>().unwrap_err();
     assert_eq!(error("R=keep=fill"), OverrideError::Doubled("R=keep=fill".into()));

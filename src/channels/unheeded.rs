@@ -1,10 +1,13 @@
-//! What `--channels` asks for in vain, told to whoever wrote it.
+//! What `--channels` and the attribute `lacuna/dense` ask for in vain, told to whoever wrote it.
 
-use lacuna_exr::{Frame, Samples};
+use lacuna_exr::{Frame, Part, Samples};
 
-use super::{Choice, DecidedBy, INCOMPLETE, Override, Rule, is_mask_channel};
+use super::{
+    Choice, DENSE, DecidedBy, INCOMPLETE, Override, Rule, dense, is_mask_channel, part_label, visible,
+};
 
-/// One line for each override that does nothing in this frame, or not what it says; `choices` are those that
+/// One line for each override that does nothing in this frame, or not what it says, and for each list of complete channels with
+/// names of none; `choices` are those that
 /// [`super::choose`] made with them.
 pub fn unheeded(
     frame: &Frame,
@@ -12,11 +15,20 @@ pub fn unheeded(
     overrides: &[Override],
     choices: &[Vec<Choice>],
 ) -> Vec<String> {
-    overrides
-        .iter()
-        .enumerate()
-        .filter_map(|(at, _)| reason(frame, mask_channels, overrides, choices, at))
-        .collect()
+    let asked = (0..overrides.len()).filter_map(|at| reason(frame, mask_channels, overrides, choices, at));
+    let listed = frame.parts.iter().enumerate().filter_map(|(index, part)| unknown(frame, index, part));
+    asked.chain(listed).collect()
+}
+
+/// What the attribute [`DENSE`] of a part lists and is not there.
+fn unknown(frame: &Frame, index: usize, part: &Part) -> Option<String> {
+    let is = |name: &String| part.channels.iter().any(|channel| channel.display_name() == name.as_str());
+    let names: Vec<String> =
+        dense(part).iter().filter(|name| !is(name)).map(|name| visible(name).into_owned()).collect();
+    let label = part_label(frame, index);
+    let label = if label.is_empty() { label } else { format!("{label}: ") };
+    (!names.is_empty())
+        .then(|| format!("{label}the attribute {DENSE} lists {}, which is no channel here", names.join(", ")))
 }
 
 fn reason(
