@@ -51,7 +51,7 @@ impl Destination {
     pub fn of(&self, input: &Input) -> Result<PathBuf, PlanError> {
         match self {
             Self::File(path) => Ok(path.clone()),
-            Self::Pattern(pattern) => input.number.map(|number| pattern.path(number)).ok_or_else(|| {
+            Self::Pattern(pattern) => input.number.map(|number| spelt(pattern, number, &input.path)).ok_or_else(|| {
                 PlanError::Usage(format!(
                     "{}: no frame number in the name for the output pattern; name a folder or a file as the output",
                     input.path.display()
@@ -63,6 +63,14 @@ impl Destination {
             },
         }
     }
+}
+
+/// The path of a frame, a negative number spelt as in the input's name: `-0001` and `-001` are both of four digits.
+fn spelt(pattern: &Pattern, number: i64, input: &Path) -> PathBuf {
+    let name = input.file_name().map(to_text).unwrap_or_default();
+    let full = Pattern::parse("####").ok().flatten().and_then(|four| four.alternative(number));
+    let is_full = full.is_some_and(|full| name.contains(&*to_text(full.as_os_str())));
+    pattern.alternative(number).filter(|_| is_full).unwrap_or_else(|| pattern.path(number))
 }
 
 #[cfg(test)]
@@ -77,6 +85,9 @@ mod tests {
     fn files_patterns_and_folders() {
         assert_eq!(output("out.exr", "a/in.0007.exr", Some(7)), Ok("out.exr".into()));
         assert_eq!(output("o.%03d.exr", "a/in.0007.exr", Some(-7)), Ok("o.-07.exr".into()));
+        assert_eq!(output("o.####.exr", "a/in.-0001.exr", Some(-1)), Ok("o.-0001.exr".into()));
+        assert_eq!(output("o.####.exr", "a/in.-001.exr", Some(-1)), Ok("o.-001.exr".into()));
+        assert_eq!(output("o.###.exr", "a/in.-0012.exr", Some(-12)), Ok("o.-012.exr".into()));
         assert_eq!(output("new/", "a/in 7.exr", Some(7)), Ok("new/in 7.exr".into()));
         assert_eq!(output(".", "a/in 7.exr", None), Ok("./in 7.exr".into()));
         assert_eq!(output("100%.exr", "in.exr", None), Ok("100%.exr".into()));

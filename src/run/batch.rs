@@ -5,6 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use lacuna_filters::Stop;
+
 use crate::files::error::PlanError;
 use crate::files::plan::Item;
 use crate::files::reports;
@@ -365,7 +367,9 @@ fn line(item: &Item, record: &Record) -> String {
     }
     if let Some(outcome) = record.outcome {
         parts.push(format!("{} iterations", outcome.iterations));
-        parts.extend(outcome.residual.map(|residual| format!("residual {residual:.1e}")));
+        // What was solved before it began has none left to tell of.
+        let told = outcome.residual.filter(|residual| *residual < 1.0 || outcome.stop != Stop::Converged);
+        parts.extend(told.map(|residual| format!("residual {residual:.1e}")));
         parts.extend(outcome.gap.map(|gap| format!("gap {gap:.1e}")));
         parts.extend(outcome.objective.map(|objective| format!("objective {objective:.6}")));
         parts.extend(outcome.constraint.map(|distance| format!("distance from the samples {distance:.1e}")));
@@ -402,6 +406,8 @@ fn sum(journal: &Journal, work: &dyn Work, start: Instant, console: &Console) ->
         });
     }
     parts.push(format!("{:.2} s", start.elapsed().as_secs_f64()));
+    let written = |record: &&Record| record.state == State::Done && record.seconds.write > 0.0;
+    parts.extend(went(records.iter().filter(written)).filter(|_| !work.is_gate()));
     console.note(&parts.join(", "));
     // They pass over nothing but frames that are not there.
     let unchecked = work.is_gate() && done + failed == 0;
@@ -412,13 +418,42 @@ fn sum(journal: &Journal, work: &dyn Work, start: Instant, console: &Console) ->
     failed > 0 || unchecked
 }
 
+/// Where the outputs are: the only file, or the folder of all; nothing where none was written.
+fn went<'a>(written: impl Iterator<Item = &'a Record>) -> Option<String> {
+    let outputs: Vec<&Path> = written.map(|record| Path::new(&record.output)).collect();
+    match outputs.as_slice() {
+        [] => None,
+        [one] => Some(format!("written to {}", one.display())),
+        [first, rest @ ..] if rest.iter().all(|path| path.parent() == first.parent()) => {
+            let folder = first.parent().filter(|folder| !folder.as_os_str().is_empty());
+            let folder = folder.unwrap_or(Path::new("."));
+            Some(format!("written to {}{}", folder.display(), std::path::MAIN_SEPARATOR))
+        }
+        _ => Some("written to several folders".into()),
+    }
+}
+
 fn plural(count: usize) -> &'static str {
     if count == 1 { "frame" } else { "frames" }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::too_large;
+    use super::{Record, too_large, went};
+
+    #[test]
+    fn where_outputs_went_is_told() {
+        let told = |outputs: &[&str]| {
+            let record = |output: &&str| Record { output: (*output).into(), ..Record::default() };
+            let records: Vec<Record> = outputs.iter().map(record).collect();
+            went(records.iter())
+        };
+        assert_eq!(told(&[]), None);
+        assert_eq!(told(&["a/b.exr"]), Some("written to a/b.exr".into()));
+        assert_eq!(told(&["a/b.exr", "a/c.exr"]), Some("written to a/".into()));
+        assert_eq!(told(&["b.exr", "c.exr"]), Some("written to ./".into()));
+        assert_eq!(told(&["a/b.exr", "c/b.exr"]), Some("written to several folders".into()));
+    }
 
     #[test]
     fn more_memory_is_asked_of_the_one_who_bounds_it() {

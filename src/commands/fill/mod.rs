@@ -207,8 +207,8 @@ fn enter(report: &Report, record: &mut Record) {
     record.clamped_halves = Some(report.clamped_halves);
     record.outcome = report.outcome;
     record.rules = Some(rules(report));
-    record.guides = guides(report);
-    if let Some(guides) = &record.guides {
+    record.guides = guides(report, usize::MAX);
+    if let Some(guides) = guides(report, SHOWN) {
         tracing::info!("guided by {guides}");
     }
     let groups = || report.parts.iter().flat_map(|part| &part.groups);
@@ -249,17 +249,31 @@ fn early(outcome: Outcome) -> Option<String> {
     ))
 }
 
-/// What steered which colour, and how much of the error it took away by estimate.
-pub fn guides(report: &Report) -> Option<String> {
+/// Guides and channels of a group that a line of the log names.
+const SHOWN: usize = 4;
+
+/// The first names, and how many there are besides.
+fn few(names: &[String], most: usize) -> String {
+    let shown = names.iter().take(most).map(String::as_str).collect::<Vec<_>>().join(", ");
+    match names.len().saturating_sub(most) {
+        0 => shown,
+        more => format!("{shown} and {more} more"),
+    }
+}
+
+/// What steered which colour, and how much of the error it took away by estimate; so many guides and groups are named.
+pub fn guides(report: &Report, most: usize) -> Option<String> {
     let groups = report.parts.iter().flat_map(|part| &part.groups).filter(|group| !group.guides.is_empty());
     let one = |group: &GroupReport| {
         let gain = group.guides_gain.unwrap_or(0.0);
         // A gain in decibels is what people compare.
         let decibels = -10.0 * (1.0 - gain).max(1e-9).log10();
-        format!("{} ({}: {decibels:.1} dB by estimate)", group.guides.join(", "), group.channels.join(", "))
+        format!("{} ({}: {decibels:.1} dB by estimate)", few(&group.guides, most), few(&group.channels, most))
     };
     let all: Vec<String> = groups.map(one).collect();
-    (!all.is_empty()).then(|| all.join("; "))
+    let more = all.len().saturating_sub(most);
+    let more = if more > 0 { format!("; and {more} more") } else { String::new() };
+    (!all.is_empty()).then(|| all[..all.len().min(most)].join("; ") + &more)
 }
 
 /// How many channels each rule had: `3 fill, 1 keep`.

@@ -407,7 +407,9 @@ impl Render<'_> {
         let masks = mask::find(&frame, &what.mask, None).map_err(|error| failed(&error))?;
         let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
         let filled = reconstruct::fill(frame, &masks, &choices, &what, &self.plans, &run);
-        filled.map(|(frame, report)| (frame, super::fill::guides(&report))).map_err(|error| failed(&error))
+        filled
+            .map(|(frame, report)| (frame, super::fill::guides(&report, usize::MAX)))
+            .map_err(|error| failed(&error))
     }
 }
 
