@@ -96,7 +96,16 @@ pub struct Sparse {
 }
 
 /// Makes a frame sparse.
-pub fn sparsify(mut frame: Frame, pattern: Pattern<'_>) -> Result<Sparse, Error> {
+pub fn sparsify(frame: Frame, pattern: Pattern<'_>) -> Result<Sparse, Error> {
+    sparsify_but(frame, pattern, &[])
+}
+
+/// The same, but channels that match one of `complete` stay as they are, and the attribute [`DENSE`] lists them.
+pub fn sparsify_but(
+    mut frame: Frame,
+    pattern: Pattern<'_>,
+    complete: &[glob::Pattern],
+) -> Result<Sparse, Error> {
     for (index, part) in frame.parts.iter().enumerate() {
         let is_mask = |channel: &&Channel| channel.name.eq_ignore_ascii_case(CHANNEL.as_bytes());
         if let Some(channel) = part.channels.iter().find(is_mask) {
@@ -113,13 +122,18 @@ pub fn sparsify(mut frame: Frame, pattern: Pattern<'_>) -> Result<Sparse, Error>
     for (index, mask) in masks.iter().enumerate() {
         let label = prefix(&frame, index, "", ": ", "");
         let part = &mut frame.parts[index];
-        notes.extend(make_sparse(part, mask, pattern).into_iter().map(|note| format!("{label}{note}")));
+        notes.extend(
+            make_sparse(part, mask, pattern, complete).into_iter().map(|note| format!("{label}{note}")),
+        );
         if let Some(rounds) = &rounds {
             part.attributes.set_text(ROUNDS, &rounds.line());
         }
         measured += mask.count();
         all += mask.as_slice().len();
     }
+    let names = || frame.parts.iter().flat_map(|part| &part.channels).map(Channel::display_name);
+    let idle = complete.iter().filter(|glob| !names().any(|name| glob.matches(&name)));
+    notes.extend(idle.map(|glob| format!("--channels '{glob}=keep': no channel matches")));
     let density = if all == 0 { 0.0 } else { measured as f64 / all as f64 };
     Ok(Sparse { frame, density, rounds, notes })
 }
@@ -217,9 +231,19 @@ fn stale() -> impl Iterator<Item = &'static str> {
     DERIVED.iter().chain(FILLING).copied().chain([DENSE, ROUNDS])
 }
 
-fn make_sparse(part: &mut Part, mask: &Mask, pattern: Pattern<'_>) -> Vec<String> {
-    let mut notes = Vec::new();
+fn make_sparse(
+    part: &mut Part,
+    mask: &Mask,
+    pattern: Pattern<'_>,
+    complete: &[glob::Pattern],
+) -> Vec<String> {
+    let (mut notes, mut kept) = (Vec::new(), Vec::new());
     for channel in &mut part.channels {
+        let name = channel.display_name();
+        if complete.iter().any(|glob| glob.matches(&name)) {
+            kept.push(name.into_owned());
+            continue;
+        }
         match &mut channel.samples {
             Samples::Half(values) => clear(values, mask, f16::ZERO),
             Samples::Float(values) => clear(values, mask, 0.0),
@@ -249,6 +273,9 @@ fn make_sparse(part: &mut Part, mask: &Mask, pattern: Pattern<'_>) -> Vec<String
     let dropped: Vec<&str> = stale().filter(|name| part.attributes.remove(name)).collect();
     if !dropped.is_empty() {
         notes.push(format!("dropped {}, which are about other pixels", dropped.join(", ")));
+    }
+    if !kept.is_empty() {
+        part.attributes.set_text(DENSE, &kept.join("\n"));
     }
     let compression = output_compression(part.compression, None);
     if compression != part.compression {

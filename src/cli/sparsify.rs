@@ -8,6 +8,7 @@ use super::input::InputArgs;
 use super::numbers::fraction;
 use super::output::{FormatArgs, OutputArgs};
 use super::run::RunArgs;
+use crate::channels::{Override, Rule};
 use crate::commands::{SparsifyJob, SparsifyPattern};
 use crate::files::Targets;
 use crate::mask::Source;
@@ -18,6 +19,7 @@ Examples:
   lacuna sparsify 'full.####.exr' -o 'sparse/full.####.exr' --density 0.1 --seed 7 --create-dir
   lacuna sparsify full.exr -o sparse.exr --mask mask.png
   lacuna sparsify full.exr -o sparse.exr --density 0.2 --adaptive
+  lacuna sparsify full.exr -o sparse.exr --density 0.1 --channels 'N.*=keep' --channels 'Z=keep'
 
 Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.";
 
@@ -38,6 +40,11 @@ pub struct SparsifyArgs {
 
     #[command(flatten)]
     pattern: PatternArgs,
+
+    /// Keep matching channels complete, for example 'albedo.*=keep'; the attribute lacuna/dense lists them, so that fill
+    /// keeps them and takes guides among them
+    #[arg(long, value_name = "GLOB=keep", help_heading = "Channels")]
+    channels: Vec<Override>,
 
     #[command(flatten)]
     output: OutputArgs,
@@ -94,6 +101,11 @@ impl SparsifyArgs {
                 ));
             }
         };
+        if let Some(other) = self.channels.iter().find(|asked| asked.rule != Rule::Keep) {
+            let text =
+                format!("--channels {other}: sparsify knows keep alone, for channels that stay complete");
+            return Err(Usage(text));
+        }
         let packing = self.format.compression;
         let run = self.run.options();
         Ok(SparsifyJob {
@@ -108,6 +120,7 @@ impl SparsifyArgs {
                 create_dir: self.output.create_dir,
             },
             pattern,
+            complete: self.channels.iter().map(|asked| asked.glob.clone()).collect(),
             compression: packing.map(|packing| packing.compression),
             level: packing.and_then(|packing| packing.level),
             existing: self.output.existing(false),

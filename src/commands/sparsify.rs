@@ -26,6 +26,8 @@ pub struct SparsifyJob {
     pub targets: Targets,
     /// Which pixels stay.
     pub pattern: SparsifyPattern,
+    /// Channels that stay complete.
+    pub complete: Vec<glob::Pattern>,
     /// The outputs' compression; the input's where it is lossless, else ZIP, if `None`.
     pub compression: Option<Compression>,
     /// Its level.
@@ -119,7 +121,7 @@ impl Work for Sparsify<'_> {
             _ => return Err(Failure::at(&item.input, "no mask file was given")),
         };
         let sparse = stage
-            .solve(record, || sparsify::sparsify(frame, pattern))
+            .solve(record, || sparsify::sparsify_but(frame, pattern, &self.job.complete))
             .map_err(|error| Failure::at(&item.input, error))?;
         record.density = Some(sparse.density);
         if stage.stopped() {

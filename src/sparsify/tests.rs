@@ -44,6 +44,18 @@ fn missing_pixels_are_zero_in_every_channel_and_the_mask_is_in_its_place() {
 }
 
 #[test]
+fn channels_stay_complete_as_asked_and_are_listed() {
+    let full = frame(vec![ones(0, 0, 8, 8)]);
+    let globs = ["[Zz]", "albedo.*"].map(|glob| glob::Pattern::new(glob).unwrap());
+    let sparse = sparsify_but(full.clone(), SHUFFLE, &globs).unwrap();
+    let part = &sparse.frame.parts[0];
+    let same = |name| values(part, name) == values(&full.parts[0], name);
+    assert_eq!([same("Z"), same("z"), same("id")], [true, true, false]);
+    assert_eq!(crate::channels::dense(part), ["Z", "z"]);
+    assert_eq!(sparse.notes, ["--channels 'albedo.*=keep': no channel matches"]);
+}
+
+#[test]
 fn parts_agree_on_absolute_pixels() {
     let sparse = sparsify(frame(vec![ones(0, 0, 16, 16), ones(5, -3, 16, 16)]), SHUFFLE).unwrap().frame;
     let at = |part: usize, x: i32, y: i32| {
