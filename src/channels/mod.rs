@@ -17,7 +17,10 @@ pub use names::{
     Name, channel_label, list_channels, names_view, part_label, rgb_place, view_of, visible, words,
 };
 pub use overrides::{Override, OverrideError};
-pub use rules::{by_default, is_albedo, is_alpha, is_code, is_label, is_light, is_matte, is_position};
+pub use rules::{
+    by_default, is_albedo, is_alpha, is_code, is_label, is_light, is_matte, is_position,
+    is_texture_coordinate,
+};
 use serde::Serialize;
 pub use unheeded::unheeded;
 

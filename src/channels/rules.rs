@@ -242,9 +242,15 @@ pub fn is_position(full: &str) -> bool {
     last == "P" || last == "Pref" || pbrt || has(&words(last), &["position", "pos", "point", "pref", "wpos"])
 }
 
-/// Whether a channel that is filled is light: not an alpha, a matte or a position.
+/// Whether a channel is a texture coordinate, by its layer: `uv.u`, `ViewLayer.UV.X`, `st.R`, `texcoord.V`.
+pub fn is_texture_coordinate(full: &str) -> bool {
+    let layer = words(Name::new(Name::new(full).layer).component);
+    has(&layer, &["uv", "uvs", "st", "texcoord", "texcoords", "texturecoordinates"])
+}
+
+/// Whether a channel that is filled is light: not an alpha, a matte, a position or a texture coordinate.
 pub fn is_light(full: &str) -> bool {
-    !is_alpha(full) && !is_matte(full) && !is_position(full)
+    !is_alpha(full) && !is_matte(full) && !is_position(full) && !is_texture_coordinate(full)
 }
 
 /// `Y` is a luminance unless there is an `X` beside it.

@@ -28,6 +28,7 @@ mod report;
 mod same_bits;
 pub(crate) mod shared;
 mod stamp;
+mod surfaces;
 #[cfg(test)]
 mod tests;
 mod values;

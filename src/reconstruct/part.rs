@@ -14,8 +14,10 @@ use super::apply::{Change, apply};
 use super::bounds::bounds_of;
 use super::groups::{Group, Target, copyable, groups, targets, usable};
 use super::normals::Lengths;
-use super::{ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, gradients, learned, normals};
-use crate::channels::{self, Choice, Rule, channel_label};
+use super::{
+    ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, gradients, learned, normals, surfaces,
+};
+use crate::channels::{self, Choice, Name, Rule, channel_label};
 use crate::mask::Masks;
 
 /// What is to be done to a part, and with what.
@@ -83,6 +85,7 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
     };
     done.report.groups.sort_by_key(first);
     unit_normals(frame, work, &mut filled, &mut done)?;
+    on_surfaces(frame, work, &mut filled)?;
     let all = !work.job.method.keeps_measured();
     for Filled { channel, mask, values, limited, .. } in filled {
         done.report.channels[channel].limited = limited;
@@ -333,6 +336,48 @@ fn unit_normals(frame: &Frame, work: &Work<'_>, filled: &mut [Filled], done: &mu
             Some(around) => normals::range(samples, around.around(at)),
         };
         normals::scale([&mut a.values, &mut b.values, &mut c.values], samples, &all, nearest, allowed);
+    }
+    Ok(())
+}
+
+/// Brings filled positions and texture coordinates, layer by layer, onto surfaces of the measured ones.
+fn on_surfaces(frame: &Frame, work: &Work<'_>, filled: &mut [Filled]) -> Result<(), Error> {
+    let part = &frame.parts[work.index];
+    if !work.job.method.keeps_measured() {
+        return Ok(());
+    }
+    let mut layers: Vec<(String, Arc<Mask>, Vec<usize>)> = Vec::new();
+    for (at, one) in filled.iter().enumerate() {
+        let name = part.channels[one.channel].display_name();
+        let filled = work.choices[one.channel].rule == Rule::Fill;
+        if !filled || !(channels::is_position(&name) || channels::is_texture_coordinate(&name)) {
+            continue;
+        }
+        let layer = Name::new(&name).layer;
+        match layers.iter_mut().find(|(own, mask, _)| own == layer && **mask == *one.mask) {
+            Some((.., all)) => all.push(at),
+            None => layers.push((layer.to_owned(), Arc::clone(&one.mask), vec![at])),
+        }
+    }
+    for (_, mask, all) in layers {
+        let fail = |source| Error::Filter {
+            channel: channel_label(frame, work.index, filled[all[0]].channel),
+            source,
+        };
+        let plan = work.plans.depth(&mask).map_err(fail)?;
+        let missing: Vec<usize> = (0..mask.as_slice().len()).filter(|&at| !mask.as_slice()[at]).collect();
+        let mut moved = 0;
+        {
+            let own = filled.iter_mut().enumerate().filter(|(at, _)| all.contains(at));
+            let (mut planes, samples): (Vec<&mut [f32]>, Vec<&[f32]>) =
+                own.map(|(_, one)| (one.values.as_mut_slice(), one.samples.as_slice())).unzip();
+            moved += surfaces::keep(&mut planes, &samples, (mask.size(), &missing), &plan);
+        }
+        filled
+            .iter_mut()
+            .enumerate()
+            .filter(|(at, _)| all.contains(at))
+            .for_each(|(_, one)| one.limited += moved);
     }
     Ok(())
 }

@@ -1,0 +1,170 @@
+//! Filled positions and texture coordinates lie on one surface of the measured ones around them.
+//!
+//! A filter that is smooth across a silhouette makes points between two surfaces, where there is nothing. For a missing pixel let
+//! `q_i` be the nearest measured pixel in each of its quadrants, at distances `r_i` (as for a depth, `baseline::depth`), with
+//! vectors `p_i`. Two of them are on one surface if `|p_i - p_j| / |q_i - q_j|` is at most four times what is usual there: the
+//! least of these slopes, held between the median of the part and four times that. Of the surfaces the one whose weights
+//! `1 / r_i` add up to most is taken. The filter's vector stays if it is within the box of that surface's `p_i`, widened by half of
+//! it to each side; any other becomes their mean with those weights.
+//! Fails: a surface that is seen edge-on, steeper than sixteen times the median, falls apart into its measured points.
+
+use lacuna_core::parallel::prelude::*;
+use lacuna_filters::Size;
+use lacuna_filters::baseline::depth::DepthPlan;
+
+/// How much steeper than usual one surface may be.
+const STEEP: f64 = 4.0;
+/// Pixels that tell the median slope, at most.
+const TOLD: usize = 1 << 14;
+
+/// Measured vectors around a missing pixel.
+struct Around {
+    /// Their pixels.
+    pixels: [usize; 4],
+    /// Their distances.
+    distances: [f64; 4],
+    count: usize,
+}
+
+/// The vectors of a layer: samples by component.
+struct Vectors<'a> {
+    size: Size,
+    samples: &'a [&'a [f32]],
+    plan: &'a DepthPlan,
+}
+
+/// Brings the missing vectors of `planes` onto surfaces of `samples`; returns which pixels were moved.
+pub fn keep(
+    planes: &mut [&mut [f32]],
+    samples: &[&[f32]],
+    (size, missing): (Size, &[usize]),
+    plan: &DepthPlan,
+) -> usize {
+    let vectors = Vectors { size, samples, plan };
+    let step = missing.len().div_ceil(TOLD).max(1);
+    let mut slopes: Vec<f64> =
+        missing.iter().step_by(step).filter_map(|&at| vectors.least_slope(&vectors.around(at))).collect();
+    slopes.retain(|slope| *slope > 0.0 && slope.is_finite());
+    slopes.sort_unstable_by(f64::total_cmp);
+    let usual = slopes.get(slopes.len() / 2).copied().unwrap_or(0.0);
+    let found = missing.par_iter().map(|&at| {
+        let own: Vec<f32> = planes.iter().map(|plane| plane[at]).collect();
+        vectors.moved(&own, &vectors.around(at), usual)
+    });
+    let mut moved = 0;
+    for (&at, vector) in missing.iter().zip(found) {
+        let Some(vector) = vector else { continue };
+        planes.iter_mut().zip(vector).for_each(|(plane, value)| plane[at] = value);
+        moved += 1;
+    }
+    moved
+}
+
+impl Vectors<'_> {
+    fn around(&self, at: usize) -> Around {
+        let mut around = Around { pixels: [0; 4], distances: [0.0; 4], count: 0 };
+        for pixel in self.plan.around(at).take(4) {
+            around.pixels[around.count] = pixel;
+            around.distances[around.count] = self.distance(at, pixel);
+            around.count += 1;
+        }
+        around
+    }
+
+    /// Pixels from one to another.
+    fn distance(&self, a: usize, b: usize) -> f64 {
+        let width = self.size.width;
+        let (y, x) = ((a / width).abs_diff(b / width) as f64, (a % width).abs_diff(b % width) as f64);
+        y.hypot(x)
+    }
+
+    fn slope(&self, a: usize, b: usize) -> f64 {
+        let squares = self.samples.iter().map(|plane| (f64::from(plane[a]) - f64::from(plane[b])).powi(2));
+        squares.sum::<f64>().sqrt() / self.distance(a, b).max(1.0)
+    }
+
+    fn least_slope(&self, around: &Around) -> Option<f64> {
+        let pixels = &around.pixels[..around.count];
+        let pairs = pixels.iter().enumerate().flat_map(|(i, a)| pixels[..i].iter().map(move |b| (*a, *b)));
+        pairs.map(|(a, b)| self.slope(a, b)).reduce(f64::min)
+    }
+
+    /// Which of the neighbours are on the surface that has most weight.
+    fn surface(&self, around: &Around, usual: f64) -> [bool; 4] {
+        let count = around.count;
+        let least = self.least_slope(around).unwrap_or(0.0);
+        let most = STEEP * least.clamp(usual, STEEP * usual);
+        let mut label: [usize; 4] = [0, 1, 2, 3];
+        for (i, j) in (0..count).flat_map(|i| (0..i).map(move |j| (i, j))) {
+            if self.slope(around.pixels[i], around.pixels[j]) <= most {
+                let (from, to) = (label[i].max(label[j]), label[i].min(label[j]));
+                label.iter_mut().filter(|own| **own == from).for_each(|own| *own = to);
+            }
+        }
+        let weight = |wanted: usize| -> f64 {
+            (0..count).filter(|&i| label[i] == wanted).map(|i| 1.0 / around.distances[i].max(1.0)).sum()
+        };
+        let best = (0..count).reduce(|best, i| if weight(label[i]) > weight(label[best]) { i } else { best });
+        let best = best.map_or(usize::MAX, |best| label[best]);
+        std::array::from_fn(|i| i < count && label[i] == best)
+    }
+
+    /// Where a filled vector goes; nothing where it stays.
+    fn moved(&self, own: &[f32], around: &Around, usual: f64) -> Option<Vec<f32>> {
+        let on = self.surface(around, usual);
+        let chosen = || (0..around.count).filter(|&i| on[i]);
+        chosen().next()?;
+        let inside = own.iter().zip(self.samples).all(|(&value, plane)| {
+            let values = chosen().map(|i| plane[around.pixels[i]]);
+            let (low, high) = values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), value| {
+                (low.min(value), high.max(value))
+            });
+            let margin = (high - low) / 2.0;
+            (low - margin..=high + margin).contains(&value)
+        });
+        if inside {
+            return None;
+        }
+        let weight = |i: usize| 1.0 / around.distances[i].max(1.0);
+        let total: f64 = chosen().map(weight).sum();
+        let mean = |plane: &&[f32]| {
+            (chosen().map(|i| weight(i) * f64::from(plane[around.pixels[i]])).sum::<f64>() / total) as f32
+        };
+        Some(self.samples.iter().map(mean).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use lacuna_filters::Mask;
+
+    use super::*;
+
+    #[test]
+    fn nothing_lies_between_two_surfaces() {
+        let size = Size::new(9, 12);
+        let mask = Mask::from_fn(size, |y, x| (y + x) % 3 == 0);
+        let plan = DepthPlan::new(&mask).unwrap();
+        let truth = |at: usize| {
+            let (y, x) = ((at / 12) as f32, (at % 12) as f32);
+            if x < 6.0 { [x * 0.1, y * 0.1, 1.0] } else { [x * 0.3, y * 0.3, 9.0] }
+        };
+        let all = 0..size.pixels();
+        let samples: Vec<Vec<f32>> =
+            (0..3).map(|axis| all.clone().map(|at| truth(at)[axis]).collect()).collect();
+        let samples: Vec<&[f32]> = samples.iter().map(Vec::as_slice).collect();
+        let missing: Vec<usize> = all.clone().filter(|&at| !mask.as_slice()[at]).collect();
+        // Right where it is smooth, between the surfaces at the edge.
+        let mut filled: Vec<Vec<f32>> = samples.iter().map(|plane| plane.to_vec()).collect();
+        let edge = |at: usize| [5, 6].contains(&(at % 12));
+        missing.iter().filter(|at| edge(**at)).for_each(|&at| filled[2][at] = 5.0);
+        let before = filled.clone();
+        let mut planes: Vec<&mut [f32]> = filled.iter_mut().map(Vec::as_mut_slice).collect();
+        let moved = keep(&mut planes, &samples, (size, &missing), &plan);
+        assert_eq!(moved, missing.iter().filter(|at| edge(**at)).count());
+        for &at in &missing {
+            assert!([1.0, 9.0].contains(&filled[2][at]), "{at}: {}", filled[2][at]);
+            assert!(edge(at) || (0..3).all(|axis| filled[axis][at] == before[axis][at]), "{at}");
+        }
+    }
+}
