@@ -3,6 +3,7 @@
 //! First match wins: the sampling mask itself is kept; then the caller's overrides; then the channels that the
 //! attribute `lacuna/dense` lists, which are complete; then the names and types in `rules`.
 
+mod file;
 mod finite;
 mod names;
 mod overrides;
@@ -11,6 +12,7 @@ mod rules;
 mod tests;
 mod unheeded;
 
+pub use file::{print_rules, read_rules};
 pub use finite::{non_finite, non_finite_note};
 use lacuna_exr::{Frame, Part, Samples};
 pub use names::{
@@ -152,7 +154,13 @@ fn choose_one(part: &Part, channel: usize, overrides: &[Override], dense: &[Stri
                 DecidedBy::Override,
                 format!("whole numbers, which {found} cannot be for"),
             ),
-            rule => Choice::new(rule, DecidedBy::Override, format!("--channels {found}")),
+            rule => {
+                let why = match &found.reason {
+                    Some(reason) => format!("{reason} (--rules)"),
+                    None => format!("--channels {found}"),
+                };
+                Choice::new(rule, DecidedBy::Override, why)
+            }
         };
     }
     if dense.iter().any(|listed| listed == &*name) {

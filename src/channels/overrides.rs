@@ -12,6 +12,8 @@ pub struct Override {
     pub glob: glob::Pattern,
     /// What is done with them.
     pub rule: Rule,
+    /// Why, of a rule from a file.
+    pub reason: Option<String>,
 }
 
 /// Why a text is not an override.
@@ -60,7 +62,7 @@ impl FromStr for Override {
             .ok_or_else(|| OverrideError::Rule(rule.into()))?;
         let pattern = glob::Pattern::new(glob)
             .map_err(|error| OverrideError::Glob { glob: glob.into(), why: error.msg.into() })?;
-        Ok(Self { glob: pattern, rule })
+        Ok(Self { glob: pattern, rule, reason: None })
     }
 }
 

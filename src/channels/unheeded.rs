@@ -39,6 +39,10 @@ fn reason(
     at: usize,
 ) -> Option<String> {
     let asked = &overrides[at];
+    // A show's file has rules for channels of other frames.
+    if asked.reason.is_some() {
+        return None;
+    }
     let (mut matched, mut taken, mut masked) = (0, 0, 0);
     let (mut alone, mut whole) = (Vec::new(), Vec::new());
     for (index, (part, choices)) in frame.parts.iter().zip(choices).enumerate() {

@@ -5,7 +5,7 @@ use lacuna_filters::Method;
 use lacuna_filters::fill::Estimate;
 
 use super::Usage;
-use super::channels::ChannelArgs;
+use super::channels::{self, ChannelArgs, RulesArgs};
 use super::estimate::EstimateArgs;
 use super::filter::AroundArgs;
 use super::guides::GuideArgs;
@@ -52,6 +52,9 @@ pub struct FillArgs {
     channels: ChannelArgs,
 
     #[command(flatten)]
+    rules: RulesArgs,
+
+    #[command(flatten)]
     filter: FilterArgs,
 
     #[command(flatten)]
@@ -92,6 +95,7 @@ impl FillArgs {
             input: &self.input,
             mask: &self.mask,
             channels: &self.channels,
+            rules: &self.rules,
             around: &self.around,
             output: &self.output,
             format: &self.format,
@@ -113,6 +117,7 @@ pub(super) struct Groups<'a> {
     pub input: &'a InputArgs,
     pub mask: &'a MaskArgs,
     pub channels: &'a ChannelArgs,
+    pub rules: &'a RulesArgs,
     pub around: &'a AroundArgs,
     pub output: &'a OutputArgs,
     pub format: &'a FormatArgs,
@@ -140,7 +145,8 @@ impl Groups<'_> {
             drop_mask: self.more.drop_mask,
             compression: packing.map(|packing| packing.compression),
             mask: self.mask.mask.clone(),
-            overrides: self.channels.channels.clone(),
+            overrides: channels::all(self.channels, self.rules.rules.as_deref())?,
+            rules: self.rules.rules.as_ref().map(|path| path.display().to_string()),
             enlarge,
             guides: self.guides.map_or(Asked::None, |guides| guides.guides.clone()),
             guides_from: self.guides.and_then(|guides| guides.guides_from.clone()),

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::channels::ChannelArgs;
+use super::Usage;
+use super::channels::{self, ChannelArgs};
 use super::guides::GuideArgs;
 use super::mask_source::MaskArgs;
 use super::run::Bytes;
@@ -32,6 +33,10 @@ pub struct InfoArgs {
     #[command(flatten)]
     channels: ChannelArgs,
 
+    /// Print the rules as a file for --rules of fill to start from; =FILE takes the rules of a file instead
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, help_heading = "Channels")]
+    rules: Option<Vec<PathBuf>>,
+
     #[command(flatten)]
     guides: GuideArgs,
 
@@ -47,15 +52,20 @@ pub struct InfoArgs {
 
 impl InfoArgs {
     /// The checked job.
-    pub fn job(&self) -> InfoJob {
-        InfoJob {
+    ///
+    /// # Errors
+    /// A file of rules that is none.
+    pub fn job(&self) -> Result<InfoJob, Usage> {
+        let rules = self.rules.iter().flatten().next().map(PathBuf::as_path);
+        Ok(InfoJob {
             frame: self.frame.clone(),
             mask: self.mask.mask.clone(),
-            overrides: self.channels.channels.clone(),
+            overrides: channels::all(&self.channels, rules)?,
+            print_rules: self.rules.as_ref().is_some_and(Vec::is_empty),
             guides: self.guides.guides.clone(),
             guides_from: self.guides.guides_from.clone(),
             memory: self.memory.map(|bytes| bytes.0),
             json: self.json,
-        }
+        })
     }
 }

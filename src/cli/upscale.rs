@@ -7,7 +7,7 @@ use lacuna_filters::upscale::{Method, Sampling};
 use lacuna_filters::variational::{ss, tv};
 
 use super::Usage;
-use super::channels::ChannelArgs;
+use super::channels::{ChannelArgs, RulesArgs};
 use super::fill::Groups;
 use super::filter::{AroundArgs, DomainName};
 use super::input::InputArgs;
@@ -56,6 +56,9 @@ pub struct UpscaleArgs {
 
     #[command(flatten)]
     channels: ChannelArgs,
+
+    #[command(flatten)]
+    rules: RulesArgs,
 
     #[command(flatten)]
     output: OutputArgs,
@@ -199,6 +202,7 @@ impl UpscaleArgs {
             input: &self.input,
             mask: &self.mask,
             channels: &self.channels,
+            rules: &self.rules,
             around: &self.filter.around,
             output: &self.output,
             format: &self.format,

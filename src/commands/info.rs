@@ -26,6 +26,8 @@ pub struct InfoJob {
     pub guides_from: Option<String>,
     /// Bytes that reading the frame may take, if not the default.
     pub memory: Option<u64>,
+    /// Whether the rules are printed, as a file.
+    pub print_rules: bool,
     /// Whether JSON is printed.
     pub json: bool,
 }
@@ -70,7 +72,9 @@ pub fn info(job: &InfoJob) -> Result<u8, PlanError> {
         &job.overrides,
         &choices,
     ));
-    let text = if job.json {
+    let text = if job.print_rules {
+        channels::print_rules(&frame, &choices)
+    } else if job.json {
         serde_json::to_string_pretty(&info).map_err(|error| PlanError::Failed(error.to_string()))?
     } else {
         info.to_string()

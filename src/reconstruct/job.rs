@@ -41,6 +41,8 @@ pub struct Job {
     pub mask: Source,
     /// The channel rules that were asked for.
     pub overrides: Vec<Override>,
+    /// The file that some of them are from.
+    pub rules: Option<String>,
     /// How the filled frame is enlarged, if it is.
     pub enlarge: Option<Enlarge>,
     /// The guides that were asked for; few methods take any.
@@ -69,6 +71,7 @@ impl Job {
             compression: None,
             mask: Source::Auto,
             overrides: Vec::new(),
+            rules: None,
             enlarge: None,
             guides: Asked::Auto,
             guides_from: None,
@@ -126,6 +129,9 @@ impl Job {
         }
         if let Some(name) = &self.error_channel {
             line = format!("{line} error-channel={name}");
+        }
+        if let Some(rules) = &self.rules {
+            line = format!("{line} rules={}", quote(rules));
         }
         if !self.layers.is_empty() {
             line = format!("{line} layers={}", quote(&self.layers.join("\n")));
