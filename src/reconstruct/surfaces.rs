@@ -4,8 +4,8 @@
 //! `q_i` be the nearest measured pixel in each of its quadrants, at distances `r_i` (as for a depth, `baseline::depth`), with
 //! vectors `p_i`. Two of them are on one surface if `|p_i - p_j| / |q_i - q_j|` is at most four times what is usual there: the
 //! least of these slopes, held between the median of the part and four times that. Of the surfaces the one whose weights
-//! `1 / r_i` add up to most is taken. The filter's vector stays if it is within the box of that surface's `p_i`, widened by half of
-//! it to each side; any other becomes their mean with those weights.
+//! `1 / r_i` add up to most is taken. The filter's vector stays if it is on it by half of that slope, seen
+//! from one of its `p_i`; any other becomes their mean with those weights.
 //! Fails: a surface that is seen edge-on, steeper than sixteen times the median, falls apart into its measured points.
 
 use lacuna_core::parallel::prelude::*;
@@ -90,10 +90,8 @@ impl Vectors<'_> {
     }
 
     /// Which of the neighbours are on the surface that has most weight.
-    fn surface(&self, around: &Around, usual: f64) -> [bool; 4] {
+    fn surface(&self, around: &Around, most: f64) -> [bool; 4] {
         let count = around.count;
-        let least = self.least_slope(around).unwrap_or(0.0);
-        let most = STEEP * least.clamp(usual, STEEP * usual);
         let mut label: [usize; 4] = [0, 1, 2, 3];
         for (i, j) in (0..count).flat_map(|i| (0..i).map(move |j| (i, j))) {
             if self.slope(around.pixels[i], around.pixels[j]) <= most {
@@ -111,18 +109,17 @@ impl Vectors<'_> {
 
     /// Where a filled vector goes; nothing where it stays.
     fn moved(&self, own: &[f32], around: &Around, usual: f64) -> Option<Vec<f32>> {
-        let on = self.surface(around, usual);
+        let most = STEEP * self.least_slope(around).unwrap_or(0.0).clamp(usual, STEEP * usual);
+        let on = self.surface(around, most);
         let chosen = || (0..around.count).filter(|&i| on[i]);
         chosen().next()?;
-        let inside = own.iter().zip(self.samples).all(|(&value, plane)| {
-            let values = chosen().map(|i| plane[around.pixels[i]]);
-            let (low, high) = values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), value| {
-                (low.min(value), high.max(value))
-            });
-            let margin = (high - low) / 2.0;
-            (low - margin..=high + margin).contains(&value)
-        });
-        if inside {
+        let near = |i: usize| {
+            let pairs = own.iter().zip(self.samples);
+            let squares =
+                pairs.map(|(&v, plane)| (f64::from(v) - f64::from(plane[around.pixels[i]])).powi(2));
+            squares.sum::<f64>().sqrt() <= most / 2.0 * around.distances[i]
+        };
+        if own.iter().all(|value| value.is_finite()) && chosen().any(near) {
             return None;
         }
         let weight = |i: usize| 1.0 / around.distances[i].max(1.0);
