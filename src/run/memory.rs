@@ -7,7 +7,7 @@
 
 use std::path::Path;
 
-use lacuna_exr::{Limits, PartHeader, SampleType, memory_needed, read_header};
+use lacuna_exr::{ChannelHeader, Limits, PartHeader, SampleType, memory_needed, read_header};
 use lacuna_filters::upscale::Method;
 
 use crate::files::layers::LayerFile;
@@ -101,9 +101,13 @@ fn of(path: &Path, solving: u64, planning: u64) -> u64 {
     let part = |part: &PartHeader| {
         let size = part.data_window.size();
         let pixels = (size.height as u64).saturating_mul(size.width as u64);
+        // Whole numbers and sampling masks are not computed.
+        let copied = |header: &ChannelHeader| {
+            header.kind == SampleType::Uint || header.name.eq_ignore_ascii_case(b"mask")
+        };
         let channel =
-            |kind: SampleType| kind.bytes() as u64 + if kind == SampleType::Uint { 0 } else { solving };
-        let channels: u64 = part.channels.iter().map(|header| channel(header.kind)).sum();
+            |header: &ChannelHeader| header.kind.bytes() as u64 + if copied(header) { 0 } else { solving };
+        let channels: u64 = part.channels.iter().map(channel).sum();
         pixels.saturating_mul(channels + planning)
     };
     parts.iter().map(part).fold(memory_needed(&parts), u64::saturating_add)
