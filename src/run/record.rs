@@ -8,8 +8,8 @@ use serde::Serialize;
 
 use crate::files::plan::Item;
 use crate::files::reports;
-use crate::reconstruct::Estimated;
 use crate::mask::rounds::{Round, Rounds};
+use crate::reconstruct::Estimated;
 
 /// How far a frame came.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
