@@ -59,7 +59,7 @@ pub fn first_of(density: f64) -> f64 {
 pub struct Round {
     /// Pixels that it added.
     pub pixels: usize,
-    /// The estimated error of the fill after it, over the measured range; nothing where no measured value is finite.
+    /// The estimated error of the fill after it, over the measured range, good to a factor of about three (fill tells it better); nothing where no measured value is finite.
     pub error: Option<f64>,
 }
 

@@ -72,12 +72,13 @@ fn later_rounds_go_to_the_edge_and_a_few_elsewhere() {
     }
 }
 
-/// The error that each round reports is that of the fill, within what a jump as hard as this one leaves open.
+/// The error that each round reports is that of the fill within a factor of three, as long as the edge is not known to the pixel: then the
+/// picture is exact, which no sample can tell.
 #[test]
 fn the_estimate_is_near_the_error() {
     let picture = picture();
     let (found, asked) = chosen(&settings(0.25, 4), &picture);
-    let mut flags = vec![false; SIZE.pixels()];
+    let (mut flags, mut compared) = (vec![false; SIZE.pixels()], 0);
     for (number, (round, new)) in found.rounds.iter().zip(&asked).enumerate() {
         flags.iter_mut().zip(new.as_slice()).for_each(|(flag, new)| *flag |= new);
         let mask = Arc::new(Mask::new(SIZE, flags.clone()).unwrap());
@@ -88,9 +89,14 @@ fn the_estimate_is_near_the_error() {
         });
         let sum: f64 = (0..SIZE.pixels()).map(|pixel| estimate.misses(&known, pixel)).sum();
         let truth = (sum / (2 * SIZE.pixels()) as f64).sqrt() / f64::from(compress(3.0));
-        let off = 20.0 * (round.error.unwrap() / truth).log10();
-        assert!(off.abs() < 9.0, "round {number}: {off} dB");
+        if truth < 1e-4 {
+            continue;
+        }
+        let ratio = round.error.unwrap() / truth;
+        assert!((1.0 / 3.0..3.0).contains(&ratio), "round {number}: {ratio}");
+        compared += 1;
     }
+    assert!(compared >= 2, "{compared}");
 }
 
 #[test]
