@@ -12,7 +12,8 @@
 //! channels count alike; the weights are theirs together.
 //!
 //! A candidate that takes less than [`WORTH`] of the squared error away stays out, and is not computed for all of the image. Large images
-//! first try the candidates on tiles that are spread over them (`trial`).
+//! first try the candidates on tiles that are spread over them (`trial`). Guides that take half of the squared error of `ss` away, by their own
+//! left-out samples, are taken alone.
 //!
 //! Algorithm: samples are held out in folds ([`crate::estimate::Folds`]), which also say how wrong the result is. `A` is summed in cells of half
 //! the Gaussian's width; in each the small quadratic problem is solved by trying all sets of candidates (`weights`). Between cells weights are
@@ -48,6 +49,8 @@ const SPREAD: f64 = 4.0;
 const FRAME: f64 = 0.5;
 /// What a candidate must take away of the squared error to be computed.
 const WORTH: f64 = 0.01;
+/// What guides must take away of the squared error of splines to be taken alone: more than the other candidates do anywhere.
+const ENOUGH: f64 = 0.5;
 /// Fewer measured pixels choose nothing.
 const FEWEST: usize = 64;
 
@@ -142,6 +145,8 @@ struct Candidate<'a> {
     name: &'static str,
     filter: Box<dyn Filter>,
     guides: Option<&'a Guides>,
+    /// Its image, where that is known already.
+    done: Option<(Planes, Outcome, Effect)>,
 }
 
 impl Candidate<'_> {
@@ -195,14 +200,27 @@ impl Blend {
         if self.mask.count() < FEWEST || samples.is_empty() || self.mask.is_full() {
             return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
         }
-        let all = candidates().into_iter().map(|(name, filter)| Candidate { name, filter, guides: None });
+        let guided = match guides.filter(|guides| !guides.is_empty()) {
+            Some(guides) => Some(self.guided(samples, guides, run)?),
+            None => None,
+        };
+        let enough = |guided: &Candidate<'_>| {
+            guided.done.as_ref().and_then(|done| done.2.gain).is_some_and(|gain| gain >= ENOUGH)
+        };
+        let all = candidates().into_iter().map(|(name, filter)| Candidate {
+            name,
+            filter,
+            guides: None,
+            done: None,
+        });
         let mut all: Vec<Candidate<'_>> = all.collect();
-        let tried = trial::worth_trying(&all, (samples, &self.mask), self.folds, run)?;
-        all.retain(|candidate| tried.contains(&candidate.name));
-        if let Some(guides) = guides.filter(|guides| !guides.is_empty()) {
-            let filter = Box::new(ss::Settings::default());
-            all.push(Candidate { name: "guided", filter, guides: Some(guides) });
+        if guided.as_ref().is_some_and(enough) {
+            all.clear();
+        } else {
+            let tried = trial::worth_trying(&all, (samples, &self.mask), self.folds, run)?;
+            all.retain(|candidate| tried.contains(&candidate.name));
         }
+        all.extend(guided);
         let mut held = Vec::with_capacity(all.len());
         if all.len() > 1 || learn {
             for candidate in &all {
@@ -215,17 +233,32 @@ impl Blend {
             return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
         }
         let weights = Weights::new(&self.mask, samples, &held);
-        let (outcome, mut effect) = self.fill(&all, &weights, samples, out, run)?;
+        let (outcome, mut effect) = self.fill(&mut all, &weights, samples, out, run)?;
         if learn {
             effect.evidence = Some(self.evidence(&all, held, &weights, samples, run)?);
         }
         Ok((outcome, effect))
     }
 
+    /// Guided filling by splines, done.
+    fn guided<'a>(
+        &self,
+        samples: &Planes,
+        guides: &'a Guides,
+        run: &Run<'_>,
+    ) -> Result<Candidate<'a>, Error> {
+        let filter = Box::new(ss::Settings::default());
+        let mut guided = Candidate { name: "guided", filter, guides: Some(guides), done: None };
+        let mut out = Planes::zeros(samples.size(), samples.len());
+        let (outcome, effect) = guided.fill(samples, &self.mask, &mut out, run)?;
+        guided.done = Some((out, outcome, effect));
+        Ok(guided)
+    }
+
     /// The blend of those candidates that count.
     fn fill(
         &self,
-        all: &[Candidate<'_>],
+        all: &mut [Candidate<'_>],
         weights: &Weights,
         samples: &Planes,
         out: &mut Planes,
@@ -233,10 +266,15 @@ impl Blend {
     ) -> Result<(Outcome, Effect), Error> {
         let (mut outcome, mut effect) = (None::<Outcome>, Effect::default());
         let mut one = Planes::zeros(samples.size(), samples.len());
-        for (k, candidate) in all.iter().enumerate().filter(|(k, _)| weights.counts(*k)) {
+        for (k, candidate) in all.iter_mut().enumerate().filter(|(k, _)| weights.counts(*k)) {
             let alone = weights.alone() == Some(k);
-            let (ended, found) =
-                candidate.fill(samples, &self.mask, if alone { out } else { &mut one }, run)?;
+            let image = if alone { &mut *out } else { &mut one };
+            let (ended, found) = if let Some((done, ended, found)) = candidate.done.take() {
+                *image = done;
+                (ended, found)
+            } else {
+                candidate.fill(samples, &self.mask, image, run)?
+            };
             outcome = Some(outcome.map_or(ended, |outcome| outcome.worst(ended)));
             effect.shares.push((candidate.name, weights.share(k)));
             if candidate.guides.is_some() {
