@@ -105,7 +105,7 @@ def test_other_channels_go_with_splines_and_the_attributes_name_the_dictionary(t
     planes = {name: np.where(mask, image[..., k], 0).astype(np.float32) for k, name in enumerate("RGB")}
     source = frames.write(tmp_path / "in.exr", planes | {"A": mask.astype(np.float32), "mask": mask.astype(np.float32)})
     result = lacuna("fill", source, "-o", tmp_path / "out.exr", "--filter", "dictionary", "--dictionary", path, "-v")
-    assert "A: not of the dictionary, filled by ss" in result.stderr
+    assert "A: not of the dictionary, filled by auto" in result.stderr
     settings = OpenEXR.File(str(tmp_path / "out.exr")).parts[0].header["lacuna/settings"]
     name = next(line.split()[1] for line in lacuna("dictionary-info", path).stdout.splitlines() if line.startswith("dictionary"))
     assert len(name) == 16 and f"dictionary={name}" in settings

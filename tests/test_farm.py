@@ -116,7 +116,7 @@ def test_a_ledger_says_what_became_of_each_frame(shot):
         assert (entry["input"], entry["output"]) == (str(source.with_name(name)), str(out.with_name(name)))
         assert entry["input_sha256"] == sha256(source.with_name(name))
         assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z", entry["time"])
-        assert (entry["command"], entry["filter"]) == ("fill", "ss") and "lambda" in entry["settings"]
+        assert (entry["command"], entry["filter"]) == ("fill", "auto") and "domain" in entry["settings"]
         assert entry["host"] == os.uname().nodename and entry["process"] > 0
         assert set(entry["seconds"]) == {"read", "solve", "write"}
         if entry["state"] == "done":
@@ -299,7 +299,7 @@ def test_a_ledger_is_not_appended_to_another_file(shot):
     before = frame.read_bytes()
     log.symlink_to(frame)
     refused = lacuna("fill", source, "-o", out, "--frames", "1", "--log", log, ok=False)
-    assert refused.status == 1 and "no ledger" in refused.stderr and len(refused.lines()) == 1, refused
+    assert refused.status == 2 and "no such report" in refused.stderr and len(refused.lines()) == 1, refused
     assert frame.read_bytes() == before and contents(out.parent) == {}
 
 

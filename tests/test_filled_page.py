@@ -30,7 +30,7 @@ def test_it_shows_density_mask_result_and_timings(page):
         assert names == ["mask", "sparse", "result"]
         assert opened.run("[...document.images].every(image => image.complete && image.naturalWidth > 100)")
         text = opened.run("document.body.innerText")
-        assert "4 of 4 frames done" in text and "% measured" in text and "lambda=0" in text
+        assert "4 of 4 frames done" in text and "% measured" in text and "domain=auto" in text
         for stage in ("read", "solve", "write"):
             assert re.search(rf"\d\.\d\d s {stage}", text), stage
         assert opened.run("document.querySelectorAll('.plots svg').length") == 2

@@ -116,8 +116,10 @@ def test_bad_guides_cost_at_most_a_tenth_of_a_decibel(tmp_path, scene, kind):
         hole = np.zeros((SIDE, SIDE), bool)
         hole[60:120, 90:200] = True
         guides = {name: np.where(hole, np.nan, plane) for name, plane in guides.items()}
-    plain, _ = fill(tmp_path, full, mask, {})
-    out, _ = fill(tmp_path, full, mask, guides, "--guides", "N.*,albedo.*")
+    # Where a blend ends, bits depend on how it is weighed.
+    words = ["--filter", "ss"] if kind == "holes of NaN" else []
+    plain, _ = fill(tmp_path, full, mask, {}, *words)
+    out, _ = fill(tmp_path, full, mask, guides, "--guides", "N.*,albedo.*", *words)
     assert frames.psnr(out, full) > frames.psnr(plain, full) - 0.1
     if kind == "holes of NaN":
         assert frames.psnr(out, full) > frames.psnr(plain, full) + 2
@@ -140,7 +142,7 @@ def test_the_promised_figures(tmp_path, frame, density):
     all_channels = frames.read(DATA / "frames" / f"{frame}.exr")[0]
     full = np.stack([all_channels[name] for name in "RGB"], -1).astype(np.float32)
     guides = {name: plane for name, plane in all_channels.items() if name not in "RGB"}
-    out, _ = fill(tmp_path, full, frames.shuffle(*full.shape[:2], density), guides)
+    out, _ = fill(tmp_path, full, frames.shuffle(*full.shape[:2], density), guides, "--filter", "ss", "--no-estimate")
     quality = frames.psnr(out, full)
     print(f"{frame} {density}: {quality:.2f} dB")
     assert quality >= PROMISED[frame, density]

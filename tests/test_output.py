@@ -104,7 +104,7 @@ def test_the_attributes_say_what_was_done(sparse):
     attributes = header.read(fill(sparse()))[0][0].attributes
     for key in ("version", "filter", "settings", "density", "mask"):
         assert f"lacuna/{key}" in attributes, key
-    assert attributes["lacuna/filter"] == ("string", b"ss")
+    assert attributes["lacuna/filter"] == ("string", b"auto")
 
 
 @pytest.mark.parametrize("method", ["ss", "tv", "pushpull", "nearest"])

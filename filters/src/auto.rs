@@ -220,7 +220,8 @@ impl Blend {
             let tried = trial::worth_trying(&all, (samples, &self.mask), self.folds, run)?;
             all.retain(|candidate| tried.contains(&candidate.name));
         }
-        all.extend(guided);
+        // Guides that gain nothing left the image of splines, which is a candidate already.
+        all.extend(guided.filter(|guided| guided.done.as_ref().is_some_and(|done| done.2.gain.is_some())));
         let mut held = Vec::with_capacity(all.len());
         if all.len() > 1 || learn {
             for candidate in &all {
