@@ -7,11 +7,11 @@
 //! w(p) = argmin  w' (A(p) + s tr A(p) B / tr B) w,      A_kl(p) = sum over held-out samples i of g(p - i) e_k(i) e_l(i)
 //! ```
 //!
-//! with `e_k(i)` the error of `F_k` at a sample that it did not see, `g` a Gaussian of [`SPREAD`] spacings of held-out samples, `B` the sum
-//! over all of the image and `s` = [`FRAME`]: where little was held out around a pixel, or nothing differs, the image decides. Errors of all
+//! with `e_k(i)` the error of `F_k` at a sample that it did not see, `g` a Gaussian of `SPREAD` spacings of held-out samples, `B` the sum
+//! over all of the image and `s` = `FRAME`: where little was held out around a pixel, or nothing differs, the image decides. Errors of all
 //! channels count alike; the weights are theirs together.
 //!
-//! A candidate that takes less than [`WORTH`] of the squared error away stays out, and is not computed for all of the image. Large images
+//! A candidate that takes less than `WORTH` of the squared error away stays out, and is not computed for all of the image. Large images
 //! first try the candidates on tiles that are spread over them (`trial`). Guides that take half of the squared error of `ss` away, by their own
 //! left-out samples, are taken alone.
 //!

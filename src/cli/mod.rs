@@ -1,6 +1,6 @@
 //! The command line: flags become a checked job; no work is done here.
 //!
-//! Groups of flags that several subcommands share have a file each ([`input`], [`mask`], [`channels`], [`filter`], `settings`,
+//! Groups of flags that several subcommands share have a file each ([`input`], [`mask`], `channels`, [`filter`], `settings`,
 //! [`output`], [`run`]), so that a flag means the same everywhere; so has each subcommand.
 
 pub mod adaptive;

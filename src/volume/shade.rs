@@ -46,7 +46,7 @@ pub struct Light {
 pub struct Shader {
     /// The material.
     pub material: Material,
-    /// The lights, [`MOST_LIGHTS`] at most.
+    /// The lights, `MOST_LIGHTS` at most.
     pub lights: Vec<Light>,
     /// Rows of the map from index gradients to those of the normalised value per voxel in world directions.
     pub to_world: [[f32; 3]; 3],

@@ -2,7 +2,7 @@
 //!
 //! Of `N` pixels at most `round(D N)` are measured, in `R` rounds. The first takes the mask of density `first` in the order of
 //! [`shuffle`]; each further one takes an equal part of the rest where the estimated error of the fill so far is largest
-//! ([`refine`]), but one pixel in 64 by the order of the shuffle, whatever the estimate says. With one round, or `first = D`, it is the
+//! (`refine`), but one pixel in 64 by the order of the shuffle, whatever the estimate says. With one round, or `first = D`, it is the
 //! shuffle's mask.
 //!
 //! New pixels test the fill that chose them. With `e` the estimated and `t` the true error of that fill at them, `ln t^2 = a + b ln e^2`
@@ -10,7 +10,7 @@
 //! tell of large errors, the others of small ones. The estimate of a round is the root mean square over all pixels and channels, 0 at
 //! measured ones, over the range of the measured values.
 //!
-//! Values enter as [`refine`] has them: linear to 1, logarithmic above. The mask depends on the values that `measure` returns, on the
+//! Values enter as `refine` has them: linear to 1, logarithmic above. The mask depends on the values that `measure` returns, on the
 //! settings and on the field, not on the number of threads.
 //!
 //! Cost: a fill and an application of its energy a round. Fails: on noisy samples, and on what the first round passes over: what lies

@@ -67,7 +67,7 @@ pub fn estimate(
     Estimate::new(mask, &left, leave_out::fill(&samples, mask, filter, run)?)
 }
 
-/// The same of a spline; of one that [`leave_out::of_spline`] knows at the cost of one fill.
+/// The same of a spline; of one that `leave_out::of_spline` knows at the cost of one fill.
 ///
 /// # Errors
 /// As [`estimate`].
