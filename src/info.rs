@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use crate::channels::{Choice, Rule, visible};
 use crate::mask::{self, Masks};
+use crate::reconstruct::{self, estimate};
 
 /// A frame's parts and the mask that was found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -44,6 +45,10 @@ pub struct PartInfo {
     pub levels: bool,
     /// Measured pixels over all pixels, 0 to 1; nothing where no mask serves the part.
     pub density: Option<f64>,
+    /// The filter that filled it, if one did.
+    pub filled_by: Option<String>,
+    /// What that fill was worth by its own estimate.
+    pub estimate: Option<String>,
     /// The guides that `fill` would take for it; those that do not predict count for nothing then.
     pub guides: Vec<String>,
     /// The channels, in file order.
@@ -108,6 +113,7 @@ fn part_info(part: &Part, index: usize, masks: Option<&Masks>, choices: &[Choice
             no_mask: masks.and_then(reason).filter(|_| choice.rule != Rule::Keep),
         }
     });
+    let filled_by = reconstruct::filled_by(part, masks, index);
     PartInfo {
         name: part.name(),
         view: part.view(),
@@ -120,6 +126,8 @@ fn part_info(part: &Part, index: usize, masks: Option<&Masks>, choices: &[Choice
         },
         levels: part.had_levels,
         density: masks.and_then(|masks| masks.part_density(index)),
+        estimate: filled_by.as_ref().and_then(|_| part.attributes.text(estimate::ATTRIBUTE)),
+        filled_by,
         guides: Vec::new(),
         channels: channels.collect(),
     }
@@ -156,6 +164,12 @@ impl std::fmt::Display for Info {
         }
         for (index, part) in self.parts.iter().enumerate() {
             writeln!(f, "{}", head(index, part))?;
+            if let Some(filter) = &part.filled_by {
+                writeln!(f, "  filled by {}", visible(filter))?;
+            }
+            if let Some(estimate) = &part.estimate {
+                writeln!(f, "  missing pixels by estimate: {}", visible(estimate))?;
+            }
             if !part.guides.is_empty() {
                 writeln!(f, "  guides: {}", visible(&part.guides.join(", ")))?;
             }

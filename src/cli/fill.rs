@@ -48,6 +48,10 @@ pub struct FillArgs {
     #[command(flatten)]
     mask: MaskArgs,
 
+    /// Fill frames that were filled before, from the pixels that the mask calls measured; else they are refused
+    #[arg(long, help_heading = "Mask")]
+    again: bool,
+
     #[command(flatten)]
     channels: ChannelArgs,
 
@@ -108,7 +112,7 @@ impl FillArgs {
             layers: Some(&self.layers),
             estimate: Some(&self.estimate),
         };
-        groups.job(self.filter.method()?, None)
+        Ok(FillJob { again: self.again, ..groups.job(self.filter.method()?, None)? })
     }
 }
 
@@ -173,6 +177,7 @@ impl Groups<'_> {
                 create_dir: self.output.create_dir,
             },
             what,
+            again: false,
             level: packing.and_then(|packing| packing.level),
             existing: self.output.existing(self.more.update),
             gate: self.estimate.map_or_else(Gate::default, EstimateArgs::gate),

@@ -7,11 +7,14 @@ pub enum Error {
     /// `auto` found nothing.
     #[error(
         "no sampling mask found (no attribute lacuna/mask, no channel mask, no LAYER.mask of 0 and 1): \
-             name one with --mask; channels are {channels}"
+             name one with --mask; channels are {channels}{}",
+        hint.as_ref().map(|hint| format!("; {hint}")).unwrap_or_default()
     )]
     NotFound {
         /// The channels of the frame.
         channels: String,
+        /// What may be the mask all the same.
+        hint: Option<String>,
     },
     /// Several channels called `mask`, none of them exactly so.
     #[error("several channels could be the sampling mask ({names}): name one with --mask channel:NAME")]

@@ -4,6 +4,7 @@ use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
 
 use super::cover::serve;
+use super::matte::{is_matte, is_scattered};
 use super::provider::{Provider, Views};
 use super::{ATTRIBUTE, Error, MaskFile, Masks, Source, flags};
 use crate::channels::{self, Name, Rule, list_channels, view_of};
@@ -74,10 +75,39 @@ fn auto(frame: &Frame) -> Result<Masks, Error> {
     } else if !layered.is_empty() {
         from_channels(frame, &layered, true, Source::Auto.to_string(), at_least_half)
     } else {
-        return Err(Error::NotFound { channels: list_channels(frame) });
+        return Err(Error::NotFound { channels: list_channels(frame), hint: nan_hint(frame) });
     };
+    if is_matte(frame, &masks) {
+        return Ok(without_matte(frame, &masks));
+    }
     masks.notes.extend(unused_attribute(frame));
     Ok(masks)
+}
+
+/// The masks of a frame whose colour is complete beside a matte.
+fn without_matte(frame: &Frame, masks: &Masks) -> Masks {
+    let places = masks
+        .mask_channels
+        .iter()
+        .enumerate()
+        .flat_map(|(part, channels)| channels.iter().map(move |&channel| Place { part, channel }));
+    let mut names: Vec<_> = places.map(|place| name_at(frame, place)).collect();
+    names.dedup();
+    let note = format!(
+        "channel {} is taken for a matte, as colour has values where it is 0, and nothing is missing: if it says which \
+         pixels were measured, name it with --mask channel:{}",
+        names.join(", "),
+        names.first().map_or("mask", String::as_str)
+    );
+    Masks { notes: vec![note], ..Masks::complete(frame) }
+}
+
+/// What is to be said where no mask was found but many pixels, scattered, are not finite.
+fn nan_hint(frame: &Frame) -> Option<String> {
+    let masks = finite(frame).ok()?;
+    let scattered = !masks.is_empty() && masks.all().any(|mask| is_scattered(mask));
+    let missing = 100.0 * (1.0 - masks.density()?);
+    scattered.then(|| format!("{missing:.0} % of the pixels are NaN: --mask nan takes them as missing"))
 }
 
 /// The name that all masks share, or `auto` if a name alone does not find them again.

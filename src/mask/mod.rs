@@ -17,6 +17,7 @@ mod find;
 pub mod generate;
 pub mod judge;
 mod make_error;
+mod matte;
 pub mod merge;
 pub mod output;
 pub mod plot;
@@ -78,6 +79,14 @@ impl Masks {
             origin: "none".into(),
             notes: Vec::new(),
         }
+    }
+
+    /// The same channels as masks of a frame whose missing pixels were filled already, so that nothing is missing.
+    #[must_use]
+    pub fn filled(self, frame: &Frame, note: String) -> Self {
+        let Self { channels, why_none, .. } = Self::complete(frame);
+        let notes = [self.notes, vec![note]].concat();
+        Self { channels, why_none, notes, ..self }
     }
 
     /// The mask of a channel.

@@ -163,6 +163,7 @@ mod tests {
             guides_gain: None,
             chosen: vec![("edge".into(), 0.8), ("tv".into(), 0.2)],
             estimate: Some(verdict.into()),
+            energy: None,
             outcome: Outcome::direct(),
         }
     }

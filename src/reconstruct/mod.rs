@@ -14,9 +14,11 @@
 
 mod apply;
 mod bounds;
+pub(crate) mod energy;
 mod enlarge;
 mod error;
 pub(crate) mod estimate;
+mod filled;
 mod gradients;
 mod groups;
 mod job;
@@ -35,9 +37,11 @@ mod values;
 mod weights;
 
 pub(crate) use bounds::bounds_of;
+pub use energy::Energy;
 pub use enlarge::{Enlarge, Target, Windows, enlarge};
 pub use error::Error;
 pub use estimate::{Estimated, Gate};
+pub use filled::{blank, filled_before, filled_by};
 pub(crate) use groups::usable;
 pub use job::{Job, Kind, output_compression, parse_settings};
 use lacuna_exr::{Frame, Part};

@@ -15,7 +15,7 @@ use super::bounds::bounds_of;
 use super::groups::{Group, Target, copyable, groups, targets, usable};
 use super::normals::Lengths;
 use super::{
-    ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, gradients, learned, normals, surfaces,
+    ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, energy, gradients, learned, normals, surfaces,
 };
 use crate::channels::{self, Choice, Name, Rule, channel_label};
 use crate::mask::Masks;
@@ -173,6 +173,7 @@ fn filter(
     let names = channel_names(part, group);
     let options = options(frame, work, (group, method), &names)?;
     let answer = fill_with(&samples, mask, &options, work.plans, work.run).map_err(fail)?;
+    let light = group.values == Values::Light && options.method.keeps_measured();
     for set in &answer.sets {
         let error = set.errors.as_ref().filter(|_| group.values == Values::Light);
         done.errors.extend(error.map(|error| (names[set.planes[0]].clone(), error.clone())));
@@ -185,6 +186,9 @@ fn filter(
             guides_gain: set.gain,
             chosen: set.shares.iter().map(|(name, share)| ((*name).into(), *share)).collect(),
             estimate: set.estimate.map(Into::into),
+            energy: light
+                .then(|| energy::compare(&lights(&samples, &answer.planes, set), &set.mask))
+                .flatten(),
             outcome: set.outcome,
         });
         if set.weightless > 0 {
@@ -203,6 +207,12 @@ fn filter(
         Filled { channel, mask, samples: samples.into_pixels(), values: values.into_pixels(), limited }
     });
     Ok(filled.collect())
+}
+
+/// What was measured and what was made of it, for each plane of a set.
+fn lights<'a>(samples: &'a Planes, filled: &'a Planes, set: &Set) -> Vec<(&'a [f32], &'a [f32])> {
+    let pixels = |planes: &'a Planes, at: usize| planes.as_slice()[at].pixels();
+    set.planes.iter().map(|&at| (pixels(samples, at), pixels(filled, at))).collect()
 }
 
 /// The full names of a group's channels.

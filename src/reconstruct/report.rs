@@ -3,8 +3,8 @@
 use lacuna_filters::Outcome;
 use serde::Serialize;
 
-use super::Stamp;
 use super::estimate::Estimated;
+use super::{Energy, Stamp};
 use crate::channels::{self, Rule};
 
 /// What was done to one frame. Times are the caller's to add.
@@ -81,6 +81,9 @@ pub struct GroupReport {
     /// How wrong the missing pixels are by estimate; nothing where that was not asked for, or would take too long.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub estimate: Option<Estimated>,
+    /// Light that filled pixels have too little or too much of; nothing where chance explains it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub energy: Option<Energy>,
     /// How the solver ended.
     pub outcome: Outcome,
 }

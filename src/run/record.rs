@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::files::plan::Item;
 use crate::files::reports;
 use crate::mask::rounds::{Round, Rounds};
-use crate::reconstruct::Estimated;
+use crate::reconstruct::{Energy, Estimated};
 
 /// How far a frame came.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -49,6 +49,16 @@ pub struct Estimate {
     pub error: Estimated,
 }
 
+/// How the light of a group's filled pixels compares with that of measured ones around them.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Light {
+    /// The channels' full names.
+    pub channels: Vec<String>,
+    /// The comparison.
+    #[serde(flatten)]
+    pub energy: Energy,
+}
+
 /// One frame of the report.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Record {
@@ -83,6 +93,9 @@ pub struct Record {
     /// How wrong the missing pixels of each group of channels are by estimate.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub estimates: Vec<Estimate>,
+    /// Which groups of channels have more or less light in filled pixels than chance explains.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub energies: Vec<Light>,
     /// How the solvers ended: stop, iterations, residual or gap; the worst of all channels.
     #[serde(flatten)]
     pub outcome: Option<Outcome>,

@@ -9,6 +9,7 @@
 )]
 
 mod fill;
+mod filled;
 mod mask;
 #[cfg(target_os = "linux")]
 mod memory;

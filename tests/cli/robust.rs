@@ -201,7 +201,7 @@ fn a_limit_of_iterations_is_said_but_does_not_make_a_frame_stale() {
     room.ok(&["verify", "in.exr", "o.exr"]);
     assert!(room.ok(&words).err.contains("1 skipped"));
     // Converged: the attribute of the input's own making goes.
-    let again = ["fill", "o.exr", "-o", "p.exr", "--filter", "pushpull"];
+    let again = ["fill", "o.exr", "-o", "p.exr", "--again", "--filter", "pushpull"];
     room.ok(&again);
     assert_eq!(room.read("p.exr").parts[0].attributes.text("lacuna/stop"), None);
     room.ok(&["verify", "o.exr", "p.exr"]);

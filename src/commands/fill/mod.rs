@@ -17,12 +17,12 @@ use crate::files::layers;
 use crate::files::layers::LayerFile;
 use crate::files::plan::{Item, Targets, plan};
 use crate::mask::shared::MaskFiles;
-use crate::mask::{self, MaskFile, Masks};
+use crate::mask::{self, MaskFile, Masks, Source};
 use crate::reconstruct::shared::SharedPlans;
-use crate::reconstruct::{self, Gate, GroupReport, Report, estimate};
+use crate::reconstruct::{self, Gate, GroupReport, Report, energy, estimate, filled_before};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
-use crate::run::record::{Estimate, Heading, Record};
+use crate::run::record::{Estimate, Heading, Light, Record};
 use crate::run::{batch, memory, outputs};
 
 /// Frames to be filled, and how.
@@ -40,6 +40,8 @@ pub struct FillJob {
     pub level: Option<u8>,
     /// What happens to outputs that exist.
     pub existing: Existing,
+    /// Whether frames that were filled before are filled again.
+    pub again: bool,
     /// What the fill must reach by its estimate.
     pub gate: Gate,
     /// How to run.
@@ -120,6 +122,28 @@ impl Fill<'_> {
         Ok(Loaded { frame, mask, guides: guides.transpose()? })
     }
 
+    /// The masks to go by. A frame to be enlarged may well be complete; one to be filled is not, and was not filled before.
+    fn masks_of(&self, frame: &Frame, found: Result<Masks, mask::Error>) -> Result<Masks, String> {
+        let what = &self.job.what;
+        let masks = match found {
+            Err(mask::Error::NotFound { hint, .. }) if what.enlarge.is_some() => {
+                return Ok(Masks { notes: hint.into_iter().collect(), ..Masks::complete(frame) });
+            }
+            found => found.map_err(|error| error.to_string())?,
+        };
+        let Some(filter) = filled_before(frame, &masks).filter(|_| !self.job.again) else { return Ok(masks) };
+        match (&what.enlarge, &what.mask) {
+            (None, _) => Err(format!(
+                "filled by {filter} already; --again fills it anew from the pixels that its mask calls measured"
+            )),
+            (Some(_), Source::Auto) => Ok(masks.filled(
+                frame,
+                format!("filled by {filter} already: taken as complete (--mask names the pixels that count)"),
+            )),
+            (Some(_), _) => Ok(masks),
+        }
+    }
+
     /// Whether the output is the copy that this run would make of a frame in which nothing is missing. A copy is the input,
     /// attribute for attribute, so that only the input's mask can tell.
     fn is_copy(&self, item: &Item) -> bool {
@@ -156,7 +180,7 @@ impl Work for Fill<'_> {
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
-        let Loaded { frame, mask, guides } = stage.read(record, || self.read(item))?;
+        let Loaded { mut frame, mask, guides } = stage.read(record, || self.read(item))?;
         let start = Instant::now();
         let interrupt = || {
             let late = self.job.run.time_limit.is_some_and(|limit| start.elapsed() >= limit);
@@ -165,12 +189,12 @@ impl Work for Fill<'_> {
         let run = Run { interrupt: Some(&interrupt) };
         let what = &self.job.what;
         let solved = stage.solve(record, || {
-            let masks = match mask::find(&frame, &what.mask, mask.as_deref()) {
-                // A frame to be enlarged may well be complete; one to be filled is not.
-                Err(mask::Error::NotFound { .. }) if what.enlarge.is_some() => Masks::complete(&frame),
-                found => found.map_err(|error| at_input(&error))?,
-            };
+            let found = mask::find(&frame, &what.mask, mask.as_deref());
+            let masks = self.masks_of(&frame, found).map_err(|error| at_input(&error))?;
             let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
+            if self.job.again && filled_before(&frame, &masks).is_some() {
+                reconstruct::blank(&mut frame, &masks, &choices);
+            }
             let plans = self.plans.of(&masks);
             let done = match &what.enlarge {
                 Some(asked) => reconstruct::enlarge(frame, &masks, &choices, (what, asked), &plans, &run),
@@ -224,6 +248,9 @@ fn enter(report: &Report, record: &mut Record) {
         Some(Estimate { channels: group.channels.clone(), error })
     };
     record.estimates = groups().filter_map(estimated).collect();
+    let light = |group: &GroupReport| Some(Light { channels: group.channels.clone(), energy: group.energy? });
+    record.energies = groups().filter_map(light).collect();
+    record.warn(&groups().filter_map(energy::note).collect::<Vec<_>>());
     record.warn(&report.notes);
     record.warn(report.outcome.and_then(early).as_slice());
     if report.clamped_halves > 0 {

@@ -94,6 +94,7 @@ fn solve(
     done.report.groups.push(GroupReport {
         chosen: Vec::new(),
         estimate: None,
+        energy: None,
         channels: names,
         domain: large.map.name(),
         outcome: large.outcome,

@@ -1,0 +1,119 @@
+//! Whether filled pixels have the light that measured ones lead to expect.
+//!
+//! Where samples are spread without regard to the picture, missing pixels of a block have the mean of its measured ones but for chance;
+//! samples that are denser in some blocks than in others by more than chance may well follow the picture, and say nothing.
+//! With `d_b` the light that the filled pixels of block b have beyond that, the sum of all `d_b` has a variance of about the sum of their
+//! squares if they are independent and of mean 0, whatever the picture and however pixels of a block depend on each other.
+
+use lacuna_core::Size;
+use lacuna_filters::Mask;
+use serde::Serialize;
+
+use super::GroupReport;
+
+/// Edge of a block in pixels: at 1 % it has ten samples.
+const BLOCK: usize = 32;
+/// Standard deviations that are no chance.
+const DEVIATIONS: f64 = 4.0;
+/// The mean square of what a block has too many samples, over that of random ones, from which they are not evenly spread.
+const UNEVEN: f64 = 2.0;
+/// What nobody sees, whether it is chance or not.
+const LEAST: f64 = 0.01;
+
+/// Light of filled pixels that differs from what measured ones lead to expect by more than chance.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Energy {
+    /// The mean of filled pixels over that of the measured pixels around them.
+    pub ratio: f64,
+    /// How far from 1 chance could bring it.
+    pub chance: f64,
+}
+
+/// Compares all channels of a group together; nothing where chance could explain the difference.
+pub fn compare(planes: &[(&[f32], &[f32])], mask: &Mask) -> Option<Energy> {
+    let Size { width, height } = mask.size();
+    let density = mask.count() as f64 / mask.as_slice().len() as f64;
+    let (mut excess, mut squares, mut expected) = (0.0, 0.0, 0.0);
+    let (mut uneven, mut blocks) = (0.0, 0.0);
+    for top in (0..height).step_by(BLOCK) {
+        for left in (0..width).step_by(BLOCK) {
+            let mut of = [(0.0_f64, 0_usize); 2];
+            for row in top..height.min(top + BLOCK) {
+                for at in row * width + left..row * width + width.min(left + BLOCK) {
+                    let measured = mask.as_slice()[at];
+                    let light = |&(samples, values): &(&[f32], &[f32])| {
+                        f64::from(if measured { samples[at] } else { values[at] })
+                    };
+                    let (sum, count) = &mut of[usize::from(measured)];
+                    *sum += planes.iter().map(light).sum::<f64>();
+                    *count += 1;
+                }
+            }
+            let [(filled, missing), (measured, count)] = of;
+            let all = (missing + count) as f64;
+            uneven += (count as f64 - density * all).powi(2) / (all * density * (1.0 - density));
+            blocks += 1.0;
+            if missing > 0 && count > 0 {
+                let should = measured / count as f64 * missing as f64;
+                excess += filled - should;
+                squares += (filled - should).powi(2);
+                expected += should;
+            }
+        }
+    }
+    if uneven > UNEVEN * blocks || expected <= 0.0 {
+        return None;
+    }
+    let (ratio, chance) = (1.0 + excess / expected, DEVIATIONS * squares.sqrt() / expected);
+    ((ratio - 1.0).abs() > chance.max(LEAST)).then_some(Energy { ratio, chance })
+}
+
+/// What is to be said of a group's light.
+pub fn note(group: &GroupReport) -> Option<String> {
+    let Energy { ratio, chance } = group.energy?;
+    let less = if ratio < 1.0 { "less" } else { "more" };
+    Some(format!(
+        "{}: filled pixels have {:.0} % {less} light than the measured ones around them, where chance explains {:.0} %",
+        group.channels.join(", "),
+        100.0 * (ratio - 1.0).abs(),
+        100.0 * chance
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use lacuna_filters::sampling::shuffle;
+
+    use super::*;
+
+    const SIZE: Size = Size { width: 320, height: 320 };
+
+    fn found(truth: impl Fn(usize, usize) -> f32, lost: f32) -> Option<Energy> {
+        found_with(&shuffle::mask(0, 0, SIZE, 0.2, 1).unwrap(), truth, lost)
+    }
+
+    fn found_with(mask: &Mask, truth: impl Fn(usize, usize) -> f32, lost: f32) -> Option<Energy> {
+        let values: Vec<f32> = (0..SIZE.pixels()).map(|at| truth(at % 320, at / 320)).collect();
+        let filled: Vec<f32> = values.iter().map(|value| value * (1.0 - lost)).collect();
+        compare(&[(&values, &filled)], mask)
+    }
+
+    #[test]
+    fn lost_light_is_told_from_chance() {
+        let smooth = |x: usize, y: usize| 1.0 + (x as f32 * 0.05).sin() * (y as f32 * 0.03).cos();
+        // Lights of one pixel, which samples hit or miss.
+        let lights = |x: usize, y: usize| if (x * 7919 + y * 104_729) % 97 == 0 { 50.0 } else { 0.1 };
+        assert_eq!(found(smooth, 0.0), None);
+        assert_eq!(found(lights, 0.0), None);
+        assert_eq!(found(smooth, 0.005), None);
+        for truth in [&smooth as &dyn Fn(usize, usize) -> f32, &lights] {
+            let ratio = found(truth, 0.33).unwrap().ratio;
+            assert!((ratio - 0.67).abs() < 0.1, "{ratio}");
+        }
+        // Samples that follow the picture lead to expect nothing.
+        let half = Mask::from_fn(SIZE, |y, x| (x * 31 + y * 17) % if x < 160 { 2 } else { 10 } == 0);
+        assert_eq!(found_with(&half, smooth, 0.33), None);
+        // One light that nothing else tells of is chance.
+        assert_eq!(found(|x, y| if (x, y) == (100, 100) { 1e4 } else { 0.1 }, 0.0), None);
+    }
+}

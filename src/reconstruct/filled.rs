@@ -1,0 +1,71 @@
+//! Frames that were filled already: how they are recognised, and how they become sparse again.
+
+use half::f16;
+use lacuna_exr::{Frame, Part, Samples};
+use lacuna_filters::Mask;
+
+use super::stamp::FILTER;
+use crate::channels::{Choice, Name, Rule, by_default};
+use crate::guides;
+use crate::mask::Masks;
+
+/// The filter that filled the missing pixels of a frame already: its name stands in a part, and values stand at pixels that are missing.
+pub fn filled_before(frame: &Frame, masks: &Masks) -> Option<String> {
+    let parts = frame.parts.iter().enumerate();
+    let filled = |(index, part): (usize, &Part)| {
+        part.attributes.text(FILTER).filter(|_| values_at_missing(part, masks, index) == Some(true))
+    };
+    parts.filter_map(filled).next()
+}
+
+/// The filter that filled a part, as far as masks, if there are any, do not say otherwise.
+pub fn filled_by(part: &Part, masks: Option<&Masks>, index: usize) -> Option<String> {
+    let filter = part.attributes.text(FILTER)?;
+    let blank = masks.is_some_and(|masks| values_at_missing(part, masks, index) == Some(false));
+    (!blank).then_some(filter)
+}
+
+/// Whether a channel that filling changes has a value at a missing pixel; nothing where none is missing.
+fn values_at_missing(part: &Part, masks: &Masks, index: usize) -> Option<bool> {
+    let mut any = None;
+    for (number, channel) in part.channels.iter().enumerate() {
+        let Some(mask) = masks.get(index, number).filter(|mask| !mask.is_full()) else { continue };
+        if masks.is_mask_channel(index, number) || by_default(part, number).0 == Rule::Keep {
+            continue;
+        }
+        let values = channel.samples.as_f32();
+        let mut missing = values.iter().zip(mask.as_slice()).filter(|(_, measured)| !**measured);
+        if missing.any(|(value, _)| value.is_finite() && *value != 0.0) {
+            return Some(true);
+        }
+        any = Some(false);
+    }
+    any
+}
+
+/// Makes the missing pixels of a filled frame blank, so that none is taken for measured, nor a channel for complete; those that guided
+/// the fill were complete before.
+pub fn blank(frame: &mut Frame, masks: &Masks, choices: &[Vec<Choice>]) {
+    for (index, part) in frame.parts.iter_mut().enumerate() {
+        let guided = part.attributes.text(guides::ATTRIBUTE).unwrap_or_default();
+        let is_guide = |name: &str| {
+            guided
+                .split(", ")
+                .any(|guide| guide == name || guide == Name::new(name).layer && !guide.is_empty())
+        };
+        for (number, channel) in part.channels.iter_mut().enumerate() {
+            let kept = choices[index][number].rule == Rule::Keep || is_guide(&channel.display_name());
+            let Some(mask) = masks.get(index, number).filter(|_| !kept) else { continue };
+            match &mut channel.samples {
+                Samples::Half(values) => zero(values, mask, f16::ZERO),
+                Samples::Float(values) => zero(values, mask, 0.0),
+                Samples::Uint(values) => zero(values, mask, 0),
+            }
+        }
+    }
+}
+
+fn zero<T: Copy>(values: &mut [T], mask: &Mask, zero: T) {
+    let missing = values.iter_mut().zip(mask.as_slice()).filter(|(_, measured)| !**measured);
+    missing.for_each(|(value, _)| *value = zero);
+}
