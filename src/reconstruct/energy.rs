@@ -102,7 +102,8 @@ mod tests {
     fn lost_light_is_told_from_chance() {
         let smooth = |x: usize, y: usize| 1.0 + (x as f32 * 0.05).sin() * (y as f32 * 0.03).cos();
         // Lights of one pixel, which samples hit or miss.
-        let lights = |x: usize, y: usize| if (x * 7919 + y * 104_729) % 97 == 0 { 50.0 } else { 0.1 };
+        let lights =
+            |x: usize, y: usize| if (x * 7919 + y * 104_729).is_multiple_of(97) { 50.0 } else { 0.1 };
         assert_eq!(found(smooth, 0.0), None);
         assert_eq!(found(lights, 0.0), None);
         assert_eq!(found(smooth, 0.005), None);

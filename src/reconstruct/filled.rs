@@ -11,11 +11,11 @@ use crate::mask::Masks;
 
 /// The filter that filled the missing pixels of a frame already: its name stands in a part, and values stand at pixels that are missing.
 pub fn filled_before(frame: &Frame, masks: &Masks) -> Option<String> {
-    let parts = frame.parts.iter().enumerate();
+    let mut parts = frame.parts.iter().enumerate();
     let filled = |(index, part): (usize, &Part)| {
         part.attributes.text(FILTER).filter(|_| values_at_missing(part, masks, index) == Some(true))
     };
-    parts.filter_map(filled).next()
+    parts.find_map(filled)
 }
 
 /// The filter that filled a part, as far as masks, if there are any, do not say otherwise.

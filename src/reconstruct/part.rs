@@ -15,7 +15,8 @@ use super::bounds::bounds_of;
 use super::groups::{Group, Target, copyable, groups, targets, usable};
 use super::normals::Lengths;
 use super::{
-    ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, energy, gradients, learned, normals, surfaces,
+    ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, energy, gradients, learned, normals,
+    surfaces,
 };
 use crate::channels::{self, Choice, Name, Rule, channel_label};
 use crate::mask::Masks;

@@ -263,7 +263,10 @@ fn settings_out_of_range_are_refused() {
     ] {
         assert!(matches!(settings.plan(&problem, &Run::default()), Err(Error::Setting { .. })));
     }
-    assert_eq!(crate::Method::named("ss", &[]).unwrap().settings(), "lambda=0 kernel=bspline order=2 tension=0.03");
+    assert_eq!(
+        crate::Method::named("ss", &[]).unwrap().settings(),
+        "lambda=0 kernel=bspline order=2 tension=0.03"
+    );
 }
 
 #[test]
