@@ -1,4 +1,4 @@
-"""Times lacuna beside its peers and writes the measured part of docs/performance.md; scripts/bench says how it is used.
+"""Times lacuna beside its peers and writes the measured part of docs/measurements/performance.md; scripts/bench says how it is used.
 
 Processes take turns, so that what else the machine does falls on all of them alike. A figure is the median over the runs of
 the time on the wall, `cpu` that of user and system time of the process.
@@ -22,7 +22,7 @@ ROOT = pathlib.Path(__file__).parents[2]
 LACUNA = ROOT / "target" / "release" / "lacuna"
 RENDER = ROOT.parent / "shared" / "data" / "frames" / "engine.exr"
 SAMPLE = ROOT / "samples" / "smooth.exr"
-PAGE = ROOT / "docs" / "performance.md"
+PAGE = ROOT / "docs" / "measurements" / "performance.md"
 BEGIN, END = "<!-- measured: scripts/bench writes from here -->", "<!-- measured: to here -->"
 # The oiiotool on the path is a Python wrapper; the binary lies inside the package.
 OIIOTOOL = pathlib.Path(oiio.__file__).parent / "bin" / "oiiotool"
@@ -277,7 +277,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=7, help="runs of each process")
     parser.add_argument("--solves", help="what `cargo bench` printed")
-    parser.add_argument("--print", action="store_true", help="only print, leave docs/performance.md alone")
+    parser.add_argument("--print", action="store_true", help="only print, leave docs/measurements/performance.md alone")
     parser.add_argument("--planes", help="only write the render's planes there, for the solver benches")
     arguments = parser.parse_args()
     if arguments.planes:

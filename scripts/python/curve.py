@@ -154,7 +154,7 @@ def main():
     parser.add_argument("--patterns", default="random,shuffle")
     parser.add_argument("--methods", default=";".join(METHODS), help="separated by semicolons")
     parser.add_argument("--literal", action="store_true", help="print what the blur does to cs-wavelet instead")
-    parser.add_argument("--picture", help="write the picture of docs/methods.md to this PNG instead")
+    parser.add_argument("--picture", help="write the picture of docs/measurements/methods.md to this PNG instead")
     chosen = parser.parse_args()
     if chosen.literal:
         with tempfile.TemporaryDirectory() as folder:

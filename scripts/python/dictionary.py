@@ -1,4 +1,4 @@
-"""Tables and pictures of docs/dictionary.md. Called by scripts/dictionary; arguments: the folder of the pictures, the folder of
+"""Tables and pictures of docs/measurements/dictionary.md. Called by scripts/dictionary; arguments: the folder of the pictures, the folder of
 the volumes, [a folder that keeps views and dictionaries], [the sections that are wanted, all without]."""
 
 import contextlib

@@ -1,4 +1,4 @@
-"""Holds estimated errors against true ones over many cases and writes the table of docs/methods.md; scripts/estimates says how it is used.
+"""Holds estimated errors against true ones over many cases and writes the table of docs/measurements/methods.md; scripts/estimates says how it is used.
 
 A case is a complete frame, a density, a pattern and a filter. Truth is the error of the missing pixels over red, green and blue, clipped
 to 0 and 1 as `lacuna compare` does. The settings of the model were chosen on the frames marked `tuned`.
@@ -19,7 +19,7 @@ import OpenImageIO as oiio
 ROOT = pathlib.Path(__file__).parents[2]
 LACUNA = ROOT / "target" / "release" / "lacuna"
 FRAMES = ROOT.parent / "shared" / "data" / "frames"
-PAGE = ROOT / "docs" / "methods.md"
+PAGE = ROOT / "docs" / "measurements" / "methods.md"
 BEGIN, END = "<!-- measured: scripts/estimates writes from here -->", "<!-- measured: to here -->"
 TUNED = ("engine-soft", "tooth")
 SINGLE = ("ss", "edge", "tv")
@@ -125,7 +125,7 @@ def main():
     parser.add_argument("--patterns", nargs="+", default=["shuffle", "random"])
     parser.add_argument("--filters", nargs="+", default=["ss", "edge", "tv", "auto"])
     parser.add_argument("--frames", nargs="+", help="only frames of these names")
-    parser.add_argument("--write", action="store_true", help="write the tables into docs/methods.md")
+    parser.add_argument("--write", action="store_true", help="write the tables into docs/measurements/methods.md")
     arguments = parser.parse_args()
     paths = [path for path in frames() if not arguments.frames or path.stem in arguments.frames]
     with tempfile.TemporaryDirectory() as folder:

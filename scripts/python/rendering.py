@@ -101,7 +101,7 @@ def tables(results):
 
 def published(lines, begin=BEGIN):
     """Writes the tables into the documentation, between its two marks."""
-    page = ROOT / "docs" / "rendering.md"
+    page = ROOT / "docs" / ("rendering.md" if begin == BEGIN_DENSE else "measurements/rendering.md")
     before, rest = page.read_text().split(begin)
     _, after = rest.split(END, 1)
     page.write_text(before + "\n".join([begin, *lines, END]) + after)

@@ -1,7 +1,7 @@
-"""Tables and pictures of docs/renderers.md. Called by scripts/renderers/measure; arguments: the scenes to do, default all.
+"""Tables and pictures of docs/measurements/renderers.md. Called by scripts/renderers/measure; arguments: the scenes to do, default all.
 
 Everything is rendered at the same samples per pixel; the reference has four times as many and another seed. Tables go
-between the markers of docs/renderers.md, pictures to docs/images/renderers-SCENE.png.
+between the markers of docs/measurements/renderers.md, pictures to docs/images/renderers-SCENE.png.
 """
 
 import csv
@@ -20,7 +20,7 @@ from PIL import Image
 import sparse
 
 ROOT = sparse.ROOT
-PAGE = ROOT / "docs" / "renderers.md"
+PAGE = ROOT / "docs" / "measurements" / "renderers.md"
 DENSITIES = (0.5, 0.3, 0.25, 0.2)
 # Scene, bridge, samples a pixel, what it is, and the corner (x, y) of the detail that is shown.
 SCENES = {
