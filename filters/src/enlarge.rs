@@ -71,12 +71,24 @@ pub struct Upscaled {
 /// # Errors
 /// Those of [`fill()`](crate::fill()), and [`Error::Setting`] for factors and models out of range.
 pub fn upscale(samples: &Planes, options: &Options<'_>) -> Result<Upscaled, Error> {
-    let (plans, run) = (Plans::new(), Run::default());
+    upscale_with(samples, options, &Plans::new(), &Run::default())
+}
+
+/// The same with plans that were made before, for groups and frames of the same mask and size, and a way to stop.
+///
+/// # Errors
+/// As [`upscale`].
+pub fn upscale_with(
+    samples: &Planes,
+    options: &Options<'_>,
+    plans: &Plans,
+    run: &Run<'_>,
+) -> Result<Upscaled, Error> {
     let mask = options.mask.clone();
     let mask = mask.unwrap_or_else(|| Arc::new(Mask::from_fn(samples.size(), |_, _| true)));
-    let filled = fill_usable(samples, &mask, &options.fill, &plans, &run)?;
+    let filled = fill_usable(samples, &mask, &options.fill, plans, run)?;
     let masks: Vec<_> = (0..samples.len()).map(|plane| filled.mask(plane).cloned()).collect();
-    let mut large = complete(&filled.planes, &masks, options, &plans, &run)?;
+    let mut large = complete(&filled.planes, &masks, options, plans, run)?;
     large.outcome = large.outcome.worst(filled.outcome);
     large.filled = Some(filled);
     Ok(large)

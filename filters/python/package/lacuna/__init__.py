@@ -1,0 +1,414 @@
+"""Fills the pixels that a renderer skipped, enlarges, chooses the pixels to render, and says how wrong the rest is.
+
+Images are NumPy arrays of float32 or float16, (height, width) or (height, width, channels), scene-linear, row 0 at the top. Masks are
+(height, width), True where a pixel was measured. Arrays may have any strides and may be read-only; none is ever written to.
+
+    >>> import lacuna, numpy as np
+    >>> complete = np.linspace(0, 1, 96 * 128, dtype=np.float32).reshape(96, 128)
+    >>> measured = lacuna.mask((96, 128), 0.2)
+    >>> filled = lacuna.fill(np.where(measured, complete, np.nan), measured)
+    >>> lacuna.compare(complete, filled)["psnr"] > 60
+    True
+
+Every call works without the interpreter's lock in threads of its own (``threads``; 0: one a processor), whose number changes no bit of
+a result, and ends soon after Ctrl-C with KeyboardInterrupt. What cannot be done raises ValueError, the argument's name first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple, Optional, Union, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _arguments as arguments
+from . import _lacuna
+from ._lacuna import __version__
+
+__all__ = ["Estimate", "compare", "estimate", "fill", "filters", "mask", "next_mask", "upscale", "__version__"]
+
+Image = npt.NDArray[Any]
+Mask = npt.NDArray[np.bool_]
+
+# Values, result and the planes of the solvers.
+_SOLVING = 24
+
+
+class Estimate(NamedTuple):
+    """How wrong the missing pixels are, told from samples that were predicted without themselves."""
+
+    psnr: Optional[float]
+    """In decibels, of light clipped to 0 and 1, over missing pixels and channels; None if it cannot be told."""
+    low: Optional[float]
+    """The lower end of an interval that holds the truth nine times of ten."""
+    high: Optional[float]
+    """Its upper end."""
+    reason: Optional[str]
+    """Why it cannot be told."""
+    errors: Optional[npt.NDArray[np.float32]]
+    """(height, width): the root mean square error of each pixel over the channels, 0 at measured ones."""
+    filters: dict[str, float]
+    """What filled, and its mean weight at missing pixels: several where the filter ``auto`` blends."""
+    guides: tuple[str, ...]
+    """The guides that were believed."""
+    stop: str
+    """How the solver ended: ``converged`` or ``iteration-limit``."""
+
+
+@overload
+def fill(
+    image: npt.ArrayLike,
+    mask: Optional[npt.ArrayLike] = ...,
+    guides: Optional[Mapping[str, npt.ArrayLike]] = ...,
+    filter: str = ...,
+    *,
+    settings: Optional[Mapping[str, Any]] = ...,
+    values: str = ...,
+    domain: str = ...,
+    limit: bool = ...,
+    weights: Optional[npt.ArrayLike] = ...,
+    estimate: Literal[False] = ...,
+    threads: int = ...,
+) -> Image: ...
+@overload
+def fill(
+    image: npt.ArrayLike,
+    mask: Optional[npt.ArrayLike] = ...,
+    guides: Optional[Mapping[str, npt.ArrayLike]] = ...,
+    filter: str = ...,
+    *,
+    settings: Optional[Mapping[str, Any]] = ...,
+    values: str = ...,
+    domain: str = ...,
+    limit: bool = ...,
+    weights: Optional[npt.ArrayLike] = ...,
+    estimate: Literal[True],
+    threads: int = ...,
+) -> tuple[Image, Estimate]: ...
+def fill(
+    image: npt.ArrayLike,
+    mask: Optional[npt.ArrayLike] = None,
+    guides: Optional[Mapping[str, npt.ArrayLike]] = None,
+    filter: str = "auto",
+    *,
+    settings: Optional[Mapping[str, Any]] = None,
+    values: str = "light",
+    domain: str = "auto",
+    limit: bool = True,
+    weights: Optional[npt.ArrayLike] = None,
+    estimate: bool = False,
+    threads: int = 0,
+) -> Union[Image, tuple[Image, Estimate]]:
+    """Fills the missing pixels of an image, with the same bits as ``lacuna fill``.
+
+    image
+        float32 or float16, (height, width) or (height, width, channels). All channels are filled together: pass colour as one
+        image, alpha, depth and normals as others. What stands at missing pixels is not read. A measured value that is NaN or
+        infinite counts as missing.
+    mask
+        (height, width): bool, whole numbers (not 0: measured) or floats (0.5 or more: measured). Without it, the pixels at which
+        any channel is NaN or infinite are missing.
+    guides
+        Complete arrays by their names, (height, width) or (height, width, channels): normals, depth, albedo. Arrays of whole
+        numbers, (height, width), are identifiers of surfaces. Guides that do not predict are ignored.
+    filter, settings
+        One of ``lacuna.filters()``, and its settings as a dict: ``filter="ss", settings={"lambda": 1e-3}``. The default blends
+        several by their errors at held-out samples.
+    values
+        ``light``; ``matte`` for alpha and coverage, which stay within 0 and 1; ``other`` for positions and the like;
+        ``directions`` for the components of vectors (which are not brought to unit length).
+    domain
+        Whether light is filled as it is (``linear``), as logarithms (``log``), or as its range asks for (``auto``).
+    limit
+        Whether overshoot beside edges is held back.
+    weights
+        (height, width): how much each measured pixel counts where settings smooth, such as its number of samples.
+    estimate
+        Whether to return an ``Estimate`` beside the image: two fills more, of a part of the samples.
+    threads
+        0: one a processor.
+
+    Returns a new array of the shape and the dtype of ``image``, or that and an ``Estimate``. Measured, finite values keep their
+    bits, unless settings smooth.
+
+    Raises ValueError, which begins with the argument's name, for shapes that do not fit, other dtypes, arrays without pixels or with
+    more than the memory holds, masks without a measured pixel or with NaNs, channels without a finite measured value, and unknown
+    names; KeyboardInterrupt after Ctrl-C.
+    """
+    told = _fill(image, mask, guides, filter, settings, values, domain, limit, weights, "pixels" if estimate else "no", threads)
+    return told if estimate else told[0]
+
+
+def estimate(
+    image: npt.ArrayLike,
+    mask: Optional[npt.ArrayLike] = None,
+    guides: Optional[Mapping[str, npt.ArrayLike]] = None,
+    filter: str = "auto",
+    *,
+    settings: Optional[Mapping[str, Any]] = None,
+    values: str = "light",
+    domain: str = "auto",
+    limit: bool = True,
+    weights: Optional[npt.ArrayLike] = None,
+    threads: int = 0,
+) -> Estimate:
+    """Says how wrong ``fill`` with the same arguments is, without a reference.
+
+    Takes what ``fill`` takes, raises what it raises, and returns an ``Estimate``.
+    """
+    return _fill(image, mask, guides, filter, settings, values, domain, limit, weights, "pixels", threads)[1]
+
+
+def upscale(
+    image: npt.ArrayLike,
+    scale: Optional[float] = None,
+    *,
+    size: Optional[tuple[int, int]] = None,
+    mask: Optional[npt.ArrayLike] = None,
+    sampling: str = "box",
+    filter: str = "ss",
+    settings: Optional[Mapping[str, Any]] = None,
+    values: str = "light",
+    domain: str = "auto",
+    limit: bool = True,
+    threads: int = 0,
+) -> Image:
+    """Enlarges an image, and fills it if pixels are missing, with the same bits as ``lacuna upscale``.
+
+    image
+        float32 or float16, (height, width) or (height, width, channels).
+    scale or size
+        A factor above 1 up to 16, or (height, width) of the result.
+    mask
+        As in ``fill``; without it, what is not finite is missing.
+    sampling
+        What a pixel of ``image`` is: ``box`` (the mean over its area), ``point`` (the value at its centre), ``grid`` (every
+        n-th pixel of the result), ``gaussian:R`` (R is 0.5 to 1.5 pixels) or ``mitchell``.
+    filter, settings
+        ``ss`` or ``tv`` with settings, or ``lanczos3``, ``cubic``, ``linear`` without.
+    values, domain, limit, threads
+        As in ``fill``.
+
+    Returns a new array of the dtype of ``image``, (height, width) or (height, width, channels).
+
+    Raises ValueError, which begins with the argument's name, where ``fill`` does, and for factors and models out of range.
+    """
+    array, deep = arguments.image("image", image)
+    height, width, channels = array.shape
+    if (scale is None) == (size is None):
+        raise ValueError("scale: give it or size, one of the two")
+    if size is None:
+        factor = arguments.real("scale", scale, above=0)
+        if not 1 < factor <= 16:
+            raise ValueError(f"scale: {factor:g} is not above 1 and at most 16")
+        size = math.floor(height * factor + 0.5), math.floor(width * factor + 0.5)
+    rows, columns = arguments.size("size", size)
+    flags = arguments.mask("mask", mask, (height, width))
+    arguments.afford("size", (rows, columns), channels * _SOLVING)
+    large = _lacuna.upscale(
+        array,
+        rows,
+        columns,
+        flags,
+        arguments.word("sampling", sampling),
+        arguments.word("filter", filter),
+        arguments.settings(settings),
+        arguments.word("values", values),
+        arguments.word("domain", domain),
+        bool(limit),
+        _threads(threads),
+    )
+    return large if deep else large[:, :, 0]
+
+
+def mask(
+    size: tuple[int, int],
+    density: float,
+    pattern: str = "shuffle",
+    *,
+    seed: int = 0,
+    temporal: str = "fixed",
+    frame: int = 0,
+    threads: int = 0,
+) -> Mask:
+    """Says which pixels to render: the mask that ``lacuna mask`` makes.
+
+    size
+        (height, width).
+    density
+        The part of the pixels, 0 to 1.
+    pattern
+        ``shuffle`` (low-discrepancy), ``blue-noise``, ``poisson``, ``random`` or ``grid``.
+    seed
+        Another pattern of the same kind.
+    temporal, frame
+        How the masks of a sequence are related: ``fixed`` (all the same), ``offset`` (each by itself), ``complementary`` (they
+        cover every pixel as early as possible); and the number of the frame.
+    threads
+        0: one a processor.
+
+    Returns an array of bool, (height, width), True where a pixel is to be rendered.
+
+    Raises ValueError, which begins with the argument's name.
+    """
+    height, width = arguments.size("size", size)
+    arguments.afford("size", (height, width), 16)
+    return _lacuna.mask(
+        height,
+        width,
+        arguments.real("density", density),
+        arguments.word("pattern", pattern),
+        arguments.count("seed", seed, 0, 2**64 - 1),
+        arguments.word("temporal", temporal),
+        arguments.count("frame", frame, -(2**62), 2**62),
+        _threads(threads),
+    )
+
+
+def next_mask(
+    image: npt.ArrayLike,
+    mask: Optional[npt.ArrayLike] = None,
+    density: Optional[float] = None,
+    *,
+    count: Optional[int] = None,
+    allowed: Optional[npt.ArrayLike] = None,
+    seed: int = 0,
+    threads: int = 0,
+) -> Mask:
+    """Says which pixels to render next, where more samples help most: as ``lacuna mask --after``.
+
+    image, mask
+        What was rendered so far, sparse or filled, as in ``fill``.
+    density or count
+        How many pixels to add: a part of all pixels, 0 to 1, or their number.
+    allowed
+        (height, width): the pixels that may be chosen; all without it.
+    seed
+        That of the first mask; it decides between pixels that would help as much.
+    threads
+        0: one a processor.
+
+    Returns an array of bool, (height, width), True at the new pixels alone: ``mask |= new`` once they are rendered. There are fewer of
+    them only if fewer are missing.
+
+    Raises ValueError, which begins with the argument's name.
+    """
+    array, _ = arguments.image("image", image)
+    height, width, channels = array.shape
+    flags = arguments.mask("mask", mask, (height, width))
+    if (density is None) == (count is None):
+        raise ValueError("density: give it or count, one of the two")
+    if count is None:
+        part = arguments.real("density", density)
+        if not 0 <= part <= 1:
+            raise ValueError(f"density: {part:g} is not between 0 and 1")
+        count = math.floor(part * height * width + 0.5)
+    open_to = arguments.flags("allowed", allowed, (height, width))
+    closed = None if open_to is None else (open_to == 0).view(np.uint8)
+    arguments.afford("image", array.shape, 64 + channels * _SOLVING)
+    return _lacuna.next_mask(
+        array,
+        flags,
+        arguments.count("count", count),
+        closed,
+        arguments.count("seed", seed, 0, 2**64 - 1),
+        _threads(threads),
+    )
+
+
+def compare(
+    reference: npt.ArrayLike,
+    image: npt.ArrayLike,
+    region: Optional[npt.ArrayLike] = None,
+    *,
+    peak: float = 1.0,
+    clip: bool = True,
+    flip: bool = False,
+    threads: int = 0,
+) -> dict[str, Optional[float]]:
+    """Measures how far an image is from its reference, as ``lacuna compare`` does it for colours.
+
+    reference, image
+        float32 or float16, both (height, width) or both (height, width, channels).
+    region
+        (height, width): the pixels that count, such as ``~mask``; all without it.
+    peak, clip
+        The value that counts as white, and whether values are clipped to 0 and it first.
+    flip
+        Whether to compute LDR-FLIP as well, of one or three channels.
+    threads
+        0: one a processor.
+
+    Returns a dict: ``psnr`` and ``log_psnr`` in decibels (inf for equal images), ``mse``, ``rmse``, ``relative_mse``, ``max``,
+    ``ssim``, ``flip``, and the counts ``pixels``, ``different``, ``nan``, ``inf``. Measures that do not apply are None.
+
+    Raises ValueError, which begins with the argument's name.
+    """
+    one, _ = arguments.image("reference", reference)
+    other, _ = arguments.image("image", image)
+    if one.shape != other.shape:
+        raise ValueError(f"image: its shape is {np.shape(image)}, that of the reference {np.shape(reference)}")
+    flags = arguments.flags("region", region, one.shape[:2])
+    arguments.afford("image", one.shape, 64 + 8 * one.shape[2])
+    white = arguments.real("peak", peak, above=0)
+    return dict(_lacuna.compare(one, other, flags, white, bool(clip), bool(flip), _threads(threads)))
+
+
+def filters() -> dict[str, dict[str, Any]]:
+    """What there is to fill with: by name, ``help`` and ``settings``, each with its ``values``, ``default`` and ``help``."""
+    rows = ("values", "default", "help")
+    return {
+        name: {"help": help, "settings": {setting: dict(zip(rows, row)) for setting, *row in settings}}
+        for name, help, settings in _lacuna.filters()
+    }
+
+
+def _fill(
+    image: npt.ArrayLike,
+    mask: Optional[npt.ArrayLike],
+    guides: Optional[Mapping[str, npt.ArrayLike]],
+    filter: str,
+    settings: Optional[Mapping[str, Any]],
+    values: str,
+    domain: str,
+    limit: bool,
+    weights: Optional[npt.ArrayLike],
+    estimate: str,
+    threads: int,
+) -> tuple[Image, Estimate]:
+    array, deep = arguments.image("image", image)
+    height, width, channels = array.shape
+    flags = arguments.mask("mask", mask, (height, width))
+    name = arguments.word("filter", filter)
+    steering = arguments.guides(guides, (height, width))
+    bytes_per_pixel = channels * _SOLVING + 4 * sum(1 if guide.ndim == 2 else guide.shape[2] for _, guide in steering)
+    arguments.afford("image", array.shape, _lacuna.bytes_per_pixel(name) + bytes_per_pixel)
+    filled, told = _lacuna.fill(
+        array,
+        flags,
+        steering,
+        name,
+        arguments.settings(settings),
+        arguments.word("values", values),
+        arguments.word("domain", domain),
+        bool(limit),
+        arguments.weights(weights, (height, width)),
+        estimate,
+        _threads(threads),
+    )
+    decibels = [None if rmse is None else _decibels(rmse) for rmse in told["rmse"] or (None, None, None)]
+    psnr, high, low = decibels
+    said = Estimate(
+        psnr, low, high, told["reason"], told["errors"], dict(told["filters"]), tuple(told["guides"]), told["stop"]
+    )
+    return filled if deep else filled[:, :, 0], said
+
+
+def _decibels(rmse: float) -> float:
+    return math.inf if rmse == 0 else -20 * math.log10(rmse)
+
+
+def _threads(threads: int) -> int:
+    return arguments.count("threads", threads, 0, 2**31)

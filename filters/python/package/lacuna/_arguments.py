@@ -1,0 +1,174 @@
+"""What users pass, checked and brought into the one shape that the extension takes. Every refusal names its argument."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Mapping
+from typing import Any, Optional
+
+import numpy as np
+import numpy.typing as npt
+
+# As many pixels as an index can count.
+_MOST = 2**32 - 1
+
+
+def image(name: str, given: Any) -> tuple[npt.NDArray[Any], bool]:
+    """(row, column, channel), a view wherever one will do, and whether there was an axis of channels."""
+    array = _array(name, given)
+    if array.dtype not in (np.float32, np.float16):
+        raise ValueError(f"{name}: values are {array.dtype}, not float32 or float16; convert them with astype(numpy.float32)")
+    if array.ndim not in (2, 3):
+        raise ValueError(f"{name}: {_axes(array)}, not (height, width) or (height, width, channels)")
+    height, width = array.shape[:2]
+    if array.size == 0:
+        raise ValueError(f"{name}: there is no pixel in an array of shape {array.shape}")
+    if height * width > _MOST:
+        raise ValueError(f"{name}: {width}x{height} pixels are too many (the limit is 2^32 - 1)")
+    return array.reshape(height, width, -1) if array.ndim == 2 else array, array.ndim == 3
+
+
+def flags(name: str, given: Any, shape: tuple[int, ...]) -> Optional[npt.NDArray[np.uint8]]:
+    """A mask as bytes: booleans, whole numbers that are not 0, and floats of 0.5 or more, as in the channels of files."""
+    if given is None:
+        return None
+    array = _array(name, given)
+    if array.shape != shape:
+        raise ValueError(f"{name}: {_axes(array)}, and the image has {shape} (height, width)")
+    if array.dtype.kind == "f":
+        if np.isnan(array).any():
+            raise ValueError(f"{name}: there is a NaN in it, which is neither measured nor missing")
+        array = array >= 0.5
+    elif array.dtype.kind in "iu":
+        array = array != 0
+    elif array.dtype != np.bool_:
+        raise ValueError(f"{name}: values are {array.dtype}, not bool")
+    return array.view(np.uint8)
+
+
+def mask(name: str, given: Any, shape: tuple[int, ...]) -> Optional[npt.NDArray[np.uint8]]:
+    """The same where a pixel must be in it."""
+    array = flags(name, given, shape)
+    if array is not None and not array.any():
+        raise ValueError(f"{name}: no pixel is measured")
+    return array
+
+
+def weights(given: Any, shape: tuple[int, ...]) -> Optional[npt.NDArray[np.float32]]:
+    """A weight for each pixel."""
+    if given is None:
+        return None
+    array = _array("weights", given)
+    if array.shape != shape:
+        raise ValueError(f"weights: {_axes(array)}, and the image has {shape} (height, width)")
+    if array.dtype.kind not in "fiub":
+        raise ValueError(f"weights: values are {array.dtype}, not numbers")
+    return array.astype(np.float32, copy=False)
+
+
+def guides(given: Any, shape: tuple[int, ...]) -> list[tuple[str, npt.NDArray[Any]]]:
+    """Guides with their names; whole numbers are labels of surfaces."""
+    if given is None:
+        return []
+    if not isinstance(given, Mapping):
+        raise ValueError(f"guides: a {type(given).__name__}, not a dict of arrays by their names")
+    taken = []
+    for key, value in given.items():
+        name = f"guides[{key!r}]"
+        array = _array(name, value)
+        if array.shape[:2] != shape:
+            raise ValueError(f"{name}: {_axes(array)}, and the image has {shape} (height, width)")
+        if array.dtype.kind in "iub":
+            if array.ndim != 2:
+                raise ValueError(f"{name}: labels are one whole number a pixel, not {_axes(array)}")
+            array = array.astype(np.uint32)
+        else:
+            array, _ = image(name, array)
+        taken.append((str(key), array))
+    return taken
+
+
+def settings(given: Any) -> list[tuple[str, str]]:
+    """Names and values as texts."""
+    if given is None:
+        return []
+    if not isinstance(given, Mapping):
+        raise ValueError(f"settings: a {type(given).__name__}, not a dict of values by their names")
+
+    def text(value: Any) -> str:
+        if isinstance(value, (bool, np.bool_)):
+            return "true" if value else "false"
+        if isinstance(value, np.generic):
+            value = value.item()
+        return str(value)
+
+    return [(str(name), text(value)) for name, value in given.items()]
+
+
+def count(name: str, given: Any, least: int = 0, most: int = 2**63 - 1) -> int:
+    """A whole number in a range."""
+    try:
+        value = operator.index(given)
+    except TypeError:
+        raise ValueError(f"{name}: {given!r} is no whole number") from None
+    if not least <= value <= most:
+        raise ValueError(f"{name}: {value} is not between {least} and {most}")
+    return value
+
+
+def real(name: str, given: Any, above: float = -math.inf) -> float:
+    """A finite number above a bound."""
+    try:
+        value = float(given)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: {given!r} is no number") from None
+    if not (math.isfinite(value) and value > above):
+        raise ValueError(f"{name}: {value} is not a finite number" + ("" if above == -math.inf else f" above {above:g}"))
+    return value
+
+
+def word(name: str, given: Any) -> str:
+    """A text."""
+    if not isinstance(given, str):
+        raise ValueError(f"{name}: {given!r} is no text")
+    return given
+
+
+def size(name: str, given: Any) -> tuple[int, int]:
+    """Height and width, of as many pixels as can be."""
+    try:
+        height, width = given
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: {given!r} is not (height, width)") from None
+    height, width = count(name, height, 1), count(name, width, 1)
+    if height * width > _MOST:
+        raise ValueError(f"{name}: {width}x{height} pixels are too many (the limit is 2^32 - 1)")
+    return height, width
+
+
+def afford(name: str, shape: tuple[int, ...], bytes_per_pixel: int, held: int = 0) -> None:
+    """Refuses what the memory cannot hold, before something is aborted for it."""
+    height, width = shape[:2]
+    needed = height * width * bytes_per_pixel + held
+    try:
+        # Reserved and given back; a page that is not touched costs nothing.
+        np.empty(needed, np.uint8)
+    except (MemoryError, ValueError):
+        line = f"{name}: {width}x{height} pixels need about {needed / 2**30:.1f} GiB, more than there is"
+        raise ValueError(line) from None
+
+
+def _array(name: str, given: Any) -> npt.NDArray[Any]:
+    """An array whose values lie as the processor reads them; a copy only if they do not."""
+    try:
+        array = np.asarray(given)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}: no array ({error})") from None
+    if not (array.dtype.isnative and array.flags.aligned):
+        array = np.array(array, dtype=array.dtype.newbyteorder("="))
+    return array
+
+
+def _axes(array: npt.NDArray[Any]) -> str:
+    return f"an array of shape {array.shape}"

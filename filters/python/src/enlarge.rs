@@ -1,0 +1,105 @@
+//! `upscale`.
+
+use std::sync::Arc;
+
+use lacuna_filters::descriptor::Configured;
+use lacuna_filters::enlarge::{Options, upscale_with};
+use lacuna_filters::upscale::plain::Kernel;
+use lacuna_filters::upscale::{Axis, Geometry, Method, Sampling};
+use lacuna_filters::variational::{ss, tv};
+use lacuna_filters::{Mask, Plans};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::arrays::{self, Array, Bytes, Image};
+use crate::fill::{Settings, domain, method, values};
+use crate::work::{pool, run};
+
+/// Enlarges an image to `height` and `width`; what is not finite, or not in the mask, is filled on the way.
+#[pyfunction]
+#[pyo3(signature = (image, height, width, mask, sampling, filter, settings, values, domain, limit, threads))]
+pub fn upscale<'py>(
+    py: Python<'py>,
+    image: Image<'py>,
+    height: usize,
+    width: usize,
+    mask: Option<Bytes<'py>>,
+    sampling: &str,
+    filter: &str,
+    settings: Settings,
+    values: &str,
+    domain: &str,
+    limit: bool,
+    threads: usize,
+) -> PyResult<Bound<'py, PyAny>> {
+    let pool = pool(threads)?;
+    let kind = image.kind();
+    let samples = image.planes(&pool);
+    let sampling: Sampling =
+        sampling.parse().map_err(|error| PyValueError::new_err(format!("sampling: {error}")))?;
+    let low = samples.size();
+    let geometry = Geometry {
+        vertical: Axis::whole(low.height, height),
+        horizontal: Axis::whole(low.width, width),
+        sampling,
+    };
+    let mut options = Options::new(geometry);
+    options.mask = Some(Arc::new(mask.map_or_else(|| Mask::finite(&samples), |mask| arrays::mask(&mask))));
+    options.method = enlarging(filter, &settings)?;
+    options.fill.method = filling(filter, &settings)?.into();
+    (options.fill.values, options.fill.bounds) = self::values(values, samples.len())?;
+    options.fill.domain = self::domain(domain)?;
+    options.fill.limit = limit;
+    drop(image);
+    let array = run(py, &pool, |run| {
+        let large = upscale_with(&samples, &options, &Plans::new(), run)?;
+        Ok(Array::new(large.planes, kind))
+    })?;
+    array.into_python(py)
+}
+
+/// What makes the larger image.
+fn enlarging(name: &str, settings: &Settings) -> PyResult<Method> {
+    let plain = |kernel: Kernel| match settings.first() {
+        None => Ok(Method::Plain(kernel)),
+        Some((setting, _)) => {
+            Err(PyValueError::new_err(format!("settings: {name} has no setting '{setting}'")))
+        }
+    };
+    match name {
+        "ss" => Ok(Method::Ss),
+        "tv" => {
+            let mut settings_of = tv::Settings::default();
+            set(&mut settings_of, name, settings)?;
+            Ok(Method::Tv(settings_of))
+        }
+        "lanczos3" => plain(Kernel::Lanczos3),
+        "cubic" => plain(Kernel::Cubic),
+        "linear" => plain(Kernel::Linear),
+        _ => {
+            Err(PyValueError::new_err(format!("filter: '{name}' is none of ss, tv, lanczos3, cubic, linear")))
+        }
+    }
+}
+
+/// Splines fill what is missing, whatever enlarges.
+fn filling(name: &str, settings: &Settings) -> PyResult<ss::Settings> {
+    let mut filling = ss::Settings::default();
+    if name == "ss" {
+        set(&mut filling, name, settings)?;
+    }
+    Ok(filling)
+}
+
+/// Sets what is in range, and keeps measured values.
+fn set(of: &mut dyn Configured, name: &str, settings: &Settings) -> PyResult<()> {
+    let checked = method(name, settings)?;
+    if !checked.keeps_measured() {
+        let line = "settings: they smooth what was measured, and upscale keeps it; fill first";
+        return Err(PyValueError::new_err(line));
+    }
+    for (name, value) in settings {
+        of.field(name).map(|field| field.read(value));
+    }
+    Ok(())
+}

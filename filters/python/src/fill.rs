@@ -1,0 +1,232 @@
+//! `fill` and `estimate`, and what there is to fill with.
+
+use std::sync::Arc;
+
+use lacuna_filters::domain::Domain;
+use lacuna_filters::estimate::Verdict;
+use lacuna_filters::fill::{Estimate, Filled, Set, Values, fill_with};
+use lacuna_filters::variational::guided::Guides;
+use lacuna_filters::{Bounds, METHODS, Mask, Method, Options, Plane, Planes, Plans};
+use numpy::PyReadonlyArray2;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use rayon::ThreadPool;
+
+use crate::arrays::{self, Array, Bytes, Guide, Image};
+use crate::work::{pool, refusal, run};
+
+/// Settings by name.
+pub type Settings = Vec<(String, String)>;
+
+/// How wrong the missing pixels are: estimate, lower and upper end.
+type Rmse = (f64, f64, f64);
+
+/// What is told of a fill beside the image.
+#[derive(IntoPyObject)]
+pub struct Report<'py> {
+    stop: &'static str,
+    iterations: usize,
+    filters: Vec<(&'static str, f64)>,
+    guides: Vec<String>,
+    rmse: Option<Rmse>,
+    reason: Option<String>,
+    errors: Option<Bound<'py, PyAny>>,
+}
+
+/// The method of that name.
+pub fn method(name: &str, settings: &Settings) -> PyResult<Method> {
+    let settings: Vec<(&str, &str)> = settings.iter().map(|(k, v)| (k.as_str(), v.as_str())).collect();
+    let method = Method::named(name, &settings).map_err(|error| refusal(&error))?;
+    method.check().map_err(|error| refusal(&error))?;
+    Ok(method)
+}
+
+/// What values are, and the bounds of each plane.
+pub fn values(name: &str, planes: usize) -> PyResult<(Values, Vec<Bounds>)> {
+    Ok(match name {
+        "light" => (Values::Light, Vec::new()),
+        "matte" => (Values::Other, vec![Bounds::Unit; planes]),
+        "other" => (Values::Other, Vec::new()),
+        "directions" => (Values::Directions, Vec::new()),
+        _ => {
+            return Err(PyValueError::new_err(format!(
+                "values: '{name}' is none of light, matte, other, directions"
+            )));
+        }
+    })
+}
+
+/// Where light is reconstructed.
+pub fn domain(name: &str) -> PyResult<Domain> {
+    Ok(match name {
+        "auto" => Domain::Auto,
+        "linear" => Domain::Linear,
+        "log" => Domain::Log,
+        _ => return Err(PyValueError::new_err(format!("domain: '{name}' is none of auto, linear, log"))),
+    })
+}
+
+fn estimate(name: &str) -> PyResult<Estimate> {
+    Ok(match name {
+        "no" => Estimate::No,
+        "figure" => Estimate::Figure,
+        "pixels" => Estimate::Pixels,
+        _ => return Err(PyValueError::new_err("estimate: none of no, figure, pixels")),
+    })
+}
+
+/// The guides as the filters take them.
+fn guides(arrays: Vec<(String, Guide<'_>)>, image: &Planes, pool: &ThreadPool) -> PyResult<Guides> {
+    let mut guides = Guides::new(image.size());
+    for (name, guide) in arrays {
+        match guide {
+            Guide::Labels(labels) => guides.add_labels(&name, &arrays::labels(&labels)),
+            Guide::Values(values) => guides.add(&name, values.plain_planes(pool).into_vec()),
+        }
+        .map_err(|error| PyValueError::new_err(format!("guides['{name}']: {error}")))?;
+    }
+    Ok(guides)
+}
+
+/// Fills an image; without a mask, what is not finite in any channel is missing.
+#[pyfunction]
+#[pyo3(signature = (image, mask, guides, filter, settings, values, domain, limit, weights, estimate, threads))]
+pub fn fill<'py>(
+    py: Python<'py>,
+    image: Image<'py>,
+    mask: Option<Bytes<'py>>,
+    guides: Vec<(String, Guide<'py>)>,
+    filter: &str,
+    settings: Settings,
+    values: &str,
+    domain: &str,
+    limit: bool,
+    weights: Option<PyReadonlyArray2<'py, f32>>,
+    estimate: &str,
+    threads: usize,
+) -> PyResult<(Bound<'py, PyAny>, Report<'py>)> {
+    let pool = pool(threads)?;
+    let kind = image.kind();
+    let samples = image.planes(&pool);
+    let mask = Arc::new(mask.map_or_else(|| Mask::finite(&samples), |mask| arrays::mask(&mask)));
+    let guides = self::guides(guides, &samples, &pool)?;
+    let mut options = Options::of(method(filter, &settings)?);
+    (options.values, options.bounds) = self::values(values, samples.len())?;
+    options.domain = self::domain(domain)?;
+    options.limit = limit;
+    options.weights = weights.map(|weights| Arc::new(Plane::from(weights.as_array())));
+    options.guides = (!guides.is_empty()).then_some(&guides);
+    options.estimate = self::estimate(estimate)?;
+    drop(image);
+    let (array, mut filled) = run(py, &pool, |run| {
+        let mut filled = fill_with(&samples, &mask, &options, &Plans::new(), run)?;
+        let planes = std::mem::replace(&mut filled.planes, Planes::zeros(samples.size(), 0));
+        Ok((Array::new(planes, kind), filled))
+    })?;
+    let report = report(py, &mut filled, samples.len())?;
+    Ok((array.into_python(py)?, report))
+}
+
+fn report<'py>(py: Python<'py>, filled: &mut Filled, planes: usize) -> PyResult<Report<'py>> {
+    let errors = errors(&mut filled.sets).map(|plane| {
+        let size = plane.size();
+        arrays::shaped(py, plane.into_pixels(), [size.height, size.width])
+    });
+    let (rmse, reason) = verdict(&filled.sets);
+    let mut filters: Vec<(&'static str, f64)> = Vec::new();
+    for set in &filled.sets {
+        let part = set.planes.len() as f64 / planes.max(1) as f64;
+        let alone = [(set.method.name(), 1.0)];
+        for &(name, share) in if set.shares.is_empty() { &alone[..] } else { &set.shares } {
+            match filters.iter_mut().find(|known| known.0 == name) {
+                Some(known) => known.1 += part * share,
+                None => filters.push((name, part * share)),
+            }
+        }
+    }
+    let mut guides: Vec<String> = filled.sets.iter().flat_map(|set| set.guides.clone()).collect();
+    guides.sort();
+    guides.dedup();
+    Ok(Report {
+        stop: match filled.outcome.stop {
+            lacuna_filters::Stop::Converged => "converged",
+            lacuna_filters::Stop::IterationLimit => "iteration-limit",
+            lacuna_filters::Stop::TimeLimit => "time-limit",
+            lacuna_filters::Stop::Cancelled => "cancelled",
+        },
+        iterations: filled.outcome.iterations,
+        filters,
+        guides,
+        rmse,
+        reason,
+        errors: errors.transpose()?,
+    })
+}
+
+/// Over all sets, each counting by its planes.
+fn verdict(sets: &[Set]) -> (Option<Rmse>, Option<String>) {
+    let (mut squares, mut planes) = ([0.0; 3], 0.0);
+    for set in sets {
+        match set.estimate {
+            None => return (None, None),
+            Some(Verdict::CannotTell(why)) => return (None, Some(why.to_string())),
+            Some(Verdict::Estimate(found)) => {
+                let count = set.planes.len() as f64;
+                for (sum, rmse) in squares.iter_mut().zip([found.rmse, found.low, found.high]) {
+                    *sum += count * rmse * rmse;
+                }
+                planes += count;
+            }
+        }
+    }
+    if planes == 0.0 {
+        return (None, None);
+    }
+    let [rmse, low, high] = squares.map(|sum| (sum / planes).sqrt());
+    (Some((rmse, low, high)), None)
+}
+
+/// The errors of the pixels over all sets; nothing where a set has none.
+fn errors(sets: &mut [Set]) -> Option<Plane> {
+    if let [set] = sets {
+        return set.errors.take();
+    }
+    let size = sets.first()?.errors.as_ref()?.size();
+    let planes: usize = sets.iter().map(|set| set.planes.len()).sum();
+    let mut sum = Plane::filled(size, 0.0);
+    for set in sets.iter() {
+        let part = set.planes.len() as f32 / planes as f32;
+        let errors = set.errors.as_ref()?;
+        sum.pixels_mut()
+            .iter_mut()
+            .zip(errors.pixels())
+            .for_each(|(sum, error)| *sum += part * error * error);
+    }
+    sum.pixels_mut().iter_mut().for_each(|value| *value = value.sqrt());
+    Some(sum)
+}
+
+/// A setting: name, values, default, help.
+type SettingRow = (&'static str, String, String, &'static str);
+
+/// The filters: name, help, settings.
+#[pyfunction]
+pub fn filters() -> Vec<(&'static str, &'static str, Vec<SettingRow>)> {
+    let setting = |plain: &Method, setting: &lacuna_filters::descriptor::Setting| {
+        let default = plain.get(setting.name).unwrap_or_default();
+        (setting.name, setting.range.to_string(), default, setting.help)
+    };
+    let row = |method: &&lacuna_filters::descriptor::Descriptor| {
+        let plain = Method::of(method, &[]).unwrap_or_default();
+        let settings = method.settings.iter().filter(|setting| !setting.flag.is_empty());
+        (method.name, method.help, settings.map(|one| setting(&plain, one)).collect())
+    };
+    // Python has no files of dictionaries.
+    METHODS.iter().filter(|method| method.name != "dictionary").map(row).collect()
+}
+
+/// Bytes that a filter takes for each pixel beside the values of the channels.
+#[pyfunction]
+pub fn bytes_per_pixel(filter: &str) -> u64 {
+    METHODS.iter().find(|method| method.name == filter).map_or(0, |method| method.bytes)
+}

@@ -1,0 +1,239 @@
+"""Arrays as they come: any strides, types and shapes, and what is refused."""
+
+import inspect
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import lacuna
+import numpy as np
+import pytest
+from conftest import picture, same_bits
+
+IMAGE = picture(40, 52)
+MASK = lacuna.mask((40, 52), 0.3, seed=2)
+FILLED = lacuna.fill(IMAGE, MASK, filter="ss")
+
+
+def layouts():
+    fortran = np.asfortranarray(IMAGE)
+    wide = np.zeros((40, 104, 4), np.float32)
+    wide[:, ::2, :3] = IMAGE
+    planar = np.ascontiguousarray(IMAGE.transpose(2, 0, 1))
+    fixed = IMAGE.copy()
+    fixed.flags.writeable = False
+    record = np.zeros((40, 52, 3), np.dtype([("pad", np.uint8), ("value", np.float32)]))
+    record["value"] = IMAGE
+    return {
+        "fortran": fortran,
+        "part of a larger one": wide[:, ::2, :3],
+        "channels first": planar.transpose(1, 2, 0),
+        "turned twice": IMAGE[::-1, ::-1][::-1, ::-1],
+        "stored upside down": np.ascontiguousarray(IMAGE[::-1])[::-1],
+        "stored from right to left": np.ascontiguousarray(IMAGE[:, ::-1])[:, ::-1],
+        "blue first": np.ascontiguousarray(IMAGE[:, :, ::-1])[:, :, ::-1],
+        "read-only": fixed,
+        "unaligned": record["value"],
+        "other byte order": IMAGE.astype(">f4"),
+        "a list": IMAGE.tolist(),
+    }
+
+
+@pytest.mark.parametrize("name", layouts())
+def test_any_layout_gives_the_same_bits(name):
+    array = layouts()[name]
+    if name == "a list":
+        with pytest.raises(ValueError, match="^image: values are float64"):
+            lacuna.fill(array, MASK)
+        return
+    before = np.array(array)
+    assert same_bits(lacuna.fill(array, MASK, filter="ss"), FILLED), name
+    assert np.array_equal(before, array)
+
+
+def test_masks_of_any_kind():
+    turned = np.ascontiguousarray(MASK[::-1])[::-1]
+    fixed = MASK.copy()
+    fixed.flags.writeable = False
+    odd = (MASK * np.uint8(2)).view(np.bool_)
+    kinds = [MASK.astype(kind) for kind in (np.uint8, np.int64, np.float16, np.float32, np.float64)]
+    for mask in (turned, fixed, odd, np.asfortranarray(MASK), MASK.tolist(), *kinds):
+        assert same_bits(lacuna.fill(IMAGE, mask, filter="ss"), FILLED)
+
+
+def test_shapes_and_types_come_back():
+    for shape in ((40, 52), (40, 52, 1), (40, 52, 2), (40, 52, 5)):
+        for dtype in (np.float32, np.float16):
+            image = picture(*shape[:2], shape[2] if len(shape) == 3 else 1).reshape(shape).astype(dtype)
+            filled = lacuna.fill(image, MASK, filter="pushpull")
+            assert filled.shape == shape and filled.dtype == dtype and filled.flags.writeable
+            assert lacuna.upscale(image, 2, filter="cubic").shape == (80, 104, *shape[2:])
+    assert same_bits(lacuna.fill(IMAGE[:, :, 0], MASK, filter="pushpull"), lacuna.fill(IMAGE[:, :, :1], MASK, filter="pushpull")[:, :, 0])
+
+
+def test_a_lone_plane_is_not_copied_on_its_way_out():
+    filled = lacuna.fill(IMAGE[:, :, 0], MASK, filter="pushpull")
+    assert filled.base is not None and filled.flags.c_contiguous
+
+
+def test_halves_stay_finite_and_measured_values_keep_their_bits():
+    image = np.full((24, 24), 60000, np.float16)
+    image[::2] = 65504
+    image[3, 3] = np.inf
+    filled = lacuna.fill(image, np.indices((24, 24)).sum(0) % 3 == 0, filter="ss")
+    assert np.isfinite(filled).all()
+    full = lacuna.fill(image, np.ones((24, 24), bool), filter="ss")
+    assert same_bits(full, image), "an image that misses nothing is left as it is"
+
+
+def test_non_finite_values():
+    image = IMAGE.copy()
+    image[~MASK] = np.nan
+    assert same_bits(lacuna.fill(image, filter="ss"), FILLED)
+    image[np.nonzero(MASK)[0][0], np.nonzero(MASK)[1][0], 1] = np.inf
+    filled, said = lacuna.fill(image, MASK, filter="ss", estimate=True)
+    assert np.isfinite(filled).all() and said.filters == {"ss": pytest.approx(1)}
+    one = np.full((8, 8), np.nan, np.float32)
+    one[2, 3] = 5
+    assert (lacuna.fill(one) == 5).all()
+
+
+NAN_MASK = np.full((40, 52), np.nan, np.float32)
+HUGE = np.broadcast_to(np.float32(0), (10**6, 10**6))
+LARGE = np.broadcast_to(np.float32(0), (60000, 60000))
+REFUSED = {
+    "one axis": ("image", lambda: lacuna.fill(np.zeros(5, np.float32))),
+    "four axes": ("image", lambda: lacuna.fill(np.zeros((2, 2, 2, 2), np.float32))),
+    "a number": ("image", lambda: lacuna.fill(1.0)),
+    "nothing": ("image", lambda: lacuna.fill(None)),
+    "ragged": ("image", lambda: lacuna.fill([[1], [2, 3]])),
+    "float64": ("image", lambda: lacuna.fill(IMAGE.astype(np.float64), MASK)),
+    "uint8": ("image", lambda: lacuna.fill(np.zeros((4, 4), np.uint8))),
+    "complex": ("image", lambda: lacuna.fill(IMAGE.astype(np.complex64))),
+    "no rows": ("image", lambda: lacuna.fill(np.zeros((0, 4), np.float32))),
+    "no channels": ("image", lambda: lacuna.fill(np.zeros((4, 4, 0), np.float32))),
+    "too many pixels": ("image", lambda: lacuna.fill(HUGE)),
+    "more than the memory": ("image", lambda: lacuna.fill(np.broadcast_to(np.float32(0), (60000, 60000, 4000)), None)),
+    "more than the memory has": ("image", lambda: lacuna.fill(LARGE, None)),
+    "all NaN": ("mask", lambda: lacuna.fill(np.full((4, 4), np.nan, np.float32))),
+    "a channel of NaN": ("image", lambda: lacuna.fill(np.stack([IMAGE[:, :, 0], NAN_MASK], -1), MASK)),
+    "empty mask": ("mask", lambda: lacuna.fill(IMAGE, np.zeros((40, 52), bool))),
+    "another size": ("mask", lambda: lacuna.fill(IMAGE, MASK[:, :-1])),
+    "a mask of channels": ("mask", lambda: lacuna.fill(IMAGE, IMAGE > 0)),
+    "NaN mask": ("mask", lambda: lacuna.fill(IMAGE, NAN_MASK)),
+    "a mask of texts": ("mask", lambda: lacuna.fill(IMAGE, np.full((40, 52), "x"))),
+    "unknown filter": ("filter", lambda: lacuna.fill(IMAGE, MASK, filter="magic")),
+    "a filter that needs files": ("filter", lambda: lacuna.fill(IMAGE, MASK, filter="dictionary")),
+    "no text": ("filter", lambda: lacuna.fill(IMAGE, MASK, filter=3)),
+    "unknown setting": ("settings", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"x": 1})),
+    "out of range": ("settings", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": -1})),
+    "no dict": ("settings", lambda: lacuna.fill(IMAGE, MASK, settings=[1])),
+    "unknown values": ("values", lambda: lacuna.fill(IMAGE, MASK, values="x")),
+    "unknown domain": ("domain", lambda: lacuna.fill(IMAGE, MASK, domain="x")),
+    "weights of another size": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", weights=MASK[1:])),
+    "no weight": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": 1}, weights=MASK * 0)),
+    "guides of another size": ("guides", lambda: lacuna.fill(IMAGE, MASK, {"n": IMAGE[1:]})),
+    "guides in a list": ("guides", lambda: lacuna.fill(IMAGE, MASK, [IMAGE])),
+    "labels with channels": ("guides", lambda: lacuna.fill(IMAGE, MASK, {"id": IMAGE.astype(np.int32)})),
+    "threads below 0": ("threads", lambda: lacuna.fill(IMAGE, MASK, threads=-1)),
+    "half a thread": ("threads", lambda: lacuna.fill(IMAGE, MASK, threads=0.5)),
+    "no scale": ("scale", lambda: lacuna.upscale(IMAGE)),
+    "scale and size": ("scale", lambda: lacuna.upscale(IMAGE, 2, size=(80, 104))),
+    "scale 1": ("scale", lambda: lacuna.upscale(IMAGE, 1)),
+    "scale NaN": ("scale", lambda: lacuna.upscale(IMAGE, float("nan"))),
+    "smaller": ("scale", lambda: lacuna.upscale(IMAGE, size=(20, 26))),
+    "huge size": ("size", lambda: lacuna.upscale(IMAGE, size=(10**6, 10**6))),
+    "broken grid": ("scale", lambda: lacuna.upscale(IMAGE, 1.5, sampling="grid")),
+    "unknown sampling": ("sampling", lambda: lacuna.upscale(IMAGE, 2, sampling="x")),
+    "upscale with auto": ("filter", lambda: lacuna.upscale(IMAGE, 2, filter="auto")),
+    "upscale smoothed": ("settings", lambda: lacuna.upscale(IMAGE, 2, settings={"lambda": 1})),
+    "density 2": ("density", lambda: lacuna.mask((4, 4), 2)),
+    "density NaN": ("density", lambda: lacuna.mask((4, 4), float("nan"))),
+    "size 0": ("size", lambda: lacuna.mask((0, 4), 0.5)),
+    "size of one": ("size", lambda: lacuna.mask(4, 0.5)),
+    "mask too large": ("size", lambda: lacuna.mask((10**6, 10**6), 0.5)),
+    "unknown pattern": ("pattern", lambda: lacuna.mask((4, 4), 0.5, "x")),
+    "unknown relation": ("temporal", lambda: lacuna.mask((4, 4), 0.5, temporal="x")),
+    "poisson in turn": ("temporal", lambda: lacuna.mask((4, 4), 0.5, "poisson", temporal="complementary")),
+    "seed below 0": ("seed", lambda: lacuna.mask((4, 4), 0.5, seed=-1)),
+    "neither density nor count": ("density", lambda: lacuna.next_mask(IMAGE, MASK)),
+    "count below 0": ("count", lambda: lacuna.next_mask(IMAGE, MASK, count=-1)),
+    "allowed of another size": ("allowed", lambda: lacuna.next_mask(IMAGE, MASK, 0.1, allowed=MASK[1:])),
+    "images of two shapes": ("image", lambda: lacuna.compare(IMAGE, IMAGE[1:])),
+    "peak 0": ("peak", lambda: lacuna.compare(IMAGE, IMAGE, peak=0)),
+    "region of another size": ("region", lambda: lacuna.compare(IMAGE, IMAGE, MASK[1:])),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_done_names_the_argument(name):
+    argument, call = REFUSED[name]
+    with pytest.raises(ValueError) as raised:
+        call()
+    line = str(raised.value)
+    assert line.startswith(argument) and "\n" not in line, line
+
+
+def test_every_call_is_documented_and_listed():
+    for name in lacuna.__all__:
+        assert inspect.getdoc(getattr(lacuna, name)), name
+    for call in (lacuna.fill, lacuna.upscale, lacuna.mask, lacuna.next_mask, lacuna.compare):
+        text = inspect.getdoc(call)
+        assert "Raises ValueError" in text and "Returns" in text, call
+        for argument in inspect.signature(call).parameters:
+            assert argument in text, f"{call.__name__}: {argument}"
+    listed = lacuna.filters()
+    assert "auto" in listed and listed["ss"]["settings"]["lambda"]["default"] == "0"
+    for name in listed:
+        if name not in ("cs-wavelet", "cs-gradient", "dct"):
+            assert np.isfinite(lacuna.fill(IMAGE, MASK, filter=name)).all(), name
+
+
+def test_the_doctest_of_the_package():
+    import doctest
+
+    assert doctest.testmod(lacuna).failed == 0
+
+
+def test_other_threads_of_python_go_on():
+    """They do if the lock is given back: this one counts while the other fills."""
+    large = np.tile(IMAGE, (5, 5, 1))
+    mask = lacuna.mask(large.shape[:2], 0.1)
+    worker = threading.Thread(target=lambda: lacuna.fill(large, mask, filter="tv", settings={"gap": 1e-9}))
+    worker.start()
+    turns = 0
+    while worker.is_alive():
+        time.sleep(0.001)
+        turns += 1
+    # With the lock held there would be a turn before and one after.
+    assert turns > 5
+
+
+def test_an_interrupt_ends_a_fill():
+    program = (
+        "import lacuna, numpy as np, sys\n"
+        "image = np.random.default_rng(1).random((1500, 1500, 3), np.float32)\n"
+        "mask = lacuna.mask((1500, 1500), 0.05)\n"
+        "print('ready', flush=True)\n"
+        "try:\n"
+        "    lacuna.fill(image, mask, filter='tv', settings={'gap': 1e-12, 'max_iterations': 10000000})\n"
+        "except KeyboardInterrupt:\n"
+        "    print('interrupted', flush=True)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "ready\n"
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=120)[0] == "interrupted\n" and process.returncode == 0
+
+
+def test_a_child_after_fork_fills():
+    if not hasattr(os, "fork"):
+        pytest.skip("no fork")
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if same_bits(lacuna.fill(IMAGE, MASK, filter="ss"), FILLED) else 1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0

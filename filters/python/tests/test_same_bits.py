@@ -1,0 +1,116 @@
+"""The package and the tool come to the same bits."""
+
+import json
+
+import lacuna
+import numpy as np
+import pytest
+from conftest import picture, read, same_bits, write
+
+
+def sparse(tmp_path, dtype=np.float32, **more):
+    """A picture, a fifth of it as a file, and its mask."""
+    image = picture().astype(dtype)
+    mask = lacuna.mask(image.shape[:2], 0.2, seed=7)
+    samples = np.where(mask[:, :, None], image, dtype(0))
+    channels = {name: samples[:, :, c] for c, name in enumerate("RGB")} | {"mask": mask.astype(np.float16)} | more
+    return write(tmp_path / "sparse.exr", channels), image, samples, mask
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float16])
+@pytest.mark.parametrize("filter", ["auto", "ss", "tv", "pushpull"])
+def test_fill(tmp_path, tool, dtype, filter):
+    path, image, samples, mask = sparse(tmp_path, dtype)
+    tool("fill", path, "-o", tmp_path / "out.exr", "--filter", filter)
+    filled = lacuna.fill(samples, mask, filter=filter, threads=1)
+    assert filled.dtype == dtype and same_bits(filled, read(tmp_path / "out.exr"))
+    assert same_bits(filled[mask], image[mask])
+    assert same_bits(filled, lacuna.fill(np.where(mask[:, :, None], samples, dtype(np.nan)), filter=filter, threads=3))
+
+
+def test_fill_with_settings_and_guides(tmp_path, tool):
+    # What predicts the image best is the image, in other values.
+    normal = np.ascontiguousarray(picture()[:, :, ::-1] ** 2)
+    path, _, samples, mask = sparse(tmp_path, **{f"N.{name}": normal[:, :, c] for c, name in enumerate("XYZ")})
+    tool("fill", path, "-o", tmp_path / "out.exr", "--filter", "ss", "--guides", "N.*", "--ss-order", "3")
+    said = lacuna.fill(samples, mask, {"N": normal}, "ss", settings={"order": 3}, estimate=True)
+    assert same_bits(said[0], read(tmp_path / "out.exr"))
+    assert said[1].guides == ("N",)
+    assert not same_bits(said[0], lacuna.fill(samples, mask, filter="ss", settings={"order": 3}))
+
+
+def test_estimate_and_errors(tmp_path, tool):
+    path, image, samples, mask = sparse(tmp_path)
+    report = tmp_path / "report.json"
+    tool("fill", path, "-o", tmp_path / "out.exr", "--error-channel", "--json", report)
+    filled, said = lacuna.fill(samples, mask, estimate=True)
+    assert said.low < said.psnr < said.high and said.reason is None and said.stop in ("converged", "iteration-limit")
+    written = next(name for name in ("error", "lacuna.error", "error.RGB") if has(tmp_path / "out.exr", name))
+    assert same_bits(said.errors, read(tmp_path / "out.exr", written).astype(np.float32))
+    assert not said.errors[mask].any() and said.errors[~mask].any()
+    assert abs(sum(said.filters.values()) - 1) < 1e-6 and set(said.filters) <= set(lacuna.filters())
+    again = lacuna.estimate(samples, mask)
+    assert again[:4] == said[:4]
+    told = json.loads(report.read_text())["frames"][0]
+    assert any(abs(value - said.psnr) < 0.01 for value in numbers(told)), "the report says the same"
+    assert abs(lacuna.compare(image, filled, ~mask)["psnr"] - said.psnr) < 6
+
+
+def numbers(tree):
+    """All numbers of a report."""
+    if isinstance(tree, dict):
+        tree = list(tree.values())
+    if isinstance(tree, list):
+        return [number for part in tree for number in numbers(part)]
+    return [tree] if isinstance(tree, float) else []
+
+
+def has(path, name):
+    import OpenEXR
+
+    return name in OpenEXR.File(str(path), separate_channels=True).channels()
+
+
+@pytest.mark.parametrize("scale, sampling, filter", [(2, "box", "ss"), (1.5, "point", "ss"), (2, "gaussian:1", "tv"), (2, "box", "cubic")])
+def test_upscale(tmp_path, tool, scale, sampling, filter):
+    path, _, samples, mask = sparse(tmp_path)
+    flags = ("--scale", scale, "--sampling", sampling, "--filter", filter)
+    tool("upscale", path, "-o", tmp_path / "out.exr", *flags)
+    large = lacuna.upscale(samples, scale, mask=mask, sampling=sampling, filter=filter)
+    assert large.shape[:2] == (round(72 * scale), round(88 * scale))
+    assert same_bits(large, read(tmp_path / "out.exr"))
+
+
+@pytest.mark.parametrize("pattern", ["shuffle", "blue-noise", "poisson", "random", "grid"])
+def test_masks(tmp_path, tool, pattern):
+    flags = ("--size", "88x72", "--density", "0.25", "--pattern", pattern, "--seed", "5")
+    tool("mask", "-o", tmp_path / "mask.exr", *flags)
+    mask = lacuna.mask((72, 88), 0.25, pattern, seed=5)
+    assert mask.dtype == np.bool_ and np.array_equal(mask, read(tmp_path / "mask.exr", "mask") >= 0.5)
+
+
+def test_next_pixels(tmp_path, tool):
+    path, _, samples, mask = sparse(tmp_path)
+    tool("mask", "--after", path, "--add", "0.05", "--seed", "7", "-o", tmp_path / "next.exr")
+    new = lacuna.next_mask(samples, mask, 0.05, seed=7)
+    assert new.sum() == round(0.05 * mask.size) and not (new & mask).any()
+    assert np.array_equal(new, read(tmp_path / "next.exr", "mask") >= 0.5)
+    half = np.zeros_like(mask)
+    half[:, :40] = True
+    assert not (lacuna.next_mask(samples, mask, count=50, allowed=half) & ~half).any()
+
+
+def test_measures(tmp_path, tool):
+    image, mask = picture(), lacuna.mask((72, 88), 0.2)
+    filled = lacuna.fill(image, mask, filter="pushpull")
+    for name, array in (("full", image), ("filled", filled)):
+        write(tmp_path / f"{name}.exr", {key: array[:, :, c] for c, key in enumerate("RGB")})
+    tool("compare", tmp_path / "full.exr", tmp_path / "filled.exr", "--measures", "flip", "--json", tmp_path / "report.json")
+    text = json.loads((tmp_path / "report.json").read_text())
+    told = text["frames"][0]["groups"][0]["regions"][0]["measures"]
+    found = lacuna.compare(image, filled, flip=True)
+    for name, value in found.items():
+        assert abs(told[name.replace("_", "-")] - value) <= 1e-12 * abs(value), name
+    inner = lacuna.compare(image, filled, ~mask)
+    assert inner["pixels"] == (~mask).sum() and inner["psnr"] < found["psnr"]
+    assert lacuna.compare(image, image)["psnr"] == np.inf
