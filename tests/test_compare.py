@@ -127,7 +127,7 @@ def test_measures_agree_with_their_twins_on_renders(name, tmp_path):
         reference = middle(tmp_path / "middle.exr", reference, 500)
     sparse, filled = tmp_path / "sparse.exr", tmp_path / "filled.exr"
     tool.lacuna("sparsify", reference, "-o", sparse, "--density", "0.2")
-    tool.lacuna("fill", sparse, "-o", filled)
+    tool.quick_fill(sparse, "-o", filled)
     check_all(reference, filled, frames.colour(reference), frames.colour(filled), tmp_path)
 
 
@@ -220,7 +220,7 @@ def test_nothing_passes_by_absence(gate, tmp_path):
     # One of them is enough; then all of the progress is made, too.
     flags = np.indices((8, 9)).sum(0) % 2
     frames.write(tmp_path / "r.0002.exr", {"R": np.ones((8, 9), np.float32), "mask": flags.astype(np.float32)})
-    tool.lacuna("fill", tmp_path / "r.0002.exr", "-o", tmp_path / "t.0002.exr")
+    tool.quick_fill(tmp_path / "r.0002.exr", "-o", tmp_path / "t.0002.exr")
     result = tool.lacuna(gate, *pair, "--frames", "1-4", "--missing-frame", "skip")
     assert "Progress: 100%" in result.stderr, result
 

@@ -9,7 +9,7 @@ import pytest
 from sklearn.linear_model import orthogonal_mp
 
 import frames
-from tool import SAMPLES, lacuna
+from tool import SAMPLES, lacuna, quick_fill
 
 BLOCK = 8
 
@@ -34,7 +34,7 @@ def restored(folder, image, dictionary, *words):
     """The pure approximation of an image of whole blocks without a missing pixel."""
     mask = np.ones(image.shape[:2], bool)
     source = frames.write_sparse(folder / "whole.exr", image, mask)
-    lacuna("fill", "-q", source, "-o", folder / "restored.exr", "--filter", "dictionary", "--dictionary", dictionary, "--dict-restore",
+    quick_fill("-q", source, "-o", folder / "restored.exr", "--filter", "dictionary", "--dictionary", dictionary, "--dict-restore",
            "--dict-stride", BLOCK, "--domain", "linear", *words)
     return frames.colour(folder / "restored.exr")
 
@@ -87,7 +87,7 @@ def test_filling_keeps_measured_bits_and_atoms_learned_here_beat_cosines(tmp_pat
         for threads in ("1", "3"):
             out = tmp_path / f"{name}{threads}.exr"
             report = tmp_path / "report.json"
-            lacuna("fill", "-q", source, "-o", out, *words, "--threads", threads, "--json", report)
+            quick_fill("-q", source, "-o", out, *words, "--threads", threads, "--json", report)
             outputs.append(out.read_bytes())
         assert outputs[0] == outputs[1]
         assert json.loads(report.read_text())["frames"][0]["density"] == pytest.approx(0.3, abs=0.01)
@@ -104,7 +104,7 @@ def test_other_channels_go_with_splines_and_the_attributes_name_the_dictionary(t
     mask = frames.shuffle(*image.shape[:2], 0.4)
     planes = {name: np.where(mask, image[..., k], 0).astype(np.float32) for k, name in enumerate("RGB")}
     source = frames.write(tmp_path / "in.exr", planes | {"A": mask.astype(np.float32), "mask": mask.astype(np.float32)})
-    result = lacuna("fill", source, "-o", tmp_path / "out.exr", "--filter", "dictionary", "--dictionary", path, "-v")
+    result = quick_fill(source, "-o", tmp_path / "out.exr", "--filter", "dictionary", "--dictionary", path, "-v")
     assert "A: not of the dictionary, filled by auto" in result.stderr
     settings = OpenEXR.File(str(tmp_path / "out.exr")).parts[0].header["lacuna/settings"]
     name = next(line.split()[1] for line in lacuna("dictionary-info", path).stdout.splitlines() if line.startswith("dictionary"))
@@ -140,7 +140,7 @@ def test_sparse_frames_are_refused_until_they_are_filled(tmp_path, trained):
     path, image, _ = trained
     sparse = frames.write_sparse(tmp_path / "sparse.exr", image.astype(np.float32), frames.shuffle(*image.shape[:2], 0.4))
     filled = tmp_path / "filled.exr"
-    lacuna("fill", "-q", sparse, "-o", filled, "--filter", "linear")
+    quick_fill("-q", sparse, "-o", filled, "--filter", "linear")
     assert "mask" in frames.read(filled)[0]
     words = {"encode": ["--dictionary", path, "-o", tmp_path / "frame.code"],
              "train": ["-o", tmp_path / "b.npz", "--block", 4, "--atoms", 60, "--iterations", 1]}

@@ -17,7 +17,7 @@ import pytest
 
 import frames
 import slurm
-from tool import LACUNA, ROOT, SAMPLES, lacuna, run, wait_until_at_work
+from tool import LACUNA, ROOT, SAMPLES, lacuna, quick_fill, run, wait_until_at_work
 
 # Work without an end in sight.
 ENDLESS = ["--filter", "tv", "--tv-gap", "1e-300", "--tv-iterations", "4000000000"]
@@ -63,7 +63,7 @@ def sha256(path):
 
 def test_a_termination_abandons_the_frame_at_hand_and_a_rerun_does_the_rest(shot):
     source, out, log = shot
-    lacuna("fill", source, "-o", out, "--frames", "1", "--log", log)
+    quick_fill(source, "-o", out, "--frames", "1", "--log", log)
     process = start("fill", source, "-o", out, "--frames", "2-4", "--log", log, *ENDLESS)
     wait_until_at_work(process)
     assert process.poll() is None, "ended before the signal"
@@ -75,7 +75,7 @@ def test_a_termination_abandons_the_frame_at_hand_and_a_rerun_does_the_rest(shot
     assert set(contents(out.parent)) == {"shot.0001.exr"}
     assert states(log)[:2] == [(1, "done"), (2, "stopped")]
 
-    lacuna("fill", source, "-o", out, "-u", "--log", log)
+    quick_fill(source, "-o", out, "-u", "--log", log)
     again = ledger(log)[-4:]
     assert {entry["frame"]: entry["state"] for entry in again} == {1: "skipped", 2: "done", 3: "done", 4: "done"}
     assert len(contents(out.parent)) == 4
@@ -109,14 +109,14 @@ def test_a_ledger_says_what_became_of_each_frame(shot):
     source, out, log = shot
     broken = source.with_name("shot.0003.exr")
     broken.write_bytes(broken.read_bytes()[:2000])
-    assert lacuna("fill", source, "-o", out, "--log", log, ok=False).status == 1
+    assert quick_fill(source, "-o", out, "--log", log, ok=False).status == 1
     assert states(log) == [(1, "done"), (2, "done"), (3, "failed"), (4, "done")]
     for entry in ledger(log):
         name = f"shot.{entry['frame']:04d}.exr"
         assert (entry["input"], entry["output"]) == (str(source.with_name(name)), str(out.with_name(name)))
         assert entry["input_sha256"] == sha256(source.with_name(name))
         assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z", entry["time"])
-        assert (entry["command"], entry["filter"]) == ("fill", "auto") and "domain" in entry["settings"]
+        assert (entry["command"], entry["filter"]) == ("fill", "ss") and "domain" in entry["settings"]
         assert entry["host"] == os.uname().nodename and entry["process"] > 0
         assert set(entry["seconds"]) == {"read", "solve", "write"}
         if entry["state"] == "done":
@@ -137,7 +137,7 @@ def test_every_command_keeps_the_ledger(shot, command):
         "render": [SAMPLES / "scenes" / "vessels.toml", "-o", out, "--size", "32x32", "--density", "0.2"],
     }[command]
     if command in ("verify", "compare"):
-        lacuna("fill", source, "-o", out)
+        quick_fill(source, "-o", out)
     lacuna(command, *words, "--frames", "1-2", "--log", log)
     assert states(log) == [(1, "done"), (2, "done")]
     assert {entry["command"] for entry in ledger(log)} == {command}
@@ -145,7 +145,7 @@ def test_every_command_keeps_the_ledger(shot, command):
 
 def test_workers_that_are_given_the_same_frames_leave_one_good_file_of_each(shot):
     source, out, log = shot
-    lacuna("fill", source, "-o", out)
+    quick_fill(source, "-o", out)
     expected = contents(out.parent)
     for path in out.parent.iterdir():
         path.unlink()
@@ -171,26 +171,26 @@ def test_what_a_killed_worker_leaves_is_cleaned_up_by_the_next(tmp_path):
     worker.kill()
     worker.wait(30)
     assert [path.suffix for path in out.iterdir()] == [".tmp"], "the worker ended before it was killed"
-    lacuna("fill", tmp_path / "small.exr", "-o", out / "small.exr")
+    quick_fill(tmp_path / "small.exr", "-o", out / "small.exr")
     assert set(contents(out)) == {"small.exr"}
 
 
 def test_progress_is_told_as_asked(shot):
     source, out, log = shot
-    plain = lacuna("fill", source, "-o", out, "-q", "--progress", "plain")
+    plain = quick_fill(source, "-o", out, "-q", "--progress", "plain")
     # The expression that Deadline's plug-ins commonly use.
     percents = [int(found[1]) for line in plain.stderr.splitlines() if (found := re.match(r"Progress: (\d+)%", line))]
     assert percents == sorted(percents) and percents[-1] == 100 and plain.stdout == ""
-    openjd = lacuna("fill", source, "-o", out, "--progress", "openjd")
+    openjd = quick_fill(source, "-o", out, "--progress", "openjd")
     lines = openjd.stdout.splitlines()
     percents = [int(line.removeprefix("openjd_progress: ")) for line in lines if line.startswith("openjd_progress: ")]
     assert percents == sorted(percents) and percents[-1] == 100
     assert any(re.match("openjd_status: 4 of 4 frames filled", line) for line in lines), openjd
     assert "Progress" not in openjd.stderr
-    assert "Progress" not in lacuna("fill", source, "-o", out, "--progress", "none").stderr
+    assert "Progress" not in quick_fill(source, "-o", out, "--progress", "none").stderr
 
     source.with_name("shot.0002.exr").write_bytes(b"no frame")
-    failed = lacuna("fill", source, "-o", out, "--progress", "openjd", "-q", ok=False)
+    failed = quick_fill(source, "-o", out, "--progress", "openjd", "-q", ok=False)
     assert failed.status == 1
     [line] = [line for line in failed.stdout.splitlines() if line.startswith("openjd_fail: ")]
     assert "shot.0002.exr" in line
@@ -208,7 +208,7 @@ def test_progress_is_told_as_asked(shot):
 ])
 def test_outputs_that_cannot_be_shared_are_refused(shot, words, reason):
     folder = shot[2].parent
-    refused = lacuna("fill", shot[0], "-o", shot[1], *words, ok=False, folder=folder)
+    refused = quick_fill(shot[0], "-o", shot[1], *words, ok=False, folder=folder)
     assert refused.status == 2 and reason in refused.stderr and len(refused.lines()) == 1, refused
     assert contents(shot[1].parent) == {}
 
@@ -298,13 +298,13 @@ def test_a_ledger_is_not_appended_to_another_file(shot):
     frame = source.with_name("shot.0004.exr")
     before = frame.read_bytes()
     log.symlink_to(frame)
-    refused = lacuna("fill", source, "-o", out, "--frames", "1", "--log", log, ok=False)
+    refused = quick_fill(source, "-o", out, "--frames", "1", "--log", log, ok=False)
     assert refused.status == 2 and "no such report" in refused.stderr and len(refused.lines()) == 1, refused
     assert frame.read_bytes() == before and contents(out.parent) == {}
 
 
 def test_memory_that_slurm_bounds_is_asked_of_slurm(shot):
-    refused = lacuna("fill", shot[0], "-o", shot[1], "--frames", "1", ok=False, environment={"SLURM_MEM_PER_NODE": "1"})
+    refused = quick_fill(shot[0], "-o", shot[1], "--frames", "1", ok=False, environment={"SLURM_MEM_PER_NODE": "1"})
     assert refused.status == 1 and "the job's --mem" in refused.stderr, refused
 
 

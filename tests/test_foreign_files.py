@@ -7,7 +7,7 @@ import pytest
 
 import frames
 import header
-from tool import DATA, idiff, lacuna
+from tool import DATA, idiff, quick_fill
 
 pytestmark = pytest.mark.data
 
@@ -91,7 +91,7 @@ def check_pixels(before, after, decoded_loosely):
 def test_a_full_mask_returns_the_file(path, full_mask, tmp_path):
     before, _ = header.read(path)
     out = tmp_path / "out.exr"
-    lacuna("fill", path, "-o", out, "--mask", f"file:{full_mask(union(before))}")
+    quick_fill(path, "-o", out, "--mask", f"file:{full_mask(union(before))}")
     after, _ = header.read(out)
     assert len(before) == len(after)
     for one, other in zip(before, after):
@@ -108,7 +108,7 @@ def test_a_full_mask_returns_the_file(path, full_mask, tmp_path):
 def test_what_is_unsupported_is_refused_by_name(path, full_mask, tmp_path):
     reason = header.unsupported(path)
     window = union(header.read(path)[0])
-    result = lacuna("fill", path, "-o", tmp_path / "out.exr", "--mask", f"file:{full_mask(window)}", "-q", ok=False)
+    result = quick_fill(path, "-o", tmp_path / "out.exr", "--mask", f"file:{full_mask(window)}", "-q", ok=False)
     assert result.status == 1, result
     lines = result.lines()
     assert len(lines) == 1 and path.name in lines[0] and reason in lines[0].lower(), result
@@ -130,7 +130,7 @@ def window_of(path):
 @pytest.mark.parametrize("path", HOSTILE_FILES, ids=name)
 def test_a_hostile_file_costs_one_line(path, mask, full_mask, tmp_path):
     source = "nan" if mask == "nan" else f"file:{full_mask(window_of(path))}"
-    result = lacuna("fill", path, "-o", tmp_path / "out.exr", "--mask", source, "-q", ok=False, timeout=30)
+    result = quick_fill(path, "-o", tmp_path / "out.exr", "--mask", source, "-q", ok=False, timeout=30)
     assert result.status in (0, 1), result
     assert result.peak_bytes <= 2 * GIB, f"{result.peak_bytes / GIB:.2f} GiB\n{result}"
     assert (tmp_path / "out.exr").exists() == (result.status == 0)

@@ -12,7 +12,7 @@ import pytest
 
 import frames
 import header
-from tool import SAMPLES, idiff, lacuna, oiio as oiio_tool
+from tool import SAMPLES, idiff, oiio as oiio_tool, quick_fill
 
 SIZE = 40
 
@@ -39,7 +39,7 @@ def sparse(tmp_path):
 def fill(source, *words, out=None):
     """Fills one frame, and holds it to what every output must be: accepted by others, finite, measured bits kept."""
     out = out or source.with_name("out.exr")
-    lacuna("fill", source, "-o", out, *words)
+    quick_fill(source, "-o", out, *words)
     accepted(out)
     before, after = frames.read(source), frames.read(out)
     for one, other in zip(before, after, strict=True):
@@ -104,7 +104,7 @@ def test_the_attributes_say_what_was_done(sparse):
     attributes = header.read(fill(sparse()))[0][0].attributes
     for key in ("version", "filter", "settings", "density", "mask"):
         assert f"lacuna/{key}" in attributes, key
-    assert attributes["lacuna/filter"] == ("string", b"auto")
+    assert attributes["lacuna/filter"] == ("string", b"ss")
 
 
 @pytest.mark.parametrize("method", ["ss", "tv", "pushpull", "nearest"])
@@ -113,7 +113,7 @@ def test_threads_and_memory_never_change_a_byte(method, tmp_path):
         results = set()
         for words in (["--threads", "1"], ["--threads", "2"], ["--threads", "5"], ["--threads", "2", "--memory", "64M"], []):
             out = tmp_path / "out.exr"
-            lacuna("fill", SAMPLES / sample, "-o", out, "--filter", method, *words)
+            quick_fill(SAMPLES / sample, "-o", out, "--filter", method, *words)
             results.add(out.read_bytes())
             out.unlink()
         assert len(results) == 1, sample
@@ -123,7 +123,7 @@ def test_the_umask_is_obeyed(sparse):
     source = sparse()
     for mask in (0o022, 0o027, 0o077):
         out = source.with_name(f"{mask:o}.exr")
-        lacuna("fill", source, "-o", out, before=lambda: os.umask(mask))
+        quick_fill(source, "-o", out, before=lambda: os.umask(mask))
         assert stat.S_IMODE(out.stat().st_mode) == 0o666 & ~mask
 
 
@@ -182,7 +182,7 @@ def test_measured_nans_are_filled_and_counted(tmp_path):
     pixels[rows[:3], columns[:3], 0] = [np.nan, np.inf, -np.inf]
     source = frames.write_sparse(tmp_path / "in.exr", pixels, mask)
     out, report = tmp_path / "out.exr", tmp_path / "report.json"
-    result = lacuna("fill", source, "-o", out, "--json", report)
+    result = quick_fill(source, "-o", out, "--json", report)
     assert json.loads(report.read_text())["frames"][0]["non_finite"] == 3
     assert "finite" in result.stderr, result
     accepted(out)
@@ -192,7 +192,7 @@ def test_every_sample_is_filled_and_accepted(tmp_path):
     for sample in sorted((SAMPLES / "sequence").glob("*.exr")):
         fill(sample, out=tmp_path / sample.name)
     out = tmp_path / "parts.exr"
-    lacuna("fill", SAMPLES / "parts.exr", "-o", out)
+    quick_fill(SAMPLES / "parts.exr", "-o", out)
     accepted(out, finite=False)  # depth is infinite where nothing is
 
 

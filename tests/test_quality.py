@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import frames
-from tool import DATA, SAMPLES, lacuna
+from tool import DATA, SAMPLES, quick_fill
 
 PROMISED = [  # frame, filter, least PSNR in dB at 20 % low-discrepancy samples
     ("engine", "ss", 55.3),
@@ -19,7 +19,7 @@ PROMISED = [  # frame, filter, least PSNR in dB at 20 % low-discrepancy samples
 def filled(folder, pixels, mask, method, *words):
     """The pixels that `fill` returns, the measured ones checked bit for bit, and the process."""
     source = frames.write_sparse(folder / "in.exr", pixels, mask)
-    result = lacuna("fill", source, "-o", folder / "out.exr", "--filter", method, *words)
+    result = quick_fill(source, "-o", folder / "out.exr", "--filter", method, *words)
     out = frames.colour(folder / "out.exr")
     assert frames.same_bits(out[mask], pixels[mask].astype(np.float32))
     assert np.isfinite(out).all()

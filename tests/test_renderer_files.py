@@ -8,7 +8,7 @@ import OpenEXR
 import pytest
 
 import frames
-from tool import ROOT, lacuna
+from tool import ROOT, lacuna, quick_fill
 
 HEIGHT, WIDTH = 48, 64
 ROWS, COLUMNS = np.indices((HEIGHT, WIDTH))
@@ -53,7 +53,7 @@ def test_names_have_the_rules_of_the_page(renderer, expected, tmp_path):
     path = frames.write(tmp_path / "names.exr", values | {"mask": MASK.astype(np.float16)})
     found = rules(path)
     assert {name: found[name] for name in expected} == expected
-    lacuna("fill", path, "-o", tmp_path / "full.exr")
+    quick_fill(path, "-o", tmp_path / "full.exr")
 
 
 def test_mitsuba_doubles_its_colour(tmp_path):
@@ -62,7 +62,7 @@ def test_mitsuba_doubles_its_colour(tmp_path):
     doubled = {f"img.{name}": values for name, values in colour.items()}
     path = frames.write(tmp_path / "m.exr", colour | doubled | depth, compression=OpenEXR.PIZ_COMPRESSION)
     frames.write(tmp_path / "mask.exr", {"mask": MASK.astype(np.float16)})
-    lacuna("fill", path, "-o", tmp_path / "full.exr", "--mask", f"file:{tmp_path / 'mask.exr'}")
+    quick_fill(path, "-o", tmp_path / "full.exr", "--mask", f"file:{tmp_path / 'mask.exr'}")
     full = frames.read(tmp_path / "full.exr")[0]
     for name in "RGBA":
         assert frames.same_bits(full[name], full[f"img.{name}"])
@@ -81,7 +81,7 @@ def test_blender_writes_a_part_a_pass(tmp_path):
     parts = [frames.part({key: sparse(values) for key, values in planes.items()}, name=name) for name, planes in passes.items()]
     parts.append(frames.part({"mask": MASK.astype(np.float16)}, name="mask"))
     path = frames.write(tmp_path / "b.exr", parts)
-    lacuna("fill", path, "-o", tmp_path / "full.exr")
+    quick_fill(path, "-o", tmp_path / "full.exr")
     lacuna("verify", path, tmp_path / "full.exr")
     full = frames.read(tmp_path / "full.exr")
     assert len(full) == 5
@@ -106,7 +106,7 @@ def layered(folder, *words, ok=True):
     layers = [f"{name}={folder / file}.####.exr" for name, file in (("depth", "DEPTH"), ("N", "NORMAL"), ("n", "SAMPLECOUNT"))]
     flags = [word for layer in layers for word in ("--layers", layer)]
     out = ("-o", folder / "full.####.exr", "--mask", f"file:{folder / 'mask.####.exr'}")
-    return lacuna("fill", folder / "RGB.####.exr", *out, *flags, "--channels", "n.*=keep", *words, ok=ok)
+    return quick_fill(folder / "RGB.####.exr", *out, *flags, "--channels", "n.*=keep", *words, ok=ok)
 
 
 def test_files_of_luxcore_come_together(tmp_path):
@@ -155,16 +155,16 @@ def test_pixels_weigh_by_their_samples(words, settings, tmp_path):
     for name, more in (("plain", ()), ("weighted", weights)):
         errors = []
         for setting in settings:
-            lacuna("fill", path, "-o", tmp_path / f"{name}.exr", *words, setting, *more)
+            quick_fill(path, "-o", tmp_path / f"{name}.exr", *words, setting, *more)
             full = frames.read(tmp_path / f"{name}.exr")[0]
             assert frames.same_bits(full["SAMPLECOUNT"], counts)
             errors.append(np.sqrt(np.mean((full["R"] - truth) ** 2, dtype=np.float64)))
         best[name] = min(errors)
     assert best["weighted"] < 0.75 * best["plain"], best
     lacuna("verify", path, tmp_path / "weighted.exr")
-    same = lacuna("fill", path, "-o", tmp_path / "weighted.exr", "-u", *words, settings[-1], *weights)
+    same = quick_fill(path, "-o", tmp_path / "weighted.exr", "-u", *words, settings[-1], *weights)
     assert "1 skipped" in same.stderr, same
-    other = lacuna("fill", path, "-o", tmp_path / "weighted.exr", "-u", *words, settings[-1])
+    other = quick_fill(path, "-o", tmp_path / "weighted.exr", "-u", *words, settings[-1])
     assert "skipped" not in other.stderr, other
 
 

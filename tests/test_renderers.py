@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import frames
-from tool import LACUNA, ROOT, SAMPLES, lacuna, run
+from tool import LACUNA, ROOT, SAMPLES, lacuna, quick_fill, run
 
 BRIDGES = ROOT / "scripts" / "renderers"
 SCENES = SAMPLES / "renderers"
@@ -117,7 +117,7 @@ def test_aovs_of_mitsuba_arrive_and_guide(tmp_path):
     assert (planes["depth.Z"] > 0).all() and np.array_equal(planes["id"], np.round(planes["id"]))
     assert not frames.read(tmp_path / "thin.exr")[0]["depth.Z"][~mask].any()
     for name in ("thin", "dense"):
-        lacuna("fill", tmp_path / f"{name}.exr", "-o", tmp_path / f"{name}.full.exr")
+        quick_fill(tmp_path / f"{name}.exr", "-o", tmp_path / f"{name}.full.exr")
         lacuna("verify", tmp_path / f"{name}.exr", tmp_path / f"{name}.full.exr")
 
 
@@ -156,7 +156,7 @@ def test_luxcore_keeps_to_the_mask(still, tmp_path):
     lacuna(*plain)
     lacuna("verify", tmp_path / "thin.exr", tmp_path / "thin.full.exr")
     weights = ("--ss-lambda", "0.05", "--weights", "count:SAMPLECOUNT")
-    lacuna("fill", tmp_path / "thin.exr", "-o", tmp_path / "smooth.exr", *weights)
+    quick_fill(tmp_path / "thin.exr", "-o", tmp_path / "smooth.exr", *weights)
 
 
 @pytest.mark.parametrize("name", ["mitsuba_sparse.py", "luxcore_sparse.py"])
@@ -187,7 +187,7 @@ def test_masked_pixels_of_blender_are_those_of_a_full_render(tmp_path):
         # A sample on the rim of a pixel may fall to either side.
         assert same[mask].mean() > 0.995, name
         assert (sparse[name][~mask] == 0).mean() > 0.995, name
-    lacuna("fill", tmp_path / "0.25.exr", "-o", tmp_path / "filled.exr")
+    quick_fill(tmp_path / "0.25.exr", "-o", tmp_path / "filled.exr")
     lacuna("verify", tmp_path / "0.25.exr", tmp_path / "filled.exr")
 
 

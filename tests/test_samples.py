@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import frames
-from tool import ROOT, SAMPLES, lacuna
+from tool import ROOT, SAMPLES, lacuna, quick_fill
 
 
 def test_the_script_makes_the_samples(tmp_path):
@@ -31,7 +31,7 @@ def test_the_samples_stay_small():
 def parts(tmp_path_factory):
     """The two-part frame: sparse, filled and full."""
     out = tmp_path_factory.mktemp("parts") / "filled.exr"
-    lacuna("fill", SAMPLES / "parts.exr", "-o", out)
+    quick_fill(SAMPLES / "parts.exr", "-o", out)
     return frames.read(SAMPLES / "parts.exr"), frames.read(out), frames.read(SAMPLES / "full" / "parts.exr")
 
 
@@ -82,7 +82,7 @@ def test_info_names_every_channel_and_its_rule():
 
 def test_the_command_of_the_readme_fills_the_sequence(tmp_path):
     """The pattern of the README's first command, run from the root of the project."""
-    lacuna("fill", "samples/sequence/shot.####.exr", "-o", tmp_path / "out" / "shot.####.exr", "--create-dir", folder=ROOT)
+    quick_fill("samples/sequence/shot.####.exr", "-o", tmp_path / "out" / "shot.####.exr", "--create-dir", folder=ROOT)
     out = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert out == [f"shot.{frame:04d}.exr" for frame in range(1, 5)]
     for name in out:

@@ -6,13 +6,13 @@ from scipy.interpolate import CloughTocher2DInterpolator, LinearNDInterpolator, 
 from scipy.spatial import Delaunay
 
 import frames
-from tool import SAMPLES, lacuna
+from tool import SAMPLES, quick_fill
 
 PURE = ("--domain", "linear", "--limit", "off")
 
 
 def filled(folder, full, mask, method, *words):
-    lacuna("fill", frames.write_sparse(folder / "in.exr", full, mask), "-o", folder / "out.exr", "--filter", method, *words)
+    quick_fill(frames.write_sparse(folder / "in.exr", full, mask), "-o", folder / "out.exr", "--filter", method, *words)
     out = frames.colour(folder / "out.exr")
     assert frames.same_bits(out[mask], full[mask])
     return out

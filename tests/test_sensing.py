@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import frames
-from tool import DATA, ROOT, SAMPLES, lacuna
+from tool import DATA, ROOT, SAMPLES, lacuna, quick_fill
 
 spec = importlib.util.spec_from_file_location("sensing_reference", ROOT / "scripts" / "python" / "sensing_reference.py")
 reference = importlib.util.module_from_spec(spec)
@@ -46,7 +46,7 @@ def test_filters_keep_measured_bits_whatever_the_threads_and_report(tmp_path, wo
     outputs = []
     for threads in ("1", "3"):
         out, report = tmp_path / f"{threads}.exr", tmp_path / f"{threads}.json"
-        lacuna("fill", "-q", source, "-o", out, "--filter", *words, "--threads", threads, "--json", report)
+        quick_fill("-q", source, "-o", out, "--filter", *words, "--threads", threads, "--json", report)
         outputs.append(out.read_bytes())
         frame = json.loads(report.read_text())["frames"][0]
         assert frame["objective"] > 0 and frame["constraint"] == 0 and frame["iterations"] > 0
@@ -62,7 +62,7 @@ def test_without_pairs_the_error_names_the_way_out(tmp_path):
     full = frames.colour(SAMPLES / "smooth.exr")
     rows, columns = np.indices(full.shape[:2])
     source = frames.write_sparse(tmp_path / "in.exr", full, (rows + columns) % 2 == 0)
-    result = lacuna("fill", source, "-o", tmp_path / "out.exr", "--filter", "cs-gradient", ok=False)
+    result = quick_fill(source, "-o", tmp_path / "out.exr", "--filter", "cs-gradient", ok=False)
     assert result.status == 1 and "lacuna mask --paired" in result.stderr
     assert len([line for line in result.lines() if "cs-gradient" in line or "neighbours" in line]) == 1
 
@@ -77,7 +77,7 @@ def test_gradients_in_channels_are_used_and_kept(tmp_path):
     planes = {"Y": image} | {name: plane.astype(np.float32) for name, plane in slopes.items()}
     sparse = {name: np.where(mask, plane, np.float32(0)) for name, plane in planes.items()}
     source = frames.write(tmp_path / "in.exr", sparse | {"mask": mask.astype(np.float32)})
-    lacuna("fill", "-q", source, "-o", tmp_path / "out.exr", "--filter", "cs-gradient", "--csg-tolerance", "1e-4")
+    quick_fill("-q", source, "-o", tmp_path / "out.exr", "--filter", "cs-gradient", "--csg-tolerance", "1e-4")
     out = frames.read(tmp_path / "out.exr")[0]
     for name in slopes:
         assert frames.same_bits(out[name], sparse[name])
@@ -92,7 +92,7 @@ def test_a_large_frame_takes_no_more_than_40_planes(tmp_path, words):
     height, width = full.shape[:2]
     mask = frames.shuffle(height, width, 0.5)
     source = frames.write_sparse(tmp_path / "in.exr", full.astype(np.float32), mask)
-    result = lacuna("fill", "-q", source, "-o", tmp_path / "out.exr", "--filter", *words, "--threads", "2", timeout=600)
+    result = quick_fill("-q", source, "-o", tmp_path / "out.exr", "--filter", *words, "--threads", "2", timeout=600)
     assert result.peak_bytes <= 40 * 4 * height * width
     if words == ["cs-wavelet"]:
         assert frames.psnr(frames.colour(tmp_path / "out.exr"), full) > 45.7

@@ -10,7 +10,7 @@ import shutil
 import pytest
 
 import slurm
-from tool import LACUNA, SAMPLES, lacuna
+from tool import LACUNA, SAMPLES, quick_fill
 
 FRAMES = 24
 reason = slurm.missing()
@@ -44,7 +44,9 @@ def submit(cluster, shot, *words):
 
 
 def fill(*flags):
-    return ["--", "fill", "in/shot.####.exr", "-o", "out/shot.####.exr", "--create-dir", f"--frames=1-{FRAMES}", *flags]
+    chosen = [] if "--filter" in flags else ["--filter", "ss"]
+    return ["--", "fill", "in/shot.####.exr", "-o", "out/shot.####.exr", "--create-dir", "--no-estimate", f"--frames=1-{FRAMES}", *chosen,
+            *flags]
 
 
 def ledger(shot, **wanted):
@@ -59,7 +61,7 @@ def ledger(shot, **wanted):
 
 def locally(shot, *flags):
     """The bytes of every frame, from one run without Slurm."""
-    lacuna("fill", shot / "in" / "shot.####.exr", "-o", shot / "local" / "shot.####.exr", "--create-dir", "-q", *flags, timeout=300)
+    quick_fill(shot / "in" / "shot.####.exr", "-o", shot / "local" / "shot.####.exr", "--create-dir", "-q", *flags, timeout=300)
     return contents(shot / "local")
 
 
