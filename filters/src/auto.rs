@@ -7,8 +7,8 @@
 //! w(p) = argmin  w' (A(p) + s tr A(p) B / tr B) w,      A_kl(p) = sum over held-out samples i of g(p - i) e_k(i) e_l(i)
 //! ```
 //!
-//! with `e_k(i)` the error of `F_k` at a sample that it did not see, `g` a Gaussian of `SPREAD` spacings of held-out samples, `B` the sum
-//! over all of the image and `s` = `FRAME`: where little was held out around a pixel, or nothing differs, the image decides. Errors of all
+//! with `e_k(i)` the error of `F_k` at a sample that it did not see, `g` a Gaussian of four spacings of held-out samples, `B` the sum
+//! over all of the image and `s` = 1/2: where little was held out around a pixel, or nothing differs, the image decides. Errors of all
 //! channels count alike; the weights are theirs together.
 //!
 //! A candidate that takes less than `WORTH` of the squared error away stays out, and is not computed for all of the image. Large images
@@ -29,7 +29,6 @@
 //! "Cross-Validatory Choice and Assessment of Statistical Predictions", Journal of the Royal Statistical Society B 36, 1974.
 
 mod trial;
-mod weights;
 
 #[cfg(test)]
 mod tests;
@@ -40,15 +39,9 @@ use crate::descriptor::{Configured, Descriptor, Field, Takes};
 use crate::estimate::{Evidence, Folds, HeldOut, Kind};
 use crate::variational::guided::{self, Effect, Guides};
 use crate::variational::{edge, ss, tv};
+use crate::weights::Weights;
 use crate::{Error, Filter, Gradients, Mask, Outcome, Plan, Planes, Problem, Run};
-use weights::Weights;
 
-/// Width of the neighbourhood, in spacings of held-out samples.
-const SPREAD: f64 = 4.0;
-/// What the errors of all of the image count for in each neighbourhood.
-const FRAME: f64 = 0.5;
-/// What a candidate must take away of the squared error to be computed.
-const WORTH: f64 = 0.01;
 /// What guides must take away of the squared error of splines to be taken alone: more than the other candidates do anywhere.
 const ENOUGH: f64 = 0.5;
 /// Fewer measured pixels choose nothing.

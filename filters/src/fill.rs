@@ -26,6 +26,7 @@ use lacuna_core::parallel::prelude::*;
 
 use crate::domain::{Domain, Map};
 use crate::estimate::Verdict;
+use crate::noise::Noise;
 use crate::variational::guided::Guides;
 use crate::{Bounds, Error, Mask, Method, Outcome, Plane, Planes, Plans, Run};
 
@@ -76,6 +77,9 @@ pub struct Options<'a> {
     pub guides: Option<&'a Guides>,
     /// What is to be said of the error.
     pub estimate: Estimate,
+    /// What is known of the noise of the samples, which then are smoothed, as far as it asks for ([`crate::noise`]); the method is for
+    /// those that show none.
+    pub noise: Noise,
 }
 
 impl Default for Options<'_> {
@@ -90,6 +94,7 @@ impl Default for Options<'_> {
             gradients: Vec::new(),
             guides: None,
             estimate: Estimate::No,
+            noise: Noise::None,
         }
     }
 }
@@ -98,6 +103,16 @@ impl Options<'_> {
     /// The defaults with another method.
     pub fn of(method: impl Into<Method>) -> Self {
         Self { method: method.into(), ..Self::default() }
+    }
+
+    /// Whether measured pixels keep their bits.
+    pub fn keeps_measured(&self) -> bool {
+        self.noise == Noise::None && self.method.keeps_measured()
+    }
+
+    /// Whether complete planes are worth a look.
+    fn restores(&self) -> bool {
+        self.noise != Noise::None || self.method.restores()
     }
 
     /// The bounds of a plane.
@@ -151,6 +166,8 @@ pub struct Set {
     pub errors: Option<Plane>,
     /// Measured pixels whose weight is 0.
     pub weightless: usize,
+    /// Whether measured pixels were smoothed because of their noise.
+    pub smoothed: bool,
 }
 
 /// Fills the missing pixels of a group of channels as `lacuna fill` does.
@@ -186,7 +203,7 @@ pub fn fill_with(
     run: &Run<'_>,
 ) -> Result<Filled, Error> {
     check(samples, mask, options)?;
-    if mask.is_full() && !options.method.restores() {
+    if mask.is_full() && !options.restores() {
         let none = vec![0; samples.len()];
         return Ok(Filled::untouched(samples.clone(), none));
     }
@@ -209,7 +226,7 @@ pub(crate) fn fill_usable(
         return Err(Error::NothingFinite { plane });
     }
     let sets = sets(masks);
-    let restores = options.method.restores();
+    let restores = options.restores();
     if let [(mask, _)] = sets.as_slice()
         && (!mask.is_full() || restores)
     {
@@ -250,11 +267,15 @@ impl Filled {
 fn check(samples: &Planes, mask: &Mask, options: &Options<'_>) -> Result<(), Error> {
     let gradients = options.gradients.iter().flatten().flatten().map(Plane::size);
     let sizes = gradients.chain([samples.size()]).chain(options.weights.iter().map(|plane| plane.size()));
-    let sizes = sizes.chain(options.guides.map(Guides::size));
+    let noise = if let Noise::Like(planes) = &options.noise { &planes[..] } else { &[] };
+    let sizes = sizes.chain(options.guides.map(Guides::size)).chain(noise.iter().map(Plane::size));
     if let Some(other) = { sizes }.find(|size| *size != mask.size()) {
         return Err(Error::SizeMismatch { expected: mask.size(), found: other.to_string() });
     }
-    for (what, count) in [("bounds", options.bounds.len()), ("gradients", options.gradients.len())] {
+    let noise = if let Noise::Like(planes) = &options.noise { planes.len() } else { 0 };
+    for (what, count) in
+        [("bounds", options.bounds.len()), ("gradients", options.gradients.len()), ("noise planes", noise)]
+    {
         if count != 0 && count != samples.len() {
             let found = format!("{count} {what} for {} planes", samples.len());
             return Err(Error::SizeMismatch { expected: mask.size(), found });

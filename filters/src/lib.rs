@@ -39,6 +39,7 @@ pub mod limiter;
 mod mask;
 mod method;
 pub mod metric;
+pub mod noise;
 mod operator;
 mod outcome;
 mod plane;
@@ -50,6 +51,7 @@ pub mod sensing;
 mod solver;
 pub mod upscale;
 pub mod variational;
+mod weights;
 
 pub use bounds::Bounds;
 pub use enlarge::upscale;

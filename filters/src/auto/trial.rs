@@ -5,8 +5,8 @@
 use std::sync::Arc;
 
 use super::Candidate;
-use super::weights::Weights;
 use crate::estimate::{Folds, HeldOut};
+use crate::weights::Weights;
 use crate::{Error, Mask, Plane, Planes, Run, Size};
 
 /// Side of a tile.

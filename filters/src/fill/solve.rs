@@ -7,6 +7,7 @@ use lacuna_core::parallel::prelude::*;
 use super::{Estimate, Options, Set, Values};
 use crate::domain::{Domain, Map};
 use crate::estimate::{Evidence, Folds, Model};
+use crate::noise::{self, Known, Noise};
 use crate::variational::guided::{self, Effect};
 use crate::{
     Bounds, Error, Gradients, Mask, Method, Outcome, Plan, Plane, Planes, Plans, Problem, Run, limiter,
@@ -30,23 +31,29 @@ pub fn solve(
         Some(weights) => weigh(weights, mask).map(|(plane, weightless)| (Some(plane), weightless))?,
         None => (None, 0),
     };
-    let plan = plans.filter(&method, mask, weights.as_ref(), run)?;
     let light = options.values == Values::Light;
-    let domain = if light { options.domain } else { Domain::Linear };
-    let map = domain.map(mask, samples.as_slice());
     let mut out = Planes::zeros(samples.size(), samples.len());
-    let gradients = Slopes::new(options, &method, &places, mask);
-    let task = Task { method: &method, plan: plan.as_ref(), mask, options, run };
-    let values = (samples, gradients.as_ref());
-    let (outcome, mut effect) = task.reconstruct(values, map, &mut out)?;
-    let model = if options.estimate == Estimate::No {
-        None
+    let found = smooth(samples, (mask, &places), (options, weights.as_ref()), &mut out, run)?;
+    let smoothed = found.is_some();
+    let (map, (outcome, mut effect), model) = if let Some(found) = found {
+        (Domain::Linear.map(mask, samples.as_slice()), found, None)
     } else {
-        task.learn(values, map, effect.evidence.take())?
+        let plan = plans.filter(&method, mask, weights.as_ref(), run)?;
+        let domain = if light { options.domain } else { Domain::Linear };
+        let map = domain.map(mask, samples.as_slice());
+        let gradients = Slopes::new(options, &method, &places, mask);
+        let task = Task { method: &method, plan: plan.as_ref(), mask, options, run };
+        let values = (samples, gradients.as_ref());
+        let (outcome, mut effect) = task.reconstruct(values, map, &mut out)?;
+        let learned = match options.estimate {
+            Estimate::No => None,
+            _ => task.learn(values, map, effect.evidence.take())?,
+        };
+        (map, (outcome, effect), learned)
     };
     let mut predicted = effect.predicted.take().map(Planes::into_vec).unwrap_or_default().into_iter();
     let (mut mended, mut limited) = (0, Vec::with_capacity(places.len()));
-    let limit = options.limit && options.values != Values::Directions;
+    let limit = options.limit && options.values != Values::Directions && !smoothed;
     for ((samples, out), &place) in samples.as_slice().iter().zip(out.as_mut_slice()).zip(&places) {
         mended += mend(samples, out, || plans.nearest(mask), |nearest| nearest.as_slice())?;
         let mut moved = 0;
@@ -59,7 +66,7 @@ pub fn solve(
         let bounds = options.bounds_of(place);
         if bounds != Bounds::Free {
             moved += limiter::range(mask, samples, out, bounds == Bounds::Unit)?;
-            if !method.keeps_measured() {
+            if smoothed || !method.keeps_measured() {
                 moved += bound_measured(bounds, mask, samples, out);
             }
         }
@@ -82,8 +89,29 @@ pub fn solve(
         estimate,
         errors,
         weightless,
+        smoothed,
     };
     Ok((out, limited, set))
+}
+
+/// Smooths noisy samples; nothing if there is no noise to be smoothed.
+fn smooth(
+    samples: &Planes,
+    (mask, places): (&Arc<Mask>, &[usize]),
+    (options, weights): (&Options<'_>, Option<&Arc<Plane>>),
+    out: &mut Planes,
+    run: &Run<'_>,
+) -> Result<Option<(Outcome, Effect)>, Error> {
+    let like = match &options.noise {
+        Noise::None => return Ok(None),
+        Noise::Unknown => None,
+        Noise::Like(planes) => {
+            Some(Planes::of(samples.size(), places.iter().map(|&at| planes[at].clone()).collect()))
+        }
+    };
+    let light = options.values == Values::Light;
+    let known = Known { guides: options.guides, noise: like.as_ref(), weights, light };
+    noise::reconstruct(mask, samples, known, out, run)
 }
 
 /// A method that is ready to run on a mask.

@@ -47,9 +47,9 @@ mod tests;
 mod trust;
 mod tune;
 
-use fit::{Field, Store, Task};
+pub(crate) use fit::{Field, Store, Task, predict};
 pub use guides::Guides;
-use reach::Reach;
+pub(crate) use reach::Reach;
 use trust::Trust;
 
 /// Samples that a regression sees, about.

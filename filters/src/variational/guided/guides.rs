@@ -119,7 +119,12 @@ impl Guides {
         values.chain(self.label_names.iter().cloned()).collect()
     }
 
-    pub(super) fn planes(&self) -> &[Plane] {
+    /// The names of all of them.
+    pub(crate) fn names(&self) -> impl Iterator<Item = &String> {
+        self.names.iter().chain(&self.label_names)
+    }
+
+    pub(crate) fn planes(&self) -> &[Plane] {
         &self.planes
     }
 
@@ -127,7 +132,7 @@ impl Guides {
         &self.groups
     }
 
-    pub(super) fn labels(&self) -> Option<&[u32]> {
+    pub(crate) fn labels(&self) -> Option<&[u32]> {
         self.labels.as_deref()
     }
 

@@ -1,12 +1,24 @@
-//! What each candidate counts for at each pixel, from errors at held-out samples.
+//! What each candidate of a blend counts for at each pixel, from the products of the candidates' errors at samples.
+//!
+//! ```text
+//! w(p) = argmin  w' (A(p) + s tr A(p) B / tr B) w,   w_k >= 0,  sum of w_k = 1,      A_kl(p) = sum over samples i of g(p - i) e_kl(i)
+//! ```
+//!
+//! with `e_kl(i)` the product of two candidates' errors, `g` a Gaussian of `SPREAD` spacings of samples, `B` the sum over all of the image and
+//! `s` = `FRAME`: where few samples are around a pixel, or nothing differs, the image decides.
 
 use lacuna_core::parallel::prelude::*;
 
-use super::{FRAME, SPREAD, WORTH};
 use crate::estimate::HeldOut;
 use crate::solver::cholesky::Cholesky;
 use crate::{Mask, Planes, Size};
 
+/// Width of the neighbourhood, in spacings of the samples.
+const SPREAD: f64 = 4.0;
+/// What the errors of all of the image count for in each neighbourhood.
+const FRAME: f64 = 0.5;
+/// What a candidate must take away of the squared error to count where it has to be computed.
+const WORTH: f64 = 0.01;
 /// Cells to each side of a cell that its neighbourhood takes in: three Gaussian widths.
 const REACH: usize = 6;
 /// What is added to the diagonal of errors, over their mean, so that candidates that agree share alike.
@@ -29,49 +41,68 @@ pub struct Weights {
 type Products = Vec<f64>;
 
 impl Weights {
-    /// From predictions at the same held-out samples, one list a candidate; nothing held out leaves all to the first.
+    /// From predictions at the same held-out samples, one list a candidate; nothing held out leaves all to the first. Candidates that are not
+    /// worth their time do not count.
     pub fn new(mask: &Mask, truth: &Planes, held: &[HeldOut]) -> Self {
-        let size = mask.size();
-        let count = held.first().map_or(0, |held| held.at.len());
-        let spacing = (size.pixels() as f64 / count.max(1) as f64).sqrt();
-        let side = ((0.5 * SPREAD * spacing).round() as usize).max(1);
-        let cells = Size::new(size.height.div_ceil(side), size.width.div_ceil(side));
-        let mut own = Self { size, side, cells, of: vec![vec![1.0; cells.pixels()]], shares: vec![1.0] };
-        if count == 0 || held.len() < 2 {
+        let at = held.first().map_or(&[][..], |held| &held.at);
+        let mut errors = vec![0.0_f64; held.len()];
+        let (mut own, around, whole) = Self::summed(mask, at, held.len(), |i, pixel, products| {
+            for (channel, plane) in truth.as_slice().iter().enumerate() {
+                let value = f64::from(plane.pixels()[pixel]);
+                for (error, held) in errors.iter_mut().zip(held) {
+                    *error = f64::from(held.predicted[channel][i]) - value;
+                }
+                add_products(&errors, products);
+            }
+        });
+        if at.is_empty() || held.len() < 2 {
             return own;
         }
-        let products = own.products(truth, held);
-        let whole = sum(&products);
-        let around = blur(cells, &products);
         let mut counting: Vec<usize> = (0..held.len()).collect();
         while let Some(least) = Self::dispensable(&around, &whole, held.len(), &counting) {
             counting.retain(|&k| k != least);
         }
-        own.of = Self::solve(&around, &whole, held.len(), &counting);
+        own.of = Self::solve(&around, &whole, held.len(), &counting).0;
         own.shares = own.mean_at_missing(mask);
         own
     }
 
-    /// Sums of products of errors in each cell.
-    fn products(&self, truth: &Planes, held: &[HeldOut]) -> Vec<Products> {
-        let count = held.len();
-        let mut cells = vec![vec![0.0; count * count]; self.cells.pixels()];
-        let mut errors = vec![0.0_f64; count];
-        for (i, &pixel) in held[0].at.iter().enumerate() {
-            let cell = &mut cells[self.cell(pixel as usize)];
-            for (channel, plane) in truth.as_slice().iter().enumerate() {
-                let value = f64::from(plane.pixels()[pixel as usize]);
-                for (error, held) in errors.iter_mut().zip(held) {
-                    *error = f64::from(held.predicted[channel][i]) - value;
-                }
-                for k in 0..count {
-                    for l in 0..count {
-                        cell[k * count + l] += errors[k] * errors[l];
-                    }
-                }
-            }
+    /// From the products of errors at samples, which `products(i, pixel, sums)` adds for the `i`th of them. All candidates count. Also the
+    /// squared error of the blend over that of the first candidate.
+    pub fn of_products(
+        mask: &Mask,
+        at: &[u32],
+        count: usize,
+        products: impl FnMut(usize, usize, &mut [f64]),
+    ) -> (Self, f64) {
+        let (mut own, around, whole) = Self::summed(mask, at, count, products);
+        let all: Vec<usize> = (0..count).collect();
+        let (of, error) = Self::solve(&around, &whole, count, &all);
+        own.of = of;
+        own.shares = own.mean_at_missing(mask);
+        let first: f64 = around.iter().map(|cell| best(cell, &whole, count, &[0]).1).sum();
+        (own, if first > 0.0 { error / first } else { 1.0 })
+    }
+
+    /// Cells, in which the first candidate counts alone, the sums of products around each, and those over all.
+    fn summed(
+        mask: &Mask,
+        at: &[u32],
+        count: usize,
+        mut products: impl FnMut(usize, usize, &mut [f64]),
+    ) -> (Self, Vec<Products>, Products) {
+        let size = mask.size();
+        let spacing = (size.pixels() as f64 / at.len().max(1) as f64).sqrt();
+        let side = ((0.5 * SPREAD * spacing).round() as usize).max(1);
+        let cells = Size::new(size.height.div_ceil(side), size.width.div_ceil(side));
+        let own = Self { size, side, cells, of: vec![vec![1.0; cells.pixels()]], shares: vec![1.0] };
+        let mut sums = vec![vec![0.0; count * count]; cells.pixels()];
+        for (i, &pixel) in at.iter().enumerate() {
+            products(i, pixel as usize, &mut sums[own.cell(pixel as usize)]);
         }
-        cells
+        let whole = sum(&sums);
+        let around = blur(cells, &sums);
+        (own, around, whole)
     }
 
     fn cell(&self, pixel: usize) -> usize {
@@ -95,22 +126,25 @@ impl Weights {
         (least * (1.0 - WORTH) <= error(among)).then_some(k)
     }
 
-    /// The weights of all cells, by candidate.
-    fn solve(around: &[Products], whole: &[f64], count: usize, among: &[usize]) -> Vec<Vec<f32>> {
-        let cells = around.par_iter().with_min_len(64).map(|cell| best(cell, whole, count, among).0);
+    /// The weights of all cells, by candidate, and the squared error that they leave.
+    fn solve(around: &[Products], whole: &[f64], count: usize, among: &[usize]) -> (Vec<Vec<f32>>, f64) {
+        let cells = around.par_iter().with_min_len(64).map(|cell| best(cell, whole, count, among));
+        let error = cells.iter().map(|cell| cell.1).sum();
         let of = |k: usize| match among.iter().position(|&other| other == k) {
-            Some(at) => cells.iter().map(|weights| weights[at] as f32).collect(),
+            Some(at) => cells.iter().map(|cell| cell.0[at] as f32).collect(),
             None => Vec::new(),
         };
-        (0..count).map(of).collect()
+        ((0..count).map(of).collect(), error)
     }
 
+    /// Of each candidate the mean weight at missing pixels; at all of them where none is missing.
     fn mean_at_missing(&self, mask: &Mask) -> Vec<f64> {
+        let full = mask.is_full();
         let mut missing = vec![0_usize; self.cells.pixels()];
-        for (pixel, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| !**flag) {
+        for (pixel, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| full || !**flag) {
             missing[self.cell(pixel)] += 1;
         }
-        let all = (mask.size().pixels() - mask.count()).max(1) as f64;
+        let all = missing.iter().sum::<usize>().max(1) as f64;
         let share = |of: &Vec<f32>| {
             of.iter().zip(&missing).map(|(&w, &n)| f64::from(w) * n as f64).sum::<f64>() / all
         };
@@ -181,6 +215,13 @@ impl Weights {
             }
         }
         blend
+    }
+}
+
+/// Adds the products of all pairs.
+pub fn add_products(errors: &[f64], products: &mut [f64]) {
+    for (row, a) in products.chunks_exact_mut(errors.len()).zip(errors) {
+        row.iter_mut().zip(errors).for_each(|(product, b)| *product += a * b);
     }
 }
 

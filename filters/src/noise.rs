@@ -1,0 +1,229 @@
+//! Noisy samples: the image is filled and smoothed, measured pixels as well, as far as the noise asks for it.
+//!
+//! Given samples `y` at the measured pixels of an `H x W` image, the image is
+//!
+//! ```text
+//! x(p) = sum over k of w_k(p) F_k(y)(p),      w_k >= 0,  sum of w_k = 1
+//! ```
+//!
+//! where `F_k` are linear: smoothing splines of several `lambda`, the interpolating one among them, and with guides first-order regressions on
+//! guides and place over the nearest 12 to 324 samples ([`crate::variational::guided`], without weights of the guides). In each
+//! neighbourhood the weights `w` make the expected squared error least (`weights`), whose products are, for two candidates:
+//!
+//! ```text
+//! where noise n like that of the samples is known:    (F_k y - y)(F_l y - y) + n F_k n + n F_l n - n^2
+//! else, at held-out samples:                          (F_k y - y)(F_l y - y)
+//! ```
+//!
+//! The first is Stein's estimate: half the difference of two half buffers is noise of the same variance as that of their mean, and does not
+//! correlate with it. Channels share their weights. Nothing is chosen by hand: an image without noise is left alone where nothing is
+//! known ([`reconstruct`] then says so).
+//!
+//! Fireflies: what of a sample lies beyond `LIMIT` times the level that nine tenths of the samples stay below takes no part. Where both halves
+//! show it (or no halves are known) it is a light, and is put back as it is, missing pixels from the nearest sample; where one half shows it, it
+//! is a firefly and is left out.
+//!
+//! Boundary: that of the candidates. No settings. The same bits for any number of threads.
+//!
+//! Cost: up to seven fills, twice as many planes where noise is known. Memory: so many images.
+//!
+//! Fails: where noise correlates between pixels, as after a denoiser; details as small as the noise, which are smoothed away.
+//!
+//! Sources: C. Stein, "Estimation of the Mean of a Multivariate Normal Distribution", Annals of Statistics 9, 1981; S. Ramani, T. Blu,
+//! M. Unser, "Monte-Carlo SURE", IEEE Transactions on Image Processing 17, 2008 (the term of the noise by a realisation of it); B. Bitterli
+//! et al., "Nonlinearly Weighted First-order Regression for Denoising Monte Carlo Renderings", Computer Graphics Forum 35(4), 2016
+//! (regressions on features, widths chosen by half buffers).
+
+mod candidates;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+
+use crate::baseline::nearest;
+use crate::estimate::Folds;
+use crate::sampling::hash;
+use crate::variational::guided::{Effect, Guides};
+use crate::weights::{Weights, add_products};
+use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
+use candidates::{Candidate, Task};
+
+/// What is known of the noise of the samples.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Noise {
+    /// They have none: measured pixels keep their bits.
+    #[default]
+    None,
+    /// Nothing; held-out samples show it.
+    Unknown,
+    /// By plane, noise like that of its samples, NaN where it is not known: half the difference of two half buffers, or
+    /// [`Noise::of_variance`].
+    Like(Vec<Plane>),
+}
+
+impl Noise {
+    /// Noise of this variance at each pixel, drawn by a seed; NaN where the variance is not finite or below 0.
+    #[must_use]
+    pub fn of_variance(variance: &Plane, seed: u64) -> Plane {
+        let mut at = 0_u64;
+        let uniform = |value: u64| ((hash(seed, value) >> 11) as f64 + 0.5) / (1_u64 << 53) as f64;
+        Plane::from_fn(variance.size(), |row, column| {
+            let (a, b) = (uniform(2 * at), uniform(2 * at + 1));
+            at += 1;
+            let normal = (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos();
+            (f64::from(variance.at(row, column)).sqrt() * normal) as f32
+        })
+    }
+}
+
+/// What smoothing must take away of the squared error of held-out samples, where nothing else is known of noise: edges alone gain less.
+const NOISY: f64 = 0.25;
+/// Fewer measured pixels choose nothing.
+const FEWEST: usize = 64;
+/// Levels of light that count as it is, over that which nine tenths of the samples stay below.
+const LIMIT: f32 = 4.0;
+
+/// What is given beside the samples.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Known<'a> {
+    /// Complete planes.
+    pub guides: Option<&'a Guides>,
+    /// Noise like that of the samples.
+    pub noise: Option<&'a Planes>,
+    /// How much each sample counts.
+    pub weights: Option<&'a Arc<Plane>>,
+    /// Whether samples may be lights, or fireflies.
+    pub light: bool,
+}
+
+/// Fills and smooths all of `out`; nothing if the samples show no noise.
+pub(crate) fn reconstruct(
+    mask: &Arc<Mask>,
+    samples: &Planes,
+    known: Known<'_>,
+    out: &mut Planes,
+    run: &Run<'_>,
+) -> Result<Option<(Outcome, Effect)>, Error> {
+    crate::check::group(mask, samples, out)?;
+    if mask.count() < FEWEST || samples.is_empty() {
+        return Ok(None);
+    }
+    let split = Split::new(mask, samples, known.noise, known.light);
+    let all = Candidate::all(known.guides.is_some_and(|guides| !guides.is_empty()));
+    let task = Task { guides: known.guides, weights: known.weights, run };
+    let (weights, images, outcome) = if let Some(noise) = &split.noise {
+        let (values, noises, outcome) = task.both(&all, mask, (&split.samples, noise))?;
+        (by_noise(mask, &split.samples, noise, (&values, &noises)), values, outcome)
+    } else {
+        let (weights, error) = task.held_out(&all, mask, &split.samples)?;
+        if error > 1.0 - NOISY {
+            return Ok(None);
+        }
+        let (values, outcome) = task.each(&all, mask, &split.samples)?;
+        (weights, values, outcome)
+    };
+    if run.interrupted().is_some() {
+        return Ok(None);
+    }
+    out.as_mut_slice().iter_mut().for_each(|plane| plane.pixels_mut().fill(0.0));
+    let mut effect = Effect::default();
+    for (k, (candidate, image)) in all.iter().zip(&images).enumerate().filter(|(k, _)| weights.counts(*k)) {
+        weights.add(k, image, out);
+        effect.shares.push((candidate.name, weights.share(k)));
+    }
+    if let Some(guides) = known.guides.filter(|_| all.iter().any(Candidate::is_guided)) {
+        effect.guides = guides.names().cloned().collect();
+    }
+    if let Some(lights) = &split.lights {
+        let nearest = nearest::Settings.plan(&Problem::fill(Arc::clone(mask)), run)?;
+        let mut put_back = Planes::zeros(samples.size(), samples.len());
+        nearest.reconstruct(lights, &mut put_back, run)?;
+        for (out, lights) in out.as_mut_slice().iter_mut().zip(put_back.as_slice()) {
+            out.pixels_mut().iter_mut().zip(lights.pixels()).for_each(|(out, light)| *out += light);
+        }
+    }
+    Ok(Some((outcome, effect)))
+}
+
+/// The weights by Stein's estimate, at all samples whose noise is known.
+fn by_noise(
+    mask: &Mask,
+    samples: &Planes,
+    noise: &Planes,
+    (values, noises): (&[Planes], &[Planes]),
+) -> Weights {
+    let known = |pixel: usize| noise.as_slice().iter().all(|plane| plane.pixels()[pixel].is_finite());
+    let at: Vec<u32> =
+        (0..mask.size().pixels()).filter(|&p| mask.as_slice()[p] && known(p)).map(|p| p as u32).collect();
+    let (mut errors, mut answers) = (vec![0.0; values.len()], vec![0.0; values.len()]);
+    let products = |_: usize, pixel: usize, products: &mut [f64]| {
+        for channel in 0..samples.len() {
+            let value = |planes: &Planes| f64::from(planes.as_slice()[channel].pixels()[pixel]);
+            let (y, n) = (value(samples), value(noise));
+            errors.iter_mut().zip(values).for_each(|(error, image)| *error = value(image) - y);
+            answers.iter_mut().zip(noises).for_each(|(answer, image)| *answer = n * value(image));
+            add_products(&errors, products);
+            for (row, a) in products.chunks_exact_mut(answers.len()).zip(&answers) {
+                row.iter_mut().zip(&answers).for_each(|(product, b)| *product += a + b - n * n);
+            }
+        }
+    };
+    Weights::of_products(mask, &at, values.len(), products).0
+}
+
+/// Samples below the limit, and what lies beyond it.
+struct Split {
+    samples: Planes,
+    noise: Option<Planes>,
+    /// Light beyond the limit.
+    lights: Option<Planes>,
+}
+
+impl Split {
+    fn new(mask: &Mask, samples: &Planes, noise: Option<&Planes>, light: bool) -> Self {
+        let mut own = Self { samples: samples.clone(), noise: noise.cloned(), lights: None };
+        let limit = if light { limit(mask, samples) } else { f32::INFINITY };
+        let mut lights = Planes::zeros(samples.size(), samples.len());
+        let mut any = false;
+        for (channel, (plane, light)) in
+            own.samples.as_mut_slice().iter_mut().zip(lights.as_mut_slice()).enumerate()
+        {
+            let mut noise = own.noise.as_mut().map(|planes| planes.as_mut_slice()[channel].pixels_mut());
+            for (pixel, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
+                let value = plane.pixels()[pixel];
+                let n = noise.as_ref().map_or(0.0, |noise| noise[pixel]);
+                let n = if n.is_finite() { n } else { 0.0 };
+                let (low, high) = (value - n.abs(), value + n.abs());
+                if high <= limit {
+                    continue;
+                }
+                let halves = (low.min(limit), high.min(limit));
+                plane.pixels_mut()[pixel] = 0.5 * (halves.0 + halves.1);
+                if let Some(noise) = &mut noise {
+                    noise[pixel] = (0.5 * (halves.1 - halves.0)).copysign(n);
+                }
+                light.pixels_mut()[pixel] = (low - limit).max(0.0);
+                any |= low > limit;
+            }
+        }
+        own.lights = any.then_some(lights);
+        own
+    }
+}
+
+/// The value above which a sample is a light, or a firefly; infinite where nothing is.
+fn limit(mask: &Mask, samples: &Planes) -> f32 {
+    let mut levels: Vec<f32> = (0..mask.size().pixels())
+        .filter(|&pixel| mask.as_slice()[pixel])
+        .map(|pixel| samples.as_slice().iter().fold(0.0_f32, |most, plane| most.max(plane.pixels()[pixel])))
+        .collect();
+    if levels.is_empty() {
+        return f32::INFINITY;
+    }
+    let at = levels.len() * 9 / 10;
+    let (_, level, _) = levels.select_nth_unstable_by(at, f32::total_cmp);
+    if *level > 0.0 { LIMIT * *level } else { f32::INFINITY }
+}
+
+/// Folds by which samples are held out.
+const FOLDS: Folds = Folds { seed: 0 };

@@ -1,0 +1,221 @@
+//! The linear ways to fill and smooth that noise chooses from.
+
+use std::sync::Arc;
+
+use super::FOLDS;
+use crate::baseline::push_pull;
+use crate::estimate::HeldOut;
+use crate::kernel::Isa;
+use crate::kernel::regress::Scales;
+use crate::variational::guided::{Field, Guides, Reach, Store, Task as Fit, predict};
+use crate::variational::ss;
+use crate::weights::{Weights, add_products};
+use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
+
+/// Pixels whose distance counts as much as the standard deviation of a guide does.
+const PLACE: f32 = 64.0;
+
+/// One way.
+pub struct Candidate {
+    /// What the report calls it.
+    pub name: &'static str,
+    kind: Kind,
+}
+
+#[derive(Clone, Copy)]
+enum Kind {
+    /// Smoothing splines with this weight of smoothness.
+    Splines(f64),
+    /// A first-order regression on guides and place over about so many samples.
+    Regression(f64),
+}
+
+impl Candidate {
+    /// All of them; the interpolating one is the first.
+    pub fn all(guided: bool) -> Vec<Self> {
+        let splines = |name, lambda| Self { name, kind: Kind::Splines(lambda) };
+        let regression = |name, samples| Self { name, kind: Kind::Regression(samples) };
+        let exact = splines("ss", 0.0);
+        if guided {
+            return vec![
+                exact,
+                splines("ss lambda=3", 3.0),
+                splines("ss lambda=30", 30.0),
+                regression("guided 12", 12.0),
+                regression("guided 36", 36.0),
+                regression("guided 108", 108.0),
+                regression("guided 324", 324.0),
+            ];
+        }
+        vec![
+            exact,
+            splines("ss lambda=0.3", 0.3),
+            splines("ss lambda=1.5", 1.5),
+            splines("ss lambda=8", 8.0),
+            splines("ss lambda=40", 40.0),
+            splines("ss lambda=200", 200.0),
+        ]
+    }
+
+    /// Whether it looks at guides.
+    pub const fn is_guided(&self) -> bool {
+        matches!(self.kind, Kind::Regression(_))
+    }
+}
+
+/// What all of them are given.
+#[derive(Clone, Copy)]
+pub struct Task<'a> {
+    pub guides: Option<&'a Guides>,
+    pub weights: Option<&'a Arc<Plane>>,
+    pub run: &'a Run<'a>,
+}
+
+impl Task<'_> {
+    /// The images of samples and of noise by each candidate.
+    pub fn both(
+        &self,
+        all: &[Candidate],
+        mask: &Arc<Mask>,
+        (samples, noise): (&Planes, &Planes),
+    ) -> Result<(Vec<Planes>, Vec<Planes>, Outcome), Error> {
+        // Side by side, as one group: what depends on the mask and the guides is computed once.
+        let mut group = samples.clone().into_vec();
+        group.extend(noise.as_slice().iter().map(|plane| {
+            let known = plane.pixels().iter().map(|&n| if n.is_finite() { n } else { 0.0 });
+            Plane::of(plane.size(), known.collect())
+        }));
+        let (images, outcome) = self.each(all, mask, &Planes::of(samples.size(), group))?;
+        let halves = images.into_iter().map(|image| {
+            let mut values = image.into_vec();
+            let noises = values.split_off(samples.len());
+            (Planes::of(samples.size(), values), Planes::of(samples.size(), noises))
+        });
+        let (values, noises) = halves.unzip();
+        Ok((values, noises, outcome))
+    }
+
+    /// The images by each candidate.
+    pub fn each(
+        &self,
+        all: &[Candidate],
+        mask: &Arc<Mask>,
+        values: &Planes,
+    ) -> Result<(Vec<Planes>, Outcome), Error> {
+        let everywhere = Mask::from_fn(mask.size(), |_, _| true);
+        let guided = Guided::new(self.guides, mask, values);
+        let mut worst = Outcome::direct();
+        let mut images = Vec::with_capacity(all.len());
+        for candidate in all {
+            let mut out = Planes::zeros(values.size(), values.len());
+            worst = worst.worst(self.one(candidate, guided.as_ref(), (mask, &everywhere), values, &mut out)?);
+            images.push(out);
+        }
+        Ok((images, worst))
+    }
+
+    /// Weights by held-out samples, and the squared error of the blend over that of the first candidate.
+    pub fn held_out(
+        &self,
+        all: &[Candidate],
+        mask: &Arc<Mask>,
+        samples: &Planes,
+    ) -> Result<(Weights, f64), Error> {
+        let mut held = vec![HeldOut::default(); all.len()];
+        for parts in FOLDS.near(mask.count()) {
+            let wanted = FOLDS.held_out(mask, &parts);
+            let mut flags = vec![false; mask.size().pixels()];
+            wanted.iter().for_each(|&pixel| flags[pixel as usize] = true);
+            let wanted = Mask::of(mask.size(), flags);
+            let kept = Arc::new(FOLDS.without(mask, &parts));
+            let guided = Guided::new(self.guides, &kept, samples);
+            for (candidate, held) in all.iter().zip(&mut held) {
+                let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
+                    let mut out = Planes::zeros(samples.size(), samples.len());
+                    self.one(candidate, guided.as_ref(), (kept, &wanted), samples, &mut out)?;
+                    Ok(out)
+                };
+                let ranges = [parts.clone(), parts.clone()];
+                held.extend(HeldOut::new((samples, mask), (FOLDS, ranges), None, &mut fill)?);
+            }
+        }
+        let at = held[0].at.clone();
+        let mut errors = vec![0.0; all.len()];
+        Ok(Weights::of_products(mask, &at, all.len(), |i, pixel, products| {
+            for (channel, plane) in samples.as_slice().iter().enumerate() {
+                let value = f64::from(plane.pixels()[pixel]);
+                for (error, held) in errors.iter_mut().zip(&held) {
+                    *error = f64::from(held.predicted[channel][i]) - value;
+                }
+                add_products(&errors, products);
+            }
+        }))
+    }
+
+    /// One candidate's image where it is `wanted`, at least.
+    fn one(
+        &self,
+        candidate: &Candidate,
+        guided: Option<&Guided>,
+        (mask, wanted): (&Arc<Mask>, &Mask),
+        values: &Planes,
+        out: &mut Planes,
+    ) -> Result<Outcome, Error> {
+        match (candidate.kind, guided) {
+            (Kind::Regression(count), Some(guided)) => {
+                guided.predict(count, mask, wanted, out);
+                let far = |plane: &Plane| {
+                    let wanted = plane.pixels().iter().zip(wanted.as_slice()).filter(|(_, wanted)| **wanted);
+                    { wanted }.any(|(value, _)| !value.is_finite())
+                };
+                if out.as_slice().iter().any(far) {
+                    let plan = push_pull::Settings.plan(&Problem::fill(Arc::clone(mask)), self.run)?;
+                    let mut plain = Planes::zeros(values.size(), values.len());
+                    plan.reconstruct(values, &mut plain, self.run)?;
+                    for (out, plain) in out.as_mut_slice().iter_mut().zip(plain.as_slice()) {
+                        for (value, plain) in out.pixels_mut().iter_mut().zip(plain.pixels()) {
+                            *value = if value.is_finite() { *value } else { *plain };
+                        }
+                    }
+                }
+                Ok(Outcome::direct())
+            }
+            (Kind::Splines(lambda), _) => {
+                let mut problem = Problem::fill(Arc::clone(mask));
+                problem.weights = self.weights.cloned();
+                let settings = ss::Settings { lambda, ..ss::Settings::default() };
+                settings.plan(&problem, self.run)?.reconstruct(values, out, self.run)
+            }
+            (Kind::Regression(_), None) => Ok(Outcome::direct()),
+        }
+    }
+}
+
+/// Samples ready for regressions on guides and place.
+struct Guided {
+    planes: Vec<Plane>,
+    scales: Scales,
+    store: Store,
+}
+
+impl Guided {
+    fn new(guides: Option<&Guides>, mask: &Mask, values: &Planes) -> Option<Self> {
+        let guides = guides.filter(|guides| !guides.is_empty())?;
+        let size = mask.size();
+        let mut planes = vec![
+            Plane::from_fn(size, |row, _| row as f32 / PLACE),
+            Plane::from_fn(size, |_, column| column as f32 / PLACE),
+        ];
+        planes.extend_from_slice(guides.planes());
+        let scales = Scales { bandwidths: vec![0.0; planes.len()], slopes: vec![true; planes.len()] };
+        let store = Store::new(mask, values, Field { planes: &planes, labels: None });
+        Some(Self { planes, scales, store })
+    }
+
+    fn predict(&self, count: f64, mask: &Mask, wanted: &Mask, out: &mut Planes) {
+        let field = Field { planes: &self.planes, labels: None };
+        let reach = Reach::new(mask, count);
+        let task = Fit { field, scales: &self.scales, reach: &reach, leave_out: false, isa: Isa::best() };
+        predict(&self.store, task, wanted, out);
+    }
+}

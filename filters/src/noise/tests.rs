@@ -1,0 +1,169 @@
+use super::*;
+use crate::{Options, Size, fill};
+
+fn hashed(seed: u64, at: usize) -> f32 {
+    (hash(seed, at as u64) >> 40) as f32 / (1 << 24) as f32 - 0.5
+}
+
+fn mask(size: Size, density: f32) -> Arc<Mask> {
+    Arc::new(Mask::from_fn(size, |row, column| hashed(7, row * size.width + column) + 0.5 < density))
+}
+
+fn truth(size: Size) -> Plane {
+    Plane::from_fn(size, |row, column| 0.5 + 0.3 * (row as f32 / 9.0).sin() * (column as f32 / 11.0).cos())
+}
+
+/// Two halves, and their mean, with noise of this size.
+fn halves(truth: &Plane, size: f32) -> [Plane; 3] {
+    let width = truth.size().width;
+    let half = |seed: u64| {
+        Plane::from_fn(truth.size(), |row, column| {
+            let sum: f32 = (0..4).map(|k| hashed(seed + k, row * width + column)).sum();
+            truth.at(row, column) + size * 1.732 * 1.414 * sum
+        })
+    };
+    let (a, b) = (half(100), half(200));
+    let mean = Plane::from_fn(truth.size(), |row, column| 0.5 * (a.at(row, column) + b.at(row, column)));
+    [a, b, mean]
+}
+
+fn like(a: &Plane, b: &Plane) -> Plane {
+    Plane::from_fn(a.size(), |row, column| 0.5 * (a.at(row, column) - b.at(row, column)))
+}
+
+fn filled(mean: &Plane, mask: &Arc<Mask>, noise: Noise) -> crate::Filled {
+    let options = Options { noise, ..Options::of(crate::variational::ss::Settings::default()) };
+    fill(&Planes::new(mean.size(), vec![mean.clone()]).unwrap(), Arc::clone(mask), &options).unwrap()
+}
+
+fn error(image: &Planes, truth: &Plane) -> f64 {
+    let squares = image.as_slice()[0].pixels().iter().zip(truth.pixels());
+    (squares.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / truth.pixels().len() as f64).sqrt()
+}
+
+#[test]
+fn noise_is_smoothed_by_halves_and_by_held_out_samples() {
+    let size = Size::new(120, 130);
+    let (truth, mask) = (truth(size), mask(size, 0.25));
+    let [a, b, mean] = halves(&truth, 0.1);
+    let plain = error(&filled(&mean, &mask, Noise::None).planes, &truth);
+    for noise in [Noise::Like(vec![like(&a, &b)]), Noise::Unknown] {
+        let found = filled(&mean, &mask, noise.clone());
+        assert!(found.sets[0].smoothed, "{noise:?}");
+        let smoothed = error(&found.planes, &truth);
+        // About 30 samples lie within a period's quarter: their mean has a fifth of the noise.
+        assert!(smoothed < 0.35 * plain, "{smoothed} {plain}");
+    }
+}
+
+#[test]
+fn what_has_no_noise_keeps_its_bits() {
+    let size = Size::new(80, 90);
+    let (truth, mask) = (truth(size), mask(size, 0.25));
+    let found = filled(&truth, &mask, Noise::Unknown);
+    assert!(!found.sets[0].smoothed);
+    let plain = filled(&truth, &mask, Noise::None);
+    let bits = |planes: &Planes| planes.as_slice()[0].pixels().iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&found.planes), bits(&plain.planes));
+    // Half buffers that agree say the same: next to nothing is smoothed.
+    let found = filled(&truth, &mask, Noise::Like(vec![Plane::filled(size, 0.0)]));
+    assert!(error(&found.planes, &truth) <= 1.05 * error(&plain.planes, &truth));
+}
+
+#[test]
+fn complete_images_are_smoothed_too() {
+    let size = Size::new(60, 64);
+    let truth = truth(size);
+    let [a, b, mean] = halves(&truth, 0.1);
+    let full = Arc::new(Mask::from_fn(size, |_, _| true));
+    let found = filled(&mean, &full, Noise::Like(vec![like(&a, &b)]));
+    assert!(error(&found.planes, &truth) < 0.5 * error(&Planes::new(size, vec![mean]).unwrap(), &truth));
+}
+
+#[test]
+fn lights_stay_and_fireflies_do_not_spread() {
+    let size = Size::new(90, 90);
+    let (truth, mask) = (truth(size), mask(size, 0.3));
+    let [mut a, mut b, _] = halves(&truth, 0.02);
+    let measured: Vec<usize> = (0..8100).filter(|&at| mask.as_slice()[at]).collect();
+    let (light, firefly) = (measured[700], measured[1500]);
+    (a.pixels_mut()[light], b.pixels_mut()[light]) = (50.0, 50.5);
+    a.pixels_mut()[firefly] = 80.0;
+    let mean = Plane::from_fn(size, |row, column| 0.5 * (a.at(row, column) + b.at(row, column)));
+    let found = filled(&mean, &mask, Noise::Like(vec![like(&a, &b)]));
+    let pixels = found.planes.as_slice()[0].pixels();
+    assert!(pixels[light] > 40.0, "{}", pixels[light]);
+    assert!(pixels[firefly] < 3.0, "{}", pixels[firefly]);
+}
+
+#[test]
+fn guides_carry_what_noise_hides() {
+    let size = Size::new(120, 120);
+    let mask = mask(size, 0.25);
+    let pattern = |row: usize, column: usize| if (row / 5 + column / 7) % 2 == 0 { 0.2 } else { 0.8 };
+    let truth = Plane::from_fn(size, pattern);
+    let [a, b, mean] = halves(&truth, 0.15);
+    let mut guides = Guides::new(size);
+    guides.add("albedo", vec![Plane::from_fn(size, |row, column| 2.0 * pattern(row, column) + 1.0)]).unwrap();
+    let noise = Noise::Like(vec![like(&a, &b)]);
+    let alone = error(&filled(&mean, &mask, noise.clone()).planes, &truth);
+    let options = Options { noise, guides: Some(&guides), ..Options::default() };
+    let samples = Planes::new(size, vec![mean]).unwrap();
+    let found = fill(&samples, Arc::clone(&mask), &options).unwrap();
+    assert_eq!(found.sets[0].guides, ["albedo"]);
+    assert!(error(&found.planes, &truth) < 0.25 * alone, "{} {alone}", error(&found.planes, &truth));
+}
+
+#[test]
+fn stein_s_estimate_is_that_of_the_truth() {
+    // The products at all samples, against the errors that the truth shows.
+    let size = Size::new(150, 150);
+    let truth = truth(size);
+    let full = Arc::new(Mask::from_fn(size, |_, _| true));
+    let [a, b, mean] = halves(&truth, 0.1);
+    let n = like(&a, &b);
+    let run = Run::default();
+    let task = Task { guides: None, weights: None, run: &run };
+    let all = Candidate::all(false);
+    let planes = |plane: &Plane| Planes::new(size, vec![plane.clone()]).unwrap();
+    let (values, noises, _) = task.both(&all, &full, (&planes(&mean), &planes(&n))).unwrap();
+    for (value, noise) in values.iter().zip(&noises).skip(2) {
+        let pixel = |planes: &Planes, at: usize| f64::from(planes.as_slice()[0].pixels()[at]);
+        let count = size.pixels();
+        let stein: f64 = (0..count)
+            .map(|at| {
+                let (y, n) = (f64::from(mean.pixels()[at]), f64::from(n.pixels()[at]));
+                (pixel(value, at) - y).powi(2) + 2.0 * n * pixel(noise, at) - n * n
+            })
+            .sum::<f64>()
+            / count as f64;
+        let true_error = error(value, &truth).powi(2);
+        // Both sums scatter as the mean of so many squares of noise of 0.1 does.
+        let scatter = 0.01 * (2.0 / count as f64).sqrt();
+        assert!((stein - true_error).abs() < 4.0 * scatter, "{stein} {true_error}");
+    }
+}
+
+#[test]
+fn noise_of_a_variance_has_it() {
+    let variance = Plane::filled(Size::new(200, 200), 0.04);
+    let noise = Noise::of_variance(&variance, 3);
+    let mean = noise.pixels().iter().map(|n| f64::from(*n)).sum::<f64>() / 40_000.0;
+    let square = noise.pixels().iter().map(|n| f64::from(*n).powi(2)).sum::<f64>() / 40_000.0;
+    assert!(mean.abs() < 4.0 * 0.2 / 200.0, "{mean}");
+    assert!((square / 0.04 - 1.0).abs() < 4.0 * (2.0_f64 / 40_000.0).sqrt(), "{square}");
+    assert!(Noise::of_variance(&Plane::filled(Size::new(1, 1), -1.0), 3).at(0, 0).is_nan());
+}
+
+#[test]
+fn threads_change_no_bit() {
+    let size = Size::new(70, 90);
+    let (truth, mask) = (truth(size), mask(size, 0.3));
+    let [a, b, mean] = halves(&truth, 0.1);
+    let of = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| filled(&mean, &mask, Noise::Like(vec![like(&a, &b)])).planes)
+    };
+    let bits = |planes: Planes| planes.as_slice()[0].pixels().iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(of(1)), bits(of(3)));
+}
