@@ -12,6 +12,7 @@ use super::guides::GuideArgs;
 use super::input::InputArgs;
 use super::layers::LayerArgs;
 use super::mask_source::MaskArgs;
+use super::noise::NoiseArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::{PageArgs, RunArgs, SolveArgs};
 use super::settings::FilterArgs;
@@ -19,7 +20,7 @@ use super::weights::WeightArgs;
 use crate::commands::FillJob;
 use crate::files::Targets;
 use crate::guides::Asked;
-use crate::reconstruct::{self, Enlarge, Gate};
+use crate::reconstruct::{self, Enlarge, Gate, NoiseSource};
 use crate::run::RunOptions;
 
 const EXAMPLES: &str = "\
@@ -68,6 +69,9 @@ pub struct FillArgs {
     weights: WeightArgs,
 
     #[command(flatten)]
+    noise: NoiseArgs,
+
+    #[command(flatten)]
     guides: GuideArgs,
 
     #[command(flatten)]
@@ -109,6 +113,7 @@ impl FillArgs {
             page: Some(&self.page),
             guides: Some(&self.guides),
             weights: Some(&self.weights),
+            noise: Some(&self.noise),
             layers: Some(&self.layers),
             estimate: Some(&self.estimate),
         };
@@ -131,6 +136,7 @@ pub(super) struct Groups<'a> {
     pub page: Option<&'a PageArgs>,
     pub guides: Option<&'a GuideArgs>,
     pub weights: Option<&'a WeightArgs>,
+    pub noise: Option<&'a NoiseArgs>,
     pub layers: Option<&'a LayerArgs>,
     pub estimate: Option<&'a EstimateArgs>,
 }
@@ -155,11 +161,13 @@ impl Groups<'_> {
             guides: self.guides.map_or(Asked::None, |guides| guides.guides.clone()),
             guides_from: self.guides.and_then(|guides| guides.guides_from.clone()),
             weights: self.weights.and_then(|weights| weights.weights.clone()),
+            noise: self.noise.map_or_else(NoiseSource::default, |noise| noise.noise.clone()),
             layers: layers.iter().map(ToString::to_string).collect(),
             estimate: self.estimate.map_or(Estimate::No, EstimateArgs::estimate),
             error_channel: self.estimate.and_then(|estimate| estimate.error_channel.clone()),
         };
         WeightArgs::check(&what)?;
+        NoiseArgs::check(&what)?;
         if let Some(guides) = self.guides {
             guides.check(&what)?;
         }

@@ -212,6 +212,7 @@ impl UpscaleArgs {
             page: None,
             guides: None,
             weights: None,
+            noise: None,
             layers: None,
             estimate: None,
         };

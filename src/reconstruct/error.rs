@@ -59,6 +59,14 @@ pub enum Error {
         /// What is in the way.
         why: String,
     },
+    /// Noise that cannot be used.
+    #[error("--noise {noise}: {why}")]
+    Noise {
+        /// As asked for.
+        noise: String,
+        /// What is in the way.
+        why: String,
+    },
     /// Guides that cannot be used.
     #[error(transparent)]
     Guides(#[from] crate::guides::Error),

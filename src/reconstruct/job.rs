@@ -6,7 +6,7 @@ use lacuna_filters::domain::Domain;
 use lacuna_filters::fill::Estimate;
 use serde::Serialize;
 
-use super::{Enlarge, Weights};
+use super::{Enlarge, NoiseSource, Weights};
 use crate::channels::Override;
 use crate::guides::Asked;
 use crate::mask::Source;
@@ -51,6 +51,8 @@ pub struct Job {
     pub guides_from: Option<String>,
     /// How much each measured pixel counts where the method smooths; nothing weighs all alike.
     pub weights: Option<Weights>,
+    /// What the noise of measured pixels is known from, which then are smoothed.
+    pub noise: NoiseSource,
     /// The layers that come from other files, each as `NAME=PATTERN`.
     pub layers: Vec<String>,
     /// What is to be said of the error of missing pixels.
@@ -76,6 +78,7 @@ impl Job {
             guides: Asked::Auto,
             guides_from: None,
             weights: None,
+            noise: NoiseSource::None,
             layers: Vec::new(),
             estimate: Estimate::No,
             error_channel: None,
@@ -85,6 +88,11 @@ impl Job {
     /// The name of the filter that makes the pixels.
     pub fn filter_name(&self) -> &'static str {
         self.enlarge.as_ref().map_or_else(|| self.method.name(), Enlarge::name)
+    }
+
+    /// Whether measured pixels keep their bits.
+    pub fn keeps_measured(&self) -> bool {
+        self.noise == NoiseSource::None && self.method.keeps_measured()
     }
 
     /// The guides that are looked for: none where the filter takes none, or measured pixels are smoothed.
@@ -112,7 +120,7 @@ impl Job {
         for (name, value) in [
             ("domain", domain_name(self.domain)),
             ("limit", if self.limit { "on" } else { "off" }),
-            ("measured", if self.method.keeps_measured() { "kept" } else { "smoothed" }),
+            ("measured", if self.keeps_measured() { "kept" } else { "smoothed" }),
             ("type", kind),
             ("compression", compression),
             ("mask-channel", if self.drop_mask { "dropped" } else { "kept" }),
@@ -126,6 +134,9 @@ impl Job {
         }
         if let Some(weights) = &self.weights {
             line = format!("{line} weights={}", quote(&weights.to_string()));
+        }
+        if self.noise != NoiseSource::None {
+            line = format!("{line} noise={}", quote(&self.noise.to_string()));
         }
         if let Some(name) = &self.error_channel {
             line = format!("{line} error-channel={name}");

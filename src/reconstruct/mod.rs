@@ -23,6 +23,7 @@ mod gradients;
 mod groups;
 mod job;
 mod learned;
+mod noise;
 pub(crate) mod normals;
 mod part;
 mod report;
@@ -48,6 +49,7 @@ use lacuna_exr::{Frame, Part};
 pub use lacuna_filters::Plans;
 pub use lacuna_filters::domain::Domain;
 use lacuna_filters::{Run, Stop};
+pub use noise::{NoiseError, NoiseSource};
 pub(crate) use part::measured_floats;
 pub use report::{ChannelReport, GroupReport, PartReport, Report};
 pub use stamp::{ADDED, DENSITY, DERIVED, FILLING, Stamp, was_cut_short};
@@ -87,6 +89,7 @@ pub fn fill_with(
     if frame.parts.len() != choices.len() || !frame.parts.iter().zip(choices).all(fits) {
         return Err(Error::OtherFrame);
     }
+    job.noise.check(&frame)?;
     let mut choices = choices.to_vec();
     let found = guides::find(&frame, masks, &mut choices, job.wanted(), second)?;
     let choices = choices.as_slice();

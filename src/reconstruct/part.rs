@@ -7,6 +7,7 @@ use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::baseline::nearest::NearestMap;
 use lacuna_filters::fill::{Options, Set, Values, fill_with};
+use lacuna_filters::noise::Noise;
 use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Bounds, Mask, Method, Plane, Planes, Run};
 
@@ -15,8 +16,8 @@ use super::bounds::bounds_of;
 use super::groups::{Group, Target, copyable, groups, targets, usable};
 use super::normals::Lengths;
 use super::{
-    ChannelReport, Error, GroupReport, Job, PIECE, PartReport, Plans, energy, gradients, learned, normals,
-    surfaces,
+    ChannelReport, Error, GroupReport, Job, NoiseSource, PIECE, PartReport, Plans, Weights, energy,
+    gradients, learned, normals, surfaces,
 };
 use crate::channels::{self, Choice, Name, Rule, channel_label};
 use crate::mask::Masks;
@@ -61,11 +62,14 @@ struct Filled {
     samples: Vec<f32>,
     values: Vec<f32>,
     limited: usize,
+    /// Whether measured pixels are smoothed, too.
+    all: bool,
 }
 
 /// Fills one part of a frame, in place.
 pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
-    let mut targets = targets(frame, work.index, work.masks, work.choices, work.job.method.restores())?;
+    let restores = work.job.method.restores() || work.job.noise != NoiseSource::None;
+    let mut targets = targets(frame, work.index, work.masks, work.choices, restores)?;
     let part = &frame.parts[work.index];
     let mut done = Done { report: blank_report(part, work.choices), ..Done::default() };
     let mut changes: Vec<Option<Change>> = vec![None; part.channels.len()];
@@ -74,6 +78,11 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
         let report = &mut done.report.channels[channel];
         (report.rule, report.why) = (Rule::Keep, "samples of the gradient".into());
         (changes[channel], report.non_finite) = finite_slopes(frame, work, channel)?;
+    }
+    for channel in work.job.noise.used(part, &targets) {
+        targets.retain(|target| target.channel != channel);
+        let report = &mut done.report.channels[channel];
+        (report.rule, report.why) = (Rule::Keep, "what the noise is known from".into());
     }
     let mut filled = Vec::new();
     for (group, method) in learned::assign(part, groups(frame, work.index, &targets), &work.job.method) {
@@ -87,8 +96,8 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
     done.report.groups.sort_by_key(first);
     unit_normals(frame, work, &mut filled, &mut done)?;
     on_surfaces(frame, work, &mut filled)?;
-    let all = !work.job.method.keeps_measured();
-    for Filled { channel, mask, values, limited, .. } in filled {
+    let any = filled.iter().any(|filled| filled.all);
+    for Filled { channel, mask, values, limited, all, .. } in filled {
         done.report.channels[channel].limited = limited;
         changes[channel] = Some(Change::Values { values, mask, all });
     }
@@ -101,7 +110,7 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
         report.filled = target.mask.as_slice().len() - target.mask.count();
         report.non_finite = target.non_finite;
     }
-    if all && !done.report.groups.is_empty() {
+    if any {
         done.notes.push("measured pixels are smoothed, as asked".into());
     }
     let applied = apply(&mut frame.parts[work.index], &changes, work.choices, work.job.kind);
@@ -172,14 +181,19 @@ fn filter(
     let planes = group.channels.iter().map(plane).collect::<Result<_, _>>()?;
     let samples = Planes::new(mask.size(), planes).map_err(fail)?;
     let names = channel_names(part, group);
-    let options = options(frame, work, (group, method), &names)?;
+    let mut options = options(frame, work, (group, method), &names)?;
+    options.noise = work.job.noise.of(part, group, &samples)?;
     let answer = fill_with(&samples, mask, &options, work.plans, work.run).map_err(fail)?;
-    let light = group.values == Values::Light && options.method.keeps_measured();
+    let light = group.values == Values::Light && options.keeps_measured();
     for set in &answer.sets {
         let error = set.errors.as_ref().filter(|_| group.values == Values::Light);
         done.errors.extend(error.map(|error| (names[set.planes[0]].clone(), error.clone())));
         let names: Vec<_> = set.planes.iter().map(|&at| names[at].clone()).collect();
         done.notes.extend(set_notes(set, &names, &work.job.method));
+        if options.noise != Noise::None && !set.smoothed {
+            let what = "held-out samples show no noise, and nothing is smoothed";
+            done.notes.push(format!("{}: {what}", names.join(", ")));
+        }
         done.report.groups.push(GroupReport {
             channels: names,
             domain: set.map.name(),
@@ -198,6 +212,8 @@ fn filter(
             done.notes.push(format!("{name}: {} {what}", set.weightless));
         }
     }
+    let smooths = answer.sets.iter().filter(|set| set.smoothed).flat_map(|set| &set.planes);
+    let smoothed: Vec<usize> = smooths.map(|&at| group.channels[at]).collect();
     let masks: Vec<_> = (0..names.len()).map(|at| answer.mask(at).map_or(mask, |own| own).clone()).collect();
     let planes = samples.into_vec().into_iter().zip(answer.planes.into_vec()).zip(answer.limited);
     let counted = group.channels.iter().zip(masks).zip(answer.non_finite);
@@ -205,7 +221,8 @@ fn filter(
         for target in targets.iter_mut().filter(|target| target.channel == channel) {
             (target.mask, target.non_finite) = (Arc::clone(&mask), non_finite);
         }
-        Filled { channel, mask, samples: samples.into_pixels(), values: values.into_pixels(), limited }
+        let all = !work.job.method.keeps_measured() || smoothed.contains(&channel);
+        Filled { channel, mask, samples: samples.into_pixels(), values: values.into_pixels(), limited, all }
     });
     Ok(filled.collect())
 }
@@ -233,7 +250,11 @@ fn options<'a>(
     options.gradients = gradients::find(&frame.parts[work.index], masks, group, &method);
     options.method = method;
     options.estimate = work.job.estimate;
-    options.weights = match &work.job.weights {
+    let counts: Option<&Weights> = match &work.job.noise {
+        NoiseSource::Count(weights) => Some(weights),
+        _ => work.job.weights.as_ref(),
+    };
+    options.weights = match counts {
         Some(weights) => Some(weights.plane(frame, work.index)?),
         None => None,
     };

@@ -108,7 +108,8 @@ impl Task<'_> {
         let mut images = Vec::with_capacity(all.len());
         for candidate in all {
             let mut out = Planes::zeros(values.size(), values.len());
-            worst = worst.worst(self.one(candidate, guided.as_ref(), (mask, &everywhere), values, &mut out)?);
+            worst =
+                worst.worst(self.one(candidate, guided.as_ref(), (mask, &everywhere), values, &mut out)?);
             images.push(out);
         }
         Ok((images, worst))

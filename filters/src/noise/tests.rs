@@ -63,7 +63,8 @@ fn what_has_no_noise_keeps_its_bits() {
     let found = filled(&truth, &mask, Noise::Unknown);
     assert!(!found.sets[0].smoothed);
     let plain = filled(&truth, &mask, Noise::None);
-    let bits = |planes: &Planes| planes.as_slice()[0].pixels().iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+    let bits =
+        |planes: &Planes| planes.as_slice()[0].pixels().iter().map(|x| x.to_bits()).collect::<Vec<_>>();
     assert_eq!(bits(&found.planes), bits(&plain.planes));
     // Half buffers that agree say the same: next to nothing is smoothed.
     let found = filled(&truth, &mask, Noise::Like(vec![Plane::filled(size, 0.0)]));

@@ -1,0 +1,247 @@
+//! Where the noise of measured pixels is known from: half buffers, variances, counts of samples, or held-out samples alone.
+
+use std::str::FromStr;
+use std::sync::Arc;
+
+use lacuna_exr::{Frame, Part};
+use lacuna_filters::fill::Values;
+use lacuna_filters::noise::Noise;
+use lacuna_filters::{Mask, Plane, Planes};
+
+use super::Error;
+use super::groups::{Group, Target};
+use super::weights::Weights;
+use crate::channels::{Name, Rule, list_channels};
+
+/// Names of half buffers that are looked for.
+const HALVES: [[&str; 2]; 4] =
+    [["half1", "half2"], ["halfA", "halfB"], ["half_a", "half_b"], ["bufferA", "bufferB"]];
+/// Names of variances that are looked for.
+const VARIANCES: [&str; 3] = ["variance", "colorVariance", "mse"];
+/// How far the mean of two halves may be from the colour, over the larger of it and the mean level: rounding of halves.
+const ROUNDING: f32 = 0.02;
+/// The share of pixels that may be further off.
+const FEW: f64 = 0.02;
+/// The seed of noise that is drawn.
+const SEED: u64 = 1;
+
+/// What `--noise` says.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum NoiseSource {
+    /// There is none.
+    #[default]
+    None,
+    /// Whatever is there: half buffers, else variances, else held-out samples.
+    Auto,
+    /// The layers of two half buffers.
+    Halves(String, String),
+    /// The layer, or the channel, of the variance of measured pixels.
+    Variance(String),
+    /// The channel of the number of samples.
+    Count(Weights),
+}
+
+/// Why a text names no noise.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("'{0}' names no noise: write none, auto, halves:LAYER,LAYER, variance:LAYER or count:CHANNEL")]
+pub struct NoiseError(String);
+
+impl FromStr for NoiseSource {
+    type Err = NoiseError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let fail = || NoiseError(text.into());
+        Ok(match text.split_once(':') {
+            None if text == "none" => Self::None,
+            None if text == "auto" => Self::Auto,
+            Some(("halves", both)) => match both.split_once(',') {
+                Some((a, b)) if !a.is_empty() && !b.is_empty() => Self::Halves(a.into(), b.into()),
+                _ => return Err(fail()),
+            },
+            Some(("variance", layer)) if !layer.is_empty() => Self::Variance(layer.into()),
+            Some(("count", _)) => Self::Count(text.parse().map_err(|_| fail())?),
+            _ => return Err(fail()),
+        })
+    }
+}
+
+impl std::fmt::Display for NoiseSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::None => f.write_str("none"),
+            Self::Auto => f.write_str("auto"),
+            Self::Halves(a, b) => write!(f, "halves:{a},{b}"),
+            Self::Variance(layer) => write!(f, "variance:{layer}"),
+            Self::Count(weights) => weights.fmt(f),
+        }
+    }
+}
+
+/// The channel of a layer that goes with a channel: `half1.R` with `R`, `diffuse.half1.R` or `half1.diffuse.R` with `diffuse.R`.
+fn beside(part: &Part, channel: usize, layer: &str) -> Option<usize> {
+    let full = part.channels.get(channel)?.display_name().into_owned();
+    let name = Name::new(&full);
+    let wanted = match name.layer {
+        "" => vec![format!("{layer}.{}", name.component)],
+        outer => vec![format!("{outer}.{layer}.{}", name.component), format!("{layer}.{full}")],
+    };
+    let find = |wanted: &String| part.channels.iter().position(|c| c.display_name() == wanted.as_str());
+    wanted.iter().find_map(find)
+}
+
+/// The same, or one channel of this name for all.
+fn variance_of(part: &Part, channel: usize, layer: &str) -> Option<usize> {
+    beside(part, channel, layer)
+        .or_else(|| part.channels.iter().position(|other| other.display_name() == layer))
+}
+
+/// What the noise of a channel is known from.
+enum Known {
+    Halves([usize; 2]),
+    Variance(usize),
+}
+
+impl NoiseSource {
+    /// What is there for a channel.
+    fn known(&self, part: &Part, channel: usize) -> Option<Known> {
+        let halves =
+            |a: &str, b: &str| Some(Known::Halves([beside(part, channel, a)?, beside(part, channel, b)?]));
+        let variance = |layer: &str| variance_of(part, channel, layer).map(Known::Variance);
+        match self {
+            Self::None | Self::Count(_) => None,
+            Self::Halves(a, b) => halves(a, b),
+            Self::Variance(layer) => variance(layer),
+            Self::Auto => HALVES
+                .iter()
+                .find_map(|[a, b]| halves(a, b))
+                .or_else(|| VARIANCES.iter().find_map(|layer| variance(layer))),
+        }
+    }
+
+    /// The channels of a part that the noise is known from.
+    pub fn used(&self, part: &Part, targets: &[Target]) -> Vec<usize> {
+        let filled = targets.iter().filter(|target| target.rule == Rule::Fill);
+        let known = filled.filter_map(|target| self.known(part, target.channel));
+        let channels = known.flat_map(|known| match known {
+            Known::Halves(both) => both.to_vec(),
+            Known::Variance(one) => vec![one],
+        });
+        channels.collect()
+    }
+
+    /// Layers that were named must be there for some channel that is filled.
+    ///
+    /// # Errors
+    /// They are not.
+    pub fn check(&self, frame: &Frame) -> Result<(), Error> {
+        if !matches!(self, Self::Halves(..) | Self::Variance(_)) {
+            return Ok(());
+        }
+        let any = |part: &Part| (0..part.channels.len()).any(|at| self.known(part, at).is_some());
+        if frame.parts.iter().any(any) {
+            return Ok(());
+        }
+        Err(self.fail(format!("no such layer beside a channel; there are {}", list_channels(frame))))
+    }
+
+    fn fail(&self, why: String) -> Error {
+        Error::Noise { noise: self.to_string(), why }
+    }
+
+    /// What is known of the noise of a group.
+    ///
+    /// # Errors
+    /// Halves that are the same or belong to another colour, variances that are negative or zero.
+    pub fn of(&self, part: &Part, group: &Group, samples: &Planes) -> Result<Noise, Error> {
+        let light = group.values == Values::Light;
+        let known: Option<Vec<Known>> =
+            group.channels.iter().map(|&channel| self.known(part, channel)).collect();
+        match (self, known) {
+            (Self::None, _) => Ok(Noise::None),
+            (_, Some(known)) => {
+                let planes = known.iter().zip(&group.channels).zip(samples.as_slice());
+                let plane = |((known, &channel), samples): ((&Known, &usize), &Plane)| {
+                    self.plane(part, (channel, known), samples, &group.mask)
+                };
+                planes.map(plane).collect::<Result<_, _>>().map(Noise::Like)
+            }
+            (Self::Auto | Self::Count(_), None) if light => Ok(Noise::Unknown),
+            _ => Ok(Noise::None),
+        }
+    }
+
+    fn plane(
+        &self,
+        part: &Part,
+        (channel, known): (usize, &Known),
+        samples: &Plane,
+        mask: &Arc<Mask>,
+    ) -> Result<Plane, Error> {
+        let name = |at: usize| part.channels[at].display_name().into_owned();
+        let read = |at: usize| {
+            let values = part.channels[at].samples.to_floats().ok_or(Error::OtherFrame)?;
+            Plane::new(mask.size(), values).map_err(|_| Error::OtherFrame)
+        };
+        let measured = || mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag).map(|(at, _)| at);
+        match *known {
+            Known::Halves([a, b]) => {
+                let halves = [read(a)?, read(b)?];
+                let [first, second] = [halves[0].pixels(), halves[1].pixels()];
+                if measured().all(|at| first[at] == second[at]) {
+                    let why =
+                        format!("{} and {} are the same: name two independent halves", name(a), name(b));
+                    return Err(self.fail(why));
+                }
+                let finite = |at: &usize| samples.pixels()[*at].is_finite();
+                let count = measured().filter(finite).count().max(1) as f64;
+                let sum: f64 =
+                    measured().filter(finite).map(|at| f64::from(samples.pixels()[at]).abs()).sum();
+                let level = (sum / count) as f32;
+                let off = |at: &usize| {
+                    let (mean, value) = (0.5 * (first[*at] + second[*at]), samples.pixels()[*at]);
+                    mean.is_finite() && (mean - value).abs() > ROUNDING * value.abs().max(level)
+                };
+                if measured().filter(finite).filter(off).count() as f64 > FEW * count {
+                    let why = format!(
+                        "{} and {} do not average to {}: name the halves of this colour",
+                        name(a),
+                        name(b),
+                        name(channel)
+                    );
+                    return Err(self.fail(why));
+                }
+                let half = first.iter().zip(second).map(|(a, b)| 0.5 * (a - b));
+                Plane::new(mask.size(), half.collect()).map_err(|_| Error::OtherFrame)
+            }
+            Known::Variance(at) => {
+                let variance = read(at)?;
+                if let Some(bad) = measured().map(|at| variance.pixels()[at]).find(|value| *value < 0.0) {
+                    return Err(self.fail(format!("{} is {bad} at a measured pixel: no variance", name(at))));
+                }
+                if measured().all(|at| !(variance.pixels()[at] > 0.0)) {
+                    let what =
+                        "is nowhere above 0 at measured pixels: leave --noise out, or write --noise auto";
+                    return Err(self.fail(format!("{} {what}", name(at))));
+                }
+                // Each channel its own draw, as noise of channels differs.
+                Ok(Noise::of_variance(&variance, SEED.wrapping_add(channel as u64)))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_become_sources_and_come_back() {
+        for text in ["none", "auto", "halves:half1,half2", "variance:mse", "count:samples"] {
+            assert_eq!(text.parse::<NoiseSource>().unwrap().to_string(), text);
+        }
+        for text in ["", "halves:", "halves:a", "halves:a,", "variance:", "count:", "half1"] {
+            let error = text.parse::<NoiseSource>().unwrap_err().to_string();
+            assert!(error.contains("halves:LAYER,LAYER"), "{error}");
+        }
+    }
+}
