@@ -149,7 +149,7 @@ def test_workers_that_are_given_the_same_frames_leave_one_good_file_of_each(shot
     expected = contents(out.parent)
     for path in out.parent.iterdir():
         path.unlink()
-    flags = ["fill", source, "-o", out, "--log", log]
+    flags = ["fill", source, "-o", out, "--log", log, "--filter", "ss", "--no-estimate"]
     workers = [start(*flags, *more) for more in ([], [], ["-u"], ["-u"], ["--no-clobber"], ["--frames", "4-1"])]
     for worker in workers:
         assert worker.wait(60) == 0, worker.stderr.read()
@@ -384,7 +384,7 @@ def test_the_commands_for_gnu_parallel_in_the_documentation(tmp_path):
     (tmp_path / "shot.0007.exr").write_bytes(b"no frame")
 
     def shell(line):
-        return run(["bash", "-c", line], folder=tmp_path, environment={"PATH": f"{tmp_path}/bin:{os.environ['PATH']}", "HOME": str(tmp_path)})
+        return run(["bash", "-c", line], timeout=300, folder=tmp_path, environment={"PATH": f"{tmp_path}/bin:{os.environ['PATH']}", "HOME": str(tmp_path)})
 
     assert shell(first).status == 1
     assert len(contents(tmp_path / "full")) == 23

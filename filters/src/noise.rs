@@ -43,8 +43,9 @@ use std::sync::Arc;
 use crate::baseline::nearest;
 use crate::estimate::Folds;
 use crate::sampling::hash;
+use crate::sampling::refine::blur;
 use crate::variational::guided::{Effect, Guides};
-use crate::weights::{Weights, add_products};
+use crate::weights::{Neighbourhood, Weights, add_products};
 use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
 use candidates::{Candidate, Task};
 
@@ -80,8 +81,15 @@ impl Noise {
 const NOISY: f64 = 0.25;
 /// Fewer measured pixels choose nothing.
 const FEWEST: usize = 64;
+/// Wider than where samples are held out: Stein's estimate scatters with the noise itself.
+const NEIGHBOURHOOD: Neighbourhood = Neighbourhood { spread: 10.0, frame: 0.1 };
 /// Levels of light that count as it is, over that which nine tenths of the samples stay below.
 const LIMIT: f32 = 4.0;
+
+/// Width of the neighbourhood whose variance a sample has, in spacings of the samples.
+const AROUND: f64 = 3.0;
+/// The least variance, over the mean.
+const QUIET: f64 = 1e-3;
 
 /// What is given beside the samples.
 #[derive(Clone, Copy, Debug)]
@@ -110,7 +118,11 @@ pub(crate) fn reconstruct(
     }
     let split = Split::new(mask, samples, known.noise, known.light);
     let all = Candidate::all(known.guides.is_some_and(|guides| !guides.is_empty()));
-    let task = Task { guides: known.guides, weights: known.weights, run };
+    let precision = match (&split.noise, known.weights) {
+        (Some(noise), None) => Some(Arc::new(precision(mask, noise))),
+        (_, weights) => weights.cloned(),
+    };
+    let task = Task { guides: known.guides, weights: precision.as_ref(), run };
     let (weights, images, outcome) = if let Some(noise) = &split.noise {
         let (values, noises, outcome) = task.both(&all, mask, (&split.samples, noise))?;
         (by_noise(mask, &split.samples, noise, (&values, &noises)), values, outcome)
@@ -145,6 +157,29 @@ pub(crate) fn reconstruct(
     Ok(Some((outcome, effect)))
 }
 
+/// The mean variance of the noise over that around each pixel.
+fn precision(mask: &Mask, noise: &Planes) -> Plane {
+    let size = mask.size();
+    let spacing = (size.pixels() as f64 / mask.count().max(1) as f64).sqrt();
+    let squared: Vec<f32> = (0..size.pixels())
+        .map(|pixel| {
+            let squares = noise.as_slice().iter().map(|plane| plane.pixels()[pixel].powi(2));
+            let sum: f32 = squares.sum();
+            if mask.as_slice()[pixel] && sum.is_finite() { sum } else { 0.0 }
+        })
+        .collect();
+    let counted: Vec<f32> = mask.as_slice().iter().map(|&flag| f32::from(u8::from(flag))).collect();
+    let (sums, counts) = (blur(size, &squared, AROUND * spacing), blur(size, &counted, AROUND * spacing));
+    let mean = squared.iter().map(|v| f64::from(*v)).sum::<f64>() / mask.count().max(1) as f64;
+    let least = (QUIET * mean).max(f64::from(f32::MIN_POSITIVE));
+    let weight = |(sum, count): (&f32, &f32)| {
+        let here = f64::from(*sum) / f64::from(*count).max(f64::from(f32::MIN_POSITIVE));
+        (mean / here.max(least)) as f32
+    };
+    let weights = sums.iter().zip(&counts).map(weight).collect();
+    Plane::of(size, weights)
+}
+
 /// The weights by Stein's estimate, at all samples whose noise is known.
 fn by_noise(
     mask: &Mask,
@@ -168,7 +203,7 @@ fn by_noise(
             }
         }
     };
-    Weights::of_products(mask, &at, values.len(), products).0
+    Weights::of_products(mask, (&at, NEIGHBOURHOOD), values.len(), products).0
 }
 
 /// Samples below the limit, and what lies beyond it.

@@ -4,8 +4,8 @@
 //! w(p) = argmin  w' (A(p) + s tr A(p) B / tr B) w,   w_k >= 0,  sum of w_k = 1,      A_kl(p) = sum over samples i of g(p - i) e_kl(i)
 //! ```
 //!
-//! with `e_kl(i)` the product of two candidates' errors, `g` a Gaussian of `SPREAD` spacings of samples, `B` the sum over all of the image and
-//! `s` = `FRAME`: where few samples are around a pixel, or nothing differs, the image decides.
+//! with `e_kl(i)` the product of two candidates' errors, `g` a Gaussian of some spacings of samples ([`Neighbourhood`]), `B` the sum over all of the image and
+//! `s` its share: where few samples are around a pixel, or nothing differs, the image decides.
 
 use lacuna_core::parallel::prelude::*;
 
@@ -13,10 +13,17 @@ use crate::estimate::HeldOut;
 use crate::solver::cholesky::Cholesky;
 use crate::{Mask, Planes, Size};
 
-/// Width of the neighbourhood, in spacings of the samples.
-const SPREAD: f64 = 4.0;
-/// What the errors of all of the image count for in each neighbourhood.
-const FRAME: f64 = 0.5;
+/// What the weights of a pixel are learned from.
+#[derive(Clone, Copy, Debug)]
+pub struct Neighbourhood {
+    /// Width of the Gaussian, in spacings of the samples.
+    pub spread: f64,
+    /// What the errors of all of the image count for.
+    pub frame: f64,
+}
+
+/// Where what is held out is as it will be filled.
+const HELD_OUT: Neighbourhood = Neighbourhood { spread: 4.0, frame: 0.5 };
 /// What a candidate must take away of the squared error to count where it has to be computed.
 const WORTH: f64 = 0.01;
 /// Cells to each side of a cell that its neighbourhood takes in: three Gaussian widths.
@@ -31,6 +38,8 @@ pub struct Weights {
     /// Side of a cell.
     side: usize,
     cells: Size,
+    /// What the errors of all of the image count for.
+    frame: f64,
     /// Of each candidate, the weight in each cell; empty for one that counts nowhere.
     of: Vec<Vec<f32>>,
     /// Of each candidate, its mean weight at missing pixels.
@@ -46,23 +55,24 @@ impl Weights {
     pub fn new(mask: &Mask, truth: &Planes, held: &[HeldOut]) -> Self {
         let at = held.first().map_or(&[][..], |held| &held.at);
         let mut errors = vec![0.0_f64; held.len()];
-        let (mut own, around, whole) = Self::summed(mask, at, held.len(), |i, pixel, products| {
-            for (channel, plane) in truth.as_slice().iter().enumerate() {
-                let value = f64::from(plane.pixels()[pixel]);
-                for (error, held) in errors.iter_mut().zip(held) {
-                    *error = f64::from(held.predicted[channel][i]) - value;
+        let (mut own, around, whole) =
+            Self::summed(mask, (at, HELD_OUT), held.len(), |i, pixel, products| {
+                for (channel, plane) in truth.as_slice().iter().enumerate() {
+                    let value = f64::from(plane.pixels()[pixel]);
+                    for (error, held) in errors.iter_mut().zip(held) {
+                        *error = f64::from(held.predicted[channel][i]) - value;
+                    }
+                    add_products(&errors, products);
                 }
-                add_products(&errors, products);
-            }
-        });
+            });
         if at.is_empty() || held.len() < 2 {
             return own;
         }
         let mut counting: Vec<usize> = (0..held.len()).collect();
-        while let Some(least) = Self::dispensable(&around, &whole, held.len(), &counting) {
+        while let Some(least) = Self::dispensable(&around, (&whole, own.frame), held.len(), &counting) {
             counting.retain(|&k| k != least);
         }
-        own.of = Self::solve(&around, &whole, held.len(), &counting).0;
+        own.of = Self::solve(&around, (&whole, own.frame), held.len(), &counting).0;
         own.shares = own.mean_at_missing(mask);
         own
     }
@@ -71,31 +81,38 @@ impl Weights {
     /// squared error of the blend over that of the first candidate.
     pub fn of_products(
         mask: &Mask,
-        at: &[u32],
+        (at, near): (&[u32], Neighbourhood),
         count: usize,
         products: impl FnMut(usize, usize, &mut [f64]),
     ) -> (Self, f64) {
-        let (mut own, around, whole) = Self::summed(mask, at, count, products);
+        let (mut own, around, whole) = Self::summed(mask, (at, near), count, products);
         let all: Vec<usize> = (0..count).collect();
-        let (of, error) = Self::solve(&around, &whole, count, &all);
+        let (of, error) = Self::solve(&around, (&whole, own.frame), count, &all);
         own.of = of;
         own.shares = own.mean_at_missing(mask);
-        let first: f64 = around.iter().map(|cell| best(cell, &whole, count, &[0]).1).sum();
+        let first: f64 = around.iter().map(|cell| best(cell, (&whole, near.frame), count, &[0]).1).sum();
         (own, if first > 0.0 { error / first } else { 1.0 })
     }
 
     /// Cells, in which the first candidate counts alone, the sums of products around each, and those over all.
     fn summed(
         mask: &Mask,
-        at: &[u32],
+        (at, near): (&[u32], Neighbourhood),
         count: usize,
         mut products: impl FnMut(usize, usize, &mut [f64]),
     ) -> (Self, Vec<Products>, Products) {
         let size = mask.size();
         let spacing = (size.pixels() as f64 / at.len().max(1) as f64).sqrt();
-        let side = ((0.5 * SPREAD * spacing).round() as usize).max(1);
+        let side = ((0.5 * near.spread * spacing).round() as usize).max(1);
         let cells = Size::new(size.height.div_ceil(side), size.width.div_ceil(side));
-        let own = Self { size, side, cells, of: vec![vec![1.0; cells.pixels()]], shares: vec![1.0] };
+        let own = Self {
+            size,
+            side,
+            cells,
+            frame: near.frame,
+            of: vec![vec![1.0; cells.pixels()]],
+            shares: vec![1.0],
+        };
         let mut sums = vec![vec![0.0; count * count]; cells.pixels()];
         for (i, &pixel) in at.iter().enumerate() {
             products(i, pixel as usize, &mut sums[own.cell(pixel as usize)]);
@@ -110,7 +127,12 @@ impl Weights {
     }
 
     /// The candidate whose absence costs least, if that is not worth its time.
-    fn dispensable(around: &[Products], whole: &[f64], count: usize, among: &[usize]) -> Option<usize> {
+    fn dispensable(
+        around: &[Products],
+        whole: (&[f64], f64),
+        count: usize,
+        among: &[usize],
+    ) -> Option<usize> {
         if among.len() < 2 {
             return None;
         }
@@ -127,7 +149,12 @@ impl Weights {
     }
 
     /// The weights of all cells, by candidate, and the squared error that they leave.
-    fn solve(around: &[Products], whole: &[f64], count: usize, among: &[usize]) -> (Vec<Vec<f32>>, f64) {
+    fn solve(
+        around: &[Products],
+        whole: (&[f64], f64),
+        count: usize,
+        among: &[usize],
+    ) -> (Vec<Vec<f32>>, f64) {
         let cells = around.par_iter().with_min_len(64).map(|cell| best(cell, whole, count, among));
         let error = cells.iter().map(|cell| cell.1).sum();
         let of = |k: usize| match among.iter().position(|&other| other == k) {
@@ -256,7 +283,7 @@ fn blur(size: Size, cells: &[Products]) -> Vec<Products> {
 ///
 /// Every set of candidates is tried: on it the least error under `sum w = 1` is that of `w ~ A^-1 1`, and the best one that has no negative
 /// weight is the answer.
-fn best(cell: &[f64], whole: &[f64], count: usize, among: &[usize]) -> (Vec<f64>, f64) {
+fn best(cell: &[f64], (whole, frame): (&[f64], f64), count: usize, among: &[usize]) -> (Vec<f64>, f64) {
     let trace = |of: &[f64]| among.iter().map(|&k| of[k * count + k]).sum::<f64>();
     let (here, all) = (trace(cell), trace(whole));
     let equal = || (vec![1.0 / among.len() as f64; among.len()], 0.0);
@@ -265,7 +292,7 @@ fn best(cell: &[f64], whole: &[f64], count: usize, among: &[usize]) -> (Vec<f64>
     }
     // A neighbourhood without any error takes the weights of the image.
     let level = if here > 1e-12 * all { here } else { 1e-12 * all };
-    let at = |k: usize, l: usize| (cell[k * count + l] + FRAME * level * whole[k * count + l] / all) / level;
+    let at = |k: usize, l: usize| (cell[k * count + l] + frame * level * whole[k * count + l] / all) / level;
     let mut found = equal();
     found.1 = f64::INFINITY;
     for set in 1_usize..1 << among.len() {
@@ -301,13 +328,13 @@ mod tests {
     fn two_candidates_have_the_weights_of_the_closed_form() {
         // e1, e2 of variances 1 and 4, covariance 0.5: w1 = (4 - 0.5) / (1 + 4 - 1).
         let a = [1.0, 0.5, 0.5, 4.0];
-        let (w, _) = best(&a, &a, 2, &[0, 1]);
+        let (w, _) = best(&a, (&a, 0.5), 2, &[0, 1]);
         assert!((w[0] - 0.875).abs() < 10.0 * RIDGE && (w[0] + w[1] - 1.0).abs() < 1e-12, "{w:?}");
         // A covariance above the lesser variance would ask for a negative weight.
         let a = [1.0, 1.5, 1.5, 4.0];
-        assert_eq!(best(&a, &a, 2, &[0, 1]).0, [1.0, 0.0]);
-        assert_eq!(best(&a, &a, 2, &[1]).0, [1.0]);
-        assert_eq!(best(&[0.0; 4], &[0.0; 4], 2, &[0, 1]).0, [0.5, 0.5]);
+        assert_eq!(best(&a, (&a, 0.5), 2, &[0, 1]).0, [1.0, 0.0]);
+        assert_eq!(best(&a, (&a, 0.5), 2, &[1]).0, [1.0]);
+        assert_eq!(best(&[0.0; 4], (&[0.0; 4], 0.5), 2, &[0, 1]).0, [0.5, 0.5]);
     }
 
     #[test]
@@ -324,7 +351,7 @@ mod tests {
             let error = |w: &[f64]| {
                 errors.iter().map(|e| (0..3).map(|k| w[k] * e[k]).sum::<f64>().powi(2)).sum::<f64>()
             };
-            let found = error(&best(&a, &a, 3, &[0, 1, 2]).0);
+            let found = error(&best(&a, (&a, 0.5), 3, &[0, 1, 2]).0);
             for i in 0..=40 {
                 for j in 0..=40 - i {
                     let w = [f64::from(i) / 40.0, f64::from(j) / 40.0, f64::from(40 - i - j) / 40.0];

@@ -2,18 +2,22 @@
 
 use std::sync::Arc;
 
-use super::FOLDS;
+use super::{FOLDS, NEIGHBOURHOOD};
 use crate::baseline::push_pull;
 use crate::estimate::HeldOut;
 use crate::kernel::Isa;
-use crate::kernel::regress::Scales;
+use crate::kernel::regress::{RIDGE, Scales};
 use crate::variational::guided::{Field, Guides, Reach, Store, Task as Fit, predict};
 use crate::variational::ss;
 use crate::weights::{Weights, add_products};
 use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
 
 /// Pixels whose distance counts as much as the standard deviation of a guide does.
-const PLACE: f32 = 64.0;
+const PLACE: f32 = 128.0;
+/// What is added to the variances of guides and places in the window, over those of the image.
+const SHRINK: f64 = 1e-3;
+/// Brings guides, which are scaled to a standard deviation of one half, to one of 1.
+const GUIDE: f32 = 2.0;
 
 /// One way.
 pub struct Candidate {
@@ -50,10 +54,10 @@ impl Candidate {
         vec![
             exact,
             splines("ss lambda=0.3", 0.3),
-            splines("ss lambda=1.5", 1.5),
-            splines("ss lambda=8", 8.0),
-            splines("ss lambda=40", 40.0),
-            splines("ss lambda=200", 200.0),
+            splines("ss lambda=1", 1.0),
+            splines("ss lambda=3", 3.0),
+            splines("ss lambda=10", 10.0),
+            splines("ss lambda=30", 30.0),
         ]
     }
 
@@ -103,13 +107,11 @@ impl Task<'_> {
         values: &Planes,
     ) -> Result<(Vec<Planes>, Outcome), Error> {
         let everywhere = Mask::from_fn(mask.size(), |_, _| true);
-        let guided = Guided::new(self.guides, mask, values);
         let mut worst = Outcome::direct();
         let mut images = Vec::with_capacity(all.len());
         for candidate in all {
             let mut out = Planes::zeros(values.size(), values.len());
-            worst =
-                worst.worst(self.one(candidate, guided.as_ref(), (mask, &everywhere), values, &mut out)?);
+            worst = worst.worst(self.one(candidate, (mask, &everywhere), values, &mut out)?);
             images.push(out);
         }
         Ok((images, worst))
@@ -128,12 +130,10 @@ impl Task<'_> {
             let mut flags = vec![false; mask.size().pixels()];
             wanted.iter().for_each(|&pixel| flags[pixel as usize] = true);
             let wanted = Mask::of(mask.size(), flags);
-            let kept = Arc::new(FOLDS.without(mask, &parts));
-            let guided = Guided::new(self.guides, &kept, samples);
             for (candidate, held) in all.iter().zip(&mut held) {
                 let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
                     let mut out = Planes::zeros(samples.size(), samples.len());
-                    self.one(candidate, guided.as_ref(), (kept, &wanted), samples, &mut out)?;
+                    self.one(candidate, (kept, &wanted), samples, &mut out)?;
                     Ok(out)
                 };
                 let ranges = [parts.clone(), parts.clone()];
@@ -142,7 +142,7 @@ impl Task<'_> {
         }
         let at = held[0].at.clone();
         let mut errors = vec![0.0; all.len()];
-        Ok(Weights::of_products(mask, &at, all.len(), |i, pixel, products| {
+        Ok(Weights::of_products(mask, (&at, NEIGHBOURHOOD), all.len(), |i, pixel, products| {
             for (channel, plane) in samples.as_slice().iter().enumerate() {
                 let value = f64::from(plane.pixels()[pixel]);
                 for (error, held) in errors.iter_mut().zip(&held) {
@@ -157,14 +157,13 @@ impl Task<'_> {
     fn one(
         &self,
         candidate: &Candidate,
-        guided: Option<&Guided>,
         (mask, wanted): (&Arc<Mask>, &Mask),
         values: &Planes,
         out: &mut Planes,
     ) -> Result<Outcome, Error> {
-        match (candidate.kind, guided) {
-            (Kind::Regression(count), Some(guided)) => {
-                guided.predict(count, mask, wanted, out);
+        match (candidate.kind, self.guides) {
+            (Kind::Regression(count), Some(guides)) => {
+                predict_from(guides, count, (mask, wanted), values, out);
                 let far = |plane: &Plane| {
                     let wanted = plane.pixels().iter().zip(wanted.as_slice()).filter(|(_, wanted)| **wanted);
                     { wanted }.any(|(value, _)| !value.is_finite())
@@ -192,31 +191,30 @@ impl Task<'_> {
     }
 }
 
-/// Samples ready for regressions on guides and place.
-struct Guided {
-    planes: Vec<Plane>,
-    scales: Scales,
-    store: Store,
-}
-
-impl Guided {
-    fn new(guides: Option<&Guides>, mask: &Mask, values: &Planes) -> Option<Self> {
-        let guides = guides.filter(|guides| !guides.is_empty())?;
-        let size = mask.size();
-        let mut planes = vec![
-            Plane::from_fn(size, |row, _| row as f32 / PLACE),
-            Plane::from_fn(size, |_, column| column as f32 / PLACE),
-        ];
-        planes.extend_from_slice(guides.planes());
-        let scales = Scales { bandwidths: vec![0.0; planes.len()], slopes: vec![true; planes.len()] };
-        let store = Store::new(mask, values, Field { planes: &planes, labels: None });
-        Some(Self { planes, scales, store })
-    }
-
-    fn predict(&self, count: f64, mask: &Mask, wanted: &Mask, out: &mut Planes) {
-        let field = Field { planes: &self.planes, labels: None };
-        let reach = Reach::new(mask, count);
-        let task = Fit { field, scales: &self.scales, reach: &reach, leave_out: false, isa: Isa::best() };
-        predict(&self.store, task, wanted, out);
-    }
+/// Predicts the `wanted` pixels by regressions on guides and place over about `count` samples each.
+fn predict_from(
+    guides: &Guides,
+    count: f64,
+    (mask, wanted): (&Mask, &Mask),
+    values: &Planes,
+    out: &mut Planes,
+) {
+    let size = mask.size();
+    // The kernel's ridge is the same for any number of samples: what it is held against is scaled instead.
+    let scale = (f64::from(RIDGE) / (SHRINK * count / 3.0)).sqrt() as f32;
+    let mut planes = vec![
+        Plane::from_fn(size, |row, _| scale * row as f32 / PLACE),
+        Plane::from_fn(size, |_, column| scale * column as f32 / PLACE),
+    ];
+    planes.extend(
+        guides.planes().iter().map(|plane| {
+            Plane::of(size, plane.pixels().iter().map(|&value| scale * GUIDE * value).collect())
+        }),
+    );
+    let field = Field { planes: &planes, labels: None };
+    let scales = Scales { bandwidths: vec![0.0; planes.len()], slopes: vec![true; planes.len()] };
+    let store = Store::new(mask, values, field);
+    let reach = Reach::new(mask, count);
+    let task = Fit { field, scales: &scales, reach: &reach, leave_out: false, isa: Isa::best() };
+    predict(&store, task, wanted, out);
 }
