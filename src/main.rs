@@ -35,13 +35,14 @@ fn run(job: &Job) -> Result<u8, (&'static str, PlanError)> {
         Job::Fill(job) => commands::fill(job).map_err(|error| (job.command(), error)),
         Job::Info(job) => commands::info(job).map_err(|error| ("info", error)),
         Job::Verify(job) => commands::verify(job).map_err(|error| ("verify", error)),
-        Job::Mask(job) => commands::mask(job).map_err(|error| ("mask", error)),
+        Job::Mask(job) => commands::mask(job).map_err(|error| (job.command(), error)),
         Job::Compare(job) => commands::compare(job).map_err(|error| ("compare", error)),
         Job::Study(job) => commands::study(job).map_err(|error| ("study", error)),
         Job::Sparsify(job) => commands::sparsify(job).map_err(|error| ("sparsify", error)),
         Job::Submit(job) => submit::submit(job).map_err(|error| ("submit slurm", error)),
-        Job::Train(job) => commands::train(job).map_err(|error| ("train", error)),
+        Job::Train(job) => commands::train(job).map_err(|error| ("dictionary train", error)),
         Job::Dictionary(name, job) => commands::dictionary(job).map_err(|error| (*name, error)),
+        Job::Manual(job) => commands::manual(job).map_err(|error| ("manual", error)),
         Job::Render(job) => commands::render(job).map_err(|error| ("render", error)),
     }
 }

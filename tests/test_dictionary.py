@@ -18,7 +18,7 @@ BLOCK = 8
 def trained(tmp_path_factory):
     """A small dictionary over colour blocks, and the frame that it was trained on."""
     folder = tmp_path_factory.mktemp("dictionary")
-    result = lacuna("train", SAMPLES / "smooth.exr", "-o", folder / "show.dict", "--block", BLOCK, "--atoms", 300, "--stride", 2,
+    result = lacuna("dictionary", "train", SAMPLES / "smooth.exr", "-o", folder / "show.dict", "--block", BLOCK, "--atoms", 300, "--stride", 2,
                     "--sparsity", 5, "--iterations", 6, "--seed", 3, "-v")
     return folder / "show.dict", frames.colour(SAMPLES / "smooth.exr"), result
 
@@ -107,16 +107,16 @@ def test_other_channels_go_with_splines_and_the_attributes_name_the_dictionary(t
     result = quick_fill(source, "-o", tmp_path / "out.exr", "--filter", "dictionary", "--dictionary", path, "-v")
     assert "A: not of the dictionary, filled by auto" in result.stderr
     settings = OpenEXR.File(str(tmp_path / "out.exr")).parts[0].header["lacuna/settings"]
-    name = next(line.split()[1] for line in lacuna("dictionary-info", path).stdout.splitlines() if line.startswith("dictionary"))
+    name = next(line.split()[1] for line in lacuna("dictionary", "info", path).stdout.splitlines() if line.startswith("dictionary"))
     assert len(name) == 16 and f"dictionary={name}" in settings
     assert np.allclose(frames.read(tmp_path / "out.exr")[0]["A"], 1)
 
 
 def test_encoded_frames_come_back(tmp_path, trained):
     path, image, _ = trained
-    lacuna("encode", SAMPLES / "smooth.exr", "--dictionary", path, "-o", tmp_path / "frame.code", "--dict-sparsity", 12, "--bits", 12)
-    said = lacuna("encode", SAMPLES / "smooth.exr", "--dictionary", path, "-o", tmp_path / "frame.code", "--dict-sparsity", 12).stdout
-    lacuna("decode", tmp_path / "frame.code", "--dictionary", path, "-o", tmp_path / "back.exr")
+    lacuna("dictionary", "encode", SAMPLES / "smooth.exr", "--dictionary", path, "-o", tmp_path / "frame.code", "--dict-sparsity", 12, "--bits", 12)
+    said = lacuna("dictionary", "encode", SAMPLES / "smooth.exr", "--dictionary", path, "-o", tmp_path / "frame.code", "--dict-sparsity", 12).stdout
+    lacuna("dictionary", "decode", tmp_path / "frame.code", "--dictionary", path, "-o", tmp_path / "back.exr")
     back = frames.colour(tmp_path / "back.exr")
     assert back.shape == image.shape and frames.psnr(back, image) > 30
     size = (tmp_path / "frame.code").stat().st_size
@@ -130,8 +130,8 @@ def test_values_that_are_not_finite_are_told(tmp_path, trained):
     broken[7, 8, 1] = np.nan
     frame = frames.write(tmp_path / "broken.0007.exr", dict(zip("RGB", np.moveaxis(broken, -1, 0))))
     told = f"lacuna: warning: {frame}: 3 values are not finite and count as 0: R 2, G 1"
-    for words in (["encode", frame, "--dictionary", path, "-o", tmp_path / "frame.code"],
-                  ["train", frame, "-o", tmp_path / "b.npz", "--block", 4, "--atoms", 60, "--iterations", 1]):
+    for words in (["dictionary", "encode", frame, "--dictionary", path, "-o", tmp_path / "frame.code"],
+                  ["dictionary", "train", frame, "-o", tmp_path / "b.npz", "--block", 4, "--atoms", 60, "--iterations", 1]):
         result = lacuna(*words)
         assert result.lines().count(told) == 1, result
 
@@ -145,16 +145,16 @@ def test_sparse_frames_are_refused_until_they_are_filled(tmp_path, trained):
     words = {"encode": ["--dictionary", path, "-o", tmp_path / "frame.code"],
              "train": ["-o", tmp_path / "b.npz", "--block", 4, "--atoms", 60, "--iterations", 1]}
     for command, more in words.items():
-        refused = lacuna(command, sparse, *more, ok=False)
+        refused = lacuna("dictionary", command, sparse, *more, ok=False)
         told = f"lacuna: error: {sparse}: the frame has a channel 'mask': the frame looks sparse; fill it first"
         assert refused.status == 1 and len(refused.lines()) == 1 and refused.stderr.startswith(told), refused
         assert not more[more.index("-o") + 1].exists()
-        lacuna(command, filled, *more)
+        lacuna("dictionary", command, filled, *more)
 
 
 def test_info_draws_the_atoms(tmp_path, trained):
     path, _, _ = trained
-    said = lacuna("dictionary-info", path, "--png", tmp_path / "atoms.png").stdout
+    said = lacuna("dictionary", "info", path, "--png", tmp_path / "atoms.png").stdout
     assert "300 of 192 numbers" in said and "usage" in said and "coherence" in said
     assert (tmp_path / "atoms.png").read_bytes().startswith(b"\x89PNG")
 
@@ -171,7 +171,7 @@ def without_codes(path):
 
 def test_a_finished_training_resumes_and_other_settings_do_not(tmp_path):
     path = tmp_path / "a.npz"
-    words = ["train", SAMPLES / "smooth.exr", "-q", "--block", 4, "--atoms", 60, "--sparsity", 3]
+    words = ["dictionary", "train", SAMPLES / "smooth.exr", "-q", "--block", 4, "--atoms", 60, "--sparsity", 3]
     mine = [*words, "-o", path]
     lacuna(*mine, "--iterations", 2)
     before = path.read_bytes()
@@ -214,30 +214,30 @@ def bad_files(folder, good):
 def test_bad_input_ends_in_one_line(tmp_path, trained):
     path, _, _ = trained
     frame = SAMPLES / "smooth.exr"
-    lacuna("encode", frame, "--dictionary", path, "-o", tmp_path / "frame.code")
-    lacuna("train", frame, "-q", "-o", tmp_path / "other.npz", "--block", 4, "--atoms", 60, "--iterations", 1)
+    lacuna("dictionary", "encode", frame, "--dictionary", path, "-o", tmp_path / "frame.code")
+    lacuna("dictionary", "train", frame, "-q", "-o", tmp_path / "other.npz", "--block", 4, "--atoms", 60, "--iterations", 1)
     code = (tmp_path / "frame.code").read_bytes()
     commands = {
         "no dictionary": (["fill", frame, "-o", tmp_path / "o.exr", "--filter", "dictionary"], "needs --dictionary"),
         "a foreign setting": (["fill", frame, "-o", tmp_path / "o.exr", "--dict-sparsity", 3], "--filter dictionary"),
         "a stride": (["fill", frame, "-o", tmp_path / "o.exr", "--filter", "dictionary", "--dictionary", path, "--dict-stride", 9], "block"),
-        "too many atoms": (["train", frame, "-o", tmp_path / "o.npz", "--block", 64, "--atoms", 16384], "blocks"),
-        "no frame": (["train", tmp_path / "none.exr", "-o", tmp_path / "o.npz"], "none.exr"),
-        "another dictionary": (["decode", tmp_path / "frame.code", "--dictionary", tmp_path / "other.npz", "-o", tmp_path / "o.exr"],
+        "too many atoms": (["dictionary", "train", frame, "-o", tmp_path / "o.npz", "--block", 64, "--atoms", 16384], "blocks"),
+        "no frame": (["dictionary", "train", tmp_path / "none.exr", "-o", tmp_path / "o.npz"], "none.exr"),
+        "another dictionary": (["dictionary", "decode", tmp_path / "frame.code", "--dictionary", tmp_path / "other.npz", "-o", tmp_path / "o.exr"],
                                "encoded with dictionary"),
-        "a frame called .png": (["decode", tmp_path / "frame.code", "--dictionary", path, "-o", tmp_path / "o.png"], "o.png: the file that is written ends in .exr"),
-        "a picture called .exr": (["dictionary-info", path, "--png", tmp_path / "o.exr"], "o.exr: the file that is written ends in .png"),
-        "no code": (["decode", frame, "--dictionary", path, "-o", tmp_path / "o.exr"], "not an encoded frame"),
+        "a frame called .png": (["dictionary", "decode", tmp_path / "frame.code", "--dictionary", path, "-o", tmp_path / "o.png"], "o.png: the file that is written ends in .exr"),
+        "a picture called .exr": (["dictionary", "info", path, "--png", tmp_path / "o.exr"], "o.exr: the file that is written ends in .png"),
+        "no code": (["dictionary", "decode", frame, "--dictionary", path, "-o", tmp_path / "o.exr"], "not an encoded frame"),
     }
     for name, content in bad_files(tmp_path, path):
         (tmp_path / name).write_bytes(content)
-        commands[name] = (["dictionary-info", tmp_path / name], name)
+        commands[name] = (["dictionary", "info", tmp_path / name], name)
     for length in (0, 20, 60, len(code) // 2, len(code) - 3):
         (tmp_path / f"cut{length}").write_bytes(code[:length])
-        commands[f"cut{length}"] = (["decode", tmp_path / f"cut{length}", "--dictionary", path, "-o", tmp_path / "o.exr"], "cut")
+        commands[f"cut{length}"] = (["dictionary", "decode", tmp_path / f"cut{length}", "--dictionary", path, "-o", tmp_path / "o.exr"], "cut")
     for at in (8, 9, 30, 50, 64, len(code) - 3):
         (tmp_path / f"flip{at}").write_bytes(code[:at] + bytes([code[at] ^ 1]) + code[at + 1 :])
-        commands[f"flip{at}"] = (["decode", tmp_path / f"flip{at}", "--dictionary", path, "-o", tmp_path / "o.exr"], f"flip{at}")
+        commands[f"flip{at}"] = (["dictionary", "decode", tmp_path / f"flip{at}", "--dictionary", path, "-o", tmp_path / "o.exr"], f"flip{at}")
     for name, (words, reason) in commands.items():
         result = lacuna(*words, ok=False)
         assert result.status in (1, 2) and len(result.lines()) == 1 and reason in result.stderr, (name, str(result))

@@ -48,7 +48,7 @@ class Bench:
     def train(self, name, *words):
         path = self.folder / f"{name}.npz"
         if not path.exists():
-            seconds, text = lacuna("train", *self.views(), "-o", path, *words)
+            seconds, text = lacuna("dictionary", "train", *self.views(), "-o", path, *words)
             print(f"{name}: {seconds:.0f} s; {text.strip().splitlines()[-1]}\n", flush=True)
         return path
 
@@ -210,7 +210,7 @@ def sizes(bench, _):
     for sparsity in (5, 10, 30):
         for bits in (6, 8, 10):
             words = ("--dictionary", trained, "--dict-sparsity", str(sparsity), "--bits", str(bits))
-            text = lacuna("encode", bench.folder / f"view.{TEST:04}.exr", "-o", bench.folder / "view.code", *words)[1]
+            text = lacuna("dictionary", "encode", bench.folder / f"view.{TEST:04}.exr", "-o", bench.folder / "view.code", *words)[1]
             found = text.strip().splitlines()[-1].split(", ")
             rows.append([str(sparsity), str(bits), *found])
     table(["L", "bits", "size", "rate", "quality", "atoms"], rows)

@@ -159,7 +159,7 @@ def figures():
         with tempfile.TemporaryDirectory() as folder:
             mask = pathlib.Path(folder) / "mask.png"
             lacuna("mask", "-q", "-o", mask, "--size", "1200x1200", "--density", 0.2, "--pattern", pattern)
-            found = json.loads(lacuna("mask", "--measure", mask, "--json").stdout)
+            found = json.loads(lacuna("analyze", mask, "--json").stdout)
         near = found["nearest"]
         return [pattern, f"{100 * found['density']:.3f} %", f"{found['star_discrepancy']:.4f}", f"{near['minimum']:.2f}",
                 f"{near['mean']:.2f}", f"{near['standard_deviation']:.2f}", f"{found['largest_hole']:.2f}",
@@ -175,7 +175,7 @@ def coherence():
 
     def measure():
         words = ("--densities", ",".join(map(str, densities)), "--json")
-        return json.loads(lacuna("mask", "--measure", "--coherence", *words, timeout=7200).stdout)["coherence"]
+        return json.loads(lacuna("analyze", "--coherence", *words, timeout=7200).stdout)["coherence"]
 
     found = {(line["basis"], line["sigma"], line["pattern"]): dict(map(tuple, line["values"]))
              for line in STORE.get("coherence", measure)}
@@ -239,7 +239,7 @@ def patterns_and_spectra(side=64, scale=3, whole=256):
             mask = pathlib.Path(folder) / "mask.png"
             words = ("-o", mask, "--density", 0.2, "--pattern", pattern)
             lacuna("mask", "-q", *words, "--size", "1200x1200")
-            lacuna("mask", "--measure", mask, "-o", IMAGES / f"spectrum-{pattern}.png")
+            lacuna("analyze", mask, "-o", IMAGES / f"spectrum-{pattern}.png")
             lacuna("mask", "-q", *words, "--size", f"{whole}x{whole}")
             taken = flags(mask)
         density = taken.mean()

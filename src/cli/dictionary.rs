@@ -1,15 +1,47 @@
-//! `lacuna encode`, `decode` and `dictionary-info`: flags to checked jobs.
+//! `lacuna dictionary`: flags to checked jobs; `train` has a file of its own.
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, Subcommand};
 
-use super::Usage;
 use super::numbers::{one_or_more, zero_or_more};
 use super::output::called;
 use super::run::SpeechArgs;
+use super::train::TrainArgs;
+use super::{Job, Usage};
 use crate::commands::{DictionaryJob, DictionaryTask};
 use crate::dictionary::code::Fineness;
+
+/// Learn dictionaries from complete frames, and use them to encode frames
+#[derive(Args, Clone, Debug)]
+#[command(arg_required_else_help = true)]
+pub struct DictionaryArgs {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand, Clone, Debug)]
+enum Command {
+    Train(Box<TrainArgs>),
+    Encode(EncodeArgs),
+    Decode(DecodeArgs),
+    Info(DictionaryInfoArgs),
+}
+
+impl DictionaryArgs {
+    /// The checked job, and the name of its subcommand.
+    pub fn job(&self) -> (&'static str, Result<Job, Usage>) {
+        let of = |name, job: Result<DictionaryJob, Usage>| {
+            (name, job.map(|job| Job::Dictionary(name, Box::new(job))))
+        };
+        match &self.command {
+            Command::Train(args) => ("dictionary train", args.job().map(|job| Job::Train(Box::new(job)))),
+            Command::Encode(args) => of("dictionary encode", Ok(args.job())),
+            Command::Decode(args) => of("dictionary decode", args.job()),
+            Command::Info(args) => of("dictionary info", args.job()),
+        }
+    }
+}
 
 /// How to run.
 #[derive(Args, Clone, Debug)]
@@ -40,7 +72,7 @@ pub struct EncodeArgs {
     #[arg(value_name = "FRAME")]
     input: PathBuf,
 
-    /// The dictionary, a file of lacuna train
+    /// The dictionary, a file of lacuna dictionary train
     #[arg(long, value_name = "FILE")]
     dictionary: PathBuf,
 
@@ -77,7 +109,7 @@ impl EncodeArgs {
     }
 }
 
-/// Make a frame of what lacuna encode wrote
+/// Make a frame of what lacuna dictionary encode wrote
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Files")]
 pub struct DecodeArgs {
@@ -111,7 +143,7 @@ impl DecodeArgs {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Files")]
 pub struct DictionaryInfoArgs {
-    /// The dictionary, a file of lacuna train
+    /// The dictionary, a file of lacuna dictionary train
     #[arg(value_name = "FILE")]
     dictionary: PathBuf,
 

@@ -15,7 +15,7 @@ use super::mask_source::MaskArgs;
 use super::noise::NoiseArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::{PageArgs, RunArgs, SolveArgs};
-use super::settings::FilterArgs;
+use super::settings::{BaselineArgs, FilterArgs};
 use super::weights::WeightArgs;
 use crate::commands::FillJob;
 use crate::files::Targets;
@@ -94,6 +94,9 @@ pub struct FillArgs {
 
     #[command(flatten)]
     page: PageArgs,
+
+    #[command(flatten)]
+    _baselines: BaselineArgs,
 }
 
 impl FillArgs {

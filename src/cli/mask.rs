@@ -24,12 +24,11 @@ Examples:
   lacuna mask --after filled.exr -o next.txt --add 0.05 --error-estimate error.exr
   lacuna mask --merge first.exr second.exr -o both.exr
   lacuna mask --after 'filled.####.exr' -o 'next.####.exr' --add 0.05 --frames 1-10
-  lacuna mask --measure mask.exr -o spectrum.png --json
 
 Exit status: 0 all done, 1 something failed, 2 usage, 128 + n on signal n.";
 
 /// Pixels that starting a crop costs if nothing is said.
-const CROP_OVERHEAD: usize = 256;
+pub(super) const CROP_OVERHEAD: usize = 256;
 
 /// Make masks: which pixels a renderer should compute, in a first pass and after it
 ///
@@ -43,9 +42,6 @@ pub struct MakeMaskArgs {
 
     #[command(flatten)]
     after: AfterArgs,
-
-    #[command(flatten)]
-    measure: MeasureArgs,
 
     #[command(flatten)]
     output: OutputArgs,
@@ -119,7 +115,7 @@ struct PatternArgs {
 #[command(next_help_heading = "After a first pass")]
 struct AfterArgs {
     /// Choose the pixels to compute next: a frame that was filled, or is still sparse, or a pattern of such frames
-    #[arg(long, value_name = "FRAME", requires = "add", conflicts_with_all = ["merge", "measure"])]
+    #[arg(long, value_name = "FRAME", requires = "add", conflicts_with = "merge")]
     after: Option<PathBuf>,
 
     /// Pixels to compute next over all pixels, 0 to 1
@@ -131,39 +127,12 @@ struct AfterArgs {
     error_estimate: Option<PathBuf>,
 
     /// Unite two sparse renders of a frame, or of frames, bit for bit: what either measured is measured
-    #[arg(long, value_names = ["A", "B"], num_args = 2, conflicts_with = "measure")]
+    #[arg(long, value_names = ["A", "B"], num_args = 2)]
     merge: Option<Vec<PathBuf>>,
 
     /// Where the masks of these frames come from, as in fill [default: auto]
     #[arg(long, value_name = "SOURCE")]
     mask: Option<Source>,
-}
-
-/// Figures of a mask.
-#[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Measure")]
-struct MeasureArgs {
-    /// Print density, star discrepancy, distances and the largest hole; -o FILE.png plots the power spectrum
-    #[arg(long, value_name = "MASK[:CHANNEL]", num_args = 0..=1)]
-    measure: Option<Vec<Source>>,
-
-    /// With --measure: coherence of 64 x 64 sensing matrices (partial Fourier, wavelets with and without blur) over
-    /// densities, as figure 3.1 of the thesis; takes minutes
-    #[arg(long)]
-    coherence: bool,
-
-    /// The densities of --coherence [default: 0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8,0.9]
-    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = fraction)]
-    densities: Option<Vec<f64>>,
-
-    /// With --measure: histogram of the DFT magnitudes of a frame and of its derivatives, as figure 3.2 of the thesis;
-    /// -o FILE.png plots it
-    #[arg(long, value_name = "FRAME")]
-    spectrum: Option<PathBuf>,
-
-    /// With --measure: print JSON
-    #[arg(long)]
-    json: bool,
 }
 
 /// Where the result goes.
@@ -219,8 +188,6 @@ enum Task {
     Generate,
     After,
     Merge,
-    Measure,
-    Coherence,
 }
 
 impl Task {
@@ -230,8 +197,6 @@ impl Task {
             Self::Generate => "--size",
             Self::After => "--after",
             Self::Merge => "--merge",
-            Self::Measure => "--measure",
-            Self::Coherence => "--measure --coherence",
         }
     }
 }
@@ -244,32 +209,28 @@ impl MakeMaskArgs {
             Task::Generate => self.generating()?,
             Task::After => self.choosing()?,
             Task::Merge => self.uniting()?,
-            Task::Measure | Task::Coherence => self.measuring()?,
         };
         let memory = self.memory.map(|bytes| bytes.0).or_else(granted_memory);
         Ok(MaskJob { task, threads: self.threads, memory, verbosity: self.speech.verbosity() })
     }
 
     fn task(&self) -> Task {
-        let (after, measure) = (&self.after, &self.measure);
-        match (&after.after, &after.merge, &measure.measure, measure.coherence) {
-            (Some(_), ..) => Task::After,
-            (_, Some(_), ..) => Task::Merge,
-            (.., Some(_), true) => Task::Coherence,
-            (.., Some(_), false) => Task::Measure,
-            _ => Task::Generate,
+        match (&self.after.after, &self.after.merge) {
+            (Some(_), _) => Task::After,
+            (None, Some(_)) => Task::Merge,
+            (None, None) => Task::Generate,
         }
     }
 
     /// A flag that the task does not use is an error.
     fn check_tasks(&self) -> Result<(), Usage> {
-        use Task::{After, Coherence, Generate, Measure, Merge};
-        let (pattern, after, measure) = (&self.pattern, &self.after, &self.measure);
-        let flags: [(&str, bool, &[Task]); 19] = [
+        use Task::{After, Generate, Merge};
+        let (pattern, after) = (&self.pattern, &self.after);
+        let flags: [(&str, bool, &[Task]); 15] = [
             ("--size", pattern.size.is_some(), &[Generate]),
             ("--density", pattern.density.is_some(), &[Generate]),
             ("--pattern", pattern.pattern.is_some(), &[Generate]),
-            ("--seed", pattern.seed.is_some(), &[Generate, After, Coherence]),
+            ("--seed", pattern.seed.is_some(), &[Generate, After]),
             ("--paired", pattern.paired, &[Generate]),
             ("--rank", pattern.rank, &[Generate]),
             ("--frames", pattern.frames.is_some(), &[Generate, After, Merge]),
@@ -280,10 +241,6 @@ impl MakeMaskArgs {
             ("--add", after.add.is_some(), &[After]),
             ("--error-estimate", after.error_estimate.is_some(), &[After]),
             ("--mask", after.mask.is_some(), &[After, Merge]),
-            ("--coherence", measure.coherence, &[Coherence]),
-            ("--densities", measure.densities.is_some(), &[Coherence]),
-            ("--spectrum", measure.spectrum.is_some(), &[Measure, Coherence]),
-            ("--json", measure.json, &[Measure, Coherence]),
             ("--crop-overhead", self.output.crop_overhead.is_some(), &[Generate, After]),
         ];
         let task = self.task();
@@ -327,10 +284,8 @@ impl MakeMaskArgs {
     }
 
     fn generating(&self) -> Result<MaskTask, Usage> {
-        let size = self
-            .pattern
-            .size
-            .ok_or_else(|| Usage("--size WxH is needed (or --after, --merge, --measure)".into()))?;
+        let size =
+            self.pattern.size.ok_or_else(|| Usage("--size WxH is needed (or --after, --merge)".into()))?;
         let temporal = self.pattern.temporal.map_or(Temporal::Fixed, Temporal::from);
         let density = match (self.pattern.density, self.pattern.rank) {
             (Some(_), true) if temporal != Temporal::Complementary => {
@@ -364,33 +319,6 @@ impl MakeMaskArgs {
             output: self.output.needed()?,
         })
     }
-
-    fn measuring(&self) -> Result<MaskTask, Usage> {
-        let mask = self.measure.measure.iter().flatten().next();
-        let mask = mask.map(|mask| file("--measure", mask)).transpose()?;
-        if mask.is_none() && !self.measure.coherence && self.measure.spectrum.is_none() {
-            return Err(Usage("--measure needs a mask, --coherence or --spectrum FRAME".into()));
-        }
-        let plot = self.output.output.as_ref().map(|_| self.output.needed()).transpose()?;
-        if plot.is_some() && mask.is_none() && self.measure.spectrum.is_none() {
-            return Err(Usage(
-                "-o plots a spectrum: give a mask or --spectrum FRAME; --coherence prints".into(),
-            ));
-        }
-        if let Some(plot) = &plot
-            && !plot.path.extension().is_some_and(|end| end.eq_ignore_ascii_case("png"))
-        {
-            return Err(Usage(format!("{}: the plot is a PNG image, -o FILE.png", plot.path.display())));
-        }
-        Ok(MaskTask::Measure {
-            mask,
-            coherence: if self.measure.coherence { self.measure.densities() } else { Vec::new() },
-            spectrum: self.measure.spectrum.clone(),
-            seed: self.pattern.seed(),
-            plot,
-            json: self.measure.json,
-        })
-    }
 }
 
 impl PatternArgs {
@@ -410,12 +338,6 @@ impl PatternArgs {
 impl AfterArgs {
     fn source(&self) -> Source {
         self.mask.clone().unwrap_or(Source::Auto)
-    }
-}
-
-impl MeasureArgs {
-    fn densities(&self) -> Vec<f64> {
-        self.densities.clone().unwrap_or_else(|| (1..10).map(|tenths| f64::from(tenths) / 10.0).collect())
     }
 }
 
@@ -450,7 +372,8 @@ impl From<TemporalName> for Temporal {
     }
 }
 
-fn file(flag: &str, source: &Source) -> Result<Source, Usage> {
+/// A source that is a file.
+pub(super) fn file(flag: &str, source: &Source) -> Result<Source, Usage> {
     match source {
         Source::File { .. } => Ok(source.clone()),
         other => Err(Usage(format!("{flag} {other}: give an image file"))),

@@ -4,21 +4,26 @@
 //! [`output`], [`run`]), so that a flag means the same everywhere; so has each subcommand.
 
 pub mod adaptive;
+pub mod analyze;
 mod channels;
 pub mod compare;
 pub mod dictionary;
 mod estimate;
 pub mod fill;
 pub mod filter;
+pub mod filters;
 mod guides;
+mod help;
 pub mod info;
 pub mod input;
 mod layers;
+pub mod manual;
 pub mod mask;
 mod mask_source;
 pub mod noise;
 mod numbers;
-mod output;
+pub mod output;
+mod renamed;
 pub mod render;
 pub mod run;
 mod settings;
@@ -33,11 +38,11 @@ mod weights;
 use std::ffi::OsString;
 
 use clap::error::ErrorKind;
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{FromArgMatches, Parser, Subcommand};
 
 use crate::commands::{
-    CompareJob, DictionaryJob, FillJob, InfoJob, MaskJob, RenderJob, SparsifyJob, StudyJob, TrainJob,
-    VerifyJob,
+    CompareJob, DictionaryJob, FillJob, InfoJob, ManualJob, MaskJob, RenderJob, SparsifyJob, StudyJob,
+    TrainJob, VerifyJob,
 };
 use crate::submit::SubmitJob;
 
@@ -67,11 +72,12 @@ enum Command {
     Sparsify(sparsify::SparsifyArgs),
     Render(Box<render::RenderArgs>),
     Mask(Box<mask::MakeMaskArgs>),
+    Analyze(Box<analyze::AnalyzeArgs>),
     Submit(submit::SubmitArgs),
-    Train(Box<train::TrainArgs>),
-    Encode(dictionary::EncodeArgs),
-    Decode(dictionary::DecodeArgs),
-    DictionaryInfo(dictionary::DictionaryInfoArgs),
+    Dictionary(dictionary::DictionaryArgs),
+    Filters(filters::FiltersArgs),
+    Completions(manual::CompletionsArgs),
+    Manual(manual::ManualArgs),
 }
 
 /// What is to be done.
@@ -99,6 +105,8 @@ pub enum Job {
     Train(Box<TrainJob>),
     /// Use one on single files; the name of the subcommand.
     Dictionary(&'static str, Box<DictionaryJob>),
+    /// Install man pages and completions.
+    Manual(Box<ManualJob>),
 }
 
 /// Why a command line is no job.
@@ -139,7 +147,7 @@ fn ending(error: &clap::Error, words: &[OsString]) -> Ending {
         .into_iter()
         .fold(text.as_str(), |text, end| text.split_once(end).map_or(text, |(before, _)| before));
     let reason: Vec<&str> = reason.trim_start_matches("error: ").split_whitespace().collect();
-    let (mut command, mut help) = (Cli::command(), String::from("lacuna"));
+    let (mut command, mut help) = (help::command(), String::from("lacuna"));
     for word in words.iter().skip(1) {
         let Some(inner) = command.find_subcommand(word).cloned() else { break };
         help = format!("{help} {}", inner.get_name());
@@ -163,7 +171,11 @@ pub fn tells_openjd(words: &[OsString]) -> bool {
 /// What the user asked to see (help, version) or got wrong.
 pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Job, Ending> {
     let words: Vec<OsString> = words.into_iter().collect();
-    let command = Cli::try_parse_from(&words).map_err(|error| ending(&error, &words))?.command;
+    if let Some(line) = renamed::line(&words) {
+        return Err(Ending::Usage(format!("lacuna: error: {line}\n")));
+    }
+    let read = help::command().try_get_matches_from(&words).and_then(|found| Cli::from_arg_matches(&found));
+    let command = read.map_err(|error| ending(&error, &words))?.command;
     let (name, job) = match &command {
         Command::Fill(args) => ("fill", args.job().map(|job| Job::Fill(Box::new(job)))),
         Command::Upscale(args) => ("upscale", args.job().map(|job| Job::Fill(Box::new(job)))),
@@ -175,19 +187,13 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Job, Ending> {
         Command::Render(args) => ("render", args.job().map(|job| Job::Render(Box::new(job)))),
         Command::Submit(args) => return args.job().map(|job| Job::Submit(Box::new(job))),
         Command::Mask(args) => ("mask", args.job().map(|job| Job::Mask(Box::new(job)))),
-        Command::Train(args) => ("train", args.job().map(|job| Job::Train(Box::new(job)))),
-        Command::Encode(args) => with_dictionary("encode", Ok(args.job())),
-        Command::Decode(args) => with_dictionary("decode", args.job()),
-        Command::DictionaryInfo(args) => with_dictionary("dictionary-info", args.job()),
+        Command::Analyze(args) => ("analyze", args.job().map(|job| Job::Mask(Box::new(job)))),
+        Command::Dictionary(args) => args.job(),
+        Command::Filters(args) => return Err(Ending::Shown(args.text())),
+        Command::Completions(args) => return Err(Ending::Shown(args.text())),
+        Command::Manual(args) => ("manual", Ok(Job::Manual(Box::new(args.job())))),
     };
     job.map_err(|usage| Ending::usage(name, &usage.to_string()))
-}
-
-fn with_dictionary(
-    name: &'static str,
-    job: Result<DictionaryJob, Usage>,
-) -> (&'static str, Result<Job, Usage>) {
-    (name, job.map(|job| Job::Dictionary(name, Box::new(job))))
 }
 
 #[cfg(test)]

@@ -96,11 +96,20 @@ fn flags<O: Offer>() -> Vec<(&'static Setting, Vec<&'static Descriptor>)> {
     flags
 }
 
+/// The filters whose settings stand beside `--filter`; those of all others, the baselines, stand at the end of the help.
+const LEADING: [&str; 4] = ["auto", "ss", "tv", "edge"];
+
+/// Whether no leading filter has a setting.
+fn of_baselines(owners: &[&'static Descriptor]) -> bool {
+    owners.iter().all(|owner| !LEADING.contains(&owner.name))
+}
+
 /// The flag of a setting, with what its filters say of it.
 fn arg(setting: &'static Setting, owners: &[&'static Descriptor]) -> Arg {
     let names: Vec<_> = owners.iter().map(|owner| owner.name).collect();
     let text = format!("{}: {}", names.join(", "), setting.help);
-    let arg = Arg::new(setting.flag).long(setting.flag).help_heading("Filter");
+    let heading = if of_baselines(owners) { "Settings of baselines" } else { "Filter" };
+    let arg = Arg::new(setting.flag).long(setting.flag).help_heading(heading);
     let owner = owners[0];
     let default = || Method::of(owner, &[]).ok()?.get(setting.name);
     let parser: ValueParser = match setting.range {
@@ -123,11 +132,37 @@ fn arg(setting: &'static Setting, owners: &[&'static Descriptor]) -> Arg {
 
 impl<O: Offer> Args for SettingArgs<O> {
     fn augment_args(command: Command) -> Command {
-        command.args(flags::<O>().into_iter().map(|(setting, owners)| arg(setting, &owners)))
+        let leading = flags::<O>().into_iter().filter(|(_, owners)| !of_baselines(owners));
+        command.args(leading.map(|(setting, owners)| arg(setting, &owners)))
     }
 
     fn augment_args_for_update(command: Command) -> Command {
         Self::augment_args(command)
+    }
+}
+
+/// The flags of baselines, to stand where a subcommand has them; [`SettingArgs`] reads them.
+#[derive(Clone, Debug)]
+pub struct BaselineArgs<O = All>(PhantomData<O>);
+
+impl<O: Offer> Args for BaselineArgs<O> {
+    fn augment_args(command: Command) -> Command {
+        let others = flags::<O>().into_iter().filter(|(_, owners)| of_baselines(owners));
+        command.args(others.map(|(setting, owners)| arg(setting, &owners)))
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl<O: Offer> FromArgMatches for BaselineArgs<O> {
+    fn from_arg_matches(_: &ArgMatches) -> Result<Self, clap::Error> {
+        Ok(Self(PhantomData))
+    }
+
+    fn update_from_arg_matches(&mut self, _: &ArgMatches) -> Result<(), clap::Error> {
+        Ok(())
     }
 }
 
@@ -168,7 +203,7 @@ impl<O: Offer> SettingArgs<O> {
             Some(path) => learned(path)?,
             None if filter.takes.dictionary => {
                 return Err(Usage(format!(
-                    "--filter {} needs --dictionary FILE; lacuna train makes one from complete frames",
+                    "--filter {} needs --dictionary FILE; lacuna dictionary train makes one from complete frames",
                     filter.name
                 )));
             }

@@ -3,7 +3,7 @@ use lacuna_filters::Method;
 use lacuna_filters::variational::tv;
 
 use super::*;
-use crate::commands::SparsifyPattern;
+use crate::commands::{MaskTask, SparsifyPattern};
 use crate::mask::Source;
 use crate::reconstruct::{Domain, Kind};
 use crate::report::Measure;
@@ -47,6 +47,116 @@ fn compare_takes_bounds_and_computes_what_they_need() {
     }
 }
 
+/// All commands, each with the words that lead to it.
+fn commands(of: &clap::Command, path: &[String]) -> Vec<Vec<String>> {
+    let mut all = vec![path.to_vec()];
+    for inner in of.get_subcommands().filter(|inner| inner.get_name() != "help") {
+        all.extend(commands(inner, &[path, &[inner.get_name().to_owned()]].concat()));
+    }
+    all
+}
+
+fn shown(line: &str) -> String {
+    match parse(words(line)) {
+        Err(Ending::Shown(text)) => text,
+        other => panic!("{line}: {other:?}"),
+    }
+}
+
+#[test]
+fn the_short_help_fits_a_screen_and_the_long_one_has_every_flag() {
+    let whole = help::command();
+    let all = commands(&whole, &[]);
+    assert!(all.len() > 18 && all.contains(&vec!["dictionary".to_owned(), "train".to_owned()]));
+    for path in all {
+        let mut command = whole.clone().term_width(100);
+        for name in &path {
+            command = command.find_subcommand(name).unwrap().clone().term_width(100);
+        }
+        let short = command.render_help().to_string();
+        let widest = short.lines().map(|line| line.chars().count()).max();
+        assert!(short.lines().count() <= 45 && widest <= Some(100), "{path:?}: {short}");
+        let long = command.render_long_help().to_string();
+        for arg in command.get_arguments() {
+            let flag = arg.get_long().map_or_else(|| arg.get_id().to_string(), |long| format!("--{long}"));
+            assert!(arg.get_long().is_none() || long.contains(&flag), "{path:?}: {flag}");
+            assert!(arg.get_help().is_some(), "{path:?}: {flag} says nothing");
+        }
+        if path.first().is_some_and(|name| name == "fill") {
+            assert!(short.contains("lacuna fill --help") && !short.contains("--csw-blur"), "{short}");
+            let (usual, baselines) = long.split_once("Settings of baselines:").unwrap();
+            assert!(usual.contains("--tv-gap") && usual.contains("--report"), "{long}");
+            assert!(baselines.contains("--csw-blur") && !baselines.contains("--tv-gap"), "{long}");
+        }
+    }
+}
+
+#[test]
+fn flags_of_the_short_help_exist() {
+    let whole = help::command();
+    let all = commands(&whole, &[]);
+    for (name, flags) in help::SHORT {
+        let path = all.iter().find(|path| path.last().is_some_and(|last| last == name)).unwrap();
+        let command = path.iter().fold(whole.clone(), |at, name| at.find_subcommand(name).unwrap().clone());
+        for flag in *flags {
+            let found = command.get_arguments().any(|arg| arg.get_long() == Some(flag));
+            assert!(found, "{name}: no --{flag}");
+        }
+    }
+}
+
+#[test]
+fn filters_are_listed_and_each_has_a_page() {
+    let list = shown("filters");
+    for method in lacuna_filters::METHODS {
+        assert!(list.lines().any(|line| line.starts_with(&format!("{} ", method.name))), "{list}");
+        let page = shown(&format!("filters {}", method.name));
+        assert!(page.starts_with(&format!("{}: {}", method.name, method.help)), "{page}");
+        for setting in method.settings.iter().filter(|setting| !setting.flag.is_empty()) {
+            assert!(page.contains(&format!("--{}", setting.flag)) && page.contains(setting.help), "{page}");
+        }
+    }
+    assert!(usage("filters magic").contains("magic"));
+}
+
+#[test]
+fn old_spellings_say_the_new_ones() {
+    for (old, new) in [
+        ("train a.exr -o b.npz", "'lacuna dictionary train'"),
+        ("encode a.exr", "'lacuna dictionary encode'"),
+        ("decode", "'lacuna dictionary decode'"),
+        ("dictionary-info a.npz", "'lacuna dictionary info'"),
+        ("mask --measure m.exr", "'lacuna analyze MASK'"),
+        ("mask --measure=m.exr", "'lacuna analyze MASK'"),
+        ("mask -o p.png --spectrum a.exr", "'lacuna analyze --spectrum'"),
+        ("mask --coherence", "'lacuna analyze --coherence'"),
+    ] {
+        let text = usage(old);
+        assert!(text.starts_with("lacuna: error: ") && text.contains(new), "{text}");
+        assert_eq!(text.lines().count(), 1, "{text}");
+    }
+}
+
+#[test]
+fn completions_have_every_flag() {
+    for shell in ["bash", "zsh", "fish"] {
+        let script = shown(&format!("completions {shell}"));
+        let whole = help::command();
+        for path in commands(&whole, &[]) {
+            let command =
+                path.iter().fold(whole.clone(), |at, name| at.find_subcommand(name).unwrap().clone());
+            for long in command.get_arguments().filter_map(clap::Arg::get_long) {
+                let found = match shell {
+                    "fish" => script.contains(&format!("-l {long}")),
+                    _ => script.contains(&format!("--{long}")),
+                };
+                assert!(found, "{shell}: {path:?} --{long}");
+            }
+        }
+    }
+    assert!(usage("completions tcsh").contains("tcsh"));
+}
+
 #[test]
 fn a_wrong_command_line_is_one_line() {
     for (line, help) in [
@@ -84,7 +194,7 @@ fn a_wrong_command_line_may_ask_for_lines_of_openjd() {
 
 #[test]
 fn the_commands_are_sound() {
-    Cli::command().debug_assert();
+    help::command().debug_assert();
 }
 
 #[test]
@@ -163,30 +273,21 @@ fn settings_of_another_filter_are_refused() {
 fn a_flag_that_the_task_of_mask_does_not_use_is_refused() {
     let generate = "--size 8x8 --density 0.5 -o m.exr";
     let (after, merge) = ("--after a.exr --add 0.1 -o m.exr", "--merge a.exr b.exr -o m.exr");
-    let (measure, coherence) = ("--measure m.png", "--measure --coherence");
     for (task, flag, owners) in [
         (generate, "--add 0.1", "--after"),
         (generate, "--error-estimate e.exr", "--after"),
         (generate, "--mask alpha", "--after or --merge"),
-        (generate, "--json", "--measure or --measure --coherence"),
-        (generate, "--coherence", "--measure --coherence"),
         (after, "--pattern grid", "--size"),
         (after, "--temporal offset", "--size"),
         (after, "--density 0.1", "--size"),
-        (after, "--spectrum a.exr", "--measure or --measure --coherence"),
         (merge, "--inside i.png", "--size or --after"),
         (merge, "--always i.png", "--size or --after"),
         (merge, "--border 1", "--size or --after"),
         (merge, "--pattern shuffle", "--size"),
         (merge, "--temporal fixed", "--size"),
-        (merge, "--seed 0", "--size or --after or --measure --coherence"),
+        (merge, "--seed 0", "--size or --after"),
         (merge, "--crop-overhead 9", "--size or --after"),
         (merge, "--rank", "--size"),
-        (measure, "--frames 1-2", "--size or --after or --merge"),
-        (measure, "--seed 1", "--size or --after or --measure --coherence"),
-        (measure, "--densities 0.1", "--measure --coherence"),
-        (coherence, "--size 8x8", "--size"),
-        (coherence, "--mask alpha", "--after or --merge"),
     ] {
         let text = usage(&format!("mask {task} {flag}"));
         let name = flag.split(' ').next().unwrap();
@@ -200,10 +301,32 @@ fn a_flag_that_the_task_of_mask_does_not_use_is_refused() {
         ),
         (after, "--seed 1 --frames 1-2 --always i.png --border 1 --mask alpha --error-estimate e.exr"),
         (merge, "--frames 1-2 --mask alpha --create-dir -q"),
-        (measure, "--json --spectrum a.exr -o p.png --no-clobber"),
-        (coherence, "--densities 0.1,0.2 --seed 3 --json"),
     ] {
         assert!(matches!(parse(words(&format!("mask {task} {flags}"))), Ok(Job::Mask(_))), "{task} {flags}");
+    }
+}
+
+#[test]
+fn analyze_measures_masks_and_frames() {
+    let task = |line: &str| match parse(words(&format!("analyze {line}"))) {
+        Ok(Job::Mask(job)) => job.task,
+        other => panic!("{line}: {other:?}"),
+    };
+    let plain = task("m.png --json --spectrum a.exr -o p.png --no-clobber");
+    assert!(matches!(plain, MaskTask::Measure { json: true, mask: Some(_), plot: Some(_), .. }));
+    let MaskTask::Measure { coherence, seed, .. } = task("--coherence --densities 0.1,0.5 --seed 3") else {
+        panic!("another task");
+    };
+    assert_eq!((coherence, seed), (vec![0.1, 0.5], 3));
+    for (line, reason) in [
+        ("", "give a mask, --coherence or --spectrum"),
+        ("alpha", "image file"),
+        ("m.exr -o plot.exr", "PNG"),
+        ("--coherence -o plot.png", "--coherence prints"),
+        ("m.exr --seed 1", "--coherence"),
+    ] {
+        let text = usage(&format!("analyze {line}"));
+        assert!(text.contains(reason) && text.ends_with("(see 'lacuna analyze --help')\n"), "{text}");
     }
 }
 
@@ -317,7 +440,7 @@ fn frames_come_before_their_flags() {
 
 #[test]
 fn every_flag_has_help_and_a_heading() {
-    for subcommand in Cli::command().get_subcommands() {
+    for subcommand in help::command().get_subcommands() {
         for argument in subcommand.get_arguments() {
             let id = argument.get_id();
             assert!(argument.get_help().is_some(), "{} {id}", subcommand.get_name());

@@ -1,4 +1,4 @@
-//! `lacuna train`: flags to a checked job.
+//! `lacuna dictionary train`: flags to a checked job.
 
 use std::path::PathBuf;
 
@@ -12,9 +12,9 @@ use crate::commands::TrainJob;
 
 const EXAMPLES: &str = "\
 Examples:
-  lacuna train 'views/*.exr' -o show.npz
-  lacuna train 'shot.####.exr' -o show.npz --frames 1-100 --blocks-max 50000 --iterations 30
-  lacuna train 'views/*.exr' -o grey.npz --grey --atoms 1024
+  lacuna dictionary train 'views/*.exr' -o show.npz
+  lacuna dictionary train 'shot.####.exr' -o show.npz --frames 1-100 --blocks-max 50000 --iterations 30
+  lacuna dictionary train 'views/*.exr' -o grey.npz --grey --atoms 1024
 
 Exit status: 0 done, 1 failed, 2 usage, 128 + n on signal n.";
 

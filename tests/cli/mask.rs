@@ -172,10 +172,11 @@ fn an_input_is_never_written_over() {
         &["--merge", "a.exr", "a.exr", "-o", "hard.exr"],
         &["--after", "a.exr", "--add", "0.1", "--mask", "m.png", "-o", "hard.png"],
         &["--size", "20x10", "--density", "0.2", "--inside", "m.png", "-o", "m.png"],
-        &["--measure", "m.png", "-o", "m.png"],
-        &["--measure", "m.png", "-o", "hard.png"],
+        &["m.png", "-o", "m.png"],
+        &["m.png", "-o", "hard.png"],
     ] {
-        let done = room.run(&[&["mask"][..], words].concat());
+        let command = if words[0].starts_with("--") { "mask" } else { "analyze" };
+        let done = room.run(&[&[command][..], words].concat());
         assert_eq!(done.status, 2, "{words:?}: {}", done.err);
         assert!(done.err.contains("the output is the same file as the"), "{words:?}: {}", done.err);
     }
@@ -209,9 +210,10 @@ fn outputs_that_are_to_stay_are_passed_over() {
             &["next.0002.txt", "error.0001.exr"],
         ),
         (&[&first[..], &["-o", "both.exr"]].concat(), &["both.exr"], &[]),
-        (&["--measure", "m.exr", "-o", "plot.png"], &["plot.png"], &[]),
+        (&["m.exr", "-o", "plot.png"], &["plot.png"], &[]),
     ] {
-        let done = room.ok(&[&["mask", "--no-clobber"][..], words].concat());
+        let command = if words[0].starts_with('-') { "mask" } else { "analyze" };
+        let done = room.ok(&[&[command, "--no-clobber"][..], words].concat());
         for name in passed {
             assert!(
                 done.err.contains(&format!("{name}: skipped: the output exists")),
@@ -228,14 +230,14 @@ fn outputs_that_are_to_stay_are_passed_over() {
 fn masks_are_measured() {
     let room = Room::new();
     room.ok(&["mask", "-o", "m.png", "--size", "64x64", "--density", "0.25", "--pattern", "grid"]);
-    let done = room.ok(&["mask", "--measure", "m.png", "-o", "plot.png", "--json"]);
+    let done = room.ok(&["analyze", "m.png", "-o", "plot.png", "--json"]);
     let json: serde_json::Value = serde_json::from_str(&done.out).unwrap();
     assert_eq!(json["density"], 0.25);
     assert_eq!(json["nearest"]["minimum"], 2.0);
     assert!((json["largest_hole"].as_f64().unwrap() - std::f64::consts::SQRT_2).abs() < 1e-12);
     assert!((json["fourier_coherence"].as_f64().unwrap() - 1.0).abs() < 1e-12, "a grid aliases");
     assert!(room.path("plot.png").exists());
-    let done = room.ok(&["mask", "--measure", "m.png"]);
+    let done = room.ok(&["analyze", "m.png"]);
     assert!(done.out.contains("star discrepancy"), "{}", done.out);
 }
 

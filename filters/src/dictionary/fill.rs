@@ -146,14 +146,14 @@ pub struct Learned {
 /// What is to be known of the filter `dictionary`.
 pub static LEARNED: Descriptor = Descriptor {
     name: "dictionary",
-    help: "Few atoms of a learned dictionary a block (--dictionary FILE, see lacuna train)",
+    help: "Few atoms of a learned dictionary a block (--dictionary FILE, see lacuna dictionary train)",
     settings: &[
         Setting {
             name: "dictionary",
             flag: "dictionary",
             value: "FILE",
             range: Range::Dictionary,
-            help: "the file that lacuna train made",
+            help: "the file that lacuna dictionary train made",
             ..Setting::PLAIN
         },
         SPARSITY,

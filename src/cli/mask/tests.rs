@@ -65,12 +65,8 @@ fn nonsense_is_refused_in_one_line() {
         ("-o m.exr --size 64x32 --density 0.2 --error-estimate e.exr", "--after"),
         ("-o m.exr --size 64x32 --density 0.2 --rank", "leave --density away"),
         ("-o m.#.exr --size 64x32 --rank --frames 1-2 --temporal complementary", "needs --density"),
-        ("--measure m.exr -o plot.exr", "PNG"),
-        ("--measure --coherence -o plot.png", "--coherence prints"),
         ("-o m.exr --after f.exr", "--add"),
         ("-o m.exr --size 4x4 --density 0.1 --pattern halton", "halton"),
-        ("--measure", "needs a mask"),
-        ("--measure alpha", "image file"),
         ("-o m.exr --merge a.exr", "2 values"),
     ] {
         let error = job(words).unwrap_err();
@@ -85,9 +81,4 @@ fn the_other_tasks() {
     let task = |words| job(words).unwrap().task;
     assert!(matches!(task("--after f.exr --add 0.05 -o n.txt"), MaskTask::Next(NextPass { add: 0.05, .. })));
     assert!(matches!(task("--merge a.exr b.exr -o c.exr"), MaskTask::Merge(_)));
-    assert!(matches!(task("--measure m.png --json"), MaskTask::Measure { json: true, mask: Some(_), .. }));
-    let MaskTask::Measure { coherence, .. } = task("--measure --coherence --densities 0.1,0.5") else {
-        panic!()
-    };
-    assert_eq!(coherence, [0.1, 0.5]);
 }

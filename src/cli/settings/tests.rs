@@ -110,6 +110,9 @@ impl Offer for WithFlat {
 struct Tool {
     #[command(flatten)]
     filter: FilterArgs<WithFlat>,
+
+    #[command(flatten)]
+    _baselines: BaselineArgs<WithFlat>,
 }
 
 fn method(line: &str) -> Result<Method, String> {

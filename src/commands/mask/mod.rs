@@ -22,7 +22,7 @@ use crate::mask::{MakeError, PATTERN, SEED, Source};
 use crate::run::console::{Console, Verbosity};
 use crate::run::{memory, signals, threads};
 
-/// What `lacuna mask` does.
+/// What `lacuna mask` and `lacuna analyze` do.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MaskJob {
     /// Which of its tasks.
@@ -33,6 +33,13 @@ pub struct MaskJob {
     pub memory: Option<u64>,
     /// How much is said.
     pub verbosity: Verbosity,
+}
+
+impl MaskJob {
+    /// The subcommand that asks for it.
+    pub const fn command(&self) -> &'static str {
+        if let MaskTask::Measure { .. } = self.task { "analyze" } else { "mask" }
+    }
 }
 
 /// A task.
