@@ -11,7 +11,8 @@ use lacuna_core::parallel::prelude::*;
 
 use crate::domain::{Domain, Map};
 use crate::fill::{self, Filled, Values, fill_usable};
-use crate::upscale::{Enlarged, Geometry, Method, Plan, Question};
+use crate::upscale::{Enlarged, Geometry, Method, Plan, Question, guided};
+use crate::variational::guided::Guides;
 use crate::{Error, Mask, Outcome, Plane, Planes, Plans, Run};
 
 /// What is asked for beside the samples.
@@ -24,6 +25,8 @@ pub struct Options<'a> {
     pub method: Method,
     /// Which pixels were measured; without it all that are finite.
     pub mask: Option<Arc<Mask>>,
+    /// Complete planes of the larger size that steer splines in light.
+    pub guides: Option<&'a Guides>,
     /// How missing pixels are filled; domain, limiter, bounds and what the values are hold for both steps.
     pub fill: fill::Options<'a>,
 }
@@ -31,7 +34,7 @@ pub struct Options<'a> {
 impl Options<'_> {
     /// Splines onto that grid.
     pub fn new(geometry: Geometry) -> Self {
-        Self { geometry, method: Method::Ss, mask: None, fill: fill::Options::default() }
+        Self { geometry, method: Method::Ss, mask: None, guides: None, fill: fill::Options::default() }
     }
 }
 
@@ -49,6 +52,10 @@ pub struct Upscaled {
     pub limited: Vec<usize>,
     /// Values that overflowed and took that of the pixel they lie in.
     pub mended: usize,
+    /// The guides that steered it; none where none were there, or none predicted.
+    pub guides: Vec<String>,
+    /// The part of the squared error that they take away, as small pixels show.
+    pub guides_gain: Option<f64>,
     /// What was done to missing pixels; nothing if that was done before.
     pub filled: Option<Filled>,
 }
@@ -86,12 +93,22 @@ pub fn upscale_with(
 ) -> Result<Upscaled, Error> {
     let mask = options.mask.clone();
     let mask = mask.unwrap_or_else(|| Arc::new(Mask::from_fn(samples.size(), |_, _| true)));
-    let filled = fill_usable(samples, &mask, &options.fill, plans, run)?;
+    let reduced = options.guides.map(|guides| smaller_guides(guides, options, plans)).transpose()?;
+    let filling = fill::Options { guides: reduced.as_ref(), ..options.fill.clone() };
+    let filled = fill_usable(samples, &mask, &filling, plans, run)?;
     let masks: Vec<_> = (0..samples.len()).map(|plane| filled.mask(plane).cloned()).collect();
     let mut large = complete(&filled.planes, &masks, options, plans, run)?;
     large.outcome = large.outcome.worst(filled.outcome);
     large.filled = Some(filled);
     Ok(large)
+}
+
+/// Guides of the larger size as pixels of the small one see them, for filling what is missing there.
+///
+/// # Errors
+/// [`Error::Setting`], [`Error::TooLarge`] and [`Error::SizeMismatch`].
+pub fn smaller_guides(guides: &Guides, options: &Options<'_>, plans: &Plans) -> Result<Guides, Error> {
+    plans.enlarge(options.geometry, options.method)?.smaller(guides)
 }
 
 /// Enlarges planes that are complete: finite everywhere. `masks` says of each plane which pixels were measured, where not all were.
@@ -111,7 +128,18 @@ pub fn complete(
     let pointwise = values == Values::Light && geometry.sampling.is_pointwise();
     let domain = if pointwise { options.fill.domain } else { Domain::Linear };
     let map = domain.map(&full, samples.as_slice());
+    let steered = options.guides.filter(|_| values == Values::Light || values == Values::Other);
+    let steered = steered.filter(|_| options.method == Method::Ss);
+    let steer = match steered {
+        Some(guides) => {
+            let mut mapped = samples.clone();
+            mapped.as_mut_slice().iter_mut().for_each(|plane| map.forward_plane(&full, plane));
+            guided::steer(&plan, &mapped, guides, run)?
+        }
+        None => None,
+    };
     let one = |(at, samples): (usize, &Plane)| {
+        let change = steer.as_ref().map(|steer| &steer.changes[at]);
         let (low, high) = options.fill.bounds_of(at).range(samples.pixels().iter().copied());
         let mask = masks.get(at).and_then(Option::as_deref).filter(|mask| !mask.is_full());
         let question = Question {
@@ -119,7 +147,7 @@ pub fn complete(
             range: (map.forward(low), map.forward(high)),
             limit: options.fill.limit && values != Values::Directions,
         };
-        one(&plan, samples, &question, (&full, map), run)
+        one(&plan, (samples, change), &question, (&full, map), run)
     };
     let large = samples.as_slice().par_iter().enumerate().map(one);
     let mut result = Upscaled {
@@ -128,6 +156,8 @@ pub fn complete(
         map,
         limited: Vec::new(),
         mended: 0,
+        guides: steer.as_ref().map(|steer| steer.guides.clone()).unwrap_or_default(),
+        guides_gain: steer.as_ref().map(|steer| steer.gain),
         filled: None,
     };
     let mut planes = Vec::with_capacity(samples.len());
@@ -146,14 +176,14 @@ pub fn complete(
 /// Enlarges one plane within the value domain; how many values overflowed, too.
 fn one(
     plan: &Plan,
-    samples: &Plane,
+    (samples, change): (&Plane, Option<&Plane>),
     question: &Question<'_>,
     (full, map): (&Mask, Map),
     run: &Run<'_>,
 ) -> Result<(Enlarged, usize), Error> {
     let mut mapped = samples.clone();
     map.forward_plane(full, &mut mapped);
-    let mut enlarged = plan.enlarge(&mapped, question, run)?;
+    let mut enlarged = plan.enlarge_guided(&mapped, change, question, run)?;
     map.inverse_plane(&mut enlarged.plane);
     plan.restore(samples, &mut enlarged.plane);
     let sources = || Ok(plan.geometry().sources());

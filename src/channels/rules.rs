@@ -230,6 +230,23 @@ fn is_motion(subject: &Subject<'_>) -> bool {
     has(&subject.words, MOTION) || (coordinate && has(&subject.words, DIRECTED))
 }
 
+/// The axis along which a channel counts pixels, if it is motion or disparity in pixels: 0 across, 1 down. Velocities are of space;
+/// the third component of four is a second motion's first, as in Cycles' `Vector`, and that of three a depth.
+pub fn motion_axis(part: &Part, channel: usize) -> Option<usize> {
+    let subject = Subject::new(part, channel).filter(|subject| is_motion(subject) && !is_uint(subject))?;
+    if has(&subject.words, &["velocity"]) {
+        return None;
+    }
+    let Name { layer, component } = Name::new(&subject.full);
+    match component.to_ascii_lowercase().as_str() {
+        "x" | "u" | "r" => Some(0),
+        "y" | "v" | "g" => Some(1),
+        "z" => sibling(part, layer, &["w"]).map(|_| 0),
+        "w" => Some(1),
+        _ => None,
+    }
+}
+
 fn is_normal(subject: &Subject<'_>) -> bool {
     normal_siblings(subject.part, subject.index).is_some()
 }

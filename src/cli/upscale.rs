@@ -10,12 +10,14 @@ use super::Usage;
 use super::channels::{ChannelArgs, RulesArgs};
 use super::fill::Groups;
 use super::filter::{AroundArgs, DomainName};
+use super::guides::GuideArgs;
 use super::input::InputArgs;
 use super::mask_source::MaskArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::{RunArgs, SolveArgs};
 use super::settings::{Offer, SettingArgs};
 use crate::commands::FillJob;
+use crate::guides::Asked;
 use crate::reconstruct::{Enlarge, Target};
 
 const EXAMPLES: &str = "\
@@ -24,6 +26,10 @@ Examples:
   lacuna upscale 'shot.####.exr' -o 'large/shot.####.exr' --size 3840x2160 --create-dir
   lacuna upscale sparse.exr -o large.exr --scale 1.5 --mask file:mask.png
   lacuna upscale small.exr -o large.exr --scale 2 --sampling gaussian:1
+  lacuna upscale small.exr -o large.exr --scale 2 --guides-from aovs.exr --take-guides
+
+Guides: normals, depth, albedo and alpha rendered at the size of the output, a sample a pixel say, cost a renderer next to nothing. \
+They stand in a file of their own (--guides-from) and say where edges run within a small pixel.
 
 Which --sampling: what the renderer's pixel filter makes. Path tracers with a box, triangle, Blackman-Harris or area filter of \
 about a pixel: box. A Gaussian or Mitchell filter: that one, with the radius in the renderer's settings (a width of 2 is \
@@ -37,7 +43,8 @@ Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.";
 ///
 /// Reads frames rendered at a low resolution and writes them at a higher one. The result, reduced again as a pixel of the renderer
 /// does it, is the input; light stays light, highlights keep their energy. Every channel by its rule: colour is
-/// reconstructed, normals get unit length, depths, identifiers and kept channels take the value of the pixel they lie in.
+/// reconstructed, normals keep their lengths, depths, identifiers and kept channels take the value of the pixel they lie in, motion
+/// vectors grow with the frame.
 /// Frames without a mask are complete.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
@@ -50,6 +57,12 @@ pub struct UpscaleArgs {
 
     #[command(flatten)]
     filter: MethodArgs,
+
+    #[command(flatten)]
+    guides: GuideArgs,
+
+    #[command(flatten)]
+    larger: LargerArgs,
 
     #[command(flatten)]
     mask: MaskArgs,
@@ -88,6 +101,28 @@ struct SizeArgs {
     /// Size of the display window; the data window follows
     #[arg(long, value_name = "WxH", value_parser = Target::size, allow_hyphen_values = true)]
     size: Option<Target>,
+}
+
+/// What is of the larger frame.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Guides")]
+struct LargerArgs {
+    /// Take normals, depth, identifiers, alpha and all else that is no light from the guides' file, as it is there
+    #[arg(long, requires = "guides_from")]
+    take_guides: bool,
+
+    /// Motion vectors: scale (they are in pixels, and become pixels of the larger frame) or keep (they are normalised)
+    #[arg(long, value_name = "HOW", default_value = "scale", help_heading = "Channels")]
+    vectors: Vectors,
+}
+
+/// What becomes of motion vectors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Vectors {
+    /// Times the factor
+    Scale,
+    /// The numbers as they are
+    Keep,
 }
 
 /// How.
@@ -210,13 +245,28 @@ impl UpscaleArgs {
             run: &self.run,
             solve: &self.solve,
             page: None,
-            guides: None,
+            guides: Some(&self.guides),
             weights: None,
             noise: None,
             layers: None,
             estimate: None,
         };
-        let enlarge = Enlarge { target, method: self.filter.method()?, sampling: self.filter.sampling };
+        if matches!(self.guides.guides, Asked::Channels(_)) && self.guides.guides_from.is_none() {
+            return Err(Usage(
+                "--guides: guides of the larger size stand in another file: name it with --guides-from"
+                    .into(),
+            ));
+        }
+        if self.guides.guides_from.is_some() && self.filter.filter != Choice::Ss {
+            return Err(Usage("--guides-from: only --filter ss takes guides here".into()));
+        }
+        let enlarge = Enlarge {
+            target,
+            method: self.filter.method()?,
+            sampling: self.filter.sampling,
+            take_guides: self.larger.take_guides,
+            keep_vectors: self.larger.vectors == Vectors::Keep,
+        };
         groups.job(self.filter.filling(), Some(enlarge))
     }
 }

@@ -1,6 +1,6 @@
 //! Which channels guide which part.
 
-use lacuna_exr::{Frame, Part, Samples};
+use lacuna_exr::{Frame, Part, Samples, Window};
 use lacuna_filters::Mask;
 
 use super::complete::complete;
@@ -127,12 +127,44 @@ fn of_frame(
     Ok(found)
 }
 
+/// The guides of a part that is enlarged to a window: those of the second frame over the same pixels.
+///
+/// # Errors
+/// As [`find`], and parts with a mask that misses pixels.
+pub fn of_larger(own: &Part, window: Window, second: &Frame, asked: &Asked) -> Result<Vec<Guide>, Error> {
+    let Some(found) = over(own, window, second, asked) else {
+        let size = window.size();
+        let window = format!("{size} at ({}, {})", window.x_min, window.y_min);
+        return Err(Error::LargerWindow { window });
+    };
+    for guide in &found {
+        let part = &second.parts[guide.part];
+        let masks = part.channels.iter().filter(|channel| channel.name == b"mask");
+        if masks.map(|channel| channel.samples.as_f32()).any(|values| values.contains(&0.0)) {
+            return Err(Error::SparseFile { part: guide.part });
+        }
+    }
+    check_asked(second, asked, &found, |guide| &second.parts[guide.part])?;
+    Ok(found)
+}
+
 fn of_second(frame: &Frame, index: usize, second: &Frame, asked: &Asked) -> Result<Vec<Guide>, Error> {
     let own = &frame.parts[index];
+    let Some(found) = over(own, own.data_window, second, asked) else {
+        let size = own.data_window.size();
+        let window = format!("{size} at ({}, {})", own.data_window.x_min, own.data_window.y_min);
+        return Err(Error::Window { window });
+    };
+    check_asked(second, asked, &found, |guide| &second.parts[guide.part])?;
+    Ok(found)
+}
+
+/// What guides a part over those pixels; nothing if the second frame has no part with them.
+fn over(own: &Part, window: Window, second: &Frame, asked: &Asked) -> Option<Vec<Guide>> {
     let mut found = Vec::new();
     let mut fits = false;
     for (part, other) in second.parts.iter().enumerate() {
-        if other.data_window != own.data_window || (second.parts.len() > 1 && other.view() != own.view()) {
+        if other.data_window != window || (second.parts.len() > 1 && other.view() != own.view()) {
             continue;
         }
         fits = true;
@@ -140,13 +172,7 @@ fn of_second(frame: &Frame, index: usize, second: &Frame, asked: &Asked) -> Resu
         let guides = candidates(other, part, asked, is_mask);
         found.extend(guides.into_iter().map(|(guide, _)| Guide { second: true, ..guide }));
     }
-    if !fits {
-        let size = own.data_window.size();
-        let window = format!("{size} at ({}, {})", own.data_window.x_min, own.data_window.y_min);
-        return Err(Error::Window { window });
-    }
-    check_asked(second, asked, &found, |guide| &second.parts[guide.part])?;
-    Ok(found)
+    fits.then_some(found)
 }
 
 /// Whether pixels of one part lie on those of another.

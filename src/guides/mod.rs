@@ -13,7 +13,7 @@ mod tests;
 
 pub use asked::{Asked, AskedError};
 pub use collect::collect;
-pub use find::{Found, Guide, Kind, find};
+pub use find::{Found, Guide, Kind, find, of_larger};
 
 /// The attribute that lists the guides of a filled part.
 pub const ATTRIBUTE: &str = "lacuna/guides";
@@ -39,6 +39,23 @@ pub enum Error {
     Sparse {
         /// The channel.
         channel: String,
+    },
+    /// A channel of the second file that a mask there calls sparse.
+    #[error(
+        "--guides-from: part {part} has a channel mask with missing pixels, and only complete channels can guide: render the \
+         guides for every pixel of the larger frame"
+    )]
+    SparseFile {
+        /// The part's place, from 0.
+        part: usize,
+    },
+    /// A second file that does not fit the larger frame.
+    #[error(
+        "--guides-from: no part has the data window {window} of the larger frame: render the guides for the pixels of the output"
+    )]
+    LargerWindow {
+        /// What is made.
+        window: String,
     },
     /// A second file that does not fit.
     #[error(

@@ -97,7 +97,11 @@ impl Job {
 
     /// The guides that are looked for: none where the filter takes none, or measured pixels are smoothed.
     pub fn wanted(&self) -> &Asked {
+        let larger = |enlarge: &Enlarge| {
+            enlarge.method == lacuna_filters::upscale::Method::Ss && self.guides_from.is_some()
+        };
         let takes = self.method.descriptor().takes.guides && self.method.keeps_measured();
+        let takes = takes && self.enlarge.as_ref().is_none_or(larger);
         if takes { &self.guides } else { &Asked::None }
     }
 

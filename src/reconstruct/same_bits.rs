@@ -87,7 +87,7 @@ fn of_tool(frame: &Frame, job: &Job) -> (Vec<Vec<u32>>, Report) {
     let (plans, run) = (Plans::new(), Run::default());
     let (frame, report) = match &job.enlarge {
         None => fill(frame.clone(), &masks, &choices, job, &plans, &run).unwrap(),
-        Some(asked) => enlarge(frame.clone(), &masks, &choices, (job, asked), &plans, &run).unwrap(),
+        Some(asked) => enlarge(frame.clone(), &masks, &choices, None, (job, asked), &plans, &run).unwrap(),
     };
     let names = COLOURS.iter().chain(&["A"]);
     (names.map(|name| bits(&values(&frame.parts[0], name))).collect(), report)
@@ -200,7 +200,13 @@ fn enlarged_by_every_method() {
             [(Sampling::Box, Domain::Auto), (Sampling::Point, Domain::Auto), (Sampling::Grid, Domain::Log)]
         {
             for broken in [false, true] {
-                let asked = Enlarge { target: Target::Scale { x: 2.0, y: 2.0 }, method, sampling };
+                let asked = Enlarge {
+                    target: Target::Scale { x: 2.0, y: 2.0 },
+                    method,
+                    sampling,
+                    take_guides: false,
+                    keep_vectors: false,
+                };
                 let job = Job {
                     domain,
                     enlarge: Some(asked),

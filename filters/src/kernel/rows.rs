@@ -41,7 +41,8 @@ impl Rows {
         self.places.len()
     }
 
-    fn row(&self, output: usize) -> (usize, &[f32]) {
+    /// The first input of an output and the weights from there on.
+    pub fn row(&self, output: usize) -> (usize, &[f32]) {
         let (start, range) = &self.places[output];
         (*start, &self.weights[range.clone()])
     }

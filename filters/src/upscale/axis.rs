@@ -8,12 +8,14 @@
 //! - `reduce` (R, n rows over N): what the model of a pixel makes of high-resolution pixels. Every row sums to 1.
 //! - `spline` (U, N rows over n): the cubic spline with a knot at each low-resolution centre, coefficients to
 //!   high-resolution pixels: means over pixels for `box`, values at centres else.
-//! - `prefilter` ((R U)^-1, n over n): the coefficients with which the result, reduced, is `y`.
+//! - `prefilter` (n over n): the coefficients with which the spline is what `y` says: `(R U)^-1`, so that the result, reduced, is
+//!   `y`; for `box` the inverse of the spline's means over low-resolution pixels, which is the same where the factor is whole.
+//!   At broken factors a high-resolution pixel that straddles two has one value for both, and a spline whose *shares* had the
+//!   given means would run through the wrong places; so means are those of the continuous spline, over both kinds of pixels.
 //!
 //! Boundary: coefficients go on linearly beyond the ends (a natural spline), and so does the image where a footprint
-//! reaches beyond it, so at whole factors a ramp stays that ramp up to the border; a box is cut at the border. A single pixel
-//! is constant. At broken factors the means of a ramp's pixels do not lie on the ramp (those that straddle two stand for
-//! both), and the result is off by up to a sixth of a pixel's step for boxes; `point` is exact at any factor.
+//! reaches beyond it, so a ramp stays that ramp up to the border; `gaussian` and `mitchell` at broken factors, which weigh values at
+//! the centres of high-resolution pixels, leave it there by up to a pixel's step. A single pixel is constant.
 //!
 //! Source: M. Unser, A. Aldroubi, "A general sampling theory for nonideal acquisition devices", IEEE Transactions on Signal
 //! Processing 42(11), 1994 (consistent reconstruction: R x = y with x in a spline space).
@@ -77,7 +79,7 @@ impl Axis {
     }
 
     /// The centre of a high-resolution pixel, in low-resolution pixels.
-    fn centre(&self, output: usize) -> f64 {
+    pub(super) fn centre(&self, output: usize) -> f64 {
         (output as f64 + 0.5 + self.shift) / self.scale
     }
 
@@ -164,8 +166,11 @@ impl Axis {
         Taps::from_rows(self.inputs, (0..self.outputs).map(row))
     }
 
-    /// The coefficients that make the result, reduced, equal to what is given.
+    /// The coefficients of the spline that is what is given.
     pub fn prefilter(&self, sampling: Sampling) -> Taps {
+        if sampling == Sampling::Box {
+            return Self::whole(self.inputs, self.inputs).spline(sampling).inverse(FLOOR);
+        }
         self.reduce(sampling).after(&self.spline(sampling)).inverse(FLOOR)
     }
 

@@ -8,6 +8,7 @@
 //!   the values (or means) of the spline at high-resolution pixels: the spline is defined everywhere, so that every factor is
 //!   evaluation and not resampling twice. Separable finite filters, no iterations.
 //! - [`Method::Tv`]: the image of least total variation that does so ([`tv`]). With a mask, only measured pixels bind it.
+//! - Complete planes of the larger size may steer the spline ([`guided`]).
 //! - [`Method::Plain`]: a resampling filter, which has no model of a pixel ([`plain`]).
 //!
 //! A spline overshoots at edges. Bounds (no negative light, alpha within 0 and 1, and the limiter's) are part of the solution
@@ -19,7 +20,9 @@
 //! a radius of 1.5).
 
 mod axis;
+pub mod guided;
 pub mod plain;
+mod relax;
 mod sampling;
 pub mod settle;
 #[cfg(test)]
@@ -31,6 +34,7 @@ use lacuna_core::parallel::prelude::*;
 pub use sampling::Sampling;
 
 use crate::kernel::rows::Rows;
+use crate::kernel::{Isa, vector};
 use crate::{Error, Mask, Outcome, Plane, Run, Size};
 
 /// How an image is enlarged.
@@ -184,6 +188,20 @@ impl Plan {
         question: &Question<'_>,
         run: &Run<'_>,
     ) -> Result<Enlarged, Error> {
+        self.enlarge_guided(samples, None, question, run)
+    }
+
+    /// The same with what guides add to the spline ([`guided::steer`]); the other methods take none.
+    ///
+    /// # Errors
+    /// [`Error::SizeMismatch`] and [`Error::NotFinite`].
+    pub fn enlarge_guided(
+        &self,
+        samples: &Plane,
+        change: Option<&Plane>,
+        question: &Question<'_>,
+        run: &Run<'_>,
+    ) -> Result<Enlarged, Error> {
         let low = self.geometry.low();
         let sizes = [Some(samples.size()), question.mask.map(Mask::size)];
         if let Some(found) = sizes.into_iter().flatten().find(|size| *size != low) {
@@ -194,9 +212,9 @@ impl Plan {
         }
         match self.method {
             Method::Plain(kernel) => plain::enlarge(&self.geometry, kernel, samples, question.range),
-            Method::Ss => Ok(self.smooth(samples, question, run)),
+            Method::Ss => Ok(self.smooth(samples, change, question, run)),
             Method::Tv(settings) => {
-                let start = self.smooth(samples, question, run);
+                let start = self.smooth(samples, None, question, run);
                 tv::enlarge(self, settings, (samples, question), start, run)
             }
         }
@@ -217,12 +235,32 @@ impl Plan {
         }
     }
 
-    /// The spline, within its bounds.
-    fn smooth(&self, samples: &Plane, question: &Question<'_>, run: &Run<'_>) -> Enlarged {
+    /// The spline, and what guides add, within its bounds.
+    fn smooth(
+        &self,
+        samples: &Plane,
+        change: Option<&Plane>,
+        question: &Question<'_>,
+        run: &Run<'_>,
+    ) -> Enlarged {
+        let isa = Isa::best();
+        let shares = self.cells.is_none() && self.geometry.sampling == Sampling::Box;
+        let mut plane = self.spline(samples);
+        // Boxes that share pixels: the means are the spline's own, over whole pixels; what reduces them again has only shares.
+        let target = shares.then(|| self.model.reduce(&plane));
+        if let Some(change) = change {
+            let less = self.spline(&self.model.reduce(change));
+            vector::add_scaled(isa, plane.pixels_mut(), 1.0, change.pixels());
+            vector::add_scaled(isa, plane.pixels_mut(), -1.0, less.pixels());
+        }
+        settle::settle(self, (samples, target.as_ref()), plane, question, run)
+    }
+
+    /// The spline that is what the samples say, free of bounds.
+    fn spline(&self, samples: &Plane) -> Plane {
         let columns = self.prefilter[0].along_columns(samples);
         let wide = Rows::along_rows(&[&self.prefilter[1], &self.spline[1]], &columns);
-        let plane = self.spline[0].along_columns(&wide);
-        settle::settle(self, samples, plane, question, run)
+        self.spline[0].along_columns(&wide)
     }
 }
 

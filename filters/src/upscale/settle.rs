@@ -13,45 +13,42 @@
 //!
 //! Algorithm. Where the footprints share no pixel (a box at a whole factor), each is a problem of its own:
 //! `x = clamp(x0 + t, low, high)`, with the one `t` that gives the mean; found by bisection, then Newton's step. A grid has
-//! nothing to keep but its samples, which have their bits. Otherwise the dual: `x = clamp(x0 + R' l, low, high)` and
-//! `l <- l + M (y - R x)` with `M = (R R')^-1`, accelerated, until `|R x - y|` is at most [`TOLERANCE`] of the largest
+//! nothing to keep but its samples, which have their bits. Otherwise the dual, `x = clamp(x0 + R' l, low, high)`, footprint by
+//! footprint ([`super::relax`]), until `|R x - y|` is at most [`TOLERANCE`] of the largest
 //! `|y|`. At least one of both is always kept: if no image keeps both (a Gaussian cannot have made those pixels), the bounds
 //! win, the outcome is `IterationLimit`, and its residual says by how much.
 //!
-//! Boxes at broken factors meet that at every hard edge: a bright pixel between dark ones shares its pixels with them. Multipliers
-//! then grow without end, and with them a pattern of black and white pixels. Where the steps have left more than `HOPELESS` they are
-//! therefore begun anew and limited to twice the largest pixel around (an exact penalty on `|y - R x|`): where smaller ones suffice
-//! `R x = y` holds as before, elsewhere the image stays near the spline.
+//! Boxes at broken factors share pixels, and beside a hard edge a mean may ask for light where its neighbour allows none. Multipliers
+//! would grow without end, and with them a pattern of black and white pixels; they are limited to what moves a mean by twice the
+//! largest pixel around (an exact penalty on `|y - R x|`): where smaller ones suffice `R x = y` holds, elsewhere the image stays near
+//! the spline. There `y` are the means of the spline itself, see [`super::Axis`].
 //!
-//! Source: the dual is a projection by A. Beck, M. Teboulle, "A fast iterative shrinkage-thresholding algorithm for linear
-//! inverse problems", SIAM Journal on Imaging Sciences 2(1), 2009, with restarts (B. O'Donoghue, E. Candes, "Adaptive restart
-//! for accelerated gradient schemes", Foundations of Computational Mathematics 15, 2015).
+//! Source: see [`super::relax`].
 
 use std::borrow::Cow;
 
 use lacuna_core::parallel::prelude::*;
 
+use super::relax::{Relaxed, Task};
 use super::{Enlarged, Plan, Question, Sampling};
 use crate::kernel::{Isa, vector};
-use crate::{Outcome, Plane, Run, Size, Stop, limiter};
+use crate::{Outcome, Plane, Run, Stop, limiter};
 
 /// Largest `|R x - y|` over the largest `|y|` at which the dual stops.
 pub const TOLERANCE: f64 = 1e-5;
-/// Steps of the dual after which it gives up, or begins anew with limits.
-const STEPS: usize = 1000;
-/// Largest `|R x - y|` over the largest `|y|` after these steps up to which bounds and means may yet be kept together.
-const HOPELESS: f64 = 1e-3;
-/// Multipliers that are limited, over the largest of the 3 x 3 pixels around.
+/// Means that sweeps have left this much further off, by rounding, still count as kept.
+const ROUNDING: f64 = 1.5;
+/// How far multipliers of boxes may move a mean, over the largest of the 3 x 3 pixels around.
 const LARGEST: f32 = 2.0;
-/// By how much the largest eigenvalue of `R R'` may exceed what it makes of a constant.
-const MARGIN: f64 = 1.2;
 /// Bisections of a cell: to the rounding of f32 and beyond.
 const BISECTIONS: usize = 40;
 
 /// Bounds of the pixels of a footprint, by the low-resolution pixel.
-struct Bounds {
-    low: Plane,
-    high: Plane,
+pub(super) struct Bounds {
+    /// The least value.
+    pub low: Plane,
+    /// The greatest.
+    pub high: Plane,
 }
 
 impl Bounds {
@@ -68,10 +65,10 @@ impl Bounds {
     }
 }
 
-/// Moves `plane`, whose reduction is `samples`, into its bounds.
+/// Moves `plane` into its bounds, which `samples` decide; its reduction is then `target`, without that `samples`.
 pub(super) fn settle(
     plan: &Plan,
-    samples: &Plane,
+    (samples, target): (&Plane, Option<&Plane>),
     mut plane: Plane,
     question: &Question<'_>,
     run: &Run<'_>,
@@ -86,7 +83,8 @@ pub(super) fn settle(
     } else if sampling == Sampling::Grid {
         (in_grid(plan, samples, &bounds, &mut plane), Outcome::direct())
     } else {
-        together(plan, samples, &bounds, &mut plane, run)
+        let own = target.map(|target| between(target, &bounds));
+        together(plan, (samples, own.as_ref().unwrap_or(samples)), &bounds, &mut plane, run)
     };
     Enlarged { plane, limited, outcome }
 }
@@ -99,6 +97,16 @@ fn within(samples: &Plane, (low, high): (f32, f32)) -> Cow<'_, Plane> {
     let mut samples = samples.clone();
     samples.pixels_mut().iter_mut().for_each(|value| *value = value.max(low).min(high));
     Cow::Owned(samples)
+}
+
+/// Means in the bounds of their own pixels: those of a spline may lie beyond.
+fn between(target: &Plane, bounds: &Bounds) -> Plane {
+    let mut target = target.clone();
+    let pairs = bounds.low.pixels().iter().zip(bounds.high.pixels());
+    target.pixels_mut().iter_mut().zip(pairs).for_each(|(value, (low, high))| {
+        *value = value.max(*low).min(*high);
+    });
+    target
 }
 
 /// A box at a whole factor: cell by cell.
@@ -183,112 +191,46 @@ fn clamp(plan: &Plan, bounds: &Bounds, plane: &mut Plane) -> usize {
     counts.into_iter().sum()
 }
 
-/// Footprints that share pixels: all together, by the dual.
+/// Footprints that share pixels: one after the other, by the dual.
 fn together(
     plan: &Plan,
-    samples: &Plane,
+    (samples, target): (&Plane, &Plane),
     bounds: &Bounds,
     plane: &mut Plane,
     run: &Run<'_>,
 ) -> (usize, Outcome) {
-    let start = plane.clone();
-    let peak = largest(samples).max(f64::MIN_POSITIVE);
-    let mut outcome = Outcome { stop: Stop::IterationLimit, ..Outcome::direct() };
+    let peak = largest(target).max(f64::MIN_POSITIVE);
+    let mut free = plane.clone();
     let mut moved = clamp(plan, bounds, plane);
-    let mut dual = Dual::new(samples.size());
-    loop {
-        let residual = difference(samples, &plan.model.reduce(plane));
-        let off = largest(&residual) / peak;
-        outcome.residual = Some(off);
-        if off <= TOLERANCE {
-            outcome.stop = Stop::Converged;
-        } else if let Some(stop) = run.interrupted() {
-            outcome.stop = stop;
-        } else if dual.steps < STEPS && !dual.rests(TOLERANCE * peak) {
-            dual.step(plan, &residual);
-            outcome.iterations += 1;
-            *plane = sum(&start, 1.0, &plan.model.adjoint(&dual.ahead));
-            moved = clamp(plan, bounds, plane);
-            continue;
-        } else if dual.limits.is_none() && plan.geometry.sampling == Sampling::Box && off > HOPELESS {
-            dual = Dual::limited(plan, samples);
-            plane.clone_from(&start);
-            moved = clamp(plan, bounds, plane);
-            continue;
-        }
-        return (moved, outcome);
+    let mut residual = difference(target, &plan.model.reduce(plane));
+    let mut outcome = Outcome { stop: Stop::Converged, ..Outcome::direct() };
+    if largest(&residual) > TOLERANCE * peak {
+        // Means that a spline has are all but there; others may be far off anywhere.
+        let least = if std::ptr::eq(samples, target) { peak as f32 } else { 0.0 };
+        let limits = (plan.geometry.sampling == Sampling::Box).then(|| limits(samples, least));
+        let task = Task { target, peak, bounds, limits: limits.as_ref() };
+        let mut relaxed = Relaxed::new(plan, task, &residual, &mut free);
+        (outcome.stop, outcome.iterations) = relaxed.run(run);
+        plane.clone_from(&free);
+        moved = clamp(plan, bounds, plane);
+        residual = difference(target, &plan.model.reduce(plane));
     }
+    let off = largest(&residual) / peak;
+    outcome.residual = Some(off);
+    if outcome.stop == Stop::Converged && off > ROUNDING * TOLERANCE {
+        outcome.stop = Stop::IterationLimit;
+    }
+    (moved, outcome)
 }
 
-/// The dual's way up: accelerated steps, begun anew where they go down.
-struct Dual {
-    multiplier: Plane,
-    ahead: Plane,
-    momentum: f64,
-    steps: usize,
-    /// The largest change of the last step.
-    change: f64,
-    /// What multipliers may not exceed, and the length of a step.
-    limits: Option<(Plane, f64)>,
-}
-
-impl Dual {
-    fn new(size: Size) -> Self {
-        let multiplier = Plane::filled(size, 0.0);
-        Self {
-            ahead: multiplier.clone(),
-            multiplier,
-            momentum: 1.0,
-            steps: 0,
-            change: f64::INFINITY,
-            limits: None,
-        }
-    }
-
-    /// Limits as large as the pixels around allow for.
-    fn limited(plan: &Plan, samples: &Plane) -> Self {
-        let size = samples.size();
-        let most = Plane::from_fn(size, |y, x| {
-            let near = |at: usize, n: usize| at.saturating_sub(1)..(at + 2).min(n);
-            let rows = near(y, size.height).map(|y| &samples.row(y)[near(x, size.width)]);
-            LARGEST * rows.flatten().fold(0.0, |most: f32, value| most.max(value.abs()))
-        });
-        // A mean lets pass most of what does not vary.
-        let gain = largest(&plan.model.reduce(&plan.model.adjoint(&Plane::filled(size, 1.0))));
-        Self { limits: Some((most, 1.0 / (MARGIN * gain))), ..Self::new(size) }
-    }
-
-    /// Whether limited multipliers no longer change.
-    fn rests(&self, tolerance: f64) -> bool {
-        self.limits.is_some() && self.change <= tolerance
-    }
-
-    /// Follows what the image lacks of the samples.
-    fn step(&mut self, plan: &Plan, residual: &Plane) {
-        let mut next = match &self.limits {
-            // Without bounds in the way the first step would be exact, so that the step is 1.
-            None => sum(&self.ahead, 1.0, &plan.model.gram_inverse(residual)),
-            Some((_, length)) => sum(&self.ahead, *length, residual),
-        };
-        self.limit(&mut next);
-        let way = difference(&next, &self.multiplier);
-        if vector::dot(Isa::best(), residual.pixels(), way.pixels()) < 0.0 {
-            self.momentum = 1.0;
-        }
-        let after = f64::midpoint(1.0, (1.0 + 4.0 * self.momentum * self.momentum).sqrt());
-        let mut ahead = sum(&next, (self.momentum - 1.0) / after, &way);
-        self.limit(&mut ahead);
-        (self.multiplier, self.ahead) = (next, ahead);
-        (self.momentum, self.change) = (after, largest(&way));
-        self.steps += 1;
-    }
-
-    fn limit(&self, multiplier: &mut Plane) {
-        if let Some((most, _)) = &self.limits {
-            let pairs = multiplier.pixels_mut().par_iter_mut().zip(most.pixels());
-            pairs.for_each(|(value, most)| *value = value.clamp(-most, *most));
-        }
-    }
+/// How far multipliers may move means: as the pixels around allow for.
+fn limits(samples: &Plane, least: f32) -> Plane {
+    let size = samples.size();
+    Plane::from_fn(size, |y, x| {
+        let near = |at: usize, n: usize| at.saturating_sub(1)..(at + 2).min(n);
+        let rows = near(y, size.height).map(|y| &samples.row(y)[near(x, size.width)]);
+        LARGEST * rows.flatten().fold(least, |most: f32, value| most.max(value.abs()))
+    })
 }
 
 /// `a - b`.

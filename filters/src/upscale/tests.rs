@@ -81,14 +81,22 @@ fn reduced_again_it_is_the_input_within_bounds_too() {
             let lowest = y.pixels().iter().copied().fold(f32::INFINITY, f32::min);
             for question in [ALL, Question { range: (0.0, f32::INFINITY), ..LIGHT }] {
                 let done = plan.enlarge(&y, &question, &Run::default()).unwrap();
+                if sampling == Sampling::Box && plan.cells.is_none() {
+                    // Pixels are shared, and the means are the spline's: the light in all stays.
+                    let mean = |plane: &Plane| {
+                        plane.pixels().iter().map(|v| f64::from(*v)).sum::<f64>()
+                            / plane.size().pixels() as f64
+                    };
+                    let (given, got) = (mean(&y), mean(&done.plane));
+                    let most = if question.limit { 2e-2 } else { 1e-5 };
+                    assert!((given - got).abs() < most * given, "{low} {given} {got}");
+                    assert!(!question.limit || done.plane.pixels().iter().all(|value| *value >= 0.0));
+                    continue;
+                }
                 // These footprints overlap and change their sign: where bounds cut into them the dual creeps.
                 let creeps = matches!(sampling, Sampling::Mitchell | Sampling::Point) && question.limit;
                 let off = off(&plan, &done.plane, &y);
-                let most = match sampling {
-                    Sampling::Mitchell if creeps => 1e-3,
-                    Sampling::Point if creeps => 1e-4,
-                    _ => 2e-5,
-                };
+                let most = if sampling == Sampling::Mitchell && creeps { 1e-3 } else { 2e-5 };
                 assert!(off < most, "{sampling} {low} {off}");
                 assert!(creeps || done.outcome.stop == crate::Stop::Converged, "{sampling} {low}");
                 if let Some(told) = done.outcome.residual {
@@ -146,6 +154,8 @@ fn ramps_and_constants_stay_what_they_are() {
         (Size::new(24, 60), Sampling::Gaussian(1.0), Method::Ss),
         (Size::new(24, 60), Sampling::Mitchell, Method::Ss),
         (Size::new(18, 50), Sampling::Point, Method::Ss),
+        (Size::new(18, 50), Sampling::Box, Method::Ss),
+        (Size::new(14, 27), Sampling::Box, Method::Ss),
         (Size::new(18, 50), Sampling::Box, Method::Plain(plain::Kernel::Linear)),
     ];
     for (high, sampling, method) in cases {
@@ -204,6 +214,10 @@ fn total_variation_is_shorter_than_the_spline_and_keeps_the_means() {
             let tv = plan.enlarge(&y, &ALL, &Run::default()).unwrap();
             let ss = Plan::new(geometry, Method::Ss).unwrap().enlarge(&y, &ALL, &Run::default()).unwrap();
             assert!(off(&plan, &tv.plane, &y) < 2e-5, "{sampling} {low} {}", off(&plan, &tv.plane, &y));
+            if sampling == Sampling::Box && plan.cells.is_none() {
+                // The spline is another problem's solution there.
+                continue;
+            }
             let (short, long) = (total_variation(&tv.plane), total_variation(&ss.plane));
             assert!(short <= long * 1.001, "{sampling} {low} {short} {long}");
             if low.pixels() > 1000 {
@@ -275,8 +289,7 @@ fn sizes_and_values_are_checked() {
     assert_eq!(nan, Err(Error::NotFinite { row: 0, column: 0 }));
 }
 
-/// No image without negative light has these means: boxes that share pixels ask for light and for none in the same place. What is made
-/// of them stays calm, and keeps the means where nothing is in the way.
+/// Boxes that share pixels ask for light and for none in the same place beside a hard edge. What is made of them stays calm.
 #[test]
 fn hard_edges_at_broken_factors_stay_calm() {
     let (low, high) = (Size::new(40, 40), Size::new(50, 50));
@@ -285,12 +298,15 @@ fn hard_edges_at_broken_factors_stay_calm() {
     });
     let plan = Plan::new(geometry(low, high, Sampling::Box), Method::Ss).unwrap();
     let done = plan.enlarge(&y, &LIGHT, &Run::default()).unwrap();
-    assert_eq!(done.outcome.stop, crate::Stop::IterationLimit);
-    assert!(done.outcome.iterations > 1000, "{:?}", done.outcome);
-    // Without limits of the multipliers it is twice as many.
-    let back = plan.model.reduce(&done.plane);
-    let off = back.pixels().iter().zip(y.pixels()).filter(|(a, b)| (**a - **b).abs() > 1e-3).count();
-    assert!(off < 100, "{off} of {}", low.pixels());
+    assert!(done.outcome.iterations < 400, "{:?}", done.outcome);
+    let light = |plane: &Plane| plane.pixels().iter().map(|v| f64::from(*v)).sum::<f64>();
+    let (given, got) = (light(&y) * 1.25 * 1.25, light(&done.plane));
+    assert!((given - got).abs() < 0.02 * given, "{given} {got}");
+    for (at, value) in done.plane.pixels().iter().enumerate() {
+        assert!((0.0..1.6).contains(value), "{at} {value}");
+        let inside = ((at / 50) as f32 * 0.8 - 12.0).hypot((at % 50) as f32 * 0.8 - 12.0) < 5.5;
+        assert!(!inside || (value - 1.0).abs() < 0.2, "{at} {value}");
+    }
 }
 
 #[test]

@@ -67,7 +67,7 @@ pub(super) fn enlarge(
     let values = samples.pixels().iter().zip(seen.pixels()).enumerate();
     let values = values.map(|(at, (given, seen))| if measured(at) { *given } else { *seen }).collect();
     let whole = Plane::new(samples.size(), values)?;
-    let settled = settle::settle(plan, &whole, x, question, run);
+    let settled = settle::settle(plan, (&whole, None), x, question, run);
     Ok(Enlarged { outcome: settled.outcome.worst(outcome), ..settled })
 }
 

@@ -50,7 +50,8 @@ mod tune;
 pub(crate) use fit::{Field, Store, Task, predict};
 pub use guides::Guides;
 pub(crate) use reach::Reach;
-use trust::Trust;
+pub(crate) use trust::{Trust, WORTH};
+pub(crate) use tune::Weights;
 
 /// Samples that a regression sees, about.
 const SAMPLES: f64 = 36.0;
@@ -186,7 +187,7 @@ impl Model<'_> {
         }
         let trust = Trust::new(&left_out, (self.samples, weights), &plain, &guided);
         let gain = trust.worth();
-        Ok((gain >= trust::WORTH).then(|| (scales, trust.plane(size), gain)))
+        Ok((gain >= WORTH).then(|| (scales, trust.plane(size), gain)))
     }
 
     /// The guided image and the prediction alone at the pixels that are wanted, from the samples of a part.

@@ -197,7 +197,15 @@ impl Work for Fill<'_> {
             }
             let plans = self.plans.of(&masks);
             let done = match &what.enlarge {
-                Some(asked) => reconstruct::enlarge(frame, &masks, &choices, (what, asked), &plans, &run),
+                Some(asked) => reconstruct::enlarge(
+                    frame,
+                    &masks,
+                    &choices,
+                    guides.as_ref(),
+                    (what, asked),
+                    &plans,
+                    &run,
+                ),
                 None => reconstruct::fill_with(frame, &masks, &choices, guides.as_ref(), what, &plans, &run),
             };
             let done = done.map_err(|error| at_input(&error))?;

@@ -20,6 +20,7 @@ pub fn enlarge(
     frame: &mut Frame,
     (work, kinds): (&Work<'_>, &[SampleType]),
     (geometry, method): (Geometry, Method),
+    taken: Vec<Option<Samples>>,
     done: &mut Done,
 ) -> Result<(), Error> {
     // Where only colour is enlarged nothing is copied.
@@ -36,10 +37,14 @@ pub fn enlarge(
     }
     let part = &mut frame.parts[work.index];
     unit_normals(part, work, geometry, &sources, &mut planes);
-    let channels = part.channels.par_iter_mut().zip(planes).zip(work.choices).zip(kinds);
-    let clamped = channels.map(|(((channel, plane), choice), kind)| match plane {
+    let sourced = planes.into_iter().zip(taken).collect::<Vec<_>>();
+    let channels = part.channels.par_iter_mut().zip(sourced).zip(work.choices).zip(kinds);
+    let clamped = channels.map(|(((channel, (plane, taken)), choice), kind)| match plane {
         None => {
-            copy(channel, &sources);
+            match taken {
+                Some(samples) => channel.samples = samples,
+                None => copy(channel, &sources),
+            }
             0
         }
         Some(plane) => {
@@ -88,6 +93,7 @@ fn solve(
     let masks: Vec<_> = group.channels.iter().map(|&at| work.masks.get(work.index, at).cloned()).collect();
     let mut options = Options::new(geometry);
     options.method = method;
+    options.guides = Some(work.guides).filter(|guides| !guides.is_empty());
     options.fill = values_options(group, &names, work.job);
     let large = enlarge::complete(&samples, &masks, &options, work.plans, work.run).map_err(fail)?;
     done.notes.extend(overflow_note(&names.join(", "), large.mended));
@@ -98,8 +104,8 @@ fn solve(
         channels: names,
         domain: large.map.name(),
         outcome: large.outcome,
-        guides: Vec::new(),
-        guides_gain: None,
+        guides: large.guides.clone(),
+        guides_gain: large.guides_gain,
     });
     Ok(large)
 }

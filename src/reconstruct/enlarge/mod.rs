@@ -6,7 +6,8 @@
 //!
 //! Colour, alpha and positions are reconstructed by the method; normals too, and made unit length again; depths,
 //! identifiers and everything that is kept (the sampling mask as well) take the bits of the pixel that they lie in, so
-//! that no value appears that was not there. Values that are not finite count as missing. With total variation what was
+//! that no value appears that was not there; motion in pixels is scaled. A second frame of the larger size may hold guides, and
+//! what need not be enlarged. Values that are not finite count as missing. With total variation what was
 //! missing does not bind the result: filling and enlarging are one problem. With splines they are one too: among the splines
 //! whose reduction passes through the measured pixels, the one whose reduction has the least energy.
 
@@ -16,7 +17,8 @@ mod windows;
 
 use std::sync::Arc;
 
-use lacuna_exr::Frame;
+use lacuna_exr::{Channel, Frame, Part, Samples, Window};
+use lacuna_filters::enlarge;
 use lacuna_filters::upscale::{Geometry, Method, Sampling};
 use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Run, Stop};
@@ -25,8 +27,9 @@ pub use windows::Windows;
 
 use super::groups::usable;
 use super::part::{self, Done};
-use super::{Error, Job, Kind, Plans, Report, Stamp, drop_derived, finish, mask_name, prefixed};
-use crate::channels::{Choice, channel_label, part_label, unheeded};
+use super::{Error, Job, Kind, Plans, Report, Stamp, drop_derived, finish, mask_name, prefixed, stamp};
+use crate::channels::{Choice, Rule, channel_label, part_label, unheeded};
+use crate::guides::{self, Asked};
 use crate::mask::Masks;
 
 /// How frames are enlarged.
@@ -38,6 +41,10 @@ pub struct Enlarge {
     pub method: Method,
     /// The model of a low-resolution pixel.
     pub sampling: Sampling,
+    /// Whether what is no light comes from the guides' file, where that has it.
+    pub take_guides: bool,
+    /// Whether motion vectors keep their numbers, and are not of the larger frame's pixels.
+    pub keep_vectors: bool,
 }
 
 impl Enlarge {
@@ -52,7 +59,9 @@ impl Enlarge {
 
     /// Everything that changes the result, `name=value` separated by spaces.
     pub fn settings(&self) -> String {
-        let line = format!("upscale={} {} sampling={}", self.name(), self.target, self.sampling);
+        let mut line = format!("upscale={} {} sampling={}", self.name(), self.target, self.sampling);
+        line += if self.take_guides { " take-guides=on" } else { "" };
+        line += if self.keep_vectors { " vectors=keep" } else { " vectors=scale" };
         match self.method {
             Method::Tv(settings) => format!("{line} {}", lacuna_filters::Method::from(settings).settings()),
             _ => line,
@@ -60,11 +69,12 @@ impl Enlarge {
     }
 }
 
-/// Fills and enlarges a frame.
+/// Fills and enlarges a frame; guides come from `second`, a frame of the larger size.
 pub fn enlarge(
     mut frame: Frame,
     masks: &Masks,
     choices: &[Vec<Choice>],
+    second: Option<&Frame>,
     (job, asked): (&Job, &Enlarge),
     plans: &Plans,
     run: &Run<'_>,
@@ -75,6 +85,7 @@ pub fn enlarge(
     let mut report = Report::new(&stamp, masks.density(), notes);
     let (finite, lost) = finite(&frame, masks, choices)?;
     for (index, choices) in choices.iter().enumerate() {
+        let mut choices = choices.clone();
         let label = part_label(&frame, index);
         let windows = Windows::of(&frame.parts[index], &asked.target).map_err(|why| Error::Enlarge {
             part: if label.is_empty() { String::new() } else { format!("{label}: ") },
@@ -82,16 +93,33 @@ pub fn enlarge(
         })?;
         let kinds: Vec<_> =
             frame.parts[index].channels.iter().map(|channel| channel.samples.kind()).collect();
-        let mut done = low(&mut frame, (index, &finite, choices), job, plans, run)?;
+        let geometry = windows.geometry(asked.sampling);
+        let part = &frame.parts[index];
+        let found = match second.filter(|_| *job.wanted() != Asked::None) {
+            Some(second) if choices.iter().any(|choice| choice.rule == Rule::Fill) => {
+                guides::of_larger(part, windows.data, second, job.wanted())?
+            }
+            _ => Vec::new(),
+        };
+        let high = guides::collect(&found, &frame, second, geometry.high());
+        let high = high.map_err(|source| Error::Filter { channel: label.clone(), source })?;
+        let mut taken = vec![None; choices.len()];
+        let mut notes = Vec::new();
+        if let Some(second) = second.filter(|_| asked.take_guides) {
+            taken = take(part, windows.data, second, &mut choices);
+            notes.push(taken_note(part, &taken));
+        }
+        let choices = choices.as_slice();
+        let mut done = low(&mut frame, (index, &finite, choices), (&high, geometry), job, plans, run)?;
+        done.notes.extend(notes);
         for (channel, lost) in done.report.channels.iter_mut().zip(&lost[index]) {
             channel.non_finite += lost;
         }
         done.notes.extend(done.report.non_finite());
-        let geometry = windows.geometry(asked.sampling);
-        let guides = Guides::new(frame.parts[index].size());
-        let work = part::Work { index, masks: &finite, choices, guides: &guides, job, plans, run };
-        channels::enlarge(&mut frame, (&work, &kinds), (geometry, asked.method), &mut done)?;
+        let work = part::Work { index, masks: &finite, choices, guides: &high, job, plans, run };
+        channels::enlarge(&mut frame, (&work, &kinds), (geometry, asked.method), taken, &mut done)?;
         let part = &mut frame.parts[index];
+        done.notes.extend(vectors(part, (geometry, asked.keep_vectors), choices));
         (part.data_window, part.display_window) = (windows.data, windows.display);
         let mask = mask_name(part, masks, index);
         let (notes, _) = finish(part, masks, index, job);
@@ -100,6 +128,7 @@ pub fn enlarge(
         let stop = done.report.groups.iter().map(|group| group.outcome.stop).max();
         let density = masks.part_density(index).unwrap_or(1.0);
         stamp.with_mask(mask).write(&mut part.attributes, density, stop.unwrap_or(Stop::Converged));
+        stamp::write_guides(&mut part.attributes, &done.report);
         report.notes.extend(prefixed(&label, done.notes));
         report.parts.push(done.report);
     }
@@ -111,13 +140,19 @@ pub fn enlarge(
 fn low(
     frame: &mut Frame,
     (index, masks, choices): (usize, &Masks, &[Choice]),
+    (high, geometry): (&Guides, Geometry),
     job: &Job,
     plans: &Plans,
     run: &Run<'_>,
 ) -> Result<Done, Error> {
     let missing = masks.channels[index].iter().flatten().any(|mask| !mask.is_full());
     let job = Job { kind: missing.then_some(Kind::Float), enlarge: None, ..job.clone() };
-    let guides = Guides::new(frame.parts[index].size());
+    let mut guides = Guides::new(frame.parts[index].size());
+    if missing && !high.is_empty() {
+        let smaller = enlarge::smaller_guides(high, &enlarge::Options::new(geometry), plans);
+        let label = || part_label(frame, index);
+        guides = smaller.map_err(|source| Error::Filter { channel: label(), source })?;
+    }
     let work = part::Work { index, masks, choices, guides: &guides, job: &job, plans, run };
     part::fill(frame, &work)
 }
@@ -147,6 +182,71 @@ fn finite(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Result<(Mask
         lost.push(counts);
     }
     Ok((finite, lost))
+}
+
+/// The channels of the second frame, over the larger window, that stand for those of the part which are no light; they are kept.
+fn take(part: &Part, window: Window, second: &Frame, choices: &mut [Choice]) -> Vec<Option<Samples>> {
+    let fits = |other: &&Part| {
+        other.data_window == window && (second.parts.len() == 1 || other.view() == part.view())
+    };
+    let pairs = part.channels.iter().zip(choices);
+    let one = |(channel, choice): (&Channel, &mut Choice)| {
+        let name = channel.display_name();
+        if channel.name == b"mask" || (choice.rule == Rule::Fill && crate::channels::is_light(&name)) {
+            return None;
+        }
+        let others = second.parts.iter().filter(fits).flat_map(|other| &other.channels);
+        let same = others.into_iter().find(|other| other.name == channel.name)?;
+        choice.guide();
+        Some(same.samples.clone())
+    };
+    pairs.map(one).collect()
+}
+
+/// What is told of channels that were taken.
+fn taken_note(part: &Part, taken: &[Option<Samples>]) -> String {
+    let names = part.channels.iter().zip(taken).filter(|(_, taken)| taken.is_some());
+    let names: Vec<_> = names.map(|(channel, _)| channel.display_name().into_owned()).collect();
+    if names.is_empty() {
+        "--take-guides: the guides' file has no channel of this frame but light".into()
+    } else {
+        format!("taken from the guides' file as they are there: {}", names.join(", "))
+    }
+}
+
+/// Scales motion in pixels to the larger frame's; what is told of it.
+fn vectors(part: &mut Part, (geometry, keep): (Geometry, bool), choices: &[Choice]) -> Option<String> {
+    let factors = [geometry.horizontal.scale, geometry.vertical.scale];
+    let copied = |at: &usize| choices[*at].rule == Rule::Nearest;
+    let axes: Vec<(usize, usize)> = (0..part.channels.len())
+        .filter(copied)
+        .filter_map(|at| Some((at, crate::channels::motion_axis(part, at)?)))
+        .collect();
+    let names: Vec<_> = axes.iter().map(|(at, _)| part.channels[*at].display_name().into_owned()).collect();
+    let names = names.join(", ");
+    if axes.is_empty() {
+        return None;
+    }
+    if keep {
+        return Some(format!("{names}: kept as numbers (--vectors keep)"));
+    }
+    for (at, axis) in axes {
+        let factor = factors[axis];
+        match &mut part.channels[at].samples {
+            Samples::Half(values) => {
+                let scaled = |value: &half::f16| half::f16::from_f64(value.to_f64() * factor);
+                values.iter_mut().for_each(|value| *value = scaled(value));
+            }
+            Samples::Float(values) => {
+                values.iter_mut().for_each(|value| *value = (f64::from(*value) * factor) as f32);
+            }
+            Samples::Uint(_) => {}
+        }
+    }
+    let [x, y] = factors;
+    Some(format!(
+        "{names}: motion in pixels, by its name, times {x:.4} across and {y:.4} down (--vectors keep leaves it)"
+    ))
 }
 
 impl Windows {

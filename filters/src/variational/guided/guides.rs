@@ -128,6 +128,31 @@ impl Guides {
         &self.planes
     }
 
+    /// The guides that have planes; labels have none.
+    pub(crate) fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Sets the shares of pixels to zero of whose guides one is not a number.
+    pub(crate) fn forget_unknown(&self, share: &mut Plane) {
+        let labels = self.labels.iter().flatten();
+        let unknown = share.pixels_mut().iter_mut().zip(labels).filter(|(_, label)| **label == UNKNOWN);
+        unknown.for_each(|(share, _)| *share = 0.0);
+    }
+
+    /// The same guides of smaller pixels, by the map that makes a plane of them. Labels are left out: a mean has none.
+    pub(crate) fn reduced(&self, size: Size, map: impl Fn(&Plane) -> Plane + Sync) -> Self {
+        Self {
+            size,
+            names: self.names.clone(),
+            groups: self.groups.clone(),
+            planes: self.planes.iter().map(map).collect(),
+            labels: None,
+            label_names: Vec::new(),
+            unknown: self.unknown,
+        }
+    }
+
     pub(super) fn groups(&self) -> &[Vec<usize>] {
         &self.groups
     }

@@ -37,6 +37,8 @@ struct Cell {
 /// How much of the guided image each pixel takes, 0 to 1.
 #[derive(Clone, Debug)]
 pub struct Trust {
+    /// Pixels of a cell's side.
+    side: usize,
     cells: Vec<Cell>,
     rows: usize,
     columns: usize,
@@ -46,15 +48,26 @@ impl Trust {
     /// Compares two images at left-out pixels: `(row, column)` each.
     pub fn new(
         left_out: &[(usize, usize)],
+        truth: (&Planes, Weights),
+        plain: &Planes,
+        guided: &Planes,
+    ) -> Self {
+        Self::in_cells(CELL, left_out.iter().copied(), truth, plain, guided)
+    }
+
+    /// The same in cells of another side.
+    pub fn in_cells(
+        side: usize,
+        left_out: impl Iterator<Item = (usize, usize)>,
         (truth, weights): (&Planes, Weights),
         plain: &Planes,
         guided: &Planes,
     ) -> Self {
         let size = truth.size();
-        let (rows, columns) = (size.height.div_ceil(CELL), size.width.div_ceil(CELL));
+        let (rows, columns) = (size.height.div_ceil(side), size.width.div_ceil(side));
         let mut cells = vec![Cell::default(); rows * columns];
-        for &(row, column) in left_out {
-            let cell = &mut cells[row / CELL * columns + column / CELL];
+        for (row, column) in left_out {
+            let cell = &mut cells[row / side * columns + column / side];
             cell.count += 1.0;
             let weight = weights.at(truth, row * size.width + column);
             for ((truth, plain), guided) in
@@ -73,7 +86,7 @@ impl Trust {
             cells = mean(&cells, rows, columns, true);
             cells = mean(&cells, rows, columns, false);
         }
-        Self { cells, rows, columns }
+        Self { side, cells, rows, columns }
     }
 
     /// What blending takes away of the squared error, 0 to 1.
@@ -91,7 +104,7 @@ impl Trust {
     pub fn plane(&self, size: Size) -> Plane {
         let shares: Vec<f32> = self.cells.iter().map(|cell| share(cell) as f32).collect();
         let place = |at: usize, count: usize| {
-            let at = ((at as f32 + 0.5) / CELL as f32 - 0.5).clamp(0.0, (count - 1) as f32);
+            let at = ((at as f32 + 0.5) / self.side as f32 - 0.5).clamp(0.0, (count - 1) as f32);
             let low = at as usize;
             (low, (low + 1).min(count - 1), at - low as f32)
         };

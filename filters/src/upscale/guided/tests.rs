@@ -1,0 +1,102 @@
+use super::*;
+use crate::baseline::testing;
+
+/// Two flat surfaces and a ramp with a hard, slanted edge; the guide says where, and how far.
+fn scene(size: Size) -> (Plane, Vec<Plane>) {
+    let place = |y: usize, x: usize| (y as f32 / size.height as f32, x as f32 / size.width as f32);
+    let inside = |v: f32, u: f32| u + 0.37 * v > 0.63 || (u - 0.2).hypot(v - 0.7) < 0.1;
+    let image = Plane::from_fn(size, |y, x| {
+        let (v, u) = place(y, x);
+        if inside(v, u) { 0.8 - 0.3 * v } else { 0.1 + 0.2 * u }
+    });
+    let shape = Plane::from_fn(size, |y, x| {
+        let (v, u) = place(y, x);
+        f32::from(u8::from(inside(v, u)))
+    });
+    let depth = Plane::from_fn(size, |y, x| {
+        let (v, u) = place(y, x);
+        if inside(v, u) { 5.0 + v } else { 9.0 - u }
+    });
+    (image, vec![shape, depth])
+}
+
+fn guides(size: Size, planes: &[Plane]) -> Guides {
+    let mut guides = Guides::new(size);
+    for (at, plane) in planes.iter().enumerate() {
+        guides.add(&at.to_string(), vec![plane.clone()]).unwrap();
+    }
+    guides
+}
+
+fn error(a: &Plane, b: &Plane) -> f64 {
+    let pairs = a.pixels().iter().zip(b.pixels());
+    pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>().sqrt()
+}
+
+fn with(plan: &Plan, y: &Plane, guides: &Guides) -> Option<Steer> {
+    steer(plan, &Planes::of(y.size(), vec![y.clone()]), guides, &Run::default()).unwrap()
+}
+
+const FREE: super::super::Question<'static> =
+    super::super::Question { mask: None, range: (f32::NEG_INFINITY, f32::INFINITY), limit: false };
+
+#[test]
+fn guides_sharpen_edges_and_keep_what_pixels_say() {
+    for (sampling, factor) in
+        [(Sampling::Box, 2), (Sampling::Box, 4), (Sampling::Grid, 2), (Sampling::Point, 3)]
+    {
+        let low = Size::new(60, 72);
+        let high = Size::new(low.height * factor, low.width * factor);
+        let (image, planes) = scene(high);
+        let geometry = Geometry::scaled(low, factor as f64, sampling);
+        let plan = Plan::new(geometry, Method::Ss).unwrap();
+        let y = plan.model.reduce(&image);
+        let plain = plan.enlarge(&y, &FREE, &Run::default()).unwrap().plane;
+        let steer = with(&plan, &y, &guides(high, &planes)).expect("these guides tell everything");
+        assert!(steer.gain > 0.5 && steer.guides.len() == 2, "{sampling} {factor} {}", steer.gain);
+        let guided = plan.enlarge_guided(&y, Some(&steer.changes[0]), &FREE, &Run::default()).unwrap().plane;
+        let (before, after) = (error(&plain, &image), error(&guided, &image));
+        assert!(after < 0.5 * before, "{sampling} {factor} {before} {after}");
+        let back = plan.model.reduce(&guided);
+        let worst = back.pixels().iter().zip(y.pixels()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(worst < 1e-5, "{sampling} {factor} {worst}");
+    }
+}
+
+#[test]
+fn guides_that_say_nothing_change_no_bit() {
+    let (low, high) = (Size::new(60, 72), Size::new(120, 144));
+    let (image, planes) = scene(high);
+    let plan = Plan::new(Geometry::scaled(low, 2.0, Sampling::Box), Method::Ss).unwrap();
+    let y = plan.model.reduce(&image);
+    assert!(with(&plan, &y, &guides(high, &[Plane::filled(high, 3.0)])).is_none());
+    let mut state = 1_u32;
+    let noise = Plane::from_fn(high, |_, _| {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / 16_777_216.0
+    });
+    let foreign = Plane::from_fn(high, |y, x| planes[1].at(high.height - 1 - y, high.width - 1 - x));
+    for wrong in [noise, foreign] {
+        let plain = plan.enlarge(&y, &FREE, &Run::default()).unwrap().plane;
+        let Some(steer) = with(&plan, &y, &guides(high, &[wrong])) else { continue };
+        let guided = plan.enlarge_guided(&y, Some(&steer.changes[0]), &FREE, &Run::default()).unwrap().plane;
+        // A tenth of a decibel.
+        assert!(error(&guided, &image) < 1.0116 * error(&plain, &image));
+    }
+}
+
+#[test]
+fn pixels_without_a_guide_are_those_of_the_spline_and_threads_change_nothing() {
+    let (low, high) = (Size::new(41, 50), Size::new(82, 100));
+    let (image, mut planes) = scene(high);
+    let plan = Plan::new(Geometry::scaled(low, 2.0, Sampling::Box), Method::Ss).unwrap();
+    let y = plan.model.reduce(&image);
+    planes[1].row_mut(40)[50] = f32::NAN;
+    let guides = guides(high, &planes);
+    let one = testing::with_threads(1, || with(&plan, &y, &guides)).unwrap();
+    let three = testing::with_threads(3, || with(&plan, &y, &guides)).unwrap();
+    assert_eq!(one.changes, three.changes);
+    assert_eq!(one.changes[0].at(40, 50), 0.0);
+    let other = Guides::new(low);
+    assert!(steer(&plan, &Planes::of(low, vec![y]), &other, &Run::default()).is_err());
+}

@@ -1,0 +1,147 @@
+"""What guides gain, native small frames against large ones, and seconds of lacuna upscale, as Markdown tables.
+
+Called by scripts/upscaling with the names of tables: native, guided, speed. Renders are kept in target/upscaling.
+"""
+
+import pathlib
+import statistics
+import sys
+
+import numpy as np
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tests"))
+
+import frames  # noqa: E402
+from tool import DATA, LACUNA, OIIO_BIN, ROOT, lacuna, run  # noqa: E402
+
+KEPT = ROOT / "target" / "upscaling"
+# Scene, volume, side of the small frame.
+SCENES = [("head", None, 360), ("engine-soft", "engine", 120)]
+FACTORS = [1.25, 1.5, 2, 2.5, 3]
+OIIO = ["triangle", "gaussian", "sharp-gaussian", "catmull-rom", "blackman-harris", "lanczos3", "radial-lanczos3",
+        "nuke-lanczos6", "mitchell", "bspline", "cubic", "keys", "simon", "rifman"]
+GUIDES = ["N.X", "N.Y", "N.Z", "Z", "A"]
+
+
+def psnr(image, full, margin=4):
+    inside = (slice(margin, -margin or None),) * 2
+    return -10 * np.log10(np.mean((image[inside] - full[inside]) ** 2))
+
+
+def rgb(path):
+    planes = frames.read(path)[0]
+    return np.stack([planes[name].astype(np.float64) for name in "RGB"], -1)
+
+
+def done(result):
+    assert result.status == 0, result
+    return result
+
+
+def rendered(scene, volume, side):
+    KEPT.mkdir(parents=True, exist_ok=True)
+    path = KEPT / f"{scene}-{side}.exr"
+    if not path.exists():
+        volume = ["--volume", DATA / "volumes" / f"{volume}.nrrd"] if volume else []
+        done(lacuna("render", ROOT / "samples" / "scenes" / f"{scene}.toml", *volume, "--samples", "16", "--size",
+                    f"{side}x{side}", "-o", path, timeout=3000))
+    return path
+
+
+def native():
+    print("| scene | factor | `upscale` | `--sampling point` | Lanczos3 | Mitchell | best of oiiotool | ahead |")
+    print("|---|---:|---:|---:|---:|---:|---:|---:|")
+    for scene, volume, side in SCENES:
+        small = rendered(scene, volume, side)
+        for factor in FACTORS:
+            size = round(side * factor)
+            full = rgb(rendered(scene, volume, size))
+            own = {}
+            for sampling in ("box", "point"):
+                out = KEPT / "out.exr"
+                done(lacuna("upscale", "-q", small, "-o", out, "--size", f"{size}x{size}", "--sampling",
+                            sampling, timeout=3000))
+                own[sampling] = psnr(rgb(out), full)
+            theirs = {}
+            for name in OIIO:
+                out = KEPT / "theirs.exr"
+                done(run([OIIO_BIN / "oiiotool", small, "--resize:filter=" + name, f"{size}x{size}", "-d", "float", "-o", out]))
+                theirs[name] = psnr(rgb(out), full)
+            best = max(theirs, key=theirs.get)
+            print(f"| {scene} {side} | {factor} | {own['box']:.2f} | {own['point']:.2f} | {theirs['lanczos3']:.2f} | "
+                  f"{theirs['mitchell']:.2f} | {theirs[best]:.2f} ({best}) | {own['box'] - theirs[best]:+.2f} |", flush=True)
+
+
+def means(image, factor):
+    height, width = image.shape
+    return image.reshape(height // factor, factor, width // factor, factor).mean((1, 3)).astype(np.float32)
+
+
+def guided():
+    names = ["none", "N, Z, A", "constant", "noise", "of another frame"]
+    print("| frame | factor | Lanczos3 | " + " | ".join(names) + " |\n|---|---:|" + "---:|" * (len(names) + 1))
+    KEPT.mkdir(parents=True, exist_ok=True)
+    small, out, guides = (KEPT / f"{name}.exr" for name in ("small", "out", "guides"))
+    sources = {name: DATA / "frames" / f"{name}-aov.exr" for name in ("engine", "aneurism-iso")}
+    for name, path in sources.items():
+        planes = frames.read(path)[0]
+        full = rgb(path)
+        other = frames.read(sources["engine" if name != "engine" else "aneurism-iso"])[0]
+        noise = np.random.default_rng(1)
+        cases = {
+            "none": None,
+            "N, Z, A": {guide: planes[guide] for guide in GUIDES},
+            "constant": {guide: np.full_like(planes[guide], 0.5) for guide in GUIDES},
+            "noise": {guide: noise.random(full.shape[:2], np.float32) for guide in GUIDES},
+            "of another frame": {guide: other[guide] for guide in GUIDES},
+        }
+        for factor in (2, 4):
+            frames.write(small, {channel: means(planes[channel].astype(np.float64), factor) for channel in "RGBA"})
+            side = full.shape[0]
+            theirs = KEPT / "theirs.exr"
+            done(run([OIIO_BIN / "oiiotool", small, "--resize:filter=lanczos3", f"{side}x{side}", "-d", "float", "-o", theirs]))
+            row = [psnr(rgb(theirs), full, 0)]
+            for case in cases.values():
+                words = []
+                if case:
+                    frames.write(guides, {guide: np.ascontiguousarray(plane) for guide, plane in case.items()})
+                    words = ["--guides-from", guides]
+                done(lacuna("upscale", "-q", small, "-o", out, "--scale", str(factor), *words, timeout=3000))
+                image = rgb(out)
+                worst = max(np.abs(means(image[..., k], factor) - frames.read(small)[0][c]).max() for k, c in enumerate("RGB"))
+                assert worst < 1e-5, worst
+                row.append(psnr(image, full, 0))
+            print(f"| {name} | {factor} | " + " | ".join(f"{value:.2f}" for value in row) + " |", flush=True)
+
+
+def seconds(*command):
+    """The median of five."""
+    return statistics.median(done(run([str(word) for word in command])).seconds for _ in range(5))
+
+
+def speed():
+    KEPT.mkdir(parents=True, exist_ok=True)
+    small, out, guides = (KEPT / f"{name}.exr" for name in ("hd", "uhd", "aovs"))
+    crop = DATA / "frames" / "engine-aov.exr"
+    oiiotool = OIIO_BIN / "oiiotool"
+    done(run([oiiotool, crop, "--ch", "R,G,B,A", "--resize", "1920x1080", "-d", "half", "--compression", "zip", "-o", small]))
+    done(run([oiiotool, crop, "--ch", "N.X,N.Y,N.Z,Z,R,G,B", "--chnames", "N.X,N.Y,N.Z,Z,albedo.R,albedo.G,albedo.B",
+              "--resize", "3840x2160", "-d", "half", "--compression", "zip", "-o", guides]))
+    theirs = seconds(oiiotool, small, "--resize:filter=lanczos3", "3840x2160", "-o", out)
+    plain = seconds(LACUNA, "upscale", "-q", small, "-o", out, "--scale", "2")
+    steered = seconds(LACUNA, "upscale", "-q", small, "-o", out, "--scale", "2", "--guides-from", guides)
+    print("| 1920x1080 to 3840x2160, RGBA, half | seconds | of oiiotool |\n|---|---:|---:|")
+    for name, value in [("oiiotool, Lanczos3", theirs), ("`upscale`", plain), ("`upscale`, N, Z, albedo", steered)]:
+        print(f"| {name} | {value:.2f} | {value / theirs:.2f} |")
+    print("\n| `--sampling point`, 600x600 to 1200x1200 | seconds |\n|---|---:|")
+    names = sorted(path for path in (DATA / "frames").glob("*.exr") if "aov" not in path.name)
+    for path in names:
+        done(run([oiiotool, path, "--ch", "R,G,B,A", "--resize:filter=box", "600x600", "-o", small]))
+        taken = seconds(LACUNA, "upscale", "-q", small, "-o", out, "--scale", "2", "--sampling", "point")
+        print(f"| {path.stem} | {taken:.2f} |", flush=True)
+
+
+if __name__ == "__main__":
+    for table in sys.argv[1:] or ["native", "guided", "speed"]:
+        {"native": native, "guided": guided, "speed": speed}[table]()
+        print(flush=True)

@@ -1,0 +1,123 @@
+"""lacuna upscale with guides of the larger size, what is taken from their file, and motion vectors."""
+
+import numpy as np
+import OpenEXR
+import pytest
+
+import frames
+from tool import lacuna
+
+SIDE = 160
+
+
+def means(image, factor):
+    height, width = image.shape
+    return image.reshape(height // factor, factor, width // factor, factor).mean((1, 3)).astype(np.float32)
+
+
+def large():
+    """Two surfaces with a slanted edge and a disc, and what a renderer knows of them."""
+    y, x = (np.mgrid[0:SIDE, 0:SIDE] + 0.5) / SIDE
+    inside = (x + 0.37 * y > 0.73) | (np.hypot(x - 0.25, y - 0.65) < 0.12)
+    depth = np.where(inside, 5 + y, 9 - x)
+    light = np.where(inside, 0.8 - 0.3 * y, 0.1 + 0.2 * x)
+    colour = {"R": light, "G": 0.5 * light, "B": light**2}
+    known = {"Z": depth, "A": np.ones_like(x), "N.X": 0.6 * inside, "N.Y": np.zeros_like(x), "N.Z": np.where(inside, 0.8, 1)}
+    return colour, {name: plane.astype(np.float32) for name, plane in known.items()}
+
+
+@pytest.fixture
+def given(tmp_path):
+    colour, known = large()
+    small = {name: means(plane, 2) for name, plane in (colour | known).items()}
+    frames.write(tmp_path / "small.exr", small)
+    frames.write(tmp_path / "aovs.exr", known)
+    return tmp_path
+
+
+def upscale(folder, *words, source="small.exr", **options):
+    return lacuna("upscale", folder / source, "-o", folder / "out.exr", "--scale", "2", *words, **options)
+
+
+def error(folder):
+    got, (colour, _) = frames.read(folder / "out.exr")[0], large()
+    return np.sqrt(np.mean([(got[name] - colour[name]) ** 2 for name in "RGB"]))
+
+
+def test_guides_sharpen_edges_and_means_stay(given):
+    upscale(given)
+    without = error(given)
+    told = upscale(given, "--guides-from", given / "aovs.exr").stderr
+    assert "guided by" in told and error(given) < 0.5 * without
+    small, got = frames.read(given / "small.exr")[0], frames.read(given / "out.exr")[0]
+    for name in "RGB":
+        assert np.abs(means(got[name].astype(np.float64), 2) - small[name]).max() < 2e-6
+    assert "Z" in OpenEXR.File(str(given / "out.exr")).header()["lacuna/guides"]
+
+
+@pytest.mark.parametrize("wrong", ["constant", "noise", "foreign"])
+def test_wrong_guides_cost_at_most_a_tenth_of_a_decibel(given, wrong):
+    upscale(given)
+    without, known = error(given), large()[1]
+    noise = np.random.default_rng(3)
+    change = {"constant": lambda plane: np.full_like(plane, 2), "noise": lambda plane: noise.random(plane.shape, np.float32),
+              "foreign": lambda plane: np.ascontiguousarray(plane[::-1, ::-1].T)}[wrong]
+    frames.write(given / "wrong.exr", {name: change(plane) for name, plane in known.items()})
+    before = frames.read(given / "out.exr")[0]
+    upscale(given, "--guides-from", given / "wrong.exr")
+    assert error(given) < 1.0116 * without
+    if wrong == "constant":
+        after = frames.read(given / "out.exr")[0]
+        assert all(frames.same_bits(before[name], plane) for name, plane in after.items())
+
+
+def test_sparse_small_frames_are_guided_too(given):
+    small = frames.read(given / "small.exr")[0]
+    mask = np.random.default_rng(5).random(small["R"].shape) < 0.5
+    frames.write_sparse(given / "sparse.exr", np.stack([small[name] for name in "RGB"], -1), mask)
+    upscale(given, source="sparse.exr")
+    without = error(given)
+    upscale(given, "--guides-from", given / "aovs.exr", source="sparse.exr")
+    assert error(given) < 0.8 * without
+
+
+def test_what_is_no_light_is_taken_as_it_is(given):
+    told = upscale(given, "--guides-from", given / "aovs.exr", "--take-guides").stderr
+    got, known = frames.read(given / "out.exr")[0], large()[1]
+    assert "taken from the guides' file" in told
+    assert all(frames.same_bits(got[name], plane) for name, plane in known.items())
+
+
+def test_motion_in_pixels_grows_with_the_frame(tmp_path):
+    rng = np.random.default_rng(7)
+    planes = {name: rng.normal(size=(20, 30)).astype(np.float32) for name in
+              ("Vector.X", "Vector.Y", "Vector.Z", "Vector.W", "velocity.X", "motion.Z")}
+    frames.write(tmp_path / "small.exr", planes | {"R": np.abs(planes["Vector.X"])})
+    out = tmp_path / "out.exr"
+    told = lacuna("upscale", tmp_path / "small.exr", "-o", out, "--scale", "2x3").stderr
+    assert "Vector.W" in told and "times 2.0000 across and 3.0000 down" in told
+    factors = {"Vector.X": 2, "Vector.Y": 3, "Vector.Z": 2, "Vector.W": 3, "velocity.X": 1, "motion.Z": 1}
+    got = frames.read(out)[0]
+    for name, factor in factors.items():
+        assert np.array_equal(got[name][1::3, ::2], planes[name] * np.float32(factor)), name
+    lacuna("upscale", tmp_path / "small.exr", "-o", out, "--scale", "2x3", "--vectors", "keep")
+    assert np.array_equal(frames.read(out)[0]["Vector.X"][1::3, ::2], planes["Vector.X"])
+
+
+@pytest.mark.parametrize("words, status, reason", [
+    (["--guides", "Z"], 2, "name it with --guides-from"),
+    (["--take-guides"], 2, "--guides-from"),
+    (["--filter", "tv", "--guides-from", "aovs.exr"], 2, "only --filter ss"),
+    (["--guides-from", "small.exr"], 1, "the pixels of the output"),
+    (["--guides-from", "sparse.exr"], 1, "every pixel of the larger frame"),
+    (["--guides-from", "aovs.exr", "--guides", "albedo.*"], 1, "no channel of that name"),
+    (["--guides-from", "nothing.exr"], 1, "nothing.exr"),
+])
+def test_guides_that_do_not_fit_are_refused_in_one_line(given, words, status, reason):
+    known = large()[1]
+    frames.write(given / "sparse.exr", known | {"mask": (known["Z"] > 8).astype(np.float32)})
+    words = [str(given / word) if word.endswith(".exr") else word for word in words]
+    result = upscale(given, "-q", *words, ok=False)
+    lines = [line for line in result.lines() if "rror" in line or reason in line]
+    assert result.status == status and any(reason in line for line in lines), result
+    assert not (given / "out.exr").exists()
