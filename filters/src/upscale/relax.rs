@@ -146,9 +146,9 @@ impl<'a> Relaxed<'a> {
             }
             let left = target - mean;
             if left > 0.0 {
-                from = step
+                from = step;
             } else {
-                to = step
+                to = step;
             }
             if left.abs() <= if newton == 0 { tolerance } else { CLOSE * tolerance } {
                 break;

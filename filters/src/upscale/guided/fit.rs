@@ -13,6 +13,8 @@
 //! Cost: for `k` guides and `c` channels `k (k + 1) / 2 + k c + k + c` means over three rows and three columns and a Cholesky factor
 //! a small pixel; `c (k + 1)` interpolations a large one. All rows of a band at once in loops over columns.
 
+#![allow(clippy::inline_always, reason = "a body must be compiled with the instruction set of its caller")]
+
 use std::ops::Range;
 
 use lacuna_core::parallel::prelude::*;
@@ -281,7 +283,9 @@ impl Body for Solve<'_> {
                 take(line, mean(i), mean(j));
                 if i == j {
                     // Rounding may leave a variance below zero.
-                    line.iter_mut().for_each(|value| *value = value.max(0.0) + RIDGE);
+                    for value in line {
+                        *value = value.max(0.0) + RIDGE;
+                    }
                 }
             }
         }
@@ -325,7 +329,9 @@ fn factor(matrix: &mut [f32], k: usize, width: usize) {
             }
             if i == j {
                 // What rounding took is at most the ridge.
-                line.iter_mut().for_each(|value| *value = 1.0 / value.max(0.1 * RIDGE).sqrt());
+                for value in line {
+                    *value = 1.0 / value.max(0.1 * RIDGE).sqrt();
+                }
             } else {
                 let diagonal = &before[place(j, j) * width..][..width];
                 line.iter_mut().zip(diagonal).for_each(|(line, diagonal)| *line *= diagonal);
