@@ -240,9 +240,8 @@ pub fn motion_axis(part: &Part, channel: usize) -> Option<usize> {
     let Name { layer, component } = Name::new(&subject.full);
     match component.to_ascii_lowercase().as_str() {
         "x" | "u" | "r" => Some(0),
-        "y" | "v" | "g" => Some(1),
+        "y" | "v" | "g" | "w" => Some(1),
         "z" => sibling(part, layer, &["w"]).map(|_| 0),
-        "w" => Some(1),
         _ => None,
     }
 }

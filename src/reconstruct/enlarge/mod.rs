@@ -235,10 +235,14 @@ fn vectors(part: &mut Part, (geometry, keep): (Geometry, bool), choices: &[Choic
         match &mut part.channels[at].samples {
             Samples::Half(values) => {
                 let scaled = |value: &half::f16| half::f16::from_f64(value.to_f64() * factor);
-                values.iter_mut().for_each(|value| *value = scaled(value));
+                for value in values {
+                    *value = scaled(value);
+                }
             }
             Samples::Float(values) => {
-                values.iter_mut().for_each(|value| *value = (f64::from(*value) * factor) as f32);
+                for value in values {
+                    *value = (f64::from(*value) * factor) as f32;
+                }
             }
             Samples::Uint(_) => {}
         }
