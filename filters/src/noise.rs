@@ -144,7 +144,7 @@ pub(crate) fn reconstruct(
         effect.shares.push((candidate.name, weights.share(k)));
     }
     if let Some(guides) = known.guides.filter(|_| all.iter().any(Candidate::is_guided)) {
-        effect.guides = guides.names().cloned().collect();
+        effect.guides = guides.all_names().cloned().collect();
     }
     if let Some(lights) = &split.lights {
         let nearest = nearest::Settings.plan(&Problem::fill(Arc::clone(mask)), run)?;

@@ -120,7 +120,7 @@ impl Guides {
     }
 
     /// The names of all of them.
-    pub(crate) fn names(&self) -> impl Iterator<Item = &String> {
+    pub(crate) fn all_names(&self) -> impl Iterator<Item = &String> {
         self.names.iter().chain(&self.label_names)
     }
 
