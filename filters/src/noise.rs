@@ -119,7 +119,7 @@ pub(crate) fn reconstruct(
     let split = Split::new(mask, samples, known.noise, known.light);
     let all = Candidate::all(known.guides.is_some_and(|guides| !guides.is_empty()));
     let precision = match (&split.noise, known.weights) {
-        (Some(noise), None) => Some(Arc::new(precision(mask, noise))),
+        (Some(noise), None) => precision(mask, noise).map(Arc::new),
         (_, weights) => weights.cloned(),
     };
     let task = Task { guides: known.guides, weights: precision.as_ref(), run };
@@ -157,8 +157,8 @@ pub(crate) fn reconstruct(
     Ok(Some((outcome, effect)))
 }
 
-/// The mean variance of the noise over that around each pixel.
-fn precision(mask: &Mask, noise: &Planes) -> Plane {
+/// The mean variance of the noise over that around each pixel; nothing where there is no noise.
+fn precision(mask: &Mask, noise: &Planes) -> Option<Plane> {
     let size = mask.size();
     let spacing = (size.pixels() as f64 / mask.count().max(1) as f64).sqrt();
     let squared: Vec<f32> = (0..size.pixels())
@@ -171,13 +171,16 @@ fn precision(mask: &Mask, noise: &Planes) -> Plane {
     let counted: Vec<f32> = mask.as_slice().iter().map(|&flag| f32::from(u8::from(flag))).collect();
     let (sums, counts) = (blur(size, &squared, AROUND * spacing), blur(size, &counted, AROUND * spacing));
     let mean = squared.iter().map(|v| f64::from(*v)).sum::<f64>() / mask.count().max(1) as f64;
+    if mean <= 0.0 {
+        return None;
+    }
     let least = (QUIET * mean).max(f64::from(f32::MIN_POSITIVE));
     let weight = |(sum, count): (&f32, &f32)| {
         let here = f64::from(*sum) / f64::from(*count).max(f64::from(f32::MIN_POSITIVE));
         (mean / here.max(least)) as f32
     };
     let weights = sums.iter().zip(&counts).map(weight).collect();
-    Plane::of(size, weights)
+    Some(Plane::of(size, weights))
 }
 
 /// The weights by Stein's estimate, at all samples whose noise is known.

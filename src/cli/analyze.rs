@@ -26,6 +26,7 @@ Exit status: 0 all done, 1 something failed, 2 usage, 128 + n on signal n.";
 /// Prints density, star discrepancy, distances and the largest hole; -o FILE.png plots the power spectrum, averaged over directions.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = EXAMPLES, next_help_heading = "Measure")]
+#[allow(clippy::struct_excessive_bools, reason = "each is a flag of its own")]
 pub struct AnalyzeArgs {
     /// The mask: an image file, EXR (channel mask, A or the only one if not named) or PNG
     #[arg(value_name = "MASK[:CHANNEL]")]

@@ -18,7 +18,7 @@ pub(super) const SHORT: &[(&str, &[&str])] = &[
     ("render", &["frames", "volume", "size", "set", "density", "adaptive", "fill", "output", "create-dir"]),
     ("mask", &["size", "density", "pattern", "seed", "frames", "after", "add", "merge", "output"]),
     ("analyze", &["coherence", "spectrum", "json", "output"]),
-    ("slurm", &["chunk", "cpus", "mem", "time", "partition", "array-limit", "dry-run", "reference"]),
+    ("slurm", &["chunk", "cpus", "mem", "time", "partition", "at-once", "dry-run", "reference"]),
     ("train", &["frames", "block", "atoms", "sparsity", "grey", "iterations", "output", "resume"]),
 ];
 

@@ -218,7 +218,7 @@ impl NoiseSource {
                 if let Some(bad) = measured().map(|at| variance.pixels()[at]).find(|value| *value < 0.0) {
                     return Err(self.fail(format!("{} is {bad} at a measured pixel: no variance", name(at))));
                 }
-                if measured().all(|at| !(variance.pixels()[at] > 0.0)) {
+                if !measured().any(|at| variance.pixels()[at] > 0.0) {
                     let what =
                         "is nowhere above 0 at measured pixels: leave --noise out, or write --noise auto";
                     return Err(self.fail(format!("{} {what}", name(at))));

@@ -231,13 +231,12 @@ fn the_parts_say_how_they_were_filled_and_lies_are_dropped() {
 
 #[test]
 fn a_full_mask_copies_and_an_empty_one_is_refused() {
-    let make = |flag: f32| {
-        let mut part =
-            part(window(0, 0, 2, 2), vec![float("R", &[1.0, NAN, 2.0, INF]), half("mask", &[flag; 4])]);
+    let make = |flag: f32, colour: [f32; 4]| {
+        let mut part = part(window(0, 0, 2, 2), vec![float("R", &colour), half("mask", &[flag; 4])]);
         part.attributes.set_text("oiio:SHA-1", "abc");
         part
     };
-    let full = frame(vec![make(1.0)]);
+    let full = frame(vec![make(1.0, [1.0, NAN, 2.0, INF])]);
     let (after, report) = filled(&full, &job()).unwrap();
     assert_eq!(after.parts[0].attributes, full.parts[0].attributes);
     let bits = |frame: &Frame| values(&frame.parts[0], "R").iter().map(|v| v.to_bits()).collect::<Vec<_>>();
@@ -248,13 +247,13 @@ fn a_full_mask_copies_and_an_empty_one_is_refused() {
         "{:?}",
         report.notes
     );
-    let error = filled(&frame(vec![make(0.0)]), &job()).unwrap_err();
+    let error = filled(&frame(vec![make(0.0, [0.0; 4])]), &job()).unwrap_err();
     assert!(matches!(&error, Error::EmptyMask { origin, .. } if origin == "mask"), "{error:?}");
     assert!(
         error.to_string().ends_with("has no measured pixel, so nothing says what the image is: check --mask")
     );
     // What is the matter is in the values, not in the choice of the mask.
-    let error = filled(&frame(vec![make(f32::NAN)]), &job()).unwrap_err().to_string();
+    let error = filled(&frame(vec![make(f32::NAN, [0.0; 4])]), &job()).unwrap_err().to_string();
     assert!(error.contains("(mask) has no measured pixel, as no value of mask is finite: render"), "{error}");
     let by_values = Job { mask: Source::Finite, ..job() };
     let hole = |values: [&[f32]; 2]| {

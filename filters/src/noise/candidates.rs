@@ -128,7 +128,9 @@ impl Task<'_> {
         for parts in FOLDS.near(mask.count()) {
             let wanted = FOLDS.held_out(mask, &parts);
             let mut flags = vec![false; mask.size().pixels()];
-            wanted.iter().for_each(|&pixel| flags[pixel as usize] = true);
+            for &pixel in &wanted {
+                flags[pixel as usize] = true;
+            }
             let wanted = Mask::of(mask.size(), flags);
             for (candidate, held) in all.iter().zip(&mut held) {
                 let mut fill = |samples: &Planes, kept: &Arc<Mask>| {

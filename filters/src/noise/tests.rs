@@ -101,7 +101,8 @@ fn lights_stay_and_fireflies_do_not_spread() {
 fn guides_carry_what_noise_hides() {
     let size = Size::new(120, 120);
     let mask = mask(size, 0.25);
-    let pattern = |row: usize, column: usize| if (row / 5 + column / 7) % 2 == 0 { 0.2 } else { 0.8 };
+    let pattern =
+        |row: usize, column: usize| if (row / 5 + column / 7).is_multiple_of(2) { 0.2 } else { 0.8 };
     let truth = Plane::from_fn(size, pattern);
     let [a, b, mean] = halves(&truth, 0.15);
     let mut guides = Guides::new(size);

@@ -20,6 +20,7 @@
 //! a radius of 1.5).
 
 mod axis;
+mod dual;
 pub mod guided;
 pub mod plain;
 mod relax;

@@ -31,8 +31,8 @@ pub struct Task<'a> {
     pub peak: f64,
     /// Bounds by the low-resolution pixel.
     pub bounds: &'a Bounds,
-    /// The most that a multiplier may move its own footprint's mean, if that is limited.
-    pub limits: Option<&'a Plane>,
+    /// The most that a multiplier may move its own footprint's mean.
+    pub limits: &'a Plane,
 }
 
 /// The pixels of the result on their way.
@@ -159,11 +159,9 @@ impl<'a> Relaxed<'a> {
                 step = f64::midpoint(from, to);
             }
         }
-        if let Some(limits) = self.task.limits {
-            let most = f64::from(limits.pixels()[at]) / square;
-            let before = f64::from(self.moved[at]);
-            step = (before + step).clamp(-most, most) - before;
-        }
+        let most = f64::from(self.task.limits.pixels()[at]) / square;
+        let before = f64::from(self.moved[at]);
+        step = (before + step).clamp(-most, most) - before;
         if step.abs() * square <= CLOSE * tolerance {
             return;
         }

@@ -29,6 +29,7 @@ use std::borrow::Cow;
 
 use lacuna_core::parallel::prelude::*;
 
+use super::dual;
 use super::relax::{Relaxed, Task};
 use super::{Enlarged, Plan, Question, Sampling};
 use crate::kernel::{Isa, vector};
@@ -172,7 +173,7 @@ fn in_grid(plan: &Plan, samples: &Plane, bounds: &Bounds, plane: &mut Plane) -> 
 }
 
 /// Moves every pixel into the bounds of its low-resolution pixel; how many were outside.
-fn clamp(plan: &Plan, bounds: &Bounds, plane: &mut Plane) -> usize {
+pub(super) fn clamp(plan: &Plan, bounds: &Bounds, plane: &mut Plane) -> usize {
     let geometry = &plan.geometry;
     let columns: Vec<usize> =
         (0..geometry.high().width).map(|x| geometry.horizontal.source(geometry.sampling, x)).collect();
@@ -191,7 +192,7 @@ fn clamp(plan: &Plan, bounds: &Bounds, plane: &mut Plane) -> usize {
     counts.into_iter().sum()
 }
 
-/// Footprints that share pixels: one after the other, by the dual.
+/// Footprints that share pixels, by the dual: boxes one after the other, those whose weights change their sign together.
 fn together(
     plan: &Plan,
     (samples, target): (&Plane, &Plane),
@@ -204,11 +205,15 @@ fn together(
     let mut moved = clamp(plan, bounds, plane);
     let mut residual = difference(target, &plan.model.reduce(plane));
     let mut outcome = Outcome { stop: Stop::Converged, ..Outcome::direct() };
-    if largest(&residual) > TOLERANCE * peak {
+    if largest(&residual) > TOLERANCE * peak && plan.geometry.sampling != Sampling::Box {
+        plane.clone_from(&free);
+        (moved, outcome.stop, outcome.iterations) = dual::ascend(plan, target, bounds, plane, run);
+        residual = difference(target, &plan.model.reduce(plane));
+    } else if largest(&residual) > TOLERANCE * peak {
         // Means that a spline has are all but there; others may be far off anywhere.
         let least = if std::ptr::eq(samples, target) { peak as f32 } else { 0.0 };
-        let limits = (plan.geometry.sampling == Sampling::Box).then(|| limits(samples, least));
-        let task = Task { target, peak, bounds, limits: limits.as_ref() };
+        let limits = limits(samples, least);
+        let task = Task { target, peak, bounds, limits: &limits };
         let mut relaxed = Relaxed::new(plan, task, &residual, &mut free);
         (outcome.stop, outcome.iterations) = relaxed.run(run);
         plane.clone_from(&free);
@@ -234,18 +239,18 @@ fn limits(samples: &Plane, least: f32) -> Plane {
 }
 
 /// `a - b`.
-fn difference(a: &Plane, b: &Plane) -> Plane {
+pub(super) fn difference(a: &Plane, b: &Plane) -> Plane {
     sum(a, -1.0, b)
 }
 
 /// `a + factor b`.
-fn sum(a: &Plane, factor: f64, b: &Plane) -> Plane {
+pub(super) fn sum(a: &Plane, factor: f64, b: &Plane) -> Plane {
     let mut out = a.clone();
     vector::add_scaled(Isa::best(), out.pixels_mut(), factor, b.pixels());
     out
 }
 
-fn largest(plane: &Plane) -> f64 {
+pub(super) fn largest(plane: &Plane) -> f64 {
     let rows = plane.pixels().par_chunks(plane.size().width);
     let largest = rows.map(|row| row.iter().fold(0.0, |top: f32, value| top.max(value.abs())));
     f64::from(largest.into_iter().fold(0.0, f32::max))
