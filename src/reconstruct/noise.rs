@@ -154,20 +154,21 @@ impl NoiseSource {
     /// Halves that are the same or belong to another colour, variances that are negative or zero.
     pub fn of(&self, part: &Part, group: &Group, samples: &Planes) -> Result<Noise, Error> {
         let light = group.values == Values::Light;
-        let known: Option<Vec<Known>> =
+        let known: Vec<Option<Known>> =
             group.channels.iter().map(|&channel| self.known(part, channel)).collect();
-        match (self, known) {
-            (Self::None, _) => Ok(Noise::None),
-            (_, Some(known)) => {
-                let planes = known.iter().zip(&group.channels).zip(samples.as_slice());
-                let plane = |((known, &channel), samples): ((&Known, &usize), &Plane)| {
-                    self.plane(part, (channel, known), samples, &group.mask)
-                };
-                planes.map(plane).collect::<Result<_, _>>().map(Noise::Like)
-            }
-            (Self::Auto | Self::Count(_), None) if light => Ok(Noise::Unknown),
-            _ => Ok(Noise::None),
+        if known.iter().any(Option::is_some) {
+            let planes = known.iter().zip(&group.channels).zip(samples.as_slice());
+            let plane = |((known, &channel), samples): ((&Option<Known>, &usize), &Plane)| match known {
+                Some(known) => self.plane(part, (channel, known), samples, &group.mask),
+                // A channel of the group for which nothing is there is taken at its word.
+                None => Ok(Plane::filled(samples.size(), 0.0)),
+            };
+            return planes.map(plane).collect::<Result<_, _>>().map(Noise::Like);
         }
+        Ok(match self {
+            Self::Auto | Self::Count(_) if light => Noise::Unknown,
+            _ => Noise::None,
+        })
     }
 
     fn plane(
