@@ -17,7 +17,7 @@
 //!
 //! The first is Stein's estimate: half the difference of two half buffers is noise of the same variance as that of their mean, and does not
 //! correlate with it. Channels share their weights. Nothing is chosen by hand: an image without noise is left alone where nothing is
-//! known ([`reconstruct`] then says so).
+//! known ([`Set::smoothed`](crate::fill::Set::smoothed) says so).
 //!
 //! Fireflies: what of a sample lies beyond `LIMIT` times the level that nine tenths of the samples stay below takes no part. Where both halves
 //! show it (or no halves are known) it is a light, and is put back as it is, missing pixels from the nearest sample; where one half shows it, it
