@@ -14,18 +14,20 @@ use crate::channels::{Name, Rule};
 /// The layers, along x and along y.
 const LAYERS: [&str; 2] = ["dx", "dy"];
 
-/// The channels `dx` and `dy` of a channel, if there are both.
-fn siblings(part: &Part, channel: usize) -> Option<[usize; 2]> {
+/// The channel of a layer that stands beside a channel: `dx.R` beside `R`, `diffuse.dx.R` beside `diffuse.R`.
+pub fn sibling(part: &Part, channel: usize, layer: &str) -> Option<usize> {
     let full = part.channels.get(channel)?.display_name().into_owned();
     let name = Name::new(&full);
-    let find = |layer: &str| {
-        let wanted = match name.layer {
-            "" => format!("{layer}.{}", name.component),
-            outer => format!("{outer}.{layer}.{}", name.component),
-        };
-        part.channels.iter().position(|channel| channel.display_name() == wanted.as_str())
+    let wanted = match name.layer {
+        "" => format!("{layer}.{}", name.component),
+        outer => format!("{outer}.{layer}.{}", name.component),
     };
-    Some([find(LAYERS[0])?, find(LAYERS[1])?])
+    part.channels.iter().position(|channel| channel.display_name() == wanted.as_str())
+}
+
+/// The channels `dx` and `dy` of a channel, if there are both.
+fn siblings(part: &Part, channel: usize) -> Option<[usize; 2]> {
+    Some([sibling(part, channel, LAYERS[0])?, sibling(part, channel, LAYERS[1])?])
 }
 
 /// The channels of a part that are samples of a gradient for this method.

@@ -9,9 +9,10 @@ use lacuna_filters::noise::Noise;
 use lacuna_filters::{Mask, Plane, Planes};
 
 use super::Error;
+use super::gradients::sibling;
 use super::groups::{Group, Target};
 use super::weights::Weights;
-use crate::channels::{Name, Rule, list_channels};
+use crate::channels::{Rule, list_channels};
 
 /// Names of half buffers that are looked for.
 const HALVES: [[&str; 2]; 4] =
@@ -77,22 +78,15 @@ impl std::fmt::Display for NoiseSource {
     }
 }
 
-/// The channel of a layer that goes with a channel: `half1.R` with `R`, `diffuse.half1.R` or `half1.diffuse.R` with `diffuse.R`.
-fn beside(part: &Part, channel: usize, layer: &str) -> Option<usize> {
-    let full = part.channels.get(channel)?.display_name().into_owned();
-    let name = Name::new(&full);
-    let wanted = match name.layer {
-        "" => vec![format!("{layer}.{}", name.component)],
-        outer => vec![format!("{outer}.{layer}.{}", name.component), format!("{layer}.{full}")],
-    };
-    let find = |wanted: &String| part.channels.iter().position(|c| c.display_name() == wanted.as_str());
-    wanted.iter().find_map(find)
+/// The channel with this full name.
+fn named(part: &Part, name: &str) -> Option<usize> {
+    part.channels.iter().position(|channel| channel.display_name() == name)
 }
 
-/// The same, or one channel of this name for all.
-fn variance_of(part: &Part, channel: usize, layer: &str) -> Option<usize> {
-    beside(part, channel, layer)
-        .or_else(|| part.channels.iter().position(|other| other.display_name() == layer))
+/// The channel of a layer that goes with a channel: `half1.R` with `R`, `diffuse.half1.R` or `half1.diffuse.R` with `diffuse.R`.
+fn of_layer(part: &Part, channel: usize, layer: &str) -> Option<usize> {
+    let outside = || named(part, &format!("{layer}.{}", part.channels[channel].display_name()));
+    sibling(part, channel, layer).or_else(outside)
 }
 
 /// What the noise of a channel is known from.
@@ -104,9 +98,12 @@ enum Known {
 impl NoiseSource {
     /// What is there for a channel.
     fn known(&self, part: &Part, channel: usize) -> Option<Known> {
-        let halves =
-            |a: &str, b: &str| Some(Known::Halves([beside(part, channel, a)?, beside(part, channel, b)?]));
-        let variance = |layer: &str| variance_of(part, channel, layer).map(Known::Variance);
+        let halves = |a: &str, b: &str| {
+            Some(Known::Halves([of_layer(part, channel, a)?, of_layer(part, channel, b)?]))
+        };
+        // One channel may serve all.
+        let one = |layer: &str| of_layer(part, channel, layer).or_else(|| named(part, layer));
+        let variance = |layer: &str| one(layer).map(Known::Variance);
         match self {
             Self::None | Self::Count(_) => None,
             Self::Halves(a, b) => halves(a, b),
@@ -127,6 +124,16 @@ impl NoiseSource {
             Known::Variance(one) => vec![one],
         });
         channels.collect()
+    }
+
+    /// Groups whose channels all have something that tells their noise, or none has.
+    pub fn split(&self, part: &Part, groups: Vec<Group>) -> Vec<Group> {
+        let parts = groups.into_iter().flat_map(|group| {
+            let (known, other): (Vec<usize>, Vec<usize>) =
+                group.channels.iter().partition(|&&channel| self.known(part, channel).is_some());
+            [known, other].map(|channels| Group { channels, ..group.clone() })
+        });
+        parts.filter(|group| !group.channels.is_empty()).collect()
     }
 
     /// Layers that were named must be there for some channel that is filled.
@@ -154,14 +161,12 @@ impl NoiseSource {
     /// Halves that are the same or belong to another colour, variances that are negative or zero.
     pub fn of(&self, part: &Part, group: &Group, samples: &Planes) -> Result<Noise, Error> {
         let light = group.values == Values::Light;
-        let known: Vec<Option<Known>> =
+        let known: Option<Vec<Known>> =
             group.channels.iter().map(|&channel| self.known(part, channel)).collect();
-        if known.iter().any(Option::is_some) {
+        if let Some(known) = known {
             let planes = known.iter().zip(&group.channels).zip(samples.as_slice());
-            let plane = |((known, &channel), samples): ((&Option<Known>, &usize), &Plane)| match known {
-                Some(known) => self.plane(part, (channel, known), samples, &group.mask),
-                // A channel of the group for which nothing is there is taken at its word.
-                None => Ok(Plane::filled(samples.size(), 0.0)),
+            let plane = |((known, &channel), samples): ((&Known, &usize), &Plane)| {
+                self.plane(part, (channel, known), samples, &group.mask)
             };
             return planes.map(plane).collect::<Result<_, _>>().map(Noise::Like);
         }

@@ -85,7 +85,8 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
         (report.rule, report.why) = (Rule::Keep, "what the noise is known from".into());
     }
     let mut filled = Vec::new();
-    for (group, method) in learned::assign(part, groups(frame, work.index, &targets), &work.job.method) {
+    let groups = work.job.noise.split(part, groups(frame, work.index, &targets));
+    for (group, method) in learned::assign(part, groups, &work.job.method) {
         filled.extend(filter(frame, work, (&group, method), &mut targets, &mut done)?);
     }
     // Sets of other masks come apart in the filter; the report has them in the order of the channels.

@@ -246,7 +246,7 @@ fn enter(report: &Report, record: &mut Record) {
     let groups = || report.parts.iter().flat_map(|part| &part.groups);
     record.chosen = estimate::chosen(groups());
     if let Some(chosen) = &record.chosen {
-        tracing::info!("chosen by held-out samples: {chosen}");
+        tracing::info!("chosen, place by place: {chosen}");
     }
     if let Some(line) = estimate::line(groups()) {
         tracing::info!("missing pixels by estimate: {line}");
@@ -300,10 +300,10 @@ fn few(names: &[String], most: usize) -> String {
 pub fn guides(report: &Report, most: usize) -> Option<String> {
     let groups = report.parts.iter().flat_map(|part| &part.groups).filter(|group| !group.guides.is_empty());
     let one = |group: &GroupReport| {
-        let gain = group.guides_gain.unwrap_or(0.0);
         // A gain in decibels is what people compare.
-        let decibels = -10.0 * (1.0 - gain).max(1e-9).log10();
-        format!("{} ({}: {decibels:.1} dB by estimate)", few(&group.guides, most), few(&group.channels, most))
+        let decibels = |gain: f64| format!(": {:.1} dB by estimate", -10.0 * (1.0 - gain).max(1e-9).log10());
+        let gain = group.guides_gain.map(decibels).unwrap_or_default();
+        format!("{} ({}{gain})", few(&group.guides, most), few(&group.channels, most))
     };
     let all: Vec<String> = groups.map(one).collect();
     let more = all.len().saturating_sub(most);
