@@ -9,8 +9,6 @@ from tool import ROOT
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "samples" / "README.md", *(ROOT / "filters").glob("**/README.md")]
 # Renderers and managers of farms each have a section.
 LONG = {"farm.md", "renderers.md"}
-# Not yet without their records.
-RECORDS = {"fill.md", "upscaling.md"}
 
 
 def anchors(path):
@@ -31,7 +29,6 @@ def test_links_lead_somewhere(page):
 
 
 def test_pages_for_users_are_short():
-    pages = [page for page in (ROOT / "docs").glob("*.md") if page.name not in RECORDS]
-    lengths = {page.name: len(page.read_text().splitlines()) for page in pages}
+    lengths = {page.name: len(page.read_text().splitlines()) for page in (ROOT / "docs").glob("*.md")}
     assert all(length <= 180 for name, length in lengths.items() if name not in LONG), lengths
-    assert sum(lengths.values()) <= 1300, lengths
+    assert sum(lengths.values()) <= 1600, lengths

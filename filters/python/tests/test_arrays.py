@@ -214,7 +214,9 @@ def test_other_threads_of_python_go_on():
 
 def test_an_interrupt_ends_a_fill():
     program = (
-        "import lacuna, numpy as np, sys\n"
+        "import lacuna, numpy as np, signal\n"
+        # A job in the background of a shell is born deaf to it.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "image = np.random.default_rng(1).random((1500, 1500, 3), np.float32)\n"
         "mask = lacuna.mask((1500, 1500), 0.05)\n"
         "print('ready', flush=True)\n"
