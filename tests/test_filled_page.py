@@ -2,9 +2,11 @@
 
 import re
 
+import numpy as np
 import pytest
 
 import chromium
+import frames
 import tool
 
 
@@ -38,6 +40,33 @@ def test_it_shows_density_mask_result_and_timings(page):
         opened.run(f"{head}.click()")
         seconds = opened.run("[...document.querySelectorAll('#frames tbody tr')].map(row => Number(row.cells[4].dataset.value))")
         assert seconds == sorted(seconds)
+
+
+def test_the_viewer_shows_sparse_result_and_estimated_error_and_plays(tmp_path):
+    path = tmp_path / "page.html"
+    tool.lacuna("fill", "-q", tool.SAMPLES / "sequence" / "shot.####.exr", "-o", tmp_path / "full.####.exr", "--filter", "ss",
+                "--error-channel=sigma", "--report", path)
+    with chromium.Page(path.as_uri()) as opened:
+        opened.wait("document.body.dataset.ready !== undefined")
+        assert opened.run("lacuna.viewer.views()") == ["sparse", "result", "estimate"]
+        assert opened.run("[lacuna.viewer.state.left, lacuna.viewer.state.right]") == ["sparse", "result"]
+        channels = frames.read(tmp_path / "full.0001.exr")[0]
+        n = channels["R"].size
+        values = np.array(opened.run(f"[...Array({n}).keys()].map(at => lacuna.viewer.frame.value(lacuna.viewer.frame.test, 0, at))"))
+        assert np.allclose(values.reshape(channels["R"].shape), channels["R"].astype(np.float32), rtol=2e-3, atol=2e-4)
+        levels = np.array(opened.run(f"[...Array({n}).keys()].map(at => lacuna.level(lacuna.viewer.frame, 'estimate', at))"))
+        truth = channels["sigma"]
+        # 32 levels of square roots.
+        assert np.abs(np.sqrt(levels.reshape(truth.shape)) - np.sqrt(truth)).max() <= np.sqrt(truth.max()) / 31 * 0.51
+        before = opened.run("lacuna.paint(lacuna.viewer.frame, 'result', lacuna.viewer.state).toDataURL()")
+        opened.run("lacuna.viewer.canvas.focus()")
+        opened.key("f", "KeyF")
+        assert opened.run("lacuna.viewer.state.curve") == "false"
+        assert opened.run("lacuna.paint(lacuna.viewer.frame, 'result', lacuna.viewer.state).toDataURL()") != before
+        opened.key(" ", "Space")
+        opened.wait("document.body.dataset.ready === '3'")
+        opened.key(" ", "Space")
+        assert opened.run("lacuna.viewer.playing") is False and opened.messages == []
 
 
 def test_a_phone_needs_no_sideways_scrolling(page):

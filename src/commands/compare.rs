@@ -16,7 +16,7 @@ use crate::files::reports::is_standard_output;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
 use crate::report::{
-    self, Comparison, Flicker, FrameReport, Gate, Images, Kind, MOST_FRAMES_WITH_PIXELS, Maps, Measure,
+    self, Comparison, Flicker, FrameReport, Gate, Images, Kind, MOST_PIXELS, Maps, Measure,
     Picture, Settings,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
@@ -363,13 +363,20 @@ impl Seen {
     }
 }
 
-/// Keeps every pixel of the worst frames only; which those are does not depend on the order of frames.
+/// Keeps every pixel of the worst frames only, as many as a page holds; which those are does not depend on the order of frames.
 fn keep_the_worst(pictures: &mut [Option<Picture>]) {
-    let full = |picture: &Option<Picture>| picture.as_ref().is_some_and(|picture| picture.pixels.is_some());
-    while pictures.iter().filter(|picture| full(picture)).count() > MOST_FRAMES_WITH_PIXELS {
-        let best = pictures.iter_mut().flatten().filter(|picture| picture.pixels.is_some());
-        let Some(best) = best.max_by(|a, b| a.score.total_cmp(&b.score)) else { return };
-        best.pixels = None;
+    let pixels = |picture: &Option<Picture>| {
+        picture.as_ref().and_then(|picture| picture.pixels.as_ref()).map_or(0, |pixels| pixels.width * pixels.height)
+    };
+    while pictures.iter().map(pixels).sum::<usize>() > MOST_PIXELS {
+        let mut full: Vec<_> = pictures.iter_mut().flatten().filter(|picture| picture.pixels.is_some()).collect();
+        if full.len() < 2 {
+            return;
+        }
+        full.sort_by(|a, b| a.score.total_cmp(&b.score));
+        if let Some(best) = full.last_mut() {
+            best.pixels = None;
+        }
     }
 }
 

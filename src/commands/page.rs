@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use lacuna_exr::Frame;
@@ -9,13 +10,15 @@ use lacuna_filters::Mask;
 
 use crate::files::plan::Item;
 use crate::files::reports;
-use crate::report::{Filled, FilledPictures, filled};
-use crate::run::record::{Heading, Record};
+use crate::report::{Filled, FilledPictures, MOST_PIXELS, filled};
+use crate::run::record::{Estimate, Heading, Record};
 
 /// Pictures by output, until the run ends.
 pub struct Page {
     path: Option<PathBuf>,
     width: usize,
+    /// How many pixels the page can still hold.
+    room: AtomicUsize,
     pictures: Mutex<BTreeMap<PathBuf, FilledPictures>>,
 }
 
@@ -27,7 +30,7 @@ impl Page {
             2..=50 => 180,
             _ => 96,
         };
-        Self { path: path.cloned(), width, pictures: Mutex::default() }
+        Self { path: path.cloned(), width, room: MOST_PIXELS.into(), pictures: Mutex::default() }
     }
 
     /// Takes the pictures of a frame that was filled; `mask` is that of a part and channel.
@@ -35,7 +38,11 @@ impl Page {
         if self.path.is_none() {
             return;
         }
-        if let Some(pictures) = FilledPictures::new(frame, mask, self.width) {
+        let room = self.room.load(Ordering::Relaxed);
+        if let Some(pictures) = FilledPictures::new(frame, mask, self.width, room) {
+            let taken = pictures.pixels.as_ref().map_or(0, |pixels| pixels.width * pixels.height);
+            let less = |room: usize| Some(room.saturating_sub(taken));
+            let _ = self.room.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
             let mut all = self.pictures.lock().unwrap_or_else(PoisonError::into_inner);
             all.insert(item.output.clone(), pictures);
         }
@@ -72,6 +79,9 @@ fn shown(record: &Record, pictures: Option<FilledPictures>) -> Filled {
     let mut words = Vec::new();
     words.extend(record.mask.iter().map(|mask| ("mask", mask.clone())));
     words.extend(record.rules.iter().map(|rules| ("channels", rules.clone())));
+    words.extend(record.chosen.iter().map(|chosen| ("filters", chosen.clone())));
+    let estimate = |of: &Estimate| ("estimate", format!("{}: {}", of.channels.join(", "), of.error));
+    words.extend(record.estimates.iter().map(estimate));
     if let Some(outcome) = record.outcome {
         let mut text = format!("{} iterations", outcome.iterations);
         text += &outcome.residual.map_or_else(String::new, |residual| format!(", residual {residual:.1e}"));

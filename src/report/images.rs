@@ -25,6 +25,8 @@ pub struct Images<'a> {
     pub flip: Option<&'a Plane>,
     /// Which pixels were measured.
     pub mask: Option<&'a Mask>,
+    /// The estimated error of each pixel, where the test image has it.
+    pub estimate: Option<&'a Plane>,
     /// The data window.
     pub window: Window,
 }

@@ -27,7 +27,7 @@ pub(crate) use csv::csv_line;
 pub use gate::{Bound, Gate, GateError};
 pub use groups::Kind;
 pub(crate) use html::{Filled, FilledPictures, base64, escape, filled, shell};
-pub use html::{MOST_FRAMES_WITH_PIXELS, Picture, html};
+pub use html::{MOST_PIXELS, Picture, html};
 pub use images::{Flicker, Images};
 pub use maps::Maps;
 pub use markdown::markdown;

@@ -229,7 +229,10 @@ def test_an_interrupt_ends_a_fill():
     assert process.stdout.readline() == "ready\n"
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)
-    assert process.communicate(timeout=120)[0] == "interrupted\n" and process.returncode == 0
+    try:
+        assert process.communicate(timeout=120)[0] == "interrupted\n" and process.returncode == 0
+    finally:
+        process.kill()
 
 
 def test_a_child_after_fork_fills():

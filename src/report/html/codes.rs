@@ -1,7 +1,7 @@
 //! Pixels as codes on a logarithmic scale, packed for a page: few bytes, decoded exactly to the step that is stated.
 //!
 //! A value `v` has the code `c(v) = sign(v) round(L log2(1 + 64 |v|) / log2(1 + 64 V))`, `V` the largest absolute value of
-//! both images and `L` the number of levels: linear in the dark, relative steps in the light. `L` is the largest of a few for
+//! the images and `L` the number of levels: linear in the dark, relative steps in the light. `L` is the largest of a few for
 //! which the entropy of what is packed fits the budget; the page states the step. What is not finite has the code `L + 1`.
 //!
 //! The test image's codes are the reference's plus the rounded difference of both on that scale: what is equal stays equal,
@@ -21,41 +21,42 @@ use serde::Serialize;
 const KNEE: f64 = 64.0;
 /// Levels to choose from.
 const LEVELS: [i32; 11] = [16383, 8191, 4095, 2047, 1535, 1023, 767, 639, 511, 383, 255];
-/// Bytes a pixel that both images may take.
+/// Bytes a pixel that the images may take.
 const BUDGET: f64 = 0.55;
 /// Images up to this number of pixels always get all levels.
 const SMALL: usize = 1 << 16;
 
-/// Two images of one size.
-#[derive(Clone, Debug, Serialize)]
+/// A reference and a test image of one size, or one image alone.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Codes {
     /// The number of levels `L`.
     pub levels: i32,
     /// The largest absolute value `V`.
     pub largest: f64,
-    /// The reference, as base64.
-    pub reference: String,
+    /// The reference, or the only image, as base64.
+    pub first: String,
     /// The test image, as base64.
-    pub test: String,
+    pub second: Option<String>,
 }
 
 impl Codes {
     /// Packs images of three planes each.
-    pub fn new(reference: [&Plane; 3], test: [&Plane; 3]) -> Self {
-        let all = || reference.iter().chain(&test).flat_map(|plane| plane.pixels());
+    pub fn new(first: [&Plane; 3], second: Option<[&Plane; 3]>) -> Self {
+        let all = || first.iter().chain(second.iter().flatten()).flat_map(|plane| plane.pixels());
         let largest =
             all().filter(|value| value.is_finite()).fold(0.0_f32, |most, value| most.max(value.abs()));
         let largest = f64::from(largest.max(f32::MIN_POSITIVE));
         let whole = (1.0 + KNEE * largest).log2();
-        let (reference, test) = (Logarithms::new(reference, whole), Logarithms::new(test, whole));
-        let pixels = reference.planes[0].len();
+        let first = Logarithms::new(first, whole);
+        let second = second.map(|second| Logarithms::new(second, whole));
+        let pixels = first.planes[0].len();
         // Finer levels take more bytes, so that halving the list asks for few of them.
         let too_fine =
-            |&levels: &i32| pixels > SMALL && bytes(&reference, &test, levels) > BUDGET * pixels as f64;
+            |&levels: &i32| pixels > SMALL && bytes(&first, second.as_ref(), levels) > BUDGET * pixels as f64;
         let levels = LEVELS[LEVELS.partition_point(too_fine).min(LEVELS.len() - 1)];
-        let (reference, test) = codes(&reference, &test, levels);
-        let (reference, test) = rayon::join(|| packed(&reference), || packed(&test));
-        Self { levels, largest, reference, test }
+        let (first, second) = codes(&first, second.as_ref(), levels);
+        let (first, second) = rayon::join(|| packed(&first), || second.map(|second| packed(&second)));
+        Self { levels, largest, first, second }
     }
 }
 
@@ -116,15 +117,15 @@ impl Logarithms {
 }
 
 /// The codes of a reference and of its test image.
-fn codes(reference: &Logarithms, test: &Logarithms, levels: i32) -> (Vec<u8>, Vec<u8>) {
-    rayon::join(|| reference.codes(levels), || test.codes_after(reference, levels))
+fn codes(first: &Logarithms, second: Option<&Logarithms>, levels: i32) -> (Vec<u8>, Option<Vec<u8>>) {
+    rayon::join(|| first.codes(levels), || second.map(|second| second.codes_after(first, levels)))
 }
 
 /// Bytes that they would take.
-fn bytes(reference: &Logarithms, test: &Logarithms, levels: i32) -> f64 {
-    let (reference, test) = codes(reference, test, levels);
-    let (reference, test) = rayon::join(|| entropy(&reference), || entropy(&test));
-    reference + test
+fn bytes(first: &Logarithms, second: Option<&Logarithms>, levels: i32) -> f64 {
+    let (first, second) = codes(first, second, levels);
+    let (first, second) = rayon::join(|| entropy(&first), || second.map_or(0.0, |second| entropy(&second)));
+    first + second
 }
 
 /// The code of a value by its logarithm.
@@ -237,10 +238,10 @@ mod tests {
             let image = Plane::from_fn(size, |y, x| (y as f32 / 300.0).sin() * (x as f32 / 400.0).cos());
             let other =
                 Plane::from_fn(size, |y, x| image.pixels()[y * size.width + x] + strength * noise(y, x));
-            let found = Codes::new([&image; 3], [&other; 3]);
+            let found = Codes::new([&image; 3], Some([&other; 3]));
             let whole = (1.0 + KNEE * found.largest).log2();
             let (image, other) = (Logarithms::new([&image; 3], whole), Logarithms::new([&other; 3], whole));
-            let fits = |levels: &i32| bytes(&image, &other, *levels) <= BUDGET * size.pixels() as f64;
+            let fits = |levels: &i32| bytes(&image, Some(&other), *levels) <= BUDGET * size.pixels() as f64;
             assert_eq!(found.levels, LEVELS.into_iter().find(fits).unwrap_or(255), "{strength}");
             chosen.push(found.levels);
         }

@@ -5,10 +5,11 @@ use std::fmt::Write;
 use lacuna_exr::{Channel, Frame};
 use lacuna_filters::{Mask, Plane};
 
-use super::escape;
-use super::picture::filled_pictures;
+use super::{element, escape};
+use super::picture::{Pixels, filled_pictures};
 use super::plot::{Series, plot};
 use super::shell::shell;
+use crate::reconstruct::estimate::written;
 use crate::report::groups::{Group, Kind, pair};
 
 /// A frame of the page.
@@ -41,14 +42,18 @@ pub struct Pictures {
     pub size: (usize, usize),
     /// Name and picture.
     pub all: Vec<(&'static str, String)>,
+    /// Every pixel, for the viewer, as far as the page holds them.
+    pub pixels: Option<Pixels>,
 }
 
 impl Pictures {
-    /// The pictures of a frame that was filled; `mask` is that of a part and channel. Nothing if there are no floats.
+    /// The pictures of a frame that was filled, with every pixel if it has at most `most`; `mask` is that of a part and channel. Nothing if
+    /// there are no floats.
     pub fn new<'a>(
         frame: &Frame,
         mask: impl Fn(usize, usize) -> Option<&'a Mask>,
         width: usize,
+        most: usize,
     ) -> Option<Self> {
         let groups = pair(frame, frame).groups;
         let colour = groups.iter().find(|group| group.kind == Kind::Colour);
@@ -62,7 +67,13 @@ impl Pictures {
         let mask = mask(group.parts.0, group.channels.first()?.0);
         let (size, all) = filled_pictures(&planes, mask, width)?;
         let names = group.channels.iter().map(|&(at, _)| part.channels[at].display_name().into_owned());
-        Some(Self { label: names.collect::<Vec<_>>().join(" "), size, all })
+        let window = part.data_window;
+        let every = || {
+            let estimate = written(part, &group.layer);
+            Pixels::filled(&planes, (window.x_min, window.y_min), mask, estimate.as_ref())
+        };
+        let pixels = (part.size().pixels() <= most).then(every).flatten();
+        Some(Self { label: names.collect::<Vec<_>>().join(" "), size, all, pixels })
     }
 }
 
@@ -70,6 +81,15 @@ impl Pictures {
 pub fn filled(title: &str, about: &[(&str, String)], frames: &[Filled]) -> String {
     let title = escape(title);
     let mut body = format!("<header><h1>{title}</h1>{}</header>\n<main>\n", summary(frames));
+    let mut packed = String::new();
+    for (index, frame) in frames.iter().enumerate() {
+        if let Some((pictures, pixels)) = frame.pictures.as_ref().and_then(|p| Some((p, p.pixels.as_ref()?))) {
+            element(index, &format!("frame {}, {}", frame.label, pictures.label), pixels, &mut packed);
+        }
+    }
+    if !packed.is_empty() {
+        body.push_str("<section id=\"viewer\" hidden aria-label=\"Viewer\"></section>\n");
+    }
     table(frames, &mut body);
     plots(frames, &mut body);
     body.push_str("<section><h2>What was done</h2>\n<dl class=\"measures\">");
@@ -80,7 +100,7 @@ pub fn filled(title: &str, about: &[(&str, String)], frames: &[Filled]) -> Strin
         "</dl>\n<p>Nothing was compared: there is no reference. Mask: white is measured. Pictures are smaller than the frames, \
          clipped to 0 to 1, after the sRGB curve.</p></section>\n</main>\n",
     );
-    shell(&title, &body, "", true)
+    shell(&title, &body, &packed, true)
 }
 
 fn summary(frames: &[Filled]) -> String {

@@ -14,15 +14,15 @@ use std::fmt::Write;
 
 pub use codes::base64;
 pub use filled::{Filled, Pictures as FilledPictures, filled};
-pub use picture::Picture;
+pub use picture::{Picture, Pixels};
 pub use shell::shell;
 
 use super::markdown::settings;
 use super::measure::Measure;
 use super::model::{Comparison, FrameReport};
 
-/// Frames whose every pixel is in the page: the worst ones.
-pub const MOST_FRAMES_WITH_PIXELS: usize = 10;
+/// The pixels that a page holds, so that a browser opens it at once: ten frames of 1200 x 1200, or a shot of smaller ones.
+pub const MOST_PIXELS: usize = 15 << 20;
 
 /// The page; one picture a frame, where there is one.
 pub fn html(comparison: &Comparison, pictures: &[Option<Picture>]) -> String {
@@ -159,7 +159,7 @@ fn about(comparison: &Comparison, pictures: &[Option<Picture>], page: &mut Strin
              above 0. The numbers in the tables come from the files. The viewer holds every pixel of {} in \
              {} logarithmic levels: bright values to within {:.2} %, dark ones to within {:.5}; the maps of absolute error, SSIM and FLIP \
              have 32 levels, and for large frames half the resolution (the worst of four pixels).</p>",
-            if shown.len() == 1 { "one frame".into() } else { format!("the {} worst frames", shown.len()) },
+            if shown.len() == 1 { "one frame".into() } else { format!("{} frames, the worst ones", shown.len()) },
             pixels.codes.levels,
             step,
             step / 100.0 / 64.0,
@@ -174,14 +174,18 @@ fn data(comparison: &Comparison, pictures: &[Option<Picture>], page: &mut String
         let Some((picture, pixels)) = picture.as_ref().and_then(|p| Some((p, p.pixels.as_ref()?))) else {
             continue;
         };
-        if let Ok(json) = serde_json::to_string(pixels) {
-            let label = format!("frame {}, {}", frame.label(), picture.label);
-            let _ = writeln!(
-                page,
-                "<script type=\"application/json\" class=\"pixels\" data-index=\"{index}\" data-label=\"{}\">{json}</script>",
-                escape(&label)
-            );
-        }
+        element(index, &format!("frame {}, {}", frame.label(), picture.label), pixels, page);
+    }
+}
+
+/// The packed pixels of a frame for the script.
+fn element(index: usize, label: &str, pixels: &Pixels, page: &mut String) {
+    if let Ok(json) = serde_json::to_string(pixels) {
+        let _ = writeln!(
+            page,
+            "<script type=\"application/json\" class=\"pixels\" data-index=\"{index}\" data-label=\"{}\">{json}</script>",
+            escape(label)
+        );
     }
 }
 

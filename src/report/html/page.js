@@ -40,8 +40,9 @@ lacuna.CONTROLS = `
     <label>Left <select id="left"></select></label>
     <label>Right <select id="right"></select></label>
     <label>Exposure <input id="exposure" type="range" min="-10" max="10" step="0.25" value="0"><output id="stops">0</output></label>
-    <label>Curve <select id="curve"><option value="srgb">sRGB</option><option value="linear">linear</option></select></label>
+    <label>Curve <select id="curve"><option value="srgb">sRGB</option><option value="linear">linear</option><option value="false">false colour</option></select></label>
     <label>Error x <select id="gain"><option>1</option><option selected>10</option><option>100</option></select></label>
+    <button type="button" id="play" aria-pressed="false">Play</button>
     <button type="button" id="grid" aria-pressed="false">Side by side</button>
     <button type="button" id="out" aria-label="Zoom out">-</button>
     <button type="button" id="in" aria-label="Zoom in">+</button>
@@ -54,8 +55,8 @@ lacuna.CONTROLS = `
   <details class="keys"><summary>Keys and pointer</summary><p>Drag the slider or use <kbd>&larr;</kbd> <kbd>&rarr;</kbd>; drag the image to
   move it, turn the wheel or pinch to zoom, up to single pixels with their values. With the image in focus: <kbd>+</kbd> <kbd>-</kbd> zoom,
   <kbd>W</kbd> <kbd>A</kbd> <kbd>S</kbd> <kbd>D</kbd> move, <kbd>0</kbd> fit, <kbd>[</kbd> <kbd>]</kbd> exposure, <kbd>L</kbd> curve,
-  <kbd>1</kbd> to <kbd>7</kbd> right image, with <kbd>Shift</kbd> left image, <kbd>G</kbd> side by side, <kbd>N</kbd> <kbd>P</kbd> next and
-  previous frame.</p></details>`;
+  <kbd>F</kbd> false colour (stops about mid grey), <kbd>1</kbd> to <kbd>8</kbd> right image, with <kbd>Shift</kbd> left image, <kbd>G</kbd> side by
+  side, <kbd>N</kbd> <kbd>P</kbd> next and previous frame, space plays the frames.</p></details>`;
 
 lacuna.start = function () {
   const table = document.getElementById('frames');
@@ -85,15 +86,17 @@ lacuna.start = function () {
   lacuna.viewer = viewer;
 
   const cache = new Map();
+  let kept = 2;
   lacuna.open = async function (index) {
     const source = sources.find((source) => source.dataset.index === String(index));
     if (!source) return;
     if (!cache.has(index)) cache.set(index, lacuna.unpack(JSON.parse(source.textContent)));
-    // Two frames at a time: a frame is tens of megabytes once it is unpacked.
-    while (cache.size > 2) cache.delete(cache.keys().next().value);
+    // A large frame is tens of megabytes once it is unpacked: two at a time. A shot of small ones stays, so that it plays.
+    while (cache.size > kept) cache.delete(cache.keys().next().value);
     viewer.index = index;
     const frame = await cache.get(index);
     if (viewer.index !== index) return;
+    kept = Math.max(2, Math.floor(6e6 / (frame.width * frame.height)));
     $('frame').value = index;
     $('shown').textContent = source.dataset.label.replace(/^f/, 'F');
     viewer.show(frame);
@@ -105,8 +108,17 @@ lacuna.start = function () {
   };
   const step = (by) => {
     const at = sources.findIndex((source) => source.dataset.index === String(viewer.index));
-    lacuna.open(sources[(at + by + sources.length) % sources.length].dataset.index);
+    return lacuna.open(sources[(at + by + sources.length) % sources.length].dataset.index);
   };
+  const play = async () => {
+    viewer.playing = !viewer.playing;
+    $('play').setAttribute('aria-pressed', viewer.playing);
+    while (viewer.playing) {
+      await Promise.all([step(1), new Promise((resolve) => setTimeout(resolve, 1000 / 12))]);
+    }
+  };
+  $('play').hidden = sources.length < 2;
+  $('play').addEventListener('click', play);
   $('frame').replaceChildren(...sources.map((source) => new Option(source.dataset.label.replace(/^frame /, ''), source.dataset.index)));
   $('frame').addEventListener('change', (event) => lacuna.open(event.target.value));
   for (const id of ['left', 'right']) $(id).addEventListener('change', (event) => viewer.set({ [id]: event.target.value, grid: false }));
@@ -126,7 +138,7 @@ lacuna.start = function () {
     root.scrollIntoView({ behavior: 'smooth' });
   }));
   lacuna.pointer(viewer, $('readout'));
-  lacuna.keys(viewer, step, fit, centre);
+  lacuna.keys(viewer, step, fit, centre, play);
   lacuna.open(sources[0].dataset.index);
 };
 
@@ -141,7 +153,10 @@ lacuna.pointer = function (viewer, readout) {
     const [column, row] = [Math.floor(at.column), Math.floor(at.row)];
     const list = (view) => viewer.values(view, column, row).join(' ');
     const measured = viewer.frame.mask ? (viewer.frame.measured(row * viewer.frame.width + column) ? ', measured' : ', missing') : '';
-    readout.textContent = `Pixel (${column + viewer.frame.origin[0]}, ${row + viewer.frame.origin[1]})${measured}: reference ${list('reference')} | result ${list('result')} | error ${list('error')}`;
+    const told = ['reference', 'result', 'error', 'estimate'].filter((view) => viewer.views().includes(view));
+    const words = { estimate: 'estimated error' };
+    const values = told.map((view) => `${words[view] || view} ${list(view)}`).join(' | ');
+    readout.textContent = `Pixel (${column + viewer.frame.origin[0]}, ${row + viewer.frame.origin[1]})${measured}: ${values}`;
   };
   canvas.addEventListener('pointerdown', (event) => {
     const [x, y] = place(event);
@@ -175,13 +190,13 @@ lacuna.pointer = function (viewer, readout) {
   }, { passive: false });
 };
 
-lacuna.keys = function (viewer, step, fit, centre) {
+lacuna.keys = function (viewer, step, fit, centre, play) {
   viewer.canvas.addEventListener('keydown', (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || !viewer.frame) return;
     const { state } = viewer;
     const far = 40 / viewer.scale(viewer.cells()[0]);
     const slide = (by) => viewer.set({ split: Math.min(1, Math.max(0, state.split + by)) });
-    const digit = /^Digit([1-7])$/.exec(event.code);
+    const digit = /^Digit([1-8])$/.exec(event.code);
     const view = digit && viewer.views()[Number(digit[1]) - 1];
     const actions = {
       ArrowLeft: () => slide(-0.02), ArrowRight: () => slide(0.02),
@@ -190,6 +205,7 @@ lacuna.keys = function (viewer, step, fit, centre) {
       0: fit, '[': () => viewer.adjust({ exposure: Math.max(-10, state.exposure - 0.5) }),
       ']': () => viewer.adjust({ exposure: Math.min(10, state.exposure + 0.5) }),
       l: () => viewer.adjust({ curve: state.curve === 'srgb' ? 'linear' : 'srgb' }),
+      f: () => viewer.adjust({ curve: state.curve === 'false' ? 'srgb' : 'false' }), ' ': play,
       g: () => viewer.set({ grid: !state.grid }), n: () => step(1), p: () => step(-1),
     };
     const action = view ? () => viewer.set({ [event.shiftKey ? 'left' : 'right']: view, grid: false }) : actions[event.key] || actions[event.key.toLowerCase()];

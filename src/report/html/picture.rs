@@ -1,5 +1,7 @@
 //! What a page shows of one frame: thumbnails for everyone, codes of every pixel for the viewer.
 
+use std::collections::BTreeMap;
+
 use lacuna_filters::metric::ssim::Similarity;
 use lacuna_filters::{Mask, Plane, Size};
 use serde::Serialize;
@@ -29,7 +31,7 @@ pub struct Picture {
 }
 
 /// Every pixel of one frame, as the page's script reads it.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Pixels {
     /// Columns.
     pub width: usize,
@@ -37,20 +39,23 @@ pub struct Pixels {
     pub height: usize,
     /// First column and row, in absolute coordinates.
     pub origin: (i32, i32),
-    /// Reference and test image.
+    /// Reference and test image, or what was filled alone.
     pub codes: Codes,
     /// Which pixels were measured: a bit each, lowest first, packed.
     pub mask: Option<String>,
     /// Each pixel of a map stands for a square of so many.
     pub map_step: usize,
-    /// The absolute error that is 1 in its map.
-    pub largest_error: f32,
-    /// The absolute error, the largest of the channels.
-    pub error: String,
-    /// SSIM, the mean of the channels.
-    pub ssim: String,
-    /// FLIP.
-    pub flip: Option<String>,
+    /// `error` (absolute, the largest of the channels), `ssim` (1 less the mean of the channels), `flip`, `estimate` (the estimated error).
+    pub maps: BTreeMap<&'static str, Map>,
+}
+
+/// A value of each pixel, roughly.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Map {
+    /// What the highest level stands for.
+    pub largest: f32,
+    /// 32 levels of square roots, each row less the row above, packed.
+    pub levels: String,
 }
 
 impl Picture {
@@ -104,29 +109,45 @@ pub fn filled_pictures(
 impl Pixels {
     fn new(images: &Images<'_>, reference: [&Plane; 3], test: [&Plane; 3]) -> Self {
         let size = reference[0].size();
-        let step = if size.pixels() > SMALL { 2 } else { 1 };
         let similarity = |at: usize| {
             let sum: f32 = images.similarity.iter().map(|s: &Similarity| s.map.pixels()[at]).sum();
             1.0 - sum / images.similarity.len() as f32
         };
         let error = |at: usize| {
             let by = |k: usize| (test[k].pixels()[at] - reference[k].pixels()[at]).abs();
-            let most = by(0).max(by(1)).max(by(2));
-            if most.is_finite() { most } else { 0.0 }
+            by(0).max(by(1)).max(by(2))
         };
-        let largest_error = (0..size.pixels()).map(error).fold(f32::MIN_POSITIVE, f32::max);
-        Self {
-            width: size.width,
-            height: size.height,
-            origin: (images.window.x_min, images.window.y_min),
-            codes: Codes::new(reference, test),
-            mask: images.mask.map(|mask| packed(&bits(mask))),
-            map_step: step,
-            largest_error,
-            error: map(size, step, |at| error(at) / largest_error),
-            ssim: map(size, step, similarity),
-            flip: images.flip.map(|flip| map(size, step, |at| flip.pixels()[at])),
-        }
+        let origin = (images.window.x_min, images.window.y_min);
+        let mut pixels = Self::of(Codes::new(reference, Some(test)), size, origin, images.mask, images.estimate);
+        let map = |largest, value: &dyn Fn(usize) -> f32| Map::new(size, pixels.map_step, largest, value);
+        let mut maps = vec![("error", map(None, &error)), ("ssim", map(Some(1.0), &similarity))];
+        maps.extend(images.flip.map(|flip| ("flip", map(Some(1.0), &|at| flip.pixels()[at]))));
+        pixels.maps.extend(maps);
+        pixels
+    }
+
+    /// Every pixel of a frame that was filled, if it has colours or a channel to show.
+    pub fn filled(planes: &[Plane], origin: (i32, i32), mask: Option<&Mask>, estimate: Option<&Plane>) -> Option<Self> {
+        let image = rgb(planes)?;
+        Some(Self::of(Codes::new(image, None), image[0].size(), origin, mask, estimate))
+    }
+
+    fn of(codes: Codes, size: Size, origin: (i32, i32), mask: Option<&Mask>, estimate: Option<&Plane>) -> Self {
+        let map_step = if size.pixels() > SMALL { 2 } else { 1 };
+        let mask = mask.filter(|mask| mask.size() == size).map(|mask| packed(&bits(mask)));
+        let estimate = estimate.filter(|estimate| estimate.size() == size);
+        let map = |estimate: &Plane| Map::new(size, map_step, None, &|at| estimate.pixels()[at]);
+        let maps = estimate.map(|estimate| ("estimate", map(estimate))).into_iter().collect();
+        Self { width: size.width, height: size.height, origin, codes, mask, map_step, maps }
+    }
+}
+
+impl Map {
+    /// Without a `largest` value, that of the pixels; what is not finite counts as 0.
+    fn new(size: Size, step: usize, largest: Option<f32>, value: &dyn Fn(usize) -> f32) -> Self {
+        let finite = |at: usize| Some(value(at)).filter(|value| value.is_finite()).unwrap_or(0.0);
+        let largest = largest.unwrap_or_else(|| (0..size.pixels()).map(finite).fold(f32::MIN_POSITIVE, f32::max));
+        Self { largest, levels: levels(size, step, |at| finite(at) / largest) }
     }
 }
 
@@ -145,7 +166,7 @@ fn bits(mask: &Mask) -> Vec<u8> {
 }
 
 /// A map of values 0 to 1 as 32 levels of their square roots, each row less the row above, packed.
-fn map(size: Size, step: usize, value: impl Fn(usize) -> f32) -> String {
+fn levels(size: Size, step: usize, value: impl Fn(usize) -> f32) -> String {
     let (rows, columns) = (size.height.div_ceil(step), size.width.div_ceil(step));
     let mut codes = Vec::with_capacity(rows * columns);
     for y in 0..rows {

@@ -46,12 +46,13 @@ lacuna.unmap = function (bytes, columns) {
   return out;
 };
 
-// Reference and test image as three planes of codes each, a table from codes to values, mask and maps.
+// Reference and test image (or one image alone) as three planes of codes each, a table from codes to values, mask and maps.
 lacuna.unpack = async function (packed) {
   const { width, height, codes } = packed;
   const n = width * height;
-  const [first, second, mask, error, ssim, flip] = await Promise.all(
-    [codes.reference, codes.test, packed.mask, packed.error, packed.ssim, packed.flip].map((text) => (text ? lacuna.inflate(text) : null)));
+  const names = Object.keys(packed.maps);
+  const [first, second, mask, ...levels] = await Promise.all(
+    [codes.first, codes.second, packed.mask, ...names.map((name) => packed.maps[name].levels)].map((text) => (text ? lacuna.inflate(text) : null)));
   const folded = lacuna.unfold(first);
   const planes = [0, 1, 2].map((k) => folded.subarray(k * n, (k + 1) * n));
   for (const plane of planes) lacuna.unpredict(plane, width);
@@ -60,10 +61,13 @@ lacuna.unpack = async function (packed) {
     r[i] += g[i];
     b[i] += g[i];
   }
-  const reference = [r, g, b];
-  const less = lacuna.unfold(second);
-  const test = [0, 1, 2].map((k) => less.subarray(k * n, (k + 1) * n));
-  for (let k = 0; k < 3; k++) for (let i = 0; i < n; i++) test[k][i] += reference[k][i];
+  let [reference, test] = [null, [r, g, b]];
+  if (second) {
+    reference = test;
+    const less = lacuna.unfold(second);
+    test = [0, 1, 2].map((k) => less.subarray(k * n, (k + 1) * n));
+    for (let k = 0; k < 3; k++) for (let i = 0; i < n; i++) test[k][i] += reference[k][i];
+  }
   const factor = Math.log2(1 + 64 * codes.largest) / codes.levels;
   const values = new Float32Array(65536);
   for (let code = 0; code <= codes.levels; code++) {
@@ -72,11 +76,10 @@ lacuna.unpack = async function (packed) {
   }
   values[codes.levels + 1] = NaN;
   const columns = Math.ceil(width / packed.map_step);
+  const maps = {};
+  names.forEach((name, k) => { maps[name] = { largest: packed.maps[name].largest, levels: lacuna.unmap(levels[k], columns) }; });
   return {
-    width, height, origin: packed.origin, reference, test, values, mask, factor,
-    step: packed.map_step, columns,
-    largestError: packed.largest_error, error: lacuna.unmap(error, columns),
-    ssim: lacuna.unmap(ssim, columns), flip: flip && lacuna.unmap(flip, columns),
+    width, height, origin: packed.origin, reference, test, values, mask, factor, step: packed.map_step, columns, maps,
     value: (planes, k, at) => values[planes[k][at] & 65535],
     measured: (at) => !mask || (mask[at >> 3] >> (at & 7) & 1) === 1,
   };

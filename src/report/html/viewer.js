@@ -1,9 +1,10 @@
 // The viewer: two views of a frame with a slider between them, or all views side by side; zoom and position are shared.
 'use strict';
 
-lacuna.VIEWS = ['reference', 'sparse', 'result', 'error', 'cieluv', 'ssim', 'flip'];
+lacuna.VIEWS = ['reference', 'sparse', 'result', 'error', 'estimate', 'cieluv', 'ssim', 'flip'];
+lacuna.IMAGES = ['reference', 'sparse', 'result'];
 lacuna.NAMES = {
-  reference: 'Reference', sparse: 'Sparse input', result: 'Result', error: 'Absolute error',
+  reference: 'Reference', sparse: 'Sparse input', result: 'Result', error: 'Absolute error', estimate: 'Estimated error',
   cieluv: 'CIELUV error (0 to 20)', ssim: '1 - SSIM', flip: 'FLIP',
 };
 
@@ -46,8 +47,16 @@ lacuna.paint = function (frame, view, state) {
   const image = context.createImageData(width, height);
   const out = new Uint32Array(image.data.buffer);
   const scale = 2 ** state.exposure;
-  if (view === 'reference' || view === 'sparse' || view === 'result') {
-    const planes = view === 'result' ? frame.test : frame.reference;
+  if (lacuna.IMAGES.includes(view) && state.curve === 'false') {
+    // Brightness in stops about mid grey, seven either way.
+    const [r, g, b] = lacuna.planes(frame, view);
+    const light = (i) => 0.2126 * values[r[i] & 65535] + 0.7152 * values[g[i] & 65535] + 0.0722 * values[b[i] & 65535];
+    for (let i = 0; i < n; i++) {
+      const level = (Math.log2(Math.max(light(i) * scale, 1e-9) / 0.18) + 7) / 14;
+      out[i] = view === 'sparse' && !frame.measured(i) ? 0xff000000 : lacuna.heat[level > 0 ? (level < 1 ? Math.round(255 * level) : 255) : 0];
+    }
+  } else if (lacuna.IMAGES.includes(view)) {
+    const planes = lacuna.planes(frame, view);
     const shown = new Uint8Array(65536);
     for (let code = 0; code < 65536; code++) shown[code] = Math.round(255 * lacuna.encode(values[code] * scale, state.curve));
     const [r, g, b] = planes;
@@ -57,13 +66,16 @@ lacuna.paint = function (frame, view, state) {
     }
   } else {
     for (let i = 0; i < n; i++) {
-      const level = lacuna.level(frame, view, i) * (view === 'error' ? state.gain * scale : 1);
+      const level = lacuna.level(frame, view, i) * (view === 'error' || view === 'estimate' ? state.gain * scale : 1);
       out[i] = lacuna.heat[level > 0 ? (level < 1 ? Math.round(255 * level) : 255) : 0];
     }
   }
   context.putImageData(image, 0, 0);
   return canvas;
 };
+
+// The planes that a view of an image shows: without a reference the sparse input is the result where it was measured.
+lacuna.planes = (frame, view) => (view === 'result' || !frame.reference ? frame.test : frame.reference);
 
 // The value of an error map at a pixel, 1 the brightest.
 lacuna.level = function (frame, view, at) {
@@ -74,7 +86,8 @@ lacuna.level = function (frame, view, at) {
     return Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]) / 20;
   }
   const y = Math.floor(at / frame.width), x = at % frame.width;
-  return (view === 'error' ? frame.largestError : 1) * frame[view][Math.floor(y / frame.step) * frame.columns + Math.floor(x / frame.step)];
+  const map = frame.maps[view];
+  return map.largest * map.levels[Math.floor(y / frame.step) * frame.columns + Math.floor(x / frame.step)];
 };
 
 lacuna.Viewer = class {
@@ -90,6 +103,7 @@ lacuna.Viewer = class {
   }
 
   show(frame) {
+    if (!this.frame && !frame.reference) this.state.left = frame.mask ? 'sparse' : 'result';
     const same = this.frame && this.frame.width === frame.width && this.frame.height === frame.height;
     this.frame = frame;
     this.painted.clear();
@@ -98,7 +112,9 @@ lacuna.Viewer = class {
   }
 
   views() {
-    return lacuna.VIEWS.filter((view) => (view !== 'flip' || this.frame.flip) && (view !== 'sparse' || this.frame.mask));
+    const { frame } = this;
+    const has = { result: true, sparse: frame.mask, reference: frame.reference, cieluv: frame.reference };
+    return lacuna.VIEWS.filter((view) => (view in has ? has[view] : frame.maps[view]));
   }
 
   // Zoom 0: the whole frame. Pixels of the screen for a pixel of the frame otherwise.
@@ -230,8 +246,8 @@ lacuna.Viewer = class {
     const { frame } = this;
     const at = y * frame.width + x;
     if (view === 'sparse' && !frame.measured(at)) return ['missing'];
-    if (view === 'reference' || view === 'sparse' || view === 'result') {
-      const planes = view === 'result' ? frame.test : frame.reference;
+    if (lacuna.IMAGES.includes(view)) {
+      const planes = lacuna.planes(frame, view);
       return [0, 1, 2].map((k) => lacuna.number(frame.value(planes, k, at), frame.factor));
     }
     const level = lacuna.level(frame, view, at);
