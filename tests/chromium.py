@@ -94,7 +94,7 @@ class Page:
         metrics = {metric["name"]: metric["value"] for metric in self.call("Performance.getMetrics")["metrics"]}
         return metrics["ThreadTime"] if "ThreadTime" in metrics else metrics["TaskDuration"]
 
-    def wait(self, true, seconds=60):
+    def wait(self, true, seconds=300):
         """Until a condition holds; it may be a script."""
         deadline = time.monotonic() + seconds
         while not (self.run(true) if isinstance(true, str) else true()):

@@ -126,7 +126,7 @@ class Cluster:
                                                   env=self.environment, start_new_session=True)
 
     def run(self, *command, ok=True, **options):
-        done = subprocess.run([str(word) for word in command], env=self.environment, text=True, capture_output=True, timeout=60, **options)
+        done = subprocess.run([str(word) for word in command], env=self.environment, text=True, capture_output=True, timeout=300, **options)
         assert done.returncode == 0 or not ok, f"{command}\n{done.stdout}{done.stderr}"
         return done.stdout
 

@@ -36,7 +36,7 @@ def cfg(tmp_path):
 
 
 def bridge(name, *words, python=(), **environment):
-    return run([sys.executable, *python, BRIDGES / name, *words], timeout=120, environment={"LACUNA": LACUNA} | environment)
+    return run([sys.executable, *python, BRIDGES / name, *words], timeout=600, environment={"LACUNA": LACUNA} | environment)
 
 
 def told(result, status, *parts):

@@ -164,7 +164,7 @@ def test_a_killed_run_leaves_no_partial_frame(shot, killer, when):
     elif when == "writing":
         begun(process, shot[1].parent)
     process.send_signal(killer)
-    process.communicate(timeout=30)
+    process.communicate(timeout=300)
     status = process.returncode
     assert status in (0, -killer, 128 + killer)
     for path in shot[1].parent.iterdir():

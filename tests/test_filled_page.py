@@ -19,7 +19,8 @@ def browser():
 def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("filled")
     path = folder / "page.html"
-    tool.lacuna("fill", "-q", tool.SAMPLES / "sequence" / "shot.####.exr", "-o", folder / "full.####.exr", "--report", path)
+    tool.lacuna("fill", "-q", tool.SAMPLES / "sequence" / "shot.####.exr", "-o", folder / "full.####.exr", "--filter", "ss",
+              "--no-estimate", "--report", path)
     return path
 
 

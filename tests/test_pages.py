@@ -137,7 +137,7 @@ def play(page, folder):
     environment = place(folder)
     PREPARED.get(page, lambda _: None)(folder)
     result = subprocess.run(["bash", "-euxo", "pipefail", "-c", "\n".join(todo)], cwd=folder, env=environment, stdin=subprocess.DEVNULL,
-                            capture_output=True, text=True, timeout=100)
+                            capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stderr[-3000:]
     return len(todo)
 

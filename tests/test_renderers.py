@@ -85,7 +85,7 @@ def test_masked_pixels_of_mitsuba_are_those_of_a_full_render(tmp_path):
 
 def test_mitsuba_traces_no_other_pixel():
     """Counted where the wrapped sensor is asked for its rays."""
-    result = run([sys.executable, ROOT / "tests" / "mitsuba_count.py", SCENES / "watch.xml"], timeout=120)
+    result = run([sys.executable, ROOT / "tests" / "mitsuba_count.py", SCENES / "watch.xml"], timeout=600)
     assert result.status == 0, result
     counted = json.loads(result.stdout)
     assert counted["outside"] == 0 and counted["least"] == counted["spp"], counted

@@ -133,7 +133,7 @@ def test_a_signal_ends_a_run_and_the_next_one_goes_on(study, tmp_path):
         while process.poll() is None and not (journal.exists() and journal.read_text().count("\n") > 2):
             time.sleep(0.01)
         process.send_signal(signal.SIGTERM)
-        message = process.communicate(timeout=60)[1].decode()
+        message = process.communicate(timeout=300)[1].decode()
     if process.returncode != 0:
         assert process.returncode == 128 + signal.SIGTERM and "goes on from here" in message
     tool.lacuna("study", "-q", path, "-o", out, timeout=300)

@@ -64,7 +64,7 @@ class Peak(threading.Thread):
         return min(self.bytes or kernel, kernel)
 
 
-def run(command, timeout=60, environment=None, before=None, folder=None):
+def run(command, timeout=600, environment=None, before=None, folder=None):
     """Runs a command to its end; it is killed after `timeout` seconds (status -9)."""
     command = [str(word) for word in command]
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:

@@ -16,8 +16,7 @@ use crate::files::reports::is_standard_output;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
 use crate::report::{
-    self, Comparison, Flicker, FrameReport, Gate, Images, Kind, MOST_PIXELS, Maps, Measure,
-    Picture, Settings,
+    self, Comparison, Flicker, FrameReport, Gate, Images, Kind, MOST_PIXELS, Maps, Measure, Picture, Settings,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::console::{Console, Verbosity};
@@ -366,10 +365,14 @@ impl Seen {
 /// Keeps every pixel of the worst frames only, as many as a page holds; which those are does not depend on the order of frames.
 fn keep_the_worst(pictures: &mut [Option<Picture>]) {
     let pixels = |picture: &Option<Picture>| {
-        picture.as_ref().and_then(|picture| picture.pixels.as_ref()).map_or(0, |pixels| pixels.width * pixels.height)
+        picture
+            .as_ref()
+            .and_then(|picture| picture.pixels.as_ref())
+            .map_or(0, |pixels| pixels.width * pixels.height)
     };
     while pictures.iter().map(pixels).sum::<usize>() > MOST_PIXELS {
-        let mut full: Vec<_> = pictures.iter_mut().flatten().filter(|picture| picture.pixels.is_some()).collect();
+        let mut full: Vec<_> =
+            pictures.iter_mut().flatten().filter(|picture| picture.pixels.is_some()).collect();
         if full.len() < 2 {
             return;
         }

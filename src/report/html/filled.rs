@@ -5,10 +5,10 @@ use std::fmt::Write;
 use lacuna_exr::{Channel, Frame};
 use lacuna_filters::{Mask, Plane};
 
-use super::{element, escape};
 use super::picture::{Pixels, filled_pictures};
 use super::plot::{Series, plot};
 use super::shell::shell;
+use super::{element, escape};
 use crate::reconstruct::estimate::written;
 use crate::report::groups::{Group, Kind, pair};
 
@@ -83,7 +83,8 @@ pub fn filled(title: &str, about: &[(&str, String)], frames: &[Filled]) -> Strin
     let mut body = format!("<header><h1>{title}</h1>{}</header>\n<main>\n", summary(frames));
     let mut packed = String::new();
     for (index, frame) in frames.iter().enumerate() {
-        if let Some((pictures, pixels)) = frame.pictures.as_ref().and_then(|p| Some((p, p.pixels.as_ref()?))) {
+        if let Some((pictures, pixels)) = frame.pictures.as_ref().and_then(|p| Some((p, p.pixels.as_ref()?)))
+        {
             element(index, &format!("frame {}, {}", frame.label, pictures.label), pixels, &mut packed);
         }
     }

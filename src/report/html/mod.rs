@@ -159,7 +159,11 @@ fn about(comparison: &Comparison, pictures: &[Option<Picture>], page: &mut Strin
              above 0. The numbers in the tables come from the files. The viewer holds every pixel of {} in \
              {} logarithmic levels: bright values to within {:.2} %, dark ones to within {:.5}; the maps of absolute error, SSIM and FLIP \
              have 32 levels, and for large frames half the resolution (the worst of four pixels).</p>",
-            if shown.len() == 1 { "one frame".into() } else { format!("{} frames, the worst ones", shown.len()) },
+            if shown.len() == 1 {
+                "one frame".into()
+            } else {
+                format!("{} frames, the worst ones", shown.len())
+            },
             pixels.codes.levels,
             step,
             step / 100.0 / 64.0,

@@ -118,7 +118,8 @@ impl Pixels {
             by(0).max(by(1)).max(by(2))
         };
         let origin = (images.window.x_min, images.window.y_min);
-        let mut pixels = Self::of(Codes::new(reference, Some(test)), size, origin, images.mask, images.estimate);
+        let mut pixels =
+            Self::of(Codes::new(reference, Some(test)), size, origin, images.mask, images.estimate);
         let map = |largest, value: &dyn Fn(usize) -> f32| Map::new(size, pixels.map_step, largest, value);
         let mut maps = vec![("error", map(None, &error)), ("ssim", map(Some(1.0), &similarity))];
         maps.extend(images.flip.map(|flip| ("flip", map(Some(1.0), &|at| flip.pixels()[at]))));
@@ -127,12 +128,23 @@ impl Pixels {
     }
 
     /// Every pixel of a frame that was filled, if it has colours or a channel to show.
-    pub fn filled(planes: &[Plane], origin: (i32, i32), mask: Option<&Mask>, estimate: Option<&Plane>) -> Option<Self> {
+    pub fn filled(
+        planes: &[Plane],
+        origin: (i32, i32),
+        mask: Option<&Mask>,
+        estimate: Option<&Plane>,
+    ) -> Option<Self> {
         let image = rgb(planes)?;
         Some(Self::of(Codes::new(image, None), image[0].size(), origin, mask, estimate))
     }
 
-    fn of(codes: Codes, size: Size, origin: (i32, i32), mask: Option<&Mask>, estimate: Option<&Plane>) -> Self {
+    fn of(
+        codes: Codes,
+        size: Size,
+        origin: (i32, i32),
+        mask: Option<&Mask>,
+        estimate: Option<&Plane>,
+    ) -> Self {
         let map_step = if size.pixels() > SMALL { 2 } else { 1 };
         let mask = mask.filter(|mask| mask.size() == size).map(|mask| packed(&bits(mask)));
         let estimate = estimate.filter(|estimate| estimate.size() == size);
@@ -146,7 +158,8 @@ impl Map {
     /// Without a `largest` value, that of the pixels; what is not finite counts as 0.
     fn new(size: Size, step: usize, largest: Option<f32>, value: &dyn Fn(usize) -> f32) -> Self {
         let finite = |at: usize| Some(value(at)).filter(|value| value.is_finite()).unwrap_or(0.0);
-        let largest = largest.unwrap_or_else(|| (0..size.pixels()).map(finite).fold(f32::MIN_POSITIVE, f32::max));
+        let largest =
+            largest.unwrap_or_else(|| (0..size.pixels()).map(finite).fold(f32::MIN_POSITIVE, f32::max));
         Self { largest, levels: levels(size, step, |at| finite(at) / largest) }
     }
 }
