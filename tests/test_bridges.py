@@ -242,3 +242,37 @@ def test_a_link_to_a_file_stays_one(tmp_path):
     assert result.status == 0 and (tmp_path / "x.exr").is_symlink(), result
     assert np.isfinite(frames.colour(tmp_path / "shot" / "x.exr")).all()
     assert here(tmp_path) == [pathlib.Path(part) for part in ("shot", "shot/x.exr", "x.exr")]
+
+
+@BOTH
+def test_pixels_are_chosen_in_rounds(name, cfg, tmp_path):
+    out = tmp_path / "out"
+    words = [*scene(name, cfg), "-o", out / "f.exr", "--density", "0.3", "--adaptive", "--rounds", "3"]
+    result = bridge(name, *words)
+    assert result.status == 0 and len(result.stdout.splitlines()) == 1, result
+    assert here(out) == [pathlib.Path("f.exr")], "what rounds leave beside their frame"
+    channels = frames.read(out / "f.exr")[0]
+    mask = channels["mask"] == 1
+    assert abs(mask.mean() - 0.3) < 0.05 and (channels["G"][~mask] == 0).all() and channels["G"][mask].any()
+    first = tmp_path / "first.exr"
+    lacuna("mask", "-o", first, "--size", "32x24", "--density", "0.09")
+    assert mask[frames.read(first)[0]["mask"] == 1].mean() > 0.9, "the first round is spread evenly"
+
+
+@BOTH
+def test_a_later_round_that_fails_leaves_those_before(name, cfg, tmp_path):
+    # A lacuna that makes the first mask, and no second pass.
+    program = tmp_path / "lacuna"
+    program.write_text(f'#!/bin/sh\nfor word; do test "$word" = --after && echo "lacuna: error: no luck" >&2 && exit 1; done\nexec {LACUNA} "$@"\n')
+    program.chmod(0o755)
+    out = tmp_path / "out" / "f.exr"
+    result = bridge(name, *scene(name, cfg), "-o", out, "--density", "0.3", "--adaptive", LACUNA=str(program))
+    told(result, 1, out, "round 2 of 5 failed", "no luck")
+    assert here(out.parent) == [pathlib.Path("f.exr")] and 0.05 < (frames.read(out)[0]["mask"] == 1).mean() < 0.12
+
+
+@pytest.mark.parametrize("words", [["--rounds", "3"], ["--density", "0.2", "--first", "0.1"], ["--density", "0.2", "--adaptive", "--first", "0.3"],
+                                   ["--density", "0.2", "--adaptive", "--rounds", "0"], ["--mask", "m.exr", "--adaptive"]])
+def test_rounds_that_cannot_be_meant_are_refused(words, tmp_path):
+    mask = [] if "--density" in words or "--mask" in words else ["--density", "0.2"]
+    told(bridge(MITSUBA, BALL, "-o", tmp_path / "f.exr", *mask, *words), 2, "--")

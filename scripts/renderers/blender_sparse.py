@@ -11,6 +11,7 @@ of field); all of the frame, on processors or with OptiX. Needs Blender 4.5 or n
 """
 
 import functools
+import itertools
 import pathlib
 import sys
 import tempfile
@@ -150,19 +151,24 @@ def add_mask(source, target, mask, straight):
 def render(arguments, scene, shifts, folder, frame):
     percent = scene.render.resolution_percentage / 100
     width, height = int(scene.render.resolution_x * percent), int(scene.render.resolution_y * percent)
-    mask = sparse.mask_of(arguments, frame, width, height)
-    write_plane(folder / f"mask.{frame}.exr", mask)
-    straight = put_camera(scene, frame, shifts, folder / f"mask.{frame}.exr", width, height)
-    whole = folder / f"whole.{frame}.exr"
-    scene.render.filepath = str(whole)
-    target = sparse.ready(sparse.frame_name(arguments.output, frame))
-    clock = sparse.Clock()
-    if bpy.ops.render.render(write_still=True) != {"FINISHED"}:
-        raise Failure(f"frame {frame}: Blender gave up rendering it")
-    clock.stop()
-    add_mask(whole, target, mask, straight)
-    whole.unlink()
-    sparse.say(target, mask, clock)
+    turns = itertools.count()
+
+    def draw(mask, target):
+        # A name of its own for each round: Blender keeps images by their names.
+        pixels = folder / f"mask.{frame}.{next(turns)}.exr"
+        write_plane(pixels, mask)
+        straight = put_camera(scene, frame, shifts, pixels, width, height)
+        whole = folder / f"whole.{frame}.exr"
+        scene.render.filepath = str(whole)
+        clock = sparse.Clock()
+        if bpy.ops.render.render(write_still=True) != {"FINISHED"}:
+            raise Failure(f"frame {frame}: Blender gave up rendering it")
+        clock.stop()
+        add_mask(whole, target, mask, straight)
+        whole.unlink()
+        return mask, clock
+
+    sparse.frame(arguments, frame, (width, height), draw)
 
 
 def parse():

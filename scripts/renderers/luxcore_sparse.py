@@ -144,29 +144,32 @@ def render(arguments, frame):
         raise Failure(f"{path}: names no scene (scene.file)")
     scene_file = properties(path.parent / config.Get("scene.file").GetString(), frame)
     width, height = size_of(config, path)
-    asked = sparse.mask_of(arguments, frame, width, height)
     spp = arguments.spp or whole(config, path, "batch.haltspp", 64)
     outputs = list(ALWAYS.values()) + [AOVS[name] for name in arguments.aovs]
-    output = sparse.ready(sparse.frame_name(arguments.output, frame))
     seed = sparse.seed_of(arguments, frame) % 1000000 + 1
-    with contextlib.chdir(path.parent):  # what the scene names is relative to it
-        planes, clock = render_scene(config, scene_file, asked, outputs, spp, seed)
-    count = planes.pop("SAMPLECOUNT")
-    measured = asked & (count >= 0.5 * spp)
-    outside = count[~asked].sum() / max(1, count.sum())
-    note = {"renderer": f"LuxCore {pyluxcore.Version()}, {spp} samples a pixel",
-            "samplesOutside": f"{100 * outside:.1f} % of the samples fell outside the mask"}
-    planes["SAMPLECOUNT"] = count
-    sparse.write(output, planes, measured, attributes=note, whole=["SAMPLECOUNT"])
-    sparse.say(output, measured, clock)
-    if measured.sum() < asked.sum():
-        print(f"{output}: {int(asked.sum() - measured.sum())} pixels of the mask got too few samples and are missing", flush=True)
-
-
-def render_scene(config, scene_file, asked, outputs, spp, seed):
-    """The planes of the outputs, and the time that they took."""
     scene = pyluxcore.Scene()
-    scene.Parse(scene_file)
+    with contextlib.chdir(path.parent):  # what the scene names is relative to it
+        scene.Parse(scene_file)
+
+    def draw(asked, output):
+        with contextlib.chdir(path.parent):
+            planes, clock = render_scene(config, scene, asked, outputs, spp, seed)
+        count = planes.pop("SAMPLECOUNT")
+        measured = asked & (count >= 0.5 * spp)
+        outside = count[~asked].sum() / max(1, count.sum())
+        note = {"renderer": f"LuxCore {pyluxcore.Version()}, {spp} samples a pixel",
+                "samplesOutside": f"{100 * outside:.1f} % of the samples fell outside the mask"}
+        planes["SAMPLECOUNT"] = count
+        sparse.write(output, planes, measured, attributes=note, whole=["SAMPLECOUNT"])
+        if measured.sum() < asked.sum():
+            print(f"{output}: {int(asked.sum() - measured.sum())} pixels of the mask got too few samples and are missing", flush=True)
+        return measured, clock
+
+    sparse.frame(arguments, frame, (width, height), draw)
+
+
+def render_scene(config, scene, asked, outputs, spp, seed):
+    """The planes of the outputs, and the time that they took."""
     density = float(asked.mean())
     prepare(config, outputs, spp, density)
     config.SetFromString(f"renderengine.seed = {seed}\n")

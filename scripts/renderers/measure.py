@@ -1,10 +1,12 @@
-"""Tables and pictures of docs/measurements/renderers.md. Called by scripts/renderers/measure; arguments: the scenes to do, default all.
+"""Tables and pictures of docs/measurements/renderers.md. Called by scripts/renderers/measure; arguments: the scenes to do, default all, and
+`rounds` for one pass against --adaptive at equal pixels on all scenes.
 
 Everything is rendered at the same samples per pixel; the reference has four times as many and another seed. Tables go
 between the markers of docs/measurements/renderers.md, pictures to docs/images/renderers-SCENE.png.
 """
 
 import csv
+import functools
 import os
 import pathlib
 import re
@@ -31,11 +33,11 @@ SCENES = {
 DETAIL = 160
 
 
-def render(scene, out, density, spp, seed):
+def render(scene, out, density, spp, seed, *more):
     """Renders; seconds of the renderer, on the clock and of processors."""
     bridge, file = SCENES[scene][:2]
     words = [sys.executable, ROOT / "scripts" / "renderers" / bridge, ROOT / "samples" / "renderers" / file, "-o", out]
-    words += ["--density", density, "--spp", spp, "--seed", seed]
+    words += ["--density", density, "--spp", spp, "--seed", seed, *more]
     said = subprocess.run([str(word) for word in words], check=True, capture_output=True, text=True).stdout
     return tuple(float(number) for number in re.search(r"in ([\d.]+) s, ([\d.]+) s of processors", said).groups())
 
@@ -98,16 +100,38 @@ def measure(scene, folder):
     return "\n".join([f"`{SCENES[scene][1]}` ({SCENES[scene][3]}, {spp} samples a pixel):\n", head, *rows])
 
 
+def rounds(folder):
+    """One pass against pixels chosen in rounds: as many pixels, the same samples a pixel."""
+    rows = []
+    for scene, (_, _, spp, _, _) in SCENES.items():
+        reference = folder / f"{scene}.reference.exr"
+        render(scene, reference, 1, 4 * spp, 1)
+        cells = []
+        for more in ((), ("--adaptive",)):
+            thin, filled = folder / f"{scene}{len(more)}.exr", folder / f"{scene}{len(more)}.filled.exr"
+            render(scene, thin, 0.25, spp, 2, *more)
+            fill(thin, filled)
+            psnr, flip = compare(reference, filled, folder)
+            cells += [f"{psnr:.2f}", f"{flip:.4f}"]
+        rows.append(f"| {scene}, {spp} samples a pixel | {' | '.join(cells)} |")
+        print(rows[-1], flush=True)
+    head = "| 25 % of the pixels | one pass: PSNR, dB | FLIP | in rounds: PSNR, dB | FLIP |\n|---|---:|---:|---:|---:|"
+    return "\n".join([head, *rows])
+
+
+def put(name, table):
+    """Puts a table between its markers."""
+    load = f"*Load of the machine, with {os.cpu_count()} processors, when this ended: {os.getloadavg()[1]:.1f}.*"
+    begin, end = f"<!-- measured: {name} -->", f"<!-- end of {name} -->"
+    before, rest = PAGE.read_text().split(begin)
+    PAGE.write_text(f"{before}{begin}\n{table}\n\n{load}\n{end}{rest.split(end)[1]}")
+
+
 def main():
-    scenes = sys.argv[1:] or list(SCENES)
+    scenes = sys.argv[1:] or [*SCENES, "rounds"]
     with tempfile.TemporaryDirectory() as folder:
         for scene in scenes:
-            table = measure(scene, pathlib.Path(folder))
-            load = f"*Load of the machine, with {os.cpu_count()} processors, when this ended: {os.getloadavg()[1]:.1f}.*"
-            begin, end = f"<!-- measured: {scene} -->", f"<!-- end of {scene} -->"
-            text = PAGE.read_text()
-            before, rest = text.split(begin)
-            PAGE.write_text(f"{before}{begin}\n{table}\n\n{load}\n{end}{rest.split(end)[1]}")
+            put(scene, (rounds if scene == "rounds" else functools.partial(measure, scene))(pathlib.Path(folder)))
 
 
 if __name__ == "__main__":

@@ -200,21 +200,24 @@ def render(arguments, frame):
     screen = scene.sensors()[0].film()
     width, height = (int(n) for n in screen.crop_size())
     x, y = (int(n) for n in screen.crop_offset())
-    mask = sparse.mask_of(arguments, frame, width, height, (x, y))
     spp = arguments.spp or scene.sensors()[0].sampler().sample_count()
     seed = sparse.seed_of(arguments, frame)
-    path = sparse.ready(sparse.frame_name(arguments.output, frame))
-    clock = sparse.Clock()
-    planes = colour(scene, mask, spp, seed, bool(screen.flags() & int(mi.FilmFlags.Alpha)))
-    where, samples = (np.ones_like(mask), arguments.dense_spp) if arguments.dense_aovs else (mask, min(spp, 16))
-    hits = first_hits(scene, arguments.aovs, where, samples, seed + 1)
-    dense = list(hits) if arguments.dense_aovs else []
-    clock.stop()
+    complete = {}
     full = (0, 0, int(screen.size()[0]) - 1, int(screen.size()[1]) - 1)
     kind = np.float16 if arguments.half else np.float32
     note = {"renderer": f"Mitsuba {mi.__version__}, {spp} samples a pixel, seed {seed}"}
-    sparse.write(path, planes | hits, mask, dense, (x, y), full, kind, note)
-    sparse.say(path, mask, clock)
+
+    def draw(mask, path):
+        clock = sparse.Clock()
+        planes = colour(scene, mask, spp, seed, bool(screen.flags() & int(mi.FilmFlags.Alpha)))
+        if arguments.dense_aovs and not complete:
+            complete.update(first_hits(scene, arguments.aovs, np.ones_like(mask), arguments.dense_spp, seed + 1))
+        hits = complete or first_hits(scene, arguments.aovs, mask, min(spp, 16), seed + 1)
+        clock.stop()
+        sparse.write(path, planes | hits, mask, list(complete), (x, y), full, kind, note)
+        return mask, clock
+
+    sparse.frame(arguments, frame, (width, height), draw, (x, y))
 
 
 def parse():

@@ -28,6 +28,8 @@ except ImportError:  # Blender has OpenImageIO instead
     OpenEXR = None
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
+# Rounds in which pixels are chosen, and what the first has of them: as in `lacuna render --adaptive`.
+ROUNDS, FIRST = 5, 0.3
 
 
 def add_arguments(parser):
@@ -39,6 +41,9 @@ def add_arguments(parser):
     parser.add_argument("--frames", type=frame_range, default=None, metavar="RANGE", help="1-10, 1-10x2 or 1,5,9-12")
     parser.add_argument("--spp", type=int, metavar="N", help="samples a pixel [default: what the scene says]")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the mask and of the renderer's noise [default: 0]")
+    parser.add_argument("--adaptive", action="store_true", help="choose the pixels of --density in rounds, by the estimated error of the fill so far")
+    parser.add_argument("--rounds", type=int, metavar="N", help=f"of --adaptive, the first spread evenly [default: {ROUNDS}]")
+    parser.add_argument("--first", type=float, metavar="D", help=f"density of the first round [default: {FIRST} of --density]")
 
 
 def check(arguments):
@@ -49,12 +54,31 @@ def check(arguments):
         raise Misuse(f"--spp {arguments.spp} is not 1 or more")
     if arguments.seed < 0:
         raise Misuse(f"--seed {arguments.seed} is not 0 or more")
+    check_rounds(arguments)
     frames = arguments.frames or [1]
     if len(frames) > 1 and not is_pattern(arguments.output):
         raise Misuse(f"{arguments.output} would hold {len(frames)} frames: write frame.####.exr")
     for frame in frames:
         place(frame_name(arguments.output, frame))
     return frames
+
+
+def check_rounds(arguments):
+    """Fills in what --adaptive takes; refuses what has no meaning."""
+    if not arguments.adaptive:
+        if arguments.rounds is not None or arguments.first is not None:
+            raise Misuse("--rounds and --first are about --adaptive: give that as well")
+        return
+    if arguments.density is None:
+        raise Misuse("--adaptive needs --density, which counts all rounds")
+    arguments.rounds = ROUNDS if arguments.rounds is None else arguments.rounds
+    arguments.first = FIRST * arguments.density if arguments.first is None else arguments.first
+    if arguments.rounds < 1:
+        raise Misuse(f"--rounds {arguments.rounds} is not 1 or more")
+    if not 0 < arguments.first <= arguments.density:
+        raise Misuse(f"--first {arguments.first} is not above 0 and at most --density {arguments.density}")
+    if arguments.rounds == 1 or arguments.density == 1:
+        arguments.adaptive = False
 
 
 def place(text):
@@ -118,6 +142,49 @@ def lacuna():
     if not found:
         raise Failure("no lacuna to make the mask: set LACUNA, put it on the PATH, or give --mask")
     return str(found)
+
+
+def frame(arguments, frame, size, draw, origin=(0, 0)):
+    """Makes one frame of `(width, height)` pixels: `draw(mask, path)` renders the pixels of a mask into a sparse frame, and returns what it
+    took. With --adaptive in rounds, each where the estimated error of the fill so far is largest; what fails in a later round leaves
+    the frame of those before."""
+    path = ready(frame_name(arguments.output, frame))
+    if not arguments.adaptive:
+        mask = mask_of(arguments, frame, *size, origin)
+        say(path, *draw(mask, path))
+        return
+    # Beside the target, so that the last step is a rename.
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name[:100]}.") as folder:
+        so_far, mask, clock = in_rounds(arguments, size, origin, draw, pathlib.Path(folder), path)
+        so_far.replace(path)
+    say(path, mask, clock)
+
+
+def in_rounds(arguments, size, origin, draw, folder, path):
+    """The file of all rounds, its mask, and what rendering took."""
+    next_mask, so_far = folder / "mask.exr", folder / "frame.exr"
+    window = f"{size[0]}x{size[1]}{origin[0]:+d}{origin[1]:+d}"
+    make_mask(next_mask, f"--size={window}", "--density", arguments.first, "--seed", arguments.seed)
+    mask, clock = draw(read_mask(next_mask, *size, origin), so_far)
+    for turn in range(1, arguments.rounds):
+        more, both = folder / "more.exr", folder / "both.exr"
+        # What renderers gave no samples is asked for again.
+        add = (arguments.first + (arguments.density - arguments.first) * turn / (arguments.rounds - 1)) - mask.mean()
+        if add * mask.size < 1:
+            continue
+        next_mask.unlink()
+        try:
+            make_mask(next_mask, "--after", so_far, f"--add={add:.9f}", "--seed", arguments.seed)
+            found, took = draw(read_mask(next_mask, *size, origin), more)
+            make_mask(both, "--merge", so_far, more)
+        except Exception as error:
+            so_far.replace(path)
+            reason = str(error) if isinstance(error, Failure) else brief(error)
+            raise Failure(f"{path}: round {turn + 1} of {arguments.rounds} failed, the frame has those before it: {reason}") from None
+        more.unlink()
+        both.replace(so_far)
+        mask, clock = mask | found, clock.and_of(took)
+    return so_far, mask, clock
 
 
 def make_mask(path, *words):
@@ -282,6 +349,11 @@ class Clock:
 
     def stop(self):
         self.wall, self.busy = time.perf_counter() - self.wall, time.process_time() - self.busy
+        return self
+
+    def and_of(self, other):
+        """Both together, once they are stopped."""
+        self.wall, self.busy = self.wall + other.wall, self.busy + other.busy
         return self
 
 

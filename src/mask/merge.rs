@@ -36,6 +36,8 @@ pub fn merge(a: (Frame, &Masks), b: (&Frame, &Masks)) -> Result<Merged, MakeErro
         return Err(MakeError::Other(format!("the first render has {a} parts, the second {b}")));
     }
     let (mut notes, mut measured, mut all) = (Vec::new(), 0, 0);
+    // A mask channel serves other parts as well.
+    let from_elsewhere = first.mask_channels.iter().all(Vec::is_empty);
     for (index, (part, other)) in frame.parts.iter_mut().zip(&other.parts).enumerate() {
         let label = part.name().map_or_else(|| format!("part {index}"), |name| format!("part '{name}'"));
         same_form(part, other).map_err(|why| MakeError::Other(format!("{label}: {why}")))?;
@@ -72,7 +74,7 @@ pub fn merge(a: (Frame, &Masks), b: (&Frame, &Masks)) -> Result<Merged, MakeErro
         if let Some(union) = united {
             measured += union.count();
             all += union.as_slice().len();
-            finish(part, &union, first.mask_channels.get(index).is_none_or(Vec::is_empty));
+            finish(part, &union, from_elsewhere);
         }
     }
     if all == 0 {
@@ -124,7 +126,7 @@ fn set(samples: &mut Samples, mask: &Mask) {
     }
 }
 
-/// Adds a mask channel where the mask came from elsewhere, and drops what the attributes say about the first pattern.
+/// Adds a mask channel where the mask came from another file, and drops what the attributes say about the first pattern.
 fn finish(part: &mut Part, mask: &Mask, add: bool) {
     if add {
         let mut samples = Samples::Half(vec![f16::ZERO; mask.as_slice().len()]);

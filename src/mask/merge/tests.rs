@@ -53,3 +53,17 @@ fn renders_of_other_forms_are_refused() {
     let two = frame(vec![a.parts[0].clone(), a.parts[0].clone()]);
     assert!(of(&a, &two).unwrap_err().to_string().contains("parts"));
 }
+
+#[test]
+fn a_mask_that_serves_several_parts_stays_the_only_one() {
+    let parts = |measured: [f32; 4]| {
+        let colour = part(window(0, 0, 4, 1), vec![half("R", &measured.map(|flag| 3.0 * flag))]);
+        let mask = part(window(0, 0, 4, 1), vec![half("mask", &measured)]);
+        frame(vec![colour, mask])
+    };
+    let first = of(&parts([1.0, 0.0, 0.0, 0.0]), &parts([0.0, 1.0, 0.0, 0.0])).unwrap().frame;
+    let second = of(&first, &parts([0.0, 0.0, 1.0, 0.0])).unwrap().frame;
+    assert_eq!(second.parts[0].channels.len(), 1);
+    assert_eq!(values(&second.parts[0], "R"), [3.0, 3.0, 3.0, 0.0]);
+    assert_eq!(values(&second.parts[1], "mask"), [1.0, 1.0, 1.0, 0.0]);
+}
