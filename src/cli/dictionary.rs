@@ -6,11 +6,12 @@ use clap::{Args, Subcommand};
 
 use super::numbers::{one_or_more, zero_or_more};
 use super::output::called;
-use super::run::SpeechArgs;
+use super::run::{Bytes, SpeechArgs};
 use super::train::TrainArgs;
 use super::{Job, Usage};
 use crate::commands::{DictionaryJob, DictionaryTask};
 use crate::dictionary::code::Fineness;
+use crate::run::granted_memory;
 
 /// Learn dictionaries from complete frames, and use them to encode frames
 #[derive(Args, Clone, Debug)]
@@ -51,6 +52,10 @@ struct FileRun {
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
 
+    /// Memory that what is read may take: bytes, or with K, M, G, T (powers of 1024) [default: what Slurm granted]
+    #[arg(long, value_name = "SIZE", allow_hyphen_values = true)]
+    memory: Option<Bytes>,
+
     #[command(flatten)]
     speech: SpeechArgs,
 }
@@ -58,7 +63,8 @@ struct FileRun {
 impl FileRun {
     fn job(&self, dictionary: &std::path::Path, task: DictionaryTask) -> DictionaryJob {
         let verbosity = self.speech.verbosity();
-        DictionaryJob { dictionary: dictionary.into(), task, threads: self.threads, verbosity }
+        let memory = self.memory.map(|bytes| bytes.0).or_else(granted_memory);
+        DictionaryJob { dictionary: dictionary.into(), task, threads: self.threads, memory, verbosity }
     }
 }
 

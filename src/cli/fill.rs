@@ -120,7 +120,7 @@ impl FillArgs {
             layers: Some(&self.layers),
             estimate: Some(&self.estimate),
         };
-        Ok(FillJob { again: self.again, ..groups.job(self.filter.method()?, None)? })
+        Ok(FillJob { again: self.again, ..groups.job(self.filter.method(self.run.options().memory)?, None)? })
     }
 }
 

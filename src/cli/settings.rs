@@ -193,14 +193,15 @@ impl<O: Offer> FromArgMatches for SettingArgs<O> {
 
 impl<O: Offer> SettingArgs<O> {
     /// The method with the settings that were given. A setting of another filter is an error.
-    pub fn method(&self, filter: &'static Descriptor) -> Result<Method, Usage> {
+    /// What it reads takes `memory` at most, if that is bounded.
+    pub fn method(&self, filter: &'static Descriptor, memory: Option<u64>) -> Result<Method, Usage> {
         let file = self.dictionary.as_ref().map(|_| "dictionary");
         let mut given = self.given.iter().map(|(flag, _)| *flag).chain(file);
         if let Some(flag) = given.find(|flag| filter.settings.iter().all(|own| own.flag != *flag)) {
             return Err(Self::of_another(flag, filter.name));
         }
         let mut method = match &self.dictionary {
-            Some(path) => learned(path)?,
+            Some(path) => learned(path, memory)?,
             None if filter.takes.dictionary => {
                 return Err(Usage(format!(
                     "--filter {} needs --dictionary FILE; lacuna dictionary train makes one from complete frames",
@@ -254,9 +255,9 @@ impl<O: Offer> SettingArgs<O> {
 }
 
 /// The method of a dictionary; reads the file.
-fn learned(path: &Path) -> Result<Method, Usage> {
-    let stored =
-        Stored::read(path).map_err(|error| Usage(format!("--dictionary {}: {error}", path.display())))?;
+fn learned(path: &Path, memory: Option<u64>) -> Result<Method, Usage> {
+    let stored = Stored::read(path, memory.unwrap_or(u64::MAX))
+        .map_err(|error| Usage(format!("--dictionary {}: {error}", path.display())))?;
     let name = stored.name();
     Ok(Learned { name, dictionary: Some(stored.dictionary.into()), how: Use::default() }.into())
 }
@@ -314,8 +315,8 @@ impl<O: Offer> FromArgMatches for FilterArgs<O> {
 
 impl<O: Offer> FilterArgs<O> {
     /// The filter with its settings.
-    pub fn method(&self) -> Result<Method, Usage> {
-        self.settings.method(self.filter)
+    pub fn method(&self, memory: Option<u64>) -> Result<Method, Usage> {
+        self.settings.method(self.filter, memory)
     }
 }
 

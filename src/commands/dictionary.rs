@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use lacuna_exr::{Limits, WriteOptions};
+use lacuna_exr::WriteOptions;
 use lacuna_filters::dictionary::Dictionary;
 
 use crate::dictionary::code::{self, Encoded, Fineness};
@@ -12,7 +12,7 @@ use crate::dictionary::{Stored, picture};
 use crate::files::error::PlanError;
 use crate::files::identity::Sources;
 use crate::run::console::{Console, Verbosity};
-use crate::run::{signals, threads};
+use crate::run::{memory, signals, threads};
 use crate::sparsify;
 
 /// The most bytes of an encoded frame that are read.
@@ -27,6 +27,8 @@ pub struct DictionaryJob {
     pub task: DictionaryTask,
     /// Threads in all; 0 takes what there is.
     pub threads: usize,
+    /// Bytes of memory that what is read may take, if there is a bound.
+    pub memory: Option<u64>,
     /// How much is said.
     pub verbosity: Verbosity,
 }
@@ -64,16 +66,17 @@ pub fn dictionary(job: &DictionaryJob) -> Result<u8, PlanError> {
     console.listen();
     signals::watch(lacuna_exr::remove_temporaries)
         .map_err(|error| PlanError::Failed(format!("cannot watch for signals: {error}")))?;
-    let stored = Stored::read(&job.dictionary).map_err(|error| failed(&job.dictionary, &error))?;
+    let stored = Stored::read(&job.dictionary, job.memory.unwrap_or(u64::MAX))
+        .map_err(|error| failed(&job.dictionary, &error))?;
     let dictionary = (&*job.dictionary, "dictionary");
     match &job.task {
         DictionaryTask::Encode { input, output, how } => {
             Sources::new([(&**input, "input"), dictionary]).check(output)?;
-            encode(input, output, &stored.dictionary, *how, &console)?;
+            encode((input, output), &stored.dictionary, *how, job.memory, &console)?;
         }
         DictionaryTask::Decode { input, output } => {
             Sources::new([(&**input, "input"), dictionary]).check(output)?;
-            decode(input, output, &stored.dictionary)?;
+            decode(input, output, &stored.dictionary, job.memory)?;
         }
         DictionaryTask::Info { png } => {
             if let Some(path) = png {
@@ -101,13 +104,13 @@ fn say(text: &str) -> Result<(), PlanError> {
 }
 
 fn encode(
-    input: &Path,
-    output: &Path,
+    (input, output): (&Path, &Path),
     dictionary: &Dictionary,
     how: Fineness,
+    memory: Option<u64>,
     console: &Console,
 ) -> Result<(), PlanError> {
-    let frame = lacuna_exr::read(input, &Limits::default()).map_err(|error| failed(input, &error))?;
+    let frame = lacuna_exr::read(input, &memory::reading(memory)).map_err(|error| failed(input, &error))?;
     sparsify::check_complete(&frame).map_err(|error| failed(input, &error))?;
     let encoded = code::encode(&frame, dictionary, how).map_err(|error| failed(input, &error))?;
     lacuna_exr::write_whole(output, &encoded.bytes).map_err(|error| failed(output, &error))?;
@@ -148,18 +151,28 @@ fn psnr(encoded: &Encoded) -> String {
     if mean > 0.0 { format!("{:.2}", 10.0 * (peak * peak / mean).log10()) } else { "infinite".into() }
 }
 
-fn decode(input: &Path, output: &Path, dictionary: &Dictionary) -> Result<(), PlanError> {
+fn decode(
+    input: &Path,
+    output: &Path,
+    dictionary: &Dictionary,
+    memory: Option<u64>,
+) -> Result<(), PlanError> {
+    let most = memory.unwrap_or(u64::MAX);
     let read = || -> std::io::Result<Vec<u8>> {
         use std::io::Read;
         let mut bytes = Vec::new();
-        lacuna_exr::open_regular(input)?.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
+        let file = lacuna_exr::open_regular(input)?;
+        if file.metadata()?.len() > most {
+            return Err(std::io::Error::other("it has more bytes than --memory grants"));
+        }
+        file.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
         Ok(bytes)
     };
     let bytes = read().map_err(|error| failed(input, &format!("cannot read: {error}")))?;
     if bytes.len() as u64 > MOST_BYTES {
         return Err(failed(input, &"larger than any frame that lacuna encodes; check the path"));
     }
-    let frame = code::decode(&bytes, dictionary).map_err(|error| failed(input, &error))?;
+    let frame = code::decode(&bytes, dictionary, most).map_err(|error| failed(input, &error))?;
     lacuna_exr::write(&frame, output, &WriteOptions::default()).map_err(|error| failed(output, &error))
 }
 

@@ -134,7 +134,7 @@ fn earlier(job: &TrainJob, blank: &Trained) -> Result<Option<Stored>, PlanError>
     if !job.output.exists() {
         return Ok(None);
     }
-    let stored = Stored::read(&job.output).map_err(|error| failed(job, &error))?;
+    let stored = Stored::read(&job.output, u64::MAX).map_err(|error| failed(job, &error))?;
     let found = &stored.trained;
     let alike = Trained {
         errors: Vec::new(),

@@ -10,7 +10,7 @@
 //!
 //! all little-endian; files of version 1 have no checksum and are read as they are. Other channels and attributes are not kept.
 
-use lacuna_exr::{Channel, Frame, Part, SampleType, Samples, Window};
+use lacuna_exr::{Amount, Channel, Frame, Part, SampleType, Samples, Window};
 use lacuna_filters::dictionary::pursuit::{Code, Selection};
 use lacuna_filters::dictionary::{Dictionary, whole};
 use lacuna_filters::domain::Map;
@@ -28,6 +28,10 @@ const VERSION: u8 = 2;
 const MOST_PIXELS: u64 = 1 << 25;
 /// The most atoms of all blocks together: 512 MiB of codes.
 const MOST_ENTRIES: u64 = 1 << 26;
+/// Bytes that a pixel takes: three planes, their sums, the frame.
+const DECODED: u64 = 48;
+/// Bytes that an atom of a block takes.
+const CODED: u64 = 16;
 /// The longest layer.
 const MOST_NAME: usize = 255;
 
@@ -120,7 +124,7 @@ pub fn encode(frame: &Frame, dictionary: &Dictionary, how: Fineness) -> Result<E
     Ok(Encoded {
         left_out: left_out.collect(),
         non_finite: training::non_finite(part, &channels),
-        frame: decode(&bytes, dictionary)?,
+        frame: decode(&bytes, dictionary, u64::MAX)?,
         bytes,
         colour: channels.iter().filter_map(|at| part.channels[*at].samples.to_floats()).collect(),
         atoms: numbers.iter().filter(|(kind, _)| *kind == Kind::Sign).count(),
@@ -147,11 +151,11 @@ fn numbers(codes: &[Code], step: f32) -> Vec<(Kind, u32)> {
     numbers
 }
 
-/// Decodes a frame.
+/// Decodes a frame, within `most` bytes of memory.
 ///
 /// # Errors
-/// For another dictionary than the frame's, and for bytes that are no frame; before memory is taken.
-pub fn decode(bytes: &[u8], dictionary: &Dictionary) -> Result<Frame, Error> {
+/// For another dictionary than the frame's, and for bytes that are no frame or too large a one; before memory is taken.
+pub fn decode(bytes: &[u8], dictionary: &Dictionary, most: u64) -> Result<Frame, Error> {
     let (head, rest) = Head::read(opened(bytes)?)?;
     if head.name != hash(dictionary) {
         let given = file::name(dictionary);
@@ -170,6 +174,10 @@ pub fn decode(bytes: &[u8], dictionary: &Dictionary) -> Result<Frame, Error> {
     }
     if reader.left(Kind::Gap) > MOST_ENTRIES {
         return Err(Error::TooLarge("the list of atoms".into()));
+    }
+    let needed = size.pixels() as u64 * DECODED + reader.left(Kind::Gap) * CODED + bytes.len() as u64;
+    if needed > most {
+        return Err(Error::Memory(Amount::at_most(needed)));
     }
     let mut codes = Vec::with_capacity(count);
     for _ in 0..count {
@@ -341,7 +349,7 @@ mod tests {
             let frame = frame(half);
             let encoded = encode(&frame, &dictionary, FINE).unwrap();
             assert_eq!(encoded.left_out, ["a.A"]);
-            let back = decode(&encoded.bytes, &dictionary).unwrap();
+            let back = decode(&encoded.bytes, &dictionary, u64::MAX).unwrap();
             assert_eq!(back, encoded.frame);
             let part = &back.parts[0];
             assert_eq!(part.data_window, frame.parts[0].data_window);
@@ -363,26 +371,26 @@ mod tests {
     fn other_dictionaries_and_damaged_files_are_refused() {
         let dictionary = dct::dictionary(4, 36).unwrap();
         let bytes = encode(&frame(false), &dictionary, FINE).unwrap().bytes;
-        let other = decode(&bytes, &dct::dictionary(4, 25).unwrap());
+        let other = decode(&bytes, &dct::dictionary(4, 25).unwrap(), u64::MAX);
         assert!(matches!(other, Err(Error::OtherDictionary { .. })));
         for length in (0..bytes.len()).step_by(13) {
-            assert!(decode(&bytes[..length], &dictionary).is_err(), "{length}");
+            assert!(decode(&bytes[..length], &dictionary, u64::MAX).is_err(), "{length}");
         }
         for bit in 0..8 * bytes.len() {
             let mut flipped = bytes.clone();
             flipped[bit / 8] ^= 1 << (bit % 8);
-            assert!(decode(&flipped, &dictionary).is_err(), "bit {bit}");
+            assert!(decode(&flipped, &dictionary, u64::MAX).is_err(), "bit {bit}");
         }
         let body = opened(&bytes).unwrap();
         for at in 0..body.len() {
             let mut flipped = body.to_vec();
             flipped[at] ^= 0x40;
             // What has its checksum may decode to another frame; it may not panic or take memory that is not there.
-            drop(decode(&sealed(&flipped), &dictionary));
+            drop(decode(&sealed(&flipped), &dictionary, u64::MAX));
         }
         let mut huge = body.to_vec();
         huge[16..24].copy_from_slice(&[0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff, 0x7f]);
-        assert!(matches!(decode(&sealed(&huge), &dictionary), Err(Error::TooLarge(_))));
+        assert!(matches!(decode(&sealed(&huge), &dictionary, u64::MAX), Err(Error::TooLarge(_))));
     }
 
     #[test]
@@ -390,7 +398,7 @@ mod tests {
         let dictionary = dct::dictionary(4, 36).unwrap();
         let encoded = encode(&frame(true), &dictionary, FINE).unwrap();
         let old = [MAGIC, &[1], opened(&encoded.bytes).unwrap()].concat();
-        assert_eq!(decode(&old, &dictionary).unwrap(), encoded.frame);
-        assert!(matches!(decode(&[MAGIC, &[3]].concat(), &dictionary), Err(Error::Other(_))));
+        assert_eq!(decode(&old, &dictionary, u64::MAX).unwrap(), encoded.frame);
+        assert!(matches!(decode(&[MAGIC, &[3]].concat(), &dictionary, u64::MAX), Err(Error::Other(_))));
     }
 }

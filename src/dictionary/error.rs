@@ -21,6 +21,9 @@ pub enum Error {
     /// It would take more memory than any that lacuna writes.
     #[error("{0} is larger than any that lacuna makes; make it again")]
     TooLarge(String),
+    /// It would take more memory than is granted.
+    #[error("reading it takes {0}; allow more with --memory")]
+    Memory(lacuna_exr::Amount),
     /// Encoded with another dictionary.
     #[error(
         "encoded with dictionary {wanted}, but --dictionary is {given}; give the one it was encoded with"

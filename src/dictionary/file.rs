@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 use std::io::{Cursor, Read, Write};
 use std::path::Path;
 
-use lacuna_exr::{open_regular, write_whole};
+use lacuna_exr::{Amount, open_regular, write_whole};
 use lacuna_filters::dictionary::Dictionary;
 use lacuna_filters::dictionary::pursuit::Code;
 use ndarray::{Array2, ArrayView2};
@@ -32,6 +32,8 @@ const MOST_BYTES: u64 = 1 << 30;
 const MOST_IN_ALL: u64 = 3 << 29;
 /// The most blocks and entries of codes that are kept: the arrays of more could not be read again.
 const MOST_CODES: usize = 1 << 26;
+/// An array is there as bytes, as numbers and in its place.
+const COPIES: u64 = 3;
 /// The most arrays.
 const MOST_ARRAYS: usize = 64;
 
@@ -84,18 +86,18 @@ impl Stored {
         self.trained.errors.len() >= self.trained.iterations as usize
     }
 
-    /// Reads a file.
+    /// Reads a file, within `most` bytes of memory.
     ///
     /// # Errors
-    /// For what is no dictionary, is damaged, or is larger than any; before memory is taken.
-    pub fn read(path: &Path) -> Result<Self, Error> {
+    /// For what is no dictionary, is damaged, or is larger than any or than that; before memory is taken.
+    pub fn read(path: &Path, most: u64) -> Result<Self, Error> {
         let file = open_regular(path).map_err(Error::io("open"))?;
         let mut archive = ZipArchive::new(file).map_err(|_| Error::Other("a dictionary (.npz)"))?;
         if archive.len() > MOST_ARRAYS {
             return Err(Error::TooLarge("the list of arrays".into()));
         }
         let mut arrays = BTreeMap::new();
-        let mut left = MOST_IN_ALL;
+        let (mut left, mut needed) = (MOST_IN_ALL, 0);
         for at in 0..archive.len() {
             let entry = archive.by_index(at).map_err(|error| Error::Damaged(error.to_string()))?;
             let name = entry.name().map_err(|error| Error::Damaged(error.to_string()))?;
@@ -107,6 +109,10 @@ impl Stored {
                 return Err(Error::TooLarge(format!("the array {name}")));
             }
             left -= size;
+            needed += COPIES * size;
+            if needed > most {
+                return Err(Error::Memory(Amount::at_most(needed)));
+            }
             // What is unpacked may be more than the archive says, never more than is read.
             let mut bytes = Vec::new();
             let read = entry.take(size + 1).read_to_end(&mut bytes);
@@ -296,7 +302,8 @@ pub(super) mod tests {
         let path = folder.path().join("show.dict");
         let stored = stored();
         stored.write(&path).unwrap();
-        assert_eq!(Stored::read(&path).unwrap(), stored);
+        assert_eq!(Stored::read(&path, u64::MAX).unwrap(), stored);
+        assert!(matches!(Stored::read(&path, 1 << 8), Err(Error::Memory(_))));
         assert!(!stored.is_finished());
         assert_eq!(stored.name().len(), 16);
         assert_ne!(stored.name(), name(&dct::dictionary(4, 16).unwrap()));
@@ -310,19 +317,19 @@ pub(super) mod tests {
         let bytes = fs::read(&path).unwrap();
         for length in (0..bytes.len()).step_by(97) {
             fs::write(&path, &bytes[..length]).unwrap();
-            assert!(Stored::read(&path).is_err(), "{length}");
+            assert!(Stored::read(&path, u64::MAX).is_err(), "{length}");
         }
         // A flipped byte is found by the archive's checksum, or makes it another archive.
         for at in (0..bytes.len() / 2).step_by(61) {
             let mut flipped = bytes.clone();
             flipped[at] ^= 0x10;
             fs::write(&path, &flipped).unwrap();
-            if let Ok(found) = Stored::read(&path) {
+            if let Ok(found) = Stored::read(&path, u64::MAX) {
                 assert_eq!(found, stored(), "{at}");
             }
         }
         fs::write(&path, b"no archive").unwrap();
-        assert!(matches!(Stored::read(&path), Err(Error::Other(_))));
-        assert!(matches!(Stored::read(folder.path()), Err(Error::Io { .. })));
+        assert!(matches!(Stored::read(&path, u64::MAX), Err(Error::Other(_))));
+        assert!(matches!(Stored::read(folder.path(), u64::MAX), Err(Error::Io { .. })));
     }
 }

@@ -23,11 +23,7 @@ pub struct Map {
 /// # Errors
 /// [`Error::Io`] and [`Error::File`].
 pub fn read(path: &Path, domain: (f64, f64)) -> Result<Map, Error> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::Io {
-        path: path.into(),
-        action: "read the colour map",
-        source,
-    })?;
+    let text = crate::read::text(path, "read the colour map")?;
     parse(&text, domain).map_err(|why| Error::File { path: path.into(), why })
 }
 

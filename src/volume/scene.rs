@@ -308,11 +308,7 @@ impl Scene {
     /// # Errors
     /// As [`Scene::parse`], or what the system refuses.
     pub fn read(path: &Path, overrides: &[Override]) -> Result<Self, Error> {
-        let text = std::fs::read_to_string(path).map_err(|source| Error::Io {
-            path: path.into(),
-            action: "read the scene",
-            source,
-        })?;
+        let text = crate::read::text(path, "read the scene")?;
         Self::parse(&text, overrides)
     }
 

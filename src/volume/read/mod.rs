@@ -26,6 +26,8 @@ const FORMATS: &str = "NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha), NIfTI (.nii,
                        voxels with --raw WxHxD:type";
 /// Headers are read up to this length.
 const LONGEST_HEADER: u64 = 1 << 20;
+/// Texts are read up to this length.
+const LONGEST_TEXT: u64 = 16 << 20;
 
 /// What a file says about its voxels.
 #[derive(Clone, Debug, PartialEq)]
@@ -203,12 +205,26 @@ fn head(path: &Path) -> Result<Vec<u8>, Error> {
     Ok(bytes)
 }
 
+/// The text of a small regular file, a scene's say.
+pub(super) fn text(path: &Path, action: &'static str) -> Result<String, Error> {
+    let mut bytes = Vec::new();
+    open_to(path, action)?.take(LONGEST_TEXT + 1).read_to_end(&mut bytes).map_err(io(path, action))?;
+    if bytes.len() as u64 > LONGEST_TEXT {
+        return Err(damaged(path, format!("cannot {action}: it has more than {LONGEST_TEXT} bytes")));
+    }
+    String::from_utf8(bytes).map_err(|_| damaged(path, format!("cannot {action}: it is not UTF-8")))
+}
+
 /// Opens a regular file: a pipe would wait for a writer, a device never end.
 fn open(path: &Path) -> Result<File, Error> {
-    if !path.metadata().map_err(io(path, "open"))?.is_file() {
-        return Err(damaged(path, "cannot open: it is not a regular file"));
+    open_to(path, "open")
+}
+
+fn open_to(path: &Path, action: &'static str) -> Result<File, Error> {
+    if !path.metadata().map_err(io(path, action))?.is_file() {
+        return Err(damaged(path, format!("cannot {action}: it is not a regular file")));
     }
-    File::open(path).map_err(io(path, "open"))
+    File::open(path).map_err(io(path, action))
 }
 
 fn io(path: &Path, action: &'static str) -> impl Fn(std::io::Error) -> Error {

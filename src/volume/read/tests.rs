@@ -319,3 +319,23 @@ fn voxels_of_no_length_are_refused() {
         refused(&spacing(z), "long");
     }
 }
+
+#[cfg(unix)]
+#[test]
+fn texts_are_read_from_small_regular_files() {
+    let room = Room::new();
+    let pipe = room.0.path().join("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let long = room.put("long", &[&vec![b' '; 1 + LONGEST_TEXT as usize]]);
+    let broken = room.put("broken", &[b"\xff"]);
+    for (path, why) in [
+        (&pipe, "cannot read the scene: it is not a regular file"),
+        (&PathBuf::from("/dev/zero"), "cannot read the scene: it is not a regular file"),
+        (&long, "cannot read the scene: it has more than 16777216 bytes"),
+        (&broken, "cannot read the scene: it is not UTF-8"),
+        (&room.0.path().join("none"), "cannot read the scene: No such file"),
+    ] {
+        let error = super::text(path, "read the scene").unwrap_err().to_string();
+        assert!(error.contains(why), "{error}");
+    }
+}
