@@ -18,6 +18,8 @@
 mod solve;
 pub(crate) use solve::{mend, restore};
 #[cfg(test)]
+mod finite_tests;
+#[cfg(test)]
 mod tests;
 
 use std::sync::Arc;

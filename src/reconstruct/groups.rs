@@ -97,7 +97,8 @@ pub fn usable(rule: Rule, samples: &Samples, mask: &Arc<Mask>) -> Result<Arc<Mas
 }
 
 /// The measured pixels that missing ones of a channel with the rule `nearest` are copied from: without those where it or
-/// another such channel of its layer is not finite, so that the components of a vector stay together; all if no other is left.
+/// another such channel of its layer is not finite, so that the components of a vector stay together, while any is left; else its
+/// own finite ones, and all if there is none.
 pub fn copyable(part: &Part, target: &Target, targets: &[Target]) -> Result<Arc<Mask>, Error> {
     let layer = |target: &Target| Name::new(&part.channels[target.channel].display_name()).layer.to_owned();
     let own = layer(target);
@@ -105,6 +106,9 @@ pub fn copyable(part: &Part, target: &Target, targets: &[Target]) -> Result<Arc<
     let mut mask = Arc::clone(&target.mask);
     for other in targets.iter().filter(beside) {
         mask = finite(&part.channels[other.channel].samples, &mask)?;
+    }
+    if mask.is_empty() {
+        mask = finite(&part.channels[target.channel].samples, &target.mask)?;
     }
     Ok(if mask.is_empty() { Arc::clone(&target.mask) } else { mask })
 }

@@ -203,9 +203,10 @@ impl Model<'_> {
         let mut predicted = Planes::zeros(size, self.samples.len());
         fit::predict(&seen.store, task, wanted, &mut predicted);
         let mut residual = Planes::zeros(size, self.samples.len());
-        // Where nothing is near, nothing is left of a sample.
+        // Where nothing is near, or the difference is beyond all numbers, nothing is left of a sample.
         merge(&mut residual, self.samples, &predicted, |sample, predicted| {
-            if predicted.is_finite() { sample - predicted } else { 0.0 }
+            let left = sample - predicted;
+            if left.is_finite() { left } else { 0.0 }
         });
         let mut filled = Planes::zeros(size, self.samples.len());
         let outcome = plan.reconstruct_roughly(&residual, error, &mut filled, run)?;
