@@ -309,7 +309,8 @@ impl<'a> Compare<'a> {
                 console.error(&format!("{label}: {}", frame.failures.join("; ")));
             }
         }
-        if failing > 0 {
+        // Of a single frame the line above has said all.
+        if failing > 0 && frames.len() > 1 {
             console.error(&format!("{failing} of {} frames fail: {}", frames.len(), gate.texts().join(", ")));
         }
         let comparison = Comparison {

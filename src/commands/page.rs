@@ -11,7 +11,7 @@ use lacuna_filters::Mask;
 use crate::files::plan::Item;
 use crate::files::reports;
 use crate::report::{Filled, FilledPictures, MOST_PIXELS, filled};
-use crate::run::record::{Estimate, Heading, Record};
+use crate::run::record::{Estimate, Heading, Record, told_residual};
 
 /// Pictures by output, until the run ends.
 pub struct Page {
@@ -84,7 +84,8 @@ fn shown(record: &Record, pictures: Option<FilledPictures>) -> Filled {
     words.extend(record.estimates.iter().map(estimate));
     if let Some(outcome) = record.outcome {
         let mut text = format!("{} iterations", outcome.iterations);
-        text += &outcome.residual.map_or_else(String::new, |residual| format!(", residual {residual:.1e}"));
+        text +=
+            &told_residual(outcome).map_or_else(String::new, |residual| format!(", residual {residual:.1e}"));
         text += &outcome.gap.map_or_else(String::new, |gap| format!(", relative gap {gap:.1e}"));
         words.push(("solver", text));
     }

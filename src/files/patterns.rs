@@ -23,8 +23,14 @@ enum Piece {
 
 /// A spelling that would not do what it seems to say.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("'%{0}d' pads with spaces; write %0{0}d")]
-pub struct PatternError(usize);
+pub enum PatternError {
+    /// Padding that is none.
+    #[error("'%{0}d' pads with spaces; write %0{0}d")]
+    Spaces(usize),
+    /// The spelling of another tool.
+    #[error("'{0}' is not how a frame number is written here; write ####, %04d or $F4")]
+    Angles(String),
+}
 
 impl Pattern {
     /// The pattern in `text` (of `names::to_text` where it is a path's), or `None` if it has no place for a frame number.
@@ -111,7 +117,7 @@ fn token(text: &str) -> Result<Option<(usize, usize)>, PatternError> {
             if text[1 + width.len()..].starts_with('d') && width.len() < 4 {
                 let value = width.parse().unwrap_or(1);
                 if !width.is_empty() && !width.starts_with('0') {
-                    return Err(PatternError(value));
+                    return Err(PatternError::Spaces(value));
                 }
                 Some((width.len() + 2, value.max(1)))
             } else {
@@ -124,8 +130,18 @@ fn token(text: &str) -> Result<Option<(usize, usize)>, PatternError> {
             let word = width.is_empty() && next.is_some_and(|c| c.is_alphanumeric() || c == '_');
             (!word).then(|| (2 + width.len(), width.parse().unwrap_or(1).max(1)))
         }
+        b'<' => match text[1..].split_once('>') {
+            Some((word, _)) if is_frame(word) => return Err(PatternError::Angles(format!("<{word}>"))),
+            _ => None,
+        },
         _ => None,
     })
+}
+
+/// Whether a word between angles stands for a frame number in other tools: `f`, `F4`, `frame`, `frame04`.
+fn is_frame(word: &str) -> bool {
+    let word = word.trim_end_matches(|c: char| c.is_ascii_digit()).to_ascii_lowercase();
+    matches!(word.as_str(), "f" | "frame" | "fnum" | "framenum")
 }
 
 /// The frame number in a plain file name: the last field between dots that is all digits, else the last run of
@@ -188,7 +204,11 @@ mod tests {
             assert_eq!(Pattern::parse(text), Ok(None), "{text}");
         }
         assert_eq!(path("100% $FOO a@b.##.exr", 1), "100% $FOO a@b.01.exr");
-        assert_eq!(Pattern::parse("a.%4d.exr"), Err(PatternError(4)));
+        for text in ["a.<f>.exr", "a.<F4>.exr", "<frame>.exr", "s.##/<frame04>.exr"] {
+            assert!(matches!(Pattern::parse(text), Err(PatternError::Angles(_))), "{text}");
+        }
+        assert_eq!(Pattern::parse("a.<view>.<f.exr"), Ok(None));
+        assert_eq!(Pattern::parse("a.%4d.exr"), Err(PatternError::Spaces(4)));
     }
 
     #[test]

@@ -5,15 +5,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use lacuna_filters::Stop;
-
 use crate::files::error::PlanError;
 use crate::files::plan::Item;
 use crate::files::reports;
 use crate::files::reports::is_standard_output;
 use crate::run::console::{Console, Meter, Verbosity, frame_span, label};
 use crate::run::ledger::Ledger;
-use crate::run::record::{Heading, Journal, Record, State};
+use crate::run::record::{Heading, Journal, Record, State, told_residual};
 use crate::run::schedule::{Limits, Permits, Refusal};
 use crate::run::{memory, schedule, signals, threads};
 
@@ -367,9 +365,7 @@ fn line(item: &Item, record: &Record) -> String {
     }
     if let Some(outcome) = record.outcome {
         parts.push(format!("{} iterations", outcome.iterations));
-        // What was solved before it began has none left to tell of.
-        let told = outcome.residual.filter(|residual| *residual < 1.0 || outcome.stop != Stop::Converged);
-        parts.extend(told.map(|residual| format!("residual {residual:.1e}")));
+        parts.extend(told_residual(outcome).map(|residual| format!("residual {residual:.1e}")));
         parts.extend(outcome.gap.map(|gap| format!("gap {gap:.1e}")));
         parts.extend(outcome.objective.map(|objective| format!("objective {objective:.6}")));
         parts.extend(outcome.constraint.map(|distance| format!("distance from the samples {distance:.1e}")));

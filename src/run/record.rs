@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use lacuna_filters::Outcome;
+use lacuna_filters::{Outcome, Stop};
 use serde::Serialize;
 
 use crate::files::plan::Item;
@@ -57,6 +57,12 @@ pub struct Light {
     /// The comparison.
     #[serde(flatten)]
     pub energy: Energy,
+}
+
+/// The residual that people are told: one that converged to little, or was stopped with much. Methods of a fixed number of rounds end
+/// with another.
+pub fn told_residual(outcome: Outcome) -> Option<f64> {
+    outcome.residual.filter(|residual| *residual < 0.1 || outcome.stop != Stop::Converged)
 }
 
 /// One frame of the report.
