@@ -17,8 +17,10 @@ pub struct Descriptor {
     pub help: &'static str,
     /// Its settings, in the order of the settings line.
     pub settings: &'static [Setting],
-    /// Bytes a pixel for mask and plan; values, result and a solver's planes come besides, for every channel.
+    /// Bytes a pixel for mask and plan, as measured.
     pub bytes: u64,
+    /// Bytes a pixel of every channel that it fills: values, result, a solver's planes and those of the estimate.
+    pub each: u64,
     /// What it can use beside samples.
     pub takes: Takes,
     /// Whether images without a missing pixel are smoothed, too, where the settings ask for smoothing.

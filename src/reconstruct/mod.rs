@@ -13,6 +13,7 @@
 //! channels alone, non-finite values included.
 
 mod apply;
+mod bands;
 mod bounds;
 pub(crate) mod energy;
 mod enlarge;
@@ -37,6 +38,7 @@ mod tests;
 mod values;
 mod weights;
 
+pub(crate) use bands::pixels_at_a_time;
 pub(crate) use bounds::bounds_of;
 pub use energy::Energy;
 pub use enlarge::{Enlarge, Target, Windows, enlarge};
@@ -48,6 +50,7 @@ pub use job::{Job, Kind, output_compression, parse_settings};
 use lacuna_exr::{Frame, Part};
 pub use lacuna_filters::Plans;
 pub use lacuna_filters::domain::Domain;
+use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Run, Stop};
 pub use noise::{NoiseError, NoiseSource};
 pub(crate) use part::measured_floats;
@@ -99,10 +102,9 @@ pub fn fill_with(
     let mut report = Report { copied: true, ..Report::new(&stamp, masks.density(), notes) };
     for (index, choices) in choices.iter().enumerate() {
         let label = part_label(&frame, index);
-        let guides = guides::collect(&found.parts[index], &frame, second, frame.parts[index].size());
-        let guides = guides.map_err(|source| Error::Filter { channel: label.clone(), source })?;
-        let work = part::Work { index, masks, choices, guides: &guides, job, plans, run };
-        let mut done = part::fill(&mut frame, &work)?;
+        let none = Guides::new(frame.parts[index].size());
+        let work = part::Work { index, masks, choices, guides: &none, job, plans, run };
+        let mut done = bands::fill(&mut frame, &work, &found.parts[index], second)?;
         let same = done.report.channels.iter().all(|channel| channel.filled == 0) && !done.converted;
         // A restoration fills nothing and changes all.
         let copied = same && done.report.groups.is_empty();

@@ -1,20 +1,21 @@
 //! How much memory a frame needs, estimated from its header, so that frames are admitted before they are read.
 //!
-//! A frame takes what reading it takes. A pixel takes besides the samples written, bytes for mask and plan that depend on the
-//! filter, and in every channel of floats `SOLVING` bytes for values, result and the solvers' planes; whether a channel is
-//! reconstructed is not known before it is read. They were measured as peak memory over pixels, the allocator's losses
-//! included; `tests/cli/memory.rs` holds the process to them.
+//! A frame takes what reading it takes. A pixel that is filled takes besides bytes for mask and plan, and for every channel of
+//! floats, that depend on the filter; whether a channel is reconstructed is not known before it is read. They were measured as peak
+//! memory over pixels, the allocator's losses included; `tests/cli/memory.rs` holds the process to them.
 
 use std::path::Path;
 
 use lacuna_exr::{ChannelHeader, Limits, PartHeader, SampleType, memory_needed, read_header};
+use lacuna_filters::Size;
 use lacuna_filters::upscale::Method;
 
 use crate::files::layers::LayerFile;
 use crate::files::plan::Item;
-use crate::reconstruct::{Enlarge, Windows};
+use crate::reconstruct::{Enlarge, Windows, pixels_at_a_time};
 
-const SOLVING: u64 = 24;
+/// Bytes a pixel of every channel that is compared.
+const COMPARING: u64 = 24;
 
 /// The part of what Slurm grants that frames may use; the rest is for the program and the allocator's losses.
 const SHARE: f64 = 0.875;
@@ -60,9 +61,12 @@ pub fn to_fill(item: &Item, method: &lacuna_filters::Method) -> u64 {
     let mask = item.mask.as_deref().map_or(0, to_copy);
     let guides = item.guides.as_deref().map_or(0, to_copy);
     // A layer is read, and solved like the frame's own channels.
-    let layer = |layer: &LayerFile| of(&layer.path, SOLVING, 0);
+    let descriptor = method.descriptor();
+    let solved = Taken { each: descriptor.each, whole: 0, at_a_time: pixels_at_a_time, copy: false };
+    let layer = |layer: &LayerFile| solved.of(&layer.path);
     let layers = item.layers.iter().map(layer).fold(0, u64::saturating_add);
-    of(&item.input, SOLVING, method.descriptor().bytes)
+    Taken { whole: descriptor.bytes, ..solved }
+        .of(&item.input)
         .saturating_add(mask)
         .saturating_add(guides)
         .saturating_add(layers)
@@ -88,29 +92,56 @@ pub fn to_enlarge(path: &Path, enlarge: &Enlarge) -> u64 {
 
 /// Bytes that one side of a comparison needs, the maps of the measures included; 0 if its header cannot be read.
 pub fn to_compare(path: &Path) -> u64 {
-    of(path, SOLVING, 48)
+    Taken { each: COMPARING, whole: 48, ..Taken::COPY }.of(path)
 }
 
 /// Bytes that reading, copying and writing a frame needs; 0 if its header cannot be read.
 pub fn to_copy(path: &Path) -> u64 {
-    of(path, 0, 0)
+    Taken::COPY.of(path)
 }
 
-fn of(path: &Path, solving: u64, planning: u64) -> u64 {
-    let Ok(parts) = read_header(path) else { return 0 };
-    let part = |part: &PartHeader| {
-        let size = part.data_window.size();
-        let pixels = (size.height as u64).saturating_mul(size.width as u64);
-        // Whole numbers and sampling masks are not computed.
-        let copied = |header: &ChannelHeader| {
-            header.kind == SampleType::Uint || header.name.eq_ignore_ascii_case(b"mask")
+/// What work on a frame takes beside reading it.
+#[derive(Clone, Copy)]
+struct Taken {
+    /// Bytes a pixel of every channel that may be computed.
+    each: u64,
+    /// Bytes a pixel.
+    whole: u64,
+    /// The pixels of a part that are worked on at a time.
+    at_a_time: fn(Size) -> u64,
+    /// Whether what is written is there besides what was read.
+    copy: bool,
+}
+
+impl Taken {
+    /// All pixels at a time.
+    const COPY: Self = Self { each: 0, whole: 0, at_a_time: all, copy: true };
+
+    /// Bytes, reading included; 0 if the header cannot be read.
+    fn of(self, path: &Path) -> u64 {
+        let Ok(parts) = read_header(path) else { return 0 };
+        let part = |part: &PartHeader| {
+            let size = part.data_window.size();
+            // Whole numbers and sampling masks are not computed.
+            let copied = |header: &&ChannelHeader| {
+                header.kind == SampleType::Uint || header.name.eq_ignore_ascii_case(b"mask")
+            };
+            let computed = (part.channels.len() - part.channels.iter().filter(copied).count()) as u64;
+            let kinds: u64 = part.channels.iter().map(|header| header.kind.bytes() as u64).sum();
+            let work = (self.at_a_time)(size).saturating_mul(self.each * computed + self.whole);
+            // The mask itself is there as a whole.
+            let whole = all(size).saturating_mul(if self.copy { kinds } else { MASK });
+            work.saturating_add(whole)
         };
-        let channel =
-            |header: &ChannelHeader| header.kind.bytes() as u64 + if copied(header) { 0 } else { solving };
-        let channels: u64 = part.channels.iter().map(channel).sum();
-        pixels.saturating_mul(channels + planning)
-    };
-    parts.iter().map(part).fold(memory_needed(&parts), u64::saturating_add)
+        parts.iter().map(part).fold(memory_needed(&parts), u64::saturating_add)
+    }
+}
+
+/// Bytes that the flags of a pixel take.
+const MASK: u64 = 2;
+
+fn all(size: Size) -> u64 {
+    (size.height as u64).saturating_mul(size.width as u64)
 }
 
 #[cfg(test)]

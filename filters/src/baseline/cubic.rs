@@ -44,7 +44,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     help: "Cubic pieces on triangles of measured pixels, without creases",
     settings: &[],
     // Those triangles, gradients and edges.
-    bytes: 288,
+    bytes: 112,
+    each: 12,
     takes: Takes::NOTHING,
     restores: false,
     held_out: Some(Kind::Spline),

@@ -29,7 +29,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     help: "Planes on triangles of measured pixels",
     settings: &[],
     // The triangles of a frame that is nearly all measured.
-    bytes: 192,
+    bytes: 66,
+    each: 12,
     takes: Takes::NOTHING,
     restores: false,
     held_out: Some(Kind::Distance),

@@ -159,6 +159,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
         },
     ],
     bytes: 48,
+    each: 48,
     takes: Takes { gradients: true, ..Takes::NOTHING },
     restores: false,
     held_out: None,

@@ -192,6 +192,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
         },
     ],
     bytes: 48,
+    each: 48,
     takes: Takes::NOTHING,
     restores: false,
     held_out: None,

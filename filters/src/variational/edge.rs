@@ -115,7 +115,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
         },
     ],
     // As `ss`, from which it starts.
-    bytes: 160,
+    bytes: 8,
+    each: 42,
     takes: Takes::NOTHING,
     restores: false,
     held_out: Some(Kind::Spline),

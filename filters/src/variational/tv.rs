@@ -149,7 +149,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
             ..Setting::PLAIN
         },
     ],
-    bytes: 48,
+    bytes: 8,
+    each: 28,
     takes: Takes { weights: true, ..Takes::NOTHING },
     restores: false,
     held_out: Some(Kind::Distance),

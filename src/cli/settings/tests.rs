@@ -48,6 +48,7 @@ static FLAT: Descriptor = Descriptor {
         },
     ],
     bytes: 12_345,
+    each: 24,
     takes: Takes::NOTHING,
     restores: false,
     new: || Box::new(Flat { grey: 0.25, how: "fast".into() }),
@@ -117,7 +118,7 @@ struct Tool {
 
 fn method(line: &str) -> Result<Method, String> {
     let tool = Tool::try_parse_from(std::iter::once("tool").chain(line.split_whitespace()));
-    tool.map_err(|error| error.to_string())?.filter.method().map_err(|usage| usage.0)
+    tool.map_err(|error| error.to_string())?.filter.method(None).map_err(|usage| usage.0)
 }
 
 #[test]
@@ -185,5 +186,6 @@ fn memory_is_planned_with_its_bytes() {
     let needs = |method: &Method| to_fill(&item, method);
     let plain = Method::named("pushpull", &[]).unwrap();
     let difference = needs(&method("--filter flat").unwrap()) - needs(&plain);
-    assert_eq!(difference, 16 * (FLAT.bytes - plain.descriptor().bytes));
+    let other = plain.descriptor();
+    assert_eq!(difference, 16 * (FLAT.bytes - other.bytes + FLAT.each - other.each));
 }

@@ -109,7 +109,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
         },
     ],
     // The multigrid levels of a frame that is all hole, in 64-bit floats.
-    bytes: 160,
+    bytes: 8,
+    each: 40,
     takes: Takes { guides: true, weights: true, ..Takes::NOTHING },
     restores: false,
     held_out: Some(Kind::Spline),
