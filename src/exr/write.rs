@@ -94,7 +94,12 @@ fn sync_early(file: &File, due: &Receiver<()>) -> std::io::Result<()> {
     Ok(())
 }
 
-fn write_all(output: &mut Output<'_>, frame: &Frame, header: &[u8], level: Option<u8>) -> Result<(), Error> {
+fn write_all<W: Write + Seek>(
+    output: &mut Output<W>,
+    frame: &Frame,
+    header: &[u8],
+    level: Option<u8>,
+) -> Result<(), Error> {
     output.put(header)?;
     let writers: Vec<_> =
         frame.parts.iter().enumerate().map(|(i, part)| Writer::new(i, part, frame)).collect();
@@ -111,15 +116,15 @@ fn write_all(output: &mut Output<'_>, frame: &Frame, header: &[u8], level: Optio
 }
 
 /// A buffered file that knows where it stands.
-struct Output<'a> {
-    file: BufWriter<&'a File>,
+struct Output<W: Write> {
+    file: BufWriter<W>,
     position: u64,
     /// How much was there when bringing it to the disk was asked for last.
     asked: u64,
     early: Sender<()>,
 }
 
-impl Output<'_> {
+impl<W: Write> Output<W> {
     fn put(&mut self, bytes: &[u8]) -> Result<(), Error> {
         self.position += bytes.len() as u64;
         if self.position - self.asked > EARLY {
@@ -167,7 +172,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes all chunks and returns where each begins, in the order of the offset table.
-    fn chunks(&self, output: &mut Output<'_>, level: Option<u8>) -> Result<Vec<u64>, Error> {
+    fn chunks<W: Write>(&self, output: &mut Output<W>, level: Option<u8>) -> Result<Vec<u64>, Error> {
         let (rows, columns) = (self.grid.rows(), self.grid.columns());
         // Random order allows any, so the increasing one.
         let line_order = self.part.attributes.get("lineOrder").and_then(|order| order.value.first());
@@ -224,9 +229,9 @@ impl<'a> Writer<'a> {
         Ok(packed)
     }
 
-    fn put_chunk(
+    fn put_chunk<W: Write>(
         &self,
-        output: &mut Output<'_>,
+        output: &mut Output<W>,
         row: usize,
         column: usize,
         packed: &[u8],

@@ -177,3 +177,65 @@ fn errors_leave_the_folder_as_it_was() {
     assert_eq!(std::fs::read(&path).unwrap(), b"precious");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
 }
+
+/// A file in memory that takes only so many bytes at once, is interrupted every third time, and fails for good at a place.
+struct Failing {
+    content: std::io::Cursor<Vec<u8>>,
+    /// Bytes that it takes before it fails.
+    left: usize,
+    error: rustix::io::Errno,
+    calls: usize,
+}
+
+impl Write for Failing {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.calls += 1;
+        if self.calls.is_multiple_of(3) {
+            return Err(ErrorKind::Interrupted.into());
+        }
+        if self.left == 0 {
+            return Err(self.error.into());
+        }
+        let taken = bytes.len().min(7).min(self.left);
+        self.left -= taken;
+        self.content.write(&bytes[..taken])
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Seek for Failing {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        self.content.seek(to)
+    }
+}
+
+#[test]
+fn a_write_that_fails_anywhere_is_told_and_short_ones_go_on() {
+    use rustix::io::Errno;
+    let frame = Frame { parts: vec![part(None, window(0, 0, 5, 40), &[SampleType::Half], 3)] };
+    let header = headers(&frame).unwrap();
+    let expected = written(&frame);
+    let run = |left: usize, error: Errno| {
+        let content = std::io::Cursor::default();
+        let file = Failing { content, left, error, calls: 0 };
+        let (early, _due) = channel();
+        let mut output = Output { file: BufWriter::with_capacity(16, file), position: 0, asked: 0, early };
+        let result = write_all(&mut output, &frame, &header, None);
+        let (file, _) = output.file.into_parts();
+        (result, file.content.into_inner())
+    };
+    let (result, content) = run(usize::MAX, Errno::IO);
+    result.unwrap();
+    assert_eq!(content, expected, "short writes and interrupts");
+    // The offset table is written twice: zeros first.
+    for left in 0..expected.len() {
+        for error in [Errno::NOSPC, Errno::IO, Errno::DQUOT, Errno::FBIG] {
+            let (result, _) = run(left, error);
+            let Err(Error::Io { source, .. }) = result else { panic!("{left}: {error} was not told") };
+            assert_eq!(source.raw_os_error(), Some(error.raw_os_error()), "{left}");
+        }
+    }
+}
