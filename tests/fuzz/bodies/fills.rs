@@ -8,7 +8,7 @@ use lacuna_filters::fill::{Estimate, Values, fill};
 use lacuna_filters::noise::Noise;
 use lacuna_filters::upscale::{self, Axis, Geometry, Sampling, plain::Kernel};
 use lacuna_filters::variational::{guided::Guides, tv};
-use lacuna_filters::{Bounds, Mask, Options, Planes, Size};
+use lacuna_filters::{Bounds, Mask, Options, Plane, Planes, Size};
 
 use super::draw::Draw;
 
@@ -64,13 +64,13 @@ pub fn body(data: &[u8]) {
         assert!(kept || !options.keeps_measured(), "plane {at}: a measured pixel lost its bits");
     }
     for set in &filled.sets {
-        let mut errors = set.errors.iter().flat_map(|errors| errors.pixels());
+        let mut errors = set.errors.iter().flat_map(Plane::pixels);
         assert!(errors.all(|error| error.is_finite() && *error >= 0.0), "an estimated error is none");
     }
 }
 
 fn finite(planes: &Planes) {
-    let mut values = planes.as_slice().iter().flat_map(|plane| plane.pixels());
+    let mut values = planes.as_slice().iter().flat_map(Plane::pixels);
     assert!(values.all(|value| value.is_finite()), "a value that is not finite leaves");
 }
 
