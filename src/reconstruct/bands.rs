@@ -21,7 +21,7 @@ use crate::mask::Masks;
 /// Parts of no more pixels are filled as a whole: 8192 x 8192.
 const WHOLE: usize = 1 << 26;
 /// Pixels of a band, its margins left out.
-const BAND: usize = 1 << 24;
+const BAND: usize = 1 << 23;
 /// Rows that a band sees at either side.
 const MARGIN: usize = 96;
 
