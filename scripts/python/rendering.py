@@ -205,7 +205,8 @@ def pictures():
                 found.append(shown(out).resize((160, 160), Image.Resampling.BOX))
             pasted([found[:5], found[5:]], images / "volumes.png", None)
         story = []
-        for words in (["--density", "0.2"], FILL, []):
+        chosen = ["--density", "0.1", "--adaptive"]
+        for words in (chosen, [*chosen, "--fill", "auto"], []):
             render("head", out, "--size", "360x360", *words)
             story.append(shown(out).crop((60, 30, 300, 350)))
         pasted([story], images / "story.png", None)
