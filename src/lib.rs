@@ -29,6 +29,7 @@ pub mod run;
 pub mod sparsify;
 pub mod study;
 pub mod submit;
+pub mod temporal;
 #[cfg(test)]
 mod testing;
 pub mod verify;

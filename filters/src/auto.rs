@@ -19,6 +19,9 @@
 //! the Gaussian's width; in each the small quadratic problem is solved by trying all sets of candidates (`weights`). Between cells weights are
 //! interpolated linearly. Measured pixels keep their bits.
 //!
+//! Samples of other frames ([`crate::temporal`]), where there are any, pull the blend towards them, with two weights; what was held out chooses between
+//! these and the blend as before (`along`).
+//!
 //! Boundary: that of the candidates. No settings. The same bits for any number of threads.
 //!
 //! Cost: two fills of each candidate that counts. Memory: three planes a channel beside the candidate that takes most.
@@ -28,6 +31,7 @@
 //! Sources: L. Breiman, "Stacked regressions", Machine Learning 24, 1996 (non-negative combinations by held-out errors); M. Stone,
 //! "Cross-Validatory Choice and Assessment of Statistical Predictions", Journal of the Royal Statistical Society B 36, 1974.
 
+mod along;
 mod trial;
 
 #[cfg(test)]
@@ -37,6 +41,7 @@ use std::sync::Arc;
 
 use crate::descriptor::{Configured, Descriptor, Field, Takes};
 use crate::estimate::{Evidence, Folds, HeldOut, Kind};
+use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
 use crate::variational::{edge, ss, tv};
 use crate::weights::Weights;
@@ -106,7 +111,7 @@ pub struct Blend {
 
 impl Plan for Blend {
     fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
-        Ok(self.choose(samples, None, false, out, run)?.0)
+        Ok(self.choose(samples, (None, &[]), false, out, run)?.0)
     }
 
     fn reconstruct_roughly(
@@ -185,7 +190,7 @@ impl Blend {
     pub(crate) fn choose(
         &self,
         samples: &Planes,
-        guides: Option<&Guides>,
+        (guides, carried): (Option<&Guides>, &[Carried]),
         learn: bool,
         out: &mut Planes,
         run: &Run<'_>,
@@ -228,9 +233,23 @@ impl Blend {
             return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
         }
         let weights = Weights::new(&self.mask, samples, &held);
-        let (outcome, mut effect) = self.fill(&mut all, &weights, samples, out, run)?;
+        let (mut outcome, mut effect) = self.fill(&mut all, &weights, samples, out, run)?;
+        let mut near = weights.of_held_out(&held);
+        if carried.iter().any(|carried| !carried.is_empty()) {
+            let along = along::pulled(self, (&all, &weights), (samples, carried), out, run)?;
+            if let Some(along) = along {
+                outcome = outcome.worst(along.outcome);
+                effect.along = along.gain;
+                along.join(&mut effect.shares);
+                let held = along.held.sorted(|_| true);
+                near = near.sorted(|pixel| held.at.binary_search(&pixel).is_ok());
+                near.predicted = held.predicted;
+                // What other frames know may lie beyond what the samples around allow.
+                effect.predicted = Some(out.clone());
+            }
+        }
         if learn {
-            effect.evidence = Some(self.evidence(&all, held, &weights, samples, run)?);
+            effect.evidence = Some(self.evidence(&all, (held, near), &weights, samples, run)?);
         }
         Ok((outcome, effect))
     }
@@ -285,16 +304,38 @@ impl Blend {
         Ok((outcome.unwrap_or(Outcome::direct()), effect))
     }
 
-    /// What was predicted by the same blend; how error grows with depth, the candidate shows that counts most.
+    /// The blend on a part of the samples.
+    fn fill_from(
+        all: &[Candidate<'_>],
+        weights: &Weights,
+        (samples, kept): (&Planes, &Arc<Mask>),
+        run: &Run<'_>,
+    ) -> Result<Planes, Error> {
+        let mut out = Planes::zeros(samples.size(), samples.len());
+        let mut one = out.clone();
+        for (k, candidate) in all.iter().enumerate().filter(|(k, _)| weights.counts(*k)) {
+            if weights.alone() == Some(k) {
+                candidate.fill(samples, kept, &mut out, run)?;
+            } else {
+                candidate.fill(samples, kept, &mut one, run)?;
+                weights.add(k, &one, &mut out);
+            }
+        }
+        for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
+            crate::fill::restore(kept, samples, out);
+        }
+        Ok(out)
+    }
+
+    /// What was predicted by the same blend is `near`; how error grows with depth, the candidate shows that counts most.
     fn evidence(
         &self,
         all: &[Candidate<'_>],
-        mut held: Vec<HeldOut>,
+        (mut held, near): (Vec<HeldOut>, HeldOut),
         weights: &Weights,
         samples: &Planes,
         run: &Run<'_>,
     ) -> Result<Evidence, Error> {
-        let near = weights.of_held_out(&held);
         let most = (0..all.len()).max_by(|&a, &b| weights.share(a).total_cmp(&weights.share(b))).unwrap_or(0);
         let mut shallow = held.swap_remove(most);
         shallow.variance.clone_from(&near.variance);

@@ -29,6 +29,7 @@ use lacuna_core::parallel::prelude::*;
 use crate::domain::{Domain, Map};
 use crate::estimate::Verdict;
 use crate::noise::Noise;
+use crate::temporal::Carried;
 use crate::variational::guided::Guides;
 use crate::{Bounds, Error, Mask, Method, Outcome, Plane, Planes, Plans, Run};
 
@@ -77,6 +78,8 @@ pub struct Options<'a> {
     pub gradients: Vec<Option<[Plane; 2]>>,
     /// Complete planes that may steer the values.
     pub guides: Option<&'a Guides>,
+    /// Samples of other frames at their places in this one, for methods that choose by held-out samples.
+    pub carried: &'a [Carried],
     /// What is to be said of the error.
     pub estimate: Estimate,
     /// What is known of the noise of the samples, which then are smoothed, as far as it asks for ([`crate::noise`]); the method is for
@@ -95,6 +98,7 @@ impl Default for Options<'_> {
             weights: None,
             gradients: Vec::new(),
             guides: None,
+            carried: &[],
             estimate: Estimate::No,
             noise: Noise::None,
         }
@@ -162,6 +166,8 @@ pub struct Set {
     pub gain: Option<f64>,
     /// Where the method chose: what it chose, and the mean weight of each at missing pixels.
     pub shares: Vec<(&'static str, f64)>,
+    /// The part of the squared error that samples of other frames took away, by held-out samples; nothing where they were not used.
+    pub along: Option<f64>,
     /// How wrong missing pixels are, over the planes of the set, light clipped to 0 and 1; nothing where that was not asked for, or held-out samples cannot show it.
     pub estimate: Option<Verdict>,
     /// The estimated root mean square error of each pixel over the planes, 0 at measured ones, if that was asked for.

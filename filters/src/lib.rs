@@ -49,6 +49,7 @@ mod run;
 pub mod sampling;
 pub mod sensing;
 mod solver;
+pub mod temporal;
 pub mod upscale;
 pub mod variational;
 mod weights;

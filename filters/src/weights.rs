@@ -54,17 +54,7 @@ impl Weights {
     /// worth their time do not count.
     pub fn new(mask: &Mask, truth: &Planes, held: &[HeldOut]) -> Self {
         let at = held.first().map_or(&[][..], |held| &held.at);
-        let mut errors = vec![0.0_f64; held.len()];
-        let (mut own, around, whole) =
-            Self::summed(mask, (at, HELD_OUT), held.len(), |i, pixel, products| {
-                for (channel, plane) in truth.as_slice().iter().enumerate() {
-                    let value = f64::from(plane.pixels()[pixel]);
-                    for (error, held) in errors.iter_mut().zip(held) {
-                        *error = f64::from(held.predicted[channel][i]) - value;
-                    }
-                    add_products(&errors, products);
-                }
-            });
+        let (mut own, around, whole) = Self::of_errors(mask, truth, held);
         if at.is_empty() || held.len() < 2 {
             return own;
         }
@@ -73,6 +63,32 @@ impl Weights {
             counting.retain(|&k| k != least);
         }
         own.of = Self::solve(&around, (&whole, own.frame), held.len(), &counting).0;
+        own.shares = own.mean_at_missing(mask);
+        own
+    }
+
+    /// The same, but that a candidate is taken alone where that costs no more than a share `loss` of the squared error.
+    pub fn preferring(
+        mask: &Mask,
+        truth: &Planes,
+        held: &[HeldOut],
+        (candidate, loss): (usize, f64),
+    ) -> Self {
+        let mut own = Self::new(mask, truth, held);
+        let at = held.first().map_or(&[][..], |held| &held.at);
+        if at.is_empty() || !own.counts(candidate) {
+            return own;
+        }
+        let (_, around, whole) = Self::of_errors(mask, truth, held);
+        let counting: Vec<usize> = (0..held.len()).filter(|&k| own.counts(k)).collect();
+        for (cell, products) in around.iter().enumerate() {
+            let error = |among: &[usize]| best(products, (&whole, own.frame), held.len(), among).1;
+            if error(&[candidate]) <= (1.0 + loss) * error(&counting) {
+                for &k in &counting {
+                    own.of[k][cell] = f32::from(u8::from(k == candidate));
+                }
+            }
+        }
         own.shares = own.mean_at_missing(mask);
         own
     }
@@ -92,6 +108,21 @@ impl Weights {
         own.shares = own.mean_at_missing(mask);
         let first: f64 = around.iter().map(|cell| best(cell, (&whole, near.frame), count, &[0]).1).sum();
         (own, if first > 0.0 { error / first } else { 1.0 })
+    }
+
+    /// Cells and sums as of [`Self::summed`], from predictions at the same held-out samples.
+    fn of_errors(mask: &Mask, truth: &Planes, held: &[HeldOut]) -> (Self, Vec<Products>, Products) {
+        let at = held.first().map_or(&[][..], |held| &held.at);
+        let mut errors = vec![0.0_f64; held.len()];
+        Self::summed(mask, (at, HELD_OUT), held.len(), |i, pixel, products| {
+            for (channel, plane) in truth.as_slice().iter().enumerate() {
+                let value = f64::from(plane.pixels()[pixel]);
+                for (error, held) in errors.iter_mut().zip(held) {
+                    *error = f64::from(held.predicted[channel][i]) - value;
+                }
+                add_products(&errors, products);
+            }
+        })
     }
 
     /// Cells, in which the first candidate counts alone, the sums of products around each, and those over all.

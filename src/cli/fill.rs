@@ -16,12 +16,14 @@ use super::noise::NoiseArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::{PageArgs, RunArgs, SolveArgs};
 use super::settings::{BaselineArgs, FilterArgs};
+use super::temporal::TemporalArgs;
 use super::weights::WeightArgs;
 use crate::commands::FillJob;
 use crate::files::Targets;
 use crate::guides::Asked;
 use crate::reconstruct::{self, Enlarge, Gate, NoiseSource};
 use crate::run::RunOptions;
+use crate::temporal::Temporal;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -75,6 +77,9 @@ pub struct FillArgs {
     guides: GuideArgs,
 
     #[command(flatten)]
+    temporal: TemporalArgs,
+
+    #[command(flatten)]
     estimate: EstimateArgs,
 
     #[command(flatten)]
@@ -119,6 +124,7 @@ impl FillArgs {
             noise: Some(&self.noise),
             layers: Some(&self.layers),
             estimate: Some(&self.estimate),
+            temporal: Some(&self.temporal),
         };
         Ok(FillJob { again: self.again, ..groups.job(self.filter.method(self.run.options().memory)?, None)? })
     }
@@ -142,6 +148,7 @@ pub(super) struct Groups<'a> {
     pub noise: Option<&'a NoiseArgs>,
     pub layers: Option<&'a LayerArgs>,
     pub estimate: Option<&'a EstimateArgs>,
+    pub temporal: Option<&'a TemporalArgs>,
 }
 
 impl Groups<'_> {
@@ -165,12 +172,14 @@ impl Groups<'_> {
             guides_from: self.guides.and_then(|guides| guides.guides_from.clone()),
             weights: self.weights.and_then(|weights| weights.weights.clone()),
             noise: self.noise.map_or_else(NoiseSource::default, |noise| noise.noise.clone()),
+            temporal: self.temporal.map_or_else(Temporal::default, TemporalArgs::temporal),
             layers: layers.iter().map(ToString::to_string).collect(),
             estimate: self.estimate.map_or(Estimate::No, EstimateArgs::estimate),
             error_channel: self.estimate.and_then(|estimate| estimate.error_channel.clone()),
         };
         WeightArgs::check(&what)?;
         NoiseArgs::check(&what)?;
+        TemporalArgs::check(&what)?;
         if let Some(guides) = self.guides {
             guides.check(&what)?;
         }
@@ -185,6 +194,7 @@ impl Groups<'_> {
                 guides: what.guides_from.clone(),
                 also_written: run.also_written(),
                 layers: layers.to_vec(),
+                neighbours: what.temporal.window.each(),
                 create_dir: self.output.create_dir,
             },
             what,

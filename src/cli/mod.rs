@@ -30,6 +30,7 @@ mod settings;
 pub mod sparsify;
 pub mod study;
 pub mod submit;
+pub mod temporal;
 pub mod train;
 pub mod upscale;
 pub mod verify;

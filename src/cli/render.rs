@@ -257,6 +257,7 @@ impl RenderArgs {
             overrides: self.scene_values.overrides()?,
             frames: self.frames.clone(),
             targets: Targets {
+                neighbours: 0,
                 guides: None,
                 layers: Vec::new(),
                 output: self.output.checked()?,

@@ -112,6 +112,7 @@ impl SparsifyArgs {
             selection,
             skip_missing,
             targets: Targets {
+                neighbours: 0,
                 guides: None,
                 layers: Vec::new(),
                 output: self.output.checked()?,

@@ -250,6 +250,7 @@ impl UpscaleArgs {
             noise: None,
             layers: None,
             estimate: None,
+            temporal: None,
         };
         if matches!(self.guides.guides, Asked::Channels(_)) && self.guides.guides_from.is_none() {
             return Err(Usage(

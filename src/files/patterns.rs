@@ -148,18 +148,36 @@ fn is_frame(word: &str) -> bool {
 /// digits before the extension. A minus sign counts if it starts the field.
 pub fn number_in_name(path: &Path) -> Option<i64> {
     let stem = to_text(path.file_stem()?);
-    let field = stem.rsplit('.').find(|field| {
+    stem[digits_in_stem(&stem)?].parse().ok()
+}
+
+/// The path of frame `number` of the sequence that a plain file name is one frame of.
+pub fn beside(path: &Path, number: i64) -> Option<PathBuf> {
+    let stem = to_text(path.file_stem()?);
+    let digits = digits_in_stem(&stem)?;
+    let width = digits.len();
+    let mut name = format!("{}{number:0width$}{}", &stem[..digits.start], &stem[digits.end..]);
+    if let Some(ending) = path.extension() {
+        name = format!("{name}.{}", to_text(ending));
+    }
+    Some(path.with_file_name(to_path(&name)))
+}
+
+/// Where the frame number stands.
+fn digits_in_stem(stem: &str) -> Option<std::ops::Range<usize>> {
+    let mut end = stem.len();
+    for field in stem.rsplit('.') {
         let digits = field.strip_prefix('-').unwrap_or(field);
-        !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit())
-    });
-    if let Some(field) = field {
-        return field.parse().ok();
+        if !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit()) {
+            return Some(end - field.len()..end);
+        }
+        end = end.saturating_sub(field.len() + 1);
     }
     let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
     let start = stem[..end]
         .rfind(|c: char| !c.is_ascii_digit())
         .map_or(0, |at| at + stem[at..].chars().next().map_or(1, char::len_utf8));
-    stem[start..end].parse().ok()
+    Some(start..end)
 }
 
 #[cfg(test)]
@@ -257,6 +275,16 @@ mod tests {
         assert_eq!(number("0007.exr"), Some(7));
         assert_eq!(number("bild ä7ö.exr"), Some(7));
         assert_eq!(number("plain.exr"), None);
+    }
+
+    #[test]
+    fn other_frames_of_a_name_are_found() {
+        let beside = |name: &str, number| beside(Path::new(name), number);
+        assert_eq!(beside("a/shot.0012.exr", 9), Some("a/shot.0009.exr".into()));
+        assert_eq!(beside("shot_v2.0012.beauty_l8.exr", 13), Some("shot_v2.0013.beauty_l8.exr".into()));
+        assert_eq!(beside("shot-9.exr", 10), Some("shot-10.exr".into()));
+        assert_eq!(beside("0007.exr", 6), Some("0006.exr".into()));
+        assert_eq!(beside("plain.exr", 6), None);
     }
 
     #[test]

@@ -28,8 +28,21 @@ pub struct Item {
     pub guides: Option<PathBuf>,
     /// The files whose channels become layers of the frame.
     pub layers: Vec<LayerFile>,
+    /// The frames beside it whose samples it may take.
+    pub neighbours: Vec<NeighbourFile>,
     /// Further files that it is made from, with what they are.
     pub made_from: Vec<(&'static str, PathBuf)>,
+}
+
+/// A frame beside another one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NeighbourFile {
+    /// Its number.
+    pub number: i64,
+    /// The file.
+    pub input: PathBuf,
+    /// The file with its mask, if masks come from files.
+    pub mask: Option<PathBuf>,
 }
 
 impl Item {
@@ -38,8 +51,12 @@ impl Item {
         let beside = [(self.mask.as_deref(), "mask"), (self.guides.as_deref(), "guides")];
         let beside = beside.into_iter().filter_map(|(path, what)| Some((path?, what)));
         let layers = self.layers.iter().map(|layer| (&*layer.path, "layer"));
+        let neighbours = self.neighbours.iter().flat_map(|file| {
+            let mask = file.mask.as_deref().map(|mask| (mask, "mask"));
+            [Some((&*file.input, "neighbour")), mask].into_iter().flatten()
+        });
         let further = self.made_from.iter().map(|(what, path)| (&**path, *what));
-        std::iter::once((&*self.input, "input")).chain(beside).chain(layers).chain(further)
+        std::iter::once((&*self.input, "input")).chain(beside).chain(layers).chain(neighbours).chain(further)
     }
 
     /// The files that are read where the output is one of them: two frames are held against each other.
@@ -68,6 +85,8 @@ pub struct Targets {
     pub guides: Option<String>,
     /// Files whose channels become layers of the frames.
     pub layers: Vec<LayerSource>,
+    /// Frames on either side whose samples a frame may take.
+    pub neighbours: usize,
     /// Other files that the run writes (a report, say).
     pub also_written: Vec<PathBuf>,
     /// Whether folders are made where they are missing.
@@ -79,6 +98,7 @@ pub fn plan(selection: &Selection, targets: &Targets) -> Result<Plan, PlanError>
     let mut items = pair(selection, &targets.output, targets.mask.as_deref())?;
     add_guides(&mut items, targets.guides.as_deref())?;
     add_layers(&mut items, &targets.layers)?;
+    add_neighbours(&mut items, targets)?;
     let mut places = Places::default();
     check_one_input_each(&items, &mut places)?;
     checked(items, targets, &mut places)
@@ -119,6 +139,7 @@ pub fn outputs(
             mask,
             guides: None,
             layers: Vec::new(),
+            neighbours: Vec::new(),
             made_from: Vec::new(),
         })
     };
@@ -184,6 +205,7 @@ pub fn pair(selection: &Selection, output: &Path, mask: Option<&str>) -> Result<
             mask,
             guides: None,
             layers: Vec::new(),
+            neighbours: Vec::new(),
             made_from: Vec::new(),
         })
     };
@@ -206,6 +228,31 @@ fn add_layers(items: &mut [Item], layers: &[LayerSource]) -> Result<(), PlanErro
         for item in items.iter_mut() {
             let path = beside(&file, item, "--layers")?;
             item.layers.push(LayerFile { name: layer.name.clone(), path });
+        }
+    }
+    Ok(())
+}
+
+/// Every frame with those beside it that exist, whichever of them this run fills: a chunk sees what the whole sequence does.
+fn add_neighbours(items: &mut [Item], targets: &Targets) -> Result<(), PlanError> {
+    let each = targets.neighbours as i64;
+    let masks = targets.mask.as_deref().filter(|_| each > 0).map(MaskPattern::parse).transpose()?;
+    for item in items {
+        let Some(number) =
+            item.number.filter(|number| super::patterns::number_in_name(&item.input) == Some(*number))
+        else {
+            continue;
+        };
+        for number in (number - each..=number + each).filter(|&other| other != number) {
+            let Some(input) = super::patterns::beside(&item.input, number).filter(|path| path.exists())
+            else {
+                continue;
+            };
+            let mask = match &masks {
+                Some(masks) => Some(masks.of(&Input { path: input.clone(), number: Some(number) })?),
+                None => None,
+            };
+            item.neighbours.push(NeighbourFile { number, input, mask });
         }
     }
     Ok(())

@@ -54,7 +54,8 @@ fn fill_by(
     (whole, band): (usize, usize),
 ) -> Result<Done, Error> {
     let size = frame.parts[work.index].size();
-    if size.pixels() <= whole {
+    // Samples of other frames may come from any row.
+    if size.pixels() <= whole || work.neighbours.is_some_and(|found| !found.all.is_empty()) {
         let found = collect(frame, work, guides, second, size)?;
         return part::fill(frame, &Work { guides: &found, ..*work });
     }
@@ -383,6 +384,7 @@ mod tests {
             masks: &masks,
             choices: &choices[0],
             guides: &none,
+            neighbours: None,
             job,
             plans: &plans,
             run: &run,

@@ -170,6 +170,7 @@ mod tests {
             domain: "linear",
             guides: Vec::new(),
             guides_gain: None,
+            neighbours_gain: None,
             chosen: vec![("edge".into(), 0.8), ("tv".into(), 0.2)],
             estimate: Some(verdict.into()),
             energy: None,

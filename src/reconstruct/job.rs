@@ -10,6 +10,7 @@ use super::{Enlarge, NoiseSource, Weights};
 use crate::channels::Override;
 use crate::guides::Asked;
 use crate::mask::Source;
+use crate::temporal::{Temporal, Window};
 
 /// A float type that channels can be written in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -53,6 +54,8 @@ pub struct Job {
     pub weights: Option<Weights>,
     /// What the noise of measured pixels is known from, which then are smoothed.
     pub noise: NoiseSource,
+    /// The frames beside it that a frame takes samples of.
+    pub temporal: Temporal,
     /// The layers that come from other files, each as `NAME=PATTERN`.
     pub layers: Vec<String>,
     /// What is to be said of the error of missing pixels.
@@ -79,6 +82,7 @@ impl Job {
             guides_from: None,
             weights: None,
             noise: NoiseSource::None,
+            temporal: Temporal::default(),
             layers: Vec::new(),
             estimate: Estimate::No,
             error_channel: None,
@@ -141,6 +145,9 @@ impl Job {
         }
         if self.noise != NoiseSource::None {
             line = format!("{line} noise={}", quote(&self.noise.to_string()));
+        }
+        if self.temporal.window != Window::None {
+            line = format!("{line} temporal={} motion={}", self.temporal.window, self.temporal.motion);
         }
         if let Some(name) = &self.error_channel {
             line = format!("{line} error-channel={name}");

@@ -62,6 +62,7 @@ pub use weights::{Weights, WeightsError};
 use crate::channels::{Choice, Rule, non_finite, non_finite_note, part_label, unheeded};
 use crate::guides;
 use crate::mask::{ATTRIBUTE, Masks};
+use crate::temporal::Neighbours;
 
 /// Pixels that one task takes in loops over a plane.
 const PIECE: usize = 1 << 14;
@@ -75,15 +76,24 @@ pub fn fill(
     plans: &Plans,
     run: &Run<'_>,
 ) -> Result<(Frame, Report), Error> {
-    fill_with(frame, masks, choices, None, job, plans, run)
+    fill_with(frame, masks, choices, Beside::default(), job, plans, run)
 }
 
-/// Fills the missing pixels of a frame; guides come from `second` if it is given.
+/// What a frame is filled with beside itself.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Beside<'a> {
+    /// The frame that guides come from, if it is another one.
+    pub guides: Option<&'a Frame>,
+    /// The frames before and after it.
+    pub neighbours: Option<&'a Neighbours>,
+}
+
+/// Fills the missing pixels of a frame.
 pub fn fill_with(
     mut frame: Frame,
     masks: &Masks,
     choices: &[Vec<Choice>],
-    second: Option<&Frame>,
+    beside: Beside<'_>,
     job: &Job,
     plans: &Plans,
     run: &Run<'_>,
@@ -93,6 +103,7 @@ pub fn fill_with(
         return Err(Error::OtherFrame);
     }
     job.noise.check(&frame)?;
+    let Beside { guides: second, neighbours } = beside;
     let mut choices = choices.to_vec();
     let found = guides::find(&frame, masks, &mut choices, job.wanted(), second)?;
     let choices = choices.as_slice();
@@ -103,7 +114,7 @@ pub fn fill_with(
     for (index, choices) in choices.iter().enumerate() {
         let label = part_label(&frame, index);
         let none = Guides::new(frame.parts[index].size());
-        let work = part::Work { index, masks, choices, guides: &none, job, plans, run };
+        let work = part::Work { index, masks, choices, guides: &none, neighbours, job, plans, run };
         let mut done = bands::fill(&mut frame, &work, &found.parts[index], second)?;
         let same = done.report.channels.iter().all(|channel| channel.filled == 0) && !done.converted;
         // A restoration fills nothing and changes all.
@@ -122,6 +133,7 @@ pub fn fill_with(
             stamp.with_mask(mask).write(&mut part.attributes, density, stop.unwrap_or(Stop::Converged));
             stamp::write_guides(&mut part.attributes, &done.report);
             stamp::write_estimate(&mut part.attributes, &done.report);
+            stamp::write_neighbours(&mut part.attributes, &done.report, neighbours);
         }
         if let Some(name) = &job.error_channel {
             done.notes.extend(estimate::add_channels(part, name, std::mem::take(&mut done.errors)));

@@ -21,6 +21,7 @@ use super::{
 };
 use crate::channels::{self, Choice, Name, Rule, channel_label};
 use crate::mask::Masks;
+use crate::temporal::{Carrier, Neighbours, Reference, carriers};
 
 /// What is to be done to a part, and with what.
 #[derive(Clone, Copy)]
@@ -33,6 +34,8 @@ pub struct Work<'a> {
     pub choices: &'a [Choice],
     /// Complete planes that may steer the colour.
     pub guides: &'a Guides,
+    /// The frames before and after it.
+    pub neighbours: Option<&'a Neighbours>,
     /// What was asked for.
     pub job: &'a Job,
     /// Plans made before.
@@ -86,8 +89,9 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
     }
     let mut filled = Vec::new();
     let groups = work.job.noise.split(part, groups(frame, work.index, &targets));
+    let carriers = along_motion(frame, work, &groups, &mut done)?;
     for (group, method) in learned::assign(part, groups, &work.job.method) {
-        filled.extend(filter(frame, work, (&group, method), &mut targets, &mut done)?);
+        filled.extend(filter(frame, (work, &carriers), (&group, method), &mut targets, &mut done)?);
     }
     // Sets of other masks come apart in the filter; the report has them in the order of the channels.
     let first = |group: &GroupReport| {
@@ -161,13 +165,14 @@ fn blank_report(part: &Part, choices: &[Choice]) -> PartReport {
         name: part.name(),
         channels: choices.iter().enumerate().map(channel).collect(),
         groups: Vec::new(),
+        neighbours: Vec::new(),
     }
 }
 
 /// Fills a group of channels, and says in the report and in its targets what was found.
 fn filter(
     frame: &Frame,
-    work: &Work<'_>,
+    (work, carriers): (&Work<'_>, &[Carrier<'_>]),
     (group, method): (&Group, Method),
     targets: &mut [Target],
     done: &mut Done,
@@ -184,6 +189,10 @@ fn filter(
     let names = channel_names(part, group);
     let mut options = options(frame, work, (group, method), &names)?;
     options.noise = work.job.noise.of(part, group, &samples)?;
+    let carried: Vec<_> = carriers.iter().filter_map(|carrier| carrier.carried(&names)).collect();
+    if group.values == Values::Light {
+        options.carried = &carried;
+    }
     let answer = fill_with(&samples, mask, &options, work.plans, work.run).map_err(fail)?;
     let light = group.values == Values::Light && options.keeps_measured();
     for set in &answer.sets {
@@ -200,6 +209,7 @@ fn filter(
             domain: set.map.name(),
             guides: set.guides.clone(),
             guides_gain: set.gain,
+            neighbours_gain: set.along,
             chosen: set.shares.iter().map(|(name, share)| ((*name).into(), *share)).collect(),
             estimate: set.estimate.map(Into::into),
             energy: light
@@ -226,6 +236,41 @@ fn filter(
         Filled { channel, mask, samples: samples.into_pixels(), values: values.into_pixels(), limited, all }
     });
     Ok(filled.collect())
+}
+
+/// The samples of the frames beside it, at their places in this part; its colours tell which places are likely.
+fn along_motion<'a>(
+    frame: &Frame,
+    work: &Work<'a>,
+    groups: &[Group],
+    done: &mut Done,
+) -> Result<Vec<Carrier<'a>>, Error> {
+    let light = |group: &&Group| group.values == Values::Light;
+    let (Some(neighbours), Some(group)) =
+        (work.neighbours, groups.iter().filter(light).max_by_key(|group| group.channels.len()))
+    else {
+        return Ok(Vec::new());
+    };
+    let part = &frame.parts[work.index];
+    let fail = |source| failed(frame, work, group, source);
+    let plane = |&channel: &usize| {
+        let values = measured_floats(&part.channels[channel].samples, &group.mask)?;
+        Plane::new(group.mask.size(), values).map_err(fail)
+    };
+    let planes = group.channels.iter().map(plane).collect::<Result<_, _>>()?;
+    let samples = Planes::new(group.mask.size(), planes).map_err(fail)?;
+    let mut options = Options::of(lacuna_filters::variational::ss::Settings::default());
+    options.limit = false;
+    let splines =
+        |samples: &Planes, mask: &Arc<Mask>| fill_with(samples, mask, &options, work.plans, work.run);
+    let filled = splines(&samples, &group.mask).map_err(fail)?.planes;
+    // Samples of a neighbour that are not finite count as missing, as they do here.
+    let fill = |samples: &Planes, mask: &Arc<Mask>| splines(samples, mask).ok().map(|filled| filled.planes);
+    let reference = Reference { names: channel_names(part, group), filled, fill: &fill };
+    let (carriers, notes) = carriers((frame, work.index), neighbours, work.job.temporal.motion, &reference);
+    done.notes.extend(notes);
+    done.report.neighbours = carriers.iter().map(|carrier| (carrier.number(), carrier.how.clone())).collect();
+    Ok(carriers)
 }
 
 /// What was measured and what was made of it, for each plane of a set.

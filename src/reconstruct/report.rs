@@ -43,6 +43,9 @@ pub struct PartReport {
     pub channels: Vec<ChannelReport>,
     /// The groups that the filter ran on.
     pub groups: Vec<GroupReport>,
+    /// The frames beside it whose samples it was filled with, and what their motion is known from.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub neighbours: Vec<(i64, String)>,
 }
 
 /// What was done to one channel.
@@ -75,6 +78,9 @@ pub struct GroupReport {
     pub guides: Vec<String>,
     /// The part of the squared error that they took away, estimated by leaving measured pixels out.
     pub guides_gain: Option<f64>,
+    /// The part of the squared error that samples of frames beside it took away, by held-out samples.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub neighbours_gain: Option<f64>,
     /// Where the filter chose: the methods that it chose, and the mean weight of each at missing pixels.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub chosen: Vec<(String, f64)>,

@@ -8,6 +8,7 @@ use super::{PartReport, estimate};
 use crate::channels::Override;
 use crate::guides;
 use crate::mask::Source;
+use crate::temporal::{self, Neighbours};
 
 /// The version that made the part.
 pub const VERSION: &str = "lacuna/version";
@@ -24,11 +25,21 @@ pub const MASK: &str = crate::mask::ATTRIBUTE;
 pub const STOP: &str = "lacuna/stop";
 
 /// All attributes that filling adds.
-pub const ADDED: &[&str] =
-    &[VERSION, FILTER, SETTINGS, DENSITY, MASK, STOP, guides::ATTRIBUTE, estimate::ATTRIBUTE];
+pub const ADDED: &[&str] = &[
+    VERSION,
+    FILTER,
+    SETTINGS,
+    DENSITY,
+    MASK,
+    STOP,
+    guides::ATTRIBUTE,
+    estimate::ATTRIBUTE,
+    temporal::ATTRIBUTE,
+];
 
 /// Those of them that say how the pixels were filled, which would lie once pixels are missing again.
-pub const FILLING: &[&str] = &[FILTER, SETTINGS, DENSITY, STOP, guides::ATTRIBUTE, estimate::ATTRIBUTE];
+pub const FILLING: &[&str] =
+    &[FILTER, SETTINGS, DENSITY, STOP, guides::ATTRIBUTE, estimate::ATTRIBUTE, temporal::ATTRIBUTE];
 
 /// Attributes derived from pixels, which would lie once the pixels differ.
 pub const DERIVED: &[&str] = &["preview", "oiio:SHA-1", "oiio:AverageColor", "oiio:ConstantColor"];
@@ -134,6 +145,14 @@ pub fn write_estimate(attributes: &mut Attributes, report: &PartReport) {
     match estimate::line(report.groups.iter()) {
         Some(line) => attributes.set_text(estimate::ATTRIBUTE, &line),
         None => drop(attributes.remove(estimate::ATTRIBUTE)),
+    }
+}
+
+/// Writes which frames were looked at beside a part's own, and by what motion each was used; parts filled alone have no such attribute.
+pub fn write_neighbours(attributes: &mut Attributes, report: &PartReport, neighbours: Option<&Neighbours>) {
+    match neighbours.filter(|found| !found.looked_at.is_empty()) {
+        Some(found) => attributes.set_text(temporal::ATTRIBUTE, &found.line(&report.neighbours)),
+        None => drop(attributes.remove(temporal::ATTRIBUTE)),
     }
 }
 

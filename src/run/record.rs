@@ -93,6 +93,9 @@ pub struct Record {
     /// What steered the colour, and what that gained by estimate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guides: Option<String>,
+    /// The frames beside it that it was filled along with, by what motion, and what that gained by estimate.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub neighbours: Option<String>,
     /// What the filter chose where, if it does.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub chosen: Option<String>,
@@ -237,6 +240,7 @@ mod tests {
             mask: None,
             guides: None,
             layers: Vec::new(),
+            neighbours: Vec::new(),
             made_from: Vec::new(),
         };
         let heading = Heading {

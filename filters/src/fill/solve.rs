@@ -8,6 +8,7 @@ use super::{Estimate, Options, Set, Values};
 use crate::domain::{Domain, Map};
 use crate::estimate::{Evidence, Folds, Model};
 use crate::noise::{self, Known, Noise};
+use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect};
 use crate::{
     Bounds, Error, Gradients, Mask, Method, Outcome, Plan, Plane, Planes, Plans, Problem, Run, limiter,
@@ -42,7 +43,9 @@ pub fn solve(
         let domain = if light { options.domain } else { Domain::Linear };
         let map = domain.map(mask, samples.as_slice());
         let gradients = Slopes::new(options, &method, &places, mask);
-        let task = Task { method: &method, plan: plan.as_ref(), mask, options, run };
+        let carried: Vec<Carried> =
+            options.carried.iter().map(|carried| carried.select(&places).mapped(map)).collect();
+        let task = Task { method: &method, plan: plan.as_ref(), mask, options, carried: &carried, run };
         let values = (samples, gradients.as_ref());
         let (outcome, mut effect) = task.reconstruct(values, map, &mut out)?;
         let learned = match options.estimate {
@@ -72,7 +75,7 @@ pub fn solve(
         }
         limited.push(moved);
     }
-    let Effect { guides, gain, shares, .. } = effect;
+    let Effect { guides, gain, shares, along, .. } = effect;
     let errors = model.as_ref().filter(|_| options.estimate == Estimate::Pixels).map(Model::plane);
     let estimate = model.map(|model| model.verdict());
     let mask = Arc::clone(mask);
@@ -86,6 +89,7 @@ pub fn solve(
         guides,
         gain,
         shares,
+        along,
         estimate,
         errors,
         weightless,
@@ -120,6 +124,8 @@ struct Task<'a> {
     plan: &'a dyn Plan,
     mask: &'a Arc<Mask>,
     options: &'a Options<'a>,
+    /// Of the set's planes, in the domain.
+    carried: &'a [Carried],
     run: &'a Run<'a>,
 }
 
@@ -201,12 +207,12 @@ impl Task<'_> {
         gradients: Option<&Slopes>,
         out: &mut Planes,
     ) -> Result<(Outcome, Effect), Error> {
-        let Self { method, plan, mask, options, run } = *self;
+        let Self { method, plan, mask, options, carried, run } = *self;
         let guides =
             options.guides.filter(|_| options.method.descriptor().takes.guides && method.keeps_measured());
         match (gradients, guides) {
             (None, guides) if let Some(blend) = plan.blend() => {
-                blend.choose(samples, guides, options.estimate != Estimate::No, out, run)
+                blend.choose(samples, (guides, carried), options.estimate != Estimate::No, out, run)
             }
             (Some(slopes), _) => {
                 let [x, y] = &slopes.planes;

@@ -80,6 +80,8 @@ pub struct Effect {
     pub predicted: Option<Planes>,
     /// Where the method is a blend: the candidates that count, and the mean weight of each at missing pixels.
     pub shares: Vec<(&'static str, f64)>,
+    /// The same: the part of the squared error that samples of other frames took away; nothing if they were not used.
+    pub along: Option<f64>,
     /// The same: what held-out samples show of it, if that was asked for.
     pub evidence: Option<Evidence>,
 }

@@ -78,6 +78,7 @@ use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Sto
 mod doubt;
 mod holes;
 mod polynomials;
+mod pulled;
 mod region;
 mod settings;
 #[cfg(test)]
@@ -86,6 +87,7 @@ mod tiles;
 mod whole;
 
 pub use crate::operator::profile::Kernel;
+pub(crate) use pulled::Pulled;
 pub use settings::{DESCRIPTOR, Order, Settings};
 
 use crate::solver::local::Target;

@@ -182,7 +182,16 @@ fn memory_is_planned_with_its_bytes() {
     lacuna_exr::write(&sparse, file.path(), &WriteOptions::default()).unwrap();
     let (input, output) = (file.path().to_owned(), "filled.exr".into());
     let (layers, made_from) = (Vec::new(), Vec::new());
-    let item = Item { number: None, input, output, mask: None, guides: None, layers, made_from };
+    let item = Item {
+        number: None,
+        input,
+        output,
+        mask: None,
+        guides: None,
+        layers,
+        neighbours: Vec::new(),
+        made_from,
+    };
     let needs = |method: &Method| to_fill(&item, method);
     let plain = Method::named("pushpull", &[]).unwrap();
     let difference = needs(&method("--filter flat").unwrap()) - needs(&plain);

@@ -8,6 +8,7 @@ use crate::files::plan::Item;
 use crate::mask::Source;
 use crate::reconstruct::{Job, Stamp, Windows, was_cut_short};
 use crate::run::existing::is_made_from;
+use crate::temporal;
 
 /// Whether the output is newer than all that it was made from, and its attributes name this version, these settings
 /// and this mask.
@@ -39,8 +40,15 @@ fn is_of(item: &Item, job: &Job, parts: &[PartHeader]) -> bool {
         }
         _ => None,
     });
+    let beside: Vec<i64> = item.neighbours.iter().map(|file| file.number).collect();
+    let same_neighbours = |part: &PartHeader| {
+        let line = part.attributes.text(temporal::ATTRIBUTE).unwrap_or_default();
+        Stamp::read(&part.attributes).is_none() || temporal::numbers(&line) == beside
+    };
     let same_mask = |stamp: &Stamp| source.as_ref().is_none_or(|source| *source == stamp.mask);
-    !stamps.is_empty() && stamps.iter().all(|stamp| stamp.is_of(job) && same_mask(stamp))
+    !stamps.is_empty()
+        && parts.iter().all(same_neighbours)
+        && stamps.iter().all(|stamp| stamp.is_of(job) && same_mask(stamp))
 }
 
 /// Whether the parts of an output have the windows that this run makes of those of the input.

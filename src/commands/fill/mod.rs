@@ -19,11 +19,14 @@ use crate::files::plan::{Item, Targets, plan};
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, MaskFile, Masks, Source};
 use crate::reconstruct::shared::SharedPlans;
-use crate::reconstruct::{self, Gate, GroupReport, Report, energy, estimate, filled_before};
+use crate::reconstruct::{
+    self, Beside, Gate, GroupReport, PartReport, Report, energy, estimate, filled_before,
+};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
 use crate::run::record::{Estimate, Heading, Light, Record};
 use crate::run::{batch, memory, outputs};
+use crate::temporal::{NeighbourFiles, Neighbours};
 
 /// Frames to be filled, and how.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,6 +71,7 @@ pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
         job,
         plans: SharedPlans::new(job.run.memory.is_some()),
         masks: MaskFiles::default(),
+        neighbours: NeighbourFiles::default(),
         page: Page::new(job.run.page.as_ref(), plan.items.len()),
     };
     let console = job.run.console()?;
@@ -89,6 +93,7 @@ struct Fill<'a> {
     job: &'a FillJob,
     plans: SharedPlans,
     masks: MaskFiles,
+    neighbours: NeighbourFiles,
     page: Page,
 }
 
@@ -98,6 +103,7 @@ struct Loaded {
     frame: Frame,
     mask: Option<Arc<MaskFile>>,
     guides: Option<Frame>,
+    neighbours: Neighbours,
 }
 
 impl Fill<'_> {
@@ -119,7 +125,12 @@ impl Fill<'_> {
         let guides = item.guides.as_deref();
         let guides =
             guides.map(|path| lacuna_exr::read(path, &limits).map_err(|error| Failure::at(path, error)));
-        Ok(Loaded { frame, mask, guides: guides.transpose()? })
+        let number = item.number.unwrap_or_default();
+        let from = (&self.job.what.mask, &self.masks);
+        // As many as the window has, and those of frames that are read beside.
+        let most = item.neighbours.len() + self.job.run.parallel_frames.max(1);
+        let neighbours = self.neighbours.read((number, &item.neighbours), from, most, limits);
+        Ok(Loaded { frame, mask, guides: guides.transpose()?, neighbours })
     }
 
     /// The masks to go by. A frame to be enlarged may well be complete; one to be filled is not, and was not filled before.
@@ -152,12 +163,13 @@ impl Fill<'_> {
             return false;
         }
         // What cannot be read or filled says so when it is done.
-        let Ok(Loaded { frame, mask, guides }) = self.read(item) else { return false };
+        let Ok(Loaded { frame, mask, guides, .. }) = self.read(item) else { return false };
         let found = mask::find(&frame, &what.mask, mask.as_deref());
         let Some(masks) = found.ok().filter(Masks::is_full) else { return false };
         let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
         let (plans, run) = (self.plans.of(&masks), Run::default());
-        reconstruct::fill_with(frame, &masks, &choices, guides.as_ref(), what, &plans, &run)
+        let beside = Beside { guides: guides.as_ref(), neighbours: None };
+        reconstruct::fill_with(frame, &masks, &choices, beside, what, &plans, &run)
             .is_ok_and(|(frame, report)| report.copied && lacuna_exr::has_header_of(&item.output, &frame))
     }
 }
@@ -180,7 +192,7 @@ impl Work for Fill<'_> {
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
-        let Loaded { mut frame, mask, guides } = stage.read(record, || self.read(item))?;
+        let Loaded { mut frame, mask, guides, neighbours } = stage.read(record, || self.read(item))?;
         let start = Instant::now();
         let interrupt = || {
             let late = self.job.run.time_limit.is_some_and(|limit| start.elapsed() >= limit);
@@ -188,6 +200,8 @@ impl Work for Fill<'_> {
         };
         let run = Run { interrupt: Some(&interrupt) };
         let what = &self.job.what;
+        let beside = Beside { guides: guides.as_ref(), neighbours: Some(&neighbours) };
+        record.warn(&neighbours.notes);
         let solved = stage.solve(record, || {
             let found = mask::find(&frame, &what.mask, mask.as_deref());
             let masks = self.masks_of(&frame, found).map_err(|error| at_input(&error))?;
@@ -206,7 +220,7 @@ impl Work for Fill<'_> {
                     &plans,
                     &run,
                 ),
-                None => reconstruct::fill_with(frame, &masks, &choices, guides.as_ref(), what, &plans, &run),
+                None => reconstruct::fill_with(frame, &masks, &choices, beside, what, &plans, &run),
             };
             let done = done.map_err(|error| at_input(&error))?;
             // The masks are those of the frame that was read, not of the enlarged one.
@@ -242,6 +256,10 @@ fn enter(report: &Report, record: &mut Record) {
     record.guides = guides(report, usize::MAX);
     if let Some(guides) = guides(report, SHOWN) {
         tracing::info!("guided by {guides}");
+    }
+    record.neighbours = neighbours(report);
+    if let Some(neighbours) = &record.neighbours {
+        tracing::info!("along with {neighbours}");
     }
     let groups = || report.parts.iter().flat_map(|part| &part.groups);
     record.chosen = estimate::chosen(groups());
@@ -309,6 +327,30 @@ pub fn guides(report: &Report, most: usize) -> Option<String> {
     let more = all.len().saturating_sub(most);
     let more = if more > 0 { format!("; and {more} more") } else { String::new() };
     (!all.is_empty()).then(|| all[..all.len().min(most)].join("; ") + &more)
+}
+
+/// Which frames beside it a frame was filled along with, by what motion, and how much of the error they took away by estimate.
+fn neighbours(report: &Report) -> Option<String> {
+    let parts = report.parts.iter().filter(|part| !part.neighbours.is_empty());
+    let one = |part: &PartReport| {
+        let mut ways: Vec<(&str, Vec<String>)> = Vec::new();
+        for (number, how) in &part.neighbours {
+            match ways.iter_mut().find(|way| way.0 == how) {
+                Some(way) => way.1.push(number.to_string()),
+                None => ways.push((how, vec![number.to_string()])),
+            }
+        }
+        let ways = ways.iter().map(|(how, frames)| format!("{} by {how}", frames.join(", ")));
+        let gains = part.groups.iter().filter_map(|group| {
+            let decibels = -10.0 * (1.0 - group.neighbours_gain?).max(1e-9).log10();
+            Some(format!("{}: {decibels:.1} dB by estimate", few(&group.channels, SHOWN)))
+        });
+        let gains: Vec<String> = gains.collect();
+        let gains = if gains.is_empty() { "they help nowhere".into() } else { gains.join("; ") };
+        format!("frames {} ({gains})", ways.collect::<Vec<_>>().join(", "))
+    };
+    let all: Vec<String> = parts.map(one).collect();
+    (!all.is_empty()).then(|| all.join("; "))
 }
 
 /// How many channels each rule had: `3 fill, 1 keep`.

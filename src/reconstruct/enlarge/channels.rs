@@ -106,6 +106,7 @@ fn solve(
         outcome: large.outcome,
         guides: large.guides.clone(),
         guides_gain: large.guides_gain,
+        neighbours_gain: None,
     });
     Ok(large)
 }

@@ -116,7 +116,8 @@ pub fn enlarge(
             channel.non_finite += lost;
         }
         done.notes.extend(done.report.non_finite());
-        let work = part::Work { index, masks: &finite, choices, guides: &high, job, plans, run };
+        let work =
+            part::Work { index, masks: &finite, choices, guides: &high, neighbours: None, job, plans, run };
         channels::enlarge(&mut frame, (&work, &kinds), (geometry, asked.method), taken, &mut done)?;
         let part = &mut frame.parts[index];
         done.notes.extend(vectors(part, (geometry, asked.keep_vectors), choices));
@@ -153,7 +154,7 @@ fn low(
         let label = || part_label(frame, index);
         guides = smaller.map_err(|source| Error::Filter { channel: label(), source })?;
     }
-    let work = part::Work { index, masks, choices, guides: &guides, job: &job, plans, run };
+    let work = part::Work { index, masks, choices, guides: &guides, neighbours: None, job: &job, plans, run };
     part::fill(frame, &work)
 }
 

@@ -17,6 +17,7 @@ fn item(folder: &Path) -> Item {
         mask: None,
         guides: None,
         layers: Vec::new(),
+        neighbours: Vec::new(),
         made_from: Vec::new(),
     }
 }

@@ -85,7 +85,33 @@ impl Region {
                 }
             }
         }
-        let (mut size, mut spacing) = (mask.size(), (1.0, 1.0));
+        let single = pull.is_none();
+        Self::of(isa, form, mask.size(), window, free, (pull, single))
+    }
+
+    /// All of the image; measured pixels keep their values, and the others are pulled towards theirs as firmly as `pulls` says.
+    pub fn pulled(isa: Isa, form: &Form, mask: &Mask, pulls: &Plane) -> Self {
+        let size = mask.size();
+        let window = Window { y: 0, x: 0, height: size.height, width: size.width };
+        let (mut free, mut pull): (Vec<f64>, Vec<f64>) = (window.zeros(), window.zeros());
+        for i in 0..size.height {
+            for (j, (&measured, &own)) in mask.row(i).iter().zip(pulls.row(i)).enumerate() {
+                let place = window.at(i, j);
+                (free[place], pull[place]) = if measured { (0.0, 0.0) } else { (1.0, f64::from(own)) };
+            }
+        }
+        Self::of(isa, form, size, window, free, (Some(pull), true))
+    }
+
+    fn of(
+        isa: Isa,
+        form: &Form,
+        whole: Size,
+        window: Window,
+        free: Vec<f64>,
+        (pull, single): (Option<Vec<f64>>, bool),
+    ) -> Self {
+        let (mut size, mut spacing) = (whole, (1.0, 1.0));
         let mut matrix = |level: usize| {
             if level > 0 {
                 let halve = |n: usize, s: f64| if n > 1 { (n.div_ceil(2), 2.0 * s) } else { (n, s) };
@@ -96,13 +122,14 @@ impl Region {
             form.energy(size, spacing)
         };
         let wide = window.height.min(window.width) >= NARROW;
-        let grids = if form.order == 2 && form.tension > 0.0 && pull.is_none() && wide {
+        let grids = if form.order == 2 && form.tension > 0.0 && single && wide {
             let free = free.into_iter().map(|free| free as f32).collect();
-            Grids::Single(Multigrid::new(isa, window, &mut matrix, free, None))
+            let pull = pull.as_ref().map(|pull| pull.iter().map(|&pull| pull as f32).collect());
+            Grids::Single(Multigrid::new(isa, window, &mut matrix, free, pull))
         } else {
             Grids::Double(Multigrid::new(isa, window, &mut matrix, free, pull.clone()))
         };
-        Self { isa, window, matrix: form.energy(mask.size(), (1.0, 1.0)), grids, pull }
+        Self { isa, window, matrix: form.energy(whole, (1.0, 1.0)), grids, pull }
     }
 
     /// The rectangle.

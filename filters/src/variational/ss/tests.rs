@@ -410,3 +410,41 @@ proptest! {
         compare(&kinds()[kind], &noise(size, seed), &random_mask(size, density, seed), None);
     }
 }
+
+#[test]
+fn pulled_splines_are_the_minimisers() {
+    let size = Size::new(17, 19);
+    let mask = random_mask(size, 0.2, 5);
+    let start = noise(size, 3);
+    let values = Plane::from_fn(size, |y, x| start.at(y, x) + 0.3 * ((3 * y + 5 * x) as f32).sin());
+    let strength = |k: usize| [0.0, 1.0, 10.0, 0.0, 1e6][k % 5];
+    let pulls = Plane::from_fn(size, |y, x| if mask.is_measured(y, x) { 7.0 } else { strength(y * 19 + x) });
+    let Settings { kernel, order, tension, .. } = Settings::default();
+    let matrix: Separable<f64> = Form::new(kernel, order.number(), tension).energy(size, (1.0, 1.0));
+    let place = |k: usize| (k / size.width, k % size.width);
+    let free: Vec<usize> = (0..size.pixels()).filter(|&k| !mask.as_slice()[k]).collect();
+    let n = free.len();
+    let (mut a, mut b) = (vec![0.0; n * n], vec![0.0; n]);
+    for (r, &k) in free.iter().enumerate() {
+        for (c, &l) in free.iter().enumerate() {
+            a[r * n + c] = matrix.entry(place(k), place(l));
+        }
+        let pull = f64::from(pulls.pixels()[k]);
+        a[r * n + r] += pull;
+        b[r] += pull * f64::from(values.pixels()[k]);
+        for l in (0..size.pixels()).filter(|&l| mask.as_slice()[l]) {
+            b[r] -= matrix.entry(place(k), place(l)) * f64::from(start.pixels()[l]);
+        }
+    }
+    let expected = cholesky(a, b);
+    let mut image = Planes::new(size, vec![start.clone()]).unwrap();
+    let values = Planes::new(size, vec![values]).unwrap();
+    let outcome = super::Pulled::new(&mask, &pulls).solve(&values, &[2e-6], &mut image, &Run::default());
+    assert_eq!(outcome.stop, Stop::Converged);
+    for (k, expected) in free.into_iter().zip(expected) {
+        let found = f64::from(image.as_slice()[0].pixels()[k]);
+        assert!((found - expected).abs() < 1e-4, "{k}: {found} for {expected}");
+    }
+    let kept = mask.as_slice().iter().zip(image.as_slice()[0].pixels()).zip(start.pixels());
+    assert!({ kept }.filter(|((flag, _), _)| **flag).all(|((_, a), b)| a.to_bits() == b.to_bits()));
+}

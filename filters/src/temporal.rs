@@ -1,0 +1,243 @@
+//! Filling a frame with samples of other frames, each carried to its place in this one along the motion.
+//!
+//! Given an image `m` that is filled already and is `y` at the measured pixels, and samples `v_i` of other frames at sub-pixel places `p_i`,
+//! the image `x` minimises
+//!
+//! ```text
+//! (x - m)' H (x - m)  +  w sum over i of  t_i (x(p_i) - v_i)^2        over all x that equal y at the measured pixels
+//! t_i = 1 / (d_i^2 (1 + (e_i / s_i)^2))
+//! ```
+//!
+//! with `H` the energy of smoothness splines ([`crate::variational::ss`]), `x(p)` the cubic interpolation of the image, `d_i` how many frames away the
+//! sample was measured, and `e_i` how far the image of the round before disagrees with it (root mean square over the planes). The scale `s_i` is twice what
+//! samples around disagree by, and no less than a share of the range: what is hidden here, or moved or lit otherwise than all around, counts little.
+//!
+//! Algorithm: deferred correction. In each of `ROUNDS` rounds every sample becomes a value at a missing pixel `q` near its place,
+//! `v_i + x(q) - x(p_i)` by the image of the round before (first `m`); values of one pixel are combined by their weights, and the spline that is pulled
+//! towards them is solved on the grid (`variational/ss/pulled.rs`).
+//!
+//! Boundary: that of the splines; the interpolation repeats the outermost pixels. The same bits for any number of threads.
+//!
+//! Which `w` is best, and whether other frames help at all, differs between places: [`crate::auto`] asks held-out samples.
+//!
+//! Cost: `ROUNDS` solves on the whole image. Fails: thin parts whose motion is not known to a fraction of their width.
+//!
+//! Source: R. Keys, "Cubic Convolution Interpolation for Digital Image Processing", IEEE Trans. ASSP 29, 1981; V. Pereyra, "On improving an
+//! approximate solution of a functional equation by deferred corrections", Numerische Mathematik 8, 1966; P. Holland, R. Welsch,
+//! "Robust regression using iteratively reweighted least-squares", Communications in Statistics 6, 1977.
+
+pub mod camera;
+mod carried;
+pub mod flow;
+#[cfg(test)]
+mod tests;
+
+pub use carried::Carried;
+pub(crate) use carried::thinned;
+
+use lacuna_core::parallel::prelude::*;
+
+use crate::kernel::extremes::range;
+use crate::sampling::refine::blur;
+use crate::variational::ss::Pulled;
+use crate::{Mask, Outcome, Plane, Planes, Run, Size};
+
+/// Rounds of correction.
+const ROUNDS: usize = 2;
+/// The least disagreement at which a sample counts half, over the range of the measured ones.
+const HALF: f64 = 0.03;
+/// The same, over what samples around disagree by.
+const AROUND: f64 = 2.0;
+/// Width of the Gaussian of what is around, in pixels.
+const SPREAD: f64 = 3.0;
+/// Largest last correction of a round, over the range of the measured samples.
+const ERROR: f64 = 2e-6;
+/// Samples that one task takes.
+const PIECE: usize = 1 << 12;
+
+/// Pulls the missing pixels of `image`, which is filled already, towards samples of other frames.
+pub(crate) fn pull(
+    mask: &Mask,
+    carried: &[Carried],
+    weight: f64,
+    image: &mut Planes,
+    run: &Run<'_>,
+) -> Outcome {
+    let begun = image.clone();
+    let mut worst = Outcome::direct();
+    for _ in 0..ROUNDS {
+        let data = Data::new(mask, carried, weight, (&begun, image));
+        if run.interrupted().is_some() || data.is_empty() {
+            break;
+        }
+        // What the energy holds is the difference to the image that it began with.
+        subtract(image, &begun);
+        worst = worst.worst(Pulled::new(mask, &data.pulls).solve(&data.values, &data.tolerances, image, run));
+        add(image, &begun);
+    }
+    for (image, begun) in image.as_mut_slice().iter_mut().zip(begun.as_slice()) {
+        crate::fill::restore(mask, begun, image);
+    }
+    worst
+}
+
+fn subtract(image: &mut Planes, other: &Planes) {
+    for (image, other) in image.as_mut_slice().iter_mut().zip(other.as_slice()) {
+        image.pixels_mut().iter_mut().zip(other.pixels()).for_each(|(value, other)| *value -= other);
+    }
+}
+
+fn add(image: &mut Planes, other: &Planes) {
+    for (image, other) in image.as_mut_slice().iter_mut().zip(other.as_slice()) {
+        image.pixels_mut().iter_mut().zip(other.pixels()).for_each(|(value, other)| *value += other);
+    }
+}
+
+fn wide(mask: &Mask, plane: &Plane) -> f64 {
+    let (low, high) = range(mask.as_slice(), plane.pixels());
+    (f64::from(high) - f64::from(low)).max(0.0)
+}
+
+/// How far an image disagrees with samples of another frame: the mean of `e / (e + s)` over samples, with `s` a share of the image's range.
+pub fn disagreement(carried: &Carried, image: &Planes) -> f64 {
+    let all = Mask::from_fn(image.size(), |_, _| true);
+    let widest = image.as_slice().iter().map(|plane| wide(&all, plane)).fold(0.0, f64::max);
+    let half = (HALF * widest).max(f64::MIN_POSITIVE);
+    let pieces = off(carried, image).map(|off| off.sqrt() / (off.sqrt() + half));
+    pieces.sum::<f64>() / carried.len().max(1) as f64
+}
+
+/// The squared disagreement of each sample, the mean over the planes.
+fn off(carried: &Carried, image: &Planes) -> impl Iterator<Item = f64> {
+    let one = |i: usize| {
+        let [y, x] = carried.places[i];
+        let taps = Taps::new(image.size(), y, x);
+        let planes = image.as_slice().iter().zip(&carried.values);
+        let squares: f64 =
+            planes.map(|(plane, values)| (f64::from(values[i]) - taps.of(plane)).powi(2)).sum();
+        squares / image.len().max(1) as f64
+    };
+    let all: Vec<f64> = (0..carried.len()).into_par_iter().with_min_len(PIECE).map(one);
+    all.into_iter()
+}
+
+/// Values on the grid, less those of the image that was there first, and how firmly they pull.
+struct Data {
+    values: Planes,
+    pulls: Plane,
+    tolerances: Vec<f64>,
+}
+
+impl Data {
+    fn new(mask: &Mask, carried: &[Carried], weight: f64, (begun, image): (&Planes, &Planes)) -> Self {
+        let size = mask.size();
+        let ranges: Vec<f64> = begun.as_slice().iter().map(|plane| wide(mask, plane)).collect();
+        let least = (HALF * ranges.iter().copied().fold(0.0, f64::max)).max(f64::MIN_POSITIVE);
+        let errors: Vec<Vec<f64>> = carried.iter().map(|carried| off(carried, image).collect()).collect();
+        let scale = scales(size, carried, &errors);
+        let mut pulls = vec![0.0_f64; size.pixels()];
+        let mut sums = vec![vec![0.0_f64; size.pixels()]; image.len()];
+        for (carried, errors) in carried.iter().zip(&errors) {
+            for (i, (place, error)) in carried.places.iter().zip(errors).enumerate() {
+                let Some(at) = missing_near(mask, *place) else { continue };
+                let scale = AROUND * AROUND * scale[carried::pixel(size, *place)] + least * least;
+                let pull = weight * carried.nearness() / (1.0 + error / scale);
+                let taps = Taps::new(size, place[0], place[1]);
+                pulls[at] += pull;
+                let planes = image.as_slice().iter().zip(begun.as_slice()).zip(&carried.values);
+                for (sum, ((plane, begun), values)) in sums.iter_mut().zip(planes) {
+                    let shift = f64::from(plane.pixels()[at]) - taps.of(plane);
+                    sum[at] += pull * (f64::from(values[i]) + shift - f64::from(begun.pixels()[at]));
+                }
+            }
+        }
+        let plane = |sum: Vec<f64>| {
+            let mean = sum.iter().zip(&pulls).map(|(s, p)| if *p > 0.0 { (s / p) as f32 } else { 0.0 });
+            Plane::of(size, mean.collect())
+        };
+        let values = Planes::of(size, sums.into_iter().map(plane).collect());
+        let pulls = Plane::of(size, pulls.into_iter().map(|pull| pull as f32).collect());
+        Self { values, pulls, tolerances: ranges.into_iter().map(|range| ERROR * range).collect() }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.pulls.pixels().iter().all(|pull| *pull == 0.0)
+    }
+}
+
+/// The mean squared disagreement of the samples around each pixel.
+fn scales(size: Size, carried: &[Carried], errors: &[Vec<f64>]) -> Vec<f64> {
+    let (mut sums, mut counts) = (vec![0.0_f32; size.pixels()], vec![0.0_f32; size.pixels()]);
+    for (carried, errors) in carried.iter().zip(errors) {
+        for (place, error) in carried.places.iter().zip(errors) {
+            let at = carried::pixel(size, *place);
+            sums[at] += *error as f32;
+            counts[at] += 1.0;
+        }
+    }
+    let (sums, counts) = (blur(size, &sums, SPREAD), blur(size, &counts, SPREAD));
+    let mean =
+        |(sum, count): (&f32, &f32)| if *count > 0.0 { f64::from(*sum) / f64::from(*count) } else { 0.0 };
+    sums.iter().zip(&counts).map(mean).collect()
+}
+
+/// The missing pixel nearest to a place, of the four around it.
+fn missing_near(mask: &Mask, [y, x]: [f32; 2]) -> Option<usize> {
+    let Size { height, width } = mask.size();
+    let around = |at: f32, length: usize| {
+        let low = at.floor();
+        [low, low + 1.0].map(|at| at.clamp(0.0, (length - 1) as f32))
+    };
+    let mut nearest = None::<(f32, usize)>;
+    for row in around(y, height) {
+        for column in around(x, width) {
+            let at = row as usize * width + column as usize;
+            let distance = (row - y).powi(2) + (column - x).powi(2);
+            // Of a measured pixel's own place, there is nothing to be learned beside it.
+            if distance < 1e-6 && mask.as_slice()[at] {
+                return None;
+            }
+            if !mask.as_slice()[at] && nearest.is_none_or(|nearest| distance < nearest.0) {
+                nearest = Some((distance, at));
+            }
+        }
+    }
+    nearest.map(|nearest| nearest.1)
+}
+
+/// Cubic interpolation at a place.
+pub(crate) struct Taps {
+    rows: [(usize, f64); 4],
+    columns: [(usize, f64); 4],
+}
+
+impl Taps {
+    /// Places beyond the outermost pixels are theirs.
+    pub fn new(size: Size, y: f32, x: f32) -> Self {
+        Self { rows: axis(y, size.height), columns: axis(x, size.width) }
+    }
+
+    /// The value of a plane.
+    pub fn of(&self, plane: &Plane) -> f64 {
+        let row = |&(row, weight): &(usize, f64)| {
+            let row = plane.row(row);
+            weight * self.columns.iter().map(|&(column, w)| w * f64::from(row[column])).sum::<f64>()
+        };
+        self.rows.iter().map(row).sum()
+    }
+}
+
+/// The four pixels around a place along one axis, and their weights.
+fn axis(at: f32, length: usize) -> [(usize, f64); 4] {
+    let last = (length - 1) as f32;
+    let at = at.clamp(0.0, last);
+    let low = at.floor();
+    let t = f64::from(at - low);
+    let weights = [
+        0.5 * t * (t * (2.0 - t) - 1.0),
+        0.5 * (t * t * (3.0 * t - 5.0) + 2.0),
+        0.5 * t * (t * (4.0 - 3.0 * t) + 1.0),
+        0.5 * t * t * (t - 1.0),
+    ];
+    std::array::from_fn(|k| ((low + k as f32 - 1.0).clamp(0.0, last) as usize, weights[k]))
+}

@@ -1,0 +1,127 @@
+//! Samples of another frame at their places in this one.
+
+use crate::domain::Map;
+use crate::sampling::hash;
+use crate::{Mask, Planes, Size};
+
+/// Side of the blocks in which samples are counted.
+const BLOCK: usize = 32;
+/// The distance from a pixel's centre that is none.
+const WHOLE: f32 = 1e-3;
+/// The seed of those that are left out.
+const SEED: u64 = 0x7e4d;
+
+/// Samples of another frame at their places in this one.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Carried {
+    /// Row and column, whole numbers at pixel centres.
+    pub(crate) places: Vec<[f32; 2]>,
+    /// By plane, the values.
+    pub(crate) values: Vec<Vec<f32>>,
+    /// How many frames away it was measured, at least 1.
+    pub(crate) distance: u32,
+}
+
+impl Carried {
+    /// The measured samples of a frame that is `distance` frames away, `place` telling where each of its pixels, by its index row by row, lies in an image of that size: row
+    /// and column, whole numbers at pixel centres. Those whose place is not known (NaN) or outside, and those that are not finite, are left out.
+    pub fn new(
+        size: Size,
+        (samples, mask): (&Planes, &Mask),
+        distance: u32,
+        place: impl Fn(usize) -> [f32; 2],
+    ) -> Self {
+        let values = vec![Vec::new(); samples.len()];
+        let mut own = Self { places: Vec::new(), values, distance: distance.max(1) };
+        let inside = |at: f32, length: usize| at >= -0.5 && at < length as f32 - 0.5;
+        for (at, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
+            // What is all but a pixel's centre is it.
+            let [y, x] = place(at).map(|at| if (at - at.round()).abs() < WHOLE { at.round() } else { at });
+            let finite = || samples.as_slice().iter().all(|plane| plane.pixels()[at].is_finite());
+            if inside(y, size.height) && inside(x, size.width) && finite() {
+                own.places.push([y, x]);
+                let planes = own.values.iter_mut().zip(samples.as_slice());
+                planes.for_each(|(values, plane)| values.push(plane.pixels()[at]));
+            }
+        }
+        own
+    }
+
+    /// The number of samples.
+    pub fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.places.is_empty()
+    }
+
+    /// Whether all of them lie at pixel centres.
+    pub(crate) fn is_still(&self) -> bool {
+        self.places.iter().flatten().all(|at| at.fract() == 0.0)
+    }
+
+    /// How much it counts for being near in time.
+    pub(crate) fn nearness(&self) -> f64 {
+        1.0 / f64::from(self.distance).powi(2)
+    }
+
+    /// Of these planes, in this order.
+    pub(crate) fn select(&self, planes: &[usize]) -> Self {
+        let values = planes.iter().map(|&at| self.values[at].clone()).collect();
+        Self { places: self.places.clone(), values, distance: self.distance }
+    }
+
+    /// With the values mapped.
+    pub(crate) fn mapped(&self, map: Map) -> Self {
+        let mut own = self.clone();
+        own.values.iter_mut().flatten().for_each(|value| *value = map.forward(*value));
+        own
+    }
+}
+
+/// The pixel of an image of that size that a place is in.
+pub(super) fn pixel(size: Size, [y, x]: [f32; 2]) -> usize {
+    let at = |at: f32, length: usize| (at.round().max(0.0) as usize).min(length - 1);
+    at(y, size.height) * size.width + at(x, size.width)
+}
+
+/// Where other frames know more of measured pixels than of missing ones, as frames of one mask do that nothing moves in, held-out samples would
+/// promise too much. Leaves out as many of their samples at measured pixels, block by block.
+pub(crate) fn thinned(mask: &Mask, carried: &[Carried]) -> Vec<Carried> {
+    let size = mask.size();
+    let blocks = Size::new(size.height.div_ceil(BLOCK), size.width.div_ceil(BLOCK));
+    let block = |pixel: usize| pixel / size.width / BLOCK * blocks.width + pixel % size.width / BLOCK;
+    // Of measured and of missing pixels: how many there are, and samples of other frames in them.
+    let mut counts = vec![[[0_usize; 2]; 2]; blocks.pixels()];
+    for (pixel, &flag) in mask.as_slice().iter().enumerate() {
+        counts[block(pixel)][usize::from(!flag)][0] += 1;
+    }
+    for place in carried.iter().flat_map(|carried| &carried.places) {
+        let pixel = pixel(size, *place);
+        counts[block(pixel)][usize::from(!mask.as_slice()[pixel])][1] += 1;
+    }
+    let kept: Vec<f64> = counts
+        .iter()
+        .map(|[own, other]| {
+            let density = |[pixels, samples]: &[usize; 2]| *samples as f64 / (*pixels).max(1) as f64;
+            if own[1] == 0 { 1.0 } else { density(other) / density(own) }
+        })
+        .collect();
+    let thin = |(frame, carried): (usize, &Carried)| {
+        let stays = |i: &usize| {
+            let pixel = pixel(size, carried.places[*i]);
+            let drawn = hash(SEED + frame as u64, pixel as u64) as f64 / u64::MAX as f64;
+            !mask.as_slice()[pixel] || drawn < kept[block(pixel)]
+        };
+        let all: Vec<usize> = (0..carried.len()).filter(stays).collect();
+        let take = |values: &Vec<f32>| all.iter().map(|&i| values[i]).collect();
+        Carried {
+            places: all.iter().map(|&i| carried.places[i]).collect(),
+            values: carried.values.iter().map(take).collect(),
+            distance: carried.distance,
+        }
+    };
+    carried.iter().enumerate().map(thin).collect()
+}

@@ -1,0 +1,108 @@
+//! Motion by depth and cameras, as the standard attributes say them.
+
+use lacuna_exr::{Frame, Part};
+use lacuna_filters::baseline::nearest::NearestMap;
+use lacuna_filters::temporal::camera::{Camera, Depth, Matrix};
+use lacuna_filters::{Mask, Size};
+
+use super::Neighbour;
+use crate::channels::{self, Name, Rule};
+
+/// The camera of a part, over its display window.
+pub fn camera(part: &Part) -> Option<Camera> {
+    let to_camera = matrix(part, "worldToCamera")?;
+    let to_ndc = matrix(part, "worldToNDC")?;
+    Camera::new(&to_camera, &to_ndc, part.display_window.size())
+}
+
+fn matrix(part: &Part, name: &str) -> Option<Matrix> {
+    let attribute = part.attributes.get(name)?;
+    let values: Vec<f64> = match attribute.kind.as_slice() {
+        b"m44f" => attribute
+            .value
+            .as_chunks::<4>()
+            .0
+            .iter()
+            .map(|bytes| f64::from(f32::from_le_bytes(*bytes)))
+            .collect(),
+        b"m44d" => {
+            attribute.value.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()
+        }
+        _ => return None,
+    };
+    let all = values.len() == 16 && values.iter().all(|value| value.is_finite());
+    all.then(|| std::array::from_fn(|row| std::array::from_fn(|column| values[4 * row + column])))
+}
+
+/// The depth of each pixel of a neighbour's part, NaN where it is not known: the frame's own where it was measured, else of a dense AOV.
+fn depths(neighbour: &Neighbour, part: usize) -> Option<Vec<f32>> {
+    let own = &neighbour.frame.parts[part];
+    let depth = |at: usize| channels::by_default(own, at).0 == Rule::Depth;
+    let dense = channels::dense(own);
+    let is_dense = |at: usize| dense.iter().any(|name| *name == own.channels[at].display_name());
+    let named = |at: &usize| Name::new(&own.channels[*at].display_name()).component == "Z";
+    let mut found: Vec<usize> = (0..own.channels.len()).filter(|&at| depth(at)).collect();
+    found.sort_by_key(|at| (!is_dense(*at), !named(at)));
+    let &first = found.first()?;
+    let values = own.channels[first].samples.to_floats()?;
+    if is_dense(first) {
+        return Some(values);
+    }
+    let mask = neighbour.masks.get(part, first)?;
+    let measured = values.iter().zip(mask.as_slice());
+    Some(measured.map(|(&value, &flag)| if flag { value } else { f32::NAN }).collect())
+}
+
+/// Where each pixel of a neighbour's part lies in the frame, in each way that its depth may be meant.
+pub fn places((frame, part): (&Frame, usize), neighbour: &Neighbour) -> Option<Vec<Vec<[f32; 2]>>> {
+    let (own, other) = (&frame.parts[part], &neighbour.frame.parts[part]);
+    let (here, there) = (camera(own)?, camera(other)?);
+    let depth = depths(neighbour, part)?;
+    let size = other.size();
+    let pixels = || (0..size.pixels()).map(|at| [at / size.width, at % size.width].map(|at| at as f64));
+    if here.is_same(&there) {
+        return Some(vec![pixels().map(|place| place.map(|at| at as f32)).collect()]);
+    }
+    // From pixels of the data window to those of the display window, which the camera shows.
+    let offset = [
+        f64::from(own.data_window.y_min) - f64::from(own.display_window.y_min),
+        f64::from(own.data_window.x_min) - f64::from(own.display_window.x_min),
+    ];
+    let along = |along: Depth| -> Vec<[f32; 2]> {
+        let carry = |([row, column], depth): ([f64; 2], &f32)| {
+            let place =
+                here.place(there.point([row + offset[0], column + offset[1]], f64::from(*depth), along));
+            [(place[0] - offset[0]) as f32, (place[1] - offset[1]) as f32]
+        };
+        pixels().zip(&depth).map(carry).collect()
+    };
+    let mut all = Vec::new();
+    for convention in conventions(other) {
+        let far = along(*convention);
+        all.extend(with_surfaces(size, &depth, &far));
+        all.push(far);
+    }
+    Some(all)
+}
+
+/// The same, but that pixels without a finite depth move as the nearest one that has one: what shines through beside a surface moves with it.
+fn with_surfaces(size: Size, depth: &[f32], places: &[[f32; 2]]) -> Option<Vec<[f32; 2]>> {
+    let known = Mask::new(size, depth.iter().map(|depth| depth.is_finite()).collect()).ok()?;
+    if known.is_empty() || !depth.iter().any(|depth| depth.is_infinite()) {
+        return None;
+    }
+    let nearest = NearestMap::new(&known).ok()?;
+    let place = |(at, &source): (usize, &u32)| {
+        let from = source as usize;
+        let shift =
+            |axis: usize, pixel: usize, source: usize| places[from][axis] - source as f32 + pixel as f32;
+        let width = size.width;
+        [shift(0, at / width, from / width), shift(1, at % width, from % width)]
+    };
+    Some(nearest.as_slice().iter().enumerate().map(place).collect())
+}
+
+/// What the depth of a frame is likely measured along: lacuna's own is along the ray.
+fn conventions(part: &Part) -> &'static [Depth] {
+    if part.attributes.get("lacuna/render").is_some() { &[Depth::Ray] } else { &[Depth::Plane, Depth::Ray] }
+}

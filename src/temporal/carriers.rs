@@ -1,0 +1,200 @@
+//! Where the samples of each neighbour lie in a part, and by what that is known.
+
+use std::sync::Arc;
+
+use lacuna_exr::{Frame, Part};
+use lacuna_filters::temporal::{Carried, disagreement, flow};
+use lacuna_filters::{Mask, Plane, Planes, Size};
+
+use super::vectors::{self, Way};
+use super::{Motion, Neighbour, Neighbours, camera};
+use crate::channels::part_label;
+
+/// What motion is judged by and estimated from: colours of a part.
+pub struct Reference<'a> {
+    /// The full names of the channels.
+    pub names: Vec<String>,
+    /// All pixels of them, filled.
+    pub filled: Planes,
+    /// Fills those of another frame.
+    pub fill: &'a dyn Fn(&Planes, &Arc<Mask>) -> Option<Planes>,
+}
+
+/// A neighbour's part whose samples have places.
+pub struct Carrier<'a> {
+    neighbour: &'a Neighbour,
+    part: usize,
+    /// Of each pixel of the neighbour: row and column.
+    places: Vec<[f32; 2]>,
+    /// What the motion is known from.
+    pub how: String,
+}
+
+impl Carrier<'_> {
+    /// The frame's number.
+    pub fn number(&self) -> i64 {
+        self.neighbour.number
+    }
+
+    /// The samples of these channels; nothing if the neighbour has not all of them, with measured values.
+    pub fn carried(&self, names: &[String]) -> Option<Carried> {
+        let (samples, mask) = measured(self.neighbour, self.part, names)?;
+        let distance = u32::try_from(self.neighbour.offset.unsigned_abs()).unwrap_or(u32::MAX);
+        Some(Carried::new(samples.size(), (&samples, &*mask), distance, |at| self.places[at]))
+    }
+}
+
+impl Carrier<'_> {
+    /// How many pixels of these channels were measured.
+    fn measured(&self, names: &[String]) -> Option<usize> {
+        measured(self.neighbour, self.part, names).map(|(_, mask)| mask.count())
+    }
+}
+
+/// A neighbour's samples of these channels, and where all of them were measured.
+fn measured(neighbour: &Neighbour, part: usize, names: &[String]) -> Option<(Planes, Arc<Mask>)> {
+    let own = &neighbour.frame.parts[part];
+    let mut both = None::<Arc<Mask>>;
+    let mut planes = Vec::with_capacity(names.len());
+    for name in names {
+        let at = own.channels.iter().position(|channel| channel.display_name() == name.as_str())?;
+        let mask = neighbour.masks.get(part, at)?;
+        planes.push(Plane::new(mask.size(), own.channels[at].samples.to_floats()?).ok()?);
+        both = Some(match both {
+            None => Arc::clone(mask),
+            Some(both) if Arc::ptr_eq(&both, mask) => both,
+            Some(both) => {
+                let flags = both.as_slice().iter().zip(mask.as_slice()).map(|(a, b)| *a && *b).collect();
+                Arc::new(Mask::new(both.size(), flags).ok()?)
+            }
+        });
+    }
+    let mask = both?;
+    Some((Planes::new(mask.size(), planes).ok()?, mask))
+}
+
+/// The neighbours' parts that fit a part of the frame, with places of their samples; and one line for each that does not.
+pub fn carriers<'a>(
+    (frame, part): (&Frame, usize),
+    neighbours: &'a Neighbours,
+    motion: Motion,
+    reference: &Reference<'_>,
+) -> (Vec<Carrier<'a>>, Vec<String>) {
+    let (mut found, mut notes) = (Vec::new(), Vec::new());
+    let fits = |neighbour: &&Neighbour| misfit(&frame.parts[part], neighbour.frame.parts.get(part)).is_none();
+    let nearest = |later: bool| {
+        let side = neighbours.all.iter().filter(fits).filter(|neighbour| (neighbour.offset > 0) == later);
+        side.min_by_key(|neighbour| neighbour.offset.unsigned_abs())
+    };
+    let asked = matches!(motion, Motion::Auto | Motion::Vectors);
+    // Of either side the convention that the nearest neighbour shows.
+    let ways =
+        [false, true].map(|later| nearest(later).filter(|_| asked).and_then(|one| way(one, part, reference)));
+    for neighbour in &neighbours.all {
+        let made = if let Some(why) = misfit(&frame.parts[part], neighbour.frame.parts.get(part)) {
+            Err(why)
+        } else {
+            let way = ways[usize::from(neighbour.offset > 0)];
+            carrier((frame, part), neighbour, (motion, way), reference)
+        };
+        match made {
+            Ok(carrier) => found.push(carrier),
+            Err(why) => {
+                let label = part_label(frame, part);
+                let label = if label.is_empty() { label } else { format!("{label} of ") };
+                notes.push(format!("filled without {label}frame {}: {why}", neighbour.number));
+            }
+        }
+    }
+    (found, notes)
+}
+
+/// Why a neighbour's part shows other pixels, if it does.
+fn misfit(own: &Part, other: Option<&Part>) -> Option<String> {
+    let Some(other) = other else { return Some("it has fewer parts".into()) };
+    if own.name() != other.name() {
+        return Some("its parts have other names".into());
+    }
+    let (a, b) = (own.data_window, other.data_window);
+    (a != b || own.display_window != other.display_window).then(|| {
+        format!(
+            "it has another window, {} x {} pixels from {}, {}",
+            b.size().width,
+            b.size().height,
+            b.x_min,
+            b.y_min
+        )
+    })
+}
+
+fn carrier<'a>(
+    (frame, part): (&Frame, usize),
+    neighbour: &'a Neighbour,
+    (motion, way): (Motion, Option<Way>),
+    reference: &Reference<'_>,
+) -> Result<Carrier<'a>, String> {
+    let make = |places: Vec<[f32; 2]>, how: &str| Carrier { neighbour, part, places, how: how.into() };
+    if let Some(way) = way
+        && let Some(places) = way.places(neighbour, part)
+    {
+        return Ok(make(places, &way.name(neighbour, part)));
+    }
+    if motion == Motion::Vectors {
+        return Err("it has no motion vectors that the samples agree with better than with no motion".into());
+    }
+    if matches!(motion, Motion::Auto | Motion::Camera) {
+        if let Some(all) = camera::places((frame, part), neighbour) {
+            let mut made: Vec<_> = all.into_iter().map(|places| make(places, "camera")).collect();
+            let best = if made.len() > 1 { most_agreeing(&made, reference) } else { 0 };
+            return Ok(made.swap_remove(best));
+        }
+        if motion == Motion::Camera {
+            return Err("no depth, worldToCamera and worldToNDC in both frames".into());
+        }
+    }
+    if matches!(motion, Motion::Auto | Motion::Flow) {
+        let (samples, mask) =
+            measured(neighbour, part, &reference.names).ok_or("it lacks colours of this frame")?;
+        let filled =
+            (reference.fill)(&samples, &mask).ok_or("it cannot be filled to estimate motion from")?;
+        return Ok(make(flow::estimate(&filled, &reference.filled), "flow"));
+    }
+    Ok(make(still(neighbour.frame.parts[part].size()), "no motion"))
+}
+
+/// Every pixel where it is.
+fn still(size: Size) -> Vec<[f32; 2]> {
+    (0..size.pixels()).map(|at| [(at / size.width) as f32, (at % size.width) as f32]).collect()
+}
+
+/// The convention of a neighbour's vectors that its samples agree with most, if it is better than no motion; nothing moves where there are no vectors.
+fn way(neighbour: &Neighbour, part: usize, reference: &Reference<'_>) -> Option<Way> {
+    let ways = vectors::ways(neighbour, part);
+    if ways.is_empty() {
+        return None;
+    }
+    let error = |places: Vec<[f32; 2]>| {
+        let carrier = Carrier { neighbour, part, places, how: String::new() };
+        let carried = carrier.carried(&reference.names)?;
+        let all = carrier.measured(&reference.names)?.max(1) as f64;
+        Some((disagreement(&carried, &reference.filled), carried.len() as f64 / all))
+    };
+    let (none, _) = error(still(neighbour.frame.parts[part].size()))?;
+    let errors = ways.iter().map(|way| {
+        // Vectors that lead out of the image or nowhere say as little as none.
+        let found = way.places(neighbour, part).and_then(error);
+        found.map_or(f64::INFINITY, |(error, share)| share * error + (1.0 - share) * none)
+    });
+    let best = errors.zip(&ways).min_by(|a, b| a.0.total_cmp(&b.0))?;
+    (best.0 < none).then_some(*best.1)
+}
+
+/// The one whose samples the frame agrees with most.
+fn most_agreeing(all: &[Carrier<'_>], reference: &Reference<'_>) -> usize {
+    let of = |carrier: &Carrier<'_>| match carrier.carried(&reference.names) {
+        Some(carried) => disagreement(&carried, &reference.filled),
+        None => f64::INFINITY,
+    };
+    let errors: Vec<f64> = all.iter().map(of).collect();
+    (0..all.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b])).unwrap_or(0)
+}

@@ -1,0 +1,163 @@
+"""Frames filled along with those beside them: better where something is to be learned, never worse, and the same bits however a sequence is cut."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+import frames
+from tool import lacuna
+
+HEIGHT, WIDTH = 72, 88
+DENSITY = 0.2
+COUNT = 5
+
+
+def scene(dy=0.0, dx=0.0, phase=0.0):
+    """Waves and a disc, moved by so many pixels."""
+    y, x = np.indices((HEIGHT, WIDTH), np.float32)
+    y, x = y - dy, x - dx
+    waves = 0.1 * np.sin(0.9 * y + phase) * np.cos(0.7 * x) + 0.1 * np.sin((0.5 * x + 0.8 * y) / 1.3)
+    disc = np.where(np.hypot(y - 36, x - 44) < 18, 0.3, 0.0)
+    return np.stack([0.4 + waves + disc, 0.5 + waves, 0.3 + 0.5 * disc + waves], axis=-1).astype(np.float16)
+
+
+def mask(frame):
+    """Masks of frames in a row cover every pixel."""
+    return frames.shuffle(HEIGHT, WIDTH, DENSITY, seed=-frame * DENSITY / 0.618)
+
+
+def write(folder, shows, count=COUNT, **more):
+    """A sequence; `more` are functions of the frame that give further planes."""
+    for frame in range(1, count + 1):
+        image, own = shows(frame), mask(frame)
+        planes = {name: np.where(own, image[..., k], np.float16(0)) for k, name in enumerate("RGB")}
+        planes |= {name.replace("_", "."): plane(frame) for name, plane in more.items()}
+        frames.write(folder / f"shot.{frame:04}.exr", planes | {"mask": own.astype(np.float16)})
+    return folder / "shot.####.exr"
+
+
+def fill(source, out, *words, **options):
+    out.mkdir(exist_ok=True)
+    return lacuna("fill", source, "-o", f"{out}/", "--no-estimate", *words, **options)
+
+
+def psnr(folder, frame, truth):
+    return frames.psnr(frames.colour(folder / f"shot.{frame:04}.exr"), truth.astype(np.float32))
+
+
+def content(folder):
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("*.exr"))}
+
+
+def test_a_still_scene_is_known_wherever_some_frame_knows_it(tmp_path):
+    source = write(tmp_path, lambda _: scene())
+    result = fill(source, tmp_path / "out", "--temporal", "2", "--motion", "none", "--frames", "3")
+    assert "along with frames 1, 2, 4, 5 by no motion" in result.stderr
+    found = frames.colour(tmp_path / "out" / "shot.0003.exr")
+    assert np.array_equal(found.astype(np.float16), scene())
+
+
+def test_estimated_motion_helps(tmp_path):
+    shows = lambda frame: scene(0.6 * frame, -0.9 * frame)
+    source = write(tmp_path, shows)
+    fill(source, tmp_path / "alone", "--frames", "3")
+    result = fill(source, tmp_path / "along", "--temporal", "auto", "--frames", "3", "--json", tmp_path / "log.json")
+    assert "by flow" in result.stderr
+    assert psnr(tmp_path / "along", 3, shows(3)) > psnr(tmp_path / "alone", 3, shows(3)) + 2
+    [record] = json.loads((tmp_path / "log.json").read_text())["frames"]
+    assert "1, 2, 4, 5 by flow" in record["neighbours"]
+    before, after = frames.colour(tmp_path / "shot.0003.exr"), frames.colour(tmp_path / "along" / "shot.0003.exr")
+    assert np.array_equal(before[mask(3)], after[mask(3)])
+
+
+@pytest.mark.parametrize("sign, y_up, unit", [(1, False, 1), (-1, True, 1), (1, True, WIDTH)])
+def test_vectors_of_any_convention_are_understood(tmp_path, sign, y_up, unit):
+    dy, dx = 1.6, -2.3
+    shows = lambda frame: scene(dy * frame, dx * frame)
+    height = HEIGHT if unit == WIDTH else 1
+    across = lambda _: np.full((HEIGHT, WIDTH), sign * dx / unit, np.float32)
+
+    def down(frame):
+        plane = np.full((HEIGHT, WIDTH), sign * dy / height * (-1 if y_up else 1), np.float32)
+        plane[frame::7] = np.nan
+        return plane
+
+    source = write(tmp_path, shows, motion_X=across, motion_Y=down)
+    fill(source, tmp_path / "alone", "--frames", "3")
+    result = fill(source, tmp_path / "along", "--temporal", "2", "--frames", "3")
+    unit = "in pixels" if unit == 1 else "in parts of the image"
+    way = f"{unit} to the {'next frame' if sign == 1 else 'frame before'}, {'y up' if y_up else 'y down'}"
+    assert result.stderr.count(way) == 1, result.stderr
+    assert psnr(tmp_path / "along", 3, shows(3)) > psnr(tmp_path / "alone", 3, shows(3)) + 2
+
+
+def test_a_cut_costs_nothing(tmp_path):
+    other = scene(31, 17, 2.0)[::-1]
+    shows = lambda frame: scene(0.3 * frame) if frame <= 3 else other
+    source = write(tmp_path, shows)
+    fill(source, tmp_path / "alone")
+    fill(source, tmp_path / "along", "--temporal", "2")
+    for frame in range(1, COUNT + 1):
+        assert psnr(tmp_path / "along", frame, shows(frame)) > psnr(tmp_path / "alone", frame, shows(frame)) - 0.1
+
+
+def test_chunks_and_threads_change_no_bit(tmp_path):
+    source = write(tmp_path, lambda frame: scene(0.4 * frame))
+    fill(source, tmp_path / "all", "--temporal", "1", "--threads", "2")
+    for name, chunks in (("single", ["1", "2", "3", "4", "5"]), ("chunks", ["4-5", "1-3"])):
+        for chunk in chunks:
+            fill(source, tmp_path / name, "--temporal", "1", "--frames", chunk, "--threads", "1")
+        assert content(tmp_path / name) == content(tmp_path / "all")
+
+
+def test_neighbours_that_cannot_be_used_are_left_out(tmp_path):
+    source = write(tmp_path, lambda _: scene())
+    (tmp_path / "shot.0001.exr").write_bytes(b"no frame at all")
+    small = {name: np.zeros((8, 8), np.float16) for name in "RGB"} | {"mask": np.eye(8, dtype=np.float16)}
+    frames.write(tmp_path / "shot.0002.exr", small)
+    complete = scene()
+    frames.write(tmp_path / "shot.0004.exr", {name: complete[..., k] for k, name in enumerate("RGB")})
+    (tmp_path / "shot.0005.exr").unlink()
+    result = fill(source, tmp_path / "out", "--temporal", "2", "--frames", "3")
+    lines = result.stderr.splitlines()
+    for words in (["shot.0001.exr", "without"], ["frame 2", "another window, 8 x 8"], ["shot.0004.exr", "mask"]):
+        assert sum(all(word in line for word in words) for line in lines) == 1, result.stderr
+    fill(source, tmp_path / "alone", "--frames", "3")
+    both = [frames.colour(tmp_path / name / "shot.0003.exr") for name in ("out", "alone")]
+    assert np.array_equal(*both)
+
+
+def test_an_output_is_made_anew_when_a_neighbour_changes(tmp_path):
+    source = write(tmp_path, lambda frame: scene(0.4 * frame), count=4)
+    again = lambda: fill(source, tmp_path / "out", "--temporal", "1", "-u").stderr
+    again()
+    for path in (tmp_path / "out").glob("*.exr"):
+        os.utime(path, (path.stat().st_atime, path.stat().st_mtime + 10))
+    assert "4 passed over" in again() or "4 skipped" in again()
+    later = (tmp_path / "out" / "shot.0001.exr").stat().st_mtime + 10
+    os.utime(tmp_path / "shot.0004.exr", (later, later))
+    before = content(tmp_path / "out")
+    stamps = {path.name: path.stat().st_mtime for path in (tmp_path / "out").glob("*.exr")}
+    again()
+    made = {path.name for path in (tmp_path / "out").glob("*.exr") if path.stat().st_mtime != stamps[path.name]}
+    assert made == {"shot.0003.exr", "shot.0004.exr"}
+    assert content(tmp_path / "out") == before
+    # One that is gone is missed, too.
+    (tmp_path / "shot.0001.exr").unlink()
+    os.utime(tmp_path / "shot.0004.exr", (1, 1))
+    for path in (tmp_path / "out").glob("*.exr"):
+        os.utime(path, (path.stat().st_atime, later + 20))
+    again()
+    assert (tmp_path / "out" / "shot.0002.exr").stat().st_mtime != later + 20
+    assert (tmp_path / "out" / "shot.0003.exr").stat().st_mtime == later + 20
+
+
+def test_what_does_not_go_together_is_refused(tmp_path):
+    source = write(tmp_path, lambda _: scene(), count=2)
+    for words, why in ((["--filter", "ss"], "--filter auto"), (["--noise", "auto"], "--noise")):
+        result = lacuna("fill", source, "-o", f"{tmp_path}/out/", "--create-dir", "--temporal", "1", *words, ok=False)
+        assert result.status == 2 and why in result.stderr
+    result = lacuna("fill", source, "-o", f"{tmp_path}/out/", "--create-dir", "--temporal", "99", ok=False)
+    assert result.status == 2 and "1 to 16" in result.stderr
