@@ -112,7 +112,7 @@ def rendering(folder):
 
 
 PREPARED = {"README.md": readme, "docs/guided.md": guided, "docs/upscaling.md": upscaling, "docs/dictionary.md": dictionary, "docs/noise.md": noisy,
-            "docs/rendering.md": rendering, "docs/files.md": layers, "docs/farm.md": sequence, "docs/renderers.md": layers}
+            "docs/rendering.md": rendering, "docs/files.md": layers, "docs/farm.md": sequence, "docs/sequences.md": sequence, "docs/renderers.md": layers}
 
 
 def place(folder):

@@ -107,6 +107,20 @@ pub fn disagreement(carried: &Carried, image: &Planes) -> f64 {
     pieces.sum::<f64>() / carried.len().max(1) as f64
 }
 
+/// The part of the variance of another frame's samples that an image explains where they are carried to: 1 if it has their very values, 0 or
+/// less if it says nothing of them.
+pub fn explained(carried: &Carried, image: &Planes) -> f64 {
+    let count = carried.len().max(1) as f64;
+    let left = off(carried, image).filter(|off| off.is_finite()).sum::<f64>() / count;
+    let variance = |values: &Vec<f32>| {
+        let finite = || values.iter().map(|value| f64::from(*value)).filter(|value| value.is_finite());
+        let mean = finite().sum::<f64>() / count;
+        finite().map(|value| (value - mean).powi(2)).sum::<f64>() / count
+    };
+    let all = carried.values.iter().map(variance).sum::<f64>() / carried.values.len().max(1) as f64;
+    if all > 0.0 { 1.0 - left / all } else { 1.0 }
+}
+
 /// The squared disagreement of each sample, the mean over the planes.
 fn off(carried: &Carried, image: &Planes) -> impl Iterator<Item = f64> {
     let one = |i: usize| {

@@ -3,12 +3,15 @@
 use std::sync::Arc;
 
 use lacuna_exr::{Frame, Part};
-use lacuna_filters::temporal::{Carried, disagreement, flow};
+use lacuna_filters::temporal::{Carried, disagreement, explained, flow};
 use lacuna_filters::{Mask, Plane, Planes, Size};
 
 use super::vectors::{self, Way};
 use super::{Motion, Neighbour, Neighbours, camera};
 use crate::channels::part_label;
+
+/// The part of the variance of a neighbour's samples that the frame must explain where motion carries them. Beyond a cut it is about 0.
+const EXPLAINED: f64 = 0.5;
 
 /// What motion is judged by and estimated from: colours of a part.
 pub struct Reference<'a> {
@@ -45,6 +48,17 @@ impl Carrier<'_> {
 }
 
 impl Carrier<'_> {
+    /// Refuses a neighbour beyond a cut, or of a motion that cannot be true: motion that is estimated from the frame itself bends anything
+    /// towards it, which held-out pixels cannot tell.
+    fn shows_the_same(self, reference: &Reference<'_>) -> Result<Self, String> {
+        match self.carried(&reference.names) {
+            Some(carried) if explained(&carried, &reference.filled) < EXPLAINED => {
+                Err(format!("it shows something else ({} does not lead from it to this frame)", self.how))
+            }
+            _ => Ok(self),
+        }
+    }
+
     /// How many pixels of these channels were measured.
     fn measured(&self, names: &[String]) -> Option<usize> {
         measured(self.neighbour, self.part, names).map(|(_, mask)| mask.count())
@@ -96,6 +110,7 @@ pub fn carriers<'a>(
         } else {
             let way = ways[usize::from(neighbour.offset > 0)];
             carrier((frame, part), neighbour, (motion, way), reference)
+                .and_then(|carrier| carrier.shows_the_same(reference))
         };
         match made {
             Ok(carrier) => found.push(carrier),

@@ -28,7 +28,7 @@ use crate::{Plane, Planes, Size};
 /// Standard deviation of the window, in pixels.
 const WINDOW: f64 = 2.5;
 /// Steps on each level.
-const STEPS: usize = 4;
+const STEPS: usize = 8;
 /// Standard deviation of the blur of the field after each step, in pixels.
 const SMOOTH: f64 = 1.0;
 /// Images with a shorter side are not halved.
@@ -154,7 +154,7 @@ mod tests {
                 for x in (32..80).step_by(7) {
                     let [row, column] = places[y * size.width + x];
                     let off = (row - y as f32 - dy).hypot(column - x as f32 - dx);
-                    assert!(off < 0.2, "{dy} {dx} at {y} {x}: {off}");
+                    assert!(off < 0.15, "{dy} {dx} at {y} {x}: {off}");
                 }
             }
         }
