@@ -233,10 +233,10 @@ impl Blend {
             return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
         }
         let weights = Weights::new(&self.mask, samples, &held);
-        let (mut outcome, mut effect) = self.fill(&mut all, &weights, samples, out, run)?;
+        let (mut outcome, mut effect) = blend(&mut all, &weights, (samples, &self.mask), out, run)?;
         let mut near = weights.of_held_out(&held);
         if carried.iter().any(|carried| !carried.is_empty()) {
-            let along = along::pulled(self, (&all, &weights), (samples, carried), out, run)?;
+            let along = along::pulled(self, (&mut all, &weights), (samples, carried), out, run)?;
             if let Some(along) = along {
                 outcome = outcome.worst(along.outcome);
                 effect.along = along.gain;
@@ -269,64 +269,6 @@ impl Blend {
         Ok(guided)
     }
 
-    /// The blend of those candidates that count.
-    fn fill(
-        &self,
-        all: &mut [Candidate<'_>],
-        weights: &Weights,
-        samples: &Planes,
-        out: &mut Planes,
-        run: &Run<'_>,
-    ) -> Result<(Outcome, Effect), Error> {
-        let (mut outcome, mut effect) = (None::<Outcome>, Effect::default());
-        let mut one = Planes::zeros(samples.size(), samples.len());
-        for (k, candidate) in all.iter_mut().enumerate().filter(|(k, _)| weights.counts(*k)) {
-            let alone = weights.alone() == Some(k);
-            let image = if alone { &mut *out } else { &mut one };
-            let (ended, found) = if let Some((done, ended, found)) = candidate.done.take() {
-                *image = done;
-                (ended, found)
-            } else {
-                candidate.fill(samples, &self.mask, image, run)?
-            };
-            outcome = Some(outcome.map_or(ended, |outcome| outcome.worst(ended)));
-            effect.shares.push((candidate.name, weights.share(k)));
-            if candidate.guides.is_some() {
-                (effect.guides, effect.gain, effect.predicted) = (found.guides, found.gain, found.predicted);
-            }
-            if !alone {
-                weights.add(k, &one, out);
-            }
-        }
-        for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
-            crate::fill::restore(&self.mask, samples, out);
-        }
-        Ok((outcome.unwrap_or(Outcome::direct()), effect))
-    }
-
-    /// The blend on a part of the samples.
-    fn fill_from(
-        all: &[Candidate<'_>],
-        weights: &Weights,
-        (samples, kept): (&Planes, &Arc<Mask>),
-        run: &Run<'_>,
-    ) -> Result<Planes, Error> {
-        let mut out = Planes::zeros(samples.size(), samples.len());
-        let mut one = out.clone();
-        for (k, candidate) in all.iter().enumerate().filter(|(k, _)| weights.counts(*k)) {
-            if weights.alone() == Some(k) {
-                candidate.fill(samples, kept, &mut out, run)?;
-            } else {
-                candidate.fill(samples, kept, &mut one, run)?;
-                weights.add(k, &one, &mut out);
-            }
-        }
-        for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
-            crate::fill::restore(kept, samples, out);
-        }
-        Ok(out)
-    }
-
     /// What was predicted by the same blend is `near`; how error grows with depth, the candidate shows that counts most.
     fn evidence(
         &self,
@@ -348,4 +290,39 @@ impl Blend {
         let deep = HeldOut::new((samples, &self.mask), depth, Some(Kind::Spline), &mut alone)?;
         Ok(Evidence::new(Kind::Spline, self.folds, &near, &shallow, &deep))
     }
+}
+
+/// The blend of those candidates that count, from the samples of a mask. An image that a candidate has already is of all samples, and is taken
+/// the first time.
+fn blend(
+    all: &mut [Candidate<'_>],
+    weights: &Weights,
+    (samples, mask): (&Planes, &Arc<Mask>),
+    out: &mut Planes,
+    run: &Run<'_>,
+) -> Result<(Outcome, Effect), Error> {
+    let (mut outcome, mut effect) = (None::<Outcome>, Effect::default());
+    let mut one = Planes::zeros(samples.size(), samples.len());
+    for (k, candidate) in all.iter_mut().enumerate().filter(|(k, _)| weights.counts(*k)) {
+        let alone = weights.alone() == Some(k);
+        let image = if alone { &mut *out } else { &mut one };
+        let (ended, found) = if let Some((done, ended, found)) = candidate.done.take() {
+            *image = done;
+            (ended, found)
+        } else {
+            candidate.fill(samples, mask, image, run)?
+        };
+        outcome = Some(outcome.map_or(ended, |outcome| outcome.worst(ended)));
+        effect.shares.push((candidate.name, weights.share(k)));
+        if candidate.guides.is_some() {
+            (effect.guides, effect.gain, effect.predicted) = (found.guides, found.gain, found.predicted);
+        }
+        if !alone {
+            weights.add(k, &one, out);
+        }
+    }
+    for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
+        crate::fill::restore(mask, samples, out);
+    }
+    Ok((outcome.unwrap_or(Outcome::direct()), effect))
 }

@@ -65,8 +65,13 @@ pub fn to_fill(item: &Item, method: &lacuna_filters::Method) -> u64 {
     let solved = Taken { each: descriptor.each, whole: 0, at_a_time: pixels_at_a_time, copy: false };
     let layer = |layer: &LayerFile| solved.of(&layer.path);
     let layers = item.layers.iter().map(layer).fold(0, u64::saturating_add);
-    Taken { whole: descriptor.bytes, ..solved }
+    // A neighbour is read, filled where its motion is estimated, and each of its pixels has a place; a frame that has some is not cut into bands.
+    let beside = Taken { each: descriptor.each, whole: PLACE, at_a_time: all, copy: false };
+    let neighbours = item.neighbours.iter().map(|file| beside.of(&file.input)).fold(0, u64::saturating_add);
+    let at_a_time = if item.neighbours.is_empty() { pixels_at_a_time } else { all };
+    Taken { whole: descriptor.bytes, at_a_time, ..solved }
         .of(&item.input)
+        .saturating_add(neighbours)
         .saturating_add(mask)
         .saturating_add(guides)
         .saturating_add(layers)
@@ -136,6 +141,9 @@ impl Taken {
         parts.iter().map(part).fold(memory_needed(&parts), u64::saturating_add)
     }
 }
+
+/// Bytes that the place of a neighbour's pixel takes.
+const PLACE: u64 = 8;
 
 /// Bytes that the flags of a pixel take.
 const MASK: u64 = 2;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{Blend, Candidate};
+use super::{Blend, Candidate, blend};
 use crate::estimate::{Folds, HeldOut};
 use crate::sampling::hash;
 use crate::temporal::{self, Carried};
@@ -14,7 +14,7 @@ const MOVING: [f64; 2] = [10.0, 100.0];
 /// The same where nothing moves: the last one takes them as they are.
 const STILL: [f64; 2] = [10.0, 1e6];
 /// What reports call them.
-const NAME: &str = "time";
+const NAME: &str = "neighbours";
 /// What other frames must take away of the squared error to be used.
 const WORTH: f64 = 0.05;
 /// The share of the squared error that taking them as they are may cost by held-out samples.
@@ -48,20 +48,21 @@ impl Along {
 
 /// Pulls the blend `out` towards samples of other frames, where held-out samples show that this helps; nothing if it does so nowhere.
 pub fn pulled(
-    blend: &Blend,
-    (all, weights): (&[Candidate<'_>], &Weights),
+    own: &Blend,
+    (all, weights): (&mut [Candidate<'_>], &Weights),
     (samples, carried): (&Planes, &[Carried]),
     out: &mut Planes,
     run: &Run<'_>,
 ) -> Result<Option<Along>, Error> {
     let pulls = if carried.iter().all(Carried::is_still) { STILL } else { MOVING };
-    let thinned = temporal::thinned(&blend.mask, carried);
+    let thinned = temporal::thinned(&own.mask, carried);
     let mut held = vec![HeldOut::default(); 1 + pulls.len()];
-    for parts in blend.folds.near(blend.mask.count()).take(FOLDS) {
-        let (folds, given) = ((blend.folds, [parts.clone(), parts]), (samples, &*blend.mask));
+    for parts in own.folds.near(own.mask.count()).take(FOLDS) {
+        let (folds, given) = ((own.folds, [parts.clone(), parts]), (samples, &*own.mask));
         let mut alone = Planes::zeros(samples.size(), 0);
         let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
-            alone = Blend::fill_from(all, weights, (samples, kept), run)?;
+            alone = Planes::zeros(samples.size(), samples.len());
+            blend(all, weights, (samples, kept), &mut alone, run)?;
             Ok(alone.clone())
         };
         held[0].extend(HeldOut::new(given, folds.clone(), None, &mut fill)?);
@@ -83,12 +84,12 @@ pub fn pulled(
     let learn = |held: &[HeldOut]| {
         if pulls == STILL {
             // What is held out sees less of other frames than missing pixels do, as the frames' masks differ.
-            Weights::preferring(&blend.mask, samples, held, (held.len() - 1, LOSS))
+            Weights::preferring(&own.mask, samples, held, (held.len() - 1, LOSS))
         } else {
-            Weights::new(&blend.mask, samples, held)
+            Weights::new(&own.mask, samples, held)
         }
     };
-    let gain = gain(blend.folds, samples, &held, &learn);
+    let gain = gain(own.folds, samples, &held, &learn);
     let weights = learn(&held);
     if gain < WORTH || weights.alone() == Some(0) {
         return Ok(None);
@@ -99,12 +100,12 @@ pub fn pulled(
     for k in (0..held.len()).filter(|k| weights.counts(*k)) {
         let mut image = alone.clone();
         if k > 0 {
-            outcome = outcome.worst(temporal::pull(&blend.mask, carried, pulls[k - 1], &mut image, run));
+            outcome = outcome.worst(temporal::pull(&own.mask, carried, pulls[k - 1], &mut image, run));
         }
         weights.add(k, &image, out);
     }
     for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
-        crate::fill::restore(&blend.mask, samples, out);
+        crate::fill::restore(&own.mask, samples, out);
     }
     let share = 1.0 - weights.share(0);
     Ok(Some(Along { outcome, share, gain: Some(gain), held: weights.of_held_out(&held) }))

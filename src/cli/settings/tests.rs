@@ -10,7 +10,7 @@ use lacuna_filters::{Filter, Mask, Outcome, Plan, Planes, Problem, Run, baseline
 
 use super::*;
 use crate::channels::choose;
-use crate::files::plan::Item;
+use crate::files::plan::{Item, NeighbourFile};
 use crate::mask::find;
 use crate::reconstruct::{self, Job, Plans, Stamp};
 use crate::run::memory::to_fill;
@@ -197,4 +197,8 @@ fn memory_is_planned_with_its_bytes() {
     let difference = needs(&method("--filter flat").unwrap()) - needs(&plain);
     let other = plain.descriptor();
     assert_eq!(difference, 16 * (FLAT.bytes - other.bytes + FLAT.each - other.each));
+    let neighbour = NeighbourFile { number: 2, input: item.input.clone(), mask: None };
+    let beside = Item { neighbours: vec![neighbour; 3], ..item.clone() };
+    // Each has to be read and filled like the frame itself.
+    assert!(to_fill(&beside, &plain) > needs(&plain) + 3 * 16 * other.each);
 }
