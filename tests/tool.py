@@ -3,10 +3,11 @@
 import dataclasses
 import os
 import pathlib
+import select
+import signal
 import subprocess
+import sys
 import tempfile
-import threading
-import time
 
 import OpenImageIO
 
@@ -20,8 +21,8 @@ OIIO_BIN = pathlib.Path(OpenImageIO.__file__).parent / "bin"
 
 @dataclasses.dataclass
 class Result:
-    """What a process did: exit status (negative: the signal), its output, its peak memory (see `Peak`), the seconds that
-    it took and those that it kept processors busy."""
+    """What a process did: exit status (negative: the signal), its output, its peak memory (of it and nothing else: see `launch.py`),
+    the seconds that it took and those that it kept processors busy."""
 
     command: list
     status: int
@@ -38,53 +39,32 @@ class Result:
         return f"{' '.join(self.command)}\nexit {self.status}\n{self.stdout}{self.stderr}"
 
 
-class Peak(threading.Thread):
-    """The most memory that a process held, looked at every hundredth of a second.
-
-    What the kernel says at its end is never less than what this process held when it started the other."""
-
-    def __init__(self, process):
-        super().__init__(daemon=True)
-        self.status = pathlib.Path(f"/proc/{process.pid}/status")
-        self.ended = threading.Event()
-        self.bytes = 0
-
-    def run(self):
-        while not self.ended.wait(0.01):
-            try:
-                lines = self.status.read_text().splitlines()
-            except OSError:
-                return
-            self.bytes = max([self.bytes, *(int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM"))])
-
-    def end(self, kernel):
-        """The peak; the kernel's word where the process was too short to be looked at."""
-        self.ended.set()
-        self.join()
-        return min(self.bytes or kernel, kernel)
-
-
 def run(command, timeout=600, environment=None, before=None, folder=None):
-    """Runs a command to its end; it is killed after `timeout` seconds (status -9)."""
+    """Runs a command to its end; it is killed after `timeout` seconds (status -9). `before` is called in the process that starts it."""
     command = [str(word) for word in command]
-    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        start = time.perf_counter()
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=folder,
+    told, tell = os.pipe()
+    launch = [sys.executable, "-I", "-S", ROOT / "tests" / "launch.py", str(tell), *command]
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err, open(told) as report:
+        process = subprocess.Popen(launch, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=folder, pass_fds=[tell], process_group=0,
                                    env=None if environment is None else os.environ | environment, preexec_fn=before)
-        alarm = threading.Timer(timeout, process.kill)
-        alarm.start()
-        peak = Peak(process)
-        peak.start()
-        _, status, usage = os.wait4(process.pid, 0)
-        seconds = time.perf_counter() - start
-        alarm.cancel()
-        peak_bytes = peak.end(usage.ru_maxrss * 1024)
-        process.returncode = os.waitstatus_to_exitcode(status)
+        os.close(tell)
+        ended = []
+        try:
+            ended, _, _ = select.select([report], [], [], timeout)
+        finally:
+            # In time, too late, or because the tests are interrupted.
+            if not ended:
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
         texts = []
         for stream in (out, err):
             stream.seek(0)
             texts.append(stream.read().decode("utf-8", "replace"))
-    return Result(command, process.returncode, *texts, peak_bytes, seconds, usage.ru_utime + usage.ru_stime)
+        figures = report.read() if ended else f"{signal.SIGKILL.value} 0 {timeout} 0"
+    if not figures:
+        raise OSError(f"{command[0]} cannot be started: {texts[1]}")
+    status, peak, seconds, busy = figures.split()
+    return Result(command, os.waitstatus_to_exitcode(int(status)), *texts, int(peak), float(seconds), float(busy))
 
 
 def lacuna(*words, ok=True, **options):
