@@ -72,7 +72,7 @@ pub struct SolveArgs {
 pub enum ProgressName {
     /// A bar on a terminal, else plain lines, none with -q
     Auto,
-    /// Lines such as "Progress: 45%" on standard error, as Deadline reads them
+    /// Lines such as Progress: 45% on standard error, as Deadline reads them
     Plain,
     /// Lines of Open Job Description (progress, status, fail) on standard output
     Openjd,

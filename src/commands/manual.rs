@@ -27,13 +27,29 @@ impl PartialEq for ManualJob {
 pub fn manual(job: &ManualJob) -> Result<u8, PlanError> {
     let pages = job.prefix.join("share/man/man1");
     make(&pages)?;
-    clap_mangen::generate_to(job.pages.clone(), &pages).map_err(|error| failed(&pages, &error))?;
+    let mut command = job.pages.clone().disable_help_subcommand(true);
+    command.build();
+    write_pages(&command, &pages)?;
     for (place, script) in &job.scripts {
         let path = job.prefix.join(place);
         make(path.parent().unwrap_or(&path))?;
         lacuna_exr::write_whole(&path, script).map_err(|error| failed(&path, &error))?;
     }
     Ok(0)
+}
+
+/// Writes the page of a command and those of its subcommands.
+fn write_pages(command: &clap::Command, folder: &Path) -> Result<(), PlanError> {
+    for subcommand in command.get_subcommands().filter(|subcommand| !subcommand.is_hide_set()) {
+        write_pages(subcommand, folder)?;
+    }
+    let man = clap_mangen::Man::new(command.clone())
+        .source(concat!("lacuna ", env!("CARGO_PKG_VERSION")))
+        .manual("lacuna");
+    let path = folder.join(man.get_filename());
+    let mut page = Vec::new();
+    man.render(&mut page).map_err(|error| failed(&path, &error))?;
+    lacuna_exr::write_whole(&path, &page).map_err(|error| failed(&path, &error))
 }
 
 fn make(folder: &Path) -> Result<(), PlanError> {
