@@ -37,6 +37,7 @@ mod trial;
 #[cfg(test)]
 mod tests;
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use crate::descriptor::{Configured, Descriptor, Field, Takes};
@@ -49,6 +50,8 @@ use crate::{Error, Filter, Gradients, Mask, Outcome, Plan, Planes, Problem, Run}
 
 /// What guides must take away of the squared error of splines to be taken alone: more than the other candidates do anywhere.
 const ENOUGH: f64 = 0.5;
+/// So many held-out samples show whether a candidate counts at all; where one fold has them, the others need not be computed.
+const DECIDE: usize = 500;
 /// Fewer measured pixels choose nothing.
 const FEWEST: usize = 64;
 
@@ -165,23 +168,19 @@ impl Candidate<'_> {
         }
     }
 
-    /// What it predicts at the samples of all folds.
+    /// What it predicts at the samples of a fold.
     fn held_out(
         &self,
         (samples, mask): (&Planes, &Mask),
-        (folds, kind): (Folds, Option<Kind>),
+        (folds, parts, kind): (Folds, Range<u64>, Option<Kind>),
         run: &Run<'_>,
     ) -> Result<HeldOut, Error> {
-        let mut held = HeldOut::default();
-        for parts in folds.near(mask.count()) {
-            let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
-                let mut out = Planes::zeros(samples.size(), samples.len());
-                self.fill(samples, kept, &mut out, run)?;
-                Ok(out)
-            };
-            held.extend(HeldOut::new((samples, mask), (folds, [parts.clone(), parts]), kind, &mut fill)?);
-        }
-        Ok(held)
+        let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
+            let mut out = Planes::zeros(samples.size(), samples.len());
+            self.fill(samples, kept, &mut out, run)?;
+            Ok(out)
+        };
+        HeldOut::new((samples, mask), (folds, [parts.clone(), parts]), kind, &mut fill)
     }
 }
 
@@ -221,13 +220,9 @@ impl Blend {
         }
         // Guides that gain nothing left the image of splines, which is a candidate already.
         all.extend(guided.filter(|guided| guided.done.as_ref().is_some_and(|done| done.2.gain.is_some())));
-        let mut held = Vec::with_capacity(all.len());
+        let mut held = Vec::new();
         if all.len() > 1 || learn {
-            for candidate in &all {
-                // The first one's variances are those of all.
-                let kind = (learn && held.is_empty()).then_some(Kind::Spline);
-                held.push(candidate.held_out((samples, &self.mask), (self.folds, kind), run)?);
-            }
+            held = self.held_out(&mut all, samples, learn.then_some(Kind::Spline), run)?;
         }
         if run.interrupted().is_some() {
             return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
@@ -252,6 +247,39 @@ impl Blend {
             effect.evidence = Some(self.evidence(&all, (held, near), &weights, samples, run)?);
         }
         Ok((outcome, effect))
+    }
+
+    /// What the candidates predict at held-out samples, with variances for the first if a kind is named. Those that a first fold of many shows to
+    /// count for nothing are left out.
+    fn held_out(
+        &self,
+        all: &mut Vec<Candidate<'_>>,
+        samples: &Planes,
+        kind: Option<Kind>,
+        run: &Run<'_>,
+    ) -> Result<Vec<HeldOut>, Error> {
+        let mut held = vec![HeldOut::default(); all.len()];
+        for parts in self.folds.near(self.mask.count()) {
+            for (k, (candidate, held)) in all.iter().zip(&mut held).enumerate() {
+                let kind = kind.filter(|_| k == 0);
+                held.extend(candidate.held_out(
+                    (samples, &self.mask),
+                    (self.folds, parts.clone(), kind),
+                    run,
+                )?);
+            }
+            if parts.start == 0 && all.len() > 1 && held[0].at.len() >= DECIDE {
+                let weights = Weights::new(&self.mask, samples, &held);
+                let variance = std::mem::take(&mut held[0].variance);
+                let mut counts = (0..all.len()).map(|k| weights.counts(k)).collect::<Vec<_>>().into_iter();
+                all.retain(|_| counts.next().unwrap_or(true));
+                let mut counts = (0..held.len()).map(|k| weights.counts(k)).collect::<Vec<_>>().into_iter();
+                held.retain(|_| counts.next().unwrap_or(true));
+                // They are those of the pattern, whoever predicts.
+                held[0].variance = variance;
+            }
+        }
+        Ok(held)
     }
 
     /// Guided filling by splines, done.

@@ -52,7 +52,11 @@ pub fn worth_trying(
     let planes = Planes::of(small, planes.collect());
     let mut held: Vec<HeldOut> = Vec::with_capacity(candidates.len());
     for candidate in candidates {
-        held.push(candidate.held_out((&planes, &tiles), (folds, None), run)?.sorted(judged));
+        let mut all = HeldOut::default();
+        for parts in folds.near(tiles.count()) {
+            all.extend(candidate.held_out((&planes, &tiles), (folds, parts, None), run)?);
+        }
+        held.push(all.sorted(judged));
     }
     if held.first().is_none_or(|held| held.at.len() < super::FEWEST) {
         return Ok(all());
