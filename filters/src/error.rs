@@ -38,18 +38,22 @@ pub enum Error {
     #[error("there is no dictionary to fill with")]
     NoDictionary,
     /// A name that no method has.
-    #[error("there is no method '{name}'")]
+    #[error("there is no method '{name}', but {known}")]
     NoMethod {
         /// The name.
         name: String,
+        /// The names that methods have.
+        known: String,
     },
     /// A name that no setting of a method has.
-    #[error("{method} has no setting '{name}'")]
+    #[error("{method} has no setting '{name}', but {known}")]
     NoSetting {
         /// The method.
         method: &'static str,
         /// The name.
         name: String,
+        /// The names that its settings have.
+        known: String,
     },
     /// A setting is outside its range.
     #[error("{name} = {value} is out of range ({range})")]

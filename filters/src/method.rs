@@ -69,7 +69,9 @@ impl Method {
     /// [`Error::NoMethod`], [`Error::NoSetting`] and [`Error::Setting`].
     pub fn named(name: &str, settings: &[(&str, &str)]) -> Result<Self, Error> {
         let found = METHODS.iter().find(|method| method.name == name);
-        Self::of(found.ok_or_else(|| Error::NoMethod { name: name.into() })?, settings)
+        let none =
+            || Error::NoMethod { name: name.into(), known: listed(METHODS.iter().map(|method| method.name)) };
+        Self::of(found.ok_or_else(none)?, settings)
     }
 
     /// The method of a descriptor with these settings, `(name, value)` each, and its defaults else.
@@ -98,7 +100,8 @@ impl Method {
     /// [`Error::NoSetting`] and [`Error::Setting`].
     pub fn set(&mut self, name: &str, value: &str) -> Result<(), Error> {
         let descriptor = self.descriptor();
-        let missing = || Error::NoSetting { method: descriptor.name, name: name.into() };
+        let known = || listed(descriptor.settings.iter().map(|setting| setting.name));
+        let missing = || Error::NoSetting { method: descriptor.name, name: name.into(), known: known() };
         let setting = descriptor.setting(name).ok_or_else(missing)?;
         let field = self.0.field(name).ok_or_else(missing)?;
         if setting.range.holds(value) && field.read(value) {
@@ -174,6 +177,12 @@ impl Method {
             None => Err(""),
         }
     }
+}
+
+/// Names as a refusal lists them.
+fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    let names: Vec<&str> = names.collect();
+    if names.is_empty() { "none at all".into() } else { names.join(", ") }
 }
 
 #[cfg(test)]
