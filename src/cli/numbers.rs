@@ -16,5 +16,11 @@ pub fn one_or_more(text: &str) -> Result<u32, String> {
 }
 
 pub fn fraction(text: &str) -> Result<f64, String> {
-    number(text, "from 0 to 1", |value: &f64| (0.0..=1.0).contains(value))
+    let found = number(text, "from 0 to 1", |value: &f64| (0.0..=1.0).contains(value));
+    let percent =
+        text.trim_end_matches([' ', '%']).parse().ok().filter(|value| (0.0..=100.0).contains(value));
+    found.map_err(|why| match percent {
+        Some(percent) => format!("{why}: {percent} % is {}", percent / 100.0),
+        None => why,
+    })
 }
