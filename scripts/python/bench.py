@@ -12,20 +12,21 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 
 import numpy as np
 import OpenImageIO as oiio
 
-ROOT = pathlib.Path(__file__).parents[2]
-LACUNA = ROOT / "target" / "release" / "lacuna"
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests"))
+
+from tool import LACUNA, OIIO_BIN, run as run_tool  # noqa: E402
+
 RENDER = ROOT.parent / "shared" / "data" / "frames" / "engine.exr"
 SAMPLE = ROOT / "samples" / "smooth.exr"
 PAGE = ROOT / "docs" / "measurements" / "performance.md"
 BEGIN, END = "<!-- measured: scripts/bench writes from here -->", "<!-- measured: to here -->"
-# The oiiotool on the path is a Python wrapper; the binary lies inside the package.
-OIIOTOOL = pathlib.Path(oiio.__file__).parent / "bin" / "oiiotool"
+OIIOTOOL = OIIO_BIN / "oiiotool"
 SEQUENCE = 50
 # Most seconds of processor time, where a bound was promised: the run fails beyond it, once everything is measured.
 BOUNDS = {"fill --filter ss": 1.0, "fill --filter cs-wavelet": 20.0, "fill --filter cs-gradient": 20.0, "a page of ten renders": 2.0}
@@ -57,33 +58,10 @@ def run(command, output):
     """Seconds on the wall and of the processor, peak memory in MB."""
     for path in output if isinstance(output, list) else [output]:
         path.unlink(missing_ok=True)
-    start = time.perf_counter()
-    process = subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    peaks, ended = [0], threading.Event()
-    watch = threading.Thread(target=lambda: watch_memory(process.pid, peaks, ended))
-    watch.start()
-    _, status, usage = os.wait4(process.pid, 0)
-    wall = time.perf_counter() - start
-    ended.set()
-    watch.join()
-    if status:
-        sys.exit(f"bench: {' '.join(map(str, command))}: {process.stderr.read().decode()}")
-    return wall, usage.ru_utime + usage.ru_stime, peaks[0]
-
-
-def watch_memory(pid, peaks, ended):
-    """Looks rarely: this machine's processors are those that are measured."""
-    while not ended.wait(0.01):
-        peaks[0] = max(peaks[0], peak_memory(pid))
-
-
-def peak_memory(pid):
-    """Megabytes so far. What wait4 says counts the memory of the parent, too."""
-    try:
-        found = re.search(r"VmHWM:\s*(\d+)", pathlib.Path(f"/proc/{pid}/status").read_text())
-    except OSError:
-        return 0
-    return int(found.group(1)) / 1024 if found else 0
+    result = run_tool(command)
+    if result.status:
+        sys.exit(f"bench: {result}")
+    return result.seconds, result.busy, result.peak_bytes / 2**20
 
 
 def race(commands, runs):
@@ -174,7 +152,6 @@ def sensing(folder, full):
 
 def report_page(folder, full):
     """Seconds until a browser has loaded the report on ten renders, and those that the page's thread works; None without one."""
-    sys.path.insert(0, str(ROOT / "tests"))
     import chromium
 
     if not chromium.find():

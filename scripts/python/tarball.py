@@ -1,0 +1,51 @@
+"""Times a second build of lacuna beside the ordinary one and prints a Markdown table. Called by scripts/tarball."""
+
+import pathlib
+import statistics
+import sys
+import tempfile
+
+import numpy as np
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tests"))
+
+import frames  # noqa: E402
+from tool import LACUNA, SAMPLES, run  # noqa: E402
+
+TURNS = 7
+SIZE = 768
+
+
+def commands(folder):
+    """A name and the words that follow lacuna; the first make what the others read."""
+    whole = frames.colour(SAMPLES / "smooth.exr").astype(np.float32)
+    full, sparse, out = folder / "full.exr", folder / "sparse.exr", folder / "out.exr"
+    frames.write_sparse(full, np.tile(whole, (SIZE // whole.shape[0], SIZE // whole.shape[1], 1)), np.ones((SIZE, SIZE), bool))
+    yield "sparsify", ("sparsify", full, "-o", sparse, "--density", "0.2")
+    for name in ("ss", "tv", "edge", "auto", "nearest", "pushpull", "delaunay"):
+        estimate = () if name == "auto" else ("--no-estimate",)
+        yield f"fill --filter {name}", ("fill", sparse, "-o", out, "--filter", name, *estimate)
+    yield "upscale --scale 2", ("upscale", full, "-o", out, "--scale", "2")
+    yield "compare --measures flip", ("compare", full, out.with_name("sparse.exr"), "--measures", "flip")
+    yield "verify", ("verify", sparse, sparse)
+    yield "mask", ("mask", "-o", folder / "mask.exr", "--size", "1920x1080", "--density", "0.2", "--pattern", "blue-noise")
+    yield "render", ("render", SAMPLES / "scenes" / "head.toml", "-o", out)
+
+
+def main():
+    other = sys.argv[1]
+    print(f"Seconds of processor, medians of {TURNS} runs that take turns.\n\n| command | ordinary | static | ratio |\n|---|---:|---:|---:|")
+    with tempfile.TemporaryDirectory() as name:
+        for label, words in commands(pathlib.Path(name)):
+            busy = {LACUNA: [], other: []}
+            for _ in range(TURNS):
+                for binary, seconds in busy.items():
+                    result = run([binary, *words, "-q"])
+                    assert result.status == 0, result
+                    seconds.append(result.busy)
+            ordinary, static = (statistics.median(seconds) for seconds in busy.values())
+            print(f"| `{label}` | {ordinary:.3f} | {static:.3f} | {static / ordinary:.2f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
