@@ -260,6 +260,18 @@ def test_pixels_are_chosen_in_rounds(name, cfg, tmp_path):
 
 
 @BOTH
+def test_halves_average_to_the_colour(name, cfg, tmp_path):
+    words = scene(name, cfg)[:-1] + ["4"]
+    result = bridge(name, *words, "-o", tmp_path / "f.exr", "--density", "0.3", "--halves")
+    assert result.status == 0, result
+    channels = frames.read(tmp_path / "f.exr")[0]
+    one, other = (channels[f"{half}.G"].astype(np.float64) for half in ("half1", "half2"))
+    assert (one != other).any() and np.abs((one + other) / 2 - channels["G"]).max() <= 2e-7 * np.maximum(one, other).max()
+    lacuna("fill", tmp_path / "f.exr", "-o", tmp_path / "full.exr", "--noise", "halves:half1,half2", "--no-estimate")
+    told(bridge(name, *words[:-1], "3", "-o", tmp_path / "g.exr", "--density", "0.3", "--halves"), 1, "--halves", "--spp")
+
+
+@BOTH
 def test_a_later_round_that_fails_leaves_those_before(name, cfg, tmp_path):
     # A lacuna that makes the first mask, and no second pass.
     program = tmp_path / "lacuna"

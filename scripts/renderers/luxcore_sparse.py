@@ -36,6 +36,8 @@ with bridge.needing("numpy OpenEXR pyluxcore"):
 
 # Samples that a pixel outside the mask gets, over those of one inside; measured at 16 to 256 a pixel.
 STRAY = 0.05
+# Frames have seeds below it.
+SEEDS = 1000000
 # Short name: LuxCore's output, the channels that it becomes, and the type of its numbers.
 AOVS = {
     "alpha": ("ALPHA", ["A"], float),
@@ -146,16 +148,25 @@ def render(arguments, frame):
     width, height = size_of(config, path)
     spp = arguments.spp or whole(config, path, "batch.haltspp", 64)
     outputs = list(ALWAYS.values()) + [AOVS[name] for name in arguments.aovs]
-    seed = sparse.seed_of(arguments, frame) % 1000000 + 1
+    seed = sparse.seed_of(arguments, frame) % SEEDS + 1
     scene = pyluxcore.Scene()
     with contextlib.chdir(path.parent):  # what the scene names is relative to it
         scene.Parse(scene_file)
 
     def draw(asked, output):
-        with contextlib.chdir(path.parent):
-            planes, clock = render_scene(config, scene, asked, outputs, spp, seed)
-        count = planes.pop("SAMPLECOUNT")
-        measured = asked & (count >= 0.5 * spp)
+        clock = sparse.Clock()
+        counts = []
+
+        def trace_once(spp, turn):
+            with contextlib.chdir(path.parent):
+                planes = render_scene(config, scene, asked, outputs, spp, seed + turn * SEEDS)
+            counts.append(planes.pop("SAMPLECOUNT"))
+            return planes
+
+        planes = sparse.in_halves(trace_once, spp) if arguments.halves else trace_once(spp, 0)
+        clock.stop()
+        count = sum(counts)
+        measured = asked & np.all([one >= 0.5 * spp / len(counts) for one in counts], axis=0)
         outside = count[~asked].sum() / max(1, count.sum())
         note = {"renderer": f"LuxCore {pyluxcore.Version()}, {spp} samples a pixel",
                 "samplesOutside": f"{100 * outside:.1f} % of the samples fell outside the mask"}
@@ -169,17 +180,16 @@ def render(arguments, frame):
 
 
 def render_scene(config, scene, asked, outputs, spp, seed):
-    """The planes of the outputs, and the time that they took."""
+    """The planes of the outputs."""
     density = float(asked.mean())
     prepare(config, outputs, spp, density)
     config.SetFromString(f"renderengine.seed = {seed}\n")
-    clock = sparse.Clock()
     importance = None if density == 1 else np.ascontiguousarray(asked[::-1], np.float32).ravel()
     film = trace(config, scene, importance, spp).GetFilm()
     planes = {}
     for name, channels, kind in outputs:
         planes |= fetch(film, name, channels, kind, asked.shape[1], asked.shape[0])
-    return planes, clock.stop()
+    return planes
 
 
 def aov_list(text):
@@ -195,6 +205,7 @@ def parse():
     parser = bridge.Parser(__doc__)
     parser.add_argument("scene", help="scene.cfg, or scene.####.cfg, one file a frame")
     sparse.add_arguments(parser)
+    sparse.add_halves(parser)
     parser.add_argument("--aovs", type=aov_list, default=[], metavar="LIST", help=", ".join(AOVS))
     return parser.parse_args()
 

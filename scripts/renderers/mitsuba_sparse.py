@@ -209,7 +209,12 @@ def render(arguments, frame):
 
     def draw(mask, path):
         clock = sparse.Clock()
-        planes = colour(scene, mask, spp, seed, bool(screen.flags() & int(mi.FilmFlags.Alpha)))
+        alpha = bool(screen.flags() & int(mi.FilmFlags.Alpha))
+        if arguments.halves:
+            # Seeds of frames have 31 bits.
+            planes = sparse.in_halves(lambda spp, turn: colour(scene, mask, spp, seed + (turn << 31), alpha), spp)
+        else:
+            planes = colour(scene, mask, spp, seed, alpha)
         if arguments.dense_aovs and not complete:
             complete.update(first_hits(scene, arguments.aovs, np.ones_like(mask), arguments.dense_spp, seed + 1))
         hits = complete or first_hits(scene, arguments.aovs, mask, min(spp, 16), seed + 1)
@@ -224,6 +229,7 @@ def parse():
     parser = bridge.Parser(__doc__)
     parser.add_argument("scene", help="scene.xml, or scene.####.xml, one file a frame")
     sparse.add_arguments(parser)
+    sparse.add_halves(parser)
     parser.add_argument("--aovs", type=aov_list, default=([], []), metavar="LIST", help=f"first-hit AOVs: {', '.join(AOVS)}, or name:type")
     parser.add_argument("--dense-aovs", action="store_true", help="render the AOVs for every pixel: guides for lacuna fill")
     parser.add_argument("--dense-spp", type=int, default=4, metavar="N", help="samples a pixel of dense AOVs [default: 4]")

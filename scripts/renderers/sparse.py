@@ -46,6 +46,24 @@ def add_arguments(parser):
     parser.add_argument("--first", type=float, metavar="D", help=f"density of the first round [default: {FIRST} of --density]")
 
 
+def add_halves(parser):
+    """The argument of bridges that can render a frame as two."""
+    parser.add_argument("--halves", action="store_true",
+                        help="the colour of either half of the samples too, as layers half1 and half2: lacuna fill --noise halves:half1,half2")
+
+
+def in_halves(draw, spp):
+    """`draw(spp, turn)` called for each half of the samples: the planes of both, and both colours as layers. Depths and what else must
+    not be averaged are those of the first."""
+    if spp % 2:
+        raise Failure(f"--halves wants an even number of samples a pixel, not {spp}: give --spp")
+    one, other = draw(spp // 2, 0), draw(spp // 2, 1)
+    planes = {name: plane if exact(name) or plane.dtype.kind != "f" else (plane + other[name]) / 2 for name, plane in one.items()}
+    for layer, half in (("half1", one), ("half2", other)):
+        planes |= {f"{layer}.{name}": half[name] for name in "RGB"}
+    return planes
+
+
 def check(arguments):
     """Frames to do; refuses arguments that do not fit together."""
     if arguments.density is not None and not 0 < arguments.density <= 1:
@@ -187,9 +205,9 @@ def in_rounds(arguments, size, origin, draw, folder, path):
     return so_far, mask, clock
 
 
-def make_mask(path, *words):
-    """Runs `lacuna mask`."""
-    command = [lacuna(), "mask", "-q", "-o", str(path), *map(str, words)]
+def make_mask(path, *words, output=None):
+    """Runs `lacuna mask`, which writes `path`; told so by a pattern, if there is one."""
+    command = [lacuna(), "mask", "-q", "-o", str(output or path), *map(str, words)]
     way = "let LACUNA name the binary of lacuna, or give --mask"
     try:
         done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")
@@ -209,9 +227,12 @@ def mask_of(arguments, frame, width, height, origin=(0, 0)):
     if arguments.density == 1:
         return np.ones((height, width), bool)
     with tempfile.TemporaryDirectory() as folder:
-        path = pathlib.Path(folder) / "mask.exr"
+        path = pathlib.Path(folder) / f"mask.{frame}.exr"
         size = f"{width}x{height}{origin[0]:+d}{origin[1]:+d}"
-        make_mask(path, f"--size={size}", "--density", arguments.density, "--seed", arguments.seed)
+        # Masks of frames in a row complete each other.
+        number = [f"--frames={frame}", "--temporal=complementary"] if arguments.frames else []
+        pattern = path.with_name("mask.%d.exr") if number else path
+        make_mask(path, f"--size={size}", "--density", arguments.density, "--seed", arguments.seed, *number, output=pattern)
         return read_mask(path, width, height, origin)
 
 
