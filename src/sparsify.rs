@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use half::f16;
 use lacuna_exr::{Channel, Frame, Part, Samples};
-use lacuna_filters::sampling::{adaptive, shuffle};
+use lacuna_filters::sampling::{self, Temporal, adaptive};
 use lacuna_filters::{Mask, Plane, Planes, Run};
 
 use crate::channels::{DENSE, part_label};
@@ -28,6 +28,8 @@ pub enum Pattern<'a> {
         density: f64,
         /// Which pattern.
         seed: u64,
+        /// The frame's number in a sequence: the masks of frames in a row complete each other.
+        frame: i64,
     },
     /// The pixels of a mask image.
     File {
@@ -171,10 +173,11 @@ fn prefix(frame: &Frame, part: usize, before: &str, after: &str, otherwise: &str
 /// One mask per part.
 fn masks(frame: &Frame, pattern: Pattern<'_>, rounds: Option<&Rounds>) -> Result<Vec<Arc<Mask>>, Error> {
     match pattern {
-        Pattern::Shuffle { density, seed } => {
+        Pattern::Shuffle { density, seed, frame: number } => {
             let one = |part: &Part| {
-                let window = part.data_window;
-                shuffle::mask(window.x_min, window.y_min, window.size(), density, seed).map(Arc::new)
+                let field = field(part.data_window);
+                let pattern = sampling::Pattern::Shuffle;
+                sampling::mask(pattern, field, density, seed, Temporal::Complementary, number).map(Arc::new)
             };
             Ok(frame.parts.iter().map(one).collect::<Result<_, _>>()?)
         }
@@ -259,8 +262,9 @@ fn make_sparse(
         part.attributes.set_text(mask::ATTRIBUTE, CHANNEL);
     }
     match pattern {
-        Pattern::Shuffle { density, seed } => {
-            part.attributes.set_text(PATTERN, &format!("shuffle density={density}"));
+        Pattern::Shuffle { density, seed, frame } => {
+            let frame = if frame == 0 { String::new() } else { format!(" frame={frame}") };
+            part.attributes.set_text(PATTERN, &format!("shuffle density={density}{frame}"));
             part.attributes.set_text(SEED, &seed.to_string());
         }
         Pattern::File { file, .. } => part.attributes.set_text(PATTERN, &format!("file:{}", file.path())),

@@ -116,7 +116,7 @@ impl Work for Sparsify<'_> {
                 Pattern::File { file, channel: channel.as_deref() }
             }
             (SparsifyPattern::Shuffle { density, seed }, _) => {
-                Pattern::Shuffle { density: *density, seed: *seed }
+                Pattern::Shuffle { density: *density, seed: *seed, frame: item.number.unwrap_or(0) }
             }
             _ => return Err(Failure::at(&item.input, "no mask file was given")),
         };

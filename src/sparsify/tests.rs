@@ -8,7 +8,7 @@ use crate::mask::Source;
 use crate::reconstruct::Job;
 use crate::testing::{float, frame, half, part, uint, values, window};
 
-const SHUFFLE: Pattern<'_> = Pattern::Shuffle { density: 0.3, seed: 7 };
+const SHUFFLE: Pattern<'_> = Pattern::Shuffle { density: 0.3, seed: 7, frame: 0 };
 
 fn ones(x: i32, y: i32, width: i32, height: i32) -> Part {
     let pixels = (width * height) as usize;
@@ -95,7 +95,7 @@ fn a_frame_with_a_mask_is_refused() {
     part.channels.push(half("Mask", &[1.0; 4]));
     let error = sparsify(frame(vec![part]), SHUFFLE).unwrap_err().to_string();
     assert!(error.starts_with("the frame has a channel 'Mask': the frame looks sparse; fill it"), "{error}");
-    let out_of_range = Pattern::Shuffle { density: 1.5, seed: 0 };
+    let out_of_range = Pattern::Shuffle { density: 1.5, seed: 0, frame: 0 };
     assert!(sparsify(frame(vec![ones(0, 0, 2, 2)]), out_of_range).is_err());
 }
 

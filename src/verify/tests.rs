@@ -34,7 +34,7 @@ fn sparse() -> Frame {
     first.attributes.set("preview", "preview", vec![0; 8]);
     first.compression = Compression::Pxr24;
     let full = frame(vec![first, named("b", "", part(window(3, -2, 8, 6), channels()))]);
-    let mut sparse = sparsify(full, Pattern::Shuffle { density: 0.4, seed: 1 }).unwrap().frame;
+    let mut sparse = sparsify(full, Pattern::Shuffle { density: 0.4, seed: 1, frame: 0 }).unwrap().frame;
     sparse.parts[0].attributes.set("preview", "preview", vec![0; 8]);
     sparse
 }
@@ -242,7 +242,7 @@ fn filled_normals_must_be_of_unit_length() {
     };
     for (scale, complains) in [(1.0, true), (0.5, false)] {
         let full = frame(vec![part(window(0, 0, 8, 6), channels(scale))]);
-        let sparse = sparsify(full, Pattern::Shuffle { density: 0.4, seed: 1 }).unwrap().frame;
+        let sparse = sparsify(full, Pattern::Shuffle { density: 0.4, seed: 1, frame: 0 }).unwrap().frame;
         let mut filled = filled(&sparse, &job());
         assert_eq!(lines(&sparse, &filled), [""; 0]);
         let masks = find(&sparse, &Source::Auto, None).unwrap();
@@ -261,7 +261,7 @@ fn filled_normals_are_no_longer_than_those_around() {
     let none = [0.0; 48];
     let channels = vec![float("N.X", &none), float("N.Y", &none), float("N.Z", &lengths)];
     let full = frame(vec![part(window(0, 0, 8, 6), channels)]);
-    let sparse = sparsify(full, Pattern::Shuffle { density: 0.5, seed: 1 }).unwrap().frame;
+    let sparse = sparsify(full, Pattern::Shuffle { density: 0.5, seed: 1, frame: 0 }).unwrap().frame;
     let mut filled = filled(&sparse, &job());
     assert_eq!(lines(&sparse, &filled), [""; 0]);
     let masks = find(&sparse, &Source::Auto, None).unwrap();

@@ -130,16 +130,11 @@ fn generate(
             "{text}: --frames needs a pattern to write to, such as mask.####.exr"
         )));
     };
-    let (first, mut status) = (frames.first().copied().unwrap_or(0), 0);
+    let mut status = 0;
     console.begin(frames.len() as u64);
     for &number in frames {
-        // Complementary masks count from the first frame asked for, offset ones go by the number.
-        let frame = match request.temporal {
-            lacuna_filters::sampling::Temporal::Complementary => number - first,
-            _ => number,
-        };
         let (bounds, path) = (bounds.of_frame(Some(number)), pattern.path(number));
-        let done = one((request, memory), rank, frame, &bounds, &path, output, console);
+        let done = one((request, memory), rank, number, &bounds, &path, output, console);
         if let Err(error) = done {
             console.error(&error.to_string());
             status = 1;
