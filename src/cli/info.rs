@@ -14,18 +14,19 @@ use crate::commands::InfoJob;
 const EXAMPLES: &str = "\
 Examples:
   lacuna info shot.0001.exr
+  lacuna info 'shot.####.exr' --json
   lacuna info shot.0001.exr --mask alpha --json
 
-Exit status: 0 described (with --mask auto also if no mask is found, which is said), 1 the frame cannot be read or the
+Exit status: 0 described (with --mask auto also if no mask is found, which is said), 1 a frame cannot be read or the
 mask asked for cannot be used, 2 usage.";
 
 /// Print parts, windows, channels, the mask found, the density, and each channel's rule and why
 #[derive(Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct InfoArgs {
-    /// The frame's file
-    #[arg(value_name = "FRAME", help_heading = "Input and frames")]
-    frame: PathBuf,
+    /// The frame's file; several, a pattern or a glob are described one after the other
+    #[arg(value_name = "FRAME", required = true, help_heading = "Input and frames")]
+    frames: Vec<PathBuf>,
 
     #[command(flatten)]
     mask: MaskArgs,
@@ -58,7 +59,7 @@ impl InfoArgs {
     pub fn job(&self) -> Result<InfoJob, Usage> {
         let rules = self.rules.iter().flatten().next().map(PathBuf::as_path);
         Ok(InfoJob {
-            frame: self.frame.clone(),
+            frames: self.frames.clone(),
             mask: self.mask.mask.clone(),
             overrides: channels::all(&self.channels, rules)?,
             print_rules: self.rules.as_ref().is_some_and(Vec::is_empty),
