@@ -7,6 +7,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
+import frames
 from tool import SAMPLES, lacuna
 
 COMPLETE = SAMPLES / "full" / "sequence" / "shot.0001.exr"
@@ -30,6 +31,10 @@ def fill(folder, source, *flags, status=0):
     result = lacuna("fill", source, "-o", output, "--json", report, *flags, ok=False)
     assert result.status == status, result
     return output, json.loads(report.read_text())["frames"][0], result
+
+
+def most(told):
+    return told["rmse"]["high"] if "rmse" in told else told["rmse_at_most"]
 
 
 def true_error(output, source, mask_of, complete=COMPLETE):
@@ -96,3 +101,35 @@ def test_senseless_bounds_are_refused(tmp_path, flags):
     result = lacuna("fill", source, "-o", tmp_path / "full.exr", *flags, ok=False)
     assert result.status == 2, result
     assert not (tmp_path / "full.exr").exists() and len(result.lines()) <= 2
+
+
+def test_a_second_pass_leaves_a_bound_or_an_estimate_that_is_true(tmp_path):
+    first, after, more, both = (tmp_path / f"{name}.exr" for name in ("first", "after", "more", "both"))
+    lacuna("sparsify", COMPLETE, "-o", first, "--density", "0.08")
+    lacuna("mask", "--after", first, "--add", "0.1", "-o", after)
+    lacuna("sparsify", COMPLETE, "-o", more, "--mask", f"file:{after}")
+    lacuna("mask", "--merge", first, more, "-o", both)
+    output, record, _ = fill(tmp_path, both)
+    told = next(item for item in record["estimates"] if "R" in item["channels"])
+    assert "unknown" not in told, told
+    assert true_error(output, both, both) <= most(told)
+    # A bound that is good enough passes the gate.
+    fill(tmp_path, both, "--max-rmse", str(1.1 * max(most(item) for item in record["estimates"])))
+
+
+def test_render_tells_how_wrong_what_it_filled_is(tmp_path):
+    words = ["render", SAMPLES / "scenes" / "head.toml", "--size", "96x64", "--density", "0.2", "--fill", "ss", "-o"]
+    result = lacuna(*words, tmp_path / "a.exr", "--json", tmp_path / "report.json")
+    assert "missing pixels by estimate" in result.stderr
+    assert json.loads((tmp_path / "report.json").read_text())["frames"][0]["estimates"]
+    assert "by estimate" in lacuna("info", tmp_path / "a.exr").stdout
+    assert "by estimate" not in lacuna(*words, tmp_path / "b.exr", "--no-estimate").stderr
+
+
+def test_hints_name_what_would_help(tmp_path):
+    noise = np.random.default_rng(7).normal(0.5, 0.2, (96, 96, 3)).astype(np.float32)
+    frames.write_sparse(tmp_path / "noisy.exr", noise, frames.shuffle(96, 96, 0.25))
+    result = lacuna("fill", tmp_path / "noisy.exr", "-o", tmp_path / "out.exr", "--filter", "ss")
+    assert "--noise auto" in result.stderr, result
+    result = lacuna("fill", sparse(tmp_path), "-o", tmp_path / "out.exr", "--filter", "ss")
+    assert "--noise" not in result.stderr and "--temporal" not in result.stderr, result

@@ -80,6 +80,42 @@ def test_info_names_every_channel_and_its_rule():
     json.loads(lacuna("info", SAMPLES / "parts.exr", "--json").stdout)
 
 
+def test_info_describes_several_and_goes_on_after_one_that_fails(tmp_path):
+    import json
+
+    pattern, broken = SAMPLES / "sequence" / "shot.####.exr", tmp_path / "broken.exr"
+    broken.write_bytes(b"no EXR file")
+    result = lacuna("info", pattern, broken, ok=False)
+    assert result.status == 1 and len(result.lines()) == 1 and "broken.exr" in result.stderr, result
+    assert [line for line in result.stdout.splitlines() if line.endswith("exr:")] == [
+        f"{SAMPLES}/sequence/shot.{frame:04d}.exr:" for frame in range(1, 5)]
+    told = json.loads(lacuna("info", pattern, "--json").stdout)
+    assert len(told) == 4 and told[0]["file"].endswith("shot.0001.exr") and told[0]["density"] == told[3]["density"]
+
+
+def test_info_knows_what_was_filled_from_what_was_complete(tmp_path):
+    lacuna("sparsify", SAMPLES / "full" / "parts.exr", "-o", tmp_path / "s.exr", "--density", "0.3", "--channels", "N.*")
+    quick_fill(tmp_path / "s.exr", "-o", tmp_path / "f.exr")
+    sparse, filled = ([line for line in lacuna("info", tmp_path / name).stdout.splitlines() if line.split()[1:2] == ["float"] or "guides" in line]
+                      for name in ("s.exr", "f.exr"))
+    assert sparse == filled and any("guides" in line for line in sparse), (sparse, filled)
+
+
+def test_masks_of_frames_in_a_row_complete_each_other(tmp_path):
+    full = SAMPLES / "full" / "sequence" / "shot.####.exr"
+    lacuna("sparsify", full, "-o", tmp_path / "s.####.exr", "--density", "0.25")
+    masks = sum(frames.read(tmp_path / f"s.{frame:04d}.exr")[0]["mask"].astype(int) for frame in range(1, 5))
+    assert (masks == 1).all()
+    lacuna("sparsify", SAMPLES / "full" / "sequence" / "shot.0003.exr", "-o", tmp_path / "alone.exr", "--density", "0.25")
+    lacuna("mask", "-o", tmp_path / "mask.exr", "--size", "192x192", "--density", "0.25")
+    alone, mask = (frames.read(tmp_path / name)[0]["mask"] for name in ("alone.exr", "mask.exr"))
+    assert np.array_equal(alone, mask), "one frame alone has the mask of lacuna mask"
+    words = ["render", SAMPLES / "scenes" / "marschner-lobb.toml", "--size", "32x24", "--density", "0.5", "--frames", "6-7"]
+    lacuna(*words, "-o", tmp_path / "r.####.exr")
+    one, other = (frames.read(tmp_path / f"r.{frame:04d}.exr")[0]["mask"] for frame in (6, 7))
+    assert (one + other == 1).all()
+
+
 def test_the_command_of_the_readme_fills_the_sequence(tmp_path):
     """The pattern of the README's first command, run from the root of the project."""
     quick_fill("samples/sequence/shot.####.exr", "-o", tmp_path / "out" / "shot.####.exr", "--create-dir", folder=ROOT)

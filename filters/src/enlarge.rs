@@ -11,6 +11,7 @@ use lacuna_core::parallel::prelude::*;
 
 use crate::domain::{Domain, Map};
 use crate::fill::{self, Filled, Values, fill_usable};
+use crate::limiter::Moved;
 use crate::upscale::{Enlarged, Geometry, Method, Plan, Question, guided};
 use crate::variational::guided::Guides;
 use crate::{Error, Mask, Outcome, Plane, Planes, Plans, Run};
@@ -49,7 +50,7 @@ pub struct Upscaled {
     /// The domain that they were enlarged in.
     pub map: Map,
     /// Per plane, the values that the limiter or a bound moved.
-    pub limited: Vec<usize>,
+    pub limited: Vec<Moved>,
     /// Values that overflowed and took that of the pixel they lie in.
     pub mended: usize,
     /// The guides that steered it; none where none were there, or none predicted.

@@ -36,6 +36,9 @@ use crate::{Error, Mask, Plane, Size};
 
 mod blocks;
 mod disc;
+mod moved;
+
+pub use moved::Moved;
 
 /// The disc in which the darkest measured pixel counts, at any density; its radius in pixels.
 const NEAR: usize = 8;
@@ -43,11 +46,11 @@ const NEAR: usize = 8;
 /// Moves missing pixels of `out` that are out of reach of the measured pixels around them, see the head of this file.
 ///
 /// `samples` holds finite values at measured pixels; what it holds elsewhere is not read. Measured pixels of `out`
-/// are neither read nor changed. Returns the number of pixels that were moved.
+/// are neither read nor changed. Returns which pixels were moved: how many, and how far.
 ///
 /// # Errors
 /// [`Error::SizeMismatch`] and [`Error::EmptyMask`].
-pub fn local(mask: &Mask, samples: &Plane, out: &mut Plane) -> Result<usize, Error> {
+pub fn local(mask: &Mask, samples: &Plane, out: &mut Plane) -> Result<Moved, Error> {
     let size = check(mask, samples, out)?;
     let bounds = Bounds::new(extremes(mask.as_slice(), samples.pixels()));
     let radius = radius(mask.density());
@@ -65,29 +68,29 @@ pub fn local(mask: &Mask, samples: &Plane, out: &mut Plane) -> Result<usize, Err
             if radius > NEAR && bounds.margin.is_none() {
                 ranges.raise(&discs(NEAR));
             }
-            let mut count = 0;
+            let mut moved = Moved::default();
             for ((y, row), out) in rows.clone().enumerate().zip(out.chunks_mut(size.width)) {
                 let (low, high) = ranges.row_mut(y);
                 bounds.widen(low, high);
-                count += limit_row(&mask.row(row)[columns.clone()], low, high, &mut out[columns.clone()]);
+                moved += limit_row(&mask.row(row)[columns.clone()], low, high, &mut out[columns.clone()]);
             }
-            count
+            moved
         };
-        suspects.into_iter().map(search).sum::<usize>()
+        suspects.into_iter().map(search).sum::<Moved>()
     });
     Ok(counts.into_iter().sum())
 }
 
 /// Keeps what is true of all measured pixels true of the missing ones: a channel that is nowhere negative stays so, and
-/// with `unit`, for alpha, one that lies within [0, 1]. Returns the number of missing pixels that were moved.
+/// with `unit`, for alpha, one that lies within [0, 1]. Returns how many missing pixels were moved, and how far.
 ///
 /// # Errors
 /// [`Error::SizeMismatch`] and [`Error::EmptyMask`].
-pub fn range(mask: &Mask, samples: &Plane, out: &mut Plane, unit: bool) -> Result<usize, Error> {
+pub fn range(mask: &Mask, samples: &Plane, out: &mut Plane, unit: bool) -> Result<Moved, Error> {
     let size = check(mask, samples, out)?;
     let (smallest, largest) = extremes(mask.as_slice(), samples.pixels());
     if smallest < 0.0 {
-        return Ok(0);
+        return Ok(Moved::default());
     }
     let most = if unit && largest <= 1.0 { 1.0 } else { f32::MAX };
     let (bottom, top) = (vec![0.0; size.width], vec![most; size.width]);
@@ -178,25 +181,26 @@ impl Bounds {
     }
 }
 
-/// Moves the missing pixels of one row into their bounds and counts those that were outside.
-fn limit_row(flags: &[bool], bottom: &[f32], top: &[f32], out: &mut [f32]) -> usize {
+/// Moves the missing pixels of one row into their bounds.
+fn limit_row(flags: &[bool], bottom: &[f32], top: &[f32], out: &mut [f32]) -> Moved {
     // Looking runs in vectors and finds nothing in most rows.
     if !outside(Isa::best(), flags, (bottom, top), out) {
-        return 0;
+        return Moved::default();
     }
     let bounds = bottom.iter().zip(top);
     let moves = out.iter_mut().zip(flags).zip(bounds);
-    moves.map(|((value, flag), (bottom, top))| usize::from(moved(value, *bottom, *top, *flag))).sum()
+    moves.map(|((value, flag), (bottom, top))| limit(value, *bottom, *top, *flag)).sum()
 }
 
-/// Moves a value into `[bottom, top]` unless it is `kept`; whether it was outside. NaN becomes `bottom`.
-fn moved(value: &mut f32, bottom: f32, top: f32, kept: bool) -> bool {
+/// Moves a value into `[bottom, top]` unless it is `kept`. NaN becomes `bottom`.
+fn limit(value: &mut f32, bottom: f32, top: f32, kept: bool) -> Moved {
     let inside = if *value >= bottom { *value } else { bottom };
     let inside = least(inside, top);
     // Compared as bits: NaN is not equal to itself, and a zero of either sign is inside a bound of zero.
     let outside = !kept & (inside.to_bits() != value.to_bits());
-    *value = if outside { inside } else { *value };
-    outside
+    let free = *value;
+    *value = if outside { inside } else { free };
+    if outside { Moved::from_to(free, inside) } else { Moved::default() }
 }
 
 #[cfg(test)]

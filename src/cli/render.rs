@@ -141,6 +141,10 @@ struct PixelArgs {
     /// Fill the other pixels in memory with this filter's default settings, and report both times
     #[arg(long, value_name = "FILTER")]
     fill: Option<FilterName>,
+
+    /// Do not estimate how wrong the filled pixels are
+    #[arg(long, requires = "fill", hide_short_help = true)]
+    no_estimate: bool,
 }
 
 /// What a frame holds besides colour and alpha.
@@ -278,6 +282,7 @@ impl RenderArgs {
             },
             level: packing.and_then(|packing| packing.level),
             fill: self.pixels.fill.map(method).transpose()?,
+            estimate: !self.pixels.no_estimate,
             existing: self.output.existing(self.update),
             run,
         })

@@ -10,6 +10,7 @@ use lacuna_filters::Mask;
 
 use crate::files::plan::Item;
 use crate::files::reports;
+use crate::reconstruct::named;
 use crate::report::{Filled, FilledPictures, MOST_PIXELS, filled};
 use crate::run::record::{Estimate, Heading, Record, told_residual};
 
@@ -80,7 +81,7 @@ fn shown(record: &Record, pictures: Option<FilledPictures>) -> Filled {
     words.extend(record.mask.iter().map(|mask| ("mask", mask.clone())));
     words.extend(record.rules.iter().map(|rules| ("channels", rules.clone())));
     words.extend(record.chosen.iter().map(|chosen| ("filters", chosen.clone())));
-    let estimate = |of: &Estimate| ("estimate", format!("{}: {}", of.channels.join(", "), of.error));
+    let estimate = |of: &Estimate| ("estimate", format!("{}: {}", named(&of.channels).join(", "), of.error));
     words.extend(record.estimates.iter().map(estimate));
     if let Some(outcome) = record.outcome {
         let mut text = format!("{} iterations", outcome.iterations);
@@ -89,11 +90,12 @@ fn shown(record: &Record, pictures: Option<FilledPictures>) -> Filled {
         text += &outcome.gap.map_or_else(String::new, |gap| format!(", relative gap {gap:.1e}"));
         words.push(("solver", text));
     }
-    for (what, count) in [
-        ("limited values", record.limited),
-        ("values that are not finite", record.non_finite),
-        ("clamped halves", record.clamped_halves),
-    ] {
+    let most = record.largest_move.unwrap_or_default();
+    let limited = record.limited.filter(|count| *count > 0);
+    words.extend(limited.map(|count| ("limited values", format!("{count}, by at most {most:.2e}"))));
+    for (what, count) in
+        [("values that are not finite", record.non_finite), ("clamped halves", record.clamped_halves)]
+    {
         words.extend(count.filter(|count| *count > 0).map(|count| (what, count.to_string())));
     }
     let seconds = record.seconds;

@@ -271,6 +271,7 @@ fn add(all: &mut PartReport, band: PartReport) {
         all.filled += band.filled;
         all.non_finite += band.non_finite;
         all.limited += band.limited;
+        all.largest_move = all.largest_move.max(band.largest_move);
         all.clamped_halves += band.clamped_halves;
     }
     for band in band.groups {
@@ -302,6 +303,7 @@ fn add(all: &mut PartReport, band: PartReport) {
 fn worse(a: Option<Estimated>, b: Option<Estimated>) -> Option<Estimated> {
     let error = |estimated: &Option<Estimated>| match estimated {
         Some(Estimated::Error { rmse, .. }) => rmse.estimate,
+        Some(Estimated::Bound { rmse_at_most, .. }) => *rmse_at_most,
         Some(Estimated::Unknown { .. }) => f64::INFINITY,
         None => f64::NEG_INFINITY,
     };

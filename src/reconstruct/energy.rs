@@ -74,7 +74,7 @@ pub fn note(group: &GroupReport) -> Option<String> {
     let less = if ratio < 1.0 { "less" } else { "more" };
     Some(format!(
         "{}: filled pixels have {:.0} % {less} light than the measured ones around them, where chance explains {:.0} %",
-        group.channels.join(", "),
+        group.names(),
         100.0 * (ratio - 1.0).abs(),
         100.0 * chance
     ))

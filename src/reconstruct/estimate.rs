@@ -32,6 +32,13 @@ pub enum Estimated {
         /// Peak signal-to-noise ratio in decibels, the peak 1; nothing where the error is 0.
         psnr: Option<Interval>,
     },
+    /// It is not larger than this, nine times of ten.
+    Bound {
+        /// Root mean square error.
+        rmse_at_most: f64,
+        /// Peak signal-to-noise ratio in decibels, the peak 1.
+        psnr_at_least: f64,
+    },
     /// It cannot be told.
     Unknown {
         /// Why not.
@@ -48,6 +55,7 @@ impl From<Verdict> for Estimated {
                 let psnr = (found.low > 0.0).then_some(Interval { estimate, low, high });
                 Self::Error { rmse, psnr }
             }
+            Verdict::AtMost(rmse) => Self::Bound { rmse_at_most: rmse, psnr_at_least: -20.0 * rmse.log10() },
             Verdict::CannotTell(why) => Self::Unknown { unknown: why.to_string() },
         }
     }
@@ -61,6 +69,9 @@ impl std::fmt::Display for Estimated {
                 write!(f, "{estimate:.1} dB ({low:.1} to {high:.1}), RMSE {:.2e}", rmse.estimate)
             }
             Self::Error { .. } => f.write_str("exact"),
+            Self::Bound { rmse_at_most, psnr_at_least } => {
+                write!(f, "at least {psnr_at_least:.1} dB, RMSE at most {rmse_at_most:.2e}")
+            }
             Self::Unknown { unknown } => write!(f, "cannot be told: {unknown}"),
         }
     }
@@ -81,24 +92,28 @@ impl Gate {
         self.min_psnr.is_some() || self.max_rmse.is_some()
     }
 
-    /// Why a group is doubtful, if it is; an error that cannot be told is.
+    /// Why a group is doubtful, if it is; an error that cannot be told is, one with a bound if that is beyond the gate's.
     fn refuses(&self, group: &GroupReport) -> Option<String> {
         let estimated = group.estimate.as_ref()?;
-        let names = group.channels.join(", ");
-        let (rmse, psnr) = match estimated {
+        let names = group.names();
+        let (rmse, psnr, about) = match estimated {
             Estimated::Unknown { unknown } => {
                 return Some(format!("the error of {names} cannot be told: {unknown}"));
             }
             Estimated::Error { rmse, psnr } => {
-                (rmse.estimate, psnr.map_or(f64::INFINITY, |psnr| psnr.estimate))
+                (rmse.estimate, psnr.map_or(f64::INFINITY, |psnr| psnr.estimate), ["about"; 2])
+            }
+            Estimated::Bound { rmse_at_most, psnr_at_least } => {
+                (*rmse_at_most, *psnr_at_least, ["at least", "at most"])
             }
         };
         let low = self.min_psnr.filter(|&bound| psnr < bound);
         let high = self.max_rmse.filter(|&bound| rmse > bound);
+        let [least, most] = about;
         let low =
-            low.map(|bound| format!("{names}: about {psnr:.1} dB by estimate, below --min-psnr {bound}"));
+            low.map(|bound| format!("{names}: {least} {psnr:.1} dB by estimate, below --min-psnr {bound}"));
         low.or_else(|| {
-            high.map(|bound| format!("{names}: RMSE about {rmse:.2e} by estimate, above --max-rmse {bound}"))
+            high.map(|bound| format!("{names}: RMSE {most} {rmse:.2e} by estimate, above --max-rmse {bound}"))
         })
     }
 
@@ -112,8 +127,7 @@ impl Gate {
 
 /// What groups of channels are worth by estimate: `R, G, B: 58.1 dB (56.2 to 60.1), RMSE 1.24e-3; ...`.
 pub fn line<'a>(groups: impl Iterator<Item = &'a GroupReport>) -> Option<String> {
-    let one =
-        |group: &GroupReport| Some(format!("{}: {}", group.channels.join(", "), group.estimate.as_ref()?));
+    let one = |group: &GroupReport| Some(format!("{}: {}", group.names(), group.estimate.as_ref()?));
     let all: Vec<String> = groups.filter_map(one).collect();
     (!all.is_empty()).then(|| all.join("; "))
 }
@@ -151,7 +165,7 @@ pub fn written(part: &Part, layer: &str) -> Option<Plane> {
 pub fn chosen<'a>(groups: impl Iterator<Item = &'a GroupReport>) -> Option<String> {
     let one = |group: &GroupReport| {
         let shares = group.chosen.iter().map(|(name, share)| format!("{name} {:.0} %", 100.0 * share));
-        format!("{}: {}", group.channels.join(", "), shares.collect::<Vec<_>>().join(", "))
+        format!("{}: {}", group.names(), shares.collect::<Vec<_>>().join(", "))
     };
     let all: Vec<String> = groups.filter(|group| !group.chosen.is_empty()).map(one).collect();
     (!all.is_empty()).then(|| all.join("; "))
@@ -173,6 +187,7 @@ mod tests {
             neighbours_gain: None,
             chosen: vec![("edge".into(), 0.8), ("tv".into(), 0.2)],
             estimate: Some(verdict.into()),
+            exponent: None,
             energy: None,
             outcome: Outcome::direct(),
         }
@@ -182,6 +197,8 @@ mod tests {
     fn an_estimate_is_said_in_words_and_held_to_bounds() {
         let good = group(Verdict::Estimate(Rmse { rmse: 0.001, low: 0.0005, high: 0.002 }));
         let unknown = group(Verdict::CannotTell(Why::FewSamples));
+        let bound = group(Verdict::AtMost(0.01));
+        assert_eq!(line([&bound].into_iter()).unwrap(), "R, G: at least 40.0 dB, RMSE at most 1.00e-2");
         let exact = group(Verdict::Estimate(Rmse { rmse: 0.0, low: 0.0, high: 0.0 }));
         assert_eq!(
             line([&good, &unknown].into_iter()).unwrap(),
@@ -196,6 +213,10 @@ mod tests {
             (gate(None, Some(0.0011)), &good, false),
             (gate(None, Some(0.0009)), &good, true),
             (gate(Some(1.0), None), &unknown, true),
+            (gate(Some(39.9), None), &bound, false),
+            (gate(Some(40.1), None), &bound, true),
+            (gate(None, Some(0.011)), &bound, false),
+            (gate(None, Some(0.009)), &bound, true),
             (gate(Some(300.0), Some(0.0)), &exact, false),
         ] {
             assert_eq!(gate.refuses(group).is_some(), refused, "{gate:?} {group:?}");

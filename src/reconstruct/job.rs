@@ -150,7 +150,7 @@ impl Job {
             line = format!("{line} temporal={} motion={}", self.temporal.window, self.temporal.motion);
         }
         if let Some(name) = &self.error_channel {
-            line = format!("{line} error-channel={name}");
+            line = format!("{line} error-channel={}", quote(name));
         }
         if let Some(rules) = &self.rules {
             line = format!("{line} rules={}", quote(rules));

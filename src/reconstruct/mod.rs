@@ -54,7 +54,7 @@ use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Run, Stop};
 pub use noise::{NoiseError, NoiseSource};
 pub(crate) use part::measured_floats;
-pub use report::{ChannelReport, GroupReport, PartReport, Report};
+pub use report::{ChannelReport, GroupReport, PartReport, Report, named};
 pub use stamp::{ADDED, DENSITY, DERIVED, FILLING, Stamp, was_cut_short};
 pub(crate) use values::{convert, kind_for};
 pub use weights::{Weights, WeightsError};

@@ -7,6 +7,7 @@ use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::baseline::nearest::NearestMap;
 use lacuna_filters::fill::{Options, Set, Values, fill_with};
+use lacuna_filters::limiter::Moved;
 use lacuna_filters::noise::Noise;
 use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Bounds, Mask, Method, Plane, Planes, Run};
@@ -64,7 +65,7 @@ struct Filled {
     mask: Arc<Mask>,
     samples: Vec<f32>,
     values: Vec<f32>,
-    limited: usize,
+    limited: Moved,
     /// Whether measured pixels are smoothed, too.
     all: bool,
 }
@@ -103,7 +104,7 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
     on_surfaces(frame, work, &mut filled)?;
     let any = filled.iter().any(|filled| filled.all);
     for Filled { channel, mask, values, limited, all, .. } in filled {
-        done.report.channels[channel].limited = limited;
+        done.report.channels[channel].limit(limited);
         changes[channel] = Some(Change::Values { values, mask, all });
     }
     for target in targets.iter().filter(|target| matches!(target.rule, Rule::Nearest | Rule::Depth)) {
@@ -159,6 +160,7 @@ fn blank_report(part: &Part, choices: &[Choice]) -> PartReport {
         filled: 0,
         non_finite: 0,
         limited: 0,
+        largest_move: 0.0,
         clamped_halves: 0,
     };
     PartReport {
@@ -190,7 +192,7 @@ fn filter(
     let mut options = options(frame, work, (group, method), &names)?;
     options.noise = work.job.noise.of(part, group, &samples)?;
     let carried: Vec<_> = carriers.iter().filter_map(|carrier| carrier.carried(&names)).collect();
-    if group.values == Values::Light {
+    if group.values != Values::Directions {
         options.carried = &carried;
     }
     let answer = fill_with(&samples, mask, &options, work.plans, work.run).map_err(fail)?;
@@ -212,6 +214,7 @@ fn filter(
             neighbours_gain: set.along,
             chosen: set.shares.iter().map(|(name, share)| ((*name).into(), *share)).collect(),
             estimate: set.estimate.map(Into::into),
+            exponent: set.exponent,
             energy: light
                 .then(|| energy::compare(&lights(&samples, &answer.planes, set), &set.mask))
                 .flatten(),
@@ -455,7 +458,7 @@ fn on_surfaces(frame: &Frame, work: &Work<'_>, filled: &mut [Filled]) -> Result<
             .iter_mut()
             .enumerate()
             .filter(|(at, _)| all.contains(at))
-            .for_each(|(_, one)| one.limited += moved);
+            .for_each(|(_, one)| one.limited.values += moved);
     }
     Ok(())
 }

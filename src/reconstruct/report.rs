@@ -1,11 +1,12 @@
 //! What was done to a frame, for the log and for `--json`.
 
 use lacuna_filters::Outcome;
+use lacuna_filters::limiter::Moved;
 use serde::Serialize;
 
 use super::estimate::Estimated;
 use super::{Energy, Stamp};
-use crate::channels::{self, Rule};
+use crate::channels::{self, Name, Rule};
 
 /// What was done to one frame. Times are the caller's to add.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -22,8 +23,10 @@ pub struct Report {
     pub copied: bool,
     /// Measured values, over all channels, that no missing one was made from because they are NaN or infinite.
     pub non_finite: usize,
-    /// Values that the limiter or a bound (no negative light, alpha within 0 and 1) moved.
+    /// Values, over all channels, that the limiter or a bound (no negative light, alpha within 0 and 1) moved.
     pub limited: usize,
+    /// The farthest that one of them was moved.
+    pub largest_move: f32,
     /// Values that would have overflowed a half and became the largest one.
     pub clamped_halves: usize,
     /// The worst outcome of all groups; nothing where no filter ran.
@@ -63,8 +66,18 @@ pub struct ChannelReport {
     pub non_finite: usize,
     /// Values that the limiter or a bound moved.
     pub limited: usize,
+    /// The farthest that one of them was moved.
+    pub largest_move: f32,
     /// Values that would have overflowed a half.
     pub clamped_halves: usize,
+}
+
+impl ChannelReport {
+    /// Counts values that were moved.
+    pub(super) fn limit(&mut self, moved: Moved) {
+        self.limited += moved.values;
+        self.largest_move = self.largest_move.max(moved.most);
+    }
 }
 
 /// How the filter ended on a group of channels.
@@ -87,11 +100,29 @@ pub struct GroupReport {
     /// How wrong the missing pixels are by estimate; nothing where that was not asked for, or would take too long.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub estimate: Option<Estimated>,
+    /// The power by which squared errors grow with the variance of pixels given the samples; near 0 where noise decides.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exponent: Option<f64>,
     /// Light that filled pixels have too little or too much of; nothing where chance explains it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub energy: Option<Energy>,
     /// How the solver ended.
     pub outcome: Outcome,
+}
+
+impl GroupReport {
+    /// Its channels, as people name them.
+    pub fn names(&self) -> String {
+        named(&self.channels).join(", ")
+    }
+}
+
+/// Names as people order them: files have red after blue.
+pub fn named(channels: &[String]) -> Vec<String> {
+    let rank = |name: &String| "RGBA".find(Name::new(name).component).unwrap_or(usize::MAX);
+    let mut names = channels.to_vec();
+    names.sort_by_key(rank);
+    names
 }
 
 impl PartReport {
@@ -128,6 +159,7 @@ impl Report {
         let channels = || self.parts.iter().flat_map(|part| &part.channels);
         self.non_finite = channels().map(|channel| channel.non_finite).sum();
         self.limited = channels().map(|channel| channel.limited).sum();
+        self.largest_move = channels().map(|channel| channel.largest_move).fold(0.0, f32::max);
         self.clamped_halves = channels().map(|channel| channel.clamped_halves).sum();
         let outcomes = self.parts.iter().flat_map(|part| &part.groups).map(|group| group.outcome);
         self.outcome = outcomes.reduce(Outcome::worst);

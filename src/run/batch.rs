@@ -126,6 +126,11 @@ pub trait Work: Sync {
     /// The work itself; it passes over the record if nothing is to be written in the end.
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure>;
 
+    /// What would make more of these frames, a line each.
+    fn hints(&self, _records: &[Record]) -> Vec<String> {
+        Vec::new()
+    }
+
     /// What is written when all frames are through.
     fn end(&self, _heading: &Heading, _records: &[Record]) -> Result<(), String> {
         Ok(())
@@ -404,6 +409,7 @@ fn sum(journal: &Journal, work: &dyn Work, start: Instant, console: &Console) ->
     parts.push(format!("{:.2} s", start.elapsed().as_secs_f64()));
     let written = |record: &&Record| record.state == State::Done && record.seconds.write > 0.0;
     parts.extend(went(records.iter().filter(written)).filter(|_| !work.is_gate()));
+    work.hints(&records).iter().for_each(|hint| console.note(hint));
     console.note(&parts.join(", "));
     // They pass over nothing but frames that are not there.
     let unchecked = work.is_gate() && done + failed == 0;

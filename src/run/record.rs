@@ -47,6 +47,9 @@ pub struct Estimate {
     /// The error.
     #[serde(flatten)]
     pub error: Estimated,
+    /// The power by which squared errors grow with the variance of pixels given the samples; near 0 where noise decides.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exponent: Option<f64>,
 }
 
 /// How the light of a group's filled pixels compares with that of measured ones around them.
@@ -86,6 +89,8 @@ pub struct Record {
     pub non_finite: Option<usize>,
     /// Values that the limiter or a bound moved.
     pub limited: Option<usize>,
+    /// The farthest that one of them was moved, in the units of its channel.
+    pub largest_move: Option<f32>,
     /// Values that would have overflowed a half and became the largest one.
     pub clamped_halves: Option<usize>,
     /// How many channels each rule had.

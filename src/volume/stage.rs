@@ -71,7 +71,7 @@ pub fn volume(scene: &Scene, folder: &Path, limits: &Limits) -> Result<Grid, Err
 fn with_way_out(error: Error) -> Error {
     match error {
         Error::Io { path, source, .. } if source.kind() == ErrorKind::NotFound => {
-            Error::File { path, why: "there is no such file; --volume FILE names the volume's".into() }
+            Error::File { path, why: "there is no such file: --volume FILE names another one".into() }
         }
         other => other,
     }

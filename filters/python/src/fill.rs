@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use lacuna_filters::domain::Domain;
-use lacuna_filters::estimate::Verdict;
+use lacuna_filters::estimate::{Verdict, Why};
 use lacuna_filters::fill::{Estimate, Filled, Set, Values, fill_with};
 use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Bounds, METHODS, Mask, Method, Options, Plane, Planes, Plans};
@@ -18,8 +18,8 @@ use crate::work::{pool, refusal, run};
 /// Settings by name.
 pub type Settings = Vec<(String, String)>;
 
-/// How wrong the missing pixels are: estimate, lower and upper end.
-type Rmse = (f64, f64, f64);
+/// How wrong the missing pixels are: estimate, lower and upper end; the upper one alone where samples do not show more.
+type Rmse = (Option<f64>, Option<f64>, f64);
 
 /// What is told of a fill beside the image.
 #[derive(IntoPyObject)]
@@ -165,16 +165,20 @@ fn report<'py>(py: Python<'py>, filled: &mut Filled, planes: usize) -> PyResult<
 
 /// Over all sets, each counting by its planes.
 fn verdict(sets: &[Set]) -> (Option<Rmse>, Option<String>) {
-    let (mut squares, mut planes) = ([0.0; 3], 0.0);
+    let (mut squares, mut planes, mut bound) = ([0.0; 3], 0.0, false);
     for set in sets {
         match set.estimate {
             None => return (None, None),
             Some(Verdict::CannotTell(why)) => return (None, Some(why.to_string())),
-            Some(Verdict::Estimate(found)) => {
+            Some(found) => {
+                let ends = match found {
+                    Verdict::Estimate(found) => [found.rmse, found.low, found.high],
+                    Verdict::AtMost(most) => [most; 3],
+                    Verdict::CannotTell(_) => continue,
+                };
+                bound |= matches!(found, Verdict::AtMost(_));
                 let count = set.planes.len() as f64;
-                for (sum, rmse) in squares.iter_mut().zip([found.rmse, found.low, found.high]) {
-                    *sum += count * rmse * rmse;
-                }
+                squares.iter_mut().zip(ends).for_each(|(sum, rmse)| *sum += count * rmse * rmse);
                 planes += count;
             }
         }
@@ -183,7 +187,10 @@ fn verdict(sets: &[Set]) -> (Option<Rmse>, Option<String>) {
         return (None, None);
     }
     let [rmse, low, high] = squares.map(|sum| (sum / planes).sqrt());
-    (Some((rmse, low, high)), None)
+    if bound {
+        return (Some((None, None, high)), Some(Why::TooFar.to_string()));
+    }
+    (Some((Some(rmse), Some(low), high)), None)
 }
 
 /// The errors of the pixels over all sets; nothing where a set has none.

@@ -8,6 +8,7 @@ use serde::Serialize;
 use super::evidence::Evidence;
 use super::near::{Near, Places};
 use super::variance::Variance;
+use crate::baseline::nearest::NearestMap;
 use crate::sampling::hash;
 use crate::{Mask, Planes, Size};
 
@@ -32,7 +33,7 @@ const SIDE: f64 = 1.645;
 const FEWEST: usize = 30;
 /// Cells that carry the error, fewer of which tell nothing.
 const CARRIERS: f64 = 4.0;
-/// Half an interval, of the logarithm of the squared error, beyond which it tells nothing: 6 dB.
+/// Half an interval, of the logarithm of the squared error, beyond which only its upper end is told: 6 dB.
 const WIDEST: f64 = 1.4;
 /// Neighbours whose spread is compared with the error.
 const SPREAD: usize = 8;
@@ -72,7 +73,7 @@ impl std::fmt::Display for Why {
         f.write_str(match self {
             Self::FewSamples => "there are too few samples",
             Self::FewCarryAll => "a few samples carry all of the error",
-            Self::TooFar => "samples say too little about pixels that are as far from them as these",
+            Self::TooFar => "missing pixels lie much farther from samples than those that were held out",
         })
     }
 }
@@ -83,6 +84,8 @@ impl std::fmt::Display for Why {
 pub enum Verdict {
     /// About how large it is.
     Estimate(Rmse),
+    /// A root mean square error that it stays below nine times of ten; how much, samples do not show.
+    AtMost(f64),
     /// It cannot be told.
     CannotTell(Why),
 }
@@ -110,6 +113,8 @@ pub(super) struct Error {
     pub pixel: u32,
     pub squared: f32,
     pub ln_variance: f32,
+    /// What it counts for.
+    pub weight: f32,
 }
 
 impl Model {
@@ -118,8 +123,13 @@ impl Model {
         let places = Places::new(mask, |_| true);
         let near = &evidence.near;
         let errors = near.squared_errors(truth);
+        let weights = weights(mask);
         let held = near.at.iter().zip(&near.variance).zip(errors).filter(|(_, squared)| squared.is_finite());
-        let held = held.map(|((&pixel, v), squared)| Error { pixel, squared, ln_variance: v.ln() }).collect();
+        let held = held.map(|((&pixel, v), squared)| {
+            let weight = weights[pixel as usize];
+            Error { pixel, squared, ln_variance: v.ln(), weight }
+        });
+        let held = held.filter(|error| error.weight > 0.0).collect();
         let all_missing = mask.size().pixels() - mask.count();
         let every = (all_missing / LOOKED_AT).max(1) as u64;
         let looked_at = |&pixel: &u32| {
@@ -130,7 +140,7 @@ impl Model {
         let missing = pixels
             .iter()
             .zip(variance.all(&places, &pixels))
-            .map(|(&pixel, v)| Error { pixel, squared: 0.0, ln_variance: v.ln() })
+            .map(|(&pixel, v)| Error { pixel, squared: 0.0, ln_variance: v.ln(), weight: 1.0 })
             .collect();
         let (exponent, exponent_off) = exponent(evidence, truth, &places);
         let floor = rounding(truth, mask);
@@ -182,17 +192,20 @@ impl Model {
         if carriers < CARRIERS {
             return Verdict::CannotTell(Why::FewCarryAll);
         }
-        if side > WIDEST || !mean.is_finite() {
-            return Verdict::CannotTell(Why::TooFar);
-        }
         let rmse = mean.sqrt();
         let factor = (0.5 * side).exp();
+        if !(rmse * factor).is_finite() {
+            return Verdict::CannotTell(Why::TooFar);
+        }
+        if side > WIDEST {
+            return Verdict::AtMost(rmse * factor);
+        }
         Verdict::Estimate(Rmse { rmse, low: rmse / factor, high: rmse * factor })
     }
 
     /// The mean squared error of missing pixels for this exponent, and how many cells carry it.
     ///
-    /// In each cell and those around it the factor is `sum e^2 / sum v^p` over held-out samples.
+    /// In each cell and those around it the factor is `sum m e^2 / sum m v^p` over held-out samples.
     fn mean(&self, exponent: f64) -> (f64, f64) {
         let size = self.size();
         let density = self.held.len() as f64 / self.size().pixels().max(1) as f64;
@@ -206,8 +219,8 @@ impl Model {
         let power = |error: &Error| f64::from((error.ln_variance * exponent as f32).exp());
         for error in &self.held {
             let cell = &mut cells[cell(error.pixel)];
-            cell[0] += f64::from(error.squared);
-            cell[1] += power(error);
+            cell[0] += f64::from(error.weight * error.squared);
+            cell[1] += f64::from(error.weight) * power(error);
         }
         for error in &self.missing {
             cells[cell(error.pixel)][2] += power(error);
@@ -235,6 +248,18 @@ impl Model {
         }
         (total / self.missing.len().max(1) as f64, if squares > 0.0 { total * total / squares } else { 0.0 })
     }
+}
+
+/// What each sample counts for: the root of how many missing pixels it is the nearest of. Samples that were put where errors are stand close
+/// together there, and must not speak for the rest of the image; by that number itself those at the rim of such a place count too little.
+fn weights(mask: &Mask) -> Vec<f32> {
+    let mut counts = vec![0.0_f32; mask.size().pixels()];
+    // A mask without samples has no held-out ones either.
+    if let Ok(map) = NearestMap::new(mask) {
+        map.as_slice().iter().for_each(|&source| counts[source as usize] += 1.0);
+    }
+    counts.iter_mut().filter(|count| **count > 0.0).for_each(|count| *count = (*count - 1.0).sqrt());
+    counts
 }
 
 /// What rounding may amount to: some steps of f32 at the largest finite sample.
@@ -272,7 +297,7 @@ impl Grid {
 
 /// The exponent from samples that were held out at two depths, and its standard deviation.
 ///
-/// It makes `sum e^2 (v' / v)^p` over the samples equal to `sum e'^2`.
+/// It makes `sum e^2 (v' / v)^p` over the samples equal to `sum e'^2`: those that carry the error decide.
 fn exponent(evidence: &Evidence, truth: &Planes, places: &Places) -> (f64, f64) {
     let [near, deep] = &evidence.pairs;
     let pairs: Vec<[f64; 3]> = near

@@ -1,6 +1,6 @@
 //! The estimated error of every pixel, calibrated on held-out samples.
 //!
-//! Around a pixel `c = (G e^2 + 0.05 F e^2) / (G v^p + 0.05 F v^p)` over held-out samples, `G` the mean under a Gaussian of 0.6 of their
+//! Around a pixel `c = (G m e^2 + 0.05 F m e^2) / (G m v^p + 0.05 F m v^p)` over held-out samples, `m` what each counts for, `G` the mean under a Gaussian of 0.6 of their
 //! spacings, `F` under one of 3 spacings, in cells. `c` is then found for every held-out sample from the others, and compared with `e^2 / v^p`
 //! there, bin by bin from the least `c` to the largest. What a bin shows is made monotone by pooling adjacent violators and
 //! replaces `c` everywhere: without that, regions that look good by chance would be believed too much. Each bin is taken to have
@@ -11,7 +11,7 @@
 
 use lacuna_core::parallel::prelude::*;
 
-use super::model::Model;
+use super::model::{Error, Model};
 use crate::sampling::refine::blur;
 use crate::{Plane, Size};
 
@@ -41,8 +41,8 @@ impl Model {
     pub fn plane(&self) -> Plane {
         let size = self.size();
         let power = |ln_variance: f32| (ln_variance * self.exponent() as f32).exp();
-        let held: Vec<(usize, f32, f32)> =
-            self.held().iter().map(|e| (e.pixel as usize, e.squared, power(e.ln_variance))).collect();
+        let weighted = |e: &Error| (e.pixel as usize, e.weight * e.squared, e.weight * power(e.ln_variance));
+        let held: Vec<(usize, f32, f32)> = self.held().iter().map(weighted).collect();
         let spacing = (size.pixels() as f64 / held.len().max(1) as f64).sqrt();
         let (errors, powers) = lacuna_core::parallel::join(
             || Around::new(size, spacing, held.iter().map(|held| (held.0, held.1))),

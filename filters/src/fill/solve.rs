@@ -7,6 +7,7 @@ use lacuna_core::parallel::prelude::*;
 use super::{Estimate, Options, Set, Values};
 use crate::domain::{Domain, Map};
 use crate::estimate::{Evidence, Folds, Model};
+use crate::limiter::Moved;
 use crate::noise::{self, Known, Noise};
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect};
@@ -25,7 +26,7 @@ pub fn solve(
     options: &Options<'_>,
     plans: &Plans,
     run: &Run<'_>,
-) -> Result<(Planes, Vec<usize>, Set), Error> {
+) -> Result<(Planes, Vec<Moved>, Set), Error> {
     let fits = options.method.planes().is_none_or(|planes| planes == samples.len());
     let method = if fits { options.method.clone() } else { Method::default() };
     let (weights, weightless) = match &options.weights {
@@ -59,7 +60,7 @@ pub fn solve(
     let limit = options.limit && options.values != Values::Directions && !smoothed;
     for ((samples, out), &place) in samples.as_slice().iter().zip(out.as_mut_slice()).zip(&places) {
         mended += mend(samples, out, || plans.nearest(mask), |nearest| nearest.as_slice())?;
-        let mut moved = 0;
+        let mut moved = Moved::default();
         if limit {
             moved += match predicted.next() {
                 Some(predicted) => limit_guided(mask, samples, &predicted, out)?,
@@ -77,6 +78,7 @@ pub fn solve(
     }
     let Effect { guides, gain, shares, along, .. } = effect;
     let errors = model.as_ref().filter(|_| options.estimate == Estimate::Pixels).map(Model::plane);
+    let exponent = model.as_ref().map(Model::exponent);
     let estimate = model.map(|model| model.verdict());
     let mask = Arc::clone(mask);
     let set = Set {
@@ -91,6 +93,7 @@ pub fn solve(
         shares,
         along,
         estimate,
+        exponent,
         errors,
         weightless,
         smoothed,
@@ -296,31 +299,30 @@ fn weigh(weights: &Plane, mask: &Mask) -> Result<(Arc<Plane>, usize), Error> {
     Ok((Arc::new(Plane::of(mask.size(), relative)), weightless))
 }
 
-/// The limiter, except that values may go as far as the guides predict; returns how many were moved.
-fn limit_guided(mask: &Mask, samples: &Plane, predicted: &Plane, out: &mut Plane) -> Result<usize, Error> {
+/// The limiter, except that values may go as far as the guides predict; returns how many were moved, and how far.
+fn limit_guided(mask: &Mask, samples: &Plane, predicted: &Plane, out: &mut Plane) -> Result<Moved, Error> {
     let free = out.clone();
     limiter::local(mask, samples, out)?;
-    let mut moved = 0;
+    let mut moved = Moved::default();
     for ((value, &free), &predicted) in out.pixels_mut().iter_mut().zip(free.pixels()).zip(predicted.pixels())
     {
         if predicted.is_finite() {
             *value = free.clamp(value.min(predicted), value.max(predicted));
         }
-        moved += usize::from(*value != free);
+        moved += Moved::between(free, *value);
     }
     Ok(moved)
 }
 
-/// A method that smooths may take measured pixels out of the bounds as well; returns how many were moved back.
-fn bound_measured(bounds: Bounds, mask: &Mask, samples: &Plane, out: &mut Plane) -> usize {
+/// A method that smooths may take measured pixels out of the bounds as well; returns how many were moved back, and how far.
+fn bound_measured(bounds: Bounds, mask: &Mask, samples: &Plane, out: &mut Plane) -> Moved {
     let measured = samples.pixels().iter().zip(mask.as_slice()).filter(|(_, flag)| **flag);
     let (low, high) = bounds.range(measured.map(|(value, _)| *value));
-    let mut moved = 0;
+    let mut moved = Moved::default();
     for (value, _) in out.pixels_mut().iter_mut().zip(mask.as_slice()).filter(|(_, flag)| **flag) {
-        if *value < low || *value > high {
-            *value = value.clamp(low, high);
-            moved += 1;
-        }
+        let free = *value;
+        *value = free.clamp(low, high);
+        moved += Moved::between(free, *value);
     }
     moved
 }

@@ -54,7 +54,7 @@ proptest! {
         let (samples, before) = frames(&mask, seed, offset);
         let mut out = before.clone();
         let count = local(&mask, &samples, &mut out).unwrap();
-        let mut moved = 0;
+        let mut moved = Moved::default();
         for (((bounds, out), before), flag) in
             slow(&mask, &samples).iter().zip(out.pixels()).zip(before.pixels()).zip(mask.as_slice())
         {
@@ -63,7 +63,10 @@ proptest! {
             let expected = f64::from(*before).clamp(low, high);
             // Four roundings, of numbers below 8.
             prop_assert!((f64::from(*out) - expected).abs() <= 16.0 * f64::from(f32::EPSILON));
-            moved += usize::from(out.to_bits() != before.to_bits());
+            if out.to_bits() != before.to_bits() {
+                moved.values += 1;
+                moved.most = moved.most.max((out - before).abs());
+            }
         }
         prop_assert_eq!(count, moved);
     }
@@ -76,7 +79,7 @@ proptest! {
         let inside = |bounds: &Option<(f64, f64)>| bounds.map_or(f32::NAN, |(a, b)| (a + part * (b - a)) as f32);
         let before: Vec<f32> = slow(&mask, &samples).iter().map(inside).collect();
         let mut out = Plane::new(mask.size(), before.clone()).unwrap();
-        prop_assert_eq!(local(&mask, &samples, &mut out).unwrap(), 0);
+        prop_assert_eq!(local(&mask, &samples, &mut out).unwrap(), Moved::default());
         prop_assert!(out.pixels().iter().zip(&before).all(|(a, b)| a.to_bits() == b.to_bits()));
     }
 }
@@ -90,7 +93,7 @@ fn a_smooth_frame_keeps_its_bits() {
     for (plane, density) in [(&colour, 0.2), (&colour, 0.03), (&position, 0.2), (&position, 0.03)] {
         let mask = crate::sampling::shuffle::mask(0, 0, size, density, 1).unwrap();
         let mut out = plane.clone();
-        assert_eq!(local(&mask, plane, &mut out).unwrap(), 0);
+        assert_eq!(local(&mask, plane, &mut out).unwrap(), Moved::default());
         assert_eq!(&out, plane);
     }
 }
@@ -104,7 +107,7 @@ fn a_highlight_does_not_ring() {
     let bad = [-300.0, 0.01, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 0.3, 1e30];
     let mut out = Plane::from_fn(size, |y, x| bad[(y * 64 + x) % 7]);
     let before = out.clone();
-    assert!(local(&mask, &samples, &mut out).unwrap() > 64 * 64 / 2);
+    assert!(local(&mask, &samples, &mut out).unwrap().values > 64 * 64 / 2);
     for y in 0..64 {
         for x in 0..64 {
             let value = out.at(y, x);
@@ -142,13 +145,13 @@ fn the_range_holds_what_was_measured() {
     let run = |measured: f32, unit: bool| {
         let samples = Plane::from_fn(size, |_, x| if x == 0 { measured } else { f32::NAN });
         let mut out = Plane::new(size, vec![-7.0, -0.5, 0.5, 1.5]).unwrap();
-        let count = range(&mask, &samples, &mut out, unit).unwrap();
-        (out.into_pixels(), count)
+        let Moved { values, most } = range(&mask, &samples, &mut out, unit).unwrap();
+        (out.into_pixels(), values, most)
     };
-    assert_eq!(run(0.0, false), (vec![-7.0, 0.0, 0.5, 1.5], 1));
-    assert_eq!(run(1.0, true), (vec![-7.0, 0.0, 0.5, 1.0], 2));
-    assert_eq!(run(1.25, true), (vec![-7.0, 0.0, 0.5, 1.5], 1));
-    assert_eq!(run(-0.1, true), (vec![-7.0, -0.5, 0.5, 1.5], 0));
+    assert_eq!(run(0.0, false), (vec![-7.0, 0.0, 0.5, 1.5], 1, 0.5));
+    assert_eq!(run(1.0, true), (vec![-7.0, 0.0, 0.5, 1.0], 2, 0.5));
+    assert_eq!(run(1.25, true), (vec![-7.0, 0.0, 0.5, 1.5], 1, 0.5));
+    assert_eq!(run(-0.1, true), (vec![-7.0, -0.5, 0.5, 1.5], 0, 0.0));
 }
 
 #[test]
@@ -159,7 +162,7 @@ fn extremes_and_small_sizes() {
         for value in [0.0, 3.0, -3.0, f32::MAX, f32::MIN, f32::MIN_POSITIVE] {
             let mut out = Plane::filled(size, f32::NAN);
             let count = local(&mask, &Plane::filled(size, value), &mut out).unwrap();
-            assert_eq!(count, size.pixels() - 1);
+            assert_eq!(count, Moved { values: size.pixels() - 1, most: 0.0 });
             let missing = out.pixels().iter().zip(mask.as_slice()).filter(|(_, flag)| !**flag);
             assert!(missing.clone().all(|(v, _)| v.is_finite()));
             assert!(value < 0.0 || missing.clone().all(|(v, _)| v.to_bits() == (value / 2.0).to_bits()));
@@ -169,7 +172,7 @@ fn extremes_and_small_sizes() {
     let mask = Mask::from_fn(size, |y, x| x != y);
     let samples = Plane::from_fn(size, |y, x| if x > y { f32::MAX } else { f32::MIN });
     let mut out = Plane::filled(size, f32::INFINITY);
-    assert_eq!(local(&mask, &samples, &mut out).unwrap(), 3);
+    assert_eq!(local(&mask, &samples, &mut out).unwrap().values, 3);
     assert!((0..3).all(|i| out.at(i, i).is_finite()));
 }
 
@@ -195,7 +198,7 @@ fn threads_change_no_bit() {
         })
     };
     let one = with(1);
-    assert!(one.0 > 0);
+    assert!(one.0.values > 0 && one.0.most > 0.0);
     assert_eq!(one, with(2));
     assert_eq!(one, with(5));
 }
@@ -212,7 +215,7 @@ fn one_pixel_out_of_bounds_is_found_anywhere() {
         {
             let mut out = smooth.clone();
             out.pixels_mut()[at] = bad;
-            assert_eq!(local(&mask, &smooth, &mut out).unwrap(), 1);
+            assert_eq!(local(&mask, &smooth, &mut out).unwrap().values, 1);
             let (bottom, top) = bounds[at].unwrap();
             let expected = if lowest { bottom } else { top } as f32;
             assert!((out.pixels()[at] - expected).abs() <= 4.0 * f32::EPSILON);

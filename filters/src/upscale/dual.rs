@@ -9,6 +9,7 @@
 use super::Plan;
 use super::settle::{Bounds, TOLERANCE, clamp, difference, largest, sum};
 use crate::kernel::{Isa, vector};
+use crate::limiter::Moved;
 use crate::{Plane, Run, Size, Stop};
 
 /// Steps after which it gives up.
@@ -21,7 +22,7 @@ pub fn ascend(
     bounds: &Bounds,
     plane: &mut Plane,
     run: &Run<'_>,
-) -> (usize, Stop, usize) {
+) -> (Moved, Stop, usize) {
     let start = plane.clone();
     let peak = largest(samples).max(f64::MIN_POSITIVE);
     let mut moved = clamp(plan, bounds, plane);

@@ -36,6 +36,7 @@ pub use sampling::Sampling;
 
 use crate::kernel::rows::Rows;
 use crate::kernel::{Isa, vector};
+use crate::limiter::Moved;
 use crate::{Error, Mask, Outcome, Plane, Run, Size};
 
 /// How an image is enlarged.
@@ -122,7 +123,7 @@ pub struct Enlarged {
     /// The pixels, finite.
     pub plane: Plane,
     /// Pixels that bounds moved.
-    pub limited: usize,
+    pub limited: Moved,
     /// How the solver ended. Its residual is the largest `|R x - y|` over the largest `|y|`, where bounds asked for a solver.
     pub outcome: Outcome,
 }

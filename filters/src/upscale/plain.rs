@@ -11,6 +11,7 @@ use fast_image_resize::pixels::F32;
 use fast_image_resize::{FilterType, ResizeAlg, ResizeOptions, Resizer};
 
 use super::{Axis, Enlarged, Geometry};
+use crate::limiter::Moved;
 use crate::{Error, Outcome, Plane, Size};
 
 /// Repeated pixels at each border: as far as the widest filter reaches from the half pixel beyond it.
@@ -69,10 +70,10 @@ pub(super) fn enlarge(
         .map_err(|_| Error::TooLarge { size: low })?;
     let mut target = TypedImage::<F32>::new(high.width as u32, high.height as u32);
     Resizer::new().resize_typed(&source, &mut target, &options).map_err(too_large)?;
-    let mut limited = 0;
+    let mut limited = Moved::default();
     let values = target.pixels().iter().map(|pixel| {
         let inside = pixel.0.clamp(least, most.max(least));
-        limited += usize::from(inside != pixel.0);
+        limited += Moved::between(pixel.0, inside);
         inside
     });
     let plane = Plane::new(high, values.collect())?;

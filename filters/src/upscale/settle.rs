@@ -33,7 +33,8 @@ use super::dual;
 use super::relax::{Relaxed, Task};
 use super::{Enlarged, Plan, Question, Sampling};
 use crate::kernel::{Isa, vector};
-use crate::{Outcome, Plane, Run, Stop, limiter};
+use crate::limiter::{self, Moved};
+use crate::{Outcome, Plane, Run, Stop};
 
 /// Largest `|R x - y|` over the largest `|y|` at which the dual stops.
 pub const TOLERANCE: f64 = 1e-5;
@@ -116,13 +117,13 @@ fn in_cells(
     samples: &Plane,
     bounds: &Bounds,
     plane: &mut Plane,
-) -> usize {
+) -> Moved {
     let width = plane.size().width;
     let tall = rows.first().map_or(1, std::ops::Range::len);
     let strips = plane.pixels_mut().par_chunks_mut(tall * width).enumerate();
     let counts = strips.map(|(i, strip)| {
         let mut values = Vec::new();
-        let mut moved = 0;
+        let mut moved = Moved::default();
         for (j, range) in columns.iter().enumerate() {
             values.clear();
             values.extend(strip.chunks(width).flat_map(|row| &row[range.clone()]).map(|v| f64::from(*v)));
@@ -138,7 +139,7 @@ fn in_cells(
 
 /// Gives the values the mean `mean` within `low..=high`, which contains it, by the smallest change; how many left
 /// the others behind at a bound.
-fn one_cell(values: &mut [f64], mean: f64, (low, high): (f64, f64)) -> usize {
+fn one_cell(values: &mut [f64], mean: f64, (low, high): (f64, f64)) -> Moved {
     let count = values.len() as f64;
     let shift = mean - values.iter().sum::<f64>() / count;
     let outside = |value: &f64| *value + shift < low || *value + shift > high;
@@ -146,7 +147,7 @@ fn one_cell(values: &mut [f64], mean: f64, (low, high): (f64, f64)) -> usize {
         for value in values {
             *value += shift;
         }
-        return 0;
+        return Moved::default();
     }
     let (least, most) = values.iter().fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(*v), b.max(*v)));
     // At `from` no value is above the mean, at `to` none is below.
@@ -158,22 +159,26 @@ fn one_cell(values: &mut [f64], mean: f64, (low, high): (f64, f64)) -> usize {
     }
     let free = |value: &&f64| **value + to > low && **value + to < high;
     let t = to + (mean * count - sum(to)) / values.iter().filter(free).count().max(1) as f64;
-    let moved = values.iter().filter(|value| **value + t < low || **value + t > high).count();
+    let mut moved = Moved::default();
     for value in values {
-        *value = (*value + t).clamp(low, high);
+        let free = *value + t;
+        *value = free.clamp(low, high);
+        if *value != free {
+            moved += Moved::from_to(free as f32, *value as f32);
+        }
     }
     moved
 }
 
 /// A grid: every pixel by itself, and the samples' bits where they stand.
-fn in_grid(plan: &Plan, samples: &Plane, bounds: &Bounds, plane: &mut Plane) -> usize {
+fn in_grid(plan: &Plan, samples: &Plane, bounds: &Bounds, plane: &mut Plane) -> Moved {
     let moved = clamp(plan, bounds, plane);
     plan.restore(samples, plane);
     moved
 }
 
 /// Moves every pixel into the bounds of its low-resolution pixel; how many were outside.
-pub(super) fn clamp(plan: &Plan, bounds: &Bounds, plane: &mut Plane) -> usize {
+pub(super) fn clamp(plan: &Plan, bounds: &Bounds, plane: &mut Plane) -> Moved {
     let geometry = &plan.geometry;
     let columns: Vec<usize> =
         (0..geometry.high().width).map(|x| geometry.horizontal.source(geometry.sampling, x)).collect();
@@ -181,10 +186,10 @@ pub(super) fn clamp(plan: &Plan, bounds: &Bounds, plane: &mut Plane) -> usize {
     let counts = rows.map(|(y, row)| {
         let source = geometry.vertical.source(geometry.sampling, y);
         let (low, high) = (bounds.low.row(source), bounds.high.row(source));
-        let mut moved = 0;
+        let mut moved = Moved::default();
         for (value, &column) in row.iter_mut().zip(&columns) {
             let inside = value.clamp(low[column], high[column].max(low[column]));
-            moved += usize::from(inside != *value);
+            moved += Moved::between(*value, inside);
             *value = inside;
         }
         moved
@@ -199,7 +204,7 @@ fn together(
     bounds: &Bounds,
     plane: &mut Plane,
     run: &Run<'_>,
-) -> (usize, Outcome) {
+) -> (Moved, Outcome) {
     let peak = largest(target).max(f64::MIN_POSITIVE);
     let mut free = plane.clone();
     let mut moved = clamp(plan, bounds, plane);

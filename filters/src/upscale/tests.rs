@@ -122,7 +122,7 @@ fn a_highlight_keeps_its_energy_and_rings_into_nothing_darker() {
         let high = Size::new(16 * factor, 16 * factor);
         let plan = Plan::new(geometry(low, high, Sampling::Box), Method::Ss).unwrap();
         let done = plan.enlarge(&y, &LIGHT, &Run::default()).unwrap();
-        assert!(done.limited > 0);
+        assert!(done.limited.values > 0 && done.limited.most > 0.0);
         for (i, row) in (0..high.height).map(|i| (i, done.plane.row(i))) {
             for (j, value) in row.iter().enumerate() {
                 let light = i / factor == 8 && j / factor == 7;

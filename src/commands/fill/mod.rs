@@ -1,6 +1,7 @@
 //! Filling frames, and enlarging them: what is done with each, and with all of them.
 
 mod current;
+mod hints;
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -20,7 +21,7 @@ use crate::mask::shared::MaskFiles;
 use crate::mask::{self, MaskFile, Masks, Source};
 use crate::reconstruct::shared::SharedPlans;
 use crate::reconstruct::{
-    self, Beside, Gate, GroupReport, PartReport, Report, energy, estimate, filled_before,
+    self, Beside, Gate, GroupReport, PartReport, Report, energy, estimate, filled_before, named,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
@@ -239,6 +240,10 @@ impl Work for Fill<'_> {
         doubt.map_or(Ok(()), |doubt| Err(Failure::doubtful(&item.output, &doubt)))
     }
 
+    fn hints(&self, records: &[Record]) -> Vec<String> {
+        hints::of(&self.job.what, records)
+    }
+
     fn end(&self, heading: &Heading, records: &[Record]) -> Result<(), String> {
         self.page.write(heading, records)
     }
@@ -250,9 +255,24 @@ fn enter(report: &Report, record: &mut Record) {
     record.density = report.density;
     record.non_finite = Some(report.non_finite);
     record.limited = Some(report.limited);
+    record.largest_move = Some(report.largest_move);
     record.clamped_halves = Some(report.clamped_halves);
     record.outcome = report.outcome;
     record.rules = Some(rules(report));
+    tell(report, record);
+    let groups = || report.parts.iter().flat_map(|part| &part.groups);
+    let light = |group: &GroupReport| Some(Light { channels: group.channels.clone(), energy: group.energy? });
+    record.energies = groups().filter_map(light).collect();
+    record.warn(&groups().filter_map(energy::note).collect::<Vec<_>>());
+    record.warn(&report.notes);
+    record.warn(report.outcome.and_then(early).as_slice());
+    if report.clamped_halves > 0 {
+        record.warn(&[format!("{} values past the largest half were clamped to it", report.clamped_halves)]);
+    }
+}
+
+/// Puts into the record, and says in the log, what steered a fill, what it was made of and how wrong it is.
+pub fn tell(report: &Report, record: &mut Record) {
     record.guides = guides(report, usize::MAX);
     if let Some(guides) = guides(report, SHOWN) {
         tracing::info!("guided by {guides}");
@@ -271,17 +291,9 @@ fn enter(report: &Report, record: &mut Record) {
     }
     let estimated = |group: &GroupReport| {
         let error = group.estimate.clone()?;
-        Some(Estimate { channels: group.channels.clone(), error })
+        Some(Estimate { channels: group.channels.clone(), error, exponent: group.exponent })
     };
     record.estimates = groups().filter_map(estimated).collect();
-    let light = |group: &GroupReport| Some(Light { channels: group.channels.clone(), energy: group.energy? });
-    record.energies = groups().filter_map(light).collect();
-    record.warn(&groups().filter_map(energy::note).collect::<Vec<_>>());
-    record.warn(&report.notes);
-    record.warn(report.outcome.and_then(early).as_slice());
-    if report.clamped_halves > 0 {
-        record.warn(&[format!("{} values past the largest half were clamped to it", report.clamped_halves)]);
-    }
 }
 
 /// What is to be said of a solver that stopped before it converged.
@@ -321,7 +333,7 @@ pub fn guides(report: &Report, most: usize) -> Option<String> {
         // A gain in decibels is what people compare.
         let decibels = |gain: f64| format!(": {:.1} dB by estimate", -10.0 * (1.0 - gain).max(1e-9).log10());
         let gain = group.guides_gain.map(decibels).unwrap_or_default();
-        format!("{} ({}{gain})", few(&group.guides, most), few(&group.channels, most))
+        format!("{} ({}{gain})", few(&group.guides, most), few(&named(&group.channels), most))
     };
     let all: Vec<String> = groups.map(one).collect();
     let more = all.len().saturating_sub(most);
@@ -343,7 +355,7 @@ fn neighbours(report: &Report) -> Option<String> {
         let ways = ways.iter().map(|(how, frames)| format!("{} by {how}", frames.join(", ")));
         let gains = part.groups.iter().filter_map(|group| {
             let decibels = -10.0 * (1.0 - group.neighbours_gain?).max(1e-9).log10();
-            Some(format!("{}: {decibels:.1} dB by estimate", few(&group.channels, SHOWN)))
+            Some(format!("{}: {decibels:.1} dB by estimate", few(&named(&group.channels), SHOWN)))
         });
         let gains: Vec<String> = gains.collect();
         let gains = if gains.is_empty() { "they help nowhere".into() } else { gains.join("; ") };

@@ -8,7 +8,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use lacuna_exr::Frame;
-use lacuna_filters::sampling::{adaptive, shuffle};
+use lacuna_filters::fill::Estimate;
+use lacuna_filters::sampling::{self, Field, Temporal, adaptive};
 use lacuna_filters::{Mask, Method, Run, Stop};
 use lacuna_volume::{Camera, Override, Picture, Scene, Shader, Shot};
 use picture::Story;
@@ -22,7 +23,7 @@ use crate::files::plan::{Item, Plan, Targets, outputs};
 use crate::files::ranges::Frames;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Source};
-use crate::reconstruct::{self, Plans};
+use crate::reconstruct::{self, Plans, Report};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::{Existing, is_made_from};
 use crate::run::record::{Heading, Record};
@@ -51,6 +52,8 @@ pub struct RenderJob {
     pub level: Option<u8>,
     /// What fills the other pixels, in memory.
     pub fill: Option<Method>,
+    /// Whether the error of what was filled is estimated.
+    pub estimate: bool,
     /// What happens to outputs that exist.
     pub existing: Existing,
     /// How to run.
@@ -235,7 +238,7 @@ impl Work for Render<'_> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
         let ready = stage.read(record, || self.ready(self.bytes(item))).map_err(|error| at_input(&error))?;
         let mut mask = self.mask(item, &ready)?;
-        let (mut seconds, mut guided) = ((0.0, None), None);
+        let (mut seconds, mut told) = ((0.0, None), None);
         let mut rounds = None;
         let frame = stage.solve(record, || {
             let start = Instant::now();
@@ -248,11 +251,11 @@ impl Work for Render<'_> {
                 self.picture(item, &ready, mask.as_deref(), stage)?
             };
             seconds.0 = start.elapsed().as_secs_f64();
-            let Some(method) = self.job.fill.as_ref().filter(|_| !stage.stopped()) else { return Ok(frame) };
+            let Some(method) = self.filler().filter(|_| !stage.stopped()) else { return Ok(frame) };
             let start = Instant::now();
-            let (filled, guides) = self.fill(frame, method, item, stage)?;
+            let (filled, report) = self.fill(frame, method, item, stage)?;
             seconds.1 = Some(start.elapsed().as_secs_f64());
-            guided = guides;
+            told = Some(report);
             Ok(filled)
         })?;
         self.page.look(item, &frame, |_, _| mask.as_deref());
@@ -262,9 +265,8 @@ impl Work for Render<'_> {
         }
         record.rendered = Some(seconds.0);
         record.filled = seconds.1;
-        record.guides = guided;
-        if let Some(guides) = &record.guides {
-            tracing::info!("guided by {guides}");
+        if let Some(report) = &told {
+            super::fill::tell(report, record);
         }
         if let Some(filled) = seconds.1 {
             stage.note(&format!("rendered in {:.2} s, filled in {filled:.2} s", seconds.0));
@@ -309,7 +311,10 @@ impl Render<'_> {
         match &self.job.pixels {
             Pixels::All | Pixels::Adaptive(_) => Ok(None),
             Pixels::Shuffle(density) => {
-                let mask = shuffle::mask(0, 0, size, *density, self.scene.image.seed);
+                let (field, seed) = (Field { x: 0, y: 0, size }, self.scene.image.seed);
+                let number = item.number.unwrap_or(0);
+                let pattern = sampling::Pattern::Shuffle;
+                let mask = sampling::mask(pattern, field, *density, seed, Temporal::Complementary, number);
                 mask.map(|mask| Some(Arc::new(mask))).map_err(|error| Failure::at(&item.input, error))
             }
             Pixels::Mask(source) => {
@@ -389,27 +394,27 @@ impl Render<'_> {
         if stage.stopped() { Err(Failure::at(&item.output, STOPPED)) } else { Ok(frame) }
     }
 
-    /// The frame with its missing pixels filled, and what steered them.
+    /// What fills, if pixels are missing.
+    fn filler(&self) -> Option<&Method> {
+        self.job.fill.as_ref().filter(|_| self.job.pixels != Pixels::All)
+    }
+
+    /// The frame with its missing pixels filled, and what was done.
     fn fill(
         &self,
         frame: Frame,
         method: &Method,
         item: &Item,
         stage: &Stage<'_>,
-    ) -> Result<(Frame, Option<String>), Failure> {
+    ) -> Result<(Frame, Report), Failure> {
         let failed = |error: &dyn std::fmt::Display| Failure::at(&item.output, error);
-        let what = reconstruct::Job::new(method.clone());
+        let mut what = reconstruct::Job::new(method.clone());
+        what.estimate = if self.job.estimate { Estimate::Figure } else { Estimate::No };
         let interrupt = || stage.stopped().then_some(Stop::Cancelled);
         let run = Run { interrupt: Some(&interrupt) };
-        if self.job.pixels == Pixels::All {
-            return Ok((frame, None));
-        }
         let masks = mask::find(&frame, &what.mask, None).map_err(|error| failed(&error))?;
         let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
-        let filled = reconstruct::fill(frame, &masks, &choices, &what, &self.plans, &run);
-        filled
-            .map(|(frame, report)| (frame, super::fill::guides(&report, usize::MAX)))
-            .map_err(|error| failed(&error))
+        reconstruct::fill(frame, &masks, &choices, &what, &self.plans, &run).map_err(|error| failed(&error))
     }
 }
 

@@ -31,7 +31,7 @@ pub fn enlarge(
         let large = solve(frame, work, &group, (geometry, method), done)?;
         let large = large.planes.into_vec().into_iter().zip(large.limited);
         for (&channel, (plane, limited)) in group.channels.iter().zip(large) {
-            done.report.channels[channel].limited += limited;
+            done.report.channels[channel].limit(limited);
             planes[channel] = Some(plane);
         }
     }
@@ -100,6 +100,7 @@ fn solve(
     done.report.groups.push(GroupReport {
         chosen: Vec::new(),
         estimate: None,
+        exponent: None,
         energy: None,
         channels: names,
         domain: large.map.name(),

@@ -42,11 +42,11 @@ class Estimate(NamedTuple):
     psnr: Optional[float]
     """In decibels, of light clipped to 0 and 1, over missing pixels and channels; None if it cannot be told."""
     low: Optional[float]
-    """The lower end of an interval that holds the truth nine times of ten."""
+    """The lower end of an interval that holds the truth nine times of ten; alone where samples show no more."""
     high: Optional[float]
     """Its upper end."""
     reason: Optional[str]
-    """Why it cannot be told."""
+    """Why it, or more of it, cannot be told."""
     errors: Optional[npt.NDArray[np.float32]]
     """(height, width): the root mean square error of each pixel over the channels, 0 at measured ones."""
     filters: dict[str, float]
