@@ -17,7 +17,7 @@ fn main() -> Result<(), lacuna_filters::Error> {
 
     let image = Array2::try_from(large.planes)?;
     let least = image.iter().copied().fold(f32::INFINITY, f32::min);
-    show(&format!("{:?}, {} values limited, none below {least}", image.dim(), large.limited[0]));
+    show(&format!("{:?}, {} values limited, none below {least}", image.dim(), large.limited[0].values));
     Ok(())
 }
 
