@@ -23,6 +23,8 @@ PAGE = ROOT / "docs" / "measurements" / "methods.md"
 BEGIN, END = "<!-- measured: scripts/estimates writes from here -->", "<!-- measured: to here -->"
 TUNED = ("engine-soft", "tooth")
 SINGLE = ("ss", "edge", "tv")
+# Pixels chosen in rounds.
+ADAPTIVE = "adaptive"
 
 
 def frames():
@@ -54,8 +56,11 @@ def case(folder, path, density, pattern, filter_name, guides):
     mask, sparse, full, report = (folder / name for name in ("mask.exr", "sparse.exr", "full.exr", "report.json"))
     for old in (mask, sparse, full, report):
         old.unlink(missing_ok=True)
-    run("mask", "--size", f"{truth.shape[1]}x{truth.shape[0]}", "--density", density, "--pattern", pattern, "-o", mask)
-    run("sparsify", path, "--mask", f"file:{mask}", "-o", sparse)
+    if pattern == ADAPTIVE:
+        run("sparsify", path, "--density", density, "--adaptive", "-o", sparse)
+    else:
+        run("mask", "--size", f"{truth.shape[1]}x{truth.shape[0]}", "--density", density, "--pattern", pattern, "-o", mask)
+        run("sparsify", path, "--mask", f"file:{mask}", "-o", sparse)
     command = ["fill", sparse, "-o", full, "--filter", filter_name, "--json", report]
     run(*command, *(["--guides-from", path] if guides else ["--guides", "none"]))
     filled, filled_names = read(full)
@@ -66,7 +71,9 @@ def case(folder, path, density, pattern, filter_name, guides):
     record = json.loads(report.read_text())["frames"][0]
     wanted = {"R", "G", "B"} if "R" in names else {"Y"}
     found = next(item for item in record["estimates"] if wanted & set(item["channels"]))
-    return psnr(difference[missing]), psnr(difference), found.get("psnr"), found.get("unknown"), record.get("chosen", "")
+    # A bound is an interval without an upper end or a middle.
+    told = found.get("psnr") or ("psnr_at_least" in found and {"low": found["psnr_at_least"], "high": math.inf}) or None
+    return psnr(difference[missing]), psnr(difference), told, found.get("unknown"), record.get("chosen", "")
 
 
 def estimates(folder, paths, densities, patterns, filters):
@@ -78,30 +85,43 @@ def estimates(folder, paths, densities, patterns, filters):
                 for filter_name in ["auto"] if guided else filters:
                     truth, whole, found, unknown, chosen = case(folder, path, density, pattern, filter_name, guided)
                     rows.append((path.stem, density, pattern, filter_name, truth, found, unknown, whole, chosen))
-                    shown = f"{found['estimate']:.2f} ({found['low']:.2f} to {found['high']:.2f})" if found else unknown
+                    shown = " | ".join(words(found, unknown))
                     print(f"{path.stem:16} {density:<5} {pattern:8} {filter_name:5} {truth:6.2f} {shown} whole {whole:.2f} {chosen}", flush=True)
     return rows
 
 
+def words(found, unknown):
+    """The estimate and its interval."""
+    if not found:
+        return "-", f"cannot be told: {unknown}"
+    if "estimate" not in found:
+        return "-", f"at least {found['low']:.1f}"
+    return f"{found['estimate']:.1f}", f"{found['low']:.1f} to {found['high']:.1f}"
+
+
 def summary(rows):
     told = [(row[4], row[5]) for row in rows if row[5]]
-    off = [abs(found["estimate"] - truth) for truth, found in told]
+    bounds = sum("estimate" not in found for _, found in told)
+    off = [abs(found["estimate"] - truth) for truth, found in told if "estimate" in found]
     within = sum(found["low"] <= truth <= found["high"] for truth, found in told)
     return (
-        f"{len(rows)} cases, {len(rows) - len(told)} of which cannot be told. Median of the difference {statistics.median(off):.2f} dB, "
+        f"{len(rows)} cases, {len(rows) - len(told)} of which cannot be told and {bounds} of which have a bound. Median of the difference {statistics.median(off):.2f} dB, "
         f"{100 * sum(value <= 2 for value in off) / len(off):.0f} % within 2 dB, largest {max(off):.2f} dB; "
-        f"the interval holds the truth in {100 * within / len(told):.0f} %."
+        f"the interval or the bound holds the truth in {100 * within / len(told):.0f} %."
     )
 
 
 def table(rows):
     lines = ["| frame | density | pattern | filter | true (dB) | estimated (dB) | interval |", "|---|---:|---|---|---:|---:|---|"]
     for name, density, pattern, filter_name, truth, found, unknown, *_ in rows:
-        estimated = f"{found['estimate']:.1f} | {found['low']:.1f} to {found['high']:.1f}" if found else f"- | cannot be told: {unknown}"
+        estimated = " | ".join(words(found, unknown))
         mark = " (tuned)" if name in TUNED else ""
         lines.append(f"| {name}{mark} | {density} | {pattern} | {filter_name} | {truth:.1f} | {estimated} |")
     blind = [row for row in rows if row[0] not in TUNED]
-    return "\n".join(["", summary(rows), "Without the tuned frames: " + summary(blind), "", *lines, ""])
+    chosen = [row for row in rows if row[2] == ADAPTIVE]
+    parts = [summary(rows), "Without the tuned frames: " + summary(blind)]
+    parts += ["Pixels chosen in rounds: " + summary(chosen)] if chosen and len(chosen) < len(rows) else []
+    return "\n".join(["", *parts, "", *lines, ""])
 
 
 def auto(rows):
@@ -122,7 +142,7 @@ def auto(rows):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--densities", type=float, nargs="+", default=[0.05, 0.2, 0.5])
-    parser.add_argument("--patterns", nargs="+", default=["shuffle", "random"])
+    parser.add_argument("--patterns", nargs="+", default=["shuffle", "random", ADAPTIVE])
     parser.add_argument("--filters", nargs="+", default=["ss", "edge", "tv", "auto"])
     parser.add_argument("--frames", nargs="+", help="only frames of these names")
     parser.add_argument("--write", action="store_true", help="write the tables into docs/measurements/methods.md")

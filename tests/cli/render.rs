@@ -293,7 +293,7 @@ fn what_cannot_be_rendered_is_one_line() {
     std::fs::write(room.path().join("lost.toml"), "volume = \"none.nrrd\"\n").unwrap();
     for (arguments, status, part) in [
         (&["render", "none.nrrd", "-o", "o.exr"][..], 1, "none.nrrd"),
-        (&["render", "lost.toml", "-o", "o.exr"], 1, "none.nrrd: there is no such file; --volume"),
+        (&["render", "lost.toml", "-o", "o.exr"], 1, "none.nrrd: there is no such file: --volume"),
         (&["render", "short.nrrd", "-o", "o.exr"], 1, "truncated"),
         (
             &["render", "short.nrrd", "-o", "o.exr", "--raw", "6x7x1:u8"],
