@@ -90,11 +90,11 @@ def test_info_describes_several_and_goes_on_after_one_that_fails(tmp_path):
     assert [line for line in result.stdout.splitlines() if line.endswith("exr:")] == [
         f"{SAMPLES}/sequence/shot.{frame:04d}.exr:" for frame in range(1, 5)]
     told = json.loads(lacuna("info", pattern, "--json").stdout)
-    assert len(told) == 4 and told[0]["file"].endswith("shot.0001.exr") and told[0]["density"] == told[3]["density"]
+    assert len(told) == 4 and told[0]["file"].endswith("shot.0001.exr") and abs(told[3]["density"] - 0.2) < 0.001
 
 
 def test_info_knows_what_was_filled_from_what_was_complete(tmp_path):
-    lacuna("sparsify", SAMPLES / "full" / "parts.exr", "-o", tmp_path / "s.exr", "--density", "0.3", "--channels", "N.*")
+    lacuna("sparsify", SAMPLES / "full" / "parts.exr", "-o", tmp_path / "s.exr", "--density", "0.3", "--channels", "N.*=keep")
     quick_fill(tmp_path / "s.exr", "-o", tmp_path / "f.exr")
     sparse, filled = ([line for line in lacuna("info", tmp_path / name).stdout.splitlines() if line.split()[1:2] == ["float"] or "guides" in line]
                       for name in ("s.exr", "f.exr"))

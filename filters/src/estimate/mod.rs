@@ -25,7 +25,7 @@
 //! The plane: the nearest samples of every missing pixel, and four blurs. Memory: six planes.
 //!
 //! `m` declusters as geostatistics does: samples that were put where errors are, in a second pass or in rounds, must not speak for all. It is the
-//! root of the number of missing pixels that a sample is the nearest of. On crops of five renders and on three samples, measured in rounds and in a second pass,
+//! root of the number of missing pixels that a sample is the nearest of, where samples lie unevenly, and else 1. On crops of five renders and on three samples, measured in rounds and in a second pass,
 //! estimates by the number itself were 2.4 dB too good on average, without `m` 2.3 dB too bad (11.5 dB at worst), by the root 1.1 dB too good (3.9 dB).
 //!
 //! Fails: details that no sample has seen anywhere; in part, samples that were chosen by what they show;

@@ -35,6 +35,9 @@ const FEWEST: usize = 30;
 const CARRIERS: f64 = 4.0;
 /// Half an interval, of the logarithm of the squared error, beyond which only its upper end is told: 6 dB.
 const WIDEST: f64 = 1.4;
+/// Standard deviation over the mean of how many pixels each sample is the nearest of, beyond which samples lie unevenly: at 20 % it is 0.19 for the
+/// shuffle and 0.23 for blue noise, 0.29 to 0.48 after a second pass of a quarter of them, 0.5 at random, 0.7 to 1.3 for samples chosen in rounds.
+const UNEVEN: f64 = 0.26;
 /// Neighbours whose spread is compared with the error.
 const SPREAD: usize = 8;
 
@@ -250,15 +253,20 @@ impl Model {
     }
 }
 
-/// What each sample counts for: the root of how many missing pixels it is the nearest of. Samples that were put where errors are stand close
-/// together there, and must not speak for the rest of the image; by that number itself those at the rim of such a place count too little.
+/// What each sample counts for. Samples that were put where errors are stand close together there, and must not speak for the rest of the
+/// image: each counts for the root of how many missing pixels it is the nearest of. (By that number itself those at the rim of such a
+/// place count too little.) Samples that lie evenly count alike.
 fn weights(mask: &Mask) -> Vec<f32> {
     let mut counts = vec![0.0_f32; mask.size().pixels()];
     // A mask without samples has no held-out ones either.
     if let Ok(map) = NearestMap::new(mask) {
         map.as_slice().iter().for_each(|&source| counts[source as usize] += 1.0);
     }
-    counts.iter_mut().filter(|count| **count > 0.0).for_each(|count| *count = (*count - 1.0).sqrt());
+    let squares: f64 = counts.iter().map(|&count| f64::from(count).powi(2)).sum();
+    let mean = mask.density().recip();
+    let variation = (squares / mask.count().max(1) as f64 / (mean * mean) - 1.0).max(0.0).sqrt();
+    let weight = |count: f32| if variation > UNEVEN { (count - 1.0).sqrt() } else { 1.0 };
+    counts.iter_mut().filter(|count| **count > 0.0).for_each(|count| *count = weight(*count));
     counts
 }
 
