@@ -49,11 +49,14 @@ def test_a_page_for_every_command_with_every_flag(share):
 
 
 def test_pages_render_without_a_warning(share):
-    if not shutil.which("groff"):
-        pytest.skip("no groff")
+    tools = [command for command in (["groff", "-man", "-Tutf8", "-ww", "-z"], ["mandoc", "-T", "lint", "-W", "warning"])
+             if shutil.which(command[0])]
+    if not tools:
+        pytest.skip("neither groff nor mandoc")
     for page in sorted((share / "man" / "man1").iterdir()):
-        result = subprocess.run(["groff", "-man", "-Tutf8", "-ww", "-z", page], capture_output=True, text=True)
-        assert result.returncode == 0 and not result.stderr, (page.name, result.stderr[:500])
+        for tool in tools:
+            result = subprocess.run([*tool, page], capture_output=True, text=True)
+            assert result.returncode == 0 and not result.stderr and "WARNING" not in result.stdout, (page.name, result.stderr + result.stdout)
 
 
 def completed(share, tmp_path, shell):

@@ -45,11 +45,28 @@ fn write_pages(command: &clap::Command, folder: &Path) -> Result<(), PlanError> 
     }
     let man = clap_mangen::Man::new(command.clone())
         .source(concat!("lacuna ", env!("CARGO_PKG_VERSION")))
-        .manual("lacuna");
+        .manual("lacuna")
+        .date(released());
     let path = folder.join(man.get_filename());
     let mut page = Vec::new();
     man.render(&mut page).map_err(|error| failed(&path, &error))?;
-    lacuna_exr::write_whole(&path, &page).map_err(|error| failed(&path, &error))
+    lacuna_exr::write_whole(&path, &tidy(&page)).map_err(|error| failed(&path, &error))
+}
+
+/// The day of the newest release.
+fn released() -> &'static str {
+    let heading = include_str!("../../CHANGELOG.md").lines().find(|line| line.starts_with("## ["));
+    heading.and_then(|line| line.rsplit_once(' ')).map_or("", |(_, day)| day)
+}
+
+/// Leaves out breaks beside vertical space (empty lines, too), which `mandoc` complains of.
+fn tidy(page: &[u8]) -> Vec<u8> {
+    let lines: Vec<&[u8]> = page.split(|&byte| byte == b'\n').collect();
+    let is_space =
+        |at: Option<usize>| at.and_then(|at| lines.get(at)).is_some_and(|line| matches!(*line, b"" | b".sp"));
+    let is_idle = |at: usize| lines[at] == b".br" && (is_space(at.checked_sub(1)) || is_space(Some(at + 1)));
+    let kept: Vec<&[u8]> = (0..lines.len()).filter(|&at| !is_idle(at)).map(|at| lines[at]).collect();
+    kept.join(&b'\n')
 }
 
 fn make(folder: &Path) -> Result<(), PlanError> {
