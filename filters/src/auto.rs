@@ -270,12 +270,10 @@ impl Blend {
             }
             if parts.start == 0 && all.len() > 1 && held[0].at.len() >= DECIDE {
                 let weights = Weights::new(&self.mask, samples, &held);
-                let variance = std::mem::take(&mut held[0].variance);
-                let mut counts = (0..all.len()).map(|k| weights.counts(k)).collect::<Vec<_>>().into_iter();
-                all.retain(|_| counts.next().unwrap_or(true));
-                let mut counts = (0..held.len()).map(|k| weights.counts(k)).collect::<Vec<_>>().into_iter();
-                held.retain(|_| counts.next().unwrap_or(true));
                 // They are those of the pattern, whoever predicts.
+                let variance = std::mem::take(&mut held[0].variance);
+                let both = std::mem::take(all).into_iter().zip(std::mem::take(&mut held)).enumerate();
+                (*all, held) = both.filter(|(k, _)| weights.counts(*k)).map(|(_, both)| both).unzip();
                 held[0].variance = variance;
             }
         }

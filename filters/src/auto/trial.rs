@@ -50,13 +50,16 @@ pub fn worth_trying(
         })
     });
     let planes = Planes::of(small, planes.collect());
-    let mut held: Vec<HeldOut> = Vec::with_capacity(candidates.len());
-    for candidate in candidates {
-        let mut all = HeldOut::default();
-        for parts in folds.near(tiles.count()) {
-            all.extend(candidate.held_out((&planes, &tiles), (folds, parts, None), run)?);
+    let mut held = vec![HeldOut::default(); candidates.len()];
+    for parts in folds.near(tiles.count()) {
+        for (candidate, held) in candidates.iter().zip(&mut held) {
+            held.extend(
+                candidate.held_out((&planes, &tiles), (folds, parts.clone(), None), run)?.sorted(judged),
+            );
         }
-        held.push(all.sorted(judged));
+        if held.first().is_none_or(|held| held.at.len() >= super::DECIDE) {
+            break;
+        }
     }
     if held.first().is_none_or(|held| held.at.len() < super::FEWEST) {
         return Ok(all());
