@@ -96,7 +96,7 @@ impl Gate {
     fn refuses(&self, group: &GroupReport) -> Option<String> {
         let estimated = group.estimate.as_ref()?;
         let names = group.names();
-        let (rmse, psnr, about) = match estimated {
+        let (rmse, psnr, [least, most]) = match estimated {
             Estimated::Unknown { unknown } => {
                 return Some(format!("the error of {names} cannot be told: {unknown}"));
             }
@@ -109,7 +109,6 @@ impl Gate {
         };
         let low = self.min_psnr.filter(|&bound| psnr < bound);
         let high = self.max_rmse.filter(|&bound| rmse > bound);
-        let [least, most] = about;
         let low =
             low.map(|bound| format!("{names}: {least} {psnr:.1} dB by estimate, below --min-psnr {bound}"));
         low.or_else(|| {

@@ -167,21 +167,18 @@ fn report<'py>(py: Python<'py>, filled: &mut Filled, planes: usize) -> PyResult<
 fn verdict(sets: &[Set]) -> (Option<Rmse>, Option<String>) {
     let (mut squares, mut planes, mut bound) = ([0.0; 3], 0.0, false);
     for set in sets {
-        match set.estimate {
+        let ends = match set.estimate {
             None => return (None, None),
             Some(Verdict::CannotTell(why)) => return (None, Some(why.to_string())),
-            Some(found) => {
-                let ends = match found {
-                    Verdict::Estimate(found) => [found.rmse, found.low, found.high],
-                    Verdict::AtMost(most) => [most; 3],
-                    Verdict::CannotTell(_) => continue,
-                };
-                bound |= matches!(found, Verdict::AtMost(_));
-                let count = set.planes.len() as f64;
-                squares.iter_mut().zip(ends).for_each(|(sum, rmse)| *sum += count * rmse * rmse);
-                planes += count;
+            Some(Verdict::Estimate(found)) => [found.rmse, found.low, found.high],
+            Some(Verdict::AtMost(most)) => {
+                bound = true;
+                [most; 3]
             }
-        }
+        };
+        let count = set.planes.len() as f64;
+        squares.iter_mut().zip(ends).for_each(|(sum, rmse)| *sum += count * rmse * rmse);
+        planes += count;
     }
     if planes == 0.0 {
         return (None, None);

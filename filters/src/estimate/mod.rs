@@ -15,8 +15,7 @@
 //! From it follow the root mean square error of the missing pixels with an interval that holds the truth nine times of ten
 //! ([`Model::verdict`], [`Verdict`]), and a plane of estimated errors, calibrated on the same samples ([`Model::plane`]). The interval is made of
 //! what few cells carry (as a bootstrap of cells would find it), of the exponent's uncertainty times how far missing pixels lie from held-out ones
-//! in `ln v`, and of a rest. Where it passes 6 dB to a side, as after a second pass that put samples where errors are, its upper end is all that is told
-//! ([`Verdict::AtMost`]). A frame whose error few cells carry gets [`Verdict::CannotTell`].
+//! in `ln v`, and of a rest. Where it passes 6 dB to a side, its upper end is all that is told ([`Verdict::AtMost`]). A frame whose error few cells carry gets [`Verdict::CannotTell`].
 //!
 //! Held-out samples come from [`Evidence::of_folds`], for any method. [`Folds`] are drawn by a seed; all that learns from a frame
 //! uses the same.
@@ -24,16 +23,18 @@
 //! Cost: two fills (up to eleven where there are few samples), the four nearest samples of each held-out one and of 40000 missing pixels.
 //! The plane: the nearest samples of every missing pixel, and four blurs. Memory: six planes.
 //!
-//! `m` declusters as geostatistics does: samples that were put where errors are, in a second pass or in rounds, must not speak for all. It is the
-//! root of the number of missing pixels that a sample is the nearest of, where samples lie unevenly, and else 1. On crops of five renders and on three samples, measured in rounds and in a second pass,
-//! estimates by the number itself were 2.4 dB too good on average, without `m` 2.3 dB too bad (11.5 dB at worst), by the root 1.1 dB too good (3.9 dB).
+//! `m` declusters as geostatistics does: samples that were put where errors are, in a second pass or in rounds, must not speak for all. It
+//! is the root of the number of missing pixels that a sample is the nearest of, where samples lie unevenly, and else 1. The power was
+//! chosen on crops of five renders and on three samples, measured in rounds and in a second pass: by the number itself estimates were
+//! 2.4 dB too good on average, without `m` 2.3 dB too bad (11.5 dB at worst), by the root 1.1 dB too good (3.9 dB).
 //!
 //! Fails: details that no sample has seen anywhere; in part, samples that were chosen by what they show;
 //! a method whose error at a sample is not that beside it (one that smooths its samples). Noise is taken for detail in part:
 //! at masks of low discrepancy its estimate is up to 1 dB too good, within the interval.
 //!
-//! Sources: E. H. Isaaks, R. M. Srivastava, "An Introduction to Applied Geostatistics", 1989, chapter 10 (declustering); N. Cressie, "Statistics for Spatial Data", 1993 (kriging variance); M. Stone, "Cross-Validatory Choice and
-//! Assessment of Statistical Predictions", Journal of the Royal Statistical Society B 36, 1974.
+//! Sources: N. Cressie, "Statistics for Spatial Data", 1993 (kriging variance); E. H. Isaaks, R. M. Srivastava, "An Introduction to Applied
+//! Geostatistics", 1989, chapter 10 (declustering); M. Stone, "Cross-Validatory Choice and Assessment of Statistical Predictions", Journal
+//! of the Royal Statistical Society B 36, 1974.
 
 mod evidence;
 mod kriging;

@@ -76,7 +76,7 @@ impl std::fmt::Display for Why {
         f.write_str(match self {
             Self::FewSamples => "there are too few samples",
             Self::FewCarryAll => "a few samples carry all of the error",
-            Self::TooFar => "missing pixels lie much farther from samples than those that were held out",
+            Self::TooFar => "held-out samples say too little about places like those of the missing pixels",
         })
     }
 }

@@ -1,7 +1,7 @@
 //! The estimated error of every pixel, calibrated on held-out samples.
 //!
-//! Around a pixel `c = (G m e^2 + 0.05 F m e^2) / (G m v^p + 0.05 F m v^p)` over held-out samples, `m` what each counts for, `G` the mean under a Gaussian of 0.6 of their
-//! spacings, `F` under one of 3 spacings, in cells. `c` is then found for every held-out sample from the others, and compared with `e^2 / v^p`
+//! Around a pixel `c = (G m e^2 + 0.05 F m e^2) / (G m v^p + 0.05 F m v^p)` over held-out samples, `m` what each counts for, `G` the mean
+//! under a Gaussian of 0.6 of their spacings, `F` under one of 3 spacings, in cells. `c` is then found for every held-out sample from the others, and compared with `e^2 / v^p`
 //! there, bin by bin from the least `c` to the largest. What a bin shows is made monotone by pooling adjacent violators and
 //! replaces `c` everywhere: without that, regions that look good by chance would be believed too much. Each bin is taken to have
 //! had [`UNSEEN`] samples more, with the error that `c` promises, as samples on details that others miss are rare.
