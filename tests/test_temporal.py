@@ -2,6 +2,7 @@
 
 import json
 import os
+import time
 
 import numpy as np
 import pytest
@@ -129,29 +130,37 @@ def test_neighbours_that_cannot_be_used_are_left_out(tmp_path):
     assert np.array_equal(*both)
 
 
+def stamp(folder, seconds):
+    """All frames of a folder, changed at this time; by whole seconds, which every file system keeps."""
+    for path in folder.glob("*.exr"):
+        os.utime(path, (seconds, seconds))
+
+
+def made_since(folder, seconds):
+    return {path.name for path in folder.glob("*.exr") if path.stat().st_mtime != seconds}
+
+
 def test_an_output_is_made_anew_when_a_neighbour_changes(tmp_path):
-    source = write(tmp_path, lambda frame: scene(0.4 * frame), count=4)
-    again = lambda: fill(source, tmp_path / "out", "--temporal", "1", "-u").stderr
+    source, out = write(tmp_path, lambda frame: scene(0.4 * frame), count=4), tmp_path / "out"
+    again = lambda: fill(source, out, "--temporal", "1", "-u").stderr
     again()
-    for path in (tmp_path / "out").glob("*.exr"):
-        os.utime(path, (path.stat().st_atime, path.stat().st_mtime + 10))
-    assert "4 passed over" in again() or "4 skipped" in again()
-    later = (tmp_path / "out" / "shot.0001.exr").stat().st_mtime + 10
-    os.utime(tmp_path / "shot.0004.exr", (later, later))
-    before = content(tmp_path / "out")
-    stamps = {path.name: path.stat().st_mtime for path in (tmp_path / "out").glob("*.exr")}
+    past = int(time.time()) - 1000
+    stamp(tmp_path, past)
+    stamp(out, past + 10)
+    assert "4 passed over" in again()
+    assert made_since(out, past + 10) == set()
+    os.utime(tmp_path / "shot.0004.exr", (past + 20, past + 20))
+    before = content(out)
     again()
-    made = {path.name for path in (tmp_path / "out").glob("*.exr") if path.stat().st_mtime != stamps[path.name]}
-    assert made == {"shot.0003.exr", "shot.0004.exr"}
-    assert content(tmp_path / "out") == before
+    assert made_since(out, past + 10) == {"shot.0003.exr", "shot.0004.exr"}
+    assert content(out) == before
     # One that is gone is missed, too.
     (tmp_path / "shot.0001.exr").unlink()
-    os.utime(tmp_path / "shot.0004.exr", (1, 1))
-    for path in (tmp_path / "out").glob("*.exr"):
-        os.utime(path, (path.stat().st_atime, later + 20))
+    stamp(tmp_path, past)
+    stamp(out, past + 10)
     again()
-    assert (tmp_path / "out" / "shot.0002.exr").stat().st_mtime != later + 20
-    assert (tmp_path / "out" / "shot.0003.exr").stat().st_mtime == later + 20
+    assert "shot.0002.exr" in made_since(out, past + 10)
+    assert "shot.0003.exr" not in made_since(out, past + 10)
 
 
 def test_what_does_not_go_together_is_refused(tmp_path):
