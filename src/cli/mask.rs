@@ -8,7 +8,7 @@ use lacuna_exr::Window;
 use lacuna_filters::sampling::{Pattern, Temporal};
 
 use super::Usage;
-use super::numbers::fraction;
+use super::numbers::{density, fraction};
 use super::run::{Bytes, SpeechArgs};
 use crate::commands::{BoundFiles, MaskJob, MaskOutput, MaskTask, NextPass, Union};
 use crate::files::ranges::Frames;
@@ -67,8 +67,8 @@ struct PatternArgs {
     #[arg(long, value_name = "WxH[+X+Y]")]
     size: Option<Geometry>,
 
-    /// Measured pixels over all pixels (of the region), 0 to 1
-    #[arg(long, value_name = "D", value_parser = fraction, allow_negative_numbers = true)]
+    /// Measured pixels over all pixels (of the region), above 0 to 1
+    #[arg(long, value_name = "D", value_parser = density, allow_negative_numbers = true)]
     density: Option<f64>,
 
     /// How the pixels lie [default: shuffle]

@@ -154,7 +154,13 @@ fn ending(error: &clap::Error, words: &[OsString]) -> Ending {
         help = format!("{help} {}", inner.get_name());
         command = inner;
     }
-    Ending::Usage(format!("lacuna: error: {} (see '{help} --help')\n", reason.join(" ")))
+    let hint = match error.kind() {
+        ErrorKind::InvalidSubcommand if help == "lacuna submit" => {
+            "; the farm's manager comes first: lacuna submit slurm -- fill ..."
+        }
+        _ => "",
+    };
+    Ending::Usage(format!("lacuna: error: {}{hint} (see '{help} --help')\n", reason.join(" ")))
 }
 
 /// Whether a command line, good or not, asks for the lines of Open Job Description.

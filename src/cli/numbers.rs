@@ -16,11 +16,18 @@ pub fn one_or_more(text: &str) -> Result<u32, String> {
 }
 
 pub fn fraction(text: &str) -> Result<f64, String> {
-    let found = number(text, "from 0 to 1", |value: &f64| (0.0..=1.0).contains(value));
-    let percent =
-        text.trim_end_matches([' ', '%']).parse().ok().filter(|value| (0.0..=100.0).contains(value));
-    found.map_err(|why| match percent {
-        Some(percent) => format!("{why}: {percent} % is {}", percent / 100.0),
+    part(text, "from 0 to 1", |value| (0.0..=1.0).contains(value))
+}
+
+/// A density: no pixel at all is nothing to fill from.
+pub fn density(text: &str) -> Result<f64, String> {
+    part(text, "above 0 and at most 1", |value| *value > 0.0 && *value <= 1.0)
+}
+
+fn part(text: &str, range: &str, fits: impl Fn(&f64) -> bool) -> Result<f64, String> {
+    let percent = text.trim_end_matches([' ', '%']).parse().ok().map(|value: f64| value / 100.0).filter(&fits);
+    number(text, range, fits).map_err(|why| match percent {
+        Some(part) => format!("{why}: {} % is {part}", text.trim_end_matches([' ', '%'])),
         None => why,
     })
 }

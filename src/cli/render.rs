@@ -10,7 +10,7 @@ use lacuna_volume::{InterpolationName, ModeName, Override, PROCEDURAL};
 
 use super::Usage;
 use super::adaptive::AdaptiveArgs;
-use super::numbers::fraction;
+use super::numbers::density;
 use super::output::{Depth, FormatArgs, OutputArgs};
 use super::run::{PageArgs, RunArgs};
 use super::settings::FilterName;
@@ -128,8 +128,8 @@ struct SceneArgs {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mask")]
 struct PixelArgs {
-    /// Render only this share of the pixels, 0 to 1, spread evenly
-    #[arg(long, value_name = "D", value_parser = fraction)]
+    /// Render only this share of the pixels, above 0 to 1, spread evenly
+    #[arg(long, value_name = "D", value_parser = density)]
     density: Option<f64>,
 
     #[arg(long, value_name = "SOURCE", help = MASK, conflicts_with = "density")]

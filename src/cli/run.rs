@@ -70,9 +70,9 @@ pub struct SolveArgs {
 /// How progress is told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ProgressName {
-    /// A bar on a terminal, else plain lines, none with -q
+    /// A bar on a terminal, else plain lines, one in a second at most, none with -q
     Auto,
-    /// Lines such as Progress: 45% on standard error, as Deadline reads them
+    /// Lines such as Progress: 45% on standard error, each percent, as Deadline reads them
     Plain,
     /// Lines of Open Job Description (progress, status, fail) on standard output
     Openjd,

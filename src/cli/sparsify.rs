@@ -5,7 +5,7 @@ use clap::Args;
 use super::Usage;
 use super::adaptive::AdaptiveArgs;
 use super::input::InputArgs;
-use super::numbers::fraction;
+use super::numbers::density;
 use super::output::{FormatArgs, OutputArgs};
 use super::run::RunArgs;
 use crate::channels::{Override, Rule};
@@ -60,8 +60,8 @@ pub struct SparsifyArgs {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mask")]
 struct PatternArgs {
-    /// Measured pixels over all pixels, 0 to 1
-    #[arg(long, value_name = "D", value_parser = fraction, allow_hyphen_values = true)]
+    /// Measured pixels over all pixels, above 0 to 1
+    #[arg(long, value_name = "D", value_parser = density, allow_hyphen_values = true)]
     density: Option<f64>,
 
     /// Another pattern of the same kind; the output records it

@@ -393,7 +393,7 @@ fn numbers_out_of_range_get_the_range() {
         let text = usage(&format!("fill a.exr -o b.exr {line}"));
         assert!(text.contains(reason), "{line}: {text}");
     }
-    assert!(usage("sparsify a.exr -o b.exr --density -0.5").contains("from 0 to 1"));
+    assert!(usage("sparsify a.exr -o b.exr --density -0.5").contains("above 0 and at most 1"));
     let neither = usage("upscale a.exr -o b.exr");
     assert!(neither.contains("--scale") && neither.contains("--size"), "{neither}");
     for scale in ["1.5", "2x1.5"] {
@@ -460,4 +460,11 @@ fn sparsify_takes_a_density_or_a_mask() {
     let (mask, file) = pattern("--mask file:m.exr:R");
     assert_eq!(file, Some("m.exr".into()));
     assert_eq!(mask, SparsifyPattern::Mask("m.exr:R".parse().unwrap()));
+    assert!(usage("sparsify a.exr -o b.exr --density 0").contains("above 0 and at most 1"));
+    assert!(usage("sparsify a.exr -o b.exr --density 20%").contains("20 % is 0.2"));
+}
+
+#[test]
+fn a_command_to_submit_wants_a_manager_before_it() {
+    assert!(usage("submit -- fill a.exr -o b.exr").contains("lacuna submit slurm -- fill"));
 }

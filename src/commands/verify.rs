@@ -109,7 +109,12 @@ impl Work for Verify<'_> {
             drop(guides::find(&sparse, &masks, &mut choices, &claims.guides, None));
             compare(&sparse, &filled, &masks, &choices)
         });
-        if differences.is_empty() { Ok(()) } else { Err(Failure::at(&item.output, list(&differences))) }
+        if differences.is_empty() {
+            return Ok(());
+        }
+        let are_swapped = claims.filter.is_empty() && !Claims::read(&sparse).filter.is_empty();
+        let hint = if are_swapped { "; the sparse frame comes first: are the two swapped?" } else { "" };
+        Err(Failure::at(&item.output, format!("{}{hint}", list(&differences))))
     }
 }
 

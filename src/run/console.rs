@@ -4,11 +4,15 @@
 use std::io::{IsTerminal, Write};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use tracing::field::{Field, Visit};
 use tracing_subscriber::layer::{Context, Layer, SubscriberExt};
 use tracing_subscriber::registry::LookupSpan;
+
+/// Between two lines of progress that nobody asked for.
+const PAUSE: Duration = Duration::from_secs(1);
 
 /// How much is said.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -25,7 +29,7 @@ pub enum Verbosity {
 /// How progress is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Meter {
-    /// A bar on a terminal, elsewhere as `Plain`; nothing if quiet.
+    /// A bar on a terminal, elsewhere as `Plain`, but one line in a second at most; nothing if quiet.
     #[default]
     Auto,
     /// `Progress: 45%`, a line for each percent, on standard error.
@@ -49,6 +53,7 @@ struct Progress {
     total: u64,
     done: u64,
     percent: Option<u64>,
+    told: Option<Instant>,
     bar: Option<ProgressBar>,
 }
 
@@ -110,7 +115,7 @@ impl Console {
         if let Ok(style) = ProgressStyle::with_template("{wide_bar} {percent:>3}% {elapsed} < {eta}") {
             bar.set_style(style);
         }
-        bar.enable_steady_tick(std::time::Duration::from_millis(250));
+        bar.enable_steady_tick(Duration::from_millis(250));
         progress.bar = Some(bar);
     }
 
@@ -124,7 +129,10 @@ impl Console {
             && progress.percent != Some(percent)
         {
             progress.percent = Some(percent);
-            self.percent(percent);
+            if self.meter != Meter::Auto || percent == 100 || progress.told.is_none_or(|told| told.elapsed() >= PAUSE) {
+                progress.told = Some(Instant::now());
+                self.percent(percent);
+            }
         }
     }
 

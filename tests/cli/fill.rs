@@ -331,6 +331,8 @@ fn sparsify_and_verify_go_frame_by_frame() {
     assert!(done.err.contains("2 of 2 frames made sparse"), "{}", done.err);
     room.ok(&["fill", "s.%d.exr", "-o", "o.%d.exr"]);
     room.ok(&["verify", "s.%d.exr", "o.%d.exr"]);
+    let swapped = room.run(&["verify", "o.1.exr", "s.1.exr", "-q"]);
+    assert!(swapped.status == 1 && swapped.err.contains("are the two swapped?"), "{}", swapped.err);
     for read in ["s.1.exr", "o.2.exr"] {
         assert_eq!(room.run(&["verify", "s.%d.exr", "o.%d.exr", "--json", read]).status, 2);
     }
@@ -338,5 +340,5 @@ fn sparsify_and_verify_go_frame_by_frame() {
     std::fs::copy(room.path("f.1.exr"), room.path("o.2.exr")).unwrap();
     let done = room.run(&["verify", "s.%d.exr", "o.%d.exr", "-q"]);
     assert_eq!((done.status, done.errors().len()), (1, 1), "{}", done.err);
-    assert!(done.errors()[0].contains("o.2.exr (frame 2)"), "{}", done.err);
+    assert!(done.errors()[0].contains("o.2.exr (frame 2)") && !done.err.contains("swapped"), "{}", done.err);
 }

@@ -245,7 +245,7 @@ fn masks_are_measured() {
 fn nonsense_is_refused_in_one_line() {
     let room = Room::with(&["a.exr"]);
     for (words, status, reason) in [
-        (&["--size", "10x10", "--density", "1.5", "-o", "m.exr"][..], 2, "0 to 1"),
+        (&["--size", "10x10", "--density", "1.5", "-o", "m.exr"][..], 2, "above 0 and at most 1"),
         (&["--size", "0x10", "--density", "0.5", "-o", "m.exr"], 2, "from 1 to 32768"),
         (&["--size", "10x10", "--density", "0.5", "-o", "m.tif"], 1, "does not end in"),
         (&["--after", "missing.exr", "--add", "0.1", "-o", "m.exr"], 1, "missing.exr"),

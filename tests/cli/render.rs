@@ -306,7 +306,7 @@ fn what_cannot_be_rendered_is_one_line() {
         (&["render", HEAD, "-o", "o.####.exr"], 2, "--frames"),
         (&["render", HEAD, "-o", "o.exr", "--fill", "auto"], 2, "--density"),
         (&["render", HEAD, "-o", "o.exr", "--set", "march.stop=1"], 1, "unknown field"),
-        (&["render", HEAD, "-o", "o.exr", "--density", "2"], 2, "0 to 1"),
+        (&["render", HEAD, "-o", "o.exr", "--density", "2"], 2, "above 0 and at most 1"),
     ] {
         let output = lacuna(room.path(), &[arguments, &["-q"]].concat());
         let said = String::from_utf8_lossy(&output.stderr).into_owned();

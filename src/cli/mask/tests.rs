@@ -53,9 +53,9 @@ fn a_mask_from_a_pattern() {
 #[test]
 fn nonsense_is_refused_in_one_line() {
     for (words, reason) in [
-        ("-o m.exr --size 64x32 --density 1.5", "0 to 1"),
-        ("-o m.exr --size 64x32 --density -0.1", "0 to 1"),
-        ("-o m.exr --size 64x32 --density nan", "0 to 1"),
+        ("-o m.exr --size 64x32 --density 1.5", "above 0 and at most 1"),
+        ("-o m.exr --size 64x32 --density -0.1", "above 0 and at most 1"),
+        ("-o m.exr --size 64x32 --density nan", "above 0 and at most 1"),
         ("-o m.exr --size 0x32 --density 0.5", "from 1 to 32768"),
         ("-o m.exr --size 64x32", "--density D or --rank"),
         ("-o m.exr --density 0.2", "--size"),
