@@ -38,6 +38,10 @@ const WIDEST: f64 = 1.4;
 /// Standard deviation over the mean of how many pixels each sample is the nearest of, beyond which samples lie unevenly: at 20 % it is 0.19 for the
 /// shuffle and 0.23 for blue noise, 0.29 to 0.48 after a second pass of a quarter of them, 0.5 at random, 0.7 to 1.3 for samples chosen in rounds.
 const UNEVEN: f64 = 0.26;
+/// Share of the exponent that holds between a sample and the missing pixels around it where samples lie unevenly.
+const CHOSEN: f64 = 0.45;
+/// The rest, there.
+const CHOSEN_REST: f64 = 0.25;
 /// Neighbours whose spread is compared with the error.
 const SPREAD: usize = 8;
 
@@ -106,6 +110,8 @@ pub struct Model {
     exponent_off: f64,
     held: Vec<Error>,
     missing: Vec<Error>,
+    /// Where samples lie unevenly: missing pixels that a held-out sample is the nearest of, with its place in `held`.
+    owned: Option<Vec<(u32, f32)>>,
     /// All missing pixels.
     all_missing: usize,
 }
@@ -126,13 +132,13 @@ impl Model {
         let places = Places::new(mask, |_| true);
         let near = &evidence.near;
         let errors = near.squared_errors(truth);
-        let weights = weights(mask);
+        let cells = Cells::new(mask);
         let held = near.at.iter().zip(&near.variance).zip(errors).filter(|(_, squared)| squared.is_finite());
         let held = held.map(|((&pixel, v), squared)| {
-            let weight = weights[pixel as usize];
+            let weight = cells.weight(pixel);
             Error { pixel, squared, ln_variance: v.ln(), weight }
         });
-        let held = held.filter(|error| error.weight > 0.0).collect();
+        let held: Vec<Error> = held.filter(|error| error.weight > 0.0).collect();
         let all_missing = mask.size().pixels() - mask.count();
         let every = (all_missing / LOOKED_AT).max(1) as u64;
         let looked_at = |&pixel: &u32| {
@@ -145,9 +151,15 @@ impl Model {
             .zip(variance.all(&places, &pixels))
             .map(|(&pixel, v)| Error { pixel, squared: 0.0, ln_variance: v.ln(), weight: 1.0 })
             .collect();
+        let owned = cells.uneven.then(|| {
+            let owned = cells.owned(mask, &held, seed);
+            let pixels: Vec<u32> = owned.iter().map(|owned| owned.1).collect();
+            owned.iter().zip(variance.all(&places, &pixels)).map(|(owned, v)| (owned.0, v.ln())).collect()
+        });
         let (exponent, exponent_off) = exponent(evidence, truth, &places);
         let floor = rounding(truth, mask);
-        Self { mask: Arc::clone(mask), variance, floor, exponent, exponent_off, held, missing, all_missing }
+        let mask = Arc::clone(mask);
+        Self { mask, variance, floor, exponent, exponent_off, held, missing, owned, all_missing }
     }
 
     /// The exponent of the variance: about 2 where shading is smooth, 0.6 where edges decide, 0 where noise does.
@@ -190,7 +202,8 @@ impl Model {
         let (flat, _) = self.mean(self.exponent - 0.5);
         let contrast = (steep / flat).ln().abs();
         let by_chance = CHANCE * (1.0 + self.held.len() as f64 / self.all_missing as f64) / carriers;
-        let off = (by_chance + (contrast * self.exponent_off).powi(2) + REST * REST).sqrt();
+        let rest = if self.owned.is_some() { CHOSEN_REST } else { REST };
+        let off = (by_chance + (contrast * self.exponent_off).powi(2) + rest * rest).sqrt();
         let side = SIDE * off;
         if carriers < CARRIERS {
             return Verdict::CannotTell(Why::FewCarryAll);
@@ -207,18 +220,47 @@ impl Model {
     }
 
     /// The mean squared error of missing pixels for this exponent, and how many cells carry it.
-    ///
-    /// In each cell and those around it the factor is `sum m e^2 / sum m v^p` over held-out samples.
     fn mean(&self, exponent: f64) -> (f64, f64) {
+        let parts = match &self.owned {
+            Some(owned) => self.by_sample(owned, exponent),
+            None => self.by_place(exponent),
+        };
+        let count = self.owned.as_ref().map_or(self.missing.len(), Vec::len);
+        let total: f64 = parts.iter().sum();
+        let squares: f64 = parts.iter().map(|part| part * part).sum();
+        (total / count.max(1) as f64, if squares > 0.0 { total * total / squares } else { 0.0 })
+    }
+
+    /// Cells of some spacings of held-out samples, and the one of a pixel.
+    fn grid(&self) -> (Grid, impl Fn(u32) -> usize + use<>) {
         let size = self.size();
-        let density = self.held.len() as f64 / self.size().pixels().max(1) as f64;
+        let density = self.held.len() as f64 / size.pixels().max(1) as f64;
         let side = ((CELL / density.sqrt()).ceil() as usize).max(4);
         let grid = Grid { rows: size.height.div_ceil(side), columns: size.width.div_ceil(side) };
-        let mut cells = vec![[0.0_f64; 3]; grid.rows * grid.columns];
-        let cell = |pixel: u32| {
+        let cell = move |pixel: u32| {
             let (row, column) = (pixel as usize / size.width, pixel as usize % size.width);
             row / side * grid.columns + column / side
         };
+        (grid, cell)
+    }
+
+    /// What cells add to the squared error of the missing pixels, where samples lie unevenly: each held-out sample speaks for the pixels that
+    /// it is the nearest of, with `e^2 (v' / v)^p`.
+    fn by_sample(&self, owned: &[(u32, f32)], exponent: f64) -> Vec<f64> {
+        let (grid, cell) = self.grid();
+        let mut parts = vec![0.0; grid.rows * grid.columns];
+        for &(owner, ln_variance) in owned {
+            let error = &self.held[owner as usize];
+            let power = (f64::from(ln_variance - error.ln_variance) * CHOSEN * exponent).exp();
+            parts[cell(error.pixel)] += f64::from(error.squared) * power;
+        }
+        parts
+    }
+
+    /// The same for samples that lie evenly: in each cell and those around it the factor is `sum e^2 / sum v^p` over held-out samples.
+    fn by_place(&self, exponent: f64) -> Vec<f64> {
+        let (grid, cell) = self.grid();
+        let mut cells = vec![[0.0_f64; 3]; grid.rows * grid.columns];
         let power = |error: &Error| f64::from((error.ln_variance * exponent as f32).exp());
         for error in &self.held {
             let cell = &mut cells[cell(error.pixel)];
@@ -243,31 +285,54 @@ impl Model {
         // Where nothing was held out near, all of the frame counts.
         let elsewhere = share.iter().map(|share| share[1]).sum::<f64>() / all;
         let counts = grid.around(&share);
-        let (mut total, mut squares) = (0.0, 0.0);
-        for (cell, counts) in cells.iter().zip(&counts) {
-            let part = cell[0] * (counts[0] + elsewhere);
-            total += part;
-            squares += part * part;
-        }
-        (total / self.missing.len().max(1) as f64, if squares > 0.0 { total * total / squares } else { 0.0 })
+        cells.iter().zip(&counts).map(|(cell, counts)| cell[0] * (counts[0] + elsewhere)).collect()
     }
 }
 
-/// What each sample counts for. Samples that were put where errors are stand close together there, and must not speak for the rest of the
-/// image: each counts for the root of how many missing pixels it is the nearest of. (By that number itself those at the rim of such a
-/// place count too little.) Samples that lie evenly count alike.
-fn weights(mask: &Mask) -> Vec<f32> {
-    let mut counts = vec![0.0_f32; mask.size().pixels()];
-    // A mask without samples has no held-out ones either.
-    if let Ok(map) = NearestMap::new(mask) {
-        map.as_slice().iter().for_each(|&source| counts[source as usize] += 1.0);
+/// The missing pixels that each sample is the nearest of.
+struct Cells {
+    map: Option<NearestMap>,
+    /// How many they are, and 1 for itself; 0 at missing pixels.
+    counts: Vec<f32>,
+    /// Whether samples lie unevenly: those that were put where errors are stand close together there, and must not speak for the rest of the
+    /// image.
+    uneven: bool,
+}
+
+impl Cells {
+    fn new(mask: &Mask) -> Self {
+        let mut counts = vec![0.0_f32; mask.size().pixels()];
+        // A mask without samples has no held-out ones either.
+        let map = NearestMap::new(mask).ok();
+        let sources = map.iter().flat_map(NearestMap::as_slice);
+        sources.for_each(|&source| counts[source as usize] += 1.0);
+        let squares: f64 = counts.iter().map(|&count| f64::from(count).powi(2)).sum();
+        let mean = mask.density().recip();
+        let variation = (squares / mask.count().max(1) as f64 / (mean * mean) - 1.0).max(0.0).sqrt();
+        Self { map, counts, uneven: variation > UNEVEN }
     }
-    let squares: f64 = counts.iter().map(|&count| f64::from(count).powi(2)).sum();
-    let mean = mask.density().recip();
-    let variation = (squares / mask.count().max(1) as f64 / (mean * mean) - 1.0).max(0.0).sqrt();
-    let weight = |count: f32| if variation > UNEVEN { (count - 1.0).sqrt() } else { 1.0 };
-    counts.iter_mut().filter(|count| **count > 0.0).for_each(|count| *count = weight(*count));
-    counts
+
+    /// What a sample counts for: where they lie unevenly the root of its missing pixels. (By their number those at the rim of a dense place count
+    /// too little.)
+    fn weight(&self, sample: u32) -> f32 {
+        if self.uneven { (self.counts[sample as usize] - 1.0).max(0.0).sqrt() } else { 1.0 }
+    }
+
+    /// Missing pixels whose nearest sample was held out: its place in `held`, and the pixel.
+    fn owned(&self, mask: &Mask, held: &[Error], seed: u64) -> Vec<(u32, u32)> {
+        let mut places = vec![u32::MAX; mask.size().pixels()];
+        held.iter().zip(0..).for_each(|(error, place)| places[error.pixel as usize] = place);
+        let cells: f32 = held.iter().map(|error| self.counts[error.pixel as usize] - 1.0).sum();
+        let every = (cells as u64 / LOOKED_AT as u64).max(1);
+        let sources = self.map.iter().flat_map(NearestMap::as_slice).zip(0..);
+        let owned = sources.map(|(&source, pixel)| (places[source as usize], pixel));
+        let wanted = |&(place, pixel): &(u32, u32)| {
+            place != u32::MAX
+                && !mask.as_slice()[pixel as usize]
+                && hash(seed ^ 0x51, u64::from(pixel)).is_multiple_of(every)
+        };
+        owned.filter(wanted).collect()
+    }
 }
 
 /// What rounding may amount to: some steps of f32 at the largest finite sample.
