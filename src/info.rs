@@ -47,6 +47,8 @@ pub struct PartInfo {
     pub density: Option<f64>,
     /// The filter that filled it, if one did.
     pub filled_by: Option<String>,
+    /// Whether that filter enlarged it.
+    pub enlarged: bool,
     /// What that fill was worth by its own estimate.
     pub estimate: Option<String>,
     /// The guides that `fill` would take for it; those that do not predict count for nothing then.
@@ -78,12 +80,26 @@ pub fn describe(frame: &Frame, masks: Result<&Masks, &mask::Error>, choices: &[V
     Info {
         mask: found.map(|masks| masks.origin.clone()),
         mask_channels: found.map(|masks| mask_channels(frame, masks)).unwrap_or_default(),
-        mask_error: masks.err().map(ToString::to_string),
+        mask_error: masks.err().map(|error| why_none(frame, error)),
         density: found.and_then(Masks::density),
         parts: parts
             .map(|(index, part)| part_info(part, index, found, choices.get(index).map_or(&[], Vec::as_slice)))
             .collect(),
         notes: found.map(|masks| masks.notes.clone()).unwrap_or_default(),
+    }
+}
+
+/// Why there is no mask: most often as there need be none.
+fn why_none(frame: &Frame, error: &mask::Error) -> String {
+    // A mask that is named and was not found, in a part that nobody filled.
+    let is_named = |part: &Part| {
+        part.attributes.text(mask::ATTRIBUTE).is_some() && reconstruct::filled_by(part, None, 0).is_none()
+    };
+    match error {
+        mask::Error::NotFound { hint: None, .. } if !frame.parts.iter().any(is_named) => {
+            "none: the frame is taken for complete (--mask names one)".into()
+        }
+        error => error.to_string(),
     }
 }
 
@@ -127,6 +143,7 @@ fn part_info(part: &Part, index: usize, masks: Option<&Masks>, choices: &[Choice
         levels: part.had_levels,
         density: masks.and_then(|masks| masks.part_density(index)),
         estimate: filled_by.as_ref().and_then(|_| part.attributes.text(estimate::ATTRIBUTE)),
+        enlarged: filled_by.is_some() && reconstruct::is_enlarged(part),
         filled_by,
         guides: Vec::new(),
         channels: channels.collect(),
@@ -165,7 +182,8 @@ impl std::fmt::Display for Info {
         for (index, part) in self.parts.iter().enumerate() {
             writeln!(f, "{}", head(index, part))?;
             if let Some(filter) = &part.filled_by {
-                writeln!(f, "  filled by {}", visible(filter))?;
+                let how = if part.enlarged { "enlarged" } else { "filled" };
+                writeln!(f, "  {how} by {}", visible(filter))?;
             }
             if let Some(estimate) = &part.estimate {
                 writeln!(f, "  missing pixels by estimate: {}", visible(estimate))?;

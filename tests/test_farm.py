@@ -237,6 +237,11 @@ def test_submission_shows_its_scripts_and_says_what_is_missing(shot):
 
     refused = lacuna("submit", "slurm", *command, folder=folder, environment={"PATH": str(folder)}, ok=False)
     assert refused.status == 1 and "cannot run sbatch" in refused.stderr and len(refused.lines()) == 1, refused
+    sbatch = folder / "sbatch"
+    sbatch.write_text("#!/bin/sh\necho 'sbatch: error: no cluster' >&2\nexit 1\n")
+    sbatch.chmod(0o755)
+    refused = lacuna("submit", "slurm", *command, folder=folder, environment={"PATH": str(folder)}, ok=False)
+    assert refused.status == 1 and "no cluster; -n only prints the scripts" in refused.stderr and len(refused.lines()) == 1, refused
 
 
 def test_gates_open_for_whole_frames_only(shot):

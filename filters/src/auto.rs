@@ -62,7 +62,7 @@ pub struct Settings;
 /// What is to be known of it.
 pub static DESCRIPTOR: Descriptor = Descriptor {
     name: "auto",
-    help: "What held-out samples choose, place by place: edge, ss or tv",
+    help: "A blend, place by place, as held-out samples choose: ss, edge, tv and, where there are guides, guided filling",
     settings: &[],
     bytes: 12,
     each: 32,

@@ -189,7 +189,7 @@ impl Groups<'_> {
             selection,
             skip_missing,
             targets: Targets {
-                output: self.output.checked()?,
+                output: self.output.checked(self.page.is_some())?,
                 mask: self.mask.file(),
                 guides: what.guides_from.clone(),
                 also_written: run.also_written(),

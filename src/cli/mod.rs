@@ -12,6 +12,7 @@ mod estimate;
 pub mod fill;
 pub mod filter;
 pub mod filters;
+mod foreign;
 mod guides;
 mod help;
 pub mod info;
@@ -38,7 +39,7 @@ mod weights;
 
 use std::ffi::OsString;
 
-use clap::error::ErrorKind;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{FromArgMatches, Parser, Subcommand};
 
 use crate::commands::{
@@ -137,30 +138,50 @@ impl Ending {
 
 /// What clap says of a command line. A log has lines, not paragraphs: the reason, clap's tip, and where to look instead of the
 /// usage.
-fn ending(error: &clap::Error, words: &[OsString]) -> Ending {
-    let text = error.render().to_string();
+fn ending(mut error: clap::Error, words: &[OsString]) -> Ending {
     match error.kind() {
-        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => return Ending::Shown(text),
-        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => return Ending::Usage(text),
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
+            return Ending::Shown(error.render().to_string());
+        }
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            return Ending::Usage(error.render().to_string());
+        }
         _ => {}
     }
-    let reason = ["\n\nUsage:", "\n\nFor more information"]
-        .into_iter()
-        .fold(text.as_str(), |text, end| text.split_once(end).map_or(text, |(before, _)| before));
-    let reason: Vec<&str> = reason.trim_start_matches("error: ").split_whitespace().collect();
     let (mut command, mut help) = (help::command(), String::from("lacuna"));
     for word in words.iter().skip(1) {
         let Some(inner) = command.find_subcommand(word).cloned() else { break };
         help = format!("{help} {}", inner.get_name());
         command = inner;
     }
-    let hint = match error.kind() {
-        ErrorKind::InvalidSubcommand if help == "lacuna submit" => {
-            "; the farm's manager comes first: lacuna submit slurm -- fill ..."
+    let hint = match (error.kind(), error.get(ContextKind::InvalidArg)) {
+        (ErrorKind::InvalidSubcommand, _) if help == "lacuna submit" => {
+            Some("the farm's manager comes first: lacuna submit slurm -- fill ...".into())
         }
-        _ => "",
+        (ErrorKind::UnknownArgument, Some(ContextValue::String(flag))) => foreign::hint(flag, &command),
+        _ => None,
     };
+    without_useless_tips(&mut error, hint.is_some());
+    let text = error.render().to_string();
+    let reason = ["\n\nUsage:", "\n\nFor more information"]
+        .into_iter()
+        .fold(text.as_str(), |text, end| text.split_once(end).map_or(text, |(before, _)| before));
+    let reason: Vec<&str> = reason.trim_start_matches("error: ").split_whitespace().collect();
+    let hint = hint.map_or_else(String::new, |hint| format!("; {hint}"));
     Ending::Usage(format!("lacuna: error: {}{hint} (see '{help} --help')\n", reason.join(" ")))
+}
+
+/// Leaves out how a misspelt flag would be taken for a file's name, and, where a better hint is known, flags that look alike.
+fn without_useless_tips(error: &mut clap::Error, is_known: bool) {
+    if is_known {
+        error.remove(ContextKind::SuggestedArg);
+    }
+    if let Some(ContextValue::StyledStrs(mut tips)) = error.remove(ContextKind::Suggested) {
+        tips.retain(|tip| !is_known && !tip.to_string().starts_with("to pass "));
+        if !tips.is_empty() {
+            error.insert(ContextKind::Suggested, ContextValue::StyledStrs(tips));
+        }
+    }
 }
 
 /// Whether a command line, good or not, asks for the lines of Open Job Description.
@@ -182,7 +203,7 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Job, Ending> {
         return Err(Ending::Usage(format!("lacuna: error: {line}\n")));
     }
     let read = help::command().try_get_matches_from(&words).and_then(|found| Cli::from_arg_matches(&found));
-    let command = read.map_err(|error| ending(&error, &words))?.command;
+    let command = read.map_err(|error| ending(error, &words))?.command;
     let (name, job) = match &command {
         Command::Fill(args) => ("fill", args.job().map(|job| Job::Fill(Box::new(job)))),
         Command::Upscale(args) => ("upscale", args.job().map(|job| Job::Fill(Box::new(job)))),

@@ -10,11 +10,14 @@ use super::Usage;
 use crate::reconstruct::Kind;
 use crate::run::Existing;
 
+/// What pictures to look at are called.
+const PICTURES: &[&str] = &["png", "jpg", "jpeg", "tif", "tiff"];
+
 /// Where outputs go.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Output")]
 pub struct OutputArgs {
-    /// A file, a pattern (numbers follow the input) or a folder (ends in / unless it exists; names follow the input)
+    /// A file, a pattern or a folder; a folder ends in / unless it exists, and numbers and names follow the input
     // A list, so that a second one is noticed and not taken for the first.
     #[arg(short, long, value_name = "OUTPUT", required = true)]
     pub output: Vec<PathBuf>,
@@ -43,11 +46,11 @@ impl OutputArgs {
         }
     }
 
-    /// The only output.
+    /// The only output. `has_page`: whether the command has `--report`.
     ///
     /// # Errors
     /// For several outputs, and for a file that is not called .exr.
-    pub fn checked(&self) -> Result<PathBuf, Usage> {
+    pub fn checked(&self, has_page: bool) -> Result<PathBuf, Usage> {
         let [output] = self.output.as_slice() else {
             let all: Vec<_> = self.output.iter().map(|path| path.display().to_string()).collect();
             return Err(Usage(format!("-o is given more than once ({}): one is needed", all.join(", "))));
@@ -60,9 +63,12 @@ impl OutputArgs {
         {
             return Ok(output.clone());
         }
-        Err(Usage(format!(
-            "-o {text}: an output file ends in .exr; a folder that is not there yet ends in /"
-        )))
+        let is_picture = PICTURES.iter().any(|ending| ends_in(output, ending));
+        let way = match (is_picture, has_page) {
+            (true, true) => "--report page.html shows it in a browser",
+            _ => "a folder that is not there yet ends in /",
+        };
+        Err(Usage(format!("-o {text}: an output file ends in .exr; {way}")))
     }
 }
 

@@ -264,7 +264,7 @@ impl RenderArgs {
                 neighbours: 0,
                 guides: None,
                 layers: Vec::new(),
-                output: self.output.checked()?,
+                output: self.output.checked(true)?,
                 mask,
                 also_written: run.also_written(),
                 create_dir: self.output.create_dir,

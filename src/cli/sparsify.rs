@@ -115,7 +115,7 @@ impl SparsifyArgs {
                 neighbours: 0,
                 guides: None,
                 layers: Vec::new(),
-                output: self.output.checked()?,
+                output: self.output.checked(false)?,
                 mask,
                 also_written: run.also_written(),
                 create_dir: self.output.create_dir,

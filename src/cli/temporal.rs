@@ -12,7 +12,7 @@ use crate::temporal::{Motion, Temporal, Window};
 pub struct TemporalArgs {
     /// Take samples of the frames before and after, carried along the motion: auto, none or so many on either side
     ///
-    /// Only where held-out samples show that they help, so that a cut or a wrong motion costs nothing. The frames are those beside the frame's
+    /// Only where held-out samples show that they help, so that a cut or a wrong motion costs a few tenths of a decibel at most. The frames are those beside the frame's
     /// file, by the number in its name, whether this run fills them or not; their measured pixels are used, not their fills. One that is missing, broken or of
     /// another size is left out.
     #[arg(long, value_name = "FRAMES", default_value = "none")]

@@ -138,6 +138,32 @@ fn old_spellings_say_the_new_ones() {
 }
 
 #[test]
+fn spellings_of_other_tools_say_the_one_here() {
+    for (line, here) in [
+        ("fill a.exr --method ss", "here it is --filter"),
+        ("fill a.exr --method=ss", "here it is --filter"),
+        ("render a.toml --method ss", "here it is --fill"),
+        ("upscale a.exr --factor 2", "here it is --scale"),
+        ("upscale a.exr --res 64x64", "here it is --size"),
+        ("sparsify a.exr --ratio 0.2", "here it is --density"),
+        ("fill a.exr --out b.exr", "here it is -o"),
+        ("fill -i a.exr", "inputs stand without a flag"),
+        ("dictionary train a.exr -j8", "here it is --threads"),
+    ] {
+        let text = usage(line);
+        assert!(
+            text.contains(&format!("; {here} (see 'lacuna ")) && !text.contains("tip:"),
+            "{line}: {text}"
+        );
+        assert_eq!(text.lines().count(), 1, "{text}");
+    }
+    assert!(usage("fill a.exr --fliter ss").contains("'--filter'"));
+    for line in ["fill -x", "verify a.exr b.exr --factor 2", "slrum", "submit -- fill a.exr"] {
+        assert!(!usage(line).contains("to pass"), "{line}: {}", usage(line));
+    }
+}
+
+#[test]
 fn completions_have_every_flag() {
     for shell in ["bash", "zsh", "fish"] {
         let script = shown(&format!("completions {shell}"));
@@ -403,6 +429,10 @@ fn numbers_out_of_range_get_the_range() {
     let neither = usage("sparsify a.exr -o b.exr");
     assert!(neither.contains("--density") && neither.contains("--mask"), "{neither}");
     assert!(usage("fill a.exr -o b.txt").contains("a folder that is not there yet ends in /"));
+    for line in ["fill a.exr -o b.png", "render a.toml -o b.JPG"] {
+        assert!(usage(line).contains("ends in .exr; --report page.html shows it in a browser"), "{line}");
+    }
+    assert!(!usage("upscale a.exr -o b.png --scale 2").contains("--report"));
     assert_eq!(fill("a.exr -o new/").targets.output, std::path::PathBuf::from("new/"));
     assert_eq!(fill("a.exr -o b.EXR").targets.output, std::path::PathBuf::from("b.EXR"));
 }

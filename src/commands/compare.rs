@@ -219,6 +219,11 @@ impl<'a> Compare<'a> {
             let read = |path| lacuna_exr::read(path, &limits).map_err(|error| Failure::at(path, error));
             Ok((read(&item.input)?, read(&item.output)?))
         })?;
+        if Claims::are_swapped(&reference, &test) {
+            tracing::warn!(
+                "only the reference was filled by lacuna, and it comes first: are the two swapped?"
+            );
+        }
         let masks = self.mask_of(item, &reference, &test, limits)?;
         record.density = masks.as_ref().and_then(Masks::density);
         let index = self.index(item);

@@ -112,7 +112,7 @@ impl Work for Verify<'_> {
         if differences.is_empty() {
             return Ok(());
         }
-        let are_swapped = claims.filter.is_empty() && !Claims::read(&sparse).filter.is_empty();
+        let are_swapped = Claims::are_swapped(&sparse, &filled);
         let hint = if are_swapped { "; the sparse frame comes first: are the two swapped?" } else { "" };
         Err(Failure::at(&item.output, format!("{}{hint}", list(&differences))))
     }

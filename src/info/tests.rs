@@ -55,7 +55,22 @@ fn without_a_mask_the_rules_are_still_told() {
     let choices = choose(&frame, &Masks::default().mask_channels, &[]);
     let text = describe(&frame, Err(&error), &choices).to_string();
     assert!(
-        text.starts_with("mask: no sampling mask found") && text.ends_with("  R  half   fill     colour\n"),
+        text.starts_with("mask: none: the frame is taken for complete")
+            && text.ends_with("  R  half   fill     colour\n"),
         "{text}"
     );
+}
+
+#[test]
+fn a_frame_that_may_be_sparse_gets_the_hint() {
+    let text = |frame: &Frame| {
+        let error = find(frame, &Source::Auto, None).unwrap_err();
+        describe(frame, Err(&error), &choose(frame, &Masks::default().mask_channels, &[])).to_string()
+    };
+    let scattered: Vec<f32> = (0..64).map(|at| if at % 3 == 0 { 1.0 } else { f32::NAN }).collect();
+    let scattered = frame(vec![part(window(0, 0, 8, 8), vec![float("R", &scattered)])]);
+    assert!(text(&scattered).contains("--mask nan"), "{}", text(&scattered));
+    let mut named = frame(vec![part(window(0, 0, 1, 1), vec![half("R", &[0.0])])]);
+    named.parts[0].attributes.set_text(crate::mask::ATTRIBUTE, "file:m.png");
+    assert!(text(&named).starts_with("mask: no sampling mask found"), "{}", text(&named));
 }

@@ -4,7 +4,7 @@ use half::f16;
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
 
-use super::stamp::FILTER;
+use super::stamp::{FILTER, Stamp};
 use crate::channels::{Choice, Name, Rule, by_default};
 use crate::guides;
 use crate::mask::Masks;
@@ -23,6 +23,11 @@ pub fn filled_by(part: &Part, masks: Option<&Masks>, index: usize) -> Option<Str
     let filter = part.attributes.text(FILTER)?;
     let blank = masks.is_some_and(|masks| values_at_missing(part, masks, index) == Some(false));
     (!blank).then_some(filter)
+}
+
+/// Whether a part says that it was enlarged.
+pub fn is_enlarged(part: &Part) -> bool {
+    Stamp::read(&part.attributes).is_some_and(|stamp| stamp.setting("upscale").is_some())
 }
 
 /// Whether a channel that filling changes has a value at a missing pixel; nothing where none is missing.

@@ -138,7 +138,7 @@ fn sbatch(job: &SubmitJob, script: &script::Script, after: Option<&String>) -> R
     let said = String::from_utf8_lossy(&done.stderr);
     if !done.status.success() {
         let said = said.trim().replace('\n', "; ");
-        return Err(format!("{}: sbatch refused it: {said}", path.display()));
+        return Err(format!("{}: sbatch refused it: {said}; -n only prints the scripts", path.display()));
     }
     // `NUMBER` or `NUMBER;CLUSTER`.
     let number = String::from_utf8_lossy(&done.stdout);

@@ -109,6 +109,11 @@ impl Claims {
         }
     }
 
+    /// Whether a frame was filled and the other, which should be, was not.
+    pub fn are_swapped(first: &Frame, filled: &Frame) -> bool {
+        Self::read(filled).filter.is_empty() && !Self::read(first).filter.is_empty()
+    }
+
     /// What is not compared because the filled frame says so, for people.
     pub fn not_compared(&self) -> Option<String> {
         let by = if self.filter.is_empty() { String::new() } else { format!(" by {}", self.filter) };

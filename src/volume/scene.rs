@@ -38,7 +38,7 @@ pub struct Scene {
 
 /// How values become colours.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case", expecting = "a table")]
 pub struct TransferScene {
     /// `data` (the volume's least and largest value), `type` (all that the voxels' type can hold) or two data values:
     /// what 0 and 1 mean to the points.
@@ -61,7 +61,7 @@ pub struct TransferScene {
 
 /// What 0 and 1 mean to the points of a transfer function.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "expected data, type or [low, high]")]
 pub enum Domain {
     /// A range that has a name.
     Named(NamedDomain),
@@ -84,7 +84,7 @@ pub enum NamedDomain {
 
 /// Where the camera is: around the target, or at an eye.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case", expecting = "a table")]
 pub struct CameraScene {
     /// Degrees about the y axis, from +z towards +x.
     pub azimuth: f64,
@@ -124,7 +124,7 @@ impl Default for CameraScene {
 
 /// A light at infinity.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case", expecting = "a table")]
 pub struct LightScene {
     /// Towards the light: right, up and back of the camera, or x, y, z of the world.
     pub direction: [f64; 3],
@@ -142,7 +142,7 @@ impl Default for LightScene {
 
 /// How surfaces reflect; see [`super::shade`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case", expecting = "a table")]
 #[allow(missing_docs, reason = "the formula in `shade` tells each value")]
 pub struct ShadingScene {
     pub enabled: bool,
@@ -202,7 +202,7 @@ pub enum ModeName {
 
 /// How rays march.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case", expecting = "a table")]
 pub struct MarchScene {
     /// Length of a step in voxels (of the shortest edge).
     pub step: f64,
@@ -242,7 +242,7 @@ impl Default for MarchScene {
 
 /// The picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
+#[serde(deny_unknown_fields, default, rename_all = "kebab-case", expecting = "a table")]
 pub struct ImageScene {
     /// Width and height.
     pub size: [usize; 2],
@@ -284,12 +284,11 @@ impl Scene {
     /// # Errors
     /// [`Error::Scene`] with the place of what cannot be read.
     pub fn parse(text: &str, overrides: &[Override]) -> Result<Self, Error> {
-        // Serde's messages have several lines; the first ones tell place and problem.
         let fail = |error: toml::de::Error| {
             let before = |end: usize| text.bytes().take(end).filter(|byte| *byte == b'\n').count();
             let line = error.span().map(|span| before(span.start) + 1);
             let place = line.map(|line| format!("line {line}: ")).unwrap_or_default();
-            Error::Scene(format!("{place}{}", error.message()))
+            Error::Scene(format!("{place}{}", problem(error)))
         };
         if overrides.is_empty() {
             return toml::from_str::<Self>(text).map_err(fail)?.checked();
@@ -298,8 +297,7 @@ impl Scene {
         for change in overrides {
             set(&mut table, change)?;
         }
-        let scene: Self =
-            table.try_into().map_err(|error: toml::de::Error| Error::Scene(error.message().into()))?;
+        let scene: Self = table.try_into().map_err(|error| Error::Scene(problem(error)))?;
         scene.checked()
     }
 
@@ -346,6 +344,26 @@ impl Scene {
             None => Ok(self),
         }
     }
+}
+
+/// The value that cannot be read, and why, in the words of the docs and not of Rust.
+fn problem(mut error: toml::de::Error) -> String {
+    // Without the text that it points into, the key stands on a line of its own.
+    error.set_input(None);
+    let whole = error.to_string();
+    let key = whole.lines().find_map(|line| line.strip_prefix("in `")?.strip_suffix('`'));
+    let key = key.map_or_else(String::new, |key| format!("{key}: "));
+    let words = [
+        ("expected f64", "expected a number"),
+        ("expected u32", "expected a whole number of 0 or more"),
+        ("expected u64", "expected a whole number of 0 or more"),
+        ("expected usize", "expected a whole number of 0 or more"),
+        ("expected a sequence", "expected a list"),
+        ("expected an array of length", "expected a list of"),
+        ("expected a boolean", "expected true or false"),
+    ];
+    let text = words.iter().fold(error.message().to_owned(), |text, (rust, plain)| text.replace(rust, plain));
+    format!("{key}{text}")
 }
 
 /// Sets one value in a table of TOML.
@@ -401,6 +419,20 @@ mod tests {
             let error = Scene::parse(text, &[]).unwrap_err().to_string();
             assert!(error.contains(part), "{text}: {error}");
         }
+        for (change, said) in [
+            ("camera.azimuth=abc", "camera.azimuth: invalid type: string \"abc\", expected a number"),
+            ("camera.eye=[1, 2]", "camera.eye: invalid length 2, expected a list of 3"),
+            ("image.samples=1.5", "expected a whole number of 0 or more"),
+            ("march.skip=1", "march.skip: invalid type: integer `1`, expected true or false"),
+            ("transfer.domain=x", "transfer.domain: expected data, type or [low, high]"),
+            ("camera.azimut=1", "camera: unknown field `azimut`"),
+            ("camera=3", "camera: invalid type: integer `3`, expected a table"),
+        ] {
+            let error = Scene::parse("", &[change.parse().unwrap()]).unwrap_err().to_string();
+            assert!(error.contains(said), "{change}: {error}");
+        }
+        let error = Scene::parse("[camera]\nazimuth = \"abc\"", &[]).unwrap_err().to_string();
+        assert!(error.contains("line 2: ") && error.ends_with("expected a number"), "{error}");
         assert!(Scene::parse("volume = \"a\"", &["volume.x=3".parse().unwrap()]).is_err());
     }
 }

@@ -46,6 +46,11 @@ fn a_filled_frame_is_recognised() {
     let words = ["upscale", "full.exr", "-o", "large.exr", "--scale", "2"];
     let said = room.ok(&words).err;
     assert!(said.contains("filled by ss already: taken as complete"), "{said}");
+    let info = room.ok(&["info", "large.exr"]).out;
+    assert!(info.contains("  enlarged by ss\n"), "{info}");
+    let swapped = "are the two swapped?";
+    assert!(room.run(&["compare", "full.exr", "in.exr"]).err.contains(swapped));
+    assert!(!room.run(&["compare", "in.exr", "full.exr"]).err.contains(swapped));
     let mut plain = room.read("full.exr");
     plain.parts[0].attributes = lacuna_exr::Attributes::default();
     plain.parts[0].channels.retain(|channel| channel.name != b"mask");

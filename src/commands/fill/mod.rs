@@ -231,7 +231,7 @@ impl Work for Fill<'_> {
             Ok(done)
         });
         let (frame, report) = solved?;
-        enter(&report, record);
+        enter(&report, what.enlarge.is_some(), record);
         if report.outcome.is_some_and(|outcome| outcome.stop == Stop::Cancelled) {
             return Err(at_input(&"stopped"));
         }
@@ -250,7 +250,7 @@ impl Work for Fill<'_> {
 }
 
 /// Puts what was done into the frame's record, and its notes into the log.
-fn enter(report: &Report, record: &mut Record) {
+fn enter(report: &Report, enlarges: bool, record: &mut Record) {
     record.mask = Some(report.mask.clone());
     record.density = report.density;
     record.non_finite = Some(report.non_finite);
@@ -265,7 +265,7 @@ fn enter(report: &Report, record: &mut Record) {
     record.energies = groups().filter_map(light).collect();
     record.warn(&groups().filter_map(energy::note).collect::<Vec<_>>());
     record.warn(&report.notes);
-    record.warn(report.outcome.and_then(early).as_slice());
+    record.warn(report.outcome.and_then(|outcome| early(outcome, enlarges)).as_slice());
     if report.clamped_halves > 0 {
         record.warn(&[format!("{} values past the largest half were clamped to it", report.clamped_halves)]);
     }
@@ -296,8 +296,17 @@ pub fn tell(report: &Report, record: &mut Record) {
     record.estimates = groups().filter_map(estimated).collect();
 }
 
-/// What is to be said of a solver that stopped before it converged.
-fn early(outcome: Outcome) -> Option<String> {
+/// What is to be said of a solver that stopped before it converged, or of bounds that leave an enlarged frame no solution.
+fn early(outcome: Outcome, enlarges: bool) -> Option<String> {
+    if let (true, Stop::IterationLimit, None, Some(off)) =
+        (enlarges, outcome.stop, outcome.gap, outcome.residual)
+    {
+        let rounding = if off < HALF { ", less than a half float rounds" } else { "" };
+        return Some(format!(
+            "reduced again, it is off its input by up to {off:.1e} of the largest value{rounding}: beside hard edges bounds go first \
+             (docs/upscaling.md, \"Light and bounds\")"
+        ));
+    }
     let why = match outcome.stop {
         Stop::Converged | Stop::Cancelled => return None,
         Stop::IterationLimit => "the limit of iterations",
@@ -313,6 +322,9 @@ fn early(outcome: Outcome) -> Option<String> {
         outcome.iterations
     ))
 }
+
+/// By which share of a value a half float rounds it at most.
+const HALF: f64 = 1.0 / 2048.0;
 
 /// Guides and channels of a group that a line of the log names.
 const SHOWN: usize = 4;
@@ -373,4 +385,28 @@ fn rules(report: &Report) -> String {
     let all = [Rule::Fill, Rule::Normal, Rule::Depth, Rule::Nearest, Rule::Keep];
     let used = all.map(|rule| (count(rule), rule)).into_iter().filter(|(count, _)| *count > 0);
     used.map(|(count, rule)| format!("{count} {rule}")).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_enlarged_frame_that_bounds_keep_from_its_input_is_said_to_be_how_far_off() {
+        let stopped = |residual| Outcome {
+            stop: Stop::IterationLimit,
+            iterations: 9,
+            residual: Some(residual),
+            ..Outcome::direct()
+        };
+        let small = early(stopped(1.6e-4), true).unwrap();
+        assert!(
+            small.contains("up to 1.6e-4 of the largest value, less than a half float rounds"),
+            "{small}"
+        );
+        let large = early(stopped(0.02), true).unwrap();
+        assert!(large.contains("2.0e-2") && !large.contains("half float"), "{large}");
+        assert!(early(stopped(0.02), false).unwrap().contains("after 9 iterations, residual 2.0e-2"));
+        assert_eq!(early(Outcome::direct(), true), None);
+    }
 }

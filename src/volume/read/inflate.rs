@@ -15,7 +15,7 @@ const FIRST: usize = 64 << 20;
 pub(super) fn inflate(packed: &[u8], coding: Coding, expected: usize) -> Result<Vec<u8>, String> {
     if expected / BEST_RATIO > packed.len() {
         return Err(format!(
-            "truncated: {} compressed bytes cannot hold the {expected} that the header promises",
+            "truncated: {} compressed bytes cannot hold {expected} bytes of voxels",
             packed.len()
         ));
     }
@@ -35,8 +35,8 @@ pub(super) fn inflate(packed: &[u8], coding: Coding, expected: usize) -> Result<
     // Some writers leave bytes behind the stream; the voxels are complete all the same.
     match read {
         _ if got == expected => Ok(plain),
-        _ if got > expected => Err(format!("more voxels than the {expected} bytes that the header promises")),
-        Ok(_) => Err(format!("truncated: {got} bytes of voxels where the header promises {expected}")),
+        _ if got > expected => Err(format!("more than the {expected} bytes of voxels that were expected")),
+        Ok(_) => Err(format!("truncated: {got} of {expected} bytes of voxels")),
         Err(error) => Err(format!("damaged after {got} of {expected} bytes of voxels: {error}")),
     }
 }

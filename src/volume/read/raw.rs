@@ -60,12 +60,12 @@ impl RawLayout {
         }
     }
 
-    /// A file without a header holds its voxels alone: a longer one is of another size or type.
+    /// A file without a header holds its voxels alone: one of another length is of another size or type.
     pub(super) fn check_length(&self, path: &Path) -> Result<(), Error> {
         let length = open(path)?.metadata().map_err(io(path, "read"))?.len();
         let sizes = self.size.iter().map(|&n| n as u64);
         let bytes = sizes.fold(self.element.bytes() as u64, u64::saturating_mul);
-        if length > bytes && Self::place(path).coding == Coding::Plain {
+        if length != bytes && Self::place(path).coding == Coding::Plain {
             let [x, y, z] = self.size;
             return Err(damaged(
                 path,

@@ -266,6 +266,11 @@ fn raw_voxels_and_every_type() {
     let long = room.put("long.raw", &[&bytes(true), b"x"]);
     let error = read(&long, Some(&layout)).unwrap_err().to_string();
     assert!(error.contains("long.raw: 25 bytes where 3x2x2 voxels have 24"), "{error}");
+    let error = read(&room.put("short.raw", &[&bytes(true)[1..]]), Some(&layout)).unwrap_err().to_string();
+    assert!(
+        error.contains("short.raw: 23 bytes where 3x2x2 voxels have 24") && error.contains("--raw"),
+        "{error}"
+    );
     let packed = room.put("long.raw.gz", &[&gzip(&[bytes(true), vec![0]].concat())]);
     assert!(read(&packed, Some(&layout)).is_err());
     let nan = room.put("nan.raw", &[&f32::NAN.to_le_bytes()]);
