@@ -94,6 +94,46 @@ def test_vectors_of_any_convention_are_understood(tmp_path, sign, y_up, unit):
     assert psnr(tmp_path / "along", 3, shows(3)) > psnr(tmp_path / "alone", 3, shows(3)) + 2
 
 
+def disc(frame, height=96, width=168):
+    """A disc with a texture of its own that moves by 12 pixels a frame before a background that stands still; and where it is."""
+    y, x = np.indices((height, width), np.float32)
+    u, v = x - 48 - 12 * frame, y - 48
+    inside = np.hypot(u, v) < 30
+    behind = 0.5 + 0.2 * np.sin(0.7 * x) * np.cos(0.5 * y)
+    front = 0.4 + 0.3 * np.sin(0.8 * u) * np.sin(0.6 * v)
+    return np.repeat(np.where(inside, front, behind)[..., None], 3, axis=-1).astype(np.float16), inside
+
+
+def test_what_moves_before_what_stands_is_known_by_one_reading(tmp_path):
+    """In parts of the image these vectors lead out of it: what is not compared must not speak for them."""
+    rng = np.random.default_rng(5)
+    for frame in range(1, COUNT + 1):
+        image, inside = disc(frame)
+        own = rng.random(inside.shape) < DENSITY
+        planes = {name: np.where(own, image[..., k], np.float16(0)) for k, name in enumerate("RGB")}
+        planes |= {"motion.X": (12.0 * inside * own).astype(np.float32), "motion.Y": np.zeros(inside.shape, np.float32)}
+        frames.write(tmp_path / f"shot.{frame:04}.exr", planes | {"mask": own.astype(np.float16)})
+    source = tmp_path / "shot.####.exr"
+    fill(source, tmp_path / "alone", "--frames", "3")
+    log = fill(source, tmp_path / "along", "--temporal", "2", "--motion", "vectors", "--frames", "2-4").stderr
+    for numbers in ("1, 3, 4", "1, 2, 4, 5", "2, 3, 5"):
+        assert f"frames {numbers} by vectors motion.X and motion.Y in pixels to the next frame, y down" in log, log
+    truth, inside = disc(3)
+    within = np.roll(inside, 4, 1) & np.roll(inside, -4, 1)
+    for place, least in ((within, 6), (~inside, 3)):
+        alone, along = (frames.colour(tmp_path / name / "shot.0003.exr")[place] for name in ("alone", "along"))
+        assert frames.psnr(along, truth[place]) > frames.psnr(alone, truth[place]) + least
+    fill(source, tmp_path / "one", "--temporal", "2", "--motion", "vectors", "--frames", "3")
+    assert content(tmp_path / "one").items() <= content(tmp_path / "along").items()
+
+
+def test_vectors_of_what_stands_still_are_read_as_usual(tmp_path):
+    none = lambda _: np.zeros((HEIGHT, WIDTH), np.float32)
+    source = write(tmp_path, lambda _: scene(), motion_X=none, motion_Y=none)
+    log = fill(source, tmp_path / "out", "--temporal", "1", "--motion", "vectors", "--frames", "3").stderr
+    assert "frames 2, 4 by vectors motion.X and motion.Y in pixels to the next frame, y down" in log, log
+
+
 def test_a_cut_costs_nothing(tmp_path):
     other = scene(31, 17, 2.0)[::-1]
     shows = lambda frame: scene(0.3 * frame) if frame <= 3 else other

@@ -98,13 +98,37 @@ fn wide(mask: &Mask, plane: &Plane) -> f64 {
     (f64::from(high) - f64::from(low)).max(0.0)
 }
 
-/// How far an image disagrees with samples of another frame: the mean of `e / (e + s)` over samples, with `s` a share of the image's range.
-pub fn disagreement(carried: &Carried, image: &Planes) -> f64 {
-    let all = Mask::from_fn(image.size(), |_, _| true);
-    let widest = image.as_slice().iter().map(|plane| wide(&all, plane)).fold(0.0, f64::max);
-    let half = (HALF * widest).max(f64::MIN_POSITIVE);
-    let pieces = off(carried, image).map(|off| off.sqrt() / (off.sqrt() + half));
-    pieces.sum::<f64>() / carried.len().max(1) as f64
+/// How far an image disagrees with samples of another frame: of each `e / (e + s)`, with `s` a share of the image's range.
+pub struct Judge<'a> {
+    image: &'a Planes,
+    half: f64,
+}
+
+impl<'a> Judge<'a> {
+    /// A judge by this image.
+    pub fn new(image: &'a Planes) -> Self {
+        let all = Mask::from_fn(image.size(), |_, _| true);
+        let widest = image.as_slice().iter().map(|plane| wide(&all, plane)).fold(0.0, f64::max);
+        Self { image, half: (HALF * widest).max(f64::MIN_POSITIVE) }
+    }
+
+    /// The mean over samples.
+    pub fn mean(&self, carried: &Carried) -> f64 {
+        let sum: f64 = off(carried, self.image).map(|off| self.part(off)).sum();
+        sum / carried.len().max(1) as f64
+    }
+
+    /// Of pixel `at` of another frame, if it lies at this place: row and column; nothing outside the image.
+    pub fn of(&self, samples: &Planes, at: usize, [y, x]: [f32; 2]) -> Option<f64> {
+        let size = self.image.size();
+        let values = samples.as_slice().iter().map(|plane| plane.pixels()[at]);
+        let inside = carried::inside(y, size.height) && carried::inside(x, size.width);
+        inside.then(|| self.part(squared(self.image, values, [y, x])))
+    }
+
+    fn part(&self, off: f64) -> f64 {
+        off.sqrt() / (off.sqrt() + self.half)
+    }
 }
 
 /// The part of the variance of another frame's samples that an image explains where they are carried to: 1 if it has their very values, 0 or
@@ -124,15 +148,19 @@ pub fn explained(carried: &Carried, image: &Planes) -> f64 {
 /// The squared disagreement of each sample, the mean over the planes.
 fn off(carried: &Carried, image: &Planes) -> impl Iterator<Item = f64> {
     let one = |i: usize| {
-        let [y, x] = carried.places[i];
-        let taps = Taps::new(image.size(), y, x);
-        let planes = image.as_slice().iter().zip(&carried.values);
-        let squares: f64 =
-            planes.map(|(plane, values)| (f64::from(values[i]) - taps.of(plane)).powi(2)).sum();
-        squares / image.len().max(1) as f64
+        let values = carried.values.iter().map(|values| values[i]);
+        squared(image, values, carried.places[i])
     };
     let all: Vec<f64> = (0..carried.len()).into_par_iter().with_min_len(PIECE).map(one);
     all.into_iter()
+}
+
+/// The squared disagreement of the values of one sample.
+fn squared(image: &Planes, values: impl Iterator<Item = f32>, [y, x]: [f32; 2]) -> f64 {
+    let taps = Taps::new(image.size(), y, x);
+    let planes = image.as_slice().iter().zip(values);
+    let squares: f64 = planes.map(|(plane, value)| (f64::from(value) - taps.of(plane)).powi(2)).sum();
+    squares / image.len().max(1) as f64
 }
 
 /// Values on the grid, less those of the image that was there first, and how firmly they pull.

@@ -270,7 +270,8 @@ fn along_motion<'a>(
     // Samples of a neighbour that are not finite count as missing, as they do here.
     let fill = |samples: &Planes, mask: &Arc<Mask>| splines(samples, mask).ok().map(|filled| filled.planes);
     let reference = Reference { names: channel_names(part, group), filled, fill: &fill };
-    let (carriers, notes) = carriers((frame, work.index), neighbours, work.job.temporal.motion, &reference);
+    let own = (frame, work.masks, work.index);
+    let (carriers, notes) = carriers(own, neighbours, work.job.temporal.motion, &reference);
     done.notes.extend(notes);
     done.report.neighbours = carriers.iter().map(|carrier| (carrier.number(), carrier.how.clone())).collect();
     Ok(carriers)

@@ -3,12 +3,13 @@
 use std::sync::Arc;
 
 use lacuna_exr::{Frame, Part};
-use lacuna_filters::temporal::{Carried, disagreement, explained, flow};
+use lacuna_filters::temporal::{Carried, Judge, explained, flow};
 use lacuna_filters::{Mask, Plane, Planes, Size};
 
-use super::vectors::{self, Way};
-use super::{Motion, Neighbour, Neighbours, camera};
+use super::paths::Paths;
+use super::{Motion, Neighbour, Neighbours, camera, reading};
 use crate::channels::part_label;
+use crate::mask::Masks;
 
 /// The part of the variance of a neighbour's samples that the frame must explain where motion carries them. Beyond a cut it is about 0.
 const EXPLAINED: f64 = 0.5;
@@ -58,15 +59,10 @@ impl Carrier<'_> {
             _ => Ok(self),
         }
     }
-
-    /// How many pixels of these channels were measured.
-    fn measured(&self, names: &[String]) -> Option<usize> {
-        measured(self.neighbour, self.part, names).map(|(_, mask)| mask.count())
-    }
 }
 
 /// A neighbour's samples of these channels, and where all of them were measured.
-fn measured(neighbour: &Neighbour, part: usize, names: &[String]) -> Option<(Planes, Arc<Mask>)> {
+pub fn measured(neighbour: &Neighbour, part: usize, names: &[String]) -> Option<(Planes, Arc<Mask>)> {
     let own = &neighbour.frame.parts[part];
     let mut both = None::<Arc<Mask>>;
     let mut planes = Vec::with_capacity(names.len());
@@ -89,27 +85,25 @@ fn measured(neighbour: &Neighbour, part: usize, names: &[String]) -> Option<(Pla
 
 /// The neighbours' parts that fit a part of the frame, with places of their samples; and one line for each that does not.
 pub fn carriers<'a>(
-    (frame, part): (&Frame, usize),
+    (frame, masks, part): (&Frame, &Masks, usize),
     neighbours: &'a Neighbours,
     motion: Motion,
     reference: &Reference<'_>,
 ) -> (Vec<Carrier<'a>>, Vec<String>) {
     let (mut found, mut notes) = (Vec::new(), Vec::new());
-    let fits = |neighbour: &&Neighbour| misfit(&frame.parts[part], neighbour.frame.parts.get(part)).is_none();
-    let nearest = |later: bool| {
-        let side = neighbours.all.iter().filter(fits).filter(|neighbour| (neighbour.offset > 0) == later);
-        side.min_by_key(|neighbour| neighbour.offset.unsigned_abs())
+    let misfit = |neighbour: &Neighbour| misfit(&frame.parts[part], neighbour.frame.parts.get(part));
+    let fitting: Vec<&Neighbour> = neighbours.all.iter().filter(|one| misfit(one).is_none()).collect();
+    let paths = if matches!(motion, Motion::Auto | Motion::Vectors) {
+        paths((frame, masks, part), &fitting, reference)
+    } else {
+        [None, None]
     };
-    let asked = matches!(motion, Motion::Auto | Motion::Vectors);
-    // Of either side the convention that the nearest neighbour shows.
-    let ways =
-        [false, true].map(|later| nearest(later).filter(|_| asked).and_then(|one| way(one, part, reference)));
     for neighbour in &neighbours.all {
-        let made = if let Some(why) = misfit(&frame.parts[part], neighbour.frame.parts.get(part)) {
+        let made = if let Some(why) = misfit(neighbour) {
             Err(why)
         } else {
-            let way = ways[usize::from(neighbour.offset > 0)];
-            carrier((frame, part), neighbour, (motion, way), reference)
+            let paths = paths[usize::from(neighbour.offset > 0)].as_ref();
+            carrier((frame, part), neighbour, (motion, paths), reference)
                 .and_then(|carrier| carrier.shows_the_same(reference))
         };
         match made {
@@ -122,6 +116,20 @@ pub fn carriers<'a>(
         }
     }
     (found, notes)
+}
+
+/// What vectors say of the neighbours before and of those after the frame.
+fn paths(
+    (frame, masks, part): (&Frame, &Masks, usize),
+    neighbours: &[&Neighbour],
+    reference: &Reference<'_>,
+) -> [Option<Paths>; 2] {
+    let mut chosen = reading::choose(neighbours, part, reference);
+    std::array::from_fn(|later| {
+        let side = neighbours.iter().filter(|one| usize::from(one.offset > 0) == later);
+        let side = side.map(|one| (one.offset, &*one.frame, &*one.masks));
+        Some(Paths::new([(0, frame, masks)].into_iter().chain(side), part, chosen[later].take()?))
+    })
 }
 
 /// Why a neighbour's part shows other pixels, if it does.
@@ -145,14 +153,14 @@ fn misfit(own: &Part, other: Option<&Part>) -> Option<String> {
 fn carrier<'a>(
     (frame, part): (&Frame, usize),
     neighbour: &'a Neighbour,
-    (motion, way): (Motion, Option<Way>),
+    (motion, paths): (Motion, Option<&Paths>),
     reference: &Reference<'_>,
 ) -> Result<Carrier<'a>, String> {
     let make = |places: Vec<[f32; 2]>, how: &str| Carrier { neighbour, part, places, how: how.into() };
-    if let Some(way) = way
-        && let Some(places) = way.places(neighbour, part)
+    if let Some(paths) = paths
+        && let Some(places) = paths.places(neighbour.offset)
     {
-        return Ok(make(places, &way.name(neighbour, part)));
+        return Ok(make(places, &paths.name()));
     }
     if motion == Motion::Vectors {
         return Err("it has no motion vectors that the samples agree with better than with no motion".into());
@@ -182,33 +190,11 @@ fn still(size: Size) -> Vec<[f32; 2]> {
     (0..size.pixels()).map(|at| [(at / size.width) as f32, (at % size.width) as f32]).collect()
 }
 
-/// The convention of a neighbour's vectors that its samples agree with most, if it is better than no motion; nothing moves where there are no vectors.
-fn way(neighbour: &Neighbour, part: usize, reference: &Reference<'_>) -> Option<Way> {
-    let ways = vectors::ways(neighbour, part);
-    if ways.is_empty() {
-        return None;
-    }
-    let error = |places: Vec<[f32; 2]>| {
-        let carrier = Carrier { neighbour, part, places, how: String::new() };
-        let carried = carrier.carried(&reference.names)?;
-        let all = carrier.measured(&reference.names)?.max(1) as f64;
-        Some((disagreement(&carried, &reference.filled), carried.len() as f64 / all))
-    };
-    let (none, _) = error(still(neighbour.frame.parts[part].size()))?;
-    let errors = ways.iter().map(|way| {
-        // Vectors that lead out of the image or nowhere say as little as none.
-        let found = way.places(neighbour, part).and_then(error);
-        found.map_or(f64::INFINITY, |(error, share)| share * error + (1.0 - share) * none)
-    });
-    let best = errors.zip(&ways).min_by(|a, b| a.0.total_cmp(&b.0))?;
-    (best.0 < none).then_some(*best.1)
-}
-
 /// The one whose samples the frame agrees with most.
 fn most_agreeing(all: &[Carrier<'_>], reference: &Reference<'_>) -> usize {
-    let of = |carrier: &Carrier<'_>| match carrier.carried(&reference.names) {
-        Some(carried) => disagreement(&carried, &reference.filled),
-        None => f64::INFINITY,
+    let judge = Judge::new(&reference.filled);
+    let of = |carrier: &Carrier<'_>| {
+        carrier.carried(&reference.names).map_or(f64::INFINITY, |carried| judge.mean(&carried))
     };
     let errors: Vec<f64> = all.iter().map(of).collect();
     (0..all.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b])).unwrap_or(0)

@@ -3,6 +3,8 @@
 mod camera;
 mod carriers;
 mod neighbours;
+mod paths;
+mod reading;
 mod vectors;
 
 pub use carriers::{Carrier, Reference, carriers};

@@ -33,7 +33,6 @@ impl Carried {
     ) -> Self {
         let values = vec![Vec::new(); samples.len()];
         let mut own = Self { places: Vec::new(), values, distance: distance.max(1) };
-        let inside = |at: f32, length: usize| at >= -0.5 && at < length as f32 - 0.5;
         for (at, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
             // What is all but a pixel's centre is it.
             let [y, x] = place(at).map(|at| if (at - at.round()).abs() < WHOLE { at.round() } else { at });
@@ -79,6 +78,11 @@ impl Carried {
         own.values.iter_mut().flatten().for_each(|value| *value = map.forward(*value));
         own
     }
+}
+
+/// Whether a place lies in an image of this height or width.
+pub(super) fn inside(at: f32, length: usize) -> bool {
+    at >= -0.5 && at < length as f32 - 0.5
 }
 
 /// The pixel of an image of that size that a place is in.
