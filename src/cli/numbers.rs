@@ -25,7 +25,8 @@ pub fn density(text: &str) -> Result<f64, String> {
 }
 
 fn part(text: &str, range: &str, fits: impl Fn(&f64) -> bool) -> Result<f64, String> {
-    let percent = text.trim_end_matches([' ', '%']).parse().ok().map(|value: f64| value / 100.0).filter(&fits);
+    let percent =
+        text.trim_end_matches([' ', '%']).parse().ok().map(|value: f64| value / 100.0).filter(&fits);
     number(text, range, fits).map_err(|why| match percent {
         Some(part) => format!("{why}: {} % is {part}", text.trim_end_matches([' ', '%'])),
         None => why,

@@ -129,7 +129,10 @@ impl Console {
             && progress.percent != Some(percent)
         {
             progress.percent = Some(percent);
-            if self.meter != Meter::Auto || percent == 100 || progress.told.is_none_or(|told| told.elapsed() >= PAUSE) {
+            if self.meter != Meter::Auto
+                || percent == 100
+                || progress.told.is_none_or(|told| told.elapsed() >= PAUSE)
+            {
                 progress.told = Some(Instant::now());
                 self.percent(percent);
             }
