@@ -126,6 +126,18 @@ def test_render_tells_how_wrong_what_it_filled_is(tmp_path):
     assert "by estimate" not in lacuna(*words, tmp_path / "b.exr", "--no-estimate").stderr
 
 
+def test_normals_that_some_pixels_lack_have_no_estimate(tmp_path):
+    y, x = np.indices((64, 64), np.float32) / 32 - 1
+    inside = x * x + y * y < 0.6
+    z = np.sqrt(np.maximum(1 - x * x - y * y, 0))
+    whole = np.stack([x, y, z], axis=-1)
+    for name, normals in (("whole", np.where((x * x + y * y < 1)[..., None], whole, [0, 0, 1])), ("part", np.where(inside[..., None], whole, 0))):
+        normals = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-6)
+        frames.write_sparse(tmp_path / f"{name}.exr", normals.astype(np.float32), frames.shuffle(64, 64, 0.3), ["N.X", "N.Y", "N.Z"])
+        _, record, _ = fill(tmp_path, tmp_path / f"{name}.exr")
+        assert bool(record.get("estimates")) == (name == "whole"), record
+
+
 def test_hints_name_what_would_help(tmp_path):
     noise = np.random.default_rng(7).normal(0.5, 0.2, (96, 96, 3)).astype(np.float32)
     frames.write_sparse(tmp_path / "noisy.exr", noise, frames.shuffle(96, 96, 0.25))

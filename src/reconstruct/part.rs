@@ -412,6 +412,11 @@ fn unit_normals(frame: &Frame, work: &Work<'_>, filled: &mut [Filled], done: &mu
             Lengths::Unit => None,
             Lengths::Mixed => Some(work.plans.depth(&both).map_err(fail)?),
         };
+        // Which pixels have a normal at all makes most of the error then, and is decided here, not by the filter that was estimated.
+        let has_none = |(at, &flag): (usize, &bool)| flag && samples.iter().all(|samples| samples[at] == 0.0);
+        if around.is_some() || both.as_slice().iter().enumerate().any(has_none) {
+            done.report.estimate_none(channel);
+        }
         let nearest = nearest.as_slice();
         let allowed = |at: usize| match &around {
             None => normals::unit_range(samples, nearest[at] as usize),

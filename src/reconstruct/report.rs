@@ -110,6 +110,16 @@ pub struct GroupReport {
     pub outcome: Outcome,
 }
 
+impl PartReport {
+    /// Takes the estimate of the group of a channel back.
+    pub(super) fn estimate_none(&mut self, channel: usize) {
+        let name = &self.channels[channel].name;
+        for group in self.groups.iter_mut().filter(|group| group.channels.contains(name)) {
+            (group.estimate, group.exponent) = (None, None);
+        }
+    }
+}
+
 impl GroupReport {
     /// Its channels, as people name them.
     pub fn names(&self) -> String {

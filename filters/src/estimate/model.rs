@@ -38,8 +38,10 @@ const WIDEST: f64 = 1.4;
 /// Standard deviation over the mean of how many pixels each sample is the nearest of, beyond which samples lie unevenly: at 20 % it is 0.19 for the
 /// shuffle and 0.23 for blue noise, 0.29 to 0.48 after a second pass of a quarter of them, 0.5 at random, 0.7 to 1.3 for samples chosen in rounds.
 const UNEVEN: f64 = 0.26;
-/// Share of the exponent that holds between a sample and the missing pixels around it where samples lie unevenly.
+/// Share of the exponent that holds between a sample and the missing pixels around it where samples were put where errors are, in rounds.
 const CHOSEN: f64 = 0.45;
+/// How much more unevenly than others samples lie where all of this share is taken, as after some rounds; after a second pass it is more.
+const CHOSEN_UNEVEN: f64 = 0.5;
 /// The rest, there.
 const CHOSEN_REST: f64 = 0.25;
 /// Neighbours whose spread is compared with the error.
@@ -110,8 +112,10 @@ pub struct Model {
     exponent_off: f64,
     held: Vec<Error>,
     missing: Vec<Error>,
-    /// Where samples lie unevenly: missing pixels that a held-out sample is the nearest of, with its place in `held`.
+    /// Where samples were put where errors are: missing pixels that a held-out sample is the nearest of, with its place in `held`.
     owned: Option<Vec<(u32, f32)>>,
+    /// Share of the exponent that holds between these and their sample.
+    share: f64,
     /// All missing pixels.
     all_missing: usize,
 }
@@ -151,15 +155,16 @@ impl Model {
             .zip(variance.all(&places, &pixels))
             .map(|(&pixel, v)| Error { pixel, squared: 0.0, ln_variance: v.ln(), weight: 1.0 })
             .collect();
-        let owned = cells.uneven.then(|| {
+        let owned = (cells.is_uneven() && cells.are_where_errors_are(&held)).then(|| {
             let owned = cells.owned(mask, &held, seed);
             let pixels: Vec<u32> = owned.iter().map(|owned| owned.1).collect();
             owned.iter().zip(variance.all(&places, &pixels)).map(|(owned, v)| (owned.0, v.ln())).collect()
         });
         let (exponent, exponent_off) = exponent(evidence, truth, &places);
         let floor = rounding(truth, mask);
+        let share = cells.share();
         let mask = Arc::clone(mask);
-        Self { mask, variance, floor, exponent, exponent_off, held, missing, owned, all_missing }
+        Self { mask, variance, floor, exponent, exponent_off, held, missing, owned, share, all_missing }
     }
 
     /// The exponent of the variance: about 2 where shading is smooth, 0.6 where edges decide, 0 where noise does.
@@ -244,20 +249,20 @@ impl Model {
         (grid, cell)
     }
 
-    /// What cells add to the squared error of the missing pixels, where samples lie unevenly: each held-out sample speaks for the pixels that
-    /// it is the nearest of, with `e^2 (v' / v)^p`.
+    /// What cells add to the squared error of the missing pixels, where samples were put where errors are: each held-out sample speaks for the
+    /// pixels that it is the nearest of, with `e^2 (v' / v)^p`.
     fn by_sample(&self, owned: &[(u32, f32)], exponent: f64) -> Vec<f64> {
         let (grid, cell) = self.grid();
         let mut parts = vec![0.0; grid.rows * grid.columns];
         for &(owner, ln_variance) in owned {
             let error = &self.held[owner as usize];
-            let power = (f64::from(ln_variance - error.ln_variance) * CHOSEN * exponent).exp();
+            let power = (f64::from(ln_variance - error.ln_variance) * self.share * exponent).exp();
             parts[cell(error.pixel)] += f64::from(error.squared) * power;
         }
         parts
     }
 
-    /// The same for samples that lie evenly: in each cell and those around it the factor is `sum e^2 / sum v^p` over held-out samples.
+    /// The same for other samples: in each cell and those around it the factor is `sum e^2 / sum v^p` over held-out samples.
     fn by_place(&self, exponent: f64) -> Vec<f64> {
         let (grid, cell) = self.grid();
         let mut cells = vec![[0.0_f64; 3]; grid.rows * grid.columns];
@@ -294,9 +299,8 @@ struct Cells {
     map: Option<NearestMap>,
     /// How many they are, and 1 for itself; 0 at missing pixels.
     counts: Vec<f32>,
-    /// Whether samples lie unevenly: those that were put where errors are stand close together there, and must not speak for the rest of the
-    /// image.
-    uneven: bool,
+    /// Standard deviation of the counts over their mean.
+    variation: f64,
 }
 
 impl Cells {
@@ -309,13 +313,33 @@ impl Cells {
         let squares: f64 = counts.iter().map(|&count| f64::from(count).powi(2)).sum();
         let mean = mask.density().recip();
         let variation = (squares / mask.count().max(1) as f64 / (mean * mean) - 1.0).max(0.0).sqrt();
-        Self { map, counts, uneven: variation > UNEVEN }
+        Self { map, counts, variation }
+    }
+
+    /// Whether samples lie unevenly: those that stand close together must not speak for the rest of the image.
+    fn is_uneven(&self) -> bool {
+        self.variation > UNEVEN
+    }
+
+    /// Share of the exponent: from all of it to [`CHOSEN`].
+    fn share(&self) -> f64 {
+        1.0 - (1.0 - CHOSEN) * ((self.variation - UNEVEN) / CHOSEN_UNEVEN).clamp(0.0, 1.0)
     }
 
     /// What a sample counts for: where they lie unevenly the root of its missing pixels. (By their number those at the rim of a dense place count
     /// too little.)
     fn weight(&self, sample: u32) -> f32 {
-        if self.uneven { (self.counts[sample as usize] - 1.0).max(0.0).sqrt() } else { 1.0 }
+        if self.is_uneven() { (self.counts[sample as usize] - 1.0).max(0.0).sqrt() } else { 1.0 }
+    }
+
+    /// Whether errors are larger where samples lie close together, which of itself makes them smaller.
+    fn are_where_errors_are(&self, held: &[Error]) -> bool {
+        let mut held: Vec<(f32, f32)> =
+            held.iter().map(|error| (self.counts[error.pixel as usize], error.squared)).collect();
+        held.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (close, wide) = held.split_at(held.len() / 2);
+        let sum = |half: &[(f32, f32)]| half.iter().map(|(_, squared)| f64::from(*squared)).sum::<f64>();
+        sum(close) > sum(wide)
     }
 
     /// Missing pixels whose nearest sample was held out: its place in `held`, and the pixel.

@@ -23,8 +23,10 @@ pub fn of(job: &Job, records: &[Record]) -> Vec<String> {
     let count = filled.iter().filter(noisy).count();
     if job.noise == NoiseSource::None && count > 0 {
         let which =
-            if filled.len() == 1 { "it looks".into() } else { format!("{count} of {} look", filled.len()) };
-        hints.push(format!("{which} noisy, and measured pixels keep their noise: --noise auto smooths them"));
+            if filled.len() == 1 { "it has".into() } else { format!("{count} of {} have", filled.len()) };
+        hints.push(format!(
+            "{which} noise, or detail finer than the samples: noise is kept; --noise auto tells which, and smooths noise"
+        ));
     }
     let numbered = filled.iter().filter(|record| record.frame.is_some()).count();
     if job.temporal.window == Window::None && numbered >= SEQUENCE && job.method.name() == "auto" {

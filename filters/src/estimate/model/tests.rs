@@ -70,6 +70,36 @@ fn methods_know_how_wrong_they_are() {
     }
 }
 
+/// Few samples everywhere, and many along edges.
+fn chosen(truth: &Planes, seed: u64) -> Arc<Mask> {
+    let plane = &truth.as_slice()[0];
+    let Size { height, width } = plane.size();
+    let is_edge = |y: usize, x: usize| {
+        let (low, high) =
+            ((y.saturating_sub(2), x.saturating_sub(2)), ((y + 2).min(height - 1), (x + 2).min(width - 1)));
+        (plane.at(low.0, low.1) - plane.at(high.0, high.1)).abs() > 0.3
+            || (plane.at(low.0, high.1) - plane.at(high.0, low.1)).abs() > 0.3
+    };
+    let share = |y, x| if is_edge(y, x) { 0.5 } else { 0.08 };
+    let chance = |y: usize, x: usize| hash(seed, (y * width + x) as u64) as f64 / u64::MAX as f64;
+    Arc::new(Mask::from_fn(plane.size(), |y, x| chance(y, x) < share(y, x)))
+}
+
+#[test]
+fn samples_that_were_put_where_errors_are_do_not_speak_for_all() {
+    let truth = scene(Size::new(150, 180));
+    for seed in 1..5 {
+        let (filter, mask) = (ss::Settings::default(), chosen(&truth, seed));
+        let model = learn(&filter, Kind::Spline, &truth, &mask);
+        assert!(model.owned.is_some(), "{seed}");
+        let Verdict::Estimate(found) = model.verdict() else { panic!("{:?}", model.verdict()) };
+        let off = 20.0 * (found.rmse / truly(&truth, &fill(&filter, &truth, &mask), &mask)).log10();
+        assert!(off.abs() < 3.0, "{seed}: {off} dB");
+    }
+    let random = masks(truth.size()).swap_remove(1);
+    assert!(learn(&ss::Settings::default(), Kind::Spline, &truth, &random).owned.is_none());
+}
+
 #[test]
 fn what_cannot_be_told_is_not() {
     let size = Size::new(40, 40);
