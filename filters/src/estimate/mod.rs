@@ -23,12 +23,13 @@
 //! Cost: two fills (up to eleven where there are few samples), the four nearest samples of each held-out one and of 40000 missing pixels.
 //! The plane: the nearest samples of every missing pixel, and four blurs. Memory: six planes.
 //!
-//! Where samples lie unevenly those that stand close together must not speak for all: `m` is the root of the number of missing pixels that a
-//! sample is the nearest of (by the number itself those at the rim of a dense place count too little), else 1. Where they were put where errors
-//! are, in a second pass or in rounds, each held-out sample speaks for these pixels, with `e^2 (v' / v)^(0.45 p)`, `v'` the variance of such a pixel, and the interval
-//! is wider; after a second pass, which puts fewer there, the power is larger, up to `p`. The power was chosen on renders of nine volumes, 400 x 400 pixels, 5, 10 and 20 % in rounds, by `ss`: by `p` itself estimates were up
-//! to 3.5 dB too good, without `v' / v` up to 3.7 dB too bad;
-//! that after a second pass on crops of five other renders.
+//! Samples that stand close together must not speak for all of the image. Where samples lie unevenly, `m` is the root of the number of missing
+//! pixels that a sample is the nearest of (by the number itself those at the rim of a dense place count too little); elsewhere it is 1.
+//! Where errors are larger in dense places than in others, samples were put where errors are, in a second pass or in rounds: then each
+//! held-out sample speaks for the missing pixels that it is the nearest of, with `e^2 (v' / v)^(s p)`, `v'` the variance of such a pixel, and
+//! the interval is wider. The share `s` falls from 1 to 0.45 the more unevenly samples lie. 0.45 was chosen on renders of nine volumes (400 x 400
+//! pixels, 5, 10 and 20 % in rounds, by `ss`): there `s = 1` was up to 3.5 dB too good, `s = 0` up to 3.7 dB too bad. How fast it falls was
+//! chosen on crops of five other renders, after a second pass.
 //!
 //! Fails: details that no sample has seen anywhere; in part, samples that were chosen by what they show;
 //! a method whose error at a sample is not that beside it (one that smooths its samples). Noise is taken for detail in part:

@@ -40,7 +40,7 @@ const WIDEST: f64 = 1.4;
 const UNEVEN: f64 = 0.26;
 /// Share of the exponent that holds between a sample and the missing pixels around it where samples were put where errors are, in rounds.
 const CHOSEN: f64 = 0.45;
-/// How much more unevenly than others samples lie where all of this share is taken, as after some rounds; after a second pass it is more.
+/// By how much unevenness exceeds [`UNEVEN`] where the share has fallen from 1 to [`CHOSEN`], as after some rounds.
 const CHOSEN_UNEVEN: f64 = 0.5;
 /// The rest, there.
 const CHOSEN_REST: f64 = 0.25;
