@@ -190,14 +190,14 @@ impl Eye {
             let lightness = per_pixel(lightness, |y| (y + 16.0) / 116.0);
             let smoothed = horizontal(&lightness, smooth);
             [edge, point].map(|taps| {
-                let mut length = vertical(&horizontal(&lightness, taps), smooth);
+                let mut lengths = vertical(&horizontal(&lightness, taps), smooth);
                 let along_y = vertical(&smoothed, taps);
-                length
+                lengths
                     .pixels_mut()
                     .par_iter_mut()
                     .zip(along_y.pixels())
-                    .for_each(|(dx, dy)| *dx = dx.hypot(*dy));
-                length
+                    .for_each(|(dx, dy)| *dx = length(*dx, *dy));
+                lengths
             })
         };
         let ([edges, points], [test_edges, test_points]) = (detect(reference), detect(test));
@@ -288,7 +288,13 @@ fn feature(pixels_per_degree: f64) -> [Vec<f32>; 3] {
 
 /// Distance of lightness plus distance of chroma.
 fn hyab(a: [f32; 3], b: [f32; 3]) -> f32 {
-    (a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])
+    (a[0] - b[0]).abs() + length(a[1] - b[1], a[2] - b[2])
+}
+
+/// Length of a vector. The bits of the C library's `hypotf`, without a call for every pixel.
+fn length(x: f32, y: f32) -> f32 {
+    let square = |value: f32| f64::from(value) * f64::from(value);
+    (square(x) + square(y)).sqrt() as f32
 }
 
 /// Colour distances to 0 to 1, most of the range for the small ones.

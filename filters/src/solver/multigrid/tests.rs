@@ -12,6 +12,15 @@ fn noise(i: usize, j: usize, seed: usize) -> f64 {
 }
 
 fn grids(window: Window, size: Size, density: f64, pull: bool) -> Multigrid<f64> {
+    grids_of(window, size, |i, j| noise(i, j, 0) < density, pull)
+}
+
+fn grids_of(
+    window: Window,
+    size: Size,
+    measured: impl Fn(usize, usize) -> bool,
+    pull: bool,
+) -> Multigrid<f64> {
     let form = Form::new(Kernel::Bspline, 2, 0.03);
     let (mut tall, mut wide, mut spacing) = (size.height, size.width, 1.0);
     let mut matrix = |level: usize| {
@@ -23,7 +32,7 @@ fn grids(window: Window, size: Size, density: f64, pull: bool) -> Multigrid<f64>
     let (mut free, mut d) = (window.zeros(), window.zeros());
     for i in 0..window.height {
         for j in 0..window.width {
-            let measured = noise(i, j, 0) < density;
+            let measured = measured(i, j);
             free[window.at(i, j)] = if measured && !pull { 0.0 } else { 1.0 };
             d[window.at(i, j)] = if measured { 10.0 } else { 0.0 };
         }
@@ -150,6 +159,23 @@ fn conjugate_gradients_converge_at_any_density() {
         let ending = conjugate::solve(&grids, &mut workspace, goal, &Run::default());
         assert_eq!(ending.stop, Stop::Converged);
         assert!(ending.iterations <= 15, "density {density}: {}", ending.iterations);
+    }
+}
+
+/// So do they where samples are clustered, wherever that is.
+#[test]
+fn conjugate_gradients_converge_beside_clusters() {
+    let window = Window { y: 0, x: 0, height: 330, width: 420 };
+    for (y, x) in [(40.0, 60.0), (160.0, 210.0), (300.0, 380.0)] {
+        let near = |i: usize, j: usize| (i as f64 - y).hypot(j as f64 - x) < 30.0;
+        let measured = |i: usize, j: usize| noise(i, j, 0) < if near(i, j) { 0.6 } else { 0.01 };
+        let grids = grids_of(window, Size::new(330, 420), measured, false);
+        let mut workspace = grids.workspace();
+        workspace.residual().1.copy_from_slice(&image(&grids, 3));
+        let goal = Goal { tolerance: 0.0, error: 0.0, least: None, gain: 1e-6, spare: 0.0, patience: 3 };
+        let ending = conjugate::solve(&grids, &mut workspace, goal, &Run::default());
+        assert_eq!(ending.stop, Stop::Converged, "({y}, {x})");
+        assert!(ending.iterations <= 20, "({y}, {x}): {}", ending.iterations);
     }
 }
 
