@@ -17,7 +17,7 @@ pub struct AdaptiveArgs {
     #[arg(long, value_name = "N", requires = "adaptive", value_parser = one_or_more, default_value_t = ROUNDS as u32)]
     rounds: u32,
 
-    /// Density of the first round [default: 0.3 of --density, but 0.02 or half of it]
+    /// Density of the first round [default: 0.2 of --density]
     #[arg(long, value_name = "D", requires = "adaptive", value_parser = fraction, allow_hyphen_values = true)]
     first: Option<f64>,
 

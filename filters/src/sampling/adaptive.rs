@@ -13,6 +13,8 @@
 //! Values enter as `refine` has them: linear to 1, logarithmic above. The mask depends on the values that `measure` returns, on the
 //! settings and on the field, not on the number of threads.
 //!
+//! Rounds, the share of the first and the powers of `refine` were chosen on five volume renders and two path-traced frames at 5, 10 and 20 %.
+//!
 //! Cost: a fill and an application of its energy a round. Fails: on noisy samples, and on what the first round passes over: what lies
 //! between its samples and does not show at them is only found by chance.
 
@@ -24,7 +26,9 @@ use crate::variational::ss;
 use crate::{Error, Mask, Planes, Run};
 
 /// Rounds, if nothing else is asked for.
-pub const ROUNDS: usize = 5;
+pub const ROUNDS: usize = 8;
+/// Share of the pixels that the first round takes, if nothing else is asked for.
+const FIRST: f64 = 0.2;
 /// One new pixel in so many is taken by the shuffle's order.
 const EXPLORE: usize = 64;
 /// New pixels of an octave that say as much as any more.
@@ -47,11 +51,9 @@ pub struct Settings {
     pub seed: u64,
 }
 
-/// The density of the first round where only that of all is given.
-///
-/// 0.3 of it, but enough to be near everything: 2 % of the pixels, or half of all that are measured.
+/// The density of the first round where only that of all is given: a fifth of it.
 pub fn first_of(density: f64) -> f64 {
-    (0.3 * density).max((0.5 * density).min(0.02))
+    FIRST * density
 }
 
 /// A round that was measured.
