@@ -15,7 +15,8 @@
 //! first try the candidates on tiles that are spread over them (`trial`). Guides that take half of the squared error of `ss` away, by their own
 //! left-out samples, are taken alone.
 //!
-//! Algorithm: samples are held out in folds ([`crate::estimate::Folds`]), which also say how wrong the result is. `A` is summed in cells of half
+//! Algorithm: samples are held out in folds ([`crate::estimate::Folds`]), which also say how wrong the result is, each part of them by weights
+//! that the others teach. `A` is summed in cells of half
 //! the Gaussian's width; in each the small quadratic problem is solved by trying all sets of candidates (`weights`). Between cells weights are
 //! interpolated linearly. Measured pixels keep their bits.
 //!
@@ -87,11 +88,11 @@ impl Configured for Settings {
 }
 
 /// What is chosen from; guides come besides. The first is what the others are held against where nothing is known.
-fn candidates() -> [(&'static str, Box<dyn Filter>); 3] {
+fn candidates() -> [(&'static Descriptor, Box<dyn Filter>); 3] {
     [
-        ("ss", Box::new(ss::Settings::default())),
-        ("edge", Box::new(edge::Settings::default())),
-        ("tv", Box::new(tv::Settings::default())),
+        (&ss::DESCRIPTOR, Box::new(ss::Settings::default())),
+        (&edge::DESCRIPTOR, Box::new(edge::Settings::default())),
+        (&tv::DESCRIPTOR, Box::new(tv::Settings::default())),
     ]
 }
 
@@ -145,6 +146,8 @@ impl Plan for Blend {
 /// One way to fill, on any mask.
 struct Candidate<'a> {
     name: &'static str,
+    /// The variance that goes with it.
+    kind: Kind,
     filter: Box<dyn Filter>,
     guides: Option<&'a Guides>,
     /// Its image, where that is known already.
@@ -152,6 +155,11 @@ struct Candidate<'a> {
 }
 
 impl Candidate<'_> {
+    fn of((descriptor, filter): (&'static Descriptor, Box<dyn Filter>)) -> Self {
+        let kind = descriptor.held_out.unwrap_or(Kind::Spline);
+        Self { name: descriptor.name, kind, filter, guides: None, done: None }
+    }
+
     fn fill(
         &self,
         samples: &Planes,
@@ -172,7 +180,7 @@ impl Candidate<'_> {
     fn held_out(
         &self,
         (samples, mask): (&Planes, &Mask),
-        (folds, parts, kind): (Folds, Range<u64>, Option<Kind>),
+        (folds, parts): (Folds, Range<u64>),
         run: &Run<'_>,
     ) -> Result<HeldOut, Error> {
         let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
@@ -180,7 +188,7 @@ impl Candidate<'_> {
             self.fill(samples, kept, &mut out, run)?;
             Ok(out)
         };
-        HeldOut::new((samples, mask), (folds, [parts.clone(), parts]), kind, &mut fill)
+        HeldOut::new((samples, mask), (folds, [parts.clone(), parts]), None, &mut fill)
     }
 }
 
@@ -205,13 +213,7 @@ impl Blend {
         let enough = |guided: &Candidate<'_>| {
             guided.done.as_ref().and_then(|done| done.2.gain).is_some_and(|gain| gain >= ENOUGH)
         };
-        let all = candidates().into_iter().map(|(name, filter)| Candidate {
-            name,
-            filter,
-            guides: None,
-            done: None,
-        });
-        let mut all: Vec<Candidate<'_>> = all.collect();
+        let mut all: Vec<Candidate<'_>> = candidates().into_iter().map(Candidate::of).collect();
         if guided.as_ref().is_some_and(enough) {
             all.clear();
         } else {
@@ -222,14 +224,18 @@ impl Blend {
         all.extend(guided.filter(|guided| guided.done.as_ref().is_some_and(|done| done.2.gain.is_some())));
         let mut held = Vec::new();
         if all.len() > 1 || learn {
-            held = self.held_out(&mut all, samples, learn.then_some(Kind::Spline), run)?;
+            held = self.held_out(&mut all, samples, run)?;
         }
         if run.interrupted().is_some() {
             return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
         }
         let weights = Weights::new(&self.mask, samples, &held);
         let (mut outcome, mut effect) = blend(&mut all, &weights, (samples, &self.mask), out, run)?;
-        let mut near = weights.of_held_out(&held);
+        let learned = |held: &[HeldOut]| Weights::new(&self.mask, samples, held);
+        let mut near = match weights.alone() {
+            Some(_) => weights.of_held_out(&held),
+            None => Weights::crossed(&held, &learned),
+        };
         if carried.iter().any(|carried| !carried.is_empty()) {
             let along = along::pulled(self, (&mut all, &weights), (samples, carried), out, run)?;
             if let Some(along) = along {
@@ -249,32 +255,22 @@ impl Blend {
         Ok((outcome, effect))
     }
 
-    /// What the candidates predict at held-out samples, with variances for the first if a kind is named. Those that a first fold of many shows to
-    /// count for nothing are left out.
+    /// What the candidates predict at held-out samples. Those that a first fold of many shows to count for nothing are left out.
     fn held_out(
         &self,
         all: &mut Vec<Candidate<'_>>,
         samples: &Planes,
-        kind: Option<Kind>,
         run: &Run<'_>,
     ) -> Result<Vec<HeldOut>, Error> {
         let mut held = vec![HeldOut::default(); all.len()];
         for parts in self.folds.near(self.mask.count()) {
-            for (k, (candidate, held)) in all.iter().zip(&mut held).enumerate() {
-                let kind = kind.filter(|_| k == 0);
-                held.extend(candidate.held_out(
-                    (samples, &self.mask),
-                    (self.folds, parts.clone(), kind),
-                    run,
-                )?);
+            for (candidate, held) in all.iter().zip(&mut held) {
+                held.extend(candidate.held_out((samples, &self.mask), (self.folds, parts.clone()), run)?);
             }
             if parts.start == 0 && all.len() > 1 && held[0].at.len() >= DECIDE {
                 let weights = Weights::new(&self.mask, samples, &held);
-                // They are those of the pattern, whoever predicts.
-                let variance = std::mem::take(&mut held[0].variance);
                 let both = std::mem::take(all).into_iter().zip(std::mem::take(&mut held)).enumerate();
                 (*all, held) = both.filter(|(k, _)| weights.counts(*k)).map(|(_, both)| both).unzip();
-                held[0].variance = variance;
             }
         }
         Ok(held)
@@ -288,7 +284,8 @@ impl Blend {
         run: &Run<'_>,
     ) -> Result<Candidate<'a>, Error> {
         let filter = Box::new(ss::Settings::default());
-        let mut guided = Candidate { name: "guided", filter, guides: Some(guides), done: None };
+        let mut guided =
+            Candidate { name: "guided", kind: Kind::Spline, filter, guides: Some(guides), done: None };
         let mut out = Planes::zeros(samples.size(), samples.len());
         let (outcome, effect) = guided.fill(samples, &self.mask, &mut out, run)?;
         guided.done = Some((out, outcome, effect));
@@ -305,16 +302,17 @@ impl Blend {
         run: &Run<'_>,
     ) -> Result<Evidence, Error> {
         let most = (0..all.len()).max_by(|&a, &b| weights.share(a).total_cmp(&weights.share(b))).unwrap_or(0);
-        let mut shallow = held.swap_remove(most);
-        shallow.variance.clone_from(&near.variance);
+        let kind = all[most].kind;
+        let near = near.with_variance(&self.mask, self.folds, kind);
+        let shallow = held.swap_remove(most).with_variance(&self.mask, self.folds, kind);
         let mut alone = |samples: &Planes, kept: &Arc<Mask>| {
             let mut out = Planes::zeros(samples.size(), samples.len());
             all[most].fill(samples, kept, &mut out, run)?;
             Ok(out)
         };
         let depth = self.folds.deep(self.mask.count());
-        let deep = HeldOut::new((samples, &self.mask), depth, Some(Kind::Spline), &mut alone)?;
-        Ok(Evidence::new(Kind::Spline, self.folds, &near, &shallow, &deep))
+        let deep = HeldOut::new((samples, &self.mask), depth, Some(kind), &mut alone)?;
+        Ok(Evidence::new(kind, self.folds, &near, &shallow, &deep))
     }
 }
 

@@ -108,7 +108,7 @@ pub fn pulled(
         crate::fill::restore(&own.mask, samples, out);
     }
     let share = 1.0 - weights.share(0);
-    Ok(Some(Along { outcome, share, gain: Some(gain), held: weights.of_held_out(&held) }))
+    Ok(Some(Along { outcome, share, gain: Some(gain), held: Weights::crossed(&held, &learn) }))
 }
 
 /// The part of the squared error that a blend takes away, whose weights half of what was held out learns for the other half: what chance alone

@@ -102,9 +102,7 @@ fn large_images_try_candidates_on_tiles() {
     let field = Place { x: 0, y: 0, size };
     let mask = Arc::new(generate(Pattern::Shuffle, field, 0.2, 3, Temporal::Fixed, 0).unwrap());
     let truth = Planes::new(size, vec![Plane::from_fn(size, smooth)]).unwrap();
-    let all: Vec<Candidate<'_>> = { candidates().into_iter() }
-        .map(|(name, filter)| Candidate { name, filter, guides: None, done: None })
-        .collect();
+    let all: Vec<Candidate<'_>> = { candidates().into_iter() }.map(Candidate::of).collect();
     let run = Run::default();
     let found = trial::worth_trying(&all, (&truth, &mask), Folds::default(), &run).unwrap();
     assert!(!found.contains(&"tv") && !found.is_empty(), "{found:?}");

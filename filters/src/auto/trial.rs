@@ -53,9 +53,7 @@ pub fn worth_trying(
     let mut held = vec![HeldOut::default(); candidates.len()];
     for parts in folds.near(tiles.count()) {
         for (candidate, held) in candidates.iter().zip(&mut held) {
-            held.extend(
-                candidate.held_out((&planes, &tiles), (folds, parts.clone(), None), run)?.sorted(judged),
-            );
+            held.extend(candidate.held_out((&planes, &tiles), (folds, parts.clone()), run)?.sorted(judged));
         }
         if held.first().is_none_or(|held| held.at.len() >= super::DECIDE) {
             break;

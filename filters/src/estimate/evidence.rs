@@ -98,6 +98,23 @@ impl HeldOut {
         Ok(Self { predicted: pick(&filled, &at), at, variance })
     }
 
+    /// The same, in the order of rows, with the variances that go with folds that are held out one at a time.
+    #[must_use]
+    pub fn with_variance(&self, mask: &Mask, folds: Folds, kind: Kind) -> Self {
+        let mut own = self.sorted(|_| true);
+        own.variance = vec![f32::NAN; own.at.len()];
+        for parts in folds.near(mask.count()) {
+            let of = |k: &usize| parts.contains(&folds.part(own.at[*k] as usize));
+            let which: Vec<usize> = (0..own.at.len()).filter(of).collect();
+            let pixels: Vec<u32> = which.iter().map(|&k| own.at[k]).collect();
+            let kept = folds.without(mask, &parts);
+            let places = Places::new(&kept, |_| true);
+            let variance = Variance::new(kind, &kept, &places, folds.seed).all(&places, &pixels);
+            which.into_iter().zip(variance).for_each(|(k, v)| own.variance[k] = v);
+        }
+        own
+    }
+
     /// Adds what was predicted elsewhere.
     pub fn extend(&mut self, other: Self) {
         self.at.extend(other.at);

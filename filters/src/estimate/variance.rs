@@ -5,6 +5,7 @@
 //! - [`Kind::Spline`]: `v = a d_1^b1 d_2^b2 d_3^b3 d_4^b4`, the variance of [`super::kriging`] as the mask itself shows it: the five numbers
 //!   are fitted in logarithms to some hundreds of pixels, where 16 neighbours were solved for. Off by 3 % (low discrepancy) to 14 % (random masks of 5 %).
 //! - [`Kind::Distance`]: `v` is the mean of `d_1^2`, `d_2^2`, `d_3^2`: for methods that do not gain from samples on all sides as splines do.
+//! - [`Kind::Density`]: `v` is the mean of `d_1^2` to `d_5^2`: for methods that gain from many samples, but not from a near one.
 
 use lacuna_core::parallel::prelude::*;
 
@@ -21,9 +22,26 @@ pub enum Kind {
     Spline,
     /// The mean squared distance to three samples.
     Distance,
+    /// The mean squared distance to five samples.
+    Density,
 }
 
-/// Distances that count.
+impl Kind {
+    /// Distances of which the mean is taken; none where the mask itself shows the variance.
+    const fn distances(self) -> Option<usize> {
+        match self {
+            Self::Spline => None,
+            Self::Distance => Some(FEW),
+            Self::Density => Some(MOST),
+        }
+    }
+}
+
+/// Distances that count where few do.
+const FEW: usize = 3;
+/// Distances that count at most.
+const MOST: usize = 5;
+/// Those that count where the mask shows the variance.
 const DISTANCES: usize = 4;
 /// Coefficients.
 const TERMS: usize = DISTANCES + 1;
@@ -34,25 +52,26 @@ const FITTED: usize = 500;
 #[derive(Clone, Debug)]
 pub struct Variance {
     size: Size,
-    /// Logarithm of the factor and the powers of squared distances; nothing for [`Kind::Distance`].
+    /// Logarithm of the factor and the powers of squared distances; nothing where the mean of distances is taken.
     fitted: Option<[f64; TERMS]>,
+    /// Distances that count.
+    count: usize,
 }
 
 impl Variance {
     /// Fits the variance to a mask. One whose samples do not determine it (fewer than four, all on lines) gets that of distances.
     pub fn new(kind: Kind, mask: &Mask, places: &Places, seed: u64) -> Self {
-        let fitted = (kind == Kind::Spline).then(|| fit(mask, places, seed)).flatten();
-        Self { size: mask.size(), fitted }
+        let count = kind.distances();
+        let fitted = if count.is_none() { fit(mask, places, seed) } else { None };
+        let of_distances = count.unwrap_or(FEW);
+        Self { size: mask.size(), fitted, count: if fitted.is_some() { DISTANCES } else { of_distances } }
     }
 
     /// The variance of a pixel, from the samples other than itself.
     pub fn at(&self, places: &Places, pixel: usize) -> f32 {
-        let mut found = [Near::default(); DISTANCES];
+        let mut found = [Near::default(); MOST];
         let place = (pixel / self.size.width, pixel % self.size.width);
-        let count = match self.fitted {
-            Some(_) => places.nearest(place, &mut found),
-            None => places.nearest(place, &mut found[..3]),
-        };
+        let count = places.nearest(place, &mut found[..self.count]);
         self.of(&found[..count])
     }
 
@@ -69,7 +88,7 @@ impl Variance {
                 let sum: f32 = (0..DISTANCES).map(|k| fitted[k + 1] as f32 * squared(k).ln()).sum();
                 (fitted[0] as f32 + sum).exp()
             }
-            None => (0..3).map(squared).sum::<f32>() / 3.0,
+            None => (0..self.count).map(squared).sum::<f32>() / self.count as f32,
         }
     }
 }

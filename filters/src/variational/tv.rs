@@ -153,7 +153,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     each: 28,
     takes: Takes { weights: true, ..Takes::NOTHING },
     restores: false,
-    held_out: Some(Kind::Distance),
+    held_out: Some(Kind::Density),
     new: || Box::new(Settings::default()),
 };
 
