@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use lacuna_exr::Frame;
+use lacuna_exr::{Frame, Part};
 
 use crate::files::error::PlanError;
 use crate::files::identity::Sources;
@@ -22,7 +22,7 @@ use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::console::{Console, Verbosity};
 use crate::run::record::{Heading, Record};
 use crate::run::{batch, memory, outputs};
-use crate::verify::Claims;
+use crate::verify::{Claims, claimed_density};
 
 /// Frames to be compared.
 #[derive(Clone, Debug, PartialEq)]
@@ -224,7 +224,7 @@ impl<'a> Compare<'a> {
                 "only the reference was filled by lacuna, and it comes first: are the two swapped?"
             );
         }
-        let masks = self.mask_of(item, &reference, &test, limits)?;
+        let (masks, unknown) = self.mask_of(item, &reference, &test, limits)?;
         record.density = masks.as_ref().and_then(Masks::density);
         let index = self.index(item);
         let mut seen = Seen::default();
@@ -239,7 +239,8 @@ impl<'a> Compare<'a> {
                 seen.look(images, &self.job.outputs, self.items.len());
             })
         });
-        let compared = compared.map_err(|error| Failure::at(&item.output, error))?;
+        let mut compared = compared.map_err(|error| Failure::at(&item.output, error))?;
+        compared.notes.extend(unknown);
         for note in &compared.notes {
             tracing::warn!("{note}");
         }
@@ -263,14 +264,14 @@ impl<'a> Compare<'a> {
     }
 
     /// The mask: the one asked for, in the test image or else in the reference; if none was asked for, what the test
-    /// image says, where it says anything.
+    /// image says, where it says anything. A filled image whose mask is not to be had is compared without, and why is told.
     fn mask_of(
         &self,
         item: &Item,
         reference: &Frame,
         test: &Frame,
         limits: lacuna_exr::Limits,
-    ) -> Result<Option<Masks>, Failure> {
+    ) -> Result<(Option<Masks>, Option<String>), Failure> {
         let claims = Claims::read(test);
         let source = self.job.mask.as_ref().unwrap_or(&claims.mask);
         let path = match (&item.mask, source) {
@@ -287,8 +288,15 @@ impl<'a> Compare<'a> {
             found.map_err(|error| Failure::at(&item.output, error))
         });
         match found {
-            Ok(masks) => Ok(Some(masks)),
-            Err(_) if self.job.mask.is_none() => Ok(None),
+            Ok(masks) if self.job.mask.is_none() && !shows_still(source, test, &masks) => {
+                let why = format!("was '{source}', which a filled frame does not show");
+                Ok((None, Some(apart(&why))))
+            }
+            Ok(masks) => Ok((Some(masks), None)),
+            Err(failure) if self.job.mask.is_none() => {
+                let claimed = !claims.filter.is_empty() && *source != Source::Auto;
+                Ok((None, claimed.then(|| apart(&format!("is '{source}' ({})", failure.text)))))
+            }
             Err(failure) => Err(failure),
         }
     }
@@ -366,6 +374,21 @@ impl Seen {
             self.maps.add(images);
         }
     }
+}
+
+/// That nothing is said of missing pixels alone, and why.
+fn apart(why: &str) -> String {
+    format!("nothing is said of the missing pixels alone: their mask {why}; name it with --mask")
+}
+
+/// Whether a mask that was read from values is still what a filled image says that it was.
+fn shows_still(source: &Source, filled: &Frame, masks: &Masks) -> bool {
+    let by_values = matches!(source, Source::Alpha | Source::Finite | Source::Count { .. });
+    let same = |(index, part): (usize, &Part)| match (claimed_density(part), masks.part_density(index)) {
+        (Some(claimed), Some(found)) => claimed.to_bits() == (found as f32).to_bits(),
+        _ => true,
+    };
+    !by_values || filled.parts.iter().enumerate().all(same)
 }
 
 /// Keeps every pixel of the worst frames only, as many as a page holds; which those are does not depend on the order of frames.

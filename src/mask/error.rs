@@ -6,7 +6,7 @@
 pub enum Error {
     /// `auto` found nothing.
     #[error(
-        "no sampling mask found (no attribute lacuna/mask, no channel mask, no LAYER.mask of 0 and 1): \
+        "no sampling mask found (no channel that the attribute lacuna/mask names, no channel mask, no LAYER.mask of 0 and 1): \
              name one with --mask; channels are {channels}{}",
         hint.as_ref().map(|hint| format!("; {hint}")).unwrap_or_default()
     )]

@@ -75,7 +75,10 @@ fn auto(frame: &Frame) -> Result<Masks, Error> {
     } else if !layered.is_empty() {
         from_channels(frame, &layered, true, Source::Auto.to_string(), at_least_half)
     } else {
-        return Err(Error::NotFound { channels: list_channels(frame), hint: nan_hint(frame) });
+        return Err(Error::NotFound {
+            channels: list_channels(frame),
+            hint: file_hint(frame).or_else(|| nan_hint(frame)),
+        });
     };
     if is_matte(frame, &masks) {
         return Ok(without_matte(frame, &masks));
@@ -100,6 +103,18 @@ fn without_matte(frame: &Frame, masks: &Masks) -> Masks {
         names.first().map_or("mask", String::as_str)
     );
     Masks { notes: vec![note], ..Masks::complete(frame) }
+}
+
+/// What is to be said where no mask was found but the frame was filled by one that it does not hold.
+fn file_hint(frame: &Frame) -> Option<String> {
+    let named = frame.parts.iter().find_map(|part| part.attributes.text(ATTRIBUTE))?;
+    let of_values = ["alpha", "nan"].contains(&named.as_str()) || named.starts_with("count:");
+    match named.strip_prefix("file:") {
+        Some(path) => Some(format!("the attribute {ATTRIBUTE} names the file {path}: give it with --mask {path}")),
+        None => of_values.then(|| {
+            format!("the attribute {ATTRIBUTE} says '{named}', which was told from the values before they were filled")
+        }),
+    }
 }
 
 /// What is to be said where no mask was found but many pixels, scattered, are not finite.

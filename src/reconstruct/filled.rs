@@ -48,6 +48,32 @@ fn values_at_missing(part: &Part, masks: &Masks, index: usize) -> Option<bool> {
     any
 }
 
+/// What to say of a frame in which every measured value is 0 and missing ones are not: a mask of 1 where nothing was measured leaves that.
+pub fn inverted(frame: &Frame, masks: &Masks) -> Option<String> {
+    let (mut measured, mut missing) = (false, false);
+    for (index, part) in frame.parts.iter().enumerate() {
+        for (number, channel) in part.channels.iter().enumerate() {
+            let kept = masks.is_mask_channel(index, number) || by_default(part, number).0 == Rule::Keep;
+            let Some(mask) = masks.get(index, number).filter(|mask| !kept && !mask.is_full()) else {
+                continue;
+            };
+            let values = channel.samples.as_f32();
+            let holds = |wanted: bool| {
+                let mut own = values.iter().zip(mask.as_slice()).filter(|(_, flag)| **flag == wanted);
+                own.any(|(value, _)| value.is_finite() && *value != 0.0)
+            };
+            measured |= holds(true);
+            missing |= holds(false);
+            if measured {
+                return None;
+            }
+        }
+    }
+    let text =
+        "all measured values are 0, and missing pixels have others: is the mask inverted (1 is measured)?";
+    missing.then(|| text.into())
+}
+
 /// Makes the missing pixels of a filled frame blank, so that none is taken for measured, nor a channel for complete; those that guided
 /// the fill were complete before.
 pub fn blank(frame: &mut Frame, masks: &Masks, choices: &[Vec<Choice>]) {

@@ -44,7 +44,7 @@ pub use energy::Energy;
 pub use enlarge::{Enlarge, Target, Windows, enlarge};
 pub use error::Error;
 pub use estimate::{Estimated, Gate};
-pub use filled::{blank, filled_before, filled_by, is_enlarged};
+pub use filled::{blank, filled_before, filled_by, inverted, is_enlarged};
 pub(crate) use groups::usable;
 pub use job::{Job, Kind, output_compression, parse_settings};
 use lacuna_exr::{Frame, Part};
@@ -55,7 +55,7 @@ use lacuna_filters::{Run, Stop};
 pub use noise::{NoiseError, NoiseSource};
 pub(crate) use part::measured_floats;
 pub use report::{ChannelReport, GroupReport, PartReport, Report, named};
-pub use stamp::{ADDED, DENSITY, DERIVED, FILLING, Stamp, was_cut_short};
+pub use stamp::{ADDED, DENSITY, DERIVED, FILLING, FILTER, Stamp, was_cut_short};
 pub(crate) use values::{convert, kind_for};
 pub use weights::{Weights, WeightsError};
 

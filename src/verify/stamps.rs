@@ -31,7 +31,8 @@ pub fn compare(pair: &Pair<'_>) -> Vec<Difference> {
     differences
 }
 
-fn density(part: &Part) -> Option<f32> {
+/// The density that a part claims.
+pub fn density(part: &Part) -> Option<f32> {
     let attribute = part.attributes.get(DENSITY).filter(|attribute| attribute.kind == b"float")?;
     Some(f32::from_le_bytes(attribute.value.as_slice().try_into().ok()?))
 }

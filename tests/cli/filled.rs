@@ -104,3 +104,53 @@ fn scattered_nan_without_a_mask_is_pointed_out() {
     assert!(!room.run(&["fill", "fault.exr", "-o", "out.exr"]).err.contains(hint));
     room.ok(&["fill", "nan.exr", "-o", "out.exr", "--mask", "nan"]);
 }
+
+#[test]
+fn a_frame_filled_by_a_mask_that_it_does_not_hold_says_which_to_give() {
+    let room = Room::new();
+    let third = |at: usize| at.is_multiple_of(3);
+    room.add("full.exr", &complete(|_| false));
+    room.add("in.exr", &complete(|at| !third(at)));
+    room.add("mask.exr", &with_mask(third));
+    room.ok(&["fill", "in.exr", "-o", "out.exr", "--mask", "mask.exr", "--filter", "ss"]);
+    for command in [
+        &["fill", "out.exr", "-o", "b.exr", "--again"][..],
+        &["mask", "--after", "out.exr", "-o", "b.exr", "--add", "0.1"],
+    ] {
+        let done = room.run(command);
+        assert!(done.status == 1 && done.err.contains("give it with --mask mask.exr"), "{}", done.err);
+    }
+    let apart = "nothing is said of the missing pixels alone";
+    assert!(!room.ok(&["compare", "full.exr", "out.exr"]).err.contains(apart));
+    std::fs::rename(room.path("mask.exr"), room.path("gone.exr")).unwrap();
+    let said = room.ok(&["compare", "full.exr", "out.exr"]).err;
+    assert!(said.contains(apart) && said.contains("name it with --mask"), "{said}");
+    assert!(!room.ok(&["compare", "full.exr", "out.exr", "--mask", "gone.exr"]).err.contains(apart));
+
+    // What the values said before they were filled.
+    room.ok(&["fill", "in.exr", "-o", "nan.exr", "--mask", "nan", "--filter", "ss"]);
+    let done = room.ok(&["compare", "full.exr", "nan.exr"]);
+    assert!(
+        done.err.contains(apart) && done.err.contains("'nan'") && !done.err.contains("density"),
+        "{}",
+        done.err
+    );
+    assert!(room.run(&["fill", "nan.exr", "-o", "b.exr", "--again"]).err.contains("before they were filled"));
+}
+
+#[test]
+fn a_mask_that_seems_inverted_is_warned_of() {
+    let room = Room::new();
+    let mut frame = with_mask(|at| at.is_multiple_of(3));
+    let warning = "is the mask inverted";
+    room.add("right.exr", &frame);
+    for channel in &mut frame.parts[0].channels {
+        if let Samples::Float(values) = &mut channel.samples {
+            values.iter_mut().step_by(3).for_each(|value| *value = 0.0);
+        }
+    }
+    room.add("wrong.exr", &frame);
+    let fill = |name: &str| room.ok(&["fill", name, "-o", "out.exr", "--force", "--filter", "ss"]).err;
+    assert!(!fill("right.exr").contains(warning));
+    assert!(fill("wrong.exr").contains(warning));
+}

@@ -21,7 +21,8 @@ use crate::mask::shared::MaskFiles;
 use crate::mask::{self, MaskFile, Masks, Source};
 use crate::reconstruct::shared::SharedPlans;
 use crate::reconstruct::{
-    self, Beside, Gate, GroupReport, PartReport, Report, energy, estimate, filled_before, named,
+    self, Beside, FILTER, Gate, GroupReport, PartReport, Report, energy, estimate, filled_before, inverted,
+    named,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
@@ -139,19 +140,21 @@ impl Fill<'_> {
         let what = &self.job.what;
         let masks = match found {
             Err(mask::Error::NotFound { hint, .. }) if what.enlarge.is_some() => {
-                return Ok(Masks { notes: hint.into_iter().collect(), ..Masks::complete(frame) });
+                let complete = Masks::complete(frame);
+                let filter = frame.parts.iter().find_map(|part| part.attributes.text(FILTER));
+                let note = filter.map(|filter| taken_as_complete(&filter)).or(hint);
+                return Ok(Masks { notes: note.into_iter().collect(), ..complete });
             }
             found => found.map_err(|error| error.to_string())?,
         };
+        let mut masks = masks;
+        masks.notes.extend(inverted(frame, &masks));
         let Some(filter) = filled_before(frame, &masks).filter(|_| !self.job.again) else { return Ok(masks) };
         match (&what.enlarge, &what.mask) {
             (None, _) => Err(format!(
                 "filled by {filter} already; --again fills it anew from the pixels that its mask calls measured"
             )),
-            (Some(_), Source::Auto) => Ok(masks.filled(
-                frame,
-                format!("filled by {filter} already: taken as complete (--mask names the pixels that count)"),
-            )),
+            (Some(_), Source::Auto) => Ok(masks.filled(frame, taken_as_complete(&filter))),
             (Some(_), _) => Ok(masks),
         }
     }
@@ -409,4 +412,9 @@ mod tests {
         assert!(early(stopped(0.02), false).unwrap().contains("after 9 iterations, residual 2.0e-2"));
         assert_eq!(early(Outcome::direct(), true), None);
     }
+}
+
+/// What is said of a filled frame that is to be enlarged.
+fn taken_as_complete(filter: &str) -> String {
+    format!("filled by {filter} already: taken as complete (--mask names the pixels that count)")
 }
