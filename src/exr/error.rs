@@ -15,7 +15,7 @@ pub enum Error {
         source: io::Error,
     },
     /// The file begins with other bytes than an EXR file does.
-    #[error("not an OpenEXR file; check the path")]
+    #[error("not an OpenEXR file, or an empty one; check the path")]
     NotExr,
     /// The file ends too early.
     #[error("truncated: the file ends inside {place}; render or copy it again")]

@@ -25,7 +25,7 @@ pub fn of(job: &Job, records: &[Record]) -> Vec<String> {
         let which =
             if filled.len() == 1 { "it has".into() } else { format!("{count} of {} have", filled.len()) };
         hints.push(format!(
-            "{which} noise, or detail finer than the samples: noise is kept; --noise auto tells which, and smooths noise"
+            "{which} noise, or detail finer than the samples: noise is kept; --noise auto tells the two apart, and smooths noise"
         ));
     }
     let numbered = filled.iter().filter(|record| record.frame.is_some()).count();
