@@ -16,9 +16,8 @@
 //! left-out samples, are taken alone.
 //!
 //! Algorithm: samples are held out in folds ([`crate::estimate::Folds`]), which also say how wrong the result is, each part of them by weights
-//! that the others teach. `A` is summed in cells of half
-//! the Gaussian's width; in each the small quadratic problem is solved by trying all sets of candidates (`weights`). Between cells weights are
-//! interpolated linearly. Measured pixels keep their bits.
+//! that the others teach. `A` is summed in cells of half the Gaussian's width; in each the small quadratic problem is solved by trying all sets
+//! of candidates (`weights`). Between cells weights are interpolated linearly. Measured pixels keep their bits.
 //!
 //! Samples of other frames ([`crate::temporal`]), where there are any, pull the blend towards them, with two weights; what was held out chooses between
 //! these and the blend as before (`along`).

@@ -388,6 +388,44 @@ mod tests {
         assert_eq!(best(&[0.0; 4], (&[0.0; 4], 0.5), 2, &[0, 1]).0, [0.5, 0.5]);
     }
 
+    /// A blend of errors that have nothing in common is better on those that it was learned from than on others, which crossing shows.
+    #[test]
+    fn a_crossed_blend_is_as_good_as_on_new_samples() {
+        let size = Size::new(64, 64);
+        let mask = Mask::from_fn(size, |y, x| (y + 2 * x) % 8 == 0);
+        let truth = Planes::zeros(size, 1);
+        let at: Vec<u32> = (0..4096).filter(|&pixel| mask.as_slice()[pixel as usize]).collect();
+        // Heavy tails, as of a few edges.
+        let error = |seed: u64, pixel: u32| {
+            let random = hash(seed, u64::from(pixel)) as f64 / u64::MAX as f64 - 0.5;
+            (2.0 * random).powi(9) as f32
+        };
+        let draw = |seed: u64| -> Vec<HeldOut> {
+            let one = |k: u64| {
+                let values = at.iter().map(|&pixel| error(3 * seed + k, pixel)).collect();
+                HeldOut { at: at.clone(), predicted: vec![values], variance: Vec::new() }
+            };
+            (0..3).map(one).collect()
+        };
+        let learn = |held: &[HeldOut]| Weights::new(&mask, &truth, held);
+        let mean = |held: &HeldOut| {
+            let errors = held.squared_errors(&truth);
+            errors.iter().map(|e| f64::from(*e)).sum::<f64>() / errors.len() as f64
+        };
+        let (mut own, mut crossed, mut new) = (0.0, 0.0, 0.0);
+        for seed in 0..20 {
+            let held = draw(2 * seed);
+            let weights = learn(&held);
+            own += mean(&weights.of_held_out(&held));
+            new += mean(&weights.of_held_out(&draw(2 * seed + 1)));
+            let blend = Weights::crossed(&held, &learn);
+            assert_eq!(blend.at, at);
+            crossed += mean(&blend);
+        }
+        assert!(own < 0.85 * new, "{own} {new}");
+        assert!((crossed / new - 1.0).abs() < 0.1, "{crossed} {new}");
+    }
+
     #[test]
     fn no_other_weights_do_better() {
         let mut state = 1_u64;

@@ -157,6 +157,15 @@ mod tests {
     }
 
     #[test]
+    fn means_of_distances_are_those_of_the_nearest() {
+        let mask = Mask::from_fn(Size::new(1, 30), |_, column| [0, 3, 5, 12, 20, 21].contains(&column));
+        let places = Places::new(&mask, |_| true);
+        let of = |kind| Variance::new(kind, &mask, &places, 0).at(&places, 4);
+        assert_eq!(of(Kind::Distance), (1.0 + 1.0 + 16.0) / 3.0);
+        assert_eq!(of(Kind::Density), (1.0 + 1.0 + 16.0 + 64.0 + 256.0) / 5.0);
+    }
+
+    #[test]
     fn few_samples_have_distances() {
         let mask = Mask::from_fn(Size::new(5, 5), |row, column| row == 0 && column < 2);
         let places = Places::new(&mask, |_| true);

@@ -91,9 +91,9 @@ impl<T: Lanes> Level<T> {
     }
 
     /// A bound of the preconditioned matrix's eigenvalues on any tile, by power iteration on some of them. It exceeds that of the
-    /// matrix without a mask (138 for the cardinal spline of order 2), most where few unknowns are free among held ones: of tiles in
-    /// the order of their roughness the last is taken and others at equal distances. With tiles chosen by place alone a cluster of
-    /// samples was missed, smoothing enlarged what it should damp there, and a solve took 308 iterations instead of 6.
+    /// matrix without a mask (138 for the cardinal spline of order 2), most where few unknowns are free among held ones: the roughest tile
+    /// is taken, and others at equal steps down in roughness. With tiles chosen by place a cluster of samples was missed, smoothing enlarged
+    /// there what it should damp, and a solve took 308 iterations instead of 6.
     pub fn bound(&self, isa: Isa) -> f64 {
         const MARGIN: f64 = 1.2;
         let mut tiles: Vec<(f64, Window)> = parts(self.window.height, TILE.0, 1)
