@@ -390,6 +390,11 @@ fn rules(report: &Report) -> String {
     used.map(|(count, rule)| format!("{count} {rule}")).collect::<Vec<_>>().join(", ")
 }
 
+/// What is said of a filled frame that is to be enlarged.
+fn taken_as_complete(filter: &str) -> String {
+    format!("filled by {filter} already: taken as complete (--mask names the pixels that count)")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -412,9 +417,4 @@ mod tests {
         assert!(early(stopped(0.02), false).unwrap().contains("after 9 iterations, residual 2.0e-2"));
         assert_eq!(early(Outcome::direct(), true), None);
     }
-}
-
-/// What is said of a filled frame that is to be enlarged.
-fn taken_as_complete(filter: &str) -> String {
-    format!("filled by {filter} already: taken as complete (--mask names the pixels that count)")
 }
