@@ -90,12 +90,12 @@ def test_a_target_ends_the_rounds(tmp_path, full):
     done, record = run("1")
     assert "at once" in done.stderr and len(record["rounds"]) == 1 and not record["warnings"]
     done, record = run("0")
-    assert len(record["rounds"]) == 5 and "not reached" in record["warnings"][0]
+    assert len(record["rounds"]) == 8 and "not reached" in record["warnings"][0]
 
 
 @pytest.mark.parametrize("flags, says", [
     (("--density", "0.1", "--adaptive", "--first", "0.2"), "--first 0.2 is more than --density 0.1"),
-    (("--density", "0.0001", "--adaptive"), "rounds = 5"),
+    (("--density", "0.0001", "--adaptive"), "rounds = 8"),
     (("--adaptive",), "--density"),
     (("--density", "0.1", "--rounds", "3"), "--adaptive"),
     (("--density", "0.1", "--adaptive", "--rounds", "0"), "1 or more"),
