@@ -42,8 +42,8 @@ use std::sync::Arc;
 
 use crate::baseline::nearest;
 use crate::estimate::Folds;
+use crate::kernel::blur::blur;
 use crate::sampling::hash;
-use crate::sampling::refine::blur;
 use crate::variational::guided::{Effect, Guides};
 use crate::weights::{Neighbourhood, Weights, add_products};
 use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};

@@ -37,8 +37,8 @@ pub(crate) use carried::thinned;
 
 use lacuna_core::parallel::prelude::*;
 
+use crate::kernel::blur::blur;
 use crate::kernel::extremes::range;
-use crate::sampling::refine::blur;
 use crate::variational::ss::Pulled;
 use crate::{Mask, Outcome, Plane, Planes, Run, Size};
 

@@ -12,7 +12,7 @@
 use lacuna_core::parallel::prelude::*;
 
 use super::model::{Error, Model};
-use crate::sampling::refine::blur;
+use crate::kernel::blur::blur;
 use crate::{Plane, Size};
 
 /// Width of the neighbourhood, in spacings of held-out samples.

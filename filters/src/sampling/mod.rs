@@ -8,6 +8,7 @@
 pub mod adaptive;
 pub mod blue_noise;
 pub mod coherence;
+mod components;
 pub mod grid;
 mod leave_out;
 pub mod measure;

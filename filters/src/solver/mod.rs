@@ -4,6 +4,7 @@ pub mod anchored;
 pub mod bottom;
 pub mod cholesky;
 pub mod conjugate;
+pub mod eigen;
 pub mod factor;
 pub mod lanczos;
 pub mod local;

@@ -22,7 +22,7 @@
 use lacuna_core::parallel::prelude::*;
 
 use super::Taps;
-use crate::sampling::refine::blur;
+use crate::kernel::blur::blur;
 use crate::{Plane, Planes, Size};
 
 /// Standard deviation of the window, in pixels.

@@ -35,7 +35,7 @@
 //!   correction is (`region`).
 //! - Shifted sweeps look along the borders of the tiles that were solved (`doubt`), until no tile and no rectangle has
 //!   anything left to correct. The aim is 1e-4 of the measured range at any mask.
-//! - Sparse masks (half of the image in rectangles), order 3 with holes, and `lambda > 0` take multigrid on the whole image; so
+//! - Sparse masks (a third of the image in rectangles), order 3 with holes, and `lambda > 0` take multigrid on the whole image; so
 //!   does order 3 where the tiles' own estimate stays above the aim, as f32 does not hold more.
 //!
 //! Start: push-pull; where multigrid takes the whole image, what its coarse grids make of the samples, and of one channel what those
@@ -77,6 +77,7 @@ use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Sto
 
 mod doubt;
 mod holes;
+mod improve;
 mod polynomials;
 mod pulled;
 mod region;
@@ -87,6 +88,7 @@ mod tiles;
 mod whole;
 
 pub use crate::operator::profile::Kernel;
+pub(crate) use improve::improve;
 pub(crate) use pulled::Pulled;
 pub use settings::{DESCRIPTOR, Order, Settings};
 
@@ -321,7 +323,7 @@ impl Planned {
             .collect();
         for round in 0..rounds {
             let target = Target { tolerance: wanted.within(TILE_TOLERANCE), floor, least };
-            let task = Task { before: seen.as_ref(), changed: &changed, middle, target };
+            let task = Task { before: seen.as_ref(), changed: &changed, middle, target, limit: tiles::LIMIT };
             let (sweep, now) = tiles.sweep(&self.mask, out, task, run);
             changed.clear();
             if round == 0 {

@@ -1,6 +1,8 @@
 //! Tests of the rounds.
 
 use super::*;
+use crate::variational::ss;
+use crate::{Filter, Problem};
 use crate::{Plane, Size, Stop};
 
 const SIZE: Size = Size::new(90, 120);
@@ -72,31 +74,42 @@ fn later_rounds_go_to_the_edge_and_a_few_elsewhere() {
     }
 }
 
-/// The error that each round reports is that of the fill within a factor of three, as long as the edge is not known to the pixel: then the
-/// picture is exact, which no sample can tell.
+/// The error that each round reports is that of the spline within a factor of three in the first two rounds. Once nearly all of the edge is
+/// known, few pixels hold the error, and it is within one of six; where the picture is exact no sample can tell.
 #[test]
 fn the_estimate_is_near_the_error() {
     let picture = picture();
-    let (found, asked) = chosen(&settings(0.25, 4), &picture);
-    let (mut flags, mut compared) = (vec![false; SIZE.pixels()], 0);
-    for (number, (round, new)) in found.rounds.iter().zip(&asked).enumerate() {
-        flags.iter_mut().zip(new.as_slice()).for_each(|(flag, new)| *flag |= new);
-        let mask = Arc::new(Mask::new(SIZE, flags.clone()).unwrap());
-        let estimate = estimate_spline(&picture, &mask, &ss::Settings::default(), &Run::default()).unwrap();
-        let mut known = picture.clone();
-        known.as_mut_slice().iter_mut().for_each(|plane| {
-            plane.pixels_mut().iter_mut().for_each(|value| *value = compress(*value));
-        });
-        let sum: f64 = (0..SIZE.pixels()).map(|pixel| estimate.misses(&known, pixel)).sum();
-        let truth = (sum / (2 * SIZE.pixels()) as f64).sqrt() / f64::from(compress(3.0));
-        if truth < 1e-4 {
-            continue;
+    let mut known = picture.clone();
+    known.as_mut_slice().iter_mut().for_each(|plane| {
+        plane.pixels_mut().iter_mut().for_each(|value| *value = compress(*value));
+    });
+    let mut compared = 0;
+    for seed in 0..8 {
+        let (found, asked) = chosen(&Settings { seed, ..settings(0.25, 4) }, &picture);
+        let mut flags = vec![false; SIZE.pixels()];
+        for (number, (round, new)) in found.rounds.iter().zip(&asked).enumerate() {
+            flags.iter_mut().zip(new.as_slice()).for_each(|(flag, new)| *flag |= new);
+            let truth = rmse_of_spline(&known, &flags) / f64::from(compress(3.0));
+            if truth < 1e-4 {
+                continue;
+            }
+            let (ratio, factor) = (round.error.unwrap() / truth, if number < 2 { 3.0 } else { 6.0 });
+            assert!((1.0 / factor..factor).contains(&ratio), "seed {seed}, round {number}: {ratio}");
+            compared += 1;
         }
-        let ratio = round.error.unwrap() / truth;
-        assert!((1.0 / 3.0..3.0).contains(&ratio), "round {number}: {ratio}");
-        compared += 1;
     }
-    assert!(compared >= 2, "{compared}");
+    assert!(compared >= 16, "{compared}");
+}
+
+fn rmse_of_spline(known: &Planes, flags: &[bool]) -> f64 {
+    let mask = Arc::new(Mask::new(SIZE, flags.to_vec()).unwrap());
+    let plan = ss::Settings::default().plan(&Problem::fill(mask), &Run::default()).unwrap();
+    let mut filled = Planes::zeros(SIZE, known.len());
+    plan.reconstruct(known, &mut filled, &Run::default()).unwrap();
+    let pairs = known.as_slice().iter().zip(filled.as_slice());
+    let miss = |(y, x): (&f32, &f32)| f64::from(y - x).powi(2);
+    let sum: f64 = pairs.flat_map(|(y, x)| y.pixels().iter().zip(x.pixels()).map(miss)).sum();
+    (sum / (known.len() * SIZE.pixels()) as f64).sqrt()
 }
 
 #[test]

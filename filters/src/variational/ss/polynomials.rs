@@ -3,6 +3,7 @@
 //! the limit of a vanishing harmonic term: among all minimisers the one with the least sum of squared differences
 //! between neighbours.
 
+use crate::solver::eigen::eigenvectors;
 use crate::{Mask, Plane};
 
 /// Monomials of degree 0, 1, 2 as powers of (row, column).
@@ -125,35 +126,4 @@ impl Unseen {
             }
         }
     }
-}
-
-/// Eigenvalues and eigenvectors of a small symmetric matrix by Jacobi's rotations.
-fn eigenvectors(mut a: Vec<f64>, n: usize) -> Vec<(f64, Vec<f64>)> {
-    let mut v: Vec<Vec<f64>> =
-        (0..n).map(|i| (0..n).map(|j| if i == j { 1.0 } else { 0.0 }).collect()).collect();
-    for _ in 0..40 {
-        for p in 0..n {
-            for q in p + 1..n {
-                let off = a[p * n + q];
-                if off == 0.0 {
-                    continue;
-                }
-                let theta = (a[q * n + q] - a[p * n + p]) / (2.0 * off);
-                let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
-                let c = 1.0 / (t * t + 1.0).sqrt();
-                let s = t * c;
-                for k in 0..n {
-                    let (x, y) = (a[k * n + p], a[k * n + q]);
-                    (a[k * n + p], a[k * n + q]) = (c * x - s * y, s * x + c * y);
-                }
-                for k in 0..n {
-                    let (x, y) = (a[p * n + k], a[q * n + k]);
-                    (a[p * n + k], a[q * n + k]) = (c * x - s * y, s * x + c * y);
-                    let (x, y) = (v[p][k], v[q][k]);
-                    (v[p][k], v[q][k]) = (c * x - s * y, s * x + c * y);
-                }
-            }
-        }
-    }
-    v.into_iter().enumerate().map(|(i, vector)| (a[i * n + i], vector)).collect()
 }

@@ -32,7 +32,7 @@ const HALO: usize = 6;
 /// again, with 12 a seventh.
 const LONG_HALO: usize = 12;
 /// Steps that a tile takes at most in one sweep.
-const LIMIT: usize = 60;
+pub const LIMIT: usize = 60;
 /// Most rows and columns of the parts whose eigenvalues are looked at.
 const SAMPLE: (usize, usize) = (60, 88);
 /// Parts whose eigenvalues are looked at.
@@ -73,6 +73,8 @@ pub struct Task<'a> {
     pub middle: f32,
     /// When a tile is done.
     pub target: Target,
+    /// Steps that a tile takes at most.
+    pub limit: usize,
 }
 
 /// What a sweep over all tiles did.
@@ -248,7 +250,7 @@ impl Tiles {
             }
         }
         let place = self.place(tile, self.halo + reach);
-        let ending = self.solve(mask, slab, &place, task, LIMIT, buffers);
+        let ending = self.solve(mask, slab, &place, task, task.limit, buffers);
         if !ending.tops.1.is_finite() {
             // Numbers that f32 cannot hold go neither into the image nor, from the padding, into the next window.
             *buffers = Buffers::default();
