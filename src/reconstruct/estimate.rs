@@ -189,6 +189,7 @@ mod tests {
             exponent: None,
             energy: None,
             outcome: Outcome::direct(),
+            noiseless: false,
         }
     }
 

@@ -202,10 +202,6 @@ fn filter(
         done.errors.extend(error.map(|error| (names[set.planes[0]].clone(), error.clone())));
         let names: Vec<_> = set.planes.iter().map(|&at| names[at].clone()).collect();
         done.notes.extend(set_notes(set, &names, &work.job.method));
-        if options.noise != Noise::None && !set.smoothed {
-            let what = "held-out samples show no noise, and nothing is smoothed";
-            done.notes.push(format!("{}: {what}", names.join(", ")));
-        }
         done.report.groups.push(GroupReport {
             channels: names,
             domain: set.map.name(),
@@ -219,6 +215,7 @@ fn filter(
                 .then(|| energy::compare(&lights(&samples, &answer.planes, set), &set.mask))
                 .flatten(),
             outcome: set.outcome,
+            noiseless: options.noise != Noise::None && !set.smoothed,
         });
         if set.weightless > 0 {
             let name = channel_label(frame, work.index, group.channels[set.planes[0]]);

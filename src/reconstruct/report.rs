@@ -108,6 +108,9 @@ pub struct GroupReport {
     pub energy: Option<Energy>,
     /// How the solver ended.
     pub outcome: Outcome,
+    /// Noise was looked for, and held-out samples showed none.
+    #[serde(skip)]
+    pub noiseless: bool,
 }
 
 impl PartReport {

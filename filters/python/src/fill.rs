@@ -108,9 +108,14 @@ pub fn fill<'py>(
     let pool = pool(threads)?;
     let kind = image.kind();
     let samples = image.planes(&pool);
+    let given = mask.is_some();
     let mask = Arc::new(mask.map_or_else(|| Mask::finite(&samples), |mask| arrays::mask(&mask)));
     let guides = self::guides(guides, &samples, &pool)?;
     let mut options = Options::of(method(filter, &settings)?);
+    if !given && mask.is_full() && options.keeps_measured() {
+        let what = "image: nothing is missing: no pixel is NaN or infinite; give the mask of the measured ones";
+        return Err(PyValueError::new_err(what));
+    }
     (options.values, options.bounds) = self::values(values, samples.len())?;
     options.domain = self::domain(domain)?;
     options.limit = limit;

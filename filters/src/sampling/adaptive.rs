@@ -146,7 +146,9 @@ pub fn choose<E: From<Error>>(
         let count = (total - known.count).div_ceil(left);
         let (taken, squared) = next(estimate.as_ref(), &known, count, field, settings.seed);
         let mut flags = vec![false; field.size.pixels()];
-        taken.into_iter().for_each(|pixel| flags[pixel] = true);
+        for pixel in taken {
+            flags[pixel] = true;
+        }
         new = Mask::new(field.size, flags)?;
         before = estimate.zip(squared);
     }

@@ -234,7 +234,9 @@ impl Estimate {
             (shuffle::rank(x, y, seed) * f64::from(u32::MAX)) as u32
         };
         let mut picks = Picks::new(self.mask.size(), &self.coefficient, self.squared.clone());
-        others.iter().for_each(|&pixel| picks.take(pixel));
+        for &pixel in others {
+            picks.take(pixel);
+        }
         picks.next(count, &order, &allowed)
     }
 }

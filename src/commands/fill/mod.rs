@@ -285,6 +285,12 @@ pub fn tell(report: &Report, record: &mut Record) {
         tracing::info!("along with {neighbours}");
     }
     let groups = || report.parts.iter().flat_map(|part| &part.groups);
+    for group in groups().filter(|group| group.noiseless) {
+        tracing::info!(
+            "{}: held-out samples show no noise, and nothing is smoothed",
+            group.channels.join(", ")
+        );
+    }
     record.chosen = estimate::chosen(groups());
     if let Some(chosen) = &record.chosen {
         tracing::info!("chosen, place by place: {chosen}");

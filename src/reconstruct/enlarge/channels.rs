@@ -105,6 +105,7 @@ fn solve(
         channels: names,
         domain: large.map.name(),
         outcome: large.outcome,
+        noiseless: false,
         guides: large.guides.clone(),
         guides_gain: large.guides_gain,
         neighbours_gain: None,
