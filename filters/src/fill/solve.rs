@@ -15,6 +15,8 @@ use crate::{
     Bounds, Error, Gradients, Mask, Method, Outcome, Plan, Plane, Planes, Plans, Problem, Run, limiter,
 };
 
+/// How exact fills without some of the samples are, over the range of these: far below what a fill errs by.
+const HELD_OUT: f64 = 5e-4;
 /// Pixels that one task takes in loops over a plane.
 const PIECE: usize = 1 << 14;
 
@@ -46,7 +48,8 @@ pub fn solve(
         let gradients = Slopes::new(options, &method, &places, mask);
         let carried: Vec<Carried> =
             options.carried.iter().map(|carried| carried.select(&places).mapped(map)).collect();
-        let task = Task { method: &method, plan: plan.as_ref(), mask, options, carried: &carried, run };
+        let plan = plan.as_ref();
+        let task = Task { method: &method, plan, mask, options, carried: &carried, error: None, run };
         let values = (samples, gradients.as_ref());
         let (outcome, mut effect) = task.reconstruct(values, map, &mut out)?;
         let learned = match options.estimate {
@@ -129,6 +132,8 @@ struct Task<'a> {
     options: &'a Options<'a>,
     /// Of the set's planes, in the domain.
     carried: &'a [Carried],
+    /// What the result may be off by, over the range of the samples, where less than the usual will do.
+    error: Option<f64>,
     run: &'a Run<'a>,
 }
 
@@ -150,7 +155,7 @@ impl Task<'_> {
         } else {
             let mut again = |samples: &Planes, kept: &Arc<Mask>| {
                 let plan = self.method.filter().plan(&Problem::fill(Arc::clone(kept)), self.run)?;
-                let task = Task { plan: plan.as_ref(), mask: kept, ..*self };
+                let task = Task { plan: plan.as_ref(), mask: kept, error: Some(HELD_OUT), ..*self };
                 let mut out = Planes::zeros(samples.size(), samples.len());
                 task.reconstruct((samples, gradients), map, &mut out)?;
                 Ok(out)
@@ -210,7 +215,7 @@ impl Task<'_> {
         gradients: Option<&Slopes>,
         out: &mut Planes,
     ) -> Result<(Outcome, Effect), Error> {
-        let Self { method, plan, mask, options, carried, run } = *self;
+        let Self { method, plan, mask, options, carried, error, run } = *self;
         let guides =
             options.guides.filter(|_| options.method.descriptor().takes.guides && method.keeps_measured());
         match (gradients, guides) {
@@ -225,7 +230,13 @@ impl Task<'_> {
             (None, Some(guides)) => {
                 guided::reconstruct((method.filter(), plan), mask, samples, guides, out, run)
             }
-            (None, None) => Ok((plan.reconstruct(samples, out, run)?, Effect::default())),
+            (None, None) => {
+                let outcome = match error {
+                    Some(error) => plan.reconstruct_roughly(samples, error, out, run)?,
+                    None => plan.reconstruct(samples, out, run)?,
+                };
+                Ok((outcome, Effect::default()))
+            }
         }
     }
 }
