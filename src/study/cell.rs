@@ -4,10 +4,10 @@ use std::time::Instant;
 
 use lacuna_exr::Frame;
 use lacuna_filters::Run;
-use lacuna_filters::sampling::Pattern;
 
-use super::definition::{Definition, pattern};
+use super::definition::Definition;
 use super::rows::Row;
+use super::selection::Selection;
 use super::subject::{Subject, mask_of};
 use super::{DefinitionError, clock};
 use crate::mask::Masks;
@@ -32,7 +32,7 @@ pub struct Cell<'a> {
     /// The filter.
     pub entry: &'a Entry,
     /// Which pixels stay.
-    pub pattern: Pattern,
+    pub pattern: Selection,
     /// Measured pixels over all pixels.
     pub density: f64,
     /// Which pattern.
@@ -50,7 +50,7 @@ pub fn cells<'a>(
     subjects: &'a [Subject],
     entries: &'a [Entry],
 ) -> Result<Vec<Cell<'a>>, DefinitionError> {
-    let patterns: Result<Vec<_>, _> = definition.patterns.iter().map(|name| pattern(name)).collect();
+    let patterns: Result<Vec<_>, _> = definition.patterns.iter().map(|name| Selection::parse(name)).collect();
     let patterns = patterns.map_err(DefinitionError)?;
     let mut all = Vec::new();
     for subject in subjects {
@@ -80,7 +80,7 @@ impl Cell<'_> {
             "lacuna={} pixels={:08x} pattern={} density={} seed={} display={} filter={} {}",
             env!("CARGO_PKG_VERSION"),
             self.subject.sum,
-            self.pattern.name(),
+            self.pattern,
             self.density,
             self.seed,
             self.display,
@@ -95,7 +95,7 @@ impl Cell<'_> {
             key: self.key(),
             frame: self.subject.name.clone(),
             class: self.subject.class.clone(),
-            pattern: self.pattern.name().into(),
+            pattern: self.pattern.to_string(),
             density: self.density,
             seed: self.seed,
             filter: self.entry.label.clone(),

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use lacuna_filters::sampling::Pattern;
 use serde::{Deserialize, Serialize};
+
+use super::selection::Selection;
 
 /// A study as its file has it.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -14,7 +15,7 @@ pub struct Definition {
     pub title: String,
     /// The frames.
     pub frames: Vec<SubjectDefinition>,
-    /// Names of patterns, as `mask --pattern` has them.
+    /// Names of patterns, as `mask --pattern` has them, or `adaptive` with its settings ([`Selection`]).
     pub patterns: Vec<String>,
     /// Measured pixels over all pixels, above 0, at most 1.
     pub densities: Vec<f64>,
@@ -151,7 +152,7 @@ impl Definition {
             return Err(format!("density {density}: it must be above 0 and at most 1"));
         }
         for name in self.patterns.iter().chain(sheets.clone().map(|sheet| &sheet.pattern)) {
-            pattern(name)?;
+            Selection::parse(name)?;
         }
         let names = self.frames.iter().map(|frame| &frame.name);
         for (index, name) in names.clone().chain(sheets.clone().map(|sheet| &sheet.name)).enumerate() {
@@ -180,12 +181,4 @@ impl Definition {
         }
         Ok(())
     }
-}
-
-/// The pattern of that name.
-pub fn pattern(name: &str) -> Result<Pattern, String> {
-    let all = [Pattern::Random, Pattern::Shuffle, Pattern::Poisson, Pattern::BlueNoise, Pattern::Grid];
-    let names = || all.map(Pattern::name).join(", ");
-    let found = all.into_iter().find(|pattern| pattern.name() == name);
-    found.ok_or_else(|| format!("pattern '{name}': there are {}", names()))
 }

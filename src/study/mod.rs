@@ -15,6 +15,7 @@ mod definition;
 mod figures;
 mod page;
 mod rows;
+mod selection;
 mod sheet;
 mod subject;
 #[cfg(test)]
@@ -26,6 +27,7 @@ pub use definition::{Definition, DefinitionError, SheetDefinition, SubjectDefini
 pub use figures::{Figure, figures};
 pub use page::page;
 pub use rows::{Row, csv, journal, json, read_journal};
+pub use selection::Selection;
 pub use sheet::{Sheet, sheet};
 pub use subject::Subject;
 pub use verdict::{Verdict, tables, verdicts};

@@ -4,10 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use lacuna_exr::{Channel, Frame, Limits, Part, Samples, Window};
-use lacuna_filters::Mask;
-use lacuna_filters::sampling::{Field, Pattern, Temporal, mask};
+use lacuna_filters::sampling::{Field, Temporal, adaptive, mask};
+use lacuna_filters::{Mask, Run};
 
 use super::definition::SubjectDefinition;
+use super::selection::Selection;
 use crate::channels::{non_finite, non_finite_note};
 
 /// The channels that are studied, where the frame has them.
@@ -61,22 +62,30 @@ impl Subject {
         self.frame.parts[0].data_window
     }
 
-    /// The frame with the pixels of a pattern only, and a channel that says which.
+    /// The frame with the chosen pixels only, and a channel that says which.
     ///
     /// # Errors
     /// A pattern that cannot have that density.
-    pub fn sparse(&self, pattern: Pattern, density: f64, seed: u64) -> Result<Frame, String> {
+    pub fn sparse(&self, selection: Selection, density: f64, seed: u64) -> Result<Frame, String> {
+        let sparsify = |pattern: crate::sparsify::Pattern<'_>| {
+            let sparse = crate::sparsify::sparsify(self.frame.clone(), pattern);
+            sparse.map(|sparse| sparse.frame).map_err(|error| error.to_string())
+        };
+        let pattern = match selection {
+            Selection::Pattern(pattern) => pattern,
+            Selection::Rounds { rounds, first } => {
+                let (rounds, first) =
+                    (rounds.unwrap_or(adaptive::ROUNDS), first.map(|share| share * density));
+                let settings = &adaptive::Settings { density, rounds, first, target: None, seed };
+                return sparsify(crate::sparsify::Pattern::Adaptive { settings, run: &Run::default() });
+            }
+        };
         let window = self.window();
         let field = Field { x: window.x_min, y: window.y_min, size: window.size() };
         let mask =
             mask(pattern, field, density, seed, Temporal::Fixed, 0).map_err(|error| error.to_string())?;
         let name = format!("{} density={density} seed={seed}", pattern.name());
-        crate::sparsify::sparsify(
-            self.frame.clone(),
-            crate::sparsify::Pattern::Given { mask: &Arc::new(mask), name: &name },
-        )
-        .map(|sparse| sparse.frame)
-        .map_err(|error| error.to_string())
+        sparsify(crate::sparsify::Pattern::Given { mask: &Arc::new(mask), name: &name })
     }
 }
 

@@ -83,6 +83,26 @@ fn equal_images_have_an_infinite_psnr_that_no_chart_shows() {
     assert_eq!(figures(&rows).unwrap().len(), 3);
 }
 
+/// Beside an edge pixels that are chosen in rounds are worth more than even ones, and than a first round that takes all of them.
+#[test]
+fn rounds_are_a_pattern_among_others() {
+    let edge = |at: usize| if at % 48 + at / 96 < 30 { 0.2 } else { 0.9 };
+    let values: Vec<f32> = (0..48 * 48).map(edge).collect();
+    let frame = frame(vec![part(window(0, 0, 48, 48), vec![float("Y", &values)])]);
+    let subjects = [Subject { frame, ..subject("a", "smooth") }];
+    let text = TEXT.replace("'random', 'shuffle'", "'shuffle', 'adaptive rounds=4', 'adaptive first=1'");
+    let definition = Definition::parse(&text).unwrap();
+    let entries = entries();
+    let rows: Vec<Row> =
+        cells(&definition, &subjects, &entries).unwrap().iter().map(|cell| run(cell, &mut |_| ())).collect();
+    assert!(rows.iter().all(|row| row.error.is_none()), "{:?}", rows[0].error);
+    let psnr = |pattern: &str| -> f64 {
+        rows.iter().filter(|row| row.filter == "linear" && row.pattern == pattern).filter_map(Row::psnr).sum()
+    };
+    assert!(psnr("adaptive rounds=4") > psnr("shuffle") + 4.0, "{}", psnr("adaptive rounds=4"));
+    assert!(psnr("adaptive rounds=4") > psnr("adaptive first=1") + 4.0, "{}", psnr("adaptive first=1"));
+}
+
 #[test]
 fn figures_have_axes_with_units_and_a_line_a_filter_and_pattern() {
     let rows = rows();
