@@ -113,7 +113,8 @@ pub fn fill<'py>(
     let guides = self::guides(guides, &samples, &pool)?;
     let mut options = Options::of(method(filter, &settings)?);
     if !given && mask.is_full() && options.keeps_measured() {
-        let what = "image: nothing is missing: no pixel is NaN or infinite; give the mask of the measured ones";
+        let what =
+            "image: nothing is missing: no pixel is NaN or infinite; give the mask of the measured ones";
         return Err(PyValueError::new_err(what));
     }
     (options.values, options.bounds) = self::values(values, samples.len())?;
