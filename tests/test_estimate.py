@@ -93,6 +93,10 @@ def test_a_gate_writes_the_frame_and_fails(tmp_path):
         assert words in result.stderr
     _, record, _ = fill(tmp_path, source, "--min-psnr", 5, "--max-rmse", 0.5)
     assert record["state"] == "done"
+    # What is up to date is held to the gate, too.
+    again = lambda bound: lacuna("fill", source, "-o", output, "-u", "--min-psnr", bound, ok=False)
+    assert again(5).status == 0 and "1 skipped" in again(5).stderr
+    assert again(90).status == 1 and "written, but doubtful" in again(90).stderr
 
 
 @pytest.mark.parametrize("flags", [["--min-psnr", "x"], ["--max-rmse", "-1"], ["--max-rmse", "nan"], ["--no-estimate", "--min-psnr", "3"], ["--error-channel=a b"]])

@@ -1,6 +1,7 @@
 """Frames filled along with those beside them: better where something is to be learned, never worse, and the same bits however a sequence is cut."""
 
 import json
+import re
 import os
 import time
 
@@ -58,6 +59,24 @@ def test_a_still_scene_is_known_wherever_some_frame_knows_it(tmp_path):
     assert "along with frames 1, 2, 4, 5 by no motion" in result.stderr
     found = frames.colour(tmp_path / "out" / "shot.0003.exr")
     assert np.array_equal(found.astype(np.float16), scene())
+    # That nothing moves is found out, and a single file has frames beside it as well.
+    result = lacuna("fill", tmp_path / "shot.0003.exr", "-o", tmp_path / "alone.exr", "--no-estimate", "--temporal", "2")
+    assert "along with frames 1, 2, 4, 5 by no motion" in result.stderr
+    assert np.array_equal(frames.colour(tmp_path / "alone.exr").astype(np.float16), scene())
+
+
+def test_estimated_motion_is_judged_by_samples_that_it_does_not_know(tmp_path):
+    """Grain that belongs to no surface: whatever motion bends the other frames to, they help nowhere."""
+    grain = lambda frame: np.random.default_rng(frame).normal(0, 0.1, (*scene().shape[:2], 1))
+    shows = lambda frame: (np.clip(scene(0.6 * frame, -0.9 * frame), 0, 0.6) + 0.3 + grain(frame)).astype(np.float16)
+    source = write(tmp_path, shows)
+    log = tmp_path / "log.json"
+    fill(source, tmp_path / "along", "--temporal", "2", "--motion", "flow", "--frames", "3", "--json", log)
+    fill(source, tmp_path / "alone", "--frames", "3")
+    [record] = json.loads(log.read_text())["frames"]
+    gained = psnr(tmp_path / "along", 3, shows(3)) - psnr(tmp_path / "alone", 3, shows(3))
+    told = [float(word) for word in re.findall(r"\(?([\d.]+) dB by estimate", record.get("neighbours") or "")]
+    assert all(abs(gain - gained) < 1 for gain in told), (told, gained)
 
 
 def test_estimated_motion_helps(tmp_path):

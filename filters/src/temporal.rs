@@ -37,6 +37,7 @@ pub(crate) use carried::thinned;
 
 use lacuna_core::parallel::prelude::*;
 
+use crate::estimate::Folds;
 use crate::kernel::blur::blur;
 use crate::kernel::extremes::range;
 use crate::variational::ss::Pulled;
@@ -54,6 +55,17 @@ const SPREAD: f64 = 3.0;
 const ERROR: f64 = 2e-6;
 /// Samples that one task takes.
 const PIECE: usize = 1 << 12;
+
+/// Parts of the samples, a tenth each, by which other frames are judged at most.
+pub(crate) const JUDGES: usize = 3;
+
+/// The mask without the samples by which [`crate::auto`] judges other frames. Motion that is estimated from this frame must not know them: it
+/// would bend the other frames towards these very samples.
+pub fn unjudged(mask: &Mask) -> Mask {
+    let folds = Folds::default();
+    let parts = folds.near(mask.count()).take(JUDGES).last().map_or(0, |parts| parts.end);
+    folds.without(mask, &(0..parts))
+}
 
 /// Pulls the missing pixels of `image`, which is filled already, towards samples of other frames.
 pub(crate) fn pull(

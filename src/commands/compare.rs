@@ -288,7 +288,15 @@ impl<'a> Compare<'a> {
             found.map_err(|error| Failure::at(&item.output, error))
         });
         match found {
-            Ok(masks) if self.job.mask.is_none() && !shows_still(source, test, &masks) => {
+            Ok(masks) if !shows_still(source, test, &masks) => {
+                if self.job.mask.is_some() {
+                    let why =
+                        "finds other pixels in the filled frame than were missing; give an image of the mask";
+                    return Err(Failure::at(
+                        &item.output,
+                        format!("--mask {source} {why}: --mask file:IMAGE"),
+                    ));
+                }
                 let why = format!("was '{source}', which a filled frame does not show");
                 Ok((None, Some(apart(&why))))
             }
@@ -378,7 +386,9 @@ impl Seen {
 
 /// That nothing is said of missing pixels alone, and why.
 fn apart(why: &str) -> String {
-    format!("nothing is said of the missing pixels alone: their mask {why}; name it with --mask")
+    format!(
+        "nothing is said of the missing pixels alone: their mask {why}; name an image of it with --mask file:IMAGE"
+    )
 }
 
 /// Whether a mask that was read from values is still what a filled image says that it was.

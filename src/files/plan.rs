@@ -237,12 +237,11 @@ fn add_layers(items: &mut [Item], layers: &[LayerSource]) -> Result<(), PlanErro
 fn add_neighbours(items: &mut [Item], targets: &Targets) -> Result<(), PlanError> {
     let each = targets.neighbours as i64;
     let masks = targets.mask.as_deref().filter(|_| each > 0).map(MaskPattern::parse).transpose()?;
-    for item in items {
-        let Some(number) =
-            item.number.filter(|number| super::patterns::number_in_name(&item.input) == Some(*number))
-        else {
-            continue;
-        };
+    for item in items.iter_mut().filter(|_| each > 0) {
+        // Whoever asks for the frames beside a single file asks for its number.
+        let named = super::patterns::number_in_name(&item.input);
+        item.number = item.number.or(named);
+        let Some(number) = named.filter(|number| item.number == Some(*number)) else { continue };
         for number in (number - each..=number + each).filter(|&other| other != number) {
             let Some(input) = super::patterns::beside(&item.input, number).filter(|path| path.exists())
             else {

@@ -116,6 +116,19 @@ impl Gate {
         })
     }
 
+    /// Whether a frame may be doubtful whose attribute says this of its estimates: figures are rounded there, and what it does not tell
+    /// may be anything.
+    pub fn may_refuse(&self, line: Option<&str>) -> bool {
+        let last = |text: &str| text.rsplit(' ').next().and_then(|word| word.parse::<f64>().ok());
+        let doubtful = |group: &str| {
+            let figures = (group.split_once(" dB").and_then(|(before, _)| last(before)), last(group));
+            let (Some(psnr), Some(rmse)) = figures else { return !group.ends_with(": exact") };
+            let low = self.min_psnr.is_some_and(|bound| psnr < bound + 0.05);
+            low || self.max_rmse.is_some_and(|bound| rmse > 0.99 * bound)
+        };
+        self.is_set() && line.is_none_or(|line| line.split("; ").any(doubtful))
+    }
+
     /// Why a filled frame is doubtful, if it is.
     pub fn doubt(&self, report: &Report) -> Option<String> {
         let groups = report.parts.iter().flat_map(|part| &part.groups);
@@ -220,6 +233,9 @@ mod tests {
             (gate(Some(300.0), Some(0.0)), &exact, false),
         ] {
             assert_eq!(gate.refuses(group).is_some(), refused, "{gate:?} {group:?}");
+            // What the attribute says of it tells as much.
+            let line = line([group].into_iter());
+            assert_eq!(gate.may_refuse(line.as_deref()), refused, "{gate:?} {line:?}");
         }
     }
 }

@@ -266,7 +266,8 @@ fn along_motion<'a>(
     let filled = splines(&samples, &group.mask).map_err(fail)?.planes;
     // Samples of a neighbour that are not finite count as missing, as they do here.
     let fill = |samples: &Planes, mask: &Arc<Mask>| splines(samples, mask).ok().map(|filled| filled.planes);
-    let reference = Reference { names: channel_names(part, group), filled, fill: &fill };
+    let names = channel_names(part, group);
+    let reference = Reference { names, filled, samples: &samples, mask: &group.mask, fill: &fill };
     let own = (frame, work.masks, work.index);
     let (carriers, notes) = carriers(own, neighbours, work.job.temporal.motion, &reference);
     done.notes.extend(notes);

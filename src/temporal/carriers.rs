@@ -1,11 +1,14 @@
 //! Where the samples of each neighbour lie in a part, and by what that is known.
 
+use std::cell::LazyCell;
+use std::ops::Deref;
 use std::sync::Arc;
 
 use lacuna_exr::{Frame, Part};
 use lacuna_filters::temporal::{Carried, Judge, explained, flow};
 use lacuna_filters::{Mask, Plane, Planes, Size};
 
+use super::blind::Blind;
 use super::paths::Paths;
 use super::{Motion, Neighbour, Neighbours, camera, reading};
 use crate::channels::part_label;
@@ -20,6 +23,10 @@ pub struct Reference<'a> {
     pub names: Vec<String>,
     /// All pixels of them, filled.
     pub filled: Planes,
+    /// Their samples.
+    pub samples: &'a Planes,
+    /// Where these are.
+    pub mask: &'a Arc<Mask>,
     /// Fills those of another frame.
     pub fill: &'a dyn Fn(&Planes, &Arc<Mask>) -> Option<Planes>,
 }
@@ -30,6 +37,8 @@ pub struct Carrier<'a> {
     part: usize,
     /// Of each pixel of the neighbour: row and column.
     places: Vec<[f32; 2]>,
+    /// The same by motion that does not know the samples that judge, where it was estimated.
+    judged: Option<Vec<[f32; 2]>>,
     /// What the motion is known from.
     pub how: String,
 }
@@ -44,7 +53,13 @@ impl Carrier<'_> {
     pub fn carried(&self, names: &[String]) -> Option<Carried> {
         let (samples, mask) = measured(self.neighbour, self.part, names)?;
         let distance = u32::try_from(self.neighbour.offset.unsigned_abs()).unwrap_or(u32::MAX);
-        Some(Carried::new(samples.size(), (&samples, &*mask), distance, |at| self.places[at]))
+        let at =
+            |places: &[[f32; 2]]| Carried::new(samples.size(), (&samples, &*mask), distance, |at| places[at]);
+        let carried = at(&self.places);
+        Some(match &self.judged {
+            Some(judged) => carried.judged_by(at(judged)),
+            None => carried,
+        })
     }
 }
 
@@ -98,12 +113,13 @@ pub fn carriers<'a>(
     } else {
         [None, None]
     };
+    let blind = LazyCell::new(|| Blind::new(reference, &fitting, part));
     for neighbour in &neighbours.all {
         let made = if let Some(why) = misfit(neighbour) {
             Err(why)
         } else {
             let paths = paths[usize::from(neighbour.offset > 0)].as_ref();
-            carrier((frame, part), neighbour, (motion, paths), reference)
+            carrier((frame, part), neighbour, (motion, paths), (reference, &blind))
                 .and_then(|carrier| carrier.shows_the_same(reference))
         };
         match made {
@@ -154,9 +170,12 @@ fn carrier<'a>(
     (frame, part): (&Frame, usize),
     neighbour: &'a Neighbour,
     (motion, paths): (Motion, Option<&Paths>),
-    reference: &Reference<'_>,
+    (reference, blind): (&Reference<'_>, &dyn Deref<Target = Option<Blind>>),
 ) -> Result<Carrier<'a>, String> {
-    let make = |places: Vec<[f32; 2]>, how: &str| Carrier { neighbour, part, places, how: how.into() };
+    let make = |places: Vec<[f32; 2]>, how: &str| {
+        let how = how.into();
+        Carrier { neighbour, part, places, judged: None, how }
+    };
     if let Some(paths) = paths
         && let Some(places) = paths.places(neighbour.offset)
     {
@@ -178,9 +197,13 @@ fn carrier<'a>(
     if matches!(motion, Motion::Auto | Motion::Flow) {
         let (samples, mask) =
             measured(neighbour, part, &reference.names).ok_or("it lacks colours of this frame")?;
-        let filled =
-            (reference.fill)(&samples, &mask).ok_or("it cannot be filled to estimate motion from")?;
-        return Ok(make(flow::estimate(&filled, &reference.filled), "flow"));
+        let blind = blind.as_ref().ok_or("this frame cannot be filled to estimate motion from")?;
+        if motion == Motion::Flow || !blind.still {
+            let filled =
+                (reference.fill)(&samples, &mask).ok_or("it cannot be filled to estimate motion from")?;
+            let judged = Some(flow::estimate(&filled, &blind.filled));
+            return Ok(Carrier { judged, ..make(flow::estimate(&filled, &reference.filled), "flow") });
+        }
     }
     Ok(make(still(neighbour.frame.parts[part].size()), "no motion"))
 }

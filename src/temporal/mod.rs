@@ -1,5 +1,6 @@
 //! Frames beside the one that is filled: which they are, and where their samples lie in it.
 
+mod blind;
 mod camera;
 mod carriers;
 mod neighbours;

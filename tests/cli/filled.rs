@@ -136,6 +136,9 @@ fn a_frame_filled_by_a_mask_that_it_does_not_hold_says_which_to_give() {
         done.err
     );
     assert!(room.run(&["fill", "nan.exr", "-o", "b.exr", "--again"]).err.contains("before they were filled"));
+    // Nor is it found where someone asks for it by name.
+    let done = room.run(&["compare", "full.exr", "nan.exr", "--mask", "nan"]);
+    assert!(done.status == 1 && done.err.contains("--mask file:IMAGE"), "{}", done.err);
 }
 
 #[test]

@@ -19,8 +19,6 @@ const NAME: &str = "neighbours";
 const WORTH: f64 = 0.05;
 /// The share of the squared error that taking them as they are may cost by held-out samples.
 const LOSS: f64 = 0.5;
-/// Parts of the samples that are held out at most.
-const FOLDS: usize = 3;
 /// Makes halves that are independent of the folds.
 const HALVES: u64 = 0x51;
 
@@ -55,9 +53,10 @@ pub fn pulled(
     run: &Run<'_>,
 ) -> Result<Option<Along>, Error> {
     let pulls = if carried.iter().all(Carried::is_still) { STILL } else { MOVING };
-    let thinned = temporal::thinned(&own.mask, carried);
+    let judged: Vec<Carried> = carried.iter().map(|carried| carried.to_judge().clone()).collect();
+    let thinned = temporal::thinned(&own.mask, &judged);
     let mut held = vec![HeldOut::default(); 1 + pulls.len()];
-    for parts in own.folds.near(own.mask.count()).take(FOLDS) {
+    for parts in own.folds.near(own.mask.count()).take(temporal::JUDGES) {
         let (folds, given) = ((own.folds, [parts.clone(), parts]), (samples, &*own.mask));
         let mut alone = Planes::zeros(samples.size(), 0);
         let mut fill = |samples: &Planes, kept: &Arc<Mask>| {

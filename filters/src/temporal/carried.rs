@@ -20,6 +20,8 @@ pub struct Carried {
     pub(crate) values: Vec<Vec<f32>>,
     /// How many frames away it was measured, at least 1.
     pub(crate) distance: u32,
+    /// The same at the places where held-out samples may judge them, if those are others.
+    pub(crate) judged: Option<Box<Self>>,
 }
 
 impl Carried {
@@ -32,7 +34,7 @@ impl Carried {
         place: impl Fn(usize) -> [f32; 2],
     ) -> Self {
         let values = vec![Vec::new(); samples.len()];
-        let mut own = Self { places: Vec::new(), values, distance: distance.max(1) };
+        let mut own = Self { places: Vec::new(), values, distance: distance.max(1), judged: None };
         for (at, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
             // What is all but a pixel's centre is it.
             let [y, x] = place(at).map(|at| if (at - at.round()).abs() < WHOLE { at.round() } else { at });
@@ -44,6 +46,18 @@ impl Carried {
             }
         }
         own
+    }
+
+    /// With the same samples at other places, where samples that are held out may judge them: those by motion that was estimated without
+    /// these ([`super::unjudged`]), as any other has been bent towards them.
+    #[must_use]
+    pub fn judged_by(self, other: Self) -> Self {
+        Self { judged: Some(Box::new(other)), ..self }
+    }
+
+    /// What held-out samples may judge.
+    pub(crate) fn to_judge(&self) -> &Self {
+        self.judged.as_deref().unwrap_or(self)
     }
 
     /// The number of samples.
@@ -69,13 +83,15 @@ impl Carried {
     /// Of these planes, in this order.
     pub(crate) fn select(&self, planes: &[usize]) -> Self {
         let values = planes.iter().map(|&at| self.values[at].clone()).collect();
-        Self { places: self.places.clone(), values, distance: self.distance }
+        let judged = self.judged.as_ref().map(|judged| Box::new(judged.select(planes)));
+        Self { places: self.places.clone(), values, distance: self.distance, judged }
     }
 
     /// With the values mapped.
     pub(crate) fn mapped(&self, map: Map) -> Self {
         let mut own = self.clone();
         own.values.iter_mut().flatten().for_each(|value| *value = map.forward(*value));
+        own.judged = own.judged.map(|judged| Box::new(judged.mapped(map)));
         own
     }
 }
@@ -125,6 +141,7 @@ pub(crate) fn thinned(mask: &Mask, carried: &[Carried]) -> Vec<Carried> {
             places: all.iter().map(|&i| carried.places[i]).collect(),
             values: carried.values.iter().map(take).collect(),
             distance: carried.distance,
+            judged: None,
         }
     };
     carried.iter().enumerate().map(thin).collect()

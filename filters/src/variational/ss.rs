@@ -35,7 +35,7 @@
 //!   correction is (`region`).
 //! - Shifted sweeps look along the borders of the tiles that were solved (`doubt`), until no tile and no rectangle has
 //!   anything left to correct. The aim is 1e-4 of the measured range at any mask.
-//! - Sparse masks (a third of the image in rectangles), order 3 with holes, and `lambda > 0` take multigrid on the whole image; so
+//! - Sparse masks (two fifths of the image in rectangles), order 3 with holes, and `lambda > 0` take multigrid on the whole image; so
 //!   does order 3 where the tiles' own estimate stays above the aim, as f32 does not hold more.
 //!
 //! Start: push-pull; where multigrid takes the whole image, what its coarse grids make of the samples, and of one channel what those

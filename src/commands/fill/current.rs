@@ -6,7 +6,7 @@ use lacuna_exr::{PartHeader, read_header};
 
 use crate::files::plan::Item;
 use crate::mask::Source;
-use crate::reconstruct::{Job, Stamp, Windows, was_cut_short};
+use crate::reconstruct::{Gate, Job, Stamp, Windows, estimate, was_cut_short};
 use crate::run::existing::is_made_from;
 use crate::temporal;
 
@@ -24,6 +24,13 @@ pub fn may_be_copy(item: &Item) -> bool {
         parts.iter().map(|part| Stamp::read(&part.attributes)).collect()
     };
     is_made_from(&item.output, item.sources().map(|(path, _)| path), |parts| stamps(parts) == stamps(&input))
+}
+
+/// Whether a gate may let an output pass that is there already, by what its attributes say of its error.
+pub fn may_pass(output: &Path, gate: &Gate) -> bool {
+    let Ok(parts) = read_header(output) else { return false };
+    let line = |part: &PartHeader| part.attributes.text(estimate::ATTRIBUTE);
+    !parts.iter().any(|part| gate.may_refuse(line(part).as_deref()))
 }
 
 /// Whether the windows are those that this run would give it, at least one part has a stamp, all stamps are this run's and no time

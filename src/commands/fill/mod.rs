@@ -10,7 +10,7 @@ use lacuna_exr::{Frame, Limits};
 use lacuna_filters::{Outcome, Run, Stop};
 
 use crate::channels::{self, Rule};
-use crate::commands::fill::current::{is_current, may_be_copy};
+use crate::commands::fill::current::{is_current, may_be_copy, may_pass};
 use crate::commands::page::Page;
 use crate::files::error::PlanError;
 use crate::files::inputs::Selection;
@@ -184,7 +184,8 @@ impl Work for Fill<'_> {
     }
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
-        let current = |item: &Item| is_current(item, &self.job.what) || self.is_copy(item);
+        let passes = |item: &Item| !self.job.gate.is_set() || may_pass(&item.output, &self.job.gate);
+        let current = |item: &Item| (is_current(item, &self.job.what) && passes(item)) || self.is_copy(item);
         outputs::decide_to_write(item, self.job.skip_missing, self.job.existing, current)
     }
 

@@ -8,7 +8,7 @@ pub const BLOCK: usize = 8;
 /// Blocks by which a rectangle exceeds its hole on each side.
 const MARGIN: usize = 2;
 /// Share of the image above which one rectangle takes all of it.
-const MOST: f64 = 0.35;
+const MOST: f64 = 0.4;
 /// Cells along a side of the grid that multigrid solves directly.
 const DIRECT: usize = 12;
 
