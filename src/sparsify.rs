@@ -223,8 +223,13 @@ fn in_rounds(frame: &Frame, settings: &adaptive::Settings, run: &Run<'_>) -> Res
     let part = part.ok_or(Error::Colourless)?;
     let only = colours(part);
     let channels = part.channels.iter().filter(counts).filter(|channel| !only || is_colour(channel));
+    let mut channels: Vec<&Channel> = channels.collect();
+    if only {
+        // R, G, B, as a renderer has them: sums over channels round by their order.
+        channels.reverse();
+    }
     let planes: Result<Vec<Plane>, _> =
-        channels.map(|channel| Plane::new(part.size(), channel.samples.as_f32())).collect();
+        channels.iter().map(|channel| Plane::new(part.size(), channel.samples.as_f32())).collect();
     let planes = Planes::new(part.size(), planes?)?;
     Ok(rounds::choose(settings, field(part.data_window), run, |_| Ok(planes.clone()))?)
 }

@@ -80,7 +80,8 @@ fn subject(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Option<(usi
             .collect();
         let is_colour =
             |channel: &usize| matches!(part.channels[*channel].name.as_slice(), b"R" | b"G" | b"B");
-        let colour: Vec<usize> = filled.iter().copied().filter(is_colour).collect();
+        // R, G, B, as arrays have them: sums over channels round by their order.
+        let colour: Vec<usize> = filled.iter().rev().copied().filter(is_colour).collect();
         let channels = if colour.is_empty() { filled } else { colour };
         let mask = masks.get(index, *channels.first()?)?.clone();
         // Channels of another mask have samples elsewhere.
