@@ -386,9 +386,7 @@ impl Seen {
 
 /// That nothing is said of missing pixels alone, and why.
 fn apart(why: &str) -> String {
-    format!(
-        "nothing is said of the missing pixels alone: their mask {why}; name an image of it with --mask file:IMAGE"
-    )
+    format!("nothing is said of the missing pixels alone: their mask {why}; name it with --mask file:IMAGE")
 }
 
 /// Whether a mask that was read from values is still what a filled image says that it was.
