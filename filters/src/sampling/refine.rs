@@ -41,7 +41,7 @@ mod tests;
 use picks::Picks;
 
 /// How exact a fill by parts is, over the range of the samples, and a spline near them. Choices from fills a hundred times as exact were no
-/// better, on eleven frames at 5, 10 and 20 %.
+/// better, on nine frames at 5, 10 and 20 %.
 const ROUGH: f64 = 1e-2;
 /// Steps of a tile, from a pyramid's image.
 const STEPS: usize = 20;
