@@ -158,7 +158,11 @@ fn ending(mut error: clap::Error, words: &[OsString]) -> Ending {
         (ErrorKind::InvalidSubcommand, _) if help == "lacuna submit" => {
             Some("the farm's manager comes first: lacuna submit slurm -- fill ...".into())
         }
-        (ErrorKind::UnknownArgument, Some(ContextValue::String(flag))) => foreign::hint(flag, &command),
+        (ErrorKind::UnknownArgument, Some(ContextValue::String(flag))) => {
+            let of_task = help == "lacuna submit slurm" && is_flag_of(&help::command(), "fill", flag);
+            let after = of_task.then(|| "flags of the command that is submitted stand behind --".to_owned());
+            after.or_else(|| foreign::hint(flag, &command))
+        }
         _ => None,
     };
     without_useless_tips(&mut error, hint.is_some());
@@ -168,7 +172,13 @@ fn ending(mut error: clap::Error, words: &[OsString]) -> Ending {
         .fold(text.as_str(), |text, end| text.split_once(end).map_or(text, |(before, _)| before));
     let reason: Vec<&str> = reason.trim_start_matches("error: ").split_whitespace().collect();
     let hint = hint.map_or_else(String::new, |hint| format!("; {hint}"));
-    Ending::Usage(format!("lacuna: error: {}{hint} (see '{help} --help')\n", reason.join(" ")))
+    let reason = reason.join(" ").replace(" tip: ", "; ");
+    Ending::Usage(format!("lacuna: error: {reason}{hint} (see '{help} --help')\n"))
+}
+
+fn is_flag_of(lacuna: &clap::Command, subcommand: &str, flag: &str) -> bool {
+    let of = lacuna.find_subcommand(subcommand);
+    of.is_some_and(|command| command.get_arguments().any(|arg| arg.get_long() == flag.strip_prefix("--")))
 }
 
 /// Leaves out how a misspelt flag would be taken for a file's name, and, where a better hint is known, flags that look alike.

@@ -165,6 +165,16 @@ fn task(words: &[String]) -> Result<(Task, Vec<i64>), Ending> {
     }
 }
 
+/// A task names the frames of its chunk itself.
+fn without_frames(words: &[String]) -> Vec<String> {
+    let own = words.iter().position(|word| word == "--").unwrap_or(words.len());
+    let is_value = |at: usize| at > 0 && words[at - 1] == "--frames";
+    let is_of_frames =
+        |at: usize| words[at] == "--frames" || words[at].starts_with("--frames=") || is_value(at);
+    let kept = (0..words.len()).filter(|&at| at >= own || !is_of_frames(at));
+    kept.map(|at| words[at].clone()).collect()
+}
+
 fn of_fill(words: &[String], job: &FillJob) -> Result<(Task, Vec<i64>), Ending> {
     check(&job.run, &[&job.run.json, &job.run.page])?;
     let Selection { inputs, files_from: None, .. } = &job.selection else {
@@ -180,7 +190,7 @@ fn of_fill(words: &[String], job: &FillJob) -> Result<(Task, Vec<i64>), Ending> 
     // To `verify`, channels of other files would be new ones.
     let verifies = job.what.enlarge.is_none() && job.targets.layers.is_empty();
     let task = Task {
-        words: words.to_vec(),
+        words: without_frames(words),
         existing: job.existing,
         skip_missing: job.skip_missing,
         has_log: job.run.log.is_some(),
@@ -195,7 +205,7 @@ fn of_render(words: &[String], job: &RenderJob) -> Result<(Task, Vec<i64>), Endi
     let frames = some(job.frames.as_ref().map_or(Vec::new(), |frames| frames.numbers().to_vec()))?;
     job.check().map_err(|error| Ending::usage("render", &error.to_string()))?;
     let task = Task {
-        words: words.to_vec(),
+        words: without_frames(words),
         existing: job.existing,
         skip_missing: false,
         has_log: job.run.log.is_some(),
@@ -310,6 +320,7 @@ mod tests {
         )
         .unwrap();
         assert_eq!((job.chunk, job.grant.cpus, job.frames.len()), (4, 2, 6));
+        assert_eq!(job.task.words, ["fill", "s.####.exr", "-o", "f.####.exr"]);
         assert_eq!((job.task.existing, job.task.skip_missing), (Existing::Replace, false));
         assert_eq!(
             (job.task.sparse.as_deref(), job.task.output.as_str()),

@@ -157,7 +157,8 @@ fn spellings_of_other_tools_say_the_one_here() {
         );
         assert_eq!(text.lines().count(), 1, "{text}");
     }
-    assert!(usage("fill a.exr --fliter ss").contains("'--filter'"));
+    assert!(usage("fill a.exr --fliter ss").contains("; a similar argument exists: '--filter'"));
+    assert!(usage("submit slurm --frames 1-4 -- fill a.exr -o b/").contains("stand behind --"));
     for line in ["fill -x", "verify a.exr b.exr --factor 2", "slrum", "submit -- fill a.exr"] {
         assert!(!usage(line).contains("to pass"), "{line}: {}", usage(line));
     }

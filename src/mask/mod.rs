@@ -83,10 +83,9 @@ impl Masks {
 
     /// The same channels as masks of a frame whose missing pixels were filled already, so that nothing is missing.
     #[must_use]
-    pub fn filled(self, frame: &Frame, note: String) -> Self {
+    pub fn filled(self, frame: &Frame) -> Self {
         let Self { channels, why_none, .. } = Self::complete(frame);
-        let notes = [self.notes, vec![note]].concat();
-        Self { channels, why_none, notes, ..self }
+        Self { channels, why_none, ..self }
     }
 
     /// The mask of a channel.

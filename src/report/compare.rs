@@ -23,8 +23,9 @@ use crate::reconstruct::estimate::written;
 pub enum Error {
     /// Their pixels are in different places.
     #[error(
-        "{what}: the data window is {reference} in the reference and {test} here; bring both to one window, \
-         with 'oiiotool IN --crop WINDOW -o OUT' for example"
+        "{what}: the data window is {reference} in the reference and {test} here; bring both to one {}",
+        if *same_size { "window, with 'oiiotool IN --crop WINDOW -o OUT' for example" }
+        else { "size: render or resize one of them" }
     )]
     Windows {
         /// The part.
@@ -33,6 +34,8 @@ pub enum Error {
         reference: String,
         /// The test image's window.
         test: String,
+        /// Whether one is the other, moved.
+        same_size: bool,
     },
     /// They have no channel in common.
     #[error("no channel has a partner in the reference; its channels are {0}")]
@@ -98,7 +101,8 @@ impl Work<'_> {
             };
             let what = part_label(self.reference, self.group.parts.0);
             let what = if what.is_empty() { "the frame".into() } else { what };
-            return Err(Error::Windows { what, reference: text(part), test: text(other) });
+            let same_size = part.size() == other.size();
+            return Err(Error::Windows { what, reference: text(part), test: text(other), same_size });
         }
         let mask = self.mask();
         let missing: Option<Vec<bool>> = mask.map(|mask| mask.as_slice().iter().map(|flag| !flag).collect());

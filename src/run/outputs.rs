@@ -70,7 +70,15 @@ fn check_mask(mask: &Path) -> Result<(), Failure> {
     match mask.metadata() {
         Ok(found) if found.is_file() => Ok(()),
         Ok(_) => Err(Failure::at(mask, "cannot read the mask: it is not a regular file")),
-        Err(error) => Err(Failure::at(mask, format!("cannot read the mask: {error}"))),
+        Err(error) => {
+            let is_name = mask.extension().is_none() && mask.components().count() == 1;
+            let hint = if is_name {
+                format!("; a channel is named channel:{}", mask.display())
+            } else {
+                String::new()
+            };
+            Err(Failure::at(mask, format!("cannot read the mask: {error}{hint}")))
+        }
     }
 }
 

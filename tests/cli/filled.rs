@@ -42,10 +42,18 @@ fn a_filled_frame_is_recognised() {
     let pixels = |name: &str| room.read(name).parts.remove(0).channels;
     assert_eq!(pixels("twice.exr"), pixels("full.exr"));
 
+    room.ok(&["fill", "in.exr", "-o", "dropped.exr", "--drop-mask", "--filter", "ss"]);
+    let done = room.run(&["fill", "dropped.exr", "-o", "twice.exr"]);
+    assert!(
+        done.status == 1 && done.err.contains("filled by ss already, and its mask was dropped"),
+        "{}",
+        done.err
+    );
+
     // Enlarged as a frame that says nothing of masks.
     let words = ["upscale", "full.exr", "-o", "large.exr", "--scale", "2"];
     let said = room.ok(&words).err;
-    assert!(said.contains("filled by ss already: taken as complete"), "{said}");
+    assert!(said.contains("filled by ss already: taken as complete") && !said.contains("warning"), "{said}");
     let info = room.ok(&["info", "large.exr"]).out;
     assert!(info.contains("  enlarged by ss\n"), "{info}");
     let swapped = "are the two swapped?";

@@ -275,6 +275,7 @@ fn a_dry_run_sees_what_cannot_work() {
     assert!(Command::new("mkfifo").arg(room.path("pipe.exr")).status().unwrap().success());
     for (words, place) in [
         (&["in.exr", "-o", "o.exr", "--mask", "m.png"][..], "m.png: cannot read the mask"),
+        (&["in.exr", "-o", "o.exr", "--mask", "mask"], "; a channel is named channel:mask"),
         (&["in.exr", "-o", "o.exr", "--mask", "pipe.exr"], "pipe.exr: cannot read the mask"),
         (&["in.exr", "-o", "pipe.exr"], "pipe.exr: cannot write"),
         (&["pipe.exr", "-o", "o.exr"], "pipe.exr: cannot open"),

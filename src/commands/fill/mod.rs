@@ -138,14 +138,21 @@ impl Fill<'_> {
     /// The masks to go by. A frame to be enlarged may well be complete; one to be filled is not, and was not filled before.
     fn masks_of(&self, frame: &Frame, found: Result<Masks, mask::Error>) -> Result<Masks, String> {
         let what = &self.job.what;
-        let masks = match found {
-            Err(mask::Error::NotFound { hint, .. }) if what.enlarge.is_some() => {
-                let complete = Masks::complete(frame);
-                let filter = frame.parts.iter().find_map(|part| part.attributes.text(FILTER));
-                let note = filter.map(|filter| taken_as_complete(&filter)).or(hint);
-                return Ok(Masks { notes: note.into_iter().collect(), ..complete });
+        let filter = || frame.parts.iter().find_map(|part| part.attributes.text(FILTER));
+        let masks = match (found, filter()) {
+            (Err(mask::Error::NotFound { .. }), Some(filter)) if what.enlarge.is_some() => {
+                tell_complete(&filter);
+                return Ok(Masks::complete(frame));
             }
-            found => found.map_err(|error| error.to_string())?,
+            (Err(mask::Error::NotFound { hint, .. }), None) if what.enlarge.is_some() => {
+                return Ok(Masks { notes: hint.into_iter().collect(), ..Masks::complete(frame) });
+            }
+            (Err(mask::Error::NotFound { hint: None, .. }), Some(filter)) => {
+                return Err(format!(
+                    "filled by {filter} already, and its mask was dropped: nothing says what to fill"
+                ));
+            }
+            (found, _) => found.map_err(|error| error.to_string())?,
         };
         let mut masks = masks;
         masks.notes.extend(inverted(frame, &masks));
@@ -154,7 +161,10 @@ impl Fill<'_> {
             (None, _) => Err(format!(
                 "filled by {filter} already; --again fills it anew from the pixels that its mask calls measured"
             )),
-            (Some(_), Source::Auto) => Ok(masks.filled(frame, taken_as_complete(&filter))),
+            (Some(_), Source::Auto) => {
+                tell_complete(&filter);
+                Ok(masks.filled(frame))
+            }
             (Some(_), _) => Ok(masks),
         }
     }
@@ -397,9 +407,9 @@ fn rules(report: &Report) -> String {
     used.map(|(count, rule)| format!("{count} {rule}")).collect::<Vec<_>>().join(", ")
 }
 
-/// What is said of a filled frame that is to be enlarged.
-fn taken_as_complete(filter: &str) -> String {
-    format!("filled by {filter} already: taken as complete (--mask names the pixels that count)")
+/// Says that a filled frame is to be enlarged: what people mean to do, so no warning.
+fn tell_complete(filter: &str) {
+    tracing::info!("filled by {filter} already: taken as complete (--mask names the pixels that count)");
 }
 
 #[cfg(test)]

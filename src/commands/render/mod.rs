@@ -269,7 +269,10 @@ impl Work for Render<'_> {
             super::fill::tell(report, record);
         }
         if let Some(filled) = seconds.1 {
-            stage.note(&format!("rendered in {:.2} s, filled in {filled:.2} s", seconds.0));
+            let choosing: f64 = record.rounds.iter().map(|round| round.chosen).sum();
+            let chosen = if choosing > 0.0 { format!("chosen in {choosing:.2} s, ") } else { String::new() };
+            stage
+                .note(&format!("rendered in {:.2} s, {chosen}filled in {filled:.2} s", seconds.0 - choosing));
         }
         outputs::write(&frame, item, (self.job.existing, self.job.level), stage, record)
     }
