@@ -113,8 +113,8 @@ impl Work for Verify<'_> {
             return Ok(());
         }
         let are_swapped = Claims::are_swapped(&sparse, &filled);
-        let hint = if are_swapped { "; the sparse frame comes first: are the two swapped?" } else { "" };
-        Err(Failure::at(&item.output, format!("{}{hint}", list(&differences))))
+        let hint = if are_swapped { "are the two swapped? The sparse frame comes first: " } else { "" };
+        Err(Failure::at(&item.output, format!("{hint}{}", list(&differences))))
     }
 }
 

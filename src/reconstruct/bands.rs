@@ -239,7 +239,7 @@ impl Merged {
         }
         match &mut self.report {
             None => self.report = Some(report),
-            Some(all) => add(all, report),
+            Some(all) => add(all, report, (band.own.start, band.own.len())),
         }
         self.converted |= done.converted;
         self.bands += 1;
@@ -265,8 +265,24 @@ impl Merged {
     }
 }
 
-/// Adds the report of a band.
-fn add(all: &mut PartReport, band: PartReport) {
+/// Shares of so many rows, and of so many more.
+fn mix(known: &mut Vec<(String, f64)>, more: Vec<(String, f64)>, (before, own): (usize, usize)) {
+    let all = (before + own) as f64;
+    for (_, share) in known.iter_mut() {
+        *share *= before as f64 / all;
+    }
+    for (name, share) in more {
+        let share = share * own as f64 / all;
+        match known.iter_mut().find(|(other, _)| *other == name) {
+            Some((_, sum)) => *sum += share,
+            None => known.push((name, share)),
+        }
+    }
+    known.sort_by(|a, b| b.1.total_cmp(&a.1));
+}
+
+/// Adds the report of a band; `rows` are those before it and its own.
+fn add(all: &mut PartReport, band: PartReport, rows: (usize, usize)) {
     for (all, band) in all.channels.iter_mut().zip(band.channels) {
         all.filled += band.filled;
         all.non_finite += band.non_finite;
@@ -290,12 +306,7 @@ fn add(all: &mut PartReport, band: PartReport) {
         known.guides_gain = known.guides_gain.zip(band.guides_gain).map(|(a, b)| a.min(b));
         known.estimate = worse(known.estimate.take(), band.estimate);
         known.energy = known.energy.or(band.energy);
-        for (name, share) in band.chosen {
-            match known.chosen.iter_mut().find(|(other, _)| *other == name) {
-                Some((_, most)) => *most = most.max(share),
-                None => known.chosen.push((name, share)),
-            }
-        }
+        mix(&mut known.chosen, band.chosen, rows);
     }
 }
 
@@ -437,5 +448,14 @@ mod tests {
         let (banded, _) = filled(sparse(0..0), &job, (0, 200 * SIZE.width));
         let off = values(&whole.parts[0], "R").into_iter().zip(values(&banded.parts[0], "R"));
         assert!(off.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 4e-3);
+    }
+
+    #[test]
+    fn shares_are_those_of_all_rows() {
+        let of =
+            |shares: &[(&str, f64)]| shares.iter().map(|&(name, share)| (name.to_owned(), share)).collect();
+        let mut known: Vec<(String, f64)> = of(&[("edge", 0.75), ("tv", 0.25)]);
+        mix(&mut known, of(&[("ss", 1.0)]), (300, 100));
+        assert_eq!(known, of(&[("edge", 0.5625), ("ss", 0.25), ("tv", 0.1875)]));
     }
 }

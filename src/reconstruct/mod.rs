@@ -61,7 +61,7 @@ pub use weights::{Weights, WeightsError};
 
 use crate::channels::{Choice, Rule, non_finite, non_finite_note, part_label, unheeded};
 use crate::guides;
-use crate::mask::{ATTRIBUTE, Masks};
+use crate::mask::{ATTRIBUTE, Masks, Source};
 use crate::temporal::Neighbours;
 
 /// Pixels that one task takes in loops over a plane.
@@ -144,7 +144,8 @@ pub fn fill_with(
         report.parts.push(done.report);
     }
     if report.copied {
-        report.notes.push("nothing is to be filled: the pixels are copied".into());
+        let why = if job.mask == Source::Finite { ", as no pixel is NaN" } else { "" };
+        report.notes.push(format!("nothing is to be filled{why}: the pixels are copied"));
     }
     stamp_copies(&mut frame, masks, job, &stamp);
     report.total();

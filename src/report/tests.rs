@@ -98,6 +98,18 @@ fn the_gate_lets_nothing_pass_by_absence() {
     assert_eq!(Gate::default().failures(&report, true), Vec::<String>::new());
     let failures = gate("psnr=20", "").failures(&report, true);
     assert_eq!(failures, ["RGB: 1 values are not finite that should be"]);
+    // A depth that is infinite where a neighbour's was; a colour or a depth without background must not be.
+    let depth = |values: &[f32]| frame(vec![part(pair().0.parts[0].data_window, vec![float("Z", values)])]);
+    let far = f32::INFINITY;
+    for (reference, test, failures) in [
+        ([1.0, 2.0, far, far], [1.0, far, far, far], 0),
+        ([1.0, 2.0, far, far], [1.0, f32::NAN, far, far], 1),
+        ([1.0, 2.0, 3.0, 4.0], [1.0, far, 3.0, 4.0], 1),
+    ] {
+        let report =
+            compare(&depth(&reference), &depth(&test), None, &Settings::default(), &mut |_| {}).unwrap();
+        assert_eq!(gate("psnr=1", "").failures(&report, true).len(), failures, "{test:?}");
+    }
     let failures = gate("psnr=60,missing.ssim=2", "flip=0.1").failures(&report, true);
     assert_eq!(failures.len(), 4, "{failures:?}");
     assert!(failures[1].starts_with("RGB: psnr 24.39"), "{failures:?}");

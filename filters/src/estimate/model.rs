@@ -9,6 +9,7 @@ use super::evidence::Evidence;
 use super::near::{Near, Places};
 use super::variance::Variance;
 use crate::baseline::nearest::NearestMap;
+use crate::kernel::extremes;
 use crate::sampling::hash;
 use crate::{Mask, Planes, Size};
 
@@ -23,6 +24,8 @@ const EXPONENTS: (f64, f64) = (0.0, 1.75);
 const LEVELLED: f64 = 0.15;
 /// Standard deviation of the exponent.
 const EXPONENT_OFF: f64 = 0.4;
+/// Standard deviation of the logarithm of the squared error over that of what errors beyond those seen multiply it by.
+const TAIL: f64 = 0.75;
 /// Standard deviation of the rest, of the logarithm of the squared error.
 const REST: f64 = 0.1;
 /// What chance is multiplied by: errors are dealt less evenly than cells show.
@@ -43,7 +46,7 @@ const CHOSEN: f64 = 0.45;
 /// By how much unevenness exceeds [`UNEVEN`] where the share has fallen from 1 to [`CHOSEN`], as after some rounds.
 const CHOSEN_UNEVEN: f64 = 0.5;
 /// The rest, there.
-const CHOSEN_REST: f64 = 0.25;
+const CHOSEN_REST: f64 = 0.5;
 /// Neighbours whose spread is compared with the error.
 const SPREAD: usize = 8;
 
@@ -106,6 +109,8 @@ pub struct Model {
     variance: Variance,
     /// Errors below this are rounding.
     floor: f32,
+    /// The range of the samples, of the channel with the largest.
+    range: f64,
     /// The exponent of the variance.
     exponent: f64,
     /// Its standard deviation.
@@ -162,9 +167,22 @@ impl Model {
         });
         let (exponent, exponent_off) = exponent(evidence, truth, &places);
         let floor = rounding(truth, mask);
+        let range = range(truth, mask);
         let share = cells.share();
         let mask = Arc::clone(mask);
-        Self { mask, variance, floor, exponent, exponent_off, held, missing, owned, share, all_missing }
+        Self {
+            mask,
+            variance,
+            floor,
+            range,
+            exponent,
+            exponent_off,
+            held,
+            missing,
+            owned,
+            share,
+            all_missing,
+        }
     }
 
     /// The exponent of the variance: about 2 where shading is smooth, 0.6 where edges decide, 0 where noise does.
@@ -199,23 +217,27 @@ impl Model {
         if self.held.len() < FEWEST {
             return Verdict::CannotTell(Why::FewSamples);
         }
-        let (mean, carriers) = self.mean(self.exponent);
+        let parts = self.parts(self.exponent);
+        let (mean, carriers) = (self.mean(&parts), self.carriers(&parts));
         if mean <= 0.0 {
             return Verdict::Estimate(Rmse { rmse: 0.0, low: 0.0, high: 0.0 });
         }
-        let (steep, _) = self.mean(self.exponent + 0.5);
-        let (flat, _) = self.mean(self.exponent - 0.5);
+        let [steep, flat] = [0.5, -0.5].map(|more| self.mean(&self.parts(self.exponent + more)));
         let contrast = (steep / flat).ln().abs();
         let by_chance = CHANCE * (1.0 + self.held.len() as f64 / self.all_missing as f64) / carriers;
         let rest = if self.owned.is_some() { CHOSEN_REST } else { REST };
-        let off = (by_chance + (contrast * self.exponent_off).powi(2) + rest * rest).sqrt();
+        let squared: Vec<f32> = self.held.iter().map(|error| error.squared).collect();
+        let unseen = TAIL * tail::unseen((&parts, &squared), self.all_missing, self.range);
+        let off = (by_chance + unseen.powi(2) + (contrast * self.exponent_off).powi(2) + rest * rest).sqrt();
         let side = SIDE * off;
         if carriers < CARRIERS {
             return Verdict::CannotTell(Why::FewCarryAll);
         }
         let rmse = mean.sqrt();
         let factor = (0.5 * side).exp();
-        if !(rmse * factor).is_finite() {
+        // A value of the samples' range put anywhere is not that wrong.
+        let high = rmse * factor;
+        if high > self.range || high.is_nan() {
             return Verdict::CannotTell(Why::TooFar);
         }
         if side > WIDEST {
@@ -224,16 +246,28 @@ impl Model {
         Verdict::Estimate(Rmse { rmse, low: rmse / factor, high: rmse * factor })
     }
 
-    /// The mean squared error of missing pixels for this exponent, and how many cells carry it.
-    fn mean(&self, exponent: f64) -> (f64, f64) {
-        let parts = match &self.owned {
+    /// The mean squared error of missing pixels, from what held-out samples say.
+    fn mean(&self, parts: &[f64]) -> f64 {
+        let count = self.owned.as_ref().map_or(self.missing.len(), Vec::len);
+        parts.iter().sum::<f64>() / count.max(1) as f64
+    }
+
+    /// How many cells carry the error.
+    fn carriers(&self, parts: &[f64]) -> f64 {
+        let (grid, cell) = self.grid();
+        let mut cells = vec![0.0; grid.rows * grid.columns];
+        self.held.iter().zip(parts).for_each(|(error, part)| cells[cell(error.pixel)] += part);
+        let total: f64 = cells.iter().sum();
+        let squares: f64 = cells.iter().map(|part| part * part).sum();
+        if squares > 0.0 { total * total / squares } else { 0.0 }
+    }
+
+    /// What each held-out sample adds to the sum of squared errors of the missing pixels that are looked at.
+    fn parts(&self, exponent: f64) -> Vec<f64> {
+        match &self.owned {
             Some(owned) => self.by_sample(owned, exponent),
             None => self.by_place(exponent),
-        };
-        let count = self.owned.as_ref().map_or(self.missing.len(), Vec::len);
-        let total: f64 = parts.iter().sum();
-        let squares: f64 = parts.iter().map(|part| part * part).sum();
-        (total / count.max(1) as f64, if squares > 0.0 { total * total / squares } else { 0.0 })
+        }
     }
 
     /// Cells of some spacings of held-out samples, and the one of a pixel.
@@ -249,48 +283,40 @@ impl Model {
         (grid, cell)
     }
 
-    /// What cells add to the squared error of the missing pixels, where samples were put where errors are: each held-out sample speaks for the
-    /// pixels that it is the nearest of, with `e^2 (v' / v)^p`.
+    /// The same where samples were put where errors are: each speaks for the pixels that it is the nearest of, with `e^2 (v' / v)^p`.
     fn by_sample(&self, owned: &[(u32, f32)], exponent: f64) -> Vec<f64> {
-        let (grid, cell) = self.grid();
-        let mut parts = vec![0.0; grid.rows * grid.columns];
+        let mut parts = vec![0.0; self.held.len()];
         for &(owner, ln_variance) in owned {
             let error = &self.held[owner as usize];
             let power = (f64::from(ln_variance - error.ln_variance) * self.share * exponent).exp();
-            parts[cell(error.pixel)] += f64::from(error.squared) * power;
+            parts[owner as usize] += f64::from(error.squared) * power;
         }
         parts
     }
 
-    /// The same for other samples: in each cell and those around it the factor is `sum e^2 / sum v^p` over held-out samples.
+    /// And elsewhere: in each cell and those around it the factor is `sum e^2 / sum v^p` over held-out samples.
     fn by_place(&self, exponent: f64) -> Vec<f64> {
         let (grid, cell) = self.grid();
-        let mut cells = vec![[0.0_f64; 3]; grid.rows * grid.columns];
-        let power = |error: &Error| f64::from((error.ln_variance * exponent as f32).exp());
-        for error in &self.held {
-            let cell = &mut cells[cell(error.pixel)];
-            cell[0] += f64::from(error.weight * error.squared);
-            cell[1] += f64::from(error.weight) * power(error);
-        }
-        for error in &self.missing {
-            cells[cell(error.pixel)][2] += power(error);
-        }
-        let all: f64 = cells.iter().map(|cell| cell[1]).sum();
-        let around = grid.around(&cells);
+        let power =
+            |error: &Error| f64::from(error.weight) * f64::from((error.ln_variance * exponent as f32).exp());
+        let sums = |errors: &[Error]| {
+            let mut sums = vec![0.0_f64; grid.rows * grid.columns];
+            for error in errors {
+                sums[cell(error.pixel)] += power(error);
+            }
+            sums
+        };
+        let (held, missing) = (sums(&self.held), sums(&self.missing));
+        let around = grid.around(&held);
+        let near = |(missing, held): (&f64, &f64)| if *held > 0.0 { missing / held } else { 0.0 };
         // What a held-out error counts for, spread back to where it was seen.
-        let share: Vec<[f64; 3]> = cells
-            .iter()
-            .zip(&around)
-            .map(
-                |(cell, around)| {
-                    if around[1] > 0.0 { [cell[2] / around[1], 0.0, 0.0] } else { [0.0, cell[2], 0.0] }
-                },
-            )
-            .collect();
+        let counts = grid.around(&missing.iter().zip(&around).map(near).collect::<Vec<_>>());
         // Where nothing was held out near, all of the frame counts.
-        let elsewhere = share.iter().map(|share| share[1]).sum::<f64>() / all;
-        let counts = grid.around(&share);
-        cells.iter().zip(&counts).map(|(cell, counts)| cell[0] * (counts[0] + elsewhere)).collect()
+        let far = missing.iter().zip(&around).filter(|(_, held)| **held <= 0.0).map(|(missing, _)| missing);
+        let elsewhere = far.sum::<f64>() / held.iter().sum::<f64>();
+        let part =
+            |error: &Error| f64::from(error.weight * error.squared) * (counts[cell(error.pixel)] + elsewhere);
+        self.held.iter().map(part).collect()
     }
 }
 
@@ -369,6 +395,15 @@ fn rounding(truth: &Planes, mask: &Mask) -> f32 {
     8.0 * f32::EPSILON * truth.as_slice().iter().map(largest).fold(0.0, f32::max)
 }
 
+/// The largest range of a channel's finite samples.
+fn range(truth: &Planes, mask: &Mask) -> f64 {
+    let of = |plane: &crate::Plane| {
+        let (low, high) = extremes::range(mask.as_slice(), plane.pixels());
+        f64::from(high) - f64::from(low)
+    };
+    truth.as_slice().iter().map(of).filter(|range| range.is_finite()).fold(0.0, f64::max)
+}
+
 /// Cells of an image.
 #[derive(Clone, Copy)]
 struct Grid {
@@ -378,15 +413,11 @@ struct Grid {
 
 impl Grid {
     /// Sums over a cell and those that touch it.
-    fn around(self, cells: &[[f64; 3]]) -> Vec<[f64; 3]> {
-        let sum = |row: usize, column: usize| {
-            let mut sum = [0.0; 3];
-            for y in row.saturating_sub(1)..(row + 2).min(self.rows) {
-                for x in column.saturating_sub(1)..(column + 2).min(self.columns) {
-                    sum.iter_mut().zip(cells[y * self.columns + x]).for_each(|(sum, value)| *sum += value);
-                }
-            }
-            sum
+    fn around(self, cells: &[f64]) -> Vec<f64> {
+        let sum = |row: usize, column: usize| -> f64 {
+            let columns = column.saturating_sub(1)..(column + 2).min(self.columns);
+            let rows = row.saturating_sub(1)..(row + 2).min(self.rows);
+            rows.map(|y| cells[y * self.columns..][columns.clone()].iter().sum::<f64>()).sum()
         };
         (0..cells.len()).into_par_iter().with_min_len(256).map(|k| sum(k / self.columns, k % self.columns))
     }
@@ -446,5 +477,6 @@ fn spread(evidence: &Evidence, truth: &Planes, places: &Places) -> f64 {
     all.iter().filter(|value| value.is_finite()).sum()
 }
 
+mod tail;
 #[cfg(test)]
 mod tests;

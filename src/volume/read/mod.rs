@@ -179,7 +179,10 @@ fn plain(place: &Place, bytes: usize) -> Result<Vec<u8>, Error> {
 }
 
 fn short(place: &Place, bytes: usize, found: u64) -> Error {
-    damaged(&place.file, format!("truncated: {found} bytes of voxels where the header promises {bytes}"))
+    damaged(
+        &place.file,
+        format!("truncated: {found} bytes of voxels where the header promises {bytes}; copy it again"),
+    )
 }
 
 /// Everything from the offset on.

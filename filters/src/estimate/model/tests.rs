@@ -116,3 +116,20 @@ fn what_cannot_be_told_is_not() {
     let full = Arc::new(Mask::from_fn(size, |_, _| true));
     assert!(matches!(verdict(&scene(size), &full), Verdict::Estimate(Rmse { rmse: 0.0, .. })));
 }
+
+/// Samples in islands say nothing of what lies between them, least of all that it is wrong by more than any value could be.
+#[test]
+fn no_error_is_larger_than_the_range_of_the_samples() {
+    let size = Size::new(200, 220);
+    let (truth, filter) = (scene(size), ss::Settings::default());
+    for (side, step) in [(6, 40), (8, 50), (12, 100), (30, 200)] {
+        let mask = Arc::new(Mask::from_fn(size, |row, column| row % step < side && column % step < side));
+        let model = learn(&filter, Kind::Spline, &truth, &mask);
+        match model.verdict() {
+            Verdict::Estimate(Rmse { high, .. }) | Verdict::AtMost(high) => {
+                assert!(high <= model.range, "{side} {step}: {high} of {}", model.range);
+            }
+            Verdict::CannotTell(_) => {}
+        }
+    }
+}
