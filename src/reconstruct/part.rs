@@ -246,9 +246,10 @@ fn along_motion<'a>(
     done: &mut Done,
 ) -> Result<Vec<Carrier<'a>>, Error> {
     let light = |group: &&Group| group.values == Values::Light;
-    let (Some(neighbours), Some(group)) =
-        (work.neighbours, groups.iter().filter(light).max_by_key(|group| group.channels.len()))
-    else {
+    let (Some(neighbours), Some(group)) = (
+        work.neighbours.filter(|neighbours| !neighbours.all.is_empty()),
+        groups.iter().filter(light).max_by_key(|group| group.channels.len()),
+    ) else {
         return Ok(Vec::new());
     };
     let part = &frame.parts[work.index];
