@@ -53,7 +53,7 @@ use crate::submit::SubmitJob;
 #[error("{0}")]
 pub struct Usage(pub String);
 
-/// lacuna fills the pixels that a renderer skipped: sparse EXR frames in, complete EXR frames out.
+/// Fills the pixels that a renderer skipped: sparse EXR frames in, complete EXR frames out.
 #[derive(Parser, Clone, Debug)]
 #[command(name = "lacuna", version, max_term_width = 110)]
 #[command(args_override_self = true)]
