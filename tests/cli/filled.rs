@@ -55,7 +55,8 @@ fn a_filled_frame_is_recognised() {
     let said = room.ok(&words).err;
     assert!(said.contains("filled by ss already: taken as complete") && !said.contains("warning"), "{said}");
     let info = room.ok(&["info", "large.exr"]).out;
-    assert!(info.contains("  enlarged by ss\n"), "{info}");
+    assert!(info.contains("  enlarged by ss\n") && !info.contains("by estimate"), "{info}");
+    assert!(info.contains("mask: mask, density 100.00 %"), "{info}");
     let swapped = "are the two swapped?";
     assert!(room.run(&["compare", "full.exr", "in.exr"]).err.contains(swapped));
     assert!(!room.run(&["compare", "in.exr", "full.exr"]).err.contains(swapped));
@@ -164,4 +165,8 @@ fn a_mask_that_seems_inverted_is_warned_of() {
     let fill = |name: &str| room.ok(&["fill", name, "-o", "out.exr", "--force", "--filter", "ss"]).err;
     assert!(!fill("right.exr").contains(warning));
     assert!(fill("wrong.exr").contains(warning));
+    // A gate lets no black frame pass.
+    let done = room.run(&["fill", "wrong.exr", "-o", "gated.exr", "--filter", "ss", "--min-psnr", "30"]);
+    assert!(done.status == 1 && done.errors()[0].contains(warning), "{}", done.err);
+    assert!(!room.path("gated.exr").exists());
 }

@@ -41,9 +41,10 @@ const WIDEST: f64 = 1.4;
 /// Standard deviation over the mean of how many pixels each sample is the nearest of, beyond which samples lie unevenly: at 20 % it is 0.19 for the
 /// shuffle and 0.23 for blue noise, 0.29 to 0.48 after a second pass of a quarter of them, 0.5 at random, 0.7 to 1.3 for samples chosen in rounds.
 const UNEVEN: f64 = 0.26;
-/// Share of the exponent that holds between a sample and the missing pixels around it where samples were put where errors are, in rounds.
-const CHOSEN: f64 = 0.45;
-/// By how much unevenness exceeds [`UNEVEN`] where the share has fallen from 1 to [`CHOSEN`], as after some rounds.
+/// Share of the exponent that holds between a sample and the missing pixels around it where samples were put where errors are, in rounds: at
+/// exponents up to this, and how it rises from there.
+const CHOSEN: (f64, f64) = (1.15, 0.25);
+/// By how much unevenness exceeds [`UNEVEN`] where the share has fallen from 1 to that, as after some rounds.
 const CHOSEN_UNEVEN: f64 = 0.5;
 /// The rest, there.
 const CHOSEN_REST: f64 = 0.5;
@@ -168,7 +169,7 @@ impl Model {
         let (exponent, exponent_off) = exponent(evidence, truth, &places);
         let floor = rounding(truth, mask);
         let range = range(truth, mask);
-        let share = cells.share();
+        let share = cells.share(exponent);
         let mask = Arc::clone(mask);
         Self {
             mask,
@@ -240,10 +241,14 @@ impl Model {
         if high > self.range || high.is_nan() {
             return Verdict::CannotTell(Why::TooFar);
         }
-        if side > WIDEST {
-            return Verdict::AtMost(rmse * factor);
+        if side > WIDEST && self.owned.is_some() {
+            // Where samples went, errors are small; what none of them has met, they do not bound.
+            return Verdict::CannotTell(Why::TooFar);
         }
-        Verdict::Estimate(Rmse { rmse, low: rmse / factor, high: rmse * factor })
+        if side > WIDEST {
+            return Verdict::AtMost(high);
+        }
+        Verdict::Estimate(Rmse { rmse, low: rmse / factor, high })
     }
 
     /// The mean squared error of missing pixels, from what held-out samples say.
@@ -347,9 +352,12 @@ impl Cells {
         self.variation > UNEVEN
     }
 
-    /// Share of the exponent: from all of it to [`CHOSEN`].
-    fn share(&self) -> f64 {
-        1.0 - (1.0 - CHOSEN) * ((self.variation - UNEVEN) / CHOSEN_UNEVEN).clamp(0.0, 1.0)
+    /// Share of the exponent: from all of it to what [`CHOSEN`] says; all of the largest exponent.
+    fn share(&self, exponent: f64) -> f64 {
+        let (from, least) = CHOSEN;
+        let smooth = ((exponent - from) / (EXPONENTS.1 - from)).max(0.0);
+        let lost = (1.0 - least) * (1.0 - smooth);
+        1.0 - lost * ((self.variation - UNEVEN) / CHOSEN_UNEVEN).clamp(0.0, 1.0)
     }
 
     /// What a sample counts for: where they lie unevenly the root of its missing pixels. (By their number those at the rim of a dense place count

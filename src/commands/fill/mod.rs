@@ -155,7 +155,11 @@ impl Fill<'_> {
             (found, _) => found.map_err(|error| error.to_string())?,
         };
         let mut masks = masks;
-        masks.notes.extend(inverted(frame, &masks));
+        match inverted(frame, &masks) {
+            // Black is filled with black, which no estimate finds doubtful.
+            Some(doubt) if self.job.gate.is_set() => return Err(doubt),
+            doubt => masks.notes.extend(doubt),
+        }
         let Some(filter) = filled_before(frame, &masks).filter(|_| !self.job.again) else { return Ok(masks) };
         match (&what.enlarge, &what.mask) {
             (None, _) => Err(format!(

@@ -17,6 +17,7 @@ mod windows;
 
 use std::sync::Arc;
 
+use half::f16;
 use lacuna_exr::{Channel, Frame, Part, Samples, Window};
 use lacuna_filters::enlarge;
 use lacuna_filters::upscale::{Geometry, Method, Sampling};
@@ -27,10 +28,13 @@ pub use windows::Windows;
 
 use super::groups::usable;
 use super::part::{self, Done};
-use super::{Error, Job, Kind, Plans, Report, Stamp, drop_derived, finish, mask_name, prefixed, stamp};
+use super::{
+    Error, Job, Kind, Plans, Report, Stamp, drop_derived, estimate, finish, mask_name, prefixed, stamp,
+};
 use crate::channels::{Choice, Rule, channel_label, part_label, unheeded};
 use crate::guides::{self, Asked};
 use crate::mask::Masks;
+use crate::temporal;
 
 /// How frames are enlarged.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,6 +126,9 @@ pub fn enlarge(
         let part = &mut frame.parts[index];
         done.notes.extend(vectors(part, (geometry, asked.keep_vectors), choices));
         (part.data_window, part.display_window) = (windows.data, windows.display);
+        if masks.channels[index].iter().flatten().all(|mask| mask.is_full()) {
+            masks.mask_channels[index].iter().for_each(|&at| call_measured(&mut part.channels[at].samples));
+        }
         let mask = mask_name(part, masks, index);
         let (notes, _) = finish(part, masks, index, job);
         done.notes.extend(notes);
@@ -130,11 +137,24 @@ pub fn enlarge(
         let density = masks.part_density(index).unwrap_or(1.0);
         stamp.with_mask(mask).write(&mut part.attributes, density, stop.unwrap_or(Stop::Converged));
         stamp::write_guides(&mut part.attributes, &done.report);
+        // What is known of the small frame's missing pixels is not known of the large one.
+        for name in [estimate::ATTRIBUTE, temporal::ATTRIBUTE] {
+            part.attributes.remove(name);
+        }
         report.notes.extend(prefixed(&label, done.notes));
         report.parts.push(done.report);
     }
     report.total();
     Ok((frame, report))
+}
+
+/// A mask of 1 throughout: the frame was complete, or was taken as complete, and so is the larger one.
+fn call_measured(mask: &mut Samples) {
+    match mask {
+        Samples::Half(values) => values.fill(f16::ONE),
+        Samples::Float(values) => values.fill(1.0),
+        Samples::Uint(values) => values.fill(1),
+    }
 }
 
 /// Fills the part on its own grid, with floats in place of halves where something is missing, so that nothing is rounded twice.
