@@ -1,4 +1,4 @@
-"""Contact sheets of the samples: sparse, filled, complete. Called by scripts/pictures; argument: the folder to write to."""
+"""Pictures of the documentation, from the samples. Called by scripts/pictures; argument: the folder to write to."""
 
 import os
 import pathlib
@@ -67,6 +67,65 @@ def fill(source, out, *words):
     return channels(out)
 
 
+def tool(*words):
+    subprocess.run([LACUNA, *words], check=True, stderr=subprocess.DEVNULL)
+
+
+def cut(picture, top, left, side):
+    return picture[top : top + side, left : left + side]
+
+
+def enlarged(folder, scratch):
+    """A frame rendered small, enlarged, and rendered large."""
+    scene = SAMPLES / "scenes" / "head.toml"
+    small, large, native = (scratch / name for name in ("small.exr", "large.exr", "native.exr"))
+    tool("render", scene, "-o", small, "--size", "180x180", "--samples", "16", "-q")
+    tool("render", scene, "-o", native, "--size", "360x360", "--samples", "16", "-q")
+    tool("upscale", small, "-o", large, "--scale", "2", "-q")
+    before = colour(channels(small)).repeat(2, axis=0).repeat(2, axis=1)
+    pictures = [before, colour(channels(large)), colour(channels(native))]
+    sheet(folder / "upscale.png", [[cut(picture, 60, 60, 240) for picture in pictures]], 1)
+
+
+def error(picture, reference):
+    """Ten times the difference, from black to yellow."""
+    size = np.clip(10 * np.abs(picture - reference).mean(axis=-1), 0, 1)
+    return np.stack([size, size**2, 0 * size], axis=-1)
+
+
+def sequence(folder, scratch):
+    """A frame of a turntable filled by itself and along with its neighbours, the error of both, and the complete frame."""
+    scene = SAMPLES / "scenes" / "vessels.toml"
+    words = ("--size", "240x240", "--samples", "4", "--frames", "1-5", "--set", "camera.orbit=0.5", "--create-dir", "-q")
+    tool("render", scene, "-o", scratch / "full" / "s.####.exr", *words)
+    tool("render", scene, "-o", scratch / "sparse" / "s.####.exr", *words, "--density", "0.2", "--depth")
+    alone, along = scratch / "alone.exr", scratch / "along" / "s.####.exr"
+    middle = scratch / "sparse" / "s.0003.exr"
+    tool("fill", middle, "-o", alone, "-q")
+    tool("fill", scratch / "sparse" / "s.####.exr", "-o", along, "--temporal", "auto", "--create-dir", "-q")
+    full = colour(channels(scratch / "full" / "s.0003.exr"))
+    fills = [colour(channels(path)) for path in (alone, scratch / "along" / "s.0003.exr")]
+    row = [colour(channels(middle)), *fills, *(error(fill, full) for fill in fills)]
+    sheet(folder / "sequence.png", [row], 1)
+
+
+def page(folder, scratch):
+    """The page of `compare --html`, where there is a browser."""
+    sys.path.insert(0, str(ROOT / "tests"))
+    import chromium
+
+    if chromium.find() is None:
+        print("no Chromium: the picture of compare's page is left out")
+        return
+    tool("compare", SAMPLES / "full" / "sequence" / "shot.####.exr", scratch / "shots", "--html", scratch / "page.html", "-q")
+    with chromium.Page((scratch / "page.html").as_uri(), width=1100, height=720) as opened:
+        opened.wait("document.body.dataset.ready !== undefined")
+        opened.picture(scratch / "page.png")
+    image = Image.open(scratch / "page.png").convert("RGB").quantize(256, dither=Image.Dither.NONE)
+    image.save(folder / "compare.png", optimize=True)
+    print(f"compare.png  {(folder / 'compare.png').stat().st_size // 1024} KiB")
+
+
 def main():
     folder = ROOT / sys.argv[1]
     folder.mkdir(parents=True, exist_ok=True)
@@ -89,6 +148,10 @@ def main():
             filled = [fill(sparse, out, "--filter", method) for method in ("ss", "tv")]
             rows.append([colour(frame) for frame in (channels(sparse), *filled, channels(SAMPLES / sample))])
         sheet(folder / "limits.png", rows, 1)
+        enlarged(folder, pathlib.Path(scratch))
+        sequence(folder, pathlib.Path(scratch))
+        tool("fill", SAMPLES / "sequence" / "shot.####.exr", "-o", pathlib.Path(scratch) / "shots" / "shot.####.exr", "--create-dir", "-q")
+        page(folder, pathlib.Path(scratch))
 
 
 if __name__ == "__main__":
