@@ -52,6 +52,11 @@ pub fn read_grey(input: impl BufRead + Seek, most: u64) -> Result<Grey, String> 
     decoder.set_transformations(Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(|error| error.to_string())?;
     let size = Size::new(reader.info().height as usize, reader.info().width as usize);
+    // The decoder takes for granted that entries are whole, and at most 256.
+    let palette = reader.info().palette.as_deref().unwrap_or_default();
+    if palette.len() % 3 != 0 || palette.len() > 768 {
+        return Err(format!("a palette of {} bytes: not 1 to 256 entries of three", palette.len()));
+    }
     let (colour, depth) = reader.output_color_type();
     let (channels, bytes) = (colour.samples(), if depth == BitDepth::Sixteen { 2 } else { 1 });
     // The decoded bytes, the values, and the flags that are made of them.
@@ -89,5 +94,12 @@ mod tests {
         let large = png((1000, 1000), kind, Compression::High, &vec![0; 1_000_000]).unwrap();
         let error = read_grey(Cursor::new(&large), 1 << 20).unwrap_err();
         assert!(error.contains("1000x1000") && error.contains("--memory"), "{error}");
+    }
+
+    #[test]
+    fn a_palette_of_broken_entries_is_refused() {
+        let broken = include_bytes!("../tests/fuzz/corpus/masks/palette-broken.png");
+        let error = read_grey(Cursor::new(broken), 1 << 20).unwrap_err();
+        assert!(error.contains("palette of 20 bytes"), "{error}");
     }
 }
