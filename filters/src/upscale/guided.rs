@@ -11,16 +11,22 @@
 //! so `R x = y` holds as without guides, and where `t` is 0 the result is the spline's, bit for bit where it is 0 everywhere.
 //!
 //! The trust is that of [`crate::variational::guided`]: small pixels are joined two by two, the frame of a quarter of the pixels is
-//! enlarged both ways, and both are compared with the small pixels, which neither saw. Guides that do not predict
-//! end up at 0 there, and a frame in which they take less than a few percent of the squared error away is left to the spline.
+//! enlarged both ways, and both are compared with the small pixels, which neither saw. There guides are means of many samples; at the
+//! larger size they may be one a pixel, and their noise is the larger the smaller the pixels. So the same is done with pixels
+//! joined four by four, and both errors are carried on to the larger size as they went from there to here. Guides that do not predict
+//! end up at 0, and a frame in which they take less than a few percent of the squared error away is left to the spline.
 //! Pixels whose guides are not numbers take nothing from them. Labels count for nothing: they have no slope.
+//!
+//! Diffuse light is close to a quadratic function of the normal, so the products of a normal's components are guides as well, where
+//! the frame's held-out error is less with them.
 //!
 //! Cost: the regression below, three more passes of the spline; memory: three planes of the result a channel.
 //! Fails: what no guide sees (shadows, mirrors) stays as soft as the small pixels.
 //!
 //! References: K. He, J. Sun, X. Tang, "Guided Image Filtering", IEEE Transactions on Pattern Analysis and Machine Intelligence 35(6),
 //! 2013 (equations 5 and 6, here with several guides and weights); J. Kopf, M. Cohen, D. Lischinski, M. Uyttendaele, "Joint
-//! Bilateral Upsampling", SIGGRAPH 2007 (the setting).
+//! Bilateral Upsampling", SIGGRAPH 2007 (the setting); R. Ramamoorthi, P. Hanrahan, "An Efficient Representation for Irradiance Environment
+//! Maps", SIGGRAPH 2001 (the quadratic).
 
 mod fit;
 #[cfg(test)]
@@ -28,14 +34,14 @@ mod tests;
 
 use lacuna_core::parallel::prelude::*;
 
-use self::fit::Fit;
+use self::fit::{Fit, Term};
 use super::{Axis, Geometry, Method, Plan, Sampling, apply};
 use crate::variational::guided::{Guides, Trust, WORTH, Weights};
 use crate::{Error, Mask, Plane, Planes, Run, Size};
 
 /// Small pixels of the side of a cell in which the trust is one number.
 const CELL: usize = 2;
-/// Fewer small pixels along a side say nothing about guides.
+/// Fewer small pixels along a side, joined two by two, say nothing about guides.
 const FEWEST: usize = 16;
 /// Pixels that one task of a loop over planes takes.
 const PART: usize = 1 << 16;
@@ -60,20 +66,33 @@ pub fn steer(plan: &Plan, samples: &Planes, guides: &Guides, run: &Run<'_>) -> R
     if guides.size() != high {
         return Err(Error::SizeMismatch { expected: high, found: guides.size().to_string() });
     }
-    let fine = guides.planes();
-    if fine.is_empty() || samples.is_empty() || low.height.min(low.width) < FEWEST {
+    if guides.planes().is_empty() || samples.is_empty() || low.height.min(low.width) < 2 * FEWEST {
         return Ok(None);
     }
-    let coarse: Vec<Plane> = fine.iter().map(|plane| plan.model.reduce(plane)).collect();
-    let (trust, gain) = judge(low, samples, &coarse)?;
+    let fine = terms(guides);
+    let coarse: Vec<Plane> = fine.iter().map(|term| plan.model.reduce(&term.plane())).collect();
+    // Without the products, and with them.
+    let mut best: Option<(Trust, usize)> = None;
+    for count in [guides.planes().len(), fine.len()] {
+        if best.as_ref().is_some_and(|(_, before)| *before == count) {
+            continue;
+        }
+        let trust = judge(plan, samples, &coarse[..count])?;
+        if best.as_ref().is_none_or(|(other, _)| trust.worth() > other.worth()) {
+            best = Some((trust, count));
+        }
+    }
+    let Some((trust, count)) = best else { return Ok(None) };
+    let gain = trust.worth();
     if gain < WORTH || run.interrupted().is_some() {
         return Ok(None);
     }
+    let (fine, coarse) = (&fine[..count], &coarse[..count]);
     let geometry = &plan.geometry;
-    let predicted = Fit { guides: &coarse, fine, geometry }.predict(samples);
+    let predicted = Fit { guides: coarse, fine, geometry }.predict(samples);
     let mut share = apply(
         &[geometry.vertical, geometry.horizontal].map(|axis| bilinear(&axis, geometry.sampling)),
-        &trust,
+        &trust.plane(low),
     );
     guides.forget_unknown(&mut share);
     let change = |predicted: Plane| {
@@ -93,6 +112,14 @@ pub fn steer(plan: &Plan, samples: &Planes, guides: &Guides, run: &Run<'_>) -> R
 }
 
 impl Plan {
+    /// What the given pixels would have been, channel by channel.
+    fn joins(&self, planes: &Planes) -> Planes {
+        Planes::of(
+            self.geometry.low(),
+            planes.as_slice().iter().map(|plane| self.model.reduce(plane)).collect(),
+        )
+    }
+
     /// Guides of the larger size as the small pixels see them.
     pub(crate) fn smaller(&self, guides: &Guides) -> Result<Guides, Error> {
         let high = self.geometry.high();
@@ -103,17 +130,51 @@ impl Plan {
     }
 }
 
-/// How far guides are trusted at each small pixel, and what that takes of the squared error: both ways from joined pixels.
-fn judge(low: Size, samples: &Planes, guides: &[Plane]) -> Result<(Plane, f64), Error> {
+/// The guides, then the products of the components of each normal.
+fn terms(guides: &Guides) -> Vec<Term<'_>> {
+    let planes = guides.planes();
+    let mut terms: Vec<Term<'_>> = planes.iter().map(Term::Plane).collect();
+    for normal in guides.normals() {
+        for (at, &one) in normal.iter().enumerate() {
+            terms.extend(normal[at..].iter().map(|&other| Term::Product(&planes[one], &planes[other])));
+        }
+    }
+    terms
+}
+
+/// How far guides are trusted at each small pixel: by what they do to pixels joined two by two, and by what that makes of a finer scale.
+fn judge(plan: &Plan, samples: &Planes, guides: &[Plane]) -> Result<Trust, Error> {
+    let near = joined(samples.size())?;
+    let far = joined(near.geometry.low())?;
+    let half = near.joins(samples);
+    let half_guides: Vec<Plane> = guides.iter().map(|plane| near.model.reduce(plane)).collect();
+    let trust = compare(&near, (samples, &half), (guides, &half_guides));
+    let coarser = {
+        let guides: Vec<Plane> = half_guides.iter().map(|plane| far.model.reduce(plane)).collect();
+        compare(&far, (&half, &far.joins(&half)), (&half_guides, &guides))
+    };
+    let octaves = 0.5 * (plan.geometry.vertical.scale * plan.geometry.horizontal.scale).log2();
+    Ok(trust.carried(&coarser, octaves))
+}
+
+/// Two by two pixels to one.
+fn joined(size: Size) -> Result<Plan, Error> {
     let half = |pixels: usize| Axis { inputs: pixels.div_ceil(2), outputs: pixels, scale: 2.0, shift: 0.0 };
     let geometry =
-        Geometry { vertical: half(low.height), horizontal: half(low.width), sampling: Sampling::Box };
-    let plan = Plan::new(geometry, Method::Ss)?;
-    let reduce = |planes: &[Plane]| planes.iter().map(|plane| plan.model.reduce(plane)).collect::<Vec<_>>();
-    let joined = Planes::of(geometry.low(), reduce(samples.as_slice()));
-    let coarse = reduce(guides);
+        Geometry { vertical: half(size.height), horizontal: half(size.width), sampling: Sampling::Box };
+    Plan::new(geometry, Method::Ss)
+}
+
+/// Compares the spline of joined pixels and the guided image with the pixels that were joined.
+fn compare(
+    plan: &Plan,
+    (samples, joined): (&Planes, &Planes),
+    (fine, guides): (&[Plane], &[Plane]),
+) -> Trust {
+    let size = samples.size();
+    let fine: Vec<Term<'_>> = fine.iter().map(Term::Plane).collect();
     let plain: Vec<Plane> = joined.as_slice().iter().map(|plane| plan.spline(plane)).collect();
-    let predicted = Fit { guides: &coarse, fine: guides, geometry: &geometry }.predict(&joined);
+    let predicted = Fit { guides, fine: &fine, geometry: &plan.geometry }.predict(joined);
     let guided = predicted.into_vec().into_iter().zip(joined.as_slice()).map(|(mut predicted, joined)| {
         let mut left = joined.clone();
         let seen = plan.model.reduce(&predicted);
@@ -122,11 +183,10 @@ fn judge(low: Size, samples: &Planes, guides: &[Plane]) -> Result<(Plane, f64), 
         predicted.pixels_mut().iter_mut().zip(spline.pixels()).for_each(|(value, more)| *value += more);
         predicted
     });
-    let (plain, guided) = (Planes::of(low, plain), Planes::of(low, guided.collect()));
-    let all = Mask::from_fn(low, |_, _| true);
-    let pixels = (0..low.height).flat_map(|row| (0..low.width).map(move |column| (row, column)));
-    let trust = Trust::in_cells(CELL, pixels, (samples, Weights::new(&all, samples)), &plain, &guided);
-    Ok((trust.plane(low), trust.worth()))
+    let (plain, guided) = (Planes::of(size, plain), Planes::of(size, guided.collect()));
+    let all = Mask::from_fn(size, |_, _| true);
+    let pixels = (0..size.height).flat_map(|row| (0..size.width).map(move |column| (row, column)));
+    Trust::in_cells(CELL, pixels, (samples, Weights::new(&all, samples)), &plain, &guided)
 }
 
 /// Where a high-resolution pixel lies between two low-resolution ones: the first of them, and the share of the second.

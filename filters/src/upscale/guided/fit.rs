@@ -15,6 +15,7 @@
 
 #![allow(clippy::inline_always, reason = "a body must be compiled with the instruction set of its caller")]
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use lacuna_core::parallel::prelude::*;
@@ -31,13 +32,55 @@ const NEIGHBOUR: f32 = 0.135_335_28;
 /// Rows of small pixels that one task takes.
 const BAND: usize = 16;
 
+/// A guide at the larger size.
+#[derive(Clone, Copy)]
+pub enum Term<'a> {
+    /// As it is.
+    Plane(&'a Plane),
+    /// The product of two, made row by row.
+    Product(&'a Plane, &'a Plane),
+}
+
+impl<'a> Term<'a> {
+    /// All of its pixels.
+    pub fn plane(self) -> Cow<'a, Plane> {
+        match self {
+            Self::Plane(plane) => Cow::Borrowed(plane),
+            Self::Product(one, other) => {
+                let mut plane = one.clone();
+                plane
+                    .pixels_mut()
+                    .par_iter_mut()
+                    .zip(other.pixels())
+                    .for_each(|(value, other)| *value *= other);
+                Cow::Owned(plane)
+            }
+        }
+    }
+
+    /// One row, in `product` where it has to be made.
+    fn row<'b>(self, row: usize, product: &'b mut Vec<f32>) -> &'b [f32]
+    where
+        'a: 'b,
+    {
+        match self {
+            Self::Plane(plane) => plane.row(row),
+            Self::Product(one, other) => {
+                product.clear();
+                product.extend(one.row(row).iter().zip(other.row(row)).map(|(one, other)| one * other));
+                product
+            }
+        }
+    }
+}
+
 /// Guides of both sizes.
 #[derive(Clone, Copy)]
 pub struct Fit<'a> {
     /// Reduced.
     pub guides: &'a [Plane],
     /// At the larger size.
-    pub fine: &'a [Plane],
+    pub fine: &'a [Term<'a>],
     /// Where the pixels lie.
     pub geometry: &'a Geometry,
 }
@@ -86,8 +129,7 @@ impl Fit<'_> {
                         };
                         (one(above), one(above + 1))
                     };
-                    let fine = self.fine.iter().map(|plane| plane.row(row));
-                    evaluate(line, share, &across, fine, out);
+                    evaluate(line, share, &across, (self.fine, row), out);
                 }
             }
         });
@@ -147,7 +189,7 @@ fn evaluate<'a>(
     line: impl Fn(usize) -> (&'a [f32], &'a [f32]),
     down: f32,
     across: &[(usize, f32)],
-    guides: impl ExactSizeIterator<Item = &'a [f32]>,
+    (guides, row): (&[Term<'_>], usize),
     out: &mut [f32],
 ) {
     let terms = guides.len();
@@ -164,8 +206,10 @@ fn evaluate<'a>(
     for (out, &(first, share)) in out.iter_mut().zip(across) {
         *out = middle[first] + share * (middle[first + 1] - middle[first]);
     }
-    for (term, guide) in guides.enumerate() {
+    let mut product = Vec::new();
+    for (term, guide) in guides.iter().enumerate() {
         between(term, &mut middle);
+        let guide = guide.row(row, &mut product);
         for ((out, &(first, share)), guide) in out.iter_mut().zip(across).zip(guide) {
             *out += guide * (middle[first] + share * (middle[first + 1] - middle[first]));
         }

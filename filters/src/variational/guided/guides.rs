@@ -18,6 +18,8 @@ pub struct Guides {
     size: Size,
     names: Vec<String>,
     groups: Vec<Vec<usize>>,
+    /// Groups that are normals.
+    normals: Vec<usize>,
     planes: Vec<Plane>,
     labels: Option<Vec<u32>>,
     label_names: Vec<String>,
@@ -31,6 +33,7 @@ impl Guides {
             size,
             names: Vec::new(),
             groups: Vec::new(),
+            normals: Vec::new(),
             planes: Vec::new(),
             labels: None,
             label_names: Vec::new(),
@@ -47,6 +50,7 @@ impl Guides {
         if let Some(other) = planes.iter().find(|plane| plane.size() != self.size) {
             return Err(Error::SizeMismatch { expected: self.size, found: other.size().to_string() });
         }
+        let normal = is_normal(&planes);
         let mut group = Vec::new();
         let (mut variance, mut count) = (0.0, 0.0_f64);
         for mut plane in planes {
@@ -63,6 +67,9 @@ impl Guides {
         let factor = (SPREAD / (variance / count).sqrt()) as f32;
         for &index in &group {
             self.planes[index].pixels_mut().iter_mut().for_each(|value| *value *= factor);
+        }
+        if normal && group.len() == 3 {
+            self.normals.push(self.groups.len());
         }
         self.groups.push(group);
         self.names.push(name.into());
@@ -146,11 +153,17 @@ impl Guides {
             size,
             names: self.names.clone(),
             groups: self.groups.clone(),
+            normals: self.normals.clone(),
             planes: self.planes.iter().map(map).collect(),
             labels: None,
             label_names: Vec::new(),
             unknown: self.unknown,
         }
+    }
+
+    /// The planes of each normal.
+    pub(crate) fn normals(&self) -> impl Iterator<Item = &[usize]> {
+        self.normals.iter().map(|&group| self.groups[group].as_slice())
     }
 
     pub(super) fn groups(&self) -> &[Vec<usize>] {
@@ -170,6 +183,12 @@ impl Guides {
             }
         }
     }
+}
+
+/// Three planes of values from -1 to 1, some of them negative, which no colour has.
+fn is_normal(planes: &[Plane]) -> bool {
+    let all = || planes.iter().flat_map(Plane::pixels).filter(|value| !value.is_nan());
+    planes.len() == 3 && all().all(|value| value.abs() <= 1.001) && all().any(|value| *value < 0.0)
 }
 
 /// Brings far outliers near and replaces what is not finite; the variance, or nothing if the plane is constant.

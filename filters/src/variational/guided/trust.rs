@@ -34,6 +34,13 @@ struct Cell {
     change: f64,
 }
 
+impl Cell {
+    /// `g^2`.
+    fn guided(&self) -> f64 {
+        (self.change + self.plain - 2.0 * self.cross).max(0.0)
+    }
+}
+
 /// How much of the guided image each pixel takes, 0 to 1.
 #[derive(Clone, Debug)]
 pub struct Trust {
@@ -87,6 +94,31 @@ impl Trust {
             cells = mean(&cells, rows, columns, false);
         }
         Self { side, cells, rows, columns }
+    }
+
+    /// What it would be `octaves` finer, if both errors go on as they went from a coarser scale by an octave to this one, and their
+    /// correlation stays.
+    pub fn carried(mut self, coarser: &Self, octaves: f64) -> Self {
+        let (now, before) = (self.errors(), coarser.errors());
+        let part = |now: f64, before: f64| if before > 0.0 { (now / before).powf(octaves) } else { 1.0 };
+        let plain = part(now.0, before.0);
+        // Guides gain no trust by being carried on.
+        let guided = part(now.1, before.1).max(plain);
+        for cell in &mut self.cells {
+            let (s, product, g) = (cell.plain, cell.plain - cell.cross, cell.guided());
+            let product = product * (plain * guided).sqrt();
+            cell.plain = s * plain;
+            cell.cross = cell.plain - product;
+            cell.change = (cell.plain + g * guided - 2.0 * product).max(0.0);
+        }
+        self
+    }
+
+    /// The mean squared errors of the plain and of the guided image, weighted.
+    fn errors(&self) -> (f64, f64) {
+        let sum = |value: fn(&Cell) -> f64| self.cells.iter().map(value).sum::<f64>();
+        let count = sum(|cell| cell.count);
+        (sum(|cell| cell.plain) / count, sum(Cell::guided) / count)
     }
 
     /// What blending takes away of the squared error, 0 to 1.
