@@ -50,8 +50,8 @@ def test_every_part_is_filled_and_measured_pixels_keep_their_bits(beachball):
 
 
 RULES = {"R": "fill", "G": "fill", "B": "fill", "A": "fill", "whitebarmask.mask": "fill", "mask": "keep", "Z": "depth",
-         "forward.u": "nearest", "forward.v": "nearest"}
-RULES |= {f"disparity{side}.{axis}": "nearest" for side in "LR" for axis in "xy"}
+         "forward.u": "fill", "forward.v": "fill"}
+RULES |= {f"disparity{side}.{axis}": "fill" for side in "LR" for axis in "xy"}
 
 
 @pytest.mark.data

@@ -90,18 +90,24 @@ def test_what_is_no_light_is_taken_as_it_is(given):
 
 def test_motion_in_pixels_grows_with_the_frame(tmp_path):
     rng = np.random.default_rng(7)
+    # Nearest copies, so that only the factors differ.
     planes = {name: rng.normal(size=(20, 30)).astype(np.float32) for name in
               ("Vector.X", "Vector.Y", "Vector.Z", "Vector.W", "velocity.X", "motion.Z")}
     frames.write(tmp_path / "small.exr", planes | {"R": np.abs(planes["Vector.X"])})
     out = tmp_path / "out.exr"
-    told = lacuna("upscale", tmp_path / "small.exr", "-o", out, "--scale", "2x3").stderr
+    told = lacuna("upscale", tmp_path / "small.exr", "-o", out, "--scale", "2x3", "--channels", "*.*=nearest").stderr
     assert "Vector.W" in told and "times 2.0000 across and 3.0000 down" in told
     factors = {"Vector.X": 2, "Vector.Y": 3, "Vector.Z": 2, "Vector.W": 3, "velocity.X": 1, "motion.Z": 1}
     got = frames.read(out)[0]
     for name, factor in factors.items():
         assert np.array_equal(got[name][1::3, ::2], planes[name] * np.float32(factor)), name
-    lacuna("upscale", tmp_path / "small.exr", "-o", out, "--scale", "2x3", "--vectors", "keep")
+    lacuna("upscale", tmp_path / "small.exr", "-o", out, "--scale", "2x3", "--vectors", "keep", "--channels", "*.*=nearest")
     assert np.array_equal(frames.read(out)[0]["Vector.X"][1::3, ::2], planes["Vector.X"])
+    lacuna("upscale", tmp_path / "small.exr", "-o", out, "--scale", "2x3", "--limit", "off")
+    got = frames.read(out)[0]
+    for name, factor in factors.items():
+        means = got[name].reshape(20, 3, 30, 2).mean((1, 3))
+        assert np.abs(means - factor * planes[name]).max() < 1e-5 * factor * np.abs(planes[name]).max(), name
 
 
 @pytest.mark.parametrize("words, status, reason", [

@@ -20,8 +20,8 @@ pub use names::{
 };
 pub use overrides::{Override, OverrideError};
 pub use rules::{
-    by_default, is_albedo, is_alpha, is_code, is_label, is_light, is_matte, is_position,
-    is_texture_coordinate, motion_axis,
+    by_default, is_albedo, is_alpha, is_code, is_coordinate, is_label, is_light, is_matte, is_position,
+    motion_axis,
 };
 use serde::Serialize;
 pub use unheeded::unheeded;

@@ -39,7 +39,11 @@ const TABLE: &[Row] = &[
     Row { rule: Rule::Fill, why: "mist, a share of light", holds: is_mist },
     Row { rule: Rule::Depth, why: "a depth, by its name", holds: is_depth },
     Row { rule: Rule::Normal, why: "a normal with its two siblings", holds: is_normal },
-    Row { rule: Rule::Nearest, why: "motion or disparity, by its name", holds: is_motion },
+    Row {
+        rule: Rule::Fill,
+        why: "motion or disparity, by its name",
+        holds: |subject| is_motion(&subject.full),
+    },
     Row { rule: Rule::Fill, why: "alpha", holds: |subject| is_alpha(&subject.full) },
     Row { rule: Rule::Fill, why: "a matte", holds: |subject| is_matte(&subject.full) },
     Row { rule: Rule::Fill, why: "a position", holds: |subject| is_position(&subject.full) },
@@ -172,7 +176,8 @@ fn is_valued_label(subject: &Subject<'_>) -> bool {
     let Name { layer, component } = Name::new(&subject.full);
     let matte = has(&words(layer), &["puzzle", "matte", "mattes", "multimatte"]);
     let light = is_colour(subject) || is_alpha(&subject.full) || is_matte(&subject.full);
-    let ruled = light || is_mist(subject) || is_depth(subject) || is_normal(subject) || is_motion(subject);
+    let ruled =
+        light || is_mist(subject) || is_depth(subject) || is_normal(subject) || is_motion(&subject.full);
     let coordinate = ["u", "v", "w", "x", "y", "z", "s", "t"]
         .contains(&component.to_ascii_lowercase().as_str())
         && !layer.is_empty();
@@ -224,16 +229,18 @@ fn is_depth(subject: &Subject<'_>) -> bool {
     (z && !vector) || named
 }
 
-fn is_motion(subject: &Subject<'_>) -> bool {
-    let component = Name::new(&subject.full).component.to_ascii_lowercase();
+/// Whether a channel is motion or disparity, by its name: `Vector.X`, `motion.u`, `forward.u`, `disparityL.x`.
+fn is_motion(full: &str) -> bool {
+    let (words, component) = (words(full), Name::new(full).component.to_ascii_lowercase());
     let coordinate = ["u", "v", "x", "y", "z", "w"].contains(&component.as_str());
-    has(&subject.words, MOTION) || (coordinate && has(&subject.words, DIRECTED))
+    has(&words, MOTION) || (coordinate && has(&words, DIRECTED))
 }
 
 /// The axis along which a channel counts pixels, if it is motion or disparity in pixels: 0 across, 1 down. Velocities are of space;
 /// the third component of four is a second motion's first, as in Cycles' `Vector`, and that of three a depth.
 pub fn motion_axis(part: &Part, channel: usize) -> Option<usize> {
-    let subject = Subject::new(part, channel).filter(|subject| is_motion(subject) && !is_uint(subject))?;
+    let subject =
+        Subject::new(part, channel).filter(|subject| is_motion(&subject.full) && !is_uint(subject))?;
     if has(&subject.words, &["velocity"]) {
         return None;
     }
@@ -259,14 +266,19 @@ pub fn is_position(full: &str) -> bool {
 }
 
 /// Whether a channel is a texture coordinate, by its layer: `uv.u`, `ViewLayer.UV.X`, `st.R`, `texcoord.V`.
-pub fn is_texture_coordinate(full: &str) -> bool {
+fn is_texture_coordinate(full: &str) -> bool {
     let layer = words(Name::new(Name::new(full).layer).component);
     has(&layer, &["uv", "uvs", "st", "texcoord", "texcoords", "texturecoordinates"])
 }
 
-/// Whether a channel that is filled is light: not an alpha, a matte, a position or a texture coordinate.
+/// Whether a channel that is filled is light: not an alpha, a matte or a coordinate.
 pub fn is_light(full: &str) -> bool {
-    !is_alpha(full) && !is_matte(full) && !is_position(full) && !is_texture_coordinate(full)
+    !is_alpha(full) && !is_matte(full) && !is_coordinate(full)
+}
+
+/// Whether a channel that is filled is one of a vector of space, of a texture or of motion, whose unit is not that of light.
+pub fn is_coordinate(full: &str) -> bool {
+    is_position(full) || is_texture_coordinate(full) || is_motion(full)
 }
 
 /// `Y` is a luminance unless there is an `X` beside it.

@@ -35,10 +35,10 @@ const NAMES: &[(Rule, &str)] = &[
     (Rule::Nearest, "id|ID|objectId|material_id|objectid.R|ObjectID.X|VRayMtlID|VRayRenderID.R"),
     (Rule::Nearest, "ViewLayer.IndexOB.X|crypto_object00.red|CryptoObject00.r|ViewLayer.CryptoMaterial02.a"),
     (
-        Rule::Nearest,
-        "cryptomatte01.R|uCryptoAsset.G|forward.u|backward.v|motion.X|Vector.X|ViewLayer.Vector.W",
+        Rule::Fill,
+        "forward.u|backward.v|motion.X|Vector.X|ViewLayer.Vector.W|velocity.R|motionvector.x|disparityL.x|flow.x",
     ),
-    (Rule::Nearest, "velocity.R|motionvector.x|disparityL.x|shape_index.Y|prim_index|nodeId3|flow.x"),
+    (Rule::Nearest, "cryptomatte01.R|uCryptoAsset.G|shape_index.Y|prim_index|nodeId3"),
     (Rule::Depth, "Z|z|ZBack|zback|depth.T|depth.R|Depth|ViewLayer.Depth.Z|VRayZDepth|camera_depth|beauty.Z"),
     (Rule::Fill, "ViewLayer.Mist.Z|mist"),
     (Rule::Nearest, "label|segmentation|labels.R|face_label"),

@@ -6,6 +6,7 @@ use lacuna_filters::estimate::Verdict;
 use serde::Serialize;
 
 use super::{GroupReport, Report, parse_settings};
+use crate::channels::is_coordinate;
 
 /// The attribute that says how wrong the missing pixels of a part are by estimate.
 pub const ATTRIBUTE: &str = "lacuna/estimate";
@@ -29,7 +30,7 @@ pub enum Estimated {
     Error {
         /// Root mean square error.
         rmse: Interval,
-        /// Peak signal-to-noise ratio in decibels, the peak 1; nothing where the error is 0.
+        /// Peak signal-to-noise ratio in decibels, the peak 1; nothing where the error is 0, and of coordinates, which have no peak.
         psnr: Option<Interval>,
     },
     /// It is not larger than this, nine times of ten.
@@ -61,12 +62,26 @@ impl From<Verdict> for Estimated {
     }
 }
 
+impl Estimated {
+    /// What is told of a group of channels; of coordinates only an error in their own unit.
+    pub fn of(verdict: Verdict, coordinates: bool) -> Option<Self> {
+        match Self::from(verdict) {
+            Self::Error { rmse, .. } if coordinates => Some(Self::Error { rmse, psnr: None }),
+            other => (!coordinates).then_some(other),
+        }
+    }
+}
+
 impl std::fmt::Display for Estimated {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Error { rmse, psnr: Some(psnr) } => {
                 let Interval { estimate, low, high } = psnr;
                 write!(f, "{estimate:.1} dB ({low:.1} to {high:.1}), RMSE {:.2e}", rmse.estimate)
+            }
+            Self::Error { rmse, .. } if rmse.high > 0.0 => {
+                let Interval { estimate, low, high } = rmse;
+                write!(f, "RMSE {estimate:.2e} ({low:.2e} to {high:.2e})")
             }
             Self::Error { .. } => f.write_str("exact"),
             Self::Bound { rmse_at_most, psnr_at_least } => {
@@ -92,8 +107,12 @@ impl Gate {
         self.min_psnr.is_some() || self.max_rmse.is_some()
     }
 
-    /// Why a group is doubtful, if it is; an error that cannot be told is, one with a bound if that is beyond the gate's.
+    /// Why a group is doubtful, if it is; an error that cannot be told is, one with a bound if that is beyond the gate's. Coordinates
+    /// are not: their unit is not that of light.
     fn refuses(&self, group: &GroupReport) -> Option<String> {
+        if group.channels.iter().any(|name| is_coordinate(name)) {
+            return None;
+        }
         let estimated = group.estimate.as_ref()?;
         let names = group.names();
         let (rmse, psnr, [least, most]) = match estimated {
@@ -121,6 +140,9 @@ impl Gate {
     pub fn may_refuse(&self, line: Option<&str>) -> bool {
         let last = |text: &str| text.rsplit(' ').next().and_then(|word| word.parse::<f64>().ok());
         let doubtful = |group: &str| {
+            if is_coordinate(group.split([',', ':']).next().unwrap_or_default()) {
+                return false;
+            }
             let figures = (group.split_once(" dB").and_then(|(before, _)| last(before)), last(group));
             let (Some(psnr), Some(rmse)) = figures else { return !group.ends_with(": exact") };
             let low = self.min_psnr.is_some_and(|bound| psnr < bound + 0.05);

@@ -11,6 +11,8 @@ const NO_NORMAL: f32 = 1e-3;
 const NO_DIRECTION: f32 = 1e-2;
 /// Lengths within this of 1 are 1: the rounding of halves, twice.
 const ROUNDING: f32 = 1.0 / 512.0;
+/// Beside antialiased vectors one shorter than this share of all around may be an edge that none of them met, and stays.
+const EDGE: f32 = 0.9;
 /// One of so many measured vectors may be shorter where all are meant to be unit vectors.
 const STRAY: usize = 100;
 
@@ -25,6 +27,13 @@ pub enum Lengths {
 
 /// The least and the greatest length that a vector may have.
 pub type Range = (f32, f32);
+
+impl Lengths {
+    /// The length that a vector of this one gets.
+    pub fn allowed(self, own: f32, (low, high): Range) -> f32 {
+        if self == Self::Mixed && own < EDGE * low { own.min(high) } else { own.clamp(low, high) }
+    }
+}
 
 /// What the lengths of the measured vectors are; nothing where most are not of unit length: normals that are coded otherwise
 /// (0 to 1, say) are not to be scaled.
@@ -86,18 +95,18 @@ pub fn scale(
     samples: [&[f32]; 3],
     mask: &Mask,
     nearest: &[u32],
-    allowed: impl Fn(usize) -> Range,
+    (lengths, range): (Lengths, impl Fn(usize) -> Range),
 ) {
     let [x, y, z] = planes;
     for (at, _) in mask.as_slice().iter().enumerate().filter(|(_, measured)| !**measured) {
         let near = samples.map(|plane| plane[nearest[at] as usize]);
-        [x[at], y[at], z[at]] = within([x[at], y[at], z[at]], near, allowed(at));
+        [x[at], y[at], z[at]] = within([x[at], y[at], z[at]], near, |own| lengths.allowed(own, range(at)));
     }
 }
 
-fn within(vector: [f32; 3], near: [f32; 3], (low, high): Range) -> [f32; 3] {
+fn within(vector: [f32; 3], near: [f32; 3], allowed: impl Fn(f32) -> f32) -> [f32; 3] {
     let own = length(vector);
-    let wanted = own.clamp(low, high);
+    let wanted = allowed(own);
     if wanted == own {
         return vector;
     }
@@ -133,7 +142,7 @@ mod tests {
         assert_eq!(lengths(borrowed, &mask), Some(Lengths::Unit));
         let nearest = nearest.as_slice();
         let allowed = |at: usize| unit_range(borrowed, nearest[at] as usize);
-        scale([&mut x, &mut y, &mut z], borrowed, &mask, nearest, allowed);
+        scale([&mut x, &mut y, &mut z], borrowed, &mask, nearest, (Lengths::Unit, allowed));
         let at = |i: usize| [x[i], y[i], z[i]].map(f32::to_bits);
         assert_eq!(at(0), bits([0.0, 0.6, 0.8]));
         assert_eq!(at(1), bits([0.6, 0.0, 0.8]));
@@ -159,11 +168,14 @@ mod tests {
         assert_eq!(lengths(samples, &mask), Some(Lengths::Mixed));
         let allowed = |at: usize| range(samples, [at - 1, at + 1].into_iter());
         assert_eq!((allowed(1), allowed(3)), ((0.5, 1.0), (0.0, 0.5)));
-        let mut out = [[0.0; 5], [0.0, 0.6, 0.0, 0.0, 0.0], [1.0, 0.0, 0.5, 0.8, 0.0]];
+        let mut out = [[0.0; 5], [0.0, 0.48, 0.0, 0.0, 0.0], [1.0, 0.0, 0.5, 0.8, 0.0]];
         let [x, y, z] = &mut out;
         let nearest = [0, 0, 2, 2, 4];
-        scale([x, y, z], samples, &mask, &nearest, allowed);
-        assert_eq!(bits([out[0][1], out[1][1], out[2][1]]), bits([0.0, 0.6, 0.0]));
+        scale([x, y, z], samples, &mask, &nearest, (Lengths::Mixed, allowed));
+        assert_eq!(bits([out[0][1], out[1][1], out[2][1]]), bits([0.0, 0.5, 0.0]));
         assert_eq!(bits([out[0][3], out[1][3], out[2][3]]), bits([0.0, 0.0, 0.5]));
+        // Much shorter than all around: an edge that no sample met.
+        assert_eq!(Lengths::Mixed.allowed(0.3, (0.5, 1.0)), 0.3);
+        assert_eq!(Lengths::Unit.allowed(0.3, (1.0, 1.0)), 1.0);
     }
 }

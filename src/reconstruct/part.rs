@@ -14,6 +14,7 @@ use lacuna_filters::{Bounds, Mask, Method, Plane, Planes, Run};
 
 use super::apply::{Change, apply};
 use super::bounds::bounds_of;
+use super::estimate::Estimated;
 use super::groups::{Group, Target, copyable, groups, targets, usable};
 use super::normals::Lengths;
 use super::{
@@ -101,7 +102,7 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
     };
     done.report.groups.sort_by_key(first);
     unit_normals(frame, work, &mut filled, &mut done)?;
-    on_surfaces(frame, work, &mut filled)?;
+    on_surfaces(frame, work, &mut filled, &mut done)?;
     let any = filled.iter().any(|filled| filled.all);
     for Filled { channel, mask, values, limited, all, .. } in filled {
         done.report.channels[channel].limit(limited);
@@ -196,6 +197,7 @@ fn filter(
         options.carried = &carried;
     }
     let answer = fill_with(&samples, mask, &options, work.plans, work.run).map_err(fail)?;
+    let coordinates = names.iter().any(|name| channels::is_coordinate(name));
     let light = group.values == Values::Light && options.keeps_measured();
     for set in &answer.sets {
         let error = set.errors.as_ref().filter(|_| group.values == Values::Light);
@@ -209,7 +211,7 @@ fn filter(
             guides_gain: set.gain,
             neighbours_gain: set.along,
             chosen: set.shares.iter().map(|(name, share)| ((*name).into(), *share)).collect(),
-            estimate: set.estimate.map(Into::into),
+            estimate: set.estimate.and_then(|verdict| Estimated::of(verdict, coordinates)),
             exponent: set.exponent,
             energy: light
                 .then(|| energy::compare(&lights(&samples, &answer.planes, set), &set.mask))
@@ -421,13 +423,19 @@ fn unit_normals(frame: &Frame, work: &Work<'_>, filled: &mut [Filled], done: &mu
             None => normals::unit_range(samples, nearest[at] as usize),
             Some(around) => normals::range(samples, around.around(at)),
         };
-        normals::scale([&mut a.values, &mut b.values, &mut c.values], samples, &all, nearest, allowed);
+        normals::scale(
+            [&mut a.values, &mut b.values, &mut c.values],
+            samples,
+            &all,
+            nearest,
+            (lengths, allowed),
+        );
     }
     Ok(())
 }
 
-/// Brings filled positions and texture coordinates, layer by layer, onto surfaces of the measured ones.
-fn on_surfaces(frame: &Frame, work: &Work<'_>, filled: &mut [Filled]) -> Result<(), Error> {
+/// Brings filled coordinates, layer by layer, onto surfaces of the measured ones where that is due.
+fn on_surfaces(frame: &Frame, work: &Work<'_>, filled: &mut [Filled], done: &mut Done) -> Result<(), Error> {
     let part = &frame.parts[work.index];
     if !work.job.method.keeps_measured() {
         return Ok(());
@@ -436,7 +444,7 @@ fn on_surfaces(frame: &Frame, work: &Work<'_>, filled: &mut [Filled]) -> Result<
     for (at, one) in filled.iter().enumerate() {
         let name = part.channels[one.channel].display_name();
         let filled = work.choices[one.channel].rule == Rule::Fill;
-        if !filled || !(channels::is_position(&name) || channels::is_texture_coordinate(&name)) {
+        if !filled || !channels::is_coordinate(&name) {
             continue;
         }
         let layer = Name::new(&name).layer;
@@ -446,24 +454,24 @@ fn on_surfaces(frame: &Frame, work: &Work<'_>, filled: &mut [Filled]) -> Result<
         }
     }
     for (_, mask, all) in layers {
-        let fail = |source| Error::Filter {
-            channel: channel_label(frame, work.index, filled[all[0]].channel),
-            source,
-        };
+        let channel = filled[all[0]].channel;
+        let fail = |source| Error::Filter { channel: channel_label(frame, work.index, channel), source };
+        let own = filled.iter_mut().enumerate().filter(|(at, _)| all.contains(at));
+        let (mut planes, samples): (Vec<&mut [f32]>, Vec<&[f32]>) =
+            own.map(|(_, one)| (one.values.as_mut_slice(), one.samples.as_slice())).unzip();
+        let (method, name) = (work.job.method.clone(), part.channels[channel].display_name());
+        if !channels::is_position(&name)
+            && !surfaces::predict(&samples, &mask, method, (work.plans, work.run)).map_err(fail)?
+        {
+            continue;
+        }
         let plan = work.plans.depth(&mask).map_err(fail)?;
         let missing: Vec<usize> = (0..mask.as_slice().len()).filter(|&at| !mask.as_slice()[at]).collect();
-        let mut moved = 0;
-        {
-            let own = filled.iter_mut().enumerate().filter(|(at, _)| all.contains(at));
-            let (mut planes, samples): (Vec<&mut [f32]>, Vec<&[f32]>) =
-                own.map(|(_, one)| (one.values.as_mut_slice(), one.samples.as_slice())).unzip();
-            moved += surfaces::keep(&mut planes, &samples, (mask.size(), &missing), &plan);
+        let moved = surfaces::keep(&mut planes, &samples, (mask.size(), &missing), &plan);
+        // The estimate is that of the filter alone.
+        if moved > 0 {
+            done.report.estimate_none(channel);
         }
-        filled
-            .iter_mut()
-            .enumerate()
-            .filter(|(at, _)| all.contains(at))
-            .for_each(|(_, one)| one.limited.values += moved);
     }
     Ok(())
 }

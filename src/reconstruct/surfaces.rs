@@ -1,4 +1,4 @@
-//! Filled positions and texture coordinates lie on one surface of the measured ones around them.
+//! Filled positions, texture coordinates and motion vectors lie on one surface of the measured ones around them.
 //!
 //! A filter that is smooth across a silhouette makes points between two surfaces, where there is nothing. For a missing pixel let
 //! `q_i` be the nearest measured pixel in each of its quadrants, at distances `r_i` (as for a depth, `baseline::depth`), with
@@ -6,16 +6,29 @@
 //! least of these slopes, held between the median of the part and four times that. Of the surfaces the one whose weights
 //! `1 / r_i` add up to most is taken. The filter's vector stays if it is on it by half of that slope, seen
 //! from one of its `p_i`; any other becomes their mean with those weights.
+//! A renderer that averages within a pixel has points between surfaces, too; of texture coordinates and motion held-out samples tell
+//! ([`predict`]), positions are always on a surface.
 //! Fails: a surface that is seen edge-on, steeper than sixteen times the median, falls apart into its measured points.
 
+use std::sync::Arc;
+
 use lacuna_core::parallel::prelude::*;
-use lacuna_filters::Size;
 use lacuna_filters::baseline::depth::DepthPlan;
+use lacuna_filters::fill::{Options, Values, fill_with};
+use lacuna_filters::{Bounds, Error, Mask, Method, Plane, Planes, Run, Size};
+
+use super::Plans;
 
 /// How much steeper than usual one surface may be.
 const STEEP: f64 = 4.0;
 /// Pixels that tell the median slope, at most.
 const TOLD: usize = 1 << 14;
+/// One of so many measured pixels is held out.
+const HELD_OUT: u32 = 10;
+/// Fewer held-out pixels decide nothing.
+const FEWEST: usize = 64;
+/// How much farther off the held-out samples is level.
+const LEVEL: f64 = 1.01;
 
 /// Measured vectors around a missing pixel.
 struct Around {
@@ -58,6 +71,51 @@ pub fn keep(
         moved += 1;
     }
     moved
+}
+
+/// Whether vectors that the filter predicts come nearer to held-out samples on surfaces, in the mean, or stay about as near.
+pub fn predict(
+    samples: &[&[f32]],
+    mask: &Mask,
+    method: Method,
+    (plans, run): (&Plans, &Run<'_>),
+) -> Result<bool, Error> {
+    let size = mask.size();
+    let mut count = 0_u32;
+    let mut held_out = Vec::new();
+    let mut flags = mask.as_slice().to_vec();
+    for (at, flag) in flags.iter_mut().enumerate().filter(|(_, flag)| **flag) {
+        // Multiples of the golden ratio: spread evenly, and never in step with a mask.
+        count = count.wrapping_add(0x9e37_79b9);
+        if count < u32::MAX / HELD_OUT {
+            *flag = false;
+            held_out.push(at);
+        }
+    }
+    if held_out.len() < FEWEST {
+        return Ok(true);
+    }
+    let mask = Arc::new(Mask::new(size, flags)?);
+    let planes = samples.iter().map(|plane| Plane::new(size, plane.to_vec())).collect::<Result<_, _>>()?;
+    let mut options = Options::of(method);
+    options.values = Values::Other;
+    options.bounds = vec![Bounds::Free; samples.len()];
+    let mut filled = fill_with(&Planes::new(size, planes)?, &mask, &options, plans, run)?.planes.into_vec();
+    let mut planes: Vec<&mut [f32]> = filled.iter_mut().map(Plane::pixels_mut).collect();
+    let distance = |planes: &[&mut [f32]]| -> f64 {
+        let at = |&at: &usize| {
+            let pairs = planes.iter().zip(samples);
+            pairs
+                .map(|(own, sample)| (f64::from(own[at]) - f64::from(sample[at])).powi(2))
+                .sum::<f64>()
+                .sqrt()
+        };
+        held_out.iter().map(at).sum()
+    };
+    let before = distance(&planes);
+    let plan = plans.depth(&mask)?;
+    keep(&mut planes, samples, (size, &held_out), &plan);
+    Ok(distance(&planes) <= LEVEL * before)
 }
 
 impl Vectors<'_> {
@@ -163,5 +221,30 @@ mod tests {
             assert!([1.0, 9.0].contains(&filled[2][at]), "{at}: {}", filled[2][at]);
             assert!(edge(at) || (0..3).all(|axis| filled[axis][at] == before[axis][at]), "{at}");
         }
+    }
+
+    #[test]
+    fn held_out_samples_tell_antialiased_vectors_from_hard_ones() {
+        let size = Size::new(80, 80);
+        let mut state = 7_u32;
+        let mask = Mask::from_fn(size, |_, _| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            state >> 30 == 0
+        });
+        let told = |width: f32| {
+            let plane = |scale: f32| -> Vec<f32> {
+                let at = |at: usize| {
+                    let (y, x) = ((at / 80) as f32, (at % 80) as f32);
+                    let across = ((y - 40.0).hypot(x - 40.0) - 25.0) / width;
+                    scale * (0.01 * x + across.clamp(-1.0, 1.0))
+                };
+                (0..size.pixels()).map(|pixel| if mask.as_slice()[pixel] { at(pixel) } else { 0.0 }).collect()
+            };
+            let planes = [plane(1.0), plane(-3.0)];
+            let samples = planes.each_ref().map(Vec::as_slice);
+            let method = lacuna_filters::variational::ss::Settings::default().into();
+            predict(&samples, &mask, method, (&Plans::default(), &Run::default())).unwrap()
+        };
+        assert!(told(0.01) && !told(8.0));
     }
 }

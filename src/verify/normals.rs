@@ -42,7 +42,8 @@ fn one(pair: &Pair<'_>, triple: [usize; 3]) -> Option<Difference> {
         planes.push(measured_floats(samples, mask).ok()?);
     }
     let (both, measured) = (normals::both(&masks), [planes[0].as_slice(), &planes[1], &planes[2]]);
-    let around = match normals::lengths(measured, &both)? {
+    let lengths = normals::lengths(measured, &both)?;
+    let around = match lengths {
         Lengths::Unit => None,
         Lengths::Mixed => Some(DepthPlan::new(&both).ok()?),
     };
@@ -62,8 +63,8 @@ fn one(pair: &Pair<'_>, triple: [usize; 3]) -> Option<Difference> {
             && match &around {
                 None => length != 0.0 && (length - 1.0).abs() > tolerance,
                 Some(around) => {
-                    let (low, high) = normals::range(measured, around.around(*at));
-                    length < f64::from(low) - tolerance || length > f64::from(high) + tolerance
+                    let range = normals::range(measured, around.around(*at));
+                    (f64::from(lengths.allowed(length as f32, range)) - length).abs() > tolerance
                 }
             }
     };

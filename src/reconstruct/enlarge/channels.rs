@@ -140,7 +140,7 @@ fn unit_normals(
             Lengths::Mixed => normals::range(samples, block(geometry.low(), sources[at] as usize)),
         };
         let planes = [x.pixels_mut(), y.pixels_mut(), z.pixels_mut()];
-        normals::scale(planes, samples, &high, sources, allowed);
+        normals::scale(planes, samples, &high, sources, (lengths, allowed));
     }
 }
 

@@ -238,9 +238,9 @@ fn taken_note(part: &Part, taken: &[Option<Samples>]) -> String {
 /// Scales motion in pixels to the larger frame's; what is told of it.
 fn vectors(part: &mut Part, (geometry, keep): (Geometry, bool), choices: &[Choice]) -> Option<String> {
     let factors = [geometry.horizontal.scale, geometry.vertical.scale];
-    let copied = |at: &usize| choices[*at].rule == Rule::Nearest;
+    let made = |at: &usize| choices[*at].rule != Rule::Keep;
     let axes: Vec<(usize, usize)> = (0..part.channels.len())
-        .filter(copied)
+        .filter(made)
         .filter_map(|at| Some((at, crate::channels::motion_axis(part, at)?)))
         .collect();
     let names: Vec<_> = axes.iter().map(|(at, _)| part.channels[*at].display_name().into_owned()).collect();
