@@ -1,6 +1,6 @@
 """What guides gain, native small frames against large ones, and seconds of lacuna upscale, as Markdown tables.
 
-Called by scripts/upscaling with the names of tables: native, guided, speed. Renders are kept in target/upscaling.
+Called by scripts/upscaling with the names of tables: native, guided, sampled, speed. Renders are kept in target/upscaling.
 """
 
 import pathlib
@@ -17,6 +17,8 @@ from tool import DATA, LACUNA, OIIO_BIN, ROOT, lacuna, run  # noqa: E402
 KEPT = ROOT / "target" / "upscaling"
 # Scene, volume, side of the small frame.
 SCENES = [("head", None, 360), ("engine-soft", "engine", 120)]
+DENSE = [("head", None), ("vessels", None), ("foot", "foot"), ("chest", "chest"), ("cthead", "cthead"),
+         ("aneurism-steep", "aneurism"), ("tooth", "tooth")]
 FACTORS = [1.25, 1.5, 2, 2.5, 3]
 OIIO = ["triangle", "gaussian", "sharp-gaussian", "catmull-rom", "blackman-harris", "lanczos3", "radial-lanczos3",
         "nuke-lanczos6", "mitchell", "bspline", "cubic", "keys", "simon", "rifman"]
@@ -38,13 +40,13 @@ def done(result):
     return result
 
 
-def rendered(scene, volume, side):
+def rendered(scene, volume, side, words=()):
     KEPT.mkdir(parents=True, exist_ok=True)
     path = KEPT / f"{scene}-{side}.exr"
     if not path.exists():
         volume = ["--volume", DATA / "volumes" / f"{volume}.nrrd"] if volume else []
         done(lacuna("render", ROOT / "samples" / "scenes" / f"{scene}.toml", *volume, "--samples", "16", "--size",
-                    f"{side}x{side}", "-o", path, timeout=3000))
+                    f"{side}x{side}", *words, "-o", path, timeout=3000))
     return path
 
 
@@ -114,6 +116,24 @@ def guided():
             print(f"| {name} | {factor} | " + " | ".join(f"{value:.2f}" for value in row) + " |", flush=True)
 
 
+def sampled():
+    """Renders of 16 samples a pixel, guides of one: what a renderer gives for next to nothing."""
+    print("| scene | factor | none | dense N, Z, A |\n|---|---:|---:|---:|")
+    small, out, guides = (KEPT / f"{name}.exr" for name in ("small", "out", "guides"))
+    for scene, volume in DENSE:
+        large = frames.read(rendered(scene, volume, 480, ["--dense-aovs"]))[0]
+        full = rgb(KEPT / f"{scene}-480.exr")
+        frames.write(guides, {guide: large["dense." + guide] for guide in GUIDES})
+        for factor in (2, 4):
+            little = frames.read(rendered(scene, volume, 480 // factor))[0]
+            frames.write(small, {channel: little[channel] for channel in "RGBA"})
+            row = []
+            for words in ([], ["--guides-from", guides]):
+                done(lacuna("upscale", "-q", small, "-o", out, "--scale", str(factor), *words, timeout=3000))
+                row.append(psnr(rgb(out), full, 0))
+            print(f"| {scene} | {factor} | " + " | ".join(f"{value:.2f}" for value in row) + " |", flush=True)
+
+
 def seconds(*command):
     """The median of five."""
     return statistics.median(done(run([str(word) for word in command])).seconds for _ in range(5))
@@ -142,6 +162,6 @@ def speed():
 
 
 if __name__ == "__main__":
-    for table in sys.argv[1:] or ["native", "guided", "speed"]:
-        {"native": native, "guided": guided, "speed": speed}[table]()
+    for table in sys.argv[1:] or ["native", "guided", "sampled", "speed"]:
+        {"native": native, "guided": guided, "sampled": sampled, "speed": speed}[table]()
         print(flush=True)
