@@ -80,6 +80,7 @@ def test_the_error_channel_is_zero_where_measured_and_as_large_as_the_error_else
     assert abs(20 * math.log10(mean / truth)) < 4, (mean, truth)
     plain, _, _ = fill(tmp_path, source)
     assert "error" not in oiio.ImageBuf(str(plain)).spec().channelnames
+    lacuna("verify", source, output)
     named, _, result = fill(tmp_path, source, "--error-channel=R")
     assert "there is one of that name" in result.stderr
 

@@ -103,6 +103,13 @@ def test_motion_in_pixels_grows_with_the_frame(tmp_path):
         assert np.array_equal(got[name][1::3, ::2], planes[name] * np.float32(factor)), name
     lacuna("upscale", tmp_path / "small.exr", "-o", out, "--scale", "2x3", "--vectors", "keep", "--channels", "*.*=nearest")
     assert np.array_equal(frames.read(out)[0]["Vector.X"][1::3, ::2], planes["Vector.X"])
+    others = ("motion_blur.R", "motion_blur.G", "motion_blur.B", "vector_displacement.X", "vector_displacement.Y", "vector_displacement.Z")
+    huge = {name: np.full((20, 30), 4e4, np.float16) for name in ("flow.X", "flow.Y")}
+    frames.write(tmp_path / "other.exr", {name: planes["Vector.X"] for name in others} | huge)
+    told = lacuna("upscale", tmp_path / "other.exr", "-o", out, "--scale", "2x3", "--channels", "*.*=nearest").stderr
+    got = frames.read(out)[0]
+    assert all(np.array_equal(got[name][1::3, ::2], planes["Vector.X"]) for name in others)
+    assert "past the largest" in told and (got["flow.X"] == np.finfo(np.float16).max).all()
     lacuna("upscale", tmp_path / "small.exr", "-o", out, "--scale", "2x3", "--limit", "off")
     got = frames.read(out)[0]
     for name, factor in factors.items():

@@ -44,7 +44,7 @@ pub fn words(name: &str) -> Vec<String> {
 }
 
 /// The view that a channel belongs to: its part's `view`, else what the `multiView` attribute makes of its name
-/// (the second last component if it is a listed view, otherwise the first view, which is the default one).
+/// (the second last component or the first if it is a listed view, otherwise the first view, which is the default one).
 pub fn view_of(part: &Part, name: &str) -> Option<String> {
     if let Some(view) = part.view() {
         return Some(view);
@@ -58,10 +58,13 @@ pub fn names_view(part: &Part, name: &str) -> bool {
     part.view().is_some() || listed_view(part, name).is_some()
 }
 
-/// The view in a channel's name, if the `multiView` attribute lists it.
+/// The view in a channel's name, if the `multiView` attribute lists it: the second last component, as the standard says, or the first, as some write
+/// it (`right.Vector.X`).
 fn listed_view(part: &Part, name: &str) -> Option<String> {
-    let prefix = Name::new(Name::new(name).layer).component;
-    multi_view(part).into_iter().find(|view| view == prefix)
+    let layer = Name::new(name).layer;
+    let (last, first) = (Name::new(layer).component, layer.split('.').next().unwrap_or_default());
+    let views = multi_view(part);
+    [last, first].into_iter().find_map(|word| views.iter().find(|view| *view == word).cloned())
 }
 
 /// The views that the attribute `multiView` lists, the default one first; empty where there is none.

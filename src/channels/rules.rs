@@ -237,14 +237,24 @@ fn is_motion(full: &str) -> bool {
 }
 
 /// The axis along which a channel counts pixels, if it is motion or disparity in pixels: 0 across, 1 down. Velocities are of space;
-/// the third component of four is a second motion's first, as in Cycles' `Vector`, and that of three a depth.
+/// the third component of four is a second motion's first, as in Cycles' `Vector`, and that of three a depth. Three components
+/// are motion only if the name says no less: `vector_displacement.X` is of space, `motion_blur.R` is light.
 pub fn motion_axis(part: &Part, channel: usize) -> Option<usize> {
     let subject =
         Subject::new(part, channel).filter(|subject| is_motion(&subject.full) && !is_uint(subject))?;
-    if has(&subject.words, &["velocity"]) {
+    let Name { layer, component } = Name::new(&subject.full);
+    let light = sibling(part, layer, &["b"]).is_some();
+    let space = sibling(part, layer, &["z"]).is_some() && sibling(part, layer, &["w"]).is_none();
+    let vague: &[&str] = match (light, space) {
+        (true, _) => &["motion", "mv", "vector", "vectors"],
+        (_, true) => &["vector", "vectors"],
+        _ => &[],
+    };
+    let told = |word: &&String| MOTION.contains(&word.as_str()) || DIRECTED.contains(&word.as_str());
+    let certain = subject.words.iter().filter(told).any(|word| !vague.contains(&word.as_str()));
+    if has(&subject.words, &["velocity"]) || !(certain || subject.words.concat().contains("motionvec")) {
         return None;
     }
-    let Name { layer, component } = Name::new(&subject.full);
     match component.to_ascii_lowercase().as_str() {
         "x" | "u" | "r" => Some(0),
         "y" | "v" | "g" | "w" => Some(1),

@@ -186,10 +186,15 @@ pub fn add_channels(part: &mut Part, name: &str, errors: Vec<(String, Plane)>) -
     notes
 }
 
+/// What the channels of estimated errors of a part are called, if the fill wrote some.
+pub fn channel_name(part: &Part) -> Option<String> {
+    let settings = parse_settings(&part.attributes.text(super::stamp::SETTINGS)?);
+    settings.into_iter().find(|(name, _)| name == "error-channel").map(|(_, name)| name)
+}
+
 /// The estimated errors of a layer's pixels, if the fill wrote them.
 pub fn written(part: &Part, layer: &str) -> Option<Plane> {
-    let settings = parse_settings(&part.attributes.text(super::stamp::SETTINGS)?);
-    let (_, name) = settings.into_iter().find(|(name, _)| name == "error-channel")?;
+    let name = channel_name(part)?;
     let full = if layer.is_empty() { name } else { format!("{layer}.{name}") };
     let channel = part.channels.iter().find(|channel| channel.name == full.as_bytes())?;
     Plane::new(part.size(), channel.samples.to_floats()?).ok()

@@ -251,26 +251,34 @@ fn vectors(part: &mut Part, (geometry, keep): (Geometry, bool), choices: &[Choic
     if keep {
         return Some(format!("{names}: kept as numbers (--vectors keep)"));
     }
+    let mut clamped = 0;
+    // What was infinite stays so.
+    let mut scaled = |value: f64, factor: f64, most: f64| {
+        let product = value * factor;
+        let beyond = value.is_finite() && product.abs() > most;
+        clamped += usize::from(beyond);
+        if beyond { most.copysign(product) } else { product }
+    };
     for (at, axis) in axes {
         let factor = factors[axis];
         match &mut part.channels[at].samples {
-            Samples::Half(values) => {
-                let scaled = |value: &half::f16| half::f16::from_f64(value.to_f64() * factor);
-                for value in values {
-                    *value = scaled(value);
-                }
-            }
-            Samples::Float(values) => {
-                for value in values {
-                    *value = (f64::from(*value) * factor) as f32;
-                }
-            }
+            Samples::Half(values) => values.iter_mut().for_each(|value| {
+                *value = half::f16::from_f64(scaled(value.to_f64(), factor, half::f16::MAX.to_f64()));
+            }),
+            Samples::Float(values) => values.iter_mut().for_each(|value| {
+                *value = scaled(f64::from(*value), factor, f64::from(f32::MAX)) as f32;
+            }),
             Samples::Uint(_) => {}
         }
     }
     let [x, y] = factors;
+    let past = if clamped > 0 {
+        format!("; {clamped} values past the largest of their type were clamped to it")
+    } else {
+        String::new()
+    };
     Some(format!(
-        "{names}: motion in pixels, by its name, times {x:.4} across and {y:.4} down (--vectors keep leaves it)"
+        "{names}: motion in pixels, by its name, times {x:.4} across and {y:.4} down (--vectors keep leaves it){past}"
     ))
 }
 
