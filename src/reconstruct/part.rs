@@ -461,7 +461,7 @@ fn on_surfaces(frame: &Frame, work: &Work<'_>, filled: &mut [Filled], done: &mut
             own.map(|(_, one)| (one.values.as_mut_slice(), one.samples.as_slice())).unzip();
         let (method, name) = (work.job.method.clone(), part.channels[channel].display_name());
         if !channels::is_position(&name)
-            && !surfaces::predict(&samples, &mask, method, (work.plans, work.run)).map_err(fail)?
+            && !surfaces::are_near(&samples, &mask, method, (work.plans, work.run)).map_err(fail)?
         {
             continue;
         }

@@ -7,7 +7,7 @@
 //! `1 / r_i` add up to most is taken. The filter's vector stays if it is on it by half of that slope, seen
 //! from one of its `p_i`; any other becomes their mean with those weights.
 //! A renderer that averages within a pixel has points between surfaces, too; of texture coordinates and motion held-out samples tell
-//! ([`predict`]), positions are always on a surface.
+//! ([`are_near`]), positions are always on a surface.
 //! Fails: a surface that is seen edge-on, steeper than sixteen times the median, falls apart into its measured points.
 
 use std::sync::Arc;
@@ -73,8 +73,8 @@ pub fn keep(
     moved
 }
 
-/// Whether vectors that the filter predicts come nearer to held-out samples on surfaces, in the mean, or stay about as near.
-pub fn predict(
+/// Whether vectors on surfaces are as near to held-out samples, in the mean, as the filter's own.
+pub fn are_near(
     samples: &[&[f32]],
     mask: &Mask,
     method: Method,
@@ -243,7 +243,7 @@ mod tests {
             let planes = [plane(1.0), plane(-3.0)];
             let samples = planes.each_ref().map(Vec::as_slice);
             let method = lacuna_filters::variational::ss::Settings::default().into();
-            predict(&samples, &mask, method, (&Plans::default(), &Run::default())).unwrap()
+            are_near(&samples, &mask, method, (&Plans::default(), &Run::default())).unwrap()
         };
         assert!(told(0.01) && !told(8.0));
     }

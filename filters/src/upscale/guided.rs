@@ -20,7 +20,7 @@
 //! Diffuse light is close to a quadratic function of the normal, so the products of a normal's components are guides as well, where
 //! the frame's held-out error is less with them.
 //!
-//! Cost: the regression below, three more passes of the spline; memory: three planes of the result a channel.
+//! Cost: the regression below, three more passes of the spline, and twice the same of the small pixels; memory: three planes of the result a channel.
 //! Fails: what no guide sees (shadows, mirrors) stays as soft as the small pixels.
 //!
 //! References: K. He, J. Sun, X. Tang, "Guided Image Filtering", IEEE Transactions on Pattern Analysis and Machine Intelligence 35(6),
@@ -37,7 +37,7 @@ use lacuna_core::parallel::prelude::*;
 use self::fit::{Fit, Term};
 use super::{Axis, Geometry, Method, Plan, Sampling, apply};
 use crate::variational::guided::{Guides, Trust, WORTH, Weights};
-use crate::{Error, Mask, Plane, Planes, Run, Size};
+use crate::{Error, Mask, Plane, Planes, Run};
 
 /// Small pixels of the side of a cell in which the trust is one number.
 const CELL: usize = 2;
@@ -71,18 +71,21 @@ pub fn steer(plan: &Plan, samples: &Planes, guides: &Guides, run: &Run<'_>) -> R
     }
     let fine = terms(guides);
     let coarse: Vec<Plane> = fine.iter().map(|term| plan.model.reduce(&term.plane())).collect();
-    // Without the products, and with them.
-    let mut best: Option<(Trust, usize)> = None;
-    for count in [guides.planes().len(), fine.len()] {
-        if best.as_ref().is_some_and(|(_, before)| *before == count) {
-            continue;
-        }
-        let trust = judge(plan, samples, &coarse[..count])?;
-        if best.as_ref().is_none_or(|(other, _)| trust.worth() > other.worth()) {
-            best = Some((trust, count));
+    let near = Joined::new(samples, &coarse)?;
+    let far = Joined::new(&near.samples, &near.guides)?;
+    let octaves = 0.5 * (plan.geometry.vertical.scale * plan.geometry.horizontal.scale).log2();
+    let judge = |count: usize| {
+        let trust = near.judge(samples, &coarse[..count]);
+        trust.carried(&far.judge(&near.samples, &near.guides[..count]), octaves)
+    };
+    let mut count = guides.planes().len();
+    let mut trust = judge(count);
+    if fine.len() > count {
+        let other = judge(fine.len());
+        if other.worth() > trust.worth() {
+            (trust, count) = (other, fine.len());
         }
     }
-    let Some((trust, count)) = best else { return Ok(None) };
     let gain = trust.worth();
     if gain < WORTH || run.interrupted().is_some() {
         return Ok(None);
@@ -112,14 +115,6 @@ pub fn steer(plan: &Plan, samples: &Planes, guides: &Guides, run: &Run<'_>) -> R
 }
 
 impl Plan {
-    /// What the given pixels would have been, channel by channel.
-    fn joins(&self, planes: &Planes) -> Planes {
-        Planes::of(
-            self.geometry.low(),
-            planes.as_slice().iter().map(|plane| self.model.reduce(plane)).collect(),
-        )
-    }
-
     /// Guides of the larger size as the small pixels see them.
     pub(crate) fn smaller(&self, guides: &Guides) -> Result<Guides, Error> {
         let high = self.geometry.high();
@@ -142,51 +137,49 @@ fn terms(guides: &Guides) -> Vec<Term<'_>> {
     terms
 }
 
-/// How far guides are trusted at each small pixel: by what they do to pixels joined two by two, and by what that makes of a finer scale.
-fn judge(plan: &Plan, samples: &Planes, guides: &[Plane]) -> Result<Trust, Error> {
-    let near = joined(samples.size())?;
-    let far = joined(near.geometry.low())?;
-    let half = near.joins(samples);
-    let half_guides: Vec<Plane> = guides.iter().map(|plane| near.model.reduce(plane)).collect();
-    let trust = compare(&near, (samples, &half), (guides, &half_guides));
-    let coarser = {
-        let guides: Vec<Plane> = half_guides.iter().map(|plane| far.model.reduce(plane)).collect();
-        compare(&far, (&half, &far.joins(&half)), (&half_guides, &guides))
-    };
-    let octaves = 0.5 * (plan.geometry.vertical.scale * plan.geometry.horizontal.scale).log2();
-    Ok(trust.carried(&coarser, octaves))
+/// Pixels joined two by two: the frame that is enlarged both ways to judge guides.
+struct Joined {
+    plan: Plan,
+    samples: Planes,
+    /// The spline of the joined samples.
+    plain: Planes,
+    guides: Vec<Plane>,
 }
 
-/// Two by two pixels to one.
-fn joined(size: Size) -> Result<Plan, Error> {
-    let half = |pixels: usize| Axis { inputs: pixels.div_ceil(2), outputs: pixels, scale: 2.0, shift: 0.0 };
-    let geometry =
-        Geometry { vertical: half(size.height), horizontal: half(size.width), sampling: Sampling::Box };
-    Plan::new(geometry, Method::Ss)
-}
+impl Joined {
+    fn new(samples: &Planes, guides: &[Plane]) -> Result<Self, Error> {
+        let size = samples.size();
+        let half =
+            |pixels: usize| Axis { inputs: pixels.div_ceil(2), outputs: pixels, scale: 2.0, shift: 0.0 };
+        let geometry =
+            Geometry { vertical: half(size.height), horizontal: half(size.width), sampling: Sampling::Box };
+        let plan = Plan::new(geometry, Method::Ss)?;
+        let reduce = |planes: &[Plane]| planes.iter().map(|plane| plan.model.reduce(plane)).collect();
+        let joined = Planes::of(geometry.low(), reduce(samples.as_slice()));
+        let plain = Planes::of(size, joined.as_slice().iter().map(|plane| plan.spline(plane)).collect());
+        let guides = reduce(guides);
+        Ok(Self { plan, samples: joined, plain, guides })
+    }
 
-/// Compares the spline of joined pixels and the guided image with the pixels that were joined.
-fn compare(
-    plan: &Plan,
-    (samples, joined): (&Planes, &Planes),
-    (fine, guides): (&[Plane], &[Plane]),
-) -> Trust {
-    let size = samples.size();
-    let fine: Vec<Term<'_>> = fine.iter().map(Term::Plane).collect();
-    let plain: Vec<Plane> = joined.as_slice().iter().map(|plane| plan.spline(plane)).collect();
-    let predicted = Fit { guides, fine: &fine, geometry: &plan.geometry }.predict(joined);
-    let guided = predicted.into_vec().into_iter().zip(joined.as_slice()).map(|(mut predicted, joined)| {
-        let mut left = joined.clone();
-        let seen = plan.model.reduce(&predicted);
-        left.pixels_mut().iter_mut().zip(seen.pixels()).for_each(|(left, seen)| *left -= seen);
-        let spline = plan.spline(&left);
-        predicted.pixels_mut().iter_mut().zip(spline.pixels()).for_each(|(value, more)| *value += more);
-        predicted
-    });
-    let (plain, guided) = (Planes::of(size, plain), Planes::of(size, guided.collect()));
-    let all = Mask::from_fn(size, |_, _| true);
-    let pixels = (0..size.height).flat_map(|row| (0..size.width).map(move |column| (row, column)));
-    Trust::in_cells(CELL, pixels, (samples, Weights::new(&all, samples)), &plain, &guided)
+    /// Compares the spline and the guided image with the pixels that were joined, by the first guides.
+    fn judge(&self, truth: &Planes, fine: &[Plane]) -> Trust {
+        let (plan, size) = (&self.plan, truth.size());
+        let terms: Vec<Term<'_>> = fine.iter().map(Term::Plane).collect();
+        let fit = Fit { guides: &self.guides[..fine.len()], fine: &terms, geometry: &plan.geometry };
+        let predicted = fit.predict(&self.samples).into_vec().into_iter().zip(self.samples.as_slice());
+        let guided = predicted.map(|(mut predicted, joined)| {
+            let mut left = joined.clone();
+            let seen = plan.model.reduce(&predicted);
+            left.pixels_mut().iter_mut().zip(seen.pixels()).for_each(|(left, seen)| *left -= seen);
+            let spline = plan.spline(&left);
+            predicted.pixels_mut().iter_mut().zip(spline.pixels()).for_each(|(value, more)| *value += more);
+            predicted
+        });
+        let guided = Planes::of(size, guided.collect());
+        let all = Mask::from_fn(size, |_, _| true);
+        let pixels = (0..size.height).flat_map(|row| (0..size.width).map(move |column| (row, column)));
+        Trust::in_cells(CELL, pixels, (truth, Weights::new(&all, truth)), &self.plain, &guided)
+    }
 }
 
 /// Where a high-resolution pixel lies between two low-resolution ones: the first of them, and the share of the second.

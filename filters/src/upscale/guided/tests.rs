@@ -1,4 +1,5 @@
 use super::*;
+use crate::Size;
 use crate::baseline::testing;
 
 /// Two flat surfaces and a ramp with a hard, slanted edge; the guide says where, and how far.
