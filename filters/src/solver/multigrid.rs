@@ -18,6 +18,8 @@
 //! Cost: `2 DEGREE` applications of `A` a level, one more at level 0, and a fifth more where patches overlap. Memory: six buffers
 //! at level 0, eleven at the others, which together have a third of its cells, and three of conjugate gradients: 13 windows in all.
 
+use std::sync::Arc;
+
 use super::bottom::Bottom;
 use super::pool::{Lent, Pool};
 use crate::kernel::cascade::Scratch;
@@ -49,7 +51,7 @@ const FIRM: f64 = 1.0;
 
 /// One grid.
 struct Level<T> {
-    a: Separable<T>,
+    a: Arc<Separable<T>>,
     window: Window,
     /// What is added to it.
     points: Option<Points<T>>,
@@ -119,13 +121,13 @@ impl<T: Real> Workspace<T> {
 }
 
 impl<T: Lanes> Multigrid<T> {
-    /// Sets up the grids below `window`. `matrix(l)` is the operator of level `l` on the whole image; `free` is 1 at free
+    /// Sets up the grids below `window`. `matrix(l)` is the operator of level `l` on the whole image, in f64 and in the grids' numbers; `free` is 1 at free
     /// unknowns and 0 elsewhere, padding included; `d` is added to the diagonal. The window begins at multiples of `2^l` for as
     /// many levels as it is to have.
     pub fn new(
         isa: Isa,
         window: Window,
-        matrix: &mut dyn FnMut(usize) -> Separable<f64>,
+        matrix: &dyn Fn(usize) -> (Arc<Separable<f64>>, Arc<Separable<T>>),
         free: Vec<T>,
         d: Option<Vec<T>>,
     ) -> Self {
@@ -134,7 +136,7 @@ impl<T: Lanes> Multigrid<T> {
         let (mut window, mut free, mut points) = (window, Some(free), d.map(Points::diagonal));
         let all = Active::default();
         let mut grids = Self { isa, levels: Vec::new(), bottom: None, all, workspaces: Pool::default() };
-        let mut a = matrix(0);
+        let (mut a, mut own) = matrix(0);
         loop {
             let size = a.size();
             let splits = window.y % 2 == 0 && window.x % 2 == 0 && window.pixels() > DIRECT;
@@ -143,9 +145,9 @@ impl<T: Lanes> Multigrid<T> {
             if window.pixels() <= DIRECT {
                 grids.bottom = Some(bottom(&a, window, points.as_ref(), free.as_deref()));
             }
-            grids.levels.push(Level::new(isa, &a, window, points, free.take(), down));
+            grids.levels.push(Level::new(isa, (&a, own), window, points, free.take(), down));
             let Some(next) = next else { break };
-            a = matrix(grids.levels.len());
+            (a, own) = matrix(grids.levels.len());
             points = Some(Points::new(next, cell(finest, next), &held, FIRM * middle(&a)));
             window = next;
         }
@@ -305,7 +307,7 @@ impl<T: Lanes> Level<T> {
     /// Without `free`, all of the window is.
     fn new(
         isa: Isa,
-        a: &Separable<f64>,
+        (a, own): (&Separable<f64>, Arc<Separable<T>>),
         window: Window,
         points: Option<Points<T>>,
         free: Option<Vec<T>>,
@@ -326,7 +328,7 @@ impl<T: Lanes> Level<T> {
                 (*share, *e) = (T::from_f64(part), T::from_f64(part.sqrt()));
             }
         }
-        let mut level = Self { a: a.cast(), window, points, share, e, high: 1.0, down };
+        let mut level = Self { a: own, window, points, share, e, high: 1.0, down };
         level.high = level.bound(isa);
         level
     }

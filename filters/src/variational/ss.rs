@@ -76,7 +76,7 @@ use crate::operator::energy::Form;
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Stop};
 
 mod doubt;
-mod holes;
+pub(crate) mod holes;
 mod improve;
 mod polynomials;
 mod pulled;
@@ -95,7 +95,7 @@ pub use settings::{DESCRIPTOR, Order, Settings};
 use crate::solver::local::Target;
 use holes::Division;
 use polynomials::Unseen;
-use region::Region;
+use region::{Matrices, Region};
 use tiles::{Task, Tiles};
 use whole::Whole;
 
@@ -147,7 +147,8 @@ impl Filter for Settings {
         };
         let form = Form::new(self.kernel, self.order.number(), self.tension);
         let isa = Isa::best();
-        let region = |window| Region::new(isa, &form, &mask, self.lambda, weights, window);
+        let matrices = Matrices::new(&form, mask.size());
+        let region = |window| Region::new(isa, &matrices, &mask, (self.lambda, weights), window);
         let tiles = |held| Tiles::new(isa, &form.energy(mask.size(), (1.0, 1.0)), &mask, held);
         let whole = || Region::whole(isa, &form, &mask, self.lambda, weights);
         let small = mask.size().pixels() <= SMALL;
@@ -168,6 +169,7 @@ impl Filter for Settings {
             .then(|| Unseen::new(self.order.number(), &mask, counts))
             .filter(|unseen| !unseen.is_empty());
         let start = push_pull::Settings.plan(&Problem::fill(Arc::clone(&mask)), run)?;
+        drop(matrices);
         Ok(Box::new(Planned { settings: *self, mask, start, form, parts, unseen }))
     }
 }

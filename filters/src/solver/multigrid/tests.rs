@@ -22,12 +22,12 @@ fn grids_of(
     pull: bool,
 ) -> Multigrid<f64> {
     let form = Form::new(Kernel::Bspline, 2, 0.03);
-    let (mut tall, mut wide, mut spacing) = (size.height, size.width, 1.0);
-    let mut matrix = |level: usize| {
-        if level > 0 {
-            (tall, wide, spacing) = (tall.div_ceil(2), wide.div_ceil(2), 2.0 * spacing);
-        }
-        form.energy(Size::new(tall, wide), (spacing, spacing))
+    let matrix = |level: usize| {
+        let side = |n: usize| (0..level).fold(n, |n, _| n.div_ceil(2));
+        let spacing = f64::from(1 << level);
+        let energy = form.energy(Size::new(side(size.height), side(size.width)), (spacing, spacing));
+        let energy = Arc::new(energy);
+        (Arc::clone(&energy), energy)
     };
     let (mut free, mut d) = (window.zeros(), window.zeros());
     for i in 0..window.height {
@@ -37,7 +37,7 @@ fn grids_of(
             d[window.at(i, j)] = if measured { 10.0 } else { 0.0 };
         }
     }
-    Multigrid::new(Isa::best(), window, &mut matrix, free, pull.then_some(d))
+    Multigrid::new(Isa::best(), window, &matrix, free, pull.then_some(d))
 }
 
 fn image(grids: &Multigrid<f64>, seed: usize) -> Vec<f64> {

@@ -7,6 +7,9 @@
 //!
 //! Source: J. Wilkinson, "Rounding Errors in Algebraic Processes", HMSO 1963 (iterative refinement).
 
+use std::cell::RefCell;
+use std::sync::Arc;
+
 use lacuna_core::parallel::prelude::*;
 
 use crate::kernel::simd::Lanes;
@@ -42,11 +45,50 @@ enum Grids {
     Double(Multigrid<f64>),
 }
 
+/// The energies of an image and of its coarser grids, as long as the image is wide: all rectangles share them.
+pub struct Matrices<'a> {
+    form: &'a Form,
+    size: Size,
+    double: RefCell<Vec<Arc<Separable<f64>>>>,
+    single: RefCell<Vec<Arc<Separable<f32>>>>,
+}
+
+impl<'a> Matrices<'a> {
+    /// None so far.
+    pub fn new(form: &'a Form, size: Size) -> Self {
+        Self { form, size, double: RefCell::default(), single: RefCell::default() }
+    }
+
+    fn double(&self, level: usize) -> Arc<Separable<f64>> {
+        let mut known = self.double.borrow_mut();
+        while known.len() <= level {
+            // A side of one pixel stays as it is.
+            let halve = |(n, spacing): (usize, f64)| {
+                if n > 1 { (n.div_ceil(2), 2.0 * spacing) } else { (n, spacing) }
+            };
+            let side = |n: usize| (0..known.len()).fold((n, 1.0), |side, _| halve(side));
+            let (tall, wide) = (side(self.size.height), side(self.size.width));
+            let energy = self.form.energy(Size::new(tall.0, wide.0), (tall.1, wide.1));
+            known.push(Arc::new(energy));
+        }
+        Arc::clone(&known[level])
+    }
+
+    fn single(&self, level: usize) -> Arc<Separable<f32>> {
+        let mut known = self.single.borrow_mut();
+        while known.len() <= level {
+            let exact = self.double(known.len());
+            known.push(Arc::new(exact.cast()));
+        }
+        Arc::clone(&known[level])
+    }
+}
+
 /// The rectangle with its grids.
 pub struct Region {
     isa: Isa,
     window: Window,
-    matrix: Separable<f64>,
+    matrix: Arc<Separable<f64>>,
     grids: Grids,
     /// Per pixel the weight of its sample over lambda.
     pull: Option<Vec<f64>>,
@@ -57,16 +99,15 @@ impl Region {
     pub fn whole(isa: Isa, form: &Form, mask: &Mask, lambda: f64, weights: Option<&Plane>) -> Self {
         let size = mask.size();
         let window = Window { y: 0, x: 0, height: size.height, width: size.width };
-        Self::new(isa, form, mask, lambda, weights, window)
+        Self::new(isa, &Matrices::new(form, size), mask, (lambda, weights), window)
     }
 
     /// A window of the image, around which all pixels keep their values.
     pub fn new(
         isa: Isa,
-        form: &Form,
+        matrices: &Matrices<'_>,
         mask: &Mask,
-        lambda: f64,
-        weights: Option<&Plane>,
+        (lambda, weights): (f64, Option<&Plane>),
         window: Window,
     ) -> Self {
         let mut free: Vec<f64> = window.zeros();
@@ -86,7 +127,7 @@ impl Region {
             }
         }
         let single = pull.is_none();
-        Self::of(isa, form, mask.size(), window, free, (pull, single))
+        Self::of(isa, matrices, window, free, (pull, single))
     }
 
     /// All of the image; measured pixels keep their values, and the others are pulled towards theirs as firmly as `pulls` says.
@@ -100,36 +141,27 @@ impl Region {
                 (free[place], pull[place]) = if measured { (0.0, 0.0) } else { (1.0, f64::from(own)) };
             }
         }
-        Self::of(isa, form, size, window, free, (Some(pull), true))
+        Self::of(isa, &Matrices::new(form, size), window, free, (Some(pull), true))
     }
 
     fn of(
         isa: Isa,
-        form: &Form,
-        whole: Size,
+        matrices: &Matrices<'_>,
         window: Window,
         free: Vec<f64>,
         (pull, single): (Option<Vec<f64>>, bool),
     ) -> Self {
-        let (mut size, mut spacing) = (whole, (1.0, 1.0));
-        let mut matrix = |level: usize| {
-            if level > 0 {
-                let halve = |n: usize, s: f64| if n > 1 { (n.div_ceil(2), 2.0 * s) } else { (n, s) };
-                let (tall, wide) = (halve(size.height, spacing.0), halve(size.width, spacing.1));
-                size = Size::new(tall.0, wide.0);
-                spacing = (tall.1, wide.1);
-            }
-            form.energy(size, spacing)
-        };
-        let wide = window.height.min(window.width) >= NARROW;
+        let (form, wide) = (matrices.form, window.height.min(window.width) >= NARROW);
         let grids = if form.order == 2 && form.tension > 0.0 && single && wide {
             let free = free.into_iter().map(|free| free as f32).collect();
             let pull = pull.as_ref().map(|pull| pull.iter().map(|&pull| pull as f32).collect());
-            Grids::Single(Multigrid::new(isa, window, &mut matrix, free, pull))
+            let matrix = |level| (matrices.double(level), matrices.single(level));
+            Grids::Single(Multigrid::new(isa, window, &matrix, free, pull))
         } else {
-            Grids::Double(Multigrid::new(isa, window, &mut matrix, free, pull.clone()))
+            let matrix = |level| (matrices.double(level), matrices.double(level));
+            Grids::Double(Multigrid::new(isa, window, &matrix, free, pull.clone()))
         };
-        Self { isa, window, matrix: form.energy(whole, (1.0, 1.0)), grids, pull }
+        Self { isa, window, matrix: matrices.double(0), grids, pull }
     }
 
     /// The rectangle.
