@@ -62,7 +62,10 @@ pub fn read_grey(input: impl BufRead + Seek, most: u64) -> Result<Grey, String> 
     // The decoded bytes, the values, and the flags that are made of them.
     let need = size.pixels() as u64 * (channels * bytes + 3) as u64;
     if need > most {
-        return Err(format!("{size} pixels need {need} bytes of memory, {most} are granted (--memory)"));
+        let (need, most) = (lacuna_exr::Amount::at_most(need), lacuna_exr::Amount::at_least(most));
+        return Err(format!(
+            "{size} pixels need {need} of memory, more than the bound of {most}; allow more with --memory"
+        ));
     }
     let mut raw = vec![0; size.pixels() * channels * bytes];
     reader.next_frame(&mut raw).map_err(|error| error.to_string())?;

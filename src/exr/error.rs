@@ -57,7 +57,7 @@ pub enum Error {
     Exists,
     /// The output exists and nobody is meant to change it.
     #[error(
-        "exists and is read-only; make it writable, remove it, or replace it with --force where a subcommand has that"
+        "exists and is read-only; make it writable, remove it, or replace it with --force (not beside --update)"
     )]
     ReadOnly,
     /// The frame in memory is not one that an EXR file can hold.
