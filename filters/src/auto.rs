@@ -40,7 +40,7 @@ mod tests;
 use std::ops::Range;
 use std::sync::Arc;
 
-use crate::descriptor::{Configured, Descriptor, Field, Takes};
+use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
 use crate::estimate::{Evidence, Folds, HeldOut, Kind};
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
@@ -64,8 +64,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     name: "auto",
     help: "A blend, place by place, as held-out samples choose: ss, edge, tv and, where there are guides, guided filling",
     settings: &[],
-    bytes: 12,
-    each: 32,
+    even: Memory { image: 12, channel: 19 },
+    uneven: Memory { image: 82, channel: 10 },
     takes: Takes { guides: true, gradients: true, ..Takes::NOTHING },
     restores: false,
     held_out: Some(Kind::Spline),

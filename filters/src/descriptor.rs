@@ -5,8 +5,9 @@ mod field;
 pub use field::{Choice, Field};
 pub(crate) use field::{plain, words};
 
-use crate::estimate::Kind;
-use crate::{Error, Filter};
+use crate::estimate::{Folds, Kind};
+use crate::variational::ss;
+use crate::{Error, Filter, Mask};
 
 /// A method: its name, its settings, what it needs.
 #[derive(Debug)]
@@ -17,10 +18,10 @@ pub struct Descriptor {
     pub help: &'static str,
     /// Its settings, in the order of the settings line.
     pub settings: &'static [Setting],
-    /// Bytes a pixel for mask and plan, as measured.
-    pub bytes: u64,
-    /// Bytes a pixel of every channel that it fills: values, result, a solver's planes and those of the estimate.
-    pub each: u64,
+    /// The memory that filling takes where measured pixels lie everywhere.
+    pub even: Memory,
+    /// The same where a mask is all [`holes`].
+    pub uneven: Memory,
     /// What it can use beside samples.
     pub takes: Takes,
     /// Whether images without a missing pixel are smoothed, too, where the settings ask for smoothing.
@@ -29,6 +30,22 @@ pub struct Descriptor {
     pub held_out: Option<Kind>,
     /// The method as it is by default.
     pub new: fn() -> Box<dyn Configured>,
+}
+
+/// Bytes a pixel that filling takes beside samples and result, the estimate's among them: as measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Memory {
+    /// For the image.
+    pub image: u64,
+    /// For every channel that is filled with others at the same time.
+    pub channel: u64,
+}
+
+/// The share of the image, 0 to 1, that has so few measured pixels that splines solve it by multigrid while the error is estimated, from
+/// half of the samples: 0 where every block of 8 x 8 pixels has one, 1 where holes are everywhere.
+pub fn holes(mask: &Mask) -> f64 {
+    let (folds, [half, _]) = Folds::default().deep(mask.count());
+    ss::holes::share(&folds.without(mask, &half))
 }
 
 /// What a method can use beside samples and their mask.
@@ -149,6 +166,11 @@ pub trait Configured: Filter + std::fmt::Debug {
     /// The same filter.
     fn boxed(&self) -> Box<dyn Configured>;
 
+    /// The memory that filling takes where so much of the image is [`holes`].
+    fn memory(&self, holes: f64) -> Memory {
+        self.descriptor().memory(holes)
+    }
+
     /// Whether the settings fit together; each alone is in its range.
     ///
     /// # Errors
@@ -169,6 +191,17 @@ pub trait Configured: Filter + std::fmt::Debug {
 }
 
 impl Descriptor {
+    /// The memory that filling takes where so much of the image is [`holes`].
+    pub fn memory(&self, holes: f64) -> Memory {
+        let between = |even: u64, uneven: u64| {
+            (even as f64 + holes.clamp(0.0, 1.0) * (uneven as f64 - even as f64)).ceil() as u64
+        };
+        Memory {
+            image: between(self.even.image, self.uneven.image),
+            channel: between(self.even.channel, self.uneven.channel),
+        }
+    }
+
     /// The setting of that name.
     pub fn setting(&self, name: &str) -> Option<&'static Setting> {
         self.settings.iter().find(|setting| setting.name == name)

@@ -2,7 +2,7 @@
 
 use crate::auto;
 use crate::baseline::{cubic, linear, nearest, push_pull};
-use crate::descriptor::{Configured, Descriptor};
+use crate::descriptor::{Configured, Descriptor, Memory};
 use crate::dictionary::fill;
 use crate::sensing::{cs_gradient, cs_wavelet};
 use crate::variational::{edge, ss, tv};
@@ -87,6 +87,11 @@ impl Method {
     /// What is to be known of it.
     pub fn descriptor(&self) -> &'static Descriptor {
         self.0.descriptor()
+    }
+
+    /// The memory that filling takes with its settings where so much of the image is [`holes`](crate::descriptor::holes).
+    pub fn memory(&self, holes: f64) -> Memory {
+        self.0.memory(holes)
     }
 
     /// The name that tells it from the others.

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use clap::Args;
-use lacuna_filters::descriptor::{Descriptor, Range, Setting};
+use lacuna_filters::descriptor::{Descriptor, Memory, Range, Setting};
 use lacuna_filters::{METHODS, Method};
 
 use super::settings::FilterName;
@@ -55,7 +55,14 @@ fn page(method: &'static Descriptor) -> String {
     }
     let estimates = if method.held_out.is_some() { "yes" } else { "no, a fill takes too long" };
     lines.push(format!("Says how wrong it is: {estimates}."));
-    lines.push(format!("Memory: {} bytes a pixel for mask and plan, beside the channels.", method.bytes));
+    let Memory { image, channel } = method.even;
+    let holes = match method.uneven {
+        uneven if uneven == method.even => String::new(),
+        Memory { image, .. } => format!(" (up to {image} where the mask leaves holes)"),
+    };
+    lines.push(format!(
+        "Memory: {image} bytes a pixel{holes} and {channel} a channel of a layer, beside the channels."
+    ));
     let settings: Vec<_> = method.settings.iter().filter(|setting| !setting.flag.is_empty()).collect();
     if !settings.is_empty() {
         lines.extend([String::new(), "Settings:".into()]);

@@ -21,6 +21,7 @@ use crate::report::{
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::console::{Console, Verbosity};
 use crate::run::record::{Heading, Record};
+use crate::run::schedule::Need;
 use crate::run::{batch, memory, outputs};
 use crate::verify::{Claims, claimed_density};
 
@@ -172,8 +173,8 @@ impl Work for Compare<'_> {
         decision
     }
 
-    fn bytes(&self, item: &Item) -> u64 {
-        memory::to_compare(&item.input).saturating_add(memory::to_compare(&item.output))
+    fn need(&self, item: &Item) -> Need {
+        memory::to_compare(&item.input).saturating_add(memory::to_compare(&item.output)).into()
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
@@ -214,7 +215,7 @@ impl<'a> Compare<'a> {
     }
 
     fn one(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
-        let limits = memory::limits(self.job.run.memory, self.bytes(item));
+        let limits = memory::limits(self.job.run.memory, self.need(item).most);
         let (reference, test) = stage.read(record, || {
             let read = |path| lacuna_exr::read(path, &limits).map_err(|error| Failure::at(path, error));
             Ok((read(&item.input)?, read(&item.output)?))

@@ -12,6 +12,7 @@ use crate::mask::{Source, rounds};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
 use crate::run::record::{Heading, Record};
+use crate::run::schedule::Need;
 use crate::run::{batch, memory, outputs};
 use crate::sparsify::{self, Pattern};
 
@@ -94,13 +95,13 @@ impl Work for Sparsify<'_> {
         outputs::decide_to_write(item, self.job.skip_missing, self.job.existing, |_| false)
     }
 
-    fn bytes(&self, item: &Item) -> u64 {
+    fn need(&self, item: &Item) -> Need {
         let mask = item.mask.as_deref().map_or(0, memory::to_copy);
-        memory::to_copy(&item.input).saturating_add(mask)
+        memory::to_copy(&item.input).saturating_add(mask).into()
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
-        let limits = memory::limits(self.job.run.memory, self.bytes(item));
+        let limits = memory::limits(self.job.run.memory, self.need(item).most);
         let (frame, file) = stage.read(record, || {
             let frame =
                 lacuna_exr::read(&item.input, &limits).map_err(|error| Failure::at(&item.input, error))?;

@@ -10,6 +10,7 @@ use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Source};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::record::{Heading, Record};
+use crate::run::schedule::Need;
 use crate::run::{batch, memory, outputs};
 use crate::verify::{Claims, Difference, compare};
 use crate::{channels, guides};
@@ -71,12 +72,12 @@ impl Work for Verify<'_> {
         outputs::decide(item, self.job.skip_missing)
     }
 
-    fn bytes(&self, item: &Item) -> u64 {
-        memory::to_copy(&item.input).saturating_add(memory::to_copy(&item.output))
+    fn need(&self, item: &Item) -> Need {
+        memory::to_copy(&item.input).saturating_add(memory::to_copy(&item.output)).into()
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
-        let limits = memory::limits(self.job.run.memory, self.bytes(item));
+        let limits = memory::limits(self.job.run.memory, self.need(item).most);
         let (sparse, filled) = stage.read(record, || {
             let read = |path| lacuna_exr::read(path, &limits).map_err(|error| Failure::at(path, error));
             Ok((read(&item.input)?, read(&item.output)?))

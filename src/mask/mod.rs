@@ -100,15 +100,25 @@ impl Masks {
 
     /// Measured and all pixels over the different masks of one part.
     pub fn part_counts(&self, part: usize) -> (usize, usize) {
+        let add = |sum: (usize, usize), mask: &Mask| (sum.0 + mask.count(), sum.1 + mask.as_slice().len());
+        self.different(part).into_iter().fold((0, 0), add)
+    }
+
+    /// The different masks of one part.
+    fn different(&self, part: usize) -> Vec<&Mask> {
         let mut seen: Vec<&Arc<Mask>> = Vec::new();
         for mask in self.channels.get(part).into_iter().flatten().flatten() {
             if !seen.iter().any(|other| Arc::ptr_eq(other, mask)) {
                 seen.push(mask);
             }
         }
-        let add =
-            |sum: (usize, usize), mask: &&Arc<Mask>| (sum.0 + mask.count(), sum.1 + mask.as_slice().len());
-        seen.iter().fold((0, 0), add)
+        seen.into_iter().map(|mask| &**mask).collect()
+    }
+
+    /// The largest share of any mask that is [holes](lacuna_filters::descriptor::holes).
+    pub fn holes(&self) -> f64 {
+        let masks = (0..self.channels.len()).flat_map(|part| self.different(part));
+        masks.map(lacuna_filters::descriptor::holes).fold(0.0, f64::max)
     }
 
     /// Measured pixels over all pixels of one part; nothing where no mask serves it.

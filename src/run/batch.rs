@@ -12,7 +12,7 @@ use crate::files::reports::is_standard_output;
 use crate::run::console::{Console, Meter, Verbosity, frame_span, label};
 use crate::run::ledger::Ledger;
 use crate::run::record::{Heading, Journal, Record, State, told_residual};
-use crate::run::schedule::{Limits, Permits, Refusal};
+use crate::run::schedule::{Limits, Need, Permits, Refusal, Share};
 use crate::run::{memory, schedule, signals, threads};
 
 /// Parts of a frame's progress: read, solve, write.
@@ -120,8 +120,8 @@ pub trait Work: Sync {
     /// Whether anything is to be done. Looks at files, changes nothing.
     fn decide(&self, item: &Item) -> Result<Decision, Failure>;
 
-    /// Bytes that the work on this frame needs, from its header; 0 if that cannot be read.
-    fn bytes(&self, item: &Item) -> u64;
+    /// Bytes that the work on this frame may need, by its header; 0 if that cannot be read.
+    fn need(&self, item: &Item) -> Need;
 
     /// The work itself; it passes over the record if nothing is to be written in the end.
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure>;
@@ -140,6 +140,7 @@ pub trait Work: Sync {
 /// What the work on a frame may ask of the batch.
 pub struct Stage<'a> {
     permits: &'a Permits,
+    share: &'a Share<'a>,
     console: &'a Console,
     stopped: &'a AtomicBool,
 }
@@ -168,6 +169,14 @@ impl Stage<'_> {
     pub fn solve<T>(&self, record: &mut Record, solve: impl FnOnce() -> T) -> T {
         let _permit = self.permits.wait();
         self.timed(&mut record.seconds.solve, solve)
+    }
+
+    /// Holds no more memory than the frame needs, now that it was read.
+    ///
+    /// # Errors
+    /// It needs more than the bound.
+    pub fn settle(&self, item: &Item, needed: u64) -> Result<(), Failure> {
+        self.share.settle(needed).map_err(|refusal| Failure { file: item.input.clone(), text: why(refusal) })
     }
 
     /// Writes, and counts the time.
@@ -227,9 +236,9 @@ pub fn run(
     schedule::run(
         items,
         limits,
-        |item| work.bytes(item),
-        |index, item, permits| {
-            one(index, item, work, &Stage { permits, console, stopped: &stopped }, &books);
+        |item| work.need(item),
+        |index, item, (permits, share)| {
+            one(index, item, work, &Stage { permits, share, console, stopped: &stopped }, &books);
         },
         |index, item, refusal| refused(index, item, refusal, console, &books),
         || stopped.load(Ordering::SeqCst),
@@ -330,17 +339,25 @@ fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, books: &Bo
 }
 
 fn refused(index: usize, item: &Item, refusal: Refusal, console: &Console, books: &Books) {
-    let text = match refusal {
-        Refusal::NotStarted => return,
-        Refusal::TooLarge { needed, bound } => too_large(needed, bound, memory::granted()),
-        Refusal::Panic(message) => format!("internal error ({message}); please report it with this frame"),
-    };
+    if refusal == Refusal::NotStarted {
+        return;
+    }
+    let text = why(refusal);
     let mut record = books.journal.get(index);
     fail(&mut record, item, &Failure { file: item.input.clone(), text }, console);
     books.enter(index, record);
 }
 
-/// Why a frame is not even read, when Slurm grants so much or says nothing.
+/// What the log says of a refusal.
+fn why(refusal: Refusal) -> String {
+    match refusal {
+        Refusal::NotStarted => "not started".into(),
+        Refusal::TooLarge { needed, bound } => too_large(needed, bound, memory::granted()),
+        Refusal::Panic(message) => format!("internal error ({message}); please report it with this frame"),
+    }
+}
+
+/// Why a frame is not filled, when Slurm grants so much or says nothing.
 fn too_large(needed: u64, bound: u64, granted: Option<u64>) -> String {
     let way = if granted == Some(bound) {
         ", 7/8 of what Slurm grants; ask for more with the job's --mem"

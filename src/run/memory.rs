@@ -1,16 +1,19 @@
 //! How much memory a frame needs, estimated from its header, so that frames are admitted before they are read.
 //!
-//! A frame takes what reading it takes. A pixel that is filled takes besides bytes for mask and plan, and for every channel of
-//! floats, that depend on the filter; whether a channel is reconstructed is not known before it is read. They were measured as peak
-//! memory over pixels, the allocator's losses included; `tests/cli/memory.rs` holds the process to them.
+//! A frame takes what reading it takes, and while a part of it is filled samples and values of its channels of floats, and what the
+//! filter takes for the largest layer; whether a channel is reconstructed is not known before it is read. What filters take depends on
+//! the mask, which is not known either: a frame is admitted by the most that any mask makes it, and settles for what its own makes.
+//! The figures were measured as peak memory over pixels, the allocator's losses included; `tests/cli/memory.rs` holds the process to them.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use lacuna_exr::{ChannelHeader, Limits, PartHeader, SampleType, memory_needed, read_header};
 use lacuna_filters::Size;
+use lacuna_filters::descriptor::Memory;
 use lacuna_filters::upscale::Method;
 
-use crate::files::layers::LayerFile;
+use crate::channels::Name;
 use crate::files::plan::Item;
 use crate::reconstruct::{Enlarge, Windows, pixels_at_a_time};
 
@@ -56,20 +59,20 @@ pub fn afford(bound: Option<u64>, pixels: usize, bytes: u64) -> Result<(), lacun
     }
 }
 
-/// Bytes that filling a frame needs; 0 if its header cannot be read (reading it will say why).
-pub fn to_fill(item: &Item, method: &lacuna_filters::Method) -> u64 {
+/// Bytes that filling a frame needs where so much of its mask is [holes](lacuna_filters::descriptor::holes); 0 if its header cannot be
+/// read (reading it will say why).
+pub fn to_fill(item: &Item, method: &lacuna_filters::Method, holes: f64) -> u64 {
     let mask = item.mask.as_deref().map_or(0, to_copy);
     let guides = item.guides.as_deref().map_or(0, to_copy);
-    // A layer is read, and solved like the frame's own channels.
-    let descriptor = method.descriptor();
-    let solved = Taken { each: descriptor.each, whole: 0, at_a_time: pixels_at_a_time, copy: false };
-    let layer = |layer: &LayerFile| solved.of(&layer.path);
-    let layers = item.layers.iter().map(layer).fold(0, u64::saturating_add);
+    let filled = Taken { each: FILLED, copy: false, ..Taken::COPY };
+    // A layer is read, and stands beside the frame's own channels.
+    let layers = item.layers.iter().map(|layer| filled.of(&layer.path)).fold(0, u64::saturating_add);
     // A neighbour is read, filled where its motion is estimated, and each of its pixels has a place; a frame that has some is not cut into bands.
-    let beside = Taken { each: descriptor.each, whole: PLACE, at_a_time: all, copy: false };
+    let beside = Taken { whole: PLACE, ..filled };
     let neighbours = item.neighbours.iter().map(|file| beside.of(&file.input)).fold(0, u64::saturating_add);
     let at_a_time = if item.neighbours.is_empty() { pixels_at_a_time } else { all };
-    Taken { whole: descriptor.bytes, at_a_time, ..solved }
+    let Memory { image, channel } = method.memory(holes);
+    Taken { whole: image, together: channel, at_a_time, ..filled }
         .of(&item.input)
         .saturating_add(neighbours)
         .saturating_add(mask)
@@ -110,6 +113,8 @@ pub fn to_copy(path: &Path) -> u64 {
 struct Taken {
     /// Bytes a pixel of every channel that may be computed.
     each: u64,
+    /// Bytes a pixel of every channel that may be computed of the layer that has most of them.
+    together: u64,
     /// Bytes a pixel.
     whole: u64,
     /// The pixels of a part that are worked on at a time.
@@ -120,27 +125,46 @@ struct Taken {
 
 impl Taken {
     /// All pixels at a time.
-    const COPY: Self = Self { each: 0, whole: 0, at_a_time: all, copy: true };
+    const COPY: Self = Self { each: 0, together: 0, whole: 0, at_a_time: all, copy: true };
 
     /// Bytes, reading included; 0 if the header cannot be read.
     fn of(self, path: &Path) -> u64 {
         let Ok(parts) = read_header(path) else { return 0 };
-        let part = |part: &PartHeader| {
-            let size = part.data_window.size();
-            // Whole numbers and sampling masks are not computed.
-            let copied = |header: &&ChannelHeader| {
-                header.kind == SampleType::Uint || header.name.eq_ignore_ascii_case(b"mask")
-            };
-            let computed = (part.channels.len() - part.channels.iter().filter(copied).count()) as u64;
+        let kept = |part: &PartHeader| {
             let kinds: u64 = part.channels.iter().map(|header| header.kind.bytes() as u64).sum();
-            let work = (self.at_a_time)(size).saturating_mul(self.each * computed + self.whole);
             // The mask itself is there as a whole.
-            let whole = all(size).saturating_mul(if self.copy { kinds } else { MASK });
-            work.saturating_add(whole)
+            all(part.data_window.size()).saturating_mul(if self.copy { kinds } else { MASK })
         };
-        parts.iter().map(part).fold(memory_needed(&parts), u64::saturating_add)
+        let kept = parts.iter().map(kept).fold(memory_needed(&parts), u64::saturating_add);
+        let work = parts.iter().map(|part| self.work(part));
+        // Parts are filled one after the other.
+        kept.saturating_add(if self.copy {
+            work.fold(0, u64::saturating_add)
+        } else {
+            work.max().unwrap_or(0)
+        })
+    }
+
+    /// Bytes that the work on a part takes.
+    fn work(self, part: &PartHeader) -> u64 {
+        let mut layers = BTreeMap::<String, u64>::new();
+        // Whole numbers and sampling masks are not computed.
+        let copied = |header: &&ChannelHeader| {
+            header.kind == SampleType::Uint || header.name.eq_ignore_ascii_case(b"mask")
+        };
+        for header in part.channels.iter().filter(|header| !copied(header)) {
+            let name = String::from_utf8_lossy(&header.name);
+            *layers.entry(Name::new(&name).layer.to_owned()).or_default() += 1;
+        }
+        let (computed, most): (u64, u64) =
+            (layers.values().sum(), layers.values().max().copied().unwrap_or(0));
+        let bytes = self.each * computed + self.together * most + self.whole;
+        (self.at_a_time)(part.data_window.size()).saturating_mul(bytes)
     }
 }
+
+/// Bytes that samples and values of a channel take, a pixel.
+const FILLED: u64 = 8;
 
 /// Bytes that the place of a neighbour's pixel takes.
 const PLACE: u64 = 8;

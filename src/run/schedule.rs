@@ -6,6 +6,7 @@
 //! changes no bit of them.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 /// How much may happen at once.
@@ -17,6 +18,21 @@ pub struct Limits {
     pub overlap: usize,
     /// Bytes that the frames on the way may need together; no bound if `None`.
     pub memory: Option<u64>,
+}
+
+/// Bytes that a frame may need, by what is known before it is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Need {
+    /// At least: a frame that needs more than the bound is refused.
+    pub least: u64,
+    /// At most: so much, or all that the bound allows, is held for it until it [settles](Share::settle).
+    pub most: u64,
+}
+
+impl From<u64> for Need {
+    fn from(bytes: u64) -> Self {
+        Self { least: bytes, most: bytes }
+    }
 }
 
 /// Why a frame gave no result.
@@ -45,13 +61,33 @@ impl Permits {
     }
 }
 
+/// The memory that is held for a frame.
+pub struct Share<'a> {
+    held: Held<'a>,
+    bound: Option<u64>,
+}
+
+impl Share<'_> {
+    /// Holds no more than `needed`, now that the frame was looked at.
+    ///
+    /// # Errors
+    /// [`Refusal::TooLarge`].
+    pub fn settle(&self, needed: u64) -> Result<(), Refusal> {
+        if let Some(bound) = self.bound.filter(|&bound| needed > bound) {
+            return Err(Refusal::TooLarge { needed, bound });
+        }
+        self.held.shrink(needed);
+        Ok(())
+    }
+}
+
 /// Runs `work` on every item and returns the results in the items' order. `need` estimates an item's bytes;
 /// `stopped` ends the run before the next item.
 pub fn run<I: Sync, T: Send>(
     items: &[I],
     limits: Limits,
-    need: impl Fn(&I) -> u64 + Sync,
-    work: impl Fn(usize, &I, &Permits) -> T + Sync,
+    need: impl Fn(&I) -> Need + Sync,
+    work: impl Fn(usize, &I, (&Permits, &Share<'_>)) -> T + Sync,
     refused: impl Fn(usize, &I, Refusal) -> T + Sync,
     stopped: impl Fn() -> bool + Sync,
 ) -> Vec<T> {
@@ -70,14 +106,15 @@ pub fn run<I: Sync, T: Send>(
                 drop(queue);
                 Err(Refusal::NotStarted)
             } else {
-                let needed = limits.memory.map_or(0, |_| estimate(&need, item));
-                if let Some(bound) = limits.memory.filter(|&bound| needed > bound) {
+                let Need { least, most } = limits.memory.map_or(0.into(), |_| estimate(&need, item));
+                if let Some(bound) = limits.memory.filter(|&bound| least > bound) {
                     drop(queue);
-                    Err(Refusal::TooLarge { needed, bound })
+                    Err(Refusal::TooLarge { needed: least, bound })
                 } else {
-                    let _held = memory.take(needed);
+                    let held = memory.take(limits.memory.map_or(most, |bound| most.min(bound)));
                     drop(queue);
-                    catch_unwind(AssertUnwindSafe(|| work(index, item, &permits)))
+                    let share = Share { held, bound: limits.memory };
+                    catch_unwind(AssertUnwindSafe(|| work(index, item, (&permits, &share))))
                         .map_err(|panic| Refusal::Panic(message(panic.as_ref())))
                 }
             };
@@ -97,8 +134,8 @@ pub fn run<I: Sync, T: Send>(
 }
 
 /// The estimate; nothing if it panics, as the work on that frame will, which says so.
-fn estimate<I>(need: impl Fn(&I) -> u64, item: &I) -> u64 {
-    catch_unwind(AssertUnwindSafe(|| need(item))).unwrap_or(0)
+fn estimate<I>(need: impl Fn(&I) -> Need, item: &I) -> Need {
+    catch_unwind(AssertUnwindSafe(|| need(item))).unwrap_or(0.into())
 }
 
 /// What a panic said.
@@ -116,7 +153,7 @@ struct Counter {
 /// Units held.
 struct Held<'a> {
     counter: &'a Counter,
-    units: u64,
+    units: AtomicU64,
 }
 
 impl Counter {
@@ -131,14 +168,22 @@ impl Counter {
             free = self.given_back.wait(free).unwrap_or_else(PoisonError::into_inner);
         }
         *free -= units;
-        Held { counter: self, units }
+        Held { counter: self, units: AtomicU64::new(units) }
+    }
+}
+
+impl Held<'_> {
+    /// Gives back what is beyond `units`.
+    fn shrink(&self, units: u64) {
+        let held = self.units.fetch_min(units, Ordering::Relaxed);
+        *lock(&self.counter.free) += held.saturating_sub(units);
+        self.counter.given_back.notify_all();
     }
 }
 
 impl Drop for Held<'_> {
     fn drop(&mut self) {
-        *lock(&self.counter.free) += self.units;
-        self.counter.given_back.notify_all();
+        self.shrink(0);
     }
 }
 
@@ -149,8 +194,6 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::atomic::{AtomicU64, Ordering};
-
     use super::*;
 
     fn limits(parallel_frames: usize, overlap: usize, memory: Option<u64>) -> Limits {
@@ -164,8 +207,8 @@ mod tests {
             let results = run(
                 &items,
                 limits(parallel, overlap, memory),
-                |_| 1,
-                |index, item, permits| {
+                |_| 1.into(),
+                |index, item, (permits, _)| {
                     let _permit = permits.wait();
                     std::thread::sleep(std::time::Duration::from_micros(50 * (item % 3)));
                     (index as u64, item * item)
@@ -185,8 +228,8 @@ mod tests {
         run(
             &items,
             limits(2, 3, Some(10)),
-            |&need| need,
-            |_, &need, permits| {
+            |&need| need.into(),
+            |_, &need, (permits, _)| {
                 most_bytes.fetch_max(bytes.fetch_add(need, Ordering::SeqCst) + need, Ordering::SeqCst);
                 {
                     let _permit = permits.wait();
@@ -208,7 +251,7 @@ mod tests {
         let results = run(
             &[1_u64, 11, 2],
             limits(1, 1, Some(10)),
-            |&need| need,
+            |&need| need.into(),
             |_, &need, _| Ok(need),
             |_, _, refusal| Err(refusal),
             || false,
@@ -217,12 +260,37 @@ mod tests {
     }
 
     #[test]
+    fn what_a_frame_does_not_need_is_given_back() {
+        // The second fits beside the first once that has settled; the fourth turns out to be too large.
+        let items = [(9, 1), (9, 3), (9, 4), (12, 11), (12, 2)];
+        let settled = AtomicU64::new(0);
+        let results = run(
+            &items,
+            limits(3, 0, Some(10)),
+            |&(most, _)| Need { least: 1, most },
+            |index, &(_, needed), (_, share)| {
+                share.settle(needed)?;
+                settled.fetch_add(1, Ordering::SeqCst);
+                // Unless the first gives back what is beyond its need, this waits for ever.
+                while index == 0 && settled.load(Ordering::SeqCst) == 1 {
+                    std::thread::yield_now();
+                }
+                Ok(needed)
+            },
+            |_, _, refusal| Err(refusal),
+            || false,
+        );
+        let refusal = Refusal::TooLarge { needed: 11, bound: 10 };
+        assert_eq!(results, [Ok(1), Ok(3), Ok(4), Err(refusal), Ok(2)]);
+    }
+
+    #[test]
     fn a_panic_is_one_frames_failure() {
         let results = run(
             &[1, 0, 2],
             limits(1, 0, None),
-            |_| 0,
-            |_, item, permits| {
+            |_| 0.into(),
+            |_, item, (permits, _)| {
                 let _permit = permits.wait();
                 assert!(*item != 0, "item {item}");
                 Ok(*item)
@@ -235,8 +303,8 @@ mod tests {
 
     #[test]
     fn an_estimate_that_panics_stops_nothing() {
-        let need = |item: &i32| if *item == 0 { panic!("item 0") } else { 1 };
-        let work = |_, &item: &i32, _: &Permits| Ok(item);
+        let need = |item: &i32| if *item == 0 { panic!("item 0") } else { 1.into() };
+        let work = |_, &item: &i32, _: (&Permits, &Share<'_>)| Ok(item);
         let results =
             run(&[1, 0, 2], limits(1, 1, Some(9)), need, work, |_, _, refusal| Err(refusal), || false);
         assert_eq!(results, [Ok(1), Ok(0), Ok(2)]);
@@ -248,7 +316,7 @@ mod tests {
         let results = run(
             &[1, 2, 3],
             limits(1, 0, None),
-            |_| 0,
+            |_| 0.into(),
             |_, &item, _| {
                 done.fetch_add(1, Ordering::SeqCst);
                 Ok(item)

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::room::{Room, part_from};
+use crate::room::{Room, part_from, part_of};
 use lacuna_exr::{Frame, Window};
 
 /// What a process takes besides frames: program, threads, allocator.
@@ -41,4 +41,42 @@ fn frames_in_flight_stay_within_the_bound() {
         println!("{filter:?}: {} MiB", held >> 20);
         assert!(held <= bound + BASE, "{filter:?}: {} MiB", held >> 20);
     }
+}
+
+/// What a run with that filter is said to need, in bytes: by the header, and if that is granted by the mask.
+fn estimate(room: &Room, words: &[&str]) -> u64 {
+    let mut bound = 1;
+    for _ in 0..2 {
+        let memory = format!("{bound}M");
+        let done = room.run(&[words, &["--memory", &memory]].concat());
+        let Some((_, needed)) = done.err.split_once("needs about ") else { break };
+        let needed: f64 = needed.split(' ').next().unwrap().parse().unwrap();
+        bound = needed.ceil() as u64 + 1;
+    }
+    bound << 20
+}
+
+#[test]
+fn frames_need_what_they_are_said_to_need_with_any_mask() {
+    let window = Window { x_min: 0, y_min: 0, x_max: 999, y_max: 799 };
+    let everywhere = |at: usize| (at as f64 * 0.618_034).fract() < 0.2;
+    let with_holes = |at: usize| everywhere(at) && (at / 24).is_multiple_of(8);
+    let masks: [(&str, &dyn Fn(usize) -> bool); 2] = [("even.exr", &everywhere), ("holes.exr", &with_holes)];
+    let room = Room::new();
+    for (name, measured) in masks {
+        let mut part = part_of(window, measured);
+        part.channels.retain(|channel| channel.name != b"Z");
+        room.add(name, &Frame { parts: vec![part] });
+    }
+    let mut said = Vec::new();
+    for (name, _) in masks {
+        let words = ["fill", name, "-o", "out.exr", "--force", "-q", "--filter", "ss"];
+        let needed = estimate(&room, &words);
+        let held = peak(&room, &[&words[..], &["--memory", &format!("{}M", needed >> 20)]].concat());
+        println!("{name}: {} MiB, said {}", held >> 20, needed >> 20);
+        assert!(held <= needed + BASE, "{name}: {} MiB, said {}", held >> 20, needed >> 20);
+        assert!(needed * 10 <= held * 13, "{name}: {} MiB, said {}", held >> 20, needed >> 20);
+        said.push(needed);
+    }
+    assert!(said[1] > said[0], "{said:?}");
 }

@@ -122,8 +122,12 @@ pub fn part(window: Window) -> Part {
 
 /// The same with the first measured pixel further on, for other masks.
 pub fn part_from(window: Window, first: usize) -> Part {
+    part_of(window, |at| at >= first && (at - first).is_multiple_of(5))
+}
+
+/// The same with these measured pixels.
+pub fn part_of(window: Window, measured: impl Fn(usize) -> bool) -> Part {
     let size = window.size();
-    let measured = |at: usize| at >= first && (at - first).is_multiple_of(5);
     let ramp = |at: usize, scale: f32| {
         let (y, x) = (at / size.width, at % size.width);
         if measured(at) { 0.1 + scale * (x as f32 + 2.0 * y as f32) / 100.0 } else { 0.0 }

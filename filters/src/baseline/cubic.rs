@@ -30,7 +30,7 @@ use self::gradients::Network;
 use self::patch::{Patch, across};
 use super::delaunay::Barycentric;
 use super::linear::Scattered;
-use crate::descriptor::{Configured, Descriptor, Field, Takes};
+use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
 use crate::estimate::Kind;
 use crate::{Error, Filter, Outcome, Plan, Planes, Problem, Run, Stop};
 
@@ -44,8 +44,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     help: "Cubic pieces on triangles of measured pixels, without creases",
     settings: &[],
     // Those triangles, gradients and edges.
-    bytes: 112,
-    each: 12,
+    even: Memory { image: 110, channel: 3 },
+    uneven: Memory { image: 110, channel: 3 },
     takes: Takes::NOTHING,
     restores: false,
     held_out: Some(Kind::Spline),

@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use super::delaunay::{NONE, Triangulation};
 use super::nearest::NearestMap;
-use crate::descriptor::{Configured, Descriptor, Field, Takes};
+use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
 use crate::estimate::Kind;
 use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, check};
 
@@ -29,8 +29,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     help: "Planes on triangles of measured pixels",
     settings: &[],
     // The triangles of a frame that is nearly all measured.
-    bytes: 66,
-    each: 12,
+    even: Memory { image: 66, channel: 1 },
+    uneven: Memory { image: 66, channel: 1 },
     takes: Takes::NOTHING,
     restores: false,
     held_out: Some(Kind::Distance),

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
-use crate::descriptor::{Configured, Descriptor, Field, Takes};
+use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
 use crate::estimate::Kind;
 use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, Size, check};
 
@@ -31,8 +31,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     name: "nearest",
     help: "The nearest measured pixel",
     settings: &[],
-    bytes: 16,
-    each: 14,
+    even: Memory { image: 30, channel: 2 },
+    uneven: Memory { image: 30, channel: 2 },
     takes: Takes::NOTHING,
     restores: false,
     held_out: Some(Kind::Distance),

@@ -15,7 +15,7 @@
 
 use lacuna_core::parallel::prelude::*;
 
-use crate::descriptor::{Configured, Descriptor, Field, Takes};
+use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
 use crate::estimate::Kind;
 use crate::kernel::Isa;
 use crate::kernel::pyramid::{self, Pull};
@@ -30,8 +30,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     name: "pushpull",
     help: "Push-pull pyramid: fast and plain",
     settings: &[],
-    bytes: 8,
-    each: 14,
+    even: Memory { image: 20, channel: 4 },
+    uneven: Memory { image: 20, channel: 4 },
     takes: Takes::NOTHING,
     restores: false,
     held_out: Some(Kind::Distance),

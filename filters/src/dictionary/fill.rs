@@ -42,7 +42,7 @@ use super::masked::{Masked, TOGETHER};
 use super::pursuit::{Code, Scratch, Selection, Shared};
 use super::{Dictionary, dct};
 use crate::baseline::push_pull;
-use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes};
+use crate::descriptor::{Configured, Descriptor, Field, Memory, Range, Setting, Takes};
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, check};
 
 /// The part of an atom's squared length that must lie on measured values.
@@ -161,8 +161,8 @@ pub static LEARNED: Descriptor = Descriptor {
         STRIDE,
         RESTORE,
     ],
-    bytes: 48,
-    each: 24,
+    even: Memory { image: 48, channel: 16 },
+    uneven: Memory { image: 48, channel: 16 },
     takes: Takes { dictionary: true, ..Takes::NOTHING },
     restores: true,
     held_out: None,
@@ -231,8 +231,8 @@ pub static COSINES: Descriptor = Descriptor {
         STRIDE,
         RESTORE,
     ],
-    bytes: 48,
-    each: 24,
+    even: Memory { image: 48, channel: 16 },
+    uneven: Memory { image: 48, channel: 16 },
     takes: Takes::NOTHING,
     restores: true,
     held_out: None,

@@ -51,7 +51,7 @@ use serde::Serialize;
 
 use super::cs_wavelet::SIDE_BY_SIDE;
 use super::recover::Rule;
-use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes, words};
+use crate::descriptor::{Configured, Descriptor, Field, Memory, Range, Setting, Takes, words};
 use crate::operator::fourier::{Fourier, Spectrum};
 use crate::solver::Solver;
 use crate::solver::sparsity::{Samples, Sparsity};
@@ -158,8 +158,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
             ..Setting::PLAIN
         },
     ],
-    bytes: 48,
-    each: 48,
+    even: Memory { image: 48, channel: 40 },
+    uneven: Memory { image: 48, channel: 40 },
     takes: Takes { gradients: true, ..Takes::NOTHING },
     restores: false,
     held_out: None,

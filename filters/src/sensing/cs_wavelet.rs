@@ -52,7 +52,7 @@ use lacuna_core::parallel::prelude::*;
 use super::recover::Rule;
 use super::wavelet::{Boundary, Wavelet};
 use crate::baseline::push_pull;
-use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes, words};
+use crate::descriptor::{Configured, Descriptor, Field, Memory, Range, Setting, Takes, words};
 use crate::kernel::extremes::range;
 use crate::solver::Solver;
 use crate::solver::sparsity::Samples;
@@ -191,8 +191,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
             ..Setting::PLAIN
         },
     ],
-    bytes: 48,
-    each: 48,
+    even: Memory { image: 48, channel: 40 },
+    uneven: Memory { image: 48, channel: 40 },
     takes: Takes::NOTHING,
     restores: false,
     held_out: None,

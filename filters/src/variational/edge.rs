@@ -50,7 +50,7 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
-use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes};
+use crate::descriptor::{Configured, Descriptor, Field, Memory, Range, Setting, Takes};
 use crate::estimate::Kind;
 use crate::kernel::curvature::{Solve, Tile, Weigh, Weighting};
 use crate::kernel::{Isa, dispatch};
@@ -115,8 +115,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
         },
     ],
     // As `ss`, from which it starts.
-    bytes: 8,
-    each: 42,
+    even: Memory { image: 26, channel: 6 },
+    uneven: Memory { image: 115, channel: 8 },
     takes: Takes::NOTHING,
     restores: false,
     held_out: Some(Kind::Spline),

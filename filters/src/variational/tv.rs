@@ -56,7 +56,7 @@ mod tighten;
 mod weights;
 
 use crate::baseline::push_pull;
-use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes, words};
+use crate::descriptor::{Configured, Descriptor, Field, Memory, Range, Setting, Takes, words};
 use crate::estimate::Kind;
 use crate::kernel::Isa;
 use crate::kernel::extremes::range;
@@ -149,8 +149,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
             ..Setting::PLAIN
         },
     ],
-    bytes: 8,
-    each: 28,
+    even: Memory { image: 8, channel: 20 },
+    uneven: Memory { image: 8, channel: 20 },
     takes: Takes { weights: true, ..Takes::NOTHING },
     restores: false,
     held_out: Some(Kind::Density),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use clap::{CommandFactory, Parser};
 use lacuna_exr::WriteOptions;
-use lacuna_filters::descriptor::{Choice, Field, Takes};
+use lacuna_filters::descriptor::{Choice, Field, Memory, Takes};
 use lacuna_filters::{Filter, Mask, Outcome, Plan, Planes, Problem, Run, baseline::nearest};
 
 use super::*;
@@ -47,8 +47,8 @@ static FLAT: Descriptor = Descriptor {
             ..Setting::PLAIN
         },
     ],
-    bytes: 12_345,
-    each: 24,
+    even: Memory { image: 12_345, channel: 24 },
+    uneven: Memory { image: 23_456, channel: 35 },
     takes: Takes::NOTHING,
     restores: false,
     new: || Box::new(Flat { grey: 0.25, how: "fast".into() }),
@@ -192,13 +192,14 @@ fn memory_is_planned_with_its_bytes() {
         neighbours: Vec::new(),
         made_from,
     };
-    let needs = |method: &Method| to_fill(&item, method);
+    let needs = |method: &Method| to_fill(&item, method, 0.5);
     let plain = Method::named("pushpull", &[]).unwrap();
     let difference = needs(&method("--filter flat").unwrap()) - needs(&plain);
-    let other = plain.descriptor();
-    assert_eq!(difference, 16 * (FLAT.bytes - other.bytes + FLAT.each - other.each));
+    let (other, flat) = (plain.memory(0.5), FLAT.memory(0.5));
+    assert_eq!(flat.image, 17_901);
+    assert_eq!(difference, 16 * (flat.image - other.image + flat.channel - other.channel));
     let neighbour = NeighbourFile { number: 2, input: item.input.clone(), mask: None };
     let beside = Item { neighbours: vec![neighbour; 3], ..item.clone() };
-    // Each has to be read and filled like the frame itself.
-    assert!(to_fill(&beside, &plain) > needs(&plain) + 3 * 16 * other.each);
+    // Each has to be read, and to stand beside the frame itself.
+    assert!(to_fill(&beside, &plain, 0.5) > needs(&plain) + 3 * 16 * 8);
 }

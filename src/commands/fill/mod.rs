@@ -27,6 +27,7 @@ use crate::reconstruct::{
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
 use crate::run::record::{Estimate, Heading, Light, Record};
+use crate::run::schedule::Need;
 use crate::run::{batch, memory, outputs};
 use crate::temporal::{NeighbourFiles, Neighbours};
 
@@ -110,7 +111,14 @@ struct Loaded {
 
 impl Fill<'_> {
     fn limits(&self, item: &Item) -> Limits {
-        memory::limits(self.job.run.memory, self.bytes(item))
+        memory::limits(self.job.run.memory, self.bytes(item, 1.0))
+    }
+
+    /// Bytes that the work on a frame needs where so much of its mask is holes, by its header.
+    fn bytes(&self, item: &Item, holes: f64) -> u64 {
+        let what = &self.job.what;
+        let larger = what.enlarge.as_ref().map_or(0, |enlarge| memory::to_enlarge(&item.input, enlarge));
+        memory::to_fill(item, &what.method, holes).saturating_add(larger)
     }
 
     fn read(&self, item: &Item) -> Result<Loaded, Failure> {
@@ -203,10 +211,8 @@ impl Work for Fill<'_> {
         outputs::decide_to_write(item, self.job.skip_missing, self.job.existing, current)
     }
 
-    fn bytes(&self, item: &Item) -> u64 {
-        let what = &self.job.what;
-        let larger = what.enlarge.as_ref().map_or(0, |enlarge| memory::to_enlarge(&item.input, enlarge));
-        memory::to_fill(item, &what.method).saturating_add(larger)
+    fn need(&self, item: &Item) -> Need {
+        Need { least: self.bytes(item, 0.0), most: self.bytes(item, 1.0) }
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
@@ -224,6 +230,9 @@ impl Work for Fill<'_> {
         let solved = stage.solve(record, || {
             let found = mask::find(&frame, &what.mask, mask.as_deref());
             let masks = self.masks_of(&frame, found).map_err(|error| at_input(&error))?;
+            if self.job.run.memory.is_some() {
+                stage.settle(item, self.bytes(item, masks.holes()))?;
+            }
             let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
             if self.job.again && filled_before(&frame, &masks).is_some() {
                 reconstruct::blank(&mut frame, &masks, &choices);

@@ -27,6 +27,7 @@ use crate::reconstruct::{self, Plans, Report};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::{Existing, is_made_from};
 use crate::run::record::{Heading, Record};
+use crate::run::schedule::Need;
 use crate::run::{batch, outputs};
 
 const STOPPED: &str = "stopped by a signal";
@@ -221,7 +222,7 @@ impl Work for Render<'_> {
         outputs::decide_to_make(item, self.job.existing, |item| self.is_current(item))
     }
 
-    fn bytes(&self, _: &Item) -> u64 {
+    fn need(&self, _: &Item) -> Need {
         let [width, height] = self.scene.image.size;
         let wanted = &self.job.wanted;
         let planes = 6
@@ -231,12 +232,13 @@ impl Work for Render<'_> {
             + 8 * u64::from(wanted.dense);
         // Tiles, planes, what is written and what fills.
         let pixel = planes * 4 * size_of::<f32>() as u64;
-        (width as u64).saturating_mul(height as u64).saturating_mul(pixel)
+        (width as u64).saturating_mul(height as u64).saturating_mul(pixel).into()
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
-        let ready = stage.read(record, || self.ready(self.bytes(item))).map_err(|error| at_input(&error))?;
+        let ready =
+            stage.read(record, || self.ready(self.need(item).most)).map_err(|error| at_input(&error))?;
         let mut mask = self.mask(item, &ready)?;
         let (mut seconds, mut told) = ((0.0, None), None);
         let mut rounds = None;

@@ -22,6 +22,18 @@ pub enum Division {
     Sparse,
 }
 
+/// The share of the image that rectangles around holes take.
+pub fn share(mask: &Mask) -> f64 {
+    match divide(mask) {
+        Division::Dense => 0.0,
+        Division::Holes(windows, _) => {
+            let area: usize = windows.iter().map(|window| window.pixels()).sum();
+            area as f64 / mask.size().pixels() as f64
+        }
+        Division::Sparse => 1.0,
+    }
+}
+
 /// Finds the holes of a mask.
 pub fn divide(mask: &Mask) -> Division {
     let size = mask.size();

@@ -1,7 +1,7 @@
 //! What a user may set.
 
 use super::Kernel;
-use crate::descriptor::{Configured, Descriptor, Field, Range, Setting, Takes, words};
+use crate::descriptor::{Configured, Descriptor, Field, Memory, Range, Setting, Takes, words};
 use crate::estimate::Kind;
 use crate::{Error, check};
 
@@ -108,9 +108,9 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
             ..Setting::PLAIN
         },
     ],
-    // The multigrid levels of a frame that is all hole, in 64-bit floats.
-    bytes: 8,
-    each: 40,
+    // Uneven: the levels of multigrid on all of the image.
+    even: Memory { image: 26, channel: 3 },
+    uneven: Memory { image: 115, channel: 6 },
     takes: Takes { guides: true, weights: true, ..Takes::NOTHING },
     restores: false,
     held_out: Some(Kind::Spline),
@@ -120,6 +120,15 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
 impl Configured for Settings {
     fn descriptor(&self) -> &'static Descriptor {
         &DESCRIPTOR
+    }
+
+    fn memory(&self, holes: f64) -> Memory {
+        // Tiles only interpolate, and beside holes only at second order.
+        let whole = self.lambda > 0.0 || (self.order == Order::Third && holes > 0.0);
+        let Memory { image, channel } = DESCRIPTOR.memory(if whole { 1.0 } else { holes });
+        // Multigrid is in f64 at third order.
+        let wide = if self.order == Order::Third && whole { 2 } else { 1 };
+        Memory { image: wide * image, channel }
     }
 
     fn field(&mut self, name: &str) -> Option<&mut dyn Field> {
