@@ -235,8 +235,8 @@ pub fn filters() -> Vec<(&'static str, &'static str, Vec<SettingRow>)> {
     METHODS.iter().filter(|method| method.name != "dictionary").map(row).collect()
 }
 
-/// Bytes that a filter takes for each pixel beside the values of the channels.
+/// Bytes that a filter takes for each pixel beside those of the channels, if measured pixels lie everywhere.
 #[pyfunction]
 pub fn bytes_per_pixel(filter: &str) -> u64 {
-    METHODS.iter().find(|method| method.name == filter).map_or(0, |method| method.bytes)
+    METHODS.iter().find(|method| method.name == filter).map_or(0, |method| method.even.image)
 }
