@@ -345,7 +345,7 @@ fn blend(
         }
     }
     for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
-        crate::fill::restore(mask, samples, out);
+        mask.restore(samples, out);
     }
     Ok((outcome.unwrap_or(Outcome::direct()), effect))
 }

@@ -6,7 +6,7 @@ pub use field::{Choice, Field};
 pub(crate) use field::{plain, words};
 
 use crate::estimate::{Folds, Kind};
-use crate::variational::ss;
+use crate::solver;
 use crate::{Error, Filter, Mask};
 
 /// A method: its name, its settings, what it needs.
@@ -45,7 +45,7 @@ pub struct Memory {
 /// half of the samples: 0 where every block of 8 x 8 pixels has one, 1 where holes are everywhere.
 pub fn holes(mask: &Mask) -> f64 {
     let (folds, [half, _]) = Folds::default().deep(mask.count());
-    ss::holes::share(&folds.without(mask, &half))
+    solver::holes::share(&folds.without(mask, &half))
 }
 
 /// What a method can use beside samples and their mask.

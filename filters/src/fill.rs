@@ -16,7 +16,7 @@
 //! The same bits for every number of threads.
 
 mod solve;
-pub(crate) use solve::{mend, restore};
+pub(crate) use solve::mend;
 #[cfg(test)]
 mod finite_tests;
 #[cfg(test)]

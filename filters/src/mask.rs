@@ -1,6 +1,11 @@
 //! The sampling mask: which pixels were measured.
 
-use crate::{Error, Planes, Size};
+use lacuna_core::parallel::prelude::*;
+
+use crate::{Error, Plane, Planes, Size};
+
+/// Pixels that one task takes.
+const PIECE: usize = 1 << 14;
 
 /// Which pixels of an image were measured: `height x width` flags, row-major.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -46,6 +51,16 @@ impl Mask {
         }
         let count = flags.iter().filter(|&&flag| flag).count();
         Self { size, measured: flags, count }
+    }
+
+    /// Puts the bits of measured pixels back into a plane.
+    pub(crate) fn restore(&self, samples: &Plane, out: &mut Plane) {
+        let pieces = self.measured.par_chunks(PIECE).zip(samples.pixels().par_chunks(PIECE));
+        out.pixels_mut().par_chunks_mut(PIECE).zip(pieces).for_each(|(out, (flags, samples))| {
+            for ((out, &flag), &sample) in out.iter_mut().zip(flags).zip(samples) {
+                *out = if flag { sample } else { *out };
+            }
+        });
     }
 
     /// Height and width.

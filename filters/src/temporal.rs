@@ -88,7 +88,7 @@ pub(crate) fn pull(
         add(image, &begun);
     }
     for (image, begun) in image.as_mut_slice().iter_mut().zip(begun.as_slice()) {
-        crate::fill::restore(mask, begun, image);
+        mask.restore(begun, image);
     }
     worst
 }

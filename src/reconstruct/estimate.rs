@@ -5,7 +5,7 @@ use lacuna_filters::Plane;
 use lacuna_filters::estimate::Verdict;
 use serde::Serialize;
 
-use super::{GroupReport, Report, parse_settings};
+use super::{GroupReport, Report};
 use crate::channels::is_coordinate;
 
 /// The attribute that says how wrong the missing pixels of a part are by estimate.
@@ -184,20 +184,6 @@ pub fn add_channels(part: &mut Part, name: &str, errors: Vec<(String, Plane)>) -
         part.channels.push(Channel { name: full.into(), perceptually_linear: false, samples });
     }
     notes
-}
-
-/// What the channels of estimated errors of a part are called, if the fill wrote some.
-pub fn channel_name(part: &Part) -> Option<String> {
-    let settings = parse_settings(&part.attributes.text(super::stamp::SETTINGS)?);
-    settings.into_iter().find(|(name, _)| name == "error-channel").map(|(_, name)| name)
-}
-
-/// The estimated errors of a layer's pixels, if the fill wrote them.
-pub fn written(part: &Part, layer: &str) -> Option<Plane> {
-    let name = channel_name(part)?;
-    let full = if layer.is_empty() { name } else { format!("{layer}.{name}") };
-    let channel = part.channels.iter().find(|channel| channel.name == full.as_bytes())?;
-    Plane::new(part.size(), channel.samples.to_floats()?).ok()
 }
 
 /// What a blend is made of: `R, G, B: edge 81 %, tv 19 %; ...`.

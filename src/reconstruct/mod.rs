@@ -55,7 +55,9 @@ use lacuna_filters::{Run, Stop};
 pub use noise::{NoiseError, NoiseSource};
 pub(crate) use part::measured_floats;
 pub use report::{ChannelReport, GroupReport, PartReport, Report, named};
-pub use stamp::{ADDED, DENSITY, DERIVED, FILLING, FILTER, Stamp, was_cut_short};
+pub use stamp::{
+    ADDED, DENSITY, DERIVED, FILLING, FILTER, Stamp, error_channel, estimated_errors, was_cut_short,
+};
 pub(crate) use values::{convert, kind_for};
 pub use weights::{Weights, WeightsError};
 

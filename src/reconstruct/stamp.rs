@@ -1,7 +1,7 @@
 //! The attributes that say how a part was filled, and those that are no longer true of it.
 
-use lacuna_exr::Attributes;
-use lacuna_filters::Stop;
+use lacuna_exr::{Attributes, Part};
+use lacuna_filters::{Plane, Stop};
 
 use super::job::{Job, parse_settings};
 use super::{PartReport, estimate};
@@ -154,6 +154,20 @@ pub fn write_neighbours(attributes: &mut Attributes, report: &PartReport, neighb
         Some(found) => attributes.set_text(temporal::ATTRIBUTE, &found.line(&report.neighbours)),
         None => drop(attributes.remove(temporal::ATTRIBUTE)),
     }
+}
+
+/// What the channels of estimated errors of a part are called, if the fill wrote some.
+pub fn error_channel(part: &Part) -> Option<String> {
+    let settings = parse_settings(&part.attributes.text(SETTINGS)?);
+    settings.into_iter().find(|(name, _)| name == "error-channel").map(|(_, name)| name)
+}
+
+/// The estimated errors of a layer's pixels, if the fill wrote them.
+pub fn estimated_errors(part: &Part, layer: &str) -> Option<Plane> {
+    let name = error_channel(part)?;
+    let full = if layer.is_empty() { name } else { format!("{layer}.{name}") };
+    let channel = part.channels.iter().find(|channel| channel.name == full.as_bytes())?;
+    Plane::new(part.size(), channel.samples.to_floats()?).ok()
 }
 
 const fn stop_name(stop: Stop) -> Option<&'static str> {

@@ -16,7 +16,7 @@ use super::model::{FrameReport, GroupReport, Measures, RegionReport, Settings};
 use super::values::{Clean, Values, chromaticities, differing, value};
 use crate::channels::{Name, channel_label, is_alpha, part_label};
 use crate::mask::Masks;
-use crate::reconstruct::estimate::written;
+use crate::reconstruct::estimated_errors;
 
 /// Why two frames cannot be compared.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -240,7 +240,7 @@ impl Work<'_> {
             let statistics: Vec<Statistics> = sums.iter().map(|channel| channel[at]).collect();
             report.regions.push(self.region(name, flags, &statistics, &similar, &colour, values.options));
         }
-        let estimate = written(other, &self.group.layer);
+        let estimate = estimated_errors(other, &self.group.layer);
         visit(&Images {
             report,
             reference: &linear,

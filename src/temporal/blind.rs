@@ -9,7 +9,7 @@ use lacuna_filters::temporal::unjudged;
 use lacuna_filters::{Mask, Planes};
 
 use super::Neighbour;
-use super::carriers::{Reference, measured};
+use super::reference::{Reference, measured};
 
 /// By how much more the samples of farther frames may miss this one's fill than those of nearer ones if nothing moves.
 const FARTHER: f64 = 1.1;

@@ -2,34 +2,20 @@
 
 use std::cell::LazyCell;
 use std::ops::Deref;
-use std::sync::Arc;
 
 use lacuna_exr::{Frame, Part};
+use lacuna_filters::Size;
 use lacuna_filters::temporal::{Carried, Judge, explained, flow};
-use lacuna_filters::{Mask, Plane, Planes, Size};
 
 use super::blind::Blind;
 use super::paths::Paths;
+use super::reference::{Reference, measured};
 use super::{Motion, Neighbour, Neighbours, camera, reading};
 use crate::channels::part_label;
 use crate::mask::Masks;
 
 /// The part of the variance of a neighbour's samples that the frame must explain where motion carries them. Beyond a cut it is about 0.
 const EXPLAINED: f64 = 0.5;
-
-/// What motion is judged by and estimated from: colours of a part.
-pub struct Reference<'a> {
-    /// The full names of the channels.
-    pub names: Vec<String>,
-    /// All pixels of them, filled.
-    pub filled: Planes,
-    /// Their samples.
-    pub samples: &'a Planes,
-    /// Where these are.
-    pub mask: &'a Arc<Mask>,
-    /// Fills those of another frame.
-    pub fill: &'a dyn Fn(&Planes, &Arc<Mask>) -> Option<Planes>,
-}
 
 /// A neighbour's part whose samples have places.
 pub struct Carrier<'a> {
@@ -74,28 +60,6 @@ impl Carrier<'_> {
             _ => Ok(self),
         }
     }
-}
-
-/// A neighbour's samples of these channels, and where all of them were measured.
-pub fn measured(neighbour: &Neighbour, part: usize, names: &[String]) -> Option<(Planes, Arc<Mask>)> {
-    let own = &neighbour.frame.parts[part];
-    let mut both = None::<Arc<Mask>>;
-    let mut planes = Vec::with_capacity(names.len());
-    for name in names {
-        let at = own.channels.iter().position(|channel| channel.display_name() == name.as_str())?;
-        let mask = neighbour.masks.get(part, at)?;
-        planes.push(Plane::new(mask.size(), own.channels[at].samples.to_floats()?).ok()?);
-        both = Some(match both {
-            None => Arc::clone(mask),
-            Some(both) if Arc::ptr_eq(&both, mask) => both,
-            Some(both) => {
-                let flags = both.as_slice().iter().zip(mask.as_slice()).map(|(a, b)| *a && *b).collect();
-                Arc::new(Mask::new(both.size(), flags).ok()?)
-            }
-        });
-    }
-    let mask = both?;
-    Some((Planes::new(mask.size(), planes).ok()?, mask))
 }
 
 /// The neighbours' parts that fit a part of the frame, with places of their samples; and one line for each that does not.

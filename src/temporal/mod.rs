@@ -6,10 +6,12 @@ mod carriers;
 mod neighbours;
 mod paths;
 mod reading;
+mod reference;
 mod vectors;
 
-pub use carriers::{Carrier, Reference, carriers};
+pub use carriers::{Carrier, carriers};
 pub use neighbours::{Neighbour, NeighbourFiles, Neighbours, numbers};
+pub use reference::Reference;
 
 use std::str::FromStr;
 

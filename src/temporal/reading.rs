@@ -5,7 +5,7 @@ use lacuna_filters::temporal::Judge;
 use lacuna_filters::{Planes, Size};
 
 use super::Neighbour;
-use super::carriers::{Reference, measured};
+use super::reference::{Reference, measured};
 use super::vectors::{self, Layer, Reading};
 
 /// Samples of a neighbour that are asked at most.

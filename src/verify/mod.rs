@@ -24,7 +24,7 @@ pub use stamps::density as claimed_density;
 use crate::channels::{Choice, Name, Override, Rule, part_label, visible};
 use crate::guides::Asked;
 use crate::mask::{Masks, Source};
-use crate::reconstruct::{ADDED, DERIVED, Kind, Stamp, estimate, output_compression};
+use crate::reconstruct::{ADDED, DERIVED, Kind, Stamp, error_channel, output_compression};
 
 /// One difference between what is and what should be.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -279,7 +279,7 @@ fn compare_channels(pair: &Pair<'_>, differences: &mut Vec<Difference>) {
             Some(found) => differences.extend(pixels::compare(pair, index, found)),
         }
     }
-    let errors = estimate::channel_name(pair.filled);
+    let errors = error_channel(pair.filled);
     for channel in &pair.filled.channels {
         let name = channel.display_name();
         let promised = errors.as_deref() == Some(Name::new(&name).component);

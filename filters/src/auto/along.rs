@@ -104,7 +104,7 @@ pub fn pulled(
         weights.add(k, &image, out);
     }
     for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
-        crate::fill::restore(&own.mask, samples, out);
+        own.mask.restore(samples, out);
     }
     let share = 1.0 - weights.share(0);
     Ok(Some(Along { outcome, share, gain: Some(gain), held: Weights::crossed(&held, &learn) }))

@@ -116,6 +116,18 @@ impl NearestMap {
         &self.source
     }
 
+    /// Squared distance of each pixel to the one that the map points at; at most `u32::MAX`.
+    pub fn squared_distances(&self) -> Vec<u32> {
+        let width = self.size.width;
+        let squared = |(pixel, &source): (usize, &u32)| {
+            let source = source as usize;
+            let (dy, dx) =
+                ((pixel / width).abs_diff(source / width), (pixel % width).abs_diff(source % width));
+            u32::try_from(dy * dy + dx * dx).unwrap_or(u32::MAX)
+        };
+        self.source.iter().enumerate().map(squared).collect()
+    }
+
     /// Fills `out` with the values of `samples` that the map points at. Values at missing pixels are not used.
     ///
     /// # Errors

@@ -202,7 +202,7 @@ impl Task<'_> {
         predicted.chain(out.as_mut_slice()).for_each(|plane| map.inverse_plane(plane));
         if self.method.keeps_measured() {
             for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
-                restore(self.mask, samples, out);
+                self.mask.restore(samples, out);
             }
         }
         Ok(found)
@@ -239,16 +239,6 @@ impl Task<'_> {
             }
         }
     }
-}
-
-/// Puts the bits of measured pixels back.
-pub(crate) fn restore(mask: &Mask, samples: &Plane, out: &mut Plane) {
-    let pieces = mask.as_slice().par_chunks(PIECE).zip(samples.pixels().par_chunks(PIECE));
-    out.pixels_mut().par_chunks_mut(PIECE).zip(pieces).for_each(|(out, (flags, samples))| {
-        for ((out, &flag), &sample) in out.iter_mut().zip(flags).zip(samples) {
-            *out = if flag { sample } else { *out };
-        }
-    });
 }
 
 /// Samples of the gradients of a set: known where those of all its planes are.

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 
 use super::hash;
-use super::refine::squared_distances;
+use crate::baseline::nearest::NearestMap;
 use crate::kernel::Isa;
 use crate::kernel::stencil::{Separable, apply};
 use crate::kernel::window::Window;
@@ -73,7 +73,7 @@ pub fn by_parts(
             continue;
         }
         let filled = fill(samples, &kept, filter, rough, run)?;
-        let squared = squared_distances(&kept)?;
+        let squared = NearestMap::new(&kept)?.squared_distances();
         for pixel in (0..size.pixels()).filter(|&pixel| mask.as_slice()[pixel] && out(pixel)) {
             let planes = samples.as_slice().iter().zip(filled.as_slice());
             for (error, (y, u)) in errors.iter_mut().zip(planes) {

@@ -157,7 +157,7 @@ impl Estimate {
                 *out = (c * f64::from(*out)) as f32;
             }
         });
-        let squared = squared.map_or_else(|| squared_distances(mask), Ok)?;
+        let squared = squared.map_or_else(|| NearestMap::new(mask).map(|map| map.squared_distances()), Ok)?;
         let products = products.clone();
         Ok(Self { mask: mask.clone(), coefficient, squared, filled, products })
     }
@@ -253,17 +253,6 @@ fn compressed(samples: &Planes) -> Planes {
 /// A value as it counts: linear to 1, logarithmic above.
 pub(super) fn compress(value: f32) -> f32 {
     if value > 1.0 { 1.0 + value.ln() } else { value }
-}
-
-/// Squared distance of each pixel to the nearest measured one.
-pub(super) fn squared_distances(mask: &Mask) -> Result<Vec<u32>, Error> {
-    let map = NearestMap::new(mask)?;
-    let width = mask.size().width;
-    let squared = |(pixel, source): (usize, usize)| {
-        let (dy, dx) = ((pixel / width).abs_diff(source / width), (pixel % width).abs_diff(source % width));
-        u32::try_from(dy * dy + dx * dx).unwrap_or(u32::MAX)
-    };
-    Ok(map.as_slice().iter().enumerate().map(|(pixel, source)| squared((pixel, *source as usize))).collect())
 }
 
 /// The squared gradient over its mean in the neighbourhood, to the power of 3/4.

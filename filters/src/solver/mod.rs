@@ -6,6 +6,7 @@ pub mod cholesky;
 pub mod conjugate;
 pub mod eigen;
 pub mod factor;
+pub mod holes;
 pub mod lanczos;
 pub mod local;
 pub mod multigrid;

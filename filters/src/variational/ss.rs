@@ -76,7 +76,6 @@ use crate::operator::energy::Form;
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Stop};
 
 mod doubt;
-pub(crate) mod holes;
 mod improve;
 mod polynomials;
 mod pulled;
@@ -92,8 +91,8 @@ pub(crate) use improve::improve;
 pub(crate) use pulled::Pulled;
 pub use settings::{DESCRIPTOR, Order, Settings};
 
+use crate::solver::holes::{self, Division};
 use crate::solver::local::Target;
-use holes::Division;
 use polynomials::Unseen;
 use region::{Matrices, Region};
 use tiles::{Task, Tiles};

@@ -9,7 +9,7 @@ use super::picture::{Pixels, filled_pictures};
 use super::plot::{Series, plot};
 use super::shell::shell;
 use super::{element, escape};
-use crate::reconstruct::estimate::written;
+use crate::reconstruct::estimated_errors;
 use crate::report::groups::{Group, Kind, pair};
 
 /// A frame of the page.
@@ -69,7 +69,7 @@ impl Pictures {
         let names = group.channels.iter().map(|&(at, _)| part.channels[at].display_name().into_owned());
         let window = part.data_window;
         let every = || {
-            let estimate = written(part, &group.layer);
+            let estimate = estimated_errors(part, &group.layer);
             Pixels::filled(&planes, (window.x_min, window.y_min), mask, estimate.as_ref())
         };
         let pixels = (part.size().pixels() <= most).then(every).flatten();

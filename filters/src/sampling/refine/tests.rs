@@ -148,12 +148,12 @@ proptest! {
         let size = Size::new(20, 23);
         let mut flags = flags;
         flags[7] = true;
-        let before = squared_distances(&Mask::new(size, flags.clone()).unwrap()).unwrap();
+        let before = NearestMap::new(&Mask::new(size, flags.clone()).unwrap()).unwrap().squared_distances();
         let mut taken = Picks::new(size, &[], before);
         for pick in picks {
             taken.take(pick);
             flags[pick] = true;
         }
-        prop_assert_eq!(taken.squared().to_vec(), squared_distances(&Mask::new(size, flags).unwrap()).unwrap());
+        prop_assert_eq!(taken.squared().to_vec(), NearestMap::new(&Mask::new(size, flags).unwrap()).unwrap().squared_distances());
     }
 }
