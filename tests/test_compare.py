@@ -185,14 +185,17 @@ def sequence(folder, count=3):
     return errors
 
 
-def test_flicker_is_the_change_of_the_error(tmp_path):
+@pytest.mark.parametrize("asked", ["flicker", "change"])
+def test_flicker_is_the_change_of_the_error_beside_that_of_the_reference(tmp_path, asked):
     errors = sequence(tmp_path)
-    report, _ = compare(tmp_path / "r.####.exr", tmp_path / "t.####.exr", tmp_path, "--measures", "flicker")
-    assert "flicker" not in measures(report, frame=0)
+    truths = [frames.colour(tmp_path / f"r.{number:04}.exr")[..., 0].astype(np.float64) for number in range(1, 4)]
+    report, _ = compare(tmp_path / "r.####.exr", tmp_path / "t.####.exr", tmp_path, "--measures", asked)
+    assert not {"flicker", "change"} & measures(report, frame=0).keys()
     for number in (1, 2):
-        found, twin = measures(report, frame=number)["flicker"], np.sqrt(np.mean((errors[number] - errors[number - 1]) ** 2))
-        show("flicker", found, twin)
-        assert found == pytest.approx(twin, rel=1e-5)
+        for measure, images in (("flicker", errors), ("change", truths)):
+            found, twin = measures(report, frame=number)[measure], np.sqrt(np.mean((images[number] - images[number - 1]) ** 2))
+            show(measure, found, twin)
+            assert found == pytest.approx(twin, rel=1e-5)
 
 
 def test_the_gate_decides_the_exit_status_and_names_the_frames(tmp_path):

@@ -121,6 +121,33 @@ def test_aovs_of_mitsuba_arrive_and_guide(tmp_path):
         lacuna("verify", tmp_path / f"{name}.exr", tmp_path / f"{name}.full.exr")
 
 
+def test_vectors_of_mitsuba_lead_to_the_next_frame(tmp_path):
+    """To where the same place on the same shape is seen, by the shapes' own coordinates: to a part of a pixel, balls, block and floor."""
+    words = ("--frames", "4-5", "--density", "1", "--spp", "1", "--aovs", "uv,id", "--dense-aovs", "--dense-spp", "64", "--motion", *SMALL)
+    bridge("mitsuba_sparse.py", SCENES / "moving.xml", "-o", tmp_path / "shot.####.exr", *words)
+    assert channels(tmp_path / "shot.0004.exr")["motion.X"] == ("keep", "listed in lacuna/dense")
+    one, two = (frames.read(tmp_path / f"shot.{frame:04}.exr")[0] for frame in (4, 5))
+    rows, columns = np.indices(one["id"].shape)
+    y, x = rows + one["motion.Y"], columns + one["motion.X"]
+    top, left = np.floor(y).astype(int), np.floor(x).astype(int)
+    inside = (top >= 0) & (left >= 0) & (top < rows.shape[0] - 1) & (left < rows.shape[1] - 1)
+    corners = [(np.where(inside, top + i, 0), np.where(inside, left + j, 0), abs(y - top - 1 + i) * abs(x - left - 1 + j)) for i in (0, 1) for j in (0, 1)]
+    same = inside & np.all([two["id"][v, u] == one["id"] for v, u, _ in corners], axis=0)
+    across, compared = [np.gradient(one[f"uv.{c}"]) for c in "UV"], 0
+    for shape in np.unique(one["id"][one["id"] > 0]):
+        where = same & (one["id"] == shape)
+        if where.sum() < 50:
+            continue
+        off = np.hypot(*(sum(weight * two[f"uv.{c}"][v, u] for v, u, weight in corners) - one[f"uv.{c}"] for c in "UV"))
+        # What a pixel is wide in these coordinates.
+        pixel = np.sqrt(abs(across[0][0] * across[1][1] - across[0][1] * across[1][0])) + 1e-9
+        still = np.hypot(*(two[f"uv.{c}"] - one[f"uv.{c}"] for c in "UV"))
+        moved, stayed = (np.median((values / pixel)[where]) for values in (off, still))
+        assert moved < 0.15 and stayed > 0.5, (shape, moved, stayed)
+        compared += 1
+    assert compared >= 3
+
+
 def test_a_volume_is_sampled_where_the_mask_says(tmp_path):
     words = ("--density", "0.25", "--spp", "4", "--half", "-D", "width=80", "-D", "height=60")
     bridge("mitsuba_sparse.py", SCENES / "cloud.xml", "-o", tmp_path / "cloud.exr", *words)

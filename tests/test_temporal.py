@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import frames
-from tool import lacuna
+from tool import SAMPLES, lacuna
 
 HEIGHT, WIDTH = 72, 88
 DENSITY = 0.2
@@ -111,6 +111,33 @@ def test_vectors_of_any_convention_are_understood(tmp_path, sign, y_up, unit):
     way = f"{unit} to the {'next frame' if sign == 1 else 'frame before'}, {'y up' if y_up else 'y down'}"
     assert result.stderr.count(way) == 1, result.stderr
     assert psnr(tmp_path / "along", 3, shows(3)) > psnr(tmp_path / "alone", 3, shows(3)) + 2
+
+
+def test_vectors_of_a_turntable_lead_to_the_next_frame(tmp_path):
+    """Against the distance and the matrices of both frames, and by the fill that reads them."""
+    lacuna("render", SAMPLES / "scenes" / "vessels.toml", "-o", tmp_path / "shot.####.exr", "--frames", "1-3", "--size", "96x80", "--density", "0.3",
+           "--dense-aovs", "--motion", "--set", "camera.orbit=1.5")
+    (one, header), (_, later) = (frames.read(tmp_path / f"shot.{frame:04}.exr") for frame in (1, 2))
+    assert header["lacuna/dense"].startswith("motion.X,motion.Y,dense.A")
+    rows, columns = np.indices((80, 96))
+    ndc = np.stack([2 * (columns + 0.5) / 96 - 1, 1 - 2 * (rows + 0.5) / 80, np.zeros((80, 96)), np.ones((80, 96))], -1)
+    matrix = lambda header, name: np.asarray(header[name], np.float64).reshape(4, 4)
+    behind = ndc + [0, 0, 0.5, 0]
+    near, far = (place @ np.linalg.inv(matrix(header, "worldToNDC")) for place in (ndc, behind))
+    near, far = (place[..., :3] / place[..., 3:] for place in (near, far))
+    eye = np.linalg.inv(matrix(header, "worldToCamera"))[3, :3]
+    ray = (near - eye) / np.linalg.norm(near - eye, axis=-1, keepdims=True)
+    assert np.abs(np.cross(ray, far - eye)).max() < 1e-3 * np.linalg.norm(far - eye, axis=-1).max()
+    seen = np.isfinite(one["dense.Z"])
+    point = eye + ray * np.where(seen, one["dense.Z"], 1)[..., None]
+    place = np.concatenate([point, np.ones((80, 96, 1))], -1) @ matrix(later, "worldToNDC")
+    across, down = ((place[..., 0] / place[..., 3] - ndc[..., 0]) * 48, (ndc[..., 1] - place[..., 1] / place[..., 3]) * 40)
+    for name, moved in (("motion.X", across), ("motion.Y", down)):
+        # The matrices of the file are rounded to 24 bits.
+        assert np.abs(one[name] - moved)[seen].max() < 2e-3 and not one[name][~seen].any()
+    assert np.abs(across[seen]).max() > 0.5
+    log = fill(tmp_path / "shot.####.exr", tmp_path / "out", "--temporal", "1", "--guides", "none", "--frames", "2").stderr
+    assert "frames 1, 3 by vectors motion.X and motion.Y in pixels to the next frame, y down" in log, log
 
 
 def disc(frame, height=96, width=168):

@@ -3,6 +3,7 @@
 
     mitsuba_sparse.py scene.xml -o frame.####.exr --frames 1-24 --density 0.25 --spp 64
     mitsuba_sparse.py scene.xml -o frame.exr --mask mask.exr --aovs albedo,depth,N --dense-aovs
+    mitsuba_sparse.py scene.xml -o frame.####.exr --frames 1-24 --density 0.2 --motion
 
 The scene's sensor is wrapped in one whose film is a small rectangle with a pixel for each masked one, so that nothing else is
 sampled. The film's pixel filter is a box, whatever the scene says: a wider one would spread samples into their
@@ -23,6 +24,7 @@ from bridge import Failure, Misuse
 with bridge.needing("numpy OpenEXR mitsuba"):
     import drjit as dr
     import mitsuba as mi
+    import mitsuba_motion
     import numpy as np
     import OpenEXR  # noqa: F401, sparse can do without
 
@@ -206,6 +208,7 @@ def render(arguments, frame):
     full = (0, 0, int(screen.size()[0]) - 1, int(screen.size()[1]) - 1)
     kind = np.float16 if arguments.half else np.float32
     note = {"renderer": f"Mitsuba {mi.__version__}, {spp} samples a pixel, seed {seed}"}
+    motion = mitsuba_motion.vectors(scene, load(arguments, frame + 1), (width, height)) if arguments.motion else {}
 
     def draw(mask, path):
         clock = sparse.Clock()
@@ -219,7 +222,7 @@ def render(arguments, frame):
             complete.update(first_hits(scene, arguments.aovs, np.ones_like(mask), arguments.dense_spp, seed + 1))
         hits = complete or first_hits(scene, arguments.aovs, mask, min(spp, 16), seed + 1)
         clock.stop()
-        sparse.write(path, planes | hits, mask, list(complete), (x, y), full, kind, note)
+        sparse.write(path, planes | hits | motion, mask, [*complete, *motion], (x, y), full, kind, note)
         return mask, clock
 
     sparse.frame(arguments, frame, (width, height), draw, (x, y))
@@ -233,6 +236,7 @@ def parse():
     parser.add_argument("--aovs", type=aov_list, default=([], []), metavar="LIST", help=f"first-hit AOVs: {', '.join(AOVS)}, or name:type")
     parser.add_argument("--dense-aovs", action="store_true", help="render the AOVs for every pixel: guides for lacuna fill")
     parser.add_argument("--dense-spp", type=int, default=4, metavar="N", help="samples a pixel of dense AOVs [default: 4]")
+    parser.add_argument("--motion", action="store_true", help="vectors of every pixel to the next frame, motion.X and motion.Y, in pixels, y down")
     parser.add_argument("--half", action="store_true", help="16 bits for colour, albedo and normals")
     parser.add_argument("--variant", default="llvm_ad_rgb", help="of Mitsuba; scalar ones save no time [default: llvm_ad_rgb]")
     parser.add_argument("-D", "--define", type=definition, action="append", default=[], metavar="NAME=VALUE", help="a parameter of the scene")

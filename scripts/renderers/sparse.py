@@ -359,7 +359,7 @@ def temporary(path, ending):
 
 def exact(name):
     """Whether a channel needs all of a float: depths, positions, counts and identifiers."""
-    return re.split(r"[.]", name)[0].lower() in ("depth", "z", "p", "position", "samplecount", "id", "uv")
+    return re.split(r"[.]", name)[0].lower() in ("depth", "z", "p", "position", "samplecount", "id", "uv", "motion")
 
 
 class Clock:

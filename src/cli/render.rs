@@ -177,6 +177,13 @@ struct LayerArgs {
     #[arg(long)]
     dense_aovs: bool,
 
+    /// Add motion.X and motion.Y: how far what a pixel shows moves until the next frame, pixels to the right and down, by the
+    /// distance of dense.Z and both cameras
+    ///
+    /// Of every pixel, listed in lacuna/dense; 0 where nothing is seen.
+    #[arg(long)]
+    motion: bool,
+
     /// Type of colours, normals and derivatives
     #[arg(short = 'd', long, value_name = "TYPE", default_value = "float")]
     data_type: Depth,
@@ -277,6 +284,7 @@ impl RenderArgs {
                 samples: self.layers.count,
                 gradients: self.layers.gradients,
                 dense: self.layers.dense_aovs,
+                motion: self.layers.motion,
                 kind,
                 compression: packing.map_or(Compression::Zip, |packing| packing.compression),
             },

@@ -16,7 +16,8 @@ use crate::files::reports::is_standard_output;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
 use crate::report::{
-    self, Comparison, Flicker, FrameReport, Gate, Images, Kind, MOST_PIXELS, Maps, Measure, Picture, Settings,
+    self, Changes, Comparison, Flicker, FrameReport, Gate, Images, Kind, MOST_PIXELS, Maps, Measure, Picture,
+    Settings,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::console::{Console, Verbosity};
@@ -229,13 +230,13 @@ impl<'a> Compare<'a> {
         record.density = masks.as_ref().and_then(Masks::density);
         let index = self.index(item);
         let mut seen = Seen::default();
-        let wants_flicker = self.job.settings.wanted.has(Measure::Flicker) && self.items.len() > 1;
+        let wants_changes = self.job.settings.wanted.has_changes() && self.items.len() > 1;
         let compared = stage.solve(record, || {
             report::compare(&reference, &test, masks.as_ref(), &self.job.settings, &mut |images: &Images<
                 '_,
             >| {
-                if wants_flicker {
-                    seen.errors.extend(Flicker::errors(images));
+                if wants_changes {
+                    seen.colours.extend(Flicker::seen(images));
                 }
                 seen.look(images, &self.job.outputs, self.items.len());
             })
@@ -256,9 +257,9 @@ impl<'a> Compare<'a> {
         };
         found.pictures[index] = seen.picture;
         keep_the_worst(&mut found.pictures);
-        if wants_flicker {
-            for (at, label, value) in found.flicker.enter(index, seen.errors) {
-                enter_flicker(&mut found.frames[at], &label, value);
+        if wants_changes {
+            for (at, label, changes) in found.flicker.enter(index, seen.colours) {
+                enter_changes(&mut found.frames[at], &label, changes);
             }
         }
         Ok(())
@@ -364,7 +365,7 @@ impl<'a> Compare<'a> {
 /// What is taken from the images of a frame while they are there.
 #[derive(Default)]
 struct Seen {
-    errors: Vec<(String, Vec<lacuna_filters::Plane>, Option<Vec<bool>>)>,
+    colours: Vec<(String, report::Seen)>,
     picture: Option<Picture>,
     /// Whether the picture shows colours.
     colour: bool,
@@ -422,7 +423,7 @@ fn keep_the_worst(pictures: &mut [Option<Picture>]) {
 }
 
 /// Enters a flicker where it was measured: in the missing pixels, or everywhere if there is no mask.
-fn enter_flicker(frame: &mut FrameReport, label: &str, value: f64) {
+fn enter_changes(frame: &mut FrameReport, label: &str, changes: Changes) {
     let group = frame.groups.iter_mut().find(|group| group.label() == label);
     let regions = group.map(|group| &mut group.regions);
     let region = regions.and_then(|regions| {
@@ -430,6 +431,7 @@ fn enter_flicker(frame: &mut FrameReport, label: &str, value: f64) {
         regions.get_mut(missing)
     });
     if let Some(region) = region {
-        region.measures.set(Measure::Flicker, value);
+        region.measures.set(Measure::Flicker, changes.flicker);
+        region.measures.set(Measure::Change, changes.truth);
     }
 }

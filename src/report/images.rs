@@ -31,56 +31,67 @@ pub struct Images<'a> {
     pub window: Window,
 }
 
-/// The errors of one frame's colours.
-struct Errors {
-    /// Per group, by its label: the error of each channel, and whether pixels were missing.
-    groups: BTreeMap<String, (Vec<Plane>, Option<Vec<bool>>)>,
+/// The colours of one group of a frame.
+#[derive(Debug)]
+pub struct Seen {
+    /// By channel, what the test image is off by.
+    errors: Vec<Plane>,
+    /// By channel, the reference.
+    shown: Vec<Plane>,
+    /// The pixels that were not measured, if that is known.
+    missing: Option<Vec<bool>>,
 }
 
-/// The change of the error between frames: how much the result trembles where the reference does not.
+/// What changed from one frame to the next.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Changes {
+    /// Of the error.
+    pub flicker: f64,
+    /// Of the reference.
+    pub truth: f64,
+}
+
+/// The change of the error between frames, how much the result trembles where the reference does not, and that of the reference itself.
 ///
 /// For frames t-1 and t with errors e: the root of the mean of `(e_t - e_(t-1))^2` over the channels, and over the pixels
-/// that are missing in either frame (all pixels, if there is no mask). Values that are not finite count as 0.
+/// that are missing in either frame (all pixels, if there is no mask); the same with references instead of errors. Values that are not
+/// finite count as 0.
 #[derive(Default)]
 pub struct Flicker {
-    waiting: BTreeMap<usize, Errors>,
+    /// By the frame's index, its groups by their labels.
+    waiting: BTreeMap<usize, BTreeMap<String, Seen>>,
 }
 
 impl Flicker {
-    /// The errors of a group's colours, to be given to [`Flicker::enter`].
-    pub fn errors(images: &Images<'_>) -> Option<(String, Vec<Plane>, Option<Vec<bool>>)> {
+    /// A group's colours, to be given to [`Flicker::enter`].
+    pub fn seen(images: &Images<'_>) -> Option<(String, Seen)> {
         if images.report.kind != Kind::Colour {
             return None;
         }
-        let difference = |(r, t): (&Plane, &Plane)| {
-            let mut error = t.clone();
-            for (error, reference) in error.pixels_mut().iter_mut().zip(r.pixels()) {
-                let by = *error - reference;
-                *error = if by.is_finite() { by } else { 0.0 };
-            }
-            error
+        let finite = |value: f32| if value.is_finite() { value } else { 0.0 };
+        let map = |plane: &Plane, value: &dyn Fn(usize, f32) -> f32| {
+            let mut plane = plane.clone();
+            plane.pixels_mut().iter_mut().enumerate().for_each(|(at, own)| *own = finite(value(at, *own)));
+            plane
         };
-        let planes = images.reference.iter().zip(images.test).map(difference).collect();
+        let pairs = images.reference.iter().zip(images.test);
+        let errors = pairs.map(|(r, t)| map(t, &|at, own| own - r.pixels()[at])).collect();
+        let shown = images.reference.iter().map(|plane| map(plane, &|_, own| own)).collect();
         let missing = images.mask.map(|mask| mask.as_slice().iter().map(|flag| !flag).collect());
-        Some((images.report.label(), planes, missing))
+        Some((images.report.label(), Seen { errors, shown, missing }))
     }
 
-    /// Enters the errors of frame number `index` of the sequence. Returns what is known now: index, group's label, flicker
-    /// of that frame against the one before.
-    pub fn enter(
-        &mut self,
-        index: usize,
-        errors: Vec<(String, Vec<Plane>, Option<Vec<bool>>)>,
-    ) -> Vec<(usize, String, f64)> {
-        let groups = errors.into_iter().map(|(label, planes, missing)| (label, (planes, missing))).collect();
-        self.waiting.insert(index, Errors { groups });
+    /// Enters the groups of frame number `index` of the sequence. Returns what is known now: index, group's label, what changed
+    /// since the frame before.
+    pub fn enter(&mut self, index: usize, groups: Vec<(String, Seen)>) -> Vec<(usize, String, Changes)> {
+        self.waiting.insert(index, groups.into_iter().collect());
         let mut found = Vec::new();
         for later in [index, index + 1] {
             let before = later.checked_sub(1).and_then(|before| self.waiting.get(&before));
             let (Some(before), Some(now)) = (before, self.waiting.get(&later)) else { continue };
-            for (label, now) in &now.groups {
-                let change = before.groups.get(label).and_then(|before| change(before, now));
-                found.extend(change.map(|change| (later, label.clone(), change)));
+            for (label, now) in now {
+                let changes = before.get(label).and_then(|before| Changes::between(before, now));
+                found.extend(changes.map(|changes| (later, label.clone(), changes)));
             }
         }
         // A frame both of whose neighbours have come is not needed any more.
@@ -91,31 +102,37 @@ impl Flicker {
         for at in
             [index.saturating_sub(1), index, index + 1].into_iter().filter(|&at| done(at)).collect::<Vec<_>>()
         {
-            if let Some(errors) = self.waiting.get_mut(&at) {
-                errors.groups.clear();
+            if let Some(groups) = self.waiting.get_mut(&at) {
+                groups.clear();
             }
         }
         found
     }
 }
 
-type Error = (Vec<Plane>, Option<Vec<bool>>);
+impl Changes {
+    fn between(before: &Seen, now: &Seen) -> Option<Self> {
+        let missing = |at: usize| match (&before.missing, &now.missing) {
+            (None, None) => true,
+            (before, now) => [before, now].into_iter().flatten().any(|flags| flags.get(at) == Some(&true)),
+        };
+        let flicker = change((&before.errors, &now.errors), &missing)?;
+        Some(Self { flicker, truth: change((&before.shown, &now.shown), &missing)? })
+    }
+}
 
-fn change(before: &Error, now: &Error) -> Option<f64> {
+/// The root mean square of what planes differ by in some of the pixels; nothing if there are none, or the planes do not match.
+fn change((before, now): (&[Plane], &[Plane]), counts: &dyn Fn(usize) -> bool) -> Option<f64> {
     let (mut squares, mut count) = (0.0_f64, 0_usize);
-    if before.0.len() != now.0.len() {
+    if before.len() != now.len() {
         return None;
     }
-    let missing = |at: usize| match (&before.1, &now.1) {
-        (None, None) => true,
-        (before, now) => [before, now].into_iter().flatten().any(|flags| flags.get(at) == Some(&true)),
-    };
-    for (before, now) in before.0.iter().zip(&now.0) {
+    for (before, now) in before.iter().zip(now) {
         if before.size() != now.size() {
             return None;
         }
         for (at, (before, now)) in before.pixels().iter().zip(now.pixels()).enumerate() {
-            if missing(at) {
+            if counts(at) {
                 squares += f64::from(now - before).powi(2);
                 count += 1;
             }
@@ -129,31 +146,39 @@ mod tests {
     use super::*;
     use lacuna_filters::Size;
 
-    fn errors(value: f32, missing: Option<Vec<bool>>) -> Vec<(String, Vec<Plane>, Option<Vec<bool>>)> {
-        vec![("RGB".into(), vec![Plane::new(Size::new(1, 2), vec![value, 0.0]).unwrap()], missing)]
+    /// An error, and a reference that is twice as large.
+    fn seen(value: f32, missing: Option<Vec<bool>>) -> Vec<(String, Seen)> {
+        let plane = |value: f32| vec![Plane::new(Size::new(1, 2), vec![value, 0.0]).unwrap()];
+        vec![("RGB".into(), Seen { errors: plane(value), shown: plane(2.0 * value), missing })]
     }
 
     #[test]
     fn pairs_are_found_in_any_order_and_once() {
-        let of = |number: usize, value: f64| (number, "RGB".to_owned(), value);
+        let of = |number: usize, flicker: f64| {
+            (number, "RGB".to_owned(), Changes { flicker, truth: 2.0 * flicker })
+        };
         let mut flicker = Flicker::default();
         let root = std::f64::consts::FRAC_1_SQRT_2;
-        assert!(flicker.enter(2, errors(3.0, None)).is_empty());
-        assert!(flicker.enter(0, errors(0.0, None)).is_empty());
-        let found = flicker.enter(1, errors(1.0, None));
+        assert!(flicker.enter(2, seen(3.0, None)).is_empty());
+        assert!(flicker.enter(0, seen(0.0, None)).is_empty());
+        let found = flicker.enter(1, seen(1.0, None));
         assert_eq!(found.len(), 2);
         assert_eq!((found[0].0, found[1].0), (1, 2));
-        assert!((found[0].2 - root).abs() < 1e-15 && (found[1].2 - 2.0 * root).abs() < 1e-15);
-        assert_eq!(flicker.enter(4, errors(1.0, None)), []);
-        assert_eq!(flicker.enter(3, errors(3.0, None)), [of(3, 0.0), of(4, 2.0 * root)]);
+        for (found, truth) in found.iter().zip([root, 2.0 * root]) {
+            assert!((found.2.flicker - truth).abs() < 1e-15 && (found.2.truth - 2.0 * truth).abs() < 1e-15);
+        }
+        assert_eq!(flicker.enter(4, seen(1.0, None)), []);
+        assert_eq!(flicker.enter(3, seen(3.0, None)), [of(3, 0.0), of(4, 2.0 * root)]);
     }
 
     #[test]
     fn only_missing_pixels_count() {
         let mut flicker = Flicker::default();
-        flicker.enter(0, errors(0.0, Some(vec![true, false])));
-        assert_eq!(flicker.enter(1, errors(2.0, Some(vec![false, false])))[0].2, 2.0);
-        assert_eq!(flicker.enter(2, errors(0.0, Some(vec![false, true])))[0].2, 0.0);
-        assert!(flicker.enter(3, errors(0.0, Some(vec![false, false])))[0].2.abs() < 1e-15);
+        flicker.enter(0, seen(0.0, Some(vec![true, false])));
+        let mut next =
+            |index, value, flags: [bool; 2]| flicker.enter(index, seen(value, Some(flags.to_vec())))[0].2;
+        assert_eq!(next(1, 2.0, [false, false]), Changes { flicker: 2.0, truth: 4.0 });
+        assert_eq!(next(2, 0.0, [false, true]), Changes { flicker: 0.0, truth: 0.0 });
+        assert_eq!(next(3, 0.0, [false, false]), Changes { flicker: 0.0, truth: 0.0 });
     }
 }

@@ -32,6 +32,8 @@ pub enum Measure {
     HdrFlip,
     /// Root mean square of the change of the error since the frame before.
     Flicker,
+    /// The same of the reference itself.
+    Change,
     /// Values whose bits differ.
     Different,
     /// NaNs in the test image.
@@ -61,6 +63,13 @@ const TABLE: &[Row] = &[
     Row(Measure::Flip, "flip", "", "mean LDR-FLIP, the difference seen when alternating", false),
     Row(Measure::HdrFlip, "hdr-flip", "", "mean HDR-FLIP, over the exposures of the reference", false),
     Row(Measure::Flicker, "flicker", "", "RMS change of the error since the frame before", false),
+    Row(
+        Measure::Change,
+        "change",
+        "",
+        "RMS change of the reference since the frame before, beside flicker",
+        false,
+    ),
     Row(Measure::Different, "different", "", "values whose bits differ", false),
     Row(Measure::Nan, "nan", "", "NaNs in the test image", false),
     Row(Measure::Infinite, "inf", "", "infinities in the test image", false),
@@ -117,12 +126,14 @@ impl Measure {
     }
 }
 
-/// The measures that cost much and are computed only where something asks for them: CIELUV, both FLIPs, flicker.
+/// The measures that cost much and are computed only where something asks for them: CIELUV, both FLIPs, flicker and what
+/// stands beside it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Wanted(BTreeSet<Measure>);
 
 impl Wanted {
-    const DEAR: [Measure; 4] = [Measure::Cieluv, Measure::Flip, Measure::HdrFlip, Measure::Flicker];
+    const DEAR: [Measure; 5] =
+        [Measure::Cieluv, Measure::Flip, Measure::HdrFlip, Measure::Flicker, Measure::Change];
 
     /// All of them.
     pub fn all() -> Self {
@@ -134,6 +145,11 @@ impl Wanted {
         if Self::DEAR.contains(&measure) {
             self.0.insert(measure);
         }
+    }
+
+    /// Whether anything is wanted of frames in a row.
+    pub fn has_changes(&self) -> bool {
+        self.has(Measure::Flicker) || self.has(Measure::Change)
     }
 
     /// Whether a dear measure is wanted.

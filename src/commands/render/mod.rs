@@ -1,5 +1,6 @@
 //! Rendering frames of a scene: what is done with each, and with all of them.
 
+mod motion;
 mod picture;
 mod rounds;
 
@@ -183,6 +184,7 @@ fn settings(job: &RenderJob, scene: &Scene) -> String {
         (wanted.samples, "samples"),
         (wanted.gradients, "gradients"),
         (wanted.dense, "dense-aovs"),
+        (wanted.motion, "motion"),
     ];
     let layers: Vec<&str> = flags.iter().filter(|(on, _)| *on).map(|(_, name)| *name).collect();
     let fill = job.fill.as_ref().map_or("none", |method| method.name());
@@ -229,7 +231,8 @@ impl Work for Render<'_> {
             + 3 * u64::from(wanted.normals)
             + u64::from(wanted.depth)
             + 8 * u64::from(wanted.gradients)
-            + 8 * u64::from(wanted.dense);
+            + 8 * u64::from(wanted.dense || wanted.motion)
+            + 2 * u64::from(wanted.motion);
         // Tiles, planes, what is written and what fills.
         let pixel = planes * 4 * size_of::<f32>() as u64;
         (width as u64).saturating_mul(height as u64).saturating_mul(pixel).into()
@@ -391,10 +394,17 @@ impl Render<'_> {
         };
         let wanted = &self.job.wanted;
         let mut frame = picture::frame(picture, ready.size(), mask, *wanted, &story);
-        if wanted.dense {
+        if wanted.dense || wanted.motion {
             let dense = lacuna_volume::dense_shot(shot.camera, shot.shader, shot);
             let picture = lacuna_volume::render(&ready.coarse(), &dense, &|| !stage.stopped());
-            picture::add_dense(&mut frame, picture, wanted.kind);
+            if wanted.motion {
+                let next = ready.camera(item.number.unwrap_or(0).saturating_add(1));
+                let next = next.map_err(|error| Failure::at(&item.input, error))?;
+                motion::add(&mut frame, &picture.depth, (shot.camera, &next));
+            }
+            if wanted.dense {
+                picture::add_dense(&mut frame, picture, wanted.kind);
+            }
         }
         if stage.stopped() { Err(Failure::at(&item.output, STOPPED)) } else { Ok(frame) }
     }

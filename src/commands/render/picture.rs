@@ -31,6 +31,8 @@ pub struct Wanted {
     pub gradients: bool,
     /// Alpha, normal and depth of every pixel by a coarse march, layer `dense`.
     pub dense: bool,
+    /// Motion of every pixel to the next frame, layer `motion`.
+    pub motion: bool,
     /// The type of colours, normals and derivatives.
     pub kind: SampleType,
     /// How chunks are compressed.
@@ -99,7 +101,14 @@ pub fn add_dense(frame: &mut Frame, picture: Picture, kind: SampleType) {
     let named = DENSE.into_iter().zip([alpha].into_iter().chain(picture.normal));
     part.channels.extend(named.map(|(name, plane)| channel(name, values(plane, kind))));
     part.channels.push(channel(DENSE_DEPTH, Samples::Float(picture.depth)));
-    part.attributes.set_text(channels::DENSE, &[&DENSE[..], &[DENSE_DEPTH]].concat().join(","));
+    list_dense(part, &[&DENSE[..], &[DENSE_DEPTH]].concat());
+}
+
+/// Lists channels as complete.
+pub fn list_dense(part: &mut Part, names: &[&str]) {
+    let before = part.attributes.text(channels::DENSE).filter(|text| !text.is_empty());
+    let all: Vec<&str> = before.as_deref().into_iter().chain(names.iter().copied()).collect();
+    part.attributes.set_text(channels::DENSE, &all.join(","));
 }
 
 pub fn values(plane: Vec<f32>, kind: SampleType) -> Samples {
@@ -114,7 +123,7 @@ pub fn canvas(size: Size) -> Frame {
     Frame { parts: vec![part(size, vec![channel("R", Samples::Half(vec![f16::ZERO; size.pixels()]))])] }
 }
 
-fn channel(name: &str, samples: Samples) -> Channel {
+pub fn channel(name: &str, samples: Samples) -> Channel {
     Channel { name: name.into(), perceptually_linear: false, samples }
 }
 

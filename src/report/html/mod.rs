@@ -117,6 +117,7 @@ fn plots(comparison: &Comparison, page: &mut String) {
         Measure::Flip,
         Measure::HdrFlip,
         Measure::Flicker,
+        Measure::Change,
     ] {
         let lines: Vec<_> = ["all", "missing", "alpha"]
             .into_iter()
@@ -146,7 +147,7 @@ fn about(comparison: &Comparison, pictures: &[Option<Picture>], page: &mut Strin
         "<section><h2>Settings and measures</h2>\n<p>{}.</p>\n<dl class=\"measures\">",
         escape(&settings(comparison))
     );
-    for measure in comparison.measures_in("all").into_iter().chain([Measure::Flicker]) {
+    for measure in comparison.measures_in("all").into_iter().chain([Measure::Flicker, Measure::Change]) {
         let _ = write!(page, "<dt>{}</dt><dd>{}</dd>", measure.name(), escape(measure.explanation()));
     }
     page.push_str("</dl>\n");

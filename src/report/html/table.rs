@@ -9,7 +9,7 @@ use crate::report::measure::Measure;
 use crate::report::model::{Comparison, FrameReport, GroupReport};
 
 /// Measures of the main table, each over the whole image and over the missing pixels.
-const COLUMNS: [Measure; 7] = [
+const COLUMNS: [Measure; 8] = [
     Measure::Psnr,
     Measure::Ssim,
     Measure::Max,
@@ -17,6 +17,7 @@ const COLUMNS: [Measure; 7] = [
     Measure::Flip,
     Measure::HdrFlip,
     Measure::Flicker,
+    Measure::Change,
 ];
 
 /// The head of a measure's column.
