@@ -1,6 +1,6 @@
 """What guides gain, native small frames against large ones, and seconds of lacuna upscale, as Markdown tables.
 
-Called by scripts/upscaling with the names of tables: native, guided, sampled, speed. Renders are kept in target/upscaling.
+Called by scripts/upscaling with the names of tables: native, converged, ramps, guided, sampled, speed. Renders are kept in target/upscaling.
 """
 
 import pathlib
@@ -50,14 +50,42 @@ def rendered(scene, volume, side, words=()):
     return path
 
 
+def cornell(side):
+    """Mitsuba's Cornell box in the light of a point, box filter, 256 samples a pixel."""
+    KEPT.mkdir(parents=True, exist_ok=True)
+    path = KEPT / f"cornell-{side}.exr"
+    if not path.exists():
+        import mitsuba
+
+        mitsuba.set_variant("scalar_rgb")
+        scene = mitsuba.cornell_box()
+        scene["integrator"] = {"type": "direct"}
+        scene["light"] = {"type": "point", "position": [0.0, 0.5, 0.2], "intensity": {"type": "rgb", "value": 1.5}}
+        scene["sensor"]["sampler"] = {"type": "multijitter", "sample_count": 256}
+        scene["sensor"]["film"].update(width=side, height=side, rfilter={"type": "box"}, pixel_format="rgb",
+                                       component_format="float32")
+        image = np.array(mitsuba.render(mitsuba.load_dict(scene), seed=side))
+        frames.write(path, {name: np.ascontiguousarray(image[..., k]) for k, name in enumerate("RGB")})
+    return path
+
+
+def converged():
+    against([("cornell", 64, cornell)])
+
+
 def native():
+    against([(scene, side, lambda size, of=(scene, volume): rendered(*of, size)) for scene, volume, side in SCENES])
+
+
+def against(scenes):
+    """Frames rendered small and large, enlarged by every filter."""
     print("| scene | factor | `upscale` | `--sampling point` | Lanczos3 | Mitchell | best of oiiotool | ahead |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|")
-    for scene, volume, side in SCENES:
-        small = rendered(scene, volume, side)
+    for scene, side, render in scenes:
+        small = render(side)
         for factor in FACTORS:
             size = round(side * factor)
-            full = rgb(rendered(scene, volume, size))
+            full = rgb(render(size))
             own = {}
             for sampling in ("box", "point"):
                 out = KEPT / "out.exr"
@@ -72,6 +100,24 @@ def native():
             best = max(theirs, key=theirs.get)
             print(f"| {scene} {side} | {factor} | {own['box']:.2f} | {own['point']:.2f} | {theirs['lanczos3']:.2f} | "
                   f"{theirs['mitchell']:.2f} | {theirs[best]:.2f} ({best}) | {own['box'] - theirs[best]:+.2f} |", flush=True)
+
+
+def ramps():
+    """The largest error of a slanted ramp, border included, over its step from pixel to pixel of the large frame."""
+    KEPT.mkdir(parents=True, exist_ok=True)
+    small, out = KEPT / "ramp.exr", KEPT / "out.exr"
+    step = 1 / 64
+    y, x = np.mgrid[0:48, 0:64] + 0.5
+    frames.write(small, {"R": (0.5 + step * (x + 0.5 * y)).astype(np.float32)})
+    worst = {}
+    for factor in np.arange(11, 41) / 10:
+        done(lacuna("upscale", "-q", small, "-o", out, "--scale", str(factor), timeout=3000))
+        got = frames.read(out)[0]["R"].astype(np.float64)
+        y, x = np.mgrid[0 : got.shape[0], 0 : got.shape[1]] + 0.5
+        expected = 0.5 + step * (x * 64 / got.shape[1] + 0.5 * y * 48 / got.shape[0])
+        worst[factor] = np.abs(got - expected).max() / (step / factor)
+    most = max(worst, key=worst.get)
+    print(f"A ramp at {len(worst)} factors from 1.1 to 4: off by at most {worst[most]:.1e} of its step, at {most}.")
 
 
 def means(image, factor):
@@ -162,6 +208,6 @@ def speed():
 
 
 if __name__ == "__main__":
-    for table in sys.argv[1:] or ["native", "guided", "sampled", "speed"]:
-        {"native": native, "guided": guided, "sampled": sampled, "speed": speed}[table]()
+    for table in sys.argv[1:] or ["native", "converged", "ramps", "guided", "sampled", "speed"]:
+        {"native": native, "converged": converged, "ramps": ramps, "guided": guided, "sampled": sampled, "speed": speed}[table]()
         print(flush=True)

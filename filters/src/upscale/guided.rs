@@ -194,7 +194,7 @@ fn between(axis: &Axis, sampling: Sampling, output: usize) -> (usize, f64) {
 }
 
 /// Straight lines between the centres of low-resolution pixels.
-fn bilinear(axis: &Axis, sampling: Sampling) -> crate::kernel::rows::Rows {
+pub(super) fn bilinear(axis: &Axis, sampling: Sampling) -> crate::kernel::rows::Rows {
     let row = |output| {
         let (first, share) = between(axis, sampling, output);
         (first, if axis.inputs == 1 { vec![1.0] } else { vec![1.0 - share, share] })

@@ -6,7 +6,8 @@
 //!
 //! - [`Method::Ss`]: the cubic spline on the low-resolution grid that does so. Its coefficients are `(R U)^-1 y`, `U`
 //!   the values (or means) of the spline at high-resolution pixels: the spline is defined everywhere, so that every factor is
-//!   evaluation and not resampling twice. Separable finite filters, no iterations.
+//!   evaluation and not resampling twice. Separable finite filters, no iterations. Means are then smoothed along edges
+//!   (`edges`), which keeps them, where no guides say more of edges.
 //! - [`Method::Tv`]: the image of least total variation that does so ([`tv`]). With a mask, only measured pixels bind it.
 //! - Complete planes of the larger size may steer the spline ([`guided`]).
 //! - [`Method::Plain`]: a resampling filter, which has no model of a pixel ([`plain`]).
@@ -15,12 +16,13 @@
 //! ([`settle`]): the result is the nearest image to the spline that keeps them *and* has `R x = y`.
 //!
 //! Boundary: see [`Axis`]; ramps are exact up to the border. Cost of `Ss`: about 35 taps a low-resolution and 8 a
-//! high-resolution pixel, two f32 planes of the result's size. Fails: what is finer than the low-resolution pixels is not there and is not
+//! high-resolution pixel, twice that and 130 flops for a box; four f32 planes of the result's size. Fails: what is finer than the low-resolution pixels is not there and is not
 //! invented; hard edges stay as soft as their pixels, and a wide Gaussian multiplies their noise (by 90 along each axis for
 //! a radius of 1.5).
 
 mod axis;
 mod dual;
+mod edges;
 pub mod guided;
 pub mod plain;
 mod relax;
@@ -31,6 +33,8 @@ mod tests;
 pub mod tv;
 
 pub use axis::Axis;
+use std::borrow::Cow;
+
 use lacuna_core::parallel::prelude::*;
 pub use sampling::Sampling;
 
@@ -248,6 +252,9 @@ impl Plan {
         let isa = Isa::best();
         let shares = self.cells.is_none() && self.geometry.sampling == Sampling::Box;
         let mut plane = self.spline(samples);
+        if change.is_none() && self.method == Method::Ss && self.geometry.sampling == Sampling::Box {
+            plane = self.along_edges(samples, plane);
+        }
         // Boxes that share pixels: the means are the spline's own, over whole pixels; what reduces them again has only shares.
         let target = shares.then(|| self.model.reduce(&plane));
         if let Some(change) = change {
@@ -256,6 +263,21 @@ impl Plan {
             vector::add_scaled(isa, plane.pixels_mut(), -1.0, less.pixels());
         }
         settle::settle(self, (samples, target.as_ref()), plane, question, run)
+    }
+
+    /// The spline of `samples`, smoothed along edges, with the means that it had.
+    fn along_edges(&self, samples: &Plane, plane: Plane) -> Plane {
+        let before =
+            if self.cells.is_some() { Cow::Borrowed(samples) } else { Cow::Owned(self.model.reduce(&plane)) };
+        let Geometry { vertical, horizontal, sampling } = self.geometry;
+        let lines = [vertical, horizontal].map(|axis| guided::bilinear(&axis, sampling));
+        let mut smooth = edges::smooth(&plane, &apply(&lines, &edges::unresolved(samples)));
+        drop(plane);
+        let mut less = settle::difference(&before, &self.model.reduce(&smooth));
+        // A spline that overflowed is for the caller to mend, where it did.
+        less.pixels_mut().iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = 0.0);
+        vector::add_scaled(Isa::best(), smooth.pixels_mut(), 1.0, self.spline(&less).pixels());
+        smooth
     }
 
     /// The spline that is what the samples say, free of bounds.

@@ -32,7 +32,7 @@ pub struct Task<'a> {
     /// Bounds by the low-resolution pixel.
     pub bounds: &'a Bounds,
     /// The most that a multiplier may move its own footprint's mean.
-    pub limits: &'a Plane,
+    pub limit: f64,
 }
 
 /// The pixels of the result on their way.
@@ -159,7 +159,7 @@ impl<'a> Relaxed<'a> {
                 step = f64::midpoint(from, to);
             }
         }
-        let most = f64::from(self.task.limits.pixels()[at]) / square;
+        let most = self.task.limit / square;
         let before = f64::from(self.moved[at]);
         step = (before + step).clamp(-most, most) - before;
         if step.abs() * square <= CLOSE * tolerance {

@@ -18,10 +18,11 @@
 //! `|y|`. At least one of both is always kept: if no image keeps both (a Gaussian cannot have made those pixels), the bounds
 //! win, the outcome is `IterationLimit`, and its residual says by how much.
 //!
-//! Boxes at broken factors share pixels, and beside a hard edge a mean may ask for light where its neighbour allows none. Multipliers
-//! would grow without end, and with them a pattern of black and white pixels; they are limited to what moves a mean by twice the
-//! largest pixel around (an exact penalty on `|y - R x|`): where smaller ones suffice `R x = y` holds, elsewhere the image stays near
-//! the spline. There `y` are the means of the spline itself, see [`super::Axis`].
+//! Means of a spline at broken factors, see [`super::Axis`], are over whole pixels, of which `R` has shares. Beside a hard edge shares of
+//! pixels within bounds cannot have them, and forcing them there makes the image worse: it is clamped, and [`ROUNDS`] times what `R`
+//! then lacks is added in straight lines between the centres of low-resolution pixels, and clamped again. The residual says what is left.
+//! Total variation keeps shares; multipliers that would grow without end are limited to what moves a mean by twice the largest `|y|` (an
+//! exact penalty on `|y - R x|`): where smaller ones suffice `R x = y` holds.
 //!
 //! Sources: see `relax` and `dual`.
 
@@ -29,9 +30,9 @@ use std::borrow::Cow;
 
 use lacuna_core::parallel::prelude::*;
 
-use super::dual;
+use super::guided::bilinear;
 use super::relax::{Relaxed, Task};
-use super::{Enlarged, Plan, Question, Sampling};
+use super::{Enlarged, Geometry, Plan, Question, Sampling, apply, dual};
 use crate::kernel::{Isa, vector};
 use crate::limiter::{self, Moved};
 use crate::{Outcome, Plane, Run, Stop};
@@ -40,8 +41,10 @@ use crate::{Outcome, Plane, Run, Stop};
 pub const TOLERANCE: f64 = 1e-5;
 /// Means that sweeps have left this much further off, by rounding, still count as kept.
 const ROUNDING: f64 = 1.5;
-/// How far multipliers of boxes may move a mean, over the largest of the 3 x 3 pixels around.
-const LARGEST: f32 = 2.0;
+/// How far multipliers of boxes may move a mean, over the largest.
+const LARGEST: f64 = 2.0;
+/// Times that what bounds took from a spline's means is given back.
+const ROUNDS: usize = 4;
 /// Bisections of a cell: to the rounding of f32 and beyond.
 const BISECTIONS: usize = 40;
 
@@ -214,11 +217,11 @@ fn together(
         plane.clone_from(&free);
         (moved, outcome.stop, outcome.iterations) = dual::ascend(plan, target, bounds, plane, run);
         residual = difference(target, &plan.model.reduce(plane));
+    } else if largest(&residual) > TOLERANCE * peak && !std::ptr::eq(samples, target) {
+        (moved, residual) = in_rounds(plan, target, bounds, plane, residual);
+        outcome.iterations = ROUNDS;
     } else if largest(&residual) > TOLERANCE * peak {
-        // Means that a spline has are all but there; others may be far off anywhere.
-        let least = if std::ptr::eq(samples, target) { peak as f32 } else { 0.0 };
-        let limits = limits(samples, least);
-        let task = Task { target, peak, bounds, limits: &limits };
+        let task = Task { target, peak, bounds, limit: LARGEST * peak };
         let mut relaxed = Relaxed::new(plan, task, &residual, &mut free);
         (outcome.stop, outcome.iterations) = relaxed.run(run);
         plane.clone_from(&free);
@@ -233,14 +236,23 @@ fn together(
     (moved, outcome)
 }
 
-/// How far multipliers may move means: as the pixels around allow for.
-fn limits(samples: &Plane, least: f32) -> Plane {
-    let size = samples.size();
-    Plane::from_fn(size, |y, x| {
-        let near = |at: usize, n: usize| at.saturating_sub(1)..(at + 2).min(n);
-        let rows = near(y, size.height).map(|y| &samples.row(y)[near(x, size.width)]);
-        LARGEST * rows.flatten().fold(least, |most: f32, value| most.max(value.abs()))
-    })
+/// Gives back what bounds took from the means, smoothly and within bounds; what is left, too.
+fn in_rounds(
+    plan: &Plan,
+    target: &Plane,
+    bounds: &Bounds,
+    plane: &mut Plane,
+    mut residual: Plane,
+) -> (Moved, Plane) {
+    let Geometry { vertical, horizontal, sampling } = plan.geometry;
+    let lines = [vertical, horizontal].map(|axis| bilinear(&axis, sampling));
+    let mut moved = Moved::default();
+    for _ in 0..ROUNDS {
+        vector::add_scaled(Isa::best(), plane.pixels_mut(), 1.0, apply(&lines, &residual).pixels());
+        moved = clamp(plan, bounds, plane);
+        residual = difference(target, &plan.model.reduce(plane));
+    }
+    (moved, residual)
 }
 
 /// `a - b`.
