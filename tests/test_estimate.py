@@ -37,9 +37,9 @@ def most(told):
     return told["rmse"]["high"] if "rmse" in told else told["rmse_at_most"]
 
 
-def true_error(output, source, mask_of, complete=COMPLETE):
+def true_error(output, source, mask_of, complete=COMPLETE, names="RGB"):
     missing = read(mask_of, "mask")[..., 0] < 0.5
-    difference = read(output, *"RGB").clip(0, 1) - read(complete, *"RGB").clip(0, 1)
+    difference = read(output, *names).clip(0, 1) - read(complete, *names).clip(0, 1)
     return math.sqrt(float((difference[missing].astype(np.float64) ** 2).mean()))
 
 
@@ -54,6 +54,20 @@ def test_the_estimate_holds_the_truth(tmp_path, flags, density):
     assert abs(20 * math.log10(found["rmse"]["estimate"] / truth)) < 4, (truth, found)
     assert "missing pixels by estimate" in result.stderr
     assert "dB" in oiio.ImageBuf(str(output)).spec().getattribute("lacuna/estimate")
+
+
+# A part of the table of docs/measurements/methods.md: edges, shading, and a texture finer than the samples.
+@pytest.mark.parametrize("name", ["ss", "edge", "tv", "auto"])
+@pytest.mark.parametrize("frame", ["edges", "smooth", "texture", "shot"])
+def test_at_even_samples_the_estimate_is_within_two_and_a_half_decibels(tmp_path, frame, name):
+    complete = COMPLETE if frame == "shot" else SAMPLES / f"{frame}.exr"
+    source = sparse(tmp_path, complete)
+    output, record, _ = fill(tmp_path, source, "--filter", name)
+    names = "Y" if frame == "texture" else "RGB"
+    found = next(item for item in record["estimates"] if names[0] in item["channels"])
+    truth = true_error(output, complete, source, complete, names)
+    assert found["rmse"]["low"] <= truth <= found["rmse"]["high"], (truth, found)
+    assert abs(20 * math.log10(found["rmse"]["estimate"] / truth)) < 2.5, (truth, found)
 
 
 def test_the_default_chooses_and_is_never_far_behind(tmp_path):

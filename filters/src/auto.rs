@@ -41,7 +41,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
-use crate::estimate::{Evidence, Folds, HeldOut, Kind};
+use crate::estimate::{Evidence, Folds, HeldOut, Kind, Simulation, Stage};
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
 use crate::variational::{edge, ss, tv};
@@ -166,8 +166,20 @@ impl Candidate<'_> {
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<(Outcome, Effect), Error> {
+        self.fill_along(self.guides, samples, mask, out, run)
+    }
+
+    /// The same with other guides.
+    fn fill_along(
+        &self,
+        guides: Option<&Guides>,
+        samples: &Planes,
+        mask: &Arc<Mask>,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<(Outcome, Effect), Error> {
         let plan = self.filter.plan(&Problem::fill(Arc::clone(mask)), run)?;
-        match self.guides {
+        match guides {
             Some(guides) => {
                 guided::reconstruct((self.filter.as_ref(), plan.as_ref()), mask, samples, guides, out, run)
             }
@@ -249,7 +261,9 @@ impl Blend {
             }
         }
         if learn {
-            effect.evidence = Some(self.evidence(&all, (held, near), &weights, samples, run)?);
+            // What other frames know is not in the simulation.
+            let known = effect.along.is_none().then_some(&*out);
+            effect.evidence = Some(self.evidence(&all, (held, near), &weights, (samples, known), run)?);
         }
         Ok((outcome, effect))
     }
@@ -297,13 +311,19 @@ impl Blend {
         all: &[Candidate<'_>],
         (mut held, near): (Vec<HeldOut>, HeldOut),
         weights: &Weights,
-        samples: &Planes,
+        (samples, filled): (&Planes, Option<&Planes>),
         run: &Run<'_>,
     ) -> Result<Evidence, Error> {
         let most = (0..all.len()).max_by(|&a, &b| weights.share(a).total_cmp(&weights.share(b))).unwrap_or(0);
         let kind = all[most].kind;
         let near = near.with_variance(&self.mask, self.folds, kind);
-        let shallow = held.swap_remove(most).with_variance(&self.mask, self.folds, kind);
+        // At the same pixels, unless other frames were asked at some only.
+        let mut shallow = held.swap_remove(most).sorted(|_| true);
+        if shallow.at == near.at {
+            shallow.variance.clone_from(&near.variance);
+        } else {
+            shallow = shallow.with_variance(&self.mask, self.folds, kind);
+        }
         let mut alone = |samples: &Planes, kept: &Arc<Mask>| {
             let mut out = Planes::zeros(samples.size(), samples.len());
             all[most].fill(samples, kept, &mut out, run)?;
@@ -311,7 +331,18 @@ impl Blend {
         };
         let depth = self.folds.deep(self.mask.count());
         let deep = HeldOut::new((samples, &self.mask), depth, Some(kind), &mut alone)?;
-        Ok(Evidence::new(kind, self.folds, &near, &shallow, &deep))
+        let mut evidence = Evidence::new(kind, self.folds, &near, &shallow, &deep);
+        if let Some((filled, stage)) = filled.and_then(|filled| Some((filled, Stage::new(&self.mask)?))) {
+            let small = |guides: &Guides| guides.at(stage.mask.size(), |pixel| stage.source(pixel));
+            let guides = all[most].guides.map(small);
+            let mut again = |samples: &Planes, kept: &Arc<Mask>| {
+                let mut out = Planes::zeros(samples.size(), samples.len());
+                all[most].fill_along(guides.as_ref(), samples, kept, &mut out, run)?;
+                Ok(out)
+            };
+            evidence.simulation = Some(Simulation::new(&stage, filled, self.folds, &mut again)?);
+        }
+        Ok(evidence)
     }
 }
 

@@ -1,39 +1,75 @@
 """Holds estimated errors against true ones over many cases and writes the table of docs/measurements/methods.md; scripts/estimates says how it is used.
 
 A case is a complete frame, a density, a pattern and a filter. Truth is the error of the missing pixels over red, green and blue, clipped
-to 0 and 1 as `lacuna compare` does. The settings of the model were chosen on the frames marked `tuned`.
+to 0 and 1 as `lacuna compare` does. Frames are those of the data beside the project, the samples, renders of scenes of
+`samples/scenes`, and path-traced ones by the bridges to Mitsuba and LuxCore. The settings of the model were chosen on the frames of
+TUNED and crops of them, those for rounds on scenes of ROUNDS as well; all other cases are blind.
 """
 
 import argparse
 import json
 import math
+import os
 import pathlib
 import re
 import statistics
 import subprocess
+import sys
 import tempfile
 
 import numpy as np
 import OpenImageIO as oiio
 
 ROOT = pathlib.Path(__file__).parents[2]
-LACUNA = ROOT / "target" / "release" / "lacuna"
+LACUNA = pathlib.Path(os.environ.get("LACUNA", ROOT / "target" / "release" / "lacuna"))
 FRAMES = ROOT.parent / "shared" / "data" / "frames"
 PAGE = ROOT / "docs" / "measurements" / "methods.md"
 BEGIN, END = "<!-- measured: scripts/estimates writes from here -->", "<!-- measured: to here -->"
-TUNED = ("engine-soft", "tooth")
+NOISE = ROOT.parent / "shared" / "data" / "noise"
+VOLUMES = ROOT.parent / "shared" / "data" / "volumes"
+SCENES = {"foot": "foot.nrrd", "chest": "chest.nrrd", "cthead": "cthead.nrrd", "vessels": None, "marschner-lobb": None}
+BRIDGES = {"watch": ("mitsuba_sparse.py", "watch.xml", 64), "still": ("luxcore_sparse.py", "still.cfg", 32)}
+TUNED = ("engine", "engine-soft", "tooth", "head", "aneurism-iso", "edges", "smooth", "texture", "shot.0001", "engine-aov", "aneurism-iso-aov", "gloss_reference", "cloud_reference")
+ROUNDS = ("foot", "chest")
+# Frames whose error channel is held against the truth, and the least error that counts there.
+BINNED, VISIBLE = ("engine", "head", "aneurism-iso"), 1e-4
 SINGLE = ("ss", "edge", "tv")
 # Pixels chosen in rounds.
 ADAPTIVE = "adaptive"
+# What is done with every frame: density, pattern, filters.
+CASES = [
+    (0.2, "shuffle", ("ss", "edge", "tv", "auto")),
+    (0.05, "shuffle", ("auto",)),
+    (0.1, "shuffle", ("tv", "auto")),
+    (0.5, "shuffle", ("auto",)),
+    (0.2, "random", ("auto",)),
+    (0.1, ADAPTIVE, ("auto",)),
+]
 
 
-def frames():
-    """The complete frames: those of the data beside the project, and the samples."""
+def frames(folder, wanted):
+    """The complete frames, those of these names or all; what is rendered goes into the folder."""
     found = [FRAMES / f"{name}.exr" for name in ("engine", "engine-soft", "tooth", "head", "aneurism-iso")]
     guided = [FRAMES / f"{name}-aov.exr" for name in ("engine", "aneurism-iso")]
+    noise = [NOISE / f"{name}_reference.exr" for name in ("gloss", "cloud")]
     samples = ROOT / "samples"
     own = [samples / "edges.exr", samples / "smooth.exr", samples / "texture.exr", samples / "full" / "sequence" / "shot.0001.exr"]
-    return [path for path in [*found, *own, *guided] if path.exists()]
+    paths = [path for path in [*found, *own, *guided, *noise] if path.exists() and (not wanted or path.stem in wanted)]
+    for name, volume in SCENES.items():
+        if (not wanted or name in wanted) and (volume is None or (VOLUMES / volume).exists()):
+            paths.append(folder / f"{name}.exr")
+            run("render", ROOT / "samples" / "scenes" / f"{name}.toml", "--size", "480x360", *(["--volume", VOLUMES / volume] if volume else []), "-o", paths[-1])
+    bridges = [name for name in BRIDGES if not wanted or name in wanted]
+    if bridges:
+        subprocess.run([sys.executable, ROOT / "samples" / "renderers" / "make.py"], check=True, capture_output=True)
+    for name in bridges:
+        bridge, scene, spp = BRIDGES[name]
+        paths.append(folder / f"{name}.exr")
+        rendered = folder / f"{name}-masked.exr"
+        words = [ROOT / "scripts" / "renderers" / bridge, ROOT / "samples" / "renderers" / scene, "-o", rendered, "--density", 1, "--spp", spp]
+        subprocess.run([sys.executable, *map(str, words)], check=True, capture_output=True, env={**os.environ, "LACUNA": str(LACUNA)})
+        run("fill", rendered, "--drop-mask", "-o", paths[-1])
+    return paths
 
 
 def read(path):
@@ -76,17 +112,21 @@ def case(folder, path, density, pattern, filter_name, guides):
     return psnr(difference[missing]), psnr(difference), told, found.get("unknown"), record.get("chosen", "")
 
 
-def estimates(folder, paths, densities, patterns, filters):
+def is_blind(row):
+    """Whether nothing was chosen on a case like this."""
+    return row[0] not in TUNED and not (row[0] in ROUNDS and row[2] == ADAPTIVE)
+
+
+def estimates(folder, paths, cases):
     rows = []
     for path in paths:
         guided = path.stem.endswith("-aov")
-        for density in densities:
-            for pattern in patterns:
-                for filter_name in ["auto"] if guided else filters:
-                    truth, whole, found, unknown, chosen = case(folder, path, density, pattern, filter_name, guided)
-                    rows.append((path.stem, density, pattern, filter_name, truth, found, unknown, whole, chosen))
-                    shown = " | ".join(words(found, unknown))
-                    print(f"{path.stem:16} {density:<5} {pattern:8} {filter_name:5} {truth:6.2f} {shown} whole {whole:.2f} {chosen}", flush=True)
+        for density, pattern, filters in cases:
+            for filter_name in ("auto",) if guided else filters:
+                truth, whole, found, unknown, chosen = case(folder, path, density, pattern, filter_name, guided)
+                rows.append((path.stem, density, pattern, filter_name, truth, found, unknown, whole, chosen))
+                shown = " | ".join(words(found, unknown))
+                print(f"{path.stem:16} {density:<5} {pattern:8} {filter_name:5} {truth:6.2f} {shown} whole {whole:.2f} {chosen}", flush=True)
     return rows
 
 
@@ -115,11 +155,11 @@ def table(rows):
     lines = ["| frame | density | pattern | filter | true (dB) | estimated (dB) | interval |", "|---|---:|---|---|---:|---:|---|"]
     for name, density, pattern, filter_name, truth, found, unknown, *_ in rows:
         estimated = " | ".join(words(found, unknown))
-        mark = " (tuned)" if name in TUNED else ""
+        mark = "" if is_blind((name, density, pattern)) else " (tuned)"
         lines.append(f"| {name}{mark} | {density} | {pattern} | {filter_name} | {truth:.1f} | {estimated} |")
-    blind = [row for row in rows if row[0] not in TUNED]
+    blind = [row for row in rows if is_blind(row)]
     chosen = [row for row in rows if row[2] == ADAPTIVE]
-    parts = [summary(rows), "Without the tuned frames: " + summary(blind)]
+    parts = [summary(rows)] + ["Without the cases that settings were chosen on: " + summary(blind)] * bool(blind)
     parts += ["Pixels chosen in rounds: " + summary(chosen)] if chosen and len(chosen) < len(rows) else []
     return "\n".join(["", *parts, "", *lines, ""])
 
@@ -139,18 +179,39 @@ def auto(rows):
     return "\n".join(["", *lines, ""])
 
 
+def bins(folder, paths):
+    """The error channel: over ten equal bins of predicted error, measured over predicted root mean square error."""
+    lines = ["| frame | " + " | ".join(str(k) for k in range(1, 11)) + " |", "|---|" + "---:|" * 10]
+    for path in (path for path in paths if path.stem in BINNED):
+        sparse, full = folder / "sparse.exr", folder / "full.exr"
+        run("sparsify", path, "--density", 0.2, "-o", sparse)
+        run("fill", sparse, "-o", full, "--guides", "none", "--error-channel")
+        (truth, names), (filled, filled_names), (flags, flag_names) = read(path), read(full), read(sparse)
+        predicted = filled[..., filled_names.index("error")].astype(np.float64)
+        asked = (flags[..., flag_names.index("mask")] < 0.5) & (predicted >= VISIBLE)
+        difference = filled[..., colours(filled_names)].clip(0, 1) - truth[..., colours(names)].clip(0, 1)
+        squared, predicted = (difference.astype(np.float64) ** 2).mean(-1)[asked], predicted[asked]
+        parts = np.array_split(np.argsort(predicted, kind="stable"), 10)
+        ratios = [math.sqrt(squared[part].mean() / (predicted[part] ** 2).mean()) for part in parts]
+        lines.append(f"| {path.stem} | " + " | ".join(f"{ratio:.2f}" for ratio in ratios) + " |")
+    return "\n".join(["", "The error channel at 20 % shuffle by `auto`: measured over predicted RMSE of the pixels predicted to be off by 1e-4 or more, in ten bins of equally many:", "", *lines, ""])
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--densities", type=float, nargs="+", default=[0.05, 0.2, 0.5])
-    parser.add_argument("--patterns", nargs="+", default=["shuffle", "random", ADAPTIVE])
-    parser.add_argument("--filters", nargs="+", default=["ss", "edge", "tv", "auto"])
+    parser.add_argument("--densities", type=float, nargs="+", help="these instead of the documented cases")
+    parser.add_argument("--patterns", nargs="+", default=["shuffle"], help="with --densities: shuffle, random, adaptive, ...")
+    parser.add_argument("--filters", nargs="+", default=["ss", "edge", "tv", "auto"], help="with --densities")
     parser.add_argument("--frames", nargs="+", help="only frames of these names")
     parser.add_argument("--write", action="store_true", help="write the tables into docs/measurements/methods.md")
     arguments = parser.parse_args()
-    paths = [path for path in frames() if not arguments.frames or path.stem in arguments.frames]
-    with tempfile.TemporaryDirectory() as folder:
-        rows = estimates(pathlib.Path(folder), paths, arguments.densities, arguments.patterns, arguments.filters)
-    text = f"{auto(rows)}\n{table(rows)}"
+    several = [(density, pattern, arguments.filters) for density in arguments.densities or [] for pattern in arguments.patterns]
+    with tempfile.TemporaryDirectory() as name:
+        folder = pathlib.Path(name)
+        rows = estimates(folder, frames(folder, arguments.frames), several or CASES)
+        paths = frames(folder, [*BINNED])
+        channel = bins(folder, paths) if not arguments.frames or set(arguments.frames) & set(BINNED) else ""
+    text = f"{auto(rows)}\n{channel}\n{table(rows)}"
     print(text)
     if arguments.write:
         page = PAGE.read_text()

@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::near::Places;
+use super::simulation::Simulation;
 use super::variance::{Kind, Variance};
 use crate::sampling::hash;
 use crate::{Error, Mask, Planes};
@@ -149,7 +150,7 @@ impl HeldOut {
         sums.into_iter().map(|sum| (sum / truth.len().max(1) as f64) as f32).collect()
     }
 
-    fn map(&mut self, f: &impl Fn(usize, f32) -> f32) {
+    pub(super) fn map(&mut self, f: &impl Fn(usize, f32) -> f32) {
         for (channel, values) in self.predicted.iter_mut().enumerate() {
             for value in values {
                 *value = f(channel, *value);
@@ -176,6 +177,8 @@ pub struct Evidence {
     pub near: HeldOut,
     /// Pixels that were held out at two depths: with few others, and with half of them. Empty where there are too few samples.
     pub pairs: [HeldOut; 2],
+    /// What both errors are on an image that is known.
+    pub simulation: Option<Simulation>,
 }
 
 impl Evidence {
@@ -212,13 +215,14 @@ impl Evidence {
         if pairs[0].at != pairs[1].at {
             pairs = Default::default();
         }
-        Self { kind, near, pairs }
+        Self { kind, near, pairs, simulation: None }
     }
 
     /// Takes predictions from the domain in which they were made to that of the result: `f(channel, value)`.
     pub fn map(&mut self, f: impl Fn(usize, f32) -> f32) {
         self.near.map(&f);
         self.pairs.iter_mut().for_each(|held| held.map(&f));
+        self.simulation.iter_mut().for_each(|simulation| simulation.map(&f));
     }
 }
 

@@ -5,10 +5,11 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 use serde::Serialize;
 
+use super::cells::Cells;
 use super::evidence::Evidence;
 use super::near::{Near, Places};
+use super::simulation::Simulation;
 use super::variance::Variance;
-use crate::baseline::nearest::NearestMap;
 use crate::kernel::extremes;
 use crate::sampling::hash;
 use crate::{Mask, Planes, Size};
@@ -16,9 +17,9 @@ use crate::{Mask, Planes, Size};
 /// Side of a cell in spacings of held-out samples.
 const CELL: f64 = 4.0;
 /// Missing pixels that are looked at, about.
-const LOOKED_AT: usize = 40_000;
+pub(super) const LOOKED_AT: usize = 40_000;
 /// Bounds of the exponent.
-const EXPONENTS: (f64, f64) = (0.0, 1.75);
+pub(super) const EXPONENTS: (f64, f64) = (0.0, 1.75);
 /// What is added to the exponent where errors are as large as the samples' own differences: there the law levels off, so that two
 /// depths show too little of it.
 const LEVELLED: f64 = 0.15;
@@ -26,6 +27,9 @@ const LEVELLED: f64 = 0.15;
 const EXPONENT_OFF: f64 = 0.4;
 /// Standard deviation of the logarithm of the squared error over that of what errors beyond those seen multiply it by.
 const TAIL: f64 = 0.75;
+/// Standard deviation of the logarithm of the squared error, of what carries it from held-out samples to missing pixels: of the simulation, and of the
+/// power law beside its exponent's.
+const CARRIED_OFF: f64 = 0.22;
 /// Standard deviation of the rest, of the logarithm of the squared error.
 const REST: f64 = 0.1;
 /// What chance is multiplied by: errors are dealt less evenly than cells show.
@@ -38,14 +42,6 @@ const FEWEST: usize = 30;
 const CARRIERS: f64 = 4.0;
 /// Half an interval, of the logarithm of the squared error, beyond which only its upper end is told: 6 dB.
 const WIDEST: f64 = 1.4;
-/// Standard deviation over the mean of how many pixels each sample is the nearest of, beyond which samples lie unevenly: at 20 % it is 0.19 for the
-/// shuffle and 0.23 for blue noise, 0.29 to 0.48 after a second pass of a quarter of them, 0.5 at random, 0.7 to 1.3 for samples chosen in rounds.
-const UNEVEN: f64 = 0.26;
-/// Share of the exponent that holds between a sample and the missing pixels around it where samples were put where errors are, in rounds: at
-/// exponents up to this, and how it rises from there.
-const CHOSEN: (f64, f64) = (1.15, 0.25);
-/// By how much unevenness exceeds [`UNEVEN`] where the share has fallen from 1 to that, as after some rounds.
-const CHOSEN_UNEVEN: f64 = 0.5;
 /// The rest, there.
 const CHOSEN_REST: f64 = 0.5;
 /// Neighbours whose spread is compared with the error.
@@ -124,6 +120,8 @@ pub struct Model {
     share: f64,
     /// All missing pixels.
     all_missing: usize,
+    /// From the squared error at held-out samples to that of missing pixels as a simulation shows it: its logarithm, and its variance.
+    simulated: Option<(f64, f64)>,
 }
 
 /// The squared error (0 if not known) and the logarithm of the variance of a pixel.
@@ -183,6 +181,7 @@ impl Model {
             owned,
             share,
             all_missing,
+            simulated: evidence.simulation.as_ref().and_then(Simulation::factor),
         }
     }
 
@@ -219,17 +218,16 @@ impl Model {
             return Verdict::CannotTell(Why::FewSamples);
         }
         let parts = self.parts(self.exponent);
-        let (mean, carriers) = (self.mean(&parts), self.carriers(&parts));
+        let carriers = self.carriers(&parts);
+        let (mean, law) = self.both(&parts);
         if mean <= 0.0 {
             return Verdict::Estimate(Rmse { rmse: 0.0, low: 0.0, high: 0.0 });
         }
-        let [steep, flat] = [0.5, -0.5].map(|more| self.mean(&self.parts(self.exponent + more)));
-        let contrast = (steep / flat).ln().abs();
         let by_chance = CHANCE * (1.0 + self.held.len() as f64 / self.all_missing as f64) / carriers;
         let rest = if self.owned.is_some() { CHOSEN_REST } else { REST };
         let squared: Vec<f32> = self.held.iter().map(|error| error.squared).collect();
         let unseen = TAIL * tail::unseen((&parts, &squared), self.all_missing, self.range);
-        let off = (by_chance + unseen.powi(2) + (contrast * self.exponent_off).powi(2) + rest * rest).sqrt();
+        let off = (by_chance + unseen.powi(2) + law + rest * rest).sqrt();
         let side = SIDE * off;
         if carriers < CARRIERS {
             return Verdict::CannotTell(Why::FewCarryAll);
@@ -249,6 +247,30 @@ impl Model {
             return Verdict::AtMost(high);
         }
         Verdict::Estimate(Rmse { rmse, low: rmse / factor, high })
+    }
+
+    /// What the mean squared error of missing pixels is over that of the power law alone.
+    pub(super) fn over_law(&self) -> f64 {
+        let parts = self.parts(self.exponent);
+        let ratio = self.both(&parts).0 / self.mean(&parts);
+        if ratio.is_finite() { ratio } else { 1.0 }
+    }
+
+    /// The mean squared error of missing pixels, and the variance of its logarithm as far as it was carried from held-out samples to them: by
+    /// the power law and, where there is one, by the simulation, each as far as it is to be trusted.
+    fn both(&self, parts: &[f64]) -> (f64, f64) {
+        let law = self.mean(parts);
+        let [steep, flat] = [0.5, -0.5].map(|more| self.mean(&self.parts(self.exponent + more)));
+        let off = ((steep / flat).ln() * self.exponent_off).powi(2);
+        let held =
+            self.held.iter().map(|error| f64::from(error.squared)).sum::<f64>() / self.held.len() as f64;
+        let Some((factor, by_chance)) = self.simulated.filter(|_| law > 0.0 && self.owned.is_none()) else {
+            return (law, off);
+        };
+        let (own, off) = (CARRIED_OFF.powi(2) + CHANCE * by_chance, CARRIED_OFF.powi(2) + off);
+        let (a, b) = (own / (own + off), off / (own + off));
+        let apart = held.ln() + factor - law.ln();
+        ((law.ln() + b * apart).exp(), a * off + b * own + a * b * apart * apart)
     }
 
     /// The mean squared error of missing pixels, from what held-out samples say.
@@ -322,74 +344,6 @@ impl Model {
         let part =
             |error: &Error| f64::from(error.weight * error.squared) * (counts[cell(error.pixel)] + elsewhere);
         self.held.iter().map(part).collect()
-    }
-}
-
-/// The missing pixels that each sample is the nearest of.
-struct Cells {
-    map: Option<NearestMap>,
-    /// How many they are, and 1 for itself; 0 at missing pixels.
-    counts: Vec<f32>,
-    /// Standard deviation of the counts over their mean.
-    variation: f64,
-}
-
-impl Cells {
-    fn new(mask: &Mask) -> Self {
-        let mut counts = vec![0.0_f32; mask.size().pixels()];
-        // A mask without samples has no held-out ones either.
-        let map = NearestMap::new(mask).ok();
-        let sources = map.iter().flat_map(NearestMap::as_slice);
-        sources.for_each(|&source| counts[source as usize] += 1.0);
-        let squares: f64 = counts.iter().map(|&count| f64::from(count).powi(2)).sum();
-        let mean = mask.density().recip();
-        let variation = (squares / mask.count().max(1) as f64 / (mean * mean) - 1.0).max(0.0).sqrt();
-        Self { map, counts, variation }
-    }
-
-    /// Whether samples lie unevenly: those that stand close together must not speak for the rest of the image.
-    fn is_uneven(&self) -> bool {
-        self.variation > UNEVEN
-    }
-
-    /// Share of the exponent: from all of it to what [`CHOSEN`] says; all of the largest exponent.
-    fn share(&self, exponent: f64) -> f64 {
-        let (from, least) = CHOSEN;
-        let smooth = ((exponent - from) / (EXPONENTS.1 - from)).max(0.0);
-        let lost = (1.0 - least) * (1.0 - smooth);
-        1.0 - lost * ((self.variation - UNEVEN) / CHOSEN_UNEVEN).clamp(0.0, 1.0)
-    }
-
-    /// What a sample counts for: where they lie unevenly the root of its missing pixels. (By their number those at the rim of a dense place count
-    /// too little.)
-    fn weight(&self, sample: u32) -> f32 {
-        if self.is_uneven() { (self.counts[sample as usize] - 1.0).max(0.0).sqrt() } else { 1.0 }
-    }
-
-    /// Whether errors are larger where samples lie close together, which of itself makes them smaller.
-    fn are_where_errors_are(&self, held: &[Error]) -> bool {
-        let mut held: Vec<(f32, f32)> =
-            held.iter().map(|error| (self.counts[error.pixel as usize], error.squared)).collect();
-        held.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let (close, wide) = held.split_at(held.len() / 2);
-        let sum = |half: &[(f32, f32)]| half.iter().map(|(_, squared)| f64::from(*squared)).sum::<f64>();
-        sum(close) > sum(wide)
-    }
-
-    /// Missing pixels whose nearest sample was held out: its place in `held`, and the pixel.
-    fn owned(&self, mask: &Mask, held: &[Error], seed: u64) -> Vec<(u32, u32)> {
-        let mut places = vec![u32::MAX; mask.size().pixels()];
-        held.iter().zip(0..).for_each(|(error, place)| places[error.pixel as usize] = place);
-        let cells: f32 = held.iter().map(|error| self.counts[error.pixel as usize] - 1.0).sum();
-        let every = (cells as u64 / LOOKED_AT as u64).max(1);
-        let sources = self.map.iter().flat_map(NearestMap::as_slice).zip(0..);
-        let owned = sources.map(|(&source, pixel)| (places[source as usize], pixel));
-        let wanted = |&(place, pixel): &(u32, u32)| {
-            place != u32::MAX
-                && !mask.as_slice()[pixel as usize]
-                && hash(seed ^ 0x51, u64::from(pixel)).is_multiple_of(every)
-        };
-        owned.filter(wanted).collect()
     }
 }
 

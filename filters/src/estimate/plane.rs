@@ -61,12 +61,13 @@ impl Model {
             power: f64::from(power),
         });
         let calibration = Calibration::new(known.collect());
+        let scale = self.over_law();
         let missing = self.missing_variance();
         let value = |(pixel, variance): (usize, &f32)| {
             if *variance <= 0.0 {
                 return 0.0;
             }
-            let squared = calibration.of(factor(pixel, 0.0, 0.0)) * f64::from(power(variance.ln()));
+            let squared = scale * calibration.of(factor(pixel, 0.0, 0.0)) * f64::from(power(variance.ln()));
             Some(squared.sqrt() as f32).filter(|error| *error > self.floor()).unwrap_or(0.0)
         };
         let pixels: Vec<f32> = missing.par_iter().with_min_len(1 << 12).enumerate().map(value);

@@ -6,11 +6,11 @@ use lacuna_core::parallel::prelude::*;
 
 use super::{Estimate, Options, Set, Values};
 use crate::domain::{Domain, Map};
-use crate::estimate::{Evidence, Folds, Model};
+use crate::estimate::{Evidence, Folds, Model, Simulation, Stage};
 use crate::limiter::Moved;
 use crate::noise::{self, Known, Noise};
 use crate::temporal::Carried;
-use crate::variational::guided::{self, Effect};
+use crate::variational::guided::{self, Effect, Guides};
 use crate::{
     Bounds, Error, Gradients, Mask, Method, Outcome, Plan, Plane, Planes, Plans, Problem, Run, limiter,
 };
@@ -49,12 +49,13 @@ pub fn solve(
         let carried: Vec<Carried> =
             options.carried.iter().map(|carried| carried.select(&places).mapped(map)).collect();
         let plan = plan.as_ref();
-        let task = Task { method: &method, plan, mask, options, carried: &carried, error: None, run };
+        let guides = options.guides.filter(|_| method.descriptor().takes.guides && method.keeps_measured());
+        let task = Task { method: &method, plan, mask, options, guides, carried: &carried, error: None, run };
         let values = (samples, gradients.as_ref());
         let (outcome, mut effect) = task.reconstruct(values, map, &mut out)?;
         let learned = match options.estimate {
             Estimate::No => None,
-            _ => task.learn(values, map, effect.evidence.take())?,
+            _ => task.learn(values, &out, map, effect.evidence.take())?,
         };
         (map, (outcome, effect), learned)
     };
@@ -130,6 +131,8 @@ struct Task<'a> {
     plan: &'a dyn Plan,
     mask: &'a Arc<Mask>,
     options: &'a Options<'a>,
+    /// Those that the method takes.
+    guides: Option<&'a Guides>,
     /// Of the set's planes, in the domain.
     carried: &'a [Carried],
     /// What the result may be off by, over the range of the samples, where less than the usual will do.
@@ -143,6 +146,7 @@ impl Task<'_> {
     fn learn(
         &self,
         (samples, gradients): (&Planes, Option<&Slopes>),
+        filled: &Planes,
         map: Map,
         evidence: Option<Evidence>,
     ) -> Result<Option<Model>, Error> {
@@ -153,14 +157,23 @@ impl Task<'_> {
         let mut evidence = if let Some(evidence) = evidence {
             evidence
         } else {
-            let mut again = |samples: &Planes, kept: &Arc<Mask>| {
+            let again = |guides, samples: &Planes, kept: &Arc<Mask>| {
                 let plan = self.method.filter().plan(&Problem::fill(Arc::clone(kept)), self.run)?;
-                let task = Task { plan: plan.as_ref(), mask: kept, error: Some(HELD_OUT), ..*self };
+                let task = Task { plan: plan.as_ref(), mask: kept, guides, error: Some(HELD_OUT), ..*self };
                 let mut out = Planes::zeros(samples.size(), samples.len());
                 task.reconstruct((samples, gradients), map, &mut out)?;
                 Ok(out)
             };
-            Evidence::of_folds((samples, self.mask), folds, kind, &mut again)?
+            let mut own = |samples: &Planes, kept: &Arc<Mask>| again(self.guides, samples, kept);
+            let mut evidence = Evidence::of_folds((samples, self.mask), folds, kind, &mut own)?;
+            // Samples of gradients are not in the simulation.
+            if let Some(stage) = Stage::new(self.mask).filter(|_| gradients.is_none()) {
+                let small = |guides: &Guides| guides.at(stage.mask.size(), |pixel| stage.source(pixel));
+                let guides = self.guides.map(small);
+                let mut small = |samples: &Planes, kept: &Arc<Mask>| again(guides.as_ref(), samples, kept);
+                evidence.simulation = Some(Simulation::new(&stage, filled, folds, &mut small)?);
+            }
+            evidence
         };
         if self.run.interrupted().is_some() {
             return Ok(None);
@@ -215,9 +228,7 @@ impl Task<'_> {
         gradients: Option<&Slopes>,
         out: &mut Planes,
     ) -> Result<(Outcome, Effect), Error> {
-        let Self { method, plan, mask, options, carried, error, run } = *self;
-        let guides =
-            options.guides.filter(|_| options.method.descriptor().takes.guides && method.keeps_measured());
+        let Self { method, plan, mask, options, guides, carried, error, run } = *self;
         match (gradients, guides) {
             (None, guides) if let Some(blend) = plan.blend() => {
                 blend.choose(samples, (guides, carried), options.estimate != Estimate::No, out, run)

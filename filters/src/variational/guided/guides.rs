@@ -148,7 +148,7 @@ impl Guides {
     }
 
     /// The same guides of smaller pixels, by the map that makes a plane of them. Labels are left out: a mean has none.
-    pub(crate) fn reduced(&self, size: Size, map: impl Fn(&Plane) -> Plane + Sync) -> Self {
+    pub(crate) fn reduced(&self, size: Size, map: impl Fn(&Plane) -> Plane) -> Self {
         Self {
             size,
             names: self.names.clone(),
@@ -159,6 +159,17 @@ impl Guides {
             label_names: Vec::new(),
             unknown: self.unknown,
         }
+    }
+
+    /// The same guides at some of their pixels, `source` the one that each of the new ones was.
+    pub(crate) fn at(&self, size: Size, source: impl Fn(usize) -> usize) -> Self {
+        let plane = |plane: &Plane| {
+            Plane::of(size, (0..size.pixels()).map(|at| plane.pixels()[source(at)]).collect())
+        };
+        let mut own = self.reduced(size, plane);
+        own.labels = self.labels.as_ref().map(|all| (0..size.pixels()).map(|at| all[source(at)]).collect());
+        own.label_names.clone_from(&self.label_names);
+        own
     }
 
     /// The planes of each normal.
