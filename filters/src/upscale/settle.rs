@@ -19,7 +19,7 @@
 //! win, the outcome is `IterationLimit`, and its residual says by how much.
 //!
 //! Means of a spline at broken factors, see [`super::Axis`], are over whole pixels, of which `R` has shares. Beside a hard edge shares of
-//! pixels within bounds cannot have them, and forcing them there makes the image worse: it is clamped, and [`ROUNDS`] times what `R`
+//! pixels within bounds cannot have them, and forcing them there makes the image worse: it is clamped, and `ROUNDS` times what `R`
 //! then lacks is added in straight lines between the centres of low-resolution pixels, and clamped again. The residual says what is left.
 //! Total variation keeps shares; multipliers that would grow without end are limited to what moves a mean by twice the largest `|y|` (an
 //! exact penalty on `|y - R x|`): where smaller ones suffice `R x = y` holds.
