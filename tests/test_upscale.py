@@ -81,8 +81,8 @@ def test_a_broken_factor_keeps_the_light(scene, tmp_path):
     upscale(scene, tmp_path / "out.exr", "--scale", "1.5x1.25")
     given, got = floats(scene), floats(tmp_path / "out.exr")
     assert got.shape == (60, 90) and got.min() >= 0
-    # Bounds beside a highlight of 1000, which keep its surroundings from getting dark, add a tenth (docs/upscaling.md says so).
-    assert abs(got.mean() - given.mean()) <= 0.1 * given.mean()
+    # Bounds beside a highlight, which keep its surroundings from getting dark, add a little.
+    assert abs(got.mean() - given.mean()) <= 0.06 * given.mean()
     dark = given.copy()
     dark[20, 10] = given[20, 9]
     frames.write(tmp_path / "in.exr", {"R": dark.astype(np.float32)})

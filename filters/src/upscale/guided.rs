@@ -36,6 +36,7 @@ use lacuna_core::parallel::prelude::*;
 
 use self::fit::{Fit, Term};
 use super::{Axis, Geometry, Method, Plan, Sampling, apply};
+use crate::operator::taps::Taps;
 use crate::variational::guided::{Guides, Trust, WORTH, Weights};
 use crate::{Error, Mask, Plane, Planes, Run};
 
@@ -94,7 +95,7 @@ pub fn steer(plan: &Plan, samples: &Planes, guides: &Guides, run: &Run<'_>) -> R
     let geometry = &plan.geometry;
     let predicted = Fit { guides: coarse, fine, geometry }.predict(samples);
     let mut share = apply(
-        &[geometry.vertical, geometry.horizontal].map(|axis| bilinear(&axis, geometry.sampling)),
+        &[geometry.vertical, geometry.horizontal].map(|axis| bilinear(&axis, geometry.sampling).rows()),
         &trust.plane(low),
     );
     guides.forget_unknown(&mut share);
@@ -194,10 +195,10 @@ fn between(axis: &Axis, sampling: Sampling, output: usize) -> (usize, f64) {
 }
 
 /// Straight lines between the centres of low-resolution pixels.
-pub(super) fn bilinear(axis: &Axis, sampling: Sampling) -> crate::kernel::rows::Rows {
+pub(super) fn bilinear(axis: &Axis, sampling: Sampling) -> Taps {
     let row = |output| {
         let (first, share) = between(axis, sampling, output);
         (first, if axis.inputs == 1 { vec![1.0] } else { vec![1.0 - share, share] })
     };
-    crate::operator::taps::Taps::from_rows(axis.inputs, (0..axis.outputs).map(row)).rows()
+    Taps::from_rows(axis.inputs, (0..axis.outputs).map(row))
 }

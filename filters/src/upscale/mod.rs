@@ -270,7 +270,7 @@ impl Plan {
         let before =
             if self.cells.is_some() { Cow::Borrowed(samples) } else { Cow::Owned(self.model.reduce(&plane)) };
         let Geometry { vertical, horizontal, sampling } = self.geometry;
-        let lines = [vertical, horizontal].map(|axis| guided::bilinear(&axis, sampling));
+        let lines = [vertical, horizontal].map(|axis| guided::bilinear(&axis, sampling).rows());
         let mut smooth = edges::smooth(&plane, &apply(&lines, &edges::unresolved(samples)));
         drop(plane);
         let mut less = settle::difference(&before, &self.model.reduce(&smooth));

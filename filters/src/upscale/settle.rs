@@ -19,8 +19,9 @@
 //! win, the outcome is `IterationLimit`, and its residual says by how much.
 //!
 //! Means of a spline at broken factors, see [`super::Axis`], are over whole pixels, of which `R` has shares. Beside a hard edge shares of
-//! pixels within bounds cannot have them, and forcing them there makes the image worse: it is clamped, and `ROUNDS` times what `R`
-//! then lacks is added in straight lines between the centres of low-resolution pixels, and clamped again. The residual says what is left.
+//! pixels within bounds cannot have them, and forcing them there makes the image worse: it is clamped, and what `R x` then lacks or has too
+//! much is given to the pixels around once, to each in proportion to the room that it has within its bounds, which keeps the light in
+//! all but for what a second clamp takes. The residual says what is left.
 //! Total variation keeps shares; multipliers that would grow without end are limited to what moves a mean by twice the largest `|y|` (an
 //! exact penalty on `|y - R x|`): where smaller ones suffice `R x = y` holds.
 //!
@@ -35,6 +36,7 @@ use super::relax::{Relaxed, Task};
 use super::{Enlarged, Geometry, Plan, Question, Sampling, apply, dual};
 use crate::kernel::{Isa, vector};
 use crate::limiter::{self, Moved};
+use crate::operator::taps::Taps;
 use crate::{Outcome, Plane, Run, Stop};
 
 /// Largest `|R x - y|` over the largest `|y|` at which the dual stops.
@@ -43,8 +45,6 @@ pub const TOLERANCE: f64 = 1e-5;
 const ROUNDING: f64 = 1.5;
 /// How far multipliers of boxes may move a mean, over the largest.
 const LARGEST: f64 = 2.0;
-/// Times that what bounds took from a spline's means is given back.
-const ROUNDS: usize = 4;
 /// Bisections of a cell: to the rounding of f32 and beyond.
 const BISECTIONS: usize = 40;
 
@@ -182,6 +182,21 @@ fn in_grid(plan: &Plan, samples: &Plane, bounds: &Bounds, plane: &mut Plane) -> 
 
 /// Moves every pixel into the bounds of its low-resolution pixel; how many were outside.
 pub(super) fn clamp(plan: &Plan, bounds: &Bounds, plane: &mut Plane) -> Moved {
+    by_bounds(plan, bounds, plane, |value, low, high| {
+        let inside = value.clamp(low, high);
+        let moved = Moved::between(*value, inside);
+        *value = inside;
+        moved
+    })
+}
+
+/// Does something to every pixel by its bounds, lower and upper; the sum of what that returns.
+fn by_bounds(
+    plan: &Plan,
+    bounds: &Bounds,
+    plane: &mut Plane,
+    each: impl Fn(&mut f32, f32, f32) -> Moved + Sync,
+) -> Moved {
     let geometry = &plan.geometry;
     let columns: Vec<usize> =
         (0..geometry.high().width).map(|x| geometry.horizontal.source(geometry.sampling, x)).collect();
@@ -191,9 +206,7 @@ pub(super) fn clamp(plan: &Plan, bounds: &Bounds, plane: &mut Plane) -> Moved {
         let (low, high) = (bounds.low.row(source), bounds.high.row(source));
         let mut moved = Moved::default();
         for (value, &column) in row.iter_mut().zip(&columns) {
-            let inside = value.clamp(low[column], high[column].max(low[column]));
-            moved += Moved::between(*value, inside);
-            *value = inside;
+            moved += each(value, low[column], high[column].max(low[column]));
         }
         moved
     });
@@ -218,8 +231,8 @@ fn together(
         (moved, outcome.stop, outcome.iterations) = dual::ascend(plan, target, bounds, plane, run);
         residual = difference(target, &plan.model.reduce(plane));
     } else if largest(&residual) > TOLERANCE * peak && !std::ptr::eq(samples, target) {
-        (moved, residual) = in_rounds(plan, target, bounds, plane, residual);
-        outcome.iterations = ROUNDS;
+        moved = give_back(plan, &residual, bounds, plane, LARGEST * peak);
+        residual = difference(target, &plan.model.reduce(plane));
     } else if largest(&residual) > TOLERANCE * peak {
         let task = Task { target, peak, bounds, limit: LARGEST * peak };
         let mut relaxed = Relaxed::new(plan, task, &residual, &mut free);
@@ -236,23 +249,30 @@ fn together(
     (moved, outcome)
 }
 
-/// Gives back what bounds took from the means, smoothly and within bounds; what is left, too.
-fn in_rounds(
-    plan: &Plan,
-    target: &Plane,
-    bounds: &Bounds,
-    plane: &mut Plane,
-    mut residual: Plane,
-) -> (Moved, Plane) {
+/// Gives the pixels around what the means lack, and takes what they have too much, by the room that each pixel has within its bounds
+/// and `most`, and clamps them.
+fn give_back(plan: &Plan, residual: &Plane, bounds: &Bounds, plane: &mut Plane, most: f64) -> Moved {
     let Geometry { vertical, horizontal, sampling } = plan.geometry;
     let lines = [vertical, horizontal].map(|axis| bilinear(&axis, sampling));
-    let mut moved = Moved::default();
-    for _ in 0..ROUNDS {
-        vector::add_scaled(Isa::best(), plane.pixels_mut(), 1.0, apply(&lines, &residual).pixels());
-        moved = clamp(plan, bounds, plane);
-        residual = difference(target, &plan.model.reduce(plane));
+    let [onto, back] = [lines.each_ref().map(Taps::rows), lines.map(|taps| taps.transpose().rows())];
+    let pixels = apply(&back, &Plane::filled(plane.size(), 1.0));
+    for sign in [-1.0_f32, 1.0] {
+        let mut room = plane.clone();
+        by_bounds(plan, bounds, &mut room, |value, low, high| {
+            *value = if sign < 0.0 { *value - low } else { high - *value }.clamp(0.0, most as f32);
+            Moved::default()
+        });
+        let mut parts = apply(&back, &room);
+        let asked = residual.pixels().iter().zip(pixels.pixels());
+        parts.pixels_mut().iter_mut().zip(asked).for_each(|(part, (residual, pixels))| {
+            let asked = (sign * residual).max(0.0) * pixels;
+            *part = if *part > 0.0 { asked / *part } else { 0.0 };
+        });
+        let parts = apply(&onto, &parts);
+        room.pixels_mut().iter_mut().zip(parts.pixels()).for_each(|(room, part)| *room *= part);
+        vector::add_scaled(Isa::best(), plane.pixels_mut(), f64::from(sign), room.pixels());
     }
-    (moved, residual)
+    clamp(plan, bounds, plane)
 }
 
 /// `a - b`.
