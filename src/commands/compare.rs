@@ -236,7 +236,7 @@ impl<'a> Compare<'a> {
                 '_,
             >| {
                 if wants_changes {
-                    seen.colours.extend(Flicker::seen(images));
+                    seen.colours.extend(Flicker::colours(images));
                 }
                 seen.look(images, &self.job.outputs, self.items.len());
             })
@@ -365,7 +365,7 @@ impl<'a> Compare<'a> {
 /// What is taken from the images of a frame while they are there.
 #[derive(Default)]
 struct Seen {
-    colours: Vec<(String, report::Seen)>,
+    colours: Vec<(String, report::Colours)>,
     picture: Option<Picture>,
     /// Whether the picture shows colours.
     colour: bool,
@@ -422,7 +422,7 @@ fn keep_the_worst(pictures: &mut [Option<Picture>]) {
     }
 }
 
-/// Enters a flicker where it was measured: in the missing pixels, or everywhere if there is no mask.
+/// Enters what changed where it was measured: in the missing pixels, or everywhere if there is no mask.
 fn enter_changes(frame: &mut FrameReport, label: &str, changes: Changes) {
     let group = frame.groups.iter_mut().find(|group| group.label() == label);
     let regions = group.map(|group| &mut group.regions);

@@ -33,11 +33,11 @@ pub struct Images<'a> {
 
 /// The colours of one group of a frame.
 #[derive(Debug)]
-pub struct Seen {
+pub struct Colours {
     /// By channel, what the test image is off by.
     errors: Vec<Plane>,
     /// By channel, the reference.
-    shown: Vec<Plane>,
+    reference: Vec<Plane>,
     /// The pixels that were not measured, if that is known.
     missing: Option<Vec<bool>>,
 }
@@ -59,12 +59,12 @@ pub struct Changes {
 #[derive(Default)]
 pub struct Flicker {
     /// By the frame's index, its groups by their labels.
-    waiting: BTreeMap<usize, BTreeMap<String, Seen>>,
+    waiting: BTreeMap<usize, BTreeMap<String, Colours>>,
 }
 
 impl Flicker {
     /// A group's colours, to be given to [`Flicker::enter`].
-    pub fn seen(images: &Images<'_>) -> Option<(String, Seen)> {
+    pub fn colours(images: &Images<'_>) -> Option<(String, Colours)> {
         if images.report.kind != Kind::Colour {
             return None;
         }
@@ -76,14 +76,14 @@ impl Flicker {
         };
         let pairs = images.reference.iter().zip(images.test);
         let errors = pairs.map(|(r, t)| map(t, &|at, own| own - r.pixels()[at])).collect();
-        let shown = images.reference.iter().map(|plane| map(plane, &|_, own| own)).collect();
+        let reference = images.reference.iter().map(|plane| map(plane, &|_, own| own)).collect();
         let missing = images.mask.map(|mask| mask.as_slice().iter().map(|flag| !flag).collect());
-        Some((images.report.label(), Seen { errors, shown, missing }))
+        Some((images.report.label(), Colours { errors, reference, missing }))
     }
 
     /// Enters the groups of frame number `index` of the sequence. Returns what is known now: index, group's label, what changed
     /// since the frame before.
-    pub fn enter(&mut self, index: usize, groups: Vec<(String, Seen)>) -> Vec<(usize, String, Changes)> {
+    pub fn enter(&mut self, index: usize, groups: Vec<(String, Colours)>) -> Vec<(usize, String, Changes)> {
         self.waiting.insert(index, groups.into_iter().collect());
         let mut found = Vec::new();
         for later in [index, index + 1] {
@@ -111,13 +111,13 @@ impl Flicker {
 }
 
 impl Changes {
-    fn between(before: &Seen, now: &Seen) -> Option<Self> {
+    fn between(before: &Colours, now: &Colours) -> Option<Self> {
         let missing = |at: usize| match (&before.missing, &now.missing) {
             (None, None) => true,
             (before, now) => [before, now].into_iter().flatten().any(|flags| flags.get(at) == Some(&true)),
         };
         let flicker = change((&before.errors, &now.errors), &missing)?;
-        Some(Self { flicker, truth: change((&before.shown, &now.shown), &missing)? })
+        Some(Self { flicker, truth: change((&before.reference, &now.reference), &missing)? })
     }
 }
 
@@ -147,9 +147,9 @@ mod tests {
     use lacuna_filters::Size;
 
     /// An error, and a reference that is twice as large.
-    fn seen(value: f32, missing: Option<Vec<bool>>) -> Vec<(String, Seen)> {
+    fn colours(value: f32, missing: Option<Vec<bool>>) -> Vec<(String, Colours)> {
         let plane = |value: f32| vec![Plane::new(Size::new(1, 2), vec![value, 0.0]).unwrap()];
-        vec![("RGB".into(), Seen { errors: plane(value), shown: plane(2.0 * value), missing })]
+        vec![("RGB".into(), Colours { errors: plane(value), reference: plane(2.0 * value), missing })]
     }
 
     #[test]
@@ -159,24 +159,24 @@ mod tests {
         };
         let mut flicker = Flicker::default();
         let root = std::f64::consts::FRAC_1_SQRT_2;
-        assert!(flicker.enter(2, seen(3.0, None)).is_empty());
-        assert!(flicker.enter(0, seen(0.0, None)).is_empty());
-        let found = flicker.enter(1, seen(1.0, None));
+        assert!(flicker.enter(2, colours(3.0, None)).is_empty());
+        assert!(flicker.enter(0, colours(0.0, None)).is_empty());
+        let found = flicker.enter(1, colours(1.0, None));
         assert_eq!(found.len(), 2);
         assert_eq!((found[0].0, found[1].0), (1, 2));
         for (found, truth) in found.iter().zip([root, 2.0 * root]) {
             assert!((found.2.flicker - truth).abs() < 1e-15 && (found.2.truth - 2.0 * truth).abs() < 1e-15);
         }
-        assert_eq!(flicker.enter(4, seen(1.0, None)), []);
-        assert_eq!(flicker.enter(3, seen(3.0, None)), [of(3, 0.0), of(4, 2.0 * root)]);
+        assert_eq!(flicker.enter(4, colours(1.0, None)), []);
+        assert_eq!(flicker.enter(3, colours(3.0, None)), [of(3, 0.0), of(4, 2.0 * root)]);
     }
 
     #[test]
     fn only_missing_pixels_count() {
         let mut flicker = Flicker::default();
-        flicker.enter(0, seen(0.0, Some(vec![true, false])));
+        flicker.enter(0, colours(0.0, Some(vec![true, false])));
         let mut next =
-            |index, value, flags: [bool; 2]| flicker.enter(index, seen(value, Some(flags.to_vec())))[0].2;
+            |index, value, flags: [bool; 2]| flicker.enter(index, colours(value, Some(flags.to_vec())))[0].2;
         assert_eq!(next(1, 2.0, [false, false]), Changes { flicker: 2.0, truth: 4.0 });
         assert_eq!(next(2, 0.0, [false, true]), Changes { flicker: 0.0, truth: 0.0 });
         assert_eq!(next(3, 0.0, [false, false]), Changes { flicker: 0.0, truth: 0.0 });

@@ -28,7 +28,7 @@ pub use gate::{Bound, Gate, GateError};
 pub use groups::Kind;
 pub(crate) use html::{Filled, FilledPictures, base64, escape, filled, shell};
 pub use html::{MOST_PIXELS, Picture, html};
-pub use images::{Changes, Flicker, Images, Seen};
+pub use images::{Changes, Colours, Flicker, Images};
 pub use maps::Maps;
 pub use markdown::markdown;
 pub use measure::{Measure, Wanted};
