@@ -41,7 +41,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
-use crate::estimate::{Evidence, Folds, HeldOut, Kind, Simulation, Stage};
+use crate::estimate::{Decimation, Evidence, Folds, HeldOut, Kind, Simulation};
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
 use crate::variational::{edge, ss, tv};
@@ -166,11 +166,11 @@ impl Candidate<'_> {
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<(Outcome, Effect), Error> {
-        self.fill_along(self.guides, samples, mask, out, run)
+        self.fill_guided(self.guides, samples, mask, out, run)
     }
 
     /// The same with other guides.
-    fn fill_along(
+    fn fill_guided(
         &self,
         guides: Option<&Guides>,
         samples: &Planes,
@@ -332,15 +332,17 @@ impl Blend {
         let depth = self.folds.deep(self.mask.count());
         let deep = HeldOut::new((samples, &self.mask), depth, Some(kind), &mut alone)?;
         let mut evidence = Evidence::new(kind, self.folds, &near, &shallow, &deep);
-        if let Some((filled, stage)) = filled.and_then(|filled| Some((filled, Stage::new(&self.mask)?))) {
-            let small = |guides: &Guides| guides.at(stage.mask.size(), |pixel| stage.source(pixel));
+        if let Some((filled, decimation)) =
+            filled.and_then(|filled| Some((filled, Decimation::new(&self.mask)?)))
+        {
+            let small = |guides: &Guides| guides.at(decimation.mask.size(), |pixel| decimation.source(pixel));
             let guides = all[most].guides.map(small);
             let mut again = |samples: &Planes, kept: &Arc<Mask>| {
                 let mut out = Planes::zeros(samples.size(), samples.len());
-                all[most].fill_along(guides.as_ref(), samples, kept, &mut out, run)?;
+                all[most].fill_guided(guides.as_ref(), samples, kept, &mut out, run)?;
                 Ok(out)
             };
-            evidence.simulation = Some(Simulation::new(&stage, filled, self.folds, &mut again)?);
+            evidence.simulation = Some(Simulation::new(&decimation, filled, self.folds, &mut again)?);
         }
         Ok(evidence)
     }

@@ -43,14 +43,14 @@
 //! same scenes as the share. Samples that were put where errors are bound nothing that none of them has met, as thin vessels between those of
 //! the first round: where the interval would be a bound, nothing is told.
 //!
-//! Fails: details that no sample has seen anywhere; samples that were chosen by what they show: after rounds thin vessels were told 6 dB too good,
-//! and 10 dB where guides filled them;
-//! a method whose error at a sample is not that beside it (one that smooths its samples). Noise is taken for detail:
+//! Fails: details that no sample has seen anywhere; samples that were chosen by what they show: after rounds thin vessels were told 6 dB too
+//! good, and 10 dB where guides filled them; a method whose error at a sample is not that beside it (one that smooths its samples). Noise is taken for detail:
 //! at masks of low discrepancy its estimate is 1 to 3 dB too good, not always within the interval.
 //!
-//! Sources: B. Efron, "Bootstrap methods: another look at the jackknife", The Annals of Statistics 7, 1979; N. Cressie, "Statistics for Spatial Data", 1993 (kriging variance); E. H. Isaaks, R. M. Srivastava, "An Introduction to Applied
-//! Geostatistics", 1989, chapter 10 (declustering); M. Stone, "Cross-Validatory Choice and Assessment of Statistical Predictions", Journal
-//! of the Royal Statistical Society B 36, 1974.
+//! Sources: B. Efron, "Bootstrap methods: another look at the jackknife", The Annals of Statistics 7, 1979; N. Cressie, "Statistics for
+//! Spatial Data", 1993 (kriging variance); E. H. Isaaks, R. M. Srivastava, "An Introduction to Applied Geostatistics", 1989, chapter 10
+//! (declustering); M. Stone, "Cross-Validatory Choice and Assessment of Statistical Predictions", Journal of the Royal Statistical Society
+//! B 36, 1974.
 
 mod cells;
 mod evidence;
@@ -63,5 +63,5 @@ mod variance;
 
 pub use evidence::{Evidence, Folds, HeldOut, PARTS, Reconstruct};
 pub use model::{Model, Rmse, Verdict, Why};
-pub use simulation::{Simulation, Stage};
+pub use simulation::{Decimation, Simulation};
 pub use variance::Kind;

@@ -219,7 +219,7 @@ impl Model {
         }
         let parts = self.parts(self.exponent);
         let carriers = self.carriers(&parts);
-        let (mean, law) = self.both(&parts);
+        let (mean, carried) = self.carried(&parts);
         if mean <= 0.0 {
             return Verdict::Estimate(Rmse { rmse: 0.0, low: 0.0, high: 0.0 });
         }
@@ -227,7 +227,7 @@ impl Model {
         let rest = if self.owned.is_some() { CHOSEN_REST } else { REST };
         let squared: Vec<f32> = self.held.iter().map(|error| error.squared).collect();
         let unseen = TAIL * tail::unseen((&parts, &squared), self.all_missing, self.range);
-        let off = (by_chance + unseen.powi(2) + law + rest * rest).sqrt();
+        let off = (by_chance + unseen.powi(2) + carried + rest * rest).sqrt();
         let side = SIDE * off;
         if carriers < CARRIERS {
             return Verdict::CannotTell(Why::FewCarryAll);
@@ -252,13 +252,13 @@ impl Model {
     /// What the mean squared error of missing pixels is over that of the power law alone.
     pub(super) fn over_law(&self) -> f64 {
         let parts = self.parts(self.exponent);
-        let ratio = self.both(&parts).0 / self.mean(&parts);
+        let ratio = self.carried(&parts).0 / self.mean(&parts);
         if ratio.is_finite() { ratio } else { 1.0 }
     }
 
     /// The mean squared error of missing pixels, and the variance of its logarithm as far as it was carried from held-out samples to them: by
     /// the power law and, where there is one, by the simulation, each as far as it is to be trusted.
-    fn both(&self, parts: &[f64]) -> (f64, f64) {
+    fn carried(&self, parts: &[f64]) -> (f64, f64) {
         let law = self.mean(parts);
         let [steep, flat] = [0.5, -0.5].map(|more| self.mean(&self.parts(self.exponent + more)));
         let off = ((steep / flat).ln() * self.exponent_off).powi(2);

@@ -1,9 +1,10 @@
 //! The fill simulated on an image that is known everywhere: what held-out samples say too much there, they say too much of the frame.
 //!
-//! One pixel of every `s x s` of the filled frame, `s` the spacing of its samples (in whole pixels, at least 2), makes a smaller image, whose details
-//! are as fine beside that spacing as those that the frame may have: what was filled is smooth up to about the spacing. It is filled by the
-//! same method, from the samples of the middle of the same mask, and once more without a part of them. So both errors are known, at missing pixels and at held-out samples, and their quotient ([`Simulation::factor`]) is that of
-//! the frame: no law is asked how error follows distance.
+//! The filled frame is decimated: one pixel of every `s x s`, `s` the spacing of its samples (in whole pixels, at least 2). What was filled is
+//! smooth up to about that spacing, so the smaller image has details as fine beside it as those that the frame may have. It is filled by the same
+//! method, from the pixels that the middle of the same mask names, and once more without a part of them. So both errors are known, at missing
+//! pixels and at held-out samples, and their quotient ([`Simulation::factor`]) is taken for that of the frame: no law is asked how error
+//! follows distance.
 //!
 //! Only for masks whose samples lie evenly: there a held-out sample stands in an emptier place than any missing pixel. At random samples both
 //! stand alike, and the quotient is little beside the chance of a smaller image.
@@ -26,9 +27,9 @@ const FEWEST: usize = 200;
 /// Larger images are cut to this many pixels a side.
 const SIDE: usize = 384;
 
-/// What is filled: an image of less pixels, and its mask.
+/// Which pixels of a frame make the smaller image, and its mask.
 #[derive(Clone, Debug)]
-pub struct Stage {
+pub struct Decimation {
     from: Size,
     /// Pixels of the frame, along each side, of which one is taken.
     step: usize,
@@ -36,8 +37,8 @@ pub struct Stage {
     pub mask: Arc<Mask>,
 }
 
-impl Stage {
-    /// The stage of a mask, if its samples lie evenly and are many enough.
+impl Decimation {
+    /// That of a mask, if its samples lie evenly and are many enough.
     pub fn new(mask: &Mask) -> Option<Self> {
         let from = mask.size();
         let step = (mask.density().sqrt().recip().round() as usize).max(LEAST_STEP);
@@ -69,20 +70,23 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// Fills what is on the stage by a method, without and with samples held out.
+    /// Fills the decimated frame by a method, without and with samples held out.
     ///
     /// # Errors
     /// Those of the method.
     pub fn new(
-        stage: &Stage,
+        decimation: &Decimation,
         filled: &Planes,
         folds: Folds,
         reconstruct: &mut Reconstruct<'_>,
     ) -> Result<Self, Error> {
-        let mask = &stage.mask;
+        let mask = &decimation.mask;
         let size = mask.size();
         let reduced = |plane: &Plane| {
-            Plane::of(size, (0..size.pixels()).map(|pixel| plane.pixels()[stage.source(pixel)]).collect())
+            Plane::of(
+                size,
+                (0..size.pixels()).map(|pixel| plane.pixels()[decimation.source(pixel)]).collect(),
+            )
         };
         let truth = Planes::of(size, filled.as_slice().iter().map(reduced).collect());
         let again = reconstruct(&truth, mask)?;
@@ -135,23 +139,23 @@ mod tests {
     #[test]
     fn only_even_masks_have_a_stage() {
         let size = Size::new(101, 140);
-        let stage = Stage::new(&mask(Pattern::Shuffle, size, 0.2)).unwrap();
-        assert_eq!(stage.mask.size(), Size::new(50, 70));
-        assert!((stage.mask.density() - 0.2).abs() < 0.01);
+        let decimation = Decimation::new(&mask(Pattern::Shuffle, size, 0.2)).unwrap();
+        assert_eq!(decimation.mask.size(), Size::new(50, 70));
+        assert!((decimation.mask.density() - 0.2).abs() < 0.01);
         // Each pixel of it is another one of the frame, two apart.
-        let of = |pixel| (stage.source(pixel) / 140, stage.source(pixel) % 140);
+        let of = |pixel| (decimation.source(pixel) / 140, decimation.source(pixel) % 140);
         assert_eq!((of(0), of(1), of(70)), ((1, 1), (1, 3), (3, 1)));
         assert_eq!(of(50 * 70 - 1), (99, 139));
-        assert!(Stage::new(&mask(Pattern::Random, size, 0.2)).is_none());
-        assert!(Stage::new(&mask(Pattern::Shuffle, Size::new(30, 30), 0.2)).is_none());
-        assert!(Stage::new(&mask(Pattern::Shuffle, size, 1.0)).is_none());
-        let sparse = Stage::new(&mask(Pattern::Shuffle, Size::new(300, 300), 0.06)).unwrap();
+        assert!(Decimation::new(&mask(Pattern::Random, size, 0.2)).is_none());
+        assert!(Decimation::new(&mask(Pattern::Shuffle, Size::new(30, 30), 0.2)).is_none());
+        assert!(Decimation::new(&mask(Pattern::Shuffle, size, 1.0)).is_none());
+        let sparse = Decimation::new(&mask(Pattern::Shuffle, Size::new(300, 300), 0.06)).unwrap();
         assert_eq!((sparse.mask.size(), sparse.source(0)), (Size::new(75, 75), 2 * 300 + 2));
         // What is larger is cut from the middle.
-        let stage = Stage::new(&mask(Pattern::Shuffle, Size::new(60, 1200), 0.2)).unwrap();
-        assert_eq!(stage.mask.size(), Size::new(30, 384));
-        assert_eq!(stage.source(0), 1200 + (1200 - 768) / 2 + 1);
-        assert_eq!(stage.source(383), 1200 + 1200 - (1200 - 768) / 2 - 1);
+        let decimation = Decimation::new(&mask(Pattern::Shuffle, Size::new(60, 1200), 0.2)).unwrap();
+        assert_eq!(decimation.mask.size(), Size::new(30, 384));
+        assert_eq!(decimation.source(0), 1200 + (1200 - 768) / 2 + 1);
+        assert_eq!(decimation.source(383), 1200 + 1200 - (1200 - 768) / 2 - 1);
     }
 
     /// A method that errs more where samples are held out.
@@ -159,8 +163,8 @@ mod tests {
     fn the_factor_is_that_of_errors_which_are_known() {
         let size = Size::new(120, 120);
         let frame = mask(Pattern::Shuffle, size, 0.25);
-        let stage = Stage::new(&frame).unwrap();
-        let all = stage.mask.count();
+        let decimation = Decimation::new(&frame).unwrap();
+        let all = decimation.mask.count();
         let filled = Planes::of(size, vec![Plane::from_fn(size, |y, x| (y + x) as f32)]);
         // Off by 2 everywhere with all samples, by 6 with some held out.
         let mut method = |samples: &Planes, kept: &Arc<Mask>| {
@@ -169,12 +173,12 @@ mod tests {
             let value = |y, x| plane.at(y, x) + if kept.is_measured(y, x) { 0.0 } else { off };
             Planes::new(plane.size(), vec![Plane::from_fn(plane.size(), value)])
         };
-        let mut found = Simulation::new(&stage, &filled, Folds::default(), &mut method).unwrap();
+        let mut found = Simulation::new(&decimation, &filled, Folds::default(), &mut method).unwrap();
         assert_eq!(found.truth.as_slice()[0].at(3, 5), 7.0 + 11.0);
         let (factor, by_chance) = found.factor().unwrap();
         assert!((factor - (4.0_f64 / 36.0).ln()).abs() < 1e-6, "{factor}");
         // Errors that are all alike leave to chance only how many there are.
-        let parts = (all as f64).recip() + ((stage.mask.size().pixels() - all) as f64).recip();
+        let parts = (all as f64).recip() + ((decimation.mask.size().pixels() - all) as f64).recip();
         assert!((by_chance - parts).abs() < 1e-6, "{by_chance}");
         found.map(&|_, value| 0.5 * value);
         assert!((found.factor().unwrap().0 - factor).abs() < 1e-6);

@@ -6,7 +6,7 @@ use lacuna_core::parallel::prelude::*;
 
 use super::{Estimate, Options, Set, Values};
 use crate::domain::{Domain, Map};
-use crate::estimate::{Evidence, Folds, Model, Simulation, Stage};
+use crate::estimate::{Decimation, Evidence, Folds, Model, Simulation};
 use crate::limiter::Moved;
 use crate::noise::{self, Known, Noise};
 use crate::temporal::Carried;
@@ -167,11 +167,12 @@ impl Task<'_> {
             let mut own = |samples: &Planes, kept: &Arc<Mask>| again(self.guides, samples, kept);
             let mut evidence = Evidence::of_folds((samples, self.mask), folds, kind, &mut own)?;
             // Samples of gradients are not in the simulation.
-            if let Some(stage) = Stage::new(self.mask).filter(|_| gradients.is_none()) {
-                let small = |guides: &Guides| guides.at(stage.mask.size(), |pixel| stage.source(pixel));
+            if let Some(decimation) = Decimation::new(self.mask).filter(|_| gradients.is_none()) {
+                let small =
+                    |guides: &Guides| guides.at(decimation.mask.size(), |pixel| decimation.source(pixel));
                 let guides = self.guides.map(small);
                 let mut small = |samples: &Planes, kept: &Arc<Mask>| again(guides.as_ref(), samples, kept);
-                evidence.simulation = Some(Simulation::new(&stage, filled, folds, &mut small)?);
+                evidence.simulation = Some(Simulation::new(&decimation, filled, folds, &mut small)?);
             }
             evidence
         };
