@@ -15,6 +15,7 @@ pub mod cascade;
 pub mod chebyshev;
 pub mod curvature;
 pub mod dense;
+pub mod diffusion;
 pub mod extremes;
 pub mod factor;
 pub(crate) mod fir;

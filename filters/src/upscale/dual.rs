@@ -7,7 +7,7 @@
 //! 1983; B. O'Donoghue, E. Candes, "Adaptive restart for accelerated gradient schemes", Foundations of Computational Mathematics 15, 2015.
 
 use super::Plan;
-use super::settle::{Bounds, TOLERANCE, clamp, difference, largest, sum};
+use super::bounds::{Bounds, TOLERANCE, clamp, difference, largest, sum};
 use crate::kernel::{Isa, vector};
 use crate::limiter::Moved;
 use crate::{Plane, Run, Size, Stop};

@@ -21,6 +21,7 @@
 //! a radius of 1.5).
 
 mod axis;
+mod bounds;
 mod dual;
 mod edges;
 pub mod guided;
@@ -32,14 +33,14 @@ pub mod settle;
 mod tests;
 pub mod tv;
 
-pub use axis::Axis;
 use std::borrow::Cow;
 
+pub use axis::Axis;
 use lacuna_core::parallel::prelude::*;
 pub use sampling::Sampling;
 
 use crate::kernel::rows::Rows;
-use crate::kernel::{Isa, vector};
+use crate::kernel::{Isa, diffusion, vector};
 use crate::limiter::Moved;
 use crate::{Error, Mask, Outcome, Plane, Run, Size};
 
@@ -271,9 +272,9 @@ impl Plan {
             if self.cells.is_some() { Cow::Borrowed(samples) } else { Cow::Owned(self.model.reduce(&plane)) };
         let Geometry { vertical, horizontal, sampling } = self.geometry;
         let lines = [vertical, horizontal].map(|axis| guided::bilinear(&axis, sampling).rows());
-        let mut smooth = edges::smooth(&plane, &apply(&lines, &edges::unresolved(samples)));
+        let mut smooth = diffusion::smooth(&plane, &apply(&lines, &edges::unresolved(samples)));
         drop(plane);
-        let mut less = settle::difference(&before, &self.model.reduce(&smooth));
+        let mut less = bounds::difference(&before, &self.model.reduce(&smooth));
         // A spline that overflowed is for the caller to mend, where it did.
         less.pixels_mut().iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = 0.0);
         vector::add_scaled(Isa::best(), smooth.pixels_mut(), 1.0, self.spline(&less).pixels());

@@ -11,7 +11,7 @@
 
 use std::ops::Range;
 
-use super::settle::{Bounds, TOLERANCE};
+use super::bounds::{Bounds, TOLERANCE};
 use super::{Geometry, Plan};
 use crate::kernel::rows::Rows;
 use crate::{Plane, Run, Stop};

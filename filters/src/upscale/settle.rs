@@ -31,44 +31,21 @@ use std::borrow::Cow;
 
 use lacuna_core::parallel::prelude::*;
 
+use super::bounds::{Bounds, TOLERANCE, by_bounds, clamp, difference, largest};
 use super::guided::bilinear;
 use super::relax::{Relaxed, Task};
 use super::{Enlarged, Geometry, Plan, Question, Sampling, apply, dual};
 use crate::kernel::{Isa, vector};
-use crate::limiter::{self, Moved};
+use crate::limiter::Moved;
 use crate::operator::taps::Taps;
 use crate::{Outcome, Plane, Run, Stop};
 
-/// Largest `|R x - y|` over the largest `|y|` at which the dual stops.
-pub const TOLERANCE: f64 = 1e-5;
 /// Means that sweeps have left this much further off, by rounding, still count as kept.
 const ROUNDING: f64 = 1.5;
 /// How far multipliers of boxes may move a mean, over the largest.
 const LARGEST: f64 = 2.0;
 /// Bisections of a cell: to the rounding of f32 and beyond.
 const BISECTIONS: usize = 40;
-
-/// Bounds of the pixels of a footprint, by the low-resolution pixel.
-pub(super) struct Bounds {
-    /// The least value.
-    pub low: Plane,
-    /// The greatest.
-    pub high: Plane,
-}
-
-impl Bounds {
-    fn new(samples: &Plane, question: &Question<'_>, local: bool) -> Self {
-        let size = samples.size();
-        let [mut low, mut high] = if local && question.limit {
-            limiter::around(samples)
-        } else {
-            [Plane::filled(size, f32::NEG_INFINITY), Plane::filled(size, f32::INFINITY)]
-        };
-        low.pixels_mut().iter_mut().for_each(|value| *value = value.max(question.range.0));
-        high.pixels_mut().iter_mut().for_each(|value| *value = value.min(question.range.1));
-        Self { low, high }
-    }
-}
 
 /// Moves `plane` into its bounds, which `samples` decide; its reduction is then `target`, without that `samples`.
 pub(super) fn settle(
@@ -180,39 +157,6 @@ fn in_grid(plan: &Plan, samples: &Plane, bounds: &Bounds, plane: &mut Plane) -> 
     moved
 }
 
-/// Moves every pixel into the bounds of its low-resolution pixel; how many were outside.
-pub(super) fn clamp(plan: &Plan, bounds: &Bounds, plane: &mut Plane) -> Moved {
-    by_bounds(plan, bounds, plane, |value, low, high| {
-        let inside = value.clamp(low, high);
-        let moved = Moved::between(*value, inside);
-        *value = inside;
-        moved
-    })
-}
-
-/// Does something to every pixel by its bounds, lower and upper; the sum of what that returns.
-fn by_bounds(
-    plan: &Plan,
-    bounds: &Bounds,
-    plane: &mut Plane,
-    each: impl Fn(&mut f32, f32, f32) -> Moved + Sync,
-) -> Moved {
-    let geometry = &plan.geometry;
-    let columns: Vec<usize> =
-        (0..geometry.high().width).map(|x| geometry.horizontal.source(geometry.sampling, x)).collect();
-    let rows = plane.pixels_mut().par_chunks_mut(columns.len()).enumerate();
-    let counts = rows.map(|(y, row)| {
-        let source = geometry.vertical.source(geometry.sampling, y);
-        let (low, high) = (bounds.low.row(source), bounds.high.row(source));
-        let mut moved = Moved::default();
-        for (value, &column) in row.iter_mut().zip(&columns) {
-            moved += each(value, low[column], high[column].max(low[column]));
-        }
-        moved
-    });
-    counts.into_iter().sum()
-}
-
 /// Footprints that share pixels, by the dual: boxes one after the other, those whose weights change their sign together.
 fn together(
     plan: &Plan,
@@ -275,20 +219,6 @@ fn give_back(plan: &Plan, residual: &Plane, bounds: &Bounds, plane: &mut Plane, 
     clamp(plan, bounds, plane)
 }
 
-/// `a - b`.
-pub(super) fn difference(a: &Plane, b: &Plane) -> Plane {
-    sum(a, -1.0, b)
-}
-
-/// `a + factor b`.
-pub(super) fn sum(a: &Plane, factor: f64, b: &Plane) -> Plane {
-    let mut out = a.clone();
-    vector::add_scaled(Isa::best(), out.pixels_mut(), factor, b.pixels());
-    out
-}
-
-pub(super) fn largest(plane: &Plane) -> f64 {
-    let rows = plane.pixels().par_chunks(plane.size().width);
-    let largest = rows.map(|row| row.iter().fold(0.0, |top: f32, value| top.max(value.abs())));
-    f64::from(largest.into_iter().fold(0.0, f32::max))
-}
+#[cfg(test)]
+#[path = "settle/tests.rs"]
+mod tests;

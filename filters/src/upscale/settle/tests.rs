@@ -1,0 +1,102 @@
+use super::super::{Axis, Method};
+use super::*;
+use crate::{Size, sampling};
+
+/// Numbers of 0 to 1 that look random.
+fn noise(size: Size, seed: u64) -> Plane {
+    let value = |y, x| (sampling::hash(seed, (y * size.width + x) as u64) >> 40) as f32 / (1 << 24) as f32;
+    Plane::from_fn(size, value)
+}
+
+fn plan(low: Size, high: Size) -> Plan {
+    let vertical = Axis::whole(low.height, high.height);
+    let horizontal = Axis::whole(low.width, high.width);
+    Plan::new(Geometry { vertical, horizontal, sampling: Sampling::Box }, Method::Ss).unwrap()
+}
+
+fn cases() -> impl Iterator<Item = (Plan, Plane, Plane)> {
+    let sizes = [((1, 1), (1, 3)), ((1, 4), (1, 5)), ((5, 1), (7, 1)), ((4, 6), (5, 9)), ((12, 9), (15, 20))];
+    sizes.into_iter().zip(0..).map(|((low, high), seed)| {
+        let (low, high) = (Size::new(low.0, low.1), Size::new(high.0, high.1));
+        let residual = noise(low, seed);
+        let residual = Plane::from_fn(low, |y, x| 0.5 * residual.at(y, x) - 0.25);
+        (plan(low, high), residual, noise(high, 90 + seed))
+    })
+}
+
+/// The formula in f64, pixel by pixel.
+fn slow(plan: &Plan, residual: &Plane, bounds: &Bounds, plane: &Plane, most: f64) -> Vec<f64> {
+    let Geometry { vertical, horizontal, sampling } = plan.geometry;
+    let weight = |axis: &Axis, from: usize, to: usize| {
+        let taps = bilinear(axis, sampling);
+        let (first, weights) = taps.row(from);
+        to.checked_sub(first).and_then(|at| weights.get(at)).copied().unwrap_or(0.0)
+    };
+    let (high, low) = (plane.size(), residual.size());
+    let pixels: Vec<(usize, usize)> =
+        (0..high.height).flat_map(|y| (0..high.width).map(move |x| (y, x))).collect();
+    let own = |plane: &Plane, (y, x): (usize, usize)| {
+        f64::from(plane.at(vertical.source(sampling, y), horizontal.source(sampling, x)))
+    };
+    let ends = |at| (own(&bounds.low, at), own(&bounds.high, at).max(own(&bounds.low, at)));
+    let mut values: Vec<f64> = pixels.iter().map(|&(y, x)| f64::from(plane.at(y, x))).collect();
+    for sign in [-1.0, 1.0] {
+        let room = |(&at, value): (&(usize, usize), &f64)| {
+            let (low, high) = ends(at);
+            if sign < 0.0 { value - low } else { high - value }.clamp(0.0, most)
+        };
+        let room: Vec<f64> = pixels.iter().zip(&values).map(room).collect();
+        for (j, i) in (0..low.height).flat_map(|j| (0..low.width).map(move |i| (j, i))) {
+            let weights: Vec<f64> =
+                pixels.iter().map(|&(y, x)| weight(&vertical, y, j) * weight(&horizontal, x, i)).collect();
+            let asked = (sign * f64::from(residual.at(j, i))).max(0.0) * weights.iter().sum::<f64>();
+            let all: f64 = weights.iter().zip(&room).map(|(weight, room)| weight * room).sum();
+            if all > 0.0 {
+                let shares = weights.iter().zip(&room).map(|(weight, room)| weight * room * asked / all);
+                values.iter_mut().zip(shares).for_each(|(value, share)| *value += sign * share);
+            }
+        }
+    }
+    pixels.iter().zip(values).map(|(&at, value)| value.clamp(ends(at).0, ends(at).1)).collect()
+}
+
+#[test]
+fn what_is_given_back_is_the_formula() {
+    for (plan, residual, plane) in cases() {
+        let size = residual.size();
+        // Bounds that some pixels are at, and some beyond.
+        let bounds = Bounds { low: Plane::filled(size, 0.2), high: noise(size, 7) };
+        let start = plane.clone();
+        let mut fast = plane;
+        give_back(&plan, &residual, &bounds, &mut fast, 2.0);
+        for (fast, slow) in fast.pixels().iter().zip(slow(&plan, &residual, &bounds, &start, 2.0)) {
+            // Values up to 2, a few sums of as many terms as a low-resolution pixel has neighbours.
+            let off = (f64::from(*fast) - slow).abs();
+            assert!(off < 64.0 * f64::from(f32::EPSILON), "{size} {fast} {slow}");
+        }
+    }
+}
+
+#[test]
+fn light_that_there_is_room_for_stays() {
+    for (plan, residual, plane) in cases() {
+        let size = residual.size();
+        let bounds = Bounds { low: Plane::filled(size, -9.0), high: Plane::filled(size, 9.0) };
+        let sum = |plane: &Plane| plane.pixels().iter().map(|value| f64::from(*value)).sum::<f64>();
+        let start = sum(&plane);
+        let mut given = plane;
+        give_back(&plan, &residual, &bounds, &mut given, 20.0);
+        let Geometry { vertical, horizontal, sampling } = plan.geometry;
+        let column = |axis: &Axis| {
+            let taps = bilinear(axis, sampling).transpose();
+            (0..axis.inputs).map(|at| taps.row(at).1.iter().sum::<f64>()).collect::<Vec<_>>()
+        };
+        let (down, across) = (column(&vertical), column(&horizontal));
+        let asked: f64 = (0..size.height)
+            .flat_map(|y| (0..size.width).map(move |x| (y, x)))
+            .map(|(y, x)| f64::from(residual.at(y, x)) * down[y] * across[x])
+            .sum();
+        let count = given.pixels().len() as f64;
+        assert!((sum(&given) - start - asked).abs() < 16.0 * f64::from(f32::EPSILON) * count, "{size}");
+    }
+}
