@@ -31,7 +31,7 @@ THESIS = {"engine": {600: 1093.61, 900: 2442.28, 1200: 4249.44}, "cthead": {600:
 FILL = ["--density", "0.2", "--fill", "ss"]
 # Scenes that take as many seconds must gain from being rendered sparsely.
 SLOW = 4.0
-# The tables stand between these in docs/rendering.md.
+# The tables stand between these in docs/measurements/rendering.md.
 BEGIN, END = "<!-- scripts/rendering --docs -->", "<!-- end -->"
 BEGIN_DENSE = "<!-- scripts/rendering --dense --docs -->"
 DENSE = ["engine", "engine-soft", "tooth", "foot"]
@@ -101,7 +101,7 @@ def tables(results):
 
 def published(lines, begin=BEGIN):
     """Writes the tables into the documentation, between its two marks."""
-    page = ROOT / "docs" / ("rendering.md" if begin == BEGIN_DENSE else "measurements/rendering.md")
+    page = ROOT / "docs" / "measurements" / "rendering.md"
     before, rest = page.read_text().split(begin)
     _, after = rest.split(END, 1)
     page.write_text(before + "\n".join([begin, *lines, END]) + after)
