@@ -52,16 +52,18 @@
 //! (declustering); M. Stone, "Cross-Validatory Choice and Assessment of Statistical Predictions", Journal of the Royal Statistical Society
 //! B 36, 1974.
 
-mod cells;
 mod evidence;
+mod held_out;
 mod kriging;
 mod model;
 mod near;
 mod plane;
 mod simulation;
 mod variance;
+mod voronoi;
 
-pub use evidence::{Evidence, Folds, HeldOut, PARTS, Reconstruct};
+pub use evidence::Evidence;
+pub use held_out::{Folds, HeldOut, PARTS, Reconstruct};
 pub use model::{Model, Rmse, Verdict, Why};
 pub use simulation::{Decimation, Simulation};
 pub use variance::Kind;

@@ -5,11 +5,12 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 use serde::Serialize;
 
-use super::cells::Cells;
 use super::evidence::Evidence;
+use super::held_out::PixelError;
 use super::near::{Near, Places};
 use super::simulation::Simulation;
 use super::variance::Variance;
+use super::voronoi::Voronoi;
 use crate::kernel::extremes;
 use crate::sampling::hash;
 use crate::{Mask, Planes, Size};
@@ -17,9 +18,9 @@ use crate::{Mask, Planes, Size};
 /// Side of a cell in spacings of held-out samples.
 const CELL: f64 = 4.0;
 /// Missing pixels that are looked at, about.
-pub(super) const LOOKED_AT: usize = 40_000;
+const LOOKED_AT: usize = 40_000;
 /// Bounds of the exponent.
-pub(super) const EXPONENTS: (f64, f64) = (0.0, 1.75);
+const EXPONENTS: (f64, f64) = (0.0, 1.75);
 /// What is added to the exponent where errors are as large as the samples' own differences: there the law levels off, so that two
 /// depths show too little of it.
 const LEVELLED: f64 = 0.15;
@@ -112,8 +113,8 @@ pub struct Model {
     exponent: f64,
     /// Its standard deviation.
     exponent_off: f64,
-    held: Vec<Error>,
-    missing: Vec<Error>,
+    held: Vec<PixelError>,
+    missing: Vec<PixelError>,
     /// Where samples were put where errors are: missing pixels that a held-out sample is the nearest of, with its place in `held`.
     owned: Option<Vec<(u32, f32)>>,
     /// Share of the exponent that holds between these and their sample.
@@ -124,29 +125,19 @@ pub struct Model {
     simulated: Option<(f64, f64)>,
 }
 
-/// The squared error (0 if not known) and the logarithm of the variance of a pixel.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Error {
-    pub pixel: u32,
-    pub squared: f32,
-    pub ln_variance: f32,
-    /// What it counts for.
-    pub weight: f32,
-}
-
 impl Model {
     /// Learns the law from held-out samples. `truth` holds the samples of `mask`.
     pub fn new(evidence: &Evidence, truth: &Planes, mask: &Arc<Mask>, seed: u64) -> Self {
         let places = Places::new(mask, |_| true);
         let near = &evidence.near;
         let errors = near.squared_errors(truth);
-        let cells = Cells::new(mask);
+        let voronoi = Voronoi::new(mask);
         let held = near.at.iter().zip(&near.variance).zip(errors).filter(|(_, squared)| squared.is_finite());
         let held = held.map(|((&pixel, v), squared)| {
-            let weight = cells.weight(pixel);
-            Error { pixel, squared, ln_variance: v.ln(), weight }
+            let weight = voronoi.weight(pixel);
+            PixelError { pixel, squared, ln_variance: v.ln(), weight }
         });
-        let held: Vec<Error> = held.filter(|error| error.weight > 0.0).collect();
+        let held: Vec<PixelError> = held.filter(|error| error.weight > 0.0).collect();
         let all_missing = mask.size().pixels() - mask.count();
         let every = (all_missing / LOOKED_AT).max(1) as u64;
         let looked_at = |&pixel: &u32| {
@@ -157,17 +148,17 @@ impl Model {
         let missing = pixels
             .iter()
             .zip(variance.all(&places, &pixels))
-            .map(|(&pixel, v)| Error { pixel, squared: 0.0, ln_variance: v.ln(), weight: 1.0 })
+            .map(|(&pixel, v)| PixelError { pixel, squared: 0.0, ln_variance: v.ln(), weight: 1.0 })
             .collect();
-        let owned = (cells.is_uneven() && cells.are_where_errors_are(&held)).then(|| {
-            let owned = cells.owned(mask, &held, seed);
+        let owned = (voronoi.is_uneven() && voronoi.are_where_errors_are(&held)).then(|| {
+            let owned = voronoi.owned(mask, &held, (LOOKED_AT, seed));
             let pixels: Vec<u32> = owned.iter().map(|owned| owned.1).collect();
             owned.iter().zip(variance.all(&places, &pixels)).map(|(owned, v)| (owned.0, v.ln())).collect()
         });
         let (exponent, exponent_off) = exponent(evidence, truth, &places);
         let floor = rounding(truth, mask);
         let range = range(truth, mask);
-        let share = cells.share(exponent);
+        let share = voronoi.share(exponent, EXPONENTS.1);
         let mask = Arc::clone(mask);
         Self {
             mask,
@@ -198,7 +189,7 @@ impl Model {
         self.floor
     }
 
-    pub(super) fn held(&self) -> &[Error] {
+    pub(super) fn held(&self) -> &[PixelError] {
         &self.held
     }
 
@@ -324,9 +315,10 @@ impl Model {
     /// And elsewhere: in each cell and those around it the factor is `sum e^2 / sum v^p` over held-out samples.
     fn by_place(&self, exponent: f64) -> Vec<f64> {
         let (grid, cell) = self.grid();
-        let power =
-            |error: &Error| f64::from(error.weight) * f64::from((error.ln_variance * exponent as f32).exp());
-        let sums = |errors: &[Error]| {
+        let power = |error: &PixelError| {
+            f64::from(error.weight) * f64::from((error.ln_variance * exponent as f32).exp())
+        };
+        let sums = |errors: &[PixelError]| {
             let mut sums = vec![0.0_f64; grid.rows * grid.columns];
             for error in errors {
                 sums[cell(error.pixel)] += power(error);
@@ -341,8 +333,9 @@ impl Model {
         // Where nothing was held out near, all of the frame counts.
         let far = missing.iter().zip(&around).filter(|(_, held)| **held <= 0.0).map(|(missing, _)| missing);
         let elsewhere = far.sum::<f64>() / held.iter().sum::<f64>();
-        let part =
-            |error: &Error| f64::from(error.weight * error.squared) * (counts[cell(error.pixel)] + elsewhere);
+        let part = |error: &PixelError| {
+            f64::from(error.weight * error.squared) * (counts[cell(error.pixel)] + elsewhere)
+        };
         self.held.iter().map(part).collect()
     }
 }

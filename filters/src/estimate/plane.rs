@@ -11,7 +11,8 @@
 
 use lacuna_core::parallel::prelude::*;
 
-use super::model::{Error, Model};
+use super::held_out::PixelError;
+use super::model::Model;
 use crate::kernel::blur::blur;
 use crate::{Plane, Size};
 
@@ -41,7 +42,8 @@ impl Model {
     pub fn plane(&self) -> Plane {
         let size = self.size();
         let power = |ln_variance: f32| (ln_variance * self.exponent() as f32).exp();
-        let weighted = |e: &Error| (e.pixel as usize, e.weight * e.squared, e.weight * power(e.ln_variance));
+        let weighted =
+            |e: &PixelError| (e.pixel as usize, e.weight * e.squared, e.weight * power(e.ln_variance));
         let held: Vec<(usize, f32, f32)> = self.held().iter().map(weighted).collect();
         let spacing = (size.pixels() as f64 / held.len().max(1) as f64).sqrt();
         let (errors, powers) = lacuna_core::parallel::join(

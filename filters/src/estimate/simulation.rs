@@ -16,8 +16,8 @@
 
 use std::sync::Arc;
 
-use super::cells::Cells;
-use super::evidence::{Folds, HeldOut, Reconstruct, pick};
+use super::held_out::{Folds, HeldOut, Reconstruct, pick};
+use super::voronoi::Voronoi;
 use crate::{Error, Mask, Plane, Planes, Size};
 
 /// Pixels of the frame, along each side, of which one is taken: so many at least.
@@ -46,7 +46,7 @@ impl Decimation {
         let size = Size::new(side(from.height), side(from.width));
         let (top, left) = ((from.height - size.height) / 2, (from.width - size.width) / 2);
         let mask = Mask::from_fn(size, |row, column| mask.is_measured(top + row, left + column));
-        let fits = mask.count() >= FEWEST && !mask.is_full() && !Cells::new(&mask).is_uneven();
+        let fits = mask.count() >= FEWEST && !mask.is_full() && !Voronoi::new(&mask).is_uneven();
         fits.then(|| Self { from, step, mask: Arc::new(mask) })
     }
 

@@ -18,7 +18,8 @@
 //! two. Everything is in proportion to the image: twice the light gives twice the result. Constants and ramps stay.
 //!
 //! Boundary: no corner, no flux; beyond the outermost corners `B` repeats them. An image of one row or column stays as it is.
-//! The steps are in `kernel/diffusion.rs`; this file has `s`. Stable: the largest eigenvalue of a step's operator is 4 w <= 4, and 4 TAU < 2. What overshoots is for [`super::settle`].
+//! The steps are in `kernel/diffusion.rs`, `s` is in this file. Stable: the largest eigenvalue of a step's operator is 4 w <= 4, and
+//! 4 TAU < 2. What overshoots is for `settle`.
 //! Cost: about 130 flops a pixel, one plane; two maps of the spline's kind. Each pixel depends on those within 7 rows and columns.
 //! Fails: a line that crosses an edge loses contrast where it does.
 //!

@@ -1,6 +1,6 @@
-//! The missing pixels that each sample is the nearest of: how evenly samples lie, and what each of them speaks for.
+//! Voronoi cells of the samples, the missing pixels that each is the nearest of: how evenly samples lie, and what each of them speaks for.
 
-use super::model::{EXPONENTS, Error, LOOKED_AT};
+use super::held_out::PixelError;
 use crate::Mask;
 use crate::baseline::nearest::NearestMap;
 use crate::sampling::hash;
@@ -14,8 +14,8 @@ const CHOSEN: (f64, f64) = (1.15, 0.25);
 /// By how much unevenness exceeds [`UNEVEN`] where the share has fallen from 1 to that, as after some rounds.
 const CHOSEN_UNEVEN: f64 = 0.5;
 
-/// The missing pixels that each sample is the nearest of.
-pub struct Cells {
+/// The cell of each sample.
+pub struct Voronoi {
     map: Option<NearestMap>,
     /// How many they are, and 1 for itself; 0 at missing pixels.
     counts: Vec<f32>,
@@ -23,7 +23,7 @@ pub struct Cells {
     variation: f64,
 }
 
-impl Cells {
+impl Voronoi {
     pub fn new(mask: &Mask) -> Self {
         let mut counts = vec![0.0_f32; mask.size().pixels()];
         // A mask without samples has no held-out ones either.
@@ -41,10 +41,10 @@ impl Cells {
         self.variation > UNEVEN
     }
 
-    /// Share of the exponent: from all of it to what [`CHOSEN`] says; all of the largest exponent.
-    pub fn share(&self, exponent: f64) -> f64 {
+    /// Share of the exponent: from all of it to what [`CHOSEN`] says; all of the `largest` exponent.
+    pub fn share(&self, exponent: f64, largest: f64) -> f64 {
         let (from, least) = CHOSEN;
-        let smooth = ((exponent - from) / (EXPONENTS.1 - from)).max(0.0);
+        let smooth = ((exponent - from) / (largest - from)).max(0.0);
         let lost = (1.0 - least) * (1.0 - smooth);
         1.0 - lost * ((self.variation - UNEVEN) / CHOSEN_UNEVEN).clamp(0.0, 1.0)
     }
@@ -56,7 +56,7 @@ impl Cells {
     }
 
     /// Whether errors are larger where samples lie close together, which of itself makes them smaller.
-    pub fn are_where_errors_are(&self, held: &[Error]) -> bool {
+    pub fn are_where_errors_are(&self, held: &[PixelError]) -> bool {
         let mut held: Vec<(f32, f32)> =
             held.iter().map(|error| (self.counts[error.pixel as usize], error.squared)).collect();
         held.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -65,12 +65,12 @@ impl Cells {
         sum(close) > sum(wide)
     }
 
-    /// Missing pixels whose nearest sample was held out: its place in `held`, and the pixel.
-    pub fn owned(&self, mask: &Mask, held: &[Error], seed: u64) -> Vec<(u32, u32)> {
+    /// About so many missing pixels whose nearest sample was held out, drawn by a seed: its place in `held`, and the pixel.
+    pub fn owned(&self, mask: &Mask, held: &[PixelError], (count, seed): (usize, u64)) -> Vec<(u32, u32)> {
         let mut places = vec![u32::MAX; mask.size().pixels()];
         held.iter().zip(0..).for_each(|(error, place)| places[error.pixel as usize] = place);
         let cells: f32 = held.iter().map(|error| self.counts[error.pixel as usize] - 1.0).sum();
-        let every = (cells as u64 / LOOKED_AT as u64).max(1);
+        let every = (cells as u64 / count as u64).max(1);
         let sources = self.map.iter().flat_map(NearestMap::as_slice).zip(0..);
         let owned = sources.map(|(&source, pixel)| (places[source as usize], pixel));
         let wanted = |&(place, pixel): &(u32, u32)| {

@@ -1,0 +1,178 @@
+//! Measured pixels that were predicted without themselves, and how: by folds, which do for any method.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use super::near::Places;
+use super::variance::{Kind, Variance};
+use crate::sampling::hash;
+use crate::{Error, Mask, Planes};
+
+/// Parts into which the samples of a frame are cut.
+pub const PARTS: u64 = 10;
+/// Parts that make half of the samples.
+pub(super) const DEEP: Range<u64> = 0..PARTS / 2;
+/// Held-out pixels that are enough, where more would cost more fills.
+const ENOUGH: usize = 5000;
+
+/// How the samples of a frame are cut: one cut for all that learn from held-out samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Folds {
+    /// Another cut of the same kind.
+    pub seed: u64,
+}
+
+impl Folds {
+    /// The part, below [`PARTS`], of the pixel with this index row by row.
+    pub const fn part(self, pixel: usize) -> u64 {
+        hash(self.seed, pixel as u64) % PARTS
+    }
+
+    /// The parts to hold out, one range a fill, so that enough of so many samples are seen without themselves.
+    pub fn near(self, samples: usize) -> impl Iterator<Item = Range<u64>> {
+        (0..Self::fills(samples)).map(|part| part..part + 1)
+    }
+
+    fn fills(samples: usize) -> u64 {
+        (ENOUGH * PARTS as usize).div_ceil(samples.max(1)).clamp(1, PARTS as usize) as u64
+    }
+
+    /// The parts that are half of the samples, and those of them that are also held out where few others are: with the folds, what
+    /// [`HeldOut::new`] takes.
+    pub fn deep(self, samples: usize) -> (Self, [Range<u64>; 2]) {
+        (self, [DEEP, DEEP.start..Self::fills(samples).min(DEEP.end)])
+    }
+
+    /// The mask without these parts.
+    pub fn without(self, mask: &Mask, parts: &Range<u64>) -> Mask {
+        let width = mask.size().width;
+        let kept =
+            |row, column| mask.is_measured(row, column) && !parts.contains(&self.part(row * width + column));
+        Mask::from_fn(mask.size(), kept)
+    }
+
+    /// The measured pixels of these parts, in the order of rows.
+    pub fn held_out(self, mask: &Mask, parts: &Range<u64>) -> Vec<u32> {
+        let measured = mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag);
+        measured
+            .map(|(pixel, _)| pixel)
+            .filter(|&pixel| parts.contains(&self.part(pixel)))
+            .map(|pixel| pixel as u32)
+            .collect()
+    }
+}
+
+/// Measured pixels that were held out, and what was predicted there.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct HeldOut {
+    /// Their indices row by row.
+    pub at: Vec<u32>,
+    /// By channel what was predicted at each.
+    pub predicted: Vec<Vec<f32>>,
+    /// How uncertain the pattern of the others left each.
+    pub variance: Vec<f32>,
+}
+
+impl HeldOut {
+    /// Holds parts of the samples out of a method's fill, and looks at those of them that are `wanted`. `reconstruct` gets the samples and
+    /// the mask that is left, and reads no others. Without a kind of variance there is none.
+    ///
+    /// # Errors
+    /// Those of the method.
+    pub fn new(
+        (samples, mask): (&Planes, &Mask),
+        (folds, [parts, wanted]): (Folds, [Range<u64>; 2]),
+        kind: Option<Kind>,
+        reconstruct: &mut Reconstruct<'_>,
+    ) -> Result<Self, Error> {
+        let kept = Arc::new(folds.without(mask, &parts));
+        let at = folds.held_out(mask, &wanted);
+        if at.is_empty() || kept.is_empty() {
+            return Ok(Self { predicted: vec![Vec::new(); samples.len()], ..Self::default() });
+        }
+        let filled = reconstruct(samples, &kept)?;
+        let variance = kind.map_or_else(Vec::new, |kind| {
+            let places = Places::new(&kept, |_| true);
+            Variance::new(kind, &kept, &places, folds.seed).all(&places, &at)
+        });
+        Ok(Self { predicted: pick(&filled, &at), at, variance })
+    }
+
+    /// The same, in the order of rows, with the variances that go with folds that are held out one at a time.
+    #[must_use]
+    pub fn with_variance(&self, mask: &Mask, folds: Folds, kind: Kind) -> Self {
+        let mut own = self.sorted(|_| true);
+        own.variance = vec![f32::NAN; own.at.len()];
+        for parts in folds.near(mask.count()) {
+            let of = |k: &usize| parts.contains(&folds.part(own.at[*k] as usize));
+            let which: Vec<usize> = (0..own.at.len()).filter(of).collect();
+            let pixels: Vec<u32> = which.iter().map(|&k| own.at[k]).collect();
+            let kept = folds.without(mask, &parts);
+            let places = Places::new(&kept, |_| true);
+            let variance = Variance::new(kind, &kept, &places, folds.seed).all(&places, &pixels);
+            which.into_iter().zip(variance).for_each(|(k, v)| own.variance[k] = v);
+        }
+        own
+    }
+
+    /// Adds what was predicted elsewhere.
+    pub fn extend(&mut self, other: Self) {
+        self.at.extend(other.at);
+        self.variance.extend(other.variance);
+        self.predicted.resize(other.predicted.len(), Vec::new());
+        for (own, other) in self.predicted.iter_mut().zip(other.predicted) {
+            own.extend(other);
+        }
+    }
+
+    /// In the order of rows, and only those for which `wanted` holds.
+    #[must_use]
+    pub fn sorted(&self, wanted: impl Fn(u32) -> bool) -> Self {
+        let mut order: Vec<usize> = (0..self.at.len()).filter(|&k| wanted(self.at[k])).collect();
+        order.sort_unstable_by_key(|&k| self.at[k]);
+        let take = |values: &[f32]| order.iter().filter_map(|&k| values.get(k).copied()).collect();
+        Self {
+            at: order.iter().map(|&k| self.at[k]).collect(),
+            predicted: self.predicted.iter().map(|values| take(values)).collect(),
+            variance: take(&self.variance),
+        }
+    }
+
+    /// The squared error at each, the mean over the channels.
+    pub fn squared_errors(&self, truth: &Planes) -> Vec<f32> {
+        let mut sums = vec![0.0_f64; self.at.len()];
+        for (plane, predicted) in truth.as_slice().iter().zip(&self.predicted) {
+            for ((sum, &at), &value) in sums.iter_mut().zip(&self.at).zip(predicted) {
+                *sum += (f64::from(plane.pixels()[at as usize]) - f64::from(value)).powi(2);
+            }
+        }
+        sums.into_iter().map(|sum| (sum / truth.len().max(1) as f64) as f32).collect()
+    }
+
+    pub(super) fn map(&mut self, f: &impl Fn(usize, f32) -> f32) {
+        for (channel, values) in self.predicted.iter_mut().enumerate() {
+            for value in values {
+                *value = f(channel, *value);
+            }
+        }
+    }
+}
+
+/// The values of pixels, by channel.
+pub(super) fn pick(planes: &Planes, at: &[u32]) -> Vec<Vec<f32>> {
+    let of = |plane: &crate::Plane| at.iter().map(|&pixel| plane.pixels()[pixel as usize]).collect();
+    planes.as_slice().iter().map(of).collect()
+}
+
+/// A fill from the samples of a mask.
+pub type Reconstruct<'a> = dyn FnMut(&Planes, &Arc<Mask>) -> Result<Planes, Error> + 'a;
+
+/// The squared error (0 if not known) and the logarithm of the variance of a pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelError {
+    pub pixel: u32,
+    pub squared: f32,
+    pub ln_variance: f32,
+    /// What it counts for.
+    pub weight: f32,
+}
