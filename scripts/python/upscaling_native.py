@@ -3,6 +3,7 @@
 Called by scripts/upscaling with the names of tables: native, converged, ramps, guided, sampled, speed. Renders are kept in target/upscaling.
 """
 
+import os
 import pathlib
 import statistics
 import sys
@@ -69,8 +70,22 @@ def cornell(side):
     return path
 
 
+def blender(side):
+    """Meshes by Cycles, 256 samples a pixel."""
+    KEPT.mkdir(parents=True, exist_ok=True)
+    path = KEPT / f"cycles-{side}.exr"
+    if not path.exists():
+        python = os.environ.get("LACUNA_BPY") or sys.exit("set LACUNA_BPY to a Python with Blender's package bpy")
+        done(run([python, ROOT / "scripts" / "python" / "cycles_scene.py", str(side), "256", path], timeout=3000))
+    return path
+
+
 def converged():
     against([("cornell", 64, cornell)])
+
+
+def cycles():
+    against([("meshes", 120, blender)])
 
 
 def native():
@@ -210,5 +225,5 @@ def speed():
 
 if __name__ == "__main__":
     for table in sys.argv[1:] or ["native", "converged", "ramps", "guided", "sampled", "speed"]:
-        {"native": native, "converged": converged, "ramps": ramps, "guided": guided, "sampled": sampled, "speed": speed}[table]()
+        {"native": native, "converged": converged, "cycles": cycles, "ramps": ramps, "guided": guided, "sampled": sampled, "speed": speed}[table]()
         print(flush=True)

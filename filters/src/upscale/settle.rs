@@ -66,7 +66,7 @@ pub(super) fn settle(
         (in_grid(plan, samples, &bounds, &mut plane), Outcome::direct())
     } else {
         let own = target.map(|target| between(target, &bounds));
-        together(plan, (samples, own.as_ref().unwrap_or(samples)), &bounds, &mut plane, run)
+        together(plan, (samples, own.as_ref().unwrap_or(samples)), (&bounds, question.range), &mut plane, run)
     };
     Enlarged { plane, limited, outcome }
 }
@@ -161,7 +161,7 @@ fn in_grid(plan: &Plan, samples: &Plane, bounds: &Bounds, plane: &mut Plane) -> 
 fn together(
     plan: &Plan,
     (samples, target): (&Plane, &Plane),
-    bounds: &Bounds,
+    (bounds, range): (&Bounds, (f32, f32)),
     plane: &mut Plane,
     run: &Run<'_>,
 ) -> (Moved, Outcome) {
@@ -172,7 +172,7 @@ fn together(
     let mut outcome = Outcome { stop: Stop::Converged, ..Outcome::direct() };
     if largest(&residual) > TOLERANCE * peak && plan.geometry.sampling != Sampling::Box {
         plane.clone_from(&free);
-        (moved, outcome.stop, outcome.iterations) = dual::ascend(plan, target, bounds, plane, run);
+        (moved, outcome.stop, outcome.iterations) = dual::ascend(plan, target, (bounds, range), plane, run);
         residual = difference(target, &plan.model.reduce(plane));
     } else if largest(&residual) > TOLERANCE * peak && !std::ptr::eq(samples, target) {
         moved = give_back(plan, &residual, bounds, plane, LARGEST * peak);
