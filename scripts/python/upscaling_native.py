@@ -1,6 +1,6 @@
 """What guides gain, native small frames against large ones, and seconds of lacuna upscale, as Markdown tables.
 
-Called by scripts/upscaling with the names of tables: native, converged, ramps, guided, sampled, speed. Renders are kept in target/upscaling.
+Called by scripts/upscaling with the names of tables: native, converged, cycles, ramps, guided, sampled, speed. Renders are kept in target/upscaling.
 """
 
 import os
@@ -27,8 +27,9 @@ GUIDES = ["N.X", "N.Y", "N.Z", "Z", "A"]
 
 
 def psnr(image, full, margin=4):
+    """Clipped to [0, 1]: a lamp in a mirror is not all that is judged."""
     inside = (slice(margin, -margin or None),) * 2
-    return -10 * np.log10(np.mean((image[inside] - full[inside]) ** 2))
+    return -10 * np.log10(np.mean((np.clip(image[inside], 0, 1) - np.clip(full[inside], 0, 1)) ** 2))
 
 
 def rgb(path):
@@ -224,6 +225,7 @@ def speed():
 
 
 if __name__ == "__main__":
-    for table in sys.argv[1:] or ["native", "converged", "ramps", "guided", "sampled", "speed"]:
-        {"native": native, "converged": converged, "cycles": cycles, "ramps": ramps, "guided": guided, "sampled": sampled, "speed": speed}[table]()
+    tables = {"native": native, "converged": converged, "ramps": ramps, "guided": guided, "sampled": sampled, "speed": speed}
+    for table in sys.argv[1:] or tables:
+        {**tables, "cycles": cycles}[table]()
         print(flush=True)
