@@ -55,6 +55,17 @@ pub struct Weights {
     shares: Vec<f64>,
 }
 
+/// A candidate that is taken alone where that costs little and is right.
+#[derive(Clone, Copy, Debug)]
+pub struct Preferred<'a> {
+    /// Its place among the candidates.
+    pub candidate: usize,
+    /// The share of the squared error that it may cost.
+    pub loss: f64,
+    /// Squared errors at pixels, which are to be no larger around than those of the first candidate.
+    pub misses: &'a [(u32, f64)],
+}
+
 /// Products of the errors of two candidates.
 type Products = Vec<f64>;
 
@@ -66,29 +77,27 @@ impl Weights {
     }
 
     /// The same for candidates that add to the first one, whose squared error at missing pixels is `less` of what it is at held-out samples, which
-    /// stand in emptier places: all inherit as much of its error as theirs go along with it. And where `prefers` has a candidate, a share of the
-    /// squared error, and squared misses at pixels, that candidate is taken alone where it costs no more than the share and misses are
-    /// no larger than the errors of the first.
+    /// stand in emptier places: all inherit as much of its error as theirs go along with it.
     pub fn beside(
         mask: &Mask,
         truth: &Planes,
         held: &[HeldOut],
         less: f64,
-        prefers: Option<(usize, f64, &[(u32, f64)])>,
+        prefers: Option<Preferred<'_>>,
     ) -> Self {
         let at = held.first().map_or(&[][..], |held| &held.at);
         let (mut own, mut around, mut whole) = Self::of_errors(mask, truth, held);
         if at.is_empty() || held.len() < 2 {
             return own;
         }
-        let right = prefers.map(|(_, _, misses)| own.right(at, &around, misses));
+        let right = prefers.map(|one| own.right(at, &around, one.misses));
         around.iter_mut().chain([&mut whole]).for_each(|products| inherit(products, held.len(), less));
         let mut counting: Vec<usize> = (0..held.len()).collect();
         while let Some(least) = Self::dispensable(&around, (&whole, own.frame), held.len(), &counting) {
             counting.retain(|&k| k != least);
         }
         own.of = Self::solve(&around, (&whole, own.frame), held.len(), &counting).0;
-        if let (Some(right), Some((candidate, loss, _))) = (right, prefers)
+        if let (Some(right), Some(Preferred { candidate, loss, .. })) = (right, prefers)
             && own.counts(candidate)
         {
             for (cell, products) in around.iter().enumerate().filter(|(cell, _)| right[*cell]) {
@@ -109,7 +118,9 @@ impl Weights {
     fn right(&self, at: &[u32], around: &[Products], misses: &[(u32, f64)]) -> Vec<bool> {
         // Of each cell: the held-out samples, the misses and their sum.
         let mut sums = vec![vec![0.0; 3]; self.cells.pixels()];
-        at.iter().for_each(|&pixel| sums[self.cell(pixel as usize)][0] += 1.0);
+        for &pixel in at {
+            sums[self.cell(pixel as usize)][0] += 1.0;
+        }
         for &(pixel, miss) in misses {
             let sums = &mut sums[self.cell(pixel as usize)];
             sums[1] += 1.0;

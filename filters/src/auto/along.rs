@@ -11,7 +11,7 @@ use crate::estimate::{Folds, HeldOut, Kind};
 use crate::sampling::hash;
 use crate::temporal::{self, Carried, Pull};
 use crate::variational::ss;
-use crate::weights::Weights;
+use crate::weights::{Preferred, Weights};
 use crate::{Error, Filter, Mask, Outcome, Planes, Problem, Run};
 
 /// How samples of other frames may pull.
@@ -94,8 +94,8 @@ pub fn pulled(
     let less = less(&held[0], own);
     let misses = if others.whole { misses(&own.mask, carried, out) } else { Vec::new() };
     let learn = |held: &[HeldOut]| {
-        let firm = others.whole.then_some((held.len() - 1, LOSS, &*misses));
-        Weights::beside(&own.mask, samples, held, less, firm)
+        let firm = Preferred { candidate: held.len() - 1, loss: LOSS, misses: &misses };
+        Weights::beside(&own.mask, samples, held, less, others.whole.then_some(firm))
     };
     let gain = gain(own.folds, samples, (&held, less), &learn);
     let weights = learn(&held);

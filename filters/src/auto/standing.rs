@@ -142,8 +142,9 @@ mod tests {
         let mask = Mask::from_fn(SIZE, |y, x| (y + 2 * x) % 5 == 0);
         let beside = Mask::from_fn(SIZE, |y, x| (y + 2 * x) % 5 != 0);
         let at: Vec<u32> = (0..3600).filter(|&at| mask.as_slice()[at as usize] && at % 3 == 0).collect();
-        let rough =
-            |at: &u32| truth.as_slice()[0].pixels()[*at as usize] + if at % 2 == 0 { 0.1 } else { -0.1 };
+        let rough = |at: &u32| {
+            truth.as_slice()[0].pixels()[*at as usize] + if at.is_multiple_of(2) { 0.1 } else { -0.1 }
+        };
         let predicted = vec![at.iter().map(rough).collect()];
         let held = HeldOut { at, predicted, variance: Vec::new() };
         let place = |at: usize| [(at / 60) as f32, (at % 60) as f32];
