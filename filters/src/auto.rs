@@ -19,8 +19,8 @@
 //! that the others teach. `A` is summed in cells of half the Gaussian's width; in each the small quadratic problem is solved by trying all sets
 //! of candidates (`weights`). Between cells weights are interpolated linearly. Measured pixels keep their bits.
 //!
-//! Samples of other frames ([`crate::temporal`]), where there are any, pull the blend towards them, with two weights; what was held out chooses between
-//! these and the blend as before (`along`).
+//! Samples of other frames ([`crate::temporal`]), where there are any, pull the blend towards them, with two weights and levelled; what was held out
+//! chooses between these and the blend as before (`along`).
 //!
 //! Boundary: that of the candidates. No settings. The same bits for any number of threads.
 //!
@@ -32,6 +32,7 @@
 //! "Cross-Validatory Choice and Assessment of Statistical Predictions", Journal of the Royal Statistical Society B 36, 1974.
 
 mod along;
+mod standing;
 mod trial;
 
 #[cfg(test)]

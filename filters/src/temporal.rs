@@ -12,6 +12,8 @@
 //! sample was measured, and `e_i` how far the image of the round before disagrees with it (root mean square over the planes). The scale `s_i` is twice what
 //! samples around disagree by, and no less than a share of the range: what is hidden here, or moved or lit otherwise than all around, counts little.
 //!
+//! Where brightness changes with time, samples are first brought to that of this frame (`level`), which is a second way to pull; `d_i` then counts once.
+//!
 //! Algorithm: deferred correction. In each of `ROUNDS` rounds every sample becomes a value at a missing pixel `q` near its place,
 //! `v_i + x(q) - x(p_i)` by the image of the round before (first `m`); values of one pixel are combined by their weights, and the spline that is pulled
 //! towards them is solved on the grid (`variational/ss/pulled.rs`).
@@ -29,15 +31,19 @@
 pub mod camera;
 mod carried;
 pub mod flow;
+mod level;
 #[cfg(test)]
 mod tests;
 
 pub use carried::Carried;
 pub(crate) use carried::thinned;
+pub(crate) use level::Both;
+
+use std::ops::Range;
 
 use lacuna_core::parallel::prelude::*;
 
-use crate::estimate::Folds;
+use crate::estimate::{Folds, PARTS};
 use crate::kernel::blur::blur;
 use crate::kernel::extremes::range;
 use crate::variational::ss::Pulled;
@@ -45,6 +51,8 @@ use crate::{Mask, Outcome, Plane, Planes, Run, Size};
 
 /// Rounds of correction.
 const ROUNDS: usize = 2;
+/// The same where samples are levelled, each time to the image of the round before.
+const LEVELLED_ROUNDS: usize = 3;
 /// The least disagreement at which a sample counts half, over the range of the measured ones.
 const HALF: f64 = 0.03;
 /// The same, over what samples around disagree by.
@@ -57,28 +65,54 @@ const ERROR: f64 = 2e-6;
 const PIECE: usize = 1 << 12;
 
 /// Parts of the samples, a tenth each, by which other frames are judged at most.
-pub(crate) const JUDGES: usize = 3;
+const JUDGES: usize = 3;
+/// So many held-out samples judge as well as more do.
+const JUDGING: usize = 4000;
+
+/// The parts of so many samples by which [`crate::auto`] judges other frames.
+pub(crate) fn judging(folds: Folds, samples: usize) -> impl Iterator<Item = Range<u64>> {
+    let each = samples.div_ceil(PARTS as usize).max(1);
+    folds.near(samples).take(JUDGING.div_ceil(each).clamp(1, JUDGES))
+}
 
 /// The mask without the samples by which [`crate::auto`] judges other frames. Motion that is estimated from this frame must not know them: it
 /// would bend the other frames towards these very samples.
 pub fn unjudged(mask: &Mask) -> Mask {
     let folds = Folds::default();
-    let parts = folds.near(mask.count()).take(JUDGES).last().map_or(0, |parts| parts.end);
+    let parts = judging(folds, mask.count()).last().map_or(0, |parts| parts.end);
     folds.without(mask, &(0..parts))
 }
 
-/// Pulls the missing pixels of `image`, which is filled already, towards samples of other frames.
+/// How samples of other frames pull.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Pull {
+    /// What those of the nearest frames weigh.
+    pub weight: f64,
+    /// Whether they are brought to the brightness of this frame.
+    pub levelled: bool,
+}
+
+/// Pulls the missing pixels of `image`, which is filled already, towards samples of other frames, whose fills are `fills` where these are known.
 pub(crate) fn pull(
     mask: &Mask,
-    carried: &[Carried],
-    weight: f64,
+    (carried, fills): (&[Carried], &[Planes]),
+    pull: Pull,
     image: &mut Planes,
     run: &Run<'_>,
 ) -> Outcome {
     let begun = image.clone();
     let mut worst = Outcome::direct();
-    for _ in 0..ROUNDS {
-        let data = Data::new(mask, carried, weight, (&begun, image));
+    let level = |image: &Planes| -> Vec<Carried> {
+        let one = |(at, carried): (usize, &Carried)| {
+            let both = fills.get(at).map(|fill| Both { fill, samples: &begun, mask });
+            level::levelled(carried, image, both)
+        };
+        carried.iter().enumerate().map(one).collect()
+    };
+    for _ in 0..if pull.levelled { LEVELLED_ROUNDS } else { ROUNDS } {
+        let levelled = if pull.levelled { level(image) } else { Vec::new() };
+        let carried = if pull.levelled { &levelled } else { carried };
+        let data = Data::new(mask, carried, pull, (&begun, image));
         if run.interrupted().is_some() || data.is_empty() {
             break;
         }
@@ -158,7 +192,7 @@ pub fn explained(carried: &Carried, image: &Planes) -> f64 {
 }
 
 /// The squared disagreement of each sample, the mean over the planes.
-fn off(carried: &Carried, image: &Planes) -> impl Iterator<Item = f64> {
+pub(crate) fn off(carried: &Carried, image: &Planes) -> impl Iterator<Item = f64> {
     let one = |i: usize| {
         let values = carried.values.iter().map(|values| values[i]);
         squared(image, values, carried.places[i])
@@ -183,7 +217,8 @@ struct Data {
 }
 
 impl Data {
-    fn new(mask: &Mask, carried: &[Carried], weight: f64, (begun, image): (&Planes, &Planes)) -> Self {
+    fn new(mask: &Mask, carried: &[Carried], pull: Pull, (begun, image): (&Planes, &Planes)) -> Self {
+        let Pull { weight, levelled } = pull;
         let size = mask.size();
         let ranges: Vec<f64> = begun.as_slice().iter().map(|plane| wide(mask, plane)).collect();
         let least = (HALF * ranges.iter().copied().fold(0.0, f64::max)).max(f64::MIN_POSITIVE);
@@ -195,7 +230,7 @@ impl Data {
             for (i, (place, error)) in carried.places.iter().zip(errors).enumerate() {
                 let Some(at) = missing_near(mask, *place) else { continue };
                 let scale = AROUND * AROUND * scale[carried::pixel(size, *place)] + least * least;
-                let pull = weight * carried.nearness() / (1.0 + error / scale);
+                let pull = weight * carried.nearness(levelled) / (1.0 + error / scale);
                 let taps = Taps::new(size, place[0], place[1]);
                 pulls[at] += pull;
                 let planes = image.as_slice().iter().zip(begun.as_slice()).zip(&carried.values);

@@ -29,6 +29,10 @@ const HELD_OUT: Neighbourhood = Neighbourhood { spread: 4.0, frame: 0.5 };
 const WORTH: f64 = 0.01;
 /// Cells to each side of a cell that its neighbourhood takes in: three Gaussian widths.
 const REACH: usize = 6;
+/// By how much the misses around a cell may be larger by chance where those of the image are not.
+const STILL: f64 = 1.3;
+/// The same where they are: none, but for rounding.
+const ROUNDING: f64 = 0.02;
 /// Parts of the held-out samples that are blended with weights of the others.
 const CROSSED: u64 = 5;
 /// Cuts them independently of the folds.
@@ -51,6 +55,17 @@ pub struct Weights {
     shares: Vec<f64>,
 }
 
+/// A candidate that is taken alone where that costs little and is right.
+#[derive(Clone, Copy, Debug)]
+pub struct Preferred<'a> {
+    /// Its place among the candidates.
+    pub candidate: usize,
+    /// The share of the squared error that it may cost.
+    pub loss: f64,
+    /// Squared errors at pixels, which are to be no larger around than those of the first candidate.
+    pub misses: &'a [(u32, f64)],
+}
+
 /// Products of the errors of two candidates.
 type Products = Vec<f64>;
 
@@ -58,44 +73,72 @@ impl Weights {
     /// From predictions at the same held-out samples, one list a candidate; nothing held out leaves all to the first. Candidates that are not
     /// worth their time do not count.
     pub fn new(mask: &Mask, truth: &Planes, held: &[HeldOut]) -> Self {
+        Self::beside(mask, truth, held, 1.0, None)
+    }
+
+    /// The same for candidates that add to the first one, whose squared error at missing pixels is `less` of what it is at held-out samples, which
+    /// stand in emptier places: all inherit as much of its error as theirs go along with it.
+    pub fn beside(
+        mask: &Mask,
+        truth: &Planes,
+        held: &[HeldOut],
+        less: f64,
+        prefers: Option<Preferred<'_>>,
+    ) -> Self {
         let at = held.first().map_or(&[][..], |held| &held.at);
-        let (mut own, around, whole) = Self::of_errors(mask, truth, held);
+        let (mut own, mut around, mut whole) = Self::of_errors(mask, truth, held);
         if at.is_empty() || held.len() < 2 {
             return own;
         }
+        let right = prefers.map(|one| own.right(at, &around, one.misses));
+        around.iter_mut().chain([&mut whole]).for_each(|products| inherit(products, held.len(), less));
         let mut counting: Vec<usize> = (0..held.len()).collect();
         while let Some(least) = Self::dispensable(&around, (&whole, own.frame), held.len(), &counting) {
             counting.retain(|&k| k != least);
         }
         own.of = Self::solve(&around, (&whole, own.frame), held.len(), &counting).0;
-        own.shares = own.mean_at_missing(mask);
-        own
-    }
-
-    /// The same, but that a candidate is taken alone where that costs no more than a share `loss` of the squared error.
-    pub fn preferring(
-        mask: &Mask,
-        truth: &Planes,
-        held: &[HeldOut],
-        (candidate, loss): (usize, f64),
-    ) -> Self {
-        let mut own = Self::new(mask, truth, held);
-        let at = held.first().map_or(&[][..], |held| &held.at);
-        if at.is_empty() || !own.counts(candidate) {
-            return own;
-        }
-        let (_, around, whole) = Self::of_errors(mask, truth, held);
-        let counting: Vec<usize> = (0..held.len()).filter(|&k| own.counts(k)).collect();
-        for (cell, products) in around.iter().enumerate() {
-            let error = |among: &[usize]| best(products, (&whole, own.frame), held.len(), among).1;
-            if error(&[candidate]) <= (1.0 + loss) * error(&counting) {
-                for &k in &counting {
-                    own.of[k][cell] = f32::from(u8::from(k == candidate));
+        if let (Some(right), Some(Preferred { candidate, loss, .. })) = (right, prefers)
+            && own.counts(candidate)
+        {
+            for (cell, products) in around.iter().enumerate().filter(|(cell, _)| right[*cell]) {
+                let error = |among: &[usize]| best(products, (&whole, own.frame), held.len(), among).1;
+                if error(&[candidate]) <= (1.0 + loss) * error(&counting) {
+                    for &k in &counting {
+                        own.of[k][cell] = f32::from(u8::from(k == candidate));
+                    }
                 }
             }
         }
         own.shares = own.mean_at_missing(mask);
         own
+    }
+
+    /// Of each cell, whether the mean of misses around it is no larger than that of the first candidate's errors, of which `around` has the
+    /// sums of products; a mean over all of the image is added to both in its share.
+    fn right(&self, at: &[u32], around: &[Products], misses: &[(u32, f64)]) -> Vec<bool> {
+        // Of each cell: the held-out samples, the misses and their sum.
+        let mut sums = vec![vec![0.0; 3]; self.cells.pixels()];
+        for &pixel in at {
+            sums[self.cell(pixel as usize)][0] += 1.0;
+        }
+        for &(pixel, miss) in misses {
+            let sums = &mut sums[self.cell(pixel as usize)];
+            sums[1] += 1.0;
+            sums[2] += miss;
+        }
+        let (all, missed) = (sum(&sums), misses.iter().map(|(_, miss)| miss).sum::<f64>());
+        let sums = blur(self.cells, &sums);
+        let held: f64 = sums.iter().map(|sums| sums[0]).sum();
+        let total = around.iter().map(|products| products[0]).sum::<f64>() / held.max(f64::MIN_POSITIVE);
+        let still = all[1] == 0.0 || missed / all[1] <= total;
+        let most = if still { STILL } else { 1.0 + ROUNDING };
+        let right = |(sums, products): (&Vec<f64>, &Products)| {
+            let added = self.frame * total;
+            let [own, other] = [(products[0], sums[0]), (sums[2], sums[1])]
+                .map(|(sum, count)| if count > 0.0 { sum / count } else { 0.0 } + added);
+            other <= most * own
+        };
+        sums.iter().zip(around).map(right).collect()
     }
 
     /// From the products of errors at samples, which `products(i, pixel, sums)` adds for the `i`th of them. All candidates count. Also the
@@ -303,6 +346,16 @@ pub fn add_products(errors: &[f64], products: &mut [f64]) {
     }
 }
 
+/// Takes from the products of errors what all have of a part of the first one's.
+fn inherit(products: &mut [f64], count: usize, less: f64) {
+    let first = products[..count].to_vec();
+    if first[0] > 0.0 && less < 1.0 {
+        for (k, row) in products.chunks_exact_mut(count).enumerate() {
+            row.iter_mut().zip(&first).for_each(|(own, l)| *own -= (1.0 - less) * first[k] * l / first[0]);
+        }
+    }
+}
+
 fn sum(cells: &[Products]) -> Products {
     let mut whole = vec![0.0; cells.first().map_or(0, Vec::len)];
     for cell in cells {
@@ -424,6 +477,16 @@ mod tests {
         }
         assert!(own < 0.9 * new, "{own} {crossed} {new}");
         assert!((crossed / new - 1.0).abs() < 0.1, "{own} {crossed} {new}");
+    }
+
+    /// Of errors `a`, `c a + r` with `r` apart from `a`: those of a part of `a`.
+    #[test]
+    fn what_goes_along_with_the_first_error_is_inherited_in_part() {
+        let (a, c, r, less) = (4.0, 0.5, 3.0, 0.3);
+        let mut products = vec![a, c * a, c * a, c * c * a + r];
+        inherit(&mut products, 2, less);
+        let expected = [less * a, less * c * a, less * c * a, less * c * c * a + r];
+        assert!(products.iter().zip(expected).all(|(found, e)| (found - e).abs() < 1e-12), "{products:?}");
     }
 
     #[test]

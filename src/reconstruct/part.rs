@@ -262,13 +262,12 @@ fn along_motion<'a>(
     };
     let planes = group.channels.iter().map(plane).collect::<Result<_, _>>()?;
     let samples = Planes::new(group.mask.size(), planes).map_err(fail)?;
-    let mut options = Options::of(lacuna_filters::variational::ss::Settings::default());
+    let mut options = Options::of(lacuna_filters::variational::edge::Settings::default());
     options.limit = false;
-    let splines =
-        |samples: &Planes, mask: &Arc<Mask>| fill_with(samples, mask, &options, work.plans, work.run);
-    let filled = splines(&samples, &group.mask).map_err(fail)?.planes;
+    let edges = |samples: &Planes, mask: &Arc<Mask>| fill_with(samples, mask, &options, work.plans, work.run);
+    let filled = edges(&samples, &group.mask).map_err(fail)?.planes;
     // Samples of a neighbour that are not finite count as missing, as they do here.
-    let fill = |samples: &Planes, mask: &Arc<Mask>| splines(samples, mask).ok().map(|filled| filled.planes);
+    let fill = |samples: &Planes, mask: &Arc<Mask>| edges(samples, mask).ok().map(|filled| filled.planes);
     let names = channel_names(part, group);
     let reference = Reference { names, filled, samples: &samples, mask: &group.mask, fill: &fill };
     let own = (frame, work.masks, work.index);

@@ -1,24 +1,35 @@
 //! Samples of other frames on top of what a frame makes of its own: how much they count where, by held-out samples.
+//!
+//! A held-out sample is not where a missing pixel is: it stands in an emptier place, where the frame alone errs more (`less`), and where nothing is carried
+//! anywhere it lacks the sample of another frame that a missing pixel has (`standing`). Both are made up for before anything is chosen.
 
 use std::sync::Arc;
 
+use super::standing::Standing;
 use super::{Blend, Candidate, blend};
-use crate::estimate::{Folds, HeldOut};
+use crate::estimate::{Folds, HeldOut, Kind};
 use crate::sampling::hash;
-use crate::temporal::{self, Carried};
-use crate::weights::Weights;
-use crate::{Error, Mask, Outcome, Planes, Run};
+use crate::temporal::{self, Carried, Pull};
+use crate::variational::ss;
+use crate::weights::{Preferred, Weights};
+use crate::{Error, Filter, Mask, Outcome, Planes, Problem, Run};
 
-/// What samples of other frames may weigh.
-const MOVING: [f64; 2] = [10.0, 100.0];
-/// The same where nothing moves: the last one takes them as they are.
-const STILL: [f64; 2] = [10.0, 1e6];
+/// How samples of other frames may pull.
+const PULLS: [Pull; 3] = [
+    Pull { weight: 10.0, levelled: false },
+    Pull { weight: 60.0, levelled: false },
+    Pull { weight: 100.0, levelled: true },
+];
+/// Takes them as they are, where nothing moves.
+const FIRM: Pull = Pull { weight: 1e6, levelled: false };
 /// What reports call them.
 const NAME: &str = "neighbours";
 /// What other frames must take away of the squared error to be used.
 const WORTH: f64 = 0.05;
 /// The share of the squared error that taking them as they are may cost by held-out samples.
 const LOSS: f64 = 0.5;
+/// The power of the variance that errors go by, between that of edges and that of shading.
+const LESS: f64 = 0.8;
 /// Makes halves that are independent of the folds.
 const HALVES: u64 = 0x51;
 
@@ -44,6 +55,29 @@ impl Along {
     }
 }
 
+/// Other frames, and what is to be known of them.
+struct Others<'a> {
+    carried: &'a [Carried],
+    /// How their samples may pull.
+    pulls: Vec<Pull>,
+    /// What each makes of its own, where all stand on the pixels of this frame.
+    fills: Vec<Planes>,
+    /// Whether they do.
+    whole: bool,
+}
+
+impl<'a> Others<'a> {
+    fn new(samples: &Planes, carried: &'a [Carried], run: &Run<'_>) -> Result<Self, Error> {
+        let mut pulls = PULLS.to_vec();
+        let whole = carried.iter().all(Carried::is_still);
+        if whole {
+            pulls.push(FIRM);
+        }
+        let fills = if whole { fills(samples, carried, run)? } else { Vec::new() };
+        Ok(Self { carried, pulls, fills, whole })
+    }
+}
+
 /// Pulls the blend `out` towards samples of other frames, where held-out samples show that this helps; nothing if it does so nowhere.
 pub fn pulled(
     own: &Blend,
@@ -52,43 +86,18 @@ pub fn pulled(
     out: &mut Planes,
     run: &Run<'_>,
 ) -> Result<Option<Along>, Error> {
-    let pulls = if carried.iter().all(Carried::is_still) { STILL } else { MOVING };
-    let judged: Vec<Carried> = carried.iter().map(|carried| carried.to_judge().clone()).collect();
-    let thinned = temporal::thinned(&own.mask, &judged);
-    let mut held = vec![HeldOut::default(); 1 + pulls.len()];
-    for parts in own.folds.near(own.mask.count()).take(temporal::JUDGES) {
-        let (folds, given) = ((own.folds, [parts.clone(), parts]), (samples, &*own.mask));
-        let mut alone = Planes::zeros(samples.size(), 0);
-        let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
-            alone = Planes::zeros(samples.size(), samples.len());
-            blend(all, weights, (samples, kept), &mut alone, run)?;
-            Ok(alone.clone())
-        };
-        held[0].extend(HeldOut::new(given, folds.clone(), None, &mut fill)?);
-        if alone.is_empty() {
-            continue;
-        }
-        for (pull, held) in pulls.iter().zip(&mut held[1..]) {
-            let mut fill = |_: &Planes, kept: &Arc<Mask>| {
-                let mut image = alone.clone();
-                temporal::pull(kept, &thinned, *pull, &mut image, run);
-                Ok(image)
-            };
-            held.extend(HeldOut::new(given, folds.clone(), None, &mut fill)?);
-        }
-    }
+    let others = Others::new(samples, carried, run)?;
+    let held = held_out(own, (all, weights), (samples, &others), out, run)?;
     if run.interrupted().is_some() || held[0].at.is_empty() {
         return Ok(None);
     }
+    let less = less(&held[0], own);
+    let misses = if others.whole { misses(&own.mask, carried, out) } else { Vec::new() };
     let learn = |held: &[HeldOut]| {
-        if pulls == STILL {
-            // What is held out sees less of other frames than missing pixels do, as the frames' masks differ.
-            Weights::preferring(&own.mask, samples, held, (held.len() - 1, LOSS))
-        } else {
-            Weights::new(&own.mask, samples, held)
-        }
+        let firm = Preferred { candidate: held.len() - 1, loss: LOSS, misses: &misses };
+        Weights::beside(&own.mask, samples, held, less, others.whole.then_some(firm))
     };
-    let gain = gain(own.folds, samples, &held, &learn);
+    let gain = gain(own.folds, samples, (&held, less), &learn);
     let weights = learn(&held);
     if gain < WORTH || weights.alone() == Some(0) {
         return Ok(None);
@@ -99,7 +108,8 @@ pub fn pulled(
     for k in (0..held.len()).filter(|k| weights.counts(*k)) {
         let mut image = alone.clone();
         if k > 0 {
-            outcome = outcome.worst(temporal::pull(&own.mask, carried, pulls[k - 1], &mut image, run));
+            let from = (carried, &*others.fills);
+            outcome = outcome.worst(temporal::pull(&own.mask, from, others.pulls[k - 1], &mut image, run));
         }
         weights.add(k, &image, out);
     }
@@ -110,19 +120,100 @@ pub fn pulled(
     Ok(Some(Along { outcome, share, gain: Some(gain), held: Weights::crossed(&held, &learn) }))
 }
 
+/// What the blend alone and each way to pull it, in this order, predict at held-out samples; `filled` is the blend of all samples.
+fn held_out(
+    own: &Blend,
+    (all, weights): (&mut [Candidate<'_>], &Weights),
+    (samples, others): (&Planes, &Others<'_>),
+    filled: &Planes,
+    run: &Run<'_>,
+) -> Result<Vec<HeldOut>, Error> {
+    let judged: Vec<Carried> = others.carried.iter().map(|carried| carried.to_judge().clone()).collect();
+    let thinned = temporal::thinned(&own.mask, &judged);
+    let mut held = vec![HeldOut::default(); 1 + others.pulls.len()];
+    for parts in temporal::judging(own.folds, own.mask.count()) {
+        let (folds, given) = ((own.folds, [parts.clone(), parts]), (samples, &*own.mask));
+        let mut alone = Planes::zeros(samples.size(), 0);
+        let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
+            alone = Planes::zeros(samples.size(), samples.len());
+            blend(all, weights, (samples, kept), &mut alone, run)?;
+            Ok(alone.clone())
+        };
+        let fold = HeldOut::new(given, folds.clone(), None, &mut fill)?;
+        if alone.is_empty() {
+            continue;
+        }
+        let mut known = thinned.clone();
+        if others.whole && !fold.at.is_empty() {
+            let less = less(&fold, own);
+            let standing = Standing { samples, mask: &own.mask, filled, held: &fold, less };
+            standing.complete(&mut known, &others.fills);
+        }
+        held[0].extend(fold);
+        for (pull, held) in others.pulls.iter().zip(&mut held[1..]) {
+            let mut fill = |_: &Planes, kept: &Arc<Mask>| {
+                let mut image = alone.clone();
+                temporal::pull(kept, (&known, &others.fills), *pull, &mut image, run);
+                Ok(image)
+            };
+            held.extend(HeldOut::new(given, folds.clone(), None, &mut fill)?);
+        }
+    }
+    Ok(held)
+}
+
+/// The fill of each other frame by itself, where nothing moves.
+fn fills(samples: &Planes, carried: &[Carried], run: &Run<'_>) -> Result<Vec<Planes>, Error> {
+    let one = |carried: &Carried| {
+        let (own, mask) = carried.on_grid(samples.size());
+        let mut out = Planes::zeros(samples.size(), samples.len());
+        if !mask.is_empty() {
+            let plan = ss::Settings::default().plan(&Problem::fill(Arc::new(mask)), run)?;
+            plan.reconstruct(&own, &mut out, run)?;
+        }
+        Ok(out)
+    };
+    carried.iter().map(one).collect()
+}
+
+/// By how much samples of other frames in missing pixels miss the image that this frame makes of its own, squared: pixel by pixel.
+fn misses(mask: &Mask, carried: &[Carried], image: &Planes) -> Vec<(u32, f64)> {
+    let of = |carried: &Carried| {
+        let errors: Vec<f64> = temporal::off(carried, image).collect();
+        let all = carried.pixels(mask.size()).zip(errors);
+        all.filter(|(at, _)| !mask.as_slice()[*at])
+            .map(|(at, error)| (at as u32, error * image.len() as f64))
+            .collect::<Vec<_>>()
+    };
+    carried.iter().flat_map(of).collect()
+}
+
 /// The part of the squared error that a blend takes away, whose weights half of what was held out learns for the other half: what chance alone
 /// would choose gains nothing.
-fn gain(folds: Folds, samples: &Planes, held: &[HeldOut], learn: &dyn Fn(&[HeldOut]) -> Weights) -> f64 {
+fn gain(
+    folds: Folds,
+    samples: &Planes,
+    (held, less): (&[HeldOut], f64),
+    learn: &dyn Fn(&[HeldOut]) -> Weights,
+) -> f64 {
     let half = |odd: bool| -> Vec<HeldOut> {
         let is = |pixel: u32| (hash(folds.seed ^ HALVES, u64::from(pixel)) % 2 == 1) == odd;
         held.iter().map(|held| held.sorted(is)).collect()
     };
-    let sum = |held: &HeldOut| held.squared_errors(samples).iter().map(|e| f64::from(*e)).sum::<f64>();
+    let products = |a: &HeldOut, b: &HeldOut| a.products(b, samples);
     let halves = [half(false), half(true)];
-    let (mut before, mut after) = (0.0, 0.0);
+    let mut sums = [0.0; 3];
     for (own, other) in [(&halves[0], &halves[1]), (&halves[1], &halves[0])] {
-        before += sum(&other[0]);
-        after += sum(&learn(own).of_held_out(other));
+        let after = learn(own).of_held_out(other);
+        sums[0] += products(&other[0], &other[0]);
+        sums[1] += products(&other[0], &after);
+        sums[2] += products(&after, &after);
     }
-    if before > 0.0 { 1.0 - after / before } else { 0.0 }
+    let [before, both, after] = sums;
+    if before > 0.0 { 1.0 - (after - (1.0 - less) * both * both / before) / (less * before) } else { 0.0 }
+}
+
+/// How much less the frame alone errs at missing pixels than at held-out ones, squared, as far as the pattern of its samples tells.
+fn less(held: &HeldOut, own: &Blend) -> f64 {
+    held.emptier(&own.mask, own.folds, Kind::Spline).min(1.0).powf(LESS)
 }

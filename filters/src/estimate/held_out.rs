@@ -115,6 +115,25 @@ impl HeldOut {
         own
     }
 
+    /// How much less the pattern of samples leaves open at missing pixels than at these, held out one fold at a time: the ratio of the
+    /// geometric means of variances.
+    pub fn emptier(&self, mask: &Mask, folds: Folds, kind: Kind) -> f64 {
+        let ln = |variances: &[f32]| -> f64 {
+            let finite = variances.iter().map(|v| f64::from(v.ln())).filter(|ln| ln.is_finite());
+            let (sum, count) = finite.fold((0.0, 0_usize), |(sum, count), ln| (sum + ln, count + 1));
+            sum / count.max(1) as f64
+        };
+        let places = Places::new(mask, |_| true);
+        let missing: Vec<u32> =
+            mask.as_slice().iter().enumerate().filter(|(_, flag)| !**flag).map(|(at, _)| at as u32).collect();
+        let few: Vec<u32> = missing.iter().copied().step_by(missing.len().div_ceil(ENOUGH).max(1)).collect();
+        if few.is_empty() || self.at.is_empty() {
+            return 1.0;
+        }
+        let there = Variance::new(kind, mask, &places, folds.seed).all(&places, &few);
+        (ln(&there) - ln(&self.with_variance(mask, folds, kind).variance)).exp()
+    }
+
     /// Adds what was predicted elsewhere.
     pub fn extend(&mut self, other: Self) {
         self.at.extend(other.at);
@@ -147,6 +166,16 @@ impl HeldOut {
             }
         }
         sums.into_iter().map(|sum| (sum / truth.len().max(1) as f64) as f32).collect()
+    }
+
+    /// The sum over samples and channels of the products of the errors of two predictions at the same samples.
+    pub fn products(&self, other: &Self, truth: &Planes) -> f64 {
+        let planes = truth.as_slice().iter().zip(self.predicted.iter().zip(&other.predicted));
+        let plane = |(plane, (own, other)): (&crate::Plane, (&Vec<f32>, &Vec<f32>))| -> f64 {
+            let error = |at: &u32, value: f32| f64::from(value) - f64::from(plane.pixels()[*at as usize]);
+            self.at.iter().zip(own.iter().zip(other)).map(|(at, (a, b))| error(at, *a) * error(at, *b)).sum()
+        };
+        planes.map(plane).sum()
     }
 
     pub(super) fn map(&mut self, f: &impl Fn(usize, f32) -> f32) {

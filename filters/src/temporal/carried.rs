@@ -75,9 +75,39 @@ impl Carried {
         self.places.iter().flatten().all(|at| at.fract() == 0.0)
     }
 
-    /// How much it counts for being near in time.
-    pub(crate) fn nearness(&self) -> f64 {
-        1.0 / f64::from(self.distance).powi(2)
+    /// The pixels of an image of that size in which the samples are, in their order.
+    pub(crate) fn pixels(&self, size: Size) -> impl Iterator<Item = usize> {
+        self.places.iter().map(move |place| pixel(size, *place))
+    }
+
+    /// The value of a sample in a plane.
+    pub(crate) fn value(&self, plane: usize, sample: usize) -> f32 {
+        self.values[plane][sample]
+    }
+
+    /// Adds a sample at a place in the image.
+    pub(crate) fn push(&mut self, place: [f32; 2], values: &[f32]) {
+        self.places.push(place);
+        self.values.iter_mut().zip(values).for_each(|(own, value)| own.push(*value));
+    }
+
+    /// The samples as pixels of an image, those of one pixel one after the other.
+    pub(crate) fn on_grid(&self, size: Size) -> (Planes, Mask) {
+        let mut flags = vec![false; size.pixels()];
+        let mut planes = Planes::zeros(size, self.values.len());
+        for (i, at) in self.pixels(size).enumerate() {
+            flags[at] = true;
+            for (plane, values) in planes.as_mut_slice().iter_mut().zip(&self.values) {
+                plane.pixels_mut()[at] = values[i];
+            }
+        }
+        (planes, Mask::of(size, flags))
+    }
+
+    /// How much it counts for being near in time: less for what it differs by, of which levelling leaves less.
+    pub(crate) fn nearness(&self, levelled: bool) -> f64 {
+        let near = 1.0 / f64::from(self.distance);
+        if levelled { near } else { near * near }
     }
 
     /// Of these planes, in this order.

@@ -30,7 +30,7 @@ const WINDOW: f64 = 2.5;
 /// Steps on each level.
 const STEPS: usize = 8;
 /// Standard deviation of the blur of the field after each step, in pixels.
-const SMOOTH: f64 = 1.0;
+const SMOOTH: f64 = 3.5;
 /// Images with a shorter side are not halved.
 const SMALL: usize = 24;
 /// What is added to the squared gradients, over the mean of all.

@@ -101,11 +101,28 @@ fn what_shows_something_else_costs_nothing() {
         let wrong = filled(&masks, |_| truth.clone(), |k| [2.5 * (k as f32 - 2.0), 3.0]).0;
         let sign =
             filled(&masks, |k| scene(0.0, 2.0 * (k as f32 - 2.0)), |k| [0.0, 2.0 * (k as f32 - 2.0)]).0;
-        for (name, image) in [("cut", cut), ("wrong", wrong), ("sign", sign)] {
+        // What moves, taken for still.
+        let still = filled(&masks, |k| scene(0.4 * (k as f32 - 2.0), 0.9 * (k as f32 - 2.0)), |_| [0.0; 2]).0;
+        for (name, image) in [("cut", cut), ("wrong", wrong), ("sign", sign), ("still", still)] {
             let with = error(&image, &truth);
             assert!(with <= bound, "{name}: {with}, alone {own}");
         }
     }
+}
+
+#[test]
+fn light_that_changes_is_levelled() {
+    let masks = masks(Temporal::Complementary);
+    let truth = scene(0.0, 0.0);
+    let shows = |k: usize| {
+        let (time, plane) = (k as f32 - 2.0, &truth.as_slice()[0]);
+        let lit =
+            |y: usize, x: usize| plane.at(y, x) * (1.0 + 0.2 * time * (0.05 * x as f32).sin()) + 0.05 * time;
+        Planes::new(SIZE, vec![Plane::from_fn(SIZE, lit)]).unwrap()
+    };
+    let (image, gain) = filled(&masks, shows, |_| [0.0; 2]);
+    let (own, with) = (error(&alone(&masks[2], &truth), &truth), error(&image, &truth));
+    assert!(with < own / 3.0, "{with} of {own}, {gain:?}");
 }
 
 #[test]
