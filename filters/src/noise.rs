@@ -15,6 +15,10 @@
 //! else, at held-out samples:                          (F_k y - y)(F_l y - y)
 //! ```
 //!
+//! Measured pixels are weighed by the first, missing ones, which candidates that pass through the samples leave wrong as well, by the second. For missing
+//! pixels there are two more: edge-enhancing splines through the smoothed samples, and with guides through what a regression leaves of these. Each
+//! surface, as labels tell it, has weights of its own (`weights/surfaces`).
+//!
 //! The first is Stein's estimate: half the difference of two half buffers is noise of the same variance as that of their mean, and does not
 //! correlate with it. Channels share their weights. Nothing is chosen by hand: an image without noise is left alone where nothing is
 //! known ([`Set::smoothed`](crate::fill::Set::smoothed) says so).
@@ -25,7 +29,7 @@
 //!
 //! Boundary: that of the candidates. No settings. The same bits for any number of threads.
 //!
-//! Cost: up to seven fills, twice as many planes where noise is known. Memory: so many images.
+//! Cost: up to nine fills, twice as many planes in most where noise is known, and as many without the samples of a fold. Memory: so many images.
 //!
 //! Fails: where noise correlates between pixels, as after a denoiser; details as small as the noise, which are smoothed away.
 //!
@@ -34,7 +38,9 @@
 //! et al., "Nonlinearly Weighted First-order Regression for Denoising Monte Carlo Renderings", Computer Graphics Forum 35(4), 2016
 //! (regressions on features, widths chosen by half buffers).
 
+mod blend;
 mod candidates;
+mod split;
 #[cfg(test)]
 mod tests;
 
@@ -45,9 +51,11 @@ use crate::estimate::Folds;
 use crate::kernel::blur::blur;
 use crate::sampling::hash;
 use crate::variational::guided::{Effect, Guides};
-use crate::weights::{Neighbourhood, Weights, add_products};
+use crate::weights::{Neighbourhood, Surfaces};
 use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
+use blend::Blend;
 use candidates::{Candidate, Task};
+use split::Split;
 
 /// What is known of the noise of the samples.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -123,26 +131,13 @@ pub(crate) fn reconstruct(
         (_, weights) => weights.cloned(),
     };
     let task = Task { guides: known.guides, weights: precision.as_ref(), run };
-    let (weights, images, outcome) = if let Some(noise) = &split.noise {
-        let (values, noises, outcome) = task.both(&all, mask, (&split.samples, noise))?;
-        (by_noise(mask, &split.samples, noise, (&values, &noises)), values, outcome)
-    } else {
-        let (weights, error) = task.held_out(&all, mask, &split.samples)?;
-        if error > 1.0 - NOISY {
-            return Ok(None);
-        }
-        let (values, outcome) = task.each(&all, mask, &split.samples)?;
-        (weights, values, outcome)
-    };
+    let surfaces = Surfaces::new(mask.size(), known.guides.and_then(Guides::labels));
+    let Some(blend) = Blend::new(&task, &all, mask, &split, &surfaces)? else { return Ok(None) };
     if run.interrupted().is_some() {
         return Ok(None);
     }
-    out.as_mut_slice().iter_mut().for_each(|plane| plane.pixels_mut().fill(0.0));
-    let mut effect = Effect::default();
-    for (k, (candidate, image)) in all.iter().zip(&images).enumerate().filter(|(k, _)| weights.counts(*k)) {
-        weights.add(k, image, out);
-        effect.shares.push((candidate.name, weights.share(k)));
-    }
+    let mut effect = Effect { shares: blend.fill(&all, mask, out, run)?, ..Effect::default() };
+    let outcome = blend.outcome;
     if let Some(guides) = known.guides.filter(|_| all.iter().any(Candidate::is_guided)) {
         effect.guides = guides.all_names().cloned().collect();
     }
@@ -181,86 +176,6 @@ fn precision(mask: &Mask, noise: &Planes) -> Option<Plane> {
     };
     let weights = sums.iter().zip(&counts).map(weight).collect();
     Some(Plane::of(size, weights))
-}
-
-/// The weights by Stein's estimate, at all samples whose noise is known.
-fn by_noise(
-    mask: &Mask,
-    samples: &Planes,
-    noise: &Planes,
-    (values, noises): (&[Planes], &[Planes]),
-) -> Weights {
-    let known = |pixel: usize| noise.as_slice().iter().all(|plane| plane.pixels()[pixel].is_finite());
-    let at: Vec<u32> =
-        (0..mask.size().pixels()).filter(|&p| mask.as_slice()[p] && known(p)).map(|p| p as u32).collect();
-    let (mut errors, mut answers) = (vec![0.0; values.len()], vec![0.0; values.len()]);
-    let products = |_: usize, pixel: usize, products: &mut [f64]| {
-        for channel in 0..samples.len() {
-            let value = |planes: &Planes| f64::from(planes.as_slice()[channel].pixels()[pixel]);
-            let (y, n) = (value(samples), value(noise));
-            errors.iter_mut().zip(values).for_each(|(error, image)| *error = value(image) - y);
-            answers.iter_mut().zip(noises).for_each(|(answer, image)| *answer = n * value(image));
-            add_products(&errors, products);
-            for (row, a) in products.chunks_exact_mut(answers.len()).zip(&answers) {
-                row.iter_mut().zip(&answers).for_each(|(product, b)| *product += a + b - n * n);
-            }
-        }
-    };
-    Weights::of_products(mask, (&at, NEIGHBOURHOOD), values.len(), products).0
-}
-
-/// Samples below the limit, and what lies beyond it.
-struct Split {
-    samples: Planes,
-    noise: Option<Planes>,
-    /// Light beyond the limit.
-    lights: Option<Planes>,
-}
-
-impl Split {
-    fn new(mask: &Mask, samples: &Planes, noise: Option<&Planes>, light: bool) -> Self {
-        let mut own = Self { samples: samples.clone(), noise: noise.cloned(), lights: None };
-        let limit = if light { limit(mask, samples) } else { f32::INFINITY };
-        let mut lights = Planes::zeros(samples.size(), samples.len());
-        let mut any = false;
-        for (channel, (plane, light)) in
-            own.samples.as_mut_slice().iter_mut().zip(lights.as_mut_slice()).enumerate()
-        {
-            let mut noise = own.noise.as_mut().map(|planes| planes.as_mut_slice()[channel].pixels_mut());
-            for (pixel, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
-                let value = plane.pixels()[pixel];
-                let n = noise.as_ref().map_or(0.0, |noise| noise[pixel]);
-                let n = if n.is_finite() { n } else { 0.0 };
-                let (low, high) = (value - n.abs(), value + n.abs());
-                if high <= limit {
-                    continue;
-                }
-                let halves = (low.min(limit), high.min(limit));
-                plane.pixels_mut()[pixel] = 0.5 * (halves.0 + halves.1);
-                if let Some(noise) = &mut noise {
-                    noise[pixel] = (0.5 * (halves.1 - halves.0)).copysign(n);
-                }
-                light.pixels_mut()[pixel] = (low - limit).max(0.0);
-                any |= low > limit;
-            }
-        }
-        own.lights = any.then_some(lights);
-        own
-    }
-}
-
-/// The value above which a sample is a light, or a firefly; infinite where nothing is.
-fn limit(mask: &Mask, samples: &Planes) -> f32 {
-    let mut levels: Vec<f32> = (0..mask.size().pixels())
-        .filter(|&pixel| mask.as_slice()[pixel])
-        .map(|pixel| samples.as_slice().iter().fold(0.0_f32, |most, plane| most.max(plane.pixels()[pixel])))
-        .collect();
-    if levels.is_empty() {
-        return f32::INFINITY;
-    }
-    let at = levels.len() * 9 / 10;
-    let (_, level, _) = levels.select_nth_unstable_by(at, f32::total_cmp);
-    if *level > 0.0 { LIMIT * *level } else { f32::INFINITY }
 }
 
 /// Folds by which samples are held out.

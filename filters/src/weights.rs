@@ -7,12 +7,16 @@
 //! with `e_kl(i)` the product of two candidates' errors, `g` a Gaussian of some spacings of samples ([`Neighbourhood`]), `B` the sum over all of the image and
 //! `s` its share: where few samples are around a pixel, or nothing differs, the image decides.
 
+mod simplex;
+mod surfaces;
+
 use lacuna_core::parallel::prelude::*;
 
 use crate::estimate::HeldOut;
 use crate::sampling::hash;
-use crate::solver::cholesky::Cholesky;
 use crate::{Mask, Planes, Size};
+use simplex::best;
+pub use surfaces::{BySurface, Surfaces};
 
 /// What the weights of a pixel are learned from.
 #[derive(Clone, Copy, Debug)]
@@ -139,23 +143,6 @@ impl Weights {
             other <= most * own
         };
         sums.iter().zip(around).map(right).collect()
-    }
-
-    /// From the products of errors at samples, which `products(i, pixel, sums)` adds for the `i`th of them. All candidates count. Also the
-    /// squared error of the blend over that of the first candidate.
-    pub fn of_products(
-        mask: &Mask,
-        (at, near): (&[u32], Neighbourhood),
-        count: usize,
-        products: impl FnMut(usize, usize, &mut [f64]),
-    ) -> (Self, f64) {
-        let (mut own, around, whole) = Self::summed(mask, (at, near), count, products);
-        let all: Vec<usize> = (0..count).collect();
-        let (of, error) = Self::solve(&around, (&whole, own.frame), count, &all);
-        own.of = of;
-        own.shares = own.mean_at_missing(mask);
-        let first: f64 = around.iter().map(|cell| best(cell, (&whole, near.frame), count, &[0]).1).sum();
-        (own, if first > 0.0 { error / first } else { 1.0 })
     }
 
     /// Cells and sums as of [`Self::summed`], from predictions at the same held-out samples.
@@ -383,63 +370,9 @@ fn blur(size: Size, cells: &[Products]) -> Vec<Products> {
     pass(&rows, size.width, size.height, &|at| at / size.width)
 }
 
-/// The weights, among those candidates, that make the squared error of a neighbourhood least, and that error.
-///
-/// Every set of candidates is tried: on it the least error under `sum w = 1` is that of `w ~ A^-1 1`, and the best one that has no negative
-/// weight is the answer.
-fn best(cell: &[f64], (whole, frame): (&[f64], f64), count: usize, among: &[usize]) -> (Vec<f64>, f64) {
-    let trace = |of: &[f64]| among.iter().map(|&k| of[k * count + k]).sum::<f64>();
-    let (here, all) = (trace(cell), trace(whole));
-    let equal = || (vec![1.0 / among.len() as f64; among.len()], 0.0);
-    if all <= 0.0 || !all.is_finite() {
-        return equal();
-    }
-    // A neighbourhood without any error takes the weights of the image.
-    let level = if here > 1e-12 * all { here } else { 1e-12 * all };
-    let at = |k: usize, l: usize| (cell[k * count + l] + frame * level * whole[k * count + l] / all) / level;
-    let mut found = equal();
-    found.1 = f64::INFINITY;
-    for set in 1_usize..1 << among.len() {
-        let chosen: Vec<usize> = (0..among.len()).filter(|k| set >> k & 1 == 1).collect();
-        let entry =
-            |i: usize, j: usize| at(among[chosen[i]], among[chosen[j]]) + if i == j { RIDGE } else { 0.0 };
-        let mut w = vec![1.0; chosen.len()];
-        Cholesky::new(chosen.len(), 1e-12, entry).solve(&mut w);
-        let total: f64 = w.iter().sum();
-        if total <= 0.0 || !total.is_finite() || w.iter().any(|&w| w < 0.0) {
-            continue;
-        }
-        for w in &mut w {
-            *w /= total;
-        }
-        let error: f64 = (0..w.len())
-            .map(|i| (0..w.len()).map(|j| w[i] * w[j] * at(among[chosen[i]], among[chosen[j]])).sum::<f64>())
-            .sum();
-        if error < found.1 {
-            let mut weights = vec![0.0; among.len()];
-            chosen.iter().zip(w).for_each(|(&k, w)| weights[k] = w);
-            found = (weights, error);
-        }
-    }
-    (found.0, found.1 * level)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn two_candidates_have_the_weights_of_the_closed_form() {
-        // e1, e2 of variances 1 and 4, covariance 0.5: w1 = (4 - 0.5) / (1 + 4 - 1).
-        let a = [1.0, 0.5, 0.5, 4.0];
-        let (w, _) = best(&a, (&a, 0.5), 2, &[0, 1]);
-        assert!((w[0] - 0.875).abs() < 10.0 * RIDGE && (w[0] + w[1] - 1.0).abs() < 1e-12, "{w:?}");
-        // A covariance above the lesser variance would ask for a negative weight.
-        let a = [1.0, 1.5, 1.5, 4.0];
-        assert_eq!(best(&a, (&a, 0.5), 2, &[0, 1]).0, [1.0, 0.0]);
-        assert_eq!(best(&a, (&a, 0.5), 2, &[1]).0, [1.0]);
-        assert_eq!(best(&[0.0; 4], (&[0.0; 4], 0.5), 2, &[0, 1]).0, [0.5, 0.5]);
-    }
 
     /// A blend of errors that have nothing in common is better on those that it was learned from than on others, which crossing shows.
     #[test]
@@ -487,29 +420,5 @@ mod tests {
         inherit(&mut products, 2, less);
         let expected = [less * a, less * c * a, less * c * a, less * c * c * a + r];
         assert!(products.iter().zip(expected).all(|(found, e)| (found - e).abs() < 1e-12), "{products:?}");
-    }
-
-    #[test]
-    fn no_other_weights_do_better() {
-        let mut state = 1_u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (state >> 40) as f64 / (1 << 24) as f64 - 0.5
-        };
-        for _ in 0..50 {
-            let errors: Vec<[f64; 3]> = (0..12).map(|_| [random(), random(), random()]).collect();
-            let a: Vec<f64> =
-                (0..9).map(|at| errors.iter().map(|e| e[at / 3] * e[at % 3]).sum::<f64>()).collect();
-            let error = |w: &[f64]| {
-                errors.iter().map(|e| (0..3).map(|k| w[k] * e[k]).sum::<f64>().powi(2)).sum::<f64>()
-            };
-            let found = error(&best(&a, (&a, 0.5), 3, &[0, 1, 2]).0);
-            for i in 0..=40 {
-                for j in 0..=40 - i {
-                    let w = [f64::from(i) / 40.0, f64::from(j) / 40.0, f64::from(40 - i - j) / 40.0];
-                    assert!(found <= error(&w) + 10.0 * RIDGE * error(&[1.0 / 3.0; 3]), "{w:?}");
-                }
-            }
-        }
     }
 }

@@ -45,6 +45,7 @@ scene.render.engine = "CYCLES"
 scene.cycles.samples = samples
 scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
 scene.cycles.seed = side
+scene.cycles.pixel_filter_type = "BOX"  # as the bridge renders
 scene.render.resolution_x = scene.render.resolution_y = side
 scene.render.image_settings.file_format = "OPEN_EXR"
 scene.render.image_settings.color_mode = "RGB"

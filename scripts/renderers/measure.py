@@ -119,12 +119,12 @@ def rounds(folder):
     return "\n".join([head, *rows])
 
 
-def put(name, table):
-    """Puts a table between its markers."""
+def put(name, table, page=PAGE):
+    """Puts a table between its markers of a page."""
     load = f"*Load of the machine, with {os.cpu_count()} processors, when this ended: {os.getloadavg()[1]:.1f}.*"
     begin, end = f"<!-- measured: {name} -->", f"<!-- end of {name} -->"
-    before, rest = PAGE.read_text().split(begin)
-    PAGE.write_text(f"{before}{begin}\n{table}\n\n{load}\n{end}{rest.split(end)[1]}")
+    before, rest = page.read_text().split(begin)
+    page.write_text(f"{before}{begin}\n{table}\n\n{load}\n{end}{rest.split(end)[1]}")
 
 
 def main():

@@ -2,14 +2,12 @@
 
 use std::sync::Arc;
 
-use super::{FOLDS, NEIGHBOURHOOD};
+use super::FOLDS;
 use crate::baseline::push_pull;
-use crate::estimate::HeldOut;
 use crate::kernel::Isa;
 use crate::kernel::regress::{RIDGE, Scales};
 use crate::variational::guided::{Field, Guides, Reach, Store, Task as Fit, predict};
-use crate::variational::ss;
-use crate::weights::{Weights, add_products};
+use crate::variational::{edge, ss};
 use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
 
 /// Pixels whose distance counts as much as the standard deviation of a guide does.
@@ -67,6 +65,89 @@ impl Candidate {
     }
 }
 
+/// The candidates' images without the samples of a fold, at the measured pixels.
+pub struct Fold {
+    /// What is left.
+    pub kept: Arc<Mask>,
+    /// The pixels that were held out.
+    pub at: Vec<u32>,
+    /// By candidate.
+    pub images: Vec<Measured>,
+}
+
+/// Values at the measured pixels of a mask, by channel, row by row.
+pub struct Measured(Vec<Vec<f32>>);
+
+impl Measured {
+    fn of(planes: &Planes, mask: &Mask) -> Self {
+        let channel = |plane: &Plane| {
+            let measured = plane.pixels().iter().zip(mask.as_slice()).filter(|(_, flag)| **flag);
+            measured.map(|(value, _)| *value).collect()
+        };
+        Self(planes.as_slice().iter().map(channel).collect())
+    }
+
+    /// As planes, zero where nothing was measured.
+    pub fn planes(&self, mask: &Mask) -> Planes {
+        let channel = |values: &Vec<f32>| {
+            let mut values = values.iter();
+            let mut next = |flag: &bool| if *flag { values.next().copied().unwrap_or(0.0) } else { 0.0 };
+            Plane::of(mask.size(), mask.as_slice().iter().map(&mut next).collect())
+        };
+        Planes::of(mask.size(), self.0.iter().map(channel).collect())
+    }
+}
+
+/// A way to fill from samples that were smoothed, which it keeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Second {
+    /// Edge-enhancing splines.
+    Edge,
+    /// The same of what the regression leaves.
+    Rest,
+}
+
+impl Second {
+    /// All of them.
+    pub const fn all(guided: bool) -> &'static [Self] {
+        if guided { &[Self::Edge, Self::Rest] } else { &[Self::Edge] }
+    }
+
+    /// What the report calls it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Edge => "edge",
+            Self::Rest => "guided, edge",
+        }
+    }
+
+    /// Fills smoothed samples, of which `predicted` is what the regression makes.
+    pub fn fill(
+        self,
+        mask: &Arc<Mask>,
+        smooth: &Planes,
+        predicted: &Planes,
+        run: &Run<'_>,
+    ) -> Result<Planes, Error> {
+        let plan = edge::Settings::default().plan(&Problem::fill(Arc::clone(mask)), run)?;
+        let mut out = Planes::zeros(smooth.size(), smooth.len());
+        if self == Self::Edge {
+            plan.reconstruct(smooth, &mut out, run)?;
+            return Ok(out);
+        }
+        let mut rest = smooth.clone();
+        let each = |to: &mut Planes, by: &Planes, sign: f32| {
+            for (to, by) in to.as_mut_slice().iter_mut().zip(by.as_slice()) {
+                to.pixels_mut().iter_mut().zip(by.pixels()).for_each(|(to, by)| *to += sign * by);
+            }
+        };
+        each(&mut rest, predicted, -1.0);
+        plan.reconstruct(&rest, &mut out, run)?;
+        each(&mut out, predicted, 1.0);
+        Ok(out)
+    }
+}
+
 /// What all of them are given.
 #[derive(Clone, Copy)]
 pub struct Task<'a> {
@@ -117,42 +198,23 @@ impl Task<'_> {
         Ok((images, worst))
     }
 
-    /// Weights by held-out samples, and the squared error of the blend over that of the first candidate.
-    pub fn held_out(
-        &self,
-        all: &[Candidate],
-        mask: &Arc<Mask>,
-        samples: &Planes,
-    ) -> Result<(Weights, f64), Error> {
-        let mut held = vec![HeldOut::default(); all.len()];
-        for parts in FOLDS.near(mask.count()) {
-            let wanted = FOLDS.held_out(mask, &parts);
-            let mut flags = vec![false; mask.size().pixels()];
-            for &pixel in &wanted {
-                flags[pixel as usize] = true;
+    /// What the candidates make of the samples without some of them.
+    pub fn folds(&self, all: &[Candidate], mask: &Arc<Mask>, samples: &Planes) -> Result<Vec<Fold>, Error> {
+        let one = |parts| {
+            let kept = Arc::new(FOLDS.without(mask, &parts));
+            let at = FOLDS.held_out(mask, &parts);
+            if at.is_empty() || kept.is_empty() {
+                return Ok(None);
             }
-            let wanted = Mask::of(mask.size(), flags);
-            for (candidate, held) in all.iter().zip(&mut held) {
-                let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
-                    let mut out = Planes::zeros(samples.size(), samples.len());
-                    self.one(candidate, (kept, &wanted), samples, &mut out)?;
-                    Ok(out)
-                };
-                let ranges = [parts.clone(), parts.clone()];
-                held.extend(HeldOut::new((samples, mask), (FOLDS, ranges), None, &mut fill)?);
+            let mut images = Vec::with_capacity(all.len());
+            for candidate in all {
+                let mut out = Planes::zeros(samples.size(), samples.len());
+                self.one(candidate, (&kept, mask), samples, &mut out)?;
+                images.push(Measured::of(&out, mask));
             }
-        }
-        let at = held[0].at.clone();
-        let mut errors = vec![0.0; all.len()];
-        Ok(Weights::of_products(mask, (&at, NEIGHBOURHOOD), all.len(), |i, pixel, products| {
-            for (channel, plane) in samples.as_slice().iter().enumerate() {
-                let value = f64::from(plane.pixels()[pixel]);
-                for (error, held) in errors.iter_mut().zip(&held) {
-                    *error = f64::from(held.predicted[channel][i]) - value;
-                }
-                add_products(&errors, products);
-            }
-        }))
+            Ok(Some(Fold { kept, at, images }))
+        };
+        FOLDS.near(mask.count()).map(one).filter_map(Result::transpose).collect()
     }
 
     /// One candidate's image where it is `wanted`, at least.

@@ -1,0 +1,174 @@
+//! The blend: weights at measured pixels, then fills of what they make of the samples, then weights at missing ones.
+
+use std::sync::Arc;
+
+use super::candidates::{Candidate, Fold, Second, Task};
+use super::split::Split;
+use super::{NEIGHBOURHOOD, NOISY};
+use crate::weights::{BySurface, Surfaces, add_products};
+use crate::{Error, Mask, Outcome, Planes, Run};
+
+/// What weighs the candidates, and what they make of all samples.
+pub struct Blend<'a> {
+    /// At measured pixels, of the first candidates.
+    measured: BySurface<'a>,
+    /// At missing ones, of all.
+    missing: BySurface<'a>,
+    images: Vec<Planes>,
+    /// How the solvers ended.
+    pub outcome: Outcome,
+}
+
+impl<'a> Blend<'a> {
+    /// Chooses; nothing if the samples show no noise.
+    pub fn new(
+        task: &Task<'_>,
+        all: &[Candidate],
+        mask: &Arc<Mask>,
+        split: &Split,
+        surfaces: &'a Surfaces,
+    ) -> Result<Option<Self>, Error> {
+        let samples = &split.samples;
+        let folds = task.folds(all, mask, samples)?;
+        let (measured, images, outcome) = if let Some(noise) = &split.noise {
+            let (values, noises, outcome) = task.both(all, mask, (samples, noise))?;
+            (by_noise(surfaces, mask, samples, noise, (&values, &noises)), values, outcome)
+        } else {
+            let (weights, error) = held_out(surfaces, &Held::new(mask, all.len(), &folds), samples);
+            if error > 1.0 - NOISY {
+                return Ok(None);
+            }
+            let (values, outcome) = task.each(all, mask, samples)?;
+            (weights, values, outcome)
+        };
+        let mut held = Held::new(mask, all.len(), &folds);
+        let seconds = Second::all(all.iter().any(Candidate::is_guided));
+        held.predicted.resize(all.len() + seconds.len(), Vec::new());
+        for fold in &folds {
+            let images: Vec<Planes> = fold.images.iter().map(|image| image.planes(mask)).collect();
+            let smooth = smoothed(&measured, &images, mask);
+            for (second, predicted) in seconds.iter().zip(&mut held.predicted[all.len()..]) {
+                let filled = second.fill(&fold.kept, &smooth, &images[base(all)], task.run)?;
+                predicted.extend(fold.at.iter().map(|&pixel| values(&filled, pixel)));
+            }
+        }
+        let missing = held_out(surfaces, &held, samples).0;
+        Ok(Some(Self { measured, missing, images, outcome }))
+    }
+
+    /// Fills all pixels of `out`; the mean weights at missing ones.
+    pub fn fill(
+        &self,
+        all: &[Candidate],
+        mask: &Arc<Mask>,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<Vec<(&'static str, f64)>, Error> {
+        out.as_mut_slice().iter_mut().for_each(|plane| plane.pixels_mut().fill(0.0));
+        let mut shares = Vec::new();
+        for (k, (candidate, image)) in all.iter().zip(&self.images).enumerate() {
+            self.measured.add(k, image, (mask, true), out);
+            shares.push((
+                candidate.name,
+                if mask.is_full() { &self.measured } else { &self.missing }.share(k, mask),
+            ));
+        }
+        if mask.is_full() {
+            return Ok(shares);
+        }
+        let smooth = out.clone();
+        for (k, image) in self.images.iter().enumerate() {
+            self.missing.add(k, image, (mask, false), out);
+        }
+        let guided = all.iter().any(Candidate::is_guided);
+        for (k, second) in (all.len()..).zip(Second::all(guided)) {
+            let share = self.missing.share(k, mask);
+            if share > 0.0 {
+                let image = second.fill(mask, &smooth, &self.images[base(all)], run)?;
+                self.missing.add(k, &image, (mask, false), out);
+            }
+            shares.push((second.name(), share));
+        }
+        Ok(shares)
+    }
+}
+
+/// The regression whose rest is filled.
+fn base(all: &[Candidate]) -> usize {
+    all.iter().position(|candidate| candidate.name == "guided 36").unwrap_or(0)
+}
+
+fn values(planes: &Planes, pixel: u32) -> Vec<f32> {
+    planes.as_slice().iter().map(|plane| plane.pixels()[pixel as usize]).collect()
+}
+
+/// What the weights make of the samples; zero at missing pixels.
+fn smoothed(weights: &BySurface<'_>, images: &[Planes], mask: &Mask) -> Planes {
+    let mut out = Planes::zeros(mask.size(), images.first().map_or(0, Planes::len));
+    for (k, image) in images.iter().enumerate() {
+        weights.add(k, image, (mask, true), &mut out);
+    }
+    out
+}
+
+/// Predictions at held-out samples: by candidate and sample the channels.
+struct Held {
+    at: Vec<u32>,
+    predicted: Vec<Vec<Vec<f32>>>,
+}
+
+impl Held {
+    fn new(mask: &Mask, count: usize, folds: &[Fold]) -> Self {
+        let at = folds.iter().flat_map(|fold| fold.at.iter().copied()).collect();
+        let mut predicted = vec![Vec::new(); count];
+        for fold in folds {
+            for (predicted, image) in predicted.iter_mut().zip(&fold.images) {
+                let image = image.planes(mask);
+                predicted.extend(fold.at.iter().map(|&pixel| values(&image, pixel)));
+            }
+        }
+        Self { at, predicted }
+    }
+}
+
+/// Weights by held-out samples, and the squared error of the blend over that of the first candidate.
+fn held_out<'a>(surfaces: &'a Surfaces, held: &Held, samples: &Planes) -> (BySurface<'a>, f64) {
+    let count = held.predicted.len();
+    let mut errors = vec![0.0; count];
+    BySurface::new(surfaces, (&held.at, NEIGHBOURHOOD), count, |i, pixel, products| {
+        for (channel, plane) in samples.as_slice().iter().enumerate() {
+            let value = f64::from(plane.pixels()[pixel]);
+            for (error, predicted) in errors.iter_mut().zip(&held.predicted) {
+                *error = f64::from(predicted[i][channel]) - value;
+            }
+            add_products(&errors, products);
+        }
+    })
+}
+
+/// The weights by Stein's estimate, at all samples whose noise is known.
+fn by_noise<'a>(
+    surfaces: &'a Surfaces,
+    mask: &Mask,
+    samples: &Planes,
+    noise: &Planes,
+    (values, noises): (&[Planes], &[Planes]),
+) -> BySurface<'a> {
+    let known = |pixel: usize| noise.as_slice().iter().all(|plane| plane.pixels()[pixel].is_finite());
+    let at: Vec<u32> =
+        (0..mask.size().pixels()).filter(|&p| mask.as_slice()[p] && known(p)).map(|p| p as u32).collect();
+    let (mut errors, mut answers) = (vec![0.0; values.len()], vec![0.0; values.len()]);
+    let products = |_: usize, pixel: usize, products: &mut [f64]| {
+        for channel in 0..samples.len() {
+            let value = |planes: &Planes| f64::from(planes.as_slice()[channel].pixels()[pixel]);
+            let (y, n) = (value(samples), value(noise));
+            errors.iter_mut().zip(values).for_each(|(error, image)| *error = value(image) - y);
+            answers.iter_mut().zip(noises).for_each(|(answer, image)| *answer = n * value(image));
+            add_products(&errors, products);
+            for (row, a) in products.chunks_exact_mut(answers.len()).zip(&answers) {
+                row.iter_mut().zip(&answers).for_each(|(product, b)| *product += a + b - n * n);
+            }
+        }
+    };
+    BySurface::new(surfaces, (&at, NEIGHBOURHOOD), values.len(), products).0
+}

@@ -1,0 +1,61 @@
+//! Fireflies and lights: what of a sample lies far above the others.
+
+use super::LIMIT;
+use crate::{Mask, Planes};
+
+/// Samples below the limit, and what lies beyond it.
+pub struct Split {
+    /// Samples below the limit.
+    pub samples: Planes,
+    /// Their noise.
+    pub noise: Option<Planes>,
+    /// Light beyond the limit.
+    pub lights: Option<Planes>,
+}
+
+impl Split {
+    /// Cuts samples at a level that they show themselves, if they may be light.
+    pub fn new(mask: &Mask, samples: &Planes, noise: Option<&Planes>, light: bool) -> Self {
+        let mut own = Self { samples: samples.clone(), noise: noise.cloned(), lights: None };
+        let limit = if light { limit(mask, samples) } else { f32::INFINITY };
+        let mut lights = Planes::zeros(samples.size(), samples.len());
+        let mut any = false;
+        for (channel, (plane, light)) in
+            own.samples.as_mut_slice().iter_mut().zip(lights.as_mut_slice()).enumerate()
+        {
+            let mut noise = own.noise.as_mut().map(|planes| planes.as_mut_slice()[channel].pixels_mut());
+            for (pixel, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
+                let value = plane.pixels()[pixel];
+                let n = noise.as_ref().map_or(0.0, |noise| noise[pixel]);
+                let n = if n.is_finite() { n } else { 0.0 };
+                let (low, high) = (value - n.abs(), value + n.abs());
+                if high <= limit {
+                    continue;
+                }
+                let halves = (low.min(limit), high.min(limit));
+                plane.pixels_mut()[pixel] = 0.5 * (halves.0 + halves.1);
+                if let Some(noise) = &mut noise {
+                    noise[pixel] = (0.5 * (halves.1 - halves.0)).copysign(n);
+                }
+                light.pixels_mut()[pixel] = (low - limit).max(0.0);
+                any |= low > limit;
+            }
+        }
+        own.lights = any.then_some(lights);
+        own
+    }
+}
+
+/// The value above which a sample is a light, or a firefly; infinite where nothing is.
+fn limit(mask: &Mask, samples: &Planes) -> f32 {
+    let mut levels: Vec<f32> = (0..mask.size().pixels())
+        .filter(|&pixel| mask.as_slice()[pixel])
+        .map(|pixel| samples.as_slice().iter().fold(0.0_f32, |most, plane| most.max(plane.pixels()[pixel])))
+        .collect();
+    if levels.is_empty() {
+        return f32::INFINITY;
+    }
+    let at = levels.len() * 9 / 10;
+    let (_, level, _) = levels.select_nth_unstable_by(at, f32::total_cmp);
+    if *level > 0.0 { LIMIT * *level } else { f32::INFINITY }
+}

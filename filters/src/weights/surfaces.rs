@@ -1,0 +1,251 @@
+//! Weights of each surface by itself: a mirror says nothing of the wall behind it, however near.
+//!
+//! As [`super::Weights`], but that a sample counts on its own surface only, as labels tell them; what all of the image says counts for as much as `COMMON`
+//! samples of a surface.
+
+use std::cmp::Reverse;
+use std::collections::BTreeMap;
+
+use lacuna_core::parallel::prelude::*;
+
+use super::{Neighbourhood, Products, best, blur};
+use crate::{Mask, Planes, Size};
+
+/// Surfaces that have weights of their own, the largest ones; all others share.
+const MOST: usize = 15;
+/// Samples of all of the image that count for each surface as well, so that a small one does not learn from a few.
+const COMMON: f64 = 64.0;
+
+/// Which surface each pixel shows, by number.
+#[derive(Clone, Debug)]
+pub struct Surfaces {
+    size: Size,
+    of: Vec<u8>,
+    count: usize,
+}
+
+impl Surfaces {
+    /// From labels; one surface without.
+    pub fn new(size: Size, labels: Option<&[u32]>) -> Self {
+        let Some(labels) = labels else { return Self { size, of: vec![0; size.pixels()], count: 1 } };
+        let mut counts = BTreeMap::<u32, usize>::new();
+        for &label in labels {
+            *counts.entry(label).or_default() += 1;
+        }
+        let mut largest: Vec<(u32, usize)> = counts.into_iter().collect();
+        largest.sort_by_key(|&(label, count)| (Reverse(count), label));
+        let number: BTreeMap<u32, u8> = largest.iter().take(MOST).map(|of| of.0).zip(0..).collect();
+        let of = labels.iter().map(|label| number.get(label).copied().unwrap_or(MOST as u8)).collect();
+        Self { size, of, count: largest.len().min(MOST + 1) }
+    }
+}
+
+/// Weights of each surface by itself.
+#[derive(Clone, Debug)]
+pub struct BySurface<'a> {
+    surfaces: &'a Surfaces,
+    /// Side of a cell.
+    side: usize,
+    of: Vec<Cells>,
+}
+
+/// The cells that a surface lies in, a rectangle of them, and what stands there by candidate.
+#[derive(Clone, Debug)]
+struct Cells {
+    /// The first row and column of cells.
+    first: [usize; 2],
+    size: Size,
+    of: Vec<Vec<f32>>,
+}
+
+impl Cells {
+    /// Those around all pixels of each surface.
+    fn all(surfaces: &Surfaces, side: usize) -> Vec<Self> {
+        let mut spans = vec![[usize::MAX, 0, usize::MAX, 0]; surfaces.count];
+        let width = surfaces.size.width.max(1);
+        for (row, line) in surfaces.of.chunks(width).enumerate() {
+            for (column, &surface) in line.iter().enumerate() {
+                let span = &mut spans[usize::from(surface)];
+                let (row, column) = (row / side, column / side);
+                *span = [span[0].min(row), span[1].max(row), span[2].min(column), span[3].max(column)];
+            }
+        }
+        let cells = |[top, bottom, left, right]: [usize; 4]| {
+            let size =
+                if top > bottom { Size::new(0, 0) } else { Size::new(bottom - top + 1, right - left + 1) };
+            Self { first: [top, left], size, of: Vec::new() }
+        };
+        spans.into_iter().map(cells).collect()
+    }
+
+    fn cell(&self, row: usize, column: usize) -> usize {
+        (row - self.first[0]) * self.size.width + column - self.first[1]
+    }
+
+    /// What a candidate counts for at a pixel: linearly between the centres of cells.
+    fn at(&self, candidate: usize, side: usize, row: usize, column: usize) -> f32 {
+        let of = &self.of[candidate];
+        let between = |at: usize, first: usize, count: usize| {
+            let place = (at as f32 + 0.5) / side as f32 - 0.5 - first as f32;
+            let place = place.clamp(0.0, (count - 1) as f32);
+            let low = (place as usize).min(count.saturating_sub(2));
+            (low, (low + 1).min(count - 1), place - low as f32)
+        };
+        let (top, bottom, y) = between(row, self.first[0], self.size.height);
+        let (left, right, x) = between(column, self.first[1], self.size.width);
+        let line = |row: usize| {
+            let (a, b) = (of[row * self.size.width + left], of[row * self.size.width + right]);
+            a + x * (b - a)
+        };
+        let (a, b) = (line(top), line(bottom));
+        a + y * (b - a)
+    }
+}
+
+impl<'a> BySurface<'a> {
+    /// From the products of the errors of `count` candidates at samples, which `products(pixel, sums)` adds for one of them. Also the squared
+    /// error of the blend over that of the first candidate.
+    pub fn new(
+        surfaces: &'a Surfaces,
+        (at, near): (&[u32], Neighbourhood),
+        count: usize,
+        mut products: impl FnMut(usize, usize, &mut [f64]),
+    ) -> (Self, f64) {
+        let spacing = (surfaces.size.pixels() as f64 / at.len().max(1) as f64).sqrt();
+        let side = ((0.5 * near.spread * spacing).round() as usize).max(1);
+        let mut of = Cells::all(surfaces, side);
+        let mut sums: Vec<Vec<Products>> =
+            of.iter().map(|cells| vec![vec![0.0; count * count]; cells.size.pixels()]).collect();
+        let width = surfaces.size.width;
+        for (i, &pixel) in at.iter().enumerate() {
+            let pixel = pixel as usize;
+            let surface = usize::from(surfaces.of[pixel]);
+            let cell = of[surface].cell(pixel / width / side, pixel % width / side);
+            products(i, pixel, &mut sums[surface][cell]);
+        }
+        let add = |mut sum: Products, one: &Products| {
+            sum.iter_mut().zip(one).for_each(|(sum, one)| *sum += one);
+            sum
+        };
+        let total = |cells: &Vec<Products>| cells.iter().fold(vec![0.0; count * count], add);
+        let wholes: Vec<Products> = sums.iter().map(total).collect();
+        let common = wholes.iter().fold(vec![0.0; count * count], add);
+        let share = COMMON / at.len().max(1) as f64;
+        let (mut error, mut first) = (0.0, 0.0);
+        for ((cells, sums), mut whole) in of.iter_mut().zip(sums).zip(wholes) {
+            whole.iter_mut().zip(&common).for_each(|(whole, common)| *whole += share * common);
+            let found = cells.solve(&sums, (&whole, near.frame), count);
+            error += found.0;
+            first += found.1;
+        }
+        (Self { surfaces, side, of }, if first > 0.0 { error / first } else { 1.0 })
+    }
+
+    /// What a candidate counts for at a pixel.
+    pub fn at(&self, candidate: usize, row: usize, column: usize) -> f32 {
+        let surface = self.surfaces.of[row * self.surfaces.size.width + column];
+        self.of[usize::from(surface)].at(candidate, self.side, row, column)
+    }
+
+    /// Adds a candidate's image, weighted, to the blend, at pixels that `mask` has or has not.
+    pub fn add(&self, candidate: usize, image: &Planes, (mask, measured): (&Mask, bool), out: &mut Planes) {
+        let width = self.surfaces.size.width.max(1);
+        let mut rows: Vec<Vec<&mut [f32]>> = (0..self.surfaces.size.height).map(|_| Vec::new()).collect();
+        for plane in out.as_mut_slice() {
+            rows.iter_mut().zip(plane.pixels_mut().chunks_mut(width)).for_each(|(row, line)| row.push(line));
+        }
+        rows.par_iter_mut().enumerate().for_each(|(row, out)| {
+            for (column, _) in mask.row(row).iter().enumerate().filter(|(_, flag)| **flag == measured) {
+                let weight = self.at(candidate, row, column);
+                if weight > 0.0 {
+                    for (out, image) in out.iter_mut().zip(image.as_slice()) {
+                        out[column] += weight * image.row(row)[column];
+                    }
+                }
+            }
+        });
+    }
+
+    /// The mean weight of a candidate at missing pixels; at all of them where none is missing.
+    pub fn share(&self, candidate: usize, mask: &Mask) -> f64 {
+        let full = mask.is_full();
+        let rows = (0..mask.size().height).into_par_iter().map(|row| {
+            let wanted = mask.row(row).iter().enumerate().filter(|(_, flag)| full || !**flag);
+            wanted.fold((0.0, 0_usize), |(sum, n), (column, _)| {
+                (sum + f64::from(self.at(candidate, row, column)), n + 1)
+            })
+        });
+        let (sum, n) = rows.into_iter().fold((0.0, 0), |(a, m), (b, n)| (a + b, m + n));
+        sum / n.max(1) as f64
+    }
+}
+
+impl Cells {
+    /// Sets the weights of all cells; the squared errors of the blend and of the first candidate.
+    fn solve(&mut self, sums: &[Products], whole: (&[f64], f64), count: usize) -> (f64, f64) {
+        let all: Vec<usize> = (0..count).collect();
+        let around = blur(self.size, sums);
+        let alike = best(&vec![0.0; count * count], whole, count, &all).0;
+        let cells: Vec<(Vec<f64>, f64, f64)> = around.par_iter().with_min_len(64).map(|cell| {
+            if cell.iter().all(|product| *product == 0.0) {
+                return (alike.clone(), 0.0, 0.0);
+            }
+            let (weights, error) = best(cell, whole, count, &all);
+            (weights, error, best(cell, whole, count, &[0]).1)
+        });
+        self.of = (0..count).map(|k| cells.iter().map(|cell| cell.0[k] as f32).collect()).collect();
+        cells.iter().fold((0.0, 0.0), |(error, first), cell| (error + cell.1, first + cell.2))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NEAR: Neighbourhood = Neighbourhood { spread: 4.0, frame: 0.1 };
+
+    /// Two surfaces side by side, each with a candidate that is right there and wrong on the other.
+    #[test]
+    fn a_border_between_surfaces_is_one_between_weights() {
+        let size = Size::new(40, 60);
+        let labels: Vec<u32> = (0..2400).map(|pixel| if pixel % 60 < 31 { 7 } else { 3 }).collect();
+        let surfaces = Surfaces::new(size, Some(&labels));
+        let at: Vec<u32> = (0..2400).filter(|pixel| pixel % 3 == 0).collect();
+        let products = |_: usize, pixel: usize, sums: &mut [f64]| {
+            sums[if pixel % 60 < 31 { 3 } else { 0 }] += 1.0;
+            sums[if pixel % 60 < 31 { 0 } else { 3 }] += 1e-3;
+        };
+        let (weights, _) = BySurface::new(&surfaces, (&at, NEAR), 2, products);
+        for row in 0..40 {
+            for column in 0..60 {
+                let (here, other) = (usize::from(column >= 31), usize::from(column < 31));
+                assert!(weights.at(here, row, column) > 0.9, "{row} {column}");
+                assert!((weights.at(here, row, column) + weights.at(other, row, column) - 1.0).abs() < 1e-5);
+            }
+        }
+        // The same without labels is a ramp.
+        let one = Surfaces::new(size, None);
+        let (weights, _) = BySurface::new(&one, (&at, NEAR), 2, products);
+        assert!((weights.at(0, 20, 30) - 0.5).abs() < 0.2, "{}", weights.at(0, 20, 30));
+    }
+
+    /// More surfaces than are told apart, some of one pixel, and none at all of others.
+    #[test]
+    fn many_surfaces_share_what_is_left() {
+        let size = Size::new(30, 30);
+        let labels: Vec<u32> =
+            (0..900).map(|pixel| if pixel < 60 { pixel } else { 60 + pixel / 60 }).collect();
+        let surfaces = Surfaces::new(size, Some(&labels));
+        assert_eq!(surfaces.count, MOST + 1);
+        let at: Vec<u32> = (0..900).step_by(4).collect();
+        let (weights, error) = BySurface::new(&surfaces, (&at, NEAR), 3, |_, _, sums| {
+            sums.iter_mut().step_by(4).for_each(|sum| *sum += 1.0);
+        });
+        assert!((error - 1.0 / 3.0).abs() < 0.01, "{error}");
+        for pixel in 0..900 {
+            for k in 0..3 {
+                assert!((weights.at(k, pixel / 30, pixel % 30) - 1.0 / 3.0).abs() < 1e-3);
+            }
+        }
+    }
+}
