@@ -136,7 +136,8 @@ pub(crate) fn reconstruct(
     if run.interrupted().is_some() {
         return Ok(None);
     }
-    let mut effect = Effect { shares: blend.fill(&all, mask, out, run)?, ..Effect::default() };
+    let mut effect =
+        Effect { shares: blend.fill(&all, (mask, &split.samples), out, run)?, ..Effect::default() };
     let outcome = blend.outcome;
     if let Some(guides) = known.guides.filter(|_| all.iter().any(Candidate::is_guided)) {
         effect.guides = guides.all_names().cloned().collect();

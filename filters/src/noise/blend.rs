@@ -46,7 +46,7 @@ impl<'a> Blend<'a> {
         held.predicted.resize(all.len() + seconds.len(), Vec::new());
         for fold in &folds {
             let images: Vec<Planes> = fold.images.iter().map(|image| image.planes(mask)).collect();
-            let smooth = smoothed(&measured, &images, mask);
+            let smooth = smoothed(&measured, &images, samples, mask);
             for (second, predicted) in seconds.iter().zip(&mut held.predicted[all.len()..]) {
                 let filled = second.fill(&fold.kept, &smooth, &images[base(all)], task.run)?;
                 predicted.extend(fold.at.iter().map(|&pixel| values(&filled, pixel)));
@@ -60,7 +60,7 @@ impl<'a> Blend<'a> {
     pub fn fill(
         &self,
         all: &[Candidate],
-        mask: &Arc<Mask>,
+        (mask, samples): (&Arc<Mask>, &Planes),
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<Vec<(&'static str, f64)>, Error> {
@@ -73,6 +73,7 @@ impl<'a> Blend<'a> {
                 if mask.is_full() { &self.measured } else { &self.missing }.share(k, mask),
             ));
         }
+        mend(out, samples);
         if mask.is_full() {
             return Ok(shares);
         }
@@ -89,6 +90,7 @@ impl<'a> Blend<'a> {
             }
             shares.push((second.name(), share));
         }
+        mend(out, samples);
         Ok(shares)
     }
 }
@@ -102,12 +104,24 @@ fn values(planes: &Planes, pixel: u32) -> Vec<f32> {
     planes.as_slice().iter().map(|plane| plane.pixels()[pixel as usize]).collect()
 }
 
+/// Gives pixels that overflowed what the samples are there, zero where that is no number either.
+fn mend(planes: &mut Planes, samples: &Planes) {
+    for (plane, samples) in planes.as_mut_slice().iter_mut().zip(samples.as_slice()) {
+        for (value, sample) in plane.pixels_mut().iter_mut().zip(samples.pixels()) {
+            if !value.is_finite() {
+                *value = if sample.is_finite() { *sample } else { 0.0 };
+            }
+        }
+    }
+}
+
 /// What the weights make of the samples; zero at missing pixels.
-fn smoothed(weights: &BySurface<'_>, images: &[Planes], mask: &Mask) -> Planes {
+fn smoothed(weights: &BySurface<'_>, images: &[Planes], samples: &Planes, mask: &Mask) -> Planes {
     let mut out = Planes::zeros(mask.size(), images.first().map_or(0, Planes::len));
     for (k, image) in images.iter().enumerate() {
         weights.add(k, image, (mask, true), &mut out);
     }
+    mend(&mut out, samples);
     out
 }
 

@@ -142,6 +142,10 @@ impl Second {
             }
         };
         each(&mut rest, predicted, -1.0);
+        // Where it overflows there is nothing to fill.
+        for plane in rest.as_mut_slice() {
+            plane.pixels_mut().iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = 0.0);
+        }
         plan.reconstruct(&rest, &mut out, run)?;
         each(&mut out, predicted, 1.0);
         Ok(out)
