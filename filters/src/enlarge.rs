@@ -12,7 +12,7 @@ use lacuna_core::parallel::prelude::*;
 use crate::domain::{Domain, Map};
 use crate::fill::{self, Filled, Values, fill_usable};
 use crate::limiter::Moved;
-use crate::upscale::{Enlarged, Geometry, Method, Plan, Question, guided};
+use crate::upscale::{Enlarged, Geometry, Hint, Method, Plan, Question, Sampling, guided, highlights};
 use crate::variational::guided::Guides;
 use crate::{Error, Mask, Outcome, Plane, Planes, Plans, Run};
 
@@ -139,8 +139,15 @@ pub fn complete(
         }
         None => None,
     };
+    let means = geometry.sampling == Sampling::Box && options.method == Method::Ss;
+    let dark = (means && values == Values::Light && steer.is_none()).then(|| highlights::beside(samples));
+    let dark = dark.flatten();
     let one = |(at, samples): (usize, &Plane)| {
-        let change = steer.as_ref().map(|steer| &steer.changes[at]);
+        let hint = match (&steer, &dark) {
+            (Some(steer), _) => Hint::Guides(&steer.changes[at]),
+            (None, Some(share)) => Hint::Dark(share),
+            (None, None) => Hint::None,
+        };
         let (low, high) = options.fill.bounds_of(at).range(samples.pixels().iter().copied());
         let mask = masks.get(at).and_then(Option::as_deref).filter(|mask| !mask.is_full());
         let question = Question {
@@ -148,7 +155,7 @@ pub fn complete(
             range: (map.forward(low), map.forward(high)),
             limit: options.fill.limit && values != Values::Directions,
         };
-        one(&plan, (samples, change), &question, (&full, map), run)
+        one(&plan, (samples, hint), &question, (&full, map), run)
     };
     let large = samples.as_slice().par_iter().enumerate().map(one);
     let mut result = Upscaled {
@@ -177,14 +184,14 @@ pub fn complete(
 /// Enlarges one plane within the value domain; how many values overflowed, too.
 fn one(
     plan: &Plan,
-    (samples, change): (&Plane, Option<&Plane>),
+    (samples, hint): (&Plane, Hint<'_>),
     question: &Question<'_>,
     (full, map): (&Mask, Map),
     run: &Run<'_>,
 ) -> Result<(Enlarged, usize), Error> {
     let mut mapped = samples.clone();
     map.forward_plane(full, &mut mapped);
-    let mut enlarged = plan.enlarge_guided(&mapped, change, question, run)?;
+    let mut enlarged = plan.enlarge_with(&mapped, hint, question, run)?;
     map.inverse_plane(&mut enlarged.plane);
     plan.restore(samples, &mut enlarged.plane);
     let sources = || Ok(plan.geometry().sources());

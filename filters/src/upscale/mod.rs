@@ -7,7 +7,8 @@
 //! - [`Method::Ss`]: the cubic spline on the low-resolution grid that does so. Its coefficients are `(R U)^-1 y`, `U`
 //!   the values (or means) of the spline at high-resolution pixels: the spline is defined everywhere, so that every factor is
 //!   evaluation and not resampling twice. Separable finite filters, no iterations. Means are then smoothed along edges
-//!   (`edges`), which keeps them, where no guides say more of edges.
+//!   (`edges`), which keeps them, where no guides say more of edges, and dark pixels beside highlights take the spline of logarithms
+//!   (`highlights`).
 //! - [`Method::Tv`]: the image of least total variation that does so ([`tv`]). With a mask, only measured pixels bind it.
 //! - Complete planes of the larger size may steer the spline ([`guided`]).
 //! - [`Method::Plain`]: a resampling filter, which has no model of a pixel ([`plain`]).
@@ -25,6 +26,7 @@ mod bounds;
 mod dual;
 mod edges;
 pub mod guided;
+pub(crate) mod highlights;
 pub mod plain;
 mod relax;
 mod sampling;
@@ -122,6 +124,18 @@ pub struct Question<'a> {
     pub limit: bool,
 }
 
+/// What the channels of a group say together of each of them; for the spline only.
+#[derive(Clone, Copy, Debug, Default)]
+pub enum Hint<'a> {
+    /// Nothing.
+    #[default]
+    None,
+    /// What guides add to this channel ([`guided::steer`]).
+    Guides(&'a Plane),
+    /// How far each of the small pixels is dark beside a highlight, 0 to 1; for means.
+    Dark(&'a Plane),
+}
+
 /// An enlarged channel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Enlarged {
@@ -195,17 +209,17 @@ impl Plan {
         question: &Question<'_>,
         run: &Run<'_>,
     ) -> Result<Enlarged, Error> {
-        self.enlarge_guided(samples, None, question, run)
+        self.enlarge_with(samples, Hint::None, question, run)
     }
 
-    /// The same with what guides add to the spline ([`guided::steer`]); the other methods take none.
+    /// The same with what the channels of its group say.
     ///
     /// # Errors
     /// [`Error::SizeMismatch`] and [`Error::NotFinite`].
-    pub fn enlarge_guided(
+    pub fn enlarge_with(
         &self,
         samples: &Plane,
-        change: Option<&Plane>,
+        hint: Hint<'_>,
         question: &Question<'_>,
         run: &Run<'_>,
     ) -> Result<Enlarged, Error> {
@@ -219,9 +233,9 @@ impl Plan {
         }
         match self.method {
             Method::Plain(kernel) => plain::enlarge(&self.geometry, kernel, samples, question.range),
-            Method::Ss => Ok(self.smooth(samples, change, question, run)),
+            Method::Ss => Ok(self.smooth(samples, hint, question, run)),
             Method::Tv(settings) => {
-                let start = self.smooth(samples, None, question, run);
+                let start = self.smooth(samples, Hint::None, question, run);
                 tv::enlarge(self, settings, (samples, question), start, run)
             }
         }
@@ -242,26 +256,32 @@ impl Plan {
         }
     }
 
-    /// The spline, and what guides add, within its bounds.
-    fn smooth(
-        &self,
-        samples: &Plane,
-        change: Option<&Plane>,
-        question: &Question<'_>,
-        run: &Run<'_>,
-    ) -> Enlarged {
+    /// The spline, and what the hint makes of it, within its bounds.
+    fn smooth(&self, samples: &Plane, hint: Hint<'_>, question: &Question<'_>, run: &Run<'_>) -> Enlarged {
         let isa = Isa::best();
         let shares = self.cells.is_none() && self.geometry.sampling == Sampling::Box;
         let mut plane = self.spline(samples);
-        if change.is_none() && self.method == Method::Ss && self.geometry.sampling == Sampling::Box {
+        if !matches!(hint, Hint::Guides(_))
+            && self.method == Method::Ss
+            && self.geometry.sampling == Sampling::Box
+        {
             plane = self.along_edges(samples, plane);
         }
         // Boxes that share pixels: the means are the spline's own, over whole pixels; what reduces them again has only shares.
         let target = shares.then(|| self.model.reduce(&plane));
-        if let Some(change) = change {
-            let less = self.spline(&self.model.reduce(change));
-            vector::add_scaled(isa, plane.pixels_mut(), 1.0, change.pixels());
-            vector::add_scaled(isa, plane.pixels_mut(), -1.0, less.pixels());
+        match hint {
+            Hint::None => {}
+            Hint::Guides(change) => {
+                let less = self.spline(&self.model.reduce(change));
+                vector::add_scaled(isa, plane.pixels_mut(), 1.0, change.pixels());
+                vector::add_scaled(isa, plane.pixels_mut(), -1.0, less.pixels());
+            }
+            Hint::Dark(share) => {
+                let given = (samples, target.as_ref());
+                let bounded = settle::settle(self, given, plane.clone(), question, run).plane;
+                let means = target.as_ref().unwrap_or(samples);
+                highlights::soften(self, share, (samples, means), &bounded, &mut plane);
+            }
         }
         settle::settle(self, (samples, target.as_ref()), plane, question, run)
     }

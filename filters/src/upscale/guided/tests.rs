@@ -1,6 +1,7 @@
 use super::*;
 use crate::Size;
 use crate::baseline::testing;
+use crate::upscale::Hint;
 
 /// Two flat surfaces and a ramp with a hard, slanted edge; the guide says where, and how far.
 fn scene(size: Size) -> (Plane, Vec<Plane>) {
@@ -55,7 +56,8 @@ fn guides_sharpen_edges_and_keep_what_pixels_say() {
         let plain = plan.enlarge(&y, &FREE, &Run::default()).unwrap().plane;
         let steer = with(&plan, &y, &guides(high, &planes)).expect("these guides tell everything");
         assert!(steer.gain > 0.5 && steer.guides.len() == 2, "{sampling} {factor} {}", steer.gain);
-        let guided = plan.enlarge_guided(&y, Some(&steer.changes[0]), &FREE, &Run::default()).unwrap().plane;
+        let guided =
+            plan.enlarge_with(&y, Hint::Guides(&steer.changes[0]), &FREE, &Run::default()).unwrap().plane;
         let (before, after) = (error(&plain, &image), error(&guided, &image));
         assert!(after < 0.5 * before, "{sampling} {factor} {before} {after}");
         let back = plan.model.reduce(&guided);
@@ -80,7 +82,8 @@ fn guides_that_say_nothing_change_no_bit() {
     for wrong in [noise, foreign] {
         let plain = plan.enlarge(&y, &FREE, &Run::default()).unwrap().plane;
         let Some(steer) = with(&plan, &y, &guides(high, &[wrong])) else { continue };
-        let guided = plan.enlarge_guided(&y, Some(&steer.changes[0]), &FREE, &Run::default()).unwrap().plane;
+        let guided =
+            plan.enlarge_with(&y, Hint::Guides(&steer.changes[0]), &FREE, &Run::default()).unwrap().plane;
         // A tenth of a decibel.
         assert!(error(&guided, &image) < 1.0116 * error(&plain, &image));
     }
@@ -123,9 +126,8 @@ fn errors_on_spheres(low: Size, factor: usize, normals: usize) -> (f64, f64) {
     guides.add("N", vec![x, y, z]).unwrap();
     assert_eq!((guides.normals().count(), terms(&guides).len()), (1, 9));
     let change = with(&plan, &small, &guides).map(|steer| steer.changes[0].clone());
-    let [plain, guided] = [None, change.as_ref()].map(|change| {
-        error(&plan.enlarge_guided(&small, change, &FREE, &Run::default()).unwrap().plane, &image)
-    });
+    let [plain, guided] = [Hint::None, change.as_ref().map_or(Hint::None, Hint::Guides)]
+        .map(|hint| error(&plan.enlarge_with(&small, hint, &FREE, &Run::default()).unwrap().plane, &image));
     (plain, guided)
 }
 

@@ -1,0 +1,221 @@
+use super::*;
+use crate::baseline::testing;
+use crate::enlarge::{self, Options};
+use crate::operator::taps::Taps;
+use crate::upscale::{Geometry, Hint, Method, Question};
+use crate::{Run, Size};
+
+const LIGHT: Question<'static> = Question { mask: None, range: (0.0, f32::INFINITY), limit: true };
+
+/// A dim pattern with black in it, and a lamp of 22 unless it is put out.
+fn scene(size: Size, lamp: bool) -> Plane {
+    Plane::from_fn(size, |y, x| {
+        let (v, u) = (y as f32, x as f32);
+        if lamp && (v - 7.0).hypot(u - 9.0) < 1.8 {
+            22.0
+        } else if x > 24 && y < 6 {
+            0.0
+        } else {
+            0.3 + 0.1 * (0.9 * u).sin() * (0.7 * v).cos()
+        }
+    })
+}
+
+fn plan(low: Size, factor: f64) -> Plan {
+    Plan::new(Geometry::scaled(low, factor, Sampling::Box), Method::Ss).unwrap()
+}
+
+fn group(planes: Vec<Plane>) -> Planes {
+    Planes::new(planes[0].size(), planes).unwrap()
+}
+
+fn wide(plane: &Plane) -> Vec<f64> {
+    plane.pixels().iter().map(|value| f64::from(*value)).collect()
+}
+
+/// Rows, then columns.
+fn both([vertical, horizontal]: &[Taps; 2], image: &[f64]) -> Vec<f64> {
+    let rows: Vec<Vec<f64>> = image.chunks(horizontal.inputs()).map(|row| horizontal.apply(row)).collect();
+    let columns: Vec<Vec<f64>> = (0..horizontal.outputs())
+        .map(|x| vertical.apply(&rows.iter().map(|row| row[x]).collect::<Vec<_>>()))
+        .collect();
+    (0..vertical.outputs()).flat_map(|y| columns.iter().map(move |column| column[y])).collect()
+}
+
+/// The greatest and the least of 5 x 5 pixels, one by one.
+fn extremes(image: &[f64], size: Size) -> Vec<(f64, f64)> {
+    let around = |y: usize, x: usize| {
+        let rows = y.saturating_sub(2)..size.height.min(y + 3);
+        let pixels = rows.flat_map(|row| {
+            (x.saturating_sub(2)..size.width.min(x + 3)).map(move |column| image[row * size.width + column])
+        });
+        pixels.fold((f64::MIN, f64::MAX), |(most, least), v| (most.max(v), least.min(v)))
+    };
+    (0..size.height).flat_map(|y| (0..size.width).map(move |x| (y, x))).map(|(y, x)| around(y, x)).collect()
+}
+
+/// `w` by its formula.
+fn share(group: &[Vec<f64>], size: Size) -> Vec<f64> {
+    let light: Vec<f64> =
+        (0..size.pixels()).map(|i| group.iter().map(|c| c[i]).sum::<f64>() / group.len() as f64).collect();
+    let lit: Vec<f64> = light.iter().copied().filter(|value| *value > 0.0).collect();
+    let mean = lit.iter().sum::<f64>() / lit.len() as f64;
+    let octaves = |quotient: f64| quotient.log2().clamp(0.0, 1.0);
+    let pairs = light.iter().zip(extremes(&light, size));
+    let one = |(l, (a, b)): (&f64, (f64, f64))| {
+        let (l, b) = (l.max(a / 1024.0), b.max(a / 1024.0));
+        if a > 0.0 {
+            octaves(a / (3.0 * b)) * octaves(a / (2.0 * l)) * octaves(a / (3.0 * mean))
+        } else {
+            0.0
+        }
+    };
+    pairs.map(one).collect()
+}
+
+/// The blend by its formula.
+fn reference(plan: &Plan, samples: &Plane, plane: &Plane, share: &[f64], means: &Plane) -> Vec<f64> {
+    let axes = [plan.geometry.vertical, plan.geometry.horizontal];
+    let lines = axes.map(|axis| bilinear(&axis, Sampling::Box));
+    let reduce = axes.map(|axis| axis.reduce(Sampling::Box));
+    let through = axes.map(|axis| Axis::whole(axis.inputs, axis.inputs).prefilter(Sampling::Point));
+    let onto = axes.map(|axis| axis.spline(Sampling::Point));
+    let y = wide(samples);
+    let black = 1e-9 * y.iter().copied().fold(0.0, f64::max);
+    let floors = extremes(&y, samples.size());
+    let logs: Vec<f64> = y.iter().zip(floors).map(|(y, (a, _))| y.max(a / 1024.0).max(black).ln()).collect();
+    let mut m: Vec<f64> = both(&onto, &both(&through, &logs)).into_iter().map(f64::exp).collect();
+    for _ in 0..3 {
+        let seen = both(&reduce, &m);
+        let factors: Vec<f64> =
+            wide(means).iter().zip(seen).map(|(mean, seen)| mean.max(0.0) / seen).collect();
+        m.iter_mut().zip(both(&lines, &factors)).for_each(|(m, factor)| *m *= factor);
+    }
+    let share = both(&lines, share);
+    wide(plane).iter().zip(m.iter().zip(share)).map(|(x, (m, w))| x + w * (m - x)).collect()
+}
+
+#[test]
+fn the_fast_path_is_the_slow_one() {
+    for (low, factor) in [((16, 31), 2.0), ((21, 27), 1.4), ((1, 12), 3.0), ((14, 1), 2.0)] {
+        let low = Size::new(low.0, low.1);
+        let mut samples = scene(low, true);
+        let at = low.pixels() / 2;
+        samples.pixels_mut()[at] = 22.0;
+        let dim = Plane::from_fn(low, |y, x| 0.5 * samples.at(y, x) + 0.01);
+        let planes = group(vec![samples.clone(), dim]);
+        let fast = beside(&planes).unwrap();
+        let slow = share(&planes.as_slice().iter().map(wide).collect::<Vec<_>>(), low);
+        for (fast, slow) in fast.pixels().iter().zip(&slow) {
+            assert!((f64::from(*fast) - slow).abs() < 1e-5, "{low} {fast} {slow}");
+        }
+        let plan = plan(low, factor);
+        let spline = plan.spline(&samples);
+        let means = plan.model.reduce(&spline);
+        let mut plane = spline.clone();
+        soften(&plan, &fast, (&samples, &means), &spline, &mut plane);
+        let expected = reference(&plan, &samples, &spline, &wide(&fast), &means);
+        for (fast, slow) in plane.pixels().iter().zip(&expected) {
+            // The exponent of an f32 logarithm of up to 20 has 20 roundings of an f32 as its relative error, the means add theirs.
+            assert!((f64::from(*fast) - slow).abs() < 2e-5 * slow.abs().max(1.0), "{low} {fast} {slow}");
+        }
+    }
+}
+
+#[test]
+fn means_stay_and_nothing_becomes_negative() {
+    for (low, factor) in [((16, 31), 2.0), ((20, 33), 3.0), ((19, 30), 1.25), ((19, 30), 2.5)] {
+        let low = Size::new(low.0, low.1);
+        let (plan, samples) = (plan(low, factor), scene(low, true));
+        let share = beside(&group(vec![samples.clone()])).unwrap();
+        let [plain, done] = [Hint::None, Hint::Dark(&share)]
+            .map(|hint| plan.enlarge_with(&samples, hint, &LIGHT, &Run::default()).unwrap().plane);
+        assert!(plain != done && done.pixels().iter().all(|value| *value >= 0.0));
+        let back = plan.model.reduce(&done);
+        if plan.cells.is_some() {
+            for (back, sample) in back.pixels().iter().zip(samples.pixels()) {
+                assert!((back - sample).abs() <= 2e-6 * sample, "{factor} {back} {sample}");
+            }
+        } else {
+            // Straddling pixels: the light in all stays, as it does without.
+            let sum = |plane: &Plane| wide(plane).iter().sum::<f64>();
+            let asked = sum(&plan.model.reduce(&plan.spline(&samples)));
+            let [plain, done] =
+                [&plan.model.reduce(&plain), &back].map(|plane| (sum(plane) / asked - 1.0).abs());
+            assert!(done < plain.max(5e-3), "{factor} {plain} {done}");
+        }
+    }
+}
+
+#[test]
+fn far_from_highlights_and_without_them_no_bit_changes() {
+    let low = Size::new(40, 48);
+    assert!(beside(&group(vec![scene(low, false)])).is_none());
+    assert!(beside(&group(vec![Plane::filled(low, 0.0)])).is_none());
+    assert!(beside(&group(vec![Plane::from_fn(low, |y, x| if y == x { -1.0 } else { 0.0 })])).is_none());
+    let (plan, samples) = (plan(low, 2.0), scene(low, true));
+    let share = beside(&group(vec![samples.clone()])).unwrap();
+    let [plain, done] = [Hint::None, Hint::Dark(&share)]
+        .map(|hint| plan.enlarge_with(&samples, hint, &LIGHT, &Run::default()).unwrap().plane);
+    for y in 0..80 {
+        for x in 0..96 {
+            // The lamp's pixels, those two around them, and one more that straight lines reach.
+            let near = (6..2 * 13).contains(&y) && (10..2 * 15).contains(&x);
+            assert!(near || plain.at(y, x).to_bits() == done.at(y, x).to_bits(), "{y} {x}");
+        }
+    }
+    // The dark pixels around the lamp, whose light is known.
+    let wrong = |plane: &Plane| {
+        let dark = (6..26).flat_map(|y| (10..30).map(move |x| (y, x)));
+        let dark = dark.filter(|&(y, x)| samples.at(y / 2, x / 2) < 1.0);
+        dark.map(|(y, x)| (plane.at(y, x) - 0.3).powi(2)).sum::<f32>()
+    };
+    assert!(wrong(&done) < 0.6 * wrong(&plain), "{} {}", wrong(&done), wrong(&plain));
+}
+
+#[test]
+fn channels_share_one_weight_and_other_data_has_none() {
+    let low = Size::new(16, 31);
+    let red = scene(low, true);
+    let grey = Plane::from_fn(low, |y, x| 0.25 * red.at(y, x));
+    let blue = scene(low, false);
+    let mut options = Options::new(Geometry::scaled(low, 2.0, Sampling::Box));
+    let large = |planes: Vec<Plane>, options: &Options<'_>| {
+        enlarge::upscale(&group(planes), options).unwrap().planes.into_vec()
+    };
+    // What is in proportion stays so, and a channel without a lamp of its own is blended as the others are.
+    let colours = large(vec![red.clone(), grey, blue.clone()], &options);
+    let pairs = colours[0].pixels().iter().zip(colours[1].pixels());
+    assert!(pairs.into_iter().all(|(red, grey)| (0.25 * red - grey).abs() < 1e-5 * red.max(1e-3)));
+    assert!(colours[2] != large(vec![blue], &options)[0]);
+    let light = large(vec![red.clone()], &options);
+    options.fill.values = crate::fill::Values::Other;
+    let [other] = &large(vec![red.clone()], &options)[..] else { panic!("one plane") };
+    let plain = plan(low, 2.0).enlarge(&red, &LIGHT, &Run::default()).unwrap().plane;
+    assert!(light[0] != plain && *other != light[0]);
+}
+
+#[test]
+fn threads_and_the_unit_change_nothing() {
+    let low = Size::new(61, 43);
+    let of = |samples: &Plane| {
+        let plan = plan(low, 2.0);
+        let share = beside(&group(vec![samples.clone()])).unwrap();
+        plan.enlarge_with(samples, Hint::Dark(&share), &LIGHT, &Run::default()).unwrap().plane
+    };
+    let samples = scene(low, true);
+    let one = testing::with_threads(1, || of(&samples));
+    assert_eq!(one, testing::with_threads(3, || of(&samples)));
+    let twice = Plane::from_fn(low, |y, x| 2.0 * samples.at(y, x));
+    let pairs = of(&twice).into_pixels().into_iter().zip(one.pixels().to_vec());
+    assert!(pairs.into_iter().all(|(twice, one)| (0.5 * twice - one).abs() <= 2e-5 * one.max(1e-3)));
+    // Values whose powers overflow are no panic, and no value that is none.
+    let huge = Plane::from_fn(low, |y, x| if (y + x) % 9 == 0 { 1e38 } else { 1e-30 });
+    let share = beside(&group(vec![huge.clone()])).unwrap();
+    let mut plane = plan(low, 2.0).spline(&huge);
+    plane.pixels_mut().iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = 0.0);
+    let means = huge.clone();
+    let bounded = plane.clone();
+    soften(&plan(low, 2.0), &share, (&huge, &means), &bounded, &mut plane);
+    assert!(plane.pixels().iter().all(|value| value.is_finite()));
+}
