@@ -44,7 +44,7 @@ impl Folds {
     }
 
     /// The parts that are half of the samples, and those of them that are also held out where few others are.
-    fn deep(self, samples: usize) -> (Self, [Range<u64>; 2]) {
+    pub(super) fn deep(self, samples: usize) -> (Self, [Range<u64>; 2]) {
         (self, [DEEP, DEEP.start..Self::fills(samples).min(DEEP.end)])
     }
 

@@ -9,8 +9,9 @@
 //! Only for masks whose samples lie evenly: there a held-out sample stands in an emptier place than any missing pixel. At random samples both
 //! stand alike, and the quotient is little beside the chance of a smaller image.
 //!
-//! Fails: noise. What is filled between noisy samples is smooth, so the quotient is that of shading. The power
-//! law sees some of it; where the two disagree the interval is wide.
+//! Noise is not in the filled frame. It makes errors alike everywhere, in empty places and at missing pixels: so where half of the samples are held out,
+//! errors of detail grow by the factor `g` that the smaller image shows, and those of noise do not. With `g'` the growth on the frame, a share
+//! `d = (g' - 1) / (g - 1)` of the squared error is detail, and `1 - d` of it stays at missing pixels.
 //!
 //! Source: B. Efron, "Bootstrap methods: another look at the jackknife", The Annals of Statistics 7, 1979.
 
@@ -25,6 +26,10 @@ use crate::{Error, Mask, Planes, Size};
 const LEAST_STEP: usize = 2;
 /// Fewer samples of the smaller image tell nothing.
 const FEWEST: usize = 200;
+/// Errors that grow by less than this where half of the samples are held out do not tell noise from detail.
+const LEAST_GROWTH: f64 = 1.2;
+/// By how much the growth of errors is off by chance, over itself.
+const GROWTH_OFF: f64 = 0.1;
 /// Larger images are cut to this many pixels a side.
 const SIDE: usize = 384;
 
@@ -48,6 +53,8 @@ pub struct Simulation {
     truth: Planes,
     held: HeldOut,
     missing: HeldOut,
+    /// Predicted without half of the samples.
+    deep: HeldOut,
 }
 
 impl Simulation {
@@ -76,21 +83,23 @@ impl Simulation {
             let parts = (folds, [parts.clone(), parts]);
             held.extend(HeldOut::new((&truth, mask), parts, None, &mut reconstruct)?);
         }
-        Ok(Some(Self { truth, held, missing }))
+        let deep = HeldOut::new((&truth, mask), folds.deep(mask.count()), None, &mut reconstruct)?;
+        Ok(Some(Self { truth, held, missing, deep }))
     }
 
     /// Takes all values to another domain: `f(channel, value)`.
     pub fn map(&mut self, f: &impl Fn(usize, f32) -> f32) {
         self.held.map(f);
         self.missing.map(f);
+        self.deep.map(f);
         for (channel, plane) in self.truth.as_mut_slice().iter_mut().enumerate() {
             plane.pixels_mut().iter_mut().for_each(|value| *value = f(channel, *value));
         }
     }
 
     /// The logarithm of the squared error of missing pixels over that of held-out samples, and its variance by chance; nothing where
-    /// there is no error.
-    pub fn factor(&self) -> Option<(f64, f64)> {
+    /// there is no error. `growth` is the squared error at samples that are held out with half of the others over that with few of them, on the frame.
+    pub fn factor(&self, growth: Option<f64>) -> Option<(f64, f64)> {
         let mean = |held: &HeldOut| {
             let (mut sum, mut squares) = (0.0, 0.0);
             let errors = held.squared_errors(&self.truth);
@@ -101,8 +110,30 @@ impl Simulation {
             (sum / errors.len().max(1) as f64, squares / (sum * sum))
         };
         let ((held, by_chance), (missing, less)) = (mean(&self.held), mean(&self.missing));
-        let found = ((missing / held).ln(), by_chance + less);
+        let (plain, by_chance) = (missing / held, by_chance + less);
+        let found = match (growth, self.growth()) {
+            (Some(growth), Some(own)) => {
+                let carried = |growth: f64| {
+                    let detail = ((growth - 1.0) / (own - 1.0)).clamp(0.0, 1.0);
+                    (detail * plain + 1.0 - detail).ln()
+                };
+                let (least, most) = (carried(growth), carried(growth * (1.0 + GROWTH_OFF)));
+                (most, by_chance + (most - least).powi(2))
+            }
+            _ => (plain.ln(), by_chance),
+        };
         (found.0.is_finite() && found.1.is_finite()).then_some(found)
+    }
+
+    /// By how much held-out errors grow where half of the samples are held out; nothing if hardly.
+    fn growth(&self) -> Option<f64> {
+        let sum = |own: &HeldOut, wanted: &[u32]| -> f64 {
+            let both = own.sorted(|pixel| wanted.binary_search(&pixel).is_ok());
+            both.squared_errors(&self.truth).into_iter().map(f64::from).sum()
+        };
+        let held = self.held.sorted(|_| true);
+        let growth = sum(&self.deep, &held.at) / sum(&held, &self.deep.at);
+        (growth > LEAST_GROWTH).then_some(growth)
     }
 }
 
@@ -155,14 +186,41 @@ mod tests {
         };
         let mut found = Simulation::new(&frame, &filled, Folds::default(), &mut method).unwrap().unwrap();
         assert_eq!(found.truth.as_slice()[0].at(3, 5), 7.0 + 11.0);
-        let (factor, by_chance) = found.factor().unwrap();
+        let (factor, by_chance) = found.factor(None).unwrap();
         assert!((factor - (4.0_f64 / 36.0).ln()).abs() < 1e-6, "{factor}");
         // Errors that are all alike leave to chance only how many there are.
         let parts = (all as f64).recip() + ((excerpt.mask.size().pixels() - all) as f64).recip();
         assert!((by_chance - parts).abs() < 1e-6, "{by_chance}");
         found.map(&|_, value| 0.5 * value);
-        assert!((found.factor().unwrap().0 - factor).abs() < 1e-6);
+        assert!((found.factor(None).unwrap().0 - factor).abs() < 1e-6);
         found.map(&|_, _| 1.0);
-        assert!(found.factor().is_none());
+        assert!(found.factor(None).is_none());
+    }
+
+    /// A method whose squared error is twice as large without half of the samples, and half as large with all.
+    #[test]
+    fn errors_that_do_not_grow_stay_at_missing_pixels() {
+        let size = Size::new(160, 160);
+        let frame = mask(Pattern::Shuffle, size, 0.25);
+        let all = decimated(&frame).unwrap().mask.count();
+        let filled = Planes::of(size, vec![Plane::from_fn(size, |y, x| (y + x) as f32)]);
+        let mut method = |samples: &Planes, kept: &Arc<Mask>, _: Option<&Excerpt>| {
+            let off = match kept.count() {
+                count if count == all => 1.0,
+                count if 3 * count > 2 * all => f32::sqrt(2.0),
+                _ => 2.0,
+            };
+            let plane = &samples.as_slice()[0];
+            let value = |y, x| plane.at(y, x) + if kept.is_measured(y, x) { 0.0 } else { off };
+            Planes::new(plane.size(), vec![Plane::from_fn(plane.size(), value)])
+        };
+        let found = Simulation::new(&frame, &filled, Folds::default(), &mut method).unwrap().unwrap();
+        assert!((found.growth().unwrap() - 2.0).abs() < 1e-5);
+        let factor = |growth: f64| found.factor(Some(growth / (1.0 + GROWTH_OFF))).unwrap();
+        // All detail, half of it, none.
+        for (growth, right) in [(2.5, 0.5_f64), (2.0, 0.5), (1.5, 0.75), (1.0, 1.0)] {
+            assert!((factor(growth).0 - right.ln()).abs() < 1e-5, "{growth}");
+        }
+        assert!(factor(1.5).1 > factor(2.5).1);
     }
 }
