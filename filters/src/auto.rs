@@ -42,7 +42,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
-use crate::estimate::{Decimation, Evidence, Folds, HeldOut, Kind, Simulation};
+use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, HeldOut, Kind, Simulation};
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
 use crate::variational::{edge, ss, tv};
@@ -154,6 +154,17 @@ struct Candidate<'a> {
     done: Option<(Planes, Outcome, Effect)>,
 }
 
+/// How a candidate fills.
+#[derive(Clone, Copy)]
+enum How<'a> {
+    /// As a result.
+    Exactly,
+    /// As exactly as what is compared at held-out samples asks for.
+    Roughly,
+    /// From what splines make of the same samples.
+    From(&'a Planes),
+}
+
 impl Candidate<'_> {
     fn of((descriptor, filter): (&'static Descriptor, Box<dyn Filter>)) -> Self {
         let kind = descriptor.held_out.unwrap_or(Kind::Spline);
@@ -162,42 +173,62 @@ impl Candidate<'_> {
 
     fn fill(
         &self,
-        samples: &Planes,
-        mask: &Arc<Mask>,
+        (samples, mask): (&Planes, &Arc<Mask>),
+        how: How<'_>,
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<(Outcome, Effect), Error> {
-        self.fill_guided(self.guides, samples, mask, out, run)
+        self.fill_guided(self.guides, (samples, mask), how, out, run)
     }
 
     /// The same with other guides.
     fn fill_guided(
         &self,
         guides: Option<&Guides>,
-        samples: &Planes,
-        mask: &Arc<Mask>,
+        (samples, mask): (&Planes, &Arc<Mask>),
+        how: How<'_>,
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<(Outcome, Effect), Error> {
         let plan = self.filter.plan(&Problem::fill(Arc::clone(mask)), run)?;
-        match guides {
-            Some(guides) => {
-                guided::reconstruct((self.filter.as_ref(), plan.as_ref()), mask, samples, guides, out, run)
+        let plan = plan.as_ref();
+        let outcome = match (how, guides) {
+            (How::From(splines), Some(_)) => {
+                out.clone_from(splines);
+                Outcome::direct()
             }
-            None => Ok((plan.reconstruct(samples, out, run)?, Effect::default())),
-        }
+            (How::From(splines), None) => {
+                out.clone_from(splines);
+                plan.reconstruct_from_splines(samples, out, run)?
+            }
+            (How::Roughly, _) => plan.reconstruct_roughly(samples, HELD_OUT, out, run)?,
+            (How::Exactly, _) => plan.reconstruct(samples, out, run)?,
+        };
+        let Some(guides) = guides else { return Ok((outcome, Effect::default())) };
+        let (second, effect) = guided::steer((self.filter.as_ref(), plan), mask, samples, guides, out, run)?;
+        Ok((outcome.worst(second), effect))
     }
 
-    /// What it predicts at the samples of a fold.
+    /// Whether others start from its image.
+    fn is_splines(&self) -> bool {
+        self.name == ss::DESCRIPTOR.name
+    }
+
+    /// What it predicts at the samples of a fold. Splines of the same fold that are known serve it; those that it makes are left there.
     fn held_out(
         &self,
         (samples, mask): (&Planes, &Mask),
         (folds, parts): (Folds, Range<u64>),
+        splines: &mut Option<Planes>,
         run: &Run<'_>,
     ) -> Result<HeldOut, Error> {
-        let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
+        let mut fill = |samples: &Planes, kept: &Arc<Mask>, _: Option<&Excerpt>| {
             let mut out = Planes::zeros(samples.size(), samples.len());
-            self.fill(samples, kept, &mut out, run)?;
+            let how = splines.as_ref().map_or(How::Roughly, How::From);
+            self.fill((samples, kept), how, &mut out, run)?;
+            if self.is_splines() {
+                *splines = Some(out.clone());
+            }
             Ok(out)
         };
         HeldOut::new((samples, mask), (folds, [parts.clone(), parts]), None, &mut fill)
@@ -278,9 +309,12 @@ impl Blend {
     ) -> Result<Vec<HeldOut>, Error> {
         let mut held = vec![HeldOut::default(); all.len()];
         for parts in self.folds.near(self.mask.count()) {
+            let mut splines = None;
             for (candidate, held) in all.iter().zip(&mut held) {
-                held.extend(candidate.held_out((samples, &self.mask), (self.folds, parts.clone()), run)?);
+                let fold = (self.folds, parts.clone());
+                held.extend(candidate.held_out((samples, &self.mask), fold, &mut splines, run)?);
             }
+            drop(splines);
             if parts.start == 0 && all.len() > 1 && held[0].at.len() >= DECIDE {
                 let weights = Weights::new(&self.mask, samples, &held);
                 let both = std::mem::take(all).into_iter().zip(std::mem::take(&mut held)).enumerate();
@@ -301,7 +335,7 @@ impl Blend {
         let mut guided =
             Candidate { name: "guided", kind: Kind::Spline, filter, guides: Some(guides), done: None };
         let mut out = Planes::zeros(samples.size(), samples.len());
-        let (outcome, effect) = guided.fill(samples, &self.mask, &mut out, run)?;
+        let (outcome, effect) = guided.fill((samples, &self.mask), How::Exactly, &mut out, run)?;
         guided.done = Some((out, outcome, effect));
         Ok(guided)
     }
@@ -325,25 +359,17 @@ impl Blend {
         } else {
             shallow = shallow.with_variance(&self.mask, self.folds, kind);
         }
-        let mut alone = |samples: &Planes, kept: &Arc<Mask>| {
+        let mut again = |samples: &Planes, kept: &Arc<Mask>, excerpt: Option<&Excerpt>| {
             let mut out = Planes::zeros(samples.size(), samples.len());
-            all[most].fill(samples, kept, &mut out, run)?;
+            let guides = all[most].guides;
+            let small = excerpt.and_then(|excerpt| Some(guides?.at(kept.size(), |at| excerpt.source(at))));
+            all[most].fill_guided(small.as_ref().or(guides), (samples, kept), How::Roughly, &mut out, run)?;
             Ok(out)
         };
-        let depth = self.folds.deep(self.mask.count());
-        let deep = HeldOut::new((samples, &self.mask), depth, Some(kind), &mut alone)?;
+        let deep = HeldOut::deep((samples, &self.mask), self.folds, kind, false, &mut again)?;
         let mut evidence = Evidence::new(kind, self.folds, &near, &shallow, &deep);
-        if let Some((filled, decimation)) =
-            filled.and_then(|filled| Some((filled, Decimation::new(&self.mask)?)))
-        {
-            let small = |guides: &Guides| guides.at(decimation.mask.size(), |pixel| decimation.source(pixel));
-            let guides = all[most].guides.map(small);
-            let mut again = |samples: &Planes, kept: &Arc<Mask>| {
-                let mut out = Planes::zeros(samples.size(), samples.len());
-                all[most].fill_guided(guides.as_ref(), samples, kept, &mut out, run)?;
-                Ok(out)
-            };
-            evidence.simulation = Some(Simulation::new(&decimation, filled, self.folds, &mut again)?);
+        if let Some(filled) = filled {
+            evidence.simulation = Simulation::new(&self.mask, filled, self.folds, &mut again)?;
         }
         Ok(evidence)
     }
@@ -360,6 +386,7 @@ fn blend(
 ) -> Result<(Outcome, Effect), Error> {
     let (mut outcome, mut effect) = (None::<Outcome>, Effect::default());
     let mut one = Planes::zeros(samples.size(), samples.len());
+    let mut splines = None;
     for (k, candidate) in all.iter_mut().enumerate().filter(|(k, _)| weights.counts(*k)) {
         let alone = weights.alone() == Some(k);
         let image = if alone { &mut *out } else { &mut one };
@@ -367,8 +394,12 @@ fn blend(
             *image = done;
             (ended, found)
         } else {
-            candidate.fill(samples, mask, image, run)?
+            let how = splines.as_ref().map_or(How::Exactly, How::From);
+            candidate.fill((samples, mask), how, image, run)?
         };
+        if candidate.is_splines() && !alone {
+            splines = Some(one.clone());
+        }
         outcome = Some(outcome.map_or(ended, |outcome| outcome.worst(ended)));
         effect.shares.push((candidate.name, weights.share(k)));
         if candidate.guides.is_some() {

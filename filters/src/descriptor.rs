@@ -42,10 +42,9 @@ pub struct Memory {
 }
 
 /// The share of the image, 0 to 1, that has so few measured pixels that splines solve it by multigrid while the error is estimated, from
-/// half of the samples: 0 where every block of 8 x 8 pixels has one, 1 where holes are everywhere.
+/// some of the samples: 0 where every block of 8 x 8 pixels has one, 1 where holes are everywhere.
 pub fn holes(mask: &Mask) -> f64 {
-    let (folds, [half, _]) = Folds::default().deep(mask.count());
-    solver::holes::share(&folds.without(mask, &half))
+    solver::holes::share(&Folds::default().thinnest(mask))
 }
 
 /// What a method can use beside samples and their mask.

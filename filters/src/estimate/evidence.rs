@@ -19,14 +19,15 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Holds out a tenth of the samples, several times where the frame has few, and half of them.
+    /// Holds out a tenth of the samples, several times where the frame has few, and half of them; simulates what was `filled`, if that is
+    /// given, by the same method.
     ///
     /// # Errors
     /// Those of the method.
     pub fn of_folds(
         (samples, mask): (&Planes, &Mask),
-        folds: Folds,
-        kind: Kind,
+        filled: Option<&Planes>,
+        (folds, kind): (Folds, Kind),
         reconstruct: &mut Reconstruct<'_>,
     ) -> Result<Self, Error> {
         let mut near = HeldOut::default();
@@ -38,8 +39,12 @@ impl Evidence {
                 reconstruct,
             )?);
         }
-        let deep = HeldOut::new((samples, mask), folds.deep(mask.count()), Some(kind), reconstruct)?;
-        Ok(Self::new(kind, folds, &near, &near, &deep))
+        let deep = HeldOut::deep((samples, mask), folds, kind, filled.is_none(), reconstruct)?;
+        let mut own = Self::new(kind, folds, &near, &near, &deep);
+        if let Some(filled) = filled {
+            own.simulation = Simulation::new(mask, filled, folds, reconstruct)?;
+        }
+        Ok(own)
     }
 
     /// Of predictions from the folds [`Folds::near`], and of a method of the same kind at both depths.
@@ -47,12 +52,23 @@ impl Evidence {
         let near = near.sorted(|_| true);
         let mut pairs =
             [shallow, deep].map(|held| held.sorted(|pixel| DEEP.contains(&folds.part(pixel as usize))));
-        let wanted = pairs[0].at.clone();
-        pairs[1] = pairs[1].sorted(|pixel| wanted.binary_search(&pixel).is_ok());
-        if pairs[0].at != pairs[1].at {
-            pairs = Default::default();
+        let both = pairs.clone();
+        for (own, other) in pairs.iter_mut().zip(both.iter().rev()) {
+            *own = own.sorted(|pixel| other.at.binary_search(&pixel).is_ok());
         }
         Self { kind, near, pairs, simulation: None }
+    }
+
+    /// The squared error at samples that are held out with half of the others over that at the same with few of them.
+    pub(super) fn growth(&self, truth: &Planes) -> Option<f64> {
+        let [near, deep] = self.pairs.each_ref().map(|held| {
+            held.squared_errors(truth)
+                .into_iter()
+                .map(f64::from)
+                .filter(|error| error.is_finite())
+                .sum::<f64>()
+        });
+        (near > 0.0).then(|| deep / near)
     }
 
     /// Takes predictions from the domain in which they were made to that of the result: `f(channel, value)`.
@@ -68,6 +84,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
+    use crate::estimate::Excerpt;
     use crate::{Plane, Size};
 
     #[test]
@@ -76,7 +93,7 @@ mod tests {
         let mask = Mask::from_fn(size, |row, column| (row + 2 * column) % 3 == 0);
         let samples = Planes::new(size, vec![Plane::from_fn(size, |y, x| (y * 40 + x) as f32)]).unwrap();
         // A method that shows what it was given: the sample itself, or -1 at missing pixels.
-        let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
+        let mut fill = |samples: &Planes, kept: &Arc<Mask>, _: Option<&Excerpt>| {
             let plane = &samples.as_slice()[0];
             Planes::new(
                 size,
@@ -84,7 +101,8 @@ mod tests {
             )
         };
         let evidence =
-            Evidence::of_folds((&samples, &mask), Folds { seed: 3 }, Kind::Distance, &mut fill).unwrap();
+            Evidence::of_folds((&samples, &mask), None, (Folds { seed: 3 }, Kind::Distance), &mut fill)
+                .unwrap();
         assert_eq!(evidence.near.at.len(), mask.count());
         assert!(evidence.near.at.is_sorted());
         let [near, deep] = &evidence.pairs;

@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use super::excerpt::Excerpt;
 use super::near::Places;
 use super::variance::{Kind, Variance};
 use crate::sampling::hash;
@@ -14,6 +15,11 @@ pub const PARTS: u64 = 10;
 pub(super) const DEEP: Range<u64> = 0..PARTS / 2;
 /// Held-out pixels that are enough, where more would cost more fills.
 const ENOUGH: usize = 5000;
+
+/// Spacings of samples beyond which another half of them does not reach.
+const FAR: f64 = 6.0;
+/// How exact fills without some of the samples are, over the range of these: far below what a fill errs by.
+pub const HELD_OUT: f64 = 5e-4;
 
 /// How the samples of a frame are cut: one cut for all that learn from held-out samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,9 +43,8 @@ impl Folds {
         (ENOUGH * PARTS as usize).div_ceil(samples.max(1)).clamp(1, PARTS as usize) as u64
     }
 
-    /// The parts that are half of the samples, and those of them that are also held out where few others are: with the folds, what
-    /// [`HeldOut::new`] takes.
-    pub fn deep(self, samples: usize) -> (Self, [Range<u64>; 2]) {
+    /// The parts that are half of the samples, and those of them that are also held out where few others are.
+    pub(super) fn deep(self, samples: usize) -> (Self, [Range<u64>; 2]) {
         (self, [DEEP, DEEP.start..Self::fills(samples).min(DEEP.end)])
     }
 
@@ -49,6 +54,12 @@ impl Folds {
         let kept =
             |row, column| mask.is_measured(row, column) && !parts.contains(&self.part(row * width + column));
         Mask::from_fn(mask.size(), kept)
+    }
+
+    /// The mask with the fewest samples that all of the frame is filled from to learn from it.
+    pub fn thinnest(self, mask: &Mask) -> Mask {
+        let few = if tiles(mask).is_some() { 0..1 } else { DEEP };
+        self.without(mask, &few)
     }
 
     /// The measured pixels of these parts, in the order of rows.
@@ -90,12 +101,45 @@ impl HeldOut {
         if at.is_empty() || kept.is_empty() {
             return Ok(Self { predicted: vec![Vec::new(); samples.len()], ..Self::default() });
         }
-        let filled = reconstruct(samples, &kept)?;
+        let filled = reconstruct(samples, &kept, None)?;
         let variance = kind.map_or_else(Vec::new, |kind| {
             let places = Places::new(&kept, |_| true);
             Variance::new(kind, &kept, &places, folds.seed).all(&places, &at)
         });
         Ok(Self { predicted: pick(&filled, &at), at, variance })
+    }
+
+    /// Holds half of the samples out: of a large frame in tiles that are spread over it, unless `whole` is asked for.
+    ///
+    /// # Errors
+    /// Those of the method.
+    pub fn deep(
+        (samples, mask): (&Planes, &Mask),
+        folds: Folds,
+        kind: Kind,
+        whole: bool,
+        reconstruct: &mut Reconstruct<'_>,
+    ) -> Result<Self, Error> {
+        let (folds, [parts, wanted]) = folds.deep(mask.count());
+        let Some(tiles) = tiles(mask).filter(|_| !whole) else {
+            return Self::new((samples, mask), (folds, [parts, wanted]), Some(kind), reconstruct);
+        };
+        let all = tiles.mask.as_slice();
+        let part = |pixel: usize| folds.part(tiles.source(pixel));
+        let flags = (0..).zip(all).map(|(pixel, flag)| *flag && !parts.contains(&part(pixel))).collect();
+        let kept = Arc::new(Mask::of(tiles.mask.size(), flags));
+        let is_wanted =
+            |&pixel: &usize| all[pixel] && wanted.contains(&part(pixel)) && tiles.is_inner(pixel as u32);
+        let at: Vec<u32> = (0..all.len()).filter(is_wanted).map(|pixel| pixel as u32).collect();
+        let filled = reconstruct(&tiles.planes(samples), &kept, Some(&tiles))?;
+        let places = Places::new(&kept, |_| true);
+        let variance = Variance::new(kind, &kept, &places, folds.seed).all(&places, &at);
+        let predicted = pick(&filled, &at);
+        Ok(Self {
+            at: at.iter().map(|&pixel| tiles.source(pixel as usize) as u32).collect(),
+            predicted,
+            variance,
+        })
     }
 
     /// The same, in the order of rows, with the variances that go with folds that are held out one at a time.
@@ -187,14 +231,19 @@ impl HeldOut {
     }
 }
 
+/// Tiles of a frame that show what half of its samples make of it, if there are enough samples to fill these alike.
+fn tiles(mask: &Mask) -> Option<Excerpt> {
+    Excerpt::tiles(mask).filter(|tiles| tiles.border() >= FAR)
+}
+
 /// The values of pixels, by channel.
 pub(super) fn pick(planes: &Planes, at: &[u32]) -> Vec<Vec<f32>> {
     let of = |plane: &crate::Plane| at.iter().map(|&pixel| plane.pixels()[pixel as usize]).collect();
     planes.as_slice().iter().map(of).collect()
 }
 
-/// A fill from the samples of a mask.
-pub type Reconstruct<'a> = dyn FnMut(&Planes, &Arc<Mask>) -> Result<Planes, Error> + 'a;
+/// A fill from the samples of a mask: of the frame, or of an excerpt of it.
+pub type Reconstruct<'a> = dyn FnMut(&Planes, &Arc<Mask>, Option<&Excerpt>) -> Result<Planes, Error> + 'a;
 
 /// The squared error (0 if not known) and the logarithm of the variance of a pixel.
 #[derive(Clone, Copy, Debug)]

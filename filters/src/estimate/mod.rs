@@ -28,8 +28,8 @@
 //! Held-out samples come from [`Evidence::of_folds`], for any method. [`Folds`] are drawn by a seed; all that learns from a frame
 //! uses the same.
 //!
-//! Cost: two fills (up to eleven where there are few samples), two of a smaller image (a quarter of the pixels or less, 384 x 384 at most), the
-//! four nearest samples of each held-out one and of 40000 missing pixels.
+//! Cost: a fill without a tenth of the samples (up to ten of them where there are few) and one without half of them, of large frames in tiles that
+//! are spread over it ([`Excerpt`]); two of a smaller image (a quarter of the pixels or less, 384 x 384 at most); the four nearest samples of each held-out one and of 40000 missing pixels.
 //! The plane: the nearest samples of every missing pixel, and four blurs. Memory: six planes.
 //!
 //! Samples that stand close together must not speak for all of the image. Where samples lie unevenly, `m` is the root of the number of missing
@@ -53,6 +53,7 @@
 //! B 36, 1974.
 
 mod evidence;
+mod excerpt;
 mod held_out;
 mod kriging;
 mod model;
@@ -63,7 +64,8 @@ mod variance;
 mod voronoi;
 
 pub use evidence::Evidence;
-pub use held_out::{Folds, HeldOut, PARTS, Reconstruct};
+pub use excerpt::Excerpt;
+pub use held_out::{Folds, HELD_OUT, HeldOut, PARTS, Reconstruct};
 pub use model::{Model, Rmse, Verdict, Why};
-pub use simulation::{Decimation, Simulation};
+pub use simulation::Simulation;
 pub use variance::Kind;

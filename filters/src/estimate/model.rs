@@ -8,7 +8,6 @@ use serde::Serialize;
 use super::evidence::Evidence;
 use super::held_out::PixelError;
 use super::near::{Near, Places};
-use super::simulation::Simulation;
 use super::variance::Variance;
 use super::voronoi::Voronoi;
 use crate::kernel::extremes;
@@ -158,6 +157,8 @@ impl Model {
         let (exponent, exponent_off) = exponent(evidence, truth, &places);
         let floor = rounding(truth, mask);
         let range = range(truth, mask);
+        let simulated =
+            evidence.simulation.as_ref().and_then(|simulation| simulation.factor(evidence.growth(truth)));
         let share = voronoi.share(exponent, EXPONENTS.1);
         let mask = Arc::clone(mask);
         Self {
@@ -172,7 +173,7 @@ impl Model {
             owned,
             share,
             all_missing,
-            simulated: evidence.simulation.as_ref().and_then(Simulation::factor),
+            simulated,
         }
     }
 

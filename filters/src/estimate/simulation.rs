@@ -9,56 +9,42 @@
 //! Only for masks whose samples lie evenly: there a held-out sample stands in an emptier place than any missing pixel. At random samples both
 //! stand alike, and the quotient is little beside the chance of a smaller image.
 //!
-//! Fails: noise. What is filled between noisy samples is smooth, so the quotient is that of shading. The power
-//! law sees some of it; where the two disagree the interval is wide.
+//! Noise is not in the filled frame. It makes errors alike everywhere, in empty places and at missing pixels: so where half of the samples are held out,
+//! errors of detail grow by the factor `g` that the smaller image shows, and those of noise do not. With `g'` the growth on the frame, a share
+//! `d = (g' - 1) / (g - 1)` of the squared error is detail, and `1 - d` of it stays at missing pixels.
 //!
 //! Source: B. Efron, "Bootstrap methods: another look at the jackknife", The Annals of Statistics 7, 1979.
 
 use std::sync::Arc;
 
+use super::excerpt::Excerpt;
 use super::held_out::{Folds, HeldOut, Reconstruct, pick};
 use super::voronoi::Voronoi;
-use crate::{Error, Mask, Plane, Planes, Size};
+use crate::{Error, Mask, Planes, Size};
 
 /// Pixels of the frame, along each side, of which one is taken: so many at least.
 const LEAST_STEP: usize = 2;
 /// Fewer samples of the smaller image tell nothing.
 const FEWEST: usize = 200;
+/// Errors that grow by less than this where half of the samples are held out do not tell noise from detail.
+const LEAST_GROWTH: f64 = 1.2;
+/// By how much the growth of errors is off by chance, over itself.
+const GROWTH_OFF: f64 = 0.1;
 /// Larger images are cut to this many pixels a side.
 const SIDE: usize = 384;
 
-/// Which pixels of a frame make the smaller image, and its mask.
-#[derive(Clone, Debug)]
-pub struct Decimation {
-    from: Size,
-    /// Pixels of the frame, along each side, of which one is taken.
-    step: usize,
-    /// The mask of the smaller image.
-    pub mask: Arc<Mask>,
-}
-
-impl Decimation {
-    /// That of a mask, if its samples lie evenly and are many enough.
-    pub fn new(mask: &Mask) -> Option<Self> {
-        let from = mask.size();
-        let step = (mask.density().sqrt().recip().round() as usize).max(LEAST_STEP);
-        let side = |length: usize| (length / step).min(SIDE);
-        let size = Size::new(side(from.height), side(from.width));
-        let (top, left) = ((from.height - size.height) / 2, (from.width - size.width) / 2);
-        let mask = Mask::from_fn(size, |row, column| mask.is_measured(top + row, left + column));
-        let fits = mask.count() >= FEWEST && !mask.is_full() && !Voronoi::new(&mask).is_uneven();
-        fits.then(|| Self { from, step, mask: Arc::new(mask) })
-    }
-
-    /// The pixel of the frame that a pixel of the smaller image is.
-    pub fn source(&self, pixel: usize) -> usize {
-        let size = self.mask.size();
-        let of = |at: usize, length: usize, from: usize| {
-            (from - self.step * length) / 2 + self.step * at + self.step / 2
-        };
-        let row = of(pixel / size.width, size.height, self.from.height);
-        row * self.from.width + of(pixel % size.width, size.width, self.from.width)
-    }
+/// One pixel of every `s x s` of a frame, if its samples lie evenly and are many enough.
+fn decimated(frame: &Mask) -> Option<Excerpt> {
+    let from = frame.size();
+    let step = (frame.density().sqrt().recip().round() as usize).max(LEAST_STEP);
+    let side = |length: usize| (length / step).min(SIDE);
+    let size = Size::new(side(from.height), side(from.width));
+    let (top, left) = ((from.height - size.height) / 2, (from.width - size.width) / 2);
+    let mask = Mask::from_fn(size, |row, column| frame.is_measured(top + row, left + column));
+    let fits = mask.count() >= FEWEST && !mask.is_full() && !Voronoi::new(&mask).is_uneven();
+    let of = |at: usize, length: usize, from: usize| (from - step * length) / 2 + step * at + step / 2;
+    let source = |row, column| (of(row, size.height, from.height), of(column, size.width, from.width));
+    fits.then(|| Excerpt { mask: Arc::new(mask), ..Excerpt::new(frame, size, source) })
 }
 
 /// An image that is known, and what a method makes of some of its pixels.
@@ -67,51 +53,53 @@ pub struct Simulation {
     truth: Planes,
     held: HeldOut,
     missing: HeldOut,
+    /// Predicted without half of the samples.
+    deep: HeldOut,
 }
 
 impl Simulation {
-    /// Fills the decimated frame by a method, without and with samples held out.
+    /// Fills the decimated frame by a method, without and with samples held out; nothing where its samples are not for it.
     ///
     /// # Errors
     /// Those of the method.
     pub fn new(
-        decimation: &Decimation,
+        frame: &Mask,
         filled: &Planes,
         folds: Folds,
         reconstruct: &mut Reconstruct<'_>,
-    ) -> Result<Self, Error> {
-        let mask = &decimation.mask;
-        let size = mask.size();
-        let reduced = |plane: &Plane| {
-            Plane::of(
-                size,
-                (0..size.pixels()).map(|pixel| plane.pixels()[decimation.source(pixel)]).collect(),
-            )
+    ) -> Result<Option<Self>, Error> {
+        let Some(excerpt) = decimated(frame) else { return Ok(None) };
+        let mask = &excerpt.mask;
+        let truth = excerpt.planes(filled);
+        let mut reconstruct = |samples: &Planes, kept: &Arc<Mask>, _: Option<&Excerpt>| {
+            reconstruct(samples, kept, Some(&excerpt))
         };
-        let truth = Planes::of(size, filled.as_slice().iter().map(reduced).collect());
-        let again = reconstruct(&truth, mask)?;
+        let again = reconstruct(&truth, mask, None)?;
         let at: Vec<u32> =
             (0..).zip(mask.as_slice()).filter(|(_, flag)| !**flag).map(|(pixel, _)| pixel).collect();
         let missing = HeldOut { predicted: pick(&again, &at), at, variance: Vec::new() };
         let mut held = HeldOut::default();
         for parts in folds.near(mask.count()) {
-            held.extend(HeldOut::new((&truth, mask), (folds, [parts.clone(), parts]), None, reconstruct)?);
+            let parts = (folds, [parts.clone(), parts]);
+            held.extend(HeldOut::new((&truth, mask), parts, None, &mut reconstruct)?);
         }
-        Ok(Self { truth, held, missing })
+        let deep = HeldOut::new((&truth, mask), folds.deep(mask.count()), None, &mut reconstruct)?;
+        Ok(Some(Self { truth, held, missing, deep }))
     }
 
     /// Takes all values to another domain: `f(channel, value)`.
     pub fn map(&mut self, f: &impl Fn(usize, f32) -> f32) {
         self.held.map(f);
         self.missing.map(f);
+        self.deep.map(f);
         for (channel, plane) in self.truth.as_mut_slice().iter_mut().enumerate() {
             plane.pixels_mut().iter_mut().for_each(|value| *value = f(channel, *value));
         }
     }
 
     /// The logarithm of the squared error of missing pixels over that of held-out samples, and its variance by chance; nothing where
-    /// there is no error.
-    pub fn factor(&self) -> Option<(f64, f64)> {
+    /// there is no error. `growth` is the squared error at samples that are held out with half of the others over that with few of them, on the frame.
+    pub fn factor(&self, growth: Option<f64>) -> Option<(f64, f64)> {
         let mean = |held: &HeldOut| {
             let (mut sum, mut squares) = (0.0, 0.0);
             let errors = held.squared_errors(&self.truth);
@@ -122,14 +110,37 @@ impl Simulation {
             (sum / errors.len().max(1) as f64, squares / (sum * sum))
         };
         let ((held, by_chance), (missing, less)) = (mean(&self.held), mean(&self.missing));
-        let found = ((missing / held).ln(), by_chance + less);
+        let (plain, by_chance) = (missing / held, by_chance + less);
+        let found = match (growth, self.growth()) {
+            (Some(growth), Some(own)) => {
+                let carried = |growth: f64| {
+                    let detail = ((growth - 1.0) / (own - 1.0)).clamp(0.0, 1.0);
+                    (detail * plain + 1.0 - detail).ln()
+                };
+                let (least, most) = (carried(growth), carried(growth * (1.0 + GROWTH_OFF)));
+                (most, by_chance + (most - least).powi(2))
+            }
+            _ => (plain.ln(), by_chance),
+        };
         (found.0.is_finite() && found.1.is_finite()).then_some(found)
+    }
+
+    /// By how much held-out errors grow where half of the samples are held out; nothing if hardly.
+    fn growth(&self) -> Option<f64> {
+        let sum = |own: &HeldOut, wanted: &[u32]| -> f64 {
+            let both = own.sorted(|pixel| wanted.binary_search(&pixel).is_ok());
+            both.squared_errors(&self.truth).into_iter().map(f64::from).sum()
+        };
+        let held = self.held.sorted(|_| true);
+        let growth = sum(&self.deep, &held.at) / sum(&held, &self.deep.at);
+        (growth > LEAST_GROWTH).then_some(growth)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Plane;
     use crate::sampling::{Field, Pattern, Temporal, mask as generate};
 
     fn mask(pattern: Pattern, size: Size, density: f64) -> Mask {
@@ -139,23 +150,23 @@ mod tests {
     #[test]
     fn only_even_masks_have_a_stage() {
         let size = Size::new(101, 140);
-        let decimation = Decimation::new(&mask(Pattern::Shuffle, size, 0.2)).unwrap();
-        assert_eq!(decimation.mask.size(), Size::new(50, 70));
-        assert!((decimation.mask.density() - 0.2).abs() < 0.01);
+        let excerpt = decimated(&mask(Pattern::Shuffle, size, 0.2)).unwrap();
+        assert_eq!(excerpt.mask.size(), Size::new(50, 70));
+        assert!((excerpt.mask.density() - 0.2).abs() < 0.01);
         // Each pixel of it is another one of the frame, two apart.
-        let of = |pixel| (decimation.source(pixel) / 140, decimation.source(pixel) % 140);
+        let of = |pixel| (excerpt.source(pixel) / 140, excerpt.source(pixel) % 140);
         assert_eq!((of(0), of(1), of(70)), ((1, 1), (1, 3), (3, 1)));
         assert_eq!(of(50 * 70 - 1), (99, 139));
-        assert!(Decimation::new(&mask(Pattern::Random, size, 0.2)).is_none());
-        assert!(Decimation::new(&mask(Pattern::Shuffle, Size::new(30, 30), 0.2)).is_none());
-        assert!(Decimation::new(&mask(Pattern::Shuffle, size, 1.0)).is_none());
-        let sparse = Decimation::new(&mask(Pattern::Shuffle, Size::new(300, 300), 0.06)).unwrap();
+        assert!(decimated(&mask(Pattern::Random, size, 0.2)).is_none());
+        assert!(decimated(&mask(Pattern::Shuffle, Size::new(30, 30), 0.2)).is_none());
+        assert!(decimated(&mask(Pattern::Shuffle, size, 1.0)).is_none());
+        let sparse = decimated(&mask(Pattern::Shuffle, Size::new(300, 300), 0.06)).unwrap();
         assert_eq!((sparse.mask.size(), sparse.source(0)), (Size::new(75, 75), 2 * 300 + 2));
         // What is larger is cut from the middle.
-        let decimation = Decimation::new(&mask(Pattern::Shuffle, Size::new(60, 1200), 0.2)).unwrap();
-        assert_eq!(decimation.mask.size(), Size::new(30, 384));
-        assert_eq!(decimation.source(0), 1200 + (1200 - 768) / 2 + 1);
-        assert_eq!(decimation.source(383), 1200 + 1200 - (1200 - 768) / 2 - 1);
+        let excerpt = decimated(&mask(Pattern::Shuffle, Size::new(60, 1200), 0.2)).unwrap();
+        assert_eq!(excerpt.mask.size(), Size::new(30, 384));
+        assert_eq!(excerpt.source(0), 1200 + (1200 - 768) / 2 + 1);
+        assert_eq!(excerpt.source(383), 1200 + 1200 - (1200 - 768) / 2 - 1);
     }
 
     /// A method that errs more where samples are held out.
@@ -163,26 +174,53 @@ mod tests {
     fn the_factor_is_that_of_errors_which_are_known() {
         let size = Size::new(120, 120);
         let frame = mask(Pattern::Shuffle, size, 0.25);
-        let decimation = Decimation::new(&frame).unwrap();
-        let all = decimation.mask.count();
+        let excerpt = decimated(&frame).unwrap();
+        let all = excerpt.mask.count();
         let filled = Planes::of(size, vec![Plane::from_fn(size, |y, x| (y + x) as f32)]);
         // Off by 2 everywhere with all samples, by 6 with some held out.
-        let mut method = |samples: &Planes, kept: &Arc<Mask>| {
+        let mut method = |samples: &Planes, kept: &Arc<Mask>, _: Option<&Excerpt>| {
             let off = if kept.count() == all { 2.0 } else { 6.0 };
             let plane = &samples.as_slice()[0];
             let value = |y, x| plane.at(y, x) + if kept.is_measured(y, x) { 0.0 } else { off };
             Planes::new(plane.size(), vec![Plane::from_fn(plane.size(), value)])
         };
-        let mut found = Simulation::new(&decimation, &filled, Folds::default(), &mut method).unwrap();
+        let mut found = Simulation::new(&frame, &filled, Folds::default(), &mut method).unwrap().unwrap();
         assert_eq!(found.truth.as_slice()[0].at(3, 5), 7.0 + 11.0);
-        let (factor, by_chance) = found.factor().unwrap();
+        let (factor, by_chance) = found.factor(None).unwrap();
         assert!((factor - (4.0_f64 / 36.0).ln()).abs() < 1e-6, "{factor}");
         // Errors that are all alike leave to chance only how many there are.
-        let parts = (all as f64).recip() + ((decimation.mask.size().pixels() - all) as f64).recip();
+        let parts = (all as f64).recip() + ((excerpt.mask.size().pixels() - all) as f64).recip();
         assert!((by_chance - parts).abs() < 1e-6, "{by_chance}");
         found.map(&|_, value| 0.5 * value);
-        assert!((found.factor().unwrap().0 - factor).abs() < 1e-6);
+        assert!((found.factor(None).unwrap().0 - factor).abs() < 1e-6);
         found.map(&|_, _| 1.0);
-        assert!(found.factor().is_none());
+        assert!(found.factor(None).is_none());
+    }
+
+    /// A method whose squared error is twice as large without half of the samples, and half as large with all.
+    #[test]
+    fn errors_that_do_not_grow_stay_at_missing_pixels() {
+        let size = Size::new(160, 160);
+        let frame = mask(Pattern::Shuffle, size, 0.25);
+        let all = decimated(&frame).unwrap().mask.count();
+        let filled = Planes::of(size, vec![Plane::from_fn(size, |y, x| (y + x) as f32)]);
+        let mut method = |samples: &Planes, kept: &Arc<Mask>, _: Option<&Excerpt>| {
+            let off = match kept.count() {
+                count if count == all => 1.0,
+                count if 3 * count > 2 * all => f32::sqrt(2.0),
+                _ => 2.0,
+            };
+            let plane = &samples.as_slice()[0];
+            let value = |y, x| plane.at(y, x) + if kept.is_measured(y, x) { 0.0 } else { off };
+            Planes::new(plane.size(), vec![Plane::from_fn(plane.size(), value)])
+        };
+        let found = Simulation::new(&frame, &filled, Folds::default(), &mut method).unwrap().unwrap();
+        assert!((found.growth().unwrap() - 2.0).abs() < 1e-5);
+        let factor = |growth: f64| found.factor(Some(growth / (1.0 + GROWTH_OFF))).unwrap();
+        // All detail, half of it, none.
+        for (growth, right) in [(2.5, 0.5_f64), (2.0, 0.5), (1.5, 0.75), (1.0, 1.0)] {
+            assert!((factor(growth).0 - right.ln()).abs() < 1e-5, "{growth}");
+        }
+        assert!(factor(1.5).1 > factor(2.5).1);
     }
 }

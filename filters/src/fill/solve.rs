@@ -6,7 +6,7 @@ use lacuna_core::parallel::prelude::*;
 
 use super::{Estimate, Options, Set, Values};
 use crate::domain::{Domain, Map};
-use crate::estimate::{Decimation, Evidence, Folds, Model, Simulation};
+use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, Model};
 use crate::limiter::Moved;
 use crate::noise::{self, Known, Noise};
 use crate::temporal::Carried;
@@ -15,8 +15,6 @@ use crate::{
     Bounds, Error, Gradients, Mask, Method, Outcome, Plan, Plane, Planes, Plans, Problem, Run, limiter,
 };
 
-/// How exact fills without some of the samples are, over the range of these: far below what a fill errs by.
-const HELD_OUT: f64 = 5e-4;
 /// Pixels that one task takes in loops over a plane.
 const PIECE: usize = 1 << 14;
 
@@ -157,24 +155,19 @@ impl Task<'_> {
         let mut evidence = if let Some(evidence) = evidence {
             evidence
         } else {
-            let again = |guides, samples: &Planes, kept: &Arc<Mask>| {
+            let mut again = |samples: &Planes, kept: &Arc<Mask>, excerpt: Option<&Excerpt>| {
                 let plan = self.method.filter().plan(&Problem::fill(Arc::clone(kept)), self.run)?;
+                let small =
+                    excerpt.and_then(|excerpt| Some(self.guides?.at(kept.size(), |at| excerpt.source(at))));
+                let guides = small.as_ref().or(self.guides);
                 let task = Task { plan: plan.as_ref(), mask: kept, guides, error: Some(HELD_OUT), ..*self };
                 let mut out = Planes::zeros(samples.size(), samples.len());
                 task.reconstruct((samples, gradients), map, &mut out)?;
                 Ok(out)
             };
-            let mut own = |samples: &Planes, kept: &Arc<Mask>| again(self.guides, samples, kept);
-            let mut evidence = Evidence::of_folds((samples, self.mask), folds, kind, &mut own)?;
-            // Samples of gradients are not in the simulation.
-            if let Some(decimation) = Decimation::new(self.mask).filter(|_| gradients.is_none()) {
-                let small =
-                    |guides: &Guides| guides.at(decimation.mask.size(), |pixel| decimation.source(pixel));
-                let guides = self.guides.map(small);
-                let mut small = |samples: &Planes, kept: &Arc<Mask>| again(guides.as_ref(), samples, kept);
-                evidence.simulation = Some(Simulation::new(&decimation, filled, folds, &mut small)?);
-            }
-            evidence
+            // Samples of gradients are in no excerpt.
+            let filled = Some(filled).filter(|_| gradients.is_none());
+            Evidence::of_folds((samples, self.mask), filled, (folds, kind), &mut again)?
         };
         if self.run.interrupted().is_some() {
             return Ok(None);

@@ -162,30 +162,29 @@ impl Filter for Settings {
 impl Plan for Planned {
     fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
         // The start checks the planes, and copies every measured pixel's bits.
-        let mut outcome = self.start.reconstruct(samples, out, run)?;
-        let spread = self.spread(samples);
-        if self.mask.is_full() || spread <= 0.0 {
-            return Ok(outcome);
-        }
-        let unit = unit(spread);
-        let contrast = self.settings.contrast * spread / unit;
-        let how = Weighting {
-            inverse: (1.0 / (contrast * contrast)) as f32,
-            slope: SLOPE * SLOPE,
-            floor: FLOOR,
-            blur: window(),
-        };
-        outcome.residual = None;
-        for round in 0..self.settings.rounds {
-            let shift = if round % 2 == 0 { 0 } else { SIDE / 2 };
-            let (steps, left) = self.round(how, unit as f32, shift, out, run);
-            outcome.iterations += steps;
-            outcome.residual = Some(left);
-            if let Some(stop) = run.interrupted() {
-                return Ok(Outcome { stop: stop.max(outcome.stop), ..outcome });
-            }
-        }
-        Ok(outcome)
+        let start = self.start.reconstruct(samples, out, run)?;
+        Ok(self.enhance(start, samples, out, run))
+    }
+
+    fn reconstruct_roughly(
+        &self,
+        samples: &Planes,
+        error: f64,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<Outcome, Error> {
+        let start = self.start.reconstruct_roughly(samples, error, out, run)?;
+        Ok(self.enhance(start, samples, out, run))
+    }
+
+    fn reconstruct_from_splines(
+        &self,
+        samples: &Planes,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<Outcome, Error> {
+        check::group(&self.mask, samples, out)?;
+        Ok(self.enhance(Outcome::direct(), samples, out, run))
     }
 }
 
@@ -202,6 +201,34 @@ fn window<const N: usize>() -> [f32; N] {
 }
 
 impl Planned {
+    /// All rounds on what splines made of the samples.
+    fn enhance(&self, start: Outcome, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Outcome {
+        let mut outcome = start;
+        let spread = self.spread(samples);
+        if self.mask.is_full() || spread <= 0.0 {
+            return outcome;
+        }
+        let unit = unit(spread);
+        let contrast = self.settings.contrast * spread / unit;
+        let how = Weighting {
+            inverse: (1.0 / (contrast * contrast)) as f32,
+            slope: SLOPE * SLOPE,
+            floor: FLOOR,
+            blur: window(),
+        };
+        outcome.residual = None;
+        for round in 0..self.settings.rounds {
+            let shift = if round % 2 == 0 { 0 } else { SIDE / 2 };
+            let (steps, left) = self.round(how, unit as f32, shift, out, run);
+            outcome.iterations += steps;
+            outcome.residual = Some(left);
+            if let Some(stop) = run.interrupted() {
+                return Outcome { stop: stop.max(outcome.stop), ..outcome };
+            }
+        }
+        outcome
+    }
+
     /// The largest spread of a channel's measured values.
     fn spread(&self, samples: &Planes) -> f64 {
         let spreads = samples.as_slice().iter().map(|plane| {

@@ -99,23 +99,38 @@ pub fn reconstruct(
     run: &Run<'_>,
 ) -> Result<(Outcome, Effect), Error> {
     let outcome = plan.reconstruct(samples, out, run)?;
+    let (second, effect) = steer((filter, plan), mask, samples, guides, out, run)?;
+    Ok((outcome.worst(second), effect))
+}
+
+/// The same where `out` holds what the plain filter makes of the samples.
+///
+/// # Errors
+/// As [`reconstruct`].
+pub fn steer(
+    (filter, plan): (&dyn Filter, &dyn Plan),
+    mask: &Arc<Mask>,
+    samples: &Planes,
+    guides: &Guides,
+    out: &mut Planes,
+    run: &Run<'_>,
+) -> Result<(Outcome, Effect), Error> {
     if guides.size() != mask.size() {
         return Err(Error::SizeMismatch { expected: mask.size(), found: guides.size().to_string() });
     }
     let pointless = guides.is_empty() || mask.is_full() || mask.count() < FEWEST || samples.is_empty();
     if pointless || run.interrupted().is_some() {
-        return Ok((outcome, Effect::default()));
+        return Ok((Outcome::direct(), Effect::default()));
     }
     let field = Field { planes: guides.planes(), labels: guides.labels() };
     let model = Model { filter, mask, samples, field, isa: Isa::best() };
     let seen = Seen::new(mask, samples, field);
     let Some((scales, trust, gain)) = model.judge(&seen, guides, run)? else {
-        return Ok((outcome, Effect::default()));
+        return Ok((Outcome::direct(), Effect::default()));
     };
     let everywhere = Mask::from_fn(mask.size(), |_, _| true);
     let part = Part { mask, plan, seen: &seen, scales: &scales };
-    let (guided, mut predicted, second) = model.fill(part, &everywhere, FINAL, run)?;
-    let outcome = outcome.worst(second);
+    let (guided, mut predicted, outcome) = model.fill(part, &everywhere, FINAL, run)?;
     blend(mask, guides, &trust, &guided, &mut predicted, out);
     let guides = guides.counting(&scales);
     Ok((outcome, Effect { guides, gain: Some(gain), predicted: Some(predicted), ..Effect::default() }))

@@ -1,6 +1,7 @@
 //! Estimates against the truth, on frames and masks that nothing was tuned on.
 
 use super::*;
+use crate::estimate::Excerpt;
 use crate::estimate::{Folds, Kind};
 use crate::sampling::{Field, Pattern, Temporal, mask as generate};
 use crate::variational::{ss, tv};
@@ -52,8 +53,8 @@ fn check(name: &str, model: &Model, right: f64) {
 
 /// What the folds of a filter's fill show.
 fn learn(filter: &dyn Filter, kind: Kind, truth: &Planes, mask: &Arc<Mask>) -> Model {
-    let mut again = |samples: &Planes, mask: &Arc<Mask>| Ok(fill(filter, samples, mask));
-    let evidence = Evidence::of_folds((truth, mask), Folds { seed: 2 }, kind, &mut again).unwrap();
+    let mut again = |samples: &Planes, mask: &Arc<Mask>, _: Option<&Excerpt>| Ok(fill(filter, samples, mask));
+    let evidence = Evidence::of_folds((truth, mask), None, (Folds { seed: 2 }, kind), &mut again).unwrap();
     Model::new(&evidence, truth, mask, 2)
 }
 
