@@ -130,7 +130,9 @@ pub fn choose<E: From<Error>>(
     let mut fit = Fit::default();
     loop {
         let at: Vec<usize> = (0..field.size.pixels()).filter(|&pixel| new.as_slice()[pixel]).collect();
-        let usable = known.add(&at, &*measure(&new)?)?;
+        let values = measure(&new)?;
+        let usable = known.add(&at, &values)?;
+        drop(values);
         if let (Some((before, _)), Some(samples)) = (&before, &known.samples) {
             fit = Fit::new(before, samples, &at).unwrap_or(fit);
         }
