@@ -162,10 +162,28 @@ impl Filter for Settings {
 impl Plan for Planned {
     fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
         // The start checks the planes, and copies every measured pixel's bits.
-        let mut outcome = self.start.reconstruct(samples, out, run)?;
+        let outcome = self.start.reconstruct(samples, out, run)?;
+        Ok(self.improve(samples, outcome, out, run))
+    }
+
+    fn reconstruct_roughly(
+        &self,
+        samples: &Planes,
+        error: f64,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<Outcome, Error> {
+        let outcome = self.start.reconstruct_roughly(samples, error, out, run)?;
+        Ok(self.improve(samples, outcome, out, run))
+    }
+}
+
+impl Planned {
+    /// Lets the splines that `out` holds bend across edges.
+    fn improve(&self, samples: &Planes, mut outcome: Outcome, out: &mut Planes, run: &Run<'_>) -> Outcome {
         let spread = self.spread(samples);
         if self.mask.is_full() || spread <= 0.0 {
-            return Ok(outcome);
+            return outcome;
         }
         let unit = unit(spread);
         let contrast = self.settings.contrast * spread / unit;
@@ -182,10 +200,10 @@ impl Plan for Planned {
             outcome.iterations += steps;
             outcome.residual = Some(left);
             if let Some(stop) = run.interrupted() {
-                return Ok(Outcome { stop: stop.max(outcome.stop), ..outcome });
+                return Outcome { stop: stop.max(outcome.stop), ..outcome };
             }
         }
-        Ok(outcome)
+        outcome
     }
 }
 
