@@ -214,7 +214,7 @@ mod tests {
 
     #[test]
     fn cross_validation_is_that_of_the_whole_matrix() {
-        let mask = Arc::new(Mask::from_fn(SIZE, |y, x| hash(9, (y * 22 + x) as u64) % 2 == 0));
+        let mask = Arc::new(Mask::from_fn(SIZE, |y, x| hash(9, (y * 22 + x) as u64).is_multiple_of(2)));
         let (_, samples) = noisy(SIZE, 0.3);
         let scores: Vec<f64> = POWERS.map(|power| exact(&mask, &samples, power)).collect();
         let best = (0..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b])).unwrap();
@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn it_is_near_the_weight_that_the_truth_asks_for() {
         let size = Size::new(200, 190);
-        let mask = Arc::new(Mask::from_fn(size, |y, x| hash(3, (y * 190 + x) as u64) % 4 == 0));
+        let mask = Arc::new(Mask::from_fn(size, |y, x| hash(3, (y * 190 + x) as u64).is_multiple_of(4)));
         let (truth, samples) = noisy(size, 0.2);
         let noise = Plane::from_fn(size, |y, x| 0.2 * 1.732 * random(77, y * 190 + x));
         let noise = Planes::new(size, vec![noise]).unwrap();
