@@ -230,8 +230,8 @@ fn in_rounds(frame: &Frame, settings: &adaptive::Settings, run: &Run<'_>) -> Res
     }
     let planes: Result<Vec<Plane>, _> =
         channels.iter().map(|channel| Plane::new(part.size(), channel.samples.as_f32())).collect();
-    let planes = Planes::new(part.size(), planes?)?;
-    Ok(rounds::choose(settings, field(part.data_window), run, |_| Ok(planes.clone()))?)
+    let planes = Arc::new(Planes::new(part.size(), planes?)?);
+    Ok(rounds::choose(settings, field(part.data_window), run, |_| Ok(Arc::clone(&planes)))?)
 }
 
 /// Attributes that would lie about the sparse part: made from its pixels, said of its filling, or of complete channels.

@@ -68,3 +68,35 @@ def test_what_is_no_noise_is_refused(tmp_path):
         assert not (tmp_path / "out.exr").exists()
     for flags in (["--noise", "half1"], ["--noise", "auto", "--ss-lambda", "1"]):
         assert lacuna("fill", source, "-o", tmp_path / "out.exr", *flags, ok=False).status == 2
+
+
+@pytest.mark.parametrize(("name", "setting", "flag"), [("ss", "lambda", "--ss-lambda"), ("tv", "epsilon", "--tv-epsilon")])
+@pytest.mark.parametrize("halves", [True, False])
+def test_how_much_to_smooth_is_chosen(tmp_path, name, setting, flag, halves):
+    source, truth = noisy(tmp_path)
+    if not halves:
+        [planes] = frames.read(source)
+        source = frames.write(tmp_path / "alone.exr", {n: plane for n, plane in planes.items() if not n.startswith("half")})
+    flags = ["--filter", name, "--no-estimate", "--domain", "linear"]
+    lacuna("fill", source, "-o", tmp_path / "plain.exr", *flags)
+    result = lacuna("fill", source, "-o", tmp_path / "out.exr", *flags, flag, "auto")
+    by = "known noise" if halves else "generalised cross-validation"
+    [line] = [line for line in result.stderr.splitlines() if f"{setting}=" in line]
+    assert f"{setting}=" in line and line.endswith(f"by {by}"), line
+    assert error(tmp_path / "out.exr", truth) < 0.7 * error(tmp_path / "plain.exr", truth)
+    info = lacuna("info", tmp_path / "out.exr").stdout
+    assert f"{setting}=auto" in info and f"by {by}" in info, info
+    # The number that was chosen gives the same image.
+    value = line.split(f"{setting}=")[1].split(" by ")[0]
+    lacuna("fill", source, "-o", tmp_path / "again.exr", *flags, flag, value)
+    [out], [again] = frames.read(tmp_path / "out.exr"), frames.read(tmp_path / "again.exr")
+    assert all(np.allclose(out[n], again[n], atol=1e-5) for n in "RGB")
+    if name == "tv" and halves:
+        # The root of the summed squares of half the difference: noise of a tenth.
+        assert abs(float(value) / (0.1 * np.sqrt(DENSITY * truth[..., 0].size)) - 1) < 0.05
+
+
+def test_auto_is_one_of_the_values(tmp_path):
+    source, _ = noisy(tmp_path)
+    result = lacuna("fill", source, "-o", tmp_path / "out.exr", "--filter", "ss", "--ss-lambda", "x", ok=False)
+    assert result.status == 2 and "a number of 0 or more, or auto" in result.stderr

@@ -5,9 +5,10 @@ mod field;
 pub use field::{Choice, Field};
 pub(crate) use field::{plain, words};
 
+use crate::choose::{AUTO, Given};
 use crate::estimate::{Folds, Kind};
 use crate::solver;
-use crate::{Error, Filter, Mask};
+use crate::{Error, Filter, Mask, Run};
 
 /// A method: its name, its settings, what it needs.
 #[derive(Debug)]
@@ -81,14 +82,29 @@ pub struct Setting {
     pub help: &'static str,
     /// Whether measured pixels are changed where it is not zero or off.
     pub smooths: bool,
+    /// Whether it may be `auto`: chosen by the samples ([`Configured::choose`]).
+    pub auto: bool,
     /// Whether the settings line leaves it out at its default, so that lines of older versions still match.
     pub silent: bool,
 }
 
 impl Setting {
     /// A setting without a name, to be filled in.
-    pub const PLAIN: Self =
-        Self { name: "", flag: "", value: "", range: Range::Switch, help: "", smooths: false, silent: false };
+    pub const PLAIN: Self = Self {
+        name: "",
+        flag: "",
+        value: "",
+        range: Range::Switch,
+        help: "",
+        smooths: false,
+        auto: false,
+        silent: false,
+    };
+
+    /// The values that it may have, in words.
+    pub fn values(&self) -> String {
+        if self.auto { format!("{}, or {AUTO}", self.range) } else { self.range.to_string() }
+    }
 }
 
 /// The values that a setting may have.
@@ -181,6 +197,19 @@ pub trait Configured: Filter + std::fmt::Debug {
     /// Planes that a group must have; nothing if any number will do. Other groups are for the default method.
     fn planes(&self) -> Option<usize> {
         None
+    }
+
+    /// The value of a setting that may be `auto`, chosen by the samples, and what chose it.
+    ///
+    /// # Errors
+    /// Those of the fills that it tries.
+    fn choose(
+        &self,
+        _name: &str,
+        _given: &Given<'_>,
+        _run: &Run<'_>,
+    ) -> Result<Option<(f64, &'static str)>, Error> {
+        Ok(None)
     }
 
     /// The setting as it is, by its name in the descriptor, that weights of the samples cannot go with.

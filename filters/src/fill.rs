@@ -26,6 +26,7 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
+use crate::choose::Chosen;
 use crate::domain::{Domain, Map};
 use crate::estimate::Verdict;
 use crate::limiter::Moved;
@@ -84,7 +85,7 @@ pub struct Options<'a> {
     /// What is to be said of the error.
     pub estimate: Estimate,
     /// What is known of the noise of the samples, which then are smoothed, as far as it asks for ([`crate::noise`]); the method is for
-    /// those that show none.
+    /// those that show none. A method that is to choose how much to smooth does so by this noise, and smooths by itself.
     pub noise: Noise,
 }
 
@@ -180,6 +181,8 @@ pub struct Set {
     pub weightless: usize,
     /// Whether measured pixels were smoothed because of their noise.
     pub smoothed: bool,
+    /// Settings that the samples chose.
+    pub settled: Vec<Chosen>,
 }
 
 /// Fills the missing pixels of a group of channels as `lacuna fill` does.

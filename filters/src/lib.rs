@@ -26,6 +26,7 @@ pub mod auto;
 pub mod baseline;
 mod bounds;
 mod check;
+pub mod choose;
 pub mod descriptor;
 pub mod dictionary;
 pub mod domain;

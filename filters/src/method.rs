@@ -2,11 +2,12 @@
 
 use crate::auto;
 use crate::baseline::{cubic, linear, nearest, push_pull};
+use crate::choose::{AUTO, Chosen, Given};
 use crate::descriptor::{Configured, Descriptor, Memory};
 use crate::dictionary::fill;
 use crate::sensing::{cs_gradient, cs_wavelet};
 use crate::variational::{edge, ss, tv};
-use crate::{Error, Filter};
+use crate::{Error, Filter, Run};
 
 /// All methods, the default first.
 pub static METHODS: &[&Descriptor] = &[
@@ -35,11 +36,18 @@ pub static METHODS: &[&Descriptor] = &[
 /// # Ok::<(), lacuna_filters::Error>(())
 /// ```
 #[derive(Debug)]
-pub struct Method(Box<dyn Configured>);
+pub struct Method {
+    own: Box<dyn Configured>,
+    /// Settings that the samples are to choose; until then they have [`STAND_IN`].
+    open: Vec<&'static str>,
+}
+
+/// The value of a setting that is still to be chosen: one that smooths.
+const STAND_IN: &str = "1";
 
 impl<S: Configured + 'static> From<S> for Method {
     fn from(settings: S) -> Self {
-        Self(Box::new(settings))
+        Self::closed(Box::new(settings))
     }
 }
 
@@ -52,7 +60,7 @@ impl Default for Method {
 
 impl Clone for Method {
     fn clone(&self) -> Self {
-        Self(self.0.boxed())
+        Self { own: self.own.boxed(), open: self.open.clone() }
     }
 }
 
@@ -63,6 +71,10 @@ impl PartialEq for Method {
 }
 
 impl Method {
+    fn closed(own: Box<dyn Configured>) -> Self {
+        Self { own, open: Vec::new() }
+    }
+
     /// The method of that name with these settings, `(name, value)` each, and its defaults else.
     ///
     /// # Errors
@@ -79,19 +91,19 @@ impl Method {
     /// # Errors
     /// [`Error::NoSetting`] and [`Error::Setting`].
     pub fn of(descriptor: &Descriptor, settings: &[(&str, &str)]) -> Result<Self, Error> {
-        let mut method = Self((descriptor.new)());
+        let mut method = Self::closed((descriptor.new)());
         settings.iter().try_for_each(|(name, value)| method.set(name, value))?;
         Ok(method)
     }
 
     /// What is to be known of it.
     pub fn descriptor(&self) -> &'static Descriptor {
-        self.0.descriptor()
+        self.own.descriptor()
     }
 
     /// The memory that filling takes with its settings where so much of the image is [`holes`](crate::descriptor::holes).
     pub fn memory(&self, holes: f64) -> Memory {
-        self.0.memory(holes)
+        self.own.memory(holes)
     }
 
     /// The name that tells it from the others.
@@ -108,28 +120,29 @@ impl Method {
         let known = || listed(descriptor.settings.iter().map(|setting| setting.name));
         let missing = || Error::NoSetting { method: descriptor.name, name: name.into(), known: known() };
         let setting = descriptor.setting(name).ok_or_else(missing)?;
-        let field = self.0.field(name).ok_or_else(missing)?;
+        let field = self.own.field(name).ok_or_else(missing)?;
+        let open = setting.auto && value == AUTO;
+        let value = if open { STAND_IN } else { value };
         if setting.range.holds(value) && field.read(value) {
+            self.open.retain(|own| *own != setting.name);
+            self.open.extend(open.then_some(setting.name));
             return Ok(());
         }
-        Err(Error::Setting {
-            name: setting.name,
-            value: value.into(),
-            range: setting.range.to_string().into(),
-        })
+        Err(Error::Setting { name: setting.name, value: value.into(), range: setting.values().into() })
     }
 
     /// The value of a setting as the settings line has it.
     pub fn get(&self, name: &str) -> Option<String> {
-        self.0.boxed().field(name).map(|field| field.show())
+        let shown = self.own.boxed().field(name).map(|field| field.show());
+        if self.open.contains(&name) { Some(AUTO.into()) } else { shown }
     }
 
     /// The settings on one line, `name=value` separated by spaces; equal lines mean equal results.
     pub fn settings(&self) -> String {
-        let (mut own, mut plain) = (self.0.boxed(), (self.descriptor().new)());
+        let mut plain = (self.descriptor().new)();
         let mut line = Vec::new();
         for setting in self.descriptor().settings {
-            let Some(shown) = own.field(setting.name).map(|field| field.show()) else { continue };
+            let Some(shown) = self.get(setting.name) else { continue };
             let mut default = || plain.field(setting.name).is_some_and(|field| field.show() == shown);
             if !(setting.silent && default()) {
                 line.push(format!("{}={shown}", setting.name));
@@ -138,15 +151,37 @@ impl Method {
         line.join(" ")
     }
 
-    /// The filter itself.
+    /// Whether the samples are to choose a setting.
+    pub fn is_open(&self) -> bool {
+        !self.open.is_empty()
+    }
+
+    /// The same with what samples are to choose chosen by these, and what that is.
+    ///
+    /// # Errors
+    /// Those of the fills that are tried.
+    pub fn settled(&self, given: &Given<'_>, run: &Run<'_>) -> Result<(Self, Vec<Chosen>), Error> {
+        let (mut own, mut all) = (self.clone(), Vec::new());
+        for &name in &self.open {
+            if let Some((value, by)) = self.own.choose(name, given, run)? {
+                // Three digits are more than the samples tell.
+                let value = format!("{value:.2e}").parse().unwrap_or(value).to_string();
+                own.set(name, &value)?;
+                all.push(Chosen { name, value, by });
+            }
+        }
+        Ok((own, all))
+    }
+
+    /// The filter itself; what samples are to choose smooths.
     pub fn filter(&self) -> &dyn Filter {
-        self.0.as_ref()
+        self.own.as_ref()
     }
 
     /// Whether measured pixels leave with the bits they came with.
     pub fn keeps_measured(&self) -> bool {
         let smooths = self.descriptor().settings.iter().filter(|setting| setting.smooths);
-        let mut own = self.0.boxed();
+        let mut own = self.own.boxed();
         smooths.into_iter().all(|setting| {
             own.field(setting.name).is_none_or(|field| matches!(field.show().as_str(), "0" | "-0" | "false"))
         })
@@ -162,12 +197,12 @@ impl Method {
     /// # Errors
     /// [`Error::Setting`].
     pub fn check(&self) -> Result<(), Error> {
-        self.0.check()
+        self.own.check()
     }
 
     /// Planes that a group must have; nothing if any number will do. Other groups are for the default method.
     pub fn planes(&self) -> Option<usize> {
-        self.0.planes()
+        self.own.planes()
     }
 
     /// Whether weights of the samples have a meaning.
@@ -176,7 +211,7 @@ impl Method {
     /// The name of a setting that they cannot go with; empty if it is the method, or measured pixels stay.
     pub fn weighs(&self) -> Result<(), &'static str> {
         let smooths = self.descriptor().takes.weights && !self.keeps_measured();
-        match self.0.unweighted() {
+        match self.own.unweighted() {
             Some(setting) => Err(setting),
             None if smooths => Ok(()),
             None => Err(""),
@@ -226,6 +261,21 @@ mod tests {
                 for wrong in ["", "-1", "nan", "no such value"] {
                     let error = method.set(setting.name, wrong).unwrap_err().to_string();
                     assert!(error.starts_with(setting.name), "{error}");
+                }
+                if setting.auto {
+                    method.set(setting.name, AUTO).unwrap();
+                    assert!(method.is_open() && !method.keeps_measured(), "{name}: {}", setting.name);
+                    assert!(method.settings().contains(&format!("{}=auto", setting.name)));
+                    let size = Size::new(20, 20);
+                    let mask = Arc::new(Mask::from_fn(size, |y, x| (y + x) % 2 == 0));
+                    let samples =
+                        Planes::new(size, vec![Plane::from_fn(size, |y, x| (y * x) as f32)]).unwrap();
+                    let given = Given { mask: &mask, samples: &samples, noise: None, weights: None };
+                    let (settled, chosen) = method.settled(&given, &Run::default()).unwrap();
+                    assert!(!settled.is_open() && chosen[0].name == setting.name, "{name}: {chosen:?}");
+                    method.set(setting.name, &shown).unwrap();
+                } else {
+                    assert!(method.set(setting.name, AUTO).is_err() || setting.range.holds(AUTO), "{name}");
                 }
                 if setting.smooths {
                     let value = if let Range::Switch = setting.range { "true" } else { "0.5" };

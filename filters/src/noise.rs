@@ -6,8 +6,8 @@
 //! x(p) = sum over k of w_k(p) F_k(y)(p),      w_k >= 0,  sum of w_k = 1
 //! ```
 //!
-//! where `F_k` are linear: smoothing splines of several `lambda`, the interpolating one among them, and with guides first-order regressions on
-//! guides and place over the nearest 12 to 324 samples ([`crate::variational::guided`], without weights of the guides). In each
+//! where `F_k` are linear: interpolating splines, and smoothing ones of several `lambda`, or with guides first-order regressions on guides
+//! and place over the nearest 12 to 324 samples ([`crate::variational::guided`], without weights of the guides). In each
 //! neighbourhood the weights `w` make the expected squared error least (`weights`), whose products are, for two candidates:
 //!
 //! ```text
@@ -29,7 +29,7 @@
 //!
 //! Boundary: that of the candidates. No settings. The same bits for any number of threads.
 //!
-//! Cost: up to nine fills, twice as many planes in most where noise is known, and as many without the samples of a fold. Memory: so many images.
+//! Cost: up to seven fills, twice as many planes in most where noise is known, and as many without the samples of a fold. Memory: so many images.
 //!
 //! Fails: where noise correlates between pixels, as after a denoiser; details as small as the noise, which are smoothed away.
 //!

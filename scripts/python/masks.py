@@ -215,6 +215,7 @@ def speed():
 def pictures():
     patterns_and_spectra()
     two_passes()
+    rounds()
 
 
 def save(name, image):
@@ -269,8 +270,43 @@ def two_passes():
     save("second-pass.png", enlarged(np.hstack(views), 2))
 
 
+# Rounds that are shown, of as many as `--adaptive` takes.
+SHOWN, ROUNDS = (1, 3, 5, 8), 8
+
+
+def rounds(density=0.1, side=200, crop=(20, 180)):
+    """A scene after some of its rounds: all pixels so far, the last round's in red; filled; its error, four times."""
+    first = density / 5
+    views = []
+    with tempfile.TemporaryDirectory() as folder:
+        sparse, filled, whole = (pathlib.Path(folder) / f"{name}.exr" for name in ("sparse", "filled", "whole"))
+        scene = ("render", "-q", ROOT / "samples/scenes/vessels.toml", "--size", f"{side}x{side}", "-o")
+        lacuna(*scene, whole)
+        truth = frames.colour(whole)
+
+        def taken(count):
+            # All rounds but the first have as many pixels: fewer of them are the first ones of all.
+            spent = first + (density - first) * (count - 1) / (ROUNDS - 1)
+            words = ("--density", f"{spent:.6f}", "--adaptive", "--rounds", count, "--first", first, "--force")
+            lacuna(*scene, sparse, *words)
+            lacuna(*scene, filled, *words, "--fill", "ss")
+            return frames.colour(sparse, ["mask"])[..., 0] > 0
+
+        for count in SHOWN:
+            before = taken(count - 1) if count > 1 else np.zeros((side, side), bool)
+            now = taken(count)
+            error = np.abs(frames.colour(filled) - truth).max(axis=-1)
+            psnr = -10 * np.log10(((frames.colour(filled) - truth) ** 2).mean())
+            print(f"after round {count}: {100 * now.mean():.1f} % of the pixels, {psnr:.1f} dB")
+            old = now & before
+            picture = np.clip(frames.colour(filled), 0, 1) ** (1 / 2.2)
+            column = [np.stack([now, old, old], axis=-1), picture, np.stack([np.clip(4 * error, 0, 1)] * 3, axis=-1)]
+            views.append(np.vstack([part[slice(*crop), slice(*crop)] for part in column]))
+    save("rounds.png", np.hstack(views))
+
+
 TASKS = {"quality": quality, "seeds": seeds, "second-pass": second_pass, "figures": figures, "coherence": coherence,
-         "speed": speed, "pictures": pictures}
+         "speed": speed, "pictures": pictures, "rounds": rounds}
 
 
 def main():

@@ -157,7 +157,7 @@ impl Groups<'_> {
         let (selection, skip_missing) = self.input.selection();
         let packing = self.format.compression;
         let layers = self.layers.map_or(&[][..], |layers| &layers.layers);
-        let what = reconstruct::Job {
+        let mut what = reconstruct::Job {
             method,
             domain: self.around.domain(),
             limit: self.around.limits(),
@@ -177,6 +177,10 @@ impl Groups<'_> {
             estimate: self.estimate.map_or(Estimate::No, EstimateArgs::estimate),
             error_channel: self.estimate.and_then(|estimate| estimate.error_channel.clone()),
         };
+        if what.method.is_open() && what.noise == NoiseSource::None {
+            // How much to smooth is chosen by noise, wherever that is known from.
+            what.noise = NoiseSource::Auto;
+        }
         WeightArgs::check(&what)?;
         NoiseArgs::check(&what)?;
         TemporalArgs::check(&what)?;

@@ -86,7 +86,7 @@ fn about(setting: &Setting, default: Option<String>) -> Vec<String> {
             lines.extend(choices.iter().map(|choice| format!("      {}: {}", choice.name, choice.help)));
             lines.push(format!("      [{}]", default.trim_start_matches("; ")));
         }
-        range => lines.push(format!("      [{range}{default}]")),
+        _ => lines.push(format!("      [{}{default}]", setting.values())),
     }
     if setting.smooths {
         lines.push("      Changes measured pixels where it is not zero or off.".into());

@@ -22,7 +22,7 @@ pub struct NoiseArgs {
 impl NoiseArgs {
     /// One way to smooth is enough.
     pub fn check(job: &Job) -> Result<(), Usage> {
-        if job.noise != NoiseSource::None && !job.method.keeps_measured() {
+        if job.noise != NoiseSource::None && !job.method.keeps_measured() && !job.method.is_open() {
             let why = format!(
                 "chooses how much to smooth: leave out what --filter {} smooths by",
                 job.method.name()

@@ -121,9 +121,9 @@ fn arg(setting: &'static Setting, owners: &[&'static Descriptor]) -> Arg {
             let values = choices.iter().map(|choice| PossibleValue::new(choice.name).help(choice.help));
             PossibleValuesParser::new(values).into()
         }
-        range => ValueParser::new(move |text: &str| {
+        _ => ValueParser::new(move |text: &str| {
             let read = Method::of(owner, &[(setting.name, text)]);
-            read.map(|_| text.to_owned()).map_err(|_| format!("it must be {range}"))
+            read.map(|_| text.to_owned()).map_err(|_| format!("it must be {}", setting.values()))
         }),
     };
     let text = default().map_or_else(|| text.clone(), |default| format!("{text} [default: {default}]"));

@@ -101,7 +101,7 @@ fn named(cell: &Cell<'_>, known: &BTreeMap<String, Row>) -> Option<Row> {
     Some(Row {
         frame: cell.subject.name.clone(),
         class: cell.subject.class.clone(),
-        filter: cell.entry.label.clone(),
+        filter: cell.label().into(),
         ..row
     })
 }

@@ -43,7 +43,7 @@ pub fn choose(
     settings: &adaptive::Settings,
     field: Field,
     run: &Run<'_>,
-    mut measure: impl FnMut(&Mask) -> Result<Planes, Error>,
+    mut measure: impl FnMut(&Mask) -> Result<Arc<Planes>, Error>,
 ) -> Result<Rounds, Error> {
     let mut times = Vec::new();
     let found = adaptive::choose(settings, field, run, |new: &Mask| {

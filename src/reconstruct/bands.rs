@@ -302,6 +302,7 @@ fn add(all: &mut PartReport, band: PartReport, rows: (usize, usize)) {
                 known.guides.push(guide);
             }
         }
+        known.settled.extend(band.settled);
         // Of what is estimated the worst band speaks for all.
         known.guides_gain = known.guides_gain.zip(band.guides_gain).map(|(a, b)| a.min(b));
         known.estimate = worse(known.estimate.take(), band.estimate);

@@ -211,6 +211,7 @@ mod tests {
             guides_gain: None,
             neighbours_gain: None,
             chosen: vec![("edge".into(), 0.8), ("tv".into(), 0.2)],
+            settled: Vec::new(),
             estimate: Some(verdict.into()),
             exponent: None,
             energy: None,

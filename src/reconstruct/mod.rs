@@ -134,6 +134,7 @@ pub fn fill_with(
             let density = masks.part_density(index).unwrap_or(1.0);
             stamp.with_mask(mask).write(&mut part.attributes, density, stop.unwrap_or(Stop::Converged));
             stamp::write_guides(&mut part.attributes, &done.report);
+            stamp::write_settled(&mut part.attributes, &done.report);
             stamp::write_estimate(&mut part.attributes, &done.report);
             stamp::write_neighbours(&mut part.attributes, &done.report, neighbours);
         }

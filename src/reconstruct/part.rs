@@ -211,6 +211,7 @@ fn filter(
             guides_gain: set.gain,
             neighbours_gain: set.along,
             chosen: set.shares.iter().map(|(name, share)| ((*name).into(), *share)).collect(),
+            settled: set.settled.iter().map(ToString::to_string).collect(),
             estimate: set.estimate.and_then(|verdict| Estimated::of(verdict, coordinates)),
             exponent: set.exponent,
             energy: light

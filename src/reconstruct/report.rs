@@ -97,6 +97,9 @@ pub struct GroupReport {
     /// Where the filter chose: the methods that it chose, and the mean weight of each at missing pixels.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub chosen: Vec<(String, f64)>,
+    /// Settings that the samples chose, each as `name=value by what`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub settled: Vec<String>,
     /// How wrong the missing pixels are by estimate; nothing where that was not asked for, or would take too long.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub estimate: Option<Estimated>,
@@ -124,6 +127,11 @@ impl PartReport {
 }
 
 impl GroupReport {
+    /// What the samples chose for them, if they did: `R, G, B: lambda=3.1 by known noise`.
+    pub fn settled(&self) -> Option<String> {
+        (!self.settled.is_empty()).then(|| format!("{}: {}", self.names(), self.settled.join(", ")))
+    }
+
     /// Its channels, as people name them.
     pub fn names(&self) -> String {
         named(&self.channels).join(", ")

@@ -4,7 +4,7 @@ use lacuna_exr::{Attributes, Part};
 use lacuna_filters::{Plane, Stop};
 
 use super::job::{Job, parse_settings};
-use super::{PartReport, estimate};
+use super::{GroupReport, PartReport, estimate};
 use crate::channels::Override;
 use crate::guides;
 use crate::mask::Source;
@@ -16,6 +16,8 @@ pub const VERSION: &str = "lacuna/version";
 pub const FILTER: &str = "lacuna/filter";
 /// Everything else that changes the result.
 pub const SETTINGS: &str = "lacuna/settings";
+/// Settings that the samples chose, by group of channels.
+pub const SETTLED: &str = "lacuna/settled";
 /// Measured pixels over all pixels, before non-finite values were counted out.
 pub const DENSITY: &str = "lacuna/density";
 /// Where the mask was found.
@@ -32,6 +34,7 @@ pub const ADDED: &[&str] = &[
     DENSITY,
     MASK,
     STOP,
+    SETTLED,
     guides::ATTRIBUTE,
     estimate::ATTRIBUTE,
     temporal::ATTRIBUTE,
@@ -39,7 +42,7 @@ pub const ADDED: &[&str] = &[
 
 /// Those of them that say how the pixels were filled, which would lie once pixels are missing again.
 pub const FILLING: &[&str] =
-    &[FILTER, SETTINGS, DENSITY, STOP, guides::ATTRIBUTE, estimate::ATTRIBUTE, temporal::ATTRIBUTE];
+    &[FILTER, SETTINGS, SETTLED, DENSITY, STOP, guides::ATTRIBUTE, estimate::ATTRIBUTE, temporal::ATTRIBUTE];
 
 /// Attributes derived from pixels, which would lie once the pixels differ.
 pub const DERIVED: &[&str] = &["preview", "oiio:SHA-1", "oiio:AverageColor", "oiio:ConstantColor"];
@@ -137,6 +140,16 @@ pub fn write_guides(attributes: &mut Attributes, report: &PartReport) {
         attributes.remove(guides::ATTRIBUTE);
     } else {
         attributes.set_text(guides::ATTRIBUTE, &names.join(", "));
+    }
+}
+
+/// Writes which settings the samples chose; parts for which all were said have no such attribute.
+pub fn write_settled(attributes: &mut Attributes, report: &PartReport) {
+    let lines: Vec<String> = report.groups.iter().filter_map(GroupReport::settled).collect();
+    if lines.is_empty() {
+        attributes.remove(SETTLED);
+    } else {
+        attributes.set_text(SETTLED, &lines.join("; "));
     }
 }
 

@@ -9,7 +9,7 @@ use super::definition::Definition;
 use super::rows::Row;
 use super::selection::Selection;
 use super::subject::{Subject, mask_of};
-use super::{DefinitionError, clock};
+use super::{DefinitionError, clock, half};
 use crate::mask::Masks;
 use crate::reconstruct::{self, Job, Plans};
 use crate::report::{self, Images, Measure, Settings};
@@ -29,7 +29,7 @@ pub struct Entry {
 pub struct Cell<'a> {
     /// The frame.
     pub subject: &'a Subject,
-    /// The filter.
+    /// The filter; of no account at half the resolution.
     pub entry: &'a Entry,
     /// Which pixels stay.
     pub pattern: Selection,
@@ -55,6 +55,13 @@ pub fn cells<'a>(
     let mut all = Vec::new();
     for subject in subjects {
         for &pattern in &patterns {
+            if pattern == Selection::Half {
+                // There is nothing to vary.
+                let (density, seed, display) = (half::DENSITY, definition.seeds[0], definition.display);
+                let cell = |entry| Cell { subject, entry, pattern, density, seed, display };
+                all.extend(entries.first().map(cell));
+                continue;
+            }
             for &density in &definition.densities {
                 for &seed in &definition.seeds {
                     let display = definition.display;
@@ -74,18 +81,30 @@ pub fn cells<'a>(
 }
 
 impl Cell<'_> {
+    /// The filter as the study's file has it.
+    pub fn label(&self) -> &str {
+        if self.pattern == Selection::Half { half::KERNEL.name() } else { &self.entry.label }
+    }
+
+    /// The filter's own name, and everything that it is set to.
+    fn method(&self) -> (&str, String) {
+        match self.pattern {
+            Selection::Half => (half::KERNEL.name(), String::new()),
+            _ => (self.entry.job.method.name(), self.entry.job.settings()),
+        }
+    }
+
     /// What tells a cell from others: equal keys mean equal results.
     pub fn key(&self) -> String {
+        let (name, settings) = self.method();
         format!(
-            "lacuna={} pixels={:08x} pattern={} density={} seed={} display={} filter={} {}",
+            "lacuna={} pixels={:08x} pattern={} density={} seed={} display={} filter={name} {settings}",
             env!("CARGO_PKG_VERSION"),
             self.subject.sum,
             self.pattern,
             self.density,
             self.seed,
             self.display,
-            self.entry.job.method.name(),
-            self.entry.job.settings()
         )
     }
 
@@ -98,8 +117,8 @@ impl Cell<'_> {
             pattern: self.pattern.to_string(),
             density: self.density,
             seed: self.seed,
-            filter: self.entry.label.clone(),
-            settings: self.entry.job.settings(),
+            filter: self.label().into(),
+            settings: self.method().1,
             ..Row::default()
         }
     }
@@ -115,6 +134,13 @@ pub fn run(cell: &Cell<'_>, visit: &mut dyn FnMut(&Images<'_>)) -> Row {
 }
 
 fn fill(cell: &Cell<'_>, row: &mut Row, visit: &mut dyn FnMut(&Images<'_>)) -> Result<(), String> {
+    if cell.pattern == Selection::Half {
+        let (wall, busy) = (Instant::now(), clock::busy());
+        let enlarged = half::enlarged(cell.subject.frame.clone())?;
+        (row.wall_seconds, row.seconds) = (wall.elapsed().as_secs_f64(), clock::busy() - busy);
+        row.missing = 1.0 - cell.density;
+        return measure(cell, &enlarged, None, row, visit);
+    }
     let sparse = cell.subject.sparse(cell.pattern, cell.density, cell.seed)?;
     let job = &cell.entry.job;
     let (wall, busy) = (Instant::now(), clock::busy());
@@ -129,19 +155,19 @@ fn fill(cell: &Cell<'_>, row: &mut Row, visit: &mut dyn FnMut(&Images<'_>)) -> R
         row.stop = serde_json::to_value(outcome.stop).ok().and_then(|stop| Some(stop.as_str()?.to_owned()));
     }
     row.missing = mask_of(&masks).map_or(0.0, |mask| 1.0 - mask.density());
-    measure(cell, &filled, &masks, row, visit)
+    measure(cell, &filled, Some(&masks), row, visit)
 }
 
 fn measure(
     cell: &Cell<'_>,
     filled: &Frame,
-    masks: &Masks,
+    masks: Option<&Masks>,
     row: &mut Row,
     visit: &mut dyn FnMut(&Images<'_>),
 ) -> Result<(), String> {
     let mut settings = Settings { display: cell.display, ..Settings::default() };
     settings.wanted.add(Measure::Cieluv);
-    let compared = report::compare(&cell.subject.frame, filled, Some(masks), &settings, visit);
+    let compared = report::compare(&cell.subject.frame, filled, masks, &settings, visit);
     let compared = compared.map_err(|error| error.to_string())?;
     let group = compared.main_group().ok_or("there is nothing to compare")?;
     let get = |region: &str, measure: Measure| group.region(region)?.measures.get(measure);

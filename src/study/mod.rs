@@ -13,6 +13,7 @@ mod chart;
 mod clock;
 mod definition;
 mod figures;
+mod half;
 mod page;
 mod rows;
 mod selection;

@@ -16,13 +16,17 @@ pub enum Selection {
         /// Share of the pixels that the first round takes, 0 to 1.
         first: Option<f64>,
     },
+    /// None: the frame at half its resolution, enlarged ([`super::half`]).
+    Half,
 }
 
 /// What rounds are called.
 const ADAPTIVE: &str = "adaptive";
+/// What the frame at half its resolution is called.
+const HALF: &str = "half";
 
 impl Selection {
-    /// A pattern's name, or `adaptive`, which `rounds=N` and `first=SHARE` may follow.
+    /// A pattern's name, `half`, or `adaptive`, which `rounds=N` and `first=SHARE` may follow.
     ///
     /// # Errors
     /// What it is not.
@@ -31,11 +35,14 @@ impl Selection {
         if let Some(pattern) = all.into_iter().find(|pattern| pattern.name() == text) {
             return Ok(Self::Pattern(pattern));
         }
+        if text == HALF {
+            return Ok(Self::Half);
+        }
         let mut words = text.split_whitespace();
         if words.next() != Some(ADAPTIVE) {
             let names = all.map(Pattern::name).join(", ");
             return Err(format!(
-                "pattern '{text}': there are {names} and {ADAPTIVE} [rounds=N] [first=SHARE]"
+                "pattern '{text}': there are {names}, {HALF} and {ADAPTIVE} [rounds=N] [first=SHARE]"
             ));
         }
         let (mut rounds, mut first) = (None, None);
@@ -59,6 +66,7 @@ impl fmt::Display for Selection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Pattern(pattern) => f.write_str(pattern.name()),
+            Self::Half => f.write_str(HALF),
             Self::Rounds { rounds, first } => {
                 f.write_str(ADAPTIVE)?;
                 rounds.map_or(Ok(()), |rounds| write!(f, " rounds={rounds}"))?;
@@ -74,7 +82,9 @@ mod tests {
 
     #[test]
     fn what_a_study_may_name_is_said_as_it_was_named() {
-        for text in ["grid", "blue-noise", "adaptive", "adaptive rounds=4", "adaptive rounds=12 first=0.3"] {
+        for text in
+            ["grid", "blue-noise", "half", "adaptive", "adaptive rounds=4", "adaptive rounds=12 first=0.3"]
+        {
             assert_eq!(Selection::parse(text).unwrap().to_string(), text);
         }
         for text in ["", "grids", "adaptive first=0", "adaptive first=2", "adaptive rounds=0", "adaptive 5"] {

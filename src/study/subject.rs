@@ -73,6 +73,7 @@ impl Subject {
         };
         let pattern = match selection {
             Selection::Pattern(pattern) => pattern,
+            Selection::Half => return Err("half the resolution leaves no pixels out".into()),
             Selection::Rounds { rounds, first } => {
                 let (rounds, first) =
                     (rounds.unwrap_or(adaptive::ROUNDS), first.map(|share| share * density));

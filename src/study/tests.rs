@@ -235,3 +235,19 @@ fn a_crop_keeps_absolute_coordinates() {
         assert_eq!(subject::crop(&mut whole.clone(), outside).is_ok(), outside == [4, 5, 3, 2]);
     }
 }
+
+/// The rival is one row a frame, whatever densities, seeds and filters there are, in a table of its own; smooth pictures it hits well.
+#[test]
+fn half_the_resolution_is_a_row_beside_the_others() {
+    let definition = Definition::parse(&TEXT.replace("'random', 'shuffle'", "'half', 'shuffle'")).unwrap();
+    let (subjects, entries) = ([subject("a", "smooth")], entries());
+    let cells = cells(&definition, &subjects, &entries).unwrap();
+    let rows: Vec<Row> = cells.iter().map(|cell| run(cell, &mut |_| ())).collect();
+    let half: Vec<&Row> = rows.iter().filter(|row| row.pattern == "half").collect();
+    assert_eq!((rows.len(), half.len()), (9, 1));
+    assert_eq!((half[0].filter.as_str(), half[0].missing, half[0].error.as_ref()), ("lanczos3", 0.75, None));
+    assert!(half[0].psnr().unwrap() > 30.0, "{:?}", half[0].psnr());
+    let text = tables(&rows, Thresholds::default());
+    assert_eq!(text.matches("| a | lanczos3 |").count(), 2, "{text}");
+    assert_eq!(text.matches("| a | nearest |").count(), 2, "{text}");
+}

@@ -28,7 +28,7 @@ fn pattern(rows: &[Row]) -> &str {
 /// Verdicts class by class: one a filter, and one on the best.
 pub fn verdicts(rows: &[Row], thresholds: Thresholds) -> Vec<Verdict> {
     let pattern = pattern(rows);
-    let filters = distinct(rows.iter().map(|row| row.filter.as_str()));
+    let filters = distinct(rows.iter().filter(|row| row.pattern == pattern).map(|row| row.filter.as_str()));
     let mut all = Vec::new();
     for class in distinct(rows.iter().map(|row| row.class.as_str())) {
         let own: Vec<&Row> = rows.iter().filter(|row| row.class == class && row.error.is_none()).collect();
@@ -104,7 +104,7 @@ fn judge(curve: &Curve, Thresholds { good, acceptable }: Thresholds) -> String {
 /// Verdicts and PSNR as Markdown.
 pub fn tables(rows: &[Row], thresholds: Thresholds) -> String {
     let pattern = pattern(rows);
-    let filters = distinct(rows.iter().map(|row| row.filter.as_str()));
+    let filters = distinct(rows.iter().filter(|row| row.pattern == pattern).map(|row| row.filter.as_str()));
     let mut text = format!(
         "Verdict (worst frame of the class, `{pattern}`; good from {} dB, acceptable from {} dB):\n\n",
         thresholds.good, thresholds.acceptable
@@ -124,20 +124,16 @@ pub fn tables(rows: &[Row], thresholds: Thresholds) -> String {
     ] {
         for pattern in distinct(rows.iter().map(|row| row.pattern.as_str())) {
             let _ = writeln!(text, "\n{what}, `{pattern}`, by missing pixels:\n");
-            table(rows, pattern, &filters, value, &mut text);
+            let own: Vec<Row> = rows.iter().filter(|row| row.pattern == pattern).cloned().collect();
+            table(&own, value, &mut text);
         }
     }
     text
 }
 
-/// A line a frame and filter, a column a density.
-fn table(
-    rows: &[Row],
-    pattern: &str,
-    filters: &[&str],
-    value: &dyn Fn(&Row) -> Option<f64>,
-    text: &mut String,
-) {
+/// A line a frame and filter, a column a density, of one pattern's rows.
+fn table(rows: &[Row], value: &dyn Fn(&Row) -> Option<f64>, text: &mut String) {
+    let filters = distinct(rows.iter().map(|row| row.filter.as_str()));
     let mut densities: Vec<f64> = rows.iter().map(|row| row.density).collect();
     densities.sort_by(|a, b| b.total_cmp(a));
     densities.dedup();
@@ -146,7 +142,7 @@ fn table(
     let _ = writeln!(text, "| frame | filter | {} |", head.join(" | "));
     let _ = writeln!(text, "|---|---|{}", "---:|".repeat(head.len()));
     for frame in distinct(rows.iter().map(|row| row.frame.as_str())) {
-        for filter in filters {
+        for filter in &filters {
             let cells: Vec<String> = densities
                 .iter()
                 .map(|density| {
@@ -156,7 +152,7 @@ fn table(
                             && row.density == *density
                             && row.error.is_none()
                     });
-                    let found = points(own, pattern, value).first().map(|point| point[1]);
+                    let found = points(own, &rows[0].pattern, value).first().map(|point| point[1]);
                     found.map_or_else(String::new, |value| format!("{value:.2}"))
                 })
                 .collect();

@@ -21,7 +21,7 @@ use super::kernel::{Cubic, Kernel, Linear, Nearest};
 use super::march::{March, Seen};
 use super::shade::Shader;
 use super::surface::{Surface, maximum};
-use super::tiles;
+use super::tiles::{self, Done};
 use super::transfer::Table;
 use super::walk::Walk;
 use super::weights::{BSpline, CatmullRom};
@@ -173,7 +173,7 @@ impl Instructions {
 }
 
 impl Shot<'_> {
-    /// The numbers that are kept of a pixel, in the order of the planes.
+    /// The numbers that are kept of a pixel, in the order of [`Self::planes`].
     #[inline(always)]
     fn keep(&self, pixel: &Pixel, kept: &mut Vec<f32>) {
         kept.extend_from_slice(&pixel.colour);
@@ -188,41 +188,51 @@ impl Shot<'_> {
         }
     }
 
-    /// How many these are.
-    const fn kept(&self) -> usize {
-        4 + 3 * self.normals as usize + self.depth as usize + 8 * self.gradients as usize
-    }
-
-    /// The picture of these planes.
-    fn picture(&self, planes: Vec<Vec<f32>>) -> Picture {
-        let mut planes = planes.into_iter();
-        let mut take = |wanted: bool| if wanted { planes.next().unwrap_or_default() } else { Vec::new() };
-        Picture {
-            colour: [true; 4].map(&mut take),
-            normal: [self.normals; 3].map(&mut take),
-            depth: take(self.depth),
-            slopes: [[self.gradients; 4]; 2].map(|wanted| wanted.map(&mut take)),
-        }
+    /// The planes of a picture that are wanted, in that order; zeros where there are none yet.
+    fn planes<'a>(&self, picture: &'a mut Picture) -> Vec<&'a mut Vec<f32>> {
+        let Picture { colour, normal, depth, slopes } = picture;
+        let normal = normal.iter_mut().filter(|_| self.normals);
+        let slopes = slopes.as_flattened_mut().iter_mut().filter(|_| self.gradients);
+        let planes = colour.iter_mut().chain(normal).chain(Some(depth).filter(|_| self.depth)).chain(slopes);
+        planes
+            .map(|plane| {
+                plane.resize(self.size.pixels(), 0.0);
+                plane
+            })
+            .collect()
     }
 }
 
 /// Renders a shot. `advance` is told of tiles as they are done, out of [`tiles::tiles`]; if it answers
 /// `false` the rest is left out.
 pub fn render(renderer: &Renderer, shot: &Shot<'_>, advance: &(dyn Fn() -> bool + Sync)) -> Picture {
-    render_by(renderer, shot, Instructions::Best, advance)
+    let mut picture = Picture::default();
+    render_onto(&mut picture, renderer, shot, advance);
+    picture
+}
+
+/// The same onto a picture of such a shot with other pixels, or an empty one; the pixels that are not asked for stay as they are.
+pub fn render_onto(
+    picture: &mut Picture,
+    renderer: &Renderer,
+    shot: &Shot<'_>,
+    advance: &(dyn Fn() -> bool + Sync),
+) {
+    render_by(picture, renderer, shot, Instructions::Best, advance);
 }
 
 /// The same with these instructions.
 pub fn render_by(
+    picture: &mut Picture,
     renderer: &Renderer,
     shot: &Shot<'_>,
     instructions: Instructions,
     advance: &(dyn Fn() -> bool + Sync),
-) -> Picture {
+) {
     let going = AtomicBool::new(true);
     let one = |number: usize| {
         if !going.load(Ordering::Relaxed) {
-            return Vec::new();
+            return Done::default();
         }
         let kept = renderer.tile(shot, number, instructions);
         if !advance() {
@@ -231,7 +241,7 @@ pub fn render_by(
         kept
     };
     let done = (0..tiles::tiles(shot.size)).into_par_iter().with_max_len(1).map(one);
-    shot.picture(tiles::planes(shot.size, shot.mask, &done, shot.kept()))
+    tiles::put(shot.size, &done, shot.planes(picture));
 }
 
 /// A tile to be rendered.
@@ -243,16 +253,16 @@ struct Tile<'a, K> {
 }
 
 impl<K: Kernel> pulp::WithSimd for Tile<'_, K> {
-    type Output = Vec<f32>;
+    type Output = Done;
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) -> Vec<f32> {
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Done {
         self.renderer.tile_by(self.kernel, self.shot, self.number)
     }
 }
 
 impl Renderer {
-    fn tile(&self, shot: &Shot<'_>, number: usize, instructions: Instructions) -> Vec<f32> {
+    fn tile(&self, shot: &Shot<'_>, number: usize, instructions: Instructions) -> Done {
         match self.interpolation {
             Interpolation::Nearest => {
                 instructions.run(Tile { renderer: self, kernel: Nearest, shot, number })
@@ -268,12 +278,13 @@ impl Renderer {
     }
 
     #[inline(always)]
-    fn tile_by<K: Kernel>(&self, kernel: K, shot: &Shot<'_>, number: usize) -> Vec<f32> {
-        let mut kept = Vec::new();
-        for (y, x) in tiles::pixels(shot.size, shot.mask, number) {
-            shot.keep(&self.pixel(kernel, shot, (x, y)), &mut kept);
+    fn tile_by<K: Kernel>(&self, kernel: K, shot: &Shot<'_>, number: usize) -> Done {
+        let mut done = Done::default();
+        for (place, (y, x)) in tiles::pixels(shot.size, shot.mask, number) {
+            done.places.push(place);
+            shot.keep(&self.pixel(kernel, shot, (x, y)), &mut done.numbers);
         }
-        kept
+        done
     }
 
     #[inline(always)]

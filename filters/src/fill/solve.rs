@@ -5,6 +5,7 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 
 use super::{Estimate, Options, Set, Values};
+use crate::choose::Given;
 use crate::domain::{Domain, Map};
 use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, Model};
 use crate::limiter::Moved;
@@ -12,7 +13,7 @@ use crate::noise::{self, Known, Noise};
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
 use crate::{
-    Bounds, Error, Gradients, Mask, Method, Outcome, Plan, Plane, Planes, Plans, Problem, Run, limiter,
+    Bounds, Error, Gradients, Mask, Method, Outcome, Plan, Plane, Planes, Plans, Problem, Run, Size, limiter,
 };
 
 /// Pixels that one task takes in loops over a plane.
@@ -28,21 +29,34 @@ pub fn solve(
     run: &Run<'_>,
 ) -> Result<(Planes, Vec<Moved>, Set), Error> {
     let fits = options.method.planes().is_none_or(|planes| planes == samples.len());
-    let method = if fits { options.method.clone() } else { Method::default() };
+    let mut method = if fits { options.method.clone() } else { Method::default() };
     let (weights, weightless) = match &options.weights {
         Some(weights) => weigh(weights, mask).map(|(plane, weightless)| (Some(plane), weightless))?,
         None => (None, 0),
     };
     let light = options.values == Values::Light;
     let mut out = Planes::zeros(samples.size(), samples.len());
-    let found = smooth(samples, (mask, &places), (options, weights.as_ref()), &mut out, run)?;
-    let smoothed = found.is_some();
+    let like = like(options, samples.size(), &places);
+    // A method that chooses how much to smooth does so by itself.
+    let found = if options.noise == Noise::None || method.is_open() {
+        None
+    } else {
+        let known = Known { guides: options.guides, noise: like.as_ref(), weights: weights.as_ref(), light };
+        noise::reconstruct(mask, samples, known, &mut out, run)?
+    };
+    let smoothed = found.is_some() || method.is_open();
+    let mut settled = Vec::new();
     let (map, (outcome, mut effect), model) = if let Some(found) = found {
         (Domain::Linear.map(mask, samples.as_slice()), found, None)
     } else {
-        let plan = plans.filter(&method, mask, weights.as_ref(), run)?;
         let domain = if light { options.domain } else { Domain::Linear };
         let map = domain.map(mask, samples.as_slice());
+        if method.is_open() {
+            let (samples, like) = mapped(map, samples, like.as_ref());
+            let given = Given { mask, samples: &samples, noise: like.as_ref(), weights: weights.as_ref() };
+            (method, settled) = method.settled(&given, run)?;
+        }
+        let plan = plans.filter(&method, mask, weights.as_ref(), run)?;
         let gradients = Slopes::new(options, &method, &places, mask);
         let carried: Vec<Carried> =
             options.carried.iter().map(|carried| carried.select(&places).mapped(map)).collect();
@@ -99,28 +113,31 @@ pub fn solve(
         errors,
         weightless,
         smoothed,
+        settled,
     };
     Ok((out, limited, set))
 }
 
-/// Smooths noisy samples; nothing if there is no noise to be smoothed.
-fn smooth(
-    samples: &Planes,
-    (mask, places): (&Arc<Mask>, &[usize]),
-    (options, weights): (&Options<'_>, Option<&Arc<Plane>>),
-    out: &mut Planes,
-    run: &Run<'_>,
-) -> Result<Option<(Outcome, Effect)>, Error> {
-    let like = match &options.noise {
-        Noise::None => return Ok(None),
-        Noise::Unknown => None,
-        Noise::Like(planes) => {
-            Some(Planes::of(samples.size(), places.iter().map(|&at| planes[at].clone()).collect()))
-        }
+/// Noise like that of the planes at these places, if it is known.
+fn like(options: &Options<'_>, size: Size, places: &[usize]) -> Option<Planes> {
+    match &options.noise {
+        Noise::None | Noise::Unknown => None,
+        Noise::Like(planes) => Some(Planes::of(size, places.iter().map(|&at| planes[at].clone()).collect())),
+    }
+}
+
+/// Samples and noise within the value domain; noise is what it changes there.
+fn mapped(map: Map, samples: &Planes, noise: Option<&Planes>) -> (Planes, Option<Planes>) {
+    let each = |planes: &Planes, change: &dyn Fn(f32, f32) -> f32| {
+        let plane = |(own, samples): (&Plane, &Plane)| {
+            let values = own.pixels().iter().zip(samples.pixels()).map(|(own, sample)| change(*own, *sample));
+            Plane::of(own.size(), values.collect())
+        };
+        let both = planes.as_slice().iter().zip(samples.as_slice());
+        Planes::of(planes.size(), both.map(plane).collect())
     };
-    let light = options.values == Values::Light;
-    let known = Known { guides: options.guides, noise: like.as_ref(), weights, light };
-    noise::reconstruct(mask, samples, known, out, run)
+    let change = |n: f32, y: f32| 0.5 * (map.forward(y + n) - map.forward(y - n));
+    (each(samples, &|y, _| map.forward(y)), noise.map(|noise| each(noise, &change)))
 }
 
 /// A method that is ready to run on a mask.

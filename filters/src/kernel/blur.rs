@@ -2,40 +2,73 @@
 
 use lacuna_core::parallel::prelude::*;
 
+use super::{Body, Isa, dispatch, fma};
 use crate::Size;
 
 /// Rows that one task takes.
 const ROWS: usize = 16;
+/// Columns whose sums are in registers at a time.
+const BLOCK: usize = 64;
 
 /// Convolves with a Gaussian of standard deviation `sigma` pixels, cut at four of them; zero outside of the image.
 pub fn blur(size: Size, values: &[f32], sigma: f64) -> Vec<f32> {
     let reach = (4.0 * sigma).ceil() as usize;
-    let weights: Vec<f32> =
-        (0..=reach).map(|d| (-((d * d) as f64) / (2.0 * sigma * sigma)).exp() as f32).collect();
-    let total = 2.0 * weights.iter().sum::<f32>() - weights[0];
+    let weight = |d: usize| (-((d * d) as f64) / (2.0 * sigma * sigma)).exp() as f32;
+    // One side of the kernel, the middle and the other side.
+    let weights: Vec<f32> = (0..=2 * reach).map(|k| weight(k.abs_diff(reach))).collect();
+    let total: f32 = weights.iter().sum();
     let weights: Vec<f32> = weights.into_iter().map(|weight| weight / total).collect();
-    let width = size.width.max(1);
+    let (isa, width) = (Isa::best(), size.width.max(1));
     let mut rows = vec![0.0; values.len()];
-    rows.par_chunks_mut(width).zip(values.par_chunks(width)).with_min_len(ROWS).for_each(|(out, row)| {
-        for (d, weight) in weights.iter().enumerate().take(width) {
-            add(&mut out[..width - d], *weight, &row[d..]);
-            if d > 0 {
-                add(&mut out[d..], *weight, &row[..width - d]);
-            }
-        }
-    });
+    rows.par_chunks_mut(width).zip(values.par_chunks(width)).with_min_len(ROWS).for_each_init(
+        || vec![0.0; width + 2 * reach],
+        |padded, (out, row)| {
+            padded[reach..][..width].copy_from_slice(row);
+            dispatch(isa, Weighted { weights: &weights, from: padded, apart: 1, out });
+        },
+    );
     let mut out = vec![0.0; values.len()];
     out.par_chunks_mut(width).enumerate().with_min_len(ROWS).for_each(|(y, out)| {
-        for v in y.saturating_sub(reach)..(y + reach + 1).min(size.height) {
-            add(out, weights[y.abs_diff(v)], &rows[v * width..][..width]);
-        }
+        let (above, end) = (y.saturating_sub(reach), (y + reach + 1).min(size.height));
+        let weights = &weights[above + reach - y..end + reach - y];
+        dispatch(isa, Weighted { weights, from: &rows[above * width..end * width], apart: width, out });
     });
     out
 }
 
-fn add(out: &mut [f32], weight: f32, values: &[f32]) {
-    for (out, value) in out.iter_mut().zip(values) {
-        *out += weight * value;
+/// Sums of values `apart` from each other, each with its weight.
+struct Weighted<'a> {
+    weights: &'a [f32],
+    from: &'a [f32],
+    apart: usize,
+    out: &'a mut [f32],
+}
+
+impl Body for Weighted<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let Self { weights, from, apart, out } = self;
+        for (block, out) in out.chunks_mut(BLOCK).enumerate() {
+            let from = &from[block * BLOCK..];
+            if let Some(out) = out.first_chunk_mut::<BLOCK>() {
+                let mut sums = [0.0; BLOCK];
+                for (k, &weight) in weights.iter().enumerate() {
+                    let Some(near) = from[k * apart..].first_chunk::<BLOCK>() else { break };
+                    for j in 0..BLOCK {
+                        sums[j] = fma::<f32, FUSED>(weight, near[j], sums[j]);
+                    }
+                }
+                *out = sums;
+            } else {
+                for (k, &weight) in weights.iter().enumerate() {
+                    for (out, &near) in out.iter_mut().zip(&from[k * apart..]) {
+                        *out = fma::<f32, FUSED>(weight, near, *out);
+                    }
+                }
+            }
+        }
     }
 }
 

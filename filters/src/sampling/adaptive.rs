@@ -25,8 +25,8 @@ use lacuna_core::parallel::prelude::*;
 
 use super::components::Components;
 use super::refine::{Estimate, compress};
-use super::{Field, shuffle};
-use crate::{Error, Mask, Planes, Run};
+use super::{Band, Field, shuffle};
+use crate::{Error, Mask, Planes, Run, Size};
 
 /// Rounds, if nothing else is asked for.
 pub const ROUNDS: usize = 8;
@@ -109,7 +109,8 @@ impl Settings {
 
 /// Measures pixels in rounds.
 ///
-/// `measure` is given the new pixels of a round and returns planes that hold their values; what these hold elsewhere is not read.
+/// `measure` is given the new pixels of a round and returns planes that hold their values; what these hold elsewhere is not read. They are
+/// let go before the next round, so that a renderer may write all rounds into the same.
 /// A pixel with a value that is not finite counts as measured and says nothing. If the run is interrupted, no round follows.
 ///
 /// # Errors
@@ -118,19 +119,22 @@ pub fn choose<E: From<Error>>(
     settings: &Settings,
     field: Field,
     run: &Run<'_>,
-    mut measure: impl FnMut(&Mask) -> Result<Planes, E>,
+    mut measure: impl FnMut(&Mask) -> Result<Arc<Planes>, E>,
 ) -> Result<Chosen, E> {
     let total = settings.check(field.size.pixels())?;
     let mut new = shuffle::mask(field.x, field.y, field.size, settings.first(), settings.seed)?;
-    let mut known = Known::new(field.size.pixels());
+    let mut known = Known::new(field.size);
     let mut rounds: Vec<Round> = Vec::new();
     // The estimate that chose the new pixels, and the squared distances with them.
     let mut before: Option<(Estimate, Vec<u32>)> = None;
     let mut fit = Fit::default();
     loop {
-        let usable = known.add(&new, &measure(&new)?)?;
+        let at: Vec<usize> = (0..field.size.pixels()).filter(|&pixel| new.as_slice()[pixel]).collect();
+        let values = measure(&new)?;
+        let usable = known.add(&at, &values)?;
+        drop(values);
         if let (Some((before, _)), Some(samples)) = (&before, &known.samples) {
-            fit = Fit::new(before, samples, &new).unwrap_or(fit);
+            fit = Fit::new(before, samples, &at).unwrap_or(fit);
         }
         let left = settings.rounds.saturating_sub(rounds.len() + 1);
         let over = left == 0 || known.count >= total || run.interrupted().is_some();
@@ -179,13 +183,17 @@ fn in_order(known: &Known, count: usize, field: Field, seed: u64) -> Vec<usize> 
     };
     // Ranks are spread evenly, so these nearly always suffice.
     let enough = (known.count + count) as f64 / size.pixels() as f64 + SLACK;
-    for most in [enough, f64::INFINITY] {
+    for most in [enough.min(1.0), 1.0] {
         let ranked = |row: usize| -> Vec<(f64, usize)> {
-            let missing = (row * size.width..(row + 1) * size.width).filter(|&pixel| !known.mask[pixel]);
-            missing.map(|pixel| (rank(pixel), pixel)).filter(|(rank, _)| *rank < most).collect()
+            let (x, y) = field.at(row, 0);
+            let mut early = vec![false; size.width];
+            shuffle::fill(x, y, seed, Band::below(most), &mut early);
+            let pixels = (row * size.width..(row + 1) * size.width).zip(early);
+            let missing = pixels.filter(|&(pixel, early)| early && !known.mask[pixel]);
+            missing.map(|(pixel, _)| (rank(pixel), pixel)).collect()
         };
         let mut ranked = (0..size.height).into_par_iter().map(ranked).concat();
-        if ranked.len() < count && most.is_finite() {
+        if ranked.len() < count && most < 1.0 {
             continue;
         }
         if count < ranked.len() {
@@ -199,6 +207,7 @@ fn in_order(known: &Known, count: usize, field: Field, seed: u64) -> Vec<usize> 
 
 /// What was measured so far.
 struct Known {
+    size: Size,
     mask: Vec<bool>,
     /// How many.
     count: usize,
@@ -213,15 +222,15 @@ struct Known {
 }
 
 impl Known {
-    fn new(pixels: usize) -> Self {
+    fn new(size: Size) -> Self {
         let ends = (f32::INFINITY, f32::NEG_INFINITY);
-        let (mask, usable) = (vec![false; pixels], vec![false; pixels]);
-        Self { mask, count: 0, usable, samples: None, components: None, channels: 0, ends }
+        let (mask, usable) = (vec![false; size.pixels()], vec![false; size.pixels()]);
+        Self { size, mask, count: 0, usable, samples: None, components: None, channels: 0, ends }
     }
 
     /// Takes up the values of new pixels; whether all of them are finite.
-    fn add(&mut self, new: &Mask, values: &Planes) -> Result<bool, Error> {
-        let size = new.size();
+    fn add(&mut self, new: &[usize], values: &Planes) -> Result<bool, Error> {
+        let size = self.size;
         if values.size() != size {
             return Err(Error::SizeMismatch { expected: size, found: values.size().to_string() });
         }
@@ -229,9 +238,9 @@ impl Known {
         let mut finite = true;
         let count = self.components.as_ref().map_or(values.len(), Components::len);
         let samples = self.samples.get_or_insert_with(|| Planes::zeros(size, count));
-        for pixel in (0..size.pixels()).filter(|&pixel| new.as_slice()[pixel]) {
+        self.count += new.len();
+        for &pixel in new {
             self.mask[pixel] = true;
-            self.count += 1;
             let own = values.as_slice().iter().map(|plane| plane.pixels()[pixel]);
             if !own.clone().all(f32::is_finite) {
                 finite = false;
@@ -298,10 +307,10 @@ impl Default for Fit {
 
 impl Fit {
     /// From the pixels that an estimate did not know; nothing where none of them errs.
-    fn new(before: &Estimate, samples: &Planes, new: &Mask) -> Option<Self> {
+    fn new(before: &Estimate, samples: &Planes, new: &[usize]) -> Option<Self> {
         // Per octave of the estimate: pixels, and the sums of both squared errors.
         let mut octaves = std::collections::BTreeMap::<i32, [f64; 3]>::new();
-        for pixel in (0..new.as_slice().len()).filter(|&pixel| new.as_slice()[pixel]) {
+        for &pixel in new {
             let (guess, truth) = (f64::from(before.squared_error(pixel)), before.misses(samples, pixel));
             if guess > 0.0 && guess.is_finite() {
                 let octave = octaves.entry(guess.log2().floor() as i32).or_default();
@@ -327,16 +336,19 @@ impl Fit {
         Some(Self { factor: y - power * x, power })
     }
 
+    /// The true squared error where this is estimated, which is above 0.
+    fn truth(self, guess: f32) -> f64 {
+        (self.factor + self.power * f64::from(guess).ln()).exp()
+    }
+
     /// The root mean square over pixels and channels of what a fill errs by, over `range`.
     fn rmse(self, estimate: &Estimate, channels: usize, range: f64) -> f64 {
-        let size = estimate.size();
-        let error = |pixel: usize| match f64::from(estimate.squared_error(pixel)) {
-            guess if guess > 0.0 => (self.factor + self.power * guess.ln()).exp(),
-            _ => 0.0,
-        };
-        let row = |row: usize| (row * size.width..(row + 1) * size.width).map(error).sum::<f64>();
-        let rows: Vec<f64> = (0..size.height).into_par_iter().map(row);
-        let mean = rows.into_iter().sum::<f64>() / (size.pixels() * channels).max(1) as f64;
+        let sum: f64 = estimate
+            .squared_errors()
+            .into_iter()
+            .map(|(guess, count)| count as f64 * self.truth(guess))
+            .sum();
+        let mean = sum / (estimate.size().pixels() * channels).max(1) as f64;
         if range > 0.0 { mean.sqrt() / range } else { 0.0 }
     }
 }

@@ -33,6 +33,8 @@ const PARTS: u64 = 8;
 const NEAREST: usize = 4;
 /// Samples are looked for up to so many pixels away.
 const REACH: usize = 24;
+/// Samples that one task takes.
+const SAMPLES: usize = 1 << 10;
 /// Channels of whose errors products are taken, at most.
 const FEW: usize = 16;
 /// `K`, which makes the error of low-discrepancy samples about that of their fill; no choice depends on it.
@@ -110,12 +112,20 @@ pub fn of_spline(settings: &ss::Settings, mask: &Mask, filled: &Planes) -> LeftO
     let energy: Separable<f32> =
         Form::new(settings.kernel, settings.order.number(), settings.tension).energy(size, (1.0, 1.0)).cast();
     let forces: Vec<Vec<f32>> = filled.as_slice().into_par_iter().map(|plane| applied(&energy, plane, &at));
+    let offsets = offsets();
+    let known = at.par_chunks(SAMPLES).map(|at| -> Vec<(f32, f32)> {
+        let one = |&pixel: &u32| {
+            let squared = nearest(mask, pixel, &offsets).map(|squared| squared as f32);
+            // The fourth root.
+            (FACTOR * squared.iter().product::<f32>().sqrt().sqrt(), squared[0].powi(3))
+        };
+        at.iter().map(one).collect()
+    });
     let mut left = LeftOut::nothing(size, filled.len());
     let mut errors = vec![0.0; filled.len()];
-    for (k, (&pixel, squared)) in at.iter().zip(nearest(mask, &at)).enumerate() {
-        let variance = FACTOR * squared.map(|squared| (squared as f32).powf(0.25)).iter().product::<f32>();
+    for (k, (&pixel, (variance, distance))) in at.iter().zip(known.into_iter().flatten()).enumerate() {
         errors.iter_mut().zip(&forces).for_each(|(error, forces)| *error = variance * forces[k]);
-        left.add(pixel as usize, &errors, (squared[0] as f32).powi(3));
+        left.add(pixel as usize, &errors, distance);
     }
     left
 }
@@ -151,27 +161,23 @@ fn applied(energy: &Separable<f32>, plane: &Plane, at: &[u32]) -> Vec<f32> {
     at.iter().map(|&pixel| q[window.at(pixel as usize / size.width, pixel as usize % size.width)]).collect()
 }
 
-/// Squared distances of samples to the nearest other ones.
-fn nearest(mask: &Mask, at: &[u32]) -> Vec<[u32; NEAREST]> {
+/// Squared distances of a sample to the nearest other ones, from places around it.
+fn nearest(mask: &Mask, pixel: u32, offsets: &[(u32, isize, isize)]) -> [u32; NEAREST] {
     let size = mask.size();
-    let offsets = offsets();
-    let one = |&pixel: &u32| {
-        let (row, column) = (pixel as usize / size.width, pixel as usize % size.width);
-        let mut found = [(REACH * REACH) as u32; NEAREST];
-        let mut count = 0;
-        for &(squared, dy, dx) in &offsets {
-            let (y, x) = (row.wrapping_add_signed(dy), column.wrapping_add_signed(dx));
-            if y < size.height && x < size.width && mask.is_measured(y, x) {
-                found[count] = squared;
-                count += 1;
-                if count == NEAREST {
-                    break;
-                }
+    let (row, column) = (pixel as usize / size.width, pixel as usize % size.width);
+    let mut found = [(REACH * REACH) as u32; NEAREST];
+    let mut count = 0;
+    for &(squared, dy, dx) in offsets {
+        let (y, x) = (row.wrapping_add_signed(dy), column.wrapping_add_signed(dx));
+        if y < size.height && x < size.width && mask.is_measured(y, x) {
+            found[count] = squared;
+            count += 1;
+            if count == NEAREST {
+                break;
             }
         }
-        found
-    };
-    at.par_iter().with_min_len(1 << 10).map(one)
+    }
+    found
 }
 
 /// Places around a pixel, the nearest first.

@@ -50,7 +50,9 @@ const MORE: usize = 8;
 /// Rows that one task takes.
 const ROWS: usize = 16;
 /// Pixels that one task takes.
-const PIECE: usize = 1 << 14;
+const PIECE: usize = 1 << 16;
+/// Trailing bits of a float that a bin leaves open: it is an eighth to a sixteenth of its values wide.
+const BIN: u32 = 20;
 /// Width of the neighbourhood of the leave-out error, in spacings.
 const SPREAD: f64 = 0.6;
 /// Width of the neighbourhood of the gradient, in spacings.
@@ -175,6 +177,26 @@ impl Estimate {
         self.coefficient[pixel] * (self.squared[pixel] as f32).powi(3)
     }
 
+    /// How many pixels have which squared errors, summed over the channels, in bins of [`BIN`]: the middle of each bin, and its count. The first
+    /// bin, from zero to far below the least normal float, is left out.
+    pub(super) fn squared_errors(&self) -> Vec<(f32, usize)> {
+        let values = self.coefficient.par_chunks(PIECE).zip(self.squared.par_chunks(PIECE));
+        let pieces: Vec<Vec<u32>> = values.map(|(coefficients, squared)| {
+            let mut counts = vec![0; 1 << (u32::BITS - BIN)];
+            for (coefficient, &squared) in coefficients.iter().zip(squared) {
+                let value = coefficient * (squared as f32).powi(3);
+                counts[(value.to_bits() >> BIN) as usize] += 1;
+            }
+            counts
+        });
+        let middle = |bin: usize| f32::from_bits(((bin as u32) << BIN) | 1 << (BIN - 1));
+        let count = |bin: usize| pieces.iter().map(|counts| counts[bin] as usize).sum::<usize>();
+        (1..1 << (u32::BITS - BIN))
+            .map(|bin| (middle(bin), count(bin)))
+            .filter(|(_, count)| *count > 0)
+            .collect()
+    }
+
     /// By how much the fill misses a pixel of these samples: the sum of squares over the channels.
     pub(super) fn misses(&self, samples: &Planes, pixel: usize) -> f64 {
         let planes = samples.as_slice().iter().zip(self.filled.as_slice());
@@ -285,5 +307,7 @@ fn local_gradient(filled: &Planes, sigma: f64) -> Vec<f32> {
 }
 
 fn mean(values: &[f32]) -> f64 {
-    values.iter().map(|&value| f64::from(value)).sum::<f64>() / values.len().max(1) as f64
+    let sum = |values: &[f32]| values.iter().map(|&value| f64::from(value)).sum::<f64>();
+    let sums: Vec<f64> = values.par_chunks(PIECE).map(sum);
+    sums.into_iter().sum::<f64>() / values.len().max(1) as f64
 }

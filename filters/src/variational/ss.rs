@@ -75,6 +75,7 @@ use crate::kernel::extremes::range;
 use crate::operator::energy::Form;
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Stop};
 
+mod choose;
 mod doubt;
 mod improve;
 mod polynomials;
@@ -87,6 +88,7 @@ mod tiles;
 mod whole;
 
 pub use crate::operator::profile::Kernel;
+pub(crate) use choose::smoothness;
 pub(crate) use improve::improve;
 pub(crate) use pulled::Pulled;
 pub use settings::{DESCRIPTOR, Order, Settings};

@@ -37,6 +37,9 @@
 //!   on smooth renders.
 //! - `epsilon`: at least 0, in the samples' unit times the root of their number; default 0, which keeps
 //!   measured bits. Larger is smoother; at the samples' distance from their mean the image is that mean.
+//!   `auto` is the discrepancy principle: the root of the summed variances, mean over channels, of noise that is known, or that the rest of
+//!   smoothing splines shows (`ss/choose.rs`). Source: V. Morozov, "On the solution of functional equations by the method of
+//!   regularization", Soviet Mathematics Doklady 7, 1966.
 //! - `gap`: above 0, relative, default 1e-2. Smaller is closer to the minimum and slower; f32 reaches 1e-5 on small frames.
 //! - `max_iterations`: at least 1, default 2000.
 //! - `solver`: primal-dual (default), or NESTA (`tv/nesta.rs`), which the thesis used: the same objective and the same certificate.
@@ -56,6 +59,7 @@ mod tighten;
 mod weights;
 
 use crate::baseline::push_pull;
+use crate::choose::Given;
 use crate::descriptor::{Configured, Descriptor, Field, Memory, Range, Setting, Takes, words};
 use crate::estimate::Kind;
 use crate::kernel::Isa;
@@ -63,6 +67,7 @@ use crate::kernel::extremes::range;
 use crate::kernel::tv::{Anisotropic, DualBall, Isotropic};
 pub use crate::prox::Norm;
 pub use crate::solver::Solver;
+use crate::variational::ss;
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, check};
 use channel::{Channel, Shared};
 use weights::Weights;
@@ -119,8 +124,10 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
             value: "EPSILON",
             range: Range::NotNegative,
             help: "distance from the samples that is allowed, a Euclidean norm over a channel's measured pixels, 0 or \
-                   more; 0 is exact, larger is smoother and changes measured pixels",
+                   more; 0 is exact, larger is smoother and changes measured pixels; auto: as far as their noise \
+                   puts them off",
             smooths: true,
+            auto: true,
             ..Setting::PLAIN
         },
         Setting {
@@ -177,6 +184,15 @@ impl Configured for Settings {
         Box::new(*self)
     }
 
+    fn choose(
+        &self,
+        _name: &str,
+        given: &Given<'_>,
+        run: &Run<'_>,
+    ) -> Result<Option<(f64, &'static str)>, Error> {
+        Ok(Some(discrepancy(given, run)?))
+    }
+
     fn unweighted(&self) -> Option<&'static str> {
         (self.solver == Solver::Nesta).then_some("solver")
     }
@@ -188,6 +204,25 @@ impl Settings {
         check::positive("gap", self.gap)?;
         check::at_least_one("max_iterations", self.max_iterations)
     }
+}
+
+/// The distance from the samples that their noise explains, and what showed it.
+fn discrepancy(given: &Given<'_>, run: &Run<'_>) -> Result<(f64, &'static str), Error> {
+    let Some(noise) = given.noise else {
+        let found = ss::smoothness(&ss::Settings::default(), given, run)?;
+        return Ok(((given.mask.count() as f64 * found.variance).sqrt(), found.by));
+    };
+    let weight = |pixel: usize| given.weights.map_or(1.0, |weights| f64::from(weights.pixels()[pixel]));
+    let mut sum = 0.0;
+    for plane in noise.as_slice() {
+        let known: Vec<f64> = (0..given.mask.size().pixels())
+            .filter(|&pixel| given.mask.as_slice()[pixel] && plane.pixels()[pixel].is_finite())
+            .map(|pixel| weight(pixel) * f64::from(plane.pixels()[pixel]).powi(2))
+            .collect();
+        // Samples whose noise is not known have that of the others.
+        sum += known.iter().sum::<f64>() / known.len().max(1) as f64 * given.mask.count() as f64;
+    }
+    Ok(((sum / noise.len().max(1) as f64).sqrt(), "known noise"))
 }
 
 /// What depends on the mask alone.

@@ -315,6 +315,9 @@ pub fn tell(report: &Report, record: &mut Record) {
             group.channels.join(", ")
         );
     }
+    for line in groups().filter_map(GroupReport::settled) {
+        tracing::info!("chosen for {line}");
+    }
     record.chosen = estimate::chosen(groups());
     if let Some(chosen) = &record.chosen {
         tracing::info!("chosen, place by place: {chosen}");

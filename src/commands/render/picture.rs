@@ -132,6 +132,11 @@ fn part(size: Size, channels: Vec<Channel>) -> Part {
     Part::new(Window { x_min: 0, y_min: 0, x_max, y_max }, channels)
 }
 
+/// A value as a frame of that type holds it.
+pub fn kept(value: f32, kind: SampleType) -> f32 {
+    if kind == SampleType::Half { half(value).to_f32() } else { value }
+}
+
 /// The nearest half; the largest one instead of infinity.
 fn half(value: f32) -> f16 {
     if value.is_finite() {

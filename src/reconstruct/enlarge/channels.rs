@@ -99,6 +99,7 @@ fn solve(
     done.notes.extend(overflow_note(&names.join(", "), large.mended));
     done.report.groups.push(GroupReport {
         chosen: Vec::new(),
+        settled: Vec::new(),
         estimate: None,
         exponent: None,
         energy: None,

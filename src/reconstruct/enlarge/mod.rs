@@ -138,7 +138,7 @@ pub fn enlarge(
         stamp.with_mask(mask).write(&mut part.attributes, density, stop.unwrap_or(Stop::Converged));
         stamp::write_guides(&mut part.attributes, &done.report);
         // What is known of the small frame's missing pixels is not known of the large one.
-        for name in [estimate::ATTRIBUTE, temporal::ATTRIBUTE] {
+        for name in [stamp::SETTLED, estimate::ATTRIBUTE, temporal::ATTRIBUTE] {
             part.attributes.remove(name);
         }
         report.notes.extend(prefixed(&label, done.notes));

@@ -29,7 +29,7 @@ fn chosen(settings: &Settings, picture: &Planes) -> (Chosen, Vec<Mask>) {
         let hide = |plane: &Plane| {
             Plane::from_fn(SIZE, |y, x| if new.is_measured(y, x) { plane.at(y, x) } else { f32::NAN })
         };
-        Planes::new(SIZE, picture.as_slice().iter().map(hide).collect())
+        Planes::new(SIZE, picture.as_slice().iter().map(hide).collect()).map(Arc::new)
     });
     (found.unwrap(), asked)
 }
@@ -163,12 +163,13 @@ fn a_renderer_that_fails_and_an_interruption_end_it() {
     let mut rounds = 0;
     let failed = choose(&settings(0.2, 4), FIELD, &Run::default(), |_: &Mask| {
         rounds += 1;
-        if rounds < 3 { Ok(picture.clone()) } else { Err(Error::EmptyMask) }
+        if rounds < 3 { Ok(Arc::new(picture.clone())) } else { Err(Error::EmptyMask) }
     });
     assert_eq!((failed, rounds), (Err(Error::EmptyMask), 3));
     let stop = || Some(Stop::Cancelled);
     let run = Run { interrupt: Some(&stop) };
-    let found = choose(&settings(0.2, 4), FIELD, &run, |_: &Mask| Ok::<_, Error>(picture.clone())).unwrap();
+    let found =
+        choose(&settings(0.2, 4), FIELD, &run, |_: &Mask| Ok::<_, Error>(Arc::new(picture.clone()))).unwrap();
     assert_eq!(found.rounds.len(), 1);
 }
 

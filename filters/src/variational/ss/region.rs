@@ -32,6 +32,8 @@ const ROUNDS: usize = 40;
 const EASE: f64 = 30.0;
 /// The error that a cell may be left with where others are corrected further, over what all may have.
 const SPARE: f64 = 0.25;
+/// The largest weight of smoothness with which f32 is taken: beyond, samples hold the image too weakly.
+const WEAK: f64 = 1e3;
 /// Rows or columns from which on f32 is taken.
 const NARROW: usize = 16;
 /// Rows whose residual one task computes.
@@ -126,7 +128,7 @@ impl Region {
                 }
             }
         }
-        let single = pull.is_none();
+        let single = lambda <= WEAK;
         Self::of(isa, matrices, window, free, (pull, single))
     }
 

@@ -1,9 +1,10 @@
 //! What a user may set.
 
 use super::Kernel;
+use crate::choose::Given;
 use crate::descriptor::{Configured, Descriptor, Field, Memory, Range, Setting, Takes, words};
 use crate::estimate::Kind;
-use crate::{Error, check};
+use crate::{Error, Run, check};
 
 /// Order of the derivatives whose energy is least.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -79,8 +80,9 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
             value: "LAMBDA",
             range: Range::NotNegative,
             help: "weight of smoothness against the samples, 0 or more; 0 interpolates, larger is smoother and changes \
-                   measured pixels",
+                   measured pixels; auto: as much as their noise asks for",
             smooths: true,
+            auto: true,
             ..Setting::PLAIN
         },
         Setting {
@@ -139,6 +141,16 @@ impl Configured for Settings {
             "tension" => &mut self.tension,
             _ => return None,
         })
+    }
+
+    fn choose(
+        &self,
+        _name: &str,
+        given: &Given<'_>,
+        run: &Run<'_>,
+    ) -> Result<Option<(f64, &'static str)>, Error> {
+        let found = super::choose::smoothness(self, given, run)?;
+        Ok(Some((found.lambda, found.by)))
     }
 
     fn boxed(&self) -> Box<dyn Configured> {
