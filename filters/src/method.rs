@@ -173,6 +173,16 @@ impl Method {
         Ok((own, all))
     }
 
+    /// The same without the smoothing that samples are to choose: for those that show no noise.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn unsmoothed(&self) -> Result<Self, Error> {
+        let mut own = self.clone();
+        self.open.iter().try_for_each(|name| own.set(name, "0"))?;
+        Ok(own)
+    }
+
     /// The filter itself; what samples are to choose smooths.
     pub fn filter(&self) -> &dyn Filter {
         self.own.as_ref()

@@ -2,7 +2,7 @@
 //!
 //! A part of more than `WHOLE` pixels is filled band by band, whatever memory there is: the bands belong to the result. Each is filled as a
 //! part of its own with `MARGIN` rows more at either side, and its own rows are taken. What is decided over a whole part is decided
-//! over a band: the domain, what a blend chooses, the estimate. A band without a usable sample takes more rows.
+//! over a band: the domain, what a blend chooses, how much is smoothed, the estimate. A band without a usable sample takes more rows.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -302,7 +302,11 @@ fn add(all: &mut PartReport, band: PartReport, rows: (usize, usize)) {
                 known.guides.push(guide);
             }
         }
-        known.settled.extend(band.settled);
+        for settled in band.settled {
+            if !known.settled.contains(&settled) {
+                known.settled.push(settled);
+            }
+        }
         // Of what is estimated the worst band speaks for all.
         known.guides_gain = known.guides_gain.zip(band.guides_gain).map(|(a, b)| a.min(b));
         known.estimate = worse(known.estimate.take(), band.estimate);

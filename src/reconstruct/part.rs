@@ -226,7 +226,8 @@ fn filter(
             done.notes.push(format!("{name}: {} {what}", set.weightless));
         }
     }
-    let smooths = answer.sets.iter().filter(|set| set.smoothed).flat_map(|set| &set.planes);
+    let smooths = |set: &&Set| set.smoothed || !set.method.keeps_measured();
+    let smooths = answer.sets.iter().filter(smooths).flat_map(|set| &set.planes);
     let smoothed: Vec<usize> = smooths.map(|&at| group.channels[at]).collect();
     let masks: Vec<_> = (0..names.len()).map(|at| answer.mask(at).map_or(mask, |own| own).clone()).collect();
     let planes = samples.into_vec().into_iter().zip(answer.planes.into_vec()).zip(answer.limited);
@@ -235,7 +236,7 @@ fn filter(
         for target in targets.iter_mut().filter(|target| target.channel == channel) {
             (target.mask, target.non_finite) = (Arc::clone(&mask), non_finite);
         }
-        let all = !work.job.method.keeps_measured() || smoothed.contains(&channel);
+        let all = smoothed.contains(&channel);
         Filled { channel, mask, samples: samples.into_pixels(), values: values.into_pixels(), limited, all }
     });
     Ok(filled.collect())

@@ -23,7 +23,7 @@ pub enum Selection {
 /// What rounds are called.
 const ADAPTIVE: &str = "adaptive";
 /// What the frame at half its resolution is called.
-const HALF: &str = "half";
+pub(super) const HALF: &str = "half";
 
 impl Selection {
     /// A pattern's name, `half`, or `adaptive`, which `rounds=N` and `first=SHARE` may follow.

@@ -5,6 +5,7 @@ use std::fmt::Write;
 use super::definition::Thresholds;
 use super::figures::{distinct, points};
 use super::rows::Row;
+use super::selection::HALF;
 
 /// The verdict on one filter, or on the best of all, for the frames of one class.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -19,10 +20,12 @@ pub struct Verdict {
     pub text: String,
 }
 
-/// The pattern that verdicts are about: `shuffle` if the study has it, else its first one.
+/// The pattern that verdicts are about: `shuffle` if the study has it, else its first one with filters to choose from.
 fn pattern(rows: &[Row]) -> &str {
     let all = distinct(rows.iter().map(|row| row.pattern.as_str()));
-    all.iter().find(|name| **name == "shuffle").or(all.first()).copied().unwrap_or_default()
+    let filters = |name: &&&str| **name != HALF;
+    let found = all.iter().find(|name| **name == "shuffle").or_else(|| all.iter().find(filters));
+    found.or(all.first()).copied().unwrap_or_default()
 }
 
 /// Verdicts class by class: one a filter, and one on the best.

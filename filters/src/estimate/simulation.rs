@@ -11,7 +11,8 @@
 //!
 //! Noise is not in the filled frame. It makes errors alike everywhere, in empty places and at missing pixels: so where half of the samples are held out,
 //! errors of detail grow by the factor `g` that the smaller image shows, and those of noise do not. With `g'` the growth on the frame, a share
-//! `d = (g' - 1) / (g - 1)` of the squared error is detail, and `1 - d` of it stays at missing pixels.
+//! `d = (g' - 1) / (g - 1)` of the squared error is detail, and `1 - d` of it stays at missing pixels. As `g'` is off by a tenth by chance, the
+//! largest that it may be is taken: nothing is called noise without need.
 //!
 //! Source: B. Efron, "Bootstrap methods: another look at the jackknife", The Annals of Statistics 7, 1979.
 

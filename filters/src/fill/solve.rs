@@ -44,14 +44,16 @@ pub fn solve(
         let known = Known { guides: options.guides, noise: like.as_ref(), weights: weights.as_ref(), light };
         noise::reconstruct(mask, samples, known, &mut out, run)?
     };
-    let smoothed = found.is_some() || method.is_open();
+    let smoothed = found.is_some();
     let mut settled = Vec::new();
     let (map, (outcome, mut effect), model) = if let Some(found) = found {
         (Domain::Linear.map(mask, samples.as_slice()), found, None)
     } else {
         let domain = if light { options.domain } else { Domain::Linear };
         let map = domain.map(mask, samples.as_slice());
-        if method.is_open() {
+        if method.is_open() && !light && like.is_none() {
+            method = method.unsmoothed()?;
+        } else if method.is_open() {
             let (samples, like) = mapped(map, samples, like.as_ref());
             let given = Given { mask, samples: &samples, noise: like.as_ref(), weights: weights.as_ref() };
             (method, settled) = method.settled(&given, run)?;

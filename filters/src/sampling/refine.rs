@@ -178,7 +178,7 @@ impl Estimate {
     }
 
     /// How many pixels have which squared errors, summed over the channels, in bins of [`BIN`]: the middle of each bin, and its count. The first
-    /// bin, from zero to far below the least normal float, is left out.
+    /// bin, from zero to far below the least normal float, is left out; what is beyond all floats counts as infinite.
     pub(super) fn squared_errors(&self) -> Vec<(f32, usize)> {
         let values = self.coefficient.par_chunks(PIECE).zip(self.squared.par_chunks(PIECE));
         let pieces: Vec<Vec<u32>> = values.map(|(coefficients, squared)| {
@@ -191,8 +191,11 @@ impl Estimate {
         });
         let middle = |bin: usize| f32::from_bits(((bin as u32) << BIN) | 1 << (BIN - 1));
         let count = |bin: usize| pieces.iter().map(|counts| counts[bin] as usize).sum::<usize>();
-        (1..1 << (u32::BITS - BIN))
+        let infinite = (f32::INFINITY.to_bits() >> BIN) as usize;
+        let last = std::iter::once((f32::INFINITY, count(infinite)));
+        (1..infinite)
             .map(|bin| (middle(bin), count(bin)))
+            .chain(last)
             .filter(|(_, count)| *count > 0)
             .collect()
     }

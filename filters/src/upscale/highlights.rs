@@ -12,11 +12,11 @@
 //! ```
 //!
 //! `a` and `b` are the greatest and the least light of the 5 x 5 small pixels around, `c` is the mean light of all that have any: `w` is 1 for a
-//! pixel that is a quarter as bright as one beside it that outshines the frame. It is one number for the channels of a group, so that
+//! pixel that is a quarter as bright as one beside it that has six times the light of `b` and `c`. It is one number for the channels of a group, so that
 //! hues do not shift. `b`, `l` and `f` are at least a 1024th of the greatest value around. What the blend changes of the means is put back by
 //! `settle`. Everything is in proportion to the image, and where `w` is 0 around a pixel it keeps its bits.
 //!
-//! Cost: a frame whose greatest light is at most `BRIGHT c` costs one reading. Others: two windows of 5 x 5 a small pixel, an exponential
+//! Cost: a frame whose greatest light is at most `BRIGHT c` costs one reading. Others: two windows of 5 x 5 a small pixel, an exponential,
 //! the maps of four splines and the bounds once more a pixel of the result, three planes.
 //! Fails: textures between highlights get the soft flanks of logarithms.
 

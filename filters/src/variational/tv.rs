@@ -210,7 +210,12 @@ impl Settings {
 fn discrepancy(given: &Given<'_>, run: &Run<'_>) -> Result<(f64, &'static str), Error> {
     let Some(noise) = given.noise else {
         let found = ss::smoothness(&ss::Settings::default(), given, run)?;
-        return Ok(((given.mask.count() as f64 * found.variance).sqrt(), found.by));
+        let weighs = |weights: &std::sync::Arc<Plane>| {
+            let pairs = weights.pixels().iter().zip(given.mask.as_slice());
+            pairs.filter(|(weight, flag)| **flag && **weight > 0.0).count()
+        };
+        let count = given.weights.map_or(given.mask.count(), weighs);
+        return Ok(((count as f64 * found.variance).sqrt(), found.by));
     };
     let weight = |pixel: usize| given.weights.map_or(1.0, |weights| f64::from(weights.pixels()[pixel]));
     let mut sum = 0.0;

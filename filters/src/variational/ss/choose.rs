@@ -95,9 +95,10 @@ struct Window {
     mask: Arc<Mask>,
     weights: Option<Arc<Plane>>,
     samples: Planes,
-    /// Noise by channel, or a plane of -1 and 1.
+    /// Noise by channel, 0 where it is not known, or a plane of -1 and 1.
     probes: Planes,
-    known: bool,
+    /// Noise by channel, where that tells.
+    noise: Option<Planes>,
 }
 
 /// All of a small image, parts of a large one.
@@ -135,12 +136,12 @@ impl Window {
             let at = (top + row) * given.mask.size().width + left + column;
             if hash(0, at as u64) & 1 == 0 { 1.0 } else { -1.0 }
         };
-        let mut probes = given.noise.map_or_else(|| Planes::of(size, vec![Plane::from_fn(size, sign)]), all);
+        let noise = given.noise.map(all);
+        let mut probes = noise.clone().unwrap_or_else(|| Planes::of(size, vec![Plane::from_fn(size, sign)]));
         for plane in probes.as_mut_slice() {
             plane.pixels_mut().iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = 0.0);
         }
-        let (samples, known) = (all(given.samples), given.noise.is_some());
-        Some(Self { mask: Arc::new(mask), weights, samples, probes, known })
+        Some(Self { mask: Arc::new(mask), weights, samples: all(given.samples), probes, noise })
     }
 
     fn add(&self, settings: &Settings, run: &Run<'_>, sums: &mut Sums) -> Result<(), Error> {
@@ -157,11 +158,13 @@ impl Window {
         for pixel in (0..self.mask.size().pixels()).filter(|&pixel| self.mask.as_slice()[pixel]) {
             let at = |planes: &Planes, k: usize| f64::from(planes.as_slice()[k].pixels()[pixel]);
             let weight = self.weights.as_ref().map_or(1.0, |weights| f64::from(weights.pixels()[pixel]));
-            for k in 0..channels {
+            // Samples whose noise is not known say nothing of the error.
+            let tells = |k: &usize| self.noise.as_ref().is_none_or(|noise| at(noise, *k).is_finite());
+            for k in (0..channels).filter(tells) {
                 let rest = (at(&values, k) - at(&self.samples, k)).powi(2);
                 sums.count += 1.0;
                 sums.rest += weight * rest;
-                sums.second += if self.known {
+                sums.second += if self.noise.is_some() {
                     rest + 2.0 * at(&self.probes, k) * at(&answers, k)
                 } else {
                     at(&self.probes, 0) * at(&answers, 0)
@@ -249,6 +252,25 @@ mod tests {
             let found = smoothness(&Settings::default(), &given, &run).unwrap();
             assert!(error(found.lambda) < 1.1 * least, "{found:?} {} {least}", error(found.lambda));
         }
+    }
+
+    #[test]
+    fn samples_of_unknown_noise_do_not_count() {
+        let size = Size::new(120, 110);
+        let mask = Arc::new(Mask::from_fn(size, |y, x| hash(3, (y * 110 + x) as u64).is_multiple_of(2)));
+        let (_, samples) = noisy(size, 0.2);
+        let lambda = |every: u64| {
+            let noise = |y: usize, x: usize| {
+                let at = y * 110 + x;
+                let known = hash(8, at as u64).is_multiple_of(every);
+                if known { 0.2 * 1.732 * random(77, at) } else { f32::NAN }
+            };
+            let noise = Planes::new(size, vec![Plane::from_fn(size, noise)]).unwrap();
+            let given = Given { mask: &mask, samples: &samples, noise: Some(&noise), weights: None };
+            smoothness(&Settings::default(), &given, &Run::default()).unwrap().lambda
+        };
+        let (all, half) = (lambda(1), lambda(2));
+        assert!((half / all).log(4.0).abs() < 1.0, "{all} {half}");
     }
 
     #[test]

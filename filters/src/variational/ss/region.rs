@@ -2,7 +2,7 @@
 //!
 //! Order 2 is solved in f32 by iterative refinement: the residual of the image as it stands is computed in f64, its
 //! correction in f32 to two digits, and so on. Rounding the image to f32 in between costs nothing, as the next residual is
-//! that of the rounded image. Third order, smoothing, energies without tension, and windows that are little more than a line, where the
+//! that of the rounded image. Third order, smoothing of more than [`WEAK`] or less than [`STRONG`], energies without tension, and windows that are little more than a line, where the
 //! least eigenvalue is smaller than a few iterations show, are solved in f64 in one go.
 //!
 //! Source: J. Wilkinson, "Rounding Errors in Algebraic Processes", HMSO 1963 (iterative refinement).
@@ -34,6 +34,8 @@ const EASE: f64 = 30.0;
 const SPARE: f64 = 0.25;
 /// The largest weight of smoothness with which f32 is taken: beyond, samples hold the image too weakly.
 const WEAK: f64 = 1e3;
+/// Smoothing of less than this pulls at samples with more than f32 holds beside the energy.
+const STRONG: f64 = 1e-12;
 /// Rows or columns from which on f32 is taken.
 const NARROW: usize = 16;
 /// Rows whose residual one task computes.
@@ -128,7 +130,7 @@ impl Region {
                 }
             }
         }
-        let single = lambda <= WEAK;
+        let single = lambda == 0.0 || (STRONG..=WEAK).contains(&lambda);
         Self::of(isa, matrices, window, free, (pull, single))
     }
 
