@@ -1,9 +1,7 @@
 //! Bounds for footprints whose weights change their sign: multipliers by accelerated steps of the dual, window by window.
 //!
 //! The problem is that of [`super::relax`]; one footprint after the other creeps there. A step is `(R R')^-1` times what the image lacks
-//! of the samples: without bounds in the way the first one is all but exact. Momentum begins anew where it leads down. Pixels at a bound
-//! answer to no multiplier, so a footprint's step is over the share of its squared weights that are not at one (the diagonal of `R M R'` over
-//! that of `R R'`, `M` the pixels between the bounds), with [`LEAST_FREE`] the least: a third of the steps do.
+//! of the samples: without bounds in the way the first one is all but exact. Momentum begins anew where it leads down.
 //!
 //! Where bounds cut in beside hard edges it takes hundreds of steps, elsewhere none. So windows of 24 x 24 low-resolution pixels, in which
 //! a footprint lacks more than the tolerance, go on by themselves, each with the multipliers around it as they are (alternating
@@ -40,8 +38,6 @@ const STEPS: usize = 200;
 const SWEEPS: usize = 6;
 /// Weights of `(R R')^-1` below this are left out: a step that is nearly right costs half as much.
 const NEARLY: f64 = 1e-3;
-/// The share of a footprint's squared weights that moves, at least: steps are no longer than one over it.
-const LEAST_FREE: f32 = 0.15;
 /// Pixels that are summed side by side; rows are padded to a multiple of them.
 const LANES: usize = 8;
 /// Part of the tolerance that a window is brought to, so that its neighbours may move it by the rest.
@@ -137,8 +133,6 @@ struct Line {
     reduce: Rows,
     adjoint: Rows,
     gram_inverse: Rows,
-    /// Squared weights, which sum to 1.
-    squares: Rows,
 }
 
 impl Line {
@@ -153,12 +147,7 @@ impl Line {
             let high = reduce.row(low.start).0..end(reduce.row(low.end - 1));
             let shifted = low.clone().map(|i| reduce.row(i)).map(|(at, row)| (at - high.start, row.to_vec()));
             let part = Taps::from_rows(high.len(), shifted);
-            let squares = low.clone().map(|i| reduce.row(i)).map(|(at, row)| {
-                let sum: f64 = row.iter().map(|weight| weight * weight).sum();
-                (at - high.start, row.iter().map(|weight| weight * weight / sum).collect())
-            });
             Self {
-                squares: Taps::from_rows(high.len(), squares).rows(),
                 adjoint: part.transpose().rows(),
                 gram_inverse: part.after(&part.transpose()).inverse(NEARLY).rows(),
                 reduce: part.rows(),
@@ -184,8 +173,6 @@ struct Window<'a> {
     ahead: Vec<f32>,
     next: Vec<f32>,
     residual: Vec<f32>,
-    /// Of each footprint, the share that is between the bounds; empty where all is.
-    share: Vec<f32>,
     scratch: [Vec<f32>; 2],
 }
 
@@ -227,24 +214,6 @@ impl<'a> Window<'a> {
         most.into_iter().fold(0.0, f32::max)
     }
 
-    /// What of each footprint is between the bounds.
-    #[inline(always)]
-    fn find_share<const FUSED: bool>(&mut self, [vertical, horizontal]: [&Line; 2]) {
-        self.share.clear();
-        if self.free == self.inside {
-            return;
-        }
-        let (low, high) = self.range;
-        for value in &mut self.inside {
-            *value = if *value > low && *value < high { 1.0 } else { 0.0 };
-        }
-        let (tall, wide) = (vertical.low.len(), horizontal.high.len());
-        let [first, second] = &mut self.scratch;
-        columns::<FUSED>(&vertical.squares, &self.inside, padded(wide), first);
-        turn(first, (tall, wide), second);
-        columns::<FUSED>(&horizontal.squares, second, padded(tall), &mut self.share);
-    }
-
     /// A step by what is lacking; the momentum after it.
     #[inline(always)]
     fn step<const FUSED: bool>(&mut self, [vertical, horizontal]: [&Line; 2], mut momentum: f32) -> f32 {
@@ -254,9 +223,6 @@ impl<'a> Window<'a> {
         turn(first, (wide, tall), second);
         columns::<FUSED>(&vertical.gram_inverse, second, padded(wide), first);
         turn(first, (tall, wide), &mut self.next);
-        for (next, share) in self.next.iter_mut().zip(&self.share) {
-            *next /= share.max(LEAST_FREE);
-        }
         let mut uphill = 0.0;
         for ((next, ahead), (before, residual)) in
             self.next.iter_mut().zip(&self.ahead).zip(self.multiplier.iter().zip(&self.residual))
@@ -298,7 +264,6 @@ impl Body for Ascent<'_, '_> {
             if self.window.lack::<FUSED>(lines) <= self.tolerance {
                 return step;
             }
-            self.window.find_share::<FUSED>(lines);
             momentum = self.window.step::<FUSED>(lines, momentum);
         }
         STEPS
