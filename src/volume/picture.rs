@@ -194,12 +194,11 @@ impl Shot<'_> {
         let normal = normal.iter_mut().filter(|_| self.normals);
         let slopes = slopes.as_flattened_mut().iter_mut().filter(|_| self.gradients);
         let planes = colour.iter_mut().chain(normal).chain(Some(depth).filter(|_| self.depth)).chain(slopes);
-        planes
-            .map(|plane| {
-                plane.resize(self.size.pixels(), 0.0);
-                plane
-            })
-            .collect()
+        let mut all: Vec<_> = planes.collect();
+        for plane in &mut all {
+            plane.resize(self.size.pixels(), 0.0);
+        }
+        all
     }
 }
 
