@@ -84,8 +84,8 @@ def test_how_much_to_smooth_is_chosen(tmp_path, name, setting, flag, halves):
     [line] = [line for line in result.stderr.splitlines() if f"{setting}=" in line]
     assert f"{setting}=" in line and line.endswith(f"by {by}"), line
     assert error(tmp_path / "out.exr", truth) < 0.7 * error(tmp_path / "plain.exr", truth)
-    info = lacuna("info", tmp_path / "out.exr").stdout
-    assert f"{setting}=auto" in info and f"by {by}" in info, info
+    header = (tmp_path / "out.exr").read_bytes()[:4000]
+    assert b"lacuna/settled" in header and f"{setting}={line.split(f'{setting}=')[1]}".encode() in header, header
     # The number that was chosen gives the same image.
     value = line.split(f"{setting}=")[1].split(" by ")[0]
     lacuna("fill", source, "-o", tmp_path / "again.exr", *flags, flag, value)

@@ -58,7 +58,7 @@ pub trait Plan: Send + Sync {
         self.reconstruct(samples, out, run)
     }
 
-    /// The same where `out` holds what splines ([`crate::ss`]) by their defaults make of the samples, as exactly as is asked for: methods that
+    /// The same where `out` holds what splines ([`crate::variational::ss`]) by their defaults make of the samples, as exactly as is asked for: methods that
     /// start from that image need not make it again.
     ///
     /// # Errors
