@@ -16,7 +16,7 @@ pub enum Selection {
         /// Share of the pixels that the first round takes, 0 to 1.
         first: Option<f64>,
     },
-    /// None: the frame at half its resolution, enlarged ([`super::half`]).
+    /// None: the frame at half its resolution, enlarged (`half.rs`).
     Half,
 }
 
