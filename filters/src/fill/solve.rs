@@ -174,10 +174,9 @@ impl Task<'_> {
         let mut evidence = if let Some(evidence) = evidence {
             evidence
         } else {
-            let mut again = |samples: &Planes, kept: &Arc<Mask>, excerpt: Option<&Excerpt>| {
+            let mut again = |excerpt: Option<&Excerpt>, samples: &Planes, kept: &Arc<Mask>| {
                 let plan = self.method.filter().plan(&Problem::fill(Arc::clone(kept)), self.run)?;
-                let small =
-                    excerpt.and_then(|excerpt| Some(self.guides?.at(kept.size(), |at| excerpt.source(at))));
+                let small = self.guides.zip(excerpt).map(|(guides, excerpt)| guides.within(excerpt));
                 let guides = small.as_ref().or(self.guides);
                 let task = Task { plan: plan.as_ref(), mask: kept, guides, error: Some(HELD_OUT), ..*self };
                 let mut out = Planes::zeros(samples.size(), samples.len());
@@ -251,15 +250,15 @@ impl Task<'_> {
                 let gradients = Gradients { planes: [x, y], mask: &slopes.mask };
                 Ok((plan.reconstruct_gradients(samples, &gradients, out, run)?, Effect::default()))
             }
-            (None, Some(guides)) => {
-                guided::reconstruct((method.filter(), plan), mask, samples, guides, out, run)
-            }
-            (None, None) => {
+            (None, guides) => {
                 let outcome = match error {
                     Some(error) => plan.reconstruct_roughly(samples, error, out, run)?,
                     None => plan.reconstruct(samples, out, run)?,
                 };
-                Ok((outcome, Effect::default()))
+                let Some(guides) = guides else { return Ok((outcome, Effect::default())) };
+                let (second, effect) =
+                    guided::steer((method.filter(), plan), mask, samples, guides, out, run)?;
+                Ok((outcome.worst(second), effect))
             }
         }
     }

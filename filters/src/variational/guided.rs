@@ -86,27 +86,10 @@ pub struct Effect {
     pub evidence: Option<Evidence>,
 }
 
-/// Fills `out` from `samples` with guides. `plan` is that of `filter` on `mask`.
+/// Steers `out`, which holds what the plain filter makes of the samples. `plan` is that of `filter` on `mask`.
 ///
 /// # Errors
 /// Those of the plan, and [`Error::SizeMismatch`].
-pub fn reconstruct(
-    (filter, plan): (&dyn Filter, &dyn Plan),
-    mask: &Arc<Mask>,
-    samples: &Planes,
-    guides: &Guides,
-    out: &mut Planes,
-    run: &Run<'_>,
-) -> Result<(Outcome, Effect), Error> {
-    let outcome = plan.reconstruct(samples, out, run)?;
-    let (second, effect) = steer((filter, plan), mask, samples, guides, out, run)?;
-    Ok((outcome.worst(second), effect))
-}
-
-/// The same where `out` holds what the plain filter makes of the samples.
-///
-/// # Errors
-/// As [`reconstruct`].
 pub fn steer(
     (filter, plan): (&dyn Filter, &dyn Plan),
     mask: &Arc<Mask>,

@@ -1,5 +1,6 @@
 //! Guides made comparable: groups of planes, scaled by their own spread, and labels for hard borders.
 
+use crate::estimate::Excerpt;
 use crate::kernel::regress::Scales;
 use crate::{Error, Plane, Size};
 
@@ -161,13 +162,11 @@ impl Guides {
         }
     }
 
-    /// The same guides at some of their pixels, `source` the one that each of the new ones was.
-    pub(crate) fn at(&self, size: Size, source: impl Fn(usize) -> usize) -> Self {
-        let plane = |plane: &Plane| {
-            Plane::of(size, (0..size.pixels()).map(|at| plane.pixels()[source(at)]).collect())
-        };
-        let mut own = self.reduced(size, plane);
-        own.labels = self.labels.as_ref().map(|all| (0..size.pixels()).map(|at| all[source(at)]).collect());
+    /// The same guides in an excerpt of their image.
+    pub(crate) fn within(&self, excerpt: &Excerpt) -> Self {
+        let mut own = self.reduced(excerpt.mask.size(), |plane| excerpt.plane(plane));
+        let sources = 0..excerpt.mask.size().pixels();
+        own.labels = self.labels.as_ref().map(|all| sources.map(|at| all[excerpt.source(at)]).collect());
         own.label_names.clone_from(&self.label_names);
         own
     }

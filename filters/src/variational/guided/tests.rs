@@ -6,6 +6,19 @@ use crate::{Size, sampling::shuffle};
 
 const SIZE: Size = Size::new(120, 150);
 
+/// The plain filter, steered.
+fn reconstruct(
+    (filter, plan): (&dyn Filter, &dyn Plan),
+    mask: &Arc<Mask>,
+    samples: &Planes,
+    guides: &Guides,
+    out: &mut Planes,
+    run: &Run<'_>,
+) -> Result<(Outcome, Effect), Error> {
+    plan.reconstruct(samples, out, run)?;
+    steer((filter, plan), mask, samples, guides, out, run)
+}
+
 fn method() -> ss::Settings {
     ss::Settings::default()
 }
