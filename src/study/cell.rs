@@ -135,8 +135,9 @@ pub fn run(cell: &Cell<'_>, visit: &mut dyn FnMut(&Images<'_>)) -> Row {
 
 fn fill(cell: &Cell<'_>, row: &mut Row, visit: &mut dyn FnMut(&Images<'_>)) -> Result<(), String> {
     if cell.pattern == Selection::Half {
+        let frame = cell.subject.frame.clone();
         let (wall, busy) = (Instant::now(), clock::busy());
-        let enlarged = half::enlarged(cell.subject.frame.clone())?;
+        let enlarged = half::enlarged(frame)?;
         (row.wall_seconds, row.seconds) = (wall.elapsed().as_secs_f64(), clock::busy() - busy);
         row.missing = 1.0 - cell.density;
         return measure(cell, &enlarged, None, row, visit);

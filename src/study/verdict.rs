@@ -23,8 +23,8 @@ pub struct Verdict {
 /// The pattern that verdicts are about: `shuffle` if the study has it, else its first one with filters to choose from.
 fn pattern(rows: &[Row]) -> &str {
     let all = distinct(rows.iter().map(|row| row.pattern.as_str()));
-    let filters = |name: &&&str| **name != HALF;
-    let found = all.iter().find(|name| **name == "shuffle").or_else(|| all.iter().find(filters));
+    let has_filters = |name: &&&str| **name != HALF;
+    let found = all.iter().find(|name| **name == "shuffle").or_else(|| all.iter().find(has_filters));
     found.or(all.first()).copied().unwrap_or_default()
 }
 

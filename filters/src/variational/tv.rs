@@ -208,20 +208,17 @@ impl Settings {
 
 /// The distance from the samples that their noise explains, and what showed it.
 fn discrepancy(given: &Given<'_>, run: &Run<'_>) -> Result<(f64, &'static str), Error> {
+    let weight = |pixel: usize| given.weights.map_or(1.0, |weights| f64::from(weights.pixels()[pixel]));
+    let measured = || (0..given.mask.size().pixels()).filter(|&pixel| given.mask.as_slice()[pixel]);
     let Some(noise) = given.noise else {
         let found = ss::smoothness(&ss::Settings::default(), given, run)?;
-        let weighs = |weights: &std::sync::Arc<Plane>| {
-            let pairs = weights.pixels().iter().zip(given.mask.as_slice());
-            pairs.filter(|(weight, flag)| **flag && **weight > 0.0).count()
-        };
-        let count = given.weights.map_or(given.mask.count(), weighs);
+        let count = measured().filter(|&pixel| weight(pixel) > 0.0).count();
         return Ok(((count as f64 * found.variance).sqrt(), found.by));
     };
-    let weight = |pixel: usize| given.weights.map_or(1.0, |weights| f64::from(weights.pixels()[pixel]));
     let mut sum = 0.0;
     for plane in noise.as_slice() {
-        let known: Vec<f64> = (0..given.mask.size().pixels())
-            .filter(|&pixel| given.mask.as_slice()[pixel] && plane.pixels()[pixel].is_finite())
+        let known: Vec<f64> = measured()
+            .filter(|&pixel| plane.pixels()[pixel].is_finite())
             .map(|pixel| weight(pixel) * f64::from(plane.pixels()[pixel]).powi(2))
             .collect();
         // Samples whose noise is not known have that of the others.
