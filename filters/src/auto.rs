@@ -192,17 +192,13 @@ impl Candidate<'_> {
     ) -> Result<(Outcome, Effect), Error> {
         let plan = self.filter.plan(&Problem::fill(Arc::clone(mask)), run)?;
         let plan = plan.as_ref();
-        let outcome = match (how, guides) {
-            (How::From(splines), Some(_)) => {
-                out.clone_from(splines);
-                Outcome::direct()
-            }
-            (How::From(splines), None) => {
+        let outcome = match how {
+            How::From(splines) => {
                 out.clone_from(splines);
                 plan.reconstruct_from_splines(samples, out, run)?
             }
-            (How::Roughly, _) => plan.reconstruct_roughly(samples, HELD_OUT, out, run)?,
-            (How::Exactly, _) => plan.reconstruct(samples, out, run)?,
+            How::Roughly => plan.reconstruct_roughly(samples, HELD_OUT, out, run)?,
+            How::Exactly => plan.reconstruct(samples, out, run)?,
         };
         let Some(guides) = guides else { return Ok((outcome, Effect::default())) };
         let (second, effect) = guided::steer((self.filter.as_ref(), plan), mask, samples, guides, out, run)?;
@@ -222,7 +218,7 @@ impl Candidate<'_> {
         splines: &mut Option<Planes>,
         run: &Run<'_>,
     ) -> Result<HeldOut, Error> {
-        let mut fill = |samples: &Planes, kept: &Arc<Mask>, _: Option<&Excerpt>| {
+        let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
             let mut out = Planes::zeros(samples.size(), samples.len());
             let how = splines.as_ref().map_or(How::Roughly, How::From);
             self.fill((samples, kept), how, &mut out, run)?;
@@ -359,10 +355,10 @@ impl Blend {
         } else {
             shallow = shallow.with_variance(&self.mask, self.folds, kind);
         }
-        let mut again = |samples: &Planes, kept: &Arc<Mask>, excerpt: Option<&Excerpt>| {
+        let mut again = |excerpt: Option<&Excerpt>, samples: &Planes, kept: &Arc<Mask>| {
             let mut out = Planes::zeros(samples.size(), samples.len());
             let guides = all[most].guides;
-            let small = excerpt.and_then(|excerpt| Some(guides?.at(kept.size(), |at| excerpt.source(at))));
+            let small = guides.zip(excerpt).map(|(guides, excerpt)| guides.within(excerpt));
             all[most].fill_guided(small.as_ref().or(guides), (samples, kept), How::Roughly, &mut out, run)?;
             Ok(out)
         };

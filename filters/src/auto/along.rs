@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use super::standing::Standing;
 use super::{Blend, Candidate, blend};
-use crate::estimate::{Excerpt, Folds, HeldOut, Kind};
+use crate::estimate::{Folds, HeldOut, Kind};
 use crate::sampling::hash;
 use crate::temporal::{self, Carried, Pull};
 use crate::variational::ss;
@@ -134,7 +134,7 @@ fn held_out(
     for parts in temporal::judging(own.folds, own.mask.count()) {
         let (folds, given) = ((own.folds, [parts.clone(), parts]), (samples, &*own.mask));
         let mut alone = Planes::zeros(samples.size(), 0);
-        let mut fill = |samples: &Planes, kept: &Arc<Mask>, _: Option<&Excerpt>| {
+        let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
             alone = Planes::zeros(samples.size(), samples.len());
             blend(all, weights, (samples, kept), &mut alone, run)?;
             Ok(alone.clone())
@@ -151,7 +151,7 @@ fn held_out(
         }
         held[0].extend(fold);
         for (pull, held) in others.pulls.iter().zip(&mut held[1..]) {
-            let mut fill = |_: &Planes, kept: &Arc<Mask>, _: Option<&Excerpt>| {
+            let mut fill = |_: &Planes, kept: &Arc<Mask>| {
                 let mut image = alone.clone();
                 temporal::pull(kept, (&known, &others.fills), *pull, &mut image, run);
                 Ok(image)

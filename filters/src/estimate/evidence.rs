@@ -1,6 +1,8 @@
 //! What held-out samples show of a method on a frame, at two depths.
 
-use super::held_out::{DEEP, Folds, HeldOut, Reconstruct};
+use std::sync::Arc;
+
+use super::held_out::{DEEP, Folds, HeldOut, ReconstructPart};
 use super::simulation::Simulation;
 use super::variance::Kind;
 use crate::{Error, Mask, Planes};
@@ -28,16 +30,13 @@ impl Evidence {
         (samples, mask): (&Planes, &Mask),
         filled: Option<&Planes>,
         (folds, kind): (Folds, Kind),
-        reconstruct: &mut Reconstruct<'_>,
+        reconstruct: &mut ReconstructPart<'_>,
     ) -> Result<Self, Error> {
         let mut near = HeldOut::default();
+        let mut all = |samples: &Planes, kept: &Arc<Mask>| reconstruct(None, samples, kept);
         for parts in folds.near(mask.count()) {
-            near.extend(HeldOut::new(
-                (samples, mask),
-                (folds, [parts.clone(), parts]),
-                Some(kind),
-                reconstruct,
-            )?);
+            let parts = (folds, [parts.clone(), parts]);
+            near.extend(HeldOut::new((samples, mask), parts, Some(kind), &mut all)?);
         }
         let deep = HeldOut::deep((samples, mask), folds, kind, filled.is_none(), reconstruct)?;
         let mut own = Self::new(kind, folds, &near, &near, &deep);
@@ -81,8 +80,6 @@ impl Evidence {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use super::*;
     use crate::estimate::Excerpt;
     use crate::{Plane, Size};
@@ -93,7 +90,7 @@ mod tests {
         let mask = Mask::from_fn(size, |row, column| (row + 2 * column) % 3 == 0);
         let samples = Planes::new(size, vec![Plane::from_fn(size, |y, x| (y * 40 + x) as f32)]).unwrap();
         // A method that shows what it was given: the sample itself, or -1 at missing pixels.
-        let mut fill = |samples: &Planes, kept: &Arc<Mask>, _: Option<&Excerpt>| {
+        let mut fill = |_: Option<&Excerpt>, samples: &Planes, kept: &Arc<Mask>| {
             let plane = &samples.as_slice()[0];
             Planes::new(
                 size,

@@ -21,19 +21,18 @@ pub struct Excerpt {
     /// Which of its pixels were measured.
     pub mask: Arc<Mask>,
     /// The pixel of the frame that each is.
-    pub(super) sources: Vec<u32>,
+    sources: Vec<u32>,
 }
 
 impl Excerpt {
-    /// The pixels that `source` names, by row and column.
-    pub(super) fn new(frame: &Mask, size: Size, source: impl Fn(usize, usize) -> (usize, usize)) -> Self {
-        let width = frame.size().width;
-        let sources: Vec<u32> = (0..size.pixels())
-            .map(|pixel| source(pixel / size.width, pixel % size.width))
-            .map(|(row, column)| (row * width + column) as u32)
-            .collect();
-        let flags = sources.iter().map(|&source| frame.as_slice()[source as usize]).collect();
-        Self { mask: Arc::new(Mask::of(size, flags)), sources }
+    /// The pixels of a frame that `source` names, by row and column.
+    pub(super) fn new(mask: Mask, frame: Size, source: impl Fn(usize, usize) -> (usize, usize)) -> Self {
+        let size = mask.size();
+        let index = |pixel| {
+            let (row, column) = source(pixel / size.width, pixel % size.width);
+            (row * frame.width + column) as u32
+        };
+        Self { mask: Arc::new(mask), sources: (0..size.pixels()).map(index).collect() }
     }
 
     /// Tiles that are spread over a large frame; nothing if it is hardly larger than these.
@@ -45,7 +44,11 @@ impl Excerpt {
         }
         let place = |at: usize, length: usize| at / TILE * (length - TILE) / (ACROSS - 1) + at % TILE;
         let source = |row, column| (place(row, from.height), place(column, from.width));
-        Some(Self::new(frame, Size::new(side, side), source))
+        let mask = Mask::from_fn(Size::new(side, side), |row, column| {
+            let (row, column) = source(row, column);
+            frame.is_measured(row, column)
+        });
+        Some(Self::new(mask, from, source))
     }
 
     /// Whether the neighbours of a pixel's tile do not reach it.
@@ -55,9 +58,15 @@ impl Excerpt {
         inner(pixel as usize / width) && inner(pixel as usize % width)
     }
 
-    /// The border of tiles in spacings of samples.
+    /// The border of tiles in spacings of samples, those of the tile that has fewest.
     pub fn border(&self) -> f64 {
-        self.mask.density().sqrt() * BORDER as f64
+        let mut counts = [0_u32; ACROSS * ACROSS];
+        let width = self.mask.size().width;
+        for (pixel, _) in self.mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
+            counts[pixel / width / TILE * ACROSS + pixel % width / TILE] += 1;
+        }
+        let fewest = counts.into_iter().min().unwrap_or(0);
+        (f64::from(fewest) / (TILE * TILE) as f64).sqrt() * BORDER as f64
     }
 
     /// The pixel of the frame that a pixel is.
@@ -65,12 +74,15 @@ impl Excerpt {
         self.sources[pixel] as usize
     }
 
-    /// Planes of the frame, as of these pixels.
+    /// A plane of the frame, as of these pixels.
+    pub fn plane(&self, plane: &Plane) -> Plane {
+        let values = self.sources.par_iter().with_min_len(1 << 14).map(|&at| plane.pixels()[at as usize]);
+        Plane::of(self.mask.size(), values)
+    }
+
+    /// Planes of the frame.
     pub fn planes(&self, planes: &Planes) -> Planes {
-        let one = |plane: &Plane| {
-            let values = self.sources.par_iter().with_min_len(1 << 14).map(|&at| plane.pixels()[at as usize]);
-            Plane::of(self.mask.size(), values)
-        };
+        let one = |plane: &Plane| self.plane(plane);
         Planes::of(self.mask.size(), planes.as_slice().iter().map(one).collect())
     }
 }
@@ -98,6 +110,10 @@ mod tests {
             assert_eq!(sources[pixel + 16], sources[pixel] + 16);
             assert_eq!(sources[pixel - 16 * 512], sources[pixel] - 16 * 1200);
         }
+        // A fifth everywhere; nothing in one tile.
+        assert!((excerpt.border() - 16.0 * f64::sqrt(0.2)).abs() < 0.1);
+        let hole = Mask::from_fn(size, |row, column| row > 200 || column > 200);
+        assert!(Excerpt::tiles(&hole).unwrap().border() < 1e-9);
         assert!(Excerpt::tiles(&Mask::from_fn(Size::new(500, 4000), |_, _| true)).is_none());
         assert!(Excerpt::tiles(&Mask::from_fn(Size::new(800, 800), |_, _| true)).is_none());
     }

@@ -16,7 +16,7 @@ pub(super) const DEEP: Range<u64> = 0..PARTS / 2;
 /// Held-out pixels that are enough, where more would cost more fills.
 const ENOUGH: usize = 5000;
 
-/// Spacings of samples beyond which another half of them does not reach.
+/// Border of a tile, in spacings of its samples, beyond which its neighbours do not matter, though half of the samples are held out.
 const FAR: f64 = 6.0;
 /// How exact fills without some of the samples are, over the range of these: far below what a fill errs by.
 pub const HELD_OUT: f64 = 5e-4;
@@ -101,7 +101,7 @@ impl HeldOut {
         if at.is_empty() || kept.is_empty() {
             return Ok(Self { predicted: vec![Vec::new(); samples.len()], ..Self::default() });
         }
-        let filled = reconstruct(samples, &kept, None)?;
+        let filled = reconstruct(samples, &kept)?;
         let variance = kind.map_or_else(Vec::new, |kind| {
             let places = Places::new(&kept, |_| true);
             Variance::new(kind, &kept, &places, folds.seed).all(&places, &at)
@@ -118,11 +118,12 @@ impl HeldOut {
         folds: Folds,
         kind: Kind,
         whole: bool,
-        reconstruct: &mut Reconstruct<'_>,
+        reconstruct: &mut ReconstructPart<'_>,
     ) -> Result<Self, Error> {
         let (folds, [parts, wanted]) = folds.deep(mask.count());
         let Some(tiles) = tiles(mask).filter(|_| !whole) else {
-            return Self::new((samples, mask), (folds, [parts, wanted]), Some(kind), reconstruct);
+            let mut all = |samples: &Planes, kept: &Arc<Mask>| reconstruct(None, samples, kept);
+            return Self::new((samples, mask), (folds, [parts, wanted]), Some(kind), &mut all);
         };
         let all = tiles.mask.as_slice();
         let part = |pixel: usize| folds.part(tiles.source(pixel));
@@ -131,7 +132,7 @@ impl HeldOut {
         let is_wanted =
             |&pixel: &usize| all[pixel] && wanted.contains(&part(pixel)) && tiles.is_inner(pixel as u32);
         let at: Vec<u32> = (0..all.len()).filter(is_wanted).map(|pixel| pixel as u32).collect();
-        let filled = reconstruct(&tiles.planes(samples), &kept, Some(&tiles))?;
+        let filled = reconstruct(Some(&tiles), &tiles.planes(samples), &kept)?;
         let places = Places::new(&kept, |_| true);
         let variance = Variance::new(kind, &kept, &places, folds.seed).all(&places, &at);
         let predicted = pick(&filled, &at);
@@ -231,7 +232,7 @@ impl HeldOut {
     }
 }
 
-/// Tiles of a frame that show what half of its samples make of it, if there are enough samples to fill these alike.
+/// Tiles of a frame that show what half of its samples make of it, if the samples of each are dense enough.
 fn tiles(mask: &Mask) -> Option<Excerpt> {
     Excerpt::tiles(mask).filter(|tiles| tiles.border() >= FAR)
 }
@@ -242,8 +243,11 @@ pub(super) fn pick(planes: &Planes, at: &[u32]) -> Vec<Vec<f32>> {
     planes.as_slice().iter().map(of).collect()
 }
 
-/// A fill from the samples of a mask: of the frame, or of an excerpt of it.
-pub type Reconstruct<'a> = dyn FnMut(&Planes, &Arc<Mask>, Option<&Excerpt>) -> Result<Planes, Error> + 'a;
+/// A fill from the samples of a mask.
+pub type Reconstruct<'a> = dyn FnMut(&Planes, &Arc<Mask>) -> Result<Planes, Error> + 'a;
+
+/// The same of an excerpt of the frame, or of all of it.
+pub type ReconstructPart<'a> = dyn FnMut(Option<&Excerpt>, &Planes, &Arc<Mask>) -> Result<Planes, Error> + 'a;
 
 /// The squared error (0 if not known) and the logarithm of the variance of a pixel.
 #[derive(Clone, Copy, Debug)]

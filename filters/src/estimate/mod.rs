@@ -65,7 +65,7 @@ mod voronoi;
 
 pub use evidence::Evidence;
 pub use excerpt::Excerpt;
-pub use held_out::{Folds, HELD_OUT, HeldOut, PARTS, Reconstruct};
+pub use held_out::{Folds, HELD_OUT, HeldOut, PARTS};
 pub use model::{Model, Rmse, Verdict, Why};
 pub use simulation::Simulation;
 pub use variance::Kind;

@@ -19,7 +19,7 @@
 use std::sync::Arc;
 
 use super::excerpt::Excerpt;
-use super::held_out::{Folds, HeldOut, Reconstruct, pick};
+use super::held_out::{Folds, HeldOut, ReconstructPart, pick};
 use super::voronoi::Voronoi;
 use crate::{Error, Mask, Planes, Size};
 
@@ -45,7 +45,7 @@ fn decimated(frame: &Mask) -> Option<Excerpt> {
     let fits = mask.count() >= FEWEST && !mask.is_full() && !Voronoi::new(&mask).is_uneven();
     let of = |at: usize, length: usize, from: usize| (from - step * length) / 2 + step * at + step / 2;
     let source = |row, column| (of(row, size.height, from.height), of(column, size.width, from.width));
-    fits.then(|| Excerpt { mask: Arc::new(mask), ..Excerpt::new(frame, size, source) })
+    fits.then(|| Excerpt::new(mask, from, source))
 }
 
 /// An image that is known, and what a method makes of some of its pixels.
@@ -67,15 +67,13 @@ impl Simulation {
         frame: &Mask,
         filled: &Planes,
         folds: Folds,
-        reconstruct: &mut Reconstruct<'_>,
+        reconstruct: &mut ReconstructPart<'_>,
     ) -> Result<Option<Self>, Error> {
         let Some(excerpt) = decimated(frame) else { return Ok(None) };
         let mask = &excerpt.mask;
         let truth = excerpt.planes(filled);
-        let mut reconstruct = |samples: &Planes, kept: &Arc<Mask>, _: Option<&Excerpt>| {
-            reconstruct(samples, kept, Some(&excerpt))
-        };
-        let again = reconstruct(&truth, mask, None)?;
+        let mut reconstruct = |samples: &Planes, kept: &Arc<Mask>| reconstruct(Some(&excerpt), samples, kept);
+        let again = reconstruct(&truth, mask)?;
         let at: Vec<u32> =
             (0..).zip(mask.as_slice()).filter(|(_, flag)| !**flag).map(|(pixel, _)| pixel).collect();
         let missing = HeldOut { predicted: pick(&again, &at), at, variance: Vec::new() };
@@ -179,7 +177,7 @@ mod tests {
         let all = excerpt.mask.count();
         let filled = Planes::of(size, vec![Plane::from_fn(size, |y, x| (y + x) as f32)]);
         // Off by 2 everywhere with all samples, by 6 with some held out.
-        let mut method = |samples: &Planes, kept: &Arc<Mask>, _: Option<&Excerpt>| {
+        let mut method = |_: Option<&Excerpt>, samples: &Planes, kept: &Arc<Mask>| {
             let off = if kept.count() == all { 2.0 } else { 6.0 };
             let plane = &samples.as_slice()[0];
             let value = |y, x| plane.at(y, x) + if kept.is_measured(y, x) { 0.0 } else { off };
@@ -205,7 +203,7 @@ mod tests {
         let frame = mask(Pattern::Shuffle, size, 0.25);
         let all = decimated(&frame).unwrap().mask.count();
         let filled = Planes::of(size, vec![Plane::from_fn(size, |y, x| (y + x) as f32)]);
-        let mut method = |samples: &Planes, kept: &Arc<Mask>, _: Option<&Excerpt>| {
+        let mut method = |_: Option<&Excerpt>, samples: &Planes, kept: &Arc<Mask>| {
             let off = match kept.count() {
                 count if count == all => 1.0,
                 count if 3 * count > 2 * all => f32::sqrt(2.0),

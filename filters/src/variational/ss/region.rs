@@ -2,8 +2,8 @@
 //!
 //! Order 2 is solved in f32 by iterative refinement: the residual of the image as it stands is computed in f64, its
 //! correction in f32 to two digits, and so on. Rounding the image to f32 in between costs nothing, as the next residual is
-//! that of the rounded image. Third order, smoothing of more than [`WEAK`] or less than [`STRONG`], energies without tension, and windows that are little more than a line, where the
-//! least eigenvalue is smaller than a few iterations show, are solved in f64 in one go.
+//! that of the rounded image. Third order, smoothing of more than [`WEAK`] or less than [`STRONG`], energies without tension, and
+//! windows that are little more than a line, where the least eigenvalue is smaller than a few iterations show, are solved in f64 in one go.
 //!
 //! Source: J. Wilkinson, "Rounding Errors in Algebraic Processes", HMSO 1963 (iterative refinement).
 
