@@ -36,13 +36,11 @@ pub const TARGETS: [Target; 9] = [
 /// Bytes of memory that reading may take.
 const MOST: u64 = 48 << 20;
 
-/// A folder of this process, in memory where there is such a place.
+/// A folder of this process.
 fn folder() -> &'static Path {
     static FOLDER: std::sync::OnceLock<PathBuf> = std::sync::OnceLock::new();
     FOLDER.get_or_init(|| {
-        let memory = Path::new("/dev/shm");
-        let parent = if memory.is_dir() { memory.to_path_buf() } else { std::env::temp_dir() };
-        let found = tempfile::Builder::new().prefix("lacuna-fuzz-").tempdir_in(parent).unwrap();
+        let found = tempfile::Builder::new().prefix("lacuna-fuzz-").tempdir().unwrap();
         // Removed by `clean`; a process that the fuzzer ends cannot.
         found.keep()
     })
