@@ -155,6 +155,7 @@ fn guided_reconstruct(bencher: Bencher<'_, '_>, side: usize) {
     let mut out = Planes::zeros(size, CHANNELS);
     let with = (method.filter(), plan.as_ref());
     bencher.counter(ItemsCount::new(size.pixels() * CHANNELS)).bench_local(|| {
-        guided::reconstruct(with, &mask, black_box(&samples), &guides, &mut out, &Run::default()).is_ok()
+        plan.reconstruct(black_box(&samples), &mut out, &Run::default()).is_ok()
+            && guided::steer(with, &mask, &samples, &guides, &mut out, &Run::default()).is_ok()
     });
 }
