@@ -17,7 +17,7 @@ use crate::kernel::stencil::Separable;
 use crate::kernel::window::{Axis, WIDTH};
 
 /// What an energy is made of, apart from the size of the image.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Form {
     /// Which function passes through the samples.
     pub kernel: Kernel,
@@ -25,20 +25,17 @@ pub struct Form {
     pub order: usize,
     /// Share of first derivatives.
     pub tension: f64,
-    long: Profile,
 }
 
 impl Form {
-    /// Sets up what all sizes share.
-    pub fn new(kernel: Kernel, order: usize, tension: f64) -> Self {
-        Self { kernel, order, tension, long: Profile::new(kernel, order, 64) }
+    /// An energy of any size.
+    pub const fn new(kernel: Kernel, order: usize, tension: f64) -> Self {
+        Self { kernel, order, tension }
     }
 
     /// The energy of an image of this size whose pixels are `spacing` (vertical, horizontal) apart.
     pub fn energy(&self, size: Size, spacing: (f64, f64)) -> Separable<f64> {
-        let profile =
-            |len| self.long.relength(len).unwrap_or_else(|| Profile::new(self.kernel, self.order, len));
-        let (tall, wide) = (profile(size.height), profile(size.width));
+        let [tall, wide] = [size.height, size.width].map(|len| Profile::new(self.kernel, self.order, len));
         let scale = |s: f64, k: usize| s.powi(1 - 2 * k as i32);
         let order = self.order;
         let vertical = Axis::new(tall.len, tall.ends, |t, class| {

@@ -16,6 +16,8 @@
 //!
 //! Source: C. Reinsch, "Smoothing by spline functions", Numerische Mathematik 10, 1967, for `Q` and `R`.
 
+use std::sync::OnceLock;
+
 use crate::kernel::window::{REACH, WIDTH};
 
 /// Which function passes through the samples.
@@ -49,8 +51,16 @@ pub struct Profile {
 
 impl Profile {
     /// The energies of `len` samples for derivatives `0 ..= order`, with rows that reach `order + 1` to either side.
-    /// `order` is 2 or 3.
+    /// `order` is 2 or 3. Computed once a process: all that are too long to be listed share their rows.
     pub fn new(kernel: Kernel, order: usize, len: usize) -> Self {
+        static KNOWN: [[[OnceLock<Profile>; SHORT + 2]; 2]; 2] =
+            [const { [const { [const { OnceLock::new() }; SHORT + 2] }; 2] }; 2];
+        let known = &KNOWN[usize::from(kernel == Kernel::Piecewise)][order - 2][len.min(SHORT + 1)];
+        let shared = known.get_or_init(|| Self::compute(kernel, order, len));
+        Self { len, ..shared.clone() }
+    }
+
+    fn compute(kernel: Kernel, order: usize, len: usize) -> Self {
         let reach = order + 1;
         let short = len.min(SHORT);
         let pieces = pieces(kernel, order, short);
@@ -70,11 +80,6 @@ impl Profile {
             })
             .collect();
         Self { len, ends, rows }
-    }
-
-    /// The same energies for another length, if both lengths are beyond those whose rows are all listed.
-    pub fn relength(&self, len: usize) -> Option<Self> {
-        (self.len > SHORT && len > SHORT).then(|| Self { len, ends: self.ends, rows: self.rows.clone() })
     }
 }
 
