@@ -1,47 +1,54 @@
-//! Bounds for footprints whose weights change their sign: multipliers by accelerated steps of the dual, window by window.
+//! Bounds for footprints whose weights change their sign: multipliers by conjugate gradients of the dual, window by window.
 //!
-//! The problem is that of [`super::relax`]; one footprint after the other creeps there. A step is `(R R')^-1` times what the image lacks
-//! of the samples: without bounds in the way the first one is all but exact. Momentum begins anew where it leads down.
+//! The problem is that of [`super::relax`]; one footprint after the other creeps there. The slope of the dual is what the clamped image
+//! lacks of the samples, `y - R clamp(x)`, and its bend `R M R'`, with `M` the pixels between the bounds. Directions are conjugate after
+//! Polak and Ribiere and begin anew where they would lead down. The preconditioner is `S (R R')^-1 S`, with `1 / S^2` the share of a
+//! footprint's squared weights that is between the bounds: without bounds in the way the first step is all but exact. Along a direction
+//! the slope falls in straight pieces, on which Newton's method finds the length of the step, so the dual never falls.
 //!
-//! Where bounds cut in beside hard edges it takes hundreds of steps, elsewhere none. So windows of 24 x 24 low-resolution pixels, in which
+//! Where bounds cut in beside hard edges it takes hundreds of steps, elsewhere none. So windows of 12 x 12 low-resolution pixels, in which
 //! a footprint lacks more than the tolerance, go on by themselves, each with the multipliers around it as they are (alternating
 //! minimisation over blocks that overlap). Those that are worked on together share no pixel, so threads change no bit.
 //!
-//! Roofline: about 20 000 multiplications a step of a window at a factor of 2, all in the first cache.
+//! Roofline: about 8 000 multiplications a step of a window at a factor of 2, all in the first cache; larger windows leave it.
 //!
-//! Source: Y. Nesterov, "A method of solving a convex programming problem with convergence rate O(1/k^2)", Soviet Mathematics Doklady 27,
-//! 1983; B. O'Donoghue, E. Candes, "Adaptive restart for accelerated gradient schemes", Foundations of Computational Mathematics 15, 2015.
+//! Sources: E. Polak, G. Ribiere, "Note sur la convergence de methodes de directions conjuguees", Revue Francaise d'Informatique et de
+//! Recherche Operationnelle 3, 1969; J. Nocedal, S. Wright, "Numerical Optimization", Springer, 2006, section 5.2, for the restart.
 #![allow(
     clippy::inline_always,
     reason = "a body must be compiled inside the function that enables the features"
 )]
 
+mod maps;
+
 use std::ops::Range;
 
 use lacuna_core::parallel::prelude::*;
 
+use self::maps::{LANES, Map, padded};
 use super::bounds::{Bounds, TOLERANCE, clamp, largest};
 use super::{Axis, Plan, Sampling};
-use crate::kernel::rows::Rows;
 use crate::kernel::{Body, Isa, dispatch, fma};
 use crate::limiter::Moved;
 use crate::operator::taps::Taps;
 use crate::{Plane, Run, Stop};
 
-/// Low-resolution pixels along a side that a window answers for.
-const SIDE: usize = 16;
-/// Those around it whose multipliers move along.
-const MARGIN: usize = 4;
+/// Windows, one kind after the other: low-resolution pixels along a side that one answers for, those around it whose multipliers move along,
+/// and sweeps over the windows that are left. Small ones stay in the first cache; what creeps from one to the next needs larger ones.
+const KINDS: [(usize, usize, usize); 2] = [(8, 2, 8), (16, 4, 6)];
 /// Steps of a window in a sweep.
 const STEPS: usize = 200;
-/// Sweeps over the windows that are left.
-const SWEEPS: usize = 6;
 /// Weights of `(R R')^-1` below this are left out: a step that is nearly right costs half as much.
 const NEARLY: f64 = 1e-3;
-/// Pixels that are summed side by side; rows are padded to a multiple of them.
-const LANES: usize = 8;
+/// The share of a footprint's squared weights that moves, at least.
+const LEAST_FREE: f32 = 0.3;
+/// Trials of a step's length, and the part of the slope that one may leave.
+const SEARCH: usize = 4;
+const NEAR: f32 = 0.2;
 /// Part of the tolerance that a window is brought to, so that its neighbours may move it by the rest.
 const CLOSE: f32 = 0.5;
+/// What a sweep lowers the lack of a window by: its neighbours will move it anyway.
+const RATE: f32 = 300.0;
 
 /// What is asked of the pixels.
 struct Task<'a> {
@@ -70,39 +77,58 @@ pub fn ascend(
 
 /// Moves `free`, the image before it is clamped; how that ended, and after how many steps of a window at most.
 fn finish(plan: &Plan, task: &Task<'_>, free: &mut Plane, run: &Run<'_>) -> (Stop, usize) {
-    let lines = [plan.geometry.vertical, plan.geometry.horizontal]
-        .map(|axis| Line::all(&axis, plan.geometry.sampling));
     let mut steps = 0;
-    for _ in 0..SWEEPS {
-        let open = open(plan, task, &lines, free);
-        if open.is_empty() {
+    for (side, margin, sweeps) in KINDS {
+        let lines = [plan.geometry.vertical, plan.geometry.horizontal]
+            .map(|axis| Line::all(&axis, plan.geometry.sampling, (side, margin)));
+        for _ in 0..sweeps {
+            let open = open(plan, task, &lines, free);
+            if open.is_empty() {
+                return (Stop::Converged, steps);
+            }
+            match sweep(task, &lines, &open, free, run) {
+                Ok(most) => steps += most,
+                Err(stop) => return (stop, steps),
+            }
+        }
+        if open(plan, task, &lines, free).is_empty() {
             return (Stop::Converged, steps);
         }
-        let mut most = 0;
-        // Windows of one colour share no pixel of the result.
-        for colour in 0..4 {
-            if let Some(stop) = run.interrupted() {
-                return (stop, steps);
-            }
-            let same = |&&(row, column): &&(usize, usize)| (row % 2) * 2 + column % 2 == colour;
-            let places: Vec<_> = open.iter().filter(same).copied().collect();
-            let done = places.into_par_iter().map_init(Window::default, |window, (row, column)| {
-                window.load(&lines[0][row], &lines[1][column], task, free);
-                let steps = dispatch(Isa::best(), Ascent { window, tolerance: CLOSE * task.tolerance });
-                (row, column, window.free.clone(), steps)
-            });
-            for (row, column, values, steps) in done {
-                let (rows, columns) = (lines[0][row].high.clone(), lines[1][column].high.clone());
-                for (y, values) in rows.zip(values.chunks(padded(columns.len()))) {
-                    free.row_mut(y)[columns.clone()].copy_from_slice(&values[..columns.len()]);
-                }
-                most = most.max(steps);
-            }
-        }
-        steps += most;
     }
-    let stop = if open(plan, task, &lines, free).is_empty() { Stop::Converged } else { Stop::IterationLimit };
-    (stop, steps)
+    (Stop::IterationLimit, steps)
+}
+
+/// Works on these windows once; how many steps one took at most, or what interrupted it.
+fn sweep(
+    task: &Task<'_>,
+    lines: &[Vec<Line>; 2],
+    open: &[(usize, usize)],
+    free: &mut Plane,
+    run: &Run<'_>,
+) -> Result<usize, Stop> {
+    let mut most = 0;
+    // Windows of one colour share no pixel of the result.
+    let [tall, wide] = lines.each_ref().map(|lines| apart(lines));
+    for colour in 0..tall * wide {
+        if let Some(stop) = run.interrupted() {
+            return Err(stop);
+        }
+        let same = |&&(row, column): &&(usize, usize)| row % tall * wide + column % wide == colour;
+        let places: Vec<_> = open.iter().filter(same).copied().collect();
+        let done = places.into_par_iter().map_init(Window::default, |window, (row, column)| {
+            window.load(&lines[0][row], &lines[1][column], task, free);
+            let steps = dispatch(Isa::best(), Ascent { window, tolerance: CLOSE * task.tolerance });
+            (row, column, window.free.clone(), steps)
+        });
+        for (row, column, values, steps) in done {
+            let (rows, columns) = (lines[0][row].high.clone(), lines[1][column].high.clone());
+            for (y, values) in rows.zip(values.chunks(padded(columns.len()))) {
+                free.row_mut(y)[columns.clone()].copy_from_slice(&values[..columns.len()]);
+            }
+            most = most.max(steps);
+        }
+    }
+    Ok(most)
 }
 
 /// The windows in which a footprint lacks more than the tolerance, row by row.
@@ -122,6 +148,12 @@ fn open(plan: &Plan, task: &Task<'_>, lines: &[Vec<Line>; 2], free: &Plane) -> V
     all.filter(is_open).collect()
 }
 
+/// How many windows of an axis on the next one is that shares no pixel of the result.
+fn apart(lines: &[Line]) -> usize {
+    let is_apart = |&by: &usize| lines.iter().zip(&lines[by..]).all(|(a, b)| a.high.end <= b.high.start);
+    (1..lines.len()).find(is_apart).unwrap_or(lines.len())
+}
+
 /// One axis of a window.
 struct Line {
     /// Low-resolution pixels that the window answers for.
@@ -130,27 +162,34 @@ struct Line {
     low: Range<usize>,
     /// The pixels of the result in their footprints.
     high: Range<usize>,
-    reduce: Rows,
-    adjoint: Rows,
-    gram_inverse: Rows,
+    reduce: Map,
+    adjoint: Map,
+    gram_inverse: Map,
+    /// Squared weights, which sum to 1.
+    squares: Map,
 }
 
 impl Line {
     /// The windows of an axis.
-    fn all(axis: &Axis, sampling: Sampling) -> Vec<Self> {
+    fn all(axis: &Axis, sampling: Sampling, (side, margin): (usize, usize)) -> Vec<Self> {
         let reduce = axis.reduce(sampling);
-        let windows = (0..axis.inputs).step_by(SIDE).map(|from| {
-            let own = from..axis.inputs.min(from + SIDE);
-            let low = from.saturating_sub(MARGIN)..axis.inputs.min(own.end + MARGIN);
+        let windows = (0..axis.inputs).step_by(side).map(|from| {
+            let own = from..axis.inputs.min(from + side);
+            let low = from.saturating_sub(margin)..axis.inputs.min(own.end + margin);
             // Footprints begin and end in the order of their pixels.
             let end = |(start, weights): (usize, &[f64])| start + weights.len();
             let high = reduce.row(low.start).0..end(reduce.row(low.end - 1));
             let shifted = low.clone().map(|i| reduce.row(i)).map(|(at, row)| (at - high.start, row.to_vec()));
             let part = Taps::from_rows(high.len(), shifted);
+            let squares = low.clone().map(|i| reduce.row(i)).map(|(at, row)| {
+                let sum: f64 = row.iter().map(|weight| weight * weight).sum();
+                (at - high.start, row.iter().map(|weight| weight * weight / sum).collect())
+            });
             Self {
-                adjoint: part.transpose().rows(),
-                gram_inverse: part.after(&part.transpose()).inverse(NEARLY).rows(),
-                reduce: part.rows(),
+                squares: Map::new(&Taps::from_rows(high.len(), squares)),
+                adjoint: Map::new(&part.transpose()),
+                gram_inverse: Map::new(&part.after(&part.transpose()).inverse(NEARLY)),
+                reduce: Map::new(&part),
                 own,
                 low,
                 high,
@@ -160,90 +199,147 @@ impl Line {
     }
 }
 
-/// The numbers of a window, rows padded. Images of multipliers lie on their side: one row a column.
+/// The numbers of a window, rows padded.
 #[derive(Default)]
 struct Window<'a> {
     lines: Option<[&'a Line; 2]>,
     range: (f32, f32),
     samples: Vec<f32>,
-    start: Vec<f32>,
+    /// The image before it is clamped, and after.
     free: Vec<f32>,
     inside: Vec<f32>,
-    multiplier: Vec<f32>,
-    ahead: Vec<f32>,
-    next: Vec<f32>,
-    residual: Vec<f32>,
-    scratch: [Vec<f32>; 2],
+    /// What the clamped image lacks of the samples, which is the slope of the dual, and what it lacked a step before.
+    lack: Vec<f32>,
+    before: Vec<f32>,
+    /// The slope preconditioned, the direction of the multipliers, and what it is in the image.
+    ascent: Vec<f32>,
+    direction: Vec<f32>,
+    change: Vec<f32>,
+    /// Of each footprint, one over the root of the share that is between the bounds.
+    stretch: Vec<f32>,
+    scratch: Vec<f32>,
 }
 
 impl<'a> Window<'a> {
     fn load(&mut self, vertical: &'a Line, horizontal: &'a Line, task: &Task<'_>, free: &Plane) {
         self.lines = Some([vertical, horizontal]);
         self.range = task.range;
-        cut(free, (&vertical.high, &horizontal.high), &mut self.start);
-        self.free.clone_from(&self.start);
-        cut(task.samples, (&vertical.low, &horizontal.low), &mut self.scratch[0]);
-        turn(&self.scratch[0], (vertical.low.len(), horizontal.low.len()), &mut self.samples);
-        for plane in [&mut self.multiplier, &mut self.ahead] {
+        cut(free, (&vertical.high, &horizontal.high), &mut self.free);
+        cut(task.samples, (&vertical.low, &horizontal.low), &mut self.samples);
+        for plane in [&mut self.before, &mut self.direction] {
             plane.clear();
             plane.resize(self.samples.len(), 0.0);
         }
     }
 
-    /// What the clamped pixels lack of the samples; the largest of it.
+    /// Finds what the clamped pixels lack of the samples; the largest of it.
     #[inline(always)]
-    fn lack<const FUSED: bool>(&mut self, [vertical, horizontal]: [&Line; 2]) -> f32 {
+    fn find_lack<const FUSED: bool>(&mut self, [vertical, horizontal]: [&Line; 2]) -> f32 {
         let (low, high) = self.range;
         self.inside.clear();
         self.inside.extend(self.free.iter().map(|value| value.max(low).min(high)));
-        let (tall, wide) = (vertical.low.len(), horizontal.high.len());
-        let [first, second] = &mut self.scratch;
-        columns::<FUSED>(&vertical.reduce, &self.inside, padded(wide), first);
-        turn(first, (tall, wide), second);
-        columns::<FUSED>(&horizontal.reduce, second, padded(tall), &mut self.residual);
+        let wide = padded(horizontal.high.len());
+        vertical.reduce.along_columns::<FUSED>(&self.inside, wide, &mut self.scratch);
+        horizontal.reduce.along_rows::<FUSED>(&self.scratch, wide, &mut self.lack);
         let mut most = [0.0_f32; LANES];
-        let pairs =
-            self.residual.as_chunks_mut::<LANES>().0.iter_mut().zip(self.samples.as_chunks::<LANES>().0);
-        for (residual, samples) in pairs {
-            for ((residual, sample), most) in residual.iter_mut().zip(samples).zip(&mut most) {
-                *residual = sample - *residual;
-                *most = most.max(residual.abs());
+        let pairs = self.lack.as_chunks_mut::<LANES>().0.iter_mut().zip(self.samples.as_chunks::<LANES>().0);
+        for (lack, samples) in pairs {
+            for ((lack, sample), most) in lack.iter_mut().zip(samples).zip(&mut most) {
+                *lack = sample - *lack;
+                *most = most.max(lack.abs());
             }
         }
-        // Beyond the ends of rows nothing is asked.
         most.into_iter().fold(0.0, f32::max)
     }
 
-    /// A step by what is lacking; the momentum after it.
+    /// Finds what of each footprint is between the bounds.
     #[inline(always)]
-    fn step<const FUSED: bool>(&mut self, [vertical, horizontal]: [&Line; 2], mut momentum: f32) -> f32 {
-        let (tall, wide) = (vertical.low.len(), horizontal.low.len());
-        let [first, second] = &mut self.scratch;
-        columns::<FUSED>(&horizontal.gram_inverse, &self.residual, padded(tall), first);
-        turn(first, (wide, tall), second);
-        columns::<FUSED>(&vertical.gram_inverse, second, padded(wide), first);
-        turn(first, (tall, wide), &mut self.next);
-        let mut uphill = 0.0;
-        for ((next, ahead), (before, residual)) in
-            self.next.iter_mut().zip(&self.ahead).zip(self.multiplier.iter().zip(&self.residual))
-        {
-            *next += ahead;
-            uphill += (*next - before) * residual;
+    fn find_stretch<const FUSED: bool>(&mut self, [vertical, horizontal]: [&Line; 2]) {
+        self.change.clear();
+        let pairs = self.free.iter().zip(&self.inside);
+        self.change.extend(pairs.map(|(free, inside)| if free == inside { 1.0 } else { 0.0 }));
+        let wide = padded(horizontal.high.len());
+        vertical.squares.along_columns::<FUSED>(&self.change, wide, &mut self.scratch);
+        horizontal.squares.along_rows::<FUSED>(&self.scratch, wide, &mut self.stretch);
+        for share in &mut self.stretch {
+            *share = share.max(LEAST_FREE).sqrt().recip();
         }
-        if uphill < 0.0 {
-            momentum = 1.0;
+    }
+
+    /// Turns to the conjugate direction and finds what it is in the image; the slope along it. `worth` is that of the last preconditioned
+    /// slope along its own.
+    #[inline(always)]
+    fn find_direction<const FUSED: bool>(
+        &mut self,
+        [vertical, horizontal]: [&Line; 2],
+        worth: &mut f32,
+    ) -> f32 {
+        let wide = padded(horizontal.low.len());
+        self.ascent.clear();
+        self.ascent.extend(self.lack.iter().zip(&self.stretch).map(|(lack, stretch)| lack * stretch));
+        horizontal.gram_inverse.along_rows::<FUSED>(&self.ascent, wide, &mut self.scratch);
+        vertical.gram_inverse.along_columns::<FUSED>(&self.scratch, wide, &mut self.ascent);
+        for (ascent, stretch) in self.ascent.iter_mut().zip(&self.stretch) {
+            *ascent *= stretch;
         }
-        let after = f32::midpoint(1.0, (1.0 + 4.0 * momentum * momentum).sqrt());
-        let factor = (momentum - 1.0) / after;
-        for ((ahead, next), before) in self.ahead.iter_mut().zip(&self.next).zip(&self.multiplier) {
-            *ahead = next + factor * (next - before);
+        let now = sum::<FUSED>(&self.ascent, &self.lack);
+        let turned = (now - sum::<FUSED>(&self.ascent, &self.before)) / *worth;
+        let along = sum::<FUSED>(&self.direction, &self.lack);
+        // None of the last direction where it would lead down.
+        let kept = if turned > 0.0 && now + turned * along > 0.0 { turned } else { 0.0 };
+        *worth = now;
+        for (direction, ascent) in self.direction.iter_mut().zip(&self.ascent) {
+            *direction = ascent + kept * *direction;
         }
-        std::mem::swap(&mut self.multiplier, &mut self.next);
-        columns::<FUSED>(&horizontal.adjoint, &self.ahead, padded(tall), first);
-        turn(first, (horizontal.high.len(), tall), second);
-        columns::<FUSED>(&vertical.adjoint, second, padded(horizontal.high.len()), &mut self.free);
-        self.free.iter_mut().zip(&self.start).for_each(|(free, start)| *free += start);
-        after
+        self.before.clone_from(&self.lack);
+        horizontal.adjoint.along_rows::<FUSED>(&self.direction, wide, &mut self.scratch);
+        vertical.adjoint.along_columns::<FUSED>(
+            &self.scratch,
+            padded(horizontal.high.len()),
+            &mut self.change,
+        );
+        now + kept * along
+    }
+
+    /// How far along the direction the dual is greatest, all but for [`NEAR`] of its slope `uphill`, which falls in straight pieces.
+    #[inline(always)]
+    fn length<const FUSED: bool>(&self, uphill: f32) -> f32 {
+        let (mut from, mut to) = (0.0_f32, f32::INFINITY);
+        let (mut length, mut slope, mut bend) = (0.0, uphill, self.taken::<FUSED>(0.0).1);
+        for _ in 0..SEARCH {
+            let newton = length + slope / bend;
+            length = match (newton > from && newton < to, to.is_finite()) {
+                (true, _) => newton,
+                (false, true) => f32::midpoint(from, to),
+                // Nothing bends: every pixel that moves is at a bound.
+                (false, false) => return from,
+            };
+            let (taken, there) = self.taken::<FUSED>(length);
+            (slope, bend) = (uphill - taken, there);
+            if slope.abs() <= NEAR * uphill {
+                break;
+            }
+            if slope > 0.0 { from = length } else { to = length }
+        }
+        length
+    }
+
+    /// What of the slope is gone after such a length of the direction, and how fast it goes there.
+    #[inline(always)]
+    fn taken<const FUSED: bool>(&self, length: f32) -> (f32, f32) {
+        let (low, high) = self.range;
+        let (mut taken, mut bend) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+        let rows = self.change.as_chunks::<LANES>().0.iter().zip(self.free.as_chunks::<LANES>().0);
+        for ((change, free), inside) in rows.zip(self.inside.as_chunks::<LANES>().0) {
+            for i in 0..LANES {
+                let there = fma::<f32, FUSED>(length, change[i], free[i]);
+                let clamped = there.max(low).min(high);
+                taken[i] = fma::<f32, FUSED>(change[i], clamped - inside[i], taken[i]);
+                let moves = if there == clamped { change[i] } else { 0.0 };
+                bend[i] = fma::<f32, FUSED>(moves, moves, bend[i]);
+            }
+        }
+        (taken.iter().sum(), bend.iter().sum())
     }
 }
 
@@ -258,21 +354,42 @@ impl Body for Ascent<'_, '_> {
 
     #[inline(always)]
     fn run<const FUSED: bool>(self) -> usize {
-        let Some(lines) = self.window.lines else { return 0 };
-        let mut momentum = 1.0;
+        let Self { window, tolerance } = self;
+        let Some(lines) = window.lines else { return 0 };
+        let mut worth = f32::INFINITY;
+        let mut enough = tolerance;
         for step in 0..STEPS {
-            if self.window.lack::<FUSED>(lines) <= self.tolerance {
+            let lack = window.find_lack::<FUSED>(lines);
+            if step == 0 {
+                enough = tolerance.max(lack / RATE);
+            }
+            if lack <= enough {
                 return step;
             }
-            momentum = self.window.step::<FUSED>(lines, momentum);
+            window.find_stretch::<FUSED>(lines);
+            let uphill = window.find_direction::<FUSED>(lines, &mut worth);
+            let length = window.length::<FUSED>(uphill);
+            if length <= 0.0 {
+                return step;
+            }
+            for (free, change) in window.free.iter_mut().zip(&window.change) {
+                *free = fma::<f32, FUSED>(length, *change, *free);
+            }
         }
         STEPS
     }
 }
 
-/// The length of a row in memory.
-const fn padded(width: usize) -> usize {
-    width.next_multiple_of(LANES)
+/// The sum of products, lane by lane.
+#[inline(always)]
+fn sum<const FUSED: bool>(one: &[f32], other: &[f32]) -> f32 {
+    let mut sums = [0.0_f32; LANES];
+    for (one, other) in one.as_chunks::<LANES>().0.iter().zip(other.as_chunks::<LANES>().0) {
+        for ((sum, one), other) in sums.iter_mut().zip(one).zip(other) {
+            *sum = fma::<f32, FUSED>(*one, *other, *sum);
+        }
+    }
+    sums.iter().sum()
 }
 
 /// A part of a plane, its rows padded with zeros.
@@ -281,37 +398,6 @@ fn cut(plane: &Plane, (rows, columns): (&Range<usize>, &Range<usize>), to: &mut 
     for y in rows.clone() {
         to.extend_from_slice(&plane.row(y)[columns.clone()]);
         to.resize(to.len().next_multiple_of(LANES), 0.0);
-    }
-}
-
-/// Maps every column of an image of this width in memory.
-#[inline(always)]
-fn columns<const FUSED: bool>(map: &Rows, from: &[f32], width: usize, to: &mut Vec<f32>) {
-    to.resize(map.outputs() * width, 0.0);
-    for (output, to) in to.chunks_exact_mut(width).enumerate() {
-        let (start, taps) = map.row(output);
-        for (x, to) in to.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
-            let mut sums = [0.0_f32; LANES];
-            for (&tap, row) in taps.iter().zip(from[start * width..].chunks_exact(width)) {
-                let values = &row.as_chunks::<LANES>().0[x];
-                sums.iter_mut()
-                    .zip(values)
-                    .for_each(|(sum, &value)| *sum = fma::<f32, FUSED>(tap, value, *sum));
-            }
-            *to = sums;
-        }
-    }
-}
-
-/// Rows become columns.
-#[inline(always)]
-fn turn(from: &[f32], (height, width): (usize, usize), to: &mut Vec<f32>) {
-    let (stride, tall) = (padded(width), padded(height));
-    to.resize(width * tall, 0.0);
-    for (x, to) in to.chunks_exact_mut(tall).enumerate() {
-        let (to, rest) = to.split_at_mut(height);
-        to.iter_mut().zip(from[x..].iter().step_by(stride)).for_each(|(to, value)| *to = *value);
-        rest.fill(0.0);
     }
 }
 
