@@ -33,14 +33,13 @@ use crate::limiter::Moved;
 use crate::operator::taps::Taps;
 use crate::{Plane, Run, Stop};
 
-/// Windows, one kind after the other: low-resolution pixels along a side that one answers for, those around it whose multipliers move along,
-/// and sweeps over the windows that are left. Small ones stay in the first cache; what creeps from one to the next needs larger ones.
-const KINDS: [(usize, usize, usize); 2] = [(8, 2, 8), (16, 4, 6)];
+/// Small windows stay in the first cache; what creeps from one to the next needs larger ones.
+const KINDS: [Kind; 2] = [Kind { side: 8, margin: 2, sweeps: 8 }, Kind { side: 16, margin: 4, sweeps: 6 }];
 /// Steps of a window in a sweep.
 const STEPS: usize = 200;
 /// Weights of `(R R')^-1` below this are left out: a step that is nearly right costs half as much.
 const NEARLY: f64 = 1e-3;
-/// The share of a footprint's squared weights that moves, at least.
+/// The share of a footprint's squared weights that counts as between the bounds, at least: with less, steps at broken factors go astray.
 const LEAST_FREE: f32 = 0.3;
 /// Trials of a step's length, and the part of the slope that one may leave.
 const SEARCH: usize = 4;
@@ -49,6 +48,16 @@ const NEAR: f32 = 0.2;
 const CLOSE: f32 = 0.5;
 /// What a sweep lowers the lack of a window by: its neighbours will move it anyway.
 const RATE: f32 = 300.0;
+
+/// A way to cut an image into windows.
+struct Kind {
+    /// Low-resolution pixels along a side that a window answers for.
+    side: usize,
+    /// Those around it whose multipliers move along.
+    margin: usize,
+    /// Sweeps over the windows that are left.
+    sweeps: usize,
+}
 
 /// What is asked of the pixels.
 struct Task<'a> {
@@ -78,20 +87,21 @@ pub fn ascend(
 /// Moves `free`, the image before it is clamped; how that ended, and after how many steps of a window at most.
 fn finish(plan: &Plan, task: &Task<'_>, free: &mut Plane, run: &Run<'_>) -> (Stop, usize) {
     let mut steps = 0;
-    for (side, margin, sweeps) in KINDS {
+    for kind in KINDS {
         let lines = [plan.geometry.vertical, plan.geometry.horizontal]
-            .map(|axis| Line::all(&axis, plan.geometry.sampling, (side, margin)));
-        for _ in 0..sweeps {
-            let open = open(plan, task, &lines, free);
-            if open.is_empty() {
-                return (Stop::Converged, steps);
+            .map(|axis| Line::all(&axis, plan.geometry.sampling, &kind));
+        let mut left = open(plan, task, &lines, free);
+        for _ in 0..kind.sweeps {
+            if left.is_empty() {
+                break;
             }
-            match sweep(task, &lines, &open, free, run) {
+            match sweep(task, &lines, &left, free, run) {
                 Ok(most) => steps += most,
                 Err(stop) => return (stop, steps),
             }
+            left = open_beside(task, &lines, &left, free);
         }
-        if open(plan, task, &lines, free).is_empty() {
+        if left.is_empty() {
             return (Stop::Converged, steps);
         }
     }
@@ -117,7 +127,8 @@ fn sweep(
         let places: Vec<_> = open.iter().filter(same).copied().collect();
         let done = places.into_par_iter().map_init(Window::default, |window, (row, column)| {
             window.load(&lines[0][row], &lines[1][column], task, free);
-            let steps = dispatch(Isa::best(), Ascent { window, tolerance: CLOSE * task.tolerance });
+            let tolerance = CLOSE * task.tolerance;
+            let steps = dispatch(Isa::best(), Ascent { window, tolerance });
             (row, column, window.free.clone(), steps)
         });
         for (row, column, values, steps) in done {
@@ -148,6 +159,30 @@ fn open(plan: &Plan, task: &Task<'_>, lines: &[Vec<Line>; 2], free: &Plane) -> V
     all.filter(is_open).collect()
 }
 
+/// Those of the windows that share pixels with one of `open`, itself among them, in which a footprint still lacks more than the tolerance.
+fn open_beside(
+    task: &Task<'_>,
+    lines: &[Vec<Line>; 2],
+    open: &[(usize, usize)],
+    free: &Plane,
+) -> Vec<(usize, usize)> {
+    let (height, width) = (lines[0].len(), lines[1].len());
+    let [tall, wide] = lines.each_ref().map(|lines| apart(lines));
+    let mut is_near = vec![false; height * width];
+    for &(row, column) in open {
+        for y in (row + 1).saturating_sub(tall)..height.min(row + tall) {
+            is_near[y * width..][(column + 1).saturating_sub(wide)..width.min(column + wide)].fill(true);
+        }
+    }
+    let near = (0..height * width).filter(|i| is_near[*i]).map(|i| (i / width, i % width));
+    let places: Vec<_> = near.collect();
+    let lack = places.into_par_iter().map_init(Window::default, |window, (row, column)| {
+        window.load(&lines[0][row], &lines[1][column], task, free);
+        ((row, column), dispatch(Isa::best(), Lack { window }))
+    });
+    lack.into_iter().filter(|(_, lack)| *lack > task.tolerance).map(|(place, _)| place).collect()
+}
+
 /// How many windows of an axis on the next one is that shares no pixel of the result.
 fn apart(lines: &[Line]) -> usize {
     let is_apart = |&by: &usize| lines.iter().zip(&lines[by..]).all(|(a, b)| a.high.end <= b.high.start);
@@ -171,7 +206,8 @@ struct Line {
 
 impl Line {
     /// The windows of an axis.
-    fn all(axis: &Axis, sampling: Sampling, (side, margin): (usize, usize)) -> Vec<Self> {
+    fn all(axis: &Axis, sampling: Sampling, kind: &Kind) -> Vec<Self> {
+        let &Kind { side, margin, .. } = kind;
         let reduce = axis.reduce(sampling);
         let windows = (0..axis.inputs).step_by(side).map(|from| {
             let own = from..axis.inputs.min(from + side);
@@ -377,6 +413,25 @@ impl Body for Ascent<'_, '_> {
             }
         }
         STEPS
+    }
+}
+
+/// The most that a footprint lacks which the window answers for.
+struct Lack<'w, 'a> {
+    window: &'w mut Window<'a>,
+}
+
+impl Body for Lack<'_, '_> {
+    type Output = f32;
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) -> f32 {
+        let Some(lines) = self.window.lines else { return 0.0 };
+        self.window.find_lack::<FUSED>(lines);
+        let [rows, columns] =
+            lines.map(|line| line.own.start - line.low.start..line.own.end - line.low.start);
+        let own = self.window.lack.chunks(padded(lines[1].low.len())).skip(rows.start).take(rows.len());
+        own.flat_map(|row| &row[columns.clone()]).fold(0.0, |most, lack| lack.abs().max(most))
     }
 }
 

@@ -91,10 +91,11 @@ impl Map {
     fn four_rows<const FUSED: bool>(&self, (from, width): (&[f32], usize), (to, wide): (&mut [f32], usize)) {
         for (x, (start, range)) in self.places.iter().enumerate() {
             let weights = &self.weights[range.clone()];
-            let row = |y: usize| &from[y * width + start..][..weights.len()];
             let [mut a, mut b, mut c, mut d] = [[0.0; LANES]; VECTORS];
-            for ((((weights, p), q), r), s) in weights.iter().zip(row(0)).zip(row(1)).zip(row(2)).zip(row(3))
-            {
+            let from = &from[*start..];
+            let rows =
+                weights.iter().zip(from).zip(&from[width..]).zip(&from[2 * width..]).zip(&from[3 * width..]);
+            for ((((weights, p), q), r), s) in rows {
                 add::<FUSED>(&mut a, *p, weights);
                 add::<FUSED>(&mut b, *q, weights);
                 add::<FUSED>(&mut c, *r, weights);
