@@ -4,7 +4,7 @@
 //! lacks of the samples, `y - R clamp(x)`, and its bend `R M R'`, with `M` the pixels between the bounds. Directions are conjugate after
 //! Polak and Ribiere and begin anew where they would lead down. The preconditioner is `S (R R')^-1 S`, with `1 / S^2` the share of a
 //! footprint's squared weights that is between the bounds: without bounds in the way the first step is all but exact. Along a direction
-//! the slope falls in straight pieces, on which Newton's method finds the length of the step, so the dual never falls.
+//! the slope falls in straight pieces, on which Newton's method finds the length of the step.
 //!
 //! Where bounds cut in beside hard edges it takes hundreds of steps, elsewhere none. So windows of 12 x 12 low-resolution pixels, in which
 //! a footprint lacks more than the tolerance, go on by themselves, each with the multipliers around it as they are (alternating
@@ -39,7 +39,8 @@ const KINDS: [Kind; 2] = [Kind { side: 8, margin: 2, sweeps: 8 }, Kind { side: 1
 const STEPS: usize = 200;
 /// Weights of `(R R')^-1` below this are left out: a step that is nearly right costs half as much.
 const NEARLY: f64 = 1e-3;
-/// The share of a footprint's squared weights that counts as between the bounds, at least: with less, steps at broken factors go astray.
+/// The share of a footprint's squared weights that counts as between the bounds, at least. With 0.1 a factor of 2 takes a sixth fewer steps,
+/// but a factor of 1.5 is left 5e-4 off.
 const LEAST_FREE: f32 = 0.3;
 /// Trials of a step's length, and the part of the slope that one may leave.
 const SEARCH: usize = 4;
