@@ -113,34 +113,41 @@ fn add<const FUSED: bool>(sum: f32, tap: f32, value: f32) -> f32 {
 }
 
 /// `out[x] = sum_k taps[k] rows[k][x]`, the rows one after the other and as wide as `out`.
-struct Combine<'a> {
-    out: &'a mut [f32],
-    rows: &'a [f32],
-    taps: &'a [f32],
+pub struct Combine<'a> {
+    pub out: &'a mut [f32],
+    pub rows: &'a [f32],
+    pub taps: &'a [f32],
 }
 
-impl Body for Combine<'_> {
-    type Output = ();
-
+impl Combine<'_> {
+    /// Pixels from `done` on in blocks of `N`, as far as these go; how many are done then.
     #[inline(always)]
-    fn run<const FUSED: bool>(self) {
+    fn blocks<const N: usize, const FUSED: bool>(&mut self, done: usize) -> usize {
         let width = self.out.len();
-        let (blocks, rest) = self.out.as_chunks_mut::<BLOCK>();
-        let done = blocks.len() * BLOCK;
+        let blocks = self.out[done..].as_chunks_mut::<N>().0;
         for (block, out) in blocks.iter_mut().enumerate() {
-            let mut sums = [0.0_f32; BLOCK];
+            let mut sums = [0.0_f32; N];
             for (k, &tap) in self.taps.iter().enumerate() {
-                let values = &self.rows[k * width + block * BLOCK..][..BLOCK];
+                let values = &self.rows[k * width + done + block * N..][..N];
                 for (sum, &value) in sums.iter_mut().zip(values) {
                     *sum = add::<FUSED>(*sum, tap, value);
                 }
             }
             *out = sums;
         }
-        for (x, out) in rest.iter_mut().enumerate() {
-            let at = |k: usize| self.rows[k * width + done + x];
-            *out = self.taps.iter().enumerate().fold(0.0, |sum, (k, &tap)| add::<FUSED>(sum, tap, at(k)));
-        }
+        done + blocks.len() * N
+    }
+}
+
+impl Body for Combine<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(mut self) {
+        let mut done = self.blocks::<BLOCK, FUSED>(0);
+        done = self.blocks::<{ BLOCK / 2 }, FUSED>(done);
+        done = self.blocks::<{ BLOCK / 8 }, FUSED>(done);
+        self.blocks::<1, FUSED>(done);
     }
 }
 

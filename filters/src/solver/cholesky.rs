@@ -2,8 +2,7 @@
 //!
 //! Source: G. Golub, C. Van Loan, "Matrix Computations", 4th edition, 2013, section 4.2.
 
-/// Products that are summed side by side.
-const LANES: usize = 8;
+use crate::kernel::stencil::lanes_dot;
 
 /// `L` with `A = L L'`, row by row.
 #[derive(Clone, Debug)]
@@ -22,12 +21,12 @@ impl Cholesky {
             for column in 0..=row {
                 let (done, rest) = here.split_at_mut(column);
                 if row == column {
-                    let left = whole - dot(done, done);
+                    let left = whole - lanes_dot::<f64, false>(done, done);
                     rest[0] = if left > singular * whole { left.sqrt() } else { 0.0 };
                 } else {
                     let other = &above[column * n..][..=column];
                     let pivot = other[column];
-                    let left = entry(row, column) - dot(done, &other[..column]);
+                    let left = entry(row, column) - lanes_dot::<f64, false>(done, &other[..column]);
                     rest[0] = if pivot > 0.0 { left / pivot } else { 0.0 };
                 }
             }
@@ -43,7 +42,7 @@ impl Cholesky {
             if pivot > 0.0 { value / pivot } else { 0.0 }
         };
         for i in 0..*n {
-            let sum = dot(&lower[i * n..][..i], &y[..i]);
+            let sum = lanes_dot::<f64, false>(&lower[i * n..][..i], &y[..i]);
             y[i] = divide(y[i] - sum, i);
         }
         // Row by row, which are columns of `L'`.
@@ -55,18 +54,6 @@ impl Cholesky {
             }
         }
     }
-}
-
-/// The sum of products, in as many sums side by side as a vector has numbers.
-fn dot(one: &[f64], other: &[f64]) -> f64 {
-    let ((ones, last), (others, rest)) = (one.as_chunks::<LANES>(), other.as_chunks::<LANES>());
-    let mut sums = [0.0; LANES];
-    for (one, other) in ones.iter().zip(others) {
-        for ((sum, one), other) in sums.iter_mut().zip(one).zip(other) {
-            *sum += one * other;
-        }
-    }
-    sums.iter().sum::<f64>() + last.iter().zip(rest).map(|(one, other)| one * other).sum::<f64>()
 }
 
 #[cfg(test)]
