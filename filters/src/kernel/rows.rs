@@ -42,6 +42,7 @@ impl Rows {
     }
 
     /// The first input of an output and the weights from there on.
+    #[inline]
     pub fn row(&self, output: usize) -> (usize, &[f32]) {
         let (start, range) = &self.places[output];
         (*start, &self.weights[range.clone()])

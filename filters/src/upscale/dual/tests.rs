@@ -1,6 +1,7 @@
 use super::*;
 use crate::Size;
-use crate::upscale::{Geometry, Method, Question};
+use crate::operator::taps::Taps;
+use crate::upscale::{Geometry, Method, Question, Sampling};
 
 /// Ones and zeros beside each other, and something smooth: bounds cut in almost everywhere.
 fn edges(size: Size) -> Plane {
