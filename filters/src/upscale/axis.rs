@@ -9,7 +9,8 @@
 //! - `spline` (U, N rows over n): the cubic spline with a knot at each low-resolution centre, coefficients to
 //!   high-resolution pixels: means over pixels for `box`, values at centres else.
 //! - `prefilter` (n over n): the coefficients with which the spline is what `y` says: `(R U)^-1`, so that the result, reduced, is
-//!   `y`; for `box` the inverse of the spline's means over low-resolution pixels, which is the same where the factor is whole.
+//!   `y`; for `box` the inverse of the spline's means over low-resolution pixels, which is the same where the factor is whole, and for
+//!   `point` of its values at their centres, which is the same where high-resolution pixels stand there.
 //!   At broken factors a high-resolution pixel that straddles two has one value for both, and a spline whose *shares* had the
 //!   given means would run through the wrong places; so means are those of the continuous spline, over both kinds of pixels.
 //!
@@ -168,7 +169,7 @@ impl Axis {
 
     /// The coefficients of the spline that is what is given.
     pub fn prefilter(&self, sampling: Sampling) -> Taps {
-        if sampling == Sampling::Box {
+        if matches!(sampling, Sampling::Box | Sampling::Point) {
             return Self::whole(self.inputs, self.inputs).spline(sampling).inverse(FLOOR);
         }
         self.reduce(sampling).after(&self.spline(sampling)).inverse(FLOOR)

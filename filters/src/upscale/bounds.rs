@@ -9,6 +9,8 @@ use crate::limiter::{self, Moved};
 
 /// Largest `|R x - y|` over the largest `|y|` at which the dual stops.
 pub const TOLERANCE: f64 = 1e-5;
+/// How far a multiplier may move the mean of its own footprint, over the largest `|y|`.
+pub const LARGEST: f64 = 2.0;
 
 /// Bounds of the pixels of a footprint, by the low-resolution pixel.
 pub(super) struct Bounds {

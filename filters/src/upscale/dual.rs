@@ -4,12 +4,15 @@
 //! `y - R clamp(x)`, its Hessian `-R M R'`, with `M` the pixels between the bounds. Directions are conjugate after Polak and Ribiere and
 //! begin anew where the dual would not rise. The preconditioner is `S (R R')^-1 S`, with `1 / S^2` the share of a footprint's squared weights
 //! that is between the bounds: without bounds in the way the first step is all but exact. Along a direction the slope is piecewise linear,
-//! and Newton's method finds where it vanishes. A window that runs out of steps ends with the least residual it had: where the bounds
-//! leave no interior the dual has no maximum, and its largest residual swings while it rises.
+//! and Newton's method finds where it vanishes.
 //!
 //! Where bounds cut in beside hard edges it takes hundreds of steps, elsewhere none. So windows of 12 x 12 low-resolution pixels, in which
 //! a residual is above the tolerance, go on by themselves, each with the multipliers around it as they are (alternating
 //! minimisation over blocks that overlap). Those that are worked on together share no pixel, so threads change no bit.
+//!
+//! Where no image keeps bounds and samples (another footprint has made them) multipliers grow without end, and the image with them. So
+//! they are limited first to what moves a footprint's mean by [`LARGEST`] times the greatest sample, an exact penalty on the residual; only where
+//! that leaves little they go on without.
 //!
 //! Roofline: some 20 000 multiplications a step of a small window at a factor of 2, all in the first cache; larger windows leave it.
 //!
@@ -25,10 +28,9 @@ mod window;
 
 use lacuna_core::parallel::prelude::*;
 
-use self::maps::padded;
-use self::window::{Ascent, Largest, Line, Window};
+use self::window::{Ascent, Largest, Line, Window, is_held, most, paste};
 use super::Plan;
-use super::bounds::{Bounds, TOLERANCE, clamp, largest};
+use super::bounds::{Bounds, LARGEST, TOLERANCE, clamp, difference, largest};
 use crate::kernel::{Isa, dispatch};
 use crate::limiter::Moved;
 use crate::{Plane, Run, Stop};
@@ -36,6 +38,9 @@ use crate::{Plane, Run, Stop};
 /// Small windows stay in the first cache; what creeps from one to the next needs larger ones.
 const TILINGS: [Tiling; 2] =
     [Tiling { side: 8, margin: 2, sweeps: 8 }, Tiling { side: 16, margin: 4, sweeps: 6 }];
+
+/// Where limited multipliers leave a residual of no more than this part of the largest sample, those without a limit may leave none.
+const NEAR: f64 = 0.1;
 
 /// A way to cut an image into windows.
 struct Tiling {
@@ -55,6 +60,15 @@ struct Task<'a> {
     range: (f32, f32),
     /// By how much the reduction may be off.
     tolerance: f32,
+    /// The most that a multiplier may move its own footprint's mean.
+    limit: f32,
+}
+
+/// How far the ascent has come.
+struct State<'a> {
+    /// The image before it is clamped.
+    free: &'a mut Plane,
+    multipliers: Plane,
 }
 
 /// Moves `plane`, whose reduction is `samples`, into `bounds`, which are those of `range`; how many pixels were at one, how it ended and
@@ -66,28 +80,49 @@ pub fn ascend(
     plane: &mut Plane,
     run: &Run<'_>,
 ) -> (Moved, Stop, usize) {
-    let tolerance = (TOLERANCE * largest(samples)) as f32;
-    let task = Task { samples, range, tolerance: tolerance.max(f32::MIN_POSITIVE) };
-    let (stop, steps) = finish(plan, &task, plane, run);
+    let peak = largest(samples);
+    let tolerance = ((TOLERANCE * peak) as f32).max(f32::MIN_POSITIVE);
+    let limited = Task { samples, range, tolerance, limit: (LARGEST * peak) as f32 };
+    let (mut stop, mut steps) = finish(plan, &limited, plane, run);
+    let off = largest(&residual(plan, &limited, plane));
+    if stop == Stop::Converged && off > f64::from(tolerance) && off <= NEAR * peak {
+        let limited_free = plane.clone();
+        let task = Task { limit: f32::INFINITY, ..limited };
+        let (after, more) = finish(plan, &task, plane, run);
+        (stop, steps) = (after, steps + more);
+        if largest(&residual(plan, &task, plane)) > off {
+            *plane = limited_free;
+        }
+    }
     (clamp(plan, bounds, plane), stop, steps)
+}
+
+/// The samples less the reduction of the clamped image.
+fn residual(plan: &Plan, task: &Task<'_>, free: &Plane) -> Plane {
+    let (low, high) = task.range;
+    let mut inside = free.clone();
+    inside.pixels_mut().iter_mut().for_each(|value| *value = value.clamp(low, high));
+    difference(task.samples, &plan.model.reduce(&inside))
 }
 
 /// Moves `free`, the image before it is clamped; how that ended, and after how many steps of a window at most.
 fn finish(plan: &Plan, task: &Task<'_>, free: &mut Plane, run: &Run<'_>) -> (Stop, usize) {
+    let multipliers = Plane::filled(plan.geometry.low(), 0.0);
+    let mut state = State { free, multipliers };
     let mut steps = 0;
     for tiling in TILINGS {
         let lines = [plan.geometry.vertical, plan.geometry.horizontal]
             .map(|axis| Line::all(&axis, plan.geometry.sampling, &tiling));
-        let mut left = open(plan, task, &lines, free);
+        let mut left = open(plan, task, &lines, &state);
         for _ in 0..tiling.sweeps {
             if left.is_empty() {
                 break;
             }
-            match sweep(task, &lines, &left, free, run) {
+            match sweep(task, &lines, &left, &mut state, run) {
                 Ok(most) => steps += most,
                 Err(stop) => return (stop, steps),
             }
-            left = open_beside(task, &lines, &left, free);
+            left = open_beside(task, &lines, &left, &state);
         }
         if left.is_empty() {
             return (Stop::Converged, steps);
@@ -101,7 +136,7 @@ fn sweep(
     task: &Task<'_>,
     lines: &[Vec<Line>; 2],
     open: &[(usize, usize)],
-    free: &mut Plane,
+    state: &mut State<'_>,
     run: &Run<'_>,
 ) -> Result<usize, Stop> {
     let mut most = 0;
@@ -114,15 +149,14 @@ fn sweep(
         let same = |&&(row, column): &&(usize, usize)| row % tall * wide + column % wide == colour;
         let places: Vec<_> = open.iter().filter(same).copied().collect();
         let done = places.into_par_iter().map_init(Window::default, |window, (row, column)| {
-            window.load([&lines[0][row], &lines[1][column]], task, free);
+            let lines = [&lines[0][row], &lines[1][column]];
+            window.load(lines, task, state);
             let steps = dispatch(Isa::best(), Ascent { window, tolerance: task.tolerance });
-            (row, column, std::mem::take(&mut window.free), steps)
+            (lines, std::mem::take(&mut window.free), std::mem::take(&mut window.multipliers), steps)
         });
-        for (row, column, values, steps) in done {
-            let (rows, columns) = (lines[0][row].high.clone(), lines[1][column].high.clone());
-            for (y, values) in rows.zip(values.chunks(padded(columns.len()))) {
-                free.row_mut(y)[columns.clone()].copy_from_slice(&values[..columns.len()]);
-            }
+        for ([vertical, horizontal], free, multipliers, steps) in done {
+            paste(&free, (&vertical.high, &horizontal.high), state.free);
+            paste(&multipliers, (&vertical.low, &horizontal.low), &mut state.multipliers);
             most = most.max(steps);
         }
     }
@@ -130,16 +164,16 @@ fn sweep(
 }
 
 /// The windows in which a residual is above the tolerance, row by row. All of the image is reduced at once.
-fn open(plan: &Plan, task: &Task<'_>, lines: &[Vec<Line>; 2], free: &Plane) -> Vec<(usize, usize)> {
-    let mut inside = free.clone();
-    let (low, high) = task.range;
-    inside.pixels_mut().iter_mut().for_each(|value| *value = value.clamp(low, high));
-    let back = plan.model.reduce(&inside);
+fn open(plan: &Plan, task: &Task<'_>, lines: &[Vec<Line>; 2], state: &State<'_>) -> Vec<(usize, usize)> {
+    let residual = residual(plan, task, state.free);
     let is_open = |&(row, column): &(usize, usize)| {
-        let columns = lines[1][column].own.clone();
-        lines[0][row].own.clone().any(|y| {
-            let pairs = back.row(y)[columns.clone()].iter().zip(&task.samples.row(y)[columns.clone()]);
-            pairs.into_iter().any(|(back, sample)| (sample - back).abs() > task.tolerance)
+        let (vertical, horizontal) = (&lines[0][row], &lines[1][column]);
+        vertical.own.clone().zip(vertical.own_norms()).any(|(y, down)| {
+            horizontal.own.clone().zip(horizontal.own_norms()).any(|(x, across)| {
+                let residual = residual.at(y, x);
+                let most = || most(task.limit, *down, *across);
+                residual.abs() > task.tolerance && !is_held(state.multipliers.at(y, x), most(), residual)
+            })
         })
     };
     let all = (0..lines[0].len()).flat_map(|row| (0..lines[1].len()).map(move |column| (row, column)));
@@ -151,7 +185,7 @@ fn open_beside(
     task: &Task<'_>,
     lines: &[Vec<Line>; 2],
     open: &[(usize, usize)],
-    free: &Plane,
+    state: &State<'_>,
 ) -> Vec<(usize, usize)> {
     let (height, width) = (lines[0].len(), lines[1].len());
     let [tall, wide] = lines.each_ref().map(|lines| apart(lines));
@@ -164,7 +198,7 @@ fn open_beside(
     let near = (0..height * width).filter(|i| is_near[*i]).map(|i| (i / width, i % width));
     let places: Vec<_> = near.collect();
     let residuals = places.into_par_iter().map_init(Window::default, |window, (row, column)| {
-        window.load([&lines[0][row], &lines[1][column]], task, free);
+        window.load([&lines[0][row], &lines[1][column]], task, state);
         ((row, column), dispatch(Isa::best(), Largest { window }))
     });
     let is_open = |(place, residual)| (residual > task.tolerance).then_some(place);

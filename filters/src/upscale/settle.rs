@@ -31,10 +31,10 @@ use std::borrow::Cow;
 
 use lacuna_core::parallel::prelude::*;
 
-use super::bounds::{Bounds, TOLERANCE, by_bounds, clamp, difference, largest};
+use super::bounds::{Bounds, LARGEST, TOLERANCE, by_bounds, clamp, difference, largest};
 use super::guided::bilinear;
 use super::relax::{Relaxed, Task};
-use super::{Enlarged, Geometry, Plan, Question, Sampling, apply, dual};
+use super::{Enlarged, Geometry, Method, Plan, Question, Sampling, apply, dual};
 use crate::kernel::{Isa, vector};
 use crate::limiter::Moved;
 use crate::operator::taps::Taps;
@@ -42,8 +42,6 @@ use crate::{Outcome, Plane, Run, Stop};
 
 /// Means that sweeps have left this much further off, by rounding, still count as kept.
 const ROUNDING: f64 = 1.5;
-/// How far multipliers of boxes may move a mean, over the largest.
-const LARGEST: f64 = 2.0;
 /// Bisections of a cell: to the rounding of f32 and beyond.
 const BISECTIONS: usize = 40;
 
@@ -64,6 +62,8 @@ pub(super) fn settle(
         (in_cells(cells, samples, &bounds, &mut plane), Outcome::direct())
     } else if sampling == Sampling::Grid {
         (in_grid(plan, samples, &bounds, &mut plane), Outcome::direct())
+    } else if sampling == Sampling::Point && plan.method == Method::Ss {
+        (clamp(plan, &bounds, &mut plane), Outcome::direct())
     } else {
         let own = target.map(|target| between(target, &bounds));
         together(plan, (samples, own.as_ref().unwrap_or(samples)), (&bounds, question.range), &mut plane, run)

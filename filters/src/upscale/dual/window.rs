@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::maps::{LANES, Map, padded};
-use super::{Task, Tiling};
+use super::{State, Task, Tiling};
 use crate::Plane;
 use crate::kernel::stencil::lanes_dot;
 use crate::kernel::{Body, fma};
@@ -30,7 +30,7 @@ pub struct Line {
     /// Low-resolution pixels that the window answers for.
     pub own: Range<usize>,
     /// Those whose multipliers it moves.
-    low: Range<usize>,
+    pub low: Range<usize>,
     /// The pixels of the result in their footprints.
     pub high: Range<usize>,
     reduce: Map,
@@ -38,6 +38,8 @@ pub struct Line {
     gram_inverse: Map,
     /// Squared weights, which sum to 1.
     squares: Map,
+    /// The sum of the squared weights of each footprint.
+    norms: Vec<f32>,
 }
 
 impl Line {
@@ -57,7 +59,9 @@ impl Line {
                 let sum: f64 = row.iter().map(|weight| weight * weight).sum();
                 (at - high.start, row.iter().map(|weight| weight * weight / sum).collect())
             });
+            let norm = |i| reduce.row(i).1.iter().map(|weight| weight * weight).sum::<f64>() as f32;
             Self {
+                norms: low.clone().map(norm).collect(),
                 squares: Map::new(&Taps::from_rows(high.len(), squares)),
                 adjoint: Map::new(&part.transpose()),
                 gram_inverse: Map::new(&part.after(&part.transpose()).inverse(NEARLY)),
@@ -69,6 +73,22 @@ impl Line {
         });
         windows.collect()
     }
+
+    /// Sums of the squared weights of the footprints that the window answers for.
+    pub fn own_norms(&self) -> &[f32] {
+        &self.norms[self.own.start - self.low.start..][..self.own.len()]
+    }
+}
+
+/// How large a multiplier may become, of a footprint with these sums of squared weights down and across.
+pub fn most(limit: f32, down: f32, across: f32) -> f32 {
+    limit / (down * across)
+}
+
+/// Whether a multiplier is as large as it may be and this residual would have it larger.
+#[inline(always)]
+pub fn is_held(multiplier: f32, most: f32, residual: f32) -> bool {
+    multiplier.abs() >= most && multiplier * residual > 0.0
 }
 
 /// The numbers of a window, rows padded.
@@ -80,11 +100,17 @@ pub struct Window<'a> {
     /// The image before it is clamped, and after.
     pub free: Vec<f32>,
     clamped: Vec<f32>,
-    /// The image of the least residual so far: residuals need not fall while the dual rises.
-    best: Vec<f32>,
-    /// The samples less the reduction of the clamped image, which is the gradient of the dual; that of the step before.
+    /// The multipliers, and how large they may become.
+    pub multipliers: Vec<f32>,
+    most: Vec<f32>,
+    /// The samples less the reduction of the clamped image, which is the gradient of the dual, but 0 for multipliers that are held; that of
+    /// the step before.
     residual: Vec<f32>,
     last: Vec<f32>,
+    /// 1 for multipliers that move, 0 for those that are held.
+    moves: Vec<f32>,
+    /// How many are held.
+    held: f32,
     preconditioned: Vec<f32>,
     /// The direction of the multipliers, and what it is in the image.
     direction: Vec<f32>,
@@ -96,12 +122,19 @@ pub struct Window<'a> {
 
 impl<'a> Window<'a> {
     /// Takes a window of the problem.
-    pub fn load(&mut self, [vertical, horizontal]: [&'a Line; 2], task: &Task<'_>, free: &Plane) {
+    pub fn load(&mut self, [vertical, horizontal]: [&'a Line; 2], task: &Task<'_>, state: &State<'_>) {
         self.lines = Some([vertical, horizontal]);
         self.range = task.range;
-        cut(free, (&vertical.high, &horizontal.high), &mut self.free);
-        cut(task.samples, (&vertical.low, &horizontal.low), &mut self.samples);
-        for plane in [&mut self.last, &mut self.direction] {
+        cut(state.free, (&vertical.high, &horizontal.high), &mut self.free);
+        let low = (&vertical.low, &horizontal.low);
+        cut(task.samples, low, &mut self.samples);
+        cut(&state.multipliers, low, &mut self.multipliers);
+        self.most.clear();
+        for down in &vertical.norms {
+            self.most.extend(horizontal.norms.iter().map(|across| most(task.limit, *down, *across)));
+            self.most.resize(self.most.len().next_multiple_of(LANES), 1.0);
+        }
+        for plane in [&mut self.last, &mut self.direction, &mut self.moves] {
             plane.clear();
             plane.resize(self.samples.len(), 0.0);
         }
@@ -116,16 +149,23 @@ impl<'a> Window<'a> {
         let wide = padded(horizontal.high.len());
         vertical.reduce.along_columns::<FUSED>(&self.clamped, wide, &mut self.scratch);
         horizontal.reduce.along_rows::<FUSED>(&self.scratch, wide, &mut self.residual);
-        let mut most = [0.0_f32; LANES];
-        let pairs =
-            self.residual.as_chunks_mut::<LANES>().0.iter_mut().zip(self.samples.as_chunks::<LANES>().0);
-        for (residual, samples) in pairs {
-            for ((residual, sample), most) in residual.iter_mut().zip(samples).zip(&mut most) {
-                *residual = sample - *residual;
-                *most = most.max(residual.abs());
+        let (mut largest, mut held) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+        let residuals = self.residual.as_chunks_mut::<LANES>().0.iter_mut();
+        let residuals = residuals.zip(self.samples.as_chunks::<LANES>().0);
+        let multipliers =
+            self.multipliers.as_chunks::<LANES>().0.iter().zip(self.most.as_chunks::<LANES>().0);
+        let moves = self.moves.as_chunks_mut::<LANES>().0;
+        for (((residual, samples), (multipliers, most)), moves) in residuals.zip(multipliers).zip(moves) {
+            for i in 0..LANES {
+                let left = samples[i] - residual[i];
+                moves[i] = if is_held(multipliers[i], most[i], left) { 0.0 } else { 1.0 };
+                residual[i] = left * moves[i];
+                held[i] += 1.0 - moves[i];
+                largest[i] = largest[i].max(residual[i].abs());
             }
         }
-        most.into_iter().fold(0.0, f32::max)
+        self.held = held.iter().sum();
+        largest.into_iter().fold(0.0, f32::max)
     }
 
     /// Finds the diagonal of the preconditioner: of each footprint, one over the root of the share that is between the bounds.
@@ -155,8 +195,8 @@ impl<'a> Window<'a> {
         self.preconditioned.extend(self.residual.iter().zip(&self.scaling).map(|(r, scaling)| r * scaling));
         horizontal.gram_inverse.along_rows::<FUSED>(&self.preconditioned, low, &mut self.scratch);
         vertical.gram_inverse.along_columns::<FUSED>(&self.scratch, low, &mut self.preconditioned);
-        for (value, scaling) in self.preconditioned.iter_mut().zip(&self.scaling) {
-            *value *= scaling;
+        for ((value, scaling), moves) in self.preconditioned.iter_mut().zip(&self.scaling).zip(&self.moves) {
+            *value *= scaling * moves;
         }
         let now = lanes_dot::<f32, FUSED>(&self.preconditioned, &self.residual);
         let beta = (now - lanes_dot::<f32, FUSED>(&self.preconditioned, &self.last)) / *product;
@@ -171,6 +211,32 @@ impl<'a> Window<'a> {
         horizontal.adjoint.along_rows::<FUSED>(&self.direction, low, &mut self.scratch);
         vertical.adjoint.along_columns::<FUSED>(&self.scratch, high, &mut self.change);
         now + beta * along
+    }
+
+    /// Moves the multipliers, and the image with them, by this length of the direction; whether one was held back.
+    #[inline(always)]
+    fn step<const FUSED: bool>(&mut self, [vertical, horizontal]: [&Line; 2], length: f32) -> bool {
+        let mut is_over = false;
+        for ((multiplier, direction), most) in self.multipliers.iter().zip(&self.direction).zip(&self.most) {
+            is_over |= fma::<f32, FUSED>(length, *direction, *multiplier).abs() > *most;
+        }
+        for ((multiplier, direction), most) in
+            self.multipliers.iter_mut().zip(&mut self.direction).zip(&self.most)
+        {
+            let moved = fma::<f32, FUSED>(length, *direction, *multiplier).max(-most).min(*most);
+            *direction = if is_over { moved - *multiplier } else { *direction };
+            *multiplier = moved;
+        }
+        if is_over {
+            let (low, high) = (padded(horizontal.low.len()), padded(horizontal.high.len()));
+            horizontal.adjoint.along_rows::<FUSED>(&self.direction, low, &mut self.scratch);
+            vertical.adjoint.along_columns::<FUSED>(&self.scratch, high, &mut self.change);
+        }
+        let length = if is_over { 1.0 } else { length };
+        for (free, change) in self.free.iter_mut().zip(&self.change) {
+            *free = fma::<f32, FUSED>(length, *change, *free);
+        }
+        is_over
     }
 
     /// How far along the direction the dual is greatest, all but for [`NEAR`] of its slope.
@@ -228,9 +294,11 @@ impl Body for Ascent<'_, '_> {
     fn run<const FUSED: bool>(self) -> usize {
         let Self { window, tolerance } = self;
         let Some(lines) = window.lines else { return 0 };
+        // Without end: the direction before counts for nothing.
         let mut product = f64::INFINITY;
-        let (mut enough, mut least) = (CLOSE * tolerance, f32::INFINITY);
-        for step in 0..=STEPS {
+        let mut enough = CLOSE * tolerance;
+        let mut held = 0.0;
+        for step in 0..STEPS {
             let residual = window.find_residual::<FUSED>(lines);
             if step == 0 {
                 enough = enough.max(residual / RATE);
@@ -238,24 +306,19 @@ impl Body for Ascent<'_, '_> {
             if residual <= enough {
                 return step;
             }
-            if residual < least {
-                least = residual;
-                window.best.clone_from(&window.free);
-            }
-            if step == STEPS {
-                break;
+            if window.held != held {
+                (held, product) = (window.held, f64::INFINITY);
             }
             window.find_scaling::<FUSED>(lines);
             let slope = window.find_direction::<FUSED>(lines, &mut product);
             let length = window.step_length::<FUSED>(slope as f32);
             if length <= 0.0 {
-                break;
+                return step;
             }
-            for (free, change) in window.free.iter_mut().zip(&window.change) {
-                *free = fma::<f32, FUSED>(length, *change, *free);
+            if window.step::<FUSED>(lines, length) {
+                product = f64::INFINITY;
             }
         }
-        window.free.clone_from(&window.best);
         STEPS
     }
 }
@@ -276,6 +339,13 @@ impl Body for Largest<'_, '_> {
             lines.map(|line| line.own.start - line.low.start..line.own.end - line.low.start);
         let own = self.window.residual.chunks(padded(lines[1].low.len())).skip(rows.start).take(rows.len());
         own.flat_map(|row| &row[columns.clone()]).fold(0.0, |most, residual| residual.abs().max(most))
+    }
+}
+
+/// Puts what [`cut`] took back into its place.
+pub fn paste(from: &[f32], (rows, columns): (&Range<usize>, &Range<usize>), plane: &mut Plane) {
+    for (y, row) in rows.clone().zip(from.chunks(padded(columns.len()))) {
+        plane.row_mut(y)[columns.clone()].copy_from_slice(&row[..columns.len()]);
     }
 }
 
