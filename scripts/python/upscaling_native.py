@@ -1,6 +1,6 @@
 """What guides gain, native small frames against large ones, and seconds of lacuna upscale, as Markdown tables.
 
-Called by scripts/upscaling with the names of tables: native, converged, cycles, ramps, guided, sampled, speed. Renders are kept in target/upscaling.
+Called by scripts/upscaling with the names of tables: native, converged, cycles, points, ramps, guided, sampled, speed. Renders are kept in target/upscaling.
 """
 
 import os
@@ -18,6 +18,9 @@ from tool import DATA, LACUNA, OIIO_BIN, ROOT, lacuna, run  # noqa: E402
 KEPT = ROOT / "target" / "upscaling"
 # Scene, volume, side of the small frame.
 SCENES = [("head", None, 360), ("engine-soft", "engine", 120)]
+# The same for frames of one ray a pixel.
+POINTS = [("aneurism", "aneurism", 300), ("engine", "engine", 300), ("vessels", None, 300), ("foot", "foot", 300),
+          ("head", None, 300), ("tooth", "tooth", 300)]
 DENSE = [("head", None), ("vessels", None), ("foot", "foot"), ("chest", "chest"), ("cthead", "cthead"),
          ("aneurism-steep", "aneurism"), ("tooth", "tooth")]
 FACTORS = [1.25, 1.5, 2, 2.5, 3]
@@ -43,12 +46,12 @@ def done(result):
     return result
 
 
-def rendered(scene, volume, side, words=()):
+def rendered(scene, volume, side, words=(), samples=16):
     KEPT.mkdir(parents=True, exist_ok=True)
-    path = KEPT / f"{scene}-{side}.exr"
+    path = KEPT / (f"{scene}-{side}.exr" if samples == 16 else f"{scene}-{side}-{samples}.exr")
     if not path.exists():
         volume = ["--volume", DATA / "volumes" / f"{volume}.nrrd"] if volume else []
-        done(lacuna("render", ROOT / "samples" / "scenes" / f"{scene}.toml", *volume, "--samples", "16", "--size",
+        done(lacuna("render", ROOT / "samples" / "scenes" / f"{scene}.toml", *volume, "--samples", str(samples), "--size",
                     f"{side}x{side}", *words, "-o", path, timeout=3000))
     return path
 
@@ -94,13 +97,18 @@ def native():
     against([(scene, side, lambda size, of=(scene, volume): rendered(*of, size)) for scene, volume, side in SCENES])
 
 
-def against(scenes):
-    """Frames rendered small and large, enlarged by every filter."""
+def points():
+    against([(scene, side, lambda size, of=(scene, volume): rendered(*of, size, samples=1)) for scene, volume, side in POINTS],
+            "point", [1.1, *FACTORS])
+
+
+def against(scenes, own="box", factors=FACTORS):
+    """Frames rendered small and large, enlarged by every filter; how far one of lacuna's is ahead of oiiotool's."""
     print("| scene | factor | `upscale` | `--sampling point` | Lanczos3 | Mitchell | best of oiiotool | ahead | ahead, clipped to 1 |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
     for scene, side, render in scenes:
         small = render(side)
-        for factor in FACTORS:
+        for factor in factors:
             size = round(side * factor)
             full = rgb(render(size))
             judged = {}
@@ -112,7 +120,7 @@ def against(scenes):
                     done(lacuna("upscale", "-q", small, "-o", out, "--size", f"{size}x{size}", "--sampling", name, timeout=3000))
                 judged[name] = [psnr(rgb(out), full, most=most) for most in (np.inf, 1.0)]
             best = max(OIIO, key=lambda name: judged[name][0])
-            ahead = [judged["box"][k] - max(judged[name][k] for name in OIIO) for k in range(2)]
+            ahead = [judged[own][k] - max(judged[name][k] for name in OIIO) for k in range(2)]
             values = " | ".join(f"{judged[name][0]:.2f}" for name in ("box", "point", "lanczos3", "mitchell"))
             print(f"| {scene} {side} | {factor} | {values} | {judged[best][0]:.2f} ({best}) | {ahead[0]:+.2f} | {ahead[1]:+.2f} |", flush=True)
 
@@ -224,7 +232,7 @@ def speed():
 
 
 if __name__ == "__main__":
-    tables = {"native": native, "converged": converged, "ramps": ramps, "guided": guided, "sampled": sampled, "speed": speed}
+    tables = {"native": native, "converged": converged, "points": points, "ramps": ramps, "guided": guided, "sampled": sampled, "speed": speed}
     for table in sys.argv[1:] or tables:
         {**tables, "cycles": cycles}[table]()
         print(flush=True)

@@ -2,7 +2,8 @@
 //!
 //! A low-resolution pixel says something about the high-resolution image: its mean over an area, say ([`Sampling`]). With
 //! `R` for that (separable, `R = R_v (x) R_h`, see [`Axis`]), `y` for the given image and `x` for the result, all methods
-//! but the plain ones look for an `x` with `R x = y`: reduced again by the same model, it is the input.
+//! but the plain ones look for an `x` with `R x = y`: reduced again by the same model, it is the input. Of points, and of boxes at broken
+//! factors, the spline has what `y` says, and `R x` is near it (see [`Axis`]).
 //!
 //! - [`Method::Ss`]: the cubic spline on the low-resolution grid that does so. Its coefficients are `(R U)^-1 y`, `U`
 //!   the values (or means) of the spline at high-resolution pixels: the spline is defined everywhere, so that every factor is

@@ -7,8 +7,8 @@ use crate::Error;
 /// The model of a low-resolution pixel, the same along both axes. Distances are in low-resolution pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Sampling {
-    /// Its value is the value at its centre. In terms of high-resolution pixels: the cubic through the four around its
-    /// centre along each axis, or the pixel that stands there.
+    /// Its value is the value at its centre: of the spline, or, in terms of high-resolution pixels, of the cubic through the four around
+    /// that along each axis, or the pixel that stands there.
     Point,
     /// It is one of the high-resolution pixels: (i, j) is (S i, S j) for whole factors S.
     Grid,

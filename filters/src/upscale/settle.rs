@@ -13,7 +13,7 @@
 //!
 //! Algorithm. Where the footprints share no pixel (a box at a whole factor), each is a problem of its own:
 //! `x = clamp(x0 + t, low, high)`, with the one `t` that gives the mean; found by bisection, then Newton's step. A grid has
-//! nothing to keep but its samples, which have their bits. Otherwise the dual, `x = clamp(x0 + R' l, low, high)`: of boxes footprint
+//! nothing to keep but its samples, which have their bits; points of a spline are clamped, as samples are in range themselves. Otherwise the dual, `x = clamp(x0 + R' l, low, high)`: of boxes footprint
 //! by footprint (`relax`), of the others all together (`dual`), until `|R x - y|` is at most `TOLERANCE` of the largest
 //! `|y|`. At least one of both is always kept: if no image keeps both (a Gaussian cannot have made those pixels), the bounds
 //! win, the outcome is `IterationLimit`, and its residual says by how much.
@@ -22,8 +22,8 @@
 //! pixels within bounds cannot have them, and forcing them there makes the image worse: it is clamped, and what `R x` then lacks or has too
 //! much is given to the pixels around once, to each in proportion to the room that it has within its bounds, which keeps the light in
 //! all but for what a second clamp takes. The residual says what is left.
-//! Total variation keeps shares; multipliers that would grow without end are limited to what moves a mean by twice the largest `|y|` (an
-//! exact penalty on `|y - R x|`): where smaller ones suffice `R x = y` holds.
+//! Total variation keeps shares, and points as `R` has them; multipliers of shares that would grow without end are limited to what moves a mean
+//! by twice the largest `|y|` (an exact penalty on `|y - R x|`): where smaller ones suffice `R x = y` holds.
 //!
 //! Sources: see `relax` and `dual`.
 
