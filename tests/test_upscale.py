@@ -90,6 +90,17 @@ def test_a_broken_factor_keeps_the_light(scene, tmp_path):
     assert abs(floats(tmp_path / "out.exr").mean() - dark.mean()) <= 0.01 * dark.mean()
 
 
+def test_a_frame_of_one_ray_a_pixel_is_told_its_model(tmp_path):
+    small, out = tmp_path / "small.exr", tmp_path / "out.exr"
+    for samples in ["1", "4"]:
+        done = lacuna("render", SAMPLES / "scenes" / "marschner-lobb.toml", "--size", "24x24", "--samples", samples, "-o", small)
+        assert done.status == 0, done
+        for words in [[], ["--sampling", "point"], ["--filter", "lanczos3"]]:
+            done = lacuna("upscale", small, "-o", out, "--scale", "2", *words)
+            assert done.status == 0, done
+            assert ("--sampling point" in done.stderr) == (samples == "1" and not words), done
+
+
 def test_a_grid_keeps_its_samples(scene, tmp_path):
     upscale(scene, tmp_path / "out.exr", "--scale", "3", "--sampling", "grid")
     assert frames.same_bits(frames.read(tmp_path / "out.exr")[0]["R"][::3, ::3].copy(), frames.read(scene)[0]["R"])

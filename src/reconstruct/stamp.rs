@@ -26,6 +26,9 @@ pub const MASK: &str = crate::mask::ATTRIBUTE;
 /// Why the solver stopped before it converged; parts that converged have no such attribute.
 pub const STOP: &str = "lacuna/stop";
 
+/// The scene that `lacuna render` made the part of, in JSON.
+pub const SCENE: &str = "lacuna/scene";
+
 /// All attributes that filling adds.
 pub const ADDED: &[&str] = &[
     VERSION,

@@ -61,6 +61,11 @@ impl Enlarge {
         }
     }
 
+    /// Whether pixels of the input are taken as means over their areas.
+    fn takes_means(&self) -> bool {
+        self.sampling == Sampling::Box && !matches!(self.method, Method::Plain(_))
+    }
+
     /// Everything that changes the result, `name=value` separated by spaces.
     pub fn settings(&self) -> String {
         let mut line = format!("upscale={} {} sampling={}", self.name(), self.target, self.sampling);
@@ -71,6 +76,13 @@ impl Enlarge {
             _ => line,
         }
     }
+}
+
+/// Whether `lacuna render` made the part with one ray a pixel.
+fn has_one_ray(part: &Part) -> bool {
+    let scene = part.attributes.text(stamp::SCENE);
+    let scene = scene.and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok());
+    scene.is_some_and(|scene| scene["image"]["samples"] == 1)
 }
 
 /// Fills and enlarges a frame; guides come from `second`, a frame of the larger size.
@@ -109,6 +121,9 @@ pub fn enlarge(
         let high = high.map_err(|source| Error::Filter { channel: label.clone(), source })?;
         let mut taken = vec![None; choices.len()];
         let mut notes = Vec::new();
+        if asked.takes_means() && has_one_ray(part) {
+            notes.push("rendered with one ray a pixel, which --sampling point is for".into());
+        }
         if let Some(second) = second.filter(|_| asked.take_guides) {
             taken = take(part, windows.data, second, &mut choices);
             notes.push(taken_note(part, &taken));
