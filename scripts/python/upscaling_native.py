@@ -1,6 +1,6 @@
 """What guides gain, native small frames against large ones, and seconds of lacuna upscale, as Markdown tables.
 
-Called by scripts/upscaling with the names of tables: native, converged, cycles, points, ramps, guided, sampled, speed. Renders are kept in target/upscaling.
+Called by scripts/upscaling with the names of tables: native, converged, cycles, vectors, points, ramps, guided, sampled, speed. Renders are kept in target/upscaling.
 """
 
 import os
@@ -75,13 +75,13 @@ def cornell(side):
     return path
 
 
-def blender(side):
+def blender(side, *words):
     """Meshes by Cycles, 256 samples a pixel."""
     KEPT.mkdir(parents=True, exist_ok=True)
-    path = KEPT / f"cycles-{side}.exr"
+    path = KEPT / f"{'-'.join(['cycles', str(side), *words])}.exr"
     if not path.exists():
         python = os.environ.get("LACUNA_BPY") or sys.exit("set LACUNA_BPY to a Python with Blender's package bpy")
-        done(run([python, ROOT / "scripts" / "python" / "cycles_scene.py", str(side), "256", path], timeout=3000))
+        done(run([python, ROOT / "scripts" / "python" / "cycles_scene.py", str(side), "256", path, *words], timeout=3000))
     return path
 
 
@@ -95,6 +95,37 @@ def cycles():
 
 def native():
     against([(scene, side, lambda size, of=(scene, volume): rendered(*of, size)) for scene, volume, side in SCENES])
+
+
+def vectors():
+    """Motion vectors of Cycles, small and large: enlarged by `upscale`, and by oiiotool and multiplied by the factor by hand."""
+    side, names = 120, [f"ViewLayer.Vector.{axis}" for axis in "XYZW"]
+    print("| factor | RMS of the vectors | `upscale` | oiiotool's default | triangle | nearest | of the best by hand |")
+    print("|---:|---:|---:|---:|---:|---:|---:|")
+    small, flat, out = blender(side, "vectors"), KEPT / "flat.exr", KEPT / "out.exr"
+
+    def read(path):
+        return {name: plane for part in frames.read(path) for name, plane in part.items() if "Vector" in name}
+
+    given = read(small)
+    for factor in FACTORS:
+        size = round(side * factor)
+        full = read(blender(size, "vectors"))
+
+        def off(planes):
+            inside = (slice(4, -4),) * 2
+            return np.sqrt(np.mean([(planes[name][inside] - full[name][inside]) ** 2 for name in names]))
+
+        done(lacuna("upscale", "-q", small, "-o", out, "--size", f"{size}x{size}"))
+        ours = off(read(out))
+        frames.write(flat, dict(given))
+        by_hand = []
+        for words in ["--resize", "--resize:filter=triangle", "--resize:filter=box"]:
+            done(run([OIIO_BIN / "oiiotool", flat, words, f"{size}x{size}", "--mulc", str(factor), "-d", "float", "-o", out]))
+            by_hand.append(off(read(out)))
+        size = np.sqrt(np.mean([full[name] ** 2 for name in names]))
+        hands = " | ".join(f"{value:.4f}" for value in by_hand)
+        print(f"| {factor} | {size:.3f} | {ours:.4f} | {hands} | {ours / min(by_hand):.2f} |", flush=True)
 
 
 def points():
@@ -234,5 +265,5 @@ def speed():
 if __name__ == "__main__":
     tables = {"native": native, "converged": converged, "points": points, "ramps": ramps, "guided": guided, "sampled": sampled, "speed": speed}
     for table in sys.argv[1:] or tables:
-        {**tables, "cycles": cycles}[table]()
+        {**tables, "cycles": cycles, "vectors": vectors}[table]()
         print(flush=True)
