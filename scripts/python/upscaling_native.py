@@ -107,7 +107,7 @@ def vectors():
     def read(path):
         return {name: plane for part in frames.read(path) for name, plane in part.items() if "Vector" in name}
 
-    given = read(small)
+    frames.write(flat, read(small))
     for factor in FACTORS:
         size = round(side * factor)
         full = read(blender(size, "vectors"))
@@ -118,14 +118,13 @@ def vectors():
 
         done(lacuna("upscale", "-q", small, "-o", out, "--size", f"{size}x{size}"))
         ours = off(read(out))
-        frames.write(flat, dict(given))
         by_hand = []
         for words in ["--resize", "--resize:filter=triangle", "--resize:filter=box"]:
             done(run([OIIO_BIN / "oiiotool", flat, words, f"{size}x{size}", "--mulc", str(factor), "-d", "float", "-o", out]))
             by_hand.append(off(read(out)))
-        size = np.sqrt(np.mean([full[name] ** 2 for name in names]))
+        rms = np.sqrt(np.mean([full[name] ** 2 for name in names]))
         hands = " | ".join(f"{value:.4f}" for value in by_hand)
-        print(f"| {factor} | {size:.3f} | {ours:.4f} | {hands} | {ours / min(by_hand):.2f} |", flush=True)
+        print(f"| {factor} | {rms:.3f} | {ours:.4f} | {hands} | {ours / min(by_hand):.2f} |", flush=True)
 
 
 def points():

@@ -13,8 +13,8 @@
 //!
 //! Algorithm. Where the footprints share no pixel (a box at a whole factor), each is a problem of its own:
 //! `x = clamp(x0 + t, low, high)`, with the one `t` that gives the mean; found by bisection, then Newton's step. A grid has
-//! nothing to keep but its samples, which have their bits; points of a spline are clamped, as samples are in range themselves. Otherwise the dual, `x = clamp(x0 + R' l, low, high)`: of boxes footprint
-//! by footprint (`relax`), of the others all together (`dual`), until `|R x - y|` is at most `TOLERANCE` of the largest
+//! nothing to keep but its samples, which have their bits; a spline of points is clamped, as its samples are within bounds. Otherwise
+//! the dual, `x = clamp(x0 + R' l, low, high)`: of boxes footprint by footprint (`relax`), of the others all together (`dual`), until `|R x - y|` is at most `TOLERANCE` of the largest
 //! `|y|`. At least one of both is always kept: if no image keeps both (a Gaussian cannot have made those pixels), the bounds
 //! win, the outcome is `IterationLimit`, and its residual says by how much.
 //!

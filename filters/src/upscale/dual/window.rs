@@ -14,8 +14,7 @@ use crate::upscale::{Axis, Sampling};
 const STEPS: usize = 200;
 /// Weights of `(R R')^-1` below this are left out: a step that is nearly right costs half as much.
 const NEARLY: f64 = 1e-3;
-/// The share of a footprint's squared weights that counts as between the bounds, at least. With 0.1 a factor of 2 takes a sixth fewer steps,
-/// but a factor of 1.5 is left 5e-4 off.
+/// The share of a footprint's squared weights that counts as between the bounds, at least.
 const LEAST_FREE: f32 = 0.3;
 /// Trials of a step's length, and the part of the slope that one may leave.
 const SEARCH: usize = 4;
@@ -55,13 +54,12 @@ impl Line {
             let high = reduce.row(low.start).0..end(reduce.row(low.end - 1));
             let shifted = low.clone().map(|i| reduce.row(i)).map(|(at, row)| (at - high.start, row.to_vec()));
             let part = Taps::from_rows(high.len(), shifted);
+            let norm = |row: &[f64]| row.iter().map(|weight| weight * weight).sum::<f64>();
             let squares = low.clone().map(|i| reduce.row(i)).map(|(at, row)| {
-                let sum: f64 = row.iter().map(|weight| weight * weight).sum();
-                (at - high.start, row.iter().map(|weight| weight * weight / sum).collect())
+                (at - high.start, row.iter().map(|weight| weight * weight / norm(row)).collect())
             });
-            let norm = |i| reduce.row(i).1.iter().map(|weight| weight * weight).sum::<f64>() as f32;
             Self {
-                norms: low.clone().map(norm).collect(),
+                norms: low.clone().map(|i| norm(reduce.row(i).1) as f32).collect(),
                 squares: Map::new(&Taps::from_rows(high.len(), squares)),
                 adjoint: Map::new(&part.transpose()),
                 gram_inverse: Map::new(&part.after(&part.transpose()).inverse(NEARLY)),
