@@ -59,8 +59,10 @@ const HALF: f64 = 0.03;
 const AROUND: f64 = 2.0;
 /// Width of the Gaussian of what is around, in pixels.
 const SPREAD: f64 = 3.0;
-/// Largest last correction of a round, over the range of the measured samples.
+/// Largest last correction of the last round, over the range of the measured samples.
 const ERROR: f64 = 2e-6;
+/// The same of rounds before it, and where samples are held out.
+const ROUGH: f64 = 1e-5;
 /// Samples that one task takes.
 const PIECE: usize = 1 << 12;
 
@@ -92,14 +94,24 @@ pub(crate) struct Pull {
     pub levelled: bool,
 }
 
-/// Pulls the missing pixels of `image`, which is filled already, towards samples of other frames, whose fills are `fills` where these are known.
-pub(crate) fn pull(
-    mask: &Mask,
-    (carried, fills): (&[Carried], &[Planes]),
-    pull: Pull,
-    image: &mut Planes,
-    run: &Run<'_>,
-) -> Outcome {
+/// Samples of other frames and how they pull in one frame.
+#[derive(Clone, Copy)]
+pub(crate) struct Pulling<'a> {
+    /// The samples of each other frame.
+    pub carried: &'a [Carried],
+    /// What each other frame makes of its own, where these are known.
+    pub fills: &'a [Planes],
+    /// How they pull.
+    pub pull: Pull,
+    /// What the weight is at each pixel instead.
+    pub weights: Option<&'a Plane>,
+    /// Whether what comes out is only compared with samples that were held out.
+    pub roughly: bool,
+}
+
+/// Pulls the missing pixels of `image`, which is filled already, towards samples of other frames.
+pub(crate) fn pull(mask: &Mask, pulling: &Pulling<'_>, image: &mut Planes, run: &Run<'_>) -> Outcome {
+    let Pulling { carried, fills, pull, .. } = *pulling;
     let begun = image.clone();
     let mut worst = Outcome::direct();
     let level = |image: &Planes| -> Vec<Carried> {
@@ -109,10 +121,12 @@ pub(crate) fn pull(
         };
         carried.iter().enumerate().map(one).collect()
     };
-    for _ in 0..if pull.levelled { LEVELLED_ROUNDS } else { ROUNDS } {
+    let rounds = if pull.levelled { LEVELLED_ROUNDS } else { ROUNDS };
+    for round in 1..=rounds {
         let levelled = if pull.levelled { level(image) } else { Vec::new() };
         let carried = if pull.levelled { &levelled } else { carried };
-        let data = Data::new(mask, carried, pull, (&begun, image));
+        let tolerance = if round < rounds || pulling.roughly { ROUGH } else { ERROR };
+        let data = Data::new(mask, carried, pulling, (&begun, image), tolerance);
         if run.interrupted().is_some() || data.is_empty() {
             break;
         }
@@ -217,8 +231,14 @@ struct Data {
 }
 
 impl Data {
-    fn new(mask: &Mask, carried: &[Carried], pull: Pull, (begun, image): (&Planes, &Planes)) -> Self {
-        let Pull { weight, levelled } = pull;
+    fn new(
+        mask: &Mask,
+        carried: &[Carried],
+        pulling: &Pulling<'_>,
+        (begun, image): (&Planes, &Planes),
+        tolerance: f64,
+    ) -> Self {
+        let Pull { weight, levelled } = pulling.pull;
         let size = mask.size();
         let ranges: Vec<f64> = begun.as_slice().iter().map(|plane| wide(mask, plane)).collect();
         let least = (HALF * ranges.iter().copied().fold(0.0, f64::max)).max(f64::MIN_POSITIVE);
@@ -230,6 +250,7 @@ impl Data {
             for (i, (place, error)) in carried.places.iter().zip(errors).enumerate() {
                 let Some(at) = missing_near(mask, *place) else { continue };
                 let scale = AROUND * AROUND * scale[carried::pixel(size, *place)] + least * least;
+                let weight = pulling.weights.map_or(weight, |weights| f64::from(weights.pixels()[at]));
                 let pull = weight * carried.nearness(levelled) / (1.0 + error / scale);
                 let taps = Taps::new(size, place[0], place[1]);
                 pulls[at] += pull;
@@ -246,7 +267,7 @@ impl Data {
         };
         let values = Planes::of(size, sums.into_iter().map(plane).collect());
         let pulls = Plane::of(size, pulls.into_iter().map(|pull| pull as f32).collect());
-        Self { values, pulls, tolerances: ranges.into_iter().map(|range| ERROR * range).collect() }
+        Self { values, pulls, tolerances: ranges.into_iter().map(|range| tolerance * range).collect() }
     }
 
     fn is_empty(&self) -> bool {

@@ -14,7 +14,7 @@ use lacuna_core::parallel::prelude::*;
 
 use crate::estimate::HeldOut;
 use crate::sampling::hash;
-use crate::{Mask, Planes, Size};
+use crate::{Mask, Plane, Planes, Size};
 use simplex::best;
 pub use surfaces::{BySurface, Surfaces};
 
@@ -273,6 +273,14 @@ impl Weights {
                 }
             });
         }
+    }
+
+    /// At each pixel the mean of a value of each candidate, as these are weighted there.
+    pub fn mean(&self, values: &[f64]) -> Plane {
+        let counting = || values.iter().zip(&self.of).filter(|(value, of)| **value != 0.0 && !of.is_empty());
+        Plane::from_fn(self.size, |row, column| {
+            counting().map(|(value, of)| *value as f32 * self.at(of, row, column)).sum()
+        })
     }
 
     /// Linearly between the centres of cells.

@@ -264,14 +264,19 @@ fn along_motion<'a>(
     };
     let planes = group.channels.iter().map(plane).collect::<Result<_, _>>()?;
     let samples = Planes::new(group.mask.size(), planes).map_err(fail)?;
-    let mut options = Options::of(lacuna_filters::variational::edge::Settings::default());
-    options.limit = false;
-    let edges = |samples: &Planes, mask: &Arc<Mask>| fill_with(samples, mask, &options, work.plans, work.run);
-    let filled = edges(&samples, &group.mask).map_err(fail)?.planes;
+    let unlimited = |mut options: Options<'static>| {
+        options.limit = false;
+        options
+    };
+    let splines = unlimited(Options::of(lacuna_filters::variational::ss::Settings::default()));
+    let filled = fill_with(&samples, &group.mask, &splines, work.plans, work.run).map_err(fail)?.planes;
     // Samples of a neighbour that are not finite count as missing, as they do here.
-    let fill = |samples: &Planes, mask: &Arc<Mask>| edges(samples, mask).ok().map(|filled| filled.planes);
+    let edges = unlimited(Options::of(lacuna_filters::variational::edge::Settings::default()));
+    let sharp = |samples: &Planes, mask: &Arc<Mask>| {
+        fill_with(samples, mask, &edges, work.plans, work.run).ok().map(|filled| filled.planes)
+    };
     let names = channel_names(part, group);
-    let reference = Reference { names, filled, samples: &samples, mask: &group.mask, fill: &fill };
+    let reference = Reference { names, filled, samples: &samples, mask: &group.mask, sharp: &sharp };
     let own = (frame, work.masks, work.index);
     let (carriers, notes) = carriers(own, neighbours, work.job.temporal.motion, &reference);
     done.notes.extend(notes);

@@ -18,6 +18,8 @@ const FARTHER: f64 = 1.1;
 pub struct Blind {
     /// All pixels, filled from the others.
     pub filled: Planes,
+    /// All pixels, filled from all samples.
+    pub whole: Planes,
     /// Whether nothing moves.
     pub still: bool,
 }
@@ -26,16 +28,17 @@ impl Blind {
     /// Nothing if it cannot be filled.
     pub fn new(reference: &Reference<'_>, neighbours: &[&Neighbour], part: usize) -> Option<Self> {
         let kept = Arc::new(unjudged(reference.mask));
-        let filled = (reference.fill)(reference.samples, &kept)?;
+        let filled = (reference.sharp)(reference.samples, &kept)?;
+        let whole = (reference.sharp)(reference.samples, reference.mask)?;
         let judges = pixels(reference.mask, &kept);
         let own = Misses::of(reference.samples, &filled, &judges);
         let others = neighbours.iter().filter_map(|neighbour| {
             let (samples, mask) = measured(neighbour, part, &reference.names)?;
-            let misses = Misses::of(&samples, &reference.filled, &pixels(&mask, reference.mask));
+            let misses = Misses::of(&samples, &whole, &pixels(&mask, reference.mask));
             Some((neighbour.offset.unsigned_abs(), misses))
         });
         let still = still(own, &others.collect::<Vec<_>>());
-        Some(Self { filled, still })
+        Some(Self { filled, whole, still })
     }
 }
 

@@ -164,9 +164,9 @@ fn carrier<'a>(
         let blind = blind.as_ref().ok_or("this frame cannot be filled to estimate motion from")?;
         if motion == Motion::Flow || !blind.still {
             let filled =
-                (reference.fill)(&samples, &mask).ok_or("it cannot be filled to estimate motion from")?;
+                (reference.sharp)(&samples, &mask).ok_or("it cannot be filled to estimate motion from")?;
             let judged = Some(flow::estimate(&filled, &blind.filled));
-            return Ok(Carrier { judged, ..make(flow::estimate(&filled, &reference.filled), "flow") });
+            return Ok(Carrier { judged, ..make(flow::estimate(&filled, &blind.whole), "flow") });
         }
     }
     Ok(make(still(neighbour.frame.parts[part].size()), "no motion"))

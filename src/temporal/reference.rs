@@ -10,14 +10,14 @@ use super::Neighbour;
 pub struct Reference<'a> {
     /// The full names of the channels.
     pub names: Vec<String>,
-    /// All pixels of them, filled.
+    /// All pixels of them, filled by splines.
     pub filled: Planes,
     /// Their samples.
     pub samples: &'a Planes,
     /// Where these are.
     pub mask: &'a Arc<Mask>,
-    /// Fills those of another frame.
-    pub fill: &'a dyn Fn(&Planes, &Arc<Mask>) -> Option<Planes>,
+    /// Fills samples with sharp edges, which motion is estimated from.
+    pub sharp: &'a dyn Fn(&Planes, &Arc<Mask>) -> Option<Planes>,
 }
 
 /// A neighbour's samples of these channels, and where all of them were measured.

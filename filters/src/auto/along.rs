@@ -9,10 +9,10 @@ use super::standing::Standing;
 use super::{Blend, Candidate, blend};
 use crate::estimate::{Folds, HeldOut, Kind};
 use crate::sampling::hash;
-use crate::temporal::{self, Carried, Pull};
+use crate::temporal::{self, Carried, Pull, Pulling};
 use crate::variational::ss;
 use crate::weights::{Preferred, Weights};
-use crate::{Error, Filter, Mask, Outcome, Planes, Problem, Run};
+use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
 
 /// How samples of other frames may pull.
 const PULLS: [Pull; 3] = [
@@ -22,6 +22,8 @@ const PULLS: [Pull; 3] = [
 ];
 /// Takes them as they are, where nothing moves.
 const FIRM: Pull = Pull { weight: 1e6, levelled: false };
+/// About what the energy weighs at a pixel with pulled ones around it.
+const STIFF: f64 = 30.0;
 /// What reports call them.
 const NAME: &str = "neighbours";
 /// What other frames must take away of the squared error to be used.
@@ -102,22 +104,53 @@ pub fn pulled(
     if gain < WORTH || weights.alone() == Some(0) {
         return Ok(None);
     }
-    let alone = out.clone();
-    out.as_mut_slice().iter_mut().for_each(|plane| plane.pixels_mut().fill(0.0));
-    let mut outcome = Outcome::direct();
-    for k in (0..held.len()).filter(|k| weights.counts(*k)) {
-        let mut image = alone.clone();
-        if k > 0 {
-            let from = (carried, &*others.fills);
-            outcome = outcome.worst(temporal::pull(&own.mask, from, others.pulls[k - 1], &mut image, run));
-        }
-        weights.add(k, &image, out);
-    }
+    let outcome = blended(&own.mask, &others, &weights, out, run);
     for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
         own.mask.restore(samples, out);
     }
     let share = 1.0 - weights.share(0);
     Ok(Some(Along { outcome, share, gain: Some(gain), held: Weights::crossed(&held, &learn) }))
+}
+
+/// Makes `out`, the blend alone, what all ways to pull make of it by their weights. Those that differ in what the samples weigh are one, whose
+/// samples weigh between them: where the energy weighs `h` at a pixel, it comes nearer to them by about `w / (h + w)`.
+fn blended(
+    mask: &Mask,
+    others: &Others<'_>,
+    weights: &Weights,
+    out: &mut Planes,
+    run: &Run<'_>,
+) -> Outcome {
+    let alone = std::mem::replace(out, Planes::zeros(out.size(), out.len()));
+    let mut outcome = Outcome::direct();
+    let mut pulled = |pull: Pull, local: Option<&Plane>| {
+        let mut image = alone.clone();
+        let Others { carried, fills, .. } = others;
+        let pulling = Pulling { carried, fills, pull, weights: local, roughly: false };
+        outcome = outcome.worst(temporal::pull(mask, &pulling, &mut image, run));
+        image
+    };
+    let joins = |k: usize| k == 0 || PULLS.contains(&others.pulls[k - 1]) && !others.pulls[k - 1].levelled;
+    let of = |value: &dyn Fn(f64) -> f64| {
+        let weight = |k: usize| if k == 0 { 0.0 } else { others.pulls[k - 1].weight };
+        let values = (0..=others.pulls.len()).map(|k| if joins(k) { value(weight(k)) } else { 0.0 });
+        weights.mean(&values.collect::<Vec<_>>())
+    };
+    let (share, mut local) = (of(&|_| 1.0), of(&|weight| weight / (STIFF + weight)));
+    for (local, share) in local.pixels_mut().iter_mut().zip(share.pixels()) {
+        let nearer = if *share > 0.0 { f64::from(*local) / f64::from(*share) } else { 0.0 };
+        *local = (STIFF * nearer / (1.0 - nearer)) as f32;
+    }
+    let is_pulled = local.pixels().iter().any(|weight| *weight > 0.0);
+    let joined = if is_pulled { pulled(PULLS[0], Some(&local)) } else { alone.clone() };
+    for (out, image) in out.as_mut_slice().iter_mut().zip(joined.as_slice()) {
+        let pixels = out.pixels_mut().iter_mut().zip(image.pixels().iter().zip(share.pixels()));
+        pixels.for_each(|(out, (image, share))| *out = share * image);
+    }
+    for k in (1..=others.pulls.len()).filter(|&k| weights.counts(k) && !joins(k)) {
+        weights.add(k, &pulled(others.pulls[k - 1], None), out);
+    }
+    outcome
 }
 
 /// What the blend alone and each way to pull it, in this order, predict at held-out samples; `filled` is the blend of all samples.
@@ -153,7 +186,9 @@ fn held_out(
         for (pull, held) in others.pulls.iter().zip(&mut held[1..]) {
             let mut fill = |_: &Planes, kept: &Arc<Mask>| {
                 let mut image = alone.clone();
-                temporal::pull(kept, (&known, &others.fills), *pull, &mut image, run);
+                let (carried, fills) = (&known, &others.fills);
+                let pulling = Pulling { carried, fills, pull: *pull, weights: None, roughly: true };
+                temporal::pull(kept, &pulling, &mut image, run);
                 Ok(image)
             };
             held.extend(HeldOut::new(given, folds.clone(), None, &mut fill)?);

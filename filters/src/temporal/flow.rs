@@ -96,17 +96,33 @@ fn doubled(size: Size, coarse: &[[f32; 2]]) -> Vec<[f32; 2]> {
 /// One step of all displacements.
 fn step(a: &Planes, b: &Planes, field: &mut Vec<[f32; 2]>) {
     let size = a.size();
+    let count = b.len();
+    // What lies at the displaced places of `b`, plane by plane of each pixel.
+    let mut there = vec![0.0_f32; size.pixels() * count];
+    there.par_chunks_mut(size.width * count).enumerate().for_each(|(row, there)| {
+        for (column, values) in there.chunks_mut(count).enumerate() {
+            let d = field[row * size.width + column];
+            let taps = Taps::new(size, row as f32 + d[0], column as f32 + d[1]);
+            values.iter_mut().zip(b.as_slice()).for_each(|(value, plane)| *value = taps.of(plane) as f32);
+        }
+    });
     // Of each pixel: the products yy, yx, xx of the gradient, and what the gradient says of the difference.
     let terms = |at: usize| {
         let (row, column) = (at / size.width, at % size.width);
-        let (y, x) = (row as f32 + field[at][0], column as f32 + field[at][1]);
-        let place = |dy: f32, dx: f32| Taps::new(size, y + dy, x + dx);
-        let (here, down, up, right, left) =
-            (place(0.0, 0.0), place(0.5, 0.0), place(-0.5, 0.0), place(0.0, 0.5), place(0.0, -0.5));
+        let (up, down) = (row.saturating_sub(1), (row + 1).min(size.height - 1));
+        let (left, right) = (column.saturating_sub(1), (column + 1).min(size.width - 1));
+        let slope = |high: (usize, usize), low: (usize, usize), plane: usize| {
+            let value = |(row, column): (usize, usize)| there[(row * size.width + column) * count + plane];
+            let apart = (high.0 - low.0 + high.1 - low.1).max(1);
+            f64::from(value(high) - value(low)) / apart as f64
+        };
         let mut sums = [0.0_f64; 5];
-        for (a, b) in a.as_slice().iter().zip(b.as_slice()) {
-            let off = f64::from(a.at(row, column)) - here.of(b);
-            let gradient = [down.of(b) - up.of(b), right.of(b) - left.of(b)];
+        for (plane, a) in a.as_slice().iter().enumerate() {
+            let off = f64::from(a.at(row, column) - there[at * count + plane]);
+            let gradient = [
+                slope((down, column), (up, column), plane),
+                slope((row, right), (row, left), plane),
+            ];
             sums[0] += gradient[0] * gradient[0];
             sums[1] += gradient[0] * gradient[1];
             sums[2] += gradient[1] * gradient[1];
