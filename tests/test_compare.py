@@ -198,6 +198,36 @@ def test_flicker_is_the_change_of_the_error_beside_that_of_the_reference(tmp_pat
             assert found == pytest.approx(twin, rel=1e-5)
 
 
+def test_along_the_motion_only_what_changes_on_surfaces_flickers(tmp_path):
+    rows, columns = np.mgrid[0:40, 0:64].astype(np.float64)
+    errors, truths = [], []
+    for number in range(1, 4):
+        across = columns - 2 * number
+        truth = (0.5 + 0.2 * np.sin(rows / 3.0) * np.cos(across / 4.0)).astype(np.float32)
+        # Most of the error moves with the surface.
+        error = np.float32(0.05 * np.sin(rows + across) + 0.004 * number * np.cos(rows / 2.0))
+        vectors = {"motionvector.R": np.full_like(truth, 2.0), "motionvector.G": np.zeros_like(truth)}
+        frames.write(tmp_path / f"r.{number:04}.exr", dict.fromkeys("RGB", truth) | vectors)
+        frames.write(tmp_path / f"t.{number:04}.exr", dict.fromkeys("RGB", truth + error) | vectors)
+        errors.append((truth + error).astype(np.float64) - truth)
+        truths.append(truth.astype(np.float64))
+    report, _ = compare(tmp_path / "r.####.exr", tmp_path / "t.####.exr", tmp_path, "--measures", "flicker,flicker-along")
+    assert not {"flicker-along", "change-along"} & measures(report, frame=0).keys()
+    for number in (1, 2):
+        found = measures(report, frame=number)
+        for measure, images in (("flicker-along", errors), ("change-along", truths)):
+            twin = np.sqrt(np.mean((images[number][:, 2:] - images[number - 1][:, :-2]) ** 2))
+            show(measure, found[measure], twin)
+            assert found[measure] == pytest.approx(twin, rel=1e-5, abs=1e-7)
+        assert found["flicker-along"] < 0.2 * found["flicker"]
+    # Beyond a cut nothing moves from one frame to the next, and nothing is told.
+    noise = np.random.default_rng(5).random((40, 64)).astype(np.float32)
+    for name in ("r", "t"):
+        frames.write(tmp_path / f"{name}.0004.exr", dict.fromkeys("RGB", noise))
+    report, _ = compare(tmp_path / "r.####.exr", tmp_path / "t.####.exr", tmp_path, "--measures", "flicker-along")
+    assert "flicker" in measures(report, frame=3) and "flicker-along" not in measures(report, frame=3)
+
+
 def test_the_gate_decides_the_exit_status_and_names_the_frames(tmp_path):
     sequence(tmp_path)
     pair = (tmp_path / "r.####.exr", tmp_path / "t.####.exr")

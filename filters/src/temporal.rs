@@ -141,6 +141,17 @@ pub(crate) fn pull(mask: &Mask, pulling: &Pulling<'_>, image: &mut Planes, run: 
     worst
 }
 
+/// The part of the squared disagreement of an image with samples of the other frames that are farthest away that levelling them takes away.
+pub(crate) fn levelling(carried: &[Carried], image: &Planes) -> f64 {
+    let farthest = carried.iter().map(|carried| carried.distance).max();
+    let misses = |carried: &Carried| off(carried, image).filter(|off| off.is_finite()).sum::<f64>();
+    let far = carried.iter().filter(|carried| Some(carried.distance) == farthest);
+    let (before, after) = far.fold((0.0, 0.0), |(before, after), carried| {
+        (before + misses(carried), after + misses(&level::levelled(carried, image, None)))
+    });
+    if before > 0.0 { 1.0 - after / before } else { 0.0 }
+}
+
 fn subtract(image: &mut Planes, other: &Planes) {
     for (image, other) in image.as_mut_slice().iter_mut().zip(other.as_slice()) {
         image.pixels_mut().iter_mut().zip(other.pixels()).for_each(|(value, other)| *value -= other);

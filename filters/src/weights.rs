@@ -382,6 +382,35 @@ fn blur(size: Size, cells: &[Products]) -> Vec<Products> {
 mod tests {
     use super::*;
 
+    /// A mean of values is the blend of images of these values.
+    #[test]
+    fn means_are_blends_of_constant_images() {
+        let size = Size::new(50, 40);
+        let mask = Mask::from_fn(size, |y, x| (y + 2 * x) % 4 == 0);
+        let truth = Planes::zeros(size, 1);
+        let at: Vec<u32> = (0..2000).filter(|&pixel| mask.as_slice()[pixel as usize]).collect();
+        // Each candidate is right in a part of the image.
+        let one = |k: usize| {
+            let error = |pixel: &u32| if *pixel as usize / 667 == k { 0.01 } else { 0.1 + 0.1 * k as f32 };
+            let values = at.iter().map(error).collect();
+            HeldOut { at: at.clone(), predicted: vec![values], variance: Vec::new() }
+        };
+        let held: Vec<HeldOut> = (0..3).map(one).collect();
+        let weights = Weights::new(&mask, &truth, &held);
+        assert!(weights.counts(0) && weights.counts(1) && weights.counts(2));
+        let values = [2.0, 0.0, -5.0];
+        let mut blend = Planes::zeros(size, 1);
+        for (k, value) in values.iter().enumerate() {
+            let image = Plane::from_fn(size, |_, _| *value as f32);
+            weights.add(k, &Planes::of(size, vec![image]), &mut blend);
+        }
+        let mean = weights.mean(&values);
+        for (a, b) in mean.pixels().iter().zip(blend.as_slice()[0].pixels()) {
+            assert!((a - b).abs() <= 16.0 * f32::EPSILON, "{a} {b}");
+        }
+        assert!(weights.mean(&[1.0; 3]).pixels().iter().all(|sum| (sum - 1.0).abs() <= 8.0 * f32::EPSILON));
+    }
+
     /// A blend of errors that have nothing in common is better on those that it was learned from than on others, which crossing shows.
     #[test]
     fn a_crossed_blend_is_as_good_as_on_new_samples() {

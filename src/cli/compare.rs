@@ -26,7 +26,7 @@ const MASK: &str =
 /// Measure how far test images are from their references
 ///
 /// Per part, layer and group of channels (R, G and B of a layer together): MSE, RMSE, largest error, PSNR, relative MSE,
-/// PSNR of logarithms, SSIM, counts of NaN and infinities, on request CIELUV, FLIP, HDR-FLIP, flicker and the reference's own change; over the whole
+/// PSNR of logarithms, SSIM, counts of NaN and infinities, on request CIELUV, FLIP, HDR-FLIP, flicker, in place or along the motion, and the reference's own change; over the whole
 /// image, over the missing pixels only, and where the reference's alpha is above 0. The tables go to standard output as
 /// Markdown, unless a report goes there.
 #[derive(Args, Clone, Debug)]
@@ -60,7 +60,8 @@ pub struct CompareArgs {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Measures")]
 struct MeasureArgs {
-    /// Compute these as well, separated by commas: cieluv, flip, hdr-flip, flicker (with change), or all of them with all
+    /// Compute these as well, separated by commas: cieluv, flip, hdr-flip, flicker (with change), flicker-along (along the motion, with
+    /// change-along), or all of them with all
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     measures: Vec<String>,
 
@@ -149,7 +150,7 @@ impl CompareArgs {
                 (_, Some(measure)) => wanted.add(measure),
                 _ => {
                     return Err(Usage(format!(
-                        "--measures: '{name}' is no measure; those on request are cieluv, flip, hdr-flip, flicker, change and all"
+                        "--measures: '{name}' is no measure; those on request are cieluv, flip, hdr-flip, flicker, change, flicker-along, change-along and all"
                     )));
                 }
             }

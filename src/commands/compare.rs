@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use lacuna_exr::{Frame, Part};
 
@@ -16,8 +16,8 @@ use crate::files::reports::is_standard_output;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
 use crate::report::{
-    self, Changes, Comparison, Flicker, FrameReport, Gate, Images, Kind, MOST_PIXELS, Maps, Measure, Picture,
-    Settings,
+    self, Changed, Comparison, Flicker, FrameReport, Gate, Images, Kind, MOST_PIXELS, Maps, Measure, Pair,
+    Picture, Settings,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::console::{Console, Verbosity};
@@ -258,8 +258,15 @@ impl<'a> Compare<'a> {
         found.pictures[index] = seen.picture;
         keep_the_worst(&mut found.pictures);
         if wants_changes {
-            for (at, label, changes) in found.flicker.enter(index, seen.colours) {
-                enter_changes(&mut found.frames[at], &label, changes);
+            let moving = self.job.settings.wanted.has_motion().then(|| Arc::new(reference));
+            let pairs = found.flicker.enter(index, seen.colours, moving);
+            drop(found);
+            // Motion takes its time, and others shall not wait for it.
+            let changes: Vec<Changed> =
+                stage.solve(record, || pairs.iter().flat_map(Pair::changes).collect());
+            let mut found = self.found();
+            for changed in changes {
+                enter_changes(&mut found.frames[changed.index], &changed);
             }
         }
         Ok(())
@@ -423,15 +430,19 @@ fn keep_the_worst(pictures: &mut [Option<Picture>]) {
 }
 
 /// Enters what changed where it was measured: in the missing pixels, or everywhere if there is no mask.
-fn enter_changes(frame: &mut FrameReport, label: &str, changes: Changes) {
-    let group = frame.groups.iter_mut().find(|group| group.label() == label);
+fn enter_changes(frame: &mut FrameReport, changed: &Changed) {
+    let group = frame.groups.iter_mut().find(|group| group.label() == changed.label);
     let regions = group.map(|group| &mut group.regions);
     let region = regions.and_then(|regions| {
         let missing = regions.iter().position(|region| region.region == "missing").unwrap_or(0);
         regions.get_mut(missing)
     });
     if let Some(region) = region {
-        region.measures.set(Measure::Flicker, changes.flicker);
-        region.measures.set(Measure::Change, changes.truth);
+        region.measures.set(Measure::Flicker, changed.still.flicker);
+        region.measures.set(Measure::Change, changed.still.truth);
+        if let Some(along) = changed.along {
+            region.measures.set(Measure::FlickerAlong, along.flicker);
+            region.measures.set(Measure::ChangeAlong, along.truth);
+        }
     }
 }

@@ -87,10 +87,7 @@ impl Gate {
             frame.notes.iter().filter(|note| note.ends_with("in the reference only")).cloned().collect();
         failures.extend(frame.groups.iter().filter_map(not_finite));
         for (bounds, below) in [(&self.below, true), (&self.above, false)] {
-            for bound in bounds
-                .iter()
-                .filter(|bound| !(first && matches!(bound.measure, Measure::Flicker | Measure::Change)))
-            {
+            for bound in bounds.iter().filter(|bound| !(first && bound.measure.is_change())) {
                 let groups = bounded(frame, bound);
                 if groups.is_empty() {
                     failures.push(format!("there is nothing to tell {} of", bound.measure.name()));

@@ -34,6 +34,10 @@ pub enum Measure {
     Flicker,
     /// The same of the reference itself.
     Change,
+    /// Root mean square of the change of the error along the motion since the frame before.
+    FlickerAlong,
+    /// The same of the reference itself.
+    ChangeAlong,
     /// Values whose bits differ.
     Different,
     /// NaNs in the test image.
@@ -68,6 +72,20 @@ const TABLE: &[Row] = &[
         "change",
         "",
         "RMS change of the reference since the frame before, beside flicker",
+        false,
+    ),
+    Row(
+        Measure::FlickerAlong,
+        "flicker-along",
+        "",
+        "RMS change of the error along the motion since the frame before",
+        false,
+    ),
+    Row(
+        Measure::ChangeAlong,
+        "change-along",
+        "",
+        "RMS change of the reference along the motion since the frame before, beside flicker-along",
         false,
     ),
     Row(Measure::Different, "different", "", "values whose bits differ", false),
@@ -112,6 +130,11 @@ impl Measure {
         TABLE.iter().find(|row| row.1 == name).map(|row| row.0)
     }
 
+    /// Whether it is of a frame and the one before.
+    pub fn is_change(self) -> bool {
+        matches!(self, Self::Flicker | Self::Change | Self::FlickerAlong | Self::ChangeAlong)
+    }
+
     /// Whether it counts things.
     pub fn is_count(self) -> bool {
         matches!(
@@ -132,8 +155,15 @@ impl Measure {
 pub struct Wanted(BTreeSet<Measure>);
 
 impl Wanted {
-    const DEAR: [Measure; 5] =
-        [Measure::Cieluv, Measure::Flip, Measure::HdrFlip, Measure::Flicker, Measure::Change];
+    const DEAR: [Measure; 7] = [
+        Measure::Cieluv,
+        Measure::Flip,
+        Measure::HdrFlip,
+        Measure::Flicker,
+        Measure::Change,
+        Measure::FlickerAlong,
+        Measure::ChangeAlong,
+    ];
 
     /// All of them.
     pub fn all() -> Self {
@@ -149,7 +179,12 @@ impl Wanted {
 
     /// Whether anything is wanted of frames in a row.
     pub fn has_changes(&self) -> bool {
-        self.has(Measure::Flicker) || self.has(Measure::Change)
+        self.0.iter().any(|measure| measure.is_change())
+    }
+
+    /// Whether motion is to be followed.
+    pub fn has_motion(&self) -> bool {
+        self.has(Measure::FlickerAlong) || self.has(Measure::ChangeAlong)
     }
 
     /// Whether a dear measure is wanted.

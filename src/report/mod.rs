@@ -9,6 +9,7 @@
 
 mod compare;
 mod csv;
+mod flicker;
 mod gate;
 mod groups;
 mod html;
@@ -24,11 +25,12 @@ mod values;
 pub use compare::{Error, compare};
 pub use csv::csv;
 pub(crate) use csv::csv_line;
+pub use flicker::{Changed, Colours, Flicker, Pair};
 pub use gate::{Bound, Gate, GateError};
 pub use groups::Kind;
 pub(crate) use html::{Filled, FilledPictures, base64, escape, filled, shell};
 pub use html::{MOST_PIXELS, Picture, html};
-pub use images::{Changes, Colours, Flicker, Images};
+pub use images::Images;
 pub use maps::Maps;
 pub use markdown::markdown;
 pub use measure::{Measure, Wanted};

@@ -22,7 +22,7 @@ pub struct Carrier<'a> {
     neighbour: &'a Neighbour,
     part: usize,
     /// Of each pixel of the neighbour: row and column.
-    places: Vec<[f32; 2]>,
+    pub places: Vec<[f32; 2]>,
     /// The same by motion that does not know the samples that judge, where it was estimated.
     judged: Option<Vec<[f32; 2]>>,
     /// What the motion is known from.
@@ -165,7 +165,8 @@ fn carrier<'a>(
         if motion == Motion::Flow || !blind.still {
             let filled =
                 (reference.sharp)(&samples, &mask).ok_or("it cannot be filled to estimate motion from")?;
-            let judged = Some(flow::estimate(&filled, &blind.filled));
+            // Of a complete frame nothing is judged.
+            let judged = (!reference.mask.is_full()).then(|| flow::estimate(&filled, &blind.filled));
             return Ok(Carrier { judged, ..make(flow::estimate(&filled, &blind.whole), "flow") });
         }
     }

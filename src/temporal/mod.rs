@@ -1,5 +1,6 @@
 //! Frames beside the one that is filled: which they are, and where their samples lie in it.
 
+mod between;
 mod blind;
 mod camera;
 mod carriers;
@@ -9,6 +10,7 @@ mod reading;
 mod reference;
 mod vectors;
 
+pub use between::between;
 pub use carriers::{Carrier, carriers};
 pub use neighbours::{Neighbour, NeighbourFiles, Neighbours, numbers};
 pub use reference::Reference;

@@ -26,6 +26,8 @@ const FIRM: Pull = Pull { weight: 1e6, levelled: false };
 const STIFF: f64 = 30.0;
 /// What reports call them.
 const NAME: &str = "neighbours";
+/// The part of the disagreement of moving samples that levelling takes away where brightness changes; with constant light it is 0.5 to 0.65.
+const CHANGES: f64 = 0.75;
 /// What other frames must take away of the squared error to be used.
 const WORTH: f64 = 0.05;
 /// The share of the squared error that taking them as they are may cost by held-out samples.
@@ -88,8 +90,8 @@ pub fn pulled(
     out: &mut Planes,
     run: &Run<'_>,
 ) -> Result<Option<Along>, Error> {
-    let others = Others::new(samples, carried, run)?;
-    let held = held_out(own, (all, weights), (samples, &others), out, run)?;
+    let mut others = Others::new(samples, carried, run)?;
+    let held = held_out(own, (all, weights), (samples, &mut others), out, run)?;
     if run.interrupted().is_some() || held[0].at.is_empty() {
         return Ok(None);
     }
@@ -114,13 +116,7 @@ pub fn pulled(
 
 /// Makes `out`, the blend alone, what all ways to pull make of it by their weights. Those that differ in what the samples weigh are one, whose
 /// samples weigh between them: where the energy weighs `h` at a pixel, it comes nearer to them by about `w / (h + w)`.
-fn blended(
-    mask: &Mask,
-    others: &Others<'_>,
-    weights: &Weights,
-    out: &mut Planes,
-    run: &Run<'_>,
-) -> Outcome {
+fn blended(mask: &Mask, others: &Others<'_>, weights: &Weights, out: &mut Planes, run: &Run<'_>) -> Outcome {
     let alone = std::mem::replace(out, Planes::zeros(out.size(), out.len()));
     let mut outcome = Outcome::direct();
     let mut pulled = |pull: Pull, local: Option<&Plane>| {
@@ -157,7 +153,7 @@ fn blended(
 fn held_out(
     own: &Blend,
     (all, weights): (&mut [Candidate<'_>], &Weights),
-    (samples, others): (&Planes, &Others<'_>),
+    (samples, others): (&Planes, &mut Others<'_>),
     filled: &Planes,
     run: &Run<'_>,
 ) -> Result<Vec<HeldOut>, Error> {
@@ -183,6 +179,12 @@ fn held_out(
             standing.complete(&mut known, &others.fills);
         }
         held[0].extend(fold);
+        // Levelling costs as much as all else.
+        let first = held[1].at.is_empty();
+        if first && !others.whole && temporal::levelling(&known, &alone) < CHANGES {
+            others.pulls.retain(|pull| !pull.levelled);
+            held.truncate(1 + others.pulls.len());
+        }
         for (pull, held) in others.pulls.iter().zip(&mut held[1..]) {
             let mut fill = |_: &Planes, kept: &Arc<Mask>| {
                 let mut image = alone.clone();

@@ -119,10 +119,8 @@ fn step(a: &Planes, b: &Planes, field: &mut Vec<[f32; 2]>) {
         let mut sums = [0.0_f64; 5];
         for (plane, a) in a.as_slice().iter().enumerate() {
             let off = f64::from(a.at(row, column) - there[at * count + plane]);
-            let gradient = [
-                slope((down, column), (up, column), plane),
-                slope((row, right), (row, left), plane),
-            ];
+            let gradient =
+                [slope((down, column), (up, column), plane), slope((row, right), (row, left), plane)];
             sums[0] += gradient[0] * gradient[0];
             sums[1] += gradient[0] * gradient[1];
             sums[2] += gradient[1] * gradient[1];

@@ -118,6 +118,8 @@ fn plots(comparison: &Comparison, page: &mut String) {
         Measure::HdrFlip,
         Measure::Flicker,
         Measure::Change,
+        Measure::FlickerAlong,
+        Measure::ChangeAlong,
     ] {
         let lines: Vec<_> = ["all", "missing", "alpha"]
             .into_iter()
@@ -147,7 +149,8 @@ fn about(comparison: &Comparison, pictures: &[Option<Picture>], page: &mut Strin
         "<section><h2>Settings and measures</h2>\n<p>{}.</p>\n<dl class=\"measures\">",
         escape(&settings(comparison))
     );
-    for measure in comparison.measures_in("all").into_iter().chain([Measure::Flicker, Measure::Change]) {
+    let changes = Measure::all().filter(|measure| measure.is_change());
+    for measure in comparison.measures_in("all").into_iter().chain(changes) {
         let _ = write!(page, "<dt>{}</dt><dd>{}</dd>", measure.name(), escape(measure.explanation()));
     }
     page.push_str("</dl>\n");

@@ -9,7 +9,7 @@ use crate::report::measure::Measure;
 use crate::report::model::{Comparison, FrameReport, GroupReport};
 
 /// Measures of the main table, each over the whole image and over the missing pixels.
-const COLUMNS: [Measure; 8] = [
+const COLUMNS: [Measure; 10] = [
     Measure::Psnr,
     Measure::Ssim,
     Measure::Max,
@@ -18,6 +18,8 @@ const COLUMNS: [Measure; 8] = [
     Measure::HdrFlip,
     Measure::Flicker,
     Measure::Change,
+    Measure::FlickerAlong,
+    Measure::ChangeAlong,
 ];
 
 /// The head of a measure's column.

@@ -1,0 +1,288 @@
+//! The change of the error from frame to frame: how much a result trembles where its reference does not.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use lacuna_exr::Frame;
+use lacuna_filters::{Plane, Size};
+
+use super::groups::Kind;
+use super::images::Images;
+use crate::temporal;
+
+/// The colours of one group of a frame.
+#[derive(Debug)]
+pub struct Colours {
+    /// Index of the part in the reference.
+    part: usize,
+    /// The full names of the channels.
+    channels: Vec<String>,
+    /// By channel, what the test image is off by.
+    errors: Vec<Plane>,
+    /// By channel, the reference.
+    reference: Vec<Plane>,
+    /// The pixels that were not measured, if that is known.
+    missing: Option<Vec<bool>>,
+}
+
+/// What changed from one frame to the next: root mean squares over the channels, and over the pixels that are missing in either frame (all pixels,
+/// if there is no mask). Values that are not finite count as 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Changes {
+    /// Of the error.
+    pub flicker: f64,
+    /// Of the reference.
+    pub truth: f64,
+}
+
+/// Changes of one group since the frame before.
+#[derive(Clone, Debug)]
+pub struct Changed {
+    /// Where the frame stands in the sequence.
+    pub index: usize,
+    /// The group's label.
+    pub label: String,
+    /// At every pixel.
+    pub still: Changes,
+    /// Along the motion, where that was asked for and is known.
+    pub along: Option<Changes>,
+}
+
+/// Two frames in a row that are both there.
+pub struct Pair {
+    index: usize,
+    before: Arc<Moment>,
+    now: Arc<Moment>,
+}
+
+/// What is kept of a frame until those beside it have come.
+struct Moment {
+    /// By their labels.
+    groups: BTreeMap<String, Colours>,
+    /// The frame's reference, where motion is to be followed.
+    reference: Option<Arc<Frame>>,
+}
+
+/// Pairs up the frames of a sequence, in whatever order they come.
+#[derive(Default)]
+pub struct Flicker {
+    /// By the frame's index; nothing for one that is not needed any more.
+    waiting: BTreeMap<usize, Option<Arc<Moment>>>,
+}
+
+impl Flicker {
+    /// A group's colours, to be given to [`Flicker::enter`].
+    pub fn colours(images: &Images<'_>) -> Option<(String, Colours)> {
+        if images.report.kind != Kind::Colour {
+            return None;
+        }
+        let finite = |value: f32| if value.is_finite() { value } else { 0.0 };
+        let map = |plane: &Plane, value: &dyn Fn(usize, f32) -> f32| {
+            let mut plane = plane.clone();
+            plane.pixels_mut().iter_mut().enumerate().for_each(|(at, own)| *own = finite(value(at, *own)));
+            plane
+        };
+        let pairs = images.reference.iter().zip(images.test);
+        let errors = pairs.map(|(r, t)| map(t, &|at, own| own - r.pixels()[at])).collect();
+        let reference = images.reference.iter().map(|plane| map(plane, &|_, own| own)).collect();
+        let missing = images.mask.map(|mask| mask.as_slice().iter().map(|flag| !flag).collect());
+        let (part, channels) = (images.report.part, images.report.channels.clone());
+        Some((images.report.label(), Colours { part, channels, errors, reference, missing }))
+    }
+
+    /// Enters the groups of frame number `index` of the sequence, and its reference if motion is to be followed. Returns the pairs that are
+    /// complete now.
+    pub fn enter(
+        &mut self,
+        index: usize,
+        groups: Vec<(String, Colours)>,
+        reference: Option<Arc<Frame>>,
+    ) -> Vec<Pair> {
+        let moment = Moment { groups: groups.into_iter().collect(), reference };
+        self.waiting.insert(index, Some(Arc::new(moment)));
+        let of = |at: usize| self.waiting.get(&at).cloned().flatten();
+        let pair =
+            |later: usize| Some(Pair { index: later, before: of(later.checked_sub(1)?)?, now: of(later)? });
+        let found = [index, index + 1].into_iter().filter_map(pair).collect();
+        // A frame both of whose neighbours have come is not needed any more.
+        let done = |at: &usize| {
+            let before = *at == 0 || self.waiting.contains_key(&(at - 1));
+            before && self.waiting.contains_key(&(at + 1))
+        };
+        let all = [index.saturating_sub(1), index, index + 1];
+        for at in all.into_iter().filter(done).collect::<Vec<_>>() {
+            self.waiting.entry(at).and_modify(|moment| *moment = None);
+        }
+        found
+    }
+}
+
+impl Pair {
+    /// What changed, group by group.
+    pub fn changes(&self) -> Vec<Changed> {
+        let mut motion: BTreeMap<usize, Option<Vec<[f32; 2]>>> = BTreeMap::new();
+        let mut found = Vec::new();
+        for (label, now) in &self.now.groups {
+            let Some(before) = self.before.groups.get(label) else { continue };
+            let Some(still) = Changes::between(before, now) else { continue };
+            let places = motion.entry(now.part).or_insert_with(|| self.motion(now));
+            let along = places.as_ref().and_then(|places| Changes::along(before, now, places));
+            found.push(Changed { index: self.index, label: label.clone(), still, along });
+        }
+        found
+    }
+
+    /// Where each pixel of the reference before lies in this one, as these colours show.
+    fn motion(&self, colours: &Colours) -> Option<Vec<[f32; 2]>> {
+        let frames = (self.before.reference.as_ref()?, self.now.reference.as_ref()?);
+        temporal::between(frames, colours.part, &colours.channels)
+    }
+}
+
+impl Changes {
+    fn between(before: &Colours, now: &Colours) -> Option<Self> {
+        let missing = |at: usize| is_missing([(before, at), (now, at)]);
+        let flicker = change((&before.errors, &now.errors), &missing)?;
+        Some(Self { flicker, truth: change((&before.reference, &now.reference), &missing)? })
+    }
+
+    /// From each pixel of the frame before to the place in this one where it lies, between pixels linearly; places outside of the image and those
+    /// that are not known do not count.
+    fn along(before: &Colours, now: &Colours, places: &[[f32; 2]]) -> Option<Self> {
+        let size = now.errors.first()?.size();
+        let same = |colours: &Colours| colours.errors.iter().all(|plane| plane.size() == size);
+        if !same(before) || !same(now) || before.errors.len() != now.errors.len() {
+            return None;
+        }
+        let inside = |[y, x]: [f32; 2]| {
+            (0.0..=(size.height - 1) as f32).contains(&y) && (0.0..=(size.width - 1) as f32).contains(&x)
+        };
+        let near = |[y, x]: [f32; 2]| y.round() as usize * size.width + x.round() as usize;
+        let counts = |(at, place): &(usize, [f32; 2])| {
+            inside(*place) && is_missing([(before, *at), (now, near(*place))])
+        };
+        let pixels: Vec<(usize, [f32; 2])> = places.iter().copied().enumerate().filter(counts).collect();
+        let change = |before: &[Plane], now: &[Plane]| {
+            let one = |(before, now): (&Plane, &Plane)| -> f64 {
+                let moved = |(at, place): &(usize, [f32; 2])| between(now, *place) - before.pixels()[*at];
+                pixels.iter().map(|pixel| f64::from(moved(pixel)).powi(2)).sum()
+            };
+            let count = pixels.len() * before.len();
+            let squares: f64 = before.iter().zip(now).map(one).sum();
+            (count > 0).then(|| (squares / count as f64).sqrt())
+        };
+        let flicker = change(&before.errors, &now.errors)?;
+        Some(Self { flicker, truth: change(&before.reference, &now.reference)? })
+    }
+}
+
+/// The value of a plane between its pixels, linearly.
+fn between(plane: &Plane, [y, x]: [f32; 2]) -> f32 {
+    let Size { height, width } = plane.size();
+    let (top, left) = (y as usize, x as usize);
+    let (bottom, right) = ((top + 1).min(height - 1), (left + 1).min(width - 1));
+    let (down, across) = (y - top as f32, x - left as f32);
+    let row = |row: usize| plane.at(row, left) + across * (plane.at(row, right) - plane.at(row, left));
+    row(top) + down * (row(bottom) - row(top))
+}
+
+/// Whether one of two pixels was not measured, or nothing is known of either.
+fn is_missing(pixels: [(&Colours, usize); 2]) -> bool {
+    let known =
+        pixels.map(|(colours, at)| colours.missing.as_ref().map(|flags| flags.get(at) == Some(&true)));
+    known.iter().all(Option::is_none) || known.into_iter().flatten().any(|missing| missing)
+}
+
+/// The root mean square of what planes differ by in some of the pixels; nothing if there are none, or the planes do not match.
+fn change((before, now): (&[Plane], &[Plane]), counts: &dyn Fn(usize) -> bool) -> Option<f64> {
+    let (mut squares, mut count) = (0.0_f64, 0_usize);
+    if before.len() != now.len() {
+        return None;
+    }
+    for (before, now) in before.iter().zip(now) {
+        if before.size() != now.size() {
+            return None;
+        }
+        for (at, (before, now)) in before.pixels().iter().zip(now.pixels()).enumerate() {
+            if counts(at) {
+                squares += f64::from(now - before).powi(2);
+                count += 1;
+            }
+        }
+    }
+    (count > 0).then(|| (squares / count as f64).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    /// An error, and a reference that is twice as large.
+    fn colours(value: f32, missing: Option<Vec<bool>>) -> Vec<(String, Colours)> {
+        let plane = |value: f32| vec![Plane::new(Size::new(1, 2), vec![value, 0.0]).unwrap()];
+        let (errors, reference) = (plane(value), plane(2.0 * value));
+        vec![("RGB".into(), Colours { part: 0, channels: Vec::new(), errors, reference, missing })]
+    }
+
+    fn enter(flicker: &mut Flicker, index: usize, groups: Vec<(String, Colours)>) -> Vec<(usize, Changes)> {
+        let pairs = flicker.enter(index, groups, None);
+        pairs.iter().flat_map(Pair::changes).map(|changed| (changed.index, changed.still)).collect()
+    }
+
+    #[test]
+    fn pairs_are_found_in_any_order_and_once() {
+        let of = |number: usize, flicker: f64| (number, Changes { flicker, truth: 2.0 * flicker });
+        let mut flicker = Flicker::default();
+        let root = std::f64::consts::FRAC_1_SQRT_2;
+        assert!(enter(&mut flicker, 2, colours(3.0, None)).is_empty());
+        assert!(enter(&mut flicker, 0, colours(0.0, None)).is_empty());
+        let found = enter(&mut flicker, 1, colours(1.0, None));
+        assert_eq!(found.iter().map(|(index, _)| *index).collect::<Vec<_>>(), [1, 2]);
+        for ((_, found), truth) in found.iter().zip([root, 2.0 * root]) {
+            assert!((found.flicker - truth).abs() < 1e-15 && (found.truth - 2.0 * truth).abs() < 1e-15);
+        }
+        assert_eq!(enter(&mut flicker, 4, colours(1.0, None)), []);
+        assert_eq!(enter(&mut flicker, 3, colours(3.0, None)), [of(3, 0.0), of(4, 2.0 * root)]);
+    }
+
+    #[test]
+    fn only_missing_pixels_count() {
+        let mut flicker = Flicker::default();
+        enter(&mut flicker, 0, colours(0.0, Some(vec![true, false])));
+        let mut next = |index, value, flags: [bool; 2]| {
+            enter(&mut flicker, index, colours(value, Some(flags.to_vec())))[0].1
+        };
+        assert_eq!(next(1, 2.0, [false, false]), Changes { flicker: 2.0, truth: 4.0 });
+        assert_eq!(next(2, 0.0, [false, true]), Changes { flicker: 0.0, truth: 0.0 });
+        assert_eq!(next(3, 0.0, [false, false]), Changes { flicker: 0.0, truth: 0.0 });
+    }
+
+    /// Errors that move with what they are errors of do not flicker.
+    #[test]
+    fn along_the_motion_only_what_changes_on_a_surface_counts() {
+        let size = Size::new(6, 9);
+        let colours = |shift: f32, more: f32| {
+            let error = Plane::from_fn(size, |y, x| 0.1 * y as f32 + 0.2 * (x as f32 - shift) + more);
+            Colours {
+                part: 0,
+                channels: Vec::new(),
+                reference: vec![error.clone()],
+                errors: vec![error],
+                missing: None,
+            }
+        };
+        let (before, now) = (colours(0.0, 0.0), colours(1.5, 0.25));
+        let place = |at: usize| match at {
+            // Not known, and outside.
+            3 => [f32::NAN; 2],
+            4 => [-0.5, 2.0],
+            _ => [(at / 9) as f32, (at % 9) as f32 + 1.5],
+        };
+        let places: Vec<_> = (0..54).map(place).collect();
+        let found = Changes::along(&before, &now, &places).unwrap();
+        assert!((found.flicker - 0.25).abs() < 1e-6 && (found.truth - 0.25).abs() < 1e-6, "{found:?}");
+        // In place it is the slope's as well.
+        let still = Changes::between(&before, &now).unwrap();
+        assert!((still.flicker - 0.05).abs() < 1e-6, "{still:?}");
+        assert_eq!(Changes::along(&before, &now, &[[f32::NAN; 2]; 54]), None);
+    }
+}
