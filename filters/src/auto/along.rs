@@ -26,8 +26,6 @@ const FIRM: Pull = Pull { weight: 1e6, levelled: false };
 const STIFF: f64 = 30.0;
 /// What reports call them.
 const NAME: &str = "neighbours";
-/// The part of the disagreement of moving samples that levelling takes away where brightness changes; with constant light it is 0.5 to 0.65.
-const CHANGES: f64 = 0.75;
 /// What other frames must take away of the squared error to be used.
 const WORTH: f64 = 0.05;
 /// The share of the squared error that taking them as they are may cost by held-out samples.
@@ -181,7 +179,7 @@ fn held_out(
         held[0].extend(fold);
         // Levelling costs as much as all else.
         let first = held[1].at.is_empty();
-        if first && !others.whole && temporal::levelling(&known, &alone) < CHANGES {
+        if first && !others.whole && !temporal::brightness_changes(&known, &alone) {
             others.pulls.retain(|pull| !pull.levelled);
             held.truncate(1 + others.pulls.len());
         }

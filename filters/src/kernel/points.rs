@@ -15,17 +15,33 @@ fn firm(weight: f64, most: f64) -> f64 {
     if weight.is_finite() { weight * most / (weight + most) } else { most }
 }
 
-/// Where the first of the four cells around a pixel stands, and the weights of that, the next in its row, and the two below.
-fn bilinear(window: Window, cell: (usize, usize), (y, x): (usize, usize)) -> (usize, [f64; 4]) {
-    let place = |at: usize, cell: usize, n: usize| {
-        let centre = (at as f64 + 0.5) / cell as f64 - 0.5;
-        let first = centre.max(0.0).min((n as f64 - 2.0).max(0.0)) as usize;
-        // A lone cell takes all.
-        (first, if n > 1 { centre - first as f64 } else { 0.0 })
-    };
-    let ((i, down), (j, right)) = (place(y, cell.0, window.height), place(x, cell.1, window.width));
-    let v = [(1.0 - down) * (1.0 - right), (1.0 - down) * right, down * (1.0 - right), down * right];
-    (window.at(i, j), v)
+/// The cells around pixels of the finest grid, axis by axis.
+struct Cells {
+    window: Window,
+    /// Of each row and of each column of pixels: the first of two cells, and the weight of the second.
+    axes: [Vec<(usize, f64)>; 2],
+}
+
+impl Cells {
+    fn new(window: Window, cell: (usize, usize)) -> Self {
+        let axis = |cell: usize, n: usize| {
+            let place = |at: usize| {
+                let centre = (at as f64 + 0.5) / cell as f64 - 0.5;
+                let first = centre.max(0.0).min((n as f64 - 2.0).max(0.0)) as usize;
+                // A lone cell takes all.
+                (first, if n > 1 { centre - first as f64 } else { 0.0 })
+            };
+            (0..cell * n).map(place).collect()
+        };
+        Self { window, axes: [axis(cell.0, window.height), axis(cell.1, window.width)] }
+    }
+
+    /// Where the first of the four cells around a pixel stands, and the weights of that, the next in its row, and the two below.
+    fn around(&self, (y, x): (usize, usize)) -> (usize, [f64; 4]) {
+        let ((i, down), (j, right)) = (self.axes[0][y], self.axes[1][x]);
+        let v = [(1.0 - down) * (1.0 - right), (1.0 - down) * right, down * (1.0 - right), down * right];
+        (self.window.at(i, j), v)
+    }
 }
 
 /// Sets `pull` to the right-hand side of points that ask for these values instead of zeros: the sum of `w v` times the value.
@@ -38,8 +54,9 @@ pub fn pull<T: Real>(
     pull: &mut [T],
 ) {
     pull.fill(T::ZERO);
+    let cells = Cells::new(window, cell);
     for (&(y, x, weight), value) in points.iter().zip(values) {
-        let (at, v) = bilinear(window, cell, (y, x));
+        let (at, v) = cells.around((y, x));
         let below = at + window.stride();
         let force = firm(weight, most) * value;
         for (at, v) in [at, at + 1, below, below + 1].into_iter().zip(v) {
@@ -67,9 +84,10 @@ impl<T: Real> Points<T> {
     /// weight is that of two springs in a row, the point's own and the grid's.
     pub fn new(window: Window, cell: (usize, usize), points: &[Point], most: f64) -> Self {
         let mut planes: Vec<Vec<T>> = (0..5).map(|_| window.zeros()).collect();
+        let cells = Cells::new(window, cell);
         for &(y, x, weight) in points {
             let weight = firm(weight, most);
-            let (at, v) = bilinear(window, cell, (y, x));
+            let (at, v) = cells.around((y, x));
             let below = at + window.stride();
             let mut add = |plane: usize, at: usize, a: usize, b: usize| {
                 planes[plane][at] += T::from_f64(weight * v[a] * v[b]);

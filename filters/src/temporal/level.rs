@@ -18,12 +18,14 @@
 //!
 //! Source: W. Cleveland, S. Devlin, "Locally weighted regression", Journal of the American Statistical Association 83, 1988.
 
-use super::{Carried, HALF, Taps, carried, wide};
+use super::{Carried, HALF, Taps, carried, off, wide};
 use crate::kernel::blur::blur;
 use crate::{Mask, Planes, Size};
 
 /// Width of the Gaussian, in spacings of the pairs.
 const SPREAD: f64 = 1.0;
+/// The same where it is only asked whether brightness changes.
+const WIDE: f64 = 6.0;
 
 /// The other frame's own fill where both stand on the same pixels, and this frame's samples.
 #[derive(Clone, Copy)]
@@ -38,6 +40,17 @@ pub struct Both<'a> {
 
 /// The samples with values as this frame would show them, of which `image` is known.
 pub fn levelled(carried: &Carried, image: &Planes, both: Option<Both<'_>>) -> Carried {
+    levelled_within(SPREAD, carried, image, both)
+}
+
+/// The part of the squared disagreement of an image with samples that levelling over a wide Gaussian takes away: little but where brightness changes.
+pub fn gain(carried: &Carried, image: &Planes) -> f64 {
+    let misses = |carried: &Carried| off(carried, image).filter(|off| off.is_finite()).sum::<f64>();
+    let before = misses(carried);
+    if before > 0.0 { 1.0 - misses(&levelled_within(WIDE, carried, image, None)) / before } else { 0.0 }
+}
+
+fn levelled_within(spread: f64, carried: &Carried, image: &Planes, both: Option<Both<'_>>) -> Carried {
     let size = image.size();
     let mut own = carried.clone();
     own.judged = None;
@@ -56,7 +69,7 @@ pub fn levelled(carried: &Carried, image: &Planes, both: Option<Both<'_>>) -> Ca
                 sums.add(at, f64::from(fill.pixels()[at]), f64::from(samples.pixels()[at]));
             }
         }
-        let maps = sums.around();
+        let maps = sums.around(spread);
         for (value, at) in values.iter_mut().zip(&at) {
             *value = maps.of(*at, f64::from(*value), ridge) as f32;
         }
@@ -84,9 +97,9 @@ impl Moments {
     }
 
     /// Of the pairs around each pixel.
-    fn around(self) -> Self {
+    fn around(self, spread: f64) -> Self {
         let spacing = (self.size.pixels() as f64 / self.pairs.max(1) as f64).sqrt();
-        let sigma = SPREAD * spacing;
+        let sigma = spread * spacing;
         Self { sums: self.sums.map(|sums| blur(self.size, &sums, sigma)), ..self }
     }
 
