@@ -19,8 +19,8 @@
 //! that the others teach. `A` is summed in cells of half the Gaussian's width; in each the small quadratic problem is solved by trying all sets
 //! of candidates (`weights`). Between cells weights are interpolated linearly. Measured pixels keep their bits.
 //!
-//! Samples of other frames ([`crate::temporal`]), where there are any, pull the blend towards them, with two weights and levelled; what was held out
-//! chooses between these and the blend as before (`along`).
+//! Samples of other frames ([`crate::temporal`]), where there are any, pull the blend towards them, as firmly at each place as what was held out
+//! says; where brightness changes, levelled ones as well (`along`).
 //!
 //! Boundary: that of the candidates. No settings. The same bits for any number of threads.
 //!

@@ -5,6 +5,7 @@ sequence, the mean of its inner frames. Flicker is the root mean square change o
 Seconds are those that processors were busy.
 """
 
+import json
 import os
 import pathlib
 import re
@@ -126,6 +127,17 @@ class Measures:
         self.flicker, self.change = (float(change(images)) if pairs else 0.0 for images in (errors, truth))
 
 
+def along(folder, kind, frames):
+    """Flicker along the motion and the change of the reference, by `lacuna compare`."""
+    report = folder / "along.json"
+    report.unlink(missing_ok=True)
+    lacuna("compare", name(folder, "full"), name(folder, kind), "--frames", span(frames), "--measures", "flicker-along", "--json", report)
+    groups = [group for frame in json.loads(report.read_text())["frames"] for group in frame["groups"] if group["channels"] == ["R", "G", "B"]]
+    missing = [region["measures"] for group in groups for region in group["regions"] if region["region"] == "missing"]
+    values = lambda measure: [measures[measure] for measures in missing if measure in measures]
+    return [float(np.sqrt(np.mean(np.square(values(measure))))) for measure in ("flicker-along", "change-along")]
+
+
 def table(*head):
     print("\n| " + " | ".join(head) + " |\n|---|" + "---:|" * (len(head) - 1), flush=True)
 
@@ -136,12 +148,15 @@ def row(*cells):
 
 def turntables(work, scenes=(*SCENES, *OTHERS)):
     """Half a degree a frame, by depth and camera and by estimated motion."""
-    table("turntable", *WAYS, *(f"flicker: {way}" for way in WAYS), "true change")
+    table("turntable", *WAYS, *(f"flicker: {way}" for way in WAYS), "true change", *(f"along the motion: {way}" for way in WAYS), "true change")
     for scene in scenes:
         folder = turntable(work, scene)
         if folder:
-            found = [Measures(folder, fill(folder, way, ["--guides", "none", *words], INNER)[0], INNER) for way, words in WAYS.items()]
-            row(scene, *(f"{one.mean:.2f}" for one in found), *(f"{one.flicker:.4f}" for one in found), f"{found[0].change:.4f}")
+            kinds = [fill(folder, way, ["--guides", "none", *words], INNER)[0] for way, words in WAYS.items()]
+            found = [Measures(folder, kind, INNER) for kind in kinds]
+            moving = [along(folder, kind, INNER) for kind in kinds]
+            row(scene, *(f"{one.mean:.2f}" for one in found), *(f"{one.flicker:.4f}" for one in found), f"{found[0].change:.4f}",
+                *(f"{one[0]:.4f}" for one in moving), f"{moving[0][1]:.4f}")
 
 
 def dense(work, scenes=SCENES):
