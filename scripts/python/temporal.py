@@ -75,10 +75,10 @@ def render(folder, scene, frames, size, *words):
     return True
 
 
-def sparse(folder, work, size, frames):
+def sparse(folder, work, size, frames, *words):
     if not name(folder, "sparse", frames[-1]).exists():
         (folder / "sparse").mkdir(exist_ok=True)
-        lacuna("sparsify", name(folder, "full"), "-o", name(folder, "sparse"), "--mask", masks(work, size, frames), "--frames", span(frames))
+        lacuna("sparsify", name(folder, "full"), "-o", name(folder, "sparse"), "--mask", masks(work, size, frames), "--frames", span(frames), *words)
 
 
 def turntable(work, scene, size=SIZE, frames=FRAMES, dense=False):
@@ -86,7 +86,7 @@ def turntable(work, scene, size=SIZE, frames=FRAMES, dense=False):
     folder = work / f"{scene}-{size}{'-dense' if dense else ''}"
     if not render(folder, scene, frames, size, "--set", "camera.orbit=0.5", *(["--dense-aovs"] if dense else [])):
         return None
-    sparse(folder, work, size, frames)
+    sparse(folder, work, size, frames, *(["--channels", "dense.*=keep"] if dense else []))
     return folder
 
 
