@@ -236,12 +236,13 @@ fn missed(carried: &Carried, image: &Planes) -> Vec<f64> {
 
 /// The squared disagreement of each sample, the mean over the planes.
 pub(crate) fn off(carried: &Carried, image: &Planes) -> impl Iterator<Item = f64> {
-    let one = |i: usize| {
-        let values = carried.values.iter().map(|values| values[i]);
-        squared(image, values, carried.places[i])
-    };
-    let all: Vec<f64> = (0..carried.len()).into_par_iter().with_min_len(PIECE).map(one);
-    all.into_iter()
+    mean_squares(&missed(carried, image), image.len()).into_iter()
+}
+
+/// The mean over the planes of what each sample is missed by, squared.
+fn mean_squares(missed: &[f64], planes: usize) -> Vec<f64> {
+    let mean = |missed: &[f64]| missed.iter().map(|by| by * by).sum::<f64>() / missed.len() as f64;
+    missed.chunks(planes.max(1)).map(mean).collect()
 }
 
 /// The squared disagreement of the values of one sample.
@@ -273,9 +274,7 @@ impl Data {
         let least = (HALF * ranges.iter().copied().fold(0.0, f64::max)).max(f64::MIN_POSITIVE);
         let missed: Vec<Vec<f64>> = carried.iter().map(|carried| missed(carried, image)).collect();
         let count = image.len().max(1);
-        let mean = |missed: &[f64]| missed.iter().map(|by| by * by).sum::<f64>() / count as f64;
-        let errors = missed.iter().map(|missed| missed.chunks(count).map(mean).collect());
-        let errors: Vec<Vec<f64>> = errors.collect();
+        let errors: Vec<Vec<f64>> = missed.iter().map(|missed| mean_squares(missed, count)).collect();
         let scale = scales(size, carried, &errors);
         let mut pulls = vec![0.0_f64; size.pixels()];
         let mut sums = vec![vec![0.0_f64; size.pixels()]; image.len()];

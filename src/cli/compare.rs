@@ -149,8 +149,10 @@ impl CompareArgs {
                 ("all", _) => wanted = Wanted::all(),
                 (_, Some(measure)) => wanted.add(measure),
                 _ => {
+                    let names: Vec<_> = Measure::on_request().map(Measure::name).collect();
                     return Err(Usage(format!(
-                        "--measures: '{name}' is no measure; those on request are cieluv, flip, hdr-flip, flicker, change, flicker-along, change-along and all"
+                        "--measures: '{name}' is no measure; those on request are {} and all",
+                        names.join(", ")
                     )));
                 }
             }

@@ -130,6 +130,13 @@ impl Measure {
         TABLE.iter().find(|row| row.1 == name).map(|row| row.0)
     }
 
+    /// Those that cost much and are computed only where something asks for them, in the order of tables.
+    pub fn on_request() -> impl Iterator<Item = Self> {
+        Self::all().filter(|measure| {
+            matches!(measure, Self::Cieluv | Self::Flip | Self::HdrFlip) || measure.is_change()
+        })
+    }
+
     /// Whether it is of a frame and the one before.
     pub fn is_change(self) -> bool {
         matches!(self, Self::Flicker | Self::Change | Self::FlickerAlong | Self::ChangeAlong)
@@ -149,30 +156,19 @@ impl Measure {
     }
 }
 
-/// The measures that cost much and are computed only where something asks for them: CIELUV, both FLIPs, flicker and what
-/// stands beside it.
+/// Which of the measures on request are asked for.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Wanted(BTreeSet<Measure>);
 
 impl Wanted {
-    const DEAR: [Measure; 7] = [
-        Measure::Cieluv,
-        Measure::Flip,
-        Measure::HdrFlip,
-        Measure::Flicker,
-        Measure::Change,
-        Measure::FlickerAlong,
-        Measure::ChangeAlong,
-    ];
-
     /// All of them.
     pub fn all() -> Self {
-        Self(Self::DEAR.into())
+        Self(Measure::on_request().collect())
     }
 
     /// Asks for a measure as well; nothing changes for one that is always computed.
     pub fn add(&mut self, measure: Measure) {
-        if Self::DEAR.contains(&measure) {
+        if Measure::on_request().any(|one| one == measure) {
             self.0.insert(measure);
         }
     }
@@ -187,7 +183,7 @@ impl Wanted {
         self.has(Measure::FlickerAlong) || self.has(Measure::ChangeAlong)
     }
 
-    /// Whether a dear measure is wanted.
+    /// Whether a measure on request is wanted.
     pub fn has(&self, measure: Measure) -> bool {
         self.0.contains(&measure)
     }

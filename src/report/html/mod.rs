@@ -107,20 +107,8 @@ fn plots(comparison: &Comparison, page: &mut String) {
         return;
     }
     page.push_str("<section><h2>Over the frames</h2>\n<div class=\"plots\">\n");
-    for measure in [
-        Measure::Psnr,
-        Measure::Ssim,
-        Measure::Rmse,
-        Measure::Max,
-        Measure::LogPsnr,
-        Measure::Cieluv,
-        Measure::Flip,
-        Measure::HdrFlip,
-        Measure::Flicker,
-        Measure::Change,
-        Measure::FlickerAlong,
-        Measure::ChangeAlong,
-    ] {
+    let always = [Measure::Psnr, Measure::Ssim, Measure::Rmse, Measure::Max, Measure::LogPsnr];
+    for measure in always.into_iter().chain(Measure::on_request()) {
         let lines: Vec<_> = ["all", "missing", "alpha"]
             .into_iter()
             .map(|region| {

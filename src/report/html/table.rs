@@ -8,19 +8,8 @@ use crate::report::markdown;
 use crate::report::measure::Measure;
 use crate::report::model::{Comparison, FrameReport, GroupReport};
 
-/// Measures of the main table, each over the whole image and over the missing pixels.
-const COLUMNS: [Measure; 10] = [
-    Measure::Psnr,
-    Measure::Ssim,
-    Measure::Max,
-    Measure::Cieluv,
-    Measure::Flip,
-    Measure::HdrFlip,
-    Measure::Flicker,
-    Measure::Change,
-    Measure::FlickerAlong,
-    Measure::ChangeAlong,
-];
+/// Measures of the main table that are always there, each over the whole image and over the missing pixels; those on request follow.
+const ALWAYS: [Measure; 3] = [Measure::Psnr, Measure::Ssim, Measure::Max];
 
 /// The head of a measure's column.
 pub fn heading(measure: Measure) -> String {
@@ -43,7 +32,8 @@ fn columns(comparison: &Comparison) -> Vec<(&'static str, Measure)> {
         let main = comparison.frames.iter().filter_map(FrameReport::main_group);
         main.filter_map(|group| group.region(region)).any(|region| region.measures.get(measure).is_some())
     };
-    let of = |region: &'static str| COLUMNS.into_iter().map(move |measure| (region, measure));
+    let measures = || ALWAYS.into_iter().chain(Measure::on_request());
+    let of = |region: &'static str| measures().map(move |measure| (region, measure));
     of("all").chain(of("missing")).filter(|&(region, measure)| has(region, measure)).collect()
 }
 
