@@ -16,8 +16,9 @@
 //! ```
 //!
 //! Measured pixels are weighed by the first, missing ones, which candidates that pass through the samples leave wrong as well, by the second. For missing
-//! pixels there are two more: edge-enhancing splines through the smoothed samples, and with guides through what a regression leaves of these. Each
-//! surface, as labels tell it, has weights of its own (`weights/surfaces`).
+//! pixels there are more: edge-enhancing splines through the smoothed samples, and with guides total variation, and splines through what a
+//! regression leaves of these. Each surface, as labels tell it, has weights of its own (`weights/surfaces`). Where light is bright, errors count
+//! relative to it (`relative`).
 //!
 //! The first is Stein's estimate: half the difference of two half buffers is noise of the same variance as that of their mean, and does not
 //! correlate with it. Channels share their weights. Nothing is chosen by hand: an image without noise is left alone where nothing is
@@ -40,6 +41,7 @@
 
 mod blend;
 mod candidates;
+mod relative;
 mod split;
 #[cfg(test)]
 mod tests;

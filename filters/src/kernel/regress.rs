@@ -17,6 +17,8 @@
 //! `(k + 1) (k / 2 + 1 + c)` multiply-adds for `k` slopes and `c` channels, accumulators in registers: 58 and a division for five
 //! guides and three channels, about 40 cycles where two can begin in one.
 
+pub mod nodes;
+
 use super::simd::{Vector, Vectored};
 use super::{Body, Isa, dispatch};
 
@@ -133,7 +135,7 @@ impl Table {
         let mut line = vec![0.0; (channels + self.sloping.len() + 1).next_multiple_of(ROW)];
         line[channels] = 1.0;
         self.values.resize(self.at.len() * quads, [0.0; QUAD]);
-        self.products.resize(self.at.len() * self.stride + line.len(), 0.0);
+        self.products.resize(self.at.len() * self.stride + line.len().max(nodes::GROUP), 0.0);
         for (place, index) in runs.iter().flat_map(|&(start, end)| start..end).enumerate() {
             let guides = &samples.guides[index * self.guides..][..self.guides];
             self.scaled.extend(self.weighing.iter().map(|&(guide, factor)| guides[guide] * factor));
@@ -251,6 +253,39 @@ pub struct Scratch {
     solution: Vec<Lanes>,
     low: Vec<[f32; QUAD]>,
     high: Vec<[f32; QUAD]>,
+    /// One of each sample, for a single pixel.
+    single: Vec<f32>,
+}
+
+impl Scratch {
+    /// The factors of the matrix, `L D L'`.
+    #[inline(always)]
+    fn factor<V: Vector<Number = f32>>(&mut self, channels: usize, from: usize) {
+        let Self { sums, factor, solution, .. } = self;
+        let load = |lanes: &Lanes| V::load(&lanes.0[from..]);
+        for a in 0..solution.len() {
+            let row = right(a, channels) + channels;
+            for b in 0..=a {
+                let mut sum = load(&sums[row + b]);
+                for k in 0..b {
+                    let [unit, _] = &factor[at(a, k)];
+                    let [_, other] = &factor[at(b, k)];
+                    sum = sum.minus(load(unit).times(load(other)));
+                }
+                let least = if a == 0 { f32::MIN_POSITIVE } else { 0.5 * RIDGE };
+                if a == b {
+                    let ridge = if a == 0 { 0.0 } else { RIDGE };
+                    let pivot = sum.plus(V::splat(ridge)).larger(V::splat(least));
+                    V::splat(1.0).over(pivot).store(&mut factor[at(a, a)][0].0[from..]);
+                } else {
+                    let inverse = load(&factor[at(b, b)][0]);
+                    let [unit, whole] = &mut factor[at(a, b)];
+                    sum.times(inverse).store(&mut unit.0[from..]);
+                    sum.store(&mut whole.0[from..]);
+                }
+            }
+        }
+    }
 }
 
 impl Vectored<f32> for Regress<'_> {
@@ -271,7 +306,7 @@ impl Vectored<f32> for Regress<'_> {
                 self.tell_labels(from..from + V::LANES);
             }
             self.accumulate::<V>(from);
-            self.factor::<V>(from);
+            self.scratch.factor::<V>(self.table.channels, from);
             self.predict::<V>(from);
         }
         let Scratch { sums, low, high, .. } = &*self.scratch;
@@ -404,35 +439,6 @@ impl Regress<'_> {
             }
             for (sum, own) in sums.iter_mut().zip(own) {
                 own.store(&mut sum.0[from..]);
-            }
-        }
-    }
-
-    /// The factors of the matrix, `L D L'`.
-    #[inline(always)]
-    fn factor<V: Vector<Number = f32>>(&mut self, from: usize) {
-        let Scratch { sums, factor, solution, .. } = &mut *self.scratch;
-        let load = |lanes: &Lanes| V::load(&lanes.0[from..]);
-        for a in 0..solution.len() {
-            let row = right(a, self.table.channels) + self.table.channels;
-            for b in 0..=a {
-                let mut sum = load(&sums[row + b]);
-                for k in 0..b {
-                    let [unit, _] = &factor[at(a, k)];
-                    let [_, other] = &factor[at(b, k)];
-                    sum = sum.minus(load(unit).times(load(other)));
-                }
-                let least = if a == 0 { f32::MIN_POSITIVE } else { 0.5 * RIDGE };
-                if a == b {
-                    let ridge = if a == 0 { 0.0 } else { RIDGE };
-                    let pivot = sum.plus(V::splat(ridge)).larger(V::splat(least));
-                    V::splat(1.0).over(pivot).store(&mut factor[at(a, a)][0].0[from..]);
-                } else {
-                    let inverse = load(&factor[at(b, b)][0]);
-                    let [unit, whole] = &mut factor[at(a, b)];
-                    sum.times(inverse).store(&mut unit.0[from..]);
-                    sum.store(&mut whole.0[from..]);
-                }
             }
         }
     }

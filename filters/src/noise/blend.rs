@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::candidates::{Candidate, Fold, Second, Task};
+use super::relative::importance;
 use super::split::Split;
 use super::{NEIGHBOURHOOD, NOISY};
 use crate::weights::{BySurface, Surfaces, add_products};
@@ -29,12 +30,14 @@ impl<'a> Blend<'a> {
         surfaces: &'a Surfaces,
     ) -> Result<Option<Self>, Error> {
         let samples = &split.samples;
+        let counts = importance(mask, samples, split.level);
         let folds = task.folds(all, mask, samples)?;
         let (measured, images, outcome) = if let Some(noise) = &split.noise {
             let (values, noises, outcome) = task.both(all, mask, (samples, noise))?;
-            (by_noise(surfaces, mask, samples, noise, (&values, &noises)), values, outcome)
+            (by_noise(surfaces, (mask, &counts), samples, noise, (&values, &noises)), values, outcome)
         } else {
-            let (weights, error) = held_out(surfaces, &Held::new(mask, all.len(), &folds), samples);
+            let (weights, error) =
+                held_out(surfaces, &Held::new(mask, all.len(), &folds), (samples, &counts));
             if error > 1.0 - NOISY {
                 return Ok(None);
             }
@@ -52,7 +55,7 @@ impl<'a> Blend<'a> {
                 predicted.extend(fold.at.iter().map(|&pixel| values(&filled, pixel)));
             }
         }
-        let missing = held_out(surfaces, &held, samples).0;
+        let missing = held_out(surfaces, &held, (samples, &counts)).0;
         Ok(Some(Self { measured, missing, images, outcome }))
     }
 
@@ -146,14 +149,18 @@ impl Held {
 }
 
 /// Weights by held-out samples, and the squared error of the blend over that of the first candidate.
-fn held_out<'a>(surfaces: &'a Surfaces, held: &Held, samples: &Planes) -> (BySurface<'a>, f64) {
+fn held_out<'a>(
+    surfaces: &'a Surfaces,
+    held: &Held,
+    (samples, counts): (&Planes, &[f64]),
+) -> (BySurface<'a>, f64) {
     let count = held.predicted.len();
     let mut errors = vec![0.0; count];
     BySurface::new(surfaces, (&held.at, NEIGHBOURHOOD), count, |i, pixel, products| {
         for (channel, plane) in samples.as_slice().iter().enumerate() {
             let value = f64::from(plane.pixels()[pixel]);
             for (error, predicted) in errors.iter_mut().zip(&held.predicted) {
-                *error = f64::from(predicted[i][channel]) - value;
+                *error = counts[pixel] * (f64::from(predicted[i][channel]) - value);
             }
             add_products(&errors, products);
         }
@@ -163,7 +170,7 @@ fn held_out<'a>(surfaces: &'a Surfaces, held: &Held, samples: &Planes) -> (BySur
 /// The weights by Stein's estimate, at all samples whose noise is known.
 fn by_noise<'a>(
     surfaces: &'a Surfaces,
-    mask: &Mask,
+    (mask, counts): (&Mask, &[f64]),
     samples: &Planes,
     noise: &Planes,
     (values, noises): (&[Planes], &[Planes]),
@@ -174,7 +181,8 @@ fn by_noise<'a>(
     let (mut errors, mut answers) = (vec![0.0; values.len()], vec![0.0; values.len()]);
     let products = |_: usize, pixel: usize, products: &mut [f64]| {
         for channel in 0..samples.len() {
-            let value = |planes: &Planes| f64::from(planes.as_slice()[channel].pixels()[pixel]);
+            let value =
+                |planes: &Planes| counts[pixel] * f64::from(planes.as_slice()[channel].pixels()[pixel]);
             let (y, n) = (value(samples), value(noise));
             errors.iter_mut().zip(values).for_each(|(error, image)| *error = value(image) - y);
             answers.iter_mut().zip(noises).for_each(|(answer, image)| *answer = n * value(image));

@@ -6,8 +6,8 @@ use super::FOLDS;
 use crate::baseline::push_pull;
 use crate::kernel::Isa;
 use crate::kernel::regress::{RIDGE, Scales};
-use crate::variational::guided::{Field, Guides, Reach, Store, Task as Fit, predict};
-use crate::variational::{edge, ss};
+use crate::variational::guided::{Field, Guides, Reach, Store, Task as Fit, predict_between};
+use crate::variational::{edge, ss, tv};
 use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
 
 /// Pixels whose distance counts as much as the standard deviation of a guide does.
@@ -105,21 +105,24 @@ impl Measured {
 pub enum Second {
     /// Edge-enhancing splines.
     Edge,
-    /// The same of what the regression leaves.
+    /// Total variation.
+    Tv,
+    /// Splines through what the regression leaves.
     Rest,
 }
 
 impl Second {
-    /// All of them.
+    /// All of them. Beside smoothing splines, total variation counts for next to nothing.
     pub const fn all(guided: bool) -> &'static [Self] {
-        if guided { &[Self::Edge, Self::Rest] } else { &[Self::Edge] }
+        if guided { &[Self::Edge, Self::Tv, Self::Rest] } else { &[Self::Edge] }
     }
 
     /// What the report calls it.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Edge => "edge",
-            Self::Rest => "guided, edge",
+            Self::Tv => "tv",
+            Self::Rest => "guided, ss",
         }
     }
 
@@ -131,9 +134,14 @@ impl Second {
         predicted: &Planes,
         run: &Run<'_>,
     ) -> Result<Planes, Error> {
-        let plan = edge::Settings::default().plan(&Problem::fill(Arc::clone(mask)), run)?;
+        let problem = Problem::fill(Arc::clone(mask));
         let mut out = Planes::zeros(smooth.size(), smooth.len());
-        if self == Self::Edge {
+        let plan = match self {
+            Self::Edge => edge::Settings::default().plan(&problem, run)?,
+            Self::Tv => tv::Settings::default().plan(&problem, run)?,
+            Self::Rest => ss::Settings::default().plan(&problem, run)?,
+        };
+        if self != Self::Rest {
             plan.reconstruct_roughly(smooth, ROUGH, &mut out, run)?;
             return Ok(out);
         }
@@ -286,5 +294,5 @@ fn predict_from(
     let store = Store::new(mask, values, field);
     let reach = Reach::new(mask, count);
     let task = Fit { field, scales: &scales, reach: &reach, leave_out: false, isa: Isa::best() };
-    predict(&store, task, wanted, out);
+    predict_between(&store, task, wanted, out);
 }

@@ -11,13 +11,16 @@ pub struct Split {
     pub noise: Option<Planes>,
     /// Light beyond the limit.
     pub lights: Option<Planes>,
+    /// What nine tenths of the samples stay below; infinite where they are no light, or none is.
+    pub level: f32,
 }
 
 impl Split {
     /// Cuts samples at a level that they show themselves, if they may be light.
     pub fn new(mask: &Mask, samples: &Planes, noise: Option<&Planes>, light: bool) -> Self {
-        let mut own = Self { samples: samples.clone(), noise: noise.cloned(), lights: None };
-        let limit = if light { limit(mask, samples) } else { f32::INFINITY };
+        let level = if light { level(mask, samples) } else { f32::INFINITY };
+        let limit = LIMIT * level;
+        let mut own = Self { samples: samples.clone(), noise: noise.cloned(), lights: None, level };
         let mut lights = Planes::zeros(samples.size(), samples.len());
         let mut any = false;
         for (channel, (plane, light)) in
@@ -46,8 +49,8 @@ impl Split {
     }
 }
 
-/// The value above which a sample is a light, or a firefly; infinite where nothing is.
-fn limit(mask: &Mask, samples: &Planes) -> f32 {
+/// The value that nine tenths of the samples stay below, by their largest channel.
+fn level(mask: &Mask, samples: &Planes) -> f32 {
     let mut levels: Vec<f32> = (0..mask.size().pixels())
         .filter(|&pixel| mask.as_slice()[pixel])
         .map(|pixel| samples.as_slice().iter().fold(0.0_f32, |most, plane| most.max(plane.pixels()[pixel])))
@@ -57,5 +60,5 @@ fn limit(mask: &Mask, samples: &Planes) -> f32 {
     }
     let at = levels.len() * 9 / 10;
     let (_, level, _) = levels.select_nth_unstable_by(at, f32::total_cmp);
-    if *level > 0.0 { LIMIT * *level } else { f32::INFINITY }
+    if *level > 0.0 { *level } else { f32::INFINITY }
 }

@@ -41,14 +41,17 @@ use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run};
 
 mod fit;
 mod guides;
+mod nodes;
 mod reach;
 #[cfg(test)]
 mod tests;
 mod trust;
 mod tune;
 
-pub(crate) use fit::{Field, Store, Task, predict};
+pub(crate) use fit::{Field, Store, Task};
 pub use guides::Guides;
+
+pub(crate) use nodes::predict_between;
 pub(crate) use reach::Reach;
 pub(crate) use trust::{Trust, WORTH};
 pub(crate) use tune::Weights;

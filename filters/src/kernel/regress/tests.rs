@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 
+use super::nodes::{Between, Fit, Node, record};
 use super::*;
 use crate::kernel::simd::vectors;
 
@@ -176,4 +177,104 @@ fn constants_stay_and_nothing_near_says_so() {
     centres.at[0] = Lanes([1000.0; LANES]);
     let (weights, _) = run(Isa::best(), &samples, 1, &centres, &scales, false);
     assert_eq!(weights, Lanes::ZERO);
+}
+
+proptest! {
+    /// Four nodes of a square, and a row of pixels between them, by regressions at the nodes for each pixel's guides.
+    #[test]
+    fn nodes_predict_in_linear_proportion(
+        seed in 0_u64..1000, guides in 0..7_usize, channels in 1..11_usize, row in 0..8_usize,
+    ) {
+        const STEP: usize = 8;
+        let (mut samples, _) = scene(seed, 80, guides, channels);
+        samples.labels.clear();
+        let pixels: Vec<Vec<f32>> =
+            (0..guides).map(|g| (0..=STEP).map(|p| samples.guides[(7 * g + p) * guides]).collect()).collect();
+        let scales = Scales { bandwidths: vec![0.0; guides], slopes: vec![true; guides] };
+        let (inverse, runs) = (1.0 / 144.0, [(0, 30), (30, samples.at.len())]);
+        let nodes: Vec<Node> = [[0, 0], [0, STEP], [STEP, 0], [STEP, STEP]]
+            .map(|at| Node { at: at.map(|at| at as f32), inverse, runs: 0..2 })
+            .into();
+        for isa in [Isa::Portable, Isa::Avx2, Isa::Avx512] {
+            let mut table = Table::new(&scales, channels);
+            table.fill(isa, &samples, &[(0, samples.at.len())]);
+            let mut records = vec![0.0; nodes.len() * record(&table)];
+            let mut scratch = Scratch::default();
+            vectors(isa, Fit {
+                table: &table, runs: &runs, nodes: &nodes, scratch: &mut scratch, records: &mut records,
+            });
+            let mut values = vec![vec![0.0; STEP + 1]; channels];
+            let mut out: Vec<&mut [f32]> = values.iter_mut().map(Vec::as_mut_slice).collect();
+            let guide_rows: Vec<&[f32]> = pixels.iter().map(Vec::as_slice).collect();
+            let (above, below) = records.split_at(2 * record(&table));
+            dispatch(isa, Between {
+                table: &table,
+                records: [above, below],
+                part: row as f32 / STEP as f32,
+                step: STEP,
+                guides: &guide_rows,
+                wanted: &[true; STEP + 1],
+                line: &mut Vec::new(),
+                out: &mut out,
+            });
+            for pixel in 0..=STEP {
+                let by_node = |node: &Node| {
+                    let centres = Centres {
+                        at: node.at.map(|at| Lanes([at; LANES])),
+                        inverse: Lanes([inverse; LANES]),
+                        guides: pixels.iter().map(|guide| Lanes([guide[pixel]; LANES])).collect(),
+                        labels: [0; LANES],
+                    };
+                    reference(&samples, channels, &centres, 0, &scales, false).1
+                };
+                let (y, x) = (row as f64 / STEP as f64, pixel as f64 / STEP as f64);
+                let parts = [(1.0 - y) * (1.0 - x), (1.0 - y) * x, y * (1.0 - x), y * x];
+                let predicted: Vec<Vec<f64>> = nodes.iter().map(by_node).collect();
+                for (channel, values) in values.iter().enumerate() {
+                    let expected: f64 = parts.iter().zip(&predicted).map(|(part, node)| part * node[channel]).sum();
+                    let tolerance = 80.0 * f64::from(f32::EPSILON) * 1.0e3;
+                    if (3.0..=4.0).contains(&expected) {
+                        let found = f64::from(values[pixel]);
+                        prop_assert!((found - expected).abs() <= tolerance, "{found} {expected}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn nodes_keep_constants_and_say_where_nothing_is_near() {
+    let (mut samples, _) = scene(3, 40, 2, 1);
+    samples.labels.clear();
+    samples.values.fill(0.1);
+    let scales = Scales { bandwidths: vec![0.0; 2], slopes: vec![true; 2] };
+    let runs = [(0, samples.at.len())];
+    let mut table = Table::new(&scales, 1);
+    table.fill(Isa::best(), &samples, &runs);
+    let node = |at: f32| Node { at: [at, at], inverse: 1.0 / 64.0, runs: 0..1 };
+    let nodes = [node(5.0), node(1000.0)];
+    let mut records = vec![0.0; 2 * record(&table)];
+    let mut scratch = Scratch::default();
+    vectors(
+        Isa::best(),
+        Fit { table: &table, runs: &runs, nodes: &nodes, scratch: &mut scratch, records: &mut records },
+    );
+    let mut values = [0.0; 2];
+    let guides = [[0.3, 0.9], [0.1, 0.2]];
+    dispatch(
+        Isa::best(),
+        Between {
+            table: &table,
+            records: [&records; 2],
+            part: 0.0,
+            step: 1,
+            guides: &[&guides[0], &guides[1]],
+            wanted: &[true; 2],
+            line: &mut Vec::new(),
+            out: &mut [&mut values],
+        },
+    );
+    assert_eq!(values[0], 0.1);
+    assert!(values[1].is_nan());
 }

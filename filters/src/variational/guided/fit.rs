@@ -30,7 +30,7 @@ pub struct Field<'a> {
 /// The samples of an image, ready to be looked up by place.
 #[derive(Clone, Debug)]
 pub struct Store {
-    size: Size,
+    pub(super) size: Size,
     samples: Samples,
     channels: usize,
     /// Samples before each run of [`STRIDE`] columns.
@@ -94,22 +94,22 @@ pub struct Task<'a> {
 }
 
 /// Predicts the pixels of one tile after the other.
-struct Worker<'a> {
-    store: &'a Store,
-    task: Task<'a>,
-    table: Table,
+pub(super) struct Worker<'a> {
+    pub store: &'a Store,
+    pub task: Task<'a>,
+    pub table: Table,
     /// Rows and columns that the table's samples come from.
     seen: (Range<usize>, Range<usize>),
     /// Per row of these, and column and the one after the last: samples of the table before it.
     before: Vec<u32>,
     centres: Centres,
-    runs: Vec<(usize, usize)>,
-    scratch: Scratch,
+    pub runs: Vec<(usize, usize)>,
+    pub scratch: Scratch,
     out: Vec<Lanes>,
 }
 
 impl<'a> Worker<'a> {
-    fn new(store: &'a Store, task: Task<'a>) -> Self {
+    pub fn new(store: &'a Store, task: Task<'a>) -> Self {
         let guides = vec![Lanes::ZERO; task.scales.bandwidths.len()];
         let (at, inverse) = ([Lanes::ZERO; 2], Lanes::ZERO);
         Self {
@@ -126,7 +126,7 @@ impl<'a> Worker<'a> {
     }
 
     /// Takes the samples that the pixels of a tile may see.
-    fn open(&mut self, rows: &Range<usize>, columns: &Range<usize>) {
+    pub fn open(&mut self, rows: &Range<usize>, columns: &Range<usize>) {
         let far = self.task.reach.most(rows, columns) as usize;
         let around =
             |span: &Range<usize>, end: usize| span.start.saturating_sub(far)..(span.end + far).min(end);
@@ -150,16 +150,17 @@ impl<'a> Worker<'a> {
         self.seen = (rows, columns);
     }
 
-    /// The samples within the farthest reach of a block's pixels, whose first and last rows and columns are given.
-    fn look(&mut self, (top, bottom): (usize, usize), (left, right): (usize, usize), far: f32) {
+    /// Adds the samples within the farthest reach of a block's pixels, whose first and last rows and columns are given, to the runs.
+    pub fn look(&mut self, (top, bottom): (usize, usize), (left, right): (usize, usize), far: f32) {
         let (rows, columns) = &self.seen;
         let whole = far as usize;
-        self.runs.clear();
         for row in top.saturating_sub(whole).max(rows.start)..(bottom + whole + 1).min(rows.end) {
             let away = (top.saturating_sub(row) + row.saturating_sub(bottom)) as f32;
             let half = (far * far - away * away).max(0.0).sqrt() as usize;
-            let (from, to) =
-                (left.saturating_sub(half).max(columns.start), (right + half + 1).min(columns.end));
+            let (from, to) = (
+                left.saturating_sub(half).clamp(columns.start, columns.end),
+                (right + half + 1).min(columns.end),
+            );
             let line = &self.before[(row - rows.start) * (columns.len() + 1)..][..=columns.len()];
             let (start, end) = (line[from - columns.start], line[to - columns.start]);
             if start < end {
@@ -195,6 +196,7 @@ impl<'a> Worker<'a> {
         if let Some(labels) = self.task.field.labels {
             centres.labels = index.map(|index| labels[index]);
         }
+        self.runs.clear();
         self.look(rows, columns, radius);
         let regress = Regress {
             table: &self.table,
@@ -250,7 +252,7 @@ fn side(wanted: &Mask) -> usize {
 }
 
 /// The parts of `length` pixels of a range.
-fn parts(range: Range<usize>, length: usize) -> impl Iterator<Item = Range<usize>> + Clone {
+pub(super) fn parts(range: Range<usize>, length: usize) -> impl Iterator<Item = Range<usize>> + Clone {
     let end = range.end;
     range.step_by(length).map(move |start| start..(start + length).min(end))
 }
@@ -261,14 +263,7 @@ pub fn predict(store: &Store, task: Task<'_>, wanted: &Mask, values: &mut Planes
     let side = side(wanted);
     let far = task.reach.most(&(0..height), &(0..width)) as usize;
     let tile = (2 * far).clamp(TILE.0, TILE.1).next_multiple_of(side);
-    let mut bands: Vec<Vec<&mut [f32]>> = (0..height.div_ceil(tile)).map(|_| Vec::new()).collect();
-    for plane in values.as_mut_slice() {
-        bands
-            .iter_mut()
-            .zip(plane.pixels_mut().chunks_mut(tile * width))
-            .for_each(|(band, rows)| band.push(rows));
-    }
-    let bands = bands.into_par_iter().zip(parts(0..height, tile).collect::<Vec<_>>());
+    let bands = bands(values, tile).into_par_iter().zip(parts(0..height, tile).collect::<Vec<_>>());
     bands.for_each_init(
         || Worker::new(store, task),
         |work, (mut band, rows)| {
@@ -289,6 +284,19 @@ pub fn predict(store: &Store, task: Task<'_>, wanted: &Mask, values: &mut Planes
             }
         },
     );
+}
+
+/// The planes cut into bands of so many rows: by band, its part of each plane.
+pub(super) fn bands(values: &mut Planes, rows: usize) -> Vec<Vec<&mut [f32]>> {
+    let Size { height, width } = values.size();
+    let mut bands: Vec<Vec<&mut [f32]>> = (0..height.div_ceil(rows)).map(|_| Vec::new()).collect();
+    for plane in values.as_mut_slice() {
+        bands
+            .iter_mut()
+            .zip(plane.pixels_mut().chunks_mut(rows * width))
+            .for_each(|(band, rows)| band.push(rows));
+    }
+    bands
 }
 
 /// Predictions at some pixels.

@@ -62,6 +62,11 @@ impl Reach {
         all.fold(0.0, |most, radius| most.max(*radius))
     }
 
+    /// The smallest radius.
+    pub fn least(&self) -> f32 {
+        self.nodes.iter().copied().fold(FARTHEST, f32::min)
+    }
+
     /// The radius at a pixel.
     pub fn at(&self, row: usize, column: usize) -> f32 {
         let (y, x) = (row / STEP, column / STEP);

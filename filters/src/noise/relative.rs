@@ -1,0 +1,52 @@
+//! What the error at a sample counts for: the same everywhere up to the level that nine tenths of the samples stay below, relative to the light
+//! around beyond it, as in the relative squared error of F. Rousselle et al., "Adaptive Sampling and Reconstruction using Greedy Error
+//! Minimization", ACM Transactions on Graphics 30(6), 2011. A highlight, most of which a display clips, would choose for all around it else.
+
+use crate::kernel::blur::blur;
+use crate::{Mask, Planes};
+
+/// Width of what is around, in spacings of the samples.
+const AROUND: f64 = 0.6;
+
+/// By pixel the factor of an error there, 0 to 1.
+pub fn importance(mask: &Mask, samples: &Planes, level: f32) -> Vec<f64> {
+    let size = mask.size();
+    if !level.is_finite() || level <= 0.0 {
+        return vec![1.0; size.pixels()];
+    }
+    let spacing = (size.pixels() as f64 / mask.count().max(1) as f64).sqrt();
+    let brightest =
+        |pixel| samples.as_slice().iter().fold(0.0_f32, |most, plane| most.max(plane.pixels()[pixel]));
+    let flags = mask.as_slice();
+    let light: Vec<f32> = (0..size.pixels()).map(|p| if flags[p] { brightest(p) } else { 0.0 }).collect();
+    let counted: Vec<f32> = flags.iter().map(|&flag| f32::from(u8::from(flag))).collect();
+    let (sums, counts) = (blur(size, &light, AROUND * spacing), blur(size, &counted, AROUND * spacing));
+    let factor = |(sum, count): (&f32, &f32)| {
+        let around = sum / count.max(f32::MIN_POSITIVE);
+        if around > level { f64::from(level / around) } else { 1.0 }
+    };
+    sums.iter().zip(&counts).map(factor).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Plane, Size};
+
+    /// A bright half counts as little as it is bright, in the middle; a level that nothing passes, or none, changes nothing.
+    #[test]
+    fn bright_light_counts_by_its_level() {
+        let size = Size::new(20, 40);
+        let mask = Mask::from_fn(size, |row, column| (row + 2 * column).is_multiple_of(3));
+        let light = Plane::from_fn(size, |_, column| if column < 20 { 0.5 } else { 8.0 });
+        let samples = Planes::of(size, vec![light.clone(), Plane::filled(size, 0.0)]);
+        let found = importance(&mask, &samples, 2.0);
+        let at = |column: usize| found[10 * 40 + column];
+        assert_eq!(at(5), 1.0);
+        assert!((at(35) - 0.25).abs() < 1e-3, "{}", at(35));
+        assert!(found.iter().all(|counts| (0.25 - 1e-3..=1.0).contains(counts)));
+        for level in [9.0, 0.0, f32::INFINITY] {
+            assert!(importance(&mask, &samples, level).iter().all(|counts| *counts == 1.0), "{level}");
+        }
+    }
+}
