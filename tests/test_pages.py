@@ -43,9 +43,11 @@ def render(folder, name, size=(96, 128), **channels):
     OpenEXR.File({}, {c: np.ascontiguousarray(plane, np.float32) for c, plane in planes.items()}).write(str(folder / name))
 
 
-def sequence(folder):
-    for number in range(1, 5):
-        shutil.copy(SAMPLES / "sequence" / f"shot.{number:04d}.exr", folder)
+def sequence(folder, part=slice(48, 144)):
+    """Sparse frames of the samples, or a part of each."""
+    for name in (f"shot.{number:04d}.exr" for number in range(1, 5)):
+        [channels] = frames.read(SAMPLES / "sequence" / name)
+        frames.write(folder / name, {channel: plane[part, part] for channel, plane in channels.items()})
 
 
 def complete(folder):
@@ -83,7 +85,8 @@ def guided(folder):
 
 def upscaling(folder):
     complete(folder)
-    sequence(folder)
+    # The page asks for sizes that are no more than 16 times as large.
+    sequence(folder, slice(None))
     render(folder, "aovs.exr", (96, 128))
 
 
@@ -107,18 +110,32 @@ def rendering(folder):
     header = "NRRD0005\ntype: uint8\ndimension: 3\nsizes: 24 24 24\nencoding: raw\n\n".encode()
     z, y, x = np.indices((24, 24, 24)) - 12
     (folder / "engine.nrrd").write_bytes(header + np.clip(255 - 16 * np.sqrt(x * x + y * y + z * z), 0, 255).astype(np.uint8).tobytes())
-    scene = (SAMPLES / "scenes" / "vessels.toml").read_text()
-    (folder / "scene.toml").write_text(scene)
+    shutil.copy(folder / "samples" / "scenes" / "vessels.toml", folder / "scene.toml")
 
 
 PREPARED = {"README.md": readme, "docs/guided.md": guided, "docs/upscaling.md": upscaling, "docs/dictionary.md": dictionary, "docs/noise.md": noisy,
             "docs/rendering.md": rendering, "docs/files.md": layers, "docs/farm.md": sequence, "docs/sequences.md": sequence, "docs/renderers.md": layers}
 
 
+def samples(folder):
+    """The samples, with fewer pixels where much is computed from them: pages say what is done, not with how many."""
+    for name in ("scenes", "sequence"):
+        (folder / name).mkdir(parents=True)
+    sequence(folder / "sequence")
+    for scene in (SAMPLES / "scenes").glob("*.toml"):
+        text, changed = re.subn(r"^size = .*", "size = [128, 96]", scene.read_text(), flags=re.MULTILINE)
+        assert changed == 1, scene
+        (folder / "scenes" / scene.name).write_text(text)
+    for path in SAMPLES.iterdir():
+        if not (folder / path.name).exists():
+            (folder / path.name).symlink_to(path)
+
+
 def place(folder):
     """A folder as the project's, with programs in `bin`: the tool, `cargo run` as the tool, a Slurm that takes every job."""
-    for name in ("samples", "scripts", ".venv"):
+    for name in ("scripts", ".venv"):
         (folder / name).symlink_to(ROOT / name)
+    samples(folder / "samples")
     programs = folder / "bin"
     programs.mkdir()
     (folder / "target" / "release").mkdir(parents=True)
