@@ -100,16 +100,16 @@ def test_the_error_channel_is_zero_where_measured_and_as_large_as_the_error_else
 
 
 def test_a_gate_writes_the_frame_and_fails(tmp_path):
-    source = sparse(tmp_path)
+    source, quick = sparse(tmp_path), ["--filter", "ss"]
     for flags, words in ((["--min-psnr", 90], "below --min-psnr 90"), (["--max-rmse", "1e-6"], "above --max-rmse")):
-        output, record, result = fill(tmp_path, source, *flags, status=1)
+        output, record, result = fill(tmp_path, source, *quick, *flags, status=1)
         assert output.exists() and record["state"] == "failed"
         assert "written, but doubtful" in record["message"] and words in record["message"]
         assert words in result.stderr
-    _, record, _ = fill(tmp_path, source, "--min-psnr", 5, "--max-rmse", 0.5)
+    _, record, _ = fill(tmp_path, source, *quick, "--min-psnr", 5, "--max-rmse", 0.5)
     assert record["state"] == "done"
     # What is up to date is held to the gate, too.
-    again = lambda bound: lacuna("fill", source, "-o", output, "-u", "--min-psnr", bound, ok=False)
+    again = lambda bound: lacuna("fill", source, "-o", output, *quick, "-u", "--min-psnr", bound, ok=False)
     assert again(5).status == 0 and "1 skipped" in again(5).stderr
     assert again(90).status == 1 and "written, but doubtful" in again(90).stderr
 
