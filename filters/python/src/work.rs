@@ -23,6 +23,10 @@ pub fn pool(threads: usize) -> PyResult<ThreadPool> {
 }
 
 /// Does a task in a pool. A signal that Python raises for ends it, and is what the call raises.
+#[expect(
+    clippy::redundant_closure_for_method_calls,
+    reason = "the method is not general enough in its lifetime"
+)]
 pub fn run<T: Send>(
     py: Python<'_>,
     pool: &ThreadPool,
