@@ -13,7 +13,7 @@
 //!
 //! A candidate that takes less than `WORTH` of the squared error away stays out, and is not computed for all of the image. Large images
 //! first try the candidates on tiles that are spread over them (`trial`). Guides that take half of the squared error of `ss` away, by their own
-//! left-out samples, are taken alone.
+//! left-out samples, leave `edge` alone beside them, and in large images nothing.
 //!
 //! Algorithm: samples are held out in folds ([`crate::estimate::Folds`]), which also say how wrong the result is, each part of them by weights
 //! that the others teach. `A` is summed in cells of half the Gaussian's width; in each the small quadratic problem is solved by trying all sets
@@ -34,6 +34,7 @@
 mod along;
 mod standing;
 mod trial;
+mod ways;
 
 #[cfg(test)]
 mod tests;
@@ -49,7 +50,8 @@ use crate::variational::{edge, ss, tv};
 use crate::weights::Weights;
 use crate::{Error, Filter, Gradients, Mask, Outcome, Plan, Planes, Problem, Run};
 
-/// What guides must take away of the squared error of splines to be taken alone: more than the other candidates do anywhere.
+/// What guides must take away of the squared error of splines to leave nothing but `edge` beside them, in large images nothing, as it takes long
+/// there: more than the other candidates do anywhere.
 const ENOUGH: f64 = 0.5;
 /// So many held-out samples show whether a candidate counts at all; where one fold has them, the others need not be computed.
 const DECIDE: usize = 500;
@@ -245,22 +247,13 @@ impl Blend {
         if self.mask.count() < FEWEST || samples.is_empty() || self.mask.is_full() {
             return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
         }
-        let guided = match guides.filter(|guides| !guides.is_empty()) {
-            Some(guides) => Some(self.guided(samples, guides, run)?),
+        let guides = guides.filter(|guides| !guides.is_empty());
+        let guided = match guides {
+            Some(guides) => self.guided(samples, guides, run)?,
             None => None,
         };
-        let enough = |guided: &Candidate<'_>| {
-            guided.done.as_ref().and_then(|done| done.2.gain).is_some_and(|gain| gain >= ENOUGH)
-        };
-        let mut all: Vec<Candidate<'_>> = candidates().into_iter().map(Candidate::of).collect();
-        if guided.as_ref().is_some_and(enough) {
-            all.clear();
-        } else {
-            let tried = trial::worth_trying(&all, (samples, &self.mask), self.folds, run)?;
-            all.retain(|candidate| tried.contains(&candidate.name));
-        }
-        // Guides that gain nothing left the image of splines, which is a candidate already.
-        all.extend(guided.filter(|guided| guided.done.as_ref().is_some_and(|done| done.2.gain.is_some())));
+        let guides = guides.filter(|_| guided.is_some());
+        let mut all = self.worth_trying(guided, samples, run)?;
         let mut held = Vec::new();
         if all.len() > 1 || learn {
             held = self.held_out(&mut all, samples, run)?;
@@ -276,11 +269,14 @@ impl Blend {
             None => Weights::crossed(&held, &learned),
         };
         if carried.iter().any(|carried| !carried.is_empty()) {
-            let along = along::pulled(self, (&mut all, &weights), (samples, carried), out, run)?;
+            let along = along::pulled(self, (&mut all, &weights), (samples, carried, guides), out, run)?;
             if let Some(along) = along {
                 outcome = outcome.worst(along.outcome);
                 effect.along = along.gain;
                 along.join(&mut effect.shares);
+                if let (Some(guides), true) = (guides, effect.guides.is_empty()) {
+                    effect.guides = guides.all_names().cloned().collect();
+                }
                 let held = along.held.sorted(|_| true);
                 near = near.sorted(|pixel| held.at.binary_search(&pixel).is_ok());
                 near.predicted = held.predicted;
@@ -320,20 +316,42 @@ impl Blend {
         Ok(held)
     }
 
-    /// Guided filling by splines, done.
+    /// The candidates, guided filling among them if there is one.
+    fn worth_trying<'a>(
+        &self,
+        guided: Option<Candidate<'a>>,
+        samples: &Planes,
+        run: &Run<'_>,
+    ) -> Result<Vec<Candidate<'a>>, Error> {
+        let mut all: Vec<Candidate<'_>> = candidates().into_iter().map(Candidate::of).collect();
+        let gain = guided.as_ref().and_then(|guided| guided.done.as_ref()?.2.gain);
+        if gain.is_none_or(|gain| gain < ENOUGH) {
+            let tried = trial::worth_trying(&all, (samples, &self.mask), self.folds, run)?;
+            all.retain(|candidate| tried.contains(&candidate.name));
+            all.extend(guided);
+            return Ok(all);
+        }
+        let is_large = Excerpt::tiles(&self.mask).is_some();
+        all.retain(|candidate| !is_large && candidate.name == edge::DESCRIPTOR.name);
+        // Guides first, which are the result where nothing is held out.
+        Ok(guided.into_iter().chain(all).collect())
+    }
+
+    /// Guided filling by splines, done; nothing if it gains nothing, which left the image of splines.
     fn guided<'a>(
         &self,
         samples: &Planes,
         guides: &'a Guides,
         run: &Run<'_>,
-    ) -> Result<Candidate<'a>, Error> {
+    ) -> Result<Option<Candidate<'a>>, Error> {
         let filter = Box::new(ss::Settings::default());
         let mut guided =
             Candidate { name: "guided", kind: Kind::Spline, filter, guides: Some(guides), done: None };
         let mut out = Planes::zeros(samples.size(), samples.len());
         let (outcome, effect) = guided.fill((samples, &self.mask), How::Exactly, &mut out, run)?;
+        let gains = effect.gain.is_some();
         guided.done = Some((out, outcome, effect));
-        Ok(guided)
+        Ok(Some(guided).filter(|_| gains))
     }
 
     /// What was predicted by the same blend is `near`; how error grows with depth, the candidate shows that counts most.

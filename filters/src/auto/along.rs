@@ -2,17 +2,21 @@
 //!
 //! A held-out sample is not where a missing pixel is: it stands in an emptier place, where the frame alone errs more (`less`), and where nothing is carried
 //! anywhere it lacks the sample of another frame that a missing pixel has (`standing`). Both are made up for before anything is chosen.
+//!
+//! Where guides gain, samples of other frames are also taken in two further ways (`ways`), whose errors have little in common with those of the first.
 
 use std::sync::Arc;
 
 use super::standing::Standing;
+use super::ways::{Given, Way};
 use super::{Blend, Candidate, blend};
 use crate::estimate::{Folds, HeldOut, Kind};
 use crate::sampling::hash;
-use crate::temporal::{self, Carried, Pull, Pulling};
+use crate::temporal::{self, Carried, Pull};
+use crate::variational::guided::{Guides, Regression};
 use crate::variational::ss;
 use crate::weights::{Preferred, Weights};
-use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
+use crate::{Error, Filter, Mask, Outcome, Planes, Problem, Run};
 
 /// How samples of other frames may pull.
 const PULLS: [Pull; 3] = [
@@ -60,8 +64,10 @@ impl Along {
 /// Other frames, and what is to be known of them.
 struct Others<'a> {
     carried: &'a [Carried],
-    /// How their samples may pull.
-    pulls: Vec<Pull>,
+    /// How their samples may be taken.
+    ways: Vec<Way>,
+    /// The guided regression over them.
+    regression: Option<Regression<'a>>,
     /// What each makes of its own, where all stand on the pixels of this frame.
     fills: Vec<Planes>,
     /// Whether they do.
@@ -69,14 +75,35 @@ struct Others<'a> {
 }
 
 impl<'a> Others<'a> {
-    fn new(samples: &Planes, carried: &'a [Carried], run: &Run<'_>) -> Result<Self, Error> {
-        let mut pulls = PULLS.to_vec();
+    fn new(
+        samples: &Planes,
+        carried: &'a [Carried],
+        guides: Option<&'a Guides>,
+        run: &Run<'_>,
+    ) -> Result<Self, Error> {
+        let mut ways = PULLS.map(Way::Pulled).to_vec();
         let whole = carried.iter().all(Carried::is_still);
         if whole {
-            pulls.push(FIRM);
+            ways.push(Way::Pulled(FIRM));
+        }
+        if guides.is_some() {
+            // What pulls little is worth nothing beside the others.
+            ways.retain(|way| *way != Way::Pulled(PULLS[0]));
+            ways.extend([Way::Regressed, Way::Plain(PULLS[1])]);
         }
         let fills = if whole { fills(samples, carried, run)? } else { Vec::new() };
-        Ok(Self { carried, pulls, fills, whole })
+        Ok(Self { carried, ways, regression: guides.map(Regression::new), fills, whole })
+    }
+
+    /// What the ways start from.
+    fn given<'b>(
+        &'b self,
+        (samples, mask): (&'b Planes, &'b Arc<Mask>),
+        alone: &'b Planes,
+        (carried, held_out_of): (&'b [Carried], Option<&'b Mask>),
+    ) -> Given<'b> {
+        let (fills, regression) = (self.fills.as_slice(), self.regression.as_ref());
+        Given { samples, mask, alone, carried, fills, regression, held_out_of }
     }
 }
 
@@ -84,11 +111,11 @@ impl<'a> Others<'a> {
 pub fn pulled(
     own: &Blend,
     (all, weights): (&mut [Candidate<'_>], &Weights),
-    (samples, carried): (&Planes, &[Carried]),
+    (samples, carried, guides): (&Planes, &[Carried], Option<&Guides>),
     out: &mut Planes,
     run: &Run<'_>,
 ) -> Result<Option<Along>, Error> {
-    let mut others = Others::new(samples, carried, run)?;
+    let mut others = Others::new(samples, carried, guides, run)?;
     let held = held_out(own, (all, weights), (samples, &mut others), out, run)?;
     if run.interrupted().is_some() || held[0].at.is_empty() {
         return Ok(None);
@@ -96,15 +123,16 @@ pub fn pulled(
     let less = less(&held[0], own);
     let misses = if others.whole { misses(&own.mask, carried, out) } else { Vec::new() };
     let learn = |held: &[HeldOut]| {
-        let firm = Preferred { candidate: held.len() - 1, loss: LOSS, misses: &misses };
-        Weights::beside(&own.mask, samples, held, less, others.whole.then_some(firm))
+        let firm = others.ways.iter().position(|way| *way == Way::Pulled(FIRM));
+        let firm = firm.map(|way| Preferred { candidate: 1 + way, loss: LOSS, misses: &misses });
+        Weights::beside(&own.mask, samples, held, less, firm)
     };
     let gain = gain(own.folds, samples, (&held, less), &learn);
     let weights = learn(&held);
     if gain < WORTH || weights.alone() == Some(0) {
         return Ok(None);
     }
-    let outcome = blended(&own.mask, &others, &weights, out, run);
+    let outcome = blended((samples, &own.mask), &others, &weights, out, run)?;
     for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
         own.mask.restore(samples, out);
     }
@@ -112,22 +140,24 @@ pub fn pulled(
     Ok(Some(Along { outcome, share, gain: Some(gain), held: Weights::crossed(&held, &learn) }))
 }
 
-/// Makes `out`, the blend alone, what all ways to pull make of it by their weights. Those that differ in what the samples weigh are one, whose
+/// Makes `out`, the blend alone, what all ways make of it by their weights. Those that differ in what the samples weigh are one, whose
 /// samples weigh between them: where the energy weighs `h` at a pixel, it comes nearer to them by about `w / (h + w)`.
-fn blended(mask: &Mask, others: &Others<'_>, weights: &Weights, out: &mut Planes, run: &Run<'_>) -> Outcome {
+fn blended(
+    (samples, mask): (&Planes, &Arc<Mask>),
+    others: &Others<'_>,
+    weights: &Weights,
+    out: &mut Planes,
+    run: &Run<'_>,
+) -> Result<Outcome, Error> {
     let alone = std::mem::replace(out, Planes::zeros(out.size(), out.len()));
-    let mut outcome = Outcome::direct();
-    let mut pulled = |pull: Pull, local: Option<&Plane>| {
-        let mut image = alone.clone();
-        let Others { carried, fills, .. } = others;
-        let pulling = Pulling { carried, fills, pull, weights: local, roughly: false };
-        outcome = outcome.worst(temporal::pull(mask, &pulling, &mut image, run));
-        image
+    let given = others.given((samples, mask), &alone, (others.carried, None));
+    let joined = |k: usize| match k.checked_sub(1).map(|way| others.ways[way]) {
+        None => Some(0.0),
+        Some(Way::Pulled(pull)) if PULLS.contains(&pull) && !pull.levelled => Some(pull.weight),
+        Some(_) => None,
     };
-    let joins = |k: usize| k == 0 || PULLS.contains(&others.pulls[k - 1]) && !others.pulls[k - 1].levelled;
     let of = |value: &dyn Fn(f64) -> f64| {
-        let weight = |k: usize| if k == 0 { 0.0 } else { others.pulls[k - 1].weight };
-        let values = (0..=others.pulls.len()).map(|k| if joins(k) { value(weight(k)) } else { 0.0 });
+        let values = (0..=others.ways.len()).map(|k| joined(k).map_or(0.0, value));
         weights.mean(&values.collect::<Vec<_>>())
     };
     let (share, mut local) = (of(&|_| 1.0), of(&|weight| weight / (STIFF + weight)));
@@ -136,18 +166,24 @@ fn blended(mask: &Mask, others: &Others<'_>, weights: &Weights, out: &mut Planes
         *local = (STIFF * nearer / (1.0 - nearer)) as f32;
     }
     let is_pulled = local.pixels().iter().any(|weight| *weight > 0.0);
-    let joined = if is_pulled { pulled(PULLS[0], Some(&local)) } else { alone.clone() };
-    for (out, image) in out.as_mut_slice().iter_mut().zip(joined.as_slice()) {
+    let (image, mut outcome) = if is_pulled {
+        given.pulled(alone.clone(), PULLS[1], Some(&local), run)
+    } else {
+        (alone.clone(), Outcome::direct())
+    };
+    for (out, image) in out.as_mut_slice().iter_mut().zip(image.as_slice()) {
         let pixels = out.pixels_mut().iter_mut().zip(image.pixels().iter().zip(share.pixels()));
         pixels.for_each(|(out, (image, share))| *out = share * image);
     }
-    for k in (1..=others.pulls.len()).filter(|&k| weights.counts(k) && !joins(k)) {
-        weights.add(k, &pulled(others.pulls[k - 1], None), out);
+    for k in (1..=others.ways.len()).filter(|&k| weights.counts(k) && joined(k).is_none()) {
+        let (image, ended) = others.ways[k - 1].image(&given, run)?;
+        outcome = outcome.worst(ended);
+        weights.add(k, &image, out);
     }
-    outcome
+    Ok(outcome)
 }
 
-/// What the blend alone and each way to pull it, in this order, predict at held-out samples; `filled` is the blend of all samples.
+/// What the blend alone and each way, in this order, predict at held-out samples; `filled` is the blend of all samples.
 fn held_out(
     own: &Blend,
     (all, weights): (&mut [Candidate<'_>], &Weights),
@@ -157,7 +193,7 @@ fn held_out(
 ) -> Result<Vec<HeldOut>, Error> {
     let judged: Vec<Carried> = others.carried.iter().map(|carried| carried.to_judge().clone()).collect();
     let thinned = temporal::thinned(&own.mask, &judged);
-    let mut held = vec![HeldOut::default(); 1 + others.pulls.len()];
+    let mut held = vec![HeldOut::default(); 1 + others.ways.len()];
     for parts in temporal::judging(own.folds, own.mask.count()) {
         let (folds, given) = ((own.folds, [parts.clone(), parts]), (samples, &*own.mask));
         let mut alone = Planes::zeros(samples.size(), 0);
@@ -180,16 +216,13 @@ fn held_out(
         // Levelling costs as much as all else.
         let first = held[1].at.is_empty();
         if first && !others.whole && !temporal::brightness_changes(&known, &alone) {
-            others.pulls.retain(|pull| !pull.levelled);
-            held.truncate(1 + others.pulls.len());
+            others.ways.retain(|way| !way.is_levelled());
+            held.truncate(1 + others.ways.len());
         }
-        for (pull, held) in others.pulls.iter().zip(&mut held[1..]) {
-            let mut fill = |_: &Planes, kept: &Arc<Mask>| {
-                let mut image = alone.clone();
-                let (carried, fills) = (&known, &others.fills);
-                let pulling = Pulling { carried, fills, pull: *pull, weights: None, roughly: true };
-                temporal::pull(kept, &pulling, &mut image, run);
-                Ok(image)
+        for (way, held) in others.ways.iter().zip(&mut held[1..]) {
+            let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
+                let given = others.given((samples, kept), &alone, (&known, Some(&own.mask)));
+                Ok(way.image(&given, run)?.0)
             };
             held.extend(HeldOut::new(given, folds.clone(), None, &mut fill)?);
         }

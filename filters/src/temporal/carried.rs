@@ -2,6 +2,7 @@
 
 use crate::domain::Map;
 use crate::sampling::hash;
+use crate::variational::guided::Beside;
 use crate::{Mask, Planes, Size};
 
 /// Side of the blocks in which samples are counted.
@@ -89,6 +90,15 @@ impl Carried {
     pub(crate) fn push(&mut self, place: [f32; 2], values: &[f32]) {
         self.places.push(place);
         self.values.iter_mut().zip(values).for_each(|(own, value)| own.push(*value));
+    }
+
+    /// Adds them to others.
+    pub(crate) fn put_beside(&self, all: &mut Beside) {
+        all.at.extend_from_slice(&self.places);
+        all.away.extend(self.places.iter().map(|_| self.distance as f32));
+        for i in 0..self.len() {
+            all.values.extend(self.values.iter().map(|values| values[i]));
+        }
     }
 
     /// The samples as pixels of an image, those of one pixel one after the other.

@@ -39,6 +39,7 @@ use crate::kernel::Isa;
 use crate::kernel::regress::Scales;
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run};
 
+mod beside;
 mod fit;
 mod guides;
 mod nodes;
@@ -48,9 +49,9 @@ mod tests;
 mod trust;
 mod tune;
 
+pub(crate) use beside::{Beside, Regression};
 pub(crate) use fit::{Field, Store, Task};
 pub use guides::Guides;
-
 pub(crate) use nodes::predict_between;
 pub(crate) use reach::Reach;
 pub(crate) use trust::{Trust, WORTH};

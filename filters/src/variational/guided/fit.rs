@@ -66,6 +66,33 @@ impl Store {
         Self { size, samples, channels: channels.len(), starts }
     }
 
+    /// The same with further samples beside those of `mask`, anywhere in the image.
+    pub fn beside(mask: &Mask, values: &Planes, field: Field<'_>, more: &Samples) -> Self {
+        let Self { size, samples: own, channels, mut starts } = Self::new(mask, values, field);
+        let pixel = |at: &[f32; 2]| [at[0].max(0.0) as usize, at[1].max(0.0) as usize];
+        let both = [&own, more];
+        let all = (0..2).flat_map(|which| (0..both[which].at.len()).map(move |at| (which, at)));
+        let mut order: Vec<_> = all.map(|(which, at)| (pixel(&both[which].at[at]), which, at)).collect();
+        order.sort_unstable();
+        let mut samples = Samples::default();
+        let guides = field.planes.len();
+        for &(_, which, at) in &order {
+            let from = both[which];
+            samples.at.push(from.at[at]);
+            samples.guides.extend_from_slice(&from.guides[at * guides..][..guides]);
+            samples.values.extend_from_slice(&from.values[at * channels..][..channels]);
+            samples.labels.extend(from.labels.get(at));
+        }
+        let per_row = size.width.div_ceil(STRIDE) + 1;
+        for (row, starts) in starts.chunks_exact_mut(per_row).enumerate() {
+            for (run, start) in starts.iter_mut().enumerate() {
+                let first = [row, run * STRIDE];
+                *start = order.partition_point(|(pixel, ..)| *pixel < first) as u32;
+            }
+        }
+        Self { size, samples, channels, starts }
+    }
+
     /// The runs of samples in a rectangle of rows and columns; columns are rounded outwards.
     fn runs(&self, rows: Range<usize>, columns: &Range<usize>, runs: &mut Vec<(usize, usize)>) {
         let per_row = self.size.width.div_ceil(STRIDE) + 1;

@@ -1,0 +1,94 @@
+//! How samples of other frames may be taken: what they pull, and the guided regression that sees them beside those of the frame.
+
+use std::sync::Arc;
+
+use super::{Candidate, How, candidates};
+use crate::temporal::{self, Carried, Pull, Pulling};
+use crate::variational::guided::{Beside, Regression};
+use crate::variational::ss;
+use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
+
+/// How samples of other frames are taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Way {
+    /// They pull the frame's own fill.
+    Pulled(Pull),
+    /// They pull what the frame gives without guides.
+    Plain(Pull),
+    /// They are regressed on guides along with those of the frame.
+    Regressed,
+}
+
+/// What a way starts from.
+#[derive(Clone, Copy)]
+pub struct Given<'a> {
+    /// The frame's samples.
+    pub samples: &'a Planes,
+    /// Where they are.
+    pub mask: &'a Arc<Mask>,
+    /// Its own fill.
+    pub alone: &'a Planes,
+    /// The samples of each other frame.
+    pub carried: &'a [Carried],
+    /// What each other frame makes of its own, where these are known.
+    pub fills: &'a [Planes],
+    /// The regression, where there are guides.
+    pub regression: Option<&'a Regression<'a>>,
+    /// Where some of the samples are held out: the mask of all, at which what comes out is looked at.
+    pub held_out_of: Option<&'a Mask>,
+}
+
+impl Way {
+    /// Whether samples are brought to the brightness of the frame.
+    pub const fn is_levelled(self) -> bool {
+        matches!(self, Self::Pulled(Pull { levelled: true, .. }) | Self::Plain(Pull { levelled: true, .. }))
+    }
+
+    /// What comes of it.
+    pub fn image(self, given: &Given<'_>, run: &Run<'_>) -> Result<(Planes, Outcome), Error> {
+        match self {
+            Self::Pulled(pull) => Ok(given.pulled(given.alone.clone(), pull, None, run)),
+            Self::Plain(pull) => {
+                let (image, outcome) = given.plain(run)?;
+                let (image, ended) = given.pulled(image, pull, None, run);
+                Ok((image, outcome.worst(ended)))
+            }
+            Self::Regressed => given.regressed(run),
+        }
+    }
+}
+
+impl Given<'_> {
+    /// An image, pulled; by weights that differ between pixels, if there are some.
+    pub fn pulled(
+        &self,
+        mut image: Planes,
+        pull: Pull,
+        weights: Option<&Plane>,
+        run: &Run<'_>,
+    ) -> (Planes, Outcome) {
+        let Self { carried, fills, .. } = *self;
+        let pulling = Pulling { carried, fills, pull, weights, roughly: self.held_out_of.is_some() };
+        let outcome = temporal::pull(self.mask, &pulling, &mut image, run);
+        (image, outcome)
+    }
+
+    /// What the frame gives without guides.
+    fn plain(&self, run: &Run<'_>) -> Result<(Planes, Outcome), Error> {
+        let [_, edge, _] = candidates();
+        let how = if self.held_out_of.is_some() { How::Roughly } else { How::Exactly };
+        let mut out = Planes::zeros(self.samples.size(), self.samples.len());
+        let (outcome, _) = Candidate::of(edge).fill((self.samples, self.mask), how, &mut out, run)?;
+        Ok((out, outcome))
+    }
+
+    fn regressed(&self, run: &Run<'_>) -> Result<(Planes, Outcome), Error> {
+        let Some(regression) = self.regression else { return Ok((self.alone.clone(), Outcome::direct())) };
+        let mut beside = Beside::default();
+        self.carried.iter().for_each(|carried| carried.put_beside(&mut beside));
+        let filter = ss::Settings::default();
+        let plan = filter.plan(&Problem::fill(Arc::clone(self.mask)), run)?;
+        let of = (&filter as &dyn Filter, plan.as_ref());
+        regression.fill(of, (self.samples, self.mask), &beside, self.held_out_of, run)
+    }
+}

@@ -1,0 +1,158 @@
+//! Guided regression that sees samples of other frames beside those of this one.
+//!
+//! As in [`super`], but over more and nearer samples, so that the regression goes by place as well as by guides: planes of rows and of columns have a
+//! slope and no weight. A last plane, with a weight and no slope, is how many frames away a sample was measured: 0 for those of this frame. The guides of
+//! a sample are this frame's at its place. Nothing is chosen: where it is worse than others, [`crate::auto`] gives it no share.
+
+use std::sync::Arc;
+
+use super::{FINAL, Field, Guides, Model, Part, Reach, SAMPLES, Seen, Store, TRIAL};
+use crate::kernel::Isa;
+use crate::kernel::regress::{Samples, Scales};
+use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Run, Size};
+
+/// Pixels over which a slope along rows or columns counts as one of a guide over its range.
+const PIXELS: f32 = 4.0;
+/// Factor of a guide's difference: samples are near, so guides differ little.
+const BANDWIDTH: f32 = 0.8;
+/// Factor of a frame's distance: a sample of the next frame counts about half.
+const AWAY: f32 = 0.45;
+
+/// Samples of other frames at any places of an image.
+#[derive(Clone, Debug, Default)]
+pub struct Beside {
+    /// Rows and columns.
+    pub at: Vec<[f32; 2]>,
+    /// All channels of a sample together.
+    pub values: Vec<f32>,
+    /// How many frames away each was measured.
+    pub away: Vec<f32>,
+}
+
+/// The regression on some guides.
+pub struct Regression<'a> {
+    labels: Option<&'a [u32]>,
+    /// Guides, rows, columns, and the distance of a frame.
+    planes: Vec<Plane>,
+    scales: Scales,
+}
+
+impl<'a> Regression<'a> {
+    /// On these guides.
+    pub fn new(guides: &'a Guides) -> Self {
+        let (size, count) = (guides.size(), guides.planes().len());
+        let mut planes = guides.planes().to_vec();
+        planes.push(Plane::from_fn(size, |row, _| row as f32 / PIXELS));
+        planes.push(Plane::from_fn(size, |_, column| column as f32 / PIXELS));
+        planes.push(Plane::filled(size, 0.0));
+        let bandwidths = [vec![BANDWIDTH; count], vec![0.0, 0.0, AWAY]].concat();
+        let slopes = [vec![true; count + 2], vec![false]].concat();
+        Self { labels: guides.labels(), planes, scales: Scales { bandwidths, slopes } }
+    }
+
+    /// The image from the samples of a mask and those beside them; `plan` is that of `filter` on the mask. Where some samples are held out of a mask, roughly
+    /// and at its pixels.
+    pub fn fill(
+        &self,
+        (filter, plan): (&dyn Filter, &dyn Plan),
+        (samples, mask): (&Planes, &Arc<Mask>),
+        beside: &Beside,
+        held_out_of: Option<&Mask>,
+        run: &Run<'_>,
+    ) -> Result<(Planes, Outcome), Error> {
+        let field = Field { planes: &self.planes, labels: self.labels };
+        let seen = seen((samples, mask), beside, field);
+        let model = Model { filter, mask, samples, field, isa: Isa::best() };
+        let part = Part { mask, plan, seen: &seen, scales: &self.scales };
+        let (guided, _, outcome) = match held_out_of {
+            Some(all) => model.fill(part, all, TRIAL, run)?,
+            None => model.fill(part, &Mask::from_fn(mask.size(), |_, _| true), FINAL, run)?,
+        };
+        Ok((guided, outcome))
+    }
+}
+
+/// The samples of a mask and those beside them.
+fn seen((samples, mask): (&Planes, &Mask), beside: &Beside, field: Field<'_>) -> Seen {
+    let size = mask.size();
+    let mut flags = mask.as_slice().to_vec();
+    let mut more = Samples { at: beside.at.clone(), values: beside.values.clone(), ..Samples::default() };
+    let guides = &field.planes[..field.planes.len() - 1];
+    for (at, away) in beside.at.iter().zip(&beside.away) {
+        let pixel = pixel(size, *at);
+        flags[pixel] = true;
+        more.guides.extend(guides.iter().map(|plane| between(plane, *at)));
+        more.guides.push(*away);
+        more.labels.extend(field.labels.map(|labels| labels[pixel]));
+    }
+    // A pixel may hold several samples.
+    let several = (mask.count() + beside.at.len()).max(1) as f64;
+    let holding = Mask::of(size, flags);
+    let wanted = SAMPLES * holding.count() as f64 / several;
+    Seen { store: Store::beside(mask, samples, field, &more), reach: Reach::new(&holding, wanted) }
+}
+
+fn pixel(size: Size, [y, x]: [f32; 2]) -> usize {
+    let at = |at: f32, length: usize| (at.round().max(0.0) as usize).min(length - 1);
+    at(y, size.height) * size.width + at(x, size.width)
+}
+
+/// Linearly between pixel centres.
+fn between(plane: &Plane, [y, x]: [f32; 2]) -> f32 {
+    let size = plane.size();
+    let axis = |at: f32, length: usize| {
+        let at = at.clamp(0.0, (length - 1) as f32);
+        let low = at as usize;
+        (low, (low + 1).min(length - 1), at - low as f32)
+    };
+    let ((top, bottom, v), (left, right, u)) = (axis(y, size.height), axis(x, size.width));
+    let line = |row: usize| {
+        let row = plane.row(row);
+        row[left] + u * (row[right] - row[left])
+    };
+    let (a, b) = (line(top), line(bottom));
+    a + v * (b - a)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Problem;
+    use crate::variational::ss;
+
+    const SIZE: Size = Size::new(60, 64);
+
+    fn guide(y: f32, x: f32) -> f32 {
+        (0.8 * y).sin() + (0.5 * x + 0.2 * y).cos()
+    }
+
+    /// A function of a guide and of the place, sampled by one frame at few pixels and by another between many.
+    #[test]
+    fn samples_between_pixels_tell_what_the_frame_does_not() {
+        let scene = |y: f32, x: f32| 0.4 + 0.1 * guide(y, x) + 0.05 * (1.1 * y - 0.7 * x).sin();
+        let plane = |value: &dyn Fn(f32, f32) -> f32| Plane::from_fn(SIZE, |y, x| value(y as f32, x as f32));
+        let truth = Planes::new(SIZE, vec![plane(&scene)]).unwrap();
+        let mut guides = Guides::new(SIZE);
+        guides.add("guide", vec![plane(&guide)]).unwrap();
+        let mask = Arc::new(Mask::from_fn(SIZE, |y, x| (3 * y + 2 * x) % 7 == 0));
+        let mut beside = Beside::default();
+        for (y, x) in (0..59).flat_map(|y| (0..63).map(move |x| (y, x))).filter(|(y, x)| (y + 2 * x) % 3 == 0)
+        {
+            let at = [y as f32 + 0.3, x as f32 + 0.6];
+            beside.at.push(at);
+            beside.values.push(scene(at[0], at[1]));
+            beside.away.push(1.0);
+        }
+        let (filter, run) = (ss::Settings::default(), Run::default());
+        let plan = filter.plan(&Problem::fill(Arc::clone(&mask)), &run).unwrap();
+        let regression = Regression::new(&guides);
+        let error = |beside: &Beside| {
+            let of = (&filter as &dyn Filter, plan.as_ref());
+            let (image, _) = regression.fill(of, (&truth, &mask), beside, None, &run).unwrap();
+            let pairs = image.as_slice()[0].pixels().iter().zip(truth.as_slice()[0].pixels());
+            pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>()
+        };
+        let (with, without) = (error(&beside), error(&Beside::default()));
+        assert!(with < 0.1 * without, "{with} {without}");
+    }
+}
