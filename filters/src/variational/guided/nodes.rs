@@ -15,7 +15,7 @@ use crate::kernel::simd::vectors;
 use crate::{Mask, Planes, Size};
 
 /// Pixels between nodes, over the smallest radius.
-const STEP: f32 = 0.4;
+const STEP: f32 = 0.8;
 /// Side of a tile, about: the products of the samples that its nodes see are to stay in the cache.
 const TILE: usize = 48;
 
