@@ -50,8 +50,8 @@ use crate::variational::{edge, ss, tv};
 use crate::weights::Weights;
 use crate::{Error, Filter, Gradients, Mask, Outcome, Plan, Planes, Problem, Run};
 
-/// What guides must take away of the squared error of splines to leave nothing but `edge` beside them, in large images nothing, as it takes long
-/// there: more than the other candidates do anywhere.
+/// What guides must take away of the squared error of splines to have nothing but `edge` beside them, and in large images, where that takes
+/// long, nothing: more than the other candidates take away anywhere.
 const ENOUGH: f64 = 0.5;
 /// So many held-out samples show whether a candidate counts at all; where one fold has them, the others need not be computed.
 const DECIDE: usize = 500;

@@ -286,6 +286,27 @@ impl Scratch {
             }
         }
     }
+    /// Solves the factored system in place: `solution` holds the right side before.
+    #[inline(always)]
+    fn solve<V: Vector<Number = f32>>(&mut self, from: usize) {
+        let Self { factor, solution, .. } = self;
+        let load = |lanes: &Lanes| V::load(&lanes.0[from..]);
+        let order = solution.len();
+        for a in 1..order {
+            let mut sum = load(&solution[a]);
+            for k in 0..a {
+                sum = sum.minus(load(&factor[at(a, k)][0]).times(load(&solution[k])));
+            }
+            sum.store(&mut solution[a].0[from..]);
+        }
+        for a in (0..order).rev() {
+            let mut sum = load(&solution[a]).times(load(&factor[at(a, a)][0]));
+            for k in a + 1..order {
+                sum = sum.minus(load(&factor[at(k, a)][0]).times(load(&solution[k])));
+            }
+            sum.store(&mut solution[a].0[from..]);
+        }
+    }
 }
 
 impl Vectored<f32> for Regress<'_> {
@@ -446,23 +467,9 @@ impl Regress<'_> {
     /// Solves for the weights of the right sides, and sums these up.
     #[inline(always)]
     fn predict<V: Vector<Number = f32>>(&mut self, from: usize) {
-        let Scratch { sums, factor, solution, .. } = &mut *self.scratch;
+        self.scratch.solve::<V>(from);
+        let Scratch { sums, solution, .. } = &*self.scratch;
         let load = |lanes: &Lanes| V::load(&lanes.0[from..]);
-        let order = solution.len();
-        for a in 1..order {
-            let mut sum = load(&solution[a]);
-            for k in 0..a {
-                sum = sum.minus(load(&factor[at(a, k)][0]).times(load(&solution[k])));
-            }
-            sum.store(&mut solution[a].0[from..]);
-        }
-        for a in (0..order).rev() {
-            let mut sum = load(&solution[a]).times(load(&factor[at(a, a)][0]));
-            for k in a + 1..order {
-                sum = sum.minus(load(&factor[at(k, a)][0]).times(load(&solution[k])));
-            }
-            sum.store(&mut solution[a].0[from..]);
-        }
         let channels = self.table.channels;
         for (channel, out) in self.out.iter_mut().enumerate() {
             let mut sum = V::splat(self.table.origins.1[channel]);

@@ -152,23 +152,12 @@ impl Fit<'_> {
     #[inline(always)]
     fn solve<V: Vector<Number = f32>>(&mut self, channel: usize, from: usize) {
         let channels = self.table.channels;
-        let Scratch { sums, factor, solution, .. } = &mut *self.scratch;
-        let load = |lanes: &Lanes| V::load(&lanes.0[from..]);
-        let order = solution.len();
-        for a in 0..order {
-            let mut sum = load(&sums[right(a, channels) + channel]);
-            for k in 0..a {
-                sum = sum.minus(load(&factor[at(a, k)][0]).times(load(&solution[k])));
-            }
-            sum.store(&mut solution[a].0[from..]);
+        let Scratch { sums, solution, .. } = &mut *self.scratch;
+        for (a, own) in solution.iter_mut().enumerate() {
+            V::load(&sums[right(a, channels) + channel].0[from..]).store(&mut own.0[from..]);
         }
-        for a in (0..order).rev() {
-            let mut sum = load(&solution[a]).times(load(&factor[at(a, a)][0]));
-            for k in a + 1..order {
-                sum = sum.minus(load(&factor[at(k, a)][0]).times(load(&solution[k])));
-            }
-            sum.store(&mut solution[a].0[from..]);
-        }
+        self.scratch.solve::<V>(from);
+        let Scratch { sums, solution, .. } = &*self.scratch;
         let (padded, record) = (padded(self.table), record(self.table));
         let near = &sums[right(0, channels) + channels];
         for lane in from..(from + V::LANES).min(self.nodes.len()) {
