@@ -30,7 +30,8 @@
 //!
 //! Boundary: that of the candidates. No settings. The same bits for any number of threads.
 //!
-//! Cost: up to seven fills, twice as many planes in most where noise is known, and as many without the samples of a fold. Memory: so many images.
+//! Cost: up to seven fills, twice as many planes in most where noise is known, and as many without the samples of a fold, of large images in tiles
+//! that are spread over them. Memory: so many images.
 //!
 //! Fails: where noise correlates between pixels, as after a denoiser; details as small as the noise, which are smoothed away.
 //!
@@ -41,6 +42,7 @@
 
 mod blend;
 mod candidates;
+mod part;
 mod relative;
 mod split;
 #[cfg(test)]

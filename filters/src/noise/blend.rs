@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::candidates::{Candidate, Fold, Second, Task};
+use super::part::Part;
 use super::relative::importance;
 use super::split::Split;
 use super::{NEIGHBOURHOOD, NOISY};
@@ -31,25 +32,27 @@ impl<'a> Blend<'a> {
     ) -> Result<Option<Self>, Error> {
         let samples = &split.samples;
         let counts = importance(mask, samples, split.level);
-        let folds = task.folds(all, mask, samples)?;
+        let part = Part::new(task, mask, samples);
+        let (small, kept, own) = part.task(task, mask, samples);
+        let folds = small.folds(all, (kept, &|pixel| part.is_inner(pixel)), own)?;
         let (measured, images, outcome) = if let Some(noise) = &split.noise {
             let (values, noises, outcome) = task.both(all, mask, (samples, noise))?;
             (by_noise(surfaces, (mask, &counts), samples, noise, (&values, &noises)), values, outcome)
         } else {
             let (weights, error) =
-                held_out(surfaces, &Held::new(mask, all.len(), &folds), (samples, &counts));
+                held_out(surfaces, &Held::new(&part, kept, all.len(), &folds), (samples, &counts));
             if error > 1.0 - NOISY {
                 return Ok(None);
             }
             let (values, outcome) = task.each(all, mask, samples)?;
             (weights, values, outcome)
         };
-        let mut held = Held::new(mask, all.len(), &folds);
+        let mut held = Held::new(&part, kept, all.len(), &folds);
         let seconds = Second::all(all.iter().any(Candidate::is_guided));
         held.predicted.resize(all.len() + seconds.len(), Vec::new());
         for fold in &folds {
-            let images: Vec<Planes> = fold.images.iter().map(|image| image.planes(mask)).collect();
-            let smooth = smoothed(&measured, &images, samples, mask);
+            let images: Vec<Planes> = fold.images.iter().map(|image| image.planes(kept)).collect();
+            let smooth = smoothed(&measured, &images, own, (kept, &part));
             for (second, predicted) in seconds.iter().zip(&mut held.predicted[all.len()..]) {
                 let filled = second.fill(&fold.kept, &smooth, &images[base(all)], task.run)?;
                 predicted.extend(fold.at.iter().map(|&pixel| values(&filled, pixel)));
@@ -118,11 +121,24 @@ fn mend(planes: &mut Planes, samples: &Planes) {
     }
 }
 
-/// What the weights make of the samples; zero at missing pixels.
-fn smoothed(weights: &BySurface<'_>, images: &[Planes], samples: &Planes, mask: &Mask) -> Planes {
+/// What the weights make of the samples of a part; zero at missing pixels.
+fn smoothed(
+    weights: &BySurface<'_>,
+    images: &[Planes],
+    samples: &Planes,
+    (mask, part): (&Mask, &Part),
+) -> Planes {
     let mut out = Planes::zeros(mask.size(), images.first().map_or(0, Planes::len));
-    for (k, image) in images.iter().enumerate() {
-        weights.add(k, image, (mask, true), &mut out);
+    for (pixel, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
+        let (row, column) = part.place(pixel);
+        for (k, image) in images.iter().enumerate() {
+            let weight = weights.at(k, row, column);
+            if weight > 0.0 {
+                for (out, image) in out.as_mut_slice().iter_mut().zip(image.as_slice()) {
+                    out.pixels_mut()[pixel] += weight * image.pixels()[pixel];
+                }
+            }
+        }
     }
     mend(&mut out, samples);
     out
@@ -135,8 +151,8 @@ struct Held {
 }
 
 impl Held {
-    fn new(mask: &Mask, count: usize, folds: &[Fold]) -> Self {
-        let at = folds.iter().flat_map(|fold| fold.at.iter().copied()).collect();
+    fn new(part: &Part, mask: &Mask, count: usize, folds: &[Fold]) -> Self {
+        let at = folds.iter().flat_map(|fold| &fold.at).map(|&pixel| part.pixel(pixel as usize)).collect();
         let mut predicted = vec![Vec::new(); count];
         for fold in folds {
             for (predicted, image) in predicted.iter_mut().zip(&fold.images) {

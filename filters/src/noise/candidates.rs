@@ -212,11 +212,17 @@ impl Task<'_> {
         Ok((images, worst))
     }
 
-    /// What the candidates make of the samples without some of them.
-    pub fn folds(&self, all: &[Candidate], mask: &Arc<Mask>, samples: &Planes) -> Result<Vec<Fold>, Error> {
+    /// What the candidates make of the samples without some of them, of which those that are `judged` are looked at.
+    pub fn folds(
+        &self,
+        all: &[Candidate],
+        (mask, judged): (&Arc<Mask>, &dyn Fn(u32) -> bool),
+        samples: &Planes,
+    ) -> Result<Vec<Fold>, Error> {
         let one = |parts| {
             let kept = Arc::new(FOLDS.without(mask, &parts));
-            let at = FOLDS.held_out(mask, &parts);
+            let mut at = FOLDS.held_out(mask, &parts);
+            at.retain(|&pixel| judged(pixel));
             if at.is_empty() || kept.is_empty() {
                 return Ok(None);
             }
@@ -228,7 +234,9 @@ impl Task<'_> {
             }
             Ok(Some(Fold { kept, at, images }))
         };
-        FOLDS.near(mask.count()).map(one).filter_map(Result::transpose).collect()
+        let measured = mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag);
+        let judged = measured.filter(|(pixel, _)| judged(*pixel as u32)).count();
+        FOLDS.near(judged).map(one).filter_map(Result::transpose).collect()
     }
 
     /// One candidate's image where it is `wanted`, at least.
