@@ -134,14 +134,14 @@ pub(crate) fn reconstruct(
         (Some(noise), None) => precision(mask, noise).map(Arc::new),
         (_, weights) => weights.cloned(),
     };
-    let task = Task { guides: known.guides, weights: precision.as_ref(), run };
+    let task = Task { guides: known.guides, weights: precision.as_ref(), tuned: None, run };
     let surfaces = Surfaces::new(mask.size(), known.guides.and_then(Guides::labels));
     let Some(blend) = Blend::new(&task, &all, mask, &split, &surfaces)? else { return Ok(None) };
     if run.interrupted().is_some() {
         return Ok(None);
     }
     let mut effect =
-        Effect { shares: blend.fill(&all, (mask, &split.samples), out, run)?, ..Effect::default() };
+        Effect { shares: blend.fill(&task, &all, (mask, &split.samples), out)?, ..Effect::default() };
     let outcome = blend.outcome;
     if let Some(guides) = known.guides.filter(|_| all.iter().any(Candidate::is_guided)) {
         effect.guides = guides.all_names().cloned().collect();

@@ -5,8 +5,7 @@ use std::sync::Arc;
 use super::{Candidate, How, candidates};
 use crate::temporal::{self, Carried, Pull, Pulling};
 use crate::variational::guided::{Beside, Regression};
-use crate::variational::ss;
-use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
+use crate::{Error, Mask, Outcome, Plane, Planes, Run};
 
 /// How samples of other frames are taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,9 +85,6 @@ impl Given<'_> {
         let Some(regression) = self.regression else { return Ok((self.alone.clone(), Outcome::direct())) };
         let mut beside = Beside::default();
         self.carried.iter().for_each(|carried| carried.put_beside(&mut beside));
-        let filter = ss::Settings::default();
-        let plan = filter.plan(&Problem::fill(Arc::clone(self.mask)), run)?;
-        let of = (&filter as &dyn Filter, plan.as_ref());
-        regression.fill(of, (self.samples, self.mask), &beside, self.held_out_of, run)
+        regression.fill((self.samples, self.mask), &beside, self.held_out_of, run)
     }
 }

@@ -7,8 +7,9 @@ use super::part::Part;
 use super::relative::importance;
 use super::split::Split;
 use super::{NEIGHBOURHOOD, NOISY};
+use crate::variational::guided::Tuned;
 use crate::weights::{BySurface, Surfaces, add_products};
-use crate::{Error, Mask, Outcome, Planes, Run};
+use crate::{Error, Mask, Outcome, Planes};
 
 /// What weighs the candidates, and what they make of all samples.
 pub struct Blend<'a> {
@@ -17,6 +18,8 @@ pub struct Blend<'a> {
     /// At missing ones, of all.
     missing: BySurface<'a>,
     images: Vec<Planes>,
+    /// What guides count for where smoothed samples are filled.
+    tuned: Option<Tuned>,
     /// How the solvers ended.
     pub outcome: Outcome,
 }
@@ -34,6 +37,9 @@ impl<'a> Blend<'a> {
         let counts = importance(mask, samples, split.level);
         let part = Part::new(task, mask, samples);
         let (small, kept, own) = part.task(task, mask, samples);
+        let tuned = small.tune(kept, own);
+        let (task, small) =
+            (&Task { tuned: tuned.as_ref(), ..*task }, Task { tuned: tuned.as_ref(), ..small });
         let folds = small.folds(all, (kept, &|pixel| part.is_inner(pixel)), own)?;
         let (measured, images, outcome) = if let Some(noise) = &split.noise {
             let (values, noises, outcome) = task.both(all, mask, (samples, noise))?;
@@ -48,27 +54,30 @@ impl<'a> Blend<'a> {
             (weights, values, outcome)
         };
         let mut held = Held::new(&part, kept, all.len(), &folds);
-        let seconds = Second::all(all.iter().any(Candidate::is_guided));
+        let seconds = seconds(all, mask);
         held.predicted.resize(all.len() + seconds.len(), Vec::new());
+        let mut tuned = None;
         for fold in &folds {
             let images: Vec<Planes> = fold.images.iter().map(|image| image.planes(kept)).collect();
             let smooth = smoothed(&measured, &images, own, (kept, &part));
+            tuned = tuned.or_else(|| small.tune(&fold.kept, &smooth));
+            let small = Task { tuned: tuned.as_ref(), ..small };
             for (second, predicted) in seconds.iter().zip(&mut held.predicted[all.len()..]) {
-                let filled = second.fill(&fold.kept, &smooth, &images[base(all)], task.run)?;
+                let filled = second.fill(&small, (&fold.kept, &smooth), Some(kept))?;
                 predicted.extend(fold.at.iter().map(|&pixel| values(&filled, pixel)));
             }
         }
         let missing = held_out(surfaces, &held, (samples, &counts)).0;
-        Ok(Some(Self { measured, missing, images, outcome }))
+        Ok(Some(Self { measured, missing, images, tuned, outcome }))
     }
 
     /// Fills all pixels of `out`; the mean weights at missing ones.
     pub fn fill(
         &self,
+        task: &Task<'_>,
         all: &[Candidate],
         (mask, samples): (&Arc<Mask>, &Planes),
         out: &mut Planes,
-        run: &Run<'_>,
     ) -> Result<Vec<(&'static str, f64)>, Error> {
         out.as_mut_slice().iter_mut().for_each(|plane| plane.pixels_mut().fill(0.0));
         let mut shares = Vec::new();
@@ -87,11 +96,11 @@ impl<'a> Blend<'a> {
         for (k, image) in self.images.iter().enumerate() {
             self.missing.add(k, image, (mask, false), out);
         }
-        let guided = all.iter().any(Candidate::is_guided);
-        for (k, second) in (all.len()..).zip(Second::all(guided)) {
+        let task = Task { tuned: self.tuned.as_ref(), ..*task };
+        for (k, second) in (all.len()..).zip(seconds(all, mask)) {
             let share = self.missing.share(k, mask);
             if share > 0.0 {
-                let image = second.fill(mask, &smooth, &self.images[base(all)], run)?;
+                let image = second.fill(&task, (mask, &smooth), None)?;
                 self.missing.add(k, &image, (mask, false), out);
             }
             shares.push((second.name(), share));
@@ -101,9 +110,9 @@ impl<'a> Blend<'a> {
     }
 }
 
-/// The regression whose rest is filled.
-fn base(all: &[Candidate]) -> usize {
-    all.iter().position(|candidate| candidate.name == "guided 36").unwrap_or(0)
+/// The ways to fill what is missing.
+fn seconds(all: &[Candidate], mask: &Mask) -> &'static [Second] {
+    if mask.is_full() { &[] } else { Second::all(all.iter().any(Candidate::is_guided)) }
 }
 
 fn values(planes: &Planes, pixel: u32) -> Vec<f32> {

@@ -6,7 +6,7 @@ use super::FOLDS;
 use crate::baseline::push_pull;
 use crate::kernel::Isa;
 use crate::kernel::regress::{RIDGE, Scales};
-use crate::variational::guided::{Field, Guides, Reach, Store, Task as Fit, predict_between};
+use crate::variational::guided::{Field, Guides, Reach, Store, Task as Fit, Tuned, predict_between};
 use crate::variational::{edge, ss, tv};
 use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
 
@@ -33,6 +33,8 @@ enum Kind {
     Splines(f64),
     /// A first-order regression on guides and place over about so many samples.
     Regression(f64),
+    /// The one that fills images without noise, as [`Task::tuned`] says.
+    Guided,
 }
 
 impl Candidate {
@@ -49,6 +51,7 @@ impl Candidate {
                 regression("guided 36", 36.0),
                 regression("guided 108", 108.0),
                 regression("guided 324", 324.0),
+                Self { name: "guided", kind: Kind::Guided },
             ];
         }
         vec![
@@ -63,7 +66,7 @@ impl Candidate {
 
     /// Whether it looks at guides.
     pub const fn is_guided(&self) -> bool {
-        matches!(self.kind, Kind::Regression(_))
+        matches!(self.kind, Kind::Regression(_) | Kind::Guided)
     }
 }
 
@@ -107,14 +110,14 @@ pub enum Second {
     Edge,
     /// Total variation.
     Tv,
-    /// Splines through what the regression leaves.
-    Rest,
+    /// Guided filling.
+    Guided,
 }
 
 impl Second {
     /// All of them. Beside smoothing splines, total variation counts for next to nothing.
     pub const fn all(guided: bool) -> &'static [Self] {
-        if guided { &[Self::Edge, Self::Tv, Self::Rest] } else { &[Self::Edge] }
+        if guided { &[Self::Edge, Self::Tv, Self::Guided] } else { &[Self::Edge] }
     }
 
     /// What the report calls it.
@@ -122,42 +125,28 @@ impl Second {
         match self {
             Self::Edge => "edge",
             Self::Tv => "tv",
-            Self::Rest => "guided, ss",
+            Self::Guided => "guided again",
         }
     }
 
-    /// Fills smoothed samples, of which `predicted` is what the regression makes.
+    /// Fills smoothed samples; where some are held out of a mask, roughly and at its pixels.
     pub fn fill(
         self,
-        mask: &Arc<Mask>,
-        smooth: &Planes,
-        predicted: &Planes,
-        run: &Run<'_>,
+        task: &Task<'_>,
+        (mask, smooth): (&Arc<Mask>, &Planes),
+        held_out_of: Option<&Mask>,
     ) -> Result<Planes, Error> {
         let problem = Problem::fill(Arc::clone(mask));
-        let mut out = Planes::zeros(smooth.size(), smooth.len());
-        let plan = match self {
-            Self::Edge => edge::Settings::default().plan(&problem, run)?,
-            Self::Tv => tv::Settings::default().plan(&problem, run)?,
-            Self::Rest => ss::Settings::default().plan(&problem, run)?,
-        };
-        if self != Self::Rest {
-            plan.reconstruct_roughly(smooth, ROUGH, &mut out, run)?;
-            return Ok(out);
-        }
-        let mut rest = smooth.clone();
-        let each = |to: &mut Planes, by: &Planes, sign: f32| {
-            for (to, by) in to.as_mut_slice().iter_mut().zip(by.as_slice()) {
-                to.pixels_mut().iter_mut().zip(by.pixels()).for_each(|(to, by)| *to += sign * by);
+        let plan = match (self, task.guides.zip(task.tuned)) {
+            (Self::Edge, _) => edge::Settings::default().plan(&problem, task.run)?,
+            (Self::Tv, _) => tv::Settings::default().plan(&problem, task.run)?,
+            (Self::Guided, None) => ss::Settings::default().plan(&problem, task.run)?,
+            (Self::Guided, Some((guides, tuned))) => {
+                return tuned.fill((smooth, mask), guides, held_out_of, task.run);
             }
         };
-        each(&mut rest, predicted, -1.0);
-        // Where it overflows there is nothing to fill.
-        for plane in rest.as_mut_slice() {
-            plane.pixels_mut().iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = 0.0);
-        }
-        plan.reconstruct_roughly(&rest, ROUGH, &mut out, run)?;
-        each(&mut out, predicted, 1.0);
+        let mut out = Planes::zeros(smooth.size(), smooth.len());
+        plan.reconstruct_roughly(smooth, ROUGH, &mut out, task.run)?;
         Ok(out)
     }
 }
@@ -167,10 +156,17 @@ impl Second {
 pub struct Task<'a> {
     pub guides: Option<&'a Guides>,
     pub weights: Option<&'a Arc<Plane>>,
+    /// What guides count for.
+    pub tuned: Option<&'a Tuned>,
     pub run: &'a Run<'a>,
 }
 
 impl Task<'_> {
+    /// What guides count for, as these samples show.
+    pub fn tune(&self, mask: &Arc<Mask>, samples: &Planes) -> Option<Tuned> {
+        Tuned::new(mask, samples, self.guides?)
+    }
+
     /// The images of samples and of noise by each candidate.
     pub fn both(
         &self,
@@ -248,8 +244,14 @@ impl Task<'_> {
         out: &mut Planes,
     ) -> Result<Outcome, Error> {
         match (candidate.kind, self.guides) {
-            (Kind::Regression(count), Some(guides)) => {
-                predict_from(guides, count, (mask, wanted), values, out);
+            (Kind::Regression(_) | Kind::Guided, Some(guides)) => {
+                match (candidate.kind, self.tuned) {
+                    (Kind::Regression(count), _) => {
+                        predict_from(guides, count, (mask, wanted), values, out);
+                    }
+                    (_, Some(tuned)) => tuned.predict((values, mask), guides, wanted, out),
+                    (_, None) => {}
+                }
                 let far = |plane: &Plane| {
                     let wanted = plane.pixels().iter().zip(wanted.as_slice()).filter(|(_, wanted)| **wanted);
                     { wanted }.any(|(value, _)| !value.is_finite())
@@ -272,7 +274,7 @@ impl Task<'_> {
                 let settings = ss::Settings { lambda, ..ss::Settings::default() };
                 settings.plan(&problem, self.run)?.reconstruct_roughly(values, ROUGH, out, self.run)
             }
-            (Kind::Regression(_), None) => Ok(Outcome::direct()),
+            (Kind::Regression(_) | Kind::Guided, None) => Ok(Outcome::direct()),
         }
     }
 }

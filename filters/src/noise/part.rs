@@ -41,7 +41,7 @@ impl Part {
     ) -> (Task<'a>, &'a Arc<Mask>, &'a Planes) {
         self.tiles.as_ref().map_or((*whole, mask, samples), |tiles| {
             let (guides, weights) = (tiles.guides.as_ref(), tiles.weights.as_ref());
-            (Task { guides, weights, run: whole.run }, &tiles.excerpt.mask, &tiles.samples)
+            (Task { guides, weights, ..*whole }, &tiles.excerpt.mask, &tiles.samples)
         })
     }
 
@@ -59,5 +59,42 @@ impl Part {
     pub fn place(&self, pixel: usize) -> (usize, usize) {
         let pixel = self.pixel(pixel) as usize;
         (pixel / self.width, pixel % self.width)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Run, Size};
+
+    fn at(row: usize, column: usize) -> f32 {
+        (row * 1000 + column) as f32
+    }
+
+    #[test]
+    fn tiles_of_a_large_image_hold_its_pixels_and_a_small_one_is_taken_whole() {
+        for (size, tiled) in [(Size::new(900, 960), true), (Size::new(500, 600), false)] {
+            let mask = Arc::new(Mask::from_fn(size, |row, column| (row + 2 * column).is_multiple_of(5)));
+            let plane = Plane::from_fn(size, at);
+            let samples = Planes::new(size, vec![plane.clone()]).unwrap();
+            let mut guides = Guides::new(size);
+            guides.add("guide", vec![plane.clone()]).unwrap();
+            let (weights, run) = (Arc::new(plane), Run::default());
+            let task = Task { guides: Some(&guides), weights: Some(&weights), tuned: None, run: &run };
+            let part = Part::new(&task, &mask, &samples);
+            let (small, kept, own) = part.task(&task, &mask, &samples);
+            assert_eq!(kept.size() != size, tiled);
+            for pixel in (0..kept.size().pixels()).step_by(37) {
+                let (row, column) = part.place(pixel);
+                assert_eq!(part.pixel(pixel) as usize, row * size.width + column);
+                assert_eq!(kept.as_slice()[pixel], mask.is_measured(row, column));
+                assert_eq!(own.as_slice()[0].pixels()[pixel], at(row, column));
+                assert_eq!(small.weights.unwrap().pixels()[pixel], at(row, column));
+                let guide = &small.guides.unwrap().planes()[0];
+                assert_eq!(guide.pixels()[pixel], guides.planes()[0].at(row, column));
+            }
+            let judged = (0..kept.size().pixels() as u32).filter(|&pixel| part.is_inner(pixel)).count();
+            assert_eq!(judged < kept.size().pixels(), tiled);
+        }
     }
 }

@@ -116,6 +116,23 @@ fn guides_carry_what_noise_hides() {
     assert!(error(&found.planes, &truth) < 0.25 * alone, "{} {alone}", error(&found.planes, &truth));
 }
 
+/// A function of a guide that no plane follows, and that has no neighbourhood in the image.
+#[test]
+fn guides_carry_what_is_no_plane_of_them() {
+    let size = Size::new(120, 120);
+    let mask = mask(size, 0.25);
+    let guide = Plane::from_fn(size, |row, column| hashed(11, row * size.width + column));
+    let truth = Plane::from_fn(size, |row, column| (9.0 * guide.at(row, column)).sin());
+    let [a, b, mean] = halves(&truth, 0.1);
+    let mut guides = Guides::new(size);
+    guides.add("guide", vec![guide]).unwrap();
+    let noise = Noise::Like(vec![like(&a, &b)]);
+    let options = Options { noise, guides: Some(&guides), ..Options::default() };
+    let found = fill(&Planes::new(size, vec![mean]).unwrap(), mask, &options).unwrap();
+    // Planes leave 0.69 of it.
+    assert!(error(&found.planes, &truth) < 0.3, "{}", error(&found.planes, &truth));
+}
+
 #[test]
 fn stein_s_estimate_is_that_of_the_truth() {
     // The products at all samples, against the errors that the truth shows.
@@ -125,7 +142,7 @@ fn stein_s_estimate_is_that_of_the_truth() {
     let [a, b, mean] = halves(&truth, 0.1);
     let n = like(&a, &b);
     let run = Run::default();
-    let task = Task { guides: None, weights: None, run: &run };
+    let task = Task { guides: None, weights: None, tuned: None, run: &run };
     let all = Candidate::all(false);
     let planes = |plane: &Plane| Planes::new(size, vec![plane.clone()]).unwrap();
     let (values, noises, _) = task.both(&all, &full, (&planes(&mean), &planes(&n))).unwrap();

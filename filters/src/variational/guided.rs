@@ -37,6 +37,7 @@ use lacuna_core::parallel::{join, prelude::*};
 use crate::estimate::Evidence;
 use crate::kernel::Isa;
 use crate::kernel::regress::Scales;
+use crate::variational::ss;
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run};
 
 mod beside;
@@ -48,6 +49,7 @@ mod reach;
 mod tests;
 mod trust;
 mod tune;
+mod tuned;
 
 pub(crate) use beside::{Beside, Regression};
 pub(crate) use fit::{Field, Store, Task};
@@ -56,6 +58,7 @@ pub(crate) use nodes::predict_between;
 pub(crate) use reach::Reach;
 pub(crate) use trust::{Trust, WORTH};
 pub(crate) use tune::Weights;
+pub(crate) use tuned::Tuned;
 
 /// Samples that a regression sees, about.
 const SAMPLES: f64 = 36.0;
@@ -110,9 +113,9 @@ pub fn steer(
         return Ok((Outcome::direct(), Effect::default()));
     }
     let field = Field { planes: guides.planes(), labels: guides.labels() };
-    let model = Model { filter, mask, samples, field, isa: Isa::best() };
-    let seen = Seen::new(mask, samples, field);
-    let Some((scales, trust, gain)) = model.judge(&seen, guides, run)? else {
+    let model = Model { mask, samples, field, isa: Isa::best() };
+    let seen = model.seen();
+    let Some((scales, trust, gain)) = model.judge(filter, &seen, guides, run)? else {
         return Ok((Outcome::direct(), Effect::default()));
     };
     let everywhere = Mask::from_fn(mask.size(), |_, _| true);
@@ -124,7 +127,6 @@ pub fn steer(
 }
 
 struct Model<'a> {
-    filter: &'a dyn Filter,
     mask: &'a Arc<Mask>,
     samples: &'a Planes,
     field: Field<'a>,
@@ -155,31 +157,24 @@ struct Part<'a> {
 }
 
 impl Model<'_> {
+    fn seen(&self) -> Seen {
+        Seen::new(self.mask, self.samples, self.field)
+    }
+
     /// What guides count for, where they are trusted, and what they gain; nothing if that is not worth it.
     fn judge(
         &self,
+        filter: &dyn Filter,
         seen: &Seen,
         guides: &Guides,
         run: &Run<'_>,
     ) -> Result<Option<(Scales, Plane, f64)>, Error> {
         let size = self.mask.size();
         let weights = tune::Weights::new(self.mask, self.samples);
-        let trial = tune::Trial {
-            store: &seen.store,
-            mask: self.mask,
-            values: self.samples,
-            weights,
-            field: self.field,
-            reach: &seen.reach,
-            isa: self.isa,
-        };
-        let scales = trial.choose(guides.groups());
-        if scales.slopes.iter().all(|slope| !slope) && self.field.labels.is_none() {
-            return Ok(None);
-        }
+        let Some(scales) = self.tune(seen, weights, guides) else { return Ok(None) };
         let (kept, left_out) = hold_out(self.mask);
         let kept = Arc::new(kept);
-        let plan = || self.filter.plan(&Problem::fill(Arc::clone(&kept)), run);
+        let plan = || filter.plan(&Problem::fill(Arc::clone(&kept)), run);
         let (plan, seen) = join(plan, || Seen::new(&kept, self.samples, self.field));
         let plan = plan?;
         let mut plain = Planes::zeros(size, self.samples.len());
@@ -192,6 +187,39 @@ impl Model<'_> {
         let trust = Trust::new(&left_out, (self.samples, weights), &plain, &guided);
         let gain = trust.worth();
         Ok((gain >= WORTH).then(|| (scales, trust.plane(size), gain)))
+    }
+
+    /// What guides count for; nothing if none does.
+    fn tune(&self, seen: &Seen, weights: tune::Weights, guides: &Guides) -> Option<Scales> {
+        let trial = tune::Trial {
+            store: &seen.store,
+            mask: self.mask,
+            values: self.samples,
+            weights,
+            field: self.field,
+            reach: &seen.reach,
+            isa: self.isa,
+        };
+        let scales = trial.choose(guides.groups());
+        (scales.slopes.contains(&true) || self.field.labels.is_some()).then_some(scales)
+    }
+
+    /// The image from the samples that are seen, with splines through what the regression leaves of them; where these are held out of a mask, roughly
+    /// and at its pixels.
+    fn image(
+        &self,
+        seen: &Seen,
+        scales: &Scales,
+        held_out_of: Option<&Mask>,
+        run: &Run<'_>,
+    ) -> Result<(Planes, Outcome), Error> {
+        let plan = ss::Settings::default().plan(&Problem::fill(Arc::clone(self.mask)), run)?;
+        let part = Part { mask: self.mask, plan: plan.as_ref(), seen, scales };
+        let (image, _, outcome) = match held_out_of {
+            Some(all) => self.fill(part, all, TRIAL, run)?,
+            None => self.fill(part, &Mask::from_fn(self.mask.size(), |_, _| true), FINAL, run)?,
+        };
+        Ok((image, outcome))
     }
 
     /// The guided image and the prediction alone at the pixels that are wanted, from the samples of a part.

@@ -6,10 +6,10 @@
 
 use std::sync::Arc;
 
-use super::{FINAL, Field, Guides, Model, Part, Reach, SAMPLES, Seen, Store, TRIAL};
+use super::{Field, Guides, Model, Reach, SAMPLES, Seen, Store};
 use crate::kernel::Isa;
 use crate::kernel::regress::{Samples, Scales};
-use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Run, Size};
+use crate::{Error, Mask, Outcome, Plane, Planes, Run, Size};
 
 /// Pixels over which a slope along rows or columns counts as one of a guide over its range.
 const PIXELS: f32 = 4.0;
@@ -50,11 +50,9 @@ impl<'a> Regression<'a> {
         Self { labels: guides.labels(), planes, scales: Scales { bandwidths, slopes } }
     }
 
-    /// The image from the samples of a mask and those beside them; `plan` is that of `filter` on the mask. Where some samples are held out of a mask, roughly
-    /// and at its pixels.
+    /// The image from the samples of a mask and those beside them. Where some samples are held out of a mask, roughly and at its pixels.
     pub fn fill(
         &self,
-        (filter, plan): (&dyn Filter, &dyn Plan),
         (samples, mask): (&Planes, &Arc<Mask>),
         beside: &Beside,
         held_out_of: Option<&Mask>,
@@ -62,13 +60,7 @@ impl<'a> Regression<'a> {
     ) -> Result<(Planes, Outcome), Error> {
         let field = Field { planes: &self.planes, labels: self.labels };
         let seen = seen((samples, mask), beside, field);
-        let model = Model { filter, mask, samples, field, isa: Isa::best() };
-        let part = Part { mask, plan, seen: &seen, scales: &self.scales };
-        let (guided, _, outcome) = match held_out_of {
-            Some(all) => model.fill(part, all, TRIAL, run)?,
-            None => model.fill(part, &Mask::from_fn(mask.size(), |_, _| true), FINAL, run)?,
-        };
-        Ok((guided, outcome))
+        Model { mask, samples, field, isa: Isa::best() }.image(&seen, &self.scales, held_out_of, run)
     }
 }
 
@@ -117,8 +109,6 @@ fn between(plane: &Plane, [y, x]: [f32; 2]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Problem;
-    use crate::variational::ss;
 
     const SIZE: Size = Size::new(60, 64);
 
@@ -143,12 +133,10 @@ mod tests {
             beside.values.push(scene(at[0], at[1]));
             beside.away.push(1.0);
         }
-        let (filter, run) = (ss::Settings::default(), Run::default());
-        let plan = filter.plan(&Problem::fill(Arc::clone(&mask)), &run).unwrap();
+        let run = Run::default();
         let regression = Regression::new(&guides);
         let error = |beside: &Beside| {
-            let of = (&filter as &dyn Filter, plan.as_ref());
-            let (image, _) = regression.fill(of, (&truth, &mask), beside, None, &run).unwrap();
+            let (image, _) = regression.fill((&truth, &mask), beside, None, &run).unwrap();
             let pairs = image.as_slice()[0].pixels().iter().zip(truth.as_slice()[0].pixels());
             pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>()
         };

@@ -16,6 +16,8 @@
 
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
+
 use super::Settings;
 use crate::choose::Given;
 use crate::sampling::hash;
@@ -23,6 +25,8 @@ use crate::{Error, Filter, Mask, Plane, Planes, Problem, Run, Size};
 
 /// The weights that are tried: powers of 4.
 const POWERS: std::ops::RangeInclusive<i32> = -4..=4;
+/// Powers without a better one after the best that end the search: more smoothing costs more, and is worse still.
+const RISES: usize = 2;
 /// Pixels of the side of a window.
 const SIDE: usize = 96;
 /// Windows along each side, at most.
@@ -54,6 +58,13 @@ struct Sums {
     second: f64,
 }
 
+impl Sums {
+    fn plus(self, other: Self) -> Self {
+        let Self { count, rest, second } = other;
+        Self { count: self.count + count, rest: self.rest + rest, second: self.second + second }
+    }
+}
+
 /// The best weight for the samples, the other settings being these.
 ///
 /// # Errors
@@ -61,13 +72,16 @@ struct Sums {
 pub fn smoothness(settings: &Settings, given: &Given<'_>, run: &Run<'_>) -> Result<Smoothness, Error> {
     let by = if given.noise.is_some() { "known noise" } else { "generalised cross-validation" };
     let windows = windows(given);
-    let mut found = Vec::new();
+    let mut found: Vec<(f64, f64)> = Vec::new();
+    let mut best = 0;
     for power in POWERS {
-        let settings = Settings { lambda: 4.0_f64.powi(power), ..*settings };
-        let mut sums = Sums::default();
-        for window in &windows {
-            window.add(&settings, run, &mut sums)?;
+        if found.len() > best + RISES {
+            break;
         }
+        let settings = Settings { lambda: 4.0_f64.powi(power), ..*settings };
+        // Windows are small: each is one task.
+        let each = windows.par_iter().map(|window| window.sums(&settings, run));
+        let sums = each.into_iter().try_fold(Sums::default(), |sum, window| Ok(sum.plus(window?)))?;
         if sums.count < FEWEST {
             return Ok(Smoothness { lambda: 0.0, variance: 0.0, by });
         }
@@ -76,9 +90,11 @@ pub fn smoothness(settings: &Settings, given: &Given<'_>, run: &Run<'_>) -> Resu
             Some(_) => (sums.second, 0.0),
             None => (sums.count * sums.rest / (free * free), sums.rest / free),
         };
+        if found.get(best).is_none_or(|least| score < least.0) {
+            best = found.len();
+        }
         found.push((score, variance));
     }
-    let best = (0..found.len()).min_by(|&a, &b| found[a].0.total_cmp(&found[b].0)).unwrap_or(0);
     if best == 0 {
         return Ok(Smoothness { lambda: 0.0, variance: 0.0, by });
     }
@@ -144,7 +160,8 @@ impl Window {
         Some(Self { mask: Arc::new(mask), weights, samples: all(given.samples), probes, noise })
     }
 
-    fn add(&self, settings: &Settings, run: &Run<'_>, sums: &mut Sums) -> Result<(), Error> {
+    fn sums(&self, settings: &Settings, run: &Run<'_>) -> Result<Sums, Error> {
+        let mut sums = Sums::default();
         let mut problem = Problem::fill(Arc::clone(&self.mask));
         problem.weights.clone_from(&self.weights);
         let plan = settings.plan(&problem, run)?;
@@ -171,7 +188,7 @@ impl Window {
                 };
             }
         }
-        Ok(())
+        Ok(sums)
     }
 }
 

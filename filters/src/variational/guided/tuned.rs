@@ -1,0 +1,55 @@
+//! Guided regression without trust, for those that weigh it themselves.
+
+use std::sync::Arc;
+
+use super::{Field, Guides, Model, Seen, Task, fit, tune};
+use crate::kernel::Isa;
+use crate::kernel::regress::Scales;
+use crate::{Error, Mask, Planes, Run};
+
+/// What guides count for, as samples showed.
+pub struct Tuned {
+    scales: Scales,
+}
+
+impl Tuned {
+    /// Nothing if no guide predicts the samples.
+    pub fn new(mask: &Arc<Mask>, samples: &Planes, guides: &Guides) -> Option<Self> {
+        let model = model(mask, samples, guides);
+        let scales = model.tune(&model.seen(), tune::Weights::new(mask, samples), guides)?;
+        Some(Self { scales })
+    }
+
+    /// Predicts the `wanted` pixels, measured ones from their own samples, too; where nothing is near they become NaN.
+    pub fn predict(
+        &self,
+        (samples, mask): (&Planes, &Arc<Mask>),
+        guides: &Guides,
+        wanted: &Mask,
+        out: &mut Planes,
+    ) {
+        let model = model(mask, samples, guides);
+        let Seen { store, reach } = model.seen();
+        let (field, isa) = (model.field, model.isa);
+        let task = Task { field, scales: &self.scales, reach: &reach, leave_out: false, isa };
+        fit::predict(&store, task, wanted, out);
+    }
+
+    /// The image from these samples, splines through what the regression leaves of them; where these are held out of a mask, roughly and at its
+    /// pixels.
+    pub fn fill(
+        &self,
+        (samples, mask): (&Planes, &Arc<Mask>),
+        guides: &Guides,
+        held_out_of: Option<&Mask>,
+        run: &Run<'_>,
+    ) -> Result<Planes, Error> {
+        let model = model(mask, samples, guides);
+        Ok(model.image(&model.seen(), &self.scales, held_out_of, run)?.0)
+    }
+}
+
+fn model<'a>(mask: &'a Arc<Mask>, samples: &'a Planes, guides: &'a Guides) -> Model<'a> {
+    let field = Field { planes: guides.planes(), labels: guides.labels() };
+    Model { mask, samples, field, isa: Isa::best() }
+}
