@@ -7,7 +7,7 @@
 //! ```
 //!
 //! where `F_k` are linear: interpolating splines, and smoothing ones of several `lambda`, or with guides first-order regressions on guides
-//! and place over the nearest 12 to 324 samples ([`crate::variational::guided`], without weights of the guides). In each
+//! and place over the nearest 36 and 324 samples, and that of [`crate::variational::guided`], whose weights of guides the samples choose. In each
 //! neighbourhood the weights `w` make the expected squared error least (`weights`), whose products are, for two candidates:
 //!
 //! ```text
@@ -16,8 +16,8 @@
 //! ```
 //!
 //! Measured pixels are weighed by the first, missing ones, which candidates that pass through the samples leave wrong as well, by the second. For missing
-//! pixels there are more: edge-enhancing splines through the smoothed samples, and with guides total variation, and splines through what a
-//! regression leaves of these. Each surface, as labels tell it, has weights of its own (`weights/surfaces`). Where light is bright, errors count
+//! pixels there are more: edge-enhancing splines through the smoothed samples, and with guides total variation and guided filling, whose weights
+//! of guides these choose again. Each surface, as labels tell it, has weights of its own (`weights/surfaces`). Where light is bright, errors count
 //! relative to it (`relative`).
 //!
 //! The first is Stein's estimate: half the difference of two half buffers is noise of the same variance as that of their mean, and does not

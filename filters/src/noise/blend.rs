@@ -53,16 +53,16 @@ impl<'a> Blend<'a> {
             let (values, outcome) = task.each(all, mask, samples)?;
             (weights, values, outcome)
         };
-        let mut held = Held::new(&part, kept, all.len(), &folds);
-        let seconds = seconds(all, mask);
-        held.predicted.resize(all.len() + seconds.len(), Vec::new());
+        let (seconds, filling) = (seconds(all, mask), Candidate::filling(all));
+        let mut held = Held::new(&part, kept, filling, &folds);
+        held.predicted.resize(filling + seconds.len(), Vec::new());
         let mut tuned = None;
         for fold in &folds {
             let images: Vec<Planes> = fold.images.iter().map(|image| image.planes(kept)).collect();
             let smooth = smoothed(&measured, &images, own, (kept, &part));
             tuned = tuned.or_else(|| small.tune(&fold.kept, &smooth));
             let small = Task { tuned: tuned.as_ref(), ..small };
-            for (second, predicted) in seconds.iter().zip(&mut held.predicted[all.len()..]) {
+            for (second, predicted) in seconds.iter().zip(&mut held.predicted[filling..]) {
                 let filled = second.fill(&small, (&fold.kept, &smooth), Some(kept))?;
                 predicted.extend(fold.at.iter().map(|&pixel| values(&filled, pixel)));
             }
@@ -80,29 +80,30 @@ impl<'a> Blend<'a> {
         out: &mut Planes,
     ) -> Result<Vec<(&'static str, f64)>, Error> {
         out.as_mut_slice().iter_mut().for_each(|plane| plane.pixels_mut().fill(0.0));
+        let width = mask.size().width;
+        let place = |pixel| (pixel / width, pixel % width);
         let mut shares = Vec::new();
         for (k, (candidate, image)) in all.iter().zip(&self.images).enumerate() {
-            self.measured.add(k, image, (mask, true), out);
-            shares.push((
-                candidate.name,
-                if mask.is_full() { &self.measured } else { &self.missing }.share(k, mask),
-            ));
+            shares.push((candidate.name, self.measured.add((k, image), (mask, true), place, out)));
         }
         mend(out, samples);
         if mask.is_full() {
             return Ok(shares);
         }
         let smooth = out.clone();
-        for (k, image) in self.images.iter().enumerate() {
-            self.missing.add(k, image, (mask, false), out);
+        shares.truncate(Candidate::filling(all));
+        for ((k, image), share) in self.images.iter().enumerate().zip(&mut shares) {
+            share.1 = self.missing.add((k, image), (mask, false), place, out);
         }
         let task = Task { tuned: self.tuned.as_ref(), ..*task };
-        for (k, second) in (all.len()..).zip(seconds(all, mask)) {
-            let share = self.missing.share(k, mask);
-            if share > 0.0 {
+        for second in seconds(all, mask) {
+            let k = shares.len();
+            let share = if self.missing.counts(k) {
                 let image = second.fill(&task, (mask, &smooth), None)?;
-                self.missing.add(k, &image, (mask, false), out);
-            }
+                self.missing.add((k, &image), (mask, false), place, out)
+            } else {
+                0.0
+            };
             shares.push((second.name(), share));
         }
         mend(out, samples);
@@ -138,16 +139,8 @@ fn smoothed(
     (mask, part): (&Mask, &Part),
 ) -> Planes {
     let mut out = Planes::zeros(mask.size(), images.first().map_or(0, Planes::len));
-    for (pixel, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
-        let (row, column) = part.place(pixel);
-        for (k, image) in images.iter().enumerate() {
-            let weight = weights.at(k, row, column);
-            if weight > 0.0 {
-                for (out, image) in out.as_mut_slice().iter_mut().zip(image.as_slice()) {
-                    out.pixels_mut()[pixel] += weight * image.pixels()[pixel];
-                }
-            }
-        }
+    for candidate in images.iter().enumerate() {
+        weights.add(candidate, (mask, true), |pixel| part.place(pixel), &mut out);
     }
     mend(&mut out, samples);
     out

@@ -147,36 +147,42 @@ impl<'a> BySurface<'a> {
         self.of[usize::from(surface)].at(candidate, self.side, row, column)
     }
 
-    /// Adds a candidate's image, weighted, to the blend, at pixels that `mask` has or has not.
-    pub fn add(&self, candidate: usize, image: &Planes, (mask, measured): (&Mask, bool), out: &mut Planes) {
-        let width = self.surfaces.size.width.max(1);
-        let mut rows: Vec<Vec<&mut [f32]>> = (0..self.surfaces.size.height).map(|_| Vec::new()).collect();
+    /// Adds a candidate's image, weighted, to `out`, at pixels that `mask` has or has not. Both may be a part of the image: `place` says the row and
+    /// the column that a pixel has in all of it. Returns the mean weight there.
+    pub fn add(
+        &self,
+        (candidate, image): (usize, &Planes),
+        (mask, measured): (&Mask, bool),
+        place: impl Fn(usize) -> (usize, usize) + Sync,
+        out: &mut Planes,
+    ) -> f64 {
+        let Size { height, width } = mask.size();
+        let mut rows: Vec<Vec<&mut [f32]>> = (0..height).map(|_| Vec::new()).collect();
         for plane in out.as_mut_slice() {
-            rows.iter_mut().zip(plane.pixels_mut().chunks_mut(width)).for_each(|(row, line)| row.push(line));
+            let lines = plane.pixels_mut().chunks_mut(width.max(1));
+            rows.iter_mut().zip(lines).for_each(|(row, line)| row.push(line));
         }
-        rows.par_iter_mut().enumerate().for_each(|(row, out)| {
+        let sums = rows.par_iter_mut().enumerate().map(|(row, out)| {
+            let (mut sum, mut count) = (0.0, 0_usize);
             for (column, _) in mask.row(row).iter().enumerate().filter(|(_, flag)| **flag == measured) {
-                let weight = self.at(candidate, row, column);
+                let (at_row, at_column) = place(row * width + column);
+                let weight = self.at(candidate, at_row, at_column);
                 if weight > 0.0 {
                     for (out, image) in out.iter_mut().zip(image.as_slice()) {
                         out[column] += weight * image.row(row)[column];
                     }
                 }
+                (sum, count) = (sum + f64::from(weight), count + 1);
             }
+            (sum, count)
         });
+        let (sum, count) = sums.into_iter().fold((0.0, 0), |(a, m), (b, n)| (a + b, m + n));
+        sum / count.max(1) as f64
     }
 
-    /// The mean weight of a candidate at missing pixels; at all of them where none is missing.
-    pub fn share(&self, candidate: usize, mask: &Mask) -> f64 {
-        let full = mask.is_full();
-        let rows = (0..mask.size().height).into_par_iter().map(|row| {
-            let wanted = mask.row(row).iter().enumerate().filter(|(_, flag)| full || !**flag);
-            wanted.fold((0.0, 0_usize), |(sum, n), (column, _)| {
-                (sum + f64::from(self.at(candidate, row, column)), n + 1)
-            })
-        });
-        let (sum, n) = rows.into_iter().fold((0.0, 0), |(a, m), (b, n)| (a + b, m + n));
-        sum / n.max(1) as f64
+    /// Whether a candidate counts anywhere.
+    pub fn counts(&self, candidate: usize) -> bool {
+        self.of.iter().any(|cells| cells.of[candidate].iter().any(|weight| *weight > 0.0))
     }
 }
 
