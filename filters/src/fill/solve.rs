@@ -18,6 +18,8 @@ use crate::{
 
 /// Pixels that one task takes in loops over a plane.
 const PIECE: usize = 1 << 14;
+/// Error of a smoothing that the samples chose, over their range: far below what noise leaves in it.
+const SETTLED: f64 = 1e-3;
 
 /// Solves for the missing pixels of `samples`, whose measured ones are finite; `places` are those of the planes in their group.
 /// Returns the planes, per plane how many values the limiter or a bound moved, and what was decided.
@@ -64,7 +66,8 @@ pub fn solve(
             options.carried.iter().map(|carried| carried.select(&places).mapped(map)).collect();
         let plan = plan.as_ref();
         let guides = options.guides.filter(|_| method.descriptor().takes.guides && method.keeps_measured());
-        let task = Task { method: &method, plan, mask, options, guides, carried: &carried, error: None, run };
+        let error = (!settled.is_empty() && !method.keeps_measured()).then_some(SETTLED);
+        let task = Task { method: &method, plan, mask, options, guides, carried: &carried, error, run };
         let values = (samples, gradients.as_ref());
         let (outcome, mut effect) = task.reconstruct(values, map, &mut out)?;
         let learned = match options.estimate {
@@ -130,10 +133,14 @@ fn like(options: &Options<'_>, size: Size, places: &[usize]) -> Option<Planes> {
 
 /// Samples and noise within the value domain; noise is what it changes there.
 fn mapped(map: Map, samples: &Planes, noise: Option<&Planes>) -> (Planes, Option<Planes>) {
-    let each = |planes: &Planes, change: &dyn Fn(f32, f32) -> f32| {
+    let each = |planes: &Planes, change: &(dyn Fn(f32, f32) -> f32 + Sync)| {
         let plane = |(own, samples): (&Plane, &Plane)| {
-            let values = own.pixels().iter().zip(samples.pixels()).map(|(own, sample)| change(*own, *sample));
-            Plane::of(own.size(), values.collect())
+            let mut values = own.clone();
+            let parts = values.pixels_mut().par_chunks_mut(PIECE).zip(samples.pixels().par_chunks(PIECE));
+            parts.for_each(|(own, samples)| {
+                own.iter_mut().zip(samples).for_each(|(own, sample)| *own = change(*own, *sample));
+            });
+            values
         };
         let both = planes.as_slice().iter().zip(samples.as_slice());
         Planes::of(planes.size(), both.map(plane).collect())

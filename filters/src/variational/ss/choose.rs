@@ -27,8 +27,10 @@ use crate::{Error, Filter, Mask, Plane, Planes, Problem, Run, Size};
 const POWERS: std::ops::RangeInclusive<i32> = -4..=4;
 /// Powers without a better one after the best that end the search: more smoothing costs more, and is worse still.
 const RISES: usize = 2;
+/// Powers that are tried side by side.
+const AT_ONCE: usize = 2;
 /// Pixels of the side of a window.
-const SIDE: usize = 96;
+const SIDE: usize = 80;
 /// Windows along each side, at most.
 const WINDOWS: usize = 3;
 /// How exact splines are, over the range of the samples.
@@ -59,7 +61,7 @@ struct Sums {
 }
 
 impl Sums {
-    fn plus(self, other: Self) -> Self {
+    fn plus(self, other: &Self) -> Self {
         let Self { count, rest, second } = other;
         Self { count: self.count + count, rest: self.rest + rest, second: self.second + second }
     }
@@ -74,26 +76,32 @@ pub fn smoothness(settings: &Settings, given: &Given<'_>, run: &Run<'_>) -> Resu
     let windows = windows(given);
     let mut found: Vec<(f64, f64)> = Vec::new();
     let mut best = 0;
-    for power in POWERS {
+    let powers: Vec<i32> = POWERS.collect();
+    for powers in powers.chunks(AT_ONCE) {
         if found.len() > best + RISES {
             break;
         }
-        let settings = Settings { lambda: 4.0_f64.powi(power), ..*settings };
-        // Windows are small: each is one task.
-        let each = windows.par_iter().map(|window| window.sums(&settings, run));
-        let sums = each.into_iter().try_fold(Sums::default(), |sum, window| Ok(sum.plus(window?)))?;
-        if sums.count < FEWEST {
-            return Ok(Smoothness { lambda: 0.0, variance: 0.0, by });
+        // Windows are small: each is one task for each power.
+        let all = |&power: &i32| windows.iter().map(move |window| (power, window));
+        let tasks: Vec<(i32, &Window)> = powers.iter().flat_map(all).collect();
+        let parts = tasks
+            .par_iter()
+            .map(|&(power, window)| window.sums(&Settings { lambda: 4.0_f64.powi(power), ..*settings }, run));
+        for parts in parts.into_iter().collect::<Result<Vec<Sums>, Error>>()?.chunks(windows.len().max(1)) {
+            let sums = parts.iter().fold(Sums::default(), |sum, part| sum.plus(part));
+            if sums.count < FEWEST {
+                return Ok(Smoothness { lambda: 0.0, variance: 0.0, by });
+            }
+            let free = (sums.count - sums.second).max(f64::MIN_POSITIVE);
+            let (score, variance) = match given.noise {
+                Some(_) => (sums.second, 0.0),
+                None => (sums.count * sums.rest / (free * free), sums.rest / free),
+            };
+            if found.get(best).is_none_or(|least| score < least.0) {
+                best = found.len();
+            }
+            found.push((score, variance));
         }
-        let free = (sums.count - sums.second).max(f64::MIN_POSITIVE);
-        let (score, variance) = match given.noise {
-            Some(_) => (sums.second, 0.0),
-            None => (sums.count * sums.rest / (free * free), sums.rest / free),
-        };
-        if found.get(best).is_none_or(|least| score < least.0) {
-            best = found.len();
-        }
-        found.push((score, variance));
     }
     if best == 0 {
         return Ok(Smoothness { lambda: 0.0, variance: 0.0, by });
