@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
+
 use super::candidates::{Candidate, Fold, Second, Task};
 use super::part::Part;
 use super::relative::importance;
@@ -10,6 +12,9 @@ use super::{NEIGHBOURHOOD, NOISY};
 use crate::variational::guided::Tuned;
 use crate::weights::{BySurface, Surfaces, add_products};
 use crate::{Error, Mask, Outcome, Planes};
+
+/// Pixels that one task takes.
+const PART: usize = 1 << 16;
 
 /// What weighs the candidates, and what they make of all samples.
 pub struct Blend<'a> {
@@ -123,11 +128,12 @@ fn values(planes: &Planes, pixel: u32) -> Vec<f32> {
 /// Gives pixels that overflowed what the samples are there, zero where that is no number either.
 fn mend(planes: &mut Planes, samples: &Planes) {
     for (plane, samples) in planes.as_mut_slice().iter_mut().zip(samples.as_slice()) {
-        for (value, sample) in plane.pixels_mut().iter_mut().zip(samples.pixels()) {
-            if !value.is_finite() {
+        let parts = plane.pixels_mut().par_chunks_mut(PART).zip(samples.pixels().par_chunks(PART));
+        parts.for_each(|(values, samples)| {
+            for (value, sample) in values.iter_mut().zip(samples).filter(|(value, _)| !value.is_finite()) {
                 *value = if sample.is_finite() { *sample } else { 0.0 };
             }
-        }
+        });
     }
 }
 

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
+
 use super::FOLDS;
 use crate::baseline::push_pull;
 use crate::kernel::Isa;
@@ -297,15 +299,14 @@ fn predict_from(
     let size = mask.size();
     // The kernel's ridge is the same for any number of samples: what it is held against is scaled instead.
     let scale = (f64::from(RIDGE) / (SHRINK * count / 3.0)).sqrt() as f32;
-    let mut planes = vec![
-        Plane::from_fn(size, |row, _| scale * row as f32 / PLACE),
-        Plane::from_fn(size, |_, column| scale * column as f32 / PLACE),
-    ];
-    planes.extend(
-        guides.planes().iter().map(|plane| {
-            Plane::of(size, plane.pixels().iter().map(|&value| scale * GUIDE * value).collect())
-        }),
-    );
+    let planes: Vec<Plane> = (0..guides.planes().len() + 2).into_par_iter().map(|k| match k.checked_sub(2) {
+        Some(guide) => {
+            let values = guides.planes()[guide].pixels().iter().map(|&value| scale * GUIDE * value);
+            Plane::of(size, values.collect())
+        }
+        None if k == 0 => Plane::from_fn(size, |row, _| scale * row as f32 / PLACE),
+        None => Plane::from_fn(size, |_, column| scale * column as f32 / PLACE),
+    });
     let field = Field { planes: &planes, labels: None };
     let scales = Scales { bandwidths: vec![0.0; planes.len()], slopes: vec![true; planes.len()] };
     let store = Store::new(mask, values, field);

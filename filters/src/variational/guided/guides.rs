@@ -1,5 +1,8 @@
 //! Guides made comparable: groups of planes, scaled by their own spread, and labels for hard borders.
 
+use lacuna_core::parallel::prelude::*;
+
+use super::PART;
 use crate::estimate::Excerpt;
 use crate::kernel::regress::Scales;
 use crate::{Error, Plane, Size};
@@ -54,9 +57,10 @@ impl Guides {
         let normal = is_normal(&planes);
         let mut group = Vec::new();
         let (mut variance, mut count) = (0.0, 0.0_f64);
-        for mut plane in planes {
-            self.mark_unknown(&plane);
-            let Some(square) = tame(plane.pixels_mut()) else { continue };
+        planes.iter().for_each(|plane| self.mark_unknown(plane));
+        let tamed = planes.into_par_iter().map(|mut plane| (tame(plane.pixels_mut()), plane));
+        for (square, plane) in tamed {
+            let Some(square) = square else { continue };
             variance += square;
             count += 1.0;
             group.push(self.planes.len());
@@ -67,7 +71,8 @@ impl Guides {
         }
         let factor = (SPREAD / (variance / count).sqrt()) as f32;
         for &index in &group {
-            self.planes[index].pixels_mut().iter_mut().for_each(|value| *value *= factor);
+            let parts = self.planes[index].pixels_mut().par_chunks_mut(PART);
+            parts.for_each(|values| values.iter_mut().for_each(|value| *value *= factor));
         }
         if normal && group.len() == 3 {
             self.normals.push(self.groups.len());

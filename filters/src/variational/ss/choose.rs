@@ -88,7 +88,7 @@ pub fn smoothness(settings: &Settings, given: &Given<'_>, run: &Run<'_>) -> Resu
             .par_iter()
             .map(|&(power, window)| window.sums(&Settings { lambda: 4.0_f64.powi(power), ..*settings }, run));
         for parts in parts.into_iter().collect::<Result<Vec<Sums>, Error>>()?.chunks(windows.len().max(1)) {
-            let sums = parts.iter().fold(Sums::default(), |sum, part| sum.plus(part));
+            let sums = parts.iter().fold(Sums::default(), Sums::plus);
             if sums.count < FEWEST {
                 return Ok(Smoothness { lambda: 0.0, variance: 0.0, by });
             }
