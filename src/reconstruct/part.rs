@@ -218,7 +218,7 @@ fn filter(
                 .then(|| energy::compare(&lights(&samples, &answer.planes, set), &set.mask))
                 .flatten(),
             outcome: set.outcome,
-            noiseless: options.noise != Noise::None && !set.smoothed,
+            noiseless: options.noise != Noise::None && !set.smoothed && set.settled.is_empty(),
         });
         if set.weightless > 0 {
             let name = channel_label(frame, work.index, group.channels[set.planes[0]]);
