@@ -7,6 +7,9 @@ use crate::estimate::Excerpt;
 use crate::variational::guided::Guides;
 use crate::{Mask, Plane, Planes};
 
+/// Samples in tiles over those that lie in so large a part of the image on average: with fewer, tiles are not like the image.
+const SHARE: f64 = 0.5;
+
 /// All of the image, or tiles.
 pub struct Part {
     width: usize,
@@ -21,15 +24,21 @@ struct Tiles {
 }
 
 impl Part {
-    /// Tiles of an image that is large enough.
+    /// Tiles of an image that is large enough, if they hold their share of the samples that count.
     pub fn new(task: &Task<'_>, mask: &Mask, samples: &Planes) -> Self {
-        let tiles = Excerpt::tiles(mask).filter(|tiles| !tiles.mask.is_empty()).map(|excerpt| Tiles {
+        let size = mask.size();
+        let tiles = Excerpt::tiles(mask).map(|excerpt| Tiles {
             samples: excerpt.planes(samples),
             guides: task.guides.map(|guides| guides.within(&excerpt)),
             weights: task.weights.map(|weights| Arc::new(excerpt.plane(weights))),
             excerpt,
         });
-        Self { width: mask.size().width, tiles }
+        let held = |tiles: &Tiles| {
+            let own = counting(&tiles.excerpt.mask, tiles.weights.as_deref()) as f64;
+            let share = tiles.samples.size().pixels() as f64 / size.pixels() as f64;
+            own >= SHARE * share * counting(mask, task.weights.map(Arc::as_ref)) as f64
+        };
+        Self { width: size.width, tiles: tiles.filter(held) }
     }
 
     /// What the candidates are given: the task of all of the image, its mask and its samples, or those of the tiles.
@@ -60,6 +69,14 @@ impl Part {
         let pixel = self.pixel(pixel) as usize;
         (pixel / self.width, pixel % self.width)
     }
+}
+
+/// The measured pixels that count.
+fn counting(mask: &Mask, weights: Option<&Plane>) -> usize {
+    weights.map_or(mask.count(), |weights| {
+        let measured = mask.as_slice().iter().zip(weights.pixels());
+        measured.filter(|(measured, weight)| **measured && **weight > 0.0).count()
+    })
 }
 
 #[cfg(test)]
@@ -95,6 +112,25 @@ mod tests {
             }
             let judged = (0..kept.size().pixels() as u32).filter(|&pixel| part.is_inner(pixel)).count();
             assert_eq!(judged < kept.size().pixels(), tiled);
+        }
+    }
+
+    #[test]
+    fn tiles_that_few_samples_lie_in_are_not_taken() {
+        let size = Size::new(900, 960);
+        let plane = Planes::new(size, vec![Plane::from_fn(size, at)]).unwrap();
+        let weights =
+            Arc::new(Plane::from_fn(size, |row, _| if (128..250).contains(&row) { 1.0 } else { 0.0 }));
+        let run = Run::default();
+        for (weights, measured) in [
+            (None, &(|row: usize, _: usize| (140..190).contains(&row)) as &dyn Fn(usize, usize) -> bool),
+            (Some(&weights), &|row, column| (row + column).is_multiple_of(3)),
+        ] {
+            let mask = Mask::from_fn(size, measured);
+            let task = Task { guides: None, weights, tuned: None, run: &run };
+            let tiles = Excerpt::tiles(&mask).unwrap();
+            let part = Part::new(&task, &mask, &plane);
+            assert!(part.tiles.is_none(), "{}", tiles.mask.count());
         }
     }
 }

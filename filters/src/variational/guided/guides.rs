@@ -57,7 +57,9 @@ impl Guides {
         let normal = is_normal(&planes);
         let mut group = Vec::new();
         let (mut variance, mut count) = (0.0, 0.0_f64);
-        planes.iter().for_each(|plane| self.mark_unknown(plane));
+        for plane in &planes {
+            self.mark_unknown(plane);
+        }
         let tamed = planes.into_par_iter().map(|mut plane| (tame(plane.pixels_mut()), plane));
         for (square, plane) in tamed {
             let Some(square) = square else { continue };
