@@ -61,8 +61,9 @@ def brief(error, line=0):
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     if isinstance(error, MemoryError):
         return "not enough memory: render fewer pixels or a smaller frame"
-    # Mitsuba begins its lines with a space of no width.
-    lines = [text.strip() for text in str(error).replace("\u200b", "").splitlines() if text.strip()]
+    # Mitsuba begins its lines with a space of no width, or with a place in its source, and lists things on lines of their own.
+    text = re.sub(r":\n\s*- ", ": ", re.sub(r"^\[\w+\.cpp:\d+\] ", "", str(error).replace("\u200b", "")))
+    lines = [text.strip() for text in text.splitlines() if text.strip()]
     if isinstance(error, RuntimeError) and lines:
         return lines[line]
     return f"{type(error).__name__}: {lines[line]}" if lines else type(error).__name__
