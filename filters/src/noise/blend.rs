@@ -8,7 +8,7 @@ use super::candidates::{Candidate, Fold, Second, Task};
 use super::part::Part;
 use super::relative::importance;
 use super::split::Split;
-use super::{NEIGHBOURHOOD, NOISY};
+use super::{FOLLOWS, NEIGHBOURHOOD, NOISY};
 use crate::variational::guided::Tuned;
 use crate::weights::{BySurface, Surfaces, add_products};
 use crate::{Error, Mask, Outcome, Planes};
@@ -50,9 +50,9 @@ impl<'a> Blend<'a> {
             let (values, noises, outcome) = task.both(all, mask, (samples, noise))?;
             (by_noise(surfaces, (mask, &counts), samples, noise, (&values, &noises)), values, outcome)
         } else {
-            let (weights, error) =
-                held_out(surfaces, &Held::new(&part, kept, all.len(), &folds), (samples, &counts));
-            if error > 1.0 - NOISY {
+            let held = Held::new(&part, kept, all.len(), &folds);
+            let (weights, error) = held_out(surfaces, &held, (samples, &counts));
+            if error > 1.0 - NOISY || follows(&held, &folds, (samples, &counts), &small, (kept, own))? {
                 return Ok(None);
             }
             let (values, outcome) = task.each(all, mask, samples)?;
@@ -67,10 +67,7 @@ impl<'a> Blend<'a> {
             let smooth = smoothed(&measured, &images, own, (kept, &part));
             tuned = tuned.or_else(|| small.tune(&fold.kept, &smooth));
             let small = Task { tuned: tuned.as_ref(), ..small };
-            for (second, predicted) in seconds.iter().zip(&mut held.predicted[filling..]) {
-                let filled = second.fill(&small, (&fold.kept, &smooth), Some(kept))?;
-                predicted.extend(fold.at.iter().map(|&pixel| values(&filled, pixel)));
-            }
+            held.add(seconds, fold, &small, &smooth, kept)?;
         }
         let missing = held_out(surfaces, &held, (samples, &counts)).0;
         Ok(Some(Self { measured, missing, images, tuned, outcome }))
@@ -114,6 +111,30 @@ impl<'a> Blend<'a> {
         mend(out, samples);
         Ok(shares)
     }
+}
+
+/// Whether what the guided regression leaves of the samples goes on between them, as detail does and noise does not: guides gain without noise, too.
+fn follows(
+    held: &Held,
+    folds: &[Fold],
+    (samples, counts): (&Planes, &[f64]),
+    task: &Task<'_>,
+    (mask, own): (&Mask, &Planes),
+) -> Result<bool, Error> {
+    let Some(alone) = held.predicted.last().filter(|_| task.tuned.is_some()) else { return Ok(false) };
+    let mut with = Held { at: Vec::new(), predicted: vec![Vec::new()] };
+    for fold in folds {
+        with.add(&[Second::Guided], fold, task, own, mask)?;
+    }
+    let error = |predicted: &[Vec<f32>]| -> f64 {
+        let each = held.at.iter().zip(predicted).map(|(&pixel, predicted)| {
+            let truth = samples.as_slice().iter().map(|plane| plane.pixels()[pixel as usize]);
+            let squares = predicted.iter().zip(truth).map(|(a, b)| f64::from(a - b).powi(2));
+            counts[pixel as usize].powi(2) * squares.sum::<f64>()
+        });
+        each.sum()
+    };
+    Ok(error(alone) > (1.0 - FOLLOWS) * error(&with.predicted[0]))
 }
 
 /// The ways to fill what is missing.
@@ -169,6 +190,23 @@ impl Held {
             }
         }
         Self { at, predicted }
+    }
+
+    /// Adds what the ways to fill predict.
+    fn add(
+        &mut self,
+        seconds: &[Second],
+        fold: &Fold,
+        task: &Task<'_>,
+        smooth: &Planes,
+        mask: &Mask,
+    ) -> Result<(), Error> {
+        let last = self.predicted.len() - seconds.len();
+        for (second, predicted) in seconds.iter().zip(&mut self.predicted[last..]) {
+            let filled = second.fill(task, (&fold.kept, smooth), Some(mask))?;
+            predicted.extend(fold.at.iter().map(|&pixel| values(&filled, pixel)));
+        }
+        Ok(())
     }
 }
 

@@ -71,6 +71,24 @@ fn what_has_no_noise_keeps_its_bits() {
     assert!(error(&found.planes, &truth) <= 1.05 * error(&plain.planes, &truth));
 }
 
+/// Guides that show what splines cannot are no sign of noise.
+#[test]
+fn what_guides_gain_is_not_taken_for_noise() {
+    let size = Size::new(90, 100);
+    let mask = mask(size, 0.25);
+    let guide = Plane::from_fn(size, |row, column| if (row / 6 + column / 5) % 2 == 0 { 0.2 } else { 0.8 });
+    let mut guides = Guides::new(size);
+    guides.add("albedo", vec![guide.clone()]).unwrap();
+    let samples = Planes::new(size, vec![guide]).unwrap();
+    let of = |noise| {
+        let options = Options { noise, guides: Some(&guides), ..Options::default() };
+        fill(&samples, Arc::clone(&mask), &options).unwrap()
+    };
+    let (found, plain) = (of(Noise::Unknown), of(Noise::None));
+    assert!(!found.sets[0].smoothed);
+    assert_eq!(found.planes, plain.planes);
+}
+
 #[test]
 fn complete_images_are_smoothed_too() {
     let size = Size::new(60, 64);
