@@ -18,8 +18,6 @@ use crate::{
 
 /// Pixels that one task takes in loops over a plane.
 const PIECE: usize = 1 << 14;
-/// Error of a smoothing that the samples chose, over their range: far below what noise leaves in it.
-const SETTLED: f64 = 1e-3;
 
 /// Solves for the missing pixels of `samples`, whose measured ones are finite; `places` are those of the planes in their group.
 /// Returns the planes, per plane how many values the limiter or a bound moved, and what was decided.
@@ -66,8 +64,7 @@ pub fn solve(
             options.carried.iter().map(|carried| carried.select(&places).mapped(map)).collect();
         let plan = plan.as_ref();
         let guides = options.guides.filter(|_| method.descriptor().takes.guides && method.keeps_measured());
-        let error = (!settled.is_empty() && !method.keeps_measured()).then_some(SETTLED);
-        let task = Task { method: &method, plan, mask, options, guides, carried: &carried, error, run };
+        let task = Task { method: &method, plan, mask, options, guides, carried: &carried, error: None, run };
         let values = (samples, gradients.as_ref());
         let (outcome, mut effect) = task.reconstruct(values, map, &mut out)?;
         let learned = match options.estimate {

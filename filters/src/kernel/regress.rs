@@ -286,6 +286,7 @@ impl Scratch {
             }
         }
     }
+
     /// Solves the factored system in place: `solution` holds the right side before.
     #[inline(always)]
     fn solve<V: Vector<Number = f32>>(&mut self, from: usize) {
