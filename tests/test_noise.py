@@ -70,6 +70,97 @@ def test_what_is_no_noise_is_refused(tmp_path):
         assert lacuna("fill", source, "-o", tmp_path / "out.exr", *flags, ok=False).status == 2
 
 
+def test_what_has_no_noise_in_one_colour_or_at_all_is_no_mistake(tmp_path):
+    """A colour that is black in both halves, as in a fade."""
+    source, truth = noisy(tmp_path)
+    [planes] = frames.read(source)
+    black = {layer + "B": np.zeros_like(planes["B"]) for layer in ("", "half1.", "half2.")}
+    path = frames.write(tmp_path / "blue.exr", planes | black)
+    for flags in (["--noise", "auto"], ["--noise", "halves:half1,half2"], ["--filter", "ss", "--ss-lambda", "auto"]):
+        lacuna("fill", path, "-o", tmp_path / "out.exr", "--force", *flags, "--no-estimate")
+        [out] = frames.read(tmp_path / "out.exr")
+        assert not out["B"].any() and out["R"].std() > 0
+    path = frames.write(tmp_path / "black.exr", {name: plane if name == "mask" else np.zeros_like(plane) for name, plane in planes.items()})
+    lacuna("fill", path, "-o", tmp_path / "out.exr", "--force", "--noise", "halves:half1,half2")
+    [out] = frames.read(tmp_path / "out.exr")
+    assert not any(out[name].any() for name in "RGB")
+
+
+def test_auto_ignores_what_tells_no_noise(tmp_path):
+    source, truth = noisy(tmp_path)
+    [planes] = frames.read(source)
+    alone = {name: plane for name, plane in planes.items() if not name.startswith("half")}
+    lacuna("fill", frames.write(tmp_path / "alone.exr", alone), "-o", tmp_path / "expected.exr", "--noise", "auto", "--no-estimate")
+    [expected] = frames.read(tmp_path / "expected.exr")
+    variance = {f"variance.{name}": np.full_like(planes["R"], np.inf) for name in "RGB"}
+    cases = [
+        (planes | {f"half2.{name}": planes[f"half1.{name}"] for name in "RGB"}, "same: ignored"),
+        (planes | {f"half2.{name}": 2 * planes[f"half1.{name}"] for name in "RGB"}, "average to B: ignored"),
+        (alone | variance, "nowhere above 0 and finite at measured pixels: ignored"),
+    ]
+    for number, (channels, words) in enumerate(cases):
+        path = frames.write(tmp_path / f"{number}.exr", channels)
+        result = lacuna("fill", path, "-o", tmp_path / f"out{number}.exr", "--noise", "auto", "--no-estimate")
+        [out] = frames.read(tmp_path / f"out{number}.exr")
+        assert words in result.stderr and all(frames.same_bits(out[name], expected[name]) for name in "RGB"), result.stderr
+    # A variance of one layer tells nothing of another.
+    albedo = {f"albedo.{name}": planes[name] for name in "RGB"} | {"variance": np.full_like(planes["R"], 0.01)}
+    path = frames.write(tmp_path / "layers.exr", alone | albedo)
+    result = lacuna("fill", path, "-o", tmp_path / "layers.out.exr", "--filter", "ss", "--ss-lambda", "auto", "--no-estimate")
+    [colour], [other] = ([line for line in result.stderr.splitlines() if f"chosen for {name}" in line] for name in ("R", "albedo.R"))
+    assert colour.endswith("by known noise") and other.endswith("by generalised cross-validation")
+
+
+def test_half_buffers_that_lack_a_colour_are_told(tmp_path):
+    source, _ = noisy(tmp_path)
+    [planes] = frames.read(source)
+    del planes["half2.G"]
+    path = frames.write(tmp_path / "in.exr", planes)
+    result = lacuna("fill", path, "-o", tmp_path / "out.exr", "--noise", "halves:half1,half2", "--no-estimate")
+    assert "G: --noise halves:half1,half2 has nothing for it" in result.stderr
+
+
+def test_none_keeps_half_buffers_out(tmp_path):
+    source, _ = noisy(tmp_path)
+    result = lacuna("fill", source, "-o", tmp_path / "out.exr", "--filter", "ss", "--ss-lambda", "auto", "--noise", "none", "--no-estimate")
+    assert "by generalised cross-validation" in result.stderr and "known noise" not in result.stderr
+    assert b"noise=none" in (tmp_path / "out.exr").read_bytes()[:4000]
+
+
+def test_the_error_of_what_is_smoothed_cannot_be_told(tmp_path):
+    source, _ = noisy(tmp_path)
+    for number, flags in enumerate((["--noise", "auto"], ["--filter", "ss", "--ss-lambda", "auto"], ["--filter", "ss", "--ss-lambda", "1"])):
+        out = tmp_path / f"{number}.exr"
+        result = lacuna("fill", source, "-o", out, "--guides", "none", *flags, "--min-psnr", "1", ok=False)
+        assert result.status == 1 and out.exists() and "cannot be told: measured pixels are smoothed" in result.stderr
+        result = lacuna("fill", source, "-o", out, "--force", "--guides", "none", *flags, "--error-channel")
+        assert "no estimated errors: measured pixels are smoothed" in result.stderr
+
+
+@pytest.mark.parametrize("guided", [False, True])
+def test_pixels_that_count_no_sample_are_missing(tmp_path, guided):
+    truth = frames.colour(COMPLETE)
+    random = np.random.default_rng(3)
+    image = truth + np.float32(0.1) * random.standard_normal(truth.shape).astype(np.float32)
+    mask = frames.shuffle(*truth.shape[:2], 0.5)
+    counts = mask & (random.random(mask.shape) < 0.6)
+    more = {"N." + name: truth[..., k] for k, name in enumerate("XYZ")} if guided else {}
+
+    def fill(name, flags, measured, samples):
+        planes = {channel: np.where(measured, samples[..., k], np.float32(0)) for k, channel in enumerate("RGB")}
+        planes |= {"mask": measured.astype(np.float32), "n": np.where(counts, np.float32(16), np.float32(0))}
+        path = frames.write(tmp_path / f"{name}.exr", planes | more)
+        result = lacuna("fill", path, "-o", tmp_path / f"{name}.out.exr", "--noise", flags, "--no-estimate", "--channels", "n=keep")
+        [out] = frames.read(tmp_path / f"{name}.out.exr")
+        return result, np.stack([out[channel] for channel in "RGB"], -1)
+
+    garbage = np.where(counts[..., None], image, np.float32(9))
+    result, found = fill("counted", "count:n", mask, garbage)
+    assert "count no sample and are filled like missing ones" in result.stderr
+    _, expected = fill("dropped", "auto", counts, image)
+    assert np.allclose(found, expected, atol=1e-4)
+
+
 @pytest.mark.parametrize(("name", "setting", "flag"), [("ss", "lambda", "--ss-lambda"), ("tv", "epsilon", "--tv-epsilon")])
 @pytest.mark.parametrize("halves", [True, False])
 def test_how_much_to_smooth_is_chosen(tmp_path, name, setting, flag, halves):

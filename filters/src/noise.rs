@@ -59,6 +59,7 @@ use crate::weights::{Neighbourhood, Surfaces};
 use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
 use blend::Blend;
 use candidates::{Candidate, Task};
+use relative::importance;
 use split::Split;
 
 /// What is known of the noise of the samples.
@@ -137,9 +138,11 @@ pub(crate) fn reconstruct(
         (Some(noise), None) => precision(mask, noise).map(Arc::new),
         (_, weights) => weights.cloned(),
     };
-    let task = Task { guides: known.guides, weights: precision.as_ref(), tuned: None, run };
+    let counted = known.weights.is_some();
+    let task = Task { guides: known.guides, weights: precision.as_ref(), counted, tuned: None, run };
+    let counts = importance((mask, known.weights.map(Arc::as_ref)), &split.samples, split.level);
     let surfaces = Surfaces::new(mask.size(), known.guides.and_then(Guides::labels));
-    let Some(blend) = Blend::new(&task, &all, mask, &split, &surfaces)? else { return Ok(None) };
+    let Some(blend) = Blend::new(&task, &all, (mask, &counts), &split, &surfaces)? else { return Ok(None) };
     if run.interrupted().is_some() {
         return Ok(None);
     }

@@ -171,16 +171,15 @@ impl Groups<'_> {
             guides: self.guides.map_or(Asked::None, |guides| guides.guides.clone()),
             guides_from: self.guides.and_then(|guides| guides.guides_from.clone()),
             weights: self.weights.and_then(|weights| weights.weights.clone()),
-            noise: self.noise.map_or_else(NoiseSource::default, |noise| noise.noise.clone()),
+            noise: NoiseSource::None,
             temporal: self.temporal.map_or_else(Temporal::default, TemporalArgs::temporal),
             layers: layers.iter().map(ToString::to_string).collect(),
             estimate: self.estimate.map_or(Estimate::No, EstimateArgs::estimate),
             error_channel: self.estimate.and_then(|estimate| estimate.error_channel.clone()),
         };
-        if what.method.is_open() && what.noise == NoiseSource::None {
-            // How much to smooth is chosen by noise, wherever that is known from.
-            what.noise = NoiseSource::Auto;
-        }
+        // How much to smooth is chosen by noise, wherever that is known from.
+        let unless_given = if what.method.is_open() { NoiseSource::Auto } else { NoiseSource::None };
+        what.noise = self.noise.and_then(|noise| noise.noise.clone()).unwrap_or(unless_given);
         WeightArgs::check(&what)?;
         NoiseArgs::check(&what)?;
         TemporalArgs::check(&what)?;

@@ -15,8 +15,9 @@ pub struct NoiseArgs {
     /// held-out samples say how noisy colours are; a colour without noise is left alone. halves:A,B: the layers of two independent half buffers whose
     /// mean is the colour. variance:LAYER: the variance of each measured pixel. count:CHANNEL: the number of samples of each. Complete
     /// guides steer it as they steer filling.
-    #[arg(long, value_name = "SOURCE", default_value = "none")]
-    pub noise: NoiseSource,
+    /// Unless given, none; auto where --ss-lambda or --tv-epsilon is auto.
+    #[arg(long, value_name = "SOURCE")]
+    pub noise: Option<NoiseSource>,
 }
 
 impl NoiseArgs {

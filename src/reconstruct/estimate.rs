@@ -3,6 +3,7 @@
 use lacuna_exr::{Channel, Part, Samples};
 use lacuna_filters::Plane;
 use lacuna_filters::estimate::Verdict;
+use lacuna_filters::fill::{Estimate, Set};
 use serde::Serialize;
 
 use super::{GroupReport, Report};
@@ -63,6 +64,14 @@ impl From<Verdict> for Estimated {
 }
 
 impl Estimated {
+    /// The error of a set, where it was asked for; that of what smooths cannot be told.
+    pub fn of_set(set: &Set, asked: Estimate, coordinates: bool) -> Option<Self> {
+        if asked != Estimate::No && (set.smoothed || !set.method.keeps_measured()) {
+            return Some(Self::Unknown { unknown: "measured pixels are smoothed".into() });
+        }
+        set.estimate.and_then(|verdict| Self::of(verdict, coordinates))
+    }
+
     /// What is told of a group of channels; of coordinates only an error in their own unit.
     pub fn of(verdict: Verdict, coordinates: bool) -> Option<Self> {
         match Self::from(verdict) {

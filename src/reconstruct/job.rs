@@ -143,7 +143,7 @@ impl Job {
         if let Some(weights) = &self.weights {
             line = format!("{line} weights={}", quote(&weights.to_string()));
         }
-        if self.noise != NoiseSource::None {
+        if self.noise != NoiseSource::None || self.method.is_open() {
             line = format!("{line} noise={}", quote(&self.noise.to_string()));
         }
         if self.temporal.window != Window::None {

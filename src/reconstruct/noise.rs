@@ -12,7 +12,7 @@ use super::Error;
 use super::gradients::sibling;
 use super::groups::{Group, Target};
 use super::weights::Weights;
-use crate::channels::{Rule, list_channels};
+use crate::channels::{Name, Rule, list_channels};
 
 /// Names of half buffers that are looked for.
 const HALVES: [[&str; 2]; 4] =
@@ -90,9 +90,16 @@ fn of_layer(part: &Part, channel: usize, layer: &str) -> Option<usize> {
 }
 
 /// What the noise of a channel is known from.
+#[derive(Clone, Copy)]
 enum Known {
     Halves([usize; 2]),
     Variance(usize),
+}
+
+/// Why what is there tells no noise, and the way out for who has named it.
+struct Doubt {
+    why: String,
+    way: &'static str,
 }
 
 impl NoiseSource {
@@ -101,17 +108,22 @@ impl NoiseSource {
         let halves = |a: &str, b: &str| {
             Some(Known::Halves([of_layer(part, channel, a)?, of_layer(part, channel, b)?]))
         };
-        // One channel may serve all.
-        let one = |layer: &str| of_layer(part, channel, layer).or_else(|| named(part, layer));
-        let variance = |layer: &str| one(layer).map(Known::Variance);
+        let variance = |layer: &str| of_layer(part, channel, layer).map(Known::Variance);
+        // One channel may serve all, if it is named, and those of its layer.
+        let one = |name: &str| named(part, name).map(Known::Variance);
+        let full = part.channels[channel].display_name();
+        let beside = |name: &str| match Name::new(&full).layer {
+            "" => one(name),
+            layer => one(&format!("{layer}.{name}")),
+        };
         match self {
             Self::None | Self::Count(_) => None,
             Self::Halves(a, b) => halves(a, b),
-            Self::Variance(layer) => variance(layer),
+            Self::Variance(layer) => variance(layer).or_else(|| one(layer)),
             Self::Auto => HALVES
                 .iter()
                 .find_map(|[a, b]| halves(a, b))
-                .or_else(|| VARIANCES.iter().find_map(|layer| variance(layer))),
+                .or_else(|| VARIANCES.iter().find_map(|layer| variance(layer).or_else(|| beside(layer)))),
         }
     }
 
@@ -136,6 +148,22 @@ impl NoiseSource {
         parts.filter(|group| !group.channels.is_empty()).collect()
     }
 
+    /// Channels that nothing tells the noise of, though it does of others of their group: what is to be said of them.
+    pub fn untold(&self, part: &Part, groups: &[Group]) -> Vec<String> {
+        let (Self::Halves(..) | Self::Variance(_)) = self else { return Vec::new() };
+        let light = groups.iter().filter(|group| group.values == Values::Light);
+        let one = |group: &Group| {
+            let (known, other): (Vec<usize>, Vec<usize>) =
+                group.channels.iter().partition(|&&channel| self.known(part, channel).is_some());
+            let names: Vec<_> = other.iter().map(|&at| part.channels[at].display_name()).collect();
+            let names = names.join(", ");
+            (!known.is_empty() && !other.is_empty()).then(|| {
+                format!("{names}: --noise {self} has nothing for it: measured pixels are not smoothed")
+            })
+        };
+        light.filter_map(one).collect()
+    }
+
     /// Layers that were named must be there for some channel that is filled.
     ///
     /// # Errors
@@ -151,87 +179,120 @@ impl NoiseSource {
         Err(self.fail(format!("no such layer beside a channel; there are {}", list_channels(frame))))
     }
 
+    /// An error of weights as one of what asked for them.
+    pub fn named(&self, error: Error) -> Error {
+        match error {
+            Error::Weights { why, .. } if matches!(self, Self::Count(_)) => self.fail(why),
+            other => other,
+        }
+    }
+
     fn fail(&self, why: String) -> Error {
         Error::Noise { noise: self.to_string(), why }
     }
 
-    /// What is known of the noise of a group.
+    /// What is known of the noise of a group, and what is to be said of it.
     ///
     /// # Errors
-    /// Halves that are the same or belong to another colour, variances that are negative or zero.
-    pub fn of(&self, part: &Part, group: &Group, samples: &Planes) -> Result<Noise, Error> {
-        let light = group.values == Values::Light;
+    /// Of what was named: halves that are the same or belong to another colour, variances that are negative or nowhere above 0.
+    pub fn of(&self, part: &Part, group: &Group, samples: &Planes) -> Result<(Noise, Option<String>), Error> {
+        let unknown = if group.values == Values::Light { Noise::Unknown } else { Noise::None };
         let known: Option<Vec<Known>> =
             group.channels.iter().map(|&channel| self.known(part, channel)).collect();
-        if let Some(known) = known {
-            let planes = known.iter().zip(&group.channels).zip(samples.as_slice());
-            let plane = |((known, &channel), samples): ((&Known, &usize), &Plane)| {
-                self.plane(part, (channel, known), samples, &group.mask)
-            };
-            return planes.map(plane).collect::<Result<_, _>>().map(Noise::Like);
-        }
-        Ok(match self {
-            Self::Auto | Self::Count(_) if light => Noise::Unknown,
-            _ => Noise::None,
-        })
-    }
-
-    fn plane(
-        &self,
-        part: &Part,
-        (channel, known): (usize, &Known),
-        samples: &Plane,
-        mask: &Arc<Mask>,
-    ) -> Result<Plane, Error> {
-        let name = |at: usize| part.channels[at].display_name().into_owned();
-        let read = |at: usize| {
-            let values = part.channels[at].samples.to_floats().ok_or(Error::OtherFrame)?;
-            Plane::new(mask.size(), values).map_err(|_| Error::OtherFrame)
+        let Some(known) = known else {
+            let held_out = matches!(self, Self::Auto | Self::Count(_));
+            return Ok((if held_out { unknown } else { Noise::None }, None));
         };
-        let measured = || mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag).map(|(at, _)| at);
-        match *known {
-            Known::Halves([a, b]) => {
-                let halves = [read(a)?, read(b)?];
-                let [first, second] = [halves[0].pixels(), halves[1].pixels()];
-                if measured().all(|at| first[at] == second[at]) {
-                    let why =
-                        format!("{} and {} are the same: name two independent halves", name(a), name(b));
-                    return Err(self.fail(why));
-                }
-                let finite = |at: &usize| samples.pixels()[*at].is_finite();
-                let count = measured().filter(finite).count().max(1) as f64;
-                let sum: f64 =
-                    measured().filter(finite).map(|at| f64::from(samples.pixels()[at]).abs()).sum();
-                let level = (sum / count) as f32;
-                let off = |at: &usize| {
-                    let (mean, value) = (0.5 * (first[*at] + second[*at]), samples.pixels()[*at]);
-                    mean.is_finite() && (mean - value).abs() > ROUNDING * value.abs().max(level)
-                };
-                if measured().filter(finite).filter(off).count() as f64 > FEW * count {
-                    let why = format!(
-                        "{} and {} do not average to {}: name the halves of this colour",
-                        name(a),
-                        name(b),
-                        name(channel)
-                    );
-                    return Err(self.fail(why));
-                }
-                let half = first.iter().zip(second).map(|(a, b)| 0.5 * (a - b));
-                Plane::new(mask.size(), half.collect()).map_err(|_| Error::OtherFrame)
+        match like(part, group, (&known, samples))? {
+            Ok(noise) => Ok((noise, None)),
+            Err(Doubt { why, .. }) if *self == Self::Auto => Ok((unknown, Some(format!("{why}: ignored")))),
+            Err(Doubt { why, way }) => Err(self.fail(format!("{why}: {way}"))),
+        }
+    }
+}
+
+/// Noise like that of the samples; none where there is none and the samples of a channel are all the same.
+fn like(
+    part: &Part,
+    group: &Group,
+    (known, samples): (&[Known], &Planes),
+) -> Result<Result<Noise, Doubt>, Error> {
+    let mut planes = Vec::with_capacity(known.len());
+    for ((&known, &channel), samples) in known.iter().zip(&group.channels).zip(samples.as_slice()) {
+        match plane(part, (channel, known), samples, &group.mask)? {
+            Ok(plane) => planes.push(plane),
+            Err(doubt) => return Ok(Err(doubt)),
+        }
+    }
+    let measured = |plane: &Plane| -> Vec<f32> {
+        let pixels = plane.pixels().iter().zip(group.mask.as_slice());
+        pixels.filter(|(value, flag)| **flag && value.is_finite()).map(|(value, _)| *value).collect()
+    };
+    if planes.iter().any(|plane| measured(plane).iter().any(|noise| *noise != 0.0)) {
+        return Ok(Ok(Noise::Like(planes)));
+    }
+    if samples.as_slice().iter().all(|plane| measured(plane).windows(2).all(|pair| pair[0] == pair[1])) {
+        return Ok(Ok(Noise::None));
+    }
+    let name = |at: usize| part.channels[at].display_name();
+    Ok(Err(match known[0] {
+        Known::Halves([a, b]) => same(name(a), name(b)),
+        Known::Variance(at) => Doubt {
+            why: format!("{} is nowhere above 0 and finite at measured pixels", name(at)),
+            way: "leave --noise out, or write --noise auto",
+        },
+    }))
+}
+
+/// Two halves that tell nothing.
+fn same(a: impl std::fmt::Display, b: impl std::fmt::Display) -> Doubt {
+    Doubt { why: format!("{a} and {b} are the same"), way: "name two independent halves" }
+}
+
+/// Noise like that of a channel.
+fn plane(
+    part: &Part,
+    (channel, known): (usize, Known),
+    samples: &Plane,
+    mask: &Arc<Mask>,
+) -> Result<Result<Plane, Doubt>, Error> {
+    let name = |at: usize| part.channels[at].display_name();
+    let read = |at: usize| {
+        let values = part.channels[at].samples.to_floats().ok_or(Error::OtherFrame)?;
+        Plane::new(mask.size(), values).map_err(|_| Error::OtherFrame)
+    };
+    let measured = || mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag).map(|(at, _)| at);
+    match known {
+        Known::Halves([a, b]) => {
+            let halves = [read(a)?, read(b)?];
+            let [first, second] = [halves[0].pixels(), halves[1].pixels()];
+            let finite = |at: &usize| samples.pixels()[*at].is_finite();
+            let count = measured().filter(finite).count().max(1) as f64;
+            let sum: f64 = measured().filter(finite).map(|at| f64::from(samples.pixels()[at]).abs()).sum();
+            let level = (sum / count) as f32;
+            let off = |at: &usize| {
+                let (mean, value) = (0.5 * (first[*at] + second[*at]), samples.pixels()[*at]);
+                mean.is_finite() && (mean - value).abs() > ROUNDING * value.abs().max(level)
+            };
+            if measured().filter(finite).filter(off).count() as f64 > FEW * count {
+                return Ok(Err(if measured().all(|at| first[at] == second[at]) {
+                    same(name(a), name(b))
+                } else {
+                    let why = format!("{} and {} do not average to {}", name(a), name(b), name(channel));
+                    Doubt { why, way: "name the halves of this colour" }
+                }));
             }
-            Known::Variance(at) => {
-                let variance = read(at)?;
-                if let Some(bad) = measured().map(|at| variance.pixels()[at]).find(|value| *value < 0.0) {
-                    return Err(self.fail(format!("{} is {bad} at a measured pixel: no variance", name(at))));
-                }
-                if !measured().any(|at| variance.pixels()[at] > 0.0) {
-                    let what =
-                        "is nowhere above 0 at measured pixels: leave --noise out, or write --noise auto";
-                    return Err(self.fail(format!("{} {what}", name(at))));
-                }
-                // Each channel its own draw, as noise of channels differs.
-                Ok(Noise::of_variance(&variance, SEED.wrapping_add(channel as u64)))
+            let half = first.iter().zip(second).map(|(a, b)| 0.5 * (a - b));
+            Plane::new(mask.size(), half.collect()).map(Ok).map_err(|_| Error::OtherFrame)
+        }
+        Known::Variance(at) => {
+            let variance = read(at)?;
+            if let Some(bad) = measured().map(|at| variance.pixels()[at]).find(|value| *value < 0.0) {
+                let why = format!("{} is {bad} at a measured pixel, which is no variance", name(at));
+                return Ok(Err(Doubt { why, way: "name another layer, or write --noise auto" }));
             }
+            // Each channel its own draw, as noise of channels differs.
+            Ok(Ok(Noise::of_variance(&variance, SEED.wrapping_add(channel as u64))))
         }
     }
 }

@@ -6,6 +6,7 @@ use half::slice::HalfFloatSliceExt;
 use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::baseline::nearest::NearestMap;
+use lacuna_filters::domain::Domain;
 use lacuna_filters::fill::{Options, Set, Values, fill_with};
 use lacuna_filters::limiter::Moved;
 use lacuna_filters::noise::Noise;
@@ -90,7 +91,9 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
         (report.rule, report.why) = (Rule::Keep, "what the noise is known from".into());
     }
     let mut filled = Vec::new();
-    let groups = work.job.noise.split(part, groups(frame, work.index, &targets));
+    let groups = groups(frame, work.index, &targets);
+    done.notes.extend(work.job.noise.untold(part, &groups));
+    let groups = work.job.noise.split(part, groups);
     let carriers = along_motion(frame, work, &groups, &mut done)?;
     for (group, method) in learned::assign(part, groups, &work.job.method) {
         filled.extend(filter(frame, (work, &carriers), (&group, method), &mut targets, &mut done)?);
@@ -191,7 +194,9 @@ fn filter(
     let samples = Planes::new(mask.size(), planes).map_err(fail)?;
     let names = channel_names(part, group);
     let mut options = options(frame, work, (group, method), &names)?;
-    options.noise = work.job.noise.of(part, group, &samples)?;
+    let (noise, note) = work.job.noise.of(part, group, &samples)?;
+    options.noise = noise;
+    done.notes.extend(note);
     let carried: Vec<_> = carriers.iter().filter_map(|carrier| carrier.carried(&names)).collect();
     if group.values != Values::Directions {
         options.carried = &carried;
@@ -203,7 +208,7 @@ fn filter(
         let error = set.errors.as_ref().filter(|_| group.values == Values::Light);
         done.errors.extend(error.map(|error| (names[set.planes[0]].clone(), error.clone())));
         let names: Vec<_> = set.planes.iter().map(|&at| names[at].clone()).collect();
-        done.notes.extend(set_notes(set, &names, &work.job.method));
+        done.notes.extend(set_notes(set, &names, work.job));
         done.report.groups.push(GroupReport {
             channels: names,
             domain: set.map.name(),
@@ -212,7 +217,7 @@ fn filter(
             neighbours_gain: set.along,
             chosen: set.shares.iter().map(|(name, share)| ((*name).into(), *share)).collect(),
             settled: set.settled.iter().map(ToString::to_string).collect(),
-            estimate: set.estimate.and_then(|verdict| Estimated::of(verdict, coordinates)),
+            estimate: Estimated::of_set(set, options.estimate, coordinates),
             exponent: set.exponent,
             energy: light
                 .then(|| energy::compare(&lights(&samples, &answer.planes, set), &set.mask))
@@ -222,7 +227,9 @@ fn filter(
         });
         if set.weightless > 0 {
             let name = channel_label(frame, work.index, group.channels[set.planes[0]]);
-            let what = "measured pixels count no sample and weigh nothing";
+            let missing = options.noise != Noise::None;
+            let then = if missing { "are filled like missing ones" } else { "weigh nothing" };
+            let what = format!("measured pixels count no sample and {then}");
             done.notes.push(format!("{name}: {} {what}", set.weightless));
         }
     }
@@ -312,7 +319,7 @@ fn options<'a>(
         _ => work.job.weights.as_ref(),
     };
     options.weights = match counts {
-        Some(weights) => Some(weights.plane(frame, work.index)?),
+        Some(weights) => Some(weights.plane(frame, work.index).map_err(|error| work.job.noise.named(error))?),
         None => None,
     };
     let steered = group.values != Values::Directions && names.iter().all(|name| !channels::is_position(name));
@@ -331,13 +338,18 @@ pub fn values_options<'a>(group: &Group, names: &[String], job: &Job) -> Options
 }
 
 /// What is told of channels that were filled together, by their names.
-fn set_notes(set: &Set, names: &[String], asked: &Method) -> Vec<String> {
+fn set_notes(set: &Set, names: &[String], job: &Job) -> Vec<String> {
     let smoothed = !set.method.keeps_measured() && !set.map.is_linear();
+    let smooths = set.smoothed || !set.method.keeps_measured();
     let names = names.join(", ");
     let notes = [
         overflow_note(&names, set.mended),
         smoothed.then(|| format!("{names}: smoothed in the log domain, whose unit the setting has")),
-        (set.method.name() != asked.name())
+        (set.smoothed && job.domain == Domain::Log)
+            .then(|| format!("{names}: noise is smoothed in linear light, not in the log domain")),
+        (job.error_channel.is_some() && smooths)
+            .then(|| format!("{names}: no estimated errors: measured pixels are smoothed")),
+        (set.method.name() != job.method.name())
             .then(|| format!("{names}: not of the dictionary, filled by {}", set.method.name())),
     ];
     notes.into_iter().flatten().collect()
@@ -357,9 +369,10 @@ fn failed(frame: &Frame, work: &Work<'_>, group: &Group, source: lacuna_filters:
             let channel = &frame.parts[work.index].channels[group.channels[plane]];
             Error::NothingFinite { channel: label(plane), name: channel.display_name().into_owned() }
         }
-        (lacuna_filters::Error::NothingWeighs, Some(weights)) => {
+        (lacuna_filters::Error::NothingWeighs, weights) => {
             let why = "it counts no sample in any measured pixel".into();
-            Error::Weights { weights: weights.to_string(), why }
+            let weights = weights.as_ref().map(ToString::to_string).unwrap_or_default();
+            work.job.noise.named(Error::Weights { weights, why })
         }
         (source, _) => Error::Filter { channel: label(0), source },
     }

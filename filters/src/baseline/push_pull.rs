@@ -13,6 +13,8 @@
 //!
 //! Source: S. Gortler, R. Grzeszczuk, R. Szeliski, M. Cohen, "The Lumigraph", SIGGRAPH 1996 (rebinning).
 
+use std::sync::Arc;
+
 use lacuna_core::parallel::prelude::*;
 
 use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
@@ -56,6 +58,29 @@ impl Filter for Settings {
     fn plan(&self, problem: &Problem, _run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
         Ok(Box::new(Planned { pyramid: Pyramid::new(&problem.mask)?, mask: problem.mask.clone() }))
     }
+}
+
+/// Gives those of the `wanted` pixels that are not finite what push-pull makes of the samples.
+pub(crate) fn complete(
+    out: &mut Planes,
+    (mask, wanted): (&Arc<Mask>, &Mask),
+    samples: &Planes,
+    run: &Run<'_>,
+) -> Result<(), Error> {
+    let lacks = |plane: &Plane| {
+        let mut pixels = plane.pixels().iter().zip(wanted.as_slice());
+        pixels.any(|(value, wanted)| *wanted && !value.is_finite())
+    };
+    if !out.as_slice().iter().any(lacks) {
+        return Ok(());
+    }
+    let mut plain = Planes::zeros(samples.size(), samples.len());
+    Settings.plan(&Problem::fill(Arc::clone(mask)), run)?.reconstruct(samples, &mut plain, run)?;
+    for (out, plain) in out.as_mut_slice().iter_mut().zip(plain.as_slice()) {
+        let pairs = out.pixels_mut().iter_mut().zip(plain.pixels());
+        pairs.filter(|(value, _)| !value.is_finite()).for_each(|(value, plain)| *value = *plain);
+    }
+    Ok(())
 }
 
 struct Planned {

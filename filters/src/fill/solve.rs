@@ -34,6 +34,13 @@ pub fn solve(
         Some(weights) => weigh(weights, mask).map(|(plane, weightless)| (Some(plane), weightless))?,
         None => (None, 0),
     };
+    // What counts no sample was not measured.
+    let counting =
+        weights.as_ref().filter(|_| weightless > 0 && options.noise != Noise::None).map(|weights| {
+            let pairs = mask.as_slice().iter().zip(weights.pixels());
+            Arc::new(Mask::of(mask.size(), pairs.map(|(flag, weight)| *flag && *weight > 0.0).collect()))
+        });
+    let mask = counting.as_ref().unwrap_or(mask);
     let light = options.values == Values::Light;
     let mut out = Planes::zeros(samples.size(), samples.len());
     let like = like(options, samples.size(), &places);
@@ -75,14 +82,17 @@ pub fn solve(
     };
     let mut predicted = effect.predicted.take().map(Planes::into_vec).unwrap_or_default().into_iter();
     let (mut mended, mut limited) = (0, Vec::with_capacity(places.len()));
-    let limit = options.limit && options.values != Values::Directions && !smoothed;
+    let limit = options.limit && options.values != Values::Directions;
     for ((samples, out), &place) in samples.as_slice().iter().zip(out.as_mut_slice()).zip(&places) {
         mended += mend(samples, out, || plans.nearest(mask), |nearest| nearest.as_slice())?;
         let mut moved = Moved::default();
         if limit {
+            // What was smoothed counts as it is now.
+            let smooth = smoothed.then(|| out.clone());
+            let around = smooth.as_ref().unwrap_or(samples);
             moved += match predicted.next() {
-                Some(predicted) => limit_guided(mask, samples, &predicted, out)?,
-                None => limiter::local(mask, samples, out)?,
+                Some(predicted) => limit_guided(mask, around, &predicted, out)?,
+                None => limiter::local(mask, around, out)?,
             };
         }
         let bounds = options.bounds_of(place);

@@ -3,7 +3,7 @@
 //! For the pixel `p` of a lane, over the samples `q` of the block's runs,
 //!
 //! ```text
-//! w_q  = (1 - |q - p|^2 / r^2)+^2  (1 + sum_k (b_k (g_kq - g_kp))^2)^-4       times FOREIGN where the labels differ
+//! w_q  = (1 - |q - p|^2 / r^2)+^2  (1 + sum_k (b_k (g_kq - g_kp))^2)^-4       times FOREIGN where the labels differ, times the sample's own
 //! min  sum_q w_q (v_q - c - sum_k a_k (g_kq - g_kp))^2  +  ridge sum_k a_k^2         over c and a;  the result is c
 //! ```
 //!
@@ -58,6 +58,8 @@ pub struct Samples {
     pub values: Vec<f32>,
     /// Labels; empty where there are none.
     pub labels: Vec<u32>,
+    /// What each weighs; empty where all weigh the same.
+    pub weights: Vec<f32>,
 }
 
 /// What each guide counts for.
@@ -140,6 +142,7 @@ impl Table {
             let guides = &samples.guides[index * self.guides..][..self.guides];
             self.scaled.extend(self.weighing.iter().map(|&(guide, factor)| guides[guide] * factor));
             let values = &samples.values[index * channels..][..channels];
+            let weight = samples.weights.get(index).copied().unwrap_or(1.0);
             let own = self.values[place * quads..][..quads].as_flattened_mut();
             for (k, (&value, origin)) in values.iter().zip(&self.origins.1).enumerate() {
                 own[k] = value;
@@ -152,7 +155,7 @@ impl Table {
             for a in 0..=self.sloping.len() {
                 // The line is longer than the row; what is too much is overwritten by the next.
                 let row = &mut own[right(a, channels)..][..line.len()];
-                let factor = line[channels + a];
+                let factor = weight * line[channels + a];
                 for (row, line) in row.as_chunks_mut::<ROW>().0.iter_mut().zip(line.as_chunks::<ROW>().0) {
                     for (product, other) in row.iter_mut().zip(line) {
                         *product = factor * other;

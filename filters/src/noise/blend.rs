@@ -6,7 +6,6 @@ use lacuna_core::parallel::prelude::*;
 
 use super::candidates::{Candidate, Fold, Second, Task};
 use super::part::Part;
-use super::relative::importance;
 use super::split::Split;
 use super::{FOLLOWS, NEIGHBOURHOOD, NOISY};
 use crate::variational::guided::Tuned;
@@ -34,25 +33,24 @@ impl<'a> Blend<'a> {
     pub fn new(
         task: &Task<'_>,
         all: &[Candidate],
-        mask: &Arc<Mask>,
+        (mask, counts): (&Arc<Mask>, &[f64]),
         split: &Split,
         surfaces: &'a Surfaces,
     ) -> Result<Option<Self>, Error> {
         let samples = &split.samples;
-        let counts = importance(mask, samples, split.level);
         let part = Part::new(task, mask, samples);
         let (small, kept, own) = part.task(task, mask, samples);
-        let tuned = small.tune(kept, own);
+        let tuned = small.tune(kept, (own, small.counts()));
         let (task, small) =
             (&Task { tuned: tuned.as_ref(), ..*task }, Task { tuned: tuned.as_ref(), ..small });
         let folds = small.folds(all, (kept, &|pixel| part.is_inner(pixel)), own)?;
         let (measured, images, outcome) = if let Some(noise) = &split.noise {
             let (values, noises, outcome) = task.both(all, mask, (samples, noise))?;
-            (by_noise(surfaces, (mask, &counts), samples, noise, (&values, &noises)), values, outcome)
+            (by_noise(surfaces, (mask, counts), samples, noise, (&values, &noises)), values, outcome)
         } else {
             let held = Held::new(&part, kept, all.len(), &folds);
-            let (weights, error) = held_out(surfaces, &held, (samples, &counts));
-            if error > 1.0 - NOISY || follows(&held, &folds, (samples, &counts), &small, (kept, own))? {
+            let (weights, error) = held_out(surfaces, &held, (samples, counts));
+            if error > 1.0 - NOISY || follows(&held, &folds, (samples, counts), &small, (kept, own))? {
                 return Ok(None);
             }
             let (values, outcome) = task.each(all, mask, samples)?;
@@ -65,11 +63,11 @@ impl<'a> Blend<'a> {
         for fold in &folds {
             let images: Vec<Planes> = fold.images.iter().map(|image| image.planes(kept)).collect();
             let smooth = smoothed(&measured, &images, own, (kept, &part));
-            tuned = tuned.or_else(|| small.tune(&fold.kept, &smooth));
+            tuned = tuned.or_else(|| small.tune(&fold.kept, (&smooth, None)));
             let small = Task { tuned: tuned.as_ref(), ..small };
             held.add(seconds, fold, &small, &smooth, kept)?;
         }
-        let missing = held_out(surfaces, &held, (samples, &counts)).0;
+        let missing = held_out(surfaces, &held, (samples, counts)).0;
         Ok(Some(Self { measured, missing, images, tuned, outcome }))
     }
 
@@ -108,7 +106,6 @@ impl<'a> Blend<'a> {
             };
             shares.push((second.name(), share));
         }
-        mend(out, samples);
         Ok(shares)
     }
 }

@@ -160,15 +160,23 @@ impl Second {
 #[derive(Clone, Copy)]
 pub struct Task<'a> {
     pub guides: Option<&'a Guides>,
+    /// What each sample weighs.
     pub weights: Option<&'a Arc<Plane>>,
+    /// Whether it does so in regressions, too: variances that noisy samples show vary with their light, which draws regressions to the dark.
+    pub counted: bool,
     /// What guides count for.
     pub tuned: Option<&'a Tuned>,
     pub run: &'a Run<'a>,
 }
 
 impl Task<'_> {
+    /// What each sample weighs in regressions.
+    pub fn counts(&self) -> Option<&Plane> {
+        self.weights.filter(|_| self.counted).map(Arc::as_ref)
+    }
+
     /// What guides count for, as these samples show.
-    pub fn tune(&self, mask: &Arc<Mask>, samples: &Planes) -> Option<Tuned> {
+    pub fn tune(&self, mask: &Arc<Mask>, samples: (&Planes, Option<&Plane>)) -> Option<Tuned> {
         Tuned::new(mask, samples, self.guides?)
     }
 
@@ -256,25 +264,12 @@ impl Task<'_> {
             (Kind::Regression(_) | Kind::Guided, Some(guides)) => {
                 match (candidate.kind, self.tuned) {
                     (Kind::Regression(count), _) => {
-                        predict_from(guides, count, (mask, wanted), values, out);
+                        predict_from(guides, count, (mask, wanted), (values, self.counts()), out);
                     }
-                    (_, Some(tuned)) => tuned.predict((values, mask), guides, wanted, out),
+                    (_, Some(tuned)) => tuned.predict((values, self.counts(), mask), guides, wanted, out),
                     (_, None) => {}
                 }
-                let far = |plane: &Plane| {
-                    let wanted = plane.pixels().iter().zip(wanted.as_slice()).filter(|(_, wanted)| **wanted);
-                    { wanted }.any(|(value, _)| !value.is_finite())
-                };
-                if out.as_slice().iter().any(far) {
-                    let plan = push_pull::Settings.plan(&Problem::fill(Arc::clone(mask)), self.run)?;
-                    let mut plain = Planes::zeros(values.size(), values.len());
-                    plan.reconstruct(values, &mut plain, self.run)?;
-                    for (out, plain) in out.as_mut_slice().iter_mut().zip(plain.as_slice()) {
-                        for (value, plain) in out.pixels_mut().iter_mut().zip(plain.pixels()) {
-                            *value = if value.is_finite() { *value } else { *plain };
-                        }
-                    }
-                }
+                push_pull::complete(out, (mask, wanted), values, self.run)?;
                 Ok(Outcome::direct())
             }
             (Kind::Splines(lambda), _) => {
@@ -293,7 +288,7 @@ fn predict_from(
     guides: &Guides,
     count: f64,
     (mask, wanted): (&Mask, &Mask),
-    values: &Planes,
+    (values, weights): (&Planes, Option<&Plane>),
     out: &mut Planes,
 ) {
     let size = mask.size();
@@ -309,7 +304,7 @@ fn predict_from(
     });
     let field = Field { planes: &planes, labels: None };
     let scales = Scales { bandwidths: vec![0.0; planes.len()], slopes: vec![true; planes.len()] };
-    let store = Store::new(mask, values, field);
+    let store = Store::new(mask, values, field).weighted(weights);
     let reach = Reach::new(mask, count);
     let task = Fit { field, scales: &scales, reach: &reach, leave_out: false, isa: Isa::best() };
     predict_between(&store, task, wanted, out);

@@ -97,7 +97,13 @@ mod tests {
             let mut guides = Guides::new(size);
             guides.add("guide", vec![plane.clone()]).unwrap();
             let (weights, run) = (Arc::new(plane), Run::default());
-            let task = Task { guides: Some(&guides), weights: Some(&weights), tuned: None, run: &run };
+            let task = Task {
+                guides: Some(&guides),
+                weights: Some(&weights),
+                counted: true,
+                tuned: None,
+                run: &run,
+            };
             let part = Part::new(&task, &mask, &samples);
             let (small, kept, own) = part.task(&task, &mask, &samples);
             assert_eq!(kept.size() != size, tiled);
@@ -127,7 +133,7 @@ mod tests {
             (Some(&weights), &|row, column| (row + column).is_multiple_of(3)),
         ] {
             let mask = Mask::from_fn(size, measured);
-            let task = Task { guides: None, weights, tuned: None, run: &run };
+            let task = Task { guides: None, weights, counted: true, tuned: None, run: &run };
             let tiles = Excerpt::tiles(&mask).unwrap();
             let part = Part::new(&task, &mask, &plane);
             assert!(part.tiles.is_none(), "{}", tiles.mask.count());

@@ -3,13 +3,20 @@
 //! Minimization", ACM Transactions on Graphics 30(6), 2011. A highlight, most of which a display clips, would choose for all around it else.
 
 use crate::kernel::blur::blur;
-use crate::{Mask, Planes};
+use crate::{Mask, Plane, Planes};
 
 /// Width of what is around, in spacings of the samples.
 const AROUND: f64 = 0.6;
 
-/// By pixel the factor of an error there, 0 to 1.
-pub fn importance(mask: &Mask, samples: &Planes, level: f32) -> Vec<f64> {
+/// By pixel the factor of an error there, 0 to 1, times the root of what its sample counts.
+pub fn importance((mask, weights): (&Mask, Option<&Plane>), samples: &Planes, level: f32) -> Vec<f64> {
+    let mut factors = of_light(mask, samples, level);
+    let roots = weights.into_iter().flat_map(Plane::pixels).map(|weight| f64::from(*weight).sqrt());
+    factors.iter_mut().zip(roots).for_each(|(factor, root)| *factor *= root);
+    factors
+}
+
+fn of_light(mask: &Mask, samples: &Planes, level: f32) -> Vec<f64> {
     let size = mask.size();
     if !level.is_finite() || level <= 0.0 {
         return vec![1.0; size.pixels()];
@@ -31,7 +38,7 @@ pub fn importance(mask: &Mask, samples: &Planes, level: f32) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Plane, Size};
+    use crate::Size;
 
     /// A bright half counts as little as it is bright, in the middle; a level that nothing passes, or none, changes nothing.
     #[test]
@@ -40,13 +47,18 @@ mod tests {
         let mask = Mask::from_fn(size, |row, column| (row + 2 * column).is_multiple_of(3));
         let light = Plane::from_fn(size, |_, column| if column < 20 { 0.5 } else { 8.0 });
         let samples = Planes::of(size, vec![light.clone(), Plane::filled(size, 0.0)]);
-        let found = importance(&mask, &samples, 2.0);
+        let found = importance((&mask, None), &samples, 2.0);
         let at = |column: usize| found[10 * 40 + column];
         assert_eq!(at(5), 1.0);
+        let nine = importance((&mask, Some(&Plane::filled(size, 9.0))), &samples, 2.0);
+        assert!(found.iter().zip(&nine).all(|(one, nine)| *nine == 3.0 * one));
         assert!((at(35) - 0.25).abs() < 1e-3, "{}", at(35));
         assert!(found.iter().all(|counts| (0.25 - 1e-3..=1.0).contains(counts)));
         for level in [9.0, 0.0, f32::INFINITY] {
-            assert!(importance(&mask, &samples, level).iter().all(|counts| *counts == 1.0), "{level}");
+            assert!(
+                importance((&mask, None), &samples, level).iter().all(|counts| *counts == 1.0),
+                "{level}"
+            );
         }
     }
 }

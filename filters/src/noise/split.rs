@@ -30,14 +30,15 @@ impl Split {
             for (pixel, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
                 let value = plane.pixels()[pixel];
                 let n = noise.as_ref().map_or(0.0, |noise| noise[pixel]);
-                let n = if n.is_finite() { n } else { 0.0 };
+                // No half of light is so far below zero: such noise was drawn.
+                let n = if n.is_finite() && value - n.abs() >= -level { n } else { 0.0 };
                 let (low, high) = (value - n.abs(), value + n.abs());
                 if high <= limit {
                     continue;
                 }
                 let halves = (low.min(limit), high.min(limit));
                 plane.pixels_mut()[pixel] = 0.5 * (halves.0 + halves.1);
-                if let Some(noise) = &mut noise {
+                if let Some(noise) = noise.as_mut().filter(|_| n != 0.0) {
                     noise[pixel] = (0.5 * (halves.1 - halves.0)).copysign(n);
                 }
                 light.pixels_mut()[pixel] = (low - limit).max(0.0);

@@ -71,6 +71,67 @@ fn what_has_no_noise_keeps_its_bits() {
     assert!(error(&found.planes, &truth) <= 1.05 * error(&plain.planes, &truth));
 }
 
+/// Samples in one corner: beyond, values stay within reach of them, as without noise.
+#[test]
+fn far_from_all_samples_values_stay_in_reach() {
+    let size = Size::new(200, 220);
+    let corner =
+        Mask::from_fn(size, |row, column| row < 40 && column < 40 && hashed(7, row * 220 + column) < -0.1);
+    let mask = Arc::new(corner);
+    let [a, b, mean] = halves(&truth(size), 0.1);
+    for noise in [Noise::Like(vec![like(&a, &b)]), Noise::Unknown] {
+        let found = filled(&mean, &mask, noise.clone());
+        assert!(found.sets[0].smoothed, "{noise:?}");
+        let values = || found.planes.as_slice()[0].pixels().iter().zip(mask.as_slice());
+        let top =
+            values().filter(|(_, measured)| **measured).fold(0.0_f32, |top, (value, _)| top.max(*value));
+        assert!(values().all(|(value, _)| (0.0..=2.0 * top).contains(value)), "{noise:?}");
+    }
+}
+
+/// Noise far above the light, as variances may tell, is no reason to darken: the mean stays.
+#[test]
+fn variances_above_all_light_leave_the_mean() {
+    let size = Size::new(100, 110);
+    let (truth, mask) = (truth(size), mask(size, 0.25));
+    let noise = Noise::Like(vec![Noise::of_variance(&Plane::filled(size, 1e4), 3)]);
+    let found = filled(&truth, &mask, noise);
+    let mean = |planes: &Plane| planes.pixels().iter().map(|v| f64::from(*v)).sum::<f64>() / 11000.0;
+    let (found, truth) = (mean(&found.planes.as_slice()[0]), mean(&truth));
+    assert!((found / truth - 1.0).abs() < 0.05, "{found} {truth}");
+}
+
+/// What counts no sample was not measured: whatever stands there changes no bit, with guides or without.
+#[test]
+fn samples_that_count_nothing_are_missing() {
+    let size = Size::new(90, 100);
+    let (truth, whole) = (truth(size), mask(size, 0.4));
+    let [.., mean] = halves(&truth, 0.1);
+    let counts = |row: usize, column: usize| hashed(9, row * 100 + column) < 0.1;
+    let garbage =
+        Plane::from_fn(size, |row, column| if counts(row, column) { mean.at(row, column) } else { 7.0 });
+    let weights = Plane::from_fn(size, |row, column| if counts(row, column) { 16.0 } else { 0.0 });
+    let kept =
+        Arc::new(Mask::from_fn(size, |row, column| whole.is_measured(row, column) && counts(row, column)));
+    let mut guides = Guides::new(size);
+    guides.add("guide", vec![truth.clone()]).unwrap();
+    for guides in [None, Some(&guides)] {
+        let options = |weights: Option<Plane>| Options {
+            noise: Noise::Unknown,
+            weights: weights.map(Arc::new),
+            guides,
+            ..Options::of(crate::variational::ss::Settings::default())
+        };
+        let planes = |plane: &Plane| Planes::new(size, vec![plane.clone()]).unwrap();
+        let counted = fill(&planes(&garbage), Arc::clone(&whole), &options(Some(weights.clone()))).unwrap();
+        let dropped = fill(&planes(&mean), Arc::clone(&kept), &options(None)).unwrap();
+        assert!(counted.sets[0].smoothed);
+        let error = error(&counted.planes, &dropped.planes.as_slice()[0]);
+        // Where all others weigh the same, rounding of the weights alone is left.
+        assert!(error < 1e-5, "{error}");
+    }
+}
+
 /// Guides that show what splines cannot are no sign of noise.
 #[test]
 fn what_guides_gain_is_not_taken_for_noise() {
@@ -160,7 +221,7 @@ fn stein_s_estimate_is_that_of_the_truth() {
     let [a, b, mean] = halves(&truth, 0.1);
     let n = like(&a, &b);
     let run = Run::default();
-    let task = Task { guides: None, weights: None, tuned: None, run: &run };
+    let task = Task { guides: None, weights: None, counted: false, tuned: None, run: &run };
     let all = Candidate::all(false);
     let planes = |plane: &Plane| Planes::new(size, vec![plane.clone()]).unwrap();
     let (values, noises, _) = task.both(&all, &full, (&planes(&mean), &planes(&n))).unwrap();

@@ -34,6 +34,7 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::{join, prelude::*};
 
+use crate::baseline::push_pull;
 use crate::estimate::Evidence;
 use crate::kernel::Isa;
 use crate::kernel::regress::Scales;
@@ -113,7 +114,7 @@ pub fn steer(
         return Ok((Outcome::direct(), Effect::default()));
     }
     let field = Field { planes: guides.planes(), labels: guides.labels() };
-    let model = Model { mask, samples, field, isa: Isa::best() };
+    let model = Model { mask, samples, weights: None, field, isa: Isa::best() };
     let seen = model.seen();
     let Some((scales, trust, gain)) = model.judge(filter, &seen, guides, run)? else {
         return Ok((Outcome::direct(), Effect::default()));
@@ -129,6 +130,8 @@ pub fn steer(
 struct Model<'a> {
     mask: &'a Arc<Mask>,
     samples: &'a Planes,
+    /// What each sample weighs.
+    weights: Option<&'a Plane>,
     field: Field<'a>,
     isa: Isa,
 }
@@ -140,8 +143,8 @@ struct Seen {
 }
 
 impl Seen {
-    fn new(mask: &Mask, samples: &Planes, field: Field<'_>) -> Self {
-        let store = || Store::new(mask, samples, field);
+    fn new(mask: &Mask, (samples, weights): (&Planes, Option<&Plane>), field: Field<'_>) -> Self {
+        let store = || Store::new(mask, samples, field).weighted(weights);
         let (store, reach) = join(store, || Reach::new(mask, SAMPLES));
         Self { store, reach }
     }
@@ -158,7 +161,7 @@ struct Part<'a> {
 
 impl Model<'_> {
     fn seen(&self) -> Seen {
-        Seen::new(self.mask, self.samples, self.field)
+        Seen::new(self.mask, (self.samples, self.weights), self.field)
     }
 
     /// What guides count for, where they are trusted, and what they gain; nothing if that is not worth it.
@@ -175,7 +178,7 @@ impl Model<'_> {
         let (kept, left_out) = hold_out(self.mask);
         let kept = Arc::new(kept);
         let plan = || filter.plan(&Problem::fill(Arc::clone(&kept)), run);
-        let (plan, seen) = join(plan, || Seen::new(&kept, self.samples, self.field));
+        let (plan, seen) = join(plan, || Seen::new(&kept, (self.samples, self.weights), self.field));
         let plan = plan?;
         let mut plain = Planes::zeros(size, self.samples.len());
         plan.reconstruct_roughly(self.samples, TRIAL, &mut plain, run)?;
@@ -205,7 +208,7 @@ impl Model<'_> {
     }
 
     /// The image from the samples that are seen, with splines through what the regression leaves of them; where these are held out of a mask, roughly
-    /// and at its pixels.
+    /// and at its pixels. Where no sample is near enough for a regression, push-pull fills.
     fn image(
         &self,
         seen: &Seen,
@@ -215,10 +218,10 @@ impl Model<'_> {
     ) -> Result<(Planes, Outcome), Error> {
         let plan = ss::Settings::default().plan(&Problem::fill(Arc::clone(self.mask)), run)?;
         let part = Part { mask: self.mask, plan: plan.as_ref(), seen, scales };
-        let (image, _, outcome) = match held_out_of {
-            Some(all) => self.fill(part, all, TRIAL, run)?,
-            None => self.fill(part, &Mask::from_fn(self.mask.size(), |_, _| true), FINAL, run)?,
-        };
+        let all = Mask::from_fn(self.mask.size(), |_, _| true);
+        let (wanted, error) = held_out_of.map_or((&all, FINAL), |measured| (measured, TRIAL));
+        let (mut image, _, outcome) = self.fill(part, wanted, error, run)?;
+        push_pull::complete(&mut image, (self.mask, wanted), self.samples, run)?;
         Ok((image, outcome))
     }
 

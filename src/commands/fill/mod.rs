@@ -310,10 +310,7 @@ pub fn tell(report: &Report, record: &mut Record) {
     }
     let groups = || report.parts.iter().flat_map(|part| &part.groups);
     for group in groups().filter(|group| group.noiseless) {
-        tracing::info!(
-            "{}: held-out samples show no noise, and nothing is smoothed",
-            group.channels.join(", ")
-        );
+        tracing::info!("{}: the samples show no noise, and nothing is smoothed", group.channels.join(", "));
     }
     for line in groups().filter_map(GroupReport::settled) {
         tracing::info!("chosen for {line}");

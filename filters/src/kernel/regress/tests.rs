@@ -35,6 +35,7 @@ fn reference(
         if samples.labels.get(index).is_some_and(|label| *label != centres.labels[lane]) {
             weight *= f64::from(FOREIGN);
         }
+        weight *= samples.weights.get(index).map_or(1.0, |own| f64::from(*own));
         let row: Vec<f64> = slopes.iter().map(|&guide| difference(guide)).chain([1.0]).collect();
         for a in 0..order {
             for (entry, other) in system[a].iter_mut().zip(&row) {
@@ -113,9 +114,12 @@ fn run(
 proptest! {
     #[test]
     fn predictions_are_those_of_the_normal_equations(
-        seed in 0_u64..1000, guides in 0..7_usize, channels in 1..5_usize, leave_out: bool, dropped in 0..7_usize,
+        seed in 0_u64..1000, guides in 0..7_usize, channels in 1..5_usize, leave_out: bool, dropped in 0..7_usize, counted: bool,
     ) {
-        let (samples, centres) = scene(seed, 60, guides, channels);
+        let (mut samples, centres) = scene(seed, 60, guides, channels);
+        if counted {
+            samples.weights = (0..60).map(|k| (k % 4) as f32 / 1.5).collect();
+        }
         let mut scales = Scales { bandwidths: vec![1.5; guides], slopes: vec![true; guides] };
         if dropped < guides {
             scales.slopes[dropped] = false;

@@ -60,7 +60,12 @@ impl<'a> Regression<'a> {
     ) -> Result<(Planes, Outcome), Error> {
         let field = Field { planes: &self.planes, labels: self.labels };
         let seen = seen((samples, mask), beside, field);
-        Model { mask, samples, field, isa: Isa::best() }.image(&seen, &self.scales, held_out_of, run)
+        Model { mask, samples, weights: None, field, isa: Isa::best() }.image(
+            &seen,
+            &self.scales,
+            held_out_of,
+            run,
+        )
     }
 }
 

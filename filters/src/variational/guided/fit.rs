@@ -66,6 +66,15 @@ impl Store {
         Self { size, samples, channels: channels.len(), starts }
     }
 
+    /// The same where each sample weighs what the pixel of a plane says.
+    pub fn weighted(mut self, weights: Option<&Plane>) -> Self {
+        let own = weights
+            .into_iter()
+            .flat_map(|weights| self.samples.at.iter().map(|at| weights.at(at[0] as usize, at[1] as usize)));
+        self.samples.weights = own.collect();
+        self
+    }
+
     /// The same with further samples beside those of `mask`, anywhere in the image.
     pub fn beside(mask: &Mask, values: &Planes, field: Field<'_>, more: &Samples) -> Self {
         let Self { size, samples: own, channels, mut starts } = Self::new(mask, values, field);

@@ -4,11 +4,12 @@
 //! correction in f32 to two digits, and so on. Rounding the image to f32 in between costs nothing, as the next residual is
 //! that of the rounded image. Third order, smoothing of more than [`WEAK`] or less than [`STRONG`], energies without tension, and
 //! windows that are little more than a line, where the least eigenvalue is smaller than a few iterations show, are solved in f64 in one go.
+//! So is what a round of refinement does not bring nearer, as far from all samples.
 //!
 //! Source: J. Wilkinson, "Rounding Errors in Algebraic Processes", HMSO 1963 (iterative refinement).
 
 use std::cell::RefCell;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use lacuna_core::parallel::prelude::*;
 
@@ -93,7 +94,10 @@ pub struct Region {
     isa: Isa,
     window: Window,
     matrix: Arc<Separable<f64>>,
+    form: Form,
     grids: Grids,
+    /// Where the numbers of `grids` do not suffice.
+    exact: OnceLock<Multigrid<f64>>,
     /// Per pixel the weight of its sample over lambda.
     pull: Option<Vec<f64>>,
 }
@@ -165,7 +169,18 @@ impl Region {
             let matrix = |level| (matrices.double(level), matrices.double(level));
             Grids::Double(Multigrid::new(isa, window, &matrix, free, pull.clone()))
         };
-        Self { isa, window, matrix: matrices.double(0), grids, pull }
+        let matrix = matrices.double(0);
+        Self { isa, window, matrix, form: *form, grids, exact: OnceLock::new(), pull }
+    }
+
+    /// The grids in f64.
+    fn exact(&self, single: &Multigrid<f32>) -> &Multigrid<f64> {
+        self.exact.get_or_init(|| {
+            let matrices = Matrices::new(&self.form, self.matrix.size());
+            let matrix = |level| (matrices.double(level), matrices.double(level));
+            let free = single.free().iter().map(|free| if *free == 0.0 { 0.0 } else { 1.0 });
+            Multigrid::new(self.isa, self.window, &matrix, free.collect(), self.pull.clone())
+        })
     }
 
     /// The rectangle.
@@ -194,6 +209,10 @@ impl Region {
 
     /// Replaces the free pixels of `image` in the window by the solution, to within about `tolerance`.
     pub fn solve(&self, samples: &Plane, image: &mut Plane, tolerance: f64, run: &Run<'_>) -> Outcome {
+        let exactly = |grids: &Multigrid<f64>, image: &mut Plane| {
+            let goal = Goal { tolerance: 1.0, error: 0.0, least: None, gain: 0.0, spare: 0.0, patience: 200 };
+            self.refine(grids, goal, (samples, image), tolerance, run).0
+        };
         match &self.grids {
             Grids::Single(grids) => {
                 let goal = Goal {
@@ -205,13 +224,10 @@ impl Region {
                     patience: PATIENCE,
                 };
                 let unit = f64::max(EASE * tolerance, self.spacing(image));
-                self.refine(grids, goal, (samples, image), unit, run)
+                let (outcome, ends) = self.refine(grids, goal, (samples, image), unit, run);
+                if ends { outcome } else { exactly(self.exact(grids), image) }
             }
-            Grids::Double(grids) => {
-                let goal =
-                    Goal { tolerance: 1.0, error: 0.0, least: None, gain: 0.0, spare: 0.0, patience: 200 };
-                self.refine(grids, goal, (samples, image), tolerance, run)
-            }
+            Grids::Double(grids) => exactly(grids, image),
         }
     }
 
@@ -225,7 +241,8 @@ impl Region {
         f64::from(f32::EPSILON) * f64::from(top.max(f32::MIN_POSITIVE))
     }
 
-    /// Iterative refinement: corrections in the numbers of the grids for residuals in f64.
+    /// Iterative refinement: corrections in the numbers of the grids for residuals in f64. Returns false where a round brings the image no
+    /// nearer, and leaves it as it was before.
     fn refine<T: Lanes>(
         &self,
         grids: &Multigrid<T>,
@@ -233,7 +250,7 @@ impl Region {
         (samples, image): (&Plane, &mut Plane),
         tolerance: f64,
         run: &Run<'_>,
-    ) -> Outcome {
+    ) -> (Outcome, bool) {
         let mut workspace = grids.workspace();
         let mut outcome = Outcome::direct();
         let mut left = 1.0;
@@ -242,6 +259,10 @@ impl Region {
             let (spans, residual) = workspace.residual();
             self.residual(samples, image, (grids.free(), spans), 1.0 / tolerance, residual);
             let ending = conjugate::solve(grids, &mut workspace, goal, run);
+            let stuck = ending.stop == Stop::IterationLimit && ending.iterations > 0 && goal.gain > 0.0;
+            if stuck && (ending.residual.is_nan() || ending.residual >= 1.0) {
+                return (Outcome { stop: ending.stop, ..outcome }, false);
+            }
             self.correct(grids.free(), workspace.correction(), image, f64::from, tolerance);
             goal.least = Some(ending.least).filter(|least| least.is_finite());
             left *= ending.residual;
@@ -254,10 +275,10 @@ impl Region {
             // A correction so small that its rounding does not matter is exact.
             let near = ending.stop == Stop::Converged && ending.left <= goal.error;
             if over || !grids.take_up(&mut workspace, SPARE / GAIN, !near) {
-                return outcome;
+                return (outcome, true);
             }
         }
-        Outcome { stop: Stop::IterationLimit, ..outcome }
+        (Outcome { stop: Stop::IterationLimit, ..outcome }, false)
     }
 
     /// Changes the free pixels of `image` in the window to what `before` makes of them and `scale c`.
@@ -331,5 +352,48 @@ impl Region {
                 vector::lacking(self.isa, &free[whole..][..part.width], scale, product, out);
             }
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::hash;
+    use crate::variational::ss::{AIM, Settings};
+
+    /// Noise in a corner of a large image: what lies hundreds of pixels away hangs on it by less than f32 holds.
+    #[test]
+    fn far_from_all_samples_f64_takes_over() {
+        let size = Size::new(900, 1000);
+        let random = |y: usize, x: usize| (hash(1, (y * 1000 + x) as u64) >> 40) as f32 / (1 << 24) as f32;
+        let mask = Mask::from_fn(size, |y, x| y < 150 && x < 150 && random(x, y) < 0.25);
+        let samples = Plane::from_fn(size, |y, x| if mask.is_measured(y, x) { random(y, x) } else { 0.0 });
+        let settings = Settings::default();
+        let form = Form::new(settings.kernel, settings.order.number(), settings.tension);
+        let region = Region::whole(Isa::best(), &form, &mask, 0.0, None);
+        let run = Run::default();
+        let begin = || {
+            let mut image = samples.clone();
+            region.begin(&samples, &mut image, AIM);
+            Plane::from_fn(
+                size,
+                |y, x| {
+                    if mask.is_measured(y, x) { samples.at(y, x) } else { image.at(y, x) }
+                },
+            )
+        };
+        let Grids::Single(single) = &region.grids else { panic!("f64 at once") };
+        let goal =
+            Goal { tolerance: 0.0, error: 1.0, least: None, gain: GAIN, spare: SPARE, patience: PATIENCE };
+        let mut image = begin();
+        assert!(!region.refine(single, goal, (&samples, &mut image), EASE * AIM, &run).1);
+        let mut found = begin();
+        assert_eq!(region.solve(&samples, &mut found, AIM, &run).stop, Stop::Converged);
+        let mut closer = found.clone();
+        region.solve(&samples, &mut closer, AIM / 100.0, &run);
+        let distance = found.pixels().iter().zip(closer.pixels()).map(|(a, b)| (a - b).abs());
+        let distance = distance.fold(0.0, f32::max);
+        // What a correction of the aim may leave by the least eigenvalue.
+        assert!(distance > 0.0 && f64::from(distance) < EASE * AIM, "{distance}");
     }
 }
