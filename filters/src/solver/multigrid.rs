@@ -20,6 +20,8 @@
 
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
+
 use super::bottom::Bottom;
 use super::pool::{Lent, Pool};
 use crate::kernel::cascade::Scratch;
@@ -133,23 +135,34 @@ impl<T: Lanes> Multigrid<T> {
     ) -> Self {
         let held = held(window, &free, d.as_deref());
         let finest = window;
-        let (mut window, mut free, mut points) = (window, Some(free), d.map(Points::diagonal));
+        let mut steps = Vec::new();
+        let mut at = window;
+        loop {
+            let a = matrix(steps.len());
+            let size = a.0.size();
+            let even = at.y.is_multiple_of(2) && at.x.is_multiple_of(2);
+            let splits = even && at.pixels() > DIRECT;
+            let down = splits.then(|| Resample::new(isa, at, size.height, size.width));
+            let next = down.as_ref().map(Resample::coarse);
+            steps.push((a, at, down));
+            let Some(next) = next else { break };
+            at = next;
+        }
+        // Each grid takes all points: they are added side by side.
+        let coarser: Vec<(Window, f64)> =
+            steps.iter().skip(1).map(|((a, _), window, _)| (*window, FIRM * middle(a))).collect();
+        let coarser = coarser
+            .into_par_iter()
+            .map(|(window, firm)| Points::new(window, cell(finest, window), &held, firm));
+        let points = std::iter::once(d.map(Points::diagonal)).chain(coarser.into_iter().map(Some));
         let all = Active::default();
         let mut grids = Self { isa, levels: Vec::new(), bottom: None, all, workspaces: Pool::default() };
-        let (mut a, mut own) = matrix(0);
-        loop {
-            let size = a.size();
-            let splits = window.y % 2 == 0 && window.x % 2 == 0 && window.pixels() > DIRECT;
-            let down = splits.then(|| Resample::new(isa, window, size.height, size.width));
-            let next = down.as_ref().map(Resample::coarse);
+        let mut free = Some(free);
+        for (((a, own), window, down), points) in steps.into_iter().zip(points) {
             if window.pixels() <= DIRECT {
                 grids.bottom = Some(bottom(&a, window, points.as_ref(), free.as_deref()));
             }
             grids.levels.push(Level::new(isa, (&a, own), window, points, free.take(), down));
-            let Some(next) = next else { break };
-            (a, own) = matrix(grids.levels.len());
-            points = Some(Points::new(next, cell(finest, next), &held, FIRM * middle(&a)));
-            window = next;
         }
         grids.all = Active::all(&grids.shapes());
         grids
@@ -239,10 +252,13 @@ impl<T: Lanes> Multigrid<T> {
         let finest = &self.levels[0];
         let held = held(finest.window, &finest.share, finest.points.as_ref().map(Points::middle));
         let values: Vec<f64> = held.iter().map(|&(y, x, _)| samples(y, x)).collect();
+        let coarser: Vec<_> = self.levels.iter().zip(levels.iter_mut()).skip(1).collect();
+        coarser.into_par_iter().for_each(|(level, buffers)| {
+            let (cell, firm) = (cell(finest.window, level.window), FIRM * middle(&level.a));
+            points::pull(level.window, cell, &held, &values, firm, &mut buffers.r);
+        });
         for index in (1..self.levels.len()).rev() {
             let level = &self.levels[index];
-            let (cell, firm) = (cell(finest.window, level.window), FIRM * middle(&level.a));
-            points::pull(level.window, cell, &held, &values, firm, &mut levels[index].r);
             let own = &mut c[..level.window.len()];
             let coarser = index + 1 < self.levels.len();
             if coarser {
@@ -344,18 +360,18 @@ impl<T: Lanes> Level<T> {
 
 /// Measured pixels of a window, or pulls on it.
 fn held<T: Lanes>(window: Window, free: &[T], d: Option<&[T]>) -> Vec<Point> {
-    let mut points = Vec::new();
-    for i in 0..window.height {
-        for j in 0..window.width {
+    let row = |i: usize| -> Vec<Point> {
+        let point = |j: usize| {
             let at = window.at(i, j);
             if free[at] == T::ZERO {
-                points.push((i, j, f64::INFINITY));
-            } else if let Some(pull) = d.map(|d| d[at].to_f64()).filter(|&pull| pull > 0.0) {
-                points.push((i, j, pull));
+                return Some((i, j, f64::INFINITY));
             }
-        }
-    }
-    points
+            d.map(|d| d[at].to_f64()).filter(|&pull| pull > 0.0).map(|pull| (i, j, pull))
+        };
+        (0..window.width).filter_map(point).collect()
+    };
+    let rows: Vec<Vec<Point>> = (0..window.height).into_par_iter().map(row);
+    rows.concat()
 }
 
 /// Pixels of the finest grid along the sides of a cell.

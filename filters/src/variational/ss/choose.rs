@@ -7,13 +7,14 @@
 //! else:          N sum w (F y - y)^2 / (N - tr F)^2    generalised cross-validation;  tr F is about z' F z, z = +-1 at random
 //! ```
 //!
-//! summed over channels and, in large images, over windows that lie evenly; at powers of 4, and the least of the parabola through the best and
-//! its neighbours in the logarithm. Where the least weight is the best nothing is smoothed.
+//! summed over channels and, in large images, over windows that lie evenly; at powers of 4, from the middle to the better side, and the least of the
+//! parabola through the best and its neighbours in the logarithm. Where the least weight is the best nothing is smoothed.
 //!
 //! Sources: P. Craven, G. Wahba, "Smoothing noisy data with spline functions", Numerische Mathematik 31, 1979; M. Hutchinson, "A stochastic
 //! estimator of the trace of the influence matrix for Laplacian smoothing splines", Communications in Statistics 18, 1989; C. Stein,
 //! "Estimation of the Mean of a Multivariate Normal Distribution", Annals of Statistics 9, 1981.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
@@ -25,10 +26,10 @@ use crate::{Error, Filter, Mask, Plane, Planes, Problem, Run, Size};
 
 /// The weights that are tried: powers of 4.
 const POWERS: std::ops::RangeInclusive<i32> = -4..=4;
-/// Powers without a better one after the best that end the search: more smoothing costs more, and is worse still.
-const RISES: usize = 2;
+/// The first of them.
+const BEGIN: i32 = -1;
 /// Powers that are tried side by side.
-const AT_ONCE: usize = 2;
+const AT_ONCE: i32 = 2;
 /// Pixels of the side of a window.
 const SIDE: usize = 80;
 /// Windows along each side, at most.
@@ -74,44 +75,65 @@ impl Sums {
 pub fn smoothness(settings: &Settings, given: &Given<'_>, run: &Run<'_>) -> Result<Smoothness, Error> {
     let by = if given.noise.is_some() { "known noise" } else { "generalised cross-validation" };
     let windows = windows(given);
-    let mut found: Vec<(f64, f64)> = Vec::new();
-    let mut best = 0;
-    let powers: Vec<i32> = POWERS.collect();
-    for powers in powers.chunks(AT_ONCE) {
-        if found.len() > best + RISES {
+    let none = Smoothness { lambda: 0.0, variance: 0.0, by };
+    // By power the score and the variance: from the middle towards the better side, until either neighbour of the best is worse.
+    let mut found: BTreeMap<i32, (f64, f64)> = BTreeMap::new();
+    let score = |found: &BTreeMap<i32, (f64, f64)>, power: i32| found.get(&power).map(|tried| tried.0);
+    let mut best = BEGIN;
+    loop {
+        let beyond = |sign: i32| -> Vec<i32> {
+            let side = (1..=AT_ONCE).map(|k| best + sign * k).filter(|power| POWERS.contains(power));
+            side.take_while(|power| !found.contains_key(power)).collect()
+        };
+        let powers = match found.len() {
+            0 => (0..AT_ONCE).map(|k| BEGIN + k).collect(),
+            _ => [beyond(1), beyond(-1)].into_iter().find(|side| !side.is_empty()).unwrap_or_default(),
+        };
+        if powers.is_empty() {
             break;
         }
-        // Windows are small: each is one task for each power.
-        let all = |&power: &i32| windows.iter().map(move |window| (power, window));
-        let tasks: Vec<(i32, &Window)> = powers.iter().flat_map(all).collect();
-        let parts = tasks
-            .par_iter()
-            .map(|&(power, window)| window.sums(&Settings { lambda: 4.0_f64.powi(power), ..*settings }, run));
-        for parts in parts.into_iter().collect::<Result<Vec<Sums>, Error>>()?.chunks(windows.len().max(1)) {
-            let sums = parts.iter().fold(Sums::default(), Sums::plus);
-            if sums.count < FEWEST {
-                return Ok(Smoothness { lambda: 0.0, variance: 0.0, by });
-            }
-            let free = (sums.count - sums.second).max(f64::MIN_POSITIVE);
-            let (score, variance) = match given.noise {
-                Some(_) => (sums.second, 0.0),
-                None => (sums.count * sums.rest / (free * free), sums.rest / free),
-            };
-            if found.get(best).is_none_or(|least| score < least.0) {
-                best = found.len();
-            }
-            found.push((score, variance));
-        }
+        let Some(scores) = scores(settings, (given, &windows), &powers, run)? else { return Ok(none) };
+        found.extend(powers.into_iter().zip(scores));
+        best = found.iter().min_by(|a, b| a.1.0.total_cmp(&b.1.0)).map_or(BEGIN, |(power, _)| *power);
     }
-    if best == 0 {
-        return Ok(Smoothness { lambda: 0.0, variance: 0.0, by });
+    if best == *POWERS.start() {
+        return Ok(none);
     }
-    let score = |at: usize| found[at.min(found.len() - 1)].0;
-    let (before, here, after) = (score(best - 1), score(best), score(best + 1));
+    let here = score(&found, best).unwrap_or_default();
+    let [before, after] = [best - 1, best + 1].map(|power| score(&found, power).unwrap_or(here));
     let bend = before - 2.0 * here + after;
     let beyond = if bend > 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
-    let power = f64::from(*POWERS.start()) + best as f64 + beyond;
-    Ok(Smoothness { lambda: 4.0_f64.powf(power), variance: found[best].1, by })
+    let variance = found.get(&best).map_or(0.0, |tried| tried.1);
+    Ok(Smoothness { lambda: 4.0_f64.powf(f64::from(best) + beyond), variance, by })
+}
+
+/// What each power of 4 scores, and the variance that it leaves; nothing if too few samples tell.
+fn scores(
+    settings: &Settings,
+    (given, windows): (&Given<'_>, &[Window]),
+    powers: &[i32],
+    run: &Run<'_>,
+) -> Result<Option<Vec<(f64, f64)>>, Error> {
+    // Windows are small: each is one task for each power.
+    let all = |&power: &i32| windows.iter().map(move |window| (power, window));
+    let tasks: Vec<(i32, &Window)> = powers.iter().flat_map(all).collect();
+    let parts = tasks
+        .par_iter()
+        .map(|&(power, window)| window.sums(&Settings { lambda: 4.0_f64.powi(power), ..*settings }, run));
+    let parts = parts.into_iter().collect::<Result<Vec<Sums>, Error>>()?;
+    let one = |parts: &[Sums]| {
+        let sums = parts.iter().fold(Sums::default(), Sums::plus);
+        let free = (sums.count - sums.second).max(f64::MIN_POSITIVE);
+        let scored = match given.noise {
+            Some(_) => (sums.second, 0.0),
+            None => (sums.count * sums.rest / (free * free), sums.rest / free),
+        };
+        (sums.count >= FEWEST).then_some(scored)
+    };
+    if windows.is_empty() {
+        return Ok(None);
+    }
+    Ok(parts.chunks(windows.len()).map(one).collect())
 }
 
 /// A part of the image with what is known there.
