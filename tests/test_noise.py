@@ -44,7 +44,7 @@ def test_a_frame_without_noise_keeps_its_bits(tmp_path):
     flags = ["--filter", "ss", "--no-estimate"]
     lacuna("fill", source, "-o", tmp_path / "plain.exr", *flags)
     result = lacuna("fill", source, "-o", tmp_path / "out.exr", "--noise", "auto", *flags)
-    assert "no noise, and nothing is smoothed" in result.stderr
+    assert "no noise that could be told from detail, and nothing is smoothed" in result.stderr
     [plain], [out] = frames.read(tmp_path / "plain.exr"), frames.read(tmp_path / "out.exr")
     assert all(frames.same_bits(plain[name], out[name]) for name in "RGB")
 
@@ -57,6 +57,7 @@ def test_what_is_no_noise_is_refused(tmp_path):
         (planes | {f"half2.{name}": planes[f"half1.{name}"] for name in "RGB"}, "halves:half1,half2", "are the same"),
         (planes | {f"half2.{name}": 2 * planes[f"half1.{name}"] for name in "RGB"}, "halves:half1,half2", "do not average to"),
         (planes, "halves:a,b", "no such layer"),
+        (planes, "variance:R", "a colour, no variance"),
         (planes | flat, "variance:v", "nowhere above 0"),
         (planes | flat, "variance:w", "no variance"),
         (planes, "count:n", "no such channel"),
@@ -109,6 +110,59 @@ def test_auto_ignores_what_tells_no_noise(tmp_path):
     result = lacuna("fill", path, "-o", tmp_path / "layers.out.exr", "--filter", "ss", "--ss-lambda", "auto", "--no-estimate")
     [colour], [other] = ([line for line in result.stderr.splitlines() if f"chosen for {name}" in line] for name in ("R", "albedo.R"))
     assert colour.endswith("by known noise") and other.endswith("by generalised cross-validation")
+
+
+def test_a_bad_pixel_of_a_half_changes_nothing_elsewhere(tmp_path):
+    """As where a renderer clamps fireflies in the colour and not in its halves."""
+    source, truth = noisy(tmp_path)
+    [planes] = frames.read(source)
+    row, column = np.argwhere(planes["mask"] > 0)[100]
+    planes["half1.R"][row, column] = 60000
+    path = frames.write(tmp_path / "bad.exr", planes)
+    for number, flags in enumerate((["--noise", "auto"], ["--filter", "ss", "--ss-lambda", "auto"], ["--filter", "tv", "--tv-epsilon", "auto"])):
+        for name, frame in (("good", source), ("bad", path)):
+            lacuna("fill", frame, "-o", tmp_path / f"{name}{number}.exr", "--force", *flags, "--no-estimate", "--domain", "linear")
+        good, bad = (error(tmp_path / f"{name}{number}.exr", truth) for name in ("good", "bad"))
+        assert bad < 1.02 * good
+
+
+def test_fireflies_are_left_out_where_smoothness_is_chosen(tmp_path):
+    source, truth = noisy(tmp_path)
+    lacuna("fill", source, "-o", tmp_path / "good.exr", "--filter", "ss", "--ss-lambda", "auto", "--no-estimate", "--domain", "linear")
+    [planes] = frames.read(source)
+    for row, column in np.argwhere(planes["mask"] > 0)[::500]:
+        for name in "RGB":
+            planes[f"half1.{name}"][row, column] += 40
+            planes[name][row, column] += 20
+    path = frames.write(tmp_path / "bad.exr", planes)
+    lacuna("fill", path, "-o", tmp_path / "bad.out.exr", "--filter", "ss", "--ss-lambda", "auto", "--no-estimate", "--domain", "linear")
+    # One sample of 500 is lost to its limit, which lies within a few times the light.
+    assert error(tmp_path / "bad.out.exr", truth) < 2 * error(tmp_path / "good.exr", truth)
+
+
+def test_names_that_renderers_write_are_found(tmp_path):
+    source, _ = noisy(tmp_path)
+    [planes] = frames.read(source)
+    beauty = {f"beauty.{name}" if name in "RGB" else name: plane for name, plane in planes.items()}
+    path = frames.write(tmp_path / "beauty.exr", beauty)
+    lacuna("fill", path, "-o", tmp_path / "beauty.out.exr", "--filter", "ss", "--noise", "auto", "--no-estimate")
+    lacuna("fill", source, "-o", tmp_path / "plain.out.exr", "--filter", "ss", "--noise", "auto", "--no-estimate")
+    [found], [expected] = frames.read(tmp_path / "beauty.out.exr"), frames.read(tmp_path / "plain.out.exr")
+    assert all(frames.same_bits(found[f"beauty.{name}"], expected[name]) for name in "RGB")
+    alone = {name: plane for name, plane in planes.items() if not name.startswith("half")}
+    alone |= {f"Variance.{name}": np.full_like(planes["R"], 0.01) for name in "RGB"}
+    path = frames.write(tmp_path / "variance.exr", alone)
+    result = lacuna("fill", path, "-o", tmp_path / "variance.out.exr", "--filter", "ss", "--ss-lambda", "auto", "--no-estimate")
+    assert "by known noise" in result.stderr
+
+
+def test_what_was_smoothed_before_is_told(tmp_path):
+    source, _ = noisy(tmp_path)
+    lacuna("fill", source, "-o", tmp_path / "once.exr", "--noise", "auto", "--no-estimate")
+    result = lacuna("fill", tmp_path / "once.exr", "-o", tmp_path / "twice.exr", "--again")
+    assert "measured pixels were smoothed when it was filled before" in result.stderr
+    result = lacuna("fill", tmp_path / "once.exr", "-o", tmp_path / "gate.exr", "--again", "--min-psnr", "1", ok=False)
+    assert result.status == 1 and not (tmp_path / "gate.exr").exists()
 
 
 def test_half_buffers_that_lack_a_colour_are_told(tmp_path):

@@ -16,7 +16,7 @@
 //! ```
 //!
 //! Measured pixels are weighed by the first, missing ones, which candidates that pass through the samples leave wrong as well, by the second. For missing
-//! pixels there are more: edge-enhancing splines through the smoothed samples, and with guides total variation and guided filling, whose weights
+//! pixels there are more: edge-enhancing splines through the smoothed samples, total variation, and with guides guided filling, whose weights
 //! of guides these choose again. Each surface, as labels tell it, has weights of its own (`weights/surfaces`). Where light is bright, errors count
 //! relative to it (`relative`).
 //!
@@ -26,7 +26,7 @@
 //!
 //! Fireflies: what of a sample lies beyond `LIMIT` times the level that nine tenths of the samples stay below takes no part. Where both halves
 //! show it (or no halves are known) it is a light, and is put back as it is, missing pixels from the nearest sample; where one half shows it, it
-//! is a firefly and is left out.
+//! is a firefly and is left out. Noise above that limit at few samples, as of halves that were not clamped as their mean was, counts as unknown.
 //!
 //! Boundary: that of the candidates. No settings. The same bits for any number of threads.
 //!
@@ -161,6 +161,32 @@ pub(crate) fn reconstruct(
         }
     }
     Ok(Some((outcome, effect)))
+}
+
+/// Samples and their noise as a choice of how much to smooth is to see them, without what lies far above the others, if they may be light.
+pub(crate) struct Calm {
+    /// The samples.
+    pub samples: Planes,
+    /// Their noise.
+    pub noise: Option<Planes>,
+    /// The samples with lights, but without fireflies, if halves tell the two apart.
+    pub clean: Option<Planes>,
+}
+
+impl Calm {
+    /// Of samples.
+    pub fn new(mask: &Mask, samples: &Planes, noise: Option<&Planes>, light: bool) -> Self {
+        let Split { samples, noise, lights, .. } = Split::new(mask, samples, noise, light);
+        let clean = noise.is_some().then(|| {
+            let mut clean = samples.clone();
+            let lights = lights.iter().flat_map(Planes::as_slice);
+            for (plane, lights) in clean.as_mut_slice().iter_mut().zip(lights) {
+                plane.pixels_mut().iter_mut().zip(lights.pixels()).for_each(|(value, light)| *value += light);
+            }
+            clean
+        });
+        Self { samples, noise, clean }
+    }
 }
 
 /// The mean variance of the noise over that around each pixel; nothing where there is no noise.

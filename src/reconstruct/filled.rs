@@ -25,6 +25,15 @@ pub fn filled_by(part: &Part, masks: Option<&Masks>, index: usize) -> Option<Str
     (!blank).then_some(filter)
 }
 
+/// Whether a part of a frame says that its measured pixels were smoothed.
+pub fn was_smoothed(frame: &Frame) -> bool {
+    let smoothed = |part: &Part| {
+        let stamp = Stamp::read(&part.attributes);
+        stamp.is_some_and(|stamp| stamp.setting("measured").as_deref() == Some("smoothed"))
+    };
+    frame.parts.iter().any(smoothed)
+}
+
 /// Whether a part says that it was enlarged.
 pub fn is_enlarged(part: &Part) -> bool {
     Stamp::read(&part.attributes).is_some_and(|stamp| stamp.setting("upscale").is_some())

@@ -18,7 +18,11 @@ use crate::channels::{Name, Rule, list_channels};
 const HALVES: [[&str; 2]; 4] =
     [["half1", "half2"], ["halfA", "halfB"], ["half_a", "half_b"], ["bufferA", "bufferB"]];
 /// Names of variances that are looked for.
-const VARIANCES: [&str; 3] = ["variance", "colorVariance", "mse"];
+const VARIANCES: [&str; 4] = ["variance", "Variance", "colorVariance", "mse"];
+/// Layers of the colour itself.
+const MAIN: [&str; 3] = ["beauty", "combined", "rgba"];
+/// Components that are colours, not one variance for all.
+const COLOURS: [&str; 4] = ["R", "G", "B", "Y"];
 /// How far the mean of two halves may be from the colour, over the larger of it and the mean level: rounding of halves.
 const ROUNDING: f32 = 0.02;
 /// The share of pixels that may be further off.
@@ -83,10 +87,17 @@ fn named(part: &Part, name: &str) -> Option<usize> {
     part.channels.iter().position(|channel| channel.display_name() == name)
 }
 
-/// The channel of a layer that goes with a channel: `half1.R` with `R`, `diffuse.half1.R` or `half1.diffuse.R` with `diffuse.R`.
+/// The channel of a layer that goes with a channel: `half1.R` with `R`, `diffuse.half1.R` or `half1.diffuse.R` with `diffuse.R`; where there is
+/// no plain `R`, `half1.R` with `beauty.R`, too.
 fn of_layer(part: &Part, channel: usize, layer: &str) -> Option<usize> {
-    let outside = || named(part, &format!("{layer}.{}", part.channels[channel].display_name()));
-    sibling(part, channel, layer).or_else(outside)
+    let full = part.channels[channel].display_name();
+    let Name { layer: own, component } = Name::new(&full);
+    let outside = || named(part, &format!("{layer}.{full}"));
+    let beauty = || {
+        named(part, &format!("{layer}.{component}"))
+            .filter(|_| MAIN.contains(&own) && named(part, component).is_none())
+    };
+    sibling(part, channel, layer).or_else(outside).or_else(beauty)
 }
 
 /// What the noise of a channel is known from.
@@ -172,11 +183,18 @@ impl NoiseSource {
         if !matches!(self, Self::Halves(..) | Self::Variance(_)) {
             return Ok(());
         }
+        if let Self::Variance(name) = self
+            && COLOURS.contains(&Name::new(name).component)
+            && frame.parts.iter().any(|part| named(part, name).is_some())
+        {
+            return Err(self.fail("a colour, no variance: name the layer or the channel of one".into()));
+        }
         let any = |part: &Part| (0..part.channels.len()).any(|at| self.known(part, at).is_some());
         if frame.parts.iter().any(any) {
             return Ok(());
         }
-        Err(self.fail(format!("no such layer beside a channel; there are {}", list_channels(frame))))
+        let what = "no such layer beside a channel of the same part; those of other parts and files come in by --layers";
+        Err(self.fail(format!("{what}; there are {}", list_channels(frame))))
     }
 
     /// An error of weights as one of what asked for them.
@@ -282,8 +300,10 @@ fn plane(
                     Doubt { why, way: "name the halves of this colour" }
                 }));
             }
-            let half = first.iter().zip(second).map(|(a, b)| 0.5 * (a - b));
-            Plane::new(mask.size(), half.collect()).map(Ok).map_err(|_| Error::OtherFrame)
+            // Where few do not, as where only the colour was clamped, they tell nothing.
+            let mut half: Vec<f32> = first.iter().zip(second).map(|(a, b)| 0.5 * (a - b)).collect();
+            measured().filter(off).for_each(|at| half[at] = f32::NAN);
+            Plane::new(mask.size(), half).map(Ok).map_err(|_| Error::OtherFrame)
         }
         Known::Variance(at) => {
             let variance = read(at)?;

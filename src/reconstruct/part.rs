@@ -223,14 +223,16 @@ fn filter(
                 .then(|| energy::compare(&lights(&samples, &answer.planes, set), &set.mask))
                 .flatten(),
             outcome: set.outcome,
-            noiseless: options.noise != Noise::None && !set.smoothed && set.settled.is_empty(),
+            noiseless: options.noise != Noise::None
+                && !(set.smoothed || work.run.interrupted().is_some())
+                && set.settled.is_empty(),
         });
         if set.weightless > 0 {
-            let name = channel_label(frame, work.index, group.channels[set.planes[0]]);
             let missing = options.noise != Noise::None;
             let then = if missing { "are filled like missing ones" } else { "weigh nothing" };
             let what = format!("measured pixels count no sample and {then}");
-            done.notes.push(format!("{name}: {} {what}", set.weightless));
+            let names: Vec<_> = set.planes.iter().map(|&at| channel_names(part, group)[at].clone()).collect();
+            done.notes.push(format!("{}: {} {what}", names.join(", "), set.weightless));
         }
     }
     let smooths = |set: &&Set| set.smoothed || !set.method.keeps_measured();
@@ -347,6 +349,9 @@ fn set_notes(set: &Set, names: &[String], job: &Job) -> Vec<String> {
         smoothed.then(|| format!("{names}: smoothed in the log domain, whose unit the setting has")),
         (set.smoothed && job.domain == Domain::Log)
             .then(|| format!("{names}: noise is smoothed in linear light, not in the log domain")),
+        (set.smoothed && job.method.name() != Method::default().name()).then(|| {
+            format!("{names}: noise is smoothed by filters of its own, not by --filter {}", job.method.name())
+        }),
         (job.error_channel.is_some() && smooths)
             .then(|| format!("{names}: no estimated errors: measured pixels are smoothed")),
         (set.method.name() != job.method.name())

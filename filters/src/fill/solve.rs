@@ -5,11 +5,11 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 
 use super::{Estimate, Options, Set, Values};
-use crate::choose::Given;
+use crate::choose::{Chosen, Given};
 use crate::domain::{Domain, Map};
 use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, Model};
 use crate::limiter::Moved;
-use crate::noise::{self, Known, Noise};
+use crate::noise::{self, Calm, Known, Noise};
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
 use crate::{
@@ -58,13 +58,9 @@ pub fn solve(
     } else {
         let domain = if light { options.domain } else { Domain::Linear };
         let map = domain.map(mask, samples.as_slice());
-        if method.is_open() && !light && like.is_none() {
-            method = method.unsmoothed()?;
-        } else if method.is_open() {
-            let (samples, like) = mapped(map, samples, like.as_ref());
-            let given = Given { mask, samples: &samples, noise: like.as_ref(), weights: weights.as_ref() };
-            (method, settled) = method.settled(&given, run)?;
-        }
+        let known = (like.as_ref(), weights.as_ref());
+        let clean;
+        (method, settled, clean) = settle(method, (mask, samples), known, (map, light), run)?;
         let plan = plans.filter(&method, mask, weights.as_ref(), run)?;
         let gradients = Slopes::new(options, &method, &places, mask);
         let carried: Vec<Carried> =
@@ -72,7 +68,7 @@ pub fn solve(
         let plan = plan.as_ref();
         let guides = options.guides.filter(|_| method.descriptor().takes.guides && method.keeps_measured());
         let task = Task { method: &method, plan, mask, options, guides, carried: &carried, error: None, run };
-        let values = (samples, gradients.as_ref());
+        let values = (clean.as_ref().unwrap_or(samples), gradients.as_ref());
         let (outcome, mut effect) = task.reconstruct(values, map, &mut out)?;
         let learned = match options.estimate {
             Estimate::No => None,
@@ -128,6 +124,29 @@ pub fn solve(
         settled,
     };
     Ok((out, limited, set))
+}
+
+/// A method whose settings are left to the samples with those that they choose, what was chosen, and the samples without fireflies where these are
+/// known and it smooths.
+fn settle(
+    method: Method,
+    (mask, samples): (&Arc<Mask>, &Planes),
+    (noise, weights): (Option<&Planes>, Option<&Arc<Plane>>),
+    (map, light): (Map, bool),
+    run: &Run<'_>,
+) -> Result<(Method, Vec<Chosen>, Option<Planes>), Error> {
+    if !method.is_open() {
+        return Ok((method, Vec::new(), None));
+    }
+    if !light && noise.is_none() {
+        return Ok((method.unsmoothed()?, Vec::new(), None));
+    }
+    let calm = Calm::new(mask, samples, noise, light);
+    let (seen, noise) = mapped(map, &calm.samples, calm.noise.as_ref());
+    let given = Given { mask, samples: &seen, noise: noise.as_ref(), weights };
+    let (method, settled) = method.settled(&given, run)?;
+    let smooths = !method.keeps_measured();
+    Ok((method, settled, calm.clean.filter(|_| smooths)))
 }
 
 /// Noise like that of the planes at these places, if it is known.

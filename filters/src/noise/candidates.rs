@@ -120,9 +120,9 @@ pub enum Second {
 }
 
 impl Second {
-    /// All of them. Beside smoothing splines, total variation counts for next to nothing.
+    /// All of them.
     pub const fn all(guided: bool) -> &'static [Self] {
-        if guided { &[Self::Edge, Self::Tv, Self::Guided] } else { &[Self::Edge] }
+        if guided { &[Self::Edge, Self::Tv, Self::Guided] } else { &[Self::Edge, Self::Tv] }
     }
 
     /// What the report calls it.

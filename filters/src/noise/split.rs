@@ -1,7 +1,10 @@
 //! Fireflies and lights: what of a sample lies far above the others.
 
 use super::LIMIT;
-use crate::{Mask, Planes};
+use crate::{Mask, Plane, Planes};
+
+/// Samples for each whose noise is far above all light, at least, if it is to be doubted.
+const FEW: usize = 10;
 
 /// Samples below the limit, and what lies beyond it.
 pub struct Split {
@@ -46,7 +49,28 @@ impl Split {
             }
         }
         own.lights = any.then_some(lights);
+        own.doubt(mask, limit);
         own
+    }
+
+    /// Noise far above all light at few samples, as of half buffers that were not clamped as the colour was, tells nothing there.
+    fn doubt(&mut self, mask: &Mask, limit: f32) {
+        let Some(noise) = &mut self.noise else { return };
+        let measured = |plane: &Plane| -> Vec<usize> {
+            let known = |at: &usize| mask.as_slice()[*at] && plane.pixels()[*at].is_finite();
+            (0..plane.pixels().len()).filter(known).collect()
+        };
+        for plane in noise.as_mut_slice() {
+            let known = measured(plane);
+            let far: Vec<usize> =
+                known.iter().copied().filter(|&at| plane.pixels()[at].abs() > limit).collect();
+            if far.len() * FEW <= known.len() {
+                let pixels = plane.pixels_mut();
+                for at in far {
+                    pixels[at] = f32::NAN;
+                }
+            }
+        }
     }
 }
 

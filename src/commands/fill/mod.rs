@@ -22,7 +22,7 @@ use crate::mask::{self, MaskFile, Masks, Source};
 use crate::reconstruct::shared::SharedPlans;
 use crate::reconstruct::{
     self, Beside, FILTER, Gate, GroupReport, PartReport, Report, energy, estimate, filled_before, inverted,
-    named,
+    named, was_smoothed,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
@@ -168,7 +168,19 @@ impl Fill<'_> {
             Some(doubt) if self.job.gate.is_set() => return Err(doubt),
             doubt => masks.notes.extend(doubt),
         }
-        let Some(filter) = filled_before(frame, &masks).filter(|_| !self.job.again) else { return Ok(masks) };
+        let Some(filter) = filled_before(frame, &masks) else { return Ok(masks) };
+        if self.job.again {
+            let doubt = was_smoothed(frame).then(|| {
+                "measured pixels were smoothed when it was filled before: no estimate knows what that cost".to_owned()
+            });
+            return match doubt {
+                Some(doubt) if self.job.gate.is_set() => Err(doubt),
+                doubt => {
+                    masks.notes.extend(doubt);
+                    Ok(masks)
+                }
+            };
+        }
         match (&what.enlarge, &what.mask) {
             (None, _) => Err(format!(
                 "filled by {filter} already; --again fills it anew from the pixels that its mask calls measured"
@@ -310,7 +322,10 @@ pub fn tell(report: &Report, record: &mut Record) {
     }
     let groups = || report.parts.iter().flat_map(|part| &part.groups);
     for group in groups().filter(|group| group.noiseless) {
-        tracing::info!("{}: the samples show no noise, and nothing is smoothed", group.channels.join(", "));
+        tracing::info!(
+            "{}: no noise that could be told from detail, and nothing is smoothed",
+            group.channels.join(", ")
+        );
     }
     for line in groups().filter_map(GroupReport::settled) {
         tracing::info!("chosen for {line}");
