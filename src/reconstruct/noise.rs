@@ -223,7 +223,10 @@ impl NoiseSource {
         };
         match like(part, group, (&known, samples))? {
             Ok(noise) => Ok((noise, None)),
-            Err(Doubt { why, .. }) if *self == Self::Auto => Ok((unknown, Some(format!("{why}: ignored")))),
+            // What is no light, such as alpha, need not have any.
+            Err(Doubt { why, .. }) if *self == Self::Auto || unknown == Noise::None => {
+                Ok((unknown, Some(format!("{why}: ignored"))))
+            }
             Err(Doubt { why, way }) => Err(self.fail(format!("{why}: {way}"))),
         }
     }
