@@ -30,7 +30,7 @@
 //!
 //! Boundary: that of the candidates. No settings. The same bits for any number of threads.
 //!
-//! Cost: up to seven fills, twice as many planes in most where noise is known, and as many without the samples of a fold, of large images in tiles
+//! Cost: up to eight fills, twice as many planes in most where noise is known, and as many without the samples of a fold, of large images in tiles
 //! that are spread over them. Memory: so many images.
 //!
 //! Fails: where noise correlates between pixels, as after a denoiser; details as small as the noise, which are smoothed away.
@@ -60,7 +60,7 @@ use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
 use blend::Blend;
 use candidates::{Candidate, Task};
 use relative::importance;
-use split::Split;
+pub(crate) use split::Split;
 
 /// What is known of the noise of the samples.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -161,32 +161,6 @@ pub(crate) fn reconstruct(
         }
     }
     Ok(Some((outcome, effect)))
-}
-
-/// Samples and their noise as a choice of how much to smooth is to see them, without what lies far above the others, if they may be light.
-pub(crate) struct Calm {
-    /// The samples.
-    pub samples: Planes,
-    /// Their noise.
-    pub noise: Option<Planes>,
-    /// The samples with lights, but without fireflies, if halves tell the two apart.
-    pub clean: Option<Planes>,
-}
-
-impl Calm {
-    /// Of samples.
-    pub fn new(mask: &Mask, samples: &Planes, noise: Option<&Planes>, light: bool) -> Self {
-        let Split { samples, noise, lights, .. } = Split::new(mask, samples, noise, light);
-        let clean = noise.is_some().then(|| {
-            let mut clean = samples.clone();
-            let lights = lights.iter().flat_map(Planes::as_slice);
-            for (plane, lights) in clean.as_mut_slice().iter_mut().zip(lights) {
-                plane.pixels_mut().iter_mut().zip(lights.pixels()).for_each(|(value, light)| *value += light);
-            }
-            clean
-        });
-        Self { samples, noise, clean }
-    }
 }
 
 /// The mean variance of the noise over that around each pixel; nothing where there is no noise.

@@ -209,6 +209,12 @@ fn filter(
         done.errors.extend(error.map(|error| (names[set.planes[0]].clone(), error.clone())));
         let names: Vec<_> = set.planes.iter().map(|&at| names[at].clone()).collect();
         done.notes.extend(set_notes(set, &names, work.job));
+        if set.weightless > 0 {
+            let missing = options.noise != Noise::None;
+            let then = if missing { "are filled like missing ones" } else { "weigh nothing" };
+            let what = format!("measured pixels count no sample and {then}");
+            done.notes.push(format!("{}: {} {what}", names.join(", "), set.weightless));
+        }
         done.report.groups.push(GroupReport {
             channels: names,
             domain: set.map.name(),
@@ -227,13 +233,6 @@ fn filter(
                 && !(set.smoothed || work.run.interrupted().is_some())
                 && set.settled.is_empty(),
         });
-        if set.weightless > 0 {
-            let missing = options.noise != Noise::None;
-            let then = if missing { "are filled like missing ones" } else { "weigh nothing" };
-            let what = format!("measured pixels count no sample and {then}");
-            let names: Vec<_> = set.planes.iter().map(|&at| channel_names(part, group)[at].clone()).collect();
-            done.notes.push(format!("{}: {} {what}", names.join(", "), set.weightless));
-        }
     }
     let smooths = |set: &&Set| set.smoothed || !set.method.keeps_measured();
     let smooths = answer.sets.iter().filter(smooths).flat_map(|set| &set.planes);

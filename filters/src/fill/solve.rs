@@ -9,7 +9,7 @@ use crate::choose::{Chosen, Given};
 use crate::domain::{Domain, Map};
 use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, Model};
 use crate::limiter::Moved;
-use crate::noise::{self, Calm, Known, Noise};
+use crate::noise::{self, Known, Noise, Split};
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
 use crate::{
@@ -141,12 +141,13 @@ fn settle(
     if !light && noise.is_none() {
         return Ok((method.unsmoothed()?, Vec::new(), None));
     }
-    let calm = Calm::new(mask, samples, noise, light);
-    let (seen, noise) = mapped(map, &calm.samples, calm.noise.as_ref());
+    // Neither fireflies nor lights choose.
+    let split = Split::new(mask, samples, noise, light);
+    let (seen, noise) = mapped(map, &split.samples, split.noise.as_ref());
     let given = Given { mask, samples: &seen, noise: noise.as_ref(), weights };
     let (method, settled) = method.settled(&given, run)?;
-    let smooths = !method.keeps_measured();
-    Ok((method, settled, calm.clean.filter(|_| smooths)))
+    let clean = if method.keeps_measured() { None } else { split.without_fireflies() };
+    Ok((method, settled, clean))
 }
 
 /// Noise like that of the planes at these places, if it is known.

@@ -1,9 +1,9 @@
 //! Fireflies and lights: what of a sample lies far above the others.
 
 use super::LIMIT;
-use crate::{Mask, Plane, Planes};
+use crate::{Mask, Planes};
 
-/// Samples for each whose noise is far above all light, at least, if it is to be doubted.
+/// Noise far above all light is doubted where it is that of at most one sample in so many: that of more is as large as it says.
 const FEW: usize = 10;
 
 /// Samples below the limit, and what lies beyond it.
@@ -53,15 +53,23 @@ impl Split {
         own
     }
 
+    /// The samples with lights, but without fireflies, if halves tell the two apart.
+    pub fn without_fireflies(&self) -> Option<Planes> {
+        self.noise.as_ref()?;
+        let mut clean = self.samples.clone();
+        let lights = self.lights.iter().flat_map(Planes::as_slice);
+        for (plane, lights) in clean.as_mut_slice().iter_mut().zip(lights) {
+            plane.pixels_mut().iter_mut().zip(lights.pixels()).for_each(|(value, light)| *value += light);
+        }
+        Some(clean)
+    }
+
     /// Noise far above all light at few samples, as of half buffers that were not clamped as the colour was, tells nothing there.
     fn doubt(&mut self, mask: &Mask, limit: f32) {
         let Some(noise) = &mut self.noise else { return };
-        let measured = |plane: &Plane| -> Vec<usize> {
-            let known = |at: &usize| mask.as_slice()[*at] && plane.pixels()[*at].is_finite();
-            (0..plane.pixels().len()).filter(known).collect()
-        };
         for plane in noise.as_mut_slice() {
-            let known = measured(plane);
+            let known = |at: &usize| mask.as_slice()[*at] && plane.pixels()[*at].is_finite();
+            let known: Vec<usize> = (0..plane.pixels().len()).filter(known).collect();
             let far: Vec<usize> =
                 known.iter().copied().filter(|&at| plane.pixels()[at].abs() > limit).collect();
             if far.len() * FEW <= known.len() {
