@@ -143,7 +143,7 @@ fn settle(
     }
     // Neither fireflies nor lights choose.
     let split = Split::new(mask, samples, noise, light);
-    let (seen, noise) = mapped(map, &split.samples, split.noise.as_ref());
+    let (seen, noise) = mapped(map, mask, &split.samples, split.noise.as_ref());
     let given = Given { mask, samples: &seen, noise: noise.as_ref(), weights };
     let (method, settled) = method.settled(&given, run)?;
     let clean = if method.keeps_measured() { None } else { split.without_fireflies() };
@@ -158,14 +158,17 @@ fn like(options: &Options<'_>, size: Size, places: &[usize]) -> Option<Planes> {
     }
 }
 
-/// Samples and noise within the value domain; noise is what it changes there.
-fn mapped(map: Map, samples: &Planes, noise: Option<&Planes>) -> (Planes, Option<Planes>) {
+/// Samples and noise within the value domain, zero at missing pixels; noise is what it changes there.
+fn mapped(map: Map, mask: &Mask, samples: &Planes, noise: Option<&Planes>) -> (Planes, Option<Planes>) {
     let each = |planes: &Planes, change: &(dyn Fn(f32, f32) -> f32 + Sync)| {
         let plane = |(own, samples): (&Plane, &Plane)| {
-            let mut values = own.clone();
-            let parts = values.pixels_mut().par_chunks_mut(PIECE).zip(samples.pixels().par_chunks(PIECE));
-            parts.for_each(|(own, samples)| {
-                own.iter_mut().zip(samples).for_each(|(own, sample)| *own = change(*own, *sample));
+            let mut values = Plane::filled(own.size(), 0.0);
+            let parts = values.pixels_mut().par_chunks_mut(PIECE).zip(own.pixels().par_chunks(PIECE));
+            let parts = parts.zip(samples.pixels().par_chunks(PIECE)).zip(mask.as_slice().par_chunks(PIECE));
+            parts.for_each(|(((values, own), samples), flags)| {
+                for (at, _) in flags.iter().enumerate().filter(|(_, flag)| **flag) {
+                    values[at] = change(own[at], samples[at]);
+                }
             });
             values
         };

@@ -65,6 +65,8 @@ pub struct Strip<'a, T> {
     pub rows: Range<usize>,
     /// Columns whose results are wanted.
     pub columns: Range<usize>,
+    /// Whether what is left of the right-hand side is wanted as it is, not times `E^2`.
+    pub plain: bool,
     /// The results.
     pub out: Out<'a, T>,
 }
@@ -73,7 +75,7 @@ pub struct Strip<'a, T> {
 pub struct Out<'a, T> {
     /// The unknowns.
     pub x: Vec<&'a mut [T]>,
-    /// `E^2` times what is left of the right-hand side; empty if nobody asks.
+    /// What is left of the right-hand side where unknowns are not held; empty if nobody asks.
     pub rest: Vec<&'a mut [T]>,
 }
 
@@ -366,7 +368,7 @@ impl<'a, V: Vector<Number = T>, T: Lanes, const R: usize> Cascade<'a, '_, V, T, 
     /// The results of a row, if it is wanted.
     #[inline(always)]
     fn write(&mut self, product: Option<usize>, row: isize) {
-        let Strip { rows, columns, out, x, .. } = &mut self.strip;
+        let Strip { rows, columns, out, x, plain, .. } = &mut self.strip;
         let Some(index) = (row as usize).checked_sub(rows.start).filter(|&index| index < rows.len()) else {
             return;
         };
@@ -385,8 +387,15 @@ impl<'a, V: Vector<Number = T>, T: Lanes, const R: usize> Cascade<'a, '_, V, T, 
         if let (Some(rest), Some(product)) = (out.rest.get_mut(index), product) {
             let line = &self.products[product + own..][..width];
             let inputs = e.row(row)[own..][..width].iter().zip(&r.row(row)[own..]).zip(line);
-            for (rest, ((&e, &r), &line)) in rest.iter_mut().zip(inputs) {
-                *rest = e * (r - e * line);
+            if *plain {
+                for (rest, ((&e, &r), &line)) in rest.iter_mut().zip(inputs) {
+                    let left = (r - e * line) / e;
+                    *rest = if e == T::ZERO { T::ZERO } else { left };
+                }
+            } else {
+                for (rest, ((&e, &r), &line)) in rest.iter_mut().zip(inputs) {
+                    *rest = e * (r - e * line);
+                }
             }
         }
     }

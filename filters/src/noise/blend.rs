@@ -214,14 +214,14 @@ fn held_out<'a>(
     (samples, counts): (&Planes, &[f64]),
 ) -> (BySurface<'a>, f64) {
     let count = held.predicted.len();
-    let mut errors = vec![0.0; count];
-    BySurface::new(surfaces, (&held.at, NEIGHBOURHOOD), count, |i, pixel, products| {
+    BySurface::new(surfaces, (&held.at, NEIGHBOURHOOD), count, |errors, i, pixel, products| {
+        errors.resize(count, 0.0);
         for (channel, plane) in samples.as_slice().iter().enumerate() {
             let value = f64::from(plane.pixels()[pixel]);
             for (error, predicted) in errors.iter_mut().zip(&held.predicted) {
                 *error = counts[pixel] * (f64::from(predicted[i][channel]) - value);
             }
-            add_products(&errors, products);
+            add_products(errors, products);
         }
     })
 }
@@ -235,21 +235,29 @@ fn by_noise<'a>(
     (values, noises): (&[Planes], &[Planes]),
 ) -> BySurface<'a> {
     let known = |pixel: usize| noise.as_slice().iter().all(|plane| plane.pixels()[pixel].is_finite());
-    let at: Vec<u32> =
-        (0..mask.size().pixels()).filter(|&p| mask.as_slice()[p] && known(p)).map(|p| p as u32).collect();
-    let (mut errors, mut answers) = (vec![0.0; values.len()], vec![0.0; values.len()]);
-    let products = |_: usize, pixel: usize, products: &mut [f64]| {
+    let pieces = mask.as_slice().par_chunks(PART).enumerate().map(|(piece, flags)| {
+        let pixels = flags.iter().enumerate().map(|(at, flag)| (piece * PART + at, *flag));
+        pixels
+            .filter(|&(pixel, flag)| flag && known(pixel))
+            .map(|(pixel, _)| pixel as u32)
+            .collect::<Vec<u32>>()
+    });
+    let at = pieces.concat();
+    let count = values.len();
+    let products = |scratch: &mut Vec<f64>, _: usize, pixel: usize, products: &mut [f64]| {
+        scratch.resize(2 * count, 0.0);
+        let (errors, answers) = scratch.split_at_mut(count);
         for channel in 0..samples.len() {
             let value =
                 |planes: &Planes| counts[pixel] * f64::from(planes.as_slice()[channel].pixels()[pixel]);
             let (y, n) = (value(samples), value(noise));
             errors.iter_mut().zip(values).for_each(|(error, image)| *error = value(image) - y);
             answers.iter_mut().zip(noises).for_each(|(answer, image)| *answer = n * value(image));
-            add_products(&errors, products);
-            for (row, a) in products.chunks_exact_mut(answers.len()).zip(&answers) {
-                row.iter_mut().zip(&answers).for_each(|(product, b)| *product += a + b - n * n);
+            add_products(errors, products);
+            for (row, a) in products.chunks_exact_mut(count).zip(&*answers) {
+                row.iter_mut().zip(&*answers).for_each(|(product, b)| *product += a + b - n * n);
             }
         }
     };
-    BySurface::new(surfaces, (&at, NEIGHBOURHOOD), values.len(), products).0
+    BySurface::new(surfaces, (&at, NEIGHBOURHOOD), count, products).0
 }

@@ -1,7 +1,12 @@
 //! Fireflies and lights: what of a sample lies far above the others.
 
+use lacuna_core::parallel::prelude::*;
+
 use super::LIMIT;
-use crate::{Mask, Planes};
+use crate::{Mask, Plane, Planes};
+
+/// Pixels that one task takes.
+const PIECE: usize = 1 << 14;
 
 /// Noise far above all light is doubted where it is that of at most one sample in so many: that of more is as large as it says.
 const FEW: usize = 10;
@@ -29,24 +34,8 @@ impl Split {
         for (channel, (plane, light)) in
             own.samples.as_mut_slice().iter_mut().zip(lights.as_mut_slice()).enumerate()
         {
-            let mut noise = own.noise.as_mut().map(|planes| planes.as_mut_slice()[channel].pixels_mut());
-            for (pixel, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
-                let value = plane.pixels()[pixel];
-                let n = noise.as_ref().map_or(0.0, |noise| noise[pixel]);
-                // No half of light is so far below zero: such noise was drawn.
-                let n = if n.is_finite() && value - n.abs() >= -level { n } else { 0.0 };
-                let (low, high) = (value - n.abs(), value + n.abs());
-                if high <= limit {
-                    continue;
-                }
-                let halves = (low.min(limit), high.min(limit));
-                plane.pixels_mut()[pixel] = 0.5 * (halves.0 + halves.1);
-                if let Some(noise) = noise.as_mut().filter(|_| n != 0.0) {
-                    noise[pixel] = (0.5 * (halves.1 - halves.0)).copysign(n);
-                }
-                light.pixels_mut()[pixel] = (low - limit).max(0.0);
-                any |= low > limit;
-            }
+            let noise = own.noise.as_mut().map(|planes| &mut planes.as_mut_slice()[channel]);
+            any |= cut((plane, noise, light), mask, (level, limit));
         }
         own.lights = any.then_some(lights);
         own.doubt(mask, limit);
@@ -68,11 +57,16 @@ impl Split {
     fn doubt(&mut self, mask: &Mask, limit: f32) {
         let Some(noise) = &mut self.noise else { return };
         for plane in noise.as_mut_slice() {
-            let known = |at: &usize| mask.as_slice()[*at] && plane.pixels()[*at].is_finite();
-            let known: Vec<usize> = (0..plane.pixels().len()).filter(known).collect();
-            let far: Vec<usize> =
-                known.iter().copied().filter(|&at| plane.pixels()[at].abs() > limit).collect();
-            if far.len() * FEW <= known.len() {
+            let pieces = mask.as_slice().par_chunks(PIECE).zip(plane.pixels().par_chunks(PIECE)).enumerate();
+            let pieces = pieces.map(|(piece, (flags, noise))| {
+                let known =
+                    || flags.iter().zip(noise).enumerate().filter(|(_, (flag, n))| **flag && n.is_finite());
+                let far = known().filter(|(_, (_, n))| n.abs() > limit).map(|(at, _)| piece * PIECE + at);
+                (known().count(), far.collect::<Vec<usize>>())
+            });
+            let known: usize = pieces.iter().map(|piece| piece.0).sum();
+            let far: Vec<usize> = pieces.into_iter().flat_map(|piece| piece.1).collect();
+            if far.len() * FEW <= known {
                 let pixels = plane.pixels_mut();
                 for at in far {
                     pixels[at] = f32::NAN;
@@ -82,12 +76,52 @@ impl Split {
     }
 }
 
+/// Cuts the measured pixels of a plane at a limit; whether any light lies beyond it.
+fn cut(
+    (plane, noise, light): (&mut Plane, Option<&mut Plane>, &mut Plane),
+    mask: &Mask,
+    (level, limit): (f32, f32),
+) -> bool {
+    let pieces = mask.size().pixels().div_ceil(PIECE);
+    let noise: Vec<Option<&mut [f32]>> = match noise {
+        Some(noise) => noise.pixels_mut().chunks_mut(PIECE).map(Some).collect(),
+        None => (0..pieces).map(|_| None).collect(),
+    };
+    let planes =
+        plane.pixels_mut().par_chunks_mut(PIECE).zip(light.pixels_mut().par_chunks_mut(PIECE)).zip(noise);
+    let any = planes.zip(mask.as_slice().par_chunks(PIECE)).map(|(((values, lights), mut noise), flags)| {
+        let mut any = false;
+        for (at, _) in flags.iter().enumerate().filter(|(_, flag)| **flag) {
+            let value = values[at];
+            let n = noise.as_ref().map_or(0.0, |noise| noise[at]);
+            // No half of light is so far below zero: such noise was drawn.
+            let n = if n.is_finite() && value - n.abs() >= -level { n } else { 0.0 };
+            let (low, high) = (value - n.abs(), value + n.abs());
+            if high <= limit {
+                continue;
+            }
+            let halves = (low.min(limit), high.min(limit));
+            values[at] = 0.5 * (halves.0 + halves.1);
+            if let Some(noise) = noise.as_mut().filter(|_| n != 0.0) {
+                noise[at] = (0.5 * (halves.1 - halves.0)).copysign(n);
+            }
+            lights[at] = (low - limit).max(0.0);
+            any |= low > limit;
+        }
+        any
+    });
+    any.contains(&true)
+}
+
 /// The value that nine tenths of the samples stay below, by their largest channel.
 fn level(mask: &Mask, samples: &Planes) -> f32 {
-    let mut levels: Vec<f32> = (0..mask.size().pixels())
-        .filter(|&pixel| mask.as_slice()[pixel])
-        .map(|pixel| samples.as_slice().iter().fold(0.0_f32, |most, plane| most.max(plane.pixels()[pixel])))
-        .collect();
+    let largest =
+        |pixel: usize| samples.as_slice().iter().fold(0.0_f32, |most, plane| most.max(plane.pixels()[pixel]));
+    let pieces = mask.as_slice().par_chunks(PIECE).enumerate().map(|(piece, flags)| {
+        let measured = flags.iter().enumerate().filter(|(_, flag)| **flag);
+        measured.map(|(at, _)| largest(piece * PIECE + at)).collect::<Vec<f32>>()
+    });
+    let mut levels = pieces.concat();
     if levels.is_empty() {
         return f32::INFINITY;
     }

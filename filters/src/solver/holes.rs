@@ -1,5 +1,7 @@
 //! Where the mask has holes: blocks without a measured pixel, and rectangles around them.
 
+use lacuna_core::parallel::prelude::*;
+
 use crate::kernel::window::Window;
 use crate::{Mask, Size};
 
@@ -39,12 +41,13 @@ pub fn divide(mask: &Mask) -> Division {
     let size = mask.size();
     let grid = Size::new(size.height.div_ceil(BLOCK), size.width.div_ceil(BLOCK));
     let mut empty = vec![true; grid.pixels()];
-    for y in 0..size.height {
-        let row = &mut empty[y / BLOCK * grid.width..][..grid.width];
-        for (empty, block) in row.iter_mut().zip(mask.row(y).chunks(BLOCK)) {
-            *empty &= !block.contains(&true);
+    empty.par_chunks_mut(grid.width.max(1)).enumerate().for_each(|(row, empty)| {
+        for y in row * BLOCK..size.height.min((row + 1) * BLOCK) {
+            for (empty, block) in empty.iter_mut().zip(mask.row(y).chunks(BLOCK)) {
+                *empty &= !block.contains(&true);
+            }
         }
-    }
+    });
     if !empty.contains(&true) {
         return Division::Dense;
     }

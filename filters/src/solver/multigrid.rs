@@ -283,9 +283,8 @@ impl<T: Lanes> Multigrid<T> {
     pub fn cycle(&self, workspace: &mut Workspace<T>) {
         let Workspace { levels, active, pool, .. } = workspace;
         self.descend(0, None, levels, &active.grids, pool);
-        let (level, Buffers { r, x, rest, .. }) = (&self.levels[0], &mut levels[0]);
-        // Weighted by the share, it is of no use to others.
-        if level.points.is_some() || self.levels.len() == 1 {
+        if self.levels.len() == 1 {
+            let (level, Buffers { r, x, rest, .. }) = (&self.levels[0], &mut levels[0]);
             level.product(self.isa, level.window, x, rest);
             vector::rest(self.isa, &level.share, r, rest);
         }
@@ -309,13 +308,13 @@ impl<T: Lanes> Multigrid<T> {
             return;
         }
         let Buffers { r, x, y, rest } = here;
-        level.smooth(self.isa, (r, from), active, y, Some(rest), pool);
+        level.smooth(self.isa, (r, from), active, y, (Some(rest), false), pool);
         if let (Some(down), Some(coarse)) = (&level.down, below.first_mut()) {
             level.restrict(down, rest, &shares[index + 1].spans, &mut coarse.r);
             self.descend(index + 1, None, below, shares, pool);
             down.prolong_add(&below[0].x, Some(&level.share), &active.spans, y);
         }
-        level.smooth(self.isa, (r, Some(y)), active, x, (index == 0).then_some(rest), pool);
+        level.smooth(self.isa, (r, Some(y)), active, x, ((index == 0).then_some(rest), true), pool);
     }
 }
 
@@ -339,10 +338,14 @@ impl<T: Lanes> Level<T> {
         let mut e = share.clone();
         if let Some(points) = &points {
             let middle = middle(a);
-            for ((share, e), own) in share.iter_mut().zip(&mut e).zip(points.middle()) {
-                let part = share.to_f64() * middle / (middle + own.to_f64());
-                (*share, *e) = (T::from_f64(part), T::from_f64(part.sqrt()));
-            }
+            let rows = |values| <[T]>::par_chunks_mut(values, window.stride());
+            let lines = rows(&mut share).zip(rows(&mut e)).zip(points.middle().par_chunks(window.stride()));
+            lines.shared_if(window.is_large()).for_each(|((share, e), own)| {
+                for ((share, e), own) in share.iter_mut().zip(e).zip(own) {
+                    let part = share.to_f64() * middle / (middle + own.to_f64());
+                    (*share, *e) = (T::from_f64(part), T::from_f64(part.sqrt()));
+                }
+            });
         }
         let mut level = Self { a: own, window, points, share, e, high: 1.0, down };
         level.high = level.bound(isa);

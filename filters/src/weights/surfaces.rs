@@ -44,8 +44,6 @@ impl Surfaces {
 #[derive(Clone, Debug)]
 pub struct BySurface<'a> {
     surfaces: &'a Surfaces,
-    /// Side of a cell.
-    side: usize,
     of: Vec<Cells>,
 }
 
@@ -56,6 +54,26 @@ struct Cells {
     first: [usize; 2],
     size: Size,
     of: Vec<Vec<f32>>,
+    /// Where each row and each column of the image lies among those of cells.
+    places: [Vec<Place>; 2],
+}
+
+/// Between the centres of which two rows, or columns, of cells a pixel lies, and how far beyond the first.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    both: [u32; 2],
+    beyond: f32,
+}
+
+impl Place {
+    /// Of a pixel's row or column among `count` of cells with this side, from the `first` on.
+    fn new(at: usize, side: usize, first: usize, count: usize) -> Self {
+        let place = (at as f32 + 0.5) / side as f32 - 0.5 - first as f32;
+        let place = place.clamp(0.0, count.saturating_sub(1) as f32);
+        let low = (place as usize).min(count.saturating_sub(2));
+        let high = (low + 1).min(count.saturating_sub(1));
+        Self { both: [low as u32, high as u32], beyond: place - low as f32 }
+    }
 }
 
 impl Cells {
@@ -73,43 +91,45 @@ impl Cells {
         let cells = |[top, bottom, left, right]: [usize; 4]| {
             let size =
                 if top > bottom { Size::new(0, 0) } else { Size::new(bottom - top + 1, right - left + 1) };
-            Self { first: [top, left], size, of: Vec::new() }
+            let places = |length: usize, first: usize, count: usize| {
+                (0..length).filter(|_| count > 0).map(|at| Place::new(at, side, first, count)).collect()
+            };
+            let Size { height, width } = surfaces.size;
+            let places = [places(height, top, size.height), places(width, left, size.width)];
+            Self { first: [top, left], size, of: Vec::new(), places }
         };
         spans.into_iter().map(cells).collect()
     }
 
-    fn cell(&self, row: usize, column: usize) -> usize {
-        (row - self.first[0]) * self.size.width + column - self.first[1]
-    }
-
     /// What a candidate counts for at a pixel: linearly between the centres of cells.
-    fn at(&self, candidate: usize, side: usize, row: usize, column: usize) -> f32 {
+    fn at(&self, candidate: usize, row: usize, column: usize) -> f32 {
         let of = &self.of[candidate];
-        let between = |at: usize, first: usize, count: usize| {
-            let place = (at as f32 + 0.5) / side as f32 - 0.5 - first as f32;
-            let place = place.clamp(0.0, (count - 1) as f32);
-            let low = (place as usize).min(count.saturating_sub(2));
-            (low, (low + 1).min(count - 1), place - low as f32)
+        let (y, x) = (self.places[0][row], self.places[1][column]);
+        let line = |row: u32| {
+            let row = &of[row as usize * self.size.width..][..self.size.width];
+            let [a, b] = x.both.map(|column| row[column as usize]);
+            a + x.beyond * (b - a)
         };
-        let (top, bottom, y) = between(row, self.first[0], self.size.height);
-        let (left, right, x) = between(column, self.first[1], self.size.width);
-        let line = |row: usize| {
-            let (a, b) = (of[row * self.size.width + left], of[row * self.size.width + right]);
-            a + x * (b - a)
-        };
-        let (a, b) = (line(top), line(bottom));
-        a + y * (b - a)
+        let [a, b] = y.both.map(line);
+        a + y.beyond * (b - a)
     }
 }
 
+/// The samples of a row of cells, by their numbers and pixels, and its cells by surface with the first column.
+#[derive(Default)]
+struct Line<'a> {
+    samples: Vec<(usize, usize)>,
+    cells: Vec<(usize, usize, &'a mut [Products])>,
+}
+
 impl<'a> BySurface<'a> {
-    /// From the products of the errors of `count` candidates at samples, which `products(pixel, sums)` adds for one of them. Also the squared
+    /// From the products of the errors of `count` candidates at samples, which `products(scratch, place in at, pixel, sums)` adds for one of them. Also the squared
     /// error of the blend over that of the first candidate.
     pub fn new(
         surfaces: &'a Surfaces,
         (at, near): (&[u32], Neighbourhood),
         count: usize,
-        mut products: impl FnMut(usize, usize, &mut [f64]),
+        products: impl Fn(&mut Vec<f64>, usize, usize, &mut [f64]) + Sync,
     ) -> (Self, f64) {
         let spacing = (surfaces.size.pixels() as f64 / at.len().max(1) as f64).sqrt();
         let side = ((0.5 * near.spread * spacing).round() as usize).max(1);
@@ -117,12 +137,26 @@ impl<'a> BySurface<'a> {
         let mut sums: Vec<Vec<Products>> =
             of.iter().map(|cells| vec![vec![0.0; count * count]; cells.size.pixels()]).collect();
         let width = surfaces.size.width;
+        // A row of cells is one task.
+        let mut lines: Vec<Line<'_>> =
+            (0..surfaces.size.height.div_ceil(side)).map(|_| Line::default()).collect();
         for (i, &pixel) in at.iter().enumerate() {
-            let pixel = pixel as usize;
-            let surface = usize::from(surfaces.of[pixel]);
-            let cell = of[surface].cell(pixel / width / side, pixel % width / side);
-            products(i, pixel, &mut sums[surface][cell]);
+            lines[pixel as usize / width / side].samples.push((i, pixel as usize));
         }
+        for (surface, (cells, sums)) in of.iter().zip(&mut sums).enumerate() {
+            let rows = sums.chunks_mut(cells.size.width.max(1));
+            for (line, sums) in lines.iter_mut().skip(cells.first[0]).zip(rows) {
+                line.cells.push((surface, cells.first[1], sums));
+            }
+        }
+        lines.into_par_iter().for_each_init(Vec::new, |scratch, mut line| {
+            for (i, pixel) in line.samples {
+                let own = usize::from(surfaces.of[pixel]);
+                if let Some((_, left, sums)) = line.cells.iter_mut().find(|(surface, ..)| *surface == own) {
+                    products(scratch, i, pixel, &mut sums[pixel % width / side - *left]);
+                }
+            }
+        });
         let add = |mut sum: Products, one: &Products| {
             sum.iter_mut().zip(one).for_each(|(sum, one)| *sum += one);
             sum
@@ -138,13 +172,13 @@ impl<'a> BySurface<'a> {
             error += found.0;
             first += found.1;
         }
-        (Self { surfaces, side, of }, if first > 0.0 { error / first } else { 1.0 })
+        (Self { surfaces, of }, if first > 0.0 { error / first } else { 1.0 })
     }
 
     /// What a candidate counts for at a pixel.
     pub fn at(&self, candidate: usize, row: usize, column: usize) -> f32 {
         let surface = self.surfaces.of[row * self.surfaces.size.width + column];
-        self.of[usize::from(surface)].at(candidate, self.side, row, column)
+        self.of[usize::from(surface)].at(candidate, row, column)
     }
 
     /// Adds a candidate's image, weighted, to `out`, at pixels that `mask` has or has not. Both may be a part of the image: `place` says the row and
@@ -217,7 +251,7 @@ mod tests {
         let labels: Vec<u32> = (0..2400).map(|pixel| if pixel % 60 < 31 { 7 } else { 3 }).collect();
         let surfaces = Surfaces::new(size, Some(&labels));
         let at: Vec<u32> = (0..2400).filter(|pixel| pixel % 3 == 0).collect();
-        let products = |_: usize, pixel: usize, sums: &mut [f64]| {
+        let products = |_: &mut Vec<f64>, _: usize, pixel: usize, sums: &mut [f64]| {
             sums[if pixel % 60 < 31 { 3 } else { 0 }] += 1.0;
             sums[if pixel % 60 < 31 { 0 } else { 3 }] += 1e-3;
         };
@@ -244,7 +278,7 @@ mod tests {
         let surfaces = Surfaces::new(size, Some(&labels));
         assert_eq!(surfaces.count, MOST + 1);
         let at: Vec<u32> = (0..900).step_by(4).collect();
-        let (weights, error) = BySurface::new(&surfaces, (&at, NEAR), 3, |_, _, sums| {
+        let (weights, error) = BySurface::new(&surfaces, (&at, NEAR), 3, |_, _, _, sums| {
             sums.iter_mut().step_by(4).for_each(|sum| *sum += 1.0);
         });
         assert!((error - 1.0 / 3.0).abs() < 0.01, "{error}");

@@ -29,6 +29,8 @@ struct Problem {
     x: Option<Vec<f64>>,
     /// Everything.
     spans: Spans,
+    /// Whether what is left is wanted as it is.
+    plain: bool,
 }
 
 impl Problem {
@@ -48,7 +50,7 @@ impl Problem {
         };
         let e = image(window, 0.9).into_iter().map(|e| e.max(0.0)).collect();
         let x = (kind != 1).then(|| image(window, 0.21));
-        Self { a, window, points, e, r: image(window, 0.71), x, spans: Spans::all(window) }
+        Self { a, window, points, e, r: image(window, 0.71), x, spans: Spans::all(window), plain: false }
     }
 
     /// `x` and what is left of `r`, by the definition.
@@ -133,6 +135,7 @@ impl Problem {
                     c: C,
                     rows: first - top..last - top,
                     columns: begin - left..end - left,
+                    plain: self.plain,
                     out,
                 };
                 cascade(isa, strip, &mut scratch);
@@ -149,7 +152,7 @@ fn every_instruction_set_takes_the_steps_of_the_definition() {
     let corner = (Size::new(50, 66), Window { y: 20, x: 16, height: 30, width: 50 });
     for (size, window) in [whole(3, 5), whole(45, 60), whole(38, 9), inside, corner] {
         for (order, kind) in [(2, 0), (2, 1), (2, 2), (3, 0), (3, 1)] {
-            let problem = Problem::new(size, window, order, kind);
+            let mut problem = Problem::new(size, window, order, kind);
             let expected = problem.reference();
             // Entries reach 50 (order 3: 500) and their rows' sums of sizes a few times that, over seven products.
             let size =
@@ -157,8 +160,13 @@ fn every_instruction_set_takes_the_steps_of_the_definition() {
             for isa in Isa::all() {
                 let found = problem.cascade::<f32>(isa, &[0], &[0]);
                 let exact = problem.cascade::<f64>(isa, &[0], &[0]);
+                problem.plain = true;
+                let plain = problem.cascade::<f64>(isa, &[0], &[0]).1;
+                problem.plain = false;
                 for i in 0..window.height {
                     for k in (0..window.width).map(|j| window.at(i, j)) {
+                        let off = (problem.e[k] * problem.e[k] * plain[k] - expected.1[k]).abs();
+                        assert!(off <= 8.0 * size * f64::EPSILON && (problem.e[k] > 0.0 || plain[k] == 0.0));
                         for (expected, found, exact) in
                             [(expected.0[k], found.0[k], exact.0[k]), (expected.1[k], found.1[k], exact.1[k])]
                         {

@@ -37,14 +37,14 @@ impl<T: Lanes> Level<T> {
     }
 
     /// Smooths what `from` (or zero) lacks to solve for `r`, into `x`, where it counts; all else is held at zero. With `rest`, this
-    /// becomes `share` times what is left of `r`.
+    /// becomes what is left of `r`: times `share`, unless it is to be plain.
     pub fn smooth(
         &self,
         isa: Isa,
         (r, from): (&[T], Option<&[T]>),
         active: &Share,
         x: &mut [T],
-        rest: Option<&mut [T]>,
+        (rest, plain): (Option<&mut [T]>, bool),
         pool: &Pool<Scratch<T>>,
     ) {
         let factors = polynomial(self.high);
@@ -70,6 +70,7 @@ impl<T: Lanes> Level<T> {
                 c: CENTRE,
                 rows: rows.start - around.y..rows.end - around.y,
                 columns: columns.start - around.x..columns.end - around.x,
+                plain,
                 out,
             };
             cascade::cascade(isa, strip, &mut pool.lend());
@@ -162,6 +163,7 @@ impl<T: Lanes> Level<T> {
                 c: CENTRE,
                 rows: 0..tile.height,
                 columns: 0..tile.width,
+                plain: false,
                 out: Out { x: rows(tile, &mut next), rest: Vec::new() },
             };
             cascade::cascade(isa, strip, &mut scratch);

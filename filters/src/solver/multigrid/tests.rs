@@ -147,6 +147,31 @@ fn cells_are_left_out_when_little_is_left() {
     }
 }
 
+/// With samples that pull, too, what a cycle says it leaves of the residual is that.
+#[test]
+fn a_cycle_tells_what_it_leaves() {
+    let window = Window { y: 0, x: 0, height: 90, width: 101 };
+    for (density, pull) in [(0.1, false), (0.1, true), (1.0, true)] {
+        let grids = grids(window, Size::new(90, 101), density, pull);
+        let mut workspace = grids.workspace();
+        let r = image(&grids, 3);
+        workspace.residual().1.copy_from_slice(&r);
+        grids.cycle(&mut workspace);
+        let (x, rest) = (workspace.vectors().z.to_vec(), workspace.vectors().rest.to_vec());
+        let mut product = window.zeros();
+        grids.levels[0].product(grids.isa, window, &x, &mut product);
+        vector::rest(grids.isa, grids.free(), &r, &mut product);
+        // Entries of the matrix reach 50, their rows' sums a few times that, over as many products as a cycle takes steps.
+        let size = 4e2 * x.iter().fold(1.0, |top: f64, x| top.max(x.abs()));
+        for (at, (rest, expected)) in rest.iter().zip(&product).enumerate() {
+            assert!(
+                (rest - expected).abs() <= 16.0 * size * f64::EPSILON,
+                "{density} {pull} {at}: {rest} {expected}"
+            );
+        }
+    }
+}
+
 /// The constraints of the coarse grids stand for the samples whatever their density.
 #[test]
 fn conjugate_gradients_converge_at_any_density() {

@@ -15,6 +15,8 @@ use crate::{Mask, Plane, Planes, Size};
 const STRIDE: usize = 4;
 /// Pixels that a block holds on average: fewer than [`LANES`], so that few of them need a second one.
 const FILLED: f64 = 14.0;
+/// Rows whose samples one task takes.
+const BAND: usize = 32;
 /// Least and largest side of a tile, about.
 const TILE: (usize, usize) = (48, 128);
 
@@ -42,26 +44,39 @@ impl Store {
     pub fn new(mask: &Mask, values: &Planes, field: Field<'_>) -> Self {
         let size = mask.size();
         let per_row = size.width.div_ceil(STRIDE) + 1;
-        let mut samples = Samples::default();
-        let (guides, channels) = (field.planes, values.as_slice());
-        samples.at.reserve(mask.count());
-        samples.guides.reserve(mask.count() * guides.len());
-        samples.values.reserve(mask.count() * channels.len());
-        let mut starts = Vec::with_capacity(size.height * per_row);
-        for row in 0..size.height {
-            for (column, &measured) in mask.row(row).iter().enumerate() {
-                if column % STRIDE == 0 {
-                    starts.push(samples.at.len() as u32);
+        let channels = values.as_slice();
+        let rows: Vec<usize> = (0..size.height).collect();
+        let parts = rows.par_chunks(BAND).map(|rows| {
+            let (mut samples, mut starts) = (Samples::default(), Vec::with_capacity(rows.len() * per_row));
+            for &row in rows {
+                for (column, &measured) in mask.row(row).iter().enumerate() {
+                    if column % STRIDE == 0 {
+                        starts.push(samples.at.len() as u32);
+                    }
+                    if measured {
+                        let index = row * size.width + column;
+                        samples.at.push([row as f32, column as f32]);
+                        samples.guides.extend(field.planes.iter().map(|plane| plane.pixels()[index]));
+                        samples.values.extend(channels.iter().map(|plane| plane.pixels()[index]));
+                        samples.labels.extend(field.labels.map(|labels| labels[index]));
+                    }
                 }
-                if measured {
-                    let index = row * size.width + column;
-                    samples.at.push([row as f32, column as f32]);
-                    samples.guides.extend(guides.iter().map(|plane| plane.pixels()[index]));
-                    samples.values.extend(channels.iter().map(|plane| plane.pixels()[index]));
-                    samples.labels.extend(field.labels.map(|labels| labels[index]));
-                }
+                starts.push(samples.at.len() as u32);
             }
-            starts.push(samples.at.len() as u32);
+            (samples, starts)
+        });
+        let (mut samples, mut starts) = (Samples::default(), Vec::with_capacity(size.height * per_row));
+        let count = mask.count();
+        samples.at.reserve(count);
+        samples.guides.reserve(count * field.planes.len());
+        samples.values.reserve(count * channels.len());
+        for (part, own) in parts {
+            let before = samples.at.len() as u32;
+            starts.extend(own.into_iter().map(|start| before + start));
+            samples.at.extend(part.at);
+            samples.guides.extend(part.guides);
+            samples.values.extend(part.values);
+            samples.labels.extend(part.labels);
         }
         Self { size, samples, channels: channels.len(), starts }
     }

@@ -26,10 +26,8 @@ use crate::{Error, Filter, Mask, Plane, Planes, Problem, Run, Size};
 
 /// The weights that are tried: powers of 4.
 const POWERS: std::ops::RangeInclusive<i32> = -4..=4;
-/// The first of them.
+/// The first of them, with the next.
 const BEGIN: i32 = -1;
-/// Powers that are tried side by side.
-const AT_ONCE: i32 = 2;
 /// Pixels of the side of a window.
 const SIDE: usize = 80;
 /// Windows along each side, at most.
@@ -81,13 +79,10 @@ pub fn smoothness(settings: &Settings, given: &Given<'_>, run: &Run<'_>) -> Resu
     let score = |found: &BTreeMap<i32, (f64, f64)>, power: i32| found.get(&power).map(|tried| tried.0);
     let mut best = BEGIN;
     loop {
-        let beyond = |sign: i32| -> Vec<i32> {
-            let side = (1..=AT_ONCE).map(|k| best + sign * k).filter(|power| POWERS.contains(power));
-            side.take_while(|power| !found.contains_key(power)).collect()
-        };
-        let powers = match found.len() {
-            0 => (0..AT_ONCE).map(|k| BEGIN + k).collect(),
-            _ => [beyond(1), beyond(-1)].into_iter().find(|side| !side.is_empty()).unwrap_or_default(),
+        let open = |power: &i32| POWERS.contains(power) && !found.contains_key(power);
+        let powers: Vec<i32> = match found.len() {
+            0 => vec![BEGIN, BEGIN + 1],
+            _ => [best + 1, best - 1].into_iter().filter(open).take(1).collect(),
         };
         if powers.is_empty() {
             break;

@@ -125,22 +125,12 @@ impl Region {
         (lambda, weights): (f64, Option<&Plane>),
         window: Window,
     ) -> Self {
-        let mut free: Vec<f64> = window.zeros();
-        let mut pull = (lambda > 0.0).then(|| window.zeros::<f64>());
-        for i in 0..window.height {
-            let measured = &mask.row(window.y + i)[window.x..][..window.width];
-            for (j, &measured) in measured.iter().enumerate() {
-                let place = window.at(i, j);
-                match &mut pull {
-                    Some(pull) => {
-                        free[place] = 1.0;
-                        let weight = weights.map_or(1.0, |w| f64::from(w.at(window.y + i, window.x + j)));
-                        pull[place] = if measured { weight / lambda } else { 0.0 };
-                    }
-                    None => free[place] = if measured { 0.0 } else { 1.0 },
-                }
-            }
-        }
+        let measured = |i: usize| &mask.row(window.y + i)[window.x..][..window.width];
+        let free = rows(window, |i, j| if lambda == 0.0 && measured(i)[j] { 0.0 } else { 1.0 });
+        let weight =
+            |i: usize, j: usize| weights.map_or(1.0, |w| f64::from(w.at(window.y + i, window.x + j)));
+        let pull = (lambda > 0.0)
+            .then(|| rows(window, |i, j| if measured(i)[j] { weight(i, j) / lambda } else { 0.0 }));
         let single = lambda == 0.0 || (STRONG..=WEAK).contains(&lambda);
         let firm = lambda > 0.0 && lambda <= HELD && weights.is_none();
         let held = firm && matches!(holes::divide(mask), Division::Dense);
@@ -152,13 +142,8 @@ impl Region {
     pub fn pulled(isa: Isa, form: &Form, mask: &Mask, pulls: &Plane) -> Self {
         let size = mask.size();
         let window = Window { y: 0, x: 0, height: size.height, width: size.width };
-        let (mut free, mut pull): (Vec<f64>, Vec<f64>) = (window.zeros(), window.zeros());
-        for i in 0..size.height {
-            for (j, (&measured, &own)) in mask.row(i).iter().zip(pulls.row(i)).enumerate() {
-                let place = window.at(i, j);
-                (free[place], pull[place]) = if measured { (0.0, 0.0) } else { (1.0, f64::from(own)) };
-            }
-        }
+        let free = rows(window, |i, j| if mask.is_measured(i, j) { 0.0 } else { 1.0 });
+        let pull = rows(window, |i, j| if mask.is_measured(i, j) { 0.0 } else { f64::from(pulls.at(i, j)) });
         Self::of(isa, &Matrices::new(form, size), window, free, (Some(pull), true))
     }
 
@@ -171,8 +156,13 @@ impl Region {
     ) -> Self {
         let (form, wide) = (matrices.form, window.height.min(window.width) >= NARROW);
         let grids = if form.order == 2 && form.tension > 0.0 && single && wide {
-            let free = free.into_iter().map(|free| free as f32).collect();
-            let pull = pull.as_ref().map(|pull| pull.iter().map(|&pull| pull as f32).collect());
+            let cast = |from: &[f64]| {
+                let rows = from
+                    .par_chunks(window.stride())
+                    .map(|row| row.iter().map(|&x| x as f32).collect::<Vec<f32>>());
+                rows.concat()
+            };
+            let (free, pull) = (cast(&free), pull.as_deref().map(cast));
             let matrix = |level| (matrices.double(level), matrices.single(level));
             Grids::Single(Multigrid::new(isa, window, &matrix, free, pull))
         } else {
@@ -363,6 +353,19 @@ impl Region {
             }
         });
     }
+}
+
+/// A buffer of a window, from its rows and columns.
+fn rows(window: Window, value: impl Fn(usize, usize) -> f64 + Sync) -> Vec<f64> {
+    let mut values = window.zeros();
+    window.in_chunks(&mut values, CHUNK, |first, rows| {
+        for (i, row) in rows.chunks_mut(window.stride()).enumerate() {
+            for (j, to) in row[PAD..][..window.width].iter_mut().enumerate() {
+                *to = value(first + i, j);
+            }
+        }
+    });
+    values
 }
 
 #[cfg(test)]
