@@ -50,6 +50,8 @@ mod tests;
 
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
+
 use crate::baseline::nearest;
 use crate::estimate::Folds;
 use crate::kernel::blur::blur;
@@ -102,6 +104,8 @@ const NEIGHBOURHOOD: Neighbourhood = Neighbourhood { spread: 10.0, frame: 0.1 };
 /// Levels of light that count as it is, over that which nine tenths of the samples stay below.
 const LIMIT: f32 = 4.0;
 
+/// Pixels that one task takes.
+const PIECE: usize = 1 << 14;
 /// Width of the neighbourhood whose variance a sample has, in spacings of the samples.
 const AROUND: f64 = 3.0;
 /// The least variance, over the mean.
@@ -167,16 +171,22 @@ pub(crate) fn reconstruct(
 fn precision(mask: &Mask, noise: &Planes) -> Option<Plane> {
     let size = mask.size();
     let spacing = (size.pixels() as f64 / mask.count().max(1) as f64).sqrt();
-    let squared: Vec<f32> = (0..size.pixels())
-        .map(|pixel| {
-            let squares = noise.as_slice().iter().map(|plane| plane.pixels()[pixel].powi(2));
-            let sum: f32 = squares.sum();
-            if mask.as_slice()[pixel] && sum.is_finite() { sum } else { 0.0 }
-        })
-        .collect();
-    let counted: Vec<f32> = mask.as_slice().iter().map(|&flag| f32::from(u8::from(flag))).collect();
+    let (mut squared, mut counted) = (vec![0.0; size.pixels()], vec![0.0; size.pixels()]);
+    let pieces = squared.par_chunks_mut(PIECE).zip(counted.par_chunks_mut(PIECE));
+    let sums = pieces.zip(mask.as_slice().par_chunks(PIECE)).enumerate().map(
+        |(piece, ((squared, counted), flags))| {
+            let mut total = 0.0;
+            for (at, _) in flags.iter().enumerate().filter(|(_, flag)| **flag) {
+                let squares = noise.as_slice().iter().map(|plane| plane.pixels()[piece * PIECE + at].powi(2));
+                let sum: f32 = squares.sum();
+                (squared[at], counted[at]) = (if sum.is_finite() { sum } else { 0.0 }, 1.0);
+                total += f64::from(squared[at]);
+            }
+            total
+        },
+    );
+    let mean = sums.iter().sum::<f64>() / mask.count().max(1) as f64;
     let (sums, counts) = (blur(size, &squared, AROUND * spacing), blur(size, &counted, AROUND * spacing));
-    let mean = squared.iter().map(|v| f64::from(*v)).sum::<f64>() / mask.count().max(1) as f64;
     if mean <= 0.0 {
         return None;
     }
@@ -185,8 +195,9 @@ fn precision(mask: &Mask, noise: &Planes) -> Option<Plane> {
         let here = f64::from(*sum) / f64::from(*count).max(f64::from(f32::MIN_POSITIVE));
         (mean / here.max(least)) as f32
     };
-    let weights = sums.iter().zip(&counts).map(weight).collect();
-    Some(Plane::of(size, weights))
+    let pieces = sums.par_chunks(PIECE).zip(counts.par_chunks(PIECE));
+    let weights = pieces.map(|(sums, counts)| sums.iter().zip(counts).map(weight).collect::<Vec<f32>>());
+    Some(Plane::of(size, weights.concat()))
 }
 
 /// Folds by which samples are held out.

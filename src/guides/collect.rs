@@ -1,5 +1,6 @@
 //! The planes of the guides that were found, as the filters take them.
 
+use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Samples};
 use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Error, Plane, Size};
@@ -15,16 +16,16 @@ pub fn collect(guides: &[Guide], frame: &Frame, second: Option<&Frame>, size: Si
     for guide in guides {
         let Some(source) = (if guide.second { second } else { Some(frame) }) else { continue };
         let part = &source.parts[guide.part];
-        let samples = guide.channels.iter().map(|&at| &part.channels[at].samples);
+        let samples: Vec<&Samples> = guide.channels.iter().map(|&at| &part.channels[at].samples).collect();
         match guide.kind {
             Kind::Labels => {
-                for samples in samples {
-                    taken.add_labels(&guide.name, &labels(samples))?;
+                for labels in samples.par_iter().map(|samples| labels(samples)) {
+                    taken.add_labels(&guide.name, &labels)?;
                 }
             }
             Kind::Values => {
-                let plane = |samples: &Samples| Plane::new(part.size(), samples.as_f32());
-                taken.add(&guide.name, samples.map(plane).collect::<Result<_, _>>()?)?;
+                let planes = samples.par_iter().map(|samples| Plane::new(part.size(), samples.as_f32()));
+                taken.add(&guide.name, planes.into_iter().collect::<Result<_, _>>()?)?;
             }
         }
     }

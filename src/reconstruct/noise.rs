@@ -3,6 +3,7 @@
 use std::str::FromStr;
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part};
 use lacuna_filters::fill::Values;
 use lacuna_filters::noise::Noise;
@@ -238,21 +239,27 @@ fn like(
     group: &Group,
     (known, samples): (&[Known], &Planes),
 ) -> Result<Result<Noise, Doubt>, Error> {
+    let channels = known.par_iter().zip(group.channels.par_iter()).zip(samples.as_slice().par_iter());
+    let found =
+        channels.map(|((&known, &channel), samples)| plane(part, (channel, known), samples, &group.mask));
     let mut planes = Vec::with_capacity(known.len());
-    for ((&known, &channel), samples) in known.iter().zip(&group.channels).zip(samples.as_slice()) {
-        match plane(part, (channel, known), samples, &group.mask)? {
+    for found in found {
+        match found? {
             Ok(plane) => planes.push(plane),
             Err(doubt) => return Ok(Err(doubt)),
         }
     }
-    let measured = |plane: &Plane| -> Vec<f32> {
-        let pixels = plane.pixels().iter().zip(group.mask.as_slice());
-        pixels.filter(|(value, flag)| **flag && value.is_finite()).map(|(value, _)| *value).collect()
+    let measured = |plane: &Plane, holds: &dyn Fn(f32) -> bool| {
+        let mut pixels = plane.pixels().iter().zip(group.mask.as_slice());
+        pixels.find(|(value, flag)| **flag && value.is_finite() && holds(**value)).map(|(value, _)| *value)
     };
-    if planes.iter().any(|plane| measured(plane).iter().any(|noise| *noise != 0.0)) {
+    if planes.iter().any(|plane| measured(plane, &|noise| noise != 0.0).is_some()) {
         return Ok(Ok(Noise::Like(planes)));
     }
-    if samples.as_slice().iter().all(|plane| measured(plane).windows(2).all(|pair| pair[0] == pair[1])) {
+    let flat = |plane: &Plane| {
+        measured(plane, &|_| true).is_none_or(|first| measured(plane, &|value| value != first).is_none())
+    };
+    if samples.as_slice().iter().all(flat) {
         return Ok(Ok(Noise::None));
     }
     let name = |at: usize| part.channels[at].display_name();

@@ -187,14 +187,15 @@ impl Task<'_> {
         mask: &Arc<Mask>,
         (samples, noise): (&Planes, &Planes),
     ) -> Result<(Vec<Planes>, Vec<Planes>, Outcome), Error> {
-        let known = noise.as_slice().iter().map(|plane| {
+        let known = noise.as_slice().par_iter().map(|plane| {
             let known = plane.pixels().iter().map(|&n| if n.is_finite() { n } else { 0.0 });
             Plane::of(plane.size(), known.collect())
         });
-        let known = Planes::of(samples.size(), known.collect());
+        let known = Planes::of(samples.size(), known);
         // Side by side, as one group: what depends on the mask and the guides is computed once. What interpolates keeps the noise as it is.
         let (plain, rest) = all.split_at(usize::from(!all.is_empty()));
-        let group = [samples, &known].iter().flat_map(|planes| planes.as_slice().iter().cloned()).collect();
+        let group: Vec<&Plane> = [samples, &known].iter().flat_map(|planes| planes.as_slice()).collect();
+        let group = group.into_par_iter().map(Plane::clone);
         let (mut values, first) = self.each(plain, mask, samples)?;
         let (images, outcome) = self.each(rest, mask, &Planes::of(samples.size(), group))?;
         let mut noises = vec![known; plain.len()];

@@ -2,9 +2,13 @@
 //! around beyond it, as in the relative squared error of F. Rousselle et al., "Adaptive Sampling and Reconstruction using Greedy Error
 //! Minimization", ACM Transactions on Graphics 30(6), 2011. A highlight, most of which a display clips, would choose for all around it else.
 
+use lacuna_core::parallel::prelude::*;
+
 use crate::kernel::blur::blur;
 use crate::{Mask, Plane, Planes};
 
+/// Pixels that one task takes.
+const PIECE: usize = 1 << 14;
 /// Width of what is around, in spacings of the samples.
 const AROUND: f64 = 0.6;
 
@@ -25,14 +29,21 @@ fn of_light(mask: &Mask, samples: &Planes, level: f32) -> Vec<f64> {
     let brightest =
         |pixel| samples.as_slice().iter().fold(0.0_f32, |most, plane| most.max(plane.pixels()[pixel]));
     let flags = mask.as_slice();
-    let light: Vec<f32> = (0..size.pixels()).map(|p| if flags[p] { brightest(p) } else { 0.0 }).collect();
-    let counted: Vec<f32> = flags.iter().map(|&flag| f32::from(u8::from(flag))).collect();
+    let (mut light, mut counted) = (vec![0.0; size.pixels()], vec![0.0; size.pixels()]);
+    let pieces = light.par_chunks_mut(PIECE).zip(counted.par_chunks_mut(PIECE)).zip(flags.par_chunks(PIECE));
+    pieces.enumerate().for_each(|(piece, ((light, counted), flags))| {
+        for (at, _) in flags.iter().enumerate().filter(|(_, flag)| **flag) {
+            (light[at], counted[at]) = (brightest(piece * PIECE + at), 1.0);
+        }
+    });
     let (sums, counts) = (blur(size, &light, AROUND * spacing), blur(size, &counted, AROUND * spacing));
     let factor = |(sum, count): (&f32, &f32)| {
         let around = sum / count.max(f32::MIN_POSITIVE);
         if around > level { f64::from(level / around) } else { 1.0 }
     };
-    sums.iter().zip(&counts).map(factor).collect()
+    let pieces = sums.par_chunks(PIECE).zip(counts.par_chunks(PIECE));
+    let pieces = pieces.map(|(sums, counts)| sums.iter().zip(counts).map(factor).collect::<Vec<f64>>());
+    pieces.concat()
 }
 
 #[cfg(test)]

@@ -11,6 +11,8 @@ use lacuna_core::parallel::prelude::*;
 use super::{Neighbourhood, Products, best, blur};
 use crate::{Mask, Planes, Size};
 
+/// Pixels that one task takes.
+const PIECE: usize = 1 << 16;
 /// Surfaces that have weights of their own, the largest ones; all others share.
 const MOST: usize = 15;
 /// Samples of all of the image that count for each surface as well, so that a small one does not learn from a few.
@@ -28,14 +30,30 @@ impl Surfaces {
     /// From labels; one surface without.
     pub fn new(size: Size, labels: Option<&[u32]>) -> Self {
         let Some(labels) = labels else { return Self { size, of: vec![0; size.pixels()], count: 1 } };
+        let pieces = labels.par_chunks(PIECE).map(|labels| {
+            let mut counts = BTreeMap::<u32, usize>::new();
+            for run in labels.chunk_by(|a, b| a == b) {
+                *counts.entry(run[0]).or_default() += run.len();
+            }
+            counts
+        });
         let mut counts = BTreeMap::<u32, usize>::new();
-        for &label in labels {
-            *counts.entry(label).or_default() += 1;
+        for (label, count) in pieces.into_iter().flatten() {
+            *counts.entry(label).or_default() += count;
         }
         let mut largest: Vec<(u32, usize)> = counts.into_iter().collect();
         largest.sort_by_key(|&(label, count)| (Reverse(count), label));
         let number: BTreeMap<u32, u8> = largest.iter().take(MOST).map(|of| of.0).zip(0..).collect();
-        let of = labels.iter().map(|label| number.get(label).copied().unwrap_or(MOST as u8)).collect();
+        let mut of = vec![MOST as u8; labels.len()];
+        of.par_chunks_mut(PIECE).zip(labels.par_chunks(PIECE)).for_each(|(of, labels)| {
+            let mut at = 0;
+            for run in labels.chunk_by(|a, b| a == b) {
+                if let Some(number) = number.get(&run[0]) {
+                    of[at..][..run.len()].fill(*number);
+                }
+                at += run.len();
+            }
+        });
         Self { size, of, count: largest.len().min(MOST + 1) }
     }
 }

@@ -100,12 +100,14 @@ impl Guides {
             return Ok(false);
         }
         let own = self.labels.get_or_insert_with(|| vec![0; labels.len()]);
-        for (own, &label) in own.iter_mut().zip(labels).filter(|(own, _)| **own != UNKNOWN) {
-            // Mixed, so that several sets of labels tell all their pairs apart.
-            let mixed =
-                (u64::from(*own).rotate_left(17) ^ u64::from(label)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            *own = (mixed >> 33) as u32;
-        }
+        own.par_chunks_mut(PART).zip(labels.par_chunks(PART)).for_each(|(own, labels)| {
+            for (own, &label) in own.iter_mut().zip(labels).filter(|(own, _)| **own != UNKNOWN) {
+                // Mixed, so that several sets of labels tell all their pairs apart.
+                let mixed =
+                    (u64::from(*own).rotate_left(17) ^ u64::from(label)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+                *own = (mixed >> 33) as u32;
+            }
+        });
         self.label_names.push(name.into());
         Ok(true)
     }
@@ -212,9 +214,15 @@ fn is_normal(planes: &[Plane]) -> bool {
 ///
 /// The ends of the range, which backgrounds have, do not count for the quantiles, and land apart from the rest.
 fn tame(values: &mut [f32]) -> Option<f64> {
-    let finite = || values.iter().copied().filter(|value| value.is_finite());
-    let (least, most) = finite().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
-    let infinite = values.iter().any(|value| value.is_infinite());
+    let parts = values.par_chunks(PART).map(|values| {
+        let finite = values.iter().copied().filter(|value| value.is_finite());
+        let (least, most) = finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        (least, most, values.iter().any(|value| value.is_infinite()))
+    });
+    let (least, most, infinite) =
+        parts.into_iter().fold((f32::INFINITY, f32::NEG_INFINITY, false), |(a, b, any), (c, d, one)| {
+            (a.min(c), b.max(d), any | one)
+        });
     if least > most || (least == most && !infinite) {
         return None;
     }
@@ -230,17 +238,23 @@ fn tame(values: &mut [f32]) -> Option<f64> {
     let room = if probes.is_empty() { 0.0 } else { width };
     let (floor, top) = ((low - room).max(f32::MIN), (high + room).min(f32::MAX));
     let beyond = if probes.is_empty() && least == most { least + 1.0_f32.max(least.abs()) } else { top };
-    for value in values.iter_mut() {
-        *value = if value.is_nan() {
-            low
-        } else if *value == f32::INFINITY {
-            beyond
-        } else {
-            value.clamp(floor, top.max(beyond))
-        };
-    }
+    let sums = values.par_chunks_mut(PART).map(|values| {
+        for value in values.iter_mut() {
+            *value = if value.is_nan() {
+                low
+            } else if *value == f32::INFINITY {
+                beyond
+            } else {
+                value.clamp(floor, top.max(beyond))
+            };
+        }
+        values.iter().map(|v| f64::from(*v)).sum::<f64>()
+    });
     let count = values.len() as f64;
-    let mean = values.iter().map(|v| f64::from(*v)).sum::<f64>() / count;
-    let variance = values.iter().map(|v| (f64::from(*v) - mean).powi(2)).sum::<f64>() / count;
+    let mean = sums.into_iter().sum::<f64>() / count;
+    let squares = values
+        .par_chunks(PART)
+        .map(|values| values.iter().map(|v| (f64::from(*v) - mean).powi(2)).sum::<f64>());
+    let variance = squares.into_iter().sum::<f64>() / count;
     (variance > 0.0 && variance.is_finite()).then_some(variance)
 }
