@@ -26,7 +26,7 @@ use super::{Body, Isa, dispatch};
 pub const LANES: usize = 16;
 /// What a sample of another label weighs.
 pub const FOREIGN: f32 = 1e-4;
-/// Weight of the slopes' squares; guides are scaled so that their bandwidth is about 0.4.
+/// The usual weight of the slopes' squares; guides are scaled so that their bandwidth is about 0.4.
 pub const RIDGE: f32 = 1e-4;
 /// How far beyond the samples around a prediction may go, in parts of their range.
 const BEYOND: f32 = 0.25;
@@ -69,6 +69,8 @@ pub struct Scales {
     pub bandwidths: Vec<f32>,
     /// Whether it has a slope.
     pub slopes: Vec<bool>,
+    /// Weight of the slopes' squares, such as [`RIDGE`].
+    pub ridge: f32,
 }
 
 /// The samples of a part of the image with their products.
@@ -78,6 +80,7 @@ pub struct Table {
     weighing: Vec<(usize, f32)>,
     /// Guides with a slope.
     sloping: Vec<usize>,
+    ridge: f32,
     guides: usize,
     channels: usize,
     /// Origins of guides and channels.
@@ -104,6 +107,7 @@ impl Table {
         Self {
             weighing: factors.filter(|(_, factor)| *factor != 0.0).collect(),
             sloping,
+            ridge: scales.ridge,
             guides,
             channels,
             origins: (vec![0.0; guides], vec![0.0; channels]),
@@ -263,7 +267,7 @@ pub struct Scratch {
 impl Scratch {
     /// The factors of the matrix, `L D L'`.
     #[inline(always)]
-    fn factor<V: Vector<Number = f32>>(&mut self, channels: usize, from: usize) {
+    fn factor<V: Vector<Number = f32>>(&mut self, (channels, ridge): (usize, f32), from: usize) {
         let Self { sums, factor, solution, .. } = self;
         let load = |lanes: &Lanes| V::load(&lanes.0[from..]);
         for a in 0..solution.len() {
@@ -275,9 +279,9 @@ impl Scratch {
                     let [_, other] = &factor[at(b, k)];
                     sum = sum.minus(load(unit).times(load(other)));
                 }
-                let least = if a == 0 { f32::MIN_POSITIVE } else { 0.5 * RIDGE };
+                let least = if a == 0 { f32::MIN_POSITIVE } else { 0.5 * ridge };
                 if a == b {
-                    let ridge = if a == 0 { 0.0 } else { RIDGE };
+                    let ridge = if a == 0 { 0.0 } else { ridge };
                     let pivot = sum.plus(V::splat(ridge)).larger(V::splat(least));
                     V::splat(1.0).over(pivot).store(&mut factor[at(a, a)][0].0[from..]);
                 } else {
@@ -331,7 +335,7 @@ impl Vectored<f32> for Regress<'_> {
                 self.tell_labels(from..from + V::LANES);
             }
             self.accumulate::<V>(from);
-            self.scratch.factor::<V>(self.table.channels, from);
+            self.scratch.factor::<V>((self.table.channels, self.table.ridge), from);
             self.predict::<V>(from);
         }
         let Scratch { sums, low, high, .. } = &*self.scratch;

@@ -7,7 +7,7 @@ use lacuna_core::parallel::prelude::*;
 use super::FOLDS;
 use crate::baseline::push_pull;
 use crate::kernel::Isa;
-use crate::kernel::regress::{RIDGE, Scales};
+use crate::kernel::regress::Scales;
 use crate::variational::guided::{Field, Guides, Reach, Store, Task as Fit, Tuned, predict_between};
 use crate::variational::{edge, ss, tv};
 use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
@@ -16,8 +16,8 @@ use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
 const PLACE: f32 = 128.0;
 /// What is added to the variances of guides and places in the window, over those of the image.
 const SHRINK: f64 = 1e-3;
-/// Brings guides, which are scaled to a standard deviation of one half, to one of 1.
-const GUIDE: f32 = 2.0;
+/// The standard deviation that guides are scaled to.
+const GUIDE: f32 = 0.5;
 
 /// How exact splines are, over the range of the samples: far below noise that is worth smoothing.
 const ROUGH: f64 = 2e-3;
@@ -293,18 +293,15 @@ fn predict_from(
     out: &mut Planes,
 ) {
     let size = mask.size();
-    // The kernel's ridge is the same for any number of samples: what it is held against is scaled instead.
-    let scale = (f64::from(RIDGE) / (SHRINK * count / 3.0)).sqrt() as f32;
-    let planes: Vec<Plane> = (0..guides.planes().len() + 2).into_par_iter().map(|k| match k.checked_sub(2) {
-        Some(guide) => {
-            let values = guides.planes()[guide].pixels().iter().map(|&value| scale * GUIDE * value);
-            Plane::of(size, values.collect())
-        }
-        None if k == 0 => Plane::from_fn(size, |row, _| scale * row as f32 / PLACE),
-        None => Plane::from_fn(size, |_, column| scale * column as f32 / PLACE),
-    });
-    let field = Field { planes: &planes, labels: None };
-    let scales = Scales { bandwidths: vec![0.0; planes.len()], slopes: vec![true; planes.len()] };
+    let place = [
+        Plane::from_fn(size, |row, _| GUIDE * row as f32 / PLACE),
+        Plane::from_fn(size, |_, column| GUIDE * column as f32 / PLACE),
+    ];
+    let field = Field { planes: guides.planes(), more: &place, labels: None };
+    let planes = field.count();
+    // Weights of a disc whose samples count less towards its rim sum to a third.
+    let ridge = f64::from(GUIDE * GUIDE) * SHRINK * count / 3.0;
+    let scales = Scales { bandwidths: vec![0.0; planes], slopes: vec![true; planes], ridge: ridge as f32 };
     let store = Store::new(mask, values, field).weighted(weights);
     let reach = Reach::new(mask, count);
     let task = Fit { field, scales: &scales, reach: &reach, leave_out: false, isa: Isa::best() };

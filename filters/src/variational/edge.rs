@@ -22,7 +22,7 @@
 //!
 //! Algorithm: lagged diffusivity, started from `ss`. A round finds `D` from the image, then solves for the missing pixels with `D` held, by
 //! conjugate gradients with the diagonal as preconditioner, until the residual is a tenth or 8 steps are done (more change figures by less
-//! than 0.1 dB). This happens in tiles of 64 x 64 pixels with 8 around them, each from the image of the round before; the grid of tiles
+//! than 0.1 dB; 4 where a rough image will do). This happens in tiles of 64 x 64 pixels with 8 around them, each from the image of the round before; the grid of tiles
 //! moves by half a tile from round to round. A tile in which no weight is below 0.7 stays as `ss` left it, bit for bit.
 //!
 //! References: J. Weickert, "Theoretical foundations of anisotropic diffusion in image processing", Computing Supplement 11, 1996
@@ -73,6 +73,10 @@ const SLOPE: f32 = 0.3;
 const BLUR: f64 = 1.5;
 /// Steps of conjugate gradients in a tile and round.
 const STEPS: usize = 8;
+/// The same from the error [`ROUGH`] on, over the range of the samples.
+const FEW_STEPS: usize = 4;
+/// See [`FEW_STEPS`].
+const ROUGH: f64 = 1e-3;
 /// The residual, over that before the first step, that is small enough.
 const TOLERANCE: f64 = 0.1;
 
@@ -141,6 +145,16 @@ impl Configured for Settings {
     }
 }
 
+/// What all tiles have in common.
+#[derive(Clone, Copy)]
+struct How {
+    weighting: Weighting,
+    /// What values are divided by.
+    unit: f32,
+    /// Steps at most.
+    steps: usize,
+}
+
 /// What depends on the mask alone.
 struct Planned {
     settings: Settings,
@@ -163,7 +177,7 @@ impl Plan for Planned {
     fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
         // The start checks the planes, and copies every measured pixel's bits.
         let start = self.start.reconstruct(samples, out, run)?;
-        Ok(self.enhance(start, samples, out, run))
+        Ok(self.enhance(start, STEPS, samples, out, run))
     }
 
     fn reconstruct_roughly(
@@ -174,7 +188,7 @@ impl Plan for Planned {
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
         let start = self.start.reconstruct_roughly(samples, error, out, run)?;
-        Ok(self.enhance(start, samples, out, run))
+        Ok(self.enhance(start, if error < ROUGH { STEPS } else { FEW_STEPS }, samples, out, run))
     }
 
     fn reconstruct_from_splines(
@@ -184,7 +198,7 @@ impl Plan for Planned {
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
         check::group(&self.mask, samples, out)?;
-        Ok(self.enhance(Outcome::direct(), samples, out, run))
+        Ok(self.enhance(Outcome::direct(), STEPS, samples, out, run))
     }
 }
 
@@ -202,7 +216,14 @@ fn window<const N: usize>() -> [f32; N] {
 
 impl Planned {
     /// All rounds on what splines made of the samples.
-    fn enhance(&self, start: Outcome, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Outcome {
+    fn enhance(
+        &self,
+        start: Outcome,
+        steps: usize,
+        samples: &Planes,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Outcome {
         let mut outcome = start;
         let spread = self.spread(samples);
         if self.mask.is_full() || spread <= 0.0 {
@@ -210,16 +231,17 @@ impl Planned {
         }
         let unit = unit(spread);
         let contrast = self.settings.contrast * spread / unit;
-        let how = Weighting {
+        let weighting = Weighting {
             inverse: (1.0 / (contrast * contrast)) as f32,
             slope: SLOPE * SLOPE,
             floor: FLOOR,
             blur: window(),
         };
+        let how = How { weighting, unit: unit as f32, steps };
         outcome.residual = None;
         for round in 0..self.settings.rounds {
             let shift = if round % 2 == 0 { 0 } else { SIDE / 2 };
-            let (steps, left) = self.round(how, unit as f32, shift, out, run);
+            let (steps, left) = self.round(how, shift, out, run);
             outcome.iterations += steps;
             outcome.residual = Some(left);
             if let Some(stop) = run.interrupted() {
@@ -245,14 +267,7 @@ impl Planned {
     }
 
     /// Finds the edges of the image and solves with them, tile by tile. Returns the most steps and the largest residual of a tile.
-    fn round(
-        &self,
-        how: Weighting,
-        unit: f32,
-        shift: usize,
-        out: &mut Planes,
-        run: &Run<'_>,
-    ) -> (usize, f64) {
+    fn round(&self, how: How, shift: usize, out: &mut Planes, run: &Run<'_>) -> (usize, f64) {
         let size = self.mask.size();
         let (rows, columns) = ((size.height + shift).div_ceil(SIDE), (size.width + shift).div_ceil(SIDE));
         let core = |index| Core::new(size, (index / columns, index % columns), shift);
@@ -261,7 +276,7 @@ impl Planned {
             if run.interrupted().is_some() {
                 return None;
             }
-            self.solve(how, unit, tile, &core(index), before)
+            self.solve(how, tile, &core(index), before)
         });
         let (mut most, mut largest) = (0, 0.0_f64);
         for (index, answer) in answers.into_iter().enumerate() {
@@ -276,23 +291,23 @@ impl Planned {
     /// The pixels of a core, one channel after the other, with steps and residual; nothing if it has no edge.
     fn solve(
         &self,
-        how: Weighting,
-        unit: f32,
+        how: How,
         tile: &mut Tile,
         core: &Core,
         before: &Planes,
     ) -> Option<(Vec<f32>, usize, f64)> {
-        core.read(unit.recip(), &self.mask, before, tile);
-        if dispatch(self.isa, Weigh { tile, how }) >= EDGE {
+        core.read(how.unit.recip(), &self.mask, before, tile);
+        if dispatch(self.isa, Weigh { tile, how: how.weighting }) >= EDGE {
             return None;
         }
-        let (steps, left) = dispatch(self.isa, Solve { tile, steps: STEPS, tolerance: TOLERANCE });
+        let (steps, left) = dispatch(self.isa, Solve { tile, steps: how.steps, tolerance: TOLERANCE });
         let (outer, inner) = (core.outer, core.inner);
         let mut values = Vec::with_capacity(inner.pixels() * before.len());
         for plane in tile.values.chunks_exact(outer.pixels()) {
             let rows = plane.chunks_exact(outer.width).skip(core.margin.0).take(inner.height);
-            values
-                .extend(rows.flat_map(|row| &row[core.margin.1..][..inner.width]).map(|value| value * unit));
+            values.extend(
+                rows.flat_map(|row| &row[core.margin.1..][..inner.width]).map(|value| value * how.unit),
+            );
         }
         Some((values, steps, left))
     }

@@ -113,7 +113,7 @@ pub fn steer(
     if pointless || run.interrupted().is_some() {
         return Ok((Outcome::direct(), Effect::default()));
     }
-    let field = Field { planes: guides.planes(), labels: guides.labels() };
+    let field = Field { planes: guides.planes(), more: &[], labels: guides.labels() };
     let model = Model { mask, samples, weights: None, field, isa: Isa::best() };
     let seen = model.seen();
     let Some((scales, trust, gain)) = model.judge(filter, &seen, guides, run)? else {

@@ -70,7 +70,7 @@ impl Vectored<f32> for Fit<'_> {
             self.accumulate::<V>(lane);
         }
         for from in (0..self.nodes.len()).step_by(V::LANES) {
-            self.scratch.factor::<V>(self.table.channels, from);
+            self.scratch.factor::<V>((self.table.channels, self.table.ridge), from);
             for channel in 0..self.table.channels {
                 self.solve::<V>(channel, from);
             }

@@ -120,7 +120,7 @@ proptest! {
         if counted {
             samples.weights = (0..60).map(|k| (k % 4) as f32 / 1.5).collect();
         }
-        let mut scales = Scales { bandwidths: vec![1.5; guides], slopes: vec![true; guides] };
+        let mut scales = Scales { bandwidths: vec![1.5; guides], slopes: vec![true; guides], ridge: RIDGE };
         if dropped < guides {
             scales.slopes[dropped] = false;
             scales.bandwidths[dropped] = 0.0;
@@ -159,7 +159,7 @@ fn a_colour_that_follows_the_guides_is_found() {
             samples.values[index * 2 + channel] = colour(&samples.guides[index * 3..][..3], channel);
         }
     }
-    let scales = Scales { bandwidths: vec![1.0; 3], slopes: vec![true; 3] };
+    let scales = Scales { bandwidths: vec![1.0; 3], slopes: vec![true; 3], ridge: RIDGE };
     let (weights, found) = run(Isa::best(), &samples, 2, &centres, &scales, false);
     for lane in (0..LANES).filter(|&lane| weights.0[lane] > 0.5) {
         let guides = [0, 1, 2].map(|guide| centres.guides[guide].0[lane]);
@@ -174,7 +174,7 @@ fn a_colour_that_follows_the_guides_is_found() {
 fn constants_stay_and_nothing_near_says_so() {
     let (mut samples, mut centres) = scene(3, 40, 2, 1);
     samples.values.fill(0.1);
-    let scales = Scales { bandwidths: vec![1.0; 2], slopes: vec![true; 2] };
+    let scales = Scales { bandwidths: vec![1.0; 2], slopes: vec![true; 2], ridge: RIDGE };
     let (_, found) = run(Isa::best(), &samples, 1, &centres, &scales, false);
     assert_eq!(found[0].0, [0.1; LANES]);
     samples.values[0] = 0.2;
@@ -194,7 +194,7 @@ proptest! {
         samples.labels.clear();
         let pixels: Vec<Vec<f32>> =
             (0..guides).map(|g| (0..=STEP).map(|p| samples.guides[(7 * g + p) * guides]).collect()).collect();
-        let scales = Scales { bandwidths: vec![0.0; guides], slopes: vec![true; guides] };
+        let scales = Scales { bandwidths: vec![0.0; guides], slopes: vec![true; guides], ridge: RIDGE };
         let (inverse, runs) = (1.0 / 144.0, [(0, 30), (30, samples.at.len())]);
         let nodes: Vec<Node> = [[0, 0], [0, STEP], [STEP, 0], [STEP, STEP]]
             .map(|at| Node { at: at.map(|at| at as f32), inverse, runs: 0..2 })
@@ -252,7 +252,7 @@ fn nodes_keep_constants_and_say_where_nothing_is_near() {
     let (mut samples, _) = scene(3, 40, 2, 1);
     samples.labels.clear();
     samples.values.fill(0.1);
-    let scales = Scales { bandwidths: vec![0.0; 2], slopes: vec![true; 2] };
+    let scales = Scales { bandwidths: vec![0.0; 2], slopes: vec![true; 2], ridge: RIDGE };
     let runs = [(0, samples.at.len())];
     let mut table = Table::new(&scales, 1);
     table.fill(Isa::best(), &samples, &runs);

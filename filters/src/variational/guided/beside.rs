@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use super::{Field, Guides, Model, Reach, SAMPLES, Seen, Store};
 use crate::kernel::Isa;
-use crate::kernel::regress::{Samples, Scales};
+use crate::kernel::regress::{RIDGE, Samples, Scales};
 use crate::{Error, Mask, Outcome, Plane, Planes, Run, Size};
 
 /// Pixels over which a slope along rows or columns counts as one of a guide over its range.
@@ -47,7 +47,7 @@ impl<'a> Regression<'a> {
         planes.push(Plane::filled(size, 0.0));
         let bandwidths = [vec![BANDWIDTH; count], vec![0.0, 0.0, AWAY]].concat();
         let slopes = [vec![true; count + 2], vec![false]].concat();
-        Self { labels: guides.labels(), planes, scales: Scales { bandwidths, slopes } }
+        Self { labels: guides.labels(), planes, scales: Scales { bandwidths, slopes, ridge: RIDGE } }
     }
 
     /// The image from the samples of a mask and those beside them. Where some samples are held out of a mask, roughly and at its pixels.
@@ -58,7 +58,7 @@ impl<'a> Regression<'a> {
         held_out_of: Option<&Mask>,
         run: &Run<'_>,
     ) -> Result<(Planes, Outcome), Error> {
-        let field = Field { planes: &self.planes, labels: self.labels };
+        let field = Field { planes: &self.planes, more: &[], labels: self.labels };
         let seen = seen((samples, mask), beside, field);
         Model { mask, samples, weights: None, field, isa: Isa::best() }.image(
             &seen,

@@ -25,8 +25,22 @@ const TILE: (usize, usize) = (48, 128);
 pub struct Field<'a> {
     /// The planes.
     pub planes: &'a [Plane],
+    /// Further ones, after these.
+    pub more: &'a [Plane],
     /// A label a pixel, if there are any.
     pub labels: Option<&'a [u32]>,
+}
+
+impl<'a> Field<'a> {
+    /// All planes, in order.
+    pub fn all(self) -> impl Iterator<Item = &'a Plane> {
+        self.planes.iter().chain(self.more)
+    }
+
+    /// How many there are.
+    pub fn count(self) -> usize {
+        self.planes.len() + self.more.len()
+    }
 }
 
 /// The samples of an image, ready to be looked up by place.
@@ -56,7 +70,7 @@ impl Store {
                     if measured {
                         let index = row * size.width + column;
                         samples.at.push([row as f32, column as f32]);
-                        samples.guides.extend(field.planes.iter().map(|plane| plane.pixels()[index]));
+                        samples.guides.extend(field.all().map(|plane| plane.pixels()[index]));
                         samples.values.extend(channels.iter().map(|plane| plane.pixels()[index]));
                         samples.labels.extend(field.labels.map(|labels| labels[index]));
                     }
@@ -68,7 +82,7 @@ impl Store {
         let (mut samples, mut starts) = (Samples::default(), Vec::with_capacity(size.height * per_row));
         let count = mask.count();
         samples.at.reserve(count);
-        samples.guides.reserve(count * field.planes.len());
+        samples.guides.reserve(count * field.count());
         samples.values.reserve(count * channels.len());
         for (part, own) in parts {
             let before = samples.at.len() as u32;
@@ -99,7 +113,7 @@ impl Store {
         let mut order: Vec<_> = all.map(|(which, at)| (pixel(&both[which].at[at]), which, at)).collect();
         order.sort_unstable();
         let mut samples = Samples::default();
-        let guides = field.planes.len();
+        let guides = field.count();
         for &(_, which, at) in &order {
             let from = both[which];
             samples.at.push(from.at[at]);
@@ -240,7 +254,7 @@ impl<'a> Worker<'a> {
             centres.at[1].0[lane] = column as f32;
             row * self.store.size.width + column
         });
-        for (guide, plane) in centres.guides.iter_mut().zip(self.task.field.planes) {
+        for (guide, plane) in centres.guides.iter_mut().zip(self.task.field.all()) {
             let pixels = plane.pixels();
             guide.0 = index.map(|index| pixels[index]);
         }

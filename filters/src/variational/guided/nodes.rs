@@ -108,7 +108,7 @@ impl Tile<'_> {
     ) {
         let worker = &self.worker;
         let width = worker.store.size.width;
-        let guides: Vec<&[f32]> = { worker.task.field.planes.iter() }
+        let guides: Vec<&[f32]> = { worker.task.field.all() }
             .map(|plane| &plane.pixels()[row * width..][columns.clone()])
             .collect();
         let line = count(columns, step) * record(&worker.table);

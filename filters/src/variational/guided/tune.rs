@@ -8,7 +8,7 @@
 use super::fit::{Field, Store, Task, probe};
 use super::reach::Reach;
 use crate::kernel::Isa;
-use crate::kernel::regress::Scales;
+use crate::kernel::regress::{RIDGE, Scales};
 use crate::{Mask, Planes};
 
 /// Measured pixels that are left out, about.
@@ -51,8 +51,8 @@ impl Trial<'_> {
 
     /// The best scales that were tried.
     pub fn choose(&self, groups: &[Vec<usize>]) -> Scales {
-        let count = self.field.planes.len();
-        let mut best = Scales { bandwidths: vec![BANDWIDTH; count], slopes: vec![true; count] };
+        let count = self.field.count();
+        let mut best = Scales { bandwidths: vec![BANDWIDTH; count], slopes: vec![true; count], ridge: RIDGE };
         let mut score = self.score(&best);
         for _ in 0..2 {
             let before = best.clone();

@@ -58,6 +58,6 @@ fn model<'a>(
     (samples, weights): (&'a Planes, Option<&'a Plane>),
     guides: &'a Guides,
 ) -> Model<'a> {
-    let field = Field { planes: guides.planes(), labels: guides.labels() };
+    let field = Field { planes: guides.planes(), more: &[], labels: guides.labels() };
     Model { mask, samples, weights, field, isa: Isa::best() }
 }
