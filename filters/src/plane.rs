@@ -2,6 +2,7 @@
 
 use crate::Error;
 use lacuna_core::Size;
+use lacuna_core::parallel::prelude::*;
 
 /// One channel: `height x width` values, row-major, `y` down.
 #[derive(Clone, Debug, PartialEq)]
@@ -79,10 +80,16 @@ impl Plane {
 }
 
 /// A group of channels of one size, in a fixed order.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub struct Planes {
     size: Size,
     planes: Vec<Plane>,
+}
+
+impl Clone for Planes {
+    fn clone(&self) -> Self {
+        Self { size: self.size, planes: self.planes.par_iter().map(Plane::clone) }
+    }
 }
 
 impl Planes {

@@ -75,7 +75,7 @@ impl Seen {
 /// Whether all channels are zero there, and whether one is NaN.
 fn look(group: &[&Samples], at: usize) -> (bool, bool) {
     group.iter().fold((true, false), |(zero, nan), samples| match samples {
-        Samples::Half(values) => (zero && values[at].to_f32() == 0.0, nan || values[at].is_nan()),
+        Samples::Half(values) => (zero && values[at].to_bits() << 1 == 0, nan || values[at].is_nan()),
         Samples::Float(values) => (zero && values[at] == 0.0, nan || values[at].is_nan()),
         Samples::Uint(values) => (zero && values[at] == 0, nan),
     })

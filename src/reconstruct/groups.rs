@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use half::f16;
+use half::slice::HalfFloatSliceExt;
 use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
@@ -10,6 +12,9 @@ use lacuna_filters::fill::Values;
 use super::{Error, PIECE};
 use crate::channels::{self, Choice, Name, Rule, channel_label};
 use crate::mask::{self, Masks};
+
+/// Values that are converted at once.
+const ROW: usize = 256;
 
 /// A channel that is to be filled.
 #[derive(Clone, Debug)]
@@ -135,10 +140,17 @@ fn measured_and(
     let misfits: usize = match samples {
         Samples::Half(values) => {
             let pieces = values.par_chunks(PIECE).zip(flags.par_chunks(PIECE));
-            pieces
-                .map(|(v, f)| v.iter().zip(f).map(|(value, &flag)| bad(value.to_f32(), flag)).sum::<usize>())
-                .into_iter()
-                .sum()
+            // Converted one by one, each would ask what the processor has.
+            let piece = |values: &[f16], flags: &[bool]| {
+                let mut floats = [0.0; ROW];
+                let rows = values.chunks(ROW).zip(flags.chunks(ROW)).map(|(values, flags)| {
+                    let floats = &mut floats[..values.len()];
+                    values.convert_to_f32_slice(floats);
+                    floats.iter().zip(flags).map(|(&value, &flag)| bad(value, flag)).sum::<usize>()
+                });
+                rows.sum::<usize>()
+            };
+            pieces.map(|(values, flags)| piece(values, flags)).into_iter().sum()
         }
         Samples::Float(values) => {
             let pieces = values.par_chunks(PIECE).zip(flags.par_chunks(PIECE));

@@ -154,7 +154,7 @@ fn settle(
 fn like(options: &Options<'_>, size: Size, places: &[usize]) -> Option<Planes> {
     match &options.noise {
         Noise::None | Noise::Unknown => None,
-        Noise::Like(planes) => Some(Planes::of(size, places.iter().map(|&at| planes[at].clone()).collect())),
+        Noise::Like(planes) => Some(Planes::of(size, places.par_iter().map(|&at| planes[at].clone()))),
     }
 }
 

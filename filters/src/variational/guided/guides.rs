@@ -11,6 +11,8 @@ use crate::{Error, Plane, Size};
 const SPREAD: f64 = 0.5;
 /// Pixels that quantiles are taken from, about.
 const PROBES: usize = 1 << 16;
+/// Values that are looked at side by side.
+const LANES: usize = 8;
 /// The label of a pixel that has a guide which is not a number: nothing is known there.
 pub const UNKNOWN: u32 = u32::MAX;
 
@@ -215,14 +217,23 @@ fn is_normal(planes: &[Plane]) -> bool {
 /// The ends of the range, which backgrounds have, do not count for the quantiles, and land apart from the rest.
 fn tame(values: &mut [f32]) -> Option<f64> {
     let parts = values.par_chunks(PART).map(|values| {
-        let finite = values.iter().copied().filter(|value| value.is_finite());
-        let (least, most) = finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
-        (least, most, values.iter().any(|value| value.is_infinite()))
+        let (mut least, mut most) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
+        let mut infinite = false;
+        for values in values.chunks(LANES) {
+            for ((least, most), &value) in least.iter_mut().zip(&mut most).zip(values) {
+                *least = if value.is_finite() & (value < *least) { value } else { *least };
+                *most = if value.is_finite() & (value > *most) { value } else { *most };
+                infinite |= value.is_infinite();
+            }
+        }
+        (least, most, infinite)
     });
-    let (least, most, infinite) =
-        parts.into_iter().fold((f32::INFINITY, f32::NEG_INFINITY, false), |(a, b, any), (c, d, one)| {
-            (a.min(c), b.max(d), any | one)
-        });
+    let (mut least, mut most) = (f32::INFINITY, f32::NEG_INFINITY);
+    let infinite = parts.iter().any(|part| part.2);
+    for (low, high, _) in parts {
+        least = low.into_iter().fold(least, f32::min);
+        most = high.into_iter().fold(most, f32::max);
+    }
     if least > most || (least == most && !infinite) {
         return None;
     }
@@ -248,13 +259,22 @@ fn tame(values: &mut [f32]) -> Option<f64> {
                 value.clamp(floor, top.max(beyond))
             };
         }
-        values.iter().map(|v| f64::from(*v)).sum::<f64>()
+        sum(values, |value| value)
     });
     let count = values.len() as f64;
     let mean = sums.into_iter().sum::<f64>() / count;
-    let squares = values
-        .par_chunks(PART)
-        .map(|values| values.iter().map(|v| (f64::from(*v) - mean).powi(2)).sum::<f64>());
+    let squares = values.par_chunks(PART).map(|values| sum(values, |value| (value - mean).powi(2)));
     let variance = squares.into_iter().sum::<f64>() / count;
     (variance > 0.0 && variance.is_finite()).then_some(variance)
+}
+
+/// The sum of what `of` makes of the values, in lanes.
+fn sum(values: &[f32], of: impl Fn(f64) -> f64) -> f64 {
+    let mut sums = [0.0; LANES];
+    for values in values.chunks(LANES) {
+        for (sum, &value) in sums.iter_mut().zip(values) {
+            *sum += of(f64::from(value));
+        }
+    }
+    sums.into_iter().sum()
 }
