@@ -1,5 +1,6 @@
 //! The linear ways to fill and smooth that noise chooses from.
 
+use std::cell::OnceCell;
 use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
@@ -216,11 +217,11 @@ impl Task<'_> {
     ) -> Result<(Vec<Planes>, Outcome), Error> {
         let everywhere = Mask::from_fn(mask.size(), |_, _| true);
         let mut worst = Outcome::direct();
-        let mut images = Vec::with_capacity(all.len());
+        let (mut images, regressions) = (Vec::with_capacity(all.len()), OnceCell::new());
         for (k, candidate) in all.iter().enumerate() {
             let mut out = Planes::zeros(values.size(), values.len());
             let wanted = if k < Candidate::filling(all) { &everywhere } else { mask };
-            worst = worst.worst(self.one(candidate, (mask, wanted), values, &mut out)?);
+            worst = worst.worst(self.one((candidate, &regressions), (mask, wanted), values, &mut out)?);
             images.push(out);
         }
         Ok((images, worst))
@@ -240,10 +241,10 @@ impl Task<'_> {
             if at.is_empty() || kept.is_empty() {
                 return Ok(None);
             }
-            let mut images = Vec::with_capacity(all.len());
+            let (mut images, regressions) = (Vec::with_capacity(all.len()), OnceCell::new());
             for candidate in all {
                 let mut out = Planes::zeros(samples.size(), samples.len());
-                self.one(candidate, (&kept, mask), samples, &mut out)?;
+                self.one((candidate, &regressions), (&kept, mask), samples, &mut out)?;
                 images.push(Measured::of(&out, mask));
             }
             Ok(Some(Fold { kept, at, images }))
@@ -253,11 +254,11 @@ impl Task<'_> {
         FOLDS.near(judged).map(one).filter_map(Result::transpose).collect()
     }
 
-    /// One candidate's image where it is `wanted`, at least.
-    fn one(
-        &self,
-        candidate: &Candidate,
-        (mask, wanted): (&Arc<Mask>, &Mask),
+    /// One candidate's image where it is `wanted`, at least; those of the same samples share what regressions need.
+    fn one<'b>(
+        &'b self,
+        (candidate, regressions): (&Candidate, &OnceCell<Regressions<'b>>),
+        (mask, wanted): (&'b Arc<Mask>, &Mask),
         values: &Planes,
         out: &mut Planes,
     ) -> Result<Outcome, Error> {
@@ -265,7 +266,8 @@ impl Task<'_> {
             (Kind::Regression(_) | Kind::Guided, Some(guides)) => {
                 match (candidate.kind, self.tuned) {
                     (Kind::Regression(count), _) => {
-                        predict_from(guides, count, (mask, wanted), (values, self.counts()), out);
+                        let new = || Regressions::new(guides, mask, (values, self.counts()));
+                        regressions.get_or_init(new).predict(count, wanted, out);
                     }
                     (_, Some(tuned)) => tuned.predict((values, self.counts(), mask), guides, wanted, out),
                     (_, None) => {}
@@ -284,26 +286,37 @@ impl Task<'_> {
     }
 }
 
-/// Predicts the `wanted` pixels by regressions on guides and place over about `count` samples each.
-fn predict_from(
-    guides: &Guides,
-    count: f64,
-    (mask, wanted): (&Mask, &Mask),
-    (values, weights): (&Planes, Option<&Plane>),
-    out: &mut Planes,
-) {
-    let size = mask.size();
-    let place = [
-        Plane::from_fn(size, |row, _| GUIDE * row as f32 / PLACE),
-        Plane::from_fn(size, |_, column| GUIDE * column as f32 / PLACE),
-    ];
-    let field = Field { planes: guides.planes(), more: &place, labels: None };
-    let planes = field.count();
-    // Weights of a disc whose samples count less towards its rim sum to a third.
-    let ridge = f64::from(GUIDE * GUIDE) * SHRINK * count / 3.0;
-    let scales = Scales { bandwidths: vec![0.0; planes], slopes: vec![true; planes], ridge: ridge as f32 };
-    let store = Store::new(mask, values, field).weighted(weights);
-    let reach = Reach::new(mask, count);
-    let task = Fit { field, scales: &scales, reach: &reach, leave_out: false, isa: Isa::best() };
-    predict_between(&store, task, wanted, out);
+/// Regressions on guides and place over the samples of a mask.
+struct Regressions<'a> {
+    guides: &'a Guides,
+    mask: &'a Mask,
+    /// Rows and columns.
+    place: [Plane; 2],
+    store: Store,
+}
+
+impl<'a> Regressions<'a> {
+    fn new(guides: &'a Guides, mask: &'a Mask, (values, weights): (&Planes, Option<&Plane>)) -> Self {
+        let size = mask.size();
+        let place = [
+            Plane::from_fn(size, |row, _| GUIDE * row as f32 / PLACE),
+            Plane::from_fn(size, |_, column| GUIDE * column as f32 / PLACE),
+        ];
+        let field = Field { planes: guides.planes(), more: &place, labels: None };
+        let store = Store::new(mask, values, field).weighted(weights);
+        Self { guides, mask, place, store }
+    }
+
+    /// Predicts the `wanted` pixels, from about `count` samples each.
+    fn predict(&self, count: f64, wanted: &Mask, out: &mut Planes) {
+        let field = Field { planes: self.guides.planes(), more: &self.place, labels: None };
+        let planes = field.count();
+        // Weights of a disc whose samples count less towards its rim sum to a third.
+        let ridge = f64::from(GUIDE * GUIDE) * SHRINK * count / 3.0;
+        let scales =
+            Scales { bandwidths: vec![0.0; planes], slopes: vec![true; planes], ridge: ridge as f32 };
+        let reach = Reach::new(self.mask, count);
+        let task = Fit { field, scales: &scales, reach: &reach, leave_out: false, isa: Isa::best() };
+        predict_between(&self.store, task, wanted, out);
+    }
 }

@@ -11,8 +11,6 @@ use crate::kernel::regress::{Centres, LANES, Lanes, Regress, Samples, Scales, Sc
 use crate::kernel::simd::vectors;
 use crate::{Mask, Plane, Planes, Size};
 
-/// Columns after which the samples of a row are counted anew.
-const STRIDE: usize = 4;
 /// Pixels that a block holds on average: fewer than [`LANES`], so that few of them need a second one.
 const FILLED: f64 = 14.0;
 /// Rows whose samples one task takes.
@@ -49,7 +47,7 @@ pub struct Store {
     pub(super) size: Size,
     samples: Samples,
     channels: usize,
-    /// Samples before each run of [`STRIDE`] columns.
+    /// By row and column, and the one after the last: samples before it.
     starts: Vec<u32>,
 }
 
@@ -57,16 +55,14 @@ impl Store {
     /// Takes the measured pixels of `values`.
     pub fn new(mask: &Mask, values: &Planes, field: Field<'_>) -> Self {
         let size = mask.size();
-        let per_row = size.width.div_ceil(STRIDE) + 1;
+        let per_row = size.width + 1;
         let channels = values.as_slice();
         let rows: Vec<usize> = (0..size.height).collect();
         let parts = rows.par_chunks(BAND).map(|rows| {
             let (mut samples, mut starts) = (Samples::default(), Vec::with_capacity(rows.len() * per_row));
             for &row in rows {
                 for (column, &measured) in mask.row(row).iter().enumerate() {
-                    if column % STRIDE == 0 {
-                        starts.push(samples.at.len() as u32);
-                    }
+                    starts.push(samples.at.len() as u32);
                     if measured {
                         let index = row * size.width + column;
                         samples.at.push([row as f32, column as f32]);
@@ -121,25 +117,22 @@ impl Store {
             samples.values.extend_from_slice(&from.values[at * channels..][..channels]);
             samples.labels.extend(from.labels.get(at));
         }
-        let per_row = size.width.div_ceil(STRIDE) + 1;
-        for (row, starts) in starts.chunks_exact_mut(per_row).enumerate() {
-            for (run, start) in starts.iter_mut().enumerate() {
-                let first = [row, run * STRIDE];
-                *start = order.partition_point(|(pixel, ..)| *pixel < first) as u32;
+        let mut order = order.into_iter().map(|(pixel, ..)| pixel).peekable();
+        let mut count = 0;
+        for (row, starts) in starts.chunks_exact_mut(size.width + 1).enumerate() {
+            for (column, start) in starts.iter_mut().enumerate() {
+                while order.next_if(|pixel| *pixel < [row, column]).is_some() {
+                    count += 1;
+                }
+                *start = count;
             }
         }
         Self { size, samples, channels, starts }
     }
 
-    /// The runs of samples in a rectangle of rows and columns; columns are rounded outwards.
-    fn runs(&self, rows: Range<usize>, columns: &Range<usize>, runs: &mut Vec<(usize, usize)>) {
-        let per_row = self.size.width.div_ceil(STRIDE) + 1;
-        runs.clear();
-        for row in rows {
-            let line = &self.starts[row * per_row..][..per_row];
-            let (start, end) = (line[columns.start / STRIDE], line[columns.end.div_ceil(STRIDE)]);
-            runs.push((start as usize, end as usize));
-        }
+    /// Per column of a row, and the one after the last: samples before it.
+    fn line(&self, row: usize) -> &[u32] {
+        &self.starts[row * (self.size.width + 1)..][..=self.size.width]
     }
 }
 
@@ -165,8 +158,8 @@ pub(super) struct Worker<'a> {
     pub table: Table,
     /// Rows and columns that the table's samples come from.
     seen: (Range<usize>, Range<usize>),
-    /// Per row of these, and column and the one after the last: samples of the table before it.
-    before: Vec<u32>,
+    /// Per row of these: its first sample in the store, and in the table.
+    firsts: Vec<[u32; 2]>,
     centres: Centres,
     pub runs: Vec<(usize, usize)>,
     pub scratch: Scratch,
@@ -182,7 +175,7 @@ impl<'a> Worker<'a> {
             task,
             table: Table::new(task.scales, store.channels),
             seen: (0..0, 0..0),
-            before: Vec::new(),
+            firsts: Vec::new(),
             centres: Centres { at, inverse, guides, labels: [0; LANES] },
             runs: Vec::new(),
             scratch: Scratch::default(),
@@ -197,21 +190,17 @@ impl<'a> Worker<'a> {
             |span: &Range<usize>, end: usize| span.start.saturating_sub(far)..(span.end + far).min(end);
         let Size { height, width } = self.store.size;
         let (rows, columns) = (around(rows, height), around(columns, width));
-        self.store.runs(rows.clone(), &columns, &mut self.runs);
-        self.table.fill(self.task.isa, &self.store.samples, &self.runs);
-        self.before.clear();
-        let mut base = 0;
-        for &(start, end) in &self.runs {
-            let mut samples = self.store.samples.at[start..end].iter().peekable();
-            let mut count = base;
-            for column in columns.start..=columns.end {
-                while samples.next_if(|at| (at[1] as usize) < column).is_some() {
-                    count += 1;
-                }
-                self.before.push(count);
-            }
-            base += (end - start) as u32;
+        self.runs.clear();
+        self.firsts.clear();
+        let mut count = 0;
+        for row in rows.clone() {
+            let line = self.store.line(row);
+            let (start, end) = (line[columns.start], line[columns.end]);
+            self.runs.push((start as usize, end as usize));
+            self.firsts.push([start, count]);
+            count += end - start;
         }
+        self.table.fill(self.task.isa, &self.store.samples, &self.runs);
         self.seen = (rows, columns);
     }
 
@@ -226,10 +215,10 @@ impl<'a> Worker<'a> {
                 left.saturating_sub(half).clamp(columns.start, columns.end),
                 (right + half + 1).min(columns.end),
             );
-            let line = &self.before[(row - rows.start) * (columns.len() + 1)..][..=columns.len()];
-            let (start, end) = (line[from - columns.start], line[to - columns.start]);
-            if start < end {
-                self.runs.push((start as usize, end as usize));
+            let line = self.store.line(row);
+            if line[from] < line[to] {
+                let [first, count] = self.firsts[row - rows.start];
+                self.runs.push(((line[from] - first + count) as usize, (line[to] - first + count) as usize));
             }
         }
     }
@@ -327,7 +316,9 @@ pub fn predict(store: &Store, task: Task<'_>, wanted: &Mask, values: &mut Planes
     let Size { height, width } = store.size;
     let side = side(wanted);
     let far = task.reach.most(&(0..height), &(0..width)) as usize;
-    let tile = (2 * far).clamp(TILE.0, TILE.1).next_multiple_of(side);
+    let most = (2 * far).clamp(TILE.0, TILE.1);
+    // Bands of about the same height, so that threads end together.
+    let tile = height.div_ceil(height.div_ceil(most).max(1)).max(1).next_multiple_of(side);
     let bands = bands(values, tile).into_par_iter().zip(parts(0..height, tile).collect::<Vec<_>>());
     bands.for_each_init(
         || Worker::new(store, task),
