@@ -60,6 +60,9 @@ impl Filter for Settings {
     }
 }
 
+/// Pixels that one task takes.
+const PIECE: usize = 1 << 14;
+
 /// Gives those of the `wanted` pixels that are not finite what push-pull makes of the samples.
 pub(crate) fn complete(
     out: &mut Planes,
@@ -68,8 +71,10 @@ pub(crate) fn complete(
     run: &Run<'_>,
 ) -> Result<(), Error> {
     let lacks = |plane: &Plane| {
-        let mut pixels = plane.pixels().iter().zip(wanted.as_slice());
-        pixels.any(|(value, wanted)| *wanted && !value.is_finite())
+        let pieces = plane.pixels().par_chunks(PIECE).zip(wanted.as_slice().par_chunks(PIECE));
+        !pieces.all(|(values, wanted)| {
+            !values.iter().zip(wanted).any(|(value, wanted)| *wanted & !value.is_finite())
+        })
     };
     if !out.as_slice().iter().any(lacks) {
         return Ok(());
@@ -77,8 +82,11 @@ pub(crate) fn complete(
     let mut plain = Planes::zeros(samples.size(), samples.len());
     Settings.plan(&Problem::fill(Arc::clone(mask)), run)?.reconstruct(samples, &mut plain, run)?;
     for (out, plain) in out.as_mut_slice().iter_mut().zip(plain.as_slice()) {
-        let pairs = out.pixels_mut().iter_mut().zip(plain.pixels());
-        pairs.filter(|(value, _)| !value.is_finite()).for_each(|(value, plain)| *value = *plain);
+        let pieces = out.pixels_mut().par_chunks_mut(PIECE).zip(plain.pixels().par_chunks(PIECE));
+        pieces.for_each(|(out, plain)| {
+            let pairs = out.iter_mut().zip(plain).filter(|(value, _)| !value.is_finite());
+            pairs.for_each(|(value, plain)| *value = *plain);
+        });
     }
     Ok(())
 }

@@ -298,10 +298,15 @@ struct Regressions<'a> {
 impl<'a> Regressions<'a> {
     fn new(guides: &'a Guides, mask: &'a Mask, (values, weights): (&Planes, Option<&Plane>)) -> Self {
         let size = mask.size();
-        let place = [
-            Plane::from_fn(size, |row, _| GUIDE * row as f32 / PLACE),
-            Plane::from_fn(size, |_, column| GUIDE * column as f32 / PLACE),
-        ];
+        let mut place = [Plane::filled(size, 0.0), Plane::filled(size, 0.0)];
+        let [rows, columns] = &mut place;
+        let rows = rows.pixels_mut().par_chunks_mut(size.width.max(1));
+        rows.zip(columns.pixels_mut().par_chunks_mut(size.width.max(1))).enumerate().for_each(
+            |(row, (rows, columns))| {
+                rows.fill(GUIDE * row as f32 / PLACE);
+                columns.iter_mut().enumerate().for_each(|(at, to)| *to = GUIDE * at as f32 / PLACE);
+            },
+        );
         let field = Field { planes: guides.planes(), more: &place, labels: None };
         let store = Store::new(mask, values, field).weighted(weights);
         Self { guides, mask, place, store }

@@ -55,7 +55,7 @@ use crate::estimate::Kind;
 use crate::kernel::curvature::{Solve, Tile, Weigh, Weighting};
 use crate::kernel::{Isa, dispatch};
 use crate::variational::ss;
-use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, Size, check};
+use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Size, check};
 
 /// Pixels of the side of a tile.
 const SIDE: usize = 64;
@@ -278,14 +278,25 @@ impl Planned {
             }
             self.solve(how, tile, &core(index), before)
         });
-        let (mut most, mut largest) = (0, 0.0_f64);
-        for (index, answer) in answers.into_iter().enumerate() {
-            if let Some((values, steps, left)) = answer {
-                core(index).write(&values, &self.mask, out);
-                (most, largest) = (most.max(steps), largest.max(left));
+        let mut rest: Vec<&mut [f32]> = out.as_mut_slice().iter_mut().map(Plane::pixels_mut).collect();
+        let rows = answers.chunks(columns).enumerate().map(|(row, answers)| {
+            let height = core(row * columns).inner.height;
+            let planes = rest.iter_mut().map(|rest| {
+                let (own, below) = std::mem::take(rest).split_at_mut(height * size.width);
+                *rest = below;
+                own
+            });
+            (row, answers, planes.collect::<Vec<_>>())
+        });
+        rows.collect::<Vec<_>>().into_par_iter().for_each(|(row, answers, mut planes)| {
+            for (column, (values, ..)) in
+                answers.iter().enumerate().filter_map(|(k, answer)| Some((k, answer.as_ref()?)))
+            {
+                core(row * columns + column).write(values, &self.mask, &mut planes);
             }
-        }
-        (most, largest)
+        });
+        let ends = answers.iter().flatten();
+        ends.fold((0, 0.0), |(most, largest), (_, steps, left)| (most.max(*steps), f64::max(largest, *left)))
     }
 
     /// The pixels of a core, one channel after the other, with steps and residual; nothing if it has no edge.
@@ -366,12 +377,13 @@ impl Core {
     }
 
     /// Writes the inner window's missing pixels.
-    fn write(&self, values: &[f32], mask: &Mask, out: &mut Planes) {
+    fn write(&self, values: &[f32], mask: &Mask, out: &mut [&mut [f32]]) {
         let (y, x) = (self.origin.0 + self.margin.0, self.origin.1 + self.margin.1);
-        let width = self.inner.width;
-        for (plane, values) in out.as_mut_slice().iter_mut().zip(values.chunks_exact(self.inner.pixels())) {
-            for (y, values) in (y..).zip(values.chunks_exact(width)) {
-                let pixels = plane.row_mut(y)[x..][..width].iter_mut();
+        let (width, across) = (self.inner.width, mask.size().width);
+        for (rows, values) in out.iter_mut().zip(values.chunks_exact(self.inner.pixels())) {
+            let rows = rows.chunks_exact_mut(across);
+            for ((y, row), values) in (y..).zip(rows).zip(values.chunks_exact(width)) {
+                let pixels = row[x..][..width].iter_mut();
                 for ((pixel, value), measured) in pixels.zip(values).zip(&mask.row(y)[x..]) {
                     if !measured && value.is_finite() {
                         *pixel = *value;

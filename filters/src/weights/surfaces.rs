@@ -99,13 +99,22 @@ impl Cells {
     fn all(surfaces: &Surfaces, side: usize) -> Vec<Self> {
         let mut spans = vec![[usize::MAX, 0, usize::MAX, 0]; surfaces.count];
         let width = surfaces.size.width.max(1);
-        for (row, line) in surfaces.of.chunks(width).enumerate() {
-            for (column, &surface) in line.iter().enumerate() {
-                let span = &mut spans[usize::from(surface)];
-                let (row, column) = (row / side, column / side);
-                *span = [span[0].min(row), span[1].max(row), span[2].min(column), span[3].max(column)];
+        let wider = |span: &mut [usize; 4], [top, bottom, left, right]: [usize; 4]| {
+            *span = [span[0].min(top), span[1].max(bottom), span[2].min(left), span[3].max(right)];
+        };
+        let lines = surfaces.of.par_chunks(width).enumerate().map(|(row, line)| {
+            let mut own = spans.clone();
+            let mut column = 0;
+            for run in line.chunk_by(|a, b| a == b) {
+                let last = (column + run.len() - 1) / side;
+                wider(&mut own[usize::from(run[0])], [row / side, row / side, column / side, last]);
+                column += run.len();
             }
-        }
+            own
+        });
+        lines
+            .into_iter()
+            .for_each(|line| spans.iter_mut().zip(line).for_each(|(span, own)| wider(span, own)));
         let cells = |[top, bottom, left, right]: [usize; 4]| {
             let size =
                 if top > bottom { Size::new(0, 0) } else { Size::new(bottom - top + 1, right - left + 1) };

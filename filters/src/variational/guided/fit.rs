@@ -15,6 +15,8 @@ use crate::{Mask, Plane, Planes, Size};
 const FILLED: f64 = 14.0;
 /// Rows whose samples one task takes.
 const BAND: usize = 32;
+/// Tiles that one task takes, so that threads end together.
+pub(super) const AT_ONCE: usize = 8;
 /// Least and largest side of a tile, about.
 const TILE: (usize, usize) = (48, 128);
 
@@ -55,39 +57,28 @@ impl Store {
     /// Takes the measured pixels of `values`.
     pub fn new(mask: &Mask, values: &Planes, field: Field<'_>) -> Self {
         let size = mask.size();
-        let per_row = size.width + 1;
         let channels = values.as_slice();
-        let rows: Vec<usize> = (0..size.height).collect();
-        let parts = rows.par_chunks(BAND).map(|rows| {
-            let (mut samples, mut starts) = (Samples::default(), Vec::with_capacity(rows.len() * per_row));
-            for &row in rows {
-                for (column, &measured) in mask.row(row).iter().enumerate() {
-                    starts.push(samples.at.len() as u32);
-                    if measured {
-                        let index = row * size.width + column;
-                        samples.at.push([row as f32, column as f32]);
-                        samples.guides.extend(field.all().map(|plane| plane.pixels()[index]));
-                        samples.values.extend(channels.iter().map(|plane| plane.pixels()[index]));
-                        samples.labels.extend(field.labels.map(|labels| labels[index]));
-                    }
-                }
-                starts.push(samples.at.len() as u32);
-            }
-            (samples, starts)
-        });
-        let (mut samples, mut starts) = (Samples::default(), Vec::with_capacity(size.height * per_row));
+        let counts = mask.as_slice().par_chunks(BAND * size.width.max(1));
+        let counts = counts.map(|flags| flags.iter().filter(|flag| **flag).count());
         let count = mask.count();
-        samples.at.reserve(count);
-        samples.guides.reserve(count * field.count());
-        samples.values.reserve(count * channels.len());
-        for (part, own) in parts {
-            let before = samples.at.len() as u32;
-            starts.extend(own.into_iter().map(|start| before + start));
-            samples.at.extend(part.at);
-            samples.guides.extend(part.guides);
-            samples.values.extend(part.values);
-            samples.labels.extend(part.labels);
-        }
+        let mut samples = Samples {
+            at: vec![[0.0; 2]; count],
+            guides: vec![0.0; count * field.count()],
+            values: vec![0.0; count * channels.len()],
+            labels: vec![0; field.labels.map_or(0, |_| count)],
+            weights: Vec::new(),
+        };
+        let mut starts = vec![0; size.height * (size.width + 1)];
+        let mut rest = Band::new(&mut samples, &mut starts);
+        let bands: Vec<Band<'_>> = (0..size.height)
+            .step_by(BAND)
+            .zip(counts)
+            .map(|(row, count)| {
+                let rows = row..size.height.min(row + BAND);
+                rest.split_off(rows, (count, field.count(), channels.len()), size.width + 1)
+            })
+            .collect();
+        bands.into_par_iter().for_each(|band| band.fill(mask, channels, field));
         Self { size, samples, channels: channels.len(), starts }
     }
 
@@ -134,6 +125,79 @@ impl Store {
     fn line(&self, row: usize) -> &[u32] {
         &self.starts[row * (self.size.width + 1)..][..=self.size.width]
     }
+}
+
+/// Some rows of a store.
+struct Band<'a> {
+    rows: Range<usize>,
+    /// Samples of the rows before.
+    before: usize,
+    at: &'a mut [[f32; 2]],
+    guides: &'a mut [f32],
+    values: &'a mut [f32],
+    labels: &'a mut [u32],
+    starts: &'a mut [u32],
+}
+
+impl<'a> Band<'a> {
+    /// All of it.
+    fn new(samples: &'a mut Samples, starts: &'a mut [u32]) -> Self {
+        let Samples { at, guides, values, labels, .. } = samples;
+        Self { rows: 0..0, before: 0, at, guides, values, labels, starts }
+    }
+
+    /// The next rows with so many samples, guides and channels.
+    fn split_off(
+        &mut self,
+        rows: Range<usize>,
+        (count, guides, channels): (usize, usize, usize),
+        per_row: usize,
+    ) -> Self {
+        let before = self.before;
+        self.before += count;
+        let labels = if self.labels.is_empty() { 0 } else { count };
+        Self {
+            before,
+            at: first(&mut self.at, count),
+            guides: first(&mut self.guides, count * guides),
+            values: first(&mut self.values, count * channels),
+            labels: first(&mut self.labels, labels),
+            starts: first(&mut self.starts, rows.len() * per_row),
+            rows,
+        }
+    }
+
+    /// Takes what stands in these rows.
+    fn fill(self, mask: &Mask, channels: &[Plane], field: Field<'_>) {
+        let (width, guides) = (mask.size().width, field.count());
+        let mut own = 0;
+        for (row, starts) in self.rows.zip(self.starts.chunks_exact_mut(width + 1)) {
+            for ((column, &measured), start) in mask.row(row).iter().enumerate().zip(&mut *starts) {
+                *start = (self.before + own) as u32;
+                if !measured {
+                    continue;
+                }
+                let index = row * width + column;
+                self.at[own] = [row as f32, column as f32];
+                let to = self.guides[own * guides..][..guides].iter_mut();
+                to.zip(field.all()).for_each(|(to, plane)| *to = plane.pixels()[index]);
+                let to = self.values[own * channels.len()..][..channels.len()].iter_mut();
+                to.zip(channels).for_each(|(to, plane)| *to = plane.pixels()[index]);
+                if let Some(labels) = field.labels {
+                    self.labels[own] = labels[index];
+                }
+                own += 1;
+            }
+            starts[width] = (self.before + own) as u32;
+        }
+    }
+}
+
+/// Takes the first values off.
+fn first<'a, T>(values: &mut &'a mut [T], count: usize) -> &'a mut [T] {
+    let (first, rest) = std::mem::take(values).split_at_mut(count);
+    *values = rest;
+    first
 }
 
 /// How samples are used.
@@ -316,43 +380,48 @@ pub fn predict(store: &Store, task: Task<'_>, wanted: &Mask, values: &mut Planes
     let Size { height, width } = store.size;
     let side = side(wanted);
     let far = task.reach.most(&(0..height), &(0..width)) as usize;
-    let most = (2 * far).clamp(TILE.0, TILE.1);
-    // Bands of about the same height, so that threads end together.
-    let tile = height.div_ceil(height.div_ceil(most).max(1)).max(1).next_multiple_of(side);
-    let bands = bands(values, tile).into_par_iter().zip(parts(0..height, tile).collect::<Vec<_>>());
-    bands.for_each_init(
+    let tile = (2 * far).clamp(TILE.0, TILE.1).next_multiple_of(side);
+    let tiles = tiles(values, tile).into_par_iter().with_max_len(AT_ONCE);
+    tiles.for_each_init(
         || Worker::new(store, task),
-        |work, (mut band, rows)| {
-            for pixels in &mut band {
-                pixels.fill(f32::NAN);
-            }
-            for columns in parts(0..width, tile) {
-                work.open(&rows, &columns);
-                for (rows, columns) in parts(rows.clone(), side)
-                    .flat_map(|rows| parts(columns.clone(), side).map(move |columns| (rows.clone(), columns)))
-                {
-                    work.cell(wanted, (rows, columns), |[row, column], out, lane| {
-                        for (pixels, out) in band.iter_mut().zip(out) {
-                            pixels[(row % tile) * width + column] = out.0[lane];
-                        }
-                    });
-                }
+        |work, Tile { rows, columns, mut out }| {
+            out.iter_mut().flatten().for_each(|row| row.fill(f32::NAN));
+            work.open(&rows, &columns);
+            for (own_rows, own_columns) in parts(rows.clone(), side)
+                .flat_map(|rows| parts(columns.clone(), side).map(move |columns| (rows.clone(), columns)))
+            {
+                work.cell(wanted, (own_rows, own_columns), |[row, column], found, lane| {
+                    for (channel, found) in out.iter_mut().zip(found) {
+                        channel[row - rows.start][column - columns.start] = found.0[lane];
+                    }
+                });
             }
         },
     );
 }
 
-/// The planes cut into bands of so many rows: by band, its part of each plane.
-pub(super) fn bands(values: &mut Planes, rows: usize) -> Vec<Vec<&mut [f32]>> {
-    let Size { height, width } = values.size();
-    let mut bands: Vec<Vec<&mut [f32]>> = (0..height.div_ceil(rows)).map(|_| Vec::new()).collect();
-    for plane in values.as_mut_slice() {
-        bands
-            .iter_mut()
-            .zip(plane.pixels_mut().chunks_mut(rows * width))
-            .for_each(|(band, rows)| band.push(rows));
+/// A tile of an image: by channel its part of each row.
+pub(super) struct Tile<'a> {
+    pub rows: Range<usize>,
+    pub columns: Range<usize>,
+    pub out: Vec<Vec<&'a mut [f32]>>,
+}
+
+/// The planes cut into tiles with this side.
+pub(super) fn tiles(values: &mut Planes, side: usize) -> Vec<Tile<'_>> {
+    let (Size { height, width }, channels) = (values.size(), values.len());
+    let across = width.div_ceil(side);
+    let mut tiles: Vec<Tile<'_>> = parts(0..height, side)
+        .flat_map(|rows| parts(0..width, side).map(move |columns| (rows.clone(), columns)))
+        .map(|(rows, columns)| Tile { rows, columns, out: (0..channels).map(|_| Vec::new()).collect() })
+        .collect();
+    for (channel, plane) in values.as_mut_slice().iter_mut().enumerate() {
+        for (row, pixels) in plane.pixels_mut().chunks_mut(width.max(1)).enumerate() {
+            let row = &mut tiles[row / side * across..][..across];
+            row.iter_mut().zip(pixels.chunks_mut(side)).for_each(|(tile, part)| tile.out[channel].push(part));
+        }
     }
-    bands
+    tiles
 }
 
 /// Predictions at some pixels.

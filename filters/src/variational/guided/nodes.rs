@@ -7,12 +7,12 @@ use std::ops::Range;
 
 use lacuna_core::parallel::prelude::*;
 
-use super::fit::{Store, Task, Worker, bands, parts};
+use super::fit::{AT_ONCE, Store, Task, Tile, Worker, tiles};
 use crate::kernel::dispatch;
 use crate::kernel::regress::LANES;
 use crate::kernel::regress::nodes::{Between, Fit, Node, record};
 use crate::kernel::simd::vectors;
-use crate::{Mask, Planes, Size};
+use crate::{Mask, Planes};
 
 /// Pixels between nodes, over the smallest radius.
 const STEP: f32 = 0.8;
@@ -22,38 +22,30 @@ const TILE: usize = 48;
 /// Predicts the pixels that are marked in `wanted`; where nothing is near, and elsewhere, `values` become NaN. Weights of guides and labels are
 /// left out of account.
 pub fn predict_between(store: &Store, task: Task<'_>, wanted: &Mask, values: &mut Planes) {
-    let Size { height, width } = store.size;
     let step = ((STEP * task.reach.least()) as usize).max(1);
     let tile = TILE.next_multiple_of(step);
-    let bands = bands(values, tile).into_par_iter().zip(parts(0..height, tile).collect::<Vec<_>>());
-    bands.for_each_init(
-        || Tile {
+    let tiles = tiles(values, tile).into_par_iter().with_max_len(AT_ONCE);
+    tiles.for_each_init(
+        || Nodes {
             worker: Worker::new(store, task),
             nodes: Vec::new(),
             records: Vec::new(),
             line: Vec::new(),
         },
-        |work, (mut band, rows)| {
-            for pixels in &mut band {
-                pixels.fill(f32::NAN);
-            }
-            for columns in parts(0..width, tile) {
-                work.fit(&rows, &columns, step);
-                for row in rows.clone() {
-                    let mut out: Vec<&mut [f32]> = band
-                        .iter_mut()
-                        .map(|pixels| &mut pixels[(row - rows.start) * width..][columns.clone()])
-                        .collect();
-                    let wanted = &wanted.row(row)[columns.clone()];
-                    work.predict((&rows, &columns), row, step, wanted, &mut out);
-                }
+        |work, Tile { rows, columns, mut out }| {
+            out.iter_mut().flatten().for_each(|row| row.fill(f32::NAN));
+            work.fit(&rows, &columns, step);
+            for row in rows.clone() {
+                let channels = out.iter_mut().map(|channel| &mut *channel[row - rows.start]);
+                let wanted = &wanted.row(row)[columns.clone()];
+                work.predict((&rows, &columns), row, step, wanted, &mut channels.collect::<Vec<_>>());
             }
         },
     );
 }
 
 /// The nodes of one tile after the other.
-struct Tile<'a> {
+struct Nodes<'a> {
     worker: Worker<'a>,
     nodes: Vec<Node>,
     /// By row of nodes and node its record.
@@ -61,7 +53,7 @@ struct Tile<'a> {
     line: Vec<f32>,
 }
 
-impl Tile<'_> {
+impl Nodes<'_> {
     /// Fits the nodes in and around some rows and columns.
     fn fit(&mut self, rows: &Range<usize>, columns: &Range<usize>, step: usize) {
         let worker = &mut self.worker;
