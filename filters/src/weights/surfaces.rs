@@ -112,9 +112,9 @@ impl Cells {
             }
             own
         });
-        lines
-            .into_iter()
-            .for_each(|line| spans.iter_mut().zip(line).for_each(|(span, own)| wider(span, own)));
+        for line in lines {
+            spans.iter_mut().zip(line).for_each(|(span, own)| wider(span, own));
+        }
         let cells = |[top, bottom, left, right]: [usize; 4]| {
             let size =
                 if top > bottom { Size::new(0, 0) } else { Size::new(bottom - top + 1, right - left + 1) };
@@ -150,8 +150,8 @@ struct Line<'a> {
 }
 
 impl<'a> BySurface<'a> {
-    /// From the products of the errors of `count` candidates at samples, which `products(scratch, place in at, pixel, sums)` adds for one of them. Also the squared
-    /// error of the blend over that of the first candidate.
+    /// From the products of the errors of `count` candidates at samples, which `products(scratch, number, pixel, sums)` adds for one of
+    /// them. Also the squared error of the blend over that of the first candidate.
     pub fn new(
         surfaces: &'a Surfaces,
         (at, near): (&[u32], Neighbourhood),

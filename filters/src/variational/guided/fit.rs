@@ -158,11 +158,11 @@ impl<'a> Band<'a> {
         let labels = if self.labels.is_empty() { 0 } else { count };
         Self {
             before,
-            at: first(&mut self.at, count),
-            guides: first(&mut self.guides, count * guides),
-            values: first(&mut self.values, count * channels),
-            labels: first(&mut self.labels, labels),
-            starts: first(&mut self.starts, rows.len() * per_row),
+            at: self.at.split_off_mut(..count).unwrap_or_default(),
+            guides: self.guides.split_off_mut(..count * guides).unwrap_or_default(),
+            values: self.values.split_off_mut(..count * channels).unwrap_or_default(),
+            labels: self.labels.split_off_mut(..labels).unwrap_or_default(),
+            starts: self.starts.split_off_mut(..rows.len() * per_row).unwrap_or_default(),
             rows,
         }
     }
@@ -191,13 +191,6 @@ impl<'a> Band<'a> {
             starts[width] = (self.before + own) as u32;
         }
     }
-}
-
-/// Takes the first values off.
-fn first<'a, T>(values: &mut &'a mut [T], count: usize) -> &'a mut [T] {
-    let (first, rest) = std::mem::take(values).split_at_mut(count);
-    *values = rest;
-    first
 }
 
 /// How samples are used.

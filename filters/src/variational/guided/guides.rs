@@ -221,8 +221,9 @@ fn tame(values: &mut [f32]) -> Option<f64> {
         let mut infinite = false;
         for values in values.chunks(LANES) {
             for ((least, most), &value) in least.iter_mut().zip(&mut most).zip(values) {
-                *least = if value.is_finite() & (value < *least) { value } else { *least };
-                *most = if value.is_finite() & (value > *most) { value } else { *most };
+                // What is not finite is no end.
+                *least = least.min(if value.is_finite() { value } else { f32::INFINITY });
+                *most = most.max(if value.is_finite() { value } else { f32::NEG_INFINITY });
                 infinite |= value.is_infinite();
             }
         }

@@ -28,7 +28,7 @@ pub fn predict_between(store: &Store, task: Task<'_>, wanted: &Mask, values: &mu
     tiles.for_each_init(
         || Nodes {
             worker: Worker::new(store, task),
-            nodes: Vec::new(),
+            fitted: Vec::new(),
             records: Vec::new(),
             line: Vec::new(),
         },
@@ -47,7 +47,7 @@ pub fn predict_between(store: &Store, task: Task<'_>, wanted: &Mask, values: &mu
 /// The nodes of one tile after the other.
 struct Nodes<'a> {
     worker: Worker<'a>,
-    nodes: Vec<Node>,
+    fitted: Vec<Node>,
     /// By row of nodes and node its record.
     records: Vec<f32>,
     line: Vec<f32>,
@@ -67,12 +67,12 @@ impl Nodes<'_> {
             .collect::<Vec<_>>();
         for (places, records) in places.chunks(LANES).zip(self.records.chunks_mut(LANES * record)) {
             worker.runs.clear();
-            self.nodes.clear();
+            self.fitted.clear();
             for &(row, column) in places {
                 let radius = worker.task.reach.at(row, column);
                 let first = worker.runs.len();
                 worker.look((row, row), (column, column), radius);
-                self.nodes.push(Node {
+                self.fitted.push(Node {
                     at: [row as f32, column as f32],
                     inverse: 1.0 / (radius * radius),
                     runs: first..worker.runs.len(),
@@ -81,7 +81,7 @@ impl Nodes<'_> {
             let fit = Fit {
                 table: &worker.table,
                 runs: &worker.runs,
-                nodes: &self.nodes,
+                nodes: &self.fitted,
                 scratch: &mut worker.scratch,
                 records,
             };
