@@ -9,7 +9,7 @@ use super::FOLDS;
 use crate::baseline::push_pull;
 use crate::kernel::Isa;
 use crate::kernel::regress::Scales;
-use crate::variational::guided::{Field, Guides, Reach, Store, Task as Fit, Tuned, predict_between};
+use crate::variational::guided::{Field, Guides, Reach, SPREAD, Store, Task as Fit, Tuned, predict_between};
 use crate::variational::{edge, ss, tv};
 use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
 
@@ -17,8 +17,6 @@ use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
 const PLACE: f32 = 128.0;
 /// What is added to the variances of guides and places in the window, over those of the image.
 const SHRINK: f64 = 1e-3;
-/// The standard deviation that guides are scaled to.
-const GUIDE: f32 = 0.5;
 
 /// How exact splines are, over the range of the samples: far below noise that is worth smoothing.
 const ROUGH: f64 = 2e-3;
@@ -303,8 +301,8 @@ impl<'a> Regressions<'a> {
         let rows = rows.pixels_mut().par_chunks_mut(size.width.max(1));
         rows.zip(columns.pixels_mut().par_chunks_mut(size.width.max(1))).enumerate().for_each(
             |(row, (rows, columns))| {
-                rows.fill(GUIDE * row as f32 / PLACE);
-                columns.iter_mut().enumerate().for_each(|(at, to)| *to = GUIDE * at as f32 / PLACE);
+                rows.fill(SPREAD as f32 * row as f32 / PLACE);
+                columns.iter_mut().enumerate().for_each(|(at, to)| *to = SPREAD as f32 * at as f32 / PLACE);
             },
         );
         let field = Field { planes: guides.planes(), more: &place, labels: None };
@@ -317,7 +315,7 @@ impl<'a> Regressions<'a> {
         let field = Field { planes: self.guides.planes(), more: &self.place, labels: None };
         let planes = field.count();
         // Weights of a disc whose samples count less towards its rim sum to a third.
-        let ridge = f64::from(GUIDE * GUIDE) * SHRINK * count / 3.0;
+        let ridge = SPREAD * SPREAD * SHRINK * count / 3.0;
         let scales =
             Scales { bandwidths: vec![0.0; planes], slopes: vec![true; planes], ridge: ridge as f32 };
         let reach = Reach::new(self.mask, count);

@@ -55,6 +55,7 @@ mod tuned;
 pub(crate) use beside::{Beside, Regression};
 pub(crate) use fit::{Field, Store, Task};
 pub use guides::Guides;
+pub(crate) use guides::SPREAD;
 pub(crate) use nodes::predict_between;
 pub(crate) use reach::Reach;
 pub(crate) use trust::{Trust, WORTH};

@@ -8,7 +8,7 @@ use crate::kernel::regress::Scales;
 use crate::{Error, Plane, Size};
 
 /// Standard deviation that every group is scaled to.
-const SPREAD: f64 = 0.5;
+pub const SPREAD: f64 = 0.5;
 /// Pixels that quantiles are taken from, about.
 const PROBES: usize = 1 << 16;
 /// Values that are looked at side by side.
