@@ -12,7 +12,8 @@
 //! `SAMPLES` of them (`reach`), and by the difference of their guides; across a border between labels next to nothing.
 //!
 //! What each guide counts for is chosen for the image by leaving single measured pixels out (`tune`). The trust is chosen
-//! for each neighbourhood by leaving every `HOLD_OUT`th measured pixel out, and filling these both ways (`trust`); where
+//! for each neighbourhood by leaving every `HOLD_OUT`th measured pixel out, and filling these both ways (`trust`), with what `tune` chose and
+//! with what it began with, which stays where it is clearly better; where
 //! guides gain less than a few percent of the squared error in all, the result is `S y` bit for bit. So it is where no guide
 //! varies.
 //!
@@ -45,6 +46,7 @@ mod beside;
 mod fit;
 mod guides;
 mod nodes;
+mod probe;
 mod reach;
 #[cfg(test)]
 mod tests;
@@ -68,6 +70,8 @@ const SAMPLES: f64 = 36.0;
 const HOLD_OUT: usize = 5;
 /// Pixels of the side of a block that stays seen.
 const BLOCK: usize = 8;
+/// What a choice of scales must leave of another's squared error to be taken for better; less is chance.
+const CLEAR: f64 = 0.95;
 /// Error of the splines that is allowed where both ways are compared, over the range of what they fill.
 const TRIAL: f64 = 1e-2;
 /// The same for what the fit leaves, in the result.
@@ -175,7 +179,7 @@ impl Model<'_> {
     ) -> Result<Option<(Scales, Plane, f64)>, Error> {
         let size = self.mask.size();
         let weights = tune::Weights::new(self.mask, self.samples);
-        let Some(scales) = self.tune(seen, weights, guides) else { return Ok(None) };
+        let Some(tuned) = self.tune(seen, weights, guides) else { return Ok(None) };
         let (kept, left_out) = hold_out(self.mask);
         let kept = Arc::new(kept);
         let plan = || filter.plan(&Problem::fill(Arc::clone(&kept)), run);
@@ -183,14 +187,23 @@ impl Model<'_> {
         let plan = plan?;
         let mut plain = Planes::zeros(size, self.samples.len());
         plan.reconstruct_roughly(self.samples, TRIAL, &mut plain, run)?;
-        let part = Part { mask: &kept, plan: plan.as_ref(), seen: &seen, scales: &scales };
-        let (guided, ..) = self.fill(part, self.mask, TRIAL, run)?;
-        if run.interrupted().is_some() {
-            return Ok(None);
+        // Regressions are tuned by themselves, and samples that are alone with what they show can mislead them; the fill decides.
+        let first = tune::Trial::first(self.field.count());
+        let mut best: Option<(Scales, Trust, f64)> = None;
+        for scales in [Some(tuned.clone()), (first != tuned).then_some(first)].into_iter().flatten() {
+            let part = Part { mask: &kept, plan: plan.as_ref(), seen: &seen, scales: &scales };
+            let (guided, ..) = self.fill(part, self.mask, TRIAL, run)?;
+            if run.interrupted().is_some() {
+                return Ok(None);
+            }
+            let trust = Trust::new(&left_out, (self.samples, weights), &plain, &guided);
+            let gain = trust.worth();
+            if best.as_ref().is_none_or(|best| 1.0 - gain < CLEAR * (1.0 - best.2)) {
+                best = Some((scales, trust, gain));
+            }
         }
-        let trust = Trust::new(&left_out, (self.samples, weights), &plain, &guided);
-        let gain = trust.worth();
-        Ok((gain >= WORTH).then(|| (scales, trust.plane(size), gain)))
+        let best = best.filter(|(.., gain)| *gain >= WORTH);
+        Ok(best.map(|(scales, trust, gain)| (scales, trust.plane(size), gain)))
     }
 
     /// What guides count for; nothing if none does.

@@ -322,7 +322,7 @@ impl<'a> Worker<'a> {
 
     /// Predicts the marked pixels of some rows and columns of the tile; `found` gets each with its channels, unless nothing is
     /// near.
-    fn cell(
+    pub(super) fn cell(
         &mut self,
         wanted: &Mask,
         (rows, columns): (Range<usize>, Range<usize>),
@@ -354,7 +354,7 @@ impl<'a> Worker<'a> {
 }
 
 /// Pixels of a cell's side, so that the marked ones of a cell about fill a block.
-fn side(wanted: &Mask) -> usize {
+pub(super) fn side(wanted: &Mask) -> usize {
     let density = wanted.density();
     if density >= 1.0 {
         return 4;
@@ -415,40 +415,4 @@ pub(super) fn tiles(values: &mut Planes, side: usize) -> Vec<Tile<'_>> {
         }
     }
     tiles
-}
-
-/// Predictions at some pixels.
-#[derive(Debug, Default)]
-pub struct Found {
-    /// Where they stand in a plane.
-    pub at: Vec<usize>,
-    /// Their channels, all of a pixel together.
-    pub values: Vec<f32>,
-}
-
-/// Predicts pixels that are marked in `wanted`: those of one cell in `keep_every`, scattered over the image.
-pub fn probe(store: &Store, task: Task<'_>, wanted: &Mask, keep_every: usize) -> Found {
-    let Size { height, width } = store.size;
-    let side = side(wanted);
-    let cells = parts(0..height, side)
-        .flat_map(|rows| parts(0..width, side).map(move |columns| (rows.clone(), columns)));
-    let cells: Vec<_> = cells.skip(keep_every / 2).step_by(keep_every).collect();
-    let found = cells.into_par_iter().map_init(
-        || Worker::new(store, task),
-        |work, (rows, columns)| {
-            let mut found = Found::default();
-            work.open(&rows, &columns);
-            work.cell(wanted, (rows, columns), |[row, column], out, lane| {
-                found.at.push(row * width + column);
-                found.values.extend(out.iter().map(|out| out.0[lane]));
-            });
-            found
-        },
-    );
-    let mut all = Found::default();
-    for found in found {
-        all.at.extend(found.at);
-        all.values.extend(found.values);
-    }
-    all
 }

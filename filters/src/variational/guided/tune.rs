@@ -1,18 +1,19 @@
 //! What each guide counts for, chosen by leaving measured pixels out.
 //!
-//! A measured pixel is predicted from all others; the sum of the squared errors over some thousand pixels, each over the
-//! pixel's own size so that highlights do not decide alone ([`Weights`]), is the score. Group by group the bandwidth is
+//! A measured pixel is predicted from all others; the sum of the squared errors over some thousand pixels, more of them where the image varies and
+//! each over the pixel's own size so that highlights do not decide alone ([`Weights`]), is the score. Group by group the bandwidth is
 //! narrowed, widened and taken out, and the group dropped; a change that scores better stays. Two
 //! rounds. A guide that does not predict ends up dropped.
 
-use super::fit::{Field, Store, Task, probe};
+use super::fit::{Field, Store, Task};
+use super::probe::{Probe, probe, probes};
 use super::reach::Reach;
 use crate::kernel::Isa;
 use crate::kernel::regress::{RIDGE, Scales};
 use crate::{Mask, Planes};
 
-/// Measured pixels that are left out, about.
-const PROBES: usize = 3000;
+/// Cells whose measured pixels are left out, about.
+const PROBES: f64 = 400.0;
 /// Factor of a guide's difference to begin with.
 const BANDWIDTH: f32 = 1.6;
 /// What a change of the bandwidth must gain.
@@ -37,23 +38,29 @@ pub struct Trial<'a> {
 }
 
 impl Trial<'_> {
-    fn score(&self, scales: &Scales) -> f64 {
-        let keep_every = (self.mask.count() / PROBES).max(1);
+    fn score(&self, scales: &Scales, cells: &[Probe]) -> f64 {
         let task = Task { field: self.field, scales, reach: self.reach, leave_out: true, isa: self.isa };
-        let found = probe(self.store, task, self.mask, keep_every);
-        let error = |(&index, values): (&usize, &[f32])| {
+        let found = probe(self.store, task, self.mask, cells);
+        let error = |((&index, weight), values): ((&usize, &f64), &[f32])| {
             let truth = self.values.as_slice().iter().map(|plane| plane.pixels()[index]);
             let squares = values.iter().zip(truth).map(|(a, b)| f64::from(a - b).powi(2));
-            squares.sum::<f64>() * self.weights.at(self.values, index)
+            squares.sum::<f64>() * self.weights.at(self.values, index) * weight
         };
-        found.at.iter().zip(found.values.chunks_exact(self.values.len())).map(error).sum()
+        let predicted = found.values.chunks_exact(self.values.len());
+        found.at.iter().zip(&found.weights).zip(predicted).map(error).sum()
+    }
+
+    /// The scales to begin with, at which every guide counts.
+    pub fn first(guides: usize) -> Scales {
+        Scales { bandwidths: vec![BANDWIDTH; guides], slopes: vec![true; guides], ridge: RIDGE }
     }
 
     /// The best scales that were tried.
     pub fn choose(&self, groups: &[Vec<usize>]) -> Scales {
-        let count = self.field.count();
-        let mut best = Scales { bandwidths: vec![BANDWIDTH; count], slopes: vec![true; count], ridge: RIDGE };
-        let mut score = self.score(&best);
+        let weight = |index| self.weights.at(self.values, index);
+        let cells = probes(self.mask, self.values, weight, PROBES);
+        let mut best = Self::first(self.field.count());
+        let mut score = self.score(&best, &cells);
         for _ in 0..2 {
             let before = best.clone();
             for group in groups {
@@ -62,7 +69,7 @@ impl Trial<'_> {
                     if trial == best {
                         continue;
                     }
-                    let new = self.score(&trial);
+                    let new = self.score(&trial, &cells);
                     let gain = if matches!(change, Change::Drop) { 1.0 } else { GAIN };
                     if new < gain * score {
                         (best, score) = (trial, new);
