@@ -43,7 +43,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
-use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, HeldOut, Kind, Simulation};
+use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, HeldOut, Kind};
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
 use crate::variational::{edge, ss, tv};
@@ -383,7 +383,7 @@ impl Blend {
         let deep = HeldOut::deep((samples, &self.mask), self.folds, kind, false, &mut again)?;
         let mut evidence = Evidence::new(kind, self.folds, &near, &shallow, &deep);
         if let Some(filled) = filled {
-            evidence.simulation = Simulation::new(&self.mask, filled, self.folds, &mut again)?;
+            evidence.known((samples, &self.mask), filled, self.folds, &mut again, run)?;
         }
         Ok(evidence)
     }

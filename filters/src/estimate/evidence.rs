@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use super::held_out::{DEEP, Folds, HeldOut, ReconstructPart};
+use super::repetition::Repetition;
 use super::simulation::Simulation;
 use super::variance::Kind;
-use crate::{Error, Mask, Planes};
+use crate::{Error, Mask, Planes, Run};
 
 /// What held-out samples show of a method on a frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,6 +19,8 @@ pub struct Evidence {
     pub pairs: [HeldOut; 2],
     /// What both errors are on an image that is known.
     pub simulation: Option<Simulation>,
+    /// What choosing the pixels once more passed over, where they were chosen in rounds.
+    pub repetition: Option<Repetition>,
 }
 
 impl Evidence {
@@ -31,6 +34,7 @@ impl Evidence {
         filled: Option<&Planes>,
         (folds, kind): (Folds, Kind),
         reconstruct: &mut ReconstructPart<'_>,
+        run: &Run<'_>,
     ) -> Result<Self, Error> {
         let mut near = HeldOut::default();
         let mut all = |samples: &Planes, kept: &Arc<Mask>| reconstruct(None, samples, kept);
@@ -41,9 +45,26 @@ impl Evidence {
         let deep = HeldOut::deep((samples, mask), folds, kind, filled.is_none(), reconstruct)?;
         let mut own = Self::new(kind, folds, &near, &near, &deep);
         if let Some(filled) = filled {
-            own.simulation = Simulation::new(mask, filled, folds, reconstruct)?;
+            own.known((samples, mask), filled, folds, reconstruct, run)?;
         }
         Ok(own)
+    }
+
+    /// Adds what the same method shows on an image that is known, what was `filled`.
+    ///
+    /// # Errors
+    /// Those of the method.
+    pub fn known(
+        &mut self,
+        (samples, mask): (&Planes, &Mask),
+        filled: &Planes,
+        folds: Folds,
+        reconstruct: &mut ReconstructPart<'_>,
+        run: &Run<'_>,
+    ) -> Result<(), Error> {
+        self.simulation = Simulation::new(mask, filled, folds, reconstruct)?;
+        self.repetition = Repetition::new((samples, mask), filled, (folds, &self.near), reconstruct, run)?;
+        Ok(())
     }
 
     /// Of predictions from the folds [`Folds::near`], and of a method of the same kind at both depths.
@@ -55,7 +76,7 @@ impl Evidence {
         for (own, other) in pairs.iter_mut().zip(both.iter().rev()) {
             *own = own.sorted(|pixel| other.at.binary_search(&pixel).is_ok());
         }
-        Self { kind, near, pairs, simulation: None }
+        Self { kind, near, pairs, simulation: None, repetition: None }
     }
 
     /// The squared error at samples that are held out with half of the others over that at the same with few of them.
@@ -75,6 +96,7 @@ impl Evidence {
         self.near.map(&f);
         self.pairs.iter_mut().for_each(|held| held.map(&f));
         self.simulation.iter_mut().for_each(|simulation| simulation.map(&f));
+        self.repetition.iter_mut().for_each(|repetition| repetition.map(&f));
     }
 }
 
@@ -97,9 +119,14 @@ mod tests {
                 vec![Plane::from_fn(size, |y, x| if kept.is_measured(y, x) { plane.at(y, x) } else { -1.0 })],
             )
         };
-        let evidence =
-            Evidence::of_folds((&samples, &mask), None, (Folds { seed: 3 }, Kind::Distance), &mut fill)
-                .unwrap();
+        let evidence = Evidence::of_folds(
+            (&samples, &mask),
+            None,
+            (Folds { seed: 3 }, Kind::Distance),
+            &mut fill,
+            &Run::default(),
+        )
+        .unwrap();
         assert_eq!(evidence.near.at.len(), mask.count());
         assert!(evidence.near.at.is_sorted());
         let [near, deep] = &evidence.pairs;

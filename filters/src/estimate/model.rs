@@ -8,6 +8,7 @@ use serde::Serialize;
 use super::evidence::Evidence;
 use super::held_out::PixelError;
 use super::near::{Near, Places};
+use super::repetition::Repetition;
 use super::variance::Variance;
 use super::voronoi::Voronoi;
 use crate::kernel::extremes;
@@ -17,7 +18,7 @@ use crate::{Mask, Planes, Size};
 /// Side of a cell in spacings of held-out samples.
 const CELL: f64 = 4.0;
 /// Missing pixels that are looked at, about.
-const LOOKED_AT: usize = 40_000;
+pub(super) const LOOKED_AT: usize = 40_000;
 /// Bounds of the exponent.
 const EXPONENTS: (f64, f64) = (0.0, 1.75);
 /// What is added to the exponent where errors are as large as the samples' own differences: there the law levels off, so that two
@@ -122,6 +123,8 @@ pub struct Model {
     all_missing: usize,
     /// From the squared error at held-out samples to that of missing pixels as a simulation shows it: its logarithm, and its variance.
     simulated: Option<(f64, f64)>,
+    /// The squared error of missing pixels when they were chosen and filled once more: the least that it is.
+    repeated: Option<f64>,
 }
 
 impl Model {
@@ -131,8 +134,8 @@ impl Model {
         let near = &evidence.near;
         let errors = near.squared_errors(truth);
         let voronoi = Voronoi::new(mask);
-        let held = near.at.iter().zip(&near.variance).zip(errors).filter(|(_, squared)| squared.is_finite());
-        let held = held.map(|((&pixel, v), squared)| {
+        let held = near.at.iter().zip(&near.variance).zip(&errors).filter(|(_, squared)| squared.is_finite());
+        let held = held.map(|((&pixel, v), &squared)| {
             let weight = voronoi.weight(pixel);
             PixelError { pixel, squared, ln_variance: v.ln(), weight }
         });
@@ -149,7 +152,8 @@ impl Model {
             .zip(variance.all(&places, &pixels))
             .map(|(&pixel, v)| PixelError { pixel, squared: 0.0, ln_variance: v.ln(), weight: 1.0 })
             .collect();
-        let owned = (voronoi.is_uneven() && voronoi.are_where_errors_are(&held)).then(|| {
+        let chosen = voronoi.is_uneven() && voronoi.are_where_errors_are(&near.at, &errors);
+        let owned = chosen.then(|| {
             let owned = voronoi.owned(mask, &held, (LOOKED_AT, seed));
             let pixels: Vec<u32> = owned.iter().map(|owned| owned.1).collect();
             owned.iter().zip(variance.all(&places, &pixels)).map(|(owned, v)| (owned.0, v.ln())).collect()
@@ -160,6 +164,7 @@ impl Model {
         let simulated =
             evidence.simulation.as_ref().and_then(|simulation| simulation.factor(evidence.growth(truth)));
         let share = voronoi.share(exponent, EXPONENTS.1);
+        let repeated = evidence.repetition.as_ref().map(Repetition::squared);
         let mask = Arc::clone(mask);
         Self {
             mask,
@@ -174,6 +179,7 @@ impl Model {
             share,
             all_missing,
             simulated,
+            repeated,
         }
     }
 
@@ -257,7 +263,8 @@ impl Model {
         let held =
             self.held.iter().map(|error| f64::from(error.squared)).sum::<f64>() / self.held.len() as f64;
         let Some((factor, by_chance)) = self.simulated.filter(|_| law > 0.0 && self.owned.is_none()) else {
-            return (law, off);
+            let least = self.repeated.filter(|_| law > 0.0 && self.owned.is_some());
+            return (least.map_or(law, |least| law.max(least)), off);
         };
         let (own, off) = (CARRIED_OFF.powi(2) + CHANCE * by_chance, CARRIED_OFF.powi(2) + off);
         let (a, b) = (own / (own + off), off / (own + off));

@@ -222,7 +222,7 @@ impl Task<'_> {
             };
             // Samples of gradients are in no excerpt.
             let filled = Some(filled).filter(|_| gradients.is_none());
-            Evidence::of_folds((samples, self.mask), filled, (folds, kind), &mut again)?
+            Evidence::of_folds((samples, self.mask), filled, (folds, kind), &mut again, self.run)?
         };
         if self.run.interrupted().is_some() {
             return Ok(None);

@@ -54,7 +54,9 @@ fn check(name: &str, model: &Model, right: f64) {
 /// What the folds of a filter's fill show.
 fn learn(filter: &dyn Filter, kind: Kind, truth: &Planes, mask: &Arc<Mask>) -> Model {
     let mut again = |_: Option<&Excerpt>, samples: &Planes, mask: &Arc<Mask>| Ok(fill(filter, samples, mask));
-    let evidence = Evidence::of_folds((truth, mask), None, (Folds { seed: 2 }, kind), &mut again).unwrap();
+    let evidence =
+        Evidence::of_folds((truth, mask), None, (Folds { seed: 2 }, kind), &mut again, &Run::default())
+            .unwrap();
     Model::new(&evidence, truth, mask, 2)
 }
 

@@ -1,0 +1,154 @@
+//! Rounds of choosing pixels repeated on the frame's own fill: what the rounds passed over, no held-out sample of theirs shows, but a repetition
+//! passes over something, too.
+//!
+//! Where samples were put where errors are, as many pixels are chosen once more, in rounds that start from another mask, with the filled frame for a
+//! renderer, and filled by the same method. What is then missed is known. The filled frame lacks what the frame's own rounds never met, so this is
+//! rather too little than too much; it is the least that is told of the frame ([`super::Model`]).
+//!
+//! Source: B. Efron, "Bootstrap methods: another look at the jackknife", The Annals of Statistics 7, 1979.
+
+use std::sync::Arc;
+
+use super::held_out::{Folds, HeldOut, ReconstructPart, pick};
+use super::model::LOOKED_AT;
+use super::voronoi::Voronoi;
+use crate::sampling::{Field, adaptive, hash};
+use crate::{Error, Mask, Planes, Run};
+
+/// Makes another mask than the frame's own.
+const OTHER: u64 = 0x9e4d;
+
+/// Some pixels that a repetition did not choose: what they are, and what was filled there.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Repetition {
+    truth: HeldOut,
+    filled: HeldOut,
+}
+
+impl Repetition {
+    /// Chooses and fills once more; nothing where errors at samples, `near`, do not say that the frame's own were chosen.
+    ///
+    /// # Errors
+    /// Those of the method.
+    pub fn new(
+        (samples, mask): (&Planes, &Mask),
+        filled: &Planes,
+        (folds, near): (Folds, &HeldOut),
+        reconstruct: &mut ReconstructPart<'_>,
+        run: &Run<'_>,
+    ) -> Result<Option<Self>, Error> {
+        let voronoi = Voronoi::new(mask);
+        if !voronoi.is_uneven() || !voronoi.are_where_errors_are(&near.at, &near.squared_errors(samples)) {
+            return Ok(None);
+        }
+        let size = mask.size();
+        let (density, seed) = (mask.count() as f64 / size.pixels() as f64, folds.seed ^ OTHER);
+        let rounds = adaptive::ROUNDS.min(mask.count());
+        let settings = adaptive::Settings { density, rounds, first: None, target: None, seed };
+        let known = Arc::new(filled.clone());
+        let chosen = adaptive::choose(&settings, Field { x: 0, y: 0, size }, run, |_| {
+            Ok::<_, Error>(Arc::clone(&known))
+        })?;
+        let again = Arc::new(chosen.mask);
+        if run.interrupted().is_some() || again.is_full() {
+            return Ok(None);
+        }
+        let every = ((size.pixels() - again.count()) / LOOKED_AT).max(1) as u64;
+        let looked_at = |&pixel: &u32| {
+            !again.as_slice()[pixel as usize] && hash(seed, u64::from(pixel)).is_multiple_of(every)
+        };
+        let at: Vec<u32> = (0..size.pixels() as u32).filter(looked_at).collect();
+        let image = reconstruct(None, &known, &again)?;
+        let of =
+            |planes: &Planes| HeldOut { at: at.clone(), predicted: pick(planes, &at), variance: Vec::new() };
+        Ok(Some(Self { truth: of(&known), filled: of(&image) }))
+    }
+
+    /// The mean squared error over pixels and channels.
+    pub fn squared(&self) -> f64 {
+        let planes = self.truth.predicted.iter().zip(&self.filled.predicted);
+        let errors = planes
+            .flat_map(|(truth, filled)| truth.iter().zip(filled))
+            .map(|(a, b)| f64::from(a - b).powi(2));
+        let (sum, count) =
+            errors.filter(|e| e.is_finite()).fold((0.0, 0_usize), |(sum, count), e| (sum + e, count + 1));
+        sum / count.max(1) as f64
+    }
+
+    pub(super) fn map(&mut self, f: &impl Fn(usize, f32) -> f32) {
+        self.truth.map(f);
+        self.filled.map(f);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::{Excerpt, Kind};
+    use crate::variational::ss;
+    use crate::{Filter, Plane, Problem, Size};
+
+    const SIZE: Size = Size::new(120, 160);
+
+    /// Thin lines on a ramp, of which the samples of a first round meet most.
+    fn lines() -> Planes {
+        let value = |row: usize, column: usize| {
+            let is_there = hash(3, (row / 24 * 1000 + column / 32) as u64).is_multiple_of(2);
+            let is_line = is_there && row % 24 < 2 && column % 32 < 31;
+            row as f32 / 120.0 + if is_line { 1.0 } else { 0.0 }
+        };
+        Planes::new(SIZE, vec![Plane::from_fn(SIZE, value)]).unwrap()
+    }
+
+    fn fill(samples: &Planes, mask: &Arc<Mask>) -> Result<Planes, Error> {
+        let mut out = Planes::zeros(samples.size(), samples.len());
+        let plan = ss::Settings::default().plan(&Problem::fill(Arc::clone(mask)), &Run::default())?;
+        plan.reconstruct(samples, &mut out, &Run::default())?;
+        Ok(out)
+    }
+
+    /// What is told of a mask by a repetition, and what is true: mean squared errors of missing pixels.
+    fn told(truth: &Planes, mask: Mask) -> (Option<f64>, f64) {
+        let mask = Arc::new(mask);
+        let filled = fill(truth, &mask).unwrap();
+        let mut again = |_: Option<&Excerpt>, samples: &Planes, kept: &Arc<Mask>| fill(samples, kept);
+        let (folds, run) = (Folds { seed: 1 }, Run::default());
+        let evidence = super::super::Evidence::of_folds(
+            (truth, &mask),
+            Some(&filled),
+            (folds, Kind::Spline),
+            &mut again,
+            &run,
+        )
+        .unwrap();
+        let errors = truth.as_slice()[0].pixels().iter().zip(filled.as_slice()[0].pixels());
+        let squares: f64 = errors.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+        let missing = SIZE.pixels() - mask.count();
+        (evidence.repetition.map(|repetition| repetition.squared()), squares / missing as f64)
+    }
+
+    #[test]
+    fn what_rounds_pass_over_is_told() {
+        let truth = Arc::new(lines());
+        let (mut all_told, mut all) = (0.0, 0.0);
+        for seed in 0..6 {
+            let settings = adaptive::Settings { density: 0.15, rounds: 8, first: None, target: None, seed };
+            let field = Field { x: 0, y: 0, size: SIZE };
+            let measure = |_: &Mask| Ok::<_, Error>(Arc::clone(&truth));
+            let chosen = adaptive::choose(&settings, field, &Run::default(), measure).unwrap();
+            let (told, is) = told(&truth, chosen.mask);
+            all_told += told.unwrap();
+            all += is;
+        }
+        // Within 4 dB; one frame so small is passed over by chance.
+        let off = 10.0 * (all_told / all).log10();
+        assert!(off.abs() < 4.0, "{off} dB");
+    }
+
+    #[test]
+    fn masks_that_nobody_chose_are_not_repeated() {
+        let truth = lines();
+        let even = crate::sampling::shuffle::mask(0, 0, SIZE, 0.1, 0).unwrap();
+        assert_eq!(told(&truth, even).0, None);
+    }
+}
