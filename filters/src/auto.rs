@@ -68,7 +68,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     help: "A blend, place by place, as held-out samples choose: ss, edge, tv and, where there are guides, guided filling",
     settings: &[],
     even: Memory { image: 12, channel: 19 },
-    uneven: Memory { image: 82, channel: 10 },
+    uneven: Memory { image: 122, channel: 10 },
     takes: Takes { guides: true, gradients: true, ..Takes::NOTHING },
     restores: false,
     held_out: Some(Kind::Spline),

@@ -45,7 +45,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     settings: &[],
     // Those triangles, gradients and edges.
     even: Memory { image: 110, channel: 3 },
-    uneven: Memory { image: 110, channel: 3 },
+    uneven: Memory { image: 120, channel: 3 },
     takes: Takes::NOTHING,
     restores: false,
     held_out: Some(Kind::Spline),

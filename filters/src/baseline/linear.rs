@@ -30,7 +30,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     settings: &[],
     // The triangles of a frame that is nearly all measured.
     even: Memory { image: 66, channel: 1 },
-    uneven: Memory { image: 66, channel: 1 },
+    uneven: Memory { image: 118, channel: 1 },
     takes: Takes::NOTHING,
     restores: false,
     held_out: Some(Kind::Distance),

@@ -32,7 +32,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     help: "The nearest measured pixel",
     settings: &[],
     even: Memory { image: 30, channel: 2 },
-    uneven: Memory { image: 30, channel: 2 },
+    uneven: Memory { image: 106, channel: 2 },
     takes: Takes::NOTHING,
     restores: false,
     held_out: Some(Kind::Distance),

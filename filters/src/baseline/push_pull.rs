@@ -33,7 +33,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     help: "Push-pull pyramid: fast and plain",
     settings: &[],
     even: Memory { image: 20, channel: 4 },
-    uneven: Memory { image: 20, channel: 4 },
+    uneven: Memory { image: 88, channel: 4 },
     takes: Takes::NOTHING,
     restores: false,
     held_out: Some(Kind::Distance),

@@ -45,10 +45,8 @@ impl Repetition {
         let (density, seed) = (mask.count() as f64 / size.pixels() as f64, folds.seed ^ OTHER);
         let rounds = adaptive::ROUNDS.min(mask.count());
         let settings = adaptive::Settings { density, rounds, first: None, target: None, seed };
-        let known = Arc::new(filled.clone());
-        let chosen = adaptive::choose(&settings, Field { x: 0, y: 0, size }, run, |_| {
-            Ok::<_, Error>(Arc::clone(&known))
-        })?;
+        let measure = |_: &Mask| Ok::<_, Error>(Arc::new(filled.clone()));
+        let chosen = adaptive::choose(&settings, Field { x: 0, y: 0, size }, run, measure)?;
         let again = Arc::new(chosen.mask);
         if run.interrupted().is_some() || again.is_full() {
             return Ok(None);
@@ -58,10 +56,10 @@ impl Repetition {
             !again.as_slice()[pixel as usize] && hash(seed, u64::from(pixel)).is_multiple_of(every)
         };
         let at: Vec<u32> = (0..size.pixels() as u32).filter(looked_at).collect();
-        let image = reconstruct(None, &known, &again)?;
+        let image = reconstruct(None, filled, &again)?;
         let of =
             |planes: &Planes| HeldOut { at: at.clone(), predicted: pick(planes, &at), variance: Vec::new() };
-        Ok(Some(Self { truth: of(&known), filled: of(&image) }))
+        Ok(Some(Self { truth: of(filled), filled: of(&image) }))
     }
 
     /// The mean squared error over pixels and channels.

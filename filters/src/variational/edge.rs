@@ -120,7 +120,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     ],
     // As `ss`, from which it starts.
     even: Memory { image: 26, channel: 6 },
-    uneven: Memory { image: 115, channel: 8 },
+    uneven: Memory { image: 165, channel: 8 },
     takes: Takes::NOTHING,
     restores: false,
     held_out: Some(Kind::Spline),

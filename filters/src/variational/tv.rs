@@ -157,7 +157,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
         },
     ],
     even: Memory { image: 8, channel: 20 },
-    uneven: Memory { image: 8, channel: 20 },
+    uneven: Memory { image: 28, channel: 20 },
     takes: Takes { weights: true, ..Takes::NOTHING },
     restores: false,
     held_out: Some(Kind::Density),

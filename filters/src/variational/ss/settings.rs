@@ -112,7 +112,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     ],
     // Uneven: the levels of multigrid on all of the image.
     even: Memory { image: 26, channel: 3 },
-    uneven: Memory { image: 115, channel: 6 },
+    uneven: Memory { image: 160, channel: 6 },
     takes: Takes { guides: true, weights: true, ..Takes::NOTHING },
     restores: false,
     held_out: Some(Kind::Spline),
