@@ -24,8 +24,8 @@
 //! 2016 (regression on auxiliary features with joint weights; theirs compare patches of complete images); W. Cleveland,
 //! "Robust Locally Weighted Regression and Smoothing Scatterplots", JASA 74, 1979.
 //!
-//! Cost: linear in pixels. The plain filter once, three times more at the errors `TRIAL` and `FINAL` (samples and
-//! residual to find the trust; the residual), and a regression over about 50 samples for each pixel. Memory beyond samples, guides and result: 6 planes a channel, one plane a guide, and the
+//! Cost: linear in pixels. The plain filter once, three or four times more at the errors `TRIAL` and `FINAL` (samples and
+//! residual, by one or two choices, to find the trust; the residual), and a regression over about 50 samples for each pixel. Memory beyond samples, guides and result: 6 planes a channel, one plane a guide, and the
 //! measured pixels once more.
 //!
 //! Fails where no guide sees what the light does: mirrors show other surfaces than the one that they are; shadows and
