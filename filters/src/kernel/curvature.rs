@@ -84,14 +84,15 @@ impl Body for Weigh<'_> {
         let Tile { height, width, values, matrix, room, .. } = self.tile;
         let (h, w) = (*height, *width);
         let [smooth, other] = room;
-        for channel in values.chunks_exact(h * w) {
-            soften(channel, other, smooth, h, w);
-            for y in 0..h {
-                products(smooth, matrix, (y, h, w), self.how.slope);
+        if h > 2 && w > 2 {
+            for channel in values.chunks_exact(h * w) {
+                soften(channel, other, smooth, w);
+                products(smooth, matrix, w, self.how.slope);
             }
         }
         for plane in &mut *matrix {
-            blur(plane, other, &self.how.blur, h, w);
+            continue_outwards(plane, (h, w));
+            blur(plane, other, &self.how.blur, (h, w));
         }
         let [p, q, r] = matrix;
         for (((p, q), r), least) in p.iter_mut().zip(q).zip(r).zip(&mut *other) {
@@ -122,121 +123,87 @@ fn least(values: &[f32]) -> f32 {
     rest.iter().chain(&lanes).copied().fold(1.0, f32::min)
 }
 
-/// A Gaussian blur of half a pixel, which leaves what is linear as it is, up to the border.
+/// A Gaussian blur of half a pixel, which leaves what is linear as it is; the outermost pixels are blurred along the border alone.
 #[inline(always)]
-fn soften(from: &[f32], between: &mut [f32], to: &mut [f32], h: usize, w: usize) {
+fn soften(from: &[f32], between: &mut [f32], to: &mut [f32], w: usize) {
     const SIDE: f32 = 0.106_507;
-    to.copy_from_slice(from);
-    for (to, from) in to.chunks_exact_mut(w).zip(from.chunks_exact(w)).filter(|_| w > 2) {
-        let sides = from[..w - 2].iter().zip(&from[2..]);
-        for ((to, mid), (left, right)) in to[1..w - 1].iter_mut().zip(&from[1..w - 1]).zip(sides) {
-            *to = mid + SIDE * (left - 2.0 * mid + right);
-        }
+    let n = from.len() - 2;
+    let [left, mid, right] = slices(from, [0, 1, 2], n);
+    for (i, to) in between[1..=n].iter_mut().enumerate() {
+        *to = mid[i] + SIDE * (left[i] - 2.0 * mid[i] + right[i]);
     }
-    between.copy_from_slice(to);
-    for y in 1..h.max(1) - 1 {
-        let (above, mid, below) = three(between, y, w);
-        for (((to, above), mid), below) in to[y * w..][..w].iter_mut().zip(above).zip(mid).zip(below) {
-            *to = mid + SIDE * (above - 2.0 * mid + below);
-        }
+    for (to, from) in between.chunks_exact_mut(w).zip(from.chunks_exact(w)) {
+        (to[0], to[w - 1]) = (from[0], from[w - 1]);
+    }
+    let n = from.len() - 2 * w;
+    let [up, mid, down] = slices(between, [0, w, 2 * w], n);
+    for (i, to) in to[w..][..n].iter_mut().enumerate() {
+        *to = mid[i] + SIDE * (up[i] - 2.0 * mid[i] + down[i]);
+    }
+    to[..w].copy_from_slice(&between[..w]);
+    to[w + n..].copy_from_slice(&between[w + n..]);
+}
+
+/// Adds `H^2 + slope grad grad'` of a channel at all but the outermost pixels. Those get values that mean nothing.
+#[inline(always)]
+fn products(u: &[f32], matrix: &mut [Vec<f32>; 3], w: usize, slope: f32) {
+    let n = u.len() - 2 * (w + 1);
+    let [p, q, r] = matrix.each_mut().map(|plane| &mut plane[w + 1..][..n]);
+    let [u0, u1, u2] = slices(u, [0, 1, 2], n);
+    let [m0, m1, m2] = slices(u, [w, w + 1, w + 2], n);
+    let [d0, d1, d2] = slices(u, [2 * w, 2 * w + 1, 2 * w + 2], n);
+    for i in 0..n {
+        let xx = m0[i] - 2.0 * m1[i] + m2[i];
+        let yy = u1[i] - 2.0 * m1[i] + d1[i];
+        let xy = 0.25 * (d2[i] - d0[i] - u2[i] + u0[i]);
+        let (gx, gy) = (0.5 * (m2[i] - m0[i]), 0.5 * (d1[i] - u1[i]));
+        p[i] += xx * xx + xy * xy + slope * gx * gx;
+        q[i] += xy * (xx + yy) + slope * gx * gy;
+        r[i] += yy * yy + xy * xy + slope * gy * gy;
     }
 }
 
-/// Row `y` and those beside it.
+/// Gives the outermost pixels the values of those within.
 #[inline(always)]
-fn three(plane: &[f32], y: usize, w: usize) -> (&[f32], &[f32], &[f32]) {
-    (&plane[(y - 1) * w..][..w], &plane[y * w..][..w], &plane[(y + 1) * w..][..w])
-}
-
-/// Adds a row of `H^2 + slope grad grad'` of a channel. The outermost rows and columns take the curvature of those within.
-#[inline(always)]
-fn products(u: &[f32], matrix: &mut [Vec<f32>; 3], (y, h, w): (usize, usize, usize), slope: f32) {
-    let [p, q, r] = matrix;
-    let (p, q, r) = (&mut p[y * w..][..w], &mut q[y * w..][..w], &mut r[y * w..][..w]);
-    let middle = if h > 2 { y.clamp(1, h - 2) } else { y };
-    let up = &u[middle.saturating_sub(1) * w..][..w];
-    let mid = &u[middle * w..][..w];
-    let down = &u[(middle + 1).min(h - 1) * w..][..w];
-    let tall = if h > 2 { 1.0 } else { 0.0 };
-    if w > 2 {
-        let n = w - 2;
-        let [(u0, u1, u2), (m0, m1, m2), (d0, d1, d2)] =
-            [up, mid, down].map(|row| (&row[..n], &row[1..][..n], &row[2..][..n]));
-        let (p, q, r) = (&mut p[1..][..n], &mut q[1..][..n], &mut r[1..][..n]);
-        for x in 0..n {
-            let around = [[u0[x], u1[x], u2[x]], [m0[x], m1[x], m2[x]], [d0[x], d1[x], d2[x]]];
-            let [xx, xy, yy] = product(around, m1[x], [1.0, tall], slope);
-            p[x] += xx;
-            q[x] += xy;
-            r[x] += yy;
-        }
+fn continue_outwards(plane: &mut [f32], (h, w): (usize, usize)) {
+    if h > 2 && w > 2 {
+        plane.chunks_exact_mut(w).for_each(|row| (row[0], row[w - 1]) = (row[1], row[w - 2]));
+        plane.copy_within(w..2 * w, 0);
+        plane.copy_within((h - 2) * w..(h - 1) * w, (h - 1) * w);
     }
-    for x in if w > 1 { 0..2 } else { 0..1 } {
-        let x = x * (w - 1);
-        let (centre, wide) = if w > 2 { (x.clamp(1, w - 2), 1.0) } else { (x, 0.0) };
-        let (left, right) = (centre.saturating_sub(1), (centre + 1).min(w - 1));
-        let mut around = [up, mid, down].map(|row| [row[left], row[x], row[right]]);
-        around[1][1] = mid[centre];
-        let [xx, xy, yy] = product(around, mid[x], [wide, tall], slope);
-        p[x] += xx;
-        q[x] += xy;
-        r[x] += yy;
-    }
-}
-
-/// The entries of `H^2 + slope grad grad'`, from the pixels around the middle one. Down the column, `own` takes the middle's place.
-#[inline(always)]
-fn product([up, mid, down]: [[f32; 3]; 3], own: f32, [wide, tall]: [f32; 2], slope: f32) -> [f32; 3] {
-    let xx = wide * (mid[0] - 2.0 * mid[1] + mid[2]);
-    let yy = tall * (up[1] - 2.0 * own + down[1]);
-    let xy = 0.25 * (down[2] - down[0] - up[2] + up[0]);
-    let (gx, gy) = (0.5 * (mid[2] - mid[0]), 0.5 * (down[1] - up[1]));
-    [
-        xx * xx + xy * xy + slope * gx * gx,
-        xy * (xx + yy) + slope * gx * gy,
-        yy * yy + xy * xy + slope * gy * gy,
-    ]
 }
 
 /// A separable blur; beyond the border the outermost pixel goes on.
 #[inline(always)]
-fn blur(plane: &mut [f32], between: &mut [f32], taps: &[f32; REACH + 1], h: usize, w: usize) {
-    for (y, to) in between.chunks_exact_mut(w).enumerate() {
-        let row = |y: usize| &plane[y.min(h - 1) * w..][..w];
-        scaled(to, row(y), taps[0]);
-        for k in 1..=REACH {
-            add_both(to, (row(y.saturating_sub(k)), row(y + k)), taps[k]);
-        }
+fn blur(plane: &mut Vec<f32>, blurred: &mut Vec<f32>, taps: &[f32; REACH + 1], (h, w): (usize, usize)) {
+    let mut line = vec![0.0; w + 2 * REACH];
+    for (y, to) in blurred.chunks_exact_mut(w).enumerate() {
+        let row = |k: usize| &plane[(y + k).saturating_sub(REACH).min(h - 1) * w..][..w];
+        weighted([0, 1, 2, 3, 4, 5, 6, 7, 8].map(row), taps, &mut line[REACH..][..w]);
+        let ends = (line[REACH], line[REACH + w - 1]);
+        line[..REACH].fill(ends.0);
+        line[REACH + w..].fill(ends.1);
+        weighted(slices(&line, [0, 1, 2, 3, 4, 5, 6, 7, 8], w), taps, to);
     }
-    for (from, to) in between.chunks_exact(w).zip(plane.chunks_exact_mut(w)) {
-        let n = w.saturating_sub(2 * REACH);
-        let inner = if n > 0 { REACH..w - REACH } else { 0..0 };
-        for x in (0..inner.start).chain(inner.end..w) {
-            let at = |k: usize| from[x.saturating_sub(k)] + from[(x + k).min(w - 1)];
-            to[x] = taps[0] * from[x] + (1..=REACH).map(|k| taps[k] * at(k)).sum::<f32>();
-        }
-        let to = &mut to[inner.clone()];
-        scaled(to, &from[inner], taps[0]);
-        for k in 1..=REACH {
-            add_both(to, (&from[REACH.min(w) - k.min(w)..], &from[(REACH + k).min(w)..]), taps[k]);
-        }
+    std::mem::swap(plane, blurred);
+}
+
+/// The sum of rows, each times the tap of its distance from the middle one.
+#[inline(always)]
+fn weighted(rows: [&[f32]; 2 * REACH + 1], taps: &[f32; REACH + 1], out: &mut [f32]) {
+    let n = out.len();
+    let [a, b, c, d, e, f, g, h, i] = rows.map(|row| &row[..n]);
+    let [t0, t1, t2, t3, t4] = *taps;
+    for (x, out) in out.iter_mut().enumerate() {
+        let near = t0 * e[x] + t1 * (d[x] + f[x]) + t2 * (c[x] + g[x]);
+        *out = near + t3 * (b[x] + h[x]) + t4 * (a[x] + i[x]);
     }
 }
 
-/// Values times a factor.
+/// As many values of a plane from each of some places.
 #[inline(always)]
-fn scaled(to: &mut [f32], from: &[f32], factor: f32) {
-    for (to, from) in to.iter_mut().zip(from) {
-        *to = factor * from;
-    }
-}
-
-/// Adds a multiple of the sums of two rows.
-#[inline(always)]
-fn add_both(to: &mut [f32], (one, other): (&[f32], &[f32]), factor: f32) {
-    for ((to, one), other) in to.iter_mut().zip(one).zip(other) {
-        *to += factor * (one + other);
-    }
+fn slices<const N: usize>(plane: &[f32], from: [usize; N], n: usize) -> [&[f32]; N] {
+    from.map(|from| &plane[from..][..n])
 }
 
 #[cfg(test)]

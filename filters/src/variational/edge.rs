@@ -18,7 +18,8 @@
 //! blurred by half a pixel. The energy is symmetric under flips and transposition.
 //!
 //! Boundary: free, as of `ss`: a difference that would leave the image is none. So planes are exact up to the border. In `J`
-//! the outermost pixels take the curvature of those within, and its blur goes on with them.
+//! the outermost pixels take the value of those within, and its blur goes on with them. Where there are fewer than three rows or columns,
+//! `D` is 1.
 //!
 //! Algorithm: lagged diffusivity, started from `ss`. A round finds `D` from the image, then solves for the missing pixels with `D` held, by
 //! conjugate gradients with the diagonal as preconditioner, until the residual is a tenth or 8 steps are done (more change figures by less

@@ -3,7 +3,7 @@
 //! Planes lie flat between margins of a row and a pixel that stay zero, and every pass is one loop over all pixels: what a difference takes
 //! from beyond the tile, or from the end of the row before, meets a coefficient of zero.
 
-use super::{LANES, Tile};
+use super::{LANES, Tile, slices};
 use crate::kernel::Body;
 
 /// Values that are summed in single precision.
@@ -278,12 +278,6 @@ impl Steps {
         }
         Some(now)
     }
-}
-
-/// As many values of a plane from each of some places.
-#[inline(always)]
-fn slices<const N: usize>(plane: &[f32], from: [usize; N], n: usize) -> [&[f32]; N] {
-    from.map(|from| &plane[from..][..n])
 }
 
 /// Clears the last column and what follows the row before the last.
