@@ -234,8 +234,11 @@ impl Weights {
     fn mean_at_missing(&self, mask: &Mask) -> Vec<f64> {
         let full = mask.is_full();
         let mut missing = vec![0_usize; self.cells.pixels()];
-        for (pixel, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| full || !**flag) {
-            missing[self.cell(pixel)] += 1;
+        for (row, flags) in mask.as_slice().chunks(self.size.width).enumerate() {
+            let missing = &mut missing[row / self.side * self.cells.width..];
+            for (missing, flags) in missing.iter_mut().zip(flags.chunks(self.side)) {
+                *missing += flags.iter().filter(|flag| full || !**flag).count();
+            }
         }
         let all = missing.iter().sum::<usize>().max(1) as f64;
         let share = |of: &Vec<f32>| {

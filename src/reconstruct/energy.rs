@@ -5,7 +5,10 @@
 //! With `d_b` the light that the filled pixels of block b have beyond that, the sum of all `d_b` has a variance of about the sum of their
 //! squares if they are independent and of mean 0, whatever the picture and however pixels of a block depend on each other.
 
+use std::ops::Range;
+
 use lacuna_core::Size;
+use lacuna_core::parallel::prelude::*;
 use lacuna_filters::Mask;
 use serde::Serialize;
 
@@ -35,30 +38,20 @@ pub fn compare(planes: &[(&[f32], &[f32])], mask: &Mask) -> Option<Energy> {
     let density = mask.count() as f64 / mask.as_slice().len() as f64;
     let (mut excess, mut squares, mut expected) = (0.0, 0.0, 0.0);
     let (mut uneven, mut blocks) = (0.0, 0.0);
-    for top in (0..height).step_by(BLOCK) {
-        for left in (0..width).step_by(BLOCK) {
-            let mut of = [(0.0_f64, 0_usize); 2];
-            for row in top..height.min(top + BLOCK) {
-                for at in row * width + left..row * width + width.min(left + BLOCK) {
-                    let measured = mask.as_slice()[at];
-                    let light = |&(samples, values): &(&[f32], &[f32])| {
-                        f64::from(if measured { samples[at] } else { values[at] })
-                    };
-                    let (sum, count) = &mut of[usize::from(measured)];
-                    *sum += planes.iter().map(light).sum::<f64>();
-                    *count += 1;
-                }
-            }
-            let [(filled, missing), (measured, count)] = of;
-            let all = (missing + count) as f64;
-            uneven += (count as f64 - density * all).powi(2) / (all * density * (1.0 - density));
-            blocks += 1.0;
-            if missing > 0 && count > 0 {
-                let should = measured / count as f64 * missing as f64;
-                excess += filled - should;
-                squares += (filled - should).powi(2);
-                expected += should;
-            }
+    let rows = (0..height.div_ceil(BLOCK)).into_par_iter().map(|row| {
+        let rows = row * BLOCK..height.min((row + 1) * BLOCK);
+        let block = |left| light(planes, mask, (rows.clone(), left..width.min(left + BLOCK)));
+        (0..width).step_by(BLOCK).map(block).collect::<Vec<_>>()
+    });
+    for [(filled, missing), (measured, count)] in rows.into_iter().flatten() {
+        let all = (missing + count) as f64;
+        uneven += (count as f64 - density * all).powi(2) / (all * density * (1.0 - density));
+        blocks += 1.0;
+        if missing > 0 && count > 0 {
+            let should = measured / count as f64 * missing as f64;
+            excess += filled - should;
+            squares += (filled - should).powi(2);
+            expected += should;
         }
     }
     if uneven > UNEVEN * blocks || expected <= 0.0 {
@@ -66,6 +59,28 @@ pub fn compare(planes: &[(&[f32], &[f32])], mask: &Mask) -> Option<Energy> {
     }
     let (ratio, chance) = (1.0 + excess / expected, DEVIATIONS * squares.sqrt() / expected);
     ((ratio - 1.0).abs() > chance.max(LEAST)).then_some(Energy { ratio, chance })
+}
+
+/// The light of a block's missing and measured pixels, of all channels together, and how many pixels these are.
+fn light(
+    planes: &[(&[f32], &[f32])],
+    mask: &Mask,
+    (rows, columns): (Range<usize>, Range<usize>),
+) -> [(f64, usize); 2] {
+    let width = mask.size().width;
+    let mut of = [(0.0_f64, 0_usize); 2];
+    for row in rows {
+        for at in row * width + columns.start..row * width + columns.end {
+            let measured = mask.as_slice()[at];
+            let light = |&(samples, values): &(&[f32], &[f32])| {
+                f64::from(if measured { samples[at] } else { values[at] })
+            };
+            let (sum, count) = &mut of[usize::from(measured)];
+            *sum += planes.iter().map(light).sum::<f64>();
+            *count += 1;
+        }
+    }
+    of
 }
 
 /// What is to be said of a group's light.

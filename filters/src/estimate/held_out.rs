@@ -3,6 +3,8 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
+
 use super::excerpt::Excerpt;
 use super::near::Places;
 use super::variance::{Kind, Variance};
@@ -20,6 +22,8 @@ const ENOUGH: usize = 5000;
 const FAR: f64 = 6.0;
 /// How exact fills without some of the samples are, over the range of these: far below what a fill errs by.
 pub const HELD_OUT: f64 = 5e-4;
+/// Pixels that one task looks at.
+const PIECE: usize = 1 << 14;
 
 /// How the samples of a frame are cut: one cut for all that learn from held-out samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -50,10 +54,13 @@ impl Folds {
 
     /// The mask without these parts.
     pub fn without(self, mask: &Mask, parts: &Range<u64>) -> Mask {
-        let width = mask.size().width;
-        let kept =
-            |row, column| mask.is_measured(row, column) && !parts.contains(&self.part(row * width + column));
-        Mask::from_fn(mask.size(), kept)
+        let mut kept = mask.as_slice().to_vec();
+        kept.par_chunks_mut(PIECE).enumerate().for_each(|(piece, kept)| {
+            for (pixel, kept) in (piece * PIECE..).zip(kept).filter(|(_, kept)| **kept) {
+                *kept = !parts.contains(&self.part(pixel));
+            }
+        });
+        Mask::of(mask.size(), kept)
     }
 
     /// The mask with the fewest samples that all of the frame is filled from to learn from it.
@@ -64,13 +71,17 @@ impl Folds {
 
     /// The measured pixels of these parts, in the order of rows.
     pub fn held_out(self, mask: &Mask, parts: &Range<u64>) -> Vec<u32> {
-        let measured = mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag);
-        measured
-            .map(|(pixel, _)| pixel)
-            .filter(|&pixel| parts.contains(&self.part(pixel)))
-            .map(|pixel| pixel as u32)
-            .collect()
+        pixels_where(mask, |measured, pixel| measured && parts.contains(&self.part(pixel)))
     }
+}
+
+/// The pixels that `wanted` takes, by whether they were measured and by index, in the order of rows.
+pub(super) fn pixels_where(mask: &Mask, wanted: impl Fn(bool, usize) -> bool + Sync) -> Vec<u32> {
+    let pieces = mask.as_slice().par_chunks(PIECE).enumerate().map(|(piece, flags)| {
+        let pixels = (piece * PIECE..).zip(flags).filter(|(pixel, flag)| wanted(**flag, *pixel));
+        pixels.map(|(pixel, _)| pixel as u32).collect::<Vec<u32>>()
+    });
+    pieces.concat()
 }
 
 /// Measured pixels that were held out, and what was predicted there.

@@ -6,7 +6,7 @@ use lacuna_core::parallel::prelude::*;
 use serde::Serialize;
 
 use super::evidence::Evidence;
-use super::held_out::PixelError;
+use super::held_out::{PixelError, pixels_where};
 use super::near::{Near, Places};
 use super::repetition::Repetition;
 use super::variance::Variance;
@@ -142,10 +142,9 @@ impl Model {
         let held: Vec<PixelError> = held.filter(|error| error.weight > 0.0).collect();
         let all_missing = mask.size().pixels() - mask.count();
         let every = (all_missing / LOOKED_AT).max(1) as u64;
-        let looked_at = |&pixel: &u32| {
-            !mask.as_slice()[pixel as usize] && hash(seed ^ 0x51, u64::from(pixel)).is_multiple_of(every)
-        };
-        let pixels: Vec<u32> = (0..mask.size().pixels() as u32).filter(looked_at).collect();
+        let pixels = pixels_where(mask, |measured, pixel| {
+            !measured && hash(seed ^ 0x51, pixel as u64).is_multiple_of(every)
+        });
         let variance = Variance::new(evidence.kind, mask, &places, seed);
         let missing = pixels
             .iter()

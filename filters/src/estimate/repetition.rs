@@ -9,7 +9,7 @@
 
 use std::sync::Arc;
 
-use super::held_out::{Folds, HeldOut, ReconstructPart, pick};
+use super::held_out::{Folds, HeldOut, ReconstructPart, pick, pixels_where};
 use super::model::LOOKED_AT;
 use super::voronoi::Voronoi;
 use crate::sampling::{Field, adaptive, hash};
@@ -52,10 +52,9 @@ impl Repetition {
             return Ok(None);
         }
         let every = ((size.pixels() - again.count()) / LOOKED_AT).max(1) as u64;
-        let looked_at = |&pixel: &u32| {
-            !again.as_slice()[pixel as usize] && hash(seed, u64::from(pixel)).is_multiple_of(every)
-        };
-        let at: Vec<u32> = (0..size.pixels() as u32).filter(looked_at).collect();
+        let at = pixels_where(&again, |measured, pixel| {
+            !measured && hash(seed, pixel as u64).is_multiple_of(every)
+        });
         let image = reconstruct(None, filled, &again)?;
         let of =
             |planes: &Planes| HeldOut { at: at.clone(), predicted: pick(planes, &at), variance: Vec::new() };

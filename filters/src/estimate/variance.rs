@@ -9,6 +9,7 @@
 
 use lacuna_core::parallel::prelude::*;
 
+use super::held_out::pixels_where;
 use super::kriging::{self, NEIGHBOURS};
 use super::near::{Near, Places};
 use crate::sampling::hash;
@@ -96,12 +97,13 @@ impl Variance {
 /// Least squares in logarithms over some pixels, measured and missing ones in equal shares.
 fn fit(mask: &Mask, places: &Places, seed: u64) -> Option<[f64; TERMS]> {
     let (size, count) = (mask.size(), mask.count());
-    let rare = |pixel: usize| {
-        let of = if mask.as_slice()[pixel] { count } else { size.pixels() - count };
-        hash(seed, pixel as u64).is_multiple_of((of / FITTED).max(1) as u64)
-    };
-    let pixels: Vec<usize> = (0..size.pixels()).filter(|&pixel| rare(pixel)).collect();
-    let row = |&pixel: &usize| {
+    let every = |of: usize| (of / FITTED).max(1) as u64;
+    let (measured, missing) = (every(count), every(size.pixels() - count));
+    let pixels = pixels_where(mask, |is_measured, pixel| {
+        hash(seed, pixel as u64).is_multiple_of(if is_measured { measured } else { missing })
+    });
+    let row = |&pixel: &u32| {
+        let pixel = pixel as usize;
         let mut found = [Near::default(); NEIGHBOURS];
         let place = (pixel / size.width, pixel % size.width);
         let count = places.nearest(place, &mut found);

@@ -62,6 +62,8 @@ use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Siz
 const SIDE: usize = 64;
 /// Pixels around it that are solved with it and thrown away.
 const HALO: usize = 8;
+/// Pixels whose values one task sums.
+const PIECE: usize = 1 << 14;
 /// Outermost pixels of a tile's surroundings that stay as they are: a difference of three pixels reaches so far.
 const RIM: usize = 2;
 /// A tile without a smaller weight than this has no edge.
@@ -203,6 +205,10 @@ impl Plan for Planned {
     }
 }
 
+fn add([a, b]: [f64; 2], [c, d]: [f64; 2]) -> [f64; 2] {
+    [a + c, b + d]
+}
+
 /// The power of two below a spread: values over it are exact, and their squares stay in the range of f32.
 fn unit(spread: f64) -> f64 {
     spread.log2().floor().clamp(-120.0, 120.0).exp2()
@@ -255,12 +261,18 @@ impl Planned {
     /// The largest spread of a channel's measured values.
     fn spread(&self, samples: &Planes) -> f64 {
         let spreads = samples.as_slice().iter().map(|plane| {
-            let both = || plane.pixels().iter().zip(self.mask.as_slice());
-            let values = || both().filter(|(_, measured)| **measured).map(|(value, _)| f64::from(*value));
-            let mean = values().sum::<f64>() / self.mask.count() as f64;
-            let (far, roots) = values().fold((0.0, 0.0), |(far, roots), value| {
+            let pieces = || plane.pixels().par_chunks(PIECE).zip(self.mask.as_slice().par_chunks(PIECE));
+            let sum = |of: &(dyn Fn(f64) -> [f64; 2] + Sync)| {
+                let sums = pieces().map(|(values, flags)| {
+                    let measured = values.iter().zip(flags).filter(|(_, measured)| **measured);
+                    measured.map(|(value, _)| of(f64::from(*value))).fold([0.0; 2], add)
+                });
+                sums.into_iter().fold([0.0; 2], add)
+            };
+            let mean = sum(&|value| [value, 0.0])[0] / self.mask.count() as f64;
+            let [far, roots] = sum(&|value| {
                 let distance = (value - mean).abs();
-                (far + distance, roots + distance.sqrt())
+                [distance, distance.sqrt()]
             });
             if roots > 0.0 { (far / roots).powi(2) } else { 0.0 }
         });
