@@ -30,7 +30,7 @@ pub struct Neighbourhood {
 /// Where what is held out is as it will be filled.
 const HELD_OUT: Neighbourhood = Neighbourhood { spread: 4.0, frame: 0.5 };
 /// What a candidate must take away of the squared error to count where it has to be computed.
-const WORTH: f64 = 0.01;
+pub const WORTH: f64 = 0.01;
 /// Cells to each side of a cell that its neighbourhood takes in: three Gaussian widths.
 const REACH: usize = 6;
 /// By how much the misses around a cell may be larger by chance where those of the image are not.
@@ -90,10 +90,10 @@ impl Weights {
         prefers: Option<Preferred<'_>>,
     ) -> Self {
         let at = held.first().map_or(&[][..], |held| &held.at);
-        let (mut own, mut around, mut whole) = Self::of_errors(mask, truth, held);
         if at.is_empty() || held.len() < 2 {
-            return own;
+            return Self::first(mask, (at, HELD_OUT));
         }
+        let (mut own, mut around, mut whole) = Self::of_errors(mask, truth, held);
         let right = prefers.map(|one| own.right(at, &around, one.misses));
         around.iter_mut().chain([&mut whole]).for_each(|products| inherit(products, held.len(), less));
         let mut counting: Vec<usize> = (0..held.len()).collect();
@@ -160,6 +160,16 @@ impl Weights {
         })
     }
 
+    /// Cells for as many held-out samples, in which the first candidate counts alone.
+    fn first(mask: &Mask, (at, near): (&[u32], Neighbourhood)) -> Self {
+        let size = mask.size();
+        let spacing = (size.pixels() as f64 / at.len().max(1) as f64).sqrt();
+        let side = ((0.5 * near.spread * spacing).round() as usize).max(1);
+        let cells = Size::new(size.height.div_ceil(side), size.width.div_ceil(side));
+        let of = vec![vec![1.0; cells.pixels()]];
+        Self { size, side, cells, frame: near.frame, of, shares: vec![1.0] }
+    }
+
     /// Cells, in which the first candidate counts alone, the sums of products around each, and those over all.
     fn summed(
         mask: &Mask,
@@ -167,18 +177,8 @@ impl Weights {
         count: usize,
         mut products: impl FnMut(usize, usize, &mut [f64]),
     ) -> (Self, Vec<Products>, Products) {
-        let size = mask.size();
-        let spacing = (size.pixels() as f64 / at.len().max(1) as f64).sqrt();
-        let side = ((0.5 * near.spread * spacing).round() as usize).max(1);
-        let cells = Size::new(size.height.div_ceil(side), size.width.div_ceil(side));
-        let own = Self {
-            size,
-            side,
-            cells,
-            frame: near.frame,
-            of: vec![vec![1.0; cells.pixels()]],
-            shares: vec![1.0],
-        };
+        let own = Self::first(mask, (at, near));
+        let cells = own.cells;
         let mut sums = vec![vec![0.0; count * count]; cells.pixels()];
         for (i, &pixel) in at.iter().enumerate() {
             products(i, pixel as usize, &mut sums[own.cell(pixel as usize)]);

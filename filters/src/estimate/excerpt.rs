@@ -6,10 +6,17 @@ use lacuna_core::parallel::prelude::*;
 
 use crate::{Mask, Plane, Planes, Size};
 
-/// Side of a tile.
-const TILE: usize = 128;
-/// Pixels of a tile's border that its neighbours may reach.
-const BORDER: usize = 16;
+/// Pixels of a tile's side, and of its border that its neighbours may reach.
+#[derive(Clone, Copy, Debug)]
+struct Tile {
+    side: usize,
+    border: usize,
+}
+
+/// Tiles of an estimate.
+const WIDE: Tile = Tile { side: 128, border: 16 };
+/// Tiles on which methods are compared, which all have the same neighbours.
+const NARROW: Tile = Tile { side: 96, border: 8 };
 /// Tiles along each side of the excerpt.
 const ACROSS: usize = 4;
 /// Frames that have fewer pixels are no larger than tiles need: so many times what these hold.
@@ -22,51 +29,71 @@ pub struct Excerpt {
     pub mask: Arc<Mask>,
     /// The pixel of the frame that each is.
     sources: Vec<u32>,
+    tile: Tile,
 }
 
 impl Excerpt {
     /// The pixels of a frame that `source` names, by row and column.
-    pub(super) fn new(mask: Mask, frame: Size, source: impl Fn(usize, usize) -> (usize, usize)) -> Self {
+    pub(super) fn new(
+        mask: Mask,
+        frame: Size,
+        source: impl Fn(usize, usize) -> (usize, usize) + Sync,
+    ) -> Self {
         let size = mask.size();
-        let index = |pixel| {
-            let (row, column) = source(pixel / size.width, pixel % size.width);
+        let index = |row, column| {
+            let (row, column) = source(row, column);
             (row * frame.width + column) as u32
         };
-        Self { mask: Arc::new(mask), sources: (0..size.pixels()).map(index).collect() }
+        let sources = (0..size.height)
+            .into_par_iter()
+            .map(|row| (0..size.width).map(|column| index(row, column)).collect::<Vec<u32>>());
+        Self { mask: Arc::new(mask), sources: sources.concat(), tile: WIDE }
     }
 
     /// Tiles that are spread over a large frame; nothing if it is hardly larger than these.
     pub fn tiles(frame: &Mask) -> Option<Self> {
-        let from = frame.size();
-        let side = TILE * ACROSS;
-        if from.height < side || from.width < side || from.pixels() < LARGE * side * side {
+        Self::of_tiles(frame, WIDE)
+    }
+
+    /// The same, for less, where methods are compared.
+    pub fn few_tiles(frame: &Mask) -> Option<Self> {
+        Self::of_tiles(frame, NARROW)
+    }
+
+    fn of_tiles(frame: &Mask, tile: Tile) -> Option<Self> {
+        let (from, least) = (frame.size(), WIDE.side * ACROSS);
+        if from.height < least || from.width < least || from.pixels() < LARGE * least * least {
             return None;
         }
-        let place = |at: usize, length: usize| at / TILE * (length - TILE) / (ACROSS - 1) + at % TILE;
+        let place =
+            |at: usize, length: usize| at / tile.side * (length - tile.side) / (ACROSS - 1) + at % tile.side;
         let source = |row, column| (place(row, from.height), place(column, from.width));
+        let side = tile.side * ACROSS;
         let mask = Mask::from_fn(Size::new(side, side), |row, column| {
             let (row, column) = source(row, column);
             frame.is_measured(row, column)
         });
-        Some(Self::new(mask, from, source))
+        Some(Self { tile, ..Self::new(mask, from, source) })
     }
 
     /// Whether the neighbours of a pixel's tile do not reach it.
     pub fn is_inner(&self, pixel: u32) -> bool {
-        let inner = |at: usize| (BORDER..TILE - BORDER).contains(&(at % TILE));
+        let Tile { side, border } = self.tile;
+        let inner = |at: usize| (border..side - border).contains(&(at % side));
         let width = self.mask.size().width;
         inner(pixel as usize / width) && inner(pixel as usize % width)
     }
 
     /// The border of tiles in spacings of samples, those of the tile that has fewest.
     pub fn border(&self) -> f64 {
+        let Tile { side, border } = self.tile;
         let mut counts = [0_u32; ACROSS * ACROSS];
         let width = self.mask.size().width;
         for (pixel, _) in self.mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
-            counts[pixel / width / TILE * ACROSS + pixel % width / TILE] += 1;
+            counts[pixel / width / side * ACROSS + pixel % width / side] += 1;
         }
         let fewest = counts.into_iter().min().unwrap_or(0);
-        (f64::from(fewest) / (TILE * TILE) as f64).sqrt() * BORDER as f64
+        (f64::from(fewest) / (side * side) as f64).sqrt() * border as f64
     }
 
     /// The pixel of the frame that a pixel is.
@@ -114,6 +141,11 @@ mod tests {
         assert!((excerpt.border() - 16.0 * f64::sqrt(0.2)).abs() < 0.1);
         let hole = Mask::from_fn(size, |row, column| row > 200 || column > 200);
         assert!(Excerpt::tiles(&hole).unwrap().border() < 1e-9);
+        let few = Excerpt::few_tiles(&frame).unwrap();
+        assert_eq!(few.sources.len(), 384 * 384);
+        assert!(few.is_inner(8 * 384 + 87) && !few.is_inner(8 * 384 + 88));
+        assert!(few.sources.is_sorted_by(|a, b| a < b));
+        assert!(Excerpt::few_tiles(&Mask::from_fn(Size::new(800, 800), |_, _| true)).is_none());
         assert!(Excerpt::tiles(&Mask::from_fn(Size::new(500, 4000), |_, _| true)).is_none());
         assert!(Excerpt::tiles(&Mask::from_fn(Size::new(800, 800), |_, _| true)).is_none());
     }

@@ -1,5 +1,7 @@
 //! Voronoi cells of the samples, the missing pixels that each is the nearest of: how evenly samples lie, and what each of them speaks for.
 
+use lacuna_core::parallel::prelude::*;
+
 use super::held_out::PixelError;
 use crate::Mask;
 use crate::baseline::nearest::NearestMap;
@@ -30,7 +32,8 @@ impl Voronoi {
         let map = NearestMap::new(mask).ok();
         let sources = map.iter().flat_map(NearestMap::as_slice);
         sources.for_each(|&source| counts[source as usize] += 1.0);
-        let squares: f64 = counts.iter().map(|&count| f64::from(count).powi(2)).sum();
+        let square = |piece: &[f32]| piece.iter().map(|&count| f64::from(count).powi(2)).sum::<f64>();
+        let squares: f64 = counts.par_chunks(1 << 14).map(square).iter().sum();
         let mean = mask.density().recip();
         let variation = (squares / mask.count().max(1) as f64 / (mean * mean) - 1.0).max(0.0).sqrt();
         Self { map, counts, variation }

@@ -1,10 +1,11 @@
 //! The minimum of the energy on a tile, by conjugate gradients. [`super`] has the formulas.
 //!
-//! Planes lie flat between margins of a row and a pixel that stay zero, and every pass is one loop over all pixels: what a difference takes
+//! Planes lie flat between margins of a row and more that stay zero, and every pass is one loop over all pixels: what a difference takes
 //! from beyond the tile, or from the end of the row before, meets a coefficient of zero.
 
 use super::{LANES, Tile, slices};
 use crate::kernel::Body;
+use crate::kernel::aligned::Aligned;
 
 /// Values that are summed in single precision.
 const RUN: usize = 8 * LANES;
@@ -16,15 +17,15 @@ pub(super) struct Operator {
     height: usize,
     width: usize,
     /// `p` at pixels that have both neighbours in their row.
-    p: Vec<f32>,
+    p: Aligned<f32>,
     /// `r` at pixels that have both neighbours in their column.
-    r: Vec<f32>,
+    r: Aligned<f32>,
     /// `q / 2` at pixels.
-    half: Vec<f32>,
+    half: Aligned<f32>,
     /// `q^2` at pixels that have all four neighbours.
-    square: Vec<f32>,
+    square: Aligned<f32>,
     /// At cells: the factor of the squared mixed difference. No cell is in the last row or column.
-    twist: Vec<f32>,
+    twist: Aligned<f32>,
     pulls: Pulls,
     steps: Steps,
 }
@@ -33,25 +34,25 @@ pub(super) struct Operator {
 #[derive(Debug, Default)]
 struct Pulls {
     /// At pixels, along rows.
-    xx: Vec<f32>,
+    xx: Aligned<f32>,
     /// At pixels, along columns.
-    yy: Vec<f32>,
+    yy: Aligned<f32>,
     /// At pixels: their share in the pull of the cells around.
-    share: Vec<f32>,
+    share: Aligned<f32>,
     /// At cells: mixed differences, then what they pull with.
-    mixed: Vec<f32>,
+    mixed: Aligned<f32>,
 }
 
 /// What conjugate gradients keep.
 #[derive(Debug, Default)]
 struct Steps {
     /// Inverse of the diagonal where pixels are free, else 0.
-    inverse: Vec<f32>,
-    pixels: Vec<f32>,
-    residual: Vec<f32>,
-    direction: Vec<f32>,
+    inverse: Aligned<f32>,
+    pixels: Aligned<f32>,
+    residual: Aligned<f32>,
+    direction: Aligned<f32>,
     /// What the operator makes of the direction.
-    image: Vec<f32>,
+    image: Aligned<f32>,
 }
 
 /// Solves for the free pixels of every channel, starting from what is there.
@@ -85,7 +86,7 @@ impl Body for Solve<'_> {
 impl Operator {
     /// Zeros on either side of a plane.
     fn margin(&self) -> usize {
-        self.width + 1
+        (self.width + 1).next_multiple_of(LANES)
     }
 
     /// Values between the margins.
@@ -93,19 +94,20 @@ impl Operator {
         (self.height * self.width).next_multiple_of(LANES)
     }
 
-    /// Takes on a size; all planes become zero.
+    /// Takes on a size. What lies outside of the tile's pixels is zero, and stays so.
     fn resize(&mut self, (height, width): (usize, usize)) {
+        if (self.height, self.width) == (height, width) {
+            return;
+        }
         (self.height, self.width) = (height, width);
         let length = self.length() + 2 * self.margin();
         let Self { p, r, half, square, twist, pulls: Pulls { xx, yy, share, mixed }, steps, .. } = self;
         let Steps { inverse, pixels, residual, direction, image } = steps;
         for plane in [p, r, half, square, twist, xx, yy, share, mixed] {
-            plane.clear();
-            plane.resize(length, 0.0);
+            *plane = Aligned::zeros(length);
         }
         for plane in [inverse, pixels, residual, direction, image] {
-            plane.clear();
-            plane.resize(length, 0.0);
+            *plane = Aligned::zeros(length);
         }
     }
 
@@ -147,7 +149,7 @@ impl Operator {
         let (w, margin, n) = (self.width, self.margin(), out.len());
         let [p0, p1, p2] = slices(&self.p, [margin - 1, margin, margin + 1], n);
         let [r0, r1, r2] = slices(&self.r, [margin - w, margin, margin + w], n);
-        let [t0, t1, t2, t3] = slices(&self.twist, [0, 1, w, w + 1], n);
+        let [t0, t1, t2, t3] = slices(&self.twist, [margin - w - 1, margin - w, margin - 1, margin], n);
         let square = &self.square[margin..][..n];
         for (i, out) in out.iter_mut().enumerate() {
             let along = p0[i] * p0[i] + 4.0 * p1[i] * p1[i] + p2[i] * p2[i];
@@ -202,7 +204,7 @@ impl Operator {
         let [left, up] = slices(u, [margin - 1, margin - w], n);
         let [[p], [r], [half], [square], [twist]] =
             [&self.p, &self.r, &self.half, &self.square, &self.twist].map(|plane| slices(plane, own, n));
-        let [a, b, c, d] = slices(mixed, [0, 1, w, w + 1], n);
+        let [a, b, c, d] = slices(mixed, [margin - w - 1, margin - w, margin - 1, margin], n);
         let [to_xx, to_yy, to_share] =
             [&mut *xx, &mut *yy, &mut *share].map(|plane| &mut plane[margin..][..n]);
         for i in 0..n {
@@ -221,7 +223,7 @@ impl Operator {
         clear_ends(&mut mixed[margin..][..n], size);
         let [left, mid, right] = slices(xx, [margin - 1, margin, margin + 1], n);
         let [up, centre, down] = slices(yy, [margin - w, margin, beyond], n);
-        let [a, b, c, d] = slices(mixed, [0, 1, w, w + 1], n);
+        let [a, b, c, d] = slices(mixed, [margin - w - 1, margin - w, margin - 1, margin], n);
         for (i, out) in image[margin..][..n].iter_mut().enumerate() {
             let along = (left[i] - mid[i]) + (right[i] - mid[i]);
             let across = (up[i] - centre[i]) + (down[i] - centre[i]);
