@@ -55,6 +55,7 @@ use crate::descriptor::{Configured, Descriptor, Field, Memory, Range, Setting, T
 use crate::estimate::Kind;
 use crate::kernel::curvature::{Solve, Tile, Weigh, Weighting};
 use crate::kernel::{Isa, dispatch};
+use crate::sampling::hash;
 use crate::variational::ss;
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Size, check};
 
@@ -62,8 +63,8 @@ use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Siz
 const SIDE: usize = 64;
 /// Pixels around it that are solved with it and thrown away.
 const HALO: usize = 8;
-/// Pixels whose values one task sums.
-const PIECE: usize = 1 << 14;
+/// Pixels of rows that tell the spread of samples.
+const ENOUGH: usize = 1 << 18;
 /// Outermost pixels of a tile's surroundings that stay as they are: a difference of three pixels reaches so far.
 const RIM: usize = 2;
 /// A tile without a smaller weight than this has no edge.
@@ -205,10 +206,6 @@ impl Plan for Planned {
     }
 }
 
-fn add([a, b]: [f64; 2], [c, d]: [f64; 2]) -> [f64; 2] {
-    [a + c, b + d]
-}
-
 /// The power of two below a spread: values over it are exact, and their squares stay in the range of f32.
 fn unit(spread: f64) -> f64 {
     spread.log2().floor().clamp(-120.0, 120.0).exp2()
@@ -258,25 +255,26 @@ impl Planned {
         outcome
     }
 
-    /// The largest spread of a channel's measured values.
+    /// The largest spread of a channel's measured values; of a large image, those of some rows.
     fn spread(&self, samples: &Planes) -> f64 {
-        let spreads = samples.as_slice().iter().map(|plane| {
-            let pieces = || plane.pixels().par_chunks(PIECE).zip(self.mask.as_slice().par_chunks(PIECE));
-            let sum = |of: &(dyn Fn(f64) -> [f64; 2] + Sync)| {
-                let sums = pieces().map(|(values, flags)| {
-                    let measured = values.iter().zip(flags).filter(|(_, measured)| **measured);
-                    measured.map(|(value, _)| of(f64::from(*value))).fold([0.0; 2], add)
-                });
-                sums.into_iter().fold([0.0; 2], add)
-            };
-            let mean = sum(&|value| [value, 0.0])[0] / self.mask.count() as f64;
-            let [far, roots] = sum(&|value| {
+        let (height, every) = (self.mask.size().height, (self.mask.size().pixels() / ENOUGH).max(1) as u64);
+        let mut rows: Vec<usize> =
+            (0..height).filter(|&row| hash(0, row as u64).is_multiple_of(every)).collect();
+        if rows.iter().all(|&row| !self.mask.row(row).contains(&true)) {
+            rows = (0..height).collect();
+        }
+        let spreads = samples.as_slice().par_iter().map(|plane| {
+            let values = || rows.iter().flat_map(|&row| plane.row(row).iter().zip(self.mask.row(row)));
+            let measured = || values().filter(|(_, flag)| **flag).map(|(value, _)| f64::from(*value));
+            let (sum, count) = measured().fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));
+            let mean = sum / f64::from(count.max(1));
+            let (far, roots) = measured().fold((0.0, 0.0), |(far, roots), value| {
                 let distance = (value - mean).abs();
-                [distance, distance.sqrt()]
+                (far + distance, roots + distance.sqrt())
             });
             if roots > 0.0 { (far / roots).powi(2) } else { 0.0 }
         });
-        spreads.fold(0.0, f64::max)
+        spreads.into_iter().fold(0.0, f64::max)
     }
 
     /// Finds the edges of the image and solves with them, tile by tile. Returns the most steps and the largest residual of a tile.
