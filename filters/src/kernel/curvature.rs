@@ -24,6 +24,9 @@ mod solve;
 
 /// Lanes of sums.
 const LANES: usize = 16;
+/// More than the trace of a channel's tensor over the square of its range: 2 of it is the most that a second derivative can be, 1/2 the
+/// mixed one and a slope, whose square counts less.
+const STEEPEST: f32 = 2.0 * (4.0 + 0.25 + 0.25) * 1.01;
 /// Values on one side of a blur's middle.
 const REACH: usize = 4;
 
@@ -68,13 +71,16 @@ impl Tile {
     }
 }
 
-/// Finds a tile's matrices from its pixels. Returns the least weight of a direction.
+/// Finds a tile's matrices from its pixels. Returns the least weight of a direction, or 1, and no matrices, where the range of the pixels shows
+/// that it cannot be below `sought`.
 #[derive(Debug)]
 pub struct Weigh<'a> {
     /// The tile.
     pub tile: &'a mut Tile,
     /// How.
     pub how: Weighting,
+    /// From this weight on matrices are not needed.
+    pub sought: f32,
 }
 
 impl Body for Weigh<'_> {
@@ -84,6 +90,10 @@ impl Body for Weigh<'_> {
         let Tile { height, width, values, matrix, room, .. } = self.tile;
         let (h, w) = (*height, *width);
         let [smooth, other] = room;
+        let squares: f32 = values.chunks_exact(h * w).map(range).map(|range| range * range).sum();
+        if 1.0 / (1.0 + STEEPEST * squares * self.how.inverse) >= self.sought {
+            return 1.0;
+        }
         if h > 2 && w > 2 {
             for channel in values.chunks_exact(h * w) {
                 soften(channel, other, smooth, w);
@@ -108,6 +118,23 @@ impl Body for Weigh<'_> {
         }
         least(other)
     }
+}
+
+/// The largest of some values less the least one.
+#[inline(always)]
+fn range(values: &[f32]) -> f32 {
+    let mut lanes = [[f32::INFINITY, f32::NEG_INFINITY]; LANES];
+    let (whole, rest) = values.as_chunks::<LANES>();
+    for values in whole {
+        for ([least, most], value) in lanes.iter_mut().zip(values) {
+            (*least, *most) = (least.min(*value), most.max(*value));
+        }
+    }
+    let lanes = lanes.into_iter().chain(rest.iter().map(|value| [*value; 2]));
+    let [least, most] = lanes.fold([f32::INFINITY, f32::NEG_INFINITY], |[least, most], [low, high]| {
+        [least.min(low), most.max(high)]
+    });
+    most - least
 }
 
 /// The least of some values and 1.

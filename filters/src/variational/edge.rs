@@ -319,7 +319,7 @@ impl Planned {
         before: &Planes,
     ) -> Option<(Vec<f32>, usize, f64)> {
         core.read(how.unit.recip(), &self.mask, before, tile);
-        if dispatch(self.isa, Weigh { tile, how: how.weighting }) >= EDGE {
+        if dispatch(self.isa, Weigh { tile, how: how.weighting, sought: EDGE }) >= EDGE {
             return None;
         }
         let (steps, left) = dispatch(self.isa, Solve { tile, steps: how.steps, tolerance: TOLERANCE });

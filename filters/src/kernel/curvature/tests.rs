@@ -37,7 +37,7 @@ fn tile(h: usize, w: usize) -> Tile {
 
 fn weighed(isa: Isa, h: usize, w: usize) -> (Tile, f32) {
     let mut tile = tile(h, w);
-    let least = dispatch(isa, Weigh { tile: &mut tile, how: HOW });
+    let least = dispatch(isa, Weigh { tile: &mut tile, how: HOW, sought: 2.0 });
     (tile, least)
 }
 
@@ -118,6 +118,20 @@ fn planes_have_no_energy() {
         let (mut tile, _) = weighed(Isa::Portable, h, w);
         let plane: Vec<f32> = (0..h * w).map(|k| 3.0 + 2.0 * (k / w) as f32 - 5.0 * (k % w) as f32).collect();
         assert_eq!(applied(&plane, &mut tile), vec![0.0; h * w], "{h} x {w}");
+    }
+}
+
+#[test]
+fn tiles_of_little_range_need_no_matrices() {
+    for scale in [1.0_f32, 0.3, 0.1, 0.03, 0.01, 0.0] {
+        let with = |sought: f32| {
+            let mut tile = tile(21, 34);
+            tile.values.iter_mut().for_each(|value| *value = 0.4 + scale * *value);
+            dispatch(Isa::best(), Weigh { tile: &mut tile, how: HOW, sought })
+        };
+        let (all, found) = (with(2.0), with(0.7));
+        assert!(found == all || (found == 1.0 && all >= 0.7), "{scale}: {found} for {all}");
+        assert!(scale > 0.0 || found == 1.0);
     }
 }
 
