@@ -5,6 +5,9 @@ use crate::estimate::{Excerpt, Folds, HeldOut};
 use crate::weights::{WORTH, Weights};
 use crate::{Error, Mask, Planes, Run};
 
+/// So many held-out samples tell candidates apart that differ by a few hundredths of their squared error.
+const ENOUGH: usize = 1500;
+
 /// The names of the candidates that are worth computing.
 pub fn worth_trying(
     candidates: &[Candidate<'_>],
@@ -24,7 +27,7 @@ pub fn worth_trying(
             let fold = (folds, parts.clone());
             held.extend(candidate.held_out((&planes, tiles), fold, &mut splines, run)?.sorted(judged));
         }
-        if held.first().is_none_or(|held| held.at.len() >= super::DECIDE) {
+        if held.first().is_none_or(|held| held.at.len() >= ENOUGH) {
             break;
         }
     }
