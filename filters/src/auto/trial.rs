@@ -6,7 +6,7 @@ use crate::weights::{WORTH, Weights};
 use crate::{Error, Mask, Planes, Run};
 
 /// So many held-out samples tell candidates apart that differ by a few hundredths of their squared error.
-const ENOUGH: usize = 1500;
+const ENOUGH: usize = 1000;
 
 /// The names of the candidates that are worth computing.
 pub fn worth_trying(
