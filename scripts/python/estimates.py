@@ -34,6 +34,8 @@ ROUNDS = ("foot", "chest")
 # Frames whose error channel is held against the truth, and the least error that counts there.
 BINNED, VISIBLE = ("engine", "head", "aneurism-iso"), 1e-4
 SINGLE = ("ss", "edge", "tv")
+# Densities at which the filter that chooses is held against these.
+CHOICE = (0.05, 0.2, 0.5)
 # Pixels chosen in rounds.
 ADAPTIVE = "adaptive"
 # What is done with every frame: density, pattern, filters.
@@ -86,30 +88,47 @@ def colours(names):
     return [names.index(name) for name in ("R", "G", "B") if name in names] or [names.index("Y")]
 
 
-def case(folder, path, density, pattern, filter_name, guides):
-    """Truth and estimate of one case in decibels, the interval, and the share of each candidate."""
-    truth, names = read(path)
-    mask, sparse, full, report = (folder / name for name in ("mask.exr", "sparse.exr", "full.exr", "report.json"))
-    for old in (mask, sparse, full, report):
+def psnr(error):
+    return -10 * math.log10(max(float((error.astype(np.float64) ** 2).mean()), 1e-30))
+
+
+def sparsify(folder, path, density, pattern):
+    """The frame with only some of its pixels."""
+    mask, sparse = folder / "mask.exr", folder / "sparse.exr"
+    for old in (mask, sparse):
         old.unlink(missing_ok=True)
     if pattern == ADAPTIVE:
         run("sparsify", path, "--density", density, "--adaptive", "-o", sparse)
     else:
-        run("mask", "--size", f"{truth.shape[1]}x{truth.shape[0]}", "--density", density, "--pattern", pattern, "-o", mask)
+        pixels, _ = read(path)
+        run("mask", "--size", f"{pixels.shape[1]}x{pixels.shape[0]}", "--density", density, "--pattern", pattern, "-o", mask)
         run("sparsify", path, "--mask", f"file:{mask}", "-o", sparse)
+    return sparse
+
+
+def difference(path, full):
+    """What is filled less what is true, colours clipped to 0 and 1."""
+    (truth, names), (filled, filled_names) = read(path), read(full)
+    return filled[..., colours(filled_names)].clip(0, 1) - truth[..., colours(names)].clip(0, 1)
+
+
+def case(folder, path, density, pattern, filter_name, guides):
+    """Truth and estimate of one case in decibels."""
+    _, names = read(path)
+    full, report = (folder / name for name in ("full.exr", "report.json"))
+    for old in (full, report):
+        old.unlink(missing_ok=True)
+    sparse = sparsify(folder, path, density, pattern)
     command = ["fill", sparse, "-o", full, "--filter", filter_name, "--json", report]
     run(*command, *(["--guides-from", path] if guides else ["--guides", "none"]))
-    filled, filled_names = read(full)
     flags, flag_names = read(sparse)
     missing = flags[..., flag_names.index("mask")] < 0.5
-    difference = filled[..., colours(filled_names)].clip(0, 1) - truth[..., colours(names)].clip(0, 1)
-    psnr = lambda error: -10 * math.log10(max(float((error.astype(np.float64) ** 2).mean()), 1e-30))
     record = json.loads(report.read_text())["frames"][0]
     wanted = {"R", "G", "B"} if "R" in names else {"Y"}
     found = next(item for item in record["estimates"] if wanted & set(item["channels"]))
     # A bound is an interval without an upper end or a middle.
     told = found.get("psnr") or ("psnr_at_least" in found and {"low": found["psnr_at_least"], "high": math.inf}) or None
-    return psnr(difference[missing]), psnr(difference), told, found.get("unknown"), record.get("chosen", "")
+    return psnr(difference(path, full)[missing]), told, found.get("unknown"), record.get("chosen", "")
 
 
 def is_blind(row):
@@ -123,10 +142,10 @@ def estimates(folder, paths, cases):
         guided = path.stem.endswith("-aov")
         for density, pattern, filters in cases:
             for filter_name in ("auto",) if guided else filters:
-                truth, whole, found, unknown, chosen = case(folder, path, density, pattern, filter_name, guided)
-                rows.append((path.stem, density, pattern, filter_name, truth, found, unknown, whole, chosen))
+                truth, found, unknown, chosen = case(folder, path, density, pattern, filter_name, guided)
+                rows.append((path.stem, density, pattern, filter_name, truth, found, unknown))
                 shown = " | ".join(words(found, unknown))
-                print(f"{path.stem:16} {density:<5} {pattern:8} {filter_name:5} {truth:6.2f} {shown} whole {whole:.2f} {chosen}", flush=True)
+                print(f"{path.stem:16} {density:<5} {pattern:8} {filter_name:5} {truth:6.2f} {shown} {chosen}", flush=True)
     return rows
 
 
@@ -153,7 +172,7 @@ def summary(rows):
 
 def table(rows):
     lines = ["| frame | density | pattern | filter | true (dB) | estimated (dB) | interval |", "|---|---:|---|---|---:|---:|---|"]
-    for name, density, pattern, filter_name, truth, found, unknown, *_ in rows:
+    for name, density, pattern, filter_name, truth, found, unknown in rows:
         estimated = " | ".join(words(found, unknown))
         mark = "" if is_blind((name, density, pattern)) else " (tuned)"
         lines.append(f"| {name}{mark} | {density} | {pattern} | {filter_name} | {truth:.1f} | {estimated} |")
@@ -164,18 +183,20 @@ def table(rows):
     return "\n".join(["", *parts, "", *lines, ""])
 
 
-def auto(rows):
-    """The choice against the best single filter, whole frames."""
-    best = {}
-    for name, density, pattern, filter_name, _, _, _, whole, _ in rows:
-        best.setdefault((name, density, pattern), {})[filter_name] = whole
-    lines = ["| frame | density | pattern | ss | edge | tv | auto | auto over the best |", "|---|---:|---|---:|---:|---:|---:|---:|"]
-    for (name, density, pattern), of in best.items():
-        if not set(SINGLE) <= set(of) or "auto" not in of:
-            continue
-        ahead = of["auto"] - max(of[filter_name] for filter_name in SINGLE)
-        values = " | ".join(f"{of[filter_name]:.2f}" for filter_name in (*SINGLE, "auto"))
-        lines.append(f"| {name} | {density} | {pattern} | {values} | {ahead:+.2f} |")
+def choice(folder, paths, densities):
+    """The filter that chooses against the best single one, whole frames."""
+    lines = ["| frame | density | ss | edge | tv | auto | auto over the best |", "|---|---:|---:|---:|---:|---:|---:|"]
+    full = folder / "full.exr"
+    for path in (path for path in paths if not path.stem.endswith("-aov")):
+        for density in densities:
+            sparse, values = sparsify(folder, path, density, "shuffle"), []
+            for filter_name in (*SINGLE, "auto"):
+                full.unlink(missing_ok=True)
+                run("fill", sparse, "-o", full, "--filter", filter_name, "--guides", "none", "--no-estimate")
+                values.append(psnr(difference(path, full)))
+            shown = " | ".join(f"{value:.2f}" for value in values)
+            lines.append(f"| {path.stem} | {density} | {shown} | {values[-1] - max(values[:-1]):+.2f} |")
+            print(lines[-1], flush=True)
     return "\n".join(["", *lines, ""])
 
 
@@ -186,11 +207,10 @@ def bins(folder, paths):
         sparse, full = folder / "sparse.exr", folder / "full.exr"
         run("sparsify", path, "--density", 0.2, "-o", sparse)
         run("fill", sparse, "-o", full, "--guides", "none", "--error-channel")
-        (truth, names), (filled, filled_names), (flags, flag_names) = read(path), read(full), read(sparse)
+        (filled, filled_names), (flags, flag_names) = read(full), read(sparse)
         predicted = filled[..., filled_names.index("error")].astype(np.float64)
         asked = (flags[..., flag_names.index("mask")] < 0.5) & (predicted >= VISIBLE)
-        difference = filled[..., colours(filled_names)].clip(0, 1) - truth[..., colours(names)].clip(0, 1)
-        squared, predicted = (difference.astype(np.float64) ** 2).mean(-1)[asked], predicted[asked]
+        squared, predicted = (difference(path, full).astype(np.float64) ** 2).mean(-1)[asked], predicted[asked]
         parts = np.array_split(np.argsort(predicted, kind="stable"), 10)
         ratios = [math.sqrt(squared[part].mean() / (predicted[part] ** 2).mean()) for part in parts]
         lines.append(f"| {path.stem} | " + " | ".join(f"{ratio:.2f}" for ratio in ratios) + " |")
@@ -208,10 +228,12 @@ def main():
     several = [(density, pattern, arguments.filters) for density in arguments.densities or [] for pattern in arguments.patterns]
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
-        rows = estimates(folder, frames(folder, arguments.frames), several or CASES)
+        paths = frames(folder, arguments.frames)
+        chosen = choice(folder, paths, arguments.densities or CHOICE)
+        rows = estimates(folder, paths, several or CASES)
         paths = frames(folder, [*BINNED])
         channel = bins(folder, paths) if not arguments.frames or set(arguments.frames) & set(BINNED) else ""
-    text = f"{auto(rows)}\n{channel}\n{table(rows)}"
+    text = f"{chosen}\n{channel}\n{table(rows)}"
     print(text)
     if arguments.write:
         page = PAGE.read_text()
