@@ -30,7 +30,7 @@ pub struct Neighbourhood {
 /// Where what is held out is as it will be filled.
 const HELD_OUT: Neighbourhood = Neighbourhood { spread: 4.0, frame: 0.5 };
 /// What a candidate must take away of the squared error to count where it has to be computed.
-pub const WORTH: f64 = 0.01;
+const WORTH: f64 = 0.01;
 /// Cells to each side of a cell that its neighbourhood takes in: three Gaussian widths.
 const REACH: usize = 6;
 /// By how much the misses around a cell may be larger by chance where those of the image are not.
