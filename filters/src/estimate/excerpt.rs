@@ -15,7 +15,7 @@ struct Tile {
 
 /// Tiles of an estimate.
 const WIDE: Tile = Tile { side: 128, border: 16 };
-/// Tiles on which methods are compared, which all have the same neighbours.
+/// Tiles on which methods are compared: what crosses a narrow border disturbs all of them alike.
 const NARROW: Tile = Tile { side: 96, border: 8 };
 /// Tiles along each side of the excerpt.
 const ACROSS: usize = 4;
@@ -55,8 +55,8 @@ impl Excerpt {
         Self::of_tiles(frame, WIDE)
     }
 
-    /// The same, for less, where methods are compared.
-    pub fn few_tiles(frame: &Mask) -> Option<Self> {
+    /// Smaller tiles, on which methods are compared.
+    pub fn small_tiles(frame: &Mask) -> Option<Self> {
         Self::of_tiles(frame, NARROW)
     }
 
@@ -141,11 +141,11 @@ mod tests {
         assert!((excerpt.border() - 16.0 * f64::sqrt(0.2)).abs() < 0.1);
         let hole = Mask::from_fn(size, |row, column| row > 200 || column > 200);
         assert!(Excerpt::tiles(&hole).unwrap().border() < 1e-9);
-        let few = Excerpt::few_tiles(&frame).unwrap();
+        let few = Excerpt::small_tiles(&frame).unwrap();
         assert_eq!(few.sources.len(), 384 * 384);
         assert!(few.is_inner(8 * 384 + 87) && !few.is_inner(8 * 384 + 88));
         assert!(few.sources.is_sorted_by(|a, b| a < b));
-        assert!(Excerpt::few_tiles(&Mask::from_fn(Size::new(800, 800), |_, _| true)).is_none());
+        assert!(Excerpt::small_tiles(&Mask::from_fn(Size::new(800, 800), |_, _| true)).is_none());
         assert!(Excerpt::tiles(&Mask::from_fn(Size::new(500, 4000), |_, _| true)).is_none());
         assert!(Excerpt::tiles(&Mask::from_fn(Size::new(800, 800), |_, _| true)).is_none());
     }

@@ -261,22 +261,27 @@ impl Steps {
     /// or nothing where no step can be taken.
     #[inline(always)]
     fn advance(&mut self, rest: f64, margin: usize, n: usize) -> Option<f64> {
-        let [image, inverse] = [&self.image, &self.inverse].map(|plane| &plane[margin..][..n]);
-        let [pixels, residual, direction] = [&mut self.pixels, &mut self.residual, &mut self.direction]
-            .map(|plane| &mut plane[margin..][..n]);
+        let inverse = &self.inverse[margin..][..n];
+        let [pixels, residual, direction, image] =
+            [&mut self.pixels, &mut self.residual, &mut self.direction, &mut self.image]
+                .map(|plane| &mut plane[margin..][..n]);
         let length = rest / dot(direction, image);
         if !length.is_finite() {
             return None;
         }
         let alpha = length as f32;
-        for ((x, r), (d, o)) in pixels.iter_mut().zip(&mut *residual).zip(direction.iter().zip(image)) {
+        for ((x, r), (d, o)) in pixels.iter_mut().zip(&mut *residual).zip(direction.iter().zip(&*image)) {
             *x += alpha * d;
             *r -= alpha * o;
         }
-        let now = preconditioned(residual, inverse);
+        // The image is not needed any more: what the preconditioner makes of the residual takes its place.
+        for ((z, r), m) in image.iter_mut().zip(&*residual).zip(inverse) {
+            *z = r * m;
+        }
+        let now = dot(residual, image);
         let beta = (now / rest) as f32;
-        for ((d, r), m) in direction.iter_mut().zip(residual).zip(inverse) {
-            *d = *r * m + beta * *d;
+        for (d, z) in direction.iter_mut().zip(&*image) {
+            *d = z + beta * *d;
         }
         Some(now)
     }
@@ -298,22 +303,6 @@ fn dot(a: &[f32], b: &[f32]) -> f64 {
         for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
             for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
                 *sum += a * b;
-            }
-        }
-        all += f64::from(sums.iter().sum::<f32>());
-    }
-    all
-}
-
-/// A sum of squares times factors.
-#[inline(always)]
-fn preconditioned(values: &[f32], factors: &[f32]) -> f64 {
-    let mut all = 0.0;
-    for (values, factors) in values.chunks(RUN).zip(factors.chunks(RUN)) {
-        let mut sums = [0.0_f32; LANES];
-        for (values, factors) in values.as_chunks::<LANES>().0.iter().zip(factors.as_chunks::<LANES>().0) {
-            for ((sum, value), factor) in sums.iter_mut().zip(values).zip(factors) {
-                *sum += value * (value * factor);
             }
         }
         all += f64::from(sums.iter().sum::<f32>());
