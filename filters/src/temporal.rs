@@ -28,26 +28,29 @@
 //! approximate solution of a functional equation by deferred corrections", Numerische Mathematik 8, 1966; P. Holland, R. Welsch,
 //! "Robust regression using iteratively reweighted least-squares", Communications in Statistics 6, 1977.
 
+mod aimed;
 pub mod camera;
 mod carried;
 pub mod flow;
 mod level;
+mod taps;
 #[cfg(test)]
 mod tests;
 
 pub use carried::Carried;
 pub(crate) use carried::thinned;
 pub(crate) use level::Both;
+pub(crate) use taps::Taps;
 
 use std::ops::Range;
 
 use lacuna_core::parallel::prelude::*;
 
 use crate::estimate::{Folds, PARTS};
-use crate::kernel::blur::blur;
 use crate::kernel::extremes::range;
 use crate::variational::ss::Pulled;
-use crate::{Mask, Outcome, Plane, Planes, Run, Size};
+use crate::{Mask, Outcome, Plane, Planes, Run};
+use aimed::{Aim, Data};
 
 /// The part of the disagreement that levelling over a wide Gaussian takes away where brightness changes: 0.7 to 0.85 on turntables of head and tooth whose
 /// light moves, up to 0.32 on those of engine, aneurism, head and tooth whose light does not.
@@ -124,13 +127,13 @@ pub(crate) fn pull(mask: &Mask, pulling: &Pulling<'_>, image: &mut Planes, run: 
         };
         carried.iter().enumerate().map(one).collect()
     };
-    let targets: Vec<_> = carried.iter().map(|carried| targets(mask, carried)).collect();
+    let aims: Vec<_> = carried.iter().map(|carried| Aim::new(mask, carried)).collect();
     let rounds = if pull.levelled { LEVELLED_ROUNDS } else { ROUNDS };
     for round in 1..=rounds {
         let levelled = if pull.levelled { level(image) } else { Vec::new() };
         let carried = if pull.levelled { &levelled } else { carried };
         let tolerance = if round < rounds || pulling.roughly { ROUGH } else { ERROR };
-        let data = Data::new(mask, (carried, &targets), pulling, (&begun, image), tolerance);
+        let data = Data::new(mask, (carried, &aims), pulling, (&begun, image), tolerance);
         if run.interrupted().is_some() || data.is_empty() {
             break;
         }
@@ -251,141 +254,4 @@ fn squared(image: &Planes, values: impl Iterator<Item = f32>, [y, x]: [f32; 2]) 
     let planes = image.as_slice().iter().zip(values);
     let squares: f64 = planes.map(|(plane, value)| (f64::from(value) - taps.of(plane)).powi(2)).sum();
     squares / image.len().max(1) as f64
-}
-
-/// Values on the grid, less those of the image that was there first, and how firmly they pull.
-struct Data {
-    values: Planes,
-    pulls: Plane,
-    tolerances: Vec<f64>,
-}
-
-impl Data {
-    fn new(
-        mask: &Mask,
-        (carried, targets): (&[Carried], &[Vec<Option<u32>>]),
-        pulling: &Pulling<'_>,
-        (begun, image): (&Planes, &Planes),
-        tolerance: f64,
-    ) -> Self {
-        let Pull { weight, levelled } = pulling.pull;
-        let size = mask.size();
-        let ranges: Vec<f64> = begun.as_slice().iter().map(|plane| wide(mask, plane)).collect();
-        let least = (HALF * ranges.iter().copied().fold(0.0, f64::max)).max(f64::MIN_POSITIVE);
-        let missed: Vec<Vec<f64>> = carried.iter().map(|carried| missed(carried, image)).collect();
-        let count = image.len().max(1);
-        let errors: Vec<Vec<f64>> = missed.iter().map(|missed| mean_squares(missed, count)).collect();
-        let scale = scales(size, carried, &errors);
-        let mut pulls = vec![0.0_f64; size.pixels()];
-        let mut sums = vec![vec![0.0_f64; size.pixels()]; image.len()];
-        for (frame, (carried, errors)) in carried.iter().zip(&errors).enumerate() {
-            for (i, (place, error)) in carried.places.iter().zip(errors).enumerate() {
-                let Some(at) = targets[frame][i] else { continue };
-                let at = at as usize;
-                let scale = AROUND * AROUND * scale[carried::pixel(size, *place)] + least * least;
-                let weight = pulling.weights.map_or(weight, |weights| f64::from(weights.pixels()[at]));
-                let pull = weight * carried.nearness(levelled) / (1.0 + error / scale);
-                pulls[at] += pull;
-                let planes = image.as_slice().iter().zip(begun.as_slice()).zip(&missed[frame][i * count..]);
-                for (sum, ((plane, begun), missed)) in sums.iter_mut().zip(planes) {
-                    let shift = f64::from(plane.pixels()[at]) - f64::from(begun.pixels()[at]);
-                    sum[at] += pull * (missed + shift);
-                }
-            }
-        }
-        let plane = |sum: Vec<f64>| {
-            let mean = sum.iter().zip(&pulls).map(|(s, p)| if *p > 0.0 { (s / p) as f32 } else { 0.0 });
-            Plane::of(size, mean.collect())
-        };
-        let values = Planes::of(size, sums.into_iter().map(plane).collect());
-        let pulls = Plane::of(size, pulls.into_iter().map(|pull| pull as f32).collect());
-        Self { values, pulls, tolerances: ranges.into_iter().map(|range| tolerance * range).collect() }
-    }
-
-    fn is_empty(&self) -> bool {
-        self.pulls.pixels().iter().all(|pull| *pull == 0.0)
-    }
-}
-
-/// The mean squared disagreement of the samples around each pixel.
-fn scales(size: Size, carried: &[Carried], errors: &[Vec<f64>]) -> Vec<f64> {
-    let (mut sums, mut counts) = (vec![0.0_f32; size.pixels()], vec![0.0_f32; size.pixels()]);
-    for (carried, errors) in carried.iter().zip(errors) {
-        for (place, error) in carried.places.iter().zip(errors) {
-            let at = carried::pixel(size, *place);
-            sums[at] += *error as f32;
-            counts[at] += 1.0;
-        }
-    }
-    let (sums, counts) = (blur(size, &sums, SPREAD), blur(size, &counts, SPREAD));
-    let mean =
-        |(sum, count): (&f32, &f32)| if *count > 0.0 { f64::from(*sum) / f64::from(*count) } else { 0.0 };
-    sums.iter().zip(&counts).map(mean).collect()
-}
-
-/// The missing pixel that each sample pulls.
-fn targets(mask: &Mask, carried: &Carried) -> Vec<Option<u32>> {
-    let near = |place: &[f32; 2]| missing_near(mask, *place).map(|at| at as u32);
-    carried.places.par_iter().with_min_len(PIECE).map(near)
-}
-
-/// The missing pixel nearest to a place, of the four around it.
-fn missing_near(mask: &Mask, [y, x]: [f32; 2]) -> Option<usize> {
-    let Size { height, width } = mask.size();
-    let around = |at: f32, length: usize| {
-        let low = at.floor();
-        [low, low + 1.0].map(|at| at.clamp(0.0, (length - 1) as f32))
-    };
-    let mut nearest = None::<(f32, usize)>;
-    for row in around(y, height) {
-        for column in around(x, width) {
-            let at = row as usize * width + column as usize;
-            let distance = (row - y).powi(2) + (column - x).powi(2);
-            // Of a measured pixel's own place, there is nothing to be learned beside it.
-            if distance < 1e-6 && mask.as_slice()[at] {
-                return None;
-            }
-            if !mask.as_slice()[at] && nearest.is_none_or(|nearest| distance < nearest.0) {
-                nearest = Some((distance, at));
-            }
-        }
-    }
-    nearest.map(|nearest| nearest.1)
-}
-
-/// Cubic interpolation at a place.
-pub(crate) struct Taps {
-    rows: [(usize, f64); 4],
-    columns: [(usize, f64); 4],
-}
-
-impl Taps {
-    /// Places beyond the outermost pixels are theirs.
-    pub fn new(size: Size, y: f32, x: f32) -> Self {
-        Self { rows: axis(y, size.height), columns: axis(x, size.width) }
-    }
-
-    /// The value of a plane.
-    pub fn of(&self, plane: &Plane) -> f64 {
-        let row = |&(row, weight): &(usize, f64)| {
-            let row = plane.row(row);
-            weight * self.columns.iter().map(|&(column, w)| w * f64::from(row[column])).sum::<f64>()
-        };
-        self.rows.iter().map(row).sum()
-    }
-}
-
-/// The four pixels around a place along one axis, and their weights.
-fn axis(at: f32, length: usize) -> [(usize, f64); 4] {
-    let last = (length - 1) as f32;
-    let at = at.clamp(0.0, last);
-    let low = at.floor();
-    let t = f64::from(at - low);
-    let weights = [
-        0.5 * t * (t * (2.0 - t) - 1.0),
-        0.5 * (t * t * (3.0 * t - 5.0) + 2.0),
-        0.5 * t * (t * (4.0 - 3.0 * t) + 1.0),
-        0.5 * t * t * (t - 1.0),
-    ];
-    std::array::from_fn(|k| ((low + k as f32 - 1.0).clamp(0.0, last) as usize, weights[k]))
 }

@@ -1,5 +1,6 @@
 //! Motion by depth and cameras, as the standard attributes say them.
 
+use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part};
 use lacuna_filters::baseline::nearest::NearestMap;
 use lacuna_filters::temporal::camera::{Camera, Depth, Matrix};
@@ -59,9 +60,9 @@ pub fn places((frame, part): (&Frame, usize), neighbour: &Neighbour) -> Option<V
     let (here, there) = (camera(own)?, camera(other)?);
     let depth = depths(neighbour, part)?;
     let size = other.size();
-    let pixels = || (0..size.pixels()).map(|at| [at / size.width, at % size.width].map(|at| at as f64));
+    let pixel = |at: usize| [at / size.width, at % size.width].map(|at| at as f64);
     if here.is_same(&there) {
-        return Some(vec![pixels().map(|place| place.map(|at| at as f32)).collect()]);
+        return Some(vec![(0..size.pixels()).map(|at| pixel(at).map(|at| at as f32)).collect()]);
     }
     // From pixels of the data window to those of the display window, which the camera shows.
     let offset = [
@@ -69,12 +70,16 @@ pub fn places((frame, part): (&Frame, usize), neighbour: &Neighbour) -> Option<V
         f64::from(own.data_window.x_min) - f64::from(own.display_window.x_min),
     ];
     let along = |along: Depth| -> Vec<[f32; 2]> {
-        let carry = |([row, column], depth): ([f64; 2], &f32)| {
-            let place =
-                here.place(there.point([row + offset[0], column + offset[1]], f64::from(*depth), along));
+        let carry = |(at, depth): (usize, &f32)| {
+            if depth.is_nan() {
+                return [f32::NAN; 2];
+            }
+            let [row, column] = pixel(at);
+            let point = there.point([row + offset[0], column + offset[1]], f64::from(*depth), along);
+            let place = here.place(point);
             [(place[0] - offset[0]) as f32, (place[1] - offset[1]) as f32]
         };
-        pixels().zip(&depth).map(carry).collect()
+        depth.par_iter().enumerate().map(carry)
     };
     let mut all = Vec::new();
     for convention in conventions(other) {
@@ -99,7 +104,7 @@ fn with_surfaces(size: Size, depth: &[f32], places: &[[f32; 2]]) -> Option<Vec<[
         let width = size.width;
         [shift(0, at / width, from / width), shift(1, at % width, from % width)]
     };
-    Some(nearest.as_slice().iter().enumerate().map(place).collect())
+    Some(nearest.as_slice().par_iter().enumerate().map(place))
 }
 
 /// What the depth of a frame is likely measured along: lacuna's own is along the ray.

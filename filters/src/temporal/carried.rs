@@ -1,10 +1,14 @@
 //! Samples of another frame at their places in this one.
 
+use lacuna_core::parallel::prelude::*;
+
 use crate::domain::Map;
 use crate::sampling::hash;
 use crate::variational::guided::Beside;
 use crate::{Mask, Planes, Size};
 
+/// Pixels that one task takes.
+const PIECE: usize = 1 << 14;
 /// Side of the blocks in which samples are counted.
 const BLOCK: usize = 32;
 /// The distance from a pixel's centre that is none.
@@ -32,19 +36,31 @@ impl Carried {
         size: Size,
         (samples, mask): (&Planes, &Mask),
         distance: u32,
-        place: impl Fn(usize) -> [f32; 2],
+        place: impl Fn(usize) -> [f32; 2] + Sync,
     ) -> Self {
-        let values = vec![Vec::new(); samples.len()];
-        let mut own = Self { places: Vec::new(), values, distance: distance.max(1), judged: None };
-        for (at, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
-            // What is all but a pixel's centre is it.
-            let [y, x] = place(at).map(|at| if (at - at.round()).abs() < WHOLE { at.round() } else { at });
-            let finite = || samples.as_slice().iter().all(|plane| plane.pixels()[at].is_finite());
-            if inside(y, size.height) && inside(x, size.width) && finite() {
-                own.places.push([y, x]);
-                let planes = own.values.iter_mut().zip(samples.as_slice());
-                planes.for_each(|(values, plane)| values.push(plane.pixels()[at]));
+        let none = || Self {
+            values: vec![Vec::new(); samples.len()],
+            distance: distance.max(1),
+            ..Self::default()
+        };
+        let part = |(part, flags): (usize, &[bool])| {
+            let mut own = none();
+            for at in (0..flags.len()).filter(|at| flags[*at]).map(|at| part * PIECE + at) {
+                // What is all but a pixel's centre is it.
+                let [y, x] = place(at).map(|at| if (at - round(at)).abs() < WHOLE { round(at) } else { at });
+                let finite = || samples.as_slice().iter().all(|plane| plane.pixels()[at].is_finite());
+                if inside(y, size.height) && inside(x, size.width) && finite() {
+                    own.places.push([y, x]);
+                    let planes = own.values.iter_mut().zip(samples.as_slice());
+                    planes.for_each(|(values, plane)| values.push(plane.pixels()[at]));
+                }
             }
+            own
+        };
+        let mut own = none();
+        for part in mask.as_slice().par_chunks(PIECE).enumerate().map(part) {
+            own.places.extend(part.places);
+            own.values.iter_mut().zip(part.values).for_each(|(own, values)| own.extend(values));
         }
         own
     }
@@ -136,6 +152,11 @@ impl Carried {
     }
 }
 
+/// The nearest whole number, of those that pixels of an image can have; quicker than that of any number.
+fn round(at: f32) -> f32 {
+    (at + 0.5).max(0.0) as u32 as f32
+}
+
 /// Whether a place lies in an image of this height or width.
 pub(super) fn inside(at: f32, length: usize) -> bool {
     at >= -0.5 && at < length as f32 - 0.5
@@ -143,7 +164,8 @@ pub(super) fn inside(at: f32, length: usize) -> bool {
 
 /// The pixel of an image of that size that a place is in.
 pub(super) fn pixel(size: Size, [y, x]: [f32; 2]) -> usize {
-    let at = |at: f32, length: usize| (at.round().max(0.0) as usize).min(length - 1);
+    // Of what is not negative, this is the nearest whole number.
+    let at = |at: f32, length: usize| ((at.max(0.0) + 0.5) as usize).min(length - 1);
     at(y, size.height) * size.width + at(x, size.width)
 }
 

@@ -18,6 +18,8 @@
 //!
 //! Source: W. Cleveland, S. Devlin, "Locally weighted regression", Journal of the American Statistical Association 83, 1988.
 
+use lacuna_core::parallel::prelude::*;
+
 use super::{Carried, HALF, Taps, carried, off, wide};
 use crate::kernel::blur::blur;
 use crate::{Mask, Planes, Size};
@@ -40,26 +42,33 @@ pub struct Both<'a> {
 
 /// The samples with values as this frame would show them, of which `image` is known.
 pub fn levelled(carried: &Carried, image: &Planes, both: Option<Both<'_>>) -> Carried {
-    levelled_within(SPREAD, carried, image, both)
+    levelled_within((SPREAD, false), carried, image, both)
 }
 
 /// The part of the squared disagreement of an image with samples that levelling over a wide Gaussian takes away: little but where brightness changes.
 pub fn gain(carried: &Carried, image: &Planes) -> f64 {
     let misses = |carried: &Carried| off(carried, image).filter(|off| off.is_finite()).sum::<f64>();
     let before = misses(carried);
-    if before > 0.0 { 1.0 - misses(&levelled_within(WIDE, carried, image, None)) / before } else { 0.0 }
+    if before > 0.0 { 1.0 - misses(&levelled_within((WIDE, true), carried, image, None)) / before } else { 0.0 }
 }
 
-fn levelled_within(spread: f64, carried: &Carried, image: &Planes, both: Option<Both<'_>>) -> Carried {
+fn levelled_within(
+    (spread, coarsely): (f64, bool),
+    carried: &Carried,
+    image: &Planes,
+    both: Option<Both<'_>>,
+) -> Carried {
     let size = image.size();
     let mut own = carried.clone();
     own.judged = None;
     let at: Vec<usize> = carried.places.iter().map(|place| carried::pixel(size, *place)).collect();
     let everything = Mask::from_fn(size, |_, _| true);
-    for (channel, values) in own.values.iter_mut().enumerate() {
+    let measured = both.map_or(0, |both| both.mask.count());
+    let around = Gaussian::new(size, carried.len() + measured, spread, coarsely);
+    own.values.par_iter_mut().enumerate().for_each(|(channel, values)| {
         let plane = &image.as_slice()[channel];
         let ridge = (HALF * wide(&everything, plane)).powi(2).max(f64::MIN_POSITIVE);
-        let mut sums = Moments::new(size);
+        let mut sums = Moments::new(around);
         for ((value, place), at) in values.iter().zip(&carried.places).zip(&at) {
             sums.add(*at, f64::from(*value), Taps::new(size, place[0], place[1]).of(plane));
         }
@@ -69,42 +78,73 @@ fn levelled_within(spread: f64, carried: &Carried, image: &Planes, both: Option<
                 sums.add(at, f64::from(fill.pixels()[at]), f64::from(samples.pixels()[at]));
             }
         }
-        let maps = sums.around(spread);
+        let maps = sums.blurred();
         for (value, at) in values.iter_mut().zip(&at) {
             *value = maps.of(*at, f64::from(*value), ridge) as f32;
         }
-    }
+    });
     own
 }
 
-/// Sums over pairs, by pixel: of 1, v, y, v v and v y.
-struct Moments {
+/// What is around a pixel.
+#[derive(Clone, Copy)]
+struct Gaussian {
     size: Size,
-    pairs: usize,
+    /// Standard deviation in pixels.
+    sigma: f64,
+    /// Side of the square cells of which it is made.
+    cell: usize,
+}
+
+impl Gaussian {
+    /// Of so many spacings of pairs; coarsely, of cells a quarter as wide.
+    fn new(size: Size, pairs: usize, spread: f64, coarsely: bool) -> Self {
+        let sigma = spread * (size.pixels() as f64 / pairs.max(1) as f64).sqrt();
+        let cell = if coarsely { ((sigma / 4.0) as usize).max(1) } else { 1 };
+        Self { size, sigma, cell }
+    }
+
+    fn cells(self) -> Size {
+        Size::new(self.size.height.div_ceil(self.cell), self.size.width.div_ceil(self.cell))
+    }
+
+    fn cell(self, pixel: usize) -> usize {
+        if self.cell == 1 {
+            return pixel;
+        }
+        let [row, column] = [pixel / self.size.width, pixel % self.size.width].map(|at| at / self.cell);
+        row * self.cells().width + column
+    }
+}
+
+/// Sums over pairs, by cell: of 1, v, y, v v and v y.
+struct Moments {
+    around: Gaussian,
     sums: [Vec<f32>; 5],
 }
 
 impl Moments {
-    fn new(size: Size) -> Self {
-        Self { size, pairs: 0, sums: std::array::from_fn(|_| vec![0.0; size.pixels()]) }
+    fn new(around: Gaussian) -> Self {
+        Self { around, sums: std::array::from_fn(|_| vec![0.0; around.cells().pixels()]) }
     }
 
     fn add(&mut self, at: usize, v: f64, y: f64) {
-        self.pairs += 1;
+        let at = self.around.cell(at);
         for (sum, term) in self.sums.iter_mut().zip([1.0, v, y, v * v, v * y]) {
             sum[at] += term as f32;
         }
     }
 
-    /// Of the pairs around each pixel.
-    fn around(self, spread: f64) -> Self {
-        let spacing = (self.size.pixels() as f64 / self.pairs.max(1) as f64).sqrt();
-        let sigma = spread * spacing;
-        Self { sums: self.sums.map(|sums| blur(self.size, &sums, sigma)), ..self }
+    /// Of the pairs around each cell.
+    fn blurred(self) -> Self {
+        let Gaussian { sigma, cell, .. } = self.around;
+        let blurred = |sums: Vec<f32>| blur(self.around.cells(), &sums, sigma / cell as f64);
+        Self { sums: self.sums.map(blurred), ..self }
     }
 
     /// What becomes of a value at a pixel.
     fn of(&self, at: usize, value: f64, ridge: f64) -> f64 {
+        let at = self.around.cell(at);
         let [count, v, y, vv, vy] = std::array::from_fn(|k| f64::from(self.sums[k][at]));
         if count <= 0.0 {
             return value;

@@ -1,0 +1,177 @@
+//! Which missing pixel each sample of other frames pulls, towards which value and how firmly.
+
+use std::ops::Range;
+
+use lacuna_core::parallel::prelude::*;
+
+use super::{AROUND, Carried, HALF, PIECE, Pull, Pulling, SPREAD, carried, mean_squares, missed, wide};
+use crate::kernel::blur::blur;
+use crate::{Mask, Plane, Planes, Size};
+
+/// Rows of the image whose sums one task takes.
+const ROWS: usize = 32;
+/// What stands for the pixel of a sample that pulls none.
+const NONE: u32 = u32::MAX;
+
+/// Where the samples of another frame are, and what they pull.
+pub struct Aim {
+    /// The pixel that each is in.
+    pixels: Vec<u32>,
+    /// The missing pixel that each pulls, or `NONE`.
+    targets: Vec<u32>,
+    /// The samples that pull something, in the order of the bands of `ROWS` that these pixels are in.
+    order: Vec<u32>,
+    /// Those of each band.
+    bands: Vec<Range<usize>>,
+}
+
+impl Aim {
+    /// Of samples in an image of which these pixels are measured.
+    pub fn new(mask: &Mask, carried: &Carried) -> Self {
+        let size = mask.size();
+        let one = |place: &[f32; 2]| {
+            let target = missing_near(mask, *place).map_or(NONE, |at| at as u32);
+            (carried::pixel(size, *place) as u32, target)
+        };
+        let both = carried.places.par_iter().with_min_len(PIECE).map(one);
+        let (pixels, targets): (Vec<u32>, Vec<u32>) = both.into_iter().unzip();
+        let band = |target: u32| target as usize / (ROWS * size.width);
+        let mut bands = vec![0..0; size.height.div_ceil(ROWS)];
+        targets.iter().filter(|target| **target != NONE).for_each(|target| bands[band(*target)].end += 1);
+        let mut begun = 0;
+        for own in &mut bands {
+            let count = own.end;
+            *own = begun..begun;
+            begun += count;
+        }
+        let mut order = vec![0; begun];
+        for (sample, target) in targets.iter().enumerate().filter(|(_, target)| **target != NONE) {
+            let own = &mut bands[band(*target)];
+            order[own.end] = sample as u32;
+            own.end += 1;
+        }
+        Self { pixels, targets, order, bands }
+    }
+}
+
+/// Values on the grid, less those of the image that was there first, and how firmly they pull.
+pub struct Data {
+    /// The values.
+    pub values: Planes,
+    /// How firmly each pixel is pulled.
+    pub pulls: Plane,
+    /// Largest last correction of each plane.
+    pub tolerances: Vec<f64>,
+}
+
+impl Data {
+    /// By an image and the one that was there first.
+    pub fn new(
+        mask: &Mask,
+        (carried, aims): (&[Carried], &[Aim]),
+        pulling: &Pulling<'_>,
+        (begun, image): (&Planes, &Planes),
+        tolerance: f64,
+    ) -> Self {
+        let Pull { weight, levelled } = pulling.pull;
+        let size = mask.size();
+        let ranges: Vec<f64> = begun.as_slice().iter().map(|plane| wide(mask, plane)).collect();
+        let least = (HALF * ranges.iter().copied().fold(0.0, f64::max)).max(f64::MIN_POSITIVE);
+        let missed: Vec<Vec<f64>> = carried.iter().map(|carried| missed(carried, image)).collect();
+        let count = image.len().max(1);
+        let errors: Vec<Vec<f64>> = missed.iter().map(|missed| mean_squares(missed, count)).collect();
+        let around = Around::new(size, aims, &errors);
+        let band = |rows: usize| -> (Vec<f64>, Vec<Vec<f64>>) {
+            let first = rows * ROWS * size.width;
+            let pixels = (ROWS * size.width).min(size.pixels() - first);
+            let mut pulls = vec![0.0; pixels];
+            let mut sums = vec![vec![0.0; pixels]; image.len()];
+            for (frame, (carried, aim)) in carried.iter().zip(aims).enumerate() {
+                let nearness = carried.nearness(levelled);
+                for &i in &aim.order[aim.bands[rows].clone()] {
+                    let i = i as usize;
+                    let at = aim.targets[i] as usize;
+                    let scale = AROUND * AROUND * around.at(aim.pixels[i] as usize) + least * least;
+                    let weight = pulling.weights.map_or(weight, |weights| f64::from(weights.pixels()[at]));
+                    let pull = weight * nearness / (1.0 + errors[frame][i] / scale);
+                    pulls[at - first] += pull;
+                    let planes = image.as_slice().iter().zip(begun.as_slice());
+                    let planes = planes.zip(&missed[frame][i * count..]);
+                    for (sum, ((plane, begun), missed)) in sums.iter_mut().zip(planes) {
+                        let shift = f64::from(plane.pixels()[at]) - f64::from(begun.pixels()[at]);
+                        sum[at - first] += pull * (missed + shift);
+                    }
+                }
+            }
+            for sum in &mut sums {
+                sum.iter_mut().zip(&pulls).filter(|(_, pull)| **pull > 0.0).for_each(|(s, p)| *s /= p);
+            }
+            (pulls, sums)
+        };
+        let mut values = Planes::zeros(size, image.len());
+        let mut pulls = Plane::filled(size, 0.0);
+        let bands = (0..size.height.div_ceil(ROWS)).into_par_iter().with_max_len(1).map(band);
+        for (rows, (own, sums)) in bands.iter().enumerate() {
+            let first = rows * ROWS * size.width;
+            let put = |plane: &mut Plane, from: &[f64]| {
+                plane.pixels_mut()[first..].iter_mut().zip(from).for_each(|(to, from)| *to = *from as f32);
+            };
+            put(&mut pulls, own);
+            values.as_mut_slice().iter_mut().zip(sums).for_each(|(plane, sum)| put(plane, sum));
+        }
+        Self { values, pulls, tolerances: ranges.into_iter().map(|range| tolerance * range).collect() }
+    }
+
+    /// Whether nothing is pulled.
+    pub fn is_empty(&self) -> bool {
+        self.pulls.pixels().iter().all(|pull| *pull == 0.0)
+    }
+}
+
+/// The mean squared disagreement of the samples around each pixel.
+struct Around {
+    sums: Vec<f32>,
+    counts: Vec<f32>,
+}
+
+impl Around {
+    fn new(size: Size, aims: &[Aim], errors: &[Vec<f64>]) -> Self {
+        let (mut sums, mut counts) = (vec![0.0_f32; size.pixels()], vec![0.0_f32; size.pixels()]);
+        for (at, error) in aims.iter().zip(errors).flat_map(|(aim, errors)| aim.pixels.iter().zip(errors)) {
+            sums[*at as usize] += *error as f32;
+            counts[*at as usize] += 1.0;
+        }
+        Self { sums: blur(size, &sums, SPREAD), counts: blur(size, &counts, SPREAD) }
+    }
+
+    fn at(&self, pixel: usize) -> f64 {
+        let count = self.counts[pixel];
+        if count > 0.0 { f64::from(self.sums[pixel]) / f64::from(count) } else { 0.0 }
+    }
+}
+
+/// The missing pixel nearest to a place, of the four around it.
+fn missing_near(mask: &Mask, [y, x]: [f32; 2]) -> Option<usize> {
+    let Size { height, width } = mask.size();
+    let around = |at: f32, length: usize| {
+        let (last, low) = ((length - 1) as f32, at.max(0.0) as usize as f32);
+        let low = if at < 0.0 { low - 1.0 } else { low };
+        [low, low + 1.0].map(|at| at.clamp(0.0, last))
+    };
+    let columns = around(x, width);
+    let mut nearest = None::<(f32, usize)>;
+    for row in around(y, height) {
+        for column in columns {
+            let at = row as usize * width + column as usize;
+            let distance = (row - y).powi(2) + (column - x).powi(2);
+            // Of a measured pixel's own place, there is nothing to be learned beside it.
+            if distance < 1e-6 && mask.as_slice()[at] {
+                return None;
+            }
+            if !mask.as_slice()[at] && nearest.is_none_or(|nearest| distance < nearest.0) {
+                nearest = Some((distance, at));
+            }
+        }
+    }
+    nearest.map(|nearest| nearest.1)
+}
