@@ -4,8 +4,8 @@ use std::cell::LazyCell;
 use std::ops::Deref;
 
 use lacuna_exr::{Frame, Part};
-use lacuna_filters::Size;
 use lacuna_filters::temporal::{Carried, Judge, explained, flow};
+use lacuna_filters::{Mask, Planes, Size};
 
 use super::blind::Blind;
 use super::paths::Paths;
@@ -16,6 +16,32 @@ use crate::mask::Masks;
 
 /// The part of the variance of a neighbour's samples that the frame must explain where motion carries them. Beyond a cut it is about 0.
 const EXPLAINED: f64 = 0.5;
+
+/// Samples of a neighbour by which its motion is judged at most.
+const ASKED: usize = 1 << 14;
+
+/// Some of a neighbour's samples, by which its motion is judged.
+struct Asked {
+    samples: Planes,
+    mask: Mask,
+}
+
+impl Asked {
+    /// Nothing if the neighbour lacks some of these channels.
+    fn new(neighbour: &Neighbour, part: usize, names: &[String]) -> Option<Self> {
+        let (samples, mask) = measured(neighbour, part, names)?;
+        let every = mask.count().div_ceil(ASKED).max(1);
+        let mut flags = mask.as_slice().to_vec();
+        let measured = flags.iter_mut().filter(|flag| **flag).enumerate();
+        measured.for_each(|(k, flag)| *flag = k % every == 0);
+        Some(Self { mask: Mask::new(mask.size(), flags).ok()?, samples })
+    }
+
+    /// At these places of all pixels.
+    fn at(&self, places: &[[f32; 2]]) -> Carried {
+        Carried::new(self.samples.size(), (&self.samples, &self.mask), 1, |at| places[at])
+    }
+}
 
 /// A neighbour's part whose samples have places.
 pub struct Carrier<'a> {
@@ -52,9 +78,9 @@ impl Carrier<'_> {
 impl Carrier<'_> {
     /// Refuses a neighbour beyond a cut, or of a motion that cannot be true: motion that is estimated from the frame itself bends anything
     /// towards it, which held-out pixels cannot tell.
-    fn shows_the_same(self, reference: &Reference<'_>) -> Result<Self, String> {
-        match self.carried(&reference.names) {
-            Some(carried) if explained(&carried, &reference.filled) < EXPLAINED => {
+    fn shows_the_same(self, asked: Option<&Asked>, reference: &Reference<'_>) -> Result<Self, String> {
+        match asked {
+            Some(asked) if explained(&asked.at(&self.places), &reference.filled) < EXPLAINED => {
                 Err(format!("it shows something else ({} does not lead from it to this frame)", self.how))
             }
             _ => Ok(self),
@@ -83,8 +109,9 @@ pub fn carriers<'a>(
             Err(why)
         } else {
             let paths = paths[usize::from(neighbour.offset > 0)].as_ref();
-            carrier((frame, part), neighbour, (motion, paths), (reference, &blind))
-                .and_then(|carrier| carrier.shows_the_same(reference))
+            let asked = Asked::new(neighbour, part, &reference.names);
+            carrier((frame, part), (neighbour, asked.as_ref()), (motion, paths), (reference, &blind))
+                .and_then(|carrier| carrier.shows_the_same(asked.as_ref(), reference))
         };
         match made {
             Ok(carrier) => found.push(carrier),
@@ -132,7 +159,7 @@ fn misfit(own: &Part, other: Option<&Part>) -> Option<String> {
 
 fn carrier<'a>(
     (frame, part): (&Frame, usize),
-    neighbour: &'a Neighbour,
+    (neighbour, asked): (&'a Neighbour, Option<&Asked>),
     (motion, paths): (Motion, Option<&Paths>),
     (reference, blind): (&Reference<'_>, &dyn Deref<Target = Option<Blind>>),
 ) -> Result<Carrier<'a>, String> {
@@ -151,7 +178,7 @@ fn carrier<'a>(
     if matches!(motion, Motion::Auto | Motion::Camera) {
         if let Some(all) = camera::places((frame, part), neighbour) {
             let mut made: Vec<_> = all.into_iter().map(|places| make(places, "camera")).collect();
-            let best = if made.len() > 1 { most_agreeing(&made, reference) } else { 0 };
+            let best = if made.len() > 1 { most_agreeing(&made, asked, reference) } else { 0 };
             return Ok(made.swap_remove(best));
         }
         if motion == Motion::Camera {
@@ -179,11 +206,9 @@ fn still(size: Size) -> Vec<[f32; 2]> {
 }
 
 /// The one whose samples the frame agrees with most.
-fn most_agreeing(all: &[Carrier<'_>], reference: &Reference<'_>) -> usize {
+fn most_agreeing(all: &[Carrier<'_>], asked: Option<&Asked>, reference: &Reference<'_>) -> usize {
     let judge = Judge::new(&reference.filled);
-    let of = |carrier: &Carrier<'_>| {
-        carrier.carried(&reference.names).map_or(f64::INFINITY, |carried| judge.mean(&carried))
-    };
+    let of = |carrier: &Carrier<'_>| asked.map_or(f64::INFINITY, |asked| judge.mean(&asked.at(&carrier.places)));
     let errors: Vec<f64> = all.iter().map(of).collect();
     (0..all.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b])).unwrap_or(0)
 }
