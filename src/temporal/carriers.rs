@@ -194,7 +194,11 @@ fn carrier<'a>(
                 (reference.sharp)(&samples, &mask).ok_or("it cannot be filled to estimate motion from")?;
             // Of a complete frame nothing is judged.
             let judged = (!reference.mask.is_full()).then(|| flow::estimate(&filled, &blind.filled));
-            return Ok(Carrier { judged, ..make(flow::estimate(&filled, &blind.whole), "flow") });
+            let places = match &judged {
+                Some(judged) => flow::refined(&filled, &blind.whole, judged),
+                None => flow::estimate(&filled, &blind.whole),
+            };
+            return Ok(Carrier { judged, ..make(places, "flow") });
         }
     }
     Ok(make(still(neighbour.frame.parts[part].size()), "no motion"))
@@ -208,7 +212,8 @@ fn still(size: Size) -> Vec<[f32; 2]> {
 /// The one whose samples the frame agrees with most.
 fn most_agreeing(all: &[Carrier<'_>], asked: Option<&Asked>, reference: &Reference<'_>) -> usize {
     let judge = Judge::new(&reference.filled);
-    let of = |carrier: &Carrier<'_>| asked.map_or(f64::INFINITY, |asked| judge.mean(&asked.at(&carrier.places)));
+    let of =
+        |carrier: &Carrier<'_>| asked.map_or(f64::INFINITY, |asked| judge.mean(&asked.at(&carrier.places)));
     let errors: Vec<f64> = all.iter().map(of).collect();
     (0..all.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b])).unwrap_or(0)
 }

@@ -38,11 +38,8 @@ impl Carried {
         distance: u32,
         place: impl Fn(usize) -> [f32; 2] + Sync,
     ) -> Self {
-        let none = || Self {
-            values: vec![Vec::new(); samples.len()],
-            distance: distance.max(1),
-            ..Self::default()
-        };
+        let none =
+            || Self { values: vec![Vec::new(); samples.len()], distance: distance.max(1), ..Self::default() };
         let part = |(part, flags): (usize, &[bool])| {
             let mut own = none();
             for at in (0..flags.len()).filter(|at| flags[*at]).map(|at| part * PIECE + at) {

@@ -9,11 +9,11 @@
 //! small around every `q`, `g` a Gaussian of `WINDOW` pixels.
 //!
 //! Algorithm: Gauss and Newton's steps of the windowed squares from coarse to fine: each level halves the resolution, begins with the displacements of the
-//! coarser one, takes `STEPS` steps (the finest `FINEST`) of at most a pixel and smooths the field. What has no gradient keeps the displacement that it came with.
+//! coarser one, takes `FINEST` steps of at most a pixel, twice as many on every coarser level, `MOST` on the coarsest, and smooths the field. What has no gradient keeps the displacement that it came with.
 //!
 //! Boundary: pixels beyond the image are the outermost ones. The same bits for any number of threads.
 //!
-//! Cost: about `FINEST + STEPS / 3` times (planes + 8) blurs. Fails: at occlusions and thin parts that move otherwise than what is behind them; motion of more than a few
+//! Cost: about 2 times (planes + 8) blurs. Fails: at occlusions and thin parts that move otherwise than what is behind them; motion of more than a few
 //! pixels at the coarsest level.
 //!
 //! Source: B. Lucas, T. Kanade, "An iterative image registration technique with an application to stereo vision", IJCAI 1981; J.-Y. Bouguet,
@@ -27,10 +27,10 @@ use crate::{Plane, Planes, Size};
 
 /// Standard deviation of the window, in pixels.
 const WINDOW: f64 = 2.5;
-/// Steps on each level.
-const STEPS: usize = 8;
-/// Steps on the finest, where more follow what fills err by: each of 8, 4, 3, 2 and 1 was better than the one before on four turntables.
+/// Steps on the finest level, where more follow what fills err by: each of 8, 4, 3, 2 and 1 was better than the one before on four turntables.
 const FINEST: usize = 1;
+/// Steps on the coarsest level, and on any at most; each has twice as many as the next finer one.
+const MOST: usize = 8;
 /// Standard deviation of the blur of the field after each step, in pixels.
 const SMOOTH: f64 = 3.5;
 /// Images with a shorter side are not halved.
@@ -40,27 +40,45 @@ const RIDGE: f64 = 0.01;
 
 /// Of each pixel of `a`, row by row: row and column in `b`.
 pub fn estimate(a: &Planes, b: &Planes) -> Vec<[f32; 2]> {
+    places(a.size(), &displacements(a, b, FINEST))
+}
+
+/// The same from places in an image that is much like `b`.
+pub fn refined(a: &Planes, b: &Planes, places_before: &[[f32; 2]]) -> Vec<[f32; 2]> {
     let size = a.size();
-    let field = displacements(a, b, FINEST);
+    let shift = |(at, [row, column]): (usize, &[f32; 2])| {
+        [row - (at / size.width) as f32, column - (at % size.width) as f32]
+    };
+    let mut field: Vec<[f32; 2]> = places_before.iter().enumerate().map(shift).collect();
+    steps(a, b, FINEST, &mut field);
+    places(size, &field)
+}
+
+fn places(size: Size, field: &[[f32; 2]]) -> Vec<[f32; 2]> {
     let place =
         |(at, d): (usize, &[f32; 2])| [(at / size.width) as f32 + d[0], (at % size.width) as f32 + d[1]];
     field.iter().enumerate().map(place).collect()
 }
 
-fn displacements(a: &Planes, b: &Planes, steps: usize) -> Vec<[f32; 2]> {
+fn displacements(a: &Planes, b: &Planes, count: usize) -> Vec<[f32; 2]> {
     let size = a.size();
-    let mut field = if size.height.min(size.width) >= 2 * SMALL {
-        let coarse = displacements(&halved(a), &halved(b), STEPS);
-        doubled(size, &coarse)
-    } else {
-        vec![[0.0; 2]; size.pixels()]
-    };
-    // A Gaussian that is cut at the border has less than 1.
-    let ones = blur(size, &vec![1.0; size.pixels()], SMOOTH);
-    for _ in 0..steps {
-        step(a, b, &ones, &mut field);
+    if size.height.min(size.width) < 2 * SMALL {
+        let mut field = vec![[0.0; 2]; size.pixels()];
+        steps(a, b, MOST, &mut field);
+        return field;
     }
+    let coarse = displacements(&halved(a), &halved(b), MOST.min(2 * count));
+    let mut field = doubled(size, &coarse);
+    steps(a, b, count, &mut field);
     field
+}
+
+fn steps(a: &Planes, b: &Planes, count: usize, field: &mut [[f32; 2]]) {
+    // A Gaussian that is cut at the border has less than 1.
+    let ones = blur(a.size(), &vec![1.0; a.size().pixels()], SMOOTH);
+    for _ in 0..count {
+        step(a, b, &ones, field);
+    }
 }
 
 fn half(size: Size) -> Size {
@@ -72,14 +90,14 @@ fn halved(planes: &Planes) -> Planes {
     let size = half(planes.size());
     let last = Size::new(planes.size().height - 1, planes.size().width - 1);
     let one = |plane: &Plane| {
-        Plane::from_fn(size, |y, x| {
+        let [values] = by_pixel(size, |y, x| {
             let (top, left) = (2 * y, 2 * x);
             let (bottom, right) = ((top + 1).min(last.height), (left + 1).min(last.width));
-            0.25 * (plane.at(top, left)
-                + plane.at(top, right)
-                + plane.at(bottom, left)
-                + plane.at(bottom, right))
-        })
+            let four =
+                plane.at(top, left) + plane.at(top, right) + plane.at(bottom, left) + plane.at(bottom, right);
+            [0.25 * four]
+        });
+        Plane::of(size, values)
     };
     Planes::of(size, planes.as_slice().iter().map(one).collect())
 }
@@ -98,7 +116,7 @@ fn doubled(size: Size, coarse: &[[f32; 2]]) -> Vec<[f32; 2]> {
 }
 
 /// One step of all displacements.
-fn step(a: &Planes, b: &Planes, ones: &[f32], field: &mut Vec<[f32; 2]>) {
+fn step(a: &Planes, b: &Planes, ones: &[f32], field: &mut [[f32; 2]]) {
     let size = a.size();
     let count = b.len();
     // What lies at the displaced places of `b`, plane by plane of each pixel.
@@ -111,8 +129,8 @@ fn step(a: &Planes, b: &Planes, ones: &[f32], field: &mut Vec<[f32; 2]>) {
         }
     });
     // Of each pixel: the products yy, yx, xx of the gradient, and what the gradient says of the difference.
-    let terms = |at: usize| {
-        let (row, column) = (at / size.width, at % size.width);
+    let terms = |row: usize, column: usize| {
+        let at = row * size.width + column;
         let (up, down) = (row.saturating_sub(1), (row + 1).min(size.height - 1));
         let (left, right) = (column.saturating_sub(1), (column + 1).min(size.width - 1));
         let slope = |high: (usize, usize), low: (usize, usize), plane: usize| {
@@ -133,23 +151,37 @@ fn step(a: &Planes, b: &Planes, ones: &[f32], field: &mut Vec<[f32; 2]>) {
         }
         sums.map(|sum| sum as f32)
     };
-    let all: Vec<[f32; 5]> = (0..size.pixels()).into_par_iter().with_min_len(1024).map(terms);
-    let sums: [Vec<f32>; 5] =
-        std::array::from_fn(|k| blur(size, &all.iter().map(|terms| terms[k]).collect::<Vec<_>>(), WINDOW));
-    let mean = all.iter().map(|terms| f64::from(terms[0] + terms[2])).sum::<f64>() / size.pixels() as f64;
-    let ridge = (RIDGE * mean).max(f64::MIN_POSITIVE);
-    let moved = |at: usize| {
+    let sums = by_pixel(size, terms);
+    let squares = sums[0].iter().zip(&sums[2]).map(|(yy, xx)| f64::from(yy + xx)).sum::<f64>();
+    let ridge = (RIDGE * squares / size.pixels() as f64).max(f64::MIN_POSITIVE);
+    let sums = sums.map(|sums| blur(size, &sums, WINDOW));
+    let moved = |row: usize, column: usize| {
+        let at = row * size.width + column;
         let [yy, yx, xx, y, x] = std::array::from_fn(|k| f64::from(sums[k][at]));
         let (yy, xx) = (yy + ridge, xx + ridge);
         let determinant = yy * xx - yx * yx;
         let step = [(y * xx - x * yx) / determinant, (x * yy - y * yx) / determinant];
-        let add = |axis: usize| (f64::from(field[at][axis]) + step[axis].clamp(-1.0, 1.0)) as f32;
-        [add(0), add(1)]
+        std::array::from_fn(|axis| (f64::from(field[at][axis]) + step[axis].clamp(-1.0, 1.0)) as f32)
     };
-    let next: Vec<[f32; 2]> = (0..size.pixels()).map(moved).collect();
-    let smooth = |axis: usize| blur(size, &next.iter().map(|d| d[axis]).collect::<Vec<_>>(), SMOOTH);
-    let (rows, columns) = (smooth(0), smooth(1));
-    *field = (0..size.pixels()).map(|at| [rows[at] / ones[at], columns[at] / ones[at]]).collect();
+    let next: [Vec<f32>; 2] = by_pixel(size, moved);
+    let [rows, columns] = next.map(|shift| blur(size, &shift, SMOOTH));
+    field
+        .par_iter_mut()
+        .zip(rows.par_iter().zip(&columns).zip(ones))
+        .with_min_len(4096)
+        .for_each(|(shift, ((row, column), ones))| *shift = [row / ones, column / ones]);
+}
+
+/// So many values of each pixel, each kind an image of its own.
+fn by_pixel<const N: usize>(size: Size, values: impl Fn(usize, usize) -> [f32; N] + Sync) -> [Vec<f32>; N] {
+    let rows = (0..size.height).into_par_iter().with_min_len(8).map(|row| {
+        let mut own: [Vec<f32>; N] = std::array::from_fn(|_| Vec::with_capacity(size.width));
+        for column in 0..size.width {
+            own.iter_mut().zip(values(row, column)).for_each(|(own, value)| own.push(value));
+        }
+        own
+    });
+    std::array::from_fn(|k| rows.iter().flat_map(|row| &row[k]).copied().collect())
 }
 
 #[cfg(test)]

@@ -49,7 +49,11 @@ pub fn levelled(carried: &Carried, image: &Planes, both: Option<Both<'_>>) -> Ca
 pub fn gain(carried: &Carried, image: &Planes) -> f64 {
     let misses = |carried: &Carried| off(carried, image).filter(|off| off.is_finite()).sum::<f64>();
     let before = misses(carried);
-    if before > 0.0 { 1.0 - misses(&levelled_within((WIDE, true), carried, image, None)) / before } else { 0.0 }
+    if before > 0.0 {
+        1.0 - misses(&levelled_within((WIDE, true), carried, image, None)) / before
+    } else {
+        0.0
+    }
 }
 
 fn levelled_within(

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::*;
 use crate::baseline::testing::with_threads;
 use crate::sampling::{Field as Place, Pattern, Temporal, mask as generate};
-use crate::{Options, fill};
+use crate::{Options, Size, fill};
 
 const SIZE: Size = Size::new(96, 112);
 
