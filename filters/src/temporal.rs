@@ -224,9 +224,9 @@ pub fn explained(carried: &Carried, image: &Planes) -> f64 {
 }
 
 /// By how much an image misses each sample, plane by plane.
-fn missed(carried: &Carried, image: &Planes) -> Vec<f64> {
+fn missed(carried: &Carried, image: &Planes) -> Vec<f32> {
     let planes = image.as_slice();
-    let mut all = vec![0.0; carried.len() * planes.len()];
+    let mut all = vec![0.0_f32; carried.len() * planes.len()];
     let pieces = all.par_chunks_mut(PIECE * planes.len().max(1)).enumerate();
     pieces.for_each(|(piece, all)| {
         for (k, missed) in all.chunks_mut(planes.len().max(1)).enumerate() {
@@ -234,7 +234,7 @@ fn missed(carried: &Carried, image: &Planes) -> Vec<f64> {
             let [y, x] = carried.places[i];
             let taps = Taps::new(image.size(), y, x);
             for ((missed, plane), values) in missed.iter_mut().zip(planes).zip(&carried.values) {
-                *missed = f64::from(values[i]) - taps.of(plane);
+                *missed = values[i] - taps.of(plane);
             }
         }
     });
@@ -243,19 +243,20 @@ fn missed(carried: &Carried, image: &Planes) -> Vec<f64> {
 
 /// The squared disagreement of each sample, the mean over the planes.
 pub(crate) fn off(carried: &Carried, image: &Planes) -> impl Iterator<Item = f64> {
-    mean_squares(&missed(carried, image), image.len()).into_iter()
+    let missed = missed(carried, image);
+    let planes = image.len().max(1);
+    (0..missed.len() / planes).map(move |i| mean_square(&missed[i * planes..][..planes]))
 }
 
-/// The mean over the planes of what each sample is missed by, squared.
-fn mean_squares(missed: &[f64], planes: usize) -> Vec<f64> {
-    let mean = |missed: &[f64]| missed.iter().map(|by| by * by).sum::<f64>() / missed.len() as f64;
-    missed.chunks(planes.max(1)).map(mean).collect()
+/// The mean over the planes of what a sample is missed by, squared.
+fn mean_square(missed: &[f32]) -> f64 {
+    missed.iter().map(|by| f64::from(*by).powi(2)).sum::<f64>() / missed.len() as f64
 }
 
 /// The squared disagreement of the values of one sample.
 fn squared(image: &Planes, values: impl Iterator<Item = f32>, [y, x]: [f32; 2]) -> f64 {
     let taps = Taps::new(image.size(), y, x);
     let planes = image.as_slice().iter().zip(values);
-    let squares: f64 = planes.map(|(plane, value)| (f64::from(value) - taps.of(plane)).powi(2)).sum();
+    let squares: f64 = planes.map(|(plane, value)| f64::from(value - taps.of(plane)).powi(2)).sum();
     squares / image.len().max(1) as f64
 }

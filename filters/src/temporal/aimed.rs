@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use lacuna_core::parallel::prelude::*;
 
-use super::{AROUND, Carried, HALF, PIECE, Pull, Pulling, SPREAD, carried, mean_squares, missed, wide};
+use super::{AROUND, Carried, HALF, PIECE, Pull, Pulling, SPREAD, carried, mean_square, missed, wide};
 use crate::kernel::blur::blur;
 use crate::{Mask, Plane, Planes, Size};
 
@@ -77,9 +77,12 @@ impl Data {
         let size = mask.size();
         let ranges: Vec<f64> = begun.as_slice().iter().map(|plane| wide(mask, plane)).collect();
         let least = (HALF * ranges.iter().copied().fold(0.0, f64::max)).max(f64::MIN_POSITIVE);
-        let missed: Vec<Vec<f64>> = carried.iter().map(|carried| missed(carried, image)).collect();
+        // Finite, as a share is taken of it.
+        let error = |missed: &[f32]| mean_square(missed).min(f64::from(f32::MAX)) as f32;
+        let missed: Vec<Vec<f32>> = carried.iter().map(|carried| missed(carried, image)).collect();
         let count = image.len().max(1);
-        let errors: Vec<Vec<f64>> = missed.iter().map(|missed| mean_squares(missed, count)).collect();
+        let errors: Vec<Vec<f32>> =
+            missed.iter().map(|missed| missed.chunks(count).map(error).collect()).collect();
         let around = Around::new(size, aims, &errors);
         let band = |rows: usize| -> (Vec<f64>, Vec<Vec<f64>>) {
             let first = rows * ROWS * size.width;
@@ -93,13 +96,13 @@ impl Data {
                     let at = aim.targets[i] as usize;
                     let scale = AROUND * AROUND * around.at(aim.pixels[i] as usize) + least * least;
                     let weight = pulling.weights.map_or(weight, |weights| f64::from(weights.pixels()[at]));
-                    let pull = weight * nearness / (1.0 + errors[frame][i] / scale);
+                    let pull = weight * nearness / (1.0 + f64::from(errors[frame][i]) / scale);
                     pulls[at - first] += pull;
                     let planes = image.as_slice().iter().zip(begun.as_slice());
                     let planes = planes.zip(&missed[frame][i * count..]);
                     for (sum, ((plane, begun), missed)) in sums.iter_mut().zip(planes) {
                         let shift = f64::from(plane.pixels()[at]) - f64::from(begun.pixels()[at]);
-                        sum[at - first] += pull * (missed + shift);
+                        sum[at - first] += pull * (f64::from(*missed) + shift);
                     }
                 }
             }
@@ -135,10 +138,10 @@ struct Around {
 }
 
 impl Around {
-    fn new(size: Size, aims: &[Aim], errors: &[Vec<f64>]) -> Self {
+    fn new(size: Size, aims: &[Aim], errors: &[Vec<f32>]) -> Self {
         let (mut sums, mut counts) = (vec![0.0_f32; size.pixels()], vec![0.0_f32; size.pixels()]);
         for (at, error) in aims.iter().zip(errors).flat_map(|(aim, errors)| aim.pixels.iter().zip(errors)) {
-            sums[*at as usize] += *error as f32;
+            sums[*at as usize] += error;
             counts[*at as usize] += 1.0;
         }
         Self { sums: blur(size, &sums, SPREAD), counts: blur(size, &counts, SPREAD) }

@@ -110,7 +110,7 @@ fn doubled(size: Size, coarse: &[[f32; 2]]) -> Vec<[f32; 2]> {
     let at = |pixel: usize| {
         let place = |at: usize| (at as f32 - 0.5) / 2.0;
         let taps = Taps::new(small, place(pixel / size.width), place(pixel % size.width));
-        [taps.of(&planes[0]) as f32, taps.of(&planes[1]) as f32]
+        [taps.of(&planes[0]), taps.of(&planes[1])]
     };
     (0..size.pixels()).into_par_iter().with_min_len(4096).map(at)
 }
@@ -125,7 +125,7 @@ fn step(a: &Planes, b: &Planes, ones: &[f32], field: &mut [[f32; 2]]) {
         for (column, values) in there.chunks_mut(count).enumerate() {
             let d = field[row * size.width + column];
             let taps = Taps::new(size, row as f32 + d[0], column as f32 + d[1]);
-            values.iter_mut().zip(b.as_slice()).for_each(|(value, plane)| *value = taps.of(plane) as f32);
+            values.iter_mut().zip(b.as_slice()).for_each(|(value, plane)| *value = taps.of(plane));
         }
     });
     // Of each pixel: the products yy, yx, xx of the gradient, and what the gradient says of the difference.

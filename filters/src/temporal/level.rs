@@ -74,7 +74,7 @@ fn levelled_within(
         let ridge = (HALF * wide(&everything, plane)).powi(2).max(f64::MIN_POSITIVE);
         let mut sums = Moments::new(around);
         for ((value, place), at) in values.iter().zip(&carried.places).zip(&at) {
-            sums.add(*at, f64::from(*value), Taps::new(size, place[0], place[1]).of(plane));
+            sums.add(*at, f64::from(*value), f64::from(Taps::new(size, place[0], place[1]).of(plane)));
         }
         if let Some(Both { fill, samples, mask }) = both {
             let (fill, samples) = (&fill.as_slice()[channel], &samples.as_slice()[channel]);
@@ -186,7 +186,7 @@ mod tests {
         let off = |values: &Carried| {
             let pairs = values.values[0].iter().zip(&values.places);
             let errors = pairs.map(|(value, [y, x])| {
-                let truth = Taps::new(SIZE, *y, *x - 0.25).of(&image.as_slice()[0]);
+                let truth = f64::from(Taps::new(SIZE, *y, *x - 0.25).of(&image.as_slice()[0]));
                 (f64::from(*value) - truth).powi(2)
             });
             (errors.sum::<f64>() / values.len() as f64).sqrt()
@@ -209,7 +209,7 @@ mod tests {
             .enumerate()
             .map(|(i, at)| {
                 let [y, x] = carried.places[i];
-                (at, f64::from(carried.values[0][i]), Taps::new(SIZE, y, x).of(plane))
+                (at, f64::from(carried.values[0][i]), f64::from(Taps::new(SIZE, y, x).of(plane)))
             })
             .collect();
         let own = (0..SIZE.pixels()).filter(|&at| mask.as_slice()[at]);

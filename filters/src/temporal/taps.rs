@@ -11,7 +11,7 @@ pub(crate) struct Taps {
 /// Four pixels along one axis, and their weights.
 struct Axis {
     at: [usize; 4],
-    weights: [f64; 4],
+    weights: [f32; 4],
 }
 
 impl Taps {
@@ -21,15 +21,17 @@ impl Taps {
     }
 
     /// The value of a plane.
-    pub fn of(&self, plane: &Plane) -> f64 {
+    pub fn of(&self, plane: &Plane) -> f32 {
         let Axis { at: [first, .., last], weights } = &self.columns;
-        let mean = |values: [f32; 4]| weights.iter().zip(values).map(|(w, v)| w * f64::from(v)).sum::<f64>();
-        let row = |(&row, weight): (&usize, &f64)| {
-            let row = plane.row(row);
+        let mut columns = [0.0; 4];
+        for (row, weight) in self.rows.at.iter().zip(self.rows.weights) {
+            let row = plane.row(*row);
             let beside = if last - first == 3 { row[*first..].first_chunk() } else { None };
-            weight * mean(beside.copied().unwrap_or_else(|| self.columns.at.map(|column| row[column])))
-        };
-        self.rows.at.iter().zip(&self.rows.weights).map(row).sum()
+            let values = beside.copied().unwrap_or_else(|| self.columns.at.map(|column| row[column]));
+            columns.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
+        }
+        let [a, b, c, d]: [f32; 4] = std::array::from_fn(|k| weights[k] * columns[k]);
+        (a + b) + (c + d)
     }
 }
 
@@ -38,7 +40,7 @@ impl Axis {
         let last = length - 1;
         let at = at.clamp(0.0, last as f32);
         let low = at as usize;
-        let t = f64::from(at - low as f32);
+        let t = at - low as f32;
         let weights = [
             0.5 * t * (t * (2.0 - t) - 1.0),
             0.5 * (t * t * (3.0 * t - 5.0) + 2.0),
