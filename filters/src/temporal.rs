@@ -115,14 +115,14 @@ pub(crate) struct Pulling<'a> {
     pub roughly: bool,
 }
 
-/// Pulls the missing pixels of `image`, which is filled already, towards samples of other frames.
-pub(crate) fn pull(mask: &Mask, pulling: &Pulling<'_>, image: &mut Planes, run: &Run<'_>) -> Outcome {
+/// What `begun`, which is filled already, becomes where its missing pixels are pulled towards samples of other frames.
+pub(crate) fn pull(mask: &Mask, pulling: &Pulling<'_>, begun: &Planes, run: &Run<'_>) -> (Planes, Outcome) {
     let Pulling { carried, fills, pull, .. } = *pulling;
-    let begun = image.clone();
+    let mut image = begun.clone();
     let mut worst = Outcome::direct();
     let level = |image: &Planes| -> Vec<Carried> {
         let one = |(at, carried): (usize, &Carried)| {
-            let both = fills.get(at).map(|fill| Both { fill, samples: &begun, mask });
+            let both = fills.get(at).map(|fill| Both { fill, samples: begun, mask });
             level::levelled(carried, image, both)
         };
         carried.iter().enumerate().map(one).collect()
@@ -134,22 +134,27 @@ pub(crate) fn pull(mask: &Mask, pulling: &Pulling<'_>, image: &mut Planes, run: 
         (false, false) => ROUNDS,
     };
     for round in 1..=rounds {
-        let levelled = if pull.levelled { level(image) } else { Vec::new() };
+        let levelled = if pull.levelled { level(&image) } else { Vec::new() };
         let carried = if pull.levelled { &levelled } else { carried };
         let tolerance = if round < rounds || pulling.roughly { ROUGH } else { ERROR };
-        let data = Data::new(mask, (carried, &aims), pulling, (&begun, image), tolerance);
+        let data = Data::new(mask, (carried, &aims), pulling, (begun, &image), tolerance);
         if run.interrupted().is_some() || data.is_empty() {
             break;
         }
         // What the energy holds is the difference to the image that it began with.
-        subtract(image, &begun);
-        worst = worst.worst(Pulled::new(mask, &data.pulls).solve(&data.values, &data.tolerances, image, run));
-        add(image, &begun);
+        subtract(&mut image, begun);
+        worst = worst.worst(Pulled::new(mask, &data.pulls).solve(
+            &data.values,
+            &data.tolerances,
+            &mut image,
+            run,
+        ));
+        add(&mut image, begun);
     }
     for (image, begun) in image.as_mut_slice().iter_mut().zip(begun.as_slice()) {
         mask.restore(begun, image);
     }
-    worst
+    (image, worst)
 }
 
 /// Whether brightness changes between an image and samples of the other frames that are farthest away.

@@ -105,7 +105,7 @@ impl Masks {
     }
 
     /// The different masks of one part.
-    fn different(&self, part: usize) -> Vec<&Mask> {
+    pub fn different(&self, part: usize) -> Vec<&Mask> {
         let mut seen: Vec<&Arc<Mask>> = Vec::new();
         for mask in self.channels.get(part).into_iter().flatten().flatten() {
             if !seen.iter().any(|other| Arc::ptr_eq(other, mask)) {

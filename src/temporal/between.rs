@@ -36,5 +36,5 @@ pub fn between(
     let reference =
         Reference { names: names.to_vec(), filled, samples: &samples, mask: &mask, sharp: &finite };
     let (mut found, _) = carriers((now, &own.masks, part), &neighbours, Motion::Auto, &reference);
-    found.pop().map(|carrier| carrier.places)
+    found.pop().map(|carrier| carrier.places())
 }

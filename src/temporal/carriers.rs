@@ -43,16 +43,43 @@ impl Asked {
     }
 }
 
+/// Where the pixels of a neighbour lie, those that were measured in some channel.
+struct Places {
+    pixels: usize,
+    known: Vec<(u32, [f32; 2])>,
+}
+
+impl Places {
+    fn new(all: &[[f32; 2]], masks: &[&Mask]) -> Self {
+        let measured = |at: &usize| masks.iter().any(|mask| mask.as_slice()[*at]);
+        let known = (0..all.len()).filter(measured).map(|at| (at as u32, all[at])).collect();
+        Self { pixels: all.len(), known }
+    }
+
+    /// Row and column of each pixel; NaN for those that were not measured.
+    fn all(&self) -> Vec<[f32; 2]> {
+        let mut all = vec![[f32::NAN; 2]; self.pixels];
+        self.known.iter().for_each(|&(at, place)| all[at as usize] = place);
+        all
+    }
+}
+
 /// A neighbour's part whose samples have places.
 pub struct Carrier<'a> {
     neighbour: &'a Neighbour,
     part: usize,
-    /// Of each pixel of the neighbour: row and column.
-    pub places: Vec<[f32; 2]>,
+    places: Places,
     /// The same by motion that does not know the samples that judge, where it was estimated.
-    judged: Option<Vec<[f32; 2]>>,
+    judged: Option<Places>,
     /// What the motion is known from.
     pub how: String,
+}
+
+/// The places of all pixels of a neighbour.
+struct Found {
+    places: Vec<[f32; 2]>,
+    judged: Option<Vec<[f32; 2]>>,
+    how: String,
 }
 
 impl Carrier<'_> {
@@ -61,12 +88,19 @@ impl Carrier<'_> {
         self.neighbour.number
     }
 
+    /// Row and column of each pixel of the neighbour; NaN for those that were not measured.
+    pub fn places(&self) -> Vec<[f32; 2]> {
+        self.places.all()
+    }
+
     /// The samples of these channels; nothing if the neighbour has not all of them, with measured values.
     pub fn carried(&self, names: &[String]) -> Option<Carried> {
         let (samples, mask) = measured(self.neighbour, self.part, names)?;
         let distance = u32::try_from(self.neighbour.offset.unsigned_abs()).unwrap_or(u32::MAX);
-        let at =
-            |places: &[[f32; 2]]| Carried::new(samples.size(), (&samples, &*mask), distance, |at| places[at]);
+        let at = |places: &Places| {
+            let places = places.all();
+            Carried::new(samples.size(), (&samples, &*mask), distance, |at| places[at])
+        };
         let carried = at(&self.places);
         Some(match &self.judged {
             Some(judged) => carried.judged_by(at(judged)),
@@ -75,7 +109,7 @@ impl Carrier<'_> {
     }
 }
 
-impl Carrier<'_> {
+impl Found {
     /// Refuses a neighbour beyond a cut, or of a motion that cannot be true: motion that is estimated from the frame itself bends anything
     /// towards it, which held-out pixels cannot tell.
     fn shows_the_same(self, asked: Option<&Asked>, reference: &Reference<'_>) -> Result<Self, String> {
@@ -85,6 +119,13 @@ impl Carrier<'_> {
             }
             _ => Ok(self),
         }
+    }
+
+    fn of(self, neighbour: &Neighbour, part: usize) -> Carrier<'_> {
+        let Self { places, judged, how } = self;
+        let masks = neighbour.masks.different(part);
+        let few = |all: Vec<[f32; 2]>| Places::new(&all, &masks);
+        Carrier { neighbour, part, places: few(places), judged: judged.map(few), how }
     }
 }
 
@@ -111,7 +152,8 @@ pub fn carriers<'a>(
             let paths = paths[usize::from(neighbour.offset > 0)].as_ref();
             let asked = Asked::new(neighbour, part, &reference.names);
             carrier((frame, part), (neighbour, asked.as_ref()), (motion, paths), (reference, &blind))
-                .and_then(|carrier| carrier.shows_the_same(asked.as_ref(), reference))
+                .and_then(|found| found.shows_the_same(asked.as_ref(), reference))
+                .map(|found| found.of(neighbour, part))
         };
         match made {
             Ok(carrier) => found.push(carrier),
@@ -157,16 +199,13 @@ fn misfit(own: &Part, other: Option<&Part>) -> Option<String> {
     })
 }
 
-fn carrier<'a>(
+fn carrier(
     (frame, part): (&Frame, usize),
-    (neighbour, asked): (&'a Neighbour, Option<&Asked>),
+    (neighbour, asked): (&Neighbour, Option<&Asked>),
     (motion, paths): (Motion, Option<&Paths>),
     (reference, blind): (&Reference<'_>, &dyn Deref<Target = Option<Blind>>),
-) -> Result<Carrier<'a>, String> {
-    let make = |places: Vec<[f32; 2]>, how: &str| {
-        let how = how.into();
-        Carrier { neighbour, part, places, judged: None, how }
-    };
+) -> Result<Found, String> {
+    let make = |places: Vec<[f32; 2]>, how: &str| Found { places, judged: None, how: how.into() };
     if let Some(paths) = paths
         && let Some(places) = paths.places(neighbour.offset)
     {
@@ -198,7 +237,7 @@ fn carrier<'a>(
                 Some(judged) => flow::refined(&filled, &blind.whole, judged),
                 None => flow::estimate(&filled, &blind.whole),
             };
-            return Ok(Carrier { judged, ..make(places, "flow") });
+            return Ok(Found { judged, ..make(places, "flow") });
         }
     }
     Ok(make(still(neighbour.frame.parts[part].size()), "no motion"))
@@ -210,10 +249,9 @@ fn still(size: Size) -> Vec<[f32; 2]> {
 }
 
 /// The one whose samples the frame agrees with most.
-fn most_agreeing(all: &[Carrier<'_>], asked: Option<&Asked>, reference: &Reference<'_>) -> usize {
+fn most_agreeing(all: &[Found], asked: Option<&Asked>, reference: &Reference<'_>) -> usize {
     let judge = Judge::new(&reference.filled);
-    let of =
-        |carrier: &Carrier<'_>| asked.map_or(f64::INFINITY, |asked| judge.mean(&asked.at(&carrier.places)));
+    let of = |found: &Found| asked.map_or(f64::INFINITY, |asked| judge.mean(&asked.at(&found.places)));
     let errors: Vec<f64> = all.iter().map(of).collect();
     (0..all.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b])).unwrap_or(0)
 }

@@ -167,7 +167,7 @@ fn blended(
     }
     let is_pulled = local.pixels().iter().any(|weight| *weight > 0.0);
     let (image, mut outcome) = if is_pulled {
-        given.pulled(alone.clone(), PULLS[1], Some(&local), run)
+        given.pulled(&alone, PULLS[1], Some(&local), run)
     } else {
         (alone.clone(), Outcome::direct())
     };
@@ -191,7 +191,7 @@ fn held_out(
     filled: &Planes,
     run: &Run<'_>,
 ) -> Result<Vec<HeldOut>, Error> {
-    let judged: Vec<Carried> = others.carried.iter().map(|carried| carried.to_judge().clone()).collect();
+    let judged: Vec<&Carried> = others.carried.iter().map(Carried::to_judge).collect();
     let thinned = temporal::thinned(&own.mask, &judged);
     let mut held = vec![HeldOut::default(); 1 + others.ways.len()];
     for parts in temporal::judging(own.folds, own.mask.count()) {

@@ -46,10 +46,10 @@ impl Way {
     /// What comes of it.
     pub fn image(self, given: &Given<'_>, run: &Run<'_>) -> Result<(Planes, Outcome), Error> {
         match self {
-            Self::Pulled(pull) => Ok(given.pulled(given.alone.clone(), pull, None, run)),
+            Self::Pulled(pull) => Ok(given.pulled(given.alone, pull, None, run)),
             Self::Plain(pull) => {
                 let (image, outcome) = given.plain(run)?;
-                let (image, ended) = given.pulled(image, pull, None, run);
+                let (image, ended) = given.pulled(&image, pull, None, run);
                 Ok((image, outcome.worst(ended)))
             }
             Self::Regressed => given.regressed(run),
@@ -61,15 +61,14 @@ impl Given<'_> {
     /// An image, pulled; by weights that differ between pixels, if there are some.
     pub fn pulled(
         &self,
-        mut image: Planes,
+        image: &Planes,
         pull: Pull,
         weights: Option<&Plane>,
         run: &Run<'_>,
     ) -> (Planes, Outcome) {
         let Self { carried, fills, .. } = *self;
         let pulling = Pulling { carried, fills, pull, weights, roughly: self.held_out_of.is_some() };
-        let outcome = temporal::pull(self.mask, &pulling, &mut image, run);
-        (image, outcome)
+        temporal::pull(self.mask, &pulling, image, run)
     }
 
     /// What the frame gives without guides.

@@ -168,7 +168,7 @@ pub(super) fn pixel(size: Size, [y, x]: [f32; 2]) -> usize {
 
 /// Where other frames know more of measured pixels than of missing ones, as frames of one mask do that nothing moves in, held-out samples would
 /// promise too much. Leaves out as many of their samples at measured pixels, block by block.
-pub(crate) fn thinned(mask: &Mask, carried: &[Carried]) -> Vec<Carried> {
+pub(crate) fn thinned(mask: &Mask, carried: &[&Carried]) -> Vec<Carried> {
     let size = mask.size();
     let blocks = Size::new(size.height.div_ceil(BLOCK), size.width.div_ceil(BLOCK));
     let block = |pixel: usize| pixel / size.width / BLOCK * blocks.width + pixel % size.width / BLOCK;
@@ -188,7 +188,7 @@ pub(crate) fn thinned(mask: &Mask, carried: &[Carried]) -> Vec<Carried> {
             if own[1] == 0 { 1.0 } else { density(other) / density(own) }
         })
         .collect();
-    let thin = |(frame, carried): (usize, &Carried)| {
+    let thin = |(frame, carried): (usize, &&Carried)| {
         let stays = |i: &usize| {
             let pixel = pixel(size, carried.places[*i]);
             let drawn = hash(SEED + frame as u64, pixel as u64) as f64 / u64::MAX as f64;

@@ -82,9 +82,10 @@ mod tests {
                 0.0
             }
         };
-        for [y, x] in [[3.0, 4.0], [2.25, 5.5], [0.0, 0.25], [5.75, 7.9], [6.0, 8.0], [1.5, 0.5], [-0.4, 8.4]]
+        for [y, x] in
+            [[3.0_f64, 4.0], [2.25, 5.5], [0.0, 0.25], [5.75, 7.9], [6.0, 8.0], [1.5, 0.5], [-0.4, 8.4]]
         {
-            let (row, column) = (f64::from(y).clamp(0.0, 6.0), f64::from(x).clamp(0.0, 8.0));
+            let (row, column) = (y.clamp(0.0, 6.0), x.clamp(0.0, 8.0));
             let mut expected = 0.0;
             for (dy, dx) in (-2..9).flat_map(|dy: i32| (-2..11).map(move |dx: i32| (dy, dx))) {
                 let value = plane.at(dy.clamp(0, 6) as usize, dx.clamp(0, 8) as usize);
