@@ -87,8 +87,6 @@ impl<'a> Others<'a> {
             ways.push(Way::Pulled(FIRM));
         }
         if guides.is_some() {
-            // What pulls little is worth nothing beside the others.
-            ways.retain(|way| *way != Way::Pulled(PULLS[0]));
             ways.extend([Way::Regressed, Way::Plain(PULLS[1])]);
         }
         let fills = if whole { fills(samples, carried, run)? } else { Vec::new() };
