@@ -224,13 +224,15 @@ def cut(work):
 def moving(work, spp=512):
     """Things that move, by Mitsuba, with vectors of the renderer and without."""
     folder, frames = work / "moving", range(1, 9)
-    (folder / "full").mkdir(parents=True, exist_ok=True)
-    wanted = [frame for frame in frames if not name(folder, "full", frame).exists()]
+    for kind in ("rendered", "full", "sparse"):
+        (folder / kind).mkdir(parents=True, exist_ok=True)
+    wanted = [frame for frame in frames if not name(folder, "rendered", frame).exists()]
     if wanted:
         subprocess.run([sys.executable, ROOT / "scripts" / "renderers" / "mitsuba_sparse.py", ROOT / "samples" / "renderers" / "moving.xml",
-                        "-o", str(name(folder, "full")), "--frames", ",".join(map(str, wanted)), "--density", "1", "--spp", str(spp), "--motion"], check=True)
+                        "-o", str(name(folder, "rendered")), "--frames", ",".join(map(str, wanted)), "--density", "1", "--spp", str(spp), "--motion"], check=True)
     if not name(folder, "sparse", frames[-1]).exists():
-        (folder / "sparse").mkdir(exist_ok=True)
+        # The bridge writes its mask, of all pixels, which a sparse frame does not keep.
+        lacuna("fill", name(folder, "rendered"), "-o", name(folder, "full"), "--frames", span(frames), "--drop-mask")
         height, width = planes(name(folder, "full", 1)).shape[:2]
         pattern = folder / "mask.####.png"
         lacuna("mask", "-o", pattern, "--size", f"{width}x{height}", "--density", DENSITY, "--frames", span(frames), "--temporal", "complementary")
