@@ -42,6 +42,7 @@ pub(crate) use carried::thinned;
 pub(crate) use level::Both;
 pub(crate) use taps::Taps;
 
+use std::cell::OnceCell;
 use std::ops::Range;
 
 use lacuna_core::parallel::prelude::*;
@@ -113,6 +114,15 @@ pub(crate) struct Pulling<'a> {
     pub weights: Option<&'a Plane>,
     /// Whether what comes out is only compared with samples that were held out.
     pub roughly: bool,
+    /// What another pull of the same image and samples found in its first round.
+    pub first: Option<&'a First>,
+}
+
+/// What samples pull in the first round, which differs between pulls by their weight alone.
+#[derive(Default)]
+pub(crate) struct First {
+    aims: OnceCell<Vec<Aim>>,
+    data: OnceCell<Data>,
 }
 
 /// What `begun`, which is filled already, becomes where its missing pixels are pulled towards samples of other frames.
@@ -127,7 +137,9 @@ pub(crate) fn pull(mask: &Mask, pulling: &Pulling<'_>, begun: &Planes, run: &Run
         };
         carried.iter().enumerate().map(one).collect()
     };
-    let aims: Vec<_> = carried.iter().map(|carried| Aim::new(mask, carried)).collect();
+    let own = First::default();
+    let first = pulling.first.filter(|_| !pull.levelled && pulling.weights.is_none()).unwrap_or(&own);
+    let aims = first.aims.get_or_init(|| carried.iter().map(|carried| Aim::new(mask, carried)).collect());
     let rounds = match (pull.levelled, pulling.roughly) {
         (true, _) => LEVELLED_ROUNDS,
         (false, true) => 1,
@@ -137,18 +149,21 @@ pub(crate) fn pull(mask: &Mask, pulling: &Pulling<'_>, begun: &Planes, run: &Run
         let levelled = if pull.levelled { level(&image) } else { Vec::new() };
         let carried = if pull.levelled { &levelled } else { carried };
         let tolerance = if round < rounds || pulling.roughly { ROUGH } else { ERROR };
-        let data = Data::new(mask, (carried, &aims), pulling, (begun, &image), tolerance);
+        let make = || Data::new(mask, (carried, aims), pulling, (begun, &image), tolerance);
+        let later;
+        let data = if round == 1 {
+            first.data.get_or_init(make)
+        } else {
+            later = make();
+            &later
+        };
         if run.interrupted().is_some() || data.is_empty() {
             break;
         }
         // What the energy holds is the difference to the image that it began with.
         subtract(&mut image, begun);
-        worst = worst.worst(Pulled::new(mask, &data.pulls).solve(
-            &data.values,
-            &data.tolerances,
-            &mut image,
-            run,
-        ));
+        let solver = Pulled::new(mask, &data.pulls(pulling));
+        worst = worst.worst(solver.solve(&data.values, &data.tolerances, &mut image, run));
         add(&mut image, begun);
     }
     for (image, begun) in image.as_mut_slice().iter_mut().zip(begun.as_slice()) {

@@ -5,6 +5,7 @@
 //!
 //! Where guides gain, samples of other frames are also taken in two further ways (`ways`), whose errors have little in common with those of the first.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use super::standing::Standing;
@@ -12,7 +13,7 @@ use super::ways::{Given, Way};
 use super::{Blend, Candidate, blend};
 use crate::estimate::{Folds, HeldOut, Kind};
 use crate::sampling::hash;
-use crate::temporal::{self, Carried, Pull};
+use crate::temporal::{self, Carried, First, Pull};
 use crate::variational::guided::{Guides, Regression};
 use crate::variational::ss;
 use crate::weights::{Preferred, Weights};
@@ -101,7 +102,7 @@ impl<'a> Others<'a> {
         (carried, held_out_of): (&'b [Carried], Option<&'b Mask>),
     ) -> Given<'b> {
         let (fills, regression) = (self.fills.as_slice(), self.regression.as_ref());
-        Given { samples, mask, alone, carried, fills, regression, held_out_of }
+        Given { samples, mask, alone, carried, fills, regression, held_out_of, first: None }
     }
 }
 
@@ -204,23 +205,23 @@ fn held_out(
         if alone.is_empty() {
             continue;
         }
-        let mut known = thinned.clone();
+        let mut known = Cow::Borrowed(&thinned);
         if others.whole && !fold.at.is_empty() {
             let less = less(&fold, own);
             let standing = Standing { samples, mask: &own.mask, filled, held: &fold, less };
-            standing.complete(&mut known, &others.fills);
+            standing.complete(known.to_mut(), &others.fills);
         }
         held[0].extend(fold);
         // Levelling costs as much as all else.
-        let first = held[1].at.is_empty();
-        if first && !others.whole && !temporal::brightness_changes(&known, &alone) {
+        if held[1].at.is_empty() && !others.whole && !temporal::brightness_changes(&known, &alone) {
             others.ways.retain(|way| !way.is_levelled());
             held.truncate(1 + others.ways.len());
         }
+        let first = First::default();
         for (way, held) in others.ways.iter().zip(&mut held[1..]) {
             let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
                 let given = others.given((samples, kept), &alone, (&known, Some(&own.mask)));
-                Ok(way.image(&given, run)?.0)
+                Ok(way.image(&Given { first: Some(&first), ..given }, run)?.0)
             };
             held.extend(HeldOut::new(given, folds.clone(), None, &mut fill)?);
         }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{Candidate, How, candidates};
-use crate::temporal::{self, Carried, Pull, Pulling};
+use crate::temporal::{self, Carried, First, Pull, Pulling};
 use crate::variational::guided::{Beside, Regression};
 use crate::{Error, Mask, Outcome, Plane, Planes, Run};
 
@@ -35,6 +35,8 @@ pub struct Given<'a> {
     pub regression: Option<&'a Regression<'a>>,
     /// Where some of the samples are held out: the mask of all, at which what comes out is looked at.
     pub held_out_of: Option<&'a Mask>,
+    /// What pulls of its own fill have in common.
+    pub first: Option<&'a First>,
 }
 
 impl Way {
@@ -49,7 +51,7 @@ impl Way {
             Self::Pulled(pull) => Ok(given.pulled(given.alone, pull, None, run)),
             Self::Plain(pull) => {
                 let (image, outcome) = given.plain(run)?;
-                let (image, ended) = given.pulled(&image, pull, None, run);
+                let (image, ended) = Given { first: None, ..*given }.pulled(&image, pull, None, run);
                 Ok((image, outcome.worst(ended)))
             }
             Self::Regressed => given.regressed(run),
@@ -66,8 +68,8 @@ impl Given<'_> {
         weights: Option<&Plane>,
         run: &Run<'_>,
     ) -> (Planes, Outcome) {
-        let Self { carried, fills, .. } = *self;
-        let pulling = Pulling { carried, fills, pull, weights, roughly: self.held_out_of.is_some() };
+        let Self { carried, fills, first, .. } = *self;
+        let pulling = Pulling { carried, fills, pull, weights, roughly: self.held_out_of.is_some(), first };
         temporal::pull(self.mask, &pulling, image, run)
     }
 

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use lacuna_core::parallel::prelude::*;
 
-use super::{AROUND, Carried, HALF, PIECE, Pull, Pulling, SPREAD, carried, mean_square, missed, wide};
+use super::{AROUND, Carried, HALF, PIECE, Pulling, SPREAD, carried, mean_square, missed, wide};
 use crate::kernel::blur::blur;
 use crate::{Mask, Plane, Planes, Size};
 
@@ -58,8 +58,8 @@ impl Aim {
 pub struct Data {
     /// The values.
     pub values: Planes,
-    /// How firmly each pixel is pulled.
-    pub pulls: Plane,
+    /// How firmly each pixel is pulled where samples of the nearest frames weigh 1.
+    firm: Plane,
     /// Largest last correction of each plane.
     pub tolerances: Vec<f64>,
 }
@@ -73,7 +73,7 @@ impl Data {
         (begun, image): (&Planes, &Planes),
         tolerance: f64,
     ) -> Self {
-        let Pull { weight, levelled } = pulling.pull;
+        let levelled = pulling.pull.levelled;
         let size = mask.size();
         let ranges: Vec<f64> = begun.as_slice().iter().map(|plane| wide(mask, plane)).collect();
         let least = (HALF * ranges.iter().copied().fold(0.0, f64::max)).max(f64::MIN_POSITIVE);
@@ -95,8 +95,7 @@ impl Data {
                     let i = i as usize;
                     let at = aim.targets[i] as usize;
                     let scale = AROUND * AROUND * around.at(aim.pixels[i] as usize) + least * least;
-                    let weight = pulling.weights.map_or(weight, |weights| f64::from(weights.pixels()[at]));
-                    let pull = weight * nearness / (1.0 + f64::from(errors[frame][i]) / scale);
+                    let pull = nearness / (1.0 + f64::from(errors[frame][i]) / scale);
                     pulls[at - first] += pull;
                     let planes = image.as_slice().iter().zip(begun.as_slice());
                     let planes = planes.zip(&missed[frame][i * count..]);
@@ -112,22 +111,35 @@ impl Data {
             (pulls, sums)
         };
         let mut values = Planes::zeros(size, image.len());
-        let mut pulls = Plane::filled(size, 0.0);
+        let mut firm = Plane::filled(size, 0.0);
         let bands = (0..size.height.div_ceil(ROWS)).into_par_iter().with_max_len(1).map(band);
         for (rows, (own, sums)) in bands.iter().enumerate() {
             let first = rows * ROWS * size.width;
             let put = |plane: &mut Plane, from: &[f64]| {
                 plane.pixels_mut()[first..].iter_mut().zip(from).for_each(|(to, from)| *to = *from as f32);
             };
-            put(&mut pulls, own);
+            put(&mut firm, own);
             values.as_mut_slice().iter_mut().zip(sums).for_each(|(plane, sum)| put(plane, sum));
         }
-        Self { values, pulls, tolerances: ranges.into_iter().map(|range| tolerance * range).collect() }
+        Self { values, firm, tolerances: ranges.into_iter().map(|range| tolerance * range).collect() }
     }
 
     /// Whether nothing is pulled.
     pub fn is_empty(&self) -> bool {
-        self.pulls.pixels().iter().all(|pull| *pull == 0.0)
+        self.firm.pixels().iter().all(|firm| *firm == 0.0)
+    }
+
+    /// How firmly each pixel is pulled.
+    pub fn pulls(&self, pulling: &Pulling<'_>) -> Plane {
+        let mut pulls = self.firm.clone();
+        match pulling.weights {
+            Some(weights) => {
+                let both = pulls.pixels_mut().iter_mut().zip(weights.pixels());
+                both.for_each(|(pull, weight)| *pull *= weight);
+            }
+            None => pulls.pixels_mut().iter_mut().for_each(|pull| *pull *= pulling.pull.weight as f32),
+        }
+        pulls
     }
 }
 
