@@ -123,12 +123,17 @@ pub fn run<I: Sync, T: Send>(
         }
     };
     let threads = (limits.parallel_frames.max(1) + limits.overlap).min(items.len()).max(1);
-    std::thread::scope(|scope| {
-        for _ in 1..threads {
-            scope.spawn(worker);
-        }
-        worker();
-    });
+    if threads == 1 {
+        // On one of the threads that share loops: from outside, each loop would be handed over and waited for.
+        rayon::scope(|_| worker());
+    } else {
+        std::thread::scope(|scope| {
+            for _ in 1..threads {
+                scope.spawn(worker);
+            }
+            worker();
+        });
+    }
     let results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
     results.into_iter().flatten().collect()
 }
