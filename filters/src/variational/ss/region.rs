@@ -173,14 +173,17 @@ impl Region {
         Self { isa, window, matrix, form: *form, grids, gain: GAIN, exact: OnceLock::new(), pull }
     }
 
-    /// The grids in f64.
+    /// The grids in f64. Made before they are kept: what makes them shares loops out, in which this thread may take over another channel
+    /// that asks for them, too.
     fn exact(&self, single: &Multigrid<f32>) -> &Multigrid<f64> {
-        self.exact.get_or_init(|| {
-            let matrices = Matrices::new(&self.form, self.matrix.size());
-            let matrix = |level| (matrices.double(level), matrices.double(level));
-            let free = single.free().iter().map(|free| if *free == 0.0 { 0.0 } else { 1.0 });
-            Multigrid::new(self.isa, self.window, &matrix, free.collect(), self.pull.clone())
-        })
+        if let Some(exact) = self.exact.get() {
+            return exact;
+        }
+        let matrices = Matrices::new(&self.form, self.matrix.size());
+        let matrix = |level| (matrices.double(level), matrices.double(level));
+        let free = single.free().iter().map(|free| if *free == 0.0 { 0.0 } else { 1.0 });
+        let exact = Multigrid::new(self.isa, self.window, &matrix, free.collect(), self.pull.clone());
+        self.exact.get_or_init(|| exact)
     }
 
     /// The rectangle.
