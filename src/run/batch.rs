@@ -166,9 +166,9 @@ impl Stage<'_> {
     }
 
     /// Solves when it is this frame's turn, and counts the time from then on.
-    pub fn solve<T>(&self, record: &mut Record, solve: impl FnOnce() -> T) -> T {
-        let _permit = self.permits.wait();
-        self.timed(&mut record.seconds.solve, solve)
+    pub fn solve<T: Send>(&self, record: &mut Record, solve: impl FnOnce() -> T + Send) -> T {
+        let seconds = &mut record.seconds.solve;
+        self.permits.solve(|| self.timed(seconds, solve))
     }
 
     /// Holds no more memory than the frame needs, now that it was read.

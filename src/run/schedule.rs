@@ -52,12 +52,21 @@ pub enum Refusal {
 }
 
 /// The permits to solve. Held while a frame is solved.
-pub struct Permits(Counter);
+pub struct Permits {
+    free: Counter,
+    all: usize,
+}
 
 impl Permits {
-    /// Waits for a permit; it is given back when dropped.
-    pub fn wait(&self) -> impl Drop + '_ {
-        self.0.take(1)
+    fn new(all: usize) -> Self {
+        Self { free: Counter::new(all as u64), all }
+    }
+
+    /// Solves with a permit, which is waited for. The only one is held on one of the threads that share loops: from outside, each loop would
+    /// be handed over and waited for. One of several would have to wait there for the frames of others.
+    pub fn solve<T: Send>(&self, solve: impl FnOnce() -> T + Send) -> T {
+        let _permit = self.free.take(1);
+        if self.all == 1 { rayon::scope(|_| solve()) } else { solve() }
     }
 }
 
@@ -91,7 +100,7 @@ pub fn run<I: Sync, T: Send>(
     refused: impl Fn(usize, &I, Refusal) -> T + Sync,
     stopped: impl Fn() -> bool + Sync,
 ) -> Vec<T> {
-    let permits = Permits(Counter::new(limits.parallel_frames.max(1) as u64));
+    let permits = Permits::new(limits.parallel_frames.max(1));
     let memory = Counter::new(limits.memory.unwrap_or(u64::MAX));
     let next = Mutex::new(0);
     let results: Mutex<Vec<Option<T>>> = Mutex::new(items.iter().map(|_| None).collect());
@@ -123,17 +132,12 @@ pub fn run<I: Sync, T: Send>(
         }
     };
     let threads = (limits.parallel_frames.max(1) + limits.overlap).min(items.len()).max(1);
-    if threads == 1 {
-        // On one of the threads that share loops: from outside, each loop would be handed over and waited for.
-        rayon::scope(|_| worker());
-    } else {
-        std::thread::scope(|scope| {
-            for _ in 1..threads {
-                scope.spawn(worker);
-            }
-            worker();
-        });
-    }
+    std::thread::scope(|scope| {
+        for _ in 1..threads {
+            scope.spawn(worker);
+        }
+        worker();
+    });
     let results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
     results.into_iter().flatten().collect()
 }
@@ -214,8 +218,7 @@ mod tests {
                 limits(parallel, overlap, memory),
                 |_| 1.into(),
                 |index, item, (permits, _)| {
-                    let _permit = permits.wait();
-                    std::thread::sleep(std::time::Duration::from_micros(50 * (item % 3)));
+                    permits.solve(|| std::thread::sleep(std::time::Duration::from_micros(50 * (item % 3))));
                     (index as u64, item * item)
                 },
                 |_, _, refusal| panic!("{refusal:?}"),
@@ -236,12 +239,11 @@ mod tests {
             |&need| need.into(),
             |_, &need, (permits, _)| {
                 most_bytes.fetch_max(bytes.fetch_add(need, Ordering::SeqCst) + need, Ordering::SeqCst);
-                {
-                    let _permit = permits.wait();
+                permits.solve(|| {
                     most_solving.fetch_max(solving.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
                     std::thread::sleep(std::time::Duration::from_millis(2));
                     solving.fetch_sub(1, Ordering::SeqCst);
-                }
+                });
                 bytes.fetch_sub(need, Ordering::SeqCst);
             },
             |_, _, refusal| panic!("{refusal:?}"),
@@ -296,8 +298,7 @@ mod tests {
             limits(1, 0, None),
             |_| 0.into(),
             |_, item, (permits, _)| {
-                let _permit = permits.wait();
-                assert!(*item != 0, "item {item}");
+                permits.solve(|| assert!(*item != 0, "item {item}"));
                 Ok(*item)
             },
             |_, _, refusal| Err(refusal),
