@@ -62,8 +62,8 @@ impl Permits {
         Self { free: Counter::new(all as u64), all }
     }
 
-    /// Solves with a permit, which is waited for. The only one is held on one of the threads that share loops: from outside, each loop would
-    /// be handed over and waited for. One of several would have to wait there for the frames of others.
+    /// Waits for a permit and solves. With a single permit this runs inside the thread pool, where a loop starts without being handed over. With
+    /// several, a thread of the pool that waits for a loop could take up another frame: then it runs outside.
     pub fn solve<T: Send>(&self, solve: impl FnOnce() -> T + Send) -> T {
         let _permit = self.free.take(1);
         if self.all == 1 { rayon::scope(|_| solve()) } else { solve() }

@@ -9,7 +9,8 @@
 //! small around every `q`, `g` a Gaussian of `WINDOW` pixels.
 //!
 //! Algorithm: Gauss and Newton's steps of the windowed squares from coarse to fine: each level halves the resolution, begins with the displacements of the
-//! coarser one, takes `FINEST` steps of at most a pixel, twice as many on every coarser level, `MOST` on the coarsest, and smooths the field. What has no gradient keeps the displacement that it came with.
+//! coarser one, takes `FINEST` steps of at most a pixel (twice as many on every coarser level, `MOST` on the coarsest) and smooths the field. What has
+//! no gradient keeps the displacement that it came with.
 //!
 //! Boundary: pixels beyond the image are the outermost ones. The same bits for any number of threads.
 //!

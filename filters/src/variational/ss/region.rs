@@ -173,8 +173,8 @@ impl Region {
         Self { isa, window, matrix, form: *form, grids, gain: GAIN, exact: OnceLock::new(), pull }
     }
 
-    /// The grids in f64. Made before they are kept: what makes them shares loops out, in which this thread may take over another channel
-    /// that asks for them, too.
+    /// The grids in f64. They are made before they are stored: making them runs parallel loops, in which this thread may start on another
+    /// channel that needs them, too, and would wait for itself.
     fn exact(&self, single: &Multigrid<f32>) -> &Multigrid<f64> {
         if let Some(exact) = self.exact.get() {
             return exact;
