@@ -268,13 +268,15 @@ fn make_sparse(
     }
     match pattern {
         Pattern::Shuffle { density, seed, frame } => {
-            let frame = if frame == 0 { String::new() } else { format!(" frame={frame}") };
-            part.attributes.set_text(PATTERN, &format!("shuffle density={density}{frame}"));
+            part.attributes.set_text(PATTERN, &format!("shuffle density={density}{}", of_frame(frame)));
             part.attributes.set_text(SEED, &seed.to_string());
         }
         Pattern::File { file, .. } => part.attributes.set_text(PATTERN, &format!("file:{}", file.path())),
         Pattern::Adaptive { settings, .. } => {
-            part.attributes.set_text(PATTERN, &rounds::pattern(settings));
+            part.attributes.set_text(
+                PATTERN,
+                &format!("{}{}", rounds::pattern(settings), of_frame(settings.frame.unwrap_or(0))),
+            );
             part.attributes.set_text(SEED, &settings.seed.to_string());
         }
         Pattern::Given { name, .. } => part.attributes.set_text(PATTERN, name),
@@ -297,6 +299,11 @@ fn make_sparse(
         notes.push("the file had mip or rip levels: only the full one is written".into());
     }
     notes
+}
+
+/// Which frame a pattern is of, if it is one of a sequence.
+fn of_frame(number: i64) -> String {
+    if number == 0 { String::new() } else { format!(" frame={number}") }
 }
 
 fn clear<T: Copy>(values: &mut [T], mask: &Mask, zero: T) {

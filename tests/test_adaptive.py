@@ -56,6 +56,20 @@ def test_a_scene_and_its_complete_frame_choose_the_same_pixels(tmp_path, full, k
     assert all(r["estimated_error"] > 0 and r["measured"] >= 0 and r["chosen"] >= 0 for r in rounds)
 
 
+def test_frames_in_a_row_choose_other_pixels(tmp_path):
+    flags = ("--density", "0.12", "--adaptive", "--rounds", "4")
+    still = ("render", SCENE, *SIZE, "--seed", "3", "--frames", "0-2")
+    lacuna(*still, "-o", tmp_path / "full.####.exr")
+    lacuna(*still, "-o", tmp_path / "rendered.####.exr", *flags)
+    lacuna("sparsify", tmp_path / "full.####.exr", "-o", tmp_path / "sparse.####.exr", "--seed", "3", *flags)
+    masks = [pixels(tmp_path / f"rendered.{k:04d}.exr", "mask") > 0 for k in range(3)]
+    for k, mask in enumerate(masks):
+        assert numpy.array_equal(mask, pixels(tmp_path / f"sparse.{k:04d}.exr", "mask") > 0), k
+        # Chosen independently, they would share most: nothing moves.
+        assert numpy.sum(mask & masks[k - 1]) < 0.5 * mask.sum()
+    assert header(tmp_path / "sparse.0002.exr")["lacuna/pattern"].endswith(" frame=2")
+
+
 def test_chosen_pixels_fill_better_than_even_ones(tmp_path, full):
     def error(*flags):
         path = tmp_path / "filled.exr"

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use lacuna_filters::metric::error;
-use lacuna_filters::sampling::{Field, Pattern, Temporal, mask, refine};
+use lacuna_filters::sampling::refine::{self, Preference};
+use lacuna_filters::sampling::{Field, Pattern, Temporal, mask};
 use lacuna_filters::{Error, Mask, Method, Options, Plane, Planes, Run, Size, fill};
 
 fn main() -> Result<(), Error> {
@@ -23,7 +24,7 @@ fn main() -> Result<(), Error> {
 
         let estimate = refine::estimate(&samples, &measured, Method::default().filter(), &Run::default())?;
         let mut flags = measured.as_slice().to_vec();
-        for pixel in estimate.next(size.pixels() / 50, field, 1, |_| true) {
+        for pixel in estimate.next(size.pixels() / 50, field, Preference::new(1, None), |_| true) {
             flags[pixel] = true;
         }
         measured = Arc::new(Mask::new(size, flags)?);

@@ -55,7 +55,7 @@ def span(frames):
 
 
 def masks(work, size, frames=FRAMES, density=DENSITY):
-    pattern = work / f"mask-{size}" / "mask.####.png"
+    pattern = work / (f"mask-{size}" if density == DENSITY else f"mask-{size}-{density}") / "mask.####.png"
     if not pattern.with_name(f"mask.{frames[-1]:04}.png").exists():
         pattern.parent.mkdir(parents=True, exist_ok=True)
         lacuna("mask", "-o", pattern, "--size", f"{size}x{size}", "--density", density, "--frames", span(frames), "--temporal", "complementary")
@@ -75,10 +75,14 @@ def render(folder, scene, frames, size, *words):
     return True
 
 
-def sparse(folder, work, size, frames, *words):
-    if not name(folder, "sparse", frames[-1]).exists():
-        (folder / "sparse").mkdir(exist_ok=True)
-        lacuna("sparsify", name(folder, "full"), "-o", name(folder, "sparse"), "--mask", masks(work, size, frames), "--frames", span(frames), *words)
+def sparse(folder, work, size, frames, *words, density=DENSITY, rounds=False):
+    """The kind of frames that have a part of the pixels alone: by complementary masks, or chosen in rounds."""
+    kind = "-".join(["sparse", *(["rounds"] if rounds else []), *([str(density)] if density != DENSITY else [])])
+    if not name(folder, kind, frames[-1]).exists():
+        (folder / kind).mkdir(exist_ok=True)
+        chosen = ["--density", density, "--adaptive"] if rounds else ["--mask", masks(work, size, frames, density)]
+        lacuna("sparsify", name(folder, "full"), "-o", name(folder, kind), *chosen, "--frames", span(frames), *words)
+    return kind
 
 
 def turntable(work, scene, size=SIZE, frames=FRAMES, dense=False):
@@ -90,11 +94,11 @@ def turntable(work, scene, size=SIZE, frames=FRAMES, dense=False):
     return folder
 
 
-def fill(folder, way, words, frames):
+def fill(folder, way, words, frames, source="sparse"):
     """Fills these frames anew: seconds a frame, and the most memory."""
     target = folder / re.sub(r"\W+", "-", way)
     shutil.rmtree(target, ignore_errors=True)
-    used = lacuna("fill", name(folder, "sparse"), "-o", f"{target}/", "--create-dir", "--frames", span(frames), "--no-estimate", "--channels", "A=keep", *words)
+    used = lacuna("fill", name(folder, source), "-o", f"{target}/", "--create-dir", "--frames", span(frames), "--no-estimate", "--channels", "A=keep", *words)
     return target.name, used[0] / len(frames), used[1]
 
 
@@ -115,10 +119,10 @@ def psnr(error):
 class Measures:
     """PSNR of each frame, flicker and the true change of the frames that were filled in one way."""
 
-    def __init__(self, folder, kind, frames):
+    def __init__(self, folder, kind, frames, source="sparse"):
         truth = [colour(name(folder, "full", frame)) for frame in frames]
         found = [colour(name(folder, kind, frame)) for frame in frames]
-        missing = [planes(name(folder, "sparse", frame), ["mask"])[..., 0] < 0.5 for frame in frames]
+        missing = [planes(name(folder, source, frame), ["mask"])[..., 0] < 0.5 for frame in frames]
         errors = [a - b for a, b in zip(found, truth)]
         self.each = [psnr(error) for error in errors]
         self.mean = float(np.mean(self.each))
@@ -168,6 +172,23 @@ def dense(work, scenes=SCENES):
         if folder:
             found = [Measures(folder, fill(folder, way, words, INNER)[0], INNER) for way, words in ways.items()]
             row(scene, *(f"{one.mean:.2f}" for one in found))
+
+
+def rounds(work, scenes=("engine", "aneurism", "head", "tooth", "foot", "engine-soft")):
+    """Complementary masks against pixels that are chosen in rounds, alone and along."""
+    ways = {"alone": [], "along": [*ALONG, "--motion", "camera"]}
+    kinds = ("complementary", "in rounds")
+    table("turntable", "pixels", *(f"{kind}, {way}" for kind in kinds for way in ways), *(f"flicker: {kind}, {way}" for kind in kinds for way in ways))
+    for scene in scenes:
+        folder = turntable(work, scene)
+        for density in (DENSITY, 0.05) if folder else ():
+            found = []
+            for chosen in (False, True):
+                source = sparse(folder, work, SIZE, FRAMES, density=density, rounds=chosen)
+                for way, words in ways.items():
+                    kind, *_ = fill(folder, f"{source}-{way}", ["--guides", "none", *words], INNER, source)
+                    found.append(Measures(folder, kind, INNER, source))
+            row(scene, f"{100 * density:g} %", *(f"{one.mean:.2f}" for one in found), *(f"{one.flicker:.4f}" for one in found))
 
 
 def lit(_, k):
@@ -294,7 +315,7 @@ def cost(work, size=1200, frames=range(1, 6)):
             for cell in (f"{seconds[way]:.1f} s", f"{seconds[way] / seconds['alone']:.1f}")), f"{more[0]:.1f}, {more[1]:.1f}")
 
 
-TABLES = {one.__name__: one for one in (turntables, dense, light, cut, moving, chunks, cost)}
+TABLES = {one.__name__: one for one in (turntables, rounds, dense, light, cut, moving, chunks, cost)}
 
 
 def main():

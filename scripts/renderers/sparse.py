@@ -173,16 +173,21 @@ def frame(arguments, frame, size, draw, origin=(0, 0)):
         return
     # Beside the target, so that the last step is a rename.
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name[:100]}.") as folder:
-        so_far, mask, clock = in_rounds(arguments, size, origin, draw, pathlib.Path(folder), path)
+        so_far, mask, clock = in_rounds(arguments, frame, size, origin, draw, pathlib.Path(folder), path)
         so_far.replace(path)
     say(path, mask, clock)
 
 
-def in_rounds(arguments, size, origin, draw, folder, path):
+def in_rounds(arguments, frame, size, origin, draw, folder, path):
     """The file of all rounds, its mask, and what rendering took."""
-    next_mask, so_far = folder / "mask.exr", folder / "frame.exr"
+    next_mask, so_far = folder / f"mask.{frame}.exr", folder / f"frame.{frame}.exr"
+    output, before = (folder / "mask.%d.exr", folder / "frame.%d.exr") if arguments.frames else (next_mask, so_far)
     window = f"{size[0]}x{size[1]}{origin[0]:+d}{origin[1]:+d}"
-    make_mask(next_mask, f"--size={window}", "--density", arguments.first, "--seed", arguments.seed)
+    # Frames in a row choose other pixels of the same places.
+    number = [f"--frames={frame}"] if arguments.frames else []
+    even = [*number, "--temporal=complementary"] if number else []
+    seeded = ["--seed", arguments.seed]
+    make_mask(next_mask, f"--size={window}", "--density", arguments.first, *seeded, *even, output=output)
     mask, clock = draw(read_mask(next_mask, *size, origin), so_far)
     for turn in range(1, arguments.rounds):
         more, both = folder / "more.exr", folder / "both.exr"
@@ -192,7 +197,7 @@ def in_rounds(arguments, size, origin, draw, folder, path):
             continue
         next_mask.unlink()
         try:
-            make_mask(next_mask, "--after", so_far, f"--add={add:.9f}", "--seed", arguments.seed)
+            make_mask(next_mask, "--after", before, f"--add={add:.9f}", *seeded, *number, output=output)
             found, took = draw(read_mask(next_mask, *size, origin), more)
             make_mask(both, "--merge", so_far, more)
         except Exception as error:

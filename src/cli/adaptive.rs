@@ -35,6 +35,6 @@ impl AdaptiveArgs {
             )));
         }
         let (rounds, first, target) = (self.rounds as usize, self.first, self.target_error);
-        Ok(self.adaptive.then_some(Settings { density, rounds, first, target, seed }))
+        Ok(self.adaptive.then_some(Settings { density, rounds, first, target, seed, frame: None }))
     }
 }

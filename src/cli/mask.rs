@@ -259,6 +259,7 @@ impl MakeMaskArgs {
     fn choosing(&self) -> Result<MaskTask, Usage> {
         let needed = || Usage("--after FRAME with --add D is needed".into());
         Ok(MaskTask::Next(NextPass {
+            number: None,
             frame: self.after.after.clone().ok_or_else(needed)?,
             frames: self.pattern.frames.clone(),
             source: self.after.source(),

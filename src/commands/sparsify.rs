@@ -111,8 +111,12 @@ impl Work for Sparsify<'_> {
         })?;
         let interrupt = || stage.stopped().then_some(Stop::Cancelled);
         let run = Run { interrupt: Some(&interrupt) };
+        let chosen;
         let pattern = match (&self.job.pattern, &file) {
-            (SparsifyPattern::Adaptive(settings), _) => Pattern::Adaptive { settings, run: &run },
+            (SparsifyPattern::Adaptive(settings), _) => {
+                chosen = adaptive::Settings { frame: item.number, ..*settings };
+                Pattern::Adaptive { settings: &chosen, run: &run }
+            }
             (SparsifyPattern::Mask(Source::File { channel, .. }), Some(file)) => {
                 Pattern::File { file, channel: channel.as_deref() }
             }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use lacuna_exr::{Frame, Samples, Window};
-use lacuna_filters::sampling::refine;
+use lacuna_filters::sampling::refine::{self, Preference};
 use lacuna_filters::variational::ss;
 use lacuna_filters::{Mask, Plane, Planes, Run};
 
@@ -38,7 +38,7 @@ pub fn next(
     masks: &Masks,
     choices: &[Vec<Choice>],
     add: f64,
-    seed: u64,
+    preference: Preference,
     bounds: impl FnOnce(Window) -> Result<Bounds, MakeError>,
 ) -> Result<Next, MakeError> {
     let (index, channels, measured) = subject(frame, masks, choices).ok_or_else(|| {
@@ -63,7 +63,7 @@ pub fn next(
         !measured.is_measured(row, column) && (bounds.admits(row, column) || bounds.forces(size, row, column))
     };
     let count = (add * size.pixels() as f64).round() as usize;
-    let pixels = estimate.next(count, field(window), seed, missing);
+    let pixels = estimate.next(count, field(window), preference, missing);
     let mut flags = vec![false; size.pixels()];
     for &pixel in &pixels {
         flags[pixel] = true;

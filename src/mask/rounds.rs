@@ -116,8 +116,14 @@ mod tests {
 
     #[test]
     fn lines_say_what_was_asked_for_and_what_came_of_it() {
-        let settings =
-            adaptive::Settings { density: 0.2, rounds: 3, first: Some(0.05), target: Some(0.01), seed: 0 };
+        let settings = adaptive::Settings {
+            density: 0.2,
+            rounds: 3,
+            first: Some(0.05),
+            target: Some(0.01),
+            seed: 0,
+            frame: None,
+        };
         assert_eq!(pattern(&settings), "adaptive density=0.2 rounds=3 first=0.05 target-error=0.01");
         let found = rounds(&[Some(0.02), None]);
         assert_eq!(found.line(), "7 error=2.00e-2, 7");

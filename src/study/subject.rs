@@ -77,7 +77,8 @@ impl Subject {
             Selection::Rounds { rounds, first } => {
                 let (rounds, first) =
                     (rounds.unwrap_or(adaptive::ROUNDS), first.map(|share| share * density));
-                let settings = &adaptive::Settings { density, rounds, first, target: None, seed };
+                let settings =
+                    &adaptive::Settings { density, rounds, first, target: None, seed, frame: None };
                 return sparsify(crate::sparsify::Pattern::Adaptive { settings, run: &Run::default() });
             }
         };

@@ -50,7 +50,7 @@ pub fn mask<'py>(
 
 /// The pixels to compute next: `count` of those that neither mask nor `closed` has.
 #[pyfunction]
-#[pyo3(signature = (image, mask, count, closed, seed, threads))]
+#[pyo3(signature = (image, mask, count, closed, seed, frame, threads))]
 pub fn next_mask<'py>(
     py: Python<'py>,
     image: Image<'py>,
@@ -58,6 +58,7 @@ pub fn next_mask<'py>(
     count: usize,
     closed: Option<Bytes<'py>>,
     seed: u64,
+    frame: Option<i64>,
     threads: usize,
 ) -> PyResult<Bound<'py, PyAny>> {
     let pool = pool(threads)?;
@@ -76,7 +77,8 @@ pub fn next_mask<'py>(
             !measured.as_slice()[pixel] && closed.as_ref().is_none_or(|closed| !closed.as_slice()[pixel])
         };
         let mut flags = vec![false; size.pixels()];
-        for pixel in estimate.next(count, field(size.height, size.width), seed, open) {
+        let preference = refine::Preference::new(seed, frame);
+        for pixel in estimate.next(count, field(size.height, size.width), preference, open) {
             flags[pixel] = true;
         }
         Mask::new(size, flags)

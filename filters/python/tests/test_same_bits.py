@@ -95,6 +95,10 @@ def test_next_pixels(tmp_path, tool):
     new = lacuna.next_mask(samples, mask, 0.05, seed=7)
     assert new.sum() == round(0.05 * mask.size) and not (new & mask).any()
     assert np.array_equal(new, read(tmp_path / "next.exr", "mask") >= 0.5)
+    (tmp_path / "f.0003.exr").write_bytes(path.read_bytes())
+    tool("mask", "--after", tmp_path / "f.####.exr", "--add", "0.05", "--seed", "7", "-o", tmp_path / "next.####.exr")
+    third = lacuna.next_mask(samples, mask, 0.05, seed=7, frame=3)
+    assert (third != new).any() and np.array_equal(third, read(tmp_path / "next.0003.exr", "mask") >= 0.5)
     half = np.zeros_like(mask)
     half[:, :40] = True
     assert not (lacuna.next_mask(samples, mask, count=50, allowed=half) & ~half).any()

@@ -44,7 +44,7 @@ impl Repetition {
         let size = mask.size();
         let (density, seed) = (mask.count() as f64 / size.pixels() as f64, folds.seed ^ OTHER);
         let rounds = adaptive::ROUNDS.min(mask.count());
-        let settings = adaptive::Settings { density, rounds, first: None, target: None, seed };
+        let settings = adaptive::Settings { density, rounds, first: None, target: None, seed, frame: None };
         let measure = |_: &Mask| Ok::<_, Error>(Arc::new(filled.clone()));
         let chosen = adaptive::choose(&settings, Field { x: 0, y: 0, size }, run, measure)?;
         let again = Arc::new(chosen.mask);
@@ -129,7 +129,8 @@ mod tests {
         let truth = Arc::new(lines());
         let (mut all_told, mut all) = (0.0, 0.0);
         for seed in 0..6 {
-            let settings = adaptive::Settings { density: 0.15, rounds: 8, first: None, target: None, seed };
+            let settings =
+                adaptive::Settings { density: 0.15, rounds: 8, first: None, target: None, seed, frame: None };
             let field = Field { x: 0, y: 0, size: SIZE };
             let measure = |_: &Mask| Ok::<_, Error>(Arc::clone(&truth));
             let chosen = adaptive::choose(&settings, field, &Run::default(), measure).unwrap();

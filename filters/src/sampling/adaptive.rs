@@ -10,6 +10,8 @@
 //! tell of large errors, the others of small ones. The estimate of a round is the root mean square over all pixels and channels, 0 at
 //! measured ones, over the range of the measured values.
 //!
+//! Frames of a sequence take their pixels in other orders, so that frames in a row choose other pixels of the same places (`refine`).
+//!
 //! Values enter as `refine` has them: linear to 1, logarithmic above. The mask depends on the values that `measure` returns, on the
 //! settings and on the field, not on the number of threads.
 //!
@@ -24,7 +26,7 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 
 use super::components::Components;
-use super::refine::{Estimate, compress};
+use super::refine::{Estimate, Preference, compress};
 use super::{Band, Field, shuffle};
 use crate::{Error, Mask, Planes, Run, Size};
 
@@ -54,6 +56,8 @@ pub struct Settings {
     pub target: Option<f64>,
     /// Of the shuffle.
     pub seed: u64,
+    /// The number of the frame, if it is one of a sequence.
+    pub frame: Option<i64>,
 }
 
 /// The density of the first round where only that of all is given: a fifth of it.
@@ -122,7 +126,8 @@ pub fn choose<E: From<Error>>(
     mut measure: impl FnMut(&Mask) -> Result<Arc<Planes>, E>,
 ) -> Result<Chosen, E> {
     let total = settings.check(field.size.pixels())?;
-    let mut new = shuffle::mask(field.x, field.y, field.size, settings.first(), settings.seed)?;
+    let preference = Preference::new(settings.seed, settings.frame);
+    let mut new = shuffle::mask(field.x, field.y, field.size, settings.first(), preference.seed())?;
     let mut known = Known::new(field.size);
     let mut rounds: Vec<Round> = Vec::new();
     // The estimate that chose the new pixels, and the squared distances with them.
@@ -148,7 +153,7 @@ pub fn choose<E: From<Error>>(
             return Ok(Chosen { mask: Mask::new(field.size, known.mask)?, rounds });
         }
         let count = (total - known.count).div_ceil(left);
-        let (taken, squared) = next(estimate.as_ref(), &known, count, field, settings.seed);
+        let (taken, squared) = next(estimate.as_ref(), &known, count, field, preference);
         let mut flags = vec![false; field.size.pixels()];
         for pixel in taken {
             flags[pixel] = true;
@@ -164,12 +169,12 @@ fn next(
     known: &Known,
     count: usize,
     field: Field,
-    seed: u64,
+    preference: Preference,
 ) -> (Vec<usize>, Option<Vec<u32>>) {
-    let Some(estimate) = estimate else { return (in_order(known, count, field, seed), None) };
-    let mut taken = in_order(known, count / EXPLORE, field, seed);
+    let Some(estimate) = estimate else { return (in_order(known, count, field, preference.seed()), None) };
+    let mut taken = in_order(known, count / EXPLORE, field, preference.seed());
     let (more, squared) =
-        estimate.next_beside(&taken, count - taken.len(), field, seed, |pixel| !known.mask[pixel]);
+        estimate.next_beside(&taken, count - taken.len(), field, preference, |pixel| !known.mask[pixel]);
     taken.extend(more);
     (taken, Some(squared))
 }

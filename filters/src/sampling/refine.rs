@@ -17,6 +17,11 @@
 //! date after each: a pixel beside one just taken has d = 1 and waits, so no clumps arise. Equal scores are taken in the order of the shuffle; where
 //! the estimate is zero everywhere, that order is simply continued.
 //!
+//! Frames in a row choose by nearly the same image. So that they do not choose the same pixels, each has an order of its own, and the score of a pixel of rank r
+//! counts `2^(-4 r)` ([`Preference`]). Of pixels beside each other, whose scores differ little, each frame then takes others. Turntables of engine, head and aneurism
+//! (two of 0.5 degrees a frame at 20 % each, filled along with their neighbours) gained 0.2 to 0.6 dB by it, with the camera at rest 0.6 to 1.1 dB, and nothing at 5 %; a
+//! frame by itself between -0.2 dB (5 %) and 0.1 dB (20 %), so that it is not done there.
+//!
 //! Cost: a fill of a spline, 9 of any other filter; O(N log N) for the picks; 8 planes. Fails: on noisy samples, whose noise looks like error.
 //!
 //! Source: Y. Eldar, M. Lindenbaum, M. Porat, Y. Zeevi, "The Farthest Point Strategy for
@@ -26,8 +31,8 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
+use super::Field;
 use super::leave_out::{self, LeftOut};
-use super::{Field, shuffle};
 use crate::baseline::nearest::NearestMap;
 use crate::baseline::push_pull;
 use crate::kernel::blur::blur;
@@ -35,10 +40,12 @@ use crate::variational::ss;
 use crate::{Error, Filter, Mask, Plane, Planes, Run, Size};
 
 mod picks;
+mod preference;
 #[cfg(test)]
 mod tests;
 
 use picks::Picks;
+pub use preference::Preference;
 
 /// How exact a fill by parts is, over the range of the samples, and a spline near them. Choices from fills a hundred times as exact were no
 /// better, on nine frames at 5, 10 and 20 %.
@@ -233,16 +240,15 @@ impl Estimate {
 
     /// The next `count` pixels to compute, the most useful first, as indices row by row; fewer only if fewer are missing.
     ///
-    /// `allowed` says which pixels may be taken; `seed` is that of the shuffle order that decides between equals, and
-    /// `field` where the frame lies in it.
+    /// `allowed` says which pixels may be taken, `preference` which ones of these rather, and `field` where the frame lies in its order.
     pub fn next(
         &self,
         count: usize,
         field: Field,
-        seed: u64,
+        preference: Preference,
         allowed: impl Fn(usize) -> bool + Sync,
     ) -> Vec<usize> {
-        self.next_beside(&[], count, field, seed, allowed).0
+        self.next_beside(&[], count, field, preference, allowed).0
     }
 
     /// The same beside others that are computed anyway; also the squared distances to what is measured then.
@@ -251,14 +257,12 @@ impl Estimate {
         others: &[usize],
         count: usize,
         field: Field,
-        seed: u64,
+        preference: Preference,
         allowed: impl Fn(usize) -> bool + Sync,
     ) -> (Vec<usize>, Vec<u32>) {
-        let order = |pixel: usize| {
-            let (x, y) = field.at(pixel / field.size.width, pixel % field.size.width);
-            (shuffle::rank(x, y, seed) * f64::from(u32::MAX)) as u32
-        };
-        let mut picks = Picks::new(self.mask.size(), &self.coefficient, self.squared.clone());
+        let order = |pixel: usize| (preference.rank(field, pixel) * f64::from(u32::MAX)) as u32;
+        let preferred = preference.applied(&self.coefficient, field);
+        let mut picks = Picks::new(self.mask.size(), &preferred, self.squared.clone());
         for &pixel in others {
             picks.take(pixel);
         }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use lacuna_exr::{Frame, Limits, Over, WriteOptions};
+use lacuna_filters::sampling::refine::Preference;
 
 use super::output::{BoundFiles, MaskOutput, failed, of_frame, report, source_of_frame};
 use crate::channels;
@@ -30,6 +31,8 @@ pub struct NextPass {
     pub add: f64,
     /// The seed of the order that decides between equals.
     pub seed: u64,
+    /// The number of the frame, once it is one of a pattern.
+    pub number: Option<i64>,
     /// Where the estimated error goes.
     pub error_estimate: Option<PathBuf>,
     /// What the estimate does not decide.
@@ -135,6 +138,7 @@ impl NextPass {
     fn of_frame(&self, frame: &Path, number: Option<i64>) -> Self {
         Self {
             frame: frame.into(),
+            number,
             source: source_of_frame(&self.source, number),
             error_estimate: self.error_estimate.as_ref().map(|path| of_frame(path, number)),
             bounds: self.bounds.of_frame(number),
@@ -158,7 +162,8 @@ impl NextPass {
         let (frame, masks) = read(&self.frame, &self.source, limits)?;
         let choices = channels::choose(&frame, &masks.mask_channels, &[]);
         let bounds = |window| self.bounds.read(window, limits);
-        after::next(&frame, &masks, &choices, self.add, self.seed, bounds).map_err(failed(&self.frame))
+        let preference = Preference::new(self.seed, self.number);
+        after::next(&frame, &masks, &choices, self.add, preference, bounds).map_err(failed(&self.frame))
     }
 
     fn write(&self, limits: Limits, console: &Console) -> Result<(), PlanError> {

@@ -54,7 +54,7 @@ impl Render<'_> {
         let camera = camera(item, ready)?;
         let shader = ready.shader(&camera);
         let all = self.shot(ready, (&camera, shader.as_ref()), None);
-        let settings = adaptive::Settings { seed: all.seed, ..*settings };
+        let settings = adaptive::Settings { seed: all.seed, frame: item.number, ..*settings };
         let advance = Advance::new(&all, settings.rounds as u64, stage);
         let mut whole = Picture::default();
         // As the frame will hold them.

@@ -275,6 +275,7 @@ def next_mask(
     count: Optional[int] = None,
     allowed: Optional[npt.ArrayLike] = None,
     seed: int = 0,
+    frame: Optional[int] = None,
     threads: int = 0,
 ) -> Mask:
     """Says which pixels to render next, where more samples help most: as ``lacuna mask --after``.
@@ -287,6 +288,8 @@ def next_mask(
         (height, width): the pixels that may be chosen; all without it.
     seed
         That of the first mask; it decides between pixels that would help as much.
+    frame
+        The number of the frame, if it is one of a sequence: frames in a row choose other pixels of the same places.
     threads
         0: one a processor.
 
@@ -314,6 +317,7 @@ def next_mask(
         arguments.count("count", count),
         closed,
         arguments.count("seed", seed, 0, 2**64 - 1),
+        None if frame is None else arguments.count("frame", frame, -(2**62), 2**62),
         _threads(threads),
     )
 

@@ -62,6 +62,7 @@ def next_mask(
     count: int,
     closed: Optional[npt.NDArray[np.uint8]],
     seed: int,
+    frame: Optional[int],
     threads: int,
 ) -> npt.NDArray[np.bool_]: ...
 def compare(

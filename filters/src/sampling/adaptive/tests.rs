@@ -9,7 +9,7 @@ const SIZE: Size = Size::new(90, 120);
 const FIELD: Field = Field { x: -7, y: 3, size: SIZE };
 
 fn settings(density: f64, rounds: usize) -> Settings {
-    Settings { density, rounds, first: None, target: None, seed: 5 }
+    Settings { density, rounds, first: None, target: None, seed: 5, frame: None }
 }
 
 /// A disc on a slope, in two channels.
@@ -54,6 +54,21 @@ fn one_round_and_a_whole_first_one_are_the_shuffle() {
     let first = Settings { first: Some(0.13), ..settings(0.13, 3) };
     let (found, _) = chosen(&first, &picture());
     assert!(shuffle.as_slice().iter().zip(found.mask.as_slice()).all(|(a, b)| !a || *b));
+}
+
+#[test]
+fn frames_in_a_row_take_other_pixels_of_the_same_places() {
+    let picture = picture();
+    let frames =
+        [0, 1, 2].map(|number| chosen(&Settings { frame: Some(number), ..settings(0.1, 4) }, &picture));
+    let common =
+        |a: &Mask, b: &Mask| a.as_slice().iter().zip(b.as_slice()).filter(|(a, b)| **a && **b).count();
+    for (a, b) in [(0, 1), (1, 2), (0, 2)] {
+        let ((a, first_of_a), (b, first_of_b)) = (&frames[a], &frames[b]);
+        assert_eq!(common(&first_of_a[0], &first_of_b[0]), 0);
+        // All of them go to the one edge.
+        assert!(common(&a.mask, &b.mask) < a.mask.count() / 2);
+    }
 }
 
 #[test]

@@ -6,14 +6,14 @@ use super::*;
 use crate::baseline::push_pull;
 use crate::sampling::{Band, Order, Pattern};
 
-const SEED: u64 = 3;
+const PREFERENCE: Preference = Preference::new(3, None);
 
 fn field(height: usize, width: usize) -> Field {
     Field { x: -4, y: 9, size: Size::new(height, width) }
 }
 
 fn first_pass(field: Field, density: f64) -> Arc<Mask> {
-    Arc::new(Order::new(Pattern::Shuffle, field, SEED, 0).unwrap().mask(Band::below(density)))
+    Arc::new(Order::new(Pattern::Shuffle, field, PREFERENCE.seed(), 0).unwrap().mask(Band::below(density)))
 }
 
 fn of(image: &Plane, mask: &Arc<Mask>) -> Estimate {
@@ -34,7 +34,7 @@ fn takes_what_is_missing_and_only_once() {
     let field = field(31, 44);
     let mask = first_pass(field, 0.2);
     let estimate = of(&step(field.size), &mask);
-    let taken = estimate.next(200, field, SEED, |_| true);
+    let taken = estimate.next(200, field, PREFERENCE, |_| true);
     assert_eq!(taken.len(), 200);
     assert!(taken.iter().all(|&pixel| !mask.as_slice()[pixel]));
     let mut sorted = taken.clone();
@@ -42,10 +42,10 @@ fn takes_what_is_missing_and_only_once() {
     sorted.dedup();
     assert_eq!(sorted.len(), 200);
     // A shorter list is the beginning of a longer one, and all that are missing are all.
-    assert_eq!(estimate.next(50, field, SEED, |_| true), taken[..50]);
+    assert_eq!(estimate.next(50, field, PREFERENCE, |_| true), taken[..50]);
     let missing = field.size.pixels() - mask.count();
-    assert_eq!(estimate.next(usize::MAX, field, SEED, |_| true).len(), missing);
-    let even = estimate.next(100, field, SEED, |pixel| pixel % 2 == 0);
+    assert_eq!(estimate.next(usize::MAX, field, PREFERENCE, |_| true).len(), missing);
+    let even = estimate.next(100, field, PREFERENCE, |pixel| pixel % 2 == 0);
     assert!(even.len() == 100 && even.iter().all(|pixel| pixel % 2 == 0));
 }
 
@@ -54,7 +54,7 @@ fn goes_where_the_edge_is() {
     let field = field(80, 120);
     let mask = first_pass(field, 0.1);
     let estimate = of(&step(field.size), &mask);
-    let taken = estimate.next(96, field, SEED, |_| true);
+    let taken = estimate.next(96, field, PREFERENCE, |_| true);
     let near = taken.iter().filter(|&&pixel| {
         let (y, x) = ((pixel / 120) as f32, (pixel % 120) as f32);
         (x - (30.0 + y / 5.0 - 8.0)).abs() < 6.0
@@ -71,7 +71,7 @@ fn continues_the_order_where_there_is_nothing_to_gain() {
     assert!(estimate.error().pixels().iter().all(|&error| error == 0.0));
     let more = first_pass(field, 0.25);
     let added = more.count() - mask.count();
-    let taken = estimate.next(added, field, SEED, |_| true);
+    let taken = estimate.next(added, field, PREFERENCE, |_| true);
     assert!(taken.iter().all(|&pixel| more.as_slice()[pixel] && !mask.as_slice()[pixel]));
 }
 
@@ -83,7 +83,7 @@ fn leaves_no_clumps_where_the_error_is_even() {
     let mut estimate = of(&Plane::filled(field.size, 0.0), &mask);
     estimate.coefficient.fill(1.0);
     let mut all = mask.as_slice().to_vec();
-    for pixel in estimate.next(205, field, SEED, |_| true) {
+    for pixel in estimate.next(205, field, PREFERENCE, |_| true) {
         let (row, column) = (pixel / 64, pixel % 64);
         for (y, x) in [
             (row + 1, column),
@@ -118,7 +118,10 @@ fn smallest_frames_and_single_samples_work() {
         let mask = Arc::new(Mask::from_fn(field.size, |y, x| y + x == 0));
         let estimate = of(&Plane::from_fn(field.size, |y, x| (y * 3 + x) as f32), &mask);
         assert!(estimate.error().pixels().iter().all(|error| error.is_finite()));
-        assert_eq!(estimate.next(usize::MAX, field, 0, |_| true).len(), height * width - 1);
+        assert_eq!(
+            estimate.next(usize::MAX, field, Preference::new(0, None), |_| true).len(),
+            height * width - 1
+        );
     }
     let nothing = Arc::new(Mask::from_fn(Size::new(3, 3), |_, _| false));
     let samples = Planes::zeros(Size::new(3, 3), 1);
@@ -134,7 +137,7 @@ fn threads_do_not_matter() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let estimate = of(&step(field.size), &mask);
-            (estimate.error(), estimate.next(300, field, SEED, |_| true))
+            (estimate.error(), estimate.next(300, field, PREFERENCE, |_| true))
         })
     };
     assert_eq!(run(1), run(3));
