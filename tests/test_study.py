@@ -53,6 +53,44 @@ def table(folder):
     return list(csv.DictReader((folder / "results.csv").open()))
 
 
+
+def test_a_sequence_is_studied_as_fill_fills_it(tmp_path):
+    scene = tool.SAMPLES / "scenes" / "marschner-lobb.toml"
+    tool.lacuna("render", scene, "-o", tmp_path / "full.####.exr", "--frames", "1-5", "--size", "80x60", "--set", "camera.orbit=1", "--depth")
+    along = ["--temporal", "1", "--motion", "camera"]
+    path = tmp_path / "study.toml"
+    text = f"""patterns = ["shuffle", "adaptive", "half"]
+densities = [0.2]
+filters = ["ss", "auto {' '.join(along)}"]
+[[frames]]
+name = "turn"
+file = "full.####.exr"
+frames = "2-4"
+"""
+    path.write_text(text)
+    tool.lacuna("study", path, "-o", tmp_path / "out")
+    rows = {(row["pattern"], row["filter"]): row for row in table(tmp_path / "out")}
+    assert len(rows) == 5 and not any(row["error"] for row in rows.values())
+    assert float(rows["half", "lanczos3"]["flicker"]) > 0 and "Flicker" in (tmp_path / "out" / "tables.md").read_text()
+    read = lambda kind, k, names="RGB": np.stack([frames.read(tmp_path / f"{kind}.{k:04}.exr")[0][name].astype(np.float64) for name in names])
+    for pattern, words in (("shuffle", []), ("adaptive", ["--adaptive"])):
+        tool.lacuna("sparsify", tmp_path / "full.####.exr", "-o", tmp_path / "sparse.####.exr", "--density", "0.2", *words)
+        for label, filter in (("ss", ["--filter", "ss"]), (f"auto {' '.join(along)}", along)):
+            tool.lacuna("fill", tmp_path / "sparse.####.exr", "-o", tmp_path / "filled.####.exr", "--frames", "2-4", *filter)
+            errors = [read("filled", k) - read("full", k) for k in (2, 3, 4)]
+            missing = [read("sparse", k, ["mask"])[0] < 0.5 for k in (2, 3, 4)]
+            psnr = np.mean([-10 * np.log10(np.mean(error**2)) for error in errors])
+            change = [np.mean(((errors[k + 1] - errors[k]) ** 2)[:, missing[k] | missing[k + 1]]) for k in (0, 1)]
+            row = rows[pattern, label]
+            assert float(row["psnr_db"]) == pytest.approx(psnr, abs=1e-6), (pattern, label)
+            assert float(row["flicker"]) == pytest.approx(np.sqrt(np.mean(change)), rel=1e-6), (pattern, label)
+    for old, new, words in (('frames = "2-4"', "", ["full.####.exr", 'frames = "3-7"']), ("full.####.exr", "full.0002.exr", ["full.0002.exr", "pattern"]),
+                            ('"2-4"', '"5-6"', ["full.0006.exr"]), ('"2-4"', '"x"', ["'x' is not a frame"])):
+        path.write_text(text.replace(old, new))
+        result = tool.lacuna("study", path, "-o", tmp_path / "out", ok=False)
+        assert result.status != 0 and all(word in result.stderr for word in words), result.stderr
+
+
 def steady(rows):
     """Rows without what differs from run to run."""
     return [{key: value for key, value in row.items() if "seconds" not in key} for row in rows]

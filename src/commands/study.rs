@@ -41,10 +41,11 @@ pub struct StudyJob {
 pub fn study(job: &StudyJob) -> Result<u8, PlanError> {
     let console = Console::new(job.verbosity);
     console.listen();
+    let reach = job.entries.iter().map(|entry| entry.job.temporal.window.each()).max().unwrap_or(0);
     let subjects: Result<Vec<Subject>, String> =
-        job.definition.frames.iter().map(|frame| Subject::read(frame, &job.folder)).collect();
+        job.definition.frames.iter().map(|frame| Subject::read(frame, &job.folder, reach)).collect();
     let subjects = subjects.map_err(PlanError::Failed)?;
-    subjects.iter().filter_map(|subject| subject.non_finite.as_ref()).for_each(|note| console.warning(note));
+    subjects.iter().flat_map(|subject| &subject.non_finite).for_each(|note| console.warning(note));
     let cells = study::cells(&job.definition, &subjects, &job.entries)
         .map_err(|error| PlanError::Usage(error.to_string()))?;
     let sheets = sheets(job, &subjects)?;

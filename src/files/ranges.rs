@@ -6,7 +6,8 @@ use std::str::FromStr;
 const MOST: usize = 1_000_000;
 
 /// Frame numbers in the order asked for, each once.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Deserialize)]
+#[serde(try_from = "String")]
 pub struct Frames(Vec<i64>);
 
 /// Why a text is not a frame range.
@@ -27,6 +28,14 @@ impl Frames {
     /// The numbers, in the order asked for.
     pub fn numbers(&self) -> &[i64] {
         &self.0
+    }
+}
+
+impl TryFrom<String> for Frames {
+    type Error = RangeError;
+
+    fn try_from(text: String) -> Result<Self, RangeError> {
+        text.parse()
     }
 }
 

@@ -1,5 +1,6 @@
-//! One cell of a study: a frame made sparse, filled and compared, on one thread.
+//! One cell of a study: a frame or a sequence made sparse, filled and compared, on one thread.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use lacuna_exr::Frame;
@@ -8,11 +9,12 @@ use lacuna_filters::Run;
 use super::definition::Definition;
 use super::rows::Row;
 use super::selection::Selection;
-use super::subject::{Subject, mask_of};
+use super::subject::{Shot, Subject, colours, mask_of};
 use super::{DefinitionError, clock, half};
 use crate::mask::Masks;
-use crate::reconstruct::{self, Job, Plans};
-use crate::report::{self, Images, Measure, Settings};
+use crate::reconstruct::{self, Beside, Job, Plans};
+use crate::report::{self, Flicker, Images, Measure, Pair, Settings};
+use crate::temporal::{Neighbour, Neighbours};
 use crate::{channels, mask};
 
 /// A filter of a study.
@@ -134,47 +136,162 @@ pub fn run(cell: &Cell<'_>, visit: &mut dyn FnMut(&Images<'_>)) -> Row {
 }
 
 fn fill(cell: &Cell<'_>, row: &mut Row, visit: &mut dyn FnMut(&Images<'_>)) -> Result<(), String> {
-    if cell.pattern == Selection::Half {
-        let frame = cell.subject.frame.clone();
-        let (wall, busy) = (Instant::now(), clock::busy());
-        let enlarged = half::enlarged(frame)?;
-        (row.wall_seconds, row.seconds) = (wall.elapsed().as_secs_f64(), clock::busy() - busy);
-        row.missing = 1.0 - cell.density;
-        return measure(cell, &enlarged, None, row, visit);
+    let shots = &cell.subject.shots;
+    let sparse = sparse(cell)?;
+    let studied: Vec<usize> = (0..shots.len()).filter(|at| shots[*at].studied).collect();
+    let (mut found, mut flicker, mut changes) = (Vec::new(), Flicker::default(), Vec::new());
+    for (k, &at) in studied.iter().enumerate() {
+        let mut one = Found::default();
+        let (filled, masks) = match &sparse[at] {
+            Some((frame, masks)) => (one.filled(cell, (at, frame, masks), &sparse)?, Some(&**masks)),
+            None => (one.enlarged(&shots[at])?, None),
+        };
+        let mut groups = Vec::new();
+        let mut look = |images: &Images<'_>| {
+            if shots[at].number.is_some() {
+                groups.extend(Flicker::colours(images));
+            }
+            // Sheets show the middle one.
+            if k == studied.len() / 2 {
+                visit(images);
+            }
+        };
+        one.measure(cell.display, (&colours(&shots[at].frame), &colours(&filled)), masks, &mut look)?;
+        changes.extend(flicker.enter(at, groups, None).iter().flat_map(Pair::changes));
+        found.push(one);
     }
-    let sparse = cell.subject.sparse(cell.pattern, cell.density, cell.seed)?;
-    let job = &cell.entry.job;
-    let (wall, busy) = (Instant::now(), clock::busy());
-    let masks = mask::find(&sparse, &job.mask, None).map_err(|error| error.to_string())?;
-    let choices = channels::choose(&sparse, &masks.mask_channels, &job.overrides);
-    let filled = reconstruct::fill(sparse, &masks, &choices, job, &Plans::new(), &Run::default());
-    let (filled, report) = filled.map_err(|error| error.to_string())?;
-    row.wall_seconds = wall.elapsed().as_secs_f64();
-    row.seconds = clock::busy() - busy;
-    if let Some(outcome) = report.outcome {
-        row.iterations = outcome.iterations;
-        row.stop = serde_json::to_value(outcome.stop).ok().and_then(|stop| Some(stop.as_str()?.to_owned()));
-    }
-    row.missing = mask_of(&masks).map_or(0.0, |mask| 1.0 - mask.density());
-    measure(cell, &filled, Some(&masks), row, visit)
+    sum_up(&found, row);
+    let squares: Vec<f64> = changes.iter().map(|changed| changed.still.flicker.powi(2)).collect();
+    row.flicker = mean(squares.into_iter().map(Some)).map(f64::sqrt);
+    Ok(())
 }
 
-fn measure(
-    cell: &Cell<'_>,
-    filled: &Frame,
-    masks: Option<&Masks>,
-    row: &mut Row,
-    visit: &mut dyn FnMut(&Images<'_>),
-) -> Result<(), String> {
-    let mut settings = Settings { display: cell.display, ..Settings::default() };
-    settings.wanted.add(Measure::Cieluv);
-    let compared = report::compare(&cell.subject.frame, filled, masks, &settings, visit);
-    let compared = compared.map_err(|error| error.to_string())?;
-    let group = compared.main_group().ok_or("there is nothing to compare")?;
-    let get = |region: &str, measure: Measure| group.region(region)?.measures.get(measure);
-    row.mse = get("all", Measure::Mse);
-    row.mse_missing = get("missing", Measure::Mse);
-    row.ssim = get("all", Measure::Ssim);
-    row.cieluv = get("all", Measure::Cieluv);
-    Ok(())
+/// A sparse frame and what was measured of it, if it is needed.
+type Sparse = Option<(Arc<Frame>, Arc<Masks>)>;
+
+/// The sparse frame of each shot that is filled or read beside one; none at half the resolution.
+fn sparse(cell: &Cell<'_>) -> Result<Vec<Sparse>, String> {
+    let shots = &cell.subject.shots;
+    let reach = cell.entry.job.temporal.window.each() as u64;
+    let near = |shot: &Shot| {
+        let beside = |other: &Shot| Some(other.number?.abs_diff(shot.number?) <= reach);
+        shot.studied || shots.iter().any(|other| other.studied && beside(other).unwrap_or(false))
+    };
+    let one = |shot: &Shot| {
+        if cell.pattern == Selection::Half || !near(shot) {
+            return Ok(None);
+        }
+        let frame = shot.sparse(cell.pattern, cell.density, cell.seed)?;
+        let masks = mask::find(&frame, &cell.entry.job.mask, None).map_err(|error| error.to_string())?;
+        Ok(Some((Arc::new(frame), Arc::new(masks))))
+    };
+    shots.iter().map(one).collect()
+}
+
+/// What was found for one frame.
+#[derive(Default)]
+struct Found {
+    mse: Option<f64>,
+    mse_missing: Option<f64>,
+    ssim: Option<f64>,
+    cieluv: Option<f64>,
+    missing: f64,
+    wall: f64,
+    busy: f64,
+    iterations: usize,
+    stop: Option<String>,
+}
+
+impl Found {
+    fn timed<T>(&mut self, work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+        let (wall, busy) = (Instant::now(), clock::busy());
+        let done = work();
+        (self.wall, self.busy) = (wall.elapsed().as_secs_f64(), clock::busy() - busy);
+        done
+    }
+
+    fn enlarged(&mut self, shot: &Shot) -> Result<Frame, String> {
+        self.missing = 1.0 - half::DENSITY;
+        self.timed(|| half::enlarged(colours(&shot.frame)))
+    }
+
+    fn filled(
+        &mut self,
+        cell: &Cell<'_>,
+        (at, frame, masks): (usize, &Frame, &Masks),
+        sparse: &[Sparse],
+    ) -> Result<Frame, String> {
+        self.missing = mask_of(masks).map_or(0.0, |mask| 1.0 - mask.density());
+        let neighbours = beside(cell, at, sparse);
+        let job = &cell.entry.job;
+        let frame = frame.clone();
+        let (filled, report) = self.timed(|| {
+            let choices = channels::choose(&frame, &masks.mask_channels, &job.overrides);
+            let beside = Beside { guides: None, neighbours: Some(&neighbours) };
+            let filled =
+                reconstruct::fill_with(frame, masks, &choices, beside, job, &Plans::new(), &Run::default());
+            filled.map_err(|error| error.to_string())
+        })?;
+        if let Some(outcome) = report.outcome {
+            self.iterations = outcome.iterations;
+            self.stop =
+                serde_json::to_value(outcome.stop).ok().and_then(|stop| Some(stop.as_str()?.to_owned()));
+        }
+        Ok(filled)
+    }
+
+    fn measure(
+        &mut self,
+        display: bool,
+        (reference, filled): (&Frame, &Frame),
+        masks: Option<&Masks>,
+        look: &mut dyn FnMut(&Images<'_>),
+    ) -> Result<(), String> {
+        let mut settings = Settings { display, ..Settings::default() };
+        settings.wanted.add(Measure::Cieluv);
+        let compared = report::compare(reference, filled, masks, &settings, look);
+        let compared = compared.map_err(|error| error.to_string())?;
+        let group = compared.main_group().ok_or("there is nothing to compare")?;
+        let get = |region: &str, measure: Measure| group.region(region)?.measures.get(measure);
+        self.mse = get("all", Measure::Mse);
+        self.mse_missing = get("missing", Measure::Mse);
+        self.ssim = get("all", Measure::Ssim);
+        self.cieluv = get("all", Measure::Cieluv);
+        Ok(())
+    }
+}
+
+/// The frames beside one of a sequence that its filter asks for.
+fn beside(cell: &Cell<'_>, at: usize, sparse: &[Sparse]) -> Neighbours {
+    let (shots, reach) = (&cell.subject.shots, cell.entry.job.temporal.window.each() as u64);
+    let one = |(shot, sparse): (&Shot, &Sparse)| {
+        let (number, own) = (shot.number?, shots[at].number?);
+        let offset = number - own;
+        let (frame, masks) = sparse.as_ref().filter(|_| offset != 0 && offset.unsigned_abs() <= reach)?;
+        Some(Neighbour { number, offset, frame: Arc::clone(frame), masks: Arc::clone(masks) })
+    };
+    let all: Vec<Neighbour> = shots.iter().zip(sparse).filter_map(one).collect();
+    Neighbours { looked_at: all.iter().map(|one| one.number).collect(), all, notes: Vec::new() }
+}
+
+/// The means over all frames; of mean squared errors the geometric one, whose PSNR is the mean of theirs.
+fn sum_up(found: &[Found], row: &mut Row) {
+    let values = |get: fn(&Found) -> Option<f64>| mean(found.iter().map(get));
+    row.mse = values(|one| one.mse.map(f64::ln)).map(f64::exp);
+    row.mse_missing = values(|one| one.mse_missing.map(f64::ln)).map(f64::exp);
+    row.ssim = values(|one| one.ssim);
+    row.cieluv = values(|one| one.cieluv);
+    let number = |get: fn(&Found) -> f64| found.iter().map(get).sum::<f64>() / found.len().max(1) as f64;
+    row.missing = number(|one| one.missing);
+    row.wall_seconds = number(|one| one.wall);
+    row.seconds = number(|one| one.busy);
+    row.iterations = found.iter().map(|one| one.iterations).max().unwrap_or(0);
+    row.stop = found.iter().find_map(|one| one.stop.clone());
+}
+
+/// Of values that are all there.
+fn mean(values: impl ExactSizeIterator<Item = Option<f64>>) -> Option<f64> {
+    let count = values.len();
+    let sum = values.sum::<Option<f64>>()?;
+    (count > 0).then(|| sum / count as f64)
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::selection::Selection;
+use crate::files::ranges::Frames;
 
 /// A study as its file has it.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -41,8 +42,10 @@ pub struct Definition {
 pub struct SubjectDefinition {
     /// What plots call it; a file name too.
     pub name: String,
-    /// The EXR file, complete; relative to the study's file.
+    /// The EXR file, complete, or the pattern of a sequence; relative to the study's file.
     pub file: String,
+    /// The frames of the pattern that are filled and measured, such as `3-7`.
+    pub frames: Option<Frames>,
     /// What kind of picture it is; frames of a class share a verdict.
     #[serde(default = "unclassed")]
     pub class: String,

@@ -30,5 +30,5 @@ pub use page::page;
 pub use rows::{Row, csv, journal, json, read_journal};
 pub use selection::Selection;
 pub use sheet::{Sheet, sheet};
-pub use subject::Subject;
+pub use subject::{Shot, Subject};
 pub use verdict::{Verdict, tables, verdicts};

@@ -103,7 +103,7 @@ fn judged(definition: &Definition, rows: &[Row], body: &mut String) {
 fn all(rows: &[Row], body: &mut String) {
     body.push_str("<section><h2>Every cell</h2>\n<details><summary>Table</summary><div class=\"scroll\"><table id=\"frames\"><thead><tr>");
     body.push_str("<th scope=\"col\">frame</th><th scope=\"col\">filter</th><th scope=\"col\">pattern</th>");
-    for head in ["density (%)", "seed", "PSNR (dB)", "SSIM", "CIELUV", "seconds", "iterations"] {
+    for head in ["density (%)", "seed", "PSNR (dB)", "SSIM", "CIELUV", "flicker", "seconds", "iterations"] {
         let _ = write!(body, "<th scope=\"col\" data-sort=\"number\">{head}</th>");
     }
     body.push_str("</tr></thead><tbody>\n");
@@ -118,7 +118,7 @@ fn all(rows: &[Row], body: &mut String) {
             escape(&row.pattern)
         );
         if let Some(error) = &row.error {
-            let _ = writeln!(body, "<td colspan=\"7\">{}</td></tr>", escape(error));
+            let _ = writeln!(body, "<td colspan=\"8\">{}</td></tr>", escape(error));
             continue;
         }
         let mut cell = |value: Option<f64>, digits: usize| {
@@ -132,6 +132,7 @@ fn all(rows: &[Row], body: &mut String) {
         cell(row.psnr(), 2);
         cell(row.ssim, 5);
         cell(row.cieluv, 4);
+        cell(row.flicker, 5);
         cell(Some(row.seconds), 3);
         cell(Some(row.iterations as f64), 0);
         body.push_str("</tr>\n");

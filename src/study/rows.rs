@@ -25,7 +25,7 @@ pub struct Row {
     pub filter: String,
     /// Everything that it was set to.
     pub settings: String,
-    /// Mean squared error of the colours.
+    /// Mean squared error of the colours; of a sequence the geometric mean over its frames, so that its PSNR is the mean of theirs.
     pub mse: Option<f64>,
     /// The same over the missing pixels.
     pub mse_missing: Option<f64>,
@@ -33,7 +33,10 @@ pub struct Row {
     pub ssim: Option<f64>,
     /// Mean distance in CIELUV.
     pub cieluv: Option<f64>,
-    /// Processor seconds of planning and solving, on one thread.
+    /// Root mean square change of the error from frame to frame, where pixels are missing in either; of sequences.
+    #[serde(default)]
+    pub flicker: Option<f64>,
+    /// Processor seconds of planning and solving, on one thread; of a sequence, those of a frame.
     pub seconds: f64,
     /// The same by the clock on the wall.
     pub wall_seconds: f64,
@@ -70,7 +73,7 @@ pub fn read_journal(bytes: &[u8]) -> Vec<Row> {
 
 /// All rows as CSV (RFC 4180), a head line first.
 pub fn csv(rows: &[Row]) -> String {
-    let head = "frame,class,pattern,density,missing,seed,filter,settings,psnr_db,psnr_missing_db,ssim,cieluv,seconds,\
+    let head = "frame,class,pattern,density,missing,seed,filter,settings,psnr_db,psnr_missing_db,ssim,cieluv,flicker,seconds,\
                 wall_seconds,iterations,stop,error\n";
     let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
     let line = |row: &Row| {
@@ -87,6 +90,7 @@ pub fn csv(rows: &[Row]) -> String {
             number(row.mse_missing.map(psnr)),
             number(row.ssim),
             number(row.cieluv),
+            number(row.flicker),
             row.seconds.to_string(),
             row.wall_seconds.to_string(),
             row.iterations.to_string(),

@@ -1,68 +1,153 @@
-//! A frame of a study: its colours, cropped, with a sum that tells them from others.
+//! A frame or a sequence of a study: its colours, cropped, with a sum that tells them from others.
 
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use lacuna_exr::{Channel, Frame, Limits, Part, Samples, Window};
-use lacuna_filters::sampling::{Field, Temporal, adaptive, mask};
+use lacuna_filters::sampling::{self, Field, Temporal, adaptive};
 use lacuna_filters::{Mask, Run};
 
 use super::definition::SubjectDefinition;
 use super::selection::Selection;
-use crate::channels::{non_finite, non_finite_note};
+use crate::channels::{Rule, by_default, motion_axis, non_finite as non_finite_count, non_finite_note};
+use crate::files::patterns::Pattern;
 
 /// The channels that are studied, where the frame has them.
 const COLOURS: [&[u8]; 4] = [b"R", b"G", b"B", b"Y"];
 
-/// A frame that is ready to be made sparse.
+/// A frame that is ready to be made sparse, or a sequence of frames.
 #[derive(Clone, Debug)]
 pub struct Subject {
     /// What plots call it.
     pub name: String,
     /// What kind of picture it is.
     pub class: String,
-    /// One part with the colours.
-    pub frame: Frame,
+    /// The frame; of a sequence those that are filled, and those beside them, by their numbers.
+    pub shots: Vec<Shot>,
     /// Checksum of the pixels and their place.
     pub sum: u32,
     /// What the log should say of values that are not finite.
-    pub non_finite: Option<String>,
+    pub non_finite: Vec<String>,
+}
+
+/// A frame of a subject.
+#[derive(Clone, Debug)]
+pub struct Shot {
+    /// Its number in a sequence.
+    pub number: Option<i64>,
+    /// Whether it is filled and measured; otherwise it lies beside one that is.
+    pub studied: bool,
+    /// One part with the colours; in a sequence also with depth and motion, which say where samples move.
+    pub frame: Frame,
 }
 
 impl Subject {
-    /// Reads a frame; its file is relative to `folder`.
+    /// Reads a frame or a sequence, of that with up to `reach` frames on either side of each; its files are relative to `folder`.
     ///
     /// # Errors
-    /// A file that cannot be read, looks sparse, has no colours, or less than the crop.
-    pub fn read(definition: &SubjectDefinition, folder: &Path) -> Result<Self, String> {
-        let path = folder.join(&definition.file);
-        let fail = |why: String| format!("{}: {why}", path.display());
-        let mut frame =
-            lacuna_exr::read(&path, &Limits::default()).map_err(|error| fail(error.to_string()))?;
-        crate::sparsify::check_complete(&frame).map_err(|error| fail(error.to_string()))?;
-        frame.parts.truncate(1);
-        let part = frame.parts.first_mut().ok_or_else(|| fail("there is no part".into()))?;
-        part.channels.retain(|channel| COLOURS.contains(&channel.name.as_slice()));
-        if part.channels.is_empty() {
-            return Err(fail("its first part has no channel R, G, B or Y".into()));
+    /// A file that cannot be read, looks sparse, has no colours, or less than the crop; frames of different windows.
+    pub fn read(definition: &SubjectDefinition, folder: &Path, reach: usize) -> Result<Self, String> {
+        let (mut sum, mut non_finite) = (flate2::Crc::new(), Vec::new());
+        let mut shots: Vec<Shot> = Vec::new();
+        for (number, path, studied) in files(definition, folder, reach)? {
+            let frame = read(&path, number.is_some(), definition.crop)
+                .map_err(|why| format!("{}: {why}", path.display()))?;
+            let part = &frame.parts[0];
+            if let Some(first) = shots.first().filter(|first| first.window() != part.data_window) {
+                let [own, other] = [part.data_window, first.window()].map(|window| {
+                    let size = window.size();
+                    format!("{}x{} at ({}, {})", size.width, size.height, window.x_min, window.y_min)
+                });
+                return Err(format!(
+                    "{}: its data window is {own}, that of the first frame {other}",
+                    path.display()
+                ));
+            }
+            // Depths may be infinite.
+            let counts = part.channels.iter().filter(|channel| is_colour(channel));
+            let counts = counts.map(|channel| (channel.display_name(), non_finite_count(&channel.samples)));
+            let said = "values are not finite; measured ones count as missing, and no measure counts any";
+            non_finite
+                .extend(non_finite_note(said, counts).map(|note| format!("{}: {note}", path.display())));
+            if let Some(number) = number {
+                sum.update(&number.to_le_bytes());
+            }
+            add(part, &mut sum);
+            shots.push(Shot { number, studied, frame });
         }
-        if let Some(window) = definition.crop {
-            crop(part, window).map_err(fail)?;
-        }
-        let counts = part.channels.iter();
-        let counts = counts.map(|channel| (channel.display_name(), non_finite(&channel.samples)));
-        let said = "values are not finite; measured ones count as missing, and no measure counts any";
-        let note = non_finite_note(said, counts).map(|note| format!("{}: {note}", path.display()));
-        let (name, class, sum) = (definition.name.clone(), definition.class.clone(), sum(part));
-        Ok(Self { name, class, frame, sum, non_finite: note })
+        let (name, class) = (definition.name.clone(), definition.class.clone());
+        Ok(Self { name, class, shots, sum: sum.sum(), non_finite })
     }
+}
 
+/// The files of a subject: the number of each, and whether it is studied.
+fn files(
+    definition: &SubjectDefinition,
+    folder: &Path,
+    reach: usize,
+) -> Result<Vec<(Option<i64>, PathBuf, bool)>, String> {
+    let path = folder.join(&definition.file);
+    let pattern = Pattern::parse(&path.to_string_lossy()).map_err(|error| error.to_string())?;
+    let (pattern, frames) = match (pattern, &definition.frames) {
+        (None, None) => return Ok(vec![(None, path, true)]),
+        (Some(pattern), Some(frames)) => (pattern, frames),
+        (Some(_), None) => {
+            return Err(format!("{}: say which frames, such as frames = \"3-7\"", path.display()));
+        }
+        (None, Some(_)) => {
+            return Err(format!("{}: frames takes a pattern, such as shot.####.exr", path.display()));
+        }
+    };
+    let studied: BTreeSet<i64> = frames.numbers().iter().copied().collect();
+    let reach = reach as i64;
+    let beside = |number: &i64| number.saturating_sub(reach)..=number.saturating_add(reach);
+    let all: BTreeSet<i64> = studied.iter().flat_map(beside).collect();
+    let one = |number: i64| (Some(number), pattern.path(number), studied.contains(&number));
+    Ok(all.into_iter().map(one).filter(|(_, path, studied)| *studied || path.exists()).collect())
+}
+
+/// The first part of a frame, with what is studied.
+fn read(path: &Path, in_sequence: bool, window: Option<[i32; 4]>) -> Result<Frame, String> {
+    let mut frame = lacuna_exr::read(path, &Limits::default()).map_err(|error| error.to_string())?;
+    crate::sparsify::check_complete(&frame).map_err(|error| error.to_string())?;
+    frame.parts.truncate(1);
+    let part = frame.parts.first_mut().ok_or("there is no part")?;
+    let moves =
+        |part: &Part, at: usize| motion_axis(part, at).is_some() || by_default(part, at).0 == Rule::Depth;
+    let kept: Vec<bool> = (0..part.channels.len())
+        .map(|at| is_colour(&part.channels[at]) || (in_sequence && moves(part, at)))
+        .collect();
+    if !part.channels.iter().any(is_colour) {
+        return Err("its first part has no channel R, G, B or Y".into());
+    }
+    let mut kept = kept.into_iter();
+    part.channels.retain(|_| kept.next().unwrap_or(false));
+    if let Some(window) = window {
+        crop(part, window)?;
+    }
+    Ok(frame)
+}
+
+fn is_colour(channel: &Channel) -> bool {
+    COLOURS.contains(&channel.name.as_slice())
+}
+
+/// The frame without what is not studied.
+pub fn colours(frame: &Frame) -> Frame {
+    let mut frame = frame.clone();
+    frame.parts.iter_mut().for_each(|part| part.channels.retain(is_colour));
+    frame
+}
+
+impl Shot {
     /// Columns, rows and where they begin.
     pub fn window(&self) -> Window {
         self.frame.parts[0].data_window
     }
 
-    /// The frame with the chosen pixels only, and a channel that says which.
+    /// The frame with the chosen pixels only, and a channel that says which. Frames of a sequence have masks that complete each other, as far as the pattern
+    /// can; rounds choose other pixels in each.
     ///
     /// # Errors
     /// A pattern that cannot have that density.
@@ -77,15 +162,21 @@ impl Subject {
             Selection::Rounds { rounds, first } => {
                 let (rounds, first) =
                     (rounds.unwrap_or(adaptive::ROUNDS), first.map(|share| share * density));
-                let settings =
-                    &adaptive::Settings { density, rounds, first, target: None, seed, frame: None };
+                let frame = self.number;
+                let settings = &adaptive::Settings { density, rounds, first, target: None, seed, frame };
                 return sparsify(crate::sparsify::Pattern::Adaptive { settings, run: &Run::default() });
             }
         };
         let window = self.window();
         let field = Field { x: window.x_min, y: window.y_min, size: window.size() };
-        let mask =
-            mask(pattern, field, density, seed, Temporal::Fixed, 0).map_err(|error| error.to_string())?;
+        let temporal = match (self.number, pattern) {
+            (None, _) => Temporal::Fixed,
+            // Which has no order.
+            (_, sampling::Pattern::Poisson) => Temporal::Offset,
+            _ => Temporal::Complementary,
+        };
+        let mask = sampling::mask(pattern, field, density, seed, temporal, self.number.unwrap_or(0));
+        let mask = mask.map_err(|error| error.to_string())?;
         let name = format!("{} density={density} seed={seed}", pattern.name());
         sparsify(crate::sparsify::Pattern::Given { mask: &Arc::new(mask), name: &name })
     }
@@ -120,8 +211,7 @@ fn cut<T: Copy>(values: &[T], columns: usize, [left, top, width, height]: [usize
     (top..top + height).flat_map(row).copied().collect()
 }
 
-fn sum(part: &Part) -> u32 {
-    let mut sum = flate2::Crc::new();
+fn add(part: &Part, sum: &mut flate2::Crc) {
     let window = part.data_window;
     for edge in [window.x_min, window.y_min, window.x_max, window.y_max] {
         sum.update(&edge.to_le_bytes());
@@ -132,7 +222,6 @@ fn sum(part: &Part) -> u32 {
             sum.update(&value.to_le_bytes());
         }
     }
-    sum.sum()
 }
 
 /// The mask that a sparse frame of a study has.

@@ -13,7 +13,8 @@ fn subject(name: &str, class: &str) -> Subject {
     };
     let planes = [("B", 0), ("G", 1), ("R", 2)].map(|(name, k)| float(name, &value(k)));
     let frame = frame(vec![part(window(0, 0, 32, 32), planes.to_vec())]);
-    Subject { name: name.into(), class: class.into(), frame, sum: 7, non_finite: None }
+    let shots = vec![Shot { number: None, studied: true, frame }];
+    Subject { name: name.into(), class: class.into(), shots, sum: 7, non_finite: Vec::new() }
 }
 
 fn entries() -> [Entry; 2] {
@@ -89,7 +90,8 @@ fn rounds_are_a_pattern_among_others() {
     let edge = |at: usize| if at % 48 + at / 96 < 30 { 0.2 } else { 0.9 };
     let values: Vec<f32> = (0..48 * 48).map(edge).collect();
     let frame = frame(vec![part(window(0, 0, 48, 48), vec![float("Y", &values)])]);
-    let subjects = [Subject { frame, ..subject("a", "smooth") }];
+    let subjects =
+        [Subject { shots: vec![Shot { number: None, studied: true, frame }], ..subject("a", "smooth") }];
     let text = TEXT.replace("'random', 'shuffle'", "'shuffle', 'adaptive rounds=4', 'adaptive first=1'");
     let definition = Definition::parse(&text).unwrap();
     let entries = entries();
@@ -225,7 +227,7 @@ fn definitions_that_contradict_themselves_are_refused() {
 
 #[test]
 fn a_crop_keeps_absolute_coordinates() {
-    let mut whole = subject("a", "c").frame.parts.remove(0);
+    let mut whole = subject("a", "c").shots[0].frame.parts.remove(0);
     let before = crate::testing::values(&whole, "R");
     subject::crop(&mut whole, [4, 5, 3, 2]).unwrap();
     let after = crate::testing::values(&whole, "R");

@@ -121,21 +121,28 @@ pub fn tables(rows: &[Row], thresholds: Thresholds) -> String {
         let (name, frames) = (&class[0].class, class[0].frames.join(", "));
         let _ = writeln!(text, "| {name} | {frames} | **{best}** | {} |", cells.join(" | "));
     }
-    for (what, value) in [
-        ("PSNR in dB", &Row::psnr as &dyn Fn(&Row) -> Option<f64>),
-        ("Processor seconds", &|row| Some(row.seconds)),
+    for (what, digits, value) in [
+        ("PSNR in dB", 2, &Row::psnr as Value<'_>),
+        ("Flicker", 5, &|row| row.flicker),
+        ("Processor seconds", 2, &|row| Some(row.seconds)),
     ] {
         for pattern in distinct(rows.iter().map(|row| row.pattern.as_str())) {
-            let _ = writeln!(text, "\n{what}, `{pattern}`, by missing pixels:\n");
-            let own: Vec<Row> = rows.iter().filter(|row| row.pattern == pattern).cloned().collect();
-            table(&own, value, &mut text);
+            let own = rows.iter().filter(|row| row.pattern == pattern && value(row).is_some());
+            let own: Vec<Row> = own.cloned().collect();
+            if !own.is_empty() {
+                let _ = writeln!(text, "\n{what}, `{pattern}`, by missing pixels:\n");
+                table(&own, (digits, value), &mut text);
+            }
         }
     }
     text
 }
 
+/// What a table shows of a row.
+type Value<'a> = &'a dyn Fn(&Row) -> Option<f64>;
+
 /// A line a frame and filter, a column a density, of one pattern's rows.
-fn table(rows: &[Row], value: &dyn Fn(&Row) -> Option<f64>, text: &mut String) {
+fn table(rows: &[Row], (digits, value): (usize, Value<'_>), text: &mut String) {
     let filters = distinct(rows.iter().map(|row| row.filter.as_str()));
     let mut densities: Vec<f64> = rows.iter().map(|row| row.density).collect();
     densities.sort_by(|a, b| b.total_cmp(a));
@@ -156,7 +163,7 @@ fn table(rows: &[Row], value: &dyn Fn(&Row) -> Option<f64>, text: &mut String) {
                             && row.error.is_none()
                     });
                     let found = points(own, &rows[0].pattern, value).first().map(|point| point[1]);
-                    found.map_or_else(String::new, |value| format!("{value:.2}"))
+                    found.map_or_else(String::new, |value| format!("{value:.digits$}"))
                 })
                 .collect();
             let _ = writeln!(text, "| {frame} | {filter} | {} |", cells.join(" | "));
