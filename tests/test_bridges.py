@@ -257,6 +257,10 @@ def test_pixels_are_chosen_in_rounds(name, cfg, tmp_path):
     first = tmp_path / "first.exr"
     lacuna("mask", "-o", first, "--size", "32x24", "--density", "0.09")
     assert mask[frames.read(first)[0]["mask"] == 1].mean() > 0.9, "the first round is spread evenly"
+    words = [*scene(name, cfg), "-o", out / "s.####.exr", "--frames", "1-2", *words[-5:]]
+    assert bridge(name, *words).status == 0
+    one, other = (frames.read(out / f"s.{k:04}.exr")[0]["mask"] == 1 for k in (1, 2))
+    assert abs(one.mean() - 0.3) < 0.05 and (one & other).mean() < 0.7 * one.mean(), "frames in a row choose other pixels"
 
 
 @BOTH

@@ -157,7 +157,10 @@ fn fill(cell: &Cell<'_>, row: &mut Row, visit: &mut dyn FnMut(&Images<'_>)) -> R
             }
         };
         one.measure(cell.display, (&colours(&shots[at].frame), &colours(&filled)), masks, &mut look)?;
-        changes.extend(flicker.enter(at, groups, None).iter().flat_map(Pair::changes));
+        // Frames whose numbers follow each other.
+        let since = |first: i64| shots[at].number.map_or(0, |number| number.abs_diff(first) as usize);
+        let index = shots[0].number.map_or(0, since);
+        changes.extend(flicker.enter(index, groups, None).iter().flat_map(Pair::changes));
         found.push(one);
     }
     sum_up(&found, row);
