@@ -114,6 +114,24 @@ def test_vectors_of_any_convention_are_understood(tmp_path, sign, y_up, unit):
     assert psnr(tmp_path / "along", 3, shows(3)) > psnr(tmp_path / "alone", 3, shows(3)) + 2
 
 
+def test_what_is_told_of_frames_along_is_true(tmp_path):
+    """Other frames know missing pixels as well as held-out ones, so their errors do not grow with the emptiness of this frame's pattern."""
+    dy, dx = 1.6, -2.3
+    shows = lambda frame: scene(dy * frame, dx * frame)
+    source = write(tmp_path, shows, motion_X=lambda _: np.full((HEIGHT, WIDTH), dx, np.float32), motion_Y=lambda _: np.full((HEIGHT, WIDTH), dy, np.float32))
+    lacuna("fill", source, "-o", f"{tmp_path / 'along'}/", "--create-dir", "--temporal", "2", "--json", tmp_path / "log.json")
+    missed = 0.0
+    for record in json.loads((tmp_path / "log.json").read_text())["frames"]:
+        frame = record["frame"]
+        missing = ~mask(frame)
+        error = frames.colour(tmp_path / "along" / f"shot.{frame:04}.exr")[missing] - shows(frame).astype(np.float32)[missing]
+        [told] = [group["psnr"] for group in record["estimates"] if "R" in group["channels"]]
+        true = -10 * np.log10(np.mean(error.astype(np.float64) ** 2))
+        assert told["low"] - 0.5 <= true <= told["high"] + 0.5, (frame, told, true)
+        missed += (told["estimate"] - true) / COUNT
+    assert abs(missed) < 1.5, missed
+
+
 def test_vectors_of_a_turntable_lead_to_the_next_frame(tmp_path):
     """Against the distance and the matrices of both frames."""
     lacuna("render", SAMPLES / "scenes" / "vessels.toml", "-o", tmp_path / "shot.####.exr", "--frames", "1-3", "--size", "96x80", "--density", "0.3",

@@ -50,6 +50,8 @@ pub struct Along {
     pub gain: Option<f64>,
     /// What was predicted at held-out samples.
     pub held: HeldOut,
+    /// The part of its squared error that is the frame's alone, by held-out samples: the squared correlation of both errors.
+    pub own: f64,
 }
 
 impl Along {
@@ -126,7 +128,7 @@ pub fn pulled(
         let firm = firm.map(|way| Preferred { candidate: 1 + way, loss: LOSS, misses: &misses });
         Weights::beside(&own.mask, samples, held, less, firm)
     };
-    let gain = gain(own.folds, samples, (&held, less), &learn);
+    let Gain { gain, own: part } = Gain::new(own.folds, samples, (&held, less), &learn);
     let weights = learn(&held);
     if gain < WORTH || weights.alone() == Some(0) {
         return Ok(None);
@@ -136,7 +138,7 @@ pub fn pulled(
         own.mask.restore(samples, out);
     }
     let share = 1.0 - weights.share(0);
-    Ok(Some(Along { outcome, share, gain: Some(gain), held: Weights::crossed(&held, &learn) }))
+    Ok(Some(Along { outcome, share, gain: Some(gain), held: Weights::crossed(&held, &learn), own: part }))
 }
 
 /// Makes `out`, the blend alone, what all ways make of it by their weights. Those that differ in what the samples weigh are one, whose
@@ -255,29 +257,41 @@ fn misses(mask: &Mask, carried: &[Carried], image: &Planes) -> Vec<(u32, f64)> {
     carried.iter().flat_map(of).collect()
 }
 
-/// The part of the squared error that a blend takes away, whose weights half of what was held out learns for the other half: what chance alone
-/// would choose gains nothing.
-fn gain(
-    folds: Folds,
-    samples: &Planes,
-    (held, less): (&[HeldOut], f64),
-    learn: &dyn Fn(&[HeldOut]) -> Weights,
-) -> f64 {
-    let half = |odd: bool| -> Vec<HeldOut> {
-        let is = |pixel: u32| (hash(folds.seed ^ HALVES, u64::from(pixel)) % 2 == 1) == odd;
-        held.iter().map(|held| held.sorted(is)).collect()
-    };
-    let products = |a: &HeldOut, b: &HeldOut| a.products(b, samples);
-    let halves = [half(false), half(true)];
-    let mut sums = [0.0; 3];
-    for (own, other) in [(&halves[0], &halves[1]), (&halves[1], &halves[0])] {
-        let after = learn(own).of_held_out(other);
-        sums[0] += products(&other[0], &other[0]);
-        sums[1] += products(&other[0], &after);
-        sums[2] += products(&after, &after);
+/// What a blend is worth whose weights half of what was held out learns for the other half: what chance alone would choose gains nothing.
+struct Gain {
+    /// The part of the squared error that it takes away.
+    gain: f64,
+    /// The part of what is left that is the frame's alone.
+    own: f64,
+}
+
+impl Gain {
+    fn new(
+        folds: Folds,
+        samples: &Planes,
+        (held, less): (&[HeldOut], f64),
+        learn: &dyn Fn(&[HeldOut]) -> Weights,
+    ) -> Self {
+        let half = |odd: bool| -> Vec<HeldOut> {
+            let is = |pixel: u32| (hash(folds.seed ^ HALVES, u64::from(pixel)) % 2 == 1) == odd;
+            held.iter().map(|held| held.sorted(is)).collect()
+        };
+        let products = |a: &HeldOut, b: &HeldOut| a.products(b, samples);
+        let halves = [half(false), half(true)];
+        let mut sums = [0.0; 3];
+        for (own, other) in [(&halves[0], &halves[1]), (&halves[1], &halves[0])] {
+            let after = learn(own).of_held_out(other);
+            sums[0] += products(&other[0], &other[0]);
+            sums[1] += products(&other[0], &after);
+            sums[2] += products(&after, &after);
+        }
+        let [before, both, after] = sums;
+        if before <= 0.0 || after <= 0.0 {
+            return Self { gain: if before > 0.0 { 1.0 } else { 0.0 }, own: 1.0 };
+        }
+        let own = (both * both / (before * after)).min(1.0);
+        Self { gain: 1.0 - after * (1.0 - (1.0 - less) * own) / (less * before), own }
     }
-    let [before, both, after] = sums;
-    if before > 0.0 { 1.0 - (after - (1.0 - less) * both * both / before) / (less * before) } else { 0.0 }
 }
 
 /// How much less the frame alone errs at missing pixels than at held-out ones, squared, as far as the pattern of its samples tells.

@@ -17,6 +17,8 @@ pub struct Evidence {
     pub near: HeldOut,
     /// Pixels that were held out at two depths: with few others, and with half of them. Empty where there are too few samples.
     pub pairs: [HeldOut; 2],
+    /// The part of the squared error that goes by the pattern of the samples, the frame's alone: 1 unless samples of other frames are taken, too.
+    pub own: f64,
     /// What both errors are on an image that is known.
     pub simulation: Option<Simulation>,
     /// What choosing the pixels once more passed over, where they were chosen in rounds.
@@ -76,7 +78,7 @@ impl Evidence {
         for (own, other) in pairs.iter_mut().zip(both.iter().rev()) {
             *own = own.sorted(|pixel| other.at.binary_search(&pixel).is_ok());
         }
-        Self { kind, near, pairs, simulation: None, repetition: None }
+        Self { kind, near, pairs, own: 1.0, simulation: None, repetition: None }
     }
 
     /// The squared error at samples that are held out with half of the others over that at the same with few of them.

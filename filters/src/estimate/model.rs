@@ -26,6 +26,11 @@ const EXPONENTS: (f64, f64) = (0.0, 1.75);
 const LEVELLED: f64 = 0.15;
 /// Standard deviation of the exponent.
 const EXPONENT_OFF: f64 = 0.4;
+/// The part of the exponent that the errors of other frames go by: they, too, are larger where this frame has no samples near. Chosen on turntables of engine,
+/// aneurism and head (`docs/measurements/sequences.md`).
+const OTHERS: f64 = 0.4;
+/// Standard deviation of the exponent over what it is less by where samples of other frames are taken.
+const PART_OFF: f64 = 0.4;
 /// Standard deviation of the logarithm of the squared error over that of what errors beyond those seen multiply it by.
 const TAIL: f64 = 0.75;
 /// Standard deviation of the logarithm of the squared error, of what carries it from held-out samples to missing pixels: of the simulation, and of the
@@ -146,7 +151,7 @@ impl Model {
             !measured && hash(seed ^ 0x51, pixel as u64).is_multiple_of(every)
         });
         let variance = Variance::new(evidence.kind, mask, &places, seed);
-        let missing = pixels
+        let missing: Vec<PixelError> = pixels
             .iter()
             .zip(variance.all(&places, &pixels))
             .map(|(&pixel, v)| PixelError { pixel, squared: 0.0, ln_variance: v.ln(), weight: 1.0 })
@@ -157,7 +162,9 @@ impl Model {
             let pixels: Vec<u32> = owned.iter().map(|owned| owned.1).collect();
             owned.iter().zip(variance.all(&places, &pixels)).map(|(owned, v)| (owned.0, v.ln())).collect()
         });
-        let (exponent, exponent_off) = exponent(evidence, truth, &places);
+        let (whole, whole_off) = exponent(evidence, truth, &places);
+        let exponent = of_part(whole, evidence.own, &held, &missing);
+        let exponent_off = whole_off.hypot(PART_OFF * (whole - exponent));
         let floor = rounding(truth, mask);
         let range = range(truth, mask);
         let simulated =
@@ -383,6 +390,17 @@ impl Grid {
         };
         (0..cells.len()).into_par_iter().with_min_len(256).map(|k| sum(k / self.columns, k % self.columns))
     }
+}
+
+/// The exponent of errors of which the part `own` is this frame's, the rest that of other frames. Between held-out samples and missing pixels, the logarithms of
+/// whose variances are `l` apart, it makes them `own exp(p l) + (1 - own) exp(OTHERS p l)` times as large.
+fn of_part(exponent: f64, own: f64, held: &[PixelError], missing: &[PixelError]) -> f64 {
+    let mean = |errors: &[PixelError]| {
+        errors.iter().map(|error| f64::from(error.ln_variance)).sum::<f64>() / errors.len() as f64
+    };
+    let apart = exponent * (mean(missing) - mean(held));
+    let part = (own * apart.exp() + (1.0 - own) * (OTHERS * apart).exp()).ln() / apart;
+    if own < 1.0 && part.is_finite() { part * exponent } else { exponent }
 }
 
 /// The exponent from samples that were held out at two depths, and its standard deviation.

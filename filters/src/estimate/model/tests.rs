@@ -136,3 +136,19 @@ fn no_error_is_larger_than_the_range_of_the_samples() {
         }
     }
 }
+
+#[test]
+fn errors_of_other_frames_go_less_by_the_pattern_of_this_one() {
+    let at = |ln_variance: f32| PixelError { pixel: 0, squared: 1.0, ln_variance, weight: 1.0 };
+    let (held, missing) = ([at(0.1), at(0.3)], [at(-0.9), at(-0.3)]);
+    let of = |own: f64| of_part(1.5, own, &held, &missing);
+    // The means are 0.8 apart.
+    let whole = (-1.5_f64 * 0.8).exp();
+    let half = (0.5 * whole + 0.5 * whole.powf(OTHERS)).ln() / -0.8;
+    for (own, exact) in [(1.0, 1.5), (0.0, 1.5 * OTHERS), (0.5, half)] {
+        assert!((of(own) - exact).abs() < 1e-6, "{own}");
+    }
+    // Where nothing is emptier, or noise decides, there is nothing to tell apart.
+    assert_eq!(of_part(1.5, 0.3, &held, &held), 1.5);
+    assert_eq!(of_part(0.0, 0.3, &held, &missing), 0.0);
+}
