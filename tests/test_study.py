@@ -84,6 +84,10 @@ frames = "2-4"
             row = rows[pattern, label]
             assert float(row["psnr_db"]) == pytest.approx(psnr, abs=1e-6), (pattern, label)
             assert float(row["flicker"]) == pytest.approx(np.sqrt(np.mean(change)), rel=1e-6), (pattern, label)
+    # Cells of frames alone do not run again because another filter asks for neighbours.
+    path.write_text(text.replace(', "auto ' + " ".join(along) + '"', ""))
+    result = tool.lacuna("study", path, "-o", tmp_path / "out", "-n")
+    assert "3 cells, 0 of them to be run" in result.stderr, result.stderr
     for old, new, words in (('frames = "2-4"', "", ["full.####.exr", 'frames = "3-7"']), ("full.####.exr", "full.0002.exr", ["full.0002.exr", "pattern"]),
                             ('"2-4"', '"5-6"', ["full.0006.exr"]), ('"2-4"', '"x"', ["'x' is not a frame"])):
         path.write_text(text.replace(old, new))

@@ -96,13 +96,18 @@ impl Cell<'_> {
         }
     }
 
+    /// Neighbours on either side that its filter asks for.
+    fn reach(&self) -> usize {
+        if self.pattern == Selection::Half { 0 } else { self.entry.job.temporal.window.each() }
+    }
+
     /// What tells a cell from others: equal keys mean equal results.
     pub fn key(&self) -> String {
         let (name, settings) = self.method();
         format!(
             "lacuna={} pixels={:08x} pattern={} density={} seed={} display={} filter={name} {settings}",
             env!("CARGO_PKG_VERSION"),
-            self.subject.sum,
+            self.subject.sum(self.reach()),
             self.pattern,
             self.density,
             self.seed,
@@ -174,21 +179,16 @@ type Sparse = Option<(Arc<Frame>, Arc<Masks>)>;
 
 /// The sparse frame of each shot that is filled or read beside one; none at half the resolution.
 fn sparse(cell: &Cell<'_>) -> Result<Vec<Sparse>, String> {
-    let shots = &cell.subject.shots;
-    let reach = cell.entry.job.temporal.window.each() as u64;
-    let near = |shot: &Shot| {
-        let beside = |other: &Shot| Some(other.number?.abs_diff(shot.number?) <= reach);
-        shot.studied || shots.iter().any(|other| other.studied && beside(other).unwrap_or(false))
-    };
-    let one = |shot: &Shot| {
-        if cell.pattern == Selection::Half || !near(shot) {
-            return Ok(None);
-        }
+    let mut all: Vec<Sparse> = vec![None; cell.subject.shots.len()];
+    if cell.pattern == Selection::Half {
+        return Ok(all);
+    }
+    for (at, shot) in cell.subject.needed(cell.reach()) {
         let frame = shot.sparse(cell.pattern, cell.density, cell.seed)?;
         let masks = mask::find(&frame, &cell.entry.job.mask, None).map_err(|error| error.to_string())?;
-        Ok(Some((Arc::new(frame), Arc::new(masks))))
-    };
-    shots.iter().map(one).collect()
+        all[at] = Some((Arc::new(frame), Arc::new(masks)));
+    }
+    Ok(all)
 }
 
 /// What was found for one frame.
@@ -266,7 +266,7 @@ impl Found {
 
 /// The frames beside one of a sequence that its filter asks for.
 fn beside(cell: &Cell<'_>, at: usize, sparse: &[Sparse]) -> Neighbours {
-    let (shots, reach) = (&cell.subject.shots, cell.entry.job.temporal.window.each() as u64);
+    let (shots, reach) = (&cell.subject.shots, cell.reach() as u64);
     let one = |(shot, sparse): (&Shot, &Sparse)| {
         let (number, own) = (shot.number?, shots[at].number?);
         let offset = number - own;

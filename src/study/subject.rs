@@ -25,8 +25,6 @@ pub struct Subject {
     pub class: String,
     /// The frame; of a sequence those that are filled, and those beside them, by their numbers.
     pub shots: Vec<Shot>,
-    /// Checksum of the pixels and their place.
-    pub sum: u32,
     /// What the log should say of values that are not finite.
     pub non_finite: Vec<String>,
 }
@@ -38,6 +36,8 @@ pub struct Shot {
     pub number: Option<i64>,
     /// Whether it is filled and measured; otherwise it lies beside one that is.
     pub studied: bool,
+    /// Checksum of the pixels and their place.
+    pub sum: u32,
     /// One part with the colours; in a sequence also with depth and motion, which say where samples move.
     pub frame: Frame,
 }
@@ -48,8 +48,7 @@ impl Subject {
     /// # Errors
     /// A file that cannot be read, looks sparse, has no colours, or less than the crop; frames of different windows.
     pub fn read(definition: &SubjectDefinition, folder: &Path, reach: usize) -> Result<Self, String> {
-        let (mut sum, mut non_finite) = (flate2::Crc::new(), Vec::new());
-        let mut shots: Vec<Shot> = Vec::new();
+        let (mut shots, mut non_finite): (Vec<Shot>, Vec<String>) = (Vec::new(), Vec::new());
         for (number, path, studied) in files(definition, folder, reach)? {
             let frame = read(&path, number.is_some(), definition.crop)
                 .map_err(|why| format!("{}: {why}", path.display()))?;
@@ -70,14 +69,32 @@ impl Subject {
             let said = "values are not finite; measured ones count as missing, and no measure counts any";
             non_finite
                 .extend(non_finite_note(said, counts).map(|note| format!("{}: {note}", path.display())));
-            if let Some(number) = number {
-                sum.update(&number.to_le_bytes());
-            }
-            add(part, &mut sum);
-            shots.push(Shot { number, studied, frame });
+            shots.push(Shot { number, studied, sum: sum(part), frame });
         }
         let (name, class) = (definition.name.clone(), definition.class.clone());
-        Ok(Self { name, class, shots, sum: sum.sum(), non_finite })
+        Ok(Self { name, class, shots, non_finite })
+    }
+}
+
+impl Subject {
+    /// The frames that are filled, and with them those up to `reach` beside one of these.
+    pub fn needed(&self, reach: usize) -> impl Iterator<Item = (usize, &Shot)> {
+        let near = move |shot: &Shot| {
+            let beside = |other: &Shot| Some(other.number?.abs_diff(shot.number?) <= reach as u64);
+            shot.studied || self.shots.iter().any(|other| other.studied && beside(other).unwrap_or(false))
+        };
+        self.shots.iter().enumerate().filter(move |(_, shot)| near(shot))
+    }
+
+    /// A checksum of these, their numbers and places.
+    pub fn sum(&self, reach: usize) -> u32 {
+        let mut sum = flate2::Crc::new();
+        for (_, shot) in self.needed(reach) {
+            let Some(number) = shot.number else { return shot.sum };
+            sum.update(&number.to_le_bytes());
+            sum.update(&shot.sum.to_le_bytes());
+        }
+        sum.sum()
     }
 }
 
@@ -211,7 +228,8 @@ fn cut<T: Copy>(values: &[T], columns: usize, [left, top, width, height]: [usize
     (top..top + height).flat_map(row).copied().collect()
 }
 
-fn add(part: &Part, sum: &mut flate2::Crc) {
+fn sum(part: &Part) -> u32 {
+    let mut sum = flate2::Crc::new();
     let window = part.data_window;
     for edge in [window.x_min, window.y_min, window.x_max, window.y_max] {
         sum.update(&edge.to_le_bytes());
@@ -222,6 +240,7 @@ fn add(part: &Part, sum: &mut flate2::Crc) {
             sum.update(&value.to_le_bytes());
         }
     }
+    sum.sum()
 }
 
 /// The mask that a sparse frame of a study has.

@@ -13,8 +13,8 @@ fn subject(name: &str, class: &str) -> Subject {
     };
     let planes = [("B", 0), ("G", 1), ("R", 2)].map(|(name, k)| float(name, &value(k)));
     let frame = frame(vec![part(window(0, 0, 32, 32), planes.to_vec())]);
-    let shots = vec![Shot { number: None, studied: true, frame }];
-    Subject { name: name.into(), class: class.into(), shots, sum: 7, non_finite: Vec::new() }
+    let shots = vec![Shot { number: None, studied: true, sum: 7, frame }];
+    Subject { name: name.into(), class: class.into(), shots, non_finite: Vec::new() }
 }
 
 fn entries() -> [Entry; 2] {
@@ -90,8 +90,10 @@ fn rounds_are_a_pattern_among_others() {
     let edge = |at: usize| if at % 48 + at / 96 < 30 { 0.2 } else { 0.9 };
     let values: Vec<f32> = (0..48 * 48).map(edge).collect();
     let frame = frame(vec![part(window(0, 0, 48, 48), vec![float("Y", &values)])]);
-    let subjects =
-        [Subject { shots: vec![Shot { number: None, studied: true, frame }], ..subject("a", "smooth") }];
+    let subjects = [Subject {
+        shots: vec![Shot { number: None, studied: true, sum: 7, frame }],
+        ..subject("a", "smooth")
+    }];
     let text = TEXT.replace("'random', 'shuffle'", "'shuffle', 'adaptive rounds=4', 'adaptive first=1'");
     let definition = Definition::parse(&text).unwrap();
     let entries = entries();
