@@ -268,7 +268,7 @@ impl Blend {
             Some(_) => weights.of_held_out(&held),
             None => Weights::crossed(&held, &learned),
         };
-        let mut part = 1.0;
+        let mut own = 1.0;
         if carried.iter().any(|carried| !carried.is_empty()) {
             let along = along::pulled(self, (&mut all, &weights), (samples, carried, guides), out, run)?;
             if let Some(along) = along {
@@ -281,7 +281,7 @@ impl Blend {
                 let held = along.held.sorted(|_| true);
                 near = near.sorted(|pixel| held.at.binary_search(&pixel).is_ok());
                 near.predicted = held.predicted;
-                part = along.own;
+                own = along.own;
                 // What other frames know may lie beyond what the samples around allow.
                 effect.predicted = Some(out.clone());
             }
@@ -290,7 +290,7 @@ impl Blend {
             // What other frames know is not in the simulation.
             let known = effect.along.is_none().then_some(&*out);
             let evidence = self.evidence(&all, (held, near), &weights, (samples, known), run)?;
-            effect.evidence = Some(Evidence { own: part, ..evidence });
+            effect.evidence = Some(Evidence { own, ..evidence });
         }
         Ok((outcome, effect))
     }

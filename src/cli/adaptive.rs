@@ -9,7 +9,7 @@ use super::numbers::{fraction, one_or_more, zero_or_more};
 /// In which rounds pixels are chosen.
 #[derive(Args, Clone, Debug)]
 pub struct AdaptiveArgs {
-    /// Choose the pixels in rounds: after the first, where the estimated error of the fill so far is largest
+    /// Choose the pixels in rounds: after the first, where the estimated error of the fill so far is largest; frames in a row choose different ones
     #[arg(long, requires = "density")]
     adaptive: bool,
 

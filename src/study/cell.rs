@@ -144,6 +144,7 @@ fn fill(cell: &Cell<'_>, row: &mut Row, visit: &mut dyn FnMut(&Images<'_>)) -> R
     let shots = &cell.subject.shots;
     let sparse = sparse(cell)?;
     let studied: Vec<usize> = (0..shots.len()).filter(|at| shots[*at].studied).collect();
+    let first = shots.first().and_then(|shot| shot.number).unwrap_or(0);
     let (mut found, mut flicker, mut changes) = (Vec::new(), Flicker::default(), Vec::new());
     for (k, &at) in studied.iter().enumerate() {
         let mut one = Found::default();
@@ -163,14 +164,12 @@ fn fill(cell: &Cell<'_>, row: &mut Row, visit: &mut dyn FnMut(&Images<'_>)) -> R
         };
         one.measure(cell.display, (&colours(&shots[at].frame), &colours(&filled)), masks, &mut look)?;
         // Frames whose numbers follow each other.
-        let since = |first: i64| shots[at].number.map_or(0, |number| number.abs_diff(first) as usize);
-        let index = shots[0].number.map_or(0, since);
+        let index = shots[at].number.unwrap_or(first).abs_diff(first) as usize;
         changes.extend(flicker.enter(index, groups, None).iter().flat_map(Pair::changes));
         found.push(one);
     }
     sum_up(&found, row);
-    let squares: Vec<f64> = changes.iter().map(|changed| changed.still.flicker.powi(2)).collect();
-    row.flicker = mean(squares.into_iter().map(Some)).map(f64::sqrt);
+    row.flicker = mean(changes.iter().map(|changed| Some(changed.still.flicker.powi(2)))).map(f64::sqrt);
     Ok(())
 }
 

@@ -10,7 +10,7 @@ use lacuna_filters::{Mask, Run};
 
 use super::definition::SubjectDefinition;
 use super::selection::Selection;
-use crate::channels::{Rule, by_default, motion_axis, non_finite as non_finite_count, non_finite_note};
+use crate::channels::{Rule, by_default, motion_axis, non_finite, non_finite_note};
 use crate::files::patterns::Pattern;
 
 /// The channels that are studied, where the frame has them.
@@ -48,7 +48,7 @@ impl Subject {
     /// # Errors
     /// A file that cannot be read, looks sparse, has no colours, or less than the crop; frames of different windows.
     pub fn read(definition: &SubjectDefinition, folder: &Path, reach: usize) -> Result<Self, String> {
-        let (mut shots, mut non_finite): (Vec<Shot>, Vec<String>) = (Vec::new(), Vec::new());
+        let (mut shots, mut notes): (Vec<Shot>, Vec<String>) = (Vec::new(), Vec::new());
         for (number, path, studied) in files(definition, folder, reach)? {
             let frame = read(&path, number.is_some(), definition.crop)
                 .map_err(|why| format!("{}: {why}", path.display()))?;
@@ -65,18 +65,15 @@ impl Subject {
             }
             // Depths may be infinite.
             let counts = part.channels.iter().filter(|channel| is_colour(channel));
-            let counts = counts.map(|channel| (channel.display_name(), non_finite_count(&channel.samples)));
+            let counts = counts.map(|channel| (channel.display_name(), non_finite(&channel.samples)));
             let said = "values are not finite; measured ones count as missing, and no measure counts any";
-            non_finite
-                .extend(non_finite_note(said, counts).map(|note| format!("{}: {note}", path.display())));
+            notes.extend(non_finite_note(said, counts).map(|note| format!("{}: {note}", path.display())));
             shots.push(Shot { number, studied, sum: sum(part), frame });
         }
         let (name, class) = (definition.name.clone(), definition.class.clone());
-        Ok(Self { name, class, shots, non_finite })
+        Ok(Self { name, class, shots, non_finite: notes })
     }
-}
 
-impl Subject {
     /// The frames that are filled, and with them those up to `reach` beside one of these.
     pub fn needed(&self, reach: usize) -> impl Iterator<Item = (usize, &Shot)> {
         let near = move |shot: &Shot| {

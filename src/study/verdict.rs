@@ -127,9 +127,9 @@ pub fn tables(rows: &[Row], thresholds: Thresholds) -> String {
         ("Processor seconds", 2, &|row| Some(row.seconds)),
     ] {
         for pattern in distinct(rows.iter().map(|row| row.pattern.as_str())) {
-            let own = rows.iter().filter(|row| row.pattern == pattern && value(row).is_some());
-            let own: Vec<Row> = own.cloned().collect();
-            if !own.is_empty() {
+            let shown = |row: &&Row| row.pattern == pattern && (value(row).is_some() || row.error.is_some());
+            let own: Vec<Row> = rows.iter().filter(shown).cloned().collect();
+            if own.iter().any(|row| value(row).is_some()) {
                 let _ = writeln!(text, "\n{what}, `{pattern}`, by missing pixels:\n");
                 table(&own, (digits, value), &mut text);
             }

@@ -17,10 +17,10 @@
 //! date after each: a pixel beside one just taken has d = 1 and waits, so no clumps arise. Equal scores are taken in the order of the shuffle; where
 //! the estimate is zero everywhere, that order is simply continued.
 //!
-//! Frames in a row choose by nearly the same image. So that they do not choose the same pixels, each has an order of its own, and the score of a pixel of rank r
-//! counts `2^(-4 r)` ([`Preference`]). Of pixels beside each other, whose scores differ little, each frame then takes others. Turntables of engine, head and aneurism
-//! (two of 0.5 degrees a frame at 20 % each, filled along with their neighbours) gained 0.2 to 0.6 dB by it, with the camera at rest 0.6 to 1.1 dB, and nothing at 5 %; a
-//! frame by itself between -0.2 dB (5 %) and 0.1 dB (20 %), so that it is not done there.
+//! Frames in a row choose by nearly the same image. So that they do not choose the same pixels, each has a shuffle order of its own, and the score of a pixel of rank r
+//! in it is multiplied by `2^(-4 r)` ([`Preference`]). Of pixels beside each other, whose scores differ little, each frame then takes others. Turntables of engine, head and
+//! aneurism (0.5 degrees a frame, 20 %, filled along with their neighbours) gained 0.2 to 0.6 dB by it, those of engine and head with the camera at rest 0.6 and 1.1 dB, and
+//! nothing at 5 %. Single frames lost up to 0.4 dB or gained up to 0.1 dB, so that it is not done there.
 //!
 //! Cost: a fill of a spline, 9 of any other filter; O(N log N) for the picks; 8 planes. Fails: on noisy samples, whose noise looks like error.
 //!

@@ -6,13 +6,13 @@ use lacuna_core::parallel::prelude::*;
 
 use crate::sampling::{Field, shuffle};
 
-/// The logarithm to base two of what the scores of the first and the last pixel of a frame's order count. Chosen of 0, 1, 2, 4, 6, 8, 12 on turntables of
-/// engine, head and aneurism; from 4 to 8 all are within 0.4 dB.
+/// By how many factors of two the score of the last pixel of a frame's order is less than that of an equal first one. Chosen of 0, 1, 2, 4, 6, 8, 12 on turntables
+/// of engine, head and aneurism; from 4 to 8 all are within 0.4 dB.
 const OCTAVES: f64 = 4.0;
 /// Ranks that are told apart.
 const RANKS: usize = 256;
 
-/// Which pixels are taken rather than others.
+/// The order of a frame's pixels, and whether it decides between equal scores alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Preference {
     /// Of the shuffle order.
@@ -22,8 +22,8 @@ pub struct Preference {
 }
 
 impl Preference {
-    /// The order of that seed decides between equals. In a frame of a sequence, one that ranks of this order are moved for, decides more: by the golden ratio from one number to the
-    /// next, which spreads any frames in a row evenly.
+    /// The shuffle order of that seed, which decides between equal scores. With the number of a frame in a sequence, the order of the seed plus that number: its ranks move by the
+    /// golden ratio from frame to frame, which spreads those of any frames in a row evenly. Early pixels are then preferred also to later ones of a larger score.
     pub const fn new(seed: u64, frame: Option<i64>) -> Self {
         match frame {
             Some(number) => Self { seed: seed.wrapping_add(number as u64), early: true },
@@ -42,19 +42,19 @@ impl Preference {
         shuffle::rank(x, y, self.seed)
     }
 
-    /// The squared errors of a field's pixels as they count.
-    pub(super) fn applied(self, squared: &[f32], field: Field) -> Cow<'_, [f32]> {
+    /// What the squared errors of a field's pixels are proportional to, less at late pixels where early ones are preferred.
+    pub(super) fn applied(self, coefficient: &[f32], field: Field) -> Cow<'_, [f32]> {
         if !self.early {
-            return Cow::Borrowed(squared);
+            return Cow::Borrowed(coefficient);
         }
-        let counts: Vec<f32> =
+        let factors: Vec<f32> =
             (0..RANKS).map(|rank| (-OCTAVES * (rank as f64 + 0.5) / RANKS as f64).exp2() as f32).collect();
-        let mut applied = squared.to_vec();
+        let mut applied = coefficient.to_vec();
         let width = field.size.width.max(1);
         applied.par_chunks_mut(width).enumerate().with_min_len(16).for_each(|(row, values)| {
             for (column, value) in values.iter_mut().enumerate() {
                 let rank = self.rank(field, row * width + column);
-                *value *= counts[(rank * RANKS as f64) as usize];
+                *value *= factors[(rank * RANKS as f64) as usize];
             }
         });
         Cow::Owned(applied)
