@@ -53,7 +53,6 @@ def table(folder):
     return list(csv.DictReader((folder / "results.csv").open()))
 
 
-
 def test_a_sequence_is_studied_as_fill_fills_it(tmp_path):
     scene = tool.SAMPLES / "scenes" / "marschner-lobb.toml"
     tool.lacuna("render", scene, "-o", tmp_path / "full.####.exr", "--frames", "1-5", "--size", "80x60", "--set", "camera.orbit=1", "--depth")

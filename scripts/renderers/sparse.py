@@ -181,23 +181,18 @@ def frame(arguments, frame, size, draw, origin=(0, 0)):
 def in_rounds(arguments, frame, size, origin, draw, folder, path):
     """The file of all rounds, its mask, and what rendering took."""
     next_mask, so_far = folder / f"mask.{frame}.exr", folder / f"frame.{frame}.exr"
-    output, before = (folder / "mask.%d.exr", folder / "frame.%d.exr") if arguments.frames else (next_mask, so_far)
-    window = f"{size[0]}x{size[1]}{origin[0]:+d}{origin[1]:+d}"
-    # Frames in a row choose other pixels of the same places.
-    number = [f"--frames={frame}"] if arguments.frames else []
-    even = [*number, "--temporal=complementary"] if number else []
-    seeded = ["--seed", arguments.seed]
-    make_mask(next_mask, f"--size={window}", "--density", arguments.first, *seeded, *even, output=output)
-    mask, clock = draw(read_mask(next_mask, *size, origin), so_far)
+    # By its number, a frame of a sequence chooses other pixels of the same places than those beside it.
+    numbered, before, output = ([f"--frames={frame}"], folder / "frame.%d.exr", folder / "mask.%d.exr") if arguments.frames else ([], so_far, None)
+    mask, clock = draw(even_mask(arguments, frame, arguments.first, *size, origin), so_far)
     for turn in range(1, arguments.rounds):
         more, both = folder / "more.exr", folder / "both.exr"
         # What renderers gave no samples is asked for again.
         add = (arguments.first + (arguments.density - arguments.first) * turn / (arguments.rounds - 1)) - mask.mean()
         if add * mask.size < 1:
             continue
-        next_mask.unlink()
+        next_mask.unlink(missing_ok=True)
         try:
-            make_mask(next_mask, "--after", before, f"--add={add:.9f}", *seeded, *number, output=output)
+            make_mask(next_mask, "--after", before, f"--add={add:.9f}", "--seed", arguments.seed, *numbered, output=output)
             found, took = draw(read_mask(next_mask, *size, origin), more)
             make_mask(both, "--merge", so_far, more)
         except Exception as error:
@@ -229,7 +224,12 @@ def mask_of(arguments, frame, width, height, origin=(0, 0)):
     """The pixels to render, `(height, width)` of bool; `origin` is the data window's first pixel (x, y)."""
     if arguments.density is None:
         return read_mask(source_name(arguments.mask, frame), width, height, origin)
-    if arguments.density == 1:
+    return even_mask(arguments, frame, arguments.density, width, height, origin)
+
+
+def even_mask(arguments, frame, density, width, height, origin):
+    """A part of the pixels, spread evenly."""
+    if density == 1:
         return np.ones((height, width), bool)
     with tempfile.TemporaryDirectory() as folder:
         path = pathlib.Path(folder) / f"mask.{frame}.exr"
@@ -237,7 +237,7 @@ def mask_of(arguments, frame, width, height, origin=(0, 0)):
         # Masks of frames in a row complete each other.
         number = [f"--frames={frame}", "--temporal=complementary"] if arguments.frames else []
         pattern = path.with_name("mask.%d.exr") if number else path
-        make_mask(path, f"--size={size}", "--density", arguments.density, "--seed", arguments.seed, *number, output=pattern)
+        make_mask(path, f"--size={size}", "--density", density, "--seed", arguments.seed, *number, output=pattern)
         return read_mask(path, width, height, origin)
 
 
