@@ -5,6 +5,7 @@ sequence, the mean of its inner frames. Flicker is the root mean square change o
 Seconds are those that processors were busy.
 """
 
+import itertools
 import json
 import os
 import pathlib
@@ -94,11 +95,11 @@ def turntable(work, scene, size=SIZE, frames=FRAMES, dense=False):
     return folder
 
 
-def fill(folder, way, words, frames, source="sparse"):
+def fill(folder, way, words, frames, source="sparse", told=False):
     """Fills these frames anew: seconds a frame, and the most memory."""
     target = folder / re.sub(r"\W+", "-", way)
     shutil.rmtree(target, ignore_errors=True)
-    used = lacuna("fill", name(folder, source), "-o", f"{target}/", "--create-dir", "--frames", span(frames), "--no-estimate", "--channels", "A=keep", *words)
+    used = lacuna("fill", name(folder, source), "-o", f"{target}/", "--create-dir", "--frames", span(frames), *([] if told else ["--no-estimate"]), "--channels", "A=keep", *words)
     return target.name, used[0] / len(frames), used[1]
 
 
@@ -205,19 +206,46 @@ def opacity(scene, k):
     return ["--set", f"transfer.points={scaled}"]
 
 
+def still(work):
+    """Names and folders of sequences whose camera stands still."""
+    for scene in SCENES:
+        for what, words in (("light", lit), ("opacity", opacity)):
+            folder = work / f"{scene}-{what}-{SIZE}"
+            if all(render(folder, scene, [k, k], SIZE, *words(scene, k)) for k in FRAMES):
+                sparse(folder, work, SIZE, FRAMES)
+                yield f"{scene}, {what}", folder
+
+
 def light(work):
     """The camera stands still; the light or the transfer function moves."""
     ways = {"alone": [], "along": ALONG, "along, no motion": [*ALONG, "--motion", "none"]}
     table("locked camera", *ways, "least gain of a frame", "true change")
-    for scene in SCENES:
-        for what, words in (("light", lit), ("opacity", opacity)):
-            folder = work / f"{scene}-{what}-{SIZE}"
-            if not all(render(folder, scene, [k, k], SIZE, *words(scene, k)) for k in FRAMES):
-                continue
-            sparse(folder, work, SIZE, FRAMES)
-            found = [Measures(folder, fill(folder, way, ["--guides", "none", *words], INNER)[0], INNER) for way, words in ways.items()]
-            least = min(b - a for a, b in zip(found[0].each, found[1].each))
-            row(f"{scene}, {what}", *(f"{one.mean:.2f}" for one in found), f"{least:+.2f}", f"{found[0].change:.4f}")
+    for label, folder in still(work):
+        found = [Measures(folder, fill(folder, way, ["--guides", "none", *words], INNER)[0], INNER) for way, words in ways.items()]
+        least = min(b - a for a, b in zip(found[0].each, found[1].each))
+        row(label, *(f"{one.mean:.2f}" for one in found), f"{least:+.2f}", f"{found[0].change:.4f}")
+
+
+def estimates(work, scenes=("engine", "aneurism", "head", "tooth", "foot", "engine-soft"), frame=5):
+    """What is told of a frame along with its neighbours, against the truth: PSNR of missing pixels, peak 1, not clipped."""
+    camera, flow = ("--motion", "camera"), ("--motion", "flow")
+    cases = []
+    for scene in scenes:
+        folder = turntable(work, scene)
+        for density, chosen in itertools.product((DENSITY, 0.05), (False, True)) if folder else ():
+            cases.append((scene, folder, sparse(folder, work, SIZE, FRAMES, density=density, rounds=chosen), camera))
+        if folder and scene in SCENES:
+            cases.append((f"{scene}, flow", folder, "sparse", flow))
+    cases += [(label, folder, "sparse", camera) for label, folder in still(work)]
+    table("frame", "pixels", "true", "told", "low", "high", "held")
+    for label, folder, source, motion in cases:
+        report = folder / "told.json"
+        kind, *_ = fill(folder, f"{source}-told", ["--guides", "none", *ALONG, *motion, "--json", report], [frame], source, told=True)
+        [told] = [one["psnr"] for one in json.loads(report.read_text())["frames"][0]["estimates"] if "R" in one["channels"]]
+        missing = planes(name(folder, source, frame), ["mask"])[..., 0] < 0.5
+        true = psnr((planes(name(folder, kind, frame)) - planes(name(folder, "full", frame)))[missing])
+        low, high = told.get("low", float("nan")), told.get("high", float("nan"))
+        row(label, source, *(f"{value:.1f}" for value in (true, told["estimate"], low, high)), "yes" if low <= true <= high else "no")
 
 
 def cut(work):
@@ -315,7 +343,7 @@ def cost(work, size=1200, frames=range(1, 6)):
             for cell in (f"{seconds[way]:.1f} s", f"{seconds[way] / seconds['alone']:.1f}")), f"{more[0]:.1f}, {more[1]:.1f}")
 
 
-TABLES = {one.__name__: one for one in (turntables, rounds, dense, light, cut, moving, chunks, cost)}
+TABLES = {one.__name__: one for one in (turntables, rounds, dense, light, estimates, cut, moving, chunks, cost)}
 
 
 def main():
