@@ -43,7 +43,7 @@ def true_error(output, source, mask_of, complete=COMPLETE, names="RGB"):
     return math.sqrt(float((difference[missing].astype(np.float64) ** 2).mean()))
 
 
-@pytest.mark.parametrize("flags", [[], ["--filter", "ss"], ["--filter", "edge"], ["--filter", "tv"]], ids=["auto", "ss", "edge", "tv"])
+@pytest.mark.parametrize("flags", [[], ["--filter", "ss"], ["--filter", "edge"], ["--filter", "cnn"], ["--filter", "tv"]], ids=["auto", "ss", "edge", "cnn", "tv"])
 @pytest.mark.parametrize("density", [0.1, 0.3])
 def test_the_estimate_holds_the_truth(tmp_path, flags, density):
     source = sparse(tmp_path, density=density)
@@ -57,7 +57,7 @@ def test_the_estimate_holds_the_truth(tmp_path, flags, density):
 
 
 # A part of the table of docs/measurements/methods.md: edges, shading, and a texture finer than the samples.
-@pytest.mark.parametrize("name", ["ss", "edge", "tv", "auto"])
+@pytest.mark.parametrize("name", ["ss", "edge", "cnn", "tv", "auto"])
 @pytest.mark.parametrize("frame", ["edges", "smooth", "texture", "shot"])
 def test_at_even_samples_the_estimate_is_within_two_and_a_half_decibels(tmp_path, frame, name):
     complete = COMPLETE if frame == "shot" else SAMPLES / f"{frame}.exr"
@@ -74,7 +74,7 @@ def test_the_default_chooses_and_is_never_far_behind(tmp_path):
     for source in (COMPLETE, SAMPLES / "edges.exr"):
         mask_of = sparse(tmp_path, source)
         error = {}
-        for name in ("auto", "ss", "edge", "tv"):
+        for name in ("auto", "ss", "edge", "cnn", "tv"):
             output, record, _ = fill(tmp_path, mask_of, "--filter", name, "--no-estimate")
             assert "estimates" not in record
             error[name] = true_error(output, source, mask_of, source)

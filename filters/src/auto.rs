@@ -1,4 +1,5 @@
-//! The filter that held-out samples choose, place by place: splines, edge-enhancing splines, total variation, and guides where there are any.
+//! The filter that held-out samples choose, place by place: edge-enhancing splines that a network corrected, total variation, and guides where there
+//! are any.
 //!
 //! Given samples `y` at the measured pixels of an `H x W` image and candidates `F_k`, the image is
 //!
@@ -9,11 +10,12 @@
 //!
 //! with `e_k(i)` the error of `F_k` at a sample that it did not see, `g` a Gaussian of four spacings of held-out samples, `B` the sum
 //! over all of the image and `s` = 1/2: where little was held out around a pixel, or nothing differs, the image decides. Errors of all
-//! channels count alike; the weights are theirs together.
+//! channels count alike; the weights are theirs together. Missing pixels stand nearer to samples than held-out ones did: `A_kl` is less there by
+//! `(1 - l) A_0k A_0l / A_00`, what all have of the first one's error, with `l` the ratio of the kriging variances to the power 0.8.
 //!
 //! A candidate that takes less than `WORTH` of the squared error away stays out, and is not computed for all of the image. Large images
 //! first try the candidates on tiles that are spread over them (`trial`). Guides that take half of the squared error of `ss` away, by their own
-//! left-out samples, leave `edge` alone beside them, and in large images nothing.
+//! left-out samples, leave `cnn` alone beside them, and in large images nothing.
 //!
 //! Algorithm: samples are held out in folds ([`crate::estimate::Folds`]), which also say how wrong the result is, each part of them by weights
 //! that the others teach. `A` is summed in cells of half the Gaussian's width; in each the small quadratic problem is solved by trying all sets
@@ -44,19 +46,23 @@ use std::sync::Arc;
 
 use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
 use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, HeldOut, Kind};
+use crate::network;
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
-use crate::variational::{edge, ss, tv};
+use crate::variational::{ss, tv};
 use crate::weights::Weights;
 use crate::{Error, Filter, Gradients, Mask, Outcome, Plan, Planes, Problem, Run};
 
-/// What guides must take away of the squared error of splines to have nothing but `edge` beside them, and in large images, where that takes
+/// What guides must take away of the squared error of splines to have nothing but `cnn` beside them, and in large images, where that takes
 /// long, nothing: more than the other candidates take away anywhere.
 const ENOUGH: f64 = 0.5;
 /// So many held-out samples show whether a candidate counts at all; where one fold has them, the others need not be computed.
-const DECIDE: usize = 500;
+const DECIDE: usize = 1000;
 /// Fewer measured pixels choose nothing.
 const FEWEST: usize = 64;
+
+/// The power of the variance that errors go by, between that of edges and that of shading.
+const LESS: f64 = 0.5;
 
 /// No settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -65,7 +71,7 @@ pub struct Settings;
 /// What is to be known of it.
 pub static DESCRIPTOR: Descriptor = Descriptor {
     name: "auto",
-    help: "A blend, place by place, as held-out samples choose: ss, edge, tv and, where there are guides, guided filling",
+    help: "A blend, place by place, as held-out samples choose: cnn, tv and, where there are guides, guided filling",
     settings: &[],
     even: Memory { image: 12, channel: 19 },
     uneven: Memory { image: 122, channel: 10 },
@@ -90,12 +96,16 @@ impl Configured for Settings {
 }
 
 /// What is chosen from; guides come besides. The first is what the others are held against where nothing is known.
-fn candidates() -> [(&'static Descriptor, Box<dyn Filter>); 3] {
+fn candidates() -> [(&'static Descriptor, Box<dyn Filter>); 2] {
     [
-        (&ss::DESCRIPTOR, Box::new(ss::Settings::default())),
-        (&edge::DESCRIPTOR, Box::new(edge::Settings::default())),
+        (&network::DESCRIPTOR, Box::new(network::Settings)),
         (&tv::DESCRIPTOR, Box::new(tv::Settings::default())),
     ]
+}
+
+/// How much less splines err at missing pixels than at these, which were held out, squared, as far as the pattern of the samples tells.
+fn less(held: &HeldOut, mask: &Mask, folds: Folds) -> f64 {
+    held.emptier(mask, folds, Kind::Spline).min(1.0).powf(LESS)
 }
 
 impl Filter for Settings {
@@ -158,13 +168,11 @@ struct Candidate<'a> {
 
 /// How a candidate fills.
 #[derive(Clone, Copy)]
-enum How<'a> {
+enum How {
     /// As a result.
     Exactly,
     /// As exactly as what is compared at held-out samples asks for.
     Roughly,
-    /// From what splines make of the same samples.
-    From(&'a Planes),
 }
 
 impl Candidate<'_> {
@@ -176,7 +184,7 @@ impl Candidate<'_> {
     fn fill(
         &self,
         (samples, mask): (&Planes, &Arc<Mask>),
-        how: How<'_>,
+        how: How,
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<(Outcome, Effect), Error> {
@@ -188,17 +196,13 @@ impl Candidate<'_> {
         &self,
         guides: Option<&Guides>,
         (samples, mask): (&Planes, &Arc<Mask>),
-        how: How<'_>,
+        how: How,
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<(Outcome, Effect), Error> {
         let plan = self.filter.plan(&Problem::fill(Arc::clone(mask)), run)?;
         let plan = plan.as_ref();
         let outcome = match how {
-            How::From(splines) => {
-                out.clone_from(splines);
-                plan.reconstruct_from_splines(samples, out, run)?
-            }
             How::Roughly => plan.reconstruct_roughly(samples, HELD_OUT, out, run)?,
             How::Exactly => plan.reconstruct(samples, out, run)?,
         };
@@ -207,26 +211,16 @@ impl Candidate<'_> {
         Ok((outcome.worst(second), effect))
     }
 
-    /// Whether others start from its image.
-    fn is_splines(&self) -> bool {
-        self.name == ss::DESCRIPTOR.name
-    }
-
-    /// What it predicts at the samples of a fold. Splines of the same fold that are known serve it; those that it makes are left there.
+    /// What it predicts at the samples of a fold.
     fn held_out(
         &self,
         (samples, mask): (&Planes, &Mask),
         (folds, parts): (Folds, Range<u64>),
-        splines: &mut Option<Planes>,
         run: &Run<'_>,
     ) -> Result<HeldOut, Error> {
         let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
             let mut out = Planes::zeros(samples.size(), samples.len());
-            let how = splines.as_ref().map_or(How::Roughly, How::From);
-            self.fill((samples, kept), how, &mut out, run)?;
-            if self.is_splines() {
-                *splines = Some(out.clone());
-            }
+            self.fill((samples, kept), How::Roughly, &mut out, run)?;
             Ok(out)
         };
         HeldOut::new((samples, mask), (folds, [parts.clone(), parts]), None, &mut fill)
@@ -261,9 +255,10 @@ impl Blend {
         if run.interrupted().is_some() {
             return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
         }
-        let weights = Weights::new(&self.mask, samples, &held);
+        let less = if all.len() > 1 { less(&held[0], &self.mask, self.folds) } else { 1.0 };
+        let learned = |held: &[HeldOut]| Weights::new(&self.mask, samples, held, less, None);
+        let weights = learned(&held);
         let (mut outcome, mut effect) = blend(&mut all, &weights, (samples, &self.mask), out, run)?;
-        let learned = |held: &[HeldOut]| Weights::new(&self.mask, samples, held);
         let mut near = match weights.alone() {
             Some(_) => weights.of_held_out(&held),
             None => Weights::crossed(&held, &learned),
@@ -304,14 +299,13 @@ impl Blend {
     ) -> Result<Vec<HeldOut>, Error> {
         let mut held = vec![HeldOut::default(); all.len()];
         for parts in self.folds.near(self.mask.count()) {
-            let mut splines = None;
             for (candidate, held) in all.iter().zip(&mut held) {
                 let fold = (self.folds, parts.clone());
-                held.extend(candidate.held_out((samples, &self.mask), fold, &mut splines, run)?);
+                held.extend(candidate.held_out((samples, &self.mask), fold, run)?);
             }
-            drop(splines);
             if parts.start == 0 && all.len() > 1 && held[0].at.len() >= DECIDE {
-                let weights = Weights::new(&self.mask, samples, &held);
+                let less = less(&held[0], &self.mask, self.folds);
+                let weights = Weights::new(&self.mask, samples, &held, less, None);
                 let both = std::mem::take(all).into_iter().zip(std::mem::take(&mut held)).enumerate();
                 (*all, held) = both.filter(|(k, _)| weights.counts(*k)).map(|(_, both)| both).unzip();
             }
@@ -335,7 +329,7 @@ impl Blend {
             return Ok(all);
         }
         let is_large = Excerpt::tiles(&self.mask).is_some();
-        all.retain(|candidate| !is_large && candidate.name == edge::DESCRIPTOR.name);
+        all.retain(|candidate| !is_large && candidate.name == network::DESCRIPTOR.name);
         // Guides first, which are the result where nothing is held out.
         Ok(guided.into_iter().chain(all).collect())
     }
@@ -403,7 +397,6 @@ fn blend(
 ) -> Result<(Outcome, Effect), Error> {
     let (mut outcome, mut effect) = (None::<Outcome>, Effect::default());
     let mut one = Planes::zeros(samples.size(), samples.len());
-    let mut splines = None;
     for (k, candidate) in all.iter_mut().enumerate().filter(|(k, _)| weights.counts(*k)) {
         let alone = weights.alone() == Some(k);
         let image = if alone { &mut *out } else { &mut one };
@@ -411,12 +404,8 @@ fn blend(
             *image = done;
             (ended, found)
         } else {
-            let how = splines.as_ref().map_or(How::Exactly, How::From);
-            candidate.fill((samples, mask), how, image, run)?
+            candidate.fill((samples, mask), How::Exactly, image, run)?
         };
-        if candidate.is_splines() && !alone {
-            splines = Some(one.clone());
-        }
         outcome = Some(outcome.map_or(ended, |outcome| outcome.worst(ended)));
         effect.shares.push((candidate.name, weights.share(k)));
         if candidate.guides.is_some() {

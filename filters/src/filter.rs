@@ -58,20 +58,6 @@ pub trait Plan: Send + Sync {
         self.reconstruct(samples, out, run)
     }
 
-    /// The same where `out` holds what splines ([`crate::variational::ss`]) by their defaults make of the samples, as exactly as is asked for: methods that
-    /// start from that image need not make it again.
-    ///
-    /// # Errors
-    /// As [`Plan::reconstruct`].
-    fn reconstruct_from_splines(
-        &self,
-        samples: &Planes,
-        out: &mut Planes,
-        run: &Run<'_>,
-    ) -> Result<Outcome, Error> {
-        self.reconstruct(samples, out, run)
-    }
-
     /// The same, where samples of the image's gradient were measured, too. Methods that have no use for them fill from
     /// the pixels alone.
     ///

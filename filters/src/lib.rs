@@ -14,7 +14,7 @@
 //! Below them, for those who need a part: a [`Method`] (one of [`METHODS`], each with a [`descriptor`]), [`domain`] and [`limiter`],
 //! [`Filter`] and [`Plan`]. [`sampling`] makes masks, [`metric`] compares images.
 //! The rooms of the filters, each importing only from those to its right:
-//! `fill -> method -> variational | sensing | dictionary | upscale -> baseline -> descriptor -> solver -> operator | prox -> kernel
+//! `fill -> method -> network -> variational | sensing | dictionary | upscale -> baseline -> descriptor -> solver -> operator | prox -> kernel
 //! -> plane | mask`.
 //!
 //! "The thesis", whose equations the filters cite, is X. Liu, "Compressive Volume Rendering", University of Calgary.
@@ -40,6 +40,7 @@ pub mod limiter;
 mod mask;
 mod method;
 pub mod metric;
+pub mod network;
 pub mod noise;
 mod operator;
 mod outcome;
@@ -51,6 +52,7 @@ pub mod sampling;
 pub mod sensing;
 mod solver;
 pub mod temporal;
+mod tiling;
 pub mod upscale;
 pub mod variational;
 mod weights;

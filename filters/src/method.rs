@@ -5,6 +5,7 @@ use crate::baseline::{cubic, linear, nearest, push_pull};
 use crate::choose::{AUTO, Chosen, Given};
 use crate::descriptor::{Configured, Descriptor, Memory};
 use crate::dictionary::fill;
+use crate::network;
 use crate::sensing::{cs_gradient, cs_wavelet};
 use crate::variational::{edge, ss, tv};
 use crate::{Error, Filter, Run};
@@ -15,6 +16,7 @@ pub static METHODS: &[&Descriptor] = &[
     &ss::DESCRIPTOR,
     &tv::DESCRIPTOR,
     &edge::DESCRIPTOR,
+    &network::DESCRIPTOR,
     &push_pull::DESCRIPTOR,
     &nearest::DESCRIPTOR,
     &linear::DESCRIPTOR,

@@ -15,7 +15,7 @@ use lacuna_core::parallel::prelude::*;
 use crate::estimate::HeldOut;
 use crate::sampling::hash;
 use crate::{Mask, Plane, Planes, Size};
-use simplex::best;
+use simplex::{best, best_of};
 pub use surfaces::{BySurface, Surfaces};
 
 /// What the weights of a pixel are learned from.
@@ -75,14 +75,9 @@ type Products = Vec<f64>;
 
 impl Weights {
     /// From predictions at the same held-out samples, one list a candidate; nothing held out leaves all to the first. Candidates that are not
-    /// worth their time do not count.
-    pub fn new(mask: &Mask, truth: &Planes, held: &[HeldOut]) -> Self {
-        Self::beside(mask, truth, held, 1.0, None)
-    }
-
-    /// The same for candidates that add to the first one, whose squared error at missing pixels is `less` of what it is at held-out samples, which
-    /// stand in emptier places: all inherit as much of its error as theirs go along with it.
-    pub fn beside(
+    /// worth their time do not count. At missing pixels, which stand nearer to samples, the first one's squared error is `less` of what it is at held-out
+    /// ones: all inherit as much of its error as theirs go along with it.
+    pub fn new(
         mask: &Mask,
         truth: &Planes,
         held: &[HeldOut],
@@ -105,7 +100,9 @@ impl Weights {
             && own.counts(candidate)
         {
             for (cell, products) in around.iter().enumerate().filter(|(cell, _)| right[*cell]) {
-                let error = |among: &[usize]| best(products, (&whole, own.frame), held.len(), among).1;
+                let error = |among: &[usize]| {
+                    best_of(products, (&whole, own.frame), held.len(), (among, &counting)).1
+                };
                 if error(&[candidate]) <= (1.0 + loss) * error(&counting) {
                     for &k in &counting {
                         own.of[k][cell] = f32::from(u8::from(k == candidate));
@@ -193,25 +190,21 @@ impl Weights {
     }
 
     /// The candidate whose absence costs least, if that is not worth its time.
-    fn dispensable(
-        around: &[Products],
-        whole: (&[f64], f64),
-        count: usize,
-        among: &[usize],
-    ) -> Option<usize> {
-        if among.len() < 2 {
+    fn dispensable(around: &[Products], whole: (&[f64], f64), count: usize, all: &[usize]) -> Option<usize> {
+        if all.len() < 2 {
             return None;
         }
         let error = |among: &[usize]| {
-            let errors = around.par_iter().with_min_len(64).map(|cell| best(cell, whole, count, among).1);
+            let errors =
+                around.par_iter().with_min_len(64).map(|cell| best_of(cell, whole, count, (among, all)).1);
             errors.iter().sum::<f64>()
         };
         let without = |&k: &usize| {
-            let rest: Vec<usize> = among.iter().copied().filter(|&other| other != k).collect();
+            let rest: Vec<usize> = all.iter().copied().filter(|&other| other != k).collect();
             (error(&rest), k)
         };
-        let (least, k) = among.iter().map(without).min_by(|a, b| a.0.total_cmp(&b.0))?;
-        (least * (1.0 - WORTH) <= error(among)).then_some(k)
+        let (least, k) = all.iter().map(without).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        (least * (1.0 - WORTH) <= error(all)).then_some(k)
     }
 
     /// The weights of all cells, by candidate, and the squared error that they leave.
@@ -401,7 +394,7 @@ mod tests {
             HeldOut { at: at.clone(), predicted: vec![values], variance: Vec::new() }
         };
         let held: Vec<HeldOut> = (0..3).map(one).collect();
-        let weights = Weights::new(&mask, &truth, &held);
+        let weights = Weights::new(&mask, &truth, &held, 1.0, None);
         assert!(weights.counts(0) && weights.counts(1) && weights.counts(2));
         let values = [2.0, 0.0, -5.0];
         let mut blend = Planes::zeros(size, 1);
@@ -435,7 +428,7 @@ mod tests {
             };
             (0..3).map(one).collect()
         };
-        let learn = |held: &[HeldOut]| Weights::new(&mask, &truth, held);
+        let learn = |held: &[HeldOut]| Weights::new(&mask, &truth, held, 1.0, None);
         let mean = |held: &HeldOut| {
             let errors = held.squared_errors(&truth);
             errors.iter().map(|e| f64::from(*e)).sum::<f64>() / errors.len() as f64

@@ -33,14 +33,14 @@ TUNED = ("engine", "engine-soft", "tooth", "head", "aneurism-iso", "edges", "smo
 ROUNDS = ("foot", "chest")
 # Frames whose error channel is held against the truth, and the least error that counts there.
 BINNED, VISIBLE = ("engine", "head", "aneurism-iso"), 1e-4
-SINGLE = ("ss", "edge", "tv")
+SINGLE = ("ss", "cnn", "edge", "tv")
 # Densities at which the filter that chooses is held against these.
 CHOICE = (0.05, 0.2, 0.5)
 # Pixels chosen in rounds.
 ADAPTIVE = "adaptive"
 # What is done with every frame: density, pattern, filters.
 CASES = [
-    (0.2, "shuffle", ("ss", "edge", "tv", "auto")),
+    (0.2, "shuffle", ("ss", "edge", "cnn", "tv", "auto")),
     (0.05, "shuffle", ("auto",)),
     (0.1, "shuffle", ("tv", "auto")),
     (0.5, "shuffle", ("auto",)),
@@ -185,7 +185,7 @@ def table(rows):
 
 def choice(folder, paths, densities):
     """The filter that chooses against the best single one, whole frames."""
-    lines = ["| frame | density | ss | edge | tv | auto | auto over the best |", "|---|---:|---:|---:|---:|---:|---:|"]
+    lines = [f"| frame | density | {' | '.join(SINGLE)} | auto | auto over the best |", "|---|" + "---:|" * (len(SINGLE) + 3)]
     full = folder / "full.exr"
     for path in (path for path in paths if not path.stem.endswith("-aov")):
         for density in densities:
@@ -221,7 +221,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--densities", type=float, nargs="+", help="these instead of the documented cases")
     parser.add_argument("--patterns", nargs="+", default=["shuffle"], help="with --densities: shuffle, random, adaptive, ...")
-    parser.add_argument("--filters", nargs="+", default=["ss", "edge", "tv", "auto"], help="with --densities")
+    parser.add_argument("--filters", nargs="+", default=["ss", "edge", "cnn", "tv", "auto"], help="with --densities")
     parser.add_argument("--frames", nargs="+", help="only frames of these names")
     parser.add_argument("--write", action="store_true", help="write the tables into docs/measurements/methods.md")
     arguments = parser.parse_args()

@@ -9,7 +9,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tests"))
 import frames  # noqa: E402
 from tool import DATA, SAMPLES, lacuna  # noqa: E402
 
-METHODS = ["auto", "edge", "ss", "tv", "pushpull", "nearest"]
+METHODS = ["auto", "cnn", "edge", "ss", "tv", "pushpull", "nearest"]
 
 
 def row(name, full, folder, hole=0):

@@ -23,7 +23,7 @@ def commands(folder):
     tiled = np.tile(whole, (SIZE // whole.shape[0], SIZE // whole.shape[1], 1))
     frames.write(full, {name: tiled[..., k] for k, name in enumerate("RGB")})
     yield "sparsify", ("sparsify", full, "-o", sparse, "--density", "0.2")
-    for name in ("ss", "tv", "edge", "auto", "nearest", "pushpull", "linear"):
+    for name in ("ss", "tv", "edge", "cnn", "auto", "nearest", "pushpull", "linear"):
         estimate = () if name == "auto" else ("--no-estimate",)
         yield f"fill --filter {name}", ("fill", sparse, "-o", filled, "--filter", name, *estimate)
     yield "upscale --scale 2", ("upscale", full, "-o", out, "--scale", "2")

@@ -97,7 +97,7 @@ fn flags<O: Offer>() -> Vec<(&'static Setting, Vec<&'static Descriptor>)> {
 }
 
 /// The filters whose settings stand beside `--filter`; those of all others, the baselines, stand at the end of the help.
-const LEADING: [&str; 4] = ["auto", "ss", "tv", "edge"];
+const LEADING: [&str; 5] = ["auto", "ss", "tv", "edge", "cnn"];
 
 /// Whether no leading filter has a setting.
 fn of_baselines(owners: &[&'static Descriptor]) -> bool {

@@ -22,10 +22,9 @@ pub fn worth_trying(
     let tiles = &tiles.mask;
     let mut held = vec![HeldOut::default(); candidates.len()];
     for parts in folds.near(tiles.count()) {
-        let mut splines = None;
         for (candidate, held) in candidates.iter().zip(&mut held) {
             let fold = (folds, parts.clone());
-            held.extend(candidate.held_out((&planes, tiles), fold, &mut splines, run)?.sorted(judged));
+            held.extend(candidate.held_out((&planes, tiles), fold, run)?.sorted(judged));
         }
         if held.first().is_none_or(|held| held.at.len() >= ENOUGH) {
             break;
@@ -34,6 +33,7 @@ pub fn worth_trying(
     if held.first().is_none_or(|held| held.at.len() < super::FEWEST) {
         return Ok(all());
     }
-    let weights = Weights::new(tiles, &planes, &held);
+    let less = super::less(&held[0], tiles, folds);
+    let weights = Weights::new(tiles, &planes, &held, less, None);
     Ok(candidates.iter().enumerate().filter(|(k, _)| weights.counts(*k)).map(|(_, c)| c.name).collect())
 }

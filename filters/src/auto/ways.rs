@@ -75,10 +75,10 @@ impl Given<'_> {
 
     /// What the frame gives without guides.
     fn plain(&self, run: &Run<'_>) -> Result<(Planes, Outcome), Error> {
-        let [_, edge, _] = candidates();
+        let [cnn, _] = candidates();
         let how = if self.held_out_of.is_some() { How::Roughly } else { How::Exactly };
         let mut out = Planes::zeros(self.samples.size(), self.samples.len());
-        let (outcome, _) = Candidate::of(edge).fill((self.samples, self.mask), how, &mut out, run)?;
+        let (outcome, _) = Candidate::of(cnn).fill((self.samples, self.mask), how, &mut out, run)?;
         Ok((out, outcome))
     }
 

@@ -122,7 +122,7 @@ impl Body for Weigh<'_> {
 
 /// The largest of some values less the least one.
 #[inline(always)]
-fn range(values: &[f32]) -> f32 {
+pub fn range(values: &[f32]) -> f32 {
     let mut lanes = [[f32::INFINITY, f32::NEG_INFINITY]; LANES];
     let (whole, rest) = values.as_chunks::<LANES>();
     for values in whole {

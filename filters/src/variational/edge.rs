@@ -56,8 +56,9 @@ use crate::estimate::Kind;
 use crate::kernel::curvature::{Solve, Tile, Weigh, Weighting};
 use crate::kernel::{Isa, dispatch};
 use crate::sampling::hash;
+use crate::tiling::{Core, Tiling};
 use crate::variational::ss;
-use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Size, check};
+use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, Size, check};
 
 /// Pixels of the side of a tile.
 const SIDE: usize = 64;
@@ -194,20 +195,10 @@ impl Plan for Planned {
         let start = self.start.reconstruct_roughly(samples, error, out, run)?;
         Ok(self.enhance(start, if error < ROUGH { STEPS } else { FEW_STEPS }, samples, out, run))
     }
-
-    fn reconstruct_from_splines(
-        &self,
-        samples: &Planes,
-        out: &mut Planes,
-        run: &Run<'_>,
-    ) -> Result<Outcome, Error> {
-        check::group(&self.mask, samples, out)?;
-        Ok(self.enhance(Outcome::direct(), STEPS, samples, out, run))
-    }
 }
 
 /// The power of two below a spread: values over it are exact, and their squares stay in the range of f32.
-fn unit(spread: f64) -> f64 {
+pub fn unit(spread: f64) -> f64 {
     spread.log2().floor().clamp(-120.0, 120.0).exp2()
 }
 
@@ -216,6 +207,27 @@ fn window<const N: usize>() -> [f32; N] {
     let gauss = |k: usize| (-0.5 * (k as f64 / BLUR).powi(2)).exp();
     let sum = 1.0 + 2.0 * (1..N).map(gauss).sum::<f64>();
     std::array::from_fn(|k| (gauss(k) / sum) as f32)
+}
+
+/// The largest spread of a channel's measured values; of a large image, those of some rows.
+pub fn spread(mask: &Mask, samples: &Planes) -> f64 {
+    let (height, every) = (mask.size().height, (mask.size().pixels() / ENOUGH).max(1) as u64);
+    let mut rows: Vec<usize> = (0..height).filter(|&row| hash(0, row as u64).is_multiple_of(every)).collect();
+    if rows.iter().all(|&row| !mask.row(row).contains(&true)) {
+        rows = (0..height).collect();
+    }
+    let spreads = samples.as_slice().par_iter().map(|plane| {
+        let values = || rows.iter().flat_map(|&row| plane.row(row).iter().zip(mask.row(row)));
+        let measured = || values().filter(|(_, flag)| **flag).map(|(value, _)| f64::from(*value));
+        let (sum, count) = measured().fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));
+        let mean = sum / f64::from(count.max(1));
+        let (far, roots) = measured().fold((0.0, 0.0), |(far, roots), value| {
+            let distance = (value - mean).abs();
+            (far + distance, roots + distance.sqrt())
+        });
+        if roots > 0.0 { (far / roots).powi(2) } else { 0.0 }
+    });
+    spreads.into_iter().fold(0.0, f64::max)
 }
 
 impl Planned {
@@ -229,7 +241,7 @@ impl Planned {
         run: &Run<'_>,
     ) -> Outcome {
         let mut outcome = start;
-        let spread = self.spread(samples);
+        let spread = spread(&self.mask, samples);
         if self.mask.is_full() || spread <= 0.0 {
             return outcome;
         }
@@ -255,59 +267,12 @@ impl Planned {
         outcome
     }
 
-    /// The largest spread of a channel's measured values; of a large image, those of some rows.
-    fn spread(&self, samples: &Planes) -> f64 {
-        let (height, every) = (self.mask.size().height, (self.mask.size().pixels() / ENOUGH).max(1) as u64);
-        let mut rows: Vec<usize> =
-            (0..height).filter(|&row| hash(0, row as u64).is_multiple_of(every)).collect();
-        if rows.iter().all(|&row| !self.mask.row(row).contains(&true)) {
-            rows = (0..height).collect();
-        }
-        let spreads = samples.as_slice().par_iter().map(|plane| {
-            let values = || rows.iter().flat_map(|&row| plane.row(row).iter().zip(self.mask.row(row)));
-            let measured = || values().filter(|(_, flag)| **flag).map(|(value, _)| f64::from(*value));
-            let (sum, count) = measured().fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));
-            let mean = sum / f64::from(count.max(1));
-            let (far, roots) = measured().fold((0.0, 0.0), |(far, roots), value| {
-                let distance = (value - mean).abs();
-                (far + distance, roots + distance.sqrt())
-            });
-            if roots > 0.0 { (far / roots).powi(2) } else { 0.0 }
-        });
-        spreads.into_iter().fold(0.0, f64::max)
-    }
-
     /// Finds the edges of the image and solves with them, tile by tile. Returns the most steps and the largest residual of a tile.
     fn round(&self, how: How, shift: usize, out: &mut Planes, run: &Run<'_>) -> (usize, f64) {
-        let size = self.mask.size();
-        let (rows, columns) = ((size.height + shift).div_ceil(SIDE), (size.width + shift).div_ceil(SIDE));
-        let core = |index| Core::new(size, (index / columns, index % columns), shift);
-        let before = &*out;
-        let answers = (0..rows * columns).into_par_iter().map_init(Tile::default, |tile, index| {
-            if run.interrupted().is_some() {
-                return None;
-            }
-            self.solve(how, tile, &core(index), before)
-        });
-        let mut rest: Vec<&mut [f32]> = out.as_mut_slice().iter_mut().map(Plane::pixels_mut).collect();
-        let rows = answers.chunks(columns).enumerate().map(|(row, answers)| {
-            let height = core(row * columns).inner.height;
-            let planes = rest.iter_mut().map(|rest| {
-                let (own, below) = std::mem::take(rest).split_at_mut(height * size.width);
-                *rest = below;
-                own
-            });
-            (row, answers, planes.collect::<Vec<_>>())
-        });
-        rows.collect::<Vec<_>>().into_par_iter().for_each(|(row, answers, mut planes)| {
-            for (column, (values, ..)) in
-                answers.iter().enumerate().filter_map(|(k, answer)| Some((k, answer.as_ref()?)))
-            {
-                core(row * columns + column).write(values, &self.mask, &mut planes);
-            }
-        });
-        let ends = answers.iter().flatten();
-        ends.fold((0, 0.0), |(most, largest), (_, steps, left)| (most.max(*steps), f64::max(largest, *left)))
+        let tiling = Tiling { side: SIDE, halo: HALO, shift };
+        let ends = tiling.map(&self.mask, out, run, |tile, core, before| self.solve(how, tile, core, before));
+        ends.into_iter()
+            .fold((0, 0.0), |(most, largest), (steps, left)| (most.max(steps), f64::max(largest, left)))
     }
 
     /// The pixels of a core, one channel after the other, with steps and residual; nothing if it has no edge.
@@ -317,8 +282,8 @@ impl Planned {
         tile: &mut Tile,
         core: &Core,
         before: &Planes,
-    ) -> Option<(Vec<f32>, usize, f64)> {
-        core.read(how.unit.recip(), &self.mask, before, tile);
+    ) -> Option<(Vec<f32>, (usize, f64))> {
+        self.read(how, core, before, tile);
         if dispatch(self.isa, Weigh { tile, how: how.weighting, sought: EDGE }) >= EDGE {
             return None;
         }
@@ -331,46 +296,15 @@ impl Planned {
                 rows.flat_map(|row| &row[core.margin.1..][..inner.width]).map(|value| value * how.unit),
             );
         }
-        Some((values, steps, left))
-    }
-}
-
-/// A tile's place: what is kept of it, and what is solved with it.
-struct Core {
-    /// The outer window's first row and column.
-    origin: (usize, usize),
-    outer: Size,
-    inner: Size,
-    /// Rows and columns of the outer window before the inner one.
-    margin: (usize, usize),
-}
-
-impl Core {
-    fn new(size: Size, (row, column): (usize, usize), shift: usize) -> Self {
-        let axis = |k: usize, length: usize| {
-            let (start, end) = ((k * SIDE).saturating_sub(shift), ((k + 1) * SIDE - shift).min(length));
-            let (first, last) = (start.saturating_sub(HALO), (end + HALO).min(length));
-            (first, last - first, start - first, end - start)
-        };
-        let (top, height, above, inner_height) = axis(row, size.height);
-        let (left, width, before, inner_width) = axis(column, size.width);
-        Self {
-            origin: (top, left),
-            outer: Size::new(height, width),
-            inner: Size::new(inner_height, inner_width),
-            margin: (above, before),
-        }
+        Some((values, (steps, left)))
     }
 
-    /// Fills a tile with the outer window's pixels, times `factor`, and with which of them are to be found.
-    fn read(&self, factor: f32, mask: &Mask, from: &Planes, tile: &mut Tile) {
-        let (Size { height, width }, (top, left)) = (self.outer, self.origin);
+    /// Fills a tile with a window's pixels, in units, and with which of them are to be found.
+    fn read(&self, how: How, core: &Core, from: &Planes, tile: &mut Tile) {
+        let (Size { height, width }, (top, left)) = (core.outer, core.origin);
         tile.resize(height, width, from.len());
         for (plane, values) in from.as_slice().iter().zip(tile.values.chunks_exact_mut(height * width)) {
-            for (y, values) in values.chunks_exact_mut(width).enumerate() {
-                let row = &plane.row(top + y)[left..][..width];
-                values.iter_mut().zip(row).for_each(|(to, value)| *to = value * factor);
-            }
+            core.copy(plane, how.unit.recip(), width, values);
         }
         // Where the window ends within the image, its rim stays.
         let inside = |first: usize, length: usize, all: usize| {
@@ -378,28 +312,11 @@ impl Core {
             let end = if first + length < all { length.saturating_sub(RIM) } else { length };
             begin..end.max(begin)
         };
-        let columns = inside(left, width, mask.size().width);
-        for y in inside(top, height, mask.size().height) {
-            let flags = &mask.row(top + y)[left..][..width];
+        let columns = inside(left, width, self.mask.size().width);
+        for y in inside(top, height, self.mask.size().height) {
+            let flags = &self.mask.row(top + y)[left..][..width];
             for x in columns.clone() {
                 tile.free[y * width + x] = f32::from(u8::from(!flags[x]));
-            }
-        }
-    }
-
-    /// Writes the inner window's missing pixels.
-    fn write(&self, values: &[f32], mask: &Mask, out: &mut [&mut [f32]]) {
-        let (y, x) = (self.origin.0 + self.margin.0, self.origin.1 + self.margin.1);
-        let (width, across) = (self.inner.width, mask.size().width);
-        for (rows, values) in out.iter_mut().zip(values.chunks_exact(self.inner.pixels())) {
-            let rows = rows.chunks_exact_mut(across);
-            for ((y, row), values) in (y..).zip(rows).zip(values.chunks_exact(width)) {
-                let pixels = row[x..][..width].iter_mut();
-                for ((pixel, value), measured) in pixels.zip(values).zip(&mask.row(y)[x..]) {
-                    if !measured && value.is_finite() {
-                        *pixel = *value;
-                    }
-                }
             }
         }
     }

@@ -73,7 +73,7 @@ use crate::baseline::push_pull;
 use crate::kernel::Isa;
 use crate::kernel::extremes::range;
 use crate::operator::energy::Form;
-use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Stop, check};
+use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Stop};
 
 mod choose;
 mod doubt;
@@ -193,19 +193,6 @@ pub(super) fn check_weights<'a>(weights: &'a Plane, mask: &Mask) -> Result<&'a P
 impl Plan for Planned {
     fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
         self.reconstruct_roughly(samples, AIM, out, run)
-    }
-
-    fn reconstruct_from_splines(
-        &self,
-        samples: &Planes,
-        out: &mut Planes,
-        run: &Run<'_>,
-    ) -> Result<Outcome, Error> {
-        if self.settings != Settings::default() {
-            return self.reconstruct(samples, out, run);
-        }
-        check::group(&self.mask, samples, out)?;
-        Ok(Outcome::direct())
     }
 
     fn reconstruct_roughly(

@@ -17,8 +17,18 @@ use crate::solver::cholesky::Cholesky;
 const LOWER: f64 = 1e-9;
 
 /// The weights, among those candidates, that make the squared error of a neighbourhood least, and that error.
-pub fn best(cell: &[f64], (whole, frame): (&[f64], f64), count: usize, among: &[usize]) -> (Vec<f64>, f64) {
-    let trace = |of: &[f64]| among.iter().map(|&k| of[k * count + k]).sum::<f64>();
+pub fn best(cell: &[f64], whole: (&[f64], f64), count: usize, among: &[usize]) -> (Vec<f64>, f64) {
+    best_of(cell, whole, count, (among, among))
+}
+
+/// The same, with the image counting beside the neighbourhood as it does for all of some candidates: errors of fewer of them can be compared.
+pub fn best_of(
+    cell: &[f64],
+    (whole, frame): (&[f64], f64),
+    count: usize,
+    (among, all): (&[usize], &[usize]),
+) -> (Vec<f64>, f64) {
+    let trace = |of: &[f64]| all.iter().map(|&k| of[k * count + k]).sum::<f64>();
     let (here, all) = (trace(cell), trace(whole));
     let n = among.len();
     if all <= 0.0 || !all.is_finite() {

@@ -1,0 +1,233 @@
+//! The correction of an image, tile by tile: detail, network, and what both make of the pixels.
+
+use std::ops::Range;
+use std::sync::LazyLock;
+
+use crate::kernel::convolution::{Activation, Convolve, Layer, Maps, convolve};
+use crate::kernel::detail::{Detail, MOST, Measure, Span};
+use crate::kernel::{Isa, dispatch};
+use crate::tiling::{Core, Tiling};
+use crate::{Mask, Plane, Planes, Run, Size};
+
+/// The learned weights: for each layer those by output, input, row and column, then the biases; 32-bit floats, least byte first.
+static WEIGHTS: &[u8] = include_bytes!("weights.f32");
+/// Inputs and outputs of each layer.
+const LAYERS: [(usize, usize); 4] = [(INPUTS, 24), (24, 24), (24, 24), (24, BLOCK * BLOCK)];
+/// Planes of a block: detail, detail of measured pixels, which are measured and range, of each pixel; and the strength of the finest detail.
+const INPUTS: usize = 4 * BLOCK * BLOCK + 1;
+/// Pixels of the side of a block.
+const BLOCK: usize = 2;
+/// Pixels of the side of a tile.
+const SIDE: usize = 128;
+/// Pixels around it: four layers reach four blocks, detail 11 pixels.
+const HALO: usize = 20;
+/// Blocks of a row that are computed together or not at all.
+const STEP: usize = 4;
+/// The least amplitude of a correction, in units of the samples' spread.
+pub const LEAST: f32 = 3e-4;
+
+/// The network.
+static NETWORK: LazyLock<[Layer; 4]> = LazyLock::new(|| {
+    let (words, _) = WEIGHTS.as_chunks::<4>();
+    let mut rest: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();
+    LAYERS.map(|(inputs, outputs)| {
+        let weights: Vec<f32> = rest.drain(..inputs * outputs * 9).collect();
+        let bias: Vec<f32> = rest.drain(..outputs).collect();
+        Layer::new(&weights, &bias)
+    })
+});
+
+/// Corrects the missing pixels of an image whose values are about as large as `unit`.
+pub fn refine(mask: &Mask, unit: f32, out: &mut Planes, run: &Run<'_>) {
+    let tiling = Tiling { side: SIDE, halo: HALO, shift: 0 };
+    let isa = Isa::best();
+    let _: Vec<()> = tiling.map(mask, out, run, |tile: &mut Tile, core, before| {
+        let mut values = Vec::with_capacity(core.inner.pixels() * before.len());
+        let mut changes = false;
+        tile.flags(core, mask);
+        for plane in before.as_slice() {
+            tile.read(core, plane, unit.recip());
+            changes |= tile.correct(isa);
+            tile.append(unit, &mut values);
+        }
+        changes.then_some((values, ()))
+    });
+}
+
+/// A tile's window, with rows and columns continued to even numbers of them, and room for what is computed of it.
+#[derive(Default)]
+struct Tile {
+    height: usize,
+    width: usize,
+    /// The tile within the window.
+    rows: Range<usize>,
+    columns: Range<usize>,
+    values: Vec<f32>,
+    /// 1 where a pixel was measured, else 0.
+    measured: Vec<f32>,
+    detail: Detail,
+    maps: [Maps; 2],
+    /// Columns of blocks by row, for the last layer and those before it.
+    runs: [Vec<Vec<Range<usize>>>; LAYERS.len()],
+}
+
+impl Tile {
+    /// Takes on a window, and which of its pixels were measured.
+    fn flags(&mut self, core: &Core, mask: &Mask) {
+        let even = |length: usize| length.next_multiple_of(BLOCK);
+        (self.height, self.width) = (even(core.outer.height), even(core.outer.width));
+        self.rows = core.margin.0..core.margin.0 + core.inner.height;
+        self.columns = core.margin.1..core.margin.1 + core.inner.width;
+        self.values.resize(self.height * self.width, 0.0);
+        self.measured.resize(self.height * self.width, 0.0);
+        for (y, row) in self.measured.chunks_exact_mut(self.width).enumerate().take(core.outer.height) {
+            let flags = &mask.row(core.origin.0 + y)[core.origin.1..];
+            row.iter_mut().zip(flags).for_each(|(to, flag)| *to = f32::from(u8::from(*flag)));
+        }
+        continue_outwards(&mut self.measured, self.width, core);
+    }
+
+    /// Takes on a window's values.
+    fn read(&mut self, core: &Core, from: &Plane, factor: f32) {
+        core.copy(from, factor, self.width, &mut self.values);
+        continue_outwards(&mut self.values, self.width, core);
+    }
+
+    /// Corrects the tile's missing pixels; false if none may change.
+    fn correct(&mut self, isa: Isa) -> bool {
+        if dispatch(isa, Span(&self.values)) <= LEAST {
+            return false;
+        }
+        dispatch(isa, Measure { values: &self.values, width: self.width, detail: &mut self.detail });
+        if !self.find_active() {
+            return false;
+        }
+        let blocks = (self.height / BLOCK, self.width / BLOCK);
+        self.inputs(blocks);
+        let [mut from, mut to] = self.maps.each_mut();
+        for (k, layer) in NETWORK.iter().enumerate() {
+            let activation = match k {
+                0 => Activation::Relu,
+                _ if k + 1 == LAYERS.len() => Activation::Linear,
+                _ => Activation::ResidualRelu,
+            };
+            to.resize(blocks, layer.outputs());
+            let runs = &self.runs[LAYERS.len() - 1 - k];
+            convolve(isa, Convolve { layer, from, to, runs, activation });
+            std::mem::swap(&mut from, &mut to);
+        }
+        self.add();
+        true
+    }
+
+    /// Finds which blocks may change, in runs, and which of them each layer before the last must know; false if none may.
+    fn find_active(&mut self) -> bool {
+        let (rows, columns) = (self.height / BLOCK, (self.width / BLOCK).div_ceil(STEP));
+        let mut flags = vec![false; rows * columns];
+        for y in self.rows.clone() {
+            let pixels = y * self.width + self.columns.start..y * self.width + self.columns.end;
+            let amplitudes = self.detail.amplitude[pixels.clone()].iter();
+            for ((x, amplitude), measured) in self.columns.clone().zip(amplitudes).zip(&self.measured[pixels])
+            {
+                flags[y / BLOCK * columns + x / (BLOCK * STEP)] |= *amplitude > LEAST && *measured == 0.0;
+            }
+        }
+        if !flags.contains(&true) {
+            return false;
+        }
+        for (k, runs) in self.runs.iter_mut().enumerate() {
+            if k == 1 {
+                // One step to either side is as far as all layers together reach.
+                flags = grown(&flags, 1, columns);
+            }
+            if k > 0 {
+                flags = grown(&flags, columns, columns);
+            }
+            runs.resize(rows, Vec::new());
+            for (flags, runs) in flags.chunks_exact(columns).zip(runs) {
+                runs.clear();
+                runs.extend(runs_of(flags, self.width / BLOCK));
+            }
+        }
+        true
+    }
+
+    /// Lays out what the network sees of blocks.
+    fn inputs(&mut self, (rows, columns): (usize, usize)) {
+        let maps = &mut self.maps[0];
+        maps.resize((rows, columns), INPUTS);
+        let Detail { signed, fine, steep, .. } = &self.detail;
+        let each = BLOCK * BLOCK;
+        for row in 0..rows {
+            maps.row_mut(INPUTS - 1, row).fill(0.0);
+            for k in 0..each {
+                let first = (BLOCK * row + k / BLOCK) * self.width + k % BLOCK;
+                let measured = &self.measured;
+                every(maps.row_mut(k, row), first, |i, to| *to = signed[i]);
+                every(maps.row_mut(each + k, row), first, |i, to| *to = signed[i] * measured[i]);
+                every(maps.row_mut(2 * each + k, row), first, |i, to| *to = measured[i] - 0.5);
+                every(maps.row_mut(3 * each + k, row), first, |i, to| *to = steep[i] / MOST - 0.5);
+                every(maps.row_mut(INPUTS - 1, row), first, |i, to| *to += fine[i] / each as f32);
+            }
+        }
+    }
+
+    /// Adds what the network says to the missing pixels of active blocks.
+    fn add(&mut self) {
+        let Detail { low, high, amplitude, .. } = &self.detail;
+        // The number of layers is even: the last one's planes are where the first one's inputs were.
+        let maps = &self.maps[0];
+        for (row, runs) in self.runs[0].iter().enumerate() {
+            for (k, x) in
+                runs.iter().flat_map(|run| (0..BLOCK * BLOCK).flat_map(|k| run.clone().map(move |x| (k, x))))
+            {
+                let i = (BLOCK * row + k / BLOCK) * self.width + k % BLOCK + BLOCK * x;
+                if self.measured[i] == 0.0 {
+                    let value = self.values[i] + maps.row(k, row)[x] * amplitude[i];
+                    self.values[i] = value.max(low[i]).min(high[i]);
+                }
+            }
+        }
+    }
+
+    /// Appends the tile's own pixels, times a factor.
+    fn append(&self, factor: f32, to: &mut Vec<f32>) {
+        let rows = self.values.chunks_exact(self.width).skip(self.rows.start).take(self.rows.len());
+        to.extend(rows.flat_map(|row| &row[self.columns.clone()]).map(|value| value * factor));
+    }
+}
+
+/// Continues a window by its last row and column where it is longer and wider than that.
+fn continue_outwards(values: &mut [f32], width: usize, core: &Core) {
+    let Size { height: h, width: w } = core.outer;
+    values.chunks_exact_mut(width).take(h).for_each(|row| {
+        let last = row[w - 1];
+        row[w..].fill(last);
+    });
+    let (known, beyond) = values.split_at_mut(h * width);
+    beyond.chunks_exact_mut(width).for_each(|row| row.copy_from_slice(&known[(h - 1) * width..]));
+}
+
+/// Does something with the value of each block of a row and the place of its pixel, the first one's given.
+fn every(row: &mut [f32], first: usize, f: impl Fn(usize, &mut f32)) {
+    row.iter_mut().enumerate().for_each(|(x, to)| f(first + BLOCK * x, to));
+}
+
+/// Blocks of a row of flags, each for as many of them, in runs.
+fn runs_of(flags: &[bool], end: usize) -> impl Iterator<Item = Range<usize>> {
+    let mut next = 0;
+    flags.chunk_by(|a, b| a == b).filter_map(move |same| {
+        let first = next;
+        next += same.len();
+        same[0].then_some(STEP * first..(STEP * next).min(end))
+    })
+}
+
+/// Flags whose neighbours at a distance within rows of some length, or above and below, are set, or they themselves.
+fn grown(flags: &[bool], distance: usize, columns: usize) -> Vec<bool> {
+    let beside = |i: usize, j: usize| distance == columns || i / columns == j / columns;
+    let set = |i: usize, j: usize| beside(i, j) && flags.get(j) == Some(&true);
+    (0..flags.len())
+        .map(|i| flags[i] || set(i, i + distance) || i.checked_sub(distance).is_some_and(|j| set(i, j)))
+        .collect()
+}
