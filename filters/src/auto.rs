@@ -1,5 +1,5 @@
-//! The filter that held-out samples choose, place by place: edge-enhancing splines that a network corrected, total variation, and guides where there
-//! are any.
+//! The filter that held-out samples choose, place by place: edge-enhancing splines that a network corrected, plain splines, total variation, and
+//! guides where there are any.
 //!
 //! Given samples `y` at the measured pixels of an `H x W` image and candidates `F_k`, the image is
 //!
@@ -71,7 +71,7 @@ pub struct Settings;
 /// What is to be known of it.
 pub static DESCRIPTOR: Descriptor = Descriptor {
     name: "auto",
-    help: "A blend, place by place, as held-out samples choose: cnn, tv and, where there are guides, guided filling",
+    help: "A blend, place by place, as held-out samples choose: cnn, ss, tv and, where there are guides, guided filling",
     settings: &[],
     even: Memory { image: 12, channel: 19 },
     uneven: Memory { image: 122, channel: 10 },
@@ -96,9 +96,10 @@ impl Configured for Settings {
 }
 
 /// What is chosen from; guides come besides. The first is what the others are held against where nothing is known.
-fn candidates() -> [(&'static Descriptor, Box<dyn Filter>); 2] {
+fn candidates() -> [(&'static Descriptor, Box<dyn Filter>); 3] {
     [
         (&network::DESCRIPTOR, Box::new(network::Settings)),
+        (&ss::DESCRIPTOR, Box::new(ss::Settings::default())),
         (&tv::DESCRIPTOR, Box::new(tv::Settings::default())),
     ]
 }
