@@ -1,5 +1,5 @@
-//! The filter that held-out samples choose, place by place: edge-enhancing splines that a network corrected, plain splines, total variation, and
-//! guides where there are any.
+//! The filter that held-out samples choose, place by place: edge-enhancing splines, corrected by a network or not, plain splines, total variation,
+//! and guides where there are any.
 //!
 //! Given samples `y` at the measured pixels of an `H x W` image and candidates `F_k`, the image is
 //!
@@ -11,7 +11,8 @@
 //! with `e_k(i)` the error of `F_k` at a sample that it did not see, `g` a Gaussian of four spacings of held-out samples, `B` the sum
 //! over all of the image and `s` = 1/2: where little was held out around a pixel, or nothing differs, the image decides. Errors of all
 //! channels count alike; the weights are theirs together. Missing pixels stand nearer to samples than held-out ones did: `A_kl` is less there by
-//! `(1 - l) A_0k A_0l / A_00`, what all have of the first one's error, with `l` the ratio of the kriging variances to the power 0.8.
+//! `(1 - l) A_0k A_0l / A_00`, what all have of the first one's error, with `l` the root of the ratio of kriging variances.
+//! Where samples lie unevenly, each counts for the root of the number of missing pixels that it is the nearest of.
 //!
 //! A candidate that takes less than `WORTH` of the squared error away stays out, and is not computed for all of the image. Large images
 //! first try the candidates on tiles that are spread over them (`trial`). Guides that take half of the squared error of `ss` away, by their own
@@ -45,11 +46,11 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
-use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, HeldOut, Kind};
+use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, HeldOut, Kind, Voronoi};
 use crate::network;
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
-use crate::variational::{ss, tv};
+use crate::variational::{edge, ss, tv};
 use crate::weights::Weights;
 use crate::{Error, Filter, Gradients, Mask, Outcome, Plan, Planes, Problem, Run};
 
@@ -61,7 +62,8 @@ const DECIDE: usize = 1000;
 /// Fewer measured pixels choose nothing.
 const FEWEST: usize = 64;
 
-/// The power of the variance that errors go by, between that of edges and that of shading.
+/// The power of the variance by which errors of candidates are taken to fall from held-out samples to missing pixels: that of edges, less than that of
+/// shading.
 const LESS: f64 = 0.5;
 
 /// No settings.
@@ -71,7 +73,7 @@ pub struct Settings;
 /// What is to be known of it.
 pub static DESCRIPTOR: Descriptor = Descriptor {
     name: "auto",
-    help: "A blend, place by place, as held-out samples choose: cnn, ss, tv and, where there are guides, guided filling",
+    help: "A blend, place by place, as held-out samples choose: cnn, edge, ss, tv and, where there are guides, guided filling",
     settings: &[],
     even: Memory { image: 12, channel: 19 },
     uneven: Memory { image: 122, channel: 10 },
@@ -96,17 +98,18 @@ impl Configured for Settings {
 }
 
 /// What is chosen from; guides come besides. The first is what the others are held against where nothing is known.
-fn candidates() -> [(&'static Descriptor, Box<dyn Filter>); 3] {
+fn candidates() -> [(&'static Descriptor, Box<dyn Filter>); 4] {
     [
         (&network::DESCRIPTOR, Box::new(network::Settings)),
+        (&edge::DESCRIPTOR, Box::new(edge::Settings::default())),
         (&ss::DESCRIPTOR, Box::new(ss::Settings::default())),
         (&tv::DESCRIPTOR, Box::new(tv::Settings::default())),
     ]
 }
 
-/// How much less splines err at missing pixels than at these, which were held out, squared, as far as the pattern of the samples tells.
-fn less(held: &HeldOut, mask: &Mask, folds: Folds) -> f64 {
-    held.emptier(mask, folds, Kind::Spline).min(1.0).powf(LESS)
+/// How much less splines err at missing pixels than at these, which were held out, squared, if errors go by that power of the variance.
+fn less(held: &HeldOut, mask: &Mask, folds: Folds, power: f64) -> f64 {
+    held.emptier(mask, folds, Kind::Spline).min(1.0).powf(power)
 }
 
 impl Filter for Settings {
@@ -250,14 +253,15 @@ impl Blend {
         let guides = guides.filter(|_| guided.is_some());
         let mut all = self.worth_trying(guided, samples, run)?;
         let mut held = Vec::new();
+        let voronoi = Voronoi::new(&self.mask);
         if all.len() > 1 || learn {
-            held = self.held_out(&mut all, samples, run)?;
+            held = self.held_out((&mut all, &voronoi), samples, run)?;
         }
         if run.interrupted().is_some() {
             return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
         }
-        let less = if all.len() > 1 { less(&held[0], &self.mask, self.folds) } else { 1.0 };
-        let learned = |held: &[HeldOut]| Weights::new(&self.mask, samples, held, less, None);
+        let less = if all.len() > 1 { less(&held[0], &self.mask, self.folds, LESS) } else { 1.0 };
+        let learned = |held: &[HeldOut]| Weights::new((&self.mask, &voronoi), samples, held, less, None);
         let weights = learned(&held);
         let (mut outcome, mut effect) = blend(&mut all, &weights, (samples, &self.mask), out, run)?;
         let mut near = match weights.alone() {
@@ -294,7 +298,7 @@ impl Blend {
     /// What the candidates predict at held-out samples. Those that a first fold of many shows to count for nothing are left out.
     fn held_out(
         &self,
-        all: &mut Vec<Candidate<'_>>,
+        (all, voronoi): (&mut Vec<Candidate<'_>>, &Voronoi),
         samples: &Planes,
         run: &Run<'_>,
     ) -> Result<Vec<HeldOut>, Error> {
@@ -305,8 +309,8 @@ impl Blend {
                 held.extend(candidate.held_out((samples, &self.mask), fold, run)?);
             }
             if parts.start == 0 && all.len() > 1 && held[0].at.len() >= DECIDE {
-                let less = less(&held[0], &self.mask, self.folds);
-                let weights = Weights::new(&self.mask, samples, &held, less, None);
+                let less = less(&held[0], &self.mask, self.folds, LESS);
+                let weights = Weights::new((&self.mask, voronoi), samples, &held, less, None);
                 let both = std::mem::take(all).into_iter().zip(std::mem::take(&mut held)).enumerate();
                 (*all, held) = both.filter(|(k, _)| weights.counts(*k)).map(|(_, both)| both).unzip();
             }

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use super::standing::Standing;
 use super::ways::{Given, Way};
 use super::{Blend, Candidate, blend, less};
-use crate::estimate::{Folds, HeldOut};
+use crate::estimate::{Folds, HeldOut, Voronoi};
 use crate::sampling::hash;
 use crate::temporal::{self, Carried, First, Pull};
 use crate::variational::guided::{Guides, Regression};
@@ -35,6 +35,8 @@ const NAME: &str = "neighbours";
 const WORTH: f64 = 0.05;
 /// The share of the squared error that taking them as they are may cost by held-out samples.
 const LOSS: f64 = 0.5;
+/// The power of the variance that errors go by, between that of edges and that of shading.
+const LESS: f64 = 0.8;
 /// Makes halves that are independent of the folds.
 const HALVES: u64 = 0x51;
 
@@ -119,12 +121,13 @@ pub fn pulled(
     if run.interrupted().is_some() || held[0].at.is_empty() {
         return Ok(None);
     }
-    let less = less(&held[0], &own.mask, own.folds);
+    let less = less(&held[0], &own.mask, own.folds, LESS);
     let misses = if others.whole { misses(&own.mask, carried, out) } else { Vec::new() };
+    let voronoi = Voronoi::new(&own.mask);
     let learn = |held: &[HeldOut]| {
         let firm = others.ways.iter().position(|way| *way == Way::Pulled(FIRM));
         let firm = firm.map(|way| Preferred { candidate: 1 + way, loss: LOSS, misses: &misses });
-        Weights::new(&own.mask, samples, held, less, firm)
+        Weights::new((&own.mask, &voronoi), samples, held, less, firm)
     };
     let Gain { gain, own: part } = Gain::new(own.folds, samples, (&held, less), &learn);
     let weights = learn(&held);
@@ -207,7 +210,7 @@ fn held_out(
         }
         let mut known = Cow::Borrowed(&thinned);
         if others.whole && !fold.at.is_empty() {
-            let less = less(&fold, &own.mask, own.folds);
+            let less = less(&fold, &own.mask, own.folds, LESS);
             let standing = Standing { samples, mask: &own.mask, filled, held: &fold, less };
             standing.complete(known.to_mut(), &others.fills);
         }

@@ -1,11 +1,11 @@
 //! Which candidates are worth computing for all of a large image: they are tried on tiles that are spread over it.
 
 use super::Candidate;
-use crate::estimate::{Excerpt, Folds, HeldOut};
+use crate::estimate::{Excerpt, Folds, HeldOut, Voronoi};
 use crate::weights::Weights;
 use crate::{Error, Mask, Planes, Run};
 
-/// Held-out samples at which candidates are compared, unless the tiles have fewer. With half as many, chance took `ss` for `edge` at 5 % of a frame.
+/// Held-out samples at which candidates are compared, unless the tiles have fewer. With half as many, chance took the wrong one at 5 % of a frame.
 const ENOUGH: usize = 1000;
 
 /// The names of the candidates that are worth computing.
@@ -33,7 +33,7 @@ pub fn worth_trying(
     if held.first().is_none_or(|held| held.at.len() < super::FEWEST) {
         return Ok(all());
     }
-    let less = super::less(&held[0], tiles, folds);
-    let weights = Weights::new(tiles, &planes, &held, less, None);
+    let less = super::less(&held[0], tiles, folds, super::LESS);
+    let weights = Weights::new((tiles, &Voronoi::new(tiles)), &planes, &held, less, None);
     Ok(candidates.iter().enumerate().filter(|(k, _)| weights.counts(*k)).map(|(_, c)| c.name).collect())
 }

@@ -26,6 +26,7 @@ pub struct Voronoi {
 }
 
 impl Voronoi {
+    /// Those of a mask.
     pub fn new(mask: &Mask) -> Self {
         let mut counts = vec![0.0_f32; mask.size().pixels()];
         // A mask without samples has no held-out ones either.

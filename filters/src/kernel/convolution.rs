@@ -75,9 +75,10 @@ pub struct Layer {
 }
 
 impl Layer {
-    /// From weights by output, input, row and column, and one bias an output.
+    /// From weights by output, input, row and column, and one bias an output; there are 4 outputs or a multiple of 12.
     pub fn new(weights: &[f32], bias: &[f32]) -> Self {
         let outputs = bias.len();
+        debug_assert!(outputs == FEW || outputs.is_multiple_of(SINGLE), "{outputs}");
         let inputs = weights.len() / (9 * outputs);
         let at = |k: usize| weights[k % outputs * inputs * 9 + k / outputs];
         Self { inputs, outputs, weights: (0..weights.len()).map(at).collect(), bias: bias.to_vec() }

@@ -19,33 +19,35 @@ const INPUTS: usize = 4 * BLOCK * BLOCK + 1;
 const BLOCK: usize = 2;
 /// Pixels of the side of a tile.
 const SIDE: usize = 128;
-/// Pixels around it: four layers reach four blocks, detail 11 pixels.
+/// Pixels around it: four layers reach four blocks, detail 11 pixels, and blocks begin at even places.
 const HALO: usize = 20;
 /// Blocks of a row that are computed together or not at all.
 const STEP: usize = 4;
-/// The least amplitude of a correction, in units of the samples' spread.
+/// The least amplitude of a correction, in units.
 pub const LEAST: f32 = 3e-4;
 
 /// The network.
 static NETWORK: LazyLock<[Layer; 4]> = LazyLock::new(|| {
     let (words, _) = WEIGHTS.as_chunks::<4>();
     let mut rest: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();
-    LAYERS.map(|(inputs, outputs)| {
+    let layers = LAYERS.map(|(inputs, outputs)| {
         let weights: Vec<f32> = rest.drain(..inputs * outputs * 9).collect();
         let bias: Vec<f32> = rest.drain(..outputs).collect();
         Layer::new(&weights, &bias)
-    })
+    });
+    assert!(rest.is_empty(), "weights.f32 holds more than the layers");
+    layers
 });
 
-/// Corrects the missing pixels of an image whose values are about as large as `unit`.
-pub fn refine(mask: &Mask, unit: f32, out: &mut Planes, run: &Run<'_>) {
+/// Corrects the missing pixels of an image; the values of each channel vary by about as much as its unit, a power of two.
+pub fn refine(mask: &Mask, units: &[f32], out: &mut Planes, run: &Run<'_>) {
     let tiling = Tiling { side: SIDE, halo: HALO, shift: 0 };
     let isa = Isa::best();
     let _: Vec<()> = tiling.map(mask, out, run, |tile: &mut Tile, core, before| {
         let mut values = Vec::with_capacity(core.inner.pixels() * before.len());
         let mut changes = false;
         tile.flags(core, mask);
-        for plane in before.as_slice() {
+        for (plane, &unit) in before.as_slice().iter().zip(units) {
             tile.read(core, plane, unit.recip());
             changes |= tile.correct(isa);
             tile.append(unit, &mut values);
@@ -175,7 +177,8 @@ impl Tile {
     /// Adds what the network says to the missing pixels of active blocks.
     fn add(&mut self) {
         let Detail { low, high, amplitude, .. } = &self.detail;
-        // The number of layers is even: the last one's planes are where the first one's inputs were.
+        // The last layer's planes are where the first one's inputs were.
+        const { assert!(LAYERS.len().is_multiple_of(2)) };
         let maps = &self.maps[0];
         for (row, runs) in self.runs[0].iter().enumerate() {
             for (k, x) in

@@ -55,7 +55,7 @@ fn it_is_the_network_of_its_definition() {
         let mask = mask(size, 0.3);
         let exact = reference::corrected(&image, &mask);
         let mut out = Planes::new(size, vec![image]).unwrap();
-        refine::refine(&mask, 1.0, &mut out, &Run::default());
+        refine::refine(&mask, &[1.0], &mut out, &Run::default());
         let out = out.into_vec().remove(0);
         let off = |(found, exact): (&f32, &f64)| (f64::from(*found) - exact).abs();
         let largest = out.pixels().iter().zip(&exact).map(off).fold(0.0, f64::max);

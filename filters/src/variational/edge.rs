@@ -58,7 +58,7 @@ use crate::kernel::{Isa, dispatch};
 use crate::sampling::hash;
 use crate::tiling::{Core, Tiling};
 use crate::variational::ss;
-use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, Size, check};
+use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Size, check};
 
 /// Pixels of the side of a tile.
 const SIDE: usize = 64;
@@ -209,14 +209,14 @@ fn window<const N: usize>() -> [f32; N] {
     std::array::from_fn(|k| (gauss(k) / sum) as f32)
 }
 
-/// The largest spread of a channel's measured values; of a large image, those of some rows.
-pub fn spread(mask: &Mask, samples: &Planes) -> f64 {
+/// The spread of each channel's measured values; of a large image, those of some rows.
+pub fn spreads(mask: &Mask, samples: &Planes) -> Vec<f64> {
     let (height, every) = (mask.size().height, (mask.size().pixels() / ENOUGH).max(1) as u64);
     let mut rows: Vec<usize> = (0..height).filter(|&row| hash(0, row as u64).is_multiple_of(every)).collect();
     if rows.iter().all(|&row| !mask.row(row).contains(&true)) {
         rows = (0..height).collect();
     }
-    let spreads = samples.as_slice().par_iter().map(|plane| {
+    let spread = |plane: &Plane| {
         let values = || rows.iter().flat_map(|&row| plane.row(row).iter().zip(mask.row(row)));
         let measured = || values().filter(|(_, flag)| **flag).map(|(value, _)| f64::from(*value));
         let (sum, count) = measured().fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));
@@ -226,8 +226,8 @@ pub fn spread(mask: &Mask, samples: &Planes) -> f64 {
             (far + distance, roots + distance.sqrt())
         });
         if roots > 0.0 { (far / roots).powi(2) } else { 0.0 }
-    });
-    spreads.into_iter().fold(0.0, f64::max)
+    };
+    samples.as_slice().par_iter().map(spread)
 }
 
 impl Planned {
@@ -241,7 +241,7 @@ impl Planned {
         run: &Run<'_>,
     ) -> Outcome {
         let mut outcome = start;
-        let spread = spread(&self.mask, samples);
+        let spread = spreads(&self.mask, samples).into_iter().fold(0.0, f64::max);
         if self.mask.is_full() || spread <= 0.0 {
             return outcome;
         }
