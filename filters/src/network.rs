@@ -1,12 +1,12 @@
 //! Edge-enhancing splines, corrected by a small convolutional network.
 //!
-//! Given the image `u` that [`edge`](crate::variational::edge) makes of samples, each channel becomes, at missing pixels,
+//! Given the image `u` that [`edge`] makes of samples, each channel becomes, at missing pixels,
 //!
 //! ```text
 //! x = u + a f(u, mask),      kept within the least and the largest u of 3 x 3 pixels;      a = the lesser of their range and s
 //! ```
 //!
-//! with `f` a convolutional network and `s` the strength of the finest detail around ([`crate::kernel::detail`]). Its inputs are the image's detail,
+//! with `f` a convolutional network and `s` the strength of the finest detail around (`kernel/detail.rs`). Its inputs are the image's detail,
 //! its range in 3 x 3 pixels and the strength of its finest detail, all over the strength of detail around, and which pixels were measured. So a
 //! correction does not depend on scale and offset of the values, reaches 20 pixels, and is none where the image is a plane.
 //!

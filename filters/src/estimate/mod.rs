@@ -74,4 +74,4 @@ pub use model::{Model, Rmse, Verdict, Why};
 pub use repetition::Repetition;
 pub use simulation::Simulation;
 pub use variance::Kind;
-pub use voronoi::Voronoi;
+pub(crate) use voronoi::Voronoi;
