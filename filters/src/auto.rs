@@ -45,7 +45,7 @@ mod tests;
 use std::ops::Range;
 use std::sync::Arc;
 
-use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
+use crate::descriptor::{Configured, Descriptor, Memory, Takes};
 use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, HeldOut, Kind, Voronoi};
 use crate::network;
 use crate::temporal::Carried;
@@ -88,16 +88,13 @@ impl Configured for Settings {
         &DESCRIPTOR
     }
 
-    fn field(&mut self, _name: &str) -> Option<&mut dyn Field> {
-        None
-    }
-
     fn boxed(&self) -> Box<dyn Configured> {
         Box::new(*self)
     }
 }
 
-/// What is chosen from; guides come besides. The first is what the others are held against where nothing is known.
+/// What is chosen from; guides come besides. The first is what the others are held against where nothing is known. They are computed from the last
+/// to the first, each after what it starts from.
 fn candidates() -> [(&'static Descriptor, Box<dyn Filter>); 4] {
     [
         (&network::DESCRIPTOR, Box::new(network::Settings)),
@@ -170,13 +167,27 @@ struct Candidate<'a> {
     done: Option<(Planes, Outcome, Effect)>,
 }
 
+/// An image of the samples that another candidate may start from, and whose it is.
+type Start = Option<(&'static str, Planes)>;
+
 /// How a candidate fills.
 #[derive(Clone, Copy)]
-enum How {
+struct How<'a> {
+    /// The error that will do, over the range of the samples; none for a result.
+    error: Option<f64>,
+    /// What it may start from, of the same samples.
+    start: Option<&'a (&'static str, Planes)>,
+}
+
+impl<'a> How<'a> {
     /// As a result.
-    Exactly,
+    const EXACTLY: Self = Self { error: None, start: None };
     /// As exactly as what is compared at held-out samples asks for.
-    Roughly,
+    const ROUGHLY: Self = Self { error: Some(HELD_OUT), start: None };
+
+    fn after(self, start: &'a Start) -> Self {
+        Self { start: start.as_ref(), ..self }
+    }
 }
 
 impl Candidate<'_> {
@@ -188,7 +199,7 @@ impl Candidate<'_> {
     fn fill(
         &self,
         (samples, mask): (&Planes, &Arc<Mask>),
-        how: How,
+        how: How<'_>,
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<(Outcome, Effect), Error> {
@@ -200,31 +211,45 @@ impl Candidate<'_> {
         &self,
         guides: Option<&Guides>,
         (samples, mask): (&Planes, &Arc<Mask>),
-        how: How,
+        how: How<'_>,
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<(Outcome, Effect), Error> {
         let plan = self.filter.plan(&Problem::fill(Arc::clone(mask)), run)?;
         let plan = plan.as_ref();
-        let outcome = match how {
-            How::Roughly => plan.reconstruct_roughly(samples, HELD_OUT, out, run)?,
-            How::Exactly => plan.reconstruct(samples, out, run)?,
+        let start = how.start.filter(|(name, _)| self.filter.start() == Some(name));
+        let outcome = match (start, how.error) {
+            (Some((_, image)), error) => {
+                out.clone_from(image);
+                plan.reconstruct_from_start(samples, error, out, run)?
+            }
+            (None, Some(error)) => plan.reconstruct_roughly(samples, error, out, run)?,
+            (None, None) => plan.reconstruct(samples, out, run)?,
         };
         let Some(guides) = guides else { return Ok((outcome, Effect::default())) };
         let (second, effect) = guided::steer((self.filter.as_ref(), plan), mask, samples, guides, out, run)?;
         Ok((outcome.worst(second), effect))
     }
 
-    /// What it predicts at the samples of a fold.
+    /// Leaves its image to those that start from it.
+    fn lead(&self, image: &Planes, start: &mut Start) {
+        if candidates().iter().any(|(_, filter)| filter.start() == Some(self.name)) {
+            *start = Some((self.name, image.clone()));
+        }
+    }
+
+    /// What it predicts at the samples of a fold; `start` is of the same fold.
     fn held_out(
         &self,
         (samples, mask): (&Planes, &Mask),
         (folds, parts): (Folds, Range<u64>),
+        start: &mut Start,
         run: &Run<'_>,
     ) -> Result<HeldOut, Error> {
         let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
             let mut out = Planes::zeros(samples.size(), samples.len());
-            self.fill((samples, kept), How::Roughly, &mut out, run)?;
+            self.fill((samples, kept), How::ROUGHLY.after(start), &mut out, run)?;
+            self.lead(&out, start);
             Ok(out)
         };
         HeldOut::new((samples, mask), (folds, [parts.clone(), parts]), None, &mut fill)
@@ -253,15 +278,16 @@ impl Blend {
         let guides = guides.filter(|_| guided.is_some());
         let mut all = self.worth_trying(guided, samples, run)?;
         let mut held = Vec::new();
-        let voronoi = Voronoi::new(&self.mask);
+        let voronoi = (all.len() > 1).then(|| Voronoi::new(&self.mask));
         if all.len() > 1 || learn {
-            held = self.held_out((&mut all, &voronoi), samples, run)?;
+            held = self.held_out((&mut all, voronoi.as_ref()), samples, run)?;
         }
         if run.interrupted().is_some() {
             return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
         }
         let less = if all.len() > 1 { less(&held[0], &self.mask, self.folds, LESS) } else { 1.0 };
-        let learned = |held: &[HeldOut]| Weights::new((&self.mask, &voronoi), samples, held, less, None);
+        let learned =
+            |held: &[HeldOut]| Weights::new((&self.mask, voronoi.as_ref()), samples, held, less, None);
         let weights = learned(&held);
         let (mut outcome, mut effect) = blend(&mut all, &weights, (samples, &self.mask), out, run)?;
         let mut near = match weights.alone() {
@@ -298,16 +324,18 @@ impl Blend {
     /// What the candidates predict at held-out samples. Those that a first fold of many shows to count for nothing are left out.
     fn held_out(
         &self,
-        (all, voronoi): (&mut Vec<Candidate<'_>>, &Voronoi),
+        (all, voronoi): (&mut Vec<Candidate<'_>>, Option<&Voronoi>),
         samples: &Planes,
         run: &Run<'_>,
     ) -> Result<Vec<HeldOut>, Error> {
         let mut held = vec![HeldOut::default(); all.len()];
         for parts in self.folds.near(self.mask.count()) {
-            for (candidate, held) in all.iter().zip(&mut held) {
+            let mut start = None;
+            for (candidate, held) in all.iter().zip(&mut held).rev() {
                 let fold = (self.folds, parts.clone());
-                held.extend(candidate.held_out((samples, &self.mask), fold, run)?);
+                held.extend(candidate.held_out((samples, &self.mask), fold, &mut start, run)?);
             }
+            drop(start);
             if parts.start == 0 && all.len() > 1 && held[0].at.len() >= DECIDE {
                 let less = less(&held[0], &self.mask, self.folds, LESS);
                 let weights = Weights::new((&self.mask, voronoi), samples, &held, less, None);
@@ -350,7 +378,7 @@ impl Blend {
         let mut guided =
             Candidate { name: "guided", kind: Kind::Spline, filter, guides: Some(guides), done: None };
         let mut out = Planes::zeros(samples.size(), samples.len());
-        let (outcome, effect) = guided.fill((samples, &self.mask), How::Exactly, &mut out, run)?;
+        let (outcome, effect) = guided.fill((samples, &self.mask), How::EXACTLY, &mut out, run)?;
         let gains = effect.gain.is_some();
         guided.done = Some((out, outcome, effect));
         Ok(Some(guided).filter(|_| gains))
@@ -379,7 +407,7 @@ impl Blend {
             let mut out = Planes::zeros(samples.size(), samples.len());
             let guides = all[most].guides;
             let small = guides.zip(excerpt).map(|(guides, excerpt)| guides.within(excerpt));
-            all[most].fill_guided(small.as_ref().or(guides), (samples, kept), How::Roughly, &mut out, run)?;
+            all[most].fill_guided(small.as_ref().or(guides), (samples, kept), How::ROUGHLY, &mut out, run)?;
             Ok(out)
         };
         let deep = HeldOut::deep((samples, &self.mask), self.folds, kind, false, &mut again)?;
@@ -402,15 +430,19 @@ fn blend(
 ) -> Result<(Outcome, Effect), Error> {
     let (mut outcome, mut effect) = (None::<Outcome>, Effect::default());
     let mut one = Planes::zeros(samples.size(), samples.len());
-    for (k, candidate) in all.iter_mut().enumerate().filter(|(k, _)| weights.counts(*k)) {
+    let mut start = None;
+    for (k, candidate) in all.iter_mut().enumerate().filter(|(k, _)| weights.counts(*k)).rev() {
         let alone = weights.alone() == Some(k);
         let image = if alone { &mut *out } else { &mut one };
         let (ended, found) = if let Some((done, ended, found)) = candidate.done.take() {
             *image = done;
             (ended, found)
         } else {
-            candidate.fill((samples, mask), How::Exactly, image, run)?
+            candidate.fill((samples, mask), How::EXACTLY.after(&start), image, run)?
         };
+        if !alone {
+            candidate.lead(image, &mut start);
+        }
         outcome = Some(outcome.map_or(ended, |outcome| outcome.worst(ended)));
         effect.shares.push((candidate.name, weights.share(k)));
         if candidate.guides.is_some() {
@@ -420,6 +452,7 @@ fn blend(
             weights.add(k, &one, out);
         }
     }
+    effect.shares.reverse();
     for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
         mask.restore(samples, out);
     }

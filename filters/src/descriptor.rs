@@ -175,8 +175,10 @@ pub trait Configured: Filter + std::fmt::Debug {
     /// What is to be known of the method.
     fn descriptor(&self) -> &'static Descriptor;
 
-    /// The place of a setting of the descriptor, by its name there.
-    fn field(&mut self, name: &str) -> Option<&mut dyn Field>;
+    /// The place of a setting of the descriptor, by its name there; a filter without settings has none.
+    fn field(&mut self, _name: &str) -> Option<&mut dyn Field> {
+        None
+    }
 
     /// The same filter.
     fn boxed(&self) -> Box<dyn Configured>;

@@ -30,6 +30,11 @@ pub trait Filter: Send + Sync {
     /// # Errors
     /// [`Error::EmptyMask`] and [`Error::Setting`].
     fn plan(&self, problem: &Problem, run: &Run<'_>) -> Result<Box<dyn Plan>, Error>;
+
+    /// The name of the method by whose image, with its defaults, it starts: [`Plan::reconstruct_from_start`] takes that where it is known.
+    fn start(&self) -> Option<&'static str> {
+        None
+    }
 }
 
 /// A method that is ready for samples of its mask.
@@ -56,6 +61,24 @@ pub trait Plan: Send + Sync {
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
         self.reconstruct(samples, out, run)
+    }
+
+    /// The same where `out` holds what the method that it starts from ([`Filter::start`]) makes of the samples, roughly if an error is given.
+    /// The result has the bits that it has without.
+    ///
+    /// # Errors
+    /// As [`Plan::reconstruct`].
+    fn reconstruct_from_start(
+        &self,
+        samples: &Planes,
+        error: Option<f64>,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<Outcome, Error> {
+        match error {
+            Some(error) => self.reconstruct_roughly(samples, error, out, run),
+            None => self.reconstruct(samples, out, run),
+        }
     }
 
     /// The same, where samples of the image's gradient were measured, too. Methods that have no use for them fill from

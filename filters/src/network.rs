@@ -35,10 +35,10 @@ mod refine;
 
 use std::sync::Arc;
 
-use crate::descriptor::{Configured, Descriptor, Field, Takes};
+use crate::descriptor::{Configured, Descriptor, Takes};
 use crate::estimate::Kind;
 use crate::variational::edge;
-use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run};
+use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, check};
 
 /// No settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -62,10 +62,6 @@ impl Configured for Settings {
         &DESCRIPTOR
     }
 
-    fn field(&mut self, _name: &str) -> Option<&mut dyn Field> {
-        None
-    }
-
     fn boxed(&self) -> Box<dyn Configured> {
         Box::new(*self)
     }
@@ -82,6 +78,10 @@ impl Filter for Settings {
         let mask = Arc::clone(&problem.mask);
         let edge = edge::Settings::default().plan(&Problem::fill(Arc::clone(&mask)), run)?;
         Ok(Box::new(Planned { mask, edge }))
+    }
+
+    fn start(&self) -> Option<&'static str> {
+        Some(edge::DESCRIPTOR.name)
     }
 }
 
@@ -101,9 +101,21 @@ impl Plan for Planned {
         let outcome = self.edge.reconstruct_roughly(samples, error, out, run)?;
         Ok(self.refine(outcome, samples, out, run))
     }
+
+    fn reconstruct_from_start(
+        &self,
+        samples: &Planes,
+        _error: Option<f64>,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<Outcome, Error> {
+        check::group(&self.mask, samples, out)?;
+        Ok(self.refine(Outcome::direct(), samples, out, run))
+    }
 }
 
 impl Planned {
+    /// Corrects what edge-enhancing splines made of the samples.
     fn refine(&self, outcome: Outcome, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Outcome {
         if self.mask.is_full() || run.interrupted().is_some() {
             return outcome;

@@ -76,9 +76,10 @@ type Products = Vec<f64>;
 impl Weights {
     /// From predictions at the same held-out samples, one list a candidate; nothing held out leaves all to the first. Candidates that are not
     /// worth their time do not count. At missing pixels, which stand nearer to samples, the first one's squared error is `less` of what it is at held-out
-    /// ones: all inherit as much of its error as theirs go along with it. Samples that stand close together do not speak for all of the image.
+    /// ones: all inherit as much of its error as theirs go along with it. By their cells, samples that stand
+    /// close together do not speak for all of the image; without cells all count alike.
     pub fn new(
-        (mask, voronoi): (&Mask, &Voronoi),
+        (mask, voronoi): (&Mask, Option<&Voronoi>),
         truth: &Planes,
         held: &[HeldOut],
         less: f64,
@@ -144,14 +145,14 @@ impl Weights {
 
     /// Cells and sums as of [`Self::summed`], from predictions at the same held-out samples.
     fn of_errors(
-        (mask, voronoi): (&Mask, &Voronoi),
+        (mask, voronoi): (&Mask, Option<&Voronoi>),
         truth: &Planes,
         held: &[HeldOut],
     ) -> (Self, Vec<Products>, Products) {
         let at = held.first().map_or(&[][..], |held| &held.at);
         let mut errors = vec![0.0_f64; held.len()];
         Self::summed(mask, (at, HELD_OUT), held.len(), |i, pixel, products| {
-            let factor = f64::from(voronoi.weight(pixel as u32)).sqrt();
+            let factor = voronoi.map_or(1.0, |voronoi| f64::from(voronoi.weight(pixel as u32)).sqrt());
             for (channel, plane) in truth.as_slice().iter().enumerate() {
                 let value = f64::from(plane.pixels()[pixel]);
                 for (error, held) in errors.iter_mut().zip(held) {
@@ -402,7 +403,7 @@ mod tests {
             HeldOut { at: at.clone(), predicted: vec![values], variance: Vec::new() }
         };
         let held: Vec<HeldOut> = (0..3).map(one).collect();
-        let weights = Weights::new((&mask, &Voronoi::new(&mask)), &truth, &held, 1.0, None);
+        let weights = Weights::new((&mask, None), &truth, &held, 1.0, None);
         assert!(weights.counts(0) && weights.counts(1) && weights.counts(2));
         let values = [2.0, 0.0, -5.0];
         let mut blend = Planes::zeros(size, 1);
@@ -436,7 +437,7 @@ mod tests {
             };
             (0..3).map(one).collect()
         };
-        let learn = |held: &[HeldOut]| Weights::new((&mask, &Voronoi::new(&mask)), &truth, held, 1.0, None);
+        let learn = |held: &[HeldOut]| Weights::new((&mask, None), &truth, held, 1.0, None);
         let mean = |held: &HeldOut| {
             let errors = held.squared_errors(&truth);
             errors.iter().map(|e| f64::from(*e)).sum::<f64>() / errors.len() as f64

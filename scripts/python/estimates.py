@@ -55,7 +55,7 @@ def frames(folder, wanted):
     guided = [FRAMES / f"{name}-aov.exr" for name in ("engine", "aneurism-iso")]
     noise = [NOISE / f"{name}_reference.exr" for name in ("gloss", "cloud")]
     samples = ROOT / "samples"
-    own = [samples / "edges.exr", samples / "smooth.exr", samples / "texture.exr", samples / "full" / "sequence" / "shot.0001.exr"]
+    own = [samples / "edges.exr", samples / "smooth.exr", samples / "texture.exr", samples / "hdr.exr", samples / "full" / "sequence" / "shot.0001.exr"]
     paths = [path for path in [*found, *own, *guided, *noise] if path.exists() and (not wanted or path.stem in wanted)]
     for name, volume in SCENES.items():
         if (not wanted or name in wanted) and (volume is None or (VOLUMES / volume).exists()):

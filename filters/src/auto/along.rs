@@ -127,7 +127,7 @@ pub fn pulled(
     let learn = |held: &[HeldOut]| {
         let firm = others.ways.iter().position(|way| *way == Way::Pulled(FIRM));
         let firm = firm.map(|way| Preferred { candidate: 1 + way, loss: LOSS, misses: &misses });
-        Weights::new((&own.mask, &voronoi), samples, held, less, firm)
+        Weights::new((&own.mask, Some(&voronoi)), samples, held, less, firm)
     };
     let Gain { gain, own: part } = Gain::new(own.folds, samples, (&held, less), &learn);
     let weights = learn(&held);

@@ -70,6 +70,30 @@ fn it_is_never_far_behind_the_best_and_keeps_what_was_measured() {
 }
 
 #[test]
+fn an_image_to_start_from_changes_no_bit_and_serves_most_candidates() {
+    let (mask, [.., (_, truth)], run) = (mask(0.2), scenes(), Run::default());
+    let plan = |name: &str| {
+        let (_, filter) = { candidates().into_iter() }.find(|(descriptor, _)| descriptor.name == name).unwrap();
+        (filter.start(), filter.plan(&Problem::fill(Arc::clone(&mask)), &run).unwrap())
+    };
+    let fill = |plan: &dyn Plan, error: Option<f64>| {
+        let mut out = Planes::zeros(SIZE, truth.len());
+        match error {
+            Some(error) => plan.reconstruct_roughly(&truth, error, &mut out, &run).unwrap(),
+            None => plan.reconstruct(&truth, &mut out, &run).unwrap(),
+        };
+        out
+    };
+    for (name, error) in ["cnn", "edge"].into_iter().flat_map(|name| [(name, None), (name, Some(HELD_OUT))]) {
+        let (start, own) = plan(name);
+        let mut out = fill(plan(start.unwrap()).1.as_ref(), error);
+        own.reconstruct_from_start(&truth, error, &mut out, &run).unwrap();
+        assert_eq!(out, fill(own.as_ref(), error), "{name} {error:?}");
+    }
+    assert_eq!(plan("ss").0, None);
+}
+
+#[test]
 fn threads_change_no_bit() {
     let mask = mask(0.2);
     let [.., (_, truth)] = scenes();

@@ -22,9 +22,10 @@ pub fn worth_trying(
     let tiles = &tiles.mask;
     let mut held = vec![HeldOut::default(); candidates.len()];
     for parts in folds.near(tiles.count()) {
-        for (candidate, held) in candidates.iter().zip(&mut held) {
+        let mut start = None;
+        for (candidate, held) in candidates.iter().zip(&mut held).rev() {
             let fold = (folds, parts.clone());
-            held.extend(candidate.held_out((&planes, tiles), fold, run)?.sorted(judged));
+            held.extend(candidate.held_out((&planes, tiles), fold, &mut start, run)?.sorted(judged));
         }
         if held.first().is_none_or(|held| held.at.len() >= ENOUGH) {
             break;
@@ -34,6 +35,6 @@ pub fn worth_trying(
         return Ok(all());
     }
     let less = super::less(&held[0], tiles, folds, super::LESS);
-    let weights = Weights::new((tiles, &Voronoi::new(tiles)), &planes, &held, less, None);
+    let weights = Weights::new((tiles, Some(&Voronoi::new(tiles))), &planes, &held, less, None);
     Ok(candidates.iter().enumerate().filter(|(k, _)| weights.counts(*k)).map(|(_, c)| c.name).collect())
 }

@@ -76,7 +76,7 @@ impl Given<'_> {
     /// What the frame gives without guides.
     fn plain(&self, run: &Run<'_>) -> Result<(Planes, Outcome), Error> {
         let [cnn, ..] = candidates();
-        let how = if self.held_out_of.is_some() { How::Roughly } else { How::Exactly };
+        let how = if self.held_out_of.is_some() { How::ROUGHLY } else { How::EXACTLY };
         let mut out = Planes::zeros(self.samples.size(), self.samples.len());
         let (outcome, _) = Candidate::of(cnn).fill((self.samples, self.mask), how, &mut out, run)?;
         Ok((out, outcome))

@@ -30,7 +30,7 @@ use self::gradients::Network;
 use self::patch::{Patch, across};
 use super::delaunay::Barycentric;
 use super::linear::Scattered;
-use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
+use crate::descriptor::{Configured, Descriptor, Memory, Takes};
 use crate::estimate::Kind;
 use crate::{Error, Filter, Outcome, Plan, Planes, Problem, Run, Stop};
 
@@ -55,10 +55,6 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
 impl Configured for Settings {
     fn descriptor(&self) -> &'static Descriptor {
         &DESCRIPTOR
-    }
-
-    fn field(&mut self, _name: &str) -> Option<&mut dyn Field> {
-        None
     }
 
     fn boxed(&self) -> Box<dyn Configured> {

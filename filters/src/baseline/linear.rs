@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use super::delaunay::{NONE, Triangulation};
 use super::nearest::NearestMap;
-use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
+use crate::descriptor::{Configured, Descriptor, Memory, Takes};
 use crate::estimate::Kind;
 use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, check};
 
@@ -40,10 +40,6 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
 impl Configured for Settings {
     fn descriptor(&self) -> &'static Descriptor {
         &DESCRIPTOR
-    }
-
-    fn field(&mut self, _name: &str) -> Option<&mut dyn Field> {
-        None
     }
 
     fn boxed(&self) -> Box<dyn Configured> {

@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
-use crate::descriptor::{Configured, Descriptor, Field, Memory, Takes};
+use crate::descriptor::{Configured, Descriptor, Memory, Takes};
 use crate::estimate::Kind;
 use crate::kernel::Isa;
 use crate::kernel::pyramid::{self, Pull};
@@ -43,10 +43,6 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
 impl Configured for Settings {
     fn descriptor(&self) -> &'static Descriptor {
         &DESCRIPTOR
-    }
-
-    fn field(&mut self, _name: &str) -> Option<&mut dyn Field> {
-        None
     }
 
     fn boxed(&self) -> Box<dyn Configured> {

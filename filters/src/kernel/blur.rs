@@ -36,6 +36,13 @@ pub fn blur(size: Size, values: &[f32], sigma: f64) -> Vec<f32> {
     out
 }
 
+/// Half of the window of a Gaussian whose sum is 1, by the distance from its middle in pixels.
+pub fn half_window<const N: usize>(sigma: f64) -> [f32; N] {
+    let gauss = |k: usize| (-0.5 * (k as f64 / sigma).powi(2)).exp();
+    let sum = 1.0 + 2.0 * (1..N).map(gauss).sum::<f64>();
+    std::array::from_fn(|k| (gauss(k) / sum) as f32)
+}
+
 /// Sums of values `apart` from each other, each with its weight.
 struct Weighted<'a> {
     weights: &'a [f32],

@@ -19,6 +19,7 @@ use solve::Operator;
 pub use solve::Solve;
 
 use super::Body;
+use super::extremes::span;
 
 mod solve;
 
@@ -90,7 +91,7 @@ impl Body for Weigh<'_> {
         let Tile { height, width, values, matrix, room, .. } = self.tile;
         let (h, w) = (*height, *width);
         let [smooth, other] = room;
-        let squares: f32 = values.chunks_exact(h * w).map(range).map(|range| range * range).sum();
+        let squares: f32 = values.chunks_exact(h * w).map(span).map(|span| span * span).sum();
         if 1.0 / (1.0 + STEEPEST * squares * self.how.inverse) >= self.sought {
             return 1.0;
         }
@@ -118,23 +119,6 @@ impl Body for Weigh<'_> {
         }
         least(other)
     }
-}
-
-/// The largest of some values less the least one.
-#[inline(always)]
-pub fn range(values: &[f32]) -> f32 {
-    let mut lanes = [[f32::INFINITY, f32::NEG_INFINITY]; LANES];
-    let (whole, rest) = values.as_chunks::<LANES>();
-    for values in whole {
-        for ([least, most], value) in lanes.iter_mut().zip(values) {
-            (*least, *most) = (least.min(*value), most.max(*value));
-        }
-    }
-    let lanes = lanes.into_iter().chain(rest.iter().map(|value| [*value; 2]));
-    let [least, most] = lanes.fold([f32::INFINITY, f32::NEG_INFINITY], |[least, most], [low, high]| {
-        [least.min(low), most.max(high)]
-    });
-    most - least
 }
 
 /// The least of some values and 1.

@@ -12,13 +12,9 @@
 #![allow(clippy::inline_always, reason = "a body must be compiled with the instruction set of its caller")]
 
 use super::Body;
-use super::curvature::range;
+use super::blur::half_window;
+use super::extremes::{least, most, span};
 
-/// Standard deviation and reach, in pixels, of the blur that detail is finer than.
-const FINER: (f64, usize) = (1.5, 4);
-/// The same of the mean of the finest detail, and of all of it.
-const NEAR: (f64, usize) = (1.0, 3);
-const AROUND: (f64, usize) = (2.5, 6);
 /// Keeps quotients finite.
 const TINY: f32 = 1e-18;
 /// The most that detail and range may be, over the strength of detail around.
@@ -61,25 +57,26 @@ impl Body for Measure<'_> {
     fn run<const FUSED: bool>(self) {
         let Self { values, width, detail } = self;
         let Detail { low, high, signed, fine, steep, amplitude, blur, room: [finest, other] } = detail;
+        let (finer, near, around) = (half_window::<5>(1.5), half_window::<4>(1.0), half_window::<7>(2.5));
         for plane in [&mut *low, high, signed, fine, steep, amplitude, finest, other] {
             plane.resize(values.len(), 0.0);
         }
         extremes(values, width, other, low, least);
         extremes(values, width, other, high, most);
-        blur.run(values, width, FINER, true, other);
+        blur.run(values, width, &finer, true, other);
         for ((signed, value), smooth) in signed.iter_mut().zip(values).zip(&*other) {
             *signed = value - smooth;
         }
-        blur.run(signed, width, FINER, false, other);
+        blur.run(signed, width, &finer, false, other);
         for ((finest, signed), smooth) in finest.iter_mut().zip(&*signed).zip(&*other) {
             let rest = signed - smooth;
             *finest = rest * rest;
         }
-        blur.run(finest, width, NEAR, false, fine);
+        blur.run(finest, width, &near, false, fine);
         for (square, signed) in finest.iter_mut().zip(&*signed) {
             *square = signed * signed;
         }
-        blur.run(finest, width, AROUND, false, other);
+        blur.run(finest, width, &around, false, other);
         for i in 0..values.len() {
             let (near, inverse) = (fine[i].max(0.0).sqrt(), 1.0 / (other[i].max(0.0).sqrt() + TINY));
             let span = high[i] - low[i];
@@ -122,20 +119,8 @@ impl Body for Span<'_> {
 
     #[inline(always)]
     fn run<const FUSED: bool>(self) -> f32 {
-        range(self.0)
+        span(self.0)
     }
-}
-
-/// The smaller of two numbers.
-#[inline(always)]
-fn least(a: f32, b: f32) -> f32 {
-    if b < a { b } else { a }
-}
-
-/// The larger of two numbers.
-#[inline(always)]
-fn most(a: f32, b: f32) -> f32 {
-    if b > a { b } else { a }
 }
 
 /// A separable blur and its room.
@@ -148,10 +133,8 @@ struct Blur {
 impl Blur {
     /// Blurs along rows, then along columns; beyond the border by point reflection if `reflects`, else by the outermost pixel.
     #[inline(always)]
-    fn run(&mut self, from: &[f32], w: usize, (sigma, reach): (f64, usize), reflects: bool, to: &mut [f32]) {
-        let taps = taps(sigma, reach);
-        let taps = &taps[..=reach];
-        let h = from.len() / w;
+    fn run(&mut self, from: &[f32], w: usize, taps: &[f32], reflects: bool, to: &mut [f32]) {
+        let (h, reach) = (from.len() / w, taps.len() - 1);
         self.line.resize(w + 2 * reach, 0.0);
         self.tall.resize((h + 2 * reach) * w, 0.0);
         for (row, out) in from.chunks_exact(w).zip(self.tall[reach * w..].chunks_exact_mut(w)) {
@@ -178,14 +161,6 @@ impl Blur {
             weighted(&self.tall[y * w..][..(2 * reach + 1) * w], w, taps, out);
         }
     }
-}
-
-/// Half of a Gaussian window whose sum is 1, by distance.
-#[inline(always)]
-fn taps(sigma: f64, reach: usize) -> [f32; AROUND.1 + 1] {
-    let gauss = |k: usize| (-0.5 * (k as f64 / sigma).powi(2)).exp();
-    let sum = 1.0 + 2.0 * (1..=reach).map(gauss).sum::<f64>();
-    std::array::from_fn(|k| (gauss(k) / sum) as f32)
 }
 
 /// Sums of values `apart` from each other by their distance from the middle one.

@@ -6,6 +6,9 @@ use lacuna_core::parallel::prelude::*;
 
 use super::{Body, Isa, dispatch};
 
+/// Extremes that are kept apart, so that the compiler may use vectors.
+const LANES: usize = 16;
+
 /// Whether all of the values that are flagged are finite.
 pub fn finite(flags: &[bool], values: &[f32]) -> bool {
     dispatch(Isa::best(), Finite { flags, values })
@@ -48,22 +51,45 @@ impl Body for Range<'_> {
     fn run<const FUSED: bool>(self) -> (f32, f32) {
         let Range { flags, values } = self;
         // As many minima as there are lanes: one alone would wait for itself.
-        let (mut low, mut high) = ([f32::INFINITY; 16], [f32::INFINITY; 16]);
-        for (values, flags) in values.chunks(16).zip(flags.chunks(16)) {
+        let (mut low, mut high) = ([f32::INFINITY; LANES], [f32::INFINITY; LANES]);
+        for (values, flags) in values.chunks(LANES).zip(flags.chunks(LANES)) {
             for (((low, high), &value), &flag) in low.iter_mut().zip(&mut high).zip(values).zip(flags) {
                 *low = least(*low, or_infinite(value, flag));
                 *high = least(*high, or_infinite(-value, flag));
             }
         }
-        let smallest = |lanes: [f32; 16]| lanes.into_iter().fold(f32::INFINITY, least);
+        let smallest = |lanes: [f32; LANES]| lanes.into_iter().fold(f32::INFINITY, least);
         (smallest(low), -smallest(high))
     }
+}
+
+/// The largest of some values less the least one.
+#[inline(always)]
+pub fn span(values: &[f32]) -> f32 {
+    let mut lanes = [[f32::INFINITY, f32::NEG_INFINITY]; LANES];
+    let (whole, rest) = values.as_chunks::<LANES>();
+    for values in whole {
+        for ([least, most], value) in lanes.iter_mut().zip(values) {
+            (*least, *most) = (least.min(*value), most.max(*value));
+        }
+    }
+    let lanes = lanes.into_iter().chain(rest.iter().map(|value| [*value; 2]));
+    let [least, most] = lanes.fold([f32::INFINITY, f32::NEG_INFINITY], |[least, most], [low, high]| {
+        [least.min(low), most.max(high)]
+    });
+    most - least
 }
 
 /// The smaller of two numbers; unlike `f32::min` a single instruction, as NaN does not occur.
 #[inline(always)]
 pub fn least(a: f32, b: f32) -> f32 {
     if b < a { b } else { a }
+}
+
+/// The larger of two numbers, likewise.
+#[inline(always)]
+pub fn most(a: f32, b: f32) -> f32 {
+    if b > a { b } else { a }
 }
 
 /// The value if it counts, else infinity. By bits: a choice would become a branch, and the loop would not run in vectors.

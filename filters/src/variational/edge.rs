@@ -53,6 +53,7 @@ use lacuna_core::parallel::prelude::*;
 
 use crate::descriptor::{Configured, Descriptor, Field, Memory, Range, Setting, Takes};
 use crate::estimate::Kind;
+use crate::kernel::blur::half_window;
 use crate::kernel::curvature::{Solve, Tile, Weigh, Weighting};
 use crate::kernel::{Isa, dispatch};
 use crate::sampling::hash;
@@ -176,13 +177,17 @@ impl Filter for Settings {
         let start = ss::Settings::default().plan(&Problem::fill(Arc::clone(&mask)), run)?;
         Ok(Box::new(Planned { settings: *self, mask, start, isa: Isa::best() }))
     }
+
+    fn start(&self) -> Option<&'static str> {
+        Some(ss::DESCRIPTOR.name)
+    }
 }
 
 impl Plan for Planned {
     fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
         // The start checks the planes, and copies every measured pixel's bits.
         let start = self.start.reconstruct(samples, out, run)?;
-        Ok(self.enhance(start, STEPS, samples, out, run))
+        Ok(self.enhance(start, steps(None), samples, out, run))
     }
 
     fn reconstruct_roughly(
@@ -193,20 +198,29 @@ impl Plan for Planned {
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
         let start = self.start.reconstruct_roughly(samples, error, out, run)?;
-        Ok(self.enhance(start, if error < ROUGH { STEPS } else { FEW_STEPS }, samples, out, run))
+        Ok(self.enhance(start, steps(Some(error)), samples, out, run))
     }
+
+    fn reconstruct_from_start(
+        &self,
+        samples: &Planes,
+        error: Option<f64>,
+        out: &mut Planes,
+        run: &Run<'_>,
+    ) -> Result<Outcome, Error> {
+        check::group(&self.mask, samples, out)?;
+        Ok(self.enhance(Outcome::direct(), steps(error), samples, out, run))
+    }
+}
+
+/// Steps of conjugate gradients at most, where so large an error will do.
+fn steps(error: Option<f64>) -> usize {
+    if error.is_some_and(|error| error >= ROUGH) { FEW_STEPS } else { STEPS }
 }
 
 /// The power of two below a spread: values over it are exact, and their squares stay in the range of f32.
 pub fn unit(spread: f64) -> f64 {
     spread.log2().floor().clamp(-120.0, 120.0).exp2()
-}
-
-/// Half of the window of a Gaussian whose sum is 1.
-fn window<const N: usize>() -> [f32; N] {
-    let gauss = |k: usize| (-0.5 * (k as f64 / BLUR).powi(2)).exp();
-    let sum = 1.0 + 2.0 * (1..N).map(gauss).sum::<f64>();
-    std::array::from_fn(|k| (gauss(k) / sum) as f32)
 }
 
 /// The spread of each channel's measured values; of a large image, those of some rows.
@@ -251,7 +265,7 @@ impl Planned {
             inverse: (1.0 / (contrast * contrast)) as f32,
             slope: SLOPE * SLOPE,
             floor: FLOOR,
-            blur: window(),
+            blur: half_window(BLUR),
         };
         let how = How { weighting, unit: unit as f32, steps };
         outcome.residual = None;
