@@ -73,7 +73,8 @@ fn it_is_never_far_behind_the_best_and_keeps_what_was_measured() {
 fn an_image_to_start_from_changes_no_bit_and_serves_most_candidates() {
     let (mask, [.., (_, truth)], run) = (mask(0.2), scenes(), Run::default());
     let plan = |name: &str| {
-        let (_, filter) = { candidates().into_iter() }.find(|(descriptor, _)| descriptor.name == name).unwrap();
+        let (_, filter) =
+            { candidates().into_iter() }.find(|(descriptor, _)| descriptor.name == name).unwrap();
         (filter.start(), filter.plan(&Problem::fill(Arc::clone(&mask)), &run).unwrap())
     };
     let fill = |plan: &dyn Plan, error: Option<f64>| {

@@ -139,11 +139,12 @@ impl Tile {
         }
         for (k, runs) in self.runs.iter_mut().enumerate() {
             if k == 1 {
-                // One step to either side is as far as all layers together reach.
-                flags = grown(&flags, 1, columns);
+                // As far to either side as all layers after the first reach together.
+                const { assert!(STEP >= LAYERS.len() - 1) };
+                flags = widened(&flags, columns);
             }
             if k > 0 {
-                flags = grown(&flags, columns, columns);
+                flags = heightened(&flags, columns);
             }
             runs.resize(rows, Vec::new());
             for (flags, runs) in flags.chunks_exact(columns).zip(runs) {
@@ -216,7 +217,7 @@ fn every(row: &mut [f32], first: usize, f: impl Fn(usize, &mut f32)) {
     row.iter_mut().enumerate().for_each(|(x, to)| f(first + BLOCK * x, to));
 }
 
-/// Blocks of a row of flags, each for as many of them, in runs.
+/// The runs of blocks that the flags of a row stand for, [`STEP`] blocks each.
 fn runs_of(flags: &[bool], end: usize) -> impl Iterator<Item = Range<usize>> {
     let mut next = 0;
     flags.chunk_by(|a, b| a == b).filter_map(move |same| {
@@ -226,11 +227,16 @@ fn runs_of(flags: &[bool], end: usize) -> impl Iterator<Item = Range<usize>> {
     })
 }
 
-/// Flags whose neighbours at a distance within rows of some length, or above and below, are set, or they themselves.
-fn grown(flags: &[bool], distance: usize, columns: usize) -> Vec<bool> {
-    let beside = |i: usize, j: usize| distance == columns || i / columns == j / columns;
-    let set = |i: usize, j: usize| beside(i, j) && flags.get(j) == Some(&true);
-    (0..flags.len())
-        .map(|i| flags[i] || set(i, i + distance) || i.checked_sub(distance).is_some_and(|j| set(i, j)))
-        .collect()
+/// Flags that are set, or have one beside them in their row.
+fn widened(flags: &[bool], columns: usize) -> Vec<bool> {
+    let row = |row: &[bool]| -> Vec<bool> {
+        (0..columns).map(|x| row[x.saturating_sub(1)..(x + 2).min(columns)].contains(&true)).collect()
+    };
+    flags.chunks_exact(columns).flat_map(row).collect()
+}
+
+/// Flags that are set, or have one above or below them.
+fn heightened(flags: &[bool], columns: usize) -> Vec<bool> {
+    let below = |i: usize| flags.get(i + columns) == Some(&true);
+    (0..flags.len()).map(|i| flags[i] || (i >= columns && flags[i - columns]) || below(i)).collect()
 }
