@@ -46,12 +46,13 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::descriptor::{Configured, Descriptor, Memory, Takes};
+use crate::domain::Map;
 use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, HeldOut, Kind, Voronoi};
 use crate::network;
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
 use crate::variational::{edge, ss, tv};
-use crate::weights::Weights;
+use crate::weights::{Truth, Weights};
 use crate::{Error, Filter, Gradients, Mask, Outcome, Plan, Planes, Problem, Run};
 
 /// What guides must take away of the squared error of splines to have nothing but `cnn` beside them, and in large images, where that takes
@@ -65,6 +66,8 @@ const FEWEST: usize = 64;
 /// The power of the variance by which errors of candidates are taken to fall from held-out samples to missing pixels: that of edges, less than that of
 /// shading.
 const LESS: f64 = 0.5;
+/// The power of that ratio by which the part of an error falls that goes too far.
+const OVER: f64 = 0.5;
 
 /// No settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -128,7 +131,7 @@ pub struct Blend {
 
 impl Plan for Blend {
     fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
-        Ok(self.choose(samples, (None, &[]), false, out, run)?.0)
+        Ok(self.choose((samples, Map::Linear), (None, &[]), false, out, run)?.0)
     }
 
     fn reconstruct_roughly(
@@ -257,10 +260,10 @@ impl Candidate<'_> {
 }
 
 impl Blend {
-    /// Fills `out`; also says what was chosen and, if asked for, what held-out samples show of the result.
+    /// Fills `out` from samples in the domain of a map; also says what was chosen and, if asked for, what held-out samples show of the result.
     pub(crate) fn choose(
         &self,
-        samples: &Planes,
+        (samples, map): (&Planes, Map),
         (guides, carried): (Option<&Guides>, &[Carried]),
         learn: bool,
         out: &mut Planes,
@@ -276,18 +279,19 @@ impl Blend {
             None => None,
         };
         let guides = guides.filter(|_| guided.is_some());
-        let mut all = self.worth_trying(guided, samples, run)?;
+        let mut all = self.worth_trying(guided, (samples, map), run)?;
         let mut held = Vec::new();
         let voronoi = (all.len() > 1).then(|| Voronoi::new(&self.mask));
         if all.len() > 1 || learn {
-            held = self.held_out((&mut all, voronoi.as_ref()), samples, run)?;
+            held = self.held_out((&mut all, voronoi.as_ref()), (samples, map), run)?;
         }
         if run.interrupted().is_some() {
             return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
         }
         let less = if all.len() > 1 { less(&held[0], &self.mask, self.folds, LESS) } else { 1.0 };
-        let learned =
-            |held: &[HeldOut]| Weights::new((&self.mask, voronoi.as_ref()), samples, held, less, None);
+        let truth =
+            Truth { mask: &self.mask, voronoi: voronoi.as_ref(), samples, map, less, over: less.powf(OVER) };
+        let learned = |held: &[HeldOut]| Weights::new(&truth, held, None);
         let weights = learned(&held);
         let (mut outcome, mut effect) = blend(&mut all, &weights, (samples, &self.mask), out, run)?;
         let mut near = match weights.alone() {
@@ -325,7 +329,7 @@ impl Blend {
     fn held_out(
         &self,
         (all, voronoi): (&mut Vec<Candidate<'_>>, Option<&Voronoi>),
-        samples: &Planes,
+        (samples, map): (&Planes, Map),
         run: &Run<'_>,
     ) -> Result<Vec<HeldOut>, Error> {
         let mut held = vec![HeldOut::default(); all.len()];
@@ -338,7 +342,8 @@ impl Blend {
             drop(start);
             if parts.start == 0 && all.len() > 1 && held[0].at.len() >= DECIDE {
                 let less = less(&held[0], &self.mask, self.folds, LESS);
-                let weights = Weights::new((&self.mask, voronoi), samples, &held, less, None);
+                let truth = Truth { mask: &self.mask, voronoi, samples, map, less, over: less.powf(OVER) };
+                let weights = Weights::new(&truth, &held, None);
                 let both = std::mem::take(all).into_iter().zip(std::mem::take(&mut held)).enumerate();
                 (*all, held) = both.filter(|(k, _)| weights.counts(*k)).map(|(_, both)| both).unzip();
             }
@@ -350,13 +355,13 @@ impl Blend {
     fn worth_trying<'a>(
         &self,
         guided: Option<Candidate<'a>>,
-        samples: &Planes,
+        (samples, map): (&Planes, Map),
         run: &Run<'_>,
     ) -> Result<Vec<Candidate<'a>>, Error> {
         let mut all: Vec<Candidate<'_>> = candidates().into_iter().map(Candidate::of).collect();
         let gain = guided.as_ref().and_then(|guided| guided.done.as_ref()?.2.gain);
         if gain.is_none_or(|gain| gain < ENOUGH) {
-            let tried = trial::worth_trying(&all, (samples, &self.mask), self.folds, run)?;
+            let tried = trial::worth_trying(&all, (samples, map), (&self.mask, self.folds), run)?;
             all.retain(|candidate| tried.contains(&candidate.name));
             all.extend(guided);
             return Ok(all);

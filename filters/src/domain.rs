@@ -89,6 +89,9 @@ pub enum Map {
     },
 }
 
+/// White, in scales, in frames of brighter light than displays show.
+const WHITE: f64 = 4.0;
+
 /// Below this the series of asinh and sinh to third order are exact to f64, and the closed forms are not.
 const SMALL: f64 = 1e-4;
 
@@ -111,6 +114,15 @@ impl Map {
         match self {
             Self::Linear => value,
             Self::Log { scale } => asinh(f64::from(value) / scale) as f32,
+        }
+    }
+
+    /// What can be seen of a mapped value on a display, by which errors of light are compared: up to white, which is 1, or four times the
+    /// scale where that is more, by its square root, about as displays encode it. Where the map is linear, the value itself.
+    pub fn shown(self, mapped: f64) -> f64 {
+        match self {
+            Self::Linear => mapped,
+            Self::Log { scale } => (mapped.sinh() / (1.0 / scale).max(WHITE)).clamp(0.0, 1.0).sqrt(),
         }
     }
 

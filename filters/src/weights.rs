@@ -12,6 +12,7 @@ mod surfaces;
 
 use lacuna_core::parallel::prelude::*;
 
+use crate::domain::Map;
 use crate::estimate::{HeldOut, Voronoi};
 use crate::sampling::hash;
 use crate::{Mask, Plane, Planes, Size};
@@ -59,6 +60,23 @@ pub struct Weights {
     shares: Vec<f64>,
 }
 
+/// What was measured at held-out samples, and what these stand for.
+#[derive(Clone, Copy)]
+pub struct Truth<'a> {
+    /// Where samples are.
+    pub mask: &'a Mask,
+    /// Their cells, by which those that stand close together do not speak for all of the image; without, all count alike.
+    pub voronoi: Option<&'a Voronoi>,
+    /// Their values.
+    pub samples: &'a Planes,
+    /// The domain of these; errors are those of what can be shown.
+    pub map: Map,
+    /// What the first candidate's squared error is at missing pixels, which stand nearer to samples, over that at held-out ones.
+    pub less: f64,
+    /// What is left there of the part of its error that goes too far, so that mixing others in is right.
+    pub over: f64,
+}
+
 /// A candidate that is taken alone where that costs little and is right.
 #[derive(Clone, Copy, Debug)]
 pub struct Preferred<'a> {
@@ -75,23 +93,19 @@ type Products = Vec<f64>;
 
 impl Weights {
     /// From predictions at the same held-out samples, one list a candidate; nothing held out leaves all to the first. Candidates that are not
-    /// worth their time do not count. At missing pixels, which stand nearer to samples, the first one's squared error is `less` of what it is at held-out
-    /// ones: all inherit as much of its error as theirs go along with it. By their cells, samples that stand
-    /// close together do not speak for all of the image; without cells all count alike.
-    pub fn new(
-        (mask, voronoi): (&Mask, Option<&Voronoi>),
-        truth: &Planes,
-        held: &[HeldOut],
-        less: f64,
-        prefers: Option<Preferred<'_>>,
-    ) -> Self {
+    /// worth their time do not count.
+    pub fn new(truth: &Truth<'_>, held: &[HeldOut], prefers: Option<Preferred<'_>>) -> Self {
+        let mask = truth.mask;
         let at = held.first().map_or(&[][..], |held| &held.at);
         if at.is_empty() || held.len() < 2 {
             return Self::first(mask, (at, HELD_OUT));
         }
-        let (mut own, mut around, mut whole) = Self::of_errors((mask, voronoi), truth, held);
+        let (mut own, mut around, mut whole) = Self::of_errors(truth, held);
         let right = prefers.map(|one| own.right(at, &around, one.misses));
-        around.iter_mut().chain([&mut whole]).for_each(|products| inherit(products, held.len(), less));
+        around
+            .iter_mut()
+            .chain([&mut whole])
+            .for_each(|products| inherit(products, held.len(), [truth.less, truth.over]));
         let mut counting: Vec<usize> = (0..held.len()).collect();
         while let Some(least) = Self::dispensable(&around, (&whole, own.frame), held.len(), &counting) {
             counting.retain(|&k| k != least);
@@ -144,19 +158,16 @@ impl Weights {
     }
 
     /// Cells and sums as of [`Self::summed`], from predictions at the same held-out samples.
-    fn of_errors(
-        (mask, voronoi): (&Mask, Option<&Voronoi>),
-        truth: &Planes,
-        held: &[HeldOut],
-    ) -> (Self, Vec<Products>, Products) {
+    fn of_errors(truth: &Truth<'_>, held: &[HeldOut]) -> (Self, Vec<Products>, Products) {
+        let Truth { mask, voronoi, samples, map, .. } = *truth;
         let at = held.first().map_or(&[][..], |held| &held.at);
         let mut errors = vec![0.0_f64; held.len()];
         Self::summed(mask, (at, HELD_OUT), held.len(), |i, pixel, products| {
             let factor = voronoi.map_or(1.0, |voronoi| f64::from(voronoi.weight(pixel as u32)).sqrt());
-            for (channel, plane) in truth.as_slice().iter().enumerate() {
-                let value = f64::from(plane.pixels()[pixel]);
+            for (channel, plane) in samples.as_slice().iter().enumerate() {
+                let value = map.shown(f64::from(plane.pixels()[pixel]));
                 for (error, held) in errors.iter_mut().zip(held) {
-                    *error = f64::from(held.predicted[channel][i]) - value;
+                    *error = map.shown(f64::from(held.predicted[channel][i])) - value;
                 }
                 for error in &mut errors {
                     *error *= factor;
@@ -346,12 +357,18 @@ pub fn add_products(errors: &[f64], products: &mut [f64]) {
     }
 }
 
-/// Takes from the products of errors what all have of a part of the first one's.
-fn inherit(products: &mut [f64], count: usize, less: f64) {
-    let first = products[..count].to_vec();
-    if first[0] > 0.0 && less < 1.0 {
-        for (k, row) in products.chunks_exact_mut(count).enumerate() {
-            row.iter_mut().zip(&first).for_each(|(own, l)| *own -= (1.0 - less) * first[k] * l / first[0]);
+/// Makes products of errors at held-out samples those at missing pixels. With `e` the first one's error the others' are `b e + r`, `r` apart from it. The
+/// square of `e` is `less` of what it was, `r` is as it was. Where `b` is below 1, `e` is too large by what mixing with others cures, of which `over` is left.
+fn inherit(products: &mut [f64], count: usize, [less, over]: [f64; 2]) {
+    let own = products[0];
+    if own <= 0.0 || less >= 1.0 {
+        return;
+    }
+    let before: Vec<f64> = products[..count].iter().map(|product| product / own).collect();
+    let after: Vec<f64> = before.iter().map(|&b| b + (1.0 - over) * (1.0 - b).max(0.0)).collect();
+    for (k, row) in products.chunks_exact_mut(count).enumerate() {
+        for (l, product) in row.iter_mut().enumerate() {
+            *product += own * (less * after[k] * after[l] - before[k] * before[l]);
         }
     }
 }
@@ -387,6 +404,11 @@ fn blur(size: Size, cells: &[Products]) -> Vec<Products> {
 mod tests {
     use super::*;
 
+    /// Samples that stand for all, as they are.
+    fn told<'a>(mask: &'a Mask, samples: &'a Planes) -> Truth<'a> {
+        Truth { mask, voronoi: None, samples, map: Map::Linear, less: 1.0, over: 1.0 }
+    }
+
     /// A mean of values is the blend of images of these values.
     #[test]
     fn means_are_blends_of_constant_images() {
@@ -403,7 +425,7 @@ mod tests {
             HeldOut { at: at.clone(), predicted: vec![values], variance: Vec::new() }
         };
         let held: Vec<HeldOut> = (0..3).map(one).collect();
-        let weights = Weights::new((&mask, None), &truth, &held, 1.0, None);
+        let weights = Weights::new(&told(&mask, &truth), &held, None);
         assert!(weights.counts(0) && weights.counts(1) && weights.counts(2));
         let values = [2.0, 0.0, -5.0];
         let mut blend = Planes::zeros(size, 1);
@@ -437,7 +459,7 @@ mod tests {
             };
             (0..3).map(one).collect()
         };
-        let learn = |held: &[HeldOut]| Weights::new((&mask, None), &truth, held, 1.0, None);
+        let learn = |held: &[HeldOut]| Weights::new(&told(&mask, &truth), held, None);
         let mean = |held: &HeldOut| {
             let errors = held.squared_errors(&truth);
             errors.iter().map(|e| f64::from(*e)).sum::<f64>() / errors.len() as f64
@@ -456,13 +478,19 @@ mod tests {
         assert!((crossed / new - 1.0).abs() < 0.1, "{own} {crossed} {new}");
     }
 
-    /// Of errors `a`, `c a + r` with `r` apart from `a`: those of a part of `a`.
+    /// Of errors `a`, `c a + r` with `r` apart from `a`: those of a part of `a`, with `c` nearer to 1 where it is less.
     #[test]
     fn what_goes_along_with_the_first_error_is_inherited_in_part() {
-        let (a, c, r, less) = (4.0, 0.5, 3.0, 0.3);
-        let mut products = vec![a, c * a, c * a, c * c * a + r];
-        inherit(&mut products, 2, less);
-        let expected = [less * a, less * c * a, less * c * a, less * c * c * a + r];
-        assert!(products.iter().zip(expected).all(|(found, e)| (found - e).abs() < 1e-12), "{products:?}");
+        let (a, r, less) = (4.0, 3.0, 0.3);
+        for (c, over, after) in [(0.5, 1.0, 0.5), (0.5, 0.4, 0.8), (1.5, 0.4, 1.5)] {
+            let mut products = vec![a, c * a, c * a, c * c * a + r];
+            inherit(&mut products, 2, [less, over]);
+            let part = less * a;
+            let expected = [part, after * part, after * part, after * after * part + r];
+            assert!(
+                products.iter().zip(expected).all(|(found, e)| (found - e).abs() < 1e-12),
+                "{products:?}"
+            );
+        }
     }
 }

@@ -11,12 +11,13 @@ use std::sync::Arc;
 use super::standing::Standing;
 use super::ways::{Given, Way};
 use super::{Blend, Candidate, blend, less};
+use crate::domain::Map;
 use crate::estimate::{Folds, HeldOut, Voronoi};
 use crate::sampling::hash;
 use crate::temporal::{self, Carried, First, Pull};
 use crate::variational::guided::{Guides, Regression};
 use crate::variational::ss;
-use crate::weights::{Preferred, Weights};
+use crate::weights::{Preferred, Truth, Weights};
 use crate::{Error, Filter, Mask, Outcome, Planes, Problem, Run};
 
 /// How samples of other frames may pull.
@@ -124,10 +125,12 @@ pub fn pulled(
     let less = less(&held[0], &own.mask, own.folds, LESS);
     let misses = if others.whole { misses(&own.mask, carried, out) } else { Vec::new() };
     let voronoi = Voronoi::new(&own.mask);
+    let truth =
+        Truth { mask: &own.mask, voronoi: Some(&voronoi), samples, map: Map::Linear, less, over: 1.0 };
     let learn = |held: &[HeldOut]| {
         let firm = others.ways.iter().position(|way| *way == Way::Pulled(FIRM));
         let firm = firm.map(|way| Preferred { candidate: 1 + way, loss: LOSS, misses: &misses });
-        Weights::new((&own.mask, Some(&voronoi)), samples, held, less, firm)
+        Weights::new(&truth, held, firm)
     };
     let Gain { gain, own: part } = Gain::new(own.folds, samples, (&held, less), &learn);
     let weights = learn(&held);

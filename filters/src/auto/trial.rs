@@ -1,8 +1,9 @@
 //! Which candidates are worth computing for all of a large image: they are tried on tiles that are spread over it.
 
 use super::Candidate;
+use crate::domain::Map;
 use crate::estimate::{Excerpt, Folds, HeldOut, Voronoi};
-use crate::weights::Weights;
+use crate::weights::{Truth, Weights};
 use crate::{Error, Mask, Planes, Run};
 
 /// Held-out samples at which candidates are compared, unless the tiles have fewer. With half as many, chance took the wrong one at 5 % of a frame.
@@ -11,8 +12,8 @@ const ENOUGH: usize = 1000;
 /// The names of the candidates that are worth computing.
 pub fn worth_trying(
     candidates: &[Candidate<'_>],
-    (samples, mask): (&Planes, &Mask),
-    folds: Folds,
+    (samples, map): (&Planes, Map),
+    (mask, folds): (&Mask, Folds),
     run: &Run<'_>,
 ) -> Result<Vec<&'static str>, Error> {
     let all = || candidates.iter().map(|candidate| candidate.name).collect();
@@ -35,6 +36,15 @@ pub fn worth_trying(
         return Ok(all());
     }
     let less = super::less(&held[0], tiles, folds, super::LESS);
-    let weights = Weights::new((tiles, Some(&Voronoi::new(tiles))), &planes, &held, less, None);
+    let voronoi = Voronoi::new(tiles);
+    let truth = Truth {
+        mask: tiles,
+        voronoi: Some(&voronoi),
+        samples: &planes,
+        map,
+        less,
+        over: less.powf(super::OVER),
+    };
+    let weights = Weights::new(&truth, &held, None);
     Ok(candidates.iter().enumerate().filter(|(k, _)| weights.counts(*k)).map(|(_, c)| c.name).collect())
 }

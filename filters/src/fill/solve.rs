@@ -251,12 +251,12 @@ impl Task<'_> {
         out: &mut Planes,
     ) -> Result<(Outcome, Effect), Error> {
         if map.is_linear() {
-            return self.mapped(samples, gradients, out);
+            return self.mapped((samples, map), gradients, out);
         }
         let mut mapped = samples.clone();
         mapped.as_mut_slice().iter_mut().for_each(|plane| map.forward_plane(self.mask, plane));
         let slopes = gradients.map(|found| found.mapped(map, samples, self.mask));
-        let mut found = self.mapped(&mapped, slopes.as_ref(), out)?;
+        let mut found = self.mapped((&mapped, map), slopes.as_ref(), out)?;
         if let Some(evidence) = &mut found.1.evidence {
             evidence.map(|_, value| map.inverse(value));
         }
@@ -273,14 +273,15 @@ impl Task<'_> {
     /// The method on values that are mapped already.
     fn mapped(
         &self,
-        samples: &Planes,
+        (samples, map): (&Planes, Map),
         gradients: Option<&Slopes>,
         out: &mut Planes,
     ) -> Result<(Outcome, Effect), Error> {
         let Self { method, plan, mask, options, guides, carried, error, run } = *self;
         match (gradients, guides) {
             (None, guides) if let Some(blend) = plan.blend() => {
-                blend.choose(samples, (guides, carried), options.estimate != Estimate::No, out, run)
+                let learn = options.estimate != Estimate::No;
+                blend.choose((samples, map), (guides, carried), learn, out, run)
             }
             (Some(slopes), _) => {
                 let [x, y] = &slopes.planes;
