@@ -9,7 +9,7 @@ use crate::{Error, Mask, Planes, Run};
 /// Held-out samples at which candidates are compared, unless the tiles have fewer. With half as many, chance took the wrong one at 5 % of a frame.
 const ENOUGH: usize = 1000;
 
-/// The names of the candidates that are worth computing.
+/// The names of the candidates that are worth computing, and of those that these start from: they are computed anyway, and more samples decide better.
 pub fn worth_trying(
     candidates: &[Candidate<'_>],
     (samples, map): (&Planes, Map),
@@ -46,5 +46,13 @@ pub fn worth_trying(
         over: less.powf(super::OVER),
     };
     let weights = Weights::new(&truth, &held, None);
-    Ok(candidates.iter().enumerate().filter(|(k, _)| weights.counts(*k)).map(|(_, c)| c.name).collect())
+    let mut names = Vec::new();
+    let mut start = None;
+    for (k, candidate) in candidates.iter().enumerate() {
+        if weights.counts(k) || start == Some(candidate.name) {
+            names.push(candidate.name);
+            start = candidate.filter.start().or(start);
+        }
+    }
+    Ok(names)
 }
