@@ -10,7 +10,8 @@
 //!
 //! with `e_k(i)` the error of `F_k` at a sample that it did not see, `g` a Gaussian of four spacings of held-out samples, `B` the sum
 //! over all of the image and `s` = 1/2: where little was held out around a pixel, or nothing differs, the image decides. Errors of all
-//! channels count alike; the weights are theirs together. Missing pixels stand nearer to samples than held-out ones did: `A_kl` is less there by
+//! channels count alike; the weights are theirs together. Light of long range, which is filled by its logarithm, is compared as displays
+//! show it ([`crate::domain::Map::shown`]). Missing pixels stand nearer to samples than held-out ones did: `A_kl` is less there by
 //! `(1 - l) A_0k A_0l / A_00`, what all have of the first one's error, with `l` the root of the ratio of kriging variances.
 //! Where samples lie unevenly, each counts for the root of the number of missing pixels that it is the nearest of.
 //!
@@ -66,8 +67,6 @@ const FEWEST: usize = 64;
 /// The power of the variance by which errors of candidates are taken to fall from held-out samples to missing pixels: that of edges, less than that of
 /// shading.
 const LESS: f64 = 0.5;
-/// The power of that ratio by which the part of an error falls that goes too far.
-const OVER: f64 = 0.5;
 
 /// No settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -289,8 +288,7 @@ impl Blend {
             return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
         }
         let less = if all.len() > 1 { less(&held[0], &self.mask, self.folds, LESS) } else { 1.0 };
-        let truth =
-            Truth { mask: &self.mask, voronoi: voronoi.as_ref(), samples, map, less, over: less.powf(OVER) };
+        let truth = Truth { mask: &self.mask, voronoi: voronoi.as_ref(), samples, map, less };
         let learned = |held: &[HeldOut]| Weights::new(&truth, held, None);
         let weights = learned(&held);
         let (mut outcome, mut effect) = blend(&mut all, &weights, (samples, &self.mask), out, run)?;
@@ -342,7 +340,7 @@ impl Blend {
             drop(start);
             if parts.start == 0 && all.len() > 1 && held[0].at.len() >= DECIDE {
                 let less = less(&held[0], &self.mask, self.folds, LESS);
-                let truth = Truth { mask: &self.mask, voronoi, samples, map, less, over: less.powf(OVER) };
+                let truth = Truth { mask: &self.mask, voronoi, samples, map, less };
                 let weights = Weights::new(&truth, &held, None);
                 let both = std::mem::take(all).into_iter().zip(std::mem::take(&mut held)).enumerate();
                 (*all, held) = both.filter(|(k, _)| weights.counts(*k)).map(|(_, both)| both).unzip();

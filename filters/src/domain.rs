@@ -277,6 +277,19 @@ mod tests {
     }
 
     #[test]
+    fn what_is_shown_ends_at_white() {
+        for (scale, white) in [(0.01, 1.0), (0.25, 1.0), (3.0, 12.0)] {
+            let map = Map::Log { scale };
+            let shown = |value: f32| map.shown(f64::from(map.forward(value)));
+            for (value, expected) in [(-1.0, 0.0), (0.0, 0.0), (0.25, 0.5), (1.0, 1.0), (50.0, 1.0)] {
+                let found = shown(value * white);
+                assert!((found - expected).abs() <= 8.0 * f64::from(f32::EPSILON), "{value} {found}");
+            }
+        }
+        assert_eq!(Map::Linear.shown(-7.0), -7.0);
+    }
+
+    #[test]
     fn what_is_too_large_becomes_the_largest() {
         let map = Map::Log { scale: 1.0 };
         assert_eq!(map.inverse(1e9).to_bits(), f32::MAX.to_bits());

@@ -71,10 +71,9 @@ pub struct Truth<'a> {
     pub samples: &'a Planes,
     /// The domain of these; errors are those of what can be shown.
     pub map: Map,
-    /// What the first candidate's squared error is at missing pixels, which stand nearer to samples, over that at held-out ones.
+    /// What the first candidate's squared error is at missing pixels, which stand nearer to samples, over that at held-out ones: all inherit as
+    /// much of its error as theirs go along with it.
     pub less: f64,
-    /// What is left there of the part of its error that goes too far, so that mixing others in is right.
-    pub over: f64,
 }
 
 /// A candidate that is taken alone where that costs little and is right.
@@ -102,10 +101,7 @@ impl Weights {
         }
         let (mut own, mut around, mut whole) = Self::of_errors(truth, held);
         let right = prefers.map(|one| own.right(at, &around, one.misses));
-        around
-            .iter_mut()
-            .chain([&mut whole])
-            .for_each(|products| inherit(products, held.len(), [truth.less, truth.over]));
+        around.iter_mut().chain([&mut whole]).for_each(|products| inherit(products, held.len(), truth.less));
         let mut counting: Vec<usize> = (0..held.len()).collect();
         while let Some(least) = Self::dispensable(&around, (&whole, own.frame), held.len(), &counting) {
             counting.retain(|&k| k != least);
@@ -357,18 +353,12 @@ pub fn add_products(errors: &[f64], products: &mut [f64]) {
     }
 }
 
-/// Makes products of errors at held-out samples those at missing pixels. With `e` the first one's error the others' are `b e + r`, `r` apart from it. The
-/// square of `e` is `less` of what it was, `r` is as it was. Where `b` is below 1, `e` is too large by what mixing with others cures, of which `over` is left.
-fn inherit(products: &mut [f64], count: usize, [less, over]: [f64; 2]) {
-    let own = products[0];
-    if own <= 0.0 || less >= 1.0 {
-        return;
-    }
-    let before: Vec<f64> = products[..count].iter().map(|product| product / own).collect();
-    let after: Vec<f64> = before.iter().map(|&b| b + (1.0 - over) * (1.0 - b).max(0.0)).collect();
-    for (k, row) in products.chunks_exact_mut(count).enumerate() {
-        for (l, product) in row.iter_mut().enumerate() {
-            *product += own * (less * after[k] * after[l] - before[k] * before[l]);
+/// Takes from the products of errors what all have of a part of the first one's.
+fn inherit(products: &mut [f64], count: usize, less: f64) {
+    let first = products[..count].to_vec();
+    if first[0] > 0.0 && less < 1.0 {
+        for (k, row) in products.chunks_exact_mut(count).enumerate() {
+            row.iter_mut().zip(&first).for_each(|(own, l)| *own -= (1.0 - less) * first[k] * l / first[0]);
         }
     }
 }
@@ -406,7 +396,7 @@ mod tests {
 
     /// Samples that stand for all, as they are.
     fn told<'a>(mask: &'a Mask, samples: &'a Planes) -> Truth<'a> {
-        Truth { mask, voronoi: None, samples, map: Map::Linear, less: 1.0, over: 1.0 }
+        Truth { mask, voronoi: None, samples, map: Map::Linear, less: 1.0 }
     }
 
     /// A mean of values is the blend of images of these values.
@@ -478,19 +468,13 @@ mod tests {
         assert!((crossed / new - 1.0).abs() < 0.1, "{own} {crossed} {new}");
     }
 
-    /// Of errors `a`, `c a + r` with `r` apart from `a`: those of a part of `a`, with `c` nearer to 1 where it is less.
+    /// Of errors `a`, `c a + r` with `r` apart from `a`: those of a part of `a`.
     #[test]
     fn what_goes_along_with_the_first_error_is_inherited_in_part() {
-        let (a, r, less) = (4.0, 3.0, 0.3);
-        for (c, over, after) in [(0.5, 1.0, 0.5), (0.5, 0.4, 0.8), (1.5, 0.4, 1.5)] {
-            let mut products = vec![a, c * a, c * a, c * c * a + r];
-            inherit(&mut products, 2, [less, over]);
-            let part = less * a;
-            let expected = [part, after * part, after * part, after * after * part + r];
-            assert!(
-                products.iter().zip(expected).all(|(found, e)| (found - e).abs() < 1e-12),
-                "{products:?}"
-            );
-        }
+        let (a, c, r, less) = (4.0, 0.5, 3.0, 0.3);
+        let mut products = vec![a, c * a, c * a, c * c * a + r];
+        inherit(&mut products, 2, less);
+        let expected = [less * a, less * c * a, less * c * a, less * c * c * a + r];
+        assert!(products.iter().zip(expected).all(|(found, e)| (found - e).abs() < 1e-12), "{products:?}");
     }
 }

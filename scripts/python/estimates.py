@@ -29,6 +29,9 @@ NOISE = ROOT.parent / "shared" / "data" / "noise"
 VOLUMES = ROOT.parent / "shared" / "data" / "volumes"
 SCENES = {"foot": "foot.nrrd", "chest": "chest.nrrd", "cthead": "cthead.nrrd", "vessels": None, "marschner-lobb": None}
 BRIDGES = {"watch": ("mitsuba_sparse.py", "watch.xml", 64), "still": ("luxcore_sparse.py", "still.cfg", 32)}
+IMAGES = ROOT.parent / "shared" / "data" / "exr" / "openexr-images"
+# Photographs of long range, on which nothing was chosen.
+PHOTOGRAPHS = ("ScanLines/Desk", "ScanLines/CandleGlass", "ScanLines/StillLife", "ScanLines/Tree", "ScanLines/MtTamWest", "ScanLines/Cannon", "ScanLines/Carrots", "Tiles/GoldenGate", "Chromaticities/Rec709")
 TUNED = ("engine", "engine-soft", "tooth", "head", "aneurism-iso", "edges", "smooth", "texture", "shot.0001", "engine-aov", "aneurism-iso-aov", "gloss_reference", "cloud_reference")
 ROUNDS = ("foot", "chest")
 # Frames whose error channel is held against the truth, and the least error that counts there.
@@ -229,7 +232,8 @@ def main():
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
         paths = frames(folder, arguments.frames)
-        chosen = choice(folder, paths, arguments.densities or CHOICE)
+        photographs = [path for name in PHOTOGRAPHS if (path := IMAGES / f"{name}.exr").exists() and (not arguments.frames or path.stem in arguments.frames)]
+        chosen = choice(folder, [*paths, *photographs], arguments.densities or CHOICE)
         rows = estimates(folder, paths, several or CASES)
         paths = frames(folder, [*BINNED])
         channel = bins(folder, paths) if not arguments.frames or set(arguments.frames) & set(BINNED) else ""

@@ -125,8 +125,7 @@ pub fn pulled(
     let less = less(&held[0], &own.mask, own.folds, LESS);
     let misses = if others.whole { misses(&own.mask, carried, out) } else { Vec::new() };
     let voronoi = Voronoi::new(&own.mask);
-    let truth =
-        Truth { mask: &own.mask, voronoi: Some(&voronoi), samples, map: Map::Linear, less, over: 1.0 };
+    let truth = Truth { mask: &own.mask, voronoi: Some(&voronoi), samples, map: Map::Linear, less };
     let learn = |held: &[HeldOut]| {
         let firm = others.ways.iter().position(|way| *way == Way::Pulled(FIRM));
         let firm = firm.map(|way| Preferred { candidate: 1 + way, loss: LOSS, misses: &misses });

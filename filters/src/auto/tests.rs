@@ -128,12 +128,39 @@ fn large_images_try_candidates_on_tiles() {
     let mask = Arc::new(generate(Pattern::Shuffle, field, 0.2, 3, Temporal::Fixed, 0).unwrap());
     let truth = Planes::new(size, vec![Plane::from_fn(size, smooth)]).unwrap();
     let all: Vec<Candidate<'_>> = { candidates().into_iter() }.map(Candidate::of).collect();
-    let run = Run::default();
-    let found = trial::worth_trying(&all, (&truth, &mask), Folds::default(), &run).unwrap();
+    let try_on = |mask: &Mask| {
+        trial::worth_trying(&all, (&truth, Map::Linear), (mask, Folds::default()), &Run::default()).unwrap()
+    };
+    let found = try_on(&mask);
     assert!(!found.contains(&"tv") && !found.is_empty(), "{found:?}");
+    // With each what it starts from.
+    for candidate in all.iter().filter(|candidate| found.contains(&candidate.name)) {
+        assert!(candidate.filter.start().is_none_or(|start| found.contains(&start)), "{found:?}");
+    }
     let few = Arc::new(Mask::from_fn(size, |row, column| row % 200 == 0 && column % 200 == 0));
-    let found = trial::worth_trying(&all, (&truth, &few), Folds::default(), &run).unwrap();
-    assert_eq!(found.len(), all.len());
+    assert_eq!(try_on(&few).len(), all.len());
+}
+
+/// Around lamps a spline through logarithms glows, which displays show, and total variation does not: what errs less by logarithms is not taken for it.
+#[test]
+fn lamps_are_judged_as_displays_show_them() {
+    let lamp = |row: usize, column: usize| (row % 48).abs_diff(24) < 7 && (column % 48).abs_diff(24) < 9;
+    let light =
+        |row: usize, column: usize| if lamp(row, column) { 900.0 } else { 0.1 + 0.05 * smooth(row, column) };
+    let truth = Planes::new(SIZE, vec![Plane::from_fn(SIZE, light)]).unwrap();
+    let mask = mask(0.5);
+    let chosen = fill(&truth, Arc::clone(&mask), &Options::of(Method::from(Settings))).unwrap();
+    let map = chosen.sets[0].map;
+    assert!(!map.is_linear());
+    let each = |planes: &Planes, change: &dyn Fn(f32) -> f32| {
+        let values = planes.as_slice()[0].pixels().iter().map(|value| change(*value)).collect();
+        Planes::of(SIZE, vec![Plane::of(SIZE, values)])
+    };
+    let by_logarithms = each(&by(&Settings, &each(&truth, &|v| map.forward(v)), &mask), &|u| map.inverse(u));
+    let shown =
+        |image: &Planes| error(&each(&truth, &|v| v.clamp(0.0, 1.0)), &each(image, &|v| v.clamp(0.0, 1.0)));
+    let [found, other] = [&chosen.planes, &by_logarithms].map(shown);
+    assert!(found < 0.7 * other, "{found} {other}");
 }
 
 #[test]

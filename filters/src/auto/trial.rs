@@ -37,14 +37,7 @@ pub fn worth_trying(
     }
     let less = super::less(&held[0], tiles, folds, super::LESS);
     let voronoi = Voronoi::new(tiles);
-    let truth = Truth {
-        mask: tiles,
-        voronoi: Some(&voronoi),
-        samples: &planes,
-        map,
-        less,
-        over: less.powf(super::OVER),
-    };
+    let truth = Truth { mask: tiles, voronoi: Some(&voronoi), samples: &planes, map, less };
     let weights = Weights::new(&truth, &held, None);
     let mut names = Vec::new();
     let mut start = None;
