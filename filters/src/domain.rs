@@ -89,7 +89,8 @@ pub enum Map {
     },
 }
 
-/// White, in scales, in frames of brighter light than displays show.
+/// White, in scales, in frames of brighter light than displays show. Chosen, with the square root, on `hdr`, `gloss_reference` and photographs of
+/// docs/measurements/methods.md; 2 did about as well.
 const WHITE: f64 = 4.0;
 
 /// Below this the series of asinh and sinh to third order are exact to f64, and the closed forms are not.
@@ -118,11 +119,14 @@ impl Map {
     }
 
     /// What can be seen of a mapped value on a display, by which errors of light are compared: up to white, which is 1, or four times the
-    /// scale where that is more, by its square root, about as displays encode it. Where the map is linear, the value itself.
+    /// scale where that is more, by its square root, about as displays encode it. It is odd: negative values count, too. Where the map is linear, the value itself.
     pub fn shown(self, mapped: f64) -> f64 {
         match self {
             Self::Linear => mapped,
-            Self::Log { scale } => (mapped.sinh() / (1.0 / scale).max(WHITE)).clamp(0.0, 1.0).sqrt(),
+            Self::Log { scale } => {
+                let part = (mapped.sinh() / (1.0 / scale).max(WHITE)).clamp(-1.0, 1.0);
+                part.abs().sqrt().copysign(part)
+            }
         }
     }
 
@@ -281,7 +285,9 @@ mod tests {
         for (scale, white) in [(0.01, 1.0), (0.25, 1.0), (3.0, 12.0)] {
             let map = Map::Log { scale };
             let shown = |value: f32| map.shown(f64::from(map.forward(value)));
-            for (value, expected) in [(-1.0, 0.0), (0.0, 0.0), (0.25, 0.5), (1.0, 1.0), (50.0, 1.0)] {
+            for (value, expected) in
+                [(-9.0, -1.0), (-0.25, -0.5), (0.0, 0.0), (0.25, 0.5), (1.0, 1.0), (50.0, 1.0)]
+            {
                 let found = shown(value * white);
                 assert!((found - expected).abs() <= 8.0 * f64::from(f32::EPSILON), "{value} {found}");
             }

@@ -69,7 +69,7 @@ pub struct Truth<'a> {
     pub voronoi: Option<&'a Voronoi>,
     /// Their values.
     pub samples: &'a Planes,
-    /// The domain of these; errors are those of what can be shown.
+    /// Errors are those of what it shows of mapped values ([`Map::shown`]); a linear one compares values as they are, mapped or not.
     pub map: Map,
     /// What the first candidate's squared error is at missing pixels, which stand nearer to samples, over that at held-out ones: all inherit as
     /// much of its error as theirs go along with it.
@@ -163,10 +163,7 @@ impl Weights {
             for (channel, plane) in samples.as_slice().iter().enumerate() {
                 let value = map.shown(f64::from(plane.pixels()[pixel]));
                 for (error, held) in errors.iter_mut().zip(held) {
-                    *error = map.shown(f64::from(held.predicted[channel][i])) - value;
-                }
-                for error in &mut errors {
-                    *error *= factor;
+                    *error = factor * (map.shown(f64::from(held.predicted[channel][i])) - value);
                 }
                 add_products(&errors, products);
             }

@@ -30,9 +30,9 @@ VOLUMES = ROOT.parent / "shared" / "data" / "volumes"
 SCENES = {"foot": "foot.nrrd", "chest": "chest.nrrd", "cthead": "cthead.nrrd", "vessels": None, "marschner-lobb": None}
 BRIDGES = {"watch": ("mitsuba_sparse.py", "watch.xml", 64), "still": ("luxcore_sparse.py", "still.cfg", 32)}
 IMAGES = ROOT.parent / "shared" / "data" / "exr" / "openexr-images"
-# Photographs of long range, on which nothing was chosen.
+# Photographs, most of long range: how light is compared was chosen with them in sight, nothing else.
 PHOTOGRAPHS = ("ScanLines/Desk", "ScanLines/CandleGlass", "ScanLines/StillLife", "ScanLines/Tree", "ScanLines/MtTamWest", "ScanLines/Cannon", "ScanLines/Carrots", "Tiles/GoldenGate", "Chromaticities/Rec709")
-TUNED = ("engine", "engine-soft", "tooth", "head", "aneurism-iso", "edges", "smooth", "texture", "shot.0001", "engine-aov", "aneurism-iso-aov", "gloss_reference", "cloud_reference")
+TUNED = ("engine", "engine-soft", "tooth", "head", "aneurism-iso", "edges", "smooth", "texture", "hdr", "shot.0001", "engine-aov", "aneurism-iso-aov", "gloss_reference", "cloud_reference")
 ROUNDS = ("foot", "chest")
 # Frames whose error channel is held against the truth, and the least error that counts there.
 BINNED, VISIBLE = ("engine", "head", "aneurism-iso"), 1e-4

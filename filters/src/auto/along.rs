@@ -125,6 +125,7 @@ pub fn pulled(
     let less = less(&held[0], &own.mask, own.folds, LESS);
     let misses = if others.whole { misses(&own.mask, carried, out) } else { Vec::new() };
     let voronoi = Voronoi::new(&own.mask);
+    // Errors as they are, as misses are.
     let truth = Truth { mask: &own.mask, voronoi: Some(&voronoi), samples, map: Map::Linear, less };
     let learn = |held: &[HeldOut]| {
         let firm = others.ways.iter().position(|way| *way == Way::Pulled(FIRM));
