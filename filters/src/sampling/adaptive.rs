@@ -18,7 +18,7 @@
 //! Rounds, the share of the first and the powers of `refine` were chosen on five volume renders and two path-traced frames at 5, 10 and 20 %.
 //!
 //! Cost: a rough fill and an application of its energy a round, of as few principal components of the channels' errors as hold 98 % of
-//! them after the first (`components.rs`). Fails: on noisy samples, and on what the first round passes over: what lies
+//! them in a first image (`components.rs`). Fails: on noisy samples, and on what the first round passes over: what lies
 //! between its samples and does not show at them is only found by chance.
 
 use std::sync::Arc;
@@ -26,8 +26,9 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 
 use super::components::Components;
-use super::refine::{Estimate, Preference, compress};
-use super::{Band, Field, shuffle};
+use super::refine::{self, Estimate, Preference, compress};
+use super::{Band, Field, leave_out, shuffle};
+use crate::variational::ss;
 use crate::{Error, Mask, Planes, Run, Size};
 
 /// Rounds, if nothing else is asked for.
@@ -40,6 +41,8 @@ const EXPLORE: usize = 64;
 const SLACK: f64 = 1e-3;
 /// New pixels of an octave that say as much as any more.
 const ENOUGH: f64 = 256.0;
+/// Exponents of a float.
+const OCTAVES: usize = 1 << 8;
 /// Powers that a fit may have.
 const POWERS: (f64, f64) = (0.2, 1.2);
 
@@ -218,7 +221,7 @@ struct Known {
     count: usize,
     /// Those whose values are finite.
     usable: Vec<bool>,
-    /// Their values, as they count: the channels, or fewer components of these once a fill has shown that they suffice.
+    /// Their values, as they count: the channels, or fewer components of these where the first of them show that they suffice.
     samples: Option<Planes>,
     components: Option<Components>,
     channels: usize,
@@ -275,17 +278,20 @@ impl Known {
             return Ok(None);
         }
         let mask = Arc::new(Mask::new(samples.size(), self.usable.clone())?);
-        let before = before.map(|(before, squared)| (before.into_filled(), squared));
-        let mut estimate = Estimate::of_spline(samples, &mask, before, run)?;
-        if self.components.is_none() {
-            self.components = Components::new(estimate.products(), samples.len());
-            if let Some(components) = &self.components {
-                *samples = components.apply(samples);
-                let filled = components.apply(estimate.filled());
-                estimate = estimate.with_filled(filled);
+        let before = if let Some((before, squared)) = before {
+            (before.into_filled(), squared)
+        } else {
+            let mut start = refine::start(samples, &mask, run)?;
+            if self.components.is_none() {
+                let products = leave_out::of_spline(&ss::Settings::default(), &mask, &start).products;
+                self.components = Components::new(&products, samples.len());
+                if let Some(components) = &self.components {
+                    (*samples, start) = (components.apply(samples), components.apply(&start));
+                }
             }
-        }
-        Ok(Some(estimate))
+            (start, None)
+        };
+        Estimate::of_spline(samples, &mask, Some(before), run).map(Some)
     }
 
     /// Of all values that were measured.
@@ -314,17 +320,19 @@ impl Fit {
     /// From the pixels that an estimate did not know; nothing where none of them errs.
     fn new(before: &Estimate, samples: &Planes, new: &[usize]) -> Option<Self> {
         // Per octave of the estimate: pixels, and the sums of both squared errors.
-        let mut octaves = std::collections::BTreeMap::<i32, [f64; 3]>::new();
+        let mut octaves = [[0.0_f64; 3]; OCTAVES];
         for &pixel in new {
-            let (guess, truth) = (f64::from(before.squared_error(pixel)), before.misses(samples, pixel));
+            let guess = before.squared_error(pixel);
             if guess > 0.0 && guess.is_finite() {
-                let octave = octaves.entry(guess.log2().floor() as i32).or_default();
-                for (sum, value) in octave.iter_mut().zip([1.0, guess, truth]) {
+                // The exponent of the float.
+                let octave = &mut octaves[(guess.to_bits() >> (f32::MANTISSA_DIGITS - 1)) as usize];
+                let truth = before.misses(samples, pixel);
+                for (sum, value) in octave.iter_mut().zip([1.0, f64::from(guess), truth]) {
                     *sum += value;
                 }
             }
         }
-        let points = octaves.values().filter(|[_, _, truth]| *truth > 0.0);
+        let points = octaves.iter().filter(|[_, _, truth]| *truth > 0.0);
         let points: Vec<[f64; 3]> = points
             .map(|[count, guess, truth]| [count.min(ENOUGH), (guess / count).ln(), (truth / count).ln()])
             .collect();

@@ -22,7 +22,7 @@ use super::hash;
 use crate::baseline::nearest::NearestMap;
 use crate::kernel::Isa;
 use crate::kernel::stencil::{Separable, apply};
-use crate::kernel::window::Window;
+use crate::kernel::window::{PAD, Window};
 use crate::operator::energy::Form;
 use crate::variational::ss;
 use crate::{Error, Filter, Mask, Plane, Planes, Problem, Run, Size};
@@ -33,8 +33,10 @@ const PARTS: u64 = 8;
 const NEAREST: usize = 4;
 /// Samples are looked for up to so many pixels away.
 const REACH: usize = 24;
-/// Samples that one task takes.
-const SAMPLES: usize = 1 << 10;
+/// Rows that one task takes.
+const BAND: usize = 32;
+/// Pixels that one task looks at.
+const PIECE: usize = 1 << 16;
 /// Channels of whose errors products are taken, at most.
 const FEW: usize = 16;
 /// `K`, which makes the error of low-discrepancy samples about that of their fill; no choice depends on it.
@@ -98,34 +100,34 @@ impl LeftOut {
     fn add(&mut self, pixel: usize, errors: &[f32], distance: f32) {
         self.error[pixel] = errors.iter().map(|error| error * error).sum();
         self.distance[pixel] = distance;
-        for (row, a) in self.products.chunks_exact_mut(errors.len()).zip(errors) {
-            row.iter_mut().zip(errors).for_each(|(sum, b)| *sum += f64::from(*a) * f64::from(*b));
-        }
+        add_products(&mut self.products, errors);
+    }
+}
+
+/// Adds the products of any two errors, row by row.
+fn add_products(products: &mut [f64], errors: &[f32]) {
+    for (row, a) in products.chunks_exact_mut(errors.len().max(1)).zip(errors) {
+        row.iter_mut().zip(errors).for_each(|(sum, b)| *sum += f64::from(*a) * f64::from(*b));
     }
 }
 
 /// By the identity, from a spline's fill of all samples, before anything limits it.
 pub fn of_spline(settings: &ss::Settings, mask: &Mask, filled: &Planes) -> LeftOut {
     let size = mask.size();
-    let at: Vec<u32> =
-        (0..size.pixels()).filter(|&pixel| mask.as_slice()[pixel]).map(|pixel| pixel as u32).collect();
     let energy: Separable<f32> =
         Form::new(settings.kernel, settings.order.number(), settings.tension).energy(size, (1.0, 1.0)).cast();
-    let forces: Vec<Vec<f32>> = filled.as_slice().into_par_iter().map(|plane| applied(&energy, plane, &at));
-    let offsets = offsets();
-    let known = at.par_chunks(SAMPLES).map(|at| -> Vec<(f32, f32)> {
-        let one = |&pixel: &u32| {
-            let squared = nearest(mask, pixel, &offsets).map(|squared| squared as f32);
-            // The fourth root.
-            (FACTOR * squared.iter().product::<f32>().sqrt().sqrt(), squared[0].powi(3))
-        };
-        at.iter().map(one).collect()
-    });
+    let means = filled.as_slice().iter().map(|plane| mean(mask, plane)).collect();
+    let identity = Identity { energy, mask, filled, means, offsets: offsets() };
     let mut left = LeftOut::nothing(size, filled.len());
-    let mut errors = vec![0.0; filled.len()];
-    for (k, (&pixel, (variance, distance))) in at.iter().zip(known.into_iter().flatten()).enumerate() {
-        errors.iter_mut().zip(&forces).for_each(|(error, forces)| *error = variance * forces[k]);
-        left.add(pixel as usize, &errors, distance);
+    let (rows, count) = (BAND * size.width.max(1), left.products.len());
+    let bands = left.error.par_chunks_mut(rows).zip(left.distance.par_chunks_mut(rows)).enumerate();
+    let products: Vec<Vec<f64>> = bands.map_init(Default::default, |buffers, (band, out)| {
+        let mut products = vec![0.0; count];
+        identity.rows(band * BAND, out, &mut products, buffers);
+        products
+    });
+    for products in products {
+        left.products.iter_mut().zip(products).for_each(|(sum, product)| *sum += product);
     }
     left
 }
@@ -143,41 +145,90 @@ pub fn fill(
     Ok(out)
 }
 
-/// `E x` at some pixels.
-fn applied(energy: &Separable<f32>, plane: &Plane, at: &[u32]) -> Vec<f32> {
-    let size = plane.size();
-    let window = Window { y: 0, x: 0, height: size.height, width: size.width };
-    // The energy does not see constants; rounding does.
-    let sum: f64 = at.iter().map(|&pixel| f64::from(plane.pixels()[pixel as usize])).sum();
-    let mean = (sum / at.len().max(1) as f64) as f32;
-    let (mut x, mut q) = (window.zeros::<f32>(), window.zeros::<f32>());
-    for row in 0..size.height {
-        let start = window.at(row, 0);
-        for (x, value) in x[start..start + size.width].iter_mut().zip(plane.row(row)) {
-            *x = value - mean;
-        }
-    }
-    apply(Isa::best(), energy, window, &x, None, &mut q);
-    at.iter().map(|&pixel| q[window.at(pixel as usize / size.width, pixel as usize % size.width)]).collect()
+/// What energy and mask say of leaving samples out.
+struct Identity<'a> {
+    energy: Separable<f32>,
+    mask: &'a Mask,
+    filled: &'a Planes,
+    /// Of the samples of each plane. The energy does not see constants; rounding does.
+    means: Vec<f32>,
+    offsets: Vec<(u32, isize, isize)>,
 }
 
-/// Squared distances of a sample to the nearest other ones, from places around it.
-fn nearest(mask: &Mask, pixel: u32, offsets: &[(u32, isize, isize)]) -> [u32; NEAREST] {
-    let size = mask.size();
-    let (row, column) = (pixel as usize / size.width, pixel as usize % size.width);
-    let mut found = [(REACH * REACH) as u32; NEAREST];
-    let mut count = 0;
-    for &(squared, dy, dx) in offsets {
-        let (y, x) = (row.wrapping_add_signed(dy), column.wrapping_add_signed(dx));
-        if y < size.height && x < size.width && mask.is_measured(y, x) {
-            found[count] = squared;
-            count += 1;
-            if count == NEAREST {
-                break;
-            }
+impl Identity<'_> {
+    /// Writes what is known of the samples in some rows, from row `y` on, and adds to the products.
+    fn rows(
+        &self,
+        y: usize,
+        (error, distance): (&mut [f32], &mut [f32]),
+        products: &mut [f64],
+        buffers: &mut [Vec<f32>; 2],
+    ) {
+        let width = self.mask.size().width;
+        let window = Window { y, x: 0, height: error.len() / width, width };
+        let from = y * width;
+        let at: Vec<usize> = (0..error.len()).filter(|k| self.mask.as_slice()[from + k]).collect();
+        if at.is_empty() {
+            return;
+        }
+        let forces: Vec<Vec<f32>> =
+            (0..self.filled.len()).map(|channel| self.forces(window, channel, &at, buffers)).collect();
+        let mut errors = vec![0.0; forces.len()];
+        for (k, &pixel) in at.iter().enumerate() {
+            let squared = self.nearest((y + pixel / width, pixel % width)).map(|squared| squared as f32);
+            // The fourth root.
+            let variance = FACTOR * squared.iter().product::<f32>().sqrt().sqrt();
+            errors.iter_mut().zip(&forces).for_each(|(error, forces)| *error = variance * forces[k]);
+            error[pixel] = errors.iter().map(|error| error * error).sum();
+            distance[pixel] = squared[0].powi(3);
+            add_products(products, &errors);
         }
     }
-    found
+
+    /// Squared distances of a sample to the nearest other ones, from places around it.
+    fn nearest(&self, (row, column): (usize, usize)) -> [u32; NEAREST] {
+        let (flags, size) = (self.mask.as_slice(), self.mask.size());
+        let mut found = [(REACH * REACH) as u32; NEAREST];
+        let mut count = 0;
+        for &(squared, dy, dx) in &self.offsets {
+            let (y, x) = (row.wrapping_add_signed(dy), column.wrapping_add_signed(dx));
+            if y < size.height && x < size.width && flags[y * size.width + x] {
+                found[count] = squared;
+                count += 1;
+                if count == NEAREST {
+                    break;
+                }
+            }
+        }
+        found
+    }
+
+    /// `E x` at some pixels of a window. What buffers hold beyond the image does not matter.
+    fn forces(&self, window: Window, channel: usize, at: &[usize], [x, q]: &mut [Vec<f32>; 2]) -> Vec<f32> {
+        let (plane, mean) = (&self.filled.as_slice()[channel], self.means[channel]);
+        x.resize(window.len(), 0.0);
+        q.resize(window.len(), 0.0);
+        let (first, last) =
+            (window.y.saturating_sub(PAD), (window.y + window.height + PAD).min(plane.size().height));
+        for row in first..last {
+            let start = (row + PAD - window.y) * window.stride() + PAD;
+            for (x, value) in x[start..start + window.width].iter_mut().zip(plane.row(row)) {
+                *x = value - mean;
+            }
+        }
+        apply(Isa::best(), &self.energy, window, x, None, q);
+        at.iter().map(|&pixel| q[window.at(pixel / window.width, pixel % window.width)]).collect()
+    }
+}
+
+/// The mean of a plane's samples.
+fn mean(mask: &Mask, plane: &Plane) -> f32 {
+    let both = mask.as_slice().par_chunks(PIECE).zip(plane.pixels().par_chunks(PIECE));
+    let sums: Vec<f64> = both.map(|(flags, values)| {
+        let pairs = flags.iter().zip(values);
+        pairs.filter(|(flag, _)| **flag).map(|(_, &value)| f64::from(value)).sum()
+    });
+    (sums.iter().sum::<f64>() / mask.count().max(1) as f64) as f32
 }
 
 /// Places around a pixel, the nearest first.

@@ -11,7 +11,7 @@ use lacuna_core::parallel::prelude::*;
 use crate::Size;
 
 /// Entries at first, over the pixels that are asked for; then as many times as many.
-const ENTRIES: usize = 8;
+const ENTRIES: usize = 4;
 /// Pixels that one task takes.
 const PIECE: usize = 1 << 16;
 /// Leading bits of a gain by which pixels are counted.
