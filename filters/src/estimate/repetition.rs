@@ -128,7 +128,7 @@ mod tests {
     fn what_rounds_pass_over_is_told() {
         let truth = Arc::new(lines());
         let (mut all_told, mut all) = (0.0, 0.0);
-        for seed in 0..6 {
+        for seed in 0..24 {
             let settings =
                 adaptive::Settings { density: 0.15, rounds: 8, first: None, target: None, seed, frame: None };
             let field = Field { x: 0, y: 0, size: SIZE };
@@ -138,7 +138,7 @@ mod tests {
             all_told += told.unwrap();
             all += is;
         }
-        // Within 4 dB; one frame so small is passed over by chance.
+        // Within 4 dB; what of one frame so small is passed over is chance.
         let off = 10.0 * (all_told / all).log10();
         assert!(off.abs() < 4.0, "{off} dB");
     }
