@@ -17,6 +17,10 @@ struct Tile {
 const WIDE: Tile = Tile { side: 128, border: 16 };
 /// Tiles on which methods are compared: what crosses a narrow border disturbs all of them alike.
 const NARROW: Tile = Tile { side: 96, border: 8 };
+/// Windows in which pixels are chosen again.
+const WINDOW: Tile = Tile { side: 256, border: 16 };
+/// How many are drawn.
+const WINDOWS: usize = 16;
 /// Tiles along each side of the excerpt.
 const ACROSS: usize = 4;
 /// Frames that have fewer pixels are no larger than tiles need: so many times what these hold.
@@ -58,6 +62,48 @@ impl Excerpt {
     /// Smaller tiles, on which methods are compared.
     pub fn small_tiles(frame: &Mask) -> Option<Self> {
         Self::of_tiles(frame, NARROW)
+    }
+
+    /// Windows of a large frame, each for itself, with what the mean over a window's missing pixels counts for in one over those of the frame; none
+    /// of a frame that is hardly larger. They are drawn with probabilities that go by how many samples each has (systematic sampling; M. Hansen,
+    /// W. Hurwitz, "On the theory of sampling from finite populations", Annals of Mathematical Statistics 14, 1943).
+    pub fn windows(frame: &Mask) -> Vec<(Self, f64)> {
+        let (from, side) = (frame.size(), WINDOW.side);
+        let (down, across) = (from.height / side, from.width / side);
+        if down * across < 2 * WINDOWS || frame.is_empty() {
+            return Vec::new();
+        }
+        let place = |k: usize, count: usize, length: usize| k * (length - side) / (count - 1).max(1);
+        let corner = |k: usize| (place(k / across, down, from.height), place(k % across, across, from.width));
+        let samples = |k: usize| {
+            let (top, left) = corner(k);
+            let rows = (top..top + side).map(|row| &frame.row(row)[left..left + side]);
+            rows.flatten().filter(|flag| **flag).count()
+        };
+        let mut all: Vec<(usize, usize)> =
+            (0..down * across).into_par_iter().map(|k| (samples(k), k)).into_iter().collect();
+        all.sort_unstable();
+        let total: usize = all.iter().map(|(count, _)| count).sum();
+        let missing = (all.len() * side * side - total).max(1) as f64;
+        let drawn = |below: usize| (below * WINDOWS).div_ceil(total.max(1));
+        let mut before = 0;
+        let mut found = Vec::new();
+        for (count, k) in all {
+            let hits = drawn(before + count) - drawn(before);
+            before += count;
+            if hits == 0 {
+                continue;
+            }
+            let (top, left) = corner(k);
+            let source = move |row, column| (top + row, left + column);
+            let mask = Mask::from_fn(Size::new(side, side), |row, column| {
+                frame.is_measured(top + row, left + column)
+            });
+            let counts = (hits * total) as f64 / (WINDOWS * count) as f64;
+            let share = counts * (side * side - count) as f64 / missing;
+            found.push((Self { tile: WINDOW, ..Self::new(mask, from, source) }, share));
+        }
+        found
     }
 
     fn of_tiles(frame: &Mask, tile: Tile) -> Option<Self> {
@@ -117,6 +163,7 @@ impl Excerpt {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sampling::hash;
 
     #[test]
     fn tiles_are_pixels_of_the_frame_in_its_order() {
@@ -148,5 +195,27 @@ mod tests {
         assert!(Excerpt::small_tiles(&Mask::from_fn(Size::new(800, 800), |_, _| true)).is_none());
         assert!(Excerpt::tiles(&Mask::from_fn(Size::new(500, 4000), |_, _| true)).is_none());
         assert!(Excerpt::tiles(&Mask::from_fn(Size::new(800, 800), |_, _| true)).is_none());
+    }
+
+    /// What goes by how many samples a window has is known exactly from any draw; what does not, on average.
+    #[test]
+    fn windows_stand_for_the_frame() {
+        let size = Size::new(1300, 2100);
+        let dense = |row: usize, column: usize| (column * 8 / 2100 + row * 5 / 1300) as u64;
+        let frame = Mask::from_fn(size, |row, column| {
+            hash(3, (row * 2100 + column) as u64) % 100 < 1 + dense(row, column)
+        });
+        let windows = Excerpt::windows(&frame);
+        assert!((9..=16).contains(&windows.len()), "{}", windows.len());
+        // A value of every missing pixel: the density of samples around it.
+        let mean = |mask: &Mask| mask.count() as f64 / (mask.size().pixels() - mask.count()) as f64;
+        let told: f64 = windows.iter().map(|(window, share)| share * mean(&window.mask)).sum();
+        assert!((told / mean(&frame) - 1.0).abs() < 0.02, "{told} for {}", mean(&frame));
+        for (window, _) in &windows {
+            let at = window.source(0);
+            assert_eq!(window.source(256 * 256 - 1) - at, 255 * 2100 + 255);
+            assert_eq!(window.mask.as_slice()[300], frame.as_slice()[at + 2100 + 44]);
+        }
+        assert!(Excerpt::windows(&Mask::from_fn(Size::new(1080, 1920), |_, _| true)).is_empty());
     }
 }

@@ -2,13 +2,16 @@
 //! passes over something, too.
 //!
 //! Where samples were put where errors are, as many pixels are chosen once more, in rounds that start from another mask, with the filled frame for a
-//! renderer, and filled by the same method. What is then missed is known. The filled frame lacks what the frame's own rounds never met, so this is
+//! renderer, and filled by the same method: of a large frame in sixteen windows, in each as many as the frame has there. What is then missed is known. The filled frame lacks what the frame's own rounds never met, so this is
 //! rather too little than too much; it is the least that is told of the frame ([`super::Model`]).
 //!
 //! Source: B. Efron, "Bootstrap methods: another look at the jackknife", The Annals of Statistics 7, 1979.
 
 use std::sync::Arc;
 
+use lacuna_core::parallel::prelude::*;
+
+use super::excerpt::Excerpt;
 use super::held_out::{Folds, HeldOut, ReconstructPart, pick, pixels_where};
 use super::model::LOOKED_AT;
 use super::voronoi::Voronoi;
@@ -18,9 +21,17 @@ use crate::{Error, Mask, Planes, Run};
 /// Makes another mask than the frame's own.
 const OTHER: u64 = 0x9e4d;
 
-/// Some pixels that a repetition did not choose: what they are, and what was filled there.
+/// What a repetition misses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Repetition {
+    parts: Vec<Part>,
+}
+
+/// Some pixels of the frame, or of a window of it, that were not chosen: what they are, and what was filled there.
+#[derive(Clone, Debug, PartialEq)]
+struct Part {
+    /// What they count for.
+    share: f64,
     truth: HeldOut,
     filled: HeldOut,
 }
@@ -41,28 +52,55 @@ impl Repetition {
         if !voronoi.is_uneven() || !voronoi.are_where_errors_are(&near.at, &near.squared_errors(samples)) {
             return Ok(None);
         }
-        let size = mask.size();
-        let (density, seed) = (mask.count() as f64 / size.pixels() as f64, folds.seed ^ OTHER);
-        let rounds = adaptive::ROUNDS.min(mask.count());
-        let settings = adaptive::Settings { density, rounds, first: None, target: None, seed, frame: None };
-        let measure = |_: &Mask| Ok::<_, Error>(Arc::new(filled.clone()));
-        let chosen = adaptive::choose(&settings, Field { x: 0, y: 0, size }, run, measure)?;
-        let again = Arc::new(chosen.mask);
-        if run.interrupted().is_some() || again.is_full() {
+        let windows = Excerpt::windows(mask);
+        let seed = folds.seed ^ OTHER;
+        // The pixels of all, or of each window.
+        let again = if windows.is_empty() {
+            vec![choose(filled.clone(), mask, seed, run)?]
+        } else {
+            let one = |(window, _): &(Excerpt, f64)| choose(window.planes(filled), &window.mask, seed, run);
+            windows.par_iter().with_max_len(1).map(one).into_iter().collect::<Result<_, Error>>()?
+        };
+        let missing: usize = again.iter().map(|(_, again)| again.size().pixels() - again.count()).sum();
+        if run.interrupted().is_some() || missing == 0 {
             return Ok(None);
         }
-        let every = ((size.pixels() - again.count()) / LOOKED_AT).max(1) as u64;
-        let at = pixels_where(&again, |measured, pixel| {
-            !measured && hash(seed, pixel as u64).is_multiple_of(every)
-        });
-        let image = reconstruct(None, filled, &again)?;
-        let of =
-            |planes: &Planes| HeldOut { at: at.clone(), predicted: pick(planes, &at), variance: Vec::new() };
-        Ok(Some(Self { truth: of(filled), filled: of(&image) }))
+        let every = (missing / LOOKED_AT).max(1) as u64;
+        let mut parts = Vec::new();
+        for (k, (image, again)) in again.iter().enumerate().filter(|(_, (_, again))| !again.is_full()) {
+            let (window, share) =
+                windows.get(k).map_or((None, 1.0), |(window, share)| (Some(window), *share));
+            let at = pixels_where(again, |measured, pixel| {
+                !measured
+                    && window.is_none_or(|window| window.is_inner(pixel as u32))
+                    && hash(seed, pixel as u64).is_multiple_of(every)
+            });
+            let filled = reconstruct(window, image, again)?;
+            let of = |planes: &Planes| HeldOut {
+                at: at.clone(),
+                predicted: pick(planes, &at),
+                variance: Vec::new(),
+            };
+            parts.push(Part { share, truth: of(image), filled: of(&filled) });
+        }
+        Ok(Some(Self { parts }))
     }
 
     /// The mean squared error over pixels and channels.
     pub fn squared(&self) -> f64 {
+        self.parts.iter().map(|part| part.share * part.squared()).sum()
+    }
+
+    pub(super) fn map(&mut self, f: &impl Fn(usize, f32) -> f32) {
+        for part in &mut self.parts {
+            part.truth.map(f);
+            part.filled.map(f);
+        }
+    }
+}
+
+impl Part {
+    fn squared(&self) -> f64 {
         let planes = self.truth.predicted.iter().zip(&self.filled.predicted);
         let errors = planes
             .flat_map(|(truth, filled)| truth.iter().zip(filled))
@@ -71,17 +109,23 @@ impl Repetition {
             errors.filter(|e| e.is_finite()).fold((0.0, 0_usize), |(sum, count), e| (sum + e, count + 1));
         sum / count.max(1) as f64
     }
+}
 
-    pub(super) fn map(&mut self, f: &impl Fn(usize, f32) -> f32) {
-        self.truth.map(f);
-        self.filled.map(f);
-    }
+/// As many pixels of an image as a mask has, chosen in rounds with the image for a renderer.
+fn choose(image: Planes, mask: &Mask, seed: u64, run: &Run<'_>) -> Result<(Arc<Planes>, Arc<Mask>), Error> {
+    let (size, image) = (mask.size(), Arc::new(image));
+    let density = mask.count() as f64 / size.pixels() as f64;
+    let rounds = adaptive::ROUNDS.min(mask.count());
+    let settings = adaptive::Settings { density, rounds, first: None, target: None, seed, frame: None };
+    let measure = |_: &Mask| Ok::<_, Error>(Arc::clone(&image));
+    let chosen = adaptive::choose(&settings, Field { x: 0, y: 0, size }, run, measure)?;
+    Ok((image, Arc::new(chosen.mask)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::{Excerpt, Kind};
+    use crate::estimate::Kind;
     use crate::variational::ss;
     use crate::{Filter, Plane, Problem, Size};
 
