@@ -29,7 +29,7 @@
 //! uses the same.
 //!
 //! Cost: a fill without a tenth of the samples (up to ten of them where there are few) and one without half of them, of large frames in tiles that
-//! are spread over it ([`Excerpt`]); two of a smaller image (a quarter of the pixels or less, 384 x 384 at most), or after rounds the rounds once more and a fill; the four nearest samples of each held-out one and of 40000 missing pixels.
+//! are spread over it ([`Excerpt`]); two of a smaller image (a quarter of the pixels or less, 384 x 384 at most), or after rounds the rounds once more and a fill, of frames beyond 2.1 million pixels in sixteen windows; the four nearest samples of each held-out one and of 40000 missing pixels.
 //! The plane: the nearest samples of every missing pixel, and four blurs. Memory: six planes.
 //!
 //! Samples that stand close together must not speak for all of the image. Where samples lie unevenly, `m` is the root of the number of missing
