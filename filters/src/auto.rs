@@ -15,7 +15,8 @@
 //! `(1 - l) A_0k A_0l / A_00`, what all have of the first one's error, with `l` the root of the ratio of kriging variances.
 //! Where samples lie unevenly, each counts for the root of the number of missing pixels that it is the nearest of.
 //!
-//! A candidate that takes less than `WORTH` of the squared error away stays out, and is not computed for all of the image. Large images
+//! A candidate that takes less than `WORTH` of the squared error away stays out, and is not computed for all of the image. Where few samples are
+//! held out, weights may fit these alone: a blend that is worse than the best candidate, at samples that have not taught it, gives way to that one. Large images
 //! first try the candidates on tiles that are spread over them (`trial`). Guides that take half of the squared error of `ss` away, by their own
 //! left-out samples, leave `cnn` alone beside them, and in large images nothing.
 //!
@@ -61,6 +62,8 @@ use crate::{Error, Filter, Gradients, Mask, Outcome, Plan, Planes, Problem, Run}
 const ENOUGH: f64 = 0.5;
 /// So many held-out samples show whether a candidate counts at all; where one fold has them, the others need not be computed.
 const DECIDE: usize = 1000;
+/// What the squared error of one candidate must be less than a blend's, over it, to stand alone in its place: less is chance.
+const BETTER: f64 = 0.02;
 /// Fewer measured pixels choose nothing.
 const FEWEST: usize = 64;
 
@@ -289,13 +292,8 @@ impl Blend {
         }
         let less = if all.len() > 1 { less(&held[0], &self.mask, self.folds, LESS) } else { 1.0 };
         let truth = Truth { mask: &self.mask, voronoi: voronoi.as_ref(), samples, map, less };
-        let learned = |held: &[HeldOut]| Weights::new(&truth, held, None);
-        let weights = learned(&held);
+        let (weights, mut near) = blend_or_best(&truth, &held);
         let (mut outcome, mut effect) = blend(&mut all, &weights, (samples, &self.mask), out, run)?;
-        let mut near = match weights.alone() {
-            Some(_) => weights.of_held_out(&held),
-            None => Weights::crossed(&held, &learned),
-        };
         let mut own = 1.0;
         if carried.iter().any(|carried| !carried.is_empty()) {
             let along = along::pulled(self, (&mut all, &weights), (samples, carried, guides), out, run)?;
@@ -419,6 +417,26 @@ impl Blend {
             evidence.known((samples, &self.mask), filled, self.folds, &mut again, run)?;
         }
         Ok(evidence)
+    }
+}
+
+/// Weights, and what the blend predicts at held-out samples; of the best candidate alone if a blend by weights that
+/// others of them have taught is clearly worse.
+fn blend_or_best(truth: &Truth<'_>, held: &[HeldOut]) -> (Weights, HeldOut) {
+    let learned = |held: &[HeldOut]| Weights::new(truth, held, None);
+    let weights = learned(held);
+    if weights.alone().is_some() {
+        let near = weights.of_held_out(held);
+        return (weights, near);
+    }
+    let near = Weights::crossed(held, &learned);
+    let single = held.iter().enumerate().filter(|(k, _)| weights.counts(*k));
+    let best = single.map(|(k, held)| (truth.error(held), k)).min_by(|a, b| a.0.total_cmp(&b.0));
+    match best {
+        Some((error, k)) if error <= (1.0 - BETTER) * truth.error(&near) => {
+            (weights.only(k), held[k].clone())
+        }
+        _ => (weights, near),
     }
 }
 

@@ -9,15 +9,16 @@
 
 mod simplex;
 mod surfaces;
+mod truth;
 
 use lacuna_core::parallel::prelude::*;
 
-use crate::domain::Map;
-use crate::estimate::{HeldOut, Voronoi};
+use crate::estimate::HeldOut;
 use crate::sampling::hash;
 use crate::{Mask, Plane, Planes, Size};
 use simplex::{best, best_of};
 pub use surfaces::{BySurface, Surfaces};
+pub use truth::Truth;
 
 /// What the weights of a pixel are learned from.
 #[derive(Clone, Copy, Debug)]
@@ -58,22 +59,6 @@ pub struct Weights {
     of: Vec<Vec<f32>>,
     /// Of each candidate, its mean weight at missing pixels.
     shares: Vec<f64>,
-}
-
-/// What was measured at held-out samples, and what these stand for.
-#[derive(Clone, Copy)]
-pub struct Truth<'a> {
-    /// Where samples are.
-    pub mask: &'a Mask,
-    /// Their cells, by which those that stand close together do not speak for all of the image; without, all count alike.
-    pub voronoi: Option<&'a Voronoi>,
-    /// Their values.
-    pub samples: &'a Planes,
-    /// Errors are those of what it shows of mapped values ([`Map::shown`]); a linear one compares values as they are, mapped or not.
-    pub map: Map,
-    /// What the first candidate's squared error is at missing pixels, which stand nearer to samples, over that at held-out ones: all inherit as
-    /// much of its error as theirs go along with it.
-    pub less: f64,
 }
 
 /// A candidate that is taken alone where that costs little and is right.
@@ -264,6 +249,16 @@ impl Weights {
         counting.next().filter(|_| counting.next().is_none())
     }
 
+    /// The same where one candidate counts alone.
+    pub fn only(mut self, candidate: usize) -> Self {
+        for (k, (of, share)) in self.of.iter_mut().zip(&mut self.shares).enumerate() {
+            let alone = k == candidate;
+            *of = if alone { vec![1.0; self.cells.pixels()] } else { Vec::new() };
+            *share = f64::from(u8::from(alone));
+        }
+        self
+    }
+
     /// The mean weight of a candidate at missing pixels.
     pub fn share(&self, candidate: usize) -> f64 {
         self.shares.get(candidate).copied().unwrap_or(0.0)
@@ -390,6 +385,7 @@ fn blur(size: Size, cells: &[Products]) -> Vec<Products> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::domain::Map;
 
     /// Samples that stand for all, as they are.
     fn told<'a>(mask: &'a Mask, samples: &'a Planes) -> Truth<'a> {

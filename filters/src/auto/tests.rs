@@ -69,6 +69,34 @@ fn it_is_never_far_behind_the_best_and_keeps_what_was_measured() {
     }
 }
 
+/// Two candidates miss lamps, each a part of its own. By their errors, as displays show them, a mean of both would be better; it is one of
+/// logarithms, though, and dark.
+#[test]
+fn a_blend_that_is_worse_than_the_best_gives_way_to_it() {
+    let mask = mask(0.2);
+    let samples = Planes::new(SIZE, vec![Plane::filled(SIZE, 7.6)]).unwrap();
+    let map = Map::Log { scale: 1e-3 };
+    let at: Vec<u32> =
+        (0..).zip(mask.as_slice()).filter(|(_, flag)| **flag).map(|(pixel, _)| pixel).collect();
+    let missing = |part: std::ops::Range<u64>| {
+        let one = |pixel: &u32| {
+            if part.contains(&(lacuna_core::mix(u64::from(*pixel)) % 100)) { 0.0 } else { 7.6 }
+        };
+        HeldOut { predicted: vec![at.iter().map(one).collect()], at: at.clone(), variance: Vec::new() }
+    };
+    let held = [missing(0..34), missing(34..65)];
+    let chosen = |map: Map| {
+        let truth = Truth { mask: &mask, voronoi: None, samples: &samples, map, less: 1.0 };
+        blend_or_best(&truth, &held)
+    };
+    let (weights, near) = chosen(map);
+    assert_eq!(weights.alone(), Some(1));
+    assert_eq!(weights.share(1), 1.0);
+    assert_eq!(near, held[1]);
+    // Of the values themselves the mean is better.
+    assert_eq!(chosen(Map::Linear).0.alone(), None);
+}
+
 #[test]
 fn an_image_to_start_from_changes_no_bit_and_serves_most_candidates() {
     let (mask, [.., (_, truth)], run) = (mask(0.2), scenes(), Run::default());
