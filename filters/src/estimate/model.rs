@@ -22,7 +22,7 @@ pub(super) const LOOKED_AT: usize = 40_000;
 /// Bounds of the exponent.
 const EXPONENTS: (f64, f64) = (0.0, 1.75);
 /// What is added to the exponent where errors are as large as the samples' own differences: there the law levels off, so that two
-/// depths show too little of it.
+/// depths show too little of it. Not where samples were put where errors are, in rounds: there estimates are rather too good without it.
 const LEVELLED: f64 = 0.15;
 /// Standard deviation of the exponent.
 const EXPONENT_OFF: f64 = 0.4;
@@ -162,7 +162,7 @@ impl Model {
             let pixels: Vec<u32> = owned.iter().map(|owned| owned.1).collect();
             owned.iter().zip(variance.all(&places, &pixels)).map(|(owned, v)| (owned.0, v.ln())).collect()
         });
-        let (whole, whole_off) = exponent(evidence, truth, &places);
+        let (whole, whole_off) = exponent(evidence, truth, &places, if chosen { 0.0 } else { LEVELLED });
         let exponent = of_part(whole, evidence.own, &held, &missing);
         let exponent_off = whole_off.hypot(PART_OFF * (whole - exponent));
         let floor = rounding(truth, mask);
@@ -405,8 +405,9 @@ fn of_part(exponent: f64, own: f64, held: &[PixelError], missing: &[PixelError])
 
 /// The exponent from samples that were held out at two depths, and its standard deviation.
 ///
-/// It makes `sum e^2 (v' / v)^p` over the samples equal to `sum e'^2`: those that carry the error decide.
-fn exponent(evidence: &Evidence, truth: &Planes, places: &Places) -> (f64, f64) {
+/// It makes `sum e^2 (v' / v)^p` over the samples equal to `sum e'^2`: those that carry the error decide. Where errors are as large as the samples'
+/// own differences, `levelled` is added.
+fn exponent(evidence: &Evidence, truth: &Planes, places: &Places, levelled: f64) -> (f64, f64) {
     let [near, deep] = &evidence.pairs;
     let pairs: Vec<[f64; 3]> = near
         .squared_errors(truth)
@@ -433,8 +434,8 @@ fn exponent(evidence: &Evidence, truth: &Planes, places: &Places) -> (f64, f64) 
     }
     let found = 0.5 * (low + high);
     let spread = spread(evidence, truth, places);
-    let levelled = if spread > 0.0 { (near_sum / spread).min(1.0) } else { 0.0 };
-    let exponent = (found + LEVELLED * levelled).clamp(EXPONENTS.0, EXPONENTS.1);
+    let part = if spread > 0.0 { (near_sum / spread).min(1.0) } else { 0.0 };
+    let exponent = (found + levelled * part).clamp(EXPONENTS.0, EXPONENTS.1);
     (exponent, EXPONENT_OFF + (found - EXPONENTS.1).max(EXPONENTS.0 - found).max(0.0) * 0.5)
 }
 

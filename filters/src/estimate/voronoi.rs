@@ -11,10 +11,10 @@ use crate::sampling::hash;
 /// shuffle and 0.23 for blue noise, 0.29 to 0.48 after a second pass of a quarter of them, 0.5 at random, 0.7 to 1.3 for samples chosen in rounds.
 const UNEVEN: f64 = 0.26;
 /// Share of the exponent that holds between a sample and the missing pixels around it where samples were put where errors are, in rounds: at
-/// exponents up to this, and how it rises from there.
-const CHOSEN: (f64, f64) = (1.15, 0.25);
+/// exponents up to the first number, and at the largest.
+const CHOSEN: (f64, [f64; 2]) = (1.15, [0.25, 0.8]);
 /// By how much unevenness exceeds [`UNEVEN`] where the share has fallen from 1 to that, as after some rounds.
-const CHOSEN_UNEVEN: f64 = 0.5;
+const CHOSEN_UNEVEN: f64 = 0.3;
 
 /// The cell of each sample.
 pub struct Voronoi {
@@ -45,11 +45,11 @@ impl Voronoi {
         self.variation > UNEVEN
     }
 
-    /// Share of the exponent: from all of it to what [`CHOSEN`] says; all of the `largest` exponent.
+    /// Share of the exponent: from all of it to what [`CHOSEN`] says.
     pub fn share(&self, exponent: f64, largest: f64) -> f64 {
-        let (from, least) = CHOSEN;
+        let (from, [least, most]) = CHOSEN;
         let smooth = ((exponent - from) / (largest - from)).max(0.0);
-        let lost = (1.0 - least) * (1.0 - smooth);
+        let lost = 1.0 - least - (most - least) * smooth;
         1.0 - lost * ((self.variation - UNEVEN) / CHOSEN_UNEVEN).clamp(0.0, 1.0)
     }
 
