@@ -3,13 +3,14 @@
 use super::Candidate;
 use crate::domain::Map;
 use crate::estimate::{Excerpt, Folds, HeldOut, Voronoi};
-use crate::weights::{Truth, Weights};
+use crate::weights::Truth;
 use crate::{Error, Mask, Planes, Run};
 
 /// Held-out samples at which candidates are compared, unless the tiles have fewer. With half as many, chance took the wrong one at 5 % of a frame.
 const ENOUGH: usize = 1000;
 
 /// The names of the candidates that are worth computing, and of those that these start from: they are computed anyway, and more samples decide better.
+/// One that is clearly better than a blend has no other beside it.
 pub fn worth_trying(
     candidates: &[Candidate<'_>],
     (samples, map): (&Planes, Map),
@@ -38,7 +39,10 @@ pub fn worth_trying(
     let less = super::less(&held[0], tiles, folds, super::LESS);
     let voronoi = Voronoi::new(tiles);
     let truth = Truth { mask: tiles, voronoi: Some(&voronoi), samples: &planes, map, less };
-    let weights = Weights::new(&truth, &held, None);
+    let (weights, _) = super::blend_or_best(&truth, &held);
+    if let Some(alone) = weights.alone() {
+        return Ok(vec![candidates[alone].name]);
+    }
     let mut names = Vec::new();
     let mut start = None;
     for (k, candidate) in candidates.iter().enumerate() {

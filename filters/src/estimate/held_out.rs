@@ -40,16 +40,21 @@ impl Folds {
 
     /// The parts to hold out, one range a fill, so that enough of so many samples are seen without themselves.
     pub fn near(self, samples: usize) -> impl Iterator<Item = Range<u64>> {
-        (0..Self::fills(samples)).map(|part| part..part + 1)
+        Self::of_enough(samples, ENOUGH)
     }
 
-    fn fills(samples: usize) -> u64 {
-        (ENOUGH * PARTS as usize).div_ceil(samples.max(1)).clamp(1, PARTS as usize) as u64
+    /// The same where fewer are enough.
+    pub(super) fn of_enough(samples: usize, enough: usize) -> impl Iterator<Item = Range<u64>> {
+        (0..Self::fills(samples, enough)).map(|part| part..part + 1)
+    }
+
+    fn fills(samples: usize, enough: usize) -> u64 {
+        (enough * PARTS as usize).div_ceil(samples.max(1)).clamp(1, PARTS as usize) as u64
     }
 
     /// The parts that are half of the samples, and those of them that are also held out where few others are.
     pub(super) fn deep(self, samples: usize) -> (Self, [Range<u64>; 2]) {
-        (self, [DEEP, DEEP.start..Self::fills(samples).min(DEEP.end)])
+        (self, [DEEP, DEEP.start..Self::fills(samples, ENOUGH).min(DEEP.end)])
     }
 
     /// The mask without these parts.

@@ -27,6 +27,8 @@ use crate::{Error, Mask, Planes, Size};
 const LEAST_STEP: usize = 2;
 /// Fewer samples of the smaller image tell nothing.
 const FEWEST: usize = 200;
+/// Held-out samples that are enough: chance among them is little beside what a smaller image may do otherwise.
+const ENOUGH: usize = 1500;
 /// Errors that grow by less than this where half of the samples are held out do not tell noise from detail.
 const LEAST_GROWTH: f64 = 1.2;
 /// By how much the growth of errors is off by chance, over itself.
@@ -78,7 +80,7 @@ impl Simulation {
             (0..).zip(mask.as_slice()).filter(|(_, flag)| !**flag).map(|(pixel, _)| pixel).collect();
         let missing = HeldOut { predicted: pick(&again, &at), at, variance: Vec::new() };
         let mut held = HeldOut::default();
-        for parts in folds.near(mask.count()) {
+        for parts in Folds::of_enough(mask.count(), ENOUGH) {
             let parts = (folds, [parts.clone(), parts]);
             held.extend(HeldOut::new((&truth, mask), parts, None, &mut reconstruct)?);
         }
