@@ -161,8 +161,8 @@ fn large_images_try_candidates_on_tiles() {
     };
     let found = try_on(&mask);
     assert!(!found.contains(&"tv") && !found.is_empty(), "{found:?}");
-    // With each what it starts from.
-    for candidate in all.iter().filter(|candidate| found.contains(&candidate.name)) {
+    // One that is clearly best alone, else with each what it starts from.
+    for candidate in all.iter().filter(|candidate| found.len() > 1 && found.contains(&candidate.name)) {
         assert!(candidate.filter.start().is_none_or(|start| found.contains(&start)), "{found:?}");
     }
     let few = Arc::new(Mask::from_fn(size, |row, column| row % 200 == 0 && column % 200 == 0));
