@@ -431,9 +431,9 @@ fn blend_or_best(truth: &Truth<'_>, held: &[HeldOut]) -> (Weights, HeldOut) {
     }
     let near = Weights::crossed(held, &learned);
     let single = held.iter().enumerate().filter(|(k, _)| weights.counts(*k));
-    let best = single.map(|(k, held)| (truth.error(held), k)).min_by(|a, b| a.0.total_cmp(&b.0));
+    let best = single.map(|(k, held)| (Weights::error(truth, held), k)).min_by(|a, b| a.0.total_cmp(&b.0));
     match best {
-        Some((error, k)) if error <= (1.0 - BETTER) * truth.error(&near) => {
+        Some((error, k)) if error <= (1.0 - BETTER) * Weights::error(truth, &near) => {
             (weights.only(k), held[k].clone())
         }
         _ => (weights, near),

@@ -9,16 +9,15 @@
 
 mod simplex;
 mod surfaces;
-mod truth;
 
 use lacuna_core::parallel::prelude::*;
 
-use crate::estimate::HeldOut;
+use crate::domain::Map;
+use crate::estimate::{HeldOut, Voronoi};
 use crate::sampling::hash;
 use crate::{Mask, Plane, Planes, Size};
 use simplex::{best, best_of};
 pub use surfaces::{BySurface, Surfaces};
-pub use truth::Truth;
 
 /// What the weights of a pixel are learned from.
 #[derive(Clone, Copy, Debug)]
@@ -59,6 +58,22 @@ pub struct Weights {
     of: Vec<Vec<f32>>,
     /// Of each candidate, its mean weight at missing pixels.
     shares: Vec<f64>,
+}
+
+/// What was measured at held-out samples, and what these stand for.
+#[derive(Clone, Copy)]
+pub struct Truth<'a> {
+    /// Where samples are.
+    pub mask: &'a Mask,
+    /// Their cells, by which those that stand close together do not speak for all of the image; without, all count alike.
+    pub voronoi: Option<&'a Voronoi>,
+    /// Their values.
+    pub samples: &'a Planes,
+    /// Errors are those of what it shows of mapped values ([`Map::shown`]); a linear one compares values as they are, mapped or not.
+    pub map: Map,
+    /// What the first candidate's squared error is at missing pixels, which stand nearer to samples, over that at held-out ones: all inherit as
+    /// much of its error as theirs go along with it.
+    pub less: f64,
 }
 
 /// A candidate that is taken alone where that costs little and is right.
@@ -153,6 +168,11 @@ impl Weights {
                 add_products(&errors, products);
             }
         })
+    }
+
+    /// The squared error of predictions, as candidates' are compared.
+    pub fn error(truth: &Truth<'_>, held: &HeldOut) -> f64 {
+        Self::of_errors(truth, std::slice::from_ref(held)).2[0]
     }
 
     /// Cells for as many held-out samples, in which the first candidate counts alone.
@@ -385,7 +405,6 @@ fn blur(size: Size, cells: &[Products]) -> Vec<Products> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::domain::Map;
 
     /// Samples that stand for all, as they are.
     fn told<'a>(mask: &'a Mask, samples: &'a Planes) -> Truth<'a> {

@@ -433,7 +433,7 @@ fn exponent(evidence: &Evidence, truth: &Planes, places: &Places, levelled: f64)
         }
     }
     let found = 0.5 * (low + high);
-    let spread = spread(evidence, truth, places);
+    let spread = if levelled > 0.0 { spread(evidence, truth, places) } else { 0.0 };
     let part = if spread > 0.0 { (near_sum / spread).min(1.0) } else { 0.0 };
     let exponent = (found + levelled * part).clamp(EXPONENTS.0, EXPONENTS.1);
     (exponent, EXPONENT_OFF + (found - EXPONENTS.1).max(EXPONENTS.0 - found).max(0.0) * 0.5)
