@@ -78,10 +78,9 @@ fn layers_are_sums_over_windows_on_every_instruction_set() {
             .map(|isa| {
                 let (mut from, mut to) = (maps(rows, columns, inputs), Maps::default());
                 to.resize((rows, columns), outputs);
-                convolve(
-                    isa,
-                    Convolve { layer: &layer, from: &mut from, to: &mut to, runs: &runs, activation },
-                );
+                let mut room = Room::default();
+                let (layer, from, room) = (&layer, &mut from, &mut room);
+                convolve(isa, Convolve { layer, from, to: &mut to, runs: &runs, room, activation });
                 to
             })
             .collect();
