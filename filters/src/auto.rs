@@ -29,13 +29,14 @@
 //!
 //! Boundary: that of the candidates. No settings. The same bits for any number of threads.
 //!
-//! Cost: two fills of each candidate that counts. Memory: three planes a channel beside the candidate that takes most.
+//! Cost: two fills of each candidate that counts; in large images one, if one counts alone and samples lie evenly (`alone`). Memory: three planes a channel beside the candidate that takes most.
 //!
 //! Fails: images in which a few pixels that no sample shows carry all of the error; the blend is then that of the rest.
 //!
 //! Sources: L. Breiman, "Stacked regressions", Machine Learning 24, 1996 (non-negative combinations by held-out errors); M. Stone,
 //! "Cross-Validatory Choice and Assessment of Statistical Predictions", Journal of the Royal Statistical Society B 36, 1974.
 
+mod alone;
 mod along;
 mod standing;
 mod trial;
@@ -44,18 +45,18 @@ mod ways;
 #[cfg(test)]
 mod tests;
 
-use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use crate::descriptor::{Configured, Descriptor, Memory, Takes};
 use crate::domain::Map;
-use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, HeldOut, Kind, Voronoi};
+use crate::estimate::{Evidence, Excerpt, Fold, Folds, HELD_OUT, HeldOut, Kind, Voronoi};
 use crate::network;
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
 use crate::variational::{edge, ss, tv};
 use crate::weights::{Truth, Weights};
 use crate::{Error, Filter, Gradients, Mask, Outcome, Plan, Planes, Problem, Run};
+use trial::Stage;
 
 /// What guides must take away of the squared error of splines to have nothing but `cnn` beside them, and in large images, where that takes
 /// long, nothing: more than the other candidates take away anywhere.
@@ -109,9 +110,23 @@ fn candidates() -> [(&'static Descriptor, Box<dyn Filter>); 4] {
     ]
 }
 
+/// What a cell holds, made if nothing has been. Threads that miss it at the same time all make it: one that waited inside a thread pool could wait for itself.
+fn once<T>(cell: &OnceLock<T>, make: impl FnOnce() -> T) -> &T {
+    if let Some(found) = cell.get() {
+        return found;
+    }
+    let made = make();
+    cell.get_or_init(|| made)
+}
+
 /// How much less splines err at missing pixels than at these, which were held out, squared, if errors go by that power of the variance.
 fn less(held: &HeldOut, mask: &Mask, folds: Folds, power: f64) -> f64 {
-    held.emptier(mask, folds, Kind::Spline).min(1.0).powf(power)
+    less_by(&held.with_variance(mask, folds, Kind::Spline).variance, mask, folds, power)
+}
+
+/// The same where these are the variances of held-out samples.
+fn less_by(variances: &[f32], mask: &Mask, folds: Folds, power: f64) -> f64 {
+    folds.emptier(mask, variances, Kind::Spline).min(1.0).powf(power)
 }
 
 impl Filter for Settings {
@@ -119,7 +134,8 @@ impl Filter for Settings {
         let mask = Arc::clone(&problem.mask);
         mask.require_samples()?;
         let plain = ss::Settings::default().plan(&Problem::fill(Arc::clone(&mask)), run)?;
-        Ok(Box::new(Blend { mask, plain, folds: Folds::default() }))
+        let (stage, first_fold) = (OnceLock::new(), OnceLock::new());
+        Ok(Box::new(Blend { mask, plain, folds: Folds::default(), stage, first_fold }))
     }
 }
 
@@ -129,6 +145,10 @@ pub struct Blend {
     /// Smoothness splines, which are the result where there is nothing to choose by.
     plain: Box<dyn Plan>,
     folds: Folds,
+    /// Where candidates are tried, of a large mask.
+    stage: OnceLock<Option<Stage>>,
+    /// See [`Blend::first_fold`].
+    first_fold: OnceLock<HeldOut>,
 }
 
 impl Plan for Blend {
@@ -246,8 +266,8 @@ impl Candidate<'_> {
     /// What it predicts at the samples of a fold; `start` is of the same fold.
     fn held_out(
         &self,
-        (samples, mask): (&Planes, &Mask),
-        (folds, parts): (Folds, Range<u64>),
+        samples: &Planes,
+        fold: &Fold,
         start: &mut Start,
         run: &Run<'_>,
     ) -> Result<HeldOut, Error> {
@@ -257,7 +277,7 @@ impl Candidate<'_> {
             self.lead(&out, start);
             Ok(out)
         };
-        HeldOut::new((samples, mask), (folds, [parts.clone(), parts]), None, &mut fill)
+        HeldOut::new(samples, fold, None, &mut fill)
     }
 }
 
@@ -281,7 +301,14 @@ impl Blend {
             None => None,
         };
         let guides = guides.filter(|_| guided.is_some());
-        let mut all = self.worth_trying(guided, (samples, map), run)?;
+        // What other frames know is learned from all of the image.
+        let tiles_do = learn && carried.iter().all(Carried::is_empty);
+        let (mut all, on_tiles) = self.worth_trying(guided, (samples, map), tiles_do, run)?;
+        if let (Some(held), [only]) = (on_tiles, &all[..])
+            && let Some(done) = self.alone((only, held), samples, out, run)?
+        {
+            return Ok(done);
+        }
         let mut held = Vec::new();
         let voronoi = (all.len() > 1).then(|| Voronoi::new(&self.mask));
         if all.len() > 1 || learn {
@@ -292,7 +319,7 @@ impl Blend {
         }
         let less = if all.len() > 1 { less(&held[0], &self.mask, self.folds, LESS) } else { 1.0 };
         let truth = Truth { mask: &self.mask, voronoi: voronoi.as_ref(), samples, map, less };
-        let (weights, mut near) = blend_or_best(&truth, &held);
+        let (weights, mut near) = blend_or_best(&truth, &held, BETTER);
         let (mut outcome, mut effect) = blend(&mut all, &weights, (samples, &self.mask), out, run)?;
         let mut own = 1.0;
         if carried.iter().any(|carried| !carried.is_empty()) {
@@ -315,7 +342,10 @@ impl Blend {
         if learn {
             // What other frames know is not in the simulation.
             let known = effect.along.is_none().then_some(&*out);
-            let evidence = self.evidence(&all, (held, near), &weights, (samples, known), run)?;
+            let share = |&k: &usize| weights.share(k);
+            let most = (0..all.len()).max_by(|a, b| share(a).total_cmp(&share(b))).unwrap_or(0);
+            let evidence =
+                self.evidence(&all[most], (held.swap_remove(most), near), (samples, known), run)?;
             effect.evidence = Some(Evidence { own, ..evidence });
         }
         Ok((outcome, effect))
@@ -330,10 +360,10 @@ impl Blend {
     ) -> Result<Vec<HeldOut>, Error> {
         let mut held = vec![HeldOut::default(); all.len()];
         for parts in self.folds.near(self.mask.count()) {
+            let fold = self.folds.fold(&self.mask, [parts.clone(), parts.clone()]);
             let mut start = None;
             for (candidate, held) in all.iter().zip(&mut held).rev() {
-                let fold = (self.folds, parts.clone());
-                held.extend(candidate.held_out((samples, &self.mask), fold, &mut start, run)?);
+                held.extend(candidate.held_out(samples, &fold, &mut start, run)?);
             }
             drop(start);
             if parts.start == 0 && all.len() > 1 && held[0].at.len() >= DECIDE {
@@ -345,27 +375,6 @@ impl Blend {
             }
         }
         Ok(held)
-    }
-
-    /// The candidates, guided filling among them if there is one.
-    fn worth_trying<'a>(
-        &self,
-        guided: Option<Candidate<'a>>,
-        (samples, map): (&Planes, Map),
-        run: &Run<'_>,
-    ) -> Result<Vec<Candidate<'a>>, Error> {
-        let mut all: Vec<Candidate<'_>> = candidates().into_iter().map(Candidate::of).collect();
-        let gain = guided.as_ref().and_then(|guided| guided.done.as_ref()?.2.gain);
-        if gain.is_none_or(|gain| gain < ENOUGH) {
-            let tried = trial::worth_trying(&all, (samples, map), (&self.mask, self.folds), run)?;
-            all.retain(|candidate| tried.contains(&candidate.name));
-            all.extend(guided);
-            return Ok(all);
-        }
-        let is_large = Excerpt::tiles(&self.mask).is_some();
-        all.retain(|candidate| !is_large && candidate.name == network::DESCRIPTOR.name);
-        // Guides first, which are the result where nothing is held out.
-        Ok(guided.into_iter().chain(all).collect())
     }
 
     /// Guided filling by splines, done; nothing if it gains nothing, which left the image of splines.
@@ -388,27 +397,27 @@ impl Blend {
     /// What was predicted by the same blend is `near`; how error grows with depth, the candidate shows that counts most.
     fn evidence(
         &self,
-        all: &[Candidate<'_>],
-        (mut held, near): (Vec<HeldOut>, HeldOut),
-        weights: &Weights,
+        most: &Candidate<'_>,
+        (held, mut near): (HeldOut, HeldOut),
         (samples, filled): (&Planes, Option<&Planes>),
         run: &Run<'_>,
     ) -> Result<Evidence, Error> {
-        let most = (0..all.len()).max_by(|&a, &b| weights.share(a).total_cmp(&weights.share(b))).unwrap_or(0);
-        let kind = all[most].kind;
-        let near = near.with_variance(&self.mask, self.folds, kind);
-        // At the same pixels, unless other frames were asked at some only.
-        let mut shallow = held.swap_remove(most).sorted(|_| true);
-        if shallow.at == near.at {
-            shallow.variance.clone_from(&near.variance);
-        } else {
-            shallow = shallow.with_variance(&self.mask, self.folds, kind);
+        let kind = most.kind;
+        if near.variance.is_empty() {
+            near = near.with_variance(&self.mask, self.folds, kind);
+        }
+        let mut shallow = held.sorted(|_| true);
+        // Mostly at the same pixels, or at some of them.
+        let of = |pixel| near.at.binary_search(pixel).ok().map(|k| near.variance[k]);
+        match shallow.at.iter().map(of).collect() {
+            Some(variance) => shallow.variance = variance,
+            None => shallow = shallow.with_variance(&self.mask, self.folds, kind),
         }
         let mut again = |excerpt: Option<&Excerpt>, samples: &Planes, kept: &Arc<Mask>| {
             let mut out = Planes::zeros(samples.size(), samples.len());
-            let guides = all[most].guides;
+            let guides = most.guides;
             let small = guides.zip(excerpt).map(|(guides, excerpt)| guides.within(excerpt));
-            all[most].fill_guided(small.as_ref().or(guides), (samples, kept), How::ROUGHLY, &mut out, run)?;
+            most.fill_guided(small.as_ref().or(guides), (samples, kept), How::ROUGHLY, &mut out, run)?;
             Ok(out)
         };
         let deep = HeldOut::deep((samples, &self.mask), self.folds, kind, false, &mut again)?;
@@ -421,8 +430,8 @@ impl Blend {
 }
 
 /// Weights, and what the blend predicts at held-out samples; of the best candidate alone if a blend by weights that
-/// others of them have taught is clearly worse.
-fn blend_or_best(truth: &Truth<'_>, held: &[HeldOut]) -> (Weights, HeldOut) {
+/// others of them have taught is worse: its squared error is `better` less, over the blend's.
+fn blend_or_best(truth: &Truth<'_>, held: &[HeldOut], better: f64) -> (Weights, HeldOut) {
     let learned = |held: &[HeldOut]| Weights::new(truth, held, None);
     let weights = learned(held);
     if weights.alone().is_some() {
@@ -433,7 +442,7 @@ fn blend_or_best(truth: &Truth<'_>, held: &[HeldOut]) -> (Weights, HeldOut) {
     let single = held.iter().enumerate().filter(|(k, _)| weights.counts(*k));
     let best = single.map(|(k, held)| (Weights::error(truth, held), k)).min_by(|a, b| a.0.total_cmp(&b.0));
     match best {
-        Some((error, k)) if error <= (1.0 - BETTER) * Weights::error(truth, &near) => {
+        Some((error, k)) if error <= (1.0 - better) * Weights::error(truth, &near) => {
             (weights.only(k), held[k].clone())
         }
         _ => (weights, near),

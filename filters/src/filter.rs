@@ -1,6 +1,6 @@
 //! What every reconstruction method is: a filter that plans on a mask, and a plan that runs on samples.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use crate::auto::Blend;
 use crate::{Error, Mask, Outcome, Plane, Planes, Run};
@@ -34,6 +34,30 @@ pub trait Filter: Send + Sync {
     /// The name of the method by whose image, with its defaults, it starts: [`Plan::reconstruct_from_start`] takes that where it is known.
     fn start(&self) -> Option<&'static str> {
         None
+    }
+}
+
+/// The plan of what a method starts from, made when it is first asked for: an image to start from does without.
+pub(crate) struct Start {
+    filter: Box<dyn Filter>,
+    mask: Arc<Mask>,
+    plan: OnceLock<Box<dyn Plan>>,
+}
+
+impl Start {
+    /// Fills the missing pixels of an image; the mask has samples.
+    pub fn new(filter: impl Filter + 'static, mask: Arc<Mask>) -> Result<Self, Error> {
+        mask.require_samples()?;
+        Ok(Self { filter: Box::new(filter), mask, plan: OnceLock::new() })
+    }
+
+    /// The plan.
+    pub fn plan(&self, run: &Run<'_>) -> Result<&dyn Plan, Error> {
+        if let Some(plan) = self.plan.get() {
+            return Ok(plan.as_ref());
+        }
+        let plan = self.filter.plan(&Problem::fill(Arc::clone(&self.mask)), run)?;
+        Ok(self.plan.get_or_init(|| plan).as_ref())
     }
 }
 

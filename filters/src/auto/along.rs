@@ -200,14 +200,14 @@ fn held_out(
     let thinned = temporal::thinned(&own.mask, &judged);
     let mut held = vec![HeldOut::default(); 1 + others.ways.len()];
     for parts in temporal::judging(own.folds, own.mask.count()) {
-        let (folds, given) = ((own.folds, [parts.clone(), parts]), (samples, &*own.mask));
+        let out = own.folds.fold(&own.mask, [parts.clone(), parts]);
         let mut alone = Planes::zeros(samples.size(), 0);
         let mut fill = |samples: &Planes, kept: &Arc<Mask>| {
             alone = Planes::zeros(samples.size(), samples.len());
             blend(all, weights, (samples, kept), &mut alone, run)?;
             Ok(alone.clone())
         };
-        let fold = HeldOut::new(given, folds.clone(), None, &mut fill)?;
+        let fold = HeldOut::new(samples, &out, None, &mut fill)?;
         if alone.is_empty() {
             continue;
         }
@@ -229,7 +229,7 @@ fn held_out(
                 let given = others.given((samples, kept), &alone, (&known, Some(&own.mask)));
                 Ok(way.image(&Given { first: Some(&first), ..given }, run)?.0)
             };
-            held.extend(HeldOut::new(given, folds.clone(), None, &mut fill)?);
+            held.extend(HeldOut::new(samples, &out, None, &mut fill)?);
         }
     }
     Ok(held)

@@ -4,6 +4,7 @@
 
 use super::*;
 use crate::baseline::testing::with_threads;
+use crate::estimate::Verdict;
 use crate::fill::{Estimate, Options};
 use crate::sampling::{Field as Place, Pattern, Temporal, mask as generate};
 use crate::{Method, Plane, Size, fill};
@@ -87,7 +88,7 @@ fn a_blend_that_is_worse_than_the_best_gives_way_to_it() {
     let held = [missing(0..34), missing(34..65)];
     let chosen = |map: Map| {
         let truth = Truth { mask: &mask, voronoi: None, samples: &samples, map, less: 1.0 };
-        blend_or_best(&truth, &held)
+        blend_or_best(&truth, &held, BETTER)
     };
     let (weights, near) = chosen(map);
     assert_eq!(weights.alone(), Some(1));
@@ -157,20 +158,67 @@ fn large_images_try_candidates_on_tiles() {
     let all: Vec<Candidate<'_>> = { candidates().into_iter() }.map(Candidate::of).collect();
     let try_on = |mask: &Mask, image: &dyn Fn(usize, usize) -> f32| {
         let truth = Planes::new(size, vec![Plane::from_fn(size, image)]).unwrap();
-        trial::worth_trying(&all, (&truth, Map::Linear), (mask, Folds::default()), &Run::default()).unwrap()
+        let stage = Stage::new(mask, Folds::default())?;
+        Some(stage.try_out(&all, (&truth, Map::Linear), true, &Run::default()).unwrap())
     };
     // One is clearly best.
-    let found = try_on(&mask, &smooth);
-    assert!(found.len() == 1 && found[0] != "tv", "{found:?}");
+    let trial = try_on(&mask, &smooth).unwrap();
+    assert!(trial.names.len() == 1 && trial.names[0] != "tv", "{:?}", trial.names);
+    // What it errs by is known of the tiles: a tenth of the samples inside them.
+    let [own, splines] = trial.alone.unwrap();
+    assert_eq!(own.at, splines.at);
+    assert!((2700..3200).contains(&own.at.len()), "{}", own.at.len());
+    assert!(own.at.iter().all(|&pixel| Folds::default().part(pixel as usize) == 0));
     // Several count: with each what it starts from.
-    let found =
-        try_on(&mask, &|row, column| if column < 470 { smooth(row, column) } else { flat(row, column) });
+    let halves = |row, column| if column < 470 { smooth(row, column) } else { flat(row, column) };
+    let trial = try_on(&mask, &halves).unwrap();
+    assert!(trial.alone.is_none());
+    let found = trial.names;
     assert!(found.contains(&"tv") && found.len() > 2, "{found:?}");
     for candidate in all.iter().filter(|candidate| found.contains(&candidate.name)) {
         assert!(candidate.filter.start().is_none_or(|start| found.contains(&start)), "{found:?}");
     }
     let few = Arc::new(Mask::from_fn(size, |row, column| row % 200 == 0 && column % 200 == 0));
-    assert_eq!(try_on(&few, &smooth).len(), all.len());
+    assert!(try_on(&few, &smooth).is_none());
+}
+
+/// A large image that one candidate fills alone: the bits are that one's, whether its error is learned or not, and the error is about the true one.
+#[test]
+fn one_candidate_alone_is_judged_by_tiles() {
+    let size = Size::new(900, 940);
+    let field = Place { x: 0, y: 0, size };
+    let mask = Arc::new(generate(Pattern::Shuffle, field, 0.2, 3, Temporal::Fixed, 0).unwrap());
+    // Discs with steep rims, on shading.
+    let disc = |row: usize, column: usize| {
+        let (y, x) = ((row % 90) as f32 - 45.0, (column % 100) as f32 - 50.0);
+        let rim = (1.5 * (30.0 - (y * y + x * x).sqrt())).clamp(-8.0, 8.0);
+        0.3 * smooth(row, column) + 0.6 / (1.0 + (-rim).exp())
+    };
+    let truth = Planes::new(size, vec![Plane::from_fn(size, disc)]).unwrap();
+    let mut options = Options::of(Method::from(Settings));
+    let plain = fill(&truth, Arc::clone(&mask), &options).unwrap();
+    options.estimate = Estimate::Figure;
+    let judged = fill(&truth, Arc::clone(&mask), &options).unwrap();
+    assert_eq!(plain.planes, judged.planes);
+    let [(name, share)] = judged.sets[0].shares[..] else { panic!("{:?}", judged.sets[0].shares) };
+    assert_eq!(share, 1.0);
+    let (_, filter) = { candidates().into_iter() }.find(|(descriptor, _)| descriptor.name == name).unwrap();
+    let plan = filter.plan(&Problem::fill(Arc::clone(&mask)), &Run::default()).unwrap();
+    let mut own = Planes::zeros(size, 1);
+    plan.reconstruct(&truth, &mut own, &Run::default()).unwrap();
+    let missing = |image: &Planes| {
+        let pixels =
+            image.as_slice()[0].pixels().iter().zip(truth.as_slice()[0].pixels()).zip(mask.as_slice());
+        let squares = pixels.filter(|(_, flag)| !**flag).map(|((a, b), _)| f64::from(a - b).powi(2));
+        (squares.sum::<f64>() / (size.pixels() - mask.count()) as f64).sqrt()
+    };
+    // The limiter is all that comes after.
+    assert!((missing(&judged.planes) / missing(&own) - 1.0).abs() < 0.05);
+    let Some(Verdict::Estimate(told)) = judged.sets[0].estimate else {
+        panic!("{:?}", judged.sets[0].estimate)
+    };
+    let off: f64 = 20.0 * (told.rmse / missing(&judged.planes)).log10();
+    assert!(off.abs() < 2.0, "{off} dB of {} by {name}", missing(&judged.planes));
 }
 
 /// Around lamps a spline through logarithms glows, which displays show, and total variation does not: what errs less by logarithms is not taken for it.

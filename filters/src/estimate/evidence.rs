@@ -19,6 +19,8 @@ pub struct Evidence {
     pub pairs: [HeldOut; 2],
     /// The part of the squared error that goes by the pattern of the samples, the frame's alone: 1 unless samples of other frames are taken, too.
     pub own: f64,
+    /// Variance of the logarithm of squared errors, as they were held out on tiles; 0 if on all of the frame.
+    pub by_tiles: f64,
     /// What both errors are on an image that is known.
     pub simulation: Option<Simulation>,
     /// What choosing the pixels once more passed over, where they were chosen in rounds.
@@ -41,8 +43,8 @@ impl Evidence {
         let mut near = HeldOut::default();
         let mut all = |samples: &Planes, kept: &Arc<Mask>| reconstruct(None, samples, kept);
         for parts in folds.near(mask.count()) {
-            let parts = (folds, [parts.clone(), parts]);
-            near.extend(HeldOut::new((samples, mask), parts, Some(kind), &mut all)?);
+            let fold = folds.fold(mask, [parts.clone(), parts]);
+            near.extend(HeldOut::new(samples, &fold, Some(kind), &mut all)?);
         }
         let deep = HeldOut::deep((samples, mask), folds, kind, filled.is_none(), reconstruct)?;
         let mut own = Self::new(kind, folds, &near, &near, &deep);
@@ -78,7 +80,7 @@ impl Evidence {
         for (own, other) in pairs.iter_mut().zip(both.iter().rev()) {
             *own = own.sorted(|pixel| other.at.binary_search(&pixel).is_ok());
         }
-        Self { kind, near, pairs, own: 1.0, simulation: None, repetition: None }
+        Self { kind, near, pairs, own: 1.0, by_tiles: 0.0, simulation: None, repetition: None }
     }
 
     /// The squared error at samples that are held out with half of the others over that at the same with few of them.

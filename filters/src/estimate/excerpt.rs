@@ -21,6 +21,8 @@ const NARROW: Tile = Tile { side: 96, border: 8 };
 const WINDOW: Tile = Tile { side: 256, border: 16 };
 /// How many are drawn.
 const WINDOWS: usize = 16;
+/// Border of a tile, in spacings of its samples, beyond which its neighbours do not matter, though half of the samples are held out.
+const FAR: f64 = 6.0;
 /// Tiles along each side of the excerpt.
 const ACROSS: usize = 4;
 /// Frames that have fewer pixels are no larger than tiles need: so many times what these hold.
@@ -57,6 +59,11 @@ impl Excerpt {
     /// Tiles that are spread over a large frame; nothing if it is hardly larger than these.
     pub fn tiles(frame: &Mask) -> Option<Self> {
         Self::of_tiles(frame, WIDE)
+    }
+
+    /// The same if the samples of each are so dense that its neighbours do not matter.
+    pub fn apart(frame: &Mask) -> Option<Self> {
+        Self::tiles(frame).filter(|tiles| tiles.border() >= FAR)
     }
 
     /// Smaller tiles, on which methods are compared.
@@ -128,6 +135,11 @@ impl Excerpt {
         let inner = |at: usize| (border..side - border).contains(&(at % side));
         let width = self.mask.size().width;
         inner(pixel as usize / width) && inner(pixel as usize % width)
+    }
+
+    /// How many samples the neighbours of their tiles do not reach.
+    pub fn inner_count(&self) -> usize {
+        (0..).zip(self.mask.as_slice()).filter(|(pixel, flag)| **flag && self.is_inner(*pixel)).count()
     }
 
     /// The border of tiles in spacings of samples, those of the tile that has fewest.

@@ -18,8 +18,6 @@ pub(super) const DEEP: Range<u64> = 0..PARTS / 2;
 /// Held-out pixels that are enough, where more would cost more fills.
 const ENOUGH: usize = 5000;
 
-/// Border of a tile, in spacings of its samples, beyond which its neighbours do not matter, though half of the samples are held out.
-const FAR: f64 = 6.0;
 /// How exact fills without some of the samples are, over the range of these: far below what a fill errs by.
 pub const HELD_OUT: f64 = 5e-4;
 /// Pixels that one task looks at.
@@ -53,8 +51,28 @@ impl Folds {
     }
 
     /// The parts that are half of the samples, and those of them that are also held out where few others are.
-    pub(super) fn deep(self, samples: usize) -> (Self, [Range<u64>; 2]) {
-        (self, [DEEP, DEEP.start..Self::fills(samples, ENOUGH).min(DEEP.end)])
+    pub(super) fn deep(samples: usize) -> [Range<u64>; 2] {
+        [DEEP, DEEP.start..Self::fills(samples, ENOUGH).min(DEEP.end)]
+    }
+
+    /// Parts of a mask's samples, and those of them that are looked at.
+    pub fn fold(self, mask: &Mask, [parts, wanted]: [Range<u64>; 2]) -> Fold {
+        let kept = Arc::new(self.without(mask, &parts));
+        Fold { kept, at: self.held_out(mask, &wanted), seed: self.seed }
+    }
+
+    /// The same of tiles of a frame, by its pixels, which are told as those of the excerpt. Those that the neighbours of their tiles reach are not looked at.
+    pub fn fold_of_tiles(self, tiles: &Excerpt, [parts, wanted]: [Range<u64>; 2]) -> Fold {
+        let mut flags = tiles.mask.as_slice().to_vec();
+        let mut at = Vec::new();
+        for pixel in (0..flags.len()).filter(|&pixel| tiles.mask.as_slice()[pixel]) {
+            let part = self.part(tiles.source(pixel));
+            flags[pixel] = !parts.contains(&part);
+            if wanted.contains(&part) && tiles.is_inner(pixel as u32) {
+                at.push(pixel as u32);
+            }
+        }
+        Fold { kept: Arc::new(Mask::of(tiles.mask.size(), flags)), at, seed: self.seed }
     }
 
     /// The mask without these parts.
@@ -68,15 +86,51 @@ impl Folds {
         Mask::of(mask.size(), kept)
     }
 
+    /// How much less a mask leaves open at missing pixels than folds of it did at held-out ones, where `variances` are: the ratio of geometric
+    /// means.
+    pub fn emptier(self, mask: &Mask, variances: &[f32], kind: Kind) -> f64 {
+        let ln = |variances: &[f32]| -> f64 {
+            let finite = variances.iter().map(|v| f64::from(v.ln())).filter(|ln| ln.is_finite());
+            let (sum, count) = finite.fold((0.0, 0_usize), |(sum, count), ln| (sum + ln, count + 1));
+            sum / count.max(1) as f64
+        };
+        let missing = mask.size().pixels() - mask.count();
+        let pixels = (0..).zip(mask.as_slice()).filter(|(_, flag)| !**flag).map(|(at, _)| at);
+        let few: Vec<u32> = pixels.step_by(missing.div_ceil(ENOUGH).max(1)).collect();
+        if few.is_empty() || variances.is_empty() {
+            return 1.0;
+        }
+        let there = Fold { kept: Arc::new(mask.clone()), at: few, seed: self.seed }.variances(kind);
+        (ln(&there) - ln(variances)).exp()
+    }
+
     /// The mask with the fewest samples that all of the frame is filled from to learn from it.
     pub fn thinnest(self, mask: &Mask) -> Mask {
-        let few = if tiles(mask).is_some() { 0..1 } else { DEEP };
+        let few = if Excerpt::apart(mask).is_some() { 0..1 } else { DEEP };
         self.without(mask, &few)
     }
 
     /// The measured pixels of these parts, in the order of rows.
     pub fn held_out(self, mask: &Mask, parts: &Range<u64>) -> Vec<u32> {
         pixels_where(mask, |measured, pixel| measured && parts.contains(&self.part(pixel)))
+    }
+}
+
+/// Samples that are held out together.
+#[derive(Clone, Debug)]
+pub struct Fold {
+    /// The mask without them.
+    pub kept: Arc<Mask>,
+    /// Those that are looked at, in the order of rows.
+    pub at: Vec<u32>,
+    seed: u64,
+}
+
+impl Fold {
+    /// How uncertain the mask leaves those that are looked at.
+    pub fn variances(&self, kind: Kind) -> Vec<f32> {
+        let places = Places::new(&self.kept, |_| true);
+        Variance::new(kind, &self.kept, &places, self.seed).all(&places, &self.at)
     }
 }
 
@@ -101,28 +155,23 @@ pub struct HeldOut {
 }
 
 impl HeldOut {
-    /// Holds parts of the samples out of a method's fill, and looks at those of them that are `wanted`. `reconstruct` gets the samples and
-    /// the mask that is left, and reads no others. Without a kind of variance there is none.
+    /// What a method makes of the samples that a fold holds out. `reconstruct` gets the samples and the mask that is left, and reads no others.
+    /// Without a kind of variance there is none.
     ///
     /// # Errors
     /// Those of the method.
     pub fn new(
-        (samples, mask): (&Planes, &Mask),
-        (folds, [parts, wanted]): (Folds, [Range<u64>; 2]),
+        samples: &Planes,
+        fold: &Fold,
         kind: Option<Kind>,
         reconstruct: &mut Reconstruct<'_>,
     ) -> Result<Self, Error> {
-        let kept = Arc::new(folds.without(mask, &parts));
-        let at = folds.held_out(mask, &wanted);
-        if at.is_empty() || kept.is_empty() {
+        if fold.at.is_empty() || fold.kept.is_empty() {
             return Ok(Self { predicted: vec![Vec::new(); samples.len()], ..Self::default() });
         }
-        let filled = reconstruct(samples, &kept)?;
-        let variance = kind.map_or_else(Vec::new, |kind| {
-            let places = Places::new(&kept, |_| true);
-            Variance::new(kind, &kept, &places, folds.seed).all(&places, &at)
-        });
-        Ok(Self { predicted: pick(&filled, &at), at, variance })
+        let filled = reconstruct(samples, &fold.kept)?;
+        let variance = kind.map_or_else(Vec::new, |kind| fold.variances(kind));
+        Ok(Self { predicted: pick(&filled, &fold.at), variance, at: fold.at.clone() })
     }
 
     /// Holds half of the samples out: of a large frame in tiles that are spread over it, unless `whole` is asked for.
@@ -136,27 +185,20 @@ impl HeldOut {
         whole: bool,
         reconstruct: &mut ReconstructPart<'_>,
     ) -> Result<Self, Error> {
-        let (folds, [parts, wanted]) = folds.deep(mask.count());
-        let Some(tiles) = tiles(mask).filter(|_| !whole) else {
+        let Some(tiles) = Excerpt::apart(mask).filter(|_| !whole) else {
             let mut all = |samples: &Planes, kept: &Arc<Mask>| reconstruct(None, samples, kept);
-            return Self::new((samples, mask), (folds, [parts, wanted]), Some(kind), &mut all);
+            return Self::new(samples, &folds.fold(mask, Folds::deep(mask.count())), Some(kind), &mut all);
         };
-        let all = tiles.mask.as_slice();
-        let part = |pixel: usize| folds.part(tiles.source(pixel));
-        let flags = (0..).zip(all).map(|(pixel, flag)| *flag && !parts.contains(&part(pixel))).collect();
-        let kept = Arc::new(Mask::of(tiles.mask.size(), flags));
-        let is_wanted =
-            |&pixel: &usize| all[pixel] && wanted.contains(&part(pixel)) && tiles.is_inner(pixel as u32);
-        let at: Vec<u32> = (0..all.len()).filter(is_wanted).map(|pixel| pixel as u32).collect();
-        let filled = reconstruct(Some(&tiles), &tiles.planes(samples), &kept)?;
-        let places = Places::new(&kept, |_| true);
-        let variance = Variance::new(kind, &kept, &places, folds.seed).all(&places, &at);
-        let predicted = pick(&filled, &at);
-        Ok(Self {
-            at: at.iter().map(|&pixel| tiles.source(pixel as usize) as u32).collect(),
-            predicted,
-            variance,
-        })
+        let mut part = |samples: &Planes, kept: &Arc<Mask>| reconstruct(Some(&tiles), samples, kept);
+        let fold = folds.fold_of_tiles(&tiles, Folds::deep(tiles.mask.count()));
+        Ok(Self::new(&tiles.planes(samples), &fold, Some(kind), &mut part)?.of_frame(&tiles))
+    }
+
+    /// What was held out of an excerpt, as of the frame.
+    #[must_use]
+    pub fn of_frame(mut self, excerpt: &Excerpt) -> Self {
+        self.at.iter_mut().for_each(|pixel| *pixel = excerpt.source(*pixel as usize) as u32);
+        self
     }
 
     /// The same, in the order of rows, with the variances that go with folds that are held out one at a time.
@@ -164,35 +206,18 @@ impl HeldOut {
     pub fn with_variance(&self, mask: &Mask, folds: Folds, kind: Kind) -> Self {
         let mut own = self.sorted(|_| true);
         own.variance = vec![f32::NAN; own.at.len()];
-        for parts in folds.near(mask.count()) {
-            let of = |k: &usize| parts.contains(&folds.part(own.at[*k] as usize));
+        for part in 0..PARTS {
+            let of = |k: &usize| folds.part(own.at[*k] as usize) == part;
             let which: Vec<usize> = (0..own.at.len()).filter(of).collect();
+            if which.is_empty() {
+                continue;
+            }
             let pixels: Vec<u32> = which.iter().map(|&k| own.at[k]).collect();
-            let kept = folds.without(mask, &parts);
-            let places = Places::new(&kept, |_| true);
-            let variance = Variance::new(kind, &kept, &places, folds.seed).all(&places, &pixels);
+            let kept = Arc::new(folds.without(mask, &(part..part + 1)));
+            let variance = Fold { kept, at: pixels, seed: folds.seed }.variances(kind);
             which.into_iter().zip(variance).for_each(|(k, v)| own.variance[k] = v);
         }
         own
-    }
-
-    /// How much less the pattern of samples leaves open at missing pixels than at these, held out one fold at a time: the ratio of the
-    /// geometric means of variances.
-    pub fn emptier(&self, mask: &Mask, folds: Folds, kind: Kind) -> f64 {
-        let ln = |variances: &[f32]| -> f64 {
-            let finite = variances.iter().map(|v| f64::from(v.ln())).filter(|ln| ln.is_finite());
-            let (sum, count) = finite.fold((0.0, 0_usize), |(sum, count), ln| (sum + ln, count + 1));
-            sum / count.max(1) as f64
-        };
-        let places = Places::new(mask, |_| true);
-        let missing: Vec<u32> =
-            mask.as_slice().iter().enumerate().filter(|(_, flag)| !**flag).map(|(at, _)| at as u32).collect();
-        let few: Vec<u32> = missing.iter().copied().step_by(missing.len().div_ceil(ENOUGH).max(1)).collect();
-        if few.is_empty() || self.at.is_empty() {
-            return 1.0;
-        }
-        let there = Variance::new(kind, mask, &places, folds.seed).all(&places, &few);
-        (ln(&there) - ln(&self.with_variance(mask, folds, kind).variance)).exp()
     }
 
     /// Adds what was predicted elsewhere.
@@ -246,11 +271,6 @@ impl HeldOut {
             }
         }
     }
-}
-
-/// Tiles of a frame that show what half of its samples make of it, if the samples of each are dense enough.
-fn tiles(mask: &Mask) -> Option<Excerpt> {
-    Excerpt::tiles(mask).filter(|tiles| tiles.border() >= FAR)
 }
 
 /// The values of pixels, by channel.

@@ -25,7 +25,8 @@
 //! ([`Verdict::AtMost`]). A frame whose error few cells carry, or whose interval goes beyond the range of its samples, gets
 //! [`Verdict::CannotTell`].
 //!
-//! Held-out samples come from [`Evidence::of_folds`], for any method. [`Folds`] are drawn by a seed; all that learns from a frame
+//! Held-out samples come from [`Evidence::of_folds`], for any method; of large frames that `auto` fills by one candidate, from tiles and the
+//! leave-one-out errors of splines (`auto/alone.rs`), the variance of whose ratio widens the interval. [`Folds`] are drawn by a seed; all that learns from a frame
 //! uses the same.
 //!
 //! Cost: a fill without a tenth of the samples (up to ten of them where there are few) and one without half of them, of large frames in tiles that
@@ -69,7 +70,7 @@ mod voronoi;
 
 pub use evidence::Evidence;
 pub use excerpt::Excerpt;
-pub use held_out::{Folds, HELD_OUT, HeldOut, PARTS};
+pub use held_out::{Fold, Folds, HELD_OUT, HeldOut, PARTS};
 pub use model::{Model, Rmse, Verdict, Why};
 pub use repetition::Repetition;
 pub use simulation::Simulation;

@@ -126,6 +126,8 @@ pub struct Model {
     share: f64,
     /// All missing pixels.
     all_missing: usize,
+    /// Variance of the logarithm of the held-out errors, as tiles show them.
+    by_tiles: f64,
     /// From the squared error at held-out samples to that of missing pixels as a simulation shows it: its logarithm, and its variance.
     simulated: Option<(f64, f64)>,
     /// The squared error of missing pixels when they were chosen and filled once more: the least that it is.
@@ -184,6 +186,7 @@ impl Model {
             owned,
             share,
             all_missing,
+            by_tiles: evidence.by_tiles,
             simulated,
             repeated,
         }
@@ -231,7 +234,7 @@ impl Model {
         let rest = if self.owned.is_some() { CHOSEN_REST } else { REST };
         let squared: Vec<f32> = self.held.iter().map(|error| error.squared).collect();
         let unseen = TAIL * tail::unseen((&parts, &squared), self.all_missing, self.range);
-        let off = (by_chance + unseen.powi(2) + carried + rest * rest).sqrt();
+        let off = (by_chance + unseen.powi(2) + carried + self.by_tiles + rest * rest).sqrt();
         let side = SIDE * off;
         if carriers < CARRIERS {
             return Verdict::CannotTell(Why::FewCarryAll);

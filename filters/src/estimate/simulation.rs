@@ -81,10 +81,11 @@ impl Simulation {
         let missing = HeldOut { predicted: pick(&again, &at), at, variance: Vec::new() };
         let mut held = HeldOut::default();
         for parts in Folds::of_enough(mask.count(), ENOUGH) {
-            let parts = (folds, [parts.clone(), parts]);
-            held.extend(HeldOut::new((&truth, mask), parts, None, &mut reconstruct)?);
+            let fold = folds.fold(mask, [parts.clone(), parts]);
+            held.extend(HeldOut::new(&truth, &fold, None, &mut reconstruct)?);
         }
-        let deep = HeldOut::new((&truth, mask), folds.deep(mask.count()), None, &mut reconstruct)?;
+        let deep = folds.fold(mask, Folds::deep(mask.count()));
+        let deep = HeldOut::new(&truth, &deep, None, &mut reconstruct)?;
         Ok(Some(Self { truth, held, missing, deep }))
     }
 

@@ -114,10 +114,7 @@ fn add_products(products: &mut [f64], errors: &[f32]) {
 /// By the identity, from a spline's fill of all samples, before anything limits it.
 pub fn of_spline(settings: &ss::Settings, mask: &Mask, filled: &Planes) -> LeftOut {
     let size = mask.size();
-    let energy: Separable<f32> =
-        Form::new(settings.kernel, settings.order.number(), settings.tension).energy(size, (1.0, 1.0)).cast();
-    let means = filled.as_slice().iter().map(|plane| mean(mask, plane)).collect();
-    let identity = Identity { energy, mask, filled, means, offsets: offsets() };
+    let identity = Identity::new(settings, mask, filled);
     let mut left = LeftOut::nothing(size, filled.len());
     let (rows, count) = (BAND * size.width.max(1), left.products.len());
     let bands = left.error.par_chunks_mut(rows).zip(left.distance.par_chunks_mut(rows)).enumerate();
@@ -130,6 +127,26 @@ pub fn of_spline(settings: &ss::Settings, mask: &Mask, filled: &Planes) -> LeftO
         left.products.iter_mut().zip(products).for_each(|(sum, product)| *sum += product);
     }
     left
+}
+
+/// The same at some measured pixels, in the order of rows: by channel, what is measured less what is predicted.
+pub fn of_spline_at(settings: &ss::Settings, mask: &Mask, filled: &Planes, at: &[u32]) -> Vec<Vec<f32>> {
+    let identity = Identity::new(settings, mask, filled);
+    let width = mask.size().width.max(1);
+    let bands: Vec<&[u32]> =
+        at.chunk_by(|a, b| *a as usize / width / BAND == *b as usize / width / BAND).collect();
+    let found: Vec<Vec<f32>> = bands.par_iter().map_init(Default::default, |buffers, at| {
+        let y = at[0] as usize / width / BAND * BAND;
+        let window = Window { y, x: 0, height: BAND.min(mask.size().height - y), width };
+        let at: Vec<usize> = at.iter().map(|pixel| *pixel as usize - y * width).collect();
+        let mut errors = Vec::with_capacity(at.len() * filled.len());
+        identity.errors(window, &at, buffers, |_, _, own| errors.extend_from_slice(own));
+        errors
+    });
+    let channels = filled.len().max(1);
+    (0..filled.len())
+        .map(|k| found.iter().flat_map(|own| own.iter().skip(k).step_by(channels).copied()).collect())
+        .collect()
 }
 
 /// The method's image of the samples, as it comes, off by about `rough` times their range.
@@ -155,7 +172,13 @@ struct Identity<'a> {
     offsets: Vec<(u32, isize, isize)>,
 }
 
-impl Identity<'_> {
+impl<'a> Identity<'a> {
+    fn new(settings: &ss::Settings, mask: &'a Mask, filled: &'a Planes) -> Self {
+        let form = Form::new(settings.kernel, settings.order.number(), settings.tension);
+        let means = filled.as_slice().iter().map(|plane| mean(mask, plane)).collect();
+        Self { energy: form.energy(mask.size(), (1.0, 1.0)).cast(), mask, filled, means, offsets: offsets() }
+    }
+
     /// Writes what is known of the samples in some rows, from row `y` on, and adds to the products.
     fn rows(
         &self,
@@ -168,20 +191,35 @@ impl Identity<'_> {
         let window = Window { y, x: 0, height: error.len() / width, width };
         let from = y * width;
         let at: Vec<usize> = (0..error.len()).filter(|k| self.mask.as_slice()[from + k]).collect();
+        self.errors(window, &at, buffers, |pixel, nearest, errors| {
+            error[pixel] = errors.iter().map(|error| error * error).sum();
+            distance[pixel] = nearest.powi(3);
+            add_products(products, errors);
+        });
+    }
+
+    /// Tells of measured pixels of a window as wide as the image, by index row by row: which, the squared distance to the nearest other one, and
+    /// the errors of the channels.
+    fn errors(
+        &self,
+        window: Window,
+        at: &[usize],
+        buffers: &mut [Vec<f32>; 2],
+        mut tell: impl FnMut(usize, f32, &[f32]),
+    ) {
         if at.is_empty() {
             return;
         }
         let forces: Vec<Vec<f32>> =
-            (0..self.filled.len()).map(|channel| self.forces(window, channel, &at, buffers)).collect();
+            (0..self.filled.len()).map(|channel| self.forces(window, channel, at, buffers)).collect();
         let mut errors = vec![0.0; forces.len()];
         for (k, &pixel) in at.iter().enumerate() {
-            let squared = self.nearest((y + pixel / width, pixel % width)).map(|squared| squared as f32);
+            let place = (window.y + pixel / window.width, pixel % window.width);
+            let squared = self.nearest(place).map(|squared| squared as f32);
             // The fourth root.
             let variance = FACTOR * squared.iter().product::<f32>().sqrt().sqrt();
             errors.iter_mut().zip(&forces).for_each(|(error, forces)| *error = variance * forces[k]);
-            error[pixel] = errors.iter().map(|error| error * error).sum();
-            distance[pixel] = squared[0].powi(3);
-            add_products(products, &errors);
+            tell(pixel, squared[0], &errors);
         }
     }
 
@@ -278,5 +316,33 @@ mod tests {
         // `K` is larger than the identity's own, as it stands for missing pixels.
         assert!(count > 80 && (0.0..1.5).contains(&quantile(5)), "{count}: {}", quantile(5));
         assert!(quantile(9) - quantile(1) < 1.0, "{} to {}", quantile(1), quantile(9));
+    }
+
+    #[test]
+    fn errors_at_some_samples_are_those_at_all() {
+        let size = Size::new(70, 44);
+        let wave = |k: f32| Plane::from_fn(size, |y, x| ((x * x + 3 * y) as f32 / k).sin());
+        let mask = Arc::new(shuffle::mask(0, 0, size, 0.2, 4).unwrap());
+        let (samples, settings) = (Planes::of(size, vec![wave(90.0), wave(300.0)]), ss::Settings::default());
+        let filled = fill(&samples, &mask, &settings, EXACT, &Run::default()).unwrap();
+        let left = of_spline(&settings, &mask, &filled);
+        let measured = |pixel: &u32| mask.as_slice()[*pixel as usize];
+        let at: Vec<u32> = (0..size.pixels() as u32).filter(measured).step_by(3).collect();
+        let errors = of_spline_at(&settings, &mask, &filled, &at);
+        for (k, &pixel) in at.iter().enumerate() {
+            let sum = errors[0][k].powi(2) + errors[1][k].powi(2);
+            assert_eq!(sum, left.error[pixel as usize]);
+        }
+        // What is measured less what is predicted: mostly of the sign of what leaving one part out shows.
+        let parts = Mask::from_fn(size, |y, x| {
+            mask.is_measured(y, x) && at.binary_search(&((y * size.width + x) as u32)).is_err()
+        });
+        let without = fill(&samples, &Arc::new(parts), &settings, EXACT, &Run::default()).unwrap();
+        let same = at.iter().zip(&errors[0]).filter(|(pixel, error)| {
+            let pixel = **pixel as usize;
+            let off = samples.as_slice()[0].pixels()[pixel] - without.as_slice()[0].pixels()[pixel];
+            off * **error > 0.0
+        });
+        assert!(same.count() > at.len() * 3 / 4);
     }
 }

@@ -10,7 +10,7 @@ pub mod blue_noise;
 pub mod coherence;
 mod components;
 pub mod grid;
-mod leave_out;
+pub(crate) mod leave_out;
 pub mod measure;
 pub mod order;
 pub mod paired;

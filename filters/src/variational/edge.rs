@@ -53,6 +53,7 @@ use lacuna_core::parallel::prelude::*;
 
 use crate::descriptor::{Configured, Descriptor, Field, Memory, Range, Setting, Takes};
 use crate::estimate::Kind;
+use crate::filter::Start;
 use crate::kernel::blur::half_window;
 use crate::kernel::curvature::{Solve, Tile, Weigh, Weighting};
 use crate::kernel::{Isa, dispatch};
@@ -165,16 +166,16 @@ struct How {
 struct Planned {
     settings: Settings,
     mask: Arc<Mask>,
-    start: Box<dyn Plan>,
+    start: Start,
     isa: Isa,
 }
 
 impl Filter for Settings {
-    fn plan(&self, problem: &Problem, run: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
+    fn plan(&self, problem: &Problem, _: &Run<'_>) -> Result<Box<dyn Plan>, Error> {
         check::positive("contrast", self.contrast)?;
         check::at_least_one("rounds", self.rounds)?;
         let mask = Arc::clone(&problem.mask);
-        let start = ss::Settings::default().plan(&Problem::fill(Arc::clone(&mask)), run)?;
+        let start = Start::new(ss::Settings::default(), Arc::clone(&mask))?;
         Ok(Box::new(Planned { settings: *self, mask, start, isa: Isa::best() }))
     }
 
@@ -186,7 +187,7 @@ impl Filter for Settings {
 impl Plan for Planned {
     fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
         // The start checks the planes, and copies every measured pixel's bits.
-        let start = self.start.reconstruct(samples, out, run)?;
+        let start = self.start.plan(run)?.reconstruct(samples, out, run)?;
         Ok(self.enhance(start, steps(None), samples, out, run))
     }
 
@@ -197,7 +198,7 @@ impl Plan for Planned {
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
-        let start = self.start.reconstruct_roughly(samples, error, out, run)?;
+        let start = self.start.plan(run)?.reconstruct_roughly(samples, error, out, run)?;
         Ok(self.enhance(start, steps(Some(error)), samples, out, run))
     }
 
