@@ -137,11 +137,6 @@ impl Excerpt {
         inner(pixel as usize / width) && inner(pixel as usize % width)
     }
 
-    /// How many samples the neighbours of their tiles do not reach.
-    pub fn inner_count(&self) -> usize {
-        (0..).zip(self.mask.as_slice()).filter(|(pixel, flag)| **flag && self.is_inner(*pixel)).count()
-    }
-
     /// The border of tiles in spacings of samples, those of the tile that has fewest.
     pub fn border(&self) -> f64 {
         let Tile { side, border } = self.tile;
