@@ -20,6 +20,8 @@
 //!
 //! Boundary: that of the splines; the interpolation repeats the outermost pixels. The same bits for any number of threads.
 //!
+//! The same is done in the frame before and in the one after, which are then seen from this one (`view`).
+//!
 //! Which `w` is best, and whether other frames help at all, differs between places: [`crate::auto`] asks held-out samples.
 //!
 //! Cost: `ROUNDS` solves on the whole image. Fails: thin parts whose motion is not known to a fraction of their width.
@@ -36,11 +38,13 @@ mod level;
 mod taps;
 #[cfg(test)]
 mod tests;
+mod view;
 
 pub use carried::Carried;
 pub(crate) use carried::thinned;
 pub(crate) use level::Both;
 pub(crate) use taps::Taps;
+pub(crate) use view::{Beside, beside, seen};
 
 use std::cell::OnceCell;
 use std::ops::Range;
@@ -175,7 +179,7 @@ pub(crate) fn pull(mask: &Mask, pulling: &Pulling<'_>, begun: &Planes, run: &Run
 /// Whether brightness changes between an image and samples of the other frames that are farthest away.
 pub(crate) fn brightness_changes(carried: &[Carried], image: &Planes) -> bool {
     let farthest =
-        carried.iter().filter(|carried| !carried.is_empty()).max_by_key(|carried| carried.distance);
+        carried.iter().filter(|carried| !carried.is_empty()).max_by_key(|carried| carried.distance());
     farthest.is_some_and(|carried| level::gain(carried, image) >= CHANGES)
 }
 
@@ -220,8 +224,7 @@ impl<'a> Judge<'a> {
     pub fn of(&self, samples: &Planes, at: usize, [y, x]: [f32; 2]) -> Option<f64> {
         let size = self.image.size();
         let values = samples.as_slice().iter().map(|plane| plane.pixels()[at]);
-        let inside = carried::inside(y, size.height) && carried::inside(x, size.width);
-        inside.then(|| self.part(squared(self.image, values, [y, x])))
+        carried::is_inside(size, [y, x]).then(|| self.part(squared(self.image, values, [y, x])))
     }
 
     fn part(&self, off: f64) -> f64 {

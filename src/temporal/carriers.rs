@@ -96,10 +96,10 @@ impl Carrier<'_> {
     /// The samples of these channels; nothing if the neighbour has not all of them, with measured values.
     pub fn carried(&self, names: &[String]) -> Option<Carried> {
         let (samples, mask) = measured(self.neighbour, self.part, names)?;
-        let distance = u32::try_from(self.neighbour.offset.unsigned_abs()).unwrap_or(u32::MAX);
+        let offset = self.neighbour.offset.clamp(i32::MIN.into(), i32::MAX.into()) as i32;
         let at = |places: &Places| {
             let places = places.all();
-            Carried::new(samples.size(), (&samples, &*mask), distance, |at| places[at])
+            Carried::new(samples.size(), (&samples, &*mask), offset, |at| places[at])
         };
         let carried = at(&self.places);
         Some(match &self.judged {

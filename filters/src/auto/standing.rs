@@ -60,7 +60,7 @@ impl Standing<'_> {
                     y + share[at] * (fill.as_slice()[channel].pixels()[at] - y)
                 };
                 let values: Vec<f32> = (0..fill.len()).map(value).collect();
-                carried.push([(at / size.width) as f32, (at % size.width) as f32], &values);
+                carried.push(size, at, &values);
             }
         }
     }

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use super::{Candidate, How, candidates};
-use crate::temporal::{self, Carried, First, Pull, Pulling};
-use crate::variational::guided::{Beside, Regression};
+use crate::temporal::{self, Beside, Carried, First, Pull, Pulling};
+use crate::variational::guided::{self, Regression};
 use crate::{Error, Mask, Outcome, Plane, Planes, Run};
 
 /// How samples of other frames are taken.
@@ -16,6 +16,8 @@ pub enum Way {
     Plain(Pull),
     /// They are regressed on guides along with those of the frame.
     Regressed,
+    /// They and those of the frame pull the frames beside it, which are seen from it.
+    Seen(Pull),
 }
 
 /// What a way starts from.
@@ -31,6 +33,8 @@ pub struct Given<'a> {
     pub carried: &'a [Carried],
     /// What each other frame makes of its own, where these are known.
     pub fills: &'a [Planes],
+    /// The nearest frames on either side, on their own.
+    pub beside: &'a [Beside],
     /// The regression, where there are guides.
     pub regression: Option<&'a Regression<'a>>,
     /// Where some of the samples are held out: the mask of all, at which what comes out is looked at.
@@ -55,6 +59,7 @@ impl Way {
                 Ok((image, outcome.worst(ended)))
             }
             Self::Regressed => given.regressed(run),
+            Self::Seen(pull) => Ok((given.seen(pull, run)?, Outcome::direct())),
         }
     }
 }
@@ -82,9 +87,15 @@ impl Given<'_> {
         Ok((out, outcome))
     }
 
+    /// What the frames beside it show of the frame.
+    fn seen(&self, pull: Pull, run: &Run<'_>) -> Result<Planes, Error> {
+        let Self { samples, mask, alone, beside, carried, .. } = *self;
+        temporal::seen((samples, mask, alone), (beside, carried), (pull, self.held_out_of.is_some()), run)
+    }
+
     fn regressed(&self, run: &Run<'_>) -> Result<(Planes, Outcome), Error> {
         let Some(regression) = self.regression else { return Ok((self.alone.clone(), Outcome::direct())) };
-        let mut beside = Beside::default();
+        let mut beside = guided::Beside::default();
         self.carried.iter().for_each(|carried| carried.put_beside(&mut beside));
         regression.fill((self.samples, self.mask), &beside, self.held_out_of, run)
     }

@@ -4,7 +4,7 @@ use lacuna_core::parallel::prelude::*;
 
 use crate::domain::Map;
 use crate::sampling::hash;
-use crate::variational::guided::Beside;
+use crate::variational::guided;
 use crate::{Mask, Planes, Size};
 
 /// Pixels that one task takes.
@@ -23,31 +23,34 @@ pub struct Carried {
     pub(crate) places: Vec<[f32; 2]>,
     /// By plane, the values.
     pub(crate) values: Vec<Vec<f32>>,
-    /// How many frames away it was measured, at least 1.
-    pub(crate) distance: u32,
+    /// The pixel of its own frame that each was measured at.
+    pub(crate) home: Vec<u32>,
+    /// How many frames later than this one it was measured; negative if earlier, never 0.
+    pub(crate) offset: i32,
     /// The same at the places where held-out samples may judge them, if those are others.
     pub(crate) judged: Option<Box<Self>>,
 }
 
 impl Carried {
-    /// The measured samples of a frame that is `distance` frames away, `place` telling where each of its pixels, by its index row by row, lies in an image of that size: row
+    /// The measured samples of a frame that is `offset` frames later (negative: earlier; 0 counts as 1), `place` telling where each of its pixels, by its index row by row, lies in an image of that size: row
     /// and column, whole numbers at pixel centres. Those whose place is not known (NaN) or outside, and those that are not finite, are left out.
     pub fn new(
         size: Size,
         (samples, mask): (&Planes, &Mask),
-        distance: u32,
+        offset: i32,
         place: impl Fn(usize) -> [f32; 2] + Sync,
     ) -> Self {
-        let none =
-            || Self { values: vec![Vec::new(); samples.len()], distance: distance.max(1), ..Self::default() };
+        let offset = if offset == 0 { 1 } else { offset };
+        let none = || Self { values: vec![Vec::new(); samples.len()], offset, ..Self::default() };
         let part = |(part, flags): (usize, &[bool])| {
             let mut own = none();
             for at in (0..flags.len()).filter(|at| flags[*at]).map(|at| part * PIECE + at) {
                 // What is all but a pixel's centre is it.
                 let [y, x] = place(at).map(|at| if (at - round(at)).abs() < WHOLE { round(at) } else { at });
                 let finite = || samples.as_slice().iter().all(|plane| plane.pixels()[at].is_finite());
-                if inside(y, size.height) && inside(x, size.width) && finite() {
+                if is_inside(size, [y, x]) && finite() {
                     own.places.push([y, x]);
+                    own.home.push(at as u32);
                     let planes = own.values.iter_mut().zip(samples.as_slice());
                     planes.for_each(|(values, plane)| values.push(plane.pixels()[at]));
                 }
@@ -57,6 +60,7 @@ impl Carried {
         let mut own = none();
         for part in mask.as_slice().par_chunks(PIECE).enumerate().map(part) {
             own.places.extend(part.places);
+            own.home.extend(part.home);
             own.values.iter_mut().zip(part.values).for_each(|(own, values)| own.extend(values));
         }
         own
@@ -84,6 +88,11 @@ impl Carried {
         self.places.is_empty()
     }
 
+    /// How many frames away it was measured, at least 1.
+    pub(crate) fn distance(&self) -> u32 {
+        self.offset.unsigned_abs().max(1)
+    }
+
     /// Whether all of them lie at pixel centres.
     pub(crate) fn is_still(&self) -> bool {
         self.places.iter().flatten().all(|at| at.fract() == 0.0)
@@ -99,16 +108,17 @@ impl Carried {
         self.values[plane][sample]
     }
 
-    /// Adds a sample at a place in the image.
-    pub(crate) fn push(&mut self, place: [f32; 2], values: &[f32]) {
-        self.places.push(place);
+    /// Adds a sample of a frame in which nothing has moved.
+    pub(crate) fn push(&mut self, size: Size, at: usize, values: &[f32]) {
+        self.places.push([(at / size.width) as f32, (at % size.width) as f32]);
+        self.home.push(at as u32);
         self.values.iter_mut().zip(values).for_each(|(own, value)| own.push(*value));
     }
 
     /// Adds them to others.
-    pub(crate) fn put_beside(&self, all: &mut Beside) {
+    pub(crate) fn put_beside(&self, all: &mut guided::Beside) {
         all.at.extend_from_slice(&self.places);
-        all.away.extend(self.places.iter().map(|_| self.distance as f32));
+        all.away.extend(self.places.iter().map(|_| self.distance() as f32));
         for i in 0..self.len() {
             all.values.extend(self.values.iter().map(|values| values[i]));
         }
@@ -127,9 +137,37 @@ impl Carried {
         (planes, Mask::of(size, flags))
     }
 
+    /// The samples as pixels of their own frame, of that size.
+    pub(super) fn at_home(&self, size: Size) -> (Planes, Mask) {
+        let mut flags = vec![false; size.pixels()];
+        let mut planes = Planes::zeros(size, self.values.len());
+        for (i, &at) in self.home.iter().enumerate() {
+            flags[at as usize] = true;
+            for (plane, values) in planes.as_mut_slice().iter_mut().zip(&self.values) {
+                plane.pixels_mut()[at as usize] = values[i];
+            }
+        }
+        (planes, Mask::of(size, flags))
+    }
+
+    /// At their places in another frame of that size, which is `offset` frames later, `place` telling them by those in this one. Those
+    /// outside are left out.
+    pub(super) fn carried_on(&self, size: Size, offset: i32, place: impl Fn([f32; 2]) -> [f32; 2]) -> Self {
+        let places: Vec<[f32; 2]> = self.places.iter().map(|own| place(*own)).collect();
+        let all: Vec<usize> = (0..places.len()).filter(|&i| is_inside(size, places[i])).collect();
+        let take = |values: &Vec<f32>| all.iter().map(|&i| values[i]).collect();
+        Self {
+            places: all.iter().map(|&i| places[i]).collect(),
+            values: self.values.iter().map(take).collect(),
+            home: all.iter().map(|&i| self.home[i]).collect(),
+            offset: self.offset - offset,
+            judged: None,
+        }
+    }
+
     /// How much it counts for being near in time: less for what it differs by, of which levelling leaves less.
     pub(crate) fn nearness(&self, levelled: bool) -> f64 {
-        let near = 1.0 / f64::from(self.distance);
+        let near = 1.0 / f64::from(self.distance());
         if levelled { near } else { near * near }
     }
 
@@ -137,7 +175,7 @@ impl Carried {
     pub(crate) fn select(&self, planes: &[usize]) -> Self {
         let values = planes.iter().map(|&at| self.values[at].clone()).collect();
         let judged = self.judged.as_ref().map(|judged| Box::new(judged.select(planes)));
-        Self { places: self.places.clone(), values, distance: self.distance, judged }
+        Self { places: self.places.clone(), values, home: self.home.clone(), offset: self.offset, judged }
     }
 
     /// With the values mapped.
@@ -157,6 +195,11 @@ fn round(at: f32) -> f32 {
 /// Whether a place lies in an image of this height or width.
 pub(super) fn inside(at: f32, length: usize) -> bool {
     at >= -0.5 && at < length as f32 - 0.5
+}
+
+/// Whether a place lies in an image of that size.
+pub(super) fn is_inside(size: Size, [y, x]: [f32; 2]) -> bool {
+    inside(y, size.height) && inside(x, size.width)
 }
 
 /// The pixel of an image of that size that a place is in.
@@ -199,7 +242,8 @@ pub(crate) fn thinned(mask: &Mask, carried: &[&Carried]) -> Vec<Carried> {
         Carried {
             places: all.iter().map(|&i| carried.places[i]).collect(),
             values: carried.values.iter().map(take).collect(),
-            distance: carried.distance,
+            home: all.iter().map(|&i| carried.home[i]).collect(),
+            offset: carried.offset,
             judged: None,
         }
     };

@@ -50,7 +50,7 @@ fn filled(
         .map(|k: usize| {
             let [dy, dx] = moves(k);
             let place = |pixel: usize| [at(pixel)[0] + dy, at(pixel)[1] + dx];
-            Carried::new(SIZE, (&shows(k), &masks[k]), k.abs_diff(2) as u32, place)
+            Carried::new(SIZE, (&shows(k), &masks[k]), k as i32 - 2, place)
         })
         .collect();
     let options = Options { carried: &carried, ..Options::default() };
