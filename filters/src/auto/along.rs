@@ -13,8 +13,8 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use super::standing::Standing;
-use super::ways::{Given, Way};
-use super::{Blend, Candidate, blend, less};
+use super::ways::{Given, Way, plain};
+use super::{Blend, Candidate, How, blend, less};
 use crate::domain::Map;
 use crate::estimate::{Excerpt, Folds, HeldOut, Voronoi};
 use crate::sampling::hash;
@@ -86,27 +86,20 @@ struct Others<'a> {
     beside: Vec<Beside>,
 }
 
-/// Makes the image of a frame's own samples.
-type Fill<'a> = &'a mut dyn FnMut(&Planes, &Arc<Mask>) -> Result<Planes, Error>;
-
 impl<'a> Others<'a> {
     fn new(
-        (samples, mask): (&Planes, &Mask),
-        carried: &'a [Carried],
+        samples: &Planes,
+        (carried, judged): (&'a [Carried], Vec<Carried>),
+        beside: Vec<Beside>,
         guides: Option<&'a Guides>,
-        fill: Fill<'_>,
         run: &Run<'_>,
     ) -> Result<Self, Error> {
-        let judged: Vec<&Carried> = carried.iter().map(Carried::to_judge).collect();
-        let judged = temporal::thinned(mask, &judged);
-        let mut beside = Vec::new();
         let mut ways = PULLS.map(Way::Pulled).to_vec();
         let whole = carried.iter().all(Carried::is_still);
         if whole {
             ways.push(Way::Pulled(FIRM));
         }
-        if Excerpt::apart(mask).is_none() {
-            beside = temporal::beside(samples.size(), &judged, fill)?;
+        if !beside.is_empty() {
             ways.push(Way::Seen(PULLS[1]));
         }
         if guides.is_some() {
@@ -137,9 +130,19 @@ pub fn pulled(
     out: &mut Planes,
     run: &Run<'_>,
 ) -> Result<Option<Along>, Error> {
-    let mut fill = |samples: &Planes, mask: &Arc<Mask>| blended_alone((all, alone), (samples, mask), run);
-    let mut others = Others::new((samples, &own.mask), carried, guides, &mut fill, run)?;
-    let held = held_out(own, &mut fill, (samples, &mut others), out, run)?;
+    let judged: Vec<&Carried> = carried.iter().map(Carried::to_judge).collect();
+    let judged = temporal::thinned(&own.mask, &judged);
+    // Guides are those of this frame.
+    let beside = |all: &mut [Candidate<'_>], carried: &[Carried]| {
+        temporal::beside(samples.size(), carried, |samples, mask| match guides {
+            Some(_) => Ok(plain((samples, mask), How::EXACTLY, run)?.0),
+            None => blended_alone((&mut *all, alone), (samples, mask), run),
+        })
+    };
+    let is_small = Excerpt::apart(&own.mask).is_none();
+    let others = if is_small { beside(all, &judged)? } else { Vec::new() };
+    let mut others = Others::new(samples, (carried, judged), others, guides, run)?;
+    let held = held_out(own, (all, alone), (samples, &mut others), out, run)?;
     if run.interrupted().is_some() || held[0].at.is_empty() {
         return Ok(None);
     }
@@ -160,7 +163,7 @@ pub fn pulled(
     }
     let is_seen = |way: &Way| matches!(way, Way::Seen(_));
     if others.ways.iter().position(is_seen).is_some_and(|way| weights.counts(1 + way)) {
-        others.beside = temporal::beside(samples.size(), carried, &mut fill)?;
+        others.beside = beside(all, carried)?;
     }
     let outcome = blended((samples, &own.mask), &others, &weights, out, run)?;
     for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
@@ -216,7 +219,7 @@ fn blended(
 /// What the blend alone and each way, in this order, predict at held-out samples; `filled` is the blend of all samples.
 fn held_out(
     own: &Blend,
-    fill: Fill<'_>,
+    (all, weights): (&mut [Candidate<'_>], &Weights),
     (samples, others): (&Planes, &mut Others<'_>),
     filled: &Planes,
     run: &Run<'_>,
@@ -226,7 +229,7 @@ fn held_out(
         let out = own.folds.fold(&own.mask, [parts.clone(), parts]);
         let mut alone = Planes::zeros(samples.size(), 0);
         let mut keep = |samples: &Planes, kept: &Arc<Mask>| {
-            alone = fill(samples, kept)?;
+            alone = blended_alone((all, weights), (samples, kept), run)?;
             Ok(alone.clone())
         };
         let fold = HeldOut::new(samples, &out, None, &mut keep)?;

@@ -54,7 +54,8 @@ impl Way {
         match self {
             Self::Pulled(pull) => Ok(given.pulled(given.alone, pull, None, run)),
             Self::Plain(pull) => {
-                let (image, outcome) = given.plain(run)?;
+                let how = if given.held_out_of.is_some() { How::ROUGHLY } else { How::EXACTLY };
+                let (image, outcome) = plain((given.samples, given.mask), how, run)?;
                 let (image, ended) = Given { first: None, ..*given }.pulled(&image, pull, None, run);
                 Ok((image, outcome.worst(ended)))
             }
@@ -78,15 +79,6 @@ impl Given<'_> {
         temporal::pull(self.mask, &pulling, image, run)
     }
 
-    /// What the frame gives without guides.
-    fn plain(&self, run: &Run<'_>) -> Result<(Planes, Outcome), Error> {
-        let [cnn, ..] = candidates();
-        let how = if self.held_out_of.is_some() { How::ROUGHLY } else { How::EXACTLY };
-        let mut out = Planes::zeros(self.samples.size(), self.samples.len());
-        let (outcome, _) = Candidate::of(cnn).fill((self.samples, self.mask), how, &mut out, run)?;
-        Ok((out, outcome))
-    }
-
     /// What the frames beside it show of the frame.
     fn seen(&self, pull: Pull, run: &Run<'_>) -> Result<Planes, Error> {
         let Self { samples, mask, alone, beside, carried, .. } = *self;
@@ -99,4 +91,16 @@ impl Given<'_> {
         self.carried.iter().for_each(|carried| carried.put_beside(&mut beside));
         regression.fill((self.samples, self.mask), &beside, self.held_out_of, run)
     }
+}
+
+/// What a frame gives without guides.
+pub fn plain(
+    (samples, mask): (&Planes, &Arc<Mask>),
+    how: How<'_>,
+    run: &Run<'_>,
+) -> Result<(Planes, Outcome), Error> {
+    let [cnn, ..] = candidates();
+    let mut out = Planes::zeros(samples.size(), samples.len());
+    let (outcome, _) = Candidate::of(cnn).fill((samples, mask), how, &mut out, run)?;
+    Ok((out, outcome))
 }
