@@ -4,7 +4,7 @@
 //! anywhere it lacks the sample of another frame that a missing pixel has (`standing`). Both are made up for before anything is chosen.
 //!
 //! Samples of all frames also pull the frames beside this one, and what these become is seen from it (`temporal/view.rs`): its errors have little in common
-//! with those of the frame's own image. Images so large that candidates are tried on tiles go without: there it gained 0.2 and 0.4 dB for 2.4 times the time (engine and aneurism,
+//! with those of the frame's own image. Images much larger than the tiles of an excerpt go without: there it gained 0.2 and 0.4 dB for 2.4 times the time (engine and aneurism,
 //! 1200 x 1200, 20 %).
 //!
 //! Where guides gain, samples of other frames are also taken in two further ways (`ways`), whose errors have little in common with those of the first.
@@ -139,7 +139,7 @@ pub fn pulled(
             None => blended_alone((&mut *all, alone), (samples, mask), run),
         })
     };
-    let is_small = Excerpt::apart(&own.mask).is_none();
+    let is_small = Excerpt::tiles(&own.mask).is_none();
     let others = if is_small { beside(all, &judged)? } else { Vec::new() };
     let mut others = Others::new(samples, (carried, judged), others, guides, run)?;
     let held = held_out(own, (all, alone), (samples, &mut others), out, run)?;
