@@ -126,9 +126,14 @@ impl Carried {
 
     /// The samples as pixels of an image, those of one pixel one after the other.
     pub(crate) fn on_grid(&self, size: Size) -> (Planes, Mask) {
+        self.put_at(size, self.pixels(size))
+    }
+
+    /// The samples at these pixels of an image.
+    fn put_at(&self, size: Size, pixels: impl Iterator<Item = usize>) -> (Planes, Mask) {
         let mut flags = vec![false; size.pixels()];
         let mut planes = Planes::zeros(size, self.values.len());
-        for (i, at) in self.pixels(size).enumerate() {
+        for (i, at) in pixels.enumerate() {
             flags[at] = true;
             for (plane, values) in planes.as_mut_slice().iter_mut().zip(&self.values) {
                 plane.pixels_mut()[at] = values[i];
@@ -139,15 +144,7 @@ impl Carried {
 
     /// The samples as pixels of their own frame, of that size.
     pub(super) fn at_home(&self, size: Size) -> (Planes, Mask) {
-        let mut flags = vec![false; size.pixels()];
-        let mut planes = Planes::zeros(size, self.values.len());
-        for (i, &at) in self.home.iter().enumerate() {
-            flags[at as usize] = true;
-            for (plane, values) in planes.as_mut_slice().iter_mut().zip(&self.values) {
-                plane.pixels_mut()[at as usize] = values[i];
-            }
-        }
-        (planes, Mask::of(size, flags))
+        self.put_at(size, self.home.iter().map(|at| *at as usize))
     }
 
     /// At their places in another frame of that size, which is `offset` frames later, `place` telling them by those in this one. Those
