@@ -20,7 +20,7 @@ use std::str::FromStr;
 /// The attribute that names the frames that a part was filled along with.
 pub const ATTRIBUTE: &str = "lacuna/neighbours";
 /// Neighbours on either side that `auto` takes.
-const AUTO: usize = 2;
+const AUTO: usize = 3;
 /// Neighbours on either side at most.
 const MOST: usize = 16;
 

@@ -18,7 +18,7 @@ use super::{Blend, Candidate, How, blend, less};
 use crate::domain::Map;
 use crate::estimate::{Excerpt, Folds, HeldOut, Voronoi};
 use crate::sampling::hash;
-use crate::temporal::{self, Beside, Carried, First, Pull};
+use crate::temporal::{self, Beside, Carried, Changes, First, Pull};
 use crate::variational::guided::{Guides, Regression};
 use crate::variational::ss;
 use crate::weights::{Preferred, Truth, Weights};
@@ -26,12 +26,12 @@ use crate::{Error, Filter, Mask, Outcome, Planes, Problem, Run};
 
 /// How samples of other frames may pull.
 const PULLS: [Pull; 3] = [
-    Pull { weight: 10.0, levelled: false },
-    Pull { weight: 60.0, levelled: false },
-    Pull { weight: 100.0, levelled: true },
+    Pull { weight: 10.0, changes: Changes::Linear },
+    Pull { weight: 60.0, changes: Changes::Linear },
+    Pull { weight: 100.0, changes: Changes::Levelled },
 ];
 /// Takes them as they are, where nothing moves.
-const FIRM: Pull = Pull { weight: 1e6, levelled: false };
+const FIRM: Pull = Pull { weight: 1e6, changes: Changes::Kept };
 /// About what the energy weighs at a pixel with pulled ones around it.
 const STIFF: f64 = 30.0;
 /// What reports call them.
@@ -186,7 +186,7 @@ fn blended(
     let given = others.given((samples, mask), &alone, (others.carried, None));
     let joined = |k: usize| match k.checked_sub(1).map(|way| others.ways[way]) {
         None => Some(0.0),
-        Some(Way::Pulled(pull)) if PULLS.contains(&pull) && !pull.levelled => Some(pull.weight),
+        Some(Way::Pulled(pull)) if pull.changes == Changes::Linear => Some(pull.weight),
         Some(_) => None,
     };
     let of = |value: &dyn Fn(f64) -> f64| {

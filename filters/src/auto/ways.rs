@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{Candidate, How, candidates};
-use crate::temporal::{self, Beside, Carried, First, Pull, Pulling};
+use crate::temporal::{self, Beside, Carried, Changes, First, Pull, Pulling};
 use crate::variational::guided::{self, Regression};
 use crate::{Error, Mask, Outcome, Plane, Planes, Run};
 
@@ -46,7 +46,7 @@ pub struct Given<'a> {
 impl Way {
     /// Whether samples are brought to the brightness of the frame.
     pub const fn is_levelled(self) -> bool {
-        matches!(self, Self::Pulled(Pull { levelled: true, .. }) | Self::Plain(Pull { levelled: true, .. }))
+        matches!(self, Self::Pulled(Pull { changes: Changes::Levelled, .. }))
     }
 
     /// What comes of it.

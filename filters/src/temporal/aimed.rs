@@ -4,12 +4,16 @@ use std::ops::Range;
 
 use lacuna_core::parallel::prelude::*;
 
-use super::{AROUND, Carried, HALF, PIECE, Pulling, SPREAD, carried, mean_square, missed, wide};
+use super::{
+    AROUND, Carried, Changes, HALF, PIECE, Pulling, SPREAD, carried, drift, mean_square, missed, wide,
+};
 use crate::kernel::blur::blur;
 use crate::{Mask, Plane, Planes, Size};
 
 /// Rows of the image whose sums one task takes.
 const ROWS: usize = 32;
+/// Disagreement below which frames are all as good, over the least at which a sample counts half.
+const EXACT: f64 = 0.01;
 /// What stands for the pixel of a sample that pulls none.
 const NONE: u32 = u32::MAX;
 
@@ -58,7 +62,7 @@ impl Aim {
 pub struct Data {
     /// The values.
     pub values: Planes,
-    /// How firmly each pixel is pulled where samples of the nearest frames weigh 1.
+    /// How firmly each pixel is pulled where samples of the best frame weigh 1.
     firm: Plane,
     /// Largest last correction of each plane.
     pub tolerances: Vec<f64>,
@@ -69,34 +73,42 @@ impl Data {
     pub fn new(
         mask: &Mask,
         (carried, aims): (&[Carried], &[Aim]),
-        pulling: &Pulling<'_>,
+        changes: Changes,
         (begun, image): (&Planes, &Planes),
         tolerance: f64,
     ) -> Self {
-        let levelled = pulling.pull.levelled;
         let size = mask.size();
         let ranges: Vec<f64> = begun.as_slice().iter().map(|plane| wide(mask, plane)).collect();
         let least = (HALF * ranges.iter().copied().fold(0.0, f64::max)).max(f64::MIN_POSITIVE);
+        let count = image.len().max(1);
+        let mut missed: Vec<Vec<f32>> = carried.iter().map(|carried| missed(carried, image)).collect();
+        if changes != Changes::Kept {
+            drift::take_away(size, carried, &mut missed, count);
+        }
         // Finite, as a share is taken of it.
         let error = |missed: &[f32]| mean_square(missed).min(f64::from(f32::MAX)) as f32;
-        let missed: Vec<Vec<f32>> = carried.iter().map(|carried| missed(carried, image)).collect();
-        let count = image.len().max(1);
         let errors: Vec<Vec<f32>> =
-            missed.iter().map(|missed| missed.chunks(count).map(error).collect()).collect();
+            missed.iter().map(|missed| missed.par_chunks(count).with_min_len(PIECE).map(error)).collect();
         let around = Around::new(size, aims, &errors);
-        let band = |rows: usize| -> (Vec<f64>, Vec<Vec<f64>>) {
-            let first = rows * ROWS * size.width;
-            let pixels = (ROWS * size.width).min(size.pixels() - first);
-            let mut pulls = vec![0.0; pixels];
-            let mut sums = vec![vec![0.0; pixels]; image.len()];
-            for (frame, (carried, aim)) in carried.iter().zip(aims).enumerate() {
-                let nearness = carried.nearness(levelled);
-                for &i in &aim.order[aim.bands[rows].clone()] {
+        let firm = firmness((carried, aims), (&errors, &around), least);
+        let mut values = Planes::zeros(size, image.len());
+        let mut pulls = Plane::filled(size, 0.0);
+        let rows = ROWS * size.width;
+        let mut planes: Vec<_> =
+            values.as_mut_slice().iter_mut().map(|plane| plane.pixels_mut().chunks_mut(rows)).collect();
+        let bands = pulls.pixels_mut().chunks_mut(rows);
+        let mut bands: Vec<(&mut [f32], Vec<&mut [f32]>)> =
+            bands.map(|band| (band, planes.iter_mut().filter_map(Iterator::next).collect())).collect();
+        bands.par_iter_mut().with_max_len(1).enumerate().for_each(|(band, (pulls, values))| {
+            let first = band * rows;
+            let mut weights = vec![0.0; pulls.len()];
+            let mut sums = vec![vec![0.0; pulls.len()]; count];
+            for (frame, aim) in aims.iter().enumerate() {
+                for &i in &aim.order[aim.bands[band].clone()] {
                     let i = i as usize;
                     let at = aim.targets[i] as usize;
-                    let scale = AROUND * AROUND * around.at(aim.pixels[i] as usize) + least * least;
-                    let pull = nearness / (1.0 + f64::from(errors[frame][i]) / scale);
-                    pulls[at - first] += pull;
+                    let pull = f64::from(firm[frame][i]);
+                    weights[at - first] += pull;
                     let planes = image.as_slice().iter().zip(begun.as_slice());
                     let planes = planes.zip(&missed[frame][i * count..]);
                     for (sum, ((plane, begun), missed)) in sums.iter_mut().zip(planes) {
@@ -105,23 +117,14 @@ impl Data {
                     }
                 }
             }
-            for sum in &mut sums {
-                sum.iter_mut().zip(&pulls).filter(|(_, pull)| **pull > 0.0).for_each(|(s, p)| *s /= p);
+            pulls.iter_mut().zip(&weights).for_each(|(pull, weight)| *pull = *weight as f32);
+            for (values, sums) in values.iter_mut().zip(&sums) {
+                let all = values.iter_mut().zip(sums.iter().zip(&weights));
+                all.filter(|(_, (_, weight))| **weight > 0.0)
+                    .for_each(|(value, (sum, weight))| *value = (sum / weight) as f32);
             }
-            (pulls, sums)
-        };
-        let mut values = Planes::zeros(size, image.len());
-        let mut firm = Plane::filled(size, 0.0);
-        let bands = (0..size.height.div_ceil(ROWS)).into_par_iter().with_max_len(1).map(band);
-        for (rows, (own, sums)) in bands.iter().enumerate() {
-            let first = rows * ROWS * size.width;
-            let put = |plane: &mut Plane, from: &[f64]| {
-                plane.pixels_mut()[first..].iter_mut().zip(from).for_each(|(to, from)| *to = *from as f32);
-            };
-            put(&mut firm, own);
-            values.as_mut_slice().iter_mut().zip(sums).for_each(|(plane, sum)| put(plane, sum));
-        }
-        Self { values, firm, tolerances: ranges.into_iter().map(|range| tolerance * range).collect() }
+        });
+        Self { values, firm: pulls, tolerances: ranges.into_iter().map(|range| tolerance * range).collect() }
     }
 
     /// Whether nothing is pulled.
@@ -141,6 +144,37 @@ impl Data {
         }
         pulls
     }
+}
+
+/// How firmly each sample pulls: less where it disagrees by more than those around it, and less in all of a frame that is farther away or whose
+/// samples disagree by more than those of the best one.
+fn firmness(
+    (carried, aims): (&[Carried], &[Aim]),
+    (errors, around): (&[Vec<f32>], &Around),
+    least: f64,
+) -> Vec<Vec<f32>> {
+    let trust = |(aim, errors): (&Aim, &Vec<f32>)| -> Vec<f32> {
+        let one = |(at, error): (&u32, &f32)| {
+            let scale = AROUND * AROUND * around.at(*at as usize) + least * least;
+            (1.0 / (1.0 + f64::from(*error) / scale)) as f32
+        };
+        aim.pixels.par_iter().zip(errors).with_min_len(PIECE).map(one)
+    };
+    let mut firm: Vec<Vec<f32>> = aims.iter().zip(errors).map(trust).collect();
+    let mean = |(trusts, errors): (&Vec<f32>, &Vec<f32>)| {
+        let sum: f64 = trusts.iter().zip(errors).map(|(trust, error)| f64::from(trust * error)).sum();
+        sum / trusts.len().max(1) as f64 + (EXACT * least).powi(2)
+    };
+    let means: Vec<f64> = firm.iter().zip(errors).map(mean).collect();
+    let known = means.iter().zip(&firm).filter(|(_, own)| !own.is_empty());
+    let best = known.map(|(mean, _)| *mean).fold(f64::INFINITY, f64::min);
+    for ((own, mean), carried) in firm.iter_mut().zip(means).zip(carried) {
+        let share = ((best / mean).sqrt() / f64::from(carried.distance())) as f32;
+        for firm in own {
+            *firm *= share;
+        }
+    }
+    firm
 }
 
 /// The mean squared disagreement of the samples around each pixel.

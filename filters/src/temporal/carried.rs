@@ -162,12 +162,6 @@ impl Carried {
         }
     }
 
-    /// How much it counts for being near in time: less for what it differs by, of which levelling leaves less.
-    pub(crate) fn nearness(&self, levelled: bool) -> f64 {
-        let near = 1.0 / f64::from(self.distance());
-        if levelled { near } else { near * near }
-    }
-
     /// Of these planes, in this order.
     pub(crate) fn select(&self, planes: &[usize]) -> Self {
         let values = planes.iter().map(|&at| self.values[at].clone()).collect();

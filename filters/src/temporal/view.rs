@@ -156,10 +156,11 @@ impl Shifts {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::temporal::Changes;
     use crate::{Filter, Plane, Problem};
 
     const SIZE: Size = Size::new(60, 70);
-    const BY: Pull = Pull { weight: 60.0, levelled: false };
+    const BY: Pull = Pull { weight: 60.0, changes: Changes::Linear };
 
     /// Waves, moved by so many pixels.
     fn scene([dy, dx]: [f32; 2]) -> Planes {
