@@ -155,10 +155,11 @@ pub(crate) fn pull(mask: &Mask, pulling: &Pulling<'_>, begun: &Planes, run: &Run
         };
         carried.iter().enumerate().map(one).collect()
     };
-    let own = First::default();
     let is_shared = pull.changes == Changes::Linear && pulling.weights.is_none();
-    let first = pulling.first.filter(|_| is_shared).unwrap_or(&own);
-    let aims = first.aims.get_or_init(|| carried.iter().map(|carried| Aim::new(mask, carried)).collect());
+    let shared = pulling.first.filter(|_| is_shared);
+    let (own, mut last) = (OnceCell::new(), None::<Data>);
+    let aims = shared.map_or(&own, |first| &first.aims);
+    let aims = aims.get_or_init(|| carried.iter().map(|carried| Aim::new(mask, carried)).collect());
     let is_levelled = pull.changes == Changes::Levelled;
     let rounds = match (is_levelled, pulling.roughly) {
         (true, _) => LEVELLED_ROUNDS,
@@ -170,12 +171,11 @@ pub(crate) fn pull(mask: &Mask, pulling: &Pulling<'_>, begun: &Planes, run: &Run
         let carried = if is_levelled { &levelled } else { carried };
         let tolerance = if round < rounds || pulling.roughly { ROUGH } else { ERROR };
         let make = || Data::new(mask, (carried, aims), pull.changes, (begun, &image), tolerance);
-        let later;
-        let data = if round == 1 {
-            first.data.get_or_init(make)
-        } else {
-            later = make();
-            &later
+        // Not beside that of the round before, for its memory.
+        drop(last.take());
+        let data = match shared {
+            Some(first) if round == 1 => first.data.get_or_init(make),
+            _ => &*last.insert(make()),
         };
         if run.interrupted().is_some() || data.is_empty() {
             break;

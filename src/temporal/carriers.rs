@@ -52,7 +52,8 @@ struct Places {
 impl Places {
     fn new(all: &[[f32; 2]], masks: &[&Mask]) -> Self {
         let measured = |at: &usize| masks.iter().any(|mask| mask.as_slice()[*at]);
-        let known = (0..all.len()).filter(measured).map(|at| (at as u32, all[at])).collect();
+        let mut known: Vec<_> = (0..all.len()).filter(measured).map(|at| (at as u32, all[at])).collect();
+        known.shrink_to_fit();
         Self { pixels: all.len(), known }
     }
 

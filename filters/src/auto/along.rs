@@ -161,6 +161,10 @@ pub fn pulled(
     if gain < WORTH || weights.alone() == Some(0) {
         return Ok(None);
     }
+    let crossed = Weights::crossed(&held, &learn);
+    // What only judges goes, before the fill takes its memory.
+    drop(voronoi);
+    others.judged = Vec::new();
     let is_seen = |way: &Way| matches!(way, Way::Seen(_));
     if others.ways.iter().position(is_seen).is_some_and(|way| weights.counts(1 + way)) {
         others.beside = beside(all, carried)?;
@@ -170,7 +174,7 @@ pub fn pulled(
         own.mask.restore(samples, out);
     }
     let share = 1.0 - weights.share(0);
-    Ok(Some(Along { outcome, share, gain: Some(gain), held: Weights::crossed(&held, &learn), own: part }))
+    Ok(Some(Along { outcome, share, gain: Some(gain), held: crossed, own: part }))
 }
 
 /// Makes `out`, the blend alone, what all ways make of it by their weights. Those that differ in what the samples weigh are one, whose

@@ -1,11 +1,13 @@
 //! Samples of another frame at their places in this one.
 
+use std::sync::Arc;
+
 use lacuna_core::parallel::prelude::*;
 
 use crate::domain::Map;
 use crate::sampling::hash;
 use crate::variational::guided;
-use crate::{Mask, Planes, Size};
+use crate::{Mask, Plane, Planes, Size};
 
 /// Pixels that one task takes.
 const PIECE: usize = 1 << 14;
@@ -20,11 +22,11 @@ const SEED: u64 = 0x7e4d;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Carried {
     /// Row and column, whole numbers at pixel centres.
-    pub(crate) places: Vec<[f32; 2]>,
+    pub(crate) places: Arc<Vec<[f32; 2]>>,
     /// By plane, the values.
     pub(crate) values: Vec<Vec<f32>>,
     /// The pixel of its own frame that each was measured at.
-    pub(crate) home: Vec<u32>,
+    pub(crate) home: Arc<Vec<u32>>,
     /// How many frames later than this one it was measured; negative if earlier, never 0.
     pub(crate) offset: i32,
     /// The same at the places where held-out samples may judge them, if those are others.
@@ -41,29 +43,22 @@ impl Carried {
         place: impl Fn(usize) -> [f32; 2] + Sync,
     ) -> Self {
         let offset = if offset == 0 { 1 } else { offset };
-        let none = || Self { values: vec![Vec::new(); samples.len()], offset, ..Self::default() };
-        let part = |(part, flags): (usize, &[bool])| {
-            let mut own = none();
-            for at in (0..flags.len()).filter(|at| flags[*at]).map(|at| part * PIECE + at) {
+        let part = |(part, flags): (usize, &[bool])| -> Vec<(u32, [f32; 2])> {
+            let one = |at: usize| {
                 // What is all but a pixel's centre is it.
                 let [y, x] = place(at).map(|at| if (at - round(at)).abs() < WHOLE { round(at) } else { at });
                 let finite = || samples.as_slice().iter().all(|plane| plane.pixels()[at].is_finite());
-                if is_inside(size, [y, x]) && finite() {
-                    own.places.push([y, x]);
-                    own.home.push(at as u32);
-                    let planes = own.values.iter_mut().zip(samples.as_slice());
-                    planes.for_each(|(values, plane)| values.push(plane.pixels()[at]));
-                }
-            }
-            own
+                (is_inside(size, [y, x]) && finite()).then_some((at as u32, [y, x]))
+            };
+            let measured = (0..flags.len()).filter(|at| flags[*at]);
+            measured.filter_map(|at| one(part * PIECE + at)).collect()
         };
-        let mut own = none();
-        for part in mask.as_slice().par_chunks(PIECE).enumerate().map(part) {
-            own.places.extend(part.places);
-            own.home.extend(part.home);
-            own.values.iter_mut().zip(part.values).for_each(|(own, values)| own.extend(values));
-        }
-        own
+        let all = mask.as_slice().par_chunks(PIECE).enumerate().map(part).concat();
+        let home: Vec<u32> = all.iter().map(|(at, _)| *at).collect();
+        let of = |plane: &Plane| home.iter().map(|at| plane.pixels()[*at as usize]).collect();
+        let values = samples.as_slice().iter().map(of).collect();
+        let places = all.iter().map(|(_, place)| *place).collect();
+        Self { places: Arc::new(places), values, home: Arc::new(home), offset, judged: None }
     }
 
     /// With the same samples at other places, where samples that are held out may judge them: those by motion that was estimated without
@@ -110,8 +105,8 @@ impl Carried {
 
     /// Adds a sample of a frame in which nothing has moved.
     pub(crate) fn push(&mut self, size: Size, at: usize, values: &[f32]) {
-        self.places.push([(at / size.width) as f32, (at % size.width) as f32]);
-        self.home.push(at as u32);
+        Arc::make_mut(&mut self.places).push([(at / size.width) as f32, (at % size.width) as f32]);
+        Arc::make_mut(&mut self.home).push(at as u32);
         self.values.iter_mut().zip(values).for_each(|(own, value)| own.push(*value));
     }
 
@@ -150,14 +145,20 @@ impl Carried {
     /// At their places in another frame of that size, which is `offset` frames later, `place` telling them by those in this one. Those
     /// outside are left out.
     pub(super) fn carried_on(&self, size: Size, offset: i32, place: impl Fn([f32; 2]) -> [f32; 2]) -> Self {
-        let places: Vec<[f32; 2]> = self.places.iter().map(|own| place(*own)).collect();
-        let all: Vec<usize> = (0..places.len()).filter(|&i| is_inside(size, places[i])).collect();
-        let take = |values: &Vec<f32>| all.iter().map(|&i| values[i]).collect();
+        let places = self.places.iter().map(|own| place(*own)).collect();
+        let there = Self { places: Arc::new(places), offset: self.offset - offset, ..self.clone() };
+        let inside: Vec<usize> = (0..self.len()).filter(|&i| is_inside(size, there.places[i])).collect();
+        there.only(&inside)
+    }
+
+    /// These samples alone, in this order.
+    fn only(&self, samples: &[usize]) -> Self {
+        let take = |values: &Vec<f32>| samples.iter().map(|&i| values[i]).collect();
         Self {
-            places: all.iter().map(|&i| places[i]).collect(),
+            places: Arc::new(samples.iter().map(|&i| self.places[i]).collect()),
             values: self.values.iter().map(take).collect(),
-            home: all.iter().map(|&i| self.home[i]).collect(),
-            offset: self.offset - offset,
+            home: Arc::new(samples.iter().map(|&i| self.home[i]).collect()),
+            offset: self.offset,
             judged: None,
         }
     }
@@ -166,15 +167,20 @@ impl Carried {
     pub(crate) fn select(&self, planes: &[usize]) -> Self {
         let values = planes.iter().map(|&at| self.values[at].clone()).collect();
         let judged = self.judged.as_ref().map(|judged| Box::new(judged.select(planes)));
-        Self { places: self.places.clone(), values, home: self.home.clone(), offset: self.offset, judged }
+        Self {
+            places: Arc::clone(&self.places),
+            values,
+            home: Arc::clone(&self.home),
+            offset: self.offset,
+            judged,
+        }
     }
 
     /// With the values mapped.
-    pub(crate) fn mapped(&self, map: Map) -> Self {
-        let mut own = self.clone();
-        own.values.iter_mut().flatten().for_each(|value| *value = map.forward(*value));
-        own.judged = own.judged.map(|judged| Box::new(judged.mapped(map)));
-        own
+    pub(crate) fn mapped(mut self, map: Map) -> Self {
+        self.values.iter_mut().flatten().for_each(|value| *value = map.forward(*value));
+        self.judged = self.judged.map(|judged| Box::new(judged.mapped(map)));
+        self
     }
 }
 
@@ -211,7 +217,7 @@ pub(crate) fn thinned(mask: &Mask, carried: &[&Carried]) -> Vec<Carried> {
     for (pixel, &flag) in mask.as_slice().iter().enumerate() {
         counts[block(pixel)][usize::from(!flag)][0] += 1;
     }
-    for place in carried.iter().flat_map(|carried| &carried.places) {
+    for place in carried.iter().flat_map(|carried| carried.places.iter()) {
         let pixel = pixel(size, *place);
         counts[block(pixel)][usize::from(!mask.as_slice()[pixel])][1] += 1;
     }
@@ -229,14 +235,7 @@ pub(crate) fn thinned(mask: &Mask, carried: &[&Carried]) -> Vec<Carried> {
             !mask.as_slice()[pixel] || drawn < kept[block(pixel)]
         };
         let all: Vec<usize> = (0..carried.len()).filter(stays).collect();
-        let take = |values: &Vec<f32>| all.iter().map(|&i| values[i]).collect();
-        Carried {
-            places: all.iter().map(|&i| carried.places[i]).collect(),
-            values: carried.values.iter().map(take).collect(),
-            home: all.iter().map(|&i| carried.home[i]).collect(),
-            offset: carried.offset,
-            judged: None,
-        }
+        carried.only(&all)
     };
     carried.iter().enumerate().map(thin).collect()
 }

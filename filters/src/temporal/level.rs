@@ -73,7 +73,7 @@ fn levelled_within(
         let plane = &image.as_slice()[channel];
         let ridge = (HALF * wide(&everything, plane)).powi(2).max(f64::MIN_POSITIVE);
         let mut sums = Moments::new(around);
-        for ((value, place), at) in values.iter().zip(&carried.places).zip(&at) {
+        for ((value, place), at) in values.iter().zip(&*carried.places).zip(&at) {
             sums.add(*at, f64::from(*value), f64::from(Taps::new(size, place[0], place[1]).of(plane)));
         }
         if let Some(Both { fill, samples, mask }) = both {
@@ -184,7 +184,7 @@ mod tests {
         let image = Planes::new(SIZE, vec![Plane::from_fn(SIZE, scene)]).unwrap();
         let found = levelled(&carried, &image, None);
         let off = |values: &Carried| {
-            let pairs = values.values[0].iter().zip(&values.places);
+            let pairs = values.values[0].iter().zip(&*values.places);
             let errors = pairs.map(|(value, [y, x])| {
                 let truth = f64::from(Taps::new(SIZE, *y, *x - 0.25).of(&image.as_slice()[0]));
                 (f64::from(*value) - truth).powi(2)

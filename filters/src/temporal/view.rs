@@ -122,7 +122,7 @@ struct Shifts {
 impl Shifts {
     fn new(size: Size, other: &Carried) -> Result<Self, Error> {
         let [mut rows, mut columns, mut counts] = [(); 3].map(|()| vec![0.0_f32; size.pixels()]);
-        for ((at, [y, x]), home) in other.pixels(size).zip(&other.places).zip(&other.home) {
+        for ((at, [y, x]), home) in other.pixels(size).zip(&*other.places).zip(&*other.home) {
             let home = *home as usize;
             rows[at] += (home / size.width) as f32 - y;
             columns[at] += (home % size.width) as f32 - x;
