@@ -329,14 +329,15 @@ def chunks(work):
 
 
 def cost(work, size=1200, frames=range(1, 6)):
-    """Processor seconds and memory of the middle one of five frames."""
+    """Processor seconds and memory of the middle one of five frames, with the other four."""
     table(f"{size} x {size}, the middle of 5 frames", "alone", "motion given", "ratio", "estimated", "ratio", "planes a frame of the window beyond alone")
     for scene in ("engine", "aneurism"):
         folder = turntable(work, scene, size, frames)
         if not folder:
             continue
         plane = 4 * size * size
-        one = {way: fill(folder, way, ["--guides", "none", *WAYS[way]], [3]) for way in ("alone", "depth and camera", "flow")}
+        four = lambda way: ["2" if word == "auto" else word for word in WAYS[way]]
+        one = {way: fill(folder, way, ["--guides", "none", *four(way)], [3]) for way in ("alone", "depth and camera", "flow")}
         seconds = {way: used[1] for way, used in one.items()}
         more = [(used[2] - one["alone"][2]) / plane / 5 for way, used in one.items() if way != "alone"]
         row(scene, f"{seconds['alone']:.1f} s", *(cell for way in ("depth and camera", "flow")

@@ -155,8 +155,8 @@ pub struct Convolve<'a> {
     pub from: &'a mut Maps,
     /// As many planes as it has outputs, of the same size.
     pub to: &'a mut Maps,
-    /// The columns that are asked for in each row, from left to right. What others then hold means nothing, except in rows that those of
-    /// another four need: there it is zero, or as if it had been asked for.
+    /// The columns that are asked for in each row, from left to right. What others then hold means nothing, except next to them and in rows that those
+    /// of another four need: there it is zero, or as if it had been asked for.
     pub runs: &'a [Vec<Range<usize>>],
     /// Room.
     pub room: &'a mut Room,
@@ -300,15 +300,21 @@ impl Convolve<'_> {
         }
     }
 
-    /// Makes zero what these rows hold beside the runs, as far as other rows need them.
+    /// Makes zero what these rows hold beside the runs, as far as sums read it: all of the rows that those of another four need, of the others next to
+    /// the runs. Where a sum needs it not, it cancels, but for its rounding.
     fn clear(&mut self, rows: Range<usize>, runs: &[Range<usize>]) {
         let columns = self.to.columns;
         let ends = runs.iter().map(|run| run.end);
         let gaps = std::iter::once(0).chain(ends).zip(runs.iter().map(|run| run.start).chain([columns]));
         for (start, end) in gaps.filter(|(start, end)| start < end) {
             for plane in 0..self.layer.outputs {
-                for row in [rows.start, rows.end - 1] {
-                    self.to.row_mut(plane, row)[start..end].fill(0.0);
+                for row in rows.clone() {
+                    let gap = &mut self.to.row_mut(plane, row)[start..end];
+                    if row == rows.start || row + 1 == rows.end {
+                        gap.fill(0.0);
+                    } else {
+                        (gap[0], gap[end - start - 1]) = (0.0, 0.0);
+                    }
                 }
             }
         }
