@@ -62,7 +62,7 @@ use aimed::{Aim, Data};
 
 /// The part of the disagreement that levelling over a wide Gaussian takes away where brightness changes: 0.80 to 0.88 on turntables of engine, head and
 /// tooth whose light moves, three frames away, up to 0.40 on those of eight scenes whose light does not.
-const CHANGES: f64 = 0.6;
+const BRIGHTNESS: f64 = 0.6;
 /// Rounds of correction. One is enough where samples are held out: the second one gains up to 0.25 dB, which all ways gain alike.
 const ROUNDS: usize = 2;
 /// The same where samples are levelled, each time to the image of the round before.
@@ -198,7 +198,7 @@ pub(crate) fn brightness_changes(carried: &[Carried], image: &Planes) -> bool {
         let side = carried.iter().filter(|one| !one.is_empty() && (one.offset > 0) == later);
         side.max_by_key(|one| one.distance())
     };
-    [false, true].into_iter().filter_map(farthest).any(|one| level::gain(one, image) >= CHANGES)
+    [false, true].into_iter().filter_map(farthest).any(|one| level::gain(one, image) >= BRIGHTNESS)
 }
 
 fn subtract(image: &mut Planes, other: &Planes) {

@@ -300,8 +300,8 @@ impl Convolve<'_> {
         }
     }
 
-    /// Makes zero what these rows hold beside the runs, as far as sums read it: all of the rows that those of another four need, of the others next to
-    /// the runs. Where a sum needs it not, it cancels, but for its rounding.
+    /// Makes zero what these rows hold beside the runs, as far as the next layer reads it: all of the rows that those of another four need; of the other
+    /// rows what is next to a run. What a result does not depend on cancels in its sums only up to rounding.
     fn clear(&mut self, rows: Range<usize>, runs: &[Range<usize>]) {
         let columns = self.to.columns;
         let ends = runs.iter().map(|run| run.end);

@@ -145,10 +145,10 @@ impl Carried {
     /// At their places in another frame of that size, which is `offset` frames later, `place` telling them by those in this one. Those
     /// outside are left out.
     pub(super) fn carried_on(&self, size: Size, offset: i32, place: impl Fn([f32; 2]) -> [f32; 2]) -> Self {
-        let places = self.places.iter().map(|own| place(*own)).collect();
-        let there = Self { places: Arc::new(places), offset: self.offset - offset, ..self.clone() };
-        let inside: Vec<usize> = (0..self.len()).filter(|&i| is_inside(size, there.places[i])).collect();
-        there.only(&inside)
+        let places: Vec<[f32; 2]> = self.places.iter().map(|own| place(*own)).collect();
+        let inside: Vec<usize> = (0..self.len()).filter(|&i| is_inside(size, places[i])).collect();
+        let places = inside.iter().map(|&i| places[i]).collect();
+        Self { places: Arc::new(places), offset: self.offset - offset, ..self.only(&inside) }
     }
 
     /// These samples alone, in this order.

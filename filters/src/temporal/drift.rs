@@ -1,4 +1,4 @@
-//! What images change by from frame to frame where samples of other frames are: by a light, a translucent body behind a surface, a motion that is a little off.
+//! Changes from frame to frame that motion does not explain: of light, of a translucent body behind a surface, by a motion that is a little off.
 //!
 //! Over a few frames such changes are about linear in time. So the differences between samples and an image, of each plane and around each place, are
 //! regressed on how many frames later they were measured; what goes with it is taken away, and what does not, which is what the image lacks, stays.
