@@ -13,6 +13,14 @@ struct Tile {
     border: usize,
 }
 
+impl Tile {
+    /// By this factor.
+    fn larger(self, factor: f64) -> Self {
+        let border = (self.border as f64 * factor).ceil().min(f64::from(u16::MAX)) as usize;
+        Self { side: self.side / self.border * border, border }
+    }
+}
+
 /// Tiles of an estimate.
 const WIDE: Tile = Tile { side: 128, border: 16 };
 /// Tiles on which methods are compared: what crosses a narrow border disturbs all of them alike.
@@ -23,6 +31,8 @@ const WINDOW: Tile = Tile { side: 256, border: 16 };
 const WINDOWS: usize = 16;
 /// Border of a tile, in spacings of its samples, beyond which its neighbours do not matter, though half of the samples are held out.
 const FAR: f64 = 6.0;
+/// Tiles are enlarged so often at most: where samples lie evenly, once or twice does.
+const TRIES: usize = 4;
 /// Tiles along each side of the excerpt.
 const ACROSS: usize = 4;
 /// Frames that have fewer pixels are no larger than tiles need: so many times what these hold.
@@ -61,9 +71,17 @@ impl Excerpt {
         Self::of_tiles(frame, WIDE)
     }
 
-    /// The same if the samples of each are so dense that its neighbours do not matter.
+    /// The same, as large as it takes for their neighbours not to matter.
     pub fn apart(frame: &Mask) -> Option<Self> {
-        Self::tiles(frame).filter(|tiles| tiles.border() >= FAR)
+        let mut tiles = Self::tiles(frame)?;
+        for _ in 0..TRIES {
+            let border = tiles.border();
+            if border >= FAR {
+                return Some(tiles);
+            }
+            tiles = Self::of_tiles(frame, tiles.tile.larger(FAR / border))?;
+        }
+        None
     }
 
     /// Smaller tiles, on which methods are compared.
@@ -114,7 +132,7 @@ impl Excerpt {
     }
 
     fn of_tiles(frame: &Mask, tile: Tile) -> Option<Self> {
-        let (from, least) = (frame.size(), WIDE.side * ACROSS);
+        let (from, least) = (frame.size(), tile.side.max(WIDE.side) * ACROSS);
         if from.height < least || from.width < least || from.pixels() < LARGE * least * least {
             return None;
         }
@@ -195,6 +213,13 @@ mod tests {
         assert!((excerpt.border() - 16.0 * f64::sqrt(0.2)).abs() < 0.1);
         let hole = Mask::from_fn(size, |row, column| row > 200 || column > 200);
         assert!(Excerpt::tiles(&hole).unwrap().border() < 1e-9);
+        assert!(Excerpt::apart(&hole).is_none());
+        // Fewer samples take larger tiles, as long as they are a part of the frame.
+        let sparse = |size: Size| Mask::from_fn(size, |row, column| (row + 3 * column) % 10 == 0);
+        let apart = Excerpt::apart(&sparse(Size::new(1200, 1200))).unwrap();
+        assert!(apart.border() >= FAR && apart.sources.len() == 608 * 608, "{}", apart.sources.len());
+        assert!(apart.sources.is_sorted_by(|a, b| a < b));
+        assert!(Excerpt::apart(&sparse(size)).is_none());
         let few = Excerpt::small_tiles(&frame).unwrap();
         assert_eq!(few.sources.len(), 384 * 384);
         assert!(few.is_inner(8 * 384 + 87) && !few.is_inner(8 * 384 + 88));
