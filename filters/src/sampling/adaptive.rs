@@ -5,22 +5,27 @@
 //! (`refine`), but one pixel in 64 by the order of the shuffle, whatever the estimate says. With one round, or `first = D`, it is the
 //! shuffle's mask.
 //!
-//! New pixels test the fill that chose them. With `e` the estimated and `t` the true error of that fill at them, `ln t^2 = a + b ln e^2`
-//! is fitted to means over octaves of `e`, and turns the next round's estimate into one that has been right before: chosen pixels
+//! New pixels test the fill that chose them. With `e` the estimated and `t` the true error of that fill at them, the mean of `t^2` is taken
+//! for `exp(a + b ln e^2)`, which is fitted to octaves of `e` as if `t^2` had a gamma distribution, those of earlier rounds counting half as much
+//! each. It turns the next round's estimate into one that has been right before: chosen pixels
 //! tell of large errors, the others of small ones. The estimate of a round is the root mean square over all pixels and channels, 0 at
-//! measured ones, over the range of the measured values.
+//! measured ones, over the range of the measured values. Where all values are alike, nothing is told after the first round, which nothing has tested.
 //!
 //! Frames of a sequence take their pixels in other orders, so that frames in a row choose other pixels of the same places (`refine`).
 //!
 //! Values enter as `refine` has them: linear to 1, logarithmic above. The mask depends on the values that `measure` returns, on the
 //! settings and on the field, not on the number of threads.
 //!
-//! Rounds, the share of the first and the powers of `refine` were chosen on five volume renders and two path-traced frames at 5, 10 and 20 %.
+//! Rounds, the share of the first and the powers of `refine` were chosen on five volume renders and two path-traced frames at 5, 10 and 20 %;
+//! how tests of earlier rounds count on seven of the fifteen renders of docs/measurements/masks.md.
 //!
 //! Cost: a rough fill and an application of its energy a round, of as few principal components of the channels' errors as hold 98 % of
 //! them in a first image (`components.rs`). Fails: on noisy samples, and on what the first round passes over: what lies
 //! between its samples and does not show at them is only found by chance.
+//!
+//! Source: P. McCullagh, J. A. Nelder, "Generalized Linear Models", 1989, chapter 8 (gamma errors).
 
+use std::mem;
 use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
@@ -33,18 +38,21 @@ use crate::{Error, Mask, Planes, Run, Size};
 
 /// Rounds, if nothing else is asked for.
 pub const ROUNDS: usize = 8;
-/// Share of the pixels that the first round takes, if nothing else is asked for.
-const FIRST: f64 = 0.2;
+/// All pixels over those that the first round takes, if nothing else is asked for.
+const FIRST: f64 = 5.0;
 /// One new pixel in so many is taken by the shuffle's order.
 const EXPLORE: usize = 64;
 /// By how much a share of the shuffle's order may be off.
 const SLACK: f64 = 1e-3;
+/// What tests of the round before count for, beside those of a round.
+const KEPT: f64 = 0.5;
 /// New pixels of an octave that say as much as any more.
 const ENOUGH: f64 = 256.0;
 /// Exponents of a float.
 const OCTAVES: usize = 1 << 8;
-/// Powers that a fit may have.
+/// Powers that a fit may have, and how often their interval is halved to find it.
 const POWERS: (f64, f64) = (0.2, 1.2);
+const HALVINGS: usize = 40;
 
 /// How many pixels, and in which rounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,7 +73,7 @@ pub struct Settings {
 
 /// The density of the first round where only that of all is given: a fifth of it.
 pub fn first_of(density: f64) -> f64 {
-    FIRST * density
+    density / FIRST
 }
 
 /// A round that was measured.
@@ -73,7 +81,8 @@ pub fn first_of(density: f64) -> f64 {
 pub struct Round {
     /// Pixels that it added.
     pub pixels: usize,
-    /// The estimated error of the fill after it, over the measured range, good to a factor of about three (fill tells it better); nothing where no measured value is finite.
+    /// The estimated error of the fill after it, over the measured range, good to a factor of about two (fill tells it better); nothing where no measured value is finite, nor after a first
+    /// round of values that are all alike.
     pub error: Option<f64>,
 }
 
@@ -99,8 +108,13 @@ impl Settings {
     pub fn check(&self, pixels: usize) -> Result<usize, Error> {
         super::checked(self.density)?;
         let first = self.first();
-        if !(0.0..=self.density).contains(&first) {
-            return Err(Error::setting("first", &first, "at most the density, which counts all rounds"));
+        let is_none = first == 0.0 && self.density > 0.0;
+        if is_none || !(0.0..=self.density).contains(&first) {
+            return Err(Error::setting(
+                "first",
+                &first,
+                "above 0, and at most the density, which counts all rounds",
+            ));
         }
         if let Some(target) = self.target.filter(|target| target.is_nan() || *target < 0.0) {
             return Err(Error::setting("target error", &target, "0 or more"));
@@ -135,21 +149,22 @@ pub fn choose<E: From<Error>>(
     let mut rounds: Vec<Round> = Vec::new();
     // The estimate that chose the new pixels, and the squared distances with them.
     let mut before: Option<(Estimate, Vec<u32>)> = None;
-    let mut fit = Fit::default();
+    let mut tests = Tests::default();
     loop {
         let at: Vec<usize> = (0..field.size.pixels()).filter(|&pixel| new.as_slice()[pixel]).collect();
         let values = measure(&new)?;
-        let usable = known.add(&at, &values)?;
+        known.add(&at, &values)?;
         drop(values);
         if let (Some((before, _)), Some(samples)) = (&before, &known.samples) {
-            fit = Fit::new(before, samples, &at).unwrap_or(fit);
+            tests.add(before, samples, at.iter().copied().filter(|&pixel| known.usable[pixel]));
         }
         let left = settings.rounds.saturating_sub(rounds.len() + 1);
         let over = left == 0 || known.count >= total || run.interrupted().is_some();
-        let before_it = before.take().map(|(before, squared)| (before, Some(squared).filter(|_| usable)));
-        let estimate = known.estimate(before_it, run)?;
-        let range = known.range();
-        let error = estimate.as_ref().zip(range).map(|(found, range)| fit.rmse(found, known.channels, range));
+        let estimate = known.estimate(before.take(), run)?;
+        // Values that are all alike are no test of others.
+        let range = known.range().filter(|range| *range > 0.0 || !rounds.is_empty());
+        let error = estimate.as_ref().zip(range);
+        let error = error.map(|(found, range)| tests.fit().rmse(found, known.channels, range));
         rounds.push(Round { pixels: new.count(), error });
         let reached = error.zip(settings.target).is_some_and(|(error, target)| error <= target);
         if over || reached {
@@ -219,8 +234,11 @@ struct Known {
     mask: Vec<bool>,
     /// How many.
     count: usize,
-    /// Those whose values are finite.
+    /// Those whose values are finite, or have been taken for what was filled.
     usable: Vec<bool>,
+    /// The others, and how many of them are of the last round.
+    blank: Vec<usize>,
+    fresh: usize,
     /// Their values, as they count: the channels, or fewer components of these where the first of them show that they suffice.
     samples: Option<Planes>,
     components: Option<Components>,
@@ -233,25 +251,36 @@ impl Known {
     fn new(size: Size) -> Self {
         let ends = (f32::INFINITY, f32::NEG_INFINITY);
         let (mask, usable) = (vec![false; size.pixels()], vec![false; size.pixels()]);
-        Self { size, mask, count: 0, usable, samples: None, components: None, channels: 0, ends }
+        Self {
+            size,
+            mask,
+            count: 0,
+            usable,
+            blank: vec![],
+            fresh: 0,
+            samples: None,
+            components: None,
+            channels: 0,
+            ends,
+        }
     }
 
-    /// Takes up the values of new pixels; whether all of them are finite.
-    fn add(&mut self, new: &[usize], values: &Planes) -> Result<bool, Error> {
+    /// Takes up the values of new pixels.
+    fn add(&mut self, new: &[usize], values: &Planes) -> Result<(), Error> {
         let size = self.size;
         if values.size() != size {
             return Err(Error::SizeMismatch { expected: size, found: values.size().to_string() });
         }
         self.channels = values.len();
-        let mut finite = true;
         let count = self.components.as_ref().map_or(values.len(), Components::len);
         let samples = self.samples.get_or_insert_with(|| Planes::zeros(size, count));
         self.count += new.len();
+        self.fresh = self.blank.len();
         for &pixel in new {
             self.mask[pixel] = true;
             let own = values.as_slice().iter().map(|plane| plane.pixels()[pixel]);
             if !own.clone().all(f32::is_finite) {
-                finite = false;
+                self.blank.push(pixel);
                 continue;
             }
             self.usable[pixel] = true;
@@ -262,15 +291,33 @@ impl Known {
                 plane.pixels_mut()[pixel] = components.map_or(value, |found| found.of(k, own.clone()));
             }
         }
-        Ok(finite)
+        self.fresh = self.blank.len() - self.fresh;
+        Ok(())
     }
 
-    /// With the estimate before this one, and squared distances to all that was measured since if that is usable.
+    /// Takes pixels whose values are not finite for what was filled there: left open, they would draw the next rounds. Whether all of them are of
+    /// the last round.
+    fn complete(&mut self, filled: &Planes) -> bool {
+        let Some(samples) = &mut self.samples else { return true };
+        for (own, filled) in samples.as_mut_slice().iter_mut().zip(filled.as_slice()) {
+            self.blank.iter().for_each(|&pixel| own.pixels_mut()[pixel] = filled.pixels()[pixel]);
+        }
+        let are_new = self.blank.len() <= self.fresh;
+        mem::take(&mut self.blank).into_iter().for_each(|pixel| self.usable[pixel] = true);
+        are_new
+    }
+
+    /// With the estimate before this one, and squared distances to all that was measured since.
     fn estimate(
         &mut self,
-        before: Option<(Estimate, Option<Vec<u32>>)>,
+        before: Option<(Estimate, Vec<u32>)>,
         run: &Run<'_>,
     ) -> Result<Option<Estimate>, Error> {
+        let before = before.map(|(before, squared)| {
+            let filled = before.into_filled();
+            let are_new = self.complete(&filled);
+            (filled, Some(squared).filter(|_| are_new))
+        });
         let Some(samples) = self.samples.as_mut().filter(|samples| !samples.is_empty()) else {
             return Ok(None);
         };
@@ -278,8 +325,8 @@ impl Known {
             return Ok(None);
         }
         let mask = Arc::new(Mask::new(samples.size(), self.usable.clone())?);
-        let before = if let Some((before, squared)) = before {
-            (before.into_filled(), squared)
+        let before = if let Some(before) = before {
+            before
         } else {
             let mut start = refine::start(samples, &mask, run)?;
             if self.components.is_none() {
@@ -301,6 +348,70 @@ impl Known {
     }
 }
 
+/// What new pixels showed of estimates that did not know them.
+struct Tests {
+    /// Per octave of the estimate: pixels, and the sums of both squared errors.
+    octaves: Vec<[f64; 3]>,
+}
+
+impl Default for Tests {
+    fn default() -> Self {
+        Self { octaves: vec![[0.0; 3]; OCTAVES] }
+    }
+}
+
+impl Tests {
+    /// Adds those of a round.
+    fn add(&mut self, before: &Estimate, samples: &Planes, new: impl Iterator<Item = usize>) {
+        self.octaves.iter_mut().flatten().for_each(|sum| *sum *= KEPT);
+        for pixel in new {
+            let guess = before.squared_error(pixel);
+            if guess > 0.0 && guess.is_finite() {
+                // The exponent of the float.
+                let octave = &mut self.octaves[(guess.to_bits() >> (f32::MANTISSA_DIGITS - 1)) as usize];
+                let truth = before.misses(samples, pixel);
+                for (sum, value) in octave.iter_mut().zip([1.0, f64::from(guess), truth]) {
+                    *sum += value;
+                }
+            }
+        }
+    }
+
+    /// What makes the means of the true errors likeliest; the estimate itself where none of the pixels errs.
+    fn fit(&self) -> Fit {
+        let octaves = self.octaves.iter().filter(|[count, ..]| *count > 0.0);
+        // The count, the logarithm of the mean estimate, the mean true error.
+        let points: Vec<[f64; 3]> = octaves
+            .map(|[count, guess, truth]| [count.min(ENOUGH), (guess / count).ln(), truth / count])
+            .collect();
+        if points.iter().all(|point| point[2] <= 0.0) {
+            return Fit { factor: 0.0, power: 1.0 };
+        }
+        let count: f64 = points.iter().map(|point| point[0]).sum();
+        let ratio = |power: f64, [_, guess, truth]: &[f64; 3]| truth / (power * guess).exp();
+        let factor = |power: f64| {
+            let sum: f64 = points.iter().map(|point| point[0] * ratio(power, point)).sum();
+            (sum / count).ln()
+        };
+        // The derivative of the likelihood by the power falls as that grows.
+        let score = |power: f64| {
+            let scale = factor(power).exp();
+            points.iter().map(|point| point[0] * (ratio(power, point) / scale - 1.0) * point[1]).sum::<f64>()
+        };
+        let (mut low, mut high) = POWERS;
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if score(middle) > 0.0 {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        let power = 0.5 * (low + high);
+        Fit { factor: factor(power), power }
+    }
+}
+
 /// The true squared error as a function of the estimated one.
 #[derive(Clone, Copy, Debug)]
 struct Fit {
@@ -310,45 +421,7 @@ struct Fit {
     power: f64,
 }
 
-impl Default for Fit {
-    fn default() -> Self {
-        Self { factor: 0.0, power: 1.0 }
-    }
-}
-
 impl Fit {
-    /// From the pixels that an estimate did not know; nothing where none of them errs.
-    fn new(before: &Estimate, samples: &Planes, new: &[usize]) -> Option<Self> {
-        // Per octave of the estimate: pixels, and the sums of both squared errors.
-        let mut octaves = [[0.0_f64; 3]; OCTAVES];
-        for &pixel in new {
-            let guess = before.squared_error(pixel);
-            if guess > 0.0 && guess.is_finite() {
-                // The exponent of the float.
-                let octave = &mut octaves[(guess.to_bits() >> (f32::MANTISSA_DIGITS - 1)) as usize];
-                let truth = before.misses(samples, pixel);
-                for (sum, value) in octave.iter_mut().zip([1.0, f64::from(guess), truth]) {
-                    *sum += value;
-                }
-            }
-        }
-        let points = octaves.iter().filter(|[_, _, truth]| *truth > 0.0);
-        let points: Vec<[f64; 3]> = points
-            .map(|[count, guess, truth]| [count.min(ENOUGH), (guess / count).ln(), (truth / count).ln()])
-            .collect();
-        let sum =
-            |of: &dyn Fn(&[f64; 3]) -> f64| points.iter().map(|point| point[0] * of(point)).sum::<f64>();
-        let weight = sum(&|_| 1.0);
-        if weight == 0.0 {
-            return None;
-        }
-        let (x, y) = (sum(&|point| point[1]) / weight, sum(&|point| point[2]) / weight);
-        let square = sum(&|point| (point[1] - x).powi(2));
-        let slope = if square > 0.0 { sum(&|point| (point[1] - x) * (point[2] - y)) / square } else { 1.0 };
-        let power = slope.clamp(POWERS.0, POWERS.1);
-        Some(Self { factor: y - power * x, power })
-    }
-
     /// The true squared error where this is estimated, which is above 0.
     fn truth(self, guess: f32) -> f64 {
         (self.factor + self.power * f64::from(guess).ln()).exp()
@@ -356,11 +429,8 @@ impl Fit {
 
     /// The root mean square over pixels and channels of what a fill errs by, over `range`.
     fn rmse(self, estimate: &Estimate, channels: usize, range: f64) -> f64 {
-        let sum: f64 = estimate
-            .squared_errors()
-            .into_iter()
-            .map(|(guess, count)| count as f64 * self.truth(guess))
-            .sum();
+        let errors = estimate.squared_errors().into_iter();
+        let sum = errors.fold(0.0, |sum, (guess, count)| sum + count as f64 * self.truth(guess));
         let mean = sum / (estimate.size().pixels() * channels).max(1) as f64;
         if range > 0.0 { mean.sqrt() / range } else { 0.0 }
     }

@@ -89,8 +89,8 @@ fn later_rounds_go_to_the_edge_and_a_few_elsewhere() {
     }
 }
 
-/// The error that each round reports is that of the spline within a factor of three in the first two rounds. Once nearly all of the edge is
-/// known, few pixels hold the error, and it is within one of six; where the picture is exact no sample can tell.
+/// The error that each round reports is that of the spline within a factor of 2.5 in the first three rounds. Once nearly all of the edge is
+/// known, the tests of earlier rounds keep it too large; where the picture is exact no sample can tell.
 #[test]
 fn the_estimate_is_near_the_error() {
     let picture = picture();
@@ -108,8 +108,9 @@ fn the_estimate_is_near_the_error() {
             if truth < 1e-4 {
                 continue;
             }
-            let (ratio, factor) = (round.error.unwrap() / truth, if number < 2 { 3.0 } else { 6.0 });
-            assert!((1.0 / factor..factor).contains(&ratio), "seed {seed}, round {number}: {ratio}");
+            let ratio = round.error.unwrap() / truth;
+            let most = if number < 3 { 2.5 } else { 20.0 };
+            assert!((0.4..most).contains(&ratio), "seed {seed}, round {number}: {ratio}");
             compared += 1;
         }
     }
@@ -156,16 +157,62 @@ fn values_that_are_not_finite_are_measured_and_say_nothing() {
 }
 
 #[test]
-fn an_even_picture_has_no_error() {
+fn an_even_picture_has_no_error_once_that_was_tested() {
     let even = Planes::new(SIZE, vec![Plane::filled(SIZE, 0.5)]).unwrap();
-    let (found, _) = chosen(&settings(0.1, 3), &even);
-    assert!(found.rounds.iter().all(|round| round.error == Some(0.0)));
+    let target = |target| Settings { target, ..settings(0.1, 3) };
+    let errors =
+        |settings| chosen(&settings, &even).0.rounds.iter().map(|round| round.error).collect::<Vec<_>>();
+    let all = errors(target(None));
+    assert_eq!(all, [None, Some(0.0), Some(0.0)]);
+    assert!(all.iter().flatten().all(|error| error.is_sign_positive()));
+    assert_eq!(errors(target(Some(0.01))), [None, Some(0.0)]);
+}
+
+/// Pixels without a value draw no more rounds than others, and the estimate stays what it is without them.
+#[test]
+fn values_that_are_not_finite_draw_no_rounds() {
+    let whole = picture();
+    let mut holed = whole.clone();
+    let hole = |row: usize, column: usize| (4..14).contains(&row) && (4..24).contains(&column);
+    for plane in holed.as_mut_slice() {
+        for at in (0..SIZE.pixels()).filter(|&at| hole(at / SIZE.width, at % SIZE.width)) {
+            plane.pixels_mut()[at] = f32::NAN;
+        }
+    }
+    let both = [&whole, &holed].map(|picture| chosen(&settings(0.25, 6), picture).0);
+    let [before, after] = both.each_ref().map(|found| {
+        let taken = (0..SIZE.pixels()).filter(|&at| found.mask.as_slice()[at]);
+        taken.filter(|at| hole(at / SIZE.width, at % SIZE.width)).count()
+    });
+    assert!(after <= before + 60, "{after} of 200, {before} of them where they are finite");
+    let [a, b] = both.each_ref().map(|found| found.rounds[5].error.unwrap());
+    assert!((0.5..2.0).contains(&(b / a)), "{b} for {a}");
+}
+
+/// Errors that go by a power of the estimate, with the deviation of a gamma distribution, are fitted without a bias.
+#[test]
+fn a_power_law_is_found() {
+    let mut tests = Tests::default();
+    for (k, octave) in tests.octaves.iter_mut().enumerate().skip(100).step_by(2).take(12) {
+        let guess = 2.0_f64.powi(k as i32 - 120);
+        *octave = [300.0, 300.0 * guess, 300.0 * 3.0 * guess.powf(0.7)];
+    }
+    let fit = tests.fit();
+    assert!((fit.power - 0.7).abs() < 1e-6 && (fit.factor - 3.0_f64.ln()).abs() < 1e-5, "{fit:?}");
+    // Pixels that were right count, too.
+    let mut right = Tests::default();
+    right.octaves[100] = [10.0, 10.0, 0.0];
+    assert_eq!(right.fit().truth(0.25), 0.25);
+    right.octaves[101] = [10.0, 20.0, 40.0];
+    let both = right.fit();
+    assert!(both.truth(1.0) > 0.0 && both.truth(1.0) < 2.0 && both.truth(2.0) < 4.0, "{both:?}");
 }
 
 #[test]
 fn what_cannot_be_done_is_refused() {
     let refused = |settings: &Settings| settings.check(SIZE.pixels()).unwrap_err().to_string();
     assert!(refused(&Settings { first: Some(0.3), ..settings(0.2, 3) }).contains("first = 0.3"));
+    assert!(refused(&Settings { first: Some(0.0), ..settings(0.2, 3) }).contains("first = 0"));
     assert!(refused(&settings(0.0003, 5)).contains("rounds = 5"));
     assert!(refused(&settings(0.2, 0)).contains("rounds = 0"));
     assert!(refused(&settings(1.5, 2)).contains("density = 1.5"));
