@@ -8,13 +8,18 @@ use std::sync::Arc;
 use half::f16;
 use lacuna_exr::{Channel, Frame, Part, Samples};
 use lacuna_filters::sampling::{self, Temporal, adaptive};
-use lacuna_filters::{Mask, Plane, Planes, Run};
+use lacuna_filters::{Mask, Run};
 
 use crate::channels::{DENSE, part_label};
 use crate::mask::generate::field;
 use crate::mask::rounds::{self, ROUNDS, Rounds};
+
 use crate::mask::{self, MaskFile, PATTERN, SEED};
 use crate::reconstruct::{DERIVED, FILLING, Stamp, output_compression};
+
+mod in_rounds;
+
+use in_rounds::InRounds;
 
 /// The channel that is added.
 const CHANNEL: &str = "mask";
@@ -74,6 +79,9 @@ pub enum Error {
         /// What is wrong.
         why: String,
     },
+    /// Parts whose windows have hardly anything in common.
+    #[error("its parts lie too far apart to choose their pixels together; give --density without --adaptive")]
+    FarApart,
     /// There is no colour to choose pixels by.
     #[error(
         "no part has a channel of colours, halves or floats, to choose pixels by; give --density without --adaptive"
@@ -115,7 +123,7 @@ pub fn sparsify_but(
         }
     }
     let rounds = match pattern {
-        Pattern::Adaptive { settings, run } => Some(in_rounds(&frame, settings, run)?),
+        Pattern::Adaptive { settings, run } => Some(InRounds::new(&frame, settings, run)?),
         _ => None,
     };
     let masks = masks(&frame, pattern, rounds.as_ref())?;
@@ -128,7 +136,7 @@ pub fn sparsify_but(
             make_sparse(part, mask, pattern, complete).into_iter().map(|note| format!("{label}{note}")),
         );
         if let Some(rounds) = &rounds {
-            part.attributes.set_text(ROUNDS, &rounds.line());
+            part.attributes.set_text(ROUNDS, &rounds.found.line());
         }
         measured += mask.count();
         all += mask.as_slice().len();
@@ -137,7 +145,8 @@ pub fn sparsify_but(
     let idle = complete.iter().filter(|glob| !names().any(|name| glob.matches(&name)));
     notes.extend(idle.map(|glob| format!("--channels '{glob}=keep': no channel matches")));
     let density = if all == 0 { 0.0 } else { measured as f64 / all as f64 };
-    Ok(Sparse { frame, density, rounds, notes })
+    notes.extend(rounds.as_ref().and_then(InRounds::note));
+    Ok(Sparse { frame, density, rounds: rounds.map(|rounds| rounds.found), notes })
 }
 
 /// Refuses a frame that is to be complete, where a mask says that pixels are missing and no attribute that they were filled.
@@ -171,7 +180,7 @@ fn prefix(frame: &Frame, part: usize, before: &str, after: &str, otherwise: &str
 }
 
 /// One mask per part.
-fn masks(frame: &Frame, pattern: Pattern<'_>, rounds: Option<&Rounds>) -> Result<Vec<Arc<Mask>>, Error> {
+fn masks(frame: &Frame, pattern: Pattern<'_>, rounds: Option<&InRounds>) -> Result<Vec<Arc<Mask>>, Error> {
     match pattern {
         Pattern::Shuffle { density, seed, frame: number } => {
             let one = |part: &Part| {
@@ -195,9 +204,7 @@ fn masks(frame: &Frame, pattern: Pattern<'_>, rounds: Option<&Rounds>) -> Result
             (0..frame.parts.len()).map(one).collect()
         }
         Pattern::Given { mask, .. } => of_every_part(frame, mask),
-        Pattern::Adaptive { .. } => {
-            rounds.map_or_else(|| Ok(Vec::new()), |rounds| of_every_part(frame, &rounds.mask))
-        }
+        Pattern::Adaptive { .. } => Ok(rounds.map_or_else(Vec::new, |rounds| rounds.masks(frame))),
     }
 }
 
@@ -211,27 +218,6 @@ fn of_every_part(frame: &Frame, mask: &Arc<Mask>) -> Result<Vec<Arc<Mask>>, Erro
         Err(Error::Uncovered { part: prefix(frame, index, "", ": ", ""), why })
     };
     (0..frame.parts.len()).map(one).collect()
-}
-
-/// Chooses pixels by the colour of the first part that has one, else by all that its channels measure.
-fn in_rounds(frame: &Frame, settings: &adaptive::Settings, run: &Run<'_>) -> Result<Rounds, Error> {
-    let counts = |channel: &&Channel| !matches!(channel.samples, Samples::Uint(_));
-    let is_colour = |channel: &&Channel| matches!(channel.name.as_slice(), b"R" | b"G" | b"B");
-    let colours = |part: &Part| part.channels.iter().filter(counts).any(|channel| is_colour(&channel));
-    let part = frame.parts.iter().find(|part| colours(part));
-    let part = part.or_else(|| frame.parts.iter().find(|part| part.channels.iter().any(|c| counts(&c))));
-    let part = part.ok_or(Error::Colourless)?;
-    let only = colours(part);
-    let channels = part.channels.iter().filter(counts).filter(|channel| !only || is_colour(channel));
-    let mut channels: Vec<&Channel> = channels.collect();
-    if only {
-        // R, G, B, as a renderer has them: sums over channels round by their order.
-        channels.reverse();
-    }
-    let planes: Result<Vec<Plane>, _> =
-        channels.iter().map(|channel| Plane::new(part.size(), channel.samples.as_f32())).collect();
-    let planes = Arc::new(Planes::new(part.size(), planes?)?);
-    Ok(rounds::choose(settings, field(part.data_window), run, |_| Ok(Arc::clone(&planes)))?)
 }
 
 /// Attributes that would lie about the sparse part: made from its pixels, said of its filling, or of complete channels.
@@ -281,7 +267,9 @@ fn make_sparse(
         }
         Pattern::Given { name, .. } => part.attributes.set_text(PATTERN, name),
     }
-    let dropped: Vec<&str> = stale().filter(|name| part.attributes.remove(name)).collect();
+    let dropped = stale().filter(|name| part.attributes.remove(name));
+    // The list of complete channels is written anew.
+    let dropped: Vec<&str> = dropped.filter(|name| *name != DENSE || kept.is_empty()).collect();
     if !dropped.is_empty() {
         notes.push(format!("dropped {}, which are about other pixels", dropped.join(", ")));
     }

@@ -109,7 +109,10 @@ def test_a_target_ends_the_rounds(tmp_path, full):
 
 @pytest.mark.parametrize("flags, says", [
     (("--density", "0.1", "--adaptive", "--first", "0.2"), "--first 0.2 is more than --density 0.1"),
-    (("--density", "0.0001", "--adaptive"), "rounds = 8"),
+    (("--density", "0.0001", "--adaptive", "--rounds", "8"), "rounds = 8"),
+    (("--density", "0.1", "--adaptive", "--rounds", "1", "--first", "0.1"), "--first 0.1"),
+    (("--density", "0.1", "--adaptive", "--first", "0"), "above 0"),
+    (("--mask", "m.png", "--adaptive"), "--adaptive"),
     (("--adaptive",), "--density"),
     (("--density", "0.1", "--rounds", "3"), "--adaptive"),
     (("--density", "0.1", "--adaptive", "--rounds", "0"), "1 or more"),

@@ -1,7 +1,7 @@
 //! The flags of pixels that are chosen in rounds.
 
 use clap::Args;
-use lacuna_filters::sampling::adaptive::{ROUNDS, Settings};
+use lacuna_filters::sampling::adaptive::Settings;
 
 use super::Usage;
 use super::numbers::{fraction, one_or_more, zero_or_more};
@@ -10,12 +10,12 @@ use super::numbers::{fraction, one_or_more, zero_or_more};
 #[derive(Args, Clone, Debug)]
 pub struct AdaptiveArgs {
     /// Choose the pixels in rounds: after the first, where the estimated error of the fill so far is largest; frames in a row choose different ones
-    #[arg(long, requires = "density")]
+    #[arg(long, requires = "density", conflicts_with = "mask")]
     adaptive: bool,
 
-    /// Rounds in all, of which the first is spread evenly
-    #[arg(long, value_name = "N", requires = "adaptive", value_parser = one_or_more, default_value_t = ROUNDS as u32)]
-    rounds: u32,
+    /// Rounds in all, of which the first is spread evenly [default: 8, fewer where fewer pixels are measured]
+    #[arg(long, value_name = "N", requires = "adaptive", value_parser = one_or_more)]
+    rounds: Option<u32>,
 
     /// Density of the first round [default: 0.2 of --density]
     #[arg(long, value_name = "D", requires = "adaptive", value_parser = fraction, allow_hyphen_values = true)]
@@ -34,7 +34,11 @@ impl AdaptiveArgs {
                 "--first {first} is more than --density {density}, which counts all rounds"
             )));
         }
-        let (rounds, first, target) = (self.rounds as usize, self.first, self.target_error);
+        if let (Some(1), Some(first)) = (self.rounds, self.first) {
+            return Err(Usage(format!("--first {first}: the only round of --rounds 1 takes all pixels")));
+        }
+        let rounds = self.rounds.map(|rounds| rounds as usize);
+        let (first, target) = (self.first, self.target_error);
         Ok(self.adaptive.then_some(Settings { density, rounds, first, target, seed, frame: None }))
     }
 }

@@ -9,6 +9,7 @@ use lacuna_exr::{Channel, Frame, Part, Samples};
 use lacuna_filters::Mask;
 
 use super::{ATTRIBUTE, MakeError, Masks};
+use crate::mask::rounds::ROUNDS;
 use crate::mask::{PATTERN, SEED};
 
 /// The channel that is added to a part without one.
@@ -41,7 +42,7 @@ pub fn merge(a: (Frame, &Masks), b: (&Frame, &Masks)) -> Result<Merged, MakeErro
     for (index, (part, other)) in frame.parts.iter_mut().zip(&other.parts).enumerate() {
         let label = part.name().map_or_else(|| format!("part {index}"), |name| format!("part '{name}'"));
         same_form(part, other).map_err(|why| MakeError::Other(format!("{label}: {why}")))?;
-        let (size, mut united) = (part.size(), None);
+        let (size, mut united, mut different) = (part.size(), None, 0);
         for channel in 0..part.channels.len() {
             let (target, source) = (&mut part.channels[channel].samples, &other.channels[channel].samples);
             if first.is_mask_channel(index, channel) {
@@ -52,6 +53,8 @@ pub fn merge(a: (Frame, &Masks), b: (&Frame, &Masks)) -> Result<Merged, MakeErro
             }
             match (first.get(index, channel), second.get(index, channel)) {
                 (Some(own), Some(new)) => {
+                    let both = |pixel: usize| new.as_slice()[pixel] && own.as_slice()[pixel];
+                    different = different.max(differing(target, source, both));
                     let only_new = |pixel: usize| new.as_slice()[pixel] && !own.as_slice()[pixel];
                     take(target, source, only_new);
                     united = united.map_or_else(|| union(own, new).map(Some), |known| Ok(Some(known)))?;
@@ -70,6 +73,12 @@ pub fn merge(a: (Frame, &Masks), b: (&Frame, &Masks)) -> Result<Merged, MakeErro
                     )));
                 }
             }
+        }
+        if different > 0 {
+            let pixels = if different == 1 { "1 pixel" } else { &format!("{different} pixels") };
+            notes.push(format!(
+                "{label}: the renders differ in {pixels} that both measured: are they of one frame?"
+            ));
         }
         if let Some(union) = united {
             measured += union.count();
@@ -112,6 +121,20 @@ fn take(target: &mut Samples, source: &Samples, from: impl Fn(usize) -> bool) {
     }
 }
 
+/// How many of some pixels have other bits.
+fn differing(a: &Samples, b: &Samples, of: impl Fn(usize) -> bool) -> usize {
+    fn count<T: Copy, B: PartialEq>(a: &[T], b: &[T], bits: fn(T) -> B, of: impl Fn(usize) -> bool) -> usize {
+        let pairs = a.iter().zip(b).enumerate();
+        pairs.filter(|(pixel, (a, b))| of(*pixel) && bits(**a) != bits(**b)).count()
+    }
+    match (a, b) {
+        (Samples::Half(a), Samples::Half(b)) => count(a, b, f16::to_bits, of),
+        (Samples::Float(a), Samples::Float(b)) => count(a, b, f32::to_bits, of),
+        (Samples::Uint(a), Samples::Uint(b)) => count(a, b, |value| value, of),
+        _ => 0,
+    }
+}
+
 /// Writes a mask into its channel.
 fn set(samples: &mut Samples, mask: &Mask) {
     fn flags<T: Copy>(values: &mut [T], mask: &Mask, missing: T, measured: T) {
@@ -137,7 +160,9 @@ fn finish(part: &mut Part, mask: &Mask, add: bool) {
         part.channels.insert(at, channel);
         part.attributes.set_text(ATTRIBUTE, CHANNEL);
     }
-    part.attributes.remove(SEED);
+    for name in [SEED, ROUNDS] {
+        part.attributes.remove(name);
+    }
     part.attributes.set_text(PATTERN, "merged");
 }
 

@@ -67,6 +67,7 @@ pub fn choose(
 /// The settings on one line, as the pattern's attribute has them.
 pub fn pattern(settings: &adaptive::Settings) -> String {
     let adaptive::Settings { density, rounds, target, .. } = settings;
+    let rounds = rounds.unwrap_or(adaptive::ROUNDS);
     let target = target.map_or(String::new(), |target| format!(" target-error={target}"));
     format!("adaptive density={density} rounds={rounds} first={}{target}", settings.first())
 }
@@ -118,7 +119,7 @@ mod tests {
     fn lines_say_what_was_asked_for_and_what_came_of_it() {
         let settings = adaptive::Settings {
             density: 0.2,
-            rounds: 3,
+            rounds: Some(3),
             first: Some(0.05),
             target: Some(0.01),
             seed: 0,

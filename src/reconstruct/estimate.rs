@@ -81,6 +81,9 @@ impl Estimated {
     }
 }
 
+/// What is said where nothing errs, which is no promise of places that no sample has met.
+const NO_ERROR: &str = "no error at held-out samples";
+
 impl std::fmt::Display for Estimated {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -92,7 +95,7 @@ impl std::fmt::Display for Estimated {
                 let Interval { estimate, low, high } = rmse;
                 write!(f, "RMSE {estimate:.2e} ({low:.2e} to {high:.2e})")
             }
-            Self::Error { .. } => f.write_str("exact"),
+            Self::Error { .. } => f.write_str(NO_ERROR),
             Self::Bound { rmse_at_most, psnr_at_least } => {
                 write!(f, "at least {psnr_at_least:.1} dB, RMSE at most {rmse_at_most:.2e}")
             }
@@ -153,7 +156,7 @@ impl Gate {
                 return false;
             }
             let figures = (group.split_once(" dB").and_then(|(before, _)| last(before)), last(group));
-            let (Some(psnr), Some(rmse)) = figures else { return !group.ends_with(": exact") };
+            let (Some(psnr), Some(rmse)) = figures else { return !group.ends_with(NO_ERROR) };
             let low = self.min_psnr.is_some_and(|bound| psnr < bound + 0.05);
             low || self.max_rmse.is_some_and(|bound| rmse > 0.99 * bound)
         };
@@ -241,7 +244,7 @@ mod tests {
             "R, G: 60.0 dB (54.0 to 66.0), RMSE 1.00e-3; R, G: cannot be told: there are too few samples"
         );
         assert_eq!(chosen([&good].into_iter()).unwrap(), "R, G: edge 80 %, tv 20 %");
-        assert_eq!(line([&exact].into_iter()).unwrap(), "R, G: exact");
+        assert_eq!(line([&exact].into_iter()).unwrap(), "R, G: no error at held-out samples");
         let gate = |min_psnr, max_rmse| Gate { min_psnr, max_rmse };
         for (gate, group, refused) in [
             (gate(Some(59.9), None), &good, false),

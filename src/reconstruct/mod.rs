@@ -56,7 +56,8 @@ pub use noise::{NoiseError, NoiseSource};
 pub(crate) use part::measured_floats;
 pub use report::{ChannelReport, GroupReport, PartReport, Report, named};
 pub use stamp::{
-    ADDED, DENSITY, DERIVED, FILLING, FILTER, SCENE, Stamp, error_channel, estimated_errors, was_cut_short,
+    ADDED, DENSITY, DERIVED, FILLED_BY, FILLING, FILTER, RENDER, SCENE, Stamp, error_channel,
+    estimated_errors, was_cut_short,
 };
 pub(crate) use values::{convert, kind_for};
 pub use weights::{Weights, WeightsError};

@@ -28,6 +28,10 @@ pub const STOP: &str = "lacuna/stop";
 
 /// The scene that `lacuna render` made the part of, in JSON.
 pub const SCENE: &str = "lacuna/scene";
+/// All that the rendered pixels of such a part depend on, on one line.
+pub const RENDER: &str = "lacuna/render";
+/// Stands in it before what filled the others.
+pub const FILLED_BY: &str = " fill=";
 
 /// All attributes that filling adds.
 pub const ADDED: &[&str] = &[

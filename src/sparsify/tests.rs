@@ -6,7 +6,7 @@ use lacuna_filters::Size;
 use super::*;
 use crate::mask::Source;
 use crate::reconstruct::Job;
-use crate::testing::{float, frame, half, part, uint, values, window};
+use crate::testing::{float, frame, half, named, part, uint, values, window};
 
 const SHUFFLE: Pattern<'_> = Pattern::Shuffle { density: 0.3, seed: 7, frame: 0 };
 
@@ -160,4 +160,74 @@ fn masks_from_files_and_lossy_input() {
     let uncovered = frame(vec![part, ones(9, 9, 3, 3)]);
     let error = sparsify(uncovered, Pattern::File { file: &file, channel: None }).unwrap_err().to_string();
     assert_eq!(error, "part 1: the mask does not cover pixel (9, 9): give a mask that covers every part");
+}
+
+/// Chooses a part of the pixels in four rounds.
+fn in_rounds(frame: Frame, target: Option<f64>) -> Result<Sparse, Error> {
+    let (first, seed, frame_number) = (None, 3, None);
+    let settings =
+        adaptive::Settings { density: 0.2, rounds: Some(4), first, target, seed, frame: frame_number };
+    sparsify(frame, Pattern::Adaptive { settings: &settings, run: &Run::default() })
+}
+
+/// A part of one view with a disc in its colours, or without.
+fn view(name: &str, is_even: bool) -> Part {
+    let disc = |at: usize| ((at % 60) as f32 - 30.0).hypot((at / 60) as f32 - 20.0) < 12.0;
+    let values: Vec<f32> = (0..2400).map(|at| f32::from(u8::from(!is_even && disc(at)))).collect();
+    named(
+        name,
+        name,
+        part(window(0, 0, 60, 40), vec![half("B", &values), half("G", &values), half("R", &values)]),
+    )
+}
+
+#[test]
+fn every_view_has_its_say_in_which_pixels_are_chosen() {
+    let both = in_rounds(frame(vec![view("left", true), view("right", false)]), Some(0.001)).unwrap();
+    let alone = in_rounds(frame(vec![view("right", false)]), Some(0.001)).unwrap();
+    assert!(both.rounds.unwrap().rounds.len() > 1);
+    let edge = |part: &Part| {
+        let is_near =
+            |at: usize| (((at % 60) as f32 - 30.0).hypot((at / 60) as f32 - 20.0) - 12.0).abs() < 2.0;
+        values(part, "mask").iter().enumerate().filter(|(at, flag)| **flag > 0.0 && is_near(*at)).count()
+    };
+    assert_eq!(values(&both.frame.parts[0], "mask"), values(&both.frame.parts[1], "mask"));
+    let [both, alone] = [&both.frame.parts[1], &alone.frame.parts[0]].map(edge);
+    assert!(4 * both > 3 * alone, "{both} of {alone}");
+}
+
+#[test]
+fn parts_of_other_windows_share_the_rounds_by_absolute_pixels() {
+    let mut small = view("a", false);
+    small.data_window = window(10, 10, 60, 40);
+    let large = named("b", "", part(window(0, 0, 90, 70), vec![half("Z", &[0.5; 6300])]));
+    let sparse = in_rounds(frame(vec![small, large]), None).unwrap();
+    let [small, large] = [0, 1].map(|at| values(&sparse.frame.parts[at], "mask"));
+    for (at, flag) in small.iter().enumerate() {
+        assert!((flag - large[(at / 60 + 10) * 90 + at % 60 + 10]).abs() < 1e-6);
+    }
+    assert_eq!(large.iter().filter(|flag| **flag > 0.0).count(), 1260);
+    let mut far = view("b", false);
+    far.data_window = window(1_000_000, 1_000_000, 60, 40);
+    assert_eq!(in_rounds(frame(vec![view("a", false), far]), None).unwrap_err(), Error::FarApart);
+}
+
+#[test]
+fn chosen_pixels_without_a_value_are_counted() {
+    let mut part = view("", false);
+    let Samples::Half(values) = &mut part.channels[0].samples else { unreachable!() };
+    values.iter_mut().step_by(2).for_each(|value| *value = f16::NAN);
+    let sparse = in_rounds(frame(vec![part]), None).unwrap();
+    assert!(sparse.notes[0].contains("not finite"), "{:?}", sparse.notes);
+    assert!(in_rounds(frame(vec![view("", false)]), None).unwrap().notes.is_empty());
+}
+
+#[test]
+fn the_list_of_complete_channels_is_not_said_to_be_dropped() {
+    let mut part = ones(0, 0, 8, 8);
+    part.attributes.set_text(DENSE, "Z");
+    let sparse =
+        sparsify_but(frame(vec![part.clone()]), SHUFFLE, &[glob::Pattern::new("Z").unwrap()]).unwrap();
+    assert!(sparse.notes.is_empty(), "{:?}", sparse.notes);
+    assert!(sparsify(frame(vec![part]), SHUFFLE).unwrap().notes[0].contains(DENSE));
 }

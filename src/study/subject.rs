@@ -174,8 +174,7 @@ impl Shot {
             Selection::Pattern(pattern) => pattern,
             Selection::Half => return Err("half the resolution leaves no pixels out".into()),
             Selection::Rounds { rounds, first } => {
-                let (rounds, first) =
-                    (rounds.unwrap_or(adaptive::ROUNDS), first.map(|share| share * density));
+                let first = first.map(|share| share * density);
                 let frame = self.number;
                 let settings = &adaptive::Settings { density, rounds, first, target: None, seed, frame };
                 return sparsify(crate::sparsify::Pattern::Adaptive { settings, run: &Run::default() });

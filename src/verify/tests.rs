@@ -288,6 +288,18 @@ fn required_attributes_of_a_wrong_type_may_be_repaired() {
 }
 
 #[test]
+fn what_filled_a_render_is_no_other_render() {
+    let mut sparse = sparse();
+    let says = |frame: &mut Frame, text: &str| frame.parts[0].attributes.set_text(RENDER, text);
+    says(&mut sparse, "scene={} pixels=all fill=none");
+    let mut filled = filled(&sparse, &job());
+    says(&mut filled, "scene={} pixels=all fill=ss");
+    assert_eq!(lines(&sparse, &filled), [""; 0]);
+    says(&mut filled, "scene={} pixels=some fill=none");
+    assert!(lines(&sparse, &filled)[0].contains("lacuna/render has changed"));
+}
+
+#[test]
 fn an_unfilled_frame_is_not_a_filled_one() {
     let sparse = sparse();
     let found = lines(&sparse, &sparse);

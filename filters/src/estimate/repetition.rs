@@ -115,8 +115,7 @@ impl Part {
 fn choose(image: Planes, mask: &Mask, seed: u64, run: &Run<'_>) -> Result<(Arc<Planes>, Arc<Mask>), Error> {
     let (size, image) = (mask.size(), Arc::new(image));
     let density = mask.count() as f64 / size.pixels() as f64;
-    let rounds = adaptive::ROUNDS.min(mask.count());
-    let settings = adaptive::Settings { density, rounds, first: None, target: None, seed, frame: None };
+    let settings = adaptive::Settings { density, rounds: None, first: None, target: None, seed, frame: None };
     let measure = |_: &Mask| Ok::<_, Error>(Arc::clone(&image));
     let chosen = adaptive::choose(&settings, Field { x: 0, y: 0, size }, run, measure)?;
     Ok((image, Arc::new(chosen.mask)))
@@ -173,8 +172,14 @@ mod tests {
         let truth = Arc::new(lines());
         let (mut all_told, mut all) = (0.0, 0.0);
         for seed in 0..24 {
-            let settings =
-                adaptive::Settings { density: 0.15, rounds: 8, first: None, target: None, seed, frame: None };
+            let settings = adaptive::Settings {
+                density: 0.15,
+                rounds: None,
+                first: None,
+                target: None,
+                seed,
+                frame: None,
+            };
             let field = Field { x: 0, y: 0, size: SIZE };
             let measure = |_: &Mask| Ok::<_, Error>(Arc::clone(&truth));
             let chosen = adaptive::choose(&settings, field, &Run::default(), measure).unwrap();

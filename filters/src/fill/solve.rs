@@ -72,7 +72,10 @@ pub fn solve(
         let (outcome, mut effect) = task.reconstruct(values, map, &mut out)?;
         let learned = match options.estimate {
             Estimate::No => None,
-            _ => task.learn(values, &out, map, effect.evidence.take())?,
+            _ => {
+                let bounds = bounds(options, (mask, samples), &places);
+                task.learn(values, &out, (map, &bounds), effect.evidence.take())?
+            }
         };
         (map, (outcome, effect), learned)
     };
@@ -158,6 +161,15 @@ fn like(options: &Options<'_>, size: Size, places: &[usize]) -> Option<Planes> {
     }
 }
 
+/// The least and the greatest value that each of the planes at these places may have.
+fn bounds(options: &Options<'_>, (mask, samples): (&Mask, &Planes), places: &[usize]) -> Vec<(f32, f32)> {
+    let one = |(samples, &place): (&Plane, &usize)| {
+        let measured = samples.pixels().iter().zip(mask.as_slice()).filter(|(_, flag)| **flag);
+        options.bounds_of(place).range(measured.map(|(value, _)| *value))
+    };
+    samples.as_slice().iter().zip(places).map(one).collect()
+}
+
 /// Samples and noise within the value domain, zero at missing pixels; noise is what it changes there.
 fn mapped(map: Map, mask: &Mask, samples: &Planes, noise: Option<&Planes>) -> (Planes, Option<Planes>) {
     let each = |planes: &Planes, change: &(dyn Fn(f32, f32) -> f32 + Sync)| {
@@ -201,7 +213,7 @@ impl Task<'_> {
         &self,
         (samples, gradients): (&Planes, Option<&Slopes>),
         filled: &Planes,
-        map: Map,
+        (map, bounds): (Map, &[(f32, f32)]),
         evidence: Option<Evidence>,
     ) -> Result<Option<Model>, Error> {
         let folds = Folds::default();
@@ -227,6 +239,8 @@ impl Task<'_> {
         if self.run.interrupted().is_some() {
             return Ok(None);
         }
+        // What is beyond them does not stay so.
+        evidence.map(|channel, value| value.clamp(bounds[channel].0, bounds[channel].1));
         if self.options.values != Values::Light {
             return Ok(Some(Model::new(&evidence, samples, self.mask, folds.seed)));
         }

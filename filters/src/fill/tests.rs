@@ -45,6 +45,34 @@ fn measured_bits_stay_in_every_domain_and_all_is_finite() {
     }
 }
 
+/// Values that bounds take back are no errors: what is told of an opacity is nearer to the truth with them.
+#[test]
+fn estimates_know_the_bounds() {
+    let size = Size::new(120, 160);
+    let discs = |y: usize, x: usize| {
+        let [y, x] = [(y % 40) as f32 - 20.0, (x % 40) as f32 - 20.0];
+        f32::from(u8::from(y.hypot(x) < 13.0))
+    };
+    let truth = Planes::new(size, vec![Plane::from_fn(size, discs)]).unwrap();
+    let mask = Arc::new(crate::sampling::shuffle::mask(0, 0, size, 0.3, 1).unwrap());
+    let told_and_true = |bounds: Bounds| {
+        let method = Method::named("ss", &[]).unwrap();
+        let options = Options {
+            values: Values::Other,
+            bounds: vec![bounds],
+            estimate: Estimate::Figure,
+            ..Options::of(method)
+        };
+        let filled = fill(&truth, Arc::clone(&mask), &options).unwrap();
+        let pairs = truth.as_slice()[0].pixels().iter().zip(filled.planes.as_slice()[0].pixels());
+        let squares: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+        let Some(crate::estimate::Verdict::Estimate(told)) = filled.sets[0].estimate else { panic!() };
+        (told.rmse, (squares / (size.pixels() - mask.count()) as f64).sqrt())
+    };
+    let [free, unit] = [Bounds::Free, Bounds::Unit].map(told_and_true);
+    assert!(unit.0 < 0.98 * free.0 && unit.0 / unit.1 < free.0 / free.1, "{free:?} {unit:?}");
+}
+
 #[test]
 fn planes_with_other_measured_values_are_solved_apart() {
     let mut samples = images(3);

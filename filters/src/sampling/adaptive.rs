@@ -59,8 +59,8 @@ const HALVINGS: usize = 40;
 pub struct Settings {
     /// Measured pixels over all pixels, at most; 0 to 1.
     pub density: f64,
-    /// Rounds, 1 or more.
-    pub rounds: usize,
+    /// Rounds, 1 or more, up to the pixels that are measured; [`ROUNDS`] if `None`, or fewer where fewer pixels are measured.
+    pub rounds: Option<usize>,
     /// Density of the first round, up to `density`; [`first_of`] that if `None`.
     pub first: Option<f64>,
     /// The estimated error, over the measured range, from which on no round follows; nothing measures all.
@@ -98,7 +98,11 @@ pub struct Chosen {
 impl Settings {
     /// The density of the first round.
     pub fn first(&self) -> f64 {
-        if self.rounds == 1 { self.density } else { self.first.unwrap_or_else(|| first_of(self.density)) }
+        if self.rounds == Some(1) {
+            self.density
+        } else {
+            self.first.unwrap_or_else(|| first_of(self.density))
+        }
     }
 
     /// Whether these make sense for so many pixels; how many are measured in the end.
@@ -120,9 +124,9 @@ impl Settings {
             return Err(Error::setting("target error", &target, "0 or more"));
         }
         let total = (self.density * pixels as f64).round() as usize;
-        if self.rounds == 0 || self.rounds > total.max(1) {
-            let range = "1 to the number of pixels that are measured";
-            return Err(Error::setting("rounds", &self.rounds, range));
+        if let Some(rounds) = self.rounds.filter(|rounds| !(1..=total.max(1)).contains(rounds)) {
+            let range = format!("1 to {}, the pixels that are measured", total.max(1));
+            return Err(Error::Setting { name: "rounds", value: rounds.to_string(), range: range.into() });
         }
         Ok(total)
     }
@@ -144,7 +148,9 @@ pub fn choose<E: From<Error>>(
 ) -> Result<Chosen, E> {
     let total = settings.check(field.size.pixels())?;
     let preference = Preference::new(settings.seed, settings.frame);
-    let mut new = shuffle::mask(field.x, field.y, field.size, settings.first(), preference.seed())?;
+    let in_all = settings.rounds.unwrap_or(ROUNDS.min(total));
+    let first = if in_all == 1 { settings.density } else { settings.first() };
+    let mut new = shuffle::mask(field.x, field.y, field.size, first, preference.seed())?;
     let mut known = Known::new(field.size);
     let mut rounds: Vec<Round> = Vec::new();
     // The estimate that chose the new pixels, and the squared distances with them.
@@ -158,7 +164,7 @@ pub fn choose<E: From<Error>>(
         if let (Some((before, _)), Some(samples)) = (&before, &known.samples) {
             tests.add(before, samples, at.iter().copied().filter(|&pixel| known.usable[pixel]));
         }
-        let left = settings.rounds.saturating_sub(rounds.len() + 1);
+        let left = in_all.saturating_sub(rounds.len() + 1);
         let over = left == 0 || known.count >= total || run.interrupted().is_some();
         let estimate = known.estimate(before.take(), run)?;
         // Values that are all alike are no test of others.

@@ -24,7 +24,7 @@ use crate::files::plan::{Item, Plan, Targets, outputs};
 use crate::files::ranges::Frames;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Source};
-use crate::reconstruct::{self, Plans, Report};
+use crate::reconstruct::{self, FILLED_BY, Plans, RENDER, Report};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::{Existing, is_made_from};
 use crate::run::record::{Heading, Record};
@@ -189,7 +189,7 @@ fn settings(job: &RenderJob, scene: &Scene) -> String {
     let layers: Vec<&str> = flags.iter().filter(|(on, _)| *on).map(|(_, name)| *name).collect();
     let fill = job.fill.as_ref().map_or("none", |method| method.name());
     format!(
-        "scene={} pixels={pixels} layers={} type={:?} fill={fill}",
+        "scene={} pixels={pixels} layers={} type={:?}{FILLED_BY}{fill}",
         scene.line(),
         layers.join("+"),
         wanted.kind
@@ -308,7 +308,7 @@ impl Render<'_> {
         let sources = files.chain(&item.mask).map(|path| &**path);
         is_made_from(&item.output, sources, |parts| {
             parts.iter().all(|part| {
-                part.attributes.text("lacuna/render").as_deref() == Some(self.settings.as_str())
+                part.attributes.text(RENDER).as_deref() == Some(self.settings.as_str())
                     && part.attributes.text("lacuna/version").as_deref() == Some(env!("CARGO_PKG_VERSION"))
             })
         })

@@ -5,7 +5,7 @@ use lacuna_exr::{Attributes, Channel, Compression, Frame, Part, SampleType, Samp
 use lacuna_filters::{Mask, Size};
 use lacuna_volume::{Camera, Picture};
 
-use crate::reconstruct::SCENE;
+use crate::reconstruct::{RENDER, SCENE};
 use crate::{channels, mask};
 
 /// The name of the mask's channel.
@@ -156,7 +156,7 @@ fn attributes(size: Size, masked: bool, story: &Story<'_>) -> Attributes {
     attributes.set("worldToNDC", "m44f", matrix(story.camera.world_to_ndc(size)));
     attributes.set_text("lacuna/version", env!("CARGO_PKG_VERSION"));
     attributes.set_text(SCENE, story.scene);
-    attributes.set_text("lacuna/render", story.render);
+    attributes.set_text(RENDER, story.render);
     attributes.set_text("lacuna/seed", &story.seed.to_string());
     if masked {
         attributes.set_text(mask::ATTRIBUTE, MASK);

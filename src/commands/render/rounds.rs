@@ -55,7 +55,7 @@ impl Render<'_> {
         let shader = ready.shader(&camera);
         let all = self.shot(ready, (&camera, shader.as_ref()), None);
         let settings = adaptive::Settings { seed: all.seed, frame: item.number, ..*settings };
-        let advance = Advance::new(&all, settings.rounds as u64, stage);
+        let advance = Advance::new(&all, settings.rounds.unwrap_or(adaptive::ROUNDS) as u64, stage);
         let mut whole = Picture::default();
         // As the frame will hold them.
         let mut colours = Arc::new(Planes::zeros(all.size, COLOURS));
@@ -73,7 +73,7 @@ impl Render<'_> {
             }
             Ok(Arc::clone(&colours))
         });
-        let mut found = found.map_err(|error| Failure::at(&item.output, error))?;
+        let mut found = found.map_err(|error| Failure::at(&item.input, error))?;
         let rays = u64::from(all.samples) * if all.gradients { 5 } else { 1 };
         for round in &mut found.rounds {
             round.rays = Some(round.pixels as u64 * rays);

@@ -24,7 +24,17 @@ fn either_measured_is_measured_and_the_first_goes_first() {
     assert_eq!(part.channels[1].samples, Samples::Uint(vec![1, 2, 6, 0]));
     assert_eq!(values(part, "mask"), [1.0, 1.0, 1.0, 0.0]);
     assert!((merged.density - 0.75).abs() < 1e-12);
-    assert!(merged.notes.is_empty());
+    assert!(merged.notes[0].contains("differ in 1 pixel that both"), "{:?}", merged.notes);
+    assert!(of(&a, &a).unwrap().notes.is_empty());
+}
+
+#[test]
+fn what_is_said_of_the_pattern_of_one_goes() {
+    let mut a = render([1.0; 4], [1; 4], [1.0, 1.0, 0.0, 0.0]);
+    a.parts[0].attributes.set_text(ROUNDS, "2 error=1.00e-2");
+    a.parts[0].attributes.set_text(SEED, "3");
+    let part = &of(&a, &a).unwrap().frame.parts[0];
+    assert_eq!([ROUNDS, SEED].map(|name| part.attributes.text(name)), [None, None]);
 }
 
 #[test]

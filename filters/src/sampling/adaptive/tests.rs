@@ -9,7 +9,7 @@ const SIZE: Size = Size::new(90, 120);
 const FIELD: Field = Field { x: -7, y: 3, size: SIZE };
 
 fn settings(density: f64, rounds: usize) -> Settings {
-    Settings { density, rounds, first: None, target: None, seed: 5, frame: None }
+    Settings { density, rounds: Some(rounds), first: None, target: None, seed: 5, frame: None }
 }
 
 /// A disc on a slope, in two channels.
@@ -213,7 +213,8 @@ fn what_cannot_be_done_is_refused() {
     let refused = |settings: &Settings| settings.check(SIZE.pixels()).unwrap_err().to_string();
     assert!(refused(&Settings { first: Some(0.3), ..settings(0.2, 3) }).contains("first = 0.3"));
     assert!(refused(&Settings { first: Some(0.0), ..settings(0.2, 3) }).contains("first = 0"));
-    assert!(refused(&settings(0.0003, 5)).contains("rounds = 5"));
+    assert!(refused(&settings(0.0003, 5)).contains("rounds = 5 is out of range (1 to 3, the pixels"));
+    assert_eq!(Settings { rounds: None, ..settings(0.0003, 5) }.check(SIZE.pixels()), Ok(3));
     assert!(refused(&settings(0.2, 0)).contains("rounds = 0"));
     assert!(refused(&settings(1.5, 2)).contains("density = 1.5"));
     assert!(refused(&Settings { target: Some(f64::NAN), ..settings(0.2, 2) }).contains("target"));
