@@ -228,6 +228,23 @@ def test_along_the_motion_only_what_changes_on_surfaces_flickers(tmp_path):
     assert "flicker" in measures(report, frame=3) and "flicker-along" not in measures(report, frame=3)
 
 
+def test_a_bound_on_changes_takes_a_sequence_and_no_region(tmp_path):
+    sequence(tmp_path)
+    for number in range(1, 4):
+        planes = frames.read(tmp_path / f"t.{number:04}.exr")[0]
+        frames.write(tmp_path / f"t.{number:04}.exr", planes | {"mask": np.float16(np.indices((40, 50)).sum(0) % 2)})
+    pair = (tmp_path / "r.####.exr", tmp_path / "t.####.exr")
+    for measure in ("flicker", "missing.flicker", "flicker-along"):
+        assert compare(*pair, tmp_path, "--fail-above", f"{measure}=1")[1].status == 0
+        report, result = compare(*pair, tmp_path, "--fail-above", f"{measure}=0.001", ok=False)
+        assert result.status == 1 and [bool(frame["failures"]) for frame in report["frames"]] == [False, True, True]
+        assert "is above 0.001" in result.stderr and "no flicker" not in result.stderr
+        # A single frame has none.
+        for alone in (pair + ("--frames", "2"), (tmp_path / "r.0002.exr", tmp_path / "t.0002.exr")):
+            report, result = compare(*alone[:2], tmp_path, *alone[2:], "--fail-above", f"{measure}=1", ok=False)
+            assert result.status == 1 and result.stderr.count("takes a sequence") == 1, result.stderr
+
+
 def test_the_gate_decides_the_exit_status_and_names_the_frames(tmp_path):
     sequence(tmp_path)
     pair = (tmp_path / "r.####.exr", tmp_path / "t.####.exr")

@@ -17,7 +17,7 @@ use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
 use crate::report::{
     self, Changed, Comparison, Flicker, FrameReport, Gate, Images, Kind, MOST_PIXELS, Maps, Measure, Pair,
-    Picture, Settings,
+    Picture, Settings, takes_a_sequence,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::console::{Console, Verbosity};
@@ -324,7 +324,10 @@ impl<'a> Compare<'a> {
         let mut frames = std::mem::take(&mut self.found().frames);
         let gate = &self.job.gate;
         let mut failing = 0;
-        for (index, frame) in frames.iter_mut().enumerate() {
+        let compared = |frame: &&FrameReport| frame.error.is_none() && frame.skipped.is_none();
+        let unknown = gate.unknown(&frames.iter().filter(compared).collect::<Vec<_>>());
+        let mut first = true;
+        for frame in &mut frames {
             if frame.groups.is_empty() && frame.error.is_none() && frame.skipped.is_none() {
                 // Refused before it was opened, by its memory say; the log has the reason.
                 frame.error = Some("not compared; the log says why".into());
@@ -332,7 +335,10 @@ impl<'a> Compare<'a> {
             if frame.error.is_some() || frame.skipped.is_some() {
                 continue;
             }
-            frame.failures = gate.failures(frame, index == 0);
+            if first {
+                frame.failures.extend(unknown.iter().map(|&measure| takes_a_sequence(measure)));
+            }
+            frame.failures.extend(gate.failures(frame, std::mem::take(&mut first), &unknown));
             if !frame.failures.is_empty() {
                 failing += 1;
                 let label = crate::run::console::label(Path::new(&frame.test), frame.frame);

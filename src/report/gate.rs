@@ -1,10 +1,11 @@
 //! The gate: bounds on measures that decide the exit status.
 //!
-//! A bound holds for the colours of a frame (for every group of floats where there is no colour), over the whole image;
-//! `REGION.MEASURE` names another region. Counts hold for every group. A frame that has not what is bounded fails, and so
+//! A bound holds for the colours of a frame (for every group of floats where there is no colour), over the whole image (missing pixels
+//! where a measure is of these only); `REGION.MEASURE` names another region. Counts hold for every group. A frame that has not what is bounded fails, and so
 //! does one in which channels are missing or values are not finite where the reference's are: nothing passes by absence. Where
 //! the reference has infinities of its own, as the depth of a background, more of them pass: a depth is copied from a neighbour.
 
+use std::collections::BTreeSet;
 use std::str::FromStr;
 
 use super::groups::Kind;
@@ -78,16 +79,27 @@ impl Gate {
         below.chain(self.above.iter().map(|bound| text(bound, "<="))).collect()
     }
 
-    /// What a frame fails by; `first` if it has no predecessor, and so no flicker.
-    pub fn failures(&self, frame: &FrameReport, first: bool) -> Vec<String> {
+    /// The measures of changes from frame to frame that are bounded and that none of these frames has.
+    pub fn unknown(&self, frames: &[&FrameReport]) -> BTreeSet<Measure> {
+        let knows = |frame: &&FrameReport, bound: &Bound| {
+            bounded(frame, bound).iter().any(|group| value(group, bound).is_some())
+        };
+        let bounds = self.below.iter().chain(&self.above).filter(|bound| bound.measure.is_change());
+        let unknown = bounds.filter(|bound| !frames.iter().any(|frame| knows(frame, bound)));
+        unknown.map(|bound| bound.measure).collect()
+    }
+
+    /// What a frame fails by; `first` if it has no predecessor, and so no flicker. What is unknown of all frames has been told.
+    pub fn failures(&self, frame: &FrameReport, first: bool, unknown: &BTreeSet<Measure>) -> Vec<String> {
         if self.is_empty() {
             return Vec::new();
         }
+        let due = |bound: &&Bound| !(first && bound.measure.is_change() || unknown.contains(&bound.measure));
         let mut failures: Vec<String> =
             frame.notes.iter().filter(|note| note.ends_with("in the reference only")).cloned().collect();
         failures.extend(frame.groups.iter().filter_map(not_finite));
         for (bounds, below) in [(&self.below, true), (&self.above, false)] {
-            for bound in bounds.iter().filter(|bound| !(first && bound.measure.is_change())) {
+            for bound in bounds.iter().filter(due) {
                 let groups = bounded(frame, bound);
                 if groups.is_empty() {
                     failures.push(format!("there is nothing to tell {} of", bound.measure.name()));
@@ -97,6 +109,12 @@ impl Gate {
         }
         failures
     }
+}
+
+/// What is said of a measure that none of the compared frames has.
+pub fn takes_a_sequence(measure: Measure) -> String {
+    let motion = if measure.follows_motion() { " whose motion is known" } else { "" };
+    format!("no frame has {}: it takes a sequence, frames in a row{motion}", measure.name())
 }
 
 /// The groups that a bound is for.
@@ -123,11 +141,17 @@ fn not_finite(group: &GroupReport) -> Option<String> {
     (bad > 0.0).then(|| format!("{}: {bad} values are not finite that should be", group.label()))
 }
 
+/// The value that a bound is for. Changes are known of missing pixels alone where there is a mask, and need not be called so.
+fn value(group: &GroupReport, bound: &Bound) -> Option<f64> {
+    let of = |region: &str| group.region(region).and_then(|region| region.measures.get(bound.measure));
+    let missing = bound.region == "all" && bound.measure.is_change();
+    of(bound.region).or_else(|| of("missing").filter(|_| missing))
+}
+
 fn broken(group: &GroupReport, bound: &Bound, below: bool) -> Option<String> {
     let name = bound.measure.name();
     let of = if bound.region == "all" { String::new() } else { format!(" over {}", bound.region) };
-    let value = group.region(bound.region).and_then(|region| region.measures.get(bound.measure));
-    match value {
+    match value(group, bound) {
         None => Some(format!("{}: no {name}{of}", group.label())),
         Some(value) if below && (value < bound.value || value.is_nan()) => {
             Some(format!("{}: {name}{of} {} is below {}", group.label(), short(value), bound.value))

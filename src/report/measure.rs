@@ -142,6 +142,11 @@ impl Measure {
         matches!(self, Self::Flicker | Self::Change | Self::FlickerAlong | Self::ChangeAlong)
     }
 
+    /// Whether it is of a frame and the one before along the motion.
+    pub fn follows_motion(self) -> bool {
+        matches!(self, Self::FlickerAlong | Self::ChangeAlong)
+    }
+
     /// Whether it counts things.
     pub fn is_count(self) -> bool {
         matches!(
@@ -180,7 +185,7 @@ impl Wanted {
 
     /// Whether motion is to be followed.
     pub fn has_motion(&self) -> bool {
-        self.has(Measure::FlickerAlong) || self.has(Measure::ChangeAlong)
+        self.0.iter().any(|measure| measure.follows_motion())
     }
 
     /// Whether a measure on request is wanted.

@@ -1,5 +1,7 @@
 //! The model and its formats, from frames built by hand.
 
+use std::collections::BTreeSet;
+
 use lacuna_exr::Frame;
 
 use super::*;
@@ -95,8 +97,8 @@ fn windows_must_agree() {
 #[test]
 fn the_gate_lets_nothing_pass_by_absence() {
     let report = compared(&Settings::default());
-    assert_eq!(Gate::default().failures(&report, true), Vec::<String>::new());
-    let failures = gate("psnr=20", "").failures(&report, true);
+    assert_eq!(Gate::default().failures(&report, true, &BTreeSet::new()), Vec::<String>::new());
+    let failures = gate("psnr=20", "").failures(&report, true, &BTreeSet::new());
     assert_eq!(failures, ["RGB: 1 values are not finite that should be"]);
     // A depth that is infinite where a neighbour's was; a colour or a depth without background must not be.
     let depth = |values: &[f32]| frame(vec![part(pair().0.parts[0].data_window, vec![float("Z", values)])]);
@@ -108,16 +110,44 @@ fn the_gate_lets_nothing_pass_by_absence() {
     ] {
         let report =
             compare(&depth(&reference), &depth(&test), None, &Settings::default(), &mut |_| {}).unwrap();
-        assert_eq!(gate("psnr=1", "").failures(&report, true).len(), failures, "{test:?}");
+        assert_eq!(gate("psnr=1", "").failures(&report, true, &BTreeSet::new()).len(), failures, "{test:?}");
     }
-    let failures = gate("psnr=60,missing.ssim=2", "flip=0.1").failures(&report, true);
+    let failures = gate("psnr=60,missing.ssim=2", "flip=0.1").failures(&report, true, &BTreeSet::new());
     assert_eq!(failures.len(), 4, "{failures:?}");
     assert!(failures[1].starts_with("RGB: psnr 24.39"), "{failures:?}");
     assert_eq!(failures[3], "RGB: no flip");
-    let failures = gate("", "different=0").failures(&report, true);
+    let failures = gate("", "different=0").failures(&report, true, &BTreeSet::new());
     assert!(failures.contains(&"id: different 1.000000 is above 0".to_owned()), "{failures:?}");
     let without = FrameReport { notes: vec!["channel A is in the reference only".into()], ..report };
-    assert!(gate("psnr=1", "").failures(&without, true).contains(&without.notes[0]));
+    assert!(gate("psnr=1", "").failures(&without, true, &BTreeSet::new()).contains(&without.notes[0]));
+}
+
+#[test]
+fn bounds_on_changes_hold_of_missing_pixels_and_take_a_sequence() {
+    let mut later = compared(&Settings::default());
+    let regions = &mut later.groups[0].regions;
+    let missing = regions.iter_mut().find(|region| region.region == "missing").unwrap();
+    missing.measures.set(Measure::FlickerAlong, 0.5);
+    let first = compared(&Settings::default());
+    for (above, fails) in
+        [("flicker-along=0.4", true), ("missing.flicker-along=0.4", true), ("flicker-along=1", false)]
+    {
+        let gate = gate("", above);
+        assert!(gate.unknown(&[&first, &later]).is_empty());
+        let failures = gate.failures(&later, false, &BTreeSet::new());
+        assert_eq!(failures.iter().any(|text| text.contains("flicker-along")), fails, "{failures:?}");
+        // Of one frame nothing is known, which is told once.
+        let unknown = gate.unknown(&[&first]);
+        assert_eq!(unknown, BTreeSet::from([Measure::FlickerAlong]));
+        assert!(takes_a_sequence(Measure::FlickerAlong).contains("takes a sequence"));
+        let failures = gate.failures(&first, false, &unknown);
+        assert!(!failures.iter().any(|text| text.contains("flicker-along")), "{failures:?}");
+    }
+    // That one measure is unknown lets no other pass.
+    let gate = gate("", "flicker-along=1,flicker=1");
+    let unknown = gate.unknown(&[&first, &later]);
+    assert_eq!(unknown, BTreeSet::from([Measure::Flicker]));
+    assert!(gate.failures(&first, false, &unknown).iter().any(|text| text.contains("no flicker-along")));
 }
 
 #[test]
