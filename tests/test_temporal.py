@@ -279,3 +279,13 @@ def test_what_does_not_go_together_is_refused(tmp_path):
         assert result.status == 2 and why in result.stderr
     result = lacuna("fill", source, "-o", f"{tmp_path}/out/", "--create-dir", "--temporal", "99", ok=False)
     assert result.status == 2 and "1 to 16" in result.stderr
+
+
+def test_neighbours_with_fewer_digits_are_found(tmp_path):
+    write(tmp_path, lambda _: scene(), count=4)
+    for frame in range(1, 5):
+        (tmp_path / f"shot.{frame:04}.exr").rename(tmp_path / f"s.{frame + 7}.exr")
+    for source in ("s.%d.exr", "s.*.exr", "s.10.exr"):
+        frames_asked = [] if source == "s.10.exr" else ["--frames", "10"]
+        result = fill(tmp_path / source, tmp_path / "out", "--temporal", "auto", *frames_asked)
+        assert "along with frames 8, 9, 11 by no motion" in result.stderr, result.stderr

@@ -12,6 +12,7 @@ pub(crate) mod identity;
 pub(crate) mod inputs;
 pub(crate) mod layers;
 pub(crate) mod names;
+pub(crate) mod neighbours;
 pub mod patterns;
 pub(crate) mod plan;
 pub mod ranges;

@@ -151,16 +151,26 @@ pub fn number_in_name(path: &Path) -> Option<i64> {
     stem[digits_in_stem(&stem)?].parse().ok()
 }
 
-/// The path of frame `number` of the sequence that a plain file name is one frame of.
-pub fn beside(path: &Path, number: i64) -> Option<PathBuf> {
-    let stem = to_text(path.file_stem()?);
-    let digits = digits_in_stem(&stem)?;
-    let width = digits.len();
-    let mut name = format!("{}{number:0width$}{}", &stem[..digits.start], &stem[digits.end..]);
-    if let Some(ending) = path.extension() {
-        name = format!("{name}.{}", to_text(ending));
+/// What frame `number` of the sequence may be called that a plain file name is one frame of, the likeliest name first: with as many
+/// digits, or with fewer where the name does not show that it is padded, as 9 beside 10.
+pub fn beside(path: &Path, number: i64) -> Vec<PathBuf> {
+    let stem = path.file_stem().map(to_text).unwrap_or_default();
+    let Some(digits) = digits_in_stem(&stem) else { return Vec::new() };
+    let (own, width) = (&stem[digits.clone()], digits.len());
+    let unsigned = own.trim_start_matches('-');
+    let padded = unsigned.len() > 1 && unsigned.starts_with('0');
+    let mut names: Vec<String> = Vec::new();
+    for width in (if padded { unsigned.len() } else { 1 }..=width).rev() {
+        names.push(format!("{number:0width$}"));
+        if number < 0 {
+            names.push(format!("-{:0width$}", number.unsigned_abs()));
+        }
     }
-    Some(path.with_file_name(to_path(&name)))
+    let mut seen = std::collections::HashSet::new();
+    names.retain(|name| seen.insert(name.clone()));
+    let ending = path.extension().map(|ending| format!(".{}", to_text(ending))).unwrap_or_default();
+    let whole = |name| format!("{}{name}{}{ending}", &stem[..digits.start], &stem[digits.end..]);
+    names.into_iter().map(|name| path.with_file_name(to_path(&whole(name)))).collect()
 }
 
 /// Where the frame number stands.
@@ -279,12 +289,22 @@ mod tests {
 
     #[test]
     fn other_frames_of_a_name_are_found() {
-        let beside = |name: &str, number| beside(Path::new(name), number);
-        assert_eq!(beside("a/shot.0012.exr", 9), Some("a/shot.0009.exr".into()));
-        assert_eq!(beside("shot_v2.0012.beauty_l8.exr", 13), Some("shot_v2.0013.beauty_l8.exr".into()));
-        assert_eq!(beside("shot-9.exr", 10), Some("shot-10.exr".into()));
-        assert_eq!(beside("0007.exr", 6), Some("0006.exr".into()));
-        assert_eq!(beside("plain.exr", 6), None);
+        let beside = |name: &str, number| {
+            let paths = beside(Path::new(name), number);
+            paths.iter().map(|path| path.to_str().unwrap().to_owned()).collect::<Vec<_>>().join(" ")
+        };
+        assert_eq!(beside("a/shot.0012.exr", 9), "a/shot.0009.exr");
+        assert_eq!(beside("shot_v2.0012.beauty_l8.exr", 13), "shot_v2.0013.beauty_l8.exr");
+        assert_eq!(beside("shot-9.exr", 10), "shot-10.exr");
+        assert_eq!(beside("0007.exr", 6), "0006.exr");
+        assert_eq!(beside("plain.exr", 6), "");
+        // Ten may be padded or not.
+        assert_eq!(beside("s.10.exr", 9), "s.09.exr s.9.exr");
+        assert_eq!(beside("s.10000.exr", 9999), "s.09999.exr s.9999.exr");
+        assert_eq!(beside("s.0.exr", -1), "s.-1.exr");
+        assert_eq!(beside("s.0001.exr", -1), "s.-001.exr s.-0001.exr");
+        assert_eq!(beside("s.-10.exr", -9), "s.-09.exr s.-009.exr s.-9.exr");
+        assert_eq!(beside("s.-0001.exr", 0), "s.00000.exr s.0000.exr");
     }
 
     #[test]

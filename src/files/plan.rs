@@ -10,6 +10,7 @@ use crate::files::identity::{Places, Sources};
 use crate::files::inputs::{Input, Selection, resolve};
 use crate::files::layers::{LayerFile, LayerSource};
 use crate::files::names::{folder_of, to_text};
+use crate::files::neighbours::{self, NeighbourFile};
 use crate::files::patterns::Pattern;
 use crate::files::reports::is_standard_output;
 
@@ -34,29 +35,25 @@ pub struct Item {
     pub made_from: Vec<(&'static str, PathBuf)>,
 }
 
-/// A frame beside another one.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct NeighbourFile {
-    /// Its number.
-    pub number: i64,
-    /// The file.
-    pub input: PathBuf,
-    /// The file with its mask, if masks come from files.
-    pub mask: Option<PathBuf>,
-}
-
 impl Item {
     /// The files that the output is made from, and what they are.
     pub fn sources(&self) -> impl Iterator<Item = (&Path, &'static str)> {
+        self.own_sources().chain(self.neighbours.iter().flat_map(NeighbourFile::sources))
+    }
+
+    /// The same without neighbours that are left out because something of them is missing.
+    pub fn used_sources(&self) -> impl Iterator<Item = &Path> {
+        let neighbours = self.neighbours.iter().filter(|file| file.is_complete());
+        self.own_sources().chain(neighbours.flat_map(NeighbourFile::sources)).map(|(path, _)| path)
+    }
+
+    /// Without the frames beside it.
+    fn own_sources(&self) -> impl Iterator<Item = (&Path, &'static str)> {
         let beside = [(self.mask.as_deref(), "mask"), (self.guides.as_deref(), "guides")];
         let beside = beside.into_iter().filter_map(|(path, what)| Some((path?, what)));
         let layers = self.layers.iter().map(|layer| (&*layer.path, "layer"));
-        let neighbours = self.neighbours.iter().flat_map(|file| {
-            let mask = file.mask.as_deref().map(|mask| (mask, "mask"));
-            [Some((&*file.input, "neighbour")), mask].into_iter().flatten()
-        });
         let further = self.made_from.iter().map(|(what, path)| (&**path, *what));
-        std::iter::once((&*self.input, "input")).chain(beside).chain(layers).chain(neighbours).chain(further)
+        std::iter::once((&*self.input, "input")).chain(beside).chain(layers).chain(further)
     }
 
     /// The files that are read where the output is one of them: two frames are held against each other.
@@ -98,7 +95,7 @@ pub fn plan(selection: &Selection, targets: &Targets) -> Result<Plan, PlanError>
     let mut items = pair(selection, &targets.output, targets.mask.as_deref())?;
     add_guides(&mut items, targets.guides.as_deref())?;
     add_layers(&mut items, &targets.layers)?;
-    add_neighbours(&mut items, targets)?;
+    neighbours::add(&mut items, selection, targets)?;
     let mut places = Places::default();
     check_one_input_each(&items, &mut places)?;
     checked(items, targets, &mut places)
@@ -233,30 +230,6 @@ fn add_layers(items: &mut [Item], layers: &[LayerSource]) -> Result<(), PlanErro
     Ok(())
 }
 
-/// Every frame with those beside it that exist, whichever of them this run fills: a chunk sees what the whole sequence does.
-fn add_neighbours(items: &mut [Item], targets: &Targets) -> Result<(), PlanError> {
-    let each = targets.neighbours as i64;
-    let masks = targets.mask.as_deref().filter(|_| each > 0).map(MaskPattern::parse).transpose()?;
-    for item in items.iter_mut().filter(|_| each > 0) {
-        // Whoever asks for the frames beside a single file asks for its number.
-        let named = super::patterns::number_in_name(&item.input);
-        item.number = item.number.or(named);
-        let Some(number) = named.filter(|number| item.number == Some(*number)) else { continue };
-        for number in (number - each..=number + each).filter(|&other| other != number) {
-            let Some(input) = super::patterns::beside(&item.input, number).filter(|path| path.exists())
-            else {
-                continue;
-            };
-            let mask = match &masks {
-                Some(masks) => Some(masks.of(&Input { path: input.clone(), number: Some(number) })?),
-                None => None,
-            };
-            item.neighbours.push(NeighbourFile { number, input, mask });
-        }
-    }
-    Ok(())
-}
-
 /// The file that belongs to a frame, by the number in the frame's name.
 fn beside(file: &MaskPattern, item: &Item, flag: &str) -> Result<PathBuf, PlanError> {
     let number = item.number.or_else(|| super::patterns::number_in_name(&item.input));
@@ -270,13 +243,13 @@ fn beside(file: &MaskPattern, item: &Item, flag: &str) -> Result<PathBuf, PlanEr
 }
 
 /// The file of the mask: one for all frames, or one a frame.
-enum MaskPattern {
+pub(super) enum MaskPattern {
     One(PathBuf),
     PerFrame(Pattern),
 }
 
 impl MaskPattern {
-    fn parse(text: &str) -> Result<Self, PlanError> {
+    pub fn parse(text: &str) -> Result<Self, PlanError> {
         if Path::new(text).exists() {
             return Ok(Self::One(text.into()));
         }
@@ -285,7 +258,7 @@ impl MaskPattern {
         Ok(pattern.map_or_else(|| Self::One(text.into()), Self::PerFrame))
     }
 
-    fn of(&self, input: &Input) -> Result<PathBuf, PlanError> {
+    pub fn of(&self, input: &Input) -> Result<PathBuf, PlanError> {
         match (self, input.number) {
             (Self::One(path), _) => Ok(path.clone()),
             (Self::PerFrame(pattern), Some(number)) => Ok(pattern.path(number)),

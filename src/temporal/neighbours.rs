@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use lacuna_exr::{Frame, Limits};
 
-use crate::files::plan::NeighbourFile;
+use crate::files::neighbours::NeighbourFile;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
 

@@ -10,7 +10,8 @@ use lacuna_filters::{Filter, Mask, Outcome, Plan, Planes, Problem, Run, baseline
 
 use super::*;
 use crate::channels::choose;
-use crate::files::plan::{Item, NeighbourFile};
+use crate::files::neighbours::NeighbourFile;
+use crate::files::plan::Item;
 use crate::mask::find;
 use crate::reconstruct::{self, Job, Plans, Stamp};
 use crate::run::memory::to_fill;
@@ -198,7 +199,7 @@ fn memory_is_planned_with_its_bytes() {
     let (other, flat) = (plain.memory(0.5), FLAT.memory(0.5));
     assert_eq!(flat.image, 17_901);
     assert_eq!(difference, 16 * (flat.image - other.image + flat.channel - other.channel));
-    let neighbour = NeighbourFile { number: 2, input: item.input.clone(), mask: None };
+    let neighbour = NeighbourFile { number: 2, input: item.input.clone(), mask: None, layers: Vec::new() };
     let beside = Item { neighbours: vec![neighbour; 3], ..item.clone() };
     // Each has to be read, and to stand beside the frame itself.
     assert!(to_fill(&beside, &plain, 0.5) > needs(&plain) + 3 * 16 * 8);
