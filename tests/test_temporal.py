@@ -289,3 +289,139 @@ def test_neighbours_with_fewer_digits_are_found(tmp_path):
         frames_asked = [] if source == "s.10.exr" else ["--frames", "10"]
         result = fill(tmp_path / source, tmp_path / "out", "--temporal", "auto", *frames_asked)
         assert "along with frames 8, 9, 11 by no motion" in result.stderr, result.stderr
+
+
+def test_neighbours_that_cannot_be_used_take_no_memory(tmp_path):
+    """Nor are they decoded; the frame is made by the rest."""
+    source = write(tmp_path, lambda _: scene())
+    large = {name: np.zeros((3000, 3000), np.float16) for name in "RGB"} | {"mask": np.eye(3000, dtype=np.float16)}
+    frames.write(tmp_path / "shot.0001.exr", large)
+    damaged = bytearray((tmp_path / "shot.0002.exr").read_bytes())
+    place = damaged.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
+    damaged[place + 8 : place + 16] = np.array([99999, 99999], "<i4").tobytes()
+    (tmp_path / "shot.0002.exr").write_bytes(damaged)
+    whole = (tmp_path / "shot.0004.exr").read_bytes()
+    (tmp_path / "shot.0004.exr").write_bytes(whole[: len(whole) // 2])
+    result = fill(source, tmp_path / "out", "--temporal", "2", "--frames", "3", "--memory", "32M")
+    lines = result.stderr.splitlines()
+    for words in ("frame 1 (shot.0001.exr): it has another window, 3000 x 3000", "frame 2 (shot.0002.exr)", "frame 4 (shot.0004.exr)"):
+        assert sum(f"filled without {words}" in line for line in lines) == 1, result.stderr
+    assert "along with frames 5" in result.stderr
+
+
+def test_a_neighbour_whose_mask_is_missing_is_left_out_until_it_comes(tmp_path):
+    write(tmp_path, lambda _: scene(), count=3)
+    for frame in (1, 2, 3):
+        frames.write(tmp_path / f"own.{frame:04}.exr", {"mask": mask(frame).astype(np.float16)})
+    kept = (tmp_path / "own.0003.exr").rename(tmp_path / "kept")
+    again = lambda: lacuna("fill", tmp_path / "shot.0002.exr", "-o", tmp_path / "out.exr", "--no-estimate", "--temporal", "1", "-u",
+                           "--mask", f"file:{tmp_path}/own.####.exr").stderr
+    assert "filled without frame 3 (shot.0003.exr): its mask" in again()
+    os.utime(tmp_path / "out.exr", (time.time() + 100,) * 2)
+    assert "1 skipped" in again()
+    kept.rename(tmp_path / "own.0003.exr")
+    assert "along with frames 1, 3" in again()
+
+
+def test_again_takes_neighbours_that_were_filled(tmp_path):
+    source = write(tmp_path, lambda _: scene(), count=3)
+    fill(source, tmp_path / "once")
+    filled = tmp_path / "once" / "shot.####.exr"
+    fill(filled, tmp_path / "twice", "--again", "--temporal", "1")
+    fill(source, tmp_path / "sparse", "--temporal", "1")
+    for frame in (1, 2, 3):
+        same = [frames.colour(tmp_path / name / f"shot.{frame:04}.exr") for name in ("twice", "sparse")]
+        assert np.array_equal(*same)
+    # Without --again the frame is made alone, and with it once more, although nothing has changed.
+    (tmp_path / "once" / "shot.0002.exr").write_bytes((tmp_path / "shot.0002.exr").read_bytes())
+    update = lambda *words: fill(filled, tmp_path / "mixed", "--temporal", "1", "-u", "--frames", "2", *words).stderr
+    assert update().count("--again takes the pixels") == 2
+    os.utime(tmp_path / "mixed" / "shot.0002.exr", (time.time() + 100,) * 2)
+    assert "1 skipped" in update()
+    assert "along with frames 1, 3" in update("--again")
+
+
+def test_neighbours_have_the_layers_of_their_number(tmp_path):
+    write(tmp_path, lambda _: scene(), count=3)
+    for frame in (1, 2, 3):
+        own = mask(frame)
+        planes = {name: np.where(own, scene()[..., k], np.float16(0)) for k, name in enumerate("RGB")}
+        frames.write(tmp_path / f"light.{frame:04}.exr", planes)
+    words = ["--temporal", "1", "--motion", "flow", "--frames", "2", "--layers", f"direct={tmp_path}/light.####.exr"]
+    log = fill(tmp_path / "shot.####.exr", tmp_path / "out", *words).stderr
+    assert "along with frames 1, 3 by flow" in log and "filled without" not in log
+    # A layer's samples are carried as well.
+    assert "direct.R" in log.split("along with frames")[1].splitlines()[0], log
+    (tmp_path / "light.0001.exr").unlink()
+    log = fill(tmp_path / "shot.####.exr", tmp_path / "out", *words).stderr
+    assert "filled without frame 1 (shot.0001.exr): its layer" in log and "along with frames 3" in log
+
+
+def moved(frame):
+    return scene(0.6 * frame, -0.9 * frame)
+
+
+def test_what_is_wrong_with_motion_is_named(tmp_path):
+    """Which frame lacks what, and what it has instead."""
+    across = lambda frame: np.full((HEIGHT, WIDTH), 1 if frame == 2 else np.nan, np.float32)
+    source = write(tmp_path, moved, count=3, motion_X=across, motion_Y=across, Z=lambda _: np.full((HEIGHT, WIDTH), 2, np.float32))
+    log = fill(source, tmp_path / "out", "--temporal", "1", "--motion", "vectors", "--frames", "2").stderr
+    assert log.count("none of its motion vectors is finite") == 2, log
+    whole = np.eye(4, dtype=np.float32)
+    broken, flat = whole.copy(), np.zeros((4, 4), np.float32)
+    broken[0, 0] = np.nan
+    for here, there, why in (
+        ({}, {}, "this frame has no worldToCamera"),
+        ({"worldToCamera": whole, "worldToNDC": whole}, {"worldToCamera": whole}, "it has no worldToNDC"),
+        ({"worldToCamera": whole, "worldToNDC": broken}, {"worldToCamera": whole, "worldToNDC": whole}, "this frame has a worldToNDC that is not finite"),
+        ({"worldToCamera": whole, "worldToNDC": whole}, {"worldToCamera": flat, "worldToNDC": whole}, "it has a worldToCamera or worldToNDC that cannot be inverted"),
+        ({"worldToCamera": whole, "worldToNDC": whole}, {"worldToCamera": "none", "worldToNDC": whole}, "it has a worldToCamera of type string, not m44f or m44d"),
+    ):
+        for frame, header in ((1, there), (2, here), (3, there)):
+            frames.write(tmp_path / f"shot.{frame:04}.exr", frames.read(tmp_path / f"shot.{frame:04}.exr")[0], **header)
+        log = fill(source, tmp_path / "out", "--temporal", "1", "--motion", "camera", "--frames", "2").stderr
+        assert log.count(why) == 2, (why, log)
+
+
+def test_another_display_window_is_called_so(tmp_path):
+    source = write(tmp_path, lambda _: scene(), count=3)
+    frames.write(tmp_path / "shot.0001.exr", frames.read(tmp_path / "shot.0001.exr")[0], display=((0, 0), (199, 99)))
+    log = fill(source, tmp_path / "out", "--temporal", "1", "--frames", "2").stderr
+    assert "filled without frame 1 (shot.0001.exr): it has another display window, 200 x 100 pixels from 0, 0" in log
+
+
+def test_that_there_are_no_neighbours_is_told_once(tmp_path):
+    write(tmp_path, lambda _: scene(), count=3)
+    names = {1: "s.0001.exr", 2: "s.0011.exr", 3: "s.0021.exr"}
+    for frame, name in names.items():
+        (tmp_path / f"shot.{frame:04}.exr").rename(tmp_path / name)
+    log = fill(tmp_path / "s.####.exr", tmp_path / "out", "--temporal", "auto").stderr
+    assert log.count("no frame has a neighbour") == 1 and "s.0002.exr" in log and "at most 3 away" in log
+    log = fill(tmp_path / "s.####.exr", tmp_path / "out", "--temporal", "10").stderr
+    assert "no frame has a neighbour" not in log
+    result = fill(tmp_path / "s.####.exr", tmp_path / "out", "--motion", "flow", ok=False)
+    assert result.status == 2 and "--temporal" in result.stderr
+
+
+def test_depth_and_vectors_may_stand_in_another_part(tmp_path):
+    """As renderers write them that give each output a part."""
+    down, across = (np.full((HEIGHT, WIDTH), value, np.float32) for value in (1.6, -2.3))
+    shows = lambda frame: scene(1.6 * frame, -2.3 * frame)
+    for frame in (1, 2, 3):
+        image, own = shows(frame), mask(frame)
+        colours = {name: np.where(own, image[..., k], np.float16(0)) for k, name in enumerate("RGB")} | {"mask": own.astype(np.float16)}
+        parts = [frames.part(colours, name="beauty"), frames.part({"motion.X": across, "motion.Y": down}, name="vectors")]
+        frames.write(tmp_path / f"shot.{frame:04}.exr", parts)
+    source = tmp_path / "shot.####.exr"
+    fill(source, tmp_path / "alone", "--frames", "2")
+    log = fill(source, tmp_path / "along", "--temporal", "1", "--motion", "vectors", "--frames", "2").stderr
+    assert "by vectors motion.X and motion.Y of part 1 (vectors) in pixels to the next frame, y down" in log, log
+    assert psnr(tmp_path / "along", 2, shows(2)) > psnr(tmp_path / "alone", 2, shows(2)) + 2
+    for frame in (1, 2, 3):
+        image, own = scene(), mask(frame)
+        colours = {name: np.where(own, image[..., k], np.float16(0)) for k, name in enumerate("RGB")} | {"mask": own.astype(np.float16)}
+        camera = dict.fromkeys(("worldToCamera", "worldToNDC"), np.eye(4, dtype=np.float32))
+        parts = [frames.part(colours, name="beauty", **camera), frames.part({"Z": np.full((HEIGHT, WIDTH), 2, np.float32)}, name="depth")]
+        frames.write(tmp_path / f"shot.{frame:04}.exr", parts)
+    log = fill(source, tmp_path / "along", "--temporal", "1", "--motion", "camera", "--frames", "2").stderr
+    assert "along with frames 1, 3 by camera" in log, log

@@ -14,8 +14,10 @@ use lacuna_filters::descriptor::Memory;
 use lacuna_filters::upscale::Method;
 
 use crate::channels::Name;
+use crate::files::neighbours::NeighbourFile;
 use crate::files::plan::Item;
 use crate::reconstruct::{Enlarge, Windows, pixels_at_a_time};
+use crate::temporal;
 
 /// Bytes a pixel of every channel that is compared.
 const COMPARING: u64 = 24;
@@ -69,7 +71,13 @@ pub fn to_fill(item: &Item, method: &lacuna_filters::Method, holes: f64) -> u64 
     let layers = item.layers.iter().map(|layer| filled.of(&layer.path)).fold(0, u64::saturating_add);
     // A neighbour is read, filled where its motion is estimated, and each of its pixels has a place; a frame that has some is not cut into bands.
     let beside = Taken { whole: PLACE, ..filled };
-    let neighbours = item.neighbours.iter().map(|file| beside.of(&file.input)).fold(0, u64::saturating_add);
+    let own = read_header(&item.input).map(|parts| temporal::shapes(&parts)).unwrap_or_default();
+    let used = item.neighbours.iter().filter(|file| temporal::header(file, &own).is_ok());
+    let of = |file: &NeighbourFile| {
+        let layers = file.layers.iter().map(|layer| filled.of(&layer.path));
+        layers.fold(beside.of(&file.input), u64::saturating_add)
+    };
+    let neighbours = used.map(of).fold(0, u64::saturating_add);
     let at_a_time = if item.neighbours.is_empty() { pixels_at_a_time } else { all };
     let Memory { image, channel } = method.memory(holes);
     Taken { whole: image, together: channel, at_a_time, ..filled }

@@ -270,10 +270,11 @@ fn beside(cell: &Cell<'_>, at: usize, sparse: &[Sparse]) -> Neighbours {
         let (number, own) = (shot.number?, shots[at].number?);
         let offset = number - own;
         let (frame, masks) = sparse.as_ref().filter(|_| offset != 0 && offset.unsigned_abs() <= reach)?;
-        Some(Neighbour { number, offset, frame: Arc::clone(frame), masks: Arc::clone(masks) })
+        let (frame, masks) = (Arc::clone(frame), Arc::clone(masks));
+        Some(Neighbour { number, offset, label: format!("frame {number}"), frame, masks })
     };
     let all: Vec<Neighbour> = shots.iter().zip(sparse).filter_map(one).collect();
-    Neighbours { looked_at: all.iter().map(|one| one.number).collect(), all, notes: Vec::new() }
+    Neighbours { looked_at: all.iter().map(|one| one.number).collect(), all, ..Neighbours::default() }
 }
 
 /// The means over all frames; of mean squared errors the geometric one, whose PSNR is the mean of theirs.

@@ -20,6 +20,7 @@ pub fn between(
     let whole = |frame: &Arc<Frame>, offset: i64| Neighbour {
         number: offset,
         offset,
+        label: String::new(),
         frame: Arc::clone(frame),
         masks: Arc::new(Masks::complete(frame)),
     };

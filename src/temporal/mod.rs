@@ -4,6 +4,7 @@ mod between;
 mod blind;
 mod camera;
 mod carriers;
+mod fit;
 mod neighbours;
 mod paths;
 mod reading;
@@ -12,7 +13,8 @@ mod vectors;
 
 pub use between::between;
 pub use carriers::{Carrier, carriers};
-pub use neighbours::{Neighbour, NeighbourFiles, Neighbours, numbers};
+pub use fit::shapes;
+pub use neighbours::{Neighbour, NeighbourFiles, Neighbours, Reading, header, left_filled, numbers};
 pub use reference::Reference;
 
 use std::str::FromStr;

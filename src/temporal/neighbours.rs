@@ -5,6 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use lacuna_exr::{Frame, Limits};
 
+use super::fit::{Shape, misfit_of_all, shapes};
+use crate::files::layers::{self, LayerFile};
 use crate::files::neighbours::NeighbourFile;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
@@ -16,6 +18,8 @@ pub struct Neighbour {
     pub number: i64,
     /// Its number less that of the frame that is filled.
     pub offset: i64,
+    /// What the log calls it.
+    pub label: String,
     /// What it holds.
     pub frame: Arc<Frame>,
     /// What was measured.
@@ -27,17 +31,20 @@ pub struct Neighbour {
 pub struct Neighbours {
     /// In the order of their numbers.
     pub all: Vec<Neighbour>,
-    /// The numbers of all files, those that cannot be used as well.
+    /// The numbers of all files that were looked at, those that cannot be used as well.
     pub looked_at: Vec<i64>,
+    /// The numbers of those among them that are left out because they were filled before.
+    pub filled: Vec<i64>,
     /// One line for each that was left out.
     pub notes: Vec<String>,
 }
 
 impl Neighbours {
-    /// The frames on one line, as the attribute has them: `3, 4 camera, 6 camera`.
+    /// The frames on one line, as the attribute has them: `2 filled, 3, 4 camera, 6 camera`.
     pub fn line(&self, used: &[(i64, String)]) -> String {
         let one = |number: &i64| match used.iter().find(|used| used.0 == *number) {
             Some((_, how)) => format!("{number} {how}"),
+            None if self.filled.contains(number) => format!("{number}{LEFT_FILLED}"),
             None => number.to_string(),
         };
         self.looked_at.iter().map(one).collect::<Vec<_>>().join(", ")
@@ -49,7 +56,31 @@ pub fn numbers(line: &str) -> Vec<i64> {
     line.split(", ").filter_map(|one| one.split(' ').next()?.parse().ok()).collect()
 }
 
+/// Whether such a line names a frame that was left out because it was filled before.
+pub fn left_filled(line: &str) -> bool {
+    line.split(", ").any(|one| one.ends_with(LEFT_FILLED))
+}
+
+/// What the line says of such a frame, and the log.
+const LEFT_FILLED: &str = " filled";
+const FILLED: &str = "it was filled already (--again takes the pixels that its mask calls measured)";
+
 type Read = Result<(Arc<Frame>, Arc<Masks>), String>;
+
+/// How the frames beside one are read.
+#[derive(Clone, Copy)]
+pub struct Reading<'a> {
+    /// Where masks come from.
+    pub source: &'a Source,
+    /// Masks that are files.
+    pub masks: &'a MaskFiles,
+    /// Whether those that were filled before count by their measured pixels.
+    pub again: bool,
+    /// How many are kept for the next frame.
+    pub most: usize,
+    /// What reading one may take.
+    pub limits: Limits,
+}
 
 /// Frames that were read, the last ones of a run.
 #[derive(Debug, Default)]
@@ -58,45 +89,48 @@ pub struct NeighbourFiles {
 }
 
 impl NeighbourFiles {
-    /// The frames beside frame `number`, of which `most` are kept for the next one.
+    /// The frames beside a frame of that number.
     pub fn read(
         &self,
-        (number, files): (i64, &[NeighbourFile]),
-        (source, masks): (&Source, &MaskFiles),
-        most: usize,
-        limits: Limits,
+        (number, frame): (i64, &Frame),
+        files: &[NeighbourFile],
+        reading: Reading<'_>,
     ) -> Neighbours {
-        let looked_at = files.iter().map(|file| file.number).collect();
-        let mut found = Neighbours { looked_at, ..Neighbours::default() };
+        let mut found = Neighbours::default();
+        let own = shapes(&frame.parts);
         for file in files {
-            match self.get(file, (source, masks), most, limits) {
-                Ok((frame, masks)) => found.all.push(Neighbour {
-                    number: file.number,
-                    offset: file.number - number,
-                    frame,
-                    masks,
-                }),
+            // One that lacks something is as good as not there, until it has come.
+            if file.is_complete() {
+                found.looked_at.push(file.number);
+            }
+            let name = file.input.file_name().map(|name| name.display().to_string()).unwrap_or_default();
+            let label = format!("frame {} ({name})", file.number);
+            match self.get(file, &own, reading) {
+                Ok((frame, masks)) => {
+                    let offset = file.number - number;
+                    found.all.push(Neighbour { number: file.number, offset, label, frame, masks });
+                }
                 Err(why) => {
-                    found.notes.push(format!("filled without its neighbour {}: {why}", file.input.display()));
+                    if why == FILLED {
+                        found.filled.push(file.number);
+                    }
+                    found.notes.push(format!("filled without {label}: {why}"));
                 }
             }
         }
         found
     }
 
-    fn get(
-        &self,
-        file: &NeighbourFile,
-        (source, masks): (&Source, &MaskFiles),
-        most: usize,
-        limits: Limits,
-    ) -> Read {
+    fn get(&self, file: &NeighbourFile, own: &[Shape], reading: Reading<'_>) -> Read {
         if let Some(read) = self.kept(&file.input) {
-            return read;
+            let (frame, masks) = read?;
+            return misfit_of_all(own, &shapes(&frame.parts)).map_or(Ok((frame, masks)), Err);
         }
-        let read = read(file, (source, masks), limits);
+        // Whatever is larger than the frame itself is not decoded.
+        header(file, own)?;
+        let read = read(file, reading);
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        while kept.len() >= most.max(1) {
+        while kept.len() >= reading.most.max(1) {
             drop(kept.remove(0));
         }
         kept.push((file.input.clone(), read.clone()));
@@ -114,16 +148,41 @@ impl NeighbourFiles {
     }
 }
 
-fn read(file: &NeighbourFile, (source, masks): (&Source, &MaskFiles), limits: Limits) -> Read {
-    let frame = lacuna_exr::read(&file.input, &limits).map_err(|error| error.to_string())?;
+/// Whether a neighbour may be of use to a frame of these shapes, as its files and their headers tell.
+///
+/// # Errors
+/// Why it is left out.
+pub fn header(file: &NeighbourFile, own: &[Shape]) -> Result<(), String> {
+    if let Some((path, what)) = file.sources().find(|(path, _)| !path.exists()) {
+        return Err(format!("its {what} {} does not exist", path.display()));
+    }
+    let parts = lacuna_exr::read_whole_header(&file.input).map_err(|error| of_file(&file.input, error))?;
+    misfit_of_all(own, &shapes(&parts)).map_or(Ok(()), Err)
+}
+
+/// What is wrong with a neighbour's own file, which the line names already.
+fn of_file(path: &Path, error: impl std::fmt::Display) -> String {
+    let (text, named) = (error.to_string(), format!("{}: ", path.display()));
+    text.strip_prefix(&named).unwrap_or(&text).into()
+}
+
+fn read(file: &NeighbourFile, reading: Reading<'_>) -> Read {
+    let Reading { source, masks, limits, .. } = reading;
+    let mut frame = lacuna_exr::read(&file.input, &limits).map_err(|error| of_file(&file.input, error))?;
+    for LayerFile { name, path } in &file.layers {
+        let at_layer =
+            |error: &dyn std::fmt::Display| format!("{}: {}", path.display(), of_file(path, error));
+        let layer = lacuna_exr::read(path, &limits).map_err(|error| at_layer(&error))?;
+        layers::add(&mut frame, name, layer).map_err(|error| at_layer(&error))?;
+    }
     let mask = file.mask.as_deref().map(|path| masks.get(path, limits)).transpose();
     let mask = mask.map_err(|error| error.to_string())?;
     let found = mask::find(&frame, source, mask.as_deref()).map_err(|error| error.to_string())?;
     if found.is_empty() {
         return Err("no pixel of it was measured".into());
     }
-    if crate::reconstruct::filled_before(&frame, &found).is_some() {
-        return Err("it was filled already".into());
+    if !reading.again && crate::reconstruct::filled_before(&frame, &found).is_some() {
+        return Err(FILLED.into());
     }
     Ok((Arc::new(frame), Arc::new(found)))
 }

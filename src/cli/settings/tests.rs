@@ -203,4 +203,17 @@ fn memory_is_planned_with_its_bytes() {
     let beside = Item { neighbours: vec![neighbour; 3], ..item.clone() };
     // Each has to be read, and to stand beside the frame itself.
     assert!(to_fill(&beside, &plain, 0.5) > needs(&plain) + 3 * 16 * 8);
+    // One of another size, one that is damaged and one without its mask are left out, and take nothing.
+    let large = tempfile::NamedTempFile::with_suffix(".exr").unwrap();
+    let other = frame(vec![part(window(0, 0, 64, 64), vec![float("R", &[0.5; 64 * 64])])]);
+    lacuna_exr::write(&other, large.path(), &WriteOptions::default()).unwrap();
+    let broken = tempfile::NamedTempFile::with_suffix(".exr").unwrap();
+    let whole = std::fs::read(file.path()).unwrap();
+    std::fs::write(broken.path(), &whole[..whole.len() - 8]).unwrap();
+    let [large, broken] = [large.path(), broken.path()]
+        .map(|path| NeighbourFile { input: path.to_owned(), ..beside.neighbours[0].clone() });
+    let masked = NeighbourFile { mask: Some("no-mask.exr".into()), ..beside.neighbours[0].clone() };
+    let useless = Item { neighbours: vec![large, broken, masked], ..item.clone() };
+    assert!(to_fill(&useless, &plain, 0.5) < to_fill(&beside, &plain, 0.5) - 2 * 16 * 8);
+    assert!(to_fill(&useless, &plain, 0.5) <= needs(&plain) + 16 * 8);
 }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use lacuna_exr::{PartHeader, read_header};
 
+use super::FillJob;
 use crate::files::plan::Item;
 use crate::mask::Source;
 use crate::reconstruct::{Gate, Job, Stamp, Windows, estimate, was_cut_short};
@@ -12,8 +13,8 @@ use crate::temporal;
 
 /// Whether the output is newer than all that it was made from, and its attributes name this version, these settings
 /// and this mask.
-pub fn is_current(item: &Item, job: &Job) -> bool {
-    is_made_from(&item.output, item.sources().map(|(path, _)| path), |parts| is_of(item, job, parts))
+pub fn is_current(item: &Item, job: &FillJob) -> bool {
+    is_made_from(&item.output, item.used_sources(), |parts| is_of(item, job, parts))
 }
 
 /// Whether the output may be a copy of a complete frame, which gets no stamp: it is whole, newer than all that it was made
@@ -23,7 +24,7 @@ pub fn may_be_copy(item: &Item) -> bool {
     let stamps = |parts: &[PartHeader]| -> Vec<Option<Stamp>> {
         parts.iter().map(|part| Stamp::read(&part.attributes)).collect()
     };
-    is_made_from(&item.output, item.sources().map(|(path, _)| path), |parts| stamps(parts) == stamps(&input))
+    is_made_from(&item.output, item.used_sources(), |parts| stamps(parts) == stamps(&input))
 }
 
 /// Whether a gate may let an output pass that is there already, by what its attributes say of its error.
@@ -36,7 +37,7 @@ pub fn may_pass(output: &Path, gate: &Gate) -> bool {
 /// Whether the windows are those that this run would give it, at least one part has a stamp, all stamps are this run's and no time
 /// limit cut a part short. The settings tell which mask was asked for; of a file they tell the pattern, so its path is compared as
 /// well.
-fn is_of(item: &Item, job: &Job, parts: &[PartHeader]) -> bool {
+fn is_of(item: &Item, FillJob { what: job, again, .. }: &FillJob, parts: &[PartHeader]) -> bool {
     if parts.iter().any(|part| was_cut_short(&part.attributes)) || !has_windows(parts, &item.input, job) {
         return false;
     }
@@ -47,10 +48,12 @@ fn is_of(item: &Item, job: &Job, parts: &[PartHeader]) -> bool {
         }
         _ => None,
     });
-    let beside: Vec<i64> = item.neighbours.iter().map(|file| file.number).collect();
+    let complete = item.neighbours.iter().filter(|file| file.is_complete());
+    let beside: Vec<i64> = complete.map(|file| file.number).collect();
     let same_neighbours = |part: &PartHeader| {
         let line = part.attributes.text(temporal::ATTRIBUTE).unwrap_or_default();
-        Stamp::read(&part.attributes).is_none() || temporal::numbers(&line) == beside
+        let same = temporal::numbers(&line) == beside && !(*again && temporal::left_filled(&line));
+        same || Stamp::read(&part.attributes).is_none()
     };
     let same_mask = |stamp: &Stamp| source.as_ref().is_none_or(|source| *source == stamp.mask);
     !stamps.is_empty()

@@ -1,6 +1,8 @@
 //! What a user who passed no flag for it would like to know of.
 
 use crate::channels::is_light;
+use crate::files::patterns;
+use crate::files::plan::Item;
 use crate::reconstruct::{Job, NoiseSource};
 use crate::run::record::{Record, State};
 use crate::temporal::Window;
@@ -10,6 +12,26 @@ use crate::temporal::Window;
 const NOISY: f64 = 0.45;
 /// Fewer frames are no sequence.
 const SEQUENCE: usize = 3;
+
+/// That neighbours were asked for, but no frame has any.
+pub fn alone(job: &Job, items: &[Item]) -> Option<String> {
+    let window = job.temporal.window;
+    let asked = window != Window::None && !items.is_empty();
+    if !asked || items.iter().any(|item| !item.neighbours.is_empty()) {
+        return None;
+    }
+    let each = window.each();
+    let first = items.iter().find_map(|item| {
+        let number = item.number?;
+        let next = patterns::beside(&item.input, number.checked_add(1)?).into_iter().next()?;
+        Some(format!(", as {} would be", next.display()))
+    });
+    let names = first.unwrap_or_else(|| ", as shot.0002.exr is beside shot.0001.exr".into());
+    Some(format!(
+        "--temporal {window}: no frame has a neighbour, and each is filled by itself: neighbours are files in its folder \
+         that have its name with another number, at most {each} away{names}"
+    ))
+}
 
 /// Lines about the frames that were filled.
 pub fn of(job: &Job, records: &[Record]) -> Vec<String> {

@@ -29,7 +29,7 @@ use crate::run::existing::Existing;
 use crate::run::record::{Estimate, Heading, Light, Record};
 use crate::run::schedule::Need;
 use crate::run::{batch, memory, outputs};
-use crate::temporal::{NeighbourFiles, Neighbours};
+use crate::temporal::{NeighbourFiles, Neighbours, Reading};
 
 /// Frames to be filled, and how.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,6 +82,9 @@ pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
         return Ok(outputs::print(&plan, &work, &console));
     }
     console.listen();
+    if let Some(warning) = hints::alone(&job.what, &plan.items) {
+        console.warning(&warning);
+    }
     outputs::make_folders(&plan)?;
     let heading = Heading {
         lacuna: env!("CARGO_PKG_VERSION"),
@@ -136,10 +139,15 @@ impl Fill<'_> {
         let guides =
             guides.map(|path| lacuna_exr::read(path, &limits).map_err(|error| Failure::at(path, error)));
         let number = item.number.unwrap_or_default();
-        let from = (&self.job.what.mask, &self.masks);
-        // As many as the window has, and those of frames that are read beside.
-        let most = item.neighbours.len() + self.job.run.parallel_frames.max(1);
-        let neighbours = self.neighbours.read((number, &item.neighbours), from, most, limits);
+        let reading = Reading {
+            source: &self.job.what.mask,
+            masks: &self.masks,
+            again: self.job.again,
+            // As many as the window has, and those of frames that are read beside.
+            most: item.neighbours.len() + self.job.run.parallel_frames.max(1),
+            limits,
+        };
+        let neighbours = self.neighbours.read((number, &frame), &item.neighbours, reading);
         Ok(Loaded { frame, mask, guides: guides.transpose()?, neighbours })
     }
 
@@ -219,7 +227,7 @@ impl Work for Fill<'_> {
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
         let passes = |item: &Item| !self.job.gate.is_set() || may_pass(&item.output, &self.job.gate);
-        let current = |item: &Item| (is_current(item, &self.job.what) && passes(item)) || self.is_copy(item);
+        let current = |item: &Item| (is_current(item, self.job) && passes(item)) || self.is_copy(item);
         outputs::decide_to_write(item, self.job.skip_missing, self.job.existing, current)
     }
 
