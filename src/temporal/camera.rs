@@ -6,18 +6,26 @@ use lacuna_filters::baseline::nearest::NearestMap;
 use lacuna_filters::temporal::camera::{Camera, Depth, Matrix};
 use lacuna_filters::{Mask, Size};
 
-use super::Neighbour;
+use super::{Neighbour, fit};
 use crate::channels::{self, Name, Rule};
 
-/// The camera of a part, over its display window.
-pub fn camera(part: &Part) -> Option<Camera> {
-    let to_camera = matrix(part, "worldToCamera")?;
-    let to_ndc = matrix(part, "worldToNDC")?;
-    Camera::new(&to_camera, &to_ndc, part.display_window.size())
+/// The camera of a part of a frame, over its display window: its own, or that of a part of the same pixels.
+///
+/// # Errors
+/// What is missing, or wrong.
+fn camera(frame: &Frame, part: usize) -> Result<Camera, String> {
+    let known = |part: &usize| MATRICES.iter().all(|name| frame.parts[*part].attributes.get(name).is_some());
+    let part = &frame.parts[fit::alike(frame, part).find(known).unwrap_or(part)];
+    let [to_camera, to_ndc] = MATRICES.map(|name| matrix(part, name));
+    let camera = Camera::new(&to_camera?, &to_ndc?, part.display_window.size());
+    camera.ok_or_else(|| format!("a {} or {} that cannot be inverted", MATRICES[0], MATRICES[1]))
 }
 
-fn matrix(part: &Part, name: &str) -> Option<Matrix> {
-    let attribute = part.attributes.get(name)?;
+/// The attributes that say where a camera looks, and what it shows where.
+const MATRICES: [&str; 2] = ["worldToCamera", "worldToNDC"];
+
+fn matrix(part: &Part, name: &str) -> Result<Matrix, String> {
+    let attribute = part.attributes.get(name).ok_or_else(|| format!("no {name}"))?;
     let values: Vec<f64> = match attribute.kind.as_slice() {
         b"m44f" => attribute
             .value
@@ -29,10 +37,16 @@ fn matrix(part: &Part, name: &str) -> Option<Matrix> {
         b"m44d" => {
             attribute.value.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()
         }
-        _ => return None,
+        _ => Vec::new(),
     };
-    let all = values.len() == 16 && values.iter().all(|value| value.is_finite());
-    all.then(|| std::array::from_fn(|row| std::array::from_fn(|column| values[4 * row + column])))
+    if values.len() != 16 {
+        let kind = String::from_utf8_lossy(&attribute.kind);
+        return Err(format!("a {name} of type {}, not m44f or m44d", channels::visible(&kind)));
+    }
+    if values.iter().any(|value| !value.is_finite()) {
+        return Err(format!("a {name} that is not finite"));
+    }
+    Ok(std::array::from_fn(|row| std::array::from_fn(|column| values[4 * row + column])))
 }
 
 /// The depth of each pixel of a neighbour's part, NaN where it is not known: the frame's own where it was measured, else of a dense AOV.
@@ -55,14 +69,19 @@ fn depths(neighbour: &Neighbour, part: usize) -> Option<Vec<f32>> {
 }
 
 /// Where each pixel of a neighbour's part lies in the frame, in each way that its depth may be meant.
-pub fn places((frame, part): (&Frame, usize), neighbour: &Neighbour) -> Option<Vec<Vec<[f32; 2]>>> {
+///
+/// # Errors
+/// What that takes and either frame lacks.
+pub fn places((frame, part): (&Frame, usize), neighbour: &Neighbour) -> Result<Vec<Vec<[f32; 2]>>, String> {
     let (own, other) = (&frame.parts[part], &neighbour.frame.parts[part]);
-    let (here, there) = (camera(own)?, camera(other)?);
-    let depth = depths(neighbour, part)?;
+    let here = camera(frame, part).map_err(|what| format!("this frame has {what}"))?;
+    let there = camera(&neighbour.frame, part).map_err(|what| format!("it has {what}"))?;
+    let depth = fit::alike(&neighbour.frame, part).find_map(|part| depths(neighbour, part));
+    let depth = depth.ok_or("it has no depth that was measured")?;
     let size = other.size();
     let pixel = |at: usize| [at / size.width, at % size.width].map(|at| at as f64);
     if here.is_same(&there) {
-        return Some(vec![(0..size.pixels()).map(|at| pixel(at).map(|at| at as f32)).collect()]);
+        return Ok(vec![(0..size.pixels()).map(|at| pixel(at).map(|at| at as f32)).collect()]);
     }
     // From pixels of the data window to those of the display window, which the camera shows.
     let offset = [
@@ -87,7 +106,7 @@ pub fn places((frame, part): (&Frame, usize), neighbour: &Neighbour) -> Option<V
         all.extend(with_surfaces(size, &depth, &far));
         all.push(far);
     }
-    Some(all)
+    Ok(all)
 }
 
 /// The same, but that pixels without a finite depth move as the nearest one that has one: what shines through beside a surface moves with it.

@@ -3,14 +3,15 @@
 use std::cell::LazyCell;
 use std::ops::Deref;
 
-use lacuna_exr::{Frame, Part};
+use lacuna_exr::Frame;
 use lacuna_filters::temporal::{Carried, Judge, explained, flow};
 use lacuna_filters::{Mask, Planes, Size};
 
 use super::blind::Blind;
+use super::fit::{Shape, misfit};
 use super::paths::Paths;
 use super::reference::{Reference, measured};
-use super::{Motion, Neighbour, Neighbours, camera, reading};
+use super::{Motion, Neighbour, Neighbours, camera, reading, vectors};
 use crate::channels::part_label;
 use crate::mask::Masks;
 
@@ -138,7 +139,10 @@ pub fn carriers<'a>(
     reference: &Reference<'_>,
 ) -> (Vec<Carrier<'a>>, Vec<String>) {
     let (mut found, mut notes) = (Vec::new(), Vec::new());
-    let misfit = |neighbour: &Neighbour| misfit(&frame.parts[part], neighbour.frame.parts.get(part));
+    let misfit = |neighbour: &Neighbour| {
+        let other = neighbour.frame.parts.get(part).map(Shape::from);
+        misfit(&Shape::from(&frame.parts[part]), other.as_ref())
+    };
     let fitting: Vec<&Neighbour> = neighbours.all.iter().filter(|one| misfit(one).is_none()).collect();
     let paths = if matches!(motion, Motion::Auto | Motion::Vectors) {
         paths((frame, masks, part), &fitting, reference)
@@ -161,7 +165,7 @@ pub fn carriers<'a>(
             Err(why) => {
                 let label = part_label(frame, part);
                 let label = if label.is_empty() { label } else { format!("{label} of ") };
-                notes.push(format!("filled without {label}frame {}: {why}", neighbour.number));
+                notes.push(format!("filled without {label}{}: {why}", neighbour.label));
             }
         }
     }
@@ -182,24 +186,6 @@ fn paths(
     })
 }
 
-/// Why a neighbour's part shows other pixels, if it does.
-fn misfit(own: &Part, other: Option<&Part>) -> Option<String> {
-    let Some(other) = other else { return Some("it has fewer parts".into()) };
-    if own.name() != other.name() {
-        return Some("its parts have other names".into());
-    }
-    let (a, b) = (own.data_window, other.data_window);
-    (a != b || own.display_window != other.display_window).then(|| {
-        format!(
-            "it has another window, {} x {} pixels from {}, {}",
-            b.size().width,
-            b.size().height,
-            b.x_min,
-            b.y_min
-        )
-    })
-}
-
 fn carrier(
     (frame, part): (&Frame, usize),
     (neighbour, asked): (&Neighbour, Option<&Asked>),
@@ -213,21 +199,22 @@ fn carrier(
         return Ok(make(places, &paths.name()));
     }
     if motion == Motion::Vectors {
-        return Err("it has no motion vectors that the samples agree with better than with no motion".into());
+        return Err(vectors::why_none(neighbour, part).into());
     }
     if matches!(motion, Motion::Auto | Motion::Camera) {
-        if let Some(all) = camera::places((frame, part), neighbour) {
-            let mut made: Vec<_> = all.into_iter().map(|places| make(places, "camera")).collect();
-            let best = if made.len() > 1 { most_agreeing(&made, asked, reference) } else { 0 };
-            return Ok(made.swap_remove(best));
-        }
-        if motion == Motion::Camera {
-            return Err("no depth, worldToCamera and worldToNDC in both frames".into());
+        match camera::places((frame, part), neighbour) {
+            Ok(all) => {
+                let mut made: Vec<_> = all.into_iter().map(|places| make(places, "camera")).collect();
+                let best = if made.len() > 1 { most_agreeing(&made, asked, reference) } else { 0 };
+                return Ok(made.swap_remove(best));
+            }
+            Err(why) if motion == Motion::Camera => return Err(why),
+            Err(_) => {}
         }
     }
     if matches!(motion, Motion::Auto | Motion::Flow) {
-        let (samples, mask) =
-            measured(neighbour, part, &reference.names).ok_or("it lacks colours of this frame")?;
+        let (samples, mask) = measured(neighbour, part, &reference.names)
+            .ok_or_else(|| lacking(neighbour, part, &reference.names))?;
         let blind = blind.as_ref().ok_or("this frame cannot be filled to estimate motion from")?;
         if motion == Motion::Flow || !blind.still {
             let filled =
@@ -242,6 +229,15 @@ fn carrier(
         }
     }
     Ok(make(still(neighbour.frame.parts[part].size()), "no motion"))
+}
+
+/// Which colours a neighbour lacks.
+fn lacking(neighbour: &Neighbour, part: usize, names: &[String]) -> String {
+    let own = &neighbour.frame.parts[part];
+    let measured =
+        |name: &str| vectors::channel(own, name).is_some_and(|at| neighbour.masks.get(part, at).is_some());
+    let lacking: Vec<&str> = names.iter().map(String::as_str).filter(|name| !measured(name)).collect();
+    format!("it has no measured {}", if lacking.is_empty() { "colours".into() } else { lacking.join(", ") })
 }
 
 /// Every pixel where it is.

@@ -36,15 +36,15 @@ struct Field {
 
 impl Field {
     fn new((frame, masks, part): (&Frame, &Masks, usize), layer: &Layer, reading: Reading) -> Option<Self> {
-        let own = &frame.parts[part];
+        let own = frame.parts.get(layer.part)?;
         let size = own.size();
         let scale = reading.scale(size);
         let scaled = |vector: [f32; 2]| std::array::from_fn(|axis| scale[axis] * vector[axis]);
         let vectors: Vec<[f32; 2]> = vectors::raw(frame, part, layer)?.into_iter().map(scaled).collect();
         let dense = channels::dense(own);
         let mut known = vec![true; size.pixels()];
-        for name in layer.iter().filter(|&name| !dense.contains(name)) {
-            let mask: &Arc<Mask> = masks.get(part, vectors::channel(own, name)?)?;
+        for name in layer.names.iter().filter(|&name| !dense.contains(name)) {
+            let mask: &Arc<Mask> = masks.get(layer.part, vectors::channel(own, name)?)?;
             known.iter_mut().zip(mask.as_slice()).for_each(|(known, flag)| *known &= *flag);
         }
         for (known, vector) in known.iter_mut().zip(&vectors) {

@@ -4,8 +4,8 @@
 use lacuna_exr::{Frame, Part};
 use lacuna_filters::Size;
 
-use super::Neighbour;
-use crate::channels::{self, Name};
+use super::{Neighbour, fit};
+use crate::channels::{self, Name, part_label};
 
 /// What components of a vector may be counted in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,8 +17,16 @@ enum Unit {
     Device,
 }
 
-/// Two channels that are vectors, by their full names: across and down.
-pub type Layer = [String; 2];
+/// Two channels that are vectors.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Layer {
+    /// The part that they stand in.
+    pub part: usize,
+    /// What the log calls that part, if it is another one than that whose samples go by them.
+    of: String,
+    /// Their full names: across and down.
+    pub names: [String; 2],
+}
 
 /// A convention.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,7 +52,7 @@ impl Reading {
     }
 
     /// What it is, in words: `vectors Vector.X and Vector.Y in pixels to the next frame, y up`.
-    pub fn name(self, [across, down]: &Layer) -> String {
+    pub fn name(self, Layer { of, names: [across, down], .. }: &Layer) -> String {
         let unit = match self.unit {
             Unit::Pixels => "in pixels",
             Unit::Image => "in parts of the image",
@@ -52,7 +60,7 @@ impl Reading {
         };
         let to = if self.next { "to the next frame" } else { "to the frame before" };
         let y = if self.y_up { "y up" } else { "y down" };
-        format!("vectors {across} and {down} {unit} {to}, {y}")
+        format!("vectors {across} and {down}{of} {unit} {to}, {y}")
     }
 
     /// How many pixels down and across one of either component leads in a frame's time.
@@ -67,11 +75,14 @@ impl Reading {
     }
 }
 
-/// The vectors of a layer as they are in the file, down and across.
+/// The vectors of a layer as they are in the file, down and across, for the pixels of a part.
 pub fn raw(frame: &Frame, part: usize, layer: &Layer) -> Option<Vec<[f32; 2]>> {
-    let own = frame.parts.get(part)?;
+    let own = frame.parts.get(layer.part)?;
+    if own.data_window != frame.parts.get(part)?.data_window {
+        return None;
+    }
     let plane = |name: &String| own.channels[channel(own, name)?].samples.to_floats();
-    let (across, down) = (plane(&layer[0])?, plane(&layer[1])?);
+    let (across, down) = (plane(&layer.names[0])?, plane(&layer.names[1])?);
     Some(down.into_iter().zip(across).map(|(down, across)| [down, across]).collect())
 }
 
@@ -80,8 +91,37 @@ pub fn channel(part: &Part, name: &str) -> Option<usize> {
     part.channels.iter().position(|channel| channel.display_name() == name)
 }
 
-/// The layers of vectors of a neighbour's part that were measured.
+/// The layers of vectors by which the samples of a neighbour's part may go and that were measured: its own, or those of the first part of the
+/// same pixels that has some.
 pub fn layers(neighbour: &Neighbour, part: usize) -> Vec<Layer> {
+    let all = fit::alike(&neighbour.frame, part).map(|other| {
+        let of = if other == part { String::new() } else { part_label(&neighbour.frame, other) };
+        let of = if of.is_empty() { of } else { format!(" of {of}") };
+        let layer = |names| Layer { part: other, of: of.clone(), names };
+        pairs(neighbour, other).into_iter().map(layer).collect::<Vec<_>>()
+    });
+    { all }.find(|layers| !layers.is_empty()).unwrap_or_default()
+}
+
+/// Why the samples of a neighbour's part go by no vectors.
+pub fn why_none(neighbour: &Neighbour, part: usize) -> &'static str {
+    let layers = layers(neighbour, part);
+    let finite = |layer: &Layer| {
+        let own = &neighbour.frame.parts[layer.part];
+        let mask = channel(own, &layer.names[0]).and_then(|at| neighbour.masks.get(layer.part, at));
+        let (Some(mask), Some(raw)) = (mask, raw(&neighbour.frame, part, layer)) else { return false };
+        let known = raw.iter().zip(mask.as_slice()).filter(|(_, flag)| **flag);
+        known.into_iter().any(|(vector, _)| vector.iter().all(|v| v.is_finite()))
+    };
+    match &*layers {
+        [] => "it has no motion vectors that were measured",
+        all if !all.iter().any(finite) => "none of its motion vectors is finite",
+        _ => "it has no motion vectors that the samples agree with better than with no motion",
+    }
+}
+
+/// The full names of the vectors of a part.
+fn pairs(neighbour: &Neighbour, part: usize) -> Vec<[String; 2]> {
     let own = &neighbour.frame.parts[part];
     let name = |at: usize| own.channels[at].display_name().into_owned();
     let axis = |at: usize| channels::motion_axis(own, at).filter(|_| neighbour.masks.get(part, at).is_some());
