@@ -19,7 +19,7 @@ pub struct TemporalArgs {
     pub temporal: Window,
 
     /// What motion is known from
-    #[arg(long, value_name = "SOURCE", default_value = "auto")]
+    #[arg(long, value_name = "SOURCE", default_value = "auto", requires = "temporal")]
     pub motion: Motion,
 }
 
