@@ -109,8 +109,8 @@ pub struct MoreOutput {
     #[arg(long)]
     pub drop_mask: bool,
 
-    /// Pass over frames whose output is newer than their input (and mask file), has the right windows and was made by this version
-    /// with the same settings and mask, or is the copy of a complete frame
+    /// Pass over frames whose output is newer than their input (and mask file, and neighbours with --temporal), has the right windows and
+    /// was made by this version with the same settings, mask and neighbours, or is the copy of a complete frame
     #[arg(short, long, conflicts_with_all = ["no_clobber", "force"])]
     pub update: bool,
 }

@@ -14,7 +14,7 @@ pub struct TemporalArgs {
     ///
     /// Only where held-out samples show that they help, so that a cut or a wrong motion costs a few tenths of a decibel at most. The frames are those beside the frame's
     /// file, by the number in its name, whether this run fills them or not; their measured pixels are used, not their fills. One that is missing, broken or of
-    /// another size is left out.
+    /// another size is left out. 16 on either side at most.
     #[arg(long, value_name = "FRAMES", default_value = "none")]
     pub temporal: Window,
 
