@@ -98,7 +98,9 @@ mod tests {
     fn beside(files: &[&str], inputs: &[&str], layers: &[&str]) -> Vec<String> {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
-        files.iter().for_each(|name| std::fs::write(path(name), "").unwrap());
+        for name in files {
+            std::fs::write(path(name), "").unwrap();
+        }
         std::fs::create_dir(path("out")).unwrap();
         let inputs = inputs.iter().map(|name| path(name)).collect();
         let layer = |text: &&str| LayerSource { name: "l".into(), pattern: path(text).display().to_string() };

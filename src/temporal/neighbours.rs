@@ -1,6 +1,6 @@
 //! Reading the frames beside one: each by itself, so that no chunk and no order changes what is found; those that were read last are kept.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use lacuna_exr::{Frame, Limits};
@@ -85,7 +85,7 @@ pub struct Reading<'a> {
 /// Frames that were read, the last ones of a run.
 #[derive(Debug, Default)]
 pub struct NeighbourFiles {
-    kept: Mutex<Vec<(PathBuf, Read)>>,
+    kept: Mutex<Vec<(NeighbourFile, Read)>>,
 }
 
 impl NeighbourFiles {
@@ -122,7 +122,7 @@ impl NeighbourFiles {
     }
 
     fn get(&self, file: &NeighbourFile, own: &[Shape], reading: Reading<'_>) -> Read {
-        if let Some(read) = self.kept(&file.input) {
+        if let Some(read) = self.kept(file) {
             let (frame, masks) = read?;
             return misfit_of_all(own, &shapes(&frame.parts)).map_or(Ok((frame, masks)), Err);
         }
@@ -133,14 +133,14 @@ impl NeighbourFiles {
         while kept.len() >= reading.most.max(1) {
             drop(kept.remove(0));
         }
-        kept.push((file.input.clone(), read.clone()));
+        kept.push((file.clone(), read.clone()));
         read
     }
 
     /// One that was read before, which becomes the newest.
-    fn kept(&self, path: &Path) -> Option<Read> {
+    fn kept(&self, file: &NeighbourFile) -> Option<Read> {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let at = kept.iter().position(|(own, _)| own == path)?;
+        let at = kept.iter().position(|(own, _)| own == file)?;
         let entry = kept.remove(at);
         let read = entry.1.clone();
         kept.push(entry);
@@ -185,4 +185,58 @@ fn read(file: &NeighbourFile, reading: Reading<'_>) -> Read {
         return Err(FILLED.into());
     }
     Ok((Arc::new(frame), Arc::new(found)))
+}
+
+#[cfg(test)]
+mod tests {
+    use lacuna_exr::WriteOptions;
+
+    use super::*;
+    use crate::testing::{float, frame, part, window};
+
+    /// Whichever was read first, the layers are those of the frame that asks.
+    #[test]
+    fn a_neighbour_with_another_layer_is_read_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, channels: &[(&str, [f32; 2])]| {
+            let channels = channels.iter().map(|(name, values)| float(name, values)).collect();
+            let path = folder.path().join(name);
+            lacuna_exr::write(
+                &frame(vec![part(window(0, 0, 2, 1), channels)]),
+                &path,
+                &WriteOptions::default(),
+            )
+            .unwrap();
+            path
+        };
+        let own = frame(vec![part(window(0, 0, 2, 1), vec![float("R", &[0.0; 2])])]);
+        let input = write("s.2.exr", &[("R", [0.5; 2]), ("mask", [1.0, 0.0])]);
+        let layers = [1.0, 2.0].map(|value| write(&format!("{value}.exr"), &[("R", [value; 2])]));
+        let reading = Reading {
+            source: &Source::Auto,
+            masks: &MaskFiles::default(),
+            again: false,
+            most: 4,
+            limits: Limits::default(),
+        };
+        let files = NeighbourFiles::default();
+        for (path, value) in layers.into_iter().zip([1.0, 2.0]) {
+            let layers = vec![LayerFile { name: "l".into(), path }];
+            let file = NeighbourFile { number: 2, input: input.clone(), mask: None, layers };
+            let found = files.read((1, &own), &[file], reading);
+            assert!(found.notes.is_empty(), "{:?}", found.notes);
+            let part = &found.all[0].frame.parts[0];
+            let layer = part.channels.iter().find(|channel| channel.display_name() == "l.R").unwrap();
+            assert_eq!(layer.samples.to_floats().unwrap(), [value; 2]);
+        }
+    }
+
+    #[test]
+    fn the_attribute_says_what_was_left_out_because_it_was_filled() {
+        let found = Neighbours { looked_at: vec![2, 3, 4], filled: vec![2], ..Neighbours::default() };
+        let line = found.line(&[(4, "vectors filled by hand".into())]);
+        assert_eq!(line, "2 filled, 3, 4 vectors filled by hand");
+        assert_eq!(numbers(&line), [2, 3, 4]);
+        assert!(left_filled(&line) && !left_filled("3, 4 camera"));
+    }
 }
