@@ -41,11 +41,25 @@ where
     parts.iter().map(Shape::from).collect()
 }
 
-/// Why no part of a neighbour is of use to a frame, if none is: what is wrong with the first.
+/// How many times as many pixels as the frame a neighbour may have in all, as what is of no use is decoded as well.
+const LARGER: u64 = 2;
+
+/// Why a neighbour is of no use to a frame: no part of it is (what is wrong with the first), or what else it has is too large.
 pub fn misfit_of_all(own: &[Shape], other: &[Shape]) -> Option<String> {
     let all: Option<Vec<String>> =
         own.iter().enumerate().map(|(part, own)| misfit(own, other.get(part))).collect();
-    all?.into_iter().next()
+    if let Some(all) = all {
+        return all.into_iter().next();
+    }
+    let pixels = |shapes: &[Shape]| {
+        let sizes = shapes.iter().map(|shape| shape.data.size());
+        sizes.fold(0, |sum: u64, size| {
+            sum.saturating_add((size.height as u64).saturating_mul(size.width as u64))
+        })
+    };
+    let (own, other) = (pixels(own), pixels(other));
+    (other > own.saturating_mul(LARGER))
+        .then(|| format!("its parts have {other} pixels, those of this frame {own}"))
 }
 
 /// Why a neighbour's part shows other pixels, if it does.
@@ -76,7 +90,7 @@ mod tests {
         let large = || part(window(3, 0, 3, 1), vec![float("R", &[0.0; 3])]);
         let shown = || lacuna_exr::Part { display_window: window(0, 0, 9, 9), ..small() };
         let why = |own: &[Part], other: &[Part]| misfit_of_all(&shapes(own), &shapes(other));
-        assert_eq!(why(&[small()], &[small(), large()]), None);
+        assert_eq!(why(&[small()], &[small(), small()]), None);
         assert_eq!(why(&[small(), large()], &[large(), large()]), None);
         assert_eq!(why(&[small()], &[large()]).unwrap(), "it has another window, 3 x 1 pixels from 3, 0");
         assert_eq!(
@@ -84,5 +98,8 @@ mod tests {
             "it has another display window, 9 x 9 pixels from 0, 0"
         );
         assert_eq!(why(&[small()], &[]).unwrap(), "it has fewer parts");
+        let huge = part(window(0, 0, 9, 9), vec![float("R", &[0.0; 81])]);
+        let text = "its parts have 83 pixels, those of this frame 5";
+        assert_eq!(why(&[small(), large()], &[small(), huge]).unwrap(), text);
     }
 }

@@ -156,8 +156,12 @@ pub fn header(file: &NeighbourFile, own: &[Shape]) -> Result<(), String> {
     if let Some((path, what)) = file.sources().find(|(path, _)| !path.exists()) {
         return Err(format!("its {what} {} does not exist", path.display()));
     }
-    let parts = lacuna_exr::read_whole_header(&file.input).map_err(|error| of_file(&file.input, error))?;
-    misfit_of_all(own, &shapes(&parts)).map_or(Ok(()), Err)
+    let failed = |error: lacuna_exr::Error| of_file(&file.input, error);
+    let parts = lacuna_exr::read_header(&file.input).map_err(failed)?;
+    match misfit_of_all(own, &shapes(&parts)) {
+        Some(why) => Err(why),
+        None => lacuna_exr::read_whole_header(&file.input).map(drop).map_err(failed),
+    }
 }
 
 /// What is wrong with a neighbour's own file, which the line names already.
