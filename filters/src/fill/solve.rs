@@ -70,12 +70,11 @@ pub fn solve(
         let task = Task { method: &method, plan, mask, options, guides, carried: &carried, error: None, run };
         let values = (clean.as_ref().unwrap_or(samples), gradients.as_ref());
         let (outcome, mut effect) = task.reconstruct(values, map, &mut out)?;
-        let learned = match options.estimate {
-            Estimate::No => None,
-            _ => {
-                let bounds = bounds(options, (mask, samples), &places);
-                task.learn(values, &out, (map, &bounds), effect.evidence.take())?
-            }
+        let learned = if options.estimate == Estimate::No {
+            None
+        } else {
+            let bounds = bounds(options, (mask, samples), &places);
+            task.learn(values, &out, (map, &bounds), effect.evidence.take())?
         };
         (map, (outcome, effect), learned)
     };

@@ -23,7 +23,7 @@
 //! them in a first image (`components.rs`). Fails: on noisy samples, and on what the first round passes over: what lies
 //! between its samples and does not show at them is only found by chance.
 //!
-//! Source: P. McCullagh, J. A. Nelder, "Generalized Linear Models", 1989, chapter 8 (gamma errors).
+//! Source: P. `McCullagh`, J. A. Nelder, "Generalized Linear Models", 1989, chapter 8 (gamma errors).
 
 use std::mem;
 use std::sync::Arc;
@@ -309,7 +309,9 @@ impl Known {
             self.blank.iter().for_each(|&pixel| own.pixels_mut()[pixel] = filled.pixels()[pixel]);
         }
         let are_new = self.blank.len() <= self.fresh;
-        mem::take(&mut self.blank).into_iter().for_each(|pixel| self.usable[pixel] = true);
+        for pixel in mem::take(&mut self.blank) {
+            self.usable[pixel] = true;
+        }
         are_new
     }
 
