@@ -342,7 +342,7 @@ pub fn tell(report: &Report, record: &mut Record) {
     if let Some(chosen) = &record.chosen {
         tracing::info!("chosen, place by place: {chosen}");
     }
-    if let Some(line) = estimate::line(groups()) {
+    if let Some(line) = estimated(report) {
         tracing::info!("missing pixels by estimate: {line}");
     }
     let estimated = |group: &GroupReport| {
@@ -350,6 +350,22 @@ pub fn tell(report: &Report, record: &mut Record) {
         Some(Estimate { channels: group.channels.clone(), error, exponent: group.exponent })
     };
     record.estimates = groups().filter_map(estimated).collect();
+}
+
+/// What missing pixels are worth by estimate, of each part where there are several.
+fn estimated(report: &Report) -> Option<String> {
+    let parts = report.parts.iter().enumerate();
+    let told = parts.filter_map(|(at, part)| Some((at, part, estimate::line(part.groups.iter())?)));
+    let told: Vec<_> = told.collect();
+    if let [(.., line)] = &told[..] {
+        return Some(line.clone());
+    }
+    let named = told.into_iter().map(|(at, part, line)| {
+        let name = part.name.clone().unwrap_or_else(|| format!("part {at}"));
+        format!("{name}: {line}")
+    });
+    let all: Vec<String> = named.collect();
+    (!all.is_empty()).then(|| all.join("; "))
 }
 
 /// What is to be said of a solver that stopped before it converged, or of bounds that leave an enlarged frame no solution.
