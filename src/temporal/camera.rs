@@ -59,7 +59,7 @@ fn depths(neighbour: &Neighbour, part: usize) -> Option<Vec<f32>> {
     let mut found: Vec<usize> = (0..own.channels.len()).filter(|&at| depth(at)).collect();
     found.sort_by_key(|at| (!is_dense(*at), !named(at)));
     let &first = found.first()?;
-    let values = own.channels[first].samples.to_floats()?;
+    let values = neighbour.floats(part, first)?;
     if is_dense(first) {
         return Some(values);
     }

@@ -9,6 +9,7 @@ use lacuna_filters::{Mask, Planes, Size};
 
 use super::blind::Blind;
 use super::fit::{Shape, misfit};
+use super::neighbours::Source;
 use super::paths::Paths;
 use super::reference::{Reference, measured};
 use super::{Motion, Neighbour, Neighbours, camera, reading, vectors};
@@ -181,8 +182,12 @@ fn paths(
     let mut chosen = reading::choose(neighbours, part, reference);
     std::array::from_fn(|later| {
         let side = neighbours.iter().filter(|one| usize::from(one.offset > 0) == later);
-        let side = side.map(|one| (one.offset, &*one.frame, &*one.masks));
-        Some(Paths::new([(0, frame, masks)].into_iter().chain(side), part, chosen[later].take()?))
+        let side = side.map(|one| (one.offset, one.source()));
+        Some(Paths::new(
+            [(0, Source::whole(frame, masks))].into_iter().chain(side),
+            part,
+            chosen[later].take()?,
+        ))
     })
 }
 

@@ -4,6 +4,7 @@ mod between;
 mod blind;
 mod camera;
 mod carriers;
+mod few;
 mod fit;
 mod neighbours;
 mod paths;

@@ -5,11 +5,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use lacuna_exr::{Frame, Limits};
 
+use super::few::Few;
 use super::fit::{Shape, misfit_of_all, shapes};
 use crate::files::layers::{self, LayerFile};
 use crate::files::neighbours::NeighbourFile;
 use crate::mask::shared::MaskFiles;
-use crate::mask::{self, Masks, Source};
+use crate::mask::{self, Masks};
 
 /// A frame beside the one that is filled.
 #[derive(Clone, Debug)]
@@ -20,10 +21,49 @@ pub struct Neighbour {
     pub offset: i64,
     /// What the log calls it.
     pub label: String,
-    /// What it holds.
+    /// What it holds; the samples of its channels only if these are not in `few`.
     pub frame: Arc<Frame>,
     /// What was measured.
     pub masks: Arc<Masks>,
+    /// The samples that are kept.
+    pub few: Option<Arc<Few>>,
+}
+
+impl Neighbour {
+    /// The frame, to look its samples up.
+    pub fn source(&self) -> Source<'_> {
+        Source { frame: &self.frame, masks: &self.masks, few: self.few.as_deref() }
+    }
+
+    /// The values of a channel of floats, where they were measured.
+    pub fn floats(&self, part: usize, channel: usize) -> Option<Vec<f32>> {
+        self.source().floats(part, channel)
+    }
+}
+
+/// A frame whose samples are all there, or few of them.
+#[derive(Clone, Copy)]
+pub struct Source<'a> {
+    /// The frame.
+    pub frame: &'a Frame,
+    /// What was measured.
+    pub masks: &'a Masks,
+    few: Option<&'a Few>,
+}
+
+impl<'a> Source<'a> {
+    /// All of a frame.
+    pub fn whole(frame: &'a Frame, masks: &'a Masks) -> Self {
+        Self { frame, masks, few: None }
+    }
+
+    /// The values of a channel of floats, where they were measured.
+    pub fn floats(self, part: usize, channel: usize) -> Option<Vec<f32>> {
+        match self.few {
+            Some(few) => few.floats(part, channel, self.masks.get(part, channel).map(|mask| &**mask)),
+            None => self.frame.parts.get(part)?.channels.get(channel)?.samples.to_floats(),
+        }
+    }
 }
 
 /// The frames beside one, and what is to be said of those that cannot be used.
@@ -65,13 +105,13 @@ pub fn left_filled(line: &str) -> bool {
 const LEFT_FILLED: &str = " filled";
 const FILLED: &str = "it was filled already (--again takes the pixels that its mask calls measured)";
 
-type Read = Result<(Arc<Frame>, Arc<Masks>), String>;
+type Read = Result<(Arc<Frame>, Arc<Masks>, Arc<Few>), String>;
 
 /// How the frames beside one are read.
 #[derive(Clone, Copy)]
 pub struct Reading<'a> {
     /// Where masks come from.
-    pub source: &'a Source,
+    pub source: &'a mask::Source,
     /// Masks that are files.
     pub masks: &'a MaskFiles,
     /// Whether those that were filled before count by their measured pixels.
@@ -106,9 +146,9 @@ impl NeighbourFiles {
             let name = file.input.file_name().map(|name| name.display().to_string()).unwrap_or_default();
             let label = format!("frame {} ({name})", file.number);
             match self.get(file, &own, reading) {
-                Ok((frame, masks)) => {
-                    let offset = file.number - number;
-                    found.all.push(Neighbour { number: file.number, offset, label, frame, masks });
+                Ok((frame, masks, few)) => {
+                    let (number, offset) = (file.number, file.number - number);
+                    found.all.push(Neighbour { number, offset, label, frame, masks, few: Some(few) });
                 }
                 Err(why) => {
                     if why == FILLED {
@@ -123,8 +163,8 @@ impl NeighbourFiles {
 
     fn get(&self, file: &NeighbourFile, own: &[Shape], reading: Reading<'_>) -> Read {
         if let Some(read) = self.kept(file) {
-            let (frame, masks) = read?;
-            return misfit_of_all(own, &shapes(&frame.parts)).map_or(Ok((frame, masks)), Err);
+            let read = read?;
+            return misfit_of_all(own, &shapes(&read.0.parts)).map_or(Ok(read), Err);
         }
         // Whatever is larger than the frame itself is not decoded.
         header(file, own)?;
@@ -188,7 +228,8 @@ fn read(file: &NeighbourFile, reading: Reading<'_>) -> Read {
     if !reading.again && crate::reconstruct::filled_before(&frame, &found).is_some() {
         return Err(FILLED.into());
     }
-    Ok((Arc::new(frame), Arc::new(found)))
+    let few = Few::take_from(&mut frame, &found);
+    Ok((Arc::new(frame), Arc::new(found), Arc::new(few)))
 }
 
 #[cfg(test)]
@@ -217,7 +258,7 @@ mod tests {
         let input = write("s.2.exr", &[("R", [0.5; 2]), ("mask", [1.0, 0.0])]);
         let layers = [1.0, 2.0].map(|value| write(&format!("{value}.exr"), &[("R", [value; 2])]));
         let reading = Reading {
-            source: &Source::Auto,
+            source: &mask::Source::Auto,
             masks: &MaskFiles::default(),
             again: false,
             most: 4,
@@ -230,8 +271,9 @@ mod tests {
             let found = files.read((1, &own), &[file], reading);
             assert!(found.notes.is_empty(), "{:?}", found.notes);
             let part = &found.all[0].frame.parts[0];
-            let layer = part.channels.iter().find(|channel| channel.display_name() == "l.R").unwrap();
-            assert_eq!(layer.samples.to_floats().unwrap(), [value; 2]);
+            let layer = part.channels.iter().position(|channel| channel.display_name() == "l.R").unwrap();
+            // What was not measured is not kept.
+            assert_eq!(found.all[0].floats(0, layer).unwrap(), [value, 0.0]);
         }
     }
 

@@ -2,13 +2,12 @@
 
 use std::sync::Arc;
 
-use lacuna_exr::Frame;
 use lacuna_filters::baseline::nearest::NearestMap;
 use lacuna_filters::{Mask, Size};
 
+use super::neighbours::Source;
 use super::vectors::{self, Layer, Reading};
 use crate::channels;
-use crate::mask::Masks;
 
 /// How far the vectors of one surface may differ from frame to frame, in pixels and as a part of the longer one.
 const JERK: [f32; 2] = [1.0, 0.25];
@@ -35,16 +34,16 @@ struct Field {
 }
 
 impl Field {
-    fn new((frame, masks, part): (&Frame, &Masks, usize), layer: &Layer, reading: Reading) -> Option<Self> {
-        let own = frame.parts.get(layer.part)?;
+    fn new((source, part): (Source<'_>, usize), layer: &Layer, reading: Reading) -> Option<Self> {
+        let own = source.frame.parts.get(layer.part)?;
         let size = own.size();
         let scale = reading.scale(size);
         let scaled = |vector: [f32; 2]| std::array::from_fn(|axis| scale[axis] * vector[axis]);
-        let vectors: Vec<[f32; 2]> = vectors::raw(frame, part, layer)?.into_iter().map(scaled).collect();
+        let vectors: Vec<[f32; 2]> = vectors::raw(source, part, layer)?.into_iter().map(scaled).collect();
         let dense = channels::dense(own);
         let mut known = vec![true; size.pixels()];
         for name in layer.names.iter().filter(|&name| !dense.contains(name)) {
-            let mask: &Arc<Mask> = masks.get(layer.part, vectors::channel(own, name)?)?;
+            let mask: &Arc<Mask> = source.masks.get(layer.part, vectors::channel(own, name)?)?;
             known.iter_mut().zip(mask.as_slice()).for_each(|(known, flag)| *known &= *flag);
         }
         for (known, vector) in known.iter_mut().zip(&vectors) {
@@ -88,12 +87,11 @@ pub struct Paths {
 impl Paths {
     /// By one layer and one reading.
     pub fn new<'a>(
-        frames: impl Iterator<Item = (i64, &'a Frame, &'a Masks)>,
+        frames: impl Iterator<Item = (i64, Source<'a>)>,
         part: usize,
         (layer, reading): (Layer, Reading),
     ) -> Self {
-        let field =
-            |(offset, frame, masks)| Some((offset, Field::new((frame, masks, part), &layer, reading)?));
+        let field = |(offset, source)| Some((offset, Field::new((source, part), &layer, reading)?));
         let fields = frames.filter_map(field).collect();
         Self { layer, reading, fields }
     }

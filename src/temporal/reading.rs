@@ -28,7 +28,7 @@ impl Side {
     fn add(&mut self, neighbour: &Neighbour, part: usize, layers: &[Layer], reference: &Reference<'_>) {
         let Some((samples, mask)) = measured(neighbour, part, &reference.names) else { return };
         let size = samples.size();
-        let raw: Vec<_> = layers.iter().map(|layer| vectors::raw(&neighbour.frame, part, layer)).collect();
+        let raw: Vec<_> = layers.iter().map(|layer| vectors::raw(neighbour.source(), part, layer)).collect();
         // What does not move lies in one place by every reading.
         let moved = |at: usize| {
             let led = |raw: &Vec<[f32; 2]>| raw[at].iter().all(|v| v.is_finite()) && raw[at] != [0.0; 2];

@@ -28,7 +28,7 @@ pub fn measured(neighbour: &Neighbour, part: usize, names: &[String]) -> Option<
     for name in names {
         let at = own.channels.iter().position(|channel| channel.display_name() == name.as_str())?;
         let mask = neighbour.masks.get(part, at)?;
-        planes.push(Plane::new(mask.size(), own.channels[at].samples.to_floats()?).ok()?);
+        planes.push(Plane::new(mask.size(), neighbour.floats(part, at)?).ok()?);
         both = Some(match both {
             None => Arc::clone(mask),
             Some(both) if Arc::ptr_eq(&both, mask) => both,

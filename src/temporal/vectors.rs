@@ -1,9 +1,10 @@
 //! Motion by vectors in the files, whatever their convention: renderers count pixels or parts of the image, to the frame before or to the next one, y up
 //! or down.
 
-use lacuna_exr::{Frame, Part};
+use lacuna_exr::Part;
 use lacuna_filters::Size;
 
+use super::neighbours::Source;
 use super::{Neighbour, fit};
 use crate::channels::{self, Name, part_label};
 
@@ -76,12 +77,13 @@ impl Reading {
 }
 
 /// The vectors of a layer as they are in the file, down and across, for the pixels of a part.
-pub fn raw(frame: &Frame, part: usize, layer: &Layer) -> Option<Vec<[f32; 2]>> {
+pub fn raw(source: Source<'_>, part: usize, layer: &Layer) -> Option<Vec<[f32; 2]>> {
+    let frame = source.frame;
     let own = frame.parts.get(layer.part)?;
     if own.data_window != frame.parts.get(part)?.data_window {
         return None;
     }
-    let plane = |name: &String| own.channels[channel(own, name)?].samples.to_floats();
+    let plane = |name: &String| source.floats(layer.part, channel(own, name)?);
     let (across, down) = (plane(&layer.names[0])?, plane(&layer.names[1])?);
     Some(down.into_iter().zip(across).map(|(down, across)| [down, across]).collect())
 }
@@ -109,7 +111,7 @@ pub fn why_none(neighbour: &Neighbour, part: usize) -> &'static str {
     let finite = |layer: &Layer| {
         let own = &neighbour.frame.parts[layer.part];
         let mask = channel(own, &layer.names[0]).and_then(|at| neighbour.masks.get(layer.part, at));
-        let (Some(mask), Some(raw)) = (mask, raw(&neighbour.frame, part, layer)) else { return false };
+        let (Some(mask), Some(raw)) = (mask, raw(neighbour.source(), part, layer)) else { return false };
         let known = raw.iter().zip(mask.as_slice()).filter(|(_, flag)| **flag);
         known.into_iter().any(|(vector, _)| vector.iter().all(|v| v.is_finite()))
     };
