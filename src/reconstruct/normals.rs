@@ -72,13 +72,13 @@ pub fn unit_range(samples: [&[f32]; 3], nearest: usize) -> Range {
     (length, length)
 }
 
-/// The pixels at which all three components were measured (or the first mask if there is no such pixel).
-pub fn both(masks: &[Arc<Mask>; 3]) -> Arc<Mask> {
+/// The pixels at which all three components were measured; nothing if there is none.
+pub fn both(masks: &[Arc<Mask>; 3]) -> Option<Arc<Mask>> {
     if masks.iter().all(|mask| Arc::ptr_eq(mask, &masks[0])) {
-        return Arc::clone(&masks[0]);
+        return Some(Arc::clone(&masks[0]));
     }
     let all = Mask::from_fn(masks[0].size(), |y, x| masks.iter().all(|mask| mask.is_measured(y, x)));
-    if all.is_empty() { Arc::clone(&masks[0]) } else { Arc::new(all) }
+    (!all.is_empty()).then(|| Arc::new(all))
 }
 
 /// A mask in which the pixels to be scaled are missing: those that miss all three components, or all if the method
@@ -150,6 +150,13 @@ mod tests {
         assert_eq!(at(3), bits([0.0; 3]));
         assert_eq!(at(4), bits([0.0; 3]));
         assert_eq!(at(5), bits([0.0; 3]));
+    }
+
+    #[test]
+    fn components_that_no_pixel_has_together_have_no_length() {
+        let mask = |only: usize| Arc::new(Mask::from_fn(Size::new(1, 3), |_, x| x == only));
+        assert_eq!(both(&[mask(0), mask(1), mask(1)]), None);
+        assert_eq!(both(&[mask(1), mask(1), mask(1)]), Some(mask(1)));
     }
 
     #[test]

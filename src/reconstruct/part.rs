@@ -422,7 +422,11 @@ fn unit_normals(frame: &Frame, work: &Work<'_>, filled: &mut [Filled], done: &mu
         let fail = |source| Error::Filter { channel: channel_label(frame, work.index, channel), source };
         let masks = [x, y, z].map(|at| Arc::clone(&filled[at].mask));
         let all = normals::kept(&masks, work.job.method.keeps_measured());
-        let both = normals::both(&masks);
+        let Some(both) = normals::both(&masks) else {
+            let name = part.channels[channel].display_name();
+            done.notes.push(format!("channel {name}: no pixel has all of a normal, so none is scaled"));
+            continue;
+        };
         let Some(lengths) = normals::lengths([x, y, z].map(|at| filled[at].samples.as_slice()), &both) else {
             let name = part.channels[channel].display_name();
             done.notes

@@ -41,7 +41,7 @@ fn one(pair: &Pair<'_>, triple: [usize; 3]) -> Option<Difference> {
     for (samples, mask) in samples.iter().zip(&masks) {
         planes.push(measured_floats(samples, mask).ok()?);
     }
-    let (both, measured) = (normals::both(&masks), [planes[0].as_slice(), &planes[1], &planes[2]]);
+    let (both, measured) = (normals::both(&masks)?, [planes[0].as_slice(), &planes[1], &planes[2]]);
     let lengths = normals::lengths(measured, &both)?;
     let around = match lengths {
         Lengths::Unit => None,
