@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use lacuna_exr::Frame;
+use lacuna_exr::{Frame, Limits};
 
 /// A layer, and the file or pattern that it comes from.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -48,6 +48,18 @@ pub struct LayerFile {
     pub name: String,
     /// Read from here.
     pub path: PathBuf,
+}
+
+/// Adds the channels of all of these files to a frame.
+///
+/// # Errors
+/// The file, and why it cannot be read or added.
+pub fn read_into(frame: &mut Frame, files: &[LayerFile], limits: Limits) -> Result<(), (PathBuf, String)> {
+    for LayerFile { name, path } in files {
+        let read = lacuna_exr::read(path, &limits).map_err(|error| error.to_string());
+        read.and_then(|layer| add(frame, name, layer)).map_err(|why| (path.clone(), why))?;
+    }
+    Ok(())
 }
 
 /// Puts the channels of `file` into the frame as a layer.

@@ -75,9 +75,9 @@ fn canvas(frame: &Frame) -> Result<Window, Error> {
         y_max: a.y_max.max(b.y_max),
     };
     let all = frame.parts.iter().map(|part| part.data_window).reduce(union).ok_or(Error::Colourless)?;
-    let length = |low: i32, high: i32| (i64::from(high) - i64::from(low) + 1).max(0) as u64;
     let pixels = |window: Window| {
-        length(window.x_min, window.x_max).saturating_mul(length(window.y_min, window.y_max))
+        let size = window.size();
+        (size.height as u64).saturating_mul(size.width as u64)
     };
     let parts: u64 = frame.parts.iter().map(|part| pixels(part.data_window)).sum();
     if pixels(all) > LARGEST.saturating_mul(parts) { Err(Error::FarApart) } else { Ok(all) }
@@ -87,8 +87,7 @@ fn canvas(frame: &Frame) -> Result<Window, Error> {
 fn chosen_by(frame: &Frame) -> Vec<&Part> {
     let mut found: Vec<&Part> = Vec::new();
     for part in frame.parts.iter().filter(|part| part.channels.iter().any(is_colour)) {
-        let view = |part: &Part| part.attributes.text("view");
-        if !found.iter().any(|other| view(other) == view(part)) {
+        if !found.iter().any(|other| other.view() == part.view()) {
             found.push(part);
         }
     }

@@ -271,7 +271,7 @@ fn beside(cell: &Cell<'_>, at: usize, sparse: &[Sparse]) -> Neighbours {
         let offset = number - own;
         let (frame, masks) = sparse.as_ref().filter(|_| offset != 0 && offset.unsigned_abs() <= reach)?;
         let (frame, masks) = (Arc::clone(frame), Arc::clone(masks));
-        Some(Neighbour { number, offset, label: format!("frame {number}"), frame, masks, few: None })
+        Some(Neighbour { number, offset, label: format!("frame {number}"), frame, masks, samples: None })
     };
     let all: Vec<Neighbour> = shots.iter().zip(sparse).filter_map(one).collect();
     Neighbours { looked_at: all.iter().map(|one| one.number).collect(), all, ..Neighbours::default() }

@@ -23,7 +23,7 @@ pub fn between(
         label: String::new(),
         frame: Arc::clone(frame),
         masks: Arc::new(Masks::complete(frame)),
-        few: None,
+        samples: None,
     };
     let own = whole(now, 0);
     let neighbours = Neighbours { all: vec![whole(before, -1)], ..Neighbours::default() };

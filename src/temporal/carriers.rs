@@ -9,7 +9,7 @@ use lacuna_filters::{Mask, Planes, Size};
 
 use super::blind::Blind;
 use super::fit::{Shape, misfit};
-use super::neighbours::Source;
+use super::neighbours::FrameRef;
 use super::paths::Paths;
 use super::reference::{Reference, measured};
 use super::{Motion, Neighbour, Neighbours, camera, reading, vectors};
@@ -184,7 +184,7 @@ fn paths(
         let side = neighbours.iter().filter(|one| usize::from(one.offset > 0) == later);
         let side = side.map(|one| (one.offset, one.source()));
         Some(Paths::new(
-            [(0, Source::whole(frame, masks))].into_iter().chain(side),
+            [(0, FrameRef::whole(frame, masks))].into_iter().chain(side),
             part,
             chosen[later].take()?,
         ))

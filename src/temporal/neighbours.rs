@@ -5,9 +5,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use lacuna_exr::{Frame, Limits};
 
-use super::few::Few;
 use super::fit::{Shape, misfit_of_all, shapes};
-use crate::files::layers::{self, LayerFile};
+use super::kept::KeptSamples;
+use crate::files::layers;
 use crate::files::neighbours::NeighbourFile;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks};
@@ -21,18 +21,18 @@ pub struct Neighbour {
     pub offset: i64,
     /// What the log calls it.
     pub label: String,
-    /// What it holds; the samples of its channels only if these are not in `few`.
+    /// What it holds; the samples of its channels only if these are not in `samples`.
     pub frame: Arc<Frame>,
     /// What was measured.
     pub masks: Arc<Masks>,
     /// The samples that are kept.
-    pub few: Option<Arc<Few>>,
+    pub samples: Option<Arc<KeptSamples>>,
 }
 
 impl Neighbour {
     /// The frame, to look its samples up.
-    pub fn source(&self) -> Source<'_> {
-        Source { frame: &self.frame, masks: &self.masks, few: self.few.as_deref() }
+    pub fn source(&self) -> FrameRef<'_> {
+        FrameRef { frame: &self.frame, masks: &self.masks, samples: self.samples.as_deref() }
     }
 
     /// The values of a channel of floats, where they were measured.
@@ -41,26 +41,26 @@ impl Neighbour {
     }
 }
 
-/// A frame whose samples are all there, or few of them.
+/// A frame whose samples are all there, or those that are kept.
 #[derive(Clone, Copy)]
-pub struct Source<'a> {
+pub struct FrameRef<'a> {
     /// The frame.
     pub frame: &'a Frame,
     /// What was measured.
     pub masks: &'a Masks,
-    few: Option<&'a Few>,
+    samples: Option<&'a KeptSamples>,
 }
 
-impl<'a> Source<'a> {
+impl<'a> FrameRef<'a> {
     /// All of a frame.
     pub fn whole(frame: &'a Frame, masks: &'a Masks) -> Self {
-        Self { frame, masks, few: None }
+        Self { frame, masks, samples: None }
     }
 
     /// The values of a channel of floats, where they were measured.
     pub fn floats(self, part: usize, channel: usize) -> Option<Vec<f32>> {
-        match self.few {
-            Some(few) => few.floats(part, channel, self.masks.get(part, channel).map(|mask| &**mask)),
+        match self.samples {
+            Some(samples) => samples.floats(part, channel, self.masks.get(part, channel).map(|mask| &**mask)),
             None => self.frame.parts.get(part)?.channels.get(channel)?.samples.to_floats(),
         }
     }
@@ -105,7 +105,7 @@ pub fn left_filled(line: &str) -> bool {
 const LEFT_FILLED: &str = " filled";
 const FILLED: &str = "it was filled already (--again takes the pixels that its mask calls measured)";
 
-type Read = Result<(Arc<Frame>, Arc<Masks>, Arc<Few>), String>;
+type Read = Result<(Arc<Frame>, Arc<Masks>, Arc<KeptSamples>), String>;
 
 /// How the frames beside one are read.
 #[derive(Clone, Copy)]
@@ -146,9 +146,9 @@ impl NeighbourFiles {
             let name = file.input.file_name().map(|name| name.display().to_string()).unwrap_or_default();
             let label = format!("frame {} ({name})", file.number);
             match self.get(file, &own, reading) {
-                Ok((frame, masks, few)) => {
+                Ok((frame, masks, samples)) => {
                     let (number, offset) = (file.number, file.number - number);
-                    found.all.push(Neighbour { number, offset, label, frame, masks, few: Some(few) });
+                    found.all.push(Neighbour { number, offset, label, frame, masks, samples: Some(samples) });
                 }
                 Err(why) => {
                     if why == FILLED {
@@ -213,12 +213,8 @@ fn of_file(path: &Path, error: impl std::fmt::Display) -> String {
 fn read(file: &NeighbourFile, reading: Reading<'_>) -> Read {
     let Reading { source, masks, limits, .. } = reading;
     let mut frame = lacuna_exr::read(&file.input, &limits).map_err(|error| of_file(&file.input, error))?;
-    for LayerFile { name, path } in &file.layers {
-        let at_layer =
-            |error: &dyn std::fmt::Display| format!("{}: {}", path.display(), of_file(path, error));
-        let layer = lacuna_exr::read(path, &limits).map_err(|error| at_layer(&error))?;
-        layers::add(&mut frame, name, layer).map_err(|error| at_layer(&error))?;
-    }
+    layers::read_into(&mut frame, &file.layers, limits)
+        .map_err(|(path, why)| format!("{}: {}", path.display(), of_file(&path, why)))?;
     let mask = file.mask.as_deref().map(|path| masks.get(path, limits)).transpose();
     let mask = mask.map_err(|error| error.to_string())?;
     let found = mask::find(&frame, source, mask.as_deref()).map_err(|error| error.to_string())?;
@@ -228,8 +224,8 @@ fn read(file: &NeighbourFile, reading: Reading<'_>) -> Read {
     if !reading.again && crate::reconstruct::filled_before(&frame, &found).is_some() {
         return Err(FILLED.into());
     }
-    let few = Few::take_from(&mut frame, &found);
-    Ok((Arc::new(frame), Arc::new(found), Arc::new(few)))
+    let samples = KeptSamples::take_from(&mut frame, &found);
+    Ok((Arc::new(frame), Arc::new(found), Arc::new(samples)))
 }
 
 #[cfg(test)]
@@ -237,6 +233,7 @@ mod tests {
     use lacuna_exr::WriteOptions;
 
     use super::*;
+    use crate::files::layers::LayerFile;
     use crate::testing::{float, frame, part, window};
 
     /// Whichever was read first, the layers are those of the frame that asks.

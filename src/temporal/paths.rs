@@ -5,7 +5,7 @@ use std::sync::Arc;
 use lacuna_filters::baseline::nearest::NearestMap;
 use lacuna_filters::{Mask, Size};
 
-use super::neighbours::Source;
+use super::neighbours::FrameRef;
 use super::vectors::{self, Layer, Reading};
 use crate::channels;
 
@@ -34,7 +34,7 @@ struct Field {
 }
 
 impl Field {
-    fn new((source, part): (Source<'_>, usize), layer: &Layer, reading: Reading) -> Option<Self> {
+    fn new((source, part): (FrameRef<'_>, usize), layer: &Layer, reading: Reading) -> Option<Self> {
         let own = source.frame.parts.get(layer.part)?;
         let size = own.size();
         let scale = reading.scale(size);
@@ -87,7 +87,7 @@ pub struct Paths {
 impl Paths {
     /// By one layer and one reading.
     pub fn new<'a>(
-        frames: impl Iterator<Item = (i64, Source<'a>)>,
+        frames: impl Iterator<Item = (i64, FrameRef<'a>)>,
         part: usize,
         (layer, reading): (Layer, Reading),
     ) -> Self {

@@ -4,7 +4,7 @@
 use lacuna_exr::Part;
 use lacuna_filters::Size;
 
-use super::neighbours::Source;
+use super::neighbours::FrameRef;
 use super::{Neighbour, fit};
 use crate::channels::{self, Name, part_label};
 
@@ -77,7 +77,7 @@ impl Reading {
 }
 
 /// The vectors of a layer as they are in the file, down and across, for the pixels of a part.
-pub fn raw(source: Source<'_>, part: usize, layer: &Layer) -> Option<Vec<[f32; 2]>> {
+pub fn raw(source: FrameRef<'_>, part: usize, layer: &Layer) -> Option<Vec<[f32; 2]>> {
     let frame = source.frame;
     let own = frame.parts.get(layer.part)?;
     if own.data_window != frame.parts.get(part)?.data_window {
@@ -96,13 +96,13 @@ pub fn channel(part: &Part, name: &str) -> Option<usize> {
 /// The layers of vectors by which the samples of a neighbour's part may go and that were measured: its own, or those of the first part of the
 /// same pixels that has some.
 pub fn layers(neighbour: &Neighbour, part: usize) -> Vec<Layer> {
-    let all = fit::alike(&neighbour.frame, part).map(|other| {
+    let mut all = fit::alike(&neighbour.frame, part).map(|other| {
         let of = if other == part { String::new() } else { part_label(&neighbour.frame, other) };
         let of = if of.is_empty() { of } else { format!(" of {of}") };
         let layer = |names| Layer { part: other, of: of.clone(), names };
         pairs(neighbour, other).into_iter().map(layer).collect::<Vec<_>>()
     });
-    { all }.find(|layers| !layers.is_empty()).unwrap_or_default()
+    all.find(|layers| !layers.is_empty()).unwrap_or_default()
 }
 
 /// Why the samples of a neighbour's part go by no vectors.

@@ -155,14 +155,14 @@ pub fn choose<E: From<Error>>(
     let mut rounds: Vec<Round> = Vec::new();
     // The estimate that chose the new pixels, and the squared distances with them.
     let mut before: Option<(Estimate, Vec<u32>)> = None;
-    let mut tests = Tests::default();
+    let mut calibration = Calibration::default();
     loop {
         let at: Vec<usize> = (0..field.size.pixels()).filter(|&pixel| new.as_slice()[pixel]).collect();
         let values = measure(&new)?;
         known.add(&at, &values)?;
         drop(values);
         if let (Some((before, _)), Some(samples)) = (&before, &known.samples) {
-            tests.add(before, samples, at.iter().copied().filter(|&pixel| known.usable[pixel]));
+            calibration.add(before, samples, at.iter().copied().filter(|&pixel| known.usable[pixel]));
         }
         let left = in_all.saturating_sub(rounds.len() + 1);
         let over = left == 0 || known.count >= total || run.interrupted().is_some();
@@ -170,7 +170,7 @@ pub fn choose<E: From<Error>>(
         // Values that are all alike are no test of others.
         let range = known.range().filter(|range| *range > 0.0 || !rounds.is_empty());
         let error = estimate.as_ref().zip(range);
-        let error = error.map(|(found, range)| tests.fit().rmse(found, known.channels, range));
+        let error = error.map(|(found, range)| calibration.fit().rmse(found, known.channels, range));
         rounds.push(Round { pixels: new.count(), error });
         let reached = error.zip(settings.target).is_some_and(|(error, target)| error <= target);
         if over || reached {
@@ -242,9 +242,9 @@ struct Known {
     count: usize,
     /// Those whose values are finite, or have been taken for what was filled.
     usable: Vec<bool>,
-    /// The others, and how many of them are of the last round.
+    /// The others, and whether some of them are of earlier rounds than the last one.
     blank: Vec<usize>,
-    fresh: usize,
+    is_older: bool,
     /// Their values, as they count: the channels, or fewer components of these where the first of them show that they suffice.
     samples: Option<Planes>,
     components: Option<Components>,
@@ -263,7 +263,7 @@ impl Known {
             count: 0,
             usable,
             blank: vec![],
-            fresh: 0,
+            is_older: false,
             samples: None,
             components: None,
             channels: 0,
@@ -281,7 +281,7 @@ impl Known {
         let count = self.components.as_ref().map_or(values.len(), Components::len);
         let samples = self.samples.get_or_insert_with(|| Planes::zeros(size, count));
         self.count += new.len();
-        self.fresh = self.blank.len();
+        self.is_older = !self.blank.is_empty();
         for &pixel in new {
             self.mask[pixel] = true;
             let own = values.as_slice().iter().map(|plane| plane.pixels()[pixel]);
@@ -297,7 +297,6 @@ impl Known {
                 plane.pixels_mut()[pixel] = components.map_or(value, |found| found.of(k, own.clone()));
             }
         }
-        self.fresh = self.blank.len() - self.fresh;
         Ok(())
     }
 
@@ -308,11 +307,10 @@ impl Known {
         for (own, filled) in samples.as_mut_slice().iter_mut().zip(filled.as_slice()) {
             self.blank.iter().for_each(|&pixel| own.pixels_mut()[pixel] = filled.pixels()[pixel]);
         }
-        let are_new = self.blank.len() <= self.fresh;
         for pixel in mem::take(&mut self.blank) {
             self.usable[pixel] = true;
         }
-        are_new
+        !self.is_older
     }
 
     /// With the estimate before this one, and squared distances to all that was measured since.
@@ -357,18 +355,18 @@ impl Known {
 }
 
 /// What new pixels showed of estimates that did not know them.
-struct Tests {
+struct Calibration {
     /// Per octave of the estimate: pixels, and the sums of both squared errors.
     octaves: Vec<[f64; 3]>,
 }
 
-impl Default for Tests {
+impl Default for Calibration {
     fn default() -> Self {
         Self { octaves: vec![[0.0; 3]; OCTAVES] }
     }
 }
 
-impl Tests {
+impl Calibration {
     /// Adds those of a round.
     fn add(&mut self, before: &Estimate, samples: &Planes, new: impl Iterator<Item = usize>) {
         self.octaves.iter_mut().flatten().for_each(|sum| *sum *= KEPT);

@@ -15,7 +15,6 @@ use crate::commands::page::Page;
 use crate::files::error::PlanError;
 use crate::files::inputs::Selection;
 use crate::files::layers;
-use crate::files::layers::LayerFile;
 use crate::files::plan::{Item, Targets, plan};
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, MaskFile, Masks, Source};
@@ -128,11 +127,7 @@ impl Fill<'_> {
         let limits = self.limits(item);
         let mut frame =
             lacuna_exr::read(&item.input, &limits).map_err(|error| Failure::at(&item.input, error))?;
-        for LayerFile { name, path } in &item.layers {
-            let at_layer = |error: &dyn std::fmt::Display| Failure::at(path, error);
-            let file = lacuna_exr::read(path, &limits).map_err(|error| at_layer(&error))?;
-            layers::add(&mut frame, name, file).map_err(|error| at_layer(&error))?;
-        }
+        layers::read_into(&mut frame, &item.layers, limits).map_err(|(path, why)| Failure::at(&path, why))?;
         let mask = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose();
         let mask = mask.map_err(|error| Failure::at(&item.input, error))?;
         let guides = item.guides.as_deref();
@@ -342,7 +337,7 @@ pub fn tell(report: &Report, record: &mut Record) {
     if let Some(chosen) = &record.chosen {
         tracing::info!("chosen, place by place: {chosen}");
     }
-    if let Some(line) = estimated(report) {
+    if let Some(line) = estimates(report) {
         tracing::info!("missing pixels by estimate: {line}");
     }
     let estimated = |group: &GroupReport| {
@@ -353,7 +348,7 @@ pub fn tell(report: &Report, record: &mut Record) {
 }
 
 /// What missing pixels are worth by estimate, of each part where there are several.
-fn estimated(report: &Report) -> Option<String> {
+fn estimates(report: &Report) -> Option<String> {
     let parts = report.parts.iter().enumerate();
     let told = parts.filter_map(|(at, part)| Some((at, part, estimate::line(part.groups.iter())?)));
     let told: Vec<_> = told.collect();

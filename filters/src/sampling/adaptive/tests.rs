@@ -192,15 +192,15 @@ fn values_that_are_not_finite_draw_no_rounds() {
 /// Errors that go by a power of the estimate, with the deviation of a gamma distribution, are fitted without a bias.
 #[test]
 fn a_power_law_is_found() {
-    let mut tests = Tests::default();
-    for (k, octave) in tests.octaves.iter_mut().enumerate().skip(100).step_by(2).take(12) {
+    let mut calibration = Calibration::default();
+    for (k, octave) in calibration.octaves.iter_mut().enumerate().skip(100).step_by(2).take(12) {
         let guess = 2.0_f64.powi(k as i32 - 120);
         *octave = [300.0, 300.0 * guess, 300.0 * 3.0 * guess.powf(0.7)];
     }
-    let fit = tests.fit();
+    let fit = calibration.fit();
     assert!((fit.power - 0.7).abs() < 1e-6 && (fit.factor - 3.0_f64.ln()).abs() < 1e-5, "{fit:?}");
     // Pixels that were right count, too.
-    let mut right = Tests::default();
+    let mut right = Calibration::default();
     right.octaves[100] = [10.0, 10.0, 0.0];
     assert_eq!(right.fit().truth(0.25), 0.25);
     right.octaves[101] = [10.0, 20.0, 40.0];

@@ -10,7 +10,7 @@ use crate::mask::Masks;
 
 /// The samples of a frame that others need, by part and channel.
 #[derive(Clone, Debug)]
-pub struct Few {
+pub struct KeptSamples {
     kept: Vec<Vec<Kept>>,
 }
 
@@ -23,7 +23,7 @@ enum Kept {
     Measured(Samples),
 }
 
-impl Few {
+impl KeptSamples {
     /// Takes them out of a frame, whose channels keep none.
     pub fn take_from(frame: &mut Frame, masks: &Masks) -> Self {
         let one = |(index, part): (usize, &mut Part)| {
@@ -107,7 +107,7 @@ mod tests {
         own.parts[0].attributes.set_text(channels::DENSE, "Z, albedo.R");
         let masks = mask::find(&own, &Source::Auto, None).unwrap();
         let before = own.clone();
-        let few = Few::take_from(&mut own, &masks);
+        let few = KeptSamples::take_from(&mut own, &masks);
         let floats = |at: usize| few.floats(0, at, masks.get(0, at).map(|mask| &**mask));
         let found = floats(0).unwrap();
         assert_eq!([found[0], found[1], found[2]], [0.5, 0.0, 0.0]);
