@@ -1,8 +1,8 @@
 //! Reconstruction of images from sparse samples.
 //!
 //! A renderer measured some pixels of a frame; the filters here compute the rest. No file, clock, environment
-//! or global state: planes in, planes out, the same bits for every thread count. The one exception is [`keep_freed_memory`], which
-//! sets the allocator of the process; no filter calls it.
+//! or global state: planes in, planes out, the same bits for every thread count. The exceptions are [`keep_freed_memory`] and
+//! [`share_heaps`], which set the allocator of the process; no filter calls them.
 //!
 //! The calls, [`fill()`] and [`upscale()`], do for a group of channels what the tool does:
 //!
@@ -62,7 +62,7 @@ pub use enlarge::upscale;
 pub use error::Error;
 pub use fill::{Filled, Options, fill};
 pub use filter::{Filter, Gradients, Plan, Problem};
-pub use kernel::heap::keep_freed_memory;
+pub use kernel::heap::{keep_freed_memory, share_heaps};
 pub use lacuna_core::Size;
 pub use mask::Mask;
 pub use method::{METHODS, Method};

@@ -33,6 +33,7 @@ pub fn start(asked: usize) -> Result<usize, String> {
             "--threads {asked}: {threads} are the most that are of use here, and as many are taken"
         );
     }
+    lacuna_filters::share_heaps(threads);
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .thread_name(|index| format!("lacuna-{index}"))

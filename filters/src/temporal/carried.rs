@@ -24,7 +24,7 @@ pub struct Carried {
     /// Row and column, whole numbers at pixel centres.
     pub(crate) places: Arc<Vec<[f32; 2]>>,
     /// By plane, the values.
-    pub(crate) values: Vec<Vec<f32>>,
+    pub(crate) values: Vec<Arc<Vec<f32>>>,
     /// The pixel of its own frame that each was measured at.
     pub(crate) home: Arc<Vec<u32>>,
     /// How many frames later than this one it was measured; negative if earlier, never 0.
@@ -55,7 +55,7 @@ impl Carried {
         };
         let all = mask.as_slice().par_chunks(PIECE).enumerate().map(part).concat();
         let home: Vec<u32> = all.iter().map(|(at, _)| *at).collect();
-        let of = |plane: &Plane| home.iter().map(|at| plane.pixels()[*at as usize]).collect();
+        let of = |plane: &Plane| Arc::new(home.iter().map(|at| plane.pixels()[*at as usize]).collect());
         let values = samples.as_slice().iter().map(of).collect();
         let places = all.iter().map(|(_, place)| *place).collect();
         Self { places: Arc::new(places), values, home: Arc::new(home), offset, judged: None }
@@ -107,7 +107,7 @@ impl Carried {
     pub(crate) fn push(&mut self, size: Size, at: usize, values: &[f32]) {
         Arc::make_mut(&mut self.places).push([(at / size.width) as f32, (at % size.width) as f32]);
         Arc::make_mut(&mut self.home).push(at as u32);
-        self.values.iter_mut().zip(values).for_each(|(own, value)| own.push(*value));
+        self.values.iter_mut().zip(values).for_each(|(own, value)| Arc::make_mut(own).push(*value));
     }
 
     /// Adds them to others.
@@ -151,9 +151,12 @@ impl Carried {
         Self { places: Arc::new(places), offset: self.offset - offset, ..self.only(&inside) }
     }
 
-    /// These samples alone, in this order.
+    /// These samples alone, in this order: all of them, or fewer.
     fn only(&self, samples: &[usize]) -> Self {
-        let take = |values: &Vec<f32>| samples.iter().map(|&i| values[i]).collect();
+        if samples.len() == self.len() {
+            return self.not_judged();
+        }
+        let take = |values: &Arc<Vec<f32>>| Arc::new(samples.iter().map(|&i| values[i]).collect());
         Self {
             places: Arc::new(samples.iter().map(|&i| self.places[i]).collect()),
             values: self.values.iter().map(take).collect(),
@@ -163,22 +166,31 @@ impl Carried {
         }
     }
 
-    /// Of these planes, in this order.
-    pub(crate) fn select(&self, planes: &[usize]) -> Self {
-        let values = planes.iter().map(|&at| self.values[at].clone()).collect();
-        let judged = self.judged.as_ref().map(|judged| Box::new(judged.select(planes)));
+    /// The same for held-out samples and others.
+    pub(super) fn not_judged(&self) -> Self {
         Self {
             places: Arc::clone(&self.places),
-            values,
+            values: self.values.clone(),
             home: Arc::clone(&self.home),
             offset: self.offset,
-            judged,
+            judged: None,
         }
+    }
+
+    /// Of these planes, in this order.
+    pub(crate) fn select(&self, planes: &[usize]) -> Self {
+        let values = planes.iter().map(|&at| Arc::clone(&self.values[at])).collect();
+        let judged = self.judged.as_ref().map(|judged| Box::new(judged.select(planes)));
+        Self { values, judged, ..self.not_judged() }
     }
 
     /// With the values mapped.
     pub(crate) fn mapped(mut self, map: Map) -> Self {
-        self.values.iter_mut().flatten().for_each(|value| *value = map.forward(*value));
+        if map == Map::Linear {
+            return self;
+        }
+        let values = self.values.iter_mut().flat_map(Arc::make_mut);
+        values.for_each(|value| *value = map.forward(*value));
         self.judged = self.judged.map(|judged| Box::new(judged.mapped(map)));
         self
     }

@@ -18,6 +18,8 @@
 //!
 //! Source: W. Cleveland, S. Devlin, "Locally weighted regression", Journal of the American Statistical Association 83, 1988.
 
+use std::sync::Arc;
+
 use lacuna_core::parallel::prelude::*;
 
 use super::{Carried, HALF, Taps, carried, off, wide};
@@ -63,13 +65,13 @@ fn levelled_within(
     both: Option<Both<'_>>,
 ) -> Carried {
     let size = image.size();
-    let mut own = carried.clone();
-    own.judged = None;
+    let mut own = carried.not_judged();
     let at: Vec<usize> = carried.places.iter().map(|place| carried::pixel(size, *place)).collect();
     let everything = Mask::from_fn(size, |_, _| true);
     let measured = both.map_or(0, |both| both.mask.count());
     let around = Gaussian::new(size, carried.len() + measured, spread, coarsely);
     own.values.par_iter_mut().enumerate().for_each(|(channel, values)| {
+        let values = Arc::make_mut(values);
         let plane = &image.as_slice()[channel];
         let ridge = (HALF * wide(&everything, plane)).powi(2).max(f64::MIN_POSITIVE);
         let mut sums = Moments::new(around);

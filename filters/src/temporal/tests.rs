@@ -163,7 +163,7 @@ fn samples_that_are_not_known_or_outside_are_left_out() {
         _ => [2.0, 2.5],
     };
     let carried = Carried::new(size, (&samples, &mask), 0, place);
-    assert_eq!(carried.values, [[4.0, 5.0, 7.0, 8.0, 9.0, 10.0, 11.0]]);
+    assert_eq!(*carried.values[0], [4.0, 5.0, 7.0, 8.0, 9.0, 10.0, 11.0]);
     assert_eq!(carried.places[1], [1.0, 2.0]);
     assert!(!carried.is_still());
 }
