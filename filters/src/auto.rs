@@ -55,7 +55,7 @@ use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
 use crate::variational::{edge, ss, tv};
 use crate::weights::{Truth, Weights};
-use crate::{Error, Filter, Gradients, Mask, Outcome, Plan, Planes, Problem, Run};
+use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run};
 use trial::Stage;
 
 /// What guides must take away of the squared error of splines to have nothing but `cnn` beside them, and in large images, where that takes
@@ -83,7 +83,7 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
     settings: &[],
     even: Memory { image: 12, channel: 19 },
     uneven: Memory { image: 122, channel: 10 },
-    takes: Takes { guides: true, gradients: true, ..Takes::NOTHING },
+    takes: Takes { guides: true, ..Takes::NOTHING },
     restores: false,
     held_out: Some(Kind::Spline),
     new: || Box::new(Settings),
@@ -164,16 +164,6 @@ impl Plan for Blend {
         run: &Run<'_>,
     ) -> Result<Outcome, Error> {
         self.plain.reconstruct_roughly(samples, error, out, run)
-    }
-
-    fn reconstruct_gradients(
-        &self,
-        samples: &Planes,
-        gradients: &Gradients<'_>,
-        out: &mut Planes,
-        run: &Run<'_>,
-    ) -> Result<Outcome, Error> {
-        self.plain.reconstruct_gradients(samples, gradients, out, run)
     }
 
     fn blend(&self) -> Option<&Blend> {

@@ -7,6 +7,7 @@ mod file;
 mod finite;
 mod names;
 mod overrides;
+mod picture;
 mod rules;
 #[cfg(test)]
 mod tests;
@@ -19,6 +20,7 @@ pub use names::{
     Name, channel_label, list_channels, names_view, part_label, rgb_place, view_of, visible, words,
 };
 pub use overrides::{Override, OverrideError};
+pub use picture::{MAIN, Shown, shown};
 pub use rules::{
     by_default, is_albedo, is_alpha, is_code, is_coordinate, is_label, is_light, is_matte, is_position,
     motion_axis,

@@ -9,7 +9,7 @@ use lacuna_filters::{Mask, Plane, Planes, Run};
 
 use super::generate::{Bounds, field};
 use super::{MakeError, Masks};
-use crate::channels::{Choice, Rule};
+use crate::channels::{Choice, Rule, shown};
 
 /// The pixels to compute next.
 #[derive(Clone, Debug)]
@@ -28,8 +28,7 @@ pub struct Next {
 
 /// Chooses `round(add N)` of the N pixels, fewer only if fewer are missing (within the bounds).
 ///
-/// Of a multi-part frame the first part that has colour and a mask counts. Of its channels `R`, `G`, `B` do, else all
-/// that are filled.
+/// Of a multi-part frame the first part that has colour and a mask counts; of its channels, what is nearest to its colour ([`shown`]).
 ///
 /// # Errors
 /// A frame without such a part, an empty mask, and what the filter refuses.
@@ -73,19 +72,17 @@ pub fn next(
 
 /// The part, its channels that count, and their mask.
 fn subject(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Option<(usize, Vec<usize>, Arc<Mask>)> {
-    frame.parts.iter().zip(choices).enumerate().find_map(|(index, (part, choices))| {
+    let all = frame.parts.iter().zip(choices).enumerate().filter_map(|(index, (part, choices))| {
         let filled: Vec<usize> = (0..part.channels.len())
             .filter(|&channel| choices[channel].rule == Rule::Fill && masks.get(index, channel).is_some())
             .filter(|&channel| !matches!(part.channels[channel].samples, Samples::Uint(_)))
             .collect();
-        let is_colour =
-            |channel: &usize| matches!(part.channels[*channel].name.as_slice(), b"R" | b"G" | b"B");
-        // R, G, B, as arrays have them: sums over channels round by their order.
-        let colour: Vec<usize> = filled.iter().rev().copied().filter(is_colour).collect();
-        let channels = if colour.is_empty() { filled } else { colour };
-        let mask = masks.get(index, *channels.first()?)?.clone();
+        let (what, channels) = shown(part, &filled);
+        let mask = masks.get(index, *channels.first()?)?;
         // Channels of another mask have samples elsewhere.
-        let same = |channel: &usize| masks.get(index, *channel) == Some(&mask);
-        Some((index, channels.into_iter().filter(same).collect(), mask))
-    })
+        let same = |channel: &usize| masks.get(index, *channel) == Some(mask);
+        Some((what, index, channels.into_iter().filter(same).collect(), Arc::clone(mask)))
+    });
+    let (_, index, channels, mask) = all.min_by_key(|(what, ..)| *what)?;
+    Some((index, channels, mask))
 }

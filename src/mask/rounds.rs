@@ -86,7 +86,10 @@ impl Rounds {
     pub fn verdict(&self, target: Option<f64>) -> Option<Result<String, String>> {
         let (target, count) = (target?, self.rounds.len());
         let error = self.rounds.last()?.estimated_error;
-        let estimate = error.map_or("unknown".into(), |error| format!("{error:.2e}"));
+        let estimate = error.map_or_else(
+            || "unknown, as all measured values are alike, or none is finite".into(),
+            |error| format!("{error:.2e}"),
+        );
         if error.is_some_and(|error| error <= target) {
             let first = if count == 1 { ", at once" } else { "" };
             return Some(Ok(format!(

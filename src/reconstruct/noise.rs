@@ -13,15 +13,13 @@ use super::Error;
 use super::gradients::sibling;
 use super::groups::{Group, Target};
 use super::weights::Weights;
-use crate::channels::{Name, Rule, list_channels};
+use crate::channels::{MAIN, Name, Rule, list_channels};
 
 /// Names of half buffers that are looked for.
 const HALVES: [[&str; 2]; 4] =
     [["half1", "half2"], ["halfA", "halfB"], ["half_a", "half_b"], ["bufferA", "bufferB"]];
 /// Names of variances that are looked for.
 const VARIANCES: [&str; 4] = ["variance", "Variance", "colorVariance", "mse"];
-/// Layers of the colour itself.
-const MAIN: [&str; 3] = ["beauty", "combined", "rgba"];
 /// Components that are colours, not one variance for all.
 const COLOURS: [&str; 4] = ["R", "G", "B", "Y"];
 /// How far the mean of two halves may be from the colour, over the larger of it and the mean level: rounding of halves.

@@ -7,6 +7,7 @@ use lacuna_filters::sampling::adaptive;
 use lacuna_filters::{Mask, Plane, Planes, Run};
 
 use super::Error;
+use crate::channels::{Rule, Shown, by_default, shown};
 use crate::mask::generate::field;
 use crate::mask::rounds::{self, Rounds};
 
@@ -23,13 +24,13 @@ pub struct InRounds {
 }
 
 impl InRounds {
-    /// Chooses by the colours of each view's first part that has some, else by all that the first part's channels measure.
+    /// Chooses by the colours of each view's first part that has some, else by what the first part's channels measure.
     pub fn new(frame: &Frame, settings: &adaptive::Settings, run: &Run<'_>) -> Result<Self, Error> {
         let canvas = canvas(frame)?;
         let mut planes = Vec::new();
-        for part in chosen_by(frame) {
-            for channel in channels(part) {
-                planes.push(on_canvas(canvas, part, channel)?);
+        for (part, channels) in chosen_by(frame) {
+            for at in channels {
+                planes.push(on_canvas(canvas, part, &part.channels[at])?);
             }
         }
         if planes.is_empty() {
@@ -83,39 +84,37 @@ fn canvas(frame: &Frame) -> Result<Window, Error> {
     if pixels(all) > LARGEST.saturating_mul(parts) { Err(Error::FarApart) } else { Ok(all) }
 }
 
-/// The parts by whose channels pixels are chosen.
-fn chosen_by(frame: &Frame) -> Vec<&Part> {
-    let mut found: Vec<&Part> = Vec::new();
-    for part in frame.parts.iter().filter(|part| part.channels.iter().any(is_colour)) {
-        if !found.iter().any(|other| other.view() == part.view()) {
-            found.push(part);
+/// Of each view the first part that shows most of its colour, with the channels by which pixels are chosen; else all that the first part's channels
+/// measure.
+fn chosen_by(frame: &Frame) -> Vec<(&Part, Vec<usize>)> {
+    let mut found: Vec<(Shown, &Part, Vec<usize>)> = Vec::new();
+    let measures = |part: &Part, at: usize| !matches!(part.channels[at].samples, Samples::Uint(_));
+    for part in &frame.parts {
+        let filled = |at: &usize| measures(part, *at) && by_default(part, *at).0 == Rule::Fill;
+        let filled: Vec<usize> = (0..part.channels.len()).filter(filled).collect();
+        let (what, channels) = shown(part, &filled);
+        if channels.is_empty() {
+            continue;
+        }
+        match found.iter_mut().find(|(_, other, _)| other.view() == part.view()) {
+            Some(own) if what < own.0 => *own = (what, part, channels),
+            Some(_) => {}
+            None => found.push((what, part, channels)),
         }
     }
+    let best = found.iter().map(|(what, ..)| *what).min();
+    if best < Some(Shown::Other) {
+        // Views without a colour have none to be judged by.
+        found.retain(|(what, ..)| *what < Shown::Other);
+    } else {
+        found.truncate(1);
+    }
     if found.is_empty() {
-        found.extend(frame.parts.iter().find(|part| part.channels.iter().any(counts)));
+        let all = |part: &Part| (0..part.channels.len()).filter(|&at| measures(part, at)).collect::<Vec<_>>();
+        let first = frame.parts.iter().map(|part| (part, all(part))).find(|(_, all)| !all.is_empty());
+        return first.into_iter().collect();
     }
-    found
-}
-
-/// Those of its channels that count.
-fn channels(part: &Part) -> Vec<&Channel> {
-    let only = part.channels.iter().any(is_colour);
-    let channels =
-        part.channels.iter().filter(|channel| if only { is_colour(channel) } else { counts(channel) });
-    let mut channels: Vec<&Channel> = channels.collect();
-    if only {
-        // R, G, B, as a renderer has them: sums over channels round by their order.
-        channels.reverse();
-    }
-    channels
-}
-
-fn counts(channel: &Channel) -> bool {
-    !matches!(channel.samples, Samples::Uint(_))
-}
-
-fn is_colour(channel: &Channel) -> bool {
-    counts(channel) && matches!(channel.name.as_slice(), b"R" | b"G" | b"B")
+    found.into_iter().map(|(_, part, channels)| (part, channels)).collect()
 }
 
 /// A channel on the canvas, 0 where the part has no pixels.

@@ -182,6 +182,22 @@ fn view(name: &str, is_even: bool) -> Part {
 }
 
 #[test]
+fn a_layer_of_colour_chooses_whatever_stands_beside_it() {
+    let plain = view("", false);
+    let mut layer = plain.clone();
+    for channel in &mut layer.channels {
+        channel.name.splice(0..0, *b"RGBA.");
+    }
+    let depth: Vec<f32> = (0..2400).map(|at| if at % 7 < 3 { f32::INFINITY } else { at as f32 }).collect();
+    layer
+        .channels
+        .extend([float("Z", &depth), half("albedo.R", &depth.iter().map(|z| z % 2.0).collect::<Vec<_>>())]);
+    let pixels =
+        |part: Part| values(&in_rounds(frame(vec![part]), None).unwrap().frame.parts[0], "mask").to_vec();
+    assert_eq!(pixels(plain), pixels(layer));
+}
+
+#[test]
 fn every_view_has_its_say_in_which_pixels_are_chosen() {
     let both = in_rounds(frame(vec![view("left", true), view("right", false)]), Some(0.001)).unwrap();
     let alone = in_rounds(frame(vec![view("right", false)]), Some(0.001)).unwrap();

@@ -120,6 +120,18 @@ fn sizes_and_numbers_must_agree() {
 }
 
 #[test]
+fn a_method_without_use_for_gradients_fills_as_without_them() {
+    let slopes = || Some([image(1), image(0)]);
+    for method in [Method::default(), Method::named("ss", &[]).unwrap()] {
+        let [without, with] = [vec![None, None], vec![slopes(), slopes()]].map(|gradients| {
+            let options = Options { gradients, ..Options::of(method.clone()) };
+            fill(&images(2), mask(), &options).unwrap().planes
+        });
+        assert_eq!(bits(&without.as_slice()[0]), bits(&with.as_slice()[0]));
+    }
+}
+
+#[test]
 fn only_the_ratios_of_weights_matter() {
     let smooth = Method::named("ss", &[("lambda", "0.1")]).unwrap();
     let counts = Plane::from_fn(size(), |y, x| ((y + x) % 4) as f32);

@@ -9,7 +9,7 @@
 //! for `exp(a + b ln e^2)`, which is fitted to octaves of `e` as if `t^2` had a gamma distribution, those of earlier rounds counting half as much
 //! each. It turns the next round's estimate into one that has been right before: chosen pixels
 //! tell of large errors, the others of small ones. The estimate of a round is the root mean square over all pixels and channels, 0 at
-//! measured ones, over the range of the measured values. Where all values are alike, nothing is told after the first round, which nothing has tested.
+//! measured ones, over the range of the measured values. Where all values are alike, nothing is told: what is small may have been missed.
 //!
 //! Frames of a sequence take their pixels in other orders, so that frames in a row choose other pixels of the same places (`refine`).
 //!
@@ -81,8 +81,8 @@ pub fn first_of(density: f64) -> f64 {
 pub struct Round {
     /// Pixels that it added.
     pub pixels: usize,
-    /// The estimated error of the fill after it, over the measured range, good to a factor of about two (fill tells it better); nothing where no measured value is finite, nor after a first
-    /// round of values that are all alike.
+    /// The estimated error of the fill after it, over the measured range, good to a factor of about two (fill tells it better); nothing where no measured value is finite, nor
+    /// where all are alike.
     pub error: Option<f64>,
 }
 
@@ -167,9 +167,8 @@ pub fn choose<E: From<Error>>(
         let left = in_all.saturating_sub(rounds.len() + 1);
         let over = left == 0 || known.count >= total || run.interrupted().is_some();
         let estimate = known.estimate(before.take(), run)?;
-        // Values that are all alike are no test of others.
-        let range = known.range().filter(|range| *range > 0.0 || !rounds.is_empty());
-        let error = estimate.as_ref().zip(range);
+        // Values that are all alike say nothing of others.
+        let error = estimate.as_ref().zip(known.range().filter(|range| *range > 0.0));
         let error = error.map(|(found, range)| calibration.fit().rmse(found, known.channels, range));
         rounds.push(Round { pixels: new.count(), error });
         let reached = error.zip(settings.target).is_some_and(|(error, target)| error <= target);
@@ -438,7 +437,7 @@ impl Fit {
         let errors = estimate.squared_errors().into_iter();
         let sum = errors.fold(0.0, |sum, (guess, count)| sum + count as f64 * self.truth(guess));
         let mean = sum / (estimate.size().pixels() * channels).max(1) as f64;
-        if range > 0.0 { mean.sqrt() / range } else { 0.0 }
+        mean.sqrt() / range
     }
 }
 
