@@ -17,7 +17,8 @@ pub use file::{print_rules, read_rules};
 pub use finite::{non_finite, non_finite_note};
 use lacuna_exr::{Frame, Part, Samples};
 pub use names::{
-    Name, channel_label, list_channels, names_view, part_label, rgb_place, view_of, visible, words,
+    Name, channel_label, full_names, list_channels, names_view, part_label, rgb_place, view_of, visible,
+    words,
 };
 pub use overrides::{Override, OverrideError};
 pub use picture::{MAIN, Shown, shown};

@@ -96,6 +96,11 @@ pub fn visible(text: &str) -> std::borrow::Cow<'_, str> {
     text.chars().map(escaped).collect::<String>().into()
 }
 
+/// The full names of a part's channels.
+pub fn full_names(part: &Part) -> Vec<String> {
+    part.channels.iter().map(|channel| channel.display_name().into_owned()).collect()
+}
+
 /// The place of a channel among R, G and B, by the last word of its full name.
 pub fn rgb_place(full: &str) -> Option<usize> {
     let component = Name::new(full).component.to_ascii_lowercase();

@@ -97,7 +97,11 @@ impl Work for Sparsify<'_> {
 
     fn need(&self, item: &Item) -> Need {
         let mask = item.mask.as_deref().map_or(0, memory::to_copy);
-        memory::to_copy(&item.input).saturating_add(mask).into()
+        let rounds = match &self.job.pattern {
+            SparsifyPattern::Adaptive(_) => memory::to_choose_of(&item.input),
+            _ => 0,
+        };
+        memory::to_copy(&item.input).saturating_add(mask).saturating_add(rounds).into()
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {

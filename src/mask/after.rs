@@ -9,7 +9,7 @@ use lacuna_filters::{Mask, Plane, Planes, Run};
 
 use super::generate::{Bounds, field};
 use super::{MakeError, Masks};
-use crate::channels::{Choice, Rule, shown};
+use crate::channels::{Choice, Rule, full_names, shown};
 
 /// The pixels to compute next.
 #[derive(Clone, Debug)]
@@ -77,7 +77,7 @@ fn subject(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Option<(usi
             .filter(|&channel| choices[channel].rule == Rule::Fill && masks.get(index, channel).is_some())
             .filter(|&channel| !matches!(part.channels[channel].samples, Samples::Uint(_)))
             .collect();
-        let (what, channels) = shown(part, &filled);
+        let (what, channels) = shown(&full_names(part), &filled);
         let mask = masks.get(index, *channels.first()?)?;
         // Channels of another mask have samples elsewhere.
         let same = |channel: &usize| masks.get(index, *channel) == Some(mask);

@@ -13,11 +13,14 @@ use lacuna_filters::Size;
 use lacuna_filters::descriptor::Memory;
 use lacuna_filters::upscale::Method;
 
-use crate::channels::Name;
+use crate::channels::{Name, Shown, shown};
 use crate::files::neighbours::NeighbourFile;
 use crate::files::plan::Item;
 use crate::reconstruct::{Enlarge, Windows, pixels_at_a_time};
 use crate::temporal;
+
+/// Bytes a pixel that choosing pixels takes, in rounds or after a fill, of all channels that decide and of each.
+const CHOOSING: Memory = Memory { image: 36, channel: 14 };
 
 /// Bytes a pixel of every channel that is compared.
 const COMPARING: u64 = 24;
@@ -49,12 +52,11 @@ pub fn reading(bound: Option<u64>) -> Limits {
     bound.map_or_else(Limits::default, |bytes| Limits { bytes })
 }
 
-/// Whether so many bytes a pixel are within the bound, if there is one.
+/// Whether so many bytes are within the bound, if there is one.
 ///
 /// # Errors
 /// What they would need.
-pub fn afford(bound: Option<u64>, pixels: usize, bytes: u64) -> Result<(), lacuna_exr::Error> {
-    let needed = bytes.saturating_mul(pixels as u64);
+pub fn afford(bound: Option<u64>, needed: u64) -> Result<(), lacuna_exr::Error> {
     match bound {
         Some(limit) if needed > limit => Err(lacuna_exr::Error::TooLarge { needed, limit }),
         _ => Ok(()),
@@ -88,6 +90,39 @@ pub fn to_fill(item: &Item, method: &lacuna_filters::Method, holes: f64) -> u64 
         .saturating_add(layers)
 }
 
+/// Bytes that filling a frame takes that is in memory already, of channels that are filled `together` at most.
+pub fn to_fill_in_place(
+    size: Size,
+    (channels, together): (u64, u64),
+    method: &lacuna_filters::Method,
+    holes: f64,
+) -> u64 {
+    let Memory { image, channel } = method.memory(holes);
+    let work = pixels_at_a_time(size).saturating_mul(image + together * channel);
+    all(size).saturating_mul(FILLED * channels).saturating_add(work)
+}
+
+/// Bytes that choosing pixels of that many takes by so many channels.
+pub fn to_choose(size: Size, channels: u64) -> u64 {
+    all(size).saturating_mul(CHOOSING.image + CHOOSING.channel * channels)
+}
+
+/// Bytes that choosing pixels of a frame takes beside reading it; 0 if its header cannot be read.
+pub fn to_choose_of(path: &Path) -> u64 {
+    let Ok(parts) = read_header(path) else { return 0 };
+    let deciding = |part: &PartHeader| {
+        let name = |header: &ChannelHeader| String::from_utf8_lossy(&header.name).into_owned();
+        let names: Vec<String> = part.channels.iter().map(name).collect();
+        let measured = part.channels.iter().enumerate().filter(|(_, one)| one.kind != SampleType::Uint);
+        let (what, channels) = shown(&names, &measured.map(|(at, _)| at).collect::<Vec<_>>());
+        (what, to_choose(part.size(), channels.len() as u64))
+    };
+    let all: Vec<(Shown, u64)> = parts.iter().map(deciding).collect();
+    // Of each view a part; those that show less of the colour do not count.
+    let best = all.iter().map(|(what, _)| *what).min();
+    all.iter().filter(|(what, _)| Some(*what) == best).map(|(_, bytes)| bytes).sum()
+}
+
 /// Bytes that the larger frame needs beside: samples, and in each channel that may be computed values and the planes on the
 /// way, those of total variation if that is asked for; 0 if the header cannot be read or the frame not be enlarged.
 pub fn to_enlarge(path: &Path, enlarge: &Enlarge) -> u64 {
@@ -114,6 +149,11 @@ pub fn to_compare(path: &Path) -> u64 {
 /// Bytes that reading, copying and writing a frame needs; 0 if its header cannot be read.
 pub fn to_copy(path: &Path) -> u64 {
     Taken::COPY.of(path)
+}
+
+/// Bytes that reading a frame with its mask needs; 0 if its header cannot be read.
+pub fn to_read(path: &Path) -> u64 {
+    Taken { copy: false, ..Taken::COPY }.of(path)
 }
 
 /// What work on a frame takes beside reading it.

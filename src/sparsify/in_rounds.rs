@@ -7,7 +7,7 @@ use lacuna_filters::sampling::adaptive;
 use lacuna_filters::{Mask, Plane, Planes, Run};
 
 use super::Error;
-use crate::channels::{Rule, Shown, by_default, shown};
+use crate::channels::{Rule, Shown, by_default, full_names, shown};
 use crate::mask::generate::field;
 use crate::mask::rounds::{self, Rounds};
 
@@ -92,7 +92,7 @@ fn chosen_by(frame: &Frame) -> Vec<(&Part, Vec<usize>)> {
     for part in &frame.parts {
         let filled = |at: &usize| measures(part, *at) && by_default(part, *at).0 == Rule::Fill;
         let filled: Vec<usize> = (0..part.channels.len()).filter(filled).collect();
-        let (what, channels) = shown(part, &filled);
+        let (what, channels) = shown(&full_names(part), &filled);
         if channels.is_empty() {
             continue;
         }

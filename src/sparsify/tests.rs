@@ -193,7 +193,7 @@ fn a_layer_of_colour_chooses_whatever_stands_beside_it() {
         .channels
         .extend([float("Z", &depth), half("albedo.R", &depth.iter().map(|z| z % 2.0).collect::<Vec<_>>())]);
     let pixels =
-        |part: Part| values(&in_rounds(frame(vec![part]), None).unwrap().frame.parts[0], "mask").to_vec();
+        |part: Part| values(&in_rounds(frame(vec![part]), None).unwrap().frame.parts[0], "mask").clone();
     assert_eq!(pixels(plain), pixels(layer));
 }
 

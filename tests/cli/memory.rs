@@ -49,9 +49,10 @@ fn estimate(room: &Room, words: &[&str]) -> u64 {
     for _ in 0..2 {
         let memory = format!("{bound}M");
         let done = room.run(&[words, &["--memory", &memory]].concat());
-        let Some((_, needed)) = done.err.split_once("needs about ") else { break };
-        let needed: f64 = needed.split(' ').next().unwrap().parse().unwrap();
-        bound = needed.ceil() as u64 + 1;
+        let Some((_, needed)) = done.err.split_once("needs ") else { break };
+        let needed: f64 = needed.trim_start_matches("about ").split(' ').next().unwrap().parse().unwrap();
+        // A volume of 2 MiB comes besides.
+        bound = needed.ceil() as u64 + 3;
     }
     bound << 20
 }
@@ -79,4 +80,28 @@ fn frames_need_what_they_are_said_to_need_with_any_mask() {
         said.push(needed);
     }
     assert!(said[1] > said[0], "{said:?}");
+}
+
+#[test]
+fn choosing_pixels_and_filling_a_render_need_what_they_are_said_to_need() {
+    let window = Window { x_min: 0, y_min: 0, x_max: 999, y_max: 799 };
+    let room = Room::new();
+    let mut part = part_of(window, |_| true);
+    part.channels.retain(|channel| !matches!(&channel.name[..], b"Z" | b"mask"));
+    room.add("full.exr", &Frame { parts: vec![part] });
+    room.run(&["sparsify", "full.exr", "-o", "sparse.exr", "--density", "0.15", "-q"]);
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/samples/scenes/marschner-lobb.toml");
+    let adaptive = ["--density", "0.1", "--adaptive", "--force", "-q"];
+    let render = ["render", scene, "--size", "1000x800", "--set", "march.step=4", "-o", "out.exr"];
+    let all: [Vec<&str>; 3] = [
+        [&["sparsify", "full.exr", "-o", "chosen.exr"], &adaptive[..]].concat(),
+        vec!["mask", "--after", "sparse.exr", "-o", "next.exr", "--add", "0.05", "-q"],
+        [&render[..], &adaptive, &["--fill", "ss"]].concat(),
+    ];
+    for words in all {
+        let needed = estimate(&room, &words);
+        let held = peak(&room, &[&words[..], &["--memory", &format!("{}M", needed >> 20)]].concat());
+        println!("{words:?}: {} MiB, said {}", held >> 20, needed >> 20);
+        assert!(held <= needed + BASE, "{words:?}: {} MiB, said {}", held >> 20, needed >> 20);
+    }
 }

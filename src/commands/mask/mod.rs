@@ -159,7 +159,8 @@ fn one(
     if !output.wants(path, console) {
         return Ok(());
     }
-    memory::afford(memory, request.window.size().pixels(), MAKING).map_err(|error| fail(error.into()))?;
+    memory::afford(memory, MAKING.saturating_mul(request.window.size().pixels() as u64))
+        .map_err(|error| fail(error.into()))?;
     let bounds = bounds.read(request.window, memory::reading(memory)).map_err(&fail)?;
     let mut how = output.writing();
     how.attributes = vec![(SEED, request.seed.to_string())];
@@ -197,7 +198,8 @@ fn measure(
     if let Some(Source::File { pattern, channel }) = mask {
         let fail = failed(pattern.as_ref());
         let mask = generate::load(pattern, channel.as_deref(), limits).map_err(&fail)?;
-        memory::afford(memory, mask.size().pixels(), MEASURING).map_err(|error| fail(error.into()))?;
+        memory::afford(memory, MEASURING.saturating_mul(mask.size().pixels() as u64))
+            .map_err(|error| fail(error.into()))?;
         judgement = judge::judge(&mask).map_err(&fail)?;
     }
     if !coherence.is_empty() {

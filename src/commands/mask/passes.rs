@@ -64,6 +64,8 @@ pub fn next(task: &NextPass, memory: Option<u64>, console: &Console) -> Result<u
     each(&task.frame, task.frames.as_ref(), &written, console, |frame, number| {
         let task = task.of_frame(frame, number);
         task.check()?;
+        let needed = memory::to_read(frame).saturating_add(memory::to_choose_of(frame));
+        memory::afford(memory, needed).map_err(|error| failed(frame)(error.into()))?;
         task.write(memory::reading(memory), console)
     })
 }

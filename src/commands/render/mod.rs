@@ -9,9 +9,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use lacuna_exr::Frame;
+use lacuna_filters::descriptor::holes;
 use lacuna_filters::fill::Estimate;
 use lacuna_filters::sampling::{self, Field, Temporal, adaptive};
-use lacuna_filters::{Mask, Method, Run, Stop};
+use lacuna_filters::{Mask, Method, Run, Size, Stop};
 use lacuna_volume::{Camera, Override, Picture, Scene, Shader, Shot};
 use picture::Story;
 pub use picture::Wanted;
@@ -29,7 +30,7 @@ use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::{Existing, is_made_from};
 use crate::run::record::{Heading, Record};
 use crate::run::schedule::Need;
-use crate::run::{batch, outputs};
+use crate::run::{batch, memory, outputs};
 
 const STOPPED: &str = "stopped by a signal";
 
@@ -225,23 +226,13 @@ impl Work for Render<'_> {
     }
 
     fn need(&self, _: &Item) -> Need {
-        let [width, height] = self.scene.image.size;
-        let wanted = &self.job.wanted;
-        let planes = 6
-            + 3 * u64::from(wanted.normals)
-            + u64::from(wanted.depth)
-            + 8 * u64::from(wanted.gradients)
-            + 8 * u64::from(wanted.dense || wanted.motion)
-            + 2 * u64::from(wanted.motion);
-        // Tiles, planes, what is written and what fills.
-        let pixel = planes * 4 * size_of::<f32>() as u64;
-        (width as u64).saturating_mul(height as u64).saturating_mul(pixel).into()
+        Need { least: self.bytes(0.0), most: self.bytes(1.0) }
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
         let ready =
-            stage.read(record, || self.ready(self.need(item).most)).map_err(|error| at_input(&error))?;
+            stage.read(record, || self.ready(self.need(item).least)).map_err(|error| at_input(&error))?;
         let mut mask = self.mask(item, &ready)?;
         let (mut seconds, mut told) = ((0.0, None), None);
         let mut rounds = None;
@@ -257,6 +248,9 @@ impl Work for Render<'_> {
             };
             seconds.0 = start.elapsed().as_secs_f64();
             let Some(method) = self.filler().filter(|_| !stage.stopped()) else { return Ok(frame) };
+            if let Some(mask) = mask.as_deref().filter(|_| self.job.run.memory.is_some()) {
+                stage.settle(item, self.bytes(holes(mask)))?;
+            }
             let start = Instant::now();
             let (filled, report) = self.fill(frame, method, item, stage)?;
             seconds.1 = Some(start.elapsed().as_secs_f64());
@@ -412,6 +406,31 @@ impl Render<'_> {
     /// What fills, if pixels are missing.
     fn filler(&self) -> Option<&Method> {
         self.job.fill.as_ref().filter(|_| self.job.pixels != Pixels::All)
+    }
+
+    /// Bytes that a frame needs of which so much is [`holes`].
+    fn bytes(&self, holes: f64) -> u64 {
+        let [width, height] = self.scene.image.size;
+        let size = Size::new(height, width);
+        let wanted = &self.job.wanted;
+        let planes = 6
+            + 3 * u64::from(wanted.normals)
+            + u64::from(wanted.depth)
+            + 8 * u64::from(wanted.gradients)
+            + 8 * u64::from(wanted.dense || wanted.motion)
+            + 2 * u64::from(wanted.motion);
+        // Tiles, planes and what is written.
+        let pixel = planes * 4 * size_of::<f32>() as u64;
+        let rendered = (width as u64).saturating_mul(height as u64).saturating_mul(pixel);
+        let colours = rounds::COLOURS as u64;
+        let chosen = match self.job.pixels {
+            Pixels::Adaptive(_) => memory::to_choose(size, colours),
+            _ => 0,
+        };
+        let filled = self
+            .filler()
+            .map_or(0, |method| memory::to_fill_in_place(size, (planes, colours), method, holes));
+        rendered.saturating_add(chosen.max(filled))
     }
 
     /// The frame with its missing pixels filled, and what was done.

@@ -14,7 +14,7 @@ use crate::mask::rounds::{self, Rounds};
 use crate::run::batch::{Failure, Stage};
 
 /// Channels that pixels are chosen by: all but alpha.
-const COLOURS: usize = 3;
+pub const COLOURS: usize = 3;
 /// Pieces of a frame's progress while it is rendered.
 pub const PIECES: u64 = 100;
 
