@@ -21,7 +21,7 @@ pub struct AdaptiveArgs {
     #[arg(long, value_name = "D", requires = "adaptive", value_parser = fraction, allow_hyphen_values = true)]
     first: Option<f64>,
 
-    /// Stop when the estimated error (RMSE over the measured range) is at most this; --density is then the most
+    /// Stop when the estimated error (RMSE over the measured range, logarithmic above 1) is at most this; --density is then the most
     #[arg(long, value_name = "E", requires = "adaptive", value_parser = zero_or_more, allow_hyphen_values = true)]
     target_error: Option<f64>,
 }
