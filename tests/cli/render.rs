@@ -152,6 +152,28 @@ fn a_sequence_orbits_and_resumes() {
     assert_eq!(left, 4, "no temporary file stays");
 }
 
+#[test]
+fn an_update_makes_anew_what_is_another_frame_or_another_kind_of_file() {
+    let room = tempfile::tempdir().unwrap();
+    let path = |name: &str| room.path().join(name);
+    let base = ["render", HEAD, "--size", "20x16", "--set", "camera.orbit=30"];
+    let to = |output: &str, more: &[&str]| done(room.path(), &[&base[..], &["-o", output], more].concat());
+    let frames =
+        |numbers: &str, more: &[&str]| to("a.####.exr", &[&["--frames", numbers, "-u"][..], more].concat());
+    to("a.0003.exr", &[]);
+    assert!(frames("3", &[]).contains("1 of 1 frame rendered"), "an unnumbered frame is frame 0");
+    std::fs::rename(path("a.0003.exr"), path("a.0005.exr")).unwrap();
+    assert!(frames("5", &[]).contains("1 of 1 frame rendered"));
+    assert!(frames("5", &[]).contains("1 skipped"));
+    assert!(frames("5", &["--compression", "rle"]).contains("1 of 1 frame rendered"));
+    assert!(frames("5", &["--compression", "rle"]).contains("1 skipped"));
+
+    let fill = ["--density", "0.5", "--fill", "nearest", "-u"];
+    to("f.exr", &[&fill[..], &["--no-estimate"]].concat());
+    assert!(to("f.exr", &[&fill[..], &["--no-estimate"]].concat()).contains("1 skipped"));
+    assert!(to("f.exr", &fill).contains("1 of 1 frame rendered"), "an estimate is wanted now");
+}
+
 /// A volume of that many bytes, its header apart.
 fn detached_volume(folder: &Path, value: u8) {
     let header = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 8 8 8\nencoding: raw\ndata file: v.raw\n";

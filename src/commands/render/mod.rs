@@ -105,7 +105,6 @@ pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
     let plan = plan.with_files(&lacuna_volume::files(&scene, &folder), &job.targets)?;
     let work = Render {
         job,
-        settings: settings(job, &scene),
         scene,
         folder,
         volume: Mutex::new(None),
@@ -118,7 +117,7 @@ pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
     }
     console.listen();
     outputs::make_folders(&plan)?;
-    let heading = heading(job, Some(work.settings.clone()));
+    let heading = heading(job, Some(settings(job, &work.scene, None)));
     batch::run(heading, &plan.items, &job.run, &work, &console).map_err(PlanError::Failed)
 }
 
@@ -175,8 +174,8 @@ fn name(scene: &Path) -> String {
     scene.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Everything that the pixels depend on, on one line.
-fn settings(job: &RenderJob, scene: &Scene) -> String {
+/// Everything that the pixels of a frame depend on, on one line; of no frame, what all of them share.
+fn settings(job: &RenderJob, scene: &Scene, number: Option<i64>) -> String {
     let pixels = job.pixels.pattern().unwrap_or_else(|| "all".into());
     let wanted = &job.wanted;
     let flags = [
@@ -189,8 +188,11 @@ fn settings(job: &RenderJob, scene: &Scene) -> String {
     ];
     let layers: Vec<&str> = flags.iter().filter(|(on, _)| *on).map(|(_, name)| *name).collect();
     let fill = job.fill.as_ref().map_or("none", |method| method.name());
+    let estimate = if job.estimate || job.fill.is_none() { "" } else { " estimate=none" };
+    // Cameras that orbit, and pixels that are chosen, differ from frame to frame.
+    let frame = number.map_or(String::new(), |number| format!(" frame={number}"));
     format!(
-        "scene={} pixels={pixels} layers={} type={:?}{FILLED_BY}{fill}",
+        "scene={} pixels={pixels} layers={} type={:?}{frame}{FILLED_BY}{fill}{estimate}",
         scene.line(),
         layers.join("+"),
         wanted.kind
@@ -203,7 +205,6 @@ struct Render<'a> {
     job: &'a RenderJob,
     scene: Scene,
     folder: PathBuf,
-    settings: String,
     /// Read by the first frame, for all.
     volume: Mutex<Option<Ready>>,
     masks: MaskFiles,
@@ -300,9 +301,11 @@ impl Render<'_> {
     fn is_current(&self, item: &Item) -> bool {
         let files = item.made_from.iter().map(|(_, path)| path);
         let sources = files.chain(&item.mask).map(|path| &**path);
+        let settings = settings(self.job, &self.scene, item.number);
         is_made_from(&item.output, sources, |parts| {
             parts.iter().all(|part| {
-                part.attributes.text(RENDER).as_deref() == Some(self.settings.as_str())
+                part.attributes.text(RENDER).as_deref() == Some(settings.as_str())
+                    && part.compression == self.job.wanted.compression
                     && part.attributes.text("lacuna/version").as_deref() == Some(env!("CARGO_PKG_VERSION"))
             })
         })
@@ -380,7 +383,7 @@ impl Render<'_> {
         let pattern = self.job.pixels.pattern();
         let story = Story {
             scene: &self.scene.line(),
-            render: &self.settings,
+            render: &settings(self.job, &self.scene, item.number),
             camera: shot.camera,
             seed: shot.seed,
             samples: shot.samples,
