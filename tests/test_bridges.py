@@ -234,6 +234,52 @@ def test_whatever_stops_a_write_leaves_nothing(how, status, words, tmp_path):
     assert here(folder) == [pathlib.Path("x.exr")] and (folder / "x.exr").read_bytes() == b"of yesterday"
 
 
+# A renderer that makes something else of a signal that comes while it is at work, as drjit does, or nothing.
+WRAPPED = """
+import argparse, os, pathlib, signal, sys
+sys.path.insert(0, sys.argv[1])
+import bridge, numpy, sparse
+
+way, turns = sys.argv[4], []
+def draw(mask, path):
+    turns.append(path)
+    try:
+        if len(turns) == int(sys.argv[3]):
+            os.kill(os.getpid(), signal.SIGTERM)
+    except BaseException as error:
+        if way == "raised":
+            raise RuntimeError("a callback failed") from error
+    clock = sparse.Clock()
+    clock.stop()
+    sparse.write(path, {name: numpy.arange(mask.size, dtype=numpy.float32).reshape(mask.shape) for name in "RGB"}, mask)
+    return mask, clock
+
+def body():
+    parser = bridge.Parser("")
+    sparse.add_arguments(parser)
+    arguments = parser.parse_args(["-o", sys.argv[2], "--density", "0.3", *sys.argv[5:]])
+    frames = sparse.check(arguments)
+    sparse.each("scene", frames, lambda frame: sparse.frame(arguments, frame, (32, 24), draw))
+bridge.run(body, end=os._exit)
+"""
+
+
+@pytest.mark.parametrize("turn, words", [("1", []), ("1", ["--adaptive"]), ("2", ["--adaptive"]), ("5", ["--adaptive"])])
+@pytest.mark.parametrize("way", ["raised", "lost"])
+def test_a_signal_that_a_renderer_turns_into_something_else_ends_the_run(turn, words, way, tmp_path):
+    script, folder = tmp_path / "script.py", tmp_path / "frames"
+    script.write_text(WRAPPED)
+    result = run([sys.executable, script, BRIDGES, folder / "x.exr", turn, way, *words], environment={"LACUNA": LACUNA})
+    told(result, 143, "stopped by SIGTERM")
+    assert here(folder) == []
+
+
+def test_more_rounds_than_pixels_are_refused(tmp_path):
+    result = bridge(MITSUBA, BALL, "-o", tmp_path / "f.exr", *SMALL, "--density", "0.1", "--adaptive", "--rounds", "78")
+    told(result, 2, "--rounds 78 is more than the 77 pixels")
+    assert here(tmp_path) == []
+
+
 def test_a_link_to_a_file_stays_one(tmp_path):
     (tmp_path / "shot").mkdir()
     (tmp_path / "shot" / "x.exr").write_bytes(b"old")

@@ -88,10 +88,22 @@ def needing(packages, otherwise="take the .venv that scripts/env makes"):
         sys.exit(1)
 
 
+# The signal that came, if one did.
+came = None
+
+
 def stop(number, _):
+    global came
+    came = Stopped(number)
     for other in SIGNALS:
         signal.signal(other, signal.SIG_IGN)  # the way out is short, and not to be cut
-    raise Stopped(number)
+    raise came
+
+
+def check_signal():
+    """Raises a signal once more: libraries that call Python may make another exception of it, or none."""
+    if came:
+        raise came from None
 
 
 def run(body, end=sys.exit):
@@ -119,7 +131,11 @@ def run(body, end=sys.exit):
 def attempt(body):
     """The exit status of a body."""
     try:
-        body()
+        try:
+            body()
+        except Exception:
+            check_signal()
+            raise
     except Misuse as misuse:
         complain(f"{misuse} (see '{name()} --help')")
         return 2

@@ -19,7 +19,7 @@ import time
 
 import numpy as np
 
-from bridge import Failure, Misuse, brief
+from bridge import Failure, Misuse, brief, check_signal
 from sequence import frame_name, frame_range, is_pattern, source_name
 
 try:
@@ -171,9 +171,13 @@ def frame(arguments, frame, size, draw, origin=(0, 0)):
         mask = mask_of(arguments, frame, *size, origin)
         say(path, *draw(mask, path))
         return
+    most = max(1, round(arguments.density * size[0] * size[1]))
+    if arguments.rounds > max(most, ROUNDS):
+        raise Misuse(f"--rounds {arguments.rounds} is more than the {most} pixels that are measured")
     # Beside the target, so that the last step is a rename.
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name[:100]}.") as folder:
         so_far, mask, clock = in_rounds(arguments, frame, size, origin, draw, pathlib.Path(folder), path)
+        check_signal()
         so_far.replace(path)
     say(path, mask, clock)
 
@@ -196,6 +200,7 @@ def in_rounds(arguments, frame, size, origin, draw, folder, path):
             found, took = draw(read_mask(next_mask, *size, origin), more)
             make_mask(both, "--merge", so_far, more)
         except Exception as error:
+            check_signal()
             so_far.replace(path)
             reason = str(error) if isinstance(error, Failure) else brief(error)
             raise Failure(f"{path}: round {turn + 1} of {arguments.rounds} failed, the frame has those before it: {reason}") from None
@@ -353,6 +358,7 @@ def temporary(path, ending):
     part = path.with_name(f".{path.name[:200]}.{os.getpid()}{ending}")
     try:
         yield part
+        check_signal()
         part.replace(path)
     except Failure:
         raise
