@@ -101,11 +101,11 @@ struct PatternArgs {
     #[arg(long, value_name = "IMAGE[:CHANNEL]")]
     inside: Option<Source>,
 
-    /// Also pixels where this image is above 0, as for --inside
+    /// Also pixels where this image is above 0, as for --inside; after a first pass those that are missing, beside --add
     #[arg(long, value_name = "IMAGE[:CHANNEL]")]
     always: Option<Source>,
 
-    /// Also the outermost N pixels [default: 0]
+    /// Also the outermost N pixels; after a first pass those that are missing, beside --add [default: 0]
     #[arg(long, value_name = "N")]
     border: Option<usize>,
 }
@@ -118,7 +118,7 @@ struct AfterArgs {
     #[arg(long, value_name = "FRAME", requires = "add", conflicts_with = "merge")]
     after: Option<PathBuf>,
 
-    /// Pixels to compute next over all pixels, 0 to 1
+    /// Pixels to compute next over all pixels, 0 to 1; those of --always and --border come on top
     #[arg(long, value_name = "D", value_parser = fraction, allow_negative_numbers = true)]
     add: Option<f64>,
 

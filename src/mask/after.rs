@@ -16,7 +16,7 @@ use crate::channels::{Choice, Rule, full_names, shown};
 pub struct Next {
     /// Where they lie.
     pub window: Window,
-    /// They, the most useful first, by index row by row.
+    /// They by index row by row: those that are forced, then the others, the most useful first.
     pub pixels: Vec<usize>,
     /// The same as a mask.
     pub mask: Mask,
@@ -26,7 +26,7 @@ pub struct Next {
     pub error: Plane,
 }
 
-/// Chooses `round(add N)` of the N pixels, fewer only if fewer are missing (within the bounds).
+/// Chooses `round(add N)` of the N pixels, fewer only if fewer are missing (within the bounds), beside those that the bounds force.
 ///
 /// Of a multi-part frame the first part that has colour and a mask counts; of its channels, what is nearest to its colour ([`shown`]).
 ///
@@ -57,12 +57,17 @@ pub fn next(
     let samples = Planes::new(size, planes?)?;
     let estimate = refine::estimate_spline(&samples, &mask, &ss::Settings::default(), &Run::default())?;
     let bounds = bounds(window)?;
-    let missing = |pixel: usize| {
+    let is_missing = |row, column| !measured.is_measured(row, column);
+    let is_forced = |row, column| is_missing(row, column) && bounds.forces(size, row, column);
+    let mut pixels: Vec<usize> =
+        (0..size.pixels()).filter(|&pixel| is_forced(pixel / width, pixel % width)).collect();
+    let may_follow = |pixel: usize| {
         let (row, column) = (pixel / width, pixel % width);
-        !measured.is_measured(row, column) && (bounds.admits(row, column) || bounds.forces(size, row, column))
+        is_missing(row, column) && bounds.admits(row, column) && !bounds.forces(size, row, column)
     };
     let count = (add * size.pixels() as f64).round() as usize;
-    let pixels = estimate.next(count, field(window), preference, missing);
+    let (chosen, _) = estimate.next_beside(&pixels, count, field(window), preference, may_follow);
+    pixels.extend(chosen);
     let mut flags = vec![false; size.pixels()];
     for &pixel in &pixels {
         flags[pixel] = true;

@@ -136,6 +136,33 @@ fn a_second_pass_is_chosen_computed_and_united() {
 }
 
 #[test]
+fn what_the_bounds_force_is_measured_next_as_well() {
+    let room = Room::with(&["a.exr"]);
+    room.ok(&["fill", "a.exr", "-o", "filled.exr"]);
+    let mask = values(&room.read("a.exr"), "mask");
+    let width = room.read("a.exr").parts[0].size().width as i64;
+    let height = mask.len() as i64 / width;
+    let is_border = |x: i64, y: i64| x.min(width - 1 - x).min(y).min(height - 1 - y) < 2;
+    let words = ["mask", "--after", "filled.exr", "--add", "0.05"];
+    room.ok(&[&words[..], &["-o", "plain.txt"]].concat());
+    room.ok(&[&words[..], &["-o", "border.txt", "--border", "2"]].concat());
+    room.ok(&["mask", "--size", &format!("{width}x{height}"), "--density", "0.1", "-o", "some.png"]);
+    room.ok(&[&words[..], &["-o", "always.txt", "--always", "some.png"]].concat());
+    room.ok(&["mask", "--size", &format!("{width}x{height}"), "--density", "0.1", "-o", "some.txt"]);
+    let always = points(&room, "some.txt");
+    let (plain, bordered, forced) =
+        (points(&room, "plain.txt"), points(&room, "border.txt"), points(&room, "always.txt"));
+    let all = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    let missing: Vec<(i64, i64)> = all.filter(|(x, y)| mask[(y * width + x) as usize] < 0.5).collect();
+    let border: Vec<_> = missing.iter().filter(|(x, y)| is_border(*x, *y)).collect();
+    assert!(!border.is_empty() && border.iter().all(|pixel| bordered.contains(pixel)));
+    assert_eq!(bordered.len(), (border.len() + plain.len()).min(missing.len()));
+    let due: Vec<_> = always.iter().filter(|pixel| missing.contains(pixel)).collect();
+    assert!(!due.is_empty() && due.iter().all(|pixel| forced.contains(pixel)));
+    assert_eq!(forced.len(), (due.len() + plain.len()).min(missing.len()));
+}
+
+#[test]
 fn second_passes_go_frame_by_frame() {
     let room = Room::with(&["a.0001.exr", "a.0003.exr", "b.0001.exr", "b.0003.exr"]);
     let words = ["mask", "--after", "a.####.exr", "-o", "next.####.txt", "--add", "0.1"];

@@ -235,7 +235,7 @@ impl Estimate {
     }
 
     /// The same beside others that are computed anyway; also the squared distances to what is measured then.
-    pub(super) fn next_beside(
+    pub fn next_beside(
         &self,
         others: &[usize],
         count: usize,
