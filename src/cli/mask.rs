@@ -14,6 +14,7 @@ use crate::commands::{BoundFiles, MaskJob, MaskOutput, MaskTask, NextPass, Union
 use crate::files::ranges::Frames;
 use crate::mask::Source;
 use crate::mask::generate::Request;
+use crate::mask::output::Format;
 use crate::run::granted_memory;
 
 const EXAMPLES: &str = "\
@@ -246,6 +247,9 @@ impl MakeMaskArgs {
         let task = self.task();
         let unused = flags.iter().find(|(_, given, tasks)| *given && !tasks.contains(&task));
         unused.map_or(Ok(()), |(flag, _, tasks)| {
+            if *flag == Generate.flag() {
+                return Err(Usage(format!("{} takes its frames' size: drop {flag}", task.flag())));
+            }
             let owners: Vec<&str> = tasks.iter().map(|task| task.flag()).collect();
             let owners = owners.join(" or ");
             Err(Usage(match task {
@@ -275,12 +279,17 @@ impl MakeMaskArgs {
         let Some([first, second]) = self.after.merge.as_deref() else {
             return Err(Usage("--merge takes two frames".into()));
         };
+        let output = self.output.needed()?;
+        if !matches!(Format::of(&output.path), Ok(Format::Exr)) {
+            let path = output.path.display();
+            return Err(Usage(format!("--merge writes a frame, and '{path}' does not end in .exr")));
+        }
         Ok(MaskTask::Merge(Union {
             first: first.clone(),
             second: second.clone(),
             frames: self.pattern.frames.clone(),
             source: self.after.source(),
-            output: self.output.needed()?,
+            output,
         }))
     }
 

@@ -68,6 +68,9 @@ fn nonsense_is_refused_in_one_line() {
         ("-o m.exr --after f.exr", "--add"),
         ("-o m.exr --size 4x4 --density 0.1 --pattern halton", "halton"),
         ("-o m.exr --merge a.exr", "2 values"),
+        ("-o m.png --merge a.exr b.exr", "'m.png' does not end in .exr"),
+        ("-o m --merge a.exr b.exr", "'m' does not end in .exr"),
+        ("-o m.exr --size 4x4 --after f.exr --add 0.1", "--after takes its frames' size: drop --size"),
     ] {
         let error = job(words).unwrap_err();
         assert!(error.contains(reason), "{words}: {error}");
