@@ -15,7 +15,7 @@ use crate::mask::generate::field;
 use crate::mask::rounds::{self, ROUNDS, Rounds};
 
 use crate::mask::{self, MaskFile, PATTERN, SEED};
-use crate::reconstruct::{DERIVED, FILLING, Stamp, output_compression};
+use crate::reconstruct::{Stamp, of_other_pixels, output_compression, remove};
 
 mod in_rounds;
 
@@ -220,11 +220,6 @@ fn of_every_part(frame: &Frame, mask: &Arc<Mask>) -> Result<Vec<Arc<Mask>>, Erro
     (0..frame.parts.len()).map(one).collect()
 }
 
-/// Attributes that would lie about the sparse part: made from its pixels, said of its filling, or of complete channels.
-fn stale() -> impl Iterator<Item = &'static str> {
-    DERIVED.iter().chain(FILLING).copied().chain([DENSE, ROUNDS])
-}
-
 fn make_sparse(
     part: &mut Part,
     mask: &Mask,
@@ -267,9 +262,9 @@ fn make_sparse(
         }
         Pattern::Given { name, .. } => part.attributes.set_text(PATTERN, name),
     }
-    let dropped = stale().filter(|name| part.attributes.remove(name));
+    let mut dropped = remove(&mut part.attributes, of_other_pixels().chain([DENSE]));
     // The list of complete channels is written anew.
-    let dropped: Vec<&str> = dropped.filter(|name| *name != DENSE || kept.is_empty()).collect();
+    dropped.retain(|name| *name != DENSE || kept.is_empty());
     if !dropped.is_empty() {
         notes.push(format!("dropped {}, which are about other pixels", dropped.join(", ")));
     }

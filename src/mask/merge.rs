@@ -9,7 +9,6 @@ use lacuna_exr::{Channel, Frame, Part, Samples};
 use lacuna_filters::Mask;
 
 use super::{ATTRIBUTE, MakeError, Masks};
-use crate::mask::rounds::ROUNDS;
 use crate::mask::{PATTERN, SEED};
 
 /// The channel that is added to a part without one.
@@ -26,11 +25,11 @@ pub struct Merged {
     pub notes: Vec<String>,
 }
 
-/// Unites `b` into `a`.
+/// Unites `b` into `a`; attributes named in `stale` would lie about what was united.
 ///
 /// # Errors
 /// Frames that differ in parts, windows, channels or their types; a frame in which a part has a mask and in the other not.
-pub fn merge(a: (Frame, &Masks), b: (&Frame, &Masks)) -> Result<Merged, MakeError> {
+pub fn merge(a: (Frame, &Masks), b: (&Frame, &Masks), stale: &[&str]) -> Result<Merged, MakeError> {
     let ((mut frame, first), (other, second)) = (a, b);
     if frame.parts.len() != other.parts.len() {
         let (a, b) = (frame.parts.len(), other.parts.len());
@@ -84,6 +83,9 @@ pub fn merge(a: (Frame, &Masks), b: (&Frame, &Masks)) -> Result<Merged, MakeErro
             measured += union.count();
             all += union.as_slice().len();
             finish(part, &union, from_elsewhere);
+            for name in stale {
+                part.attributes.remove(name);
+            }
         }
     }
     if all == 0 {
@@ -160,9 +162,7 @@ fn finish(part: &mut Part, mask: &Mask, add: bool) {
         part.channels.insert(at, channel);
         part.attributes.set_text(ATTRIBUTE, CHANNEL);
     }
-    for name in [SEED, ROUNDS] {
-        part.attributes.remove(name);
-    }
+    part.attributes.remove(SEED);
     part.attributes.set_text(PATTERN, "merged");
 }
 

@@ -56,8 +56,8 @@ pub use noise::{NoiseError, NoiseSource};
 pub(crate) use part::measured_floats;
 pub use report::{ChannelReport, GroupReport, PartReport, Report, named};
 pub use stamp::{
-    ADDED, DENSITY, DERIVED, FILLED_BY, FILLING, FILTER, RENDER, SCENE, Stamp, error_channel,
-    estimated_errors, was_cut_short,
+    ADDED, DENSITY, DERIVED, FILLED_BY, FILTER, RENDER, SCENE, Stamp, error_channel, estimated_errors,
+    of_other_pixels, remove, was_cut_short,
 };
 pub(crate) use values::{convert, kind_for};
 pub use weights::{Weights, WeightsError};
@@ -186,7 +186,7 @@ fn mask_name(part: &Part, masks: &Masks, index: usize) -> String {
 
 /// Removes the attributes that the new pixels turn into lies, and says so.
 fn drop_derived(part: &mut Part) -> Option<String> {
-    let dropped: Vec<&str> = DERIVED.iter().copied().filter(|name| part.attributes.remove(name)).collect();
+    let dropped = stamp::remove(&mut part.attributes, DERIVED.iter().copied());
     (!dropped.is_empty())
         .then(|| format!("dropped {}, which were made from other pixels", dropped.join(", ")))
 }

@@ -8,6 +8,7 @@ use super::{GroupReport, PartReport, estimate};
 use crate::channels::Override;
 use crate::guides;
 use crate::mask::Source;
+use crate::mask::rounds::ROUNDS;
 use crate::temporal::{self, Neighbours};
 
 /// The version that made the part.
@@ -52,7 +53,17 @@ pub const FILLING: &[&str] =
     &[FILTER, SETTINGS, SETTLED, DENSITY, STOP, guides::ATTRIBUTE, estimate::ATTRIBUTE, temporal::ATTRIBUTE];
 
 /// Attributes derived from pixels, which would lie once the pixels differ.
-pub const DERIVED: &[&str] = &["preview", "oiio:SHA-1", "oiio:AverageColor", "oiio:ConstantColor"];
+pub const DERIVED: &[&str] = &["preview", "oiio:SHA-1", "oiio:AverageColor", "oiio:ConstantColor", RENDER];
+
+/// Attributes that would lie about a part once other pixels of it are the measured ones.
+pub fn of_other_pixels() -> impl Iterator<Item = &'static str> {
+    DERIVED.iter().chain(FILLING).copied().chain([ROUNDS])
+}
+
+/// Removes attributes. Returns those that people may miss: what a renderer needs to know its own files by is none of them.
+pub fn remove(attributes: &mut Attributes, names: impl Iterator<Item = &'static str>) -> Vec<&'static str> {
+    names.filter(|name| attributes.remove(name)).filter(|name| *name != RENDER).collect()
+}
 
 /// What a filled part says about its making.
 #[derive(Clone, Debug, PartialEq)]

@@ -128,5 +128,5 @@ fn with_surfaces(size: Size, depth: &[f32], places: &[[f32; 2]]) -> Option<Vec<[
 
 /// What the depth of a frame is likely measured along: lacuna's own is along the ray.
 fn conventions(part: &Part) -> &'static [Depth] {
-    if part.attributes.get("lacuna/render").is_some() { &[Depth::Ray] } else { &[Depth::Plane, Depth::Ray] }
+    if part.attributes.get("lacuna/scene").is_some() { &[Depth::Ray] } else { &[Depth::Plane, Depth::Ray] }
 }

@@ -163,6 +163,18 @@ fn what_the_bounds_force_is_measured_next_as_well() {
 }
 
 #[test]
+fn the_union_of_a_fill_and_a_second_pass_is_sparse_and_can_be_filled() {
+    let room = Room::with(&["a.exr", "b.exr"]);
+    room.ok(&["fill", "a.exr", "-o", "filled.exr"]);
+    room.ok(&["mask", "--merge", "filled.exr", "b.exr", "-o", "both.exr"]);
+    let both = room.read("both.exr");
+    let told = ["filter", "settings", "density", "estimate"].map(|name| format!("lacuna/{name}"));
+    assert!(told.iter().all(|name| both.parts[0].attributes.get(name).is_none()));
+    room.ok(&["fill", "both.exr", "-o", "again.exr"]);
+    room.ok(&["verify", "both.exr", "again.exr"]);
+}
+
+#[test]
 fn second_passes_go_frame_by_frame() {
     let room = Room::with(&["a.0001.exr", "a.0003.exr", "b.0001.exr", "b.0003.exr"]);
     let words = ["mask", "--after", "a.####.exr", "-o", "next.####.txt", "--add", "0.1"];

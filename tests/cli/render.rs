@@ -174,6 +174,35 @@ fn an_update_makes_anew_what_is_another_frame_or_another_kind_of_file() {
     assert!(to("f.exr", &fill).contains("1 of 1 frame rendered"), "an estimate is wanted now");
 }
 
+#[test]
+fn what_was_made_of_a_render_is_no_render() {
+    let room = tempfile::tempdir().unwrap();
+    let path = |name: &str| room.path().join(name);
+    let base = ["render", HEAD, "--size", "40x30"];
+    let sparse = [&base[..], &["--density", "0.2", "--adaptive"]].concat();
+    done(room.path(), &[&base[..], &["-o", "full.exr"]].concat());
+    done(room.path(), &[&sparse[..], &["-o", "some.exr"]].concat());
+    let said = done(room.path(), &["sparsify", "full.exr", "-o", "tenth.exr", "--density", "0.1"]);
+    assert!(!said.contains("dropped"), "{said}");
+    let said = done(room.path(), &["fill", "some.exr", "-o", "filled.exr"]);
+    assert!(!said.contains("dropped"), "{said}");
+    done(room.path(), &["verify", "some.exr", "filled.exr"]);
+    done(room.path(), &["mask", "--after", "some.exr", "--add", "0.05", "-o", "next.exr"]);
+    done(room.path(), &[&base[..], &["--mask", "next.exr", "-o", "more.exr"]].concat());
+    done(room.path(), &["mask", "--merge", "some.exr", "more.exr", "-o", "merged.exr"]);
+    for (made, words) in [("tenth.exr", &base[..]), ("filled.exr", &sparse), ("merged.exr", &sparse)] {
+        std::fs::rename(path(made), path("again.exr")).unwrap();
+        let said = done(room.path(), &[words, &["-o", "again.exr", "-u"]].concat());
+        assert!(said.contains("1 of 1 frame rendered"), "{made}: {said}");
+        let said = done(room.path(), &[words, &["-o", "again.exr", "-u"]].concat());
+        assert!(said.contains("1 skipped"), "{said}");
+    }
+    let fill = [&sparse[..], &["-o", "one.exr", "--fill", "ss", "-u"]].concat();
+    done(room.path(), &fill);
+    assert!(done(room.path(), &fill).contains("1 skipped"));
+    done(room.path(), &["verify", "some.exr", "one.exr"]);
+}
+
 /// A volume of that many bytes, its header apart.
 fn detached_volume(folder: &Path, value: u8) {
     let header = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 8 8 8\nencoding: raw\ndata file: v.raw\n";

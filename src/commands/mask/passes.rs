@@ -15,6 +15,7 @@ use crate::files::ranges::Frames;
 use crate::files::reports;
 use crate::mask::output::{Listing, write_floats, write_mask};
 use crate::mask::{self, MakeError, MaskFile, Masks, PATTERN, SEED, Source, after, merge};
+use crate::reconstruct::of_other_pixels;
 use crate::run::console::Console;
 use crate::run::memory;
 
@@ -87,7 +88,8 @@ pub fn unite(task: &Union, memory: Option<u64>, console: &Console) -> Result<u8,
         let limits = memory::reading(memory);
         let (a, a_masks) = read(first, &source, limits)?;
         let (b, b_masks) = read(&second, &source, limits)?;
-        let merged = merge::merge((a, &a_masks), (&b, &b_masks)).map_err(failed(&second))?;
+        let merged = merge::merge((a, &a_masks), (&b, &b_masks), &of_other_pixels().collect::<Vec<_>>());
+        let merged = merged.map_err(failed(&second))?;
         merged.notes.iter().for_each(|note| console.warning(&format!("{}: {note}", second.display())));
         let options = WriteOptions { compression_level: None, over: Over::unless(task.output.no_clobber) };
         let written = lacuna_exr::write(&merged.frame, &output, &options).map_err(MakeError::from);

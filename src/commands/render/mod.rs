@@ -451,7 +451,11 @@ impl Render<'_> {
         let run = Run { interrupt: Some(&interrupt) };
         let masks = mask::find(&frame, &what.mask, None).map_err(|error| failed(&error))?;
         let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
-        reconstruct::fill(frame, &masks, &choices, &what, &self.plans, &run).map_err(|error| failed(&error))
+        let done = reconstruct::fill(frame, &masks, &choices, &what, &self.plans, &run);
+        let (mut frame, report) = done.map_err(|error| failed(&error))?;
+        let settings = settings(self.job, &self.scene, item.number);
+        frame.parts.iter_mut().for_each(|part| part.attributes.set_text(RENDER, &settings));
+        Ok((frame, report))
     }
 }
 

@@ -11,7 +11,7 @@ fn render(values: [f32; 4], id: [u32; 4], measured: [f32; 4]) -> Frame {
 
 fn of(a: &Frame, b: &Frame) -> Result<Merged, MakeError> {
     let find = |frame: &Frame| mask::find(frame, &Source::Auto, None).unwrap();
-    merge((a.clone(), &find(a)), (b, &find(b)))
+    merge((a.clone(), &find(a)), (b, &find(b)), &["lacuna/filter"])
 }
 
 #[test]
@@ -31,10 +31,10 @@ fn either_measured_is_measured_and_the_first_goes_first() {
 #[test]
 fn what_is_said_of_the_pattern_of_one_goes() {
     let mut a = render([1.0; 4], [1; 4], [1.0, 1.0, 0.0, 0.0]);
-    a.parts[0].attributes.set_text(ROUNDS, "2 error=1.00e-2");
+    a.parts[0].attributes.set_text("lacuna/filter", "ss");
     a.parts[0].attributes.set_text(SEED, "3");
     let part = &of(&a, &a).unwrap().frame.parts[0];
-    assert_eq!([ROUNDS, SEED].map(|name| part.attributes.text(name)), [None, None]);
+    assert_eq!(["lacuna/filter", SEED].map(|name| part.attributes.text(name)), [None, None]);
 }
 
 #[test]
