@@ -202,7 +202,8 @@ impl Workers {
                 row.psnr().map_or_else(String::new, |psnr| format!("{psnr:.2} dB"))
             ));
             if let Some(error) = &row.error {
-                console.error(&format!("{}: {error}", row.key));
+                let Row { frame, pattern, density, seed, filter, .. } = &row;
+                console.error(&format!("{frame}: {filter}, {pattern} {density}, seed {seed}: {error}"));
             }
             state.1.push(row);
             console.advance(1);
