@@ -4,7 +4,7 @@ use clap::Args;
 use lacuna_filters::sampling::adaptive::Settings;
 
 use super::Usage;
-use super::numbers::{fraction, one_or_more, zero_or_more};
+use super::numbers::{density, one_or_more, zero_or_more};
 
 /// In which rounds pixels are chosen.
 #[derive(Args, Clone, Debug)]
@@ -18,7 +18,7 @@ pub struct AdaptiveArgs {
     rounds: Option<u32>,
 
     /// Density of the first round [default: 0.2 of --density]
-    #[arg(long, value_name = "D", requires = "adaptive", value_parser = fraction, allow_hyphen_values = true)]
+    #[arg(long, value_name = "D", requires = "adaptive", value_parser = density, allow_hyphen_values = true)]
     first: Option<f64>,
 
     /// Stop when the estimated error (RMSE over the measured range, logarithmic above 1) is at most this; --density is then the most

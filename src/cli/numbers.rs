@@ -24,11 +24,23 @@ pub fn density(text: &str) -> Result<f64, String> {
     part(text, "above 0 and at most 1", |value| *value > 0.0 && *value <= 1.0)
 }
 
+/// Whole numbers of a scene's file have a sign.
+pub fn seed_of_scene(text: &str) -> Result<u64, String> {
+    let most = i64::MAX.unsigned_abs();
+    number(text, format_args!("from 0 to {most}"), |value: &u64| *value <= most)
+}
+
+/// The length of a step in voxels.
+pub fn step(text: &str) -> Result<f64, String> {
+    number(text, "from 0.001 to 1000", |value: &f64| (1e-3..=1e3).contains(value))
+}
+
 fn part(text: &str, range: &str, fits: impl Fn(&f64) -> bool) -> Result<f64, String> {
-    let percent =
-        text.trim_end_matches([' ', '%']).parse().ok().map(|value: f64| value / 100.0).filter(&fits);
+    let bare = text.trim_end_matches([' ', '%']);
+    // By its digits: a division would show what it rounds.
+    let percent = format!("{bare}e-2").parse().ok().filter(&fits);
     number(text, range, fits).map_err(|why| match percent {
-        Some(part) => format!("{why}: {} % is {part}", text.trim_end_matches([' ', '%'])),
+        Some(part) => format!("{why}: {bare} % is {part}"),
         None => why,
     })
 }

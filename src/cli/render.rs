@@ -10,7 +10,7 @@ use lacuna_volume::{InterpolationName, ModeName, Override, PROCEDURAL};
 
 use super::Usage;
 use super::adaptive::AdaptiveArgs;
-use super::numbers::density;
+use super::numbers::{density, seed_of_scene, step};
 use super::output::{Depth, FormatArgs, OutputArgs};
 use super::run::{PageArgs, RunArgs};
 use super::settings::FilterName;
@@ -108,7 +108,7 @@ struct SceneArgs {
     interpolation: Option<InterpolationName>,
 
     /// Length of a step in voxels, 0.001 to 1000; smaller is finer and slower
-    #[arg(long, value_name = "VOXELS")]
+    #[arg(long, value_name = "VOXELS", value_parser = step, allow_negative_numbers = true)]
     step: Option<f64>,
 
     /// Samples a pixel, 1 or more
@@ -116,7 +116,7 @@ struct SceneArgs {
     samples: Option<u32>,
 
     /// Seed of the patterns of pixels and samples; the output records it
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = seed_of_scene)]
     seed: Option<u64>,
 
     /// Any value of the scene, such as camera.azimuth=30 or march.preintegrated=true; may be given again

@@ -493,6 +493,17 @@ fn sparsify_takes_a_density_or_a_mask() {
     assert_eq!(mask, SparsifyPattern::Mask("m.exr:R".parse().unwrap()));
     assert!(usage("sparsify a.exr -o b.exr --density 0").contains("above 0 and at most 1"));
     assert!(usage("sparsify a.exr -o b.exr --density 20%").contains("20 % is 0.2"));
+    let told = usage("sparsify a.exr -o b.exr --density 1.1%");
+    assert!(told.contains("1.1 % is 0.011") && !told.contains("0.0110"), "{told}");
+    for (words, why) in [
+        ("--seed 18446744073709551615", "from 0 to 9223372036854775807"),
+        ("--step nan", "from 0.001 to 1000"),
+        ("--step -1", "from 0.001 to 1000"),
+        ("--density 0.1 --adaptive --first 0", "above 0 and at most 1"),
+    ] {
+        let told = usage(&format!("render a.toml -o b.exr {words}"));
+        assert!(told.contains(why), "{words}: {told}");
+    }
 }
 
 #[test]
