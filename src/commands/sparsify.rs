@@ -138,7 +138,7 @@ impl Work for Sparsify<'_> {
         }
         record.warn(&sparse.notes);
         if let (Some(rounds), SparsifyPattern::Adaptive(settings)) = (&sparse.rounds, &self.job.pattern) {
-            record.chosen(rounds, settings.target).iter().for_each(|text| stage.note(text));
+            record.chosen(rounds, settings.target).iter().for_each(|text| tracing::info!("{text}"));
         }
         let mut frame = sparse.frame;
         if let Some(compression) = self.job.compression {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use crate::files::error::PlanError;
@@ -143,6 +143,8 @@ pub struct Stage<'a> {
     share: &'a Share<'a>,
     console: &'a Console,
     stopped: &'a AtomicBool,
+    /// Pieces of solving that were not told yet.
+    pieces: AtomicU64,
 }
 
 /// Where it is written down what became of each frame.
@@ -186,14 +188,18 @@ impl Stage<'_> {
 
     /// Some pieces of solving are done.
     pub fn piece(&self, pieces: u64) {
-        if pieces > 0 {
-            self.console.advance(pieces);
+        let most = |left: u64| left.saturating_sub(pieces);
+        let (Ok(left) | Err(left)) =
+            self.pieces.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| Some(most(left)));
+        let told = left - most(left);
+        if told > 0 {
+            self.console.advance(told);
         }
     }
 
-    /// Tells something about a frame that went well.
-    pub fn note(&self, text: &str) {
-        self.console.note(text);
+    /// No more pieces come, though some may not have been needed.
+    pub fn end_pieces(&self) {
+        self.piece(u64::MAX);
     }
 
     /// Whether the run is to end.
@@ -238,9 +244,10 @@ pub fn run(
         limits,
         |item| work.need(item),
         |index, item, (permits, share)| {
-            one(index, item, work, &Stage { permits, share, console, stopped: &stopped }, &books);
+            let pieces = AtomicU64::new(work.pieces());
+            one(index, item, work, &Stage { permits, share, console, stopped: &stopped, pieces }, &books);
         },
-        |index, item, refusal| refused(index, item, refusal, console, &books),
+        |index, item, refusal| refused((index, item), refusal, work.pieces(), console, &books),
         || stopped.load(Ordering::SeqCst),
     );
     console.end();
@@ -311,7 +318,7 @@ fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, books: &Bo
     let mut record = books.journal.get(index);
     let result = work.decide(item).and_then(|decision| match decision {
         Decision::Skip(reason) => {
-            stage.console.advance(STEPS + work.pieces());
+            stage.console.advance(STEPS);
             record.pass_over(reason);
             Ok(())
         }
@@ -320,9 +327,12 @@ fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, books: &Bo
             work.frame(item, stage, &mut record)
         }
     });
+    // A signal ends the process: the frame is neither done nor at fault.
+    if result.is_err() && stage.stopped() {
+        return;
+    }
+    stage.end_pieces();
     match result {
-        // A signal ends the process: the frame is neither done nor at fault.
-        Err(_) if stage.stopped() => return,
         Err(failure) => fail(&mut record, item, &failure, stage.console),
         Ok(()) if record.state == State::Skipped => {
             let reason = record.message.as_deref().unwrap_or_default();
@@ -338,12 +348,13 @@ fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, books: &Bo
     books.enter(index, record);
 }
 
-fn refused(index: usize, item: &Item, refusal: Refusal, console: &Console, books: &Books) {
+fn refused((index, item): (usize, &Item), refusal: Refusal, pieces: u64, console: &Console, books: &Books) {
     if refusal == Refusal::NotStarted {
         return;
     }
     let text = why(refusal);
     let mut record = books.journal.get(index);
+    console.advance(pieces);
     fail(&mut record, item, &Failure { file: item.input.clone(), text }, console);
     books.enter(index, record);
 }

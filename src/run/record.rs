@@ -116,7 +116,7 @@ pub struct Record {
     /// The rounds in which pixels were chosen.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub rounds: Vec<Round>,
-    /// Seconds of rendering, where frames are rendered.
+    /// Seconds of rendering, where frames are rendered, without those in which pixels were chosen.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rendered: Option<f64>,
     /// Seconds of filling in memory what was rendered.

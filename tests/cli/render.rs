@@ -203,6 +203,34 @@ fn what_was_made_of_a_render_is_no_render() {
     done(room.path(), &["verify", "some.exr", "one.exr"]);
 }
 
+#[test]
+fn rounds_are_told_of_by_frame_and_to_their_end() {
+    let room = tempfile::tempdir().unwrap();
+    let rounds = ["--size", "40x30", "--density", "0.3", "--adaptive", "--progress", "plain"];
+    let base = [&["render", HEAD, "-o", "a.#.exr", "--frames", "3"][..], &rounds].concat();
+    let said = done(room.path(), &[&base[..], &["--target-error", "0.9", "--fill", "ss"]].concat());
+    assert!(said.contains("Progress: 100%"), "{said}");
+    for told in ["the target error of 0.9 is reached", "rendered in"] {
+        let line = said.lines().find(|line| line.contains(told)).unwrap();
+        assert!(line.contains("(frame 3): "), "{line}");
+    }
+    done(room.path(), &[&base[..], &["--fill", "ss", "--json", "r.json"]].concat());
+    let report: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(room.path().join("r.json")).unwrap()).unwrap();
+    let seconds = |value: &serde_json::Value| value.as_f64().unwrap();
+    let frame = &report["frames"][0];
+    let chosen: f64 = frame["rounds"].as_array().unwrap().iter().map(|round| seconds(&round["chosen"])).sum();
+    let [rendered, filled] = ["rendered", "filled"].map(|name| seconds(&frame[name]));
+    assert!(chosen > 0.0 && rendered + chosen + filled <= seconds(&frame["seconds"]["solve"]), "{frame}");
+
+    let output = lacuna(room.path(), &[&base[..], &["--rounds", "1000000", "--volume", "no.nrrd"]].concat());
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.code() == Some(2) && said.contains("1 to 360, the pixels that are measured"),
+        "{said}"
+    );
+}
+
 /// A volume of that many bytes, its header apart.
 fn detached_volume(folder: &Path, value: u8) {
     let header = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 8 8 8\nencoding: raw\ndata file: v.raw\n";

@@ -138,8 +138,17 @@ fn without_scene(job: &RenderJob, plan: &Plan, error: PlanError) -> PlanError {
     written.err().map_or_else(|| error.clone(), |more| PlanError::Failed(format!("{text}; {more}")))
 }
 
-/// The scene, and the folder that its paths are relative to.
+/// The scene, and the folder that its paths are relative to; its picture has pixels for all rounds.
 fn scene(job: &RenderJob) -> Result<(Scene, PathBuf), PlanError> {
+    let (scene, folder) = read_scene(job)?;
+    if let Pixels::Adaptive(settings) = &job.pixels {
+        let [width, height] = scene.image.size;
+        settings.check(width * height).map_err(|error| PlanError::Usage(format!("--adaptive: {error}")))?;
+    }
+    Ok((scene, folder))
+}
+
+fn read_scene(job: &RenderJob) -> Result<(Scene, PathBuf), PlanError> {
     let failed = |error: lacuna_volume::Error| PlanError::Failed(error.to_string());
     if job.scene.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
         let folder = job.scene.parent().unwrap_or_else(|| Path::new("")).to_path_buf();
@@ -261,18 +270,18 @@ impl Work for Render<'_> {
         self.page.look(item, &frame, |_, _| mask.as_deref());
         record.density = Some(mask.as_ref().map_or(1.0, |mask| mask.density()));
         if let Some((rounds, target)) = &rounds {
-            record.chosen(rounds, *target).iter().for_each(|text| stage.note(text));
+            record.chosen(rounds, *target).iter().for_each(|text| tracing::info!("{text}"));
         }
-        record.rendered = Some(seconds.0);
+        let choosing: f64 = record.rounds.iter().map(|round| round.chosen).sum();
+        let rendered = seconds.0 - choosing;
+        record.rendered = Some(rendered);
         record.filled = seconds.1;
         if let Some(report) = &told {
             super::fill::tell(report, record);
         }
         if let Some(filled) = seconds.1 {
-            let choosing: f64 = record.rounds.iter().map(|round| round.chosen).sum();
             let chosen = if choosing > 0.0 { format!("chosen in {choosing:.2} s, ") } else { String::new() };
-            stage
-                .note(&format!("rendered in {:.2} s, {chosen}filled in {filled:.2} s", seconds.0 - choosing));
+            tracing::info!("rendered in {rendered:.2} s, {chosen}filled in {filled:.2} s");
         }
         outputs::write(&frame, item, (self.job.existing, self.job.level), stage, record)
     }

@@ -73,6 +73,7 @@ impl Render<'_> {
             }
             Ok(Arc::clone(&colours))
         });
+        stage.end_pieces();
         let mut found = found.map_err(|error| Failure::at(&item.input, error))?;
         let rays = u64::from(all.samples) * if all.gradients { 5 } else { 1 };
         for round in &mut found.rounds {
