@@ -149,6 +149,17 @@ def test_a_sparse_frame_is_refused_until_it_is_filled(tmp_path):
     tool.lacuna("study", "-q", tmp_path / "filled.toml", "-o", tmp_path / "out")
 
 
+def test_a_cell_that_fails_is_named_as_its_reader_knows_it(tmp_path):
+    image = frames.colour(tool.SAMPLES / "smooth.exr")[:8, :8].astype(np.float32)
+    frames.write(tmp_path / "small.exr", dict(zip("RGB", np.moveaxis(image, -1, 0))))
+    path = tmp_path / "study.toml"
+    path.write_text('patterns = ["random"]\ndensities = [0.001]\nseeds = [2]\nfilters = ["nearest"]\n'
+                    '[[frames]]\nname = "tiny"\nfile = "small.exr"\nclass = "smooth"\n')
+    result = tool.lacuna("study", path, "-o", tmp_path / "out", ok=False)
+    errors = [line for line in result.lines() if "error:" in line]
+    assert errors and errors[0].startswith("lacuna: error: tiny: nearest, random 0.001, seed 2: "), result
+
+
 def test_a_journal_that_was_cut_is_continued(study, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
