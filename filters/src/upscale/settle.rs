@@ -11,7 +11,7 @@
 //! Bounds: the range that all measured values keep (no negative light; alpha within 0 and 1), and, for boxes and grids, that of
 //! [`crate::limiter`] for the 3 x 3 low-resolution pixels around: half the least to twice the greatest of them.
 //!
-//! Algorithm. Where the footprints share no pixel (a box at a whole factor), each is a problem of its own:
+//! Algorithm. Where the footprints share no pixel (a box at a whole factor, narrow Gaussians at some), each is a problem of its own:
 //! `x = clamp(x0 + t, low, high)`, with the one `t` that gives the mean; found by bisection, then Newton's step. A grid has
 //! nothing to keep but its samples, which have their bits; a spline of points is clamped, as its samples are within bounds. Otherwise
 //! the dual, `x = clamp(x0 + R' l, low, high)`: of boxes footprint by footprint (`relax`), of the others all together (`dual`), until `|R x - y|` is at most `TOLERANCE` of the largest
@@ -91,7 +91,7 @@ fn between(target: &Plane, bounds: &Bounds) -> Plane {
     target
 }
 
-/// A box at a whole factor: cell by cell.
+/// A box at a whole factor, or a narrow Gaussian, whose cells may differ in height: cell by cell.
 fn in_cells(
     [rows, columns]: &[Vec<std::ops::Range<usize>>; 2],
     samples: &Plane,
@@ -99,9 +99,10 @@ fn in_cells(
     plane: &mut Plane,
 ) -> Moved {
     let width = plane.size().width;
-    let tall = rows.first().map_or(1, std::ops::Range::len);
-    let strips = plane.pixels_mut().par_chunks_mut(tall * width).enumerate();
-    let counts = strips.map(|(i, strip)| {
+    let mut rest = plane.pixels_mut();
+    let strips: Vec<&mut [f32]> =
+        rows.iter().filter_map(|rows| rest.split_off_mut(..rows.len() * width)).collect();
+    let counts = strips.into_par_iter().enumerate().map(|(i, strip)| {
         let mut values = Vec::new();
         let mut moved = Moved::default();
         for (j, range) in columns.iter().enumerate() {

@@ -1,5 +1,7 @@
 //! The methods as a whole.
 
+use proptest::prelude::*;
+
 use super::*;
 use crate::baseline::testing;
 use crate::variational::tv;
@@ -358,4 +360,41 @@ fn means_beside_the_range_by_a_rounding_are_taken_into_it() {
     let plan = Plan::new(geometry(low, high, Sampling::Box), Method::Ss).unwrap();
     let large = plan.enlarge(&y, &LIGHT, &Run::default()).unwrap().plane;
     assert!(large.pixels().iter().all(|value| (0.0..f32::INFINITY).contains(value)));
+}
+
+/// Of narrow Gaussians some share no pixel, and have cells of several sizes.
+fn any_model() -> impl Strategy<Value = Sampling> {
+    prop_oneof![
+        2 => (0.5..0.6).prop_map(Sampling::Gaussian),
+        1 => (0.6..=1.5).prop_map(Sampling::Gaussian),
+        1 => Just(Sampling::Box),
+        1 => Just(Sampling::Point),
+        1 => Just(Sampling::Mitchell),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(192))]
+
+    #[test]
+    fn any_factor_and_any_model_give_finite_images_and_cells_their_means(
+        height in 1..12_usize, width in 1..12_usize, factor in 1.0..2.5_f64, sampling in any_model(),
+        first in -0.99..=0.0_f64,
+    ) {
+        let samples = scene(Size::new(height, width));
+        let mut geometry = Geometry::scaled(samples.size(), factor, sampling);
+        for shift in [0.0, first] {
+            // As far as the last given pixel reaches.
+            let Axis { inputs, scale, .. } = geometry.vertical;
+            let outputs = (inputs as f64 * scale - shift - 1e-9).ceil() as usize;
+            geometry.vertical = Axis { inputs, outputs, scale, shift };
+            for method in [Method::Ss, Method::Tv(tv::Settings { max_iterations: 20, ..tv::Settings::default() })] {
+                let plan = Plan::new(geometry, method).unwrap();
+                let large = plan.enlarge(&samples, &LIGHT, &Run::default()).unwrap();
+                prop_assert_eq!(large.plane.size(), geometry.high());
+                prop_assert!(large.plane.pixels().iter().all(|value| value.is_finite()));
+                prop_assert!(plan.cells.is_none() || off(&plan, &large.plane, &samples) < 1e-5);
+            }
+        }
+    }
 }
