@@ -37,7 +37,8 @@ fn offset(step: i64, seed: u64, frame: i64) -> (i64, i64) {
     // A stride near the golden share of the block, coprime with it, visits all places far apart.
     let golden = (count as f64 * 0.618_033_988_749_894_9).round().max(1.0) as i64;
     let stride = (golden..=golden + count).find(|&stride| gcd(stride, count) == 1).unwrap_or(1);
-    let place = (start + frame.rem_euclid(count) * stride).rem_euclid(count);
+    let steps = i128::from(frame.rem_euclid(count)) * i128::from(stride);
+    let place = ((i128::from(start) + steps) % i128::from(count)) as i64;
     (place % step, place / step)
 }
 

@@ -20,6 +20,9 @@ pub enum Temporal {
     Complementary,
 }
 
+/// Frames from which on `k D` in f64 would lose the digits of its fraction that ranks need.
+const LATE: u64 = 1 << 32;
+
 /// A half-open interval of ranks, modulo 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Band {
@@ -37,8 +40,27 @@ impl Band {
     ///
     /// Neighbours share their end to the bit, so nothing is left between them.
     pub fn of_frame(density: f64, k: i64) -> Self {
-        let (from, to) = (k as f64 * density, (k + 1) as f64 * density);
+        if k.unsigned_abs() >= LATE
+            && let Some(band) = Self::late(density, k)
+        {
+            return band;
+        }
+        let (from, to) = (k as f64 * density, k.saturating_add(1) as f64 * density);
         Self { low: from - from.floor(), high: to - from.floor() }
+    }
+
+    /// The same in whole numbers; nothing for densities so small that no rank lies in them.
+    fn late(density: f64, k: i64) -> Option<Self> {
+        const DIGITS: u32 = f64::MANTISSA_DIGITS - 1;
+        let (exponent, digits) = (density.to_bits() >> DIGITS, density.to_bits() & ((1 << DIGITS) - 1));
+        // The density is `length` parts of a turn of so many; times a frame it is below 2^116.
+        let length = i128::from(digits | (1 << DIGITS));
+        let turn = 1_i128 << 1075_u64.checked_sub(exponent).filter(|parts| *parts < 120)?;
+        let from = (i128::from(k) * length).rem_euclid(turn);
+        let to = from + length;
+        let part = |parts: i128| parts as f64 / turn as f64;
+        let high = if to < turn { part(to) } else { 1.0 + part(to - turn) };
+        Some(Self { low: part(from), high })
     }
 
     /// The first of the ranks `0, 1, ... one - 1` over `one` that lies in it, and how many from there on, modulo `one`, do.
@@ -141,6 +163,42 @@ mod tests {
                 let times = masks.iter().filter(|mask| mask.as_slice()[pixel]).count();
                 assert_eq!(times, 1, "{pattern:?} {pixel}");
             }
+        }
+    }
+
+    /// Beyond 2^53 a frame and the next one are the same number of f64.
+    #[test]
+    fn frames_of_any_number_cover_every_pixel_once_per_turn() {
+        for start in [1 << 40, 1 << 53, i64::MAX - 4, i64::MIN, -(1 << 53) - 2, (1 << 32) - 2] {
+            let masks: Vec<Mask> = (start..start + 4)
+                .map(|k| mask(Pattern::Shuffle, FIELD, 0.25, 5, Temporal::Complementary, k).unwrap())
+                .collect();
+            for pixel in 0..FIELD.size.pixels() {
+                let times = masks.iter().filter(|mask| mask.as_slice()[pixel]).count();
+                assert_eq!(times, 1, "{start} {pixel}");
+            }
+            let third = mask(Pattern::Random, FIELD, 0.3, 5, Temporal::Complementary, start).unwrap();
+            assert!((third.density() - 0.3).abs() < 0.03, "{start}: {}", third.density());
+        }
+        for density in [0.0, f64::MIN_POSITIVE, 1e-30, 1.0] {
+            for frame in [i64::MAX, i64::MIN] {
+                for pattern in [Pattern::Random, Pattern::Grid] {
+                    let mask = mask(pattern, FIELD, density, 5, Temporal::Complementary, frame).unwrap();
+                    assert!(
+                        if density < 1.0 { mask.count() <= 1 } else { mask.is_full() },
+                        "{density} {frame}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn late_bands_are_those_of_early_ones() {
+        for (density, k) in [(0.3, 7), (0.25, -9), (1.0, 3), (1e-3, 12_345)] {
+            let (late, early) = (Band::late(density, k).unwrap(), Band::of_frame(density, k));
+            let off = (late.low - early.low).abs().max((late.high - early.high).abs());
+            assert!(off < 1e-12, "{density} {k} {off}");
         }
     }
 
