@@ -93,7 +93,7 @@ pub fn describe(frame: &Frame, masks: Result<&Masks, &mask::Error>, choices: &[V
 fn why_none(frame: &Frame, error: &mask::Error) -> String {
     // A mask that is named and was not found, in a part that nobody filled.
     let is_named = |part: &Part| {
-        part.attributes.text(mask::ATTRIBUTE).is_some() && reconstruct::filled_by(part, None, 0).is_none()
+        part.attributes.text(mask::ATTRIBUTE).is_some() && mask::filled_by(part, None, 0).is_none()
     };
     match error {
         mask::Error::NotFound { hint: None, .. } if !frame.parts.iter().any(is_named) => {
@@ -129,7 +129,7 @@ fn part_info(part: &Part, index: usize, masks: Option<&Masks>, choices: &[Choice
             no_mask: masks.and_then(reason).filter(|_| choice.rule != Rule::Keep),
         }
     });
-    let filled_by = reconstruct::filled_by(part, masks, index);
+    let filled_by = mask::filled_by(part, masks, index);
     PartInfo {
         name: part.name(),
         view: part.view(),

@@ -11,7 +11,7 @@ use crate::files::inputs::{Selection, resolve};
 use crate::guides::{self, Asked};
 use crate::info::{self, Info};
 use crate::mask::{self, MaskFile, Masks, Source};
-use crate::reconstruct::{blank, filled_before};
+use crate::reconstruct::blank;
 use crate::run::batch::Failure;
 use crate::run::memory;
 
@@ -131,7 +131,7 @@ fn describe(job: &InfoJob, path: &Path) -> Result<Described, PlanError> {
     let masks = found.as_ref().unwrap_or(&none);
     let mut choices = channels::choose(&frame, &masks.mask_channels, &job.overrides);
     // A channel that was filled is none that was complete.
-    let sparse = filled_before(&frame, masks).map(|_| {
+    let sparse = mask::filled_before(&frame, masks).map(|_| {
         let mut sparse = frame.clone();
         blank(&mut sparse, masks, &choices);
         sparse

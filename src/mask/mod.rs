@@ -13,6 +13,7 @@ pub mod crop;
 mod empty;
 mod error;
 mod file;
+mod filled;
 mod find;
 pub mod generate;
 pub mod judge;
@@ -33,6 +34,7 @@ use std::sync::Arc;
 pub use empty::why_empty;
 pub use error::Error;
 pub use file::MaskFile;
+pub use filled::{filled_before, filled_by};
 pub use find::find;
 use half::slice::HalfFloatSliceExt;
 use lacuna_core::parallel::prelude::*;
@@ -43,6 +45,8 @@ pub use source::{Source, SourceError};
 
 /// The attribute that names the mask channel of a part.
 pub const ATTRIBUTE: &str = "lacuna/mask";
+/// The attribute that names the filter of a part that was filled.
+pub const FILTER: &str = "lacuna/filter";
 /// The attribute that holds the seed of a generated pattern, as text.
 pub const SEED: &str = "lacuna/seed";
 /// The attribute that says which pattern the mask is.

@@ -1,29 +1,13 @@
-//! Frames that were filled already: how they are recognised, and how they become sparse again.
+//! Frames that were filled already: what was done to them, and how they become sparse again.
 
 use half::f16;
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
 
-use super::stamp::{FILTER, Stamp};
+use super::stamp::Stamp;
 use crate::channels::{Choice, Name, Rule, by_default};
 use crate::guides;
 use crate::mask::Masks;
-
-/// The filter that filled the missing pixels of a frame already: its name stands in a part, and values stand at pixels that are missing.
-pub fn filled_before(frame: &Frame, masks: &Masks) -> Option<String> {
-    let mut parts = frame.parts.iter().enumerate();
-    let filled = |(index, part): (usize, &Part)| {
-        part.attributes.text(FILTER).filter(|_| values_at_missing(part, masks, index) == Some(true))
-    };
-    parts.find_map(filled)
-}
-
-/// The filter that filled a part, as far as masks, if there are any, do not say otherwise.
-pub fn filled_by(part: &Part, masks: Option<&Masks>, index: usize) -> Option<String> {
-    let filter = part.attributes.text(FILTER)?;
-    let blank = masks.is_some_and(|masks| values_at_missing(part, masks, index) == Some(false));
-    (!blank).then_some(filter)
-}
 
 /// Whether a part of a frame says that its measured pixels were smoothed.
 pub fn was_smoothed(frame: &Frame) -> bool {
@@ -37,24 +21,6 @@ pub fn was_smoothed(frame: &Frame) -> bool {
 /// Whether a part says that it was enlarged.
 pub fn is_enlarged(part: &Part) -> bool {
     Stamp::read(&part.attributes).is_some_and(|stamp| stamp.setting("upscale").is_some())
-}
-
-/// Whether a channel that filling changes has a value at a missing pixel; nothing where none is missing.
-fn values_at_missing(part: &Part, masks: &Masks, index: usize) -> Option<bool> {
-    let mut any = None;
-    for (number, channel) in part.channels.iter().enumerate() {
-        let Some(mask) = masks.get(index, number).filter(|mask| !mask.is_full()) else { continue };
-        if masks.is_mask_channel(index, number) || by_default(part, number).0 == Rule::Keep {
-            continue;
-        }
-        let values = channel.samples.as_f32();
-        let mut missing = values.iter().zip(mask.as_slice()).filter(|(_, measured)| !**measured);
-        if missing.any(|(value, _)| value.is_finite() && *value != 0.0) {
-            return Some(true);
-        }
-        any = Some(false);
-    }
-    any
 }
 
 /// What to say of a frame in which every measured value is 0 and missing ones are not: a mask of 1 where nothing was measured leaves that.

@@ -44,7 +44,7 @@ pub use energy::Energy;
 pub use enlarge::{Enlarge, Target, Windows, enlarge};
 pub use error::Error;
 pub use estimate::{Estimated, Gate};
-pub use filled::{blank, filled_before, filled_by, inverted, is_enlarged, was_smoothed};
+pub use filled::{blank, inverted, is_enlarged, was_smoothed};
 pub(crate) use groups::usable;
 pub use job::{Job, Kind, output_compression, parse_settings};
 use lacuna_exr::{Frame, Part};

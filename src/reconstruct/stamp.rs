@@ -14,7 +14,7 @@ use crate::temporal::{self, Neighbours};
 /// The version that made the part.
 pub const VERSION: &str = "lacuna/version";
 /// The filter's name.
-pub const FILTER: &str = "lacuna/filter";
+pub const FILTER: &str = crate::mask::FILTER;
 /// Everything else that changes the result.
 pub const SETTINGS: &str = "lacuna/settings";
 /// Settings that the samples chose, by group of channels.

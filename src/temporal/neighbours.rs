@@ -221,7 +221,7 @@ fn read(file: &NeighbourFile, reading: Reading<'_>) -> Read {
     if found.is_empty() {
         return Err("no pixel of it was measured".into());
     }
-    if !reading.again && crate::reconstruct::filled_before(&frame, &found).is_some() {
+    if !reading.again && mask::filled_before(&frame, &found).is_some() {
         return Err(FILLED.into());
     }
     let samples = KeptSamples::take_from(&mut frame, &found);

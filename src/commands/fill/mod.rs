@@ -20,8 +20,8 @@ use crate::mask::shared::MaskFiles;
 use crate::mask::{self, MaskFile, Masks, Source};
 use crate::reconstruct::shared::SharedPlans;
 use crate::reconstruct::{
-    self, Beside, FILTER, Gate, GroupReport, PartReport, Report, energy, estimate, filled_before, inverted,
-    named, was_smoothed,
+    self, Beside, FILTER, Gate, GroupReport, PartReport, Report, energy, estimate, inverted, named,
+    was_smoothed,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
@@ -171,7 +171,7 @@ impl Fill<'_> {
             Some(doubt) if self.job.gate.is_set() => return Err(doubt),
             doubt => masks.notes.extend(doubt),
         }
-        let Some(filter) = filled_before(frame, &masks) else { return Ok(masks) };
+        let Some(filter) = mask::filled_before(frame, &masks) else { return Ok(masks) };
         if self.job.again {
             let doubt = was_smoothed(frame).then(|| {
                 "measured pixels were smoothed when it was filled before: no estimate knows what that cost".to_owned()
@@ -249,7 +249,7 @@ impl Work for Fill<'_> {
                 stage.settle(item, self.bytes(item, masks.holes()))?;
             }
             let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
-            if self.job.again && filled_before(&frame, &masks).is_some() {
+            if self.job.again && mask::filled_before(&frame, &masks).is_some() {
                 reconstruct::blank(&mut frame, &masks, &choices);
             }
             let plans = self.plans.of(&masks);
