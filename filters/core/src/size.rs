@@ -1,7 +1,7 @@
 //! Height and width.
 
 /// Height and width of an image in pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Size {
     /// Number of rows.
     pub height: usize,
@@ -15,9 +15,9 @@ impl Size {
         Self { height, width }
     }
 
-    /// Number of pixels.
+    /// Number of pixels; the largest number where there are more.
     pub const fn pixels(self) -> usize {
-        self.height * self.width
+        self.height.saturating_mul(self.width)
     }
 }
 
@@ -35,5 +35,6 @@ mod tests {
     fn a_size_reads_width_first() {
         assert_eq!(Size::new(1080, 1920).to_string(), "1920x1080");
         assert_eq!(Size::new(3, 5).pixels(), 15);
+        assert_eq!(Size::new(usize::MAX, 3).pixels(), usize::MAX);
     }
 }

@@ -325,8 +325,9 @@ fn share(
     order.sort_by(|a, b| flags[*a].cmp(&flags[*b]).then(a.cmp(b)));
     let mut runs: Vec<&[usize]> = order.chunk_by(|a, b| flags[*a] == flags[*b]).collect();
     runs.sort_by_key(|run| (std::cmp::Reverse(run.len()), run[0]));
-    let worth =
-        |run: &&&[usize]| run.len() * sparsity >= 2 * dictionary.len() && flags[run[0]].contains(&true);
+    let worth = |run: &&&[usize]| {
+        run.len().saturating_mul(sparsity) >= 2 * dictionary.len() && flags[run[0]].contains(&true)
+    };
     let mut group = vec![None; flags.len()];
     let mut shared = Vec::new();
     for run in runs.iter().take(MOST_SHARED).filter(worth) {

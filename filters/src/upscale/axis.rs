@@ -76,7 +76,7 @@ impl Axis {
             Sampling::Grid => (output as f64 / self.scale - 0.5).ceil(),
             _ => self.centre(output).floor(),
         };
-        at.clamp(0.0, self.inputs as f64 - 1.0) as usize
+        (at.max(0.0) as usize).min(self.inputs.saturating_sub(1))
     }
 
     /// The centre of a high-resolution pixel, in low-resolution pixels.

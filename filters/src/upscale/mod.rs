@@ -106,7 +106,7 @@ impl Geometry {
             (0..self.high().width).map(|x| self.horizontal.source(self.sampling, x)).collect();
         let width = self.low().width;
         let mut sources = vec![0; self.high().pixels()];
-        sources.par_chunks_mut(columns.len()).enumerate().for_each(|(y, sources)| {
+        sources.par_chunks_mut(columns.len().max(1)).enumerate().for_each(|(y, sources)| {
             let row = self.vertical.source(self.sampling, y) * width;
             sources.iter_mut().zip(&columns).for_each(|(source, column)| *source = (row + column) as u32);
         });

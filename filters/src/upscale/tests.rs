@@ -362,6 +362,17 @@ fn means_beside_the_range_by_a_rounding_are_taken_into_it() {
     assert!(large.pixels().iter().all(|value| (0.0..f32::INFINITY).contains(value)));
 }
 
+#[test]
+fn a_geometry_out_of_range_has_sources_and_is_refused() {
+    for axis in
+        [Axis { inputs: 2, outputs: 4, scale: f64::NAN, shift: 0.0 }, Axis::whole(0, 4), Axis::whole(4, 0)]
+    {
+        let geometry = Geometry { vertical: axis, horizontal: axis, sampling: Sampling::Box };
+        assert_eq!(geometry.sources().len(), geometry.high().pixels());
+        assert!(geometry.check().is_err());
+    }
+}
+
 /// Of narrow Gaussians some share no pixel, and have cells of several sizes.
 fn any_model() -> impl Strategy<Value = Sampling> {
     prop_oneof![

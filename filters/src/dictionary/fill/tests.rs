@@ -148,7 +148,8 @@ fn settings_out_of_range_are_refused() {
         learned(&dictionary, Use::default()).plan(&empty, &Run::default()),
         Err(Error::EmptyMask)
     ));
-    let plan = learned(&dictionary, Use::default()).plan(&problem, &Run::default()).unwrap();
+    let most = Use { sparsity: usize::MAX, ..Use::default() };
+    let plan = learned(&dictionary, most).plan(&problem, &Run::default()).unwrap();
     let two = Planes::zeros(Size::new(20, 20), 2);
     let refused = plan.reconstruct(&two, &mut two.clone(), &Run::default());
     assert!(matches!(refused, Err(Error::SizeMismatch { .. })));
