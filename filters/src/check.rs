@@ -30,9 +30,9 @@ pub(crate) fn at_least_one(name: &'static str, value: usize) -> Result<(), Error
 
 /// Sizes agree and measured values are finite; `out` has as many planes as `samples`.
 pub(crate) fn group(mask: &Mask, samples: &Planes, out: &Planes) -> Result<(), Error> {
-    for size in [samples.size(), out.size()] {
+    for (name, size) in [("samples", samples.size()), ("an output", out.size())] {
         if size != mask.size() {
-            return Err(Error::SizeMismatch { expected: mask.size(), found: size.to_string() });
+            return Err(Error::size(mask.size(), name, size));
         }
     }
     if samples.len() != out.len() {

@@ -13,7 +13,7 @@ pub enum Error {
     SizeMismatch {
         /// What the other image has.
         expected: Size,
-        /// What was given.
+        /// What was given, by its name.
         found: String,
     },
     /// The mask has no measured pixel, so nothing says what the image is.
@@ -82,6 +82,21 @@ pub enum Error {
 }
 
 impl Error {
+    /// What has this name is of another size than what it belongs to.
+    pub(crate) fn size(expected: Size, name: &str, found: Size) -> Self {
+        Self::SizeMismatch { expected, found: format!("{name} of {found}") }
+    }
+
+    /// A region that has not one flag for each pixel, if it is one.
+    pub(crate) fn of_region(expected: Size, region: Option<&[bool]>) -> Result<(), Self> {
+        match region {
+            Some(flags) if flags.len() != expected.pixels() => {
+                Err(Self::SizeMismatch { expected, found: format!("a region of {} flags", flags.len()) })
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// A setting with this value is outside its range.
     pub(crate) fn setting(name: &'static str, value: &dyn std::fmt::Display, range: &'static str) -> Self {
         Self::Setting { name, value: value.to_string(), range: range.into() }
@@ -99,6 +114,10 @@ mod tests {
             (
                 Error::SizeMismatch { expected: size, found: "7 values".into() },
                 "expected 1920x1080 pixels, found 7 values",
+            ),
+            (
+                Error::size(size, "weights", Size::new(1080, 1919)),
+                "expected 1920x1080 pixels, found weights of 1919x1080",
             ),
             (Error::EmptyMask, "the mask has no measured pixel"),
             (

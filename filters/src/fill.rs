@@ -78,7 +78,8 @@ pub struct Options<'a> {
     pub weights: Option<Arc<Plane>>,
     /// Of each plane, derivatives along rows (x) and along columns (y) per pixel, NaN where there are none; empty for none at all.
     pub gradients: Vec<Option<[Plane; 2]>>,
-    /// Complete planes that may steer the values.
+    /// Complete planes that may steer the values, where measured pixels are kept; methods that take none ([`crate::descriptor::Takes`])
+    /// ignore them, and [`Set::guides`] is then empty.
     pub guides: Option<&'a Guides>,
     /// Samples of other frames at their places in this one, for methods that choose by held-out samples.
     pub carried: &'a [Carried],
@@ -185,7 +186,8 @@ pub struct Set {
     pub settled: Vec<Chosen>,
 }
 
-/// Fills the missing pixels of a group of channels as `lacuna fill` does.
+/// Fills the missing pixels of a group of channels as `lacuna fill` does; with its bits, if planes and guides stand in the order of a
+/// file's channels, which is that of their names: blue, green, red.
 ///
 /// ```
 /// use lacuna_filters::{Mask, Options, Planes, fill};
@@ -280,21 +282,29 @@ impl Filled {
 
 /// Sizes and numbers agree.
 fn check(samples: &Planes, mask: &Mask, options: &Options<'_>) -> Result<(), Error> {
-    let gradients = options.gradients.iter().flatten().flatten().map(Plane::size);
-    let sizes = gradients.chain([samples.size()]).chain(options.weights.iter().map(|plane| plane.size()));
-    let noise = if let Noise::Like(planes) = &options.noise { &planes[..] } else { &[] };
-    let sizes = sizes.chain(options.guides.map(Guides::size)).chain(noise.iter().map(Plane::size));
-    if let Some(other) = { sizes }.find(|size| *size != mask.size()) {
-        return Err(Error::SizeMismatch { expected: mask.size(), found: other.to_string() });
+    let like: Option<&[Plane]> = if let Noise::Like(planes) = &options.noise { Some(planes) } else { None };
+    let gradients = options.gradients.iter().flatten().flatten();
+    let sizes = [("samples", samples.size())].into_iter();
+    let sizes = sizes.chain(options.weights.iter().map(|plane| ("weights", plane.size())));
+    let sizes = sizes.chain(gradients.map(|plane| ("gradients", plane.size())));
+    let sizes = sizes.chain(options.guides.map(|guides| ("guides", guides.size())));
+    let sizes = sizes.chain(like.into_iter().flatten().map(|plane| ("noise", plane.size())));
+    let carried = || options.carried.iter().flat_map(Carried::all);
+    let mut sizes = sizes.chain(carried().map(|carried| ("samples of another frame", carried.size())));
+    if let Some((name, other)) = sizes.find(|(_, size)| *size != mask.size()) {
+        return Err(Error::size(mask.size(), name, other));
     }
-    let noise = if let Noise::Like(planes) = &options.noise { planes.len() } else { 0 };
-    for (what, count) in
-        [("bounds", options.bounds.len()), ("gradients", options.gradients.len()), ("noise planes", noise)]
-    {
-        if count != 0 && count != samples.len() {
-            let found = format!("{count} {what} for {} planes", samples.len());
-            return Err(Error::SizeMismatch { expected: mask.size(), found });
-        }
+    let some = |count: usize| Some(count).filter(|count| *count != 0);
+    let counts = [
+        ("bounds", some(options.bounds.len())),
+        ("gradients", some(options.gradients.len())),
+        ("noise planes", like.map(<[Plane]>::len)),
+    ];
+    let counts = counts.into_iter().filter_map(|(what, count)| Some((what, count?)));
+    let mut counts = counts.chain(carried().map(|carried| ("planes of another frame", carried.planes())));
+    if let Some((what, count)) = counts.find(|(_, count)| *count != samples.len()) {
+        let found = format!("{count} {what} for {} planes", samples.len());
+        return Err(Error::SizeMismatch { expected: mask.size(), found });
     }
     Ok(())
 }

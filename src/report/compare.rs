@@ -238,7 +238,8 @@ impl Work<'_> {
         }
         for (at, &(name, flags)) in regions.iter().enumerate() {
             let statistics: Vec<Statistics> = sums.iter().map(|channel| channel[at]).collect();
-            report.regions.push(self.region(name, flags, &statistics, &similar, &colour, values.options));
+            let region = self.region(name, flags, &statistics, &similar, &colour, values.options);
+            report.regions.push(region.map_err(|error| self.at(0, error))?);
         }
         let estimate = estimated_errors(other, &self.group.layer);
         visit(&Images {
@@ -296,12 +297,17 @@ impl Work<'_> {
         similar: &[Similarity],
         colour: &ColourMaps,
         options: Options,
-    ) -> RegionReport {
+    ) -> Result<RegionReport, lacuna_filters::Error> {
         let (part, _) = self.parts();
         let all = statistics.iter().fold(Statistics::default(), |sum, &one| sum.and(one));
         let pixels = flags.map_or(part.size().pixels(), |flags| flags.iter().filter(|&&flag| flag).count());
         let mut measures = enter(&all, pixels, options.peak);
-        let means: Vec<Option<f64>> = similar.iter().map(|similarity| similarity.mean(flags)).collect();
+        // Where nothing is finite, both are 0, which is no likeness.
+        let mean_of = |(similarity, own): (&Similarity, &Statistics)| {
+            Ok(similarity.mean(flags)?.filter(|_| own.count > 0))
+        };
+        let means = similar.iter().zip(statistics).map(mean_of);
+        let means = means.collect::<Result<Vec<Option<f64>>, lacuna_filters::Error>>()?;
         let known: Option<Vec<f64>> = means.iter().copied().collect();
         measures.set(Measure::Ssim, known.map(|means| means.iter().sum::<f64>() / means.len() as f64));
         for (measure, map) in [
@@ -309,7 +315,8 @@ impl Work<'_> {
             (Measure::Flip, &colour.flip),
             (Measure::HdrFlip, &colour.hdr_flip),
         ] {
-            measures.set(measure, map.as_ref().and_then(|map| mean(map, flags)));
+            let mean = map.as_ref().map(|map| mean(map, flags)).transpose()?;
+            measures.set(measure, mean.flatten().filter(|_| all.count > 0));
         }
         let mut channels = Vec::new();
         if statistics.len() > 1 {
@@ -324,7 +331,7 @@ impl Work<'_> {
             let (y, x) = (at / part.size().width, at % part.size().width);
             (i64::from(part.data_window.x_min) + x as i64, i64::from(part.data_window.y_min) + y as i64)
         });
-        RegionReport { region: name, measures, largest_at, channels }
+        Ok(RegionReport { region: name, measures, largest_at, channels })
     }
 }
 

@@ -86,6 +86,18 @@ fn dear_measures_are_there_only_if_wanted() {
 }
 
 #[test]
+fn what_cannot_be_compared_is_like_nothing() {
+    let flat = |value: f32| {
+        frame(vec![part(window(0, 0, 2, 1), ["R", "G", "B"].map(|n| float(n, &[value; 2])).into())])
+    };
+    let settings = Settings { wanted: Wanted::all(), ..Settings::default() };
+    let report = compare(&flat(0.5), &flat(f32::NAN), None, &settings, &mut |_| {}).unwrap();
+    for measure in [Measure::Psnr, Measure::Ssim, Measure::Cieluv, Measure::Flip, Measure::HdrFlip] {
+        assert_eq!(report.groups[0].region("all").unwrap().measures.get(measure), None, "{measure:?}");
+    }
+}
+
+#[test]
 fn windows_must_agree() {
     let (reference, mut test) = pair();
     test.parts[0].data_window.x_min += 1;

@@ -41,7 +41,7 @@ impl Asked {
 
     /// At these places of all pixels.
     fn at(&self, places: &[[f32; 2]]) -> Carried {
-        Carried::new(self.samples.size(), (&self.samples, &self.mask), 1, |at| places[at])
+        Carried::new(self.samples.size(), (&self.samples, &self.mask), 1, |at| places[at]).unwrap_or_default()
     }
 }
 
@@ -102,11 +102,11 @@ impl Carrier<'_> {
         let offset = self.neighbour.offset.clamp(i32::MIN.into(), i32::MAX.into()) as i32;
         let at = |places: &Places| {
             let places = places.all();
-            Carried::new(samples.size(), (&samples, &*mask), offset, |at| places[at])
+            Carried::new(samples.size(), (&samples, &*mask), offset, |at| places[at]).ok()
         };
-        let carried = at(&self.places);
+        let carried = at(&self.places)?;
         Some(match &self.judged {
-            Some(judged) => carried.judged_by(at(judged)),
+            Some(judged) => carried.judged_by(at(judged)?),
             None => carried,
         })
     }
@@ -226,10 +226,12 @@ fn carrier(
                 (reference.sharp)(&samples, &mask).ok_or("it cannot be filled to estimate motion from")?;
             // Of a complete frame nothing is judged.
             let judged = (!reference.mask.is_full()).then(|| flow::estimate(&filled, &blind.filled));
+            let judged = judged.transpose().map_err(|error| error.to_string())?;
             let places = match &judged {
                 Some(judged) => flow::refined(&filled, &blind.whole, judged),
                 None => flow::estimate(&filled, &blind.whole),
             };
+            let places = places.map_err(|error| error.to_string())?;
             return Ok(Found { judged, ..make(places, "flow") });
         }
     }

@@ -43,10 +43,13 @@ fn measures(
     let pixels = region.map_or(reference.size().pixels(), Mask::count);
     let (mut sums, mut similar) = (Statistics::default(), Vec::new());
     for (reference, image) in reference.as_slice().iter().zip(image.as_slice()) {
-        sums = sums.and(error::compare(reference, image, flags, options)?);
+        let own = error::compare(reference, image, flags, options)?;
+        sums = sums.and(own);
         let clip = options.clip.then_some(options.peak);
         let pair = [clean(reference, reference, clip), clean(image, reference, clip)];
-        similar.push(Similarity::new(&pair[0], &pair[1], options.peak)?.mean(flags));
+        let mean = Similarity::new(&pair[0], &pair[1], options.peak)?.mean(flags)?;
+        // What is not finite counts as 0 in both, which is no likeness where there is nothing else.
+        similar.push(mean.filter(|_| own.count > 0));
     }
     let similar: Option<Vec<f64>> = similar.into_iter().collect();
     let mut rows = vec![
@@ -63,7 +66,8 @@ fn measures(
         ("inf", Some(sums.test_infinite as f64)),
     ];
     if flip {
-        rows.push(("flip", seen(reference, image)?.and_then(|map| mean(&map, flags))));
+        let seen = seen(reference, image)?.map(|map| mean(&map, flags)).transpose()?.flatten();
+        rows.push(("flip", seen.filter(|_| sums.count > 0)));
     }
     Ok(rows)
 }

@@ -148,7 +148,7 @@ mod tests {
         let predicted = vec![at.iter().map(rough).collect()];
         let held = HeldOut { at, predicted, variance: Vec::new() };
         let place = |at: usize| [(at / 60) as f32, (at % 60) as f32];
-        let mut carried = [Carried::new(SIZE, (other, &beside), 1, place)];
+        let mut carried = [Carried::new(SIZE, (other, &beside), 1, place).unwrap()];
         let before = carried[0].len();
         let standing = Standing { samples: &truth, mask: &mask, filled: &truth, held: &held, less: 0.5 };
         standing.complete(&mut carried, std::slice::from_ref(other));

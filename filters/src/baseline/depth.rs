@@ -62,7 +62,7 @@ impl DepthPlan {
     pub fn choose(&self, depth: &Plane) -> Result<NearestMap, Error> {
         let (size, depth) = (self.size, depth);
         if depth.size() != size {
-            return Err(Error::SizeMismatch { expected: size, found: depth.size().to_string() });
+            return Err(Error::size(size, "depth", depth.size()));
         }
         let mut source = vec![0; size.pixels()];
         source.par_chunks_mut(size.width).enumerate().for_each(|(y, row)| {

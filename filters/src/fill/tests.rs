@@ -1,6 +1,7 @@
 //! What the call decides, on images made by hand; the bits of every method are compared with the tool's by the tool's own tests.
 
 use super::*;
+use crate::baseline::testing::with_threads;
 use crate::{METHODS, Size};
 
 fn size() -> Size {
@@ -42,6 +43,26 @@ fn measured_bits_stay_in_every_domain_and_all_is_finite() {
                 assert!(pairs, "{} {domain:?}", found.name);
             }
         }
+    }
+}
+
+#[test]
+fn threads_change_no_bit_of_any_method() {
+    // More pixels than one task takes.
+    let size = Size::new(96, 180);
+    let shade = |y: usize, x: usize| 0.2 + ((y * 3 + x * 2) % 17) as f32 / 20.0;
+    let planes = vec![Plane::from_fn(size, shade), Plane::from_fn(size, |y, x| shade(x, y))];
+    let samples = Planes::new(size, planes).unwrap();
+    let third = |y, x| crate::sampling::hash(y as u64, x as u64).is_multiple_of(3);
+    let mask = Arc::new(Mask::from_fn(size, third));
+    for found in METHODS.iter().filter(|found| !found.takes.dictionary) {
+        let options = Options { estimate: Estimate::Pixels, ..Options::of(Method::of(found, &[]).unwrap()) };
+        let run = |threads| {
+            let filled = with_threads(threads, || fill(&samples, mask.clone(), &options).unwrap());
+            let errors = filled.sets[0].errors.as_ref().map(bits);
+            (filled.planes.as_slice().iter().map(bits).collect::<Vec<_>>(), errors)
+        };
+        assert!(run(1) == run(3), "{}", found.name);
     }
 }
 
@@ -115,6 +136,8 @@ fn sizes_and_numbers_must_agree() {
     wrong(Options { weights: Some(Arc::new(small.clone())), ..Options::default() });
     wrong(Options { gradients: vec![None, Some([image(0), small])], ..Options::default() });
     wrong(Options { guides: Some(&Guides::new(Size::new(1, 1))), ..Options::default() });
+    wrong(Options { noise: Noise::Like(vec![image(0)]), ..Options::default() });
+    wrong(Options { noise: Noise::Like(Vec::new()), ..Options::default() });
     let empty = Mask::from_fn(size(), |_, _| false);
     assert_eq!(fill(&samples, empty, &Options::default()).unwrap_err(), Error::EmptyMask);
 }
@@ -129,6 +152,33 @@ fn a_method_without_use_for_gradients_fills_as_without_them() {
         });
         assert_eq!(bits(&without.as_slice()[0]), bits(&with.as_slice()[0]));
     }
+}
+
+#[test]
+fn other_frames_have_the_size_and_the_planes_of_this_one() {
+    let from = |size: Size, planes: usize| {
+        let samples = Planes::new(size, vec![Plane::from_fn(size, |y, x| (y + x) as f32); planes]).unwrap();
+        let place = |at: usize| [(at / size.width) as f32, (at % size.width) as f32];
+        Carried::new(size, (&samples, &Mask::from_fn(size, |_, _| true)), 1, place).unwrap()
+    };
+    let tall = Size::new(100, 31);
+    let judged = from(size(), 2).judged_by(from(size(), 1));
+    for carried in [from(size(), 1), from(size(), 3), from(tall, 2), judged, Carried::default()] {
+        let options = Options { carried: &[from(size(), 2), carried], ..Options::default() };
+        let error = fill(&images(2), mask(), &options).unwrap_err();
+        assert!(error.to_string().contains("of another frame"), "{error}");
+    }
+    let full = Mask::from_fn(tall, |_, _| true);
+    assert!(Carried::new(size(), (&images(2), &full), 1, |_| [0.0; 2]).is_err());
+    assert!(Carried::new(tall, (&images(2), &mask()), 1, |_| [0.0; 2]).is_err());
+}
+
+#[test]
+fn the_line_of_a_wrong_size_names_what_is_wrong() {
+    let options =
+        Options { weights: Some(Arc::new(Plane::filled(Size::new(3, 4), 1.0))), ..Options::default() };
+    let line = fill(&images(1), mask(), &options).unwrap_err().to_string();
+    assert_eq!(line, "expected 31x24 pixels, found weights of 4x3");
 }
 
 #[test]

@@ -61,7 +61,7 @@ pub struct Statistics {
     pub different: usize,
 }
 
-/// Compares two planes of one size.
+/// Compares two planes of one size, over all pixels or a region: a flag for each.
 ///
 /// # Errors
 /// [`Error::SizeMismatch`] and, for a peak that is not above 0, [`Error::Setting`].
@@ -89,6 +89,7 @@ pub fn compare_regions(
         return Err(Error::setting("peak", &options.peak, "above 0"));
     }
     same_size(reference.size(), &[test])?;
+    regions.iter().try_for_each(|region| Error::of_region(reference.size(), *region))?;
     let width = reference.size().width.max(1);
     let rows: Vec<Vec<Statistics>> = (reference.pixels().par_chunks(width))
         .zip(test.pixels().par_chunks(width))
@@ -282,5 +283,11 @@ mod tests {
         assert!(matches!(compare(&plane(&[0.0]), &plane(&[0.0]), None, options), Err(Error::Setting { .. })));
         let found = compare(&plane(&[0.0]), &plane(&[0.0, 1.0]), None, Options::default());
         assert!(matches!(found, Err(Error::SizeMismatch { .. })));
+        for flags in [&[true][..], &[true; 3]] {
+            let pair = (plane(&[0.0, 1.0]), plane(&[0.0, 1.0]));
+            let found = compare(&pair.0, &pair.1, Some(flags), Options::default()).unwrap_err().to_string();
+            assert!(found.ends_with("flags") && found.contains("a region of"), "{found}");
+            assert!(super::super::mean(&pair.0, Some(flags)).is_err());
+        }
     }
 }

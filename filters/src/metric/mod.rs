@@ -18,7 +18,11 @@ use lacuna_core::parallel::prelude::*;
 use crate::{Error, Plane, Size};
 
 /// The mean of a map over a region, `None` if the region is empty.
-pub fn mean(map: &Plane, region: Option<&[bool]>) -> Option<f64> {
+///
+/// # Errors
+/// [`Error::SizeMismatch`] for a region of another size.
+pub fn mean(map: &Plane, region: Option<&[bool]>) -> Result<Option<f64>, Error> {
+    Error::of_region(map.size(), region)?;
     let width = map.size().width.max(1);
     let rows: Vec<(f64, usize)> = map.pixels().par_chunks(width).enumerate().map(|(y, row)| match region {
         None => (row.iter().map(|&value| f64::from(value)).sum(), row.len()),
@@ -29,13 +33,13 @@ pub fn mean(map: &Plane, region: Option<&[bool]>) -> Option<f64> {
             .fold((0.0, 0), |(sum, count), (&value, _)| (sum + f64::from(value), count + 1)),
     });
     let (sum, count) = rows.iter().fold((0.0, 0), |(sum, count), row| (sum + row.0, count + row.1));
-    (count > 0).then(|| sum / count as f64)
+    Ok((count > 0).then(|| sum / count as f64))
 }
 
 /// Refuses images of different sizes.
 fn same_size(expected: Size, planes: &[&Plane]) -> Result<(), Error> {
     match planes.iter().find(|plane| plane.size() != expected) {
         None => Ok(()),
-        Some(other) => Err(Error::SizeMismatch { expected, found: other.size().to_string() }),
+        Some(other) => Err(Error::size(expected, "another image", other.size())),
     }
 }

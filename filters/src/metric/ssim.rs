@@ -37,7 +37,7 @@ impl Similarity {
         let taps = gaussian(1.5, RADIUS);
         let blur = |plane: &Plane| separable(plane, &taps, &taps);
         // Sums about a mean value: squares of large values would swallow small variances.
-        let centre = mean(reference, None).unwrap_or(0.0) as f32;
+        let centre = mean(reference, None)?.unwrap_or(0.0) as f32;
         let of = |f: &(dyn Fn(f32, f32) -> f32 + Sync)| {
             let mut of = reference.clone();
             of.pixels_mut().par_iter_mut().zip(test.pixels()).for_each(|(a, &b)| *a = f(*a, b));
@@ -65,8 +65,12 @@ impl Similarity {
     }
 
     /// Mean SSIM of a region without the border; `None` if nothing is left.
-    pub fn mean(&self, region: Option<&[bool]>) -> Option<f64> {
+    ///
+    /// # Errors
+    /// [`Error::SizeMismatch`] for a region of another size.
+    pub fn mean(&self, region: Option<&[bool]>) -> Result<Option<f64>, Error> {
         let size = self.map.size();
+        Error::of_region(size, region)?;
         if size.height <= 2 * RADIUS || size.width <= 2 * RADIUS {
             return mean(&self.map, region);
         }
@@ -140,9 +144,9 @@ mod tests {
     #[test]
     fn equal_images_score_one_and_inverted_ones_less() {
         let a = texture(20, 30, 1);
-        assert_eq!(Similarity::new(&a, &a, 1.0).unwrap().mean(None), Some(1.0));
+        assert_eq!(Similarity::new(&a, &a, 1.0).unwrap().mean(None), Ok(Some(1.0)));
         let inverted = Plane::from_fn(a.size(), |y, x| 1.0 - a.at(y, x));
-        assert!(Similarity::new(&a, &inverted, 1.0).unwrap().mean(None).unwrap() < 0.0);
+        assert!(Similarity::new(&a, &inverted, 1.0).unwrap().mean(None).unwrap().unwrap() < 0.0);
     }
 
     #[test]
@@ -154,9 +158,10 @@ mod tests {
         assert!(similarity.map.at(0, 0) < 0.5);
         let mut inner = vec![false; 600];
         inner[10 * 30 + 15] = true;
-        assert_eq!(similarity.mean(Some(&inner)), Some(f64::from(similarity.map.at(10, 15))));
+        assert_eq!(similarity.mean(Some(&inner)), Ok(Some(f64::from(similarity.map.at(10, 15)))));
         let mut outer = vec![false; 600];
         outer[0] = true;
-        assert_eq!(similarity.mean(Some(&outer)), None);
+        assert_eq!(similarity.mean(Some(&outer)), Ok(None));
+        assert!(similarity.mean(Some(&outer[1..])).is_err());
     }
 }

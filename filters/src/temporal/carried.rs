@@ -7,7 +7,7 @@ use lacuna_core::parallel::prelude::*;
 use crate::domain::Map;
 use crate::sampling::hash;
 use crate::variational::guided;
-use crate::{Mask, Plane, Planes, Size};
+use crate::{Error, Mask, Plane, Planes, Size};
 
 /// Pixels that one task takes.
 const PIECE: usize = 1 << 14;
@@ -29,6 +29,8 @@ pub struct Carried {
     pub(crate) home: Arc<Vec<u32>>,
     /// How many frames later than this one it was measured; negative if earlier, never 0.
     pub(crate) offset: i32,
+    /// That of either frame.
+    size: Size,
     /// The same at the places where held-out samples may judge them, if those are others.
     pub(crate) judged: Option<Box<Self>>,
 }
@@ -36,12 +38,20 @@ pub struct Carried {
 impl Carried {
     /// The measured samples of a frame that is `offset` frames later (negative: earlier; 0 counts as 1), `place` telling where each of its pixels, by its index row by row, lies in an image of that size: row
     /// and column, whole numbers at pixel centres. Those whose place is not known (NaN) or outside, and those that are not finite, are left out.
+    ///
+    /// # Errors
+    /// [`Error::SizeMismatch`] where samples or mask are of another size: both frames have the same.
     pub fn new(
         size: Size,
         (samples, mask): (&Planes, &Mask),
         offset: i32,
         place: impl Fn(usize) -> [f32; 2] + Sync,
-    ) -> Self {
+    ) -> Result<Self, Error> {
+        for (name, other) in [("samples of another frame", samples.size()), ("their mask", mask.size())] {
+            if other != size {
+                return Err(Error::size(size, name, other));
+            }
+        }
         let offset = if offset == 0 { 1 } else { offset };
         let part = |(part, flags): (usize, &[bool])| -> Vec<(u32, [f32; 2])> {
             let one = |at: usize| {
@@ -58,7 +68,7 @@ impl Carried {
         let of = |plane: &Plane| Arc::new(home.iter().map(|at| plane.pixels()[*at as usize]).collect());
         let values = samples.as_slice().iter().map(of).collect();
         let places = all.iter().map(|(_, place)| *place).collect();
-        Self { places: Arc::new(places), values, home: Arc::new(home), offset, judged: None }
+        Ok(Self { places: Arc::new(places), values, home: Arc::new(home), offset, size, judged: None })
     }
 
     /// With the same samples at other places, where samples that are held out may judge them: those by motion that was estimated without
@@ -71,6 +81,21 @@ impl Carried {
     /// What held-out samples may judge.
     pub(crate) fn to_judge(&self) -> &Self {
         self.judged.as_deref().unwrap_or(self)
+    }
+
+    /// These samples, and those that judge them, if they are others.
+    pub(crate) fn all(&self) -> impl Iterator<Item = &Self> {
+        std::iter::successors(Some(self), |carried| carried.judged.as_deref())
+    }
+
+    /// That of either frame.
+    pub(crate) const fn size(&self) -> Size {
+        self.size
+    }
+
+    /// The number of planes that each has a value in.
+    pub(crate) const fn planes(&self) -> usize {
+        self.values.len()
     }
 
     /// The number of samples.
@@ -162,6 +187,7 @@ impl Carried {
             values: self.values.iter().map(take).collect(),
             home: Arc::new(samples.iter().map(|&i| self.home[i]).collect()),
             offset: self.offset,
+            size: self.size,
             judged: None,
         }
     }
@@ -173,6 +199,7 @@ impl Carried {
             values: self.values.clone(),
             home: Arc::clone(&self.home),
             offset: self.offset,
+            size: self.size,
             judged: None,
         }
     }

@@ -80,7 +80,7 @@ mod tests {
                 let [y, x] = [at / SIZE.width, at % SIZE.width].map(|at| at as f32);
                 [y + 0.3 * offset as f32, x - 0.2 * offset as f32]
             };
-            Carried::new(SIZE, (&Planes::zeros(SIZE, 2), &Mask::from_fn(SIZE, at)), offset, place)
+            Carried::new(SIZE, (&Planes::zeros(SIZE, 2), &Mask::from_fn(SIZE, at)), offset, place).unwrap()
         };
         offsets.iter().map(frame).collect()
     }

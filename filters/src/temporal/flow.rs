@@ -24,7 +24,7 @@ use lacuna_core::parallel::prelude::*;
 
 use super::Taps;
 use crate::kernel::blur::blur;
-use crate::{Plane, Planes, Size};
+use crate::{Error, Plane, Planes, Size};
 
 /// Standard deviation of the window, in pixels.
 const WINDOW: f64 = 2.5;
@@ -40,19 +40,43 @@ const SMALL: usize = 24;
 const RIDGE: f64 = 0.01;
 
 /// Of each pixel of `a`, row by row: row and column in `b`.
-pub fn estimate(a: &Planes, b: &Planes) -> Vec<[f32; 2]> {
-    places(a.size(), &displacements(a, b, FINEST))
+///
+/// # Errors
+/// [`Error::SizeMismatch`] where the images differ in size or number of planes.
+pub fn estimate(a: &Planes, b: &Planes) -> Result<Vec<[f32; 2]>, Error> {
+    check(a, b)?;
+    Ok(places(a.size(), &displacements(a, b, FINEST)))
 }
 
 /// The same from places in an image that is much like `b`.
-pub fn refined(a: &Planes, b: &Planes, places_before: &[[f32; 2]]) -> Vec<[f32; 2]> {
+///
+/// # Errors
+/// As [`estimate`], and for other numbers of places than of pixels.
+pub fn refined(a: &Planes, b: &Planes, places_before: &[[f32; 2]]) -> Result<Vec<[f32; 2]>, Error> {
+    check(a, b)?;
     let size = a.size();
+    if places_before.len() != size.pixels() {
+        let found = format!("{} places", places_before.len());
+        return Err(Error::SizeMismatch { expected: size, found });
+    }
     let shift = |(at, [row, column]): (usize, &[f32; 2])| {
         [row - (at / size.width) as f32, column - (at % size.width) as f32]
     };
     let mut field: Vec<[f32; 2]> = places_before.iter().enumerate().map(shift).collect();
     steps(a, b, FINEST, &mut field);
-    places(size, &field)
+    Ok(places(size, &field))
+}
+
+/// Both have the same planes.
+fn check(a: &Planes, b: &Planes) -> Result<(), Error> {
+    if a.size() != b.size() {
+        return Err(Error::size(a.size(), "another image", b.size()));
+    }
+    if a.len() != b.len() {
+        let found = format!("{} planes where {} were expected", b.len(), a.len());
+        return Err(Error::SizeMismatch { expected: a.size(), found });
+    }
+    Ok(())
 }
 
 fn places(size: Size, field: &[[f32; 2]]) -> Vec<[f32; 2]> {
@@ -75,6 +99,9 @@ fn displacements(a: &Planes, b: &Planes, count: usize) -> Vec<[f32; 2]> {
 }
 
 fn steps(a: &Planes, b: &Planes, count: usize, field: &mut [[f32; 2]]) {
+    if a.is_empty() || field.is_empty() {
+        return;
+    }
     // A Gaussian that is cut at the border has less than 1.
     let ones = blur(a.size(), &vec![1.0; a.size().pixels()], SMOOTH);
     for _ in 0..count {
@@ -198,7 +225,7 @@ mod tests {
             Planes::new(size, vec![plane]).unwrap()
         };
         for (dy, dx) in [(0.0, 0.0), (0.4, -0.3), (3.25, 5.5), (-4.0, 2.0)] {
-            let places = estimate(&image(0.0, 0.0), &image(dy, dx));
+            let places = estimate(&image(0.0, 0.0), &image(dy, dx)).unwrap();
             for y in (32..60).step_by(7) {
                 for x in (32..80).step_by(7) {
                     let [row, column] = places[y * size.width + x];
@@ -206,6 +233,22 @@ mod tests {
                     assert!(off < 0.15, "{dy} {dx} at {y} {x}: {off}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn images_that_do_not_belong_together_are_refused() {
+        let size = Size::new(60, 50);
+        let image = Planes::zeros(size, 1);
+        for other in [Planes::zeros(Size::new(50, 60), 1), Planes::zeros(size, 2)] {
+            let refused = |found| assert!(matches!(found, Err(Error::SizeMismatch { .. })));
+            refused(estimate(&image, &other));
+            refused(refined(&image, &other, &vec![[0.0; 2]; size.pixels()]));
+            refused(refined(&image, &image, &[[0.0; 2]]));
+        }
+        for (size, planes) in [(size, 0), (Size::new(0, 0), 1), (Size::new(1, 1), 1)] {
+            let image = Planes::zeros(size, planes);
+            assert_eq!(estimate(&image, &image).unwrap().len(), size.pixels());
         }
     }
 }

@@ -177,7 +177,7 @@ mod tests {
         let samples = Planes::new(SIZE, vec![Plane::from_fn(SIZE, |y, x| 0.5 * scene(y, x) + 0.1)]).unwrap();
         let mask = Mask::from_fn(SIZE, |y, x| (y + 2 * x) % 3 == 0);
         let place = |at: usize| [(at / SIZE.width) as f32, (at % SIZE.width) as f32 + 0.25];
-        (samples.clone(), Carried::new(SIZE, (&samples, &mask), 1, place))
+        (samples.clone(), Carried::new(SIZE, (&samples, &mask), 1, place).unwrap())
     }
 
     #[test]

@@ -50,7 +50,7 @@ fn filled(
         .map(|k: usize| {
             let [dy, dx] = moves(k);
             let place = |pixel: usize| [at(pixel)[0] + dy, at(pixel)[1] + dx];
-            Carried::new(SIZE, (&shows(k), &masks[k]), k as i32 - 2, place)
+            Carried::new(SIZE, (&shows(k), &masks[k]), k as i32 - 2, place).unwrap()
         })
         .collect();
     let options = Options { carried: &carried, ..Options::default() };
@@ -162,7 +162,7 @@ fn samples_that_are_not_known_or_outside_are_left_out() {
         6 => [1.0, -0.6],
         _ => [2.0, 2.5],
     };
-    let carried = Carried::new(size, (&samples, &mask), 0, place);
+    let carried = Carried::new(size, (&samples, &mask), 0, place).unwrap();
     assert_eq!(*carried.values[0], [4.0, 5.0, 7.0, 8.0, 9.0, 10.0, 11.0]);
     assert_eq!(carried.places[1], [1.0, 2.0]);
     assert!(!carried.is_still());

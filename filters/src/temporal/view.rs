@@ -96,7 +96,7 @@ impl View {
     ) -> Result<Self, Error> {
         let (size, offset) = (mask.size(), carried[own.at].offset);
         let shifts = Shifts::new(size, &carried[own.at])?;
-        let this = Carried::new(size, (samples, mask), -offset, |at| shifts.of_pixel(at));
+        let this = Carried::new(size, (samples, mask), -offset, |at| shifts.of_pixel(at))?;
         let others = carried.iter().enumerate().filter(|(at, _)| *at != own.at);
         let others = others.map(|(_, one)| one.carried_on(size, offset, |place| shifts.of(place)));
         let all: Vec<Carried> = [this].into_iter().chain(others).collect();
@@ -175,7 +175,7 @@ mod tests {
     fn frame(offset: i32, shift: [f32; 2], measured: impl Fn(usize) -> bool) -> Carried {
         let mask = Mask::from_fn(SIZE, |y, x| measured(y * SIZE.width + x));
         let place = |at: usize| [(at / SIZE.width) as f32 - shift[0], (at % SIZE.width) as f32 - shift[1]];
-        Carried::new(SIZE, (&scene(shift), &mask), offset, place)
+        Carried::new(SIZE, (&scene(shift), &mask), offset, place).unwrap()
     }
 
     fn spline(samples: &Planes, mask: &Arc<Mask>) -> Result<Planes, Error> {

@@ -65,13 +65,16 @@ pub struct Steer {
 pub fn steer(plan: &Plan, samples: &Planes, guides: &Guides, run: &Run<'_>) -> Result<Option<Steer>, Error> {
     let (low, high) = (plan.geometry.low(), plan.geometry.high());
     if guides.size() != high {
-        return Err(Error::SizeMismatch { expected: high, found: guides.size().to_string() });
+        return Err(Error::size(high, "guides", guides.size()));
     }
     if guides.planes().is_empty() || samples.is_empty() || low.height.min(low.width) < 2 * FEWEST {
         return Ok(None);
     }
     let fine = terms(guides);
     let coarse: Vec<Plane> = fine.iter().map(|term| plan.model.reduce(&term.plane())).collect();
+    if run.interrupted().is_some() {
+        return Ok(None);
+    }
     let near = Joined::new(samples, &coarse)?;
     let far = Joined::new(&near.samples, &near.guides)?;
     let octaves = 0.5 * (plan.geometry.vertical.scale * plan.geometry.horizontal.scale).log2();
@@ -79,6 +82,9 @@ pub fn steer(plan: &Plan, samples: &Planes, guides: &Guides, run: &Run<'_>) -> R
         let trust = near.judge(samples, &coarse[..count]);
         trust.carried(&far.judge(&near.samples, &near.guides[..count]), octaves)
     };
+    if run.interrupted().is_some() {
+        return Ok(None);
+    }
     let mut count = guides.planes().len();
     let mut trust = judge(count);
     if fine.len() > count {
@@ -120,7 +126,7 @@ impl Plan {
     pub(crate) fn smaller(&self, guides: &Guides) -> Result<Guides, Error> {
         let high = self.geometry.high();
         if guides.size() != high {
-            return Err(Error::SizeMismatch { expected: high, found: guides.size().to_string() });
+            return Err(Error::size(high, "guides", guides.size()));
         }
         Ok(guides.reduced(self.geometry.low(), |plane| self.model.reduce(plane)))
     }

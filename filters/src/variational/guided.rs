@@ -112,7 +112,7 @@ pub fn steer(
     run: &Run<'_>,
 ) -> Result<(Outcome, Effect), Error> {
     if guides.size() != mask.size() {
-        return Err(Error::SizeMismatch { expected: mask.size(), found: guides.size().to_string() });
+        return Err(Error::size(mask.size(), "guides", guides.size()));
     }
     let pointless = guides.is_empty() || mask.is_full() || mask.count() < FEWEST || samples.is_empty();
     if pointless || run.interrupted().is_some() {

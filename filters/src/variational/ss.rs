@@ -178,7 +178,7 @@ impl Filter for Settings {
 /// Weights must be finite, not negative, and positive at some measured pixel.
 pub(super) fn check_weights<'a>(weights: &'a Plane, mask: &Mask) -> Result<&'a Plane, Error> {
     if weights.size() != mask.size() {
-        return Err(Error::SizeMismatch { expected: mask.size(), found: weights.size().to_string() });
+        return Err(Error::size(mask.size(), "weights", weights.size()));
     }
     let measured = || weights.pixels().iter().zip(mask.as_slice()).filter(|(_, m)| **m).map(|(w, _)| *w);
     if let Some(bad) = measured().find(|w| !w.is_finite() || *w < 0.0) {

@@ -19,6 +19,8 @@ pub const UNKNOWN: u32 = u32::MAX;
 /// Complete planes that may tell how the image runs between its samples.
 ///
 /// Values may be infinite (a depth without a surface); a pixel with a NaN in any plane is filled without guides.
+///
+/// Their order matters: they are tried one after the other. That of a file, which sorts its channels by name, gives the bits of the tool.
 #[derive(Clone, Debug)]
 pub struct Guides {
     size: Size,
@@ -54,7 +56,7 @@ impl Guides {
     /// [`Error::SizeMismatch`].
     pub fn add(&mut self, name: &str, planes: Vec<Plane>) -> Result<bool, Error> {
         if let Some(other) = planes.iter().find(|plane| plane.size() != self.size) {
-            return Err(Error::SizeMismatch { expected: self.size, found: other.size().to_string() });
+            return Err(Error::size(self.size, &format!("guide '{name}'"), other.size()));
         }
         let normal = is_normal(&planes);
         let mut group = Vec::new();
@@ -95,7 +97,7 @@ impl Guides {
         if labels.len() != self.size.pixels() {
             return Err(Error::SizeMismatch {
                 expected: self.size,
-                found: format!("{} labels", labels.len()),
+                found: format!("guide '{name}' of {} labels", labels.len()),
             });
         }
         if labels.iter().all(|label| *label == labels[0]) {
