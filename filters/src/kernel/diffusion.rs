@@ -26,7 +26,8 @@ const BAND: usize = 64;
 const LINES: usize = 4;
 
 /// The image after the steps; `share` is what each pixel's weight is multiplied by.
-pub fn smooth(image: &Plane, share: &Plane) -> Plane {
+/// Rows that are begun when `is_over` stay as they are.
+pub fn smooth(image: &Plane, share: &Plane, is_over: &(dyn Fn() -> bool + Sync)) -> Plane {
     let size = image.size();
     let mut out = image.clone();
     if size.height < 2 || size.width < 2 {
@@ -36,7 +37,9 @@ pub fn smooth(image: &Plane, share: &Plane) -> Plane {
     out.pixels_mut().par_chunks_mut(BAND * size.width).enumerate().for_each(|(band, out)| {
         let from = band * BAND;
         let rows = from..from + out.len() / size.width;
-        dispatch(isa, Steps { image, share, rows, out });
+        if !is_over() {
+            dispatch(isa, Steps { image, share, rows, out });
+        }
     });
     out
 }

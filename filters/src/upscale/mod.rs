@@ -45,7 +45,7 @@ pub use sampling::Sampling;
 use crate::kernel::rows::Rows;
 use crate::kernel::{Isa, diffusion, vector};
 use crate::limiter::Moved;
-use crate::{Error, Mask, Outcome, Plane, Run, Size};
+use crate::{Error, Mask, Outcome, Plane, Run, Size, Stop};
 
 /// How an image is enlarged.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -225,9 +225,11 @@ impl Plan {
         run: &Run<'_>,
     ) -> Result<Enlarged, Error> {
         let low = self.geometry.low();
-        let sizes = [Some(samples.size()), question.mask.map(Mask::size)];
-        if let Some(found) = sizes.into_iter().flatten().find(|size| *size != low) {
-            return Err(Error::SizeMismatch { expected: low, found: found.to_string() });
+        let sizes = [("samples", Some(samples.size())), ("a mask", question.mask.map(Mask::size))];
+        for (name, size) in sizes {
+            if let Some(other) = size.filter(|size| *size != low) {
+                return Err(Error::size(low, name, other));
+            }
         }
         if let Some(bad) = samples.pixels().iter().position(|value| !value.is_finite()) {
             return Err(Error::NotFinite { row: bad / low.width, column: bad % low.width });
@@ -259,17 +261,31 @@ impl Plan {
 
     /// The spline, and what the hint makes of it, within its bounds.
     fn smooth(&self, samples: &Plane, hint: Hint<'_>, question: &Question<'_>, run: &Run<'_>) -> Enlarged {
-        let isa = Isa::best();
-        let shares = self.cells.is_none() && self.geometry.sampling == Sampling::Box;
         let mut plane = self.spline(samples);
-        if !matches!(hint, Hint::Guides(_))
-            && self.method == Method::Ss
-            && self.geometry.sampling == Sampling::Box
-        {
-            plane = self.along_edges(samples, plane);
+        match self.shape(samples, hint, question, &mut plane, run) {
+            Ok(target) => settle::settle(self, (samples, target.as_ref()), plane, question, run),
+            Err(stop) => settle::cut_short(self, samples, plane, question, stop),
+        }
+    }
+
+    /// What edges and the hint make of the spline; the means that it then has, where they are not the samples.
+    fn shape(
+        &self,
+        samples: &Plane,
+        hint: Hint<'_>,
+        question: &Question<'_>,
+        plane: &mut Plane,
+        run: &Run<'_>,
+    ) -> Result<Option<Plane>, Stop> {
+        let go_on = || run.interrupted().map_or(Ok(()), Err);
+        let isa = Isa::best();
+        let is_box = self.geometry.sampling == Sampling::Box;
+        go_on()?;
+        if !matches!(hint, Hint::Guides(_)) && self.method == Method::Ss && is_box {
+            self.along_edges(samples, plane, run)?;
         }
         // Boxes that share pixels: the means are the spline's own, over whole pixels; what reduces them again has only shares.
-        let target = shares.then(|| self.model.reduce(&plane));
+        let target = (self.cells.is_none() && is_box).then(|| self.model.reduce(plane));
         match hint {
             Hint::None => {}
             Hint::Guides(change) => {
@@ -280,26 +296,30 @@ impl Plan {
             Hint::Dark(share) => {
                 let given = (samples, target.as_ref());
                 let bounded = settle::settle(self, given, plane.clone(), question, run).plane;
+                go_on()?;
                 let means = target.as_ref().unwrap_or(samples);
-                highlights::soften(self, share, (samples, means), &bounded, &mut plane);
+                highlights::soften(self, share, (samples, means), &bounded, plane);
             }
         }
-        settle::settle(self, (samples, target.as_ref()), plane, question, run)
+        go_on()?;
+        Ok(target)
     }
 
     /// The spline of `samples`, smoothed along edges, with the means that it had.
-    fn along_edges(&self, samples: &Plane, plane: Plane) -> Plane {
+    fn along_edges(&self, samples: &Plane, plane: &mut Plane, run: &Run<'_>) -> Result<(), Stop> {
         let before =
-            if self.cells.is_some() { Cow::Borrowed(samples) } else { Cow::Owned(self.model.reduce(&plane)) };
+            if self.cells.is_some() { Cow::Borrowed(samples) } else { Cow::Owned(self.model.reduce(plane)) };
         let Geometry { vertical, horizontal, sampling } = self.geometry;
         let lines = [vertical, horizontal].map(|axis| guided::bilinear(&axis, sampling).rows());
-        let mut smooth = diffusion::smooth(&plane, &apply(&lines, &edges::unresolved(samples)));
-        drop(plane);
-        let mut less = bounds::difference(&before, &self.model.reduce(&smooth));
+        let share = apply(&lines, &edges::unresolved(samples));
+        *plane = diffusion::smooth(plane, &share, &|| run.interrupted().is_some());
+        drop(share);
+        run.interrupted().map_or(Ok(()), Err)?;
+        let mut less = bounds::difference(&before, &self.model.reduce(plane));
         // A spline that overflowed is for the caller to mend, where it did.
         less.pixels_mut().iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = 0.0);
-        vector::add_scaled(Isa::best(), smooth.pixels_mut(), 1.0, self.spline(&less).pixels());
-        smooth
+        vector::add_scaled(Isa::best(), plane.pixels_mut(), 1.0, self.spline(&less).pixels());
+        Ok(())
     }
 
     /// The spline that is what the samples say, free of bounds.

@@ -18,6 +18,8 @@ use crate::{Plane, Run, Stop};
 
 /// Sweeps over the list of what is left.
 const SWEEPS: usize = 400;
+/// Footprints between two questions whether to go on.
+const ASK: usize = 4096;
 /// Newton's steps for one footprint; what they leave is met again in the next sweep.
 const NEWTON: usize = 24;
 /// Part of the tolerance that a footprint is brought to, so that its neighbours may move it by the rest.
@@ -115,7 +117,12 @@ impl<'a> Relaxed<'a> {
             if let Some(stop) = run.interrupted() {
                 return (stop, sweep);
             }
-            for at in std::mem::take(&mut self.list) {
+            for (done, at) in std::mem::take(&mut self.list).into_iter().enumerate() {
+                if done % ASK == ASK - 1
+                    && let Some(stop) = run.interrupted()
+                {
+                    return (stop, sweep);
+                }
                 self.one(at as usize);
             }
             for at in &self.list {

@@ -71,6 +71,20 @@ pub(super) fn settle(
     Enlarged { plane, limited, outcome }
 }
 
+/// `plane` as far as it has come, clamped to its bounds.
+pub(super) fn cut_short(
+    plan: &Plan,
+    samples: &Plane,
+    mut plane: Plane,
+    question: &Question<'_>,
+    stop: Stop,
+) -> Enlarged {
+    let sampling = plan.geometry.sampling;
+    let bounds = Bounds::new(samples, question, matches!(sampling, Sampling::Box | Sampling::Grid));
+    let limited = in_grid(plan, samples, &bounds, &mut plane);
+    Enlarged { plane, limited, outcome: Outcome { stop, ..Outcome::direct() } }
+}
+
 /// Means in the range that all must keep. Measured ones are; those that a fill has made may lie beside it by a rounding.
 fn within(samples: &Plane, (low, high): (f32, f32)) -> Cow<'_, Plane> {
     if samples.pixels().iter().all(|value| (low..=high).contains(value)) {
@@ -151,7 +165,7 @@ fn one_cell(values: &mut [f64], mean: f64, (low, high): (f64, f64)) -> Moved {
     moved
 }
 
-/// A grid: every pixel by itself, and the samples' bits where they stand.
+/// Every pixel by itself, and in a grid the samples' bits where they stand.
 fn in_grid(plan: &Plan, samples: &Plane, bounds: &Bounds, plane: &mut Plane) -> Moved {
     let moved = clamp(plan, bounds, plane);
     plan.restore(samples, plane);

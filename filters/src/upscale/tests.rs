@@ -373,6 +373,27 @@ fn a_geometry_out_of_range_has_sources_and_is_refused() {
     }
 }
 
+#[test]
+fn whoever_wants_the_end_gets_it_soon_and_is_told() {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    let samples = scene(Size::new(33, 40));
+    let models = [Sampling::Box, Sampling::Grid, Sampling::Point, Sampling::Gaussian(1.0)];
+    for (sampling, factor) in models.into_iter().map(|model| (model, 2.0)).chain([(Sampling::Box, 1.5)]) {
+        for method in [Method::Ss, Method::Tv(tv::Settings { gap: 1e-12, ..tv::Settings::default() })] {
+            let plan = Plan::new(Geometry::scaled(samples.size(), factor, sampling), method).unwrap();
+            for patience in [0, 1] {
+                let asked = AtomicUsize::new(0);
+                let stop = || (asked.fetch_add(1, Ordering::Relaxed) >= patience).then_some(Stop::Cancelled);
+                let run = Run { interrupt: Some(&stop) };
+                let large = plan.enlarge(&samples, &LIGHT, &run).unwrap();
+                assert_eq!(large.outcome.stop, Stop::Cancelled, "{sampling} {factor} {method:?} {patience}");
+                assert_eq!(large.outcome.iterations, 0);
+                assert!(large.plane.pixels().iter().all(|value| value.is_finite() && *value >= 0.0));
+            }
+        }
+    }
+}
+
 /// Of narrow Gaussians some share no pixel, and have cells of several sizes.
 fn any_model() -> impl Strategy<Value = Sampling> {
     prop_oneof![

@@ -55,7 +55,8 @@ pub(super) fn enlarge(
 ) -> Result<Enlarged, Error> {
     settings.check()?;
     let (low, high) = range(samples, question.mask);
-    if low >= high || start.plane.size().pixels() == 1 {
+    let is_over = matches!(start.outcome.stop, Stop::TimeLimit | Stop::Cancelled);
+    if is_over || low >= high || start.plane.size().pixels() == 1 {
         return Ok(start);
     }
     let mut solver = Solver::new(plan, settings, (samples, question.mask), start.plane);
@@ -118,6 +119,10 @@ impl<'a> Solver<'a> {
         let (mut best, mut before) = (f64::NEG_INFINITY, self.variation());
         while outcome.iterations < self.settings.max_iterations {
             for _ in 0..CHECK.min(self.settings.max_iterations - outcome.iterations) {
+                if let Some(stop) = run.interrupted() {
+                    outcome.stop = stop;
+                    return outcome;
+                }
                 self.sweep();
                 outcome.iterations += 1;
             }
@@ -130,10 +135,6 @@ impl<'a> Solver<'a> {
             outcome.residual = Some(change);
             if gap <= self.settings.gap || change <= STALL {
                 outcome.stop = Stop::Converged;
-                break;
-            }
-            if let Some(stop) = run.interrupted() {
-                outcome.stop = stop;
                 break;
             }
         }

@@ -17,7 +17,7 @@ fn shares(size: Size) -> Plane {
 }
 
 fn everywhere(image: &Plane) -> Plane {
-    smooth(image, &Plane::filled(image.size(), 1.0))
+    smooth(image, &Plane::filled(image.size(), 1.0), &|| false)
 }
 
 /// The formulas, in f64 and pixel by pixel.
@@ -89,7 +89,7 @@ fn rows_in_bands_are_the_formulas() {
     for (height, width) in sizes {
         let image = scene(Size::new(height, width));
         let share = shares(image.size());
-        let fast = smooth(&image, &share);
+        let fast = smooth(&image, &share, &|| false);
         for (at, (fast, slow)) in fast.pixels().iter().zip(slow(&image, &share)).enumerate() {
             // Where nothing is an edge its direction is a matter of rounding, and so is what little flows.
             let error = (f64::from(*fast) - slow).abs();
@@ -154,6 +154,6 @@ fn the_result_is_in_proportion_and_huge_values_stay() {
 fn threads_change_nothing() {
     let image = scene(Size::new(3 * BAND + 5, 31));
     let share = shares(image.size());
-    let run = |threads| testing::with_threads(threads, || smooth(&image, &share));
+    let run = |threads| testing::with_threads(threads, || smooth(&image, &share, &|| false));
     assert_eq!(run(1), run(3));
 }
