@@ -1,4 +1,4 @@
-//! The methods a user picks from, and what is to be known of each. A new filter is one file and one line here.
+//! The methods a user picks from, and what is to be known of each. A new filter is one file, its `pub mod` and one line here.
 
 use crate::auto;
 use crate::baseline::{cubic, linear, nearest, push_pull};
