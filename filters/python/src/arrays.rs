@@ -5,6 +5,7 @@ use lacuna_core::parallel::prelude::*;
 use lacuna_filters::{Mask, Plane, Planes, Size};
 use ndarray::{ArrayView3, s};
 use numpy::{Element, PyArray1, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::ThreadPool;
 
@@ -112,6 +113,18 @@ fn planes<T: Copy + Sync>(
 /// A mask.
 pub fn mask(bytes: &Bytes<'_>) -> Mask {
     Mask::from(bytes.as_array().mapv(|byte| byte != 0))
+}
+
+/// The given mask, or else the pixels that are finite in all channels, of which there must be one.
+pub fn measured(given: Option<&Bytes<'_>>, samples: &Planes) -> PyResult<Mask> {
+    if let Some(given) = given {
+        return Ok(mask(given));
+    }
+    let mask = Mask::finite(samples);
+    if mask.is_empty() {
+        return Err(PyValueError::new_err("image: no pixel is finite in all channels"));
+    }
+    Ok(mask)
 }
 
 /// Labels, row by row.

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
+use lacuna_filters::Plans;
 use lacuna_filters::descriptor::Configured;
 use lacuna_filters::enlarge::{Options, upscale_with};
 use lacuna_filters::upscale::plain::Kernel;
 use lacuna_filters::upscale::{Axis, Geometry, Method, Sampling};
 use lacuna_filters::variational::{ss, tv};
-use lacuna_filters::{Mask, Plans};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -44,7 +44,7 @@ pub fn upscale<'py>(
         sampling,
     };
     let mut options = Options::new(geometry);
-    options.mask = Some(Arc::new(mask.map_or_else(|| Mask::finite(&samples), |mask| arrays::mask(&mask))));
+    options.mask = Some(Arc::new(arrays::measured(mask.as_ref(), &samples)?));
     options.method = enlarging(filter, &settings)?;
     options.fill.method = filling(filter, &settings)?.into();
     (options.fill.values, options.fill.bounds) = self::values(values, samples.len())?;

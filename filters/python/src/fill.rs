@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
+use lacuna_filters::descriptor::Descriptor;
 use lacuna_filters::domain::Domain;
 use lacuna_filters::estimate::{Verdict, Why};
 use lacuna_filters::fill::{Estimate, Filled, Set, Values, fill_with};
 use lacuna_filters::variational::guided::Guides;
-use lacuna_filters::{Bounds, METHODS, Mask, Method, Options, Plane, Planes, Plans};
+use lacuna_filters::{Bounds, METHODS, Method, Options, Plane, Planes, Plans};
 use numpy::PyReadonlyArray2;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -36,6 +37,11 @@ pub struct Report<'py> {
 /// The method of that name.
 pub fn method(name: &str, settings: &Settings) -> PyResult<Method> {
     let settings: Vec<(&str, &str)> = settings.iter().map(|(k, v)| (k.as_str(), v.as_str())).collect();
+    let known: Vec<&str> = methods().map(|method| method.name).collect();
+    if !known.contains(&name) {
+        let known = known.join(", ");
+        return Err(PyValueError::new_err(format!("filter: there is no filter '{name}', but {known}")));
+    }
     let method = Method::named(name, &settings).map_err(|error| refusal(&error))?;
     method.check().map_err(|error| refusal(&error))?;
     Ok(method)
@@ -76,16 +82,37 @@ fn estimate(name: &str) -> PyResult<Estimate> {
 }
 
 /// The guides as the filters take them.
-fn guides(arrays: Vec<(String, Guide<'_>)>, image: &Planes, pool: &ThreadPool) -> PyResult<Guides> {
+fn guides(
+    arrays: Vec<(String, Guide<'_>)>,
+    method: &Method,
+    image: &Planes,
+    pool: &ThreadPool,
+) -> PyResult<Guides> {
+    let takes = method.descriptor().takes.guides && method.keeps_measured();
+    if !takes && !arrays.is_empty() {
+        let able: Vec<&str> = methods().filter(|known| known.takes.guides).map(|known| known.name).collect();
+        let able = able.join(" and ");
+        let line = format!("guides: only {able} take some, and only where measured pixels are kept");
+        return Err(PyValueError::new_err(line));
+    }
     let mut guides = Guides::new(image.size());
     for (name, guide) in arrays {
         match guide {
             Guide::Labels(labels) => guides.add_labels(&name, &arrays::labels(&labels)),
-            Guide::Values(values) => guides.add(&name, values.plain_planes(pool).into_vec()),
+            Guide::Values(values) => guides.add(&name, components(values.plain_planes(pool))),
         }
         .map_err(|error| PyValueError::new_err(format!("guides['{name}']: {error}")))?;
     }
     Ok(guides)
+}
+
+/// In the order of a file, by their names: what is nowhere negative is red, green and blue, else x, y and z.
+fn components(planes: Planes) -> Vec<Plane> {
+    let mut planes = planes.into_vec();
+    if planes.len() == 3 && !planes.iter().flat_map(Plane::pixels).any(|value| *value < 0.0) {
+        planes.reverse();
+    }
+    planes
 }
 
 /// Fills an image; without a mask, what is not finite in any channel is missing.
@@ -109,9 +136,9 @@ pub fn fill<'py>(
     let kind = image.kind();
     let samples = image.planes(&pool);
     let given = mask.is_some();
-    let mask = Arc::new(mask.map_or_else(|| Mask::finite(&samples), |mask| arrays::mask(&mask)));
-    let guides = self::guides(guides, &samples, &pool)?;
+    let mask = Arc::new(arrays::measured(mask.as_ref(), &samples)?);
     let mut options = Options::of(method(filter, &settings)?);
+    let guides = self::guides(guides, &options.method, &samples, &pool)?;
     if !given && mask.is_full() && options.keeps_measured() {
         let what =
             "image: nothing is missing: no pixel is NaN or infinite; give the mask of the measured ones";
@@ -174,7 +201,7 @@ fn verdict(sets: &[Set]) -> (Option<Rmse>, Option<String>) {
     let (mut squares, mut planes, mut bound) = ([0.0; 3], 0.0, false);
     for set in sets {
         let ends = match set.estimate {
-            None => return (None, None),
+            None => return (None, Some(untold(set))),
             Some(Verdict::CannotTell(why)) => return (None, Some(why.to_string())),
             Some(Verdict::Estimate(found)) => [found.rmse, found.low, found.high],
             Some(Verdict::AtMost(most)) => {
@@ -187,13 +214,21 @@ fn verdict(sets: &[Set]) -> (Option<Rmse>, Option<String>) {
         planes += count;
     }
     if planes == 0.0 {
-        return (None, None);
+        return (None, Some("nothing is missing".into()));
     }
     let [rmse, low, high] = squares.map(|sum| (sum / planes).sqrt());
     if bound {
         return (Some((None, None, high)), Some(Why::TooFar.to_string()));
     }
     (Some((Some(rmse), Some(low), high)), None)
+}
+
+/// Why held-out samples were not asked.
+fn untold(set: &Set) -> String {
+    if set.smoothed || !set.method.keeps_measured() {
+        return "measured pixels are smoothed, so that their errors are not those beside them".into();
+    }
+    format!("fills by {} without some of the samples take too long", set.method.name())
 }
 
 /// The errors of the pixels over all sets; nothing where a set has none.
@@ -226,13 +261,17 @@ pub fn filters() -> Vec<(&'static str, &'static str, Vec<SettingRow>)> {
         let default = plain.get(setting.name).unwrap_or_default();
         (setting.name, setting.range.to_string(), default, setting.help)
     };
-    let row = |method: &&lacuna_filters::descriptor::Descriptor| {
+    let row = |method: &'static Descriptor| {
         let plain = Method::of(method, &[]).unwrap_or_default();
         let settings = method.settings.iter().filter(|setting| !setting.flag.is_empty());
         (method.name, method.help, settings.map(|one| setting(&plain, one)).collect())
     };
-    // Python has no files of dictionaries.
-    METHODS.iter().filter(|method| method.name != "dictionary").map(row).collect()
+    methods().map(row).collect()
+}
+
+/// Those that Python has: it knows no files of dictionaries.
+fn methods() -> impl Iterator<Item = &'static Descriptor> {
+    METHODS.iter().copied().filter(|method| !method.takes.dictionary)
 }
 
 /// Bytes that a filter takes for each pixel beside those of the channels, if measured pixels lie everywhere.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use lacuna_filters::sampling::{self, Field, Pattern, Temporal, refine};
 use lacuna_filters::variational::ss;
-use lacuna_filters::{Mask, Size};
+use lacuna_filters::{Error, Mask, Size};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -64,13 +64,16 @@ pub fn next_mask<'py>(
     let pool = pool(threads)?;
     let samples = image.planes(&pool);
     let finite = Mask::finite(&samples);
-    let measured = mask.map_or_else(|| finite.clone(), |mask| arrays::mask(&mask));
+    let measured = arrays::measured(mask.as_ref(), &samples)?;
     let closed = closed.map(|closed| arrays::mask(&closed));
     drop(image);
     let next = run(py, &pool, |run| {
         let size = samples.size();
         // A pixel that is not finite is measured, so not computed again, but says nothing about its surroundings.
         let usable = Mask::from_fn(size, |y, x| measured.is_measured(y, x) && finite.is_measured(y, x));
+        if usable.is_empty() {
+            return Err(Error::NothingFinite { plane: 0 });
+        }
         let settings = ss::Settings::default();
         let estimate = refine::estimate_spline(&samples, &Arc::new(usable), &settings, run)?;
         let open = |pixel: usize| {

@@ -101,6 +101,58 @@ def test_non_finite_values():
     assert (lacuna.fill(one) == 5).all()
 
 
+def test_masked_pixels_are_missing():
+    hidden = np.ma.array(IMAGE, mask=np.repeat(~MASK[:, :, None], 3, axis=2))
+    assert same_bits(lacuna.fill(hidden, filter="ss"), FILLED)
+    assert same_bits(lacuna.fill(hidden, np.ones_like(MASK), filter="ss"), FILLED)
+    fewer = MASK & (np.arange(52) != 7)
+    some = np.ma.array(IMAGE, mask=False)
+    some[:, 7, 1] = np.ma.masked
+    assert same_bits(lacuna.fill(some, MASK, filter="ss"), lacuna.fill(IMAGE, fewer, filter="ss"))
+    half = np.ma.array(IMAGE.astype(np.float16), mask=hidden.mask)
+    assert same_bits(lacuna.fill(half, filter="ss"), lacuna.fill(IMAGE.astype(np.float16), MASK, filter="ss"))
+    assert same_bits(lacuna.fill(np.ma.array(IMAGE), MASK, filter="ss"), FILLED), "nothing is masked"
+    assert same_bits(lacuna.upscale(hidden, 2), lacuna.upscale(IMAGE, 2, mask=MASK))
+
+
+def test_identifiers_of_64_bits_stay_apart():
+    columns = np.arange(52) > 25
+    small = np.broadcast_to(columns, MASK.shape).astype(np.uint32)
+    image = np.where(columns[:, None], IMAGE, 1 - IMAGE)
+    filled = lacuna.fill(image, MASK, {"id": small}, "ss")
+    assert not same_bits(filled, lacuna.fill(image, MASK, filter="ss"))
+    for large in (small.astype(np.uint64) << 32, small * np.int64(-(2**40)), small.astype(np.int64)):
+        two = lacuna.fill(image, MASK, {"id": large}, "ss")
+        assert same_bits(two, filled), large.max()
+
+
+def test_the_order_of_guides_does_not_matter():
+    edge = (np.arange(52) > 30) * np.float32(0.5) + np.zeros((40, 1), np.float32)
+    guides = {"N": IMAGE * 2 - 1, "albedo": IMAGE[:, ::-1] * edge[:, :, None], "Z": edge, "id": edge > 0}
+    turned = dict(reversed(guides.items()))
+    assert same_bits(lacuna.fill(IMAGE, MASK, guides), lacuna.fill(IMAGE, MASK, turned))
+
+
+def test_why_no_error_is_told():
+    for filter in ("cs-wavelet", "dct"):
+        told = lacuna.estimate(IMAGE, MASK, filter=filter)
+        assert told.psnr is None and filter in told.reason
+    smooth = lacuna.estimate(IMAGE, MASK, filter="ss", settings={"lambda": 1e-3})
+    assert smooth.psnr is None and "smoothed" in smooth.reason
+    assert lacuna.estimate(IMAGE, np.ones_like(MASK)).reason == "nothing is missing"
+
+
+def test_what_cannot_be_compared_is_like_nothing():
+    found = lacuna.compare(IMAGE, np.full_like(IMAGE, np.nan), flip=True)
+    assert [found[name] for name in ("psnr", "ssim", "flip")] == [None] * 3
+
+
+def test_names_of_filters_that_python_lacks_are_not_offered():
+    with pytest.raises(ValueError, match="there is no filter 'magic'") as raised:
+        lacuna.fill(IMAGE, MASK, filter="magic")
+    assert "dictionary" not in str(raised.value) and "cnn" in str(raised.value)
+
+
 NAN_MASK = np.full((40, 52), np.nan, np.float32)
 HUGE = np.broadcast_to(np.float32(0), (10**6, 10**6))
 LARGE = np.broadcast_to(np.float32(0), (60000, 60000))
@@ -118,7 +170,7 @@ REFUSED = {
     "too many pixels": ("image", lambda: lacuna.fill(HUGE)),
     "more than the memory": ("image", lambda: lacuna.fill(np.broadcast_to(np.float32(0), (60000, 60000, 4000)), None)),
     "more than the memory has": ("image", lambda: lacuna.fill(LARGE, None)),
-    "all NaN": ("mask", lambda: lacuna.fill(np.full((4, 4), np.nan, np.float32))),
+    "all NaN": ("image", lambda: lacuna.fill(np.full((4, 4), np.nan, np.float32))),
     "a channel of NaN": ("image", lambda: lacuna.fill(np.stack([IMAGE[:, :, 0], NAN_MASK], -1), MASK)),
     "empty mask": ("mask", lambda: lacuna.fill(IMAGE, np.zeros((40, 52), bool))),
     "another size": ("mask", lambda: lacuna.fill(IMAGE, MASK[:, :-1])),
@@ -164,6 +216,29 @@ REFUSED = {
     "allowed of another size": ("allowed", lambda: lacuna.next_mask(IMAGE, MASK, 0.1, allowed=MASK[1:])),
     "images of two shapes": ("image", lambda: lacuna.compare(IMAGE, IMAGE[1:])),
     "peak 0": ("peak", lambda: lacuna.compare(IMAGE, IMAGE, peak=0)),
+    "all NaN, larger": ("image", lambda: lacuna.upscale(NAN_MASK, 2)),
+    "all NaN, next": ("image", lambda: lacuna.next_mask(NAN_MASK, density=0.1)),
+    "all measured NaN, next": ("image", lambda: lacuna.next_mask(NAN_MASK, MASK, density=0.1)),
+    "a masked mask": ("mask", lambda: lacuna.fill(IMAGE, np.ma.masked_equal(MASK, True))),
+    "masked guides": ("guides", lambda: lacuna.fill(IMAGE, MASK, {"n": np.ma.masked_less(IMAGE, 0.5)})),
+    "masked weights": ("weights", lambda: lacuna.fill(IMAGE, MASK, weights=np.ma.masked_equal(MASK, True))),
+    "a masked region": ("region", lambda: lacuna.compare(IMAGE, IMAGE, np.ma.masked_equal(MASK, True))),
+    "a masked reference": ("reference", lambda: lacuna.compare(np.ma.masked_less(IMAGE, 0.5), IMAGE)),
+    "everything masked": ("image", lambda: lacuna.fill(np.ma.masked_greater(IMAGE, -1))),
+    "everything masked and a mask": ("mask", lambda: lacuna.fill(np.ma.masked_greater(IMAGE, -1), MASK)),
+    "guides that tv does not take": ("guides", lambda: lacuna.fill(IMAGE, MASK, {"n": IMAGE}, "tv")),
+    "guides where it smooths": ("guides", lambda: lacuna.fill(IMAGE, MASK, {"n": IMAGE}, "ss", settings={"lambda": 1})),
+    "limit as a text": ("limit", lambda: lacuna.fill(IMAGE, MASK, limit="no")),
+    "limit as an array": ("limit", lambda: lacuna.fill(IMAGE, MASK, limit=MASK)),
+    "estimate as an array": ("estimate", lambda: lacuna.fill(IMAGE, MASK, estimate=MASK)),
+    "clip as a number": ("clip", lambda: lacuna.compare(IMAGE, IMAGE, clip=2)),
+    "hundreds of digits": ("density", lambda: lacuna.mask((4, 4), 10**400)),
+    "thousands of digits": ("seed", lambda: lacuna.mask((4, 4), 0.5, seed=10**5000)),
+    "a setting of thousands of digits": ("settings", lambda: lacuna.fill(IMAGE, MASK, settings={"x": 10**5000})),
+    "a setting of rows": ("settings", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": np.eye(2)})),
+    "rows of threads": ("threads", lambda: lacuna.fill(IMAGE, MASK, threads=np.eye(2))),
+    "peak too small": ("peak", lambda: lacuna.compare(IMAGE, IMAGE, peak=1e-60)),
+    "peak too large": ("peak", lambda: lacuna.compare(IMAGE, IMAGE, peak=1e300)),
     "region of another size": ("region", lambda: lacuna.compare(IMAGE, IMAGE, MASK[1:])),
 }
 
@@ -212,7 +287,15 @@ def test_other_threads_of_python_go_on():
     assert turns > 5
 
 
-def test_an_interrupt_ends_a_fill():
+@pytest.mark.parametrize(
+    "call",
+    [
+        "lacuna.fill(image, mask, filter='tv', settings={'gap': 1e-12, 'max_iterations': 10000000})",
+        "lacuna.upscale(image, 2, filter='tv', settings={'gap': 1e-12, 'max_iterations': 10000000})",
+        "[lacuna.upscale(image, 1.5) for _ in range(10000)]",
+    ],
+)
+def test_an_interrupt_ends_it(call):
     program = (
         "import lacuna, numpy as np, signal\n"
         # A job in the background of a shell is born deaf to it.
@@ -221,7 +304,7 @@ def test_an_interrupt_ends_a_fill():
         "mask = lacuna.mask((1500, 1500), 0.05)\n"
         "print('ready', flush=True)\n"
         "try:\n"
-        "    lacuna.fill(image, mask, filter='tv', settings={'gap': 1e-12, 'max_iterations': 10000000})\n"
+        f"    {call}\n"
         "except KeyboardInterrupt:\n"
         "    print('interrupted', flush=True)\n"
     )

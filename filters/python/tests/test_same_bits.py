@@ -29,14 +29,26 @@ def test_fill(tmp_path, tool, dtype, filter):
 
 
 def test_fill_with_settings_and_guides(tmp_path, tool):
-    # What predicts the image best is the image, in other values.
-    normal = np.ascontiguousarray(picture()[:, :, ::-1] ** 2)
+    # What predicts the image best is the image, in other values; some of them negative, as those of colours are not.
+    normal = np.ascontiguousarray(picture()[:, :, ::-1] ** 2 - 0.25)
     path, _, samples, mask = sparse(tmp_path, **{f"N.{name}": normal[:, :, c] for c, name in enumerate("XYZ")})
     tool("fill", path, "-o", tmp_path / "out.exr", "--filter", "ss", "--guides", "N.*", "--ss-order", "3")
     said = lacuna.fill(samples, mask, {"N": normal}, "ss", settings={"order": 3}, estimate=True)
     assert same_bits(said[0], read(tmp_path / "out.exr"))
     assert said[1].guides == ("N",)
     assert not same_bits(said[0], lacuna.fill(samples, mask, filter="ss", settings={"order": 3}))
+
+
+@pytest.mark.parametrize("filter", ["auto", "ss"])
+def test_fill_with_guides_that_are_colours(tmp_path, tool, filter):
+    albedo = np.sqrt(picture()) * np.float32([1, 0.5, 0.25])
+    normal = picture()[:, :, ::-1] ** 2 - 0.25
+    more = {f"albedo.{name}": albedo[:, :, c] for c, name in enumerate("RGB")}
+    more |= {f"N.{name}": normal[:, :, c] for c, name in enumerate("XYZ")}
+    path, _, samples, mask = sparse(tmp_path, **{name: np.ascontiguousarray(plane) for name, plane in more.items()})
+    tool("fill", path, "-o", tmp_path / "out.exr", "--filter", filter, "--guides", "N.*,albedo.*")
+    filled = read(tmp_path / "out.exr")
+    assert same_bits(lacuna.fill(samples, mask, {"albedo": albedo, "N": normal}, filter), filled)
 
 
 def test_estimate_and_errors(tmp_path, tool):

@@ -11,7 +11,8 @@ Images are NumPy arrays of float32 or float16, (height, width) or (height, width
     True
 
 Every call works without the interpreter's lock in threads of its own (``threads``; 0: one a processor), whose number changes no bit of
-a result, and ends soon after Ctrl-C with KeyboardInterrupt. What cannot be done raises ValueError, the argument's name first.
+a result, and ends with KeyboardInterrupt after Ctrl-C: ``upscale`` and fills by iterations soon, what takes none when it is done. What
+cannot be done raises ValueError, the argument's name first.
 """
 
 from __future__ import annotations
@@ -87,6 +88,21 @@ def fill(
     estimate: Literal[True],
     threads: int = ...,
 ) -> tuple[Image, Estimate]: ...
+@overload
+def fill(
+    image: npt.ArrayLike,
+    mask: Optional[npt.ArrayLike] = ...,
+    guides: Optional[Mapping[str, npt.ArrayLike]] = ...,
+    filter: str = ...,
+    *,
+    settings: Optional[Mapping[str, Any]] = ...,
+    values: str = ...,
+    domain: str = ...,
+    limit: bool = ...,
+    weights: Optional[npt.ArrayLike] = ...,
+    estimate: bool,
+    threads: int = ...,
+) -> Union[Image, tuple[Image, Estimate]]: ...
 def fill(
     image: npt.ArrayLike,
     mask: Optional[npt.ArrayLike] = None,
@@ -106,13 +122,15 @@ def fill(
     image
         float32 or float16, (height, width) or (height, width, channels). All channels are filled together: pass colour as one
         image, alpha, depth and normals as others. What stands at missing pixels is not read. A measured value that is NaN or
-        infinite counts as missing.
+        infinite counts as missing, and so does a pixel of a masked array that is masked in any channel.
     mask
         (height, width): bool, whole numbers (not 0: measured) or floats (0.5 or more: measured). Without it, the pixels at which
-        any channel is NaN or infinite are missing.
+        any channel is NaN or infinite are missing. A mask of all pixels says that nothing is to be filled: such values then stay.
     guides
         Complete arrays by their names, (height, width) or (height, width, channels): normals, depth, albedo. Arrays of whole
-        numbers, (height, width), are identifiers of surfaces. Guides that do not predict are ignored.
+        numbers, (height, width), are identifiers of surfaces. Guides that do not predict are ignored; filters other than ``auto``
+        and ``ss`` take none. Their order does not matter, their names do, as it does in files: channels are taken by name, those of
+        three that are nowhere negative as R, G, B, others as X, Y, Z.
     filter, settings
         One of ``lacuna.filters()``, and its settings as a dict: ``filter="ss", settings={"lambda": 1e-3}``. The default blends
         several by their errors at held-out samples.
@@ -135,10 +153,11 @@ def fill(
 
     Raises ValueError, which begins with the argument's name, for shapes that do not fit, other dtypes, arrays without pixels or with
     more than the memory holds, masks without a measured pixel or with NaNs, channels without a finite measured value, and unknown
-    names; KeyboardInterrupt after Ctrl-C.
+    names, and masked values in anything but ``image``; KeyboardInterrupt after Ctrl-C.
     """
-    told = _fill(image, mask, guides, filter, settings, values, domain, limit, weights, "pixels" if estimate else "no", threads)
-    return told if estimate else told[0]
+    asked = arguments.flag("estimate", estimate)
+    told = _fill(image, mask, guides, filter, settings, values, domain, limit, weights, "pixels" if asked else "no", threads)
+    return told if asked else told[0]
 
 
 def estimate(
@@ -205,7 +224,7 @@ def upscale(
             raise ValueError(f"scale: {factor:g} is not above 1 and at most 16")
         size = math.floor(height * factor + 0.5), math.floor(width * factor + 0.5)
     rows, columns = arguments.size("size", size)
-    flags = arguments.mask("mask", mask, (height, width))
+    flags = arguments.mask(mask, image, (height, width))
     arguments.afford("size", (rows, columns), channels * _SOLVING)
     large = _lacuna.upscale(
         array,
@@ -217,7 +236,7 @@ def upscale(
         arguments.settings(settings),
         arguments.word("values", values),
         arguments.word("domain", domain),
-        bool(limit),
+        arguments.flag("limit", limit),
         _threads(threads),
     )
     return large if deep else large[:, :, 0]
@@ -300,7 +319,7 @@ def next_mask(
     """
     array, _ = arguments.image("image", image)
     height, width, channels = array.shape
-    flags = arguments.mask("mask", mask, (height, width))
+    flags = arguments.mask(mask, image, (height, width))
     if (density is None) == (count is None):
         raise ValueError("density: give it or count, one of the two")
     if count is None:
@@ -350,14 +369,14 @@ def compare(
 
     Raises ValueError, which begins with the argument's name.
     """
-    one, _ = arguments.image("reference", reference)
-    other, _ = arguments.image("image", image)
+    one, _ = arguments.image("reference", reference, may_hide=False)
+    other, _ = arguments.image("image", image, may_hide=False)
     if one.shape != other.shape:
         raise ValueError(f"image: its shape is {np.shape(image)}, that of the reference {np.shape(reference)}")
     flags = arguments.flags("region", region, one.shape[:2])
     arguments.afford("image", one.shape, 64 + 8 * one.shape[2])
-    white = arguments.real("peak", peak, above=0)
-    return dict(_lacuna.compare(one, other, flags, white, bool(clip), bool(flip), _threads(threads)))
+    white, clipped, seen = arguments.peak(peak), arguments.flag("clip", clip), arguments.flag("flip", flip)
+    return dict(_lacuna.compare(one, other, flags, white, clipped, seen, _threads(threads)))
 
 
 def filters() -> dict[str, dict[str, Any]]:
@@ -384,7 +403,7 @@ def _fill(
 ) -> tuple[Image, Estimate]:
     array, deep = arguments.image("image", image)
     height, width, channels = array.shape
-    flags = arguments.mask("mask", mask, (height, width))
+    flags = arguments.mask(mask, image, (height, width))
     name = arguments.word("filter", filter)
     steering = arguments.guides(guides, (height, width))
     bytes_per_pixel = channels * _SOLVING + 4 * sum(1 if guide.ndim == 2 else guide.shape[2] for _, guide in steering)
@@ -397,7 +416,7 @@ def _fill(
         arguments.settings(settings),
         arguments.word("values", values),
         arguments.word("domain", domain),
-        bool(limit),
+        arguments.flag("limit", limit),
         arguments.weights(weights, (height, width)),
         estimate,
         _threads(threads),

@@ -14,9 +14,9 @@ import numpy.typing as npt
 _MOST = 2**32 - 1
 
 
-def image(name: str, given: Any) -> tuple[npt.NDArray[Any], bool]:
-    """(row, column, channel), a view wherever one will do, and whether there was an axis of channels."""
-    array = _array(name, given)
+def image(name: str, given: Any, may_hide: bool = True) -> tuple[npt.NDArray[Any], bool]:
+    """(row, column, channel), a view wherever one will do, and whether there was an axis of channels. What is masked becomes NaN."""
+    array = _array(name, given, may_hide)
     if array.dtype not in (np.float32, np.float16):
         raise ValueError(f"{name}: values are {array.dtype}, not float32 or float16; convert them with astype(numpy.float32)")
     if array.ndim not in (2, 3):
@@ -26,6 +26,8 @@ def image(name: str, given: Any) -> tuple[npt.NDArray[Any], bool]:
         raise ValueError(f"{name}: there is no pixel in an array of shape {array.shape}")
     if height * width > _MOST:
         raise ValueError(f"{name}: {width}x{height} pixels are too many (the limit is 2^32 - 1)")
+    if np.ma.is_masked(given):
+        array = np.where(np.ma.getmaskarray(given), array.dtype.type(np.nan), array)
     return array.reshape(height, width, -1) if array.ndim == 2 else array, array.ndim == 3
 
 
@@ -47,11 +49,14 @@ def flags(name: str, given: Any, shape: tuple[int, ...]) -> Optional[npt.NDArray
     return array.view(np.uint8)
 
 
-def mask(name: str, given: Any, shape: tuple[int, ...]) -> Optional[npt.NDArray[np.uint8]]:
-    """The same where a pixel must be in it."""
-    array = flags(name, given, shape)
+def mask(given: Any, image: Any, shape: tuple[int, ...]) -> Optional[npt.NDArray[np.uint8]]:
+    """Those of an image, without the pixels that the image itself masks; one at least."""
+    array = flags("mask", given, shape)
+    if array is not None and np.ma.is_masked(image):
+        shown = ~np.ma.getmaskarray(image).reshape(*shape, -1).any(axis=2)
+        array = np.where(shown, array, np.uint8(0))
     if array is not None and not array.any():
-        raise ValueError(f"{name}: no pixel is measured")
+        raise ValueError("mask: no pixel is measured")
     return array
 
 
@@ -68,7 +73,7 @@ def weights(given: Any, shape: tuple[int, ...]) -> Optional[npt.NDArray[np.float
 
 
 def guides(given: Any, shape: tuple[int, ...]) -> list[tuple[str, npt.NDArray[Any]]]:
-    """Guides with their names; whole numbers are labels of surfaces."""
+    """Guides with their names, in the order of the channels of a file; whole numbers are labels of surfaces."""
     if given is None:
         return []
     if not isinstance(given, Mapping):
@@ -82,11 +87,18 @@ def guides(given: Any, shape: tuple[int, ...]) -> list[tuple[str, npt.NDArray[An
         if array.dtype.kind in "iub":
             if array.ndim != 2:
                 raise ValueError(f"{name}: labels are one whole number a pixel, not {_axes(array)}")
-            array = array.astype(np.uint32)
+            array = _labels(array)
         else:
             array, _ = image(name, array)
         taken.append((str(key), array))
-    return taken
+    return sorted(taken, key=lambda guide: guide[0] if guide[1].shape[2:] in ((), (1,)) else guide[0] + ".")
+
+
+def _labels(array: npt.NDArray[Any]) -> npt.NDArray[np.uint32]:
+    """Labels of 32 bits, those that differ staying different."""
+    if array.size and int(array.max()) - int(array.min()) >= 2**32:
+        array = np.unique(array, return_inverse=True)[1].reshape(array.shape)
+    return array.astype(np.uint32)
 
 
 def settings(given: Any) -> list[tuple[str, str]]:
@@ -101,9 +113,16 @@ def settings(given: Any) -> list[tuple[str, str]]:
             return "true" if value else "false"
         if isinstance(value, np.generic):
             value = value.item()
-        return str(value)
+        return value if isinstance(value, str) else _shown(value)
 
     return [(str(name), text(value)) for name, value in given.items()]
+
+
+def flag(name: str, given: Any) -> bool:
+    """True or False."""
+    if not isinstance(given, (bool, np.bool_)):
+        raise ValueError(f"{name}: {_shown(given)} is neither True nor False")
+    return bool(given)
 
 
 def count(name: str, given: Any, least: int = 0, most: int = 2**63 - 1) -> int:
@@ -111,9 +130,9 @@ def count(name: str, given: Any, least: int = 0, most: int = 2**63 - 1) -> int:
     try:
         value = operator.index(given)
     except TypeError:
-        raise ValueError(f"{name}: {given!r} is no whole number") from None
+        raise ValueError(f"{name}: {_shown(given)} is no whole number") from None
     if not least <= value <= most:
-        raise ValueError(f"{name}: {value} is not between {least} and {most}")
+        raise ValueError(f"{name}: {_shown(value)} is not between {least} and {most}")
     return value
 
 
@@ -121,17 +140,26 @@ def real(name: str, given: Any, above: float = -math.inf) -> float:
     """A finite number above a bound."""
     try:
         value = float(given)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: {given!r} is no number") from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name}: {_shown(given)} is no number of 64 bits") from None
     if not (math.isfinite(value) and value > above):
         raise ValueError(f"{name}: {value} is not a finite number" + ("" if above == -math.inf else f" above {above:g}"))
+    return value
+
+
+def peak(given: Any) -> float:
+    """A value that is above 0 and finite in 32 bits, too."""
+    value = real("peak", given, above=0)
+    least, most = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+    if not least <= value <= most:
+        raise ValueError(f"peak: {value} is not between {least:.3g} and {most:.3g}")
     return value
 
 
 def word(name: str, given: Any) -> str:
     """A text."""
     if not isinstance(given, str):
-        raise ValueError(f"{name}: {given!r} is no text")
+        raise ValueError(f"{name}: {_shown(given)} is no text")
     return given
 
 
@@ -140,7 +168,7 @@ def size(name: str, given: Any) -> tuple[int, int]:
     try:
         height, width = given
     except (TypeError, ValueError):
-        raise ValueError(f"{name}: {given!r} is not (height, width)") from None
+        raise ValueError(f"{name}: {_shown(given)} is not (height, width)") from None
     height, width = count(name, height, 1), count(name, width, 1)
     if height * width > _MOST:
         raise ValueError(f"{name}: {width}x{height} pixels are too many (the limit is 2^32 - 1)")
@@ -159,8 +187,10 @@ def afford(name: str, shape: tuple[int, ...], bytes_per_pixel: int, held: int = 
         raise ValueError(line) from None
 
 
-def _array(name: str, given: Any) -> npt.NDArray[Any]:
+def _array(name: str, given: Any, may_hide: bool = False) -> npt.NDArray[Any]:
     """An array whose values lie as the processor reads them; a copy only if they do not."""
+    if np.ma.is_masked(given) and not may_hide:
+        raise ValueError(f"{name}: values of it are masked; say what they are with numpy.ma.filled")
     try:
         array = np.asarray(given)
     except (TypeError, ValueError) as error:
@@ -168,6 +198,16 @@ def _array(name: str, given: Any) -> npt.NDArray[Any]:
     if not (array.dtype.isnative and array.flags.aligned):
         array = np.array(array, dtype=array.dtype.newbyteorder("="))
     return array
+
+
+def _shown(given: Any) -> str:
+    """What was given, in a line."""
+    try:
+        line = " ".join(repr(given).split())
+    except ValueError:
+        # Python prints no whole number of more than 4300 digits.
+        line = "a number of thousands of digits"
+    return line if len(line) <= 60 else line[:57] + "..."
 
 
 def _axes(array: npt.NDArray[Any]) -> str:

@@ -14,7 +14,7 @@ class _Report(TypedDict):
     iterations: int
     filters: list[tuple[str, float]]
     guides: list[str]
-    rmse: Optional[tuple[float, float, float]]
+    rmse: Optional[tuple[Optional[float], Optional[float], float]]
     reason: Optional[str]
     errors: Optional[npt.NDArray[np.float32]]
 
