@@ -11,6 +11,8 @@
 //! - a signed channel (positions, normals), which is one whose smallest measured value is below -1/64 of its largest:
 //!   `lo = a - c`, `hi = b + c` with `c = (b - a) / 2 + (B - A) / 16`, `[A, B]` being the range of the whole plane.
 //!
+//! `on_black`: contours on black that clustered samples leave.
+//!
 //! Around means in the disc of radius R about the pixel, its rim included. R is 8, and larger in sparse planes:
 //! `2 / sqrt(density)`, at most 64, about 12 measured pixels. Of a channel without negative values, `a` is nevertheless that of
 //! the disc of radius 8 if anything was measured there: nothing gets darker than half the darkest measured pixel near it.
@@ -37,8 +39,10 @@ use crate::{Error, Mask, Plane, Size};
 mod blocks;
 mod disc;
 mod moved;
+mod ringing;
 
 pub use moved::Moved;
+pub(crate) use ringing::on_black;
 
 /// The disc in which the darkest measured pixel counts, at any density; its radius in pixels.
 const NEAR: usize = 8;

@@ -84,18 +84,22 @@ pub fn solve(
     for ((samples, out), &place) in samples.as_slice().iter().zip(out.as_mut_slice()).zip(&places) {
         mended += mend(samples, out, || plans.nearest(mask), |nearest| nearest.as_slice())?;
         let mut moved = Moved::default();
+        let predicted = predicted.next();
         if limit {
             // What was smoothed counts as it is now.
             let smooth = smoothed.then(|| out.clone());
             let around = smooth.as_ref().unwrap_or(samples);
-            moved += match predicted.next() {
-                Some(predicted) => limit_guided(mask, around, &predicted, out)?,
+            moved += match &predicted {
+                Some(predicted) => limit_guided(mask, around, predicted, out)?,
                 None => limiter::local(mask, around, out)?,
             };
         }
         let bounds = options.bounds_of(place);
         if bounds != Bounds::Free {
             moved += limiter::range(mask, samples, out, bounds == Bounds::Unit)?;
+            if limit && !smoothed && predicted.is_none() && method.keeps_measured() {
+                moved += limiter::on_black(mask, samples, out, || plans.nearest(mask))?;
+            }
             if smoothed || !method.keeps_measured() {
                 moved += bound_measured(bounds, mask, samples, out);
             }
