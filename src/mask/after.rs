@@ -7,6 +7,7 @@ use lacuna_filters::sampling::refine::{self, Preference};
 use lacuna_filters::variational::ss;
 use lacuna_filters::{Mask, Plane, Planes, Run};
 
+use super::canvas::{canvas, corner};
 use super::generate::{Bounds, field};
 use super::{MakeError, Masks};
 use crate::channels::{Choice, Rule, full_names, shown};
@@ -20,15 +21,14 @@ pub struct Next {
     pub pixels: Vec<usize>,
     /// The same as a mask.
     pub mask: Mask,
-    /// The pixels that are measured already.
-    pub measured: Arc<Mask>,
     /// The estimated error of the fill, 0 where measured.
     pub error: Plane,
 }
 
 /// Chooses `round(add N)` of the N pixels, fewer only if fewer are missing (within the bounds), beside those that the bounds force.
 ///
-/// Of a multi-part frame the first part that has colour and a mask counts; of its channels, what is nearest to its colour ([`shown`]).
+/// Of a multi-part frame the first part that has colour and a mask counts; of its channels, what is nearest to its colour ([`shown`]). They are told as
+/// pixels of the window that holds all parts.
 ///
 /// # Errors
 /// A frame without such a part, an empty mask, and what the filter refuses.
@@ -72,7 +72,31 @@ pub fn next(
     for &pixel in &pixels {
         flags[pixel] = true;
     }
-    Ok(Next { window, pixels, mask: Mask::new(size, flags)?, measured, error: estimate.error() })
+    let next = Next { window, pixels, mask: Mask::new(size, flags)?, error: estimate.error() };
+    Ok(match canvas(frame) {
+        Some(all) if all != window => next.on(all),
+        _ => next,
+    })
+}
+
+impl Next {
+    /// The same on a larger window, of which no other pixel is chosen.
+    fn on(self, canvas: Window) -> Self {
+        let [top, left] = corner(canvas, self.window);
+        let (size, width) = (canvas.size(), self.mask.size().width);
+        let place = |pixel: usize| (top + pixel / width) * size.width + left + pixel % width;
+        let pixels: Vec<usize> = self.pixels.into_iter().map(place).collect();
+        let mut flags = vec![false; size.pixels()];
+        for &pixel in &pixels {
+            flags[pixel] = true;
+        }
+        let mut error = Plane::filled(size, 0.0);
+        for (pixel, value) in self.error.pixels().iter().enumerate() {
+            error.pixels_mut()[place(pixel)] = *value;
+        }
+        let mask = Mask::from_fn(size, |row, column| flags[row * size.width + column]);
+        Self { window: canvas, pixels, mask, error }
+    }
 }
 
 /// The part, its channels that count, and their mask.

@@ -8,6 +8,7 @@
 //! was filtered or compressed with loss still says what it meant.
 
 pub mod after;
+pub mod canvas;
 mod cover;
 pub mod crop;
 mod empty;

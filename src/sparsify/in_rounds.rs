@@ -8,11 +8,9 @@ use lacuna_filters::{Mask, Plane, Planes, Run};
 
 use super::Error;
 use crate::channels::{Rule, Shown, by_default, full_names, shown};
+use crate::mask::canvas::{canvas, corner};
 use crate::mask::generate::field;
 use crate::mask::rounds::{self, Rounds};
-
-/// Pixels of the canvas over those of all parts, at most.
-const LARGEST: u64 = 4;
 
 /// The rounds, and the canvas that their pixels are of.
 pub struct InRounds {
@@ -26,7 +24,7 @@ pub struct InRounds {
 impl InRounds {
     /// Chooses by the colours of each view's first part that has some, else by what the first part's channels measure.
     pub fn new(frame: &Frame, settings: &adaptive::Settings, run: &Run<'_>) -> Result<Self, Error> {
-        let canvas = canvas(frame)?;
+        let canvas = canvas(frame).ok_or(Error::FarApart)?;
         let mut planes = Vec::new();
         for (part, channels) in chosen_by(frame) {
             for at in channels {
@@ -65,23 +63,6 @@ impl InRounds {
         let are = if count == 1 { "pixel has a value that is" } else { "pixels have values that are" };
         (count > 0).then(|| format!("{count} of the chosen {are} not finite: no pixel was chosen by these"))
     }
-}
-
-/// The window that holds those of all parts.
-fn canvas(frame: &Frame) -> Result<Window, Error> {
-    let union = |a: Window, b: Window| Window {
-        x_min: a.x_min.min(b.x_min),
-        y_min: a.y_min.min(b.y_min),
-        x_max: a.x_max.max(b.x_max),
-        y_max: a.y_max.max(b.y_max),
-    };
-    let all = frame.parts.iter().map(|part| part.data_window).reduce(union).ok_or(Error::Colourless)?;
-    let pixels = |window: Window| {
-        let size = window.size();
-        (size.height as u64).saturating_mul(size.width as u64)
-    };
-    let parts: u64 = frame.parts.iter().map(|part| pixels(part.data_window)).sum();
-    if pixels(all) > LARGEST.saturating_mul(parts) { Err(Error::FarApart) } else { Ok(all) }
 }
 
 /// Of each view the first part that shows most of its colour, with the channels by which pixels are chosen; else all that the first part's channels
@@ -130,10 +111,4 @@ fn on_canvas(canvas: Window, part: &Part, channel: &Channel) -> Result<Plane, Er
         plane.pixels_mut()[(top + row) * width + left..][..size.width].copy_from_slice(values);
     }
     Ok(plane)
-}
-
-/// Row and column of the canvas at which a window begins.
-fn corner(canvas: Window, window: Window) -> [usize; 2] {
-    let from = |low: i32, at: i32| (i64::from(at) - i64::from(low)) as usize;
-    [from(canvas.y_min, window.y_min), from(canvas.x_min, window.x_min)]
 }

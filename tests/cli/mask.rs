@@ -2,8 +2,8 @@
 
 use std::collections::HashSet;
 
-use crate::room::{Room, values};
-use lacuna_exr::Samples;
+use crate::room::{Room, part_of, values};
+use lacuna_exr::{Frame, Samples, Window};
 
 /// The `x y` lines of a list.
 fn points(room: &Room, name: &str) -> Vec<(i64, i64)> {
@@ -133,6 +133,34 @@ fn a_second_pass_is_chosen_computed_and_united() {
     }
     room.ok(&["fill", "c.exr", "-o", "done.exr"]);
     room.ok(&["verify", "c.exr", "done.exr"]);
+}
+
+#[test]
+fn the_next_pixels_of_a_frame_are_those_of_all_its_parts() {
+    let room = Room::new();
+    let cropped = |name: &str, x_min: i32, x_max: i32, channels: [&str; 2]| {
+        let mut part = part_of(Window { x_min, y_min: 5, x_max, y_max: 24 }, |_| true);
+        part.channels.retain(|channel| channels.contains(&channel.name.escape_ascii().to_string().as_str()));
+        part.display_window = Window { x_min: 0, y_min: 0, x_max: 59, y_max: 29 };
+        part.attributes.set_text("name", name);
+        part.attributes.set_text("type", "scanlineimage");
+        part
+    };
+    let parts = vec![cropped("depth", 3, 40, ["Z", "Z"]), cropped("colour", 10, 55, ["G", "R"])];
+    room.add("full.exr", &Frame { parts });
+    room.ok(&["sparsify", "full.exr", "-o", "a.exr", "--density", "0.2", "--adaptive"]);
+    room.ok(&["mask", "--after", "a.exr", "-o", "next.exr", "--add", "0.1"]);
+    let window = room.read("next.exr").parts[0].data_window;
+    assert_eq!((window.x_min, window.y_min, window.x_max, window.y_max), (3, 5, 55, 24));
+    room.ok(&["sparsify", "full.exr", "-o", "b.exr", "--mask", "next.exr"]);
+    room.ok(&["mask", "--merge", "a.exr", "b.exr", "-o", "c.exr"]);
+    let count = |name: &str| {
+        let parts = room.read(name).parts;
+        let colour = Frame { parts: parts.into_iter().skip(1).collect() };
+        values(&colour, "mask").iter().filter(|value| **value > 0.0).count()
+    };
+    assert_eq!(count("b.exr"), 92);
+    assert_eq!(count("c.exr"), count("a.exr") + count("b.exr"));
 }
 
 #[test]
