@@ -156,18 +156,27 @@ fn share<P: Parallel>(parts: P, task: &(dyn Fn(P) + Sync)) {
 
 /// The results of all tasks, in the order of their parts.
 fn collect<P: Parallel, R: Send>(parts: P, task: &(dyn Fn(P) -> Vec<R> + Sync)) -> Vec<R> {
-    let done = Mutex::new(Vec::new());
+    let done = Mutex::new((Vec::new(), Vec::new()));
     share(parts.enumerate(), &|parts: Enumerate<P>| {
         let first = parts.first();
         let results = task(parts.into_inner());
-        done.lock().unwrap_or_else(PoisonError::into_inner).push((first, results));
+        let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+        done.0.push(first);
+        done.1.push(results);
     });
-    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
-    done.sort_unstable_by_key(|(first, _)| *first);
-    let mut done = done.into_iter().map(|(_, results)| results);
-    let mut all = done.next().unwrap_or_default();
-    done.for_each(|mut results| all.append(&mut results));
+    let (firsts, mut done) = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let mut order = ascending(&firsts).into_iter();
+    let mut all = order.next().map(|k| std::mem::take(&mut done[k])).unwrap_or_default();
+    order.for_each(|k| all.append(&mut done[k]));
     all
+}
+
+/// The places of numbers, that of the least number first. Sorting results themselves would compile a sort for every kind of them.
+#[inline(never)]
+fn ascending(numbers: &[usize]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..numbers.len()).collect();
+    order.sort_unstable_by_key(|&k| numbers[k]);
+    order
 }
 
 fn halve<P: Parallel>(halving: Halving, moved: bool, parts: P, task: &(dyn Fn(P) + Sync)) {

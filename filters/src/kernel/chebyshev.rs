@@ -45,7 +45,7 @@ pub struct Buffers<'a, T> {
 /// What a pass begins from, and whether the image changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Turn {
-    /// `r = -A x` and `p = b u`; the image stays.
+    /// `r = -A x` and `p = b u`; the image stays. It is a step from `p = x` and `r = 0` with `a = 0`.
     Begin,
     /// The image stays, and lacks the correction before as well as the one to come.
     Hold,
@@ -63,14 +63,20 @@ pub fn pass<T: Lanes>(
     buffers: Buffers<'_, T>,
 ) -> f64 {
     let inside = a.inside(window);
-    let source = if turn == Turn::Begin { &*buffers.x } else { &*buffers.p };
+    let factors = if turn == Turn::Begin {
+        let own = window.at(0, 0) - PAD..window.at(window.height, 0) - PAD;
+        buffers.r[own.clone()].fill(T::ZERO);
+        buffers.p[own.clone()].copy_from_slice(&buffers.x[own]);
+        (T::ZERO, T::from_f64(factors.1))
+    } else {
+        (T::from_f64(factors.0), T::from_f64(factors.1))
+    };
     for rows in [0..inside.start, inside.end..window.height] {
         if !rows.is_empty() {
             let own = window.at(rows.start, 0) - PAD..window.at(rows.end, 0) - PAD;
-            near_ends(isa, a, window, source, rows.start, &mut buffers.q[own]);
+            near_ends(isa, a, window, &*buffers.p, rows.start, &mut buffers.q[own]);
         }
     }
-    let factors = (T::from_f64(factors.0), T::from_f64(factors.1));
     let rows = (inside.start, inside.end);
     let mut pass = Pass { interior: a.interior(), window, turn, factors, rows, buffers };
     match (pass.buffers.m, a.terms) {
@@ -100,16 +106,13 @@ impl<T: Real, const R: usize, const FACTOR: bool> Vectored<T> for Sized<'_, '_, 
 
     #[inline(always)]
     fn run<V: Vector<Number = T>>(self) -> f64 {
-        match self.0.turn {
-            Turn::Begin => self.0.all::<V, R, FACTOR, true>(),
-            Turn::Hold | Turn::Take => self.0.all::<V, R, FACTOR, false>(),
-        }
+        self.0.all::<V, R, FACTOR>()
     }
 }
 
 impl<T: Real> Pass<'_, T> {
     #[inline(always)]
-    fn all<V: Vector<Number = T>, const R: usize, const FACTOR: bool, const BEGINS: bool>(&mut self) -> f64 {
+    fn all<V: Vector<Number = T>, const R: usize, const FACTOR: bool>(&mut self) -> f64 {
         let (height, stride) = (self.window.height, self.window.stride());
         // Sums of three rows, of the latest two rows, and room beside their ends.
         let length = stride + 2 * MOST;
@@ -129,13 +132,13 @@ impl<T: Real> Pass<'_, T> {
             if let (Some(taps), true) = (&taps, from < to && step + R >= from && step < to + R) {
                 let line = &mut *lines[step % 2];
                 if inside {
-                    self.enter::<V, R, FACTOR, BEGINS, true>(step, taps, &mut schemes, line);
+                    self.enter::<V, R, FACTOR, true>(step, taps, &mut schemes, line);
                 } else {
-                    self.enter::<V, R, FACTOR, BEGINS, false>(step, taps, &mut schemes, line);
+                    self.enter::<V, R, FACTOR, false>(step, taps, &mut schemes, line);
                 }
             }
             if let Some(row) = moved.filter(|&row| !inside && row <= height) {
-                self.near_end::<V, FACTOR, BEGINS>(row, &mut *lines[step % 2]);
+                self.near_end::<V, FACTOR>(row, &mut *lines[step % 2]);
             }
             // What lies across two vectors cannot be loaded before both have reached the cache: a row later.
             if let (Some(carried), Some(row)) = (&mut carried, moved.and_then(|row| row.checked_sub(1))) {
@@ -144,10 +147,10 @@ impl<T: Real> Pass<'_, T> {
             if let Some(row) = moved.and_then(|row| row.checked_sub(late)).filter(|&row| row < height) {
                 let (takes, line) = (self.turn == Turn::Take, &*lines[(step - 1) % 2]);
                 top = match (&carried, takes) {
-                    (Some(carried), true) => self.replace::<V, BEGINS, true>(row, carried.row(row), top),
-                    (Some(carried), false) => self.replace::<V, BEGINS, false>(row, carried.row(row), top),
-                    (None, true) => self.blur::<V, BEGINS, true>(row, line, top),
-                    (None, false) => self.blur::<V, BEGINS, false>(row, line, top),
+                    (Some(carried), true) => self.replace::<V, true>(row, carried.row(row), top),
+                    (Some(carried), false) => self.replace::<V, false>(row, carried.row(row), top),
+                    (None, true) => self.blur::<V, true>(row, line, top),
+                    (None, false) => self.blur::<V, false>(row, line, top),
                 };
             }
         }
@@ -156,13 +159,7 @@ impl<T: Real> Pass<'_, T> {
 
     /// Takes a row into the scheme; with `MOVES`, moves the row `R` above.
     #[inline(always)]
-    fn enter<
-        V: Vector<Number = T>,
-        const R: usize,
-        const FACTOR: bool,
-        const BEGINS: bool,
-        const MOVES: bool,
-    >(
+    fn enter<V: Vector<Number = T>, const R: usize, const FACTOR: bool, const MOVES: bool>(
         &mut self,
         row: usize,
         taps: &Taps<'_, V, R>,
@@ -174,9 +171,10 @@ impl<T: Real> Pass<'_, T> {
         let (before, rest) = schemes.split_at_mut(inside.start);
         let (within, after) = rest.split_at_mut(inside.len());
         let row = (row + PAD) * stride;
-        self.part::<V, R, FACTOR, BEGINS, MOVES, false>(row, 0, taps, before, line);
-        self.part::<V, R, FACTOR, BEGINS, MOVES, true>(row, inside.start, taps, within, line);
-        self.part::<V, R, FACTOR, BEGINS, MOVES, false>(row, inside.end, taps, after, line);
+        self.part::<V, R, FACTOR, MOVES, true>(row, inside.start, taps, within, line);
+        for (first, beside) in [(0, before), (inside.end, after)] {
+            self.part::<V, R, FACTOR, MOVES, false>(row, first, taps, beside, line);
+        }
     }
 
     /// The same for the vectors from `first` on. `INSIDE`: none of their columns is near a border.
@@ -185,7 +183,6 @@ impl<T: Real> Pass<'_, T> {
         V: Vector<Number = T>,
         const R: usize,
         const FACTOR: bool,
-        const BEGINS: bool,
         const MOVES: bool,
         const INSIDE: bool,
     >(
@@ -199,7 +196,7 @@ impl<T: Real> Pass<'_, T> {
         let stride = self.window.stride();
         let two = V::splat(T::from_f64(2.0));
         let (first, length) = (first * V::LANES, schemes.len() * V::LANES);
-        let Buffers { m, x, r, p, .. } = &mut self.buffers;
+        let Buffers { m, r, p, .. } = &mut self.buffers;
         let moved = row - if MOVES { R * stride } else { 0 } + first;
         let own = moved..moved + length;
         let (above, here) = r.split_at_mut(moved);
@@ -213,8 +210,7 @@ impl<T: Real> Pass<'_, T> {
             schemes.iter_mut().zip(rows).zip(lines).zip(d).enumerate()
         {
             let k = block * V::LANES;
-            let source = if BEGINS { &x[..] } else { &p[..] };
-            let near_row = &source[at + k - R..at + k + V::LANES + R];
+            let near_row = &p[at + k - R..at + k + V::LANES + R];
             let c = if INSIDE {
                 taps.middle(near_row)
             } else {
@@ -222,7 +218,7 @@ impl<T: Real> Pass<'_, T> {
             };
             let product = scheme.push(&c, two);
             if MOVES {
-                let residual = moved_by::<V, FACTOR, BEGINS>(here, product, d);
+                let residual = moved_by::<V, FACTOR>(here, product, d);
                 residual.store(here);
                 if !FACTOR {
                     two.fused(V::load(near), V::load(far).plus(residual)).store(line);
@@ -233,11 +229,7 @@ impl<T: Real> Pass<'_, T> {
 
     /// Moves a row near an end of the image, or takes the one of zeros below the last.
     #[inline(always)]
-    fn near_end<V: Vector<Number = T>, const FACTOR: bool, const BEGINS: bool>(
-        &mut self,
-        row: usize,
-        line: &mut [T],
-    ) {
+    fn near_end<V: Vector<Number = T>, const FACTOR: bool>(&mut self, row: usize, line: &mut [T]) {
         let stride = self.window.stride();
         let start = (row + PAD) * stride;
         let Buffers { m, r, q, .. } = &mut self.buffers;
@@ -249,7 +241,7 @@ impl<T: Real> Pass<'_, T> {
             let mut sum = V::load(&far[k..]);
             if row < self.window.height {
                 let product = V::load(&q[start + k..]);
-                let residual = moved_by::<V, FACTOR, BEGINS>(&here[k..], product, &d[start + k..]);
+                let residual = moved_by::<V, FACTOR>(&here[k..], product, &d[start + k..]);
                 residual.store(&mut here[k..]);
                 sum = sum.plus(residual);
             }
@@ -269,12 +261,7 @@ impl<T: Real> Pass<'_, T> {
 
     /// Computes a row of `u` by the blur, and of `p`; with `TAKES`, of `x`.
     #[inline(always)]
-    fn blur<V: Vector<Number = T>, const BEGINS: bool, const TAKES: bool>(
-        &mut self,
-        row: usize,
-        line: &[T],
-        top: V,
-    ) -> V {
+    fn blur<V: Vector<Number = T>, const TAKES: bool>(&mut self, row: usize, line: &[T], top: V) -> V {
         let Preconditioner::Blur { d, c } = self.buffers.m else { return top };
         let stride = self.window.stride();
         let start = (row + PAD) * stride;
@@ -291,14 +278,14 @@ impl<T: Real> Pass<'_, T> {
             let blurred = blurred(V::load(left), V::load(middle), V::load(right));
             let value = V::load(d).times(c.fused(V::load(r), blurred));
             top = top.top(value);
-            corrected::<V, BEGINS, TAKES>(factors, value, p, x);
+            corrected::<V, TAKES>(factors, value, p, x);
         }
         top
     }
 
     /// Computes a row of `u` from the sums of the sparse factor, and of `p`; with `TAKES`, of `x`.
     #[inline(always)]
-    fn replace<V: Vector<Number = T>, const BEGINS: bool, const TAKES: bool>(
+    fn replace<V: Vector<Number = T>, const TAKES: bool>(
         &mut self,
         row: usize,
         sums: Placed<'_, T>,
@@ -314,38 +301,27 @@ impl<T: Real> Pass<'_, T> {
         for (sums, (p, x)) in sums.zip(outputs) {
             let value: V = added(sums);
             top = top.top(value);
-            corrected::<V, BEGINS, TAKES>(factors, value, p, x);
+            corrected::<V, TAKES>(factors, value, p, x);
         }
         top
     }
 }
 
-/// The residual after a step, or before the first.
+/// The residual after a step.
 #[inline(always)]
-fn moved_by<V: Vector, const FACTOR: bool, const BEGINS: bool>(
-    here: &[V::Number],
-    product: V,
-    d: &[V::Number],
-) -> V {
-    let zero = V::splat(V::Number::ZERO);
-    match (FACTOR, BEGINS) {
-        (true, true) => zero.minus(product),
-        (true, false) => V::load(here).minus(product),
-        (false, true) => zero.minus(V::load(d)).times(product),
-        (false, false) => zero.minus(V::load(d)).fused(product, V::load(here)),
+fn moved_by<V: Vector, const FACTOR: bool>(here: &[V::Number], product: V, d: &[V::Number]) -> V {
+    let before = V::load(here);
+    if FACTOR {
+        return before.minus(product);
     }
+    V::splat(V::Number::ZERO).minus(V::load(d)).fused(product, before)
 }
 
 /// Makes a block of `p` from one of `u`, and moves one of `x`.
 #[inline(always)]
-fn corrected<V: Vector, const BEGINS: bool, const TAKES: bool>(
-    (a, b): (V, V),
-    u: V,
-    p: &mut [V::Number],
-    x: &mut [V::Number],
-) {
+fn corrected<V: Vector, const TAKES: bool>((a, b): (V, V), u: V, p: &mut [V::Number], x: &mut [V::Number]) {
     let (before, value) = (V::load(p), b.times(u));
-    let next = if BEGINS { value } else { a.fused(before, value) };
+    let next = a.fused(before, value);
     if TAKES {
         V::load(x).plus(before.plus(next)).store(x);
     }

@@ -400,9 +400,10 @@ impl<T: Real> Blocks<'_, T> {
     ) -> V {
         let (before, rest) = schemes.split_at_mut(inside.start);
         let (within, after) = rest.split_at_mut(inside.len());
-        sum = self.part::<V, R, FACTOR, false>(taps, 0, before, sum);
-        sum = self.part::<V, R, FACTOR, true>(taps, inside.start, within, sum);
-        self.part::<V, R, FACTOR, false>(taps, inside.end, after, sum)
+        for (first, beside) in [(0, before), (inside.end, after)] {
+            sum = self.part::<V, R, FACTOR, false>(taps, first, beside, sum);
+        }
+        self.part::<V, R, FACTOR, true>(taps, inside.start, within, sum)
     }
 
     #[inline(always)]
