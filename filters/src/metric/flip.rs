@@ -63,9 +63,8 @@ pub fn hdr(
     let eye = Eye::new(pixels_per_degree);
     let mut largest = Plane::filled(size, 0.0);
     for exposure in exposures {
-        let scale = exposure.exp2() as f32;
-        let shown =
-            |image: Rgb<'_>| image.map(|plane| per_pixel(plane, |value| tone(value * scale).clamp(0.0, 1.0)));
+        let scale = exposure.exp2();
+        let shown = |image: Rgb<'_>| image.map(|plane| per_pixel(plane, |value| shown_at(value, scale)));
         let map = eye.difference(&shown(reference), &shown(test));
         largest.pixels_mut().par_iter_mut().zip(map.pixels()).for_each(|(largest, &value)| {
             *largest = largest.max(value);
@@ -82,6 +81,14 @@ const TONE: [[f64; 3]; 2] = [[0.0, 0.03 * 0.6, 2.51 * 0.36], [0.14, 0.59 * 0.6, 
 fn tone(x: f32) -> f32 {
     let [top, bottom] = TONE.map(|[a, b, c]| (c as f32 * x + b as f32) * x + a as f32);
     top / bottom
+}
+
+/// Magnitudes beyond which the tone curve is above 1 on either side: there the squares of its quotient would only overflow.
+const WHITE: f64 = 1e3;
+
+/// A value as a display shows it at an exposure: 0 to 1.
+fn shown_at(value: f32, scale: f64) -> f32 {
+    tone((f64::from(value) * scale).clamp(-WHITE, WHITE) as f32).clamp(0.0, 1.0)
 }
 
 /// The exposures at which a reference is looked at: from its brightest luminance just below white to its median
@@ -397,6 +404,24 @@ mod tests {
         let steps: Vec<f64> = exposures.windows(2).map(|pair| pair[1] - pair[0]).collect();
         assert!(steps.iter().all(|step| (step - steps[0]).abs() < 1e-12));
         assert_eq!(exposures_between(1.0, 1.0).len(), 2);
+    }
+
+    #[test]
+    fn no_finite_value_is_too_large_for_the_tone_curve() {
+        let image = |value: f32| [0, 1, 2].map(|_| Plane::filled(Size::new(8, 8), value));
+        let difference = |value: f32| {
+            let exposures = exposures_between(0.1, 1.0);
+            hdr(rgb(&image(0.1)), rgb(&image(value)), PIXELS_PER_DEGREE, &exposures).unwrap().pixels()[0]
+        };
+        let white = difference(1e4);
+        assert!(white > 0.5, "{white}");
+        for value in [1e18, 1e20, 1e25, f32::MAX, -1e4, -1e20, f32::MIN] {
+            assert_eq!(difference(value), white, "{value}");
+        }
+        for stops in [-149.0, 149.0] {
+            let shown = [0.0, 1e-45, f32::MAX].map(|value| shown_at(value, f64::exp2(stops)));
+            assert!(shown.iter().all(|value| (0.0..=1.0).contains(value)), "{shown:?}");
+        }
     }
 
     #[test]
