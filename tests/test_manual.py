@@ -48,6 +48,13 @@ def test_a_page_for_every_command_with_every_flag(share):
     assert "--tv-gap" in flags(["fill"]) and "--csw-blur" in flags(["fill"])
 
 
+def test_every_flag_on_a_page_is_described(share):
+    for page in sorted((share / "man" / "man1").iterdir()):
+        entries = re.split(r"^\.TP\n", page.read_text(), flags=re.MULTILINE)[1:]
+        silent = [entry.splitlines()[0] for entry in entries if not re.search(r"^[^.\n\\]", "\n".join(entry.splitlines()[1:]), re.MULTILINE)]
+        assert not silent, (page.name, silent)
+
+
 def test_pages_render_without_a_warning(share):
     tools = [command for command in (["groff", "-man", "-Tutf8", "-ww", "-z"], ["mandoc", "-T", "lint", "-W", "warning"])
              if shutil.which(command[0])]

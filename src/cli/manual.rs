@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::{Args, CommandFactory, ValueEnum};
 
+use super::Cli;
 use super::help::command;
 use crate::commands::ManualJob;
 
@@ -75,6 +76,7 @@ impl ManualArgs {
     /// The files.
     pub fn job(&self) -> ManualJob {
         let scripts = Shell::value_variants().iter().map(|shell| (shell.place(), shell.script()));
-        ManualJob { prefix: self.prefix.clone(), pages: command(), scripts: scripts.collect() }
+        // Not the command with a short help: pages would leave out what `-h` does.
+        ManualJob { prefix: self.prefix.clone(), pages: Cli::command(), scripts: scripts.collect() }
     }
 }

@@ -143,7 +143,7 @@ struct PixelArgs {
     fill: Option<FilterName>,
 
     /// Do not estimate how wrong the filled pixels are
-    #[arg(long, requires = "fill", hide_short_help = true)]
+    #[arg(long, requires = "fill")]
     no_estimate: bool,
 }
 
