@@ -123,6 +123,19 @@ def test_encoded_frames_come_back(tmp_path, trained):
     assert said.startswith(f"{size} bytes, {8 * size / image[..., 0].size:.3f} bits per pixel, PSNR ")
 
 
+def test_encoding_tells_what_compare_does(tmp_path, trained):
+    path, _, _ = trained
+    frame, back = SAMPLES / "hdr.exr", tmp_path / "back.exr"
+    said = lacuna("dictionary", "encode", frame, "--dictionary", path, "-o", tmp_path / "frame.code")
+    lacuna("dictionary", "decode", tmp_path / "frame.code", "--dictionary", path, "-o", back)
+    measures = json.loads(lacuna("compare", "-q", frame, back, "--json", "/dev/stdout").stdout)["frames"][0]["groups"][0]["regions"][0]["measures"]
+    assert f"PSNR {measures['psnr']:.2f} dB" in said.stdout, said
+    before, after = (frames.colour(name).max() for name in (frame, back))
+    assert before > 2 and not before / 2 <= after <= before * 2, (before, after)
+    told = [line for line in said.lines() if "light above 1 is not kept" in line]
+    assert len(told) == 1 and str(frame) in told[0] and f"{before:g}" in told[0], said
+
+
 def test_values_that_are_not_finite_are_told(tmp_path, trained):
     path, image, _ = trained
     broken = image.astype(np.float32)

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 
 use lacuna_exr::WriteOptions;
 use lacuna_filters::dictionary::Dictionary;
+use lacuna_filters::metric::error::{self, Options, Statistics};
+use lacuna_filters::{Plane, Size};
 
 use crate::dictionary::code::{self, Encoded, Fineness};
 use crate::dictionary::file::hex;
@@ -17,6 +19,9 @@ use crate::sparsify;
 
 /// The most bytes of an encoded frame that are read.
 const MOST_BYTES: u64 = 1 << 28;
+
+/// The factor of a stop: by less, bright light that decodes to other values is no news.
+const STOP: f32 = 2.0;
 
 /// What is done with a dictionary.
 #[derive(Clone, Debug, PartialEq)]
@@ -121,19 +126,27 @@ fn encode(
         let names = encoded.left_out.join(", ");
         console.warning(&format!("{}: not encoded: {names}", input.display()));
     }
+    let (statistics, [before, after]) = compared(&encoded).map_err(|error| failed(input, &error))?;
+    if before.max(after) > 1.0 && !(before / STOP..=before * STOP).contains(&after) {
+        console.warning(&format!(
+            "{}: light above 1 is not kept: the largest value is {before} and decodes to {after}; PSNR clips both to 1",
+            input.display()
+        ));
+    }
+    let psnr = statistics.psnr(1.0);
     let pixels = encoded.colour.first().map_or(1, Vec::len).max(1);
     say(&format!(
         "{} bytes, {:.3} bits per pixel, PSNR {} dB, {:.1} atoms per block\n",
         encoded.bytes.len(),
         8.0 * encoded.bytes.len() as f64 / pixels as f64,
-        psnr(&encoded),
+        psnr.map_or_else(|| "unknown".into(), |psnr| format!("{psnr:.2}")),
         encoded.atoms as f64 / encoded.blocks.max(1) as f64,
     ))
 }
 
-/// Over all channels, the peak being 1, or the largest value where that is more.
-fn psnr(encoded: &Encoded) -> String {
-    let (mut squared, mut count, mut peak) = (0.0, 0_usize, 1.0_f64);
+/// How far the decoded colours are from those of the frame, as `compare` has it, and the largest value of each.
+fn compared(encoded: &Encoded) -> Result<(Statistics, [f32; 2]), lacuna_filters::Error> {
+    let (mut sum, mut largest) = (Statistics::default(), [0.0_f32; 2]);
     for (values, name) in encoded.colour.iter().zip(["R", "G", "B"]) {
         let channels = encoded.frame.parts.iter().flat_map(|part| &part.channels);
         let mut found = channels.filter(|channel| {
@@ -141,14 +154,15 @@ fn psnr(encoded: &Encoded) -> String {
             crate::channels::Name::new(&full).component == name
         });
         let Some(back) = found.next().and_then(|channel| channel.samples.to_floats()) else { continue };
-        for (a, b) in values.iter().zip(&back).filter(|(a, _)| a.is_finite()) {
-            squared += f64::from(a - b).powi(2);
-            peak = peak.max(f64::from(*a));
-            count += 1;
+        let plane = |values: &[f32]| Plane::new(Size::new(1, values.len()), values.to_vec());
+        let (before, after) = (plane(values)?, plane(&back)?);
+        sum = sum.and(error::compare(&before, &after, None, Options::default())?);
+        for (largest, plane) in largest.iter_mut().zip([&before, &after]) {
+            *largest =
+                plane.pixels().iter().filter(|value| value.is_finite()).fold(*largest, |a, b| a.max(*b));
         }
     }
-    let mean = squared / count.max(1) as f64;
-    if mean > 0.0 { format!("{:.2}", 10.0 * (peak * peak / mean).log10()) } else { "infinite".into() }
+    Ok((sum, largest))
 }
 
 fn decode(
