@@ -1,6 +1,7 @@
 """`lacuna study`: the numbers are those of sparsify, fill and compare; a run goes on where it was cut; the page holds everything."""
 
 import csv
+import fcntl
 import json
 import signal
 import subprocess
@@ -171,7 +172,10 @@ def test_a_journal_that_was_cut_is_continued(study, tmp_path):
     result = tool.lacuna("study", path, "-o", out, timeout=300)
     assert "32 cells, 12 of them to be run" in result.stderr
     assert steady(table(out)) == steady(table(study / "out"))
-    again = tool.lacuna("study", path, "-o", out, timeout=300)
+    # A run names what it would do as its reader knows it.
+    told = tool.lacuna("study", definition(tmp_path, [*FILTERS, "pushpull"]), "-o", out, "-n").stderr
+    assert "lacuna: texture: pushpull, shuffle 0.5, seed 3\n" in told and "pixels=" not in told
+    again = tool.lacuna("study", definition(tmp_path), "-o", out, timeout=300)
     assert "0 of them to be run" in again.stderr and "pictures" not in again.stderr
     more = tool.lacuna("study", definition(tmp_path, [*FILTERS, "pushpull"]), "-o", out, timeout=300)
     assert "40 cells, 8 of them to be run" in more.stderr
@@ -190,6 +194,28 @@ def test_a_signal_ends_a_run_and_the_next_one_goes_on(study, tmp_path):
         assert process.returncode == 128 + signal.SIGTERM and "goes on from here" in message
     tool.lacuna("study", "-q", path, "-o", out, timeout=300)
     assert steady(table(out)) == steady(table(study / "out"))
+
+
+def test_a_folder_is_one_runs_at_a_time(study, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    with (out / "results.jsonl").open("w") as journal:
+        fcntl.flock(journal, fcntl.LOCK_EX)
+        result = tool.lacuna("study", definition(tmp_path), "-o", out, ok=False)
+        assert result.status == 1 and "results.jsonl: another study is running in this folder" in result.stderr, result
+        assert len(result.lines()) == 1 and not (out / "results.csv").exists()
+
+
+def test_pictures_of_frames_that_were_renamed_go(tmp_path):
+    out = tmp_path / "out"
+    text = ('patterns = ["shuffle"]\ndensities = [0.5]\nfilters = ["nearest"]\n[[frames]]\nname = "NAME"\n'
+            f'file = "{tool.SAMPLES}/smooth.exr"\ncrop = [0, 0, 32, 32]\n')
+    for name in ("old", "new"):
+        (tmp_path / "study.toml").write_text(text.replace("NAME", name))
+        out.mkdir(exist_ok=True)
+        (out / "mine.svg").write_text("<svg/>\n")
+        tool.lacuna("study", "-q", tmp_path / "study.toml", "-o", out)
+    assert {path.name for path in out.glob("*.svg")} == {"psnr-new.svg", "seconds-new.svg", "mine.svg"}
 
 
 def test_threads_change_no_result(study, tmp_path):

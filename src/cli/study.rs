@@ -18,7 +18,8 @@ Examples:
   lacuna study samples/study/frames.toml -o out/study --threads 8
 
 The same command goes on where an earlier run ended. A filter in the study's file is written as it follows --filter on
-fill's command line, for example \"tv --tv-gap 1e-3\"; \"all\" is every filter with its defaults.
+fill's command line, for example \"tv --tv-gap 1e-3\"; \"all\" is every filter that needs no file,
+with its defaults.
 
 Exit status: 0 all done, 1 some cell failed, 2 usage, 128 + n on signal n.";
 

@@ -1,7 +1,7 @@
 //! Running a study: cells side by side, each on one thread; a journal that is continued; the report.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -17,6 +17,10 @@ use crate::study::{self, Cell, Definition, Entry, Row, Sheet, SheetDefinition, S
 const MOST_READ: u64 = 1 << 30;
 /// The journal's file.
 const JOURNAL: &str = "results.jsonl";
+/// How the last line of a sheet's file begins.
+const SHEET: &str = "<!-- made from ";
+/// The last line of a figure's file.
+const FIGURE: &str = "\n<!-- figure of a study -->\n";
 
 /// A study that is to be run.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,19 +54,23 @@ pub fn study(job: &StudyJob) -> Result<u8, PlanError> {
         .map_err(|error| PlanError::Usage(error.to_string()))?;
     let sheets = sheets(job, &subjects)?;
     let journal = job.output.join(JOURNAL);
+    let mut file = None;
+    if !job.dry_run {
+        let made = std::fs::create_dir_all(&job.output);
+        made.map_err(|error| fail(&job.output, "cannot make the folder", &error))?;
+        file = Some(open(&journal)?);
+    }
     let mut known = known(&journal).map_err(PlanError::Failed)?;
     let todo = missing(&cells, &known);
     console.note(&format!("{} cells, {} of them to be run", cells.len(), todo.len()));
-    if job.dry_run {
+    let Some(file) = &file else {
         for cell in todo {
-            console.note(&cell.key());
+            console.note(&cell.name());
         }
         return Ok(0);
-    }
-    let made = std::fs::create_dir_all(&job.output);
-    made.map_err(|error| fail(&job.output, "cannot make the folder", &error))?;
+    };
     let workers = Workers::new(job.threads, &console).map_err(PlanError::Failed)?;
-    for row in workers.rows(&todo, &journal, &console)? {
+    for row in workers.rows(&todo, (file, &journal), &console)? {
         known.insert(row.key.clone(), row);
     }
     let rows: Vec<Row> = cells.iter().filter_map(|cell| named(cell, &known)).collect();
@@ -187,23 +195,26 @@ impl Workers {
     }
 
     /// Runs cells; each row is in the journal as soon as it is there.
-    fn rows(&self, cells: &[&Cell<'_>], journal: &Path, console: &Console) -> Result<Vec<Row>, PlanError> {
-        let file = open(journal).map_err(|error| fail(journal, "cannot write", &error))?;
+    fn rows(
+        &self,
+        cells: &[&Cell<'_>],
+        (file, journal): (&File, &Path),
+        console: &Console,
+    ) -> Result<Vec<Row>, PlanError> {
         let state = Mutex::new((file, Vec::new(), None));
         console.begin(cells.len() as u64);
         let work = |at: usize| guarded(cells[at]);
-        self.each(cells.len(), work, |_, row| {
+        self.each(cells.len(), work, |at, row| {
             let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
             let written = state.0.write_all(study::journal(&row).as_bytes());
             state.2 = state.2.take().or(written.err());
             console.detail(&format!(
                 "{}: {}",
-                row.key,
+                cells[at].name(),
                 row.psnr().map_or_else(String::new, |psnr| format!("{psnr:.2} dB"))
             ));
             if let Some(error) = &row.error {
-                let Row { frame, pattern, density, seed, filter, .. } = &row;
-                console.error(&format!("{frame}: {filter}, {pattern} {density}, seed {seed}: {error}"));
+                console.error(&format!("{}: {error}", cells[at].name()));
             }
             state.1.push(row);
             console.advance(1);
@@ -259,7 +270,7 @@ impl Planned<'_> {
             sum.update(cell.key().as_bytes());
             sum.update(cell.entry.label.as_bytes());
         }
-        format!("<!-- made from {:08x} -->\n", sum.sum())
+        format!("{SHEET}{:08x} -->\n", sum.sum())
     }
 }
 
@@ -272,19 +283,43 @@ fn guarded(cell: &Cell<'_>) -> Row {
     })
 }
 
-/// The journal, ready for the next line: a last line that was cut short is ended.
-fn open(journal: &Path) -> std::io::Result<File> {
-    let cut = lacuna_exr::read_small(journal, MOST_READ)
-        .is_ok_and(|bytes| bytes.last().is_some_and(|&last| last != b'\n'));
-    let mut file = OpenOptions::new().create(true).append(true).open(journal)?;
-    if cut {
-        file.write_all(b"\n")?;
+/// The journal, this run's alone until it ends, ready for the next line: a last line that was cut short is ended.
+fn open(journal: &Path) -> Result<File, PlanError> {
+    let failed = |error: &std::io::Error| fail(journal, "cannot write", error);
+    let opened = OpenOptions::new().create(true).append(true).open(journal);
+    let mut file = opened.map_err(|error| failed(&error))?;
+    // Where the file system has no locks, runs do each other's cells again.
+    if let Err(TryLockError::WouldBlock) = file.try_lock() {
+        let other = "another study is running in this folder; wait for it or give another --output";
+        return Err(PlanError::Failed(format!("{}: {other}", journal.display())));
+    }
+    let bytes = lacuna_exr::read_small(journal, MOST_READ);
+    if bytes.is_ok_and(|bytes| bytes.last().is_some_and(|&last| last != b'\n')) {
+        file.write_all(b"\n").map_err(|error| failed(&error))?;
     }
     Ok(file)
 }
 
 fn put(path: &Path, text: &str) -> Result<(), PlanError> {
     lacuna_exr::write_whole(path, text.as_bytes()).map_err(|error| fail(path, "cannot write", &error))
+}
+
+/// Removes the pictures that earlier runs left of frames and sheets that are called otherwise now.
+fn remove_others(folder: &Path, kept: &BTreeSet<String>) -> Result<(), PlanError> {
+    let listed = std::fs::read_dir(folder).map_err(|error| fail(folder, "cannot be listed", &error))?;
+    for path in listed.flatten().map(|entry| entry.path()) {
+        let is_kept = path.file_name().is_none_or(|name| kept.contains(&*name.to_string_lossy()));
+        if is_kept || path.extension().is_none_or(|ending| ending != "svg") {
+            continue;
+        }
+        let text = lacuna_exr::read_small(&path, MOST_READ).unwrap_or_default();
+        let last = String::from_utf8_lossy(text.rsplit(|&byte| byte == b'\n').nth(1).unwrap_or_default())
+            .into_owned();
+        if last.contains(SHEET) || last == FIGURE.trim() {
+            std::fs::remove_file(&path).map_err(|error| fail(&path, "cannot be removed", &error))?;
+        }
+    }
+    Ok(())
 }
 
 fn write(job: &StudyJob, rows: &[Row], sheets: &[(String, String)]) -> Result<(), PlanError> {
@@ -295,7 +330,9 @@ fn write(job: &StudyJob, rows: &[Row], sheets: &[(String, String)]) -> Result<()
     put(&at("tables.md"), &study::tables(rows, definition.verdict))?;
     let figures = study::figures(rows).map_err(PlanError::Failed)?;
     for figure in &figures {
-        put(&at(&format!("{}.svg", figure.name)), &figure.svg)?;
+        put(&at(&format!("{}.svg", figure.name)), &(figure.svg.clone() + FIGURE))?;
     }
+    let names = figures.iter().map(|figure| &figure.name).chain(sheets.iter().map(|(name, _)| name));
+    remove_others(&job.output, &names.map(|name| format!("{name}.svg")).collect())?;
     put(&at("report.html"), &study::page(definition, rows, &figures, sheets))
 }

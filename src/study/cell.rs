@@ -115,6 +115,12 @@ impl Cell<'_> {
         )
     }
 
+    /// What people call it.
+    pub fn name(&self) -> String {
+        let Self { subject, pattern, density, seed, .. } = self;
+        format!("{}: {}, {pattern} {density}, seed {seed}", subject.name, self.label())
+    }
+
     /// Its row without results.
     pub fn blank(&self) -> Row {
         Row {

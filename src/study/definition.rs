@@ -23,7 +23,7 @@ pub struct Definition {
     /// One mask a seed.
     #[serde(default = "one_seed")]
     pub seeds: Vec<u64>,
-    /// Filters, each as it follows `--filter` on `fill`'s command line; `all` is each filter with its defaults.
+    /// Filters, each as it follows `--filter` on `fill`'s command line; `all` is each filter that needs no file, with its defaults.
     pub filters: Vec<String>,
     /// Compare as a display shows it: clipped to 0 to 1, after the sRGB curve.
     #[serde(default)]

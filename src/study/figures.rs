@@ -62,7 +62,7 @@ fn figure(frame: &str, kind: &'static str, rows: &[&Row]) -> Result<Figure, Stri
             let points = match kind {
                 "gain" => gain(&own, pattern),
                 "seconds" => points(own, pattern, &|row| Some(row.seconds)),
-                _ => points(own, pattern, &Row::psnr),
+                _ => points(own, pattern, &plotted),
             };
             if !points.is_empty() {
                 lines.push(Line { name, style, points });
@@ -87,7 +87,12 @@ fn figure(frame: &str, kind: &'static str, rows: &[&Row]) -> Result<Figure, Stri
     Ok(Figure { name: format!("{kind}-{frame}"), title, svg: chart.svg()? })
 }
 
-/// Per density, by growing share of missing pixels: that share in percent; mean, least and largest value of the seeds.
+/// The PSNR that an axis has: equal images have an infinite one.
+fn plotted(row: &Row) -> Option<f64> {
+    row.psnr().filter(|psnr| psnr.is_finite())
+}
+
+/// Per density, by growing share of missing pixels: that share in percent; mean, least and largest value of the seeds, infinite where values are.
 pub fn points<'a>(
     rows: impl Iterator<Item = &'a Row>,
     pattern: &str,
@@ -95,7 +100,7 @@ pub fn points<'a>(
 ) -> Vec<[f64; 4]> {
     let mut found: Vec<(f64, f64, Vec<f64>)> = Vec::new();
     for row in rows.filter(|row| row.pattern == pattern) {
-        let Some(value) = value(row).filter(|value| value.is_finite()) else { continue };
+        let Some(value) = value(row).filter(|value| !value.is_nan()) else { continue };
         match found.iter_mut().find(|(density, ..)| *density == row.density) {
             Some((_, missing, values)) => {
                 *missing += row.missing;
@@ -124,7 +129,7 @@ fn gain<'a>(rows: &(impl Iterator<Item = &'a Row> + Clone), pattern: &str) -> Ve
     for density in all {
         let at = |pattern: &str| {
             let own = rows.clone().filter(|row| row.density == density);
-            points(own, pattern, &Row::psnr).first().copied()
+            points(own, pattern, &plotted).first().copied()
         };
         if let (Some(even), Some(random)) = (at(pattern), at("random")) {
             let by = even[1] - random[1];

@@ -76,12 +76,24 @@ fn a_journal_is_read_back_but_for_what_failed_or_was_cut() {
 }
 
 #[test]
-fn equal_images_have_an_infinite_psnr_that_no_chart_shows() {
+fn equal_images_have_an_infinite_psnr_that_tables_and_verdicts_show_and_no_chart() {
     let rows: Vec<Row> = rows().into_iter().map(|row| Row { mse: Some(0.0), ..row }).collect();
     assert_eq!(rows[0].psnr(), Some(f64::INFINITY));
     let json: serde_json::Value = serde_json::from_str(&json("t", &rows).unwrap()).unwrap();
     assert_eq!(json["rows"][0]["psnr"], "inf");
     assert_eq!(figures(&rows).unwrap().len(), 3);
+    let text = tables(&rows, Thresholds::default());
+    assert!(text.contains("| a | linear | inf | inf |") && text.contains("**good throughout"), "{text}");
+    // Beside others they change no line of a chart.
+    let mut mixed = self::rows();
+    let charts =
+        |rows: &[Row]| figures(rows).unwrap().into_iter().map(|figure| figure.svg).collect::<Vec<_>>();
+    mixed.retain(|row| row.density < 0.5);
+    let before = charts(&mixed);
+    let seconds = mixed[0].seconds;
+    mixed.extend(rows.into_iter().filter(|row| row.density == 0.5).map(|row| Row { seconds, ..row }));
+    let after = charts(&mixed);
+    assert_eq!((&before[0], &before[2]), (&after[0], &after[2]));
 }
 
 /// Beside an edge pixels that are chosen in rounds are worth more than even ones, and than a first round that takes all of them.
