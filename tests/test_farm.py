@@ -283,7 +283,7 @@ def test_gates_judge_what_the_tasks_were_asked_for(shot, flags, gates):
 
 
 @pytest.mark.parametrize("words, reason", [
-    (["-o", "one.exr"], "several frames need an output pattern"),
+    (["-o", "one.exr"], "several frames need a pattern here"),
     (["-o", "notthere/"], "--create-dir makes it"),
     (["-o", "in/"], "the same file as the input"),
 ])

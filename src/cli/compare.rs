@@ -77,7 +77,7 @@ struct MeasureArgs {
     #[arg(long, conflicts_with_all = ["no_clip", "peak"])]
     display: bool,
 
-    /// The luminances between which HDR-FLIP looks at images, for the same exposures in every frame, for example 0.18,2
+    /// HDR-FLIP with images looked at between these luminances, for the same exposures in every frame, for example 0.18,2
     /// [default: the reference's median and largest, frame by frame]
     #[arg(long, value_name = "DARK,BRIGHT", value_parser = range)]
     hdr_range: Option<(f64, f64)>,
@@ -156,6 +156,9 @@ impl CompareArgs {
                     )));
                 }
             }
+        }
+        if self.measures.hdr_range.is_some() {
+            wanted.add(Measure::HdrFlip);
         }
         if self.outputs.html.is_some() {
             for measure in [Measure::Cieluv, Measure::Flip, Measure::Flicker] {

@@ -184,7 +184,7 @@ pub fn pair(selection: &Selection, output: &Path, mask: Option<&str>) -> Result<
     let destination = Destination::parse(output)?;
     if inputs.is_set && !destination.holds_many() {
         return Err(PlanError::Usage(format!(
-            "{0}: several frames need an output pattern (shot.####.exr) or a folder ('{0}/')",
+            "{0}: several frames need a pattern here, such as shot.####.exr, or a folder ('{0}/')",
             output.display()
         )));
     }

@@ -50,6 +50,21 @@ pub enum Error {
     },
 }
 
+/// What has no partner, in a line for the channels of a part.
+fn alone(labels: &[String], side: &str) -> Vec<String> {
+    const CHANNEL: &str = "channel ";
+    let split = |label: &'_ String| label.rfind(CHANNEL).map(|at| at + CHANNEL.len());
+    let part = |label: &String| split(label).map(|at| label[..at].to_owned());
+    let line = |labels: &[String]| match (labels, part(&labels[0])) {
+        ([_, _, ..], Some(part)) => {
+            let names: Vec<&str> = labels.iter().filter_map(|label| label.get(split(label)?..)).collect();
+            format!("{}s {} are in the {side} only", part.trim_end(), names.join(", "))
+        }
+        _ => format!("{} is in the {side} only", labels[0]),
+    };
+    labels.chunk_by(|a, b| part(a).is_some() && part(a) == part(b)).map(line).collect()
+}
+
 /// Compares two frames; `visit` sees the images of each group of floats while they are there.
 ///
 /// # Errors
@@ -66,8 +81,8 @@ pub fn compare(
         return Err(Error::NothingInCommon(crate::channels::list_channels(reference)));
     }
     let mut report = FrameReport { mask: masks.map(|masks| masks.origin.clone()), ..FrameReport::default() };
-    report.notes.extend(pairing.missing.iter().map(|what| format!("{what} is in the reference only")));
-    report.notes.extend(pairing.extra.iter().map(|what| format!("{what} is in the test image only")));
+    report.notes.extend(alone(&pairing.missing, "reference"));
+    report.notes.extend(alone(&pairing.extra, "test image"));
     for group in &pairing.groups {
         let work = Work { reference, test, masks, settings, group };
         report.groups.push(work.run(visit)?);

@@ -98,6 +98,18 @@ fn what_cannot_be_compared_is_like_nothing() {
 }
 
 #[test]
+fn channels_without_a_partner_are_told_in_one_line() {
+    let (reference, mut test) = pair();
+    let spare: Vec<_> = ["a.X", "a.Y", "b"].map(|name| float(name, &[0.0; 4])).into();
+    test.parts[0].channels.extend(spare);
+    let notes = |a: &Frame, b: &Frame| compare(a, b, None, &Settings::default(), &mut |_| {}).unwrap().notes;
+    assert_eq!(notes(&reference, &test), ["channels a.X, a.Y, b are in the test image only"]);
+    assert_eq!(notes(&test, &reference), ["channels a.X, a.Y, b are in the reference only"]);
+    test.parts[0].channels.truncate(reference.parts[0].channels.len() + 2);
+    assert_eq!(notes(&reference, &test), ["channel a.X is in the test image only"]);
+}
+
+#[test]
 fn windows_must_agree() {
     let (reference, mut test) = pair();
     test.parts[0].data_window.x_min += 1;
