@@ -33,7 +33,7 @@ def test_it_shows_density_mask_result_and_timings(page):
         assert names == ["mask", "sparse", "result"]
         assert opened.run("[...document.images].every(image => image.complete && image.naturalWidth > 100)")
         text = opened.run("document.body.innerText")
-        assert "4 of 4 frames done" in text and "% measured" in text and "domain=auto" in text
+        assert "4 of 4 frames done" in text and "% measured" in text and re.search(r"^domain\s+auto$", text, re.MULTILINE)
         for stage in ("read", "solve", "write"):
             assert re.search(rf"\d\.\d\d s {stage}", text), stage
         assert opened.run("document.querySelectorAll('.plots svg').length") == 2
@@ -51,6 +51,25 @@ def test_the_viewer_shows_sparse_result_and_estimated_error_and_plays(tmp_path):
         opened.wait("document.body.dataset.ready !== undefined")
         assert opened.run("lacuna.viewer.views()") == ["sparse", "result", "estimate"]
         assert opened.run("[lacuna.viewer.state.left, lacuna.viewer.state.right]") == ["sparse", "result"]
+        # The figure that matters stands in the first lines, and no table is cut.
+        told = re.search(r"([\d.]+) dB estimated PSNR of the worst frame, (\d) \(([\d.]+) to ([\d.]+)\)", opened.run("document.body.innerText"))
+        column = opened.run("[...document.querySelectorAll('#frames tbody tr')].map(row => Number(row.cells[3].dataset.value))")
+        assert float(told[1]) == pytest.approx(min(column), abs=0.051) and column.index(min(column)) + 1 == int(told[2])
+        assert float(told[3]) <= float(told[1]) <= float(told[4])
+        assert opened.run("[...document.querySelectorAll('.scroll')].every(box => box.scrollWidth <= box.clientWidth)")
+        # Three square pictures stand beside each other, as high as they are wide.
+        opened.run("document.getElementById('grid').click()")
+        cells = opened.run("lacuna.viewer.cells().map(cell => [cell.width, cell.height])")
+        assert len(cells) == 3 and all(abs(width - height) <= 3 for width, height in cells), cells
+        opened.run("document.getElementById('grid').click()")
+        # What errors are multiplied with is asked only where there are some, and a bar says what their colours mean.
+        hidden = "document.getElementById('gain').parentElement.offsetParent === null"
+        assert opened.run(hidden)
+        opened.run("lacuna.viewer.set({ right: 'estimate' })")
+        assert not opened.run(hidden)
+        assert opened.run("lacuna.range('estimate', { ...lacuna.viewer.state, exposure: 1 })") == ["0", "0.05"]
+        assert opened.run("lacuna.range('result', lacuna.viewer.state)") is None
+        opened.run("lacuna.viewer.set({ right: 'result' })")
         channels = frames.read(tmp_path / "full.0001.exr")[0]
         n = channels["R"].size
         values = np.array(opened.run(f"[...Array({n}).keys()].map(at => lacuna.viewer.frame.value(lacuna.viewer.frame.test, 0, at))"))
@@ -65,8 +84,10 @@ def test_the_viewer_shows_sparse_result_and_estimated_error_and_plays(tmp_path):
         assert opened.run("lacuna.viewer.state.curve") == "false"
         assert opened.run("lacuna.paint(lacuna.viewer.frame, 'result', lacuna.viewer.state).toDataURL()") != before
         opened.key(" ", "Space")
+        assert opened.run("document.getElementById('play').textContent") == "Stop"
         opened.wait("document.body.dataset.ready === '3'")
         opened.key(" ", "Space")
+        assert opened.run("document.getElementById('play').textContent") == "Play"
         assert opened.run("lacuna.viewer.playing") is False and opened.messages == []
 
 
@@ -94,10 +115,22 @@ def test_render_says_how_long_rendering_and_filling_took(tmp_path):
     with chromium.Page(page.as_uri()) as opened:
         assert opened.messages == []
         text = opened.run("document.body.innerText")
-        for stage in ("read", "render", "fill", "write"):
+        for stage in ("volume", "render", "fill", "write"):
             assert re.search(rf"\d\.\d\d s {stage}", text), stage
         assert re.search(r"(29|30)\.\d\d % measured", text)
         assert opened.run("document.images.length") == 3
+        assert re.search(r"^scene.camera.azimuth\s+30.0$", text, re.MULTILINE)
+
+
+def test_a_frame_that_is_sparse_still_is_shown_once(tmp_path):
+    page = tmp_path / "page.html"
+    tool.lacuna("render", "-q", tool.SAMPLES / "scenes" / "marschner-lobb.toml", "-o", tmp_path / "out.exr", "--size", "96x48",
+                "--density", "0.3", "--report", page)
+    with chromium.Page(page.as_uri()) as opened:
+        opened.wait("document.body.dataset.ready !== undefined")
+        assert opened.run("lacuna.viewer.views()") == ["result"] and opened.run("lacuna.viewer.cells().length") == 1
+        assert opened.run("document.getElementById('left').offsetParent === null")
+        assert opened.run("document.images.length") == 2 and "s fill" not in opened.run("document.body.innerText")
 
 
 def test_the_page_is_no_frame_of_the_run(tmp_path):

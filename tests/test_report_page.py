@@ -129,6 +129,15 @@ def test_without_javascript_tables_pictures_and_plots_are_there(report):
         assert page.call("DOM.getBoxModel", nodeId=image)["model"]["width"] > 50
 
 
+def test_every_table_fits_and_every_picture_says_what_it_is(report):
+    with open_page(report) as page:
+        page.run("document.querySelectorAll('details').forEach(one => { one.open = true; })")
+        assert page.run("[...document.querySelectorAll('.scroll')].map(box => box.scrollWidth - box.clientWidth)") == [0] * page.run("document.querySelectorAll('.scroll').length")
+        captions = page.run("[...document.querySelectorAll('#frames tbody tr:first-child figcaption')].map(one => one.textContent)")
+        assert captions == ["reference", "sparse", "result", "error x 10"]
+        assert "largest error on measured pixels 0\n" in page.run("document.body.innerText").replace("\t", "\n")
+
+
 def test_a_phone_needs_no_sideways_scrolling(report):
     with open_page(report, width=390, height=800) as page:
         assert page.run("document.documentElement.scrollWidth") <= 390

@@ -7,10 +7,11 @@ use std::sync::{Mutex, PoisonError};
 
 use lacuna_exr::Frame;
 use lacuna_filters::Mask;
+use serde_json::Value;
 
 use crate::files::plan::Item;
 use crate::files::reports;
-use crate::reconstruct::named;
+use crate::reconstruct::{Estimated, named, parse_settings};
 use crate::report::{Filled, FilledPictures, MOST_PIXELS, filled};
 use crate::run::record::{Estimate, Heading, Record, told_residual};
 
@@ -26,21 +27,23 @@ pub struct Page {
 impl Page {
     /// A page for so many frames; nothing is done without a path.
     pub fn new(path: Option<&PathBuf>, frames: usize) -> Self {
-        let width = match frames {
-            0..=1 => 300,
-            2..=50 => 180,
-            _ => 96,
-        };
+        let width = if frames <= 50 { 180 } else { 96 };
         Self { path: path.cloned(), width, room: MOST_PIXELS.into(), pictures: Mutex::default() }
     }
 
-    /// Takes the pictures of a frame that was filled; `mask` is that of a part and channel.
-    pub fn look<'a>(&self, item: &Item, frame: &Frame, mask: impl Fn(usize, usize) -> Option<&'a Mask>) {
+    /// Takes the pictures of a frame, filled or sparse still; `mask` is that of a part and channel.
+    pub fn look<'a>(
+        &self,
+        item: &Item,
+        frame: &Frame,
+        mask: impl Fn(usize, usize) -> Option<&'a Mask>,
+        filled: bool,
+    ) {
         if self.path.is_none() {
             return;
         }
         let room = self.room.load(Ordering::Relaxed);
-        if let Some(pictures) = FilledPictures::new(frame, mask, self.width, room) {
+        if let Some(pictures) = FilledPictures::new(frame, mask, filled, (self.width, room)) {
             let taken = pictures.pixels.as_ref().map_or(0, |pixels| pixels.width * pixels.height);
             let less = |room: usize| Some(room.saturating_sub(taken));
             let _ = self.room.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
@@ -55,11 +58,37 @@ impl Page {
         let mut pictures = self.pictures.lock().unwrap_or_else(PoisonError::into_inner);
         let frames: Vec<Filled> =
             records.iter().map(|record| shown(record, pictures.remove(Path::new(&record.output)))).collect();
-        let mut about = vec![("lacuna", format!("{} {}", heading.lacuna, heading.command))];
-        about.extend(heading.filter.iter().map(|filter| ("filter", filter.clone())));
-        about.extend(heading.settings.iter().map(|settings| ("settings", settings.clone())));
+        let mut about = vec![("lacuna".to_owned(), format!("{} {}", heading.lacuna, heading.command))];
+        about.extend(heading.filter.iter().map(|filter| ("filter".to_owned(), filter.clone())));
+        about.extend(heading.settings.iter().flat_map(|settings| listed(settings)));
         let page = filled(&title(heading, records), &about, &frames);
         reports::write(path, page.as_bytes())
+    }
+}
+
+/// The settings of a line one by one; what is a JSON object has a name for each of its values.
+fn listed(line: &str) -> Vec<(String, String)> {
+    let mut all = Vec::new();
+    for (name, text) in parse_settings(line) {
+        match serde_json::from_str(&text) {
+            Ok(value @ Value::Object(_)) => flatten(&name, &value, &mut all),
+            _ => all.push((name, text)),
+        }
+    }
+    all.retain(|(_, text)| !text.is_empty());
+    all
+}
+
+fn flatten(name: &str, value: &Value, all: &mut Vec<(String, String)>) {
+    match value {
+        Value::Object(inner) => {
+            for (key, value) in inner {
+                flatten(&format!("{name}.{key}"), value, all);
+            }
+        }
+        Value::Null => {}
+        Value::String(text) => all.push((name.to_owned(), text.clone())),
+        _ => all.push((name.to_owned(), value.to_string())),
     }
 }
 
@@ -101,12 +130,9 @@ fn shown(record: &Record, pictures: Option<FilledPictures>) -> Filled {
     let seconds = record.seconds;
     let stages = match (record.rendered, record.filled) {
         (Some(rendered), filled) => {
-            vec![
-                ("read", seconds.read),
-                ("render", rendered),
-                ("fill", filled.unwrap_or(0.0)),
-                ("write", seconds.write),
-            ]
+            // A volume may be made rather than read, and is made ready for rays.
+            let before = [("volume", seconds.read), ("render", rendered)].into_iter();
+            before.chain(filled.map(|filled| ("fill", filled))).chain([("write", seconds.write)]).collect()
         }
         _ => vec![("read", seconds.read), ("solve", seconds.solve), ("write", seconds.write)],
     };
@@ -117,8 +143,34 @@ fn shown(record: &Record, pictures: Option<FilledPictures>) -> Filled {
         state: state.unwrap_or_default(),
         messages: record.message.iter().chain(&record.warnings).cloned().collect(),
         density: record.density,
+        psnr: record.estimates.iter().find_map(|estimate| match estimate.error {
+            Estimated::Error { psnr, .. } => psnr,
+            _ => None,
+        }),
         words,
         seconds: stages,
         pictures,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_are_told_one_by_one() {
+        let line = r#"lambda=0 mask="" channels="a:fill b:keep" scene={"camera":{"orbit":1.5},"volume":"a b.nrrd","raw":null} fill=ss"#;
+        let found = listed(line);
+        let found: Vec<_> = found.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
+        assert_eq!(
+            found,
+            [
+                ("lambda", "0"),
+                ("channels", "a:fill b:keep"),
+                ("scene.camera.orbit", "1.5"),
+                ("scene.volume", "a b.nrrd"),
+                ("fill", "ss"),
+            ]
+        );
     }
 }

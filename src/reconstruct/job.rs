@@ -5,6 +5,7 @@ use lacuna_filters::Method;
 use lacuna_filters::domain::Domain;
 use lacuna_filters::fill::Estimate;
 use serde::Serialize;
+use serde_json::Value;
 
 use super::{Enlarge, NoiseSource, Weights};
 use crate::channels::Override;
@@ -178,23 +179,22 @@ pub fn output_compression(input: Compression, asked: Option<Compression>) -> Com
 /// A value as it stands in a line of settings: quoted like JSON where it would not be one word.
 fn quote(value: &str) -> String {
     let plain = |letter: char| !letter.is_whitespace() && !letter.is_control() && letter != '"';
-    if !value.is_empty() && value.chars().all(plain) {
-        value.into()
-    } else {
-        serde_json::Value::from(value).to_string()
-    }
+    if !value.is_empty() && value.chars().all(plain) { value.into() } else { Value::from(value).to_string() }
 }
 
-/// Reads a line of settings back into names and values; what cannot be read ends it.
+/// Reads a line of settings back into names and values, objects of JSON as their text; what cannot be read ends it.
 pub fn parse_settings(line: &str) -> Vec<(String, String)> {
     let mut pairs = Vec::new();
     let mut rest = line.trim_start();
     while let Some((name, tail)) = rest.split_once('=') {
-        let (value, tail) = if tail.starts_with('"') {
-            let mut values = serde_json::Deserializer::from_str(tail).into_iter::<String>();
-            let Some(Ok(value)) = values.next() else { break };
-            let used = values.byte_offset();
-            (value, &tail[used..])
+        let (value, tail) = if tail.starts_with(['"', '{']) {
+            let mut values = serde_json::Deserializer::from_str(tail).into_iter::<Value>();
+            let value = match values.next() {
+                Some(Ok(Value::String(text))) => text,
+                Some(Ok(object)) => object.to_string(),
+                _ => break,
+            };
+            (value, &tail[values.byte_offset()..])
         } else {
             let end = tail.find(' ').unwrap_or(tail.len());
             (tail[..end].to_owned(), &tail[end..])

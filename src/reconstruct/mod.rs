@@ -43,7 +43,7 @@ pub(crate) use bounds::bounds_of;
 pub use energy::Energy;
 pub use enlarge::{Enlarge, Target, Windows, enlarge};
 pub use error::Error;
-pub use estimate::{Estimated, Gate};
+pub use estimate::{Estimated, Gate, Interval};
 pub use filled::{blank, inverted, is_enlarged, was_smoothed};
 pub(crate) use groups::usable;
 pub use job::{Job, Kind, output_compression, parse_settings};

@@ -268,7 +268,8 @@ impl Work for Fill<'_> {
             let done = done.map_err(|error| at_input(&error))?;
             // The masks are those of the frame that was read, not of the enlarged one.
             if what.enlarge.is_none() {
-                self.page.look(item, &done.0, |part, channel| masks.get(part, channel).map(|mask| &**mask));
+                let mask = |part, channel| masks.get(part, channel).map(|mask| &**mask);
+                self.page.look(item, &done.0, mask, true);
             }
             Ok(done)
         });

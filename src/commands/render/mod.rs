@@ -267,7 +267,7 @@ impl Work for Render<'_> {
             told = Some(report);
             Ok(filled)
         })?;
-        self.page.look(item, &frame, |_, _| mask.as_deref());
+        self.page.look(item, &frame, |_, _| mask.as_deref(), seconds.1.is_some());
         record.density = Some(mask.as_ref().map_or(1.0, |mask| mask.density()));
         if let Some((rounds, target)) = &rounds {
             record.chosen(rounds, *target).iter().for_each(|text| tracing::info!("{text}"));

@@ -9,7 +9,7 @@ use super::picture::{Pixels, filled_pictures};
 use super::plot::{Series, plot};
 use super::shell::shell;
 use super::{element, escape};
-use crate::reconstruct::estimated_errors;
+use crate::reconstruct::{Interval, estimated_errors};
 use crate::report::groups::{Group, Kind, pair};
 
 /// A frame of the page.
@@ -25,6 +25,8 @@ pub struct Filled {
     pub messages: Vec<String>,
     /// Measured pixels over all pixels.
     pub density: Option<f64>,
+    /// How good the fill is by estimate: PSNR in decibels with the interval that holds it nine times of ten.
+    pub psnr: Option<Interval>,
     /// Where the mask was found, what became of the channels, how the solver ended.
     pub words: Vec<(&'static str, String)>,
     /// Seconds by stage, in their order.
@@ -47,13 +49,13 @@ pub struct Pictures {
 }
 
 impl Pictures {
-    /// The pictures of a frame that was filled, with every pixel if it has at most `most`; `mask` is that of a part and channel. Nothing if
-    /// there are no floats.
+    /// The pictures of a frame, filled or sparse still, with every pixel if it has at most `most`; `mask` is that of a part and channel.
+    /// Nothing if there are no floats.
     pub fn new<'a>(
         frame: &Frame,
         mask: impl Fn(usize, usize) -> Option<&'a Mask>,
-        width: usize,
-        most: usize,
+        filled: bool,
+        (width, most): (usize, usize),
     ) -> Option<Self> {
         let groups = pair(frame, frame).groups;
         let colour = groups.iter().find(|group| group.kind == Kind::Colour);
@@ -65,11 +67,13 @@ impl Pictures {
         };
         let planes: Vec<Plane> = group.channels.iter().map(plane).collect::<Option<_>>()?;
         let mask = mask(group.parts.0, group.channels.first()?.0);
-        let (size, all) = filled_pictures(&planes, mask, width)?;
+        let (size, all) = filled_pictures(&planes, mask, filled, width)?;
         let names = group.channels.iter().map(|&(at, _)| part.channels[at].display_name().into_owned());
         let window = part.data_window;
         let every = || {
             let estimate = estimated_errors(part, &group.layer);
+            // A frame that is sparse still is its own sparse input.
+            let mask = mask.filter(|_| filled);
             Pixels::filled(&planes, (window.x_min, window.y_min), mask, estimate.as_ref())
         };
         let pixels = (part.size().pixels() <= most).then(every).flatten();
@@ -78,7 +82,7 @@ impl Pictures {
 }
 
 /// The page. `title` is text; `about` says what was done, by name and text.
-pub fn filled(title: &str, about: &[(&str, String)], frames: &[Filled]) -> String {
+pub fn filled(title: &str, about: &[(String, String)], frames: &[Filled]) -> String {
     let title = escape(title);
     let mut body = format!("<header><h1>{title}</h1>{}</header>\n<main>\n", summary(frames));
     let mut packed = String::new();
@@ -125,6 +129,7 @@ fn summary(frames: &[Filled]) -> String {
         };
         let _ = write!(sum, "<span><b>{range} %</b> measured</span> ");
     }
+    sum.push_str(&estimated(frames));
     let mut names: Vec<&str> = Vec::new();
     frames.iter().flat_map(|frame| &frame.seconds).for_each(|(name, _)| {
         if !names.contains(name) {
@@ -139,11 +144,29 @@ fn summary(frames: &[Filled]) -> String {
     format!("<p class=\"verdict {class}\">{}</p><p class=\"sum\">{sum}</p>", words.join(", "))
 }
 
+/// The estimate of the frame, or of the worst of several.
+fn estimated(frames: &[Filled]) -> String {
+    let known = frames.iter().filter_map(|frame| Some((frame, frame.psnr?)));
+    let Some((frame, psnr)) = known.min_by(|a, b| a.1.estimate.total_cmp(&b.1.estimate)) else {
+        return String::new();
+    };
+    let worst = match frames {
+        [_] => String::new(),
+        _ => format!(" of the worst frame, {}", escape(&frame.label)),
+    };
+    let Interval { estimate, low, high } = psnr;
+    format!("<span><b>{estimate:.1} dB</b> estimated PSNR{worst} ({low:.1} to {high:.1})</span> ")
+}
+
 fn table(frames: &[Filled], body: &mut String) {
     let stages = stages(frames);
+    let is_estimated = frames.iter().any(|frame| frame.psnr.is_some());
     body.push_str("<section><h2>Frames</h2>\n<div class=\"scroll\"><table id=\"frames\"><thead><tr>");
     body.push_str("<th scope=\"col\" data-sort=\"number\">frame</th><th scope=\"col\">pictures</th>");
     body.push_str("<th scope=\"col\" data-sort=\"number\">measured</th>");
+    if is_estimated {
+        body.push_str("<th scope=\"col\" data-sort=\"number\">estimated PSNR (dB)</th>");
+    }
     for stage in &stages {
         let _ = write!(body, "<th scope=\"col\" data-sort=\"number\">{stage} (s)</th>");
     }
@@ -160,6 +183,12 @@ fn table(frames: &[Filled], body: &mut String) {
         pictures(frame, body);
         let percent = frame.density.map_or_else(|| "–".into(), |density| format!("{:.2} %", 100.0 * density));
         let _ = write!(body, "</td><td data-value=\"{}\">{percent}</td>", frame.density.unwrap_or(-1.0));
+        if is_estimated {
+            let _ = match frame.psnr {
+                Some(psnr) => write!(body, "<td data-value=\"{}\">{:.1}</td>", psnr.estimate, psnr.estimate),
+                None => write!(body, "<td>–</td>"),
+            };
+        }
         for stage in &stages {
             let found = frame.seconds.iter().find(|(name, _)| name == stage).map(|(_, seconds)| *seconds);
             let _ = match found {
@@ -213,6 +242,11 @@ fn plots(frames: &[Filled], body: &mut String) {
     if density.iter().flatten().count() > 1 {
         let line = Series { name: "measured", class: "all", values: density };
         body.push_str(&plot("measured pixels (%)", &cell, &labels, &[line]));
+    }
+    let psnr: Vec<Option<f64>> = frames.iter().map(|frame| frame.psnr.map(|psnr| psnr.estimate)).collect();
+    if psnr.iter().flatten().count() > 1 {
+        let line = Series { name: "estimated", class: "all", values: psnr };
+        body.push_str(&plot("estimated PSNR (dB)", &cell, &labels, &[line]));
     }
     let stages = stages(frames);
     let lines: Vec<Series<'_>> = stages

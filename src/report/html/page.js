@@ -82,6 +82,8 @@ lacuna.start = function () {
     $('stops').value = `${viewer.state.exposure >= 0 ? '+' : ''}${viewer.state.exposure}`;
     $('curve').value = viewer.state.curve;
     $('grid').setAttribute('aria-pressed', viewer.state.grid);
+    // For what only an image of errors has.
+    $('gain').parentElement.hidden = !viewer.shown().some((view) => view === 'error' || view === 'estimate');
   });
   lacuna.viewer = viewer;
 
@@ -100,6 +102,10 @@ lacuna.start = function () {
     $('frame').value = index;
     $('shown').textContent = source.dataset.label.replace(/^f/, 'F');
     viewer.show(frame);
+    for (const id of ['left', 'right', 'grid', 'split']) {
+      const control = $(id).closest('label') || $(id);
+      control.hidden = viewer.views().length < 2;
+    }
     for (const id of ['left', 'right']) {
       $(id).replaceChildren(...viewer.views().map((view) => new Option(lacuna.NAMES[view], view)));
       $(id).value = viewer.state[id];
@@ -113,6 +119,7 @@ lacuna.start = function () {
   const play = async () => {
     viewer.playing = !viewer.playing;
     $('play').setAttribute('aria-pressed', viewer.playing);
+    $('play').textContent = viewer.playing ? 'Stop' : 'Play';
     while (viewer.playing) {
       await Promise.all([step(1), new Promise((resolve) => setTimeout(resolve, 1000 / 12))]);
     }

@@ -87,10 +87,11 @@ impl Picture {
 /// PNG as base64, by name.
 type Named = Vec<(&'static str, String)>;
 
-/// Mask (if there is one), sparse input and result of a group that was filled, and the size of the pictures.
+/// Mask (if there is one), sparse input (if it was filled) and result of a group, and the size of the pictures.
 pub fn filled_pictures(
     planes: &[Plane],
     mask: Option<&Mask>,
+    filled: bool,
     width: usize,
 ) -> Option<((usize, usize), Named)> {
     let image = rgb(planes)?;
@@ -100,7 +101,9 @@ pub fn filled_pictures(
     if let Some(mask) = mask {
         let white = Plane::filled(mask.size(), 1.0);
         all.push(("mask", thumb.png([&white; 3], Some(mask), |value| value)));
-        all.push(("sparse", thumb.png(image, Some(mask), shown)));
+        if filled {
+            all.push(("sparse", thumb.png(image, Some(mask), shown)));
+        }
     }
     all.push(("result", thumb.png(image, None, shown)));
     Some(((thumb.size.width, thumb.size.height), all))

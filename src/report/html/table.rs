@@ -97,8 +97,8 @@ fn thumbnails(picture: &Picture, label: &str, page: &mut String) {
         let what = if *name == "error" { format!("error x {ERROR_GAIN}") } else { (*name).into() };
         let _ = write!(
             page,
-            "<img width=\"{width_shown}\" height=\"{height_shown}\" alt=\"{what} of frame {label}\" title=\"{what}\" \
-             src=\"data:image/png;base64,{png}\">"
+            "<figure><img width=\"{width_shown}\" height=\"{height_shown}\" alt=\"{what} of frame {label}\" \
+             src=\"data:image/png;base64,{png}\"><figcaption>{what}</figcaption></figure>"
         );
     }
 }
@@ -146,9 +146,10 @@ fn measures(group: &GroupReport, page: &mut String) {
         escape(&group.label()),
         group.size.1,
         group.size.0,
-        group
-            .measured_max
-            .map_or_else(String::new, |most| format!(", largest error on measured pixels {most:e}")),
+        group.measured_max.map_or_else(String::new, |most| format!(
+            ", largest error on measured pixels {}",
+            cell(Measure::Max, Some(most))
+        )),
     );
     for measure in &all {
         let _ = write!(

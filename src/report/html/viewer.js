@@ -5,7 +5,7 @@ lacuna.VIEWS = ['reference', 'sparse', 'result', 'error', 'estimate', 'cieluv', 
 lacuna.IMAGES = ['reference', 'sparse', 'result'];
 lacuna.NAMES = {
   reference: 'Reference', sparse: 'Sparse input', result: 'Result', error: 'Absolute error', estimate: 'Estimated error',
-  cieluv: 'CIELUV error (0 to 20)', ssim: '1 - SSIM', flip: 'FLIP',
+  cieluv: 'CIELUV error', ssim: '1 - SSIM', flip: 'FLIP',
 };
 
 lacuna.heat = (() => {
@@ -74,6 +74,13 @@ lacuna.paint = function (frame, view, state) {
   return canvas;
 };
 
+// What the ends of the colours of a view stand for, as texts; nothing for an image in its own colours.
+lacuna.range = function (view, { curve, gain, exposure }) {
+  if (lacuna.IMAGES.includes(view)) return curve === 'false' ? ['-7', '+7 stops about 0.18'] : null;
+  if (view === 'error' || view === 'estimate') return ['0', String(Number((1 / (gain * 2 ** exposure)).toPrecision(3)))];
+  return ['0', view === 'cieluv' ? '20' : '1'];
+};
+
 // The planes that a view of an image shows: without a reference the sparse input is the result where it was measured.
 lacuna.planes = (frame, view) => (view === 'result' || !frame.reference ? frame.test : frame.reference);
 
@@ -122,15 +129,31 @@ lacuna.Viewer = class {
     Object.assign(this.state, { zoom: 0, x: this.frame.width / 2, y: this.frame.height / 2 });
   }
 
+  // Views on the screen.
+  shown() {
+    const { left, right, grid } = this.state;
+    return grid ? this.views() : [left, right];
+  }
+
+  // Columns and rows of pictures that show them largest in a box, and the height that they take there.
+  layout(width, height) {
+    const count = this.state.grid ? this.views().length : 1;
+    const of = (columns) => {
+      const rows = Math.ceil(count / columns);
+      return { columns, rows, scale: Math.min(width / columns / this.frame.width, height / rows / this.frame.height) };
+    };
+    const all = Array.from({ length: count }, (_, k) => of(k + 1));
+    const best = all.reduce((best, one) => (one.scale > best.scale ? one : best));
+    return { ...best, height: Math.ceil(best.rows * best.scale * this.frame.height) };
+  }
+
   // The cells of the screen, each with the view it shows.
   cells() {
     const { width, height } = this.canvas;
     if (!this.state.grid) return [{ view: this.state.left, x: 0, y: 0, width, height }];
-    const views = this.views();
-    const columns = width > 1.6 * height ? 4 : width > 700 ? 3 : 2;
-    const rows = Math.ceil(views.length / columns);
+    const { columns, rows } = this.layout(width, height);
     const [w, h] = [Math.floor(width / columns), Math.floor(height / rows)];
-    return views.map((view, i) => ({ view, x: i % columns * w, y: Math.floor(i / columns) * h, width: w, height: h }));
+    return this.views().map((view, i) => ({ view, x: i % columns * w, y: Math.floor(i / columns) * h, width: w, height: h }));
   }
 
   scale(cell) {
@@ -156,8 +179,13 @@ lacuna.Viewer = class {
   }
 
   draw() {
+    const { clientWidth } = this.canvas;
+    if (!this.frame || clientWidth === 0) return;
+    if (this.views().length < 2) this.state.grid = true;
+    // As high as the pictures are, as far as the window goes.
+    const most = Math.min(900, Math.max(320, window.innerHeight - 330));
+    this.canvas.style.height = `${Math.max(200, this.layout(clientWidth, most).height)}px`;
     const box = this.canvas.getBoundingClientRect();
-    if (!this.frame || box.width === 0) return;
     const ratio = window.devicePixelRatio || 1;
     this.canvas.width = Math.round(box.width * ratio);
     this.canvas.height = Math.round(box.height * ratio);
@@ -172,6 +200,7 @@ lacuna.Viewer = class {
     this.clipped(cell, () => this.drawView(cell, cell.view));
     if (this.state.grid) {
       this.label(lacuna.NAMES[cell.view], cell.x + 8, cell.y + 20, 'left');
+      this.bar(cell.view, cell.x + 8, cell.y + cell.height, cell.width - 16);
     }
   }
 
@@ -182,8 +211,14 @@ lacuna.Viewer = class {
     this.clipped({ ...cell, x: at, width: canvas.width - at }, () => this.drawView(cell, state.right));
     context.fillStyle = '#ffb000';
     context.fillRect(at - 1, 0, 2, canvas.height);
-    if (at > 90) this.label(lacuna.NAMES[state.left], at - 8, 20, 'right');
-    if (at < canvas.width - 90) this.label(lacuna.NAMES[state.right], at + 8, 20, 'left');
+    if (at > 90) {
+      this.label(lacuna.NAMES[state.left], at - 8, 20, 'right');
+      this.bar(state.left, 8, canvas.height, at - 16);
+    }
+    if (at < canvas.width - 90) {
+      this.label(lacuna.NAMES[state.right], at + 8, 20, 'left');
+      this.bar(state.right, at + 8, canvas.height, canvas.width - at - 16);
+    }
   }
 
   clipped(cell, draw) {
@@ -194,6 +229,24 @@ lacuna.Viewer = class {
     context.clip();
     draw();
     context.restore();
+  }
+
+  // What the colours of a view mean: a bar above `bottom`, at most `most` wide, with the values at its ends.
+  bar(view, x, bottom, most) {
+    const range = lacuna.range(view, this.state);
+    const width = Math.min(160, most);
+    if (!range || width < 60) return;
+    const { context } = this;
+    for (let i = 0; i < width; i++) {
+      const bits = lacuna.heat[Math.round(255 * i / (width - 1))];
+      context.fillStyle = `rgb(${bits & 255}, ${bits >> 8 & 255}, ${bits >> 16 & 255})`;
+      context.fillRect(x + i, bottom - 14, 1, 8);
+    }
+    context.strokeStyle = 'rgba(255,255,255,.7)';
+    context.lineWidth = 1;
+    context.strokeRect(x - 0.5, bottom - 14.5, width + 1, 9);
+    this.label(range[0], x, bottom - 19, 'left');
+    this.label(range[1], x + width, bottom - 19, 'right');
   }
 
   label(text, x, y, align) {
