@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use lacuna_exr::{Frame, Layout, Part, Samples, Window};
 use serde::Serialize;
 
-use crate::channels::{Choice, Rule, visible};
+use crate::channels::{Choice, Name, Rule, visible};
 use crate::mask::{self, Masks};
 use crate::reconstruct::{self, estimate};
 
@@ -119,13 +119,16 @@ fn mask_channels(frame: &Frame, masks: &Masks) -> Vec<String> {
 
 fn part_info(part: &Part, index: usize, masks: Option<&Masks>, choices: &[Choice]) -> PartInfo {
     let corners = |window: Window| [window.x_min, window.y_min, window.x_max, window.y_max];
+    let errors = reconstruct::error_channel(part);
     let channels = part.channels.iter().zip(choices).enumerate().map(|(number, (channel, choice))| {
+        let name = channel.display_name().into_owned();
+        let is_error = errors.as_deref() == Some(Name::new(&name).component);
         let reason = |masks: &Masks| masks.why_none.get(index)?.get(number)?.clone();
         ChannelInfo {
-            name: channel.display_name().into_owned(),
+            name,
             kind: kind(&channel.samples),
             rule: choice.rule,
-            why: choice.why.clone(),
+            why: if is_error { "estimated errors of the fill".into() } else { choice.why.clone() },
             no_mask: masks.and_then(reason).filter(|_| choice.rule != Rule::Keep),
         }
     });

@@ -92,6 +92,7 @@ def test_the_error_channel_is_zero_where_measured_and_as_large_as_the_error_else
     truth = true_error(output, COMPLETE, source)
     mean = math.sqrt(float((error[mask < 0.5].astype(np.float64) ** 2).mean()))
     assert abs(20 * math.log10(mean / truth)) < 4, (mean, truth)
+    assert any(line.split()[:1] == ["error"] and "estimated errors" in line for line in lacuna("info", output).stdout.splitlines())
     plain, _, _ = fill(tmp_path, source)
     assert "error" not in oiio.ImageBuf(str(plain)).spec().channelnames
     lacuna("verify", source, output)

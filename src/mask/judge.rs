@@ -126,6 +126,7 @@ impl Judgement {
                     .collect()
             };
             return Some(Plot {
+                titles: ["log10 of the magnitude", "share of the largest count"],
                 x: (-10.0, 0.0),
                 y: (0.0, 1.0),
                 x_lines: (-10..=0).step_by(2).map(f64::from).collect(),
@@ -138,6 +139,7 @@ impl Judgement {
         let top = spectrum.radial.iter().copied().fold(2.0, f64::max).ceil().min(10.0);
         let points = spectrum.radial.iter().enumerate();
         Some(Plot {
+            titles: ["cycles per pixel", "power over that of random"],
             x: (0.0, 0.5),
             y: (0.0, top),
             x_lines: vec![0.0, 0.1, 0.2, 0.3, 0.4, 0.5],
@@ -211,6 +213,7 @@ mod tests {
         assert!(text.contains("star discrepancy") && text.contains("largest hole"), "{text}");
         let json = serde_json::to_value(&judgement).unwrap();
         assert_eq!(json["measured"], 21);
-        assert!(judgement.plot().is_some());
+        let plot = judgement.plot().unwrap();
+        assert!(plot.titles.iter().all(|title| !title.is_empty()));
     }
 }

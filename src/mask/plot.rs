@@ -6,15 +6,18 @@ use std::path::Path;
 use super::MakeError;
 use crate::raster::{self, BitDepth, ColorType, Compression};
 
-/// Pixels of the image, and of its margins for the numbers.
+/// Pixels of the image, and of its margins for numbers and titles.
 const SIZE: (usize, usize) = (640, 400);
 const LEFT: usize = 44;
-const BELOW: usize = 24;
+const BELOW: usize = 40;
+const ABOVE: usize = 24;
 const MARGIN: usize = 12;
 
-/// A plot: the ranges of its axes, where their grid lines stand, and its curves.
+/// A plot: the titles and ranges of its axes, where their grid lines stand, and its curves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plot {
+    /// Titles of the horizontal and the vertical axis: letters without capitals, digits, points and signs.
+    pub titles: [&'static str; 2],
     /// Ends of the horizontal axis.
     pub x: (f64, f64),
     /// Ends of the vertical axis.
@@ -48,7 +51,7 @@ impl Plot {
             from as f64 + share * (to as f64 - from as f64)
         };
         let across = |x: f64| place(x, self.x, LEFT, right);
-        let up = |y: f64| place(y, self.y, bottom, MARGIN);
+        let up = |y: f64| place(y, self.y, bottom, ABOVE);
         for &x in &self.x_lines {
             line(&mut image, (across(x), up(self.y.0)), (across(x), up(self.y.1)), 220);
             let text = format!("{x}");
@@ -59,6 +62,9 @@ impl Plot {
             let text = format!("{y}");
             write(&mut image, &text, LEFT as i64 - 8 * text.len() as i64 - 4, up(y) as i64 - 5);
         }
+        let [below, above] = self.titles;
+        write(&mut image, below, (right - 8 * below.len()) as i64, bottom as i64 + 24);
+        write(&mut image, above, LEFT as i64, 6);
         for (index, curve) in self.curves.iter().enumerate() {
             let grey = (index * 90).min(180) as u8;
             for pair in curve.windows(2) {
@@ -97,7 +103,7 @@ fn line(image: &mut Grey, from: (f64, f64), to: (f64, f64), grey: u8) {
     }
 }
 
-/// Writes digits, points and signs, each 3 x 5 dots of 2 x 2 pixels, 8 pixels apart.
+/// Writes letters, digits, points and signs, each 3 x 5 dots of 2 x 2 pixels, 8 pixels apart.
 fn write(image: &mut Grey, text: &str, x: i64, y: i64) {
     for (index, letter) in text.chars().enumerate() {
         for (row, bits) in glyph(letter).into_iter().enumerate() {
@@ -123,6 +129,27 @@ const fn glyph(letter: char) -> [u8; 5] {
         '7' => [7, 1, 1, 2, 2],
         '8' => [7, 5, 7, 5, 7],
         '9' => [7, 5, 7, 1, 7],
+        'a' => [7, 5, 7, 5, 5],
+        'c' => [7, 4, 4, 4, 7],
+        'e' => [7, 4, 7, 4, 7],
+        'f' => [7, 4, 7, 4, 4],
+        'g' => [7, 4, 5, 5, 7],
+        'h' => [5, 5, 7, 5, 5],
+        'i' => [7, 2, 2, 2, 7],
+        'l' => [4, 4, 4, 4, 7],
+        'm' => [5, 7, 7, 5, 5],
+        'n' => [6, 5, 5, 5, 5],
+        'o' => [2, 5, 5, 5, 2],
+        'p' => [6, 5, 6, 4, 4],
+        'r' => [6, 5, 6, 5, 5],
+        's' => [3, 4, 2, 1, 6],
+        't' => [7, 2, 2, 2, 2],
+        'u' => [5, 5, 5, 5, 7],
+        'v' => [5, 5, 5, 5, 2],
+        'w' => [5, 5, 7, 7, 5],
+        'x' => [5, 5, 2, 5, 5],
+        'y' => [5, 5, 2, 2, 2],
+        'd' => [6, 5, 5, 5, 6],
         '.' => [0, 0, 0, 0, 2],
         '-' => [0, 0, 7, 0, 0],
         _ => [0; 5],
@@ -136,6 +163,7 @@ mod tests {
     #[test]
     fn curves_pass_where_they_should() {
         let plot = Plot {
+            titles: ["x", ""],
             x: (0.0, 1.0),
             y: (0.0, 2.0),
             x_lines: vec![0.5],
@@ -144,9 +172,13 @@ mod tests {
         };
         let image = plot.draw();
         let at = |x: usize, y: usize| image.0[y * SIZE.0 + x];
-        let middle = MARGIN + (SIZE.1 - BELOW - MARGIN) / 2;
+        let middle = ABOVE + (SIZE.1 - BELOW - ABOVE) / 2;
         assert_eq!(at(LEFT + 100, middle), 0);
         assert_eq!(at(LEFT + 100, middle + 5), 255);
         assert_eq!(at(LEFT + (SIZE.0 - MARGIN - LEFT) / 2, middle + 50), 220);
+        // The title: an x of 5 x 3 dots.
+        let (left, top) = (SIZE.0 - MARGIN - 8, SIZE.1 - BELOW + 24);
+        let dots = [0, 2, 4].map(|column| at(left + column, top));
+        assert_eq!((dots, at(left + 2, top + 4)), ([60, 255, 60], 60));
     }
 }

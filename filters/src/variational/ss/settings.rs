@@ -72,7 +72,7 @@ words!(Order {
 /// What is to be known of the splines.
 pub static DESCRIPTOR: Descriptor = Descriptor {
     name: "ss",
-    help: "Smoothness splines: the best on smooth renders",
+    help: "Smoothness splines: smooth everywhere, and fast",
     settings: &[
         Setting {
             name: "lambda",
