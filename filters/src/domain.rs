@@ -5,10 +5,11 @@
 //! monotone over all reals, so that zero and negative values need no special care. One scale s serves all channels of
 //! a group (R, G and B of a layer), so that equal channels stay equal: grey stays grey.
 //!
-//! The scale is the power mean of the measured values that are not zero, all channels together:
-//! `s = (mean |v|^(1/4))^4`. It lies between the geometric mean, which a faint border drags to zero, and
-//! the arithmetic, which the highlights dominate. [`Domain::Auto`] takes the logarithm where `max |v| > 50 s`. Multiplying all
-//! values by a factor multiplies both sides. Volume renders in [0, 1] stay below 20; 1000 beside 0.1 is above 50
+//! The scale is the power mean of the measured values that are not black, all channels together:
+//! `s = (mean |v|^(1/4))^4`. Black is what a display of 8 bits shows as black where white is 1, or the largest absolute value if that
+//! is less: a faint haze or the noise of a background counts as little as zeros do. The mean lies between the geometric mean, which a faint border drags to zero, and
+//! the arithmetic, which the highlights dominate. [`Domain::Auto`] takes the logarithm where `max |v| > 50 s`. As long as the
+//! largest is at most 1, multiplying all values by a factor multiplies both sides. Volume renders in [0, 1] stay below 20; 1000 beside 0.1 is above 50
 //! as long as it covers less than about 3 of 10 pixels that are not black.
 //!
 //! Error: a value through f and back is off by at most `(2 + asinh |v / s|) eps / 2` of itself, eps = 2^-23. Measured
@@ -37,6 +38,9 @@ pub enum Domain {
 /// The largest absolute value over the scale above which [`Domain::Auto`] takes the logarithm.
 const LONG_RANGE: f64 = 50.0;
 
+/// The least step of an 8-bit display from black, of white: the linear part of sRGB (IEC 61966-2-1).
+const BLACK: f64 = 1.0 / (255.0 * 12.92);
+
 impl Domain {
     /// The map for a group of channels, from its measured values; those must be finite.
     ///
@@ -45,9 +49,12 @@ impl Domain {
         if self == Self::Linear {
             return Map::Linear;
         }
-        let (sum, count, largest) = group.iter().fold((0.0, 0_u64, 0.0_f64), |all, plane| {
-            let (sum, count, largest) = statistics(mask, plane);
-            (all.0 + sum, all.1 + count, all.2.max(largest))
+        let sizes = |plane: &Plane| largest(mask, plane);
+        let largest = group.iter().map(sizes).fold(0.0, f64::max);
+        let black = BLACK * largest.min(1.0);
+        let (sum, count) = group.iter().fold((0.0, 0_u64), |all, plane| {
+            let (sum, count) = roots(mask, plane, black);
+            (all.0 + sum, all.1 + count)
         });
         let scale = (sum / count.max(1) as f64).powi(4);
         if scale > 0.0 && (self == Self::Log || largest > LONG_RANGE * scale) {
@@ -58,22 +65,34 @@ impl Domain {
     }
 }
 
-/// Of the measured values that are not zero: the sum of their fourth roots, their number, the largest absolute one.
-fn statistics(mask: &Mask, plane: &Plane) -> (f64, u64, f64) {
+/// What is made of the sizes of the measured values of each row.
+fn by_rows<R: Send>(
+    mask: &Mask,
+    plane: &Plane,
+    row: impl Fn(&mut dyn Iterator<Item = f64>) -> R + Sync,
+) -> Vec<R> {
     let width = mask.size().width.max(1);
     let rows = mask.as_slice().par_chunks(width).zip(plane.pixels().par_chunks(width));
-    let rows = rows.map(|(flags, values)| {
-        let (mut sum, mut count, mut largest) = (0.0, 0_u64, 0.0_f64);
-        for (_, &value) in flags.iter().zip(values).filter(|(flag, value)| **flag && **value != 0.0) {
-            let size = f64::from(value).abs();
-            sum += size.sqrt().sqrt();
-            count += 1;
-            largest = largest.max(size);
-        }
-        (sum, count, largest)
+    rows.map(|(flags, values)| {
+        let measured = flags.iter().zip(values).filter(|(flag, _)| **flag);
+        row(&mut measured.map(|(_, value)| f64::from(*value).abs()))
+    })
+}
+
+/// The largest absolute measured value.
+fn largest(mask: &Mask, plane: &Plane) -> f64 {
+    by_rows(mask, plane, |sizes| sizes.fold(0.0, f64::max)).into_iter().fold(0.0, f64::max)
+}
+
+/// Of the measured values above black: the sum of their fourth roots, and their number.
+fn roots(mask: &Mask, plane: &Plane, black: f64) -> (f64, u64) {
+    let rows = by_rows(mask, plane, |sizes| {
+        sizes
+            .filter(|size| *size > black)
+            .fold((0.0, 0), |(sum, count), size| (sum + size.sqrt().sqrt(), count + 1))
     });
     // In the order of the rows, whatever the threads.
-    rows.into_iter().fold((0.0, 0, 0.0), |all, row| (all.0 + row.0, all.1 + row.1, all.2.max(row.2)))
+    rows.into_iter().fold((0.0, 0), |all, row| (all.0 + row.0, all.1 + row.1))
 }
 
 /// A reversible, strictly monotone, odd map of the values of a group of channels.
@@ -223,10 +242,18 @@ mod tests {
         // A soft volume: a quarter of what is not black lies below a thousandth.
         let soft: Vec<f32> = (1..1000).map(|i| (i as f32 / 1000.0).powi(5)).collect();
         assert_eq!(auto(&soft), Map::Linear);
-        // Black does not count.
+        // Black does not count, nor a haze that looks like it.
         let mut sparse = vec![0.0; 10_000];
         sparse[..100].fill(0.5);
         assert_eq!(auto(&sparse), Map::Linear);
+        for haze in [1e-12, 1e-5, -1e-5, 1e-4] {
+            sparse[100..].fill(haze);
+            assert_eq!(auto(&sparse), Map::Linear);
+        }
+        // Of a dark frame, black is as much darker.
+        let mut dark = vec![1e-8; 1000];
+        dark[7] = 1e-5;
+        assert_eq!(auto(&dark).name(), "log");
         assert_eq!(auto(&[0.0, -0.0]), Map::Linear);
         assert_eq!(Domain::Log.map(&row(&[0.0]).0, &[row(&[0.0]).1]), Map::Linear);
         assert_eq!(Domain::Linear.map(&row(&[0.1, 1e9]).0, &[row(&[0.1, 1e9]).1]), Map::Linear);
@@ -342,13 +369,14 @@ mod tests {
         }
 
         #[test]
-        fn a_factor_does_not_change_the_decision(
-            values in prop::collection::vec(value(), 1..40), exponent in -30..30_i32,
+        fn a_factor_does_not_change_the_decision_below_white(
+            values in prop::collection::vec(value(), 1..40), exponent in 0..30_i32,
         ) {
-            // A power of two multiplies without rounding.
-            let factor = (exponent as f32).exp2();
-            let scaled: Vec<f32> = values.iter().map(|v| v * factor).collect();
-            prop_assert_eq!(auto(&values).is_linear(), auto(&scaled).is_linear());
+            let largest = values.iter().fold(0.0, |largest: f32, v| largest.max(v.abs()));
+            // Powers of two multiply without rounding.
+            let below = (-largest.log2().ceil()).exp2();
+            let times = |factor: f32| auto(&values.iter().map(|v| v * factor).collect::<Vec<_>>());
+            prop_assert_eq!(times(below).is_linear(), times(below * (-exponent as f32).exp2()).is_linear());
         }
     }
 
