@@ -19,7 +19,7 @@ use crate::files::plan::Item;
 use crate::reconstruct::{Enlarge, Windows, pixels_at_a_time};
 use crate::temporal;
 
-/// Bytes a pixel that choosing pixels takes, in rounds or after a fill, of all channels that decide and of each.
+/// Bytes a pixel that choosing pixels takes, in rounds or after a fill, and what is estimated of each pixel, of all channels that decide and of each.
 const CHOOSING: Memory = Memory { image: 36, channel: 14 };
 
 /// Bytes a pixel of every channel that is compared.
@@ -63,9 +63,9 @@ pub fn afford(bound: Option<u64>, needed: u64) -> Result<(), lacuna_exr::Error> 
     }
 }
 
-/// Bytes that filling a frame needs where so much of its mask is [holes](lacuna_filters::descriptor::holes); 0 if its header cannot be
-/// read (reading it will say why).
-pub fn to_fill(item: &Item, method: &lacuna_filters::Method, holes: f64) -> u64 {
+/// Bytes that filling a frame needs where so much of its mask is [holes](lacuna_filters::descriptor::holes), with or without estimated
+/// errors of each pixel; 0 if its header cannot be read (reading it will say why).
+pub fn to_fill(item: &Item, method: &lacuna_filters::Method, holes: f64, errors: bool) -> u64 {
     let mask = item.mask.as_deref().map_or(0, to_copy);
     let guides = item.guides.as_deref().map_or(0, to_copy);
     let filled = Taken { each: FILLED, copy: false, ..Taken::COPY };
@@ -81,7 +81,9 @@ pub fn to_fill(item: &Item, method: &lacuna_filters::Method, holes: f64) -> u64 
     };
     let neighbours = used.map(of).fold(0, u64::saturating_add);
     let at_a_time = if item.neighbours.is_empty() { pixels_at_a_time } else { all };
+    let after = if errors { CHOOSING } else { Memory { image: 0, channel: 0 } };
     let Memory { image, channel } = method.memory(holes);
+    let (image, channel) = (image.max(after.image), channel.max(after.channel));
     Taken { whole: image, together: channel, at_a_time, ..filled }
         .of(&item.input)
         .saturating_add(neighbours)

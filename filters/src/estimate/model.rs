@@ -201,6 +201,11 @@ impl Model {
         self.mask.size()
     }
 
+    /// Whether samples were put where errors are.
+    pub(super) const fn is_chosen(&self) -> bool {
+        self.owned.is_some()
+    }
+
     pub(super) const fn floor(&self) -> f32 {
         self.floor
     }

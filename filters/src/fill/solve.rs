@@ -10,8 +10,10 @@ use crate::domain::{Domain, Map};
 use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, Model};
 use crate::limiter::Moved;
 use crate::noise::{self, Known, Noise, Split};
+use crate::sampling::refine;
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
+use crate::variational::ss;
 use crate::{
     Bounds, Error, Gradients, Mask, Method, Outcome, Plan, Plane, Planes, Plans, Problem, Run, Size, limiter,
 };
@@ -107,7 +109,8 @@ pub fn solve(
         limited.push(moved);
     }
     let Effect { guides, gain, shares, along, .. } = effect;
-    let errors = model.as_ref().filter(|_| options.estimate == Estimate::Pixels).map(Model::plane);
+    let wanted = model.as_ref().filter(|_| options.estimate == Estimate::Pixels);
+    let errors = wanted.map(|model| errors(model, samples, mask, run)).transpose()?;
     let exponent = model.as_ref().map(Model::exponent);
     let estimate = model.map(|model| model.verdict());
     let mask = Arc::clone(mask);
@@ -130,6 +133,12 @@ pub fn solve(
         settled,
     };
     Ok((out, limited, set))
+}
+
+/// The estimated error of every pixel.
+fn errors(model: &Model, samples: &Planes, mask: &Arc<Mask>, run: &Run<'_>) -> Result<Plane, Error> {
+    let left_out = refine::estimate_spline(samples, mask, &ss::Settings::default(), run)?;
+    Ok(model.plane(Some(&|pixel| left_out.squared_error(pixel))))
 }
 
 /// A method whose settings are left to the samples with those that they choose, what was chosen, and the samples without fireflies where these are

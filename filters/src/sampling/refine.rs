@@ -178,7 +178,7 @@ impl Estimate {
     }
 
     /// The squared error of a pixel, summed over the channels.
-    pub(super) fn squared_error(&self, pixel: usize) -> f32 {
+    pub(crate) fn squared_error(&self, pixel: usize) -> f32 {
         self.coefficient[pixel] * (self.squared[pixel] as f32).powi(3)
     }
 

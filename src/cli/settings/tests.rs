@@ -193,7 +193,7 @@ fn memory_is_planned_with_its_bytes() {
         neighbours: Vec::new(),
         made_from,
     };
-    let needs = |method: &Method| to_fill(&item, method, 0.5);
+    let needs = |method: &Method| to_fill(&item, method, 0.5, false);
     let plain = Method::named("pushpull", &[]).unwrap();
     let difference = needs(&method("--filter flat").unwrap()) - needs(&plain);
     let (other, flat) = (plain.memory(0.5), FLAT.memory(0.5));
@@ -202,7 +202,7 @@ fn memory_is_planned_with_its_bytes() {
     let neighbour = NeighbourFile { number: 2, input: item.input.clone(), mask: None, layers: Vec::new() };
     let beside = Item { neighbours: vec![neighbour; 3], ..item.clone() };
     // Each has to be read, and to stand beside the frame itself.
-    assert!(to_fill(&beside, &plain, 0.5) > needs(&plain) + 3 * 16 * 8);
+    assert!(to_fill(&beside, &plain, 0.5, false) > needs(&plain) + 3 * 16 * 8);
     // One of another size, one that is damaged and one without its mask are left out, and take nothing.
     let large = tempfile::NamedTempFile::with_suffix(".exr").unwrap();
     let other = frame(vec![part(window(0, 0, 64, 64), vec![float("R", &[0.5; 64 * 64])])]);
@@ -214,6 +214,6 @@ fn memory_is_planned_with_its_bytes() {
         .map(|path| NeighbourFile { input: path.to_owned(), ..beside.neighbours[0].clone() });
     let masked = NeighbourFile { mask: Some("no-mask.exr".into()), ..beside.neighbours[0].clone() };
     let useless = Item { neighbours: vec![large, broken, masked], ..item.clone() };
-    assert!(to_fill(&useless, &plain, 0.5) < to_fill(&beside, &plain, 0.5) - 2 * 16 * 8);
-    assert!(to_fill(&useless, &plain, 0.5) <= needs(&plain) + 16 * 8);
+    assert!(to_fill(&useless, &plain, 0.5, false) < to_fill(&beside, &plain, 0.5, false) - 2 * 16 * 8);
+    assert!(to_fill(&useless, &plain, 0.5, false) <= needs(&plain) + 16 * 8);
 }

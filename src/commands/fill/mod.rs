@@ -120,7 +120,7 @@ impl Fill<'_> {
     fn bytes(&self, item: &Item, holes: f64) -> u64 {
         let what = &self.job.what;
         let larger = what.enlarge.as_ref().map_or(0, |enlarge| memory::to_enlarge(&item.input, enlarge));
-        memory::to_fill(item, &what.method, holes).saturating_add(larger)
+        memory::to_fill(item, &what.method, holes, what.error_channel.is_some()).saturating_add(larger)
     }
 
     fn read(&self, item: &Item) -> Result<Loaded, Failure> {
