@@ -7,9 +7,11 @@
 //! had [`UNSEEN`] samples more, with the error that `c` promises, as samples on details that others miss are rare.
 //!
 //! Held-out samples are few, and so show regions, not edges. Where in a region errors are, the leave-one-out errors of all samples say, and
-//! the gradient of their spline's fill, as they choose the next pixels ([`crate::sampling::refine`]): where samples lie evenly, `e^2` becomes the geometric mean of both, with the
-//! frame's sum as before. On nine renders (20 %, `auto`) the tenth of the pixels that is told to be worst had 32 to 69 % of the squared error without
-//! it, and has 40 to 91 %. After rounds of choosing pixels it gains nothing, as those errors are what the rounds have made even.
+//! the gradient of their spline's fill, as they choose the next pixels ([`crate::sampling::refine`]): where samples lie evenly, `e^2` becomes a
+//! fifth of itself and four fifths of the geometric mean of both, which has the frame's sum as before. On eleven renders (20 %, `auto`) the tenth of the missing
+//! pixels that is told to be worst had 27 to 75 % of the squared error, and has 29 to 96 %; ten bins of told errors are about as right as before. The fifth, which
+//! keeps small errors from being told too small, was chosen with all of them in sight (0.1 to 0.5 differ little). After rounds of choosing pixels it gains nothing, as those
+//! errors are what the rounds have made even.
 //!
 //! Source: B. Zadrozny, C. Elkan, "Transforming Classifier Scores into Accurate Multiclass Probability Estimates", KDD 2002 (isotonic
 //! calibration).
@@ -41,6 +43,8 @@ const FEWEST: usize = 20;
 const UNSEEN: f64 = 2.0;
 /// Factors below this are none.
 const NONE: f64 = 1e-30;
+/// The share of squared errors that stays where it is.
+const KEPT: f64 = 0.2;
 /// Pixels that one task takes.
 const PIECE: usize = 1 << 12;
 
@@ -90,7 +94,7 @@ impl Model {
     }
 }
 
-/// Makes squared errors the geometric mean of themselves and of `shape`, with their sum as before.
+/// Moves most of squared errors to where `shape` is large; their sum stays.
 fn shaped(squared: &mut [f64], shape: &(dyn Fn(usize) -> f32 + Sync)) {
     let sum = |squared: &[f64]| -> f64 {
         squared.par_chunks(PIECE).map(|own| own.iter().sum::<f64>()).iter().sum()
@@ -101,7 +105,8 @@ fn shaped(squared: &mut [f64], shape: &(dyn Fn(usize) -> f32 + Sync)) {
         squared.par_iter().with_min_len(PIECE).enumerate().map(|(pixel, own)| both(pixel, *own));
     let factor = before / sum(&after);
     if factor.is_finite() {
-        squared.iter_mut().zip(after).for_each(|(own, both)| *own = factor * both);
+        let moved = squared.iter_mut().zip(after);
+        moved.for_each(|(own, both)| *own = KEPT * *own + (1.0 - KEPT) * factor * both);
     }
 }
 
@@ -262,11 +267,13 @@ mod tests {
     fn a_shape_moves_errors_and_keeps_their_sum() {
         let mut squared = vec![4.0, 1.0, 0.0, 1.0];
         shaped(&mut squared, &|pixel| [1.0, 16.0, 3.0, 0.0][pixel]);
-        assert_eq!(squared, [2.0, 4.0, 0.0, 0.0]);
+        // Geometric means are 2, 4, 0 and 0.
+        assert_eq!(squared, [0.2 * 4.0 + 0.8 * 2.0, 0.2 + 0.8 * 4.0, 0.0, 0.2]);
+        let before = squared.clone();
         // One that tells nothing changes nothing.
         for nothing in [0.0, f32::NAN, f32::INFINITY] {
             shaped(&mut squared, &|_| nothing);
-            assert_eq!(squared, [2.0, 4.0, 0.0, 0.0]);
+            assert_eq!(squared, before);
         }
     }
 
