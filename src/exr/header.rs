@@ -18,6 +18,34 @@ pub(super) const FLAG_PARTS: u32 = 0x1000;
 pub(super) const LARGEST_HEADER: u64 = 64 << 20;
 const MOST_ENTRIES: usize = 1 << 18;
 
+/// The types of attributes whose values have one size, and that size in bytes.
+const SIZES: [(&str, usize); 24] = [
+    ("box2f", 16),
+    ("box2i", 16),
+    ("chromaticities", 32),
+    ("compression", 1),
+    ("deepImageState", 1),
+    ("double", 8),
+    ("envmap", 1),
+    ("float", 4),
+    ("int", 4),
+    ("keycode", 28),
+    ("lineOrder", 1),
+    ("m33d", 72),
+    ("m33f", 36),
+    ("m44d", 128),
+    ("m44f", 64),
+    ("rational", 8),
+    ("tiledesc", 9),
+    ("timecode", 8),
+    ("v2d", 16),
+    ("v2f", 8),
+    ("v2i", 8),
+    ("v3d", 24),
+    ("v3f", 12),
+    ("v3i", 12),
+];
+
 /// What the header of one part says.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PartHeader {
@@ -163,6 +191,11 @@ fn parse_attributes(bytes: &mut Bytes<'_>, entries: &mut usize) -> Result<Attrib
         let length = length.map_err(|_| bad(name, "has a negative size"))?;
         if length as u64 > LARGEST_HEADER {
             return Err(bad(name, "is larger than any real attribute"));
+        }
+        // Other readers refuse what is longer as well.
+        let wanted = SIZES.iter().find(|(known, _)| known.as_bytes() == kind).map(|(_, size)| *size);
+        if let Some(size) = wanted.filter(|size| *size != length) {
+            return Err(bad(name, &format!("has size {length} instead of {size}")));
         }
         let value = bytes.take(length)?;
         if !names.insert(name) {

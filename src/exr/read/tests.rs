@@ -165,12 +165,16 @@ fn contradictions_in_the_header_are_refused() {
     let at = |name, kind| value_of(&whole, name, kind);
     let tiles = value_of(&tiled, "tiles", "tiledesc");
     let channels = at("channels", "chlist");
+    let order = at("lineOrder", "lineOrder");
+    let mut longer = whole.clone();
+    longer.insert(order, 0);
     let long_name = [&whole[..8], &[b'x'; 300]].concat();
     let cases: Vec<(&[u8], usize, Vec<u8>, &str)> = vec![
         (&whole, at("dataWindow", "box2i"), 11_i32.to_le_bytes().into(), "\"dataWindow\" is empty"),
         (&whole, at("compression", "compression"), vec![200], "compression 200 is unknown"),
         (&whole, at("compression", "compression"), vec![13], "ZSTD compression is not supported"),
         (&whole, at("displayWindow", "box2i") - 4, (-1_i32).to_le_bytes().into(), "negative size"),
+        (&longer, order - 4, 2_i32.to_le_bytes().into(), "\"lineOrder\" has size 2 instead of 1"),
         (&whole, channels + 8, 3_i32.to_le_bytes().into(), "unknown type 3"),
         (&whole, channels + 16, 2_i32.to_le_bytes().into(), "subsampled channels (layer.0"),
         (&whole, channels + 6, vec![b'9'], "twice or out of order"),
