@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Error;
 use super::camera::Projection;
-use super::transfer::{Joining, Lookup};
+use super::transfer::{Joining, LARGEST, Lookup};
 
 /// A scene as its file has it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -319,7 +319,13 @@ impl Scene {
         let [width, height] = self.image.size;
         let march = &self.march;
         let share = 0.0..=1.0;
+        let ShadingScene { flat, ambient, diffuse, specular, .. } = self.shading;
+        let within = |values: &[f64]| values.iter().all(|value| value.abs() <= LARGEST);
+        let strengths: Vec<f64> = self.light.iter().flatten().map(|light| light.intensity).collect();
         let problems = [
+            (!within(&[flat, ambient, diffuse, specular]), "shading: numbers within -1e9 and 1e9"),
+            (!within(&strengths), "light.intensity: a number within -1e9 and 1e9"),
+            (!within(&self.image.background), "image.background: numbers within -1e9 and 1e9"),
             (
                 !(1..=65_536).contains(&width) || !(1..=65_536).contains(&height),
                 "image.size: 1 to 65536 pixels",
@@ -414,6 +420,9 @@ mod tests {
             ("[camera]\nazimut = 3", "line 2"),
             ("[march]\nstep = 0.0", "march.step"),
             ("[image]\nsize = [0, 5]", "image.size"),
+            ("[image]\nbackground = [0.0, nan, 0.0, 0.0]", "image.background"),
+            ("[[light]]\nintensity = 1e308", "light.intensity"),
+            ("[shading]\ndiffuse = inf", "shading"),
             ("[march]\nmode = \"x\"", "dvr"),
         ] {
             let error = Scene::parse(text, &[]).unwrap_err().to_string();

@@ -11,6 +11,8 @@ use wide::f32x4;
 use super::Error;
 use super::lanes::{LANES, Lanes, all};
 
+/// The largest colour, strength of a light or coefficient of shading: their products are finite floats.
+pub const LARGEST: f64 = 1e9;
 /// Entries of the table.
 pub const ENTRIES: usize = 4096;
 
@@ -47,13 +49,15 @@ impl<const N: usize> Curve<N> {
     /// A curve through points; those of equal value make a jump, in the order given.
     ///
     /// # Errors
-    /// [`Error::Scene`] if there is no point or a number is not finite.
+    /// [`Error::Scene`] if there is no point, a number is not finite, or a value is beyond 1e9.
     pub fn new(mut points: Vec<(f64, [f64; N])>, joining: Joining) -> Result<Self, Error> {
         if points.is_empty() {
             return Err(Error::Scene("the transfer function has no points".into()));
         }
-        if points.iter().any(|(at, value)| !at.is_finite() || value.iter().any(|part| !part.is_finite())) {
-            return Err(Error::Scene("a point of the transfer function is not finite".into()));
+        if points.iter().any(|(at, value)| !at.is_finite() || !value.iter().all(|part| part.abs() <= LARGEST))
+        {
+            let line = "transfer: a point is not finite, or its colour or opacity is beyond 1e9";
+            return Err(Error::Scene(line.into()));
         }
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         Ok(Self { points, joining })
@@ -251,5 +255,8 @@ mod tests {
             [0.0, 0.0, 0.0, 1.0, 1.0, 0.25, 0.25]
         );
         assert!(Curve::<1>::new(vec![], Joining::Linear).is_err());
+        for value in [f64::NAN, 1e308, -2e9] {
+            assert!(Curve::new(vec![(0.0, [value])], Joining::Linear).is_err(), "{value}");
+        }
     }
 }
