@@ -70,7 +70,7 @@ def sha256(path):
 def test_a_termination_abandons_the_frame_at_hand_and_a_rerun_does_the_rest(shot):
     source, out, log = shot
     quick_fill(source, "-o", out, "--frames", "1", "--log", log)
-    process = start("fill", source, "-o", out, "--frames", "2-4", "--log", log, *ENDLESS)
+    process = start("fill", source, "-o", out, "--frames", "2-4", "--log", log, "--json", out.parent.parent / "r.json", *ENDLESS)
     wait_until_at_work(process)
     assert process.poll() is None, "ended before the signal"
     process.send_signal(signal.SIGTERM)
@@ -80,6 +80,8 @@ def test_a_termination_abandons_the_frame_at_hand_and_a_rerun_does_the_rest(shot
     assert "stopped by a signal" in process.stderr.read()
     assert set(contents(out.parent)) == {"shot.0001.exr"}
     assert states(log)[:2] == [(1, "done"), (2, "stopped")]
+    told = {frame["frame"]: frame["state"] for frame in json.loads((out.parent.parent / "r.json").read_text())["frames"]}
+    assert set(states(log)[1:]) <= set(told.items()) and set(told.values()) <= {"stopped", "pending"}
 
     quick_fill(source, "-o", out, "-u", "--log", log)
     again = ledger(log)[-4:]

@@ -155,6 +155,12 @@ struct Books {
 }
 
 impl Books {
+    /// A frame is in work, and was stopped if the run ends before it is through.
+    fn begin(&self, index: usize, item: &Item, record: &Record) {
+        self.ledger.begin(index, item, record);
+        self.journal.enter(index, Record { state: State::Stopped, ..record.clone() });
+    }
+
     fn enter(&self, index: usize, record: Record) {
         self.ledger.end(index, &record);
         self.journal.enter(index, record);
@@ -323,7 +329,7 @@ fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, books: &Bo
             Ok(())
         }
         Decision::Do => {
-            books.ledger.begin(index, item, &record);
+            books.begin(index, item, &record);
             work.frame(item, stage, &mut record)
         }
     });

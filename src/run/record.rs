@@ -15,7 +15,7 @@ use crate::reconstruct::{Energy, Estimated};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum State {
-    /// Not finished: the run ended before.
+    /// Not begun: the run ended before.
     #[default]
     Pending,
     /// Written (or, where nothing is written, found in order).
@@ -24,7 +24,7 @@ pub enum State {
     Skipped,
     /// Not done, for the reason in `message`.
     Failed,
-    /// Begun and given up on a signal; only a ledger says so.
+    /// Begun, and given up on a signal.
     Stopped,
 }
 

@@ -32,7 +32,7 @@ fn a_signal_ends_the_run_within_a_moment() {
         assert_eq!(status(ended), expected);
         assert_eq!(room.names("o"), [""; 0]);
         let report: serde_json::Value = serde_json::from_slice(&bytes(&room.path("r.json"))).unwrap();
-        assert_eq!(report["frames"][0]["state"], "pending");
+        assert_eq!(report["frames"][0]["state"], "stopped");
     }
 }
 
