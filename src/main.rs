@@ -6,13 +6,14 @@ use std::process::ExitCode;
 
 use lacuna::cli::{self, Ending, Job};
 use lacuna::commands;
-use lacuna::files::PlanError;
-use lacuna::run::{openjd_fail, panic_message};
+use lacuna::files::{PlanError, print};
+use lacuna::run::{openjd_fail, panic_message, survive_size_limit};
 use lacuna::submit;
 
 fn main() -> ExitCode {
     // A panic is a defect; it becomes one line, of the frame where it happened or at the end of `run`.
     std::panic::set_hook(Box::new(|_| {}));
+    survive_size_limit();
     let words: Vec<_> = std::env::args_os().collect();
     let openjd = cli::tells_openjd(&words);
     let job = match cli::parse(words) {
@@ -53,10 +54,13 @@ fn end(ending: &Ending, openjd: bool) -> ExitCode {
         openjd_fail(text.trim_start_matches("lacuna: error: "));
     }
     // Nobody is left to tell if the stream is closed.
-    drop(match ending {
-        Ending::Shown(text) => write!(std::io::stdout().lock(), "{text}"),
-        Ending::Usage(text) => write!(std::io::stderr().lock(), "{text}"),
-    });
+    match ending {
+        Ending::Shown(text) => match print(text) {
+            Ok(()) => {}
+            Err(error) => return fail(&error.to_string(), openjd),
+        },
+        Ending::Usage(text) => drop(write!(std::io::stderr().lock(), "{text}")),
+    }
     ending.status().into()
 }
 

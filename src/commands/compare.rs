@@ -1,7 +1,6 @@
 //! Comparing frames with their references: what is done with each, and with all of them.
 
 use std::collections::BTreeSet;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -132,12 +131,7 @@ fn write(job: &CompareJob, comparison: &Comparison, pictures: &[Option<Picture>]
     if taken || job.run.verbosity == Verbosity::Quiet {
         return Ok(());
     }
-    match write!(std::io::stdout().lock(), "{}", report::markdown(comparison)) {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(format!("cannot write to standard output: {error}"))
-        }
-        _ => Ok(()),
-    }
+    reports::print(&report::markdown(comparison)).map_err(|error| error.to_string())
 }
 
 struct Compare<'a> {

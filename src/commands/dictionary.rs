@@ -1,6 +1,5 @@
 //! Single files of dictionaries: frames encoded and decoded, dictionaries described.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use lacuna_exr::WriteOptions;
@@ -13,6 +12,7 @@ use crate::dictionary::file::hex;
 use crate::dictionary::{Stored, picture};
 use crate::files::error::PlanError;
 use crate::files::identity::Sources;
+use crate::files::reports;
 use crate::run::console::{Console, Verbosity};
 use crate::run::{memory, signals, threads};
 use crate::sparsify;
@@ -89,7 +89,7 @@ pub fn dictionary(job: &DictionaryJob) -> Result<u8, PlanError> {
                 let bytes = picture::png(&stored.dictionary).map_err(|error| failed(path, &error))?;
                 lacuna_exr::write_whole(path, &bytes).map_err(|error| failed(path, &error))?;
             }
-            say(&describe(&stored))?;
+            reports::print(&describe(&stored))?;
         }
     }
     Ok(0)
@@ -97,15 +97,6 @@ pub fn dictionary(job: &DictionaryJob) -> Result<u8, PlanError> {
 
 fn failed(path: &Path, error: &dyn std::fmt::Display) -> PlanError {
     PlanError::Failed(format!("{}: {error}", path.display()))
-}
-
-fn say(text: &str) -> Result<(), PlanError> {
-    match write!(std::io::stdout().lock(), "{text}") {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(PlanError::Failed(format!("cannot write to standard output: {error}")))
-        }
-        _ => Ok(()),
-    }
 }
 
 fn encode(
@@ -135,7 +126,7 @@ fn encode(
     }
     let psnr = statistics.psnr(1.0);
     let pixels = encoded.colour.first().map_or(1, Vec::len).max(1);
-    say(&format!(
+    reports::print(&format!(
         "{} bytes, {:.3} bits per pixel, PSNR {} dB, {:.1} atoms per block\n",
         encoded.bytes.len(),
         8.0 * encoded.bytes.len() as f64 / pixels as f64,

@@ -8,6 +8,7 @@ use serde::Serialize;
 use crate::channels::{self, Override, visible};
 use crate::files::error::PlanError;
 use crate::files::inputs::{Selection, resolve};
+use crate::files::reports;
 use crate::guides::{self, Asked};
 use crate::info::{self, Info};
 use crate::mask::{self, MaskFile, Masks, Source};
@@ -73,12 +74,7 @@ pub fn info(job: &InfoJob) -> Result<u8, PlanError> {
 
 /// Writes to standard output.
 fn print(text: &str) -> Result<(), PlanError> {
-    match writeln!(std::io::stdout().lock(), "{}", text.trim_end()) {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(PlanError::Failed(format!("cannot write to standard output: {error}")))
-        }
-        _ => Ok(()),
-    }
+    reports::print(&format!("{}\n", text.trim_end()))
 }
 
 /// What there is to say of a frame.

@@ -22,3 +22,4 @@ pub use error::PlanError;
 pub use inputs::{Selection, frame_numbers};
 pub use layers::LayerSource;
 pub use plan::Targets;
+pub use reports::print;

@@ -1,6 +1,6 @@
 //! The reports of a run: each goes to a place of its own, `-` is standard output.
 
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use crate::files::error::PlanError;
@@ -83,6 +83,17 @@ fn is_same(one: &Path, other: &Path) -> bool {
     let mut places = Places::default();
     let identity = Identity::of(one);
     places.of(one) == places.of(other) || (identity.is_some() && identity == Identity::of(other))
+}
+
+/// Writes to standard output; a reader that went away needs nothing.
+pub fn print(text: &str) -> Result<(), PlanError> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            Err(PlanError::Failed(format!("cannot write to standard output: {error}")))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Writes a report, complete or not at all.

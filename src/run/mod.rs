@@ -21,3 +21,4 @@ pub use console::{Meter, Verbosity, openjd_fail};
 pub use existing::Existing;
 pub use memory::granted as granted_memory;
 pub use schedule::message as panic_message;
+pub use signals::survive_size_limit;

@@ -15,14 +15,10 @@ const PATIENCE: Duration = Duration::from_secs(4);
 ///
 /// A signal that the parent had ignored (`nohup` does so with hang-ups, a shell with the interrupts of what it runs in
 /// the background) stays ignored.
-///
-/// The signal of a file that grows past the limit of file sizes is caught and ignored, so that the write fails like one on
-/// a full disk.
 pub fn watch(clean: impl FnOnce() + Send + 'static) -> std::io::Result<Arc<AtomicBool>> {
     let process = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mut signals =
         Signals::new([SIGINT, SIGTERM, SIGHUP].into_iter().filter(|&signal| !is_ignored(signal, &process)))?;
-    signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
     let stopped = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stopped);
     std::thread::Builder::new().name("lacuna-signals".into()).spawn(move || {
@@ -40,6 +36,12 @@ pub fn watch(clean: impl FnOnce() + Send + 'static) -> std::io::Result<Arc<Atomi
         }
     })?;
     Ok(stopped)
+}
+
+/// From now on a write past the limit of file sizes fails like one on a full disk, and does not end the process by a signal.
+pub fn survive_size_limit() {
+    // Where it cannot be caught, the signal does what it did.
+    drop(signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false))));
 }
 
 /// Whether a process ignores a signal, by Linux's description of it; where there is none, not.

@@ -10,11 +10,10 @@
 pub mod ranges;
 pub mod script;
 
-use std::io::Write;
 use std::path::PathBuf;
 use std::process::Command;
 
-use crate::files::PlanError;
+use crate::files::{PlanError, reports};
 use crate::run::Existing;
 
 /// What a task does.
@@ -116,12 +115,7 @@ pub fn submit(job: &SubmitJob) -> Result<u8, PlanError> {
 }
 
 fn printed(texts: impl Iterator<Item = String>) -> Result<u8, PlanError> {
-    let mut out = std::io::stdout().lock();
-    for text in texts {
-        out.write_all(text.as_bytes())
-            .map_err(|error| PlanError::Failed(format!("cannot write to standard output: {error}")))?;
-    }
-    Ok(0)
+    reports::print(&texts.collect::<String>()).map(|()| 0)
 }
 
 /// Writes a script and submits it; the number of the job.

@@ -92,6 +92,27 @@ fn a_full_disk_is_one_line_and_leaves_nothing() {
 }
 
 #[test]
+fn what_cannot_be_printed_or_installed_is_one_line_and_leaves_nothing() {
+    let room = Room::with(&["in.exr"]);
+    room.folder("o");
+    for words in ["filters", "filters ss", "completions bash", "--help", "--version", "info in.exr"] {
+        let script = format!("exec {LACUNA} {words} > /dev/full");
+        let output = Command::new("sh").args(["-c", &script]).current_dir(room.path(".")).output().unwrap();
+        let done = Done::from(output);
+        assert!(done.status == 1 && done.err.lines().count() == 1, "{words}: {}", done.err);
+        assert!(done.errors()[0].contains("cannot write to standard output"), "{words}: {}", done.err);
+    }
+    for words in ["manual o", "completions bash > o/bash"] {
+        let script = format!("ulimit -f 1; exec {LACUNA} {words}");
+        let output = Command::new("sh").args(["-c", &script]).current_dir(room.path(".")).output().unwrap();
+        let done = Done::from(output);
+        assert!(done.status == 1 && done.errors().len() == 1, "{words}: {} {}", done.status, done.err);
+    }
+    let pages = room.path("o/share/man/man1");
+    assert!(std::fs::read_dir(pages).unwrap().all(|page| !page.unwrap().path().ends_with(".tmp")));
+}
+
+#[test]
 fn a_folder_that_cannot_be_written_is_one_line() {
     use std::os::unix::fs::PermissionsExt;
     let room = Room::with(&["in.exr"]);

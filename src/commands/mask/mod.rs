@@ -3,7 +3,6 @@
 mod output;
 mod passes;
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use lacuna_exr::Frame;
@@ -15,6 +14,7 @@ use self::output::{failed, report};
 use crate::files::error::PlanError;
 use crate::files::identity::Sources;
 use crate::files::patterns::Pattern;
+use crate::files::reports;
 use crate::mask::generate::{self, Bounds, Request};
 use crate::mask::judge::{self, Judgement};
 use crate::mask::output::{Listing, write_floats, write_mask};
@@ -247,10 +247,5 @@ fn tell(
     } else {
         judgement.to_string()
     };
-    match writeln!(std::io::stdout().lock(), "{}", text.trim_end()) {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(PlanError::Failed(format!("cannot write to standard output: {error}")))
-        }
-        _ => Ok(0),
-    }
+    reports::print(&format!("{}\n", text.trim_end())).map(|()| 0)
 }
