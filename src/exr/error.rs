@@ -56,9 +56,7 @@ pub enum Error {
     #[error("exists already; remove it or drop --no-clobber")]
     Exists,
     /// The output exists and nobody is meant to change it.
-    #[error(
-        "exists and is read-only; make it writable, remove it, or replace it with --force (not beside --update)"
-    )]
+    #[error("exists and is read-only; make it writable or remove it")]
     ReadOnly,
     /// The frame in memory is not one that an EXR file can hold.
     #[error("cannot be written: {0}")]

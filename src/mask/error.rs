@@ -66,9 +66,7 @@ pub enum Error {
         why: String,
     },
     /// Several channels and nothing that says which.
-    #[error(
-        "mask {path} has no channel '{wanted}': name one with --mask file:{path}:CHANNEL; channels are {channels}"
-    )]
+    #[error("mask {path} has no channel '{wanted}': name one as {path}:CHANNEL; channels are {channels}")]
     FileChannel {
         /// The mask file.
         path: String,

@@ -62,8 +62,15 @@ pub fn decide_to_make(
         check_mask(mask)?;
     }
     let over = if existing == Existing::Force { Over::Force } else { Over::Replace };
-    lacuna_exr::check_destination(&item.output, over).map_err(|error| Failure::at(&item.output, error))?;
+    lacuna_exr::check_destination(&item.output, over).map_err(|error| refused(&item.output, &error))?;
     Ok(Decision::Do)
+}
+
+/// Why an output cannot be written, with what the commands that take `--force` can do about it.
+fn refused(output: &Path, error: &lacuna_exr::Error) -> Failure {
+    let force = ", or replace it with --force (not beside --update)";
+    let hint = if matches!(error, lacuna_exr::Error::ReadOnly) { force } else { "" };
+    Failure::at(output, format!("{error}{hint}"))
 }
 
 fn check_mask(mask: &Path) -> Result<(), Failure> {
@@ -96,7 +103,7 @@ pub fn write(
             record.pass_over("the output appeared during the run".into());
             Ok(())
         }
-        result => result.map_err(|error| Failure::at(&item.output, error)),
+        result => result.map_err(|error| refused(&item.output, &error)),
     }
 }
 

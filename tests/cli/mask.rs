@@ -256,6 +256,25 @@ fn an_input_is_never_written_over() {
 }
 
 #[test]
+fn a_read_only_output_is_refused_without_flags_that_are_not_there() {
+    let room = Room::with(&["a.exr"]);
+    std::fs::write(room.path("ro.exr"), "old").unwrap();
+    let mut mode = room.path("ro.exr").metadata().unwrap().permissions();
+    mode.set_readonly(true);
+    std::fs::set_permissions(room.path("ro.exr"), mode).unwrap();
+    let done = room.run(&["mask", "-o", "ro.exr", "--size", "20x10", "--density", "0.5"]);
+    assert!(
+        done.status == 1 && done.err.contains("is read-only") && !done.err.contains("--"),
+        "{}",
+        done.err
+    );
+    let done = room.run(&["fill", "a.exr", "-o", "ro.exr"]);
+    assert!(done.status == 1 && done.err.contains("replace it with --force"), "{}", done.err);
+    let done = room.run(&["analyze", "a.exr:nothing"]);
+    assert!(done.status == 1 && done.err.contains("name one as a.exr:CHANNEL"), "{}", done.err);
+}
+
+#[test]
 fn outputs_that_are_to_stay_are_passed_over() {
     let room = Room::with(&["a.0001.exr", "a.0002.exr"]);
     let old = b"of another run";
