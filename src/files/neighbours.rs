@@ -71,12 +71,14 @@ pub(super) fn add(items: &mut [Item], selection: &Selection, targets: &Targets) 
     Ok(())
 }
 
-/// The file of another number beside a frame: as the pattern that was asked for pads it, else as the frame's own name lets expect.
+/// The file of another number beside a frame: as the pattern that was asked for pads it, else as the frame's own name lets expect. A
+/// link that leads nowhere is one, so that what is missing is said.
 fn file_of(own: &Path, number: i64, asked: Option<&Pattern>) -> Option<PathBuf> {
     let of_pattern =
         asked.into_iter().flat_map(|pattern| [Some(pattern.path(number)), pattern.alternative(number)]);
     let here = of_pattern.flatten().filter(|path| path.parent() == own.parent());
-    here.chain(patterns::beside(own, number)).find(|path| path.exists())
+    let all: Vec<PathBuf> = here.chain(patterns::beside(own, number)).collect();
+    all.iter().find(|path| path.exists()).or_else(|| all.iter().find(|path| path.is_symlink())).cloned()
 }
 
 /// A neighbour's file of a layer that is named for one frame: that of its number, if the name has the frame's, else the same one.
@@ -143,6 +145,21 @@ mod tests {
         assert_eq!(beside(&files, &["s.10.exr"], &[])[0], "10: s.09.exr");
         // A name that shows its padding has neighbours of the same.
         assert_eq!(beside(&["s.08.exr", "s.9.exr"], &["s.08.exr"], &[])[0], "8: ");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_that_leads_nowhere_is_a_neighbour_that_lacks_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        std::fs::write(path("s.1.exr"), "").unwrap();
+        std::os::unix::fs::symlink(path("gone.exr"), path("s.2.exr")).unwrap();
+        std::fs::create_dir(path("out")).unwrap();
+        let targets = Targets { output: path("out"), neighbours: 1, ..Targets::default() };
+        let selection = Selection { inputs: vec![path("s.1.exr")], ..Selection::default() };
+        let items = plan(&selection, &targets).unwrap().items;
+        assert_eq!(items[0].neighbours[0].input, path("s.2.exr"));
+        assert!(!items[0].neighbours[0].is_complete());
     }
 
     #[test]

@@ -182,7 +182,9 @@ fn checked(items: Vec<Item>, targets: &Targets, places: &mut Places) -> Result<P
 pub fn pair(selection: &Selection, output: &Path, mask: Option<&str>) -> Result<Vec<Item>, PlanError> {
     let inputs = resolve(selection)?;
     let destination = Destination::parse(output)?;
-    if inputs.is_set && !destination.holds_many() {
+    // A list names its files one by one, so that one line is one frame.
+    let alone = selection.inputs.is_empty() && inputs.frames.len() == 1;
+    if inputs.is_set && !alone && !destination.holds_many() {
         return Err(PlanError::Usage(format!(
             "{0}: several frames need a pattern here, such as shot.####.exr, or a folder ('{0}/')",
             output.display()
@@ -400,6 +402,13 @@ mod tests {
         assert!(usage(room.plan(&["s.####.exr"], "o.exr")).contains("pattern"));
         assert!(usage(room.plan(&["*.exr"], "o.exr")).contains("folder"));
         assert!(usage(room.plan(&["a.exr", "b.exr"], "o.exr")).contains("folder"));
+        let listed = |lines: &str| {
+            std::fs::write(room.path("list"), lines).unwrap();
+            let selection = Selection { files_from: Some(room.path("list")), ..Selection::default() };
+            pair(&selection, &room.path("o.exr"), None)
+        };
+        assert_eq!(listed("s.0003.exr\n").unwrap()[0].number, Some(3));
+        assert!(listed("a.exr\nb.exr\n").unwrap_err().to_string().contains("folder"));
     }
 
     #[test]

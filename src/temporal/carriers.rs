@@ -118,7 +118,7 @@ impl Found {
     fn shows_the_same(self, asked: Option<&Asked>, reference: &Reference<'_>) -> Result<Self, String> {
         match asked {
             Some(asked) if explained(&asked.at(&self.places), &reference.filled) < EXPLAINED => {
-                Err(format!("it shows something else ({} does not lead from it to this frame)", self.how))
+                Err(format!("it shows something else (by {} it does not agree with this frame)", self.how))
             }
             _ => Ok(self),
         }

@@ -66,7 +66,7 @@ pub fn misfit_of_all(own: &[Shape], other: &[Shape]) -> Option<String> {
 pub fn misfit(own: &Shape, other: Option<&Shape>) -> Option<String> {
     let Some(other) = other else { return Some("it has fewer parts".into()) };
     if own.name != other.name {
-        return Some("its parts have other names".into());
+        return Some("its parts have other names, or another order".into());
     }
     let window = |window: Window| {
         let size = window.size();
