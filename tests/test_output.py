@@ -167,6 +167,21 @@ def test_lossy_compressions_become_zip(sparse, compression):
     assert header.COMPRESSIONS[header.read(out)[0][0].compression] == "zip"
 
 
+@pytest.mark.parametrize("kind", [np.float16, np.float32])
+@pytest.mark.parametrize("compression", ["B44", "B44A", "DWAA", "DWAB"])
+def test_what_a_lossy_compression_made_of_zeros_is_filled(tmp_path, compression, kind):
+    rows, columns = np.indices((SIZE, SIZE))
+    mask = frames.shuffle(SIZE, SIZE, 0.3)
+    full = {f"albedo.{name}": np.where(columns // 9 % 2, 0.3 + 0.2 * k, 0.8 - 0.2 * k) for k, name in enumerate("RGB")}
+    full |= {name: 0.5 + 0.4 * np.sin(rows / 9) for name in "RGB"} | {"A": np.full(mask.shape, 0.9)}
+    planes = {name: np.where(mask, plane, 0).astype(kind) for name, plane in full.items()}
+    source = frames.write(tmp_path / "in.exr", planes | {"mask": mask.astype(np.float32)},
+                          compression=getattr(OpenEXR, f"{compression}_COMPRESSION"))
+    [filled] = frames.read(fill(source, "--guides", "auto"))
+    for name, plane in full.items():
+        assert abs(filled[name][~mask].mean() - plane[~mask].mean()) < 0.1, name
+
+
 def test_tiles_stay_tiles(sparse):
     tiles = OpenEXR.TileDescription()
     tiles.xSize, tiles.ySize = 16, 24

@@ -3,10 +3,11 @@
 //! A renderer that skips a pixel leaves the same there for all: zero, NaN, or what its buffer was cleared to. A group of
 //! channels is complete if the missing pixels hold at least two different finite values among them, and are not more often
 //! blank (all channels zero, or any of them NaN) than the measured ones, give or take a little; so a background of
-//! zeros does no harm, if it is behind both.
+//! zeros does no harm, if it is behind both. What a lossy compression may have made of zero counts as zero.
 
+use half::f16;
 use lacuna_core::parallel::prelude::*;
-use lacuna_exr::Samples;
+use lacuna_exr::{Compression, Samples};
 use lacuna_filters::Mask;
 
 /// What the share of blank pixels may be higher.
@@ -14,17 +15,19 @@ const MARGIN: f64 = 0.02;
 /// Pixels that one task takes.
 const PIECE: usize = 1 << 14;
 
-/// Whether the group, channels of one part, is complete over a mask.
-pub fn complete(group: &[&Samples], mask: &Mask) -> bool {
+/// Whether the group, channels of one part that came in this compression, is complete over a mask.
+pub fn complete(group: &[&Samples], compression: Compression, mask: &Mask) -> bool {
     if mask.is_full() {
         return true;
     }
+    let zero = |samples: &&Samples| compression.zero_within(samples.kind());
+    let group: Vec<(&Samples, f32)> = group.iter().map(|samples| (*samples, zero(samples))).collect();
     let pieces = mask.as_slice().par_chunks(PIECE).enumerate();
-    let pieces = pieces.map(|(piece, flags)| Seen::new(group, flags, piece * PIECE));
+    let pieces = pieces.map(|(piece, flags)| Seen::new(&group, flags, piece * PIECE));
     let Seen { blank, all, first, differs } = pieces.into_iter().fold(Seen::default(), Seen::and);
     let share = |side: usize| blank[side] as f64 / all[side].max(1) as f64;
     // One value everywhere, measured pixels included, is complete, if idle.
-    let value = |at: usize| group.iter().map(|samples| bits(samples, at)).collect::<Vec<u32>>();
+    let value = |at: usize| group.iter().map(|(samples, _)| bits(samples, at)).collect::<Vec<u32>>();
     let same = |first: &Vec<u32>| (0..mask.as_slice().len()).all(|at| value(at) == *first);
     let idle = !differs && blank[0] == 0 && first.as_ref().is_some_and(same);
     let varies = differs || idle || (first.is_some() && blank[0] > 0);
@@ -43,7 +46,7 @@ struct Seen {
 }
 
 impl Seen {
-    fn new(group: &[&Samples], flags: &[bool], start: usize) -> Self {
+    fn new(group: &[(&Samples, f32)], flags: &[bool], start: usize) -> Self {
         let mut seen = Self::default();
         for (at, &measured) in (start..).zip(flags) {
             let side = usize::from(measured);
@@ -52,7 +55,7 @@ impl Seen {
             if zero || nan {
                 seen.blank[side] += 1;
             } else if !measured && !seen.differs {
-                let bits: Vec<u32> = group.iter().map(|samples| bits(samples, at)).collect();
+                let bits: Vec<u32> = group.iter().map(|(samples, _)| bits(samples, at)).collect();
                 seen.differs = *seen.first.get_or_insert_with(|| bits.clone()) != bits;
             }
         }
@@ -72,11 +75,14 @@ impl Seen {
     }
 }
 
-/// Whether all channels are zero there, and whether one is NaN.
-fn look(group: &[&Samples], at: usize) -> (bool, bool) {
-    group.iter().fold((true, false), |(zero, nan), samples| match samples {
-        Samples::Half(values) => (zero && values[at].to_bits() << 1 == 0, nan || values[at].is_nan()),
-        Samples::Float(values) => (zero && values[at] == 0.0, nan || values[at].is_nan()),
+/// Whether all channels are within what is zero to each there, and whether one is NaN.
+fn look(group: &[(&Samples, f32)], at: usize) -> (bool, bool) {
+    group.iter().fold((true, false), |(zero, nan), &(samples, within)| match samples {
+        Samples::Half(values) => {
+            let low = values[at].to_bits() & 0x7fff <= f16::from_f32(within).to_bits();
+            (zero && low, nan || values[at].is_nan())
+        }
+        Samples::Float(values) => (zero && values[at].abs() <= within, nan || values[at].is_nan()),
         Samples::Uint(values) => (zero && values[at] == 0, nan),
     })
 }

@@ -1,6 +1,6 @@
 //! Which channels guide which part.
 
-use lacuna_exr::{Frame, Part, Samples, Window};
+use lacuna_exr::{Compression, Frame, Part, Samples, Window};
 use lacuna_filters::Mask;
 
 use super::complete::complete;
@@ -37,6 +37,8 @@ pub struct Guide {
 pub struct Found {
     /// Per part, in the order of files, parts and channels.
     pub parts: Vec<Vec<Guide>>,
+    /// What a reader of the log should know, one line each.
+    pub notes: Vec<String>,
 }
 
 impl Found {
@@ -57,7 +59,7 @@ pub fn find(
     asked: &Asked,
     second: Option<&Frame>,
 ) -> Result<Found, Error> {
-    let mut found = Found { parts: vec![Vec::new(); frame.parts.len()] };
+    let mut found = Found { parts: vec![Vec::new(); frame.parts.len()], notes: Vec::new() };
     if *asked == Asked::None {
         return Ok(found);
     }
@@ -68,7 +70,7 @@ pub fn find(
         };
         found.parts[index] = match second {
             Some(second) => of_second(frame, index, second, asked)?,
-            None => of_frame(frame, index, mask, masks, choices, asked)?,
+            None => of_frame(frame, index, (mask, masks), choices, asked, &mut found.notes)?,
         };
     }
     for guide in found.parts.iter().flatten().filter(|guide| !guide.second) {
@@ -95,10 +97,10 @@ fn part_mask(masks: &Masks, part: usize) -> Option<&Mask> {
 fn of_frame(
     frame: &Frame,
     index: usize,
-    mask: &Mask,
-    masks: &Masks,
+    (mask, masks): (&Mask, &Masks),
     choices: &[Vec<Choice>],
     asked: &Asked,
+    notes: &mut Vec<String>,
 ) -> Result<Vec<Guide>, Error> {
     let mut found = Vec::new();
     for (part, own) in frame.parts.iter().enumerate() {
@@ -115,11 +117,18 @@ fn of_frame(
             if matches!(asked, Asked::Auto) && guide.channels.iter().any(overridden) {
                 continue;
             }
-            let holds = why == Why::Listed || complete(&samples, mask);
-            if holds {
+            let holds = |compression| why == Why::Listed || complete(&samples, compression, mask);
+            if holds(own.compression) {
                 found.push(guide);
             } else if why == Why::Asked {
                 return Err(Error::Sparse { channel: guide.name });
+            } else if holds(Compression::None) {
+                let (name, compression) = (guide.name, own.compression.name());
+                let note =
+                    format!("{name}: sparse, as values near zero count as zeros that {compression} changed");
+                if !notes.contains(&note) {
+                    notes.push(note);
+                }
             }
         }
     }

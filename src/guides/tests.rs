@@ -1,6 +1,6 @@
 //! Which channels of hand-built frames guide, and what becomes of their rules.
 
-use lacuna_exr::{Channel, Frame, Part};
+use lacuna_exr::{Channel, Compression, Frame, Part};
 
 use super::*;
 use crate::channels::{Choice, Rule, choose};
@@ -102,6 +102,34 @@ fn sparse_channels_are_no_guides() {
     let frame = cleared(0.0);
     assert!(matches!(search(&frame, "N.*,depth", None), Err(Error::Sparse { .. })));
     assert!(matches!(search(&frame, "depth", None), Err(Error::NoChannel { asked, .. }) if asked == "depth"));
+}
+
+#[test]
+fn what_a_lossy_compression_made_of_zeros_is_no_guide() {
+    let changed = |most: f32| {
+        let values = move |offset| {
+            let noise = (0..PIXELS).map(move |at| most * ((at * 5 + offset) % 13) as f32 / 12.0);
+            sparse(offset).into_iter().zip(noise).map(|(value, noise)| value + noise).collect::<Vec<_>>()
+        };
+        board([colour(), normals(values)].concat())
+    };
+    for (compression, most, guides) in [
+        (Compression::Dwaa, 1.4e-4, false),
+        (Compression::Dwab, 2e-3, false),
+        (Compression::B44, 6e-5, false),
+        (Compression::B44a, 6e-5, false),
+        (Compression::Zip, 6e-5, true),
+        (Compression::Dwaa, 0.5, true),
+    ] {
+        let own = frame(vec![Part { compression, ..changed(most) }]);
+        let (found, choices) = search(&own, "auto", None).unwrap();
+        assert_eq!(!found.names(0).is_empty(), guides, "{compression:?}");
+        assert_eq!(rule(&own, &choices, "N.X") == Rule::Keep, guides);
+        assert_eq!(found.notes.iter().any(|note| note.starts_with("N: sparse")), !guides);
+        // What is complete stays so.
+        let whole = frame(vec![Part { compression, ..board([colour(), normals(ramp)].concat()) }]);
+        assert_eq!(search(&whole, "auto", None).unwrap().0.names(0), ["N"]);
+    }
 }
 
 #[test]

@@ -111,8 +111,8 @@ pub fn fill_with(
     let found = guides::find(&frame, masks, &mut choices, job.wanted(), second)?;
     let choices = choices.as_slice();
     let stamp = Stamp::new(job, &masks.origin);
-    let notes =
-        [masks.notes.clone(), unheeded(&frame, &masks.mask_channels, &job.overrides, choices)].concat();
+    let unheeded = unheeded(&frame, &masks.mask_channels, &job.overrides, choices);
+    let notes = [masks.notes.as_slice(), &found.notes, &unheeded].concat();
     let mut report = Report { copied: true, ..Report::new(&stamp, masks.density(), notes) };
     for (index, choices) in choices.iter().enumerate() {
         let label = part_label(&frame, index);
