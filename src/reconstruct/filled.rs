@@ -24,8 +24,9 @@ pub fn is_enlarged(part: &Part) -> bool {
 }
 
 /// What to say of a frame in which every measured value is 0 and missing ones are not: a mask of 1 where nothing was measured leaves that.
+/// A black frame may have one value at all missing pixels, that which its buffer was cleared to.
 pub fn inverted(frame: &Frame, masks: &Masks) -> Option<String> {
-    let (mut measured, mut missing) = (false, false);
+    let mut found = false;
     for (index, part) in frame.parts.iter().enumerate() {
         for (number, channel) in part.channels.iter().enumerate() {
             let kept = masks.is_mask_channel(index, number) || by_default(part, number).0 == Rule::Keep;
@@ -33,20 +34,23 @@ pub fn inverted(frame: &Frame, masks: &Masks) -> Option<String> {
                 continue;
             };
             let values = channel.samples.as_f32();
-            let holds = |wanted: bool| {
-                let mut own = values.iter().zip(mask.as_slice()).filter(|(_, flag)| **flag == wanted);
-                own.any(|(value, _)| value.is_finite() && *value != 0.0)
+            let zero = part.compression.zero_within(channel.samples.kind());
+            let finite = |wanted: bool| {
+                let own = values.iter().zip(mask.as_slice()).filter(move |(_, flag)| **flag == wanted);
+                own.map(|(value, _)| *value).filter(|value| value.is_finite())
             };
-            measured |= holds(true);
-            missing |= holds(false);
-            if measured {
+            if finite(true).any(|value| value.abs() > zero) {
                 return None;
             }
+            let (low, high) = finite(false)
+                .fold((0.0_f32, 0.0_f32), |(low, high), value| (low.min(value), high.max(value)));
+            let cleared = finite(false).next().is_some_and(|first| finite(false).all(|value| value == first));
+            found |= !cleared && low.abs().max(high) > zero;
         }
     }
-    let text =
-        "all measured values are 0, and missing pixels have others: is the mask inverted (1 is measured)?";
-    missing.then(|| text.into())
+    let text = "all measured values are 0, and missing pixels have others: the mask seems inverted; give one that is 1 where \
+                pixels are measured";
+    found.then(|| text.into())
 }
 
 /// Makes the missing pixels of a filled frame blank, so that none is taken for measured, nor a channel for complete; those that guided

@@ -166,12 +166,10 @@ impl Fill<'_> {
             (found, _) => found.map_err(|error| error.to_string())?,
         };
         let mut masks = masks;
-        match inverted(frame, &masks) {
+        let Some(filter) = mask::filled_before(frame, &masks) else {
             // Black is filled with black, which no estimate finds doubtful.
-            Some(doubt) if self.job.gate.is_set() => return Err(doubt),
-            doubt => masks.notes.extend(doubt),
-        }
-        let Some(filter) = mask::filled_before(frame, &masks) else { return Ok(masks) };
+            return inverted(frame, &masks).map_or(Ok(masks), Err);
+        };
         if self.job.again {
             let doubt = was_smoothed(frame).then(|| {
                 "measured pixels were smoothed when it was filled before: no estimate knows what that cost".to_owned()
