@@ -15,7 +15,7 @@ use crate::mask::generate::field;
 use crate::mask::rounds::{self, ROUNDS, Rounds};
 
 use crate::mask::{self, MaskFile, PATTERN, SEED};
-use crate::reconstruct::{Stamp, of_other_pixels, output_compression, remove};
+use crate::reconstruct::{Stamp, dropped_note, make_writable, of_other_pixels, remove};
 
 mod in_rounds;
 
@@ -265,22 +265,11 @@ fn make_sparse(
     let mut dropped = remove(&mut part.attributes, of_other_pixels().chain([DENSE]));
     // The list of complete channels is written anew.
     dropped.retain(|name| *name != DENSE || kept.is_empty());
-    if !dropped.is_empty() {
-        notes.push(format!("dropped {}, which are about other pixels", dropped.join(", ")));
-    }
+    notes.extend(dropped_note(&dropped));
     if !kept.is_empty() {
         part.attributes.set_text(DENSE, &kept.join("\n"));
     }
-    let compression = output_compression(part.compression, None);
-    if compression != part.compression {
-        let (old, new) = (part.compression.name(), compression.name());
-        notes.push(format!("{old} would change measured pixels: written as {new}"));
-        part.compression = compression;
-    }
-    if part.had_levels {
-        part.had_levels = false;
-        notes.push("the file had mip or rip levels: only the full one is written".into());
-    }
+    notes.extend(make_writable(part, None));
     notes
 }
 

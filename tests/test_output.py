@@ -12,7 +12,7 @@ import pytest
 
 import frames
 import header
-from tool import SAMPLES, idiff, oiio as oiio_tool, quick_fill
+from tool import SAMPLES, idiff, lacuna, oiio as oiio_tool, quick_fill
 
 SIZE = 40
 
@@ -165,6 +165,20 @@ def test_lossless_compressions_are_kept(sparse, compression, kind):
 def test_lossy_compressions_become_zip(sparse, compression):
     out = fill(sparse(kind=np.float32, compression=getattr(OpenEXR, f"{compression}_COMPRESSION")))
     assert header.COMPRESSIONS[header.read(out)[0][0].compression] == "zip"
+
+
+@pytest.mark.parametrize("compression", ["B44", "DWAA"])
+def test_lossy_renders_are_united_without_loss(sparse, compression):
+    lossy = getattr(OpenEXR, f"{compression}_COMPRESSION")
+    a = sparse("a.exr", compression=lossy, preview=OpenEXR.PreviewImage(2, 2))
+    b = sparse("b.exr")
+    for one, other in ((a, b), (b, a)):
+        out = a.with_name(f"of-{one.name}")
+        result = lacuna("mask", "--merge", one, other, "-o", out)
+        assert header.COMPRESSIONS[header.read(out)[0][0].compression] == "zip"
+        assert frames.same_bits(frames.read(out)[0]["R"], frames.read(one)[0]["R"])
+        assert ("would change measured pixels: written as zip" in result.stderr) == (one == a)
+        assert ("dropped preview: the pixels are others now" in result.stderr) == (one == a)
 
 
 @pytest.mark.parametrize("kind", [np.float16, np.float32])

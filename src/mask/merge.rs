@@ -5,7 +5,7 @@
 //! without a mask) is the first render's; the second must have the same parts, windows and channels.
 
 use half::f16;
-use lacuna_exr::{Channel, Frame, Part, Samples};
+use lacuna_exr::{Attributes, Channel, Frame, Part, Samples};
 use lacuna_filters::Mask;
 
 use super::{ATTRIBUTE, MakeError, Masks};
@@ -25,11 +25,15 @@ pub struct Merged {
     pub notes: Vec<String>,
 }
 
-/// Unites `b` into `a`; attributes named in `stale` would lie about what was united.
+/// Unites `b` into `a`; `forget` removes the attributes that would lie about a united part, and says so.
 ///
 /// # Errors
 /// Frames that differ in parts, windows, channels or their types; a frame in which a part has a mask and in the other not.
-pub fn merge(a: (Frame, &Masks), b: (&Frame, &Masks), stale: &[&str]) -> Result<Merged, MakeError> {
+pub fn merge(
+    a: (Frame, &Masks),
+    b: (&Frame, &Masks),
+    forget: impl Fn(&mut Attributes) -> Option<String>,
+) -> Result<Merged, MakeError> {
     let ((mut frame, first), (other, second)) = (a, b);
     if frame.parts.len() != other.parts.len() {
         let (a, b) = (frame.parts.len(), other.parts.len());
@@ -83,9 +87,7 @@ pub fn merge(a: (Frame, &Masks), b: (&Frame, &Masks), stale: &[&str]) -> Result<
             measured += union.count();
             all += union.as_slice().len();
             finish(part, &union, from_elsewhere);
-            for name in stale {
-                part.attributes.remove(name);
-            }
+            notes.extend(forget(&mut part.attributes).map(|note| format!("{label}: {note}")));
         }
     }
     if all == 0 {

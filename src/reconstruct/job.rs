@@ -1,6 +1,6 @@
 //! What is to be done to a frame, and the line of text that says so in the output.
 
-use lacuna_exr::Compression;
+use lacuna_exr::{Compression, Part};
 use lacuna_filters::Method;
 use lacuna_filters::domain::Domain;
 use lacuna_filters::fill::Estimate;
@@ -174,6 +174,21 @@ const fn domain_name(domain: Domain) -> &'static str {
 /// The compression that a part is written with.
 pub fn output_compression(input: Compression, asked: Option<Compression>) -> Compression {
     asked.unwrap_or(if input.is_lossless() { input } else { Compression::Zip })
+}
+
+/// Gives a part the form that it is written in: a compression that keeps measured pixels, and one level. Returns what to tell.
+pub fn make_writable(part: &mut Part, asked: Option<Compression>) -> Vec<String> {
+    let mut notes = Vec::new();
+    let compression = output_compression(part.compression, asked);
+    if asked.is_none() && compression != part.compression {
+        let (old, new) = (part.compression.name(), compression.name());
+        notes.push(format!("{old} would change measured pixels: written as {new}"));
+    }
+    part.compression = compression;
+    if std::mem::take(&mut part.had_levels) {
+        notes.push("the file had mip or rip levels: only the full one is read and written".into());
+    }
+    notes
 }
 
 /// A value as it stands in a line of settings: quoted like JSON where it would not be one word.

@@ -46,7 +46,7 @@ pub use error::Error;
 pub use estimate::{Estimated, Gate, Interval};
 pub use filled::{blank, inverted, is_enlarged, was_smoothed};
 pub(crate) use groups::usable;
-pub use job::{Job, Kind, output_compression, parse_settings};
+pub use job::{Job, Kind, make_writable, output_compression, parse_settings};
 use lacuna_exr::{Frame, Part};
 pub use lacuna_filters::Plans;
 pub use lacuna_filters::domain::Domain;
@@ -56,8 +56,8 @@ pub use noise::{NoiseError, NoiseSource};
 pub(crate) use part::measured_floats;
 pub use report::{ChannelReport, GroupReport, PartReport, Report, named};
 pub use stamp::{
-    ADDED, DENSITY, DERIVED, FILLED_BY, FILTER, RENDER, SCENE, Stamp, error_channel, estimated_errors,
-    of_other_pixels, remove, was_cut_short,
+    ADDED, DENSITY, DERIVED, FILLED_BY, FILTER, RENDER, SCENE, Stamp, dropped_note, error_channel,
+    estimated_errors, of_other_pixels, remove, was_cut_short,
 };
 pub(crate) use values::{convert, kind_for};
 pub use weights::{Weights, WeightsError};
@@ -157,7 +157,7 @@ pub fn fill_with(
 }
 
 /// Notes that name their part.
-fn prefixed(label: &str, notes: Vec<String>) -> Vec<String> {
+pub fn prefixed(label: &str, notes: Vec<String>) -> Vec<String> {
     let prefix = if label.is_empty() { String::new() } else { format!("{label}: ") };
     notes.into_iter().map(|note| format!("{prefix}{note}")).collect()
 }
@@ -187,8 +187,7 @@ fn mask_name(part: &Part, masks: &Masks, index: usize) -> String {
 /// Removes the attributes that the new pixels turn into lies, and says so.
 fn drop_derived(part: &mut Part) -> Option<String> {
     let dropped = stamp::remove(&mut part.attributes, DERIVED.iter().copied());
-    (!dropped.is_empty())
-        .then(|| format!("dropped {}, which were made from other pixels", dropped.join(", ")))
+    dropped_note(&dropped)
 }
 
 /// Says how many values are not finite in channels that a full mask leaves alone.
@@ -204,20 +203,7 @@ fn non_finite_copied(part: &Part, masks: &Masks, choices: &[Choice], index: usiz
 /// Compression, levels and the mask channels, which do not depend on the pixels. Returns what to tell, and whether
 /// channels were left out.
 fn finish(part: &mut Part, masks: &Masks, index: usize, job: &Job) -> (Vec<String>, bool) {
-    let mut notes = Vec::new();
-    let compression = output_compression(part.compression, job.compression);
-    if job.compression.is_none() && compression != part.compression {
-        notes.push(format!(
-            "{} would change measured pixels: written as {} (--compression decides)",
-            part.compression.name(),
-            compression.name()
-        ));
-    }
-    part.compression = compression;
-    if part.had_levels {
-        notes.push("the file had mip or rip levels: only the full one is filled and written".into());
-        part.had_levels = false;
-    }
+    let mut notes = make_writable(part, job.compression);
     let before = part.channels.len();
     if job.drop_mask && !masks.mask_channels.get(index).is_none_or(Vec::is_empty) {
         if masks.mask_channels[index].len() == part.channels.len() {

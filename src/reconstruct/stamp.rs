@@ -65,6 +65,11 @@ pub fn remove(attributes: &mut Attributes, names: impl Iterator<Item = &'static 
     names.filter(|name| attributes.remove(name)).filter(|name| *name != RENDER).collect()
 }
 
+/// What is told of attributes that were removed, if any were.
+pub fn dropped_note(names: &[&str]) -> Option<String> {
+    (!names.is_empty()).then(|| format!("dropped {}: the pixels are others now", names.join(", ")))
+}
+
 /// What a filled part says about its making.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stamp {

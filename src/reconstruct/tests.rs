@@ -225,7 +225,7 @@ fn the_parts_say_how_they_were_filled_and_lies_are_dropped() {
         report
             .notes
             .iter()
-            .any(|note| note == "part 0 (a): dropped preview, oiio:SHA-1, which were made from other pixels"),
+            .any(|note| note == "part 0 (a): dropped preview, oiio:SHA-1: the pixels are others now"),
         "{:?}",
         report.notes
     );

@@ -140,7 +140,7 @@ fn a_frame_is_complete_without_a_mask_with_a_full_one_and_once_it_is_filled() {
     let again = sparsify(frame(vec![stamped(other())]), SHUFFLE).unwrap();
     assert!(check_complete(&again.frame).is_err());
     assert!(
-        again.notes[0].starts_with("dropped lacuna/filter, lacuna/settings, lacuna/density, which"),
+        again.notes[0].starts_with("dropped lacuna/filter, lacuna/settings, lacuna/density: "),
         "{:?}",
         again.notes
     );

@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use lacuna_exr::{Frame, Limits, Over, WriteOptions};
+use lacuna_exr::{Attributes, Frame, Limits, Over, WriteOptions};
 use lacuna_filters::sampling::refine::Preference;
 
 use super::output::{BoundFiles, MaskOutput, failed, of_frame, report, source_of_frame};
-use crate::channels;
+use crate::channels::{self, part_label};
 use crate::files::error::PlanError;
 use crate::files::identity::Sources;
 use crate::files::inputs::{Selection, resolve};
@@ -15,7 +15,7 @@ use crate::files::ranges::Frames;
 use crate::files::reports;
 use crate::mask::output::{Listing, write_floats, write_mask};
 use crate::mask::{self, MakeError, MaskFile, Masks, PATTERN, SEED, Source, after, merge};
-use crate::reconstruct::of_other_pixels;
+use crate::reconstruct::{dropped_note, make_writable, of_other_pixels, prefixed, remove};
 use crate::run::console::Console;
 use crate::run::memory;
 
@@ -88,9 +88,14 @@ pub fn unite(task: &Union, memory: Option<u64>, console: &Console) -> Result<u8,
         let limits = memory::reading(memory);
         let (a, a_masks) = read(first, &source, limits)?;
         let (b, b_masks) = read(&second, &source, limits)?;
-        let merged = merge::merge((a, &a_masks), (&b, &b_masks), &of_other_pixels().collect::<Vec<_>>());
-        let merged = merged.map_err(failed(&second))?;
-        merged.notes.iter().for_each(|note| console.warning(&format!("{}: {note}", second.display())));
+        let forget = |attributes: &mut Attributes| dropped_note(&remove(attributes, of_other_pixels()));
+        let mut merged = merge::merge((a, &a_masks), (&b, &b_masks), forget).map_err(failed(&second))?;
+        for at in 0..merged.frame.parts.len() {
+            let label = part_label(&merged.frame, at);
+            let notes = make_writable(&mut merged.frame.parts[at], None);
+            merged.notes.extend(prefixed(&label, notes));
+        }
+        merged.notes.iter().for_each(|note| console.warning(&format!("{}: {note}", output.display())));
         let options = WriteOptions { compression_level: None, over: Over::unless(task.output.no_clobber) };
         let written = lacuna_exr::write(&merged.frame, &output, &options).map_err(MakeError::from);
         if task.output.wrote(&output, written, console)? {

@@ -11,7 +11,8 @@ fn render(values: [f32; 4], id: [u32; 4], measured: [f32; 4]) -> Frame {
 
 fn of(a: &Frame, b: &Frame) -> Result<Merged, MakeError> {
     let find = |frame: &Frame| mask::find(frame, &Source::Auto, None).unwrap();
-    merge((a.clone(), &find(a)), (b, &find(b)), &["lacuna/filter"])
+    let forget = |attributes: &mut Attributes| attributes.remove("lacuna/filter").then(|| "forgotten".into());
+    merge((a.clone(), &find(a)), (b, &find(b)), forget)
 }
 
 #[test]
@@ -33,7 +34,9 @@ fn what_is_said_of_the_pattern_of_one_goes() {
     let mut a = render([1.0; 4], [1; 4], [1.0, 1.0, 0.0, 0.0]);
     a.parts[0].attributes.set_text("lacuna/filter", "ss");
     a.parts[0].attributes.set_text(SEED, "3");
-    let part = &of(&a, &a).unwrap().frame.parts[0];
+    let merged = of(&a, &a).unwrap();
+    assert_eq!(merged.notes, ["part 0: forgotten"]);
+    let part = &merged.frame.parts[0];
     assert_eq!(["lacuna/filter", SEED].map(|name| part.attributes.text(name)), [None, None]);
 }
 
