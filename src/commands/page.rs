@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use crate::files::plan::Item;
 use crate::files::reports;
-use crate::reconstruct::{Estimated, named, parse_settings};
+use crate::reconstruct::{Estimated, behind, named, parse_settings};
 use crate::report::{Filled, FilledPictures, MOST_PIXELS, filled};
 use crate::run::record::{Estimate, Heading, Record, told_residual};
 
@@ -110,7 +110,10 @@ fn shown(record: &Record, pictures: Option<FilledPictures>) -> Filled {
     words.extend(record.mask.iter().map(|mask| ("mask", mask.clone())));
     words.extend(record.rules.iter().map(|rules| ("channels", rules.clone())));
     words.extend(record.chosen.iter().map(|chosen| ("filters", chosen.clone())));
-    let estimate = |of: &Estimate| ("estimate", format!("{}: {}", named(&of.channels).join(", "), of.error));
+    let estimate = |of: &Estimate| {
+        let line = format!("{}: {}", named(&of.channels).join(", "), of.error);
+        ("estimate", behind(of.part.as_deref(), &line))
+    };
     words.extend(record.estimates.iter().map(estimate));
     if let Some(outcome) = record.outcome {
         let mut text = format!("{} iterations", outcome.iterations);

@@ -165,17 +165,19 @@ impl Gate {
 
     /// Why a filled frame is doubtful, if it is.
     pub fn doubt(&self, report: &Report) -> Option<String> {
-        let groups = report.parts.iter().flat_map(|part| &part.groups);
-        let doubts: Vec<String> = { groups }.filter_map(|group| self.refuses(group)).collect();
-        (!doubts.is_empty()).then(|| doubts.join("; "))
+        joined(report.lines(|part| joined(part.groups.iter().filter_map(|group| self.refuses(group)))))
     }
+}
+
+/// All that is said in one line, if anything is.
+pub fn joined(lines: impl Iterator<Item = String>) -> Option<String> {
+    let all: Vec<String> = lines.collect();
+    (!all.is_empty()).then(|| all.join("; "))
 }
 
 /// What groups of channels are worth by estimate: `R, G, B: 58.1 dB (56.2 to 60.1), RMSE 1.24e-3; ...`.
 pub fn line<'a>(groups: impl Iterator<Item = &'a GroupReport>) -> Option<String> {
-    let one = |group: &GroupReport| Some(format!("{}: {}", group.names(), group.estimate.as_ref()?));
-    let all: Vec<String> = groups.filter_map(one).collect();
-    (!all.is_empty()).then(|| all.join("; "))
+    joined(groups.filter_map(|group| Some(format!("{}: {}", group.names(), group.estimate.as_ref()?))))
 }
 
 /// Adds the estimated error of each layer to a part as a channel of that name; the first group of a layer speaks for it. Returns what to tell.
@@ -204,8 +206,7 @@ pub fn chosen<'a>(groups: impl Iterator<Item = &'a GroupReport>) -> Option<Strin
         let shares = group.chosen.iter().map(|(name, share)| format!("{name} {:.0} %", 100.0 * share));
         format!("{}: {}", group.names(), shares.collect::<Vec<_>>().join(", "))
     };
-    let all: Vec<String> = groups.filter(|group| !group.chosen.is_empty()).map(one).collect();
-    (!all.is_empty()).then(|| all.join("; "))
+    joined(groups.filter(|group| !group.chosen.is_empty()).map(one))
 }
 
 #[cfg(test)]

@@ -54,7 +54,7 @@ use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Run, Stop};
 pub use noise::{NoiseError, NoiseSource};
 pub(crate) use part::measured_floats;
-pub use report::{ChannelReport, GroupReport, PartReport, Report, named};
+pub use report::{ChannelReport, GroupReport, PartReport, Report, behind, named};
 pub use stamp::{
     ADDED, DENSITY, DERIVED, FILLED_BY, FILTER, RENDER, SCENE, Stamp, dropped_note, error_channel,
     estimated_errors, of_other_pixels, remove, was_cut_short,

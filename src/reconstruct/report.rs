@@ -138,6 +138,11 @@ impl GroupReport {
     }
 }
 
+/// What is said of a part, behind its name if it needs one.
+pub fn behind(part: Option<&str>, line: &str) -> String {
+    part.map_or_else(|| line.to_owned(), |part| format!("{part}: {line}"))
+}
+
 /// Names as people order them: files have red after blue.
 pub fn named(channels: &[String]) -> Vec<String> {
     let rank = |name: &String| "RGBA".find(Name::new(name).component).unwrap_or(usize::MAX);
@@ -173,6 +178,23 @@ impl Report {
             notes,
             ..Self::default()
         }
+    }
+
+    /// The parts, each with what people call it where a filter ran on several.
+    pub fn named_parts(&self) -> impl Iterator<Item = (Option<String>, &PartReport)> {
+        let several = self.parts.iter().filter(|part| !part.groups.is_empty()).count() > 1;
+        self.parts.iter().enumerate().map(move |(at, part)| {
+            let name = || part.name.clone().unwrap_or_else(|| format!("part {at}"));
+            (several.then(name), part)
+        })
+    }
+
+    /// A line of each part that has something to say, behind its name where a filter ran on several.
+    pub fn lines<'a>(
+        &'a self,
+        line: impl Fn(&'a PartReport) -> Option<String> + 'a,
+    ) -> impl Iterator<Item = String> + 'a {
+        self.named_parts().filter_map(move |(name, part)| Some(behind(name.as_deref(), &line(part)?)))
     }
 
     /// Adds up the channels and groups.

@@ -42,6 +42,9 @@ pub struct Seconds {
 /// How wrong the missing pixels of a group of channels are by estimate.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Estimate {
+    /// Its part, where the frame has several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub part: Option<String>,
     /// The channels' full names.
     pub channels: Vec<String>,
     /// The error.
@@ -55,6 +58,9 @@ pub struct Estimate {
 /// How the light of a group's filled pixels compares with that of measured ones around them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Light {
+    /// Its part, where the frame has several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub part: Option<String>,
     /// The channels' full names.
     pub channels: Vec<String>,
     /// The comparison.

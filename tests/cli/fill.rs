@@ -116,6 +116,28 @@ fn one_bad_frame_does_not_stop_the_others() {
 }
 
 #[test]
+fn estimates_name_their_part() {
+    let room = Room::new();
+    let window = Window { x_min: 0, y_min: 0, x_max: 39, y_max: 29 };
+    let named = ["left", "right"].map(|name| {
+        let mut part = part(window);
+        part.attributes.set_text("name", name);
+        part
+    });
+    room.add("in.exr", &Frame { parts: named.into() });
+    let done = room.run(&["fill", "in.exr", "-o", "out.exr", "--min-psnr", "300", "--json", "r.json"]);
+    for name in ["left", "right"] {
+        let doubt = format!("{name}: the error of R, G, B cannot be told");
+        assert!(done.errors()[0].contains(&doubt), "{}", done.err);
+        assert!(done.err.lines().any(|line| line.contains("chosen") && line.contains(&format!("{name}: R"))));
+    }
+    let report: serde_json::Value = serde_json::from_slice(&bytes(&room.path("r.json"))).unwrap();
+    let told = report["frames"][0]["estimates"].as_array().unwrap();
+    let parts: Vec<_> = told.iter().map(|estimate| estimate["part"].as_str().unwrap()).collect();
+    assert!(parts.contains(&"left") && parts.contains(&"right"), "{parts:?}");
+}
+
+#[test]
 fn the_report_says_what_was_done() {
     let room = Room::with(SHOT);
     room.ok(&["fill", "s.#.exr", "-o", "o/", "--create-dir", "--filter", "tv", "--json", "r.json"]);

@@ -18,9 +18,10 @@ use crate::files::layers;
 use crate::files::plan::{Item, Targets, plan};
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, MaskFile, Masks, Source};
+use crate::reconstruct::estimate::joined;
 use crate::reconstruct::shared::SharedPlans;
 use crate::reconstruct::{
-    self, Beside, FILTER, Gate, GroupReport, PartReport, Report, energy, estimate, inverted, named,
+    self, Beside, FILTER, Gate, GroupReport, PartReport, Report, behind, energy, estimate, inverted, named,
     was_smoothed,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
@@ -301,10 +302,13 @@ fn enter(report: &Report, enlarges: bool, record: &mut Record) {
     record.outcome = report.outcome;
     record.rules = Some(rules(report));
     tell(report, record);
-    let groups = || report.parts.iter().flat_map(|part| &part.groups);
-    let light = |group: &GroupReport| Some(Light { channels: group.channels.clone(), energy: group.energy? });
-    record.energies = groups().filter_map(light).collect();
-    record.warn(&groups().filter_map(energy::note).collect::<Vec<_>>());
+    let light = |(part, group): (Option<String>, &GroupReport)| {
+        Some(Light { part, channels: group.channels.clone(), energy: group.energy? })
+    };
+    record.energies = groups(report).filter_map(light).collect();
+    let notes =
+        groups(report).filter_map(|(part, group)| Some(behind(part.as_deref(), &energy::note(group)?)));
+    record.warn(&notes.collect::<Vec<_>>());
     record.warn(&report.notes);
     record.warn(report.outcome.and_then(|outcome| early(outcome, enlarges)).as_slice());
     if report.clamped_halves > 0 {
@@ -322,44 +326,30 @@ pub fn tell(report: &Report, record: &mut Record) {
     if let Some(neighbours) = &record.neighbours {
         tracing::info!("along with {neighbours}");
     }
-    let groups = || report.parts.iter().flat_map(|part| &part.groups);
-    for group in groups().filter(|group| group.noiseless) {
-        tracing::info!(
-            "{}: no noise that could be told from detail, and nothing is smoothed",
-            group.channels.join(", ")
-        );
+    for (part, group) in groups(report).filter(|(_, group)| group.noiseless) {
+        let names = behind(part.as_deref(), &group.channels.join(", "));
+        tracing::info!("{names}: no noise that could be told from detail, and nothing is smoothed");
     }
-    for line in groups().filter_map(GroupReport::settled) {
-        tracing::info!("chosen for {line}");
+    for (part, line) in groups(report).filter_map(|(part, group)| Some((part, group.settled()?))) {
+        tracing::info!("chosen for {}", behind(part.as_deref(), &line));
     }
-    record.chosen = estimate::chosen(groups());
+    record.chosen = joined(report.lines(|part| estimate::chosen(part.groups.iter())));
     if let Some(chosen) = &record.chosen {
         tracing::info!("chosen, place by place: {chosen}");
     }
-    if let Some(line) = estimates(report) {
+    if let Some(line) = joined(report.lines(|part| estimate::line(part.groups.iter()))) {
         tracing::info!("missing pixels by estimate: {line}");
     }
-    let estimated = |group: &GroupReport| {
+    let estimated = |(part, group): (Option<String>, &GroupReport)| {
         let error = group.estimate.clone()?;
-        Some(Estimate { channels: group.channels.clone(), error, exponent: group.exponent })
+        Some(Estimate { part, channels: group.channels.clone(), error, exponent: group.exponent })
     };
-    record.estimates = groups().filter_map(estimated).collect();
+    record.estimates = groups(report).filter_map(estimated).collect();
 }
 
-/// What missing pixels are worth by estimate, of each part where there are several.
-fn estimates(report: &Report) -> Option<String> {
-    let parts = report.parts.iter().enumerate();
-    let told = parts.filter_map(|(at, part)| Some((at, part, estimate::line(part.groups.iter())?)));
-    let told: Vec<_> = told.collect();
-    if let [(.., line)] = &told[..] {
-        return Some(line.clone());
-    }
-    let named = told.into_iter().map(|(at, part, line)| {
-        let name = part.name.clone().unwrap_or_else(|| format!("part {at}"));
-        format!("{name}: {line}")
-    });
-    let all: Vec<String> = named.collect();
-    (!all.is_empty()).then(|| all.join("; "))
+/// The groups, each with what people call its part where there are several.
+fn groups(report: &Report) -> impl Iterator<Item = (Option<String>, &GroupReport)> {
+    report.named_parts().flat_map(|(name, part)| part.groups.iter().map(move |group| (name.clone(), group)))
 }
 
 /// What is to be said of a solver that stopped before it converged, or of bounds that leave an enlarged frame no solution.
@@ -406,14 +396,14 @@ fn few(names: &[String], most: usize) -> String {
 
 /// What steered which colour, and how much of the error it took away by estimate; so many guides and groups are named.
 pub fn guides(report: &Report, most: usize) -> Option<String> {
-    let groups = report.parts.iter().flat_map(|part| &part.groups).filter(|group| !group.guides.is_empty());
-    let one = |group: &GroupReport| {
+    let one = |(part, group): (Option<String>, &GroupReport)| {
         // A gain in decibels is what people compare.
         let decibels = |gain: f64| format!(": {:.1} dB by estimate", -10.0 * (1.0 - gain).max(1e-9).log10());
         let gain = group.guides_gain.map(decibels).unwrap_or_default();
-        format!("{} ({}{gain})", few(&group.guides, most), few(&named(&group.channels), most))
+        let names = behind(part.as_deref(), &few(&named(&group.channels), most));
+        format!("{} ({names}{gain})", few(&group.guides, most))
     };
-    let all: Vec<String> = groups.map(one).collect();
+    let all: Vec<String> = groups(report).filter(|(_, group)| !group.guides.is_empty()).map(one).collect();
     let more = all.len().saturating_sub(most);
     let more = if more > 0 { format!("; and {more} more") } else { String::new() };
     (!all.is_empty()).then(|| all[..all.len().min(most)].join("; ") + &more)
@@ -421,7 +411,6 @@ pub fn guides(report: &Report, most: usize) -> Option<String> {
 
 /// Which frames beside it a frame was filled along with, by what motion, and how much of the error they took away by estimate.
 fn neighbours(report: &Report) -> Option<String> {
-    let parts = report.parts.iter().filter(|part| !part.neighbours.is_empty());
     let one = |part: &PartReport| {
         let mut ways: Vec<(&str, Vec<String>)> = Vec::new();
         for (number, how) in &part.neighbours {
@@ -439,8 +428,7 @@ fn neighbours(report: &Report) -> Option<String> {
         let gains = if gains.is_empty() { "they help nowhere".into() } else { gains.join("; ") };
         format!("frames {} ({gains})", ways.collect::<Vec<_>>().join(", "))
     };
-    let all: Vec<String> = parts.map(one).collect();
-    (!all.is_empty()).then(|| all.join("; "))
+    joined(report.lines(move |part| (!part.neighbours.is_empty()).then(|| one(part))))
 }
 
 /// How many channels each rule had: `3 fill, 1 keep`.
