@@ -204,6 +204,7 @@ struct Merged {
     changed: BTreeMap<usize, Samples>,
     /// The estimated error of layers.
     errors: Vec<(String, Plane)>,
+    untold: Vec<(Vec<String>, String)>,
 }
 
 impl Merged {
@@ -228,6 +229,11 @@ impl Merged {
             });
             let rows = &error.pixels()[upper..upper + band.own.len() * width];
             self.errors[known].1.pixels_mut()[band.own.start * width..][..rows.len()].copy_from_slice(rows);
+        }
+        for untold in done.untold {
+            if !self.untold.contains(&untold) {
+                self.untold.push(untold);
+            }
         }
         let mut report = done.report;
         // What was counted in the margins is taken off by their share.
@@ -261,6 +267,7 @@ impl Merged {
             converted: self.converted,
             notes: self.notes,
             errors: self.errors,
+            untold: self.untold,
         }
     }
 }

@@ -64,12 +64,13 @@ impl From<Verdict> for Estimated {
 }
 
 impl Estimated {
-    /// The error of a set, where it was asked for; that of what smooths cannot be told.
+    /// The error of a set, where it was asked for.
     pub fn of_set(set: &Set, asked: Estimate, coordinates: bool) -> Option<Self> {
-        if asked != Estimate::No && (set.smoothed || !set.method.keeps_measured()) {
-            return Some(Self::Unknown { unknown: "measured pixels are smoothed".into() });
+        match untold(set) {
+            Some(_) if asked == Estimate::No || coordinates => None,
+            Some(unknown) => Some(Self::Unknown { unknown }),
+            None => set.estimate.and_then(|verdict| Self::of(verdict, coordinates)),
         }
-        set.estimate.and_then(|verdict| Self::of(verdict, coordinates))
     }
 
     /// What is told of a group of channels; of coordinates only an error in their own unit.
@@ -79,6 +80,19 @@ impl Estimated {
             other => (!coordinates).then_some(other),
         }
     }
+}
+
+/// Why nothing is known of the error of a set whose error was asked for; nothing where something is.
+pub fn untold(set: &Set) -> Option<String> {
+    if set.smoothed || !set.method.keeps_measured() {
+        return Some("measured pixels are smoothed".into());
+    }
+    let name = set.method.name();
+    let why = match set.method.descriptor().held_out {
+        None => format!("{name} has no estimate"),
+        Some(_) => "the fill was stopped before its estimate".into(),
+    };
+    set.estimate.is_none().then_some(why)
 }
 
 /// What is said where nothing errs, which is no promise of places that no sample has met.
@@ -178,6 +192,21 @@ pub fn joined(lines: impl Iterator<Item = String>) -> Option<String> {
 /// What groups of channels are worth by estimate: `R, G, B: 58.1 dB (56.2 to 60.1), RMSE 1.24e-3; ...`.
 pub fn line<'a>(groups: impl Iterator<Item = &'a GroupReport>) -> Option<String> {
     joined(groups.filter_map(|group| Some(format!("{}: {}", group.names(), group.estimate.as_ref()?))))
+}
+
+/// What is said of channels without estimated errors, a line for each reason: `B, G, R: no estimated errors: dct has no estimate`.
+pub fn without_errors(untold: &[(Vec<String>, String)]) -> Vec<String> {
+    let mut reasons: Vec<(&str, Vec<String>)> = Vec::new();
+    for (names, why) in untold {
+        match reasons.iter_mut().find(|(known, _)| known == why) {
+            Some((_, all)) => all.extend(names.clone()),
+            None => reasons.push((why, names.clone())),
+        }
+    }
+    let line = |(why, names): (&str, Vec<String>)| {
+        format!("{}: no estimated errors: {why}", super::report::named(&names).join(", "))
+    };
+    reasons.into_iter().map(line).collect()
 }
 
 /// Adds the estimated error of each layer to a part as a channel of that name; the first group of a layer speaks for it. Returns what to tell.

@@ -140,6 +140,7 @@ pub fn fill_with(
             stamp::write_neighbours(&mut part.attributes, &done.report, neighbours);
         }
         if let Some(name) = &job.error_channel {
+            done.notes.extend(estimate::without_errors(&done.untold));
             done.notes.extend(estimate::add_channels(part, name, std::mem::take(&mut done.errors)));
         }
         report.copied &= copied;

@@ -15,7 +15,7 @@ use lacuna_filters::{Bounds, Mask, Method, Plane, Planes, Run};
 
 use super::apply::{Change, apply};
 use super::bounds::bounds_of;
-use super::estimate::Estimated;
+use super::estimate::{Estimated, untold};
 use super::groups::{Group, Target, copyable, groups, targets, usable};
 use super::normals::Lengths;
 use super::{
@@ -58,6 +58,8 @@ pub struct Done {
     pub notes: Vec<String>,
     /// The estimated error of layers, if it is to be written: the layer's first channel, and the error.
     pub errors: Vec<(String, Plane)>,
+    /// Channels of light whose error nothing is known of, and why.
+    pub untold: Vec<(Vec<String>, String)>,
 }
 
 /// A channel's values after the filter, before they are written.
@@ -208,6 +210,9 @@ fn filter(
         let error = set.errors.as_ref().filter(|_| group.values == Values::Light);
         done.errors.extend(error.map(|error| (names[set.planes[0]].clone(), error.clone())));
         let names: Vec<_> = set.planes.iter().map(|&at| names[at].clone()).collect();
+        if let Some(why) = untold(set).filter(|_| group.values == Values::Light) {
+            done.untold.push((names.clone(), why));
+        }
         done.notes.extend(set_notes(set, &names, work.job));
         if set.weightless > 0 {
             let missing = options.noise != Noise::None;
@@ -341,7 +346,6 @@ pub fn values_options<'a>(group: &Group, names: &[String], job: &Job) -> Options
 /// What is told of channels that were filled together, by their names.
 fn set_notes(set: &Set, names: &[String], job: &Job) -> Vec<String> {
     let smoothed = !set.method.keeps_measured() && !set.map.is_linear();
-    let smooths = set.smoothed || !set.method.keeps_measured();
     let names = names.join(", ");
     let notes = [
         overflow_note(&names, set.mended),
@@ -351,8 +355,6 @@ fn set_notes(set: &Set, names: &[String], job: &Job) -> Vec<String> {
         (set.smoothed && job.method.name() != Method::default().name()).then(|| {
             format!("{names}: noise is smoothed by filters of its own, not by --filter {}", job.method.name())
         }),
-        (job.error_channel.is_some() && smooths)
-            .then(|| format!("{names}: no estimated errors: measured pixels are smoothed")),
         (set.method.name() != job.method.name())
             .then(|| format!("{names}: not of the dictionary, filled by {}", set.method.name())),
     ];

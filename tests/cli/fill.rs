@@ -116,6 +116,21 @@ fn one_bad_frame_does_not_stop_the_others() {
 }
 
 #[test]
+fn what_has_no_estimate_passes_no_gate_and_has_no_error_channel() {
+    let room = Room::with(&["in.exr"]);
+    for words in [["--filter", "dct"], ["--filter", "cs-wavelet"], ["--time-limit", "0.000001"]] {
+        let fill = |more: &[&str]| {
+            room.run(&[&["fill", "in.exr", "-o", "out.exr", "--force"], &words[..], more].concat())
+        };
+        let done = fill(&["--min-psnr", "1"]);
+        assert!(done.status == 1 && done.errors()[0].contains("R, G, B cannot be told: "), "{}", done.err);
+        let done = fill(&["--error-channel"]);
+        let said = done.err.lines().filter(|line| line.contains("no estimated errors: "));
+        assert!(done.status == 0 && said.count() == 1, "{}", done.err);
+    }
+}
+
+#[test]
 fn estimates_name_their_part() {
     let room = Room::new();
     let window = Window { x_min: 0, y_min: 0, x_max: 39, y_max: 29 };
