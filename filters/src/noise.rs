@@ -16,8 +16,8 @@
 //! ```
 //!
 //! Measured pixels are weighed by the first, missing ones, which candidates that pass through the samples leave wrong as well, by the second. For missing
-//! pixels there are more: edge-enhancing splines through the smoothed samples, total variation, and with guides guided filling, whose weights
-//! of guides these choose again. Each surface, as labels tell it, has weights of its own (`weights/surfaces`). Where light is bright, errors count
+//! pixels there are more, through the smoothed samples: edge-enhancing splines, the same corrected by a network, total variation, and with guides guided
+//! filling, whose weights of guides these choose again. Each surface, as labels tell it, has weights of its own (`weights/surfaces`). Where light is bright, errors count
 //! relative to it (`relative`).
 //!
 //! The first is Stein's estimate: half the difference of two half buffers is noise of the same variance as that of their mean, and does not
@@ -25,13 +25,13 @@
 //! known ([`Set::smoothed`](crate::fill::Set::smoothed) says so).
 //!
 //! Fireflies: what of a sample lies beyond `LIMIT` times the level that nine tenths of the samples stay below takes no part. Where both halves
-//! show it (or no halves are known) it is a light, and is put back as it is, missing pixels from the nearest sample; where one half shows it, it
-//! is a firefly and is left out. Noise above that limit at few samples, as of halves that were not clamped as their mean was, counts as unknown.
+//! show it (or no halves are known) it is a light: its pixel takes no part at all, and is put back as it is (`lights`). Where one half shows it, it is a
+//! firefly and is left out. Noise above that limit at few samples, as of halves that were not clamped as their mean was, counts as unknown.
 //!
 //! Boundary: that of the candidates. No settings. The same bits for any number of threads.
 //!
-//! Cost: up to eight fills, twice as many planes in most where noise is known, and as many without the samples of a fold, of large images in tiles
-//! that are spread over them. Memory: so many images.
+//! Cost: up to nine fills, twice as many planes in most where noise is known, and as many without the samples of a fold, of large images in tiles
+//! that are spread over them; where there are lights, two more by [`crate::auto`]. Memory: so many images.
 //!
 //! Fails: where noise correlates between pixels, as after a denoiser; details as small as the noise, which are smoothed away.
 //!
@@ -42,6 +42,7 @@
 
 mod blend;
 mod candidates;
+mod lights;
 mod part;
 mod relative;
 mod split;
@@ -52,13 +53,12 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
-use crate::baseline::nearest;
 use crate::estimate::Folds;
 use crate::kernel::blur::blur;
 use crate::sampling::hash;
 use crate::variational::guided::{Effect, Guides};
 use crate::weights::{Neighbourhood, Surfaces};
-use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
+use crate::{Error, Mask, Outcome, Plane, Planes, Run};
 use blend::Blend;
 use candidates::{Candidate, Task};
 use relative::importance;
@@ -137,6 +137,11 @@ pub(crate) fn reconstruct(
         return Ok(None);
     }
     let split = Split::new(mask, samples, known.noise, known.light);
+    // Lights take no part.
+    let (whole, mask) = (mask, &lights::without(mask, split.lights.as_ref()));
+    if mask.count() < FEWEST {
+        return Ok(None);
+    }
     let all = Candidate::all(known.guides.is_some_and(|guides| !guides.is_empty()));
     let precision = match (&split.noise, known.weights) {
         (Some(noise), None) => precision(mask, noise).map(Arc::new),
@@ -156,13 +161,8 @@ pub(crate) fn reconstruct(
     if let Some(guides) = known.guides.filter(|_| all.iter().any(Candidate::is_guided)) {
         effect.guides = guides.all_names().cloned().collect();
     }
-    if let Some(lights) = &split.lights {
-        let nearest = nearest::Settings.plan(&Problem::fill(Arc::clone(mask)), run)?;
-        let mut put_back = Planes::zeros(samples.size(), samples.len());
-        nearest.reconstruct(lights, &mut put_back, run)?;
-        for (out, lights) in out.as_mut_slice().iter_mut().zip(put_back.as_slice()) {
-            out.pixels_mut().iter_mut().zip(lights.pixels()).for_each(|(out, light)| *out += light);
-        }
+    if let Some(samples) = split.with_lights() {
+        lights::put_back((whole, mask), &samples, out, run)?;
     }
     Ok(Some((outcome, effect)))
 }

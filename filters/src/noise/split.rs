@@ -45,12 +45,16 @@ impl Split {
     /// The samples with lights, but without fireflies, if halves tell the two apart.
     pub fn without_fireflies(&self) -> Option<Planes> {
         self.noise.as_ref()?;
-        let mut clean = self.samples.clone();
-        let lights = self.lights.iter().flat_map(Planes::as_slice);
-        for (plane, lights) in clean.as_mut_slice().iter_mut().zip(lights) {
+        Some(self.with_lights().unwrap_or_else(|| self.samples.clone()))
+    }
+
+    /// The samples with lights, if there are any.
+    pub fn with_lights(&self) -> Option<Planes> {
+        let mut whole = self.samples.clone();
+        for (plane, lights) in whole.as_mut_slice().iter_mut().zip(self.lights.as_ref()?.as_slice()) {
             plane.pixels_mut().iter_mut().zip(lights.pixels()).for_each(|(value, light)| *value += light);
         }
-        Some(clean)
+        Some(whole)
     }
 
     /// Noise far above all light at few samples, as of half buffers that were not clamped as the colour was, tells nothing there.

@@ -174,6 +174,22 @@ fn lights_stay_and_fireflies_do_not_spread() {
     let pixels = found.planes.as_slice()[0].pixels();
     assert!(pixels[light] > 40.0, "{}", pixels[light]);
     assert!(pixels[firefly] < 3.0, "{}", pixels[firefly]);
+    // Neither does a light, whatever tells the noise; beside it the image is as it was.
+    let found_too = filled(&clamped(&mean, firefly), &mask, Noise::Unknown);
+    for planes in [&found.planes, &found_too.planes] {
+        let pixels = planes.as_slice()[0].pixels();
+        assert!(pixels[light] > 40.0, "{}", pixels[light]);
+        let missing = (0..8100).filter(|&at| !mask.as_slice()[at]);
+        let far = missing.map(|at| (pixels[at] - truth.pixels()[at]).abs()).fold(0.0, f32::max);
+        assert!(far < 0.5, "{far}");
+    }
+}
+
+/// The plane with an ordinary value at one place.
+fn clamped(plane: &Plane, at: usize) -> Plane {
+    let mut plane = plane.clone();
+    plane.pixels_mut()[at] = 0.5;
+    plane
 }
 
 #[test]
