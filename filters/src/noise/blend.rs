@@ -96,10 +96,11 @@ impl<'a> Blend<'a> {
             share.1 = self.missing.add((k, image), (mask, false), place, out);
         }
         let task = Task { tuned: self.tuned.as_ref(), ..*task };
+        let mut start = None;
         for second in seconds(all, mask) {
             let k = shares.len();
             let share = if self.missing.counts(k) {
-                let image = second.fill(&task, (mask, &smooth), None)?;
+                let image = second.fill(&task, (mask, &smooth), None, &mut start)?;
                 self.missing.add((k, &image), (mask, false), place, out)
             } else {
                 0.0
@@ -199,8 +200,9 @@ impl Held {
         mask: &Mask,
     ) -> Result<(), Error> {
         let last = self.predicted.len() - seconds.len();
+        let mut start = None;
         for (second, predicted) in seconds.iter().zip(&mut self.predicted[last..]) {
-            let filled = second.fill(task, (&fold.kept, smooth), Some(mask))?;
+            let filled = second.fill(task, (&fold.kept, smooth), Some(mask), &mut start)?;
             predicted.extend(fold.at.iter().map(|&pixel| values(&filled, pixel)));
         }
         Ok(())

@@ -9,6 +9,7 @@ use super::FOLDS;
 use crate::baseline::push_pull;
 use crate::kernel::Isa;
 use crate::kernel::regress::Scales;
+use crate::network;
 use crate::variational::guided::{Field, Guides, Reach, SPREAD, Store, Task as Fit, Tuned, predict_between};
 use crate::variational::{edge, ss, tv};
 use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
@@ -112,6 +113,8 @@ impl Measured {
 pub enum Second {
     /// Edge-enhancing splines.
     Edge,
+    /// The same, corrected by a network.
+    Cnn,
     /// Total variation.
     Tv,
     /// Guided filling.
@@ -119,38 +122,65 @@ pub enum Second {
 }
 
 impl Second {
-    /// All of them.
+    /// All of them, each after what it starts from.
     pub const fn all(guided: bool) -> &'static [Self] {
-        if guided { &[Self::Edge, Self::Tv, Self::Guided] } else { &[Self::Edge, Self::Tv] }
+        if guided {
+            &[Self::Edge, Self::Cnn, Self::Tv, Self::Guided]
+        } else {
+            &[Self::Edge, Self::Cnn, Self::Tv]
+        }
     }
 
     /// What the report calls it.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Edge => "edge",
+            Self::Cnn => "cnn",
             Self::Tv => "tv",
             Self::Guided => "guided",
         }
     }
 
-    /// Fills smoothed samples; where some are held out of a mask, roughly and at its pixels.
+    fn filter(self) -> Box<dyn Filter> {
+        match self {
+            Self::Edge => Box::new(edge::Settings::default()),
+            Self::Cnn => Box::new(network::Settings),
+            Self::Tv => Box::new(tv::Settings::default()),
+            Self::Guided => Box::new(ss::Settings::default()),
+        }
+    }
+
+    /// Fills smoothed samples; where some are held out of a mask, roughly and at its pixels. `start` is the image of another one, and becomes this
+    /// one's.
     pub fn fill(
         self,
         task: &Task<'_>,
         (mask, smooth): (&Arc<Mask>, &Planes),
         held_out_of: Option<&Mask>,
+        start: &mut Option<(Self, Planes)>,
     ) -> Result<Planes, Error> {
-        let problem = Problem::fill(Arc::clone(mask));
-        let plan = match (self, task.guides.zip(task.tuned)) {
-            (Self::Edge, _) => edge::Settings::default().plan(&problem, task.run)?,
-            (Self::Tv, _) => tv::Settings::default().plan(&problem, task.run)?,
-            (Self::Guided, None) => ss::Settings::default().plan(&problem, task.run)?,
-            (Self::Guided, Some((guides, tuned))) => {
-                return tuned.fill((smooth, mask), guides, held_out_of, task.run);
-            }
-        };
+        if let (Self::Guided, Some((guides, tuned))) = (self, task.guides.zip(task.tuned)) {
+            return tuned.fill((smooth, mask), guides, held_out_of, task.run);
+        }
+        let filter = self.filter();
+        let plan = filter.plan(&Problem::fill(Arc::clone(mask)), task.run)?;
         let mut out = Planes::zeros(smooth.size(), smooth.len());
-        plan.reconstruct_roughly(smooth, ROUGH, &mut out, task.run)?;
+        let error = held_out_of.map(|_| ROUGH);
+        match (start.take().filter(|(other, _)| filter.start() == Some(other.name())), error) {
+            (Some((_, image)), error) => {
+                out = image;
+                plan.reconstruct_from_start(smooth, error, &mut out, task.run)?;
+            }
+            (None, Some(error)) => {
+                plan.reconstruct_roughly(smooth, error, &mut out, task.run)?;
+            }
+            (None, None) => {
+                plan.reconstruct(smooth, &mut out, task.run)?;
+            }
+        }
+        if Self::all(true).iter().any(|other| other.filter().start() == Some(self.name())) {
+            *start = Some((self, out.clone()));
+        }
         Ok(out)
     }
 }

@@ -192,6 +192,33 @@ fn clamped(plane: &Plane, at: usize) -> Plane {
     plane
 }
 
+/// Where noise is small beside the errors of filling, missing pixels are filled as well as without it.
+#[test]
+fn small_noise_costs_edges_nothing() {
+    let size = Size::new(128, 128);
+    let mask = mask(size, 0.25);
+    let far = |y: usize, x: usize, (row, column): (f32, f32)| (y as f32 - row).hypot(x as f32 - column);
+    let truth = Plane::from_fn(size, |y, x| {
+        let discs = [(40.3, 41.2, 25.0), (80.1, 85.7, 30.5), (30.6, 100.2, 14.0)];
+        let inside = |&(row, column, radius): &(f32, f32, f32)| {
+            (radius + 0.5 - far(y, x, (row, column))).clamp(0.0, 1.0)
+        };
+        0.2 + 0.5 * discs.iter().map(inside).fold(0.0, f32::max)
+    });
+    let [a, b, mean] = halves(&truth, 0.002);
+    let samples = Planes::new(size, vec![mean]).unwrap();
+    let missing = |planes: Planes| {
+        let planes = planes.as_slice()[0].pixels().iter().zip(truth.pixels()).zip(mask.as_slice());
+        planes.filter(|(_, flag)| !**flag).map(|((a, b), _)| f64::from(a - b).powi(2)).sum::<f64>()
+    };
+    let of = |noise| {
+        let options = Options { noise, ..Options::default() };
+        missing(fill(&samples, Arc::clone(&mask), &options).unwrap().planes)
+    };
+    let (found, plain) = (of(Noise::Like(vec![like(&a, &b)])), of(Noise::None));
+    assert!(found < 1.05 * plain, "{found} {plain}");
+}
+
 #[test]
 fn guides_carry_what_noise_hides() {
     let size = Size::new(120, 120);
