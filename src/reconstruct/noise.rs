@@ -11,7 +11,7 @@ use lacuna_filters::{Mask, Plane, Planes};
 
 use super::Error;
 use super::gradients::sibling;
-use super::groups::{Group, Target};
+use super::groups::{Group, Target, groups, usable};
 use super::weights::Weights;
 use crate::channels::{MAIN, Name, Rule, list_channels};
 
@@ -137,15 +137,32 @@ impl NoiseSource {
         }
     }
 
-    /// The channels of a part that the noise is known from.
-    pub fn used(&self, part: &Part, targets: &[Target]) -> Vec<usize> {
+    /// The groups of what the noise of others is known from, which has none to smooth by, and all other groups. First those of them that tell nothing,
+    /// as they have no finite value: they are no targets any more, so that they refuse no frame.
+    pub fn groups(
+        &self,
+        frame: &Frame,
+        index: usize,
+        targets: &mut Vec<Target>,
+    ) -> Result<(Vec<usize>, [Vec<Group>; 2]), Error> {
+        let part = &frame.parts[index];
         let filled = targets.iter().filter(|target| target.rule == Rule::Fill);
         let known = filled.filter_map(|target| self.known(part, target.channel));
-        let channels = known.flat_map(|known| match known {
+        let used = known.flat_map(|known| match known {
             Known::Halves(both) => both.to_vec(),
             Known::Variance(one) => vec![one],
         });
-        channels.collect()
+        let used: Vec<usize> = used.collect();
+        let mut blank = Vec::new();
+        for target in targets.iter().filter(|target| used.contains(&target.channel)) {
+            if usable(target.rule, &part.channels[target.channel].samples, &target.mask)?.is_empty() {
+                blank.push(target.channel);
+            }
+        }
+        targets.retain(|target| !blank.contains(&target.channel));
+        let (telling, noisy): (Vec<Target>, Vec<Target>) =
+            targets.iter().cloned().partition(|target| used.contains(&target.channel));
+        Ok((blank, [telling, noisy].map(|targets| groups(frame, index, &targets))))
     }
 
     /// Groups whose channels all have something that tells their noise, or none has.

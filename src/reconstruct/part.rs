@@ -16,7 +16,7 @@ use lacuna_filters::{Bounds, Mask, Method, Plane, Planes, Run};
 use super::apply::{Change, apply};
 use super::bounds::bounds_of;
 use super::estimate::{Estimated, untold};
-use super::groups::{Group, Target, copyable, groups, targets, usable};
+use super::groups::{Group, Target, copyable, targets, usable};
 use super::normals::Lengths;
 use super::{
     ChannelReport, Error, GroupReport, Job, NoiseSource, PIECE, PartReport, Plans, Weights, energy,
@@ -87,18 +87,21 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
         (report.rule, report.why) = (Rule::Keep, "samples of the gradient".into());
         (changes[channel], report.non_finite) = finite_slopes(frame, work, channel)?;
     }
-    for channel in work.job.noise.used(part, &targets) {
-        targets.retain(|target| target.channel != channel);
+    let (blank, [telling, noisy]) = work.job.noise.groups(frame, work.index, &mut targets)?;
+    for channel in blank {
         let report = &mut done.report.channels[channel];
-        (report.rule, report.why) = (Rule::Keep, "what the noise is known from".into());
+        (report.rule, report.why) = (Rule::Keep, "no measured value is finite".into());
     }
+    done.notes.extend(work.job.noise.untold(part, &noisy));
+    let noisy = work.job.noise.split(part, noisy);
+    let carriers = along_motion(frame, work, &noisy, &mut done)?;
+    let plain = Job { noise: NoiseSource::None, ..work.job.clone() };
+    let plain = Work { job: &plain, ..*work };
     let mut filled = Vec::new();
-    let groups = groups(frame, work.index, &targets);
-    done.notes.extend(work.job.noise.untold(part, &groups));
-    let groups = work.job.noise.split(part, groups);
-    let carriers = along_motion(frame, work, &groups, &mut done)?;
-    for (group, method) in learned::assign(part, groups, &work.job.method) {
-        filled.extend(filter(frame, (work, &carriers), (&group, method), &mut targets, &mut done)?);
+    for (work, groups) in [(work, noisy), (&plain, telling)] {
+        for (group, method) in learned::assign(part, groups, &work.job.method) {
+            filled.extend(filter(frame, (work, &carriers), (&group, method), &mut targets, &mut done)?);
+        }
     }
     // Sets of other masks come apart in the filter; the report has them in the order of the channels.
     let first = |group: &GroupReport| {
