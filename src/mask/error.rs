@@ -7,7 +7,7 @@ pub enum Error {
     /// `auto` found nothing.
     #[error(
         "no sampling mask found (no channel that the attribute lacuna/mask names, no channel mask, no LAYER.mask of 0 and 1): \
-             name one with --mask; channels are {channels}{}",
+             name one with --mask, nan where all finite pixels were measured; channels are {channels}{}",
         hint.as_ref().map(|hint| format!("; {hint}")).unwrap_or_default()
     )]
     NotFound {

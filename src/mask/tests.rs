@@ -80,6 +80,8 @@ fn a_matte_is_not_a_sampling_mask() {
     let alone = frame(vec![four(vec![float("R", &R4), half("whitebarmask.mask", &[0.0, 1.0, 1.0, 0.0])])]);
     let error = auto(&alone).unwrap_err().to_string();
     assert!(error.contains("R, whitebarmask.mask"), "{error}");
+    // A complete noisy frame has none and needs none.
+    assert!(error.contains("--mask, nan where all finite pixels were measured"), "{error}");
     let grey = frame(vec![four(vec![half("hair.R", &R4), half("hair.mask", &[0.0, 0.5, 1.0, 0.0])])]);
     assert!(matches!(auto(&grey), Err(Error::NotFound { .. })));
 }

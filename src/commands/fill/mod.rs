@@ -328,7 +328,9 @@ pub fn tell(report: &Report, record: &mut Record) {
     }
     for (part, group) in groups(report).filter(|(_, group)| group.noiseless) {
         let names = behind(part.as_deref(), &group.channels.join(", "));
-        tracing::info!("{names}: no noise that could be told from detail, and nothing is smoothed");
+        tracing::info!(
+            "{names}: no noise that could be told from detail, and nothing is smoothed; where there is some, half buffers tell it, or --ss-lambda auto smooths all alike"
+        );
     }
     for (part, line) in groups(report).filter_map(|(part, group)| Some((part, group.settled()?))) {
         tracing::info!("chosen for {}", behind(part.as_deref(), &line));
