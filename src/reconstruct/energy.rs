@@ -23,6 +23,9 @@ const UNEVEN: f64 = 2.0;
 /// What nobody sees, whether it is chance or not.
 const LEAST: f64 = 0.01;
 
+/// Decimals of a per cent, at most.
+const DECIMALS: usize = 6;
+
 /// Light of filled pixels that differs from what measured ones lead to expect by more than chance.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Energy {
@@ -87,12 +90,17 @@ fn light(
 pub fn note(group: &GroupReport) -> Option<String> {
     let Energy { ratio, chance } = group.energy?;
     let less = if ratio < 1.0 { "less" } else { "more" };
+    let [found, chance] = percents([(ratio - 1.0).abs(), chance]);
     Some(format!(
-        "{}: filled pixels have {:.0} % {less} light than the measured ones around them, where chance explains {:.0} %",
-        group.names(),
-        100.0 * (ratio - 1.0).abs(),
-        100.0 * chance
+        "{}: filled pixels have {found} % {less} light than the measured ones around them, where chance explains {chance} %",
+        group.names()
     ))
+}
+
+/// Two shares in per cent, with as many decimals as tell them apart.
+fn percents(shares: [f64; 2]) -> [String; 2] {
+    let texts = |decimals: usize| shares.map(|share| format!("{:.decimals$}", 100.0 * share));
+    (0..DECIMALS).map(texts).find(|[a, b]| a != b).unwrap_or_else(|| texts(DECIMALS))
 }
 
 #[cfg(test)]
@@ -131,5 +139,13 @@ mod tests {
         assert_eq!(found_with(&half, smooth, 0.33), None);
         // One light that nothing else tells of is chance.
         assert_eq!(found(|x, y| if (x, y) == (100, 100) { 1e4 } else { 0.1 }, 0.0), None);
+    }
+
+    /// A warning must not look as if it refuted itself.
+    #[test]
+    fn numbers_are_told_as_exactly_as_they_differ() {
+        assert_eq!(percents([0.33, 0.02]), ["33", "2"]);
+        assert_eq!(percents([0.0149, 0.0121]), ["1.5", "1.2"]);
+        assert_eq!(percents([0.01049, 0.01041]), ["1.05", "1.04"]);
     }
 }
