@@ -11,9 +11,9 @@ pub fn non_finite(samples: &Samples) -> usize {
     }
 }
 
-/// `3 values are not finite: R 2, G 1`, from what is said of the number and the counts of channels; nothing where all are finite.
+/// `3 values are not finite: R 2, G 1`, from what is said of one and of several, and the counts of channels; nothing where all are finite.
 pub fn non_finite_note(
-    said: &str,
+    [one, several]: [&str; 2],
     counts: impl IntoIterator<Item = (impl AsRef<str>, usize)>,
 ) -> Option<String> {
     let (mut all, mut named) = (0, Vec::new());
@@ -21,6 +21,7 @@ pub fn non_finite_note(
         all += count;
         named.push(format!("{} {count}", super::visible(name.as_ref())));
     }
+    let said = if all == 1 { one } else { several };
     (all > 0).then(|| format!("{all} {said}: {}", named.join(", ")))
 }
 
@@ -30,8 +31,9 @@ mod tests {
 
     #[test]
     fn only_channels_with_such_values_are_named() {
-        let note = |counts: [(&str, usize); 3]| non_finite_note("are not finite", counts);
+        let note = |counts: [(&str, usize); 3]| non_finite_note(["is not finite", "are not finite"], counts);
         assert_eq!(note([("R", 2), ("G", 0), ("Z", 1)]), Some("3 are not finite: R 2, Z 1".into()));
+        assert_eq!(note([("R", 0), ("G", 1), ("Z", 0)]), Some("1 is not finite: G 1".into()));
         assert_eq!(note([("R", 0), ("G", 0), ("Z", 0)]), None);
         let values = vec![1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX];
         assert_eq!(non_finite(&Samples::Float(values)), 3);

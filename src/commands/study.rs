@@ -62,7 +62,7 @@ pub fn study(job: &StudyJob) -> Result<u8, PlanError> {
     }
     let mut known = known(&journal).map_err(PlanError::Failed)?;
     let todo = missing(&cells, &known);
-    console.note(&format!("{} cells, {} of them to be run", cells.len(), todo.len()));
+    console.note(&format!("{}, {} of them to be run", number(cells.len()), todo.len()));
     let Some(file) = &file else {
         for cell in todo {
             console.note(&cell.name());
@@ -78,11 +78,16 @@ pub fn study(job: &StudyJob) -> Result<u8, PlanError> {
     write(job, &rows, &sheets)?;
     let failed = rows.iter().filter(|row| row.error.is_some()).count();
     console.note(&format!(
-        "{} cells, {failed} failed; the report is {}",
-        rows.len(),
+        "{}, {failed} failed; the report is {}",
+        number(rows.len()),
         job.output.join("report.html").display()
     ));
     Ok(u8::from(failed > 0))
+}
+
+/// So many cells.
+fn number(cells: usize) -> String {
+    format!("{cells} {}", if cells == 1 { "cell" } else { "cells" })
 }
 
 fn fail(path: &Path, what: &str, error: &dyn std::fmt::Display) -> PlanError {
@@ -242,7 +247,7 @@ impl Workers {
                 all.push((sheet.definition.name.clone(), old));
                 continue;
             }
-            console.note(&format!("{}: {} cells for the pictures", path.display(), sheet.cells.len()));
+            console.note(&format!("{}: {} for the pictures", path.display(), number(sheet.cells.len())));
             let tiles = Mutex::new(BTreeMap::new());
             let work = |at: usize| Sheet::of(&sheet.cells[at], sheet.definition);
             self.each(sheet.cells.len(), work, |at, tile| {

@@ -49,7 +49,8 @@ pub fn colour(frame: &Frame) -> Result<(usize, [usize; 3]), Error> {
 pub fn non_finite(part: &Part, channels: &[usize]) -> Option<String> {
     let counts = channels.iter().filter_map(|&at| part.channels.get(at));
     let counts = counts.map(|channel| (channel.display_name(), channels::non_finite(&channel.samples)));
-    channels::non_finite_note("values are not finite and count as 0", counts)
+    let said = ["value is not finite and counts as 0", "values are not finite and count as 0"];
+    channels::non_finite_note(said, counts)
 }
 
 /// Some channels of a part in the domain that fills work in, values that are not finite as 0; and the map there.

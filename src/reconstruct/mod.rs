@@ -198,7 +198,11 @@ fn non_finite_copied(part: &Part, masks: &Masks, choices: &[Choice], index: usiz
     let channels = (0..part.channels.len()).filter(computed).filter(served);
     let counts = channels.map(|at| &part.channels[at]);
     let counts = counts.map(|channel| (channel.display_name(), non_finite(&channel.samples)));
-    non_finite_note("values are not finite and stay, as the mask calls them measured (--mask nan)", counts)
+    let said = [
+        "value is not finite and stays, as the mask calls it measured (--mask nan)",
+        "values are not finite and stay, as the mask calls them measured (--mask nan)",
+    ];
+    non_finite_note(said, counts)
 }
 
 /// Compression, levels and the mask channels, which do not depend on the pixels. Returns what to tell, and whether

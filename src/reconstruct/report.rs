@@ -154,15 +154,19 @@ pub fn named(channels: &[String]) -> Vec<String> {
 impl PartReport {
     /// What the log should say of measured values that are not finite.
     pub(super) fn non_finite(&self) -> Vec<String> {
-        let note = |copied: bool, said: &str| {
+        let note = |copied: bool, said: [&str; 2]| {
             let channels = self.channels.iter().filter(|channel| (channel.rule == Rule::Nearest) == copied);
             channels::non_finite_note(said, channels.map(|channel| (&channel.name, channel.non_finite)))
         };
-        let computed = note(false, "measured values are not finite and count as missing");
-        let copied = note(
-            true,
+        let computed = [
+            "measured value is not finite and counts as missing",
+            "measured values are not finite and count as missing",
+        ];
+        let copied = [
+            "measured value is not finite and stays; missing pixels take others where there are any",
             "measured values are not finite and stay; missing pixels take others where there are any",
-        );
+        ];
+        let (computed, copied) = (note(false, computed), note(true, copied));
         computed.into_iter().chain(copied).collect()
     }
 }

@@ -138,7 +138,8 @@ fn not_finite(group: &GroupReport) -> Option<String> {
     let copied = group.kind != Kind::Colour && count(Measure::ReferenceInfinite) > 0.0;
     let infinite = if copied { 0.0 } else { more(Measure::Infinite, Measure::ReferenceInfinite) };
     let bad = more(Measure::Nan, Measure::ReferenceNan) + infinite;
-    (bad > 0.0).then(|| format!("{}: {bad} values are not finite that should be", group.label()))
+    let are = if bad == 1.0 { "value is" } else { "values are" };
+    (bad > 0.0).then(|| format!("{}: {bad} {are} not finite that should be", group.label()))
 }
 
 /// The value that a bound is for. Changes are known of missing pixels alone where there is a mask, and need not be called so.
@@ -163,9 +164,15 @@ fn broken(group: &GroupReport, bound: &Bound, below: bool) -> Option<String> {
     }
 }
 
-/// A value with enough digits to see on which side of a bound it is.
+/// A value with enough digits to see on which side of a bound it is; counts are whole.
 fn short(value: f64) -> String {
-    if value == value.trunc() || value.abs() >= 1e-3 { format!("{value:.6}") } else { format!("{value:.4e}") }
+    if value == value.trunc() {
+        format!("{value}")
+    } else if value.abs() >= 1e-3 {
+        format!("{value:.6}")
+    } else {
+        format!("{value:.4e}")
+    }
 }
 
 #[cfg(test)]

@@ -66,7 +66,10 @@ impl Subject {
             // Depths may be infinite.
             let counts = part.channels.iter().filter(|channel| is_colour(channel));
             let counts = counts.map(|channel| (channel.display_name(), non_finite(&channel.samples)));
-            let said = "values are not finite; measured ones count as missing, and no measure counts any";
+            let said = [
+                "value is not finite; measured ones count as missing, and no measure counts any",
+                "values are not finite; measured ones count as missing, and no measure counts any",
+            ];
             notes.extend(non_finite_note(said, counts).map(|note| format!("{}: {note}", path.display())));
             shots.push(Shot { number, studied, sum: sum(part), frame });
         }
