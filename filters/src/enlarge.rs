@@ -1,10 +1,9 @@
 //! The call that enlarges: planes of a group of channels in, larger ones out; what is missing is filled on the way.
 //!
 //! Missing pixels are filled on the given grid first ([`crate::fill()`]). Values at points go through the value domain, means do not: a
-//! logarithm has others. With total variation what was missing does not bind the result: filling and enlarging are one problem. With
-//! splines they are one too: among the splines whose reduction passes through the measured pixels, the one whose reduction has the
-//! least energy.
+//! logarithm has others. With total variation what was missing does not bind the result: filling and enlarging are one problem.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
@@ -12,7 +11,7 @@ use lacuna_core::parallel::prelude::*;
 use crate::domain::{Domain, Map};
 use crate::fill::{self, Filled, Values, fill_usable};
 use crate::limiter::Moved;
-use crate::upscale::{Enlarged, Geometry, Hint, Method, Plan, Question, Sampling, guided, highlights};
+use crate::upscale::{Enlarged, Geometry, Highlights, Hint, Method, Plan, Question, Sampling, guided};
 use crate::variational::guided::Guides;
 use crate::{Error, Mask, Outcome, Plane, Planes, Plans, Run};
 
@@ -131,21 +130,18 @@ pub fn complete(
     let map = domain.map(&full, samples.as_slice());
     let steered = options.guides.filter(|_| values == Values::Light || values == Values::Other);
     let steered = steered.filter(|_| options.method == Method::Ss);
-    let steer = match steered {
-        Some(guides) => {
-            let mut mapped = samples.clone();
-            mapped.as_mut_slice().iter_mut().for_each(|plane| map.forward_plane(&full, plane));
-            guided::steer(&plan, &mapped, guides, run)?
-        }
-        None => None,
-    };
-    let means = geometry.sampling == Sampling::Box && options.method == Method::Ss;
-    let dark = (means && values == Values::Light && steer.is_none()).then(|| highlights::beside(samples));
-    let dark = dark.flatten();
-    let one = |(at, samples): (usize, &Plane)| {
-        let hint = match (&steer, &dark) {
+    let mut mapped = Cow::Borrowed(samples);
+    if !map.is_linear() {
+        mapped.to_mut().as_mut_slice().iter_mut().for_each(|plane| map.forward_plane(&full, plane));
+    }
+    let steer = steered.map(|guides| guided::steer(&plan, &mapped, guides, run)).transpose()?.flatten();
+    let local = matches!(geometry.sampling, Sampling::Box | Sampling::Point | Sampling::Grid);
+    let alone = local && options.method == Method::Ss && values == Values::Light && steer.is_none();
+    let highlights = alone.then(|| Highlights::of(&mapped)).flatten();
+    let one = |(at, (samples, mapped)): (usize, (&Plane, &Plane))| {
+        let hint = match (&steer, &highlights) {
             (Some(steer), _) => Hint::Guides(&steer.changes[at]),
-            (None, Some(share)) => Hint::Dark(share),
+            (None, Some(highlights)) => Hint::Highlights(highlights),
             (None, None) => Hint::None,
         };
         let (low, high) = options.fill.bounds_of(at).range(samples.pixels().iter().copied());
@@ -155,9 +151,9 @@ pub fn complete(
             range: (map.forward(low), map.forward(high)),
             limit: options.fill.limit && values != Values::Directions,
         };
-        one(&plan, (samples, hint), &question, (&full, map), run)
+        one(&plan, (samples, mapped, hint), &question, map, run)
     };
-    let large = samples.as_slice().par_iter().enumerate().map(one);
+    let large = samples.as_slice().par_iter().zip(mapped.as_slice()).enumerate().map(one);
     let mut result = Upscaled {
         planes: Planes::zeros(geometry.high(), 0),
         outcome: Outcome::direct(),
@@ -181,17 +177,15 @@ pub fn complete(
     Ok(result)
 }
 
-/// Enlarges one plane within the value domain; how many values overflowed, too.
+/// Enlarges one plane, mapped to the value domain; how many values overflowed, too.
 fn one(
     plan: &Plan,
-    (samples, hint): (&Plane, Hint<'_>),
+    (samples, mapped, hint): (&Plane, &Plane, Hint<'_>),
     question: &Question<'_>,
-    (full, map): (&Mask, Map),
+    map: Map,
     run: &Run<'_>,
 ) -> Result<(Enlarged, usize), Error> {
-    let mut mapped = samples.clone();
-    map.forward_plane(full, &mut mapped);
-    let mut enlarged = plan.enlarge_with(&mapped, hint, question, run)?;
+    let mut enlarged = plan.enlarge_with(mapped, hint, question, run)?;
     map.inverse_plane(&mut enlarged.plane);
     plan.restore(samples, &mut enlarged.plane);
     let sources = || Ok(plan.geometry().sources());

@@ -79,6 +79,18 @@ impl Axis {
         (at.max(0.0) as usize).min(self.inputs.saturating_sub(1))
     }
 
+    /// The low-resolution pixels that a high-resolution one has shares of; in a grid the one that it stands for.
+    pub(super) fn touched(&self, sampling: Sampling, output: usize) -> std::ops::Range<usize> {
+        let source = self.source(sampling, output);
+        if sampling == Sampling::Grid {
+            return source..source + 1;
+        }
+        let edge = |output: usize| (output as f64 + self.shift) / self.scale;
+        // What is too small to be an overlap is the rounding of the scale.
+        let (from, to) = ((edge(output) + 1e-9).max(0.0) as usize, (edge(output + 1) - 1e-9).ceil() as usize);
+        from.min(source)..to.clamp(source + 1, self.inputs.max(source + 1))
+    }
+
     /// The centre of a high-resolution pixel, in low-resolution pixels.
     pub(super) fn centre(&self, output: usize) -> f64 {
         (output as f64 + 0.5 + self.shift) / self.scale

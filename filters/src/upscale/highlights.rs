@@ -1,29 +1,45 @@
-//! Dark pixels beside highlights: where light spans octaves from one small pixel to the next, the spline of its logarithms.
+//! Highlights: where light spans octaves from one small pixel to others, what dark ones around them see of it.
 //!
-//! A spline of means rings by a part of each step: beside a lamp of 22 by more than all the light of a pixel of 0.3, and bounds leave
-//! half to twice of what was there. The spline of logarithms rings by a factor. Given the spline `x0` of a channel with means `y`, `x1`, the
-//! same within its bounds, and the light `l` of a small pixel, the mean of the channels of its group,
+//! A spline of means rings by a part of each step, less from pixel to pixel, but for ten of them and more: around a lamp of 1000 by more
+//! than all the light of a pixel of 0.1, of which bounds leave a pattern of half and twice the mean. So a pixel that is no highlight sees
+//! highlights no brighter than itself. With the spline `S`, the light `l` of a small pixel, which is the mean of the channels of its
+//! group, and `o(q) = min(max(log2 q, 0), 1)`,
+//!
+//! ```text
+//! E z = S z - U (1 - h) S(h z) + U (1 - h) l S(h z / l)        h = o(l / (BRIGHT c))
+//! ```
+//!
+//! takes the place of `S`: it is linear and gives each small pixel what `S` gives it. `c` is the power mean `(mean l^(1/4))^4` of all light
+//! that is there; `U` takes the value of the small pixel that a large one lies in, and the least `1 - h` of those that it straddles, as
+//! light of a highlight is in it. Steps along edges, by which light would leak, leave such pixels alone within two pixels of a highlight.
+//!
+//! Means right beside a highlight are seldom flat: light of its flank is in them. The spline of logarithms has flanks, and rings by a
+//! factor. Given `x0 = E y` of a channel with means `y`, and `x1`, the same within its bounds,
 //!
 //! ```text
 //! m = exp(P log max(y, f))                    P: the spline through values at the centres of small pixels
 //! m <- m B(max(R x0, 0) / R m)                PASSES times; B: straight lines between centres
 //! x = (1 - B w) x1 + B w m
-//! w = o(a / (RANGE b)) o(a / (DARK l)) o(a / (BRIGHT c)),    o(q) = min(max(log2 q, 0), 1)
+//! w = o(a / (RANGE b)) o(a / (DARK l)) o(a / (BRIGHT c)) (1 - o(a / (FAR l)))
 //! ```
 //!
-//! `a` and `b` are the greatest and the least light of the 5 x 5 small pixels around, `c` is the mean light of all that have any: `w` is 1 for a
-//! pixel that is a quarter as bright as one beside it that has six times the light of `b` and `c`. It is one number for the channels of a group, so that
-//! hues do not shift. `b`, `l` and `f` are at least a 1024th of the greatest value around. What the blend changes of the means is put back by
-//! `settle`. Everything is in proportion to the image, and where `w` is 0 around a pixel it keeps its bits.
+//! `a` and `b` are the greatest and the least light of the 5 x 5 small pixels around: `w` is 1 for a pixel that is a quarter as bright as
+//! one beside it that has six times the light of `b` and `c`, and 0 for one that is a 128th as bright, where the logarithms, too, ring by
+//! more than half of its light. `h` and `w` are one number for the channels of a group, so that hues do not shift. `b`, `l` and `f` are at
+//! least a 1024th of the greatest value around. What the blend changes of the means is put back by `settle`. Everything is in proportion
+//! to the image; where no pixel is a highlight no bit changes.
 //!
-//! Cost: a frame whose greatest light is at most `BRIGHT c` costs one reading. Others: two windows of 5 x 5 a small pixel, an exponential,
-//! the maps of four splines and the bounds once more a pixel of the result, three planes.
-//! Fails: textures between highlights get the soft flanks of logarithms.
+//! Cost: a frame whose greatest light is at most `BRIGHT c` costs one reading. Others: two splines more a channel wherever `S` stood; for
+//! means two windows of 5 x 5 a small pixel, an exponential, the maps of four splines and the bounds once more a pixel of the result,
+//! three planes.
+//! Fails: textures right beside highlights get the soft flanks of logarithms.
+
+use std::ops::Range;
 
 use lacuna_core::parallel::prelude::*;
 
 use super::guided::bilinear;
-use super::{Axis, Pair, Plan, Sampling, apply};
+use super::{Axis, Geometry, Pair, Plan, Sampling, apply};
 use crate::kernel::{Isa, minima};
 use crate::{Plane, Planes};
 
@@ -31,8 +47,10 @@ use crate::{Plane, Planes};
 const RANGE: f32 = 3.0;
 /// The greatest light around a pixel over its own from which on it is dark.
 const DARK: f32 = 2.0;
-/// The greatest light around a pixel over the frame's mean from which on it is a highlight.
+/// Light over the frame's power mean from which on it is a highlight.
 const BRIGHT: f32 = 3.0;
+/// The greatest light around a pixel over its own from which on logarithms say nothing of it.
+const FAR: f32 = 64.0;
 /// Values below this part of the greatest one around count as that.
 const FLOOR: f32 = 1.0 / 1024.0;
 /// The same, of the greatest value of all.
@@ -42,33 +60,158 @@ const REACH: usize = 2;
 /// How often the means of `m` are made those asked for.
 const PASSES: usize = 3;
 
-/// `w` for each small pixel of a group of channels; nothing if it is 0 everywhere.
-pub(crate) fn beside(group: &Planes) -> Option<Plane> {
-    let light = light(group);
-    let rows = light.pixels().par_chunks(light.size().width.max(1)).map(|row| {
-        row.iter().filter(|value| **value > 0.0).fold((0.0, 0_u64, 0.0_f32), |(sum, count, most), value| {
-            (sum + f64::from(*value), count + 1, most.max(*value))
+/// What the light of a group of channels says of its small pixels; for means, and for values at points.
+#[derive(Clone, Debug)]
+pub struct Highlights {
+    /// `1 - h`.
+    ordinary: Plane,
+    /// `(1 - h) l`.
+    exposed: Plane,
+    /// `h`.
+    bright: Plane,
+    /// `h / l`.
+    relative: Plane,
+    /// `1 - h` times the greatest `h` around.
+    held: Plane,
+    /// `w`.
+    pub(super) dark: Plane,
+}
+
+impl Highlights {
+    /// Those of a group of finite planes of one size; nothing if there are none.
+    pub fn of(group: &Planes) -> Option<Self> {
+        let light = light(group);
+        let limit = BRIGHT * power_mean(&light);
+        let is_bright = |value: &f32| *value > limit && value.is_finite();
+        if !(limit > 0.0 && light.pixels().iter().any(is_bright)) {
+            return None;
+        }
+        let map = |value: &dyn Fn(f32) -> f32| {
+            let mut plane = light.clone();
+            plane.pixels_mut().iter_mut().for_each(|pixel| *pixel = value(*pixel));
+            plane
+        };
+        let share = |light: f32| octaves(light, limit);
+        let (bright, ordinary) = (map(&share), map(&|light| 1.0 - share(light)));
+        let mut held = greatest(&bright, REACH);
+        held.pixels_mut().iter_mut().zip(ordinary.pixels()).for_each(|(held, ordinary)| *held *= ordinary);
+        Some(Self {
+            exposed: map(&|light| (1.0 - share(light)) * light.max(0.0)),
+            relative: map(&|light| if light > limit { share(light) / light } else { 0.0 }),
+            dark: dark(&light, limit),
+            bright,
+            ordinary,
+            held,
         })
+    }
+
+    /// Makes `plane`, which is `S samples`, `E samples`.
+    pub(super) fn expose(&self, plan: &Plan, samples: &Plane, plane: &mut Plane) {
+        let product = |factors: &Plane| {
+            let mut product = samples.clone();
+            product
+                .pixels_mut()
+                .iter_mut()
+                .zip(factors.pixels())
+                .for_each(|(value, factor)| *value *= factor);
+            plan.spline(&product)
+        };
+        let (own, others) = (product(&self.bright), product(&self.relative));
+        let Geometry { vertical, horizontal, sampling } = plan.geometry;
+        let size = plane.size();
+        let columns: Vec<_> = (0..size.width).map(|x| Place::of(&horizontal, sampling, x)).collect();
+        let parts = own.pixels().par_chunks(size.width).zip(others.pixels().par_chunks(size.width));
+        plane.pixels_mut().par_chunks_mut(size.width).zip(parts).enumerate().for_each(
+            |(y, (row, (own, others)))| {
+                let place = Place::of(&vertical, sampling, y);
+                let (ordinary, exposed) = (self.ordinary.row(place.source), self.exposed.row(place.source));
+                for (x, column) in columns.iter().enumerate() {
+                    let whole = ordinary[column.source];
+                    let share =
+                        if place.is_inside && column.is_inside { whole } else { self.least(&place, column) };
+                    // Elsewhere infinities would be no numbers.
+                    if share > 0.0 {
+                        row[x] += share / whole * exposed[column.source] * others[x] - share * own[x];
+                    }
+                }
+            },
+        );
+    }
+
+    /// Takes back what smoothing along edges changed of ordinary pixels near highlights, whose light leaks into them.
+    pub(super) fn hold(&self, plan: &Plan, before: &Plane, plane: &mut Plane) {
+        let Geometry { vertical, horizontal, sampling } = plan.geometry;
+        let width = plane.size().width;
+        let columns: Vec<_> = (0..width).map(|x| horizontal.source(sampling, x)).collect();
+        let rows = plane.pixels_mut().par_chunks_mut(width).zip(before.pixels().par_chunks(width));
+        rows.enumerate().for_each(|(y, (row, before))| {
+            let held = self.held.row(vertical.source(sampling, y));
+            for ((value, before), &column) in row.iter_mut().zip(before).zip(&columns) {
+                *value += held[column] * (before - *value);
+            }
+        });
+    }
+
+    /// The means of `exposed`, those of `spline` where highlights are beside a pixel: large pixels there hold light of both.
+    pub(super) fn means(&self, spline: &Plane, mut exposed: Plane) -> Plane {
+        let beside = greatest(&self.bright, 1);
+        let parts = spline.pixels().iter().zip(beside.pixels());
+        for (mean, (spline, bright)) in exposed.pixels_mut().iter_mut().zip(parts) {
+            *mean = if *bright > 0.0 { *spline } else { *mean };
+        }
+        exposed
+    }
+
+    /// The least `1 - h` of the small pixels that a large one lies in.
+    fn least(&self, row: &Place, column: &Place) -> f32 {
+        let rows = row.touched.clone().map(|y| &self.ordinary.row(y)[column.touched.clone()]);
+        rows.flatten().fold(1.0, |least: f32, value| least.min(*value))
+    }
+}
+
+/// Where a large pixel lies along an axis.
+struct Place {
+    source: usize,
+    touched: Range<usize>,
+    is_inside: bool,
+}
+
+impl Place {
+    fn of(axis: &Axis, sampling: Sampling, output: usize) -> Self {
+        let touched = axis.touched(sampling, output);
+        Self { source: axis.source(sampling, output), is_inside: touched.len() == 1, touched }
+    }
+}
+
+/// `o(value / limit)`.
+fn octaves(value: f32, limit: f32) -> f32 {
+    if value > limit { (value / limit).log2().min(1.0) } else { 0.0 }
+}
+
+/// `c`.
+fn power_mean(light: &Plane) -> f32 {
+    let rows = light.pixels().par_chunks(light.size().width.max(1)).map(|row| {
+        row.iter()
+            .filter(|value| **value > 0.0)
+            .fold((0.0, 0_u64), |(sum, count), value| (sum + f64::from(*value).sqrt().sqrt(), count + 1))
     });
     // In the order of the rows, whatever the threads.
-    let whole = rows
-        .into_iter()
-        .fold((0.0, 0, 0.0), |all: (f64, u64, f32), row| (all.0 + row.0, all.1 + row.1, all.2.max(row.2)));
-    let (sum, count, most) = whole;
-    let bright = BRIGHT * (sum / count.max(1) as f64) as f32;
-    if !(bright > 0.0 && most > bright && most.is_finite()) {
-        return None;
-    }
-    let (greatest, least) = (greatest(&light), least(&light));
-    let mut share = light;
+    let (sum, count) = rows.into_iter().fold((0.0, 0), |all, row| (all.0 + row.0, all.1 + row.1));
+    (sum / count.max(1) as f64).powi(4) as f32
+}
+
+/// `w` for each small pixel of that light.
+fn dark(light: &Plane, limit: f32) -> Plane {
+    let (greatest, least) = (greatest(light, REACH), least(light, REACH));
+    let mut share = light.clone();
     let around = greatest.pixels().iter().zip(least.pixels());
     share.pixels_mut().iter_mut().zip(around).for_each(|(value, (greatest, least))| {
         let floor = (FLOOR * greatest).max(f32::MIN_POSITIVE);
-        let octaves = |limit: f32| if *greatest > limit { (greatest / limit).log2().min(1.0) } else { 0.0 };
-        let dark = octaves(RANGE * least.max(floor)) * octaves(DARK * value.max(floor));
-        *value = if dark > 0.0 { dark * octaves(bright) } else { 0.0 };
+        let own = value.max(floor);
+        let dark = octaves(*greatest, RANGE * least.max(floor)) * octaves(*greatest, DARK * own);
+        *value = dark * octaves(*greatest, limit) * (1.0 - octaves(*greatest, FAR * own));
     });
-    share.pixels().iter().any(|share| *share > 0.0).then_some(share)
+    share
 }
 
 /// Replaces pixels of `plane`, the spline of `samples`, where `share` is not 0: by the blend of `bounded`, the same within its bounds, with the
@@ -100,7 +243,7 @@ pub(super) fn soften(
 
 /// `m`.
 fn logarithmic(plan: &Plan, (samples, means): (&Plane, &Plane), lines: &Pair) -> Plane {
-    let mut logarithms = greatest(samples);
+    let mut logarithms = greatest(samples, REACH);
     let black = logarithms.pixels().iter().fold(0.0, |most: f32, value| most.max(*value)) * BLACK;
     let pairs = logarithms.pixels_mut().iter_mut().zip(samples.pixels());
     pairs.for_each(|(most, value)| {
@@ -137,27 +280,30 @@ fn light(group: &Planes) -> Plane {
     light
 }
 
-/// The greatest of the 5 x 5 pixels around each, those beyond the border left out.
-fn greatest(image: &Plane) -> Plane {
+/// The greatest of the pixels around each, up to `reach` of them away (1 or 2), those beyond the border left out.
+fn greatest(image: &Plane, reach: usize) -> Plane {
     let mut negative = image.clone();
     negative.pixels_mut().iter_mut().for_each(|value| *value = -*value);
-    let mut greatest = least(&negative);
+    let mut greatest = least(&negative, reach);
     greatest.pixels_mut().iter_mut().for_each(|value| *value = -*value);
     greatest
 }
 
 /// The least of them.
-fn least(image: &Plane) -> Plane {
+fn least(image: &Plane, reach: usize) -> Plane {
     let (isa, size) = (Isa::best(), image.size());
     let mut out = image.clone();
     out.pixels_mut().par_chunks_mut(size.width).enumerate().for_each(|(y, out)| {
-        let mut line = vec![f32::INFINITY; size.width + 2 * REACH];
-        for near in y.saturating_sub(REACH)..size.height.min(y + REACH + 1) {
-            minima::lower_to(isa, &mut line[REACH..REACH + size.width], image.row(near));
+        let mut line = vec![f32::INFINITY; size.width + 2 * reach];
+        for near in y.saturating_sub(reach)..size.height.min(y + reach + 1) {
+            minima::lower_to(isa, &mut line[reach..reach + size.width], image.row(near));
         }
-        let mut threes = vec![0.0; size.width + REACH];
-        minima::of_three(isa, &line, &mut threes);
-        minima::of_three(isa, &threes, out);
+        for times in (1..reach).rev() {
+            let mut threes = vec![0.0; size.width + 2 * times];
+            minima::of_three(isa, &line, &mut threes);
+            line = threes;
+        }
+        minima::of_three(isa, &line, out);
     });
     out
 }

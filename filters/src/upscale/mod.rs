@@ -8,8 +8,8 @@
 //! - [`Method::Ss`]: the cubic spline on the low-resolution grid that does so. Its coefficients are `(R U)^-1 y`, `U`
 //!   the values (or means) of the spline at high-resolution pixels: the spline is defined everywhere, so that every factor is
 //!   evaluation and not resampling twice. Separable finite filters, no iterations. Means are then smoothed along edges
-//!   (`edges`), which keeps them, where no guides say more of edges, and dark pixels beside highlights take the spline of logarithms
-//!   (`highlights`).
+//!   (`edges`), which keeps them, where no guides say more of edges. Pixels around highlights see these no brighter than
+//!   themselves, and dark means beside them take the spline of logarithms ([`Highlights`]).
 //! - [`Method::Tv`]: the image of least total variation that does so ([`tv`]). With a mask, only measured pixels bind it.
 //! - Complete planes of the larger size may steer the spline ([`guided`]).
 //! - [`Method::Plain`]: a resampling filter, which has no model of a pixel ([`plain`]).
@@ -27,7 +27,7 @@ mod bounds;
 mod dual;
 mod edges;
 pub mod guided;
-pub(crate) mod highlights;
+mod highlights;
 pub mod plain;
 mod relax;
 mod sampling;
@@ -39,6 +39,7 @@ pub mod tv;
 use std::borrow::Cow;
 
 pub use axis::Axis;
+pub use highlights::Highlights;
 use lacuna_core::parallel::prelude::*;
 pub use sampling::Sampling;
 
@@ -133,8 +134,15 @@ pub enum Hint<'a> {
     None,
     /// What guides add to this channel ([`guided::steer`]).
     Guides(&'a Plane),
-    /// How far each of the small pixels is dark beside a highlight, 0 to 1; for means.
-    Dark(&'a Plane),
+    /// Which of the small pixels are highlights.
+    Highlights(&'a Highlights),
+}
+
+impl<'a> Hint<'a> {
+    /// The highlights.
+    const fn highlights(self) -> Option<&'a Highlights> {
+        if let Self::Highlights(highlights) = self { Some(highlights) } else { None }
+    }
 }
 
 /// An enlarged channel.
@@ -281,11 +289,18 @@ impl Plan {
         let isa = Isa::best();
         let is_box = self.geometry.sampling == Sampling::Box;
         go_on()?;
+        let shares = self.cells.is_none() && is_box;
+        let spline = (shares && hint.highlights().is_some()).then(|| self.model.reduce(plane));
+        self.expose(samples, hint, plane);
         if !matches!(hint, Hint::Guides(_)) && self.method == Method::Ss && is_box {
-            self.along_edges(samples, plane, run)?;
+            self.along_edges(samples, hint, plane, run)?;
         }
         // Boxes that share pixels: the means are the spline's own, over whole pixels; what reduces them again has only shares.
-        let target = (self.cells.is_none() && is_box).then(|| self.model.reduce(plane));
+        let target = shares.then(|| self.model.reduce(plane));
+        let target = match (hint.highlights(), spline) {
+            (Some(highlights), Some(spline)) => target.map(|target| highlights.means(&spline, target)),
+            _ => target,
+        };
         match hint {
             Hint::None => {}
             Hint::Guides(change) => {
@@ -293,12 +308,13 @@ impl Plan {
                 vector::add_scaled(isa, plane.pixels_mut(), 1.0, change.pixels());
                 vector::add_scaled(isa, plane.pixels_mut(), -1.0, less.pixels());
             }
-            Hint::Dark(share) => {
+            Hint::Highlights(_) if !is_box => {}
+            Hint::Highlights(highlights) => {
                 let given = (samples, target.as_ref());
                 let bounded = settle::settle(self, given, plane.clone(), question, run).plane;
                 go_on()?;
                 let means = target.as_ref().unwrap_or(samples);
-                highlights::soften(self, share, (samples, means), &bounded, plane);
+                highlights::soften(self, &highlights.dark, (samples, means), &bounded, plane);
             }
         }
         go_on()?;
@@ -306,20 +322,39 @@ impl Plan {
     }
 
     /// The spline of `samples`, smoothed along edges, with the means that it had.
-    fn along_edges(&self, samples: &Plane, plane: &mut Plane, run: &Run<'_>) -> Result<(), Stop> {
+    fn along_edges(
+        &self,
+        samples: &Plane,
+        hint: Hint<'_>,
+        plane: &mut Plane,
+        run: &Run<'_>,
+    ) -> Result<(), Stop> {
         let before =
             if self.cells.is_some() { Cow::Borrowed(samples) } else { Cow::Owned(self.model.reduce(plane)) };
         let Geometry { vertical, horizontal, sampling } = self.geometry;
         let lines = [vertical, horizontal].map(|axis| guided::bilinear(&axis, sampling).rows());
         let share = apply(&lines, &edges::unresolved(samples));
-        *plane = diffusion::smooth(plane, &share, &|| run.interrupted().is_some());
+        let mut smooth = diffusion::smooth(plane, &share, &|| run.interrupted().is_some());
         drop(share);
         run.interrupted().map_or(Ok(()), Err)?;
+        if let Some(highlights) = hint.highlights() {
+            highlights.hold(self, plane, &mut smooth);
+        }
+        *plane = smooth;
         let mut less = bounds::difference(&before, &self.model.reduce(plane));
         // A spline that overflowed is for the caller to mend, where it did.
         less.pixels_mut().iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = 0.0);
-        vector::add_scaled(Isa::best(), plane.pixels_mut(), 1.0, self.spline(&less).pixels());
+        let mut change = self.spline(&less);
+        self.expose(&less, hint, &mut change);
+        vector::add_scaled(Isa::best(), plane.pixels_mut(), 1.0, change.pixels());
         Ok(())
+    }
+
+    /// Makes of the spline of `samples` what pixels see of it where there are highlights ([`Highlights`]).
+    fn expose(&self, samples: &Plane, hint: Hint<'_>, plane: &mut Plane) {
+        if let Some(highlights) = hint.highlights() {
+            highlights.expose(self, samples, plane);
+        }
     }
 
     /// The spline that is what the samples say, free of bounds.

@@ -54,18 +54,43 @@ fn extremes(image: &[f64], size: Size) -> Vec<(f64, f64)> {
     (0..size.height).flat_map(|y| (0..size.width).map(move |x| (y, x))).map(|(y, x)| around(y, x)).collect()
 }
 
+/// The power mean of light.
+fn mean(light: &[f64]) -> f64 {
+    let lit: Vec<f64> = light.iter().copied().filter(|value| *value > 0.0).collect();
+    (lit.iter().map(|value| value.powf(0.25)).sum::<f64>() / lit.len() as f64).powi(4)
+}
+
+/// `E y` by its formula, at whole factors.
+fn exposed(plan: &Plan, samples: &Plane, light: &[f64]) -> Vec<f64> {
+    let Geometry { vertical, horizontal, sampling } = plan.geometry;
+    let axes = [vertical, horizontal];
+    let prefilter = axes.map(|axis| axis.prefilter(sampling));
+    let onto = axes.map(|axis| axis.spline(sampling));
+    let (y, limit) = (wide(samples), 3.0 * mean(light));
+    let h: Vec<f64> = light.iter().map(|l| (l / limit).log2().clamp(0.0, 1.0)).collect();
+    let spline = |factor: &dyn Fn(usize) -> f64| {
+        let image: Vec<f64> = y.iter().enumerate().map(|(i, value)| factor(i) * value).collect();
+        both(&onto, &both(&prefilter, &image))
+    };
+    let [all, own, others] =
+        [spline(&|_| 1.0), spline(&|i| h[i]), spline(&|i| if h[i] > 0.0 { h[i] / light[i] } else { 0.0 })];
+    let parts = plan.geometry.sources().into_iter().map(|at| (1.0 - h[at as usize], light[at as usize]));
+    let parts = parts.zip(all.iter().zip(own.iter().zip(&others)));
+    parts.map(|((share, l), (all, (own, others)))| all - share * own + share * l * others).collect()
+}
+
 /// `w` by its formula.
 fn share(group: &[Vec<f64>], size: Size) -> Vec<f64> {
     let light: Vec<f64> =
         (0..size.pixels()).map(|i| group.iter().map(|c| c[i]).sum::<f64>() / group.len() as f64).collect();
-    let lit: Vec<f64> = light.iter().copied().filter(|value| *value > 0.0).collect();
-    let mean = lit.iter().sum::<f64>() / lit.len() as f64;
+    let mean = mean(&light);
     let octaves = |quotient: f64| quotient.log2().clamp(0.0, 1.0);
     let pairs = light.iter().zip(extremes(&light, size));
     let one = |(l, (a, b)): (&f64, (f64, f64))| {
         let (l, b) = (l.max(a / 1024.0), b.max(a / 1024.0));
         if a > 0.0 {
-            octaves(a / (3.0 * b)) * octaves(a / (2.0 * l)) * octaves(a / (3.0 * mean))
+            let near = octaves(a / (3.0 * b)) * octaves(a / (2.0 * l)) * octaves(a / (3.0 * mean));
+            near * (1.0 - octaves(a / (64.0 * l)))
         } else {
             0.0
         }
@@ -104,7 +129,7 @@ fn the_fast_path_is_the_slow_one() {
         samples.pixels_mut()[at] = 22.0;
         let dim = Plane::from_fn(low, |y, x| 0.5 * samples.at(y, x) + 0.01);
         let planes = group(vec![samples.clone(), dim]);
-        let fast = beside(&planes).unwrap();
+        let fast = Highlights::of(&planes).unwrap().dark;
         let slow = share(&planes.as_slice().iter().map(wide).collect::<Vec<_>>(), low);
         for (fast, slow) in fast.pixels().iter().zip(&slow) {
             assert!((f64::from(*fast) - slow).abs() < 1e-5, "{low} {fast} {slow}");
@@ -127,8 +152,8 @@ fn means_stay_and_nothing_becomes_negative() {
     for (low, factor) in [((16, 31), 2.0), ((20, 33), 3.0), ((19, 30), 1.25), ((19, 30), 2.5)] {
         let low = Size::new(low.0, low.1);
         let (plan, samples) = (plan(low, factor), scene(low, true));
-        let share = beside(&group(vec![samples.clone()])).unwrap();
-        let [plain, done] = [Hint::None, Hint::Dark(&share)]
+        let highlights = Highlights::of(&group(vec![samples.clone()])).unwrap();
+        let [plain, done] = [Hint::None, Hint::Highlights(&highlights)]
             .map(|hint| plan.enlarge_with(&samples, hint, &LIGHT, &Run::default()).unwrap().plane);
         assert!(plain != done && done.pixels().iter().all(|value| *value >= 0.0));
         let back = plan.model.reduce(&done);
@@ -142,28 +167,92 @@ fn means_stay_and_nothing_becomes_negative() {
             let asked = sum(&plan.model.reduce(&plan.spline(&samples)));
             let [plain, done] =
                 [&plan.model.reduce(&plain), &back].map(|plane| (sum(plane) / asked - 1.0).abs());
-            assert!(done < plain.max(5e-3), "{factor} {plain} {done}");
+            assert!(done < plain.max(1e-2), "{factor} {plain} {done}");
         }
     }
 }
 
 #[test]
-fn far_from_highlights_and_without_them_no_bit_changes() {
-    let low = Size::new(40, 48);
-    assert!(beside(&group(vec![scene(low, false)])).is_none());
-    assert!(beside(&group(vec![Plane::filled(low, 0.0)])).is_none());
-    assert!(beside(&group(vec![Plane::from_fn(low, |y, x| if y == x { -1.0 } else { 0.0 })])).is_none());
-    let (plan, samples) = (plan(low, 2.0), scene(low, true));
-    let share = beside(&group(vec![samples.clone()])).unwrap();
-    let [plain, done] = [Hint::None, Hint::Dark(&share)]
-        .map(|hint| plan.enlarge_with(&samples, hint, &LIGHT, &Run::default()).unwrap().plane);
-    for y in 0..80 {
-        for x in 0..96 {
-            // The lamp's pixels, those two around them, and one more that straight lines reach.
-            let near = (6..2 * 13).contains(&y) && (10..2 * 15).contains(&x);
-            assert!(near || plain.at(y, x).to_bits() == done.at(y, x).to_bits(), "{y} {x}");
+fn what_sees_highlights_is_what_the_formula_says() {
+    for (low, factor, sampling) in [
+        ((16, 31), 2.0, Sampling::Box),
+        ((21, 27), 3.0, Sampling::Point),
+        ((13, 1), 2.0, Sampling::Grid),
+        ((1, 1), 2.0, Sampling::Box),
+    ] {
+        let low = Size::new(low.0, low.1);
+        let mut samples = scene(low, true);
+        let at = low.pixels() / 2;
+        samples.pixels_mut()[at] = 1.7;
+        let plan = Plan::new(Geometry::scaled(low, factor, sampling), Method::Ss).unwrap();
+        let Some(highlights) = Highlights::of(&group(vec![samples.clone()])) else {
+            assert!(low.pixels() == 1);
+            continue;
+        };
+        let mut fast = plan.spline(&samples);
+        highlights.expose(&plan, &samples, &mut fast);
+        for (fast, slow) in fast.pixels().iter().zip(exposed(&plan, &samples, &wide(&samples))) {
+            assert!((f64::from(*fast) - slow).abs() < 2e-5, "{low} {fast} {slow}");
+        }
+        if sampling != Sampling::Point || factor % 2.0 == 1.0 {
+            let back = plan.model.reduce(&fast);
+            let pairs = back.pixels().iter().zip(samples.pixels());
+            assert!(pairs.into_iter().all(|(back, sample)| (back - sample).abs() < 2e-5), "{low}");
         }
     }
+}
+
+/// Lamps of 1000 in a room of about 0.1: what is dark stays what it is, however near, at whole factors and of points. At broken ones most does.
+#[test]
+fn a_dark_room_keeps_its_light_around_lamps() {
+    let room = |y: f64, x: f64| 0.1 + 0.04 * (0.11 * x).cos() * (0.09 * y + 0.6).cos();
+    let is_lamp = |y: usize, x: usize| {
+        (y as f64 - 14.0).hypot(x as f64 - 15.0) < 4.0 || (y == 30 && x % 7 == 3) || (y == 40 && x < 20)
+    };
+    let low = Size::new(48, 50);
+    let samples =
+        Plane::from_fn(
+            low,
+            |y, x| {
+                if is_lamp(y, x) { 1000.0 } else { room(y as f64 + 0.5, x as f64 + 0.5) as f32 }
+            },
+        );
+    for (factor, sampling, allowed) in [
+        (2.0, Sampling::Box, 0.0),
+        (3.0, Sampling::Box, 0.0),
+        (2.5, Sampling::Box, 0.2),
+        (2.0, Sampling::Point, 0.0),
+        (3.0, Sampling::Point, 0.0),
+        (1.5, Sampling::Point, 0.0),
+    ] {
+        let options = Options::new(Geometry::scaled(low, factor, sampling));
+        let large = enlarge::upscale(&group(vec![samples.clone()]), &options).unwrap();
+        let (plane, size) = (&large.planes.as_slice()[0], options.geometry.high());
+        let lines = [options.geometry.vertical, options.geometry.horizontal];
+        let wrong = |at: usize| {
+            let places = [at / size.width, at % size.width];
+            let [mut rows, columns] = [0, 1].map(|k| lines[k].touched(Sampling::Box, places[k]));
+            let [y, x] = places.map(|place| (place as f64 + 0.5) / factor);
+            let lit = rows.any(|y| columns.clone().any(|x| is_lamp(y, x)));
+            !lit && (f64::from(plane.pixels()[at]) / room(y, x) - 1.0).abs() > 0.1
+        };
+        let count = (0..size.pixels()).filter(|at| wrong(*at)).count();
+        assert!(count as f64 <= allowed * size.pixels() as f64, "{sampling} {factor}: {count}");
+    }
+}
+
+#[test]
+fn without_highlights_no_bit_changes() {
+    let low = Size::new(40, 48);
+    assert!(Highlights::of(&group(vec![scene(low, false)])).is_none());
+    assert!(Highlights::of(&group(vec![Plane::filled(low, 0.0)])).is_none());
+    assert!(
+        Highlights::of(&group(vec![Plane::from_fn(low, |y, x| if y == x { -1.0 } else { 0.0 })])).is_none()
+    );
+    let (plan, samples) = (plan(low, 2.0), scene(low, true));
+    let highlights = Highlights::of(&group(vec![samples.clone()])).unwrap();
+    let [plain, done] = [Hint::None, Hint::Highlights(&highlights)]
+        .map(|hint| plan.enlarge_with(&samples, hint, &LIGHT, &Run::default()).unwrap().plane);
     // The dark pixels around the lamp, whose light is known.
     let wrong = |plane: &Plane| {
         let dark = (6..26).flat_map(|y| (10..30).map(move |x| (y, x)));
@@ -200,8 +289,8 @@ fn threads_and_the_unit_change_nothing() {
     let low = Size::new(61, 43);
     let of = |samples: &Plane| {
         let plan = plan(low, 2.0);
-        let share = beside(&group(vec![samples.clone()])).unwrap();
-        plan.enlarge_with(samples, Hint::Dark(&share), &LIGHT, &Run::default()).unwrap().plane
+        let highlights = Highlights::of(&group(vec![samples.clone()])).unwrap();
+        plan.enlarge_with(samples, Hint::Highlights(&highlights), &LIGHT, &Run::default()).unwrap().plane
     };
     let samples = scene(low, true);
     let one = testing::with_threads(1, || of(&samples));
@@ -211,7 +300,7 @@ fn threads_and_the_unit_change_nothing() {
     assert!(pairs.into_iter().all(|(twice, one)| (0.5 * twice - one).abs() <= 2e-5 * one.max(1e-3)));
     // Values whose powers overflow are no panic, and no value that is none.
     let huge = Plane::from_fn(low, |y, x| if (y + x) % 9 == 0 { 1e38 } else { 1e-30 });
-    let share = beside(&group(vec![huge.clone()])).unwrap();
+    let share = Highlights::of(&group(vec![huge.clone()])).unwrap().dark;
     let mut plane = plan(low, 2.0).spline(&huge);
     plane.pixels_mut().iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = 0.0);
     let means = huge.clone();
