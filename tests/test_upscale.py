@@ -101,6 +101,17 @@ def test_a_frame_of_one_ray_a_pixel_is_told_its_model(tmp_path):
             assert ("--sampling point" in done.stderr) == (samples == "1" and not words), done
 
 
+def test_the_distance_that_is_told_is_the_one_that_is_left(tmp_path):
+    y, x = np.mgrid[0:40, 0:48]
+    plane = np.where(np.hypot(y - 20, x - 22) < 11, 1, 0.01).astype(np.float32)
+    frames.write(tmp_path / "in.exr", {"R": plane})
+    done = lacuna("upscale", tmp_path / "in.exr", "-o", tmp_path / "out.exr", "--scale", "1.25")
+    got = floats(tmp_path / "out.exr", "R")
+    back = means(np.repeat(np.repeat(got, 4, 0), 4, 1), 5)
+    told = float(done.stderr.split("off its input by up to ")[1].split()[0])
+    assert abs(told - np.abs(back - plane).max()) <= 0.06 * told, done
+
+
 def test_a_grid_keeps_its_samples(scene, tmp_path):
     upscale(scene, tmp_path / "out.exr", "--scale", "3", "--sampling", "grid")
     assert frames.same_bits(frames.read(tmp_path / "out.exr")[0]["R"][::3, ::3].copy(), frames.read(scene)[0]["R"])

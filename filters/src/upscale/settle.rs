@@ -201,7 +201,11 @@ fn together(
         residual = difference(target, &plan.model.reduce(plane));
     }
     let off = largest(&residual) / peak;
-    outcome.residual = Some(off);
+    outcome.residual = Some(if std::ptr::eq(samples, target) {
+        off
+    } else {
+        largest(&difference(samples, &plan.model.reduce(plane))) / peak
+    });
     if outcome.stop == Stop::Converged && off > ROUNDING * TOLERANCE {
         outcome.stop = Stop::IterationLimit;
     }
