@@ -40,6 +40,11 @@ impl Windows {
     fn new(data: Window, display: Window, target: &Target) -> Result<Self, String> {
         let across = Line::new((data.x_min, data.x_max), (display.x_min, display.x_max), target, true)?;
         let down = Line::new((data.y_min, data.y_max), (display.y_min, display.y_max), target, false)?;
+        if across.axis.scale == 1.0 && down.axis.scale == 1.0 {
+            return Err(
+                "its display window has that size already; lacuna fill fills frames at their own size".into(),
+            );
+        }
         let window = |x: (i32, i32), y: (i32, i32)| Window { x_min: x.0, y_min: y.0, x_max: x.1, y_max: y.1 };
         Ok(Self {
             data: window(across.data, down.data),
@@ -122,6 +127,14 @@ mod tests {
                 assert!(axis.shift > -1.0 && axis.shift <= 0.0);
             }
         }
+    }
+
+    #[test]
+    fn the_size_that_a_frame_has_is_refused_as_a_factor_of_1_is() {
+        let shown = window((0, 39), (0, 31));
+        let size = |width, height| Windows::new(shown, shown, &Target::Size { width, height });
+        assert!(size(40, 32).unwrap_err().contains("lacuna fill"));
+        assert!(size(41, 32).is_ok() && size(40, 33).is_ok());
     }
 
     #[test]
