@@ -67,29 +67,30 @@ def test_pages_render_without_a_warning(share):
 
 
 def completed(share, tmp_path, shell):
-    """What the shell offers for `lacuna fill --ss-l`, `lacuna dictionary ` and a file."""
+    """What the shell offers for `lacuna fill --ss-l`, `lacuna dictionary `, a file and a model."""
     script = share / SHELLS[shell]
     program = {
         "bash": f"""source {script}
             say() {{ COMP_WORDS=("$@"); COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1)); COMPREPLY=(); _lacuna lacuna "${{COMP_WORDS[-1]}}" "${{COMP_WORDS[-2]}}"; printf '%s\\n' "${{COMPREPLY[@]}}"; echo =====; }}
-            say lacuna fill --ss-l; say lacuna dictionary ''; say lacuna fill --report pict""",
+            say lacuna fill --ss-l; say lacuna dictionary ''; say lacuna fill --report pict; say lacuna upscale --sampling ''""",
         "fish": f"""source {script}
-            complete -C 'lacuna fill --ss-l'; echo =====; complete -C 'lacuna dictionary '; echo =====; complete -C 'lacuna fill --report pict'""",
+            complete -C 'lacuna fill --ss-l'; echo =====; complete -C 'lacuna dictionary '; echo =====; complete -C 'lacuna fill --report pict'; echo =====; complete -C 'lacuna upscale --sampling '""",
     }[shell]
     (tmp_path / "picture.html").touch()
     result = subprocess.run([shell, "-c", program], capture_output=True, text=True, cwd=tmp_path)
     assert result.returncode == 0 and not result.stderr, result.stderr
-    return result.stdout.split("=====\n")[:3]
+    return result.stdout.split("=====\n")[:4]
 
 
 @pytest.mark.parametrize("shell", ["bash", "fish"])
 def test_shells_complete_flags_commands_and_files(share, tmp_path, shell):
     if not shutil.which(shell):
         pytest.skip(f"no {shell}")
-    flag, commands, files = completed(share, tmp_path, shell)
+    flag, commands, files, models = completed(share, tmp_path, shell)
     assert "--ss-lambda" in flag and "--tv-gap" not in flag
     assert "train" in commands and "info" in commands
     assert "picture.html" in files
+    assert "mitchell" in models and "picture.html" not in models
 
 
 def typed(line):

@@ -90,15 +90,18 @@ def test_a_broken_factor_keeps_the_light(scene, tmp_path):
     assert abs(floats(tmp_path / "out.exr").mean() - dark.mean()) <= 0.01 * dark.mean()
 
 
-def test_a_frame_of_one_ray_a_pixel_is_told_its_model(tmp_path):
-    small, out = tmp_path / "small.exr", tmp_path / "out.exr"
+def test_a_frame_of_one_ray_a_pixel_is_taken_as_points(tmp_path):
+    small, out, points = tmp_path / "small.exr", tmp_path / "out.exr", tmp_path / "points.exr"
     for samples in ["1", "4"]:
         done = lacuna("render", SAMPLES / "scenes" / "marschner-lobb.toml", "--size", "24x24", "--samples", samples, "-o", small)
         assert done.status == 0, done
-        for words in [[], ["--sampling", "point"], ["--filter", "lanczos3"]]:
-            done = lacuna("upscale", small, "-o", out, "--scale", "2", *words)
+        upscale(small, points, "--scale", "2", "--sampling", "point")
+        for words in [[], ["--sampling", "box"], ["--filter", "lanczos3"]]:
+            done = lacuna("upscale", "-v", small, "-o", out, "--scale", "2", *words)
             assert done.status == 0, done
-            assert ("--sampling point" in done.stderr) == (samples == "1" and not words), done
+            chosen = samples == "1" and not words
+            assert ("--sampling point" in done.stderr) == chosen == ("lacuna/settled" in OpenEXR.File(str(out)).header()), done
+            assert np.array_equal(floats(out), floats(points)) == chosen
 
 
 def test_the_distance_that_is_told_is_the_one_that_is_left(tmp_path):
@@ -110,6 +113,21 @@ def test_the_distance_that_is_told_is_the_one_that_is_left(tmp_path):
     back = means(np.repeat(np.repeat(got, 4, 0), 4, 1), 5)
     told = float(done.stderr.split("off its input by up to ")[1].split()[0])
     assert abs(told - np.abs(back - plane).max()) <= 0.06 * told, done
+
+
+def test_what_is_taken_from_a_file_of_guides_need_not_steer(tmp_path):
+    plane = np.random.default_rng(4).random((24, 32)).astype(np.float32)
+    frames.write(tmp_path / "in.exr", {"R": plane, "Z": plane})
+    frames.write(tmp_path / "guides.exr", {"Z": np.kron(plane, np.float32([[1, 2], [3, 4]]))})
+    out, words = tmp_path / "out.exr", ["--guides-from", tmp_path / "guides.exr", "--guides", "none"]
+    for method in ["ss", "cubic"]:
+        upscale(tmp_path / "in.exr", out, "--scale", "2", "--filter", method)
+        plain = floats(out, "R")
+        upscale(tmp_path / "in.exr", out, "--scale", "2", "--filter", method, *words, "--take-guides")
+        assert np.array_equal(floats(out, "R"), plain)
+        assert np.array_equal(floats(out, "Z"), floats(tmp_path / "guides.exr", "Z"))
+    done = lacuna("upscale", tmp_path / "in.exr", "-o", out, "--scale", "2", "--force", *words, ok=False)
+    assert done.status == 2 and "--guides none" in done.stderr, done
 
 
 def test_a_grid_keeps_its_samples(scene, tmp_path):
@@ -173,6 +191,16 @@ def test_parts_and_channels_go_by_their_rules(tmp_path):
     assert {"fill", "normal", "depth", "nearest"} <= checked, checked
 
 
+def test_sparse_frames_are_filled_as_fill_fills_them(tmp_path):
+    source, one, two = tmp_path / "sparse.exr", tmp_path / "one.exr", tmp_path / "two.exr"
+    full = frames.colour(SAMPLES / "edges.exr", "RGB")[:96, :96]
+    frames.write_sparse(source, full, frames.shuffle(96, 96, 0.3), names="RGB")
+    upscale(source, one, "--scale", "2")
+    assert lacuna("fill", source, "-o", tmp_path / "filled.exr", "-d", "float").status == 0
+    upscale(tmp_path / "filled.exr", two, "--scale", "2")
+    assert all(np.array_equal(floats(one, name), floats(two, name)) for name in "RGB")
+
+
 def test_sparse_frames_are_filled_and_enlarged_at_once(tmp_path):
     full = frames.colour(SAMPLES / "smooth.exr", "R")[..., 0].astype(float)
     full = full[: full.shape[0] // 2 * 2, : full.shape[1] // 2 * 2]
@@ -226,7 +254,10 @@ def test_sequences_are_updated_and_threads_change_no_byte(tmp_path):
     (["--scale", "2", "--sampling", "gaussian:9"], "0.5 to 1.5"),
     (["--scale", "2", "--filter", "pushpull"], "pushpull"),
     (["--scale", "2", "--tv-gap", "1e-3"], "--filter tv"),
-    (["--scale", "2", "--ss-lambda", "1"], "lacuna fill"),
+    (["--scale", "2", "--ss-lambda", "1"], "--ss-lambda"),
+    (["--scale", "2", "--ss-order", "3"], "--ss-order"),
+    (["--scale", "2", "--tv-epsilon", "0.1", "--filter", "tv"], "--tv-epsilon"),
+    (["--scale", "2", "--filter", "lanczos3", "--sampling", "point"], "--filter lanczos3 has none"),
     (["--scale", "2", "--domain", "log"], "point and grid"),
     (["--scale", "1.5", "--sampling", "grid"], "whole factors"),
 ])
@@ -238,6 +269,7 @@ def test_nonsense_is_a_usage_error_of_one_line(tmp_path, words, reason):
 
 @pytest.mark.parametrize("words, reason", [
     (["--size", "10x10"], "oiiotool INPUT --resize"),
+    (["--size", "60x48"], "that size already; lacuna fill"),
     (["--size", "16000x16000"], "more than 16 times"),
     (["--size", "90x72", "--sampling", "grid"], "whole number"),
 ])

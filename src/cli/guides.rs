@@ -15,7 +15,7 @@ pub struct GuideArgs {
     /// allowed (N.*,Z)
     ///
     /// auto: what the attribute lacuna/dense lists, and normals, positions, albedo, depth, alpha and identifiers if every
-    /// pixel holds them. Guides that do not predict the colour count for nothing. Only with --filter auto and ss.
+    /// pixel holds them. Guides that do not predict the colour count for nothing. Only with filters that take guides, as ss does.
     #[arg(long, value_name = "GUIDES", default_value = "auto")]
     pub guides: Asked,
 
@@ -27,8 +27,12 @@ pub struct GuideArgs {
 impl GuideArgs {
     /// Guides that were asked for must be of use to the filter.
     pub fn check(&self, job: &Job) -> Result<(), Usage> {
+        let takes = job.enlarge.as_ref().is_some_and(|enlarge| enlarge.take_guides);
+        if self.guides == Asked::None && self.guides_from.is_some() && !takes {
+            return Err(Usage("--guides none leaves nothing to do for the file of --guides-from".into()));
+        }
         let named = matches!(self.guides, Asked::Channels(_)) || self.guides_from.is_some();
-        if named && *job.wanted() == Asked::None {
+        if named && self.guides != Asked::None && *job.wanted() == Asked::None {
             let (filters, kept) = takers();
             let why =
                 format!("only {filters} takes guides, and only where measured pixels are kept ({kept})");

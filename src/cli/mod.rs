@@ -36,6 +36,7 @@ pub mod train;
 pub mod upscale;
 pub mod verify;
 mod weights;
+mod words;
 
 use std::ffi::OsString;
 

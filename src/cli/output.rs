@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use lacuna_exr::{Compression, SampleType};
 
 use super::Usage;
+use super::words::Words;
 use crate::reconstruct::Kind;
 use crate::run::Existing;
 
@@ -92,7 +93,8 @@ pub fn called(flag: &str, path: &Path, ending: &str) -> Result<PathBuf, Usage> {
 pub struct FormatArgs {
     /// Lossless compression: none, rle, zips, zip or piz; LEVEL is for zips and zip, 1 (fast) to 12 (small)
     /// [default: the input's where it is lossless, else zip; no level: twice as fast as 4, files about 3 % larger]
-    #[arg(long, value_name = "NAME[:LEVEL]")]
+    #[arg(long, value_name = "NAME[:LEVEL]", hide_possible_values = true)]
+    #[arg(value_parser = Words::<Packing>::new(&["none", "rle", "zips", "zip", "piz"]))]
     pub compression: Option<Packing>,
 }
 
@@ -109,8 +111,8 @@ pub struct MoreOutput {
     #[arg(long)]
     pub drop_mask: bool,
 
-    /// Pass over frames whose output is newer than their input (and mask file, and neighbours with --temporal), has the right windows and
-    /// was made by this version with the same settings, mask and neighbours, or is the copy of a complete frame
+    /// Pass over frames whose output is newer than their input and all other files that it is made of, has the right windows and
+    /// was made by this version with the same settings, or is the copy of a complete frame
     #[arg(short, long, conflicts_with_all = ["no_clobber", "force"])]
     pub update: bool,
 }

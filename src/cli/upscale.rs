@@ -4,7 +4,7 @@ use clap::{Args, ValueEnum};
 use lacuna_filters::descriptor::{Descriptor, Setting};
 use lacuna_filters::upscale::plain::Kernel;
 use lacuna_filters::upscale::{Method, Sampling};
-use lacuna_filters::variational::{ss, tv};
+use lacuna_filters::variational::tv;
 
 use super::Usage;
 use super::channels::{ChannelArgs, RulesArgs};
@@ -16,6 +16,7 @@ use super::mask_source::MaskArgs;
 use super::output::{FormatArgs, MoreOutput, OutputArgs};
 use super::run::{RunArgs, SolveArgs};
 use super::settings::{Offer, SettingArgs};
+use super::words::Words;
 use crate::commands::FillJob;
 use crate::guides::Asked;
 use crate::reconstruct::{Enlarge, Target};
@@ -39,6 +40,9 @@ for which lacuna compare shows the least error.
 
 Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.";
 
+const LIMIT: &str = "on or off: hold overshoot beside highlights and edges back to what the samples around allow, with --sampling \
+                     box and grid, and in missing pixels";
+
 /// Make EXR frames larger, and fill them if pixels are missing
 ///
 /// Reads frames rendered at a low resolution and writes them at a higher one. The result, reduced again as a pixel of the renderer
@@ -47,7 +51,7 @@ Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.";
 /// vectors grow with the frame.
 /// Frames without a mask are complete.
 #[derive(Args, Clone, Debug)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = EXAMPLES, mut_arg("limit", |limit| limit.help(LIMIT)))]
 pub struct UpscaleArgs {
     #[command(flatten)]
     input: InputArgs,
@@ -133,10 +137,11 @@ struct MethodArgs {
     #[arg(long, value_name = "NAME", default_value = "ss")]
     filter: Choice,
 
-    /// What a pixel of the input is: point (the value at its centre), grid (the pixel (S i, S j) of the larger frame; whole
-    /// factors), box (the mean over its area), gaussian:R (R is 0.5 to 1.5 pixels) or mitchell; see below
-    #[arg(long, value_name = "MODEL", default_value_t = Sampling::Box)]
-    sampling: Sampling,
+    /// What a pixel of the input is, for --filter ss and tv: point (the value at its centre), grid (the pixel (S i, S j) of the
+    /// larger frame; whole factors), box (the mean over its area), gaussian:R (R is 0.5 to 1.5 pixels) or mitchell; see below
+    /// [default: box, and point for frames that lacuna render made with one ray a pixel]
+    #[arg(long, value_name = "MODEL", value_parser = Words::<Sampling>::new(MODELS), hide_possible_values = true)]
+    sampling: Option<Sampling>,
 
     #[command(flatten)]
     settings: SettingArgs<Enlarging>,
@@ -160,18 +165,21 @@ enum Choice {
     Linear,
 }
 
-/// The filters whose settings count: splines fill what is missing whatever enlarges.
+/// The models of a pixel.
+const MODELS: &[&str] = &["point", "grid", "box", "gaussian:1", "mitchell"];
+
+/// The filters whose settings count.
 #[derive(Clone, Copy, Debug)]
 struct Enlarging;
 
 impl Offer for Enlarging {
     fn methods() -> Vec<&'static Descriptor> {
-        vec![&ss::DESCRIPTOR, &tv::DESCRIPTOR]
+        vec![&tv::DESCRIPTOR]
     }
 
     fn has(setting: &Setting) -> bool {
-        // Enlarging has one solver.
-        setting.flag != "tv-solver"
+        // Enlarging has one solver, and keeps what was measured.
+        setting.flag != "tv-solver" && !setting.smooths
     }
 }
 
@@ -183,20 +191,16 @@ impl MethodArgs {
         if let Some((setting, _)) = self.settings.of(&tv::DESCRIPTOR).find(|_| self.filter != Choice::Tv) {
             return Err(SettingArgs::<Enlarging>::of_another(setting.flag, name));
         }
-        for filter in Enlarging::methods() {
-            if let Some((setting, _)) =
-                self.settings.of(filter).find(|(setting, text)| setting.smooths && text.parse() != Ok(0.0))
-            {
-                return Err(Usage(format!(
-                    "--{} smooths what was measured, and upscale keeps it: smooth first, with lacuna fill",
-                    setting.flag
-                )));
-            }
-        }
-        if self.around.domain == DomainName::Log && !self.sampling.is_pointwise() {
+        let has_model = matches!(self.filter, Choice::Ss | Choice::Tv);
+        if let Some(sampling) = self.sampling.filter(|_| !has_model) {
             return Err(Usage(format!(
-                "--domain log has other means than light: it is for --sampling point and grid, not {}",
-                self.sampling
+                "--sampling {sampling} is a model of a pixel, which --filter {name} has none of: ss and tv have"
+            )));
+        }
+        let model = self.sampling.unwrap_or_default();
+        if self.around.domain == DomainName::Log && !model.is_pointwise() {
+            return Err(Usage(format!(
+                "--domain log has other means than light: it is for --sampling point and grid, not {model}"
             )));
         }
         Ok(match self.filter {
@@ -211,13 +215,6 @@ impl MethodArgs {
             Choice::Linear => Method::Plain(Kernel::Linear),
         })
     }
-
-    /// The splines that fill what is missing.
-    fn filling(&self) -> lacuna_filters::Method {
-        let mut settings = ss::Settings::default();
-        self.settings.apply(&mut settings);
-        settings.into()
-    }
 }
 
 impl UpscaleArgs {
@@ -227,7 +224,7 @@ impl UpscaleArgs {
             return Err(Usage("how large is not said: give --scale S or --size WxH".into()));
         };
         let broken = matches!(target, Target::Scale { x, y } if x.fract() != 0.0 || y.fract() != 0.0);
-        if self.filter.sampling == Sampling::Grid && broken {
+        if self.filter.sampling == Some(Sampling::Grid) && broken {
             return Err(Usage(
                 "--sampling grid needs whole factors, such as --scale 2; --sampling point takes broken ones"
                     .into(),
@@ -258,7 +255,8 @@ impl UpscaleArgs {
                     .into(),
             ));
         }
-        if self.guides.guides_from.is_some() && self.filter.filter != Choice::Ss {
+        let steers = self.guides.guides_from.is_some() && self.guides.guides != Asked::None;
+        if steers && self.filter.filter != Choice::Ss {
             return Err(Usage("--guides-from: only --filter ss takes guides here".into()));
         }
         let enlarge = Enlarge {
@@ -268,6 +266,6 @@ impl UpscaleArgs {
             take_guides: self.larger.take_guides,
             keep_vectors: self.larger.vectors == Vectors::Keep,
         };
-        groups.job(self.filter.filling(), Some(enlarge))
+        groups.job(lacuna_filters::Method::default(), Some(enlarge))
     }
 }

@@ -206,7 +206,7 @@ fn enlarged_by_every_method() {
                 let asked = Enlarge {
                     target: Target::Scale { x: 2.0, y: 2.0 },
                     method,
-                    sampling,
+                    sampling: Some(sampling),
                     take_guides: false,
                     keep_vectors: false,
                 };

@@ -7,7 +7,7 @@ use lacuna_filters::descriptor::Configured;
 use lacuna_filters::enlarge::{Options, upscale_with};
 use lacuna_filters::upscale::plain::Kernel;
 use lacuna_filters::upscale::{Axis, Geometry, Method, Sampling};
-use lacuna_filters::variational::{ss, tv};
+use lacuna_filters::variational::tv;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -46,7 +46,6 @@ pub fn upscale<'py>(
     let mut options = Options::new(geometry);
     options.mask = Some(Arc::new(arrays::measured(mask.as_ref(), &samples)?));
     options.method = enlarging(filter, &settings)?;
-    options.fill.method = filling(filter, &settings)?.into();
     (options.fill.values, options.fill.bounds) = self::values(values, samples.len())?;
     options.fill.domain = self::domain(domain)?;
     options.fill.limit = limit;
@@ -60,35 +59,26 @@ pub fn upscale<'py>(
 
 /// What makes the larger image.
 fn enlarging(name: &str, settings: &Settings) -> PyResult<Method> {
-    let plain = |kernel: Kernel| match settings.first() {
-        None => Ok(Method::Plain(kernel)),
+    let plain = |method: Method| match settings.first() {
+        None => Ok(method),
         Some((setting, _)) => {
             Err(PyValueError::new_err(format!("settings: {name} has no setting '{setting}'")))
         }
     };
     match name {
-        "ss" => Ok(Method::Ss),
+        "ss" => plain(Method::Ss),
         "tv" => {
             let mut settings_of = tv::Settings::default();
             set(&mut settings_of, name, settings)?;
             Ok(Method::Tv(settings_of))
         }
-        "lanczos3" => plain(Kernel::Lanczos3),
-        "cubic" => plain(Kernel::Cubic),
-        "linear" => plain(Kernel::Linear),
+        "lanczos3" => plain(Method::Plain(Kernel::Lanczos3)),
+        "cubic" => plain(Method::Plain(Kernel::Cubic)),
+        "linear" => plain(Method::Plain(Kernel::Linear)),
         _ => {
             Err(PyValueError::new_err(format!("filter: '{name}' is none of ss, tv, lanczos3, cubic, linear")))
         }
     }
-}
-
-/// Splines fill what is missing, whatever enlarges.
-fn filling(name: &str, settings: &Settings) -> PyResult<ss::Settings> {
-    let mut filling = ss::Settings::default();
-    if name == "ss" {
-        set(&mut filling, name, settings)?;
-    }
-    Ok(filling)
 }
 
 /// Sets what is in range, and keeps measured values.

@@ -8,8 +8,7 @@
 //! identifiers and everything that is kept (the sampling mask as well) take the bits of the pixel that they lie in, so
 //! that no value appears that was not there; motion in pixels is scaled. A second frame of the larger size may hold guides, and
 //! what need not be enlarged. Values that are not finite count as missing. With total variation what was
-//! missing does not bind the result: filling and enlarging are one problem. With splines they are one too: among the splines
-//! whose reduction passes through the measured pixels, the one whose reduction has the least energy.
+//! missing does not bind the result: filling and enlarging are one problem.
 
 mod channels;
 mod target;
@@ -43,8 +42,8 @@ pub struct Enlarge {
     pub target: Target,
     /// How.
     pub method: Method,
-    /// The model of a low-resolution pixel.
-    pub sampling: Sampling,
+    /// The model of a low-resolution pixel; unless given, what the frame's attributes say.
+    pub sampling: Option<Sampling>,
     /// Whether what is no light comes from the guides' file, where that has it.
     pub take_guides: bool,
     /// Whether motion vectors keep their numbers, and are not of the larger frame's pixels.
@@ -61,14 +60,19 @@ impl Enlarge {
         }
     }
 
-    /// Whether pixels of the input are taken as means over their areas.
-    fn takes_means(&self) -> bool {
-        self.sampling == Sampling::Box && !matches!(self.method, Method::Plain(_))
+    /// The model of a part's pixels, and whether its attributes decided it.
+    fn model(&self, part: &Part) -> (Sampling, bool) {
+        match self.sampling {
+            Some(sampling) => (sampling, false),
+            None if has_one_ray(part) && !matches!(self.method, Method::Plain(_)) => (Sampling::Point, true),
+            None => (Sampling::default(), false),
+        }
     }
 
     /// Everything that changes the result, `name=value` separated by spaces.
     pub fn settings(&self) -> String {
-        let mut line = format!("upscale={} {} sampling={}", self.name(), self.target, self.sampling);
+        let sampling = self.sampling.map_or_else(|| "auto".into(), |sampling| sampling.to_string());
+        let mut line = format!("upscale={} {} sampling={sampling}", self.name(), self.target);
         line += if self.take_guides { " take-guides=on" } else { "" };
         line += if self.keep_vectors { " vectors=keep" } else { " vectors=scale" };
         match self.method {
@@ -109,8 +113,9 @@ pub fn enlarge(
         })?;
         let kinds: Vec<_> =
             frame.parts[index].channels.iter().map(|channel| channel.samples.kind()).collect();
-        let geometry = windows.geometry(asked.sampling);
         let part = &frame.parts[index];
+        let (sampling, is_known) = asked.model(part);
+        let geometry = windows.geometry(sampling);
         let found = match second.filter(|_| *job.wanted() != Asked::None) {
             Some(second) if choices.iter().any(|choice| choice.rule == Rule::Fill) => {
                 guides::of_larger(part, windows.data, second, job.wanted())?
@@ -121,9 +126,6 @@ pub fn enlarge(
         let high = high.map_err(|source| Error::Filter { channel: label.clone(), source })?;
         let mut taken = vec![None; choices.len()];
         let mut notes = Vec::new();
-        if asked.takes_means() && has_one_ray(part) {
-            notes.push("rendered with one ray a pixel, which --sampling point is for".into());
-        }
         if let Some(second) = second.filter(|_| asked.take_guides) {
             taken = take(part, windows.data, second, &mut choices);
             notes.push(taken_note(part, &taken));
@@ -137,7 +139,13 @@ pub fn enlarge(
         done.notes.extend(done.report.non_finite());
         let work =
             part::Work { index, masks: &finite, choices, guides: &high, neighbours: None, job, plans, run };
+        let before = done.report.groups.len();
         channels::enlarge(&mut frame, (&work, &kinds), (geometry, asked.method), taken, &mut done)?;
+        for group in done.report.groups.iter_mut().skip(before).filter(|_| is_known) {
+            group
+                .settled
+                .push(format!("--sampling {sampling}, as the frame was rendered with one ray a pixel"));
+        }
         let part = &mut frame.parts[index];
         done.notes.extend(vectors(part, (geometry, asked.keep_vectors), choices));
         (part.data_window, part.display_window) = (windows.data, windows.display);
@@ -152,8 +160,9 @@ pub fn enlarge(
         let density = masks.part_density(index).unwrap_or(1.0);
         stamp.with_mask(mask).write(&mut part.attributes, density, stop.unwrap_or(Stop::Converged));
         stamp::write_guides(&mut part.attributes, &done.report);
+        stamp::write_settled(&mut part.attributes, &done.report);
         // What is known of the small frame's missing pixels is not known of the large one.
-        for name in [stamp::SETTLED, estimate::ATTRIBUTE, temporal::ATTRIBUTE] {
+        for name in [estimate::ATTRIBUTE, temporal::ATTRIBUTE] {
             part.attributes.remove(name);
         }
         report.notes.extend(prefixed(&label, done.notes));

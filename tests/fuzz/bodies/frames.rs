@@ -91,7 +91,12 @@ pub fn body(data: &[u8]) {
                     ..Default::default()
                 }),
             ]),
-            sampling: draw.one_of(&[Sampling::Box, Sampling::Point, Sampling::Grid, Sampling::Gaussian(1.0)]),
+            sampling: Some(draw.one_of(&[
+                Sampling::Box,
+                Sampling::Point,
+                Sampling::Grid,
+                Sampling::Gaussian(1.0),
+            ])),
             take_guides: false,
             keep_vectors: draw.flag(),
         };

@@ -206,7 +206,7 @@ def upscale(
         What a pixel of ``image`` is: ``box`` (the mean over its area), ``point`` (the value at its centre), ``grid`` (every
         n-th pixel of the result), ``gaussian:R`` (R is 0.5 to 1.5 pixels) or ``mitchell``.
     filter, settings
-        ``ss`` or ``tv`` with settings, or ``lanczos3``, ``cubic``, ``linear`` without.
+        ``tv`` with settings, or ``ss``, ``lanczos3``, ``cubic``, ``linear`` without.
     values, domain, limit, threads
         As in ``fill``.
 
