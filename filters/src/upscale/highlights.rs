@@ -10,7 +10,7 @@
 //! ```
 //!
 //! takes the place of `S`: it is linear and gives each small pixel what `S` gives it. `c` is the power mean `(mean l^(1/4))^4` of all light
-//! that is there; `U` takes the value of the small pixel that a large one lies in, and the least `1 - h` of those that it straddles, as
+//! that is not black ([`crate::domain`]); `U` takes the value of the small pixel that a large one lies in, and the least `1 - h` of those that it straddles, as
 //! light of a highlight is in it. Steps along edges, by which light would leak, leave such pixels alone within two pixels of a highlight.
 //!
 //! Means right beside a highlight are seldom flat: light of its flank is in them. The spline of logarithms has flanks, and rings by a
@@ -40,8 +40,9 @@ use lacuna_core::parallel::prelude::*;
 
 use super::guided::bilinear;
 use super::{Axis, Geometry, Pair, Plan, Sampling, apply};
+use crate::domain::{Domain, Map};
 use crate::kernel::{Isa, minima};
-use crate::{Plane, Planes};
+use crate::{Mask, Plane, Planes};
 
 /// Greatest over least light around a pixel from which on it counts.
 const RANGE: f32 = 3.0;
@@ -81,7 +82,10 @@ impl Highlights {
     /// Those of a group of finite planes of one size; nothing if there are none.
     pub fn of(group: &Planes) -> Option<Self> {
         let light = light(group);
-        let limit = BRIGHT * power_mean(&light);
+        // What looks black counts as little here as it does where domains are chosen.
+        let full = Mask::of(light.size(), vec![true; light.size().pixels()]);
+        let Map::Log { scale } = Domain::Log.map(&full, std::slice::from_ref(&light)) else { return None };
+        let limit = BRIGHT * scale as f32;
         let is_bright = |value: &f32| *value > limit && value.is_finite();
         if !(limit > 0.0 && light.pixels().iter().any(is_bright)) {
             return None;
@@ -186,18 +190,6 @@ impl Place {
 /// `o(value / limit)`.
 fn octaves(value: f32, limit: f32) -> f32 {
     if value > limit { (value / limit).log2().min(1.0) } else { 0.0 }
-}
-
-/// `c`.
-fn power_mean(light: &Plane) -> f32 {
-    let rows = light.pixels().par_chunks(light.size().width.max(1)).map(|row| {
-        row.iter()
-            .filter(|value| **value > 0.0)
-            .fold((0.0, 0_u64), |(sum, count), value| (sum + f64::from(*value).sqrt().sqrt(), count + 1))
-    });
-    // In the order of the rows, whatever the threads.
-    let (sum, count) = rows.into_iter().fold((0.0, 0), |all, row| (all.0 + row.0, all.1 + row.1));
-    (sum / count.max(1) as f64).powi(4) as f32
 }
 
 /// `w` for each small pixel of that light.

@@ -249,6 +249,9 @@ fn without_highlights_no_bit_changes() {
     assert!(
         Highlights::of(&group(vec![Plane::from_fn(low, |y, x| if y == x { -1.0 } else { 0.0 })])).is_none()
     );
+    // A haze that looks black makes no highlight of what is lit.
+    let haze = |y: usize, x: usize| if x < 8 { 0.3 + 0.01 * (y as f32).sin() } else { 1e-5 };
+    assert!(Highlights::of(&group(vec![Plane::from_fn(low, haze)])).is_none());
     let (plan, samples) = (plan(low, 2.0), scene(low, true));
     let highlights = Highlights::of(&group(vec![samples.clone()])).unwrap();
     let [plain, done] = [Hint::None, Hint::Highlights(&highlights)]
@@ -299,7 +302,7 @@ fn threads_and_the_unit_change_nothing() {
     let pairs = of(&twice).into_pixels().into_iter().zip(one.pixels().to_vec());
     assert!(pairs.into_iter().all(|(twice, one)| (0.5 * twice - one).abs() <= 2e-5 * one.max(1e-3)));
     // Values whose powers overflow are no panic, and no value that is none.
-    let huge = Plane::from_fn(low, |y, x| if (y + x) % 9 == 0 { 1e38 } else { 1e-30 });
+    let huge = Plane::from_fn(low, |y, x| if (y + x) % 9 == 0 { 1e38 } else { 1e-3 });
     let share = Highlights::of(&group(vec![huge.clone()])).unwrap().dark;
     let mut plane = plan(low, 2.0).spline(&huge);
     plane.pixels_mut().iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = 0.0);
