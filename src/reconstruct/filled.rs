@@ -5,7 +5,7 @@ use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
 
 use super::stamp::Stamp;
-use crate::channels::{Choice, Name, Rule, by_default};
+use crate::channels::{Choice, Name, Rule, dense, is_albedo, is_light};
 use crate::guides;
 use crate::mask::Masks;
 
@@ -24,12 +24,16 @@ pub fn is_enlarged(part: &Part) -> bool {
 }
 
 /// What to say of a frame in which every measured value is 0 and missing ones are not: a mask of 1 where nothing was measured leaves that.
-/// A black frame may have one value at all missing pixels, that which its buffer was cleared to.
-pub fn inverted(frame: &Frame, masks: &Masks) -> Option<String> {
+/// A black frame may have one value at all missing pixels, that which its buffer was cleared to, and guides that are complete: only
+/// light tells.
+pub fn inverted(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Option<String> {
     let mut found = false;
-    for (index, part) in frame.parts.iter().enumerate() {
-        for (number, channel) in part.channels.iter().enumerate() {
-            let kept = masks.is_mask_channel(index, number) || by_default(part, number).0 == Rule::Keep;
+    for (index, (part, choices)) in frame.parts.iter().zip(choices).enumerate() {
+        let dense = dense(part);
+        for (number, (channel, choice)) in part.channels.iter().zip(choices).enumerate() {
+            let name = channel.display_name();
+            let kept = choice.rule == Rule::Keep || dense.iter().any(|listed| *listed == *name);
+            let tells = choice.rule == Rule::Fill && is_light(&name) && !is_albedo(&name);
             let Some(mask) = masks.get(index, number).filter(|mask| !kept && !mask.is_full()) else {
                 continue;
             };
@@ -45,7 +49,7 @@ pub fn inverted(frame: &Frame, masks: &Masks) -> Option<String> {
             let (low, high) = finite(false)
                 .fold((0.0_f32, 0.0_f32), |(low, high), value| (low.min(value), high.max(value)));
             let cleared = finite(false).next().is_some_and(|first| finite(false).all(|value| value == first));
-            found |= !cleared && low.abs().max(high) > zero;
+            found |= tells && !cleared && low.abs().max(high) > zero;
         }
     }
     let text = "all measured values are 0, and missing pixels have others: the mask seems inverted; give one that is 1 where \

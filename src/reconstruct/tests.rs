@@ -360,3 +360,30 @@ fn parts_and_frames_with_an_equal_mask_share_plans() {
     let same = plans.filter(&job().method, again.get(1, 0).unwrap(), None, &run).unwrap();
     assert!(std::sync::Arc::ptr_eq(&plan, &same));
 }
+
+#[test]
+fn only_light_tells_that_a_mask_seems_inverted() {
+    let black = [0.0; 32];
+    let kept: Vec<f32> =
+        ramp(0.1).iter().enumerate().map(|(at, v)| if measured(at) { 0.0 } else { *v }).collect();
+    let told = |channels: Vec<lacuna_exr::Channel>, dense: &str, overrides: &[&str]| {
+        let mut part = board(channels);
+        part.attributes.set_text(crate::channels::DENSE, dense);
+        let frame = frame(vec![part]);
+        let masks = find(&frame, &Source::Auto, None).unwrap();
+        let overrides: Vec<_> = overrides.iter().map(|text| text.parse().unwrap()).collect();
+        inverted(&frame, &masks, &choose(&frame, &masks.mask_channels, &overrides)).is_some()
+    };
+    let layer = |names: &str| {
+        let others = names.split(' ').map(|name| float(name, &kept));
+        std::iter::once(half("R", &black)).chain(others).collect::<Vec<_>>()
+    };
+    assert!(told(vec![half("R", &kept)], "", &[]));
+    assert!(told(layer("direct.R"), "", &[]));
+    // An object that no sample hit, in guides that are complete.
+    for guide in ["N.X N.Y N.Z", "Z", "A", "albedo.R", "P.X"] {
+        assert!(!told(layer(guide), "", &[]), "{guide}");
+    }
+    assert!(!told(layer("direct.R"), "direct.R", &[]));
+    assert!(!told(layer("direct.R"), "", &["direct.*=keep"]));
+}

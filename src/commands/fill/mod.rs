@@ -167,10 +167,7 @@ impl Fill<'_> {
             (found, _) => found.map_err(|error| error.to_string())?,
         };
         let mut masks = masks;
-        let Some(filter) = mask::filled_before(frame, &masks) else {
-            // Black is filled with black, which no estimate finds doubtful.
-            return inverted(frame, &masks).map_or(Ok(masks), Err);
-        };
+        let Some(filter) = mask::filled_before(frame, &masks) else { return Ok(masks) };
         if self.job.again {
             let doubt = was_smoothed(frame).then(|| {
                 "measured pixels were smoothed when it was filled before: no estimate knows what that cost".to_owned()
@@ -248,7 +245,10 @@ impl Work for Fill<'_> {
                 stage.settle(item, self.bytes(item, masks.holes()))?;
             }
             let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
-            if self.job.again && mask::filled_before(&frame, &masks).is_some() {
+            if mask::filled_before(&frame, &masks).is_none() {
+                // Black is filled with black, which no estimate finds doubtful.
+                inverted(&frame, &masks, &choices).map_or(Ok(()), |why| Err(at_input(&why)))?;
+            } else if self.job.again {
                 reconstruct::blank(&mut frame, &masks, &choices);
             }
             let plans = self.plans.of(&masks);
