@@ -1,5 +1,6 @@
 """`fill --report` and `render --report`: a page without a reference, in a headless Chromium."""
 
+import json
 import re
 
 import numpy as np
@@ -46,16 +47,19 @@ def test_it_shows_density_mask_result_and_timings(page):
 def test_the_viewer_shows_sparse_result_and_estimated_error_and_plays(tmp_path):
     path = tmp_path / "page.html"
     tool.lacuna("fill", "-q", tool.SAMPLES / "sequence" / "shot.####.exr", "-o", tmp_path / "full.####.exr", "--filter", "ss",
-                "--error-channel=sigma", "--report", path)
+                "--error-channel=sigma", "--report", path, "--json", tmp_path / "report.json")
     with chromium.Page(path.as_uri()) as opened:
         opened.wait("document.body.dataset.ready !== undefined")
         assert opened.run("lacuna.viewer.views()") == ["sparse", "result", "estimate"]
         assert opened.run("[lacuna.viewer.state.left, lacuna.viewer.state.right]") == ["sparse", "result"]
         # The figure that matters stands in the first lines, and no table is cut.
-        told = re.search(r"([\d.]+) dB estimated PSNR of the worst frame, (\d) \(([\d.]+) to ([\d.]+)\)", opened.run("document.body.innerText"))
+        told = re.search(r"([\d.]+) dB estimated PSNR of R, G, B of the worst frame, (\d) \(([\d.]+) to ([\d.]+)\)", opened.run("document.body.innerText"))
         column = opened.run("[...document.querySelectorAll('#frames tbody tr')].map(row => Number(row.cells[3].dataset.value))")
         assert float(told[1]) == pytest.approx(min(column), abs=0.051) and column.index(min(column)) + 1 == int(told[2])
         assert float(told[3]) <= float(told[1]) <= float(told[4])
+        estimates = [frame["estimates"] for frame in json.loads((tmp_path / "report.json").read_text())["frames"]]
+        of_colour = [next(of["psnr"]["estimate"] for of in told if "R" in of["channels"]) for told in estimates]
+        assert column == pytest.approx(of_colour, abs=1e-6)
         assert opened.run("[...document.querySelectorAll('.scroll')].every(box => box.scrollWidth <= box.clientWidth)")
         # Three square pictures stand beside each other, as high as they are wide.
         opened.run("document.getElementById('grid').click()")

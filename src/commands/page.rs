@@ -9,9 +9,10 @@ use lacuna_exr::Frame;
 use lacuna_filters::Mask;
 use serde_json::Value;
 
+use crate::channels::{is_albedo, is_light, rgb_place};
 use crate::files::plan::Item;
 use crate::files::reports;
-use crate::reconstruct::{Estimated, behind, named, parse_settings};
+use crate::reconstruct::{Estimated, Interval, behind, named, parse_settings};
 use crate::report::{Filled, FilledPictures, MOST_PIXELS, filled};
 use crate::run::record::{Estimate, Heading, Record, told_residual};
 
@@ -137,6 +138,8 @@ fn shown(record: &Record, pictures: Option<FilledPictures>) -> Filled {
             let before = [("volume", seconds.read), ("render", rendered)].into_iter();
             before.chain(filled.map(|filled| ("fill", filled))).chain([("write", seconds.write)]).collect()
         }
+        // Nothing was done, and the stages of this command are not known.
+        _ if record.steps_done() == 0 => Vec::new(),
         _ => vec![("read", seconds.read), ("solve", seconds.solve), ("write", seconds.write)],
     };
     let state = serde_json::to_value(record.state).ok().and_then(|state| Some(state.as_str()?.to_owned()));
@@ -146,19 +149,62 @@ fn shown(record: &Record, pictures: Option<FilledPictures>) -> Filled {
         state: state.unwrap_or_default(),
         messages: record.message.iter().chain(&record.warnings).cloned().collect(),
         density: record.density,
-        psnr: record.estimates.iter().find_map(|estimate| match estimate.error {
-            Estimated::Error { psnr, .. } => psnr,
-            _ => None,
-        }),
+        psnr: worst(&record.estimates),
+        untold: record.estimates.iter().any(is_untold),
         words,
         seconds: stages,
         pictures,
     }
 }
 
+fn is_colour(estimate: &Estimate) -> bool {
+    estimate.channels.iter().all(|name| is_light(name) && !is_albedo(name))
+        && estimate.channels.iter().any(|name| rgb_place(name).is_some())
+}
+
+fn is_untold(estimate: &Estimate) -> bool {
+    is_colour(estimate) && !matches!(estimate.error, Estimated::Error { .. })
+}
+
+/// The channels whose estimate is the worst, and it: of colour, which people look at; of others where there is none.
+fn worst(estimates: &[Estimate]) -> Option<(String, Interval)> {
+    let has_colour = estimates.iter().any(is_colour);
+    let known = estimates.iter().filter(|of| is_colour(of) || !has_colour).filter_map(|of| match of.error {
+        Estimated::Error { psnr, .. } => Some((of, psnr?)),
+        _ => None,
+    });
+    let (of, psnr) = known.min_by(|a, b| a.1.estimate.total_cmp(&b.1.estimate))?;
+    Some((behind(of.part.as_deref(), &named(&of.channels).join(", ")), psnr))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_estimate_that_is_told_is_that_of_the_worst_colour() {
+        let of = |channels: &[&str], error: Estimated| Estimate {
+            part: None,
+            channels: channels.iter().map(|name| (*name).to_owned()).collect(),
+            error,
+            exponent: None,
+        };
+        let at = |estimate: f64| {
+            let interval = Interval { estimate, low: estimate - 1.0, high: estimate + 1.0 };
+            Estimated::Error { rmse: interval, psnr: Some(interval) }
+        };
+        let told = |estimates: Vec<Estimate>| {
+            let frame = shown(&Record { estimates, ..Record::default() }, None);
+            (frame.psnr.map(|(names, psnr)| (names, psnr.estimate)), frame.untold)
+        };
+        let colours =
+            |error| vec![of(&["A"], at(20.0)), of(&["B", "G", "R"], at(30.0)), of(&["direct.R"], error)];
+        assert_eq!(told(colours(at(35.0))), (Some(("R, G, B".into(), 30.0)), false));
+        assert_eq!(told(colours(at(25.0))), (Some(("direct.R".into(), 25.0)), false));
+        let bound = Estimated::Bound { rmse_at_most: 0.1, psnr_at_least: 20.0 };
+        assert_eq!(told(colours(bound)), (Some(("R, G, B".into(), 30.0)), true));
+        assert_eq!(told(vec![of(&["A"], at(20.0))]), (Some(("A".into(), 20.0)), false));
+    }
 
     #[test]
     fn settings_are_told_one_by_one() {

@@ -19,14 +19,16 @@ pub struct Filled {
     pub label: String,
     /// What was read and what was written.
     pub files: [String; 2],
-    /// `done`, `skipped` or `failed`.
+    /// `done`, `skipped`, `failed`, `stopped` or `pending`.
     pub state: String,
     /// Why it is not done, and what the log warned of.
     pub messages: Vec<String>,
     /// Measured pixels over all pixels.
     pub density: Option<f64>,
-    /// How good the fill is by estimate: PSNR in decibels with the interval that holds it nine times of ten.
-    pub psnr: Option<Interval>,
+    /// How good the fill is by estimate: channels, and their PSNR in decibels with the interval that holds it nine times of ten.
+    pub psnr: Option<(String, Interval)>,
+    /// Whether the error of some colour cannot be told, or has only a bound.
+    pub untold: bool,
     /// Where the mask was found, what became of the channels, how the solver ended.
     pub words: Vec<(&'static str, String)>,
     /// Seconds by stage, in their order.
@@ -112,7 +114,7 @@ fn summary(frames: &[Filled]) -> String {
     let count = |state: &str| frames.iter().filter(|frame| frame.state == state).count();
     let class = if count("failed") > 0 { "bad" } else { "good" };
     let mut words = vec![format!("{} of {} frames done", count("done"), frames.len())];
-    for state in ["skipped", "failed", "pending"] {
+    for state in ["skipped", "failed", "stopped", "pending"] {
         if count(state) > 0 {
             words.push(format!("{} {state}", count(state)));
         }
@@ -130,13 +132,7 @@ fn summary(frames: &[Filled]) -> String {
         let _ = write!(sum, "<span><b>{range} %</b> measured</span> ");
     }
     sum.push_str(&estimated(frames));
-    let mut names: Vec<&str> = Vec::new();
-    frames.iter().flat_map(|frame| &frame.seconds).for_each(|(name, _)| {
-        if !names.contains(name) {
-            names.push(name);
-        }
-    });
-    for name in names {
+    for name in stages(frames) {
         let all = frames.iter().flat_map(|frame| &frame.seconds).filter(|(other, _)| *other == name);
         let _ =
             write!(sum, "<span><b>{:.2} s</b> {name}</span> ", all.map(|(_, seconds)| seconds).sum::<f64>());
@@ -144,18 +140,29 @@ fn summary(frames: &[Filled]) -> String {
     format!("<p class=\"verdict {class}\">{}</p><p class=\"sum\">{sum}</p>", words.join(", "))
 }
 
-/// The estimate of the frame, or of the worst of several.
+/// The estimate of the frame, or of the worst of several, and how many have none.
 fn estimated(frames: &[Filled]) -> String {
-    let known = frames.iter().filter_map(|frame| Some((frame, frame.psnr?)));
-    let Some((frame, psnr)) = known.min_by(|a, b| a.1.estimate.total_cmp(&b.1.estimate)) else {
-        return String::new();
-    };
-    let worst = match frames {
-        [_] => String::new(),
-        _ => format!(" of the worst frame, {}", escape(&frame.label)),
-    };
-    let Interval { estimate, low, high } = psnr;
-    format!("<span><b>{estimate:.1} dB</b> estimated PSNR{worst} ({low:.1} to {high:.1})</span> ")
+    let mut text = String::new();
+    let known = frames.iter().filter_map(|frame| Some((frame, frame.psnr.as_ref()?)));
+    let worst = known.min_by(|a, b| a.1.1.estimate.total_cmp(&b.1.1.estimate));
+    if let Some((frame, (channels, Interval { estimate, low, high }))) = worst {
+        let channels = escape(channels);
+        let worst = match frames {
+            [_] => String::new(),
+            _ => format!(" of the worst frame, {}", escape(&frame.label)),
+        };
+        let _ = write!(
+            text,
+            "<span><b>{estimate:.1} dB</b> estimated PSNR of {channels}{worst} ({low:.1} to {high:.1})</span> "
+        );
+    }
+    let untold = frames.iter().filter(|frame| frame.untold).count();
+    if untold > 0 {
+        let all = frames.len();
+        let _ =
+            write!(text, "<span>error untold, or only bounded, in <b>{untold}</b> of {all} frames</span> ");
+    }
+    text
 }
 
 fn table(frames: &[Filled], body: &mut String) {
@@ -184,8 +191,10 @@ fn table(frames: &[Filled], body: &mut String) {
         let percent = frame.density.map_or_else(|| "–".into(), |density| format!("{:.2} %", 100.0 * density));
         let _ = write!(body, "</td><td data-value=\"{}\">{percent}</td>", frame.density.unwrap_or(-1.0));
         if is_estimated {
-            let _ = match frame.psnr {
-                Some(psnr) => write!(body, "<td data-value=\"{}\">{:.1}</td>", psnr.estimate, psnr.estimate),
+            let _ = match &frame.psnr {
+                Some((_, psnr)) => {
+                    write!(body, "<td data-value=\"{}\">{:.1}</td>", psnr.estimate, psnr.estimate)
+                }
                 None => write!(body, "<td>–</td>"),
             };
         }
@@ -227,8 +236,13 @@ fn pictures(frame: &Filled, body: &mut String) {
 
 /// The stages that any frame has, in their order.
 fn stages(frames: &[Filled]) -> Vec<&'static str> {
-    let longest = frames.iter().map(|frame| &frame.seconds).max_by_key(|seconds| seconds.len());
-    longest.map(|seconds| seconds.iter().map(|(name, _)| *name).collect()).unwrap_or_default()
+    let mut names: Vec<&'static str> = Vec::new();
+    frames.iter().flat_map(|frame| &frame.seconds).for_each(|(name, _)| {
+        if !names.contains(name) {
+            names.push(name);
+        }
+    });
+    names
 }
 
 fn plots(frames: &[Filled], body: &mut String) {
@@ -243,7 +257,8 @@ fn plots(frames: &[Filled], body: &mut String) {
         let line = Series { name: "measured", class: "all", values: density };
         body.push_str(&plot("measured pixels (%)", &cell, &labels, &[line]));
     }
-    let psnr: Vec<Option<f64>> = frames.iter().map(|frame| frame.psnr.map(|psnr| psnr.estimate)).collect();
+    let psnr: Vec<Option<f64>> =
+        frames.iter().map(|frame| frame.psnr.as_ref().map(|(_, psnr)| psnr.estimate)).collect();
     if psnr.iter().flatten().count() > 1 {
         let line = Series { name: "estimated", class: "all", values: psnr };
         body.push_str(&plot("estimated PSNR (dB)", &cell, &labels, &[line]));
@@ -251,7 +266,7 @@ fn plots(frames: &[Filled], body: &mut String) {
     let stages = stages(frames);
     let lines: Vec<Series<'_>> = stages
         .iter()
-        .zip(["all", "missing", "alpha", "all", "missing"])
+        .zip(["all", "missing", "alpha"].into_iter().cycle())
         .map(|(name, class)| {
             let of = |frame: &Filled| frame.seconds.iter().find(|(other, _)| other == name).map(|(_, s)| *s);
             Series { name, class, values: frames.iter().map(of).collect() }
@@ -261,4 +276,37 @@ fn plots(frames: &[Filled], body: &mut String) {
         body.push_str(&plot("time (s)", &cell, &labels, &lines));
     }
     body.push_str("</div></section>\n");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_lines_tell_every_stage_state_and_estimate() {
+        let frame = |label: &str, state: &str, seconds: Vec<(&'static str, f64)>| Filled {
+            label: label.into(),
+            state: state.into(),
+            seconds,
+            ..Filled::default()
+        };
+        let rendered = vec![("volume", 1.0), ("render", 2.0), ("write", 3.0)];
+        let mut frames = vec![
+            frame("1", "done", rendered),
+            frame("2", "failed", vec![("read", 1.0), ("solve", 0.0), ("write", 0.0)]),
+            frame("3", "stopped", Vec::new()),
+        ];
+        assert_eq!(stages(&frames), ["volume", "render", "write", "read", "solve"]);
+        assert!(summary(&frames).contains("1 failed, 1 stopped"));
+        assert!(!summary(&frames).contains("untold"));
+        let interval = Interval { estimate: 30.0, low: 28.0, high: 33.0 };
+        frames[0].psnr = Some(("R, G, B".into(), interval));
+        frames[1].untold = true;
+        let told = summary(&frames);
+        assert!(
+            told.contains("</b> estimated PSNR of R, G, B of the worst frame, 1 (28.0 to 33.0)"),
+            "{told}"
+        );
+        assert!(told.contains("error untold, or only bounded, in <b>1</b> of 3 frames"), "{told}");
+    }
 }
