@@ -194,7 +194,9 @@ pub fn make_writable(part: &mut Part, asked: Option<Compression>) -> Vec<String>
 /// A value as it stands in a line of settings: quoted like JSON where it would not be one word.
 fn quote(value: &str) -> String {
     let plain = |letter: char| !letter.is_whitespace() && !letter.is_control() && letter != '"';
-    if !value.is_empty() && value.chars().all(plain) { value.into() } else { Value::from(value).to_string() }
+    // What begins like an object of JSON would be read as one.
+    let is_word = !value.is_empty() && !value.starts_with('{') && value.chars().all(plain);
+    if is_word { value.into() } else { Value::from(value).to_string() }
 }
 
 /// Reads a line of settings back into names and values, objects of JSON as their text; what cannot be read ends it.
@@ -232,6 +234,8 @@ mod tests {
         job.mask = Source::File { pattern: "my dir/a \"b\".exr".into(), channel: None };
         job.overrides = vec!["Diffuse Direct.*=keep".parse().unwrap(), "[=]x=fill".parse().unwrap()];
         job.kind = Some(Kind::Half);
+        job.guides_from = Some("{a}.exr".into());
+        job.rules = Some("rules.toml".into());
         let line = job.settings();
         let pairs = parse_settings(&line);
         let get = |name: &str| pairs.iter().find(|pair| pair.0 == name).map(|pair| pair.1.as_str());
@@ -239,6 +243,7 @@ mod tests {
         assert_eq!(get("measured"), Some("kept"));
         assert_eq!(get("mask"), Some("file:my dir/a \"b\".exr"));
         assert_eq!(get("channels"), Some("Diffuse Direct.*=keep\n[=]x=fill"));
+        assert_eq!((get("guides-from"), get("rules")), (Some("{a}.exr"), Some("rules.toml")));
         assert_ne!(line, Job { limit: false, ..job.clone() }.settings());
     }
 
