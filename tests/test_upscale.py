@@ -258,7 +258,8 @@ def test_sequences_are_updated_and_threads_change_no_byte(tmp_path):
     (["--scale", "2", "--ss-order", "3"], "--ss-order"),
     (["--scale", "2", "--tv-epsilon", "0.1", "--filter", "tv"], "--tv-epsilon"),
     (["--scale", "2", "--filter", "lanczos3", "--sampling", "point"], "--filter lanczos3 has none"),
-    (["--scale", "2", "--domain", "log"], "point and grid"),
+    (["--scale", "2", "--domain", "log", "--sampling", "box"], "point and grid"),
+    (["--scale", "2", "--filter", "cubic", "--guides-from", "large.exr", "--take-guides"], "--guides none with --take-guides"),
     (["--scale", "1.5", "--sampling", "grid"], "whole factors"),
 ])
 def test_nonsense_is_a_usage_error_of_one_line(tmp_path, words, reason):
@@ -272,6 +273,7 @@ def test_nonsense_is_a_usage_error_of_one_line(tmp_path, words, reason):
     (["--size", "60x48"], "that size already; lacuna fill"),
     (["--size", "16000x16000"], "more than 16 times"),
     (["--size", "90x72", "--sampling", "grid"], "whole number"),
+    (["--scale", "2", "--domain", "log"], "point and grid, not box"),
 ])
 def test_what_does_not_suit_the_frame_fails_in_one_line(scene, tmp_path, words, reason):
     done = lacuna("upscale", "-q", scene, "-o", tmp_path / "out.exr", *words, ok=False)

@@ -125,7 +125,9 @@ pub fn complete(
     let (geometry, values) = (options.geometry, options.fill.values);
     let plan = plans.enlarge(geometry, options.method)?;
     let full = Mask::of(samples.size(), vec![true; samples.size().pixels()]);
-    let pointwise = values == Values::Light && geometry.sampling.is_pointwise();
+    // Filters without a model of a pixel take logarithms where they are asked for.
+    let asked = matches!(options.method, Method::Plain(_)) && options.fill.domain == Domain::Log;
+    let pointwise = values == Values::Light && (geometry.sampling.is_pointwise() || asked);
     let domain = if pointwise { options.fill.domain } else { Domain::Linear };
     let map = domain.map(&full, samples.as_slice());
     let steered = options.guides.filter(|_| values == Values::Light || values == Values::Other);

@@ -428,6 +428,14 @@ fn numbers_out_of_range_get_the_range() {
         let text = usage(&format!("upscale a.exr -o b.exr --sampling grid --scale {scale}"));
         assert!(text.contains("--sampling grid needs whole factors"), "{text}");
     }
+    let log = "upscale a.exr -o b.exr --scale 2 --domain log";
+    let means = usage(&format!("{log} --sampling mitchell"));
+    assert!(means.contains("--sampling point and grid, not mitchell"), "{means}");
+    for more in ["", "--sampling point", "--filter linear", "--filter tv"] {
+        assert!(parse(words(&format!("{log} {more}"))).is_ok(), "{more}");
+    }
+    let guides = usage("upscale a.exr -o b.exr --scale 2 --filter tv --guides-from c.exr --take-guides");
+    assert!(guides.contains("--guides none with --take-guides"), "{guides}");
     let neither = usage("sparsify a.exr -o b.exr");
     assert!(neither.contains("--density") && neither.contains("--mask"), "{neither}");
     assert!(usage("fill a.exr -o b.txt").contains("a folder that is not there yet ends in /"));

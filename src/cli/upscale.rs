@@ -19,7 +19,7 @@ use super::settings::{Offer, SettingArgs};
 use super::words::Words;
 use crate::commands::FillJob;
 use crate::guides::Asked;
-use crate::reconstruct::{Enlarge, Target};
+use crate::reconstruct::{Enlarge, Target, logarithms_of};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -197,11 +197,10 @@ impl MethodArgs {
                 "--sampling {sampling} is a model of a pixel, which --filter {name} has none of: ss and tv have"
             )));
         }
-        let model = self.sampling.unwrap_or_default();
-        if self.around.domain == DomainName::Log && !model.is_pointwise() {
-            return Err(Usage(format!(
-                "--domain log has other means than light: it is for --sampling point and grid, not {model}"
-            )));
+        // What a frame's pixels are is known once it is read, where nobody says it.
+        let asked = self.sampling.filter(|model| !model.is_pointwise());
+        if let (DomainName::Log, Some(model)) = (self.around.domain, asked) {
+            return Err(Usage(logarithms_of(model)));
         }
         Ok(match self.filter {
             Choice::Ss => Method::Ss,
@@ -257,7 +256,10 @@ impl UpscaleArgs {
         }
         let steers = self.guides.guides_from.is_some() && self.guides.guides != Asked::None;
         if steers && self.filter.filter != Choice::Ss {
-            return Err(Usage("--guides-from: only --filter ss takes guides here".into()));
+            return Err(Usage(
+                "--guides-from: only --filter ss takes guides here; --guides none with --take-guides takes its channels only"
+                    .into(),
+            ));
         }
         let enlarge = Enlarge {
             target,

@@ -41,7 +41,7 @@ mod weights;
 pub(crate) use bands::pixels_at_a_time;
 pub(crate) use bounds::bounds_of;
 pub use energy::Energy;
-pub use enlarge::{Enlarge, Target, Windows, enlarge};
+pub use enlarge::{Enlarge, Target, Windows, enlarge, logarithms_of};
 pub use error::Error;
 pub use estimate::{Estimated, Gate, Interval};
 pub use filled::{blank, inverted, is_enlarged, was_smoothed};

@@ -387,3 +387,30 @@ fn only_light_tells_that_a_mask_seems_inverted() {
     assert!(!told(layer("direct.R"), "direct.R", &[]));
     assert!(!told(layer("direct.R"), "", &["direct.*=keep"]));
 }
+
+#[test]
+fn each_frame_says_whether_logarithms_suit_it() {
+    use lacuna_filters::upscale::plain::Kernel;
+    let enlarged = |method, scene: &str| {
+        let asked = Enlarge {
+            target: Target::Scale { x: 2.0, y: 2.0 },
+            method,
+            sampling: None,
+            take_guides: false,
+            keep_vectors: false,
+        };
+        let mut low = part(window(0, 0, 8, 4), vec![float("R", &ramp(10.0))]);
+        low.attributes.set_text(stamp::SCENE, scene);
+        let low = frame(vec![low]);
+        let job = Job { domain: Domain::Log, enlarge: Some(asked), ..Job::new(Method::default()) };
+        let (masks, plans, run) = (Masks::complete(&low), Plans::new(), Run::default());
+        let choices = choose(&low, &masks.mask_channels, &[]);
+        let done = enlarge(low, &masks, &choices, None, (&job, &asked), &plans, &run);
+        done.map(|(_, report)| report.parts[0].groups[0].domain).map_err(|error| error.to_string())
+    };
+    let spline = lacuna_filters::upscale::Method::Ss;
+    let one_ray = r#"{"image":{"samples":1}}"#;
+    assert!(enlarged(spline, "").unwrap_err().contains("point and grid, not box"));
+    assert_eq!(enlarged(spline, one_ray), Ok("log"));
+    assert_eq!(enlarged(lacuna_filters::upscale::Method::Plain(Kernel::Linear), ""), Ok("log"));
+}

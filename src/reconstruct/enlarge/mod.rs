@@ -18,6 +18,7 @@ use std::sync::Arc;
 
 use half::f16;
 use lacuna_exr::{Channel, Frame, Part, Samples, Window};
+use lacuna_filters::domain::Domain;
 use lacuna_filters::enlarge;
 use lacuna_filters::upscale::{Geometry, Method, Sampling};
 use lacuna_filters::variational::guided::Guides;
@@ -69,6 +70,16 @@ impl Enlarge {
         }
     }
 
+    /// The same where light is reconstructed in a domain, or why it cannot be.
+    fn model_in(&self, part: &Part, domain: Domain) -> Result<(Sampling, bool), String> {
+        let (sampling, is_known) = self.model(part);
+        let has_model = !matches!(self.method, Method::Plain(_));
+        if domain == Domain::Log && has_model && !sampling.is_pointwise() {
+            return Err(logarithms_of(sampling));
+        }
+        Ok((sampling, is_known))
+    }
+
     /// Everything that changes the result, `name=value` separated by spaces.
     pub fn settings(&self) -> String {
         let sampling = self.sampling.map_or_else(|| "auto".into(), |sampling| sampling.to_string());
@@ -89,6 +100,11 @@ fn has_one_ray(part: &Part) -> bool {
     scene.is_some_and(|scene| scene["image"]["samples"] == 1)
 }
 
+/// Why logarithms of pixels that are means are refused.
+pub fn logarithms_of(sampling: Sampling) -> String {
+    format!("--domain log has other means than light: it is for --sampling point and grid, not {sampling}")
+}
+
 /// Fills and enlarges a frame; guides come from `second`, a frame of the larger size.
 pub fn enlarge(
     mut frame: Frame,
@@ -107,14 +123,15 @@ pub fn enlarge(
     for (index, choices) in choices.iter().enumerate() {
         let mut choices = choices.clone();
         let label = part_label(&frame, index);
-        let windows = Windows::of(&frame.parts[index], &asked.target).map_err(|why| Error::Enlarge {
+        let refused = |why: String| Error::Enlarge {
             part: if label.is_empty() { String::new() } else { format!("{label}: ") },
             why,
-        })?;
+        };
+        let windows = Windows::of(&frame.parts[index], &asked.target).map_err(refused)?;
         let kinds: Vec<_> =
             frame.parts[index].channels.iter().map(|channel| channel.samples.kind()).collect();
         let part = &frame.parts[index];
-        let (sampling, is_known) = asked.model(part);
+        let (sampling, is_known) = asked.model_in(part, job.domain).map_err(refused)?;
         let geometry = windows.geometry(sampling);
         let found = match second.filter(|_| *job.wanted() != Asked::None) {
             Some(second) if choices.iter().any(|choice| choice.rule == Rule::Fill) => {
