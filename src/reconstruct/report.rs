@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::estimate::Estimated;
 use super::{Energy, Stamp};
-use crate::channels::{self, Name, Rule};
+use crate::channels::{self, Name, Rule, visible};
 
 /// What was done to one frame. Times are the caller's to add.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -184,13 +184,22 @@ impl Report {
         }
     }
 
-    /// The parts, each with what people call it where a filter ran on several.
-    pub fn named_parts(&self) -> impl Iterator<Item = (Option<String>, &PartReport)> {
-        let several = self.parts.iter().filter(|part| !part.groups.is_empty()).count() > 1;
+    /// The parts, each with what people call it where there are several.
+    pub fn every_part(&self) -> impl Iterator<Item = (Option<String>, &PartReport)> {
+        let several = self.parts.len() > 1;
         self.parts.iter().enumerate().map(move |(at, part)| {
-            let name = || part.name.clone().unwrap_or_else(|| format!("part {at}"));
+            let name = || match part.name.as_deref() {
+                Some(name) if !name.is_empty() => visible(name).into_owned(),
+                _ => format!("part {at}"),
+            };
             (several.then(name), part)
         })
+    }
+
+    /// The parts, each with its name where a filter ran on several: lines of one part alone need none.
+    pub fn named_parts(&self) -> impl Iterator<Item = (Option<String>, &PartReport)> {
+        let several = self.parts.iter().filter(|part| !part.groups.is_empty()).count() > 1;
+        self.every_part().map(move |(name, part)| (name.filter(|_| several), part))
     }
 
     /// A line of each part that has something to say, behind its name where a filter ran on several.

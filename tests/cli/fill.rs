@@ -139,7 +139,8 @@ fn estimates_name_their_part() {
         part.attributes.set_text("name", name);
         part
     });
-    room.add("in.exr", &Frame { parts: named.into() });
+    let mut frame = Frame { parts: named.into() };
+    room.add("in.exr", &frame);
     let done = room.run(&["fill", "in.exr", "-o", "out.exr", "--min-psnr", "300", "--json", "r.json"]);
     for name in ["left", "right"] {
         let doubt = format!("{name}: the error of R, G, B cannot be told");
@@ -150,6 +151,12 @@ fn estimates_name_their_part() {
     let told = report["frames"][0]["estimates"].as_array().unwrap();
     let parts: Vec<_> = told.iter().map(|estimate| estimate["part"].as_str().unwrap()).collect();
     assert!(parts.contains(&"left") && parts.contains(&"right"), "{parts:?}");
+    // One part alone is filled: programs look it up all the same.
+    frame.parts[1].attributes.set_text("lacuna/dense", "R,G,B,Z");
+    room.add("in.exr", &frame);
+    room.ok(&["fill", "in.exr", "-o", "out.exr", "--force", "--json", "r.json"]);
+    let report: serde_json::Value = serde_json::from_slice(&bytes(&room.path("r.json"))).unwrap();
+    assert_eq!(report["frames"][0]["estimates"][0]["part"], "left");
 }
 
 #[test]

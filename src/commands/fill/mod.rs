@@ -305,7 +305,7 @@ fn enter(report: &Report, enlarges: bool, record: &mut Record) {
     let light = |(part, group): (Option<String>, &GroupReport)| {
         Some(Light { part, channels: group.channels.clone(), energy: group.energy? })
     };
-    record.energies = groups(report).filter_map(light).collect();
+    record.energies = all_groups(report).filter_map(light).collect();
     let notes =
         groups(report).filter_map(|(part, group)| Some(behind(part.as_deref(), &energy::note(group)?)));
     record.warn(&notes.collect::<Vec<_>>());
@@ -346,10 +346,15 @@ pub fn tell(report: &Report, record: &mut Record) {
         let error = group.estimate.clone()?;
         Some(Estimate { part, channels: group.channels.clone(), error, exponent: group.exponent })
     };
-    record.estimates = groups(report).filter_map(estimated).collect();
+    record.estimates = all_groups(report).filter_map(estimated).collect();
 }
 
-/// The groups, each with what people call its part where there are several.
+/// The groups, each with its part's name where the frame has several: for programs, which look parts up.
+fn all_groups(report: &Report) -> impl Iterator<Item = (Option<String>, &GroupReport)> {
+    report.every_part().flat_map(|(name, part)| part.groups.iter().map(move |group| (name.clone(), group)))
+}
+
+/// The groups, each with its part's name where a filter ran on several: for people.
 fn groups(report: &Report) -> impl Iterator<Item = (Option<String>, &GroupReport)> {
     report.named_parts().flat_map(|(name, part)| part.groups.iter().map(move |group| (name.clone(), group)))
 }
