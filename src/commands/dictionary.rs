@@ -99,6 +99,11 @@ fn failed(path: &Path, error: &dyn std::fmt::Display) -> PlanError {
     PlanError::Failed(format!("{}: {error}", path.display()))
 }
 
+/// Whether light above 1 of this largest value is another once it is decoded.
+fn is_lost(before: f32, after: f32) -> bool {
+    before > 1.0 && !(before / STOP..=before * STOP).contains(&after)
+}
+
 fn encode(
     (input, output): (&Path, &Path),
     dictionary: &Dictionary,
@@ -118,7 +123,7 @@ fn encode(
         console.warning(&format!("{}: not encoded: {names}", input.display()));
     }
     let (statistics, [before, after]) = compared(&encoded).map_err(|error| failed(input, &error))?;
-    if before.max(after) > 1.0 && !(before / STOP..=before * STOP).contains(&after) {
+    if is_lost(before, after) {
         console.warning(&format!(
             "{}: light above 1 is not kept: the largest value is {before} and decodes to {after}; PSNR clips both to 1",
             input.display()
@@ -224,4 +229,15 @@ fn describe(stored: &Stored) -> String {
         lines.push("unfinished   train with the same settings and --resume continues it".into());
     }
     lines.join("\n") + "\n"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_light_above_1_can_be_lost() {
+        assert!(is_lost(40.0, 3.0) && is_lost(2.0, 40.0));
+        assert!(!is_lost(40.0, 39.0) && !is_lost(0.4, 1.05));
+    }
 }
