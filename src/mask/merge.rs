@@ -9,6 +9,7 @@ use lacuna_exr::{Attributes, Channel, Frame, Part, Samples};
 use lacuna_filters::Mask;
 
 use super::{ATTRIBUTE, MakeError, Masks};
+use crate::channels::part_label;
 use crate::mask::{PATTERN, SEED};
 
 /// The channel that is added to a part without one.
@@ -42,9 +43,11 @@ pub fn merge(
     let (mut notes, mut measured, mut all) = (Vec::new(), 0, 0);
     // A mask channel serves other parts as well.
     let from_elsewhere = first.mask_channels.iter().all(Vec::is_empty);
-    for (index, (part, other)) in frame.parts.iter_mut().zip(&other.parts).enumerate() {
-        let label = part.name().map_or_else(|| format!("part {index}"), |name| format!("part '{name}'"));
-        same_form(part, other).map_err(|why| MakeError::Other(format!("{label}: {why}")))?;
+    for (index, other) in other.parts.iter().enumerate() {
+        let label = part_label(&frame, index);
+        let label = if label.is_empty() { label } else { format!("{label}: ") };
+        let part = &mut frame.parts[index];
+        same_form(part, other).map_err(|why| MakeError::Other(format!("{label}{why}")))?;
         let (size, mut united, mut different) = (part.size(), None, 0);
         for channel in 0..part.channels.len() {
             let (target, source) = (&mut part.channels[channel].samples, &other.channels[channel].samples);
@@ -66,13 +69,13 @@ pub fn merge(
                     let name = part.channels[channel].display_name();
                     if !part.channels[channel].samples.same_bits(&other.channels[channel].samples) {
                         notes.push(format!(
-                            "{label}: {name} has no mask and differs: the first render's is kept"
+                            "{label}{name} has no mask and differs: the first render's is kept"
                         ));
                     }
                 }
                 _ => {
                     return Err(MakeError::Other(format!(
-                        "{label}: only one of the renders has a mask for it"
+                        "{label}only one of the renders has a mask for it"
                     )));
                 }
             }
@@ -80,14 +83,14 @@ pub fn merge(
         if different > 0 {
             let pixels = if different == 1 { "1 pixel" } else { &format!("{different} pixels") };
             notes.push(format!(
-                "{label}: the renders differ in {pixels} that both measured: are they of one frame?"
+                "{label}the renders differ in {pixels} that both measured: are they of one frame?"
             ));
         }
         if let Some(union) = united {
             measured += union.count();
             all += union.as_slice().len();
             finish(part, &union, from_elsewhere);
-            notes.extend(forget(&mut part.attributes).map(|note| format!("{label}: {note}")));
+            notes.extend(forget(&mut part.attributes).map(|note| format!("{label}{note}")));
         }
     }
     if all == 0 {

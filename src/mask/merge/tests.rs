@@ -35,7 +35,7 @@ fn what_is_said_of_the_pattern_of_one_goes() {
     a.parts[0].attributes.set_text("lacuna/filter", "ss");
     a.parts[0].attributes.set_text(SEED, "3");
     let merged = of(&a, &a).unwrap();
-    assert_eq!(merged.notes, ["part 0: forgotten"]);
+    assert_eq!(merged.notes, ["forgotten"]);
     let part = &merged.frame.parts[0];
     assert_eq!(["lacuna/filter", SEED].map(|name| part.attributes.text(name)), [None, None]);
 }
