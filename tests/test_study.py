@@ -215,7 +215,9 @@ def test_pictures_of_frames_that_were_renamed_go(tmp_path):
         out.mkdir(exist_ok=True)
         (out / "mine.svg").write_text("<svg/>\n")
         tool.lacuna("study", "-q", tmp_path / "study.toml", "-o", out)
-    assert {path.name for path in out.glob("*.svg")} == {"psnr-new.svg", "seconds-new.svg", "mine.svg"}
+        # A copy is somebody's.
+        (out / f"paper-{name}.svg").write_text((out / f"psnr-{name}.svg").read_text())
+    assert {path.name for path in out.glob("*.svg")} == {"psnr-new.svg", "seconds-new.svg", "mine.svg", "paper-old.svg", "paper-new.svg"}
 
 
 def test_threads_change_no_result(study, tmp_path):

@@ -19,8 +19,8 @@ const MOST_READ: u64 = 1 << 30;
 const JOURNAL: &str = "results.jsonl";
 /// How the last line of a sheet's file begins.
 const SHEET: &str = "<!-- made from ";
-/// The last line of a figure's file.
-const FIGURE: &str = "\n<!-- figure of a study -->\n";
+/// How the last line of a figure's file begins.
+const FIGURE: &str = "<!-- figure of a study";
 
 /// A study that is to be run.
 #[derive(Clone, Debug, PartialEq)]
@@ -275,8 +275,15 @@ impl Planned<'_> {
             sum.update(cell.key().as_bytes());
             sum.update(cell.entry.label.as_bytes());
         }
-        format!("{SHEET}{:08x} -->\n", sum.sum())
+        format!("{SHEET}{:08x}{}", sum.sum(), name_mark(&self.definition.name))
     }
+}
+
+/// How the last line of a picture's file ends: a sum of its name, which itself may hold what a comment may not.
+fn name_mark(name: &str) -> String {
+    let mut sum = flate2::Crc::new();
+    sum.update(name.as_bytes());
+    format!(", named {:08x} -->\n", sum.sum())
 }
 
 /// A cell whose defects are its own.
@@ -309,7 +316,8 @@ fn put(path: &Path, text: &str) -> Result<(), PlanError> {
     lacuna_exr::write_whole(path, text.as_bytes()).map_err(|error| fail(path, "cannot write", &error))
 }
 
-/// Removes the pictures that earlier runs left of frames and sheets that are called otherwise now.
+/// Removes the pictures that earlier runs left of frames and sheets that are called otherwise now; copies that people gave other
+/// names stay.
 fn remove_others(folder: &Path, kept: &BTreeSet<String>) -> Result<(), PlanError> {
     let listed = std::fs::read_dir(folder).map_err(|error| fail(folder, "cannot be listed", &error))?;
     for path in listed.flatten().map(|entry| entry.path()) {
@@ -320,7 +328,9 @@ fn remove_others(folder: &Path, kept: &BTreeSet<String>) -> Result<(), PlanError
         let text = lacuna_exr::read_small(&path, MOST_READ).unwrap_or_default();
         let last = String::from_utf8_lossy(text.rsplit(|&byte| byte == b'\n').nth(1).unwrap_or_default())
             .into_owned();
-        if last.contains(SHEET) || last == FIGURE.trim() {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        let is_own = last.ends_with(name_mark(&name).trim_end());
+        if is_own && (last.contains(SHEET) || last.contains(FIGURE)) {
             std::fs::remove_file(&path).map_err(|error| fail(&path, "cannot be removed", &error))?;
         }
     }
@@ -335,9 +345,39 @@ fn write(job: &StudyJob, rows: &[Row], sheets: &[(String, String)]) -> Result<()
     put(&at("tables.md"), &study::tables(rows, definition.verdict))?;
     let figures = study::figures(rows).map_err(PlanError::Failed)?;
     for figure in &figures {
-        put(&at(&format!("{}.svg", figure.name)), &(figure.svg.clone() + FIGURE))?;
+        put(
+            &at(&format!("{}.svg", figure.name)),
+            &format!("{}\n{FIGURE}{}", figure.svg, name_mark(&figure.name)),
+        )?;
     }
     let names = figures.iter().map(|figure| &figure.name).chain(sheets.iter().map(|(name, _)| name));
-    remove_others(&job.output, &names.map(|name| format!("{name}.svg")).collect())?;
-    put(&at("report.html"), &study::page(definition, rows, &figures, sheets))
+    put(&at("report.html"), &study::page(definition, rows, &figures, sheets))?;
+    remove_others(&job.output, &names.map(|name| format!("{name}.svg")).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_pictures_under_their_own_names_go() {
+        let folder = tempfile::tempdir().unwrap();
+        let figure = |name: &str| format!("<svg/>\n{FIGURE}{}", name_mark(name));
+        let sheet = |name: &str| format!("<svg/>\n{SHEET}0{}", name_mark(name));
+        for (name, text) in [
+            ("psnr-old.svg", figure("psnr-old")),
+            ("sheet.svg", sheet("sheet")),
+            ("psnr-new.svg", figure("psnr-new")),
+            ("paper.svg", figure("psnr-old")),
+            ("slide.svg", sheet("sheet")),
+            ("mine.svg", "<svg/>\n".to_owned()),
+        ] {
+            std::fs::write(folder.path().join(name), text).unwrap();
+        }
+        remove_others(folder.path(), &BTreeSet::from(["psnr-new.svg".to_owned()])).unwrap();
+        let left = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name());
+        let left: BTreeSet<_> = left.map(|name| name.into_string().unwrap()).collect();
+        let kept = ["mine.svg", "paper.svg", "psnr-new.svg", "slide.svg"].map(str::to_owned);
+        assert_eq!(left, BTreeSet::from(kept));
+    }
 }
