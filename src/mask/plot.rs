@@ -130,17 +130,22 @@ const fn glyph(letter: char) -> [u8; 5] {
         '8' => [7, 5, 7, 5, 7],
         '9' => [7, 5, 7, 1, 7],
         'a' => [7, 5, 7, 5, 5],
+        'b' => [6, 5, 6, 5, 6],
         'c' => [7, 4, 4, 4, 7],
+        'd' => [6, 5, 5, 5, 6],
         'e' => [7, 4, 7, 4, 7],
         'f' => [7, 4, 7, 4, 4],
         'g' => [7, 4, 5, 5, 7],
         'h' => [5, 5, 7, 5, 5],
         'i' => [7, 2, 2, 2, 7],
+        'j' => [1, 1, 1, 5, 7],
+        'k' => [5, 5, 6, 5, 5],
         'l' => [4, 4, 4, 4, 7],
         'm' => [5, 7, 7, 5, 5],
         'n' => [6, 5, 5, 5, 5],
         'o' => [2, 5, 5, 5, 2],
         'p' => [6, 5, 6, 4, 4],
+        'q' => [7, 5, 5, 7, 1],
         'r' => [6, 5, 6, 5, 5],
         's' => [3, 4, 2, 1, 6],
         't' => [7, 2, 2, 2, 2],
@@ -149,7 +154,7 @@ const fn glyph(letter: char) -> [u8; 5] {
         'w' => [5, 5, 7, 7, 5],
         'x' => [5, 5, 2, 5, 5],
         'y' => [5, 5, 2, 2, 2],
-        'd' => [6, 5, 5, 5, 6],
+        'z' => [7, 1, 2, 4, 7],
         '.' => [0, 0, 0, 0, 2],
         '-' => [0, 0, 7, 0, 0],
         _ => [0; 5],
@@ -159,6 +164,15 @@ const fn glyph(letter: char) -> [u8; 5] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_letter_can_be_read() {
+        let letters: Vec<char> = ('a'..='z').chain('0'..='9').chain(['.', '-']).collect();
+        for (at, &letter) in letters.iter().enumerate() {
+            assert_ne!(glyph(letter), glyph(' '), "{letter}");
+            assert_eq!(letters[..at].iter().find(|other| glyph(**other) == glyph(letter)), None, "{letter}");
+        }
+    }
 
     #[test]
     fn curves_pass_where_they_should() {
