@@ -95,8 +95,9 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
     done.notes.extend(work.job.noise.untold(part, &noisy));
     let noisy = work.job.noise.split(part, noisy);
     let carriers = along_motion(frame, work, &noisy, &mut done)?;
-    let plain = Job { noise: NoiseSource::None, ..work.job.clone() };
-    let plain = Work { job: &plain, ..*work };
+    let noiseless =
+        (work.job.noise != NoiseSource::None).then(|| Job { noise: NoiseSource::None, ..work.job.clone() });
+    let plain = Work { job: noiseless.as_ref().unwrap_or(work.job), ..*work };
     let mut filled = Vec::new();
     for (work, groups) in [(work, noisy), (&plain, telling)] {
         for (group, method) in learned::assign(part, groups, &work.job.method) {
