@@ -414,3 +414,13 @@ fn each_frame_says_whether_logarithms_suit_it() {
     assert_eq!(enlarged(spline, one_ray), Ok("log"));
     assert_eq!(enlarged(lacuna_filters::upscale::Method::Plain(Kernel::Linear), ""), Ok("log"));
 }
+
+#[test]
+fn a_report_names_parts_as_people_may_see_them() {
+    let parts =
+        ["a\u{1b}[2J", ""].map(|name| PartReport { name: Some(name.into()), ..PartReport::default() });
+    let report = Report { parts: parts.into(), ..Report::default() };
+    let names: Vec<_> = report.every_part().filter_map(|(name, _)| name).collect();
+    assert_eq!(names, ["a\\u{1b}[2J", "part 1"]);
+    assert!(report.named_parts().all(|(name, _)| name.is_none()));
+}
