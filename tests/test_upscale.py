@@ -102,6 +102,12 @@ def test_a_frame_of_one_ray_a_pixel_is_taken_as_points(tmp_path):
             chosen = samples == "1" and not words
             assert ("--sampling point" in done.stderr) == chosen == ("lacuna/settled" in OpenEXR.File(str(out)).header()), done
             assert np.array_equal(floats(out), floats(points)) == chosen
+    # A frame of another size than its scene's was resized, by whatever tool.
+    lacuna("render", SAMPLES / "scenes" / "marschner-lobb.toml", "--size", "24x24", "-o", small)
+    upscale(small, points, "--scale", "2")
+    assert "lacuna/scene" in OpenEXR.File(str(points)).header()
+    done = lacuna("upscale", "-v", points, "-o", out, "--scale", "2")
+    assert done.status == 0 and "--sampling point" not in done.stderr, done
 
 
 def test_the_distance_that_is_told_is_the_one_that_is_left(tmp_path):

@@ -5,11 +5,12 @@
 //! monotone over all reals, so that zero and negative values need no special care. One scale s serves all channels of
 //! a group (R, G and B of a layer), so that equal channels stay equal: grey stays grey.
 //!
-//! The scale is the power mean of the measured values that are not black, all channels together:
-//! `s = (mean |v|^(1/4))^4`. Black is what a display of 8 bits shows as black where white is 1, or the largest absolute value if that
-//! is less: a faint haze or the noise of a background counts as little as zeros do. The mean lies between the geometric mean, which a faint border drags to zero, and
-//! the arithmetic, which the highlights dominate. [`Domain::Auto`] takes the logarithm where `max |v| > 50 s`. As long as the
-//! largest is at most 1, multiplying all values by a factor multiplies both sides. Volume renders in [0, 1] stay below 20; 1000 beside 0.1 is above 50
+//! The scale is the power mean of the measured values that are not zero, all channels together:
+//! `s = (mean |v|^(1/4))^4`. It lies between the geometric mean, which a faint border drags to zero, and
+//! the arithmetic, which the highlights dominate. [`Domain::Auto`] takes the logarithm where `max |v| > 50 l`, with `l` the same mean of what
+//! is not black. Black is what a display of 8 bits shows as black where white is 1, or the largest absolute value if that
+//! is less: a faint haze or the noise of a background counts as little as zeros do. As long as the largest is at most 1,
+//! multiplying all values by a factor multiplies both sides; above, a darker frame has more black. Volume renders in [0, 1] stay below 20; 1000 beside 0.1 is above 50
 //! as long as it covers less than about 3 of 10 pixels that are not black.
 //!
 //! Error: a value through f and back is off by at most `(2 + asinh |v / s|) eps / 2` of itself, eps = 2^-23. Measured
@@ -49,20 +50,33 @@ impl Domain {
         if self == Self::Linear {
             return Map::Linear;
         }
-        let sizes = |plane: &Plane| largest(mask, plane);
-        let largest = group.iter().map(sizes).fold(0.0, f64::max);
-        let black = BLACK * largest.min(1.0);
-        let (sum, count) = group.iter().fold((0.0, 0_u64), |all, plane| {
-            let (sum, count) = roots(mask, plane, black);
-            (all.0 + sum, all.1 + count)
-        });
-        let scale = (sum / count.max(1) as f64).powi(4);
-        if scale > 0.0 && (self == Self::Log || largest > LONG_RANGE * scale) {
+        let scale = power_mean(mask, group, 0.0);
+        if scale > 0.0 && (self == Self::Log || has_long_range(mask, group)) {
             Map::Log { scale }
         } else {
             Map::Linear
         }
     }
+}
+
+fn has_long_range(mask: &Mask, group: &[Plane]) -> bool {
+    let (lit, largest) = lit(mask, group);
+    largest > LONG_RANGE * lit
+}
+
+/// The power mean of the measured values that are not black, and the largest absolute one.
+pub(crate) fn lit(mask: &Mask, group: &[Plane]) -> (f64, f64) {
+    let largest = group.iter().map(|plane| largest(mask, plane)).fold(0.0, f64::max);
+    (power_mean(mask, group, BLACK * largest.min(1.0)), largest)
+}
+
+/// The power mean of the measured values that are larger than `black`, whatever their sign; 0 if there is none.
+fn power_mean(mask: &Mask, group: &[Plane], black: f64) -> f64 {
+    let (sum, count) = group.iter().fold((0.0, 0_u64), |all, plane| {
+        let (sum, count) = roots(mask, plane, black);
+        (all.0 + sum, all.1 + count)
+    });
+    (sum / count.max(1) as f64).powi(4)
 }
 
 /// What is made of the sizes of the measured values of each row.
@@ -250,6 +264,10 @@ mod tests {
             sparse[100..].fill(haze);
             assert_eq!(auto(&sparse), Map::Linear);
         }
+        // Whoever asks for logarithms gets those of black, too.
+        let (mask, plane) = row(&sparse);
+        let Map::Log { scale } = Domain::Log.map(&mask, &[plane]) else { panic!("linear") };
+        assert!(scale < 1e-3, "{scale}");
         // Of a dark frame, black is as much darker.
         let mut dark = vec![1e-8; 1000];
         dark[7] = 1e-5;

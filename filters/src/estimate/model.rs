@@ -202,7 +202,7 @@ impl Model {
     }
 
     /// Whether samples were put where errors are.
-    pub(super) const fn is_chosen(&self) -> bool {
+    pub(crate) const fn is_chosen(&self) -> bool {
         self.owned.is_some()
     }
 

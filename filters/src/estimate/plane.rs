@@ -50,7 +50,7 @@ const PIECE: usize = 1 << 12;
 
 impl Model {
     /// The estimated root mean square error of each pixel over the channels; 0 at measured ones, and below rounding. `shape` tells where in a
-    /// region errors are, where it is known: squared errors in any unit.
+    /// region errors are, where it is known: squared errors over a constant.
     pub fn plane(&self, shape: Option<&(dyn Fn(usize) -> f32 + Sync)>) -> Plane {
         let size = self.size();
         let power = |ln_variance: f32| (ln_variance * self.exponent() as f32).exp();
@@ -84,7 +84,7 @@ impl Model {
             scale * calibration.of(factor(pixel, 0.0, 0.0)) * f64::from(power(variance.ln()))
         };
         let mut squared: Vec<f64> = missing.par_iter().with_min_len(PIECE).enumerate().map(squared);
-        if let Some(shape) = shape.filter(|_| !self.is_chosen()) {
+        if let Some(shape) = shape {
             shaped(&mut squared, shape);
         }
         let error =

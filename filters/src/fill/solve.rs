@@ -110,7 +110,7 @@ pub fn solve(
     }
     let Effect { guides, gain, shares, along, .. } = effect;
     let wanted = model.as_ref().filter(|_| options.estimate == Estimate::Pixels);
-    let errors = wanted.map(|model| errors(model, samples, mask, run)).transpose()?;
+    let errors = wanted.map(|model| errors(model, (samples, light), mask, run)).transpose()?;
     let exponent = model.as_ref().map(Model::exponent);
     let estimate = model.map(|model| model.verdict());
     let mask = Arc::clone(mask);
@@ -136,9 +136,31 @@ pub fn solve(
 }
 
 /// The estimated error of every pixel.
-fn errors(model: &Model, samples: &Planes, mask: &Arc<Mask>, run: &Run<'_>) -> Result<Plane, Error> {
-    let left_out = refine::estimate_spline(samples, mask, &ss::Settings::default(), run)?;
+fn errors(
+    model: &Model,
+    (samples, light): (&Planes, bool),
+    mask: &Arc<Mask>,
+    run: &Run<'_>,
+) -> Result<Plane, Error> {
+    // The shape must count values as the model does, in one unit all over the image.
+    if !light || model.is_chosen() {
+        return Ok(model.plane(None));
+    }
+    let left_out = refine::estimate_spline(&shown(samples), mask, &ss::Settings::default(), run)?;
     Ok(model.plane(Some(&|pixel| left_out.squared_error(pixel))))
+}
+
+/// Light as it is compared: a highlight counts as what can be shown of it.
+fn shown(samples: &Planes) -> Planes {
+    let mut shown = samples.clone();
+    for plane in shown.as_mut_slice() {
+        plane.pixels_mut().par_chunks_mut(PIECE).for_each(|values| {
+            for value in values {
+                *value = value.clamp(0.0, 1.0);
+            }
+        });
+    }
+    shown
 }
 
 /// A method whose settings are left to the samples with those that they choose, what was chosen, and the samples without fireflies where these are
@@ -256,17 +278,8 @@ impl Task<'_> {
         if self.options.values != Values::Light {
             return Ok(Some(Model::new(&evidence, samples, self.mask, folds.seed)));
         }
-        // As light is compared: a highlight counts as what can be shown of it.
         evidence.map(|_, value| value.clamp(0.0, 1.0));
-        let mut shown = samples.clone();
-        for plane in shown.as_mut_slice() {
-            plane.pixels_mut().par_chunks_mut(PIECE).for_each(|values| {
-                for value in values {
-                    *value = value.clamp(0.0, 1.0);
-                }
-            });
-        }
-        Ok(Some(Model::new(&evidence, &shown, self.mask, folds.seed)))
+        Ok(Some(Model::new(&evidence, &shown(samples), self.mask, folds.seed)))
     }
 
     /// The method within the value domain.

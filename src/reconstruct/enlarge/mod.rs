@@ -93,11 +93,15 @@ impl Enlarge {
     }
 }
 
-/// Whether `lacuna render` made the part with one ray a pixel.
+/// Whether `lacuna render` made the part with one ray a pixel. Other tools keep the attribute in frames that they resize.
 fn has_one_ray(part: &Part) -> bool {
     let scene = part.attributes.text(stamp::SCENE);
     let scene = scene.and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok());
-    scene.is_some_and(|scene| scene["image"]["samples"] == 1)
+    let size = part.display_window.size();
+    scene.is_some_and(|scene| {
+        let image = &scene["image"];
+        image["samples"] == 1 && image["size"] == serde_json::json!([size.width, size.height])
+    })
 }
 
 /// Why logarithms of pixels that are means are refused.
