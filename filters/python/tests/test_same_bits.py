@@ -83,12 +83,13 @@ def has(path, name):
     return name in OpenEXR.File(str(path), separate_channels=True).channels()
 
 
-@pytest.mark.parametrize("scale, sampling, filter", [(2, "box", "ss"), (1.5, "point", "ss"), (2, "gaussian:1", "tv"), (2, "box", "cubic")])
+@pytest.mark.parametrize("scale, sampling, filter", [(2, "box", "ss"), (1.5, "point", "ss"), (2, "gaussian:1", "tv"), (2, None, "cubic")])
 def test_upscale(tmp_path, tool, scale, sampling, filter):
     path, _, samples, mask = sparse(tmp_path)
-    flags = ("--scale", scale, "--sampling", sampling, "--filter", filter)
-    tool("upscale", path, "-o", tmp_path / "out.exr", *flags)
-    large = lacuna.upscale(samples, scale, mask=mask, sampling=sampling, filter=filter)
+    model = {} if sampling is None else {"sampling": sampling}
+    flags = [word for name, value in model.items() for word in (f"--{name}", value)]
+    tool("upscale", path, "-o", tmp_path / "out.exr", "--scale", scale, "--filter", filter, *flags)
+    large = lacuna.upscale(samples, scale, mask=mask, filter=filter, **model)
     assert large.shape[:2] == (round(72 * scale), round(88 * scale))
     assert same_bits(large, read(tmp_path / "out.exr"))
 
