@@ -65,8 +65,8 @@ pub(super) fn settle(
     } else if sampling == Sampling::Point && plan.method == Method::Ss {
         (clamp(plan, &bounds, &mut plane), Outcome::direct())
     } else {
-        let own = target.map(|target| between(target, &bounds));
-        together(plan, (samples, own.as_ref().unwrap_or(samples)), (&bounds, question.range), &mut plane, run)
+        let target = target.map(|target| between(target, &bounds));
+        together(plan, (samples, target.as_ref()), (&bounds, question.range), &mut plane, run)
     };
     Enlarged { plane, limited, outcome }
 }
@@ -172,39 +172,44 @@ fn in_grid(plan: &Plan, samples: &Plane, bounds: &Bounds, plane: &mut Plane) -> 
     moved
 }
 
-/// Footprints that share pixels, by the dual: boxes one after the other, those whose weights change their sign together.
+/// Footprints that share pixels, by the dual: boxes one after the other, those whose weights change their sign together. Means that are not
+/// the samples, the `target`, are kept as far as `give_back` does.
 fn together(
     plan: &Plan,
-    (samples, target): (&Plane, &Plane),
+    (samples, target): (&Plane, Option<&Plane>),
     (bounds, range): (&Bounds, (f32, f32)),
     plane: &mut Plane,
     run: &Run<'_>,
 ) -> (Moved, Outcome) {
-    let peak = largest(target).max(f64::MIN_POSITIVE);
+    let asked = target.unwrap_or(samples);
+    let peak = largest(asked).max(f64::MIN_POSITIVE);
     let mut free = plane.clone();
     let mut moved = clamp(plan, bounds, plane);
-    let mut residual = difference(target, &plan.model.reduce(plane));
+    let mut reduced = plan.model.reduce(plane);
+    let mut residual = difference(asked, &reduced);
     let mut outcome = Outcome { stop: Stop::Converged, ..Outcome::direct() };
-    if largest(&residual) > TOLERANCE * peak && plan.geometry.sampling != Sampling::Box {
-        plane.clone_from(&free);
-        (moved, outcome.stop, outcome.iterations) = dual::ascend(plan, target, (bounds, range), plane, run);
-        residual = difference(target, &plan.model.reduce(plane));
-    } else if largest(&residual) > TOLERANCE * peak && !std::ptr::eq(samples, target) {
-        moved = give_back(plan, &residual, bounds, plane, LARGEST * peak);
-        residual = difference(target, &plan.model.reduce(plane));
-    } else if largest(&residual) > TOLERANCE * peak {
-        let task = Task { target, peak, bounds, limit: LARGEST * peak };
-        let mut relaxed = Relaxed::new(plan, task, &residual, &mut free);
-        (outcome.stop, outcome.iterations) = relaxed.run(run);
-        plane.clone_from(&free);
-        moved = clamp(plan, bounds, plane);
-        residual = difference(target, &plan.model.reduce(plane));
+    if largest(&residual) > TOLERANCE * peak {
+        if plan.geometry.sampling != Sampling::Box {
+            plane.clone_from(&free);
+            (moved, outcome.stop, outcome.iterations) =
+                dual::ascend(plan, asked, (bounds, range), plane, run);
+        } else if target.is_some() {
+            moved = give_back(plan, &residual, bounds, plane, LARGEST * peak);
+        } else {
+            let task = Task { target: asked, peak, bounds, limit: LARGEST * peak };
+            let mut relaxed = Relaxed::new(plan, task, &residual, &mut free);
+            (outcome.stop, outcome.iterations) = relaxed.run(run);
+            plane.clone_from(&free);
+            moved = clamp(plan, bounds, plane);
+        }
+        reduced = plan.model.reduce(plane);
+        residual = difference(asked, &reduced);
     }
     let off = largest(&residual) / peak;
-    outcome.residual = Some(if std::ptr::eq(samples, target) {
-        off
+    outcome.residual = Some(if target.is_some() {
+        largest(&difference(samples, &reduced)) / largest(samples).max(f64::MIN_POSITIVE)
     } else {
-        largest(&difference(samples, &plan.model.reduce(plane))) / peak
+        off
     });
     if outcome.stop == Stop::Converged && off > ROUNDING * TOLERANCE {
         outcome.stop = Stop::IterationLimit;

@@ -100,3 +100,17 @@ fn light_that_there_is_room_for_stays() {
         assert!((sum(&given) - start - asked).abs() < 16.0 * f64::from(f32::EPSILON) * count, "{size}");
     }
 }
+
+/// Means of the spline are kept, and the residual is that of the samples.
+#[test]
+fn the_residual_is_over_the_largest_sample() {
+    for (low, high) in [((12, 9), (15, 20)), ((1, 8), (1, 11)), ((9, 1), (13, 1))] {
+        let (low, high) = (Size::new(low.0, low.1), Size::new(high.0, high.1));
+        let (plan, dim) = (plan(low, high), noise(low, 3));
+        let samples = Plane::from_fn(low, |y, x| if y + x == 3 { 9.0 } else { dim.at(y, x) });
+        let question = Question { mask: None, range: (0.0, f32::INFINITY), limit: true };
+        let large = plan.enlarge(&samples, &question, &Run::default()).unwrap();
+        let off = difference(&samples, &plan.model.reduce(&large.plane));
+        assert_eq!(large.outcome.residual, Some(largest(&off) / 9.0), "{low}");
+    }
+}
