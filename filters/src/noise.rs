@@ -157,12 +157,12 @@ pub(crate) fn reconstruct(
     }
     let mut effect =
         Effect { shares: blend.fill(&task, &all, (mask, &split.samples), out)?, ..Effect::default() };
-    let outcome = blend.outcome;
+    let mut outcome = blend.outcome;
     if let Some(guides) = known.guides.filter(|_| all.iter().any(Candidate::is_guided)) {
         effect.guides = guides.all_names().cloned().collect();
     }
     if let Some(samples) = split.with_lights() {
-        lights::put_back((whole, mask), &samples, out, run)?;
+        outcome = outcome.worst(lights::put_back((whole, mask), &samples, out, run)?);
     }
     Ok(Some((outcome, effect)))
 }

@@ -141,6 +141,11 @@ impl Second {
         }
     }
 
+    /// The one by whose image it starts.
+    const fn start(self) -> Option<Self> {
+        if matches!(self, Self::Cnn) { Some(Self::Edge) } else { None }
+    }
+
     fn filter(self) -> Box<dyn Filter> {
         match self {
             Self::Edge => Box::new(edge::Settings::default()),
@@ -166,7 +171,7 @@ impl Second {
         let plan = filter.plan(&Problem::fill(Arc::clone(mask)), task.run)?;
         let mut out = Planes::zeros(smooth.size(), smooth.len());
         let error = held_out_of.map(|_| ROUGH);
-        match (start.take().filter(|(other, _)| filter.start() == Some(other.name())), error) {
+        match (start.take().filter(|(other, _)| self.start() == Some(*other)), error) {
             (Some((_, image)), error) => {
                 out = image;
                 plan.reconstruct_from_start(smooth, error, &mut out, task.run)?;
@@ -178,7 +183,7 @@ impl Second {
                 plan.reconstruct(smooth, &mut out, task.run)?;
             }
         }
-        if Self::all(true).iter().any(|other| other.filter().start() == Some(self.name())) {
+        if Self::all(true).iter().any(|other| other.start() == Some(self)) {
             *start = Some((self, out.clone()));
         }
         Ok(out)

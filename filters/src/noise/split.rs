@@ -50,8 +50,9 @@ impl Split {
 
     /// The samples with lights, if there are any.
     pub fn with_lights(&self) -> Option<Planes> {
+        let lights = self.lights.as_ref()?;
         let mut whole = self.samples.clone();
-        for (plane, lights) in whole.as_mut_slice().iter_mut().zip(self.lights.as_ref()?.as_slice()) {
+        for (plane, lights) in whole.as_mut_slice().iter_mut().zip(lights.as_slice()) {
             plane.pixels_mut().iter_mut().zip(lights.pixels()).for_each(|(value, light)| *value += light);
         }
         Some(whole)
