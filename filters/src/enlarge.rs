@@ -92,7 +92,7 @@ pub fn upscale_with(
     run: &Run<'_>,
 ) -> Result<Upscaled, Error> {
     let mask = options.mask.clone();
-    let mask = mask.unwrap_or_else(|| Arc::new(Mask::from_fn(samples.size(), |_, _| true)));
+    let mask = mask.unwrap_or_else(|| Arc::new(Mask::full(samples.size())));
     let reduced = options.guides.map(|guides| smaller_guides(guides, options, plans)).transpose()?;
     let filling = fill::Options { guides: reduced.as_ref(), ..options.fill.clone() };
     let filled = fill_usable(samples, &mask, &filling, plans, run)?;
@@ -124,7 +124,7 @@ pub fn complete(
 ) -> Result<Upscaled, Error> {
     let (geometry, values) = (options.geometry, options.fill.values);
     let plan = plans.enlarge(geometry, options.method)?;
-    let full = Mask::of(samples.size(), vec![true; samples.size().pixels()]);
+    let full = Mask::full(samples.size());
     // Filters without a model of a pixel take logarithms where they are asked for.
     let asked = matches!(options.method, Method::Plain(_)) && options.fill.domain == Domain::Log;
     let pointwise = values == Values::Light && (geometry.sampling.is_pointwise() || asked);
@@ -139,7 +139,7 @@ pub fn complete(
     let steer = steered.map(|guides| guided::steer(&plan, &mapped, guides, run)).transpose()?.flatten();
     let local = matches!(geometry.sampling, Sampling::Box | Sampling::Point | Sampling::Grid);
     let alone = local && options.method == Method::Ss && values == Values::Light && steer.is_none();
-    let highlights = alone.then(|| Highlights::of(&mapped)).flatten();
+    let highlights = alone.then(|| Highlights::of(samples, map)).flatten();
     let one = |(at, (samples, mapped)): (usize, (&Plane, &Plane))| {
         let hint = match (&steer, &highlights) {
             (Some(steer), _) => Hint::Guides(&steer.changes[at]),
@@ -156,17 +156,26 @@ pub fn complete(
         one(&plan, (samples, mapped, hint), &question, map, run)
     };
     let large = samples.as_slice().par_iter().zip(mapped.as_slice()).enumerate().map(one);
+    collect(large, (geometry, map), steer.as_ref())
+}
+
+/// The enlarged planes as one group.
+fn collect(
+    large: Vec<Result<(Enlarged, usize), Error>>,
+    (geometry, map): (Geometry, Map),
+    steer: Option<&guided::Steer>,
+) -> Result<Upscaled, Error> {
     let mut result = Upscaled {
         planes: Planes::zeros(geometry.high(), 0),
         outcome: Outcome::direct(),
         map,
         limited: Vec::new(),
         mended: 0,
-        guides: steer.as_ref().map(|steer| steer.guides.clone()).unwrap_or_default(),
-        guides_gain: steer.as_ref().map(|steer| steer.gain),
+        guides: steer.map(|steer| steer.guides.clone()).unwrap_or_default(),
+        guides_gain: steer.map(|steer| steer.gain),
         filled: None,
     };
-    let mut planes = Vec::with_capacity(samples.len());
+    let mut planes = Vec::with_capacity(large.len());
     for large in large {
         let (enlarged, mended) = large?;
         let first = planes.is_empty();

@@ -34,6 +34,11 @@ impl Mask {
         Self { size, measured, count }
     }
 
+    /// All pixels of an image.
+    pub(crate) fn full(size: Size) -> Self {
+        Self { size, measured: vec![true; size.pixels()], count: size.pixels() }
+    }
+
     /// The pixels at which every plane of a group is finite: for arrays that say by NaN what was not measured.
     pub fn finite(planes: &Planes) -> Self {
         let mut flags = vec![true; planes.size().pixels()];

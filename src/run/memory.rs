@@ -137,8 +137,10 @@ pub fn to_enlarge(path: &Path, enlarge: &Enlarge) -> u64 {
         let channel =
             |kind: SampleType| kind.bytes() as u64 + if kind == SampleType::Uint { 0 } else { planes };
         let channels: u64 = part.channels.iter().map(|header| channel(header.kind)).sum();
-        // Where each pixel comes from.
-        pixels.saturating_mul(channels + 4)
+        // Highlights of a group at a time, from the small frame, and where each pixel comes from.
+        let highlights = if matches!(enlarge.method, Method::Ss) { 16 } else { 0 };
+        let small = all(part.data_window.size()).saturating_mul(highlights);
+        pixels.saturating_mul(channels + 4).saturating_add(small)
     };
     parts.iter().map(part).fold(0, u64::saturating_add)
 }

@@ -1,20 +1,24 @@
-//! Highlights: where light spans octaves from one small pixel to others, what dark ones around them see of it.
+//! Highlights: light far above that of most pixels, and what dark pixels around it become.
 //!
-//! A spline of means rings by a part of each step, less from pixel to pixel, but for ten of them and more: around a lamp of 1000 by more
-//! than all the light of a pixel of 0.1, of which bounds leave a pattern of half and twice the mean. So a pixel that is no highlight sees
-//! highlights no brighter than itself. With the spline `S`, the light `l` of a small pixel, which is the mean of the channels of its
-//! group, and `o(q) = min(max(log2 q, 0), 1)`,
+//! The spline of a step rings by parts of it, for ten pixels and more: around a lamp of 1000 by more than all the light of a pixel of 0.1, of
+//! which bounds leave a pattern of half and twice the mean. So pixels that are no highlights see highlights no brighter than themselves.
+//! With the spline `S` of samples `z`, the light `l` of a small pixel, which is the mean of the channels of its group, and
+//! `o(q) = min(max(log2 q, 0), 1)`,
 //!
 //! ```text
-//! E z = S z - U (1 - h) S(h z) + U (1 - h) l S(h z / l)        h = o(l / (BRIGHT c))
+//! E z = S z - V S(h z) + V l S(h z / l)        h = o(l / (BRIGHT c)),   c = min(P(l), P(max(l, 1)))
 //! ```
 //!
-//! takes the place of `S`: it is linear and gives each small pixel what `S` gives it. `c` is the power mean `(mean l^(1/4))^4` of all light
-//! that is not black ([`crate::domain`]); `U` takes the value of the small pixel that a large one lies in, and the least `1 - h` of those that it straddles, as
-//! light of a highlight is in it. Steps along edges, by which light would leak, leave such pixels alone within two pixels of a highlight.
+//! takes the place of `S`. `P(v) = (mean v^(1/4))^4` is the power mean of what is not black ([`crate::domain`]); black counts as white in the
+//! second, so that lamps on black are highlights too. At a large pixel, `l` is that of the small pixel in which its centre lies, and `V` the
+//! least `1 - h` of all that it touches. At whole factors `V` is the same in all of a small pixel, which so keeps its mean. Where values are
+//! mapped by a domain, `z`, `l` and `c` are mapped values; `c` is found before.
 //!
-//! Means right beside a highlight are seldom flat: light of its flank is in them. The spline of logarithms has flanks, and rings by a
-//! factor. Given `x0 = E y` of a channel with means `y`, and `x1`, the same within its bounds,
+//! Smoothing along edges would carry light of highlights over: of its result `x` and the spline `x'` before it,
+//! `x + (1 - h) H (x' - x)` is taken, where `H` is the greatest `h` of the 5 x 5 small pixels around.
+//!
+//! Means right beside a highlight hold light of its flank. The spline of logarithms has flanks, and rings by a factor. Given `x0 = E y` of
+//! a channel with means `y`, and `x1`, the same within its bounds,
 //!
 //! ```text
 //! m = exp(P log max(y, f))                    P: the spline through values at the centres of small pixels
@@ -26,13 +30,13 @@
 //! `a` and `b` are the greatest and the least light of the 5 x 5 small pixels around: `w` is 1 for a pixel that is a quarter as bright as
 //! one beside it that has six times the light of `b` and `c`, and 0 for one that is a 128th as bright, where the logarithms, too, ring by
 //! more than half of its light. `h` and `w` are one number for the channels of a group, so that hues do not shift. `b`, `l` and `f` are at
-//! least a 1024th of the greatest value around. What the blend changes of the means is put back by `settle`. Everything is in proportion
-//! to the image; where no pixel is a highlight no bit changes.
+//! least a 1024th of the greatest value around. What the blend changes of the means is put back by `settle`. A factor to all values changes
+//! nothing but what counts as black or white; where no pixel is a highlight no bit changes.
 //!
 //! Cost: a frame whose greatest light is at most `BRIGHT c` costs one reading. Others: two splines more a channel wherever `S` stood; for
 //! means two windows of 5 x 5 a small pixel, an exponential, the maps of four splines and the bounds once more a pixel of the result,
-//! three planes.
-//! Fails: textures right beside highlights get the soft flanks of logarithms.
+//! three planes. Memory: four planes of the small size for a group.
+//! Fails: textures right beside highlights get the soft flanks of logarithms; lamps that cover most of a black frame are no highlights.
 
 use std::ops::Range;
 
@@ -42,7 +46,7 @@ use super::guided::bilinear;
 use super::{Axis, Geometry, Pair, Plan, Sampling, apply};
 use crate::domain::{Domain, Map};
 use crate::kernel::{Isa, minima};
-use crate::{Mask, Plane, Planes};
+use crate::{Mask, Plane, Planes, Size};
 
 /// Greatest over least light around a pixel from which on it counts.
 const RANGE: f32 = 3.0;
@@ -64,63 +68,49 @@ const PASSES: usize = 3;
 /// What the light of a group of channels says of its small pixels; for means, and for values at points.
 #[derive(Clone, Debug)]
 pub struct Highlights {
-    /// `1 - h`.
-    ordinary: Plane,
-    /// `(1 - h) l`.
-    exposed: Plane,
+    /// `l`.
+    light: Plane,
     /// `h`.
     bright: Plane,
-    /// `h / l`.
-    relative: Plane,
-    /// `1 - h` times the greatest `h` around.
+    /// `(1 - h) H`.
     held: Plane,
     /// `w`.
     pub(super) dark: Plane,
 }
 
 impl Highlights {
-    /// Those of a group of finite planes of one size; nothing if there are none.
-    pub fn of(group: &Planes) -> Option<Self> {
-        let light = light(group);
-        // What looks black counts as little here as it does where domains are chosen.
-        let full = Mask::of(light.size(), vec![true; light.size().pixels()]);
-        let Map::Log { scale } = Domain::Log.map(&full, std::slice::from_ref(&light)) else { return None };
-        let limit = BRIGHT * scale as f32;
+    /// Those of a group of finite planes of one size, which are enlarged in the domain of a map; nothing if there are none.
+    pub fn of(group: &Planes, map: Map) -> Option<Self> {
+        let mut light = light(group);
+        let limit = BRIGHT * map.forward(typical(&light)?);
+        map.forward_plane(&Mask::full(light.size()), &mut light);
         let is_bright = |value: &f32| *value > limit && value.is_finite();
         if !(limit > 0.0 && light.pixels().iter().any(is_bright)) {
             return None;
         }
-        let map = |value: &dyn Fn(f32) -> f32| {
-            let mut plane = light.clone();
-            plane.pixels_mut().iter_mut().for_each(|pixel| *pixel = value(*pixel));
-            plane
-        };
-        let share = |light: f32| octaves(light, limit);
-        let (bright, ordinary) = (map(&share), map(&|light| 1.0 - share(light)));
+        let mut bright = light.clone();
+        bright.pixels_mut().iter_mut().for_each(|value| *value = octaves(*value, limit));
         let mut held = greatest(&bright, REACH);
-        held.pixels_mut().iter_mut().zip(ordinary.pixels()).for_each(|(held, ordinary)| *held *= ordinary);
-        Some(Self {
-            exposed: map(&|light| (1.0 - share(light)) * light.max(0.0)),
-            relative: map(&|light| if light > limit { share(light) / light } else { 0.0 }),
-            dark: dark(&light, limit),
-            bright,
-            ordinary,
-            held,
-        })
+        held.pixels_mut().iter_mut().zip(bright.pixels()).for_each(|(held, bright)| *held *= 1.0 - bright);
+        Some(Self { dark: dark(&light, limit), light, bright, held })
+    }
+
+    /// Their size, that of the small image.
+    pub const fn size(&self) -> Size {
+        self.light.size()
     }
 
     /// Makes `plane`, which is `S samples`, `E samples`.
     pub(super) fn expose(&self, plan: &Plan, samples: &Plane, plane: &mut Plane) {
-        let product = |factors: &Plane| {
+        let product = |factor: fn(f32, f32) -> f32| {
             let mut product = samples.clone();
-            product
-                .pixels_mut()
-                .iter_mut()
-                .zip(factors.pixels())
-                .for_each(|(value, factor)| *value *= factor);
+            let parts = self.bright.pixels().iter().zip(self.light.pixels());
+            product.pixels_mut().iter_mut().zip(parts).for_each(|(value, (bright, light))| {
+                *value *= if *bright > 0.0 { factor(*bright, *light) } else { 0.0 };
+            });
             plan.spline(&product)
         };
-        let (own, others) = (product(&self.bright), product(&self.relative));
+        let (own, others) = (product(|bright, _| bright), product(|bright, light| bright / light));
         let Geometry { vertical, horizontal, sampling } = plan.geometry;
         let size = plane.size();
         let columns: Vec<_> = (0..size.width).map(|x| Place::of(&horizontal, sampling, x)).collect();
@@ -128,14 +118,12 @@ impl Highlights {
         plane.pixels_mut().par_chunks_mut(size.width).zip(parts).enumerate().for_each(
             |(y, (row, (own, others)))| {
                 let place = Place::of(&vertical, sampling, y);
-                let (ordinary, exposed) = (self.ordinary.row(place.source), self.exposed.row(place.source));
+                let light = self.light.row(place.source);
                 for (x, column) in columns.iter().enumerate() {
-                    let whole = ordinary[column.source];
-                    let share =
-                        if place.is_inside && column.is_inside { whole } else { self.least(&place, column) };
+                    let share = self.least(&place, column);
                     // Elsewhere infinities would be no numbers.
                     if share > 0.0 {
-                        row[x] += share / whole * exposed[column.source] * others[x] - share * own[x];
+                        row[x] += share * (light[column.source].max(0.0) * others[x] - own[x]);
                     }
                 }
             },
@@ -166,10 +154,10 @@ impl Highlights {
         exposed
     }
 
-    /// The least `1 - h` of the small pixels that a large one lies in.
+    /// `V`.
     fn least(&self, row: &Place, column: &Place) -> f32 {
-        let rows = row.touched.clone().map(|y| &self.ordinary.row(y)[column.touched.clone()]);
-        rows.flatten().fold(1.0, |least: f32, value| least.min(*value))
+        let rows = row.touched.clone().map(|y| &self.bright.row(y)[column.touched.clone()]);
+        1.0 - rows.flatten().fold(0.0, |most: f32, value| most.max(*value))
     }
 }
 
@@ -177,14 +165,27 @@ impl Highlights {
 struct Place {
     source: usize,
     touched: Range<usize>,
-    is_inside: bool,
 }
 
 impl Place {
     fn of(axis: &Axis, sampling: Sampling, output: usize) -> Self {
-        let touched = axis.touched(sampling, output);
-        Self { source: axis.source(sampling, output), is_inside: touched.len() == 1, touched }
+        Self { source: axis.source(sampling, output), touched: axis.touched(sampling, output) }
     }
+}
+
+/// `c`.
+fn typical(light: &Plane) -> Option<f32> {
+    let full = Mask::full(light.size());
+    let mean = |least: f32| {
+        let mut lit = light.clone();
+        lit.pixels_mut().iter_mut().for_each(|value| *value = value.max(least));
+        match Domain::Log.map(&full, &[lit]) {
+            Map::Log { scale } => Some(scale as f32),
+            Map::Linear => None,
+        }
+    };
+    let lit = mean(0.0)?;
+    if lit > 1.0 { Some(lit.min(mean(1.0)?)) } else { Some(lit) }
 }
 
 /// `o(value / limit)`.

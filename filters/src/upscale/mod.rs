@@ -143,6 +143,11 @@ impl<'a> Hint<'a> {
     const fn highlights(self) -> Option<&'a Highlights> {
         if let Self::Highlights(highlights) = self { Some(highlights) } else { None }
     }
+
+    /// What guides add.
+    const fn guides(self) -> Option<&'a Plane> {
+        if let Self::Guides(change) = self { Some(change) } else { None }
+    }
 }
 
 /// An enlarged channel.
@@ -152,7 +157,8 @@ pub struct Enlarged {
     pub plane: Plane,
     /// Pixels that bounds moved.
     pub limited: Moved,
-    /// How the solver ended. Its residual is the largest `|R x - y|` over the largest `|y|`, where bounds asked for a solver.
+    /// How the solver ended. Its residual is the largest `|R x - y|` over the largest `|y|`, where bounds asked for a solver. Of boxes at broken
+    /// factors `y` are the samples there, too, but what stops the solver are the means that the spline has.
     pub outcome: Outcome,
 }
 
@@ -224,7 +230,7 @@ impl Plan {
     /// The same with what the channels of its group say.
     ///
     /// # Errors
-    /// [`Error::SizeMismatch`] and [`Error::NotFinite`].
+    /// [`Error::SizeMismatch`], of the hint too, and [`Error::NotFinite`].
     pub fn enlarge_with(
         &self,
         samples: &Plane,
@@ -233,10 +239,16 @@ impl Plan {
         run: &Run<'_>,
     ) -> Result<Enlarged, Error> {
         let low = self.geometry.low();
-        let sizes = [("samples", Some(samples.size())), ("a mask", question.mask.map(Mask::size))];
-        for (name, size) in sizes {
-            if let Some(other) = size.filter(|size| *size != low) {
-                return Err(Error::size(low, name, other));
+        let (high, guides) = (self.geometry.high(), hint.guides());
+        let sizes = [
+            (low, "samples", Some(samples.size())),
+            (low, "a mask", question.mask.map(Mask::size)),
+            (low, "highlights", hint.highlights().map(Highlights::size)),
+            (high, "what guides add", guides.map(Plane::size)),
+        ];
+        for (expected, name, size) in sizes {
+            if let Some(other) = size.filter(|size| *size != expected) {
+                return Err(Error::size(expected, name, other));
             }
         }
         if let Some(bad) = samples.pixels().iter().position(|value| !value.is_finite()) {

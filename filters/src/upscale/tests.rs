@@ -331,6 +331,20 @@ fn sizes_and_values_are_checked() {
     assert!(matches!(other, Err(Error::SizeMismatch { .. })));
     let nan = plan.enlarge(&Plane::filled(Size::new(4, 4), f32::NAN), &ALL, &Run::default());
     assert_eq!(nan, Err(Error::NotFinite { row: 0, column: 0 }));
+    let lamp = |size| Plane::from_fn(size, |y, x| if y + x == 0 { 50.0 } else { 0.1 });
+    let highlights = |size| {
+        Highlights::of(&crate::Planes::of(size, vec![lamp(size)]), crate::domain::Map::Linear).unwrap()
+    };
+    let with = |hint: Hint<'_>| {
+        plan.enlarge_with(&lamp(Size::new(4, 4)), hint, &ALL, &Run::default()).map(|large| large.plane.size())
+    };
+    assert_eq!(with(Hint::Highlights(&highlights(Size::new(4, 4)))), Ok(Size::new(8, 8)));
+    for size in [(4, 3), (3, 4), (8, 8)] {
+        let other = with(Hint::Highlights(&highlights(Size::new(size.0, size.1))));
+        assert!(matches!(other, Err(Error::SizeMismatch { .. })));
+    }
+    let other = with(Hint::Guides(&lamp(Size::new(4, 4))));
+    assert!(matches!(other, Err(Error::SizeMismatch { .. })));
 }
 
 /// Boxes that share pixels ask for light and for none in the same place beside a hard edge. What is made of them stays calm.
