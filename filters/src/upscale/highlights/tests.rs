@@ -188,12 +188,13 @@ fn means_stay_and_nothing_becomes_negative() {
                 assert!((back - sample).abs() <= 2e-6 * sample, "{factor} {back} {sample}");
             }
         } else {
-            // Straddling pixels: the light in all stays, as it does without.
+            // Straddling pixels: about the light in all stays that does without. At some factors more has to be given back beside lamps, of which
+            // clamping takes more.
             let sum = |plane: &Plane| wide(plane).iter().sum::<f64>();
             let asked = sum(&plan.model.reduce(&plan.spline(&samples)));
             let [plain, done] =
                 [&plan.model.reduce(&plain), &back].map(|plane| (sum(plane) / asked - 1.0).abs());
-            assert!(done < plain.max(1e-2), "{factor} {plain} {done}");
+            assert!(done < 1.25 * plain.max(5e-3), "{factor} {plain} {done}");
         }
     }
 }
@@ -338,6 +339,21 @@ fn without_highlights_no_bit_changes() {
         let whole = enlarge::upscale(&group(vec![samples]), &options).unwrap();
         assert_eq!(whole.planes.as_slice()[0], plain);
     }
+}
+
+#[test]
+fn negative_light_counts_as_black() {
+    let low = Size::new(40, 48);
+    let samples = scene(low, true);
+    let bright = |below: f32| {
+        let value = |y, x| match (y, x) {
+            (_, 5) => below,
+            (30, 30) => 1.7,
+            _ => samples.at(y, x),
+        };
+        of(&group(vec![Plane::from_fn(low, value)])).unwrap().bright
+    };
+    assert_eq!(bright(-50.0), bright(0.0));
 }
 
 #[test]
