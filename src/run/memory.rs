@@ -230,7 +230,31 @@ fn all(size: Size) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::of_grant;
+    use lacuna_exr::WriteOptions;
+    use lacuna_filters::upscale::Method;
+    use lacuna_filters::variational::tv::Settings;
+
+    use super::{of_grant, to_enlarge};
+    use crate::reconstruct::{Enlarge, Target};
+    use crate::testing::{float, frame, part, window};
+
+    #[test]
+    fn highlights_of_the_small_frame_count() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("small.exr");
+        let small = frame(vec![part(window(0, 0, 4, 3), vec![float("Y", &[0.5; 12])])]);
+        lacuna_exr::write(&small, &path, &WriteOptions::default()).unwrap();
+        let of = |method| {
+            let target = Target::Scale { x: 2.0, y: 3.0 };
+            to_enlarge(
+                &path,
+                &Enlarge { target, method, sampling: None, take_guides: false, keep_vectors: false },
+            )
+        };
+        let large = 8 * 9;
+        assert_eq!(of(Method::Ss), large * (4 + 20 + 4) + 12 * 16);
+        assert_eq!(of(Method::Tv(Settings::default())), large * (4 + 40 + 4));
+    }
 
     #[test]
     fn a_grant_of_slurm_bounds_memory() {
