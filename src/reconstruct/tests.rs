@@ -409,7 +409,7 @@ fn each_frame_says_whether_logarithms_suit_it() {
         done.map(|(_, report)| report.parts[0].groups[0].domain).map_err(|error| error.to_string())
     };
     let spline = lacuna_filters::upscale::Method::Ss;
-    let one_ray = r#"{"image":{"samples":1}}"#;
+    let one_ray = r#"{"image":{"size":[8,4],"samples":1}}"#;
     assert!(enlarged(spline, "").unwrap_err().contains("point and grid, not box"));
     assert_eq!(enlarged(spline, one_ray), Ok("log"));
     assert_eq!(enlarged(lacuna_filters::upscale::Method::Plain(Kernel::Linear), ""), Ok("log"));

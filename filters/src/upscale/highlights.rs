@@ -44,7 +44,7 @@ use lacuna_core::parallel::prelude::*;
 
 use super::guided::bilinear;
 use super::{Axis, Geometry, Pair, Plan, Sampling, apply};
-use crate::domain::{Domain, Map};
+use crate::domain::{self, Map};
 use crate::kernel::{Isa, minima};
 use crate::{Mask, Plane, Planes, Size};
 
@@ -179,10 +179,8 @@ fn typical(light: &Plane) -> Option<f32> {
     let mean = |least: f32| {
         let mut lit = light.clone();
         lit.pixels_mut().iter_mut().for_each(|value| *value = value.max(least));
-        match Domain::Log.map(&full, &[lit]) {
-            Map::Log { scale } => Some(scale as f32),
-            Map::Linear => None,
-        }
+        let (scale, _) = domain::lit(&full, &[lit]);
+        (scale > 0.0).then_some(scale as f32)
     };
     let lit = mean(0.0)?;
     if lit > 1.0 { Some(lit.min(mean(1.0)?)) } else { Some(lit) }
