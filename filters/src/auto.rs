@@ -316,17 +316,8 @@ impl Blend {
             let along = along::pulled(self, (&mut all, &weights), (samples, carried, guides), out, run)?;
             if let Some(along) = along {
                 outcome = outcome.worst(along.outcome);
-                effect.along = along.gain;
-                along.join(&mut effect.shares);
-                if let (Some(guides), true) = (guides, effect.guides.is_empty()) {
-                    effect.guides = guides.all_names().cloned().collect();
-                }
-                let held = along.held.sorted(|_| true);
-                near = near.sorted(|pixel| held.at.binary_search(&pixel).is_ok());
-                near.predicted = held.predicted;
                 own = along.own;
-                // What other frames know may lie beyond what the samples around allow.
-                effect.predicted = Some(out.clone());
+                near = along.tell(&near, guides, out, &mut effect);
             }
         }
         if learn {

@@ -15,8 +15,10 @@
 //!
 //! The same bits for every number of threads.
 
+mod finish;
 mod solve;
-pub(crate) use solve::mend;
+mod task;
+pub(crate) use finish::mend;
 #[cfg(test)]
 mod finite_tests;
 #[cfg(test)]
@@ -34,6 +36,9 @@ use crate::noise::Noise;
 use crate::temporal::Carried;
 use crate::variational::guided::Guides;
 use crate::{Bounds, Error, Mask, Method, Outcome, Plane, Planes, Plans, Run};
+
+/// Pixels that one task takes in loops over a plane.
+const PIECE: usize = 1 << 14;
 
 /// What the values of a group are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -4,6 +4,8 @@
 //! the first where neither did. The mask channels say so. Everything else (parts, windows, attributes, channels
 //! without a mask) is the first render's; the second must have the same parts, windows and channels.
 
+use std::sync::Arc;
+
 use half::f16;
 use lacuna_exr::{Attributes, Channel, Frame, Part, Samples};
 use lacuna_filters::Mask;
@@ -48,38 +50,17 @@ pub fn merge(
         let label = if label.is_empty() { label } else { format!("{label}: ") };
         let part = &mut frame.parts[index];
         same_form(part, other).map_err(|why| MakeError::Other(format!("{label}{why}")))?;
-        let (size, mut united, mut different) = (part.size(), None, 0);
+        let mut united = United::default();
         for channel in 0..part.channels.len() {
-            let (target, source) = (&mut part.channels[channel].samples, &other.channels[channel].samples);
-            if first.is_mask_channel(index, channel) {
-                let measured = |samples| Mask::new(size, super::flags(samples, |value| value >= 0.5));
-                let union = union(&measured(target)?, &measured(source)?)?;
-                set(target, &union);
-                continue;
-            }
-            match (first.get(index, channel), second.get(index, channel)) {
-                (Some(own), Some(new)) => {
-                    let both = |pixel: usize| new.as_slice()[pixel] && own.as_slice()[pixel];
-                    different = different.max(differing(target, source, both));
-                    let only_new = |pixel: usize| new.as_slice()[pixel] && !own.as_slice()[pixel];
-                    take(target, source, only_new);
-                    united = united.map_or_else(|| union(own, new).map(Some), |known| Ok(Some(known)))?;
-                }
-                (None, None) => {
-                    let name = part.channels[channel].display_name();
-                    if !part.channels[channel].samples.same_bits(&other.channels[channel].samples) {
-                        notes.push(format!(
-                            "{label}{name} has no mask and differs: the first render's is kept"
-                        ));
-                    }
-                }
-                _ => {
-                    return Err(MakeError::Other(format!(
-                        "{label}only one of the renders has a mask for it"
-                    )));
-                }
-            }
+            let masks = [first, second].map(|masks| masks.get(index, channel).map(Arc::as_ref));
+            let is_mask = first.is_mask_channel(index, channel);
+            unite((part, other), (channel, is_mask), masks, &mut united).map_err(|error| match error {
+                MakeError::Other(why) => MakeError::Other(format!("{label}{why}")),
+                other => other,
+            })?;
         }
+        let United { mask: united, different, notes: own } = united;
+        notes.extend(own.into_iter().map(|note| format!("{label}{note}")));
         if different > 0 {
             let pixels = if different == 1 { "1 pixel" } else { &format!("{different} pixels") };
             notes.push(format!(
@@ -97,6 +78,51 @@ pub fn merge(
         return Err(MakeError::Other("neither render has a sampling mask: nothing to unite".into()));
     }
     Ok(Merged { frame, density: measured as f64 / all as f64, notes })
+}
+
+/// What is found while the channels of a part are united.
+#[derive(Default)]
+struct United {
+    /// Pixels that either render measured.
+    mask: Option<Mask>,
+    /// The most pixels of a channel in which the renders differ, though both measured them.
+    different: usize,
+    /// One line each.
+    notes: Vec<String>,
+}
+
+/// Unites a channel of `b` into the same of `a`, by the masks of the two; one that is a mask itself takes the pixels of both.
+fn unite(
+    (a, b): (&mut Part, &Part),
+    (channel, is_mask): (usize, bool),
+    masks: [Option<&Mask>; 2],
+    united: &mut United,
+) -> Result<(), MakeError> {
+    let size = a.size();
+    let (target, source) = (&mut a.channels[channel].samples, &b.channels[channel].samples);
+    if is_mask {
+        let measured = |samples| Mask::new(size, super::flags(samples, |value| value >= 0.5));
+        set(target, &union(&measured(target)?, &measured(source)?)?);
+        return Ok(());
+    }
+    match masks {
+        [Some(own), Some(new)] => {
+            let both = |pixel: usize| new.as_slice()[pixel] && own.as_slice()[pixel];
+            united.different = united.different.max(differing(target, source, both));
+            let only_new = |pixel: usize| new.as_slice()[pixel] && !own.as_slice()[pixel];
+            take(target, source, only_new);
+            if united.mask.is_none() {
+                united.mask = Some(union(own, new)?);
+            }
+        }
+        [None, None] if target.same_bits(source) => {}
+        [None, None] => {
+            let name = a.channels[channel].display_name();
+            united.notes.push(format!("{name} has no mask and differs: the first render's is kept"));
+        }
+        _ => return Err(MakeError::Other("only one of the renders has a mask for it".into())),
+    }
+    Ok(())
 }
 
 fn same_form(a: &Part, b: &Part) -> Result<(), String> {

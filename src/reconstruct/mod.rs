@@ -131,11 +131,7 @@ pub fn fill_with(
         let (notes, dropped) = finish(part, masks, index, job);
         if !copied || dropped {
             done.notes.extend(drop_derived(part));
-            let stop = done.report.groups.iter().map(|group| group.outcome.stop).max();
-            let density = masks.part_density(index).unwrap_or(1.0);
-            stamp.with_mask(mask).write(&mut part.attributes, density, stop.unwrap_or(Stop::Converged));
-            stamp::write_guides(&mut part.attributes, &done.report);
-            stamp::write_settled(&mut part.attributes, &done.report);
+            stamp.with_mask(mask).sign(&mut part.attributes, masks.part_density(index), &done.report);
             stamp::write_estimate(&mut part.attributes, &done.report);
             stamp::write_neighbours(&mut part.attributes, &done.report, neighbours);
         }

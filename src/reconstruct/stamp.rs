@@ -124,6 +124,14 @@ impl Stamp {
         }
     }
 
+    /// Writes how a part was made: the stamp, the guides, and what the samples chose.
+    pub fn sign(&self, attributes: &mut Attributes, density: Option<f64>, report: &PartReport) {
+        let stop = report.groups.iter().map(|group| group.outcome.stop).max();
+        self.write(attributes, density.unwrap_or(1.0), stop.unwrap_or(Stop::Converged));
+        write_guides(attributes, report);
+        write_settled(attributes, report);
+    }
+
     /// Whether a file with this stamp is what `job` would make again, as far as the settings tell.
     pub fn is_of(&self, job: &Job) -> bool {
         let new = Self::new(job, &self.mask);
@@ -152,7 +160,7 @@ impl Stamp {
 }
 
 /// Writes which guides a part was filled with; parts filled without have no such attribute.
-pub fn write_guides(attributes: &mut Attributes, report: &PartReport) {
+fn write_guides(attributes: &mut Attributes, report: &PartReport) {
     let mut names: Vec<&str> = Vec::new();
     for name in report.groups.iter().flat_map(|group| &group.guides) {
         if !names.contains(&name.as_str()) {
@@ -167,7 +175,7 @@ pub fn write_guides(attributes: &mut Attributes, report: &PartReport) {
 }
 
 /// Writes which settings the samples chose; parts for which all were said have no such attribute.
-pub fn write_settled(attributes: &mut Attributes, report: &PartReport) {
+fn write_settled(attributes: &mut Attributes, report: &PartReport) {
     let lines: Vec<String> = report.groups.iter().filter_map(GroupReport::settled).collect();
     if lines.is_empty() {
         attributes.remove(SETTLED);

@@ -19,7 +19,7 @@ use crate::domain::Map;
 use crate::estimate::{Excerpt, Folds, HeldOut, Voronoi};
 use crate::sampling::hash;
 use crate::temporal::{self, Beside, Carried, Changes, First, Pull};
-use crate::variational::guided::{Guides, Regression};
+use crate::variational::guided::{Effect, Guides, Regression};
 use crate::variational::ss;
 use crate::weights::{Preferred, Truth, Weights};
 use crate::{Error, Filter, Mask, Outcome, Planes, Problem, Run};
@@ -60,8 +60,22 @@ pub struct Along {
 }
 
 impl Along {
+    /// Says of the result `out` what other frames did to a blend; returns what was predicted at the held-out samples of both.
+    pub fn tell(self, near: &HeldOut, guides: Option<&Guides>, out: &Planes, effect: &mut Effect) -> HeldOut {
+        effect.along = self.gain;
+        self.join(&mut effect.shares);
+        if let (Some(guides), true) = (guides, effect.guides.is_empty()) {
+            effect.guides = guides.all_names().cloned().collect();
+        }
+        // What other frames know may lie beyond what the samples around allow.
+        effect.predicted = Some(out.clone());
+        let held = self.held.sorted(|_| true);
+        let near = near.sorted(|pixel| held.at.binary_search(&pixel).is_ok());
+        HeldOut { predicted: held.predicted, ..near }
+    }
+
     /// Joins the shares of a blend that is pulled in part.
-    pub fn join(&self, shares: &mut Vec<(&'static str, f64)>) {
+    fn join(&self, shares: &mut Vec<(&'static str, f64)>) {
         for (_, share) in shares.iter_mut() {
             *share *= 1.0 - self.share;
         }

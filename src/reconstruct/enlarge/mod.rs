@@ -18,11 +18,11 @@ use std::sync::Arc;
 
 use half::f16;
 use lacuna_exr::{Channel, Frame, Part, Samples, Window};
+use lacuna_filters::Run;
 use lacuna_filters::domain::Domain;
 use lacuna_filters::enlarge;
 use lacuna_filters::upscale::{Geometry, Method, Sampling};
 use lacuna_filters::variational::guided::Guides;
-use lacuna_filters::{Run, Stop};
 pub use target::Target;
 pub use windows::Windows;
 
@@ -124,73 +124,102 @@ pub fn enlarge(
         [masks.notes.clone(), unheeded(&frame, &masks.mask_channels, &job.overrides, choices)].concat();
     let mut report = Report::new(&stamp, masks.density(), notes);
     let (finite, lost) = finite(&frame, masks, choices)?;
-    for (index, choices) in choices.iter().enumerate() {
-        let mut choices = choices.clone();
-        let label = part_label(&frame, index);
-        let refused = |why: String| Error::Enlarge {
-            part: if label.is_empty() { String::new() } else { format!("{label}: ") },
-            why,
-        };
-        let windows = Windows::of(&frame.parts[index], &asked.target).map_err(refused)?;
-        let kinds: Vec<_> =
-            frame.parts[index].channels.iter().map(|channel| channel.samples.kind()).collect();
-        let part = &frame.parts[index];
-        let (sampling, is_known) = asked.model_in(part, job.domain).map_err(refused)?;
-        let geometry = windows.geometry(sampling);
-        let found = match second.filter(|_| *job.wanted() != Asked::None) {
-            Some(second) if choices.iter().any(|choice| choice.rule == Rule::Fill) => {
-                guides::of_larger(part, windows.data, second, job.wanted())?
-            }
-            _ => Vec::new(),
-        };
-        let high = guides::collect(&found, &frame, second, geometry.high());
-        let high = high.map_err(|source| Error::Filter { channel: label.clone(), source })?;
-        let mut taken = vec![None; choices.len()];
-        let mut notes = Vec::new();
-        if let Some(second) = second.filter(|_| asked.take_guides) {
-            taken = take(part, windows.data, second, &mut choices);
-            notes.push(taken_note(part, &taken));
-        }
-        let choices = choices.as_slice();
-        let mut done = low(&mut frame, (index, &finite, choices), (&high, geometry), job, plans, run)?;
-        done.notes.extend(notes);
-        for (channel, lost) in done.report.channels.iter_mut().zip(&lost[index]) {
-            channel.non_finite += lost;
-        }
-        done.notes.extend(done.report.non_finite());
-        let work =
-            part::Work { index, masks: &finite, choices, guides: &high, neighbours: None, job, plans, run };
-        let before = done.report.groups.len();
-        channels::enlarge(&mut frame, (&work, &kinds), (geometry, asked.method), taken, &mut done)?;
-        for group in done.report.groups.iter_mut().skip(before).filter(|_| is_known) {
-            group
-                .settled
-                .push(format!("--sampling {sampling}, as the frame was rendered with one ray a pixel"));
-        }
-        let part = &mut frame.parts[index];
-        done.notes.extend(vectors(part, (geometry, asked.keep_vectors), choices));
-        (part.data_window, part.display_window) = (windows.data, windows.display);
-        if masks.channels[index].iter().flatten().all(|mask| mask.is_full()) {
-            masks.mask_channels[index].iter().for_each(|&at| call_measured(&mut part.channels[at].samples));
-        }
-        let mask = mask_name(part, masks, index);
-        let (notes, _) = finish(part, masks, index, job);
-        done.notes.extend(notes);
-        done.notes.extend(drop_derived(part));
-        let stop = done.report.groups.iter().map(|group| group.outcome.stop).max();
-        let density = masks.part_density(index).unwrap_or(1.0);
-        stamp.with_mask(mask).write(&mut part.attributes, density, stop.unwrap_or(Stop::Converged));
-        stamp::write_guides(&mut part.attributes, &done.report);
-        stamp::write_settled(&mut part.attributes, &done.report);
-        // What is known of the small frame's missing pixels is not known of the large one.
-        for name in [estimate::ATTRIBUTE, temporal::ATTRIBUTE] {
-            part.attributes.remove(name);
-        }
-        report.notes.extend(prefixed(&label, done.notes));
+    let known = Known { masks, second, asked, stamp: &stamp, plans, run };
+    for (index, (choices, lost)) in choices.iter().zip(&lost).enumerate() {
+        let done = part(&mut frame, (index, choices.clone()), (&finite, lost), job, &known)?;
+        report.notes.extend(prefixed(&part_label(&frame, index), done.notes));
         report.parts.push(done.report);
     }
     report.total();
     Ok((frame, report))
+}
+
+/// What the parts of a frame have in common.
+struct Known<'a> {
+    masks: &'a Masks,
+    /// A frame of the larger size that guides come from.
+    second: Option<&'a Frame>,
+    asked: &'a Enlarge,
+    stamp: &'a Stamp,
+    plans: &'a Plans,
+    run: &'a Run<'a>,
+}
+
+/// Fills and enlarges a part; `finite` are masks of its finite samples, of which `lost` a channel are none.
+fn part(
+    frame: &mut Frame,
+    (index, mut choices): (usize, Vec<Choice>),
+    (finite, lost): (&Masks, &[usize]),
+    job: &Job,
+    known: &Known<'_>,
+) -> Result<Done, Error> {
+    let Known { second, asked, plans, run, .. } = *known;
+    let label = part_label(frame, index);
+    let refused = |why: String| Error::Enlarge {
+        part: if label.is_empty() { String::new() } else { format!("{label}: ") },
+        why,
+    };
+    let windows = Windows::of(&frame.parts[index], &asked.target).map_err(refused)?;
+    let kinds: Vec<_> = frame.parts[index].channels.iter().map(|channel| channel.samples.kind()).collect();
+    let part = &frame.parts[index];
+    let (sampling, is_known) = asked.model_in(part, job.domain).map_err(refused)?;
+    let geometry = windows.geometry(sampling);
+    let found = match second.filter(|_| *job.wanted() != Asked::None) {
+        Some(second) if choices.iter().any(|choice| choice.rule == Rule::Fill) => {
+            guides::of_larger(part, windows.data, second, job.wanted())?
+        }
+        _ => Vec::new(),
+    };
+    let high = guides::collect(&found, frame, second, geometry.high());
+    let high = high.map_err(|source| Error::Filter { channel: label.clone(), source })?;
+    let mut taken = vec![None; choices.len()];
+    let mut notes = Vec::new();
+    if let Some(second) = second.filter(|_| asked.take_guides) {
+        taken = take(part, windows.data, second, &mut choices);
+        notes.push(taken_note(part, &taken));
+    }
+    let choices = choices.as_slice();
+    let mut done = low(frame, (index, finite, choices), (&high, geometry), job, plans, run)?;
+    done.notes.extend(notes);
+    for (channel, lost) in done.report.channels.iter_mut().zip(lost) {
+        channel.non_finite += lost;
+    }
+    done.notes.extend(done.report.non_finite());
+    let work = part::Work { index, masks: finite, choices, guides: &high, neighbours: None, job, plans, run };
+    let before = done.report.groups.len();
+    channels::enlarge(frame, (&work, &kinds), (geometry, asked.method), taken, &mut done)?;
+    let why = format!("--sampling {sampling}, as the frame was rendered with one ray a pixel");
+    for group in done.report.groups.iter_mut().skip(before).filter(|_| is_known) {
+        group.settled.push(why.clone());
+    }
+    let part = &mut frame.parts[index];
+    done.notes.extend(vectors(part, (geometry, asked.keep_vectors), choices));
+    describe(part, (index, windows), job, known, &mut done);
+    Ok(done)
+}
+
+/// Gives a part its larger windows, a full mask where the small one was, and attributes that say how it was made.
+fn describe(
+    part: &mut Part,
+    (index, windows): (usize, Windows),
+    job: &Job,
+    known: &Known<'_>,
+    done: &mut Done,
+) {
+    let Known { masks, stamp, .. } = *known;
+    (part.data_window, part.display_window) = (windows.data, windows.display);
+    if masks.channels[index].iter().flatten().all(|mask| mask.is_full()) {
+        masks.mask_channels[index].iter().for_each(|&at| call_measured(&mut part.channels[at].samples));
+    }
+    let mask = mask_name(part, masks, index);
+    let (notes, _) = finish(part, masks, index, job);
+    done.notes.extend(notes);
+    done.notes.extend(drop_derived(part));
+    stamp.with_mask(mask).sign(&mut part.attributes, masks.part_density(index), &done.report);
+    // What is known of the small frame's missing pixels is not known of the large one.
+    for name in [estimate::ATTRIBUTE, temporal::ATTRIBUTE] {
+        part.attributes.remove(name);
+    }
 }
 
 /// A mask of 1 throughout: the frame was complete, or was taken as complete, and so is the larger one.
