@@ -381,6 +381,9 @@ def test_what_is_wrong_with_motion_is_named(tmp_path):
             frames.write(tmp_path / f"shot.{frame:04}.exr", frames.read(tmp_path / f"shot.{frame:04}.exr")[0], **header)
         log = fill(source, tmp_path / "out", "--temporal", "1", "--motion", "camera", "--frames", "2").stderr
         assert log.count(why) == 2, (why, log)
+        # By default motion is found by other means, and what is wrong with a camera is told, not that there is none.
+        log = fill(source, tmp_path / "out", "--temporal", "1", "--frames", "2").stderr
+        assert log.count(f", not by camera: {why}") == (2 if here else 0), (why, log)
 
 
 def test_another_display_window_is_called_so(tmp_path):

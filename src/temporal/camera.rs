@@ -21,6 +21,18 @@ fn camera(frame: &Frame, part: usize) -> Result<Camera, String> {
     camera.ok_or_else(|| format!("a {} or {} that cannot be inverted", MATRICES[0], MATRICES[1]))
 }
 
+/// What is wrong with the camera of a part or of the neighbour's, where one is said at all.
+pub fn broken((frame, part): (&Frame, usize), neighbour: &Neighbour) -> Option<String> {
+    let wrong = |frame: &Frame| {
+        let names =
+            |part: usize| MATRICES.iter().any(|name| frame.parts[part].attributes.get(name).is_some());
+        let said = names(part) || fit::alike(frame, part).any(names);
+        camera(frame, part).err().filter(|_| said)
+    };
+    let own = wrong(frame).map(|what| format!("this frame has {what}"));
+    own.or_else(|| wrong(&neighbour.frame).map(|what| format!("it has {what}")))
+}
+
 /// The attributes that say where a camera looks, and what it shows where.
 const MATRICES: [&str; 2] = ["worldToCamera", "worldToNDC"];
 

@@ -83,6 +83,8 @@ struct Found {
     places: Vec<[f32; 2]>,
     judged: Option<Vec<[f32; 2]>>,
     how: String,
+    /// What is wrong with the cameras that would have told.
+    broken: Option<String>,
 }
 
 impl Carrier<'_> {
@@ -125,7 +127,7 @@ impl Found {
     }
 
     fn of(self, neighbour: &Neighbour, part: usize) -> Carrier<'_> {
-        let Self { places, judged, how } = self;
+        let Self { places, judged, how, .. } = self;
         let masks = neighbour.masks.different(part);
         let few = |all: Vec<[f32; 2]>| Places::new(&all, &masks);
         Carrier { neighbour, part, places: few(places), judged: judged.map(few), how }
@@ -159,15 +161,18 @@ pub fn carriers<'a>(
             let asked = Asked::new(neighbour, part, &reference.names);
             carrier((frame, part), (neighbour, asked.as_ref()), (motion, paths), (reference, &blind))
                 .and_then(|found| found.shows_the_same(asked.as_ref(), reference))
-                .map(|found| found.of(neighbour, part))
         };
+        let label = part_label(frame, part);
+        let label = if label.is_empty() { label } else { format!("{label} of ") };
         match made {
-            Ok(carrier) => found.push(carrier),
-            Err(why) => {
-                let label = part_label(frame, part);
-                let label = if label.is_empty() { label } else { format!("{label} of ") };
-                notes.push(format!("filled without {label}{}: {why}", neighbour.label));
+            Ok(made) => {
+                let how = &made.how;
+                let note =
+                    |why| format!("along with {label}{} by {how}, not by camera: {why}", neighbour.label);
+                notes.extend(made.broken.as_ref().map(note));
+                found.push(made.of(neighbour, part));
             }
+            Err(why) => notes.push(format!("filled without {label}{}: {why}", neighbour.label)),
         }
     }
     (found, notes)
@@ -197,7 +202,8 @@ fn carrier(
     (motion, paths): (Motion, Option<&Paths>),
     (reference, blind): (&Reference<'_>, &dyn Deref<Target = Option<Blind>>),
 ) -> Result<Found, String> {
-    let make = |places: Vec<[f32; 2]>, how: &str| Found { places, judged: None, how: how.into() };
+    let make =
+        |places: Vec<[f32; 2]>, how: &str| Found { places, judged: None, how: how.into(), broken: None };
     if let Some(paths) = paths
         && let Some(places) = paths.places(neighbour.offset)
     {
@@ -217,6 +223,7 @@ fn carrier(
             Err(_) => {}
         }
     }
+    let broken = (motion == Motion::Auto).then(|| camera::broken((frame, part), neighbour)).flatten();
     if matches!(motion, Motion::Auto | Motion::Flow) {
         let (samples, mask) = measured(neighbour, part, &reference.names)
             .ok_or_else(|| lacking(neighbour, part, &reference.names))?;
@@ -232,10 +239,10 @@ fn carrier(
                 None => flow::estimate(&filled, &blind.whole),
             };
             let places = places.map_err(|error| error.to_string())?;
-            return Ok(Found { judged, ..make(places, "flow") });
+            return Ok(Found { judged, broken, ..make(places, "flow") });
         }
     }
-    Ok(make(still(neighbour.frame.parts[part].size()), "no motion"))
+    Ok(Found { broken, ..make(still(neighbour.frame.parts[part].size()), "no motion") })
 }
 
 /// Which colours a neighbour lacks.
