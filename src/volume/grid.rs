@@ -53,7 +53,11 @@ impl Grid {
                 "an edge of its voxels is {edge:e} long: 1e-30 to 1e30 can be rendered"
             )));
         }
-        let range = values.range().ok_or_else(|| Error::Volume("a value is not finite".into()))?;
+        let range = values.range().ok_or_else(|| {
+            Error::Volume(
+                "a voxel is NaN or infinite: give it a number, such as that of the surroundings".into(),
+            )
+        })?;
         let strides = [size[0] + BORDER, (size[0] + BORDER) * (size[1] + BORDER)];
         let voxels = match values {
             Values::U8(values) => Values::U8(pad(values, size)),

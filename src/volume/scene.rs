@@ -319,11 +319,13 @@ impl Scene {
         let [width, height] = self.image.size;
         let march = &self.march;
         let share = 0.0..=1.0;
-        let ShadingScene { flat, ambient, diffuse, specular, .. } = self.shading;
+        let ShadingScene { flat, ambient, diffuse, specular, shininess, .. } = self.shading;
+        let angle = self.camera.angle.unwrap_or(90.0);
         let within = |values: &[f64]| values.iter().all(|value| value.abs() <= LARGEST);
         let strengths: Vec<f64> = self.light.iter().flatten().map(|light| light.intensity).collect();
         let problems = [
             (!within(&[flat, ambient, diffuse, specular]), "shading: numbers within -1e9 and 1e9"),
+            (!(0.0..=LARGEST).contains(&shininess), "shading.shininess: 0 to 1e9"),
             (!within(&strengths), "light.intensity: a number within -1e9 and 1e9"),
             (!within(&self.image.background), "image.background: numbers within -1e9 and 1e9"),
             (
@@ -339,6 +341,7 @@ impl Scene {
             (!(march.opaque > 0.0 && march.opaque <= 1.0), "march.opaque: above 0, 1 at most"),
             (!share.contains(&march.depth_opacity), "march.depth-opacity: 0 to 1"),
             (!march.iso.is_finite(), "march.iso: a number"),
+            (!(angle > 0.0 && angle < 180.0), "camera.angle: above 0, below 180 degrees"),
             (!(self.camera.zoom > 0.0 && self.camera.zoom.is_finite()), "camera.zoom: above 0"),
             (
                 self.light.as_ref().is_some_and(|lights| lights.len() > super::shade::MOST_LIGHTS),
@@ -419,6 +422,8 @@ mod tests {
             ("colour = 3", "unknown field"),
             ("[camera]\nazimut = 3", "line 2"),
             ("[march]\nstep = 0.0", "march.step"),
+            ("[shading]\nshininess = -1", "shading.shininess"),
+            ("[camera]\nangle = 180", "camera.angle"),
             ("[image]\nsize = [0, 5]", "image.size"),
             ("[image]\nbackground = [0.0, nan, 0.0, 0.0]", "image.background"),
             ("[[light]]\nintensity = 1e308", "light.intensity"),

@@ -2,7 +2,8 @@
 
 use std::io::Read;
 
-use flate2::read::{MultiGzDecoder, ZlibDecoder};
+use flate2::bufread::GzDecoder;
+use flate2::read::ZlibDecoder;
 
 use super::Coding;
 
@@ -29,16 +30,26 @@ pub(super) fn inflate(packed: &[u8], coding: Coding, expected: usize) -> Result<
     let limit = expected as u64 + 1;
     let read = match coding {
         Coding::Zlib => ZlibDecoder::new(packed).take(limit).read_to_end(&mut plain),
-        _ => MultiGzDecoder::new(packed).take(limit).read_to_end(&mut plain),
+        _ => gunzip(packed, limit, &mut plain),
     };
     let got = plain.len();
-    // Some writers leave bytes behind the stream; the voxels are complete all the same.
     match read {
-        _ if got == expected => Ok(plain),
         _ if got > expected => Err(format!("more than the {expected} bytes of voxels that were expected")),
+        Ok(_) if got == expected => Ok(plain),
         Ok(_) => Err(format!("truncated: {got} of {expected} bytes of voxels")),
         Err(error) => Err(format!("damaged after {got} of {expected} bytes of voxels: {error}")),
     }
+}
+
+/// Members one after the other up to so many bytes of voxels, each held against its checksum. Some writers leave bytes behind the last; the
+/// voxels are complete all the same.
+fn gunzip(mut packed: &[u8], limit: u64, plain: &mut Vec<u8>) -> std::io::Result<usize> {
+    while !packed.is_empty() && plain.len() as u64 + 1 < limit {
+        let mut member = GzDecoder::new(packed);
+        member.by_ref().take(limit - plain.len() as u64).read_to_end(plain)?;
+        packed = member.into_inner();
+    }
+    Ok(plain.len())
 }
 
 /// The bytes of a single stream, if it is whole and holds exactly so many.

@@ -344,3 +344,22 @@ fn texts_are_read_from_small_regular_files() {
         assert!(error.contains(why), "{error}");
     }
 }
+
+#[test]
+fn gzip_members_are_held_against_their_checksums() {
+    let plain = bytes(false);
+    let inflate = |packed: &[u8]| inflate::inflate(packed, Coding::Gzip, plain.len());
+    let whole = gzip(&plain);
+    let two = [gzip(&plain[..7]), gzip(&plain[7..])].concat();
+    let behind = [&whole[..], b"left behind"].concat();
+    for packed in [&whole, &two, &behind] {
+        assert_eq!(inflate(packed).as_ref(), Ok(&plain));
+    }
+    for (mut packed, from) in [(whole.clone(), whole.len() - 8), (two.clone(), two.len() - 8)] {
+        for at in from..packed.len() {
+            packed[at] ^= 1;
+            assert!(inflate(&packed).unwrap_err().starts_with("damaged"), "byte {at}");
+            packed[at] ^= 1;
+        }
+    }
+}

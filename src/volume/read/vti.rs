@@ -81,13 +81,15 @@ impl<'a> File<'a> {
         }
         let extent = piece.attribute("Extent").or_else(|| image.attribute("WholeExtent"));
         let (size, first) = extent.and_then(self::extent).ok_or("the extent cannot be read")?;
-        let points = named("PointData").next().ok_or("there is no PointData")?;
+        let points = named("PointData")
+            .next()
+            .ok_or("there is no PointData: values of cells are not read, convert them to points")?;
         let wanted = points.attribute("Scalars");
         let arrays = || points.children().filter(|node| node.has_tag_name("DataArray"));
         let chosen = arrays().find(|node| wanted.is_some() && node.attribute("Name") == wanted);
         let array = chosen.or_else(|| arrays().next()).ok_or("there is no DataArray over the points")?;
         if array.attribute("NumberOfComponents").is_some_and(|n| n.trim() != "1") {
-            return Err("the array has several components; one is read".into());
+            return Err("its array has several components: write one of a single component".into());
         }
         let element = element(array.attribute("type").unwrap_or_default())?;
         let placement = placement(image, first)?;
@@ -150,7 +152,8 @@ impl<'a> File<'a> {
             (0..count).map(|k| word(3 + k).map(|packed| (plain(k), packed))).collect::<Result<_, _>>()?;
         let sum = sizes.iter().try_fold(0_usize, |sum, size| sum.checked_add(size.0));
         if sum != Some(expected) {
-            return Err(format!("blocks of {sum:?} bytes where the extent promises {expected}"));
+            let sum = sum.map_or_else(|| "too many".into(), |sum| sum.to_string());
+            return Err(format!("blocks of {sum} bytes where the extent promises {expected}"));
         }
         Ok((sizes, (3 + count) * self.lengths.bytes))
     }
