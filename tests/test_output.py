@@ -181,6 +181,21 @@ def test_lossy_renders_are_united_without_loss(sparse, compression):
         assert ("dropped preview: the pixels are others now" in result.stderr) == (one == a)
 
 
+def test_renders_by_other_cameras_are_doubted(sparse):
+    eye = np.eye(4, dtype=np.float32)
+    a, b, c = (sparse(f"{name}.exr", worldToCamera=matrix) for name, matrix in (("a", eye), ("b", eye), ("c", 2 * eye)))
+    doubt = "the renders differ in worldToCamera: are they of one frame?"
+    for other, doubted in ((b, False), (c, True)):
+        result = lacuna("mask", "--merge", a, other, "-o", a.with_name(f"of-{other.name}"))
+        assert (doubt in result.stderr) == doubted, result.stderr
+
+
+def test_a_pattern_of_masks_needs_frames(tmp_path):
+    result = lacuna("mask", "--size", "8x8", "--density", "0.5", "-o", tmp_path / "m.####.png", ok=False)
+    assert result.status == 2 and "a pattern needs --frames" in result.stderr
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("kind", [np.float16, np.float32])
 @pytest.mark.parametrize("compression", ["B44", "B44A", "DWAA", "DWAB"])
 def test_what_a_lossy_compression_made_of_zeros_is_filled(tmp_path, compression, kind):

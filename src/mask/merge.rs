@@ -17,6 +17,9 @@ use crate::mask::{PATTERN, SEED};
 /// The channel that is added to a part without one.
 const CHANNEL: &str = "mask";
 
+/// The attributes that are the same in all renders of a frame.
+const CAMERA: [&str; 2] = ["worldToCamera", "worldToNDC"];
+
 /// The union, and what a reader of the log should know.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Merged {
@@ -50,6 +53,10 @@ pub fn merge(
         let label = if label.is_empty() { label } else { format!("{label}: ") };
         let part = &mut frame.parts[index];
         same_form(part, other).map_err(|why| MakeError::Other(format!("{label}{why}")))?;
+        let differs = |name: &&str| part.attributes.get(name) != other.attributes.get(name);
+        if let Some(name) = CAMERA.iter().find(|name| differs(name)) {
+            notes.push(format!("{label}the renders differ in {name}: are they of one frame?"));
+        }
         let mut united = United::default();
         for channel in 0..part.channels.len() {
             let masks = [first, second].map(|masks| masks.get(index, channel).map(Arc::as_ref));

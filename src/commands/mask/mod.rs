@@ -120,11 +120,14 @@ fn generate(
     console: &Console,
 ) -> Result<u8, PlanError> {
     output.make_folder()?;
-    let Some(frames) = frames else {
-        return one((request, memory), rank, 0, bounds, &output.path, output, console).map(|()| 0);
-    };
     let text = output.path.to_str().unwrap_or_default();
     let pattern = Pattern::parse(text).map_err(|error| PlanError::Usage(error.to_string()))?;
+    let Some(frames) = frames else {
+        if pattern.is_some() {
+            return Err(PlanError::Usage(format!("{text}: a pattern needs --frames, such as 1-100")));
+        }
+        return one((request, memory), rank, 0, bounds, &output.path, output, console).map(|()| 0);
+    };
     let Some(pattern) = pattern else {
         return Err(PlanError::Usage(format!(
             "{text}: --frames needs a pattern to write to, such as mask.####.exr"
