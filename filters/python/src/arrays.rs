@@ -188,3 +188,19 @@ where
 {
     Ok(PyArray1::from_vec(py, values).reshape(shape)?.into_any())
 }
+
+/// Refuses a mask of light that has all of it at missing pixels, as one that is the other way round has.
+pub fn not_inverted(mask: &Mask, samples: &Planes) -> PyResult<()> {
+    let values = |wanted: bool| {
+        let planes = samples.as_slice().iter().flat_map(|plane| plane.pixels().iter().zip(mask.as_slice()));
+        planes.filter(move |(value, flag)| **flag == wanted && value.is_finite()).map(|(value, _)| *value)
+    };
+    let blank = mask.is_full() || values(true).any(|value| value != 0.0);
+    let first = values(false).next().unwrap_or_default();
+    if blank || values(false).all(|value| value - first == 0.0) {
+        return Ok(());
+    }
+    Err(PyValueError::new_err(
+        "mask: all measured values are 0, and missing pixels have others: it seems inverted; it is True where pixels are measured",
+    ))
+}

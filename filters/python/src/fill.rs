@@ -145,6 +145,9 @@ pub fn fill<'py>(
         return Err(PyValueError::new_err(what));
     }
     (options.values, options.bounds) = self::values(values, samples.len())?;
+    if options.values == Values::Light {
+        arrays::not_inverted(&mask, &samples)?;
+    }
     options.domain = self::domain(domain)?;
     options.limit = limit;
     options.weights = weights.map(|weights| Arc::new(Plane::from(weights.as_array())));
