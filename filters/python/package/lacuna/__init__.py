@@ -38,24 +38,26 @@ _SOLVING = 24
 
 
 class Estimate(NamedTuple):
-    """How wrong the missing pixels are, told from samples that were predicted without themselves."""
+    """How wrong the missing pixels are, told from samples that were predicted without themselves.
+
+    psnr: In decibels at peak 1, over missing pixels and channels; of light, clipped to 0 and 1. None if it cannot be told.
+    low: The lower end of an interval that holds the truth nine times of ten; alone where samples show no more.
+    high: Its upper end.
+    reason: Why it, or more of it, cannot be told.
+    errors: (height, width): the root mean square error of each pixel over the channels, 0 at measured ones.
+    filters: What filled, and its mean weight at missing pixels: several where the filter ``auto`` blends.
+    guides: The guides that were believed.
+    stop: How the solver ended: ``converged`` or ``iteration-limit``.
+    """
 
     psnr: Optional[float]
-    """In decibels, of light clipped to 0 and 1, over missing pixels and channels; None if it cannot be told."""
     low: Optional[float]
-    """The lower end of an interval that holds the truth nine times of ten; alone where samples show no more."""
     high: Optional[float]
-    """Its upper end."""
     reason: Optional[str]
-    """Why it, or more of it, cannot be told."""
     errors: Optional[npt.NDArray[np.float32]]
-    """(height, width): the root mean square error of each pixel over the channels, 0 at measured ones."""
     filters: dict[str, float]
-    """What filled, and its mean weight at missing pixels: several where the filter ``auto`` blends."""
     guides: tuple[str, ...]
-    """The guides that were believed."""
     stop: str
-    """How the solver ended: ``converged`` or ``iteration-limit``."""
 
 
 @overload
