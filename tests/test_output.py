@@ -191,7 +191,7 @@ def test_renders_by_other_cameras_are_doubted(sparse):
 
 
 def test_a_pattern_of_masks_needs_frames(tmp_path):
-    result = lacuna("mask", "--size", "8x8", "--density", "0.5", "-o", tmp_path / "m.####.png", ok=False)
+    result = lacuna("mask", "--size", "8x8", "--density", "0.5", "-o", tmp_path / "new" / "m.####.png", "--create-dir", ok=False)
     assert result.status == 2 and "a pattern needs --frames" in result.stderr
     assert not list(tmp_path.iterdir())
 

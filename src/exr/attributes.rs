@@ -1,5 +1,8 @@
 //! Header attributes as the file has them: ordered, named, typed, raw.
 
+/// The standard attributes that say where a camera looks, and what it shows where.
+pub const CAMERA: [&str; 2] = ["worldToCamera", "worldToNDC"];
+
 /// One header attribute: its bytes as they stand in the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Attribute {

@@ -21,7 +21,7 @@ mod stale;
 mod temporary;
 mod write;
 
-pub use attributes::{Attribute, Attributes};
+pub use attributes::{Attribute, Attributes, CAMERA};
 pub use error::{Amount, Error};
 use half::f16;
 use half::slice::HalfFloatSliceExt;

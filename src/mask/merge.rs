@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use half::f16;
-use lacuna_exr::{Attributes, Channel, Frame, Part, Samples};
+use lacuna_exr::{Attributes, CAMERA, Channel, Frame, Part, Samples};
 use lacuna_filters::Mask;
 
 use super::{ATTRIBUTE, MakeError, Masks};
@@ -16,9 +16,6 @@ use crate::mask::{PATTERN, SEED};
 
 /// The channel that is added to a part without one.
 const CHANNEL: &str = "mask";
-
-/// The attributes that are the same in all renders of a frame.
-const CAMERA: [&str; 2] = ["worldToCamera", "worldToNDC"];
 
 /// The union, and what a reader of the log should know.
 #[derive(Clone, Debug, PartialEq)]

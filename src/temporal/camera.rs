@@ -1,7 +1,7 @@
 //! Motion by depth and cameras, as the standard attributes say them.
 
 use lacuna_core::parallel::prelude::*;
-use lacuna_exr::{Frame, Part};
+use lacuna_exr::{CAMERA, Frame, Part};
 use lacuna_filters::baseline::nearest::NearestMap;
 use lacuna_filters::temporal::camera::{Camera, Depth, Matrix};
 use lacuna_filters::{Mask, Size};
@@ -14,27 +14,23 @@ use crate::channels::{self, Name, Rule};
 /// # Errors
 /// What is missing, or wrong.
 fn camera(frame: &Frame, part: usize) -> Result<Camera, String> {
-    let known = |part: &usize| MATRICES.iter().all(|name| frame.parts[*part].attributes.get(name).is_some());
+    let known = |part: &usize| CAMERA.iter().all(|name| frame.parts[*part].attributes.get(name).is_some());
     let part = &frame.parts[fit::alike(frame, part).find(known).unwrap_or(part)];
-    let [to_camera, to_ndc] = MATRICES.map(|name| matrix(part, name));
+    let [to_camera, to_ndc] = CAMERA.map(|name| matrix(part, name));
     let camera = Camera::new(&to_camera?, &to_ndc?, part.display_window.size());
-    camera.ok_or_else(|| format!("a {} or {} that cannot be inverted", MATRICES[0], MATRICES[1]))
+    camera.ok_or_else(|| format!("a {} or {} that cannot be inverted", CAMERA[0], CAMERA[1]))
 }
 
 /// What is wrong with the camera of a part or of the neighbour's, where one is said at all.
 pub fn broken((frame, part): (&Frame, usize), neighbour: &Neighbour) -> Option<String> {
     let wrong = |frame: &Frame| {
-        let names =
-            |part: usize| MATRICES.iter().any(|name| frame.parts[part].attributes.get(name).is_some());
+        let names = |part: usize| CAMERA.iter().any(|name| frame.parts[part].attributes.get(name).is_some());
         let said = names(part) || fit::alike(frame, part).any(names);
         camera(frame, part).err().filter(|_| said)
     };
     let own = wrong(frame).map(|what| format!("this frame has {what}"));
     own.or_else(|| wrong(&neighbour.frame).map(|what| format!("it has {what}")))
 }
-
-/// The attributes that say where a camera looks, and what it shows where.
-const MATRICES: [&str; 2] = ["worldToCamera", "worldToNDC"];
 
 fn matrix(part: &Part, name: &str) -> Result<Matrix, String> {
     let attribute = part.attributes.get(name).ok_or_else(|| format!("no {name}"))?;

@@ -189,6 +189,13 @@ where
     Ok(PyArray1::from_vec(py, values).reshape(shape)?.into_any())
 }
 
+/// What is said of an image without a mask whose values are all finite.
+pub fn nothing_missing() -> PyErr {
+    PyValueError::new_err(
+        "image: nothing is missing: no pixel is NaN or infinite; give the mask of the measured ones",
+    )
+}
+
 /// Refuses a mask of light that has all of it at missing pixels, as one that is the other way round has.
 pub fn not_inverted(mask: &Mask, samples: &Planes) -> PyResult<()> {
     let values = |wanted: bool| {

@@ -140,9 +140,7 @@ pub fn fill<'py>(
     let mut options = Options::of(method(filter, &settings)?);
     let guides = self::guides(guides, &options.method, &samples, &pool)?;
     if !given && mask.is_full() && options.keeps_measured() {
-        let what =
-            "image: nothing is missing: no pixel is NaN or infinite; give the mask of the measured ones";
-        return Err(PyValueError::new_err(what));
+        return Err(arrays::nothing_missing());
     }
     (options.values, options.bounds) = self::values(values, samples.len())?;
     if options.values == Values::Light {

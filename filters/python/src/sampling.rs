@@ -67,9 +67,7 @@ pub fn next_mask<'py>(
     let measured = arrays::measured(mask.as_ref(), &samples)?;
     let closed = closed.map(|closed| arrays::mask(&closed));
     if mask.is_none() && measured.is_full() {
-        let what =
-            "image: nothing is missing: no pixel is NaN or infinite; give the mask of the measured ones";
-        return Err(PyValueError::new_err(what));
+        return Err(arrays::nothing_missing());
     }
     arrays::not_inverted(&measured, &samples)?;
     drop(image);

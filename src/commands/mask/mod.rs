@@ -119,13 +119,13 @@ fn generate(
     output: &MaskOutput,
     console: &Console,
 ) -> Result<u8, PlanError> {
-    output.make_folder()?;
     let text = output.path.to_str().unwrap_or_default();
     let pattern = Pattern::parse(text).map_err(|error| PlanError::Usage(error.to_string()))?;
     let Some(frames) = frames else {
         if pattern.is_some() {
             return Err(PlanError::Usage(format!("{text}: a pattern needs --frames, such as 1-100")));
         }
+        output.make_folder()?;
         return one((request, memory), rank, 0, bounds, &output.path, output, console).map(|()| 0);
     };
     let Some(pattern) = pattern else {
@@ -133,6 +133,7 @@ fn generate(
             "{text}: --frames needs a pattern to write to, such as mask.####.exr"
         )));
     };
+    output.make_folder()?;
     let mut status = 0;
     console.begin(frames.len() as u64);
     for &number in frames {
