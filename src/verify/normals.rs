@@ -12,7 +12,7 @@ use crate::channels::normal_triple;
 use crate::reconstruct::normals::Lengths;
 use crate::reconstruct::{measured_floats, normals, usable};
 
-/// How far the length of a unit vector may be from 1 if a component is a half: its rounding error.
+/// How far the length of a vector may be from the right one, of that or of 1, if a component is a half: its rounding error.
 const HALF: f64 = 1.0 / 1024.0;
 /// The same for 32-bit floats.
 const FLOAT: f64 = 1e-6;
@@ -64,7 +64,8 @@ fn one(pair: &Pair<'_>, triple: [usize; 3]) -> Option<Difference> {
                 None => length != 0.0 && (length - 1.0).abs() > tolerance,
                 Some(around) => {
                     let range = normals::range(measured, around.around(*at));
-                    (f64::from(lengths.allowed(length as f32, range)) - length).abs() > tolerance
+                    let allowed = f64::from(lengths.allowed(length as f32, range));
+                    (allowed - length).abs() > tolerance * length.max(1.0)
                 }
             }
     };

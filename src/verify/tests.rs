@@ -273,6 +273,17 @@ fn filled_normals_are_no_longer_than_those_around() {
 }
 
 #[test]
+fn long_normals_are_held_to_their_own_rounding() {
+    let planes = [[0.0, 0.57, 1.0], [0.0, 0.0, 0.283], [0.0, 65504.0, 0.0]];
+    let mut channels: Vec<_> =
+        ["N.X", "N.Y", "N.Z"].iter().zip(&planes).map(|(name, plane)| half(name, plane)).collect();
+    channels.push(half("mask", &[0.0, 1.0, 1.0]));
+    let sparse = frame(vec![part(window(-4, 2, 3, 1), channels)]);
+    let job = Job { limit: false, kind: Some(Kind::Float), ..Job::new(push_pull::Settings.into()) };
+    assert_eq!(lines(&sparse, &filled(&sparse, &job)), [""; 0]);
+}
+
+#[test]
 fn required_attributes_of_a_wrong_type_may_be_repaired() {
     let mut sparse = sparse();
     for part in &mut sparse.parts {
