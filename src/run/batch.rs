@@ -142,7 +142,7 @@ pub trait Work: Sync {
 
 /// What the work on a frame may ask of the batch.
 pub struct Stage<'a> {
-    permits: &'a Permits,
+    permits: &'a Permits<'a>,
     share: &'a Share<'a>,
     console: &'a Console,
     stopped: &'a AtomicBool,

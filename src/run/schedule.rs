@@ -5,6 +5,7 @@
 //! frames on the way; frames start in order, so a large one is not overtaken for ever. The order in which frames end
 //! changes no bit of them.
 
+use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -51,21 +52,19 @@ pub enum Refusal {
     NotStarted,
 }
 
-/// The permits to solve. Held while a frame is solved.
-pub struct Permits {
-    free: Counter,
+/// What a frame asks for a permit to solve, which it holds meanwhile.
+pub struct Permits<'a> {
+    free: &'a Counter,
     all: usize,
+    /// Its place among the frames: of those that wait, the first is served first.
+    place: usize,
 }
 
-impl Permits {
-    fn new(all: usize) -> Self {
-        Self { free: Counter::new(all as u64), all }
-    }
-
+impl Permits<'_> {
     /// Waits for a permit and solves. With a single permit this runs inside the thread pool, where a loop starts without being handed over. With
     /// several, a thread of the pool that waits for a loop could take up another frame: then it runs outside.
     pub fn solve<T: Send>(&self, solve: impl FnOnce() -> T + Send) -> T {
-        let _permit = self.free.take(1);
+        let _permit = self.free.take(1, self.place);
         if self.all == 1 { rayon::scope(|_| solve()) } else { solve() }
     }
 }
@@ -96,11 +95,12 @@ pub fn run<I: Sync, T: Send>(
     items: &[I],
     limits: Limits,
     need: impl Fn(&I) -> Need + Sync,
-    work: impl Fn(usize, &I, (&Permits, &Share<'_>)) -> T + Sync,
+    work: impl Fn(usize, &I, (&Permits<'_>, &Share<'_>)) -> T + Sync,
     refused: impl Fn(usize, &I, Refusal) -> T + Sync,
     stopped: impl Fn() -> bool + Sync,
 ) -> Vec<T> {
-    let permits = Permits::new(limits.parallel_frames.max(1));
+    let all = limits.parallel_frames.max(1);
+    let free = Counter::new(all as u64);
     let memory = Counter::new(limits.memory.unwrap_or(u64::MAX));
     let next = Mutex::new(0);
     let results: Mutex<Vec<Option<T>>> = Mutex::new(items.iter().map(|_| None).collect());
@@ -120,9 +120,10 @@ pub fn run<I: Sync, T: Send>(
                     drop(queue);
                     Err(Refusal::TooLarge { needed: least, bound })
                 } else {
-                    let held = memory.take(limits.memory.map_or(most, |bound| most.min(bound)));
+                    let held = memory.take(limits.memory.map_or(most, |bound| most.min(bound)), index);
                     drop(queue);
                     let share = Share { held, bound: limits.memory };
+                    let permits = Permits { free: &free, all, place: index };
                     catch_unwind(AssertUnwindSafe(|| work(index, item, (&permits, &share))))
                         .map_err(|panic| Refusal::Panic(message(panic.as_ref())))
                 }
@@ -131,7 +132,7 @@ pub fn run<I: Sync, T: Send>(
             lock(&results)[index] = Some(result);
         }
     };
-    let threads = (limits.parallel_frames.max(1) + limits.overlap).min(items.len()).max(1);
+    let threads = (all + limits.overlap).min(items.len()).max(1);
     std::thread::scope(|scope| {
         for _ in 1..threads {
             scope.spawn(worker);
@@ -155,8 +156,14 @@ pub fn message(panic: &(dyn std::any::Any + Send)) -> String {
 
 /// A number of units to be had and given back.
 struct Counter {
-    free: Mutex<u64>,
-    given_back: Condvar,
+    state: Mutex<Units>,
+    changed: Condvar,
+}
+
+struct Units {
+    free: u64,
+    /// The places of those that wait.
+    waiting: BTreeSet<usize>,
 }
 
 /// Units held.
@@ -167,16 +174,21 @@ struct Held<'a> {
 
 impl Counter {
     const fn new(units: u64) -> Self {
-        Self { free: Mutex::new(units), given_back: Condvar::new() }
+        Self { state: Mutex::new(Units { free: units, waiting: BTreeSet::new() }), changed: Condvar::new() }
     }
 
-    /// Waits until `units` are free and takes them.
-    fn take(&self, units: u64) -> Held<'_> {
-        let mut free = lock(&self.free);
-        while *free < units {
-            free = self.given_back.wait(free).unwrap_or_else(PoisonError::into_inner);
+    /// Waits until `units` are free and nobody of a lower place waits, and takes them.
+    fn take(&self, units: u64, place: usize) -> Held<'_> {
+        let mut state = lock(&self.state);
+        state.waiting.insert(place);
+        while state.free < units || state.waiting.first() != Some(&place) {
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
-        *free -= units;
+        state.waiting.remove(&place);
+        state.free -= units;
+        drop(state);
+        // Units may be left for the next.
+        self.changed.notify_all();
         Held { counter: self, units: AtomicU64::new(units) }
     }
 }
@@ -185,8 +197,8 @@ impl Held<'_> {
     /// Gives back what is beyond `units`.
     fn shrink(&self, units: u64) {
         let held = self.units.fetch_min(units, Ordering::Relaxed);
-        *lock(&self.counter.free) += held.saturating_sub(units);
-        self.counter.given_back.notify_all();
+        lock(&self.counter.state).free += held.saturating_sub(units);
+        self.counter.changed.notify_all();
     }
 }
 
@@ -226,6 +238,33 @@ mod tests {
             );
             assert_eq!(results, items.iter().map(|&i| (i, i * i)).collect::<Vec<_>>());
         }
+    }
+
+    #[test]
+    fn frames_that_wait_are_solved_in_order() {
+        let (items, order): (Vec<usize>, _) = ((0..30).collect(), Mutex::new(Vec::new()));
+        let held = AtomicU64::new(0);
+        run(
+            &items,
+            limits(1, 29, None),
+            |_| 0.into(),
+            |_, &item, (permits, _)| {
+                while item != 0 && held.load(Ordering::SeqCst) == 0 {
+                    std::thread::yield_now();
+                }
+                permits.solve(|| {
+                    held.store(1, Ordering::SeqCst);
+                    // The first goes on when all others wait, who came in any order.
+                    while item == 0 && lock(&permits.free.state).waiting.len() < 29 {
+                        std::thread::yield_now();
+                    }
+                    lock(&order).push(item);
+                });
+            },
+            |_, _, refusal| panic!("{refusal:?}"),
+            || false,
+        );
+        assert_eq!(order.into_inner().unwrap(), items);
     }
 
     #[test]
@@ -310,7 +349,7 @@ mod tests {
     #[test]
     fn an_estimate_that_panics_stops_nothing() {
         let need = |item: &i32| if *item == 0 { panic!("item 0") } else { 1.into() };
-        let work = |_, &item: &i32, _: (&Permits, &Share<'_>)| Ok(item);
+        let work = |_, &item: &i32, _: (&Permits<'_>, &Share<'_>)| Ok(item);
         let results =
             run(&[1, 0, 2], limits(1, 1, Some(9)), need, work, |_, _, refusal| Err(refusal), || false);
         assert_eq!(results, [Ok(1), Ok(0), Ok(2)]);
