@@ -1,7 +1,7 @@
 //! Two sparse renders of one frame united, bit for bit: what either measured is measured.
 //!
 //! A pixel takes the bits of the first render where that measured it, of the second where only that did, and those of
-//! the first where neither did. The mask channels say so. Everything else (parts, windows, attributes, channels
+//! the first where neither did, unless they were filled: then it is 0. The mask channels say so. Everything else (parts, windows, attributes, channels
 //! without a mask) is the first render's; the second must have the same parts, windows and channels.
 
 use std::sync::Arc;
@@ -10,6 +10,7 @@ use half::f16;
 use lacuna_exr::{Attributes, CAMERA, Channel, Frame, Part, Samples};
 use lacuna_filters::Mask;
 
+use super::filled::filled_by;
 use super::{ATTRIBUTE, MakeError, Masks};
 use crate::channels::part_label;
 use crate::mask::{PATTERN, SEED};
@@ -49,12 +50,16 @@ pub fn merge(
         let label = part_label(&frame, index);
         let label = if label.is_empty() { label } else { format!("{label}: ") };
         let part = &mut frame.parts[index];
+        let filter = filled_by(part, Some(first), index);
+        if let Some(filter) = &filter {
+            notes.push(format!("{label}filled by {filter}: what no render measured is missing again"));
+        }
         same_form(part, other).map_err(|why| MakeError::Other(format!("{label}{why}")))?;
         let differs = |name: &&str| part.attributes.get(name) != other.attributes.get(name);
         if let Some(name) = CAMERA.iter().find(|name| differs(name)) {
             notes.push(format!("{label}the renders differ in {name}: are they of one frame?"));
         }
-        let mut united = United::default();
+        let mut united = United { clears: filter.is_some(), ..United::default() };
         for channel in 0..part.channels.len() {
             let masks = [first, second].map(|masks| masks.get(index, channel).map(Arc::as_ref));
             let is_mask = first.is_mask_channel(index, channel);
@@ -63,7 +68,7 @@ pub fn merge(
                 other => other,
             })?;
         }
-        let United { mask: united, different, notes: own } = united;
+        let United { mask: united, different, notes: own, .. } = united;
         notes.extend(own.into_iter().map(|note| format!("{label}{note}")));
         if different > 0 {
             let pixels = if different == 1 { "1 pixel" } else { &format!("{different} pixels") };
@@ -89,6 +94,8 @@ pub fn merge(
 struct United {
     /// Pixels that either render measured.
     mask: Option<Mask>,
+    /// Whether pixels that neither measured become 0.
+    clears: bool,
     /// The most pixels of a channel in which the renders differ, though both measured them.
     different: usize,
     /// One line each.
@@ -115,6 +122,9 @@ fn unite(
             united.different = united.different.max(differing(target, source, both));
             let only_new = |pixel: usize| new.as_slice()[pixel] && !own.as_slice()[pixel];
             take(target, source, only_new);
+            if united.clears {
+                clear(target, |pixel| !own.as_slice()[pixel] && !new.as_slice()[pixel]);
+            }
             if united.mask.is_none() {
                 united.mask = Some(union(own, new)?);
             }
@@ -155,6 +165,22 @@ fn take(target: &mut Samples, source: &Samples, from: impl Fn(usize) -> bool) {
         (Samples::Uint(target), Samples::Uint(source)) => copy(target, source, from),
         // The forms were compared before.
         _ => {}
+    }
+}
+
+/// Sets some pixels to 0.
+fn clear(samples: &mut Samples, which: impl Fn(usize) -> bool) {
+    fn zero<T: Copy + Default>(values: &mut [T], which: impl Fn(usize) -> bool) {
+        values
+            .iter_mut()
+            .enumerate()
+            .filter(|(pixel, _)| which(*pixel))
+            .for_each(|(_, value)| *value = T::default());
+    }
+    match samples {
+        Samples::Half(values) => zero(values, which),
+        Samples::Float(values) => zero(values, which),
+        Samples::Uint(values) => zero(values, which),
     }
 }
 

@@ -35,9 +35,21 @@ fn what_is_said_of_the_pattern_of_one_goes() {
     a.parts[0].attributes.set_text("lacuna/filter", "ss");
     a.parts[0].attributes.set_text(SEED, "3");
     let merged = of(&a, &a).unwrap();
-    assert_eq!(merged.notes, ["forgotten"]);
+    assert_eq!(merged.notes, ["filled by ss: what no render measured is missing again", "forgotten"]);
     let part = &merged.frame.parts[0];
+    assert_eq!(values(part, "R"), [1.0, 1.0, 0.0, 0.0]);
     assert_eq!(["lacuna/filter", SEED].map(|name| part.attributes.text(name)), [None, None]);
+}
+
+#[test]
+fn what_was_filled_is_missing_again_in_either_order() {
+    let mut filled = render([1.0, 2.0, 3.0, 4.0], [1; 4], [1.0, 0.0, 0.0, 0.0]);
+    filled.parts[0].attributes.set_text("lacuna/filter", "ss");
+    let sparse = render([0.0, 5.0, 0.0, 0.0], [0, 1, 0, 0], [0.0, 1.0, 0.0, 0.0]);
+    for merged in [of(&filled, &sparse).unwrap(), of(&sparse, &filled).unwrap()] {
+        assert_eq!(values(&merged.frame.parts[0], "R"), [1.0, 5.0, 0.0, 0.0]);
+        assert_eq!(merged.frame.parts[0].channels[1].samples, Samples::Uint(vec![1, 1, 0, 0]));
+    }
 }
 
 #[test]
