@@ -87,6 +87,9 @@ pub enum Error {
         "no part has a channel of colours, halves or floats, to choose pixels by; give --density without --adaptive"
     )]
     Colourless,
+    /// No pixel would stay.
+    #[error("{0}{1}")]
+    Empty(String, String),
     /// The pattern's settings are out of range.
     #[error(transparent)]
     Pattern(#[from] lacuna_filters::Error),
@@ -131,6 +134,9 @@ pub fn sparsify_but(
     let mut notes = Vec::new();
     for (index, mask) in masks.iter().enumerate() {
         let label = prefix(&frame, index, "", ": ", "");
+        if let Err(why) = mask::check_any(mask) {
+            return Err(Error::Empty(label, why));
+        }
         let part = &mut frame.parts[index];
         notes.extend(
             make_sparse(part, mask, pattern, complete).into_iter().map(|note| format!("{label}{note}")),
@@ -142,6 +148,10 @@ pub fn sparsify_but(
         all += mask.as_slice().len();
     }
     let names = || frame.parts.iter().flat_map(|part| &part.channels).map(Channel::display_name);
+    let is_complete = |name: &str| name == CHANNEL || complete.iter().any(|glob| glob.matches(name));
+    if names().all(|name| is_complete(&name)) {
+        notes.push("every channel stays complete: nothing is missing in this frame".into());
+    }
     let idle = complete.iter().filter(|glob| !names().any(|name| glob.matches(&name)));
     notes.extend(idle.map(|glob| format!("--channels '{glob}=keep': no channel matches")));
     let density = if all == 0 { 0.0 } else { measured as f64 / all as f64 };

@@ -224,6 +224,14 @@ def bad_files(folder, good):
     yield "bomb", bomb.read_bytes()
 
 
+def test_frames_that_do_not_exist_are_passed_over_if_asked(tmp_path):
+    words = ["dictionary", "train", SAMPLES / "smooth.exr", tmp_path / "none.exr", "--block", 4, "--atoms", 60, "--iterations", 1, "-o"]
+    assert "none.exr" in lacuna(*words, tmp_path / "a.npz", ok=False).stderr
+    assert "1 of 2 frames do not exist" in lacuna(*words, tmp_path / "b.npz", "--missing-frame", "skip").stderr
+    lacuna(*words[:3], *words[4:], tmp_path / "c.npz")
+    assert (tmp_path / "b.npz").read_bytes() == (tmp_path / "c.npz").read_bytes()
+
+
 def test_bad_input_ends_in_one_line(tmp_path, trained):
     path, _, _ = trained
     frame = SAMPLES / "smooth.exr"

@@ -54,11 +54,11 @@ struct SlurmArgs {
     cpus: u32,
 
     /// Memory of a task, such as 4G; lacuna keeps within it [default: the partition's]
-    #[arg(long, value_name = "SIZE", value_parser = word)]
+    #[arg(long, value_name = "SIZE", value_parser = size)]
     mem: Option<String>,
 
     /// Wall time of a task, such as 1:30:00 [default: the partition's]
-    #[arg(long, value_name = "TIME", value_parser = word)]
+    #[arg(long, value_name = "TIME", value_parser = wall_time)]
     time: Option<String>,
 
     /// The partition [default: Slurm's]
@@ -249,6 +249,25 @@ fn word(text: &str) -> Result<String, String> {
     Err("it may have letters, digits and - _ . : , + only".into())
 }
 
+/// Memory as Slurm reads it.
+fn size(text: &str) -> Result<String, String> {
+    let number = text.strip_suffix(['K', 'M', 'G', 'T', 'k', 'm', 'g', 't']).unwrap_or(text);
+    let fits = number.bytes().all(|byte| byte.is_ascii_digit()) && number.parse::<u64>().is_ok();
+    if fits { Ok(text.into()) } else { Err("it must be a whole number of K, M, G or T, such as 4G".into()) }
+}
+
+/// A time as Slurm reads it: minutes, with seconds, hours and days as far as they are given.
+fn wall_time(text: &str) -> Result<String, String> {
+    let (days, rest) = text.split_once('-').map_or((None, text), |(days, rest)| (Some(days), rest));
+    let fields: Vec<&str> = days.into_iter().chain(rest.split(':')).collect();
+    let is_number = |field: &&str| !field.is_empty() && field.bytes().all(|byte| byte.is_ascii_digit());
+    let most = if days.is_some() { 4 } else { 3 };
+    if fields.len() <= most && fields.iter().all(is_number) {
+        return Ok(text.into());
+    }
+    Err("it must be minutes, M:S, H:M:S or D-H:M:S, such as 1:30:00".into())
+}
+
 /// An option of sbatch as a line of `#SBATCH` has it.
 fn option(text: &str) -> Result<String, String> {
     let ends: &[char] = if text.starts_with("--") { &['=', ' '] } else { &[' '] };
@@ -328,7 +347,9 @@ mod tests {
         );
         assert_eq!(job.reference.unwrap().bounds, ["--fail-below=psnr=40,ssim=0.9"]);
         assert!(job.verify && !job.dry_run && job.program.is_absolute());
-        let job = submit("submit slurm -n -- render a.nrrd -o a.####.exr --frames 1-9x2").unwrap();
+        let job =
+            submit("submit slurm -n -- render samples/scenes/vessels.toml -o a.####.exr --frames 1-9x2")
+                .unwrap();
         assert_eq!(job.task.sparse, None);
         assert_eq!((job.frames, job.dry_run), (vec![1, 3, 5, 7, 9], true));
         let job =
@@ -384,6 +405,7 @@ mod tests {
             ("fill s.#.exr -o not/there/ --frames 1-4", "--create-dir makes it"),
             ("render a.nrrd -o a.exr --frames 1-4", "output pattern"),
             ("render not-there.toml -o a.#.exr --frames 1-4", "cannot read the scene"),
+            ("render not-there.nrrd -o a.#.exr --frames 1-4", "there is no such file"),
             ("fill s.#.exr -o f.#.exr --frames 1 --log -", "a ledger is a file"),
             ("info a.exr", "not fill"),
         ] {
@@ -392,13 +414,41 @@ mod tests {
             };
             assert!(text.contains(reason) && text.lines().count() == 1, "{line}: {text}");
         }
-        for wrong in
-            ["--chunk 0", "--mem a\"b", "--sbatch x", "--fail-below psnr=1", "--logs a\"", "--name a/b"]
-        {
+        for wrong in [
+            "--chunk 0",
+            "--mem a\"b",
+            "--mem foo",
+            "--mem 4.5G",
+            "--mem G",
+            "--time abc",
+            "--time 1:2:3:4",
+            "--time 1-",
+            "--time :",
+            "--sbatch x",
+            "--fail-below psnr=1",
+            "--logs a\"",
+            "--name a/b",
+        ] {
             assert!(
                 submit(&format!("submit slurm {wrong} -- fill s.#.exr -o f.#.exr --frames 1")).is_err(),
                 "{wrong}"
             );
+        }
+    }
+    #[test]
+    fn sizes_and_times_are_those_of_slurm() {
+        for right in [
+            "--mem 4G",
+            "--mem 512",
+            "--mem 900k",
+            "--time 90",
+            "--time 1:30",
+            "--time 1:30:00",
+            "--time 1-12",
+            "--time 2-0:30:00",
+        ] {
+            let line = format!("submit slurm {right} -- fill s.#.exr -o f.#.exr --frames 1");
+            assert!(submit(&line).is_ok(), "{right}");
         }
     }
 }

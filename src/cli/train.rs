@@ -113,9 +113,6 @@ impl TrainArgs {
     /// The checked job.
     pub fn job(&self) -> Result<TrainJob, Usage> {
         let (selection, skip_missing) = self.input.selection();
-        if skip_missing {
-            return Err(Usage("--missing-frame skip: training reads every frame that is named".into()));
-        }
         let KsvdArgs { block, sparsity, grey, iterations, stride, blocks_max, seed, approximate, .. } =
             self.settings;
         let (block, channels) = (usize::from(block), if grey { 1 } else { 3 });
@@ -136,6 +133,7 @@ impl TrainArgs {
         }
         Ok(TrainJob {
             selection,
+            skip_missing,
             output: self.output.output.clone(),
             settings: ksvd::Settings {
                 block,

@@ -27,6 +27,8 @@ const LINE: Duration = Duration::from_secs(10);
 pub struct TrainJob {
     /// The frames.
     pub selection: Selection,
+    /// Whether frames that do not exist are passed over.
+    pub skip_missing: bool,
     /// Where the dictionary goes.
     pub output: PathBuf,
     /// What is learned; `channels` is 1 for grey and 3 for colour.
@@ -52,7 +54,16 @@ pub fn train(job: &TrainJob) -> Result<u8, PlanError> {
     console.listen();
     signals::watch(lacuna_exr::remove_temporaries)
         .map_err(|error| PlanError::Failed(format!("cannot watch for signals: {error}")))?;
-    let frames = resolve(&job.selection)?.frames;
+    let mut frames = resolve(&job.selection)?.frames;
+    if job.skip_missing {
+        let all = frames.len();
+        frames.retain(|frame| frame.path.exists());
+        match all - frames.len() {
+            0 => {}
+            passed if passed == all => return Err(PlanError::Failed("none of the frames exists".into())),
+            passed => console.note(&format!("{passed} of {all} frames do not exist and are passed over")),
+        }
+    }
     let output =
         |error: &dyn std::fmt::Display| PlanError::Failed(format!("{}: {error}", job.output.display()));
     if let Some(folder) = job.output.parent().filter(|_| job.create_dir) {

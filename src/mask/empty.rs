@@ -1,10 +1,26 @@
-//! Why a mask has no measured pixel, and the way out, for a message.
+//! Masks without a measured pixel: that they are no masks to make, and why one has none, for messages.
 
 use lacuna_exr::{Frame, Part};
+use lacuna_filters::Mask;
 
 use super::find::told_by;
 use super::{Masks, Source};
 use crate::channels::{is_alpha, non_finite, visible};
+
+/// Refuses a mask by which nothing would be rendered.
+///
+/// # Errors
+/// What is wrong and the way out.
+pub fn check_any(mask: &Mask) -> Result<(), String> {
+    if mask.count() > 0 {
+        return Ok(());
+    }
+    let size = mask.size();
+    Err(format!(
+        "none of {} x {} pixels would be measured: take a higher --density or another mask",
+        size.width, size.height
+    ))
+}
 
 /// What a message about a part's empty mask ends with.
 pub fn why_empty(frame: &Frame, masks: &Masks, index: usize) -> String {

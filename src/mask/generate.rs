@@ -77,7 +77,7 @@ impl Bounds {
 /// The mask of a frame.
 ///
 /// # Errors
-/// A density outside 0 to 1; `complementary` with a pattern that is not progressive.
+/// A density outside 0 to 1, or of no pixel; `complementary` with a pattern that is not progressive.
 pub fn generate(request: &Request, frame: i64, bounds: &Bounds) -> Result<Mask, MakeError> {
     let Request { window, pattern, density, seed, temporal, paired } = *request;
     let size = window.size();
@@ -91,7 +91,9 @@ pub fn generate(request: &Request, frame: i64, bounds: &Bounds) -> Result<Mask, 
             )));
         }
     };
-    Ok(bounds.apply(mask))
+    let mask = bounds.apply(mask);
+    super::check_any(&mask).map_err(MakeError::Other)?;
+    Ok(mask)
 }
 
 /// The order of a frame's pixels; for patterns without one that of the shuffle, which spreads any prefix of a list.

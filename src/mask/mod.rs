@@ -32,7 +32,7 @@ mod tests;
 
 use std::sync::Arc;
 
-pub use empty::why_empty;
+pub use empty::{check_any, why_empty};
 pub use error::Error;
 pub use file::MaskFile;
 pub use filled::{filled_before, filled_by};

@@ -68,7 +68,7 @@ pub fn decide_to_make(
 
 /// Why an output cannot be written, with what the commands that take `--force` can do about it.
 fn refused(output: &Path, error: &lacuna_exr::Error) -> Failure {
-    let force = ", or replace it with --force (not beside --update)";
+    let force = ", or replace it with --force";
     let hint = if matches!(error, lacuna_exr::Error::ReadOnly) { force } else { "" };
     Failure::at(output, format!("{error}{hint}"))
 }

@@ -56,6 +56,17 @@ fn channels_stay_complete_as_asked_and_are_listed() {
 }
 
 #[test]
+fn a_frame_in_which_nothing_would_be_missing_is_told_and_an_empty_one_refused() {
+    let full = frame(vec![ones(0, 0, 8, 8)]);
+    let all = glob::Pattern::new("*").unwrap();
+    let sparse = sparsify_but(full.clone(), SHUFFLE, &[all]).unwrap();
+    assert_eq!(sparse.notes, ["every channel stays complete: nothing is missing in this frame"]);
+    let few = Pattern::Shuffle { density: 1e-4, seed: 1, frame: 0 };
+    let error = sparsify(full, few).unwrap_err().to_string();
+    assert!(error.starts_with("none of 8 x 8 pixels would be measured"), "{error}");
+}
+
+#[test]
 fn parts_agree_on_absolute_pixels() {
     let sparse = sparsify(frame(vec![ones(0, 0, 16, 16), ones(5, -3, 16, 16)]), SHUFFLE).unwrap().frame;
     let at = |part: usize, x: i32, y: i32| {

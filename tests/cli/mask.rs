@@ -256,6 +256,29 @@ fn an_input_is_never_written_over() {
 }
 
 #[test]
+fn a_mask_of_no_pixel_is_not_made() {
+    let room = Room::with(&["a.exr"]);
+    let none = ["--size", "20x10", "--density", "0.001"];
+    for pattern in ["random", "poisson", "blue-noise"] {
+        let done = room.run(&[&["mask", "-o", "m.png", "--pattern", pattern], &none[..]].concat());
+        assert!(done.status == 1 && done.err.contains("none of 20 x 10 pixels"), "{}", done.err);
+        assert!(!room.path("m.png").exists());
+    }
+    std::fs::write(room.path("scene.toml"), "volume = \"procedural:marschner-lobb:8\"").unwrap();
+    let scene = ["render", "scene.toml", "-o", "r.exr", "--size", "9x9", "--density", "0.0001"];
+    let done = room.run(&[&scene, &["--set", "image.seed=1"][..]].concat());
+    assert!(done.status == 1 && done.err.contains("none of 9 x 9 pixels"), "{}", done.err);
+}
+
+#[test]
+fn the_overhead_of_crops_is_for_rectangles() {
+    let room = Room::new();
+    let done =
+        room.run(&["mask", "-o", "m.png", "--size", "9x9", "--density", "0.5", "--crop-overhead", "9"]);
+    assert!(done.status == 2 && done.err.contains("goes with an output in .json"), "{}", done.err);
+}
+
+#[test]
 fn a_read_only_output_is_refused_without_flags_that_are_not_there() {
     let room = Room::with(&["a.exr"]);
     std::fs::write(room.path("ro.exr"), "old").unwrap();

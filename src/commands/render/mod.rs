@@ -92,7 +92,11 @@ impl RenderJob {
     /// Whether there is a scene and a plan for it, as every task of a farm will find. Changes nothing.
     pub fn check(&self) -> Result<(), PlanError> {
         let (plan, (scene, folder)) = (plan(self)?, scene(self)?);
-        plan.with_files(&lacuna_volume::files(&scene, &folder), &self.targets)?;
+        let plan = plan.with_files(&lacuna_volume::files(&scene, &folder), &self.targets)?;
+        plan.items
+            .iter()
+            .try_for_each(check_files)
+            .map_err(|failure| PlanError::Failed(format!("{}: {}", failure.file.display(), failure.text)))?;
         self.run.console().map(drop)
     }
 }
@@ -124,6 +128,15 @@ pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
 fn heading(job: &RenderJob, settings: Option<String>) -> Heading {
     let filter = job.fill.as_ref().map(|method| method.name().into());
     Heading { lacuna: env!("CARGO_PKG_VERSION"), command: "render", filter, settings }
+}
+
+/// Whether the files that the scene names are there.
+fn check_files(item: &Item) -> Result<(), Failure> {
+    let lost = item.made_from.iter().find(|(_, path)| !path.exists());
+    lost.map_or(Ok(()), |(what, path)| {
+        let flag = if *what == "volume" { ": --volume FILE names another one" } else { "" };
+        Err(Failure::at(path, format!("there is no such file{flag}")))
+    })
 }
 
 /// The scene cannot be had: the ledger and the report say so of every frame.
@@ -231,8 +244,12 @@ impl Work for Render<'_> {
     }
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
-        // The scene was read already; a volume that is missing is found when it is read, and may be procedural.
-        outputs::decide_to_make(item, self.job.existing, |item| self.is_current(item))
+        // The scene was read already.
+        let decision = outputs::decide_to_make(item, self.job.existing, |item| self.is_current(item))?;
+        if matches!(decision, Decision::Do) {
+            check_files(item)?;
+        }
+        Ok(decision)
     }
 
     fn need(&self, _: &Item) -> Need {
@@ -329,7 +346,9 @@ impl Render<'_> {
                 let number = item.number.unwrap_or(0);
                 let pattern = sampling::Pattern::Shuffle;
                 let mask = sampling::mask(pattern, field, *density, seed, Temporal::Complementary, number);
-                mask.map(|mask| Some(Arc::new(mask))).map_err(|error| Failure::at(&item.input, error))
+                let mask = mask.map_err(|error| Failure::at(&item.input, error))?;
+                mask::check_any(&mask).map_err(|why| Failure::at(&item.input, why))?;
+                Ok(Some(Arc::new(mask)))
             }
             Pixels::Mask(source) => {
                 let Some(path) = &item.mask else { return Ok(None) };
@@ -338,8 +357,11 @@ impl Render<'_> {
                 let canvas = picture::canvas(size);
                 let found =
                     mask::find(&canvas, source, Some(&file)).map_err(|error| Failure::at(path, error))?;
-                let mask = found.get(0, 0).cloned();
-                mask.map(Some).ok_or_else(|| Failure::at(path, "the mask does not cover the picture"))
+                let Some(mask) = found.get(0, 0).cloned() else {
+                    return Err(Failure::at(path, "the mask does not cover the picture"));
+                };
+                mask::check_any(&mask).map_err(|why| Failure::at(path, why))?;
+                Ok(Some(mask))
             }
         }
     }

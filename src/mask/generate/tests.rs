@@ -18,7 +18,8 @@ fn request(pattern: Pattern, density: f64) -> Request {
 fn a_rank_image_holds_the_masks_of_all_densities() {
     for pattern in [Pattern::Random, Pattern::Shuffle, Pattern::BlueNoise] {
         let ranks = ranks(&request(pattern, 1.0), 0, &Bounds::default()).unwrap();
-        for density in [0.0, 0.013, 0.2, 0.5, 0.77, 1.0] {
+        assert!(generate(&request(pattern, 1e-4), 0, &Bounds::default()).is_err());
+        for density in [0.013, 0.2, 0.5, 0.77, 1.0] {
             let mask = generate(&request(pattern, density), 0, &Bounds::default()).unwrap();
             let flags = ranks.iter().map(|&rank| f64::from(rank) < density);
             assert!(mask.as_slice().iter().copied().eq(flags), "{pattern:?} {density}");
