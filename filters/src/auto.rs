@@ -55,7 +55,7 @@ use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
 use crate::variational::{edge, ss, tv};
 use crate::weights::{Truth, Weights};
-use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run};
+use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, Stop};
 use trial::Stage;
 
 /// What guides must take away of the squared error of splines to have nothing but `cnn` beside them, and in large images, where that takes
@@ -305,12 +305,15 @@ impl Blend {
             held = self.held_out((&mut all, voronoi.as_ref()), (samples, map), run)?;
         }
         if run.interrupted().is_some() {
-            return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
+            return Ok((self.in_haste(samples, out, run)?, Effect::default()));
         }
         let less = if all.len() > 1 { less(&held[0], &self.mask, self.folds, LESS) } else { 1.0 };
         let truth = Truth { mask: &self.mask, voronoi: voronoi.as_ref(), samples, map, less };
         let (weights, mut near) = blend_or_best(&truth, &held, BETTER);
         let (mut outcome, mut effect) = blend(&mut all, &weights, (samples, &self.mask), out, run)?;
+        if outcome.stop > Stop::IterationLimit {
+            return Ok((self.in_haste(samples, out, run)?, Effect::default()));
+        }
         let mut own = 1.0;
         if carried.iter().any(|carried| !carried.is_empty()) {
             let along = along::pulled(self, (&mut all, &weights), (samples, carried, guides), out, run)?;
@@ -318,6 +321,8 @@ impl Blend {
                 outcome = outcome.worst(along.outcome);
                 own = along.own;
                 near = along.tell(&near, guides, out, &mut effect);
+            } else if let Some(stop) = run.interrupted() {
+                outcome.stop = stop;
             }
         }
         if learn {
@@ -332,7 +337,17 @@ impl Blend {
         Ok((outcome, effect))
     }
 
-    /// What the candidates predict at held-out samples. Those that a first fold of many shows to count for nothing are left out.
+    /// Plain splines, where there is no time for more: to their end when the time is up, as what they begin from is no image to keep.
+    fn in_haste(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
+        let stop = run.interrupted();
+        let to_end = Run::default();
+        let run = if stop == Some(Stop::TimeLimit) { &to_end } else { run };
+        let outcome = self.plain.reconstruct(samples, out, run)?;
+        Ok(Outcome { stop: stop.unwrap_or(outcome.stop), ..outcome })
+    }
+
+    /// What the candidates predict at held-out samples; nothing if the run is interrupted. Those that a first fold of many shows to count for nothing
+    /// are left out.
     fn held_out(
         &self,
         (all, voronoi): (&mut Vec<Candidate<'_>>, Option<&Voronoi>),
@@ -345,6 +360,9 @@ impl Blend {
             let mut start = None;
             for (candidate, held) in all.iter().zip(&mut held).rev() {
                 held.extend(candidate.held_out(samples, &fold, &mut start, run)?);
+                if run.interrupted().is_some() {
+                    return Ok(Vec::new());
+                }
             }
             drop(start);
             if parts.start == 0 && all.len() > 1 && held[0].at.len() >= DECIDE {

@@ -57,7 +57,7 @@ use lacuna_core::parallel::prelude::*;
 use crate::estimate::{Folds, PARTS};
 use crate::kernel::extremes::range;
 use crate::variational::ss::Pulled;
-use crate::{Mask, Outcome, Plane, Planes, Run};
+use crate::{Mask, Outcome, Plane, Planes, Run, Stop};
 use aimed::{Aim, Data};
 
 /// The part of the disagreement that levelling over a wide Gaussian takes away where brightness changes: 0.80 to 0.88 on turntables of engine, head and
@@ -177,7 +177,9 @@ pub(crate) fn pull(mask: &Mask, pulling: &Pulling<'_>, begun: &Planes, run: &Run
             Some(first) if round == 1 => first.data.get_or_init(make),
             _ => &*last.insert(make()),
         };
-        if run.interrupted().is_some() || data.is_empty() {
+        let stop = run.interrupted();
+        if stop.is_some() || data.is_empty() {
+            worst.stop = worst.stop.max(stop.unwrap_or(Stop::Converged));
             break;
         }
         // What the energy holds is the difference to the image that it began with.

@@ -22,7 +22,7 @@ use crate::temporal::{self, Beside, Carried, Changes, First, Pull};
 use crate::variational::guided::{Effect, Guides, Regression};
 use crate::variational::ss;
 use crate::weights::{Preferred, Truth, Weights};
-use crate::{Error, Filter, Mask, Outcome, Planes, Problem, Run};
+use crate::{Error, Filter, Mask, Outcome, Planes, Problem, Run, Stop};
 
 /// How samples of other frames may pull.
 const PULLS: [Pull; 3] = [
@@ -183,7 +183,7 @@ pub fn pulled(
     if others.ways.iter().position(is_seen).is_some_and(|way| weights.counts(1 + way)) {
         others.beside = beside(all, carried)?;
     }
-    let outcome = blended((samples, &own.mask), &others, &weights, out, run)?;
+    let Some(outcome) = blended((samples, &own.mask), &others, &weights, out, run)? else { return Ok(None) };
     for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
         own.mask.restore(samples, out);
     }
@@ -192,14 +192,15 @@ pub fn pulled(
 }
 
 /// Makes `out`, the blend alone, what all ways make of it by their weights. Those that differ in what the samples weigh are one, whose
-/// samples weigh between them: where the energy weighs `h` at a pixel, it comes nearer to them by about `w / (h + w)`.
+/// samples weigh between them: where the energy weighs `h` at a pixel, it comes nearer to them by about `w / (h + w)`. Nothing, and `out` as it was,
+/// if the run is interrupted.
 fn blended(
     (samples, mask): (&Planes, &Arc<Mask>),
     others: &Others<'_>,
     weights: &Weights,
     out: &mut Planes,
     run: &Run<'_>,
-) -> Result<Outcome, Error> {
+) -> Result<Option<Outcome>, Error> {
     let alone = std::mem::replace(out, Planes::zeros(out.size(), out.len()));
     let given = others.given((samples, mask), &alone, (others.carried, None));
     let joined = |k: usize| match k.checked_sub(1).map(|way| others.ways[way]) {
@@ -231,7 +232,11 @@ fn blended(
         outcome = outcome.worst(ended);
         weights.add(k, &image, out);
     }
-    Ok(outcome)
+    if outcome.stop > Stop::IterationLimit {
+        *out = alone;
+        return Ok(None);
+    }
+    Ok(Some(outcome))
 }
 
 /// What the blend alone and each way, in this order, predict at held-out samples; `filled` is the blend of all samples.

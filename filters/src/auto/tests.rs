@@ -2,6 +2,8 @@
 
 #![allow(clippy::float_cmp, reason = "where bits are promised, bits are compared")]
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use super::*;
 use crate::baseline::testing::with_threads;
 use crate::estimate::Verdict;
@@ -129,6 +131,29 @@ fn threads_change_no_bit() {
     let [.., (_, truth)] = scenes();
     let one = with_threads(1, || by(&Settings, &truth, &mask));
     assert_eq!(one, with_threads(3, || by(&Settings, &truth, &mask)));
+}
+
+#[test]
+fn plain_splines_are_left_when_the_time_is_up() {
+    let [_, (_, truth), _] = scenes();
+    let mask = mask(0.2);
+    let plain = by(&ss::Settings::default(), &truth, &mask);
+    let plan = Settings.plan(&Problem::fill(Arc::clone(&mask)), &Run::default()).unwrap();
+    let asked = AtomicUsize::new(0);
+    let mut until = 0;
+    loop {
+        asked.store(0, Ordering::Relaxed);
+        let stop = || (asked.fetch_add(1, Ordering::Relaxed) >= until).then_some(Stop::TimeLimit);
+        let mut out = Planes::zeros(SIZE, 1);
+        let outcome = plan.reconstruct(&truth, &mut out, &Run { interrupt: Some(&stop) }).unwrap();
+        if outcome.stop == Stop::Converged {
+            break;
+        }
+        assert_eq!(outcome.stop, Stop::TimeLimit);
+        assert!(out.as_slice()[0].pixels() == plain.as_slice()[0].pixels(), "{until}");
+        until = until * 2 + 1;
+    }
+    assert!(until > 30, "{until}");
 }
 
 #[test]

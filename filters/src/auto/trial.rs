@@ -71,6 +71,9 @@ impl Stage {
         for fold in &self.folds {
             let mut start = None;
             for (candidate, held) in candidates.iter().zip(&mut held).rev() {
+                if run.interrupted().is_some() {
+                    return Ok(Trial { names: vec![ss::DESCRIPTOR.name], alone: None });
+                }
                 held.extend(candidate.held_out(&planes, fold, &mut start, run)?);
             }
         }

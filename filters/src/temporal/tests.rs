@@ -4,11 +4,14 @@
 #![allow(clippy::float_cmp, reason = "where bits are promised, bits are compared")]
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::*;
 use crate::baseline::testing::with_threads;
+use crate::fill::{Estimate, fill_with};
 use crate::sampling::{Field as Place, Pattern, Temporal, mask as generate};
-use crate::{Options, Size, fill};
+use crate::variational::ss;
+use crate::{Options, Plans, Size, fill};
 
 const SIZE: Size = Size::new(96, 112);
 
@@ -38,21 +41,27 @@ fn error(a: &Planes, b: &Planes) -> f64 {
     pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / SIZE.pixels() as f64
 }
 
-/// The third of five frames, filled with samples of the others: `shows(k)` is what frame `k` shows, `moves(k)` how far its samples have to
-/// be carried.
+/// Samples of the frames beside the third of five: `shows(k)` is what frame `k` shows, `moves(k)` how far they have to be carried.
+fn carried(
+    masks: &[Arc<Mask>],
+    shows: impl Fn(usize) -> Planes,
+    moves: impl Fn(usize) -> [f32; 2],
+) -> Vec<Carried> {
+    let one = |k: usize| {
+        let [dy, dx] = moves(k);
+        let place = |pixel: usize| [at(pixel)[0] + dy, at(pixel)[1] + dx];
+        Carried::new(SIZE, (&shows(k), &masks[k]), k as i32 - 2, place).unwrap()
+    };
+    [0, 1, 3, 4].map(one).into()
+}
+
+/// The third of five frames, filled with samples of the others.
 fn filled(
     masks: &[Arc<Mask>],
     shows: impl Fn(usize) -> Planes,
     moves: impl Fn(usize) -> [f32; 2],
 ) -> (Planes, Option<f64>) {
-    let carried: Vec<Carried> = [0, 1, 3, 4]
-        .into_iter()
-        .map(|k: usize| {
-            let [dy, dx] = moves(k);
-            let place = |pixel: usize| [at(pixel)[0] + dy, at(pixel)[1] + dx];
-            Carried::new(SIZE, (&shows(k), &masks[k]), k as i32 - 2, place).unwrap()
-        })
-        .collect();
+    let carried = carried(masks, &shows, moves);
     let options = Options { carried: &carried, ..Options::default() };
     let mut filled = fill(&shows(2), Arc::clone(&masks[2]), &options).unwrap();
     (filled.planes, filled.sets.remove(0).along)
@@ -86,6 +95,33 @@ fn a_pattern_that_moves_is_known_better_along_its_motion() {
     let measured = masks[2].as_slice().iter().zip(samples.as_slice()[0].pixels());
     let kept = measured.zip(image.as_slice()[0].pixels());
     assert!(kept.filter(|((flag, _), _)| **flag).all(|((_, a), b)| a == b));
+}
+
+#[test]
+fn the_frame_alone_or_plain_splines_are_left_when_the_time_is_up() {
+    let masks = masks(Temporal::Complementary);
+    let shows = |k: usize| scene(0.7 * (k as f32 - 2.0), 0.0);
+    let carried = carried(&masks, shows, |k| [-0.7 * (k as f32 - 2.0), 0.0]);
+    let options = Options { carried: &carried, estimate: Estimate::No, ..Options::default() };
+    let splines =
+        Options { method: ss::Settings::default().into(), estimate: Estimate::No, ..Options::default() };
+    let plain = fill(&shows(2), Arc::clone(&masks[2]), &splines).unwrap().planes;
+    let alone = alone(&masks[2], &shows(2));
+    let (mut until, mut left) = (0, [0; 2]);
+    loop {
+        let asked = AtomicUsize::new(0);
+        let stop = || (asked.fetch_add(1, Ordering::Relaxed) >= until).then_some(Stop::TimeLimit);
+        let run = Run { interrupt: Some(&stop) };
+        let filled = fill_with(&shows(2), &masks[2], &options, &Plans::new(), &run).unwrap();
+        if filled.sets[0].outcome.stop != Stop::TimeLimit {
+            break;
+        }
+        let is = [&plain, &alone].map(|image| *image == filled.planes);
+        assert!(is[0] || is[1], "{until}");
+        left[usize::from(is[1])] += 1;
+        until += until / 4 + 1;
+    }
+    assert!(left[0] > 2 && left[1] > 2, "{left:?}");
 }
 
 #[test]
