@@ -173,6 +173,28 @@ def test_regions_leave_out_what_flatters(tmp_path):
     assert group["measured_max"] == pytest.approx(0.5, abs=1e-6) and group["measured_different"] == 1
 
 
+def test_a_sparse_reference_is_told(tmp_path):
+    tool.lacuna("sparsify", tool.SAMPLES / "smooth.exr", "-o", tmp_path / "sparse.exr", "--density", 0.5)
+    result = tool.lacuna("compare", tmp_path / "sparse.exr", tool.SAMPLES / "smooth.exr")
+    assert "the reference is sparse" in result.stderr
+    assert "sparse" not in tool.lacuna("compare", tool.SAMPLES / "smooth.exr", tmp_path / "sparse.exr").stderr
+
+
+def test_flicker_is_of_colours_as_they_are_compared(tmp_path):
+    rows, columns = np.indices((40, 50))
+    images = []
+    for number in (1, 2):
+        truth = (1.2 + np.sin((rows + columns + number) / 9.0)).astype(np.float32)
+        test = truth + np.float32(0.1 * number) * np.cos(rows).astype(np.float32)
+        for name, image in (("r", truth), ("t", test)):
+            frames.write(tmp_path / f"{name}.{number:04}.exr", dict.fromkeys("RGB", image))
+        images.append((truth.astype(np.float64), test.astype(np.float64)))
+    for words, shown in (([], lambda image: np.clip(image, 0, 1)), (["--no-clip"], lambda image: image), (["--peak", 2], lambda image: np.clip(image, 0, 2))):
+        report, _ = compare(tmp_path / "r.####.exr", tmp_path / "t.####.exr", tmp_path, "--measures", "flicker", *words)
+        errors = [shown(test) - shown(truth) for truth, test in images]
+        assert measures(report, frame=1)["flicker"] == pytest.approx(np.sqrt(np.mean((errors[1] - errors[0]) ** 2)), rel=1e-5)
+
+
 def sequence(folder, count=3):
     rows, columns = np.indices((40, 50))
     errors = []

@@ -137,6 +137,16 @@ def test_values_that_are_not_finite_are_told_once(tmp_path):
     assert [line for line in result.lines() if "not finite" in line] == [told], result
 
 
+def test_light_beyond_what_measures_show_is_told_and_the_density_that_came(tmp_path):
+    image = np.linspace(0, 3, 3 * 32 * 32, dtype=np.float32).reshape(32, 32, 3)
+    frames.write(tmp_path / "bright.exr", dict(zip("RGB", np.moveaxis(image, -1, 0))))
+    path = tmp_path / "study.toml"
+    path.write_text('patterns = ["grid"]\ndensities = [0.3]\nfilters = ["nearest"]\n[[frames]]\nname = "bright"\nfile = "bright.exr"\n')
+    result = tool.lacuna("study", path, "-o", tmp_path / "out")
+    assert f"{100 * np.mean(image > 1):.0f} % of its values are above 1, and all measures take them for 1" in result.stderr
+    assert "70 % (75 %)" in (tmp_path / "out" / "tables.md").read_text()
+
+
 def test_a_sparse_frame_is_refused_until_it_is_filled(tmp_path):
     image = frames.colour(tool.SAMPLES / "smooth.exr")[:32, :32].astype(np.float32)
     frames.write_sparse(tmp_path / "sparse.exr", image, frames.shuffle(32, 32, 0.5))
@@ -249,7 +259,7 @@ def test_the_page_opens_without_network_or_errors(study):
         opened.run("document.querySelector('details').open = true")
         head = "[...document.querySelectorAll('#frames thead button')].find(b => b.textContent.startsWith('PSNR'))"
         opened.run(f"{head}.click()")
-        shown = opened.run("[...document.querySelectorAll('#frames tbody tr')].map(row => Number(row.cells[5].dataset.value))")
+        shown = opened.run("[...document.querySelectorAll('#frames tbody tr')].map(row => Number(row.cells[6].dataset.value))")
         assert len(shown) == 32 and shown == sorted(shown)
     with chromium.Page(page.as_uri(), width=390, height=800) as opened:
         assert opened.run("document.documentElement.scrollWidth") <= 390
@@ -259,7 +269,12 @@ def test_the_page_opens_without_network_or_errors(study):
     (("0.5]", "1.5]"), "density 1.5"),
     (('"nearest"', '"nearst"'), "filter 'nearst'"),
     (('"nearest"', '"nearest --tv-gap 1"'), "--tv-gap is a setting of --filter tv"),
+    (('"nearest"', '"nearest --time-limit 1"'), "--time-limit depends on the machine"),
     (('frame = "smooth"', 'frame = "rough"'), "there is no frame 'rough'"),
+    (("[0.2, 0.5]", "[0.2, 0.2]"), "density '0.2' is there twice"),
+    (('"nearest"', '"ss"'), "filter 'ss' is there twice"),
+    (('name = "sheet"', 'name = "psnr-smooth"'), "a figure may be called so"),
+    (("tile = 48", "window = [0, 0, 9, 9]"), "its window holds no pixel of the frame"),
 ])
 def test_definitions_that_cannot_be_are_usage_errors(tmp_path, change, words):
     path = definition(tmp_path)

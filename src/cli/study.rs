@@ -6,10 +6,12 @@ use std::path::PathBuf;
 use clap::Args;
 use lacuna_filters::METHODS;
 use lacuna_filters::descriptor::Descriptor;
+use lacuna_filters::fill::Estimate;
 
 use super::run::SpeechArgs;
 use super::{Ending, Job, Usage};
 use crate::commands::StudyJob;
+use crate::reconstruct;
 use crate::study::{Definition, Entry};
 
 const EXAMPLES: &str = "\
@@ -88,7 +90,14 @@ fn entry(label: String) -> Result<Entry, Usage> {
     let fixed = ["lacuna", "fill", "study.exr", "-o", "filled.exr", "--filter"];
     let words = fixed.into_iter().chain(label.split_whitespace()).map(OsString::from);
     match super::parse(words) {
-        Ok(Job::Fill(job)) => Ok(Entry { label, job: job.what }),
+        Ok(Job::Fill(job)) if job.run.time_limit.is_some() => {
+            Err(Usage(format!("filter '{label}': --time-limit depends on the machine: leave it away")))
+        }
+        // An estimate would count as time of the filter.
+        Ok(Job::Fill(job)) => {
+            let job = reconstruct::Job { estimate: Estimate::No, error_channel: None, ..job.what };
+            Ok(Entry { label, job })
+        }
         Ok(_) => Err(Usage(format!("filter '{label}' is none"))),
         Err(Ending::Shown(text) | Ending::Usage(text)) => {
             let line = text.lines().next().unwrap_or_default();
@@ -106,11 +115,13 @@ mod tests {
     fn filters_are_read_as_fill_reads_them() {
         let found = entry("tv --tv-gap 1e-3 --limit off".into()).unwrap();
         assert_eq!((found.job.method.name(), found.job.limit), ("tv", false));
+        assert_eq!(found.job.estimate, Estimate::No);
         for (label, reason) in [
             ("nothing", "nothing"),
             ("ss --tv-gap 1e-3", "--tv-gap is a setting of --filter tv"),
             ("", "filter ''"),
             ("ss --ss-lambda x", "--ss-lambda"),
+            ("tv --time-limit 2", "--time-limit depends on the machine"),
         ] {
             let error = entry(label.into()).unwrap_err().0;
             assert!(error.contains(reason) && !error.contains('\n'), "{error}");

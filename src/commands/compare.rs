@@ -220,6 +220,11 @@ impl<'a> Compare<'a> {
                 "only the reference was filled by lacuna, and it comes first: are the two swapped?"
             );
         }
+        if crate::sparsify::check_complete(&reference).is_err() {
+            tracing::warn!(
+                "the reference is sparse by its mask, and was not filled: where its pixels are missing, errors say nothing"
+            );
+        }
         let (masks, unknown) = self.mask_of(item, &reference, &test, limits)?;
         record.density = masks.as_ref().and_then(Masks::density);
         let index = self.index(item);

@@ -49,7 +49,7 @@ pub fn study(job: &StudyJob) -> Result<u8, PlanError> {
     let subjects: Result<Vec<Subject>, String> =
         job.definition.frames.iter().map(|frame| Subject::read(frame, &job.folder, reach)).collect();
     let subjects = subjects.map_err(PlanError::Failed)?;
-    subjects.iter().flat_map(|subject| &subject.non_finite).for_each(|note| console.warning(note));
+    subjects.iter().flat_map(|subject| &subject.notes).for_each(|note| console.warning(note));
     let cells = study::cells(&job.definition, &subjects, &job.entries)
         .map_err(|error| PlanError::Usage(error.to_string()))?;
     let sheets = sheets(job, &subjects)?;
@@ -147,6 +147,13 @@ fn sheets<'a>(job: &'a StudyJob, subjects: &'a [Subject]) -> Result<Vec<Planned<
         for subject in subject {
             let all = study::cells(&own, std::slice::from_ref(subject), &job.entries);
             cells.extend(all.map_err(|error| wrong(&error.to_string()))?);
+        }
+        let mut shots =
+            subjects.iter().filter(|subject| subject.name == definition.frame).flat_map(|own| &own.shots);
+        let is_outside =
+            |shot: &study::Shot| definition.window.is_some_and(|window| !study::meets(window, shot.window()));
+        if shots.any(is_outside) {
+            return Err(wrong("its window holds no pixel of the frame"));
         }
         cells.retain(|cell| wanted(&cell.entry.label));
         let filters = job.entries.iter().map(|entry| &entry.label).filter(|label| wanted(label));

@@ -366,6 +366,8 @@ fn enter(sums: &Statistics, pixels: usize, peak: f32) -> Measures {
         (Measure::Infinite, sums.test_infinite),
         (Measure::ReferenceNan, sums.reference_nan),
         (Measure::ReferenceInfinite, sums.reference_infinite),
+        (Measure::NewNan, sums.new_nan),
+        (Measure::NewInfinite, sums.new_infinite),
     ] {
         measures.set(measure, count as f64);
     }

@@ -26,7 +26,7 @@ pub struct Colours {
 }
 
 /// What changed from one frame to the next: root mean squares over the channels, and over the pixels that are missing in either frame (all pixels,
-/// if there is no mask). Values that are not finite count as 0.
+/// if there is no mask), of colours clipped as they are compared. Values that are not finite count as 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Changes {
     /// Of the error.
@@ -76,15 +76,17 @@ impl Flicker {
         if images.report.kind != Kind::Colour {
             return None;
         }
-        let finite = |value: f32| if value.is_finite() { value } else { 0.0 };
+        let most = images.report.peak.filter(|_| images.report.clipped);
+        let shown = |value: f32| most.map_or(value, |peak| value.clamp(0.0, peak));
         let map = |plane: &Plane, value: &dyn Fn(usize, f32) -> f32| {
             let mut plane = plane.clone();
-            plane.pixels_mut().iter_mut().enumerate().for_each(|(at, own)| *own = finite(value(at, *own)));
+            plane.pixels_mut().iter_mut().enumerate().for_each(|(at, own)| *own = value(at, *own));
             plane
         };
+        let error = |own: f32, r: f32| if (own - r).is_finite() { shown(own) - shown(r) } else { 0.0 };
         let pairs = images.reference.iter().zip(images.test);
-        let errors = pairs.map(|(r, t)| map(t, &|at, own| own - r.pixels()[at])).collect();
-        let reference = images.reference.iter().map(|plane| map(plane, &|_, own| own)).collect();
+        let errors = pairs.map(|(r, t)| map(t, &|at, own| error(own, r.pixels()[at]))).collect();
+        let reference = images.reference.iter().map(|plane| map(plane, &|_, own| error(own, 0.0))).collect();
         let missing = images.mask.map(|mask| mask.as_slice().iter().map(|flag| !flag).collect());
         let (part, channels) = (images.report.part, images.report.channels.clone());
         Some((images.report.label(), Colours { part, channels, errors, reference, missing }))

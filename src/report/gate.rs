@@ -134,10 +134,9 @@ fn bounded<'a>(frame: &'a FrameReport, bound: &Bound) -> Vec<&'a GroupReport> {
 fn not_finite(group: &GroupReport) -> Option<String> {
     let all = group.region("all")?;
     let count = |measure: Measure| all.measures.get(measure).unwrap_or(0.0);
-    let more = |test: Measure, own: Measure| (count(test) - count(own)).max(0.0);
     let copied = group.kind != Kind::Colour && count(Measure::ReferenceInfinite) > 0.0;
-    let infinite = if copied { 0.0 } else { more(Measure::Infinite, Measure::ReferenceInfinite) };
-    let bad = more(Measure::Nan, Measure::ReferenceNan) + infinite;
+    let infinite = if copied { 0.0 } else { count(Measure::NewInfinite) };
+    let bad = count(Measure::NewNan) + infinite;
     let are = if bad == 1.0 { "value is" } else { "values are" };
     (bad > 0.0).then(|| format!("{}: {bad} {are} not finite that should be", group.label()))
 }

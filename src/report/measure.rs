@@ -48,6 +48,10 @@ pub enum Measure {
     ReferenceNan,
     /// Infinities in the reference.
     ReferenceInfinite,
+    /// NaNs in the test image where the reference has none.
+    NewNan,
+    /// Infinities in the test image where the reference has another value.
+    NewInfinite,
 }
 
 /// A measure with what is said about it.
@@ -93,6 +97,14 @@ const TABLE: &[Row] = &[
     Row(Measure::Infinite, "inf", "", "infinities in the test image", false),
     Row(Measure::ReferenceNan, "reference-nan", "", "NaNs in the reference", false),
     Row(Measure::ReferenceInfinite, "reference-inf", "", "infinities in the reference", false),
+    Row(Measure::NewNan, "new-nan", "", "NaNs in the test image where the reference has none", false),
+    Row(
+        Measure::NewInfinite,
+        "new-inf",
+        "",
+        "infinities in the test image where the reference has another value",
+        false,
+    ),
 ];
 
 impl Measure {
@@ -157,6 +169,8 @@ impl Measure {
                 | Self::Infinite
                 | Self::ReferenceNan
                 | Self::ReferenceInfinite
+                | Self::NewNan
+                | Self::NewInfinite
         )
     }
 }

@@ -131,6 +131,9 @@ fn the_gate_lets_nothing_pass_by_absence() {
         ([1.0, 2.0, far, far], [1.0, far, far, far], 0),
         ([1.0, 2.0, far, far], [1.0, f32::NAN, far, far], 1),
         ([1.0, 2.0, 3.0, 4.0], [1.0, far, 3.0, 4.0], 1),
+        // As many as in the reference, elsewhere.
+        ([1.0, f32::NAN, 3.0, 4.0], [f32::NAN, 2.0, 3.0, 4.0], 1),
+        ([1.0, f32::NAN, 3.0, 4.0], [1.0, f32::NAN, 3.0, 4.0], 0),
     ] {
         let report =
             compare(&depth(&reference), &depth(&test), None, &Settings::default(), &mut |_| {}).unwrap();

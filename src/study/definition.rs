@@ -91,6 +91,9 @@ pub struct SheetDefinition {
     pub tile: usize,
 }
 
+/// What names of figures begin with.
+pub(super) const FIGURES: [&str; 3] = ["psnr", "seconds", "gain"];
+
 /// The most bytes that a definition may have.
 const MOST: u64 = 16 << 20;
 
@@ -114,6 +117,12 @@ fn tile() -> usize {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct DefinitionError(pub String);
+
+/// Refuses what is in a list twice.
+fn twice<T: PartialEq + std::fmt::Display>(what: &str, list: &[T]) -> Result<(), String> {
+    let second = list.iter().enumerate().find(|(at, value)| list[..*at].contains(value));
+    second.map_or(Ok(()), |(_, value)| Err(format!("{what} '{value}' is there twice")))
+}
 
 impl Definition {
     /// Reads a definition.
@@ -157,6 +166,10 @@ impl Definition {
         for name in self.patterns.iter().chain(sheets.clone().map(|sheet| &sheet.pattern)) {
             Selection::parse(name)?;
         }
+        twice("density", &self.densities)?;
+        twice("seed", &self.seeds)?;
+        twice("pattern", &self.patterns)?;
+        twice("filter", &self.filters)?;
         let names = self.frames.iter().map(|frame| &frame.name);
         for (index, name) in names.clone().chain(sheets.clone().map(|sheet| &sheet.name)).enumerate() {
             let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
@@ -177,6 +190,13 @@ impl Definition {
         for sheet in sheets {
             if !names.clone().any(|name| *name == sheet.frame) {
                 return Err(format!("sheet '{}': there is no frame '{}'", sheet.name, sheet.frame));
+            }
+            // Figures are called so.
+            if FIGURES.iter().any(|kind| sheet.name.starts_with(&format!("{kind}-"))) {
+                return Err(format!(
+                    "sheet '{}': a figure may be called so; choose another name",
+                    sheet.name
+                ));
             }
             if !(16..=1024).contains(&sheet.tile) {
                 return Err(format!("sheet '{}': tile = {} is not from 16 to 1024", sheet.name, sheet.tile));

@@ -103,7 +103,17 @@ fn judged(definition: &Definition, rows: &[Row], body: &mut String) {
 fn all(rows: &[Row], body: &mut String) {
     body.push_str("<section><h2>Every cell</h2>\n<details><summary>Table</summary><div class=\"scroll\"><table id=\"frames\"><thead><tr>");
     body.push_str("<th scope=\"col\">frame</th><th scope=\"col\">filter</th><th scope=\"col\">pattern</th>");
-    for head in ["density (%)", "seed", "PSNR (dB)", "SSIM", "CIELUV", "flicker", "seconds", "iterations"] {
+    for head in [
+        "density (%)",
+        "missing (%)",
+        "seed",
+        "PSNR (dB)",
+        "SSIM",
+        "CIELUV",
+        "flicker",
+        "seconds",
+        "iterations",
+    ] {
         let _ = write!(body, "<th scope=\"col\" data-sort=\"number\">{head}</th>");
     }
     body.push_str("</tr></thead><tbody>\n");
@@ -118,7 +128,7 @@ fn all(rows: &[Row], body: &mut String) {
             escape(&row.pattern)
         );
         if let Some(error) = &row.error {
-            let _ = writeln!(body, "<td colspan=\"8\">{}</td></tr>", escape(error));
+            let _ = writeln!(body, "<td colspan=\"9\">{}</td></tr>", escape(error));
             continue;
         }
         let mut cell = |value: Option<f64>, digits: usize| {
@@ -128,6 +138,7 @@ fn all(rows: &[Row], body: &mut String) {
             };
         };
         cell(Some(100.0 * row.density), 1);
+        cell(Some(100.0 * row.missing), 1);
         cell(Some(row.seed as f64), 0);
         cell(row.psnr(), 2);
         cell(row.ssim, 5);

@@ -82,7 +82,7 @@ pub fn csv(rows: &[Row]) -> String {
             row.class.clone(),
             row.pattern.clone(),
             row.density.to_string(),
-            row.missing.to_string(),
+            if row.error.is_some() { String::new() } else { row.missing.to_string() },
             row.seed.to_string(),
             row.filter.clone(),
             row.settings.clone(),
@@ -102,14 +102,18 @@ pub fn csv(rows: &[Row]) -> String {
     rows.iter().map(line).fold(head.to_owned(), |text, line| text + &line)
 }
 
-/// All rows as JSON, with PSNR beside the errors (the text `inf` for equal images).
+/// All rows as JSON, with PSNR beside the errors, over the whole image and the missing pixels (the text `inf` for equal ones, null without a result).
 pub fn json(title: &str, rows: &[Row]) -> Result<String, String> {
     let mut list = Vec::new();
     for row in rows {
         let mut value = serde_json::to_value(row).map_err(|error| error.to_string())?;
-        if let (Some(object), Some(psnr)) = (value.as_object_mut(), row.psnr()) {
-            let shown = if psnr.is_finite() { serde_json::json!(psnr) } else { psnr.to_string().into() };
-            object.insert("psnr".into(), shown);
+        if let Some(object) = value.as_object_mut() {
+            for (name, mse) in [("psnr", row.mse), ("psnr_missing", row.mse_missing)] {
+                let shown = mse.map(psnr).map_or(serde_json::Value::Null, |psnr| {
+                    if psnr.is_finite() { serde_json::json!(psnr) } else { psnr.to_string().into() }
+                });
+                object.insert(name.into(), shown);
+            }
         }
         list.push(value);
     }

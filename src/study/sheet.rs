@@ -3,6 +3,7 @@
 //! The rows: result (sRGB), distance in CIELUV (0 black, 20 white), SSIM squared (0 black, 1 white), as the thesis that
 //! lacuna follows shows them. Maps have 16 levels of grey, results 32 levels a channel.
 
+use lacuna_exr::Window;
 use lacuna_filters::Plane;
 use lacuna_filters::metric::colour::srgb_encode;
 
@@ -68,6 +69,12 @@ impl Sheet {
         let get = |measure: Measure| report.region("all")?.measures.get(measure);
         (self.psnr, self.cieluv, self.ssim) = (get(Measure::Psnr), get(Measure::Cieluv), get(Measure::Ssim));
     }
+}
+
+/// Whether the window of a sheet, first column and row, width and height, begins within the frame's.
+pub fn meets([x, y, width, height]: [i32; 4], frame: Window) -> bool {
+    let inside = (frame.x_min..=frame.x_max).contains(&x) && (frame.y_min..=frame.y_max).contains(&y);
+    inside && width > 0 && height > 0
 }
 
 /// Which pixels a tile shows, and how large it is.

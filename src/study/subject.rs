@@ -16,6 +16,9 @@ use crate::files::patterns::Pattern;
 /// The channels that are studied, where the frame has them.
 const COLOURS: [&[u8]; 4] = [b"R", b"G", b"B", b"Y"];
 
+/// So large a part of values above 1 is told.
+const BRIGHT: f64 = 0.05;
+
 /// A frame that is ready to be made sparse, or a sequence of frames.
 #[derive(Clone, Debug)]
 pub struct Subject {
@@ -25,8 +28,8 @@ pub struct Subject {
     pub class: String,
     /// The frame; of a sequence those that are filled, and those beside them, by their numbers.
     pub shots: Vec<Shot>,
-    /// What the log should say of values that are not finite.
-    pub non_finite: Vec<String>,
+    /// What the log should say of its values.
+    pub notes: Vec<String>,
 }
 
 /// A frame of a subject.
@@ -71,10 +74,11 @@ impl Subject {
                 "values are not finite; measured ones count as missing, and no measure counts any",
             ];
             notes.extend(non_finite_note(said, counts).map(|note| format!("{}: {note}", path.display())));
+            notes.extend(bright(part).map(|note| format!("{}: {note}", path.display())));
             shots.push(Shot { number, studied, sum: sum(part), frame });
         }
         let (name, class) = (definition.name.clone(), definition.class.clone());
-        Ok(Self { name, class, shots, non_finite: notes })
+        Ok(Self { name, class, shots, notes })
     }
 
     /// The frames that are filled, and with them those up to `reach` beside one of these.
@@ -96,6 +100,20 @@ impl Subject {
         }
         sum.sum()
     }
+}
+
+/// What is said of a part of whose colours many are above 1.
+fn bright(part: &Part) -> Option<String> {
+    let colours = part.channels.iter().filter(|channel| is_colour(channel));
+    let (mut above, mut all) = (0_usize, 0_usize);
+    for values in colours.filter_map(|channel| channel.samples.to_floats()) {
+        above += values.iter().filter(|value| **value > 1.0).count();
+        all += values.len();
+    }
+    let share = above as f64 / all.max(1) as f64;
+    let said =
+        || format!("{:.0} % of its values are above 1, and all measures take them for 1", 100.0 * share);
+    (share > BRIGHT).then(said)
 }
 
 /// The files of a subject: the number of each, and whether it is studied.

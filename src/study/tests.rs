@@ -14,7 +14,7 @@ fn subject(name: &str, class: &str) -> Subject {
     let planes = [("B", 0), ("G", 1), ("R", 2)].map(|(name, k)| float(name, &value(k)));
     let frame = frame(vec![part(window(0, 0, 32, 32), planes.to_vec())]);
     let shots = vec![Shot { number: None, studied: true, sum: 7, frame }];
-    Subject { name: name.into(), class: class.into(), shots, non_finite: Vec::new() }
+    Subject { name: name.into(), class: class.into(), shots, notes: Vec::new() }
 }
 
 fn entries() -> [Entry; 2] {

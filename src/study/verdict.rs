@@ -141,14 +141,24 @@ pub fn tables(rows: &[Row], thresholds: Thresholds) -> String {
 /// What a table shows of a row.
 type Value<'a> = &'a dyn Fn(&Row) -> Option<f64>;
 
+/// The share of missing pixels that was asked for by a density, and that which came where it is another.
+fn missing(rows: &[Row], density: f64) -> String {
+    let own = rows.iter().filter(|row| row.density.to_bits() == density.to_bits() && row.error.is_none());
+    let (sum, count) = own.fold((0.0, 0_usize), |(sum, count), row| (sum + row.missing, count + 1));
+    let asked = 1.0 - density;
+    let came = if count == 0 { asked } else { sum / count as f64 };
+    let is_other = (came - asked).abs() > 0.01;
+    format!("{:.0} %", 100.0 * asked)
+        + &if is_other { format!(" ({:.0} %)", 100.0 * came) } else { String::new() }
+}
+
 /// A line a frame and filter, a column a density, of one pattern's rows.
 fn table(rows: &[Row], (digits, value): (usize, Value<'_>), text: &mut String) {
     let filters = distinct(rows.iter().map(|row| row.filter.as_str()));
     let mut densities: Vec<f64> = rows.iter().map(|row| row.density).collect();
     densities.sort_by(|a, b| b.total_cmp(a));
     densities.dedup();
-    let head: Vec<String> =
-        densities.iter().map(|density| format!("{:.0} %", 100.0 * (1.0 - density))).collect();
+    let head: Vec<String> = densities.iter().map(|&density| missing(rows, density)).collect();
     let _ = writeln!(text, "| frame | filter | {} |", head.join(" | "));
     let _ = writeln!(text, "|---|---|{}", "---:|".repeat(head.len()));
     for frame in distinct(rows.iter().map(|row| row.frame.as_str())) {

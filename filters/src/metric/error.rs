@@ -57,6 +57,10 @@ pub struct Statistics {
     pub test_nan: usize,
     /// Infinities in the test image.
     pub test_infinite: usize,
+    /// NaNs in the test image where the reference has none.
+    pub new_nan: usize,
+    /// Infinities in the test image where the reference has another value.
+    pub new_infinite: usize,
     /// Pixels at which the values differ in their bits.
     pub different: usize,
 }
@@ -150,6 +154,8 @@ impl Statistics {
         self.reference_infinite += usize::from(r.is_infinite());
         self.test_nan += usize::from(t.is_nan());
         self.test_infinite += usize::from(t.is_infinite());
+        self.new_nan += usize::from(t.is_nan() && !r.is_nan());
+        self.new_infinite += usize::from(t.is_infinite() && t.to_bits() != r.to_bits());
         self.different += usize::from(r.to_bits() != t.to_bits());
         if !(r.is_finite() && t.is_finite()) {
             return;
@@ -181,6 +187,8 @@ impl Statistics {
             reference_infinite: self.reference_infinite + other.reference_infinite,
             test_nan: self.test_nan + other.test_nan,
             test_infinite: self.test_infinite + other.test_infinite,
+            new_nan: self.new_nan + other.new_nan,
+            new_infinite: self.new_infinite + other.new_infinite,
             different: self.different + other.different,
         }
     }
@@ -255,6 +263,14 @@ mod tests {
         let s = compare(&r, &t, None, Options::default()).unwrap();
         assert_eq!((s.reference_nan, s.test_infinite, s.count, s.squares), (1, 1, 1, 0.0));
         assert_eq!(s.psnr(1.0), Some(f64::INFINITY));
+    }
+
+    #[test]
+    fn values_that_are_not_finite_are_new_where_the_reference_has_others() {
+        let [far, none] = [f32::INFINITY, f32::NAN];
+        let (r, t) = (plane(&[none, 1.0, far, far, none, far]), plane(&[none, none, far, -far, far, none]));
+        let s = compare(&r, &t, None, Options::default()).unwrap();
+        assert_eq!((s.new_nan, s.new_infinite), (2, 2));
     }
 
     #[test]
