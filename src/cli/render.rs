@@ -157,7 +157,8 @@ struct LayerArgs {
     #[arg(long)]
     depth: bool,
 
-    /// Add N.X, N.Y, N.Z: the surface normal in world coordinates, samples weighted by what they add to alpha
+    /// Add N.X, N.Y, N.Z: the surface normal in world coordinates, from high to low values, samples weighted by what they add
+    /// to alpha
     #[arg(long)]
     normals: bool,
 

@@ -1,11 +1,11 @@
 //! Dense AOVs: what a coarse march without shading tells of every pixel, to steer the filling of the others' colour.
 //!
 //! Front to back as [`super::march`], in longer steps: alpha, and the mean normal and the mean distance, samples weighted by
-//! what they add to alpha. Isosurfaces and maxima are sought in the same long steps.
+//! what they add to alpha. Isosurfaces and maxima are sought in the picture's own steps.
 
 use super::kernel::Kernel;
 use super::march::{Seen, visible};
-use super::shade::Shader;
+use super::shade::ToWorld;
 use super::transfer::Table;
 use super::walk::Walk;
 
@@ -15,7 +15,7 @@ pub struct Dense<'a> {
     /// The transfer function.
     pub table: &'a Table,
     /// Where normals come from; none leaves them 0.
-    pub shader: Option<&'a Shader>,
+    pub to_world: Option<&'a ToWorld>,
     /// The march ends at this opacity.
     pub opaque: f32,
 }
@@ -32,8 +32,8 @@ impl Dense<'_> {
             if wanted == 0 {
                 continue;
             }
-            let normals = self.shader.map(|shader| {
-                let [x, y, z] = shader.normals(walk.gradients(&bundle, &partial, wanted)).0;
+            let normals = self.to_world.map(|to_world| {
+                let [x, y, z] = to_world.normals(walk.gradients(&bundle, &partial, wanted)).0;
                 [x.to_array(), y.to_array(), z.to_array()]
             });
             for lane in 0..bundle.count {

@@ -13,7 +13,7 @@
 use super::integral::Integral;
 use super::kernel::Kernel;
 use super::lanes::{LANES, Lanes};
-use super::shade::{MOST_LIGHTS, Shader};
+use super::shade::{MOST_LIGHTS, Shader, ToWorld};
 use super::transfer::Table;
 use super::walk::{Bundle, Walk};
 
@@ -37,6 +37,8 @@ pub struct March<'a> {
     pub integral: Option<&'a Integral>,
     /// The shading; none shows plain colours.
     pub shader: Option<&'a Shader>,
+    /// Where normals come from.
+    pub to_world: &'a ToWorld,
     /// The march ends at this opacity.
     pub opaque: f32,
     /// Alpha of the surface that depth tells.
@@ -76,14 +78,13 @@ impl March<'_> {
                 continue;
             }
             let mut shown = Shown { share: [1.0; LANES], white: [0.0; LANES], normals: [[0.0; LANES]; 3] };
-            if let Some(shader) = self.shader {
-                let (normals, lengths) = shader.normals(walk.gradients(&bundle, &partial, visible));
-                let (share, white) = shader.shade(normals, lengths, &halfway);
-                shown = Shown {
-                    share: share.to_array(),
-                    white: white.to_array(),
-                    normals: [normals[0].to_array(), normals[1].to_array(), normals[2].to_array()],
-                };
+            if self.shader.is_some() || self.normals {
+                let (normals, lengths) = self.to_world.normals(walk.gradients(&bundle, &partial, visible));
+                if let Some(shader) = self.shader {
+                    let (share, white) = shader.shade(normals, lengths, &halfway);
+                    (shown.share, shown.white) = (share.to_array(), white.to_array());
+                }
+                shown.normals = [normals[0].to_array(), normals[1].to_array(), normals[2].to_array()];
             }
             if !self.composite(&mut seen, &bundle, &colours, &shown) {
                 break;

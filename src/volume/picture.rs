@@ -19,7 +19,7 @@ use super::grid::Grid;
 use super::integral::Integral;
 use super::kernel::{Cubic, Kernel, Linear, Nearest};
 use super::march::{March, Seen};
-use super::shade::Shader;
+use super::shade::{Shader, ToWorld};
 use super::surface::{Surface, maximum};
 use super::tiles::{self, Done};
 use super::transfer::Table;
@@ -71,6 +71,8 @@ pub struct Renderer {
     pub table: Table,
     /// Its integrals, if segments are pre-integrated.
     pub integral: Option<Integral>,
+    /// Where normals come from.
+    pub to_world: ToWorld,
     /// Where there is something to see; nothing walks through everything.
     pub blocks: Option<Arc<Blocks>>,
     /// World length of a step.
@@ -353,20 +355,24 @@ impl Renderer {
 
     #[inline(always)]
     fn look<K: Kernel>(&self, walk: Walk<'_, K>, view: [f32; 3], shot: &Shot<'_>) -> Seen {
-        let shader = shot.shader;
+        let (shader, to_world) = (shot.shader, &self.to_world);
+        let wanted = shot.normals.then_some(to_world);
         match self.look {
             Look::Dvr => March {
                 table: &self.table,
                 integral: self.integral.as_ref(),
                 shader,
+                to_world,
                 opaque: self.opaque,
                 threshold: self.threshold,
                 normals: shot.normals,
             }
             .ray(walk, view),
-            Look::Iso(value, colour) => Surface { value, colour, shader }.ray(walk, view),
-            Look::Mip => maximum(walk, &self.table),
-            Look::Dense => Dense { table: &self.table, shader, opaque: self.opaque }.ray(walk),
+            Look::Iso(value, colour) => {
+                Surface { value, colour, shader, to_world, normals: shot.normals }.ray(walk, view)
+            }
+            Look::Mip => maximum(walk, &self.table, wanted),
+            Look::Dense => Dense { table: &self.table, to_world: wanted, opaque: self.opaque }.ray(walk),
         }
     }
 }

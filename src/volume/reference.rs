@@ -3,7 +3,7 @@
 
 use super::camera::{Segment, clip};
 use super::picture::{Interpolation, Look, Renderer};
-use super::shade::Shader;
+use super::shade::{Shader, ToWorld};
 use super::vector::{Vector, add, dot, length, normalise, scale, subtract};
 use super::{Grid, Ray};
 
@@ -75,11 +75,15 @@ pub fn sample(grid: &Grid, interpolation: Interpolation, p: Vector) -> (f64, Vec
     (value, gradient)
 }
 
+/// The normal, and the length of the gradient.
+fn normal(to_world: &ToWorld, gradient: Vector) -> (Vector, f64) {
+    let world = to_world.0.map(|row| dot(row.map(f64::from), gradient));
+    (normalise(scale(world, -1.0)), length(world))
+}
+
 /// The shaded colour, by the formula in [`super::shade`].
-fn shaded(shader: &Shader, colour: Vector, gradient: Vector, view: Vector) -> Vector {
+fn shaded(shader: &Shader, colour: Vector, (normal, size): (Vector, f64), view: Vector) -> Vector {
     let material = &shader.material;
-    let world = shader.to_world.map(|row| dot(row.map(f64::from), gradient));
-    let (normal, size) = (normalise(world), length(world));
     let per_gradient = f64::from(material.gradient_scale);
     let k = if per_gradient > 0.0 { (per_gradient * size).min(1.0) } else { 1.0 };
     let (mut diffuse, mut specular) = (0.0, 0.0);
@@ -115,7 +119,8 @@ impl Samples<'_> {
     }
 
     fn shown(&self, colour: Vector, gradient: Vector) -> Vector {
-        self.shader.map_or(colour, |shader| shaded(shader, colour, gradient, self.view))
+        let normal = normal(&self.renderer.to_world, gradient);
+        self.shader.map_or(colour, |shader| shaded(shader, colour, normal, self.view))
     }
 
     /// The table's colour and opacity of sample `i`, or those of the segment that ends there.
@@ -150,26 +155,47 @@ impl Samples<'_> {
         sum
     }
 
-    /// The first surface, by halving.
-    fn surface(&self, value: f64, colour: Vector) -> [f64; 4] {
+    /// Where the first surface is, by halving.
+    fn first(&self, value: f64) -> Option<f64> {
         let inside = |i: f64| self.at(i).0 >= value;
-        let Some(i) = (1..self.count()).map(f64::from).find(|&i| inside(i) != inside(i - 1.0)) else {
-            return [0.0; 4];
-        };
+        let i = (1..self.count()).map(f64::from).find(|&i| inside(i) != inside(i - 1.0))?;
         let (mut near, mut far) = (i - 1.0, i);
         for _ in 0..40 {
             let middle = 0.5 * (near + far);
             if inside(middle) == inside(i - 1.0) { near = middle } else { far = middle }
         }
-        let [red, green, blue] = self.shown(colour, self.at(far).1);
+        Some(far)
+    }
+
+    fn surface(&self, value: f64, colour: Vector) -> [f64; 4] {
+        let Some(at) = self.first(value) else { return [0.0; 4] };
+        let [red, green, blue] = self.shown(colour, self.at(at).1);
         [red, green, blue, 1.0]
     }
 
+    /// The first sample of the largest value.
+    fn highest(&self) -> f64 {
+        let higher = |best: f64, i: f64| if self.at(i).0 > self.at(best).0 { i } else { best };
+        (0..self.count()).map(f64::from).fold(0.0, higher)
+    }
+
     fn maximum(&self) -> [f64; 4] {
-        let most = (0..self.count()).map(|i| self.at(f64::from(i)).0).fold(f64::NEG_INFINITY, f64::max);
+        let most = self.at(self.highest()).0;
         let [red, green, blue, alpha] = self.renderer.table.at(most as f32).map(f64::from);
         [red * alpha, green * alpha, blue * alpha, alpha]
     }
+}
+
+/// Distance and normal of what a ray of an isosurface or a maximum sees, and the length of the gradient there.
+pub fn place(renderer: &Renderer, ray: &Ray) -> Option<(f64, Vector, f64)> {
+    let segment = clip(ray, renderer.grid.placement(), renderer.grid.last())?;
+    let samples = Samples { renderer, shader: None, segment, view: ray.direction };
+    let at = match renderer.look {
+        Look::Iso(value, _) => samples.first(value.into())?,
+        _ => samples.highest(),
+    };
+    let (normal, size) = normal(&renderer.to_world, samples.at(at).1);
+    Some((segment.start + at * renderer.step, normal, size))
 }
 
 /// Red, green, blue, premultiplied, and alpha that a ray sees, without the background.

@@ -218,7 +218,7 @@ pub struct MarchScene {
     pub opaque: f64,
     /// Opacity of the surface that `Z` tells; 0 is the first hit.
     pub depth_opacity: f64,
-    /// Length of a step of dense AOVs in voxels; not less than `step`.
+    /// Length of a step of dense AOVs in voxels where they are not of surfaces or maxima; not less than `step`.
     pub dense_step: f64,
     /// Whether empty space is skipped; it changes no bit.
     pub skip: bool,

@@ -1,6 +1,6 @@
 //! Shading: how a sample's colour follows from its gradient, the lights and the view.
 //!
-//! With the gradient `g` of the normalised value per voxel, `n = g / |g|`, the direction `l` to a light, `h` between `l` and
+//! With the gradient `g` of the normalised value per voxel, the normal `n = -g / |g|`, the direction `l` to a light, `h` between `l` and
 //! the view, and the weight `k = min(1, s |g|)` (or 1 if `s` is 0), the colour becomes
 //! `(flat (1 - k) + k (ambient + diffuse |n.l|)) rgb + k specular |n.h|^shininess`, summed over the lights. Both sides
 //! of a surface are lit alike.
@@ -48,9 +48,11 @@ pub struct Shader {
     pub material: Material,
     /// The lights, `MOST_LIGHTS` at most.
     pub lights: Vec<Light>,
-    /// Rows of the map from index gradients to those of the normalised value per voxel in world directions.
-    pub to_world: [[f32; 3]; 3],
 }
+
+/// From gradients in index coordinates to normals: rows of the map to those of the normalised value per voxel in world directions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ToWorld(pub [[f32; 3]; 3]);
 
 impl Light {
     /// A light in that direction (not 0), of any length.
@@ -59,27 +61,28 @@ impl Light {
     }
 }
 
-impl Shader {
-    /// The map of gradients: `rows` are those of the inverse placement, `per_value` the normalisation of values,
-    /// `voxel` the length of a voxel.
-    pub fn gradient_map(rows: [Vector; 3], per_value: f64, voxel: f64) -> [[f32; 3]; 3] {
+impl ToWorld {
+    /// `rows` are those of the inverse placement, `per_value` the normalisation of values, `voxel` the length of a voxel.
+    pub fn new(rows: [Vector; 3], per_value: f64, voxel: f64) -> Self {
         let rows = rows.map(|row| scale(row, per_value * voxel));
-        std::array::from_fn(|axis| std::array::from_fn(|k| rows[k][axis] as f32))
+        Self(std::array::from_fn(|axis| std::array::from_fn(|k| rows[k][axis] as f32)))
     }
 
-    /// The normals of length 1 (0 where there is no gradient) and the lengths of the gradients, from gradients in index
-    /// coordinates.
+    /// The normals of length 1, from high to low values (0 where there is no gradient), and the lengths of the gradients, from
+    /// gradients in index coordinates.
     #[inline(always)]
     pub fn normals(&self, gradients: [Lanes; 3]) -> ([Lanes; 3], Lanes) {
-        let [a, b, c] = &self.to_world;
+        let [a, b, c] = &self.0;
         let along = |row: &[f32; 3]| dot(splat(*row), gradients);
         let world = [along(a), along(b), along(c)];
         let length = dot(world, world).sqrt();
         // A length of 0 gives an infinite reciprocal.
-        let over = length.simd_gt(Lanes::ZERO).select(all(1.0) / length, Lanes::ZERO);
+        let over = length.simd_gt(Lanes::ZERO).select(all(-1.0) / length, Lanes::ZERO);
         ([world[0] * over, world[1] * over, world[2] * over], length)
     }
+}
 
+impl Shader {
     /// The directions `h` of the lights for a ray of that direction.
     #[inline(always)]
     pub fn halfway(&self, view: [f32; 3]) -> [[f32; 3]; MOST_LIGHTS] {
@@ -154,12 +157,12 @@ mod tests {
             shininess: 30.0,
             gradient_scale: 40.0,
         };
-        let to_world = Shader::gradient_map(Affine::spacing([1.0, 1.0, 2.0]).inverse_rows(), 0.01, 1.0);
-        Shader { material, lights: vec![Light::new([0.0, 0.0, 2.0], 1.0)], to_world }
+        Shader { material, lights: vec![Light::new([0.0, 0.0, 2.0], 1.0)] }
     }
 
     fn normal(gradient: [f32; 3]) -> ([f32; 3], f32) {
-        let (normals, lengths) = shader().normals(gradient.map(all));
+        let to_world = ToWorld::new(Affine::spacing([1.0, 1.0, 2.0]).inverse_rows(), 0.01, 1.0);
+        let (normals, lengths) = to_world.normals(gradient.map(all));
         (normals.map(|part| part.to_array()[5]), lengths.to_array()[2])
     }
 
@@ -175,9 +178,9 @@ mod tests {
     }
 
     #[test]
-    fn gradients_are_per_voxel_of_world() {
+    fn gradients_are_per_voxel_of_world_and_normals_against_them() {
         let (found, length) = normal([0.0, 0.0, -100.0]);
-        assert_eq!(found, [0.0, 0.0, -1.0]);
+        assert_eq!(found, [0.0, 0.0, 1.0]);
         assert!((length - 0.5).abs() < 1e-6);
         assert_eq!(normal([0.0; 3]), ([0.0; 3], 0.0));
     }

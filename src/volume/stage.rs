@@ -16,7 +16,7 @@ use super::procedural;
 use super::read::{self, RawLayout};
 use super::reshape;
 use super::scene::{Domain, InterpolationName, LightScene, ModeName, NamedDomain, Scene};
-use super::shade::{Light, Material, Shader};
+use super::shade::{Light, Material, Shader, ToWorld};
 use super::surface::slack;
 use super::transfer::{Curve, Transfer};
 use super::vector::{Vector, add, length, scale};
@@ -38,8 +38,6 @@ pub struct Stage {
     /// The centre of the volume and half its diagonal, in world units.
     centre: Vector,
     radius: f64,
-    /// From index gradients to those of the normalised value per voxel.
-    gradient_map: [[f32; 3]; 3],
 }
 
 /// Reads the volume of a scene; paths are relative to `folder`.
@@ -123,7 +121,6 @@ pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, E
     let table = transfer.table(if look == Look::Mip { 1.0 } else { march.step });
     let (low, high) = transfer.domain;
     let per_value = if high > low { (high - low).recip() } else { 1.0 };
-    let gradient_map = Shader::gradient_map(placement.inverse_rows(), per_value, voxel);
     let half = grid.size().map(|n| 0.5 * n as f64);
     let (centre, radius) = (placement.point(half), length(placement.direction(half)));
     let (grid, interpolation) = interpolated(grid, march.interpolation);
@@ -133,6 +130,7 @@ pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, E
         look,
         integral: (march.preintegrated && look == Look::Dvr).then(|| Integral::new(&table)),
         table,
+        to_world: ToWorld::new(placement.inverse_rows(), per_value, voxel),
         blocks: None,
         step,
         opaque: march.opaque as f32,
@@ -142,7 +140,7 @@ pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, E
     if march.skip {
         renderer.blocks = blocks(&renderer).map(Arc::new);
     }
-    Ok(Stage { renderer, scene: scene.clone(), centre, radius, gradient_map })
+    Ok(Stage { renderer, scene: scene.clone(), centre, radius })
 }
 
 /// The grid that the kernel works on: voxels, or spline coefficients.
@@ -295,7 +293,6 @@ impl Stage {
                 gradient_scale: scale as f32,
             },
             lights: lights.iter().map(light).collect(),
-            to_world: self.gradient_map,
         })
     }
 }

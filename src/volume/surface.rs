@@ -4,9 +4,9 @@
 //! at once, again and again, which finds the place to `step / 9^5`.
 
 use super::kernel::Kernel;
-use super::lanes::LANES;
+use super::lanes::{LANES, Lanes};
 use super::march::Seen;
-use super::shade::Shader;
+use super::shade::{Shader, ToWorld};
 use super::transfer::Table;
 use super::walk::Walk;
 
@@ -22,6 +22,10 @@ pub struct Surface<'a> {
     pub colour: [f32; 3],
     /// The shading; none shows the plain colour.
     pub shader: Option<&'a Shader>,
+    /// Where normals come from.
+    pub to_world: &'a ToWorld,
+    /// Whether normals are wanted.
+    pub normals: bool,
 }
 
 impl Surface<'_> {
@@ -59,13 +63,13 @@ impl Surface<'_> {
         let at = 0.5 * (near + far);
         let mut seen = Seen { colour: [0.0, 0.0, 0.0, 1.0], normal: [0.0; 3], depth: at };
         let (mut share, mut white) = (1.0, 0.0);
-        if let Some(shader) = self.shader {
-            let bundle = walk.bundle([at; LANES], 1);
-            let partial = walk.values(&bundle).1;
-            let (normals, lengths) = shader.normals(walk.gradients(&bundle, &partial, 1));
-            let shown = shader.shade(normals, lengths, &shader.halfway(view));
+        if self.shader.is_some() || self.normals {
+            let (normals, lengths) = normals(walk, at, self.to_world);
             seen.normal = normals.map(|part| part.as_array()[0]);
-            (share, white) = (shown.0.as_array()[0], shown.1.as_array()[0]);
+            if let Some(shader) = self.shader {
+                let shown = shader.shade(normals, lengths, &shader.halfway(view));
+                (share, white) = (shown.0.as_array()[0], shown.1.as_array()[0]);
+            }
         }
         for k in 0..3 {
             seen.colour[k] = share * self.colour[k] + white;
@@ -74,15 +78,24 @@ impl Surface<'_> {
     }
 }
 
+/// The normal at a sample, and the length of its gradient.
+#[inline(always)]
+fn normals<K: Kernel>(walk: &mut Walk<'_, K>, at: f32, to_world: &ToWorld) -> ([Lanes; 3], Lanes) {
+    let bundle = walk.bundle([at; LANES], 1);
+    let partial = walk.values(&bundle).1;
+    to_world.normals(walk.gradients(&bundle, &partial, 1))
+}
+
 /// How far interpolated values may leave the bounds of their voxels by rounding.
 #[inline(always)]
 pub fn slack(low: f32, high: f32) -> f32 {
     64.0 * f32::EPSILON * low.abs().max(high.abs())
 }
 
-/// The largest value along a ray, as the transfer function shows it; depth is that of the first sample that has it.
+/// The largest value along a ray, as the transfer function shows it; depth and normal are those of the first sample that has it. Without
+/// `to_world` the normal stays 0.
 #[inline(always)]
-pub fn maximum<K: Kernel>(mut walk: Walk<'_, K>, table: &Table) -> Seen {
+pub fn maximum<K: Kernel>(mut walk: Walk<'_, K>, table: &Table, to_world: Option<&ToWorld>) -> Seen {
     let mut best = (f32::NEG_INFINITY, -1.0);
     while let Some(bundle) = walk.next() {
         let values = walk.values(&bundle).0.to_array();
@@ -97,5 +110,7 @@ pub fn maximum<K: Kernel>(mut walk: Walk<'_, K>, table: &Table) -> Seen {
     if best.1 < 0.0 || alpha <= 0.0 {
         return Seen::NOTHING;
     }
-    Seen { colour: [red * alpha, green * alpha, blue * alpha, alpha], normal: [0.0; 3], depth: best.1 }
+    let normal = to_world
+        .map_or([0.0; 3], |to_world| normals(&mut walk, best.1, to_world).0.map(|part| part.as_array()[0]));
+    Seen { colour: [red * alpha, green * alpha, blue * alpha, alpha], normal, depth: best.1 }
 }

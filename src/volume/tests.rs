@@ -231,8 +231,9 @@ fn the_isosurface_of_a_sphere_is_where_it_belongs() {
             });
             let distance = super::vector::length(at);
             assert!((distance - radius).abs() < bound, "{interpolation}: {distance}");
+            // Values grow outwards, so that the normal points inwards.
             let cosine = super::vector::dot(at, pixel.normal.map(f64::from)) / distance;
-            assert!(cosine.abs() > 0.99, "{interpolation}: {cosine}");
+            assert!(cosine < -0.99, "{interpolation}: {cosine}");
         }
         assert!(hits > 300, "{hits}");
     }
@@ -341,6 +342,47 @@ fn every_kind_of_instructions_gives_the_same_bits() {
                 assert_eq!(bits(a), bits(b), "{toml} {instructions:?}");
             }
         }
+    }
+}
+
+/// Three smooth blobs.
+fn blobs() -> Grid {
+    let blob = |p: [f64; 3], c: [f64; 3], size: f64| {
+        let square: f64 = (0..3).map(|k| (p[k] - c[k]) * (p[k] - c[k])).sum();
+        (-square / (size * size)).exp()
+    };
+    cube(33, |p| {
+        blob(p, [12.0, 14.0, 13.0], 6.0)
+            + 0.8 * blob(p, [22.0, 17.0, 20.0], 4.0)
+            + 0.6 * blob(p, [15.0, 24.0, 9.0], 3.0)
+    })
+}
+
+/// Distances and normals of surfaces and maxima against the slow twin's, with shading and without. A normal has the error of a gradient
+/// over its length.
+#[test]
+fn surfaces_and_maxima_have_the_distance_and_the_normal_of_their_place() {
+    for (mode, shading) in [("iso", true), ("iso", false), ("mip", true), ("mip", false)] {
+        let toml = format!(
+            "[transfer]\npoints=[[0.0, 1.0, 1.0, 1.0, 0.1], [1.0, 1.0, 1.0, 1.0, 1.0]]\n[shading]\nenabled={shading}\n\
+             [camera]\nzoom=2\n[march]\nstep=0.25\nmode=\"{mode}\"\niso=0.3\n[image]\nsize=[40, 30]"
+        );
+        let stage = stage(blobs(), &toml);
+        let camera = stage.camera(0).unwrap();
+        let (mut seen, mut off) = (0, 0);
+        for (k, pixel) in picture(&stage, &camera, None).iter().enumerate() {
+            let ray = camera.ray(stage.size(), (k % 40) as f64 + 0.5, (k / 40) as f64 + 0.5);
+            let Some((distance, normal, size)) = super::reference::place(&stage.renderer, &ray) else {
+                continue;
+            };
+            seen += 1;
+            let turned = 1.0 - super::vector::dot(normal, pixel.normal.map(f64::from));
+            let same = (f64::from(pixel.depth) - distance).abs() < 1e-3;
+            off += usize::from(!same || (size > 1e-3 && turned > 1e-4));
+            // From outside a surface looks at the viewer.
+            assert!(mode == "mip" || super::vector::dot(ray.direction, normal) < 0.05, "{normal:?}");
+        }
+        assert!(seen > 150 && off <= seen / 100, "{mode}: {off} of {seen}");
     }
 }
 

@@ -423,7 +423,8 @@ impl Render<'_> {
         let wanted = &self.job.wanted;
         let mut frame = picture::frame(picture, ready.size(), mask, *wanted, &story);
         if wanted.dense || wanted.motion {
-            let dense = lacuna_volume::dense_shot(shot.camera, shot.shader, shot);
+            let dense = lacuna_volume::dense_shot(shot.camera, shot);
+            let dense = Shot { normals: wanted.dense, ..dense };
             let picture = lacuna_volume::render(&ready.coarse(), &dense, &|| !stage.stopped());
             if wanted.motion {
                 let next = ready.camera(item.number.unwrap_or(0).saturating_add(1));
