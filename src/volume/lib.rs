@@ -15,6 +15,7 @@
 mod automatic;
 mod blocks;
 mod camera;
+mod check;
 mod coarse;
 mod dense;
 mod error;

@@ -8,7 +8,13 @@ use serde::{Deserialize, Serialize};
 
 use super::Error;
 use super::camera::Projection;
-use super::transfer::{Joining, LARGEST, Lookup};
+use super::check;
+use super::transfer::{Joining, Lookup};
+
+/// Where the camera is unless told otherwise, in degrees.
+pub const AZIMUTH: f64 = 30.0;
+/// The same upwards.
+pub const ELEVATION: f64 = 20.0;
 
 /// A scene as its file has it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -87,9 +93,9 @@ pub enum NamedDomain {
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case", expecting = "a table")]
 pub struct CameraScene {
     /// Degrees about the y axis, from +z towards +x.
-    pub azimuth: f64,
+    pub azimuth: Option<f64>,
     /// Degrees towards +y, -90 to 90.
-    pub elevation: f64,
+    pub elevation: Option<f64>,
     /// Larger is closer; 1 shows the whole volume.
     pub zoom: f64,
     /// Degrees of azimuth that each frame adds.
@@ -98,8 +104,8 @@ pub struct CameraScene {
     pub eye: Option<[f64; 3]>,
     /// World coordinates; nothing for the volume's centre.
     pub target: Option<[f64; 3]>,
-    /// Roughly upwards.
-    pub up: [f64; 3],
+    /// Roughly upwards; nothing for the y axis.
+    pub up: Option<[f64; 3]>,
     /// Full angle of view over the height, in degrees; nothing for the zoom's.
     pub angle: Option<f64>,
     /// How rays leave.
@@ -109,13 +115,13 @@ pub struct CameraScene {
 impl Default for CameraScene {
     fn default() -> Self {
         Self {
-            azimuth: 30.0,
-            elevation: 20.0,
+            azimuth: None,
+            elevation: None,
             zoom: 1.0,
             orbit: 0.0,
             eye: None,
             target: None,
-            up: [0.0, 1.0, 0.0],
+            up: None,
             angle: None,
             projection: Projection::Perspective,
         }
@@ -315,43 +321,14 @@ impl Scene {
         serde_json::to_string(self).unwrap_or_default()
     }
 
-    fn checked(self) -> Result<Self, Error> {
-        let [width, height] = self.image.size;
-        let march = &self.march;
-        let share = 0.0..=1.0;
-        let ShadingScene { flat, ambient, diffuse, specular, shininess, .. } = self.shading;
-        let angle = self.camera.angle.unwrap_or(90.0);
-        let within = |values: &[f64]| values.iter().all(|value| value.abs() <= LARGEST);
-        let strengths: Vec<f64> = self.light.iter().flatten().map(|light| light.intensity).collect();
-        let problems = [
-            (!within(&[flat, ambient, diffuse, specular]), "shading: numbers within -1e9 and 1e9"),
-            (!(0.0..=LARGEST).contains(&shininess), "shading.shininess: 0 to 1e9"),
-            (!within(&strengths), "light.intensity: a number within -1e9 and 1e9"),
-            (!within(&self.image.background), "image.background: numbers within -1e9 and 1e9"),
-            (
-                !(1..=65_536).contains(&width) || !(1..=65_536).contains(&height),
-                "image.size: 1 to 65536 pixels",
-            ),
-            (!(1..=65_536).contains(&self.image.samples), "image.samples: 1 to 65536"),
-            (!(march.step >= 1e-3 && march.step <= 1e3), "march.step: 0.001 to 1000 voxels"),
-            (
-                !(march.dense_step > 0.0 && march.dense_step <= 1e3),
-                "march.dense-step: above 0, 1000 voxels at most",
-            ),
-            (!(march.opaque > 0.0 && march.opaque <= 1.0), "march.opaque: above 0, 1 at most"),
-            (!share.contains(&march.depth_opacity), "march.depth-opacity: 0 to 1"),
-            (!march.iso.is_finite(), "march.iso: a number"),
-            (!(angle > 0.0 && angle < 180.0), "camera.angle: above 0, below 180 degrees"),
-            (!(self.camera.zoom > 0.0 && self.camera.zoom.is_finite()), "camera.zoom: above 0"),
-            (
-                self.light.as_ref().is_some_and(|lights| lights.len() > super::shade::MOST_LIGHTS),
-                "light: 4 at most",
-            ),
-        ];
-        match problems.iter().find(|(wrong, _)| *wrong) {
-            Some((_, text)) => Err(Error::Scene((*text).into())),
-            None => Ok(self),
+    /// The scene, if no value is wrong, with the defaults of those that depend on others.
+    fn checked(mut self) -> Result<Self, Error> {
+        check::check(&self)?;
+        if self.camera.eye.is_none() {
+            self.camera.azimuth.get_or_insert(AZIMUTH);
+            self.camera.elevation.get_or_insert(ELEVATION);
         }
+        Ok(self)
     }
 }
 
@@ -410,7 +387,7 @@ mod tests {
             ["camera.azimuth=12", "march.mode=mip", "transfer.domain=[1, 2]", "transfer.opacity=[[0, 0.5]]"];
         let changes: Vec<Override> = changes.iter().map(|text| text.parse().unwrap()).collect();
         let scene = Scene::parse("[camera]\nazimuth = 5\nelevation = 6\n", &changes).unwrap();
-        assert_eq!((scene.camera.azimuth, scene.camera.elevation), (12.0, 6.0));
+        assert_eq!((scene.camera.azimuth, scene.camera.elevation), (Some(12.0), Some(6.0)));
         assert_eq!(scene.march.mode, ModeName::Mip);
         assert_eq!(scene.transfer.domain, Domain::Values([1.0, 2.0]));
         assert_ne!(scene.line(), empty.line());
@@ -424,6 +401,17 @@ mod tests {
             ("[march]\nstep = 0.0", "march.step"),
             ("[shading]\nshininess = -1", "shading.shininess"),
             ("[camera]\nangle = 180", "camera.angle"),
+            ("[camera]\neye = [1, 2, 3]\nelevation = 5", "camera.eye"),
+            ("[shading]\nambient = -0.1", "ambient"),
+            ("[shading]\ngradient-scale = -1", "shading.gradient-scale"),
+            ("[[light]]\ndirection = [0, 0, 0]", "light.direction"),
+            ("[[light]]\ndirection = [0, inf, 0]", "light.direction"),
+            ("[[light]]\nintensity = -1", "light.intensity"),
+            ("[transfer]\npoints = [[0, 1, 1, 1, 1.5]]", "transfer.points"),
+            ("[transfer]\nopacity = [[0, 0], [1, -0.1]]", "transfer.opacity"),
+            ("[transfer]\nopacity = [[0, nan]]", "transfer.opacity"),
+            ("[transfer]\ndomain = [5, 5]", "transfer.domain"),
+            ("[transfer]\ndomain = [6, 5]", "transfer.domain"),
             ("[image]\nsize = [0, 5]", "image.size"),
             ("[image]\nbackground = [0.0, nan, 0.0, 0.0]", "image.background"),
             ("[[light]]\nintensity = 1e308", "light.intensity"),

@@ -15,7 +15,7 @@ use super::picture::{Interpolation, Look, Renderer};
 use super::procedural;
 use super::read::{self, RawLayout};
 use super::reshape;
-use super::scene::{Domain, InterpolationName, LightScene, ModeName, NamedDomain, Scene};
+use super::scene::{AZIMUTH, Domain, ELEVATION, InterpolationName, LightScene, ModeName, NamedDomain, Scene};
 use super::shade::{Light, Material, Shader, ToWorld};
 use super::surface::slack;
 use super::transfer::{Curve, Transfer};
@@ -48,13 +48,17 @@ pub fn volume(scene: &Scene, folder: &Path, limits: &Limits) -> Result<Grid, Err
     if scene.volume.is_empty() {
         return Err(Error::Scene("no volume is named (volume = \"FILE\" or --volume FILE)".into()));
     }
+    let made = scene.volume.strip_prefix(procedural::PREFIX);
+    if made.is_some() && scene.raw.is_some() {
+        return Err(Error::Scene("raw: a procedural volume has no file: leave it out (--raw)".into()));
+    }
     let raw: Option<RawLayout> = scene
         .raw
         .as_ref()
         .map(|text| text.parse())
         .transpose()
         .map_err(|why: String| Error::Scene(format!("raw: {why}")))?;
-    let grid = match scene.volume.strip_prefix(procedural::PREFIX) {
+    let grid = match made {
         Some(name) => procedural::make(name, limits)?,
         None => read::read(&folder.join(&scene.volume), raw.as_ref(), limits).map_err(with_way_out)?,
     };
@@ -202,9 +206,6 @@ fn transfer(scene: &Scene, grid: &Grid, folder: &Path) -> Result<Transfer, Error
         Domain::Named(NamedDomain::Type) => grid.type_range(),
         Domain::Values([low, high]) => (low, high),
     };
-    if !(domain.0.is_finite() && domain.1.is_finite() && domain.0 <= domain.1) {
-        return Err(Error::Scene("transfer.domain: two numbers, the lower first".into()));
-    }
     let data = |at: f64| if given.data_units { at } else { domain.0 + at * (domain.1 - domain.0) };
     let mut colour: Vec<(f64, [f64; 3])> =
         given.points.iter().map(|p| (data(p[0]), [p[1], p[2], p[3]])).collect();
@@ -256,12 +257,14 @@ impl Stage {
             .angle
             .map_or(FIELD / given.zoom, |angle| 2.0 * (0.5 * angle.to_radians()).tan() / given.zoom);
         let turn = given.orbit * frame as f64;
-        let camera = match given.eye {
-            Some(eye) => {
-                let eye = turned(eye, target, turn);
-                Camera::look_at(eye, target, given.up, field)?
-            }
-            None => Camera::around(target, FAR * self.radius, given.azimuth + turn, given.elevation, field)?,
+        let camera = if let Some(eye) = given.eye {
+            let eye = turned(eye, target, turn);
+            Camera::look_at(eye, target, given.up.unwrap_or([0.0, 1.0, 0.0]), field)?
+        } else {
+            let azimuth = given.azimuth.unwrap_or(AZIMUTH) + turn;
+            let elevation = given.elevation.unwrap_or(ELEVATION);
+            let camera = Camera::around(target, FAR * self.radius, azimuth, elevation, field)?;
+            given.up.map_or(Ok(camera), |up| Camera::look_at(camera.eye, target, up, field))?
         };
         Ok(Camera { projection: given.projection, ..camera })
     }

@@ -421,3 +421,23 @@ fn the_march_agrees_with_its_slow_twin() {
         assert!(sum / f64::from(count) < 128.0 * EPSILON, "{}: {toml}", sum / f64::from(count) / EPSILON);
     }
 }
+
+#[test]
+fn up_is_upwards_wherever_the_camera_stands() {
+    let camera = |camera: &str| {
+        let stage = stage(blobs(), &format!("[camera]\n{camera}\n[image]\nsize=[4, 4]"));
+        stage.camera(0).unwrap()
+    };
+    let (plain, turned) = (camera("azimuth=40"), camera("azimuth=40\nup=[1, 0, 0]"));
+    assert_eq!((plain.eye, plain.forward), (turned.eye, turned.forward));
+    assert!(super::vector::dot(turned.right, [1.0, 0.0, 0.0]).abs() < 1e-12 && turned.up[0] > 0.5);
+    let eye = plain.eye;
+    assert_eq!(camera(&format!("eye={eye:?}\nup=[1, 0, 0]")), turned);
+}
+
+#[test]
+fn a_layout_of_a_volume_without_a_file_is_refused() {
+    let scene = Scene::parse("volume=\"procedural:head:8\"\nraw=\"8x8x8:u8\"", &[]).unwrap();
+    let error = prepare(&scene, std::path::Path::new(""), &crate::Limits::default()).unwrap_err();
+    assert!(error.to_string().contains("raw: "), "{error}");
+}
