@@ -152,3 +152,15 @@ def test_what_a_surface_or_a_maximum_shows_has_its_distance_normal_and_motion(tm
         normals = colours(path, names)[seen]
         lengths = numpy.linalg.norm(normals, axis=-1)
         assert (numpy.isclose(lengths, 1, atol=1e-5) | (lengths == 0)).all() and (lengths > 0).mean() > 0.9, mode
+
+
+def test_values_past_the_largest_half_are_told(tmp_path):
+    words = ["render", "procedural:head:16", "-o", tmp_path / "o.exr", "--size", "40x40", "--set", "shading.ambient=1e6", "--force"]
+    for pixels in [[], ["--density", "0.5", "--fill", "auto"], ["--density", "0.5", "--adaptive"]]:
+        for kind in ["half", "float"]:
+            result = lacuna(*words, *pixels, "-d", kind, "--json", tmp_path / "o.json")
+            frame, = json.loads((tmp_path / "o.json").read_text())["frames"]
+            assert (frame["clamped_halves"] > 100) == (kind == "half"), (pixels, kind, frame)
+            if not pixels and kind == "half":
+                assert frame["clamped_halves"] == (colours(tmp_path / "o.exr") == 65504).sum()
+            assert (f"{frame['clamped_halves']} values past the largest half" in result.stderr) == (kind == "half"), result

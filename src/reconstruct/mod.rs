@@ -59,7 +59,7 @@ pub use stamp::{
     ADDED, DENSITY, DERIVED, FILLED_BY, FILTER, RENDER, SCENE, Stamp, dropped_note, error_channel,
     estimated_errors, of_other_pixels, remove, was_cut_short,
 };
-pub(crate) use values::{convert, kind_for};
+pub(crate) use values::{convert, kind_for, to_half, to_halves};
 pub use weights::{Weights, WeightsError};
 
 use crate::channels::{Choice, Rule, non_finite, non_finite_note, part_label, unheeded};

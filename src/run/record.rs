@@ -143,6 +143,14 @@ impl Record {
         self.warnings.extend_from_slice(notes);
     }
 
+    /// So many values became the largest half.
+    pub fn clamped(&mut self, halves: usize) {
+        self.clamped_halves = Some(halves);
+        if halves > 0 {
+            self.warn(&[format!("{halves} values past the largest half were clamped to it")]);
+        }
+    }
+
     /// Pixels were chosen in rounds. Returns what there is to know about their target.
     pub fn chosen(&mut self, rounds: &Rounds, target: Option<f64>) -> Option<String> {
         self.rounds.clone_from(&rounds.rounds);

@@ -298,7 +298,6 @@ fn enter(report: &Report, enlarges: bool, record: &mut Record) {
     record.non_finite = Some(report.non_finite);
     record.limited = Some(report.limited);
     record.largest_move = Some(report.largest_move);
-    record.clamped_halves = Some(report.clamped_halves);
     record.outcome = report.outcome;
     record.rules = Some(rules(report));
     tell(report, record);
@@ -311,9 +310,7 @@ fn enter(report: &Report, enlarges: bool, record: &mut Record) {
     record.warn(&notes.collect::<Vec<_>>());
     record.warn(&report.notes);
     record.warn(report.outcome.and_then(|outcome| early(outcome, enlarges)).as_slice());
-    if report.clamped_halves > 0 {
-        record.warn(&[format!("{} values past the largest half were clamped to it", report.clamped_halves)]);
-    }
+    record.clamped(report.clamped_halves);
 }
 
 /// Puts into the record, and says in the log, what steered a fill, what it was made of and how wrong it is.

@@ -262,17 +262,18 @@ impl Work for Render<'_> {
             stage.read(record, || self.ready(self.need(item).least)).map_err(|error| at_input(&error))?;
         let mut mask = self.mask(item, &ready)?;
         let (mut seconds, mut told) = ((0.0, None), None);
-        let mut rounds = None;
+        let (mut rounds, mut clamped) = (None, 0);
         let frame = stage.solve(record, || {
             let start = Instant::now();
-            let frame = if let Pixels::Adaptive(settings) = &self.job.pixels {
-                let (frame, found) = self.in_rounds(settings, item, &ready, stage)?;
+            let frame;
+            if let Pixels::Adaptive(settings) = &self.job.pixels {
+                let found;
+                ((frame, clamped), found) = self.in_rounds(settings, item, &ready, stage)?;
                 mask = Some(Arc::clone(&found.mask));
                 rounds = Some((found, settings.target));
-                frame
             } else {
-                self.picture(item, &ready, mask.as_deref(), stage)?
-            };
+                (frame, clamped) = self.picture(item, &ready, mask.as_deref(), stage)?;
+            }
             seconds.0 = start.elapsed().as_secs_f64();
             let Some(method) = self.filler().filter(|_| !stage.stopped()) else { return Ok(frame) };
             if let Some(mask) = mask.as_deref().filter(|_| self.job.run.memory.is_some()) {
@@ -295,7 +296,9 @@ impl Work for Render<'_> {
         record.filled = seconds.1;
         if let Some(report) = &told {
             super::fill::tell(report, record);
+            clamped += report.clamped_halves;
         }
+        record.clamped(clamped);
         if let Some(filled) = seconds.1 {
             let chosen = if choosing > 0.0 { format!("chosen in {choosing:.2} s, ") } else { String::new() };
             tracing::info!("rendered in {rendered:.2} s, {chosen}filled in {filled:.2} s");
@@ -372,7 +375,7 @@ impl Render<'_> {
         ready: &lacuna_volume::Stage,
         mask: Option<&Mask>,
         stage: &Stage<'_>,
-    ) -> Result<Frame, Failure> {
+    ) -> Result<(Frame, usize), Failure> {
         let camera = camera(item, ready)?;
         let shader = ready.shader(&camera);
         let shot = self.shot(ready, (&camera, shader.as_ref()), mask);
@@ -399,7 +402,8 @@ impl Render<'_> {
         }
     }
 
-    /// The frame of a picture, with what a coarse march tells of every pixel if that is wanted.
+    /// The frame of a picture, with what a coarse march tells of every pixel if that is wanted, and how many values became the
+    /// largest half.
     fn composed(
         &self,
         picture: Picture,
@@ -407,7 +411,7 @@ impl Render<'_> {
         mask: Option<&Mask>,
         ready: &lacuna_volume::Stage,
         (item, stage): (&Item, &Stage<'_>),
-    ) -> Result<Frame, Failure> {
+    ) -> Result<(Frame, usize), Failure> {
         if stage.stopped() {
             return Err(Failure::at(&item.output, STOPPED));
         }
@@ -421,7 +425,7 @@ impl Render<'_> {
             pattern: pattern.as_deref(),
         };
         let wanted = &self.job.wanted;
-        let mut frame = picture::frame(picture, ready.size(), mask, *wanted, &story);
+        let (mut frame, clamped) = picture::frame(picture, ready.size(), mask, *wanted, &story);
         if wanted.dense || wanted.motion {
             let dense = lacuna_volume::dense_shot(shot.camera, shot);
             let dense = Shot { normals: wanted.dense, ..dense };
@@ -435,7 +439,7 @@ impl Render<'_> {
                 picture::add_dense(&mut frame, picture, wanted.kind);
             }
         }
-        if stage.stopped() { Err(Failure::at(&item.output, STOPPED)) } else { Ok(frame) }
+        if stage.stopped() { Err(Failure::at(&item.output, STOPPED)) } else { Ok((frame, clamped)) }
     }
 
     /// What fills, if pixels are missing.

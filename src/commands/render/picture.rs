@@ -5,7 +5,7 @@ use lacuna_exr::{Attributes, Channel, Compression, Frame, Part, SampleType, Samp
 use lacuna_filters::{Mask, Size};
 use lacuna_volume::{Camera, Picture};
 
-use crate::reconstruct::{RENDER, SCENE};
+use crate::reconstruct::{RENDER, SCENE, to_half, to_halves};
 use crate::{channels, mask};
 
 /// The name of the mask's channel.
@@ -57,13 +57,20 @@ pub struct Story<'a> {
     pub pattern: Option<&'a str>,
 }
 
-/// The frame of a picture; a mask channel says which pixels were rendered, if one is given.
-pub fn frame(picture: Picture, size: Size, mask: Option<&Mask>, wanted: Wanted, story: &Story<'_>) -> Frame {
+/// The frame of a picture, and how many values became the largest half; a mask channel says which pixels were rendered, if one is given.
+pub fn frame(
+    picture: Picture,
+    size: Size,
+    mask: Option<&Mask>,
+    wanted: Wanted,
+    story: &Story<'_>,
+) -> (Frame, usize) {
     let mut channels: Vec<Channel> = Vec::new();
     let mut add = |name: String, samples: Samples| {
         channels.push(channel(&name, samples));
     };
-    let values = |plane| values(plane, wanted.kind);
+    let mut clamped = 0;
+    let mut values = |plane| values(plane, wanted.kind, &mut clamped);
     for (name, plane) in COLOURS.into_iter().zip(picture.colour) {
         add(name.into(), values(plane));
     }
@@ -92,15 +99,15 @@ pub fn frame(picture: Picture, size: Size, mask: Option<&Mask>, wanted: Wanted, 
         compression: wanted.compression,
         ..part(size, channels)
     };
-    Frame { parts: vec![part] }
+    (Frame { parts: vec![part] }, clamped)
 }
 
-/// Adds what a coarse march told of every pixel, and lists it as complete.
+/// Adds what a coarse march told of every pixel, and lists it as complete. Alpha and normals fit into halves.
 pub fn add_dense(frame: &mut Frame, picture: Picture, kind: SampleType) {
     let Some(part) = frame.parts.first_mut() else { return };
     let [.., alpha] = picture.colour;
     let named = DENSE.into_iter().zip([alpha].into_iter().chain(picture.normal));
-    part.channels.extend(named.map(|(name, plane)| channel(name, values(plane, kind))));
+    part.channels.extend(named.map(|(name, plane)| channel(name, values(plane, kind, &mut 0))));
     part.channels.push(channel(DENSE_DEPTH, Samples::Float(picture.depth)));
     list_dense(part, &[&DENSE[..], &[DENSE_DEPTH]].concat());
 }
@@ -112,11 +119,14 @@ pub fn list_dense(part: &mut Part, names: &[&str]) {
     part.attributes.set_text(channels::DENSE, &all.join(","));
 }
 
-pub fn values(plane: Vec<f32>, kind: SampleType) -> Samples {
-    match kind {
-        SampleType::Half => Samples::Half(plane.into_iter().map(half).collect()),
-        _ => Samples::Float(plane),
+/// A plane's samples of that type; counts those that become the largest half.
+fn values(plane: Vec<f32>, kind: SampleType, clamped: &mut usize) -> Samples {
+    if kind != SampleType::Half {
+        return Samples::Float(plane);
     }
+    let (halves, more) = to_halves(&plane);
+    *clamped += more;
+    Samples::Half(halves)
 }
 
 /// A frame of that size with one channel, for what needs only its windows.
@@ -135,16 +145,7 @@ fn part(size: Size, channels: Vec<Channel>) -> Part {
 
 /// A value as a frame of that type holds it.
 pub fn kept(value: f32, kind: SampleType) -> f32 {
-    if kind == SampleType::Half { half(value).to_f32() } else { value }
-}
-
-/// The nearest half; the largest one instead of infinity.
-fn half(value: f32) -> f16 {
-    if value.is_finite() {
-        f16::from_f32(value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
-    } else {
-        f16::from_f32(value)
-    }
+    if kind == SampleType::Half { to_half(value, &mut 0).to_f32() } else { value }
 }
 
 fn attributes(size: Size, masked: bool, story: &Story<'_>) -> Attributes {

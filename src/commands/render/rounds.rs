@@ -50,7 +50,7 @@ impl Render<'_> {
         item: &Item,
         ready: &lacuna_volume::Stage,
         stage: &Stage<'_>,
-    ) -> Result<(Frame, Rounds), Failure> {
+    ) -> Result<((Frame, usize), Rounds), Failure> {
         let camera = camera(item, ready)?;
         let shader = ready.shader(&camera);
         let all = self.shot(ready, (&camera, shader.as_ref()), None);
@@ -79,10 +79,10 @@ impl Render<'_> {
         for round in &mut found.rounds {
             round.rays = Some(round.pixels as u64 * rays);
         }
-        let mut frame = self.composed(whole, &all, Some(&found.mask), ready, (item, stage))?;
+        let (mut frame, clamped) = self.composed(whole, &all, Some(&found.mask), ready, (item, stage))?;
         for part in &mut frame.parts {
             part.attributes.set_text(rounds::ROUNDS, &found.line());
         }
-        Ok((frame, found))
+        Ok(((frame, clamped), found))
     }
 }
