@@ -164,3 +164,15 @@ def test_values_past_the_largest_half_are_told(tmp_path):
             if not pixels and kind == "half":
                 assert frame["clamped_halves"] == (colours(tmp_path / "o.exr") == 65504).sum()
             assert (f"{frame['clamped_halves']} values past the largest half" in result.stderr) == (kind == "half"), result
+
+
+def test_memory_that_is_not_there_is_one_line(tmp_path):
+    with open(tmp_path / "huge.raw", "wb") as file:
+        file.truncate(10 ** 9)
+    limit = "ulimit -v 1500000; exec \"$0\" \"$@\""
+    for words in [["procedural:head:1000"], [tmp_path / "huge.raw", "--raw", "1000x1000x1000:u8"],
+                  ["procedural:head:8", "--size", "20000x20000"]]:
+        command = ["bash", "-c", limit, tool.LACUNA, "render", *map(str, words), "-o", tmp_path / "o.exr", "-q"]
+        result = subprocess.run(command, capture_output=True, text=True, timeout=100)
+        assert result.returncode == 1 and result.stderr.count("\n") == 1, result
+        assert "memory, which the system does not give" in result.stderr, result

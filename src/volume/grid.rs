@@ -88,6 +88,15 @@ impl Grid {
         self.voxels.type_range()
     }
 
+    /// Bytes that a voxel takes.
+    pub const fn voxel_bytes(&self) -> u64 {
+        match self.voxels {
+            Values::U8(_) => 1,
+            Values::U16(_) | Values::I16(_) => 2,
+            Values::F32(_) => 4,
+        }
+    }
+
     /// The length of one voxel: that of the shortest axis, in world units.
     pub fn voxel(&self) -> f64 {
         self.placement.axes.iter().map(|&axis| length(axis)).fold(f64::INFINITY, f64::min)

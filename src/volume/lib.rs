@@ -50,7 +50,7 @@ pub use camera::{Camera, Projection, Ray};
 pub use coarse::shot as dense_shot;
 pub use error::Error;
 pub use grid::Grid;
-pub use limits::Limits;
+pub use limits::{Limits, is_there};
 pub use picture::{Interpolation, Look, Picture, Renderer, Shot, render, render_onto};
 pub use procedural::PREFIX as PROCEDURAL;
 pub use scene::{InterpolationName, ModeName, Override, Scene};

@@ -7,8 +7,8 @@ use super::{Error, Grid, Limits, Values};
 /// volume stands upright at the world's origin with its voxels' lengths.
 ///
 /// # Errors
-/// [`Error::Scene`] if these are not three different axes.
-pub fn axes(grid: &Grid, text: &str) -> Result<Grid, Error> {
+/// [`Error::Scene`] if these are not three different axes, [`Error::Volume`] if there is no memory for both volumes.
+pub fn axes(grid: &Grid, text: &str, limits: &Limits) -> Result<Grid, Error> {
     let one = |word: &str| {
         let (mirrored, name) = word.strip_prefix('-').map_or((false, word), |name| (true, name));
         ["x", "y", "z"].iter().position(|axis| *axis == name).map(|axis| (axis, mirrored))
@@ -19,6 +19,8 @@ pub fn axes(grid: &Grid, text: &str) -> Result<Grid, Error> {
         return Err(Error::Scene(format!("axes: '{text}' are not three axes such as \"x -z y\"")));
     };
     let old = grid.size();
+    // With a border and without, before and after.
+    limits.voxels(old, 4 * grid.voxel_bytes())?;
     let size = chosen.map(|(axis, _)| old[axis]);
     let spacing = chosen.map(|(axis, _)| length(grid.placement().axes[axis]));
     let order = Order { size, steps: chosen.map(|(axis, mirrored)| step(old, axis, mirrored)) };
@@ -113,15 +115,16 @@ mod tests {
 
     #[test]
     fn axes_are_turned_and_mirrored() {
-        let turned = axes(&grid(), "z -x y").unwrap();
+        let turned = axes(&grid(), "z -x y", &Limits::default()).unwrap();
         assert_eq!(turned.size(), [4, 2, 3]);
         assert_eq!(turned.placement().axes[0], [3.0, 0.0, 0.0]);
         for (z, x, y) in [(0, 0, 0), (3, 1, 2), (1, 0, 2)] {
             assert_eq!(turned.value([z, 1 - x, y]), grid().value([x, y, z]));
         }
         for bad in ["x y", "x y y", "x y w", "", "x y z x"] {
-            assert!(axes(&grid(), bad).is_err(), "{bad}");
+            assert!(axes(&grid(), bad, &Limits::default()).is_err(), "{bad}");
         }
+        assert!(axes(&grid(), "z -x y", &Limits { bytes: 50, outside: false }).is_err());
     }
 
     #[test]

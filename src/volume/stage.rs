@@ -63,7 +63,7 @@ pub fn volume(scene: &Scene, folder: &Path, limits: &Limits) -> Result<Grid, Err
         None => read::read(&folder.join(&scene.volume), raw.as_ref(), limits).map_err(with_way_out)?,
     };
     let grid = match &scene.axes {
-        Some(axes) => reshape::axes(&grid, axes)?,
+        Some(axes) => reshape::axes(&grid, axes, limits)?,
         None => grid,
     };
     if scene.resample { reshape::cubes(&grid, limits) } else { Ok(grid) }

@@ -260,6 +260,7 @@ impl Work for Render<'_> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
         let ready =
             stage.read(record, || self.ready(self.need(item).least)).map_err(|error| at_input(&error))?;
+        self.is_room(item)?;
         let mut mask = self.mask(item, &ready)?;
         let (mut seconds, mut told) = ((0.0, None), None);
         let (mut rounds, mut clamped) = (None, 0);
@@ -324,6 +325,19 @@ impl Render<'_> {
             ready.map(Arc::new).map_err(|error| error.to_string())
         };
         volume.get_or_insert_with(make).clone()
+    }
+
+    /// That the system has memory for a frame beside the volume.
+    fn is_room(&self, item: &Item) -> Result<(), Failure> {
+        let bytes = self.need(item).least;
+        if lacuna_volume::is_there(bytes) {
+            return Ok(());
+        }
+        let needed = lacuna_exr::Amount::at_most(bytes);
+        let why = format!(
+            "the frame needs about {needed} of memory, which the system does not give; make it smaller (--size)"
+        );
+        Err(Failure::at(&item.output, why))
     }
 
     /// Whether an output is what this run would make again. What the scene's own file says is in the settings.

@@ -12,14 +12,17 @@ const BEST_RATIO: usize = 1032;
 /// The first piece of memory that is taken.
 const FIRST: usize = 64 << 20;
 
+/// That so many compressed bytes can hold `expected`.
+pub(super) fn check_length(packed: u64, expected: usize) -> Result<(), String> {
+    if (expected / BEST_RATIO) as u64 > packed {
+        return Err(format!("truncated: {packed} compressed bytes cannot hold {expected} bytes of voxels"));
+    }
+    Ok(())
+}
+
 /// Exactly `expected` bytes from a gzip or zlib stream.
 pub(super) fn inflate(packed: &[u8], coding: Coding, expected: usize) -> Result<Vec<u8>, String> {
-    if expected / BEST_RATIO > packed.len() {
-        return Err(format!(
-            "truncated: {} compressed bytes cannot hold {expected} bytes of voxels",
-            packed.len()
-        ));
-    }
+    check_length(packed.len() as u64, expected)?;
     // What does not give just these bytes in one go, such as several streams in a row, goes piece by piece.
     if expected <= FIRST
         && let Some(plain) = at_once(packed, coding, expected)

@@ -111,11 +111,12 @@ pub fn files(path: &Path, raw: Option<&RawLayout>) -> Vec<PathBuf> {
 /// Reads the voxels that a header describes.
 fn load(path: &Path, header: &Header, place: &Place, limits: &Limits) -> Result<Grid, Error> {
     let count = checked_count(path, header)?;
-    let words = if place.coding == Coding::Text { size_of::<&str>() } else { 0 };
-    check_memory(path, header, words, limits)?;
     let bytes = count
         .checked_mul(header.element.bytes())
         .ok_or_else(|| damaged(path, format!("the size {:?} is beyond all memory", header.size)))?;
+    check_file(place, bytes)?;
+    let words = if place.coding == Coding::Text { size_of::<&str>() } else { 0 };
+    check_memory(path, header, words, limits)?;
     let values = match place.coding {
         Coding::Plain => header.element.decode(plain(place, bytes)?, header.big_endian),
         Coding::Text => {
@@ -161,10 +162,20 @@ fn checked_count(path: &Path, header: &Header) -> Result<usize, Error> {
         .ok_or_else(|| damaged(path, format!("the size {:?} is not that of a volume", header.size)))
 }
 
-/// Exactly so many bytes of plain data.
-fn plain(place: &Place, bytes: usize) -> Result<Vec<u8>, Error> {
-    let mut file = open(&place.file)?;
-    let length = file.metadata().map_err(io(&place.file, "read"))?.len();
+/// That the file can hold so many bytes of voxels. Text is held against their number when it is read.
+fn check_file(place: &Place, bytes: usize) -> Result<(), Error> {
+    let length = open(&place.file)?.metadata().map_err(io(&place.file, "read"))?.len();
+    match place.coding {
+        Coding::Plain => start(place, bytes, length).map(drop),
+        Coding::Text => Ok(()),
+        Coding::Gzip | Coding::Zlib => {
+            inflate::check_length(length, bytes).map_err(|why| damaged(&place.file, why))
+        }
+    }
+}
+
+/// Where so many bytes of plain data begin in a file of that length.
+fn start(place: &Place, bytes: usize, length: u64) -> Result<u64, Error> {
     let offset = match place.offset {
         Some(offset) => offset,
         None => length.checked_sub(bytes as u64).ok_or_else(|| short(place, bytes, length))?,
@@ -172,8 +183,17 @@ fn plain(place: &Place, bytes: usize) -> Result<Vec<u8>, Error> {
     if offset.checked_add(bytes as u64).is_none_or(|end| end > length) {
         return Err(short(place, bytes, length.saturating_sub(offset)));
     }
+    Ok(offset)
+}
+
+/// Exactly so many bytes of plain data.
+fn plain(place: &Place, bytes: usize) -> Result<Vec<u8>, Error> {
+    let mut file = open(&place.file)?;
+    let length = file.metadata().map_err(io(&place.file, "read"))?.len();
+    let offset = start(place, bytes, length)?;
     file.seek(SeekFrom::Start(offset)).map_err(io(&place.file, "read"))?;
-    let mut data = Vec::with_capacity(bytes);
+    let mut data = Vec::new();
+    data.try_reserve_exact(bytes).map_err(|error| io(&place.file, "read")(error.into()))?;
     file.take(bytes as u64).read_to_end(&mut data).map_err(io(&place.file, "read"))?;
     if data.len() == bytes { Ok(data) } else { Err(short(place, bytes, data.len() as u64)) }
 }

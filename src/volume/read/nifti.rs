@@ -8,8 +8,8 @@ use std::path::Path;
 use flate2::read::MultiGzDecoder;
 
 use super::{
-    Affine, Coding, Element, Error, Grid, Header, Limits, Place, build, check_memory, checked_count, damaged,
-    head, inflate, load, rest,
+    Affine, Coding, Element, Error, Grid, Header, Limits, Place, build, check_file, check_memory,
+    checked_count, damaged, head, inflate, load, rest,
 };
 use crate::vector::scale;
 
@@ -33,12 +33,14 @@ pub(super) fn read(path: &Path, limits: &Limits) -> Result<Grid, Error> {
         return load(path, &header, &place, limits);
     }
     // The stream holds the header too: it is decoded and dropped.
-    check_memory(path, &header, header.element.bytes(), limits)?;
-    let packed = rest(&Place { offset: Some(0), ..place }, limits)?;
+    let place = Place { offset: Some(0), coding: Coding::Gzip, ..place };
     let voxels = checked_count(path, &header)?.checked_mul(header.element.bytes());
     let Some(all) = voxels.and_then(|bytes| bytes.checked_add(usize::try_from(offset).ok()?)) else {
         return Err(damaged(path, format!("the size {:?} is beyond all memory", header.size)));
     };
+    check_file(&place, all)?;
+    check_memory(path, &header, header.element.bytes(), limits)?;
+    let packed = rest(&place, limits)?;
     let plain = inflate::inflate(&packed, Coding::Gzip, all).map_err(|why| damaged(path, why))?;
     build(path, &header, &header.element.decode(plain[offset as usize..].to_vec(), header.big_endian))
 }
