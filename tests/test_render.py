@@ -176,3 +176,15 @@ def test_memory_that_is_not_there_is_one_line(tmp_path):
         result = subprocess.run(command, capture_output=True, text=True, timeout=100)
         assert result.returncode == 1 and result.stderr.count("\n") == 1, result
         assert "memory, which the system does not give" in result.stderr, result
+
+
+def test_what_a_colour_map_asks_for_in_vain_is_told_once(tmp_path):
+    one = {"ColorSpace": "Diverging", "Name": "warm", "Points": [0, 0, 0.5, 0, 1, 0.5, 0.5, 0], "RGBPoints": [0, 0, 0, 1, 1, 1, 0, 0]}
+    words = ["render", "procedural:head:16", "-o", tmp_path / "o.#.exr", "--frames", "1-3", "--size", "20x20", "--force",
+             "--set", f"transfer.paraview={tmp_path / 'map.json'}", "--json", tmp_path / "o.json"]
+    for maps, told in [([one, one], True), ([one | {"ColorSpace": "RGB"}], False)]:
+        (tmp_path / "map.json").write_text(json.dumps(maps))
+        result = lacuna(*words)
+        assert result.stderr.count("map.json: not followed: ColorSpace Diverging") == told, result
+        frames = json.loads((tmp_path / "o.json").read_text())["frames"]
+        assert [any("1 further maps" in text for text in frame["warnings"]) for frame in frames] == [told] * 3

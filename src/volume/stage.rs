@@ -34,6 +34,8 @@ const MOST_STEPS: f64 = 1e6;
 pub struct Stage {
     /// The renderer.
     pub renderer: Renderer,
+    /// What a file of the scene asks for that is not followed.
+    pub notes: Vec<String>,
     scene: Scene,
     /// The centre of the volume and half its diagonal, in world units.
     centre: Vector,
@@ -101,7 +103,7 @@ pub fn prepare(scene: &Scene, folder: &Path, limits: &Limits) -> Result<Stage, E
 /// # Errors
 /// What contradicts itself.
 pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, Error> {
-    let transfer = transfer(scene, &grid, folder)?;
+    let (transfer, note) = transfer(scene, &grid, folder)?;
     let (voxel, march) = (grid.voxel(), &scene.march);
     let placement = *grid.placement();
     let step = march.step * voxel;
@@ -144,7 +146,7 @@ pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, E
     if march.skip {
         renderer.blocks = blocks(&renderer).map(Arc::new);
     }
-    Ok(Stage { renderer, scene: scene.clone(), centre, radius })
+    Ok(Stage { renderer, notes: note.into_iter().collect(), scene: scene.clone(), centre, radius })
 }
 
 /// The grid that the kernel works on: voxels, or spline coefficients.
@@ -198,8 +200,8 @@ fn blocks_by<K: Kernel>(_: K, renderer: &Renderer) -> Blocks {
     }
 }
 
-/// The transfer function of a scene over the values of a volume.
-fn transfer(scene: &Scene, grid: &Grid, folder: &Path) -> Result<Transfer, Error> {
+/// The transfer function of a scene over the values of a volume, and what of its file is not followed.
+fn transfer(scene: &Scene, grid: &Grid, folder: &Path) -> Result<(Transfer, Option<String>), Error> {
     let given = &scene.transfer;
     let domain = match given.domain {
         Domain::Unset | Domain::Named(NamedDomain::Data) => grid.range(),
@@ -212,8 +214,10 @@ fn transfer(scene: &Scene, grid: &Grid, folder: &Path) -> Result<Transfer, Error
     colour.extend(given.colour.iter().map(|p| (data(p[0]), [p[1], p[2], p[3]])));
     let mut opacity: Vec<(f64, [f64; 1])> = given.points.iter().map(|p| (data(p[0]), [p[4]])).collect();
     opacity.extend(given.opacity.iter().map(|p| (data(p[0]), [p[1]])));
+    let mut note = None;
     if let Some(path) = &given.paraview {
-        let map = paraview::read(&folder.join(path), domain)?;
+        let map = paraview::read(&folder.join(path), domain, given.joining)?;
+        note = map.note;
         colour.extend(map.colour);
         opacity.extend(map.opacity);
     }
@@ -226,12 +230,13 @@ fn transfer(scene: &Scene, grid: &Grid, folder: &Path) -> Result<Transfer, Error
             opacity = guess.1;
         }
     }
-    Ok(Transfer {
+    let transfer = Transfer {
         colour: Curve::new(colour, given.joining)?,
         opacity: Curve::new(opacity, given.joining)?,
         domain,
         lookup: given.lookup,
-    })
+    };
+    Ok((transfer, note))
 }
 
 impl Stage {

@@ -261,6 +261,7 @@ impl Work for Render<'_> {
         let ready =
             stage.read(record, || self.ready(self.need(item).least)).map_err(|error| at_input(&error))?;
         self.is_room(item)?;
+        record.warnings.extend_from_slice(&ready.notes);
         let mut mask = self.mask(item, &ready)?;
         let (mut seconds, mut told) = ((0.0, None), None);
         let (mut rounds, mut clamped) = (None, 0);
@@ -322,6 +323,9 @@ impl Render<'_> {
         let limits = lacuna_volume::Limits { bytes, outside: self.job.allow_outside };
         let make = || {
             let ready = lacuna_volume::prepare(&self.scene, &self.folder, &limits);
+            if let Ok(ready) = &ready {
+                ready.notes.iter().for_each(|note| tracing::warn!("{note}"));
+            }
             ready.map(Arc::new).map_err(|error| error.to_string())
         };
         volume.get_or_insert_with(make).clone()
