@@ -85,19 +85,18 @@ pub fn local(mask: &Mask, samples: &Plane, out: &mut Plane) -> Result<Moved, Err
     Ok(counts.into_iter().sum())
 }
 
-/// Keeps what is true of all measured pixels true of the missing ones: a channel that is nowhere negative stays so, and
-/// with `unit`, for alpha, one that lies within [0, 1]. Returns how many missing pixels were moved, and how far.
+/// Keeps what is true of all measured pixels true of the missing ones, as far as the bounds ask for it: light that is nowhere negative
+/// stays so, alpha stays within [0, 1]. Returns how many missing pixels were moved, and how far.
 ///
 /// # Errors
 /// [`Error::SizeMismatch`] and [`Error::EmptyMask`].
-pub fn range(mask: &Mask, samples: &Plane, out: &mut Plane, unit: bool) -> Result<Moved, Error> {
+pub fn range(mask: &Mask, samples: &Plane, out: &mut Plane, bounds: crate::Bounds) -> Result<Moved, Error> {
     let size = check(mask, samples, out)?;
-    let (smallest, largest) = extremes(mask.as_slice(), samples.pixels());
-    if smallest < 0.0 {
+    let (low, high) = bounds.around(extremes(mask.as_slice(), samples.pixels()));
+    if low == f32::NEG_INFINITY {
         return Ok(Moved::default());
     }
-    let most = if unit && largest <= 1.0 { 1.0 } else { f32::MAX };
-    let (bottom, top) = (vec![0.0; size.width], vec![most; size.width]);
+    let (bottom, top) = (vec![low; size.width], vec![high.min(f32::MAX); size.width]);
     let rows = out.pixels_mut().par_chunks_mut(size.width).zip(mask.as_slice().par_chunks(size.width));
     Ok(rows.map(|(out, flags)| limit_row(flags, &bottom, &top, out)).into_iter().sum())
 }

@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 
+use half::f16;
 use lacuna_exr::{Channel, Samples};
 use lacuna_filters::{Bounds, Mask};
 
@@ -84,6 +85,12 @@ fn wrong_fills(
     let bounds = if rule == Rule::Fill { bounds_of(name) } else { Bounds::Free };
     let places = mask.as_slice().iter().enumerate().filter(|(_, measured)| **measured);
     let (low, high) = bounds.range(places.map(|(at, _)| value(&sparse.samples, at)));
+    // A bound that was measured is rounded as what was filled is.
+    let rounded = |bound: f32| match filled.samples {
+        Samples::Half(_) => f16::from_f32(bound).to_f32(),
+        _ => bound,
+    };
+    let (low, high) = (rounded(low), rounded(high));
     missing.retain(|&at| !(low..=high).contains(&value(&filled.samples, at)));
     ("a filled pixel leaves the bounds that all measured ones keep", missing)
 }

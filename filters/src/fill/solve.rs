@@ -172,7 +172,7 @@ impl Case<'_> {
             }
             let bounds = options.bounds_of(place);
             if bounds != Bounds::Free {
-                moved += limiter::range(mask, samples, out, bounds == Bounds::Unit)?;
+                moved += limiter::range(mask, samples, out, bounds)?;
                 if limit && keeps && predicted.is_none() {
                     moved += limiter::on_black(mask, samples, out, || plans.nearest(mask))?;
                 }

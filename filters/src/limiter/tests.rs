@@ -142,16 +142,19 @@ fn a_hole_takes_the_bounds_of_the_plane() {
 fn the_range_holds_what_was_measured() {
     let size = Size::new(1, 4);
     let mask = Mask::from_fn(size, |_, x| x == 0);
-    let run = |measured: f32, unit: bool| {
+    let run = |measured: f32, bounds: crate::Bounds| {
         let samples = Plane::from_fn(size, |_, x| if x == 0 { measured } else { f32::NAN });
         let mut out = Plane::new(size, vec![-7.0, -0.5, 0.5, 1.5]).unwrap();
-        let Moved { values, most } = range(&mask, &samples, &mut out, unit).unwrap();
+        let Moved { values, most } = range(&mask, &samples, &mut out, bounds).unwrap();
         (out.into_pixels(), values, most)
     };
-    assert_eq!(run(0.0, false), (vec![-7.0, 0.0, 0.5, 1.5], 1, 0.5));
-    assert_eq!(run(1.0, true), (vec![-7.0, 0.0, 0.5, 1.0], 2, 0.5));
-    assert_eq!(run(1.25, true), (vec![-7.0, 0.0, 0.5, 1.5], 1, 0.5));
-    assert_eq!(run(-0.1, true), (vec![-7.0, -0.5, 0.5, 1.5], 0, 0.0));
+    let (light, alpha) = (crate::Bounds::Positive, crate::Bounds::Unit);
+    assert_eq!(run(0.0, light), (vec![-7.0, 0.0, 0.5, 1.5], 1, 0.5));
+    assert_eq!(run(-0.1, light), (vec![-7.0, -0.5, 0.5, 1.5], 0, 0.0));
+    assert_eq!(run(1.0, alpha), (vec![-7.0, 0.0, 0.5, 1.0], 2, 0.5));
+    // An excess of rounding moves a bound by as much, and frees none.
+    assert_eq!(run(1.000_000_1, alpha), (vec![-7.0, 0.0, 0.5, 1.000_000_1], 2, 0.5));
+    assert_eq!(run(-1e-7, alpha), (vec![-7.0, -1e-7, 0.5, 1.0], 2, 0.5));
 }
 
 #[test]
@@ -182,7 +185,10 @@ fn refuses_what_does_not_fit() {
     let (plane, other) = (Plane::filled(size, 0.0), Plane::filled(Size::new(1, 4), 0.0));
     let mask = Mask::from_fn(size, |_, x| x == 0);
     assert!(matches!(local(&mask, &other, &mut plane.clone()), Err(Error::SizeMismatch { .. })));
-    assert!(matches!(range(&mask, &plane, &mut other.clone(), false), Err(Error::SizeMismatch { .. })));
+    assert!(matches!(
+        range(&mask, &plane, &mut other.clone(), crate::Bounds::Positive),
+        Err(Error::SizeMismatch { .. })
+    ));
     let empty = Mask::from_fn(size, |_, _| false);
     assert_eq!(local(&empty, &plane, &mut plane.clone()), Err(Error::EmptyMask));
 }
