@@ -90,6 +90,16 @@ def check_flip(found, reference, test):
         assert found[name] == pytest.approx(twin, abs=2e-6, rel=1e-3)
 
 
+def test_flip_counts_in_the_unit_of_the_peak(tmp_path):
+    base = np.abs(np.sin(np.indices((40, 50)).sum(0) / 9.0)).astype(np.float32)
+    found = []
+    for scale in (1, 64):
+        images = {"r": scale * base, "t": scale * (base + np.float32(0.0625))}
+        paths = [frames.write(tmp_path / f"{name}{scale}.exr", dict.fromkeys("RGB", image)) for name, image in images.items()]
+        found.append(measures(compare(*paths, tmp_path, "--measures", "flip", "--peak", scale)[0])["flip"])
+    assert found[0] > 0.01 and found[0] == pytest.approx(found[1], rel=1e-6)
+
+
 def test_flip_takes_negative_light_as_openimageio_does(tmp_path):
     rows, columns = np.indices((90, 110)) / 20.0
     base = np.sin(rows * 1.3) * np.cos(columns)

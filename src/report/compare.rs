@@ -244,7 +244,7 @@ impl Work<'_> {
             })
             .collect::<Result<_, _>>()?;
         let finite = Clean::of_linear(&linear, &test_linear);
-        let colour = self.colour_maps(&finite)?;
+        let colour = self.colour_maps(&finite, values.options.peak)?;
         let flags: Vec<_> = regions.iter().map(|region| region.1).collect();
         let mut sums = Vec::new();
         for (index, (a, b)) in a.iter().zip(b).enumerate() {
@@ -277,7 +277,7 @@ impl Work<'_> {
     }
 
     /// The maps that need red, green and blue together.
-    fn colour_maps(&self, finite: &Clean<'_>) -> Result<ColourMaps, Error> {
+    fn colour_maps(&self, finite: &Clean<'_>, peak: f32) -> Result<ColourMaps, Error> {
         let wanted = &self.settings.wanted;
         let mut maps = ColourMaps::default();
         let (Some(reference), Some(test)) = (finite.rgb(0), finite.rgb(1)) else { return Ok(maps) };
@@ -290,7 +290,7 @@ impl Work<'_> {
             maps.cieluv = Some(luv::difference(reference, test, &chromaticities).map_err(failed)?);
         }
         if wanted.has(Measure::Flip) {
-            let map = flip::display(reference, test, flip::PIXELS_PER_DEGREE).map_err(failed)?;
+            let map = flip::display(reference, test, flip::PIXELS_PER_DEGREE, peak).map_err(failed)?;
             maps.flip = Some(map);
         }
         if wanted.has(Measure::HdrFlip) {

@@ -66,21 +66,23 @@ fn measures(
         ("inf", Some(sums.test_infinite as f64)),
     ];
     if flip {
-        let seen = seen(reference, image)?.map(|map| mean(&map, flags)).transpose()?.flatten();
+        let seen = seen(reference, image, options.peak)?.map(|map| mean(&map, flags)).transpose()?.flatten();
         rows.push(("flip", seen.filter(|_| sums.count > 0)));
     }
     Ok(rows)
 }
 
 /// LDR-FLIP of three channels or of one.
-fn seen(reference: &Planes, image: &Planes) -> Result<Option<Plane>, Error> {
+fn seen(reference: &Planes, image: &Planes, peak: f32) -> Result<Option<Plane>, Error> {
     let clean = |planes: &Planes| -> Vec<Plane> {
         let pairs = planes.as_slice().iter().zip(reference.as_slice());
         pairs.map(|(plane, reference)| clean(plane, reference, None)).collect()
     };
     match (clean(reference).as_slice(), clean(image).as_slice()) {
-        ([r, g, b], [x, y, z]) => flip::display([r, g, b], [x, y, z], flip::PIXELS_PER_DEGREE).map(Some),
-        ([r], [x]) => flip::display([r, r, r], [x, x, x], flip::PIXELS_PER_DEGREE).map(Some),
+        ([r, g, b], [x, y, z]) => {
+            flip::display([r, g, b], [x, y, z], flip::PIXELS_PER_DEGREE, peak).map(Some)
+        }
+        ([r], [x]) => flip::display([r, r, r], [x, x, x], flip::PIXELS_PER_DEGREE, peak).map(Some),
         _ => Ok(None),
     }
 }

@@ -34,16 +34,16 @@ const FEATURE_WIDTH: f64 = 0.082;
 /// Three planes: red, green, blue.
 pub type Rgb<'a> = [&'a Plane; 3];
 
-/// The difference of two images made for a display: linear values, clipped to 0 to 1.
+/// The difference of two images made for a display that shows `peak` as white: linear values, clipped to 0 to `peak`.
 ///
 /// # Errors
 /// [`Error::SizeMismatch`].
-pub fn display(reference: Rgb<'_>, test: Rgb<'_>, pixels_per_degree: f64) -> Result<Plane, Error> {
+pub fn display(reference: Rgb<'_>, test: Rgb<'_>, pixels_per_degree: f64, peak: f32) -> Result<Plane, Error> {
     let size = reference[0].size();
     same_size(size, &reference)?;
     same_size(size, &test)?;
     let eye = Eye::new(pixels_per_degree);
-    let shown = |image: Rgb<'_>| image.map(|plane| per_pixel(plane, |value| value.clamp(0.0, 1.0)));
+    let shown = |image: Rgb<'_>| image.map(|plane| per_pixel(plane, |value| (value / peak).clamp(0.0, 1.0)));
     Ok(eye.difference(&shown(reference), &shown(test)))
 }
 
@@ -357,7 +357,7 @@ mod tests {
     fn equal_images_show_nothing_at_every_size() {
         for (height, width) in [(1, 1), (1, 5), (4, 1), (9, 30)] {
             let a = image(height, width, 0);
-            let map = display(rgb(&a), rgb(&a), PIXELS_PER_DEGREE).unwrap();
+            let map = display(rgb(&a), rgb(&a), PIXELS_PER_DEGREE, 1.0).unwrap();
             assert!(map.pixels().iter().all(|&value| value == 0.0));
         }
     }
@@ -365,8 +365,8 @@ mod tests {
     #[test]
     fn the_difference_is_symmetric_and_within_0_and_1() {
         let (a, b) = (image(24, 31, 0), image(24, 31, 3));
-        let map = display(rgb(&a), rgb(&b), PIXELS_PER_DEGREE).unwrap();
-        assert_eq!(map, display(rgb(&b), rgb(&a), PIXELS_PER_DEGREE).unwrap());
+        let map = display(rgb(&a), rgb(&b), PIXELS_PER_DEGREE, 1.0).unwrap();
+        assert_eq!(map, display(rgb(&b), rgb(&a), PIXELS_PER_DEGREE, 1.0).unwrap());
         assert!(map.pixels().iter().all(|value| (0.0..=1.0).contains(value)));
         assert!(map.pixels().iter().any(|&value| value > 0.01));
     }
@@ -374,10 +374,13 @@ mod tests {
     #[test]
     fn green_against_blue_is_the_largest_colour_difference() {
         let flat = |rgb: [f32; 3]| rgb.map(|value| Plane::filled(Size::new(8, 8), value));
-        let map =
-            display(rgb(&flat([0.0, 1.0, 0.0])), rgb(&flat([0.0, 0.0, 1.0])), PIXELS_PER_DEGREE).unwrap();
+        let seen = |a: [f32; 3], b: [f32; 3], peak: f32| {
+            display(rgb(&flat(a)), rgb(&flat(b)), PIXELS_PER_DEGREE, peak).unwrap()
+        };
+        let map = seen([0.0, 1.0, 0.0], [0.0, 0.0, 1.0], 1.0);
         assert!(map.pixels().iter().all(|&value| (value - 1.0).abs() < 1e-3));
-        let grey = display(rgb(&flat([0.5; 3])), rgb(&flat([0.52; 3])), PIXELS_PER_DEGREE).unwrap();
+        let grey = seen([0.5; 3], [0.52; 3], 1.0);
+        assert_eq!(seen([32.0; 3], [33.28; 3], 64.0), grey, "in the unit of the peak");
         assert!(grey.pixels().iter().all(|&value| value > 0.0 && value < 0.2));
     }
 

@@ -360,7 +360,7 @@ def compare(
     region
         (height, width): the pixels that count, such as ``~mask``; all without it.
     peak, clip
-        The value that counts as white, and whether values are clipped to 0 and it first.
+        The value that counts as white, also in ``flip``, and whether values are clipped to 0 and it first.
     flip
         Whether to compute LDR-FLIP as well, of one or three channels.
     threads
