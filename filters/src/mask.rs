@@ -48,6 +48,20 @@ impl Mask {
         Self::of(planes.size(), flags)
     }
 
+    /// Whether a mask that is the other way round would leave these values: all measured ones within `zero` of 0, and several others at
+    /// missing pixels (one value there is what a buffer was cleared to). Nothing if a measured value shows that it is right.
+    pub fn seems_inverted(&self, values: &[f32], zero: f32) -> Option<bool> {
+        let finite = |wanted: bool| {
+            let own = values.iter().zip(&self.measured).filter(move |(_, flag)| **flag == wanted);
+            own.map(|(value, _)| *value).filter(|value| value.is_finite())
+        };
+        if finite(true).any(|value| value.abs() > zero) {
+            return None;
+        }
+        let first = finite(false).next().unwrap_or_default();
+        Some(finite(false).any(|value| value.abs() > zero) && finite(false).any(|value| value != first))
+    }
+
     /// A mask whose pixel at row `y`, column `x` is measured where `measured(y, x)`.
     pub fn from_fn(size: Size, mut measured: impl FnMut(usize, usize) -> bool) -> Self {
         let mut flags = Vec::with_capacity(size.pixels());
@@ -131,6 +145,21 @@ mod tests {
         assert_eq!(mask.row(1), [true, true, false]);
         assert!(mask.is_measured(1, 1) && !mask.is_measured(0, 1));
         assert_eq!(mask.as_slice().len(), 6);
+    }
+
+    #[test]
+    fn values_at_missing_pixels_alone_make_a_mask_seem_inverted() {
+        let mask = Mask::new(Size::new(1, 4), vec![true, true, false, false]).unwrap();
+        for (values, zero, expected) in [
+            ([0.0, 0.0, 0.5, 0.75], 0.0, Some(true)),
+            ([0.0, 0.1, 0.5, 0.75], 0.0, None),
+            ([0.0, -0.1, 0.5, 0.75], 0.2, Some(true)),
+            ([0.0, f32::NAN, 0.5, f32::INFINITY], 0.0, Some(false)),
+            ([0.0, 0.0, 0.5, 0.5], 0.0, Some(false)),
+            ([0.0, 0.0, 0.0, -0.0], 0.0, Some(false)),
+        ] {
+            assert_eq!(mask.seems_inverted(&values, zero), expected, "{values:?}");
+        }
     }
 
     #[test]

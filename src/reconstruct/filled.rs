@@ -24,8 +24,7 @@ pub fn is_enlarged(part: &Part) -> bool {
 }
 
 /// What to say of a frame in which every measured value is 0 and missing ones are not: a mask of 1 where nothing was measured leaves that.
-/// A black frame may have one value at all missing pixels, that which its buffer was cleared to, and guides that are complete: only
-/// light tells.
+/// A black frame may have guides that are complete: only light tells.
 pub fn inverted(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Option<String> {
     let mut found = false;
     for (index, (part, choices)) in frame.parts.iter().zip(choices).enumerate() {
@@ -39,17 +38,8 @@ pub fn inverted(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Option
             };
             let values = channel.samples.as_f32();
             let zero = part.compression.zero_within(channel.samples.kind());
-            let finite = |wanted: bool| {
-                let own = values.iter().zip(mask.as_slice()).filter(move |(_, flag)| **flag == wanted);
-                own.map(|(value, _)| *value).filter(|value| value.is_finite())
-            };
-            if finite(true).any(|value| value.abs() > zero) {
-                return None;
-            }
-            let (low, high) = finite(false)
-                .fold((0.0_f32, 0.0_f32), |(low, high), value| (low.min(value), high.max(value)));
-            let cleared = finite(false).next().is_some_and(|first| finite(false).all(|value| value == first));
-            found |= tells && !cleared && low.abs().max(high) > zero;
+            // A measured value that is not 0 anywhere ends the doubt.
+            found |= mask.seems_inverted(&values, zero)? && tells;
         }
     }
     let text = "all measured values are 0, and missing pixels have others: the mask seems inverted; give one that is 1 where \

@@ -198,13 +198,9 @@ pub fn nothing_missing() -> PyErr {
 
 /// Refuses a mask of light that has all of it at missing pixels, as one that is the other way round has.
 pub fn not_inverted(mask: &Mask, samples: &Planes) -> PyResult<()> {
-    let values = |wanted: bool| {
-        let planes = samples.as_slice().iter().flat_map(|plane| plane.pixels().iter().zip(mask.as_slice()));
-        planes.filter(move |(value, flag)| **flag == wanted && value.is_finite()).map(|(value, _)| *value)
-    };
-    let blank = mask.is_full() || values(true).any(|value| value != 0.0);
-    let first = values(false).next().unwrap_or_default();
-    if blank || values(false).all(|value| value - first == 0.0) {
+    let seem = |plane: &Plane| mask.seems_inverted(plane.pixels(), 0.0);
+    let all: Option<Vec<bool>> = samples.as_slice().iter().map(seem).collect();
+    if all.is_none_or(|all| !all.contains(&true)) {
         return Ok(());
     }
     Err(PyValueError::new_err(
