@@ -70,6 +70,22 @@ def test_at_even_samples_the_estimate_is_within_two_and_a_half_decibels(tmp_path
     assert abs(20 * math.log10(found["rmse"]["estimate"] / truth)) < 2.5, (truth, found)
 
 
+def test_errors_above_1_are_no_missing_errors(tmp_path):
+    y, x = np.mgrid[0:96, 0:128].astype(np.float32)
+    light = (1.5 + np.sin(x / 7) * np.cos(y / 6)).astype(np.float32)
+    for name, image in (("hidden", 4 * light), ("half", light)):
+        complete = frames.write(tmp_path / f"{name}.exr", dict.fromkeys("RGB", image))
+        source = sparse(tmp_path, complete, 0.3)
+        output, record, result = fill(tmp_path, source, "--filter", "ss", "-v")
+        found = next(item for item in record["estimates"] if "R" in item["channels"])
+        missing = read(source, "mask")[..., 0] < 0.5
+        truth = math.sqrt(np.mean((read(output, "R")[..., 0] - image)[missing].astype(np.float64) ** 2))
+        assert 0.5 < found["unclipped_rmse"]["estimate"] / truth < 2, (found, truth)
+        assert ("clipped" in found["unknown"]) if name == "hidden" else found["rmse"]["estimate"] > 0
+        assert ("no error" not in result.stderr) and (name == "half" or "cannot be told" in result.stderr)
+    fill(tmp_path, tmp_path / "sparse-hidden.exr", "--filter", "ss", "--min-psnr", "20", status=1)
+
+
 def test_the_default_chooses_and_is_never_far_behind(tmp_path):
     for source in (COMPLETE, SAMPLES / "edges.exr"):
         mask_of = sparse(tmp_path, source)

@@ -90,6 +90,8 @@ pub struct Options<'a> {
     pub carried: &'a [Carried],
     /// What is to be said of the error.
     pub estimate: Estimate,
+    /// The value of light that counts as white: what is said of errors is said of light clipped to 0 and it.
+    pub peak: f32,
     /// What is known of the noise of the samples, which then are smoothed, as far as it asks for ([`crate::noise`]); the method is for
     /// those that show none. A method that is to choose how much to smooth does so by this noise, and smooths by itself.
     pub noise: Noise,
@@ -108,6 +110,7 @@ impl Default for Options<'_> {
             guides: None,
             carried: &[],
             estimate: Estimate::No,
+            peak: 1.0,
             noise: Noise::None,
         }
     }
@@ -176,8 +179,10 @@ pub struct Set {
     pub shares: Vec<(&'static str, f64)>,
     /// The part of the squared error that samples of other frames took away, by held-out samples; nothing where they were not used.
     pub along: Option<f64>,
-    /// How wrong missing pixels are, over the planes of the set, light clipped to 0 and 1; nothing where that was not asked for, or held-out samples cannot show it.
+    /// How wrong missing pixels are, over the planes of the set, light clipped to 0 and [`Options::peak`]; nothing where that was not asked for, or held-out samples cannot show it.
     pub estimate: Option<Verdict>,
+    /// The same without clipping, where measured light is beyond 0 or the peak.
+    pub unclipped: Option<Verdict>,
     /// The power of its variance given the samples by which a pixel's squared error grows: about 2 where shading is smooth, 0.6 where
     /// edges decide, 0 where noise does. Known with the estimate.
     pub exponent: Option<f64>,
@@ -287,6 +292,9 @@ impl Filled {
 
 /// Sizes and numbers agree.
 fn check(samples: &Planes, mask: &Mask, options: &Options<'_>) -> Result<(), Error> {
+    if !(options.peak > 0.0 && options.peak.is_finite()) {
+        return Err(Error::setting("peak", &options.peak, "a finite number above 0"));
+    }
     let like: Option<&[Plane]> = if let Noise::Like(planes) = &options.noise { Some(planes) } else { None };
     let gradients = options.gradients.iter().flatten().flatten();
     let sizes = [("samples", samples.size())].into_iter();

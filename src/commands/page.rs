@@ -191,7 +191,7 @@ mod tests {
         };
         let at = |estimate: f64| {
             let interval = Interval { estimate, low: estimate - 1.0, high: estimate + 1.0 };
-            Estimated::Error { rmse: interval, psnr: Some(interval) }
+            Estimated::Error { rmse: interval, psnr: Some(interval), unclipped_rmse: None }
         };
         let told = |estimates: Vec<Estimate>| {
             let frame = shown(&Record { estimates, ..Record::default() }, None);

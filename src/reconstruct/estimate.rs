@@ -2,7 +2,7 @@
 
 use lacuna_exr::{Channel, Part, Samples};
 use lacuna_filters::Plane;
-use lacuna_filters::estimate::Verdict;
+use lacuna_filters::estimate::{Rmse, Verdict};
 use lacuna_filters::fill::{Estimate, Set};
 use serde::Serialize;
 
@@ -33,6 +33,9 @@ pub enum Estimated {
         rmse: Interval,
         /// Peak signal-to-noise ratio in decibels, the peak 1; nothing where the error is 0, and of coordinates, which have no peak.
         psnr: Option<Interval>,
+        /// Root mean square error without clipping, where measured values are beyond 0 or 1.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        unclipped_rmse: Option<Interval>,
     },
     /// It is not larger than this, nine times of ten.
     Bound {
@@ -45,20 +48,29 @@ pub enum Estimated {
     Unknown {
         /// Why not.
         unknown: String,
+        /// As of an error that can.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        unclipped_rmse: Option<Interval>,
     },
+}
+
+impl From<Rmse> for Interval {
+    fn from(found: Rmse) -> Self {
+        Self { estimate: found.rmse, low: found.low, high: found.high }
+    }
 }
 
 impl From<Verdict> for Estimated {
     fn from(verdict: Verdict) -> Self {
         match verdict {
             Verdict::Estimate(found) => {
-                let rmse = Interval { estimate: found.rmse, low: found.low, high: found.high };
+                let rmse = found.into();
                 let [estimate, low, high] = found.psnr(1.0);
                 let psnr = (found.low > 0.0).then_some(Interval { estimate, low, high });
-                Self::Error { rmse, psnr }
+                Self::Error { rmse, psnr, unclipped_rmse: None }
             }
             Verdict::AtMost(rmse) => Self::Bound { rmse_at_most: rmse, psnr_at_least: -20.0 * rmse.log10() },
-            Verdict::CannotTell(why) => Self::Unknown { unknown: why.to_string() },
+            Verdict::CannotTell(why) => Self::Unknown { unknown: why.to_string(), unclipped_rmse: None },
         }
     }
 }
@@ -68,15 +80,29 @@ impl Estimated {
     pub fn of_set(set: &Set, asked: Estimate, coordinates: bool) -> Option<Self> {
         match untold(set) {
             Some(_) if asked == Estimate::No || coordinates => None,
-            Some(unknown) => Some(Self::Unknown { unknown }),
-            None => set.estimate.and_then(|verdict| Self::of(verdict, coordinates)),
+            Some(unknown) => Some(Self::Unknown { unknown, unclipped_rmse: None }),
+            None => Self::of(set.estimate?, coordinates).map(|told| told.beside(set.unclipped)),
         }
+    }
+
+    /// With the error of values that are not clipped.
+    fn beside(mut self, unclipped: Option<Verdict>) -> Self {
+        if let (
+            Self::Error { unclipped_rmse, .. } | Self::Unknown { unclipped_rmse, .. },
+            Some(Verdict::Estimate(found)),
+        ) = (&mut self, unclipped)
+        {
+            *unclipped_rmse = Some(found.into());
+        }
+        self
     }
 
     /// What is told of a group of channels; of coordinates only an error in their own unit.
     pub fn of(verdict: Verdict, coordinates: bool) -> Option<Self> {
         match Self::from(verdict) {
-            Self::Error { rmse, .. } if coordinates => Some(Self::Error { rmse, psnr: None }),
+            Self::Error { rmse, .. } if coordinates => {
+                Some(Self::Error { rmse, psnr: None, unclipped_rmse: None })
+            }
             other => (!coordinates).then_some(other),
         }
     }
@@ -101,7 +127,7 @@ const NO_ERROR: &str = "no error at held-out samples";
 impl std::fmt::Display for Estimated {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Error { rmse, psnr: Some(psnr) } => {
+            Self::Error { rmse, psnr: Some(psnr), .. } => {
                 let Interval { estimate, low, high } = psnr;
                 write!(f, "{estimate:.1} dB ({low:.1} to {high:.1}), RMSE {:.2e}", rmse.estimate)
             }
@@ -113,7 +139,7 @@ impl std::fmt::Display for Estimated {
             Self::Bound { rmse_at_most, psnr_at_least } => {
                 write!(f, "at least {psnr_at_least:.1} dB, RMSE at most {rmse_at_most:.2e}")
             }
-            Self::Unknown { unknown } => write!(f, "cannot be told: {unknown}"),
+            Self::Unknown { unknown, .. } => write!(f, "cannot be told: {unknown}"),
         }
     }
 }
@@ -142,10 +168,10 @@ impl Gate {
         let estimated = group.estimate.as_ref()?;
         let names = group.names();
         let (rmse, psnr, [least, most]) = match estimated {
-            Estimated::Unknown { unknown } => {
+            Estimated::Unknown { unknown, .. } => {
                 return Some(format!("the error of {names} cannot be told: {unknown}"));
             }
-            Estimated::Error { rmse, psnr } => {
+            Estimated::Error { rmse, psnr, .. } => {
                 (rmse.estimate, psnr.map_or(f64::INFINITY, |psnr| psnr.estimate), ["about"; 2])
             }
             Estimated::Bound { rmse_at_most, psnr_at_least } => {
@@ -241,7 +267,7 @@ pub fn chosen<'a>(groups: impl Iterator<Item = &'a GroupReport>) -> Option<Strin
 #[cfg(test)]
 mod tests {
     use lacuna_filters::Outcome;
-    use lacuna_filters::estimate::{Rmse, Why};
+    use lacuna_filters::estimate::Why;
 
     use super::*;
 

@@ -81,6 +81,8 @@ pub enum Why {
     FewCarryAll,
     /// The missing pixels lie too far from the samples for what these show.
     TooFar,
+    /// Errors are seen only where values are clipped.
+    Clipped,
 }
 
 impl std::fmt::Display for Why {
@@ -88,6 +90,7 @@ impl std::fmt::Display for Why {
         f.write_str(match self {
             Self::FewSamples => "there are too few samples",
             Self::FewCarryAll => "a few samples carry all of the error",
+            Self::Clipped => "held-out samples err only where values are clipped, below 0 or above the peak",
             Self::TooFar => "held-out samples say too little about places like those of the missing pixels",
         })
     }

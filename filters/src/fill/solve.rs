@@ -5,7 +5,7 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 
 use super::finish::{bound_measured, limit_guided, mend};
-use super::task::{Slopes, Task, shown};
+use super::task::{Learned, Slopes, Task, shown};
 use super::{Estimate, Options, PIECE, Set, Values};
 use crate::choose::{Chosen, Given};
 use crate::domain::{Domain, Map};
@@ -53,17 +53,17 @@ pub fn solve(
     let mut made = match smoothed {
         Some((outcome, effect)) => {
             let map = Domain::Linear.map(case.mask, samples.as_slice());
-            Made { method, map, outcome, effect, model: None, settled: Vec::new(), smoothed: true }
+            Made { method, map, outcome, effect, learned: None, settled: Vec::new(), smoothed: true }
         }
         None => case.fill(method, &mut out)?,
     };
     let (mended, limited) = case.finish(&mut made, &mut out)?;
-    let Made { method, map, outcome, effect, model, settled, smoothed } = made;
+    let Made { method, map, outcome, effect, learned, settled, smoothed } = made;
     let Effect { guides, gain, shares, along, .. } = effect;
-    let wanted = model.as_ref().filter(|_| options.estimate == Estimate::Pixels);
-    let errors = wanted.map(|model| case.errors(model)).transpose()?;
-    let exponent = model.as_ref().map(Model::exponent);
-    let estimate = model.map(|model| model.verdict());
+    let wanted = learned.as_ref().filter(|_| options.estimate == Estimate::Pixels);
+    let errors = wanted.map(|learned| case.errors(&learned.model)).transpose()?;
+    let exponent = learned.as_ref().map(|learned| learned.model.exponent());
+    let (estimate, unclipped) = learned.map(Learned::verdicts).unzip();
     let mask = Arc::clone(case.mask);
     let set = Set {
         planes: places,
@@ -77,6 +77,7 @@ pub fn solve(
         shares,
         along,
         estimate,
+        unclipped: unclipped.flatten(),
         exponent,
         errors,
         weightless,
@@ -107,7 +108,7 @@ struct Made {
     map: Map,
     outcome: Outcome,
     effect: Effect,
-    model: Option<Model>,
+    learned: Option<Learned>,
     settled: Vec<Chosen>,
     /// Whether noise was smoothed, not the method run.
     smoothed: bool,
@@ -140,13 +141,13 @@ impl Case<'_> {
         let task = Task { method: &method, plan, mask, options, guides, carried: &carried, error: None, run };
         let values = (clean.as_ref().unwrap_or(samples), gradients.as_ref());
         let (outcome, mut effect) = task.reconstruct(values, map, out)?;
-        let model = if options.estimate == Estimate::No {
+        let learned = if options.estimate == Estimate::No {
             None
         } else {
             let bounds = bounds(options, (mask, samples), places);
             task.learn(values, out, (map, &bounds), effect.evidence.take())?
         };
-        Ok(Made { method, map, outcome, effect, model, settled, smoothed: false })
+        Ok(Made { method, map, outcome, effect, learned, settled, smoothed: false })
     }
 
     /// Mends, limits and bounds the planes: how many values were mended, and per plane how many moved.
@@ -192,7 +193,8 @@ impl Case<'_> {
             return Ok(model.plane(None));
         }
         let settings = ss::Settings::default();
-        let left_out = refine::estimate_spline(&shown(self.samples), self.mask, &settings, self.run)?;
+        let left_out =
+            refine::estimate_spline(&shown(self.samples, self.options.peak), self.mask, &settings, self.run)?;
         Ok(model.plane(Some(&|pixel| left_out.squared_error(pixel))))
     }
 

@@ -6,7 +6,7 @@ use lacuna_core::parallel::prelude::*;
 
 use super::{Estimate, Options, PIECE, Values};
 use crate::domain::Map;
-use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, Model};
+use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, Model, Rmse, Verdict, Why};
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
 use crate::{Error, Gradients, Mask, Method, Outcome, Plan, Plane, Planes, Problem, Run};
@@ -35,7 +35,7 @@ impl Task<'_> {
         filled: &Planes,
         (map, bounds): (Map, &[(f32, f32)]),
         evidence: Option<Evidence>,
-    ) -> Result<Option<Model>, Error> {
+    ) -> Result<Option<Learned>, Error> {
         let folds = Folds::default();
         let Some(kind) = self.method.descriptor().held_out.filter(|_| self.method.keeps_measured()) else {
             return Ok(None);
@@ -61,11 +61,19 @@ impl Task<'_> {
         }
         // What is beyond them does not stay so.
         evidence.map(|channel, value| value.clamp(bounds[channel].0, bounds[channel].1));
+        let model =
+            |evidence: &Evidence, samples: &Planes| Model::new(evidence, samples, self.mask, folds.seed);
         if self.options.values != Values::Light {
-            return Ok(Some(Model::new(&evidence, samples, self.mask, folds.seed)));
+            return Ok(Some(Learned { model: model(&evidence, samples), unclipped: None }));
         }
-        evidence.map(|_, value| value.clamp(0.0, 1.0));
-        Ok(Some(Model::new(&evidence, &shown(samples), self.mask, folds.seed)))
+        let peak = self.options.peak;
+        let beyond = samples.as_slice().iter().any(|plane| {
+            let values = plane.pixels().iter().zip(self.mask.as_slice());
+            values.into_iter().any(|(value, flag)| *flag && !(0.0..=peak).contains(value))
+        });
+        let unclipped = beyond.then(|| model(&evidence, samples).verdict());
+        evidence.map(|_, value| value.clamp(0.0, peak));
+        Ok(Some(Learned { model: model(&evidence, &shown(samples, peak)), unclipped }))
     }
 
     /// The method within the value domain.
@@ -127,6 +135,25 @@ impl Task<'_> {
     }
 }
 
+/// What held-out samples teach.
+pub struct Learned {
+    /// Of light as it is compared.
+    pub model: Model,
+    /// What is said of light as it is, where that is another.
+    unclipped: Option<Verdict>,
+}
+
+impl Learned {
+    /// What is said of the error, and of that without clipping.
+    pub fn verdicts(self) -> (Verdict, Option<Verdict>) {
+        let none =
+            |verdict: &Verdict| matches!(verdict, Verdict::Estimate(Rmse { high, .. }) if *high == 0.0);
+        let estimate = self.model.verdict();
+        let hidden = none(&estimate) && self.unclipped.as_ref().is_some_and(|verdict| !none(verdict));
+        (if hidden { Verdict::CannotTell(Why::Clipped) } else { estimate }, self.unclipped)
+    }
+}
+
 /// Samples of the gradients of a set: known where those of all its planes are.
 pub struct Slopes {
     planes: [Planes; 2],
@@ -171,12 +198,12 @@ impl Slopes {
 }
 
 /// Light as it is compared: a highlight counts as what can be shown of it.
-pub fn shown(samples: &Planes) -> Planes {
+pub fn shown(samples: &Planes, peak: f32) -> Planes {
     let mut shown = samples.clone();
     for plane in shown.as_mut_slice() {
         plane.pixels_mut().par_chunks_mut(PIECE).for_each(|values| {
             for value in values {
-                *value = value.clamp(0.0, 1.0);
+                *value = value.clamp(0.0, peak);
             }
         });
     }

@@ -95,6 +95,30 @@ fn estimates_know_the_bounds() {
 }
 
 #[test]
+fn errors_that_clipping_hides_are_told_from_none() {
+    let size = Size::new(144, 180);
+    let bright = Plane::from_fn(size, |y, x| 3.0 + (y as f32 / 9.0).sin() * (x as f32 / 7.0).cos());
+    let mask = Arc::new(crate::sampling::shuffle::mask(0, 0, size, 0.3, 1).unwrap());
+    let fill = |peak: f32| {
+        let method = Method::named("ss", &[]).unwrap();
+        let domain = Domain::Linear;
+        let options = Options { peak, domain, estimate: Estimate::Figure, ..Options::of(method) };
+        fill(&Planes::from(bright.clone()), Arc::clone(&mask), &options)
+    };
+    let told = |peak: f32| {
+        let set = fill(peak).unwrap().sets.remove(0);
+        (set.estimate, set.unclipped)
+    };
+    let (hidden, unclipped) = told(1.0);
+    assert_eq!(hidden, Some(crate::estimate::Verdict::CannotTell(crate::estimate::Why::Clipped)));
+    assert!(matches!(unclipped, Some(crate::estimate::Verdict::Estimate(rmse)) if rmse.rmse > 0.0));
+    assert_eq!(told(8.0), (unclipped, None));
+    for wrong in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+        assert!(matches!(fill(wrong), Err(Error::Setting { name: "peak", .. })), "{wrong}");
+    }
+}
+
+#[test]
 fn planes_with_other_measured_values_are_solved_apart() {
     let mut samples = images(3);
     let first = mask().as_slice().iter().position(|&flag| flag).unwrap();
