@@ -64,6 +64,7 @@ fn measures(
         ("different", Some(sums.different as f64)),
         ("nan", Some(sums.test_nan as f64)),
         ("inf", Some(sums.test_infinite as f64)),
+        ("left_out", Some((pixels * reference.len() - sums.count) as f64)),
     ];
     if flip {
         let seen = seen(reference, image, options.peak)?.map(|map| mean(&map, flags)).transpose()?.flatten();

@@ -1,6 +1,7 @@
 """Arrays as they come: any strides, types and shapes, and what is refused."""
 
 import inspect
+import math
 import os
 import signal
 import subprocess
@@ -143,8 +144,30 @@ def test_why_no_error_is_told():
 
 
 def test_what_cannot_be_compared_is_like_nothing():
-    found = lacuna.compare(IMAGE, np.full_like(IMAGE, np.nan), flip=True)
-    assert [found[name] for name in ("psnr", "ssim", "flip")] == [None] * 3
+    everything, nothing = np.full_like(IMAGE, np.nan), np.zeros_like(MASK)
+    for image, region in ((everything, None), (IMAGE, nothing)):
+        with pytest.warns(RuntimeWarning, match="^image: there is no value to compare") as warned:
+            found = lacuna.compare(IMAGE, image, region, flip=True)
+        assert len(warned) == 1 and all(math.isnan(found[name]) for name in ("psnr", "log_psnr", "mse", "rmse", "max", "ssim", "flip")), found
+
+
+def test_values_that_are_not_finite_are_told():
+    broken = IMAGE.copy()
+    broken[:, 3, 1], broken[:, 4, 2] = np.nan, -np.inf
+    with pytest.warns(RuntimeWarning, match="^image: 80 of 6240 values are NaN or infinite") as told:
+        found = lacuna.compare(IMAGE, broken)
+    assert len(told) == 1 and told[0].filename == __file__
+    assert math.isnan(found["psnr"]) and found["mse"] == 0 and (found["nan"], found["inf"]) == (40, 40)
+    with pytest.warns(RuntimeWarning):
+        assert 20 < lacuna.compare(IMAGE, broken + np.float32(0.01))["psnr"] < 80
+    with pytest.warns(RuntimeWarning):
+        assert math.isnan(lacuna.compare(broken, broken)["psnr"])
+
+
+def test_flip_counts_in_the_unit_of_the_peak():
+    other = IMAGE + np.float32(0.05)
+    found = lacuna.compare(IMAGE, other, flip=True)["flip"]
+    assert found > 0.01 and lacuna.compare(IMAGE * 64, other * 64, peak=64, flip=True)["flip"] == found
 
 
 def test_names_of_filters_that_python_lacks_are_not_offered():
@@ -194,7 +217,6 @@ REFUSED = {
     "nothing missing, next": ("image", lambda: lacuna.next_mask(IMAGE, density=0.1)),
     "labels with channels": ("guides", lambda: lacuna.fill(IMAGE, MASK, {"id": IMAGE.astype(np.int32)})),
     "threads below 0": ("threads", lambda: lacuna.fill(IMAGE, MASK, threads=-1)),
-    "half a thread": ("threads", lambda: lacuna.fill(IMAGE, MASK, threads=0.5)),
     "no scale": ("scale", lambda: lacuna.upscale(IMAGE)),
     "scale and size": ("scale", lambda: lacuna.upscale(IMAGE, 2, size=(80, 104))),
     "scale 1": ("scale", lambda: lacuna.upscale(IMAGE, 1)),

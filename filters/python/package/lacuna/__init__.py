@@ -18,6 +18,7 @@ cannot be done raises ValueError, the argument's name first.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple, Optional, Union, overload
 
@@ -367,7 +368,9 @@ def compare(
         0: one a processor.
 
     Returns a dict: ``psnr`` and ``log_psnr`` in decibels (inf for equal images), ``mse``, ``rmse``, ``relative_mse``, ``max``,
-    ``ssim``, ``flip``, and the counts ``pixels``, ``different``, ``nan``, ``inf``. Measures that do not apply are None.
+    ``ssim``, ``flip``, and the counts ``pixels``, ``different``, ``nan``, ``inf``. Measures that do not apply are None. Values that are
+    NaN or infinite in either image are left out, with a RuntimeWarning: what is left is never inf then, but NaN, and so is every
+    measure where nothing is left.
 
     Raises ValueError, which begins with the argument's name.
     """
@@ -378,7 +381,16 @@ def compare(
     flags = arguments.flags("region", region, one.shape[:2])
     arguments.afford("image", one.shape, 64 + 8 * one.shape[2])
     white, clipped, seen = arguments.peak(peak), arguments.flag("clip", clip), arguments.flag("flip", flip)
-    return dict(_lacuna.compare(one, other, flags, white, clipped, seen, _threads(threads)))
+    found = dict(_lacuna.compare(one, other, flags, white, clipped, seen, _threads(threads)))
+    left_out, values = found.pop("left_out"), found["pixels"] * one.shape[2]
+    if left_out == values:
+        warnings.warn("image: there is no value to compare: none is finite in it and the reference, in the region", RuntimeWarning, stacklevel=2)
+        found = {name: math.nan if value is None else value for name, value in found.items()}
+    elif left_out:
+        line = f"image: {left_out:.0f} of {values:.0f} values are NaN or infinite in it or in the reference, and left out"
+        warnings.warn(line, RuntimeWarning, stacklevel=2)
+        found = {name: math.nan if value == math.inf else value for name, value in found.items()}
+    return found
 
 
 def filters() -> dict[str, dict[str, Any]]:
