@@ -7,7 +7,7 @@ use lacuna_filters::domain::Domain;
 use lacuna_filters::estimate::{Verdict, Why};
 use lacuna_filters::fill::{Estimate, Filled, Set, Values, fill_with};
 use lacuna_filters::variational::guided::Guides;
-use lacuna_filters::{Bounds, METHODS, Method, Options, Plane, Planes, Plans};
+use lacuna_filters::{Bounds, METHODS, Mask, Method, Options, Plane, Planes, Plans};
 use numpy::PyReadonlyArray2;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -115,6 +115,38 @@ fn components(planes: Planes) -> Vec<Plane> {
     planes
 }
 
+/// How much each measured pixel counts; what is at others is not looked at.
+fn weights(array: &PyReadonlyArray2<'_, f32>, method: &Method, mask: &Mask) -> PyResult<Arc<Plane>> {
+    let refused = |why: String| Err(PyValueError::new_err(format!("weights: {why}")));
+    match method.weighs() {
+        Ok(()) => {}
+        Err("") => {
+            let able: Vec<String> = methods().filter_map(smoothing).collect();
+            let able = able.join(" or ");
+            return refused(format!("they count only where measured pixels are smoothed, by {able}"));
+        }
+        Err(name) => {
+            return refused(format!("not with {name} = {}", method.get(name).unwrap_or_default()));
+        }
+    }
+    let plane = Plane::from(array.as_array());
+    let counts = |weight: f32| weight.is_finite() && weight >= 0.0;
+    let pairs = plane.pixels().iter().zip(mask.as_slice());
+    match pairs.filter(|(weight, flag)| **flag && !counts(**weight)).count() {
+        0 => Ok(Arc::new(plane)),
+        bad => refused(format!(
+            "{bad} measured pixels have some that are negative, NaN or infinite; give finite numbers of 0 or more (0: counts for nothing)"
+        )),
+    }
+}
+
+/// The settings by which a filter smooths by weights, in words.
+fn smoothing(method: &'static Descriptor) -> Option<String> {
+    let smooths = method.settings.iter().filter(|setting| setting.smooths);
+    let names: Vec<&str> = smooths.map(|setting| setting.name).collect();
+    method.takes.weights.then(|| format!("{} with {} above 0", method.name, names.join(" or ")))
+}
+
 /// Fills an image; without a mask, what is not finite in any channel is missing.
 #[pyfunction]
 #[pyo3(signature = (image, mask, guides, filter, settings, values, domain, limit, weights, estimate, threads))]
@@ -148,7 +180,7 @@ pub fn fill<'py>(
     }
     options.domain = self::domain(domain)?;
     options.limit = limit;
-    options.weights = weights.map(|weights| Arc::new(Plane::from(weights.as_array())));
+    options.weights = weights.map(|array| self::weights(&array, &options.method, &mask)).transpose()?;
     options.guides = (!guides.is_empty()).then_some(&guides);
     options.estimate = self::estimate(estimate)?;
     drop(image);

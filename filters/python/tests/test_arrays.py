@@ -170,6 +170,16 @@ def test_flip_counts_in_the_unit_of_the_peak():
     assert found > 0.01 and lacuna.compare(IMAGE * 64, other * 64, peak=64, flip=True)["flip"] == found
 
 
+def test_weights_count_where_they_are_0_or_more():
+    smooth = {"filter": "ss", "settings": {"lambda": 1e-3}}
+    weights = 1 + 3.0 * (np.arange(52) > 25) + np.zeros((40, 1))
+    weighed = lacuna.fill(IMAGE, MASK, weights=weights, **smooth)
+    assert not same_bits(weighed, lacuna.fill(IMAGE, MASK, **smooth))
+    assert same_bits(weighed, lacuna.fill(IMAGE, MASK, weights=np.where(MASK, weights, np.nan), **smooth)), "not read elsewhere"
+    some = np.where(np.arange(52) > 4, weights, 0)
+    assert same_bits(lacuna.fill(IMAGE, MASK, weights=some, **smooth), lacuna.fill(IMAGE, MASK, weights=2 * some, **smooth))
+
+
 def test_names_of_filters_that_python_lacks_are_not_offered():
     with pytest.raises(ValueError, match="there is no filter 'magic'") as raised:
         lacuna.fill(IMAGE, MASK, filter="magic")
@@ -222,6 +232,11 @@ REFUSED = {
     "scale 1": ("scale", lambda: lacuna.upscale(IMAGE, 1)),
     "scale NaN": ("scale", lambda: lacuna.upscale(IMAGE, float("nan"))),
     "smaller": ("scale", lambda: lacuna.upscale(IMAGE, size=(20, 26))),
+    "infinite weights": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": 1}, weights=np.where(MASK, np.inf, 0))),
+    "negative weights": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": 1}, weights=-1.0 * MASK)),
+    "NaN as weights": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": 1}, weights=MASK * np.nan)),
+    "weights where nothing is smoothed": ("weights", lambda: lacuna.fill(IMAGE, MASK, weights=MASK)),
+    "weights by another solver": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="tv", settings={"epsilon": 1, "solver": "nesta"}, weights=MASK)),
     "huge size": ("size", lambda: lacuna.upscale(IMAGE, size=(10**6, 10**6))),
     "broken grid": ("scale", lambda: lacuna.upscale(IMAGE, 1.5, sampling="grid")),
     "unknown sampling": ("sampling", lambda: lacuna.upscale(IMAGE, 2, sampling="x")),

@@ -145,7 +145,8 @@ def fill(
     limit
         Whether overshoot beside edges is held back.
     weights
-        (height, width): how much each measured pixel counts where settings smooth, such as its number of samples.
+        (height, width): how much each measured pixel counts, such as its number of samples; finite, 0 or more. Only where settings
+        smooth (``lambda`` of ``ss``, ``epsilon`` of ``tv``); refused elsewhere, as every pixel is kept there.
     estimate
         Whether to return an ``Estimate`` beside the image: two fills more, of a part of the samples.
     threads
