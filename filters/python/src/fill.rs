@@ -292,7 +292,7 @@ type SettingRow = (&'static str, String, String, &'static str);
 pub fn filters() -> Vec<(&'static str, &'static str, Vec<SettingRow>)> {
     let setting = |plain: &Method, setting: &lacuna_filters::descriptor::Setting| {
         let default = plain.get(setting.name).unwrap_or_default();
-        (setting.name, setting.range.to_string(), default, setting.help)
+        (setting.name, setting.values(), default, setting.help)
     };
     let row = |method: &'static Descriptor| {
         let plain = Method::of(method, &[]).unwrap_or_default();

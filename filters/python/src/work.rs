@@ -69,7 +69,8 @@ pub fn refusal(error: &Error) -> PyErr {
         Error::Setting { name, .. } => {
             return PyValueError::new_err(match *name {
                 "density" | "temporal" => error.to_string(),
-                "scale" | "gaussian" => format!("scale or sampling: {error}"),
+                // Sizes are checked before; what is left is what a grid asks for.
+                "scale" | "gaussian" => format!("sampling: {error}"),
                 _ => format!("settings: {error}"),
             });
         }

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 
 import lacuna
 import numpy as np
@@ -125,6 +126,7 @@ def test_identifiers_of_64_bits_stay_apart():
     for large in (small.astype(np.uint64) << 32, small * np.int64(-(2**40)), small.astype(np.int64)):
         two = lacuna.fill(image, MASK, {"id": large}, "ss")
         assert same_bits(two, filled), large.max()
+        assert same_bits(lacuna.fill(image, MASK, {"id": large[:, :, None]}, "ss"), filled)
 
 
 def test_the_order_of_guides_does_not_matter():
@@ -180,6 +182,30 @@ def test_weights_count_where_they_are_0_or_more():
     assert same_bits(lacuna.fill(IMAGE, MASK, weights=some, **smooth), lacuna.fill(IMAGE, MASK, weights=2 * some, **smooth))
 
 
+def test_the_numbers_of_settings():
+    three = lacuna.fill(IMAGE, MASK, filter="ss", settings={"order": 3})
+    for same in (3.0, np.float64(3), np.int8(3), "3"):
+        assert same_bits(lacuna.fill(IMAGE, MASK, filter="ss", settings={"order": same}), three)
+    assert lacuna.filters()["ss"]["settings"]["lambda"]["values"].endswith(", or auto")
+
+
+def test_the_density_of_a_grid_is_told():
+    with pytest.warns(UserWarning, match="^density: the grid has 0.25, not 0.2") as told:
+        assert lacuna.mask((40, 52), 0.2, "grid").mean() == 0.25
+    assert told[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        lacuna.mask((40, 52), 0.25, "grid")
+        lacuna.mask((40, 52), 0.2)
+
+
+class Broken:
+    """What some libraries have for arrays on other devices."""
+
+    def __array__(self, *_, **__):
+        raise RuntimeError("on another device:\ncopy it")
+
+
 def test_names_of_filters_that_python_lacks_are_not_offered():
     with pytest.raises(ValueError, match="there is no filter 'magic'") as raised:
         lacuna.fill(IMAGE, MASK, filter="magic")
@@ -227,18 +253,28 @@ REFUSED = {
     "nothing missing, next": ("image", lambda: lacuna.next_mask(IMAGE, density=0.1)),
     "labels with channels": ("guides", lambda: lacuna.fill(IMAGE, MASK, {"id": IMAGE.astype(np.int32)})),
     "threads below 0": ("threads", lambda: lacuna.fill(IMAGE, MASK, threads=-1)),
+    "half a thread": ("threads", lambda: lacuna.fill(IMAGE, MASK, threads=0.5)),
     "no scale": ("scale", lambda: lacuna.upscale(IMAGE)),
     "scale and size": ("scale", lambda: lacuna.upscale(IMAGE, 2, size=(80, 104))),
     "scale 1": ("scale", lambda: lacuna.upscale(IMAGE, 1)),
     "scale NaN": ("scale", lambda: lacuna.upscale(IMAGE, float("nan"))),
-    "smaller": ("scale", lambda: lacuna.upscale(IMAGE, size=(20, 26))),
+    "smaller": ("size", lambda: lacuna.upscale(IMAGE, size=(20, 26))),
+    "larger than 16 times": ("size", lambda: lacuna.upscale(IMAGE, size=(641, 52))),
+    "the same size": ("size", lambda: lacuna.upscale(IMAGE, size=(40, 52))),
+    "a scale too small to matter": ("scale", lambda: lacuna.upscale(IMAGE[:5, :5], 1.05)),
     "infinite weights": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": 1}, weights=np.where(MASK, np.inf, 0))),
     "negative weights": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": 1}, weights=-1.0 * MASK)),
     "NaN as weights": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": 1}, weights=MASK * np.nan)),
     "weights where nothing is smoothed": ("weights", lambda: lacuna.fill(IMAGE, MASK, weights=MASK)),
     "weights by another solver": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="tv", settings={"epsilon": 1, "solver": "nesta"}, weights=MASK)),
+    "half a text": ("filter", lambda: lacuna.fill(IMAGE, MASK, filter="\ud800")),
+    "half a setting": ("settings", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"order": "\ud800"})),
+    "half a guide": ("guides", lambda: lacuna.fill(IMAGE, MASK, {"\ud800": IMAGE})),
+    "half a pattern": ("pattern", lambda: lacuna.mask((4, 4), 0.5, "\ud800")),
+    "no array at all": ("image: no array", lambda: lacuna.fill(Broken(), MASK)),
+    "no mask at all": ("mask: no array", lambda: lacuna.fill(IMAGE, Broken())),
     "huge size": ("size", lambda: lacuna.upscale(IMAGE, size=(10**6, 10**6))),
-    "broken grid": ("scale", lambda: lacuna.upscale(IMAGE, 1.5, sampling="grid")),
+    "broken grid": ("sampling", lambda: lacuna.upscale(IMAGE, 1.5, sampling="grid")),
     "unknown sampling": ("sampling", lambda: lacuna.upscale(IMAGE, 2, sampling="x")),
     "upscale with auto": ("filter", lambda: lacuna.upscale(IMAGE, 2, filter="auto")),
     "upscale smoothed": ("settings", lambda: lacuna.upscale(IMAGE, 2, settings={"lambda": 1})),

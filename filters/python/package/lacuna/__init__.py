@@ -220,14 +220,7 @@ def upscale(
     """
     array, deep = arguments.image("image", image)
     height, width, channels = array.shape
-    if (scale is None) == (size is None):
-        raise ValueError("scale: give it or size, one of the two")
-    if size is None:
-        factor = arguments.real("scale", scale, above=0)
-        if not 1 < factor <= 16:
-            raise ValueError(f"scale: {factor:g} is not above 1 and at most 16")
-        size = math.floor(height * factor + 0.5), math.floor(width * factor + 0.5)
-    rows, columns = arguments.size("size", size)
+    rows, columns = _enlarged((height, width), scale, size)
     flags = arguments.mask(mask, image, (height, width))
     arguments.afford("size", (rows, columns), channels * _SOLVING)
     large = _lacuna.upscale(
@@ -244,6 +237,28 @@ def upscale(
         _threads(threads),
     )
     return large if deep else large[:, :, 0]
+
+
+def _enlarged(
+    shape: tuple[int, int], scale: Optional[float], size: Optional[tuple[int, int]]
+) -> tuple[int, int]:
+    """Height and width of the result."""
+    if (scale is None) == (size is None):
+        raise ValueError("scale: give it or size, one of the two")
+    if size is None:
+        factor = arguments.real("scale", scale, above=0)
+        if not 1 < factor <= 16:
+            raise ValueError(f"scale: {factor:g} is not above 1 and at most 16")
+        rows, columns = arguments.size("scale", tuple(math.floor(side * factor + 0.5) for side in shape))
+        asked = f"scale: {factor:g}"
+    else:
+        rows, columns = arguments.size("size", size)
+        asked = f"size: {(rows, columns)}"
+        if not all(side <= new <= 16 * side for side, new in zip(shape, (rows, columns))):
+            raise ValueError(f"{asked} is not one to 16 times {shape}, the image's (height, width), along both axes")
+    if (rows, columns) == shape:
+        raise ValueError(f"{asked} leaves the image of {shape} as large as it is; fill it instead")
+    return rows, columns
 
 
 def mask(
@@ -263,7 +278,9 @@ def mask(
     density
         The part of the pixels, 0 to 1.
     pattern
-        ``shuffle`` (low-discrepancy), ``blue-noise``, ``poisson``, ``random`` or ``grid``.
+        ``shuffle`` (low-discrepancy), ``blue-noise``, ``poisson``, ``random`` or ``grid``: every n-th pixel of every n-th row, so that
+        only the densities 1, 1/4, 1/9, ... come out, the one whose n is nearest (0.25 for 0.2); if it is more than a tenth off, there is a
+        UserWarning.
     seed
         Another pattern of the same kind.
     temporal, frame
@@ -278,16 +295,21 @@ def mask(
     """
     height, width = arguments.size("size", size)
     arguments.afford("size", (height, width), 16)
-    return _lacuna.mask(
+    part, kind = arguments.real("density", density), arguments.word("pattern", pattern)
+    made = _lacuna.mask(
         height,
         width,
-        arguments.real("density", density),
-        arguments.word("pattern", pattern),
+        part,
+        kind,
         arguments.count("seed", seed, 0, 2**64 - 1),
         arguments.word("temporal", temporal),
         arguments.count("frame", frame, -(2**62), 2**62),
         _threads(threads),
     )
+    if kind == "grid" and abs(made.mean() - part) > 0.1 * part:
+        line = f"density: the grid has {made.mean():.3g}, not {part:g}; other patterns have any density"
+        warnings.warn(line, UserWarning, stacklevel=2)
+    return made
 
 
 def next_mask(
@@ -308,7 +330,7 @@ def next_mask(
     density or count
         How many pixels to add: a part of all pixels, 0 to 1, or their number.
     allowed
-        (height, width): the pixels that may be chosen; all without it.
+        (height, width): the pixels that may be chosen, of those that are missing; all of these without it.
     seed
         That of the first mask; it decides between pixels that would help as much.
     frame
@@ -317,7 +339,7 @@ def next_mask(
         0: one a processor.
 
     Returns an array of bool, (height, width), True at the new pixels alone: ``mask |= new`` once they are rendered. There are fewer of
-    them only if fewer are missing.
+    them only if fewer are missing and ``allowed``.
 
     Raises ValueError, which begins with the argument's name.
     """

@@ -85,12 +85,14 @@ def guides(given: Any, shape: tuple[int, ...]) -> list[tuple[str, npt.NDArray[An
         if array.shape[:2] != shape:
             raise ValueError(f"{name}: {_axes(array)}, and the image has {shape} (height, width)")
         if array.dtype.kind in "iub":
+            if array.shape[2:] == (1,):
+                array = array[:, :, 0]
             if array.ndim != 2:
                 raise ValueError(f"{name}: labels are one whole number a pixel, not {_axes(array)}")
             array = _labels(array)
         else:
             array, _ = image(name, array)
-        taken.append((str(key), array))
+        taken.append((word("guides", str(key)), array))
     return sorted(taken, key=lambda guide: guide[0] if guide[1].shape[2:] in ((), (1,)) else guide[0] + ".")
 
 
@@ -113,9 +115,12 @@ def settings(given: Any) -> list[tuple[str, str]]:
             return "true" if value else "false"
         if isinstance(value, np.generic):
             value = value.item()
-        return value if isinstance(value, str) else _shown(value)
+        if isinstance(value, float) and value.is_integer() and abs(value) < 2**53:
+            # Settings that count take no point; others read the same number.
+            value = int(value)
+        return word("settings", value if isinstance(value, str) else _shown(value))
 
-    return [(str(name), text(value)) for name, value in given.items()]
+    return [(word("settings", str(name)), text(value)) for name, value in given.items()]
 
 
 def flag(name: str, given: Any) -> bool:
@@ -160,6 +165,11 @@ def word(name: str, given: Any) -> str:
     """A text."""
     if not isinstance(given, str):
         raise ValueError(f"{name}: {_shown(given)} is no text")
+    try:
+        given.encode()
+    except UnicodeEncodeError:
+        # Half of a surrogate pair.
+        raise ValueError(f"{name}: {_shown(given)} is no text in Unicode") from None
     return given
 
 
@@ -193,8 +203,10 @@ def _array(name: str, given: Any, may_hide: bool = False) -> npt.NDArray[Any]:
         raise ValueError(f"{name}: values of it are masked; say what they are with numpy.ma.filled")
     try:
         array = np.asarray(given)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}: no array ({error})") from None
+    except Exception as error:
+        # Whatever its own conversion raises.
+        why = " ".join(f"{error}".split()) or type(error).__name__
+        raise ValueError(f"{name}: no array ({why})") from error
     if not (array.dtype.isnative and array.flags.aligned):
         array = np.array(array, dtype=array.dtype.newbyteorder("="))
     return array
