@@ -5,25 +5,27 @@ use std::sync::Arc;
 use lacuna_filters::Plans;
 use lacuna_filters::descriptor::Configured;
 use lacuna_filters::enlarge::{Options, upscale_with};
+use lacuna_filters::fill::Values;
 use lacuna_filters::upscale::plain::Kernel;
 use lacuna_filters::upscale::{Axis, Geometry, Method, Sampling};
 use lacuna_filters::variational::tv;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arrays::{self, Array, Bytes, Image};
-use crate::fill::{Settings, domain, method, values};
+use crate::arrays::{self, Array, Bytes, Guide, Image};
+use crate::fill::{End, Settings, domain, method, steering, values};
 use crate::work::{pool, run};
 
 /// Enlarges an image to `height` and `width`; what is not finite, or not in the mask, is filled on the way.
 #[pyfunction]
-#[pyo3(signature = (image, height, width, mask, sampling, filter, settings, values, domain, limit, threads))]
+#[pyo3(signature = (image, height, width, mask, guides, sampling, filter, settings, values, domain, limit, threads))]
 pub fn upscale<'py>(
     py: Python<'py>,
     image: Image<'py>,
     height: usize,
     width: usize,
     mask: Option<Bytes<'py>>,
+    guides: Vec<(String, Guide<'py>)>,
     sampling: &str,
     filter: &str,
     settings: Settings,
@@ -31,7 +33,7 @@ pub fn upscale<'py>(
     domain: &str,
     limit: bool,
     threads: usize,
-) -> PyResult<Bound<'py, PyAny>> {
+) -> PyResult<(Bound<'py, PyAny>, End)> {
     let pool = pool(threads)?;
     let kind = image.kind();
     let samples = image.planes(&pool);
@@ -49,12 +51,17 @@ pub fn upscale<'py>(
     (options.fill.values, options.fill.bounds) = self::values(values, samples.len())?;
     options.fill.domain = self::domain(domain)?;
     options.fill.limit = limit;
+    if !(guides.is_empty() || options.method == Method::Ss && options.fill.values != Values::Directions) {
+        return Err(PyValueError::new_err("guides: only ss takes some, and not for directions"));
+    }
+    let guides = steering(guides, geometry.high(), &pool)?;
+    options.guides = (!guides.is_empty()).then_some(&guides);
     drop(image);
-    let array = run(py, &pool, |run| {
+    let (array, outcome) = run(py, &pool, |run| {
         let large = upscale_with(&samples, &options, &Plans::new(), run)?;
-        Ok(Array::new(large.planes, kind))
+        Ok((Array::new(large.planes, kind), large.outcome))
     })?;
-    array.into_python(py)
+    Ok((array.into_python(py)?, outcome.into()))
 }
 
 /// What makes the larger image.

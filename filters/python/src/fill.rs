@@ -7,7 +7,7 @@ use lacuna_filters::domain::Domain;
 use lacuna_filters::estimate::{Verdict, Why};
 use lacuna_filters::fill::{Estimate, Filled, Set, Values, fill_with};
 use lacuna_filters::variational::guided::Guides;
-use lacuna_filters::{Bounds, METHODS, Mask, Method, Options, Plane, Planes, Plans};
+use lacuna_filters::{Bounds, METHODS, Mask, Method, Options, Outcome, Plane, Planes, Plans, Size, Stop};
 use numpy::PyReadonlyArray2;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -22,16 +22,39 @@ pub type Settings = Vec<(String, String)>;
 /// How wrong the missing pixels are: estimate, lower and upper end; the upper one alone where samples do not show more.
 type Rmse = (Option<f64>, Option<f64>, f64);
 
+/// How a solver ended, and the relative duality gap and the residual that are left, where it knows one.
+#[derive(IntoPyObject)]
+pub struct End {
+    stop: &'static str,
+    iterations: usize,
+    gap: Option<f64>,
+    residual: Option<f64>,
+}
+
 /// What is told of a fill beside the image.
 #[derive(IntoPyObject)]
 pub struct Report<'py> {
-    stop: &'static str,
-    iterations: usize,
+    end: End,
     filters: Vec<(&'static str, f64)>,
     guides: Vec<String>,
     rmse: Option<Rmse>,
+    unclipped_rmse: Option<f64>,
+    /// The part of the measured values that are above the peak, where an error is told of light.
+    clipped: f64,
     reason: Option<String>,
     errors: Option<Bound<'py, PyAny>>,
+}
+
+impl From<Outcome> for End {
+    fn from(outcome: Outcome) -> Self {
+        let stop = match outcome.stop {
+            Stop::Converged => "converged",
+            Stop::IterationLimit => "iteration-limit",
+            Stop::TimeLimit => "time-limit",
+            Stop::Cancelled => "cancelled",
+        };
+        Self { stop, iterations: outcome.iterations, gap: outcome.gap, residual: outcome.residual }
+    }
 }
 
 /// The method of that name.
@@ -95,7 +118,12 @@ fn guides(
         let line = format!("guides: only {able} take some, and only where measured pixels are kept");
         return Err(PyValueError::new_err(line));
     }
-    let mut guides = Guides::new(image.size());
+    steering(arrays, image.size(), pool)
+}
+
+/// Complete planes of that size, as the filters take them.
+pub fn steering(arrays: Vec<(String, Guide<'_>)>, size: Size, pool: &ThreadPool) -> PyResult<Guides> {
+    let mut guides = Guides::new(size);
     for (name, guide) in arrays {
         match guide {
             Guide::Labels(labels) => guides.add_labels(&name, &arrays::labels(&labels)),
@@ -149,7 +177,7 @@ fn smoothing(method: &'static Descriptor) -> Option<String> {
 
 /// Fills an image; without a mask, what is not finite in any channel is missing.
 #[pyfunction]
-#[pyo3(signature = (image, mask, guides, filter, settings, values, domain, limit, weights, estimate, threads))]
+#[pyo3(signature = (image, mask, guides, filter, settings, values, domain, limit, weights, estimate, peak, threads))]
 pub fn fill<'py>(
     py: Python<'py>,
     image: Image<'py>,
@@ -162,6 +190,7 @@ pub fn fill<'py>(
     limit: bool,
     weights: Option<PyReadonlyArray2<'py, f32>>,
     estimate: &str,
+    peak: f32,
     threads: usize,
 ) -> PyResult<(Bound<'py, PyAny>, Report<'py>)> {
     let pool = pool(threads)?;
@@ -183,13 +212,17 @@ pub fn fill<'py>(
     options.weights = weights.map(|array| self::weights(&array, &options.method, &mask)).transpose()?;
     options.guides = (!guides.is_empty()).then_some(&guides);
     options.estimate = self::estimate(estimate)?;
+    options.peak = peak;
     drop(image);
     let (array, mut filled) = run(py, &pool, |run| {
         let mut filled = fill_with(&samples, &mask, &options, &Plans::new(), run)?;
         let planes = std::mem::replace(&mut filled.planes, Planes::zeros(samples.size(), 0));
         Ok((Array::new(planes, kind), filled))
     })?;
-    let report = report(py, &mut filled, samples.len())?;
+    let mut report = report(py, &mut filled, samples.len())?;
+    if options.estimate != Estimate::No && options.values == Values::Light {
+        report.clipped = above(peak, &samples, &mask);
+    }
     Ok((array.into_python(py)?, report))
 }
 
@@ -198,7 +231,10 @@ fn report<'py>(py: Python<'py>, filled: &mut Filled, planes: usize) -> PyResult<
         let size = plane.size();
         arrays::shaped(py, plane.into_pixels(), [size.height, size.width])
     });
-    let (rmse, reason) = verdict(&filled.sets);
+    let (rmse, reason) = verdict(&filled.sets, |set| set.estimate);
+    let beyond = filled.sets.iter().any(|set| set.unclipped.is_some());
+    let plain = |set: &Set| set.unclipped.or(set.estimate);
+    let unclipped = if beyond { verdict(&filled.sets, plain).0 } else { rmse };
     let mut filters: Vec<(&'static str, f64)> = Vec::new();
     for set in &filled.sets {
         let part = set.planes.len() as f64 / planes.max(1) as f64;
@@ -214,26 +250,29 @@ fn report<'py>(py: Python<'py>, filled: &mut Filled, planes: usize) -> PyResult<
     guides.sort();
     guides.dedup();
     Ok(Report {
-        stop: match filled.outcome.stop {
-            lacuna_filters::Stop::Converged => "converged",
-            lacuna_filters::Stop::IterationLimit => "iteration-limit",
-            lacuna_filters::Stop::TimeLimit => "time-limit",
-            lacuna_filters::Stop::Cancelled => "cancelled",
-        },
-        iterations: filled.outcome.iterations,
+        end: filled.outcome.into(),
         filters,
         guides,
         rmse,
+        unclipped_rmse: unclipped.and_then(|rmse| rmse.0),
+        clipped: 0.0,
         reason,
         errors: errors.transpose()?,
     })
 }
 
+/// The part of the measured values that are above a peak.
+fn above(peak: f32, samples: &Planes, mask: &Mask) -> f64 {
+    let measured = samples.as_slice().iter().flat_map(|plane| plane.pixels().iter().zip(mask.as_slice()));
+    let count = measured.filter(|(value, flag)| **flag && **value > peak).count();
+    count as f64 / (mask.count() * samples.len()).max(1) as f64
+}
+
 /// Over all sets, each counting by its planes.
-fn verdict(sets: &[Set]) -> (Option<Rmse>, Option<String>) {
+fn verdict(sets: &[Set], of: impl Fn(&Set) -> Option<Verdict>) -> (Option<Rmse>, Option<String>) {
     let (mut squares, mut planes, mut bound) = ([0.0; 3], 0.0, false);
     for set in sets {
-        let ends = match set.estimate {
+        let ends = match of(set) {
             None => return (None, Some(untold(set))),
             Some(Verdict::CannotTell(why)) => return (None, Some(why.to_string())),
             Some(Verdict::Estimate(found)) => [found.rmse, found.low, found.high],
@@ -250,6 +289,10 @@ fn verdict(sets: &[Set]) -> (Option<Rmse>, Option<String>) {
         return (None, Some("nothing is missing".into()));
     }
     let [rmse, low, high] = squares.map(|sum| (sum / planes).sqrt());
+    if high == 0.0 {
+        // Which is no promise of places that no sample has met.
+        return (Some((Some(0.0), Some(0.0), 0.0)), Some("no error at held-out samples".into()));
+    }
     if bound {
         return (Some((None, None, high)), Some(Why::TooFar.to_string()));
     }

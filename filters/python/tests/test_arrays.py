@@ -262,6 +262,8 @@ REFUSED = {
     "larger than 16 times": ("size", lambda: lacuna.upscale(IMAGE, size=(641, 52))),
     "the same size": ("size", lambda: lacuna.upscale(IMAGE, size=(40, 52))),
     "a scale too small to matter": ("scale", lambda: lacuna.upscale(IMAGE[:5, :5], 1.05)),
+    "upscale with small guides": ("guides", lambda: lacuna.upscale(IMAGE, 2, guides={"n": IMAGE})),
+    "upscale by tv with guides": ("guides", lambda: lacuna.upscale(IMAGE[:20, :26], 2, guides={"n": IMAGE}, filter="tv")),
     "infinite weights": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": 1}, weights=np.where(MASK, np.inf, 0))),
     "negative weights": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": 1}, weights=-1.0 * MASK)),
     "NaN as weights": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": 1}, weights=MASK * np.nan)),
@@ -273,6 +275,7 @@ REFUSED = {
     "half a pattern": ("pattern", lambda: lacuna.mask((4, 4), 0.5, "\ud800")),
     "no array at all": ("image: no array", lambda: lacuna.fill(Broken(), MASK)),
     "no mask at all": ("mask: no array", lambda: lacuna.fill(IMAGE, Broken())),
+    "peak of an estimate 0": ("peak", lambda: lacuna.estimate(IMAGE, MASK, peak=0)),
     "huge size": ("size", lambda: lacuna.upscale(IMAGE, size=(10**6, 10**6))),
     "broken grid": ("sampling", lambda: lacuna.upscale(IMAGE, 1.5, sampling="grid")),
     "unknown sampling": ("sampling", lambda: lacuna.upscale(IMAGE, 2, sampling="x")),
@@ -349,6 +352,7 @@ def test_the_doctest_of_the_package():
     assert doctest.testmod(lacuna).failed == 0
 
 
+@pytest.mark.filterwarnings("ignore:filter. tv stopped")
 def test_other_threads_of_python_go_on():
     """They do if the lock is given back: this one counts while the other fills."""
     large = np.tile(IMAGE, (5, 5, 1))

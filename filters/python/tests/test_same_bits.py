@@ -94,6 +94,21 @@ def test_upscale(tmp_path, tool, scale, sampling, filter):
     assert same_bits(large, read(tmp_path / "out.exr"))
 
 
+def test_upscale_with_guides(tmp_path, tool):
+    y, x = (np.mgrid[0:160, 0:160] + 0.5) / 160
+    inside = (x + 0.37 * y > 0.73) | (np.hypot(x - 0.25, y - 0.65) < 0.12)
+    light = np.where(inside, 0.8 - 0.3 * y, 0.1 + 0.2 * x)
+    small = np.stack([light, light / 2, light**2], -1).reshape(80, 2, 80, 2, 3).mean((1, 3)).astype(np.float32)
+    depth = np.where(inside, 5 + y, 9 - x).astype(np.float32)
+    normal = np.stack([0.6 * inside, -0.1 * x, np.where(inside, 0.8, 1)], -1).astype(np.float32)
+    write(tmp_path / "small.exr", {name: small[:, :, c] for c, name in enumerate("RGB")})
+    write(tmp_path / "known.exr", {f"N.{name}": normal[:, :, c] for c, name in enumerate("XYZ")} | {"Z": depth})
+    tool("upscale", tmp_path / "small.exr", "-o", tmp_path / "out.exr", "--scale", "2", "--guides-from", tmp_path / "known.exr")
+    large = lacuna.upscale(small, 2, guides={"Z": depth, "N": normal})
+    assert same_bits(large, read(tmp_path / "out.exr"))
+    assert not same_bits(large, lacuna.upscale(small, 2))
+
+
 @pytest.mark.parametrize("pattern", ["shuffle", "blue-noise", "poisson", "random", "grid"])
 def test_masks(tmp_path, tool, pattern):
     flags = ("--size", "88x72", "--density", "0.25", "--pattern", pattern, "--seed", "5")

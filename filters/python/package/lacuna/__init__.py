@@ -20,13 +20,14 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple, Optional, Union, overload
+from typing import Any, Literal, Optional, Union, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _arguments as arguments
 from . import _lacuna
+from ._estimate import Estimate, estimated, warn_of_the_limit
 from ._lacuna import __version__
 
 __all__ = ["Estimate", "compare", "estimate", "fill", "filters", "mask", "next_mask", "upscale", "__version__"]
@@ -36,29 +37,6 @@ Mask = npt.NDArray[np.bool_]
 
 # Values, result and the planes of the solvers.
 _SOLVING = 24
-
-
-class Estimate(NamedTuple):
-    """How wrong the missing pixels are, told from samples that were predicted without themselves.
-
-    psnr: In decibels at peak 1, over missing pixels and channels; of light, clipped to 0 and 1. None if it cannot be told.
-    low: The lower end of an interval that holds the truth nine times of ten; alone where samples show no more.
-    high: Its upper end.
-    reason: Why it, or more of it, cannot be told.
-    errors: (height, width): the root mean square error of each pixel over the channels, 0 at measured ones.
-    filters: What filled, and its mean weight at missing pixels: several where the filter ``auto`` blends.
-    guides: The guides that were believed.
-    stop: How the solver ended: ``converged`` or ``iteration-limit``.
-    """
-
-    psnr: Optional[float]
-    low: Optional[float]
-    high: Optional[float]
-    reason: Optional[str]
-    errors: Optional[npt.NDArray[np.float32]]
-    filters: dict[str, float]
-    guides: tuple[str, ...]
-    stop: str
 
 
 @overload
@@ -74,6 +52,7 @@ def fill(
     limit: bool = ...,
     weights: Optional[npt.ArrayLike] = ...,
     estimate: Literal[False] = ...,
+    peak: float = ...,
     threads: int = ...,
 ) -> Image: ...
 @overload
@@ -89,6 +68,7 @@ def fill(
     limit: bool = ...,
     weights: Optional[npt.ArrayLike] = ...,
     estimate: Literal[True],
+    peak: float = ...,
     threads: int = ...,
 ) -> tuple[Image, Estimate]: ...
 @overload
@@ -104,6 +84,7 @@ def fill(
     limit: bool = ...,
     weights: Optional[npt.ArrayLike] = ...,
     estimate: bool,
+    peak: float = ...,
     threads: int = ...,
 ) -> Union[Image, tuple[Image, Estimate]]: ...
 def fill(
@@ -118,6 +99,7 @@ def fill(
     limit: bool = True,
     weights: Optional[npt.ArrayLike] = None,
     estimate: bool = False,
+    peak: float = 1.0,
     threads: int = 0,
 ) -> Union[Image, tuple[Image, Estimate]]:
     """Fills the missing pixels of an image, with the same bits as ``lacuna fill``.
@@ -149,6 +131,9 @@ def fill(
         smooth (``lambda`` of ``ss``, ``epsilon`` of ``tv``); refused elsewhere, as every pixel is kept there.
     estimate
         Whether to return an ``Estimate`` beside the image: two fills more, of a part of the samples.
+    peak
+        The value that counts as white in the ``Estimate``: it clips light to 0 and ``peak``, as ``compare`` does. Give yours for values
+        of other ranges, 4000 say.
     threads
         0: one a processor.
 
@@ -157,10 +142,11 @@ def fill(
 
     Raises ValueError, which begins with the argument's name, for shapes that do not fit, other dtypes, arrays without pixels or with
     more than the memory holds, masks without a measured pixel or with NaNs, channels without a finite measured value, and unknown
-    names, and masked values in anything but ``image``; KeyboardInterrupt after Ctrl-C.
+    names, and masked values in anything but ``image``; KeyboardInterrupt after Ctrl-C. Warns with RuntimeWarning where the solver stops
+    before it has converged.
     """
     asked = arguments.flag("estimate", estimate)
-    told = _fill(image, mask, guides, filter, settings, values, domain, limit, weights, "pixels" if asked else "no", threads)
+    told = _fill(image, mask, guides, filter, settings, values, domain, limit, weights, "pixels" if asked else "no", peak, threads)
     return told if asked else told[0]
 
 
@@ -175,13 +161,14 @@ def estimate(
     domain: str = "auto",
     limit: bool = True,
     weights: Optional[npt.ArrayLike] = None,
+    peak: float = 1.0,
     threads: int = 0,
 ) -> Estimate:
     """Says how wrong ``fill`` with the same arguments is, without a reference.
 
     Takes what ``fill`` takes, raises what it raises, and returns an ``Estimate``.
     """
-    return _fill(image, mask, guides, filter, settings, values, domain, limit, weights, "pixels", threads)[1]
+    return _fill(image, mask, guides, filter, settings, values, domain, limit, weights, "pixels", peak, threads)[1]
 
 
 def upscale(
@@ -190,6 +177,7 @@ def upscale(
     *,
     size: Optional[tuple[int, int]] = None,
     mask: Optional[npt.ArrayLike] = None,
+    guides: Optional[Mapping[str, npt.ArrayLike]] = None,
     sampling: str = "box",
     filter: str = "ss",
     settings: Optional[Mapping[str, Any]] = None,
@@ -206,6 +194,8 @@ def upscale(
         A factor above 1 up to 16, or (height, width) of the result.
     mask
         As in ``fill``; without it, what is not finite is missing.
+    guides
+        As in ``fill``, but of the size of the result; for ``ss``.
     sampling
         What a pixel of ``image`` is: ``box`` (the mean over its area), ``point`` (the value at its centre), ``grid`` (every
         n-th pixel of the result), ``gaussian:R`` (R is 0.5 to 1.5 pixels) or ``mitchell``.
@@ -222,20 +212,25 @@ def upscale(
     height, width, channels = array.shape
     rows, columns = _enlarged((height, width), scale, size)
     flags = arguments.mask(mask, image, (height, width))
+    steering = arguments.guides(guides, (rows, columns), "result")
     arguments.afford("size", (rows, columns), channels * _SOLVING)
-    large = _lacuna.upscale(
+    name = arguments.word("filter", filter)
+    large, end = _lacuna.upscale(
         array,
         rows,
         columns,
         flags,
+        steering,
         arguments.word("sampling", sampling),
-        arguments.word("filter", filter),
+        name,
         arguments.settings(settings),
         arguments.word("values", values),
         arguments.word("domain", domain),
         arguments.flag("limit", limit),
         _threads(threads),
     )
+    if end["stop"] == "iteration-limit" and end["gap"] is not None:
+        warn_of_the_limit(name, end, 2)
     return large if deep else large[:, :, 0]
 
 
@@ -436,6 +431,7 @@ def _fill(
     limit: bool,
     weights: Optional[npt.ArrayLike],
     estimate: str,
+    peak: float,
     threads: int,
 ) -> tuple[Image, Estimate]:
     array, deep = arguments.image("image", image)
@@ -443,6 +439,7 @@ def _fill(
     flags = arguments.mask(mask, image, (height, width))
     name = arguments.word("filter", filter)
     steering = arguments.guides(guides, (height, width))
+    white = arguments.peak(peak)
     bytes_per_pixel = channels * _SOLVING + 4 * sum(1 if guide.ndim == 2 else guide.shape[2] for _, guide in steering)
     arguments.afford("image", array.shape, _lacuna.bytes_per_pixel(name) + bytes_per_pixel)
     filled, told = _lacuna.fill(
@@ -456,18 +453,15 @@ def _fill(
         arguments.flag("limit", limit),
         arguments.weights(weights, (height, width)),
         estimate,
+        white,
         _threads(threads),
     )
-    decibels = [None if rmse is None else _decibels(rmse) for rmse in told["rmse"] or (None, None, None)]
-    psnr, high, low = decibels
-    said = Estimate(
-        psnr, low, high, told["reason"], told["errors"], dict(told["filters"]), tuple(told["guides"]), told["stop"]
-    )
-    return filled if deep else filled[:, :, 0], said
-
-
-def _decibels(rmse: float) -> float:
-    return math.inf if rmse == 0 else -20 * math.log10(rmse)
+    if told["end"]["stop"] == "iteration-limit":
+        warn_of_the_limit(name, told["end"], 3)
+    if told["clipped"] > 0.5:
+        line = f"peak: {100 * told['clipped']:.0f} % of the measured values are above {white:g}, where errors do not count; give the value of white"
+        warnings.warn(line, UserWarning, stacklevel=3)
+    return filled if deep else filled[:, :, 0], estimated(told, white)
 
 
 def _threads(threads: int) -> int:

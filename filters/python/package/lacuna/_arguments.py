@@ -72,7 +72,7 @@ def weights(given: Any, shape: tuple[int, ...]) -> Optional[npt.NDArray[np.float
     return array.astype(np.float32, copy=False)
 
 
-def guides(given: Any, shape: tuple[int, ...]) -> list[tuple[str, npt.NDArray[Any]]]:
+def guides(given: Any, shape: tuple[int, ...], whose: str = "image") -> list[tuple[str, npt.NDArray[Any]]]:
     """Guides with their names, in the order of the channels of a file; whole numbers are labels of surfaces."""
     if given is None:
         return []
@@ -83,7 +83,7 @@ def guides(given: Any, shape: tuple[int, ...]) -> list[tuple[str, npt.NDArray[An
         name = f"guides[{key!r}]"
         array = _array(name, value)
         if array.shape[:2] != shape:
-            raise ValueError(f"{name}: {_axes(array)}, and the image has {shape} (height, width)")
+            raise ValueError(f"{name}: {_axes(array)}, and the {whose} has {shape} (height, width)")
         if array.dtype.kind in "iub":
             if array.shape[2:] == (1,):
                 array = array[:, :, 0]

@@ -9,12 +9,19 @@ import numpy.typing as npt
 
 __version__: str
 
-class _Report(TypedDict):
+class End(TypedDict):
     stop: str
     iterations: int
+    gap: Optional[float]
+    residual: Optional[float]
+
+class Report(TypedDict):
+    end: End
     filters: list[tuple[str, float]]
     guides: list[str]
     rmse: Optional[tuple[Optional[float], Optional[float], float]]
+    unclipped_rmse: Optional[float]
+    clipped: float
     reason: Optional[str]
     errors: Optional[npt.NDArray[np.float32]]
 
@@ -29,8 +36,9 @@ def fill(
     limit: bool,
     weights: Optional[npt.NDArray[np.float32]],
     estimate: str,
+    peak: float,
     threads: int,
-) -> tuple[npt.NDArray[Any], _Report]: ...
+) -> tuple[npt.NDArray[Any], Report]: ...
 def filters() -> list[tuple[str, str, list[tuple[str, str, str, str]]]]: ...
 def bytes_per_pixel(filter: str) -> int: ...
 def upscale(
@@ -38,6 +46,7 @@ def upscale(
     height: int,
     width: int,
     mask: Optional[npt.NDArray[np.uint8]],
+    guides: list[tuple[str, npt.NDArray[Any]]],
     sampling: str,
     filter: str,
     settings: list[tuple[str, str]],
@@ -45,7 +54,7 @@ def upscale(
     domain: str,
     limit: bool,
     threads: int,
-) -> npt.NDArray[Any]: ...
+) -> tuple[npt.NDArray[Any], End]: ...
 def mask(
     height: int,
     width: int,

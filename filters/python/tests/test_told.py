@@ -1,0 +1,91 @@
+"""What is told of a fill: its error at any range of values, and a solver that did not converge."""
+
+import copy
+import warnings
+
+import lacuna
+import numpy as np
+import pytest
+from conftest import picture, same_bits
+
+IMAGE = picture(72, 88, 1)[:, :, 0] / 2
+MASK = lacuna.mask(IMAGE.shape, 0.25, seed=1)
+
+
+@pytest.fixture(autouse=True)
+def loud():
+    """A warning that no test expects is an error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+def told(image, **more):
+    filled, said = lacuna.fill(image, MASK, filter="ss", domain="linear", estimate=True, **more)
+    return said, np.sqrt(np.mean((filled - image)[~MASK].astype(np.float64) ** 2))
+
+
+def test_the_peak_is_the_unit():
+    one, _ = told(IMAGE)
+    for scale in (2.0**12, 2.0**-20):
+        other, error = told(IMAGE * np.float32(scale), peak=scale)
+        assert other[:3] == pytest.approx(one[:3], abs=1e-3) and other.peak == scale
+        assert other.rmse == pytest.approx(one.rmse * scale, rel=1e-3) and 0.5 < other.rmse / error < 2
+        assert other.unclipped_rmse == other.rmse
+
+
+def test_errors_above_the_peak_are_not_none():
+    bright = IMAGE * 4000 + 2
+    with pytest.warns(UserWarning, match="^peak: 100 % of the measured values are above 1") as warned:
+        said, error = told(bright)
+    assert warned[0].filename == __file__
+    assert (said.psnr, said.low, said.high, said.rmse) == (None,) * 4 and "clipped" in said.reason
+    assert 0.5 < said.unclipped_rmse / error < 2
+    # Some of it above 1: what can be seen, and all.
+    said, error = told(IMAGE * 1.75)
+    assert 20 < said.psnr < 80 and said.unclipped_rmse != said.rmse and 0.5 < said.unclipped_rmse / error < 2
+
+
+def test_no_error_at_samples_is_no_promise():
+    flat = np.full_like(IMAGE, 0.5)
+    said, _ = told(flat)
+    assert (said.psnr, said.low, said.high, said.rmse) == (None, None, None, 0) and said.reason == "no error at held-out samples"
+
+
+def test_estimates_are_compared():
+    said, _ = told(IMAGE)
+    same = copy.deepcopy(said)
+    assert said == same and not said != same and said == said
+    assert said != said._replace(errors=said.errors + 1) and said != said._replace(errors=None) and said != said._replace(stop="")
+    assert said != tuple(said) and said != 3 and said in [3, same]
+
+
+def test_a_fill_that_did_not_converge_is_told_once():
+    with pytest.warns(RuntimeWarning, match="^filter: tv stopped by the limit of iterations after 2, relative gap .* max_iterations") as warned:
+        lacuna.fill(IMAGE, MASK, filter="tv", settings={"gap": 1e-12, "max_iterations": 2})
+    assert len(warned) == 1 and warned[0].filename == __file__
+    with pytest.warns(RuntimeWarning, match="^filter: tv stopped") as warned:
+        lacuna.upscale(IMAGE, 2, filter="tv", settings={"gap": 1e-12, "max_iterations": 2})
+    assert len(warned) == 1 and warned[0].filename == __file__
+
+
+def test_a_rounding_excess_frees_no_bound():
+    y, x = np.mgrid[0:72, 0:88]
+    matte = (np.hypot(x % 40 - 20, y % 40 - 20) < 13).astype(np.float32)
+    fill = lambda matte: lacuna.fill(matte, MASK, filter="ss", values="matte", limit=False)
+    exact = fill(matte)
+    assert exact.min() == 0 and exact.max() == 1 and (exact[~MASK] > 0.5).any()
+    inside = tuple(np.argwhere(MASK & (matte == 1))[0])
+    for beyond in (np.float32(1.0000001), np.float32(1.25)):
+        excess = matte.copy()
+        excess[inside] = beyond
+        assert fill(excess).max() <= beyond and fill(excess).min() == 0
+    outside = tuple(np.argwhere(MASK & (matte == 0))[0])
+    excess = matte.copy()
+    excess[outside] = -1e-7
+    assert fill(excess).max() == 1 and fill(excess).min() >= np.float32(-1e-7)
+
+
+def test_a_black_frame_cleared_to_a_colour_is_no_inverted_mask():
+    colour = np.where(MASK[:, :, None], 0, np.float32([0.1, 0.2, 0.3])).astype(np.float32)
+    assert same_bits(lacuna.fill(colour, MASK, filter="ss"), np.zeros_like(colour))
