@@ -60,6 +60,7 @@ mod evidence;
 mod excerpt;
 mod held_out;
 mod kriging;
+mod lattice;
 mod model;
 mod near;
 mod plane;

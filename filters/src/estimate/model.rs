@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::evidence::Evidence;
 use super::held_out::{PixelError, pixels_where};
+use super::lattice::is_lattice;
 use super::near::{Near, Places};
 use super::repetition::Repetition;
 use super::variance::Variance;
@@ -50,6 +51,9 @@ const CARRIERS: f64 = 4.0;
 const WIDEST: f64 = 1.4;
 /// The rest, there.
 const CHOSEN_REST: f64 = 0.5;
+/// And of lattices. Chosen on 162 fills of seventeen small photographs, drawings and renders, of which 81 % of the intervals held without it. On 128 fills of
+/// eight renders that had no part in it 127 did.
+const LATTICE_REST: f64 = 0.35;
 /// Neighbours whose spread is compared with the error.
 const SPREAD: usize = 8;
 
@@ -133,6 +137,8 @@ pub struct Model {
     by_tiles: f64,
     /// From the squared error at held-out samples to that of missing pixels as a simulation shows it: its logarithm, and its variance.
     simulated: Option<(f64, f64)>,
+    /// Whether samples are a lattice.
+    is_lattice: bool,
     /// The squared error of missing pixels when they were chosen and filled once more: the least that it is.
     repeated: Option<f64>,
 }
@@ -176,7 +182,7 @@ impl Model {
             evidence.simulation.as_ref().and_then(|simulation| simulation.factor(evidence.growth(truth)));
         let share = voronoi.share(exponent, EXPONENTS.1);
         let repeated = evidence.repetition.as_ref().map(Repetition::squared);
-        let mask = Arc::clone(mask);
+        let (mask, is_lattice) = (Arc::clone(mask), is_lattice(mask));
         Self {
             mask,
             variance,
@@ -191,6 +197,7 @@ impl Model {
             all_missing,
             by_tiles: evidence.by_tiles,
             simulated,
+            is_lattice,
             repeated,
         }
     }
@@ -239,7 +246,11 @@ impl Model {
             return Verdict::Estimate(Rmse { rmse: 0.0, low: 0.0, high: 0.0 });
         }
         let by_chance = CHANCE * (1.0 + self.held.len() as f64 / self.all_missing as f64) / carriers;
-        let rest = if self.owned.is_some() { CHOSEN_REST } else { REST };
+        let rest = match (&self.owned, self.is_lattice) {
+            (Some(_), _) => CHOSEN_REST,
+            (None, true) => LATTICE_REST,
+            (None, false) => REST,
+        };
         let squared: Vec<f32> = self.held.iter().map(|error| error.squared).collect();
         let unseen = TAIL * tail::unseen((&parts, &squared), self.all_missing, self.range);
         let off = (by_chance + unseen.powi(2) + carried + self.by_tiles + rest * rest).sqrt();

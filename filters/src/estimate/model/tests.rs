@@ -131,6 +131,20 @@ fn samples_that_were_put_where_errors_are_do_not_speak_for_all() {
 }
 
 #[test]
+fn samples_of_a_lattice_say_less() {
+    let size = Size::new(130, 170);
+    let truth = scene(size);
+    let mask = Arc::new(Mask::from_fn(size, |y, x| y % 2 == 0 && x % 2 == 0));
+    let model = learn(&ss::Settings::default(), Kind::Spline, &truth, &mask);
+    let told = |model: &Model| match model.verdict() {
+        Verdict::Estimate(found) => found,
+        other => panic!("{other:?}"),
+    };
+    let (own, other) = (told(&model), told(&Model { is_lattice: false, ..model.clone() }));
+    assert!(own.rmse.to_bits() == other.rmse.to_bits() && own.high > 1.04 * other.high, "{own:?} {other:?}");
+}
+
+#[test]
 fn what_cannot_be_told_is_not() {
     let size = Size::new(40, 40);
     let verdict = |truth: &Planes, mask: &Arc<Mask>| {
