@@ -55,7 +55,7 @@ def full_mask(path, window):
 
 
 def shuffle(height, width, density, seed=1, hole=0):
-    """Low-discrepancy mask, the one that the figures of the README are measured with; optionally one lost square."""
+    """Low-discrepancy mask, that of `lacuna mask` but for rounding; optionally one lost square."""
     rows, columns = np.indices((height, width))
     mask = (columns * 0.7548776662466927 + rows * 0.5698402909980532 + seed * 0.618) % 1.0 < density
     if hole:
