@@ -40,6 +40,29 @@ def test_noise_is_smoothed(tmp_path, noise):
         assert np.allclose(plain[name], after[name], atol=1e-6), name
 
 
+def test_smoothed_colour_stays_within_its_alpha(tmp_path):
+    truth = frames.colour(COMPLETE) + np.float32(0.2)
+    rows, columns = np.indices(truth.shape[:2])
+    disc = np.hypot(rows - truth.shape[0] / 2, columns - truth.shape[1] / 2) < truth.shape[0] / 3
+    random = np.random.default_rng(1)
+    halves = [np.where(disc[..., None], truth + np.float32(0.3) * random.standard_normal(truth.shape).astype(np.float32), np.float32(0)) for _ in range(2)]
+    mask = frames.shuffle(*truth.shape[:2], DENSITY)
+    planes = {"mask": mask.astype(np.float32), "A": np.where(mask & disc, np.float32(1), np.float32(0))}
+    for layer, image in (("", (halves[0] + halves[1]) * np.float32(0.5)), ("half1.", halves[0]), ("half2.", halves[1])):
+        planes |= {layer + name: np.where(mask, image[..., k], np.float32(0)) for k, name in enumerate("RGB")}
+    source = frames.write(tmp_path / "noisy.exr", planes)
+    result = lacuna("fill", source, "-o", tmp_path / "smooth.exr", "--noise", "auto", "--no-estimate")
+    assert "measured pixels are smoothed" in result.stderr
+    [out] = frames.read(tmp_path / "smooth.exr")
+    assert all((out[name][out["A"] == 0] == 0).all() for name in "RGB")
+    assert (out["R"][mask & ~disc] == 0).all() and (out["A"][mask & ~disc] == 0).all()
+    # Light without alpha is somebody's wish.
+    frames.write(source, planes | {"R": np.where(mask & ~disc, np.float32(0.05), planes["R"])})
+    lacuna("fill", source, "-o", tmp_path / "smooth.exr", "--noise", "auto", "--no-estimate", "--force")
+    [out] = frames.read(tmp_path / "smooth.exr")
+    assert (out["R"][out["A"] == 0] > 0).mean() > 0.9
+
+
 def test_a_frame_without_noise_keeps_its_bits(tmp_path):
     truth = frames.colour(COMPLETE)
     source = frames.write_sparse(tmp_path / "in.exr", truth, frames.shuffle(*truth.shape[:2], DENSITY))

@@ -320,7 +320,7 @@ impl Blend {
             if let Some(along) = along {
                 outcome = outcome.worst(along.outcome);
                 own = along.own;
-                near = along.tell(&near, guides, out, &mut effect);
+                near = along.tell(&near, guides, &mut effect);
             } else if let Some(stop) = run.interrupted() {
                 outcome.stop = stop;
             }
@@ -475,7 +475,7 @@ fn blend(
         outcome = Some(outcome.map_or(ended, |outcome| outcome.worst(ended)));
         effect.shares.push((candidate.name, weights.share(k)));
         if candidate.guides.is_some() {
-            (effect.guides, effect.gain, effect.predicted) = (found.guides, found.gain, found.predicted);
+            (effect.guides, effect.gain) = (found.guides, found.gain);
         }
         if !alone {
             weights.add(k, &one, out);

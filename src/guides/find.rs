@@ -228,7 +228,10 @@ fn candidates(
 ) -> Vec<(Guide, Why)> {
     let listed = channels::dense(part);
     let mut found: Vec<(String, Guide, Why)> = Vec::new();
-    for (at, channel) in part.channels.iter().enumerate().filter(|(at, _)| !is_mask(*at)) {
+    // By name, as files have them: guides that are rendered with the frame come in another order.
+    let mut channels: Vec<usize> = (0..part.channels.len()).filter(|&at| !is_mask(at)).collect();
+    channels.sort_by_key(|&at| &part.channels[at].name);
+    for (at, channel) in channels.into_iter().map(|at| (at, &part.channels[at])) {
         let name = channel.display_name().into_owned();
         let why = match asked {
             Asked::Channels(patterns) if patterns.iter().any(|pattern| pattern.matches(&name)) => Why::Asked,

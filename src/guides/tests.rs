@@ -176,6 +176,19 @@ fn a_second_file_must_show_the_same_pixels() {
 }
 
 #[test]
+fn guides_have_the_order_of_their_names() {
+    let extra = vec![float("albedo.R", &ramp(3)), float("Z", &ramp(1))];
+    let mut channels = [colour(), normals(ramp), extra].concat();
+    let names = |channels: &[Channel]| {
+        search(&frame(vec![board(channels.to_vec())]), "auto", None).unwrap().0.names(0)
+    };
+    let sorted = names(&channels);
+    assert!(sorted.len() == 3, "{sorted:?}");
+    channels.reverse();
+    assert_eq!(names(&channels), sorted);
+}
+
+#[test]
 fn what_was_found_becomes_planes() {
     let mut depth = ramp(1);
     depth[5] = f32::INFINITY;

@@ -116,6 +116,7 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
     done.report.groups.sort_by_key(first);
     shape::unit_normals(frame, work, &mut filled, &mut done)?;
     shape::on_surfaces(frame, work, &mut filled, &mut done)?;
+    shape::empty_stays_black(frame, work, &mut filled);
     let any = filled.iter().any(|filled| filled.all);
     for Filled { channel, mask, values, limited, all, .. } in filled {
         done.report.channels[channel].limit(limited);

@@ -60,15 +60,13 @@ pub struct Along {
 }
 
 impl Along {
-    /// Says of the result `out` what other frames did to a blend; returns what was predicted at the held-out samples of both.
-    pub fn tell(self, near: &HeldOut, guides: Option<&Guides>, out: &Planes, effect: &mut Effect) -> HeldOut {
+    /// Says what other frames did to a blend; returns what was predicted at the held-out samples of both.
+    pub fn tell(self, near: &HeldOut, guides: Option<&Guides>, effect: &mut Effect) -> HeldOut {
         effect.along = self.gain;
         self.join(&mut effect.shares);
         if let (Some(guides), true) = (guides, effect.guides.is_empty()) {
             effect.guides = guides.all_names().cloned().collect();
         }
-        // What other frames know may lie beyond what the samples around allow.
-        effect.predicted = Some(out.clone());
         let held = self.held.sorted(|_| true);
         let near = near.sorted(|pixel| held.at.binary_search(&pixel).is_ok());
         HeldOut { predicted: held.predicted, ..near }

@@ -4,27 +4,7 @@ use lacuna_core::parallel::prelude::*;
 
 use super::PIECE;
 use crate::limiter::Moved;
-use crate::{Bounds, Error, Mask, Plane, limiter};
-
-/// The limiter, except that values may go as far as the guides predict; returns how many were moved, and how far.
-pub fn limit_guided(
-    mask: &Mask,
-    samples: &Plane,
-    predicted: &Plane,
-    out: &mut Plane,
-) -> Result<Moved, Error> {
-    let free = out.clone();
-    limiter::local(mask, samples, out)?;
-    let mut moved = Moved::default();
-    for ((value, &free), &predicted) in out.pixels_mut().iter_mut().zip(free.pixels()).zip(predicted.pixels())
-    {
-        if predicted.is_finite() {
-            *value = free.clamp(value.min(predicted), value.max(predicted));
-        }
-        moved += Moved::between(free, *value);
-    }
-    Ok(moved)
-}
+use crate::{Bounds, Error, Mask, Plane};
 
 /// A method that smooths may take measured pixels out of the bounds as well; returns how many were moved back, and how far.
 pub fn bound_measured(bounds: Bounds, mask: &Mask, samples: &Plane, out: &mut Plane) -> Moved {

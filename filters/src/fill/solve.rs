@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
-use super::finish::{bound_measured, limit_guided, mend};
+use super::finish::{bound_measured, mend};
 use super::task::{Learned, Slopes, Task, shown};
 use super::{Estimate, Options, PIECE, Set, Values};
 use crate::choose::{Chosen, Given};
@@ -153,28 +153,24 @@ impl Case<'_> {
     /// Mends, limits and bounds the planes: how many values were mended, and per plane how many moved.
     fn finish(&self, made: &mut Made, out: &mut Planes) -> Result<(usize, Vec<Moved>), Error> {
         let Self { samples, mask, places, options, plans, .. } = *self;
-        let mut predicted =
-            made.effect.predicted.take().map(Planes::into_vec).unwrap_or_default().into_iter();
         let keeps = !made.smoothed && made.method.keeps_measured();
         let (mut mended, mut limited) = (0, Vec::with_capacity(places.len()));
-        let limit = options.limit && options.values != Values::Directions;
+        let Effect { gain, along, .. } = &made.effect;
+        // What other frames know may lie beyond what the samples around allow.
+        let limit = options.limit && options.values != Values::Directions && along.is_none();
         for ((samples, out), &place) in samples.as_slice().iter().zip(out.as_mut_slice()).zip(places) {
             mended += mend(samples, out, || plans.nearest(mask), |nearest| nearest.as_slice())?;
-            let predicted = predicted.next();
             let mut moved = Moved::default();
             if limit {
                 // What was smoothed counts as it is now.
                 let smooth = made.smoothed.then(|| out.clone());
                 let around = smooth.as_ref().unwrap_or(samples);
-                moved += match &predicted {
-                    Some(predicted) => limit_guided(mask, around, predicted, out)?,
-                    None => limiter::local(mask, around, out)?,
-                };
+                moved += limiter::local(mask, around, out)?;
             }
             let bounds = options.bounds_of(place);
             if bounds != Bounds::Free {
                 moved += limiter::range(mask, samples, out, bounds)?;
-                if limit && keeps && predicted.is_none() {
+                if limit && keeps && gain.is_none() {
                     moved += limiter::on_black(mask, samples, out, || plans.nearest(mask))?;
                 }
                 if !keeps {

@@ -93,8 +93,7 @@ impl Task<'_> {
         if let Some(evidence) = &mut found.1.evidence {
             evidence.map(|_, value| map.inverse(value));
         }
-        let predicted = found.1.predicted.as_mut().map(Planes::as_mut_slice).into_iter().flatten();
-        predicted.chain(out.as_mut_slice()).for_each(|plane| map.inverse_plane(plane));
+        out.as_mut_slice().iter_mut().for_each(|plane| map.inverse_plane(plane));
         if self.method.keeps_measured() {
             for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
                 self.mask.restore(samples, out);

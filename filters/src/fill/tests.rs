@@ -25,6 +25,30 @@ fn bits(plane: &Plane) -> Vec<u32> {
     plane.pixels().iter().map(|value| value.to_bits()).collect()
 }
 
+/// What guides predict by a slope may lie far from all samples.
+#[test]
+fn the_limiter_holds_with_guides() {
+    let size = Size::new(90, 110);
+    let mask =
+        Arc::new(Mask::from_fn(size, |y, x| crate::sampling::hash(y as u64, x as u64).is_multiple_of(5)));
+    let fine = |y: usize, x: usize| (crate::sampling::hash(x as u64, y as u64) % 1000) as f32 / 1000.0;
+    let is_far = |y: usize, x: usize| !mask.is_measured(y, x) && (y + x).is_multiple_of(11);
+    let guide = Plane::from_fn(size, |y, x| if is_far(y, x) { -0.4 } else { fine(y, x) });
+    let samples = Plane::from_fn(size, |y, x| 0.1 + 0.7 * fine(y, x));
+    let mut guides = Guides::new(size);
+    guides.add("g", vec![guide]).unwrap();
+    let filled = |limit: bool| {
+        let method = Method::named("ss", &[]).unwrap();
+        let options = Options { guides: Some(&guides), domain: Domain::Linear, limit, ..Options::of(method) };
+        let filled = fill(&Planes::from(samples.clone()), Arc::clone(&mask), &options).unwrap();
+        assert!(filled.sets[0].gain.is_some());
+        filled.planes.into_vec().remove(0)
+    };
+    let moved = |mut plane: Plane| crate::limiter::local(&mask, &samples, &mut plane).unwrap().values;
+    assert!(moved(filled(false)) > 0);
+    assert_eq!(moved(filled(true)), 0);
+}
+
 #[test]
 fn measured_bits_stay_in_every_domain_and_all_is_finite() {
     let mut samples = images(3);

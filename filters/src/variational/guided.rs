@@ -88,9 +88,6 @@ pub struct Effect {
     pub guides: Vec<String>,
     /// The part of the squared error that they take away, by the left-out pixels; nothing if they are not used.
     pub gain: Option<f64>,
-    /// What the guides alone predict, where they are trusted; NaN elsewhere. It stays near the samples around, so a limiter
-    /// may let values go that far.
-    pub predicted: Option<Planes>,
     /// Where the method is a blend: the candidates that count, and the mean weight of each at missing pixels.
     pub shares: Vec<(&'static str, f64)>,
     /// The same: the part of the squared error that samples of other frames took away; nothing if they were not used.
@@ -126,10 +123,10 @@ pub fn steer(
     };
     let everywhere = Mask::from_fn(mask.size(), |_, _| true);
     let part = Part { mask, plan, seen: &seen, scales: &scales };
-    let (guided, mut predicted, outcome) = model.fill(part, &everywhere, FINAL, run)?;
-    blend(mask, guides, &trust, &guided, &mut predicted, out);
+    let (guided, outcome) = model.fill(part, &everywhere, FINAL, run)?;
+    blend(mask, guides, &trust, &guided, out);
     let guides = guides.counting(&scales);
-    Ok((outcome, Effect { guides, gain: Some(gain), predicted: Some(predicted), ..Effect::default() }))
+    Ok((outcome, Effect { guides, gain: Some(gain), ..Effect::default() }))
 }
 
 struct Model<'a> {
@@ -234,19 +231,19 @@ impl Model<'_> {
         let part = Part { mask: self.mask, plan: plan.as_ref(), seen, scales };
         let all = Mask::from_fn(self.mask.size(), |_, _| true);
         let (wanted, error) = held_out_of.map_or((&all, FINAL), |measured| (measured, TRIAL));
-        let (mut image, _, outcome) = self.fill(part, wanted, error, run)?;
+        let (mut image, outcome) = self.fill(part, wanted, error, run)?;
         push_pull::complete(&mut image, (self.mask, wanted), self.samples, run)?;
         Ok((image, outcome))
     }
 
-    /// The guided image and the prediction alone at the pixels that are wanted, from the samples of a part.
+    /// The guided image at the pixels that are wanted, from the samples of a part.
     fn fill(
         &self,
         Part { mask, plan, seen, scales }: Part<'_>,
         wanted: &Mask,
         error: f64,
         run: &Run<'_>,
-    ) -> Result<(Planes, Planes, Outcome), Error> {
+    ) -> Result<(Planes, Outcome), Error> {
         let size = mask.size();
         let task = Task { field: self.field, scales, reach: &seen.reach, leave_out: false, isa: self.isa };
         let mut predicted = Planes::zeros(size, self.samples.len());
@@ -261,7 +258,7 @@ impl Model<'_> {
         let outcome = plan.reconstruct_roughly(&residual, error, &mut filled, run)?;
         let mut guided = residual;
         merge(&mut guided, &filled, &predicted, |filled, predicted| filled + predicted);
-        Ok((guided, predicted, outcome))
+        Ok((guided, outcome))
     }
 }
 
@@ -305,29 +302,17 @@ fn hold_out(mask: &Mask) -> (Mask, Vec<(usize, usize)>) {
     (Mask::from_fn(size, |row, column| flags[row * size.width + column]), left_out)
 }
 
-/// Mixes the guided image into the missing pixels of the plain one; predictions that are not used become NaN.
-fn blend(
-    mask: &Mask,
-    guides: &Guides,
-    trust: &Plane,
-    guided: &Planes,
-    predicted: &mut Planes,
-    out: &mut Planes,
-) {
+/// Mixes the guided image into the missing pixels of the plain one.
+fn blend(mask: &Mask, guides: &Guides, trust: &Plane, guided: &Planes, out: &mut Planes) {
     let known = |index: usize| guides.labels().is_none_or(|labels| labels[index] != guides::UNKNOWN);
-    let planes = out.as_mut_slice().iter_mut().zip(guided.as_slice()).zip(predicted.as_mut_slice());
-    for ((out, guided), predicted) in planes {
-        let (out, guided) = (out.pixels_mut().par_chunks_mut(PART), guided.pixels().par_chunks(PART));
-        let parts = out.zip(guided).zip(predicted.pixels_mut().par_chunks_mut(PART)).enumerate();
-        parts.for_each(|(part, ((out, guided), predicted))| {
-            let pairs = out.iter_mut().zip(guided).zip(predicted);
-            for (index, ((out, &guided), predicted)) in (part * PART..).zip(pairs) {
+    for (out, guided) in out.as_mut_slice().iter_mut().zip(guided.as_slice()) {
+        let parts = out.pixels_mut().par_chunks_mut(PART).zip(guided.pixels().par_chunks(PART)).enumerate();
+        parts.for_each(|(part, (out, guided))| {
+            for (index, (out, &guided)) in (part * PART..).zip(out.iter_mut().zip(guided)) {
                 let trust = trust.pixels()[index];
                 let share = trust * (guided - *out);
                 if trust > 0.0 && share.is_finite() && !mask.as_slice()[index] && known(index) {
                     *out += share;
-                } else {
-                    *predicted = f32::NAN;
                 }
             }
         });

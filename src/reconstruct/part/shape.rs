@@ -1,4 +1,4 @@
-//! What filled normals and coordinates have to be beside smooth: of unit length, and on surfaces.
+//! What filled normals, coordinates and smoothed colours have to be beside smooth: of unit length, on surfaces, black where nothing is.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use lacuna_exr::Frame;
 use lacuna_filters::Mask;
 
 use super::{Done, Filled, Work};
-use crate::channels::{self, Name, Rule, channel_label};
+use crate::channels::{self, DecidedBy, Name, Rule, channel_label};
 use crate::reconstruct::normals::{self, Lengths};
 use crate::reconstruct::{Error, surfaces};
 
@@ -65,6 +65,38 @@ pub fn unit_normals(
         );
     }
     Ok(())
+}
+
+/// Makes smoothed channels 0 where the alpha of their layer is: smoothing takes light over an edge that alpha, which is not smoothed, keeps. Not where
+/// a measured pixel has light without alpha.
+pub fn empty_stays_black(frame: &Frame, work: &Work<'_>, filled: &mut [Filled]) {
+    let part = &frame.parts[work.index];
+    let names: Vec<_> = part.channels.iter().map(lacuna_exr::Channel::display_name).collect();
+    if !filled.iter().any(|filled| filled.all) {
+        return;
+    }
+    let is_complete = |at: usize| matches!(work.choices[at].by, DecidedBy::Guide | DecidedBy::Dense);
+    let alpha = |at: usize| match filled.iter().find(|filled| filled.channel == at) {
+        Some(alpha) => Some((at, alpha.values.clone())),
+        // A sparse one that is kept says nothing of missing pixels.
+        None => part.channels[at].samples.to_floats().filter(|_| is_complete(at)).map(|values| (at, values)),
+    };
+    let alphas: Vec<(usize, Vec<f32>)> =
+        (0..names.len()).filter(|&at| channels::is_alpha(&names[at])).filter_map(alpha).collect();
+    for channel in
+        filled.iter_mut().filter(|filled| filled.all && !channels::is_alpha(&names[filled.channel]))
+    {
+        let layer = Name::new(&names[channel.channel]).layer;
+        let Some((_, alpha)) = alphas.iter().find(|(at, _)| Name::new(&names[*at]).layer == layer) else {
+            continue;
+        };
+        let measured = channel.mask.as_slice().iter().zip(&channel.samples);
+        if measured.zip(alpha).any(|((flag, sample), alpha)| *flag && *alpha == 0.0 && *sample != 0.0) {
+            continue;
+        }
+        let empty = channel.values.iter_mut().zip(alpha).filter(|(_, alpha)| **alpha == 0.0);
+        empty.for_each(|(value, _)| *value = 0.0);
+    }
 }
 
 /// Brings filled coordinates, layer by layer, onto surfaces of the measured ones where that is due.

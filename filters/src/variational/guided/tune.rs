@@ -44,7 +44,9 @@ impl Trial<'_> {
         let error = |((&index, weight), values): ((&usize, &f64), &[f32])| {
             let truth = self.values.as_slice().iter().map(|plane| plane.pixels()[index]);
             let squares = values.iter().zip(truth).map(|(a, b)| f64::from(a - b).powi(2));
-            squares.sum::<f64>() * self.weights.at(self.values, index) * weight
+            // Over the larger of both, or a single dark pixel that is predicted bright decides.
+            let most = values.iter().map(|value| f64::from(*value).abs()).fold(0.0, f64::max);
+            squares.sum::<f64>() * self.weights.beside(most, self.values, index) * weight
         };
         let predicted = found.values.chunks_exact(self.values.len());
         found.at.iter().zip(&found.weights).zip(predicted).map(error).sum()
@@ -106,8 +108,13 @@ impl Weights {
 
     /// At a pixel, by its largest channel.
     pub fn at(self, values: &Planes, index: usize) -> f64 {
-        let most =
-            values.as_slice().iter().map(|plane| f64::from(plane.pixels()[index]).abs()).fold(0.0, f64::max);
+        self.beside(0.0, values, index)
+    }
+
+    /// The same beside another size of the pixel, of which the larger counts.
+    pub fn beside(self, other: f64, values: &Planes, index: usize) -> f64 {
+        let sizes = values.as_slice().iter().map(|plane| f64::from(plane.pixels()[index]).abs());
+        let most = sizes.fold(other, f64::max);
         1.0 / (self.level + most * most)
     }
 }
@@ -134,5 +141,21 @@ impl Change {
             }
         }
         new
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Plane, Size};
+
+    #[test]
+    fn a_dark_pixel_that_is_predicted_bright_counts_like_a_bright_one_that_is_predicted_dark() {
+        let size = Size::new(1, 100);
+        let values =
+            Planes::new(size, vec![Plane::from_fn(size, |_, x| if x == 7 { 1.0 } else { 0.0 })]).unwrap();
+        let weights = Weights::new(&Mask::from_fn(size, |_, _| true), &values);
+        let (dark, bright) = (weights.beside(1.0, &values, 3), weights.beside(0.0, &values, 7));
+        assert!((dark - bright).abs() < 1e-12 && weights.at(&values, 3) > 1000.0 * dark);
     }
 }
