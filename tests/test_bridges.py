@@ -141,6 +141,51 @@ def test_usage_of_mitsuba_alone(tmp_path):
     told(bridge(MITSUBA, *out, "-D", "nothing=1"), 1, "nothing")
 
 
+INSIDE = '<integrator type="path" name="img"/>'
+# An integrator around others, and the channels beside colour, depth and normals.
+AROUND = {
+    "named": (INSIDE, ()),
+    "unnamed": ('<integrator type="path"/>', ()),
+    "two": (f'{INSIDE}<integrator type="direct" name="direct"/>', ("direct.R", "direct.G", "direct.B", "direct.A")),
+    "nested": (f'<integrator type="aov" name="in"><string name="aovs" value="tint:albedo"/>{INSIDE}</integrator>',
+               ("in.tint.R", "in.tint.G", "in.tint.B")),
+    "none": ("", ()),
+}
+
+
+def ball(folder, name, integrator="", film="", **swaps):
+    """The ball with another integrator (all of the element) and more in its film, other texts swapped."""
+    text = BALL.read_text()
+    text = re.sub(r"<integrator.*</integrator>", integrator, text) if integrator else text
+    for old, new in swaps.items():
+        text = text.replace(old, new)
+    (folder / name).write_text(text.replace("</film>", f'<rfilter type="box"/>{film}</film>'))
+    return folder / name
+
+
+@pytest.mark.parametrize("density", ["0.4", "1"])
+@pytest.mark.parametrize("alpha", [False, True])
+@pytest.mark.parametrize("way", AROUND)
+def test_integrators_around_others_give_colour_and_aovs(way, alpha, density, tmp_path):
+    inside, more = AROUND[way]
+    film = f'<string name="pixel_format" value="{"rgba" if alpha else "rgb"}"/>'
+    scene = ball(tmp_path, "ball.xml", f'<integrator type="aov"><string name="aovs" value="dd:depth,nn:sh_normal"/>{inside}</integrator>', film)
+    result = bridge(MITSUBA, scene, "-o", tmp_path / "f.exr", "--density", density, *SMALL, "--spp", "64")
+    assert result.status == 0, result
+    found = frames.read(tmp_path / "f.exr")[0]
+    colour = "" if way == "none" else "RGBA" if alpha else "RGB"
+    assert set(found) == {*colour, "dd.Z", "nn.X", "nn.Y", "nn.Z", *more, "mask"}
+    mask = found["mask"] == 1
+    middle = np.zeros_like(mask)
+    middle[10:14, 14:18] = mask[10:14, 14:18]
+    # A ball of radius 1, 4 away, grey under a white sky.
+    assert np.abs(found["dd.Z"][middle] - 3).max() < 0.1 and (found["nn.Z"][middle] > 0.9).all()
+    for name in colour:
+        assert abs(found[name][middle].mean() - (1 if name == "A" else 0.5)) < 0.05, name
+    for name in more:
+        assert abs(found[name][middle].mean() - (1 if name == "direct.A" else 0.5)) < 0.05, name
+
+
 def test_files_of_luxcore_that_are_wrong_are_named(cfg, tmp_path):
     out = ["-o", tmp_path / "x.exr", "--density", "0.5", "--spp", "1"]
     text = cfg.read_text()

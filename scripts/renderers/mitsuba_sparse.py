@@ -43,6 +43,8 @@ AOVS = {
 }
 # Numbers that must not be averaged.
 LABELS = ("shape_index", "prim_index")
+# The film's own channels by their number.
+COLOURS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}
 # Share of a pixel's side that samples keep from its rim, above the rounding of positions on films of 4000 pixels.
 RIM = 1e-3
 # Samples of one pass: what a wavefront may hold.
@@ -104,7 +106,8 @@ def film(width, height, pixel_format):
 
 
 def render_pixels(scene, integrator, mask, spp, seed, alpha=False):
-    """The masked pixels, row by row: `(count, channels)` of float32, alpha the fourth if asked for.
+    """The masked pixels, row by row: `(count, channels)` of float32, the film's own channels before the integrator's AOVs; with
+    alpha if asked for.
 
     Rounds that fit into a wavefront are averaged by their numbers of samples. All pixels need no list."""
     inner = scene.sensors()[0]
@@ -123,8 +126,9 @@ def render_pixels(scene, integrator, mask, spp, seed, alpha=False):
         now = min(most, spp - done)
         # 32 bits, and another stream for every round of every frame.
         stream = int(np.random.SeedSequence([seed, turn]).generate_state(1)[0])
-        image = mi.render(scene, sensor=sensor, integrator=integrator, spp=now, seed=stream)
-        part = np.array(image, np.float64).reshape(across * down, -1)[: len(pixels)]
+        mi.render(scene, sensor=sensor, integrator=integrator, spp=now, seed=stream)
+        # Not what render returns: of integrators inside others that has the channels in another order, and not all of them.
+        part = np.array(sensor.film().develop(), np.float64).reshape(across * down, -1)[: len(pixels)]
         total, done, turn = total + part * now, done + now, turn + 1
     return (total / spp).astype(np.float32)
 
@@ -159,17 +163,40 @@ def channel_name(name):
     return re.sub(r"\.T$", ".Z", re.sub(r"^(id|primId)\.[A-Z]$", r"\1", name))
 
 
+def layer_of(name):
+    return name.rpartition(".")[0]
+
+
+def images(names):
+    """The layers of AOVs that are colour and alpha: those of integrators inside others."""
+    return [layer for layer in dict.fromkeys(map(layer_of, names)) if layer and {f"{layer}.{component}" for component in "RGBA"} <= set(names)]
+
+
+def repeated(names):
+    """The layers that repeat the film's colour: that of the first integrator inside, of the first inside that one, and so on."""
+    found = []
+    for layer in images(names):
+        if not found or layer.startswith(f"{found[-1]}."):
+            found.append(layer)
+    return found
+
+
 def colour(scene, mask, spp, seed, alpha):
+    """Planes of the colour, and of AOVs that the scene's integrator writes itself."""
     integrator = scene.integrator()
+    names = list(integrator.aov_names())
     values = render_pixels(scene, integrator, mask, spp, seed, alpha)
-    names = "RGBA" if alpha else "RGB"
-    planes = {name: sparse.scatter(values[:, k], mask) for k, name in enumerate(names)}
-    # An integrator of the scene that writes AOVs itself; one that wraps another repeats that one's image.
-    for k, name in enumerate(integrator.aov_names(), len(names)):
-        layer, _, component = name.rpartition(".")
-        if not (component in names and layer and np.array_equal(values[:, k], values[:, names.index(component)])):
-            planes[channel_name(name)] = sparse.scatter(values[:, k], mask)
-    return planes
+    base = COLOURS[values.shape[1] - len(names)]
+    again = repeated(names)
+    planes = dict(zip([*base, *map(channel_name, names)], values.T, strict=True))
+    # AOVs of no integrator have no light.
+    left_out = [name for name in names if layer_of(name) in again] or (list(base) if kind_of(integrator) == "AOVIntegrator" else [])
+    return {name: sparse.scatter(plane, mask) for name, plane in planes.items() if name not in left_out}
+
+
+def kind_of(thing):
+    """The name of a plugin's class, which Mitsuba before 3.7 has elsewhere."""
+    return thing.class_name() if hasattr(thing, "class_name") else thing.class_().name()
 
 
 def definition(text):
