@@ -121,10 +121,22 @@ def test_aovs_of_mitsuba_arrive_and_guide(tmp_path):
         lacuna("verify", tmp_path / f"{name}.exr", tmp_path / f"{name}.full.exr")
 
 
-def test_vectors_of_mitsuba_lead_to_the_next_frame(tmp_path):
+CAMERAS = {
+    "pinhole": ("perspective", ""),
+    "shifted": ("perspective", '<float name="principal_point_offset_x" value="0.0$frame"/><float name="principal_point_offset_y" value="-0.0$frame"/>'),
+    "lens": ("thinlens", '<float name="aperture_radius" value="0.001"/><float name="focus_distance" value="4"/>'),
+}
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_vectors_of_mitsuba_lead_to_the_next_frame(camera, tmp_path):
     """To where the same place on the same shape is seen, by the shapes' own coordinates: to a part of a pixel, balls, block and floor."""
+    kind, more = CAMERAS[camera]
+    fov = '<float name="fov" value="40"/>'
+    text = (SCENES / "moving.xml").read_text().replace('sensor type="perspective"', f'sensor type="{kind}"').replace(fov, fov + more)
+    (tmp_path / "moving.xml").write_text(text)
     words = ("--frames", "4-5", "--density", "1", "--spp", "1", "--aovs", "uv,id", "--dense-aovs", "--dense-spp", "64", "--motion", *SMALL)
-    bridge("mitsuba_sparse.py", SCENES / "moving.xml", "-o", tmp_path / "shot.####.exr", *words)
+    bridge("mitsuba_sparse.py", tmp_path / "moving.xml", "-o", tmp_path / "shot.####.exr", *words)
     assert channels(tmp_path / "shot.0004.exr")["motion.X"] == ("keep", "listed in lacuna/dense")
     one, two = (frames.read(tmp_path / f"shot.{frame:04}.exr")[0] for frame in (4, 5))
     rows, columns = np.indices(one["id"].shape)

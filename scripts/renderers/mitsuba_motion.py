@@ -1,7 +1,8 @@
 """Motion vectors of Mitsuba's scenes, which has none of its own: where what each pixel shows lies in the next frame's picture.
 
 What the ray through a pixel's centre hits first is followed by its triangle and the place on it, or by the shape's `to_world`; what has
-neither (instances, shapes of other kinds) stands still, and so does what lies at infinity, but for the camera.
+neither (instances, shapes of other kinds) stands still, and so does what lies at infinity, but for the camera. A thin lens is taken for
+the pinhole in its middle.
 """
 
 import drjit as dr
@@ -17,6 +18,8 @@ FAR = 1e6
 def vectors(scene, later, size):
     """The planes `motion.X` and `motion.Y` of all pixels: across and down, in pixels."""
     before, after = scene.sensors()[0], later.sensors()[0]
+    if not dr.is_jit_v(mi.Float):
+        raise Failure(f"--motion: variant {mi.variant()} follows no lists of points: take an llvm one")
     if len(scene.shapes()) != len(later.shapes()):
         raise Failure(f"--motion: the scene has {len(scene.shapes())} shapes, in the next frame {len(later.shapes())}")
     width, height = size
@@ -56,10 +59,11 @@ def project(sensor, point, size):
     if "x_fov" not in parameters:
         raise Failure("--motion: the sensor is no perspective one")
     film = sensor.film()
-    corner = parameters["principal_point_offset_x"], parameters["principal_point_offset_y"]
     to_sample = mi.perspective_projection(
         film.size(), film.crop_size(), film.crop_offset(), parameters["x_fov"], parameters["near_clip"], parameters["far_clip"]
     )
     place = to_sample @ (sensor.world_transform().inverse() @ point)
-    shift = mi.Point2f(corner[0], corner[1]) * mi.Point2f(film.size()) / mi.Point2f(film.crop_size())
-    return (mi.Point2f(place.x, place.y) + shift) * mi.Point2f(*size)
+    # Mitsuba adds it to a place in the picture to have that on the lens' axis; a thin lens has none.
+    offset = [parameters[key] if key in parameters else 0 for key in ("principal_point_offset_x", "principal_point_offset_y")]
+    shift = mi.Point2f(*offset) * mi.Point2f(film.size()) / mi.Point2f(film.crop_size())
+    return (mi.Point2f(place.x, place.y) - shift) * mi.Point2f(*size)
