@@ -14,9 +14,11 @@ Needs Mitsuba 3.6 or newer, numpy, OpenEXR and a libLLVM that Mitsuba takes (Deb
 """
 
 import argparse
+import collections
 import functools
 import pathlib
 import re
+import zlib
 
 import bridge
 from bridge import Failure, Misuse
@@ -45,6 +47,8 @@ AOVS = {
 LABELS = ("shape_index", "prim_index")
 # The film's own channels by their number.
 COLOURS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}
+# Numbers of shapes, 0 aside: as many as floats hold.
+MOST_SHAPES = (1 << 24) - 1
 # Share of a pixel's side that samples keep from its rim, above the rounding of positions on films of 4000 pixels.
 RIM = 1e-3
 # Samples of one pass: what a wavefront may hold.
@@ -147,15 +151,57 @@ def aov_list(text):
 
 
 def first_hits(scene, aovs, mask, spp, seed):
-    """Planes of AOVs at the masked pixels, by name, and nothing else traced; labels take one sample."""
+    """Planes of AOVs at the masked pixels, by name, and nothing else traced; labels take one sample, and are whole numbers."""
     planes = {}
     for some, samples in zip(aovs, (spp, 1), strict=True):
         if some:
             integrator = mi.load_dict({"type": "aov", "aovs": ",".join(some)})
             names = [channel_name(name) for name in integrator.aov_names()]
             values = render_pixels(scene, integrator, mask, samples, seed)[:, -len(names) :]
+            if some is aovs[1]:
+                values = np.stack([number_shapes(scene, plane) if aov.endswith(":shape_index") else plane
+                                   for aov, plane in zip(some, values.T.astype(np.uint32), strict=True)], axis=1)
             planes |= {name: sparse.scatter(values[:, k], mask) for k, name in enumerate(names)}
     return planes
+
+
+def number_shapes(scene, found):
+    """Numbers of shapes that are the same in every frame and run. Mitsuba's own are those of its registry, where shapes come in the
+    order in which threads have loaded them."""
+    shapes = scene.shapes()
+    own = [own_number(shape) for shape in shapes] if dr.is_jit_v(mi.Float) else range(1, len(shapes) + 1)
+    nameless, names = collections.Counter(), []
+    for shape in shapes:
+        kind = kind_of(shape)
+        nameless[kind] += not named(shape)
+        names.append(shape.id() if named(shape) else f"{kind} {nameless[kind]}")
+    taken, numbers = set(), {0: 0}
+    for name, number in sorted(zip(names, own, strict=True)):
+        numbers[number] = checksum(name, taken)
+        taken.add(numbers[number])
+    for number in set(np.unique(found).tolist()) - set(numbers):
+        # In a group that instances show, which is no shape of the scene.
+        shape = dr.reinterpret_array(mi.ShapePtr, mi.UInt32(number))[0]
+        numbers[number] = checksum(shape.id() if named(shape) else kind_of(shape), taken)
+    raw, back = np.unique(found, return_inverse=True)
+    return np.array([numbers[number] for number in raw.tolist()], np.uint32)[back]
+
+
+def own_number(shape):
+    return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
+
+
+def named(shape):
+    """Whether the scene gives a shape an id; Mitsuba makes some itself."""
+    return bool(shape.id()) and not shape.id().startswith(("_unnamed", "_arg"))
+
+
+def checksum(name, taken):
+    """A number from 1 that floats hold, the next that is free."""
+    number = zlib.crc32(name.encode()) % MOST_SHAPES + 1
+    while number in taken:
+        number = number % MOST_SHAPES + 1
+    return number
 
 
 def channel_name(name):
@@ -215,8 +261,10 @@ def load(arguments, frame):
     parameters = dict(arguments.define)
     if re.search(rb"\$frame\b", text):
         parameters["frame"] = str(frame)
+    # Mitsuba would join meshes of one material, which then are one shape.
+    apart = any(aov.endswith(":shape_index") for aov in arguments.aovs[1]) and "optimize" in str(mi.load_file.__doc__)
     try:
-        scene = mi.load_file(str(path), **parameters)
+        scene = mi.load_file(str(path), **({"optimize": False} if apart else {}), **parameters)
     except Exception as error:
         raise Failure(f"{path}: {bridge.brief(error)}") from None
     if not scene.sensors() or scene.integrator() is None:
