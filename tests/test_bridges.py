@@ -186,6 +186,37 @@ def test_integrators_around_others_give_colour_and_aovs(way, alpha, density, tmp
         assert abs(found[name][middle].mean() - (1 if name == "direct.A" else 0.5)) < 0.05, name
 
 
+@pytest.mark.parametrize("variant, integrator", [("scalar_rgb", ""), ("scalar_spectral", ""), ("llvm_ad_mono", ""), ("llvm_ad_mono_polarized", ""),
+                                                 ("llvm_ad_rgb", '<integrator type="prb"></integrator>')])
+def test_every_variant_and_integrators_in_python_keep_to_the_mask(variant, integrator, tmp_path):
+    scene = ball(tmp_path, "ball.xml", integrator)
+    words = ("--density", "0.3", *SMALL, "--spp", "64", "--aovs", "depth", "--variant", variant, "--halves")
+    result = bridge(MITSUBA, scene, "-o", tmp_path / "f.exr", *words)
+    assert result.status == 0, result
+    found = frames.read(tmp_path / "f.exr")[0]
+    colour = "Y" if "mono" in variant else "RGB"
+    assert set(found) - {"A", "mask", "depth.Z"} == {f"{half}{name}" for half in ("", "half1.", "half2.") for name in colour}
+    mask, (rows, columns) = found["mask"] == 1, np.indices((24, 32))
+    distance = np.hypot(rows - 11.5, columns - 15.5)
+    ball_seen, sky = mask & (distance < 9), mask & (distance > 13)
+    assert ball_seen.sum() > 20 and sky.sum() > 50
+    assert (found["depth.Z"][ball_seen] > 2).all() and not found["depth.Z"][sky | ~mask].any()
+    # Grey under white, and each pixel at its place.
+    assert np.abs(found[colour[0]][ball_seen] - 0.5).max() < 0.25 and np.abs(found[colour[-1]][sky] - 1).max() < 0.3
+
+
+def test_what_mitsuba_cannot_render_sparsely_is_named(tmp_path):
+    words = ["-o", tmp_path / "f.exr", "--density", "0.5", *SMALL]
+    told(bridge(MITSUBA, ball(tmp_path, "p.xml", '<integrator type="ptracer"></integrator>'), *words), 1, "p.xml", "ParticleTracer", "at the lights", "path")
+    bands = '<film type="specfilm"><spectrum name="one" value="450:0, 500:1, 550:0"/>'
+    scene = ball(tmp_path, "s.xml", **{'<film type="hdrfilm">': bands})
+    told(bridge(MITSUBA, scene, *words, "--variant", "llvm_ad_spectral"), 1, "s.xml", "SpecFilm", "bands", "hdrfilm")
+    told(bridge(MITSUBA, BALL, *words, "--variant", "scalar_rgb", "--motion"), 1, "--motion", "scalar_rgb", "llvm")
+    none = ball(tmp_path, "n.xml", '<integrator type="aov"><string name="aovs" value="dd:depth"/></integrator>')
+    told(bridge(MITSUBA, none, *words, "--spp", "2", "--halves"), 1, "--halves", "path")
+    assert not (tmp_path / "f.exr").exists()
+
+
 def test_files_of_luxcore_that_are_wrong_are_named(cfg, tmp_path):
     out = ["-o", tmp_path / "x.exr", "--density", "0.5", "--spp", "1"]
     text = cfg.read_text()

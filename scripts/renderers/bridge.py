@@ -61,6 +61,9 @@ def brief(error, line=0):
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     if isinstance(error, MemoryError):
         return "not enough memory: render fewer pixels or a smaller frame"
+    # Dr.Jit hides the reason of what fails in Python behind one that says so.
+    if error.__cause__ is not None and "(see above)" in str(error):
+        return brief(error.__cause__, line)
     # Mitsuba begins its lines with a space of no width, or with a place in its source, and lists things on lines of their own.
     text = re.sub(r":\n\s*- ", ": ", re.sub(r"^\[\w+\.cpp:\d+\] ", "", str(error).replace("\u200b", "")))
     lines = [text.strip() for text in text.splitlines() if text.strip()]

@@ -70,7 +70,8 @@ def sensor_class():
             size = inner.film().crop_size()
             self.inner = inner
             self.count = len(pixels)
-            self.list = mi.UInt32(pixels.astype(np.uint32))
+            # Scalar variants have no arrays of their own.
+            self.list = mi.UInt32(pixels.astype(np.uint32)) if dr.is_jit_v(mi.Float) else pixels.tolist()
             self.width = int(size[0])
             self.scale = mi.Vector2f(1 / int(size[0]), 1 / int(size[1]))
             self.across, self.down = (int(n) for n in film.size())
@@ -81,17 +82,18 @@ def sensor_class():
             x, y = position.x * self.across, position.y * self.down
             column, row = dr.minimum(mi.UInt32(x), self.across - 1), dr.minimum(mi.UInt32(y), self.down - 1)
             entry = dr.minimum(row * self.across + column, self.count - 1)
-            pixel = dr.gather(mi.UInt32, self.list, entry)
+            pixel = dr.gather(mi.UInt32, self.list, entry) if dr.is_jit_v(mi.Float) else self.list[entry]
             inside = mi.Point2f(x - mi.Float(column), y - mi.Float(row))
             corner = mi.Point2f(mi.Float(pixel % self.width), mi.Float(pixel // self.width))
             # Nearer to its rim a position might be rounded into the pixel beside it.
             return (corner + dr.clip(inside, RIM, 1 - RIM)) * self.scale
 
-        def sample_ray(self, time, wavelength, position, aperture, active=True):
-            return self.inner.sample_ray(time, wavelength, self.place(position), aperture, active)
+        # Names as Mitsuba's: its integrators in Python give arguments by them. 1 is for the wavelength, 2 the place, 3 the aperture.
+        def sample_ray(self, time, sample1, sample2, sample3, active=True):
+            return self.inner.sample_ray(time, sample1, self.place(sample2), sample3, active)
 
-        def sample_ray_differential(self, time, wavelength, position, aperture, active=True):
-            return self.inner.sample_ray_differential(time, wavelength, self.place(position), aperture, active)
+        def sample_ray_differential(self, time, sample1, sample2, sample3, active=True):
+            return self.inner.sample_ray_differential(time, sample1, self.place(sample2), sample3, active)
 
         def bbox(self):
             return self.inner.bbox()
@@ -118,7 +120,7 @@ def render_pixels(scene, integrator, mask, spp, seed, alpha=False):
     pixels = np.flatnonzero(mask)
     across = max(1, int(np.ceil(np.sqrt(len(pixels)))))
     down = -(-len(pixels) // across)
-    format = "rgba" if alpha else "rgb"
+    format = "luminance" if mi.is_monochromatic else "rgba" if alpha else "rgb"
     if mask.all() and f"pixel_format = {format}," in str(inner.film()) and "BoxFilter" in str(inner.film().rfilter()):
         across, down, sensor = mask.shape[1], mask.shape[0], inner
     else:
@@ -269,6 +271,10 @@ def load(arguments, frame):
         raise Failure(f"{path}: {bridge.brief(error)}") from None
     if not scene.sensors() or scene.integrator() is None:
         raise Failure(f"{path}: a scene needs a sensor and an integrator")
+    if isinstance(scene.integrator(), mi.AdjointIntegrator):
+        raise Failure(f"{path}: its integrator ({kind_of(scene.integrator())}) starts at the lights, not at pixels: take path or another that starts at the sensor")
+    if not kind_of(scene.sensors()[0].film()) == "HDRFilm":
+        raise Failure(f"{path}: its film ({kind_of(scene.sensors()[0].film())}) has bands or other channels that would be lost: take hdrfilm")
     return scene
 
 

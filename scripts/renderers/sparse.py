@@ -58,9 +58,12 @@ def in_halves(draw, spp):
     if spp % 2:
         raise Failure(f"--halves wants an even number of samples a pixel, not {spp}: give --spp")
     one, other = draw(spp // 2, 0), draw(spp // 2, 1)
+    names = [name for name in ("R", "G", "B", "Y") if name in one]
+    if not names:
+        raise Failure("--halves wants colour, and the scene's integrator makes none: put one into it that does, such as path")
     planes = {name: plane if exact(name) or plane.dtype.kind != "f" else (plane + other[name]) / 2 for name, plane in one.items()}
     for layer, half in (("half1", one), ("half2", other)):
-        planes |= {f"{layer}.{name}": half[name] for name in "RGB"}
+        planes |= {f"{layer}.{name}": half[name] for name in names}
     return planes
 
 
