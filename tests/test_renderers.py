@@ -233,6 +233,16 @@ def test_luxcore_keeps_to_the_mask(still, tmp_path):
     quick_fill(tmp_path / "thin.exr", "-o", tmp_path / "smooth.exr", *weights)
 
 
+@pytest.mark.parametrize("density, spp", [("0.045", 16), ("0.1", 4), ("1", 3)])
+def test_pixels_of_luxcore_get_the_samples_asked_for(density, spp, tmp_path):
+    """In the mean, also where that is no whole number over all of the frame."""
+    bridge("luxcore_sparse.py", SCENES / "still.cfg", "-o", tmp_path / "f.exr", "--density", density, "--spp", spp)
+    planes = frames.read(tmp_path / "f.exr")[0]
+    mask = planes["mask"] > 0
+    assert abs(mask.mean() - float(density)) < 0.01
+    assert spp <= planes["SAMPLECOUNT"][mask].mean() < 1.5 * spp
+
+
 @pytest.mark.parametrize("name", ["mitsuba_sparse.py", "luxcore_sparse.py"])
 def test_mistakes_are_told_in_one_line(name, tmp_path):
     out = ("-o", tmp_path / "out.exr", "--density", "0.5")

@@ -5,7 +5,7 @@
     luxcore_sparse.py scene.cfg -o frame.exr --mask mask.exr --aovs albedo,N,depth
 
 The mask becomes the film's user importance. LuxCore still gives a pixel outside the mask 5 % of the samples of one
-inside: they are paid for, so that those inside get --spp. The channel `SAMPLECOUNT` says how many samples each pixel got, and `mask` is where the mask asked for the pixel and at least
+inside: they are paid for, so that those inside get --spp in the mean. The channel `SAMPLECOUNT` says how many samples each pixel got, and `mask` is where the mask asked for the pixel and at least
 half of --spp arrived. Pixels are boxes (film.filter.type NONE). The sampler is SOBOL or RANDOM, the engine any of LuxCore's that
 sample by pixels (PATHCPU).
 
@@ -34,8 +34,8 @@ with bridge.needing("numpy OpenEXR pyluxcore"):
     with contextlib.redirect_stdout(io.StringIO()):
         import pyluxcore  # last, as what is loaded after its allocator crashes; it tells of its libraries
 
-# Samples that a pixel outside the mask gets, over those of one inside; measured at 16 to 256 a pixel.
-STRAY = 0.05
+# Seconds between looks at the counts; looking takes a small part of that.
+NAP = 0.1
 # Frames have seeds below it.
 SEEDS = 1000000
 # Short name: LuxCore's output, the channels that it becomes, and the type of its numbers.
@@ -88,7 +88,7 @@ def size_of(config, path):
     return [whole(config, path, f"film.{side}", default) for side, default in (("width", 640), ("height", 480))]
 
 
-def prepare(config, outputs, spp, density):
+def prepare(config, outputs, density):
     """What sparse rendering needs of a configuration."""
     sampler = config.Get("sampler.type", ["SOBOL"]).GetString()
     if sampler not in ("SOBOL", "RANDOM"):
@@ -99,7 +99,7 @@ def prepare(config, outputs, spp, density):
         f"sampler.{sampler.lower()}.adaptive.userimportanceweight = 1",
         'film.filter.type = "NONE"',
         "film.noiseestimation.warmup = 1",
-        f"batch.haltspp = {max(1, round(spp * (density + STRAY * (1 - density))))}",
+        "batch.haltspp = 0",  # which would count whole samples over all of the film
         "batch.halttime = 0",
     ]
     # Nothing is saved under these names, but LuxCore wants them, and other ones for identifiers.
@@ -112,16 +112,25 @@ def prepare(config, outputs, spp, density):
 
 
 def trace(config, scene, importance, spp):
-    """Renders to the end; returns the film's session."""
+    """Renders until pixels inside have `spp` samples in the mean; returns the film's session."""
     session = pyluxcore.RenderSession(pyluxcore.RenderConfig(config, scene))
     session.Start()
+    film = session.GetFilm()
     if importance is not None:
-        session.GetFilm().UpdateOutputFloat(pyluxcore.FilmOutputType.USER_IMPORTANCE, importance)
-    # LuxCore looks at its halting conditions when it is asked for statistics: late asking gives more samples than were wanted.
-    begun = time.monotonic()
+        film.UpdateOutputFloat(pyluxcore.FilmOutputType.USER_IMPORTANCE, importance)
+    counts = np.zeros(film.GetWidth() * film.GetHeight(), np.uint32)
+    before, then = 0, time.monotonic()
     while not session.HasDone():
-        time.sleep(min(max(0.01 * (time.monotonic() - begun), 0.001), 0.1))
+        looked = time.monotonic()
         session.UpdateStats()
+        film.GetOutputUInt(pyluxcore.FilmOutputType.SAMPLECOUNT, counts, 0, False)
+        mean = (counts if importance is None else counts[importance > 0]).mean()
+        if mean >= spp:
+            break
+        # Half of what is left at the pace since the last look: late looks give more samples than were wanted.
+        left = (looked - then) * (spp - mean) / (mean - before) if mean > before else 0
+        before, then = mean, looked
+        time.sleep(max(min(left / 2, max(NAP, 20 * (time.monotonic() - looked))), 0.001))
     session.Stop()
     return session
 
@@ -182,7 +191,7 @@ def render(arguments, frame):
 def render_scene(config, scene, asked, outputs, spp, seed):
     """The planes of the outputs."""
     density = float(asked.mean())
-    prepare(config, outputs, spp, density)
+    prepare(config, outputs, density)
     config.SetFromString(f"renderengine.seed = {seed}\n")
     importance = None if density == 1 else np.ascontiguousarray(asked[::-1], np.float32).ravel()
     film = trace(config, scene, importance, spp).GetFilm()
