@@ -8,6 +8,7 @@ import stat
 import sys
 
 import numpy as np
+import OpenEXR
 import pytest
 
 import frames
@@ -376,6 +377,14 @@ def test_pixels_are_chosen_in_rounds(name, cfg, tmp_path):
     channels = frames.read(out / "f.exr")[0]
     mask = channels["mask"] == 1
     assert abs(mask.mean() - 0.3) < 0.05 and (channels["G"][~mask] == 0).all() and channels["G"][mask].any()
+    header = OpenEXR.File(str(out / "f.exr"), separate_channels=True).header()
+    assert header["lacuna/density"] == np.float32(mask.mean())
+    if name == LUXCORE:
+        count = channels["SAMPLECOUNT"].astype(float)
+        assert header["samplesOutside"].startswith(f"{100 * count[~mask].sum() / count.sum():.1f} % of"), header
+        # Three rounds, each with a twentieth of its samples a pixel in what is outside, or more.
+        assert count[~mask].mean() > 0.08 * count[mask].mean()
+        assert f" {count[mask].mean():.1f} samples a pixel" in header["renderer"]
     first = tmp_path / "first.exr"
     lacuna("mask", "-o", first, "--size", "32x24", "--density", "0.09")
     assert mask[frames.read(first)[0]["mask"] == 1].mean() > 0.9, "the first round is spread evenly"
@@ -383,6 +392,29 @@ def test_pixels_are_chosen_in_rounds(name, cfg, tmp_path):
     assert bridge(name, *words).status == 0
     one, other = (frames.read(out / f"s.{k:04}.exr")[0]["mask"] == 1 for k in (1, 2))
     assert abs(one.mean() - 0.3) < 0.05 and (one & other).mean() < 0.7 * one.mean(), "frames in a row choose other pixels"
+
+
+def test_attributes_are_set_in_the_part_with_the_mask(tmp_path):
+    """The pixels stay, and so do other parts; what was there is replaced."""
+    sys.path.insert(0, str(BRIDGES))
+    try:
+        import sparse
+    finally:
+        sys.path.remove(str(BRIDGES))
+    plane = np.arange(70 * 50, dtype=np.float32).reshape(70, 50)
+    marks = {"lacuna/mask": "mask", "note": "something much longer than what comes"}
+    parts = [frames.part({"R": plane}, name="one"), frames.part({"G": plane + 1, "mask": plane % 2}, (3, -4), ((0, 0), (49, 69)), name="two", **marks)]
+    for name, given in (("one.exr", parts[1:]), ("two.exr", parts)):
+        path = frames.write(tmp_path / name, given)
+        before = frames.read(path)
+        sparse.stamp(path, {"note": "short", "lacuna/density": 0.5})
+        assert here(tmp_path).count(pathlib.Path(name)) == 1 and not list(tmp_path.glob(".*"))
+        after, header = frames.read(path), OpenEXR.File(str(path), separate_channels=True).parts[-1].header
+        for old, new in zip(before, after, strict=True):
+            assert set(old) == set(new) and all(frames.same_bits(old[channel], new[channel]) for channel in old)
+        assert header["note"] == "short" and header["lacuna/density"] == 0.5
+    assert "note" not in OpenEXR.File(str(path), separate_channels=True).parts[0].header
+    lacuna("info", path)
 
 
 @BOTH

@@ -27,7 +27,7 @@ from bridge import Failure
 
 with bridge.needing("numpy OpenEXR pyluxcore"):
     import numpy as np
-    import OpenEXR  # noqa: F401, sparse can do without
+    import OpenEXR
 
     import sparse
 
@@ -162,6 +162,9 @@ def render(arguments, frame):
     with contextlib.chdir(path.parent):  # what the scene names is relative to it
         scene.Parse(scene_file)
 
+    # Samples of all rounds.
+    total = np.zeros((height, width), np.uint32)
+
     def draw(asked, output):
         clock = sparse.Clock()
         counts = []
@@ -176,16 +179,29 @@ def render(arguments, frame):
         clock.stop()
         count = sum(counts)
         measured = asked & np.all([one >= 0.5 * spp / len(counts) for one in counts], axis=0)
-        outside = count[~asked].sum() / max(1, count.sum())
-        note = {"renderer": f"LuxCore {pyluxcore.Version()}, {spp} samples a pixel",
-                "samplesOutside": f"{100 * outside:.1f} % of the samples fell outside the mask"}
+        total[:] += count
         planes["SAMPLECOUNT"] = count
-        sparse.write(output, planes, measured, attributes=note, whole=["SAMPLECOUNT"])
+        sparse.write(output, planes, measured, attributes=note(count, asked), whole=["SAMPLECOUNT"])
         if measured.sum() < asked.sum():
             print(f"{output}: {int(asked.sum() - measured.sum())} pixels of the mask got too few samples and are missing", flush=True)
         return measured, clock
 
-    sparse.frame(arguments, frame, (width, height), draw)
+    def finish(output, mask):
+        # Of pixels outside, the union of the rounds has the first one's counts.
+        with sparse.quiet():
+            file = OpenEXR.File(str(output), separate_channels=True)
+            count = np.where(mask, file.channels()["SAMPLECOUNT"].pixels, total)
+            file.channels()["SAMPLECOUNT"].pixels = count
+            file.write(str(output))
+        return note(count, mask)
+
+    sparse.frame(arguments, frame, (width, height), draw, finish=finish)
+
+
+def note(count, mask):
+    """What a frame says of its samples."""
+    return {"renderer": f"LuxCore {pyluxcore.Version()}, {count[mask].mean():.1f} samples a pixel",
+            "samplesOutside": f"{100 * count[~mask].sum() / max(1, count.sum()):.1f} % of the samples fell outside the mask"}
 
 
 def render_scene(config, scene, asked, outputs, spp, seed):

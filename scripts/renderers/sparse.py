@@ -12,6 +12,7 @@ import pathlib
 import re
 import shlex
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
@@ -165,10 +166,10 @@ def lacuna():
     return str(found)
 
 
-def frame(arguments, frame, size, draw, origin=(0, 0)):
+def frame(arguments, frame, size, draw, origin=(0, 0), finish=None):
     """Makes one frame of `(width, height)` pixels: `draw(mask, path)` renders the pixels of a mask into a sparse frame, and returns what it
     took. With --adaptive in rounds, each where the estimated error of the fill so far is largest; what fails in a later round leaves
-    the frame of those before."""
+    the frame of those before. `finish(path, mask)` gives attributes of all rounds, by name."""
     path = ready(frame_name(arguments.output, frame))
     if not arguments.adaptive:
         mask = mask_of(arguments, frame, *size, origin)
@@ -179,13 +180,19 @@ def frame(arguments, frame, size, draw, origin=(0, 0)):
         raise Misuse(f"--rounds {arguments.rounds} is more than the {most} pixels that are measured")
     # Beside the target, so that the last step is a rename.
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name[:100]}.") as folder:
-        so_far, mask, clock = in_rounds(arguments, frame, size, origin, draw, pathlib.Path(folder), path)
+        so_far, mask, clock = in_rounds(arguments, frame, size, origin, draw, pathlib.Path(folder), path, finish)
+        complete(so_far, mask, finish)
         check_signal()
         so_far.replace(path)
     say(path, mask, clock)
 
 
-def in_rounds(arguments, frame, size, origin, draw, folder, path):
+def complete(path, mask, finish):
+    """Gives the frame of several rounds the attributes that `lacuna mask --merge` leaves out, or takes from the first."""
+    stamp(path, {"lacuna/density": float(mask.mean())} | (finish(path, mask) if finish else {}))
+
+
+def in_rounds(arguments, frame, size, origin, draw, folder, path, finish):
     """The file of all rounds, its mask, and what rendering took."""
     next_mask, so_far = folder / f"mask.{frame}.exr", folder / f"frame.{frame}.exr"
     # By its number, a frame of a sequence chooses other pixels of the same places than those beside it.
@@ -204,6 +211,7 @@ def in_rounds(arguments, frame, size, origin, draw, folder, path):
             make_mask(both, "--merge", so_far, more)
         except Exception as error:
             check_signal()
+            complete(so_far, mask, finish)
             so_far.replace(path)
             reason = str(error) if isinstance(error, Failure) else brief(error)
             raise Failure(f"{path}: round {turn + 1} of {arguments.rounds} failed, the frame has those before it: {reason}") from None
@@ -353,6 +361,44 @@ def write(path, planes, mask, dense=(), origin=(0, 0), display=None, kind=np.flo
     path = ready(path)
     with temporary(path, ".tmp") as part, quiet():
         OpenEXR.File(header, channels).write(str(part))
+
+
+def stamp(path, attributes):
+    """Sets attributes, numbers and texts, in the parts of an EXR file that have `lacuna/mask`. The pixels are copied as they are."""
+    with open(path, "rb") as file, temporary(path, ".stamped") as part, open(part, "wb") as new:
+        start = file.read(8)
+        parts = list(headers(file, several=start[5] & 0x10))
+        # The places of the chunks go up to the first of them.
+        places, first = [], sys.maxsize
+        while file.tell() < first:
+            places += struct.unpack("<Q", file.read(8))
+            first = min(first, places[-1])
+        for header in parts:
+            if "lacuna/mask" in header:
+                header |= {name: ("string", value.encode()) if isinstance(value, str) else ("float", struct.pack("<f", value)) for name, value in attributes.items()}
+        new.write(start)
+        for header in parts:
+            for name, (kind, value) in header.items():
+                new.write(b"%s\0%s\0%s%s" % (name.encode(), kind.encode(), struct.pack("<i", len(value)), value))
+            new.write(b"\0")
+        new.write(b"\0" if start[5] & 0x10 else b"")
+        moved = new.tell() + 8 * len(places) - file.tell()
+        new.write(struct.pack(f"<{len(places)}Q", *(place + moved for place in places)))
+        shutil.copyfileobj(file, new)
+
+
+def headers(file, several):
+    """Each part's attributes, of an EXR file that is read up to them: name to type and value."""
+    word = lambda: b"".join(iter(lambda: file.read(1), b"\0")).decode()
+    while True:
+        header = {}
+        while name := word():
+            kind = word()
+            header[name] = kind, file.read(struct.unpack("<i", file.read(4))[0])
+        if header:
+            yield header
+        if not (header and several):
+            return
 
 
 @contextlib.contextmanager
