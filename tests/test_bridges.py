@@ -82,6 +82,19 @@ def test_outputs_that_cannot_be_are_refused_before_rendering(name, cfg, tmp_path
 
 
 @BOTH
+def test_what_is_read_only_is_replaced_by_force_alone(name, cfg, tmp_path):
+    """By the mode: root may write to all."""
+    out = tmp_path / "x.0002.exr"
+    out.write_bytes(b"of yesterday")
+    out.chmod(0o444)
+    words = [*scene(name, cfg), "-o", tmp_path / "x.####.exr", "--density", "0.5", "--frames", "1-2"]
+    told(bridge(name, *words), 1, out, "read-only", "--force")
+    assert out.read_bytes() == b"of yesterday" and not (tmp_path / "x.0001.exr").exists()
+    result = bridge(name, *words, "--force")
+    assert result.status == 0 and np.isfinite(frames.colour(out)).all(), result
+
+
+@BOTH
 def test_a_lacuna_that_is_none_is_named(name, cfg, tmp_path):
     junk = tmp_path / "junk"
     junk.write_text("junk")

@@ -71,9 +71,10 @@ def main():
     parser = bridge.Parser(__doc__)
     parser.add_argument("frame", help="noisy.exr: R, G, B and mask, and complete guides where there are any")
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="filled.exr")
+    parser.add_argument("--force", action="store_true", help="replace an output that is read-only, too")
     arguments = parser.parse_args(words[: words.index("--")] if "--" in words else words)
     path = arguments.frame
-    sparse.place(arguments.output)
+    sparse.place(arguments.output, arguments.force)
     try:
         with sparse.quiet():
             part = OpenEXR.File(path, separate_channels=True).parts[0]
@@ -96,7 +97,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         thin = pathlib.Path(folder) / pathlib.Path(path).name
         write(str(thin))
-        if subprocess.run([sparse.lacuna(), "fill", "-q", thin, "-o", arguments.output, *more]).returncode:
+        if subprocess.run([sparse.lacuna(), "fill", "-q", thin, "-o", arguments.output, *["--force"][: arguments.force], *more]).returncode:
             raise Failure(f"{path}: the denoised grid was not filled")
 
 

@@ -42,6 +42,7 @@ def add_arguments(parser):
     parser.add_argument("--frames", type=frame_range, default=None, metavar="RANGE", help="1-10, 1-10x2 or 1,5,9-12")
     parser.add_argument("--spp", type=int, metavar="N", help="samples a pixel [default: what the scene says]")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the mask and of the renderer's noise [default: 0]")
+    parser.add_argument("--force", action="store_true", help="replace outputs that are read-only, too")
     parser.add_argument("--adaptive", action="store_true", help="choose the pixels of --density in rounds, by the estimated error of the fill so far")
     parser.add_argument("--rounds", type=int, metavar="N", help=f"of --adaptive, the first spread evenly [default: {ROUNDS}]")
     parser.add_argument("--first", type=float, metavar="D", help=f"density of the first round [default: {FIRST} of --density]")
@@ -81,7 +82,7 @@ def check(arguments):
     if len(frames) > 1 and not is_pattern(arguments.output):
         raise Misuse(f"{arguments.output} would hold {len(frames)} frames: write frame.####.exr")
     for frame in frames:
-        place(frame_name(arguments.output, frame))
+        place(frame_name(arguments.output, frame), arguments.force)
     return frames
 
 
@@ -103,8 +104,9 @@ def check_rounds(arguments):
         arguments.adaptive = False
 
 
-def place(text):
-    """The path to write, links followed; refuses what cannot be written or must not be replaced. Makes nothing yet."""
+def place(text, force=False):
+    """The path to write, links followed; refuses what cannot be written or must not be replaced, with `force` not what is read-only.
+    Makes nothing yet."""
     if not text or text.endswith(os.sep):
         raise Misuse(f"-o '{text}' names no file: write frame.####.exr")
     path = pathlib.Path(os.path.realpath(text) if os.path.islink(text) else text)
@@ -113,6 +115,9 @@ def place(text):
             raise Failure(f"-o {text}: this is a folder: name a file in it")
         if path.exists() and not path.is_file():
             raise Failure(f"-o {text}: this exists and is no regular file: name another one")
+        # By the mode as well: root may write to all.
+        if path.exists() and not force and not (os.access(path, os.W_OK) and path.stat().st_mode & 0o222):
+            raise Failure(f"-o {text}: this exists and is read-only: make it writable or remove it, or give --force")
         above = next(folder for folder in path.absolute().parents if folder.exists())
         if not above.is_dir():
             raise Failure(f"-o {text}: {above} is a file and no folder: name another path")
@@ -123,9 +128,9 @@ def place(text):
     return path
 
 
-def ready(text):
+def ready(text, force=False):
     """The same before a frame is rendered: its folder is made."""
-    path = place(os.fspath(text))
+    path = place(os.fspath(text), force)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -170,7 +175,7 @@ def frame(arguments, frame, size, draw, origin=(0, 0), finish=None):
     """Makes one frame of `(width, height)` pixels: `draw(mask, path)` renders the pixels of a mask into a sparse frame, and returns what it
     took. With --adaptive in rounds, each where the estimated error of the fill so far is largest; what fails in a later round leaves
     the frame of those before. `finish(path, mask)` gives attributes of all rounds, by name."""
-    path = ready(frame_name(arguments.output, frame))
+    path = ready(frame_name(arguments.output, frame), arguments.force)
     if not arguments.adaptive:
         mask = mask_of(arguments, frame, *size, origin)
         say(path, *draw(mask, path))
@@ -358,7 +363,7 @@ def write(path, planes, mask, dense=(), origin=(0, 0), display=None, kind=np.flo
         is_float = plane.dtype.kind == "f"
         channels[name] = np.ascontiguousarray(plane, kind if is_float and not exact(name) else plane.dtype)
     channels["mask"] = mask.astype(np.float16)
-    path = ready(path)
+    path = ready(path, force=True)  # asked before
     with temporary(path, ".tmp") as part, quiet():
         OpenEXR.File(header, channels).write(str(part))
 
