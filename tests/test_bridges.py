@@ -231,6 +231,37 @@ def test_what_mitsuba_cannot_render_sparsely_is_named(tmp_path):
     assert not (tmp_path / "f.exr").exists()
 
 
+def test_names_that_are_taken_are_refused(tmp_path):
+    words = ["-o", tmp_path / "f.exr", "--density", "0.5", *SMALL, "--spp", "2"]
+    inside = f'<integrator type="aov"><string name="aovs" value="tint:albedo,motion:depth"/>{INSIDE}</integrator>'
+    scene = ball(tmp_path, "aov.xml", inside)
+    for file, more, parts in [
+        (BALL, ["--halves", "--aovs", "half1:albedo"], ["--aovs half1", "--halves has that name"]),
+        (BALL, ["--aovs", "R:shape_index"], ["--aovs R", "the frame itself"]),
+        (BALL, ["--aovs", "mask:shape_index"], ["--aovs mask"]),
+        (BALL, ["--motion", "--aovs", "depth,motion:albedo"], ["--aovs motion", "--motion has"]),
+        (scene, ["--aovs", "tint:uv"], ["--aovs tint", scene, "name:uv"]),
+        (scene, ["--motion"], [scene, "its AOV motion"]),
+    ]:
+        told(bridge(MITSUBA, file, *words, *more), 1, *parts)
+    assert not (tmp_path / "f.exr").exists()
+    result = bridge(MITSUBA, scene, *words, "--aovs", "half1:albedo")
+    assert result.status == 0, result
+    assert {"tint.R", "half1.R", "motion.Z"} < set(frames.read(tmp_path / "f.exr")[0])
+
+
+@pytest.mark.parametrize("sampler, halves, took", [("independent", False, 10), ("multijitter", False, 12), ("stratified", False, 16), ("multijitter", True, 12)])
+def test_samples_are_told_that_were_taken(sampler, halves, took, tmp_path):
+    """Samplers of strata round them up: 10 to 12 or 16, and two halves of 5 to 6 each."""
+    scene = ball(tmp_path, "ball.xml", **{"independent": sampler})
+    result = bridge(MITSUBA, scene, "-o", tmp_path / "f.exr", "--density", "0.5", *SMALL, "--spp", "10", *(["--halves"] if halves else []))
+    assert result.status == 0, result
+    header = OpenEXR.File(str(tmp_path / "f.exr"), separate_channels=True).header()
+    assert f", {took} samples a pixel" in header["renderer"]
+    sky = frames.read(tmp_path / "f.exr")[0]["G"][0, :4]
+    assert np.allclose(sky[sky > 0], sky.max()), "the mean is over as many"
+
+
 def test_files_of_luxcore_that_are_wrong_are_named(cfg, tmp_path):
     out = ["-o", tmp_path / "x.exr", "--density", "0.5", "--spp", "1"]
     text = cfg.read_text()

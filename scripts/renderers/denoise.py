@@ -97,7 +97,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         thin = pathlib.Path(folder) / pathlib.Path(path).name
         write(str(thin))
-        if subprocess.run([sparse.lacuna(), "fill", "-q", thin, "-o", arguments.output, *["--force"][: arguments.force], *more]).returncode:
+        if subprocess.run([sparse.lacuna(), "fill", "-q", thin, "-o", arguments.output, *(["--force"] if arguments.force else []), *more]).returncode:
             raise Failure(f"{path}: the denoised grid was not filled")
 
 

@@ -111,11 +111,12 @@ def film(width, height, pixel_format):
     })
 
 
-def render_pixels(scene, integrator, mask, spp, seed, alpha=False):
+def render_pixels(scene, integrator, mask, spp, seed, alpha=False, took=None):
     """The masked pixels, row by row: `(count, channels)` of float32, the film's own channels before the integrator's AOVs; with
     alpha if asked for.
 
-    Rounds that fit into a wavefront are averaged by their numbers of samples. All pixels need no list."""
+    Rounds that fit into a wavefront are averaged by their numbers of samples. All pixels need no list. Samplers of strata take more
+    samples than they are asked for: `took`, if there is one, is told how many a pixel."""
     inner = scene.sensors()[0]
     pixels = np.flatnonzero(mask)
     across = max(1, int(np.ceil(np.sqrt(len(pixels)))))
@@ -129,14 +130,18 @@ def render_pixels(scene, integrator, mask, spp, seed, alpha=False):
     most = max(1, WAVEFRONT // (across * down))
     total, done, turn = 0.0, 0, 0
     while done < spp:
-        now = min(most, spp - done)
+        sampler = sensor.sampler().clone()
+        sampler.set_sample_count(min(most, spp - done))
+        now = sampler.sample_count()
         # 32 bits, and another stream for every round of every frame.
         stream = int(np.random.SeedSequence([seed, turn]).generate_state(1)[0])
         mi.render(scene, sensor=sensor, integrator=integrator, spp=now, seed=stream)
         # Not what render returns: of integrators inside others that has the channels in another order, and not all of them.
         part = np.array(sensor.film().develop(), np.float64).reshape(across * down, -1)[: len(pixels)]
         total, done, turn = total + part * now, done + now, turn + 1
-    return (total / spp).astype(np.float32)
+    if took is not None:
+        took.append(done)
+    return (total / done).astype(np.float32)
 
 
 def aov_list(text):
@@ -229,11 +234,11 @@ def repeated(names):
     return found
 
 
-def colour(scene, mask, spp, seed, alpha):
-    """Planes of the colour, and of AOVs that the scene's integrator writes itself."""
+def colour(scene, mask, spp, seed, alpha, took):
+    """Planes of the colour, and of AOVs that the scene's integrator writes itself; `took` is told the samples a pixel."""
     integrator = scene.integrator()
     names = list(integrator.aov_names())
-    values = render_pixels(scene, integrator, mask, spp, seed, alpha)
+    values = render_pixels(scene, integrator, mask, spp, seed, alpha, took)
     base = COLOURS[values.shape[1] - len(names)]
     again = repeated(names)
     planes = dict(zip([*base, *map(channel_name, names)], values.T, strict=True))
@@ -247,6 +252,24 @@ def kind_of(thing):
     return thing.class_name() if hasattr(thing, "class_name") else thing.class_().name()
 
 
+def check_names(arguments, scene, path):
+    """Refuses AOVs, those of the scene and those of --aovs, whose layers another one has: channels would take each other's place."""
+    taken = dict.fromkeys(["mask", *"RGBAY"], "the frame itself")
+    taken |= dict.fromkeys(["half1", "half2"], "--halves") if arguments.halves else {}
+    taken |= {"motion": "--motion"} if arguments.motion else {}
+    names = list(scene.integrator().aov_names())
+    again = repeated(names)
+    own = dict.fromkeys(layer_of(name) or name for name in names if layer_of(name) not in again)
+    for layer in own:
+        if layer in taken:
+            raise Failure(f"{path}: its AOV {layer} has the name of what {taken[layer]} writes: name it otherwise")
+    taken |= dict.fromkeys(own, path)
+    for aov in [*arguments.aovs[0], *arguments.aovs[1]]:
+        layer, _, kind = aov.partition(":")
+        if layer in taken:
+            raise Failure(f"--aovs {layer}: {taken[layer]} has that name already: write it as another one, name:{kind}")
+
+
 def definition(text):
     name, equals, value = text.partition("=")
     if not (name and equals):
@@ -254,8 +277,12 @@ def definition(text):
     return name, value
 
 
+def scene_path(arguments, frame):
+    return pathlib.Path(sparse.source_name(arguments.scene, frame))
+
+
 def load(arguments, frame):
-    path = pathlib.Path(sparse.source_name(arguments.scene, frame))
+    path = scene_path(arguments, frame)
     try:
         text = path.read_bytes()
     except OSError as error:
@@ -280,6 +307,7 @@ def load(arguments, frame):
 
 def render(arguments, frame):
     scene = load(arguments, frame)
+    check_names(arguments, scene, scene_path(arguments, frame))
     screen = scene.sensors()[0].film()
     width, height = (int(n) for n in screen.crop_size())
     x, y = (int(n) for n in screen.crop_offset())
@@ -288,21 +316,21 @@ def render(arguments, frame):
     complete = {}
     full = (0, 0, int(screen.size()[0]) - 1, int(screen.size()[1]) - 1)
     kind = np.float16 if arguments.half else np.float32
-    note = {"renderer": f"Mitsuba {mi.__version__}, {spp} samples a pixel, seed {seed}"}
     motion = mitsuba_motion.vectors(scene, load(arguments, frame + 1), (width, height)) if arguments.motion else {}
 
     def draw(mask, path):
-        clock = sparse.Clock()
+        clock, took = sparse.Clock(), []
         alpha = bool(screen.flags() & int(mi.FilmFlags.Alpha))
         if arguments.halves:
             # Seeds of frames have 31 bits.
-            planes = sparse.in_halves(lambda spp, turn: colour(scene, mask, spp, seed + (turn << 31), alpha), spp)
+            planes = sparse.in_halves(lambda spp, turn: colour(scene, mask, spp, seed + (turn << 31), alpha, took), spp)
         else:
-            planes = colour(scene, mask, spp, seed, alpha)
+            planes = colour(scene, mask, spp, seed, alpha, took)
         if arguments.dense_aovs and not complete:
             complete.update(first_hits(scene, arguments.aovs, np.ones_like(mask), arguments.dense_spp, seed + 1))
         hits = complete or first_hits(scene, arguments.aovs, mask, min(spp, 16), seed + 1)
         clock.stop()
+        note = {"renderer": f"Mitsuba {mi.__version__}, {sum(took)} samples a pixel, seed {seed}"}
         sparse.write(path, planes | hits | motion, mask, [*complete, *motion], (x, y), full, kind, note)
         return mask, clock
 
