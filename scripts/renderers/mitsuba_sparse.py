@@ -299,9 +299,11 @@ def load(arguments, frame):
     if not scene.sensors() or scene.integrator() is None:
         raise Failure(f"{path}: a scene needs a sensor and an integrator")
     if isinstance(scene.integrator(), mi.AdjointIntegrator):
-        raise Failure(f"{path}: its integrator ({kind_of(scene.integrator())}) starts at the lights, not at pixels: take path or another that starts at the sensor")
-    if not kind_of(scene.sensors()[0].film()) == "HDRFilm":
-        raise Failure(f"{path}: its film ({kind_of(scene.sensors()[0].film())}) has bands or other channels that would be lost: take hdrfilm")
+        kind = kind_of(scene.integrator())
+        raise Failure(f"{path}: its integrator ({kind}) starts at the lights, not at pixels: take path or another that starts at the sensor")
+    kind = kind_of(scene.sensors()[0].film())
+    if kind != "HDRFilm":
+        raise Failure(f"{path}: its film ({kind}) has bands or other channels that would be lost: take hdrfilm")
     return scene
 
 

@@ -380,7 +380,8 @@ def stamp(path, attributes):
             first = min(first, places[-1])
         for header in parts:
             if "lacuna/mask" in header:
-                header |= {name: ("string", value.encode()) if isinstance(value, str) else ("float", struct.pack("<f", value)) for name, value in attributes.items()}
+                for name, value in attributes.items():
+                    header[name] = ("string", value.encode()) if isinstance(value, str) else ("float", struct.pack("<f", value))
         new.write(start)
         for header in parts:
             for name, (kind, value) in header.items():
