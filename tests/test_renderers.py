@@ -215,7 +215,8 @@ def test_luxcore_keeps_to_the_mask(still, tmp_path):
     assert 0.23 < mask.mean() < 0.27
     # Counted: LuxCore leaves a pixel outside 5 % of the samples of one inside, and the measured ones got what was asked for.
     assert count[~mask].mean() < 0.07 * count[mask].mean(), (count[~mask].mean(), count[mask].mean())
-    assert 0.9 * 16 < count[mask].mean() < 1.2 * 16, count[mask].mean()
+    # It takes a tenth of a second: on a busy machine the bridge stops it a little late.
+    assert 16 <= count[mask].mean() < 1.5 * 16, count[mask].mean()
     full = [frames.colour(tmp_path / f"{name}.exr") for name in names]
     check_agreement(*full, mask)
     # The colour's noise at so few samples hides a shift; the albedo's does not.
