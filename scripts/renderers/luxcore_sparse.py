@@ -34,7 +34,7 @@ with bridge.needing("numpy OpenEXR pyluxcore"):
     with contextlib.redirect_stdout(io.StringIO()):
         import pyluxcore  # last, as what is loaded after its allocator crashes; it tells of its libraries
 
-# Seconds between looks at the counts; looking takes a small part of that.
+# Seconds between looks at the counts, at most; more only where looking would take more than a twentieth of them.
 NAP = 0.1
 # Frames have seeds below it.
 SEEDS = 1000000
@@ -119,7 +119,8 @@ def trace(config, scene, importance, spp):
     if importance is not None:
         film.UpdateOutputFloat(pyluxcore.FilmOutputType.USER_IMPORTANCE, importance)
     counts = np.zeros(film.GetWidth() * film.GetHeight(), np.uint32)
-    before, then = 0, time.monotonic()
+    begun = then = time.monotonic()
+    before = 0
     while not session.HasDone():
         looked = time.monotonic()
         session.UpdateStats()
@@ -127,10 +128,11 @@ def trace(config, scene, importance, spp):
         mean = (counts if importance is None else counts[importance > 0]).mean()
         if mean >= spp:
             break
-        # Half of what is left at the pace since the last look: late looks give more samples than were wanted.
+        # Half of what is left at the pace since the last look, which says little at first: late looks give more samples than were wanted.
         left = (looked - then) * (spp - mean) / (mean - before) if mean > before else 0
         before, then = mean, looked
-        time.sleep(max(min(left / 2, max(NAP, 20 * (time.monotonic() - looked))), 0.001))
+        now = time.monotonic()
+        time.sleep(max(min(left / 2, max(min((now - begun) / 100, NAP), 20 * (now - looked))), 0.001))
     session.Stop()
     return session
 
