@@ -144,16 +144,14 @@ fn sheets<'a>(job: &'a StudyJob, subjects: &'a [Subject]) -> Result<Vec<Planned<
         let wanted = |label: &String| definition.filters.is_empty() || definition.filters.contains(label);
         let subject = subjects.iter().filter(|subject| subject.name == definition.frame);
         let mut cells = Vec::new();
-        for subject in subject {
-            let all = study::cells(&own, std::slice::from_ref(subject), &job.entries);
-            cells.extend(all.map_err(|error| wrong(&error.to_string()))?);
-        }
-        let mut shots =
-            subjects.iter().filter(|subject| subject.name == definition.frame).flat_map(|own| &own.shots);
         let is_outside =
             |shot: &study::Shot| definition.window.is_some_and(|window| !study::meets(window, shot.window()));
-        if shots.any(is_outside) {
-            return Err(wrong("its window holds no pixel of the frame"));
+        for subject in subject {
+            if subject.shots.iter().any(is_outside) {
+                return Err(wrong("its window holds no pixel of the frame"));
+            }
+            let all = study::cells(&own, std::slice::from_ref(subject), &job.entries);
+            cells.extend(all.map_err(|error| wrong(&error.to_string()))?);
         }
         cells.retain(|cell| wanted(&cell.entry.label));
         let filters = job.entries.iter().map(|entry| &entry.label).filter(|label| wanted(label));

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::figures::KINDS;
 use super::selection::Selection;
 use crate::files::ranges::Frames;
 
@@ -90,9 +91,6 @@ pub struct SheetDefinition {
     #[serde(default = "tile")]
     pub tile: usize,
 }
-
-/// What names of figures begin with.
-pub(super) const FIGURES: [&str; 3] = ["psnr", "seconds", "gain"];
 
 /// The most bytes that a definition may have.
 const MOST: u64 = 16 << 20;
@@ -192,7 +190,7 @@ impl Definition {
                 return Err(format!("sheet '{}': there is no frame '{}'", sheet.name, sheet.frame));
             }
             // Figures are called so.
-            if FIGURES.iter().any(|kind| sheet.name.starts_with(&format!("{kind}-"))) {
+            if KINDS.iter().any(|kind| sheet.name.starts_with(&format!("{kind}-"))) {
                 return Err(format!(
                     "sheet '{}': a figure may be called so; choose another name",
                     sheet.name

@@ -3,6 +3,11 @@
 use super::chart::{Chart, Line};
 use super::rows::Row;
 
+/// What figures show, as their names begin.
+pub(super) const KINDS: [&str; 3] = [PSNR, SECONDS, GAIN];
+const PSNR: &str = "psnr";
+const SECONDS: &str = "seconds";
+const GAIN: &str = "gain";
 const MISSING: &str = "missing pixels (%)";
 
 /// A figure.
@@ -38,10 +43,10 @@ pub fn figures(rows: &[Row]) -> Result<Vec<Figure>, String> {
         if own.is_empty() {
             continue;
         }
-        all.push(figure(frame, "psnr", &own)?);
-        all.push(figure(frame, "seconds", &own)?);
+        all.push(figure(frame, PSNR, &own)?);
+        all.push(figure(frame, SECONDS, &own)?);
         if own.iter().any(|row| row.pattern == "random") && own.iter().any(|row| row.pattern != "random") {
-            all.push(figure(frame, "gain", &own)?);
+            all.push(figure(frame, GAIN, &own)?);
         }
     }
     Ok(all)
@@ -52,7 +57,7 @@ fn figure(frame: &str, kind: &'static str, rows: &[&Row]) -> Result<Figure, Stri
     let mut patterns = distinct(rows.iter().map(|row| row.pattern.as_str()));
     // The even patterns in solid lines, the random one dashed.
     patterns.sort_by_key(|pattern| *pattern == "random");
-    if kind == "gain" {
+    if kind == GAIN {
         patterns.retain(|pattern| *pattern != "random");
     }
     let mut lines = Vec::new();
@@ -60,8 +65,8 @@ fn figure(frame: &str, kind: &'static str, rows: &[&Row]) -> Result<Figure, Stri
         for (name, filter) in filters.iter().enumerate() {
             let own = rows.iter().copied().filter(|row| row.filter == *filter);
             let points = match kind {
-                "gain" => gain(&own, pattern),
-                "seconds" => points(own, pattern, &|row| Some(row.seconds)),
+                GAIN => gain(&own, pattern),
+                SECONDS => points(own, pattern, &|row| Some(row.seconds)),
                 _ => points(own, pattern, &plotted),
             };
             if !points.is_empty() {
@@ -70,15 +75,15 @@ fn figure(frame: &str, kind: &'static str, rows: &[&Row]) -> Result<Figure, Stri
         }
     }
     let (title, y) = match kind {
-        "gain" => (format!("{frame}: gain over random samples"), "PSNR less that of random (dB)"),
-        "seconds" => (format!("{frame}: time of filling"), "processor time, one thread (s)"),
+        GAIN => (format!("{frame}: gain over random samples"), "PSNR less that of random (dB)"),
+        SECONDS => (format!("{frame}: time of filling"), "processor time, one thread (s)"),
         _ => (format!("{frame}: quality"), "PSNR (dB)"),
     };
     let chart = Chart {
         title: title.clone(),
         x: MISSING,
         y,
-        log: kind == "seconds",
+        log: kind == SECONDS,
         span: (0.0, 100.0),
         names: filters.iter().map(ToString::to_string).collect(),
         styles: patterns.iter().map(ToString::to_string).collect(),

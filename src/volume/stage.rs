@@ -1,6 +1,5 @@
 //! From a scene to a renderer: the volume is read and prepared, the transfer function and the camera are made.
 
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -62,23 +61,13 @@ pub fn volume(scene: &Scene, folder: &Path, limits: &Limits) -> Result<Grid, Err
         .map_err(|why: String| Error::Scene(format!("raw: {why}")))?;
     let grid = match made {
         Some(name) => procedural::make(name, limits)?,
-        None => read::read(&folder.join(&scene.volume), raw.as_ref(), limits).map_err(with_way_out)?,
+        None => read::read(&folder.join(&scene.volume), raw.as_ref(), limits)?,
     };
     let grid = match &scene.axes {
         Some(axes) => reshape::axes(&grid, axes, limits)?,
         None => grid,
     };
     if scene.resample { reshape::cubes(&grid, limits) } else { Ok(grid) }
-}
-
-/// A volume that is not there may be somewhere else.
-fn with_way_out(error: Error) -> Error {
-    match error {
-        Error::Io { path, source, .. } if source.kind() == ErrorKind::NotFound => {
-            Error::File { path, why: "there is no such file: --volume FILE names another one".into() }
-        }
-        other => other,
-    }
 }
 
 /// The files that a scene is made from besides its own, and what they are; paths are relative to `folder`.
