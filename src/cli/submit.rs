@@ -262,7 +262,8 @@ fn wall_time(text: &str) -> Result<String, String> {
     let fields: Vec<&str> = days.into_iter().chain(rest.split(':')).collect();
     let is_number = |field: &&str| !field.is_empty() && field.bytes().all(|byte| byte.is_ascii_digit());
     let most = if days.is_some() { 4 } else { 3 };
-    if fields.len() <= most && fields.iter().all(is_number) {
+    let is_endless = ["unlimited", "infinite"].iter().any(|word| text.eq_ignore_ascii_case(word));
+    if is_endless || fields.len() <= most && fields.iter().all(is_number) {
         return Ok(text.into());
     }
     Err("it must be minutes, M:S, H:M:S or D-H:M:S, such as 1:30:00".into())
@@ -446,6 +447,7 @@ mod tests {
             "--time 1:30:00",
             "--time 1-12",
             "--time 2-0:30:00",
+            "--time UNLIMITED",
         ] {
             let line = format!("submit slurm {right} -- fill s.#.exr -o f.#.exr --frames 1");
             assert!(submit(&line).is_ok(), "{right}");

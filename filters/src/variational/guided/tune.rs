@@ -1,7 +1,7 @@
 //! What each guide counts for, chosen by leaving measured pixels out.
 //!
 //! A measured pixel is predicted from all others; the sum of the squared errors over some thousand pixels, more of them where the image varies and
-//! each over the pixel's own size so that highlights do not decide alone ([`Weights`]), is the score. Group by group the bandwidth is
+//! each over the size of the pixel or of the prediction so that neither highlights nor dark pixels decide alone ([`Weights`]), is the score. Group by group the bandwidth is
 //! narrowed, widened and taken out, and the group dropped; a change that scores better stays. Two
 //! rounds. A guide that does not predict ends up dropped.
 
