@@ -74,9 +74,9 @@ fn what_has_no_noise_keeps_its_bits() {
 /// Samples in one corner: beyond, values stay within reach of them, as without noise.
 #[test]
 fn far_from_all_samples_values_stay_in_reach() {
-    let size = Size::new(200, 220);
+    let size = Size::new(100, 110);
     let corner =
-        Mask::from_fn(size, |row, column| row < 40 && column < 40 && hashed(7, row * 220 + column) < -0.1);
+        Mask::from_fn(size, |row, column| row < 20 && column < 20 && hashed(7, row * 110 + column) < -0.1);
     let mask = Arc::new(corner);
     let [a, b, mean] = halves(&truth(size), 0.1);
     for noise in [Noise::Like(vec![like(&a, &b)]), Noise::Unknown] {

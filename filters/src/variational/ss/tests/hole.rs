@@ -45,7 +45,7 @@ fn a_lost_bucket_meets_the_direct_solution() {
     });
     let base = random_mask(size, 0.95, 70);
     let mask = Mask::from_fn(size, |y, x| {
-        base.is_measured(y, x) && !((132..388).contains(&y) && (132..388).contains(&x))
+        base.is_measured(y, x) && !((132..388).contains(&y) && (212..308).contains(&x))
     });
     assert!(matches!(holes::divide(&mask), Division::Holes(..)));
     let settings = Settings::default();
