@@ -65,6 +65,16 @@ fn alone(labels: &[String], side: &str) -> Vec<String> {
     labels.chunk_by(|a, b| part(a).is_some() && part(a) == part(b)).map(line).collect()
 }
 
+/// What is said of values that only clipping makes equal.
+fn hidden(group: &GroupReport) -> String {
+    format!(
+        "{}: more than a twentieth of the values differ only outside 0 to {}, where no clipped measure tells them apart: give \
+         --peak, or --no-clip",
+        group.label(),
+        group.peak.unwrap_or(1.0)
+    )
+}
+
 /// Compares two frames; `visit` sees the images of each group of floats while they are there.
 ///
 /// # Errors
@@ -85,7 +95,9 @@ pub fn compare(
     report.notes.extend(alone(&pairing.extra, "test image"));
     for group in &pairing.groups {
         let work = Work { reference, test, masks, settings, group };
-        report.groups.push(work.run(visit)?);
+        let found = work.run(visit)?;
+        report.notes.extend(found.hidden.map(|_| hidden(&found)));
+        report.groups.push(found);
     }
     Ok(report)
 }
@@ -148,6 +160,7 @@ impl Work<'_> {
             size: (size.height, size.width),
             peak: None,
             clipped: false,
+            hidden: None,
             density: mask.map(Mask::density),
             measured_max: None,
             measured_different: None,
@@ -251,6 +264,8 @@ impl Work<'_> {
             let found = error::compare_regions(a, b, &flags, values.options);
             sums.push(found.map_err(|error| self.at(index, error))?);
         }
+        report.hidden =
+            sums.iter().fold(Statistics::default(), |all, channel| all.and(channel[0])).hidden_share();
         for (at, &(name, flags)) in regions.iter().enumerate() {
             let statistics: Vec<Statistics> = sums.iter().map(|channel| channel[at]).collect();
             let region = self.region(name, flags, &statistics, &similar, &colour, values.options);

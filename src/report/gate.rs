@@ -98,6 +98,7 @@ impl Gate {
         let mut failures: Vec<String> =
             frame.notes.iter().filter(|note| note.ends_with("in the reference only")).cloned().collect();
         failures.extend(frame.groups.iter().filter_map(not_finite));
+        failures.extend(frame.groups.iter().filter_map(hidden));
         for (bounds, below) in [(&self.below, true), (&self.above, false)] {
             for bound in bounds.iter().filter(due) {
                 let groups = bounded(frame, bound);
@@ -139,6 +140,14 @@ fn not_finite(group: &GroupReport) -> Option<String> {
     let bad = count(Measure::NewNan) + infinite;
     let are = if bad == 1.0 { "value is" } else { "values are" };
     (bad > 0.0).then(|| format!("{}: {bad} {are} not finite that should be", group.label()))
+}
+
+/// Where all that is wrong is beyond what clipping leaves, measures call the images equal.
+fn hidden(group: &GroupReport) -> Option<String> {
+    group.hidden?;
+    let largest = group.region("all")?.measures.get(Measure::Max)?;
+    let why = "differs only where values are clipped, which no bound sees: give --peak, or --no-clip";
+    (largest == 0.0).then(|| format!("{} {why}", group.label()))
 }
 
 /// The value that a bound is for. Changes are known of missing pixels alone where there is a mask, and need not be called so.

@@ -97,6 +97,8 @@ pub struct GroupReport {
     pub peak: Option<f32>,
     /// Whether values were clipped to `[0, peak]`.
     pub clipped: bool,
+    /// The share of the values that differ only where clipping makes them equal, if it is more than a twentieth.
+    pub hidden: Option<f64>,
     /// Measured pixels over all, where a mask serves the group.
     pub density: Option<f64>,
     /// Largest absolute error on measured pixels, unclipped.

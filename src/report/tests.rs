@@ -98,6 +98,23 @@ fn what_cannot_be_compared_is_like_nothing() {
 }
 
 #[test]
+fn what_clipping_hides_is_told_and_no_gate_lets_it_pass() {
+    let flat = |values: [f32; 2]| {
+        frame(vec![part(window(0, 0, 2, 1), ["R", "G", "B"].map(|n| float(n, &values)).into())])
+    };
+    let found = |test: [f32; 2], settings: &Settings| {
+        let report = compare(&flat([5.0, 0.5]), &flat(test), None, settings, &mut |_| {}).unwrap();
+        let failures = gate("psnr=1", "").failures(&report, true, &BTreeSet::new()).len();
+        (report.groups[0].hidden, report.notes.len(), failures)
+    };
+    let settings = Settings::default();
+    assert_eq!(found([100.0, 0.5], &settings), (Some(0.5), 1, 1));
+    assert_eq!(found([100.0, 0.4], &settings), (Some(0.5), 1, 0));
+    assert_eq!(found([5.0, 0.4], &settings), (None, 0, 0));
+    assert_eq!(found([100.0, 0.5], &Settings { peak: 200.0, ..Settings::default() }), (None, 0, 0));
+}
+
+#[test]
 fn channels_without_a_partner_are_told_in_one_line() {
     let (reference, mut test) = pair();
     let spare: Vec<_> = ["a.X", "a.Y", "b"].map(|name| float(name, &[0.0; 4])).into();

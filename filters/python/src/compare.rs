@@ -65,6 +65,7 @@ fn measures(
         ("nan", Some(sums.test_nan as f64)),
         ("inf", Some(sums.test_infinite as f64)),
         ("left_out", Some((pixels * reference.len() - sums.count) as f64)),
+        ("hidden", sums.hidden_share()),
     ];
     if flip {
         let seen = seen(reference, image, options.peak)?.map(|map| mean(&map, flags)).transpose()?.flatten();

@@ -166,6 +166,17 @@ def test_values_that_are_not_finite_are_told():
         assert math.isnan(lacuna.compare(broken, broken)["psnr"])
 
 
+def test_what_clipping_hides_is_told():
+    bright = IMAGE + np.float32(2)
+    with pytest.warns(RuntimeWarning, match="^image: 100 % of its values differ .* outside 0 to peak, 1,") as told:
+        assert lacuna.compare(bright, bright * 2)["psnr"] == math.inf
+    assert len(told) == 1 and told[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert lacuna.compare(bright, bright * 2, peak=8)["psnr"] < 20
+        assert lacuna.compare(bright, bright * 2, clip=False)["psnr"] < 20
+
+
 def test_flip_counts_in_the_unit_of_the_peak():
     other = IMAGE + np.float32(0.05)
     found = lacuna.compare(IMAGE, other, flip=True)["flip"]

@@ -63,7 +63,12 @@ pub struct Statistics {
     pub new_infinite: usize,
     /// Pixels at which the values differ in their bits.
     pub different: usize,
+    /// Pixels at which the values differ, but not once they are clipped.
+    pub hidden: usize,
 }
+
+/// Where more of the values than this differ only beyond what clipping leaves, the measures say little of them.
+const HIDDEN: f64 = 0.05;
 
 /// Compares two planes of one size, over all pixels or a region: a flag for each.
 ///
@@ -161,6 +166,7 @@ impl Statistics {
             return;
         }
         self.count += 1;
+        self.hidden += usize::from(r != t && terms.distance == 0.0);
         self.reference_peak = self.reference_peak.max(f64::from(r.abs()));
         self.squares += terms.distance * terms.distance;
         if terms.distance > self.largest {
@@ -190,7 +196,15 @@ impl Statistics {
             new_nan: self.new_nan + other.new_nan,
             new_infinite: self.new_infinite + other.new_infinite,
             different: self.different + other.different,
+            hidden: self.hidden + other.hidden,
         }
+    }
+
+    /// The share of the compared values that differ only where clipping makes them equal, if it is more than a twentieth:
+    /// no measure of clipped values tells of those.
+    pub fn hidden_share(&self) -> Option<f64> {
+        let share = self.hidden as f64 / self.count.max(1) as f64;
+        (share > HIDDEN).then_some(share)
     }
 
     /// Mean squared error; `None` if no pixel was compared.
@@ -255,6 +269,14 @@ mod tests {
         assert_eq!(compare(&r, &t, None, Options::default()).unwrap().squares, 0.0);
         let open = compare(&r, &t, None, Options { clip: false, ..Options::default() }).unwrap();
         assert_eq!(open.squares, 17.0);
+        let shares = |r: &[f32], clip| {
+            compare(&plane(r), &plane(&[2.0, -1.0, 0.5]), None, Options { clip, ..Options::default() })
+                .unwrap()
+                .hidden_share()
+        };
+        assert_eq!(shares(&[3.0, -2.0, 0.5], true), Some(2.0 / 3.0));
+        assert_eq!(shares(&[2.0, -1.0, 0.4], true), None);
+        assert_eq!(shares(&[3.0, -2.0, 0.5], false), None);
     }
 
     #[test]

@@ -387,8 +387,9 @@ def compare(
 
     Returns a dict: ``psnr`` and ``log_psnr`` in decibels (inf for equal images), ``mse``, ``rmse``, ``relative_mse``, ``max``,
     ``ssim``, ``flip``, and the counts ``pixels``, ``different``, ``nan``, ``inf``. Measures that do not apply are None. Values that are
-    NaN or infinite in either image are left out, with a RuntimeWarning: what is left is never inf then, but NaN, and so is every
-    measure where nothing is left.
+    NaN or infinite in either image are left out, with a RuntimeWarning (``ssim`` and ``flip`` take them for 0): what is left is never
+    inf then, but NaN, and so is every measure where nothing is left. There is one, too, where more than a twentieth of the values
+    differ only outside 0 to ``peak``, so that clipping hides it.
 
     Raises ValueError, which begins with the argument's name.
     """
@@ -401,6 +402,10 @@ def compare(
     white, clipped, seen = arguments.peak(peak), arguments.flag("clip", clip), arguments.flag("flip", flip)
     found = dict(_lacuna.compare(one, other, flags, white, clipped, seen, _threads(threads)))
     left_out, values = found.pop("left_out"), found["pixels"] * one.shape[2]
+    hidden = found.pop("hidden")
+    if hidden is not None:
+        line = f"image: {100 * hidden:.0f} % of its values differ from the reference only outside 0 to peak, {white:g}, and clipping hides it"
+        warnings.warn(line, RuntimeWarning, stacklevel=2)
     if left_out == values:
         warnings.warn("image: there is no value to compare: none is finite in it and the reference, in the region", RuntimeWarning, stacklevel=2)
         found = {name: math.nan if value is None else value for name, value in found.items()}
