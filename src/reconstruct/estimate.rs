@@ -220,6 +220,35 @@ pub fn line<'a>(groups: impl Iterator<Item = &'a GroupReport>) -> Option<String>
     joined(groups.filter_map(|group| Some(format!("{}: {}", group.names(), group.estimate.as_ref()?))))
 }
 
+/// The first group of such a line whose figures cannot be those of one error: not numbers, out of order, or a ratio that is not that of the
+/// error beside it. What holds no figures says nothing that could be wrong.
+pub fn contradiction(line: &str) -> Option<&str> {
+    line.split("; ").find(|group| figures(group).is_some_and(|holds| !holds))
+}
+
+/// Whether the figures of a group hold together; nothing where there are none.
+fn figures(group: &str) -> Option<bool> {
+    let number = |text: &str| text.parse::<f64>().unwrap_or(f64::NAN);
+    let last = |text: &str| number(text.rsplit(' ').next().unwrap_or_default());
+    // Both are rounded: decibels to a tenth, errors to three digits.
+    let agree = |psnr: f64, rmse: f64| rmse > 0.0 && (psnr + 20.0 * rmse.log10()).abs() < 0.1;
+    let within = |estimate: f64, interval: &str| {
+        interval.split_once(" to ").is_some_and(|(low, high)| {
+            number(low) <= estimate && estimate <= number(high) && number(high).is_finite()
+        })
+    };
+    if let Some((before, rmse)) = group.rsplit_once("), RMSE ") {
+        let (before, interval) = before.rsplit_once(" dB (")?;
+        return Some(within(last(before), interval) && agree(last(before), number(rmse)));
+    }
+    if let Some((before, rmse)) = group.rsplit_once(" dB, RMSE at most ") {
+        return Some(agree(last(before), number(rmse)));
+    }
+    let (before, interval) = group.strip_suffix(')')?.rsplit_once(" (")?;
+    let rmse = number(before.rsplit_once(": RMSE ")?.1);
+    Some(rmse >= 0.0 && within(rmse, interval))
+}
+
 /// What is said of channels without estimated errors, a line for each reason: `B, G, R: no estimated errors: dct has no estimate`.
 pub fn without_errors(untold: &[(Vec<String>, String)]) -> Vec<String> {
     let mut reasons: Vec<(&str, Vec<String>)> = Vec::new();
@@ -301,6 +330,9 @@ mod tests {
         );
         assert_eq!(chosen([&good].into_iter()).unwrap(), "R, G: edge 80 %, tv 20 %");
         assert_eq!(line([&exact].into_iter()).unwrap(), "R, G: no error at held-out samples");
+        for told in [&good, &unknown, &bound, &exact] {
+            assert_eq!(contradiction(&line([told].into_iter()).unwrap()), None);
+        }
         let gate = |min_psnr, max_rmse| Gate { min_psnr, max_rmse };
         for (gate, group, refused) in [
             (gate(Some(59.9), None), &good, false),
@@ -318,6 +350,27 @@ mod tests {
             // What the attribute says of it tells as much.
             let line = line([group].into_iter());
             assert_eq!(gate.may_refuse(line.as_deref()), refused, "{gate:?} {line:?}");
+        }
+    }
+
+    #[test]
+    fn figures_that_cannot_be_are_found() {
+        for (line, holds) in [
+            ("A: 39.7 dB (36.1 to 43.3), RMSE 1.04e-2; R, G: 45.4 dB (42.0 to 48.8), RMSE 5.37e-3", true),
+            ("A: 39.7 dB (36.1 to 43.3), RMSE 1.04e-2; R, G: 65.4 dB (62.0 to 68.8), RMSE 5.37e-3", false),
+            ("A: 39.7 dB (36.1 to 43.3), RMSE 0.00e0", false),
+            ("A: 39.7 dB (40.1 to 43.3), RMSE 1.04e-2", false),
+            ("A: 39.7 dB (36.1 to inf), RMSE 1.04e-2", false),
+            ("A: nan dB (36.1 to 43.3), RMSE nan", false),
+            ("P.X: RMSE 1.00e-2 (9.00e-3 to 1.10e-2)", true),
+            ("P.X: RMSE -1.00e-2 (-2.00e-2 to 1.10e-2)", false),
+            ("P.X: RMSE 1.00e-2 (2.00e-2 to 3.00e-2)", false),
+            ("R: at least 40.0 dB, RMSE at most 1.00e-2", true),
+            ("R: at least 60.0 dB, RMSE at most 1.00e-2", false),
+            ("R: no error at held-out samples; G: cannot be told: there are too few samples", true),
+            ("a (b): cannot be told: why (why not)", true),
+        ] {
+            assert_eq!(contradiction(line).is_none(), holds, "{line}");
         }
     }
 }

@@ -1,10 +1,10 @@
 //! The attributes that say how a part was filled, and those that are no longer true of it.
 
 use lacuna_exr::{Attributes, Part};
-use lacuna_filters::{Plane, Stop};
+use lacuna_filters::{METHODS, Method, Plane, Stop};
 
 use super::job::{Job, parse_settings};
-use super::{GroupReport, PartReport, estimate};
+use super::{GroupReport, NoiseSource, PartReport, estimate};
 use crate::channels::Override;
 use crate::guides;
 use crate::mask::Source;
@@ -141,6 +141,19 @@ impl Stamp {
     /// The value of one setting.
     pub fn setting(&self, name: &str) -> Option<String> {
         parse_settings(&self.settings).into_iter().rev().find(|pair| pair.0 == name).map(|pair| pair.1)
+    }
+
+    /// Whether something that the settings name smooths measured pixels: known noise, or a setting of the filter.
+    pub fn smooths(&self) -> bool {
+        let by_noise = self.setting("noise").is_some_and(|noise| noise != NoiseSource::None.to_string());
+        let own = METHODS.iter().find(|method| method.name == self.filter).is_some_and(|method| {
+            let smoothing = method.settings.iter().filter(|setting| setting.smooths);
+            let given = smoothing.filter_map(|setting| Some((setting.name, self.setting(setting.name)?)));
+            let given: Vec<_> = given.collect();
+            let given: Vec<_> = given.iter().map(|(name, value)| (*name, value.as_str())).collect();
+            Method::of(method, &given).is_ok_and(|method| !method.keeps_measured())
+        });
+        by_noise || own
     }
 
     /// The mask source to find the same mask again: what was asked for, with a file's path as it was resolved.

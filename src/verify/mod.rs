@@ -3,7 +3,8 @@
 //! Promised: parts, names, windows, types and attributes are those of the sparse frame, except for what the filled
 //! one says was asked for (its attribute `lacuna/settings`); kept channels and measured pixels have the same bits; what
 //! was filled is finite and within its bounds; identifiers and depths are values that were measured in that channel;
-//! filled normals are of unit length where the measured ones are; the attributes that `fill` adds agree with the mask.
+//! filled normals are of unit length where the measured ones are; the attributes that `fill` adds agree with the
+//! mask and with each other; estimated errors are none at measured pixels.
 //!
 //! Not told from the two frames: which filter ran with which settings, whether a copied value is the nearest one, and
 //! whether measured pixels were smoothed as much as the filled frame's attributes allow.
@@ -206,6 +207,7 @@ pub fn compare(sparse: &Frame, filled: &Frame, masks: &Masks, choices: &[Vec<Cho
         differences.extend(stamps::compare(&pair));
         compare_channels(&pair, &mut differences);
         differences.extend(normals::compare(&pair));
+        differences.extend(stamps::compare_errors(&pair));
     }
     differences
 }

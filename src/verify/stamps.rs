@@ -3,9 +3,11 @@
 use lacuna_exr::Part;
 use lacuna_filters::METHODS;
 
+use super::pixels::value;
 use super::{Difference, Pair};
+use crate::channels::{Name, Rule};
 use crate::mask::Source;
-use crate::reconstruct::{DENSITY, Stamp};
+use crate::reconstruct::{DENSITY, Stamp, error_channel, estimate};
 
 /// What the attributes of a part say that is not so. Attributes that the sparse part had already are not `fill`'s.
 pub fn compare(pair: &Pair<'_>) -> Vec<Difference> {
@@ -18,6 +20,12 @@ pub fn compare(pair: &Pair<'_>) -> Vec<Difference> {
     if METHODS.iter().all(|method| method.name != stamp.filter) {
         add(format!("the attribute lacuna/filter is '{}', which is no filter", stamp.filter));
     }
+    if pair.claims.smoothed && !stamp.smooths() {
+        add(format!(
+            "the attribute lacuna/settings says that measured pixels were smoothed, but {} as it is set there keeps them",
+            stamp.filter
+        ));
+    }
     let expected = pair.masks.part_density(pair.index).unwrap_or(1.0) as f32;
     match density(pair.filled) {
         Some(found) if found.to_bits() == expected.to_bits() => {}
@@ -27,6 +35,45 @@ pub fn compare(pair: &Pair<'_>) -> Vec<Difference> {
     if !is_there(pair, &stamp.mask) {
         let found = &pair.masks.origin;
         add(format!("the attribute lacuna/mask names '{}', which is not there; found: {found}", stamp.mask));
+    }
+    let told = pair.filled.attributes.text(estimate::ATTRIBUTE);
+    if let Some(group) = told.as_deref().and_then(estimate::contradiction) {
+        add(format!("the attribute {} contradicts itself: '{group}'", estimate::ATTRIBUTE));
+    }
+    differences
+}
+
+/// The channels of estimated errors that the fill added, where they cannot be errors: negative, not finite, or not 0 at pixels that every
+/// filled channel of their layer measured.
+pub fn compare_errors(pair: &Pair<'_>) -> Vec<Difference> {
+    let Some(component) = error_channel(pair.filled) else { return Vec::new() };
+    let mut differences = Vec::new();
+    for channel in &pair.filled.channels {
+        let name = channel.display_name();
+        let own = Name::new(&name);
+        let is_new = !pair.sparse.channels.iter().any(|other| other.name == channel.name);
+        let Some(errors) = channel.samples.to_floats().filter(|_| is_new && own.component == component)
+        else {
+            continue;
+        };
+        let mut measured = vec![true; errors.len()];
+        for (at, sparse) in pair.sparse.channels.iter().enumerate() {
+            let filled = pair.choices.get(at).is_some_and(|choice| choice.rule == Rule::Fill);
+            if !filled || Name::new(&sparse.display_name()).layer != own.layer {
+                continue;
+            }
+            let Some(mask) = pair.masks.get(pair.index, at) else { continue };
+            let flags = mask.as_slice().iter().enumerate();
+            let known = flags.map(|(at, flag)| *flag && value(&sparse.samples, at).is_finite());
+            measured.iter_mut().zip(known).for_each(|(all, own)| *all &= own);
+        }
+        let wrong = |at: &usize| {
+            let error = errors[*at];
+            !(error.is_finite() && error >= 0.0) || error != 0.0 && measured[*at]
+        };
+        let wrong: Vec<usize> = (0..errors.len()).filter(wrong).collect();
+        let what = "an estimated error is negative, not finite, or not 0 at a measured pixel";
+        differences.extend(pair.first_of(&name, what, &wrong));
     }
     differences
 }

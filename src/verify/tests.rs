@@ -13,6 +13,8 @@ use crate::reconstruct::{Job, Plans, fill};
 use crate::sparsify::{Pattern, sparsify};
 use crate::testing::{float, frame, half, named, part, uint, window};
 
+const SETTINGS: &str = "lacuna/settings";
+
 fn job() -> Job {
     Job::new(Method::from(push_pull::Settings))
 }
@@ -341,4 +343,50 @@ fn smoothing_may_change_measured_light_and_nothing_else() {
     let Samples::Uint(ids) = channel(&mut filled, 0, "id") else { panic!("not whole numbers") };
     ids[at] += 1;
     assert!(lines(&sparse, &filled)[0].contains("channel id"), "{:?}", lines(&sparse, &filled));
+}
+
+#[test]
+fn smoothing_that_nothing_did_excuses_no_measured_pixel() {
+    let sparse = sparse();
+    let forged = |filled: &mut Frame, settings: &dyn Fn(String) -> String| {
+        for part in &mut filled.parts {
+            let line = part.attributes.text(SETTINGS).unwrap();
+            let line = line.replace("measured=kept", "measured=smoothed");
+            part.attributes.set_text(SETTINGS, &settings(line));
+        }
+    };
+    let found = after(|filled| forged(filled, &|line| line));
+    assert!(found.len() == 2 && found[0].contains("but pushpull as it is set there keeps them"), "{found:?}");
+    assert_eq!(after(|filled| forged(filled, &|line| line + " noise=auto")), [""; 0]);
+    let mut unsmoothed = filled(&sparse, &Job::new(Method::from(tv::Settings::default())));
+    forged(&mut unsmoothed, &|line| line);
+    assert!(lines(&sparse, &unsmoothed)[0].contains("but tv as it is set there keeps them"));
+    forged(&mut unsmoothed, &|line| line.replace("epsilon=0", "epsilon=auto"));
+    assert_eq!(lines(&sparse, &unsmoothed), [""; 0]);
+}
+
+#[test]
+fn estimates_that_cannot_be_are_found() {
+    let told = |line: &'static str| {
+        after(move |filled| filled.parts[0].attributes.set_text("lacuna/estimate", line))
+    };
+    assert_eq!(told("R: 40.0 dB (38.0 to 42.0), RMSE 1.00e-2"), [""; 0]);
+    let found = told("R: 60.0 dB (58.0 to 62.0), RMSE 1.00e-2");
+    assert!(found.len() == 1 && found[0].contains("contradicts itself"), "{found:?}");
+    let (measured, missing) = (first(true), first(false));
+    let errors = |at: usize, error: f32| {
+        after(move |filled| {
+            let part = &mut filled.parts[0];
+            let line = part.attributes.text(SETTINGS).unwrap();
+            part.attributes.set_text(SETTINGS, &format!("{line} error-channel=error"));
+            let mut values = [0.0; 48];
+            values[at] = error;
+            part.channels.push(float("error", &values));
+        })
+    };
+    assert_eq!(errors(missing, 0.5), [""; 0]);
+    for (at, error) in [(measured, 0.5), (missing, -0.5), (missing, f32::NAN), (missing, f32::INFINITY)] {
+        let found = errors(at, error);
+        assert!(found.len() == 1 && found[0].contains("channel error"), "{found:?}");
+    }
 }
