@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use lacuna_exr::{Frame, Layout, Part, Samples, Window};
 use serde::Serialize;
 
-use crate::channels::{Choice, Name, Rule, visible};
+use crate::channels::{Choice, Name, Rule, non_finite_among, non_finite_note, part_label, visible};
 use crate::mask::{self, Masks};
 use crate::reconstruct::{self, estimate};
 
@@ -85,8 +85,32 @@ pub fn describe(frame: &Frame, masks: Result<&Masks, &mask::Error>, choices: &[V
         parts: parts
             .map(|(index, part)| part_info(part, index, found, choices.get(index).map_or(&[], Vec::as_slice)))
             .collect(),
-        notes: found.map(|masks| masks.notes.clone()).unwrap_or_default(),
+        notes: found
+            .map_or(&[][..], |masks| &masks.notes)
+            .iter()
+            .cloned()
+            .chain(not_finite(frame, found, choices))
+            .collect(),
     }
+}
+
+/// Of each part, how many values that should be numbers are not: of what is computed, the measured ones, or all without a mask.
+fn not_finite(frame: &Frame, masks: Option<&Masks>, choices: &[Vec<Choice>]) -> Vec<String> {
+    let note = |(index, (part, choices)): (usize, (&Part, &Vec<Choice>))| {
+        let computed = part.channels.iter().zip(choices).enumerate();
+        let computed = computed.filter(|(_, (_, choice))| matches!(choice.rule, Rule::Fill | Rule::Normal));
+        let counts = computed.map(|(at, (channel, _))| {
+            let mask = masks.and_then(|masks| masks.get(index, at));
+            (channel.display_name(), non_finite_among(&channel.samples, mask.map(|mask| mask.as_slice())))
+        });
+        let said = match masks {
+            None => ["value is not finite", "values are not finite"],
+            Some(_) => ["measured value is not finite", "measured values are not finite"],
+        };
+        let note = non_finite_note(said, counts).into_iter().collect();
+        reconstruct::prefixed(&part_label(frame, index), note)
+    };
+    frame.parts.iter().zip(choices).enumerate().flat_map(note).collect()
 }
 
 /// Why there is no mask: most often as there need be none.

@@ -245,3 +245,14 @@ def test_new_compressions_are_refused_with_a_way_out(tmp_path, name):
     result = quick_fill(source, "-o", tmp_path / "out.exr", "-q", ok=False)
     assert result.status == 1 and len(result.lines()) == 1, result
     assert name.rstrip("0123456789").removesuffix("2K").lower() in result.stderr.lower() and "oiiotool" in result.stderr, result
+
+
+def test_a_frame_without_a_finite_value_has_no_spectrum(tmp_path):
+    nan = np.full((16, 16), np.nan, np.float32)
+    for names, said in (("RGB", "R, G, B"), ("Y", "Y")):
+        source = frames.write(tmp_path / "nan.exr", dict.fromkeys(names, nan))
+        result = lacuna("analyze", "--spectrum", source, ok=False)
+        (line,) = result.lines()
+        assert result.status == 1 and "nan.exr" in line and f"{said}: no pixel is finite" in line, result
+        result = lacuna("info", source)
+        assert f"note: {nan.size * len(names)} values are not finite" in result.stdout, result

@@ -4,9 +4,19 @@ use lacuna_exr::Samples;
 
 /// How many values are NaN or infinite; whole numbers never are.
 pub fn non_finite(samples: &Samples) -> usize {
+    non_finite_among(samples, None)
+}
+
+/// The same among the values with a flag; all if there are no flags.
+pub fn non_finite_among(samples: &Samples, flags: Option<&[bool]>) -> usize {
+    let counts = |at: usize| flags.is_none_or(|flags| flags.get(at) == Some(&true));
     match samples {
-        Samples::Half(values) => values.iter().filter(|value| !value.is_finite()).count(),
-        Samples::Float(values) => values.iter().filter(|value| !value.is_finite()).count(),
+        Samples::Half(values) => {
+            values.iter().enumerate().filter(|(at, value)| !value.is_finite() && counts(*at)).count()
+        }
+        Samples::Float(values) => {
+            values.iter().enumerate().filter(|(at, value)| !value.is_finite() && counts(*at)).count()
+        }
         Samples::Uint(_) => 0,
     }
 }
@@ -36,7 +46,9 @@ mod tests {
         assert_eq!(note([("R", 0), ("G", 1), ("Z", 0)]), Some("1 is not finite: G 1".into()));
         assert_eq!(note([("R", 0), ("G", 0), ("Z", 0)]), None);
         let values = vec![1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX];
-        assert_eq!(non_finite(&Samples::Float(values)), 3);
+        assert_eq!(non_finite(&Samples::Float(values.clone())), 3);
+        let flags = [true, true, false, false, true];
+        assert_eq!(non_finite_among(&Samples::Float(values), Some(&flags)), 1);
         assert_eq!(non_finite(&Samples::Uint(vec![u32::MAX])), 0);
     }
 }

@@ -14,7 +14,7 @@ mod tests;
 mod unheeded;
 
 pub use file::{print_rules, read_rules};
-pub use finite::{non_finite, non_finite_note};
+pub use finite::{non_finite, non_finite_among, non_finite_note};
 use lacuna_exr::{Frame, Part, Samples};
 pub use names::{
     Name, channel_label, full_names, list_channels, names_view, part_label, rgb_place, view_of, visible,

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::Usage;
 use super::mask::{CROP_OVERHEAD, file};
-use super::numbers::fraction;
+use super::numbers::density;
 use super::run::{Bytes, SpeechArgs};
 use crate::commands::{MaskJob, MaskOutput, MaskTask};
 use crate::mask::Source;
@@ -38,7 +38,7 @@ pub struct AnalyzeArgs {
     coherence: bool,
 
     /// The densities of --coherence [default: 0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8,0.9]
-    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = fraction, requires = "coherence")]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = density, requires = "coherence")]
     densities: Option<Vec<f64>>,
 
     /// The seed of the masks of --coherence [default: 0]

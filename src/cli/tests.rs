@@ -352,6 +352,7 @@ fn analyze_measures_masks_and_frames() {
         ("m.exr -o plot.exr", "PNG"),
         ("--coherence -o plot.png", "--coherence prints"),
         ("m.exr --seed 1", "--coherence"),
+        ("--coherence --densities 0.1,0", "above 0 and at most 1"),
     ] {
         let text = usage(&format!("analyze {line}"));
         assert!(text.contains(reason) && text.ends_with("(see 'lacuna analyze --help')\n"), "{text}");

@@ -74,3 +74,22 @@ fn a_frame_that_may_be_sparse_gets_the_hint() {
     named.parts[0].attributes.set_text(crate::mask::ATTRIBUTE, "file:m.png");
     assert!(text(&named).starts_with("mask: no sampling mask found"), "{}", text(&named));
 }
+
+#[test]
+fn values_that_should_be_numbers_and_are_none_are_counted() {
+    let text = |frame: &Frame| {
+        let found = find(frame, &Source::Auto, None);
+        let none = Masks::default();
+        let masks = found.as_ref().unwrap_or(&none);
+        let info = describe(frame, found.as_ref(), &choose(frame, &masks.mask_channels, &[]));
+        info.to_string()
+    };
+    let nan = [f32::NAN; 4];
+    let blank =
+        frame(vec![part(window(0, 0, 2, 2), vec![half("G", &nan), half("R", &nan), float("Z", &nan)])]);
+    assert!(text(&blank).contains("\nnote: 8 values are not finite: G 4, R 4\n"), "{}", text(&blank));
+    let light = half("R", &[f32::NAN, f32::INFINITY, 1.0, f32::NAN]);
+    let sparse = frame(vec![part(window(0, 0, 2, 2), vec![light, half("mask", &[0.0, 1.0, 1.0, 0.0])])]);
+    assert!(text(&sparse).contains("\nnote: 1 measured value is not finite: R 1\n"), "{}", text(&sparse));
+    assert!(!text(&sample()).contains("finite"), "{}", text(&sample()));
+}

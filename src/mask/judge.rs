@@ -67,7 +67,7 @@ pub fn judge(mask: &Mask) -> Result<Judgement, MakeError> {
 /// each wavelet with each blur and without, at these densities.
 ///
 /// # Errors
-/// A density outside 0 to 1.
+/// A density that is not above 0 and at most 1.
 pub fn coherences(densities: &[f64], seed: u64) -> Result<Vec<Coherence>, MakeError> {
     coherences_of(SIDE, densities, seed)
 }

@@ -11,6 +11,7 @@ pub use output::{BoundFiles, MaskOutput};
 pub use passes::{NextPass, Union};
 
 use self::output::{failed, report};
+use crate::channels;
 use crate::files::error::PlanError;
 use crate::files::identity::Sources;
 use crate::files::patterns::Pattern;
@@ -218,19 +219,24 @@ fn measure(
     Ok(judgement)
 }
 
-/// The luminance of the first part with `R`, `G`, `B` (Rec. 709 weights), else its first channel.
+/// The luminance of the first part with `R`, `G`, `B` (Rec. 709 weights), else its first channel; it must be finite somewhere.
 fn luminance(frame: &Frame) -> Result<Plane, MakeError> {
     let none = || MakeError::Other("the frame has no channels".into());
     let part = frame.parts.first().ok_or_else(none)?;
     let plane = |name: &str| part.channels.iter().find(|channel| channel.name == name.as_bytes());
-    let pixels = match (plane("R"), plane("G"), plane("B")) {
-        (Some(r), Some(g), Some(b)) => {
-            let (r, g, b) = (r.samples.as_f32(), g.samples.as_f32(), b.samples.as_f32());
-            let weighted = |((r, g), b): ((&f32, &f32), &f32)| 0.2126 * r + 0.7152 * g + 0.0722 * b;
-            r.iter().zip(&g).zip(&b).map(weighted).collect()
-        }
-        _ => part.channels.first().ok_or_else(none)?.samples.as_f32(),
+    let rgb = plane("R").zip(plane("G")).zip(plane("B"));
+    let (name, pixels): (_, Vec<f32>) = if let Some(((r, g), b)) = rgb {
+        let (r, g, b) = (r.samples.as_f32(), g.samples.as_f32(), b.samples.as_f32());
+        let weighted = |((r, g), b): ((&f32, &f32), &f32)| 0.2126 * r + 0.7152 * g + 0.0722 * b;
+        ("R, G, B".into(), r.iter().zip(&g).zip(&b).map(weighted).collect())
+    } else {
+        let first = part.channels.first().ok_or_else(none)?;
+        (first.display_name().into_owned(), first.samples.as_f32())
     };
+    if !pixels.iter().any(|value| value.is_finite()) {
+        let why = "no pixel is finite, and there is no spectrum: render the frame again";
+        return Err(MakeError::Other(format!("{}: {why}", channels::visible(&name))));
+    }
     Ok(Plane::new(part.size(), pixels)?)
 }
 
