@@ -293,6 +293,21 @@ def test_the_gate_decides_the_exit_status_and_names_the_frames(tmp_path):
     assert result.status == 1 and report["frames"][1]["error"] and report["frames"][2]["groups"], result
 
 
+def test_a_mask_that_was_left_out_is_missed(tmp_path):
+    rows, columns = np.indices((16, 16)).astype(np.float32)
+    complete = frames.write(tmp_path / "r.exr", {"R": rows / 16})
+    sparse = frames.write(tmp_path / "in.exr", {"R": rows / 16, "mask": (rows + columns) % 2})
+    for flags, said in ((["--drop-mask"], True), ([], False)):
+        tool.quick_fill(sparse, "-o", tmp_path / "t.exr", *flags)
+        report, result = compare(complete, tmp_path / "t.exr", tmp_path)
+        regions = [region["region"] for region in report["frames"][0]["groups"][0]["regions"]]
+        lines = [line for line in result.lines() if "left out of the file by --drop-mask" in line]
+        assert (len(lines) == 1, "missing" in regions) == (said, not said), result
+        assert bool(report["frames"][0]["notes"]) == said
+        _, named = compare(complete, tmp_path / "t.exr", tmp_path, "--mask", f"file:{sparse}:mask")
+        assert "left out" not in named.stderr
+
+
 @pytest.mark.parametrize("gate", ["compare", "verify"])
 def test_nothing_passes_by_absence(gate, tmp_path):
     pair = (tmp_path / "r.####.exr", tmp_path / "t.####.exr")

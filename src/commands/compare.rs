@@ -311,7 +311,12 @@ impl<'a> Compare<'a> {
             Ok(masks) => Ok((Some(masks), None)),
             Err(failure) if self.job.mask.is_none() => {
                 let claimed = !claims.filter.is_empty() && *source != Source::Auto;
-                Ok((None, claimed.then(|| apart(&format!("is '{source}' ({})", failure.text)))))
+                let why = if claimed {
+                    Some(format!("is '{source}' ({})", failure.text))
+                } else {
+                    claims.drop_mask.then(|| "was left out of the file by --drop-mask".to_owned())
+                };
+                Ok((None, why.as_deref().map(apart)))
             }
             Err(failure) => Err(failure),
         }
