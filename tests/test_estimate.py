@@ -86,6 +86,28 @@ def test_errors_above_1_are_no_missing_errors(tmp_path):
     fill(tmp_path, tmp_path / "sparse-hidden.exr", "--filter", "ss", "--min-psnr", "20", status=1)
 
 
+def test_another_peak_is_another_white(tmp_path):
+    y, x = np.mgrid[0:96, 0:128].astype(np.float32)
+    light = (6 + 4 * np.sin(x / 7) * np.cos(y / 6)).astype(np.float32)
+    complete = frames.write(tmp_path / "bright.exr", dict.fromkeys("RGB", light))
+    source = sparse(tmp_path, complete, 0.3)
+    plain, hidden, _ = fill(tmp_path, source, "--filter", "ss")
+    pixels = read(plain, "R")
+    output, record, result = fill(tmp_path, source, "--filter", "ss", "--peak", 10, "--error-channel", "--min-psnr", 20)
+    found, report = record["estimates"][0], tmp_path / "compared.json"
+    assert "unknown" in hidden["estimates"][0] and "unclipped_rmse" not in found
+    assert abs(found["psnr"]["estimate"] - 20 * math.log10(10 / found["rmse"]["estimate"])) < 1e-6
+    lacuna("compare", complete, output, "--peak", 10, "--json", report)
+    regions = json.loads(report.read_text())["frames"][0]["groups"][0]["regions"]
+    truth = next(region["measures"]["psnr"] for region in regions if region["region"] == "missing")
+    assert found["psnr"]["low"] <= truth <= found["psnr"]["high"], (truth, found)
+    assert (read(output, "R") == pixels).all() and read(output, "error").max() > 0
+    assert "peak=10" in oiio.ImageBuf(str(output)).spec().getattribute("lacuna/settings")
+    lacuna("verify", source, output)
+    again = lambda *flags: lacuna("fill", source, "-o", output, "--filter", "ss", "--error-channel", "-u", *flags).stderr
+    assert "1 skipped" in again("--peak", 10) and "1 of 1 frame filled" in again()
+
+
 def test_the_default_chooses_and_is_never_far_behind(tmp_path):
     for source in (COMPLETE, SAMPLES / "edges.exr"):
         mask_of = sparse(tmp_path, source)

@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::Usage;
 use super::input::FramesArgs;
+use super::numbers::peak;
 use super::run::RunArgs;
 use crate::commands::{CompareJob, CompareOutputs};
 use crate::files::Selection;
@@ -120,11 +121,6 @@ fn range(text: &str) -> Result<(f64, f64), String> {
         [dark, bright] if dark > 0.0 && bright >= dark && bright.is_finite() => Ok((dark, bright)),
         _ => Err("must be two luminances above 0, the darker first".into()),
     }
-}
-
-fn peak(text: &str) -> Result<f32, String> {
-    let peak: f32 = text.parse().map_err(|_| "not a number")?;
-    if peak > 0.0 && peak.is_finite() { Ok(peak) } else { Err("must be above 0".into()) }
 }
 
 impl ReportArgs {

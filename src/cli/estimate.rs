@@ -3,6 +3,7 @@
 use clap::Args;
 use lacuna_filters::fill::Estimate;
 
+use super::numbers::peak;
 use crate::reconstruct::Gate;
 
 /// The estimated error.
@@ -18,7 +19,12 @@ pub struct EstimateArgs {
     #[arg(long, value_name = "NAME", num_args = 0..=1, require_equals = true, default_missing_value = "error", value_parser = name)]
     pub error_channel: Option<String>,
 
-    /// A frame whose missing pixels are estimated below DB decibels (PSNR, peak 1) is written, but counts as failed
+    /// The value of colours and alphas that counts as white, above 0, as in compare: errors are estimated of light clipped to 0 and
+    /// this, and decibels are relative to it
+    #[arg(long, value_name = "VALUE", default_value = "1", value_parser = peak, conflicts_with = "no_estimate")]
+    pub peak: f32,
+
+    /// A frame whose missing pixels are estimated below DB decibels (PSNR) is written, but counts as failed
     #[arg(long, value_name = "DB", value_parser = decibels)]
     pub min_psnr: Option<f64>,
 
@@ -54,5 +60,29 @@ impl EstimateArgs {
     /// What the fill must reach.
     pub fn gate(&self) -> Gate {
         Gate { min_psnr: self.min_psnr, max_rmse: self.max_rmse }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::cli::{Ending, Job, parse};
+
+    #[test]
+    fn the_peak_is_named_where_it_is_another_than_1() {
+        let fill = |line: &str| {
+            let line = format!("lacuna fill a.exr -o b.exr {line}");
+            parse(line.split_whitespace().map(Into::into))
+        };
+        let white = |line: &str| match fill(line) {
+            Ok(Job::Fill(job)) => (job.what.peak, job.what.settings().contains(" peak=")),
+            other => panic!("{line}: {other:?}"),
+        };
+        assert_eq!(
+            (white(""), white("--peak 1"), white("--peak 4")),
+            ((1.0, false), (1.0, false), (4.0, true))
+        );
+        for wrong in ["--peak 0", "--peak nan", "--peak 2 --no-estimate"] {
+            assert!(matches!(fill(wrong), Err(Ending::Usage(text)) if text.contains("--peak")), "{wrong}");
+        }
     }
 }

@@ -175,6 +175,7 @@ impl Groups<'_> {
             temporal: self.temporal.map_or_else(Temporal::default, TemporalArgs::temporal),
             layers: layers.iter().map(ToString::to_string).collect(),
             estimate: self.estimate.map_or(Estimate::No, EstimateArgs::estimate),
+            peak: self.estimate.map_or(1.0, |estimate| estimate.peak),
             error_channel: self.estimate.and_then(|estimate| estimate.error_channel.clone()),
         };
         // How much to smooth is chosen by noise, wherever that is known from.

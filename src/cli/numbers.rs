@@ -24,6 +24,11 @@ pub fn density(text: &str) -> Result<f64, String> {
     part(text, "above 0 and at most 1", |value| *value > 0.0 && *value <= 1.0)
 }
 
+/// The value that counts as white.
+pub fn peak(text: &str) -> Result<f32, String> {
+    number(text, "above 0", |value: &f32| *value > 0.0 && value.is_finite())
+}
+
 /// Whole numbers of a scene's file have a sign.
 pub fn seed_of_scene(text: &str) -> Result<u64, String> {
     let most = i64::MAX.unsigned_abs();

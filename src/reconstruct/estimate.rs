@@ -23,7 +23,7 @@ pub struct Interval {
     pub high: f64,
 }
 
-/// The error of the missing pixels of a group of channels, colours clipped to 0 and 1 as `lacuna compare` does.
+/// The error of the missing pixels of a group of channels, colours clipped to 0 and the peak as `lacuna compare` does.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Estimated {
@@ -31,9 +31,9 @@ pub enum Estimated {
     Error {
         /// Root mean square error.
         rmse: Interval,
-        /// Peak signal-to-noise ratio in decibels, the peak 1; nothing where the error is 0, and of coordinates, which have no peak.
+        /// Peak signal-to-noise ratio in decibels; nothing where the error is 0, and of coordinates, which have no peak.
         psnr: Option<Interval>,
-        /// Root mean square error without clipping, where measured values are beyond 0 or 1.
+        /// Root mean square error without clipping, where measured values are beyond 0 or the peak.
         #[serde(skip_serializing_if = "Option::is_none")]
         unclipped_rmse: Option<Interval>,
     },
@@ -41,7 +41,7 @@ pub enum Estimated {
     Bound {
         /// Root mean square error.
         rmse_at_most: f64,
-        /// Peak signal-to-noise ratio in decibels, the peak 1.
+        /// Peak signal-to-noise ratio in decibels.
         psnr_at_least: f64,
     },
     /// It cannot be told.
@@ -60,28 +60,30 @@ impl From<Rmse> for Interval {
     }
 }
 
-impl From<Verdict> for Estimated {
-    fn from(verdict: Verdict) -> Self {
+impl Estimated {
+    /// What is told of values of which `peak` counts as white.
+    pub fn new(verdict: Verdict, peak: f32) -> Self {
+        let peak = f64::from(peak);
         match verdict {
             Verdict::Estimate(found) => {
                 let rmse = found.into();
-                let [estimate, low, high] = found.psnr(1.0);
+                let [estimate, low, high] = found.psnr(peak);
                 let psnr = (found.low > 0.0).then_some(Interval { estimate, low, high });
                 Self::Error { rmse, psnr, unclipped_rmse: None }
             }
-            Verdict::AtMost(rmse) => Self::Bound { rmse_at_most: rmse, psnr_at_least: -20.0 * rmse.log10() },
+            Verdict::AtMost(rmse) => {
+                Self::Bound { rmse_at_most: rmse, psnr_at_least: 20.0 * (peak.log10() - rmse.log10()) }
+            }
             Verdict::CannotTell(why) => Self::Unknown { unknown: why.to_string(), unclipped_rmse: None },
         }
     }
-}
 
-impl Estimated {
     /// The error of a set, where it was asked for.
-    pub fn of_set(set: &Set, asked: Estimate, coordinates: bool) -> Option<Self> {
+    pub fn of_set(set: &Set, (asked, peak): (Estimate, f32), coordinates: bool) -> Option<Self> {
         match untold(set) {
             Some(_) if asked == Estimate::No || coordinates => None,
             Some(unknown) => Some(Self::Unknown { unknown, unclipped_rmse: None }),
-            None => Self::of(set.estimate?, coordinates).map(|told| told.beside(set.unclipped)),
+            None => Self::of(set.estimate?, peak, coordinates).map(|told| told.beside(set.unclipped)),
         }
     }
 
@@ -98,8 +100,8 @@ impl Estimated {
     }
 
     /// What is told of a group of channels; of coordinates only an error in their own unit.
-    pub fn of(verdict: Verdict, coordinates: bool) -> Option<Self> {
-        match Self::from(verdict) {
+    pub fn of(verdict: Verdict, peak: f32, coordinates: bool) -> Option<Self> {
+        match Self::new(verdict, peak) {
             Self::Error { rmse, .. } if coordinates => {
                 Some(Self::Error { rmse, psnr: None, unclipped_rmse: None })
             }
@@ -221,17 +223,17 @@ pub fn line<'a>(groups: impl Iterator<Item = &'a GroupReport>) -> Option<String>
 }
 
 /// The first group of such a line whose figures cannot be those of one error: not numbers, out of order, or a ratio that is not that of the
-/// error beside it. What holds no figures says nothing that could be wrong.
-pub fn contradiction(line: &str) -> Option<&str> {
-    line.split("; ").find(|group| figures(group).is_some_and(|holds| !holds))
+/// error beside it, by that peak. What holds no figures says nothing that could be wrong.
+pub fn contradiction(line: &str, peak: f64) -> Option<&str> {
+    line.split("; ").find(|group| figures(group, peak).is_some_and(|holds| !holds))
 }
 
 /// Whether the figures of a group hold together; nothing where there are none.
-fn figures(group: &str) -> Option<bool> {
+fn figures(group: &str, peak: f64) -> Option<bool> {
     let number = |text: &str| text.parse::<f64>().unwrap_or(f64::NAN);
     let last = |text: &str| number(text.rsplit(' ').next().unwrap_or_default());
     // Both are rounded: decibels to a tenth, errors to three digits.
-    let agree = |psnr: f64, rmse: f64| rmse > 0.0 && (psnr + 20.0 * rmse.log10()).abs() < 0.1;
+    let agree = |psnr: f64, rmse: f64| rmse > 0.0 && (psnr - 20.0 * (peak / rmse).log10()).abs() < 0.1;
     let within = |estimate: f64, interval: &str| {
         interval.split_once(" to ").is_some_and(|(low, high)| {
             number(low) <= estimate && estimate <= number(high) && number(high).is_finite()
@@ -309,7 +311,7 @@ mod tests {
             neighbours_gain: None,
             chosen: vec![("edge".into(), 0.8), ("tv".into(), 0.2)],
             settled: Vec::new(),
-            estimate: Some(verdict.into()),
+            estimate: Some(Estimated::new(verdict, 1.0)),
             exponent: None,
             energy: None,
             outcome: Outcome::direct(),
@@ -331,7 +333,7 @@ mod tests {
         assert_eq!(chosen([&good].into_iter()).unwrap(), "R, G: edge 80 %, tv 20 %");
         assert_eq!(line([&exact].into_iter()).unwrap(), "R, G: no error at held-out samples");
         for told in [&good, &unknown, &bound, &exact] {
-            assert_eq!(contradiction(&line([told].into_iter()).unwrap()), None);
+            assert_eq!(contradiction(&line([told].into_iter()).unwrap(), 1.0), None);
         }
         let gate = |min_psnr, max_rmse| Gate { min_psnr, max_rmse };
         for (gate, group, refused) in [
@@ -354,6 +356,20 @@ mod tests {
     }
 
     #[test]
+    fn decibels_are_relative_to_the_peak() {
+        let found = Verdict::Estimate(Rmse { rmse: 0.01, low: 0.005, high: 0.02 });
+        for (verdict, said) in [
+            (found, "60.0 dB (54.0 to 66.0), RMSE 1.00e-2"),
+            (Verdict::AtMost(0.01), "at least 60.0 dB, RMSE at most 1.00e-2"),
+        ] {
+            let told = Estimated::new(verdict, 10.0).to_string();
+            assert_eq!(told, said);
+            let line = format!("R: {told}");
+            assert_eq!((contradiction(&line, 10.0), contradiction(&line, 1.0)), (None, Some(&*line)));
+        }
+    }
+
+    #[test]
     fn figures_that_cannot_be_are_found() {
         for (line, holds) in [
             ("A: 39.7 dB (36.1 to 43.3), RMSE 1.04e-2; R, G: 45.4 dB (42.0 to 48.8), RMSE 5.37e-3", true),
@@ -370,7 +386,7 @@ mod tests {
             ("R: no error at held-out samples; G: cannot be told: there are too few samples", true),
             ("a (b): cannot be told: why (why not)", true),
         ] {
-            assert_eq!(contradiction(line).is_none(), holds, "{line}");
+            assert_eq!(contradiction(line, 1.0).is_none(), holds, "{line}");
         }
     }
 }

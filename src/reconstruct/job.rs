@@ -61,6 +61,8 @@ pub struct Job {
     pub layers: Vec<String>,
     /// What is to be said of the error of missing pixels.
     pub estimate: Estimate,
+    /// The value that counts as white in what is said of the error.
+    pub peak: f32,
     /// The name of the channel that holds the estimated error of each pixel, if there is to be one.
     pub error_channel: Option<String>,
 }
@@ -86,6 +88,7 @@ impl Job {
             temporal: Temporal::default(),
             layers: Vec::new(),
             estimate: Estimate::No,
+            peak: 1.0,
             error_channel: None,
         }
     }
@@ -149,6 +152,9 @@ impl Job {
         }
         if self.temporal.window != Window::None {
             line = format!("{line} temporal={} motion={}", self.temporal.window, self.temporal.motion);
+        }
+        if self.peak != 1.0 {
+            line = format!("{line} peak={}", self.peak);
         }
         if let Some(name) = &self.error_channel {
             line = format!("{line} error-channel={}", quote(name));

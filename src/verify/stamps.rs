@@ -37,7 +37,8 @@ pub fn compare(pair: &Pair<'_>) -> Vec<Difference> {
         add(format!("the attribute lacuna/mask names '{}', which is not there; found: {found}", stamp.mask));
     }
     let told = pair.filled.attributes.text(estimate::ATTRIBUTE);
-    if let Some(group) = told.as_deref().and_then(estimate::contradiction) {
+    let peak = stamp.setting("peak").and_then(|peak| peak.parse().ok()).unwrap_or(1.0);
+    if let Some(group) = told.as_deref().and_then(|line| estimate::contradiction(line, peak)) {
         add(format!("the attribute {} contradicts itself: '{group}'", estimate::ATTRIBUTE));
     }
     differences

@@ -94,7 +94,7 @@ fn tell(
         neighbours_gain: set.along,
         chosen: set.shares.iter().map(|(name, share)| ((*name).into(), *share)).collect(),
         settled: set.settled.iter().map(ToString::to_string).collect(),
-        estimate: Estimated::of_set(set, options.estimate, coordinates),
+        estimate: Estimated::of_set(set, (options.estimate, options.peak), coordinates),
         exponent: set.exponent,
         energy: (light && options.keeps_measured()).then(energy).flatten(),
         outcome: set.outcome,
@@ -184,6 +184,7 @@ fn options<'a>(
 pub fn values_options<'a>(group: &Group, names: &[String], job: &Job) -> Options<'a> {
     let mut options = Options::default();
     (options.values, options.domain, options.limit) = (group.values, job.domain, job.limit);
+    options.peak = job.peak;
     let free = group.values == Values::Directions;
     let bounds = names.iter().map(|name| if free { Bounds::Free } else { bounds_of(name) });
     options.bounds = bounds.collect();
