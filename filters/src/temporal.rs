@@ -257,12 +257,13 @@ impl<'a> Judge<'a> {
 pub fn explained(carried: &Carried, image: &Planes) -> f64 {
     let count = carried.len().max(1) as f64;
     let left = off(carried, image).filter(|off| off.is_finite()).sum::<f64>() / count;
-    let variance = |values: &std::sync::Arc<Vec<f32>>| {
+    let variance = |values: &[f32]| {
         let finite = || values.iter().map(|value| f64::from(*value)).filter(|value| value.is_finite());
         let mean = finite().sum::<f64>() / count;
         finite().map(|value| (value - mean).powi(2)).sum::<f64>() / count
     };
-    let all = carried.values.iter().map(variance).sum::<f64>() / carried.values.len().max(1) as f64;
+    let all = carried.values.iter().map(|values| variance(values)).sum::<f64>()
+        / carried.values.len().max(1) as f64;
     if all > 0.0 { 1.0 - left / all } else { 1.0 }
 }
 

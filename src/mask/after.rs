@@ -68,34 +68,34 @@ pub fn next(
     let count = (add * size.pixels() as f64).round() as usize;
     let (chosen, _) = estimate.next_beside(&pixels, count, field(window), preference, may_follow);
     pixels.extend(chosen);
-    let mut flags = vec![false; size.pixels()];
-    for &pixel in &pixels {
-        flags[pixel] = true;
-    }
-    let next = Next { window, pixels, mask: Mask::new(size, flags)?, error: estimate.error() };
-    Ok(match canvas(frame) {
+    let next = Next::of(window, pixels, estimate.error())?;
+    match canvas(frame) {
         Some(all) if all != window => next.on(all),
-        _ => next,
-    })
+        _ => Ok(next),
+    }
 }
 
 impl Next {
-    /// The same on a larger window, of which no other pixel is chosen.
-    fn on(self, canvas: Window) -> Self {
-        let [top, left] = corner(canvas, self.window);
-        let (size, width) = (canvas.size(), self.mask.size().width);
-        let place = |pixel: usize| (top + pixel / width) * size.width + left + pixel % width;
-        let pixels: Vec<usize> = self.pixels.into_iter().map(place).collect();
-        let mut flags = vec![false; size.pixels()];
+    /// These pixels of a window.
+    fn of(window: Window, pixels: Vec<usize>, error: Plane) -> Result<Self, MakeError> {
+        let mut flags = vec![false; window.size().pixels()];
         for &pixel in &pixels {
             flags[pixel] = true;
         }
+        let mask = Mask::new(window.size(), flags)?;
+        Ok(Self { window, pixels, mask, error })
+    }
+
+    /// The same on a larger window, of which no other pixel is chosen.
+    fn on(self, canvas: Window) -> Result<Self, MakeError> {
+        let [top, left] = corner(canvas, self.window);
+        let (size, width) = (canvas.size(), self.mask.size().width);
+        let place = |pixel: usize| (top + pixel / width) * size.width + left + pixel % width;
         let mut error = Plane::filled(size, 0.0);
         for (pixel, value) in self.error.pixels().iter().enumerate() {
             error.pixels_mut()[place(pixel)] = *value;
         }
-        let mask = Mask::from_fn(size, |row, column| flags[row * size.width + column]);
-        Self { window: canvas, pixels, mask, error }
+        Self::of(canvas, self.pixels.into_iter().map(place).collect(), error)
     }
 }
 

@@ -8,6 +8,7 @@ use lacuna_filters::{Mask, Size};
 
 use super::{Neighbour, fit};
 use crate::channels::{self, Name, Rule};
+use crate::reconstruct::SCENE;
 
 /// The camera of a part of a frame, over its display window: its own, or that of a part of the same pixels.
 ///
@@ -136,5 +137,5 @@ fn with_surfaces(size: Size, depth: &[f32], places: &[[f32; 2]]) -> Option<Vec<[
 
 /// What the depth of a frame is likely measured along: lacuna's own is along the ray.
 fn conventions(part: &Part) -> &'static [Depth] {
-    if part.attributes.get("lacuna/scene").is_some() { &[Depth::Ray] } else { &[Depth::Plane, Depth::Ray] }
+    if part.attributes.get(SCENE).is_some() { &[Depth::Ray] } else { &[Depth::Plane, Depth::Ray] }
 }

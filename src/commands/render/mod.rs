@@ -3,6 +3,7 @@
 mod motion;
 mod picture;
 mod rounds;
+mod settings;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -17,6 +18,7 @@ use lacuna_volume::{Camera, Override, Picture, Scene, Shader, Shot};
 use picture::Story;
 pub use picture::Wanted;
 use rounds::{Advance, PIECES};
+use settings::Settings;
 
 use crate::channels;
 use crate::commands::page::Page;
@@ -25,7 +27,7 @@ use crate::files::plan::{Item, Plan, Targets, outputs};
 use crate::files::ranges::Frames;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Source};
-use crate::reconstruct::{self, FILLED_BY, Plans, RENDER, Report};
+use crate::reconstruct::{self, Plans, RENDER, Report};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::{Existing, is_made_from};
 use crate::run::record::{Heading, Record};
@@ -109,6 +111,7 @@ pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
     let plan = plan.with_files(&lacuna_volume::files(&scene, &folder), &job.targets)?;
     let work = Render {
         job,
+        settings: Settings::new(job, &scene),
         scene,
         folder,
         volume: Mutex::new(None),
@@ -121,7 +124,7 @@ pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
     }
     console.listen();
     outputs::make_folders(&plan)?;
-    let heading = heading(job, Some(settings(job, &work.scene, None)));
+    let heading = heading(job, Some(work.settings.of(None)));
     batch::run(heading, &plan.items, &job.run, &work, &console).map_err(PlanError::Failed)
 }
 
@@ -196,35 +199,11 @@ fn name(scene: &Path) -> String {
     scene.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Everything that the pixels of a frame depend on, on one line; of no frame, what all of them share.
-fn settings(job: &RenderJob, scene: &Scene, number: Option<i64>) -> String {
-    let pixels = job.pixels.pattern().unwrap_or_else(|| "all".into());
-    let wanted = &job.wanted;
-    let flags = [
-        (wanted.depth, "depth"),
-        (wanted.normals, "normals"),
-        (wanted.samples, "samples"),
-        (wanted.gradients, "gradients"),
-        (wanted.dense, "dense-aovs"),
-        (wanted.motion, "motion"),
-    ];
-    let layers: Vec<&str> = flags.iter().filter(|(on, _)| *on).map(|(_, name)| *name).collect();
-    let fill = job.fill.as_ref().map_or("none", |method| method.name());
-    let estimate = if job.estimate || job.fill.is_none() { "" } else { " estimate=none" };
-    // Cameras that orbit, and pixels that are chosen, differ from frame to frame.
-    let frame = number.map_or(String::new(), |number| format!(" frame={number}"));
-    format!(
-        "scene={} pixels={pixels} layers={} type={:?}{frame}{FILLED_BY}{fill}{estimate}",
-        scene.line(),
-        layers.join("+"),
-        wanted.kind
-    )
-}
-
 type Ready = Result<Arc<lacuna_volume::Stage>, String>;
 
 struct Render<'a> {
     job: &'a RenderJob,
+    settings: Settings,
     scene: Scene,
     folder: PathBuf,
     /// Read by the first frame, for all.
@@ -348,7 +327,7 @@ impl Render<'_> {
     fn is_current(&self, item: &Item) -> bool {
         let files = item.made_from.iter().map(|(_, path)| path);
         let sources = files.chain(&item.mask).map(|path| &**path);
-        let settings = settings(self.job, &self.scene, item.number);
+        let settings = self.settings.of(item.number);
         is_made_from(&item.output, sources, |parts| {
             parts.iter().all(|part| {
                 part.attributes.text(RENDER).as_deref() == Some(settings.as_str())
@@ -436,7 +415,7 @@ impl Render<'_> {
         let pattern = self.job.pixels.pattern();
         let story = Story {
             scene: &self.scene.line(),
-            render: &settings(self.job, &self.scene, item.number),
+            render: &self.settings.of(item.number),
             camera: shot.camera,
             seed: shot.seed,
             samples: shot.samples,
@@ -507,7 +486,7 @@ impl Render<'_> {
         let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
         let done = reconstruct::fill(frame, &masks, &choices, &what, &self.plans, &run);
         let (mut frame, report) = done.map_err(|error| failed(&error))?;
-        let settings = settings(self.job, &self.scene, item.number);
+        let settings = self.settings.of(item.number);
         frame.parts.iter_mut().for_each(|part| part.attributes.set_text(RENDER, &settings));
         Ok((frame, report))
     }
