@@ -285,12 +285,7 @@ impl Blend {
         if self.mask.count() < FEWEST || samples.is_empty() || self.mask.is_full() {
             return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
         }
-        let guides = guides.filter(|guides| !guides.is_empty());
-        let guided = match guides {
-            Some(guides) => self.guided(samples, guides, run)?,
-            None => None,
-        };
-        let guides = guides.filter(|_| guided.is_some());
+        let (guided, guides) = self.guided(samples, guides, run)?;
         // What other frames know is learned from all of the image.
         let tiles_do = learn && carried.iter().all(Carried::is_empty);
         let (mut all, on_tiles) = self.worth_trying(guided, (samples, map), tiles_do, run)?;
@@ -376,13 +371,14 @@ impl Blend {
         Ok(held)
     }
 
-    /// Guided filling by splines, done; nothing if it gains nothing, which left the image of splines.
+    /// Guided filling by splines, done, and its guides; nothing if there are none, or it gains nothing, which left the image of splines.
     fn guided<'a>(
         &self,
         samples: &Planes,
-        guides: &'a Guides,
+        guides: Option<&'a Guides>,
         run: &Run<'_>,
-    ) -> Result<Option<Candidate<'a>>, Error> {
+    ) -> Result<(Option<Candidate<'a>>, Option<&'a Guides>), Error> {
+        let Some(guides) = guides.filter(|guides| !guides.is_empty()) else { return Ok((None, None)) };
         let filter = Box::new(ss::Settings::default());
         let mut guided =
             Candidate { name: "guided", kind: Kind::Spline, filter, guides: Some(guides), done: None };
@@ -390,7 +386,7 @@ impl Blend {
         let (outcome, effect) = guided.fill((samples, &self.mask), How::EXACTLY, &mut out, run)?;
         let gains = effect.gain.is_some();
         guided.done = Some((out, outcome, effect));
-        Ok(Some(guided).filter(|_| gains))
+        Ok(if gains { (Some(guided), Some(guides)) } else { (None, None) })
     }
 
     /// What was predicted by the same blend is `near`; how error grows with depth, the candidate shows that counts most.

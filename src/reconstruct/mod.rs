@@ -144,13 +144,16 @@ pub fn fill_with(
         report.notes.extend(prefixed(&label, done.notes));
         report.parts.push(done.report);
     }
-    if report.copied {
-        let why = if job.mask == Source::Finite { ", as no pixel is NaN" } else { "" };
-        report.notes.push(format!("nothing is to be filled{why}: the pixels are copied"));
-    }
+    report.notes.extend(report.copied.then(|| copied_note(job)));
     stamp_copies(&mut frame, masks, job, &stamp);
     report.total();
     Ok((frame, report))
+}
+
+/// What is told of a frame in which nothing was filled.
+fn copied_note(job: &Job) -> String {
+    let why = if job.mask == Source::Finite { ", as no pixel is NaN" } else { "" };
+    format!("nothing is to be filled{why}: the pixels are copied")
 }
 
 /// Notes that name their part.

@@ -58,33 +58,8 @@ pub fn solve(
         None => case.fill(method, &mut out)?,
     };
     let (mended, limited) = case.finish(&mut made, &mut out)?;
-    let Made { method, map, outcome, effect, learned, settled, smoothed } = made;
-    let Effect { guides, gain, shares, along, .. } = effect;
-    let wanted = learned.as_ref().filter(|_| options.estimate == Estimate::Pixels);
-    let errors = wanted.map(|learned| case.errors(&learned.model)).transpose()?;
-    let exponent = learned.as_ref().map(|learned| learned.model.exponent());
-    let (estimate, unclipped) = learned.map(Learned::verdicts).unzip();
-    let mask = Arc::clone(case.mask);
-    let set = Set {
-        planes: places,
-        mask,
-        method,
-        map,
-        outcome,
-        mended,
-        guides,
-        gain,
-        shares,
-        along,
-        estimate,
-        unclipped: unclipped.flatten(),
-        exponent,
-        errors,
-        weightless,
-        smoothed,
-        settled,
-    };
-    Ok((out, limited, set))
+    let set = case.told(made, mended)?;
+    Ok((out, limited, Set { weightless, ..set }))
 }
 
 /// Planes to fill, and all that says how.
@@ -180,6 +155,35 @@ impl Case<'_> {
             limited.push(moved);
         }
         Ok((mended, limited))
+    }
+
+    /// What is told of the planes: how they were made, how many of their values were mended, and how wrong they are.
+    fn told(&self, made: Made, mended: usize) -> Result<Set, Error> {
+        let Made { method, map, outcome, effect, learned, settled, smoothed } = made;
+        let Effect { guides, gain, shares, along, .. } = effect;
+        let wanted = learned.as_ref().filter(|_| self.options.estimate == Estimate::Pixels);
+        let errors = wanted.map(|learned| self.errors(&learned.model)).transpose()?;
+        let exponent = learned.as_ref().map(|learned| learned.model.exponent());
+        let (estimate, unclipped) = learned.map(Learned::verdicts).unzip();
+        Ok(Set {
+            planes: self.places.to_vec(),
+            mask: Arc::clone(self.mask),
+            method,
+            map,
+            outcome,
+            mended,
+            guides,
+            gain,
+            shares,
+            along,
+            estimate,
+            unclipped: unclipped.flatten(),
+            exponent,
+            errors,
+            weightless: 0,
+            smoothed,
+            settled,
+        })
     }
 
     /// The estimated error of every pixel.
