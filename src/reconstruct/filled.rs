@@ -11,10 +11,7 @@ use crate::mask::Masks;
 
 /// Whether a part of a frame says that its measured pixels were smoothed.
 pub fn was_smoothed(frame: &Frame) -> bool {
-    let smoothed = |part: &Part| {
-        let stamp = Stamp::read(&part.attributes);
-        stamp.is_some_and(|stamp| stamp.setting("measured").as_deref() == Some("smoothed"))
-    };
+    let smoothed = |part: &Part| Stamp::read(&part.attributes).is_some_and(|stamp| stamp.says_smoothed());
     frame.parts.iter().any(smoothed)
 }
 

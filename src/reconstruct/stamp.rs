@@ -143,6 +143,11 @@ impl Stamp {
         parse_settings(&self.settings).into_iter().rev().find(|pair| pair.0 == name).map(|pair| pair.1)
     }
 
+    /// Whether the settings say that measured pixels were smoothed.
+    pub fn says_smoothed(&self) -> bool {
+        self.setting("measured").is_some_and(|measured| measured == "smoothed")
+    }
+
     /// Whether something that the settings name smooths measured pixels: known noise, or a setting of the filter.
     pub fn smooths(&self) -> bool {
         let by_noise = self.setting("noise").is_some_and(|noise| noise != NoiseSource::None.to_string());

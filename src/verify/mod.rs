@@ -107,7 +107,7 @@ impl Claims {
                 .filter(|_| setting("guides-from", "frame"))
                 .and_then(|guides| guides.parse().ok())
                 .unwrap_or(Asked::None),
-            smoothed: setting("measured", "smoothed"),
+            smoothed: stamp.says_smoothed(),
             filter: stamp.filter,
         }
     }

@@ -20,7 +20,7 @@ pub fn compare(pair: &Pair<'_>) -> Vec<Difference> {
     if METHODS.iter().all(|method| method.name != stamp.filter) {
         add(format!("the attribute lacuna/filter is '{}', which is no filter", stamp.filter));
     }
-    if pair.claims.smoothed && !stamp.smooths() {
+    if stamp.says_smoothed() && !stamp.smooths() {
         add(format!(
             "the attribute lacuna/settings says that measured pixels were smoothed, but {} as it is set there keeps them",
             stamp.filter
@@ -57,7 +57,8 @@ pub fn compare_errors(pair: &Pair<'_>) -> Vec<Difference> {
         else {
             continue;
         };
-        let mut measured = vec![true; errors.len()];
+        // Smoothed pixels are known no better than others, and those that count no sample are missing.
+        let mut measured = vec![!pair.claims.smoothed; errors.len()];
         for (at, sparse) in pair.sparse.channels.iter().enumerate() {
             let filled = pair.choices.get(at).is_some_and(|choice| choice.rule == Rule::Fill);
             if !filled || Name::new(&sparse.display_name()).layer != own.layer {

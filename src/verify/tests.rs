@@ -374,17 +374,20 @@ fn estimates_that_cannot_be_are_found() {
     let found = told("R: 60.0 dB (58.0 to 62.0), RMSE 1.00e-2");
     assert!(found.len() == 1 && found[0].contains("contradicts itself"), "{found:?}");
     let (measured, missing) = (first(true), first(false));
-    let errors = |at: usize, error: f32| {
+    let with = |at: usize, error: f32, noise: &'static str| {
         after(move |filled| {
             let part = &mut filled.parts[0];
             let line = part.attributes.text(SETTINGS).unwrap();
-            part.attributes.set_text(SETTINGS, &format!("{line} error-channel=error"));
+            let line = if noise == "none" { line } else { line.replace("=kept type", "=smoothed type") };
+            part.attributes.set_text(SETTINGS, &format!("{line} noise={noise} error-channel=error"));
             let mut values = [0.0; 48];
             values[at] = error;
             part.channels.push(float("error", &values));
         })
     };
+    let errors = |at: usize, error: f32| with(at, error, "none");
     assert_eq!(errors(missing, 0.5), [""; 0]);
+    assert_eq!(with(measured, 0.5, "count:samples"), [""; 0]);
     for (at, error) in [(measured, 0.5), (missing, -0.5), (missing, f32::NAN), (missing, f32::INFINITY)] {
         let found = errors(at, error);
         assert!(found.len() == 1 && found[0].contains("channel error"), "{found:?}");
