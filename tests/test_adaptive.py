@@ -126,6 +126,16 @@ def test_what_cannot_be_done_is_said(tmp_path, full, flags, says):
         assert "panicked" not in done.stderr and not path.exists()
 
 
+def test_a_next_pass_of_no_pixel_is_refused(tmp_path, full):
+    first, then = tmp_path / "first.exr", tmp_path / "then.exr"
+    lacuna("sparsify", full, "-o", first, "--density", "0.1")
+    nothing = tmp_path / "nothing.exr"
+    OpenEXR.File({}, {"Y": numpy.zeros((120, 160), dtype=numpy.float32)}).write(str(nothing))
+    for flags, says in ((["--add", "0"], "none of"), (["--add", "1e-7"], "add more"), (["--add", "0.1", "--inside", nothing], "--inside")):
+        done = lacuna("mask", "--after", first, "-o", then, *flags, ok=False)
+        assert done.status == 1 and says in done.stderr and not then.exists(), done
+
+
 def test_frames_without_colour_are_refused(tmp_path):
     numbers = numpy.zeros((8, 9), dtype=numpy.uint32)
     OpenEXR.File({}, {"id": numbers}).write(str(tmp_path / "ids.exr"))

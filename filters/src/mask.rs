@@ -49,7 +49,8 @@ impl Mask {
     }
 
     /// Whether a mask that is the other way round would leave these values: all measured ones within `zero` of 0, and several others at
-    /// missing pixels (one value there is what a buffer was cleared to). Nothing if a measured value shows that it is right.
+    /// missing pixels (one value there is what a buffer was cleared to). Nothing if a measured value shows that it is right. What is not
+    /// finite shows nothing.
     pub fn seems_inverted(&self, values: &[f32], zero: f32) -> Option<bool> {
         let finite = |wanted: bool| {
             let own = values.iter().zip(&self.measured).filter(move |(_, flag)| **flag == wanted);
@@ -59,7 +60,12 @@ impl Mask {
             return None;
         }
         let first = finite(false).next().unwrap_or_default();
-        Some(finite(false).any(|value| value.abs() > zero) && finite(false).any(|value| value != first))
+        let blank = finite(true).next().is_some();
+        Some(
+            blank
+                && finite(false).any(|value| value.abs() > zero)
+                && finite(false).any(|value| value != first),
+        )
     }
 
     /// A mask whose pixel at row `y`, column `x` is measured where `measured(y, x)`.
@@ -155,6 +161,8 @@ mod tests {
             ([0.0, 0.1, 0.5, 0.75], 0.0, None),
             ([0.0, -0.1, 0.5, 0.75], 0.2, Some(true)),
             ([0.0, f32::NAN, 0.5, f32::INFINITY], 0.0, Some(false)),
+            ([0.0, f32::NAN, 0.5, 0.75], 0.0, Some(true)),
+            ([f32::INFINITY, f32::NAN, 0.5, 0.75], 0.0, Some(false)),
             ([0.0, 0.0, 0.5, 0.5], 0.0, Some(false)),
             ([0.0, 0.0, 0.0, -0.0], 0.0, Some(false)),
         ] {

@@ -321,6 +321,9 @@ impl MakeMaskArgs {
         if request.temporal != Temporal::Fixed && self.pattern.frames.is_none() {
             return Err(Usage("--temporal needs --frames".into()));
         }
+        if request.temporal == Temporal::Complementary && request.pattern == Pattern::Poisson {
+            return Err(Usage("--temporal complementary: the masks of poisson do not complete each other: use another --pattern".into()));
+        }
         Ok(MaskTask::Generate {
             request,
             rank: self.pattern.rank,

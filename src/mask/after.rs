@@ -68,6 +68,13 @@ pub fn next(
     let count = (add * size.pixels() as f64).round() as usize;
     let (chosen, _) = estimate.next_beside(&pixels, count, field(window), preference, may_follow);
     pixels.extend(chosen);
+    if pixels.is_empty() {
+        return Err(MakeError::Other(if count == 0 {
+            format!("--add {add} is none of {} x {} pixels: add more", size.width, size.height)
+        } else {
+            "there is no pixel to add: none is missing, or --inside leaves none".into()
+        }));
+    }
     let next = Next::of(window, pixels, estimate.error())?;
     match canvas(frame) {
         Some(all) if all != window => next.on(all),

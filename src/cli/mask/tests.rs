@@ -65,6 +65,10 @@ fn nonsense_is_refused_in_one_line() {
         ("-o m.exr --size 64x32 --density 0.2 --error-estimate e.exr", "--after"),
         ("-o m.exr --size 64x32 --density 0.2 --rank", "leave --density away"),
         ("-o m.#.exr --size 64x32 --rank --frames 1-2 --temporal complementary", "needs --density"),
+        (
+            "-o m.#.exr --size 64x32 --density 0.1 --frames 1-2 --temporal complementary --pattern poisson",
+            "do not complete each other",
+        ),
         ("-o m.exr --after f.exr", "--add"),
         ("-o m.exr --size 4x4 --density 0.1 --pattern halton", "halton"),
         ("-o m.exr --merge a.exr", "2 values"),

@@ -275,7 +275,7 @@ def mask(
     pattern
         ``shuffle`` (low-discrepancy), ``blue-noise``, ``poisson``, ``random`` or ``grid``: every n-th pixel of every n-th row, so that
         only the densities 1, 1/4, 1/9, ... come out, the one whose n is nearest (0.25 for 0.2); if it is more than a tenth off, there is a
-        UserWarning.
+        UserWarning, as there is for a density above 0 of which no pixel comes.
     seed
         Another pattern of the same kind.
     temporal, frame
@@ -303,6 +303,9 @@ def mask(
     )
     if kind == "grid" and abs(made.mean() - part) > 0.1 * part:
         line = f"density: the grid has {made.mean():.3g}, not {part:g}; other patterns have any density"
+        warnings.warn(line, UserWarning, stacklevel=2)
+    elif part > 0 and not made.any():
+        line = f"density: none of {width} x {height} pixels is in the mask"
         warnings.warn(line, UserWarning, stacklevel=2)
     return made
 
