@@ -3,10 +3,12 @@
 //!
 //! ```text
 //! finite samples ──> sets of one mask ──> domain ──> method, guides ──> back ──> overflow mended ──> limiter ──> bounds
+//!                                    └──> twins that agree: copied
 //! ```
 //!
 //! - A measured value that is NaN or infinite counts as missing; planes that miss other pixels are solved as sets of their own. A
 //!   mask without a missing pixel leaves its planes alone, such values included, unless the method restores.
+//! - A plane whose measured values are all those of a complete one takes its missing values from that ([`Options::twins`]).
 //! - Light with a long range is solved as logarithms ([`crate::domain`]).
 //! - Values that overflow in the method take the nearest measured one.
 //! - Overshoot is held back to what the samples around allow ([`crate::limiter`]); with guides, or to what those predict.
@@ -23,6 +25,8 @@ pub(crate) use finish::mend;
 mod finite_tests;
 #[cfg(test)]
 mod tests;
+mod twin;
+pub use twin::agrees;
 
 use std::sync::Arc;
 
@@ -86,6 +90,9 @@ pub struct Options<'a> {
     /// Complete planes that may steer the values, where measured pixels are kept; methods that take none ([`crate::descriptor::Takes`])
     /// ignore them, and [`Set::guides`] is then empty.
     pub guides: Option<&'a Guides>,
+    /// Of each plane, a complete one that may hold its values, in its type (an alpha rendered everywhere, say); empty for none at all. Where it
+    /// equals all measured ones ([`agrees`]), missing ones are copied from it; else it counts for nothing. Not where measured pixels are smoothed.
+    pub twins: Vec<Option<Arc<Plane>>>,
     /// Samples of other frames at their places in this one, for methods that choose by held-out samples.
     pub carried: &'a [Carried],
     /// What is to be said of the error.
@@ -108,6 +115,7 @@ impl Default for Options<'_> {
             weights: None,
             gradients: Vec::new(),
             guides: None,
+            twins: Vec::new(),
             carried: &[],
             estimate: Estimate::No,
             peak: 1.0,
@@ -194,6 +202,8 @@ pub struct Set {
     pub smoothed: bool,
     /// Settings that the samples chose.
     pub settled: Vec<Chosen>,
+    /// Whether its missing values were copied from twins ([`Options::twins`]), and no method ran.
+    pub copied: bool,
 }
 
 /// Fills the missing pixels of a group of channels as `lacuna fill` does; with its bits, if planes and guides stand in the order of a
@@ -252,21 +262,28 @@ pub(crate) fn fill_usable(
     if let Some(plane) = masks.iter().position(|usable| usable.is_empty()) {
         return Err(Error::NothingFinite { plane });
     }
-    let sets = sets(masks);
+    let copied = twin::copied(samples, &masks, options);
+    let sets = sets(masks, &copied);
     let restores = options.restores();
-    if let [(mask, _)] = sets.as_slice()
+    let solve = |samples: &Planes, (mask, places, copied): (&Arc<Mask>, Vec<usize>, bool)| {
+        if copied {
+            return Ok(twin::copy(samples, (mask, places), options));
+        }
+        solve::solve(samples, (mask, places), options, plans, run)
+    };
+    if let [(mask, _, copied)] = sets.as_slice()
         && (!mask.is_full() || restores)
     {
         let planes = (0..samples.len()).collect();
-        let (planes, limited, set) = solve::solve(samples, (mask, planes), options, plans, run)?;
+        let (planes, limited, set) = solve(samples, (mask, planes, *copied))?;
         let outcome = set.outcome;
         return Ok(Filled { planes, outcome, sets: vec![set], limited, non_finite });
     }
     let mut filled = Filled::untouched(samples.clone(), non_finite);
-    for (mask, places) in sets.into_iter().filter(|(mask, _)| !mask.is_full() || restores) {
+    for (mask, places, copied) in sets.into_iter().filter(|(mask, ..)| !mask.is_full() || restores) {
         let own = places.iter().map(|&at| samples.as_slice()[at].clone()).collect();
         let own = Planes::of(samples.size(), own);
-        let (planes, limited, set) = solve::solve(&own, (&mask, places), options, plans, run)?;
+        let (planes, limited, set) = solve(&own, (&mask, places, copied))?;
         for ((&at, plane), limited) in set.planes.iter().zip(planes.into_vec()).zip(limited) {
             filled.planes.as_mut_slice()[at] = plane;
             filled.limited[at] = limited;
@@ -300,6 +317,7 @@ fn check(samples: &Planes, mask: &Mask, options: &Options<'_>) -> Result<(), Err
     let sizes = [("samples", samples.size())].into_iter();
     let sizes = sizes.chain(options.weights.iter().map(|plane| ("weights", plane.size())));
     let sizes = sizes.chain(gradients.map(|plane| ("gradients", plane.size())));
+    let sizes = sizes.chain(options.twins.iter().flatten().map(|plane| ("twins", plane.size())));
     let sizes = sizes.chain(options.guides.map(|guides| ("guides", guides.size())));
     let sizes = sizes.chain(like.into_iter().flatten().map(|plane| ("noise", plane.size())));
     let carried = || options.carried.iter().flat_map(Carried::all);
@@ -311,6 +329,7 @@ fn check(samples: &Planes, mask: &Mask, options: &Options<'_>) -> Result<(), Err
     let counts = [
         ("bounds", some(options.bounds.len())),
         ("gradients", some(options.gradients.len())),
+        ("twins", some(options.twins.len())),
         ("noise planes", like.map(<[Plane]>::len)),
     ];
     let counts = counts.into_iter().filter_map(|(what, count)| Some((what, count?)));
@@ -331,13 +350,14 @@ fn usable(mask: &Arc<Mask>, plane: &Plane) -> Arc<Mask> {
     Arc::new(Mask::of(mask.size(), flags.map(|(&flag, value)| flag && value.is_finite()).collect()))
 }
 
-/// Planes of equal masks together, in the order of their first ones.
-fn sets(masks: Vec<Arc<Mask>>) -> Vec<(Arc<Mask>, Vec<usize>)> {
-    let mut sets: Vec<(Arc<Mask>, Vec<usize>)> = Vec::new();
-    for (at, mask) in masks.into_iter().enumerate() {
-        match sets.iter_mut().find(|(other, _)| Arc::ptr_eq(other, &mask) || **other == *mask) {
-            Some((_, planes)) => planes.push(at),
-            None => sets.push((mask, vec![at])),
+/// Planes of equal masks together, those that are copied apart, in the order of their first ones.
+fn sets(masks: Vec<Arc<Mask>>, copied: &[bool]) -> Vec<(Arc<Mask>, Vec<usize>, bool)> {
+    let mut sets: Vec<(Arc<Mask>, Vec<usize>, bool)> = Vec::new();
+    for ((at, mask), &copied) in masks.into_iter().enumerate().zip(copied) {
+        let same = |other: &Arc<Mask>| Arc::ptr_eq(other, &mask) || **other == *mask;
+        match sets.iter_mut().find(|(other, _, kind)| *kind == copied && same(other)) {
+            Some((_, planes, _)) => planes.push(at),
+            None => sets.push((mask, vec![at], copied)),
         }
     }
     sets

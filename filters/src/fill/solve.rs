@@ -183,6 +183,7 @@ impl Case<'_> {
             weightless: 0,
             smoothed,
             settled,
+            copied: false,
         })
     }
 
