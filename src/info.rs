@@ -51,6 +51,8 @@ pub struct PartInfo {
     pub enlarged: bool,
     /// What that fill was worth by its own estimate.
     pub estimate: Option<String>,
+    /// What that fill copied from complete channels.
+    pub copied: Option<String>,
     /// The guides that `fill` would take for it; those that do not predict count for nothing then.
     pub guides: Vec<String>,
     /// The channels, in file order.
@@ -170,6 +172,7 @@ fn part_info(part: &Part, index: usize, masks: Option<&Masks>, choices: &[Choice
         levels: part.had_levels,
         density: masks.and_then(|masks| masks.part_density(index)),
         estimate: filled_by.as_ref().and_then(|_| part.attributes.text(estimate::ATTRIBUTE)),
+        copied: filled_by.as_ref().and_then(|_| part.attributes.text(reconstruct::COPIED)),
         enlarged: filled_by.is_some() && reconstruct::is_enlarged(part),
         filled_by,
         guides: Vec::new(),
@@ -214,6 +217,9 @@ impl std::fmt::Display for Info {
             }
             if let Some(estimate) = &part.estimate {
                 writeln!(f, "  missing pixels by estimate: {}", visible(estimate))?;
+            }
+            if let Some(copied) = &part.copied {
+                writeln!(f, "  copied: {}", visible(copied))?;
             }
             if !part.guides.is_empty() {
                 writeln!(f, "  guides: {}", visible(&part.guides.join(", ")))?;

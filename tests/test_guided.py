@@ -126,6 +126,51 @@ def test_bad_guides_cost_at_most_a_tenth_of_a_decibel(tmp_path, scene, kind):
         assert frames.same_bits(out[hole], plain[hole])
 
 
+VESSELS = ("render", ROOT / "samples/scenes/vessels.toml", "--size", "120x120", "--density", "0.2", "--depth", "--normals")
+
+
+def test_an_alpha_that_a_complete_channel_holds_is_copied(tmp_path):
+    sparse, full, out = (tmp_path / f"{name}.exr" for name in ("sparse", "full", "out"))
+    lacuna(*VESSELS, "--dense-aovs", "-o", sparse)
+    lacuna(*VESSELS[:4], "--depth", "--normals", "-o", full)
+    told = lacuna("fill", sparse, "-o", out, "--json", tmp_path / "told.json").stderr
+    assert "A from dense.A" in told and "A: at least" in told
+    (frame,) = json.loads((tmp_path / "told.json").read_text())["frames"]
+    assert "Z from dense.Z" in frame["copied"]
+    known, filled = frames.read(full)[0], frames.read(out)[0]
+    assert all(frames.same_bits(filled[name], known[name]) for name in ("A", "Z", "N.X", "N.Y", "N.Z"))
+    colour = frames.colour(out)
+    assert not colour[known["A"] == 0].any()
+    lacuna("verify", sparse, out)
+    assert "copied: A from dense.A" in lacuna("info", out).stdout
+    lacuna("fill", out, "-o", tmp_path / "again.exr", "--again")
+    assert frames.same_bits(frames.colour(tmp_path / "again.exr"), colour)
+    # Rendered and filled at once.
+    lacuna(*VESSELS, "--dense-aovs", "--fill", "auto", "-o", tmp_path / "once.exr")
+    assert frames.same_bits(frames.read(tmp_path / "once.exr")[0]["A"], known["A"])
+    lacuna("fill", sparse, "-o", out, "--guides", "none")
+    assert "lacuna/copied" not in frames.OpenEXR.File(str(out)).header()
+    assert not frames.same_bits(frames.read(out)[0]["A"], known["A"])
+
+
+def test_an_alpha_of_other_samples_is_filled(tmp_path):
+    lacuna(*VESSELS, "--dense-aovs", "--samples", "4", "-o", tmp_path / "in.exr")
+    told = lacuna("fill", tmp_path / "in.exr", "-o", tmp_path / "out.exr").stderr
+    assert "copied" not in told and "guided by" in told
+    filled = frames.read(tmp_path / "out.exr")[0]
+    assert not frames.same_bits(filled["A"], filled["dense.A"])
+
+
+def test_every_frame_of_a_sequence_is_copied(tmp_path):
+    moving = ("--frames", "1-2", "--set", "camera.orbit=3", "--dense-aovs", "--motion")
+    lacuna(*VESSELS, *moving, "-o", tmp_path / "in.##.exr")
+    lacuna("fill", tmp_path / "in.##.exr", "-o", tmp_path / "out.##.exr", "--temporal", "auto")
+    for number in ("01", "02"):
+        filled = frames.read(tmp_path / f"out.{number}.exr")[0]
+        assert frames.same_bits(filled["A"], filled["dense.A"])
+        lacuna("verify", tmp_path / f"in.{number}.exr", tmp_path / f"out.{number}.exr")
+
+
 PROMISED = {  # least PSNR in dB: 1.0 (aneurism-iso) and 0.5 (engine) above an unweighted Gaussian-window regression
     ("aneurism-iso-aov", 0.05): 36.62,
     ("aneurism-iso-aov", 0.10): 38.75,

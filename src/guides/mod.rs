@@ -2,7 +2,7 @@
 //!
 //! `auto` takes, from the frame (every part with the view and data window of the part that is filled) or from a second
 //! frame: what `lacuna/dense` lists, and normals, positions, albedo, depths, alpha and identifiers, if every pixel holds them
-//! (`complete`). A channel that is taken is kept as it is.
+//! (`complete`). A channel that is taken is kept as it is. One that has the name of a channel to be filled may hold its very values (`twins`).
 
 mod asked;
 mod collect;
@@ -10,10 +10,12 @@ mod complete;
 mod find;
 #[cfg(test)]
 mod tests;
+mod twins;
 
 pub use asked::{Asked, AskedError};
 pub use collect::collect;
 pub use find::{Found, Guide, Kind, find, of_larger};
+pub use twins::{Twin, twins};
 
 /// The attribute that lists the guides of a filled part.
 pub const ATTRIBUTE: &str = "lacuna/guides";

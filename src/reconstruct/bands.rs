@@ -35,14 +35,9 @@ fn rows(size: Size, band: usize) -> usize {
     (band / size.width.max(1)).max(MARGIN)
 }
 
-/// Fills one part of a frame, in place; `second` is the frame of guides, if there is another.
-pub fn fill(
-    frame: &mut Frame,
-    work: &Work<'_>,
-    guides: &[Guide],
-    second: Option<&Frame>,
-) -> Result<Done, Error> {
-    fill_by(frame, work, guides, second, (WHOLE, BAND))
+/// Fills one part of a frame, in place.
+pub fn fill(frame: &mut Frame, work: &Work<'_>, guides: &[Guide]) -> Result<Done, Error> {
+    fill_by(frame, work, guides, (WHOLE, BAND))
 }
 
 /// The same with other bounds.
@@ -50,13 +45,12 @@ fn fill_by(
     frame: &mut Frame,
     work: &Work<'_>,
     guides: &[Guide],
-    second: Option<&Frame>,
     (whole, band): (usize, usize),
 ) -> Result<Done, Error> {
     let size = frame.parts[work.index].size();
     // Samples of other frames may come from any row.
     if size.pixels() <= whole || work.neighbours.is_some_and(|found| !found.all.is_empty()) {
-        let found = collect(frame, work, guides, second, size)?;
+        let found = collect(frame, work, guides, size)?;
         return part::fill(frame, &Work { guides: &found, ..*work });
     }
     let step = rows(size, band);
@@ -69,7 +63,7 @@ fn fill_by(
         let (band, filled) = loop {
             let rows = own.start.saturating_sub(margin)..size.height.min(own.end.saturating_add(margin));
             let band = Band { own: own.clone(), rows };
-            match band.fill(frame, work, guides, second, &before) {
+            match band.fill(frame, work, guides, &before) {
                 Err(error) if band.rows != (0..size.height) && lacks_samples(&error) => {
                     margin = margin.saturating_mul(8);
                 }
@@ -95,15 +89,10 @@ fn lacks_samples(error: &Error) -> bool {
 }
 
 /// The guides of a part, or of a band of it.
-fn collect(
-    frame: &Frame,
-    work: &Work<'_>,
-    guides: &[Guide],
-    second: Option<&Frame>,
-    size: Size,
-) -> Result<Guides, Error> {
+fn collect(frame: &Frame, work: &Work<'_>, guides: &[Guide], size: Size) -> Result<Guides, Error> {
     let label = || crate::channels::part_label(frame, work.index);
-    guides::collect(guides, frame, second, size).map_err(|source| Error::Filter { channel: label(), source })
+    guides::collect(guides, frame, work.second, size)
+        .map_err(|source| Error::Filter { channel: label(), source })
 }
 
 /// Rows of a part.
@@ -121,7 +110,6 @@ impl Band {
         frame: &Frame,
         work: &Work<'_>,
         guides: &[Guide],
-        second: Option<&Frame>,
         before: &[Samples],
     ) -> Result<(Done, Part), Error> {
         let window = frame.parts[work.index].data_window;
@@ -131,11 +119,11 @@ impl Band {
         for (channel, rows) in band.parts[work.index].channels.iter_mut().zip(before) {
             put(&mut channel.samples, rows, (self.own.start - self.rows.start) * width - rows.len());
         }
-        let second = second.map(|second| Frame { parts: second.parts.iter().map(cut).collect() });
-        let masks = self.masks(work, width);
-        let found = collect(&band, work, guides, second.as_ref(), band.parts[work.index].size())?;
-        let plans = Plans::new();
-        let done = part::fill(&mut band, &Work { masks: &masks, guides: &found, plans: &plans, ..*work })?;
+        let second = work.second.map(|second| Frame { parts: second.parts.iter().map(cut).collect() });
+        let (masks, plans) = (self.masks(work, width), Plans::new());
+        let work = Work { masks: &masks, second: second.as_ref(), plans: &plans, ..*work };
+        let found = collect(&band, &work, guides, band.parts[work.index].size())?;
+        let done = part::fill(&mut band, &Work { guides: &found, ..work })?;
         Ok((done, band.parts.swap_remove(work.index)))
     }
 
@@ -297,6 +285,8 @@ fn add(all: &mut PartReport, band: PartReport, rows: (usize, usize)) {
         all.largest_move = all.largest_move.max(band.largest_move);
         all.clamped_halves += band.clamped_halves;
     }
+    // What was not copied everywhere was filled.
+    all.copied.retain(|pair| band.copied.contains(pair));
     for band in band.groups {
         let Some(known) = all.groups.iter_mut().find(|known| known.channels == band.channels) else {
             all.groups.push(band);
@@ -404,17 +394,8 @@ mod tests {
         let choices = choose(&frame, &masks.mask_channels, &[]);
         let none = Guides::new(frame.parts[0].size());
         let (plans, run) = (Plans::new(), Run::default());
-        let work = Work {
-            index: 0,
-            masks: &masks,
-            choices: &choices[0],
-            guides: &none,
-            neighbours: None,
-            job,
-            plans: &plans,
-            run: &run,
-        };
-        let done = fill_by(&mut frame, &work, &[], None, bounds).unwrap();
+        let work = Work::alone((0, &masks, &choices[0]), &none, job, &plans, &run);
+        let done = fill_by(&mut frame, &work, &[], bounds).unwrap();
         (frame, done)
     }
 

@@ -5,6 +5,7 @@ use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
 
 use super::stamp::Stamp;
+use super::twins;
 use crate::channels::{Choice, Name, Rule, dense, is_albedo, is_light};
 use crate::guides;
 use crate::mask::Masks;
@@ -45,14 +46,16 @@ pub fn inverted(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Option
 }
 
 /// Makes the missing pixels of a filled frame blank, so that none is taken for measured, nor a channel for complete; those that guided
-/// the fill were complete before.
+/// the fill, or that others were copied from, were complete before.
 pub fn blank(frame: &mut Frame, masks: &Masks, choices: &[Vec<Choice>]) {
     for (index, part) in frame.parts.iter_mut().enumerate() {
         let guided = part.attributes.text(guides::ATTRIBUTE).unwrap_or_default();
+        let copied = twins::read(&part.attributes);
         let is_guide = |name: &str| {
-            guided
+            let guides = guided
                 .split(", ")
-                .any(|guide| guide == name || guide == Name::new(name).layer && !guide.is_empty())
+                .any(|guide| guide == name || guide == Name::new(name).layer && !guide.is_empty());
+            guides || copied.iter().any(|(_, twin)| twin == name)
         };
         for (number, channel) in part.channels.iter_mut().enumerate() {
             let kept = choices[index][number].rule == Rule::Keep || is_guide(&channel.display_name());

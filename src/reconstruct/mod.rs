@@ -35,6 +35,7 @@ mod stamp;
 mod surfaces;
 #[cfg(test)]
 mod tests;
+mod twins;
 mod values;
 mod weights;
 
@@ -59,6 +60,7 @@ pub use stamp::{
     ADDED, DENSITY, DERIVED, FILLED_BY, FILTER, RENDER, SCENE, Stamp, dropped_note, error_channel,
     estimated_errors, of_other_pixels, remove, was_cut_short,
 };
+pub(crate) use twins::{ATTRIBUTE as COPIED, line as copied_line, read as copied};
 pub(crate) use values::{convert, kind_for, to_half, to_halves};
 pub use weights::{Weights, WeightsError};
 
@@ -117,8 +119,10 @@ pub fn fill_with(
     for (index, choices) in choices.iter().enumerate() {
         let label = part_label(&frame, index);
         let none = Guides::new(frame.parts[index].size());
-        let work = part::Work { index, masks, choices, guides: &none, neighbours, job, plans, run };
-        let mut done = bands::fill(&mut frame, &work, &found.parts[index], second)?;
+        let twins = guides::twins(&frame, index, choices, &found.parts[index], second);
+        let (guides, twins) = (&none, twins.as_slice());
+        let work = part::Work { index, masks, choices, guides, twins, second, neighbours, job, plans, run };
+        let mut done = bands::fill(&mut frame, &work, &found.parts[index])?;
         let same = done.report.channels.iter().all(|channel| channel.filled == 0) && !done.converted;
         // A restoration fills nothing and changes all.
         let copied = same && done.report.groups.is_empty();

@@ -18,9 +18,10 @@ pub use filter::{channel_names, overflow_note, values_options};
 use super::apply::{Change, apply};
 use super::groups::{Target, copyable, targets, usable};
 use super::{
-    ChannelReport, Error, GroupReport, Job, NoiseSource, PIECE, PartReport, Plans, gradients, learned,
+    ChannelReport, Error, GroupReport, Job, NoiseSource, PIECE, PartReport, Plans, gradients, learned, twins,
 };
 use crate::channels::{Choice, Rule, channel_label};
+use crate::guides::Twin;
 use crate::mask::Masks;
 use crate::temporal::Neighbours;
 
@@ -35,6 +36,10 @@ pub struct Work<'a> {
     pub choices: &'a [Choice],
     /// Complete planes that may steer the colour.
     pub guides: &'a Guides,
+    /// Complete channels that may hold the values of those to be filled.
+    pub twins: &'a [Twin],
+    /// The frame that guides come from, if it is another one.
+    pub second: Option<&'a Frame>,
     /// The frames before and after it.
     pub neighbours: Option<&'a Neighbours>,
     /// What was asked for.
@@ -43,6 +48,20 @@ pub struct Work<'a> {
     pub plans: &'a Plans,
     /// How to run.
     pub run: &'a Run<'a>,
+}
+
+impl<'a> Work<'a> {
+    /// A part without frames beside it, whose guides are none of its own channels.
+    pub fn alone(
+        (index, masks, choices): (usize, &'a Masks, &'a [Choice]),
+        guides: &'a Guides,
+        job: &'a Job,
+        plans: &'a Plans,
+        run: &'a Run<'a>,
+    ) -> Self {
+        let (twins, second, neighbours) = (&[], None, None);
+        Self { index, masks, choices, guides, twins, second, neighbours, job, plans, run }
+    }
 }
 
 /// What was done to a part.
@@ -70,6 +89,8 @@ struct Filled {
     limited: Moved,
     /// Whether measured pixels are smoothed, too.
     all: bool,
+    /// Whether missing ones are copied from a complete channel, and stay as they are.
+    copied: bool,
 }
 
 /// Fills one part of a frame, in place.
@@ -123,8 +144,7 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
         changes[channel] = Some(Change::Values { values, mask, all });
     }
     for target in targets.iter().filter(|target| matches!(target.rule, Rule::Nearest | Rule::Depth)) {
-        let map = sources(frame, work, target, &targets)?;
-        changes[target.channel] = Some(Change::Copies { map, mask: Arc::clone(&target.mask) });
+        changes[target.channel] = Some(chosen(frame, work, target, &targets, &mut done)?);
     }
     for target in &targets {
         let report = &mut done.report.channels[target.channel];
@@ -187,6 +207,7 @@ fn blank_report(part: &Part, choices: &[Choice]) -> PartReport {
         name: part.name(),
         channels: choices.iter().enumerate().map(channel).collect(),
         groups: Vec::new(),
+        copied: Vec::new(),
         neighbours: Vec::new(),
     }
 }
@@ -216,6 +237,24 @@ pub fn measured_floats(samples: &Samples, mask: &Mask) -> Result<Vec<f32>, Error
 /// The value if it counts, else zero. By bits: a choice would become a branch.
 fn only(value: f32, counts: bool) -> f32 {
     f32::from_bits(value.to_bits() & u32::from(counts).wrapping_neg())
+}
+
+/// What becomes of an identifier, a motion vector or a depth: it is copied, from a complete depth that holds its values or from measured pixels.
+fn chosen(
+    frame: &Frame,
+    work: &Work<'_>,
+    target: &Target,
+    targets: &[Target],
+    done: &mut Done,
+) -> Result<Change, Error> {
+    let mask = Arc::clone(&target.mask);
+    if target.rule == Rule::Depth
+        && let Some(values) = twins::depth(frame, work, target)?
+    {
+        twins::tell(frame, work, target.channel, &mut done.report);
+        return Ok(Change::Values { values, mask, all: false });
+    }
+    Ok(Change::Copies { map: sources(frame, work, target, targets)?, mask })
 }
 
 /// Which measured pixel each pixel of an identifier, a motion vector or a depth takes its bits from.

@@ -46,6 +46,9 @@ pub struct PartReport {
     pub channels: Vec<ChannelReport>,
     /// The groups that the filter ran on.
     pub groups: Vec<GroupReport>,
+    /// Channels whose missing pixels were copied from a complete one that holds their values, and that one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub copied: Vec<(String, String)>,
     /// The frames beside it whose samples it was filled with, and what their motion is known from.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub neighbours: Vec<(i64, String)>,

@@ -179,6 +179,28 @@ fn steered_by_guides() {
 }
 
 #[test]
+fn copied_from_twins_by_every_method_that_takes_guides() {
+    for method in methods().into_iter().filter(|method| method.descriptor().takes.guides) {
+        let mut complete = alpha();
+        complete.iter_mut().enumerate().filter(|(at, _)| !mask().as_slice()[*at]).for_each(|(at, value)| {
+            *value = (at % 13) as f32 / 16.0;
+        });
+        let mut frame = sparse(false, false, false);
+        frame.parts[0].channels.push(float("dense.A", &complete));
+        frame.parts[0].attributes.set_text(crate::channels::DENSE, "dense.A");
+        let (tool, report) = of_tool(&frame, &Job::new(method.clone()));
+        let mut options = Options::of(method.clone());
+        (options.values, options.bounds) = (Values::Other, vec![Bounds::Unit]);
+        options.twins = vec![Some(Arc::new(Plane::new(SIZE, complete).unwrap()))];
+        let filled = lacuna_filters::fill(&planes([alpha()]), mask(), &options).unwrap();
+        let same = bits(filled.planes.as_slice()[0].pixels()) == tool[3];
+        let keeps = method.keeps_measured();
+        assert!(same, "{} {}", method.name(), method.settings());
+        assert_eq!((filled.sets[0].copied, report.parts[0].copied.len()), (keeps, usize::from(keeps)));
+    }
+}
+
+#[test]
 fn smoothed_by_weights() {
     for name in ["ss", "tv"] {
         let smooths = if name == "ss" { "lambda" } else { "epsilon" };

@@ -4,7 +4,7 @@ use lacuna_exr::{Attributes, Part};
 use lacuna_filters::{METHODS, Method, Plane, Stop};
 
 use super::job::{Job, parse_settings};
-use super::{GroupReport, NoiseSource, PartReport, estimate};
+use super::{GroupReport, NoiseSource, PartReport, estimate, twins};
 use crate::channels::Override;
 use crate::guides;
 use crate::mask::Source;
@@ -44,13 +44,23 @@ pub const ADDED: &[&str] = &[
     STOP,
     SETTLED,
     guides::ATTRIBUTE,
+    twins::ATTRIBUTE,
     estimate::ATTRIBUTE,
     temporal::ATTRIBUTE,
 ];
 
 /// Those of them that say how the pixels were filled, which would lie once pixels are missing again.
-pub const FILLING: &[&str] =
-    &[FILTER, SETTINGS, SETTLED, DENSITY, STOP, guides::ATTRIBUTE, estimate::ATTRIBUTE, temporal::ATTRIBUTE];
+pub const FILLING: &[&str] = &[
+    FILTER,
+    SETTINGS,
+    SETTLED,
+    DENSITY,
+    STOP,
+    guides::ATTRIBUTE,
+    twins::ATTRIBUTE,
+    estimate::ATTRIBUTE,
+    temporal::ATTRIBUTE,
+];
 
 /// Attributes derived from pixels, which would lie once the pixels differ.
 pub const DERIVED: &[&str] = &["preview", "oiio:SHA-1", "oiio:AverageColor", "oiio:ConstantColor", RENDER];
@@ -124,11 +134,15 @@ impl Stamp {
         }
     }
 
-    /// Writes how a part was made: the stamp, the guides, and what the samples chose.
+    /// Writes how a part was made: the stamp, the guides, what was copied, and what the samples chose.
     pub fn sign(&self, attributes: &mut Attributes, density: Option<f64>, report: &PartReport) {
         let stop = report.groups.iter().map(|group| group.outcome.stop).max();
         self.write(attributes, density.unwrap_or(1.0), stop.unwrap_or(Stop::Converged));
         write_guides(attributes, report);
+        match twins::line(report) {
+            Some(line) => attributes.set_text(twins::ATTRIBUTE, &line),
+            None => drop(attributes.remove(twins::ATTRIBUTE)),
+        }
         write_settled(attributes, report);
     }
 

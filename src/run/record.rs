@@ -104,6 +104,9 @@ pub struct Record {
     /// What steered the colour, and what that gained by estimate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guides: Option<String>,
+    /// Channels whose missing pixels were copied from a complete one that holds their values.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub copied: Option<String>,
     /// The frames beside it that it was filled along with, by what motion, and what that gained by estimate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub neighbours: Option<String>,

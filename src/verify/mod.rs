@@ -2,9 +2,10 @@
 //!
 //! Promised: parts, names, windows, types and attributes are those of the sparse frame, except for what the filled
 //! one says was asked for (its attribute `lacuna/settings`); kept channels and measured pixels have the same bits; what
-//! was filled is finite and within its bounds; identifiers and depths are values that were measured in that channel;
-//! filled normals are of unit length where the measured ones are; the attributes that `fill` adds agree with the
-//! mask and with each other; estimated errors are none at measured pixels.
+//! was filled is finite and within its bounds; identifiers and depths are values that were measured in that channel; what
+//! the filled frame says was copied (`lacuna/copied`) is what stands in that complete channel; filled normals are of
+//! unit length where the measured ones are; the attributes that `fill` adds agree with the mask and with each other;
+//! estimated errors are none at measured pixels.
 //!
 //! Not told from the two frames: which filter ran with which settings, whether a copied value is the nearest one, and
 //! whether measured pixels were smoothed as much as the filled frame's attributes allow.
@@ -25,7 +26,9 @@ pub use stamps::density as claimed_density;
 use crate::channels::{Choice, Name, Override, Rule, part_label, visible};
 use crate::guides::Asked;
 use crate::mask::{Masks, Source};
-use crate::reconstruct::{ADDED, DERIVED, FILLED_BY, Kind, RENDER, Stamp, error_channel, output_compression};
+use crate::reconstruct::{
+    ADDED, DERIVED, FILLED_BY, Kind, RENDER, Stamp, copied, error_channel, output_compression,
+};
 
 /// One difference between what is and what should be.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -168,6 +171,11 @@ impl Pair<'_> {
     fn misses(&self, channel: usize) -> bool {
         let rule = self.choices.get(channel).map_or(Rule::Keep, |choice| choice.rule);
         rule != Rule::Keep && self.masks.get(self.index, channel).is_none_or(|mask| !mask.is_full())
+    }
+
+    /// The name of the complete channel that the filled part says a channel's missing pixels were copied from.
+    fn copied_from(&self, name: &str) -> Option<String> {
+        copied(&self.filled.attributes).into_iter().find(|(own, _)| own == name).map(|(_, twin)| twin)
     }
 
     /// Whether a channel of the sparse part is left out of the filled one.

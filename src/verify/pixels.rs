@@ -9,7 +9,7 @@ use lacuna_filters::{Bounds, Mask};
 use super::{Difference, Pair};
 use crate::channels::Rule;
 use crate::info::kind;
-use crate::reconstruct::{bounds_of, convert, kind_for, usable};
+use crate::reconstruct::{bounds_of, convert, kind_for, to_half, usable};
 
 /// The differences of one channel: of each sort the first pixel and the number.
 pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Difference> {
@@ -52,9 +52,38 @@ pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Differenc
     let missing = all.filter(|at| smoothed || !measured(at));
     let mut differences = Vec::new();
     differences.extend(report("a measured pixel has changed", changed));
-    let (what, wrong) = wrong_fills(rule, &name, sparse, filled, &usable, missing.collect());
-    differences.extend(report(what, wrong));
+    let missing: Vec<usize> = missing.collect();
+    let twin = pair.copied_from(&name);
+    if let Some(twin) = &twin {
+        let what = format!("a pixel is not that of {twin}, which it is said to be copied from");
+        differences.extend(report(&what, wrong_copies(pair, twin, sparse, filled, &missing)));
+    }
+    // Other surfaces may have other depths.
+    if rule != Rule::Depth || twin.is_none() {
+        let (what, wrong) = wrong_fills(rule, &name, sparse, filled, &usable, missing);
+        differences.extend(report(what, wrong));
+    }
     differences
+}
+
+/// The missing pixels that differ from those of a complete channel, in the channel's type; none if that stands in another part or file.
+fn wrong_copies(
+    pair: &Pair<'_>,
+    twin: &str,
+    sparse: &Channel,
+    filled: &Channel,
+    missing: &[usize],
+) -> Vec<usize> {
+    let Some(twin) = pair.sparse.channels.iter().find(|channel| channel.name == twin.as_bytes()) else {
+        return Vec::new();
+    };
+    let is_half = |channel: &Channel| matches!(channel.samples, Samples::Half(_));
+    let halves = is_half(sparse) || is_half(filled);
+    let expected = |at: usize| match value(&twin.samples, at) {
+        value if halves => to_half(value, &mut 0).to_f32(),
+        value => value,
+    };
+    missing.iter().copied().filter(|&at| value(&filled.samples, at) != expected(at)).collect()
 }
 
 /// The filled pixels that cannot be right, and what is wrong with them.

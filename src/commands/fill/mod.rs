@@ -21,8 +21,8 @@ use crate::mask::{self, MaskFile, Masks, Source};
 use crate::reconstruct::estimate::joined;
 use crate::reconstruct::shared::SharedPlans;
 use crate::reconstruct::{
-    self, Beside, FILTER, Gate, GroupReport, PartReport, Report, behind, energy, estimate, inverted, named,
-    was_smoothed,
+    self, Beside, FILTER, Gate, GroupReport, PartReport, Report, behind, copied_line, energy, estimate,
+    inverted, named, was_smoothed,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
@@ -318,6 +318,10 @@ pub fn tell(report: &Report, record: &mut Record) {
     record.guides = guides(report, usize::MAX);
     if let Some(guides) = guides(report, SHOWN) {
         tracing::info!("guided by {guides}");
+    }
+    record.copied = joined(report.lines(copied_line));
+    if let Some(copied) = &record.copied {
+        tracing::info!("copied, as all measured values are equal: {copied}");
     }
     record.neighbours = neighbours(report);
     if let Some(neighbours) = &record.neighbours {

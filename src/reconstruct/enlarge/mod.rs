@@ -185,7 +185,7 @@ fn part(
         channel.non_finite += lost;
     }
     done.notes.extend(done.report.non_finite());
-    let work = part::Work { index, masks: finite, choices, guides: &high, neighbours: None, job, plans, run };
+    let work = part::Work::alone((index, finite, choices), &high, job, plans, run);
     let before = done.report.groups.len();
     channels::enlarge(frame, (&work, &kinds), (geometry, asked.method), taken, &mut done)?;
     let why = format!("--sampling {sampling}, as the frame was rendered with one ray a pixel");
@@ -248,7 +248,7 @@ fn low(
         let label = || part_label(frame, index);
         guides = smaller.map_err(|source| Error::Filter { channel: label(), source })?;
     }
-    let work = part::Work { index, masks, choices, guides: &guides, neighbours: None, job: &job, plans, run };
+    let work = part::Work::alone((index, masks, choices), &guides, &job, plans, run);
     part::fill(frame, &work)
 }
 

@@ -13,7 +13,7 @@ use crate::channels::{self, channel_label};
 use crate::reconstruct::bounds::bounds_of;
 use crate::reconstruct::estimate::{Estimated, untold};
 use crate::reconstruct::groups::{Group, Target};
-use crate::reconstruct::{Error, GroupReport, Job, NoiseSource, Weights, energy, gradients};
+use crate::reconstruct::{Error, GroupReport, Job, NoiseSource, Weights, energy, gradients, twins};
 use crate::temporal::{Carrier, Reference, carriers};
 
 /// Fills a group of channels, and says in the report and in its targets what was found.
@@ -42,9 +42,15 @@ pub fn filter(
     if group.values != Values::Directions {
         options.carried = &carried;
     }
+    options.twins = group.channels.iter().map(|&channel| twins::twin(frame, work, channel)).collect();
     let answer = fill_with(&samples, mask, &options, work.plans, work.run).map_err(fail)?;
     for set in &answer.sets {
         tell(set, (&samples, &answer.planes), (group, &options), &names, work, done);
+    }
+    let copies = answer.sets.iter().filter(|set| set.copied).flat_map(|set| &set.planes);
+    let copies: Vec<usize> = copies.map(|&at| group.channels[at]).collect();
+    for &channel in &copies {
+        twins::tell(frame, work, channel, &mut done.report);
     }
     let smooths = |set: &&Set| set.smoothed || !set.method.keeps_measured();
     let smooths = answer.sets.iter().filter(smooths).flat_map(|set| &set.planes);
@@ -56,8 +62,9 @@ pub fn filter(
         for target in targets.iter_mut().filter(|target| target.channel == channel) {
             (target.mask, target.non_finite) = (Arc::clone(&mask), non_finite);
         }
-        let all = smoothed.contains(&channel);
-        Filled { channel, mask, samples: samples.into_pixels(), values: values.into_pixels(), limited, all }
+        let (all, copied) = (smoothed.contains(&channel), copies.contains(&channel));
+        let (samples, values) = (samples.into_pixels(), values.into_pixels());
+        Filled { channel, mask, samples, values, limited, all, copied }
     });
     Ok(filled.collect())
 }

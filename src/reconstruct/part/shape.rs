@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
-use lacuna_exr::Frame;
+use lacuna_exr::{Frame, Part};
 use lacuna_filters::Mask;
 
 use super::{Done, Filled, Work};
 use crate::channels::{self, DecidedBy, Name, Rule, channel_label};
+use crate::guides::Asked;
 use crate::reconstruct::normals::{self, Lengths};
 use crate::reconstruct::{Error, surfaces};
 
@@ -22,7 +23,7 @@ pub fn unit_normals(
         let Some(triple) = channels::normal_triple(part, work.choices, channel) else { continue };
         let at = |wanted: usize| filled.iter().position(|filled| filled.channel == wanted);
         let (Some(x), Some(y), Some(z)) = (at(triple[0]), at(triple[1]), at(triple[2])) else { continue };
-        if triple.iter().min() != Some(&channel) {
+        if triple.iter().min() != Some(&channel) || filled[x].copied {
             continue;
         }
         let fail = |source| Error::Filter { channel: channel_label(frame, work.index, channel), source };
@@ -67,36 +68,52 @@ pub fn unit_normals(
     Ok(())
 }
 
-/// Makes smoothed channels 0 where the alpha of their layer is: smoothing takes light over an edge that alpha, which is not smoothed, keeps. Not where
-/// a measured pixel has light without alpha.
+/// An alpha, which tells where its layer is empty.
+struct Alpha {
+    layer: String,
+    values: Vec<f32>,
+    /// Whether missing pixels have it from the renderer, not from a filter.
+    known: bool,
+}
+
+/// Measured pixels without alpha, all black, that show that a layer has no light without alpha.
+const EMPTY: usize = 16;
+
+/// Makes light 0 where the alpha of its layer is, if that is known at missing pixels; smoothed channels also where it was filled, as smoothing takes
+/// light over an edge that alpha, which is not smoothed, keeps. Not where a measured pixel has light without alpha.
 pub fn empty_stays_black(frame: &Frame, work: &Work<'_>, filled: &mut [Filled]) {
     let part = &frame.parts[work.index];
     let names: Vec<_> = part.channels.iter().map(lacuna_exr::Channel::display_name).collect();
-    if !filled.iter().any(|filled| filled.all) {
-        return;
-    }
-    let is_complete = |at: usize| matches!(work.choices[at].by, DecidedBy::Guide | DecidedBy::Dense);
-    let alpha = |at: usize| match filled.iter().find(|filled| filled.channel == at) {
-        Some(alpha) => Some((at, alpha.values.clone())),
-        // A sparse one that is kept says nothing of missing pixels.
-        None => part.channels[at].samples.to_floats().filter(|_| is_complete(at)).map(|values| (at, values)),
-    };
-    let alphas: Vec<(usize, Vec<f32>)> =
-        (0..names.len()).filter(|&at| channels::is_alpha(&names[at])).filter_map(alpha).collect();
-    for channel in
-        filled.iter_mut().filter(|filled| filled.all && !channels::is_alpha(&names[filled.channel]))
-    {
-        let layer = Name::new(&names[channel.channel]).layer;
-        let Some((_, alpha)) = alphas.iter().find(|(at, _)| Name::new(&names[*at]).layer == layer) else {
-            continue;
-        };
-        let measured = channel.mask.as_slice().iter().zip(&channel.samples);
-        if measured.zip(alpha).any(|((flag, sample), alpha)| *flag && *alpha == 0.0 && *sample != 0.0) {
+    let smoothed = filled.iter().any(|filled| filled.all);
+    let alphas = (0..names.len()).filter(|&at| channels::is_alpha(&names[at]));
+    let alphas = alphas.filter_map(|at| alpha(part, work, filled, at));
+    let alphas: Vec<Alpha> = alphas.filter(|alpha| smoothed || alpha.known).collect();
+    let is_colour = |filled: &&mut Filled| !channels::is_alpha(&names[filled.channel]);
+    for channel in filled.iter_mut().filter(is_colour) {
+        let name = &names[channel.channel];
+        let tied = |alpha: &Alpha| channel.all || (alpha.known && channels::is_light(name));
+        let layer = Name::new(name).layer;
+        let Some(alpha) = alphas.iter().find(|alpha| alpha.layer == layer && tied(alpha)) else { continue };
+        let measured = channel.mask.as_slice().iter().zip(channel.samples.iter().zip(&alpha.values));
+        let mut empty = measured.filter(|(flag, (_, alpha))| **flag && **alpha == 0.0);
+        let few = !channel.all && empty.clone().take(EMPTY).count() < EMPTY;
+        if few || empty.any(|(_, (sample, _))| *sample != 0.0) {
             continue;
         }
-        let empty = channel.values.iter_mut().zip(alpha).filter(|(_, alpha)| **alpha == 0.0);
+        let empty = channel.values.iter_mut().zip(&alpha.values).filter(|(_, alpha)| **alpha == 0.0);
         empty.for_each(|(value, _)| *value = 0.0);
     }
+}
+
+/// The alpha in a channel of a part, filled or complete; a sparse one that is kept says nothing of missing pixels.
+fn alpha(part: &Part, work: &Work<'_>, filled: &[Filled], at: usize) -> Option<Alpha> {
+    let layer = Name::new(&part.channels[at].display_name()).layer.to_owned();
+    if let Some(found) = filled.iter().find(|filled| filled.channel == at) {
+        return Some(Alpha { layer, values: found.values.clone(), known: found.copied });
+    }
+    let is_complete = matches!(work.choices[at].by, DecidedBy::Guide | DecidedBy::Dense);
+    let values = part.channels[at].samples.to_floats().filter(|_| is_complete)?;
+    Some(Alpha { layer, values, known: *work.job.wanted() != Asked::None })
 }
 
 /// Brings filled coordinates, layer by layer, onto surfaces of the measured ones where that is due.
@@ -114,7 +131,7 @@ pub fn on_surfaces(
     for (at, one) in filled.iter().enumerate() {
         let name = part.channels[one.channel].display_name();
         let filled = work.choices[one.channel].rule == Rule::Fill;
-        if !filled || !channels::is_coordinate(&name) {
+        if !filled || one.copied || !channels::is_coordinate(&name) {
             continue;
         }
         let layer = Name::new(&name).layer;
