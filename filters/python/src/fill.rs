@@ -177,12 +177,13 @@ fn smoothing(method: &'static Descriptor) -> Option<String> {
 
 /// Fills an image; without a mask, what is not finite in any channel is missing.
 #[pyfunction]
-#[pyo3(signature = (image, mask, guides, filter, settings, values, domain, limit, weights, estimate, peak, threads))]
+#[pyo3(signature = (image, mask, guides, twin, filter, settings, values, domain, limit, weights, estimate, peak, threads))]
 pub fn fill<'py>(
     py: Python<'py>,
     image: Image<'py>,
     mask: Option<Bytes<'py>>,
     guides: Vec<(String, Guide<'py>)>,
+    twin: Option<Image<'py>>,
     filter: &str,
     settings: Settings,
     values: &str,
@@ -211,6 +212,8 @@ pub fn fill<'py>(
     options.limit = limit;
     options.weights = weights.map(|array| self::weights(&array, &options.method, &mask)).transpose()?;
     options.guides = (!guides.is_empty()).then_some(&guides);
+    let twins = twin.map(|twin| twin.planes(&pool).into_vec()).unwrap_or_default();
+    options.twins = twins.into_iter().map(|plane| Some(Arc::new(plane))).collect();
     options.estimate = self::estimate(estimate)?;
     options.peak = peak;
     drop(image);
@@ -238,7 +241,7 @@ fn report<'py>(py: Python<'py>, filled: &mut Filled, planes: usize) -> PyResult<
     let mut filters: Vec<(&'static str, f64)> = Vec::new();
     for set in &filled.sets {
         let part = set.planes.len() as f64 / planes.max(1) as f64;
-        let alone = [(set.method.name(), 1.0)];
+        let alone = [(if set.copied { "copy" } else { set.method.name() }, 1.0)];
         for &(name, share) in if set.shares.is_empty() { &alone[..] } else { &set.shares } {
             match filters.iter_mut().find(|known| known.0 == name) {
                 Some(known) => known.1 += part * share,
@@ -268,6 +271,9 @@ fn above(peak: f32, samples: &Planes, mask: &Mask) -> f64 {
     count as f64 / (mask.count() * samples.len()).max(1) as f64
 }
 
+/// Why no more than a bound is told of what was copied.
+const BOUNDED: &str = "no measured value differs from its twin, which bounds the error";
+
 /// Over all sets, each counting by its planes.
 fn verdict(sets: &[Set], of: impl Fn(&Set) -> Option<Verdict>) -> (Option<Rmse>, Option<String>) {
     let (mut squares, mut planes, mut bound) = ([0.0; 3], 0.0, false);
@@ -294,7 +300,9 @@ fn verdict(sets: &[Set], of: impl Fn(&Set) -> Option<Verdict>) -> (Option<Rmse>,
         return (Some((Some(0.0), Some(0.0), 0.0)), Some("no error at held-out samples".into()));
     }
     if bound {
-        return (Some((None, None, high)), Some(Why::TooFar.to_string()));
+        let copied = sets.iter().all(|set| set.copied);
+        let why = if copied { BOUNDED.to_owned() } else { Why::TooFar.to_string() };
+        return (Some((None, None, high)), Some(why));
     }
     (Some((Some(rmse), Some(low), high)), None)
 }

@@ -259,6 +259,7 @@ REFUSED = {
     "unknown domain": ("domain", lambda: lacuna.fill(IMAGE, MASK, domain="x")),
     "weights of another size": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", weights=MASK[1:])),
     "no weight": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": 1}, weights=MASK * 0)),
+    "a twin of another size": ("twin", lambda: lacuna.fill(IMAGE, MASK, twin=IMAGE[:, :, :1])),
     "guides of another size": ("guides", lambda: lacuna.fill(IMAGE, MASK, {"n": IMAGE[1:]})),
     "guides in a list": ("guides", lambda: lacuna.fill(IMAGE, MASK, [IMAGE])),
     "an inverted mask": ("mask", lambda: lacuna.fill(np.where(MASK[..., None], IMAGE + 1, 0), ~MASK)),

@@ -39,6 +39,23 @@ def test_fill_with_settings_and_guides(tmp_path, tool):
     assert not same_bits(said[0], lacuna.fill(samples, mask, filter="ss", settings={"order": 3}))
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float16])
+@pytest.mark.parametrize("off", [0, 0.25])
+def test_fill_with_a_twin(tmp_path, tool, dtype, off):
+    alpha = np.clip(picture()[:, :, 0] - 0.4, 0, 1)
+    mask = lacuna.mask(alpha.shape, 0.2, seed=7)
+    twin = alpha.copy()
+    twin[tuple(np.argwhere(mask)[7])] += off
+    samples = np.where(mask, alpha, 0).astype(dtype)
+    path = write(tmp_path / "in.exr", {"A": samples, "mask": mask.astype(np.float16), "R": samples, "a.A": twin})
+    tool("fill", path, "-o", tmp_path / "out.exr", "--guides", "a.A")
+    filled, told = lacuna.fill(samples, mask, {"a.A": twin}, values="matte", twin=twin, estimate=True)
+    assert same_bits(filled, read(tmp_path / "out.exr", "A"))
+    assert same_bits(filled, alpha.astype(dtype)) == (off == 0) == (told.filters == {"copy": 1})
+    if off == 0:
+        assert told.psnr is None and told.low > 20 and "twin" in told.reason
+
+
 @pytest.mark.parametrize("filter", ["auto", "ss"])
 def test_fill_with_guides_that_are_colours(tmp_path, tool, filter):
     albedo = np.sqrt(picture()) * np.float32([1, 0.5, 0.25])

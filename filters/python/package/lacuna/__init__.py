@@ -51,6 +51,7 @@ def fill(
     domain: str = ...,
     limit: bool = ...,
     weights: Optional[npt.ArrayLike] = ...,
+    twin: Optional[npt.ArrayLike] = ...,
     estimate: Literal[False] = ...,
     peak: float = ...,
     threads: int = ...,
@@ -67,6 +68,7 @@ def fill(
     domain: str = ...,
     limit: bool = ...,
     weights: Optional[npt.ArrayLike] = ...,
+    twin: Optional[npt.ArrayLike] = ...,
     estimate: Literal[True],
     peak: float = ...,
     threads: int = ...,
@@ -83,6 +85,7 @@ def fill(
     domain: str = ...,
     limit: bool = ...,
     weights: Optional[npt.ArrayLike] = ...,
+    twin: Optional[npt.ArrayLike] = ...,
     estimate: bool,
     peak: float = ...,
     threads: int = ...,
@@ -98,6 +101,7 @@ def fill(
     domain: str = "auto",
     limit: bool = True,
     weights: Optional[npt.ArrayLike] = None,
+    twin: Optional[npt.ArrayLike] = None,
     estimate: bool = False,
     peak: float = 1.0,
     threads: int = 0,
@@ -129,6 +133,10 @@ def fill(
     weights
         (height, width): how much each measured pixel counts, such as its number of samples; finite, 0 or more. Only where settings
         smooth (``lambda`` of ``ss``, ``epsilon`` of ``tv``); refused elsewhere, as every pixel is kept there.
+    twin
+        A complete array of the shape of ``image`` that may hold its values, such as an alpha that was rendered everywhere. A channel
+        of which it equals all measured values (as the dtype of ``image``, enough of them and not all the same) takes the missing ones
+        from it; otherwise it counts for nothing. The tool looks for such channels among its guides by their names.
     estimate
         Whether to return an ``Estimate`` beside the image: two fills more, of a part of the samples.
     peak
@@ -146,7 +154,7 @@ def fill(
     before it has converged.
     """
     asked = arguments.flag("estimate", estimate)
-    told = _fill(image, mask, guides, filter, settings, values, domain, limit, weights, "pixels" if asked else "no", peak, threads)
+    told = _fill(image, mask, guides, twin, filter, settings, values, domain, limit, weights, "pixels" if asked else "no", peak, threads)
     return told if asked else told[0]
 
 
@@ -161,6 +169,7 @@ def estimate(
     domain: str = "auto",
     limit: bool = True,
     weights: Optional[npt.ArrayLike] = None,
+    twin: Optional[npt.ArrayLike] = None,
     peak: float = 1.0,
     threads: int = 0,
 ) -> Estimate:
@@ -168,7 +177,7 @@ def estimate(
 
     Takes what ``fill`` takes, raises what it raises, and returns an ``Estimate``.
     """
-    return _fill(image, mask, guides, filter, settings, values, domain, limit, weights, "pixels", peak, threads)[1]
+    return _fill(image, mask, guides, twin, filter, settings, values, domain, limit, weights, "pixels", peak, threads)[1]
 
 
 def upscale(
@@ -432,6 +441,7 @@ def _fill(
     image: npt.ArrayLike,
     mask: Optional[npt.ArrayLike],
     guides: Optional[Mapping[str, npt.ArrayLike]],
+    twin: Optional[npt.ArrayLike],
     filter: str,
     settings: Optional[Mapping[str, Any]],
     values: str,
@@ -447,13 +457,16 @@ def _fill(
     flags = arguments.mask(mask, image, (height, width))
     name = arguments.word("filter", filter)
     steering = arguments.guides(guides, (height, width))
+    complete = arguments.twin(twin, array)
     white = arguments.peak(peak)
     bytes_per_pixel = channels * _SOLVING + 4 * sum(1 if guide.ndim == 2 else guide.shape[2] for _, guide in steering)
+    bytes_per_pixel += 0 if complete is None else 4 * channels
     arguments.afford("image", array.shape, _lacuna.bytes_per_pixel(name) + bytes_per_pixel)
     filled, told = _lacuna.fill(
         array,
         flags,
         steering,
+        complete,
         name,
         arguments.settings(settings),
         arguments.word("values", values),

@@ -72,6 +72,16 @@ def weights(given: Any, shape: tuple[int, ...]) -> Optional[npt.NDArray[np.float
     return array.astype(np.float32, copy=False)
 
 
+def twin(given: Any, like: npt.NDArray[Any]) -> Optional[npt.NDArray[Any]]:
+    """Complete values of the same channels, in the dtype of the image."""
+    if given is None:
+        return None
+    array, _ = image("twin", given)
+    if array.shape != like.shape:
+        raise ValueError(f"twin: {_axes(array)}, and the image has {like.shape} (height, width, channels)")
+    return array.astype(like.dtype, copy=False)
+
+
 def guides(given: Any, shape: tuple[int, ...], whose: str = "image") -> list[tuple[str, npt.NDArray[Any]]]:
     """Guides with their names, in the order of the channels of a file; whole numbers are labels of surfaces."""
     if given is None:

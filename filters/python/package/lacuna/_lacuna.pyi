@@ -29,6 +29,7 @@ def fill(
     image: npt.NDArray[Any],
     mask: Optional[npt.NDArray[np.uint8]],
     guides: list[tuple[str, npt.NDArray[Any]]],
+    twin: Optional[npt.NDArray[Any]],
     filter: str,
     settings: list[tuple[str, str]],
     values: str,
