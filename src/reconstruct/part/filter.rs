@@ -83,7 +83,8 @@ fn tell(
     let light = group.values == Values::Light;
     if light {
         done.errors.extend(set.errors.as_ref().map(|error| (names[0].clone(), error.clone())));
-        done.untold.extend(untold(set).map(|why| (names.clone(), why)));
+        let copied = set.copied.then(|| "they are copied, and only a bound is known".to_owned());
+        done.untold.extend(untold(set).or(copied).map(|why| (names.clone(), why)));
     }
     let missing = options.noise != Noise::None;
     done.notes.extend(set_notes(set, &names, work.job));

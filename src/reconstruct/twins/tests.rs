@@ -2,11 +2,12 @@
 
 use half::f16;
 use lacuna_exr::{Channel, Frame, Samples};
+use lacuna_filters::fill::Estimate;
 use lacuna_filters::{Method, Plans, Run};
 
 use crate::channels::{DENSE, choose};
 use crate::mask::{Source, find};
-use crate::reconstruct::{Beside, Job, Report, fill_with};
+use crate::reconstruct::{Beside, Estimated, Job, Report, fill_with};
 use crate::testing::{float, frame, half, part, values, window};
 use crate::verify::{self, Claims};
 
@@ -160,6 +161,20 @@ fn the_guides_of_another_file_are_copied_as_well() {
     assert!(values(&filled.parts[0], "A") == rounded(alpha()));
     assert_eq!(super::line(&report.parts[0]).as_deref(), Some("A from A of the guides' file"));
     assert_eq!(wrong(&sparse, &filled), Vec::<String>::new());
+}
+
+#[test]
+fn copied_light_has_no_errors_to_write() {
+    let light = all(|y, x| 0.1 + ((y * 3 + x) % 19) as f32 / 20.0);
+    let mut sparse = sparse(vec![float("dense.G", &light)], "dense.G");
+    sparse.parts[0].channels.push(float("G", &seen(&light)));
+    let job = Job { estimate: Estimate::Pixels, error_channel: Some("error".into()), ..job("auto") };
+    let (filled, report) = filled(&sparse, &job, None);
+    assert!(values(&filled.parts[0], "G") == light);
+    let said = "G: no estimated errors: they are copied, and only a bound is known";
+    assert!(report.notes.iter().any(|note| note == said), "{:?}", report.notes);
+    let bound = report.parts[0].groups.iter().find(|group| group.channels == ["G"]).unwrap();
+    assert!(matches!(bound.estimate, Some(Estimated::Bound { .. })));
 }
 
 #[test]
