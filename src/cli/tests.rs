@@ -298,43 +298,6 @@ fn settings_of_another_filter_are_refused() {
 }
 
 #[test]
-fn a_flag_that_the_task_of_mask_does_not_use_is_refused() {
-    let generate = "--size 8x8 --density 0.5 -o m.exr";
-    let (after, merge) = ("--after a.exr --add 0.1 -o m.exr", "--merge a.exr b.exr -o m.exr");
-    for (task, flag, owners) in [
-        (generate, "--add 0.1", "--after"),
-        (generate, "--error-estimate e.exr", "--after"),
-        (generate, "--mask alpha", "--after or --merge"),
-        (after, "--pattern grid", "--size"),
-        (after, "--temporal offset", "--size"),
-        (after, "--density 0.1", "--size"),
-        (merge, "--inside i.png", "--size or --after"),
-        (merge, "--always i.png", "--size or --after"),
-        (merge, "--border 1", "--size or --after"),
-        (merge, "--pattern shuffle", "--size"),
-        (merge, "--temporal fixed", "--size"),
-        (merge, "--seed 0", "--size or --after"),
-        (merge, "--crop-overhead 9", "--size or --after"),
-        (merge, "--rank", "--size"),
-    ] {
-        let text = usage(&format!("mask {task} {flag}"));
-        let name = flag.split(' ').next().unwrap();
-        assert!(text.starts_with(&format!("lacuna: error: {name} goes with {owners}; --")), "{text}");
-        assert!(text.contains("does not use it") && text.lines().count() == 1, "{text}");
-    }
-    for (task, flags) in [
-        (
-            generate,
-            "--pattern grid --seed 1 --frames 1-2 --temporal offset --inside i.png --border 1 --threads 2",
-        ),
-        (after, "--seed 1 --frames 1-2 --always i.png --border 1 --mask alpha --error-estimate e.exr"),
-        (merge, "--frames 1-2 --mask alpha --create-dir -q"),
-    ] {
-        assert!(matches!(parse(words(&format!("mask {task} {flags}"))), Ok(Job::Mask(_))), "{task} {flags}");
-    }
-}
-
-#[test]
 fn analyze_measures_masks_and_frames() {
     let task = |line: &str| match parse(words(&format!("analyze {line}"))) {
         Ok(Job::Mask(job)) => job.task,

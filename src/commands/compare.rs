@@ -182,6 +182,18 @@ impl Work for Compare<'_> {
     }
 }
 
+/// Says what makes a pair of frames an odd one to compare.
+fn warn_of(reference: &Frame, test: &Frame) {
+    if Claims::are_swapped(reference, test) {
+        tracing::warn!("only the reference was filled by lacuna, and it comes first: are the two swapped?");
+    }
+    if crate::sparsify::check_complete(reference).is_err() {
+        tracing::warn!(
+            "the reference is sparse by its mask, and was not filled: where its pixels are missing, errors say nothing"
+        );
+    }
+}
+
 impl<'a> Compare<'a> {
     fn new(job: &'a CompareJob, items: &'a [Item]) -> Self {
         let pending = |item: &Item| FrameReport {
@@ -215,16 +227,7 @@ impl<'a> Compare<'a> {
             let read = |path| lacuna_exr::read(path, &limits).map_err(|error| Failure::at(path, error));
             Ok((read(&item.input)?, read(&item.output)?))
         })?;
-        if Claims::are_swapped(&reference, &test) {
-            tracing::warn!(
-                "only the reference was filled by lacuna, and it comes first: are the two swapped?"
-            );
-        }
-        if crate::sparsify::check_complete(&reference).is_err() {
-            tracing::warn!(
-                "the reference is sparse by its mask, and was not filled: where its pixels are missing, errors say nothing"
-            );
-        }
+        warn_of(&reference, &test);
         let (masks, unknown) = self.mask_of(item, &reference, &test, limits)?;
         record.density = masks.as_ref().and_then(Masks::density);
         let index = self.index(item);
