@@ -121,6 +121,20 @@ def test_the_distance_that_is_told_is_the_one_that_is_left(tmp_path):
     assert abs(told - np.abs(back - plane).max()) <= 0.06 * told, done
 
 
+def test_enlarged_frames_are_called_enlarged(tmp_path):
+    y, x = np.mgrid[0:20, 0:24]
+    for number in (1, 2):
+        frames.write(tmp_path / f"in.{number}.exr", {"R": (x + y + number).astype(np.float32)})
+    upscale(tmp_path / "in.%d.exr", tmp_path / "twice.%d.exr", "--scale", "2")
+    done = lacuna("upscale", tmp_path / "twice.%d.exr", "-o", tmp_path / "more.%d.exr", "--scale", "2")
+    told = [line for line in done.stderr.splitlines() if "enlarged by ss already: taken as complete" in line]
+    assert len(told) == 2 and all(f"twice.{number}.exr" in line for number, line in enumerate(sorted(told), 1)), done
+    assert "filled by" not in done.stderr, done
+    done = lacuna("verify", tmp_path / "in.1.exr", tmp_path / "twice.1.exr", ok=False)
+    [line] = [line for line in done.stderr.splitlines() if "error" in line]
+    assert done.status == 1 and "twice.1.exr: enlarged by ss: verify checks fills" in line and "lacuna compare" in line, done
+
+
 def test_what_is_taken_from_a_file_of_guides_need_not_steer(tmp_path):
     plane = np.random.default_rng(4).random((24, 32)).astype(np.float32)
     frames.write(tmp_path / "in.exr", {"R": plane, "Z": plane})

@@ -29,6 +29,7 @@ Exit status: 0 all as promised, 1 a frame is not or cannot be read, 2 usage, 128
 /// Not checked: whether the named filter and settings made the values, how far these are from the measured ones, and
 /// whether a copied value is the nearest one.
 /// What differs is named with part, channel and pixel.
+/// Enlarged frames are refused: lacuna compare checks them against frames rendered at their size.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct VerifyArgs {

@@ -3,11 +3,14 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use lacuna_exr::Frame;
+
 use crate::files::error::PlanError;
 use crate::files::inputs::Selection;
 use crate::files::plan::{Item, Plan, check_report, pair};
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Source};
+use crate::reconstruct::{is_enlarged, made_by};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::record::{Heading, Record};
 use crate::run::schedule::Need;
@@ -82,6 +85,10 @@ impl Work for Verify<'_> {
             let read = |path| lacuna_exr::read(path, &limits).map_err(|error| Failure::at(path, error));
             Ok((read(&item.input)?, read(&item.output)?))
         })?;
+        if let Some(made) = enlarged_by(&sparse, &filled) {
+            let line = "verify checks fills, not enlarged frames; lacuna compare checks them against a frame rendered at their size";
+            return Err(Failure::at(&item.output, format!("{made}: {line}")));
+        }
         let claims = Claims::read(&filled);
         let source = self.job.mask.as_ref().unwrap_or(&claims.mask);
         let path = match (&item.mask, source) {
@@ -117,6 +124,12 @@ impl Work for Verify<'_> {
         let hint = if are_swapped { "are the two swapped? The sparse frame comes first: " } else { "" };
         Err(Failure::at(&item.output, format!("{hint}{}", list(&differences))))
     }
+}
+
+/// What enlarged the second frame, if the first was not enlarged as well.
+fn enlarged_by(sparse: &Frame, filled: &Frame) -> Option<String> {
+    let by = |frame: &Frame| frame.parts.iter().find(|part| is_enlarged(part)).and_then(made_by);
+    by(filled).filter(|_| by(sparse).is_none())
 }
 
 /// The differences on one line.

@@ -254,6 +254,7 @@ impl Merged {
             report: self.report.unwrap_or_default(),
             converted: self.converted,
             notes: self.notes,
+            remarks: Vec::new(),
             errors: self.errors,
             untold: self.untold,
         }

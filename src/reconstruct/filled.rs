@@ -4,7 +4,7 @@ use half::f16;
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
 
-use super::stamp::Stamp;
+use super::stamp::{FILTER, Stamp};
 use super::twins;
 use crate::channels::{Choice, Name, Rule, dense, is_albedo, is_light};
 use crate::guides;
@@ -19,6 +19,12 @@ pub fn was_smoothed(frame: &Frame) -> bool {
 /// Whether a part says that it was enlarged.
 pub fn is_enlarged(part: &Part) -> bool {
     Stamp::read(&part.attributes).is_some_and(|stamp| stamp.setting("upscale").is_some())
+}
+
+/// What made a part, for messages: `filled by auto`, `enlarged by ss`; nothing if nothing here did.
+pub fn made_by(part: &Part) -> Option<String> {
+    let filter = part.attributes.text(FILTER)?;
+    Some(format!("{} by {filter}", if is_enlarged(part) { "enlarged" } else { "filled" }))
 }
 
 /// What to say of a frame in which every measured value is 0 and missing ones are not: a mask of 1 where nothing was measured leaves that.

@@ -71,8 +71,10 @@ pub struct Done {
     pub report: PartReport,
     /// Whether a channel has another type now.
     pub converted: bool,
-    /// For the log.
+    /// For the log, as warnings.
     pub notes: Vec<String>,
+    /// For the log, of what was done as asked.
+    pub remarks: Vec<String>,
     /// The estimated error of layers, if it is to be written: the layer's first channel, and the error.
     pub errors: Vec<(String, Plane)>,
     /// Channels of light whose error nothing is known of, and why.

@@ -35,6 +35,9 @@ pub struct Report {
     pub parts: Vec<PartReport>,
     /// What a reader of the log should know, one line each.
     pub notes: Vec<String>,
+    /// What was done as asked, for the log alone.
+    #[serde(skip)]
+    pub remarks: Vec<String>,
 }
 
 /// What was done to one part.

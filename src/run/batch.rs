@@ -179,7 +179,9 @@ impl Stage<'_> {
     /// Solves when it is this frame's turn, and counts the time from then on.
     pub fn solve<T: Send>(&self, record: &mut Record, solve: impl FnOnce() -> T + Send) -> T {
         let seconds = &mut record.seconds.solve;
-        self.permits.solve(|| self.timed(seconds, solve))
+        // It may run on another thread, whose lines are to name the frame as well.
+        let span = tracing::Span::current();
+        self.permits.solve(|| span.in_scope(|| self.timed(seconds, solve)))
     }
 
     /// Holds no more memory than the frame needs, now that it was read.

@@ -21,8 +21,8 @@ use crate::mask::{self, MaskFile, Masks, Source};
 use crate::reconstruct::estimate::joined;
 use crate::reconstruct::shared::SharedPlans;
 use crate::reconstruct::{
-    self, Beside, FILTER, Gate, GroupReport, PartReport, Report, behind, copied_line, energy, estimate,
-    inverted, named, was_smoothed,
+    self, Beside, Gate, GroupReport, PartReport, Report, behind, copied_line, energy, estimate, inverted,
+    named, was_smoothed,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
@@ -150,24 +150,25 @@ impl Fill<'_> {
     /// The masks to go by. A frame to be enlarged may well be complete; one to be filled is not, and was not filled before.
     fn masks_of(&self, frame: &Frame, found: Result<Masks, mask::Error>) -> Result<Masks, String> {
         let what = &self.job.what;
-        let filter = || frame.parts.iter().find_map(|part| part.attributes.text(FILTER));
-        let masks = match (found, filter()) {
-            (Err(mask::Error::NotFound { .. }), Some(filter)) if what.enlarge.is_some() => {
-                tell_complete(&filter);
+        let made = || frame.parts.iter().find_map(reconstruct::made_by);
+        let masks = match (found, made()) {
+            (Err(mask::Error::NotFound { .. }), Some(made)) if what.enlarge.is_some() => {
+                tell_complete(&made);
                 return Ok(Masks::complete(frame));
             }
             (Err(mask::Error::NotFound { hint, .. }), None) if what.enlarge.is_some() => {
                 return Ok(Masks { notes: hint.into_iter().collect(), ..Masks::complete(frame) });
             }
-            (Err(mask::Error::NotFound { hint: None, .. }), Some(filter)) => {
-                return Err(format!(
-                    "filled by {filter} already, and its mask was dropped: nothing says what to fill"
-                ));
+            (Err(mask::Error::NotFound { hint: None, .. }), Some(made)) => {
+                return Err(format!("{made} already, and without a mask: nothing says what to fill"));
             }
             (found, _) => found.map_err(|error| error.to_string())?,
         };
         let mut masks = masks;
-        let Some(filter) = mask::filled_before(frame, &masks) else { return Ok(masks) };
+        if mask::filled_before(frame, &masks).is_none() {
+            return Ok(masks);
+        }
+        let made = made().unwrap_or_default();
         if self.job.again {
             let doubt = was_smoothed(frame).then(|| {
                 "measured pixels were smoothed when it was filled before: no estimate knows what that cost".to_owned()
@@ -182,10 +183,10 @@ impl Fill<'_> {
         }
         match (&what.enlarge, &what.mask) {
             (None, _) => Err(format!(
-                "filled by {filter} already; --again fills it anew from the pixels that its mask calls measured"
+                "{made} already; --again fills it anew from the pixels that its mask calls measured"
             )),
             (Some(_), Source::Auto) => {
-                tell_complete(&filter);
+                tell_complete(&made);
                 Ok(masks.filled(frame))
             }
             (Some(_), _) => Ok(masks),
@@ -309,6 +310,9 @@ fn enter(report: &Report, enlarges: bool, record: &mut Record) {
         groups(report).filter_map(|(part, group)| Some(behind(part.as_deref(), &energy::note(group)?)));
     record.warn(&notes.collect::<Vec<_>>());
     record.warn(&report.notes);
+    for remark in &report.remarks {
+        tracing::info!("{remark}");
+    }
     record.warn(report.outcome.and_then(|outcome| early(outcome, enlarges)).as_slice());
     record.clamped(report.clamped_halves);
 }
@@ -449,9 +453,9 @@ fn rules(report: &Report) -> String {
     used.map(|(count, rule)| format!("{count} {rule}")).collect::<Vec<_>>().join(", ")
 }
 
-/// Says that a filled frame is to be enlarged: what people mean to do, so no warning.
-fn tell_complete(filter: &str) {
-    tracing::info!("filled by {filter} already: taken as complete (--mask names the pixels that count)");
+/// Says that a filled or enlarged frame is to be enlarged: what people mean to do, so no warning.
+fn tell_complete(made: &str) {
+    tracing::info!("{made} already: taken as complete (--mask names the pixels that count)");
 }
 
 #[cfg(test)]

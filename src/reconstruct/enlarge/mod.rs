@@ -127,7 +127,9 @@ pub fn enlarge(
     let known = Known { masks, second, asked, stamp: &stamp, plans, run };
     for (index, (choices, lost)) in choices.iter().zip(&lost).enumerate() {
         let done = part(&mut frame, (index, choices.clone()), (&finite, lost), job, &known)?;
-        report.notes.extend(prefixed(&part_label(&frame, index), done.notes));
+        let label = part_label(&frame, index);
+        report.notes.extend(prefixed(&label, done.notes));
+        report.remarks.extend(prefixed(&label, done.remarks));
         report.parts.push(done.report);
     }
     report.total();
@@ -173,14 +175,15 @@ fn part(
     let high = guides::collect(&found, frame, second, geometry.high());
     let high = high.map_err(|source| Error::Filter { channel: label.clone(), source })?;
     let mut taken = vec![None; choices.len()];
-    let mut notes = Vec::new();
-    if let Some(second) = second.filter(|_| asked.take_guides) {
+    let taking = second.filter(|_| asked.take_guides);
+    if let Some(second) = taking {
         taken = take(part, windows.data, second, &mut choices);
-        notes.push(taken_note(part, &taken));
     }
     let choices = choices.as_slice();
     let mut done = low(frame, (index, finite, choices), (&high, geometry), job, plans, run)?;
-    done.notes.extend(notes);
+    if taking.is_some() {
+        tell_taken(&frame.parts[index], &taken, &mut done);
+    }
     for (channel, lost) in done.report.channels.iter_mut().zip(lost) {
         channel.non_finite += lost;
     }
@@ -193,7 +196,7 @@ fn part(
         group.settled.push(why.clone());
     }
     let part = &mut frame.parts[index];
-    done.notes.extend(vectors(part, (geometry, asked.keep_vectors), choices));
+    vectors(part, (geometry, asked.keep_vectors), choices, &mut done);
     describe(part, (index, windows), job, known, &mut done);
     Ok(done)
 }
@@ -298,19 +301,20 @@ fn take(part: &Part, window: Window, second: &Frame, choices: &mut [Choice]) -> 
     pairs.map(one).collect()
 }
 
-/// What is told of channels that were taken.
-fn taken_note(part: &Part, taken: &[Option<Samples>]) -> String {
+/// Says which channels were taken.
+fn tell_taken(part: &Part, taken: &[Option<Samples>], done: &mut Done) {
     let names = part.channels.iter().zip(taken).filter(|(_, taken)| taken.is_some());
     let names: Vec<_> = names.map(|(channel, _)| channel.display_name().into_owned()).collect();
     if names.is_empty() {
-        "--take-guides: the guides' file has no channel of this frame but light".into()
+        done.notes.push("--take-guides: the guides' file has no channel of this frame but light".into());
     } else {
-        format!("taken from the guides' file as they are there: {}", names.join(", "))
+        let names = names.join(", ");
+        done.remarks.push(format!("taken from the guides' file as they are there: {names}"));
     }
 }
 
-/// Scales motion in pixels to the larger frame's; what is told of it.
-fn vectors(part: &mut Part, (geometry, keep): (Geometry, bool), choices: &[Choice]) -> Option<String> {
+/// Scales motion in pixels to the larger frame's, and says so.
+fn vectors(part: &mut Part, (geometry, keep): (Geometry, bool), choices: &[Choice], done: &mut Done) {
     let factors = [geometry.horizontal.scale, geometry.vertical.scale];
     let made = |at: &usize| choices[*at].rule != Rule::Keep;
     let axes: Vec<(usize, usize)> = (0..part.channels.len())
@@ -320,10 +324,11 @@ fn vectors(part: &mut Part, (geometry, keep): (Geometry, bool), choices: &[Choic
     let names: Vec<_> = axes.iter().map(|(at, _)| part.channels[*at].display_name().into_owned()).collect();
     let names = names.join(", ");
     if axes.is_empty() {
-        return None;
+        return;
     }
     if keep {
-        return Some(format!("{names}: kept as numbers (--vectors keep)"));
+        done.remarks.push(format!("{names}: kept as numbers (--vectors keep)"));
+        return;
     }
     let mut clamped = 0;
     // What was infinite stays so.
@@ -351,9 +356,9 @@ fn vectors(part: &mut Part, (geometry, keep): (Geometry, bool), choices: &[Choic
     } else {
         String::new()
     };
-    Some(format!(
+    done.notes.push(format!(
         "{names}: motion in pixels, by its name, times {x:.4} across and {y:.4} down (--vectors keep leaves it){past}"
-    ))
+    ));
 }
 
 impl Windows {
