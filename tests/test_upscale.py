@@ -114,11 +114,25 @@ def test_the_distance_that_is_told_is_the_one_that_is_left(tmp_path):
     y, x = np.mgrid[0:40, 0:48]
     plane = np.where(np.hypot(y - 20, x - 22) < 11, 1, 0.01).astype(np.float32)
     frames.write(tmp_path / "in.exr", {"R": plane})
-    done = lacuna("upscale", tmp_path / "in.exr", "-o", tmp_path / "out.exr", "--scale", "1.25")
-    got = floats(tmp_path / "out.exr", "R")
-    back = means(np.repeat(np.repeat(got, 4, 0), 4, 1), 5)
+    done = lacuna("upscale", tmp_path / "in.exr", "-o", tmp_path / "out.exr", "--scale", "2", "--sampling", "gaussian:1")
+    apart = (np.arange(96) + 0.5) / 2 - (np.arange(48)[:, None] + 0.5)
+    across = np.where(np.abs(apart) < 1, np.exp(-2 * apart**2), 0)
+    across /= across.sum(1, keepdims=True)
+    down = across[:40, :80] / across[:40, :80].sum(1, keepdims=True)
+    back = down @ floats(tmp_path / "out.exr", "R") @ across.T
     told = float(done.stderr.split("off its input by up to ")[1].split()[0])
-    assert abs(told - np.abs(back - plane).max()) <= 0.06 * told, done
+    assert abs(told - np.abs(back - plane).max()) <= 0.06 * told and "--sampling box" in done.stderr, done
+
+
+def test_a_broken_factor_is_no_solver_that_was_stopped(tmp_path):
+    y, x = np.mgrid[0:48, 0:60]
+    disc = (np.hypot(y - 21, x - 28) < 13).astype(np.float32)
+    frames.write(tmp_path / "in.exr", {"R": means(np.kron(disc, np.ones((4, 4))), 4).astype(np.float32)})
+    done = lacuna("upscale", tmp_path / "in.exr", "-o", tmp_path / "out.exr", "--scale", "1.5", "--json", tmp_path / "told.json")
+    [told] = json.loads((tmp_path / "told.json").read_text())["frames"]
+    assert done.status == 0 and "warning" not in done.stderr, done
+    assert told["stop"] == "converged" and told["warnings"] == [] and 0 < told["off_input"] < 1, told
+    assert "lacuna/stop" not in OpenEXR.File(str(tmp_path / "out.exr")).header()
 
 
 def test_enlarged_frames_are_called_enlarged(tmp_path):

@@ -33,6 +33,10 @@ pub struct Outcome {
     /// Distance from the samples, a Euclidean norm, for the same methods.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub constraint: Option<f64>,
+    /// Of an enlarged image that bounds had to be settled for: the most that its reduction is off what it should be, over the largest of
+    /// that. It is the small image, or for boxes at broken factors what the spline over whole pixels reduces to.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub off_input: Option<f64>,
 }
 
 impl Outcome {
@@ -45,6 +49,7 @@ impl Outcome {
             gap: None,
             objective: None,
             constraint: None,
+            off_input: None,
         }
     }
 
@@ -62,6 +67,7 @@ impl Outcome {
             gap: larger(self.gap, other.gap),
             objective: larger(self.objective, other.objective),
             constraint: larger(self.constraint, other.constraint),
+            off_input: larger(self.off_input, other.off_input),
         }
     }
 }
@@ -78,6 +84,7 @@ mod tests {
             iterations: 3,
             residual: Some(0.5),
             objective: Some(7.0),
+            off_input: Some(1e-3),
             ..direct
         };
         let b =
@@ -89,6 +96,7 @@ mod tests {
             gap: Some(0.1),
             objective: Some(7.0),
             constraint: Some(0.2),
+            off_input: Some(1e-3),
         };
         assert_eq!(a.worst(b), worst);
         assert_eq!(b.worst(a), worst);

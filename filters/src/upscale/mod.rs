@@ -157,8 +157,7 @@ pub struct Enlarged {
     pub plane: Plane,
     /// Pixels that bounds moved.
     pub limited: Moved,
-    /// How the solver ended. Its residual is the largest `|R x - y|` over the largest `|y|`, where bounds asked for a solver. Of boxes at broken
-    /// factors `y` are the samples there, too, but what stops the solver are the means that the spline has.
+    /// How the solver ended, and how far bounds keep it from its input.
     pub outcome: Outcome,
 }
 

@@ -105,7 +105,7 @@ fn reduced_again_it_is_the_input_within_bounds_too() {
                 };
                 assert!(off < most, "{sampling} {low} {off}");
                 assert!(creeps || done.outcome.stop == crate::Stop::Converged, "{sampling} {low}");
-                if let Some(told) = done.outcome.residual {
+                if let Some(told) = done.outcome.off_input {
                     assert!((off - told).abs() < 1e-6, "{sampling} {low} {off} {told}");
                 }
                 if lowest >= 0.0 && question.limit {

@@ -1,13 +1,14 @@
 //! Filling frames, and enlarging them: what is done with each, and with all of them.
 
 mod current;
+mod ending;
 mod hints;
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use lacuna_exr::{Frame, Limits};
-use lacuna_filters::{Outcome, Run, Stop};
+use lacuna_filters::{Run, Stop};
 
 use crate::channels::{self, Rule};
 use crate::commands::fill::current::{is_current, may_be_copy, may_pass};
@@ -21,8 +22,8 @@ use crate::mask::{self, MaskFile, Masks, Source};
 use crate::reconstruct::estimate::joined;
 use crate::reconstruct::shared::SharedPlans;
 use crate::reconstruct::{
-    self, Beside, Gate, GroupReport, PartReport, Report, behind, copied_line, energy, estimate, inverted,
-    named, was_smoothed,
+    self, Beside, Enlarge, Gate, GroupReport, PartReport, Report, behind, copied_line, energy, estimate,
+    inverted, named, was_smoothed,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
@@ -274,7 +275,7 @@ impl Work for Fill<'_> {
             Ok(done)
         });
         let (frame, report) = solved?;
-        enter(&report, what.enlarge.is_some(), record);
+        enter(&report, what.enlarge.as_ref(), record);
         if report.outcome.is_some_and(|outcome| outcome.stop == Stop::Cancelled) {
             return Err(at_input(&"stopped"));
         }
@@ -293,7 +294,7 @@ impl Work for Fill<'_> {
 }
 
 /// Puts what was done into the frame's record, and its notes into the log.
-fn enter(report: &Report, enlarges: bool, record: &mut Record) {
+fn enter(report: &Report, enlarge: Option<&Enlarge>, record: &mut Record) {
     record.mask = Some(report.mask.clone());
     record.density = report.density;
     record.non_finite = Some(report.non_finite);
@@ -313,7 +314,7 @@ fn enter(report: &Report, enlarges: bool, record: &mut Record) {
     for remark in &report.remarks {
         tracing::info!("{remark}");
     }
-    record.warn(report.outcome.and_then(|outcome| early(outcome, enlarges)).as_slice());
+    record.warn(&ending::notes(report, enlarge));
     record.clamped(report.clamped_halves);
 }
 
@@ -363,36 +364,6 @@ fn all_groups(report: &Report) -> impl Iterator<Item = (Option<String>, &GroupRe
 fn groups(report: &Report) -> impl Iterator<Item = (Option<String>, &GroupReport)> {
     report.named_parts().flat_map(|(name, part)| part.groups.iter().map(move |group| (name.clone(), group)))
 }
-
-/// What is to be said of a solver that stopped before it converged, or of bounds that leave an enlarged frame no solution.
-fn early(outcome: Outcome, enlarges: bool) -> Option<String> {
-    if let (true, Stop::IterationLimit, None, Some(off)) =
-        (enlarges, outcome.stop, outcome.gap, outcome.residual)
-    {
-        let rounding = if off < HALF { ", less than a half float rounds" } else { "" };
-        return Some(format!(
-            "reduced again, it is off its input by up to {off:.1e} of the largest value{rounding}: beside hard edges bounds go first \
-             (docs/upscaling.md, \"Light and bounds\")"
-        ));
-    }
-    let why = match outcome.stop {
-        Stop::Converged | Stop::Cancelled => return None,
-        Stop::IterationLimit => "the limit of iterations",
-        Stop::TimeLimit => "--time-limit",
-    };
-    let distance = match (outcome.gap, outcome.residual) {
-        (Some(gap), _) => format!(", relative gap {gap:.1e}"),
-        (None, Some(residual)) => format!(", residual {residual:.1e}"),
-        (None, None) => String::new(),
-    };
-    Some(format!(
-        "stopped by {why} after {} iterations{distance}: the best image so far is written",
-        outcome.iterations
-    ))
-}
-
-/// By which share of a value a half float rounds it at most.
-const HALF: f64 = 1.0 / 2048.0;
 
 /// Guides and channels of a group that a line of the log names.
 const SHOWN: usize = 4;
@@ -456,28 +427,4 @@ fn rules(report: &Report) -> String {
 /// Says that a filled or enlarged frame is to be enlarged: what people mean to do, so no warning.
 fn tell_complete(made: &str) {
     tracing::info!("{made} already: taken as complete (--mask names the pixels that count)");
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_enlarged_frame_that_bounds_keep_from_its_input_is_said_to_be_how_far_off() {
-        let stopped = |residual| Outcome {
-            stop: Stop::IterationLimit,
-            iterations: 9,
-            residual: Some(residual),
-            ..Outcome::direct()
-        };
-        let small = early(stopped(1.6e-4), true).unwrap();
-        assert!(
-            small.contains("up to 1.6e-4 of the largest value, less than a half float rounds"),
-            "{small}"
-        );
-        let large = early(stopped(0.02), true).unwrap();
-        assert!(large.contains("2.0e-2") && !large.contains("half float"), "{large}");
-        assert!(early(stopped(0.02), false).unwrap().contains("after 9 iterations, residual 2.0e-2"));
-        assert_eq!(early(Outcome::direct(), true), None);
-    }
 }
