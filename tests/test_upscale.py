@@ -135,6 +135,20 @@ def test_a_broken_factor_is_no_solver_that_was_stopped(tmp_path):
     assert "lacuna/stop" not in OpenEXR.File(str(tmp_path / "out.exr")).header()
 
 
+def test_total_variation_says_which_gap_it_has(scene, tmp_path):
+    def told(*words):
+        done = lacuna("upscale", scene, "-o", tmp_path / "out.exr", "--force", "--scale", "2", "--filter", "tv", "--json", tmp_path / "told.json", *words)
+        [frame] = json.loads((tmp_path / "told.json").read_text())["frames"]
+        return frame, done, OpenEXR.File(str(tmp_path / "out.exr")).header().get("lacuna/stop")
+
+    frame, done, stop = told()
+    assert frame["stop"] == "converged" and frame["gap"] <= 0.01 and stop is None and "warning" not in done.stderr
+    for sweeps in ("1", "2"):
+        frame, done, stop = told("--tv-iterations", sweeps)
+        assert frame["stop"] == stop == "iteration-limit" and frame["gap"] > 0.01, frame
+        assert "stopped by the limit of iterations" in done.stderr and "--tv-iterations allows more" in done.stderr, done
+
+
 def test_enlarged_frames_are_called_enlarged(tmp_path):
     y, x = np.mgrid[0:20, 0:24]
     for number in (1, 2):

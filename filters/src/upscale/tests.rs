@@ -290,6 +290,36 @@ fn the_gap_bounds_the_distance_from_the_least_variation() {
     assert!(gap > 0.0 && short >= least * (1.0 - gap), "{short} {least} {gap}");
 }
 
+/// Flat regions are where a bound is slow to come near, and one sweep is no reason to stop.
+#[test]
+fn total_variation_stops_at_its_gap_and_nowhere_else() {
+    let high = Size::new(120, 144);
+    for factor in [2, 3] {
+        let low = Size::new(high.height / factor, high.width / factor);
+        let matte = Plane::from_fn(high, |y, x| {
+            let radius = (y as f32 - 50.0).hypot(x as f32 - 60.0);
+            if radius < 33.0 { 0.9 } else { 0.0 }
+        });
+        let geometry = geometry(low, high, Sampling::Box);
+        let of = |gap: f64, max_iterations: usize| {
+            let settings = tv::Settings { gap, max_iterations, ..tv::Settings::default() };
+            let plan = Plan::new(geometry, Method::Tv(settings)).unwrap();
+            let y = plan.model.reduce(&matte);
+            let done = plan.enlarge(&y, &LIGHT, &Run::default()).unwrap();
+            (total_variation(&done.plane), done.outcome)
+        };
+        let (long, coarse) = of(1e-2, 2000);
+        let (short, fine) = of(1e-3, 2000);
+        for (gap, outcome) in [(1e-2, coarse), (1e-3, fine)] {
+            assert!(outcome.stop == crate::Stop::Converged && outcome.gap.unwrap() <= gap, "{outcome:?}");
+        }
+        assert!(fine.iterations > coarse.iterations && short >= long * (1.0 - 1e-2), "{short} {long}");
+        let (_, one) = of(1e-2, 1);
+        assert!(one.stop == crate::Stop::IterationLimit && one.iterations == 1, "{one:?}");
+        assert!(one.gap.unwrap() > 1e-2);
+    }
+}
+
 #[test]
 fn missing_pixels_do_not_bind_total_variation() {
     let (low, high) = (Size::new(20, 24), Size::new(30, 48));

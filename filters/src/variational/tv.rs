@@ -55,7 +55,7 @@
 
 mod channel;
 mod nesta;
-mod tighten;
+pub(crate) mod tighten;
 mod weights;
 
 use crate::baseline::push_pull;
