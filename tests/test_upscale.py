@@ -149,6 +149,15 @@ def test_total_variation_says_which_gap_it_has(scene, tmp_path):
         assert "stopped by the limit of iterations" in done.stderr and "--tv-iterations allows more" in done.stderr, done
 
 
+def test_energy_is_promised_of_means_only(scene, tmp_path):
+    told = " ".join(lacuna("upscale", "--help").stdout.split())
+    assert "keep their energy where a pixel is a mean" in told and "a sample at a point says nothing of energy" in told
+    given = floats(scene)
+    for model, least, most in (("box", 0.999, 1.001), ("point", 0.3, 0.95)):
+        upscale(scene, tmp_path / f"{model}.exr", "--scale", "2", "--sampling", model)
+        assert least < floats(tmp_path / f"{model}.exr").sum() / (4 * given.sum()) < most
+
+
 def test_enlarged_frames_are_called_enlarged(tmp_path):
     y, x = np.mgrid[0:20, 0:24]
     for number in (1, 2):

@@ -46,7 +46,7 @@ pub enum Error {
         known: String,
     },
     /// A name that no setting of a method has.
-    #[error("{method} has no setting '{name}', but {known}")]
+    #[error("{method} has no setting '{name}'; it has {known}")]
     NoSetting {
         /// The method.
         method: &'static str,

@@ -234,7 +234,7 @@ impl Method {
 /// Names as a refusal lists them.
 fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
     let names: Vec<&str> = names.collect();
-    if names.is_empty() { "none at all".into() } else { names.join(", ") }
+    if names.is_empty() { "none".into() } else { names.join(", ") }
 }
 
 #[cfg(test)]
@@ -301,6 +301,8 @@ mod tests {
             assert!(matches!(method.set("no such setting", "1"), Err(Error::NoSetting { .. })));
         }
         assert!(matches!(Method::named("no such method", &[]), Err(Error::NoMethod { .. })));
+        let refusal = Method::named("auto", &[("lambda", "1")]).unwrap_err().to_string();
+        assert_eq!(refusal, "auto has no setting 'lambda'; it has none");
     }
 
     #[test]
