@@ -4,14 +4,16 @@
 //!
 //! ```text
 //! p = a . g + b           a, b: the regression of y on R g around each small pixel (`fit`), enlarged bilinearly
-//! d = p - S R p           what the guides know beyond the spline S y of the small pixels
-//! x = S (y - R t d) + t d                 t: trust, 0 to 1
+//! g = p + S (y - R p)     what the guides say, with the means of the small pixels
+//! x = e + d - S R d,  d = t (g - e)       e: the image without guides; t: trust, 0 to 1
 //! ```
 //!
-//! so `R x = y` holds as without guides, and where `t` is 0 the result is the spline's, bit for bit where it is 0 everywhere.
+//! with `S y` the spline of the small pixels and `e` that spline, for boxes smoothed along edges. So `R x = y` holds as without guides, and
+//! where `t` is 0 the result is what it is without them, bit for bit where it is 0 everywhere.
 //!
 //! The trust is that of [`crate::variational::guided`]: small pixels are joined two by two, the frame of a quarter of the pixels is
-//! enlarged both ways, and both are compared with the small pixels, which neither saw. There guides are means of many samples; at the
+//! enlarged both ways, along edges as well, and both are compared with the small pixels, which neither saw. (Compared with the spline alone,
+//! guides were taken that lose to its smoothing along edges.) There guides are means of many samples; at the
 //! larger size they may be one a pixel, and their noise is the larger the smaller the pixels. So the same is done with pixels
 //! joined four by four, and both errors are carried on to the larger size as they went from there to here. Guides that do not predict
 //! end up at 0, and a frame in which they take less than a few percent of the squared error away is left to the spline.
@@ -35,7 +37,9 @@ mod tests;
 use lacuna_core::parallel::prelude::*;
 
 use self::fit::{Fit, Term};
-use super::{Axis, Geometry, Method, Plan, Sampling, apply};
+use super::bounds::difference;
+use super::{Axis, Geometry, Hint, Method, Plan, Sampling, apply};
+use crate::kernel::{Isa, vector};
 use crate::operator::taps::Taps;
 use crate::variational::guided::{Guides, Trust, WORTH, Weights};
 use crate::{Error, Mask, Plane, Planes, Run};
@@ -50,7 +54,7 @@ const PART: usize = 1 << 16;
 /// What guides do to a group of channels.
 #[derive(Clone, Debug)]
 pub struct Steer {
-    /// What is to be added to the spline, channel by channel, before its own reduction is taken off.
+    /// What is to be added to the spline, channel by channel.
     pub changes: Vec<Plane>,
     /// The guides that are not constant.
     pub guides: Vec<String>,
@@ -75,8 +79,9 @@ pub fn steer(plan: &Plan, samples: &Planes, guides: &Guides, run: &Run<'_>) -> R
     if run.interrupted().is_some() {
         return Ok(None);
     }
-    let near = Joined::new(samples, &coarse)?;
-    let far = Joined::new(&near.samples, &near.guides)?;
+    let is_box = plan.geometry.sampling == Sampling::Box;
+    let near = Joined::new(samples, &coarse, is_box, run)?;
+    let far = Joined::new(&near.samples, &near.guides, is_box, run)?;
     let octaves = 0.5 * (plan.geometry.vertical.scale * plan.geometry.horizontal.scale).log2();
     let judge = |count: usize| {
         let trust = near.judge(samples, &coarse[..count]);
@@ -105,23 +110,46 @@ pub fn steer(plan: &Plan, samples: &Planes, guides: &Guides, run: &Run<'_>) -> R
         &trust.plane(low),
     );
     guides.forget_unknown(&mut share);
-    let change = |predicted: Plane| {
-        let spline = plan.spline(&plan.model.reduce(&predicted));
-        let mut change = predicted;
-        let parts = spline.pixels().par_chunks(PART).zip(share.pixels().par_chunks(PART));
-        change.pixels_mut().par_chunks_mut(PART).zip(parts).for_each(|(change, (spline, share))| {
-            for ((change, spline), share) in change.iter_mut().zip(spline).zip(share) {
-                let difference = share * (*change - spline);
-                *change = if difference.is_finite() { difference } else { 0.0 };
-            }
-        });
-        change
-    };
-    let changes = predicted.into_vec().into_iter().map(change).collect();
+    let change = |(predicted, samples): (Plane, &Plane)| plan.change(predicted, samples, &share, run);
+    let changes = predicted.into_vec().into_iter().zip(samples.as_slice()).map(change).collect();
+    if run.interrupted().is_some() {
+        return Ok(None);
+    }
     Ok(Some(Steer { changes, guides: guides.names().to_vec(), gain }))
 }
 
 impl Plan {
+    /// What the samples become without guides, but for highlights and bounds.
+    fn plain(&self, samples: &Plane, run: &Run<'_>) -> Plane {
+        let mut plane = self.spline(samples);
+        if self.geometry.sampling == Sampling::Box {
+            // Where someone wants the end the spline stays.
+            self.along_edges(samples, Hint::None, &mut plane, run).ok();
+        }
+        plane
+    }
+
+    /// What is to be added to the spline of samples for a share of what guides predict.
+    fn change(&self, predicted: Plane, samples: &Plane, share: &Plane, run: &Run<'_>) -> Plane {
+        let isa = Isa::best();
+        let plain = self.plain(samples, run);
+        let mut other = self.spline(&difference(&self.model.reduce(&predicted), samples));
+        vector::add_scaled(isa, other.pixels_mut(), 1.0, plain.pixels());
+        let mut change = predicted;
+        let parts = other.pixels().par_chunks(PART).zip(share.pixels().par_chunks(PART));
+        change.pixels_mut().par_chunks_mut(PART).zip(parts).for_each(|(change, (other, share))| {
+            for ((change, other), share) in change.iter_mut().zip(other).zip(share) {
+                let difference = share * (*change - other);
+                *change = if difference.is_finite() { difference } else { 0.0 };
+            }
+        });
+        let less = self.spline(&self.model.reduce(&change));
+        for (factor, plane) in [(-1.0, less), (1.0, plain), (-1.0, self.spline(samples))] {
+            vector::add_scaled(isa, change.pixels_mut(), factor, plane.pixels());
+        }
+        change
+    }
+
     /// Guides of the larger size as the small pixels see them.
     pub(crate) fn smaller(&self, guides: &Guides) -> Result<Guides, Error> {
         let high = self.geometry.high();
@@ -148,13 +176,13 @@ fn terms(guides: &Guides) -> Vec<Term<'_>> {
 struct Joined {
     plan: Plan,
     samples: Planes,
-    /// The spline of the joined samples.
+    /// What the joined samples become without guides.
     plain: Planes,
     guides: Vec<Plane>,
 }
 
 impl Joined {
-    fn new(samples: &Planes, guides: &[Plane]) -> Result<Self, Error> {
+    fn new(samples: &Planes, guides: &[Plane], along_edges: bool, run: &Run<'_>) -> Result<Self, Error> {
         let size = samples.size();
         let half =
             |pixels: usize| Axis { inputs: pixels.div_ceil(2), outputs: pixels, scale: 2.0, shift: 0.0 };
@@ -163,12 +191,13 @@ impl Joined {
         let plan = Plan::new(geometry, Method::Ss)?;
         let reduce = |planes: &[Plane]| planes.iter().map(|plane| plan.model.reduce(plane)).collect();
         let joined = Planes::of(geometry.low(), reduce(samples.as_slice()));
-        let plain = Planes::of(size, joined.as_slice().iter().map(|plane| plan.spline(plane)).collect());
+        let plain = |plane| if along_edges { plan.plain(plane, run) } else { plan.spline(plane) };
+        let plain = Planes::of(size, joined.as_slice().iter().map(plain).collect());
         let guides = reduce(guides);
         Ok(Self { plan, samples: joined, plain, guides })
     }
 
-    /// Compares the spline and the guided image with the pixels that were joined, by the first guides.
+    /// Compares the plain and the guided image with the pixels that were joined, by the first guides.
     fn judge(&self, truth: &Planes, fine: &[Plane]) -> Trust {
         let (plan, size) = (&self.plan, truth.size());
         let terms: Vec<Term<'_>> = fine.iter().map(Term::Plane).collect();

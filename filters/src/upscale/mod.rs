@@ -306,6 +306,9 @@ impl Plan {
         if !matches!(hint, Hint::Guides(_)) && self.method == Method::Ss && is_box {
             self.along_edges(samples, hint, plane, run)?;
         }
+        if let Hint::Guides(change) = hint {
+            vector::add_scaled(isa, plane.pixels_mut(), 1.0, change.pixels());
+        }
         // Boxes that share pixels: the means are the spline's own, over whole pixels; what reduces them again has only shares.
         let target = shares.then(|| self.model.reduce(plane));
         let target = match (hint.highlights(), spline) {
@@ -313,12 +316,7 @@ impl Plan {
             _ => target,
         };
         match hint {
-            Hint::None => {}
-            Hint::Guides(change) => {
-                let less = self.spline(&self.model.reduce(change));
-                vector::add_scaled(isa, plane.pixels_mut(), 1.0, change.pixels());
-                vector::add_scaled(isa, plane.pixels_mut(), -1.0, less.pixels());
-            }
+            Hint::None | Hint::Guides(_) => {}
             Hint::Highlights(_) if !is_box => {}
             Hint::Highlights(highlights) => {
                 let given = (samples, target.as_ref());

@@ -146,7 +146,7 @@ fn guides_of_one_sample_a_pixel_cost_at_most_a_tenth_of_a_decibel() {
 }
 
 #[test]
-fn pixels_without_a_guide_are_those_of_the_spline_and_threads_change_nothing() {
+fn pixels_without_a_guide_take_nothing_and_threads_change_nothing() {
     let (low, high) = (Size::new(41, 50), Size::new(82, 100));
     let (image, mut planes) = scene(high);
     let plan = Plan::new(Geometry::scaled(low, 2.0, Sampling::Box), Method::Ss).unwrap();
@@ -156,7 +156,35 @@ fn pixels_without_a_guide_are_those_of_the_spline_and_threads_change_nothing() {
     let one = testing::with_threads(1, || with(&plan, &y, &guides)).unwrap();
     let three = testing::with_threads(3, || with(&plan, &y, &guides)).unwrap();
     assert_eq!(one.changes, three.changes);
-    assert_eq!(one.changes[0].at(40, 50), 0.0);
+    assert!(one.changes[0].pixels().iter().all(|value| value.is_finite()));
     let other = Guides::new(low);
     assert!(steer(&plan, &Planes::of(low, vec![y]), &other, &Run::default()).is_err());
+}
+
+/// Guides may say something of one half alone: in the other the image is smoothed along its edges as it is without them.
+#[test]
+fn where_guides_say_nothing_the_image_is_that_without_them() {
+    for (low, factor) in [(Size::new(64, 96), 2.0), (Size::new(64, 96), 1.5)] {
+        let geometry = Geometry::scaled(low, factor, Sampling::Box);
+        let plan = Plan::new(geometry, Method::Ss).unwrap();
+        let high = geometry.high();
+        let (image, planes) = scene(high);
+        let half = high.width / 2;
+        let unknown =
+            |plane: &Plane| Plane::from_fn(high, |y, x| if x < half { f32::NAN } else { plane.at(y, x) });
+        let planes: Vec<Plane> = planes.iter().map(unknown).collect();
+        let y = plan.model.reduce(&image);
+        let steer = with(&plan, &y, &guides(high, &planes)).expect("half of the edges are told");
+        let guided = plan.enlarge_with(&y, Hint::Guides(&steer.changes[0]), &FREE, &Run::default());
+        let (guided, plain) =
+            (guided.unwrap().plane, plan.enlarge(&y, &FREE, &Run::default()).unwrap().plane);
+        let spline = plan.spline(&y);
+        // Far enough from the guides that splines of what they change have faded.
+        let most = |a: &Plane, b: &Plane| {
+            let pixels = (0..high.height).flat_map(|y| (0..half - 24).map(move |x| (y, x)));
+            pixels.map(|(y, x)| (a.at(y, x) - b.at(y, x)).abs()).fold(0.0, f32::max)
+        };
+        assert!(most(&guided, &plain) < 1e-5, "{factor} {}", most(&guided, &plain));
+        assert!(most(&spline, &plain) > 1e-2, "{factor}: nothing to smooth");
+    }
 }
