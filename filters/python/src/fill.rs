@@ -22,13 +22,14 @@ pub type Settings = Vec<(String, String)>;
 /// How wrong the missing pixels are: estimate, lower and upper end; the upper one alone where samples do not show more.
 type Rmse = (Option<f64>, Option<f64>, f64);
 
-/// How a solver ended, and the relative duality gap and the residual that are left, where it knows one.
+/// How a solver ended, and the relative duality gap, the residual and the distance from the input that are left, where it knows one.
 #[derive(IntoPyObject)]
 pub struct End {
     stop: &'static str,
     iterations: usize,
     gap: Option<f64>,
     residual: Option<f64>,
+    off_input: Option<f64>,
 }
 
 /// What is told of a fill beside the image.
@@ -53,7 +54,13 @@ impl From<Outcome> for End {
             Stop::TimeLimit => "time-limit",
             Stop::Cancelled => "cancelled",
         };
-        Self { stop, iterations: outcome.iterations, gap: outcome.gap, residual: outcome.residual }
+        Self {
+            stop,
+            iterations: outcome.iterations,
+            gap: outcome.gap,
+            residual: outcome.residual,
+            off_input: outcome.off_input,
+        }
     }
 }
 

@@ -73,6 +73,7 @@ def test_shapes_and_types_come_back():
             filled = lacuna.fill(image, MASK, filter="pushpull")
             assert filled.shape == shape and filled.dtype == dtype and filled.flags.writeable
             assert lacuna.upscale(image, 2, filter="cubic").shape == (80, 104, *shape[2:])
+            assert same_bits(lacuna.upscale(image, (2, 1.5)), lacuna.upscale(image, size=(80, 78)))
     assert same_bits(lacuna.fill(IMAGE[:, :, 0], MASK, filter="pushpull"), lacuna.fill(IMAGE[:, :, :1], MASK, filter="pushpull")[:, :, 0])
 
 
@@ -292,6 +293,10 @@ REFUSED = {
     "peak of an estimate 0": ("peak", lambda: lacuna.estimate(IMAGE, MASK, peak=0)),
     "huge size": ("size", lambda: lacuna.upscale(IMAGE, size=(10**6, 10**6))),
     "broken grid": ("sampling", lambda: lacuna.upscale(IMAGE, 1.5, sampling="grid")),
+    "a model for a filter without": ("sampling", lambda: lacuna.upscale(IMAGE, 2, filter="lanczos3", sampling="point")),
+    "three factors": ("scale", lambda: lacuna.upscale(IMAGE, (2, 2, 2))),
+    "two factors of 1": ("scale", lambda: lacuna.upscale(IMAGE, (1, 1))),
+    "a factor below 1": ("scale", lambda: lacuna.upscale(IMAGE, (2, 0.5))),
     "unknown sampling": ("sampling", lambda: lacuna.upscale(IMAGE, 2, sampling="x")),
     "upscale with auto": ("filter", lambda: lacuna.upscale(IMAGE, 2, filter="auto")),
     "upscale smoothed": ("settings", lambda: lacuna.upscale(IMAGE, 2, settings={"lambda": 1})),

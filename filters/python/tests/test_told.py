@@ -64,9 +64,19 @@ def test_a_fill_that_did_not_converge_is_told_once():
     with pytest.warns(RuntimeWarning, match="^filter: tv stopped by the limit of iterations after 2, relative gap .* max_iterations") as warned:
         lacuna.fill(IMAGE, MASK, filter="tv", settings={"gap": 1e-12, "max_iterations": 2})
     assert len(warned) == 1 and warned[0].filename == __file__
-    with pytest.warns(RuntimeWarning, match="^filter: tv stopped") as warned:
-        lacuna.upscale(IMAGE, 2, filter="tv", settings={"gap": 1e-12, "max_iterations": 2})
+    for sweeps in (1, 2):
+        with pytest.warns(RuntimeWarning, match="^filter: tv stopped") as warned:
+            lacuna.upscale(IMAGE, 2, filter="tv", settings={"max_iterations": sweeps})
+        assert len(warned) == 1 and warned[0].filename == __file__
+
+
+def test_an_enlarged_image_that_bounds_keep_from_its_input_is_told():
+    y, x = np.mgrid[0:40, 0:48]
+    disc = np.where(np.hypot(y - 20, x - 22) < 11, 1, 0.01).astype(np.float32)
+    with pytest.warns(RuntimeWarning, match="^sampling: reduced again, the result is off the image by up to .* 'box'") as warned:
+        lacuna.upscale(disc, 2, sampling="gaussian:1")
     assert len(warned) == 1 and warned[0].filename == __file__
+    lacuna.upscale(disc, 1.5)
 
 
 def test_a_rounding_excess_frees_no_bound():

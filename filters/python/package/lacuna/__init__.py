@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from . import _arguments as arguments
 from . import _lacuna
-from ._estimate import Estimate, estimated, warn_of_the_limit
+from ._estimate import Estimate, estimated, warn_of_the_distance, warn_of_the_limit
 from ._lacuna import __version__
 
 __all__ = ["Estimate", "compare", "estimate", "fill", "filters", "mask", "next_mask", "upscale", "__version__"]
@@ -182,12 +182,12 @@ def estimate(
 
 def upscale(
     image: npt.ArrayLike,
-    scale: Optional[float] = None,
+    scale: Optional[Union[float, tuple[float, float]]] = None,
     *,
     size: Optional[tuple[int, int]] = None,
     mask: Optional[npt.ArrayLike] = None,
     guides: Optional[Mapping[str, npt.ArrayLike]] = None,
-    sampling: str = "box",
+    sampling: Optional[str] = None,
     filter: str = "ss",
     settings: Optional[Mapping[str, Any]] = None,
     values: str = "light",
@@ -200,14 +200,14 @@ def upscale(
     image
         float32 or float16, (height, width) or (height, width, channels).
     scale or size
-        A factor above 1 up to 16, or (height, width) of the result.
+        A factor above 1 up to 16, or two, of (height, width); or (height, width) of the result.
     mask
         As in ``fill``; without it, what is not finite is missing.
     guides
         As in ``fill``, but of the size of the result; for ``ss``.
     sampling
-        What a pixel of ``image`` is: ``box`` (the mean over its area), ``point`` (the value at its centre), ``grid`` (every
-        n-th pixel of the result), ``gaussian:R`` (R is 0.5 to 1.5 pixels) or ``mitchell``.
+        What a pixel of ``image`` is: ``box`` (the mean over its area; the default), ``point`` (the value at its centre), ``grid``
+        (every n-th pixel of the result), ``gaussian:R`` (R is 0.5 to 1.5 pixels) or ``mitchell``. For ``ss`` and ``tv``.
     filter, settings
         ``tv`` with settings, or ``ss``, ``lanczos3``, ``cubic``, ``linear`` without.
     values, domain, limit, threads
@@ -215,7 +215,9 @@ def upscale(
 
     Returns a new array of the dtype of ``image``, (height, width) or (height, width, channels).
 
-    Raises ValueError, which begins with the argument's name, where ``fill`` does, and for factors and models out of range.
+    Raises ValueError, which begins with the argument's name, where ``fill`` does, and for factors and models out of range. Warns
+    with RuntimeWarning where ``tv`` stops before it has converged, and where bounds keep the result a hundredth of the
+    largest value or more from its input (not with ``ss`` and ``box``).
     """
     array, deep = arguments.image("image", image)
     height, width, channels = array.shape
@@ -224,13 +226,16 @@ def upscale(
     steering = arguments.guides(guides, (rows, columns), "result")
     arguments.afford("size", (rows, columns), channels * _SOLVING)
     name = arguments.word("filter", filter)
+    model = arguments.word("sampling", "box" if sampling is None else sampling)
+    if sampling is not None and name in ("lanczos3", "cubic", "linear"):
+        raise ValueError(f"sampling: '{model}' is a model of a pixel, which {name} has none of: ss and tv have")
     large, end = _lacuna.upscale(
         array,
         rows,
         columns,
         flags,
         steering,
-        arguments.word("sampling", sampling),
+        model,
         name,
         arguments.settings(settings),
         arguments.word("values", values),
@@ -240,21 +245,23 @@ def upscale(
     )
     if end["stop"] == "iteration-limit" and end["gap"] is not None:
         warn_of_the_limit(name, end, 2)
+    warn_of_the_distance(name, model, end, 2)
     return large if deep else large[:, :, 0]
 
 
 def _enlarged(
-    shape: tuple[int, int], scale: Optional[float], size: Optional[tuple[int, int]]
+    shape: tuple[int, int], scale: Optional[Union[float, tuple[float, float]]], size: Optional[tuple[int, int]]
 ) -> tuple[int, int]:
     """Height and width of the result."""
     if (scale is None) == (size is None):
         raise ValueError("scale: give it or size, one of the two")
     if size is None:
-        factor = arguments.real("scale", scale, above=0)
-        if not 1 < factor <= 16:
-            raise ValueError(f"scale: {factor:g} is not above 1 and at most 16")
-        rows, columns = arguments.size("scale", tuple(math.floor(side * factor + 0.5) for side in shape))
-        asked = f"scale: {factor:g}"
+        factors = arguments.factors("scale", scale)
+        shown = " and ".join(f"{factor:g}" for factor in dict.fromkeys(factors))
+        if not all(1 <= factor <= 16 for factor in factors) or factors == (1, 1):
+            raise ValueError(f"scale: {shown} is not above 1 and at most 16")
+        rows, columns = arguments.size("scale", tuple(math.floor(side * factor + 0.5) for side, factor in zip(shape, factors)))
+        asked = f"scale: {shown}"
     else:
         rows, columns = arguments.size("size", size)
         asked = f"size: {(rows, columns)}"

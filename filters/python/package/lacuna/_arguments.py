@@ -162,6 +162,16 @@ def real(name: str, given: Any, above: float = -math.inf) -> float:
     return value
 
 
+def factors(name: str, given: Any) -> tuple[float, float]:
+    """One number for both axes, or two, of height and width."""
+    if isinstance(given, (tuple, list)):
+        if len(given) != 2:
+            raise ValueError(f"{name}: {_shown(given)} is neither a number nor two, of (height, width)")
+        return real(name, given[0], above=0), real(name, given[1], above=0)
+    factor = real(name, given, above=0)
+    return factor, factor
+
+
 def peak(given: Any) -> float:
     """A value that is above 0 and finite in 32 bits, too."""
     value = real("peak", given, above=0)

@@ -83,6 +83,17 @@ def estimated(told: Report, white: float) -> Estimate:
     )
 
 
+def warn_of_the_distance(filter: str, sampling: str, end: End, depth: int) -> None:
+    """Says how far bounds keep an enlarged image from its input, where it shows and something can be done."""
+    off = end["off_input"]
+    # A hundredth shows. What straddles hard edges at broken factors is far off in images that are right, too.
+    if off is None or off < 0.01 or (filter, sampling) == ("ss", "box"):
+        return
+    remedy = "filter 'ss' takes whole pixels" if sampling == "box" else "if the renderer's filter is not this one, 'box' comes nearer"
+    line = f"sampling: reduced again, the result is off the image by up to {off:.1e} of the largest value, as bounds go first beside hard edges; {remedy}"
+    warnings.warn(line, RuntimeWarning, stacklevel=depth + 1)
+
+
 def warn_of_the_limit(filter: str, end: End, depth: int) -> None:
     """Says that an image is not the one that the filter is made for; the user's line is so many calls away."""
     left = f", relative gap {end['gap']:.1e}" if end["gap"] is not None else ""

@@ -14,6 +14,7 @@ class End(TypedDict):
     iterations: int
     gap: Optional[float]
     residual: Optional[float]
+    off_input: Optional[float]
 
 class Report(TypedDict):
     end: End
