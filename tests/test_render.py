@@ -9,7 +9,9 @@ import time
 
 import numpy
 import OpenEXR
+import pytest
 
+import frames
 import tool
 from tool import lacuna
 
@@ -179,12 +181,45 @@ def test_memory_that_is_not_there_is_one_line(tmp_path):
 
 
 def test_what_a_colour_map_asks_for_in_vain_is_told_once(tmp_path):
-    one = {"ColorSpace": "Diverging", "Name": "warm", "Points": [0, 0, 0.5, 0, 1, 0.5, 0.5, 0], "RGBPoints": [0, 0, 0, 1, 1, 1, 0, 0]}
+    one = {"ColorSpace": "Lab/CIEDE2000", "Name": "warm", "Points": [0, 0, 0.5, 0, 1, 0.5, 0.5, 0], "RGBPoints": [0, 0, 0, 1, 1, 1, 0, 0]}
     words = ["render", "procedural:head:16", "-o", tmp_path / "o.#.exr", "--frames", "1-3", "--size", "20x20", "--force",
              "--set", f"transfer.paraview={tmp_path / 'map.json'}", "--json", tmp_path / "o.json"]
     for maps, told in [([one, one], True), ([one | {"ColorSpace": "RGB"}], False)]:
         (tmp_path / "map.json").write_text(json.dumps(maps))
         result = lacuna(*words)
-        assert result.stderr.count("map.json: not followed: ColorSpace Diverging") == told, result
+        assert result.stderr.count("map.json: not followed: ColorSpace Lab/CIEDE2000") == told, result
         frames = json.loads((tmp_path / "o.json").read_text())["frames"]
         assert [any("1 further maps" in text for text in frame["warnings"]) for frame in frames] == [told] * 3
+
+
+def joined_by_vtk(map, value):
+    """What VTK's colour transfer function has at a value."""
+    from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
+
+    found = vtkColorTransferFunction()
+    getattr(found, f"SetColorSpaceTo{map['ColorSpace']}")()
+    found.SetHSVWrap(map.get("HSVWrap", 1))
+    for at, *colour in zip(*[iter(map["RGBPoints"])] * 4):
+        found.AddRGBPoint(at, *colour)
+    if map.get("UseLogScale"):
+        found.SetScaleToLog10()
+    return found.GetColor(value)
+
+
+@pytest.mark.parametrize("more", [
+    {"ColorSpace": "RGB"}, {"ColorSpace": "RGB", "UseLogScale": 1}, {"ColorSpace": "HSV"}, {"ColorSpace": "HSV", "HSVWrap": 0},
+    {"ColorSpace": "Lab"}, {"ColorSpace": "Lab", "UseLogScale": 1}, {"ColorSpace": "Diverging"}, {"ColorSpace": "Step"},
+], ids=lambda more: "-".join(map(str, more.values())))
+def test_colour_maps_are_joined_as_vtk_joins_them(tmp_path, more):
+    """Seen in volumes of one value each."""
+    map = more | {"RGBPoints": [1, 0.9, 0.2, 0.05, 3, 0.231, 0.298, 0.753, 6, 0.865, 0.865, 0.865, 9, 0.706, 0.016, 0.349]}
+    (tmp_path / "map.json").write_text(json.dumps(map | {"Points": [1, 1, 0.5, 0, 9, 1, 0.5, 0]}))
+    values = numpy.linspace(1, 9, 12, dtype="<f4")
+    for value in values:
+        numpy.full((4, 4, 4), value, "<f4").tofile(tmp_path / "v.raw")
+        lacuna("render", tmp_path / "v.raw", "--raw", "4x4x4:f32:le", "-o", tmp_path / "o.exr", "--size", "9x9", "--force", "-d", "float",
+               "--set", f"transfer.paraview={tmp_path / 'map.json'}", "--set", "transfer.domain=[1,9]", "--set", "shading.enabled=false")
+        [frame] = frames.read(tmp_path / "o.exr")
+        seen = [float(frame[name][4, 4] / frame["A"][4, 4]) for name in "RGB"]
+        # Tables of both have finite steps.
+        assert numpy.allclose(seen, joined_by_vtk(map, float(value)), atol=3e-3), (value, seen)

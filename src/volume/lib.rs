@@ -17,6 +17,7 @@ mod blocks;
 mod camera;
 mod check;
 mod coarse;
+mod colour_space;
 mod dense;
 mod error;
 mod grid;
