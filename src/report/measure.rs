@@ -149,6 +149,11 @@ impl Measure {
         })
     }
 
+    /// Whether it tells values apart that clipping makes equal.
+    pub fn sees_all(self) -> bool {
+        matches!(self, Self::RelativeMse | Self::LogPsnr | Self::Cieluv | Self::HdrFlip | Self::Different)
+    }
+
     /// Whether it is of a frame and the one before.
     pub fn is_change(self) -> bool {
         matches!(self, Self::Flicker | Self::Change | Self::FlickerAlong | Self::ChangeAlong)
