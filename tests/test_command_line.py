@@ -200,6 +200,31 @@ def test_unusual_names(shot, name):
     assert names(shot[1]) == [name]
 
 
+@pytest.mark.parametrize("name", ["p#1", "##", "v%03d", "$F4", "d[1]"])
+def test_a_folder_of_that_very_name_is_that_folder(shot, tmp_path, name):
+    source, target = tmp_path / name / "shot.####.exr", tmp_path / name / "full"
+    shot[0].parent.rename(source.parent)
+    for inputs in ([source], [source, "--frames", "1-4"], [source.with_name("shot.*.exr")]):
+        quick_fill(*inputs, "-o", target / "shot.####.exr", "--create-dir")
+        assert names(target / "any") == numbered(1, 2, 3, 4)
+        shutil.rmtree(target)
+    alone = source.with_name("alone.exr")
+    quick_fill(source.with_name("shot.0001.exr"), "-o", alone)
+    assert lacuna("mask", "-o", source.with_name("m.png"), "--size", "8x8", "--density", "0.5").status == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([name, "out"]) and alone.exists()
+
+
+def test_a_folder_that_is_not_there_has_the_number(shot, tmp_path):
+    quick_fill(shot[0], "-o", tmp_path / "new/####/full.exr", "--create-dir")
+    assert names(tmp_path / "new/any") == [f"{number:04d}" for number in (1, 2, 3, 4)]
+    quick_fill(tmp_path / "new/####/full.exr", "--frames", "2-3", "--again", "-o", tmp_path / "again/%d/f.##.exr", "--create-dir")
+    assert [path.name for path in sorted(tmp_path.glob("again/*/*"))] == ["f.02.exr", "f.03.exr"]
+    result = lacuna("mask", "-o", tmp_path / "masks/##/m.png", "--size", "8x8", "--density", "0.5", "--frames", "1-2", "--create-dir")
+    assert result.status == 0 and names(tmp_path / "masks/any") == ["01", "02"], result
+    result = quick_fill(tmp_path / "new/####/full.exr", "-o", shot[1], ok=False)
+    assert result.status == 2 and "--frames is needed" in result.stderr, result
+
+
 def test_names_that_are_not_utf8(shot, tmp_path):
     for number in (1, 2):
         shutil.copy(shot[0].with_name(f"shot.{number:04d}.exr"), tmp_path / f"in/odd\udcff.{number:04d}.exr")

@@ -33,7 +33,7 @@ impl Destination {
                 "{shown}: an output cannot be a glob; use a pattern or a folder"
             )));
         }
-        let pattern = Pattern::parse(&text).map_err(|error| PlanError::Usage(format!("{shown}: {error}")))?;
+        let pattern = Pattern::of(path).map_err(|error| PlanError::Usage(format!("{shown}: {error}")))?;
         Ok(pattern.map_or_else(|| Self::File(path.into()), Self::Pattern))
     }
 

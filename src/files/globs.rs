@@ -1,4 +1,5 @@
-//! Globs: the files whose names match `*`, `?`, `[...]` and, between separators, `**`, whatever bytes the names hold.
+//! Globs: the files whose names match `*`, `?`, `[...]` and, between separators, `**`, whatever bytes the names hold. Folders that
+//! the path begins with and that exist under the very name are those folders.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -11,8 +12,11 @@ pub const SIGNS: [char; 3] = ['*', '?', '['];
 
 /// The files that match, in no order. Folders that cannot be listed have none.
 pub fn files(glob: &Path) -> Result<Vec<PathBuf>, PatternError> {
-    let mut found = vec![PathBuf::new()];
-    for component in glob.components() {
+    let folders = glob.ancestors().skip(1);
+    let known = folders.filter(|folder| folder.is_dir()).map(Path::to_path_buf).next().unwrap_or_default();
+    let rest = glob.strip_prefix(&known).unwrap_or(glob);
+    let mut found = vec![known];
+    for component in rest.components() {
         let text = to_text(component.as_os_str());
         found = if !matches!(component, Component::Normal(_)) || !text.contains(SIGNS) {
             let joined = found.iter().map(|folder| folder.join(component));
@@ -64,10 +68,12 @@ mod tests {
     #[test]
     fn signs_match_names_folder_by_folder() {
         let folder = tempfile::tempdir().unwrap();
-        for name in ["a", "a/b", "a/c.exr"] {
+        for name in ["a", "a/b", "a/c.exr", "d[1]", "d1"] {
             std::fs::create_dir_all(folder.path().join(name)).unwrap();
         }
-        for name in ["x.exr", "a/1.exr", "a/2.exr", "a/2.png", "a/b/3.exr", "a/é.exr"] {
+        for name in
+            ["x.exr", "a/1.exr", "a/2.exr", "a/2.png", "a/b/3.exr", "a/é.exr", "d[1]/4.exr", "d1/5.exr"]
+        {
             std::fs::write(folder.path().join(name), "").unwrap();
         }
         let names = |glob: &str| names(folder.path(), glob);
@@ -77,6 +83,8 @@ mod tests {
         assert_eq!(names("*/b/?.exr"), ["a/b/3.exr"]);
         assert_eq!(names("**/[23].*"), ["a/2.exr", "a/2.png", "a/b/3.exr"]);
         assert_eq!(names("**/x.exr"), ["x.exr"]);
+        assert_eq!(names("d[1]/*.exr"), ["d[1]/4.exr"]);
+        assert_eq!(names("d[12]/*.exr"), ["d1/5.exr"]);
         assert!(names("no/*.exr").is_empty() && names("x.exr/*").is_empty() && names("**").is_empty());
         assert!(files(Path::new("a**/x")).is_err() && files(Path::new("[a/x")).is_err());
     }

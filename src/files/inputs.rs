@@ -78,7 +78,7 @@ pub fn frame_numbers(selection: &Selection) -> Result<Vec<i64>, PlanError> {
     Ok(inputs.frames.iter().filter_map(|input| input.number).collect())
 }
 
-/// How an INPUT is spelt. A file that exists under the very name is that file, whatever signs it contains.
+/// How an INPUT is spelt. A file or folder that exists under the very name is that one, whatever signs it contains.
 enum Kind {
     File,
     Pattern(Pattern),
@@ -104,12 +104,11 @@ impl Kind {
         if input.symlink_metadata().is_ok() {
             return Ok(Self::File);
         }
-        let text = to_text(input.as_os_str());
-        let pattern = Pattern::parse(&text)
-            .map_err(|error| PlanError::Usage(format!("{}: {error}", input.display())))?;
+        let pattern =
+            Pattern::of(input).map_err(|error| PlanError::Usage(format!("{}: {error}", input.display())))?;
         Ok(match pattern {
             Some(pattern) => Self::Pattern(pattern),
-            None if text.contains(globs::SIGNS) => Self::Glob,
+            None if to_text(input.as_os_str()).contains(globs::SIGNS) => Self::Glob,
             None => Self::File,
         })
     }
@@ -154,7 +153,7 @@ fn numbered(pattern: &Pattern, number: i64) -> Input {
 fn on_disk(pattern: &Pattern, input: &Path) -> Result<Vec<Input>, PlanError> {
     let Some(folder) = pattern.folder() else {
         return Err(PlanError::Usage(format!(
-            "{}: the frame number is in a folder's name, so --frames is needed",
+            "{}: the frame number is in the name of a folder, as none exists under that very name; --frames is needed",
             input.display()
         )));
     };

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use crate::files::error::PlanError;
 use crate::files::inputs::{Input, Selection};
 use crate::files::layers::LayerFile;
-use crate::files::names::to_text;
 use crate::files::patterns::{self, Pattern};
 use crate::files::plan::{Item, MaskPattern, Targets};
 
@@ -45,7 +44,7 @@ pub(super) fn add(items: &mut [Item], selection: &Selection, targets: &Targets) 
     let masks = targets.mask.as_deref().map(MaskPattern::parse).transpose()?;
     let layers = targets.layers.iter().map(|layer| MaskPattern::parse(&layer.pattern));
     let layers: Vec<MaskPattern> = layers.collect::<Result<_, _>>()?;
-    let pattern = |input: &PathBuf| Pattern::parse(&to_text(input.as_os_str())).ok().flatten();
+    let pattern = |input: &PathBuf| Pattern::of(input).ok().flatten();
     let patterns: Vec<Pattern> = selection.inputs.iter().filter_map(pattern).collect();
     for item in items {
         // Whoever asks for the frames beside a single file asks for its number.

@@ -2,7 +2,8 @@
 //!
 //! A single `#` reads as four digits, a run of n as n; `@` needs a run of two or more (so that `logo@2x.exr` is a
 //! plain name); `%d` and `$F` pad nothing. Numbers wider than the padding take the digits that they need; the minus
-//! sign of a negative number counts as one of the digits, as in C's `printf`. Everything else is literal.
+//! sign of a negative number counts as one of the digits, as in C's `printf`. Everything else is literal, and so is a folder that
+//! exists under the very name.
 
 use std::path::{Path, PathBuf};
 
@@ -33,11 +34,23 @@ pub enum PatternError {
 }
 
 impl Pattern {
-    /// The pattern in `text` (of `names::to_text` where it is a path's), or `None` if it has no place for a frame number.
+    /// The pattern in `path`, or `None` if it has no place for a frame number. The folders that it begins with and that exist
+    /// have none, whatever signs their names have.
+    pub fn of(path: &Path) -> Result<Option<Self>, PatternError> {
+        let text = to_text(path.as_os_str());
+        Self::after(&text, existing_folders(&text))
+    }
+
+    /// The pattern in `text`, as it is read where no folder exists.
     pub fn parse(text: &str) -> Result<Option<Self>, PatternError> {
+        Self::after(text, 0)
+    }
+
+    /// The pattern in `text`, of which the first bytes are literal.
+    fn after(text: &str, known: usize) -> Result<Option<Self>, PatternError> {
         let mut pieces = Vec::new();
-        let mut literal = String::new();
-        let mut rest = text;
+        let mut literal = text[..known].to_owned();
+        let mut rest = &text[known..];
         while let Some(c) = rest.chars().next() {
             if let Some((length, width)) = token(rest)? {
                 if !literal.is_empty() {
@@ -103,6 +116,18 @@ impl Pattern {
         let (zero, one) = (self.path(0), self.path(1));
         (zero.parent() == one.parent()).then(|| zero.parent().map(Path::to_path_buf)).flatten()
     }
+}
+
+/// How many bytes of a path's text, its last name apart, are folders that exist, with the separator behind them.
+fn existing_folders(text: &str) -> usize {
+    let ends = text.match_indices(std::path::is_separator).map(|(at, separator)| at + separator.len());
+    let mut ends: Vec<usize> = ends.collect();
+    while let Some(end) = ends.pop() {
+        if to_path(&text[..end]).is_dir() {
+            return end;
+        }
+    }
+    0
 }
 
 /// Length and padding of the frame number's place at the start of `text`, if there is one.
@@ -305,6 +330,26 @@ mod tests {
         assert_eq!(beside("s.0001.exr", -1), "s.-001.exr s.-0001.exr");
         assert_eq!(beside("s.-10.exr", -9), "s.-09.exr s.-009.exr s.-9.exr");
         assert_eq!(beside("s.-0001.exr", 0), "s.00000.exr s.0000.exr");
+    }
+
+    #[test]
+    fn a_folder_of_that_very_name_is_that_folder() {
+        let room = tempfile::tempdir().unwrap();
+        std::fs::create_dir_all(room.path().join("a#1/%d")).unwrap();
+        let path = |text: &str| Pattern::of(&room.path().join(text)).unwrap().map(|pattern| pattern.path(3));
+        let is = |text: &str, expected: Option<&str>| {
+            assert_eq!(path(text), expected.map(|name| room.path().join(name)), "{text}");
+        };
+        is("a#1/e.##.exr", Some("a#1/e.03.exr"));
+        is("a#1/%d//e.##.exr", Some("a#1/%d//e.03.exr"));
+        is("a#1/e.exr", None);
+        // The last name is a file's, and a folder that is not there has the number.
+        is("a#1/%d", Some("a#1/3"));
+        is("a#1/##/e.exr", Some("a#1/03/e.exr"));
+        is("b##/e.exr", Some("b03/e.exr"));
+        let inside = Pattern::of(&room.path().join("a#1/e.##.exr")).unwrap().unwrap();
+        assert_eq!(inside.folder(), Some(room.path().join("a#1")));
+        assert_eq!(inside.number_of(&room.path().join("a#1/e.07.exr")), Some(7));
     }
 
     #[test]

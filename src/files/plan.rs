@@ -1,7 +1,6 @@
 //! What is to be done, frame by frame, checked before any work: every output has one input, and none is an input.
 
 use std::collections::{BTreeSet, HashMap};
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use crate::files::destinations::Destination;
@@ -9,7 +8,7 @@ use crate::files::error::PlanError;
 use crate::files::identity::{Places, Sources};
 use crate::files::inputs::{Input, Selection, resolve};
 use crate::files::layers::{LayerFile, LayerSource};
-use crate::files::names::{folder_of, to_text};
+use crate::files::names::folder_of;
 use crate::files::neighbours::{self, NeighbourFile};
 use crate::files::patterns::Pattern;
 use crate::files::reports::is_standard_output;
@@ -255,8 +254,8 @@ impl MaskPattern {
         if Path::new(text).exists() {
             return Ok(Self::One(text.into()));
         }
-        let pattern = Pattern::parse(&to_text(OsStr::new(text)))
-            .map_err(|error| PlanError::Usage(format!("{text}: {error}")))?;
+        let pattern =
+            Pattern::of(Path::new(text)).map_err(|error| PlanError::Usage(format!("{text}: {error}")))?;
         Ok(pattern.map_or_else(|| Self::One(text.into()), Self::PerFrame))
     }
 

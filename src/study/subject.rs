@@ -123,7 +123,7 @@ fn files(
     reach: usize,
 ) -> Result<Vec<(Option<i64>, PathBuf, bool)>, String> {
     let path = folder.join(&definition.file);
-    let pattern = Pattern::parse(&path.to_string_lossy()).map_err(|error| error.to_string())?;
+    let pattern = Pattern::of(&path).map_err(|error| error.to_string())?;
     let (pattern, frames) = match (pattern, &definition.frames) {
         (None, None) => return Ok(vec![(None, path, true)]),
         (Some(pattern), Some(frames)) => (pattern, frames),

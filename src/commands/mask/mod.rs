@@ -120,13 +120,12 @@ fn generate(
     output: &MaskOutput,
     console: &Console,
 ) -> Result<u8, PlanError> {
-    let text = output.path.to_str().unwrap_or_default();
-    let pattern = Pattern::parse(text).map_err(|error| PlanError::Usage(error.to_string()))?;
+    let text = output.path.display();
+    let pattern = Pattern::of(&output.path).map_err(|error| PlanError::Usage(format!("{text}: {error}")))?;
     let Some(frames) = frames else {
         if pattern.is_some() {
             return Err(PlanError::Usage(format!("{text}: a pattern needs --frames, such as 1-100")));
         }
-        output.make_folder()?;
         return one((request, memory), rank, 0, bounds, &output.path, output, console).map(|()| 0);
     };
     let Some(pattern) = pattern else {
@@ -134,7 +133,6 @@ fn generate(
             "{text}: --frames needs a pattern to write to, such as mask.####.exr"
         )));
     };
-    output.make_folder()?;
     let mut status = 0;
     console.begin(frames.len() as u64);
     for &number in frames {
@@ -164,6 +162,7 @@ fn one(
     if !output.wants(path, console) {
         return Ok(());
     }
+    output.make_folder(path)?;
     memory::afford(memory, MAKING.saturating_mul(request.window.size().pixels() as u64))
         .map_err(|error| fail(error.into()))?;
     let bounds = bounds.read(request.window, memory::reading(memory)).map_err(&fail)?;
@@ -249,7 +248,7 @@ fn tell(
     if let (Some(output), Some(plot)) = (plot, judgement.plot())
         && output.wants(&output.path, console)
     {
-        output.make_folder()?;
+        output.make_folder(&output.path)?;
         output.wrote(&output.path, plot.write(&output.path, output.no_clobber), console)?;
     }
     let text = if json {

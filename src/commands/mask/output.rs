@@ -39,7 +39,7 @@ pub struct BoundFiles {
 
 /// The file of a frame, where the path is a pattern.
 pub fn of_frame(path: &Path, number: Option<i64>) -> PathBuf {
-    match (number, Pattern::parse(&path.to_string_lossy())) {
+    match (number, Pattern::of(path)) {
         (Some(number), Ok(Some(pattern))) => pattern.path(number),
         _ => path.into(),
     }
@@ -87,9 +87,9 @@ impl MaskOutput {
         Writing { no_clobber: self.no_clobber, overhead: self.overhead, attributes: Vec::new() }
     }
 
-    /// Makes the folder of the output, if that was asked for.
-    pub fn make_folder(&self) -> Result<(), PlanError> {
-        let folder = folder_of(&self.path);
+    /// Makes the folder of an output, that of a frame where they have folders of their own, if that was asked for.
+    pub fn make_folder(&self, path: &Path) -> Result<(), PlanError> {
+        let folder = folder_of(path);
         if !self.create_dir {
             return Ok(());
         }

@@ -59,12 +59,12 @@ pub struct Union {
 
 /// Chooses the next pixels of every frame; the exit status.
 pub fn next(task: &NextPass, memory: Option<u64>, console: &Console) -> Result<u8, PlanError> {
-    task.output.make_folder()?;
     let written: Vec<&Path> =
         std::iter::once(task.output.path.as_path()).chain(task.error_estimate.as_deref()).collect();
     each(&task.frame, task.frames.as_ref(), &written, console, |frame, number| {
         let task = task.of_frame(frame, number);
         task.check()?;
+        task.output.make_folder(&task.output.path)?;
         let needed = memory::to_read(frame).saturating_add(memory::to_choose_of(frame));
         memory::afford(memory, needed).map_err(|error| failed(frame)(error.into()))?;
         task.write(memory::reading(memory), console)
@@ -73,7 +73,6 @@ pub fn next(task: &NextPass, memory: Option<u64>, console: &Console) -> Result<u
 
 /// Unites the renders of every frame; the exit status.
 pub fn unite(task: &Union, memory: Option<u64>, console: &Console) -> Result<u8, PlanError> {
-    task.output.make_folder()?;
     let patterns = [task.second.as_path(), &task.output.path];
     each(&task.first, task.frames.as_ref(), &patterns, console, |first, number| {
         let second = of_frame(&task.second, number);
@@ -85,6 +84,7 @@ pub fn unite(task: &Union, memory: Option<u64>, console: &Console) -> Result<u8,
         if !task.output.wants(&output, console) {
             return Ok(());
         }
+        task.output.make_folder(&output)?;
         let limits = memory::reading(memory);
         let (a, a_masks) = read(first, &source, limits)?;
         let (b, b_masks) = read(&second, &source, limits)?;
@@ -119,7 +119,7 @@ fn each(
         return one(input, None).map(|()| 0);
     }
     for path in numbered {
-        if !matches!(Pattern::parse(&path.to_string_lossy()), Ok(Some(_))) {
+        if !matches!(Pattern::of(path), Ok(Some(_))) {
             return Err(PlanError::Usage(format!(
                 "{}: several frames need a pattern here too, such as next.####.exr",
                 path.display()
