@@ -214,7 +214,23 @@ fn second_passes_go_frame_by_frame() {
     assert!(!first.is_empty() && first.len() == third.len());
     room.ok(&["mask", "--merge", "a.####.exr", "b.####.exr", "-o", "both.####.exr"]);
     assert!(room.path("both.0001.exr").exists() && room.path("both.0003.exr").exists());
-    // A frame that fails does not stop the others.
+    // A frame that either render lacks fails, in either order; neither that nor others stop the rest.
+    std::fs::remove_file(room.path("a.0003.exr")).unwrap();
+    for (first, second) in
+        [("a.####.exr", "b.####.exr"), ("b.####.exr", "a.####.exr"), ("a.*.exr", "b.#.exr")]
+    {
+        let done = room.run(&["mask", "--merge", first, second, "-o", "again.##.exr", "-q"]);
+        let errors = done.errors();
+        let told = if first == "a.*.exr" {
+            "a.*.exr: no file of frame 3 matches"
+        } else {
+            "a.0003.exr: cannot open"
+        };
+        assert!(done.status == 1 && errors.len() == 1 && errors[0].contains(told), "{}", done.err);
+        assert!(room.path("again.01.exr").exists() && !room.path("again.03.exr").exists());
+        std::fs::remove_file(room.path("again.01.exr")).unwrap();
+    }
+    room.add("a.0003.exr", &room.read("b.0003.exr"));
     let done =
         room.run(&["mask", "--after", "a.####.exr", "-o", "n.#.png", "--add", "0.1", "--frames", "1-3"]);
     assert!(done.status == 1 && done.err.contains("a.0002.exr"), "{}", done.err);

@@ -1,5 +1,6 @@
 //! After a first pass, frame by frame: the pixels to compute next, and two renders united.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use lacuna_exr::{Attributes, Frame, Limits, Over, WriteOptions};
@@ -9,7 +10,7 @@ use super::output::{BoundFiles, MaskOutput, failed, of_frame, report, source_of_
 use crate::channels::{self, part_label};
 use crate::files::error::PlanError;
 use crate::files::identity::Sources;
-use crate::files::inputs::{Selection, resolve};
+use crate::files::inputs::{Input, Selection, resolve};
 use crate::files::patterns::Pattern;
 use crate::files::ranges::Frames;
 use crate::files::reports;
@@ -49,7 +50,7 @@ pub struct Union {
     pub first: PathBuf,
     /// The second render, or a pattern.
     pub second: PathBuf,
-    /// The frames of the patterns; all of the first that exist if `None`.
+    /// The frames of the patterns; all that exist of either if `None`.
     pub frames: Option<Frames>,
     /// Where their masks come from.
     pub source: Source,
@@ -61,7 +62,8 @@ pub struct Union {
 pub fn next(task: &NextPass, memory: Option<u64>, console: &Console) -> Result<u8, PlanError> {
     let written: Vec<&Path> =
         std::iter::once(task.output.path.as_path()).chain(task.error_estimate.as_deref()).collect();
-    each(&task.frame, task.frames.as_ref(), &written, console, |frame, number| {
+    let found = Found { input: &task.frame, other: None, frames: task.frames.as_ref() };
+    each(&found, &written, console, |frame, number| {
         let task = task.of_frame(frame, number);
         task.check()?;
         task.output.make_folder(&task.output.path)?;
@@ -73,8 +75,8 @@ pub fn next(task: &NextPass, memory: Option<u64>, console: &Console) -> Result<u
 
 /// Unites the renders of every frame; the exit status.
 pub fn unite(task: &Union, memory: Option<u64>, console: &Console) -> Result<u8, PlanError> {
-    let patterns = [task.second.as_path(), &task.output.path];
-    each(&task.first, task.frames.as_ref(), &patterns, console, |first, number| {
+    let found = Found { input: &task.first, other: Some(&task.second), frames: task.frames.as_ref() };
+    each(&found, &[&task.output.path], console, |first, number| {
         let second = of_frame(&task.second, number);
         let source = source_of_frame(&task.source, number);
         let output = of_frame(&task.output.path, number);
@@ -105,33 +107,71 @@ pub fn unite(task: &Union, memory: Option<u64>, console: &Console) -> Result<u8,
     })
 }
 
+/// Where frames come from.
+struct Found<'a> {
+    /// A file, or a pattern or glob of frames.
+    input: &'a Path,
+    /// A pattern of further files of the same frames, where there are two.
+    other: Option<&'a Path>,
+    /// The frames; all that exist of either if `None`.
+    frames: Option<&'a Frames>,
+}
+
+impl Found<'_> {
+    /// The frames of the input, or nothing if that is one file. A number that only the other files have is a frame whose file is missing.
+    fn frames(&self, numbered: &[&Path]) -> Result<Option<Vec<Input>>, PlanError> {
+        let selection = |input: &Path| Selection {
+            inputs: vec![input.into()],
+            files_from: None,
+            frames: self.frames.cloned(),
+        };
+        let found = resolve(&selection(self.input))?;
+        if !found.is_set {
+            return Ok(None);
+        }
+        let mut frames = found.frames;
+        for path in self.other.iter().chain(numbered) {
+            if !matches!(Pattern::of(path), Ok(Some(_))) {
+                return Err(PlanError::Usage(format!(
+                    "{}: several frames need a pattern here too, such as next.####.exr",
+                    path.display()
+                )));
+            }
+        }
+        if let (Some(other), None) = (self.other, self.frames) {
+            let own: BTreeSet<_> = frames.iter().map(|frame| frame.number).collect();
+            let further = resolve(&selection(other))?.frames.into_iter();
+            let further = further.filter(|frame| !own.contains(&frame.number));
+            frames.extend(
+                further.map(|frame| Input { path: of_frame(self.input, frame.number), number: frame.number }),
+            );
+            frames.sort_by_key(|frame| frame.number);
+        }
+        Ok(Some(frames))
+    }
+}
+
 /// Does one frame, or all of a pattern; one that fails does not stop the others.
 fn each(
-    input: &Path,
-    frames: Option<&Frames>,
+    found: &Found<'_>,
     numbered: &[&Path],
     console: &Console,
     one: impl Fn(&Path, Option<i64>) -> Result<(), PlanError>,
 ) -> Result<u8, PlanError> {
-    let selection = Selection { inputs: vec![input.into()], files_from: None, frames: frames.cloned() };
-    let found = resolve(&selection)?;
-    if !found.is_set {
-        return one(input, None).map(|()| 0);
-    }
-    for path in numbered {
-        if !matches!(Pattern::of(path), Ok(Some(_))) {
-            return Err(PlanError::Usage(format!(
-                "{}: several frames need a pattern here too, such as next.####.exr",
-                path.display()
-            )));
-        }
-    }
+    let Some(frames) = found.frames(numbered)? else {
+        return one(found.input, None).map(|()| 0);
+    };
     let mut status = 0;
-    console.begin(found.frames.len() as u64);
-    for frame in &found.frames {
+    console.begin(frames.len() as u64);
+    for frame in &frames {
+        let path = frame.path.display();
         let done = match frame.number {
+            // What a glob has no file for goes by the glob's name.
+            Some(number) if frame.path == found.input && !frame.path.exists() => {
+                Err(PlanError::Failed(format!("{path}: no file of frame {number} matches")))
+            }
             Some(_) => one(&frame.path, frame.number),
-            None => Err(PlanError::Failed(format!("{}: no frame number in its name", frame.path.display()))),
+            None => Err(PlanError::Failed(format!("{path}: no frame number in its name"))),
         };
         if let Err(error) = done {
             console.error(&error.to_string());
