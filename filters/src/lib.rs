@@ -64,7 +64,7 @@ pub use fill::{Filled, Options, fill};
 pub use filter::{Filter, Gradients, Plan, Problem};
 pub use kernel::heap::{keep_freed_memory, share_heaps};
 pub use lacuna_core::Size;
-pub use mask::Mask;
+pub use mask::{Doubt, Fit, Mask};
 pub use method::{METHODS, Method};
 pub use outcome::{Outcome, Stop};
 pub use plane::{Plane, Planes};

@@ -15,6 +15,52 @@ pub struct Mask {
     count: usize,
 }
 
+/// What values say about the mask that they were measured with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fit {
+    /// A measured value shows that it is right.
+    Right,
+    /// Nothing.
+    Unknown,
+    /// It is hardly the one that they were measured with.
+    Doubtful(Doubt),
+}
+
+/// All measured pixels are 0, and missing ones are not. As text it says so, what it may come from, and which mask is wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Doubt {
+    /// Missing pixels with another value than 0.
+    pub held: usize,
+    /// Missing pixels.
+    pub missing: usize,
+    /// Measured pixels.
+    pub measured: usize,
+}
+
+impl Doubt {
+    /// Whether the inverse explains it better than a mask of another frame, which has about as many pixels as this one: the pixels
+    /// with values are then nearer in number to the missing than to the measured ones. Those of a dark frame are fewer than either.
+    fn seems_inverted(self) -> bool {
+        self.missing <= self.measured || self.held.abs_diff(self.missing) < self.held.abs_diff(self.measured)
+    }
+}
+
+impl std::fmt::Display for Doubt {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { held, missing, .. } = self;
+        let seems = if self.seems_inverted() {
+            "inverted, or that of another frame or seed"
+        } else {
+            "that of another frame or seed, or inverted"
+        };
+        write!(
+            f,
+            "all measured pixels are 0, and {held} of {missing} missing ones have values: the mask seems {seems}; \
+             give the one that these pixels were rendered with, 1 where they are measured"
+        )
+    }
+}
+
 impl Mask {
     /// Takes `size.height * size.width` flags, row by row; `true` is measured.
     ///
@@ -48,24 +94,23 @@ impl Mask {
         Self::of(planes.size(), flags)
     }
 
-    /// Whether a mask that is the other way round would leave these values: all measured ones within `zero` of 0, and several others at
-    /// missing pixels (one value there is what a buffer was cleared to). Nothing if a measured value shows that it is right. What is not
-    /// finite shows nothing.
-    pub fn seems_inverted(&self, values: &[f32], zero: f32) -> Option<bool> {
+    /// What the values of a channel say about the mask, taking what is within `zero` of 0 for 0. One that is the other way round, or of
+    /// another frame, leaves 0 at all measured pixels and several values at missing ones (one value there is what a buffer was
+    /// cleared to). What is not finite says nothing.
+    pub fn fit(&self, values: &[f32], zero: f32) -> Fit {
         let finite = |wanted: bool| {
             let own = values.iter().zip(&self.measured).filter(move |(_, flag)| **flag == wanted);
             own.map(|(value, _)| *value).filter(|value| value.is_finite())
         };
         if finite(true).any(|value| value.abs() > zero) {
-            return None;
+            return Fit::Right;
         }
         let first = finite(false).next().unwrap_or_default();
-        let blank = finite(true).next().is_some();
-        Some(
-            blank
-                && finite(false).any(|value| value.abs() > zero)
-                && finite(false).any(|value| value != first),
-        )
+        let held = finite(false).filter(|value| value.abs() > zero).count();
+        if held == 0 || finite(true).next().is_none() || finite(false).all(|value| value == first) {
+            return Fit::Unknown;
+        }
+        Fit::Doubtful(Doubt { held, missing: values.len() - self.count, measured: self.count })
     }
 
     /// A mask whose pixel at row `y`, column `x` is measured where `measured(y, x)`.
@@ -154,19 +199,41 @@ mod tests {
     }
 
     #[test]
-    fn values_at_missing_pixels_alone_make_a_mask_seem_inverted() {
+    fn values_at_missing_pixels_alone_make_a_mask_doubtful() {
         let mask = Mask::new(Size::new(1, 4), vec![true, true, false, false]).unwrap();
+        let doubtful = |held| Fit::Doubtful(Doubt { held, missing: 2, measured: 2 });
         for (values, zero, expected) in [
-            ([0.0, 0.0, 0.5, 0.75], 0.0, Some(true)),
-            ([0.0, 0.1, 0.5, 0.75], 0.0, None),
-            ([0.0, -0.1, 0.5, 0.75], 0.2, Some(true)),
-            ([0.0, f32::NAN, 0.5, f32::INFINITY], 0.0, Some(false)),
-            ([0.0, f32::NAN, 0.5, 0.75], 0.0, Some(true)),
-            ([f32::INFINITY, f32::NAN, 0.5, 0.75], 0.0, Some(false)),
-            ([0.0, 0.0, 0.5, 0.5], 0.0, Some(false)),
-            ([0.0, 0.0, 0.0, -0.0], 0.0, Some(false)),
+            ([0.0, 0.0, 0.5, 0.75], 0.0, doubtful(2)),
+            ([0.0, 0.1, 0.5, 0.75], 0.0, Fit::Right),
+            ([0.0, -0.1, 0.5, 0.75], 0.2, doubtful(2)),
+            ([0.0, 0.0, 0.1, 0.75], 0.2, doubtful(1)),
+            ([0.0, f32::NAN, 0.5, f32::INFINITY], 0.0, Fit::Unknown),
+            ([0.0, f32::NAN, 0.5, 0.75], 0.0, doubtful(2)),
+            ([f32::INFINITY, f32::NAN, 0.5, 0.75], 0.0, Fit::Unknown),
+            ([0.0, 0.0, 0.5, 0.5], 0.0, Fit::Unknown),
+            ([0.0, 0.0, 0.0, -0.0], 0.0, Fit::Unknown),
         ] {
-            assert_eq!(mask.seems_inverted(&values, zero), expected, "{values:?}");
+            assert_eq!(mask.fit(&values, zero), expected, "{values:?}");
+        }
+    }
+
+    #[test]
+    fn the_likelier_explanation_comes_first() {
+        for (held, missing, measured, expected) in [
+            (20, 20, 80, "the mask seems inverted, or that of another frame"),
+            // Most of the frame is black.
+            (3, 20, 80, "the mask seems inverted, or"),
+            (75, 80, 20, "the mask seems inverted, or"),
+            (50, 50, 50, "the mask seems inverted, or"),
+            (20, 80, 20, "the mask seems that of another frame or seed, or inverted"),
+            (40, 60, 40, "the mask seems that of another"),
+        ] {
+            let text = Doubt { held, missing, measured }.to_string();
+            assert!(text.contains(expected), "{held} {missing} {measured}: {text}");
+            assert!(
+                text.contains(&format!("all measured pixels are 0, and {held} of {missing} missing")),
+                "{text}"
+            );
         }
     }
 

@@ -2,7 +2,7 @@
 
 use half::f16;
 use lacuna_exr::{Frame, Part, Samples};
-use lacuna_filters::Mask;
+use lacuna_filters::{Doubt, Fit, Mask};
 
 use super::stamp::{FILTER, Stamp};
 use super::twins;
@@ -27,10 +27,10 @@ pub fn made_by(part: &Part) -> Option<String> {
     Some(format!("{} by {filter}", if is_enlarged(part) { "enlarged" } else { "filled" }))
 }
 
-/// What to say of a frame in which every measured value is 0 and missing ones are not: a mask of 1 where nothing was measured leaves that.
-/// A black frame may have guides that are complete: only light tells.
-pub fn inverted(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Option<String> {
-    let mut found = false;
+/// What to say of a frame in which every measured value is 0 and missing ones are not, as a wrong mask leaves it. A black frame may have
+/// guides that are complete: only light tells.
+pub fn wrong_mask(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Option<String> {
+    let mut found: Option<Doubt> = None;
     for (index, (part, choices)) in frame.parts.iter().zip(choices).enumerate() {
         let dense = dense(part);
         for (number, (channel, choice)) in part.channels.iter().zip(choices).enumerate() {
@@ -42,13 +42,17 @@ pub fn inverted(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Option
             };
             let values = channel.samples.as_f32();
             let zero = part.compression.zero_within(channel.samples.kind());
-            // A measured value that is not 0 anywhere ends the doubt.
-            found |= mask.seems_inverted(&values, zero)? && tells;
+            match mask.fit(&values, zero) {
+                // A measured value that is not 0 anywhere ends the doubt.
+                Fit::Right => return None,
+                Fit::Doubtful(doubt) if tells && found.is_none_or(|before| before.held < doubt.held) => {
+                    found = Some(doubt);
+                }
+                _ => {}
+            }
         }
     }
-    let text = "all measured values are 0, and missing pixels have others: the mask seems inverted; give one that is 1 where \
-                pixels are measured";
-    found.then(|| text.into())
+    found.map(|doubt| doubt.to_string())
 }
 
 /// Makes the missing pixels of a filled frame blank, so that none is taken for measured, nor a channel for complete; those that guided

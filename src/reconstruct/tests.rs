@@ -362,7 +362,7 @@ fn parts_and_frames_with_an_equal_mask_share_plans() {
 }
 
 #[test]
-fn only_light_tells_that_a_mask_seems_inverted() {
+fn only_light_tells_that_a_mask_is_wrong() {
     let black = [0.0; 32];
     let kept: Vec<f32> =
         ramp(0.1).iter().enumerate().map(|(at, v)| if measured(at) { 0.0 } else { *v }).collect();
@@ -372,7 +372,7 @@ fn only_light_tells_that_a_mask_seems_inverted() {
         let frame = frame(vec![part]);
         let masks = find(&frame, &Source::Auto, None).unwrap();
         let overrides: Vec<_> = overrides.iter().map(|text| text.parse().unwrap()).collect();
-        inverted(&frame, &masks, &choose(&frame, &masks.mask_channels, &overrides)).is_some()
+        wrong_mask(&frame, &masks, &choose(&frame, &masks.mask_channels, &overrides)).is_some()
     };
     let layer = |names: &str| {
         let others = names.split(' ').map(|name| float(name, &kept));

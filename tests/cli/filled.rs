@@ -173,4 +173,25 @@ fn a_mask_that_seems_inverted_is_refused() {
     let done = room.run(&["fill", "wrong.exr", "-o", "wrong.out.exr", "-q", "--filter", "ss"]);
     assert!(done.status == 1 && done.errors()[0].contains("the mask seems inverted"), "{}", done.err);
     assert!(!room.path("wrong.out.exr").exists());
+    // Of another frame: it measures as few pixels, but others.
+    let other = with_mask(|at| at % 3 == 1).parts.remove(0);
+    let mask = lacuna_exr::Part { channels: vec![other.channels.last().unwrap().clone()], ..other };
+    room.add("mask.exr", &Frame { parts: vec![mask] });
+    room.add("bare.exr", &changed(|at, value| *value = if at.is_multiple_of(3) { *value } else { 0.0 }));
+    let done = room.run(&[
+        "fill",
+        "bare.exr",
+        "--mask",
+        "file:mask.exr",
+        "-o",
+        "wrong.out.exr",
+        "-q",
+        "--filter",
+        "ss",
+    ]);
+    assert!(
+        done.status == 1 && done.errors()[0].contains("the mask seems that of another frame or seed"),
+        "{}",
+        done.err
+    );
 }

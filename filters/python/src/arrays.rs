@@ -2,7 +2,7 @@
 
 use half::f16;
 use lacuna_core::parallel::prelude::*;
-use lacuna_filters::{Mask, Plane, Planes, Size};
+use lacuna_filters::{Doubt, Fit, Mask, Plane, Planes, Size};
 use ndarray::{ArrayView3, s};
 use numpy::{Element, PyArray1, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
@@ -196,14 +196,17 @@ pub fn nothing_missing() -> PyErr {
     )
 }
 
-/// Refuses a mask of light that has all of it at missing pixels, as one that is the other way round has.
-pub fn not_inverted(mask: &Mask, samples: &Planes) -> PyResult<()> {
-    let seem = |plane: &Plane| mask.seems_inverted(plane.pixels(), 0.0);
-    let all: Option<Vec<bool>> = samples.as_slice().iter().map(seem).collect();
-    if all.is_none_or(|all| !all.contains(&true)) {
-        return Ok(());
+/// Refuses a mask of light that has all of it at missing pixels, as one that is the other way round or of another frame has.
+pub fn not_wrong(mask: &Mask, samples: &Planes) -> PyResult<()> {
+    let mut found: Option<Doubt> = None;
+    for plane in samples.as_slice() {
+        match mask.fit(plane.pixels(), 0.0) {
+            Fit::Right => return Ok(()),
+            Fit::Doubtful(doubt) if found.is_none_or(|before| before.held < doubt.held) => {
+                found = Some(doubt);
+            }
+            _ => {}
+        }
     }
-    Err(PyValueError::new_err(
-        "mask: all measured values are 0, and missing pixels have others: it seems inverted; it is True where pixels are measured",
-    ))
+    found.map_or(Ok(()), |doubt| Err(PyValueError::new_err(format!("mask: {doubt}"))))
 }

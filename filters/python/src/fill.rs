@@ -213,7 +213,7 @@ pub fn fill<'py>(
     }
     (options.values, options.bounds) = self::values(values, samples.len())?;
     if options.values == Values::Light {
-        arrays::not_inverted(&mask, &samples)?;
+        arrays::not_wrong(&mask, &samples)?;
     }
     options.domain = self::domain(domain)?;
     options.limit = limit;

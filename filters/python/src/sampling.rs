@@ -69,7 +69,7 @@ pub fn next_mask<'py>(
     if mask.is_none() && measured.is_full() {
         return Err(arrays::nothing_missing());
     }
-    arrays::not_inverted(&measured, &samples)?;
+    arrays::not_wrong(&measured, &samples)?;
     drop(image);
     let next = run(py, &pool, |run| {
         let size = samples.size();

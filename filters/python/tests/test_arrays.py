@@ -350,6 +350,14 @@ def test_what_cannot_be_done_names_the_argument(name):
     assert line.startswith(argument) and "\n" not in line, line
 
 
+def test_the_likelier_reason_of_a_wrong_mask_comes_first():
+    image = np.where(MASK[..., None], IMAGE + 1, 0)
+    other = ~MASK & lacuna.mask((40, 52), 0.4, seed=3)
+    for mask, words in ((~MASK, "seems inverted, or"), (other, "seems that of another frame or seed, or")):
+        with pytest.raises(ValueError, match=f"{MASK.sum()} of {(~mask).sum()} missing ones have values: the mask {words}"):
+            lacuna.fill(image, mask)
+
+
 def test_every_call_is_documented_and_listed():
     for name in lacuna.__all__:
         assert inspect.getdoc(getattr(lacuna, name)), name

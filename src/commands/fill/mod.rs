@@ -23,7 +23,7 @@ use crate::reconstruct::estimate::joined;
 use crate::reconstruct::shared::SharedPlans;
 use crate::reconstruct::{
     self, Beside, Enlarge, Gate, GroupReport, PartReport, Report, behind, copied_line, energy, estimate,
-    inverted, named, was_smoothed,
+    named, was_smoothed, wrong_mask,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
@@ -249,7 +249,7 @@ impl Work for Fill<'_> {
             let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
             if mask::filled_before(&frame, &masks).is_none() {
                 // Black is filled with black, which no estimate finds doubtful.
-                inverted(&frame, &masks, &choices).map_or(Ok(()), |why| Err(at_input(&why)))?;
+                wrong_mask(&frame, &masks, &choices).map_or(Ok(()), |why| Err(at_input(&why)))?;
             } else if self.job.again {
                 reconstruct::blank(&mut frame, &masks, &choices);
             }
