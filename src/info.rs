@@ -172,7 +172,9 @@ fn part_info(part: &Part, index: usize, masks: Option<&Masks>, choices: &[Choice
         levels: part.had_levels,
         density: masks.and_then(|masks| masks.part_density(index)),
         estimate: filled_by.as_ref().and_then(|_| part.attributes.text(estimate::ATTRIBUTE)),
-        copied: filled_by.as_ref().and_then(|_| part.attributes.text(reconstruct::COPIED)),
+        copied: filled_by
+            .as_ref()
+            .and_then(|_| reconstruct::copied_line(&reconstruct::copied(&part.attributes))),
         enlarged: filled_by.is_some() && reconstruct::is_enlarged(part),
         filled_by,
         guides: Vec::new(),

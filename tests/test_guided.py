@@ -134,7 +134,7 @@ def test_an_alpha_that_a_complete_channel_holds_is_copied(tmp_path):
     lacuna(*VESSELS, "--dense-aovs", "-o", sparse)
     lacuna(*VESSELS[:4], "--depth", "--normals", "-o", full)
     told = lacuna("fill", sparse, "-o", out, "--json", tmp_path / "told.json").stderr
-    assert "A from dense.A" in told and "A: at least" in told
+    assert "A from dense.A" in told and "A: copied from dense.A, equal at all" in told
     (frame,) = json.loads((tmp_path / "told.json").read_text())["frames"]
     assert "Z from dense.Z" in frame["copied"]
     known, filled = frames.read(full)[0], frames.read(out)[0]
@@ -143,6 +143,11 @@ def test_an_alpha_that_a_complete_channel_holds_is_copied(tmp_path):
     assert not colour[known["A"] == 0].any()
     lacuna("verify", sparse, out)
     assert "copied: A from dense.A" in lacuna("info", out).stdout
+    assert json.loads(frames.OpenEXR.File(str(out)).header()["lacuna/copied"])[0] == {
+        "channel": "A",
+        "twin": "dense.A",
+        "place": "this-part",
+    }
     lacuna("fill", out, "-o", tmp_path / "again.exr", "--again")
     assert frames.same_bits(frames.colour(tmp_path / "again.exr"), colour)
     # Rendered and filled at once.

@@ -93,6 +93,8 @@ pub struct Options<'a> {
     /// Of each plane, a complete one that may hold its values, in its type (an alpha rendered everywhere, say); empty for none at all. Where it
     /// equals all measured ones ([`agrees`]), missing ones are copied from it; else it counts for nothing. Not where measured pixels are smoothed.
     pub twins: Vec<Option<Arc<Plane>>>,
+    /// Whether twins are known to hold the values and are not compared, as for pieces of an image that was compared as a whole.
+    pub compared: bool,
     /// Samples of other frames at their places in this one, for methods that choose by held-out samples.
     pub carried: &'a [Carried],
     /// What is to be said of the error.
@@ -116,6 +118,7 @@ impl Default for Options<'_> {
             gradients: Vec::new(),
             guides: None,
             twins: Vec::new(),
+            compared: false,
             carried: &[],
             estimate: Estimate::No,
             peak: 1.0,
@@ -187,7 +190,7 @@ pub struct Set {
     pub shares: Vec<(&'static str, f64)>,
     /// The part of the squared error that samples of other frames took away, by held-out samples; nothing where they were not used.
     pub along: Option<f64>,
-    /// How wrong missing pixels are, over the planes of the set, light clipped to 0 and [`Options::peak`]; nothing where that was not asked for, or held-out samples cannot show it.
+    /// How wrong missing pixels are, over the planes of the set, light clipped to 0 and [`Options::peak`]; nothing where that was not asked for, held-out samples cannot show it, or it was copied.
     pub estimate: Option<Verdict>,
     /// The same without clipping, where measured light is beyond 0 or the peak.
     pub unclipped: Option<Verdict>,

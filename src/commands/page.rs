@@ -163,7 +163,7 @@ fn is_colour(estimate: &Estimate) -> bool {
 }
 
 fn is_untold(estimate: &Estimate) -> bool {
-    is_colour(estimate) && !matches!(estimate.error, Estimated::Error { .. })
+    is_colour(estimate) && !matches!(estimate.error, Estimated::Error { .. } | Estimated::Copied { .. })
 }
 
 /// The channels whose estimate is the worst, and it: of colour, which people look at; of others where there is none.

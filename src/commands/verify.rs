@@ -108,9 +108,7 @@ impl Work for Verify<'_> {
             mask::find(&sparse, source, file.as_deref()).map_err(|error| Failure::at(&item.input, error))?;
         record.mask = Some(masks.origin.clone());
         record.density = masks.density();
-        if let Some(note) = claims.not_compared() {
-            record.warn(&[note]);
-        }
+        record.warn(&claims.not_compared());
         let differences = stage.solve(record, || {
             let mut choices = channels::choose(&sparse, &masks.mask_channels, &claims.overrides);
             // Guides that cannot be found leave the rules as they are, and what was kept shows as a difference.

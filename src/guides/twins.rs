@@ -29,7 +29,7 @@ impl Twin {
 }
 
 /// The twins of a part's channels among its guides: those of the same name, or with a layer before it (`dense.A` of `A`) or one less. Of several the
-/// one with the shortest name. A rule that was asked for goes before.
+/// shorter names go first. A rule that was asked for goes before.
 pub fn twins(
     frame: &Frame,
     index: usize,
@@ -57,7 +57,9 @@ pub fn twins(
             let (name, second, part) = (full.into_owned(), guide.second, guide.part);
             fits.then_some(Twin { channel, name, second, part, at })
         };
-        found.extend(all.filter_map(twin).min_by_key(|twin| twin.name.len()));
+        let mut own: Vec<Twin> = all.filter_map(twin).collect();
+        own.sort_by_key(|twin| twin.name.len());
+        found.extend(own);
     }
     found
 }

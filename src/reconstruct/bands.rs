@@ -286,8 +286,9 @@ fn add(all: &mut PartReport, band: PartReport, rows: (usize, usize)) {
         all.largest_move = all.largest_move.max(band.largest_move);
         all.clamped_halves += band.clamped_halves;
     }
-    // What was not copied everywhere was filled.
-    all.copied.retain(|pair| band.copied.contains(pair));
+    // Bands that miss nothing of a channel do not tell that it was copied.
+    all.copied
+        .extend(band.copied.into_iter().filter(|copied| !all.copied.contains(copied)).collect::<Vec<_>>());
     for band in band.groups {
         let Some(known) = all.groups.iter_mut().find(|known| known.channels == band.channels) else {
             all.groups.push(band);
@@ -319,6 +320,7 @@ fn worse(a: Option<Estimated>, b: Option<Estimated>) -> Option<Estimated> {
         Some(Estimated::Error { rmse, .. }) => rmse.estimate,
         Some(Estimated::Bound { rmse_at_most, .. }) => *rmse_at_most,
         Some(Estimated::Unknown { .. }) => f64::INFINITY,
+        Some(Estimated::Copied { .. }) => 0.0,
         None => f64::NEG_INFINITY,
     };
     if error(&b) > error(&a) { b } else { a }
@@ -360,7 +362,7 @@ mod tests {
     use super::*;
     use crate::channels::choose;
     use crate::mask::find;
-    use crate::reconstruct::{Job, Kind};
+    use crate::reconstruct::{Job, Kind, twins};
     use crate::testing::{float, frame, half, part, uint, values, window};
 
     const SIZE: Size = Size { height: 700, width: 40 };
@@ -433,6 +435,35 @@ mod tests {
         assert!(values(&banded.parts[0], "R").iter().all(|value| value.is_finite()));
         let ids = values(&banded.parts[0], "id");
         assert!(ids.iter().all(|id| *id > 0.0), "every pixel has an identifier");
+    }
+
+    #[test]
+    fn what_holds_over_the_whole_is_copied_in_every_band() {
+        // The last bands know of one value only, which is no evidence.
+        let full: Vec<f32> =
+            (0..SIZE.pixels()).map(|at| if at < 8000 { (at % 31) as f32 / 30.0 } else { 1.0 }).collect();
+        let mut sparse = sparse(0..0);
+        let measured = values(&sparse.parts[0], "mask");
+        let seen: Vec<f32> = full.iter().zip(&measured).map(|(value, flag)| value * flag).collect();
+        let mut twin = full;
+        let last = measured.iter().rposition(|flag| *flag == 0.0).unwrap();
+        twin[last] = 0.25;
+        sparse.parts[0].channels.push(float("A", &seen));
+        sparse.parts[0].channels.push(float("dense.A", &twin));
+        sparse.parts[0].attributes.set_text(crate::channels::DENSE, "dense.A");
+        let job = Job::new(Method::named("ss", &[]).unwrap());
+        let masks = find(&sparse, &job.mask, None).unwrap();
+        let mut choices = choose(&sparse, &masks.mask_channels, &[]);
+        let guides = guides::find(&sparse, &masks, &mut choices, &"auto".parse().unwrap(), None).unwrap();
+        let candidates = guides::twins(&sparse, 0, &choices[0], &guides.parts[0], None);
+        let known = twins::known(&sparse, (0, &masks, &choices[0]), candidates, None, &job).unwrap();
+        let none = Guides::new(SIZE);
+        let (plans, run) = (Plans::new(), Run::default());
+        let work = Work::alone((0, &masks, &choices[0]), &none, &job, &plans, &run);
+        let work = Work { twins: &known, ..work };
+        let done = fill_by(&mut sparse, &work, &[], (0, 200 * SIZE.width)).unwrap();
+        assert!(values(&sparse.parts[0], "A") == twin);
+        assert_eq!(twins::line(&done.report.copied).as_deref(), Some("A from dense.A"));
     }
 
     #[test]

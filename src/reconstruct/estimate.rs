@@ -44,6 +44,13 @@ pub enum Estimated {
         /// Peak signal-to-noise ratio in decibels.
         psnr_at_least: f64,
     },
+    /// It was not made but copied.
+    Copied {
+        /// From what.
+        copied_from: Vec<String>,
+        /// How many measured pixels were compared, all of which are equal.
+        equal_pixels: usize,
+    },
     /// It cannot be told.
     Unknown {
         /// Why not.
@@ -123,6 +130,9 @@ pub fn untold(set: &Set) -> Option<String> {
     set.estimate.is_none().then_some(why)
 }
 
+/// Ends what is said of what was copied.
+const EQUAL: &str = " measured pixels";
+
 /// What is said where nothing errs, which is no promise of places that no sample has met.
 const NO_ERROR: &str = "no error at held-out samples";
 
@@ -140,6 +150,9 @@ impl std::fmt::Display for Estimated {
             Self::Error { .. } => f.write_str(NO_ERROR),
             Self::Bound { rmse_at_most, psnr_at_least } => {
                 write!(f, "at least {psnr_at_least:.1} dB, RMSE at most {rmse_at_most:.2e}")
+            }
+            Self::Copied { copied_from, equal_pixels } => {
+                write!(f, "copied from {}, equal at all {equal_pixels}{EQUAL}", copied_from.join(", "))
             }
             Self::Unknown { unknown, .. } => write!(f, "cannot be told: {unknown}"),
         }
@@ -162,7 +175,7 @@ impl Gate {
     }
 
     /// Why a group is doubtful, if it is; an error that cannot be told is, one with a bound if that is beyond the gate's. Coordinates
-    /// are not: their unit is not that of light.
+    /// are not: their unit is not that of light. Nor is what was copied.
     fn refuses(&self, group: &GroupReport) -> Option<String> {
         if group.channels.iter().any(|name| is_coordinate(name)) {
             return None;
@@ -170,6 +183,7 @@ impl Gate {
         let estimated = group.estimate.as_ref()?;
         let names = group.names();
         let (rmse, psnr, [least, most]) = match estimated {
+            Estimated::Copied { .. } => return None,
             Estimated::Unknown { unknown, .. } => {
                 return Some(format!("the error of {names} cannot be told: {unknown}"));
             }
@@ -198,7 +212,9 @@ impl Gate {
                 return false;
             }
             let figures = (group.split_once(" dB").and_then(|(before, _)| last(before)), last(group));
-            let (Some(psnr), Some(rmse)) = figures else { return !group.ends_with(NO_ERROR) };
+            let (Some(psnr), Some(rmse)) = figures else {
+                return ![NO_ERROR, EQUAL].iter().any(|end| group.ends_with(end));
+            };
             let low = self.min_psnr.is_some_and(|bound| psnr < bound + 0.05);
             low || self.max_rmse.is_some_and(|bound| rmse > 0.99 * bound)
         };
@@ -326,13 +342,18 @@ mod tests {
         let bound = group(Verdict::AtMost(0.01));
         assert_eq!(line([&bound].into_iter()).unwrap(), "R, G: at least 40.0 dB, RMSE at most 1.00e-2");
         let exact = group(Verdict::Estimate(Rmse { rmse: 0.0, low: 0.0, high: 0.0 }));
+        let (from, equal_pixels) = (vec!["x.R".into(), "x.G".into()], 120);
+        let copied = Some(Estimated::Copied { copied_from: from, equal_pixels });
+        let copied = GroupReport { estimate: copied, ..exact.clone() };
+        let said = "R, G: copied from x.R, x.G, equal at all 120 measured pixels";
+        assert_eq!(line([&copied].into_iter()).unwrap(), said);
         assert_eq!(
             line([&good, &unknown].into_iter()).unwrap(),
             "R, G: 60.0 dB (54.0 to 66.0), RMSE 1.00e-3; R, G: cannot be told: there are too few samples"
         );
         assert_eq!(chosen([&good].into_iter()).unwrap(), "R, G: edge 80 %, tv 20 %");
         assert_eq!(line([&exact].into_iter()).unwrap(), "R, G: no error at held-out samples");
-        for told in [&good, &unknown, &bound, &exact] {
+        for told in [&good, &unknown, &bound, &exact, &copied] {
             assert_eq!(contradiction(&line([told].into_iter()).unwrap(), 1.0), None);
         }
         let gate = |min_psnr, max_rmse| Gate { min_psnr, max_rmse };
@@ -347,6 +368,7 @@ mod tests {
             (gate(None, Some(0.011)), &bound, false),
             (gate(None, Some(0.009)), &bound, true),
             (gate(Some(300.0), Some(0.0)), &exact, false),
+            (gate(Some(300.0), Some(0.0)), &copied, false),
         ] {
             assert_eq!(gate.refuses(group).is_some(), refused, "{gate:?} {group:?}");
             // What the attribute says of it tells as much.

@@ -58,14 +58,18 @@ pub fn wrong_mask(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Opti
 /// Makes the missing pixels of a filled frame blank, so that none is taken for measured, nor a channel for complete; those that guided
 /// the fill, or that others were copied from, were complete before.
 pub fn blank(frame: &mut Frame, masks: &Masks, choices: &[Vec<Choice>]) {
+    let twins = frame.parts.iter().enumerate().flat_map(|(own, part)| {
+        let copied = twins::read(&part.attributes).into_iter();
+        copied.filter_map(move |copied| Some((copied.part(own)?, copied.twin)))
+    });
+    let twins: Vec<(usize, String)> = twins.collect();
     for (index, part) in frame.parts.iter_mut().enumerate() {
         let guided = part.attributes.text(guides::ATTRIBUTE).unwrap_or_default();
-        let copied = twins::read(&part.attributes);
         let is_guide = |name: &str| {
             let guides = guided
                 .split(", ")
                 .any(|guide| guide == name || guide == Name::new(name).layer && !guide.is_empty());
-            guides || copied.iter().any(|(_, twin)| twin == name)
+            guides || twins.iter().any(|(part, twin)| *part == index && twin == name)
         };
         for (number, channel) in part.channels.iter_mut().enumerate() {
             let kept = choices[index][number].rule == Rule::Keep || is_guide(&channel.display_name());

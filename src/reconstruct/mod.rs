@@ -60,8 +60,8 @@ pub use stamp::{
     ADDED, DENSITY, DERIVED, FILLED_BY, FILTER, RENDER, SCENE, Stamp, dropped_note, error_channel,
     estimated_errors, of_other_pixels, remove, was_cut_short,
 };
-pub(crate) use twins::{ATTRIBUTE as COPIED, line as copied_line, read as copied};
-pub(crate) use values::{convert, kind_for, to_half, to_halves};
+pub(crate) use twins::{Copied, line as copied_line, read as copied};
+pub(crate) use values::{convert, kind_for, to_half, to_halves, value};
 pub use weights::{Weights, WeightsError};
 
 use crate::channels::{Choice, Rule, non_finite, non_finite_note, part_label, unheeded};
@@ -120,6 +120,7 @@ pub fn fill_with(
         let label = part_label(&frame, index);
         let none = Guides::new(frame.parts[index].size());
         let twins = guides::twins(&frame, index, choices, &found.parts[index], second);
+        let twins = twins::known(&frame, (index, masks, choices), twins, second, job)?;
         let (guides, twins) = (&none, twins.as_slice());
         let work = part::Work { index, masks, choices, guides, twins, second, neighbours, job, plans, run };
         let mut done = bands::fill(&mut frame, &work, &found.parts[index])?;

@@ -17,11 +17,11 @@ pub use filter::{channel_names, overflow_note, values_options};
 
 use super::apply::{Change, apply};
 use super::groups::{Target, copyable, targets, usable};
+use super::twins::{self, Known};
 use super::{
-    ChannelReport, Error, GroupReport, Job, NoiseSource, PIECE, PartReport, Plans, gradients, learned, twins,
+    ChannelReport, Error, GroupReport, Job, NoiseSource, PIECE, PartReport, Plans, gradients, learned,
 };
 use crate::channels::{Choice, Rule, channel_label};
-use crate::guides::Twin;
 use crate::mask::Masks;
 use crate::temporal::Neighbours;
 
@@ -36,8 +36,8 @@ pub struct Work<'a> {
     pub choices: &'a [Choice],
     /// Complete planes that may steer the colour.
     pub guides: &'a Guides,
-    /// Complete channels that may hold the values of those to be filled.
-    pub twins: &'a [Twin],
+    /// Complete channels that hold the values of those to be filled.
+    pub twins: &'a [Known],
     /// The frame that guides come from, if it is another one.
     pub second: Option<&'a Frame>,
     /// The frames before and after it.
@@ -251,10 +251,10 @@ fn chosen(
 ) -> Result<Change, Error> {
     let mask = Arc::clone(&target.mask);
     if target.rule == Rule::Depth
-        && let Some(values) = twins::depth(frame, work, target)?
+        && let Some(twin) = twins::twin(frame, work, target.channel)
     {
         twins::tell(frame, work, target.channel, &mut done.report);
-        return Ok(Change::Values { values, mask, all: false });
+        return Ok(Change::Values { values: twin.pixels().to_vec(), mask, all: false });
     }
     Ok(Change::Copies { map: sources(frame, work, target, targets)?, mask })
 }

@@ -5,7 +5,7 @@ use lacuna_filters::limiter::Moved;
 use serde::Serialize;
 
 use super::estimate::Estimated;
-use super::{Energy, Stamp};
+use super::{Copied, Energy, Stamp};
 use crate::channels::{self, Name, Rule, visible};
 
 /// What was done to one frame. Times are the caller's to add.
@@ -49,9 +49,9 @@ pub struct PartReport {
     pub channels: Vec<ChannelReport>,
     /// The groups that the filter ran on.
     pub groups: Vec<GroupReport>,
-    /// Channels whose missing pixels were copied from a complete one that holds their values, and that one.
+    /// Channels whose missing pixels were copied from a complete one that holds their values.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub copied: Vec<(String, String)>,
+    pub copied: Vec<Copied>,
     /// The frames beside it whose samples it was filled with, and what their motion is known from.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub neighbours: Vec<(i64, String)>,

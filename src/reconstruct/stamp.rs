@@ -139,10 +139,7 @@ impl Stamp {
         let stop = report.groups.iter().map(|group| group.outcome.stop).max();
         self.write(attributes, density.unwrap_or(1.0), stop.unwrap_or(Stop::Converged));
         write_guides(attributes, report);
-        match twins::line(report) {
-            Some(line) => attributes.set_text(twins::ATTRIBUTE, &line),
-            None => drop(attributes.remove(twins::ATTRIBUTE)),
-        }
+        twins::write(attributes, &report.copied);
         write_settled(attributes, report);
     }
 

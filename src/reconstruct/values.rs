@@ -137,6 +137,15 @@ pub fn copy_from(samples: &mut Samples, mask: &Mask, source: &[u32]) {
     }
 }
 
+/// One value of any type.
+pub fn value(samples: &Samples, at: usize) -> f32 {
+    match samples {
+        Samples::Half(values) => values[at].to_f32(),
+        Samples::Float(values) => values[at],
+        Samples::Uint(values) => values[at] as f32,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

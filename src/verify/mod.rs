@@ -3,7 +3,7 @@
 //! Promised: parts, names, windows, types and attributes are those of the sparse frame, except for what the filled
 //! one says was asked for (its attribute `lacuna/settings`); kept channels and measured pixels have the same bits; what
 //! was filled is finite and within its bounds; identifiers and depths are values that were measured in that channel; what
-//! the filled frame says was copied (`lacuna/copied`) is what stands in that complete channel; filled normals are of
+//! the filled frame says was copied (`lacuna/copied`) is what stands in that complete channel, unless that is in another file; filled normals are of
 //! unit length where the measured ones are; the attributes that `fill` adds agree with the mask and with each other;
 //! estimated errors are none at measured pixels.
 //!
@@ -27,7 +27,7 @@ use crate::channels::{Choice, Name, Override, Rule, part_label, visible};
 use crate::guides::Asked;
 use crate::mask::{Masks, Source};
 use crate::reconstruct::{
-    ADDED, DERIVED, FILLED_BY, Kind, RENDER, Stamp, copied, error_channel, output_compression,
+    ADDED, Copied, DERIVED, FILLED_BY, Kind, RENDER, Stamp, copied, error_channel, output_compression,
 };
 
 /// One difference between what is and what should be.
@@ -73,6 +73,8 @@ pub struct Claims {
     pub smoothed: bool,
     /// The filter's name; empty if nothing says it.
     pub filter: String,
+    /// The channels that were copied from those of another file.
+    pub elsewhere: Vec<String>,
 }
 
 impl Default for Claims {
@@ -87,6 +89,7 @@ impl Default for Claims {
             guides: Asked::None,
             smoothed: false,
             filter: String::new(),
+            elsewhere: Vec::new(),
         }
     }
 }
@@ -97,6 +100,9 @@ impl Claims {
         let Some(stamp) = filled.parts.iter().find_map(|part| Stamp::read(&part.attributes)) else {
             return Self::default();
         };
+        let elsewhere = filled.parts.iter().enumerate().flat_map(|(at, part)| {
+            copied(&part.attributes).into_iter().filter(move |copied| copied.part(at).is_none())
+        });
         let setting = |name: &str, value: &str| stamp.setting(name).is_some_and(|found| found == value);
         let kinds = [("half", Kind::Half), ("float", Kind::Float)];
         Self {
@@ -112,6 +118,7 @@ impl Claims {
                 .unwrap_or(Asked::None),
             smoothed: stamp.says_smoothed(),
             filter: stamp.filter,
+            elsewhere: elsewhere.map(|copied| copied.channel).collect(),
         }
     }
 
@@ -121,10 +128,18 @@ impl Claims {
     }
 
     /// What is not compared because the filled frame says so, for people.
-    pub fn not_compared(&self) -> Option<String> {
+    pub fn not_compared(&self) -> Vec<String> {
         let by = if self.filter.is_empty() { String::new() } else { format!(" by {}", self.filter) };
-        self.smoothed
-            .then(|| format!("measured pixels were not compared: the file says that they were smoothed{by}"))
+        let smoothed = self
+            .smoothed
+            .then(|| format!("measured pixels were not compared: the file says that they were smoothed{by}"));
+        let names = self.elsewhere.join(", ");
+        let elsewhere = (!names.is_empty()).then(|| {
+            format!(
+                "{names}: copied pixels were not compared: the file says that they are those of another one"
+            )
+        });
+        smoothed.into_iter().chain(elsewhere).collect()
     }
 }
 
@@ -144,6 +159,7 @@ fn is_given(name: &[u8], kind: &[u8]) -> bool {
 struct Pair<'a> {
     index: usize,
     label: Option<String>,
+    frame: &'a Frame,
     sparse: &'a Part,
     filled: &'a Part,
     masks: &'a Masks,
@@ -173,9 +189,9 @@ impl Pair<'_> {
         rule != Rule::Keep && self.masks.get(self.index, channel).is_none_or(|mask| !mask.is_full())
     }
 
-    /// The name of the complete channel that the filled part says a channel's missing pixels were copied from.
-    fn copied_from(&self, name: &str) -> Option<String> {
-        copied(&self.filled.attributes).into_iter().find(|(own, _)| own == name).map(|(_, twin)| twin)
+    /// What the filled part says a channel's missing pixels were copied from.
+    fn copied(&self, name: &str) -> Option<Copied> {
+        copied(&self.filled.attributes).into_iter().find(|copied| copied.channel == name)
     }
 
     /// Whether a channel of the sparse part is left out of the filled one.
@@ -204,6 +220,7 @@ pub fn compare(sparse: &Frame, filled: &Frame, masks: &Masks, choices: &[Vec<Cho
         let pair = Pair {
             index,
             label,
+            frame: sparse,
             sparse: sparse_part,
             filled: filled_part,
             masks,

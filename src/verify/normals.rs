@@ -6,11 +6,10 @@ use lacuna_exr::{Channel, Samples};
 use lacuna_filters::Mask;
 use lacuna_filters::baseline::depth::DepthPlan;
 
-use super::pixels::value;
 use super::{Difference, Pair};
 use crate::channels::normal_triple;
 use crate::reconstruct::normals::Lengths;
-use crate::reconstruct::{measured_floats, normals, usable};
+use crate::reconstruct::{measured_floats, normals, usable, value};
 
 /// How far the length of a vector may be from the right one, of that or of 1, if a component is a half: its rounding error.
 const HALF: f64 = 1.0 / 1024.0;
@@ -29,7 +28,7 @@ pub fn compare(pair: &Pair<'_>) -> Vec<Difference> {
 
 fn one(pair: &Pair<'_>, triple: [usize; 3]) -> Option<Difference> {
     let part = pair.sparse;
-    if triple.iter().all(|&at| pair.copied_from(&part.channels[at].display_name()).is_some()) {
+    if triple.iter().all(|&at| pair.copied(&part.channels[at].display_name()).is_some()) {
         return None;
     }
     let samples = triple.map(|channel| &part.channels[channel].samples);

@@ -9,7 +9,7 @@ use lacuna_filters::{Bounds, Mask};
 use super::{Difference, Pair};
 use crate::channels::Rule;
 use crate::info::kind;
-use crate::reconstruct::{bounds_of, convert, kind_for, to_half, usable};
+use crate::reconstruct::{Copied, bounds_of, convert, kind_for, to_half, usable, value};
 
 /// The differences of one channel: of each sort the first pixel and the number.
 pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Difference> {
@@ -53,45 +53,51 @@ pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Differenc
     let mut differences = Vec::new();
     differences.extend(report("a measured pixel has changed", changed));
     let missing: Vec<usize> = missing.collect();
-    let twin = pair.copied_from(&name);
-    if let Some(twin) = &twin {
-        let what = format!("a pixel is not that of {twin}, which it is said to be copied from");
-        differences.extend(report(&what, wrong_copies(pair, twin, sparse, filled, &missing)));
+    let copied = pair.copied(&name);
+    if let Some(copied) = &copied {
+        let source = copied.source();
+        match wrong_copies(pair, copied, (sparse, filled), &missing) {
+            Some(wrong) => {
+                let what = format!("a pixel is not that of {source}, which it is said to be copied from");
+                differences.extend(report(&what, wrong));
+            }
+            None => differences
+                .extend(whole(format!("it is said to be copied from {source}, which is not there"))),
+        }
     }
-    // Other surfaces may have other depths.
-    if rule != Rule::Depth || twin.is_none() {
-        let (what, wrong) = wrong_fills(rule, &name, sparse, filled, &usable, missing);
-        differences.extend(report(what, wrong));
-    }
+    let (what, wrong) = wrong_fills((rule, copied.is_some()), &name, (sparse, filled), &usable, missing);
+    differences.extend(report(what, wrong));
     differences
 }
 
-/// The missing pixels that differ from those of a complete channel, in the channel's type; none if that stands in another part or file.
+/// The missing pixels that differ from those of the complete channel that they are said to be copied from, in the channel's type; none if that stands in
+/// another file, nothing if it is not there.
 fn wrong_copies(
     pair: &Pair<'_>,
-    twin: &str,
-    sparse: &Channel,
-    filled: &Channel,
+    copied: &Copied,
+    (sparse, filled): (&Channel, &Channel),
     missing: &[usize],
-) -> Vec<usize> {
-    let Some(twin) = pair.sparse.channels.iter().find(|channel| channel.name == twin.as_bytes()) else {
-        return Vec::new();
-    };
+) -> Option<Vec<usize>> {
+    let Some(part) = copied.part(pair.index) else { return Some(Vec::new()) };
+    let twins = &pair.frame.parts.get(part)?.channels;
+    let twin = twins.iter().find(|channel| channel.display_name() == copied.twin)?;
+    if twin.samples.len() != sparse.samples.len() {
+        return None;
+    }
     let is_half = |channel: &Channel| matches!(channel.samples, Samples::Half(_));
     let halves = is_half(sparse) || is_half(filled);
     let expected = |at: usize| match value(&twin.samples, at) {
         value if halves => to_half(value, &mut 0).to_f32(),
         value => value,
     };
-    missing.iter().copied().filter(|&at| value(&filled.samples, at) != expected(at)).collect()
+    Some(missing.iter().copied().filter(|&at| value(&filled.samples, at) != expected(at)).collect())
 }
 
 /// The filled pixels that cannot be right, and what is wrong with them.
 fn wrong_fills(
-    rule: Rule,
+    (rule, copied): (Rule, bool),
     name: &str,
-    sparse: &Channel,
-    filled: &Channel,
+    (sparse, filled): (&Channel, &Channel),
     mask: &Mask,
     mut missing: Vec<usize>,
 ) -> (&'static str, Vec<usize>) {
@@ -104,6 +110,11 @@ fn wrong_fills(
             .map(|(bits, _)| *bits)
             .collect();
         missing.retain(|&at| !known.contains(&bits[at]));
+        if rule == Rule::Depth && copied {
+            // Other surfaces have other depths.
+            missing.retain(|&at| !value(&filled.samples, at).is_finite());
+            return ("a filled pixel is not finite, as no measured one is", missing);
+        }
         return ("a filled pixel has a value that was measured nowhere", missing);
     }
     let not_finite: Vec<usize> =
@@ -122,14 +133,6 @@ fn wrong_fills(
     let (low, high) = (rounded(low), rounded(high));
     missing.retain(|&at| !(low..=high).contains(&value(&filled.samples, at)));
     ("a filled pixel leaves the bounds that all measured ones keep", missing)
-}
-
-pub fn value(samples: &Samples, at: usize) -> f32 {
-    match samples {
-        Samples::Half(values) => values[at].to_f32(),
-        Samples::Float(values) => values[at],
-        Samples::Uint(values) => values[at] as f32,
-    }
 }
 
 /// The bits of every pixel.

@@ -53,7 +53,20 @@ def test_fill_with_a_twin(tmp_path, tool, dtype, off):
     assert same_bits(filled, read(tmp_path / "out.exr", "A"))
     assert same_bits(filled, alpha.astype(dtype)) == (off == 0) == (told.filters == {"copy": 1})
     if off == 0:
-        assert told.psnr is None and told.low > 20 and "twin" in told.reason
+        assert told.psnr is None and told.low is None and told.rmse is None
+        assert told.reason == f"copied from the twin, equal at all {mask.sum()} measured pixels"
+
+
+@pytest.mark.parametrize(("dtype", "beyond"), [(np.float32, 1.5), (np.float32, np.inf), (np.float16, 1e6)])
+def test_a_twin_beyond_what_may_be_filled_is_none(recwarn, dtype, beyond):
+    alpha = np.clip(picture()[:, :, 0] - 0.4, 0, 1)
+    mask = lacuna.mask(alpha.shape, 0.2, seed=7)
+    twin = alpha.copy()
+    twin[tuple(np.argwhere(~mask)[7])] = beyond
+    samples = np.where(mask, alpha, 0).astype(dtype)
+    filled = lacuna.fill(samples, mask, values="matte", twin=twin)
+    assert same_bits(filled, lacuna.fill(samples, mask, values="matte"))
+    assert not recwarn.list
 
 
 @pytest.mark.parametrize("filter", ["auto", "ss"])

@@ -45,12 +45,6 @@ impl Voronoi {
         self.variation > UNEVEN
     }
 
-    /// How many samples that lie evenly say as much of the missing pixels.
-    pub fn independent(&self) -> f64 {
-        let samples = self.counts.iter().filter(|count| **count > 0.0).count();
-        samples as f64 / (1.0 + self.variation.powi(2))
-    }
-
     /// Share of the exponent: from all of it to what [`CHOSEN`] says.
     pub fn share(&self, exponent: f64, largest: f64) -> f64 {
         let (from, [least, most]) = CHOSEN;

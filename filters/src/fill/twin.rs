@@ -3,48 +3,58 @@
 //! Nobody writes down that a complete plane is of the same samples as a sparse one, and by a name alone it may be of other ones (fewer samples a
 //! pixel, longer steps). So it is told from the values: all measured ones must be equal, and [`ENOUGH`] of them others than the most frequent one.
 //!
-//! Error: of `n` samples that all agree, nine times of ten fewer than `ln(10) / n` of all pixels differ (the rule of three), and each by no
-//! more than the range of the samples. Samples that lie unevenly count as fewer (L. Kish, 1965), by the pixels that each is the nearest of. That bound is
-//! all that is told ([`Verdict::AtMost`]).
+//! Error: equal samples show none, and how many of the other pixels differ they do not tell: those may be of places that no sample
+//! has met. So no figure is told.
 
 use std::sync::Arc;
 
-use super::{Estimate, Options, Set, Values};
+use super::{Options, Set, Values};
 use crate::domain::Domain;
-use crate::estimate::{Verdict, Voronoi};
 use crate::limiter::Moved;
-use crate::{Mask, Outcome, Plane, Planes};
+use crate::{Bounds, Mask, Outcome, Planes};
 
 /// Measured values other than the most frequent one, without which equality says nothing.
 const ENOUGH: usize = 16;
 
-/// Whether a complete plane holds the values of a sparse one: equal at all measured pixels, which suffice to tell, and nowhere NaN where
-/// one is missing.
-pub fn agrees(mask: &Mask, samples: &[f32], twin: &[f32]) -> bool {
-    let pixels = || mask.as_slice().iter().zip(samples.iter().zip(twin));
-    if pixels().any(|(&flag, (sample, twin))| if flag { sample != twin } else { twin.is_nan() }) {
+/// Whether a complete plane holds the values of a sparse one, told from its pixels: whether each is measured, its value, and the complete one. They
+/// are equal where measured, which suffices to tell, and elsewhere such as a fill may leave: within the bounds, and infinite only if a
+/// measured one is. NaN stands for what the sparse one's type cannot hold.
+pub fn agrees(pixels: impl Iterator<Item = (bool, f32, f32)> + Clone, bounds: Bounds) -> bool {
+    let measured = pixels.clone().filter(|(flag, ..)| *flag);
+    let (mut least, mut most) = (f32::INFINITY, f32::NEG_INFINITY);
+    let equal = measured.clone().all(|(_, sample, twin)| {
+        (least, most) = (least.min(sample), most.max(sample));
+        sample == twin
+    });
+    let (low, high) = bounds.around((least, most));
+    let may = |twin: f32| (low..=high).contains(&twin) && (twin.is_finite() || twin == least || twin == most);
+    let mut missing = pixels.filter(|(flag, ..)| !*flag);
+    if !equal || !missing.all(|(.., twin)| may(twin)) {
         return false;
     }
-    let measured = || pixels().filter(|(flag, _)| **flag).map(|(_, (&sample, _))| sample);
     // The majority, if there is one, is what is left of a vote (R. Boyer, J. Moore).
     let vote = |(leader, votes), value| match votes {
         0 => (value, 1),
         votes if value == leader => (leader, votes + 1),
         votes => (leader, votes - 1),
     };
-    let (leader, _) = measured().fold((0.0_f32, 0_usize), vote);
-    measured().filter(|&value| value != leader).take(ENOUGH).count() == ENOUGH
+    let measured = measured.map(|(_, sample, _)| sample);
+    let (leader, _) = measured.clone().fold((0.0_f32, 0_usize), vote);
+    measured.filter(|&value| value != leader).take(ENOUGH).count() == ENOUGH
 }
 
 /// Which planes take their missing values from their twins; of directions all or none, as their length is that of all.
 pub fn copied(samples: &Planes, masks: &[Arc<Mask>], options: &Options<'_>) -> Vec<bool> {
     let keeps = options.keeps_measured();
-    let agree = |((plane, mask), twin): ((&Plane, &Arc<Mask>), Option<&Arc<Plane>>)| {
+    let holds = |at: usize| {
+        let (mask, samples) = (&masks[at], samples.as_slice()[at].pixels());
+        let twin = options.twins.get(at).and_then(Option::as_ref);
         let Some(twin) = twin.filter(|_| keeps && !mask.is_full()) else { return false };
-        twin.pixels().iter().all(|value| value.is_finite()) && agrees(mask, plane.pixels(), twin.pixels())
+        let pixels = mask.as_slice().iter().zip(samples).zip(twin.pixels());
+        let pixels = pixels.map(|((&flag, &sample), &twin)| (flag, sample, twin));
+        options.compared || agrees(pixels, options.bounds_of(at))
     };
-    let twins = (0..samples.len()).map(|at| options.twins.get(at)?.as_ref());
-    let mut found: Vec<bool> = samples.as_slice().iter().zip(masks).zip(twins).map(agree).collect();
+    let mut found: Vec<bool> = (0..samples.len()).map(holds).collect();
     if options.values == Values::Directions && found.contains(&false) {
         found.fill(false);
     }
@@ -63,7 +73,6 @@ pub fn copy(
         let pixels = plane.pixels_mut().iter_mut().zip(twin.pixels()).zip(mask.as_slice());
         pixels.filter(|(_, flag)| !**flag).for_each(|((value, &twin), _)| *value = twin);
     }
-    let (estimate, unclipped) = verdicts(samples, mask, options).unzip();
     let limited = vec![Moved::default(); places.len()];
     let set = Set {
         planes: places,
@@ -76,8 +85,8 @@ pub fn copy(
         gain: None,
         shares: Vec::new(),
         along: None,
-        estimate,
-        unclipped: unclipped.flatten(),
+        estimate: None,
+        unclipped: None,
         exponent: None,
         errors: None,
         weightless: 0,
@@ -88,35 +97,11 @@ pub fn copy(
     (out, limited, set)
 }
 
-/// What is said of the error, if it was asked for, and of that without clipping where samples are clipped.
-fn verdicts(samples: &Planes, mask: &Mask, options: &Options<'_>) -> Option<(Verdict, Option<Verdict>)> {
-    if options.estimate == Estimate::No {
-        return None;
-    }
-    let share = (10_f64.ln() / Voronoi::new(mask).independent()).min(1.0);
-    let bound = |shown: &dyn Fn(f32) -> f32| {
-        let square = |plane: &Plane| {
-            let measured = plane.pixels().iter().zip(mask.as_slice()).filter(|(_, flag)| **flag);
-            let values = measured.map(|(&value, _)| shown(value));
-            let (low, high) =
-                values.fold((f32::MAX, f32::MIN), |(low, high), value| (low.min(value), high.max(value)));
-            (f64::from(high) - f64::from(low)).powi(2)
-        };
-        let squares: f64 = samples.as_slice().iter().map(square).sum();
-        Verdict::AtMost((share * squares / samples.len().max(1) as f64).sqrt())
-    };
-    let plain = bound(&|value| value);
-    if options.values != Values::Light {
-        return Some((plain, None));
-    }
-    let clipped = bound(&|value| value.clamp(0.0, options.peak));
-    Some((clipped, (clipped != plain).then_some(plain)))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Bounds, Size, fill};
+    use crate::fill::Estimate;
+    use crate::{Plane, Size, fill};
 
     const SIZE: Size = Size { height: 40, width: 50 };
 
@@ -146,12 +131,11 @@ mod tests {
     }
 
     #[test]
-    fn a_twin_that_agrees_is_copied_and_bounds_the_error() {
+    fn a_twin_that_agrees_is_copied_without_a_figure() {
         let filled = fill(&sparse(&alpha()), mask(), &options(alpha())).unwrap();
         assert!(filled.sets[0].copied);
         assert!(filled.planes.as_slice()[0] == alpha());
-        let Some(Verdict::AtMost(most)) = filled.sets[0].estimate else { panic!("no bound") };
-        assert!((most - (10_f64.ln() / 400.0).sqrt()).abs() < 2e-3, "{most}");
+        assert_eq!(filled.sets[0].estimate, None);
         let plain = Options { twins: Vec::new(), ..options(alpha()) };
         assert!(!fill(&sparse(&alpha()), mask(), &plain).unwrap().sets[0].copied);
     }
@@ -165,10 +149,41 @@ mod tests {
         let plain = Options { twins: Vec::new(), ..options(alpha()) };
         assert!(!filled.sets[0].copied);
         assert!(filled.planes == fill(&sparse(&alpha()), mask(), &plain).unwrap().planes);
-        // Nor is one that has no value where one is missing.
-        let mut holes = alpha();
-        holes.pixels_mut()[mask().as_slice().iter().position(|&flag| !flag).unwrap()] = f32::NAN;
-        assert!(!fill(&sparse(&alpha()), mask(), &options(holes)).unwrap().sets[0].copied);
+        // Unless that was compared before, with more than is here.
+        let known = Options { compared: true, ..options(alpha()) };
+        assert!(fill(&sparse(&Plane::filled(SIZE, 1.0)), mask(), &known).unwrap().sets[0].copied);
+    }
+
+    #[test]
+    fn a_twin_beyond_what_may_be_filled_is_none() {
+        let missing = mask().as_slice().iter().position(|&flag| !flag).unwrap();
+        let copied = |value: f32, values: Values, bounds: Vec<Bounds>| {
+            let mut twin = alpha();
+            twin.pixels_mut()[missing] = value;
+            let options = Options { values, bounds, ..options(twin) };
+            fill(&sparse(&alpha()), mask(), &options).unwrap().sets[0].copied
+        };
+        for (value, [alpha, light, other]) in [
+            (0.75, [true; 3]),
+            (1.5, [false, true, true]),
+            (-0.25, [false, false, true]),
+            (f32::INFINITY, [false; 3]),
+            (f32::NAN, [false; 3]),
+        ] {
+            assert_eq!(copied(value, Values::Other, vec![Bounds::Unit]), alpha, "{value}");
+            assert_eq!(copied(value, Values::Light, Vec::new()), light, "{value}");
+            assert_eq!(copied(value, Values::Other, Vec::new()), other, "{value}");
+        }
+    }
+
+    #[test]
+    fn infinities_are_where_some_were_measured() {
+        let pixels = |measured: f32, missing: f32| {
+            let all = (0..40).map(|at| (true, at as f32, at as f32));
+            agrees(all.chain([(true, measured, measured), (false, 0.0, missing)]), Bounds::Free)
+        };
+        assert!(pixels(f32::INFINITY, f32::INFINITY) && pixels(f32::INFINITY, 3.0));
+        assert!(!pixels(3.0, f32::INFINITY) && !pixels(f32::INFINITY, f32::NEG_INFINITY));
     }
 
     #[test]
@@ -180,7 +195,10 @@ mod tests {
             plane
         };
         for (count, agree) in [(0, false), (ENOUGH - 1, false), (ENOUGH, true)] {
-            assert_eq!(agrees(&mask(), rare(count).pixels(), rare(count).pixels()), agree, "{count}");
+            let (mask, plane) = (mask(), rare(count));
+            let pixels =
+                mask.as_slice().iter().zip(plane.pixels()).map(|(&flag, &value)| (flag, value, value));
+            assert_eq!(agrees(pixels, Bounds::Free), agree, "{count}");
         }
     }
 

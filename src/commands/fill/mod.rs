@@ -324,7 +324,7 @@ pub fn tell(report: &Report, record: &mut Record) {
     if let Some(guides) = guides(report, SHOWN) {
         tracing::info!("guided by {guides}");
     }
-    record.copied = joined(report.lines(copied_line));
+    record.copied = joined(report.lines(|part| copied_line(&part.copied)));
     if let Some(copied) = &record.copied {
         tracing::info!("copied, as all measured values are equal: {copied}");
     }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use lacuna_exr::{Frame, Part};
 use lacuna_filters::domain::Domain;
-use lacuna_filters::fill::{Options, Set, Values, fill_with};
+use lacuna_filters::fill::{Estimate, Options, Set, Values, fill_with};
 use lacuna_filters::noise::Noise;
 use lacuna_filters::{Bounds, Mask, Method, Plane, Planes};
 
@@ -43,9 +43,10 @@ pub fn filter(
         options.carried = &carried;
     }
     options.twins = group.channels.iter().map(|&channel| twins::twin(frame, work, channel)).collect();
+    options.compared = true;
     let answer = fill_with(&samples, mask, &options, work.plans, work.run).map_err(fail)?;
     for set in &answer.sets {
-        tell(set, (&samples, &answer.planes), (group, &options), &names, work, done);
+        tell(set, (&samples, &answer.planes), (group, &options), &names, (frame, work), done);
     }
     let copies = answer.sets.iter().filter(|set| set.copied).flat_map(|set| &set.planes);
     let copies: Vec<usize> = copies.map(|&at| group.channels[at]).collect();
@@ -75,7 +76,7 @@ fn tell(
     (samples, filled): (&Planes, &Planes),
     (group, options): (&Group, &Options<'_>),
     names: &[String],
-    work: &Work<'_>,
+    (frame, work): (&Frame, &Work<'_>),
     done: &mut Done,
 ) {
     let coordinates = names.iter().any(|name| channels::is_coordinate(name));
@@ -83,8 +84,8 @@ fn tell(
     let light = group.values == Values::Light;
     if light {
         done.errors.extend(set.errors.as_ref().map(|error| (names[0].clone(), error.clone())));
-        let copied = set.copied.then(|| "they are copied, and only a bound is known".to_owned());
-        done.untold.extend(untold(set).or(copied).map(|why| (names.clone(), why)));
+        let copied = set.copied.then(|| "they are copied".to_owned());
+        done.untold.extend(copied.or_else(|| untold(set)).map(|why| (names.clone(), why)));
     }
     let missing = options.noise != Noise::None;
     done.notes.extend(set_notes(set, &names, work.job));
@@ -93,6 +94,12 @@ fn tell(
         let what = format!("measured pixels count no sample and {then}");
         done.notes.push(format!("{}: {} {what}", names.join(", "), set.weightless));
     }
+    let copied: Vec<usize> = set.planes.iter().map(|&at| group.channels[at]).collect();
+    let estimate = match options.estimate {
+        Estimate::No => None,
+        _ if set.copied => Some(twins::estimate(frame, work, &copied)),
+        asked => Estimated::of_set(set, (asked, options.peak), coordinates),
+    };
     let energy = || energy::compare(&lights(samples, filled, set), &set.mask);
     done.report.groups.push(GroupReport {
         channels: names,
@@ -102,7 +109,7 @@ fn tell(
         neighbours_gain: set.along,
         chosen: set.shares.iter().map(|(name, share)| ((*name).into(), *share)).collect(),
         settled: set.settled.iter().map(ToString::to_string).collect(),
-        estimate: Estimated::of_set(set, (options.estimate, options.peak), coordinates),
+        estimate,
         exponent: set.exponent,
         energy: (light && options.keeps_measured()).then(energy).flatten(),
         outcome: set.outcome,

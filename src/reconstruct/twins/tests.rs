@@ -7,7 +7,7 @@ use lacuna_filters::{Method, Plans, Run};
 
 use crate::channels::{DENSE, choose};
 use crate::mask::{Source, find};
-use crate::reconstruct::{Beside, Estimated, Job, Report, fill_with};
+use crate::reconstruct::{Beside, Estimated, Gate, Job, Kind, PartReport, Report, fill_with};
 use crate::testing::{float, frame, half, part, values, window};
 use crate::verify::{self, Claims};
 
@@ -106,8 +106,8 @@ fn what_a_complete_channel_holds_is_copied_and_told() {
     assert!(values(part, "Z") == depth());
     assert!((0..3).all(|axis| values(part, ["N.X", "N.Y", "N.Z"][axis]) == normal(axis)));
     let line = "A from dense.A, N.X from dense.N.X, N.Y from dense.N.Y, N.Z from dense.N.Z, Z from dense.Z";
-    assert_eq!(super::line(&report.parts[0]).as_deref(), Some(line));
-    assert_eq!(part.attributes.text(super::ATTRIBUTE).as_deref(), Some(line));
+    assert_eq!(super::line(&report.parts[0].copied).as_deref(), Some(line));
+    assert_eq!(super::read(&part.attributes), report.parts[0].copied);
     assert_eq!(wrong(&sparse, &filled), Vec::<String>::new());
     // No light where the alpha that is known has none.
     let light = values(part, "R").into_iter().zip(alpha());
@@ -147,7 +147,7 @@ fn other_values_names_and_wishes_copy_nothing() {
     let mut asked = job("auto");
     asked.overrides = vec!["A=fill".parse().unwrap()];
     let copied = filled(&known, &asked, None).1.parts[0].copied.clone();
-    assert!(copied.len() == 4 && copied.iter().all(|(name, _)| name != "A"), "{copied:?}");
+    assert!(copied.len() == 4 && copied.iter().all(|copied| copied.channel != "A"), "{copied:?}");
     let mut smooth = job("auto");
     smooth.method = Method::named("ss", &[("lambda", "0.1")]).unwrap();
     assert!(filled(&known, &smooth, None).1.parts[0].copied.is_empty());
@@ -156,11 +156,86 @@ fn other_values_names_and_wishes_copy_nothing() {
 #[test]
 fn the_guides_of_another_file_are_copied_as_well() {
     let sparse = sparse(Vec::new(), "");
-    let second = part(window(-2, 5, WIDTH as i32, HEIGHT as i32), vec![float("A", &alpha())]);
+    let second = vec![float("A", &alpha()), float("Z", &depth())];
+    let second = part(window(-2, 5, WIDTH as i32, HEIGHT as i32), second);
+    let (mut filled, report) = filled(&sparse, &job("auto"), Some(&frame(vec![second])));
+    assert!(values(&filled.parts[0], "A") == rounded(alpha()));
+    let line = "A from A of the guides' file, Z from Z of the guides' file";
+    assert_eq!(super::line(&report.parts[0].copied).as_deref(), Some(line));
+    assert_eq!(wrong(&sparse, &filled), Vec::<String>::new());
+    let note = "A, Z: copied pixels were not compared: the file says that they are those of another one";
+    assert_eq!(Claims::read(&filled).not_compared(), [note]);
+    let at = (0..WIDTH * HEIGHT).find(|at| !measured(at / WIDTH, at % WIDTH)).unwrap();
+    let channel = filled.parts[0].channels.iter_mut().find(|channel| channel.name == b"Z").unwrap();
+    let Samples::Float(depths) = &mut channel.samples else { panic!("no floats") };
+    depths[at] = f32::NAN;
+    let wrong = wrong(&sparse, &filled);
+    assert!(wrong.len() == 1 && wrong[0].contains("not finite"), "{wrong:?}");
+}
+
+#[test]
+fn one_that_differs_does_not_hide_one_that_holds_the_values() {
+    let sparse = sparse(Vec::new(), "");
+    let mut jittered = alpha();
+    jittered.rotate_right(1);
+    let second = vec![float("A", &jittered), float("dense.A", &alpha())];
+    let mut second = part(window(-2, 5, WIDTH as i32, HEIGHT as i32), second);
+    second.attributes.set_text(DENSE, "dense.A");
     let (filled, report) = filled(&sparse, &job("auto"), Some(&frame(vec![second])));
     assert!(values(&filled.parts[0], "A") == rounded(alpha()));
-    assert_eq!(super::line(&report.parts[0]).as_deref(), Some("A from A of the guides' file"));
-    assert_eq!(wrong(&sparse, &filled), Vec::<String>::new());
+    assert_eq!(super::line(&report.parts[0].copied).as_deref(), Some("A from dense.A of the guides' file"));
+}
+
+#[test]
+fn a_twin_that_no_fill_may_leave_is_none() {
+    let missing = (0..WIDTH * HEIGHT).find(|at| !measured(at / WIDTH, at % WIDTH)).unwrap();
+    for (value, name) in [(1.5, "A"), (-0.25, "A"), (f32::NAN, "Z"), (f32::NEG_INFINITY, "Z")] {
+        let mut twin = if name == "A" { alpha() } else { depth() };
+        twin[missing] = value;
+        let dense = format!("dense.{name}");
+        let sparse = sparse(vec![float(&dense, &twin)], &dense);
+        let (filled, report) = filled(&sparse, &job("auto"), None);
+        assert!(report.parts[0].copied.is_empty(), "{name} {value}");
+        assert_eq!(wrong(&sparse, &filled), Vec::<String>::new());
+    }
+    // Beyond the largest half, where the result is one.
+    let mut light = all(|y, x| 0.1 + ((y * 3 + x) % 19) as f32 / 20.0);
+    let seen = seen(&light);
+    light[missing] = 1e6;
+    let mut sparse = sparse(vec![float("dense.G", &light)], "dense.G");
+    sparse.parts[0].channels.push(float("G", &seen));
+    let halves = Job { kind: Some(Kind::Half), ..job("auto") };
+    assert!(filled(&sparse, &halves, None).1.parts[0].copied.is_empty());
+    assert!(!filled(&sparse, &job("auto"), None).1.parts[0].copied.is_empty());
+}
+
+#[test]
+fn any_names_of_channels_and_parts_are_told() {
+    let odd = "x from a, b; c";
+    let mut one = sparse(vec![float(&format!("{odd}.A"), &alpha())], "");
+    one.parts[0].attributes.set_text(DENSE, "");
+    let (one_filled, report) = filled(&one, &job("x from*"), None);
+    let line = format!("A from {odd}.A");
+    assert_eq!(super::line(&report.parts[0].copied).as_deref(), Some(line.as_str()));
+    assert_eq!(super::read(&one_filled.parts[0].attributes), report.parts[0].copied);
+    assert_eq!(wrong(&one, &one_filled), Vec::<String>::new());
+
+    let mut two = sparse(Vec::new(), "");
+    two.parts[0].attributes.set_text("name", "beauty");
+    let mut dense = part(window(-2, 5, WIDTH as i32, HEIGHT as i32), vec![float("A", &alpha())]);
+    dense.attributes.set_text("name", odd);
+    dense.attributes.set_text(DENSE, "A");
+    two.parts.push(dense);
+    let (mut two_filled, report) = filled(&two, &job("auto"), None);
+    let line = format!("A from A of part {odd}");
+    assert_eq!(super::line(&report.parts[0].copied).as_deref(), Some(line.as_str()));
+    assert_eq!(wrong(&two, &two_filled), Vec::<String>::new());
+    // Looked up in that part, which has to be there.
+    let mut claim = report.parts[0].copied.clone();
+    claim[0].place = super::Place::Part { index: 7, name: None };
+    super::write(&mut two_filled.parts[0].attributes, &claim);
+    let wrong = wrong(&two, &two_filled);
+    assert!(wrong.len() == 1 && wrong[0].contains("A of part 7, which is not there"), "{wrong:?}");
 }
 
 #[test]
@@ -171,10 +246,18 @@ fn copied_light_has_no_errors_to_write() {
     let job = Job { estimate: Estimate::Pixels, error_channel: Some("error".into()), ..job("auto") };
     let (filled, report) = filled(&sparse, &job, None);
     assert!(values(&filled.parts[0], "G") == light);
-    let said = "G: no estimated errors: they are copied, and only a bound is known";
+    let said = "G: no estimated errors: they are copied";
     assert!(report.notes.iter().any(|note| note == said), "{:?}", report.notes);
-    let bound = report.parts[0].groups.iter().find(|group| group.channels == ["G"]).unwrap();
-    assert!(matches!(bound.estimate, Some(Estimated::Bound { .. })));
+    let group = report.parts[0].groups.iter().find(|group| group.channels == ["G"]).unwrap();
+    let equal_pixels = (0..WIDTH * HEIGHT).filter(|at| measured(at / WIDTH, at % WIDTH)).count();
+    let told = Estimated::Copied { copied_from: vec!["dense.G".into()], equal_pixels };
+    assert_eq!(group.estimate, Some(told));
+    let gate = Gate { min_psnr: Some(300.0), max_rmse: Some(0.0) };
+    let only = Report {
+        parts: vec![PartReport { groups: vec![group.clone()], ..report.parts[0].clone() }],
+        ..report.clone()
+    };
+    assert_eq!(gate.doubt(&only), None);
 }
 
 #[test]

@@ -136,7 +136,7 @@ def fill(
     twin
         A complete array of the shape of ``image`` that may hold its values, such as an alpha that was rendered everywhere. A channel
         of which it equals all measured values (as the dtype of ``image``, enough of them and not all the same) takes the missing ones
-        from it; otherwise it counts for nothing. The tool looks for such channels among its guides by their names.
+        from it, if they are finite and within the bounds of ``values``; otherwise it counts for nothing. The tool looks for such channels among its guides by their names.
     estimate
         Whether to return an ``Estimate`` beside the image: two fills more, of a part of the samples.
     peak

@@ -79,7 +79,9 @@ def twin(given: Any, like: npt.NDArray[Any]) -> Optional[npt.NDArray[Any]]:
     array, _ = image("twin", given)
     if array.shape != like.shape:
         raise ValueError(f"twin: {_axes(array)}, and the image has {like.shape} (height, width, channels)")
-    return array.astype(like.dtype, copy=False)
+    # What a half cannot hold becomes infinite, and such a twin counts for nothing.
+    with np.errstate(over="ignore"):
+        return array.astype(like.dtype, copy=False)
 
 
 def guides(given: Any, shape: tuple[int, ...], whose: str = "image") -> list[tuple[str, npt.NDArray[Any]]]:

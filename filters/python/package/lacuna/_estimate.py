@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 class Estimate(NamedTuple):
     """How wrong the missing pixels are, told from samples that were predicted without themselves.
 
-    psnr: In decibels at ``peak``, over missing pixels and channels; of light, clipped to 0 and ``peak``, as ``compare`` does. None if it
-        cannot be told, and where held-out samples show no error at all.
+    psnr: In decibels at ``peak``, over missing pixels and channels that were not copied; of light, clipped to 0 and ``peak``, as ``compare``
+        does. None if it cannot be told, where all was copied, and where held-out samples show no error at all.
     low: The lower end of an interval that holds the truth nine times of ten; alone where samples show no more.
     high: Its upper end.
-    reason: Why it, or more of it, cannot be told.
+    reason: Why it, or more of it, cannot be told, or that a twin has the values.
     errors: (height, width): the root mean square error of each pixel over the channels, clipped as for ``psnr``, 0 at measured ones.
     filters: What filled, and its mean weight at missing pixels: several where the filter ``auto`` blends, ``copy`` where a twin has
         the values.
