@@ -88,7 +88,7 @@ pub fn empty_stays_black(frame: &Frame, work: &Work<'_>, filled: &mut [Filled]) 
     let alphas = (0..names.len()).filter(|&at| channels::is_alpha(&names[at]));
     let alphas = alphas.filter_map(|at| alpha(part, work, filled, at));
     let alphas: Vec<Alpha> = alphas.filter(|alpha| smoothed || alpha.known).collect();
-    let is_colour = |filled: &&mut Filled| !channels::is_alpha(&names[filled.channel]);
+    let is_colour = |filled: &&mut Filled| !filled.copied && !channels::is_alpha(&names[filled.channel]);
     for channel in filled.iter_mut().filter(is_colour) {
         let name = &names[channel.channel];
         let tied = |alpha: &Alpha| channel.all || (alpha.known && channels::is_light(name));

@@ -239,6 +239,24 @@ fn any_names_of_channels_and_parts_are_told() {
 }
 
 #[test]
+fn copied_light_stays_where_alpha_is_0() {
+    let alpha_ = alpha();
+    let glow = (0..WIDTH * HEIGHT)
+        .filter(|at| !measured(at / WIDTH, at % WIDTH))
+        .find(|&at| alpha_[at] == 0.0)
+        .unwrap();
+    let mut sparse = sparse(Vec::new(), "");
+    let mut light = all(|y, x| alpha_[y * WIDTH + x] * (0.4 + 0.3 * (y as f32 / 9.0).sin()));
+    light[glow] = 4.0;
+    sparse.parts[0].channels.push(float("dense.A", &alpha_));
+    sparse.parts[0].channels.push(float("dense.R", &light));
+    sparse.parts[0].attributes.set_text(DENSE, "dense.A, dense.R");
+    let (filled, _) = filled(&sparse, &job("auto"), None);
+    assert!(values(&filled.parts[0], "R") == light);
+    assert_eq!(wrong(&sparse, &filled), Vec::<String>::new());
+}
+
+#[test]
 fn copied_light_has_no_errors_to_write() {
     let light = all(|y, x| 0.1 + ((y * 3 + x) % 19) as f32 / 20.0);
     let mut sparse = sparse(vec![float("dense.G", &light)], "dense.G");
