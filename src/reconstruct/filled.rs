@@ -56,14 +56,15 @@ pub fn wrong_mask(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Opti
 }
 
 /// Makes the missing pixels of a filled frame blank, so that none is taken for measured, nor a channel for complete; those that guided
-/// the fill, or that others were copied from, were complete before.
+/// the fill, or that others were copied from, were complete before. A part that nothing filled is as it came.
 pub fn blank(frame: &mut Frame, masks: &Masks, choices: &[Vec<Choice>]) {
     let twins = frame.parts.iter().enumerate().flat_map(|(own, part)| {
         let copied = twins::read(&part.attributes).into_iter();
         copied.filter_map(move |copied| Some((copied.part(own)?, copied.twin)))
     });
     let twins: Vec<(usize, String)> = twins.collect();
-    for (index, part) in frame.parts.iter_mut().enumerate() {
+    let filled = |(_, part): &(usize, &mut Part)| part.attributes.text(FILTER).is_some();
+    for (index, part) in frame.parts.iter_mut().enumerate().filter(filled) {
         let guided = part.attributes.text(guides::ATTRIBUTE).unwrap_or_default();
         let is_guide = |name: &str| {
             let guides = guided

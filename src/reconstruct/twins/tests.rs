@@ -239,6 +239,25 @@ fn any_names_of_channels_and_parts_are_told() {
 }
 
 #[test]
+fn a_part_that_nothing_filled_stays_when_the_others_are_made_sparse_again() {
+    let mut sparse = sparse(Vec::new(), "");
+    sparse.parts[0].attributes.set_text("name", "beauty");
+    sparse.parts[0].channels.retain(|channel| !channel.display_name().starts_with("N."));
+    let normals = ["N.X", "N.Y", "N.Z"].into_iter().zip(0..).map(|(name, axis)| float(name, &normal(axis)));
+    let dense = [float("A", &alpha())].into_iter().chain(normals).collect();
+    let mut dense = part(window(-2, 5, WIDTH as i32, HEIGHT as i32), dense);
+    dense.attributes.set_text("name", "dense");
+    sparse.parts.push(dense);
+    let (mut again, report) = filled(&sparse, &job("auto"), None);
+    assert_eq!(super::line(&report.parts[0].copied).as_deref(), Some("A from A of part dense"));
+    let masks = find(&again, &Source::Auto, None).unwrap();
+    let choices = choose(&again, &masks.mask_channels, &[]);
+    crate::reconstruct::blank(&mut again, &masks, &choices);
+    assert!(values(&again.parts[1], "A") == alpha() && values(&again.parts[1], "N.X") == normal(0));
+    assert!(values(&again.parts[0], "R") == values(&sparse.parts[0], "R"));
+}
+
+#[test]
 fn copied_light_stays_where_alpha_is_0() {
     let alpha_ = alpha();
     let glow = (0..WIDTH * HEIGHT)
