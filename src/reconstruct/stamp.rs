@@ -162,14 +162,18 @@ impl Stamp {
     /// Whether something that the settings name smooths measured pixels: known noise, or a setting of the filter.
     pub fn smooths(&self) -> bool {
         let by_noise = self.setting("noise").is_some_and(|noise| noise != NoiseSource::None.to_string());
-        let own = METHODS.iter().find(|method| method.name == self.filter).is_some_and(|method| {
+        by_noise || self.filter_smooths()
+    }
+
+    /// Whether a setting of the filter does. Known noise leaves the lengths of measured normals alone.
+    pub fn filter_smooths(&self) -> bool {
+        METHODS.iter().find(|method| method.name == self.filter).is_some_and(|method| {
             let smoothing = method.settings.iter().filter(|setting| setting.smooths);
             let given = smoothing.filter_map(|setting| Some((setting.name, self.setting(setting.name)?)));
             let given: Vec<_> = given.collect();
             let given: Vec<_> = given.iter().map(|(name, value)| (*name, value.as_str())).collect();
             Method::of(method, &given).is_ok_and(|method| !method.keeps_measured())
-        });
-        by_noise || own
+        })
     }
 
     /// The mask source to find the same mask again: what was asked for, with a file's path as it was resolved.

@@ -71,7 +71,7 @@ fn one(pair: &Pair<'_>, triple: [usize; 3]) -> Option<Difference> {
                 }
             }
     };
-    let kept = normals::kept(&masks, !pair.claims.smoothed);
+    let kept = normals::kept(&masks, !pair.claims.scaled);
     let all = (0..kept.as_slice().len()).filter(|&at| !kept.as_slice()[at]).filter(wrong);
     let all: Vec<usize> = all.collect();
     let what = match &around {

@@ -275,6 +275,19 @@ fn filled_normals_are_no_longer_than_those_around() {
 }
 
 #[test]
+fn measured_normals_keep_their_length_where_noise_is_smoothed() {
+    let lengths: Vec<f32> = (0..48).map(|at| [1.0, 1.001, 0.7, 0.3, 0.7, 1.0, 1.001, 1.0][at % 8]).collect();
+    let none = [0.0; 48];
+    let channels = vec![float("N.X", &none), float("N.Y", &none), float("N.Z", &lengths)];
+    let full = frame(vec![part(window(0, 0, 8, 6), channels)]);
+    let sparse = sparsify(full, Pattern::Shuffle { density: 0.5, seed: 1, frame: 0 }).unwrap().frame;
+    let noisy = Job { noise: "auto".parse().unwrap(), ..job() };
+    let filled = filled(&sparse, &noisy);
+    assert!(Claims::read(&filled).smoothed);
+    assert_eq!(lines(&sparse, &filled), [""; 0]);
+}
+
+#[test]
 fn long_normals_are_held_to_their_own_rounding() {
     let planes = [[0.0, 0.57, 1.0], [0.0, 0.0, 0.283], [0.0, 65504.0, 0.0]];
     let mut channels: Vec<_> =
