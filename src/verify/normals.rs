@@ -66,8 +66,7 @@ fn one(pair: &Pair<'_>, triple: [usize; 3]) -> Option<Difference> {
                 None => length != 0.0 && (length - 1.0).abs() > tolerance,
                 Some(around) => {
                     let range = normals::range(measured, around.around(*at));
-                    let allowed = f64::from(lengths.allowed(length as f32, range));
-                    (allowed - length).abs() > tolerance * length.max(1.0)
+                    !fits(length, tolerance, |own| lengths.allowed(own, range))
                 }
             }
     };
@@ -80,4 +79,26 @@ fn one(pair: &Pair<'_>, triple: [usize; 3]) -> Option<Difference> {
     };
     let name = part.channels[triple[0]].display_name();
     pair.first_of(&name, what, &all)
+}
+
+/// Whether a vector has a length that is allowed. Rounding may have taken it over the edge between what is scaled and what is not.
+fn fits(length: f64, tolerance: f64, allowed: impl Fn(f32) -> f32) -> bool {
+    let off = tolerance * length.max(1.0);
+    let before = [length - 0.5 * off, length + 0.5 * off];
+    before.iter().any(|&own| (f64::from(allowed(own as f32)) - length).abs() <= off)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounding_takes_no_length_out_of_what_is_allowed() {
+        let fits = |length: f64| fits(length, HALF, |own| Lengths::Mixed.allowed(own, (0.712_609_6, 1.0)));
+        for (length, right) in
+            [(0.5, true), (0.641_392_6, true), (0.66, false), (0.713, true), (1.0005, true), (1.01, false)]
+        {
+            assert_eq!(fits(length), right, "{length}");
+        }
+    }
 }
