@@ -41,24 +41,27 @@ mod level;
 mod taps;
 #[cfg(test)]
 mod tests;
+mod usual;
 mod view;
 
 pub use carried::Carried;
 pub(crate) use carried::thinned;
 pub(crate) use level::Both;
 pub(crate) use taps::Taps;
+pub(crate) use usual::{Usual, usual_of, within};
 pub(crate) use view::{Beside, beside, seen};
 
 use std::cell::OnceCell;
 use std::ops::Range;
+use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
 use crate::estimate::{Folds, PARTS};
-use crate::kernel::extremes::range;
 use crate::variational::ss::Pulled;
 use crate::{Mask, Outcome, Plane, Planes, Run, Stop};
 use aimed::{Aim, Data};
+use usual::wide;
 
 /// The part of the disagreement that levelling over a wide Gaussian takes away where brightness changes: 0.80 to 0.88 on turntables of engine, head and
 /// tooth whose light moves, three frames away, up to 0.40 on those of eight scenes whose light does not.
@@ -151,7 +154,7 @@ pub(crate) fn pull(mask: &Mask, pulling: &Pulling<'_>, begun: &Planes, run: &Run
     let level = |image: &Planes| -> Vec<Carried> {
         let one = |(at, carried): (usize, &Carried)| {
             let both = fills.get(at).map(|fill| Both { fill, samples: begun, mask });
-            level::levelled(carried, image, both)
+            level::levelled(carried, (image, mask), both)
         };
         carried.iter().enumerate().map(one).collect()
     };
@@ -194,13 +197,13 @@ pub(crate) fn pull(mask: &Mask, pulling: &Pulling<'_>, begun: &Planes, run: &Run
     (image, worst)
 }
 
-/// Whether brightness changes between an image and samples of the other frames that are farthest away, on one side at least.
-pub(crate) fn brightness_changes(carried: &[Carried], image: &Planes) -> bool {
+/// Whether brightness changes between an image, of which these pixels are measured, and samples of the other frames that are farthest away, on one side at least.
+pub(crate) fn brightness_changes(carried: &[Carried], (image, mask): (&Planes, &Mask)) -> bool {
     let farthest = |later: bool| {
         let side = carried.iter().filter(|one| !one.is_empty() && (one.offset > 0) == later);
         side.max_by_key(|one| one.distance())
     };
-    [false, true].into_iter().filter_map(farthest).any(|one| level::gain(one, image) >= BRIGHTNESS)
+    [false, true].into_iter().filter_map(farthest).any(|one| level::gain(one, (image, mask)) >= BRIGHTNESS)
 }
 
 fn subtract(image: &mut Planes, other: &Planes) {
@@ -215,11 +218,6 @@ fn add(image: &mut Planes, other: &Planes) {
     }
 }
 
-fn wide(mask: &Mask, plane: &Plane) -> f64 {
-    let (low, high) = range(mask.as_slice(), plane.pixels());
-    (f64::from(high) - f64::from(low)).max(0.0)
-}
-
 /// How far an image disagrees with samples of another frame: of each `e / (e + s)`, with `s` a share of the image's range.
 pub struct Judge<'a> {
     image: &'a Planes,
@@ -227,10 +225,9 @@ pub struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    /// A judge by this image.
-    pub fn new(image: &'a Planes) -> Self {
-        let all = Mask::from_fn(image.size(), |_, _| true);
-        let widest = image.as_slice().iter().map(|plane| wide(&all, plane)).fold(0.0, f64::max);
+    /// A judge by this image, of which these pixels are measured.
+    pub fn new(image: &'a Planes, mask: &Mask) -> Self {
+        let widest = image.as_slice().iter().map(|plane| wide(mask, plane)).fold(0.0, f64::max);
         Self { image, half: (HALF * widest).max(f64::MIN_POSITIVE) }
     }
 
@@ -253,17 +250,16 @@ impl<'a> Judge<'a> {
 }
 
 /// The part of the variance of another frame's samples that an image explains where they are carried to: 1 if it has their very values, 0 or
-/// less if it says nothing of them.
+/// less if it says nothing of them. What is beyond the samples' usual values counts as if it was at their ends, so that no few of them decide.
 pub fn explained(carried: &Carried, image: &Planes) -> f64 {
-    let count = carried.len().max(1) as f64;
-    let left = off(carried, image).filter(|off| off.is_finite()).sum::<f64>() / count;
-    let variance = |values: &[f32]| {
-        let finite = || values.iter().map(|value| f64::from(*value)).filter(|value| value.is_finite());
-        let mean = finite().sum::<f64>() / count;
-        finite().map(|value| (value - mean).powi(2)).sum::<f64>() / count
+    let usual = usual::of_samples(carried);
+    let left = usual::missed(carried, image, &usual);
+    let spread = |(values, usual): (&Arc<Vec<f32>>, &Usual)| {
+        let finite = || values.iter().filter(|v| v.is_finite()).map(|value| f64::from(usual.clamp(*value)));
+        let mean = finite().sum::<f64>() / carried.len().max(1) as f64;
+        finite().map(|value| (value - mean).powi(2)).sum::<f64>()
     };
-    let all = carried.values.iter().map(|values| variance(values)).sum::<f64>()
-        / carried.values.len().max(1) as f64;
+    let all: f64 = carried.values.iter().zip(&usual).map(spread).sum();
     if all > 0.0 { 1.0 - left / all } else { 1.0 }
 }
 

@@ -261,7 +261,7 @@ fn still(size: Size) -> Vec<[f32; 2]> {
 
 /// The one whose samples the frame agrees with most.
 fn most_agreeing(all: &[Found], asked: Option<&Asked>, reference: &Reference<'_>) -> usize {
-    let judge = Judge::new(&reference.filled);
+    let judge = Judge::new(&reference.filled, reference.mask);
     let of = |found: &Found| asked.map_or(f64::INFINITY, |asked| judge.mean(&asked.at(&found.places)));
     let errors: Vec<f64> = all.iter().map(of).collect();
     (0..all.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b])).unwrap_or(0)

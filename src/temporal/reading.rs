@@ -35,7 +35,7 @@ impl Side {
             mask.as_slice()[at] && finite(&samples, at) && raw.iter().flatten().any(led)
         };
         let moved: Vec<usize> = (0..size.pixels()).filter(|&at| moved(at)).collect();
-        let judge = Judge::new(&reference.filled);
+        let judge = Judge::new(&reference.filled, reference.mask);
         let readings = Reading::all();
         for &at in moved.iter().step_by(moved.len().div_ceil(ASKED).max(1)) {
             let [row, column] = [(at / size.width) as f32, (at % size.width) as f32];

@@ -18,7 +18,7 @@ use super::{Blend, Candidate, How, blend, less};
 use crate::domain::Map;
 use crate::estimate::{Excerpt, Folds, HeldOut, Voronoi};
 use crate::sampling::hash;
-use crate::temporal::{self, Beside, Carried, Changes, First, Pull};
+use crate::temporal::{self, Beside, Carried, Changes, First, Pull, Usual};
 use crate::variational::guided::{Effect, Guides, Regression};
 use crate::variational::ss;
 use crate::weights::{Preferred, Truth, Weights};
@@ -162,13 +162,18 @@ pub fn pulled(
     let misses = if others.whole { misses(&own.mask, carried, out) } else { Vec::new() };
     let voronoi = Voronoi::new(&own.mask);
     // Errors as they are, as misses are.
-    let truth = Truth { mask: &own.mask, voronoi: Some(&voronoi), samples, map: Map::Linear, less };
+    // Of few samples that are far from all others nothing is learned.
+    let usual = temporal::usual_of(samples, &own.mask);
+    let tamed = temporal::within(samples, &usual);
+    let truth = Truth { mask: &own.mask, voronoi: Some(&voronoi), samples: &tamed, map: Map::Linear, less };
     let learn = |held: &[HeldOut]| {
+        let held = predicted_within(held, &usual);
         let firm = others.ways.iter().position(|way| *way == Way::Pulled(FIRM));
         let firm = firm.map(|way| Preferred { candidate: 1 + way, loss: LOSS, misses: &misses });
-        Weights::new(&truth, held, firm)
+        Weights::new(&truth, &held, firm)
     };
-    let Gain { gain, own: part } = Gain::new(own.folds, samples, (&held, less), &learn);
+    let within = predicted_within(&held, &usual);
+    let Gain { gain, own: part } = Gain::new(own.folds, &tamed, (&within, less), &learn);
     let weights = learn(&held);
     if gain < WORTH || weights.alone() == Some(0) {
         return Ok(None);
@@ -265,7 +270,10 @@ fn held_out(
         }
         held[0].extend(fold);
         // Levelling costs as much as all else.
-        if held[1].at.is_empty() && !others.whole && !temporal::brightness_changes(&known, &alone) {
+        if held[1].at.is_empty()
+            && !others.whole
+            && !temporal::brightness_changes(&known, (&alone, &own.mask))
+        {
             others.ways.retain(|way| !way.is_levelled());
             held.truncate(1 + others.ways.len());
         }
@@ -290,6 +298,17 @@ fn blended_alone(
     let mut image = Planes::zeros(samples.size(), samples.len());
     blend(all, weights, (samples, mask), &mut image, run)?;
     Ok(image)
+}
+
+/// Predictions within these ranges.
+fn predicted_within(held: &[HeldOut], usual: &[Usual]) -> Vec<HeldOut> {
+    let mut held = held.to_vec();
+    for (values, usual) in held.iter_mut().flat_map(|held| held.predicted.iter_mut().zip(usual)) {
+        for value in values {
+            *value = usual.clamp(*value);
+        }
+    }
+    held
 }
 
 /// The fill of each other frame by itself, where nothing moves.

@@ -4,9 +4,8 @@ use std::ops::Range;
 
 use lacuna_core::parallel::prelude::*;
 
-use super::{
-    AROUND, Carried, Changes, HALF, PIECE, Pulling, SPREAD, carried, drift, mean_square, missed, wide,
-};
+use super::usual::wide;
+use super::{AROUND, Carried, Changes, HALF, PIECE, Pulling, SPREAD, carried, drift, mean_square, missed};
 use crate::kernel::blur::blur;
 use crate::{Mask, Plane, Planes, Size};
 
@@ -79,17 +78,20 @@ impl Data {
     ) -> Self {
         let size = mask.size();
         let ranges: Vec<f64> = begun.as_slice().iter().map(|plane| wide(mask, plane)).collect();
-        let least = (HALF * ranges.iter().copied().fold(0.0, f64::max)).max(f64::MIN_POSITIVE);
+        let widest = ranges.iter().copied().fold(0.0, f64::max);
+        let least = (HALF * widest).max(f64::MIN_POSITIVE);
+        // Whatever is off by more says no more of what is around.
+        let most = if widest > 0.0 { widest as f32 } else { f32::MAX };
         let count = image.len().max(1);
         let mut missed: Vec<Vec<f32>> = carried.iter().map(|carried| missed(carried, image)).collect();
         if changes != Changes::Kept {
-            drift::take_away(size, carried, &mut missed, count);
+            drift::take_away(size, carried, &mut missed, (count, most));
         }
         // Finite, as a share is taken of it.
         let error = |missed: &[f32]| mean_square(missed).min(f64::from(f32::MAX)) as f32;
         let errors: Vec<Vec<f32>> =
             missed.iter().map(|missed| missed.par_chunks(count).with_min_len(PIECE).map(error)).collect();
-        let around = Around::new(size, aims, &errors);
+        let around = Around::new(size, aims, (&errors, most));
         let firm = firmness((carried, aims), (&errors, &around), least);
         let mut values = Planes::zeros(size, image.len());
         let mut pulls = Plane::filled(size, 0.0);
@@ -184,10 +186,12 @@ struct Around {
 }
 
 impl Around {
-    fn new(size: Size, aims: &[Aim], errors: &[Vec<f32>]) -> Self {
+    /// Of the errors of each frame, none of which counts for more than the square of `most`.
+    fn new(size: Size, aims: &[Aim], (errors, most): (&[Vec<f32>], f32)) -> Self {
+        let most = (most * most).min(f32::MAX);
         let (mut sums, mut counts) = (vec![0.0_f32; size.pixels()], vec![0.0_f32; size.pixels()]);
         for (at, error) in aims.iter().zip(errors).flat_map(|(aim, errors)| aim.pixels.iter().zip(errors)) {
-            sums[*at as usize] += error;
+            sums[*at as usize] += error.min(most);
             counts[*at as usize] += 1.0;
         }
         Self { sums: blur(size, &sums, SPREAD), counts: blur(size, &counts, SPREAD) }

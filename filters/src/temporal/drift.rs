@@ -21,8 +21,13 @@ const SPREAD: f64 = 1.0;
 const RIDGE: f32 = 0.02;
 
 /// Takes what changes linearly with time away from the differences between samples and an image of that size; of each frame they are sample
-/// by sample, and plane by plane within these.
-pub fn take_away(size: Size, carried: &[Carried], differences: &mut [Vec<f32>], planes: usize) {
+/// by sample, and plane by plane within these. None of them counts for more than `most`.
+pub fn take_away(
+    size: Size,
+    carried: &[Carried],
+    differences: &mut [Vec<f32>],
+    (planes, most): (usize, f32),
+) {
     let blocks = Size::new(size.height.div_ceil(BLOCK), size.width.div_ceil(BLOCK));
     let block = |place: &[f32; 2]| {
         let at = pixel(size, *place);
@@ -36,7 +41,8 @@ pub fn take_away(size: Size, carried: &[Carried], differences: &mut [Vec<f32>], 
         for ((carried, places), differences) in carried.iter().zip(&places).zip(&*differences) {
             let weight = (carried.offset as f32).powi(power as i32) / carried.distance() as f32;
             for (i, at) in places.iter().enumerate() {
-                sums[*at as usize] += weight * plane.map_or(1.0, |plane| differences[i * planes + plane]);
+                let difference = |plane: usize| differences[i * planes + plane].clamp(-most, most);
+                sums[*at as usize] += weight * plane.map_or(1.0, difference);
             }
         }
         blur(blocks, &sums, SPREAD)
@@ -99,7 +105,7 @@ mod tests {
         let carried = frames(&[-3, -2, -1, 1, 2, 3]);
         let begun = differences(&carried, |_, offset, plane| 0.1 * offset * (1.0 + plane as f32));
         let mut found = begun.clone();
-        take_away(SIZE, &carried, &mut found, 2);
+        take_away(SIZE, &carried, &mut found, (2, f32::MAX));
         // The ridge keeps its share of a slope, over the variance: at a corner, by chance, less than half of the mean square.
         for (found, begun) in found.iter().flatten().zip(begun.iter().flatten()) {
             assert!(found.abs() <= 2.0 * RIDGE * begun.abs() + 1e-6, "{found} of {begun}");
@@ -112,7 +118,7 @@ mod tests {
         // As far as it is the same all around.
         let begun = differences(&carried, |_, _, plane| 0.1 * (1.0 + plane as f32));
         let mut found = begun.clone();
-        take_away(SIZE, &carried, &mut found, 2);
+        take_away(SIZE, &carried, &mut found, (2, f32::MAX));
         for (found, begun) in found.iter().flatten().zip(begun.iter().flatten()) {
             // Sums of some fifty terms, over a variance of a fifth of the mean square or more.
             assert!((found - begun).abs() < 5.0 * 50.0 * f32::EPSILON * begun, "{found} of {begun}");
@@ -124,7 +130,7 @@ mod tests {
         let carried = frames(&[2]);
         let begun = differences(&carried, |[y, x], _, _| 0.01 * y + (0.7 * x).sin());
         let mut found = begun.clone();
-        take_away(SIZE, &carried, &mut found, 2);
+        take_away(SIZE, &carried, &mut found, (2, f32::MAX));
         for (found, begun) in found.iter().flatten().zip(begun.iter().flatten()) {
             assert!((found - begun).abs() < 50.0 * f32::EPSILON / RIDGE, "{found} of {begun}");
         }
@@ -138,7 +144,7 @@ mod tests {
         };
         let begun = differences(&carried, value);
         let mut found = begun.clone();
-        take_away(SIZE, &carried, &mut found, 2);
+        take_away(SIZE, &carried, &mut found, (2, f32::MAX));
         let block = |place: &[f32; 2]| {
             let at = pixel(SIZE, *place);
             [at / SIZE.width / BLOCK, at % SIZE.width / BLOCK]
@@ -185,7 +191,7 @@ mod tests {
     fn values_at_the_end_of_the_range_stay_finite() {
         let carried = frames(&[-1, 1]);
         let mut found = differences(&carried, |_, offset, _| 1e38 * offset);
-        take_away(SIZE, &carried, &mut found, 2);
+        take_away(SIZE, &carried, &mut found, (2, f32::MAX));
         assert!(found.iter().flatten().all(|value| value.is_finite()));
     }
 }

@@ -22,7 +22,7 @@
 
 use lacuna_core::parallel::prelude::*;
 
-use super::Taps;
+use super::{Taps, usual};
 use crate::kernel::blur::blur;
 use crate::{Error, Plane, Planes, Size};
 
@@ -45,7 +45,8 @@ const RIDGE: f64 = 0.01;
 /// [`Error::SizeMismatch`] where the images differ in size or number of planes.
 pub fn estimate(a: &Planes, b: &Planes) -> Result<Vec<[f32; 2]>, Error> {
     check(a, b)?;
-    Ok(places(a.size(), &displacements(a, b, FINEST)))
+    let [a, b] = [a, b].map(usual::clamped);
+    Ok(places(a.size(), &displacements(&a, &b, FINEST)))
 }
 
 /// The same from places in an image that is much like `b`.
@@ -63,7 +64,8 @@ pub fn refined(a: &Planes, b: &Planes, places_before: &[[f32; 2]]) -> Result<Vec
         [row - (at / size.width) as f32, column - (at % size.width) as f32]
     };
     let mut field: Vec<[f32; 2]> = places_before.iter().enumerate().map(shift).collect();
-    steps(a, b, FINEST, &mut field);
+    let [a, b] = [a, b].map(usual::clamped);
+    steps(&a, &b, FINEST, &mut field);
     Ok(places(size, &field))
 }
 

@@ -22,7 +22,8 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
-use super::{Carried, HALF, Taps, carried, off, wide};
+use super::usual::{self, Usual, wide};
+use super::{Carried, HALF, Taps, carried};
 use crate::kernel::blur::blur;
 use crate::{Mask, Planes, Size};
 
@@ -42,17 +43,18 @@ pub struct Both<'a> {
     pub mask: &'a Mask,
 }
 
-/// The samples with values as this frame would show them, of which `image` is known.
-pub fn levelled(carried: &Carried, image: &Planes, both: Option<Both<'_>>) -> Carried {
-    levelled_within((SPREAD, false), carried, image, both)
+/// The samples with values as this frame would show them, of which `image` is known, measured at the pixels of the mask.
+pub fn levelled(carried: &Carried, (image, mask): (&Planes, &Mask), both: Option<Both<'_>>) -> Carried {
+    levelled_within((SPREAD, false), carried, (image, mask), both)
 }
 
 /// The part of the squared disagreement of an image with samples that levelling over a wide Gaussian takes away: little but where brightness changes.
-pub fn gain(carried: &Carried, image: &Planes) -> f64 {
-    let misses = |carried: &Carried| off(carried, image).filter(|off| off.is_finite()).sum::<f64>();
+pub fn gain(carried: &Carried, (image, mask): (&Planes, &Mask)) -> f64 {
+    let usual = usual::of_samples(carried);
+    let misses = |carried: &Carried| usual::missed(carried, image, &usual);
     let before = misses(carried);
     if before > 0.0 {
-        1.0 - misses(&levelled_within((WIDE, true), carried, image, None)) / before
+        1.0 - misses(&levelled_within((WIDE, true), carried, (image, mask), None)) / before
     } else {
         0.0
     }
@@ -61,27 +63,29 @@ pub fn gain(carried: &Carried, image: &Planes) -> f64 {
 fn levelled_within(
     (spread, coarsely): (f64, bool),
     carried: &Carried,
-    image: &Planes,
+    (image, mask): (&Planes, &Mask),
     both: Option<Both<'_>>,
 ) -> Carried {
     let size = image.size();
     let mut own = carried.not_judged();
     let at: Vec<usize> = carried.places.iter().map(|place| carried::pixel(size, *place)).collect();
-    let everything = Mask::from_fn(size, |_, _| true);
     let measured = both.map_or(0, |both| both.mask.count());
     let around = Gaussian::new(size, carried.len() + measured, spread, coarsely);
     own.values.par_iter_mut().enumerate().for_each(|(channel, values)| {
         let values = Arc::make_mut(values);
         let plane = &image.as_slice()[channel];
-        let ridge = (HALF * wide(&everything, plane)).powi(2).max(f64::MIN_POSITIVE);
+        let ridge = (HALF * wide(mask, plane)).powi(2).max(f64::MIN_POSITIVE);
+        let theirs = Usual::of(values.iter().copied()).widened();
+        let own = Usual::measured(mask, plane).widened();
+        let pair = |v: f32, y: f32| (f64::from(theirs.clamp(v)), f64::from(own.clamp(y)));
         let mut sums = Moments::new(around);
         for ((value, place), at) in values.iter().zip(&*carried.places).zip(&at) {
-            sums.add(*at, f64::from(*value), f64::from(Taps::new(size, place[0], place[1]).of(plane)));
+            sums.add(*at, pair(*value, Taps::new(size, place[0], place[1]).of(plane)));
         }
         if let Some(Both { fill, samples, mask }) = both {
             let (fill, samples) = (&fill.as_slice()[channel], &samples.as_slice()[channel]);
             for (at, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
-                sums.add(at, f64::from(fill.pixels()[at]), f64::from(samples.pixels()[at]));
+                sums.add(at, pair(fill.pixels()[at], samples.pixels()[at]));
             }
         }
         let maps = sums.blurred();
@@ -134,7 +138,7 @@ impl Moments {
         Self { around, sums: std::array::from_fn(|_| vec![0.0; around.cells().pixels()]) }
     }
 
-    fn add(&mut self, at: usize, v: f64, y: f64) {
+    fn add(&mut self, at: usize, (v, y): (f64, f64)) {
         let at = self.around.cell(at);
         for (sum, term) in self.sums.iter_mut().zip([1.0, v, y, v * v, v * y]) {
             sum[at] += term as f32;
@@ -184,7 +188,7 @@ mod tests {
     fn a_gain_and_an_offset_are_undone() {
         let (_, carried) = darker();
         let image = Planes::new(SIZE, vec![Plane::from_fn(SIZE, scene)]).unwrap();
-        let found = levelled(&carried, &image, None);
+        let found = levelled(&carried, (&image, &Mask::from_fn(SIZE, |_, _| true)), None);
         let off = |values: &Carried| {
             let pairs = values.values[0].iter().zip(&*values.places);
             let errors = pairs.map(|(value, [y, x])| {
@@ -204,7 +208,8 @@ mod tests {
             .unwrap();
         let mask = Mask::from_fn(SIZE, |y, x| (2 * y + x) % 5 == 0);
         let both = Both { fill: &fill, samples: &image, mask: &mask };
-        let found = levelled(&carried, &image, Some(both));
+        let everything = Mask::from_fn(SIZE, |_, _| true);
+        let found = levelled(&carried, (&image, &everything), Some(both));
         let plane = &image.as_slice()[0];
         let mut pairs: Vec<(usize, f64, f64)> = carried
             .pixels(SIZE)
@@ -220,7 +225,6 @@ mod tests {
         );
         let sigma = SPREAD * (SIZE.pixels() as f64 / pairs.len() as f64).sqrt();
         let reach = (4.0 * sigma).ceil() as usize;
-        let everything = Mask::from_fn(SIZE, |_, _| true);
         let ridge = (HALF * wide(&everything, plane)).powi(2);
         for (i, at) in carried.pixels(SIZE).enumerate().step_by(37) {
             let (row, column) = (at / SIZE.width, at % SIZE.width);

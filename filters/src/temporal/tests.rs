@@ -161,6 +161,47 @@ fn light_that_changes_is_levelled() {
     assert!(with < own / 3.0, "{with} of {own}, {gain:?}");
 }
 
+/// With one measured pixel that is far too bright, another one in each frame.
+fn hot(planes: Planes, mask: &Mask, frame: usize) -> Planes {
+    let mut planes = planes;
+    let at = (0..SIZE.pixels()).filter(|&at| mask.as_slice()[at]).nth(700 + 211 * frame).unwrap();
+    planes.as_mut_slice()[0].pixels_mut()[at] = 100.0;
+    planes
+}
+
+#[test]
+fn one_hot_pixel_of_each_frame_does_not_decide() {
+    let masks = masks(Temporal::Complementary);
+    let shift = |k: usize| [0.7 * (k as f32 - 2.0), -1.3 * (k as f32 - 2.0)];
+    let back = |k: usize| shift(k).map(|at| -at);
+    let clean = |k: usize| scene(shift(k)[0], shift(k)[1]);
+    let spoiled = |k: usize| hot(clean(k), &masks[k], k);
+    let samples = spoiled(2);
+    let splines = Options { limit: false, ..Options::of(ss::Settings::default()) };
+    let image = fill(&samples, Arc::clone(&masks[2]), &splines).unwrap().planes;
+    let cut = |k: usize| hot(scene(shift(k)[0] + 31.0, 17.0), &masks[k], k);
+    for (same, other) in carried(&masks, spoiled, back).iter().zip(&carried(&masks, cut, back)) {
+        assert!(explained(same, &image) > 0.7 && explained(other, &image) < 0.3);
+    }
+    // But for the surroundings of the hot pixel.
+    let truth = clean(2);
+    let at = samples.as_slice()[0].pixels().iter().position(|value| *value > 50.0).unwrap();
+    let error = |image: &Planes| {
+        let mut image = image.clone();
+        let near = |pixel: &usize| {
+            (pixel / SIZE.width).abs_diff(at / SIZE.width).max((pixel % SIZE.width).abs_diff(at % SIZE.width))
+                < 12
+        };
+        for pixel in (0..SIZE.pixels()).filter(near) {
+            image.as_mut_slice()[0].pixels_mut()[pixel] = truth.as_slice()[0].pixels()[pixel];
+        }
+        error(&image, &truth)
+    };
+    let (with, own) = (error(&filled(&masks, spoiled, back).0), error(&alone(&masks[2], &samples)));
+    let best = error(&filled(&masks, clean, back).0);
+    assert!(with < own / 2.0 && with < 2.0 * best, "{with} of {own}, clean {best}");
+}
+
 #[test]
 fn masks_that_are_the_same_promise_nothing() {
     // Other frames know the very pixels that this one knows: held-out samples must not be predicted by them.
