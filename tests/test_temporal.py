@@ -213,6 +213,22 @@ def test_a_cut_costs_nothing(tmp_path):
             assert psnr(tmp_path / motion, frame, shows(frame)) > psnr(tmp_path / "alone", frame, shows(frame)) - loss
 
 
+def test_one_hot_pixel_of_each_frame_does_not_decide(tmp_path):
+    shows = lambda frame: scene(0.6 * frame, -0.9 * frame)
+    def spoiled(frame):
+        image, at = shows(frame), np.argwhere(mask(frame))[400 + 97 * frame]
+        image[tuple(at)] = 100
+        return image
+    source = write(tmp_path, spoiled)
+    fill(source, tmp_path / "alone", "--frames", "3")
+    for motion, gain in (("flow", 2), ("auto", 2)):
+        log = fill(source, tmp_path / motion, "--temporal", "2", "--motion", motion, "--frames", "3").stderr
+        assert "filled without" not in log and "along with frames 1, 2, 4, 5 by flow" in log, log
+        clipped = [np.clip(frames.colour(tmp_path / name / "shot.0003.exr"), 0, 1) for name in (motion, "alone")]
+        along, alone = (frames.psnr(image, np.clip(spoiled(3), 0, 1).astype(np.float32)) for image in clipped)
+        assert along > alone + gain, (motion, along, alone)
+
+
 def test_chunks_and_threads_change_no_bit(tmp_path):
     source = write(tmp_path, lambda frame: scene(0.4 * frame))
     fill(source, tmp_path / "all", "--temporal", "1", "--threads", "2")
@@ -289,6 +305,22 @@ def test_neighbours_with_fewer_digits_are_found(tmp_path):
         frames_asked = [] if source == "s.10.exr" else ["--frames", "10"]
         result = fill(tmp_path / source, tmp_path / "out", "--temporal", "auto", *frames_asked)
         assert "along with frames 8, 9, 11 by no motion" in result.stderr, result.stderr
+
+
+def test_versions_of_a_frame_are_no_neighbours(tmp_path):
+    """By its own name, a glob and a pattern alike."""
+    write(tmp_path, lambda frame: scene(0.6 * frame, -0.9 * frame), count=3)
+    for frame in range(1, 4):
+        (tmp_path / f"shot.{frame:04}.exr").rename(tmp_path / f"sh_{frame:04}_v2.exr")
+    for version in (1, 3):
+        (tmp_path / f"sh_0002_v{version}.exr").write_bytes((tmp_path / "sh_0001_v2.exr").read_bytes())
+    found = []
+    for name in ("sh_0002_v2.exr", "sh_*_v2.exr", "sh_####_v2.exr"):
+        out = tmp_path / f"out{len(found)}"
+        log = fill(tmp_path / name, out, "--temporal", "auto").stderr
+        assert "along with frames 1, 3 by" in log, log
+        found.append((out / "sh_0002_v2.exr").read_bytes())
+    assert found[0] == found[1] == found[2]
 
 
 def test_neighbours_that_cannot_be_used_take_no_memory(tmp_path):

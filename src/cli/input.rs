@@ -17,8 +17,8 @@ pub struct InputArgs {
     /// Patterns: shot.####.exr, shot.%04d.exr, shot.@@@@.exr and shot.$F4.exr all mean four digits. A single # reads as
     /// four digits, a run of n as n; @ needs a run of two or more; %d and $F pad nothing; wider numbers take the digits
     /// they need. A glob ('shot.*.exr', in quotes) takes the frame numbers from the names: the last field between dots
-    /// that is all digits, else the last run of digits. A file or folder that exists under the very name
-    /// is that one.
+    /// that is all digits, else the last run of digits that is no version (_v2). A file or folder that exists under the
+    /// very name is that one.
     #[arg(value_name = "INPUT", required_unless_present = "files_from", display_order = 0)]
     pub inputs: Vec<PathBuf>,
 

@@ -50,10 +50,14 @@ pub(super) fn add(items: &mut [Item], selection: &Selection, targets: &Targets) 
         // Whoever asks for the frames beside a single file asks for its number.
         let named = patterns::number_in_name(&item.input);
         item.number = item.number.or(named);
-        let Some(own) = named.filter(|number| item.number == Some(*number)) else { continue };
-        let asked = patterns.iter().find(|pattern| pattern.number_of(&item.input) == Some(own));
+        let asked = item.number.and_then(|number| {
+            patterns.iter().find(|pattern| pattern.number_of(&item.input) == Some(number))
+        });
+        // What a pattern calls the number is it, wherever it stands in the name.
+        let own = item.number.filter(|number| asked.is_some() || named == Some(*number));
+        let Some(own) = own else { continue };
         for number in (own.saturating_sub(each)..=own.saturating_add(each)).filter(|&other| other != own) {
-            let Some(path) = file_of(&item.input, number, asked) else { continue };
+            let Some(path) = file_of((&item.input, own), number, asked) else { continue };
             let input = Input { path, number: Some(number) };
             let mask = masks.as_ref().map(|masks| masks.of(&input)).transpose()?;
             let layer = |(own_file, pattern): (&LayerFile, &MaskPattern)| {
@@ -72,11 +76,13 @@ pub(super) fn add(items: &mut [Item], selection: &Selection, targets: &Targets) 
 
 /// The file of another number beside a frame: as the pattern that was asked for pads it, else as the frame's own name lets expect. A
 /// link that leads nowhere is one, so that what is missing is said.
-fn file_of(own: &Path, number: i64, asked: Option<&Pattern>) -> Option<PathBuf> {
+fn file_of((own, own_number): (&Path, i64), number: i64, asked: Option<&Pattern>) -> Option<PathBuf> {
     let of_pattern =
         asked.into_iter().flat_map(|pattern| [Some(pattern.path(number)), pattern.alternative(number)]);
     let here = of_pattern.flatten().filter(|path| path.parent() == own.parent());
-    let all: Vec<PathBuf> = here.chain(patterns::beside(own, number)).collect();
+    let is_named = patterns::number_in_name(own) == Some(own_number);
+    let named = is_named.then(|| patterns::beside(own, number)).into_iter().flatten();
+    let all: Vec<PathBuf> = here.chain(named).collect();
     all.iter().find(|path| path.exists()).or_else(|| all.iter().find(|path| path.is_symlink())).cloned()
 }
 
@@ -144,6 +150,17 @@ mod tests {
         assert_eq!(beside(&files, &["s.10.exr"], &[])[0], "10: s.09.exr");
         // A name that shows its padding has neighbours of the same.
         assert_eq!(beside(&["s.08.exr", "s.9.exr"], &["s.08.exr"], &[])[0], "8: ");
+    }
+
+    #[test]
+    fn versions_are_no_neighbours() {
+        let files = ["s_0001_v2.exr", "s_0002_v1.exr", "s_0002_v2.exr", "s_0002_v3.exr", "s_0003_v2.exr"];
+        let of_two = "2: s_0001_v2.exr s_0003_v2.exr";
+        assert_eq!(beside(&files, &["s_0002_v2.exr"], &[])[0], of_two);
+        assert!(beside(&files, &["s_*_v2.exr"], &[]).contains(&of_two.into()));
+        assert_eq!(beside(&files, &["s_####_v2.exr"], &[])[1], of_two);
+        // A pattern says what counts.
+        assert_eq!(beside(&files, &["s_0002_v%d.exr"], &[])[0], "1: s_0002_v2.exr s_0002_v3.exr");
     }
 
     #[cfg(unix)]

@@ -170,7 +170,7 @@ fn is_frame(word: &str) -> bool {
 }
 
 /// The frame number in a plain file name: the last field between dots that is all digits, else the last run of
-/// digits before the extension. A minus sign counts if it starts the field.
+/// digits before the extension that is no version (`_v2`). A minus sign counts if it starts the field.
 pub fn number_in_name(path: &Path) -> Option<i64> {
     let stem = to_text(path.file_stem()?);
     stem[digits_in_stem(&stem)?].parse().ok()
@@ -198,7 +198,7 @@ pub fn beside(path: &Path, number: i64) -> Vec<PathBuf> {
     names.into_iter().map(|name| path.with_file_name(to_path(&whole(name)))).collect()
 }
 
-/// Where the frame number stands.
+/// Where the frame number stands. A version (`_v2`, `.v002`) is none.
 fn digits_in_stem(stem: &str) -> Option<std::ops::Range<usize>> {
     let mut end = stem.len();
     for field in stem.rsplit('.') {
@@ -208,11 +208,22 @@ fn digits_in_stem(stem: &str) -> Option<std::ops::Range<usize>> {
         }
         end = end.saturating_sub(field.len() + 1);
     }
-    let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
-    let start = stem[..end]
-        .rfind(|c: char| !c.is_ascii_digit())
-        .map_or(0, |at| at + stem[at..].chars().next().map_or(1, char::len_utf8));
-    Some(start..end)
+    let mut rest = stem;
+    loop {
+        let end = rest.rfind(|c: char| c.is_ascii_digit())? + 1;
+        let start = rest[..end].trim_end_matches(|c: char| c.is_ascii_digit()).len();
+        if !is_version(&stem[..start], &stem[end..]) {
+            return Some(start..end);
+        }
+        rest = &stem[..start];
+    }
+}
+
+/// Whether digits between these texts are those of a version: a word of its own that begins with `v`.
+fn is_version(before: &str, after: &str) -> bool {
+    let ends = |next: Option<char>| !next.is_some_and(char::is_alphanumeric);
+    let begun = before.strip_suffix(['v', 'V']);
+    begun.is_some_and(|before| ends(before.chars().next_back())) && ends(after.chars().next())
 }
 
 #[cfg(test)]
@@ -306,7 +317,15 @@ mod tests {
         assert_eq!(number("shot.-003.exr"), Some(-3));
         assert_eq!(number("shot-003.exr"), Some(3));
         assert_eq!(number("shot_v2.0012.beauty_l8.exr"), Some(12));
-        assert_eq!(number("shot_v2.exr"), Some(2));
+        for name in ["shot_v2.exr", "shot.v002.exr", "v3.exr", "shot-V4_final.exr", "a_v2_v3.exr"] {
+            assert_eq!(number(name), None, "{name}");
+        }
+        assert_eq!(number("sh_0002_v2.exr"), Some(2));
+        assert_eq!(number("sh0010_v002_beauty.exr"), Some(10));
+        assert_eq!(number("view2.exr"), Some(2));
+        assert_eq!(number("shot_v2b.exr"), Some(2));
+        assert_eq!(number("ov7.exr"), Some(7));
+        assert_eq!(number("shot_v2.0012.exr"), Some(12));
         assert_eq!(number("0007.exr"), Some(7));
         assert_eq!(number("bild ä7ö.exr"), Some(7));
         assert_eq!(number("plain.exr"), None);
@@ -321,6 +340,7 @@ mod tests {
         assert_eq!(beside("a/shot.0012.exr", 9), "a/shot.0009.exr");
         assert_eq!(beside("shot_v2.0012.beauty_l8.exr", 13), "shot_v2.0013.beauty_l8.exr");
         assert_eq!(beside("shot-9.exr", 10), "shot-10.exr");
+        assert_eq!(beside("sh_0002_v2.exr", 3), "sh_0003_v2.exr");
         assert_eq!(beside("0007.exr", 6), "0006.exr");
         assert_eq!(beside("plain.exr", 6), "");
         // Ten may be padded or not.
