@@ -16,7 +16,7 @@ use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
 use crate::report::{
     self, Changed, Comparison, Flicker, FrameReport, Gate, Images, Kind, MOST_PIXELS, Maps, Measure, Pair,
-    Picture, Settings, takes_a_sequence,
+    Picture, Settings, why_unknown,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::console::{Console, Verbosity};
@@ -332,7 +332,9 @@ impl<'a> Compare<'a> {
         let gate = &self.job.gate;
         let mut failing = 0;
         let compared = |frame: &&FrameReport| frame.error.is_none() && frame.skipped.is_none();
-        let unknown = gate.unknown(&frames.iter().filter(compared).collect::<Vec<_>>());
+        let known: Vec<&FrameReport> = frames.iter().filter(compared).collect();
+        let unknown = gate.unknown(&known);
+        let why: Vec<String> = unknown.iter().map(|&measure| why_unknown(measure, &known)).collect();
         let mut first = true;
         for frame in &mut frames {
             if frame.groups.is_empty() && frame.error.is_none() && frame.skipped.is_none() {
@@ -343,7 +345,7 @@ impl<'a> Compare<'a> {
                 continue;
             }
             if first {
-                frame.failures.extend(unknown.iter().map(|&measure| takes_a_sequence(measure)));
+                frame.failures.extend(why.iter().cloned());
             }
             frame.failures.extend(gate.failures(frame, std::mem::take(&mut first), &unknown));
             if !frame.failures.is_empty() {

@@ -115,8 +115,20 @@ impl Gate {
     }
 }
 
-/// What is said of a measure that none of the compared frames has.
-pub fn takes_a_sequence(measure: Measure) -> String {
+/// What is said of a measure of changes that none of these frames, those that were compared, has.
+pub fn why_unknown(measure: Measure, frames: &[&FrameReport]) -> String {
+    let size = |frame: &FrameReport| frame.main_group().map(|group| group.size);
+    let mut pairs = frames.windows(2).filter_map(|pair| Some((size(pair[0])?, size(pair[1])?)));
+    if let Some((before, now)) = pairs.find(|(before, now)| before != now) {
+        let text = |(rows, columns): (usize, usize)| format!("{columns} x {rows} pixels");
+        return format!(
+            "no frame has {}: the data windows of frames in a row differ ({}, then {}); write all frames with one window \
+             (renderers: no automatic crop)",
+            measure.name(),
+            text(before),
+            text(now)
+        );
+    }
     let motion = if measure.follows_motion() { " whose motion is known" } else { "" };
     format!("no frame has {}: it takes a sequence, frames in a row{motion}", measure.name())
 }

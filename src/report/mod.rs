@@ -26,7 +26,7 @@ pub use compare::{Error, compare};
 pub use csv::csv;
 pub(crate) use csv::csv_line;
 pub use flicker::{Changed, Colours, Flicker, Pair};
-pub use gate::{Bound, Gate, GateError, takes_a_sequence};
+pub use gate::{Bound, Gate, GateError, why_unknown};
 pub use groups::Kind;
 pub(crate) use html::{Filled, FilledPictures, base64, escape, filled, shell};
 pub use html::{MOST_PIXELS, Picture, html};

@@ -185,10 +185,17 @@ fn bounds_on_changes_hold_of_missing_pixels_and_take_a_sequence() {
         // Of one frame nothing is known, which is told once.
         let unknown = gate.unknown(&[&first]);
         assert_eq!(unknown, BTreeSet::from([Measure::FlickerAlong]));
-        assert!(takes_a_sequence(Measure::FlickerAlong).contains("takes a sequence"));
+        assert!(why_unknown(Measure::FlickerAlong, &[&first]).contains("takes a sequence"));
         let failures = gate.failures(&first, false, &unknown);
         assert!(!failures.iter().any(|text| text.contains("flicker-along")), "{failures:?}");
     }
+    let mut small = first.clone();
+    small.groups[0].size = (3, 4);
+    let why = why_unknown(Measure::Flicker, &[&first, &small]);
+    assert!(
+        why.contains("data windows of frames in a row differ") && why.contains("then 4 x 3 pixels"),
+        "{why}"
+    );
     // That one measure is unknown lets no other pass.
     let gate = gate("", "flicker-along=1,flicker=1");
     let unknown = gate.unknown(&[&first, &later]);

@@ -73,10 +73,19 @@ pub fn misfit(own: &Shape, other: Option<&Shape>) -> Option<String> {
         format!("{} x {} pixels from {}, {}", size.width, size.height, window.x_min, window.y_min)
     };
     if own.data != other.data {
-        return Some(format!("it has another window, {}", window(other.data)));
+        return Some(format!(
+            "it has another window, {} (this frame: {})",
+            window(other.data),
+            window(own.data)
+        ));
     }
-    (own.display != other.display)
-        .then(|| format!("it has another display window, {}", window(other.display)))
+    (own.display != other.display).then(|| {
+        format!(
+            "it has another display window, {} (this frame: {})",
+            window(other.display),
+            window(own.display)
+        )
+    })
 }
 
 #[cfg(test)]
@@ -92,10 +101,13 @@ mod tests {
         let why = |own: &[Part], other: &[Part]| misfit_of_all(&shapes(own), &shapes(other));
         assert_eq!(why(&[small()], &[small(), small()]), None);
         assert_eq!(why(&[small(), large()], &[large(), large()]), None);
-        assert_eq!(why(&[small()], &[large()]).unwrap(), "it has another window, 3 x 1 pixels from 3, 0");
+        assert_eq!(
+            why(&[small()], &[large()]).unwrap(),
+            "it has another window, 3 x 1 pixels from 3, 0 (this frame: 2 x 1 pixels from 0, 0)"
+        );
         assert_eq!(
             why(&[small()], &[shown()]).unwrap(),
-            "it has another display window, 9 x 9 pixels from 0, 0"
+            "it has another display window, 9 x 9 pixels from 0, 0 (this frame: 2 x 1 pixels from 0, 0)"
         );
         assert_eq!(why(&[small()], &[]).unwrap(), "it has fewer parts");
         let huge = part(window(0, 0, 9, 9), vec![float("R", &[0.0; 81])]);

@@ -22,8 +22,8 @@ use crate::mask::{self, MaskFile, Masks, Source};
 use crate::reconstruct::estimate::joined;
 use crate::reconstruct::shared::SharedPlans;
 use crate::reconstruct::{
-    self, Beside, Enlarge, Gate, GroupReport, PartReport, Report, behind, copied_line, energy, estimate,
-    named, was_smoothed, wrong_mask,
+    self, Beside, Enlarge, Estimated, Gate, GroupReport, PartReport, Report, behind, copied_line, energy,
+    estimate, named, was_smoothed, wrong_mask,
 };
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
@@ -392,6 +392,14 @@ pub fn guides(report: &Report, most: usize) -> Option<String> {
     (!all.is_empty()).then(|| all[..all.len().min(most)].join("; ") + &more)
 }
 
+/// How much of an error neighbours took away, where it can be told at all.
+fn gained(part: f64, error: Option<&Estimated>) -> String {
+    match error {
+        Some(Estimated::Unknown { .. }) => "a gain that cannot be told".into(),
+        _ => format!("{:.1} dB by estimate", -10.0 * (1.0 - part).max(1e-9).log10()),
+    }
+}
+
 /// Which frames beside it a frame was filled along with, by what motion, and how much of the error they took away by estimate.
 fn neighbours(report: &Report) -> Option<String> {
     let one = |part: &PartReport| {
@@ -404,8 +412,8 @@ fn neighbours(report: &Report) -> Option<String> {
         }
         let ways = ways.iter().map(|(how, frames)| format!("{} by {how}", frames.join(", ")));
         let gains = part.groups.iter().filter_map(|group| {
-            let decibels = -10.0 * (1.0 - group.neighbours_gain?).max(1e-9).log10();
-            Some(format!("{}: {decibels:.1} dB by estimate", few(&named(&group.channels), SHOWN)))
+            let gain = gained(group.neighbours_gain?, group.estimate.as_ref());
+            Some(format!("{}: {gain}", few(&named(&group.channels), SHOWN)))
         });
         let gains: Vec<String> = gains.collect();
         let gains = if gains.is_empty() { "they help nowhere".into() } else { gains.join("; ") };
@@ -427,4 +435,18 @@ fn rules(report: &Report) -> String {
 /// Says that a filled or enlarged frame is to be enlarged: what people mean to do, so no warning.
 fn tell_complete(made: &str) {
     tracing::info!("{made} already: taken as complete (--mask names the pixels that count)");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_an_error_that_cannot_be_told_no_gain_is() {
+        let unknown = Estimated::Unknown { unknown: "why".into(), unclipped_rmse: None };
+        assert_eq!(gained(0.9, Some(&unknown)), "a gain that cannot be told");
+        let bound = Estimated::Bound { rmse_at_most: 0.1, psnr_at_least: 20.0 };
+        assert_eq!(gained(0.9, Some(&bound)), "10.0 dB by estimate");
+        assert_eq!(gained(0.9, None), "10.0 dB by estimate");
+    }
 }
