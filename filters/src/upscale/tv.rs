@@ -24,7 +24,7 @@
 //! q <- clip(q - alpha_k grad (P grad* q))
 //! ```
 //!
-//! with the steps of [`tighten`], and the sweeps go on from there. (Without it an alpha at 3x, 0.01 from the bound, took more than 2000
+//! with the steps of `tighten`, and the sweeps go on from there. (Without it an alpha at 3x, 0.01 from the bound, took more than 2000
 //! sweeps, long after its image had settled; with it 300.)
 //! In the end the bounds are made to hold exactly ([`super::settle`]).
 //!
