@@ -23,7 +23,7 @@ Exit status: 0 all as promised, 1 a frame is not or cannot be read, 2 usage, 128
 /// layout, compression and attributes; every bit of kept channels and of measured pixels (unless the attributes say
 /// that they were smoothed, by a filter that does, which log and --json repeat); that filled values are finite, not negative where no measured one is
 /// (light) and from 0 to 1 where all measured ones are (alpha, mattes); that identifiers and depths were measured
-/// somewhere in their channel; that filled normals are of unit length where the measured ones are; that the attributes
+/// somewhere in their channel; that what lacuna/copied names is what stands in that complete channel, unless that is in another file; that filled normals are of unit length where the measured ones are; that the attributes
 /// lacuna/density, mask and filter are consistent with the mask, and lacuna/estimate and the channels of estimated errors with themselves.
 ///
 /// Not checked: whether the named filter and settings made the values, how far these are from the measured ones, and
