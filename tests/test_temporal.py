@@ -248,7 +248,7 @@ def test_neighbours_that_cannot_be_used_are_left_out(tmp_path):
     (tmp_path / "shot.0005.exr").unlink()
     result = fill(source, tmp_path / "out", "--temporal", "2", "--frames", "3")
     lines = result.stderr.splitlines()
-    for words in (["shot.0001.exr", "without"], ["frame 2", "another window, 8 x 8"], ["shot.0004.exr", "mask"]):
+    for words in (["shot.0001.exr", "without"], ["frame 2", "another display window, 8 x 8"], ["shot.0004.exr", "mask"]):
         assert sum(all(word in line for word in words) for line in lines) == 1, result.stderr
     fill(source, tmp_path / "alone", "--frames", "3")
     both = [frames.colour(tmp_path / name / "shot.0003.exr") for name in ("out", "alone")]
@@ -336,7 +336,7 @@ def test_neighbours_that_cannot_be_used_take_no_memory(tmp_path):
     (tmp_path / "shot.0004.exr").write_bytes(whole[: len(whole) // 2])
     result = fill(source, tmp_path / "out", "--temporal", "2", "--frames", "3", "--memory", "32M")
     lines = result.stderr.splitlines()
-    for words in ("frame 1 (shot.0001.exr): it has another window, 3000 x 3000", "frame 2 (shot.0002.exr)", "frame 4 (shot.0004.exr)"):
+    for words in ("frame 1 (shot.0001.exr): it has another display window, 3000 x 3000", "frame 2 (shot.0002.exr)", "frame 4 (shot.0004.exr)"):
         assert sum(f"filled without {words}" in line for line in lines) == 1, result.stderr
     assert "along with frames 5" in result.stderr
 

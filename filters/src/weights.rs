@@ -52,6 +52,8 @@ pub struct Weights {
     /// Side of a cell.
     side: usize,
     cells: Size,
+    /// Row and column, in the image of the cells, of the first pixel of what is weighed.
+    first: [f32; 2],
     /// What the errors of all of the image count for.
     frame: f64,
     /// Of each candidate, the weight in each cell; empty for one that counts nowhere.
@@ -182,7 +184,8 @@ impl Weights {
         let side = ((0.5 * near.spread * spacing).round() as usize).max(1);
         let cells = Size::new(size.height.div_ceil(side), size.width.div_ceil(side));
         let of = vec![vec![1.0; cells.pixels()]];
-        Self { size, side, cells, frame: near.frame, of, shares: vec![1.0] }
+        let first = [0.0; 2];
+        Self { size, side, cells, first, frame: near.frame, of, shares: vec![1.0] }
     }
 
     /// Cells, in which the first candidate counts alone, the sums of products around each, and those over all.
@@ -279,6 +282,11 @@ impl Weights {
         self
     }
 
+    /// The same for an image that begins at this row and column; beyond the cells the outermost ones count.
+    pub fn at_corner(&self, corner: [i64; 2]) -> Self {
+        Self { first: corner.map(|at| at as f32), ..self.clone() }
+    }
+
     /// The mean weight of a candidate at missing pixels.
     pub fn share(&self, candidate: usize) -> f64 {
         self.shares.get(candidate).copied().unwrap_or(0.0)
@@ -287,7 +295,7 @@ impl Weights {
     /// Adds a candidate's image, weighted, to the blend.
     pub fn add(&self, candidate: usize, image: &Planes, out: &mut Planes) {
         let of = &self.of[candidate];
-        let width = self.size.width;
+        let width = image.size().width;
         for (out, image) in out.as_mut_slice().iter_mut().zip(image.as_slice()) {
             let rows =
                 out.pixels_mut().par_chunks_mut(width).zip(image.pixels().par_chunks(width)).enumerate();
@@ -309,13 +317,13 @@ impl Weights {
 
     /// Linearly between the centres of cells.
     fn at(&self, of: &[f32], row: usize, column: usize) -> f32 {
-        let between = |at: usize, count: usize| {
-            let place = ((at as f32 + 0.5) / self.side as f32 - 0.5).clamp(0.0, (count - 1) as f32);
+        let between = |at: usize, first: f32, count: usize| {
+            let place = ((at as f32 + first + 0.5) / self.side as f32 - 0.5).clamp(0.0, (count - 1) as f32);
             let low = (place as usize).min(count.saturating_sub(2));
             (low, (low + 1).min(count - 1), place - low as f32)
         };
-        let (top, bottom, y) = between(row, self.cells.height);
-        let (left, right, x) = between(column, self.cells.width);
+        let (top, bottom, y) = between(row, self.first[0], self.cells.height);
+        let (left, right, x) = between(column, self.first[1], self.cells.width);
         let line = |row: usize| {
             let (a, b) = (of[row * self.cells.width + left], of[row * self.cells.width + right]);
             a + x * (b - a)

@@ -19,6 +19,7 @@ mod serialize;
 mod source;
 mod stale;
 mod temporary;
+mod window;
 mod write;
 
 pub use attributes::{Attribute, Attributes, CAMERA};
@@ -32,6 +33,7 @@ pub use read::{Limits, memory_needed, read, read_header, read_whole_header};
 pub use serialize::REQUIRED;
 pub use source::{open_regular, read_small};
 pub use temporary::{Over, check_destination, remove_temporaries, write_whole};
+pub use window::Window;
 pub use write::{WriteOptions, has_header_of, write};
 
 /// One EXR file in memory: its parts in file order.
@@ -59,19 +61,6 @@ pub struct Part {
     pub channels: Vec<Channel>,
     /// Whether the file held mip or rip levels, which are not kept.
     pub had_levels: bool,
-}
-
-/// A rectangle of pixels in absolute coordinates; both corners belong to it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Window {
-    /// First column.
-    pub x_min: i32,
-    /// First row.
-    pub y_min: i32,
-    /// Last column.
-    pub x_max: i32,
-    /// Last row.
-    pub y_max: i32,
 }
 
 /// How the chunks of a part are compressed, in the order of the file format's numbers 0 to 9.
@@ -233,14 +222,6 @@ impl Part {
     /// The part's `view` (of a stereo pair, say), if it has one.
     pub fn view(&self) -> Option<String> {
         self.attributes.text("view")
-    }
-}
-
-impl Window {
-    /// Height and width.
-    pub fn size(self) -> Size {
-        let extent = |min: i32, max: i32| (i64::from(max) - i64::from(min) + 1).max(0) as usize;
-        Size::new(extent(self.y_min, self.y_max), extent(self.x_min, self.x_max))
     }
 }
 

@@ -74,10 +74,10 @@ pub fn to_fill(item: &Item, method: &lacuna_filters::Method, holes: f64, errors:
     // A neighbour is read, filled where its motion is estimated, and each of its pixels has a place; a frame that has some is not cut into bands.
     let beside = Taken { whole: PLACE, ..filled };
     let own = read_header(&item.input).map(|parts| temporal::shapes(&parts)).unwrap_or_default();
-    let used = item.neighbours.iter().filter(|file| temporal::header(file, &own).is_ok());
-    let of = |file: &NeighbourFile| {
+    let used = item.neighbours.iter().filter_map(|file| Some((file, temporal::header(file, &own).ok()?)));
+    let of = |(file, beyond): (&NeighbourFile, u64)| {
         let layers = file.layers.iter().map(|layer| filled.of(&layer.path));
-        layers.fold(beside.of(&file.input), u64::saturating_add)
+        layers.fold(beside.of(&file.input), u64::saturating_add).saturating_add(beyond.saturating_mul(BEYOND))
     };
     let neighbours = used.map(of).fold(0, u64::saturating_add);
     let at_a_time = if item.neighbours.is_empty() { pixels_at_a_time } else { all };
@@ -220,6 +220,9 @@ const FILLED: u64 = 8;
 
 /// Bytes that the place of a neighbour's pixel takes.
 const PLACE: u64 = 8;
+
+/// Bytes that a pixel takes that neither a frame nor the one beside it has but the window of both, where motion is estimated.
+const BEYOND: u64 = 96;
 
 /// Bytes that the flags of a pixel take.
 const MASK: u64 = 2;

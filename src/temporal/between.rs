@@ -35,8 +35,9 @@ pub fn between(
         Some(planes)
     };
     let filled = finite(&samples, &mask)?;
+    let window = now.parts[part].data_window;
     let reference =
-        Reference { names: names.to_vec(), filled, samples: &samples, mask: &mask, sharp: &finite };
+        Reference { window, names: names.to_vec(), filled, samples: &samples, mask: &mask, sharp: &finite };
     let (mut found, _) = carriers((now, &own.masks, part), &neighbours, Motion::Auto, &reference);
     found.pop().map(|carrier| carrier.places())
 }

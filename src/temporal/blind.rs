@@ -5,11 +5,11 @@
 
 use std::sync::Arc;
 
+use lacuna_filters::Planes;
 use lacuna_filters::temporal::unjudged;
-use lacuna_filters::{Mask, Planes};
 
 use super::Neighbour;
-use super::reference::{Reference, measured};
+use super::reference::{Reference, measured, placed};
 
 /// By how much more the samples of farther frames may miss this one's fill than those of nearer ones if nothing moves.
 const FARTHER: f64 = 1.1;
@@ -30,11 +30,15 @@ impl Blind {
         let kept = Arc::new(unjudged(reference.mask));
         let filled = (reference.sharp)(reference.samples, &kept)?;
         let whole = (reference.sharp)(reference.samples, reference.mask)?;
-        let judges = pixels(reference.mask, &kept);
+        let judges = pixels(reference.mask.as_slice(), kept.as_slice());
         let own = Misses::of(reference.samples, &filled, &judges);
         let others = neighbours.iter().filter_map(|neighbour| {
             let (samples, mask) = measured(neighbour, part, &reference.names)?;
-            let misses = Misses::of(&samples, &whole, &pixels(&mask, reference.mask));
+            // Of those that this frame shows, what it did not measure.
+            let (there, here) = (neighbour.frame.parts[part].data_window, reference.window);
+            let known = here.place(reference.mask.as_slice(), there, true);
+            let whole = placed(&whole, here, there);
+            let misses = Misses::of(&samples, &whole, &pixels(mask.as_slice(), &known));
             Some((neighbour.offset.unsigned_abs(), misses))
         });
         let still = still(own, &others.collect::<Vec<_>>());
@@ -57,8 +61,8 @@ fn still(own: Misses, others: &[(u64, Misses)]) -> bool {
 }
 
 /// Pixels of one mask that another does not have.
-fn pixels(mask: &Mask, without: &Mask) -> Vec<usize> {
-    let flags = mask.as_slice().iter().zip(without.as_slice()).enumerate();
+fn pixels(mask: &[bool], without: &[bool]) -> Vec<usize> {
+    let flags = mask.iter().zip(without).enumerate();
     flags.filter(|(_, (own, other))| **own && !**other).map(|(pixel, _)| pixel).collect()
 }
 

@@ -89,23 +89,20 @@ pub fn places((frame, part): (&Frame, usize), neighbour: &Neighbour) -> Result<V
     let depth = depth.ok_or("it has no depth that was measured")?;
     let size = other.size();
     let pixel = |at: usize| [at / size.width, at % size.width].map(|at| at as f64);
+    // From pixels of the data windows to those of the display windows, which the cameras show.
+    let corner = |part: &Part| part.display_window.corner_of(part.data_window).map(|at| at as f64);
+    let (from, to) = (corner(other), corner(own));
+    let moved = |[row, column]: [f64; 2], by: [f64; 2]| [row + by[0], column + by[1]];
+    let local = |[row, column]: [f64; 2]| [(row - to[0]) as f32, (column - to[1]) as f32];
     if here.is_same(&there) {
-        return Ok(vec![(0..size.pixels()).map(|at| pixel(at).map(|at| at as f32)).collect()]);
+        return Ok(vec![(0..size.pixels()).map(|at| local(moved(pixel(at), from))).collect()]);
     }
-    // From pixels of the data window to those of the display window, which the camera shows.
-    let offset = [
-        f64::from(own.data_window.y_min) - f64::from(own.display_window.y_min),
-        f64::from(own.data_window.x_min) - f64::from(own.display_window.x_min),
-    ];
     let along = |along: Depth| -> Vec<[f32; 2]> {
         let carry = |(at, depth): (usize, &f32)| {
             if depth.is_nan() {
                 return [f32::NAN; 2];
             }
-            let [row, column] = pixel(at);
-            let point = there.point([row + offset[0], column + offset[1]], f64::from(*depth), along);
-            let place = here.place(point);
-            [(place[0] - offset[0]) as f32, (place[1] - offset[1]) as f32]
+            local(here.place(there.point(moved(pixel(at), from), f64::from(*depth), along)))
         };
         depth.par_iter().enumerate().map(carry)
     };

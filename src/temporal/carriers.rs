@@ -3,15 +3,15 @@
 use std::cell::LazyCell;
 use std::ops::Deref;
 
-use lacuna_exr::Frame;
+use lacuna_exr::{Frame, Window};
 use lacuna_filters::temporal::{Carried, Judge, explained, flow};
 use lacuna_filters::{Mask, Planes, Size};
 
 use super::blind::Blind;
-use super::fit::{Shape, misfit};
+use super::fit::{self, Shape, misfit};
 use super::neighbours::FrameRef;
 use super::paths::Paths;
-use super::reference::{Reference, measured};
+use super::reference::{Reference, measured, placed};
 use super::{Motion, Neighbour, Neighbours, camera, reading, vectors};
 use crate::channels::part_label;
 use crate::mask::Masks;
@@ -39,9 +39,9 @@ impl Asked {
         Some(Self { mask: Mask::new(mask.size(), flags).ok()?, samples })
     }
 
-    /// At these places of all pixels.
-    fn at(&self, places: &[[f32; 2]]) -> Carried {
-        Carried::new(self.samples.size(), (&self.samples, &self.mask), 1, |at| places[at]).unwrap_or_default()
+    /// At these places of all pixels, in an image of that size.
+    fn at(&self, size: Size, places: &[[f32; 2]]) -> Carried {
+        Carried::new(size, (&self.samples, &self.mask), 1, |at| places[at]).unwrap_or_default()
     }
 }
 
@@ -71,6 +71,9 @@ impl Places {
 pub struct Carrier<'a> {
     neighbour: &'a Neighbour,
     part: usize,
+    /// The size of the frame, and where in it the neighbour begins.
+    size: Size,
+    corner: [i64; 2],
     places: Places,
     /// The same by motion that does not know the samples that judge, where it was estimated.
     judged: Option<Places>,
@@ -104,7 +107,8 @@ impl Carrier<'_> {
         let offset = self.neighbour.offset.clamp(i32::MIN.into(), i32::MAX.into()) as i32;
         let at = |places: &Places| {
             let places = places.all();
-            Carried::new(samples.size(), (&samples, &*mask), offset, |at| places[at]).ok()
+            let carried = Carried::new(self.size, (&samples, &*mask), offset, |at| places[at]).ok()?;
+            Some(carried.at_corner(self.corner))
         };
         let carried = at(&self.places)?;
         Some(match &self.judged {
@@ -119,18 +123,22 @@ impl Found {
     /// towards it, which held-out pixels cannot tell.
     fn shows_the_same(self, asked: Option<&Asked>, reference: &Reference<'_>) -> Result<Self, String> {
         match asked {
-            Some(asked) if explained(&asked.at(&self.places), &reference.filled) < EXPLAINED => {
+            Some(asked)
+                if explained(&asked.at(reference.mask.size(), &self.places), &reference.filled)
+                    < EXPLAINED =>
+            {
                 Err(format!("it shows something else (by {} it does not agree with this frame)", self.how))
             }
             _ => Ok(self),
         }
     }
 
-    fn of(self, neighbour: &Neighbour, part: usize) -> Carrier<'_> {
+    fn of<'a>(self, neighbour: &'a Neighbour, part: usize, reference: &Reference<'_>) -> Carrier<'a> {
         let Self { places, judged, how, .. } = self;
         let masks = neighbour.masks.different(part);
         let few = |all: Vec<[f32; 2]>| Places::new(&all, &masks);
-        Carrier { neighbour, part, places: few(places), judged: judged.map(few), how }
+        let (size, corner) = (reference.mask.size(), reference.corner(neighbour, part));
+        Carrier { neighbour, part, size, corner, places: few(places), judged: judged.map(few), how }
     }
 }
 
@@ -170,7 +178,7 @@ pub fn carriers<'a>(
                 let note =
                     |why| format!("along with {label}{} by {how}, not by camera: {why}", neighbour.label);
                 notes.extend(made.broken.as_ref().map(note));
-                found.push(made.of(neighbour, part));
+                found.push(made.of(neighbour, part, reference));
             }
             Err(why) => notes.push(format!("filled without {label}{}: {why}", neighbour.label)),
         }
@@ -190,7 +198,7 @@ fn paths(
         let side = side.map(|one| (one.offset, one.source()));
         Some(Paths::new(
             [(0, FrameRef::whole(frame, masks))].into_iter().chain(side),
-            part,
+            (part, reference.window),
             chosen[later].take()?,
         ))
     })
@@ -231,18 +239,16 @@ fn carrier(
         if motion == Motion::Flow || !blind.still {
             let filled =
                 (reference.sharp)(&samples, &mask).ok_or("it cannot be filled to estimate motion from")?;
-            // Of a complete frame nothing is judged.
-            let judged = (!reference.mask.is_full()).then(|| flow::estimate(&filled, &blind.filled));
-            let judged = judged.transpose().map_err(|error| error.to_string())?;
-            let places = match &judged {
-                Some(judged) => flow::refined(&filled, &blind.whole, judged),
-                None => flow::estimate(&filled, &blind.whole),
-            };
-            let places = places.map_err(|error| error.to_string())?;
-            return Ok(Found { judged, broken, ..make(places, "flow") });
+            let own = &neighbour.frame.parts[part];
+            let found = flowed(&filled, (own.data_window, own.display_window), blind, reference);
+            let found = found.map_err(|error| error.to_string())?;
+            return Ok(Found { broken, ..found });
         }
     }
-    Ok(Found { broken, ..make(still(neighbour.frame.parts[part].size()), "no motion") })
+    Ok(Found {
+        broken,
+        ..make(still(neighbour.frame.parts[part].size(), reference.corner(neighbour, part)), "no motion")
+    })
 }
 
 /// Which colours a neighbour lacks.
@@ -254,15 +260,47 @@ fn lacking(neighbour: &Neighbour, part: usize, names: &[String]) -> String {
     format!("it has no measured {}", if lacking.is_empty() { "colours".into() } else { lacking.join(", ") })
 }
 
-/// Every pixel where it is.
-fn still(size: Size) -> Vec<[f32; 2]> {
-    (0..size.pixels()).map(|at| [(at / size.width) as f32, (at % size.width) as f32]).collect()
+/// Every pixel of an image of that size where it is, if the image begins there.
+fn still(size: Size, corner: [i64; 2]) -> Vec<[f32; 2]> {
+    let at = |at: usize, corner: i64| (at as i64 + corner) as f32;
+    (0..size.pixels()).map(|k| [at(k / size.width, corner[0]), at(k % size.width, corner[1])]).collect()
+}
+
+/// Where estimated motion carries each pixel of a neighbour, `filled` in this window; and the same by what does not know the samples that judge, unless
+/// the frame is complete.
+fn flowed(
+    filled: &Planes,
+    (there, display): (Window, Window),
+    blind: &Blind,
+    reference: &Reference<'_>,
+) -> Result<Found, lacuna_filters::Error> {
+    let here = reference.window;
+    let both = fit::around(here, there, display);
+    let (filled, whole) = (placed(filled, there, both), placed(&blind.whole, here, both));
+    let judged = if reference.mask.is_full() {
+        None
+    } else {
+        Some(flow::estimate(&filled, &placed(&blind.filled, here, both))?)
+    };
+    let places = match &judged {
+        Some(judged) => flow::refined(&filled, &whole, judged)?,
+        None => flow::estimate(&filled, &whole)?,
+    };
+    // From the pixels of both to those of the neighbour, and to places in the frame.
+    let corner = both.corner_of(here).map(|at| at as f32);
+    let own = |all: Vec<[f32; 2]>| {
+        let own = both.place(&all, there, [f32::NAN; 2]).into_iter();
+        own.map(|[row, column]| [row - corner[0], column - corner[1]]).collect()
+    };
+    Ok(Found { places: own(places), judged: judged.map(own), how: "flow".into(), broken: None })
 }
 
 /// The one whose samples the frame agrees with most.
 fn most_agreeing(all: &[Found], asked: Option<&Asked>, reference: &Reference<'_>) -> usize {
     let judge = Judge::new(&reference.filled, reference.mask);
-    let of = |found: &Found| asked.map_or(f64::INFINITY, |asked| judge.mean(&asked.at(&found.places)));
+    let of = |found: &Found| {
+        asked.map_or(f64::INFINITY, |asked| judge.mean(&asked.at(reference.mask.size(), &found.places)))
+    };
     let errors: Vec<f64> = all.iter().map(of).collect();
     (0..all.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b])).unwrap_or(0)
 }

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use lacuna_exr::{Frame, Limits};
 
-use super::fit::{Shape, misfit_of_all, shapes};
+use super::fit::{Shape, beyond, misfit_of_all, shapes};
 use super::kept::KeptSamples;
 use crate::files::layers;
 use crate::files::neighbours::NeighbourFile;
@@ -188,20 +188,23 @@ impl NeighbourFiles {
     }
 }
 
-/// Whether a neighbour may be of use to a frame of these shapes, as its files and their headers tell.
+/// Whether a neighbour may be of use to a frame of these shapes, as its files and their headers tell; the pixels that both their windows have beyond
+/// its own.
 ///
 /// # Errors
 /// Why it is left out.
-pub fn header(file: &NeighbourFile, own: &[Shape]) -> Result<(), String> {
+pub fn header(file: &NeighbourFile, own: &[Shape]) -> Result<u64, String> {
     if let Some((path, what)) = file.sources().find(|(path, _)| !path.exists()) {
         return Err(format!("its {what} {} does not exist", path.display()));
     }
     let failed = |error: lacuna_exr::Error| of_file(&file.input, error);
     let parts = lacuna_exr::read_header(&file.input).map_err(failed)?;
-    match misfit_of_all(own, &shapes(&parts)) {
-        Some(why) => Err(why),
-        None => lacuna_exr::read_whole_header(&file.input).map(drop).map_err(failed),
+    let other = shapes(&parts);
+    if let Some(why) = misfit_of_all(own, &other) {
+        return Err(why);
     }
+    lacuna_exr::read_whole_header(&file.input).map_err(failed)?;
+    Ok(beyond(own, &other))
 }
 
 /// What is wrong with a neighbour's own file, which the line names already.

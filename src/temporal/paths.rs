@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use lacuna_exr::Window;
 use lacuna_filters::baseline::nearest::NearestMap;
 use lacuna_filters::{Mask, Size};
 
@@ -28,16 +29,24 @@ const SEEN: usize = 6;
 /// The vectors of one frame, in pixels to the next frame.
 struct Field {
     size: Size,
+    /// Row and column of its first pixel, in the frame that is filled.
+    corner: [f32; 2],
     vectors: Vec<[f32; 2]>,
     known: Mask,
     nearest: NearestMap,
 }
 
 impl Field {
-    fn new((source, part): (FrameRef<'_>, usize), layer: &Layer, reading: Reading) -> Option<Self> {
+    fn new(
+        (source, part): (FrameRef<'_>, usize),
+        window: Window,
+        layer: &Layer,
+        reading: Reading,
+    ) -> Option<Self> {
         let own = source.frame.parts.get(layer.part)?;
         let size = own.size();
-        let scale = reading.scale(size);
+        let corner = window.corner_of(own.data_window).map(|at| at as f32);
+        let scale = reading.scale(own.display_window.size());
         let scaled = |vector: [f32; 2]| std::array::from_fn(|axis| scale[axis] * vector[axis]);
         let vectors: Vec<[f32; 2]> = vectors::raw(source, part, layer)?.into_iter().map(scaled).collect();
         let dense = channels::dense(own);
@@ -51,7 +60,7 @@ impl Field {
         }
         let known = Mask::new(size, known).ok()?;
         let nearest = NearestMap::new(&known).ok()?;
-        Some(Self { size, vectors, known, nearest })
+        Some(Self { size, corner, vectors, known, nearest })
     }
 
     /// The vectors that are known nearest to a place and to some around it, and are likely of the surface that moves so.
@@ -59,7 +68,8 @@ impl Field {
         let Size { height, width } = self.size;
         let pixel = |at: f32, length: usize| (at.round().max(0.0) as usize).min(length - 1);
         let all = PLACES.into_iter().map(move |[dy, dx]| {
-            let at = pixel(place[0] + dy, height) * width + pixel(place[1] + dx, width);
+            let [row, column] = [place[0] - self.corner[0] + dy, place[1] - self.corner[1] + dx];
+            let at = pixel(row, height) * width + pixel(column, width);
             self.vectors[self.nearest.as_slice()[at] as usize]
         });
         all.filter(move |vector| is_one_motion(*vector, motion))
@@ -85,13 +95,13 @@ pub struct Paths {
 }
 
 impl Paths {
-    /// By one layer and one reading.
+    /// By one layer and one reading, for a frame with this data window.
     pub fn new<'a>(
         frames: impl Iterator<Item = (i64, FrameRef<'a>)>,
-        part: usize,
+        (part, window): (usize, Window),
         (layer, reading): (Layer, Reading),
     ) -> Self {
-        let field = |(offset, source)| Some((offset, Field::new((source, part), &layer, reading)?));
+        let field = |(offset, source)| Some((offset, Field::new((source, part), window, &layer, reading)?));
         let fields = frames.filter_map(field).collect();
         Self { layer, reading, fields }
     }
@@ -119,7 +129,8 @@ impl Paths {
         let time = step as f32;
         let add = |at: [f32; 2], motion: [f32; 2]| [at[0] + time * motion[0], at[1] + time * motion[1]];
         let mut motion = own.vectors[pixel];
-        let mut at = [(pixel / own.size.width) as f32, (pixel % own.size.width) as f32];
+        let [row, column] = [pixel / own.size.width, pixel % own.size.width];
+        let mut at = [row as f32 + own.corner[0], column as f32 + own.corner[1]];
         let mut frame = offset;
         while frame != 0 {
             // A step is known to the frame whose vectors span it. Where that does not show the surface, it moves on as before.

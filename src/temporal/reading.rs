@@ -27,21 +27,22 @@ impl Side {
 
     fn add(&mut self, neighbour: &Neighbour, part: usize, layers: &[Layer], reference: &Reference<'_>) {
         let Some((samples, mask)) = measured(neighbour, part, &reference.names) else { return };
-        let size = samples.size();
+        let (width, display) = (samples.size().width, neighbour.frame.parts[part].display_window.size());
+        let corner = reference.corner(neighbour, part).map(|at| at as f32);
         let raw: Vec<_> = layers.iter().map(|layer| vectors::raw(neighbour.source(), part, layer)).collect();
         // What does not move lies in one place by every reading.
         let moved = |at: usize| {
             let led = |raw: &Vec<[f32; 2]>| raw[at].iter().all(|v| v.is_finite()) && raw[at] != [0.0; 2];
             mask.as_slice()[at] && finite(&samples, at) && raw.iter().flatten().any(led)
         };
-        let moved: Vec<usize> = (0..size.pixels()).filter(|&at| moved(at)).collect();
+        let moved: Vec<usize> = (0..mask.size().pixels()).filter(|&at| moved(at)).collect();
         let judge = Judge::new(&reference.filled, reference.mask);
         let readings = Reading::all();
         for &at in moved.iter().step_by(moved.len().div_ceil(ASKED).max(1)) {
-            let [row, column] = [(at / size.width) as f32, (at % size.width) as f32];
+            let [row, column] = [(at / width) as f32 + corner[0], (at % width) as f32 + corner[1]];
             let Some(still) = judge.of(&samples, at, [row, column]) else { continue };
             let by = |raw: &Option<Vec<[f32; 2]>>, reading: &Reading| {
-                let [down, across] = shift(*reading, size, -neighbour.offset, raw.as_ref()?[at]);
+                let [down, across] = shift(*reading, display, -neighbour.offset, raw.as_ref()?[at]);
                 judge.of(&samples, at, [row + down, column + across])
             };
             let all: Vec<Vec<_>> =

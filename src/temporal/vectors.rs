@@ -64,7 +64,8 @@ impl Reading {
         format!("vectors {across} and {down}{of} {unit} {to}, {y}")
     }
 
-    /// How many pixels down and across one of either component leads in a frame's time.
+    /// How many pixels down and across one of either component leads in a frame's time, in an image of that size: that of the display window,
+    /// whatever is cropped.
     pub fn scale(self, size: Size) -> [f32; 2] {
         let unit = |length: usize| match self.unit {
             Unit::Pixels => 1.0,

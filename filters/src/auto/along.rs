@@ -146,9 +146,9 @@ pub fn pulled(
     let judged = temporal::thinned(&own.mask, &judged);
     // Guides are those of this frame.
     let beside = |all: &mut [Candidate<'_>], carried: &[Carried]| {
-        temporal::beside(samples.size(), carried, |samples, mask| match guides {
+        temporal::beside(carried, |samples, mask, corner| match guides {
             Some(_) => Ok(plain((samples, mask), How::EXACTLY, run)?.0),
-            None => blended_alone((&mut *all, alone), (samples, mask), run),
+            None => blended_alone((&mut *all, &alone.at_corner(corner)), (samples, mask), run),
         })
     };
     let is_small = Excerpt::tiles(&own.mask).is_none();

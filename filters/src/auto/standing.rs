@@ -42,7 +42,6 @@ pub struct Standing<'a> {
 impl Standing<'_> {
     /// Adds samples of each other frame at held-out pixels, as many as missing pixels have; `fills` are what the others make of their own.
     pub fn complete(&self, carried: &mut [Carried], fills: &[Planes]) {
-        let size = self.mask.size();
         let own = self.around(self.held.at.iter().copied().zip(self.squares()));
         let mut taken = vec![false; self.held.at.len()];
         for (frame, (carried, fill)) in carried.iter_mut().zip(fills).enumerate() {
@@ -60,7 +59,7 @@ impl Standing<'_> {
                     y + share[at] * (fill.as_slice()[channel].pixels()[at] - y)
                 };
                 let values: Vec<f32> = (0..fill.len()).map(value).collect();
-                carried.push(size, at, &values);
+                carried.push(at, &values);
             }
         }
     }
@@ -70,7 +69,8 @@ impl Standing<'_> {
         let mut known = vec![false; self.mask.size().pixels()];
         carried.pixels(self.mask.size()).for_each(|at| known[at] = true);
         let mut counts = [[0_usize; 2]; 2];
-        for (&own, &other) in self.mask.as_slice().iter().zip(&known) {
+        let pixels = self.mask.as_slice().iter().zip(&known).enumerate();
+        for (_, (&own, &other)) in pixels.filter(|(at, _)| carried.covers(*at)) {
             counts[usize::from(own)][usize::from(other)] += 1;
         }
         let [missing, measured] = counts.map(|[no, yes]| yes as f64 / (no + yes).max(1) as f64);
@@ -88,7 +88,7 @@ impl Standing<'_> {
         let missed =
             carried.pixels(self.mask.size()).enumerate().filter(|(_, at)| !self.mask.as_slice()[*at]);
         let missed = missed.map(|(i, at)| (at as u32, squared(at, &|channel| carried.value(channel, i))));
-        let differs = pixels().filter(|(_, flag)| **flag);
+        let differs = pixels().filter(|(at, flag)| **flag && carried.covers(*at));
         let differs =
             differs.map(|(at, _)| (at as u32, squared(at, &|channel| fill.as_slice()[channel].pixels()[at])));
         let (missed, differs) = (self.around(missed), self.around(differs));

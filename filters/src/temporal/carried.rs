@@ -29,10 +29,31 @@ pub struct Carried {
     pub(crate) home: Arc<Vec<u32>>,
     /// How many frames later than this one it was measured; negative if earlier, never 0.
     pub(crate) offset: i32,
-    /// That of either frame.
+    /// That of this frame.
     size: Size,
+    /// Where its own frame lies.
+    own: Lies,
     /// The same at the places where held-out samples may judge them, if those are others.
     pub(crate) judged: Option<Box<Self>>,
+}
+
+/// Where the image of another frame lies in this one's if nothing moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Lies {
+    size: Size,
+    /// Row and column of its first pixel.
+    corner: [i64; 2],
+}
+
+impl Lies {
+    /// Its pixel that lies at one of an image of that size.
+    fn home(self, size: Size, at: usize) -> Option<usize> {
+        let [row, column] = [at / size.width, at % size.width];
+        let index = |at: usize, axis: usize, length: usize| {
+            usize::try_from(at as i64 - self.corner[axis]).ok().filter(|at| *at < length)
+        };
+        Some(index(row, 0, self.size.height)? * self.size.width + index(column, 1, self.size.width)?)
+    }
 }
 
 impl Carried {
@@ -40,17 +61,15 @@ impl Carried {
     /// and column, whole numbers at pixel centres. Those whose place is not known (NaN) or outside, and those that are not finite, are left out.
     ///
     /// # Errors
-    /// [`Error::SizeMismatch`] where samples or mask are of another size: both frames have the same.
+    /// [`Error::SizeMismatch`] where samples and mask differ in size. Other frames may be larger or smaller than this one ([`Self::at_corner`]).
     pub fn new(
         size: Size,
         (samples, mask): (&Planes, &Mask),
         offset: i32,
         place: impl Fn(usize) -> [f32; 2] + Sync,
     ) -> Result<Self, Error> {
-        for (name, other) in [("samples of another frame", samples.size()), ("their mask", mask.size())] {
-            if other != size {
-                return Err(Error::size(size, name, other));
-            }
+        if mask.size() != samples.size() {
+            return Err(Error::size(samples.size(), "the mask of another frame", mask.size()));
         }
         let offset = if offset == 0 { 1 } else { offset };
         let part = |(part, flags): (usize, &[bool])| -> Vec<(u32, [f32; 2])> {
@@ -68,7 +87,17 @@ impl Carried {
         let of = |plane: &Plane| Arc::new(home.iter().map(|at| plane.pixels()[*at as usize]).collect());
         let values = samples.as_slice().iter().map(of).collect();
         let places = all.iter().map(|(_, place)| *place).collect();
-        Ok(Self { places: Arc::new(places), values, home: Arc::new(home), offset, size, judged: None })
+        let (places, home) = (Arc::new(places), Arc::new(home));
+        let own = Lies { size: samples.size(), corner: [0; 2] };
+        Ok(Self { places, values, home, offset, size, own, judged: None })
+    }
+
+    /// The same of a frame whose first pixel has this row and column in this one: both show parts of one image, and where the other one
+    /// shows nothing it can know nothing.
+    #[must_use]
+    pub fn at_corner(mut self, corner: [i64; 2]) -> Self {
+        self.own.corner = corner;
+        self
     }
 
     /// With the same samples at other places, where samples that are held out may judge them: those by motion that was estimated without
@@ -88,9 +117,24 @@ impl Carried {
         std::iter::successors(Some(self), |carried| carried.judged.as_deref())
     }
 
-    /// That of either frame.
+    /// The size of this frame.
     pub(crate) const fn size(&self) -> Size {
         self.size
+    }
+
+    /// Whether the other frame shows the pixel of this one, if nothing moves.
+    pub(crate) fn covers(&self, at: usize) -> bool {
+        self.own.home(self.size, at).is_some()
+    }
+
+    /// Row and column of the first pixel of the other frame.
+    pub(super) const fn corner(&self) -> [i64; 2] {
+        self.own.corner
+    }
+
+    /// The size of the other frame.
+    pub(super) const fn home_size(&self) -> Size {
+        self.own.size
     }
 
     /// The number of planes that each has a value in.
@@ -128,10 +172,12 @@ impl Carried {
         self.values[plane][sample]
     }
 
-    /// Adds a sample of a frame in which nothing has moved.
-    pub(crate) fn push(&mut self, size: Size, at: usize, values: &[f32]) {
-        Arc::make_mut(&mut self.places).push([(at / size.width) as f32, (at % size.width) as f32]);
-        Arc::make_mut(&mut self.home).push(at as u32);
+    /// Adds a sample of a frame in which nothing has moved, if it shows the pixel.
+    pub(crate) fn push(&mut self, at: usize, values: &[f32]) {
+        let Some(home) = self.own.home(self.size, at) else { return };
+        let width = self.size.width;
+        Arc::make_mut(&mut self.places).push([(at / width) as f32, (at % width) as f32]);
+        Arc::make_mut(&mut self.home).push(home as u32);
         self.values.iter_mut().zip(values).for_each(|(own, value)| Arc::make_mut(own).push(*value));
     }
 
@@ -162,9 +208,9 @@ impl Carried {
         (planes, Mask::of(size, flags))
     }
 
-    /// The samples as pixels of their own frame, of that size.
-    pub(super) fn at_home(&self, size: Size) -> (Planes, Mask) {
-        self.put_at(size, self.home.iter().map(|at| *at as usize))
+    /// The samples as pixels of their own frame.
+    pub(super) fn at_home(&self) -> (Planes, Mask) {
+        self.put_at(self.own.size, self.home.iter().map(|at| *at as usize))
     }
 
     /// At their places in another frame of that size, which is `offset` frames later, `place` telling them by those in this one. Those
@@ -173,7 +219,7 @@ impl Carried {
         let places: Vec<[f32; 2]> = self.places.iter().map(|own| place(*own)).collect();
         let inside: Vec<usize> = (0..self.len()).filter(|&i| is_inside(size, places[i])).collect();
         let places = inside.iter().map(|&i| places[i]).collect();
-        Self { places: Arc::new(places), offset: self.offset - offset, ..self.only(&inside) }
+        Self { places: Arc::new(places), offset: self.offset - offset, size, ..self.only(&inside) }
     }
 
     /// These samples alone, in this order: all of them, or fewer.
@@ -188,6 +234,7 @@ impl Carried {
             home: Arc::new(samples.iter().map(|&i| self.home[i]).collect()),
             offset: self.offset,
             size: self.size,
+            own: self.own,
             judged: None,
         }
     }
@@ -200,6 +247,7 @@ impl Carried {
             home: Arc::clone(&self.home),
             offset: self.offset,
             size: self.size,
+            own: self.own,
             judged: None,
         }
     }

@@ -84,7 +84,8 @@ fn levelled_within(
         }
         if let Some(Both { fill, samples, mask }) = both {
             let (fill, samples) = (&fill.as_slice()[channel], &samples.as_slice()[channel]);
-            for (at, _) in mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag) {
+            let both = |(at, flag): &(usize, &bool)| **flag && carried.covers(*at);
+            for (at, _) in mask.as_slice().iter().enumerate().filter(both) {
                 sums.add(at, pair(fill.pixels()[at], samples.pixels()[at]));
             }
         }

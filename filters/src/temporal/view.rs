@@ -36,20 +36,19 @@ pub(crate) struct Beside {
     image: Planes,
 }
 
-/// The nearest frame before and the nearest one after of an image of that size; `fill` makes images of their samples.
+/// The nearest frame before and the nearest one after; `fill` makes images of their samples, whose first pixel has this row and column here.
 pub(crate) fn beside(
-    size: Size,
     carried: &[Carried],
-    mut fill: impl FnMut(&Planes, &Arc<Mask>) -> Result<Planes, Error>,
+    mut fill: impl FnMut(&Planes, &Arc<Mask>, [i64; 2]) -> Result<Planes, Error>,
 ) -> Result<Vec<Beside>, Error> {
     let nearest = |later: bool| {
         let side = |(_, one): &(usize, &Carried)| one.len() >= FEWEST && (one.offset > 0) == later;
         carried.iter().enumerate().filter(side).min_by_key(|(_, one)| one.distance()).map(|(at, _)| at)
     };
     let one = |at: usize| {
-        let (samples, mask) = carried[at].at_home(size);
+        let (samples, mask) = carried[at].at_home();
         let mask = Arc::new(mask);
-        let image = if mask.is_full() { samples } else { fill(&samples, &mask)? };
+        let image = if mask.is_full() { samples } else { fill(&samples, &mask, carried[at].corner())? };
         Ok(Beside { at, mask: Arc::unwrap_or_clone(mask), image })
     };
     [false, true].into_iter().filter_map(nearest).map(one).collect()
@@ -94,8 +93,8 @@ impl View {
         (by, roughly): (Pull, bool),
         run: &Run<'_>,
     ) -> Result<Self, Error> {
-        let (size, offset) = (mask.size(), carried[own.at].offset);
-        let shifts = Shifts::new(size, &carried[own.at])?;
+        let (size, offset) = (own.mask.size(), carried[own.at].offset);
+        let shifts = Shifts::new(mask.size(), &carried[own.at])?;
         let this = Carried::new(size, (samples, mask), -offset, |at| shifts.of_pixel(at))?;
         let others = carried.iter().enumerate().filter(|(at, _)| *at != own.at);
         let others = others.map(|(_, one)| one.carried_on(size, offset, |place| shifts.of(place)));
@@ -123,9 +122,9 @@ impl Shifts {
     fn new(size: Size, other: &Carried) -> Result<Self, Error> {
         let [mut rows, mut columns, mut counts] = [(); 3].map(|()| vec![0.0_f32; size.pixels()]);
         for ((at, [y, x]), home) in other.pixels(size).zip(&*other.places).zip(&*other.home) {
-            let home = *home as usize;
-            rows[at] += (home / size.width) as f32 - y;
-            columns[at] += (home % size.width) as f32 - x;
+            let (home, width) = (*home as usize, other.home_size().width);
+            rows[at] += (home / width) as f32 - y;
+            columns[at] += (home % width) as f32 - x;
             counts[at] += 1.0;
         }
         let known = Mask::of(size, counts.iter().map(|count| *count > 0.0).collect());
@@ -178,8 +177,8 @@ mod tests {
         Carried::new(SIZE, (&scene(shift), &mask), offset, place).unwrap()
     }
 
-    fn spline(samples: &Planes, mask: &Arc<Mask>) -> Result<Planes, Error> {
-        let (mut out, run) = (Planes::zeros(SIZE, samples.len()), Run::default());
+    fn spline(samples: &Planes, mask: &Arc<Mask>, _: [i64; 2]) -> Result<Planes, Error> {
+        let (mut out, run) = (Planes::zeros(samples.size(), samples.len()), Run::default());
         let plan =
             crate::variational::ss::Settings::default().plan(&Problem::fill(Arc::clone(mask)), &run)?;
         plan.reconstruct(samples, &mut out, &run)?;
@@ -204,12 +203,39 @@ mod tests {
     fn complete_frames_that_moved_by_whole_pixels_show_the_frame_and_nothing_beyond_them() {
         let (truth, mask) = (scene([0.0; 2]), Mask::from_fn(SIZE, |y, x| (y + 2 * x) % 5 == 0));
         let carried = [frame(-1, [0.0, 5.0], |_| true)];
-        let own = beside(SIZE, &carried, spline).unwrap();
+        let own = beside(&carried, spline).unwrap();
         let alone = Planes::zeros(SIZE, 1);
         let image = seen((&truth, &mask, &alone), (&own, &carried), (BY, false), &Run::default()).unwrap();
         for at in 0..SIZE.pixels() {
             let (value, truth) = (image.as_slice()[0].pixels()[at], truth.as_slice()[0].pixels()[at]);
             let shown = at % SIZE.width + 5 < SIZE.width;
+            let expected = if shown || mask.as_slice()[at] { truth } else { 0.0 };
+            assert!((value - expected).abs() < 1e-5, "{at}: {value}, {expected}");
+        }
+    }
+
+    /// The image of the other frame is a part of it, which begins elsewhere.
+    #[test]
+    fn what_a_part_of_a_frame_shows_is_where_it_lies() {
+        let (truth, mask) = (scene([0.0; 2]), Mask::from_fn(SIZE, |y, x| (y + 2 * x) % 5 == 0));
+        let (corner, small) = ([7_usize, 20_usize], Size::new(40, 30));
+        let shows = scene([0.0, 5.0]);
+        let cut = |y: usize, x: usize| shows.as_slice()[0].at(y + corner[0], x + corner[1]);
+        let samples = Planes::new(small, vec![Plane::from_fn(small, cut)]).unwrap();
+        let place =
+            |at: usize| [(at / small.width + corner[0]) as f32, (at % small.width + corner[1]) as f32 - 5.0];
+        let every = Mask::from_fn(small, |_, _| true);
+        let carried = Carried::new(SIZE, (&samples, &every), -1, place).unwrap();
+        let carried = [carried.at_corner(corner.map(|at| at as i64))];
+        let covered = |y: usize, x: usize| (7..47).contains(&y) && (20..50).contains(&x);
+        assert!((0..SIZE.pixels()).all(|at| carried[0].covers(at) == covered(at / 70, at % 70)));
+        let own = beside(&carried, spline).unwrap();
+        assert_eq!(own[0].image.size(), small);
+        let alone = Planes::zeros(SIZE, 1);
+        let image = seen((&truth, &mask, &alone), (&own, &carried), (BY, false), &Run::default()).unwrap();
+        for at in 0..SIZE.pixels() {
+            let (value, truth) = (image.as_slice()[0].pixels()[at], truth.as_slice()[0].pixels()[at]);
+            let shown = covered(at / SIZE.width, at % SIZE.width + 5);
             let expected = if shown || mask.as_slice()[at] { truth } else { 0.0 };
             assert!((value - expected).abs() < 1e-5, "{at}: {value}, {expected}");
         }
@@ -222,9 +248,9 @@ mod tests {
         let shift = |k: i32| [0.7 * k as f32, -0.4 * k as f32];
         let carried =
             [-2, -1, 1, 2].map(|k: i32| frame(k, shift(k), |at| at % 5 == k.rem_euclid(5) as usize));
-        let own = beside(SIZE, &carried, spline).unwrap();
+        let own = beside(&carried, spline).unwrap();
         assert_eq!(own.iter().map(|own| own.at).collect::<Vec<_>>(), [1, 2]);
-        let alone = spline(&truth, &mask).unwrap();
+        let alone = spline(&truth, &mask, [0; 2]).unwrap();
         let image = seen((&truth, &mask, &alone), (&own, &carried), (BY, false), &Run::default()).unwrap();
         let error = |image: &Planes| -> f32 {
             let pairs = image.as_slice()[0].pixels().iter().zip(truth.as_slice()[0].pixels());

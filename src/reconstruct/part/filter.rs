@@ -151,7 +151,8 @@ pub fn along_motion<'a>(
         fill_with(samples, mask, &edges, work.plans, work.run).ok().map(|filled| filled.planes)
     };
     let names = channel_names(part, group);
-    let reference = Reference { names, filled, samples: &samples, mask: &group.mask, sharp: &sharp };
+    let window = part.data_window;
+    let reference = Reference { window, names, filled, samples: &samples, mask: &group.mask, sharp: &sharp };
     let own = (frame, work.masks, work.index);
     let (carriers, notes) = carriers(own, neighbours, work.job.temporal.motion, &reference);
     done.notes.extend(notes);
