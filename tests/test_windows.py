@@ -143,3 +143,119 @@ def test_another_image_is_no_neighbour(tmp_path):
     log = fill(source, tmp_path / "out", "--temporal", "1", "--frames", "3")
     assert "frame 2 (shot.0002.exr): it has another display window, 169 x 97 pixels from 0, 0" in log, log
     assert "frame 4 (shot.0004.exr): it has another pixelAspectRatio" in log, log
+
+
+def compare(reference, test, folder, *words, **options):
+    """The frames of the report, and what was said."""
+    result = lacuna("compare", reference, test, "--json", folder / "report.json", *words, **options)
+    return json.loads((folder / "report.json").read_text())["frames"], result
+
+
+def measures(frame, region="all"):
+    [found] = [one for one in frame["groups"][0]["regions"] if one["region"] == region]
+    return found["measures"]
+
+
+def test_images_are_compared_by_absolute_coordinates_as_idiff_does(tmp_path):
+    image = np.random.default_rng(1).random((HEIGHT, WIDTH, 3)).astype(np.float32)
+    noisy = image + np.random.default_rng(2).normal(0, 0.05, image.shape).astype(np.float32)
+    one = write(tmp_path / "one.exr", colours(image), (20, 10, 99, 59))
+    for name, window in (("moved", (27, 10, 106, 59)), ("larger", (11, 5, 120, 70)), ("smaller", (30, 20, 80, 50))):
+        other = write(tmp_path / f"{name}.exr", colours(noisy), window)
+        for a, b in ((one, other), (other, one)):
+            [frame], result = compare(a, b, tmp_path, "--no-clip")
+            assert result.stderr.count("the data windows differ") == 1, result.stderr
+            judge = oiio("idiff", "-a", a, b).stdout
+            rmse = float(judge.split("RMS error = ")[1].split()[0])
+            assert abs(measures(frame)["rmse"] - rmse) < 1e-4 * rmse, (name, measures(frame), judge)
+    # Another resolution is another image.
+    frames.write(tmp_path / "half.exr", colours(noisy[::2, ::2]))
+    result = lacuna("compare", one, tmp_path / "half.exr", ok=False)
+    assert result.status == 1 and "of another display window" in result.stderr, result.stderr
+
+
+def test_a_background_that_was_cropped_is_no_error_and_a_lost_one_is_told(tmp_path):
+    image, _ = disc(3)
+    whole, cropped = write(tmp_path / "whole.exr", colours(image)), write(tmp_path / "cropped.exr", colours(image), box(3))
+    [frame], result = compare(whole, cropped, tmp_path, "--fail-below", "psnr=90")
+    assert measures(frame)["psnr"] == "inf" and measures(frame)["pixels"] == HEIGHT * WIDTH and "not 0" not in result.stderr
+    x_min, y_min, x_max, y_max = box(3)
+    lost = write(tmp_path / "lost.exr", colours(image), (x_min, y_min, x_max - 20, y_max))
+    [frame], result = compare(whole, lost, tmp_path, "--fail-below", "psnr=90", ok=False)
+    assert result.status == 1 and "psnr" in result.stderr and "values that are not 0 lie in one of the data windows only" in result.stderr
+    count = np.count_nonzero(image[:, x_max - 19 :])
+    assert frame["groups"][0]["beyond"] == count and f"RGB: {count} values" in result.stderr
+    # A bound over what the test image has does not see it, and is not enough.
+    mask = frames.full_mask(tmp_path / "mask.exr", (0, 0, WIDTH - 1, HEIGHT - 1))
+    planes = frames.read(mask)[0]
+    planes["mask"][::2] = 0
+    frames.write(mask, planes)
+    _, result = compare(whole, lost, tmp_path, "--fail-below", "missing.psnr=90", "--mask", f"file:{mask}", ok=False)
+    assert result.status == 1 and "no bound sees" in result.stderr, result.stderr
+
+
+def test_flicker_of_frames_whose_windows_move_is_that_of_whole_ones(tmp_path):
+    """The background is black in both, so that the sums are the same over fewer pixels."""
+    for frame in range(1, 4):
+        image, inside = disc(frame)
+        error = np.random.default_rng(frame).normal(0, 0.02, image.shape) * inside[..., None]
+        wrong = np.clip(image + error, 0.01, 1) * inside[..., None]
+        for name, window in (("whole", None), ("cropped", box(frame))):
+            for kind, planes in (("reference", image), ("test", wrong.astype(np.float16))):
+                (tmp_path / name / kind).mkdir(parents=True, exist_ok=True)
+                write(tmp_path / name / kind / f"s.{frame:04}.exr", colours(planes), window)
+    found = {}
+    for name in ("whole", "cropped"):
+        report, _ = compare(tmp_path / name / "reference" / "s.####.exr", tmp_path / name / "test" / "s.####.exr", tmp_path, "--measures", "flicker,flicker-along")
+        found[name] = [measures(frame) for frame in report]
+    for frame in (2, 3):
+        [left, top, right, bottom], [x_min, y_min, x_max, y_max] = box(frame - 1), box(frame)
+        own, before = np.zeros((2, HEIGHT, WIDTH), bool)
+        own[y_min : y_max + 1, x_min : x_max + 1] = before[top : bottom + 1, left : right + 1] = True
+        pixels = np.count_nonzero(own | before)
+        for measure in ("flicker", "change"):
+            whole, cropped = (found[name][frame - 1][measure] for name in ("whole", "cropped"))
+            assert abs(cropped - whole * np.sqrt(HEIGHT * WIDTH / pixels)) < 1e-6 * cropped, (measure, whole, cropped)
+        along = {name: found[name][frame - 1]["change-along"] / found[name][frame - 1]["change"] for name in found}
+        assert along["cropped"] < 0.5 and along["whole"] < 0.5, along
+
+
+def test_what_lies_elsewhere_is_refused_in_a_line(tmp_path):
+    """A mask, guides and a filled frame of another window."""
+    image, _ = disc(3)
+    own = np.random.default_rng(3).random((HEIGHT, WIDTH)) < DENSITY
+    sparse = {name: np.where(own, plane, np.float16(0)) for name, plane in colours(image).items()} | {"mask": own.astype(np.float16)}
+    here, there = (20, 20, 89, 69), (24, 23, 93, 72)
+    one, other = (write(tmp_path / f"{name}.exr", sparse, window) for name, window in (("one", here), ("other", there)))
+    filled = lambda path: lacuna("fill", path, "-o", tmp_path / f"filled.{path.name}", "--filter", "ss", "--no-estimate") and tmp_path / f"filled.{path.name}"
+    a, b = filled(one), filled(other)
+    result = lacuna("verify", one, b, ok=False)
+    assert result.status == 1 and result.stderr.count("(24, 23)-(93, 72), not (20, 20)-(89, 69)") == 1 and "pixel" not in result.stderr.split("data window")[1]
+    mask = write(tmp_path / "mask.exr", {"mask": own.astype(np.float16)}, there)
+    for words in (["compare", one, a, "--mask", f"file:{mask}"], ["fill", one, "-o", tmp_path / "x.exr", "--mask", f"file:{mask}"]):
+        result = lacuna(*words, ok=False)
+        assert result.status == 1 and result.stderr.count("the mask does not cover pixel (20, 20)") == 1, result.stderr
+    # A larger one serves by absolute coordinates.
+    larger = write(tmp_path / "larger.exr", {"mask": own.astype(np.float16)})
+    [frame], _ = compare(one, a, tmp_path, "--mask", f"file:{larger}")
+    assert frame["groups"][0]["measured_different"] == 0
+    albedo = {f"albedo.{name}": plane for name, plane in colours(image).items()}
+    guides = write(tmp_path / "guides.exr", albedo, there)
+    result = lacuna("fill", one, "-o", tmp_path / "x.exr", "--guides-from", guides, ok=False)
+    assert result.status == 1 and "data window" in result.stderr and not (tmp_path / "x.exr").exists(), result.stderr
+
+
+def test_neighbours_of_no_common_pixel_are_left_out(tmp_path):
+    """And windows wherever they are, of a single pixel as well."""
+    for frame, window in enumerate(((0, 0, 39, 39), (60, 0, 99, 39), (100, 60, 100, 60), (-30, -20, 9, 19)), 1):
+        x, y = window[:2]
+        own = np.random.default_rng(frame).random((window[3] - y + 1, window[2] - x + 1)) < 0.5
+        own[0, 0] = True
+        planes = {name: np.where(own, np.float16(0.1 * frame), np.float16(0)) for name in "RGB"} | {"mask": own.astype(np.float16)}
+        frames.write(tmp_path / f"s.{frame:04}.exr", planes, origin=(x, y), display=DISPLAY)
+    for motion in ("flow", "none"):
+        log = fill(tmp_path / "s.####.exr", tmp_path / motion, "--temporal", "3", "--motion", motion)
+        assert "filled without frame 2 (s.0002.exr): none of its samples lies in this frame" in log, log
+        for frame in range(1, 5):
+            source, filled = tmp_path / f"s.{frame:04}.exr", tmp_path / motion / f"s.{frame:04}.exr"
+            assert lacuna("verify", source, filled).status == 0

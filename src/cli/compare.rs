@@ -28,7 +28,8 @@ const MASK: &str =
 ///
 /// Per part, layer and group of channels (R, G and B of a layer together): MSE, RMSE, largest error, PSNR, relative MSE,
 /// PSNR of logarithms, SSIM, counts of NaN and infinities, on request CIELUV, FLIP, HDR-FLIP, flicker, in place or along the motion, and the reference's own change; over the whole
-/// image, over the missing pixels only, and where the reference's alpha is above 0. The tables go to standard output as
+/// image, over the missing pixels only, and where the reference's alpha is above 0. Pixels are compared by absolute coordinates: where data windows differ,
+/// a pixel that only one image has counts as 0 in the other, and that is said. The tables go to standard output as
 /// Markdown, unless a report goes there.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]

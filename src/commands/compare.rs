@@ -169,7 +169,7 @@ impl Work for Compare<'_> {
     }
 
     fn need(&self, item: &Item) -> Need {
-        memory::to_compare(&item.input).saturating_add(memory::to_compare(&item.output)).into()
+        memory::to_compare(&item.input, &item.output).into()
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
@@ -293,9 +293,14 @@ impl<'a> Compare<'a> {
         let file = path.map(|path| self.masks.get(path, limits)).transpose();
         let found = file.map_err(|error| Failure::at(&item.output, error)).and_then(|file| {
             let in_test = mask::find(test, source, file.as_deref());
-            // A mask for the reference serves as well: the windows of both are the same.
-            let found =
-                in_test.or_else(|error| mask::find(reference, source, file.as_deref()).map_err(|_| error));
+            // A mask for the reference serves as well, where the windows of both are the same.
+            let windows = |frame: &Frame| frame.parts.iter().map(|part| part.data_window).collect::<Vec<_>>();
+            let found = in_test.or_else(|error| match file.as_deref() {
+                file if windows(reference) == windows(test) => {
+                    mask::find(reference, source, file).map_err(|_| error)
+                }
+                _ => Err(error),
+            });
             found.map_err(|error| Failure::at(&item.output, error))
         });
         match found {
@@ -310,6 +315,11 @@ impl<'a> Compare<'a> {
                 }
                 let why = format!("was '{source}', which a filled frame does not show");
                 Ok((None, Some(apart(&why))))
+            }
+            Ok(masks) if self.job.mask.is_some() && masks.density().is_none() => {
+                let why = masks.why_none.iter().flatten().flatten().next().map_or("no mask", String::as_str);
+                let text = format!("--mask {source}: {why}: give a mask that covers the test image");
+                Err(Failure::at(&item.output, text))
             }
             Ok(masks) => Ok((Some(masks), None)),
             Err(failure) if self.job.mask.is_none() => {
@@ -334,7 +344,7 @@ impl<'a> Compare<'a> {
         let compared = |frame: &&FrameReport| frame.error.is_none() && frame.skipped.is_none();
         let known: Vec<&FrameReport> = frames.iter().filter(compared).collect();
         let unknown = gate.unknown(&known);
-        let why: Vec<String> = unknown.iter().map(|&measure| why_unknown(measure, &known)).collect();
+        let why: Vec<String> = unknown.iter().map(|&measure| why_unknown(measure)).collect();
         let mut first = true;
         for frame in &mut frames {
             if frame.groups.is_empty() && frame.error.is_none() && frame.skipped.is_none() {

@@ -3,6 +3,8 @@
 //! Pixels at which either value is not finite are counted and take no part in sums; for maps (SSIM, CIELUV, FLIP) such a
 //! value is 0, in both images if it is the reference's.
 
+use std::borrow::Cow;
+
 use lacuna_exr::{Frame, Part};
 use lacuna_filters::metric::error::{self, Options, Statistics};
 use lacuna_filters::metric::ssim::Similarity;
@@ -14,7 +16,8 @@ use super::images::Images;
 use super::measure::Measure;
 use super::model::{FrameReport, GroupReport, Measures, RegionReport, Settings};
 use super::values::{Clean, Values, chromaticities, differing, value};
-use crate::channels::{Name, channel_label, is_alpha, part_label};
+use super::windows::{self, Placed};
+use crate::channels::{Name, channel_label, is_alpha};
 use crate::mask::Masks;
 use crate::reconstruct::estimated_errors;
 
@@ -23,7 +26,7 @@ use crate::reconstruct::estimated_errors;
 pub enum Error {
     /// Their pixels are in different places.
     #[error(
-        "{what}: the data window is {reference} in the reference and {test} here; bring both to one {}",
+        "{what}: the data window is {reference} in the reference and {test} here, of another display window; bring both to one {}",
         if *same_size { "window, with 'oiiotool IN --crop WINDOW -o OUT' for example" }
         else { "size: render or resize one of them" }
     )]
@@ -93,19 +96,28 @@ pub fn compare(
     let mut report = FrameReport { mask: masks.map(|masks| masks.origin.clone()), ..FrameReport::default() };
     report.notes.extend(alone(&pairing.missing, "reference"));
     report.notes.extend(alone(&pairing.extra, "test image"));
-    for group in &pairing.groups {
-        let work = Work { reference, test, masks, settings, group };
-        let found = work.run(visit)?;
-        report.notes.extend(found.hidden.map(|_| hidden(&found)));
-        report.groups.push(found);
+    for groups in pairing.groups.chunk_by(|a, b| a.parts == b.parts) {
+        let placed = windows::place(reference, test, groups[0].parts)?;
+        report.notes.extend(placed.note.clone());
+        for group in groups {
+            let found = Work { reference, placed: &placed, masks, settings, group }.run(visit)?;
+            report.notes.extend(found.beyond.map(|count| beyond(&found, count)));
+            report.notes.extend(found.hidden.map(|_| hidden(&found)));
+            report.groups.push(found);
+        }
     }
     Ok(report)
+}
+
+/// What is said of values that only one of the images has.
+fn beyond(group: &GroupReport, count: usize) -> String {
+    format!("{}: {count} values that are not 0 lie in one of the data windows only", group.label())
 }
 
 /// One group at work.
 struct Work<'a> {
     reference: &'a Frame,
-    test: &'a Frame,
+    placed: &'a Placed<'a>,
     masks: Option<&'a Masks>,
     settings: &'a Settings,
     group: &'a Group,
@@ -116,38 +128,29 @@ type Region<'a> = (&'static str, Option<&'a [bool]>);
 
 impl Work<'_> {
     fn parts(&self) -> (&Part, &Part) {
-        (&self.reference.parts[self.group.parts.0], &self.test.parts[self.group.parts.1])
+        (&self.placed.parts.0, &self.placed.parts.1)
     }
 
     fn run(&self, visit: &mut dyn FnMut(&Images<'_>)) -> Result<GroupReport, Error> {
-        let (part, other) = self.parts();
-        if part.data_window != other.data_window {
-            let text = |part: &Part| {
-                let window = part.data_window;
-                format!("({}, {}) to ({}, {})", window.x_min, window.y_min, window.x_max, window.y_max)
-            };
-            let what = part_label(self.reference, self.group.parts.0);
-            let what = if what.is_empty() { "the frame".into() } else { what };
-            let same_size = part.size() == other.size();
-            return Err(Error::Windows { what, reference: text(part), test: text(other), same_size });
-        }
         let mask = self.mask();
-        let missing: Option<Vec<bool>> = mask.map(|mask| mask.as_slice().iter().map(|flag| !flag).collect());
+        let missing = self.missing();
+        let shown = self.shown();
         let alpha = self.alpha();
-        let mut regions: Vec<Region<'_>> = vec![("all", None)];
+        let mask = mask.as_deref();
+        let mut regions: Vec<Region<'_>> = vec![("all", shown.as_deref())];
         regions.extend(missing.as_deref().map(|flags| ("missing", Some(flags))));
         regions.extend(alpha.as_deref().map(|flags| ("alpha", Some(flags))));
-        let mut report = self.heading(mask);
+        let mut report = self.heading();
         if self.group.kind == Kind::Codes {
             report.regions = regions.iter().map(|&region| self.codes(region)).collect();
             self.measured(mask, &mut report);
             return Ok(report);
         }
-        self.floats(&regions, mask, &mut report, visit)?;
+        self.floats(&regions, (mask, missing.as_deref()), &mut report, visit)?;
         Ok(report)
     }
 
-    fn heading(&self, mask: Option<&Mask>) -> GroupReport {
+    fn heading(&self) -> GroupReport {
         let (part, _) = self.parts();
         let name = |&(channel, _): &(usize, usize)| part.channels[channel].display_name().into_owned();
         let size = part.size();
@@ -161,16 +164,57 @@ impl Work<'_> {
             peak: None,
             clipped: false,
             hidden: None,
-            density: mask.map(Mask::density),
+            beyond: self.beyond(),
+            density: self.own_mask().map(Mask::density),
             measured_max: None,
             measured_different: None,
             regions: Vec::new(),
         }
     }
 
-    fn mask(&self) -> Option<&Mask> {
+    /// The mask of the test image.
+    fn own_mask(&self) -> Option<&Mask> {
         let (_, channel) = *self.group.channels.first()?;
         self.masks?.get(self.group.parts.1, channel).map(|mask| &**mask)
+    }
+
+    /// The pixels that were measured.
+    fn mask(&self) -> Option<Cow<'_, Mask>> {
+        let (mask, on) = (self.own_mask()?, self.parts().0.data_window);
+        if self.placed.windows.1 == on {
+            return Some(Cow::Borrowed(mask));
+        }
+        Mask::new(on.size(), self.placed.windows.1.place(mask.as_slice(), on, false)).ok().map(Cow::Owned)
+    }
+
+    /// The pixels that were not measured, but that the test image has.
+    fn missing(&self) -> Option<Vec<bool>> {
+        let flags: Vec<bool> = self.own_mask()?.as_slice().iter().map(|flag| !flag).collect();
+        Some(self.placed.windows.1.place(&flags, self.parts().0.data_window, false))
+    }
+
+    /// The pixels that either image has; nothing if these are all.
+    fn shown(&self) -> Option<Vec<bool>> {
+        let (on, (a, b)) = (self.parts().0.data_window, self.placed.windows);
+        if on == a || on == b {
+            return None;
+        }
+        let [a, b] = [a, b].map(|own| own.place(&vec![true; own.size().pixels()], on, false));
+        Some(a.into_iter().zip(b).map(|(a, b)| a || b).collect())
+    }
+
+    /// The values that are not 0 in one image where the other one has no pixel, if there are any.
+    fn beyond(&self) -> Option<usize> {
+        let ((part, other), (a, b)) = (self.parts(), self.placed.windows);
+        if a == b {
+            return None;
+        }
+        let on = part.data_window;
+        let one = |&(at, to): &(usize, usize)| {
+            windows::beyond(&part.channels[at].samples, (on, b))
+                + windows::beyond(&other.channels[to].samples, (on, a))
+        };
+        Some(self.group.channels.iter().map(one).sum()).filter(|count| *count > 0)
     }
 
     /// Where the reference's alpha is above 0: that of the layer, else that of the part.
@@ -230,7 +274,7 @@ impl Work<'_> {
     fn floats(
         &self,
         regions: &[Region<'_>],
-        mask: Option<&Mask>,
+        (mask, missing): (Option<&Mask>, Option<&[bool]>),
         report: &mut GroupReport,
         visit: &mut dyn FnMut(&Images<'_>),
     ) -> Result<(), Error> {
@@ -280,6 +324,7 @@ impl Work<'_> {
             cieluv: colour.cieluv.as_ref(),
             flip: colour.flip.as_ref(),
             mask,
+            missing,
             estimate: estimate.as_ref(),
             window: part.data_window,
         });

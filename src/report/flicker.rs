@@ -1,17 +1,21 @@
 //! The change of the error from frame to frame: how much a result trembles where its reference does not.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use lacuna_exr::Frame;
+use lacuna_exr::{Frame, Window};
 use lacuna_filters::{Plane, Size};
 
 use super::groups::Kind;
 use super::images::Images;
 use crate::temporal;
 
+/// How many times as many pixels as both together the window may have that holds the windows of two frames.
+const LARGER: u64 = 4;
+
 /// The colours of one group of a frame.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Colours {
     /// Index of the part in the reference.
     part: usize,
@@ -23,6 +27,8 @@ pub struct Colours {
     reference: Vec<Plane>,
     /// The pixels that were not measured, if that is known.
     missing: Option<Vec<bool>>,
+    /// Where all of them lie.
+    window: Window,
 }
 
 /// What changed from one frame to the next: root mean squares over the channels, and over the pixels that are missing in either frame (all pixels,
@@ -87,9 +93,10 @@ impl Flicker {
         let pairs = images.reference.iter().zip(images.test);
         let errors = pairs.map(|(r, t)| map(t, &|at, own| error(own, r.pixels()[at]))).collect();
         let reference = images.reference.iter().map(|plane| map(plane, &|_, own| error(own, 0.0))).collect();
-        let missing = images.mask.map(|mask| mask.as_slice().iter().map(|flag| !flag).collect());
+        let missing = images.missing.map(<[bool]>::to_vec);
         let (part, channels) = (images.report.part, images.report.channels.clone());
-        Some((images.report.label(), Colours { part, channels, errors, reference, missing }))
+        let window = images.window;
+        Some((images.report.label(), Colours { part, channels, errors, reference, missing, window }))
     }
 
     /// Enters the groups of frame number `index` of the sequence, and its reference if motion is to be followed. Returns the pairs that are
@@ -119,6 +126,28 @@ impl Flicker {
     }
 }
 
+impl Colours {
+    /// On a window that holds theirs; where no mask is `known`, the pixels that they have are those that count.
+    fn on(&self, window: Window, known: bool) -> Cow<'_, Self> {
+        if self.window == window {
+            return Cow::Borrowed(self);
+        }
+        let plane = |plane: &Plane| {
+            Plane::new(window.size(), self.window.place(plane.pixels(), window, 0.0))
+                .unwrap_or_else(|_| plane.clone())
+        };
+        let own = if known { self.missing.clone() } else { Some(vec![true; self.window.size().pixels()]) };
+        Cow::Owned(Self {
+            errors: self.errors.iter().map(plane).collect(),
+            reference: self.reference.iter().map(plane).collect(),
+            missing: own.map(|flags| self.window.place(&flags, window, false)),
+            channels: self.channels.clone(),
+            part: self.part,
+            window,
+        })
+    }
+}
+
 impl Pair {
     /// What changed, group by group.
     pub fn changes(&self) -> Vec<Changed> {
@@ -127,22 +156,35 @@ impl Pair {
         for (label, now) in &self.now.groups {
             let Some(before) = self.before.groups.get(label) else { continue };
             let Some(still) = Changes::between(before, now) else { continue };
-            let places = motion.entry(now.part).or_insert_with(|| self.motion(now));
+            let places = motion.entry(now.part).or_insert_with(|| self.motion(before, now));
             let along = places.as_ref().and_then(|places| Changes::along(before, now, places));
             found.push(Changed { index: self.index, label: label.clone(), still, along });
         }
         found
     }
 
-    /// Where each pixel of the reference before lies in this one, as these colours show.
-    fn motion(&self, colours: &Colours) -> Option<Vec<[f32; 2]>> {
+    /// Where each pixel of the colours before lies in those of now, as the references show.
+    fn motion(&self, before: &Colours, now: &Colours) -> Option<Vec<[f32; 2]>> {
         let frames = (self.before.reference.as_ref()?, self.now.reference.as_ref()?);
-        temporal::between(frames, colours.part, &colours.channels)
+        let places = temporal::between(frames, now.part, &now.channels)?;
+        // Colours may have larger windows than the references, those of their test images as well.
+        let own = |frame: &Frame| frame.parts.get(now.part).map(|part| part.data_window);
+        let corner = now.window.corner_of(own(frames.1)?).map(|at| at as f32);
+        let places = own(frames.0)?.place(&places, before.window, [f32::NAN; 2]);
+        Some(places.into_iter().map(|[y, x]| [y + corner[0], x + corner[1]]).collect())
     }
 }
 
 impl Changes {
+    /// By absolute coordinates; a pixel that only one frame has is 0 in the other.
     fn between(before: &Colours, now: &Colours) -> Option<Self> {
+        let all = before.window.union(now.window);
+        if all.pixels() > LARGER.saturating_mul(before.window.pixels().saturating_add(now.window.pixels())) {
+            return None;
+        }
+        let known = before.missing.is_some() || now.missing.is_some();
+        let (before, now) = (before.on(all, known), now.on(all, known));
+        let (before, now) = (&*before, &*now);
         let missing = |at: usize| is_missing([(before, at), (now, at)]);
         let flicker = change((&before.errors, &now.errors), &missing)?;
         Some(Self { flicker, truth: change((&before.reference, &now.reference), &missing)? })
@@ -152,8 +194,7 @@ impl Changes {
     /// that are not known do not count.
     fn along(before: &Colours, now: &Colours, places: &[[f32; 2]]) -> Option<Self> {
         let size = now.errors.first()?.size();
-        let same = |colours: &Colours| colours.errors.iter().all(|plane| plane.size() == size);
-        if !same(before) || !same(now) || before.errors.len() != now.errors.len() {
+        if places.len() != before.window.size().pixels() || before.errors.len() != now.errors.len() {
             return None;
         }
         let inside = |[y, x]: [f32; 2]| {
@@ -218,11 +259,16 @@ fn change((before, now): (&[Plane], &[Plane]), counts: &dyn Fn(usize) -> bool) -
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::window;
+
     /// An error, and a reference that is twice as large.
     fn colours(value: f32, missing: Option<Vec<bool>>) -> Vec<(String, Colours)> {
         let plane = |value: f32| vec![Plane::new(Size::new(1, 2), vec![value, 0.0]).unwrap()];
         let (errors, reference) = (plane(value), plane(2.0 * value));
-        vec![("RGB".into(), Colours { part: 0, channels: Vec::new(), errors, reference, missing })]
+        vec![(
+            "RGB".into(),
+            Colours { part: 0, channels: Vec::new(), errors, reference, missing, window: window(0, 0, 2, 1) },
+        )]
     }
 
     fn enter(flicker: &mut Flicker, index: usize, groups: Vec<(String, Colours)>) -> Vec<(usize, Changes)> {
@@ -244,6 +290,22 @@ mod tests {
         }
         assert_eq!(enter(&mut flicker, 4, colours(1.0, None)), []);
         assert_eq!(enter(&mut flicker, 3, colours(3.0, None)), [of(3, 0.0), of(4, 2.0 * root)]);
+    }
+
+    /// What moves by a pixel along with its window has changed by what lies in each place before and now.
+    #[test]
+    fn pixels_of_two_windows_are_those_of_one_place() {
+        let moved = |x: i32| {
+            let mut all = colours(3.0, None);
+            all[0].1.window = window(x, 0, 2, 1);
+            all
+        };
+        let mut flicker = Flicker::default();
+        enter(&mut flicker, 0, moved(5));
+        let found = enter(&mut flicker, 1, moved(6));
+        // 3 0 and then 0 3 0, of which the first pixel has gone.
+        assert!((found[0].1.flicker - 6.0_f64.sqrt()).abs() < 1e-15, "{found:?}");
+        assert!(enter(&mut flicker, 2, moved(1 << 20)).is_empty());
     }
 
     #[test]
@@ -270,6 +332,7 @@ mod tests {
                 reference: vec![error.clone()],
                 errors: vec![error],
                 missing: None,
+                window: window(0, 0, 9, 6),
             }
         };
         let (before, now) = (colours(0.0, 0.0), colours(1.5, 0.25));

@@ -102,6 +102,9 @@ impl Gate {
         if !self.below.iter().chain(&self.above).any(sees) {
             failures.extend(frame.groups.iter().filter_map(hidden));
         }
+        let whole = |bound: &Bound| bound.region == "all" && !bound.measure.is_change();
+        let sees = self.below.iter().chain(&self.above).any(whole);
+        failures.extend(judged(frame).into_iter().filter_map(|group| beyond(group, sees)));
         for (bounds, below) in [(&self.below, true), (&self.above, false)] {
             for bound in bounds.iter().filter(due) {
                 let groups = bounded(frame, bound);
@@ -115,34 +118,25 @@ impl Gate {
     }
 }
 
-/// What is said of a measure of changes that none of these frames, those that were compared, has.
-pub fn why_unknown(measure: Measure, frames: &[&FrameReport]) -> String {
-    let size = |frame: &FrameReport| frame.main_group().map(|group| group.size);
-    let mut pairs = frames.windows(2).filter_map(|pair| Some((size(pair[0])?, size(pair[1])?)));
-    if let Some((before, now)) = pairs.find(|(before, now)| before != now) {
-        let text = |(rows, columns): (usize, usize)| format!("{columns} x {rows} pixels");
-        return format!(
-            "no frame has {}: the data windows of frames in a row differ ({}, then {}); write all frames with one window \
-             (renderers: no automatic crop)",
-            measure.name(),
-            text(before),
-            text(now)
-        );
-    }
+/// What is said of a measure of changes that none of the frames that were compared has.
+pub fn why_unknown(measure: Measure) -> String {
     let motion = if measure.follows_motion() { " whose motion is known" } else { "" };
     format!("no frame has {}: it takes a sequence, frames in a row{motion}", measure.name())
 }
 
 /// The groups that a bound is for.
 fn bounded<'a>(frame: &'a FrameReport, bound: &Bound) -> Vec<&'a GroupReport> {
+    let counts = |group: &&GroupReport| {
+        group.kind != Kind::Codes || matches!(bound.measure, Measure::Different | Measure::Pixels)
+    };
+    if bound.measure.is_count() { frame.groups.iter().filter(counts).collect() } else { judged(frame) }
+}
+
+/// The colours of a frame, else its groups of floats.
+fn judged(frame: &FrameReport) -> Vec<&GroupReport> {
     let of = |keep: &dyn Fn(Kind) -> bool| -> Vec<_> {
         frame.groups.iter().filter(|group| keep(group.kind)).collect()
     };
-    if bound.measure.is_count() {
-        return of(&|kind| {
-            kind != Kind::Codes || matches!(bound.measure, Measure::Different | Measure::Pixels)
-        });
-    }
     let colours = of(&|kind| kind == Kind::Colour);
     if colours.is_empty() { of(&|kind| kind != Kind::Codes) } else { colours }
 }
@@ -163,6 +157,14 @@ fn hidden(group: &GroupReport) -> Option<String> {
     let largest = group.region("all")?.measures.get(Measure::Max)?;
     let why = "differs only where values are clipped, which no bound sees: give --peak, or --no-clip";
     (largest == 0.0).then(|| format!("{} {why}", group.label()))
+}
+
+/// Values beyond one of the data windows, where no bound is over the whole image, or clipping leaves nothing of them.
+fn beyond(group: &GroupReport, sees: bool) -> Option<String> {
+    let count = group.beyond?;
+    let largest = group.region("all")?.measures.get(Measure::Max);
+    let why = "values that are not 0 lie in one of the data windows only, which no bound sees: give one over the whole image";
+    (!sees || largest == Some(0.0)).then(|| format!("{}: {count} {why}", group.label()))
 }
 
 /// The value that a bound is for. Changes are known of missing pixels alone where there is a mask, and need not be called so.

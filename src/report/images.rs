@@ -22,8 +22,10 @@ pub struct Images<'a> {
     pub flip: Option<&'a Plane>,
     /// Which pixels were measured.
     pub mask: Option<&'a Mask>,
+    /// Which pixels of the test image were not.
+    pub missing: Option<&'a [bool]>,
     /// The estimated error of each pixel, where the test image has it.
     pub estimate: Option<&'a Plane>,
-    /// The data window.
+    /// The data window, that of both.
     pub window: Window,
 }

@@ -21,6 +21,7 @@ mod model;
 #[cfg(test)]
 mod tests;
 mod values;
+mod windows;
 
 pub use compare::{Error, compare};
 pub use csv::csv;
@@ -35,3 +36,4 @@ pub use maps::Maps;
 pub use markdown::markdown;
 pub use measure::{Measure, Wanted};
 pub use model::{Comparison, FrameReport, GroupReport, Measures, RegionReport, Settings};
+pub use windows::of_headers;

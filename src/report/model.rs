@@ -99,6 +99,8 @@ pub struct GroupReport {
     pub clipped: bool,
     /// The share of the values that differ only where clipping makes them equal, if it is more than a twentieth.
     pub hidden: Option<f64>,
+    /// The values that are not 0 and that only one of the images has, if their data windows differ and there are any.
+    pub beyond: Option<usize>,
     /// Measured pixels over all, where a mask serves the group.
     pub density: Option<f64>,
     /// Largest absolute error on measured pixels, unclipped.

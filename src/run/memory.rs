@@ -145,9 +145,20 @@ pub fn to_enlarge(path: &Path, enlarge: &Enlarge) -> u64 {
     parts.iter().map(part).fold(0, u64::saturating_add)
 }
 
-/// Bytes that one side of a comparison needs, the maps of the measures included; 0 if its header cannot be read.
-pub fn to_compare(path: &Path) -> u64 {
-    Taken { each: COMPARING, whole: 48, ..Taken::COPY }.of(path)
+/// Bytes that a comparison of two files needs, the maps of the measures included; 0 for one whose header cannot be read. Frames whose windows differ
+/// stand on those of both as well.
+pub fn to_compare(reference: &Path, test: &Path) -> u64 {
+    let [a, b] = [reference, test].map(|path| read_header(path).unwrap_or_default());
+    let side = |own: &[PartHeader], other: &[PartHeader]| {
+        let mut placed = own.to_vec();
+        for (part, other) in placed.iter_mut().zip(other) {
+            part.data_window = crate::report::of_headers(part, other);
+        }
+        let more = if placed == own { 0 } else { memory_needed(own) };
+        let taken = Taken { each: COMPARING, whole: 48, ..Taken::COPY };
+        if placed.is_empty() { 0 } else { taken.of_parts(&placed).saturating_add(more) }
+    };
+    side(&a, &b).saturating_add(side(&b, &a))
 }
 
 /// Bytes that reading, copying and writing a frame needs; 0 if its header cannot be read.
@@ -181,13 +192,17 @@ impl Taken {
 
     /// Bytes, reading included; 0 if the header cannot be read.
     fn of(self, path: &Path) -> u64 {
-        let Ok(parts) = read_header(path) else { return 0 };
+        read_header(path).map_or(0, |parts| self.of_parts(&parts))
+    }
+
+    /// The same of parts.
+    fn of_parts(self, parts: &[PartHeader]) -> u64 {
         let kept = |part: &PartHeader| {
             let kinds: u64 = part.channels.iter().map(|header| header.kind.bytes() as u64).sum();
             // The mask itself is there as a whole.
             all(part.data_window.size()).saturating_mul(if self.copy { kinds } else { MASK })
         };
-        let kept = parts.iter().map(kept).fold(memory_needed(&parts), u64::saturating_add);
+        let kept = parts.iter().map(kept).fold(memory_needed(parts), u64::saturating_add);
         let work = parts.iter().map(|part| self.work(part));
         // Parts are filled one after the other.
         kept.saturating_add(if self.copy {

@@ -122,15 +122,18 @@ impl Found {
     /// Refuses a neighbour beyond a cut, or of a motion that cannot be true: motion that is estimated from the frame itself bends anything
     /// towards it, which held-out pixels cannot tell.
     fn shows_the_same(self, asked: Option<&Asked>, reference: &Reference<'_>) -> Result<Self, String> {
-        match asked {
-            Some(asked)
-                if explained(&asked.at(reference.mask.size(), &self.places), &reference.filled)
-                    < EXPLAINED =>
-            {
-                Err(format!("it shows something else (by {} it does not agree with this frame)", self.how))
-            }
-            _ => Ok(self),
+        let Some(asked) = asked else { return Ok(self) };
+        let carried = asked.at(reference.mask.size(), &self.places);
+        if carried.is_empty() {
+            return Err(format!("none of its samples lies in this frame (by {})", self.how));
         }
+        if explained(&carried, &reference.filled) < EXPLAINED {
+            return Err(format!(
+                "it shows something else (by {} it does not agree with this frame)",
+                self.how
+            ));
+        }
+        Ok(self)
     }
 
     fn of<'a>(self, neighbour: &'a Neighbour, part: usize, reference: &Reference<'_>) -> Carrier<'a> {
