@@ -114,6 +114,28 @@ def test_vectors_of_any_convention_are_understood(tmp_path, sign, y_up, unit):
     assert psnr(tmp_path / "along", 3, shows(3)) > psnr(tmp_path / "alone", 3, shows(3)) + 2
 
 
+@pytest.mark.parametrize("factor, ways", [(1, ["vectors", "vectors"]), (0.5, ["flow", "vectors"])])
+def test_vectors_give_way_to_estimated_motion_where_that_is_clearly_better(tmp_path, factor, ways):
+    dy, dx = 1.2, -1.8
+
+    def shows(frame):
+        y, x = np.indices((HEIGHT, WIDTH), np.float32)
+        y, x = y - dy * frame, x - dx * frame
+        waves = 0.2 * np.sin(0.35 * y + 0.1 * x) * np.cos(0.3 * x)
+        return np.stack([0.4 + waves, 0.5 + 0.5 * waves, 0.5 - waves], axis=-1).astype(np.float16)
+
+    vector = lambda length: lambda _: np.full((HEIGHT, WIDTH), factor * length, np.float32)
+    source = write(tmp_path, shows, motion_X=vector(dx), motion_Y=vector(dy))
+    found = {}
+    for motion, way in zip(("auto", "vectors"), ways):
+        log = fill(source, tmp_path / motion, "--temporal", "2", "--motion", motion, "--frames", "3").stderr
+        assert f"along with frames 1, 2, 4, 5 by {way}" in log, log
+        line = "along by flow, not by vectors motion.X and motion.Y in pixels to the next frame, y down: it misses held-out samples by "
+        assert log.count(line) == (way == "flow"), log
+        found[motion] = psnr(tmp_path / motion, 3, shows(3))
+    assert found["auto"] > found["vectors"] + 2 if "flow" in ways else found["auto"] == found["vectors"], found
+
+
 def test_what_is_told_of_frames_along_is_true(tmp_path):
     """Where other frames know all but the grain, errors at missing pixels are those at held-out ones, which stand in emptier places of this frame's pattern."""
     dy, dx = 1.6, -2.3

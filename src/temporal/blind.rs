@@ -20,6 +20,8 @@ pub struct Blind {
     pub filled: Planes,
     /// All pixels, filled from all samples.
     pub whole: Planes,
+    /// The samples that judge.
+    pub judges: Vec<usize>,
     /// Whether nothing moves.
     pub still: bool,
 }
@@ -42,7 +44,7 @@ impl Blind {
             Some((neighbour.offset.unsigned_abs(), misses))
         });
         let still = still(own, &others.collect::<Vec<_>>());
-        Some(Self { filled, whole, still })
+        Some(Self { filled, whole, judges, still })
     }
 }
 

@@ -8,6 +8,7 @@ use lacuna_filters::temporal::{Carried, Judge, explained, flow};
 use lacuna_filters::{Mask, Planes, Size};
 
 use super::blind::Blind;
+use super::doubt::outdone;
 use super::fit::{self, Shape, misfit};
 use super::neighbours::FrameRef;
 use super::paths::Paths;
@@ -23,14 +24,14 @@ const EXPLAINED: f64 = 0.5;
 const ASKED: usize = 1 << 14;
 
 /// Some of a neighbour's samples, by which its motion is judged.
-struct Asked {
+pub(super) struct Asked {
     samples: Planes,
     mask: Mask,
 }
 
 impl Asked {
     /// Nothing if the neighbour lacks some of these channels.
-    fn new(neighbour: &Neighbour, part: usize, names: &[String]) -> Option<Self> {
+    pub(super) fn new(neighbour: &Neighbour, part: usize, names: &[String]) -> Option<Self> {
         let (samples, mask) = measured(neighbour, part, names)?;
         let every = mask.count().div_ceil(ASKED).max(1);
         let mut flags = mask.as_slice().to_vec();
@@ -40,7 +41,7 @@ impl Asked {
     }
 
     /// At these places of all pixels, in an image of that size.
-    fn at(&self, size: Size, places: &[[f32; 2]]) -> Carried {
+    pub(super) fn at(&self, size: Size, places: &[[f32; 2]]) -> Carried {
         Carried::new(size, (&self.samples, &self.mask), 1, |at| places[at]).unwrap_or_default()
     }
 }
@@ -75,7 +76,7 @@ pub struct Carrier<'a> {
     size: Size,
     corner: [i64; 2],
     places: Places,
-    /// The same by motion that does not know the samples that judge, where it was estimated.
+    /// The same by motion that does not know the samples that judge, where it was estimated or measured along with them.
     judged: Option<Places>,
     /// What the motion is known from.
     pub how: String,
@@ -158,12 +159,20 @@ pub fn carriers<'a>(
         misfit(&Shape::from(&frame.parts[part]), other.as_ref())
     };
     let fitting: Vec<&Neighbour> = neighbours.all.iter().filter(|one| misfit(one).is_none()).collect();
-    let paths = if matches!(motion, Motion::Auto | Motion::Vectors) {
+    let mut paths = if matches!(motion, Motion::Auto | Motion::Vectors) {
         paths((frame, masks, part), &fitting, reference)
     } else {
         [None, None]
     };
     let blind = LazyCell::new(|| Blind::new(reference, &fitting, part));
+    let examined = (motion == Motion::Auto).then(|| outdone(&paths, &fitting, part, reference, &blind));
+    let motion = if let Some(why) = examined.flatten() {
+        notes.push(format!("{}{why}", in_part(frame, part, ": ")));
+        paths = [None, None];
+        Motion::Flow
+    } else {
+        motion
+    };
     for neighbour in &neighbours.all {
         let made = if let Some(why) = misfit(neighbour) {
             Err(why)
@@ -173,8 +182,7 @@ pub fn carriers<'a>(
             carrier((frame, part), (neighbour, asked.as_ref()), (motion, paths), (reference, &blind))
                 .and_then(|found| found.shows_the_same(asked.as_ref(), reference))
         };
-        let label = part_label(frame, part);
-        let label = if label.is_empty() { label } else { format!("{label} of ") };
+        let label = in_part(frame, part, " of ");
         match made {
             Ok(made) => {
                 let how = &made.how;
@@ -189,6 +197,12 @@ pub fn carriers<'a>(
     (found, notes)
 }
 
+/// What a line says of a part, if the frame has several, before what else it says.
+fn in_part(frame: &Frame, part: usize, then: &str) -> String {
+    let label = part_label(frame, part);
+    if label.is_empty() { label } else { label + then }
+}
+
 /// What vectors say of the neighbours before and of those after the frame.
 fn paths(
     (frame, masks, part): (&Frame, &Masks, usize),
@@ -201,7 +215,7 @@ fn paths(
         let side = side.map(|one| (one.offset, one.source()));
         Some(Paths::new(
             [(0, FrameRef::whole(frame, masks))].into_iter().chain(side),
-            (part, reference.window),
+            (part, reference.window, reference.mask),
             chosen[later].take()?,
         ))
     })
@@ -218,7 +232,7 @@ fn carrier(
     if let Some(paths) = paths
         && let Some(places) = paths.places(neighbour.offset)
     {
-        return Ok(make(places, &paths.name()));
+        return Ok(Found { judged: paths.judged(neighbour.offset), ..make(places, &paths.name()) });
     }
     if motion == Motion::Vectors {
         return Err(vectors::why_none(neighbour, part).into());

@@ -4,6 +4,7 @@ mod between;
 mod blind;
 mod camera;
 mod carriers;
+mod doubt;
 mod fit;
 mod kept;
 mod neighbours;
