@@ -44,8 +44,9 @@ impl Standing<'_> {
     pub fn complete(&self, carried: &mut [Carried], fills: &[Planes]) {
         let own = self.around(self.held.at.iter().copied().zip(self.squares()));
         let mut taken = vec![false; self.held.at.len()];
+        let mut known = vec![false; self.mask.size().pixels()];
         for (frame, (carried, fill)) in carried.iter_mut().zip(fills).enumerate() {
-            let lack = self.lack(carried);
+            let lack = self.lack(carried, &mut known);
             let share = self.share(carried, fill, &own);
             for (i, &at) in self.held.at.iter().enumerate() {
                 let drawn = hash(SEED + frame as u64, u64::from(at)) as f64 / u64::MAX as f64;
@@ -64,13 +65,14 @@ impl Standing<'_> {
         }
     }
 
-    /// The part of missing pixels that has a sample of the other frame, less that of measured ones.
-    fn lack(&self, carried: &Carried) -> f64 {
-        let mut known = vec![false; self.mask.size().pixels()];
+    /// The part of missing pixels that has a sample of the other frame, less that of measured ones; of those that no frame before it has shown, as
+    /// drawn without regard to these, pixels that some frame shows would stay empty. Then it has shown its own.
+    fn lack(&self, carried: &Carried, known: &mut [bool]) -> f64 {
+        let before = known.to_vec();
         carried.pixels(self.mask.size()).for_each(|at| known[at] = true);
         let mut counts = [[0_usize; 2]; 2];
-        let pixels = self.mask.as_slice().iter().zip(&known).enumerate();
-        for (_, (&own, &other)) in pixels.filter(|(at, _)| carried.covers(*at)) {
+        let pixels = self.mask.as_slice().iter().zip(&*known).enumerate();
+        for (_, (&own, &other)) in pixels.filter(|(at, _)| !before[*at] && carried.covers(*at)) {
             counts[usize::from(own)][usize::from(other)] += 1;
         }
         let [missing, measured] = counts.map(|[no, yes]| yes as f64 / (no + yes).max(1) as f64);
@@ -161,6 +163,26 @@ mod tests {
     fn a_frame_that_shows_the_same_gives_what_was_measured() {
         let same = given(&planes(|y, x| 0.5 + 0.3 * (0.9 * y as f32 + 0.7 * x as f32).sin()));
         assert!(same.len() > 200 && same.iter().all(|(given, measured)| given == measured));
+    }
+
+    /// Each shows half of the missing pixels, and both show all.
+    #[test]
+    fn what_some_frame_shows_of_missing_pixels_is_given_to_held_out_ones() {
+        let truth = planes(|y, x| 0.5 + 0.01 * (y + x) as f32);
+        let mask = Mask::from_fn(SIZE, |y, x| (y + 2 * x) % 5 == 0);
+        let at: Vec<u32> = (0..3600).filter(|&at| mask.as_slice()[at as usize] && at % 3 == 0).collect();
+        let predicted = vec![vec![0.0; at.len()]];
+        let held = HeldOut { at, predicted, variance: Vec::new() };
+        let place = |at: usize| [(at / 60) as f32, (at % 60) as f32];
+        let mut carried = [1, 3].map(|first| {
+            let beside = Mask::from_fn(SIZE, |y, x| (first..first + 2).contains(&((y + 2 * x) % 5)));
+            Carried::new(SIZE, (&truth, &beside), 1, place).unwrap()
+        });
+        let count = |carried: &[Carried]| carried.iter().map(Carried::len).sum::<usize>();
+        let before = count(&carried);
+        let standing = Standing { samples: &truth, mask: &mask, filled: &truth, held: &held, less: 0.5 };
+        standing.complete(&mut carried, &[truth.clone(), truth.clone()]);
+        assert_eq!(count(&carried) - before, held.at.len());
     }
 
     #[test]
