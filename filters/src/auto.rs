@@ -49,7 +49,7 @@ use std::sync::{Arc, OnceLock};
 
 use crate::descriptor::{Configured, Descriptor, Memory, Takes};
 use crate::domain::Map;
-use crate::estimate::{Evidence, Excerpt, Fold, Folds, HELD_OUT, HeldOut, Kind, Voronoi};
+use crate::estimate::{Evidence, Excerpt, Fold, Folds, HELD_OUT, HeldOut, Kind, Rounds, Voronoi};
 use crate::network;
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
@@ -153,7 +153,7 @@ pub struct Blend {
 
 impl Plan for Blend {
     fn reconstruct(&self, samples: &Planes, out: &mut Planes, run: &Run<'_>) -> Result<Outcome, Error> {
-        Ok(self.choose((samples, Map::Linear), (None, &[]), false, out, run)?.0)
+        Ok(self.choose((samples, Map::Linear), (None, &[]), None, out, run)?.0)
     }
 
     fn reconstruct_roughly(
@@ -277,7 +277,7 @@ impl Blend {
         &self,
         (samples, map): (&Planes, Map),
         (guides, carried): (Option<&Guides>, &[Carried]),
-        learn: bool,
+        learn: Option<Rounds<'_>>,
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<(Outcome, Effect), Error> {
@@ -287,16 +287,16 @@ impl Blend {
         }
         let (guided, guides) = self.guided(samples, guides, run)?;
         // What other frames know is learned from all of the image.
-        let tiles_do = learn && carried.iter().all(Carried::is_empty);
+        let tiles_do = learn.is_some() && carried.iter().all(Carried::is_empty);
         let (mut all, on_tiles) = self.worth_trying(guided, (samples, map), tiles_do, run)?;
-        if let (Some(held), [only]) = (on_tiles, &all[..])
-            && let Some(done) = self.alone((only, held), samples, out, run)?
+        if let (Some(held), [only], Some(rounds)) = (on_tiles, &all[..], learn)
+            && let Some(done) = self.alone((only, held), samples, rounds, out, run)?
         {
             return Ok(done);
         }
         let mut held = Vec::new();
         let voronoi = (all.len() > 1).then(|| Voronoi::new(&self.mask));
-        if all.len() > 1 || learn {
+        if all.len() > 1 || learn.is_some() {
             held = self.held_out((&mut all, voronoi.as_ref()), (samples, map), run)?;
         }
         if run.interrupted().is_some() {
@@ -320,13 +320,13 @@ impl Blend {
                 outcome.stop = stop;
             }
         }
-        if learn {
+        if let Some(rounds) = learn {
             // What other frames know is not in the simulation.
             let known = effect.along.is_none().then_some(&*out);
             let share = |&k: &usize| weights.share(k);
             let most = (0..all.len()).max_by(|a, b| share(a).total_cmp(&share(b))).unwrap_or(0);
             let evidence =
-                self.evidence(&all[most], (held.swap_remove(most), near), (samples, known), run)?;
+                self.evidence(&all[most], (held.swap_remove(most), near), (samples, known), rounds, run)?;
             effect.evidence = Some(Evidence { own, ..evidence });
         }
         Ok((outcome, effect))
@@ -395,6 +395,7 @@ impl Blend {
         most: &Candidate<'_>,
         (held, mut near): (HeldOut, HeldOut),
         (samples, filled): (&Planes, Option<&Planes>),
+        rounds: Rounds<'_>,
         run: &Run<'_>,
     ) -> Result<Evidence, Error> {
         let kind = most.kind;
@@ -418,7 +419,7 @@ impl Blend {
         let deep = HeldOut::deep((samples, &self.mask), self.folds, kind, false, &mut again)?;
         let mut evidence = Evidence::new(kind, self.folds, &near, &shallow, &deep);
         if let Some(filled) = filled {
-            evidence.known((samples, &self.mask), filled, self.folds, &mut again, run)?;
+            evidence.known((samples, &self.mask), filled, (self.folds, rounds), &mut again, run)?;
         }
         Ok(evidence)
     }

@@ -34,7 +34,7 @@ use lacuna_core::parallel::prelude::*;
 
 use crate::choose::Chosen;
 use crate::domain::{Domain, Map};
-use crate::estimate::Verdict;
+use crate::estimate::{Repeated, Verdict};
 use crate::limiter::Moved;
 use crate::noise::Noise;
 use crate::temporal::Carried;
@@ -99,6 +99,9 @@ pub struct Options<'a> {
     pub carried: &'a [Carried],
     /// What is to be said of the error.
     pub estimate: Estimate,
+    /// What groups of the same frame share where pixels were chosen in rounds: colours first, then the others, which take their
+    /// repetition of the rounds over.
+    pub repeated: Option<&'a Repeated>,
     /// The value of light that counts as white: what is said of errors is said of light clipped to 0 and it.
     pub peak: f32,
     /// What is known of the noise of the samples, which then are smoothed, as far as it asks for ([`crate::noise`]); the method is for
@@ -121,6 +124,7 @@ impl Default for Options<'_> {
             compared: false,
             carried: &[],
             estimate: Estimate::No,
+            repeated: None,
             peak: 1.0,
             noise: Noise::None,
         }

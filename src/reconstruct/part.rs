@@ -9,6 +9,8 @@ use half::slice::HalfFloatSliceExt;
 use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::baseline::nearest::NearestMap;
+use lacuna_filters::estimate::Repeated;
+use lacuna_filters::fill::Values;
 use lacuna_filters::limiter::Moved;
 use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Mask, Plane, Run};
@@ -120,11 +122,14 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
         (work.job.noise != NoiseSource::None).then(|| Job { noise: NoiseSource::None, ..work.job.clone() });
     let plain = Work { job: noiseless.as_ref().unwrap_or(work.job), ..*work };
     let mut filled = Vec::new();
+    let repeated = Repeated::default();
     for (work, groups) in [(work, noisy), (&plain, telling)] {
-        for (group, method) in learned::assign(part, groups, &work.job.method) {
+        let mut assigned = learned::assign(part, groups, &work.job.method);
+        assigned.sort_by_key(|(group, _)| group.values != Values::Light);
+        for (group, method) in assigned {
             filled.extend(filter::filter(
                 frame,
-                (work, &carriers),
+                (work, &carriers, &repeated),
                 (&group, method),
                 &mut targets,
                 &mut done,

@@ -16,7 +16,7 @@ use std::iter::successors;
 use std::sync::Arc;
 
 use super::{Blend, Candidate, candidates, once};
-use crate::estimate::{Evidence, HeldOut, Kind};
+use crate::estimate::{Evidence, HeldOut, Kind, Rounds};
 use crate::sampling::leave_out;
 use crate::variational::guided::Effect;
 use crate::variational::ss;
@@ -36,6 +36,7 @@ impl Blend {
         &self,
         (only, [held, plainly]): (&Candidate<'_>, [HeldOut; 2]),
         samples: &Planes,
+        rounds: Rounds<'_>,
         out: &mut Planes,
         run: &Run<'_>,
     ) -> Result<Option<(Outcome, Effect)>, Error> {
@@ -70,7 +71,7 @@ impl Blend {
             self.mask.restore(samples, out);
         }
         let splines = Candidate::of((&ss::DESCRIPTOR, Box::new(ss::Settings::default())));
-        let evidence = self.evidence(&splines, (plainly, near), (samples, Some(&*out)), run)?;
+        let evidence = self.evidence(&splines, (plainly, near), (samples, Some(&*out)), rounds, run)?;
         let evidence = Some(Evidence { by_tiles: variance, ..evidence });
         Ok(Some((outcome, Effect { shares: vec![(only.name, 1.0)], evidence, ..Effect::default() })))
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::held_out::{DEEP, Folds, HeldOut, ReconstructPart};
-use super::repetition::Repetition;
+use super::repetition::{Repetition, Rounds};
 use super::simulation::Simulation;
 use super::variance::Kind;
 use crate::{Error, Mask, Planes, Run};
@@ -37,6 +37,7 @@ impl Evidence {
         (samples, mask): (&Planes, &Mask),
         filled: Option<&Planes>,
         (folds, kind): (Folds, Kind),
+        rounds: Rounds<'_>,
         reconstruct: &mut ReconstructPart<'_>,
         run: &Run<'_>,
     ) -> Result<Self, Error> {
@@ -49,7 +50,7 @@ impl Evidence {
         let deep = HeldOut::deep((samples, mask), folds, kind, filled.is_none(), reconstruct)?;
         let mut own = Self::new(kind, folds, &near, &near, &deep);
         if let Some(filled) = filled {
-            own.known((samples, mask), filled, folds, reconstruct, run)?;
+            own.known((samples, mask), filled, (folds, rounds), reconstruct, run)?;
         }
         Ok(own)
     }
@@ -62,12 +63,13 @@ impl Evidence {
         &mut self,
         (samples, mask): (&Planes, &Mask),
         filled: &Planes,
-        folds: Folds,
+        (folds, rounds): (Folds, Rounds<'_>),
         reconstruct: &mut ReconstructPart<'_>,
         run: &Run<'_>,
     ) -> Result<(), Error> {
         self.simulation = Simulation::new(mask, filled, folds, reconstruct)?;
-        self.repetition = Repetition::new((samples, mask), filled, (folds, &self.near), reconstruct, run)?;
+        self.repetition =
+            Repetition::new((samples, mask), filled, (folds, &self.near), rounds, reconstruct, run)?;
         Ok(())
     }
 
@@ -107,7 +109,7 @@ impl Evidence {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::Excerpt;
+    use crate::estimate::{Excerpt, Repeated};
     use crate::{Plane, Size};
 
     #[test]
@@ -127,6 +129,7 @@ mod tests {
             (&samples, &mask),
             None,
             (Folds { seed: 3 }, Kind::Distance),
+            Rounds { repeated: &Repeated::default(), are_colours: true },
             &mut fill,
             &Run::default(),
         )

@@ -30,7 +30,7 @@
 //! uses the same.
 //!
 //! Cost: a fill without a tenth of the samples (up to ten of them where there are few) and one without half of them, of large frames in tiles that
-//! are spread over it ([`Excerpt`]); two of a smaller image (a quarter of the pixels or less, 384 x 384 at most), or after rounds the rounds once more and a fill, of frames beyond 2.1 million pixels in sixteen windows; the four nearest samples of each held-out one and of 40000 missing pixels.
+//! are spread over it ([`Excerpt`]); two of a smaller image (a quarter of the pixels or less, 384 x 384 at most), or after rounds four rounds once more (of colours) and a fill, of frames beyond 2.1 million pixels in sixteen windows; the four nearest samples of each held-out one and of 40000 missing pixels.
 //! The plane: the nearest samples of every missing pixel, and four blurs. Memory: six planes.
 //!
 //! Samples that stand close together must not speak for all of the image. Where samples lie unevenly, `m` is the root of the number of missing
@@ -44,8 +44,8 @@
 //! same scenes as the share. Samples that were put where errors are bound nothing that none of them has met, as thin vessels between those of
 //! the first round: where the interval would be a bound, nothing is told.
 //!
-//! Where samples were put where errors are, held-out samples do not show what the rounds passed over. So the rounds are repeated on the filled frame
-//! ([`Repetition`]), and what the repetition misses is the least that is told: without it thin vessels were told 6 dB too good after rounds, and 10 dB
+//! Where samples were put where errors are, held-out samples do not show what the rounds passed over. So rounds are repeated on the filled frame
+//! ([`Repetition`]; other groups than colours take over what these chose), and what the repetition misses is the least that is told: without it thin vessels were told 6 dB too good after rounds, and 10 dB
 //! where guides filled them.
 //!
 //! Fails: details that no sample has seen anywhere; a method whose error at a sample is not that beside it (one that smooths its samples). Noise that grows
@@ -58,7 +58,7 @@
 
 mod evidence;
 mod excerpt;
-mod held_out;
+pub(crate) mod held_out;
 mod kriging;
 mod lattice;
 mod model;
@@ -73,7 +73,7 @@ pub use evidence::Evidence;
 pub use excerpt::Excerpt;
 pub use held_out::{Fold, Folds, HELD_OUT, HeldOut, PARTS};
 pub use model::{Model, Rmse, Verdict, Why};
-pub use repetition::Repetition;
+pub use repetition::{Repeated, Repetition, Rounds};
 pub use simulation::Simulation;
 pub use variance::Kind;
 pub(crate) use voronoi::Voronoi;

@@ -2,12 +2,13 @@
 //! passes over something, too.
 //!
 //! Where samples were put where errors are, as many pixels are chosen once more, in rounds that start from another mask, with the filled frame for a
-//! renderer, and filled by the same method: of a large frame in sixteen windows, in each as many as the frame has there. What is then missed is known. The filled frame lacks what the frame's own rounds never met, so this is
+//! renderer, and filled by the same method: of a large frame in sixteen windows, in each as many as the frame has there. As rounds look at colours only, what colours choose
+//! is taken for the other groups of their mask as well ([`Repeated`]). What is then missed is known. The filled frame lacks what the frame's own rounds never met, so this is
 //! rather too little than too much; it is the least that is told of the frame ([`super::Model`]).
 //!
 //! Source: B. Efron, "Bootstrap methods: another look at the jackknife", The Annals of Statistics 7, 1979.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use lacuna_core::parallel::prelude::*;
 
@@ -18,8 +19,42 @@ use super::voronoi::Voronoi;
 use crate::sampling::{Field, adaptive, hash};
 use crate::{Error, Mask, Planes, Run};
 
+/// Rounds of a repetition. What eight pass over is within 1.3 dB of it, for twice the time; two would pass over 2 to 4 dB more.
+const ROUNDS: usize = 4;
 /// Makes another mask than the frame's own.
 const OTHER: u64 = 0x9e4d;
+
+/// What rounds chose for the colours of a frame when they were repeated, for its other groups with the same mask.
+#[derive(Debug, Default)]
+pub struct Repeated(Mutex<Vec<(Arc<Mask>, Masks)>>);
+
+/// Of the frame, or of each of its windows.
+type Masks = Vec<Arc<Mask>>;
+
+/// A group's view of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Rounds<'a> {
+    /// Where it is kept.
+    pub repeated: &'a Repeated,
+    /// Whether these are colours, which rounds look at.
+    pub are_colours: bool,
+}
+
+impl Rounds<'_> {
+    /// What was chosen by colours of this mask, for others.
+    fn known(self, mask: &Mask) -> Option<Masks> {
+        let all = self.repeated.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = all.iter().find(|(other, _)| !self.are_colours && **other == *mask);
+        found.map(|(_, masks)| masks.clone())
+    }
+
+    fn keep(self, mask: &Mask, masks: &Masks) {
+        let mut all = self.repeated.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.are_colours && !all.iter().any(|(other, _)| **other == *mask) {
+            all.push((Arc::new(mask.clone()), masks.clone()));
+        }
+    }
+}
 
 /// What a repetition misses.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,6 +80,7 @@ impl Repetition {
         (samples, mask): (&Planes, &Mask),
         filled: &Planes,
         (folds, near): (Folds, &HeldOut),
+        rounds: Rounds<'_>,
         reconstruct: &mut ReconstructPart<'_>,
         run: &Run<'_>,
     ) -> Result<Option<Self>, Error> {
@@ -55,19 +91,26 @@ impl Repetition {
         let windows = Excerpt::windows(mask);
         let seed = folds.seed ^ OTHER;
         // The pixels of all, or of each window.
-        let again = if windows.is_empty() {
-            vec![choose(filled.clone(), mask, seed, run)?]
+        let images: Vec<(Arc<Planes>, &Mask)> = if windows.is_empty() {
+            vec![(Arc::new(filled.clone()), mask)]
         } else {
-            let one = |(window, _): &(Excerpt, f64)| choose(window.planes(filled), &window.mask, seed, run);
-            windows.par_iter().with_max_len(1).map(one).into_iter().collect::<Result<_, Error>>()?
+            windows.iter().map(|(window, _)| (Arc::new(window.planes(filled)), &*window.mask)).collect()
         };
-        let missing: usize = again.iter().map(|(_, again)| again.size().pixels() - again.count()).sum();
+        let again = if let Some(known) = rounds.known(mask) {
+            known
+        } else {
+            let one = |(image, mask): &(Arc<Planes>, &Mask)| choose(image, mask, seed, run);
+            images.par_iter().with_max_len(1).map(one).into_iter().collect::<Result<_, Error>>()?
+        };
+        let missing: usize = again.iter().map(|again| again.size().pixels() - again.count()).sum();
         if run.interrupted().is_some() || missing == 0 {
             return Ok(None);
         }
+        rounds.keep(mask, &again);
         let every = (missing / LOOKED_AT).max(1) as u64;
         let mut parts = Vec::new();
-        for (k, (image, again)) in again.iter().enumerate().filter(|(_, (_, again))| !again.is_full()) {
+        let chosen = images.iter().zip(&again).enumerate().filter(|(_, (_, again))| !again.is_full());
+        for (k, ((image, _), again)) in chosen {
             let (window, share) =
                 windows.get(k).map_or((None, 1.0), |(window, share)| (Some(window), *share));
             let at = pixels_where(again, |measured, pixel| {
@@ -112,13 +155,20 @@ impl Part {
 }
 
 /// As many pixels of an image as a mask has, chosen in rounds with the image for a renderer.
-fn choose(image: Planes, mask: &Mask, seed: u64, run: &Run<'_>) -> Result<(Arc<Planes>, Arc<Mask>), Error> {
-    let (size, image) = (mask.size(), Arc::new(image));
+fn choose(image: &Arc<Planes>, mask: &Mask, seed: u64, run: &Run<'_>) -> Result<Arc<Mask>, Error> {
+    let size = mask.size();
     let density = mask.count() as f64 / size.pixels() as f64;
-    let settings = adaptive::Settings { density, rounds: None, first: None, target: None, seed, frame: None };
-    let measure = |_: &Mask| Ok::<_, Error>(Arc::clone(&image));
-    let chosen = adaptive::choose(&settings, Field { x: 0, y: 0, size }, run, measure)?;
-    Ok((image, Arc::new(chosen.mask)))
+    let settings = adaptive::Settings {
+        density,
+        rounds: Some(ROUNDS.min(mask.count().max(1))),
+        first: None,
+        target: None,
+        seed,
+        frame: None,
+    };
+    let measure = |_: &Mask| Ok::<_, Error>(Arc::clone(image));
+    let chosen = adaptive::in_rounds(&settings, Field { x: 0, y: 0, size }, false, run, measure)?;
+    Ok(Arc::new(chosen.mask))
 }
 
 #[cfg(test)]
@@ -157,6 +207,7 @@ mod tests {
             (truth, &mask),
             Some(&filled),
             (folds, Kind::Spline),
+            Rounds { repeated: &Repeated::default(), are_colours: true },
             &mut again,
             &run,
         )
@@ -190,6 +241,20 @@ mod tests {
         // Within 4 dB; what of one frame so small is passed over is chance.
         let off = 10.0 * (all_told / all).log10();
         assert!(off.abs() < 4.0, "{off} dB");
+    }
+
+    #[test]
+    fn other_groups_of_a_mask_take_over_what_its_colours_chose() {
+        let repeated = Repeated::default();
+        let [colours, others] = [true, false].map(|are_colours| Rounds { repeated: &repeated, are_colours });
+        let [own, another, chosen] =
+            [3, 4, 5].map(|every| Mask::from_fn(SIZE, |row, column| (row + column) % every == 0));
+        let chosen = vec![Arc::new(chosen)];
+        others.keep(&own, &chosen);
+        assert_eq!(others.known(&own), None);
+        colours.keep(&own, &chosen);
+        assert_eq!((colours.known(&own), others.known(&another)), (None, None));
+        assert_eq!(others.known(&own), Some(chosen));
     }
 
     #[test]

@@ -6,7 +6,8 @@ use lacuna_core::parallel::prelude::*;
 
 use super::{Estimate, Options, PIECE, Values};
 use crate::domain::Map;
-use crate::estimate::{Evidence, Excerpt, Folds, HELD_OUT, Model, Rmse, Verdict, Why};
+use crate::estimate::held_out;
+use crate::estimate::{Evidence, Excerpt, Folds, Model, Repeated, Rmse, Rounds, Verdict, Why};
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
 use crate::{Error, Gradients, Mask, Method, Outcome, Plan, Plane, Planes, Problem, Run};
@@ -43,18 +44,21 @@ impl Task<'_> {
         let mut evidence = if let Some(evidence) = evidence {
             evidence
         } else {
+            let error = Some(held_out::exactness(self.mask));
             let mut again = |excerpt: Option<&Excerpt>, samples: &Planes, kept: &Arc<Mask>| {
                 let plan = self.method.filter().plan(&Problem::fill(Arc::clone(kept)), self.run)?;
                 let small = self.guides.zip(excerpt).map(|(guides, excerpt)| guides.within(excerpt));
                 let guides = small.as_ref().or(self.guides);
-                let task = Task { plan: plan.as_ref(), mask: kept, guides, error: Some(HELD_OUT), ..*self };
+                let task = Task { plan: plan.as_ref(), mask: kept, guides, error, ..*self };
                 let mut out = Planes::zeros(samples.size(), samples.len());
                 task.reconstruct((samples, gradients), map, &mut out)?;
                 Ok(out)
             };
             // Samples of gradients are in no excerpt.
             let filled = Some(filled).filter(|_| gradients.is_none());
-            Evidence::of_folds((samples, self.mask), filled, (folds, kind), &mut again, self.run)?
+            let own = Repeated::default();
+            let rounds = self.rounds(&own);
+            Evidence::of_folds((samples, self.mask), filled, (folds, kind), rounds, &mut again, self.run)?
         };
         if self.run.interrupted().is_some() {
             return Ok(None);
@@ -74,6 +78,12 @@ impl Task<'_> {
         let unclipped = beyond.then(|| model(&evidence, samples).verdict());
         evidence.map(|_, value| value.clamp(0.0, peak));
         Ok(Some(Learned { model: model(&evidence, &shown(samples, peak)), unclipped }))
+    }
+
+    /// Where groups of the frame share what rounds chose, or a place of its own.
+    fn rounds<'b>(&'b self, own: &'b Repeated) -> Rounds<'b> {
+        let are_colours = self.options.values == Values::Light;
+        Rounds { repeated: self.options.repeated.unwrap_or(own), are_colours }
     }
 
     /// The method within the value domain.
@@ -112,7 +122,8 @@ impl Task<'_> {
         let Self { method, plan, mask, options, guides, carried, error, run } = *self;
         match (gradients, guides) {
             (None, guides) if let Some(blend) = plan.blend() => {
-                let learn = options.estimate != Estimate::No;
+                let own = Repeated::default();
+                let learn = (options.estimate != Estimate::No).then(|| self.rounds(&own));
                 blend.choose((samples, map), (guides, carried), learn, out, run)
             }
             (Some(slopes), _) => {

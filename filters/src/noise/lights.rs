@@ -62,7 +62,7 @@ fn fill(mask: &Arc<Mask>, samples: &Planes, map: Map, run: &Run<'_>) -> Result<(
     let mut filled = Planes::zeros(samples.size(), samples.len());
     let plan = auto::Settings.plan(&Problem::fill(Arc::clone(mask)), run)?;
     let outcome = match plan.blend() {
-        Some(blend) => blend.choose((&mapped, map), (None, &[]), false, &mut filled, run)?.0,
+        Some(blend) => blend.choose((&mapped, map), (None, &[]), None, &mut filled, run)?.0,
         None => plan.reconstruct(&mapped, &mut filled, run)?,
     };
     Ok((filled, outcome))

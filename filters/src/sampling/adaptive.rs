@@ -144,6 +144,17 @@ pub fn choose<E: From<Error>>(
     settings: &Settings,
     field: Field,
     run: &Run<'_>,
+    measure: impl FnMut(&Mask) -> Result<Arc<Planes>, E>,
+) -> Result<Chosen, E> {
+    in_rounds(settings, field, true, run, measure)
+}
+
+/// The same; the error of the last round only if it `tells`.
+pub(crate) fn in_rounds<E: From<Error>>(
+    settings: &Settings,
+    field: Field,
+    tells: bool,
+    run: &Run<'_>,
     mut measure: impl FnMut(&Mask) -> Result<Arc<Planes>, E>,
 ) -> Result<Chosen, E> {
     let total = settings.check(field.size.pixels())?;
@@ -166,7 +177,7 @@ pub fn choose<E: From<Error>>(
         }
         let left = in_all.saturating_sub(rounds.len() + 1);
         let over = left == 0 || known.count >= total || run.interrupted().is_some();
-        let estimate = known.estimate(before.take(), run)?;
+        let estimate = if over && !tells { None } else { known.estimate(before.take(), run)? };
         // Values that are all alike say nothing of others.
         let error = estimate.as_ref().zip(known.range().filter(|range| *range > 0.0));
         let error = error.map(|(found, range)| calibration.fit().rmse(found, known.channels, range));

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use lacuna_exr::{Frame, Part};
 use lacuna_filters::domain::Domain;
+use lacuna_filters::estimate::Repeated;
 use lacuna_filters::fill::{Estimate, Options, Set, Values, fill_with};
 use lacuna_filters::noise::Noise;
 use lacuna_filters::{Bounds, Mask, Method, Plane, Planes};
@@ -19,7 +20,7 @@ use crate::temporal::{Carrier, Reference, carriers};
 /// Fills a group of channels, and says in the report and in its targets what was found.
 pub fn filter(
     frame: &Frame,
-    (work, carriers): (&Work<'_>, &[Carrier<'_>]),
+    (work, carriers, repeated): (&Work<'_>, &[Carrier<'_>], &Repeated),
     (group, method): (&Group, Method),
     targets: &mut [Target],
     done: &mut Done,
@@ -43,7 +44,7 @@ pub fn filter(
         options.carried = &carried;
     }
     options.twins = group.channels.iter().map(|&channel| twins::twin(frame, work, channel)).collect();
-    options.compared = true;
+    (options.compared, options.repeated) = (true, Some(repeated));
     let answer = fill_with(&samples, mask, &options, work.plans, work.run).map_err(fail)?;
     for set in &answer.sets {
         tell(set, (&samples, &answer.planes), (group, &options), &names, (frame, work), done);

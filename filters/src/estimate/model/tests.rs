@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::estimate::Excerpt;
-use crate::estimate::{Folds, Kind};
+use crate::estimate::{Folds, Kind, Repeated, Rounds};
 use crate::sampling::{Field, Pattern, Temporal, mask as generate, refine};
 use crate::variational::{ss, tv};
 use crate::{Filter, Plane, Problem, Run};
@@ -81,9 +81,9 @@ fn leave_one_out_errors_show_where_edges_are() {
 /// What the folds of a filter's fill show.
 fn learn(filter: &dyn Filter, kind: Kind, truth: &Planes, mask: &Arc<Mask>) -> Model {
     let mut again = |_: Option<&Excerpt>, samples: &Planes, mask: &Arc<Mask>| Ok(fill(filter, samples, mask));
-    let evidence =
-        Evidence::of_folds((truth, mask), None, (Folds { seed: 2 }, kind), &mut again, &Run::default())
-            .unwrap();
+    let (folds, run) = ((Folds { seed: 2 }, kind), Run::default());
+    let rounds = Rounds { repeated: &Repeated::default(), are_colours: true };
+    let evidence = Evidence::of_folds((truth, mask), None, folds, rounds, &mut again, &run).unwrap();
     Model::new(&evidence, truth, mask, 2)
 }
 
