@@ -93,7 +93,18 @@ impl std::fmt::Display for Amount {
     }
 }
 
+/// Whether the system refused to give a file that is there: rights, the disk, the network.
+pub fn is_refusal(error: &io::Error) -> bool {
+    // What lacuna itself refuses has no number.
+    error.raw_os_error().is_some() && error.kind() != io::ErrorKind::NotFound
+}
+
 impl Error {
+    /// Whether the system refused to give a file that is there, which it may do another time.
+    pub fn is_of_system(&self) -> bool {
+        matches!(self, Self::Io { source, .. } if is_refusal(source))
+    }
+
     pub(super) fn io(action: &'static str) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::Io { action, source }
     }

@@ -23,7 +23,7 @@ mod window;
 mod write;
 
 pub use attributes::{Attribute, Attributes, CAMERA};
-pub use error::{Amount, Error};
+pub use error::{Amount, Error, is_refusal};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 pub use header::{ChannelHeader, PartHeader};
@@ -32,7 +32,7 @@ pub use other::write_other;
 pub use read::{Limits, memory_needed, read, read_header, read_whole_header};
 pub use serialize::REQUIRED;
 pub use source::{open_regular, read_small};
-pub use temporary::{Over, check_destination, remove_temporaries, write_whole};
+pub use temporary::{Over, behind, check_destination, check_whole, remove_temporaries, write_whole};
 pub use window::Window;
 pub use write::{WriteOptions, has_header_of, write};
 

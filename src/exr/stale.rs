@@ -10,10 +10,14 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
+use super::temporary::is_in_work;
+
 pub(super) const MARK: &str = ".lacuna-";
 pub(super) const ENDING: &str = ".tmp";
 /// Another machine's file that changed within this time may be in work: some file systems lock on one machine only.
 const YOUNG: Duration = Duration::from_mins(2);
+/// What has not changed for so long is not in work, though a process of its writer's number is there: numbers are used again.
+const OLD: Duration = Duration::from_hours(1);
 /// How long a folder is not looked through again.
 const REST: Duration = Duration::from_mins(5);
 
@@ -60,7 +64,11 @@ fn remove_stale(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
         let Some((host, process)) = owner(&name) else { continue };
-        let dead = if host == self::host() { is_gone(process) } else { !is_young(&entry) };
+        let dead = if host == self::host() {
+            is_gone(process) || (is_old(&entry) && !is_in_work(&name))
+        } else {
+            !is_young(&entry)
+        };
         if dead && !is_locked(&entry.path()) {
             // Another run may have been faster, or the file may be another user's.
             let _ = fs::remove_file(entry.path());
@@ -93,10 +101,17 @@ fn is_locked(path: &Path) -> bool {
     file.map_or(true, |file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
 }
 
+/// A time in the future has no age, and is neither young nor old.
+fn age(entry: &DirEntry) -> Option<Duration> {
+    entry.metadata().and_then(|metadata| metadata.modified()).ok()?.elapsed().ok()
+}
+
 fn is_young(entry: &DirEntry) -> bool {
-    let changed = entry.metadata().and_then(|metadata| metadata.modified());
-    // A time in the future has no age.
-    changed.is_ok_and(|changed| changed.elapsed().is_ok_and(|age| age < YOUNG))
+    age(entry).is_some_and(|age| age < YOUNG)
+}
+
+fn is_old(entry: &DirEntry) -> bool {
+    age(entry).is_some_and(|age| age >= OLD)
 }
 
 #[cfg(test)]
@@ -162,12 +177,14 @@ mod tests {
         let stay = [
             held,
             elsewhere,
-            add(format!(".c.exr.lacuna-{here}-{alive}-01.tmp"), hour).0,
+            add(format!(".c.exr.lacuna-{here}-{alive}-01.tmp"), hour / 2).0,
             add(format!(".d.exr.lacuna-other-{dead}-01.tmp"), 5).0,
             add("e.exr".into(), hour).0,
         ];
         add(format!(".f.exr.lacuna-{here}-{dead}-01.tmp"), 0);
         add(format!(".g.exr.lacuna-other-{dead}-01.tmp"), hour);
+        // Its number has another process now.
+        add(format!(".i.exr.lacuna-{here}-{alive}-01.tmp"), 2 * hour);
         let names = || {
             let entries = fs::read_dir(folder.path()).unwrap();
             let mut names: Vec<_> =

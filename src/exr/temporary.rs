@@ -33,18 +33,29 @@ pub fn remove_temporaries() {
 /// # Errors
 /// For a folder and for what the system refuses.
 pub fn write_whole(destination: &Path, content: &[u8]) -> Result<(), Error> {
-    let special = fs::metadata(destination).is_ok_and(|found| !found.is_file() && !found.is_dir());
-    if special
-        || ["/dev/stdout", "/dev/stderr", "/dev/fd", "/proc"]
-            .iter()
-            .any(|folder| destination.starts_with(folder))
-    {
+    if is_stream(destination) {
         let mut file = OpenOptions::new().append(true).open(destination).map_err(Error::io("open"))?;
         return file.write_all(content).map_err(Error::io("write"));
     }
     let (temporary, mut file) = Temporary::create_in(&REPORTS, destination, Over::Replace)?;
     file.write_all(content).map_err(Error::io("write"))?;
     temporary.commit(file)
+}
+
+/// Whether [`write_whole`] could begin with that file, as far as can be told without making one.
+///
+/// # Errors
+/// If it is a folder or read-only, or its folder takes no files.
+pub fn check_whole(destination: &Path) -> Result<(), Error> {
+    if is_stream(destination) { Ok(()) } else { check_destination(destination, Over::Replace) }
+}
+
+/// Whether a file is written into, as it is no regular one or an open file's name.
+fn is_stream(destination: &Path) -> bool {
+    fs::metadata(destination).is_ok_and(|found| !found.is_file() && !found.is_dir())
+        || ["/dev/stdout", "/dev/stderr", "/dev/fd", "/proc"]
+            .iter()
+            .any(|folder| destination.starts_with(folder))
 }
 
 /// Whether [`write`](super::write()) could begin with that file, as far as can be told without making one.
@@ -54,6 +65,11 @@ pub fn write_whole(destination: &Path, content: &[u8]) -> Result<(), Error> {
 /// made in) takes no files.
 pub fn check_destination(destination: &Path, over: Over) -> Result<(), Error> {
     let path = resolve(destination, over)?;
+    // Folders are made where outputs are named, not where links lead.
+    if path != destination && !folder_of(&path).is_dir() {
+        let text = format!("it is a link to {}, whose folder does not exist", path.display());
+        return Err(Error::io("write")(std::io::Error::new(ErrorKind::NotFound, text)));
+    }
     #[cfg(unix)]
     {
         use rustix::fs::{Access, access};
@@ -82,6 +98,12 @@ impl Over {
     pub fn unless(no_clobber: bool) -> Self {
         if no_clobber { Self::Keep } else { Self::Replace }
     }
+}
+
+/// Whether this process writes a temporary file of that name.
+pub(super) fn is_in_work(name: &OsStr) -> bool {
+    let has = |registry: &Registry| registry.lock().paths.iter().any(|path| path.file_name() == Some(name));
+    has(&IN_WORK) || has(&REPORTS)
 }
 
 /// The temporary files of this process.
@@ -162,8 +184,15 @@ impl Temporary {
             result => result.map_err(Error::io("write"))?,
         }
         drop(file);
+        self.name()?;
+        keep_names(&self.destination);
+        Ok(())
+    }
+
+    fn name(&self) -> Result<(), Error> {
+        let rename = || fs::rename(&self.path, &self.destination).map_err(Error::io("rename the output"));
         if self.over != Over::Keep {
-            return fs::rename(&self.path, &self.destination).map_err(Error::io("rename the output"));
+            return rename();
         }
         // A hard link fails if the name is taken, which a rename does not. Dropping removes the temporary name.
         match fs::hard_link(&self.path, &self.destination) {
@@ -171,7 +200,7 @@ impl Temporary {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => Err(Error::Exists),
             Err(_) if fs::symlink_metadata(&self.destination).is_ok() => Err(Error::Exists),
             // The file system has no hard links.
-            Err(_) => fs::rename(&self.path, &self.destination).map_err(Error::io("rename the output")),
+            Err(_) => rename(),
         }
     }
 }
@@ -185,17 +214,31 @@ impl Drop for Temporary {
     }
 }
 
-/// Creates a file that is not there, with the permissions of the one that it will replace, or those that the umask leaves.
+fn folder_of(file: &Path) -> &Path {
+    file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Puts the names of a file's folder on the disk, so that no crash takes a new one back. Not every file system can, and a folder
+/// that may not be listed cannot be opened; the file itself is whole either way.
+fn keep_names(file: &Path) {
+    let _ = File::open(folder_of(file)).and_then(|folder| folder.sync_all());
+}
+
+/// Creates a file that is not there, with group and permissions of the one that it will replace, or those that the umask leaves.
 fn create_new(path: &Path, destination: &Path) -> std::io::Result<File> {
     let mut options = OpenOptions::new();
     options.write(true).create_new(true);
     let Ok(old) = fs::metadata(destination) else { return options.open(path) };
     #[cfg(unix)]
     {
-        use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
+        use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt, fchown};
         // Nobody may read what nobody could before, not even for a moment.
         let mode = old.permissions().mode() & 0o777;
-        let file = options.mode(mode).open(path)?;
+        let file = options.mode(mode & !0o070).open(path)?;
+        let own = file.metadata()?.gid();
+        // Where the group is another one, it may do no more than everybody.
+        let kept = own == old.gid() || fchown(&file, None, Some(old.gid())).is_ok();
+        let mode = if kept { mode } else { mode & (0o707 | (mode & 0o007) << 3) };
         // Not every file system has permissions.
         let _ = file.set_permissions(fs::Permissions::from_mode(mode));
         Ok(file)
@@ -242,8 +285,9 @@ fn is_read_only(path: &Path, found: &fs::Metadata) -> bool {
     refused || found.permissions().readonly()
 }
 
-/// What a symbolic link leads to in the end, whether that exists or not; a loop of links leads nowhere and stays.
-fn behind(link: &Path) -> PathBuf {
+/// What a symbolic link leads to in the end, whether that exists or not: what is written in its place. A loop of links leads nowhere
+/// and stays.
+pub fn behind(link: &Path) -> PathBuf {
     if let Ok(path) = fs::canonicalize(link) {
         return path;
     }

@@ -144,3 +144,36 @@ fn permissions_are_kept_and_read_only_files_only_replaced_by_force() {
         fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
     }
 }
+
+#[cfg(unix)]
+#[test]
+fn the_group_is_kept_or_gets_no_more_than_everybody() {
+    use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    for asked in [0o664, 0o640] {
+        fs::write(&path, "old").unwrap();
+        // Only root gives files to any group.
+        let other = fs::metadata(&path).unwrap().gid() + 1234;
+        if chown(&path, None, Some(other)).is_err() {
+            return;
+        }
+        fs::set_permissions(&path, fs::Permissions::from_mode(asked)).unwrap();
+        let (temporary, file) = Temporary::create(&path, Over::Replace).unwrap();
+        temporary.commit(file).unwrap();
+        let found = fs::metadata(&path).unwrap();
+        assert_eq!((found.gid(), found.permissions().mode() & 0o777), (other, asked));
+        fs::remove_file(&path).unwrap();
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_link_into_a_missing_folder_says_where_it_leads() {
+    let folder = tempfile::tempdir().unwrap();
+    let link = folder.path().join("a.exr");
+    std::os::unix::fs::symlink("gone/b.exr", &link).unwrap();
+    let text = check_destination(&link, Over::Replace).unwrap_err().to_string();
+    assert!(text.contains("a link to") && text.contains("gone/b.exr, whose folder does not exist"), "{text}");
+    assert!(check_destination(&folder.path().join("new/b.exr"), Over::Replace).is_ok());
+}
