@@ -94,7 +94,7 @@ pub fn compare(job: &CompareJob) -> Result<u8, PlanError> {
 
 /// Refuses outputs that are inputs, or that cannot be files.
 fn check_outputs(job: &CompareJob, items: &[Item]) -> Result<(), PlanError> {
-    let read = Sources::new(items.iter().flat_map(Item::compared));
+    let mut read = Sources::new(items.iter().flat_map(Item::compared));
     let run = [&job.run.json, &job.run.log].into_iter().flatten().map(PathBuf::as_path);
     let outputs = run.chain(job.outputs.reports().into_iter().map(|(_, path)| path));
     for path in outputs.filter(|path| !is_standard_output(path)) {

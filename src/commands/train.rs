@@ -57,7 +57,10 @@ pub fn train(job: &TrainJob) -> Result<u8, PlanError> {
     let mut frames = resolve(&job.selection)?.frames;
     if job.skip_missing {
         let all = frames.len();
-        frames.retain(|frame| frame.path.exists());
+        let lacks = |path: &PathBuf| {
+            path.symlink_metadata().is_err_and(|error| error.kind() == std::io::ErrorKind::NotFound)
+        };
+        frames.retain(|frame| !lacks(&frame.path));
         match all - frames.len() {
             0 => {}
             passed if passed == all => return Err(PlanError::Failed("none of the frames exists".into())),

@@ -1,6 +1,8 @@
 //! Globs: the files whose names match `*`, `?`, `[...]` and, between separators, `**`, whatever bytes the names hold. Folders that
 //! the path begins with and that exist under the very name are those folders.
 
+use std::fs::FileType;
+use std::io::{self, ErrorKind};
 use std::path::{Component, Path, PathBuf};
 
 use glob::{Pattern, PatternError};
@@ -10,8 +12,25 @@ use crate::files::names::to_text;
 /// What makes a text a glob.
 pub const SIGNS: [char; 3] = ['*', '?', '['];
 
-/// The files that match, in no order. Folders that cannot be listed have none.
-pub fn files(glob: &Path) -> Result<Vec<PathBuf>, PatternError> {
+/// Why the files that match are not known.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The text is no glob.
+    #[error("not a glob: {0}")]
+    Pattern(#[from] PatternError),
+    /// A folder keeps to itself what it holds.
+    #[error("cannot list {}: {source}", folder.display())]
+    List {
+        /// The folder.
+        folder: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+/// The files that match, in no order. What is no folder has none; one that cannot be listed is an error, so that no frame is left
+/// out unsaid.
+pub fn files(glob: &Path) -> Result<Vec<PathBuf>, Error> {
     let folders = glob.ancestors().skip(1);
     let known = folders.filter(|folder| folder.is_dir()).map(Path::to_path_buf).next().unwrap_or_default();
     let rest = glob.strip_prefix(&known).unwrap_or(glob);
@@ -19,38 +38,59 @@ pub fn files(glob: &Path) -> Result<Vec<PathBuf>, PatternError> {
     for component in rest.components() {
         let text = to_text(component.as_os_str());
         found = if !matches!(component, Component::Normal(_)) || !text.contains(SIGNS) {
-            let joined = found.iter().map(|folder| folder.join(component));
-            joined.filter(|path| path.symlink_metadata().is_ok()).collect()
+            let paths = found.iter().map(|folder| folder.join(component));
+            let paths = paths.map(|path| Ok(kind(&path)?.map(|_| path)));
+            paths.filter_map(Result::transpose).collect::<Result<_, Error>>()?
         } else if text == "**" {
-            found.into_iter().flat_map(with_folders_below).collect()
+            joined(found.into_iter().map(with_folders_below))?
         } else {
             let pattern = Pattern::new(&text)?;
             let matching =
                 |path: &PathBuf| path.file_name().is_some_and(|name| pattern.matches(&to_text(name)));
-            found.iter().flat_map(|folder| entries(folder)).filter(matching).collect()
+            joined(found.iter().map(|folder| entries(folder)))?.into_iter().filter(matching).collect()
         };
     }
     found.retain(|path| !path.is_dir());
     Ok(found)
 }
 
-fn entries(folder: &Path) -> Vec<PathBuf> {
+fn joined(lists: impl Iterator<Item = Result<Vec<PathBuf>, Error>>) -> Result<Vec<PathBuf>, Error> {
+    Ok(lists.collect::<Result<Vec<_>, _>>()?.concat())
+}
+
+/// What a path is, itself and not what a link leads to; `None` if nothing is there.
+fn kind(path: &Path) -> Result<Option<FileType>, Error> {
+    absent_or(path.symlink_metadata().map(|found| found.file_type()), path)
+}
+
+/// Nothing where the system says that there is nothing.
+fn absent_or<T>(result: io::Result<T>, path: &Path) -> Result<Option<T>, Error> {
+    match result {
+        Ok(found) => Ok(Some(found)),
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(None),
+        Err(source) => Err(Error::List { folder: path.into(), source }),
+    }
+}
+
+fn entries(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let listed = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    let names = std::fs::read_dir(listed).into_iter().flatten().flatten().map(|entry| entry.file_name());
-    names.map(|name| folder.join(name)).collect()
+    let names = || std::fs::read_dir(listed)?.map(|entry| Ok(folder.join(entry?.file_name()))).collect();
+    Ok(absent_or(names(), listed)?.unwrap_or_default())
 }
 
 /// A folder and all below it; links, which may lead in circles, are not followed.
-fn with_folders_below(folder: PathBuf) -> Vec<PathBuf> {
+fn with_folders_below(folder: PathBuf) -> Result<Vec<PathBuf>, Error> {
     let mut found = vec![folder];
     let mut next = 0;
     while let Some(folder) = found.get(next) {
-        let is_folder = |path: &PathBuf| path.symlink_metadata().is_ok_and(|found| found.is_dir());
-        let below: Vec<_> = entries(folder).into_iter().filter(is_folder).collect();
-        found.extend(below);
+        for path in entries(folder)? {
+            if kind(&path)?.is_some_and(|kind| kind.is_dir()) {
+                found.push(path);
+            }
+        }
         next += 1;
     }
-    found
+    Ok(found)
 }
 
 #[cfg(test)]

@@ -7,26 +7,37 @@ use crate::files::error::PlanError;
 use crate::files::names::folder_of;
 
 /// The files that a run reads, each with what it is to the run.
-pub struct Sources<'a>(HashMap<Identity, (&'a Path, &'static str)>);
+pub struct Sources<'a> {
+    known: HashMap<Key, (&'a Path, &'static str)>,
+    places: Places,
+}
+
+/// A file that is there, or the place of one that is not, as a renderer may write it later.
+#[derive(PartialEq, Eq, Hash)]
+enum Key {
+    File(Identity),
+    Place(PathBuf),
+}
 
 impl<'a> Sources<'a> {
-    /// Those of these files that exist; one with several names goes by the first.
+    /// These files, whether they exist or not; one with several names goes by the first.
     pub fn new(files: impl IntoIterator<Item = (&'a Path, &'static str)>) -> Self {
-        let mut known = HashMap::new();
+        let mut sources = Self { known: HashMap::new(), places: Places::default() };
         for (path, what) in files {
-            if let Some(identity) = Identity::of(path) {
-                known.entry(identity).or_insert((path, what));
-            }
+            let key = sources.key(path);
+            sources.known.entry(key).or_insert((path, what));
         }
-        Self(known)
+        sources
+    }
+
+    fn key(&mut self, path: &Path) -> Key {
+        Identity::of(path).map_or_else(|| Key::Place(self.places.of(path)), Key::File)
     }
 
     /// Refuses to write one of them.
-    pub fn check(&self, written: &Path) -> Result<(), PlanError> {
-        // What does not exist is no source.
-        let Some((source, what)) = Identity::of(written).and_then(|identity| self.0.get(&identity)) else {
-            return Ok(());
-        };
+    pub fn check(&mut self, written: &Path) -> Result<(), PlanError> {
+        let key = self.key(written);
+        let Some((source, what)) = self.known.get(&key) else { return Ok(()) };
         let same = if *source == written { String::new() } else { format!(" ({})", source.display()) };
         Err(PlanError::Usage(format!(
             "{}: the output is the same file as the {what}{same}; nothing is overwritten in place, name another output",
@@ -40,8 +51,10 @@ impl<'a> Sources<'a> {
 pub struct Places(HashMap<PathBuf, PathBuf>);
 
 impl Places {
-    /// Where a file lies or will lie, links in its folder resolved.
+    /// Where a file lies or will lie, links resolved: its folder's, and its own, which writing follows.
     pub fn of(&mut self, file: &Path) -> PathBuf {
+        let target = file.is_symlink().then(|| lacuna_exr::behind(file));
+        let file = target.as_deref().unwrap_or(file);
         let resolve = |folder: &PathBuf| {
             folder.canonicalize().or_else(|_| std::path::absolute(folder)).unwrap_or_else(|_| folder.clone())
         };
@@ -79,6 +92,22 @@ impl Identity {
 mod tests {
     use super::*;
 
+    #[cfg(unix)]
+    #[test]
+    fn links_have_the_place_that_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        std::fs::write(path("a"), "").unwrap();
+        for (target, link) in [("a", "to-a"), ("to-a", "far"), ("new", "to-new")] {
+            std::os::unix::fs::symlink(target, path(link)).unwrap();
+        }
+        let mut places = Places::default();
+        for (one, other) in [("to-a", "a"), ("far", "a"), ("to-new", "new")] {
+            assert_eq!(places.of(&path(one)), places.of(&path(other)), "{one}");
+        }
+        assert_ne!(places.of(&path("a")), places.of(&path("new")));
+    }
+
     #[test]
     fn a_file_is_known_by_all_its_names() {
         let folder = tempfile::tempdir().unwrap();
@@ -87,11 +116,13 @@ mod tests {
         std::fs::write(path("b"), "").unwrap();
         std::fs::hard_link(path("a"), path("hard")).unwrap();
         let (a, b, absent) = (path("a"), path("b"), path("absent"));
-        let sources = Sources::new([(&*a, "frame"), (&*absent, "mask")]);
+        let mut sources = Sources::new([(&*a, "frame"), (&*absent, "mask")]);
         for name in ["a", "./a", "hard"] {
             let PlanError::Usage(text) = sources.check(&path(name)).unwrap_err() else { panic!("{name}") };
             assert!(text.contains("the same file as the frame"), "{text}");
         }
-        assert!(sources.check(&b).is_ok() && sources.check(&absent).is_ok());
+        assert!(sources.check(&b).is_ok() && sources.check(&path("other")).is_ok());
+        // It may come to be there.
+        assert!(sources.check(&path("./absent")).unwrap_err().to_string().contains("the mask"));
     }
 }

@@ -1,6 +1,6 @@
 //! From what the user names (files, patterns, globs, lists) to the frames to be done, in the order asked.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -61,21 +61,35 @@ pub fn resolve(selection: &Selection) -> Result<Inputs, PlanError> {
                 .into(),
         ));
     }
-    let mut seen = std::collections::HashSet::new();
+    let mut seen = HashSet::new();
     frames.retain(|input: &Input| seen.insert((input.path.clone(), input.number)));
     Ok(Inputs { frames, is_set })
 }
 
-/// The numbers of the frames of a pattern or glob, in the order asked for.
+/// The numbers of the frames of a pattern or glob, in the order asked for, each once; none of a plain file.
 ///
 /// # Errors
-/// If they cannot be found, or the selection is plain files.
+/// If they cannot be found, or a file has no number.
 pub fn frame_numbers(selection: &Selection) -> Result<Vec<i64>, PlanError> {
     let inputs = resolve(selection)?;
     if !inputs.is_set {
         return Ok(Vec::new());
     }
-    Ok(inputs.frames.iter().filter_map(|input| input.number).collect())
+    let mut seen = HashSet::new();
+    let mut numbers = Vec::new();
+    for input in &inputs.frames {
+        let number = input.number.ok_or_else(|| {
+            PlanError::Usage(format!(
+                "{}: no frame number in the name, and chunks are cut by frame numbers; name a pattern or a glob that leaves it out",
+                input.path.display()
+            ))
+        })?;
+        // A task takes all files of a number.
+        if seen.insert(number) {
+            numbers.push(number);
+        }
+    }
+    Ok(numbers)
 }
 
 /// How an INPUT is spelt. A file or folder that exists under the very name is that one, whatever signs it contains.
@@ -158,12 +172,12 @@ fn on_disk(pattern: &Pattern, input: &Path) -> Result<Vec<Input>, PlanError> {
         )));
     };
     let listed = if folder.as_os_str().is_empty() { Path::new(".") } else { &folder };
-    let entries = std::fs::read_dir(listed).map_err(|error| {
+    let failed = |error: std::io::Error| {
         PlanError::Failed(format!("{}: cannot list {}: {error}", input.display(), listed.display()))
-    })?;
+    };
     let mut found = BTreeMap::new();
-    for entry in entries.flatten() {
-        let path = folder.join(entry.file_name());
+    for entry in std::fs::read_dir(listed).map_err(failed)? {
+        let path = folder.join(entry.map_err(failed)?.file_name());
         if let Some(number) = pattern.number_of(&path) {
             let canonical = pattern.path(number) == path;
             let slot = found.entry(number).or_insert_with(|| path.clone());
@@ -177,8 +191,14 @@ fn on_disk(pattern: &Pattern, input: &Path) -> Result<Vec<Input>, PlanError> {
 
 /// The files that a glob matches, by frame number, then by name.
 fn matches(glob: &Path) -> Result<Vec<Input>, PlanError> {
-    let paths = globs::files(glob)
-        .map_err(|error| PlanError::Usage(format!("{}: not a glob: {error}", glob.display())))?;
+    let paths = globs::files(glob).map_err(|error| {
+        let text = format!("{}: {error}", glob.display());
+        if matches!(error, globs::Error::Pattern(_)) {
+            PlanError::Usage(text)
+        } else {
+            PlanError::Failed(text)
+        }
+    })?;
     let mut found: Vec<Input> = paths.into_iter().map(plain).collect();
     found.sort_by(|a, b| (a.number, &a.path).cmp(&(b.number, &b.path)));
     Ok(found)
@@ -219,6 +239,8 @@ fn listed(list: &Path) -> Result<Vec<PathBuf>, PlanError> {
     } else {
         lacuna_exr::read_small(list, MOST_LISTED).map_err(failed)?
     };
+    // Some editors begin a text with the mark of its encoding.
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
     let by_zeros = bytes.contains(&0);
     let mut paths = Vec::new();
     for line in bytes.split(|&byte| byte == if by_zeros { 0 } else { b'\n' }) {
@@ -327,6 +349,18 @@ mod tests {
     }
 
     #[test]
+    fn chunks_have_every_number_once_and_no_file_without_one() {
+        let folder = folder(&["a.1.exr", "b.1.exr", "b.2.exr"]);
+        let numbers = || {
+            let inputs = vec![folder.path().join("*.exr")];
+            frame_numbers(&Selection { inputs, ..Selection::default() })
+        };
+        assert_eq!(numbers(), Ok(vec![1, 2]));
+        std::fs::write(folder.path().join("still.exr"), "").unwrap();
+        assert!(numbers().unwrap_err().to_string().contains("still.exr: no frame number"));
+    }
+
+    #[test]
     fn a_file_of_that_very_name_is_that_file() {
         let folder = folder(&["odd[1].####.exr", "100% $F4.exr", "*.exr"]);
         for name in ["odd[1].####.exr", "100% $F4.exr", "*.exr"] {
@@ -373,7 +407,7 @@ mod tests {
     fn a_list_is_read_line_by_line() {
         let folder = folder(&[]);
         let list = folder.path().join("list");
-        std::fs::write(&list, "a b.0001.exr\r\n\nü*.exr\n").unwrap();
+        std::fs::write(&list, "\u{feff}a b.0001.exr\r\n\nü*.exr\n").unwrap();
         let selection = Selection { files_from: Some(list), ..Selection::default() };
         let inputs = resolve(&selection).unwrap();
         assert!(inputs.is_set);

@@ -75,7 +75,7 @@ pub(super) fn add(items: &mut [Item], selection: &Selection, targets: &Targets) 
 }
 
 /// The file of another number beside a frame: as the pattern that was asked for pads it, else as the frame's own name lets expect. A
-/// link that leads nowhere is one, so that what is missing is said.
+/// link that leads nowhere is one, and so is what the system does not show, so that what is missing is said.
 fn file_of((own, own_number): (&Path, i64), number: i64, asked: Option<&Pattern>) -> Option<PathBuf> {
     let of_pattern =
         asked.into_iter().flat_map(|pattern| [Some(pattern.path(number)), pattern.alternative(number)]);
@@ -83,7 +83,11 @@ fn file_of((own, own_number): (&Path, i64), number: i64, asked: Option<&Pattern>
     let is_named = patterns::number_in_name(own) == Some(own_number);
     let named = is_named.then(|| patterns::beside(own, number)).into_iter().flatten();
     let all: Vec<PathBuf> = here.chain(named).collect();
-    all.iter().find(|path| path.exists()).or_else(|| all.iter().find(|path| path.is_symlink())).cloned()
+    let may_be = |path: &&PathBuf| {
+        path.symlink_metadata()
+            .map_or_else(|error| lacuna_exr::is_refusal(&error), |found| found.is_symlink())
+    };
+    all.iter().find(|path| path.exists()).or_else(|| all.iter().find(may_be)).cloned()
 }
 
 /// A neighbour's file of a layer that is named for one frame: that of its number, if the name has the frame's, else the same one.

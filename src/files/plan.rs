@@ -1,6 +1,7 @@
 //! What is to be done, frame by frame, checked before any work: every output has one input, and none is an input.
 
 use std::collections::{BTreeSet, HashMap};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use crate::files::destinations::Destination;
@@ -140,7 +141,9 @@ pub fn outputs(
         })
     };
     let items: Vec<Item> = numbers.iter().map(item).collect::<Result<_, _>>()?;
-    checked(items, targets, &mut Places::default())
+    let mut places = Places::default();
+    check_one_input_each(&items, &mut places)?;
+    checked(items, targets, &mut places)
 }
 
 impl Plan {
@@ -150,7 +153,7 @@ impl Plan {
         files: &[(&'static str, PathBuf)],
         targets: &Targets,
     ) -> Result<Self, PlanError> {
-        let read = Sources::new(files.iter().map(|(what, path)| (&**path, *what)));
+        let mut read = Sources::new(files.iter().map(|(what, path)| (&**path, *what)));
         let outputs = self.items.iter().map(|item| &item.output);
         outputs.chain(also_written(targets)).try_for_each(|written| read.check(written))?;
         self.items.iter_mut().for_each(|item| item.made_from = files.to_vec());
@@ -281,16 +284,22 @@ pub fn check_report(items: &[Item], report: &Path) -> Result<(), PlanError> {
 }
 
 fn check_one_input_each(items: &[Item], places: &mut Places) -> Result<(), PlanError> {
-    let mut owners: HashMap<PathBuf, &Path> = HashMap::new();
+    let mut owners: HashMap<PathBuf, &Item> = HashMap::new();
     for item in items {
-        if let Some(other) = owners.insert(places.of(&item.output), &item.input)
-            && other != item.input
-        {
+        let place = places.of(&item.output);
+        let Some(other) = owners.insert(place.clone(), item) else { continue };
+        let (own, others) = if other.input == item.input {
+            (&item.output, &other.output)
+        } else {
+            (&item.input, &other.input)
+        };
+        if own != others {
+            let place = if other.output == item.output { &item.output } else { &place };
             return Err(PlanError::Usage(format!(
                 "{} and {} would both be written to {}",
-                other.display(),
-                item.input.display(),
-                item.output.display()
+                others.display(),
+                own.display(),
+                place.display()
             )));
         }
     }
@@ -302,7 +311,7 @@ fn check_no_input_is_written(
     also_written: &[PathBuf],
     places: &mut Places,
 ) -> Result<(), PlanError> {
-    let read = Sources::new(items.iter().flat_map(Item::sources));
+    let mut read = Sources::new(items.iter().flat_map(Item::sources));
     for written in items.iter().map(|item| &item.output).chain(also_written) {
         read.check(written)?;
     }
@@ -319,8 +328,25 @@ fn check_no_input_is_written(
 
 fn check_folder(output: &Path, create_dir: bool, new: &mut BTreeSet<PathBuf>) -> Result<(), PlanError> {
     let folder = folder_of(output);
-    if folder.is_dir() {
-        return Ok(());
+    match folder.metadata() {
+        Ok(found) if found.is_dir() => return Ok(()),
+        Err(error) if lacuna_exr::is_refusal(&error) && error.kind() != ErrorKind::NotADirectory => {
+            return Err(PlanError::Failed(format!(
+                "{}: cannot reach the folder {}: {error}",
+                output.display(),
+                folder.display()
+            )));
+        }
+        _ => {}
+    }
+    let leads_nowhere = |ancestor: &&Path| ancestor.is_symlink() && !ancestor.exists();
+    if let Some(link) = folder.ancestors().find(leads_nowhere) {
+        return Err(PlanError::Failed(format!(
+            "{}: {} is a link to {}, which does not exist",
+            output.display(),
+            link.display(),
+            lacuna_exr::behind(link).display()
+        )));
     }
     if let Some(file) = folder.ancestors().find(|ancestor| ancestor.exists() && !ancestor.is_dir()) {
         return Err(PlanError::Failed(format!(
@@ -341,133 +367,4 @@ fn check_folder(output: &Path, create_dir: bool, new: &mut BTreeSet<PathBuf>) ->
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    struct Room(tempfile::TempDir);
-
-    impl Room {
-        fn new(names: &[&str]) -> Self {
-            let folder = tempfile::tempdir().unwrap();
-            for name in names {
-                std::fs::write(folder.path().join(name), "").unwrap();
-            }
-            Self(folder)
-        }
-
-        fn path(&self, name: &str) -> PathBuf {
-            self.0.path().join(name)
-        }
-
-        fn plan(&self, inputs: &[&str], output: &str) -> Result<Plan, PlanError> {
-            self.plan_with(inputs, output, |_| {})
-        }
-
-        fn plan_with(
-            &self,
-            inputs: &[&str],
-            output: &str,
-            more: impl Fn(&mut Targets),
-        ) -> Result<Plan, PlanError> {
-            let inputs = inputs.iter().map(|input| self.path(input)).collect();
-            let mut targets = Targets { output: self.path(output), ..Targets::default() };
-            more(&mut targets);
-            plan(&Selection { inputs, ..Selection::default() }, &targets)
-        }
-    }
-
-    fn usage(result: Result<Plan, PlanError>) -> String {
-        match result {
-            Err(PlanError::Usage(text)) => text,
-            other => panic!("not a usage error: {other:?}"),
-        }
-    }
-
-    #[test]
-    fn output_numbers_follow_the_input() {
-        let room = Room::new(&["s.0003.exr", "s.0011.exr", "m.03.exr"]);
-        let mask = room.path("m.##.exr").to_str().unwrap().to_owned();
-        let plan =
-            room.plan_with(&["s.####.exr"], "o.%d.exr", |targets| targets.mask = Some(mask.clone())).unwrap();
-        let outputs: Vec<_> = plan.items.iter().map(|item| item.output.clone()).collect();
-        assert_eq!(outputs, [room.path("o.3.exr"), room.path("o.11.exr")]);
-        assert_eq!(plan.items[0].mask, Some(room.path("m.03.exr")));
-        assert!(plan.new_folders.is_empty());
-    }
-
-    #[test]
-    fn a_set_needs_a_place_for_many() {
-        let room = Room::new(&["s.0003.exr", "a.exr", "b.exr"]);
-        assert!(usage(room.plan(&["s.####.exr"], "o.exr")).contains("pattern"));
-        assert!(usage(room.plan(&["*.exr"], "o.exr")).contains("folder"));
-        assert!(usage(room.plan(&["a.exr", "b.exr"], "o.exr")).contains("folder"));
-        let listed = |lines: &str| {
-            std::fs::write(room.path("list"), lines).unwrap();
-            let selection = Selection { files_from: Some(room.path("list")), ..Selection::default() };
-            pair(&selection, &room.path("o.exr"), None)
-        };
-        assert_eq!(listed("s.0003.exr\n").unwrap()[0].number, Some(3));
-        assert!(listed("a.exr\nb.exr\n").unwrap_err().to_string().contains("folder"));
-    }
-
-    #[test]
-    fn two_inputs_never_share_an_output() {
-        let room = Room::new(&["a.0001.exr", "b.0001.exr"]);
-        assert!(usage(room.plan(&["a.0001.exr", "b.0001.exr"], "o.####.exr")).contains("both be written"));
-        let plan = room.plan(&["a.0001.exr", "a.0001.exr"], "o.####.exr").unwrap();
-        assert_eq!(plan.items.len(), 1);
-    }
-
-    #[test]
-    fn no_input_is_overwritten_by_any_name() {
-        let room = Room::new(&["a.exr", "m.exr"]);
-        std::fs::hard_link(room.path("a.exr"), room.path("hard.exr")).unwrap();
-        assert!(usage(room.plan(&["a.exr"], "a.exr")).contains("in place"));
-        assert!(usage(room.plan(&["a.exr"], "./a.exr")).contains("in place"));
-        assert!(usage(room.plan(&["a.exr"], "hard.exr")).contains("in place"));
-        assert!(usage(room.plan(&["a.exr"], "")).contains("in place"));
-        let mask = room.path("m.exr").to_str().unwrap().to_owned();
-        assert!(usage(room.plan_with(&["a.exr"], "m.exr", |t| t.mask = Some(mask.clone()))).contains("mask"));
-        let json = |name: &str| vec![room.path(name)];
-        assert!(
-            usage(room.plan_with(&["a.exr"], "o.exr", |t| t.also_written = json("a.exr")))
-                .contains("in place")
-        );
-        assert!(
-            usage(room.plan_with(&["a.exr"], "o.exr", |t| t.also_written = json("o.exr"))).contains("twice")
-        );
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn links_to_inputs_and_folders_are_seen_through() {
-        let room = Room::new(&["a.exr"]);
-        std::os::unix::fs::symlink(room.path("a.exr"), room.path("soft.exr")).unwrap();
-        std::fs::create_dir(room.path("d")).unwrap();
-        std::os::unix::fs::symlink(room.path("d"), room.path("e")).unwrap();
-        std::fs::write(room.path("d/a.exr"), "").unwrap();
-        assert!(usage(room.plan(&["a.exr"], "soft.exr")).contains("in place"));
-        assert!(usage(room.plan(&["soft.exr"], "a.exr")).contains("in place"));
-        assert!(usage(room.plan(&["d/a.exr"], "e")).contains("in place"));
-    }
-
-    #[test]
-    fn folders_are_made_only_when_asked() {
-        let room = Room::new(&["a.exr"]);
-        assert!(usage(room.plan(&["a.exr"], "x/y/o.exr")).contains("--create-dir"));
-        let plan = room.plan_with(&["a.exr"], "x/y/o.exr", |targets| targets.create_dir = true).unwrap();
-        assert_eq!(plan.new_folders, BTreeSet::from([room.path("x/y")]));
-        let below = room.plan_with(&["a.exr"], "a.exr/o.exr", |targets| targets.create_dir = true);
-        assert!(matches!(below, Err(PlanError::Failed(_))));
-    }
-
-    #[test]
-    fn numbers_are_needed_where_patterns_are() {
-        let room = Room::new(&["a.exr"]);
-        assert!(usage(room.plan(&["a.exr"], "o.####.exr")).contains("frame number"));
-        assert!(
-            usage(room.plan_with(&["a.exr"], "o.exr", |t| t.mask = Some("m.####.exr".into())))
-                .contains("mask")
-        );
-    }
-}
+mod tests;

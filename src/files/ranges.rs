@@ -47,7 +47,7 @@ impl FromStr for Frames {
         let mut seen = std::collections::HashSet::new();
         for part in text.split(',') {
             let (first, last, step) = range(part.trim())?;
-            let count = first.abs_diff(last) / step + 1;
+            let count = (first.abs_diff(last) / step).saturating_add(1);
             if count > MOST as u64 || numbers.len() + count as usize > MOST {
                 return Err(RangeError::TooMany);
             }
@@ -72,8 +72,8 @@ fn range(part: &str) -> Result<(i64, i64, u64), RangeError> {
     };
     // A minus sign at the start belongs to the number; the next one separates.
     let dash = ends.char_indices().skip(1).find(|&(_, c)| c == '-').map(|(at, _)| at);
-    let number = |text: &str| match text.parse::<i32>() {
-        Ok(number) if !text.starts_with('+') => Ok(i64::from(number)),
+    let number = |text: &str| match text.parse() {
+        Ok(number) if !text.starts_with('+') => Ok(number),
         _ => Err(syntax()),
     };
     let (first, last) = match dash {
@@ -111,6 +111,8 @@ mod tests {
         assert_eq!(frames("-2-2x2"), [-2, 0, 2]);
         assert_eq!(frames("0001-0003"), [1, 2, 3]);
         assert_eq!(frames("9, 1-2"), [9, 1, 2]);
+        // A name may have a date and a time.
+        assert_eq!(frames("20240102030405-20240102030406"), [20_240_102_030_405, 20_240_102_030_406]);
     }
 
     #[test]
@@ -120,13 +122,14 @@ mod tests {
 
     #[test]
     fn what_is_no_range_is_refused() {
-        for text in
-            ["", ",", "1-", "-", "a", "1-2-3", "1--", "1x2", "1:2", "1-10x", "+1", "1.5", "1-99999999999"]
-        {
+        let long = "1-99999999999999999999";
+        for text in ["", ",", "1-", "-", "a", "1-2-3", "1--", "1x2", "1:2", "1-10x", "+1", "1.5", long] {
             assert!(matches!(text.parse::<Frames>(), Err(RangeError::Syntax(_))), "{text}");
         }
         assert!(matches!("1-10x0".parse::<Frames>(), Err(RangeError::Step(_))));
         assert!(matches!("1-10x-2".parse::<Frames>(), Err(RangeError::Step(_))));
-        assert_eq!("1-2000000".parse::<Frames>(), Err(RangeError::TooMany));
+        for text in ["1-2000000", "-9223372036854775808-9223372036854775807"] {
+            assert_eq!(text.parse::<Frames>(), Err(RangeError::TooMany));
+        }
     }
 }

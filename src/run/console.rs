@@ -178,10 +178,12 @@ impl Console {
 
 /// A file and its frame number, for people: `shot.0012.exr (frame 12)`.
 pub fn label(file: &Path, number: Option<i64>) -> String {
-    number.map_or_else(
-        || file.display().to_string(),
-        |number| format!("{} (frame {number})", file.display()), //
-    )
+    let mut name = file.display().to_string();
+    // Spaces at its ends and the mark of an encoding would not be seen.
+    if name.trim() != name || name.contains('\u{feff}') {
+        name = format!("'{name}'");
+    }
+    number.map_or_else(|| name.clone(), |number| format!("{name} (frame {number})"))
 }
 
 /// `openjd_fail: TEXT` on standard output, for what ends a run before it has a console.

@@ -15,6 +15,12 @@ use crate::run::record::Record;
 /// What is to be done with a frame that is read.
 pub fn decide(item: &Item, skip_missing: bool) -> Result<Decision, Failure> {
     match item.input.metadata() {
+        // Its file may be on a disk that is not there now, so it is not known to be missing.
+        Err(error) if error.kind() == ErrorKind::NotFound && item.input.is_symlink() => {
+            let target = lacuna_exr::behind(&item.input);
+            let text = format!("it is a link to {}, which does not exist", target.display());
+            Err(Failure::at(&item.input, text))
+        }
         Err(error) if error.kind() == ErrorKind::NotFound && skip_missing => {
             Ok(Decision::Skip("the frame does not exist".into()))
         }

@@ -1,12 +1,16 @@
 //! Frame numbers as the shortest text that `--frames` reads.
 
+/// The largest step that `--frames` reads.
+const MOST: u64 = i32::MAX as u64;
+
 /// `1-10`, `1-9x2`, `5,7-12`: the numbers in their order.
 pub fn text(numbers: &[i64]) -> String {
     let mut parts = Vec::new();
     let mut rest = numbers;
     while let Some(&first) = rest.first() {
-        let step = rest.get(1).map_or(0, |second| second - first);
-        let steps = rest.windows(2).take_while(|pair| step != 0 && pair[1] - pair[0] == step).count();
+        let difference = |pair: &[i64]| pair[1].checked_sub(pair[0]).filter(|step| step.abs_diff(0) <= MOST);
+        let step = rest.windows(2).next().and_then(difference).unwrap_or(0);
+        let steps = rest.windows(2).take_while(|pair| step != 0 && difference(pair) == Some(step)).count();
         // Two numbers far apart are no range.
         let count = if steps >= 2 || (steps == 1 && step.abs() == 1) { steps + 1 } else { 1 };
         let last = rest[count - 1];
@@ -38,6 +42,7 @@ mod tests {
         assert_eq!(text(&[9, 5, 1]), "9-1x4");
         assert_eq!(text(&[-3, -2, -1]), "-3--1");
         assert_eq!(text(&[]), "");
+        assert_eq!(text(&[i64::MIN, 0, i64::MAX]), format!("{},0,{}", i64::MIN, i64::MAX));
     }
 
     proptest! {

@@ -200,7 +200,7 @@ impl NextPass {
     fn check(&self) -> Result<(), PlanError> {
         let mask = self.source.path().map(|path| (path, "mask"));
         let read = std::iter::once((&*self.frame, "frame")).chain(mask).chain(self.bounds.files());
-        let read = Sources::new(read);
+        let mut read = Sources::new(read);
         let estimate = self.error_estimate.as_deref().map(|path| ("--error-estimate", path));
         let outputs: Vec<_> = std::iter::once(("-o", &*self.output.path)).chain(estimate).collect();
         outputs.iter().try_for_each(|(_, output)| read.check(output))?;
