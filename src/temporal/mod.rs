@@ -16,7 +16,9 @@ mod vectors;
 pub use between::between;
 pub use carriers::{Carrier, carriers};
 pub use fit::shapes;
-pub use neighbours::{Neighbour, NeighbourFiles, Neighbours, Reading, header, left_filled, numbers};
+pub use neighbours::{
+    Neighbour, NeighbourFiles, Neighbours, Reading, header, left_filled, left_unread, numbers,
+};
 pub use reference::Reference;
 
 use std::str::FromStr;

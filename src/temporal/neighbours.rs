@@ -75,6 +75,8 @@ pub struct Neighbours {
     pub looked_at: Vec<i64>,
     /// The numbers of those among them that are left out because they were filled before.
     pub filled: Vec<i64>,
+    /// The numbers of those that the system refused to give.
+    pub unread: Vec<i64>,
     /// One line for each that was left out.
     pub notes: Vec<String>,
 }
@@ -84,6 +86,7 @@ impl Neighbours {
     pub fn line(&self, used: &[(i64, String)]) -> String {
         let one = |number: &i64| match used.iter().find(|used| used.0 == *number) {
             Some((_, how)) => format!("{number} {how}"),
+            None if self.unread.contains(number) => format!("{number}{LEFT_UNREAD}"),
             None if self.filled.contains(number) => format!("{number}{LEFT_FILLED}"),
             None => number.to_string(),
         };
@@ -96,16 +99,41 @@ pub fn numbers(line: &str) -> Vec<i64> {
     line.split(", ").filter_map(|one| one.split(' ').next()?.parse().ok()).collect()
 }
 
+/// Whether such a line names a frame that the system refused to give, which it may do another time.
+pub fn left_unread(line: &str) -> bool {
+    line.split(", ").any(|one| one.ends_with(LEFT_UNREAD))
+}
+
 /// Whether such a line names a frame that was left out because it was filled before.
 pub fn left_filled(line: &str) -> bool {
     line.split(", ").any(|one| one.ends_with(LEFT_FILLED))
 }
 
-/// What the line says of such a frame, and the log.
+/// What the line says of such frames.
 const LEFT_FILLED: &str = " filled";
-const FILLED: &str = "it was filled already (--again takes the pixels that its mask calls measured)";
+const LEFT_UNREAD: &str = " unread";
 
-type Read = Result<(Arc<Frame>, Arc<Masks>, Arc<KeptSamples>), String>;
+/// Why a neighbour is left out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Left {
+    /// It was filled before.
+    Filled,
+    /// The system refused to give it.
+    Unread(String),
+    /// It does not exist, is damaged or does not go with the frame.
+    Unfit(String),
+}
+
+impl std::fmt::Display for Left {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Filled => "it was filled already (--again takes the pixels that its mask calls measured)",
+            Self::Unread(why) | Self::Unfit(why) => why,
+        })
+    }
+}
+
+type Read = Result<(Arc<Frame>, Arc<Masks>, Arc<KeptSamples>), Left>;
 
 /// How the frames beside one are read.
 #[derive(Clone, Copy)]
@@ -151,8 +179,10 @@ impl NeighbourFiles {
                     found.all.push(Neighbour { number, offset, label, frame, masks, samples: Some(samples) });
                 }
                 Err(why) => {
-                    if why == FILLED {
-                        found.filled.push(file.number);
+                    match why {
+                        Left::Filled => found.filled.push(file.number),
+                        Left::Unread(_) => found.unread.push(file.number),
+                        Left::Unfit(_) => {}
                     }
                     found.notes.push(format!("filled without {label}: {why}"));
                 }
@@ -164,7 +194,7 @@ impl NeighbourFiles {
     fn get(&self, file: &NeighbourFile, own: &[Shape], reading: Reading<'_>) -> Read {
         if let Some(read) = self.kept(file) {
             let read = read?;
-            return misfit_of_all(own, &shapes(&read.0.parts)).map_or(Ok(read), Err);
+            return misfit_of_all(own, &shapes(&read.0.parts)).map_or(Ok(read), |why| Err(Left::Unfit(why)));
         }
         // Whatever is larger than the frame itself is not decoded.
         header(file, own)?;
@@ -193,39 +223,56 @@ impl NeighbourFiles {
 ///
 /// # Errors
 /// Why it is left out.
-pub fn header(file: &NeighbourFile, own: &[Shape]) -> Result<u64, String> {
-    if let Some((path, what)) = file.sources().find(|(path, _)| !path.exists()) {
-        return Err(format!("its {what} {} does not exist", path.display()));
+pub fn header(file: &NeighbourFile, own: &[Shape]) -> Result<u64, Left> {
+    for (path, what) in file.sources() {
+        path.metadata().map_err(|error| {
+            if lacuna_exr::is_refusal(&error) {
+                Left::Unread(format!("its {what} {} cannot be reached: {error}", path.display()))
+            } else {
+                Left::Unfit(format!("its {what} {} does not exist", path.display()))
+            }
+        })?;
     }
-    let failed = |error: lacuna_exr::Error| of_file(&file.input, error);
+    let failed = |error: lacuna_exr::Error| of_file(&file.input, &error);
     let parts = lacuna_exr::read_header(&file.input).map_err(failed)?;
     let other = shapes(&parts);
     if let Some(why) = misfit_of_all(own, &other) {
-        return Err(why);
+        return Err(Left::Unfit(why));
     }
     lacuna_exr::read_whole_header(&file.input).map_err(failed)?;
     Ok(beyond(own, &other))
 }
 
 /// What is wrong with a neighbour's own file, which the line names already.
-fn of_file(path: &Path, error: impl std::fmt::Display) -> String {
-    let (text, named) = (error.to_string(), format!("{}: ", path.display()));
-    text.strip_prefix(&named).unwrap_or(&text).into()
+fn of_file(path: &Path, error: &lacuna_exr::Error) -> Left {
+    let text = without(path, &error.to_string());
+    if error.is_of_system() { Left::Unread(text) } else { Left::Unfit(text) }
+}
+
+/// What is wrong with a file that belongs to a neighbour.
+fn of_source(path: &Path, text: String) -> Left {
+    let refused = std::fs::File::open(path).is_err_and(|error| lacuna_exr::is_refusal(&error));
+    if refused { Left::Unread(text) } else { Left::Unfit(text) }
+}
+
+fn without(path: &Path, text: &str) -> String {
+    text.strip_prefix(&format!("{}: ", path.display())).unwrap_or(text).into()
 }
 
 fn read(file: &NeighbourFile, reading: Reading<'_>) -> Read {
     let Reading { source, masks, limits, .. } = reading;
-    let mut frame = lacuna_exr::read(&file.input, &limits).map_err(|error| of_file(&file.input, error))?;
+    let mut frame = lacuna_exr::read(&file.input, &limits).map_err(|error| of_file(&file.input, &error))?;
     layers::read_into(&mut frame, &file.layers, limits)
-        .map_err(|(path, why)| format!("{}: {}", path.display(), of_file(&path, why)))?;
-    let mask = file.mask.as_deref().map(|path| masks.get(path, limits)).transpose();
-    let mask = mask.map_err(|error| error.to_string())?;
-    let found = mask::find(&frame, source, mask.as_deref()).map_err(|error| error.to_string())?;
+        .map_err(|(path, why)| of_source(&path, format!("{}: {}", path.display(), without(&path, &why))))?;
+    let mask = |path| masks.get(path, limits).map_err(|error| of_source(path, error.to_string()));
+    let mask = file.mask.as_deref().map(mask).transpose()?;
+    let found =
+        mask::find(&frame, source, mask.as_deref()).map_err(|error| Left::Unfit(error.to_string()))?;
     if found.is_empty() {
-        return Err("no pixel of it was measured".into());
+        return Err(Left::Unfit("no pixel of it was measured".into()));
     }
     if !reading.again && mask::filled_before(&frame, &found).is_some() {
-        return Err(FILLED.into());
+        return Err(Left::Filled);
     }
     let samples = KeptSamples::take_from(&mut frame, &found);
     Ok((Arc::new(frame), Arc::new(found), Arc::new(samples)))
@@ -278,11 +325,13 @@ mod tests {
     }
 
     #[test]
-    fn the_attribute_says_what_was_left_out_because_it_was_filled() {
-        let found = Neighbours { looked_at: vec![2, 3, 4], filled: vec![2], ..Neighbours::default() };
+    fn the_attribute_says_what_was_left_out_because_it_was_filled_or_not_to_be_had() {
+        let (looked_at, filled, unread) = (vec![2, 3, 4, 5], vec![2], vec![5]);
+        let found = Neighbours { looked_at, filled, unread, ..Neighbours::default() };
         let line = found.line(&[(4, "vectors filled by hand".into())]);
-        assert_eq!(line, "2 filled, 3, 4 vectors filled by hand");
-        assert_eq!(numbers(&line), [2, 3, 4]);
+        assert_eq!(line, "2 filled, 3, 4 vectors filled by hand, 5 unread");
+        assert_eq!(numbers(&line), [2, 3, 4, 5]);
         assert!(left_filled(&line) && !left_filled("3, 4 camera"));
+        assert!(left_unread(&line) && !left_unread("2 filled, 4 camera"));
     }
 }

@@ -52,7 +52,8 @@ fn is_of(item: &Item, FillJob { what: job, again, .. }: &FillJob, parts: &[PartH
     let beside: Vec<i64> = complete.map(|file| file.number).collect();
     let same_neighbours = |part: &PartHeader| {
         let line = part.attributes.text(temporal::ATTRIBUTE).unwrap_or_default();
-        let same = temporal::numbers(&line) == beside && !(*again && temporal::left_filled(&line));
+        let left = temporal::left_unread(&line) || (*again && temporal::left_filled(&line));
+        let same = temporal::numbers(&line) == beside && !left;
         same || Stamp::read(&part.attributes).is_none()
     };
     let same_mask = |stamp: &Stamp| source.as_ref().is_none_or(|source| *source == stamp.mask);
