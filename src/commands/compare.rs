@@ -1,14 +1,18 @@
 //! Comparing frames with their references: what is done with each, and with all of them.
 
-use std::collections::BTreeSet;
+mod ending;
+
+use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use lacuna_exr::{Frame, Part};
 
+use crate::commands::compare::ending::{judged, write, write_json};
 use crate::files::error::PlanError;
 use crate::files::identity::Sources;
 use crate::files::inputs::Selection;
+use crate::files::patterns::number_in_name;
 use crate::files::plan::{Item, Plan, pair};
 use crate::files::reports;
 use crate::files::reports::is_standard_output;
@@ -16,10 +20,10 @@ use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
 use crate::report::{
     self, Changed, Comparison, Flicker, FrameReport, Gate, Images, Kind, MOST_PIXELS, Maps, Measure, Pair,
-    Picture, Settings, why_unknown,
+    Picture, Settings,
 };
-use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
-use crate::run::console::{Console, Verbosity};
+use crate::run::batch::{Decision, Failure, LastWords, RunOptions, Stage, Work};
+use crate::run::console::Console;
 use crate::run::record::{Heading, Record};
 use crate::run::schedule::Need;
 use crate::run::{batch, memory, outputs};
@@ -88,8 +92,11 @@ pub fn compare(job: &CompareJob) -> Result<u8, PlanError> {
     let status = batch::run(heading, &items, &run, &work, &console).map_err(PlanError::Failed)?;
     let (comparison, pictures) = work.finish(&console);
     let failed = comparison.frames.iter().any(|frame| !frame.failures.is_empty());
-    write(job, &comparison, &pictures).map_err(PlanError::Failed)?;
-    Ok(status.max(u8::from(failed)))
+    let unwritten = write(job, &comparison, &pictures);
+    for error in &unwritten {
+        console.error(error);
+    }
+    Ok(status.max(u8::from(failed || !unwritten.is_empty())))
 }
 
 /// Refuses outputs that are inputs, or that cannot be files.
@@ -103,7 +110,30 @@ fn check_outputs(job: &CompareJob, items: &[Item]) -> Result<(), PlanError> {
             return Err(PlanError::Usage(format!("{}: no file can be written there", path.display())));
         }
     }
+    let Some(folder) = &job.outputs.maps else { return Ok(()) };
+    let mut owners: HashMap<String, &Item> = HashMap::new();
+    for item in items {
+        let name = map_name(item);
+        read.check(&folder.join(format!("{name}.maps.exr")))?;
+        if let Some(other) = owners.insert(name.clone(), item) {
+            return Err(PlanError::Usage(format!(
+                "--maps {}: the maps of {} and {} would both be called {name}; compare them one by one",
+                folder.display(),
+                other.input.display(),
+                item.input.display()
+            )));
+        }
+    }
     Ok(())
+}
+
+/// What the maps of a frame are called: as the test image, with the frame's number where only its folder has it.
+fn map_name(item: &Item) -> String {
+    let stem = item.output.file_stem().map(|stem| stem.display().to_string()).unwrap_or_default();
+    match item.number.filter(|&number| number_in_name(&item.output) != Some(number)) {
+        Some(number) => format!("{stem}.{number:04}"),
+        None => stem,
+    }
 }
 
 impl CompareOutputs {
@@ -114,31 +144,12 @@ impl CompareOutputs {
     }
 }
 
-/// Writes every format that was asked for, and the tables to standard output if that is not taken.
-fn write(job: &CompareJob, comparison: &Comparison, pictures: &[Option<Picture>]) -> Result<(), String> {
-    let put = |path: &Option<PathBuf>, text: &dyn Fn() -> Result<String, String>| match path {
-        None => Ok(()),
-        Some(path) => text().and_then(|text| reports::write(path, text.as_bytes())),
-    };
-    put(&job.run.json, &|| {
-        serde_json::to_string_pretty(comparison).map(|text| text + "\n").map_err(|error| error.to_string())
-    })?;
-    put(&job.outputs.csv, &|| Ok(report::csv(comparison)))?;
-    put(&job.outputs.markdown, &|| Ok(report::markdown(comparison)))?;
-    put(&job.outputs.html, &|| Ok(report::html(comparison, pictures)))?;
-    let asked = job.outputs.reports().into_iter().map(|(_, path)| path);
-    let taken = asked.chain(job.run.json.as_deref()).any(is_standard_output);
-    if taken || job.run.verbosity == Verbosity::Quiet {
-        return Ok(());
-    }
-    reports::print(&report::markdown(comparison)).map_err(|error| error.to_string())
-}
-
 struct Compare<'a> {
     job: &'a CompareJob,
     items: &'a [Item],
     masks: MaskFiles,
-    found: Mutex<Found>,
+    /// A signal's thread needs it as well.
+    found: Arc<Mutex<Found>>,
 }
 
 /// What was found so far.
@@ -170,6 +181,15 @@ impl Work for Compare<'_> {
 
     fn need(&self, item: &Item) -> Need {
         memory::to_compare(&item.input, &item.output).into()
+    }
+
+    fn last_words(&self, console: &Arc<Console>) -> Option<LastWords> {
+        self.job.run.json.as_ref()?;
+        let (job, found, console) = (self.job.clone(), Arc::clone(&self.found), Arc::clone(console));
+        Some(Box::new(move || {
+            let frames = found.lock().unwrap_or_else(PoisonError::into_inner).frames.clone();
+            write_json(&job.run, &judged(&job, frames, "not compared: stopped by a signal", &console))
+        }))
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
@@ -208,7 +228,7 @@ impl<'a> Compare<'a> {
             job,
             items,
             masks: MaskFiles::default(),
-            found: Mutex::new(Found { frames, flicker: Flicker::default(), pictures }),
+            found: Arc::new(Mutex::new(Found { frames, flicker: Flicker::default(), pictures })),
         }
     }
 
@@ -338,43 +358,10 @@ impl<'a> Compare<'a> {
     /// Everything that was found, judged by the gate; failures are named.
     fn finish(&self, console: &Console) -> (Comparison, Vec<Option<Picture>>) {
         let pictures = std::mem::take(&mut self.found().pictures);
-        let mut frames = std::mem::take(&mut self.found().frames);
-        let gate = &self.job.gate;
-        let mut failing = 0;
-        let compared = |frame: &&FrameReport| frame.error.is_none() && frame.skipped.is_none();
-        let known: Vec<&FrameReport> = frames.iter().filter(compared).collect();
-        let unknown = gate.unknown(&known);
-        let why: Vec<String> = unknown.iter().map(|&measure| why_unknown(measure)).collect();
-        let mut first = true;
-        for frame in &mut frames {
-            if frame.groups.is_empty() && frame.error.is_none() && frame.skipped.is_none() {
-                // Refused before it was opened, by its memory say; the log has the reason.
-                frame.error = Some("not compared; the log says why".into());
-            }
-            if frame.error.is_some() || frame.skipped.is_some() {
-                continue;
-            }
-            if first {
-                frame.failures.extend(why.iter().cloned());
-            }
-            frame.failures.extend(gate.failures(frame, std::mem::take(&mut first), &unknown));
-            if !frame.failures.is_empty() {
-                failing += 1;
-                let label = crate::run::console::label(Path::new(&frame.test), frame.frame);
-                console.error(&format!("{label}: {}", frame.failures.join("; ")));
-            }
-        }
-        // Of a single frame the line above has said all.
-        if failing > 0 && frames.len() > 1 {
-            console.error(&format!("{failing} of {} frames fail: {}", frames.len(), gate.texts().join(", ")));
-        }
-        let comparison = Comparison {
-            lacuna: env!("CARGO_PKG_VERSION"),
-            settings: self.job.settings.clone(),
-            gate: gate.texts(),
-            frames,
-        };
-        (comparison, pictures)
+        // A copy: a signal's thread may need the frames while reports are written.
+        let frames = self.found().frames.clone();
+        // What was refused before it was opened, by its memory say.
+        (judged(self.job, frames, "not compared; the log says why", console), pictures)
     }
 
     /// Writes the maps of a frame beside each other, named after the test image.
@@ -382,7 +369,7 @@ impl<'a> Compare<'a> {
         let (Some(folder), Some((frame, pictures))) = (&self.job.outputs.maps, maps.finish()) else {
             return Ok(());
         };
-        let stem = item.output.file_stem().map(|stem| stem.display().to_string()).unwrap_or_default();
+        let stem = map_name(item);
         let path = folder.join(format!("{stem}.maps.exr"));
         lacuna_exr::write(&frame, &path, &lacuna_exr::WriteOptions::default())
             .map_err(|error| Failure::at(&path, error))?;

@@ -34,7 +34,8 @@ pub fn check(reports: &[Asked<'_>], openjd: bool) -> Result<(), PlanError> {
     Ok(())
 }
 
-/// Refuses to put a report in the place of a file that is none of its kind, as far as its first and last bytes tell.
+/// Refuses to put a report where none can be, or in the place of a file that is none of its kind, as far as its first and last bytes
+/// tell.
 fn check_old((flag, path): Asked<'_>) -> Result<(), PlanError> {
     const TOLD: usize = 4096;
     let is: fn(&str, &str) -> bool = match flag {
@@ -45,7 +46,16 @@ fn check_old((flag, path): Asked<'_>) -> Result<(), PlanError> {
         "--html" | "--report" => |start, _| start.starts_with("<!DOCTYPE html>") && start.contains("lacuna"),
         _ => return Ok(()),
     };
-    if is_standard_output(path) || !path.metadata().is_ok_and(|found| found.is_file()) {
+    if is_standard_output(path) {
+        return Ok(());
+    }
+    // The ledger is opened at the beginning, and is not replaced.
+    if flag != "--log" {
+        lacuna_exr::check_whole(path).map_err(|error| {
+            PlanError::Failed(format!("{flag} {}: the report cannot be written: {error}", path.display()))
+        })?;
+    }
+    if !path.metadata().is_ok_and(|found| found.is_file()) {
         return Ok(());
     }
     let ends = || -> std::io::Result<[String; 2]> {
@@ -138,6 +148,18 @@ mod tests {
             assert_eq!(text.is_some(), stays, "{flag} {old:?}: {text:?}");
             assert!(text.is_none_or(|text| text.contains("no such report") && text.contains(flag)));
         }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_report_that_cannot_be_written_is_refused_before_the_work() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("r");
+        std::fs::write(&path, "").unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o444)).unwrap();
+        let text = refusal(&[("--json", &path)], false).unwrap();
+        assert!(text.contains("--json") && text.contains("read-only"), "{text}");
     }
 
     #[test]

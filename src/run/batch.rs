@@ -105,6 +105,9 @@ pub enum Decision {
     Skip(String),
 }
 
+/// What is done at the end on a signal, in the signal's thread.
+pub type LastWords = Box<dyn FnOnce() -> Result<(), String> + Send>;
+
 /// One kind of work on frames.
 pub trait Work: Sync {
     /// What the work is called in plans and sums: "fill", "filled".
@@ -132,6 +135,11 @@ pub trait Work: Sync {
     /// What would make more of these frames, a line each.
     fn hints(&self, _records: &[Record]) -> Vec<String> {
         Vec::new()
+    }
+
+    /// What is written, besides the batch's report, when a signal ends the run.
+    fn last_words(&self, _console: &Arc<Console>) -> Option<LastWords> {
+        None
     }
 
     /// What is written when all frames are through.
@@ -238,7 +246,7 @@ pub fn run(
     let threads = threads::start(options.threads)?;
     let ledger = Ledger::open(options.log.as_deref(), &heading)?;
     let books = Books { journal: Journal::new(heading, items), ledger };
-    let stopped = watch(&books, options.json.clone(), console)?;
+    let stopped = watch(&books, options.json.clone(), work.last_words(console), console)?;
     let start = Instant::now();
     console.begin(items.len() as u64 * (STEPS + work.pieces()));
     // With a bound, memory counts for more than time.
@@ -302,7 +310,12 @@ pub fn none(heading: Heading, items: &[Item], options: &RunOptions, reason: &str
 }
 
 /// Ends the run on a signal: no temporary file stays, the report says what was done.
-fn watch(books: &Books, json: Option<PathBuf>, console: &Arc<Console>) -> Result<Arc<AtomicBool>, String> {
+fn watch(
+    books: &Books,
+    json: Option<PathBuf>,
+    last_words: Option<LastWords>,
+    console: &Arc<Console>,
+) -> Result<Arc<AtomicBool>, String> {
     let (Books { journal, ledger }, console) = (books.clone(), Arc::clone(console));
     let clean = move || {
         lacuna_exr::remove_temporaries();
@@ -316,7 +329,8 @@ fn watch(books: &Books, json: Option<PathBuf>, console: &Arc<Console>) -> Result
         if let Some(error) = ledger.error() {
             console.error(&error);
         }
-        if let Some(Err(error)) = json.map(|path| journal.write(&path)) {
+        let report = json.map(|path| journal.write(&path));
+        for error in [report, last_words.map(|say| say())].into_iter().flatten().filter_map(Result::err) {
             console.error(&error);
         }
         lacuna_exr::remove_temporaries();
