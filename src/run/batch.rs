@@ -276,7 +276,7 @@ pub fn run(
     }
     let Books { journal, ledger } = books;
     let mut failed = sum(&journal, work, start, console);
-    if let Some(error) = ledger.error() {
+    if let Some(error) = ledger.close() {
         console.error(&error);
         failed = true;
     }
@@ -305,7 +305,7 @@ pub fn none(heading: Heading, items: &[Item], options: &RunOptions, reason: &str
         record.message = Some(reason.into());
         books.enter(index, record);
     }
-    books.ledger.error().map_or(Ok(()), Err)?;
+    books.ledger.close().map_or(Ok(()), Err)?;
     options.json.as_ref().map_or(Ok(()), |path| books.journal.write(path))
 }
 

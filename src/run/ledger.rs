@@ -3,7 +3,7 @@
 //! A line is one write to a file opened for appending, under a lock that every writer takes, so that lines of several
 //! writers never mix, on a network's file system either. A line that a crash or a full disk cut short is closed by the next.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -17,8 +17,10 @@ use sha2::{Digest, Sha256};
 use crate::files::plan::Item;
 use crate::run::record::{Heading, Record, State};
 
-/// How long a line waits for other writers.
+/// How long lines wait for other writers: once while frames are made, and once at the end.
 const PATIENCE: Duration = Duration::from_secs(30);
+/// Frames whose lines are missing that an error names.
+const NAMED: usize = 20;
 /// The same for the last lines after a signal, which leaves little time.
 const HASTE: Duration = Duration::from_secs(1);
 
@@ -33,6 +35,10 @@ struct Inner {
     host: String,
     task: Option<String>,
     state: Mutex<Entries>,
+    /// Lines that are not in the file yet; not held while anything waits.
+    lines: Mutex<VecDeque<Waiting>>,
+    /// Held while lines are written.
+    attempt: Mutex<Attempt>,
     /// A signal came.
     hurried: AtomicBool,
 }
@@ -43,6 +49,20 @@ struct Entries {
     begun: BTreeMap<usize, Begun>,
     /// Frames that have a line.
     ended: BTreeSet<usize>,
+}
+
+#[derive(Debug)]
+struct Waiting {
+    /// The frame that it is about.
+    frame: String,
+    line: Vec<u8>,
+}
+
+/// How the last attempt to write ended.
+#[derive(Debug, Default)]
+struct Attempt {
+    /// Another process did not give the lock back in time.
+    late: bool,
     error: Option<String>,
 }
 
@@ -92,6 +112,8 @@ impl Ledger {
             host,
             task: task(|name| std::env::var(name).ok()),
             state: Mutex::default(),
+            lines: Mutex::default(),
+            attempt: Mutex::default(),
             hurried: AtomicBool::new(false),
         }))))
     }
@@ -114,7 +136,9 @@ impl Ledger {
         // A signal's thread may have been faster.
         if state.ended.insert(index) {
             let input = state.begun.remove(&index).and_then(|begun| begun.input);
-            inner.enter(&mut state, record, (input.as_deref(), output.as_deref()));
+            inner.enter(record, (input.as_deref(), output.as_deref()));
+            drop(state);
+            inner.flush(false);
         }
     }
 
@@ -126,13 +150,31 @@ impl Ledger {
         for (index, Begun { mut record, input, .. }) in std::mem::take(&mut state.begun) {
             record.state = State::Stopped;
             state.ended.insert(index);
-            inner.enter(&mut state, &record, (input.as_deref(), None));
+            inner.enter(&record, (input.as_deref(), None));
         }
+        drop(state);
+        inner.flush(true);
     }
 
-    /// Why a line could not be written, once.
+    /// The run is through: lines that could not be written until now are, or the error says so.
+    pub fn close(&self) -> Option<String> {
+        if let Some(inner) = &self.0 {
+            inner.flush(true);
+        }
+        self.error()
+    }
+
+    /// Why lines could not be written, and of which frames.
     pub fn error(&self) -> Option<String> {
-        self.0.as_ref().and_then(|inner| inner.state().error.take())
+        let inner = self.0.as_ref()?;
+        let frames: Vec<String> = inner.lines().iter().map(|waiting| waiting.frame.clone()).collect();
+        let named = frames.iter().take(NAMED).map(String::as_str).collect::<Vec<_>>().join(", ");
+        let more = match frames.len().saturating_sub(NAMED) {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        let error = inner.attempt().error.clone()?;
+        (!frames.is_empty()).then(|| format!("{error}; it lacks the lines of frames {named}{more}"))
     }
 }
 
@@ -141,11 +183,16 @@ impl Inner {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn patience(&self) -> Duration {
-        if self.hurried.load(Ordering::SeqCst) { HASTE } else { PATIENCE }
+    fn lines(&self) -> MutexGuard<'_, VecDeque<Waiting>> {
+        self.lines.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn enter(&self, state: &mut Entries, record: &Record, (input, output): (Option<&str>, Option<&str>)) {
+    fn attempt(&self) -> MutexGuard<'_, Attempt> {
+        self.attempt.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A line for the file.
+    fn enter(&self, record: &Record, (input, output): (Option<&str>, Option<&str>)) {
         let line = Line {
             time: utc(SystemTime::now()),
             host: &self.host,
@@ -156,10 +203,39 @@ impl Inner {
             output_sha256: output,
             record,
         };
-        let text = serde_json::to_vec(&line).map_err(std::io::Error::from);
-        if let Err(error) = text.and_then(|text| append(&self.path, &text, || self.patience())) {
-            state.error.get_or_insert_with(|| unwritten(&self.path, &error));
+        // Nothing of it can fail to be text.
+        let line = serde_json::to_vec(&line).unwrap_or_default();
+        let frame = record.frame.map_or_else(|| record.output.clone(), |number| number.to_string());
+        self.lines().push_back(Waiting { frame, line });
+    }
+
+    /// Writes all lines. When another process did not give the lock back, later ones do not wait for it, but at the last.
+    fn flush(&self, last: bool) {
+        let mut attempt = self.attempt();
+        let mut lines = std::mem::take(&mut *self.lines());
+        if lines.is_empty() {
+            return;
         }
+        let late = attempt.late;
+        let patience = || {
+            if self.hurried.load(Ordering::SeqCst) {
+                HASTE
+            } else if late && !last {
+                Duration::ZERO
+            } else {
+                PATIENCE
+            }
+        };
+        *attempt = match append(&self.path, &mut lines, patience) {
+            Ok(()) => Attempt::default(),
+            Err(error) => Attempt {
+                late: error.kind() == ErrorKind::TimedOut,
+                error: Some(unwritten(&self.path, &error)),
+            },
+        };
+        let mut later = self.lines();
+        lines.append(&mut later);
+        *later = lines;
     }
 }
 
@@ -180,18 +256,27 @@ fn is_ledger(file: &mut File) -> std::io::Result<bool> {
     Ok(file.read(&mut first)? == 0 || first == *b"{")
 }
 
-/// Appends a line in one write. The file is opened anew, so that a network's file system tells its true end.
-fn append(path: &Path, line: &[u8], patience: impl Fn() -> Duration) -> std::io::Result<()> {
+/// Appends lines, each in one write, and takes out those that are written. The file is opened anew, so that a network's file system
+/// tells its true end.
+fn append(
+    path: &Path,
+    lines: &mut VecDeque<Waiting>,
+    patience: impl Fn() -> Duration,
+) -> std::io::Result<()> {
     let mut file = open(path)?;
     // The lock ends with the file.
     lock(&file, patience)?;
-    let mut text = Vec::with_capacity(line.len() + 2);
-    if is_cut_short(&mut file) {
+    while let Some(Waiting { line, .. }) = lines.front() {
+        let mut text = Vec::with_capacity(line.len() + 2);
+        if is_cut_short(&mut file) {
+            text.push(b'\n');
+        }
+        text.extend_from_slice(line);
         text.push(b'\n');
+        file.write_all(&text)?;
+        lines.pop_front();
     }
-    text.extend_from_slice(line);
-    text.push(b'\n');
-    file.write_all(&text)
+    Ok(())
 }
 
 fn lock(file: &File, patience: impl Fn() -> Duration) -> std::io::Result<()> {

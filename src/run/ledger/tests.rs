@@ -32,6 +32,10 @@ fn record(item: &Item, state: State) -> Record {
     }
 }
 
+fn two() -> VecDeque<Waiting> {
+    ["1", "2"].map(|frame| Waiting { frame: frame.into(), line: b"{}".into() }).into()
+}
+
 fn lines(path: &Path) -> Vec<serde_json::Value> {
     let text = std::fs::read_to_string(path).unwrap();
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
@@ -103,8 +107,7 @@ fn a_line_that_was_cut_short_is_closed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("ledger.jsonl");
     std::fs::write(&path, "{}\n{\"time\":\"20").unwrap();
-    append(&path, b"{}", || PATIENCE).unwrap();
-    append(&path, b"{}", || PATIENCE).unwrap();
+    append(&path, &mut two(), || PATIENCE).unwrap();
     assert_eq!(std::fs::read_to_string(&path).unwrap(), "{}\n{\"time\":\"20\n{}\n{}\n");
 }
 
@@ -128,10 +131,36 @@ fn a_lock_that_never_ends_and_a_missing_folder_are_errors() {
     let path = folder.path().join("ledger.jsonl");
     let held = open(&path).unwrap();
     held.lock().unwrap();
-    let error = append(&path, b"{}", || Duration::from_millis(20)).unwrap_err();
-    assert_eq!(error.kind(), ErrorKind::TimedOut);
+    let mut waiting = two();
+    let error = append(&path, &mut waiting, || Duration::from_millis(20)).unwrap_err();
+    assert_eq!((error.kind(), waiting.len()), (ErrorKind::TimedOut, 2));
     let error = Ledger::open(Some(&folder.path().join("no/such.jsonl")), &heading()).unwrap_err();
     assert!(error.contains("no/such.jsonl: the ledger cannot be written"), "{error}");
+}
+
+#[test]
+fn lines_wait_for_a_lock_that_is_not_given_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let (item, path) = (item(folder.path()), folder.path().join("ledger.jsonl"));
+    let ledger = Ledger::open(Some(&path), &heading()).unwrap();
+    let held = open(&path).unwrap();
+    held.lock().unwrap();
+    // As after the first line that has waited in vain.
+    ledger.0.as_ref().unwrap().attempt().late = true;
+    let begun = Instant::now();
+    for index in 0..3 {
+        ledger.end(index, &record(&item, State::Done));
+    }
+    assert!(begun.elapsed() < PATIENCE / 2);
+    let error = ledger.error().unwrap();
+    assert!(
+        error.contains("another process holds its lock; it lacks the lines of frames 7, 7, 7"),
+        "{error}"
+    );
+    assert!(lines(&path).is_empty());
+    drop(held);
+    assert_eq!(ledger.close(), None);
+    assert_eq!(lines(&path).len(), 3);
 }
 
 #[test]
