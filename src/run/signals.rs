@@ -1,12 +1,14 @@
-//! Interrupt, termination and hang-up: the run ends within a moment and leaves no temporary file.
+//! Interrupt, termination, hang-up, and what managers of farms send before they kill: the run ends within a moment and leaves no temporary file.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGXCPU, SIGXFSZ};
 use signal_hook::iterator::Signals;
 
+/// All of them end a process that does nothing about it. Slurm, SGE and LSF let users choose one that warns of the time's end.
+const ENDING: [i32; 7] = [SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2, SIGXCPU];
 /// How long cleaning up may take. A pipe that nobody reads would hold it up for ever.
 const PATIENCE: Duration = Duration::from_secs(4);
 
@@ -17,8 +19,7 @@ const PATIENCE: Duration = Duration::from_secs(4);
 /// the background) stays ignored.
 pub fn watch(clean: impl FnOnce() + Send + 'static) -> std::io::Result<Arc<AtomicBool>> {
     let process = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let mut signals =
-        Signals::new([SIGINT, SIGTERM, SIGHUP].into_iter().filter(|&signal| !is_ignored(signal, &process)))?;
+    let mut signals = Signals::new(ENDING.into_iter().filter(|&signal| !is_ignored(signal, &process)))?;
     let stopped = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stopped);
     std::thread::Builder::new().name("lacuna-signals".into()).spawn(move || {
