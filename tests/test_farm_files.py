@@ -1,0 +1,211 @@
+"""Files as farms have them: links, folders and neighbours that cannot be read, reports that cannot be written, names that are no frames, and
+signals that warn of the end. Nothing is left out, replaced or lost unsaid."""
+
+import json
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import tempfile
+
+import numpy as np
+import pytest
+
+import frames
+from tool import LACUNA, SAMPLES, Result, lacuna, quick_fill, wait_until_at_work
+
+NOBODY = 65534
+FIRST = SAMPLES / "sequence" / "shot.0001.exr"
+QUICK = ["--filter", "nearest", "--no-estimate"]
+ENDLESS = ["--filter", "tv", "--tv-gap", "1e-300", "--tv-iterations", "4000000000"]
+
+
+@pytest.fixture
+def user():
+    """A folder, and a function that runs lacuna there as a user who is not root: to root no file is closed."""
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="lacuna-test-"))
+    folder.chmod(0o777)
+    other = {"user": NOBODY, "group": NOBODY, "extra_groups": []} if os.geteuid() == 0 else {}
+
+    def lacuna_of_user(*words):
+        done = subprocess.run([LACUNA, *words], cwd=folder, capture_output=True, text=True, timeout=120, **other)
+        return Result([LACUNA, *words], done.returncode, done.stdout, done.stderr, 0, 0, 0)
+
+    try:
+        lacuna_of_user("--version")
+    except OSError as error:
+        shutil.rmtree(folder)
+        pytest.skip(f"needs a user who is not root and can run lacuna: {error}")
+    yield folder, lacuna_of_user
+    for path in folder.rglob("*"):
+        if path.is_dir() and not path.is_symlink():
+            path.chmod(0o777)
+    shutil.rmtree(folder)
+
+
+@pytest.fixture
+def shot(tmp_path):
+    """Four sparse frames in a folder beside an empty one."""
+    shutil.copytree(SAMPLES / "sequence", tmp_path / "in")
+    (tmp_path / "out").mkdir()
+    return tmp_path
+
+
+def refused(result, status, *words):
+    """One line says why."""
+    assert result.status == status and len(result.lines()) == 1, result
+    assert all(word in result.stderr for word in words), result
+
+
+def test_outputs_that_are_one_file_are_refused(shot):
+    (shot / "out" / "shot.0002.exr").symlink_to("shot.0001.exr")
+    # Whether the file is there or comes with the first frame.
+    for _ in range(2):
+        result = quick_fill("in/shot.####.exr", "-o", "out/shot.####.exr", "--frames", "1-2", folder=shot, ok=False)
+        refused(result, 2, "in/shot.0001.exr and in/shot.0002.exr would both be written to", "out/shot.0001.exr")
+        (shot / "out" / "shot.0001.exr").write_bytes(b"")
+    quick_fill("in/shot.####.exr", "-o", "out/shot.####.exr", "--frames", "2-3", folder=shot)
+    assert (shot / "out" / "shot.0002.exr").is_symlink() and (shot / "out" / "shot.0001.exr").stat().st_size > 0
+
+
+def test_links_that_lead_nowhere_are_told(shot):
+    (shot / "off").symlink_to("/no/such/disk")
+    for words in ([], ["--create-dir"]):
+        refused(quick_fill("in/shot.0001.exr", "-o", "off/o.exr", *words, folder=shot, ok=False), 1, "off is a link to /no/such/disk")
+    (shot / "out" / "o.exr").symlink_to("/no/such/disk/o.exr")
+    result = quick_fill("in/shot.0001.exr", "-o", "out/o.exr", "-q", folder=shot, ok=False)
+    refused(result, 1, "out/o.exr: cannot write: it is a link to /no/such/disk/o.exr, whose folder does not exist")
+    # A frame on a disk that is not there is not one that was never rendered.
+    (shot / "in" / "shot.0002.exr").unlink()
+    (shot / "in" / "shot.0003.exr").unlink()
+    (shot / "in" / "shot.0003.exr").symlink_to("/no/such/disk/s.exr")
+    result = quick_fill("in/shot.####.exr", "-o", "out/", "--frames", "1-4", "--missing-frame", "skip", "-q", folder=shot, ok=False)
+    refused(result, 1, "in/shot.0003.exr (frame 3): it is a link to /no/such/disk/s.exr, which does not exist")
+
+
+def test_a_neighbour_that_cannot_be_read_is_waited_for(user):
+    folder, lacuna = user
+    for number in (1, 2):
+        shutil.copy(FIRST, folder / f"s.{number}.exr")
+        os.utime(folder / f"s.{number}.exr", (1_000_000_000,) * 2)
+    closed = folder / "s.2.exr"
+    closed.chmod(0)
+    again = lambda: lacuna("fill", "s.1.exr", "-o", "o.exr", "--no-estimate", "--temporal", "1", "-u").stderr
+    assert "filled without frame 2 (s.2.exr): cannot open: Permission denied" in again()
+    closed.chmod(0o444)
+    assert "1 of 1 frame filled" in again()
+    assert "1 skipped" in again()
+    # One that is damaged is not read again until it changes.
+    closed.chmod(0o644)
+    closed.write_bytes(FIRST.read_bytes()[:2000])
+    os.utime(closed, (1_000_000_000,) * 2)
+    (folder / "o.exr").unlink()
+    assert "filled without frame 2 (s.2.exr): truncated" in again()
+    assert "1 skipped" in again()
+
+
+def test_folders_that_cannot_be_looked_into_are_told(user):
+    folder, lacuna = user
+    for name in ("p/a", "p/closed"):
+        (folder / name).mkdir(parents=True)
+        shutil.copy(FIRST, folder / name)
+    (folder / "p" / "closed").chmod(0)
+    for glob in ("p/**/*.exr", "p/*/*.exr", "p/closed/*.exr"):
+        result = lacuna("fill", glob, "-o", "out/", "--create-dir", *QUICK)
+        refused(result, 1, "cannot list p/closed: Permission denied")
+    refused(lacuna("fill", "p/closed/shot.####.exr", "-o", "out/", "--create-dir", *QUICK), 1, "cannot list p/closed")
+    for words in ([], ["--create-dir"]):
+        result = lacuna("fill", "p/a/shot.0001.exr", "-o", "p/closed/out/o.exr", *words, *QUICK)
+        refused(result, 1, "cannot reach the folder p/closed/out: Permission denied")
+    assert not (folder / "out").exists()
+
+
+def test_reports_that_cannot_be_written_are_refused_before_the_work(user):
+    folder, lacuna = user
+    shutil.copy(FIRST, folder / "s.exr")
+    (folder / "closed").mkdir(mode=0o555)
+    for flag in ("--json", "--report"):
+        result = lacuna("fill", "s.exr", "-o", "o.exr", flag, "closed/r", *QUICK)
+        refused(result, 1, f"{flag} closed/r: the report cannot be written", "Permission denied")
+    for flag in ("--json", "--csv", "--md", "--html"):
+        refused(lacuna("compare", "s.exr", "s.exr", flag, "closed/r"), 1, f"{flag} closed/r")
+    (folder / "r.json").touch(mode=0o444)
+    refused(lacuna("fill", "s.exr", "-o", "o.exr", "--json", "r.json", *QUICK), 1, "--json r.json", "read-only")
+    assert not (folder / "o.exr").exists()
+
+
+def test_a_comparison_writes_the_reports_that_it_can(tmp_path):
+    result = lacuna("compare", FIRST, FIRST, "--json", "/dev/full", "--csv", "c.csv", "-q", folder=tmp_path, ok=False)
+    refused(result, 1, "/dev/full: the report is not written")
+    assert (tmp_path / "c.csv").read_text().startswith("frame,")
+
+
+def test_a_comparison_that_is_stopped_says_what_it_found(tmp_path):
+    noise = np.random.default_rng(1).random((1024, 1024, 3), np.float32)
+    frames.write(tmp_path / "s.1.exr", {name: noise[..., k] for k, name in enumerate("RGB")})
+    for number in range(2, 13):
+        (tmp_path / f"s.{number}.exr").symlink_to("s.1.exr")
+    (tmp_path / "o").symlink_to(".")
+    words = ["s.%d.exr", "o/s.%d.exr", "--json", "r.json", "--threads", "1", "--progress", "plain"]
+    process = subprocess.Popen([LACUNA, "compare", *words], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    for line in process.stderr:
+        if "Progress: " in line and int(line.split()[1].rstrip("%")) >= 15:
+            break
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(30) == 143
+    told = json.loads((tmp_path / "r.json").read_text())["frames"]
+    assert len(told) == 12 and any(frame["groups"] for frame in told)
+    assert all(frame["error"] == "not compared: stopped by a signal" for frame in told if not frame["groups"])
+    assert any(frame["error"] for frame in told)
+
+
+@pytest.mark.parametrize("number", [signal.SIGXCPU, signal.SIGUSR1, signal.SIGUSR2, signal.SIGQUIT])
+def test_signals_of_farms_end_a_run_like_a_termination(shot, number):
+    words = ["in/shot.####.exr", "-o", "out/", "--json", "r.json", "--progress", "plain", *ENDLESS]
+    process = subprocess.Popen([LACUNA, "fill", *words], cwd=shot, stderr=subprocess.PIPE, text=True)
+    wait_until_at_work(process)
+    process.send_signal(number)
+    assert process.wait(30) == 128 + number
+    assert "stopped by a signal" in process.stderr.read()
+    assert list((shot / "out").iterdir()) == []
+    assert "stopped" in {frame["state"] for frame in json.loads((shot / "r.json").read_text())["frames"]}
+
+
+def test_submission_leaves_no_file_out_and_repeats_none(shot):
+    submit = lambda *words, ok=True: lacuna("submit", "slurm", "-n", "--chunk", "1", "--", "fill", *words, folder=shot, ok=ok)
+    shutil.copy(FIRST, shot / "in" / "other.0001.exr")
+    script = submit("in/*.exr", "-o", "out/").stdout
+    assert "#SBATCH --array=0-3\n" in script and "--frames=1-4" in script
+    shutil.copy(FIRST, shot / "in" / "still.exr")
+    refused(submit("in/*.exr", "-o", "out/", ok=False), 2, "in/still.exr: no frame number in the name")
+    # Also before there are any frames.
+    refused(submit("new.####.exr", "-o", "./new.####.exr", "--frames", "1-3", ok=False), 2, "the same file as the input")
+
+
+def test_long_numbers_are_numbers_of_frames(shot):
+    for last in (5, 6):
+        shutil.copy(FIRST, shot / f"t.2024010203040{last}.exr")
+    script = lacuna("submit", "slurm", "-n", "--", "fill", "t.*.exr", "-o", "out/", folder=shot).stdout
+    assert "--frames=20240102030405-20240102030406" in script
+    quick_fill("t.*.exr", "-o", "out/", "--frames", "20240102030405-20240102030406", folder=shot)
+    assert len(list((shot / "out").iterdir())) == 2
+
+
+def test_maps_have_the_number_that_only_a_folder_has(tmp_path):
+    for name in ("a/0001", "a/0002", "b/0001", "b/0002"):
+        (tmp_path / name).mkdir(parents=True)
+        shutil.copy(FIRST, tmp_path / name / "e.exr")
+    lacuna("compare", "a/####/e.exr", "b/####/e.exr", "--frames", "1-2", "--maps", "m", "-q", folder=tmp_path)
+    assert {path.name for path in (tmp_path / "m").glob("*.exr")} == {"e.0001.maps.exr", "e.0002.maps.exr"}
+    # What would still be called alike is refused.
+    result = lacuna("compare", "a/*/e.exr", "b/0001/", "--maps", "n", folder=tmp_path, ok=False)
+    refused(result, 2, "the maps of a/0001/e.exr and a/0002/e.exr would both be called e")
+    assert not (tmp_path / "n").exists()
+
+
+def test_names_in_a_list_are_shown_as_they_are(shot):
+    (shot / "list").write_bytes(b"\xef\xbb\xbfin/shot.0001.exr\nin/shot.0002.exr \n")
+    result = quick_fill("--files-from", "list", "-o", "out/", "-q", folder=shot, ok=False)
+    refused(result, 1, "'in/shot.0002.exr ' (frame 2): the frame does not exist")
+    assert (shot / "out" / "shot.0001.exr").exists()
