@@ -76,7 +76,12 @@ def test_update_does_only_what_is_stale(shot):
 
     quick_fill(source, "-o", out, "-u")
     assert made() == []
+    # Times alone change nothing, another frame of an old time does.
     os.utime(source.with_name("shot.0002.exr"))
+    os.utime(source.with_name("shot.0003.exr"), (time.time() + 1000,) * 2)
+    quick_fill(source, "-o", out, "-u")
+    assert made() == []
+    shutil.copy2(source.with_name("shot.0001.exr"), source.with_name("shot.0002.exr"))
     quick_fill(source, "-o", out, "-u")
     assert made() == numbered(2)
     quick_fill(source, "-o", out, "-u", "--filter", "pushpull")
@@ -106,8 +111,101 @@ def test_the_copy_of_a_complete_frame_is_up_to_date(shot, tmp_path, flags):
     assert planned("--compression", "none") == ["fill"] * 4
     assert planned("-d", "float" if frames.read(source.with_name("shot.0002.exr"))[0]["R"].dtype == np.float16 else "half") == ["fill"] * 4
     shutil.copy(source.with_name("shot.0003.exr"), out.with_name("shot.0003.exr"))
-    os.utime(source.with_name("shot.0004.exr"))
-    assert planned() == ["skip", "skip", "fill", "fill"]
+    # Nor is the copy of another frame that is complete, whatever its time.
+    changed = source.with_name("shot.0002.exr")
+    [planes] = frames.read(changed)
+    frames.write(changed, planes | {"R": planes["R"] + planes["R"].dtype.type(1)})
+    os.utime(changed, (0, 0))
+    assert planned() == ["skip", "fill", "fill", "skip"]
+
+
+def test_update_knows_other_sources_whatever_their_times(shot, tmp_path):
+    source, _ = shot
+    folders = [tmp_path / "v001", tmp_path / "v002"]
+    for folder, number in zip(folders, (1, 2)):
+        folder.mkdir()
+        shutil.copy(source.with_name(f"shot.{number:04}.exr"), folder / "in.exr")
+        frames.write(folder / "mask.exr", {"mask": frames.read(folder / "in.exr")[0]["mask"]})
+        for path in folder.iterdir():
+            os.utime(path, (1_600_000_000, 1_600_000_000))
+    for name in ("latest", "masks"):
+        (tmp_path / name).symlink_to(folders[0])
+    time.sleep(0.05)
+
+    def plan(*words):
+        result = quick_fill("latest/in.exr", "-o", "out.exr", "--mask", "file:masks/mask.exr", "-u", *words, folder=tmp_path)
+        return result.stdout + result.stderr
+
+    def switch(name, folder):
+        (tmp_path / name).unlink()
+        (tmp_path / name).symlink_to(folder)
+
+    assert "1 of 1 frame filled" in plan() and plan("-n").startswith("skip ")
+    for name, what in (("latest", "the input latest/in.exr"), ("masks", "the mask masks/mask.exr")):
+        switch(name, folders[1])
+        assert f"{what} is another one" in plan("-n")
+        switch(name, folders[0])
+        assert plan("-n").startswith("skip ")
+    # As cp -p, rsync -t and mv do it.
+    for name, what in (("in.exr", "input"), ("mask.exr", "mask")):
+        shutil.copy2(folders[0] / name, tmp_path / "kept")
+        shutil.copy2(folders[1] / name, folders[0] / name)
+        assert f"the {what} " in plan("-n")
+        (tmp_path / "kept").rename(folders[0] / name)
+        assert plan("-n").startswith("skip ")
+    switch("latest", folders[1])
+    switch("masks", folders[1])
+    assert "made again: the input latest/in.exr is another one" in plan("-v")
+    # Copies of the sources make the same bytes.
+    shutil.copytree(folders[1], tmp_path / "copied")
+    switch("latest", tmp_path / "copied")
+    before = (tmp_path / "out.exr").read_bytes()
+    assert plan("-n").startswith("skip ")
+    (tmp_path / "out.exr").unlink()
+    plan()
+    assert (tmp_path / "out.exr").read_bytes() == before
+
+
+def test_update_knows_what_only_the_file_or_its_attributes_show(shot, tmp_path):
+    source = shot[0].with_name("shot.0001.exr")
+    fill = lambda *words: lacuna("fill", source, "-o", tmp_path / "out.exr", "--filter", "ss", "-u", *words, ok=False)
+    runs = [["--no-estimate"], [], ["--compression", "zip:1"], ["--compression", "zip:12"], ["--compression", "zip"]]
+    for words in runs:
+        assert "1 of 1 frame filled" in fill(*words).stderr, words
+        assert "1 skipped" in fill(*words).stderr, words
+    assert "skip " not in (said := fill("-n").stdout) and "compression was set otherwise" in said
+    (tmp_path / "out.exr").chmod(0o444)
+    refused = fill()
+    assert refused.status == 1 and "read-only" in refused.stderr and "--force" not in refused.stderr
+
+
+def test_an_output_without_sources_goes_by_times(shot, tmp_path):
+    source, out = shot[0].with_name("shot.0001.exr"), tmp_path / "out.exr"
+    quick_fill(source, "-o", out)
+    raw = out.read_bytes()
+    assert raw.count(b"lacuna/sources") == 1
+    # The name of another attribute of the same length.
+    out.write_bytes(raw.replace(b"lacuna/sources", b"somebody/elses"))
+    os.utime(source, (time.time() - 100,) * 2)
+    plan = lambda: quick_fill(source, "-o", out, "-u", "-n").stdout
+    assert plan().startswith("skip ")
+    os.utime(source, (time.time() + 100,) * 2)
+    assert "is newer" in plan()
+
+
+def test_an_input_that_is_replaced_while_it_is_filled_fails(shot, tmp_path):
+    other = shot[0].with_name("shot.0002.exr")
+    source, out = tmp_path / "in.exr", tmp_path / "out.exr"
+    [planes] = frames.read(shot[0].with_name("shot.0001.exr"))
+    frames.write(source, {name: np.tile(plane, (8, 8)) for name, plane in planes.items()})
+    slow = ["--filter", "tv", "--tv-gap", "1e-300", "--tv-iterations", "1000000", "--time-limit", "3", "--no-estimate"]
+    words = [LACUNA, "fill", source, "-o", out, *slow, "--progress", "plain"]
+    running = subprocess.Popen([str(word) for word in words], stderr=subprocess.PIPE, text=True)
+    wait_until_at_work(running)
+    shutil.copy2(other, source)
+    error = running.communicate(timeout=300)[1]
+    assert running.returncode == 1 and "the input changed while the frame was made" in error, error
+    assert not out.exists()
 
 
 def test_a_folder_in_the_place_of_an_output_stops_no_other_frame(shot):

@@ -149,8 +149,22 @@ def test_a_gate_writes_the_frame_and_fails(tmp_path):
     assert record["state"] == "done"
     # What is up to date is held to the gate, too.
     again = lambda bound: lacuna("fill", source, "-o", output, *quick, "-u", "--min-psnr", bound, ok=False)
-    assert again(5).status == 0 and "1 skipped" in again(5).stderr
-    assert again(90).status == 1 and "written, but doubtful" in again(90).stderr
+    assert again(5).status == 0 and "1 skipped" in again(5).stderr and again(90).status == 1
+    made = output.stat().st_mtime_ns
+    for flag in ("-u", "--no-clobber"):
+        # The figure that is told is the one that counts, once the frame is there and when it is made.
+        told = record["estimates"][0]["psnr"]["estimate"]
+        for bound, passes in ((5, True), (round(told, 1), True), (round(told, 1) + 0.01, False), (90, False)):
+            words = ["fill", source, *quick, "--min-psnr", bound]
+            kept = lacuna(*words, "-o", output, flag, ok=False)
+            assert kept.status == (0 if passes else 1), kept
+            assert ("1 skipped" if passes else "there already, but doubtful") in kept.stderr
+            assert lacuna(*words, "-o", tmp_path / "anew.exr", ok=False).status == kept.status
+    assert output.stat().st_mtime_ns == made
+    # Nothing is known of one that was not estimated.
+    lacuna("fill", source, "-o", output, *quick, "--no-estimate")
+    kept = lacuna("fill", source, "-o", output, *quick, "--no-clobber", "--min-psnr", 5, ok=False)
+    assert kept.status == 1 and "not estimated" in kept.stderr
 
 
 @pytest.mark.parametrize("flags", [["--min-psnr", "x"], ["--max-rmse", "-1"], ["--max-rmse", "nan"], ["--no-estimate", "--min-psnr", "3"], ["--error-channel=a b"]])

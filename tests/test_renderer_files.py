@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 
 import numpy as np
 import OpenEXR
@@ -123,6 +124,8 @@ def test_files_of_luxcore_come_together(tmp_path):
         assert not full["n.R"][~MASK].any()
     assert "2 skipped" in layered(tmp_path, "-u").stderr
     luxcore_files(tmp_path, 2)
+    assert "2 skipped" in layered(tmp_path, "-u").stderr
+    shutil.copy2(tmp_path / "SAMPLECOUNT.0002.exr", tmp_path / "NORMAL.0002.exr")
     assert "1 skipped" in layered(tmp_path, "-u").stderr
     (tmp_path / "DEPTH.0001.exr").unlink()
     failed = layered(tmp_path, "-q", ok=False)

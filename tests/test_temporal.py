@@ -296,10 +296,17 @@ def test_an_output_is_made_anew_when_a_neighbour_changes(tmp_path):
     stamp(out, past + 10)
     assert "4 skipped" in again()
     assert made_since(out, past + 10) == set()
+    # By its content, not by its time.
+    frame, before = (tmp_path / "shot.0004.exr").read_bytes(), content(out)
     os.utime(tmp_path / "shot.0004.exr", (past + 20, past + 20))
-    before = content(out)
+    assert "4 skipped" in again()
+    (tmp_path / "shot.0004.exr").write_bytes((tmp_path / "shot.0003.exr").read_bytes())
+    stamp(tmp_path, past)
     again()
     assert made_since(out, past + 10) == {"shot.0003.exr", "shot.0004.exr"}
+    assert content(out) != before
+    (tmp_path / "shot.0004.exr").write_bytes(frame)
+    again()
     assert content(out) == before
     # One that is gone is missed, too.
     (tmp_path / "shot.0001.exr").unlink()

@@ -111,8 +111,8 @@ pub struct MoreOutput {
     #[arg(long)]
     pub drop_mask: bool,
 
-    /// Pass over frames whose output is newer than their input and all other files that it is made of, has the right windows and
-    /// was made by this version with the same settings, or is the copy of a complete frame
+    /// Pass over frames whose output was made by this version of the very input and other files that are there, with the same
+    /// settings, or is the copy of a complete frame; -n says why others are not
     #[arg(short, long, conflicts_with_all = ["no_clobber", "force"])]
     pub update: bool,
 }

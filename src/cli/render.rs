@@ -66,8 +66,8 @@ pub struct RenderArgs {
     #[command(flatten)]
     format: FormatArgs,
 
-    /// Pass over frames whose output is newer than the volume, the colour map and the mask file and was made by this
-    /// version from the same scene with the same settings
+    /// Pass over frames whose output was made by this version of the very volume, colour map and mask file that are there, from the
+    /// same scene with the same settings
     // It was --resume once, which stands in scripts.
     #[arg(short, long, alias = "resume", conflicts_with_all = ["no_clobber", "force"], help_heading = "Output")]
     update: bool,

@@ -232,7 +232,7 @@ fn the_defaults_are_the_documented_ones() {
     assert!(job.what.method.keeps_measured());
     assert_eq!(job.what.mask, Source::Auto);
     assert_eq!((job.what.domain, job.what.limit, job.what.drop_mask), (Domain::Auto, true, false));
-    assert_eq!((job.what.kind, job.what.compression, job.level), (None, None, None));
+    assert_eq!((job.what.kind, job.what.compression, job.what.level), (None, None, None));
     assert_eq!((job.existing, job.skip_missing, job.targets.create_dir), (Existing::Replace, false, false));
     assert_eq!((job.run.threads, job.run.parallel_frames, job.run.memory), (0, 1, None));
     assert_eq!((job.run.verbosity, job.run.dry_run), (Verbosity::Normal, false));
@@ -255,7 +255,7 @@ fn every_flag_reaches_the_job() {
     assert_eq!(job.what.method, Method::from(tv::Settings { epsilon: 0.5, ..tv::Settings::default() }));
     assert_eq!((job.what.domain, job.what.limit, job.what.drop_mask), (Domain::Log, false, true));
     assert_eq!(
-        (job.what.kind, job.what.compression, job.level),
+        (job.what.kind, job.what.compression, job.what.level),
         (Some(Kind::Half), Some(Compression::Zips), Some(7))
     );
     assert_eq!(job.existing, Existing::Update);

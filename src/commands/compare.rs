@@ -174,7 +174,7 @@ impl Work for Compare<'_> {
         match &decision {
             Ok(Decision::Skip(reason)) => self.found().frames[at].skipped = Some(reason.clone()),
             Err(failure) => self.found().frames[at].error = Some(failure.text.clone()),
-            Ok(Decision::Do) => {}
+            Ok(Decision::Do | Decision::Again(_)) => {}
         }
         decision
     }

@@ -92,7 +92,7 @@ impl Work for Sparsify<'_> {
     }
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
-        outputs::decide_to_write(item, self.job.skip_missing, self.job.existing, |_| false)
+        outputs::decide_to_write(item, self.job.skip_missing, self.job.existing, |_| None)
     }
 
     fn need(&self, item: &Item) -> Need {

@@ -64,7 +64,7 @@ impl Places {
 }
 
 /// What tells an existing file from every other, whatever its names.
-#[derive(PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Identity {
     #[cfg(unix)]
     device_and_inode: (u64, u64),

@@ -5,6 +5,7 @@
 //! destinations ────────────────────────┴─> plan: one item a frame, checked against what is the same file (identity)
 //! ```
 
+pub(crate) mod content;
 pub(crate) mod destinations;
 pub(crate) mod error;
 pub(crate) mod globs;

@@ -42,9 +42,9 @@ impl Item {
     }
 
     /// The same without neighbours that are left out because something of them is missing.
-    pub fn used_sources(&self) -> impl Iterator<Item = &Path> {
+    pub fn used_sources(&self) -> impl Iterator<Item = (&Path, &'static str)> {
         let neighbours = self.neighbours.iter().filter(|file| file.is_complete());
-        self.own_sources().chain(neighbours.flat_map(NeighbourFile::sources)).map(|(path, _)| path)
+        self.own_sources().chain(neighbours.flat_map(NeighbourFile::sources))
     }
 
     /// Without the frames beside it.

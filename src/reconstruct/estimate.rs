@@ -133,6 +133,9 @@ pub fn untold(set: &Set) -> Option<String> {
 /// Ends what is said of what was copied.
 const EQUAL: &str = " measured pixels";
 
+/// Begins what is said of an error of which nothing is known.
+const UNTOLD: &str = "cannot be told: ";
+
 /// What is said where nothing errs, which is no promise of places that no sample has met.
 const NO_ERROR: &str = "no error at held-out samples";
 
@@ -154,7 +157,7 @@ impl std::fmt::Display for Estimated {
             Self::Copied { copied_from, equal_pixels } => {
                 write!(f, "copied from {}, equal at all {equal_pixels}{EQUAL}", copied_from.join(", "))
             }
-            Self::Unknown { unknown, .. } => write!(f, "cannot be told: {unknown}"),
+            Self::Unknown { unknown, .. } => write!(f, "{UNTOLD}{unknown}"),
         }
     }
 }
@@ -180,20 +183,29 @@ impl Gate {
         if group.channels.iter().any(|name| is_coordinate(name)) {
             return None;
         }
-        let estimated = group.estimate.as_ref()?;
-        let names = group.names();
-        let (rmse, psnr, [least, most]) = match estimated {
-            Estimated::Copied { .. } => return None,
-            Estimated::Unknown { unknown, .. } => {
-                return Some(format!("the error of {names} cannot be told: {unknown}"));
-            }
-            Estimated::Error { rmse, psnr, .. } => {
-                (rmse.estimate, psnr.map_or(f64::INFINITY, |psnr| psnr.estimate), ["about"; 2])
-            }
-            Estimated::Bound { rmse_at_most, psnr_at_least } => {
-                (*rmse_at_most, *psnr_at_least, ["at least", "at most"])
-            }
+        self.refuses_said(&group.names(), &group.estimate.as_ref()?.to_string())
+    }
+
+    /// Why what is said of the error of these channels is doubtful. Figures count as they are said, rounded, so that an output that is
+    /// there already gets the verdict that it got when it was filled.
+    fn refuses_said(&self, names: &str, said: &str) -> Option<String> {
+        if said == NO_ERROR || said.ends_with(EQUAL) {
+            return None;
+        }
+        let untold = |why: &str| Some(format!("the error of {names} cannot be told: {why}"));
+        if let Some(why) = said.strip_prefix(UNTOLD) {
+            return untold(why);
+        }
+        let figure = |text: &str| text.parse::<f64>().ok();
+        let (figures, [least, most]) = match said.strip_prefix("at least ") {
+            Some(bound) => (bound.split_once(" dB, RMSE at most "), ["at least", "at most"]),
+            None => (said.split_once(" dB (").map(|(psnr, rest)| (psnr, last_word(rest))), ["about"; 2]),
         };
+        // An error that has no ratio: it may be 0.
+        let alone = said.strip_prefix("RMSE ").and_then(|rest| rest.split(' ').next());
+        let figures = figures.or(alone.map(|rmse| ("inf", rmse)));
+        let figures = figures.and_then(|(psnr, rmse)| Some((figure(psnr)?, figure(rmse)?)));
+        let Some((psnr, rmse)) = figures else { return untold(said) };
         let low = self.min_psnr.filter(|&bound| psnr < bound);
         let high = self.max_rmse.filter(|&bound| rmse > bound);
         let low =
@@ -203,28 +215,24 @@ impl Gate {
         })
     }
 
-    /// Whether a frame may be doubtful whose attribute says this of its estimates: figures are rounded there, and what it does not tell
-    /// may be anything.
-    pub fn may_refuse(&self, line: Option<&str>) -> bool {
-        let last = |text: &str| text.rsplit(' ').next().and_then(|word| word.parse::<f64>().ok());
-        let doubtful = |group: &str| {
-            if is_coordinate(group.split([',', ':']).next().unwrap_or_default()) {
-                return false;
-            }
-            let figures = (group.split_once(" dB").and_then(|(before, _)| last(before)), last(group));
-            let (Some(psnr), Some(rmse)) = figures else {
-                return ![NO_ERROR, EQUAL].iter().any(|end| group.ends_with(end));
-            };
-            let low = self.min_psnr.is_some_and(|bound| psnr < bound + 0.05);
-            low || self.max_rmse.is_some_and(|bound| rmse > 0.99 * bound)
+    /// Why a filled part is doubtful whose attribute says this of its estimates, if it is.
+    pub fn doubt_of(&self, line: &str) -> Option<String> {
+        let doubt = |group: &str| {
+            let (names, said) = group.split_once(": ").unwrap_or((group, ""));
+            let coordinates = names.split(", ").any(is_coordinate);
+            if coordinates { None } else { self.refuses_said(names, said) }
         };
-        self.is_set() && line.is_none_or(|line| line.split("; ").any(doubtful))
+        joined(line.split("; ").filter_map(doubt))
     }
 
     /// Why a filled frame is doubtful, if it is.
     pub fn doubt(&self, report: &Report) -> Option<String> {
         joined(report.lines(|part| joined(part.groups.iter().filter_map(|group| self.refuses(group)))))
     }
+}
+
+fn last_word(text: &str) -> &str {
+    text.rsplit(' ').next().unwrap_or_default()
 }
 
 /// All that is said in one line, if anything is.
@@ -247,7 +255,7 @@ pub fn contradiction(line: &str, peak: f64) -> Option<&str> {
 /// Whether the figures of a group hold together; nothing where there are none.
 fn figures(group: &str, peak: f64) -> Option<bool> {
     let number = |text: &str| text.parse::<f64>().unwrap_or(f64::NAN);
-    let last = |text: &str| number(text.rsplit(' ').next().unwrap_or_default());
+    let last = |text: &str| number(last_word(text));
     // Both are rounded: decibels to a tenth, errors to three digits.
     let agree = |psnr: f64, rmse: f64| rmse > 0.0 && (psnr - 20.0 * (peak / rmse).log10()).abs() < 0.1;
     let within = |estimate: f64, interval: &str| {
@@ -372,8 +380,8 @@ mod tests {
         ] {
             assert_eq!(gate.refuses(group).is_some(), refused, "{gate:?} {group:?}");
             // What the attribute says of it tells as much.
-            let line = line([group].into_iter());
-            assert_eq!(gate.may_refuse(line.as_deref()), refused, "{gate:?} {line:?}");
+            let line = line([group].into_iter()).unwrap();
+            assert_eq!(gate.doubt_of(&line), gate.refuses(group), "{gate:?} {line:?}");
         }
     }
 

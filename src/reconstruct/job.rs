@@ -39,6 +39,8 @@ pub struct Job {
     pub drop_mask: bool,
     /// The output's compression; nothing takes the input's where it is lossless, else ZIP.
     pub compression: Option<Compression>,
+    /// How hard it tries, where that is said.
+    pub level: Option<u8>,
     /// The mask as it was asked for (not as it was found).
     pub mask: Source,
     /// The channel rules that were asked for.
@@ -77,6 +79,7 @@ impl Job {
             kind: None,
             drop_mask: false,
             compression: None,
+            level: None,
             mask: Source::Auto,
             overrides: Vec::new(),
             rules: None,
@@ -152,6 +155,13 @@ impl Job {
         }
         if self.temporal.window != Window::None {
             line = format!("{line} temporal={} motion={}", self.temporal.window, self.temporal.motion);
+        }
+        if let Some(level) = self.level {
+            line = format!("{line} compression-level={level}");
+        }
+        // Of enlarged frames nothing is estimated.
+        if self.estimate == Estimate::No && self.enlarge.is_none() {
+            line += " estimate=none";
         }
         if self.peak != 1.0 {
             line = format!("{line} peak={}", self.peak);

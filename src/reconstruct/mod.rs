@@ -57,7 +57,7 @@ pub use noise::{NoiseError, NoiseSource};
 pub(crate) use part::measured_floats;
 pub use report::{ChannelReport, GroupReport, PartReport, Report, behind, named};
 pub use stamp::{
-    ADDED, DENSITY, DERIVED, FILLED_BY, FILTER, RENDER, SCENE, Stamp, dropped_note, error_channel,
+    ADDED, DENSITY, DERIVED, FILLED_BY, FILTER, RENDER, SCENE, SOURCES, Stamp, dropped_note, error_channel,
     estimated_errors, of_other_pixels, remove, was_cut_short,
 };
 pub(crate) use twins::{Copied, line as copied_line, read as copied};
@@ -91,6 +91,8 @@ pub struct Beside<'a> {
     pub guides: Option<&'a Frame>,
     /// The frames before and after it.
     pub neighbours: Option<&'a Neighbours>,
+    /// What all of this was read from, for the stamp.
+    pub sources: Option<&'a str>,
 }
 
 /// Fills the missing pixels of a frame.
@@ -108,11 +110,11 @@ pub fn fill_with(
         return Err(Error::OtherFrame);
     }
     job.noise.check(&frame)?;
-    let Beside { guides: second, neighbours } = beside;
+    let Beside { guides: second, neighbours, sources } = beside;
     let mut choices = choices.to_vec();
     let found = guides::find(&frame, masks, &mut choices, job.wanted(), second)?;
     let choices = choices.as_slice();
-    let stamp = Stamp::new(job, &masks.origin);
+    let stamp = Stamp::new(job, &masks.origin, sources);
     let unheeded = unheeded(&frame, &masks.mask_channels, &job.overrides, choices);
     let notes = [masks.notes.as_slice(), &found.notes, &unheeded].concat();
     let mut report = Report { copied: true, ..Report::new(&stamp, masks.density(), notes) };

@@ -88,7 +88,9 @@ fn of_tool(frame: &Frame, job: &Job) -> (Vec<Vec<u32>>, Report) {
     let (plans, run) = (Plans::new(), Run::default());
     let (frame, report) = match &job.enlarge {
         None => fill(frame.clone(), &masks, &choices, job, &plans, &run).unwrap(),
-        Some(asked) => enlarge(frame.clone(), &masks, &choices, None, (job, asked), &plans, &run).unwrap(),
+        Some(asked) => {
+            enlarge(frame.clone(), &masks, &choices, Beside::default(), (job, asked), &plans, &run).unwrap()
+        }
     };
     let names = COLOURS.iter().chain(&["A"]);
     (names.map(|name| bits(&values(&frame.parts[0], name))).collect(), report)

@@ -24,6 +24,9 @@ pub const DENSITY: &str = "lacuna/density";
 /// Where the mask was found.
 pub const MASK: &str = crate::mask::ATTRIBUTE;
 
+/// The files that the part was made from, each by sums of its bytes.
+pub const SOURCES: &str = "lacuna/sources";
+
 /// Why the solver stopped before it converged; parts that converged have no such attribute.
 pub const STOP: &str = "lacuna/stop";
 
@@ -41,6 +44,7 @@ pub const ADDED: &[&str] = &[
     SETTINGS,
     DENSITY,
     MASK,
+    SOURCES,
     STOP,
     SETTLED,
     guides::ATTRIBUTE,
@@ -55,6 +59,7 @@ pub const FILLING: &[&str] = &[
     SETTINGS,
     SETTLED,
     DENSITY,
+    SOURCES,
     STOP,
     guides::ATTRIBUTE,
     twins::ATTRIBUTE,
@@ -70,9 +75,9 @@ pub fn of_other_pixels() -> impl Iterator<Item = &'static str> {
     DERIVED.iter().chain(FILLING).copied().chain([ROUNDS])
 }
 
-/// Removes attributes. Returns those that people may miss: what a renderer needs to know its own files by is none of them.
+/// Removes attributes. Returns those that people may miss: what programs know their own files by is none of them.
 pub fn remove(attributes: &mut Attributes, names: impl Iterator<Item = &'static str>) -> Vec<&'static str> {
-    names.filter(|name| attributes.remove(name)).filter(|name| *name != RENDER).collect()
+    names.filter(|name| attributes.remove(name)).filter(|name| ![RENDER, SOURCES].contains(name)).collect()
 }
 
 /// What is told of attributes that were removed, if any were.
@@ -91,16 +96,19 @@ pub struct Stamp {
     pub settings: String,
     /// Where the mask was found.
     pub mask: String,
+    /// The files that it was made from, where those are known.
+    pub sources: Option<String>,
 }
 
 impl Stamp {
-    /// The stamp of what a job makes with this version; `mask` is where the mask was found.
-    pub fn new(job: &Job, mask: &str) -> Self {
+    /// The stamp of what a job makes with this version of these sources; `mask` is where the mask was found.
+    pub fn new(job: &Job, mask: &str, sources: Option<&str>) -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION").into(),
             filter: job.filter_name().into(),
             settings: job.settings(),
             mask: mask.into(),
+            sources: sources.map(Into::into),
         }
     }
 
@@ -118,6 +126,7 @@ impl Stamp {
             filter: text(FILTER)?,
             settings: text(SETTINGS)?,
             mask: text(MASK)?,
+            sources: text(SOURCES),
         })
     }
 
@@ -128,6 +137,10 @@ impl Stamp {
         attributes.set_text(SETTINGS, &self.settings);
         attributes.set(DENSITY, "float", (density as f32).to_le_bytes().to_vec());
         attributes.set_text(MASK, &self.mask);
+        match &self.sources {
+            Some(line) => attributes.set_text(SOURCES, line),
+            None => drop(attributes.remove(SOURCES)),
+        }
         match stop_name(stop) {
             Some(name) => attributes.set_text(STOP, name),
             None => drop(attributes.remove(STOP)),
@@ -145,8 +158,23 @@ impl Stamp {
 
     /// Whether a file with this stamp is what `job` would make again, as far as the settings tell.
     pub fn is_of(&self, job: &Job) -> bool {
-        let new = Self::new(job, &self.mask);
-        *self == new
+        self.differs(job).is_none()
+    }
+
+    /// What this stamp says else than `job` would; nothing if it is of it.
+    pub fn differs(&self, job: &Job) -> Option<String> {
+        let new = Self::new(job, &self.mask, self.sources.as_deref());
+        if self.version != new.version {
+            return Some(format!("it was made by lacuna {}", self.version));
+        }
+        if self.filter != new.filter {
+            return Some(format!("the filter was {}", self.filter));
+        }
+        let (old, now) = (parse_settings(&self.settings), parse_settings(&new.settings));
+        let other =
+            now.iter().find(|pair| !old.contains(pair)).or(old.iter().find(|pair| !now.contains(pair)));
+        let other = other.map_or("settings", |(name, _)| name);
+        (self.settings != new.settings).then(|| format!("{other} was set otherwise"))
     }
 
     /// The value of one setting.
@@ -270,7 +298,8 @@ mod tests {
 
     #[test]
     fn a_part_that_was_cut_short_says_so_until_it_converges() {
-        let stamp = Stamp::new(&Job::new(lacuna_filters::Method::from(push_pull::Settings)), "mask");
+        let job = Job::new(lacuna_filters::Method::from(push_pull::Settings));
+        let stamp = Stamp::new(&job, "mask", Some("input=1:2"));
         let mut attributes = Attributes::default();
         for (stop, name, cut) in [
             (Stop::TimeLimit, Some("time-limit"), true),

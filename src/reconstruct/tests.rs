@@ -405,7 +405,7 @@ fn each_frame_says_whether_logarithms_suit_it() {
         let job = Job { domain: Domain::Log, enlarge: Some(asked), ..Job::new(Method::default()) };
         let (masks, plans, run) = (Masks::complete(&low), Plans::new(), Run::default());
         let choices = choose(&low, &masks.mask_channels, &[]);
-        let done = enlarge(low, &masks, &choices, None, (&job, &asked), &plans, &run);
+        let done = enlarge(low, &masks, &choices, Beside::default(), (&job, &asked), &plans, &run);
         done.map(|(_, report)| report.parts[0].groups[0].domain).map_err(|error| error.to_string())
     };
     let spline = lacuna_filters::upscale::Method::Ss;

@@ -90,6 +90,11 @@ impl Failure {
         Self { file: file.into(), text: text.strip_prefix(&named).unwrap_or(&text).into() }
     }
 
+    /// A file that is there already, and is not believed for this reason.
+    pub fn kept_doubtful(file: &Path, why: &str) -> Self {
+        Self { file: file.into(), text: format!("there already, but doubtful: {why}") }
+    }
+
     /// A file that was written, but is not believed for this reason.
     pub fn doubtful(file: &Path, why: &str) -> Self {
         Self { file: file.into(), text: format!("written, but doubtful: {why}") }
@@ -101,6 +106,8 @@ impl Failure {
 pub enum Decision {
     /// The work.
     Do,
+    /// The same though there is an output, for this reason.
+    Again(String),
     /// Nothing, for this reason.
     Skip(String),
 }
@@ -347,7 +354,10 @@ fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, books: &Bo
             record.pass_over(reason);
             Ok(())
         }
-        Decision::Do => {
+        decision => {
+            if let Decision::Again(why) = decision {
+                tracing::info!("made again: {why}");
+            }
             books.begin(index, item, &record);
             work.frame(item, stage, &mut record)
         }

@@ -1,9 +1,12 @@
-//! Outputs that exist: whether they stay, and whether they are newer than what they are made from.
+//! Outputs that exist: whether they stay, and why they are not what would be made now.
 
 use std::path::Path;
 use std::time::SystemTime;
 
 use lacuna_exr::{Over, PartHeader, read_whole_header};
+
+use crate::files::content::{Seen, Sums};
+use crate::reconstruct::SOURCES;
 
 /// What happens to outputs that exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,15 +32,27 @@ impl Existing {
     }
 }
 
-/// Whether the output is newer than these files and whole, and its headers are what this run would write.
-pub fn is_made_from<'a>(
+/// Why an output is not what this run would make of these files, if it is not: it is not whole, `differs` finds another reason in its
+/// headers, or it says that it was made from others. Of one that does not say what it was made from, all must be older.
+pub fn stale<'a>(
     output: &Path,
-    sources: impl IntoIterator<Item = &'a Path>,
-    is_of: impl FnOnce(&[PartHeader]) -> bool,
-) -> bool {
-    let Some(made) = modified(output) else { return false };
-    let newer = |source: &Path| modified(source).is_some_and(|changed| made > changed);
-    sources.into_iter().all(newer) && read_whole_header(output).is_ok_and(|parts| is_of(&parts))
+    sources: impl IntoIterator<Item = (&'a Path, &'static str)>,
+    sums: &Sums,
+    differs: impl FnOnce(&[PartHeader]) -> Option<String>,
+) -> Option<String> {
+    let Some(made) = modified(output) else { return Some("its time cannot be read".into()) };
+    let parts = match read_whole_header(output) {
+        Ok(parts) => parts,
+        Err(error) => return Some(format!("it is not whole: {error}")),
+    };
+    differs(&parts).or_else(|| {
+        let seen = Seen::new(sources);
+        // Parts that were copied may have the line of another run.
+        let mut lines: Vec<String> = parts.iter().filter_map(|part| part.attributes.text(SOURCES)).collect();
+        lines.dedup();
+        let why: Option<Vec<String>> = lines.iter().map(|line| seen.differs(line, made, sums)).collect();
+        if lines.is_empty() { seen.newer(made) } else { why?.into_iter().next() }
+    })
 }
 
 fn modified(path: &Path) -> Option<SystemTime> {

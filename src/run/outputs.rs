@@ -5,6 +5,7 @@ use std::path::Path;
 
 use lacuna_exr::{Frame, Over, WriteOptions};
 
+use crate::files::content::Seen;
 use crate::files::error::PlanError;
 use crate::files::plan::{Item, Plan};
 use crate::run::batch::{Decision, Failure, Stage, Work};
@@ -40,42 +41,48 @@ pub fn decide_to_write(
     item: &Item,
     skip_missing: bool,
     existing: Existing,
-    is_current: impl Fn(&Item) -> bool,
+    stale: impl Fn(&Item) -> Option<String>,
 ) -> Result<Decision, Failure> {
     match decide(item, skip_missing)? {
-        Decision::Do => decide_to_make(item, existing, is_current),
-        skip @ Decision::Skip(_) => Ok(skip),
+        Decision::Do => decide_to_make(item, existing, stale),
+        other => Ok(other),
     }
 }
 
-/// What is to be done with an output, `is_current` telling whether it would only be made again: what is to be done can be
+/// What is to be done with an output, `stale` telling why one that exists is not what would be made: what is to be done can be
 /// done, as far as names, kinds and rights of files tell.
 pub fn decide_to_make(
     item: &Item,
     existing: Existing,
-    is_current: impl Fn(&Item) -> bool,
+    stale: impl Fn(&Item) -> Option<String>,
 ) -> Result<Decision, Failure> {
+    let mut decision = Decision::Do;
     let skip = |reason: &str| Ok(Decision::Skip(reason.into()));
     match existing {
         // A folder in the output's place is no output.
         Existing::Keep if item.output.symlink_metadata().is_ok_and(|found| !found.is_dir()) => {
             return skip("the output exists");
         }
-        Existing::Update if is_current(item) => return skip("the output is up to date"),
+        Existing::Update if item.output.exists() => match stale(item) {
+            None => return skip("the output is up to date"),
+            Some(why) => decision = Decision::Again(why),
+        },
         _ => {}
     }
     if let Some(mask) = &item.mask {
         check_mask(mask)?;
     }
     let over = if existing == Existing::Force { Over::Force } else { Over::Replace };
-    lacuna_exr::check_destination(&item.output, over).map_err(|error| refused(&item.output, &error))?;
-    Ok(Decision::Do)
+    lacuna_exr::check_destination(&item.output, over)
+        .map_err(|error| refused(&item.output, existing, &error))?;
+    Ok(decision)
 }
 
-/// Why an output cannot be written, with what the commands that take `--force` can do about it.
-fn refused(output: &Path, error: &lacuna_exr::Error) -> Failure {
-    let force = ", or replace it with --force";
-    let hint = if matches!(error, lacuna_exr::Error::ReadOnly) { force } else { "" };
+/// Why an output cannot be written, with what the commands that take `--force` can do about it, which goes with no other flag of
+/// that kind.
+fn refused(output: &Path, existing: Existing, error: &lacuna_exr::Error) -> Failure {
+    let takes_force = existing == Existing::Replace && matches!(error, lacuna_exr::Error::ReadOnly);
+    let hint = if takes_force { ", or replace it with --force" } else { "" };
     Failure::at(output, format!("{error}{hint}"))
 }
 
@@ -95,6 +102,12 @@ fn check_mask(mask: &Path) -> Result<(), Failure> {
     }
 }
 
+/// That what a frame was made from is still there as it was read: nothing else would tell that the output is of other files.
+pub fn check_unchanged(seen: &Seen) -> Result<(), Failure> {
+    let text = |what| format!("the {what} changed while the frame was made, which is not written; run again");
+    seen.changed().map_or(Ok(()), |(path, what)| Err(Failure::at(path, text(what))))
+}
+
 /// Writes a frame. An output that came into being since the decision is passed over like one that was there.
 pub fn write(
     frame: &Frame,
@@ -109,7 +122,7 @@ pub fn write(
             record.pass_over("the output appeared during the run".into());
             Ok(())
         }
-        result => result.map_err(|error| refused(&item.output, &error)),
+        result => result.map_err(|error| refused(&item.output, existing, &error)),
     }
 }
 
@@ -152,10 +165,12 @@ fn print_to(
     for item in &plan.items {
         let arrow = format!("{} -> {}", label(&item.input, item.number), item.output.display());
         match work.decide(item) {
-            Ok(Decision::Do) => {
+            Ok(decision @ (Decision::Do | Decision::Again(_))) => {
                 let mask =
                     item.mask.as_ref().map(|mask| format!(" (mask {})", mask.display())).unwrap_or_default();
-                writeln!(out, "{}  {arrow}{mask}", work.words().0)?;
+                let why =
+                    if let Decision::Again(why) = decision { format!(": {why}") } else { String::new() };
+                writeln!(out, "{}  {arrow}{mask}{why}", work.words().0)?;
             }
             Ok(Decision::Skip(reason)) => writeln!(out, "skip  {arrow}: {reason}")?,
             Err(failure) => {

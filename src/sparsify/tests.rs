@@ -114,7 +114,7 @@ fn a_frame_with_a_mask_is_refused() {
 fn a_frame_is_complete_without_a_mask_with_a_full_one_and_once_it_is_filled() {
     let stamped = |mut part: Part| {
         let job = Job::new(lacuna_filters::Method::from(lacuna_filters::baseline::nearest::Settings));
-        Stamp::new(&job, CHANNEL).write(&mut part.attributes, 0.5, lacuna_filters::Stop::Converged);
+        Stamp::new(&job, CHANNEL, None).write(&mut part.attributes, 0.5, lacuna_filters::Stop::Converged);
         part
     };
     let with = |name: &str, flags: [f32; 4]| {

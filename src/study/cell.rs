@@ -235,7 +235,7 @@ impl Found {
         let frame = frame.clone();
         let (filled, report) = self.timed(|| {
             let choices = channels::choose(&frame, &masks.mask_channels, &job.overrides);
-            let beside = Beside { guides: None, neighbours: Some(&neighbours) };
+            let beside = Beside { guides: None, neighbours: Some(&neighbours), sources: None };
             let filled =
                 reconstruct::fill_with(frame, masks, &choices, beside, job, &Plans::new(), &Run::default());
             filled.map_err(|error| error.to_string())

@@ -7,6 +7,7 @@ use lacuna_exr::{Frame, Limits};
 
 use super::fit::{Shape, beyond, misfit_of_all, shapes};
 use super::kept::KeptSamples;
+use crate::files::content::State;
 use crate::files::layers;
 use crate::files::neighbours::NeighbourFile;
 use crate::mask::shared::MaskFiles;
@@ -150,10 +151,17 @@ pub struct Reading<'a> {
     pub limits: Limits,
 }
 
+/// A frame, and its files as they were before they were read.
+type Known = (NeighbourFile, Vec<Option<State>>);
+
+fn known(file: &NeighbourFile) -> Known {
+    (file.clone(), file.sources().map(|(path, _)| State::of(path)).collect())
+}
+
 /// Frames that were read, the last ones of a run.
 #[derive(Debug, Default)]
 pub struct NeighbourFiles {
-    kept: Mutex<Vec<(NeighbourFile, Read)>>,
+    kept: Mutex<Vec<(Known, Read)>>,
 }
 
 impl NeighbourFiles {
@@ -192,7 +200,8 @@ impl NeighbourFiles {
     }
 
     fn get(&self, file: &NeighbourFile, own: &[Shape], reading: Reading<'_>) -> Read {
-        if let Some(read) = self.kept(file) {
+        let known = known(file);
+        if let Some(read) = self.kept(&known) {
             let read = read?;
             return misfit_of_all(own, &shapes(&read.0.parts)).map_or(Ok(read), |why| Err(Left::Unfit(why)));
         }
@@ -203,14 +212,14 @@ impl NeighbourFiles {
         while kept.len() >= reading.most.max(1) {
             drop(kept.remove(0));
         }
-        kept.push((file.clone(), read.clone()));
+        kept.push((known, read.clone()));
         read
     }
 
     /// One that was read before, which becomes the newest.
-    fn kept(&self, file: &NeighbourFile) -> Option<Read> {
+    fn kept(&self, known: &Known) -> Option<Read> {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let at = kept.iter().position(|(own, _)| own == file)?;
+        let at = kept.iter().position(|(own, _)| own == known)?;
         let entry = kept.remove(at);
         let read = entry.1.clone();
         kept.push(entry);

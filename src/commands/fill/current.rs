@@ -5,42 +5,49 @@ use std::path::Path;
 use lacuna_exr::{PartHeader, read_header};
 
 use super::FillJob;
+use crate::files::content::Sums;
 use crate::files::plan::Item;
 use crate::mask::Source;
 use crate::reconstruct::{Gate, Job, Stamp, Windows, estimate, was_cut_short};
-use crate::run::existing::is_made_from;
+use crate::run::existing;
 use crate::temporal;
 
-/// Whether the output is newer than all that it was made from, and its attributes name this version, these settings
-/// and this mask.
-pub fn is_current(item: &Item, job: &FillJob) -> bool {
-    is_made_from(&item.output, item.used_sources(), |parts| is_of(item, job, parts))
+/// Why the output is not what this run would make of the files that the frame is made from, if it is not.
+pub fn stale(item: &Item, job: &FillJob, sums: &Sums) -> Option<String> {
+    existing::stale(&item.output, item.used_sources(), sums, |parts| differs(item, job, parts))
 }
 
-/// Whether the output may be a copy of a complete frame, which gets no stamp: it is whole, newer than all that it was made
-/// from, and has the stamps of the input, if any. The input's mask has to tell whether it is.
+/// Whether the output may be a copy of a complete frame, which gets no stamp: it has the stamps of the input, if any. The input's
+/// pixels have to tell whether it is.
 pub fn may_be_copy(item: &Item) -> bool {
-    let Ok(input) = read_header(&item.input) else { return false };
-    let stamps = |parts: &[PartHeader]| -> Vec<Option<Stamp>> {
-        parts.iter().map(|part| Stamp::read(&part.attributes)).collect()
+    let stamps = |path: &Path| -> Option<Vec<Option<Stamp>>> {
+        Some(read_header(path).ok()?.iter().map(|part| Stamp::read(&part.attributes)).collect())
     };
-    is_made_from(&item.output, item.used_sources(), |parts| stamps(parts) == stamps(&input))
+    let output = stamps(&item.output);
+    output.is_some() && output == stamps(&item.input)
 }
 
-/// Whether a gate may let an output pass that is there already, by what its attributes say of its error.
-pub fn may_pass(output: &Path, gate: &Gate) -> bool {
-    let Ok(parts) = read_header(output) else { return false };
-    let line = |part: &PartHeader| part.attributes.text(estimate::ATTRIBUTE);
-    !parts.iter().any(|part| gate.may_refuse(line(part).as_deref()))
+/// Why a gate does not let a filled output pass that is there already, if it does not: as its attributes say of its error, by
+/// figures that the gate goes by when the frame is filled.
+pub fn doubt(output: &Path, gate: &Gate) -> Option<String> {
+    let parts = match read_header(output) {
+        Ok(parts) => parts,
+        Err(error) => return Some(error.to_string()),
+    };
+    let of_part = |part: &PartHeader| {
+        let stamp = Stamp::read(&part.attributes)?;
+        match part.attributes.text(estimate::ATTRIBUTE) {
+            Some(line) => gate.doubt_of(&line),
+            // Nothing that has an error was filled.
+            None => stamp.setting("estimate").map(|_| "its error was not estimated".into()),
+        }
+    };
+    estimate::joined(parts.iter().filter_map(of_part))
 }
 
-/// Whether the windows are those that this run would give it, at least one part has a stamp, all stamps are this run's and no time
-/// limit cut a part short. The settings tell which mask was asked for; of a file they tell the pattern, so its path is compared as
-/// well.
-fn is_of(item: &Item, FillJob { what: job, again, .. }: &FillJob, parts: &[PartHeader]) -> bool {
-    if parts.iter().any(|part| was_cut_short(&part.attributes)) || !has_windows(parts, &item.input, job) {
-        return false;
-    }
+/// Why the headers are not those that this run would write: a time limit cut a part short, the windows differ, no part has a stamp, or
+/// one has another run's. The settings tell which mask was asked for; of a file they tell the pattern, so its path is compared as well.
+fn differs(item: &Item, FillJob { what: job, again, .. }: &FillJob, parts: &[PartHeader]) -> Option<String> {
     let stamps: Vec<Stamp> = parts.iter().filter_map(|part| Stamp::read(&part.attributes)).collect();
     let source = item.mask.as_ref().and_then(|path| match &job.mask {
         Source::File { channel, .. } => {
@@ -50,16 +57,22 @@ fn is_of(item: &Item, FillJob { what: job, again, .. }: &FillJob, parts: &[PartH
     });
     let complete = item.neighbours.iter().filter(|file| file.is_complete());
     let beside: Vec<i64> = complete.map(|file| file.number).collect();
-    let same_neighbours = |part: &PartHeader| {
+    let other_neighbours = |part: &PartHeader| {
         let line = part.attributes.text(temporal::ATTRIBUTE).unwrap_or_default();
         let left = temporal::left_unread(&line) || (*again && temporal::left_filled(&line));
         let same = temporal::numbers(&line) == beside && !left;
-        same || Stamp::read(&part.attributes).is_none()
+        !same && Stamp::read(&part.attributes).is_some()
     };
-    let same_mask = |stamp: &Stamp| source.as_ref().is_none_or(|source| *source == stamp.mask);
-    !stamps.is_empty()
-        && parts.iter().all(same_neighbours)
-        && stamps.iter().all(|stamp| stamp.is_of(job) && same_mask(stamp))
+    let other_mask = |stamp: &Stamp| source.as_ref().is_some_and(|source| *source != stamp.mask);
+    let why = match () {
+        () if stamps.is_empty() => "lacuna did not fill it".into(),
+        () if parts.iter().any(|part| was_cut_short(&part.attributes)) => "it was cut short".into(),
+        () if !has_windows(parts, &item.input, job) => "the input has other windows".into(),
+        () if stamps.iter().any(other_mask) => "the mask was another file".into(),
+        () if parts.iter().any(other_neighbours) => "other frames beside it are there".into(),
+        () => return stamps.iter().find_map(|stamp| stamp.differs(job)),
+    };
+    Some(why)
 }
 
 /// Whether the parts of an output have the windows that this run makes of those of the input.

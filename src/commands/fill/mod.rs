@@ -4,15 +4,17 @@ mod current;
 mod ending;
 mod hints;
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use lacuna_exr::{Frame, Limits};
+use current::may_be_copy;
+use lacuna_exr::{Channel, Frame, Limits};
 use lacuna_filters::{Run, Stop};
 
 use crate::channels::{self, Rule};
-use crate::commands::fill::current::{is_current, may_be_copy, may_pass};
 use crate::commands::page::Page;
+use crate::files::content::{Seen, Sums};
 use crate::files::error::PlanError;
 use crate::files::inputs::Selection;
 use crate::files::layers;
@@ -43,8 +45,6 @@ pub struct FillJob {
     pub targets: Targets,
     /// What is done to a frame.
     pub what: reconstruct::Job,
-    /// The level of the compression.
-    pub level: Option<u8>,
     /// What happens to outputs that exist.
     pub existing: Existing,
     /// Whether frames that were filled before are filled again.
@@ -76,6 +76,7 @@ pub fn fill(job: &FillJob) -> Result<u8, PlanError> {
         plans: SharedPlans::new(job.run.memory.is_some()),
         masks: MaskFiles::default(),
         neighbours: NeighbourFiles::default(),
+        sums: Sums::default(),
         page: Page::new(job.run.page.as_ref(), plan.items.len()),
     };
     let console = job.run.console()?;
@@ -101,6 +102,7 @@ struct Fill<'a> {
     plans: SharedPlans,
     masks: MaskFiles,
     neighbours: NeighbourFiles,
+    sums: Sums,
     page: Page,
 }
 
@@ -207,9 +209,9 @@ impl Fill<'_> {
         let Some(masks) = found.ok().filter(Masks::is_full) else { return false };
         let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
         let (plans, run) = (self.plans.of(&masks), Run::default());
-        let beside = Beside { guides: guides.as_ref(), neighbours: None };
+        let beside = Beside { guides: guides.as_ref(), ..Beside::default() };
         reconstruct::fill_with(frame, &masks, &choices, beside, what, &plans, &run)
-            .is_ok_and(|(frame, report)| report.copied && lacuna_exr::has_header_of(&item.output, &frame))
+            .is_ok_and(|(frame, report)| report.copied && holds(&item.output, &frame, self.limits(item)))
     }
 }
 
@@ -219,9 +221,13 @@ impl Work for Fill<'_> {
     }
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
-        let passes = |item: &Item| !self.job.gate.is_set() || may_pass(&item.output, &self.job.gate);
-        let current = |item: &Item| (is_current(item, self.job) && passes(item)) || self.is_copy(item);
-        outputs::decide_to_write(item, self.job.skip_missing, self.job.existing, current)
+        let FillJob { skip_missing, existing, gate, .. } = *self.job;
+        let stale = |item: &Item| current::stale(item, self.job, &self.sums).filter(|_| !self.is_copy(item));
+        let decision = outputs::decide_to_write(item, skip_missing, existing, stale)?;
+        // What is there is held to the gate like what is made.
+        let is_kept = matches!(decision, Decision::Skip(_)) && item.input.exists();
+        let doubt = (is_kept && gate.is_set()).then(|| current::doubt(&item.output, &gate)).flatten();
+        doubt.map_or(Ok(decision), |doubt| Err(Failure::kept_doubtful(&item.output, &doubt)))
     }
 
     fn need(&self, item: &Item) -> Need {
@@ -230,7 +236,12 @@ impl Work for Fill<'_> {
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
-        let Loaded { mut frame, mask, guides, neighbours } = stage.read(record, || self.read(item))?;
+        let seen = Seen::new(item.used_sources());
+        let (loaded, sources) = stage.read(record, || {
+            let loaded = self.read(item)?;
+            Ok::<_, Failure>((loaded, seen.line(&self.sums)))
+        })?;
+        let Loaded { mut frame, mask, guides, neighbours } = loaded;
         let start = Instant::now();
         let interrupt = || {
             let late = self.job.run.time_limit.is_some_and(|limit| start.elapsed() >= limit);
@@ -238,7 +249,8 @@ impl Work for Fill<'_> {
         };
         let run = Run { interrupt: Some(&interrupt) };
         let what = &self.job.what;
-        let beside = Beside { guides: guides.as_ref(), neighbours: Some(&neighbours) };
+        let beside =
+            Beside { guides: guides.as_ref(), neighbours: Some(&neighbours), sources: Some(&sources) };
         record.warn(&neighbours.notes);
         let solved = stage.solve(record, || {
             let found = mask::find(&frame, &what.mask, mask.as_deref());
@@ -255,15 +267,9 @@ impl Work for Fill<'_> {
             }
             let plans = self.plans.of(&masks);
             let done = match &what.enlarge {
-                Some(asked) => reconstruct::enlarge(
-                    frame,
-                    &masks,
-                    &choices,
-                    guides.as_ref(),
-                    (what, asked),
-                    &plans,
-                    &run,
-                ),
+                Some(asked) => {
+                    reconstruct::enlarge(frame, &masks, &choices, beside, (what, asked), &plans, &run)
+                }
                 None => reconstruct::fill_with(frame, &masks, &choices, beside, what, &plans, &run),
             };
             let done = done.map_err(|error| at_input(&error))?;
@@ -280,7 +286,8 @@ impl Work for Fill<'_> {
             return Err(at_input(&"stopped"));
         }
         let doubt = self.job.gate.is_set().then(|| self.job.gate.doubt(&report)).flatten();
-        outputs::write(&frame, item, (self.job.existing, self.job.level), stage, record)?;
+        outputs::check_unchanged(&seen)?;
+        outputs::write(&frame, item, (self.job.existing, what.level), stage, record)?;
         doubt.map_or(Ok(()), |doubt| Err(Failure::doubtful(&item.output, &doubt)))
     }
 
@@ -291,6 +298,16 @@ impl Work for Fill<'_> {
     fn end(&self, heading: &Heading, records: &[Record]) -> Result<(), String> {
         self.page.write(heading, records)
     }
+}
+
+/// Whether a file is this frame, bit for bit.
+fn holds(path: &Path, frame: &Frame, limits: Limits) -> bool {
+    fn channels(frame: &Frame) -> impl Iterator<Item = &Channel> {
+        frame.parts.iter().flat_map(|part| &part.channels)
+    }
+    let same = |(found, own): (&Channel, &Channel)| found.samples.same_bits(&own.samples);
+    lacuna_exr::has_header_of(path, frame)
+        && lacuna_exr::read(path, &limits).is_ok_and(|found| channels(&found).zip(channels(frame)).all(same))
 }
 
 /// Puts what was done into the frame's record, and its notes into the log.

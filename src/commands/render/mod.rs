@@ -4,12 +4,13 @@ mod motion;
 mod picture;
 mod rounds;
 mod settings;
+mod sources;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-use lacuna_exr::Frame;
+use lacuna_exr::{Frame, PartHeader};
 use lacuna_filters::descriptor::holes;
 use lacuna_filters::fill::Estimate;
 use lacuna_filters::sampling::{self, Field, Temporal, adaptive};
@@ -19,17 +20,19 @@ use picture::Story;
 pub use picture::Wanted;
 use rounds::{Advance, PIECES};
 use settings::Settings;
+use sources::{check_files, mask_file, name, scene, volume_files};
 
 use crate::channels;
 use crate::commands::page::Page;
+use crate::files::content::{Seen, Sums};
 use crate::files::error::PlanError;
 use crate::files::plan::{Item, Plan, Targets, outputs};
 use crate::files::ranges::Frames;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Source};
-use crate::reconstruct::{self, Plans, RENDER, Report};
+use crate::reconstruct::{self, Plans, RENDER, Report, SOURCES};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
-use crate::run::existing::{Existing, is_made_from};
+use crate::run::existing::{self, Existing};
 use crate::run::record::{Heading, Record};
 use crate::run::schedule::Need;
 use crate::run::{batch, memory, outputs};
@@ -116,6 +119,7 @@ pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
         folder,
         volume: Mutex::new(None),
         masks: MaskFiles::default(),
+        sums: Sums::default(),
         plans: Plans::new(),
         page: Page::new(job.run.page.as_ref(), plan.items.len()),
     };
@@ -133,15 +137,6 @@ fn heading(job: &RenderJob, settings: Option<String>) -> Heading {
     Heading { lacuna: env!("CARGO_PKG_VERSION"), command: "render", filter, settings }
 }
 
-/// Whether the files that the scene names are there.
-fn check_files(item: &Item) -> Result<(), Failure> {
-    let lost = item.made_from.iter().find(|(_, path)| !path.exists());
-    lost.map_or(Ok(()), |(what, path)| {
-        let flag = if *what == "volume" { ": --volume FILE names another one" } else { "" };
-        Err(Failure::at(path, format!("there is no such file{flag}")))
-    })
-}
-
 /// The scene cannot be had: the ledger and the report say so of every frame.
 fn without_scene(job: &RenderJob, plan: &Plan, error: PlanError) -> PlanError {
     let PlanError::Failed(text) = &error else { return error };
@@ -154,34 +149,6 @@ fn without_scene(job: &RenderJob, plan: &Plan, error: PlanError) -> PlanError {
     written.err().map_or_else(|| error.clone(), |more| PlanError::Failed(format!("{text}; {more}")))
 }
 
-/// The scene, and the folder that its paths are relative to; its picture has pixels for all rounds.
-fn scene(job: &RenderJob) -> Result<(Scene, PathBuf), PlanError> {
-    let (scene, folder) = read_scene(job)?;
-    if let Pixels::Adaptive(settings) = &job.pixels {
-        let [width, height] = scene.image.size;
-        settings.check(width * height).map_err(|error| PlanError::Usage(format!("--adaptive: {error}")))?;
-    }
-    Ok((scene, folder))
-}
-
-fn read_scene(job: &RenderJob) -> Result<(Scene, PathBuf), PlanError> {
-    let failed = |error: lacuna_volume::Error| PlanError::Failed(error.to_string());
-    if job.scene.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
-        let folder = job.scene.parent().unwrap_or_else(|| Path::new("")).to_path_buf();
-        let scene = Scene::read(&job.scene, &job.overrides).map_err(|error| match error {
-            // The file is named already.
-            lacuna_volume::Error::Io { .. } | lacuna_volume::Error::File { .. } => failed(error),
-            _ => PlanError::Failed(format!("{}: {error}", job.scene.display())),
-        });
-        return Ok((scene?, folder));
-    }
-    let mut scene = Scene::parse("", &job.overrides).map_err(failed)?;
-    if scene.volume.is_empty() {
-        scene.volume = job.scene.display().to_string();
-    }
-    Ok((scene, PathBuf::new()))
-}
-
 fn plan(job: &RenderJob) -> Result<Plan, PlanError> {
     let numbers: Vec<Option<i64>> = match &job.frames {
         None => vec![None],
@@ -190,16 +157,8 @@ fn plan(job: &RenderJob) -> Result<Plan, PlanError> {
     outputs((&job.scene, &name(&job.scene)), &numbers, &job.targets)
 }
 
-/// What frames of a scene are called in a folder: as its file, or as its kind if the tool makes it itself.
-fn name(scene: &Path) -> String {
-    let text = scene.to_string_lossy();
-    if let Some(kind) = text.strip_prefix(lacuna_volume::PROCEDURAL) {
-        return kind.split(':').next().unwrap_or_default().into();
-    }
-    scene.file_stem().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-type Ready = Result<Arc<lacuna_volume::Stage>, String>;
+/// What is rendered, and the files that it was read from.
+type Ready = Result<(Arc<lacuna_volume::Stage>, Seen), String>;
 
 struct Render<'a> {
     job: &'a RenderJob,
@@ -209,6 +168,7 @@ struct Render<'a> {
     /// Read by the first frame, for all.
     volume: Mutex<Option<Ready>>,
     masks: MaskFiles,
+    sums: Sums,
     plans: Plans,
     page: Page,
 }
@@ -224,8 +184,8 @@ impl Work for Render<'_> {
 
     fn decide(&self, item: &Item) -> Result<Decision, Failure> {
         // The scene was read already.
-        let decision = outputs::decide_to_make(item, self.job.existing, |item| self.is_current(item))?;
-        if matches!(decision, Decision::Do) {
+        let decision = outputs::decide_to_make(item, self.job.existing, |item| self.stale(item))?;
+        if !matches!(decision, Decision::Skip(_)) {
             check_files(item)?;
         }
         Ok(decision)
@@ -237,14 +197,18 @@ impl Work for Render<'_> {
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
-        let ready =
-            stage.read(record, || self.ready(self.need(item).least)).map_err(|error| at_input(&error))?;
+        let (ready, seen, sources) = stage.read(record, || {
+            let (ready, volume) = self.ready(item).map_err(|error| at_input(&error))?;
+            let seen = volume.and(Seen::new(mask_file(item)));
+            let sources = seen.line(&self.sums);
+            Ok::<_, Failure>((ready, seen, sources))
+        })?;
         self.is_room(item)?;
         record.warnings.extend_from_slice(&ready.notes);
         let mut mask = self.mask(item, &ready)?;
         let (mut seconds, mut told) = ((0.0, None), None);
         let (mut rounds, mut clamped) = (None, 0);
-        let frame = stage.solve(record, || {
+        let mut frame = stage.solve(record, || {
             let start = Instant::now();
             let frame;
             if let Pixels::Adaptive(settings) = &self.job.pixels {
@@ -284,6 +248,10 @@ impl Work for Render<'_> {
             let chosen = if choosing > 0.0 { format!("chosen in {choosing:.2} s, ") } else { String::new() };
             tracing::info!("rendered in {rendered:.2} s, {chosen}filled in {filled:.2} s");
         }
+        if !sources.is_empty() {
+            frame.parts.iter_mut().for_each(|part| part.attributes.set_text(SOURCES, &sources));
+        }
+        outputs::check_unchanged(&seen)?;
         outputs::write(&frame, item, (self.job.existing, self.job.level), stage, record)
     }
 
@@ -294,18 +262,20 @@ impl Work for Render<'_> {
 
 impl Render<'_> {
     /// The volume and what is made from it, once.
-    fn ready(&self, frame: u64) -> Ready {
+    fn ready(&self, item: &Item) -> Ready {
         // Held while the volume is read: other frames wait for it.
         let mut volume = self.volume.lock().unwrap_or_else(PoisonError::into_inner);
         // The volume has what a frame leaves.
+        let frame = self.need(item).least;
         let bytes = self.job.run.memory.map_or(u64::MAX, |bound| bound.saturating_sub(frame));
         let limits = lacuna_volume::Limits { bytes, outside: self.job.allow_outside };
         let make = || {
+            let seen = Seen::new(volume_files(item));
             let ready = lacuna_volume::prepare(&self.scene, &self.folder, &limits);
             if let Ok(ready) = &ready {
                 ready.notes.iter().for_each(|note| tracing::warn!("{note}"));
             }
-            ready.map(Arc::new).map_err(|error| error.to_string())
+            ready.map(|ready| (Arc::new(ready), seen)).map_err(|error| error.to_string())
         };
         volume.get_or_insert_with(make).clone()
     }
@@ -323,18 +293,25 @@ impl Render<'_> {
         Err(Failure::at(&item.output, why))
     }
 
-    /// Whether an output is what this run would make again. What the scene's own file says is in the settings.
-    fn is_current(&self, item: &Item) -> bool {
-        let files = item.made_from.iter().map(|(_, path)| path);
-        let sources = files.chain(&item.mask).map(|path| &**path);
+    /// Why an output is not what this run would make, if it is not. What the scene's own file says is in the settings.
+    fn stale(&self, item: &Item) -> Option<String> {
         let settings = self.settings.of(item.number);
-        is_made_from(&item.output, sources, |parts| {
-            parts.iter().all(|part| {
-                part.attributes.text(RENDER).as_deref() == Some(settings.as_str())
-                    && part.compression == self.job.wanted.compression
-                    && part.attributes.text("lacuna/version").as_deref() == Some(env!("CARGO_PKG_VERSION"))
-            })
-        })
+        let other = |part: &PartHeader| {
+            let text = |name| part.attributes.text(name);
+            let version = text("lacuna/version").unwrap_or_default();
+            match () {
+                () if version != env!("CARGO_PKG_VERSION") => {
+                    Some(format!("it was made by lacuna {version}"))
+                }
+                () if part.compression != self.job.wanted.compression => {
+                    Some("its compression differs".into())
+                }
+                () if text(RENDER).as_deref() != Some(&settings) => Some("scene or settings differ".into()),
+                () => None,
+            }
+        };
+        let sources = volume_files(item).chain(mask_file(item));
+        existing::stale(&item.output, sources, &self.sums, |parts| parts.iter().find_map(other))
     }
 
     fn mask(&self, item: &Item, ready: &lacuna_volume::Stage) -> Result<Option<Arc<Mask>>, Failure> {

@@ -31,7 +31,8 @@ impl Settings {
         let rendered = format!("scene={scene} pixels={pixels} layers={layers} type={kind:?}");
         let fill = job.fill.as_ref().map_or("none", |method| method.name());
         let estimate = if job.estimate || job.fill.is_none() { "" } else { " estimate=none" };
-        Self { rendered, filled: format!("{FILLED_BY}{fill}{estimate}") }
+        let level = job.level.map_or(String::new(), |level| format!(" compression-level={level}"));
+        Self { rendered, filled: format!("{FILLED_BY}{fill}{estimate}{level}") }
     }
 
     /// The line of a frame; without a number, what all of them share.

@@ -29,7 +29,8 @@ pub use windows::Windows;
 use super::groups::usable;
 use super::part::{self, Done};
 use super::{
-    Error, Job, Kind, Plans, Report, Stamp, drop_derived, estimate, finish, mask_name, prefixed, stamp,
+    Beside, Error, Job, Kind, Plans, Report, Stamp, drop_derived, estimate, finish, mask_name, prefixed,
+    stamp,
 };
 use crate::channels::{Choice, Rule, channel_label, part_label, unheeded};
 use crate::guides::{self, Asked};
@@ -109,17 +110,17 @@ pub fn logarithms_of(sampling: Sampling) -> String {
     format!("--domain log has other means than light: it is for --sampling point and grid, not {sampling}")
 }
 
-/// Fills and enlarges a frame; guides come from `second`, a frame of the larger size.
+/// Fills and enlarges a frame; guides come from a frame of the larger size.
 pub fn enlarge(
     mut frame: Frame,
     masks: &Masks,
     choices: &[Vec<Choice>],
-    second: Option<&Frame>,
+    Beside { guides: second, sources, .. }: Beside<'_>,
     (job, asked): (&Job, &Enlarge),
     plans: &Plans,
     run: &Run<'_>,
 ) -> Result<(Frame, Report), Error> {
-    let stamp = Stamp::new(job, &masks.origin);
+    let stamp = Stamp::new(job, &masks.origin, sources);
     let notes =
         [masks.notes.clone(), unheeded(&frame, &masks.mask_channels, &job.overrides, choices)].concat();
     let mut report = Report::new(&stamp, masks.density(), notes);

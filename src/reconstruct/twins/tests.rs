@@ -80,7 +80,7 @@ fn job(guides: &str) -> Job {
 fn filled(sparse: &Frame, job: &Job, second: Option<&Frame>) -> (Frame, Report) {
     let masks = find(sparse, &Source::Auto, None).unwrap();
     let choices = choose(sparse, &masks.mask_channels, &job.overrides);
-    let beside = Beside { guides: second, neighbours: None };
+    let beside = Beside { guides: second, neighbours: None, sources: None };
     let (plans, run) = (Plans::new(), Run::default());
     fill_with(sparse.clone(), &masks, &choices, beside, job, &plans, &run).unwrap()
 }

@@ -3,7 +3,7 @@
 use half::f16;
 use lacuna::guides::Asked;
 use lacuna::mask::Source;
-use lacuna::reconstruct::{self, Enlarge, Job, Kind, NoiseSource, Plans, Target};
+use lacuna::reconstruct::{self, Beside, Enlarge, Job, Kind, NoiseSource, Plans, Target};
 use lacuna::{channels, mask, verify};
 use lacuna_exr::{Channel, Frame, Part, Samples, Window};
 use lacuna_filters::Run;
@@ -100,7 +100,8 @@ pub fn body(data: &[u8]) {
             take_guides: false,
             keep_vectors: draw.flag(),
         };
-        let _ = reconstruct::enlarge(frame, &masks, &choices, None, (&job, &asked), &plans, &run);
+        let _ =
+            reconstruct::enlarge(frame, &masks, &choices, Beside::default(), (&job, &asked), &plans, &run);
         return;
     }
     let before = frame.clone();
