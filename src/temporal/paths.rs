@@ -214,7 +214,14 @@ mod tests {
         let layer = vectors::layers(&before, 0).swap_remove(0);
         let mask = Mask::clone(now.masks.get(0, 0).unwrap());
         let frames = [(0, now.source()), (-1, before.source())].into_iter();
-        (Paths::new(frames, (0, window(0, 0, SIDE as i32, SIDE as i32), &mask), (layer, Reading::all()[0])), mask)
+        (
+            Paths::new(
+                frames,
+                (0, window(0, 0, SIDE as i32, SIDE as i32), &mask),
+                (layer, Reading::all()[0]),
+            ),
+            mask,
+        )
     }
 
     fn left(at: usize) -> f32 {
