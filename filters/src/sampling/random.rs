@@ -54,12 +54,33 @@ impl Permutation {
         ((self.apply(index) as f64 + 0.5) / self.count as f64).next_down()
     }
 
+    /// What goes to `index`; `index` is below the count.
+    pub fn invert(&self, index: u64) -> u64 {
+        let mut value = index;
+        loop {
+            value = self.turn_back(value);
+            if value < self.count {
+                return value;
+            }
+        }
+    }
+
     fn turn(&self, value: u64) -> u64 {
         let (low, high) = ((1_u64 << self.right) - 1, (1_u64 << self.left) - 1);
         let (mut right, mut left) = (value & low, value >> self.right);
         for pair in self.keys.chunks_exact(2) {
             left ^= mix(right ^ pair[0]) & high;
             right ^= mix(left ^ pair[1]) & low;
+        }
+        left << self.right | right
+    }
+
+    fn turn_back(&self, value: u64) -> u64 {
+        let (low, high) = ((1_u64 << self.right) - 1, (1_u64 << self.left) - 1);
+        let (mut right, mut left) = (value & low, value >> self.right);
+        for pair in self.keys.chunks_exact(2).rev() {
+            right ^= mix(left ^ pair[1]) & low;
+            left ^= mix(right ^ pair[0]) & high;
         }
         left << self.right | right
     }
@@ -76,6 +97,7 @@ mod tests {
         fn is_a_permutation(count in 1_u64..600, seed in any::<u64>()) {
             let permutation = Permutation::new(count, seed);
             let mut seen: Vec<u64> = (0..count).map(|index| permutation.apply(index)).collect();
+            prop_assert!(seen.iter().map(|&value| permutation.invert(value)).eq(0..count));
             seen.sort_unstable();
             prop_assert!(seen.into_iter().eq(0..count));
         }

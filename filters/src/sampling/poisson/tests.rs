@@ -66,12 +66,16 @@ struct Slow {
 impl Slow {
     /// The pixels in the order of the darts, round by round over the whole field.
     fn darts(&self, squared: u64, seed: u64) -> Vec<usize> {
-        let tiles = Tiles::new(self.size, squared, seed);
+        let (tiles, Size { height, width }) = (Tiles::new(self.size, squared, seed), self.size);
         let mut rounds = vec![Vec::new(); 4];
-        for row in 0..tiles.down {
-            tiles.for_each_dart(row, |y, x| {
-                rounds[row % 2 * 2 + x / tiles.side % 2].push(y * self.size.width + x);
-            });
+        for tile in 0..tiles.down * tiles.across {
+            let (row, column) = (tile / tiles.across, tile % tiles.across);
+            let order = Permutation::new((tiles.side * tiles.side) as u64, hash(seed, tile as u64));
+            let places = (0..tiles.side * tiles.side).map(|turn| order.apply(turn as u64) as usize);
+            let pixels =
+                places.map(|at| (row * tiles.side + at / tiles.side, column * tiles.side + at % tiles.side));
+            let inside = pixels.filter(|(y, x)| *y < height && *x < width);
+            rounds[row % 2 * 2 + column % 2].extend(inside.map(|(y, x)| y * width + x));
         }
         rounds.concat()
     }
@@ -117,26 +121,53 @@ impl Slow {
 
 #[test]
 fn slabs_and_disks_make_the_sets_of_the_definition() {
-    // Three rows of three tiles of 64 pixels, the last ones cut off.
-    let size = Size::new(150, 139);
-    let (mut fast, mut slow) = (Set::new(size), Slow { size, taken: vec![false; size.pixels()] });
-    for squared in [25, 20] {
-        fast.pass(squared, 4);
-        slow.pass(squared, 4);
-        assert!(fast.taken == slow.taken, "pass {squared}");
+    // Three rows of three tiles of 64 pixels, the last ones cut off; thin fields; and one where few pixels are samples.
+    for (height, width, radii) in
+        [(150, 139, [25, 20]), (1, 700, [400, 361]), (300, 2, [50, 40]), (130, 120, [900, 800])]
+    {
+        let size = Size::new(height, width);
+        let (mut fast, mut slow) = (Set::new(size), Slow { size, taken: vec![false; size.pixels()] });
+        for squared in radii {
+            fast.pass(squared, 4);
+            slow.pass(squared, 4);
+            assert!(fast.taken == slow.taken, "{height}x{width}, pass {squared}");
+            let open = (0..size.pixels()).filter(|&pixel| !slow.taken[pixel]);
+            let widest = open.map(|pixel| slow.nearest(pixel, usize::MAX)).max().unwrap();
+            assert_eq!(fast.widest(), widest as u64, "{height}x{width}, pass {squared}");
+        }
+        fast.relax(radii[1], 5);
+        slow.relax(radii[1], 5);
+        assert!(fast.taken == slow.taken, "{height}x{width}, relaxation");
     }
-    fast.relax(20, 5);
-    slow.relax(20, 5);
-    assert!(fast.taken == slow.taken, "relaxation");
 }
 
 #[test]
 fn radii_are_sums_of_two_squares() {
     let sums = [1, 2, 4, 5, 8, 9, 10, 13, 16, 17, 18, 20, 25];
     for pair in sums.windows(2) {
-        assert_eq!((sum_of_squares_above(pair[0]), sum_of_squares_below(pair[1])), (pair[1], pair[0]));
+        assert_eq!(sum_of_squares_above(pair[0]), pair[1]);
     }
-    assert_eq!((sum_of_squares_above(0), sum_of_squares_below(1)), (1, 1));
+    assert_eq!(sum_of_squares_above(0), 1);
+}
+
+/// Each took minutes or gigabytes when darts were thrown beyond the field, or for every radius.
+#[test]
+fn thin_and_sparse_fields_are_done() {
+    for (height, width, wanted) in [
+        (1, 20_000, 2),
+        (1, 5000, 1),
+        (20_000, 1, 40),
+        (1, 70_000, 1),
+        (3, 40_000, 7),
+        (900, 1100, 2),
+        (900, 1100, 60),
+    ] {
+        let density = wanted as f64 / (height * width) as f64;
+        let mask = mask(field(height, width), density, 1).unwrap();
+        assert_eq!(mask.count(), wanted, "{height}x{width}");
+        // Of one row, spread like the plane, half of the mean distance is the least to expect.
+        assert!(wanted < 2 || least(&mask).isqrt() > height.max(width) / wanted / 4, "{height}x{width}");
+    }
 }
 
 #[test]
