@@ -73,6 +73,20 @@ def check_ssim(found, one, other):
     assert found["ssim"] == pytest.approx(twin, abs=1e-6)
 
 
+def test_ssim_of_light_without_clipping(tmp_path):
+    rows, columns = np.indices((60, 70))
+    texture = (rows * 37 + columns * 57) % 23 / 22
+    bright = np.where(columns < 35, 0, 1000)
+    pair = [(texture + bright).astype(np.float32), (texture[::-1] + bright).astype(np.float32)]
+    paths = [frames.write(tmp_path / f"{k}.exr", dict.fromkeys("RGB", image)) for k, image in enumerate(pair)]
+    found = measures(compare(*paths, tmp_path, "--no-clip")[0])["ssim"]
+    assert found == pytest.approx(structural_similarity(*(image.astype(np.float64) for image in pair), **SSIM), abs=1e-6)
+    # Whatever the peak, equal images are alike.
+    for peak in ("1e30", "1e-30"):
+        report, result = compare(paths[0], paths[0], tmp_path, "--no-clip", "--peak", peak, "--fail-below", "ssim=0.9")
+        assert result.status == 0 and measures(report)["ssim"] == 1, peak
+
+
 def check_cieluv(found, one, other):
     luv = [xyz2luv(np.clip(image, 0, 1).astype(np.float64) @ TO_XYZ.T) for image in (one, other)]
     twin = np.mean(np.linalg.norm(luv[0] - luv[1], axis=-1))

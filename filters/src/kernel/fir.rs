@@ -27,8 +27,7 @@ pub(crate) fn horizontal(image: &Plane, taps: &[f32]) -> Plane {
         Vec::new,
         |padded, (out, row)| {
             pad(row, radius, padded);
-            let rows: Vec<&[f32]> = (0..taps.len()).map(|k| &padded[k..]).collect();
-            dispatch(Isa::best(), Weighted { out, rows: &rows, taps });
+            along(padded, taps, out);
         },
     );
     out
@@ -44,32 +43,43 @@ pub(crate) fn vertical(image: &Plane, taps: &[f32]) -> Plane {
     out.pixels_mut().par_chunks_mut(width).enumerate().for_each(|(y, out)| {
         let row = |k: usize| image.row((y + k).saturating_sub(radius).min(height - 1));
         let rows: Vec<&[f32]> = (0..taps.len()).map(row).collect();
-        dispatch(Isa::best(), Weighted { out, rows: &rows, taps });
+        across(&rows, taps, out);
     });
     out
+}
+
+/// `out[x] = sum_k taps[k] padded[x + k]`.
+pub(crate) fn along<T: Real>(padded: &[T], taps: &[T], out: &mut [T]) {
+    let rows: Vec<&[T]> = (0..taps.len()).map(|k| &padded[k..]).collect();
+    across(&rows, taps, out);
+}
+
+/// `out[x] = sum_k taps[k] rows[k][x]`.
+pub(crate) fn across<T: Real>(rows: &[&[T]], taps: &[T], out: &mut [T]) {
+    dispatch(Isa::best(), Weighted { out, rows, taps });
 }
 
 /// Pixels whose sums are kept in registers.
 const BLOCK: usize = 32;
 
 /// `out[x] = sum_k taps[k] rows[k][x]`; every row is at least as long as `out`.
-struct Weighted<'a> {
-    out: &'a mut [f32],
-    rows: &'a [&'a [f32]],
-    taps: &'a [f32],
+struct Weighted<'a, T> {
+    out: &'a mut [T],
+    rows: &'a [&'a [T]],
+    taps: &'a [T],
 }
 
-impl Body for Weighted<'_> {
+impl<T: Real> Body for Weighted<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
         let width = self.out.len();
-        let term = |sum: f32, tap: f32, value: f32| {
+        let term = |sum: T, tap: T, value: T| {
             if FUSED { tap.fused(value, sum) } else { sum + tap * value }
         };
         for start in (0..width - width % BLOCK).step_by(BLOCK) {
-            let mut sums = [0.0_f32; BLOCK];
+            let mut sums = [T::ZERO; BLOCK];
             for (row, &tap) in self.rows.iter().zip(self.taps) {
                 let block = &row[start..start + BLOCK];
                 for (sum, &value) in sums.iter_mut().zip(block) {
@@ -80,13 +90,13 @@ impl Body for Weighted<'_> {
         }
         for x in width - width % BLOCK..width {
             let pairs = self.rows.iter().zip(self.taps);
-            self.out[x] = pairs.fold(0.0, |sum, (row, &tap)| term(sum, tap, row[x]));
+            self.out[x] = pairs.fold(T::ZERO, |sum, (row, &tap)| term(sum, tap, row[x]));
         }
     }
 }
 
 /// The row with its ends repeated `radius` times.
-fn pad(row: &[f32], radius: usize, padded: &mut Vec<f32>) {
+pub(crate) fn pad<T: Copy>(row: &[T], radius: usize, padded: &mut Vec<T>) {
     padded.clear();
     padded.extend(std::iter::repeat_n(row[0], radius));
     padded.extend_from_slice(row);
