@@ -3,7 +3,7 @@
 //! Star discrepancy: the largest difference, over all boxes with one corner at the image's first corner, between the share
 //! of the measured pixels (as points at their centres) in the box and its share of the area. Boxes with edges at pixel
 //! centres, closed and open, and at the far borders are all that matter, so the value is exact: O(N) time, one row of
-//! memory. Above 2^24 pixels the rows and columns are thinned out evenly to 4096 edges, which makes it a lower bound.
+//! memory.
 //!
 //! Nearest-neighbour distance: from each measured pixel to the nearest other one. Largest hole: the radius of the
 //! largest circle about a pixel's centre that has no measured centre inside, the image's border not being one.
@@ -16,9 +16,6 @@ use serde::Serialize;
 
 use crate::baseline::nearest::NearestMap;
 use crate::{Error, Mask};
-
-/// Edges of boxes along each direction at most.
-const EDGES: usize = 4096;
 
 /// The figures of a mask. Lengths are in pixels.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -73,7 +70,6 @@ pub fn star_discrepancy(mask: &Mask) -> f64 {
     if mask.is_empty() {
         return 1.0;
     }
-    let (rows, columns) = (size.height.div_ceil(EDGES), size.width.div_ceil(EDGES));
     let (height, width, count) = (size.height as f64, size.width as f64, mask.count() as f64);
     // Samples above the row, by column: those of columns 0..x are `above[x]`.
     let mut above = vec![0_usize; size.width + 1];
@@ -84,17 +80,15 @@ pub fn star_discrepancy(mask: &Mask) -> f64 {
         let last_row = y + 1 == size.height;
         for (x, &flag) in mask.row(y).iter().enumerate() {
             row += usize::from(flag);
-            if y % rows == 0 && x % columns == 0 || last_row || x + 1 == size.width {
-                let area = (y as f64 + 0.5) * (x as f64 + 0.5) / (height * width);
-                let closed = (above[x + 1] + row) as f64 / count;
-                worst = worst.max(closed - area).max(area - above[x] as f64 / count);
-                // Open boxes that end at a far border.
-                if x + 1 == size.width {
-                    worst = worst.max((y as f64 + 0.5) / height - above[size.width] as f64 / count);
-                }
-                if last_row {
-                    worst = worst.max((x as f64 + 0.5) / width - (above[x] + before) as f64 / count);
-                }
+            let area = (y as f64 + 0.5) * (x as f64 + 0.5) / (height * width);
+            let closed = (above[x + 1] + row) as f64 / count;
+            worst = worst.max(closed - area).max(area - above[x] as f64 / count);
+            // Open boxes that end at a far border.
+            if x + 1 == size.width {
+                worst = worst.max((y as f64 + 0.5) / height - above[size.width] as f64 / count);
+            }
+            if last_row {
+                worst = worst.max((x as f64 + 0.5) / width - (above[x] + before) as f64 / count);
             }
             before = row;
         }
@@ -223,6 +217,17 @@ mod tests {
     fn masks_without_samples_have_figures() {
         let empty = measure(&Mask::from_fn(Size::new(3, 4), |_, _| false)).unwrap();
         assert_eq!((empty.star_discrepancy, empty.nearest, empty.largest_hole), (1.0, None, None));
+    }
+
+    /// Samples in one column alone: the open box up to it is empty.
+    #[test]
+    fn no_edge_of_a_long_mask_is_passed_over() {
+        let width = 8554;
+        for at in [5002, 8000, 8552] {
+            let mask = Mask::from_fn(Size::new(2, width), |_, x| x == at);
+            let empty = (at as f64 + 0.5) / width as f64;
+            assert!((star_discrepancy(&mask) - empty).abs() < 1e-12, "{at}");
+        }
     }
 
     #[test]
