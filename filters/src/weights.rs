@@ -472,7 +472,7 @@ mod tests {
         let learn = |held: &[HeldOut]| Weights::new(&told(&mask, &truth), held, None);
         let mean = |held: &HeldOut| {
             let errors = held.squared_errors(&truth);
-            errors.iter().map(|e| f64::from(*e)).sum::<f64>() / errors.len() as f64
+            errors.iter().sum::<f64>() / errors.len() as f64
         };
         let (mut own, mut crossed, mut new) = (0.0, 0.0, 0.0);
         for seed in 0..20 {

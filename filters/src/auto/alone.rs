@@ -94,7 +94,7 @@ fn carried((held, mut near): (&HeldOut, HeldOut), samples: &Planes) -> Option<(H
     let splines: Vec<f64> = (0..near.at.len()).map(|k| sums(k) / samples.len() as f64).collect();
     let of_splines = |pixel: &u32| near.at.binary_search(pixel).ok().map(|k| splines[k]);
     let on_tiles: Vec<f64> = held.at.iter().map(of_splines).collect::<Option<_>>()?;
-    let own: Vec<f64> = held.squared_errors(samples).into_iter().map(f64::from).collect();
+    let own = held.squared_errors(samples);
     let ratios = Ratios::new(&own, &on_tiles);
 
     let width = samples.size().width;

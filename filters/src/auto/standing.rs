@@ -104,7 +104,7 @@ impl Standing<'_> {
     /// The squared errors at held-out pixels, the sum over the planes.
     fn squares(&self) -> impl Iterator<Item = f64> {
         let planes = self.samples.len() as f64;
-        self.held.squared_errors(self.samples).into_iter().map(move |square| planes * f64::from(square))
+        self.held.squared_errors(self.samples).into_iter().map(move |square| planes * square)
     }
 
     /// The mean of values at pixels around each one, with that of all of them in its share.

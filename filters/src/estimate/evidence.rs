@@ -88,11 +88,7 @@ impl Evidence {
     /// The squared error at samples that are held out with half of the others over that at the same with few of them.
     pub(super) fn growth(&self, truth: &Planes) -> Option<f64> {
         let [near, deep] = self.pairs.each_ref().map(|held| {
-            held.squared_errors(truth)
-                .into_iter()
-                .map(f64::from)
-                .filter(|error| error.is_finite())
-                .sum::<f64>()
+            held.squared_errors(truth).into_iter().filter(|error| error.is_finite()).sum::<f64>()
         });
         (near > 0.0).then(|| deep / near)
     }

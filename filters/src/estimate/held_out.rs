@@ -253,14 +253,15 @@ impl HeldOut {
     }
 
     /// The squared error at each, the mean over the channels.
-    pub fn squared_errors(&self, truth: &Planes) -> Vec<f32> {
+    pub fn squared_errors(&self, truth: &Planes) -> Vec<f64> {
         let mut sums = vec![0.0_f64; self.at.len()];
         for (plane, predicted) in truth.as_slice().iter().zip(&self.predicted) {
             for ((sum, &at), &value) in sums.iter_mut().zip(&self.at).zip(predicted) {
                 *sum += (f64::from(plane.pixels()[at as usize]) - f64::from(value)).powi(2);
             }
         }
-        sums.into_iter().map(|sum| (sum / truth.len().max(1) as f64) as f32).collect()
+        let planes = truth.len().max(1) as f64;
+        sums.into_iter().map(|sum| sum / planes).collect()
     }
 
     /// The sum over samples and channels of the products of the errors of two predictions at the same samples.
@@ -298,7 +299,7 @@ pub type ReconstructPart<'a> = dyn FnMut(Option<&Excerpt>, &Planes, &Arc<Mask>) 
 #[derive(Clone, Copy, Debug)]
 pub struct PixelError {
     pub pixel: u32,
-    pub squared: f32,
+    pub squared: f64,
     pub ln_variance: f32,
     /// What it counts for.
     pub weight: f32,

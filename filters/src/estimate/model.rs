@@ -251,7 +251,7 @@ impl Model {
             (None, true) => LATTICE_REST,
             (None, false) => REST,
         };
-        let squared: Vec<f32> = self.held.iter().map(|error| error.squared).collect();
+        let squared: Vec<f64> = self.held.iter().map(|error| error.squared).collect();
         let unseen = TAIL * tail::unseen((&parts, &squared), self.all_missing, self.range);
         let off = (by_chance + unseen.powi(2) + carried + self.by_tiles + rest * rest).sqrt();
         let side = SIDE * off;
@@ -288,8 +288,7 @@ impl Model {
         let law = self.mean(parts);
         let [steep, flat] = [0.5, -0.5].map(|more| self.mean(&self.parts(self.exponent + more)));
         let off = ((steep / flat).ln() * self.exponent_off).powi(2);
-        let held =
-            self.held.iter().map(|error| f64::from(error.squared)).sum::<f64>() / self.held.len() as f64;
+        let held = self.held.iter().map(|error| error.squared).sum::<f64>() / self.held.len() as f64;
         let Some((factor, by_chance)) = self.simulated.filter(|_| law > 0.0 && self.owned.is_none()) else {
             let least = self.repeated.filter(|_| law > 0.0 && self.owned.is_some());
             return (least.map_or(law, |least| law.max(least)), off);
@@ -343,7 +342,7 @@ impl Model {
         for &(owner, ln_variance) in owned {
             let error = &self.held[owner as usize];
             let power = (f64::from(ln_variance - error.ln_variance) * self.share * exponent).exp();
-            parts[owner as usize] += f64::from(error.squared) * power;
+            parts[owner as usize] += error.squared * power;
         }
         parts
     }
@@ -370,7 +369,7 @@ impl Model {
         let far = missing.iter().zip(&around).filter(|(_, held)| **held <= 0.0).map(|(missing, _)| missing);
         let elsewhere = far.sum::<f64>() / held.iter().sum::<f64>();
         let part = |error: &PixelError| {
-            f64::from(error.weight * error.squared) * (counts[cell(error.pixel)] + elsewhere)
+            f64::from(error.weight) * error.squared * (counts[cell(error.pixel)] + elsewhere)
         };
         self.held.iter().map(part).collect()
     }
@@ -436,7 +435,7 @@ fn exponent(evidence: &Evidence, truth: &Planes, places: &Places, levelled: f64)
         .into_iter()
         .zip(deep.squared_errors(truth))
         .zip(deep.variance.iter().zip(&near.variance))
-        .map(|((e, deep), (v, near))| [f64::from(e), f64::from(deep), f64::from(v / near).ln()])
+        .map(|((e, deep), (v, near))| [e, deep, f64::from(v / near).ln()])
         .filter(|pair| pair.iter().all(|value| value.is_finite()))
         .collect();
     let deep_sum: f64 = pairs.iter().map(|pair| pair[1]).sum();

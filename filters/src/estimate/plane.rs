@@ -1,6 +1,6 @@
 //! The estimated error of every pixel, calibrated on held-out samples.
 //!
-//! Around a pixel `c = (G m e^2 + 0.05 F m e^2) / (G m v^p + 0.05 F m v^p)` over held-out samples, `m` what each counts for, `G` the mean
+//! Squared errors are counted in their mean, so that f32 holds those of any unit. Around a pixel `c = (G m e^2 + 0.05 F m e^2) / (G m v^p + 0.05 F m v^p)` over held-out samples, `m` what each counts for, `G` the mean
 //! under a Gaussian of 0.6 of their spacings, `F` under one of 3 spacings, in cells. `c` is then found for every held-out sample from the others, and compared with `e^2 / v^p`
 //! there, bin by bin from the least `c` to the largest. What a bin shows is made monotone by pooling adjacent violators and
 //! replaces `c` everywhere: without that, regions that look good by chance would be believed too much. Each bin is taken to have
@@ -42,7 +42,7 @@ const LOWER: f64 = 0.8;
 const FEWEST: usize = 20;
 /// Samples that each bin is taken to have had beside those that were seen.
 const UNSEEN: f64 = 2.0;
-/// Factors below this are none.
+/// Factors below this are none: nothing beside the mean.
 const NONE: f64 = 1e-30;
 /// The share of squared errors that stays where it is.
 const KEPT: f64 = 0.2;
@@ -55,8 +55,13 @@ impl Model {
     pub fn plane(&self, shape: Option<&(dyn Fn(usize) -> f32 + Sync)>) -> Plane {
         let size = self.size();
         let power = |ln_variance: f32| (ln_variance * self.exponent() as f32).exp();
-        let weighted =
-            |e: &PixelError| (e.pixel as usize, e.weight * e.squared, e.weight * power(e.ln_variance));
+        let mean = self.held().iter().map(|e| f64::from(e.weight) * e.squared).sum::<f64>()
+            / self.held().len().max(1) as f64;
+        let mean = if mean > 0.0 { mean } else { 1.0 };
+        let weighted = |e: &PixelError| {
+            let squared = f64::from(e.weight) * (e.squared / mean);
+            (e.pixel as usize, squared as f32, e.weight * power(e.ln_variance))
+        };
         let held: Vec<(usize, f32, f32)> = self.held().iter().map(weighted).collect();
         let spacing = (size.pixels() as f64 / held.len().max(1) as f64).sqrt();
         let (errors, powers) = lacuna_core::parallel::join(
@@ -76,7 +81,7 @@ impl Model {
             power: f64::from(power),
         });
         let calibration = Calibration::new(known.collect());
-        let scale = self.over_law();
+        let scale = mean * self.over_law();
         let missing = self.missing_variance();
         let squared = |(pixel, variance): (usize, &f32)| {
             if *variance <= 0.0 {

@@ -105,7 +105,7 @@ impl Simulation {
         let mean = |held: &HeldOut| {
             let (mut sum, mut squares) = (0.0, 0.0);
             let errors = held.squared_errors(&self.truth);
-            for error in errors.iter().map(|&error| f64::from(error)) {
+            for &error in &errors {
                 sum += error;
                 squares += error * error;
             }
@@ -131,7 +131,7 @@ impl Simulation {
     fn growth(&self) -> Option<f64> {
         let sum = |own: &HeldOut, wanted: &[u32]| -> f64 {
             let both = own.sorted(|pixel| wanted.binary_search(&pixel).is_ok());
-            both.squared_errors(&self.truth).into_iter().map(f64::from).sum()
+            both.squared_errors(&self.truth).into_iter().sum()
         };
         let held = self.held.sorted(|_| true);
         let growth = sum(&self.deep, &held.at) / sum(&held, &self.deep.at);

@@ -60,13 +60,13 @@ impl Voronoi {
     }
 
     /// Whether errors are larger where samples lie close together, which of itself makes them smaller.
-    pub fn are_where_errors_are(&self, at: &[u32], squared: &[f32]) -> bool {
+    pub fn are_where_errors_are(&self, at: &[u32], squared: &[f64]) -> bool {
         let pairs = at.iter().zip(squared).filter(|(_, squared)| squared.is_finite());
-        let mut held: Vec<(f32, f32)> =
+        let mut held: Vec<(f32, f64)> =
             pairs.map(|(&pixel, &squared)| (self.counts[pixel as usize], squared)).collect();
         held.sort_by(|a, b| a.0.total_cmp(&b.0));
         let (close, wide) = held.split_at(held.len() / 2);
-        let sum = |half: &[(f32, f32)]| half.iter().map(|(_, squared)| f64::from(*squared)).sum::<f64>();
+        let sum = |half: &[(f32, f64)]| half.iter().map(|(_, squared)| squared).sum::<f64>();
         sum(close) > sum(wide)
     }
 

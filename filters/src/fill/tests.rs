@@ -118,6 +118,38 @@ fn estimates_know_the_bounds() {
     assert!(unit.0 < 0.98 * free.0 && unit.0 / unit.1 < free.0 / free.1, "{free:?} {unit:?}");
 }
 
+/// The same frame in other units is told the same errors in these.
+#[test]
+fn estimates_follow_the_unit() {
+    let size = Size::new(90, 100);
+    let image = |y: usize, x: usize| {
+        let wave = (x as f32 / 3.0).sin() * (y as f32 / 2.0).cos();
+        0.4 * wave + if x > y { 0.7 } else { 0.5 }
+    };
+    let mask = Arc::new(crate::sampling::shuffle::mask(0, 0, size, 0.3, 0).unwrap());
+    let told = |unit: f32, name: &str| {
+        let method = Method::named(name, &[]).unwrap();
+        let options = Options { peak: unit, estimate: Estimate::Pixels, ..Options::of(method) };
+        let samples = Planes::from(Plane::from_fn(size, |y, x| unit * image(y, x)));
+        let mut set = fill(&samples, Arc::clone(&mask), &options).unwrap().sets.remove(0);
+        let Some(crate::estimate::Verdict::Estimate(found)) = set.estimate else {
+            panic!("{name} {unit}: {:?}", set.estimate)
+        };
+        let errors = set.errors.take().unwrap();
+        let relative = |error: f64| error / f64::from(unit);
+        let squares = errors.pixels().iter().map(|&error| relative(f64::from(error)).powi(2)).sum::<f64>();
+        [relative(found.rmse), relative(found.low), relative(found.high), squares.sqrt()]
+    };
+    for name in ["ss", "auto"] {
+        let usual = told(1.0, name);
+        for power in [-100, -80, -45, 40, 70, 120] {
+            let found = told(2.0_f32.powi(power), name);
+            let are_near = usual.iter().zip(found).all(|(a, b)| (a - b).abs() < 3e-3 * a);
+            assert!(are_near, "{name}, 2^{power}: {found:?} for {usual:?}");
+        }
+    }
+}
+
 #[test]
 fn errors_that_clipping_hides_are_told_from_none() {
     let size = Size::new(144, 180);

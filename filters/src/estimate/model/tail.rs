@@ -15,8 +15,8 @@ const CLOSE: f64 = 1e-3;
 /// The logarithm of what unseen errors multiply the mean squared error by: those between the largest of the samples and the largest of as
 /// many pixels as are missing, which none can exceed that is as large as the samples' `range`. `parts` are what samples say of the sum of the
 /// squared errors of the missing pixels, `squared` their own.
-pub fn unseen((parts, squared): (&[f64], &[f32]), missing: usize, range: f64) -> f64 {
-    let mut largest: Vec<(f64, f32)> = parts.iter().copied().zip(squared.iter().copied()).collect();
+pub fn unseen((parts, squared): (&[f64], &[f64]), missing: usize, range: f64) -> f64 {
+    let mut largest: Vec<(f64, f64)> = parts.iter().copied().zip(squared.iter().copied()).collect();
     largest.sort_by(|a, b| b.0.total_cmp(&a.0));
     let count = largest.len().isqrt();
     let Some(&(least, _)) = largest.get(count).filter(|(least, _)| *least > 0.0) else { return 0.0 };
@@ -25,9 +25,9 @@ pub fn unseen((parts, squared): (&[f64], &[f32]), missing: usize, range: f64) ->
         return 0.0;
     }
     let power = count as f64 / logarithms;
-    let seen = largest.iter().take(LARGEST).fold(0.0, |most: f32, (_, squared)| most.max(*squared));
+    let seen = largest.iter().take(LARGEST).fold(0.0, |most: f64, (_, squared)| most.max(*squared));
     let of_pixels = (missing as f64 / parts.len() as f64).powf(power.recip());
-    let reach = of_pixels.min(range * range / f64::from(seen)).max(1.0);
+    let reach = of_pixels.min(range * range / seen).max(1.0);
     let top = (least * (count as f64).powf(power.recip())).min(TRUST * largest[0].0);
     // The integral of P(E > x) from the largest seen to its reach.
     let more = if (power - 1.0).abs() < CLOSE {
@@ -64,7 +64,7 @@ mod tests {
     #[test]
     fn nothing_is_beyond_the_range() {
         let parts = pareto(4000, 0.6);
-        let squared: Vec<f32> = parts.iter().map(|part| (part / parts[0]) as f32).collect();
+        let squared: Vec<f64> = parts.iter().map(|part| part / parts[0]).collect();
         assert_eq!(unseen((&parts, &squared), 120_000, 1.0), 0.0);
         assert_eq!(unseen((&[1.0; 100], &[0.1; 100]), 1000, 1.0), 0.0);
         assert_eq!(unseen((&[], &[]), 1000, 1.0), 0.0);
