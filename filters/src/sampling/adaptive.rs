@@ -13,7 +13,7 @@
 //!
 //! Frames of a sequence take their pixels in other orders, so that frames in a row choose other pixels of the same places (`refine`).
 //!
-//! Values enter as `refine` has them: linear to 1, logarithmic above. The mask depends on the values that `measure` returns, on the
+//! Values enter as `refine` has them: linear to 1, logarithmic beyond, in a power of two where the first round's are tiny. The mask depends on the values that `measure` returns, on the
 //! settings and on the field, not on the number of threads.
 //!
 //! Rounds, the share of the first and the powers of `refine` were chosen on five volume renders and two path-traced frames at 5, 10 and 20 %;
@@ -34,7 +34,7 @@ use super::components::Components;
 use super::refine::{self, Estimate, Preference, compress};
 use super::{Band, Field, leave_out, shuffle};
 use crate::variational::ss;
-use crate::{Error, Mask, Planes, Run, Size};
+use crate::{Error, Mask, Plane, Planes, Run, Size};
 
 /// Rounds, if nothing else is asked for.
 pub const ROUNDS: usize = 8;
@@ -259,6 +259,8 @@ struct Known {
     samples: Option<Planes>,
     components: Option<Components>,
     channels: usize,
+    /// What values are multiplied by.
+    unit: f32,
     /// Least and largest of the usable values.
     ends: (f32, f32),
 }
@@ -277,6 +279,7 @@ impl Known {
             samples: None,
             components: None,
             channels: 0,
+            unit: 1.0,
             ends,
         }
     }
@@ -288,6 +291,14 @@ impl Known {
             return Err(Error::SizeMismatch { expected: size, found: values.size().to_string() });
         }
         self.channels = values.len();
+        if self.samples.is_none() {
+            let range = |plane: &Plane| {
+                let own = new.iter().map(|&pixel| compress(plane.pixels()[pixel])).filter(|v| v.is_finite());
+                let (low, high) = own.fold(self.ends, |(low, high), v| (low.min(v), high.max(v)));
+                f64::from(high) - f64::from(low)
+            };
+            self.unit = refine::unit(values.as_slice().iter().map(range).fold(0.0, f64::max));
+        }
         let count = self.components.as_ref().map_or(values.len(), Components::len);
         let samples = self.samples.get_or_insert_with(|| Planes::zeros(size, count));
         self.count += new.len();
@@ -300,7 +311,8 @@ impl Known {
                 continue;
             }
             self.usable[pixel] = true;
-            let own = own.map(compress);
+            let unit = self.unit;
+            let own = own.map(|value| unit * compress(value));
             self.ends = own.clone().fold(self.ends, |(low, high), value| (low.min(value), high.max(value)));
             for (k, (plane, value)) in samples.as_mut_slice().iter_mut().zip(own.clone()).enumerate() {
                 let components = self.components.as_ref();

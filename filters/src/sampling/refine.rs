@@ -10,7 +10,8 @@
 //! - `l(x) = (g / G_t * g)^0.75`: where within that neighbourhood, `g` the squared gradient of the fill over all channels,
 //!   `G_t` a Gaussian of 1.2 spacings. This finds the edge that passes between samples.
 //!
-//! Values enter as `t(v) = v` up to 1 and `1 + ln v` above, so that a highlight counts by its relative error.
+//! Values enter as `t(v) = v` up to 1 and `1 + ln v` above, so that a highlight counts by its relative error; `t(-v) = -t(v)`. Those of a tiny
+//! range are counted in a power of two, as f32 would not hold their squares.
 //!
 //! The next pixels are taken greedily, each where `e^2 d^2` is largest: a sample mends the area around it, too, which goes by `d^2`. With a
 //! density `r` the squared error is `c l r^-3`, and its sum over the image is least where `c l r^-4` is the same everywhere. `d` is brought up to
@@ -36,6 +37,7 @@ use super::leave_out::{self, LeftOut};
 use crate::baseline::nearest::NearestMap;
 use crate::baseline::push_pull;
 use crate::kernel::blur::blur;
+use crate::kernel::extremes;
 use crate::variational::ss;
 use crate::{Error, Filter, Mask, Plane, Planes, Run, Size};
 
@@ -64,6 +66,8 @@ const BIN: u32 = 20;
 const SPREAD: f64 = 0.6;
 /// Width of the neighbourhood of the gradient, in spacings.
 const CONTEXT: f64 = 1.2;
+/// From this range of the samples on, f32 holds the square of a thousandth of it over the sixth power of any distance between samples.
+const RANGE: f64 = 1.0 / (1 << 20) as f64;
 /// Share of its mean that is added to the squared gradient, so that flat regions have a ratio.
 const FLOOR: f64 = 1e-6;
 
@@ -77,6 +81,8 @@ pub struct Estimate {
     squared: Vec<u32>,
     /// The fill whose error it is, of the samples as they count.
     filled: Planes,
+    /// What these were multiplied by.
+    unit: f32,
 }
 
 /// Estimates the error of `filter` on these samples.
@@ -91,7 +97,8 @@ pub fn estimate(
     filter: &dyn Filter,
     run: &Run<'_>,
 ) -> Result<Estimate, Error> {
-    of_compressed(&compressed(samples), mask, filter, run)
+    let (samples, unit) = compressed(samples, mask);
+    Ok(Estimate { unit, ..of_compressed(&samples, mask, filter, run)? })
 }
 
 /// The same of a spline; of the default one at the cost of a sweep of tiles.
@@ -104,12 +111,13 @@ pub fn estimate_spline(
     settings: &ss::Settings,
     run: &Run<'_>,
 ) -> Result<Estimate, Error> {
-    let samples = compressed(samples);
-    if leave_out::suits(settings) {
+    let (samples, unit) = compressed(samples, mask);
+    let found = if leave_out::suits(settings) {
         Estimate::of_spline(&samples, mask, None, run)
     } else {
         of_compressed(&samples, mask, settings, run)
-    }
+    };
+    Ok(Estimate { unit, ..found? })
 }
 
 fn of_compressed(
@@ -166,18 +174,20 @@ impl Estimate {
             }
         });
         let squared = squared.map_or_else(|| NearestMap::new(mask).map(|map| map.squared_distances()), Ok)?;
-        Ok(Self { mask: mask.clone(), coefficient, squared, filled })
+        Ok(Self { mask: mask.clone(), coefficient, squared, filled, unit: 1.0 })
     }
 
     /// The estimated error of each pixel, in the unit of the samples (root of the sum over channels of squares); 0 at
     /// measured ones.
     pub fn error(&self) -> Plane {
         let size = self.mask.size();
-        let value = |pixel: usize| self.coefficient[pixel].sqrt() * (self.squared[pixel] as f32).powf(1.5);
+        let value = |pixel: usize| {
+            self.coefficient[pixel].sqrt() * (self.squared[pixel] as f32).powf(1.5) / self.unit
+        };
         Plane::from_fn(size, |row, column| value(row * size.width + column))
     }
 
-    /// The squared error of a pixel, summed over the channels.
+    /// The squared error of a pixel, summed over the channels, as the samples count.
     pub(crate) fn squared_error(&self, pixel: usize) -> f32 {
         self.coefficient[pixel] * (self.squared[pixel] as f32).powi(3)
     }
@@ -258,18 +268,33 @@ pub(super) fn start(samples: &Planes, mask: &Arc<Mask>, run: &Run<'_>) -> Result
     leave_out::fill(samples, mask, &push_pull::Settings, ROUGH, run)
 }
 
-/// Samples as they count.
-fn compressed(samples: &Planes) -> Planes {
+/// Samples as they count, and what they were multiplied by.
+fn compressed(samples: &Planes, mask: &Mask) -> (Planes, f32) {
     let mut samples = samples.clone();
+    let mut largest = 0.0_f64;
     for plane in samples.as_mut_slice() {
         plane.pixels_mut().iter_mut().for_each(|value| *value = compress(*value));
+        let (low, high) = extremes::range(mask.as_slice(), plane.pixels());
+        largest = largest.max(f64::from(high) - f64::from(low));
     }
-    samples
+    let unit = unit(largest);
+    if unit > 1.0 {
+        let values = samples.as_mut_slice().iter_mut().flat_map(Plane::pixels_mut);
+        values.for_each(|value| *value *= unit);
+    }
+    (samples, unit)
 }
 
-/// A value as it counts: linear to 1, logarithmic above.
+/// The power of two that brings values of such a range near 1, as far as f32 has one; 1 where that is not needed.
+pub(super) fn unit(range: f64) -> f32 {
+    let is_tiny = range > 0.0 && range < RANGE;
+    if is_tiny { 2.0_f32.powi(-range.log2().floor().max(-126.0) as i32) } else { 1.0 }
+}
+
+/// A value as it counts: linear to 1, logarithmic beyond.
 pub(super) fn compress(value: f32) -> f32 {
-    if value > 1.0 { 1.0 + value.ln() } else { value }
+    let size = value.abs();
+    if size > 1.0 { (1.0 + size.ln()).copysign(value) } else { value }
 }
 
 /// The squared gradient over its mean in the neighbourhood, to the power of 3/4.

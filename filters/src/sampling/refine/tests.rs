@@ -63,6 +63,46 @@ fn goes_where_the_edge_is() {
     assert!(near.count() > 86, "most of 96 lie within 6 pixels of the edge");
 }
 
+/// Both estimates, whatever the unit: squares of tiny values are nothing in f32.
+#[test]
+fn units_choose_nothing() {
+    let field = field(60, 90);
+    let mask = first_pass(field, 0.1);
+    let spline = ss::Settings::default();
+    for unit in [2.0_f32.powi(-22), 2.0_f32.powi(-80), 2.0_f32.powi(-120)] {
+        let in_units = |unit: f32| {
+            let step = step(field.size);
+            let samples = Planes::from(Plane::from_fn(field.size, |y, x| unit * step.at(y, x)));
+            let by_parts = estimate(&samples, &mask, &push_pull::Settings, &Run::default()).unwrap();
+            [by_parts, estimate_spline(&samples, &mask, &spline, &Run::default()).unwrap()]
+        };
+        for (usual, tiny) in in_units(1.0).iter().zip(in_units(unit)) {
+            let [usual_next, tiny_next] =
+                [usual, &tiny].map(|estimate| estimate.next(300, field, PREFERENCE, |_| true));
+            assert!(usual_next == tiny_next, "{unit}");
+            let (usual, tiny) = (usual.error(), tiny.error());
+            let off = usual.pixels().iter().zip(tiny.pixels()).map(|(a, b)| (a - b / unit).abs());
+            assert!(off.fold(0.0, f32::max) <= 1e-5, "{unit}");
+        }
+    }
+}
+
+#[test]
+fn negative_values_count_as_positive_ones_do() {
+    let field = field(80, 120);
+    let mask = first_pass(field, 0.1);
+    for dark in [-5.0, -f32::MAX] {
+        let image = |sign: f32| {
+            let step = step(field.size);
+            Plane::from_fn(field.size, |y, x| if step.at(y, x) > 0.5 { sign * dark } else { 0.0 })
+        };
+        let [own, other] = [1.0, -1.0].map(|sign| of(&image(sign), &mask));
+        let next = |estimate: &Estimate| estimate.next(96, field, PREFERENCE, |_| true);
+        assert_eq!(next(&own), next(&other), "{dark}");
+        assert!(own.error().pixels().iter().all(|error| error.is_finite()));
+    }
+}
+
 #[test]
 fn continues_the_order_where_there_is_nothing_to_gain() {
     let field = field(40, 50);
