@@ -325,15 +325,16 @@ fn untold(set: &Set) -> String {
     format!("fills by {} without some of the samples take too long", set.method.name())
 }
 
-/// The errors of the pixels over all sets; nothing where a set has none.
+/// The errors of the pixels over all sets that were not copied; nothing where one of these has none.
 fn errors(sets: &mut [Set]) -> Option<Plane> {
-    if let [set] = sets {
+    let mut sets: Vec<&mut Set> = sets.iter_mut().filter(|set| !set.copied).collect();
+    if let [set] = &mut sets[..] {
         return set.errors.take();
     }
     let size = sets.first()?.errors.as_ref()?.size();
     let planes: usize = sets.iter().map(|set| set.planes.len()).sum();
     let mut sum = Plane::filled(size, 0.0);
-    for set in sets.iter() {
+    for set in sets {
         let part = set.planes.len() as f32 / planes as f32;
         let errors = set.errors.as_ref()?;
         sum.pixels_mut()

@@ -34,6 +34,25 @@ def test_the_peak_is_the_unit():
         assert other.unclipped_rmse == other.rmse
 
 
+@pytest.mark.parametrize("power", [-90, -60, 70])
+def test_the_map_of_errors_has_the_unit_of_the_values(power):
+    scale = np.float32(2.0**power)
+    one, other = (lacuna.estimate(IMAGE * unit, MASK, peak=float(unit)) for unit in (np.float32(1), scale))
+    assert other.rmse / float(scale) == pytest.approx(one.rmse, rel=1e-3)
+    squares = [np.sum((said.errors.astype(np.float64) / float(unit)) ** 2) for said, unit in ((one, 1), (other, scale))]
+    assert squares[1] == pytest.approx(squares[0], rel=1e-3) and squares[0] > 0
+
+
+def test_errors_are_those_of_the_channels_that_were_filled():
+    image = picture(72, 88, 3) / 2
+    twin = image.copy()
+    twin[..., 0] += MASK  # Is no twin.
+    _, said = lacuna.fill(image, MASK, filter="ss", twin=twin, estimate=True)
+    _, alone = lacuna.fill(image[..., 0], MASK, filter="ss", estimate=True)
+    assert set(said.filters) == {"copy", "ss"} and said.rmse == alone.rmse
+    assert same_bits(said.errors, alone.errors)
+
+
 def test_errors_above_the_peak_are_not_none():
     bright = IMAGE * 4000 + 2
     with pytest.warns(UserWarning, match="^peak: 100 % of the measured values are above 1") as warned:
