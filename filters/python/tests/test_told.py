@@ -37,10 +37,10 @@ def test_the_peak_is_the_unit():
 @pytest.mark.parametrize("power", [-90, -60, 70])
 def test_the_map_of_errors_has_the_unit_of_the_values(power):
     scale = np.float32(2.0**power)
-    one, other = (lacuna.estimate(IMAGE * unit, MASK, peak=float(unit)) for unit in (np.float32(1), scale))
+    one, other = (lacuna.estimate(IMAGE * unit, MASK, peak=float(unit), filter="ss") for unit in (np.float32(1), scale))
     assert other.rmse / float(scale) == pytest.approx(one.rmse, rel=1e-3)
     squares = [np.sum((said.errors.astype(np.float64) / float(unit)) ** 2) for said, unit in ((one, 1), (other, scale))]
-    assert squares[1] == pytest.approx(squares[0], rel=1e-3) and squares[0] > 0
+    assert squares[1] == pytest.approx(squares[0], rel=1e-2) and squares[0] > 0
 
 
 def test_errors_are_those_of_the_channels_that_were_filled():
