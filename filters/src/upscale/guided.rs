@@ -164,9 +164,10 @@ impl Plan {
 fn terms(guides: &Guides) -> Vec<Term<'_>> {
     let planes = guides.planes();
     let mut terms: Vec<Term<'_>> = planes.iter().map(Term::Plane).collect();
+    let component = |at: usize| (&planes[at], guides.centres()[at]);
     for normal in guides.normals() {
         for (at, &one) in normal.iter().enumerate() {
-            terms.extend(normal[at..].iter().map(|&other| Term::Product(&planes[one], &planes[other])));
+            terms.extend(normal[at..].iter().map(|&other| Term::product(component(one), component(other))));
         }
     }
     terms

@@ -8,7 +8,7 @@
 //! ```
 //!
 //! There are more slopes than pixels count: the ridge decides between them, and takes the shortest. Guides are scaled to a standard
-//! deviation of one half, so that a ridge of 1e-5 is nothing beside an edge and much beside rounding.
+//! deviation of one half and have no mean, so that a ridge of 1e-5 is nothing beside an edge and much beside rounding, whatever their offset.
 //!
 //! Cost: for `k` guides and `c` channels `k (k + 1) / 2 + k c + k + c` means over three rows and three columns and a Cholesky factor
 //! a small pixel; `c (k + 1)` interpolations a large one. All rows of a band at once in loops over columns.
@@ -37,22 +37,35 @@ const BAND: usize = 16;
 pub enum Term<'a> {
     /// As it is.
     Plane(&'a Plane),
-    /// The product of two, made row by row.
-    Product(&'a Plane, &'a Plane),
+    /// The product of two about its mean, made row by row.
+    Product {
+        /// Planes, and what is to be added to each.
+        factors: [(&'a Plane, f32); 2],
+        /// The mean.
+        mean: f32,
+    },
 }
 
 impl<'a> Term<'a> {
+    /// The product of two planes, to each of which something is to be added.
+    pub fn product(one: (&'a Plane, f32), other: (&'a Plane, f32)) -> Self {
+        let factors = [one, other];
+        let raw = Self::Product { factors, mean: 0.0 };
+        let size = one.0.size();
+        let sum = |row| raw.row(row, &mut Vec::new()).iter().map(|value| f64::from(*value)).sum::<f64>();
+        // In the order of the rows, whatever the threads.
+        let sum: f64 = (0..size.height).into_par_iter().map(sum).into_iter().sum();
+        Self::Product { factors, mean: (sum / size.pixels().max(1) as f64) as f32 }
+    }
+
     /// All of its pixels.
     pub fn plane(self) -> Cow<'a, Plane> {
         match self {
             Self::Plane(plane) => Cow::Borrowed(plane),
-            Self::Product(one, other) => {
-                let mut plane = one.clone();
-                plane
-                    .pixels_mut()
-                    .par_iter_mut()
-                    .zip(other.pixels())
-                    .for_each(|(value, other)| *value *= other);
+            Self::Product { factors: [(one, _), _], .. } => {
+                let mut plane = Plane::filled(one.size(), 0.0);
+                let rows = plane.pixels_mut().par_chunks_mut(one.size().width).enumerate();
+                rows.for_each(|(row, out)| out.copy_from_slice(self.row(row, &mut Vec::new())));
                 Cow::Owned(plane)
             }
         }
@@ -65,9 +78,10 @@ impl<'a> Term<'a> {
     {
         match self {
             Self::Plane(plane) => plane.row(row),
-            Self::Product(one, other) => {
+            Self::Product { factors: [(one, a), (other, b)], mean } => {
                 product.clear();
-                product.extend(one.row(row).iter().zip(other.row(row)).map(|(one, other)| one * other));
+                let pairs = one.row(row).iter().zip(other.row(row));
+                product.extend(pairs.map(|(one, other)| (one + a) * (other + b) - mean));
                 product
             }
         }

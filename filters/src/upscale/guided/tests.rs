@@ -1,7 +1,7 @@
 use super::*;
 use crate::Size;
 use crate::baseline::testing;
-use crate::upscale::Hint;
+use crate::upscale::{Hint, Question};
 
 /// Two flat surfaces and a ramp with a hard, slanted edge; the guide says where, and how far.
 fn scene(size: Size) -> (Plane, Vec<Plane>) {
@@ -39,8 +39,8 @@ fn with(plan: &Plan, y: &Plane, guides: &Guides) -> Option<Steer> {
     steer(plan, &Planes::of(y.size(), vec![y.clone()]), guides, &Run::default()).unwrap()
 }
 
-const FREE: super::super::Question<'static> =
-    super::super::Question { mask: None, range: (f32::NEG_INFINITY, f32::INFINITY), limit: false };
+const FREE: Question<'static> =
+    Question { mask: None, range: (f32::NEG_INFINITY, f32::INFINITY), limit: false };
 
 #[test]
 fn guides_sharpen_edges_and_keep_what_pixels_say() {
@@ -187,4 +187,49 @@ fn where_guides_say_nothing_the_image_is_that_without_them() {
         assert!(most(&guided, &plain) < 1e-5, "{factor} {}", most(&guided, &plain));
         assert!(most(&spline, &plain) > 1e-2, "{factor}: nothing to smooth");
     }
+}
+
+/// Depths and positions lie far from zero; what they say of edges does not depend on where.
+#[test]
+fn an_offset_of_a_guide_changes_nothing() {
+    let (low, high) = (Size::new(60, 72), Size::new(120, 144));
+    let (image, planes) = scene(high);
+    let plan = Plan::new(Geometry::scaled(low, 2.0, Sampling::Box), Method::Ss).unwrap();
+    let y = plan.model.reduce(&image);
+    let off = |guide: Plane| {
+        let steer = with(&plan, &y, &guides(high, &[guide]))?;
+        let large = plan.enlarge_with(&y, Hint::Guides(&steer.changes[0]), &FREE, &Run::default()).unwrap();
+        Some(error(&large.plane, &image))
+    };
+    for offset in [0.0_f32, 1e2, 5e2, 1e4, 1e5, 1e6] {
+        // Levels that the offset does not round away, but for steps of 1/16 at a million: both guides have them.
+        let far = Plane::from_fn(high, |y, x| offset + 2.0 * planes[0].at(y, x) + 0.2 * planes[1].at(y, x));
+        let near = Plane::from_fn(high, |y, x| far.at(y, x) - offset);
+        let (far, near) = (off(far).expect("it tells the edges"), off(near).expect("it tells the edges"));
+        assert!((far / near).log10().abs() < 0.1 / 20.0, "{offset} {far} {near}");
+    }
+}
+
+/// Products, of a flat wall's normals say, have no mean either.
+#[test]
+fn products_of_normals_are_taken_about_their_means() {
+    let size = Size::new(40, 50);
+    let bump = |at: usize| Plane::from_fn(size, |y, x| 0.05 * ((y * (at + 2) + 3 * x) as f32).sin());
+    let [x, y] = [bump(0), bump(1)];
+    let z = Plane::from_fn(size, |i, j| (1.0 - x.at(i, j).powi(2) - y.at(i, j).powi(2)).sqrt());
+    let mut guides = Guides::new(size);
+    guides.add("N", vec![x.clone(), y, z.clone()]).unwrap();
+    let terms = terms(&guides);
+    for term in &terms {
+        let plane = term.plane();
+        let mean = plane.pixels().iter().map(|v| f64::from(*v)).sum::<f64>() / size.pixels() as f64;
+        let most = plane.pixels().iter().fold(0.0_f32, |most, v| most.max(v.abs()));
+        assert!(mean.abs() < 1e-5 * f64::from(most).max(1.0), "{mean} {most}");
+    }
+    // The product of x and z, in the scale of the group, but for a constant.
+    let (product, one) = (terms[5].plane(), terms[0].plane());
+    let scale = (one.at(0, 9) - one.at(0, 0)) / (x.at(0, 9) - x.at(0, 0));
+    let of = |row: usize, column: usize| scale * scale * x.at(row, column) * z.at(row, column);
+    let (told, expected) = (product.at(7, 9) - product.at(0, 0), of(7, 9) - of(0, 0));
+    assert!((told - expected).abs() < 1e-3 * expected.abs(), "{told} {expected}");
 }

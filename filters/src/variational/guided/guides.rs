@@ -1,4 +1,4 @@
-//! Guides made comparable: groups of planes, scaled by their own spread, and labels for hard borders.
+//! Guides made comparable: groups of planes, each about its own mean and scaled by the spread of its group, and labels for hard borders.
 
 use lacuna_core::parallel::prelude::*;
 
@@ -29,6 +29,8 @@ pub struct Guides {
     /// Groups that are normals.
     normals: Vec<usize>,
     planes: Vec<Plane>,
+    /// What each plane has lost: scaled, its mean.
+    centres: Vec<f32>,
     labels: Option<Vec<u32>>,
     label_names: Vec<String>,
     unknown: usize,
@@ -43,14 +45,15 @@ impl Guides {
             groups: Vec::new(),
             normals: Vec::new(),
             planes: Vec::new(),
+            centres: Vec::new(),
             labels: None,
             label_names: Vec::new(),
             unknown: 0,
         }
     }
 
-    /// Adds planes that belong together (the components of a normal, say) and share a scale. Planes that are constant say
-    /// nothing and are left out; returns whether any was taken.
+    /// Adds planes that belong together (the components of a normal, say) and share a scale; each is taken about its mean, as moments of what
+    /// is far from zero would lose their digits. Planes that are constant say nothing and are left out; returns whether any was taken.
     ///
     /// # Errors
     /// [`Error::SizeMismatch`].
@@ -65,25 +68,27 @@ impl Guides {
             self.mark_unknown(plane);
         }
         let tamed = planes.into_par_iter().map(|mut plane| (tame(plane.pixels_mut()), plane));
-        for (square, plane) in tamed {
-            let Some(square) = square else { continue };
+        for (moments, plane) in tamed {
+            let Some((mean, square)) = moments else { continue };
             variance += square;
             count += 1.0;
-            group.push(self.planes.len());
+            group.push((self.planes.len(), mean));
             self.planes.push(plane);
         }
         if group.is_empty() {
             return Ok(false);
         }
-        let factor = (SPREAD / (variance / count).sqrt()) as f32;
-        for &index in &group {
+        let factor = SPREAD / (variance / count).sqrt();
+        for &(index, mean) in &group {
             let parts = self.planes[index].pixels_mut().par_chunks_mut(PART);
-            parts.for_each(|values| values.iter_mut().for_each(|value| *value *= factor));
+            let one = |value: &mut f32| *value = ((f64::from(*value) - mean) * factor) as f32;
+            parts.for_each(|values| values.iter_mut().for_each(one));
+            self.centres.push((mean * factor) as f32);
         }
         if normal && group.len() == 3 {
             self.normals.push(self.groups.len());
         }
-        self.groups.push(group);
+        self.groups.push(group.into_iter().map(|(index, _)| index).collect());
         self.names.push(name.into());
         Ok(true)
     }
@@ -149,6 +154,11 @@ impl Guides {
         &self.planes
     }
 
+    /// What is to be added to each plane for the guide itself, scaled.
+    pub(crate) fn centres(&self) -> &[f32] {
+        &self.centres
+    }
+
     /// The guides that have planes; labels have none.
     pub(crate) fn names(&self) -> &[String] {
         &self.names
@@ -169,6 +179,7 @@ impl Guides {
             groups: self.groups.clone(),
             normals: self.normals.clone(),
             planes: self.planes.iter().map(map).collect(),
+            centres: self.centres.clone(),
             labels: None,
             label_names: Vec::new(),
             unknown: self.unknown,
@@ -214,10 +225,10 @@ fn is_normal(planes: &[Plane]) -> bool {
     planes.len() == 3 && all().all(|value| value.abs() <= 1.001) && all().any(|value| *value < 0.0)
 }
 
-/// Brings far outliers near and replaces what is not finite; the variance, or nothing if the plane is constant.
+/// Brings far outliers near and replaces what is not finite; mean and variance, or nothing if the plane is constant.
 ///
 /// The ends of the range, which backgrounds have, do not count for the quantiles, and land apart from the rest.
-fn tame(values: &mut [f32]) -> Option<f64> {
+fn tame(values: &mut [f32]) -> Option<(f64, f64)> {
     let parts = values.par_chunks(PART).map(|values| {
         let (mut least, mut most) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
         let mut infinite = false;
@@ -268,7 +279,7 @@ fn tame(values: &mut [f32]) -> Option<f64> {
     let mean = sums.into_iter().sum::<f64>() / count;
     let squares = values.par_chunks(PART).map(|values| sum(values, |value| (value - mean).powi(2)));
     let variance = squares.into_iter().sum::<f64>() / count;
-    (variance > 0.0 && variance.is_finite()).then_some(variance)
+    (variance > 0.0 && variance.is_finite()).then_some((mean, variance))
 }
 
 /// The sum of what `of` makes of the values, in lanes.
