@@ -115,6 +115,11 @@ fn roots(mask: &Mask, plane: &Plane, black: f64) -> (f64, u64) {
 pub enum Map {
     /// The identity.
     Linear,
+    /// `factor v`: values in another unit. `factor` is a power of two, so that there and back no bit changes.
+    Scaled {
+        /// From 2^-126 to 2^126.
+        factor: f32,
+    },
     /// `asinh(v / scale)`.
     Log {
         /// Where the map turns from linear to logarithmic, in units of the values; positive.
@@ -129,11 +134,15 @@ const WHITE: f64 = 4.0;
 /// Below this the series of asinh and sinh to third order are exact to f64, and the closed forms are not.
 const SMALL: f64 = 1e-4;
 
+/// Powers of two to either side of 1 within which the size of a group's values is left as it is: squares, and what the inverse of a wide
+/// Gaussian multiplies by, are far from the ends of f32 there.
+const USUAL: i32 = 20;
+
 impl Map {
     /// The name that the report prints: `linear` or `log`.
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Linear => "linear",
+            Self::Linear | Self::Scaled { .. } => "linear",
             Self::Log { .. } => "log",
         }
     }
@@ -143,19 +152,40 @@ impl Map {
         self == Self::Linear
     }
 
+    /// Whether values become logarithms.
+    pub const fn is_log(self) -> bool {
+        matches!(self, Self::Log { .. })
+    }
+
+    /// The map for solvers that take squares of values: a linear one of values whose squares would leave f32 becomes one to a unit in which they
+    /// are about 1. So it is the power mean of all that are not zero, which a few that are far larger hardly move, that is brought to 1.
+    /// Each plane has the size of the mask.
+    pub(crate) fn in_range(self, mask: &Mask, group: &[Plane]) -> Self {
+        let typical = if self.is_linear() { power_mean(mask, group, 0.0) } else { 0.0 };
+        let exponent = (typical.to_bits() >> 52) as i32 - 1023;
+        if typical > 0.0 && exponent.abs() > USUAL {
+            let factor = f32::from_bits(((127 - exponent.clamp(-126, 126)) as u32) << 23);
+            Self::Scaled { factor }
+        } else {
+            self
+        }
+    }
+
     /// Maps one value.
     pub fn forward(self, value: f32) -> f32 {
         match self {
             Self::Linear => value,
+            Self::Scaled { factor } => value * factor,
             Self::Log { scale } => asinh(f64::from(value) / scale) as f32,
         }
     }
 
     /// What can be seen of a mapped value on a display, by which errors of light are compared: up to white, which is 1, or four times the
-    /// scale where that is more, by its square root, about as displays encode it. It is odd: negative values count, too. Where the map is linear, the value itself.
+    /// scale where that is more, by its square root, about as displays encode it. It is odd: negative values count, too. Without logarithms the value itself.
     pub fn shown(self, mapped: f64) -> f64 {
         match self {
             Self::Linear => mapped,
+            Self::Scaled { factor } => mapped / f64::from(factor),
             Self::Log { scale } => {
                 let part = (mapped.sinh() / (1.0 / scale).max(WHITE)).clamp(-1.0, 1.0);
                 part.abs().sqrt().copysign(part)
@@ -167,14 +197,16 @@ impl Map {
     pub fn slope(self, value: f32) -> f32 {
         match self {
             Self::Linear => 1.0,
+            Self::Scaled { factor } => factor,
             Self::Log { scale } => (1.0 / f64::from(value).hypot(scale)) as f32,
         }
     }
 
-    /// Maps one value back. What would be beyond the largest f32 becomes that.
+    /// Maps one value back. What would be beyond the largest f32 becomes that where values are logarithms.
     pub fn inverse(self, value: f32) -> f32 {
         match self {
             Self::Linear => value,
+            Self::Scaled { factor } => value / factor,
             Self::Log { scale } => {
                 let most = f64::from(f32::MAX);
                 (scale * sinh(f64::from(value))).clamp(-most, most) as f32
@@ -347,6 +379,33 @@ mod tests {
         assert_eq!(map.inverse(-1e9).to_bits(), f32::MIN.to_bits());
         assert_eq!(map.forward(0.0).to_bits(), 0.0_f32.to_bits());
         assert_eq!(map.inverse(-0.0).to_bits(), (-0.0_f32).to_bits());
+    }
+
+    #[test]
+    fn values_far_from_one_take_another_unit_without_a_bit_changed() {
+        let of = |exponent: i32| {
+            let values = [0.3, 1.0, -7.0, 0.0, 1e-3].map(|value: f32| value * 2.0_f32.powi(exponent));
+            let (mask, plane) = row(&values);
+            (Map::Linear.in_range(&mask, std::slice::from_ref(&plane)), values)
+        };
+        for exponent in [-126, -110, -40, -18, 0, 18, 40, 110, 124] {
+            let (map, values) = of(exponent);
+            assert_eq!(map.is_linear(), exponent.abs() <= 18, "{exponent}");
+            assert!(map.name() == "linear" && !map.is_log());
+            for value in values {
+                assert_eq!(map.inverse(map.forward(value)).to_bits(), value.to_bits(), "{exponent}");
+                assert_eq!(map.shown(f64::from(map.forward(value))), f64::from(value));
+            }
+            // About 1, whatever it was.
+            assert!((1.0..=32.0).contains(&map.forward(values[2]).abs()) || map.is_linear(), "{exponent}");
+        }
+        // One value that is far larger is not what the others are squared for.
+        let (mask, plane) = row(&[vec![1.0; 10_000], vec![1e20]].concat());
+        assert!(Map::Linear.in_range(&mask, &[plane]).is_linear());
+        let (mask, black) = row(&[0.0]);
+        assert!(Map::Linear.in_range(&mask, &[black]).is_linear());
+        let log = Map::Log { scale: 1e-30 };
+        assert_eq!(log.in_range(&row(&[1e-30]).0, &[row(&[1e-30]).1]), log);
     }
 
     /// Normal values of every size and both signs.

@@ -1,7 +1,8 @@
 //! The call that enlarges: planes of a group of channels in, larger ones out; what is missing is filled on the way.
 //!
 //! Missing pixels are filled on the given grid first ([`crate::fill()`]). Values at points go through the value domain, means do not: a
-//! logarithm has others. With total variation what was missing does not bind the result: filling and enlarging are one problem.
+//! logarithm has others. Values whose squares would leave f32 are enlarged in another unit ([`Map::Scaled`]). With total variation what was
+//! missing does not bind the result: filling and enlarging are one problem.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -129,7 +130,8 @@ pub fn complete(
     let asked = matches!(options.method, Method::Plain(_)) && options.fill.domain == Domain::Log;
     let pointwise = values == Values::Light && (geometry.sampling.is_pointwise() || asked);
     let domain = if pointwise { options.fill.domain } else { Domain::Linear };
-    let map = domain.map(&full, samples.as_slice());
+    let told = domain.map(&full, samples.as_slice());
+    let map = told.in_range(&full, samples.as_slice());
     let steered = options.guides.filter(|_| values == Values::Light || values == Values::Other);
     let steered = steered.filter(|_| options.method == Method::Ss);
     let mut mapped = Cow::Borrowed(samples);
@@ -152,11 +154,12 @@ pub fn complete(
             mask,
             range: (map.forward(low), map.forward(high)),
             limit: options.fill.limit && values != Values::Directions,
+            map,
         };
-        one(&plan, (samples, mapped, hint), &question, map, run)
+        one(&plan, (samples, mapped, hint), &question, run)
     };
     let large = samples.as_slice().par_iter().zip(mapped.as_slice()).enumerate().map(one);
-    collect(large, (geometry, map), steer.as_ref())
+    collect(large, (geometry, told), steer.as_ref())
 }
 
 /// The enlarged planes as one group.
@@ -193,13 +196,15 @@ fn one(
     plan: &Plan,
     (samples, mapped, hint): (&Plane, &Plane, Hint<'_>),
     question: &Question<'_>,
-    map: Map,
     run: &Run<'_>,
 ) -> Result<(Enlarged, usize), Error> {
     let mut enlarged = plan.enlarge_with(mapped, hint, question, run)?;
-    map.inverse_plane(&mut enlarged.plane);
+    question.map.inverse_plane(&mut enlarged.plane);
     plan.restore(samples, &mut enlarged.plane);
     let sources = || Ok(plan.geometry().sources());
     let mended = fill::mend(samples, &mut enlarged.plane, sources, Vec::as_slice)?;
     Ok((enlarged, mended))
 }
+
+#[cfg(test)]
+mod tests;

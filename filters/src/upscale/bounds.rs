@@ -1,36 +1,60 @@
 //! Bounds of the pixels of the result, and what the methods that keep them measure planes by.
 
+use std::borrow::Cow;
+
 use lacuna_core::parallel::prelude::*;
 
-use super::{Plan, Question};
-use crate::Plane;
+use super::{Plan, Question, Sampling};
+use crate::domain::Map;
 use crate::kernel::{Isa, vector};
 use crate::limiter::{self, Moved};
+use crate::{Mask, Plane};
 
 /// Largest `|R x - y|` over the largest `|y|` at which the dual stops.
 pub const TOLERANCE: f64 = 1e-5;
 /// How far a multiplier may move the mean of its own footprint, over the largest `|y|`.
 pub const LARGEST: f64 = 2.0;
 
-/// Bounds of the pixels of a footprint, by the low-resolution pixel.
+/// Bounds of the pixels of a footprint, by the low-resolution pixel, as mapped values.
 pub(super) struct Bounds {
     /// The least value.
     pub low: Plane,
     /// The greatest.
     pub high: Plane,
+    /// What they were mapped by.
+    pub map: Map,
 }
 
 impl Bounds {
-    pub fn new(samples: &Plane, question: &Question<'_>, local: bool) -> Self {
-        let size = samples.size();
+    /// The limiter's are found in the values before they were mapped: twice a logarithm is not twice the light. It holds for boxes and grids,
+    /// and for points where they are logarithms, whose spline overshoots by factors.
+    pub fn new(plan: &Plan, samples: &Plane, question: &Question<'_>) -> Self {
+        let (size, map) = (samples.size(), question.map);
+        let local = match plan.geometry.sampling {
+            Sampling::Box | Sampling::Grid => true,
+            Sampling::Point => map.is_log(),
+            Sampling::Gaussian(_) | Sampling::Mitchell => false,
+        };
         let [mut low, mut high] = if local && question.limit {
-            limiter::around(samples)
+            let mut values = Cow::Borrowed(samples);
+            if !map.is_linear() {
+                map.inverse_plane(values.to_mut());
+            }
+            limiter::around(&values).map(|mut plane| {
+                map.forward_plane(&Mask::full(size), &mut plane);
+                plane
+            })
         } else {
             [Plane::filled(size, f32::NEG_INFINITY), Plane::filled(size, f32::INFINITY)]
         };
         low.pixels_mut().iter_mut().for_each(|value| *value = value.max(question.range.0));
         high.pixels_mut().iter_mut().for_each(|value| *value = value.min(question.range.1));
-        Self { low, high }
+        Self { low, high, map }
+    }
+
+    /// One value that was moved, in the units that it had before it was mapped.
+    pub fn moved(&self, from: f32, to: f32) -> Moved {
+        Moved::from_to(self.map.inverse(from), self.map.inverse(to))
     }
 }
 
@@ -38,7 +62,7 @@ impl Bounds {
 pub(super) fn clamp(plan: &Plan, bounds: &Bounds, plane: &mut Plane) -> Moved {
     by_bounds(plan, bounds, plane, |value, low, high| {
         let inside = value.clamp(low, high);
-        let moved = Moved::between(*value, inside);
+        let moved = if *value == inside { Moved::default() } else { bounds.moved(*value, inside) };
         *value = inside;
         moved
     })

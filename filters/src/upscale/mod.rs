@@ -43,6 +43,7 @@ pub use highlights::Highlights;
 use lacuna_core::parallel::prelude::*;
 pub use sampling::Sampling;
 
+use crate::domain::Map;
 use crate::kernel::rows::Rows;
 use crate::kernel::{Isa, diffusion, vector};
 use crate::limiter::Moved;
@@ -120,10 +121,12 @@ impl Geometry {
 pub struct Question<'a> {
     /// Which of the given pixels were measured; the others hold a guess. Without it all were.
     pub mask: Option<&'a Mask>,
-    /// The least and the greatest value allowed; may be infinite.
+    /// The least and the greatest value allowed, mapped as the samples are; may be infinite.
     pub range: (f32, f32),
     /// Whether overshoot is limited by the pixels around.
     pub limit: bool,
+    /// What the samples were mapped by; the limiter goes by what they were.
+    pub map: Map,
 }
 
 /// What the channels of a group say together of each of them; for the spline only.
@@ -254,7 +257,7 @@ impl Plan {
             return Err(Error::NotFinite { row: bad / low.width, column: bad % low.width });
         }
         match self.method {
-            Method::Plain(kernel) => plain::enlarge(&self.geometry, kernel, samples, question.range),
+            Method::Plain(kernel) => plain::enlarge(&self.geometry, kernel, samples, question),
             Method::Ss => Ok(self.smooth(samples, hint, question, run)),
             Method::Tv(settings) => {
                 let start = self.smooth(samples, Hint::None, question, run);

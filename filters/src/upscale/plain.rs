@@ -10,7 +10,7 @@ use fast_image_resize::images::{TypedImage, TypedImageRef};
 use fast_image_resize::pixels::F32;
 use fast_image_resize::{FilterType, ResizeAlg, ResizeOptions, Resizer};
 
-use super::{Axis, Enlarged, Geometry};
+use super::{Axis, Enlarged, Geometry, Question};
 use crate::limiter::Moved;
 use crate::{Error, Outcome, Plane, Size};
 
@@ -44,7 +44,7 @@ pub(super) fn enlarge(
     geometry: &Geometry,
     kernel: Kernel,
     samples: &Plane,
-    (least, most): (f32, f32),
+    question: &Question<'_>,
 ) -> Result<Enlarged, Error> {
     let (low, high) = (geometry.low(), geometry.high());
     let padded = Size::new(low.height + 2 * BORDER, low.width + 2 * BORDER);
@@ -71,9 +71,12 @@ pub(super) fn enlarge(
     let mut target = TypedImage::<F32>::new(high.width as u32, high.height as u32);
     Resizer::new().resize_typed(&source, &mut target, &options).map_err(too_large)?;
     let mut limited = Moved::default();
+    let (map, (least, most)) = (question.map, question.range);
     let values = target.pixels().iter().map(|pixel| {
         let inside = pixel.0.clamp(least, most.max(least));
-        limited += Moved::between(pixel.0, inside);
+        if inside != pixel.0 {
+            limited += Moved::from_to(map.inverse(pixel.0), map.inverse(inside));
+        }
         inside
     });
     let plane = Plane::new(high, values.collect())?;

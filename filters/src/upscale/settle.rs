@@ -8,8 +8,9 @@
 //!
 //! so negative light that a clamp would cut off is taken from the pixels beside it, and the mean over each footprint stays.
 //!
-//! Bounds: the range that all measured values keep (no negative light; alpha within 0 and 1), and, for boxes and grids, that of
-//! [`crate::limiter`] for the 3 x 3 low-resolution pixels around: half the least to twice the greatest of them.
+//! Bounds: the range that all measured values keep (no negative light; alpha within 0 and 1), and, for boxes, grids, and points in logarithms,
+//! that of [`crate::limiter`] for the 3 x 3 low-resolution pixels around: half the least to twice the greatest of them, as they were before they
+//! were mapped.
 //!
 //! Algorithm. Where the footprints share no pixel (a box at a whole factor, narrow Gaussians at some), each is a problem of its own:
 //! `x = clamp(x0 + t, low, high)`, with the one `t` that gives the mean; found by bisection, then Newton's step. A grid has
@@ -56,7 +57,7 @@ pub(super) fn settle(
     // A mean of values in the range is in it; other footprints weigh some pixels negatively.
     let own = if plan.cells.is_some() { within(samples, question.range) } else { Cow::Borrowed(samples) };
     let samples = own.as_ref();
-    let bounds = Bounds::new(samples, question, matches!(sampling, Sampling::Box | Sampling::Grid));
+    let bounds = Bounds::new(plan, samples, question);
     let (limited, outcome) = if let Some(cells) = &plan.cells {
         (in_cells(cells, samples, &bounds, &mut plane), Outcome::direct())
     } else if sampling == Sampling::Grid {
@@ -78,8 +79,7 @@ pub(super) fn cut_short(
     question: &Question<'_>,
     stop: Stop,
 ) -> Enlarged {
-    let sampling = plan.geometry.sampling;
-    let bounds = Bounds::new(samples, question, matches!(sampling, Sampling::Box | Sampling::Grid));
+    let bounds = Bounds::new(plan, samples, question);
     let limited = in_grid(plan, samples, &bounds, &mut plane);
     Enlarged { plane, limited, outcome: Outcome { stop, ..Outcome::direct() } }
 }
@@ -121,8 +121,7 @@ fn in_cells(
         for (j, range) in columns.iter().enumerate() {
             values.clear();
             values.extend(strip.chunks(width).flat_map(|row| &row[range.clone()]).map(|v| f64::from(*v)));
-            let cell = (f64::from(bounds.low.at(i, j)), f64::from(bounds.high.at(i, j)));
-            moved += one_cell(&mut values, f64::from(samples.at(i, j)), cell);
+            moved += one_cell(&mut values, f64::from(samples.at(i, j)), bounds, (i, j));
             let places = strip.chunks_mut(width).flat_map(|row| &mut row[range.clone()]);
             places.zip(&values).for_each(|(place, value)| *place = *value as f32);
         }
@@ -131,9 +130,10 @@ fn in_cells(
     counts.into_iter().sum()
 }
 
-/// Gives the values the mean `mean` within `low..=high`, which contains it, by the smallest change; how many left
+/// Gives the values the mean `mean` within the bounds of a cell, which contain it, by the smallest change; how many left
 /// the others behind at a bound.
-fn one_cell(values: &mut [f64], mean: f64, (low, high): (f64, f64)) -> Moved {
+fn one_cell(values: &mut [f64], mean: f64, bounds: &Bounds, (i, j): (usize, usize)) -> Moved {
+    let (low, high) = (f64::from(bounds.low.at(i, j)), f64::from(bounds.high.at(i, j)));
     let count = values.len() as f64;
     let shift = mean - values.iter().sum::<f64>() / count;
     let outside = |value: &f64| *value + shift < low || *value + shift > high;
@@ -158,7 +158,7 @@ fn one_cell(values: &mut [f64], mean: f64, (low, high): (f64, f64)) -> Moved {
         let free = *value + t;
         *value = free.clamp(low, high);
         if *value != free {
-            moved += Moved::from_to(free as f32, *value as f32);
+            moved += bounds.moved(free as f32, *value as f32);
         }
     }
     moved

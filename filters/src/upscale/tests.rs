@@ -7,7 +7,7 @@ use crate::baseline::testing;
 use crate::variational::tv;
 
 const ALL: Question<'static> =
-    Question { mask: None, range: (f32::NEG_INFINITY, f32::INFINITY), limit: false };
+    Question { mask: None, range: (f32::NEG_INFINITY, f32::INFINITY), limit: false, map: Map::Linear };
 /// As for light.
 const LIGHT: Question<'static> = Question { range: (0.0, f32::INFINITY), limit: true, ..ALL };
 

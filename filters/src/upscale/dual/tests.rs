@@ -48,9 +48,9 @@ fn the_image_is_the_nearest_one_within_bounds() {
     let plan = Plan::new(Geometry::scaled(low, 2.0, Sampling::Point), Method::Ss).unwrap();
     let y = edges(low);
     let start = plan.spline(&y);
-    let question = Question { mask: None, range: (0.0, 1.0), limit: true };
+    let question = Question { mask: None, range: (0.0, 1.0), limit: true, map: crate::domain::Map::Linear };
     let mut plane = start.clone();
-    let bounds = Bounds::new(&y, &question, false);
+    let bounds = Bounds::new(&plan, &y, &question);
     let (moved, stop, _) = ascend(&plan, &y, (&bounds, question.range), &mut plane, &Run::default());
     assert!(moved.values > 100 && stop == Stop::Converged);
     let wide = |plane: &Plane| plane.pixels().iter().map(|v| f64::from(*v)).collect::<Vec<_>>();

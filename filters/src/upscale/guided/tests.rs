@@ -1,6 +1,7 @@
 use super::*;
 use crate::Size;
 use crate::baseline::testing;
+use crate::domain::Map;
 use crate::upscale::{Hint, Question};
 
 /// Two flat surfaces and a ramp with a hard, slanted edge; the guide says where, and how far.
@@ -40,7 +41,7 @@ fn with(plan: &Plan, y: &Plane, guides: &Guides) -> Option<Steer> {
 }
 
 const FREE: Question<'static> =
-    Question { mask: None, range: (f32::NEG_INFINITY, f32::INFINITY), limit: false };
+    Question { mask: None, range: (f32::NEG_INFINITY, f32::INFINITY), limit: false, map: Map::Linear };
 
 #[test]
 fn guides_sharpen_edges_and_keep_what_pixels_say() {

@@ -6,7 +6,8 @@ use crate::operator::taps::Taps;
 use crate::upscale::{Geometry, Hint, Method, Question};
 use crate::{Run, Size};
 
-const LIGHT: Question<'static> = Question { mask: None, range: (0.0, f32::INFINITY), limit: true };
+const LIGHT: Question<'static> =
+    Question { mask: None, range: (0.0, f32::INFINITY), limit: true, map: Map::Linear };
 
 /// A dim pattern with black in it, and a lamp of 22 unless it is put out.
 fn scene(size: Size, lamp: bool) -> Plane {

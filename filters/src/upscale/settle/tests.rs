@@ -1,5 +1,6 @@
 use super::super::{Axis, Method};
 use super::*;
+use crate::domain::Map;
 use crate::{Size, sampling};
 
 /// Numbers of 0 to 1 that look random.
@@ -65,7 +66,7 @@ fn what_is_given_back_is_the_formula() {
     for (plan, residual, plane) in cases() {
         let size = residual.size();
         // Bounds that some pixels are at, and some beyond.
-        let bounds = Bounds { low: Plane::filled(size, 0.2), high: noise(size, 7) };
+        let bounds = Bounds { low: Plane::filled(size, 0.2), high: noise(size, 7), map: Map::Linear };
         let start = plane.clone();
         let mut fast = plane;
         give_back(&plan, &residual, &bounds, &mut fast, 2.0);
@@ -81,7 +82,8 @@ fn what_is_given_back_is_the_formula() {
 fn light_that_there_is_room_for_stays() {
     for (plan, residual, plane) in cases() {
         let size = residual.size();
-        let bounds = Bounds { low: Plane::filled(size, -9.0), high: Plane::filled(size, 9.0) };
+        let bounds =
+            Bounds { low: Plane::filled(size, -9.0), high: Plane::filled(size, 9.0), map: Map::Linear };
         let sum = |plane: &Plane| plane.pixels().iter().map(|value| f64::from(*value)).sum::<f64>();
         let start = sum(&plane);
         let mut given = plane;
@@ -108,8 +110,8 @@ fn what_bounds_take_is_off_the_means_of_the_spline() {
         let (low, high) = (Size::new(low.0, low.1), Size::new(high.0, high.1));
         let (plan, dim) = (plan(low, high), noise(low, 3));
         let samples = Plane::from_fn(low, |y, x| if y + x == 3 { 9.0 } else { dim.at(y, x) });
-        let question = Question { mask: None, range: (0.0, f32::INFINITY), limit: true };
-        let bounds = Bounds::new(&samples, &question, true);
+        let question = Question { mask: None, range: (0.0, f32::INFINITY), limit: true, map: Map::Linear };
+        let bounds = Bounds::new(&plan, &samples, &question);
         let spline = plan.spline(&samples);
         let target = between(&plan.model.reduce(&spline), &bounds);
         let given = (&samples, Some(&target));
