@@ -15,6 +15,7 @@ use pyo3::prelude::*;
 #[pymodule]
 fn _lacuna(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("FEWEST_GUIDED", lacuna_filters::upscale::guided::FEWEST)?;
     module.add_function(wrap_pyfunction!(fill::fill, module)?)?;
     module.add_function(wrap_pyfunction!(fill::filters, module)?)?;
     module.add_function(wrap_pyfunction!(fill::bytes_per_pixel, module)?)?;

@@ -278,6 +278,8 @@ REFUSED = {
     "the same size": ("size", lambda: lacuna.upscale(IMAGE, size=(40, 52))),
     "a scale too small to matter": ("scale", lambda: lacuna.upscale(IMAGE[:5, :5], 1.05)),
     "upscale with small guides": ("guides", lambda: lacuna.upscale(IMAGE, 2, guides={"n": IMAGE})),
+    "upscale with identifiers": ("guides['id']: whole numbers", lambda: lacuna.upscale(IMAGE, 2, guides={"id": np.ones((80, 104), np.int32)})),
+    "upscale with flags": ("guides", lambda: lacuna.upscale(IMAGE, 2, guides={"id": np.ones((80, 104), bool)})),
     "upscale by tv with guides": ("guides", lambda: lacuna.upscale(IMAGE[:20, :26], 2, guides={"n": IMAGE}, filter="tv")),
     "infinite weights": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": 1}, weights=np.where(MASK, np.inf, 0))),
     "negative weights": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": 1}, weights=-1.0 * MASK)),
@@ -339,6 +341,16 @@ REFUSED = {
     "peak too large": ("peak", lambda: lacuna.compare(IMAGE, IMAGE, peak=1e300)),
     "region of another size": ("region", lambda: lacuna.compare(IMAGE, IMAGE, MASK[1:])),
 }
+
+
+def test_guides_of_an_image_too_small_for_them_are_told():
+    guides = {"n": lacuna.upscale(IMAGE, 2)}
+    with pytest.warns(UserWarning, match="^guides: an image of 52 x 31 is enlarged without them, as a side is below 32") as told:
+        small = lacuna.upscale(IMAGE[:31], 2, guides={"n": guides["n"][:62]})
+    assert told[0].filename == __file__ and same_bits(small, lacuna.upscale(IMAGE[:31], 2))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        lacuna.upscale(IMAGE[:32], 2, guides={"n": guides["n"][:64]})
 
 
 @pytest.mark.parametrize("name", REFUSED)

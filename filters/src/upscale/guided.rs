@@ -46,8 +46,8 @@ use crate::{Error, Mask, Plane, Planes, Run};
 
 /// Small pixels of the side of a cell in which the trust is one number.
 const CELL: usize = 2;
-/// Fewer small pixels along a side, joined two by two, say nothing about guides.
-const FEWEST: usize = 16;
+/// Fewer small pixels along a side say nothing about guides: too few are left of them joined two by two.
+pub const FEWEST: usize = 32;
 /// Pixels that one task of a loop over planes takes.
 const PART: usize = 1 << 16;
 
@@ -62,7 +62,7 @@ pub struct Steer {
     pub gain: f64,
 }
 
-/// What `guides` of the larger size do to complete small pixels; nothing where they gain too little.
+/// What `guides` of the larger size do to complete small pixels; nothing where they gain too little, or a side has less than [`FEWEST`].
 ///
 /// # Errors
 /// [`Error::SizeMismatch`].
@@ -71,7 +71,7 @@ pub fn steer(plan: &Plan, samples: &Planes, guides: &Guides, run: &Run<'_>) -> R
     if guides.size() != high {
         return Err(Error::size(high, "guides", guides.size()));
     }
-    if guides.planes().is_empty() || samples.is_empty() || low.height.min(low.width) < 2 * FEWEST {
+    if guides.planes().is_empty() || samples.is_empty() || low.height.min(low.width) < FEWEST {
         return Ok(None);
     }
     let fine = terms(guides);

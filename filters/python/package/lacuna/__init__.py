@@ -204,7 +204,8 @@ def upscale(
     mask
         As in ``fill``; without it, what is not finite is missing.
     guides
-        As in ``fill``, but of the size of the result; for ``ss``.
+        As in ``fill``, but of the size of the result, for ``ss``, and no identifiers: whole numbers are refused. An image with a side
+        below 32 says nothing about them; there is a UserWarning, and they steer missing pixels only.
     sampling
         What a pixel of ``image`` is: ``box`` (the mean over its area; the default), ``point`` (the value at its centre), ``grid``
         (every n-th pixel of the result), ``gaussian:R`` (R is 0.5 to 1.5 pixels) or ``mitchell``. For ``ss`` and ``tv``.
@@ -224,6 +225,9 @@ def upscale(
     rows, columns = _enlarged((height, width), scale, size)
     flags = arguments.mask(mask, image, (height, width))
     steering = arguments.guides(guides, (rows, columns), "result")
+    for key, guide in steering:
+        if guide.dtype == np.uint32:
+            raise ValueError(f"guides[{key!r}]: whole numbers are identifiers, which steer no enlarging; pass what was measured as float32")
     arguments.afford("size", (rows, columns), channels * _SOLVING)
     name = arguments.word("filter", filter)
     model = arguments.word("sampling", "box" if sampling is None else sampling)
@@ -243,6 +247,9 @@ def upscale(
         arguments.flag("limit", limit),
         _threads(threads),
     )
+    if steering and min(height, width) < _lacuna.FEWEST_GUIDED:
+        line = f"guides: an image of {width} x {height} is enlarged without them, as a side is below {_lacuna.FEWEST_GUIDED}"
+        warnings.warn(line, UserWarning, stacklevel=2)
     if end["stop"] == "iteration-limit" and end["gap"] is not None:
         warn_of_the_limit(name, end, 2)
     warn_of_the_distance(name, model, end, 2)
