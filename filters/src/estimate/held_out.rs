@@ -21,8 +21,8 @@ const ENOUGH: usize = 5000;
 
 /// How exact fills without some of the samples are, over the range of these: far below what a fill errs by.
 pub const HELD_OUT: f64 = 5e-4;
-/// The same where multigrid takes the whole image, which then errs by far less than its bound says: at 4e-3 figures of six renders (30 to 72 dB, pixels
-/// chosen in rounds) moved by 0.2 dB at most.
+/// The same where multigrid takes the whole image, which then errs by far less than its bound says: at 4e-3 figures of five renders (30 to 72 dB, pixels
+/// chosen in rounds) moved by 0.23 dB at most.
 const HELD_OUT_WHOLE: f64 = 4e-3;
 /// Pixels that one task looks at.
 const PIECE: usize = 1 << 14;
