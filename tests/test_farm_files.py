@@ -141,6 +141,12 @@ def test_a_comparison_writes_the_reports_that_it_can(tmp_path):
     assert (tmp_path / "c.csv").read_text().startswith("frame,")
 
 
+@pytest.mark.parametrize("command", ["verify", "compare"])
+def test_reports_of_commands_that_make_no_folders_say_what_to_do(command, tmp_path):
+    for report, text in (("gone/r.json", "the folder gone does not exist; make it first"), (".", "it is a folder; name a file")):
+        refused(lacuna(command, FIRST, FIRST, "--json", report, ok=False, folder=tmp_path), 2, f"{report}: {text}")
+
+
 def test_a_comparison_that_is_stopped_says_what_it_found(tmp_path):
     noise = np.random.default_rng(1).random((1024, 1024, 3), np.float32)
     frames.write(tmp_path / "s.1.exr", {name: noise[..., k] for k, name in enumerate("RGB")})

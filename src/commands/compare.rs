@@ -13,9 +13,8 @@ use crate::files::error::PlanError;
 use crate::files::identity::Sources;
 use crate::files::inputs::Selection;
 use crate::files::patterns::number_in_name;
-use crate::files::plan::{Item, Plan, pair};
+use crate::files::plan::{Item, Plan, check_reports, pair};
 use crate::files::reports;
-use crate::files::reports::is_standard_output;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
 use crate::report::{
@@ -101,16 +100,10 @@ pub fn compare(job: &CompareJob) -> Result<u8, PlanError> {
 
 /// Refuses outputs that are inputs, or that cannot be files.
 fn check_outputs(job: &CompareJob, items: &[Item]) -> Result<(), PlanError> {
-    let mut read = Sources::new(items.iter().flat_map(Item::compared));
     let run = [&job.run.json, &job.run.log].into_iter().flatten().map(PathBuf::as_path);
-    let outputs = run.chain(job.outputs.reports().into_iter().map(|(_, path)| path));
-    for path in outputs.filter(|path| !is_standard_output(path)) {
-        read.check(path)?;
-        if path.is_dir() || !crate::files::names::folder_of(path).is_dir() {
-            return Err(PlanError::Usage(format!("{}: no file can be written there", path.display())));
-        }
-    }
+    check_reports(items, run.chain(job.outputs.reports().into_iter().map(|(_, path)| path)))?;
     let Some(folder) = &job.outputs.maps else { return Ok(()) };
+    let mut read = Sources::new(items.iter().flat_map(Item::compared));
     let mut owners: HashMap<String, &Item> = HashMap::new();
     for item in items {
         let name = map_name(item);

@@ -7,7 +7,7 @@ use lacuna_exr::Frame;
 
 use crate::files::error::PlanError;
 use crate::files::inputs::Selection;
-use crate::files::plan::{Item, Plan, check_report, pair};
+use crate::files::plan::{Item, Plan, check_reports, pair};
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Source};
 use crate::reconstruct::{is_enlarged, made_by};
@@ -43,9 +43,7 @@ pub fn verify(job: &VerifyJob) -> Result<u8, PlanError> {
         _ => None,
     };
     let items = pair(&job.selection, &job.filled, mask)?;
-    for report in [&job.run.json, &job.run.log].into_iter().flatten() {
-        check_report(&items, report)?;
-    }
+    check_reports(&items, [&job.run.json, &job.run.log].into_iter().flatten().map(PathBuf::as_path))?;
     let work = Verify { job, masks: MaskFiles::default() };
     let console = job.run.console()?;
     if job.run.dry_run {

@@ -274,13 +274,28 @@ impl MaskPattern {
     }
 }
 
-/// Checks a report of a run that writes nothing else: it replaces no file that the run reads, and its folder exists.
-pub fn check_report(items: &[Item], report: &Path) -> Result<(), PlanError> {
-    if is_standard_output(report) {
-        return Ok(());
+/// Checks the reports of a run that makes no frames: they replace no file that the run reads, are no folders, and their own folders
+/// exist.
+pub fn check_reports<'a>(
+    items: &[Item],
+    reports: impl IntoIterator<Item = &'a Path>,
+) -> Result<(), PlanError> {
+    let mut read = Sources::new(items.iter().flat_map(Item::compared));
+    for report in reports.into_iter().filter(|path| !is_standard_output(path)) {
+        read.check(report)?;
+        if report.is_dir() {
+            return Err(PlanError::Usage(format!("{}: it is a folder; name a file", report.display())));
+        }
+        let mut missing = BTreeSet::new();
+        check_folder(report, true, &mut missing)?;
+        if let Some(folder) = missing.first() {
+            let (report, folder) = (report.display(), folder.display());
+            return Err(PlanError::Usage(format!(
+                "{report}: the folder {folder} does not exist; make it first"
+            )));
+        }
     }
-    Sources::new(items.iter().flat_map(Item::compared)).check(report)?;
-    check_folder(report, false, &mut BTreeSet::new())
+    Ok(())
 }
 
 fn check_one_input_each(items: &[Item], places: &mut Places) -> Result<(), PlanError> {
