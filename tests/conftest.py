@@ -65,8 +65,9 @@ def pytest_sessionfinish(session, exitstatus):
 
 
 def pytest_sessionstart():
-    # What a shell runs in the background ignores interrupts, and so would all that the tests start.
+    # What a shell runs in the background ignores these, and so would all that the tests start.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGQUIT, signal.SIG_DFL)
     if not os.access(tool.LACUNA, os.X_OK):
         pytest.exit(f"no lacuna at {tool.LACUNA}: run 'cargo build --profile checked', or set LACUNA to a binary", returncode=2)
 

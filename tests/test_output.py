@@ -190,6 +190,24 @@ def test_renders_by_other_cameras_are_doubted(sparse):
         assert (doubt in result.stderr) == doubted, result.stderr
 
 
+def test_complete_frames_beside_a_matte_are_not_united(tmp_path):
+    rows, columns = np.mgrid[:20, :30]
+    planes = {name: np.sin(rows / 5 + columns / 3).astype(np.float16) for name in "RGB"}
+    planes["mask"] = (np.hypot(rows - 10, columns - 15) < 6).astype(np.float32)
+    a, b = (frames.write(tmp_path / f"{name}.exr", planes) for name in "ab")
+    result = lacuna("mask", "--merge", a, b, "-o", tmp_path / "both.exr", ok=False)
+    assert result.status == 1 and "nothing is missing in it" in result.stderr and "taken for a matte" in result.stderr
+    assert not (tmp_path / "both.exr").exists()
+    # The next pixels of such a frame: the same is said.
+    assert "taken for a matte" in lacuna("mask", "--after", a, "--add", "0.1", "-o", tmp_path / "next.exr", ok=False).stderr
+
+
+def test_pairs_do_not_complete_each_other(tmp_path):
+    words = ["--size", "8x8", "--density", "0.25", "--frames", "1-4", "--temporal", "complementary", "--paired"]
+    result = lacuna("mask", *words, "-o", tmp_path / "m.####.png", ok=False)
+    assert result.status == 2 and "--temporal offset" in result.stderr
+
+
 def test_a_pattern_of_masks_needs_frames(tmp_path):
     result = lacuna("mask", "--size", "8x8", "--density", "0.5", "-o", tmp_path / "new" / "m.####.png", "--create-dir", ok=False)
     assert result.status == 2 and "a pattern needs --frames" in result.stderr

@@ -324,6 +324,9 @@ impl MakeMaskArgs {
         if request.temporal == Temporal::Complementary && request.pattern == Pattern::Poisson {
             return Err(Usage("--temporal complementary: the masks of poisson do not complete each other: use another --pattern".into()));
         }
+        if request.temporal == Temporal::Complementary && request.paired {
+            return Err(Usage("--temporal complementary: masks of --paired do not complete each other: use --temporal offset".into()));
+        }
         Ok(MaskTask::Generate {
             request,
             rank: self.pattern.rank,

@@ -1,8 +1,9 @@
 //! Two sparse renders of one frame united, bit for bit: what either measured is measured.
 //!
 //! A pixel takes the bits of the first render where that measured it, of the second where only that did, and those of
-//! the first where neither did, unless they were filled: then it is 0. The mask channels say so. Everything else (parts, windows, attributes, channels
-//! without a mask) is the first render's; the second must have the same parts, windows and channels.
+//! the first where neither did, unless they were filled: then it is 0. The mask channels say so; counts of samples are values like others. Everything
+//! else (parts, windows, attributes, channels that are complete or have no mask) is the first render's; the second must have the same parts, windows
+//! and channels.
 
 use std::sync::Arc;
 
@@ -12,7 +13,7 @@ use lacuna_filters::Mask;
 
 use super::filled::filled_by;
 use super::{ATTRIBUTE, MakeError, Masks};
-use crate::channels::part_label;
+use crate::channels::{Rule, choose, part_label};
 use crate::mask::{PATTERN, SEED};
 
 /// The channel that is added to a part without one.
@@ -46,6 +47,7 @@ pub fn merge(
     let (mut notes, mut measured, mut all) = (Vec::new(), 0, 0);
     // A mask channel serves other parts as well.
     let from_elsewhere = first.mask_channels.iter().all(Vec::is_empty);
+    let choices = choose(&frame, &first.mask_channels, &[]);
     for (index, other) in other.parts.iter().enumerate() {
         let label = part_label(&frame, index);
         let label = if label.is_empty() { label } else { format!("{label}: ") };
@@ -59,11 +61,13 @@ pub fn merge(
         if let Some(name) = CAMERA.iter().find(|name| differs(name)) {
             notes.push(format!("{label}the renders differ in {name}: are they of one frame?"));
         }
-        let mut united = United { clears: filter.is_some(), ..United::default() };
-        for channel in 0..part.channels.len() {
+        let filled = [filter.is_some(), filled_by(other, Some(second), index).is_some()];
+        let mut united = United::default();
+        for (channel, choice) in choices[index].iter().enumerate() {
             let masks = [first, second].map(|masks| masks.get(index, channel).map(Arc::as_ref));
-            let is_mask = first.is_mask_channel(index, channel);
-            unite((part, other), (channel, is_mask), masks, &mut united).map_err(|error| match error {
+            let is_mask = first.is_mask_channel(index, channel) && !first.are_counts();
+            let held = Held::of(is_mask, choice.rule, filled);
+            unite((part, other), (channel, held), masks, &mut united).map_err(|error| match error {
                 MakeError::Other(why) => MakeError::Other(format!("{label}{why}")),
                 other => other,
             })?;
@@ -89,13 +93,37 @@ pub fn merge(
     Ok(Merged { frame, density: measured as f64 / all as f64, notes })
 }
 
+/// What a channel of the first render holds.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Held {
+    /// A mask.
+    Mask,
+    /// Where neither measured, what a renderer wrote.
+    Rendered,
+    /// There, what was filled.
+    Filled,
+    /// The same, unless the second render, which was not filled, holds it, too: then the channel is complete.
+    FilledUnlessEqual,
+}
+
+impl Held {
+    /// By whether the renders were filled.
+    fn of(is_mask: bool, rule: Rule, filled: [bool; 2]) -> Self {
+        match filled {
+            _ if is_mask => Self::Mask,
+            _ if rule == Rule::Keep => Self::Rendered,
+            [false, _] => Self::Rendered,
+            [true, true] => Self::Filled,
+            [true, false] => Self::FilledUnlessEqual,
+        }
+    }
+}
+
 /// What is found while the channels of a part are united.
 #[derive(Default)]
 struct United {
     /// Pixels that either render measured.
     mask: Option<Mask>,
-    /// Whether pixels that neither measured become 0.
-    clears: bool,
     /// The most pixels of a channel in which the renders differ, though both measured them.
     different: usize,
     /// One line each.
@@ -105,13 +133,13 @@ struct United {
 /// Unites a channel of `b` into the same of `a`, by the masks of the two; one that is a mask itself takes the pixels of both.
 fn unite(
     (a, b): (&mut Part, &Part),
-    (channel, is_mask): (usize, bool),
+    (channel, held): (usize, Held),
     masks: [Option<&Mask>; 2],
     united: &mut United,
 ) -> Result<(), MakeError> {
     let size = a.size();
     let (target, source) = (&mut a.channels[channel].samples, &b.channels[channel].samples);
-    if is_mask {
+    if held == Held::Mask {
         let measured = |samples| Mask::new(size, super::flags(samples, |value| value >= 0.5));
         set(target, &union(&measured(target)?, &measured(source)?)?);
         return Ok(());
@@ -122,8 +150,13 @@ fn unite(
             united.different = united.different.max(differing(target, source, both));
             let only_new = |pixel: usize| new.as_slice()[pixel] && !own.as_slice()[pixel];
             take(target, source, only_new);
-            if united.clears {
-                clear(target, |pixel| !own.as_slice()[pixel] && !new.as_slice()[pixel]);
+            let neither = |pixel: usize| !own.as_slice()[pixel] && !new.as_slice()[pixel];
+            let clears = match held {
+                Held::FilledUnlessEqual => differing(target, source, neither) > 0,
+                _ => held == Held::Filled,
+            };
+            if clears {
+                clear(target, neither);
             }
             if united.mask.is_none() {
                 united.mask = Some(union(own, new)?);

@@ -103,6 +103,11 @@ impl Masks {
         self.mask_channels.get(part).is_some_and(|channels| channels.contains(&channel))
     }
 
+    /// Whether the mask channels are counts of samples, of which some number makes a pixel measured.
+    pub fn are_counts(&self) -> bool {
+        self.origin.starts_with("count:")
+    }
+
     /// Measured and all pixels over the different masks of one part.
     pub fn part_counts(&self, part: usize) -> (usize, usize) {
         let add = |sum: (usize, usize), mask: &Mask| (sum.0 + mask.count(), sum.1 + mask.as_slice().len());

@@ -88,8 +88,14 @@ pub fn unite(task: &Union, memory: Option<u64>, console: &Console) -> Result<u8,
         }
         task.output.make_folder(&output)?;
         let limits = memory::reading(memory);
-        let (a, a_masks) = read(first, &source, limits)?;
-        let (b, b_masks) = read(&second, &source, limits)?;
+        let (a, a_masks) = read(first, &source, limits, console)?;
+        let (b, b_masks) = read(&second, &source, limits, console)?;
+        for (path, masks) in [(first, &a_masks), (&*second, &b_masks)] {
+            if source == Source::Auto && masks.mask_channels.iter().all(Vec::is_empty) {
+                let why = "nothing is missing in it, so that there is nothing to unite".into();
+                return Err(failed(path)(MakeError::Other(why)));
+            }
+        }
         let forget = |attributes: &mut Attributes| dropped_note(&remove(attributes, of_other_pixels()));
         let mut merged = merge::merge((a, &a_masks), (&b, &b_masks), forget).map_err(failed(&second))?;
         for at in 0..merged.frame.parts.len() {
@@ -207,8 +213,8 @@ impl NextPass {
         reports::check(&outputs, false)
     }
 
-    fn choose(&self, limits: Limits) -> Result<after::Next, PlanError> {
-        let (frame, masks) = read(&self.frame, &self.source, limits)?;
+    fn choose(&self, limits: Limits, console: &Console) -> Result<after::Next, PlanError> {
+        let (frame, masks) = read(&self.frame, &self.source, limits, console)?;
         let choices = channels::choose(&frame, &masks.mask_channels, &[]);
         let bounds = |window| self.bounds.read(window, limits);
         let preference = Preference::new(self.seed, self.number);
@@ -221,7 +227,7 @@ impl NextPass {
         if mask.is_none() && estimate.is_none() {
             return Ok(());
         }
-        let (next, mut how) = (self.choose(limits)?, self.output.writing());
+        let (next, mut how) = (self.choose(limits, console)?, self.output.writing());
         if let Some(path) = mask {
             how.attributes = vec![(PATTERN, "after".into()), (SEED, self.seed.to_string())];
             let written = write_mask(path, &next.mask, next.window, &Listing::Given(&next.pixels), &how);
@@ -240,7 +246,12 @@ impl NextPass {
     }
 }
 
-fn read(path: &Path, source: &Source, limits: Limits) -> Result<(Frame, Masks), PlanError> {
+fn read(
+    path: &Path,
+    source: &Source,
+    limits: Limits,
+    console: &Console,
+) -> Result<(Frame, Masks), PlanError> {
     let fail = |error: MakeError| failed(path)(error);
     let frame = lacuna_exr::read(path, &limits).map_err(|error| fail(error.into()))?;
     let file = match source.path() {
@@ -248,5 +259,6 @@ fn read(path: &Path, source: &Source, limits: Limits) -> Result<(Frame, Masks), 
         None => None,
     };
     let masks = mask::find(&frame, source, file.as_ref()).map_err(|error| fail(error.into()))?;
+    masks.notes.iter().for_each(|note| console.warning(&format!("{}: {note}", path.display())));
     Ok((frame, masks))
 }

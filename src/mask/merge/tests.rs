@@ -92,3 +92,43 @@ fn a_mask_that_serves_several_parts_stays_the_only_one() {
     assert_eq!(values(&second.parts[0], "R"), [3.0, 3.0, 3.0, 0.0]);
     assert_eq!(values(&second.parts[1], "mask"), [1.0, 1.0, 1.0, 0.0]);
 }
+
+#[test]
+fn complete_channels_of_a_filled_render_stay() {
+    let with = |colour: [f32; 4], measured: [f32; 4], z: [f32; 4]| {
+        let channels =
+            vec![half("N.X", &z), half("R", &colour), half("dense.Z", &z), half("mask", &measured)];
+        let mut one = frame(vec![part(window(0, 0, 4, 1), channels)]);
+        one.parts[0].attributes.set_text(crate::channels::DENSE, "dense.Z");
+        one
+    };
+    let z = [0.5, 0.25, 2.0, 4.0];
+    let mut filled = with([1.0, 2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0], z);
+    filled.parts[0].attributes.set_text("lacuna/filter", "ss");
+    // By the attribute, and where both renders hold the same.
+    let complete = with([0.0, 5.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], z);
+    let merged = of(&filled, &complete).unwrap();
+    let part = &merged.frame.parts[0];
+    assert_eq!(
+        ["R", "N.X", "dense.Z"].map(|name| values(part, name)),
+        [vec![1.0, 5.0, 0.0, 0.0], z.to_vec(), z.to_vec()]
+    );
+    // What the second has at its own pixels alone was filled in the first.
+    let sparse = with([0.0, 5.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.25, 0.0, 0.0]);
+    let merged = of(&filled, &sparse).unwrap();
+    assert_eq!(values(&merged.frame.parts[0], "N.X"), [0.5, 0.25, 0.0, 0.0]);
+}
+
+#[test]
+fn counts_are_values_of_their_pixels() {
+    let with = |colour: [f32; 4], counts: [u32; 4]| {
+        frame(vec![part(window(0, 0, 4, 1), vec![half("R", &colour), uint("samples", &counts)])])
+    };
+    let (a, b) = (with([1.0, 2.0, 0.0, 0.0], [4, 1, 0, 0]), with([0.0, 6.0, 7.0, 0.0], [0, 16, 8, 0]));
+    let source = Source::Count { channel: "samples".into(), at_least: 2.0 };
+    let [first, second] = [&a, &b].map(|frame| mask::find(frame, &source, None).unwrap());
+    let merged = merge((a, &first), (&b, &second), |_| None).unwrap();
+    let part = &merged.frame.parts[0];
+    assert_eq!(part.channels[1].samples, Samples::Uint(vec![4, 16, 8, 0]));
+    assert_eq!(values(part, "R"), [1.0, 6.0, 7.0, 0.0]);
+}
