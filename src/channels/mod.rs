@@ -23,8 +23,8 @@ pub use names::{
 pub use overrides::{Override, OverrideError};
 pub use picture::{MAIN, Shown, shown};
 pub use rules::{
-    by_default, is_albedo, is_alpha, is_code, is_coordinate, is_label, is_light, is_matte, is_position,
-    motion_axis,
+    by_default, is_albedo, is_alpha, is_code, is_colour, is_coordinate, is_label, is_light, is_matte,
+    is_position, motion_axis,
 };
 use serde::Serialize;
 pub use unheeded::unheeded;

@@ -47,7 +47,7 @@ const TABLE: &[Row] = &[
     Row { rule: Rule::Fill, why: "alpha", holds: |subject| is_alpha(&subject.full) },
     Row { rule: Rule::Fill, why: "a matte", holds: |subject| is_matte(&subject.full) },
     Row { rule: Rule::Fill, why: "a position", holds: |subject| is_position(&subject.full) },
-    Row { rule: Rule::Fill, why: "colour", holds: is_colour },
+    Row { rule: Rule::Fill, why: "colour", holds: is_colour_of },
     Row { rule: Rule::Fill, why: "a float channel without a rule of its own", holds: |_| true },
 ];
 
@@ -175,7 +175,7 @@ fn is_mist(subject: &Subject<'_>) -> bool {
 fn is_valued_label(subject: &Subject<'_>) -> bool {
     let Name { layer, component } = Name::new(&subject.full);
     let matte = has(&words(layer), &["puzzle", "matte", "mattes", "multimatte"]);
-    let light = is_colour(subject) || is_alpha(&subject.full) || is_matte(&subject.full);
+    let light = is_colour_of(subject) || is_alpha(&subject.full) || is_matte(&subject.full);
     let ruled =
         light || is_mist(subject) || is_depth(subject) || is_normal(subject) || is_motion(&subject.full);
     let coordinate = ["u", "v", "w", "x", "y", "z", "s", "t"]
@@ -291,8 +291,12 @@ pub fn is_coordinate(full: &str) -> bool {
     is_position(full) || is_texture_coordinate(full) || is_motion(full)
 }
 
-/// `Y` is a luminance unless there is an `X` beside it.
-fn is_colour(subject: &Subject<'_>) -> bool {
+/// Whether a channel is a colour by its component; `Y` is a luminance unless there is an `X` beside it.
+pub fn is_colour(part: &Part, channel: usize) -> bool {
+    Subject::new(part, channel).is_some_and(|subject| is_colour_of(&subject))
+}
+
+fn is_colour_of(subject: &Subject<'_>) -> bool {
     let Name { layer, component } = Name::new(&subject.full);
     let component = component.to_ascii_lowercase();
     let coordinate = component == "y" && sibling(subject.part, layer, &["x"]).is_some();

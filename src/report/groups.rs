@@ -3,7 +3,9 @@
 use lacuna_exr::{Frame, Part, Samples};
 use serde::Serialize;
 
-use crate::channels::{Name, Rule, by_default, channel_label, is_alpha, is_code, is_light, part_label};
+use crate::channels::{
+    Name, Rule, by_default, channel_label, is_alpha, is_code, is_colour, is_light, part_label,
+};
 
 /// How the values of a group are understood.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -88,7 +90,7 @@ fn kind_of(part: &Part, channel: usize) -> Option<Kind> {
         Rule::Keep if why.contains("mask") => return None,
         Rule::Nearest if is_code(part, channel) => Kind::Codes,
         Rule::Fill if is_alpha(&name) => Kind::Alpha,
-        Rule::Fill if is_light(&name) && place(&name, Kind::Colour).is_some() => Kind::Colour,
+        Rule::Fill if is_light(&name) && is_colour(part, channel) => Kind::Colour,
         _ => Kind::Data,
     })
 }
@@ -172,7 +174,24 @@ mod tests {
     #[test]
     fn colours_and_axes_come_together_in_their_order() {
         let window = window(0, 0, 1, 1);
-        let all = ["A", "B", "G", "R", "N.X", "N.Y", "N.Z", "Z", "mask", "spec.B", "spec.G", "spec.R", "Y"];
+        let all = [
+            "A",
+            "B",
+            "G",
+            "R",
+            "N.X",
+            "N.Y",
+            "N.Z",
+            "Z",
+            "mask",
+            "spec.B",
+            "spec.G",
+            "spec.R",
+            "Y",
+            "Tangent.X",
+            "Tangent.Y",
+            "Tangent.Z",
+        ];
         let mut channels: Vec<_> = all.iter().map(|name| float(name, &[0.0])).collect();
         channels.push(uint("objectId", &[1]));
         let one = frame(vec![part(window, channels)]);
@@ -185,6 +204,7 @@ mod tests {
             (Kind::Codes, "objectId"),
             (Kind::Colour, "spec.R spec.G spec.B"),
             (Kind::Data, "N.X N.Y N.Z"),
+            (Kind::Data, "Tangent.X Tangent.Y Tangent.Z"),
         ];
         assert_eq!(names(&one, &pairing), expected.map(|(kind, name)| (kind, name.to_owned())));
         assert!(pairing.missing.is_empty() && pairing.extra.is_empty());
