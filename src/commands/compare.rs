@@ -18,8 +18,8 @@ use crate::files::reports;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
 use crate::report::{
-    self, Changed, Comparison, Flicker, FrameReport, Gate, Images, Kind, MOST_PIXELS, Maps, Measure, Pair,
-    Picture, Settings,
+    self, Changed, Comparison, Flicker, FrameReport, Gate, Images, MOST_PIXELS, Maps, Measure, Pair, Picture,
+    Settings,
 };
 use crate::run::batch::{Decision, Failure, LastWords, RunOptions, Stage, Work};
 use crate::run::console::Console;
@@ -379,18 +379,14 @@ impl<'a> Compare<'a> {
 struct Seen {
     colours: Vec<(String, report::Colours)>,
     picture: Option<Picture>,
-    /// Whether the picture shows colours.
-    colour: bool,
     maps: Maps,
 }
 
 impl Seen {
     fn look(&mut self, images: &Images<'_>, outputs: &CompareOutputs, frames: usize) {
-        let colour = images.report.kind == Kind::Colour;
-        if outputs.html.is_some() && (self.picture.is_none() || colour && !self.colour) {
+        if outputs.html.is_some() && images.main {
             let width = if frames <= 20 { 160 } else { 64 };
             self.picture = Picture::new(images, width);
-            self.colour = colour;
         }
         if outputs.maps.is_some() {
             self.maps.add(images);

@@ -93,14 +93,17 @@ pub fn compare(
     if pairing.groups.is_empty() {
         return Err(Error::NothingInCommon(crate::channels::list_channels(reference)));
     }
-    let mut report = FrameReport { mask: masks.map(|masks| masks.origin.clone()), ..FrameReport::default() };
+    let main = pairing.main(reference).unwrap_or_default();
+    let mask = masks.map(|masks| masks.origin.clone());
+    let mut report = FrameReport { mask, main, ..FrameReport::default() };
     report.notes.extend(alone(&pairing.missing, "reference"));
     report.notes.extend(alone(&pairing.extra, "test image"));
     for groups in pairing.groups.chunk_by(|a, b| a.parts == b.parts) {
         let placed = windows::place(reference, test, groups[0].parts)?;
         report.notes.extend(placed.note.clone());
         for group in groups {
-            let found = Work { reference, placed: &placed, masks, settings, group }.run(visit)?;
+            let main = report.groups.len() == main;
+            let found = Work { reference, placed: &placed, masks, settings, group, main }.run(visit)?;
             report.notes.extend(found.beyond.map(|count| beyond(&found, count)));
             report.notes.extend(found.hidden.map(|_| hidden(&found)));
             report.groups.push(found);
@@ -121,6 +124,8 @@ struct Work<'a> {
     masks: Option<&'a Masks>,
     settings: &'a Settings,
     group: &'a Group,
+    /// Whether it stands for the frame.
+    main: bool,
 }
 
 /// A region by its name, and which pixels are in it; all for `None`.
@@ -318,6 +323,7 @@ impl Work<'_> {
         let estimate = estimated_errors(other, &self.group.layer);
         visit(&Images {
             report,
+            main: self.main,
             reference: &linear,
             test: &test_linear,
             similarity: &similar,

@@ -4,11 +4,11 @@ use lacuna_exr::{Frame, Part, Samples};
 use serde::Serialize;
 
 use crate::channels::{
-    Name, Rule, by_default, channel_label, is_alpha, is_code, is_colour, is_light, part_label,
+    Name, Rule, Shown, by_default, channel_label, is_alpha, is_code, is_colour, is_light, part_label, shown,
 };
 
-/// How the values of a group are understood.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+/// How the values of a group are understood; those that people look at first come first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
     /// Scene-linear colour: the peak and the clipping are the caller's.
@@ -62,6 +62,26 @@ pub fn pair(reference: &Frame, test: &Frame) -> Pairing {
         pairing.extra.push(describe(part_label(test, index), part));
     }
     pairing
+}
+
+impl Pairing {
+    /// The group that stands for the frame in pictures, plots and sums: colours first, of these the colour itself ([`shown`]). A part without
+    /// layers may say by its own name what it shows.
+    pub fn main(&self, reference: &Frame) -> Option<usize> {
+        let rank = |group: &Group| {
+            let part = &reference.parts[group.parts.0];
+            let of_part = part.name().filter(|_| group.layer.is_empty() && reference.parts.len() > 1);
+            let name = |&(channel, _): &(usize, usize)| {
+                let name = part.channels[channel].display_name();
+                of_part.as_ref().map_or_else(|| name.to_string(), |layer| format!("{layer}.{name}"))
+            };
+            let names: Vec<String> = group.channels.iter().map(name).collect();
+            let whole = group.layer.is_empty() && of_part.is_none();
+            let what = || shown(&names, &(0..names.len()).collect::<Vec<_>>()).0;
+            (group.kind, if whole { Shown::Colour } else { what() })
+        };
+        (0..self.groups.len()).min_by_key(|&at| rank(&self.groups[at]))
+    }
 }
 
 fn describe(label: String, part: &Part) -> String {
@@ -147,13 +167,7 @@ fn of_part(reference: &Frame, test: &Frame, parts: (usize, usize), pairing: &mut
             pairing.extra.push(channel_label(test, parts.1, index));
         }
     }
-    let rank = |kind: Kind| match kind {
-        Kind::Colour => 0,
-        Kind::Alpha => 1,
-        Kind::Data => 2,
-        Kind::Codes => 3,
-    };
-    found.sort_by_key(|(group, _)| (!group.layer.is_empty(), rank(group.kind)));
+    found.sort_by_key(|(group, _)| (!group.layer.is_empty(), group.kind));
     pairing.groups.extend(found.into_iter().map(|(group, _)| group));
 }
 
@@ -208,6 +222,29 @@ mod tests {
         ];
         assert_eq!(names(&one, &pairing), expected.map(|(kind, name)| (kind, name.to_owned())));
         assert!(pairing.missing.is_empty() && pairing.extra.is_empty());
+    }
+
+    #[test]
+    fn the_colour_itself_stands_for_a_frame() {
+        let window = window(0, 0, 1, 1);
+        let of = |layers: &[&str]| {
+            let name = |layer: &&str| ["R", "G", "B"].map(|component| format!("{layer}{component}"));
+            let channels = layers.iter().flat_map(name).map(|name| float(&name, &[0.0])).collect();
+            part(window, channels)
+        };
+        let main = |frame: Frame| {
+            let pairing = pair(&frame, &frame);
+            let group = &pairing.groups[pairing.main(&frame).unwrap()];
+            (group.parts.0, group.layer.clone())
+        };
+        let one = |layers: &[&str]| main(frame(vec![of(layers)])).1;
+        assert_eq!(one(&["ViewLayer.AO.", "ViewLayer.Combined."]), "ViewLayer.Combined");
+        assert_eq!(one(&["albedo.", "diffuse.", "specular."]), "diffuse");
+        assert_eq!(one(&["beauty.", ""]), "");
+        let parts = frame(["albedo", "rgba"].map(|name| named(name, "", of(&[""]))).into());
+        assert_eq!(main(parts), (1, String::new()));
+        let data = frame(vec![part(window, vec![float("N.X", &[0.5]), uint("id", &[1])])]);
+        assert_eq!(main(data).1, "N");
     }
 
     #[test]

@@ -10,6 +10,8 @@ use super::model::GroupReport;
 pub struct Images<'a> {
     /// What was found so far: all but the flicker.
     pub report: &'a GroupReport,
+    /// Whether the group stands for the frame.
+    pub main: bool,
     /// The reference, as it is in the file; one plane a channel.
     pub reference: &'a [Plane],
     /// The test image, as it is in the file.

@@ -152,13 +152,15 @@ pub struct FrameReport {
     pub failures: Vec<String>,
     /// The groups, part by part.
     pub groups: Vec<GroupReport>,
+    /// Which of them stands for the frame ([`super::groups::Pairing::main`]).
+    #[serde(skip)]
+    pub main: usize,
 }
 
 impl FrameReport {
-    /// The group that stands for the frame in a picture or a plot: colour without a layer, any colour, anything.
+    /// The group that stands for the frame in pictures, plots and sums.
     pub fn main_group(&self) -> Option<&GroupReport> {
-        let colours = || self.groups.iter().filter(|group| group.kind == Kind::Colour);
-        colours().find(|group| group.layer.is_empty()).or_else(|| colours().next()).or(self.groups.first())
+        self.groups.get(self.main)
     }
 
     /// The frame number, or the file's name.

@@ -10,7 +10,7 @@ use super::plot::{Series, plot};
 use super::shell::shell;
 use super::{element, escape};
 use crate::reconstruct::{Interval, estimated_errors};
-use crate::report::groups::{Group, Kind, pair};
+use crate::report::groups::{Kind, pair};
 
 /// A frame of the page.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -59,9 +59,8 @@ impl Pictures {
         filled: bool,
         (width, most): (usize, usize),
     ) -> Option<Self> {
-        let groups = pair(frame, frame).groups;
-        let colour = groups.iter().find(|group| group.kind == Kind::Colour);
-        let group: &Group = colour.or_else(|| groups.iter().find(|group| group.kind != Kind::Codes))?;
+        let pairing = pair(frame, frame);
+        let group = pairing.groups.get(pairing.main(frame)?).filter(|group| group.kind != Kind::Codes)?;
         let part = frame.parts.get(group.parts.0)?;
         let plane = |&(at, _): &(usize, usize)| {
             let Channel { samples, .. } = &part.channels[at];

@@ -19,7 +19,7 @@ pub use shell::shell;
 
 use super::markdown::settings;
 use super::measure::Measure;
-use super::model::{Comparison, FrameReport};
+use super::model::{Comparison, FrameReport, GroupReport};
 
 /// The pixels that a page holds, so that a browser opens it at once: ten frames of 1200 x 1200, or a shot of smaller ones.
 pub const MOST_PIXELS: usize = 15 << 20;
@@ -84,7 +84,11 @@ fn verdict(comparison: &Comparison) -> String {
     } else {
         format!("<p class=\"verdict {class}\">{}</p>", escape(&parts.join("; ")))
     };
-    let note = if frames.len() > 1 { "mean of the frames, whole image" } else { "whole image" };
+    let mut groups: Vec<String> =
+        frames.iter().filter_map(FrameReport::main_group).map(GroupReport::label).collect();
+    groups.dedup();
+    let mean = if frames.len() > 1 { "mean of the frames, " } else { "" };
+    let note = format!("{}: {mean}whole image", escape(&groups.join(", ")));
     format!("{text}<p class=\"sum\">{} <small>{note}</small></p>", sum.join(" "))
 }
 

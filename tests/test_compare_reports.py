@@ -1,0 +1,43 @@
+"""What the page and the maps of `lacuna compare` show: the right group, at the right scale."""
+
+import base64
+import io
+import re
+
+import imageio.v3
+import numpy as np
+import pytest
+
+import frames
+import tool
+
+
+def grey(height=40, width=50):
+    rows, columns = np.indices((height, width))
+    return (0.5 + 0.4 * np.sin(rows / 5.0) * np.cos(columns / 7.0)).astype(np.float32)
+
+
+def page(folder, reference, test, *words):
+    """The page of one pair of frames, each given by its channels; and the tables."""
+    paths = [frames.write(folder / f"{name}.exr", channels) for name, channels in (("r", reference), ("t", test))]
+    tables = tool.lacuna("compare", *paths, "--html", folder / "page.html", *words).stdout
+    return (folder / "page.html").read_text(), tables
+
+
+def layer(name, image):
+    return {f"{name}.{component}": image for component in "RGB"}
+
+
+def thumbnail(text, name):
+    picture = re.search(rf'alt="{name} of frame [^"]*" src="data:image/png;base64,([^"]+)"', text)
+    return imageio.v3.imread(io.BytesIO(base64.b64decode(picture.group(1))))
+
+
+def test_the_page_is_about_the_beauty(tmp_path):
+    image = grey()
+    both = layer("ViewLayer.AO", image) | layer("ViewLayer.Combined", image)
+    text, _ = page(tmp_path, both, both | layer("ViewLayer.Combined", image * np.float32(0.7)))
+    headline = re.search(r'<p class="sum">.*?</p>', text).group()
+    psnr = -10 * np.log10(np.mean((0.3 * image.astype(np.float64)) ** 2))
+    assert f"<b>{psnr:.2f}</b> psnr" in headline and "ViewLayer.Combined.RGB: whole image" in headline, headline
+    assert thumbnail(text, "error x 10").mean() > 100
