@@ -41,3 +41,20 @@ def test_the_page_is_about_the_beauty(tmp_path):
     psnr = -10 * np.log10(np.mean((0.3 * image.astype(np.float64)) ** 2))
     assert f"<b>{psnr:.2f}</b> psnr" in headline and "ViewLayer.Combined.RGB: whole image" in headline, headline
     assert thumbnail(text, "error x 10").mean() > 100
+
+
+def test_equal_images_hide_no_others(tmp_path):
+    image = grey()
+    for number, error in ((1, 0.0), (2, 0.01)):
+        frames.write(tmp_path / f"r.{number:04}.exr", dict.fromkeys("RGB", image))
+        frames.write(tmp_path / f"t.{number:04}.exr", dict.fromkeys("RGB", image + np.float32(error)))
+    tables = tool.lacuna("compare", tmp_path / "r.####.exr", tmp_path / "t.####.exr", "--html", tmp_path / "page.html").stdout
+    (mean,) = [line for line in tables.splitlines() if "**mean**" in line]
+    assert "| 40.00 (1 of 2 equal) |" in mean and "inf" not in mean, mean
+    assert "<b>40.00</b> psnr (dB) (1 of 2 equal)" in (tmp_path / "page.html").read_text()
+    # A light that is black hides no other, nor does it make those that are equal less than that.
+    dark = layer("key", np.zeros_like(image))
+    _, tables = page(tmp_path, dark | layer("fill", image), dark | layer("fill", image + np.float32(0.01)))
+    assert "| 40.00 (1 of 2 equal) |" in tables
+    _, tables = page(tmp_path, dark | layer("fill", image), dark | layer("fill", image))
+    assert re.search(r"\*\*mean\*\*.*\| inf \|", tables) and " equal)" not in tables

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::groups::Kind;
 use super::measure::Measure;
-use super::model::{Comparison, FrameReport, GroupReport, Measures};
+use super::model::{Comparison, FrameReport, GroupReport, Mean, Measures};
 
 /// Frames of a sequence that get a line each; the rest is in the sum.
 const MOST_LINES: usize = 200;
@@ -106,9 +106,9 @@ fn mean(lines: &[(&FrameReport, &GroupReport, &Measures)], columns: &[Measure], 
         return;
     }
     let cell = |measure: Measure| {
-        let values: Vec<f64> = colours.iter().filter_map(|measures| measures.get(measure)).collect();
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
-        if values.is_empty() || measure.is_count() { String::new() } else { cell(measure, Some(mean)) }
+        let mean = Mean::of(colours.iter().filter_map(|measures| measures.get(measure)));
+        let mean = mean.filter(|_| !measure.is_count());
+        mean.map_or_else(String::new, |mean| cell(measure, Some(mean.value)) + &mean.left_out())
     };
     let cells = columns.iter().map(|&measure| cell(measure)).collect::<Vec<_>>().join(" | ");
     let _ = writeln!(text, "| **mean** | colours | {cells} |");

@@ -35,5 +35,5 @@ pub use images::Images;
 pub use maps::Maps;
 pub use markdown::markdown;
 pub use measure::{Measure, Wanted};
-pub use model::{Comparison, FrameReport, GroupReport, Measures, RegionReport, Settings};
+pub use model::{Comparison, FrameReport, GroupReport, Mean, Measures, RegionReport, Settings};
 pub use windows::of_headers;

@@ -48,6 +48,34 @@ impl Measures {
     }
 }
 
+/// A mean over frames or groups. A PSNR is infinite where images are equal, as black ones are: those are counted, and hide no others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mean {
+    /// Of the values that are not infinite; infinite if all are.
+    pub value: f64,
+    equal: usize,
+    count: usize,
+}
+
+impl Mean {
+    /// The mean of values; nothing if there are none.
+    pub fn of(values: impl Iterator<Item = f64>) -> Option<Self> {
+        let all: Vec<f64> = values.collect();
+        let (equal, mut rest): (Vec<f64>, Vec<f64>) = all.iter().partition(|value| **value == f64::INFINITY);
+        if rest.is_empty() {
+            rest.clone_from(&equal);
+        }
+        let value = rest.iter().sum::<f64>() / rest.len() as f64;
+        (!all.is_empty()).then_some(Self { value, equal: equal.len(), count: all.len() })
+    }
+
+    /// How many were left out, if any were: ` (1 of 2 equal)`.
+    pub fn left_out(&self) -> String {
+        let Self { equal, count, .. } = self;
+        if equal % count == 0 { String::new() } else { format!(" ({equal} of {count} equal)") }
+    }
+}
+
 /// Infinities, which JSON has not, become the texts `inf` and `-inf`.
 impl Serialize for Measures {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {

@@ -13,7 +13,7 @@ use super::subject::{Shot, Subject, colours, mask_of};
 use super::{DefinitionError, clock, half};
 use crate::mask::Masks;
 use crate::reconstruct::{self, Beside, Job, Plans};
-use crate::report::{self, Flicker, Images, Measure, Pair, Settings};
+use crate::report::{self, Flicker, Images, Mean, Measure, Pair, Settings};
 use crate::temporal::{Neighbour, Neighbours};
 use crate::{channels, mask};
 
@@ -283,11 +283,12 @@ fn beside(cell: &Cell<'_>, at: usize, sparse: &[Sparse]) -> Neighbours {
     Neighbours { looked_at: all.iter().map(|one| one.number).collect(), all, ..Neighbours::default() }
 }
 
-/// The means over all frames; of mean squared errors the geometric one, whose PSNR is the mean of theirs.
+/// The means over all frames.
 fn sum_up(found: &[Found], row: &mut Row) {
     let values = |get: fn(&Found) -> Option<f64>| mean(found.iter().map(get));
-    row.mse = values(|one| one.mse.map(f64::ln)).map(f64::exp);
-    row.mse_missing = values(|one| one.mse_missing.map(f64::ln)).map(f64::exp);
+    row.mse = geometric(found.iter().map(|one| one.mse));
+    row.mse_missing = geometric(found.iter().map(|one| one.mse_missing));
+    row.equal = found.iter().filter(|one| one.mse == Some(0.0)).count();
     row.ssim = values(|one| one.ssim);
     row.cieluv = values(|one| one.cieluv);
     let number = |get: fn(&Found) -> f64| found.iter().map(get).sum::<f64>() / found.len().max(1) as f64;
@@ -298,9 +299,33 @@ fn sum_up(found: &[Found], row: &mut Row) {
     row.stop = found.iter().find_map(|one| one.stop.clone());
 }
 
+/// The geometric mean of errors, whose PSNR is the mean of theirs; beside others those of equal images are left out.
+fn geometric(errors: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    let logarithms = errors.map(|mse| Some(-mse?.ln())).collect::<Option<Vec<f64>>>()?;
+    Mean::of(logarithms.into_iter()).map(|mean| (-mean.value).exp())
+}
+
 /// Of values that are all there.
 fn mean(values: impl ExactSizeIterator<Item = Option<f64>>) -> Option<f64> {
     let count = values.len();
     let sum = values.sum::<Option<f64>>()?;
     (count > 0).then(|| sum / count as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_that_is_equal_hides_no_other() {
+        let psnr = |errors: [f64; 2]| {
+            let found = errors.map(|mse| Found { mse: Some(mse), ..Found::default() });
+            let mut row = Row::default();
+            sum_up(&found, &mut row);
+            (row.psnr().map(f64::round), row.equal)
+        };
+        assert_eq!(psnr([1e-4, 1e-2]), (Some(30.0), 0));
+        assert_eq!(psnr([0.0, 1e-4]), (Some(40.0), 1));
+        assert_eq!(psnr([0.0, 0.0]), (Some(f64::INFINITY), 2));
+    }
 }

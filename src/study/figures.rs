@@ -2,6 +2,7 @@
 
 use super::chart::{Chart, Line};
 use super::rows::Row;
+use crate::report::Mean;
 
 /// What figures show, as their names begin.
 pub(super) const KINDS: [&str; 3] = [PSNR, SECONDS, GAIN];
@@ -97,7 +98,7 @@ fn plotted(row: &Row) -> Option<f64> {
     row.psnr().filter(|psnr| psnr.is_finite())
 }
 
-/// Per density, by growing share of missing pixels: that share in percent; mean, least and largest value of the seeds, infinite where values are.
+/// Per density, by growing share of missing pixels: that share in percent; mean ([`Mean`]), least and largest value of the seeds.
 pub fn points<'a>(
     rows: impl Iterator<Item = &'a Row>,
     pattern: &str,
@@ -116,10 +117,10 @@ pub fn points<'a>(
     }
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     let point = |(_, missing, values): &(f64, f64, Vec<f64>)| {
-        let count = values.len() as f64;
+        let mean = Mean::of(values.iter().copied()).map_or(f64::NAN, |mean| mean.value);
         let (low, high) =
             values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &v| (a.min(v), b.max(v)));
-        [100.0 * missing / count, values.iter().sum::<f64>() / count, low, high]
+        [100.0 * missing / values.len() as f64, mean, low, high]
     };
     found.iter().map(point).collect()
 }

@@ -25,10 +25,14 @@ pub struct Row {
     pub filter: String,
     /// Everything that it was set to.
     pub settings: String,
-    /// Mean squared error of the colours; of a sequence the geometric mean over its frames, so that its PSNR is the mean of theirs.
+    /// Mean squared error of the colours; of a sequence the geometric mean over its frames, so that its PSNR is the mean of theirs, those that
+    /// are equal left out.
     pub mse: Option<f64>,
     /// The same over the missing pixels.
     pub mse_missing: Option<f64>,
+    /// How many frames are equal to their references.
+    #[serde(default)]
+    pub equal: usize,
     /// Mean structural similarity.
     pub ssim: Option<f64>,
     /// Mean distance in CIELUV.
@@ -73,7 +77,7 @@ pub fn read_journal(bytes: &[u8]) -> Vec<Row> {
 
 /// All rows as CSV (RFC 4180), a head line first.
 pub fn csv(rows: &[Row]) -> String {
-    let head = "frame,class,pattern,density,missing,seed,filter,settings,psnr_db,psnr_missing_db,ssim,cieluv,flicker,seconds,\
+    let head = "frame,class,pattern,density,missing,seed,filter,settings,psnr_db,psnr_missing_db,equal,ssim,cieluv,flicker,seconds,\
                 wall_seconds,iterations,stop,error\n";
     let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
     let line = |row: &Row| {
@@ -88,6 +92,7 @@ pub fn csv(rows: &[Row]) -> String {
             row.settings.clone(),
             number(row.psnr()),
             number(row.mse_missing.map(psnr)),
+            if row.error.is_some() { String::new() } else { row.equal.to_string() },
             number(row.ssim),
             number(row.cieluv),
             number(row.flicker),

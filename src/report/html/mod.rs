@@ -19,7 +19,7 @@ pub use shell::shell;
 
 use super::markdown::settings;
 use super::measure::Measure;
-use super::model::{Comparison, FrameReport, GroupReport};
+use super::model::{Comparison, FrameReport, GroupReport, Mean};
 
 /// The pixels that a page holds, so that a browser opens it at once: ten frames of 1200 x 1200, or a shot of smaller ones.
 pub const MOST_PIXELS: usize = 15 << 20;
@@ -73,10 +73,10 @@ fn verdict(comparison: &Comparison) -> String {
     let class = if broken + failing > 0 { "bad" } else { "good" };
     let sum = [Measure::Psnr, Measure::Ssim, Measure::Flip]
         .into_iter()
-        .filter_map(|measure| mean(frames, measure).map(|value| (measure, value)))
-        .map(|(measure, value)| {
-            let name = table::heading(measure);
-            format!("<span><b>{}</b> {name}</span>", table::cell(measure, Some(value)))
+        .filter_map(|measure| mean(frames, measure).map(|mean| (measure, mean)))
+        .map(|(measure, mean)| {
+            let (name, left_out) = (table::heading(measure), mean.left_out());
+            format!("<span><b>{}</b> {name}{left_out}</span>", table::cell(measure, Some(mean.value)))
         });
     let sum: Vec<_> = sum.collect();
     let text = if parts.is_empty() {
@@ -93,10 +93,9 @@ fn verdict(comparison: &Comparison) -> String {
 }
 
 /// The mean over the frames' main groups.
-fn mean(frames: &[FrameReport], measure: Measure) -> Option<f64> {
-    let values: Vec<f64> =
-        frames.iter().filter_map(|frame| frame.main_group()?.region("all")?.measures.get(measure)).collect();
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+fn mean(frames: &[FrameReport], measure: Measure) -> Option<Mean> {
+    let value = |frame: &FrameReport| frame.main_group()?.region("all")?.measures.get(measure);
+    Mean::of(frames.iter().filter_map(value))
 }
 
 /// The place of the viewer; the script fills it.
