@@ -291,6 +291,29 @@ def test_a_bound_on_changes_takes_a_sequence_and_no_region(tmp_path):
             assert result.status == 1 and result.stderr.count("takes a sequence") == 1, result.stderr
 
 
+def test_flicker_goes_by_frame_numbers(tmp_path):
+    sequence(tmp_path, 7)
+    pair = (tmp_path / "r.####.exr", tmp_path / "t.####.exr")
+    found = lambda report: {frame["frame"]: measures(report, frame=k).get("flicker") for k, frame in enumerate(report["frames"])}
+    noted = lambda report: [frame["frame"] for frame in report["frames"] if any("no flicker" in note for note in frame["notes"])]
+    whole = found(compare(*pair, tmp_path, "--measures", "flicker")[0])
+    asked = ["--measures", "flicker", "--fail-above", "flicker=1"]
+    # The order of frames means nothing, and beyond a gap there is no frame before.
+    for numbers, alone, skipped in (("7-1", [], []), ("1,2,6,7", [6], [6]), ("5-7,1-2", [5], [1, 5])):
+        report, result = compare(*pair, tmp_path, "--frames", numbers, *asked)
+        expected = {frame["frame"]: None if frame["frame"] in skipped else whole[frame["frame"]] for frame in report["frames"]}
+        assert (found(report), noted(report)) == (expected, alone), numbers
+        assert all(f"its own (1 of {len(found(report))} frames: {number})" in result.stdout for number in alone), result
+    report, result = compare(*pair, tmp_path, "--frames", "1-7x2", *asked, ok=False)
+    assert result.status == 1 and "no frame has flicker" in result.stderr, result
+    assert not any(found(report).values()) and noted(report) == [3, 5, 7]
+    # Where the frame before was compared, its absence is no excuse.
+    frames.write(tmp_path / "r.0003.exr", {"Z": np.ones((40, 50), np.float32)})
+    frames.write(tmp_path / "t.0003.exr", {"Z": np.ones((40, 50), np.float32)})
+    report, _ = compare(*pair, tmp_path, *asked, ok=False)
+    assert [frame["frame"] for frame in report["frames"] if frame["failures"]] == [3, 4]
+
+
 def test_the_gate_decides_the_exit_status_and_names_the_frames(tmp_path):
     sequence(tmp_path)
     pair = (tmp_path / "r.####.exr", tmp_path / "t.####.exr")

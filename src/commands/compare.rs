@@ -152,6 +152,17 @@ struct Found {
     pictures: Vec<Option<Picture>>,
 }
 
+impl Found {
+    fn enter(&mut self, changes: &[Changed]) {
+        for changed in changes {
+            let is_own = |frame: &&mut FrameReport| frame.frame == Some(changed.number);
+            if let Some(frame) = self.frames.iter_mut().find(is_own) {
+                enter_changes(frame, changed);
+            }
+        }
+    }
+}
+
 impl Work for Compare<'_> {
     fn words(&self) -> (&'static str, &'static str) {
         ("compare", "compared")
@@ -216,12 +227,13 @@ impl<'a> Compare<'a> {
             ..FrameReport::default()
         };
         let frames = items.iter().map(pending).collect();
+        let flicker = Flicker::new(items.iter().filter_map(|item| item.number));
         let pictures = items.iter().map(|_| None).collect();
         Self {
             job,
             items,
             masks: MaskFiles::default(),
-            found: Arc::new(Mutex::new(Found { frames, flicker: Flicker::default(), pictures })),
+            found: Arc::new(Mutex::new(Found { frames, flicker, pictures })),
         }
     }
 
@@ -263,6 +275,9 @@ impl<'a> Compare<'a> {
         }
         stage.write(record, || self.write_maps(item, std::mem::take(&mut seen.maps)))?;
         let mut found = self.found();
+        if wants_changes {
+            compared.notes.extend(self.why_no_flicker(item, &found.flicker));
+        }
         let slot = &mut found.frames[index];
         *slot = FrameReport {
             frame: slot.frame,
@@ -272,19 +287,23 @@ impl<'a> Compare<'a> {
         };
         found.pictures[index] = seen.picture;
         keep_the_worst(&mut found.pictures);
-        if wants_changes {
+        if let Some(number) = item.number.filter(|_| wants_changes) {
             let moving = self.job.settings.wanted.has_motion().then(|| Arc::new(reference));
-            let pairs = found.flicker.enter(index, seen.colours, moving);
+            let pairs = found.flicker.enter(number, seen.colours, moving);
             drop(found);
             // Motion takes its time, and others shall not wait for it.
             let changes: Vec<Changed> =
                 stage.solve(record, || pairs.iter().flat_map(Pair::changes).collect());
-            let mut found = self.found();
-            for changed in changes {
-                enter_changes(&mut found.frames[changed.index], &changed);
-            }
+            self.found().enter(&changes);
         }
         Ok(())
+    }
+
+    /// What keeps a frame of a sequence from having a flicker, if anything does; the first one has none.
+    fn why_no_flicker(&self, item: &Item, flicker: &Flicker) -> Option<String> {
+        let first = self.items.iter().filter_map(|item| item.number).min();
+        let alone = item.number.filter(|number| Some(*number) != first && !flicker.expects(*number));
+        alone.map(|_| "no flicker: no frame, or more than one, has the number before its own".to_owned())
     }
 
     /// The mask: the one asked for, in the test image or else in the reference; if none was asked for, what the test

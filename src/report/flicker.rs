@@ -1,7 +1,7 @@
 //! The change of the error from frame to frame: how much a result trembles where its reference does not.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use lacuna_exr::{Frame, Window};
@@ -44,8 +44,8 @@ pub struct Changes {
 /// Changes of one group since the frame before.
 #[derive(Clone, Debug)]
 pub struct Changed {
-    /// Where the frame stands in the sequence.
-    pub index: usize,
+    /// The frame's number.
+    pub number: i64,
     /// The group's label.
     pub label: String,
     /// At every pixel.
@@ -56,7 +56,7 @@ pub struct Changed {
 
 /// Two frames in a row that are both there.
 pub struct Pair {
-    index: usize,
+    number: i64,
     before: Arc<Moment>,
     now: Arc<Moment>,
 }
@@ -69,14 +69,31 @@ struct Moment {
     reference: Option<Arc<Frame>>,
 }
 
-/// Pairs up the frames of a sequence, in whatever order they come.
+/// Pairs up the frames of a sequence whose numbers follow each other, in whatever order they come.
 #[derive(Default)]
 pub struct Flicker {
-    /// By the frame's index; nothing for one that is not needed any more.
-    waiting: BTreeMap<usize, Option<Arc<Moment>>>,
+    /// The numbers that one frame has.
+    expected: BTreeSet<i64>,
+    /// By the frame's number; nothing for one that is not needed any more.
+    waiting: BTreeMap<i64, Option<Arc<Moment>>>,
 }
 
 impl Flicker {
+    /// For frames of these numbers; which frame is meant by a number that several have is not known, so that none is.
+    pub fn new(numbers: impl IntoIterator<Item = i64>) -> Self {
+        let mut counts = BTreeMap::new();
+        for number in numbers {
+            *counts.entry(number).or_insert(0) += 1;
+        }
+        let once = counts.into_iter().filter(|(_, count)| *count == 1);
+        Self { expected: once.map(|(number, _)| number).collect(), waiting: BTreeMap::new() }
+    }
+
+    /// Whether a frame of that number is to come, and the one before it.
+    pub fn expects(&self, number: i64) -> bool {
+        [number, beside(number)[0]].iter().all(|number| self.expected.contains(number))
+    }
+
     /// A group's colours, to be given to [`Flicker::enter`].
     pub fn colours(images: &Images<'_>) -> Option<(String, Colours)> {
         if images.report.kind != Kind::Colour {
@@ -99,31 +116,35 @@ impl Flicker {
         Some((images.report.label(), Colours { part, channels, errors, reference, missing, window }))
     }
 
-    /// Enters the groups of frame number `index` of the sequence, and its reference if motion is to be followed. Returns the pairs that are
-    /// complete now.
+    /// Enters the groups of the frame of that number, and its reference if motion is to be followed. Returns the pairs that are complete now.
     pub fn enter(
         &mut self,
-        index: usize,
+        number: i64,
         groups: Vec<(String, Colours)>,
         reference: Option<Arc<Frame>>,
     ) -> Vec<Pair> {
+        if !self.expected.contains(&number) {
+            return Vec::new();
+        }
         let moment = Moment { groups: groups.into_iter().collect(), reference };
-        self.waiting.insert(index, Some(Arc::new(moment)));
-        let of = |at: usize| self.waiting.get(&at).cloned().flatten();
-        let pair =
-            |later: usize| Some(Pair { index: later, before: of(later.checked_sub(1)?)?, now: of(later)? });
-        let found = [index, index + 1].into_iter().filter_map(pair).collect();
-        // A frame both of whose neighbours have come is not needed any more.
-        let done = |at: &usize| {
-            let before = *at == 0 || self.waiting.contains_key(&(at - 1));
-            before && self.waiting.contains_key(&(at + 1))
-        };
-        let all = [index.saturating_sub(1), index, index + 1];
-        for at in all.into_iter().filter(done).collect::<Vec<_>>() {
+        self.waiting.insert(number, Some(Arc::new(moment)));
+        let [before, after] = beside(number);
+        let of = |at: i64| self.waiting.get(&at).cloned().flatten();
+        let pair = |(earlier, later)| Some(Pair { number: later, before: of(earlier)?, now: of(later)? });
+        let found = [(before, number), (number, after)].into_iter().filter_map(pair).collect();
+        // A frame is not needed any more once those beside it have come.
+        let come = |at: i64| self.waiting.contains_key(&at) || !self.expected.contains(&at);
+        let done = [before, number, after].into_iter().filter(|at| beside(*at).into_iter().all(come));
+        for at in done.collect::<Vec<_>>() {
             self.waiting.entry(at).and_modify(|moment| *moment = None);
         }
         found
     }
+}
+
+/// The numbers before and after one.
+const fn beside(number: i64) -> [i64; 2] {
+    [number.wrapping_sub(1), number.wrapping_add(1)]
 }
 
 impl Colours {
@@ -158,7 +179,7 @@ impl Pair {
             let Some(still) = Changes::between(before, now) else { continue };
             let places = motion.entry(now.part).or_insert_with(|| self.motion(before, now));
             let along = places.as_ref().and_then(|places| Changes::along(before, now, places));
-            found.push(Changed { index: self.index, label: label.clone(), still, along });
+            found.push(Changed { number: self.number, label: label.clone(), still, along });
         }
         found
     }
@@ -271,25 +292,35 @@ mod tests {
         )]
     }
 
-    fn enter(flicker: &mut Flicker, index: usize, groups: Vec<(String, Colours)>) -> Vec<(usize, Changes)> {
-        let pairs = flicker.enter(index, groups, None);
-        pairs.iter().flat_map(Pair::changes).map(|changed| (changed.index, changed.still)).collect()
+    fn enter(flicker: &mut Flicker, number: i64, groups: Vec<(String, Colours)>) -> Vec<(i64, Changes)> {
+        let pairs = flicker.enter(number, groups, None);
+        pairs.iter().flat_map(Pair::changes).map(|changed| (changed.number, changed.still)).collect()
     }
 
     #[test]
     fn pairs_are_found_in_any_order_and_once() {
-        let of = |number: usize, flicker: f64| (number, Changes { flicker, truth: 2.0 * flicker });
-        let mut flicker = Flicker::default();
+        let of = |number: i64, flicker: f64| (number, Changes { flicker, truth: 2.0 * flicker });
+        let mut flicker = Flicker::new(0..5);
         let root = std::f64::consts::FRAC_1_SQRT_2;
         assert!(enter(&mut flicker, 2, colours(3.0, None)).is_empty());
         assert!(enter(&mut flicker, 0, colours(0.0, None)).is_empty());
         let found = enter(&mut flicker, 1, colours(1.0, None));
-        assert_eq!(found.iter().map(|(index, _)| *index).collect::<Vec<_>>(), [1, 2]);
+        assert_eq!(found.iter().map(|(number, _)| *number).collect::<Vec<_>>(), [1, 2]);
         for ((_, found), truth) in found.iter().zip([root, 2.0 * root]) {
             assert!((found.flicker - truth).abs() < 1e-15 && (found.truth - 2.0 * truth).abs() < 1e-15);
         }
         assert_eq!(enter(&mut flicker, 4, colours(1.0, None)), []);
         assert_eq!(enter(&mut flicker, 3, colours(3.0, None)), [of(3, 0.0), of(4, 2.0 * root)]);
+        assert!(flicker.waiting.values().all(Option::is_none), "what is not needed any more is kept");
+    }
+
+    #[test]
+    fn frames_whose_numbers_do_not_follow_each_other_are_no_pair() {
+        let mut flicker = Flicker::new([9, 7, 4, 3, 3, 2]);
+        for number in [9, 7, 4, 3, 3, 2] {
+            assert!(enter(&mut flicker, number, colours(1.0, None)).is_empty() && !flicker.expects(number));
+        }
+        assert!(flicker.waiting.values().all(Option::is_none));
     }
 
     /// What moves by a pixel along with its window has changed by what lies in each place before and now.
@@ -300,7 +331,7 @@ mod tests {
             all[0].1.window = window(x, 0, 2, 1);
             all
         };
-        let mut flicker = Flicker::default();
+        let mut flicker = Flicker::new(0..4);
         enter(&mut flicker, 0, moved(5));
         let found = enter(&mut flicker, 1, moved(6));
         // 3 0 and then 0 3 0, of which the first pixel has gone.
@@ -310,10 +341,10 @@ mod tests {
 
     #[test]
     fn only_missing_pixels_count() {
-        let mut flicker = Flicker::default();
+        let mut flicker = Flicker::new(0..4);
         enter(&mut flicker, 0, colours(0.0, Some(vec![true, false])));
-        let mut next = |index, value, flags: [bool; 2]| {
-            enter(&mut flicker, index, colours(value, Some(flags.to_vec())))[0].1
+        let mut next = |number, value, flags: [bool; 2]| {
+            enter(&mut flicker, number, colours(value, Some(flags.to_vec())))[0].1
         };
         assert_eq!(next(1, 2.0, [false, false]), Changes { flicker: 2.0, truth: 4.0 });
         assert_eq!(next(2, 0.0, [false, true]), Changes { flicker: 0.0, truth: 0.0 });

@@ -89,12 +89,13 @@ impl Gate {
         unknown.map(|bound| bound.measure).collect()
     }
 
-    /// What a frame fails by; `first` if it has no predecessor, and so no flicker. What is unknown of all frames has been told.
-    pub fn failures(&self, frame: &FrameReport, first: bool, unknown: &BTreeSet<Measure>) -> Vec<String> {
+    /// What a frame fails by; it has a flicker only if it `follows` another by its number. What is unknown of all frames has been told.
+    pub fn failures(&self, frame: &FrameReport, follows: bool, unknown: &BTreeSet<Measure>) -> Vec<String> {
         if self.is_empty() {
             return Vec::new();
         }
-        let due = |bound: &&Bound| !(first && bound.measure.is_change() || unknown.contains(&bound.measure));
+        let known = |bound: &Bound| follows || !bound.measure.is_change();
+        let due = |bound: &&Bound| known(bound) && !unknown.contains(&bound.measure);
         let mut failures: Vec<String> =
             frame.notes.iter().filter(|note| note.ends_with("in the reference only")).cloned().collect();
         failures.extend(frame.groups.iter().filter_map(not_finite));
@@ -121,7 +122,10 @@ impl Gate {
 /// What is said of a measure of changes that none of the frames that were compared has.
 pub fn why_unknown(measure: Measure) -> String {
     let motion = if measure.follows_motion() { " whose motion is known" } else { "" };
-    format!("no frame has {}: it takes a sequence, frames in a row{motion}", measure.name())
+    format!(
+        "no frame has {}: it takes a sequence, frames whose numbers follow each other{motion}",
+        measure.name()
+    )
 }
 
 /// The groups that a bound is for.

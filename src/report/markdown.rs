@@ -8,6 +8,8 @@ use super::model::{Comparison, FrameReport, GroupReport, Mean, Measures};
 
 /// Frames of a sequence that get a line each; the rest is in the sum.
 const MOST_LINES: usize = 200;
+/// Frames that a note names.
+const MOST_NAMED: usize = 5;
 
 /// The text: a table a region, a line a frame and group.
 pub fn markdown(comparison: &Comparison) -> String {
@@ -114,17 +116,23 @@ fn mean(lines: &[(&FrameReport, &GroupReport, &Measures)], columns: &[Measure], 
     let _ = writeln!(text, "| **mean** | colours | {cells} |");
 }
 
+/// Each note once, with the frames that it is of.
 fn notes(comparison: &Comparison, text: &mut String) {
-    let mut notes: Vec<(&str, usize)> = Vec::new();
-    for note in comparison.frames.iter().flat_map(|frame| &frame.notes) {
+    let mut notes: Vec<(&str, Vec<String>)> = Vec::new();
+    for (frame, note) in
+        comparison.frames.iter().flat_map(|frame| frame.notes.iter().map(move |note| (frame, note)))
+    {
         match notes.iter_mut().find(|(known, _)| known == note) {
-            Some((_, count)) => *count += 1,
-            None => notes.push((note, 1)),
+            Some((_, frames)) => frames.push(frame.label()),
+            None => notes.push((note, vec![frame.label()])),
         }
     }
-    for (note, count) in notes {
-        let frames = if count == 1 { String::new() } else { format!(" ({count} frames)") };
-        let _ = writeln!(text, "- note: {}{frames}", escape(note));
+    let all = comparison.frames.len();
+    for (note, frames) in notes {
+        let named = frames.iter().take(MOST_NAMED).cloned().collect::<Vec<_>>().join(", ");
+        let more = if frames.len() > MOST_NAMED { ", ..." } else { "" };
+        let of = format!(" ({} of {all} frames: {}{more})", frames.len(), escape(&named));
+        let _ = writeln!(text, "- note: {}{}", escape(note), if all == 1 { "" } else { &of });
     }
 }
 

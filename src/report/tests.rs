@@ -104,9 +104,9 @@ fn what_clipping_hides_is_told_and_no_gate_lets_it_pass() {
     };
     let found = |test: [f32; 2], settings: &Settings| {
         let report = compare(&flat([5.0, 0.5]), &flat(test), None, settings, &mut |_| {}).unwrap();
-        let failures = gate("psnr=1", "").failures(&report, true, &BTreeSet::new()).len();
+        let failures = gate("psnr=1", "").failures(&report, false, &BTreeSet::new()).len();
         // A bound that tells those values apart judges them itself.
-        assert!(gate("psnr=1", "relative-mse=1e9").failures(&report, true, &BTreeSet::new()).is_empty());
+        assert!(gate("psnr=1", "relative-mse=1e9").failures(&report, false, &BTreeSet::new()).is_empty());
         (report.groups[0].hidden, report.notes.len(), failures)
     };
     let settings = Settings::default();
@@ -174,7 +174,7 @@ fn no_gate_passes_what_lies_beyond_a_window_unseen() {
     let failures = |lost: f32, bound: &str| {
         let report =
             compare(&row(0, &[lost, 0.5]), &row(1, &[0.5]), None, &Settings::default(), &mut |_| {}).unwrap();
-        gate(bound, "").failures(&report, true, &BTreeSet::new())
+        gate(bound, "").failures(&report, false, &BTreeSet::new())
     };
     let beyond = |failures: &[String]| failures.iter().filter(|text| text.contains("data windows")).count();
     assert_eq!(beyond(&failures(0.5, "missing.psnr=1")), 1);
@@ -188,8 +188,8 @@ fn no_gate_passes_what_lies_beyond_a_window_unseen() {
 #[test]
 fn the_gate_lets_nothing_pass_by_absence() {
     let report = compared(&Settings::default());
-    assert_eq!(Gate::default().failures(&report, true, &BTreeSet::new()), Vec::<String>::new());
-    let failures = gate("psnr=20", "").failures(&report, true, &BTreeSet::new());
+    assert_eq!(Gate::default().failures(&report, false, &BTreeSet::new()), Vec::<String>::new());
+    let failures = gate("psnr=20", "").failures(&report, false, &BTreeSet::new());
     assert_eq!(failures, ["RGB: 1 value is not finite that should be"]);
     // A depth that is infinite where a neighbour's was; a colour or a depth without background must not be.
     let depth = |values: &[f32]| frame(vec![part(pair().0.parts[0].data_window, vec![float("Z", values)])]);
@@ -204,16 +204,16 @@ fn the_gate_lets_nothing_pass_by_absence() {
     ] {
         let report =
             compare(&depth(&reference), &depth(&test), None, &Settings::default(), &mut |_| {}).unwrap();
-        assert_eq!(gate("psnr=1", "").failures(&report, true, &BTreeSet::new()).len(), failures, "{test:?}");
+        assert_eq!(gate("psnr=1", "").failures(&report, false, &BTreeSet::new()).len(), failures, "{test:?}");
     }
-    let failures = gate("psnr=60,missing.ssim=2", "flip=0.1").failures(&report, true, &BTreeSet::new());
+    let failures = gate("psnr=60,missing.ssim=2", "flip=0.1").failures(&report, false, &BTreeSet::new());
     assert_eq!(failures.len(), 4, "{failures:?}");
     assert!(failures[1].starts_with("RGB: psnr 24.39"), "{failures:?}");
     assert_eq!(failures[3], "RGB: no flip");
-    let failures = gate("", "different=0").failures(&report, true, &BTreeSet::new());
+    let failures = gate("", "different=0").failures(&report, false, &BTreeSet::new());
     assert!(failures.contains(&"id: different 1 is above 0".to_owned()), "{failures:?}");
     let without = FrameReport { notes: vec!["channel A is in the reference only".into()], ..report };
-    assert!(gate("psnr=1", "").failures(&without, true, &BTreeSet::new()).contains(&without.notes[0]));
+    assert!(gate("psnr=1", "").failures(&without, false, &BTreeSet::new()).contains(&without.notes[0]));
 }
 
 #[test]
@@ -228,20 +228,20 @@ fn bounds_on_changes_hold_of_missing_pixels_and_take_a_sequence() {
     {
         let gate = gate("", above);
         assert!(gate.unknown(&[&first, &later]).is_empty());
-        let failures = gate.failures(&later, false, &BTreeSet::new());
+        let failures = gate.failures(&later, true, &BTreeSet::new());
         assert_eq!(failures.iter().any(|text| text.contains("flicker-along")), fails, "{failures:?}");
         // Of one frame nothing is known, which is told once.
         let unknown = gate.unknown(&[&first]);
         assert_eq!(unknown, BTreeSet::from([Measure::FlickerAlong]));
         assert!(why_unknown(Measure::FlickerAlong).contains("takes a sequence"));
-        let failures = gate.failures(&first, false, &unknown);
+        let failures = gate.failures(&first, true, &unknown);
         assert!(!failures.iter().any(|text| text.contains("flicker-along")), "{failures:?}");
     }
     // That one measure is unknown lets no other pass.
     let gate = gate("", "flicker-along=1,flicker=1");
     let unknown = gate.unknown(&[&first, &later]);
     assert_eq!(unknown, BTreeSet::from([Measure::Flicker]));
-    assert!(gate.failures(&first, false, &unknown).iter().any(|text| text.contains("no flicker-along")));
+    assert!(gate.failures(&first, true, &unknown).iter().any(|text| text.contains("no flicker-along")));
 }
 
 #[test]

@@ -150,8 +150,8 @@ fn fill(cell: &Cell<'_>, row: &mut Row, visit: &mut dyn FnMut(&Images<'_>)) -> R
     let shots = &cell.subject.shots;
     let sparse = sparse(cell)?;
     let studied: Vec<usize> = (0..shots.len()).filter(|at| shots[*at].studied).collect();
-    let first = shots.first().and_then(|shot| shot.number).unwrap_or(0);
-    let (mut found, mut flicker, mut changes) = (Vec::new(), Flicker::default(), Vec::new());
+    let (mut found, mut changes) = (Vec::new(), Vec::new());
+    let mut flicker = Flicker::new(studied.iter().filter_map(|&at| shots[at].number));
     for (k, &at) in studied.iter().enumerate() {
         let mut one = Found::default();
         let (filled, masks) = match &sparse[at] {
@@ -169,9 +169,9 @@ fn fill(cell: &Cell<'_>, row: &mut Row, visit: &mut dyn FnMut(&Images<'_>)) -> R
             }
         };
         one.measure(cell.display, (&colours(&shots[at].frame), &colours(&filled)), masks, &mut look)?;
-        // Frames whose numbers follow each other.
-        let index = shots[at].number.unwrap_or(first).abs_diff(first) as usize;
-        changes.extend(flicker.enter(index, groups, None).iter().flat_map(Pair::changes));
+        if let Some(number) = shots[at].number {
+            changes.extend(flicker.enter(number, groups, None).iter().flat_map(Pair::changes));
+        }
         found.push(one);
     }
     sum_up(&found, row);

@@ -1,5 +1,6 @@
 //! What is said and written when frames are compared, or a signal ends it.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use crate::commands::compare::CompareJob;
@@ -17,6 +18,7 @@ pub fn judged(job: &CompareJob, mut frames: Vec<FrameReport>, undone: &str, cons
     let known: Vec<&FrameReport> = frames.iter().filter(compared).collect();
     let unknown = gate.unknown(&known);
     let why: Vec<String> = unknown.iter().map(|&measure| why_unknown(measure)).collect();
+    let numbers: BTreeSet<i64> = known.iter().filter_map(|frame| frame.frame).collect();
     let mut first = true;
     for frame in &mut frames {
         if frame.groups.is_empty() && frame.error.is_none() && frame.skipped.is_none() {
@@ -25,10 +27,12 @@ pub fn judged(job: &CompareJob, mut frames: Vec<FrameReport>, undone: &str, cons
         if frame.error.is_some() || frame.skipped.is_some() {
             continue;
         }
-        if first {
+        if std::mem::take(&mut first) {
             frame.failures.extend(why.iter().cloned());
         }
-        frame.failures.extend(gate.failures(frame, std::mem::take(&mut first), &unknown));
+        let before = frame.frame.and_then(|number| number.checked_sub(1));
+        let follows = before.is_some_and(|number| numbers.contains(&number));
+        frame.failures.extend(gate.failures(frame, follows, &unknown));
         if !frame.failures.is_empty() {
             failing += 1;
             let label = crate::run::console::label(Path::new(&frame.test), frame.frame);
