@@ -58,3 +58,16 @@ def test_equal_images_hide_no_others(tmp_path):
     assert "| 40.00 (1 of 2 equal) |" in tables
     _, tables = page(tmp_path, dark | layer("fill", image), dark | layer("fill", image))
     assert re.search(r"\*\*mean\*\*.*\| inf \|", tables) and " equal)" not in tables
+
+
+def test_white_is_the_peak(tmp_path):
+    image = grey()
+    seen = {}
+    for peak in (1, 100):
+        # Powers of two would scale without rounding; the pictures have eight bits.
+        one, other = (np.float32(peak) * plane for plane in (image, image + np.float32(0.02)))
+        text, _ = page(tmp_path, dict.fromkeys("RGB", one), dict.fromkeys("RGB", other), "--peak", peak)
+        seen[peak] = [thumbnail(text, name) for name in ("reference", "result", "error x 10")]
+        assert f'"white":{peak}.0' in text
+    for one, other in zip(seen[1], seen[100]):
+        assert np.abs(one.astype(int) - other).max() <= 1 and one.mean() < 250

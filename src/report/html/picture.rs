@@ -39,6 +39,8 @@ pub struct Pixels {
     pub height: usize,
     /// First column and row, in absolute coordinates.
     pub origin: (i32, i32),
+    /// The value that is white.
+    pub white: f32,
     /// Reference and test image, or what was filled alone.
     pub codes: Codes,
     /// Which pixels were measured: a bit each, lowest first, packed.
@@ -67,19 +69,20 @@ impl Picture {
         let score = psnr("missing").or_else(|| psnr("all")).unwrap_or(0.0);
         let size = reference[0].size();
         let thumb = Thumbnail::new(size, thumbnail_width);
-        let shown = |value: f32| lacuna_filters::metric::colour::srgb_encode(value.clamp(0.0, 1.0));
+        let white = images.report.peak.unwrap_or(1.0);
+        let shown = |value: f32| lacuna_filters::metric::colour::srgb_encode((value / white).clamp(0.0, 1.0));
         let mut thumbnails = vec![("reference", thumb.png(reference, None, shown))];
         if let Some(mask) = images.mask {
             thumbnails.push(("sparse", thumb.png(reference, Some(mask), shown)));
         }
         thumbnails.push(("result", thumb.png(test, None, shown)));
-        thumbnails.push(("error", thumb.error(reference, test)));
+        thumbnails.push(("error", thumb.error(reference, test, white)));
         Some(Self {
             label: images.report.label(),
             thumbnails,
             thumbnail_size: (thumb.size.width, thumb.size.height),
             score,
-            pixels: Some(Pixels::new(images, reference, test)),
+            pixels: Some(Pixels { white, ..Pixels::new(images, reference, test) }),
         })
     }
 }
@@ -153,7 +156,7 @@ impl Pixels {
         let estimate = estimate.filter(|estimate| estimate.size() == size);
         let map = |estimate: &Plane| Map::new(size, map_step, None, &|at| estimate.pixels()[at]);
         let maps = estimate.map(|estimate| ("estimate", map(estimate))).into_iter().collect();
-        Self { width: size.width, height: size.height, origin, codes, mask, map_step, maps }
+        Self { width: size.width, height: size.height, origin, white: 1.0, codes, mask, map_step, maps }
     }
 }
 
@@ -253,10 +256,10 @@ impl Thumbnail {
         self.encode(&self.means(value).into_iter().flat_map(bytes).collect::<Vec<u8>>())
     }
 
-    fn error(&self, reference: [&Plane; 3], test: [&Plane; 3]) -> String {
+    fn error(&self, reference: [&Plane; 3], test: [&Plane; 3], white: f32) -> String {
         let value = |at: usize| {
             let by = |k: usize| (test[k].pixels()[at] - reference[k].pixels()[at]).abs();
-            [by(0).max(by(1)).max(by(2)) * ERROR_GAIN; 3]
+            [by(0).max(by(1)).max(by(2)) * ERROR_GAIN / white; 3]
         };
         self.encode(&self.means(value).into_iter().flat_map(|[value, ..]| heat(value)).collect::<Vec<u8>>())
     }

@@ -79,7 +79,7 @@ lacuna.unpack = async function (packed) {
   const maps = {};
   names.forEach((name, k) => { maps[name] = { largest: packed.maps[name].largest, levels: lacuna.unmap(levels[k], columns) }; });
   return {
-    width, height, origin: packed.origin, reference, test, values, mask, factor, step: packed.map_step, columns, maps,
+    width, height, origin: packed.origin, white: packed.white, reference, test, values, mask, factor, step: packed.map_step, columns, maps,
     value: (planes, k, at) => values[planes[k][at] & 65535],
     measured: (at) => !mask || (mask[at >> 3] >> (at & 7) & 1) === 1,
   };

@@ -46,7 +46,7 @@ lacuna.paint = function (frame, view, state) {
   const context = canvas.getContext('2d');
   const image = context.createImageData(width, height);
   const out = new Uint32Array(image.data.buffer);
-  const scale = 2 ** state.exposure;
+  const scale = 2 ** state.exposure / frame.white;
   if (lacuna.IMAGES.includes(view) && state.curve === 'false') {
     // Brightness in stops about mid grey, seven either way.
     const [r, g, b] = lacuna.planes(frame, view);
@@ -75,9 +75,10 @@ lacuna.paint = function (frame, view, state) {
 };
 
 // What the ends of the colours of a view stand for, as texts; nothing for an image in its own colours.
-lacuna.range = function (view, { curve, gain, exposure }) {
-  if (lacuna.IMAGES.includes(view)) return curve === 'false' ? ['-7', '+7 stops about 0.18'] : null;
-  if (view === 'error' || view === 'estimate') return ['0', String(Number((1 / (gain * 2 ** exposure)).toPrecision(3)))];
+lacuna.range = function (view, { curve, gain, exposure }, white = 1) {
+  const short = (value) => String(Number(value.toPrecision(3)));
+  if (lacuna.IMAGES.includes(view)) return curve === 'false' ? ['-7', `+7 stops about ${short(0.18 * white)}`] : null;
+  if (view === 'error' || view === 'estimate') return ['0', short(white / (gain * 2 ** exposure))];
   return ['0', view === 'cieluv' ? '20' : '1'];
 };
 
@@ -233,7 +234,7 @@ lacuna.Viewer = class {
 
   // What the colours of a view mean: a bar above `bottom`, at most `most` wide, with the values at its ends.
   bar(view, x, bottom, most) {
-    const range = lacuna.range(view, this.state);
+    const range = lacuna.range(view, this.state, this.frame.white);
     const width = Math.min(160, most);
     if (!range || width < 60) return;
     const { context } = this;
