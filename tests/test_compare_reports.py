@@ -6,7 +6,7 @@ import re
 
 import imageio.v3
 import numpy as np
-import pytest
+import OpenEXR
 
 import frames
 import tool
@@ -71,3 +71,19 @@ def test_white_is_the_peak(tmp_path):
         assert f'"white":{peak}.0' in text
     for one, other in zip(seen[1], seen[100]):
         assert np.abs(one.astype(int) - other).max() <= 1 and one.mean() < 250
+
+
+def test_maps_lie_where_the_reference_does(tmp_path):
+    image = grey()
+    one, other = (dict(R=plane.copy(), Z=plane.copy()) for plane in (image, image + np.float32(0.01)))
+    one["R"][3, 4], other["R"][10, 10], one["R"][5, 5], other["R"][5, 5] = np.nan, np.inf, np.inf, np.inf
+    words = dict(origin=(20, 10), display=((0, 0), (99, 79)), pixelAspectRatio=2.0, view="left")
+    paths = [frames.write(tmp_path / f"{name}.exr", channels, **words) for name, channels in (("r", one), ("t", other))]
+    tool.lacuna("compare", *paths, "--maps", tmp_path / "maps")
+    file = OpenEXR.File(str(tmp_path / "maps" / "t.maps.exr"), separate_channels=True)
+    header = file.header()
+    assert [corner.tolist() for corner in header["displayWindow"]] == [[0, 0], [99, 79]]
+    assert [corner.tolist() for corner in header["dataWindow"]] == [[20, 10], [69, 49]]
+    assert (header["pixelAspectRatio"], header["view"]) == (2.0, "left")
+    error = file.channels()["error.R"].pixels
+    assert np.isfinite(error).all() and error[3, 4] == error[10, 10] == error[5, 5] == 0 < error[0, 0]

@@ -332,7 +332,7 @@ impl Work<'_> {
             mask,
             missing,
             estimate: estimate.as_ref(),
-            window: part.data_window,
+            part,
         });
         Ok(())
     }

@@ -112,7 +112,7 @@ impl Flicker {
         let reference = images.reference.iter().map(|plane| map(plane, &|_, own| error(own, 0.0))).collect();
         let missing = images.missing.map(<[bool]>::to_vec);
         let (part, channels) = (images.report.part, images.report.channels.clone());
-        let window = images.window;
+        let window = images.part.data_window;
         Some((images.report.label(), Colours { part, channels, errors, reference, missing, window }))
     }
 

@@ -1,6 +1,6 @@
 //! The images of a group while a frame is compared: for maps, pictures, and the flicker from frame to frame.
 
-use lacuna_exr::Window;
+use lacuna_exr::Part;
 use lacuna_filters::metric::ssim::Similarity;
 use lacuna_filters::{Mask, Plane};
 
@@ -28,6 +28,6 @@ pub struct Images<'a> {
     pub missing: Option<&'a [bool]>,
     /// The estimated error of each pixel, where the test image has it.
     pub estimate: Option<&'a Plane>,
-    /// The data window, that of both.
-    pub window: Window,
+    /// The reference's part, its data window that of both.
+    pub part: &'a Part,
 }

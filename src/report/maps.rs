@@ -1,10 +1,10 @@
 //! The maps of a frame's differences: one EXR file with every map as values, and PNG files to look at.
 //!
-//! EXR, 32-bit floats, the parts and windows of the reference: `error.CHANNEL` (absolute), `ssim.CHANNEL`, and for colours
+//! EXR, 32-bit floats, the parts, windows and aspect of the reference: `error.CHANNEL` (absolute, 0 where a value is not finite), `ssim.CHANNEL`, and for colours
 //! `cieluv` and `flip`, each behind the name of its layer. PNG, grey: error 0 to 0.1 of the peak, CIELUV 0 to 20, SSIM 0 to
 //! 1, FLIP 0 to 1.
 
-use lacuna_exr::{Attributes, Channel, Compression, Frame, Layout, Part, Samples};
+use lacuna_exr::{Attribute, Attributes, Channel, Frame, Part, Samples};
 use lacuna_filters::Plane;
 
 use super::groups::Kind;
@@ -16,6 +16,10 @@ use crate::raster::{self, BitDepth, ColorType};
 const ERROR_RANGE: f32 = 0.1;
 /// CIELUV error that is white, as in the thesis that lacuna follows.
 const CIELUV_RANGE: f32 = 20.0;
+
+/// What a part of maps has from that of the reference, beside its windows.
+const LIKE: [&str; 6] =
+    ["name", "view", "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth", "chromaticities"];
 
 /// PNG files and what their names end in.
 type Pictures = Vec<(String, Vec<u8>)>;
@@ -41,7 +45,7 @@ impl Maps {
             let component = Name::new(name).component;
             let mut error = reference.clone();
             for (error, test) in error.pixels_mut().iter_mut().zip(test.pixels()) {
-                *error = (*test - *error).abs();
+                *error = Some((*test - *error).abs()).filter(|error| error.is_finite()).unwrap_or(0.0);
             }
             channels.push(channel(&prefix(&format!("error.{component}")), &error));
             channels.push(channel(&prefix(&format!("ssim.{component}")), &similarity.map));
@@ -72,18 +76,12 @@ impl Maps {
             return;
         }
         let mut attributes = Attributes::default();
-        if let Some(name) = &images.report.part_name {
-            attributes.set_text("name", name);
+        let like = |attribute: &&Attribute| LIKE.iter().any(|name| name.as_bytes() == attribute.name);
+        for Attribute { name, kind, value } in images.part.attributes.iter().filter(like) {
+            attributes.set(&String::from_utf8_lossy(name), &String::from_utf8_lossy(kind), value.clone());
         }
-        let part = Part {
-            attributes,
-            data_window: images.window,
-            display_window: images.window,
-            compression: Compression::Zip,
-            layout: Layout::ScanLines,
-            channels,
-            had_levels: false,
-        };
+        let display_window = images.part.display_window;
+        let part = Part { attributes, display_window, ..Part::new(images.part.data_window, channels) };
         self.parts.push((index, part));
     }
 

@@ -89,7 +89,7 @@ struct View {
 
 impl View {
     fn new(images: &Images<'_>, definition: &SheetDefinition) -> Option<Self> {
-        let window = images.window;
+        let window = images.part.data_window;
         let size = window.size();
         let all = [window.x_min, window.y_min, size.width as i32, size.height as i32];
         let [x, y, width, height] = definition.window.unwrap_or(all);

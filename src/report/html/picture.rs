@@ -123,7 +123,7 @@ impl Pixels {
             let by = |k: usize| (test[k].pixels()[at] - reference[k].pixels()[at]).abs();
             by(0).max(by(1)).max(by(2))
         };
-        let origin = (images.window.x_min, images.window.y_min);
+        let origin = (images.part.data_window.x_min, images.part.data_window.y_min);
         let mut pixels =
             Self::of(Codes::new(reference, Some(test)), size, origin, images.mask, images.estimate);
         let map = |largest, value: &dyn Fn(usize) -> f32| Map::new(size, pixels.map_step, largest, value);
