@@ -108,6 +108,26 @@ def test_another_peak_is_another_white(tmp_path):
     assert "1 skipped" in again("--peak", 10) and "1 of 1 frame filled" in again()
 
 
+def test_the_white_of_an_alpha_is_always_1(tmp_path):
+    y, x = np.mgrid[0:64, 0:64].astype(np.float32)
+    light = (50 + 40 * np.sin(x / 7) * np.cos(y / 6)).astype(np.float32)
+    alpha = (0.5 + 0.3 * np.sin(x * 1.7) * np.cos(y * 2.1)).astype(np.float32)
+    complete = frames.write(tmp_path / "bright.exr", dict.fromkeys("RGB", light) | {"A": alpha})
+    source = sparse(tmp_path, complete, 0.3)
+    found = []
+    for peak in (1, 100):
+        output, record, _ = fill(tmp_path, source, "--filter", "ss", "--peak", peak)
+        found.append(next(item for item in record["estimates"] if item["channels"] == ["A"]))
+        lacuna("verify", source, output)
+        report = tmp_path / "compared.json"
+        lacuna("compare", complete, output, "--peak", peak, "--json", report)
+        group = next(group for group in json.loads(report.read_text())["frames"][0]["groups"] if group["channels"] == ["A"])
+        found[-1]["true"] = group["regions"][0]["measures"]["psnr"]
+    assert found[0] == found[1] and found[0]["psnr"]["estimate"] < 30, found
+    *_, result = fill(tmp_path, source, "--filter", "ss", "--peak", 100, "--min-psnr", 35, status=1)
+    assert "A: about" in result.stderr
+
+
 def test_the_default_chooses_and_is_never_far_behind(tmp_path):
     for source in (COMPLETE, SAMPLES / "edges.exr"):
         mask_of = sparse(tmp_path, source)

@@ -67,11 +67,11 @@ struct MeasureArgs {
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     measures: Vec<String>,
 
-    /// The value of colours and alphas that counts as white, above 0
+    /// The value of colours that counts as white, above 0; that of alphas is 1
     #[arg(long, value_name = "VALUE", default_value = "1", value_parser = peak)]
     peak: f32,
 
-    /// Do not clip colours and alphas to 0 to peak before they are compared
+    /// Do not clip colours and alphas to 0 to white before they are compared
     #[arg(long)]
     no_clip: bool,
 

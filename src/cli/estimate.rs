@@ -19,8 +19,8 @@ pub struct EstimateArgs {
     #[arg(long, value_name = "NAME", num_args = 0..=1, require_equals = true, default_missing_value = "error", value_parser = name)]
     pub error_channel: Option<String>,
 
-    /// The value of colours and alphas that counts as white, above 0, as in compare: errors are estimated of light clipped to 0 and
-    /// this, and decibels are relative to it
+    /// The value of colours that counts as white, above 0, as in compare (that of alphas is 1): errors are estimated of light clipped to
+    /// 0 and this, and decibels are relative to it
     #[arg(long, value_name = "VALUE", default_value = "1", value_parser = peak, conflicts_with = "no_estimate")]
     pub peak: f32,
 

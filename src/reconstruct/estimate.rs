@@ -247,7 +247,7 @@ pub fn line<'a>(groups: impl Iterator<Item = &'a GroupReport>) -> Option<String>
 }
 
 /// The first group of such a line whose figures cannot be those of one error: not numbers, out of order, or a ratio that is not that of the
-/// error beside it, by that peak. What holds no figures says nothing that could be wrong.
+/// error beside it, by that peak or by 1, the white of what is no light. What holds no figures says nothing that could be wrong.
 pub fn contradiction(line: &str, peak: f64) -> Option<&str> {
     line.split("; ").find(|group| figures(group, peak).is_some_and(|holds| !holds))
 }
@@ -257,7 +257,8 @@ fn figures(group: &str, peak: f64) -> Option<bool> {
     let number = |text: &str| text.parse::<f64>().unwrap_or(f64::NAN);
     let last = |text: &str| number(last_word(text));
     // Both are rounded: decibels to a tenth, errors to three digits.
-    let agree = |psnr: f64, rmse: f64| rmse > 0.0 && (psnr - 20.0 * (peak / rmse).log10()).abs() < 0.1;
+    let by = |white: f64, psnr: f64, rmse: f64| (psnr - 20.0 * (white / rmse).log10()).abs() < 0.1;
+    let agree = |psnr: f64, rmse: f64| rmse > 0.0 && [peak, 1.0].iter().any(|white| by(*white, psnr, rmse));
     let within = |estimate: f64, interval: &str| {
         interval.split_once(" to ").is_some_and(|(low, high)| {
             number(low) <= estimate && estimate <= number(high) && number(high).is_finite()
@@ -396,6 +397,8 @@ mod tests {
             assert_eq!(told, said);
             let line = format!("R: {told}");
             assert_eq!((contradiction(&line, 10.0), contradiction(&line, 1.0)), (None, Some(&*line)));
+            let alpha = format!("A: {}", Estimated::new(verdict, 1.0));
+            assert_eq!(contradiction(&alpha, 10.0), None);
         }
     }
 

@@ -63,7 +63,7 @@ pub struct Job {
     pub layers: Vec<String>,
     /// What is to be said of the error of missing pixels.
     pub estimate: Estimate,
-    /// The value that counts as white in what is said of the error.
+    /// The value of light that counts as white in what is said of the error; that of all else is 1.
     pub peak: f32,
     /// The name of the channel that holds the estimated error of each pixel, if there is to be one.
     pub error_channel: Option<String>,

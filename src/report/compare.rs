@@ -71,10 +71,10 @@ fn alone(labels: &[String], side: &str) -> Vec<String> {
 /// What is said of values that only clipping makes equal.
 fn hidden(group: &GroupReport) -> String {
     format!(
-        "{}: more than a twentieth of the values differ only outside 0 to {}, where no clipped measure tells them apart: give \
-         --peak, or --no-clip",
+        "{}: more than a twentieth of the values differ only outside 0 to {}, where no clipped measure tells them apart: {}",
         group.label(),
-        group.peak.unwrap_or(1.0)
+        group.peak.unwrap_or(1.0),
+        group.remedy()
     )
 }
 

@@ -159,8 +159,8 @@ fn not_finite(group: &GroupReport) -> Option<String> {
 fn hidden(group: &GroupReport) -> Option<String> {
     group.hidden?;
     let largest = group.region("all")?.measures.get(Measure::Max)?;
-    let why = "differs only where values are clipped, which no bound sees: give --peak, or --no-clip";
-    (largest == 0.0).then(|| format!("{} {why}", group.label()))
+    let why = "differs only where values are clipped, which no bound sees";
+    (largest == 0.0).then(|| format!("{} {why}: {}", group.label(), group.remedy()))
 }
 
 /// Values beyond one of the data windows, where no bound is over the whole image, or clipping leaves nothing of them.

@@ -13,7 +13,7 @@ use crate::channels::{
 pub enum Kind {
     /// Scene-linear colour: the peak and the clipping are the caller's.
     Colour,
-    /// Coverage: as colour, but never through a display curve.
+    /// Coverage: as colour, but 1 is white whatever the peak, and never through a display curve.
     Alpha,
     /// Depths, normals, positions, motion: the peak is the reference's largest absolute value, nothing is clipped.
     Data,

@@ -11,9 +11,9 @@ use super::measure::{Measure, Wanted};
 /// How images are compared.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Settings {
-    /// The value of colours and alphas that counts as white, above 0.
+    /// The value of colours that counts as white, above 0; that of alphas is 1.
     pub peak: f32,
-    /// Whether colours and alphas are clipped to `[0, peak]` first.
+    /// Whether colours and alphas are clipped to 0 and white first.
     pub clip: bool,
     /// Whether colours are compared after the sRGB curve, clipped to `[0, 1]`; the peak is 1 then.
     pub display: bool,
@@ -143,6 +143,11 @@ impl GroupReport {
     /// The region of that name.
     pub fn region(&self, name: &str) -> Option<&RegionReport> {
         self.regions.iter().find(|region| region.region == name)
+    }
+
+    /// What shows values that clipping makes equal; of an alpha white is 1.
+    pub fn remedy(&self) -> &'static str {
+        if self.kind == Kind::Alpha { "give --no-clip" } else { "give --peak, or --no-clip" }
     }
 
     /// What people call the group: `RGB`, `diffuse.RGB`, `Z`, with the part's name in front where there is one.

@@ -25,9 +25,10 @@ impl Values {
             Kind::Colour if settings.display => {
                 Self { options: Options { peak: 1.0, clip: true }, display: true }
             }
-            Kind::Colour | Kind::Alpha => {
+            Kind::Colour => {
                 Self { options: Options { peak: settings.peak, clip: settings.clip }, display: false }
             }
+            Kind::Alpha => Self { options: Options { peak: 1.0, clip: settings.clip }, display: false },
             Kind::Data | Kind::Codes => {
                 let largest = |plane: &Plane| {
                     plane

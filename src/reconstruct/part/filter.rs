@@ -201,7 +201,7 @@ fn options<'a>(
 pub fn values_options<'a>(group: &Group, names: &[String], job: &Job) -> Options<'a> {
     let mut options = Options::default();
     (options.values, options.domain, options.limit) = (group.values, job.domain, job.limit);
-    options.peak = job.peak;
+    options.peak = if group.values == Values::Light { job.peak } else { 1.0 };
     let free = group.values == Values::Directions;
     let bounds = names.iter().map(|name| if free { Bounds::Free } else { bounds_of(name) });
     options.bounds = bounds.collect();
