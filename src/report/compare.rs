@@ -17,7 +17,7 @@ use super::measure::Measure;
 use super::model::{FrameReport, GroupReport, Measures, RegionReport, Settings};
 use super::values::{Clean, Values, chromaticities, differing, value};
 use super::windows::{self, Placed};
-use crate::channels::{Name, channel_label, is_alpha};
+use crate::channels::{Name, channel_label, is_alpha, view_of};
 use crate::mask::Masks;
 use crate::reconstruct::estimated_errors;
 
@@ -222,16 +222,18 @@ impl Work<'_> {
         Some(self.group.channels.iter().map(one).sum()).filter(|count| *count > 0)
     }
 
-    /// Where the reference's alpha is above 0: that of the layer, else that of the part.
+    /// Where the reference's alpha is above 0: that of the layer, else that of the part; never that of another view.
     fn alpha(&self) -> Option<Vec<bool>> {
         let (part, _) = self.parts();
+        let view = view_of(part, &part.channels[self.group.channels.first()?.0].display_name());
         let with = |layer: &str| {
             part.channels.iter().find(|channel| {
                 let name = channel.display_name();
-                is_alpha(&name) && Name::new(&name).layer == layer
+                is_alpha(&name) && Name::new(&name).layer == layer && view_of(part, &name) == view
             })
         };
-        let channel = with(&self.group.layer).or_else(|| with(""))?;
+        let of_view = || with(view.as_deref()?);
+        let channel = with(&self.group.layer).or_else(|| with("")).or_else(of_view)?;
         let alpha = channel.samples.to_floats()?;
         Some(alpha.iter().map(|&value| value > 0.0).collect())
     }

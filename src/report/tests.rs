@@ -75,6 +75,21 @@ fn regions_and_groups_are_what_they_say() {
 }
 
 #[test]
+fn a_view_takes_no_alpha_of_another() {
+    let pixels = |names: &[&str]| {
+        let value = |name: &&str| float(name, if *name == "right.A" { &[1.0, 1.0] } else { &[0.0, 1.0] });
+        let mut part = part(window(0, 0, 2, 1), names.iter().map(value).collect());
+        part.attributes.set("multiView", "stringvector", b"\x04\0\0\0left\x05\0\0\0right".to_vec());
+        let frame = frame(vec![part]);
+        let report = compare(&frame, &frame, None, &Settings::default(), &mut |_| {}).unwrap();
+        let of = |group: &GroupReport| group.region("alpha")?.measures.get(Measure::Pixels);
+        report.groups.iter().filter(|group| group.kind == Kind::Colour).map(of).collect::<Vec<_>>()
+    };
+    assert_eq!(pixels(&["A", "R", "right.R"]), [Some(1.0), None]);
+    assert_eq!(pixels(&["A", "R", "right.A", "right.R", "right.key.R"]), [Some(1.0), Some(2.0), Some(2.0)]);
+}
+
+#[test]
 fn dear_measures_are_there_only_if_wanted() {
     let plain = compared(&Settings::default());
     let all = compared(&Settings { wanted: Wanted::all(), ..Settings::default() });

@@ -70,6 +70,17 @@ impl Default for Thresholds {
     }
 }
 
+impl Thresholds {
+    fn check(self) -> Result<(), String> {
+        let Self { good, acceptable } = self;
+        // NaN is none either.
+        let ordered = good.partial_cmp(&acceptable).is_some_and(std::cmp::Ordering::is_ge);
+        let why =
+            || format!("verdict: acceptable = {acceptable} is above good = {good}, or one is no number");
+        ordered.then_some(()).ok_or_else(why)
+    }
+}
+
 /// Results and error maps side by side: a column a filter, a row a density and map.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -164,6 +175,7 @@ impl Definition {
         for name in self.patterns.iter().chain(sheets.clone().map(|sheet| &sheet.pattern)) {
             Selection::parse(name)?;
         }
+        self.verdict.check()?;
         twice("density", &self.densities)?;
         twice("seed", &self.seeds)?;
         twice("pattern", &self.patterns)?;

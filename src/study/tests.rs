@@ -227,6 +227,11 @@ fn definitions_that_contradict_themselves_are_refused() {
         (("name = 'a'", "name = 'a/b'"), "name 'a/b'"),
         (("title", "titel"), "titel"),
         (
+            ("[[frames]]", "[verdict]\ngood = 30\nacceptable = 40\n[[frames]]"),
+            "acceptable = 40 is above good = 30",
+        ),
+        (("[[frames]]", "[verdict]\ngood = nan\nacceptable = 40\n[[frames]]"), "no number"),
+        (
             (
                 "[[frames]]",
                 "[[sheets]]\nname = 's'\nframe = 'z'\npattern = 'grid'\ndensities = [0.5]\n[[frames]]",
