@@ -5,9 +5,12 @@
 
 mod file;
 mod finite;
+mod geometry;
 mod names;
 mod overrides;
 mod picture;
+#[cfg(test)]
+mod renderers;
 mod rules;
 #[cfg(test)]
 mod tests;
@@ -15,6 +18,7 @@ mod unheeded;
 
 pub use file::{print_rules, read_rules};
 pub use finite::{non_finite, non_finite_among, non_finite_note};
+pub use geometry::{is_albedo, is_coordinate, is_position};
 use lacuna_exr::{Frame, Part, Samples};
 pub use names::{
     Name, channel_label, full_names, list_channels, names_view, part_label, rgb_place, view_of, visible,
@@ -22,10 +26,7 @@ pub use names::{
 };
 pub use overrides::{Override, OverrideError};
 pub use picture::{MAIN, Shown, shown};
-pub use rules::{
-    by_default, is_albedo, is_alpha, is_code, is_colour, is_coordinate, is_label, is_light, is_matte,
-    is_position, motion_axis,
-};
+pub use rules::{by_default, is_alpha, is_code, is_colour, is_label, is_light, is_matte, motion_axis};
 use serde::Serialize;
 pub use unheeded::unheeded;
 

@@ -22,24 +22,26 @@ impl<'a> Name<'a> {
 }
 
 /// The words of a name, in lower case: runs of letters, split at every other character, before a capital that
-/// follows a small letter, and before the last capital of a run of them (`VRayMtlID` is v, ray, mtl, id).
+/// follows a small letter, and before the last capital of a run of them (`VRayMtlID` is v, ray, mtl, id). The end of
+/// an ordinal belongs to its number (`1st_bounce` is bounce).
 pub fn words(name: &str) -> Vec<String> {
     let letters: Vec<char> = name.chars().collect();
-    let mut words = Vec::new();
-    let mut word = String::new();
+    let (mut words, mut word) = (Vec::new(), String::new());
+    let mut ends = |word: &mut String, end: usize| {
+        let word = std::mem::take(word);
+        let number = end.checked_sub(3).is_some_and(|digit| letters[digit].is_ascii_digit());
+        let ordinal = number && ["st", "nd", "rd", "th"].contains(&word.as_str());
+        words.extend((!word.is_empty() && !ordinal).then_some(word));
+    };
     for (i, &letter) in letters.iter().enumerate() {
-        if !letter.is_alphabetic() {
-            words.extend((!word.is_empty()).then(|| std::mem::take(&mut word)));
-            continue;
-        }
         let after_small = i > 0 && letters[i - 1].is_lowercase();
         let before_small = letters.get(i + 1).is_some_and(|next| next.is_lowercase());
-        if letter.is_uppercase() && (after_small || before_small) && !word.is_empty() {
-            words.push(std::mem::take(&mut word));
+        if !letter.is_alphabetic() || (letter.is_uppercase() && (after_small || before_small)) {
+            ends(&mut word, i);
         }
-        word.extend(letter.to_lowercase());
+        word.extend(letter.to_lowercase().filter(|_| letter.is_alphabetic()));
     }
-    words.extend((!word.is_empty()).then_some(word));
+    ends(&mut word, letters.len());
     words
 }
 
@@ -166,6 +168,10 @@ mod tests {
         assert_eq!(of("SAMPLECOUNT"), "samplecount");
         assert_eq!(of("Diffuse Direct.R"), "diffuse direct r");
         assert_eq!(of("..7"), "");
+        assert_eq!(of("1st_bounce.R"), "bounce r");
+        assert_eq!(of("st.R"), "st r");
+        assert_eq!(of("lgt_2nd"), "lgt");
+        assert_eq!(of("1stBounce"), "bounce");
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Which channels of a part its picture is made of.
 
+use super::geometry::is_albedo;
 use super::names::{Name, rgb_place, words};
-use super::rules::{is_albedo, is_light};
+use super::rules::is_light;
 
 /// Layers of the colour itself, as renderers call them.
 pub const MAIN: [&str; 3] = ["beauty", "combined", "rgba"];

@@ -3,6 +3,9 @@
 use lacuna_exr::{Part, Samples};
 
 use super::Rule;
+use super::geometry::{
+    DEPTHS, NORMALS, is_clear_motion, is_coordinate, is_motion, is_position, is_statistic,
+};
 use super::names::{Name, words};
 
 /// What the rows of the table look at.
@@ -89,26 +92,6 @@ const IDENTIFIERS: &[&str] = &[
     "indexma",
 ];
 
-/// Words for motion and stereo disparity, whatever the component.
-const MOTION: &[&str] = &[
-    "motion",
-    "motionvector",
-    "motionvectors",
-    "motionvec",
-    "mvec",
-    "mv",
-    "velocity",
-    "vector",
-    "vectors",
-    "disparity",
-];
-
-/// Words for motion if the component is a coordinate: `forward.u`, but not `forward.R`.
-const DIRECTED: &[&str] = &["forward", "backward", "flow", "motionfw", "motionbw"];
-
-/// Layers of normals that are too short to be words.
-const NORMALS: &[&str] = &["N", "n", "Ng", "Ns", "Nn", "Nf"];
-
 fn has(words: &[String], list: &[&str]) -> bool {
     words.iter().any(|word| list.contains(&word.as_str()))
 }
@@ -162,8 +145,13 @@ fn is_named_cryptomatte(subject: &Subject<'_>) -> bool {
     has(&subject.words, &["crypto", "cryptomatte", "cryptoobject", "cryptomaterial", "cryptoasset"])
 }
 
+/// What is chosen by an identifier is light or a mask, and none: `BY_OBJECT_ID_2.R`, `VRayLightSelect_ID_3.R`, `OBJECT_ID_MASK_1`.
 fn is_identifier(subject: &Subject<'_>) -> bool {
-    has(&subject.words, IDENTIFIERS)
+    let at = subject.words.iter().position(|word| IDENTIFIERS.contains(&word.as_str()));
+    at.is_some_and(|at| {
+        let (before, after) = subject.words.split_at(at);
+        !has(before, &["by", "select", "matte", "multimatte"]) && !has(after, &["mask", "matte"])
+    })
 }
 
 /// Mist is antialiased like colour, and no distance.
@@ -216,24 +204,19 @@ fn few_values(samples: &Samples) -> bool {
     }
 }
 
-/// `Z` and `ZBack` in any layer that has no `X` beside them, and everything in a layer called depth.
+/// A `Z` without an `X` beside it (`ZBack`, `volume_Z`, Mantra's `Pz`), and everything in a layer called depth.
 fn is_depth(subject: &Subject<'_>) -> bool {
-    let Name { layer, component } = Name::new(&subject.full);
-    let component = words(component);
-    let z = component.first().is_some_and(|word| word == "z" || word == "zback" || word == "zfront")
-        && component.get(1).is_none_or(|word| ["back", "front", "depth", "buffer"].contains(&word.as_str()))
-        && component.len() <= 2;
-    let vector = sibling(subject.part, layer, &["x"]).is_some();
-    let depth_of_field = subject.words.windows(2).any(|pair| pair[0] == "depth" && pair[1] == "of");
-    let named = has(&subject.words, &["depth", "zdepth", "zback", "zbuffer"]) && !depth_of_field;
-    (z && !vector) || named
+    !is_statistic(&subject.full) && (is_lone_z(subject) || DEPTHS.are_meant(&subject.full))
 }
 
-/// Whether a channel is motion or disparity, by its name: `Vector.X`, `motion.u`, `forward.u`, `disparityL.x`.
-fn is_motion(full: &str) -> bool {
-    let (words, component) = (words(full), Name::new(full).component.to_ascii_lowercase());
-    let coordinate = ["u", "v", "x", "y", "z", "w"].contains(&component.as_str());
-    has(&words, MOTION) || (coordinate && has(&words, DIRECTED))
+fn is_lone_z(subject: &Subject<'_>) -> bool {
+    let mut component = words(Name::new(&subject.full).component);
+    while component.last().is_some_and(|word| ["back", "front", "depth", "buffer"].contains(&word.as_str())) {
+        component.pop();
+    }
+    let ends = component.last().is_some_and(|word| ["z", "pz", "zback", "zfront"].contains(&word.as_str()));
+    let x = |at: usize| format!("{}x{}", &subject.full[..at], &subject.full[at + 1..]);
+    ends && subject.full.rfind(['z', 'Z']).is_some_and(|at| find(subject.part, &x(at)).is_none())
 }
 
 /// The axis along which a channel counts pixels, if it is motion or disparity in pixels: 0 across, 1 down. Velocities are of space;
@@ -245,14 +228,9 @@ pub fn motion_axis(part: &Part, channel: usize) -> Option<usize> {
     let Name { layer, component } = Name::new(&subject.full);
     let light = sibling(part, layer, &["b"]).is_some();
     let space = sibling(part, layer, &["z"]).is_some() && sibling(part, layer, &["w"]).is_none();
-    let vague: &[&str] = match (light, space) {
-        (true, _) => &["motion", "mv", "vector", "vectors"],
-        (_, true) => &["vector", "vectors"],
-        _ => &[],
-    };
-    let told = |word: &&String| MOTION.contains(&word.as_str()) || DIRECTED.contains(&word.as_str());
-    let certain = subject.words.iter().filter(told).any(|word| !vague.contains(&word.as_str()));
-    if has(&subject.words, &["velocity"]) || !(certain || subject.words.concat().contains("motionvec")) {
+    let vague = (light && !is_clear_motion(&subject.full))
+        || (space && has(&subject.words, &["vector", "vectors"]) && !has(&subject.words, &["motion", "mv"]));
+    if has(&subject.words, &["velocity"]) || vague {
         return None;
     }
     match component.to_ascii_lowercase().as_str() {
@@ -267,28 +245,9 @@ fn is_normal(subject: &Subject<'_>) -> bool {
     normal_siblings(subject.part, subject.index).is_some()
 }
 
-/// Whether a channel is a coordinate in space: `P.X`, `Px`, `position.*`.
-pub fn is_position(full: &str) -> bool {
-    let Name { layer, component } = Name::new(full);
-    let last = Name::new(layer).component;
-    let pbrt = layer.is_empty() && ["Px", "Py", "Pz"].contains(&component);
-    last == "P" || last == "Pref" || pbrt || has(&words(last), &["position", "pos", "point", "pref", "wpos"])
-}
-
-/// Whether a channel is a texture coordinate, by its layer: `uv.u`, `ViewLayer.UV.X`, `st.R`, `texcoord.V`.
-fn is_texture_coordinate(full: &str) -> bool {
-    let layer = words(Name::new(Name::new(full).layer).component);
-    has(&layer, &["uv", "uvs", "st", "texcoord", "texcoords", "texturecoordinates"])
-}
-
 /// Whether a channel that is filled is light: not an alpha, a matte or a coordinate.
 pub fn is_light(full: &str) -> bool {
     !is_alpha(full) && !is_matte(full) && !is_coordinate(full)
-}
-
-/// Whether a channel that is filled is one of a vector of space, of a texture or of motion, whose unit is not that of light.
-pub fn is_coordinate(full: &str) -> bool {
-    is_position(full) || is_texture_coordinate(full) || is_motion(full)
 }
 
 /// Whether a channel is a colour by its component; `Y` is a luminance unless there is an `X` beside it.
@@ -307,24 +266,6 @@ fn is_colour_of(subject: &Subject<'_>) -> bool {
 pub fn is_alpha(full: &str) -> bool {
     let component = Name::new(full).component.to_ascii_lowercase();
     ["a", "alpha", "ar", "ag", "ab"].contains(&component.as_str())
-}
-
-/// Words that, joined, make a layer one of surface colours without light.
-const ALBEDO: &[&str] = &[
-    "albedo",
-    "basecolor",
-    "basecolour",
-    "diffcol",
-    "diffusecolor",
-    "glosscol",
-    "glossycolor",
-    "diffusefilter",
-];
-
-/// Whether a channel is the colour of a surface, light left out: `albedo.R`, `DiffCol.G`, `Diffuse Color.B`.
-pub fn is_albedo(full: &str) -> bool {
-    let layer = words(Name::new(full).layer).concat();
-    ALBEDO.iter().any(|word| layer.contains(word))
 }
 
 /// Whether a channel holds one identifier a pixel, by its name (not Cryptomatte, which holds several).
@@ -353,20 +294,13 @@ pub fn is_matte(full: &str) -> bool {
 pub fn normal_siblings(part: &Part, channel: usize) -> Option<[usize; 3]> {
     let full = part.channels.get(channel)?.display_name().into_owned();
     let Name { layer, component } = Name::new(&full);
-    let last = Name::new(layer).component;
-    let stem = last.split('_').next().unwrap_or(last);
-    let triples = if NORMALS.contains(&stem) || has(&words(last), &["normal", "normals"]) {
+    let stem = component.strip_suffix(['x', 'y', 'z', 'X', 'Y', 'Z']).unwrap_or("");
+    let triples = if !layer.is_empty() && NORMALS.are_meant(&full) {
         siblings(part, layer)
-    } else if layer.is_empty() {
-        let stem = component.strip_suffix(['x', 'y', 'z', 'X', 'Y', 'Z']).unwrap_or("");
-        let plain = stem.trim_end_matches('_');
-        if NORMALS.contains(&plain) || has(&words(plain), &["normal", "normals"]) {
-            vec![["x", "y", "z"].map(|axis| find(part, &format!("{stem}{axis}")))]
-        } else {
-            Vec::new()
-        }
+    } else if layer.is_empty() && NORMALS.are_meant(&format!("{stem}.x")) {
+        vec![["x", "y", "z"].map(|axis| find(part, &format!("{stem}{axis}")))]
     } else {
-        Vec::new()
+        return None;
     };
     triples.into_iter().find_map(|triple| {
         let [Some(x), Some(y), Some(z)] = triple else { return None };
