@@ -76,7 +76,7 @@ struct PatternArgs {
     #[arg(long, value_name = "PATTERN")]
     pattern: Option<PatternName>,
 
-    /// Another pattern of the same kind; after a first pass, the seed of that [default: 0]
+    /// Another pattern of the same kind, of which a grid has n^2; after a first pass, the seed of that [default: 0]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
 

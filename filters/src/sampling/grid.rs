@@ -1,13 +1,13 @@
 //! Grid: every n-th pixel of every n-th row, as for upscaling by a whole factor.
 //!
 //! The step n is `round(sqrt(1 / D))`: the density is 1 / n^2, the next one to D that squares allow, and not D itself.
-//! Anchored to absolute coordinates: the pixels with `x = a`, `y = b` modulo n; seed 0 and frame 0 have a = b = 0, another
-//! seed another offset. Frames k = 0, 1, ... run through all n^2 offsets, each next one far from those before.
+//! Anchored to absolute coordinates: the pixels with `x = a`, `y = b` modulo n; seed 0 and frame 0 have a = b = 0. Frames
+//! k = 0, 1, ... run through all n^2 offsets, each next one far from those before, and so do seeds.
 //!
 //! Properties: best hole size for its count, worst spectrum: all energy in a few peaks, so that detail beyond them
 //! aliases into patterns. Not progressive. Cost: two divisions a pixel. Fails: only 1, 1/4, 1/9, ... can be had.
 
-use super::{Field, checked, hash};
+use super::{Field, checked};
 use crate::{Error, Mask};
 
 /// The mask of one frame.
@@ -33,12 +33,11 @@ fn step(density: f64) -> Option<i64> {
 /// The place of a frame within the step x step block.
 fn offset(step: i64, seed: u64, frame: i64) -> (i64, i64) {
     let count = step * step;
-    let start = if seed == 0 { 0 } else { (hash(seed, 0) % count as u64) as i64 };
     // A stride near the golden share of the block, coprime with it, visits all places far apart.
     let golden = (count as f64 * 0.618_033_988_749_894_9).round().max(1.0) as i64;
     let stride = (golden..=golden + count).find(|&stride| gcd(stride, count) == 1).unwrap_or(1);
-    let steps = i128::from(frame.rem_euclid(count)) * i128::from(stride);
-    let place = ((i128::from(start) + steps) % i128::from(count)) as i64;
+    let steps = i128::from(seed) + i128::from(frame.rem_euclid(count));
+    let place = (steps % i128::from(count) * i128::from(stride) % i128::from(count)) as i64;
     (place % step, place / step)
 }
 
@@ -48,6 +47,8 @@ fn gcd(a: i64, b: i64) -> i64 {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
     use crate::Size;
 
@@ -75,10 +76,10 @@ mod tests {
     #[test]
     fn offsets_visit_every_place_once() {
         for step in 1..12 {
-            let mut places: Vec<_> = (0..step * step).map(|frame| offset(step, 9, frame)).collect();
-            places.sort_unstable();
-            places.dedup();
-            assert_eq!(places.len() as i64, step * step);
+            let frames: BTreeSet<_> = (0..step * step).map(|frame| offset(step, 9, frame)).collect();
+            let seeds: BTreeSet<_> = (0..step * step).map(|seed| offset(step, seed as u64, 0)).collect();
+            assert_eq!([frames.len() as i64, seeds.len() as i64], [step * step; 2]);
+            assert_eq!(offset(step, 0, 0), (0, 0));
         }
     }
 }
