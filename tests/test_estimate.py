@@ -154,7 +154,8 @@ def test_the_error_channel_is_zero_where_measured_and_as_large_as_the_error_else
     plain, _, _ = fill(tmp_path, source)
     assert "error" not in oiio.ImageBuf(str(plain)).spec().channelnames
     lacuna("verify", source, output)
-    named, _, result = fill(tmp_path, source, "--error-channel=R")
+    own = frames.write(tmp_path / "own.exr", {"R": read(source, "R")[..., 0], "error": error, "mask": mask})
+    named, _, result = fill(tmp_path, own, "--error-channel=error")
     assert "there is one of that name" in result.stderr
 
 
@@ -187,7 +188,7 @@ def test_a_gate_writes_the_frame_and_fails(tmp_path):
     assert kept.status == 1 and "not estimated" in kept.stderr
 
 
-@pytest.mark.parametrize("flags", [["--min-psnr", "x"], ["--max-rmse", "-1"], ["--max-rmse", "nan"], ["--no-estimate", "--min-psnr", "3"], ["--error-channel=a b"]])
+@pytest.mark.parametrize("flags", [["--min-psnr", "x"], ["--max-rmse", "-1"], ["--max-rmse", "nan"], ["--no-estimate", "--min-psnr", "3"], ["--error-channel=a b"], ["--error-channel=mask"]])
 def test_senseless_bounds_are_refused(tmp_path, flags):
     source = sparse(tmp_path)
     result = lacuna("fill", source, "-o", tmp_path / "full.exr", *flags, ok=False)

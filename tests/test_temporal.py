@@ -463,8 +463,9 @@ def test_that_there_are_no_neighbours_is_told_once(tmp_path):
     assert log.count("no frame has a neighbour") == 1 and "s.0002.exr" in log and "at most 3 away" in log
     log = fill(tmp_path / "s.####.exr", tmp_path / "out", "--temporal", "10").stderr
     assert "no frame has a neighbour" not in log
-    result = fill(tmp_path / "s.####.exr", tmp_path / "out", "--motion", "flow", ok=False)
-    assert result.status == 2 and "--temporal" in result.stderr
+    for flags in ([], ["--temporal", "none"]):
+        result = fill(tmp_path / "s.####.exr", tmp_path / "out", *flags, "--motion", "flow", ok=False)
+        assert result.status == 2 and "--motion goes with --temporal auto" in result.stderr
 
 
 def test_depth_and_vectors_may_stand_in_another_part(tmp_path):

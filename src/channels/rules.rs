@@ -1,6 +1,6 @@
 //! The default rules: what a channel's name, type and part say about it, as a table read from the top.
 
-use lacuna_exr::{Part, Samples};
+use lacuna_exr::{Channel, Part, Samples, Window};
 
 use super::Rule;
 use super::geometry::{
@@ -30,6 +30,9 @@ struct Row {
     holds: fn(&Subject<'_>) -> bool,
 }
 
+/// Why a channel that no other row is for is filled.
+const NO_RULE: &str = "a float channel without a rule of its own";
+
 /// First match wins.
 const TABLE: &[Row] = &[
     Row { rule: Rule::Keep, why: "a mask that is not in use", holds: is_mask },
@@ -51,7 +54,7 @@ const TABLE: &[Row] = &[
     Row { rule: Rule::Fill, why: "a matte", holds: |subject| is_matte(&subject.full) },
     Row { rule: Rule::Fill, why: "a position", holds: |subject| is_position(&subject.full) },
     Row { rule: Rule::Fill, why: "colour", holds: is_colour_of },
-    Row { rule: Rule::Fill, why: "a float channel without a rule of its own", holds: |_| true },
+    Row { rule: Rule::Fill, why: NO_RULE, holds: |_| true },
 ];
 
 /// The default rule for a channel of a part, and why.
@@ -61,6 +64,15 @@ pub fn by_default(part: &Part, channel: usize) -> (Rule, &'static str) {
         .iter()
         .find(|row| (row.holds)(&subject))
         .map_or((Rule::Fill, "a float channel"), |row| (row.rule, row.why))
+}
+
+/// What a channel is taken for by its name alone, if that is anything but numbers.
+pub fn meaning(name: &str) -> Option<&'static str> {
+    let samples = Samples::Float(vec![0.0]);
+    let channel = Channel { name: name.into(), perceptually_linear: false, samples };
+    let window = Window { x_min: 0, y_min: 0, x_max: 0, y_max: 0 };
+    let (_, why) = by_default(&Part::new(window, vec![channel]), 0);
+    (why != NO_RULE).then_some(why)
 }
 
 /// Words that make a channel an identifier wherever they stand in its name.

@@ -4,7 +4,8 @@ use clap::Args;
 use lacuna_filters::fill::Estimate;
 
 use super::numbers::peak;
-use crate::reconstruct::Gate;
+use crate::channels;
+use crate::reconstruct::{Gate, NoiseSource};
 
 /// The estimated error.
 #[derive(Args, Clone, Debug)]
@@ -35,7 +36,13 @@ pub struct EstimateArgs {
 
 fn name(text: &str) -> Result<String, String> {
     let plain = !text.is_empty() && text.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c));
-    if plain { Ok(text.into()) } else { Err("must be letters, digits, '_', '-' or '.'".into()) }
+    if !plain {
+        return Err("must be letters, digits, '_', '-' or '.'".into());
+    }
+    match channels::meaning(text).or(NoiseSource::is_variance(text).then_some("a variance")) {
+        Some(what) => Err(format!("would be read as {what}: choose another name, such as error")),
+        None => Ok(text.into()),
+    }
 }
 
 fn decibels(text: &str) -> Result<f64, String> {
@@ -66,6 +73,30 @@ impl EstimateArgs {
 #[cfg(test)]
 mod tests {
     use crate::cli::{Ending, Job, parse};
+
+    #[test]
+    fn a_channel_of_errors_is_named_so_that_it_is_read_as_one() {
+        let of = |name: &str| {
+            parse(format!("lacuna fill a.exr -o b.exr --error-channel={name}").split(' ').map(Into::into))
+        };
+        for name in ["error", "sigma", "rms", "my.error", "stddev"] {
+            assert!(matches!(of(name), Ok(Job::Fill(_))), "{name}");
+        }
+        for (name, what) in [
+            ("mask", "a mask"),
+            ("MASK", "a mask"),
+            ("A", "alpha"),
+            ("err.Y", "colour"),
+            ("Z", "a depth"),
+            ("samples", "a count"),
+            ("id", "an identifier"),
+            ("variance", "a variance"),
+        ] {
+            let refused =
+                matches!(of(name), Err(Ending::Usage(text)) if text.contains(&format!("read as {what}")));
+            assert!(refused, "{name}");
+        }
+    }
 
     #[test]
     fn the_peak_is_named_where_it_is_another_than_1() {

@@ -173,7 +173,7 @@ impl Groups<'_> {
             guides_from: self.guides.and_then(|guides| guides.guides_from.clone()),
             weights: self.weights.and_then(|weights| weights.weights.clone()),
             noise: NoiseSource::None,
-            temporal: self.temporal.map_or_else(Temporal::default, TemporalArgs::temporal),
+            temporal: self.temporal.map_or_else(|| Ok(Temporal::default()), TemporalArgs::temporal)?,
             layers: layers.iter().map(ToString::to_string).collect(),
             estimate: self.estimate.map_or(Estimate::No, EstimateArgs::estimate),
             peak: self.estimate.map_or(1.0, |estimate| estimate.peak),

@@ -18,15 +18,18 @@ pub struct TemporalArgs {
     #[arg(long, value_name = "FRAMES", default_value = "none")]
     pub temporal: Window,
 
-    /// What motion is known from
-    #[arg(long, value_name = "SOURCE", default_value = "auto", requires = "temporal")]
-    pub motion: Motion,
+    /// What motion is known from [default: auto]
+    #[arg(long, value_name = "SOURCE")]
+    pub motion: Option<Motion>,
 }
 
 impl TemporalArgs {
     /// What is asked for.
-    pub fn temporal(&self) -> Temporal {
-        Temporal { window: self.temporal, motion: self.motion }
+    pub fn temporal(&self) -> Result<Temporal, Usage> {
+        if self.temporal == Window::None && self.motion.is_some() {
+            return Err(Usage("--motion goes with --temporal auto or a number of frames".into()));
+        }
+        Ok(Temporal { window: self.temporal, motion: self.motion.unwrap_or_default() })
     }
 
     /// Only a filter that chooses by held-out samples takes them.

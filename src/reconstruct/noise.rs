@@ -113,6 +113,11 @@ struct Doubt {
 }
 
 impl NoiseSource {
+    /// Whether `auto` takes a channel of this name for a variance.
+    pub fn is_variance(name: &str) -> bool {
+        VARIANCES.contains(&name)
+    }
+
     /// What is there for a channel.
     fn known(&self, part: &Part, channel: usize) -> Option<Known> {
         let halves = |a: &str, b: &str| {
