@@ -40,6 +40,20 @@ def test_noise_is_smoothed(tmp_path, noise):
         assert np.allclose(plain[name], after[name], atol=1e-6), name
 
 
+@pytest.mark.parametrize("noise", ["variance:variance", "auto"])
+def test_the_only_colour_of_a_variance_serves_all(tmp_path, noise):
+    """Grey stays grey."""
+    truth = frames.colour(COMPLETE)[..., 1]
+    mask, random = frames.shuffle(*truth.shape, DENSITY), np.random.default_rng(1)
+    grey = np.where(mask, truth + random.normal(0, 0.1, truth.shape), 0).astype(np.float32)
+    planes = dict.fromkeys("RGB", grey) | {"mask": mask.astype(np.float32), "variance.R": np.where(mask, np.float32(0.01), np.float32(0))}
+    source = frames.write(tmp_path / "grey.exr", planes)
+    result = lacuna("fill", source, "-o", tmp_path / "smooth.exr", "--noise", noise, "--no-estimate")
+    assert "B, G: smoothed by variance.R, the only colour of its layer" in result.stderr
+    [out] = frames.read(tmp_path / "smooth.exr")
+    assert np.abs(out["R"] - out["G"]).max() < 1e-3 and np.abs(out["R"] - out["B"]).max() < 1e-3
+
+
 def test_smoothed_colour_stays_within_its_alpha(tmp_path):
     truth = frames.colour(COMPLETE) + np.float32(0.2)
     rows, columns = np.indices(truth.shape[:2])

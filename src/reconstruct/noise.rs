@@ -13,7 +13,7 @@ use super::Error;
 use super::gradients::sibling;
 use super::groups::{Group, Target, groups, usable};
 use super::weights::Weights;
-use crate::channels::{MAIN, Name, Rule, list_channels};
+use crate::channels::{MAIN, Name, Rule, list_channels, rgb_place};
 
 /// Names of half buffers that are looked for.
 const HALVES: [[&str; 2]; 4] =
@@ -99,6 +99,20 @@ fn of_layer(part: &Part, channel: usize, layer: &str) -> Option<usize> {
     sibling(part, channel, layer).or_else(outside).or_else(beauty)
 }
 
+/// The only colour of such a layer, which serves the other colours as well: smoothed by other means they would tint.
+fn only(part: &Part, channel: usize, layer: &str) -> Option<usize> {
+    let full = part.channels[channel].display_name();
+    let own = rgb_place(&full).map(|_| Name::new(&full).layer)?;
+    let layers = [format!("{own}.{layer}"), format!("{layer}.{own}")];
+    let fits = |at: &usize| {
+        let full = part.channels[*at].display_name();
+        let Name { layer, component } = Name::new(&full);
+        layers.iter().any(|one| one.trim_matches('.') == layer) && COLOURS.contains(&component)
+    };
+    let mut found = (0..part.channels.len()).filter(fits);
+    found.next().filter(|_| found.next().is_none())
+}
+
 /// What the noise of a channel is known from.
 #[derive(Clone, Copy)]
 enum Known {
@@ -123,7 +137,10 @@ impl NoiseSource {
         let halves = |a: &str, b: &str| {
             Some(Known::Halves([of_layer(part, channel, a)?, of_layer(part, channel, b)?]))
         };
-        let variance = |layer: &str| of_layer(part, channel, layer).map(Known::Variance);
+        let variance = |layer: &str| {
+            let own = of_layer(part, channel, layer).or_else(|| only(part, channel, layer));
+            own.map(Known::Variance)
+        };
         // One channel may serve all, if it is named, and those of its layer.
         let one = |name: &str| named(part, name).map(Known::Variance);
         let full = part.channels[channel].display_name();
@@ -180,20 +197,36 @@ impl NoiseSource {
         parts.filter(|group| !group.channels.is_empty()).collect()
     }
 
-    /// Channels that nothing tells the noise of, though it does of others of their group: what is to be said of them.
+    /// Channels of whose noise nothing tells though it does of others of their group, or only what tells of another: what is to be said
+    /// of them.
     pub fn untold(&self, part: &Part, groups: &[Group]) -> Vec<String> {
-        let (Self::Halves(..) | Self::Variance(_)) = self else { return Vec::new() };
-        let light = groups.iter().filter(|group| group.values == Values::Light);
+        let name = |at: usize| part.channels[at].display_name();
+        let component = |at: usize| Name::new(&name(at)).component.to_owned();
+        let listed = |channels: &[usize]| channels.iter().map(|&at| name(at)).collect::<Vec<_>>().join(", ");
         let one = |group: &Group| {
-            let (known, other): (Vec<usize>, Vec<usize>) =
-                group.channels.iter().partition(|&&channel| self.known(part, channel).is_some());
-            let names: Vec<_> = other.iter().map(|&at| part.channels[at].display_name()).collect();
-            let names = names.join(", ");
-            (!known.is_empty() && !other.is_empty()).then(|| {
+            let known = |channel: usize| self.known(part, channel);
+            let (told, other): (Vec<usize>, Vec<usize>) =
+                group.channels.iter().partition(|&&channel| known(channel).is_some());
+            let lent = |channel: usize| match known(channel) {
+                Some(Known::Variance(at)) if COLOURS.contains(&component(at).as_str()) => {
+                    (component(at) != component(channel)).then_some(at)
+                }
+                _ => None,
+            };
+            let borrowers: Vec<usize> =
+                told.iter().copied().filter(|&channel| lent(channel).is_some()).collect();
+            let named = matches!(self, Self::Halves(..) | Self::Variance(_));
+            let nothing = (named && !told.is_empty() && !other.is_empty()).then(|| {
+                let names = listed(&other);
                 format!("{names}: --noise {self} has nothing for it: measured pixels are not smoothed")
-            })
+            });
+            let another = borrowers.first().and_then(|&channel| lent(channel)).map(|at| {
+                format!("{}: smoothed by {}, the only colour of its layer", listed(&borrowers), name(at))
+            });
+            [nothing, another]
         };
-        light.filter_map(one).collect()
+        let light = groups.iter().filter(|group| group.values == Values::Light);
+        light.flat_map(one).flatten().collect()
     }
 
     /// Layers that were named must be there for some channel that is filled.
