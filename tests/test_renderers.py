@@ -161,6 +161,19 @@ def test_vectors_of_mitsuba_lead_to_the_next_frame(camera, tmp_path):
     assert compared >= 3
 
 
+def test_vectors_of_the_last_file_go_on_as_from_the_one_before(tmp_path):
+    text = (SCENES / "moving.xml").read_text()
+    for frame in (4, 5, 9):
+        (tmp_path / f"s.{frame:04}.xml").write_text(text.replace("$frame", str(frame)))
+    words = ("--density", "1", "--spp", "1", "--motion", *SMALL)
+    result = bridge("mitsuba_sparse.py", tmp_path / "s.####.xml", "-o", tmp_path / "shot.####.exr", "--frames", "4,5,9", *words)
+    assert "s.0005.xml: motion as from the frame before" in result.stdout and "s.0009.xml: no motion" in result.stdout
+    one, two, alone = (frames.read(tmp_path / f"shot.{frame:04}.exr")[0] for frame in (4, 5, 9))
+    for name in ("motion.X", "motion.Y"):
+        assert np.abs(one[name]).max() > 0.5 and np.median(np.abs(one[name] - two[name])) < 0.1 * np.median(np.abs(one[name]))
+        assert name not in alone
+
+
 SHAPES = """<scene version="3.0.0">
     <integrator type="path"/>
     <sensor type="perspective">

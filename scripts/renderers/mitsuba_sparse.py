@@ -307,6 +307,19 @@ def load(arguments, frame):
     return scene
 
 
+def motion_of(arguments, frame, scene, size):
+    """Vectors to the next frame; in the last one of a sequence of files those to the frame before, turned around."""
+    there = [step for step in (1, -1) if scene_path(arguments, frame + step).is_file()]
+    if not there:
+        print(f"{scene_path(arguments, frame)}: no motion, as there is no scene of the frame after or before it", flush=True)
+        return {}
+    step = there[0]
+    planes = mitsuba_motion.vectors(scene, load(arguments, frame + step), size)
+    if step == -1:
+        print(f"{scene_path(arguments, frame)}: motion as from the frame before, as there is no scene of the next one", flush=True)
+    return {name: step * plane for name, plane in planes.items()}
+
+
 def render(arguments, frame):
     scene = load(arguments, frame)
     check_names(arguments, scene, scene_path(arguments, frame))
@@ -318,7 +331,7 @@ def render(arguments, frame):
     complete = {}
     full = (0, 0, int(screen.size()[0]) - 1, int(screen.size()[1]) - 1)
     kind = np.float16 if arguments.half else np.float32
-    motion = mitsuba_motion.vectors(scene, load(arguments, frame + 1), (width, height)) if arguments.motion else {}
+    motion = motion_of(arguments, frame, scene, (width, height)) if arguments.motion else {}
 
     def draw(mask, path):
         clock, took = sparse.Clock(), []
