@@ -23,7 +23,10 @@ mod tests {
     fn names_have_bounds() {
         let of = |bounds: Bounds, names: &[&str]| names.iter().all(|name| bounds_of(name) == bounds);
         assert!(of(Bounds::Unit, &["A", "spec.alpha", "hair.mask", "AR"]));
-        assert!(of(Bounds::Positive, &["R", "Diffuse Direct.G", "Variance.R"]));
+        assert!(of(
+            Bounds::Positive,
+            &["R", "Diffuse Direct.G", "Variance.R", "point_light.R", "1st_bounce.G"]
+        ));
         assert!(of(Bounds::Free, &["P.X", "Px", "position.Z", "uv.U"]));
     }
 }
