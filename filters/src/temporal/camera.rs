@@ -5,6 +5,9 @@
 
 use crate::Size;
 
+/// Pivots of an equilibrated matrix that are rounding.
+const SINGULAR: f64 = 1e-12;
+
 /// A matrix for row vectors.
 pub type Matrix = [[f64; 4]; 4];
 
@@ -31,8 +34,13 @@ impl Camera {
     /// Nothing if the matrices are not those of a camera.
     pub fn new(world_to_camera: &Matrix, world_to_ndc: &Matrix, size: Size) -> Option<Self> {
         let to_world = inverse(world_to_camera)?;
-        inverse(world_to_ndc)?;
         let projection = product(&to_world, world_to_ndc);
+        // Only x, y and w are asked of device coordinates: far from the origin their z is nearly w, which says nothing of the camera.
+        let ([a, b], [c, d]) = ([projection[0][0], projection[1][0]], [projection[0][1], projection[1][1]]);
+        let flat = (a * d - b * c).abs() <= SINGULAR * a.hypot(b) * c.hypot(d);
+        if flat || !projection.iter().chain(world_to_ndc).flatten().all(|v| v.is_finite()) {
+            return None;
+        }
         Some(Self { to_ndc: *world_to_ndc, to_world, projection, size })
     }
 
@@ -91,27 +99,61 @@ fn product(a: &Matrix, b: &Matrix) -> Matrix {
     std::array::from_fn(|r| times(a[r], b))
 }
 
-/// By Gauss-Jordan with pivots; nothing if it is singular or not finite.
+/// By Gauss-Jordan with complete pivots, which tell a singular matrix; nothing for one, or one that is not finite.
 fn inverse(m: &Matrix) -> Option<Matrix> {
+    let (m, rows, columns) = equilibrated(m);
     let mut a: [[f64; 8]; 4] = std::array::from_fn(|r| {
         std::array::from_fn(|c| if c < 4 { m[r][c] } else { f64::from(u8::from(c - 4 == r)) })
     });
-    let scale = m.iter().flatten().fold(0.0, |top: f64, v| top.max(v.abs()));
-    for column in 0..4 {
-        let pivot = (column..4).max_by(|&i, &j| a[i][column].abs().total_cmp(&a[j][column].abs()))?;
-        if !a[pivot][column].is_finite() || a[pivot][column].abs() <= 1e-12 * scale {
+    // Which column each row is solved for.
+    let mut solved = [None; 4];
+    for _ in 0..4 {
+        let open = |r: &usize, c: &usize| solved[*r].is_none() && !solved.contains(&Some(*c));
+        let places = (0..4).flat_map(|r| (0..4).map(move |c| (r, c))).filter(|(r, c)| open(r, c));
+        let (row, column) = places.max_by(|&(i, j), &(k, l)| a[i][j].abs().total_cmp(&a[k][l].abs()))?;
+        let head = a[row][column];
+        if !head.is_finite() || head.abs() <= SINGULAR {
             return None;
         }
-        a.swap(column, pivot);
-        let head = a[column][column];
-        a[column].iter_mut().for_each(|v| *v /= head);
-        let own = a[column];
-        for (_, row) in a.iter_mut().enumerate().filter(|(r, _)| *r != column) {
-            let factor = row[column];
-            row.iter_mut().zip(own).for_each(|(v, o)| *v -= factor * o);
+        solved[row] = Some(column);
+        a[row].iter_mut().for_each(|v| *v /= head);
+        let own = a[row];
+        for (_, other) in a.iter_mut().enumerate().filter(|(r, _)| *r != row) {
+            let factor = other[column];
+            other.iter_mut().zip(own).for_each(|(v, o)| *v -= factor * o);
         }
     }
-    Some(std::array::from_fn(|r| std::array::from_fn(|c| a[r][c + 4])))
+    let mut found = [[0.0; 4]; 4];
+    for (values, column) in a.iter().zip(solved) {
+        let column = column?;
+        found[column] = std::array::from_fn(|c| columns[column] * values[c + 4] * rows[c]);
+    }
+    Some(found)
+}
+
+/// The matrix with rows and columns of about 1, and their factors: pivots do not depend on the unit of the world, nor on how far
+/// its origin is. Powers of two round nothing.
+fn equilibrated(m: &Matrix) -> (Matrix, [f64; 4], [f64; 4]) {
+    let (mut m, mut rows, mut columns) = (*m, [1.0; 4], [1.0; 4]);
+    let factor = |top: f64| if top > 0.0 { (-top.log2().floor()).exp2() } else { 1.0 };
+    // What rows do to columns is done when columns have done the same to rows.
+    for _ in 0..4 {
+        for (row, all) in m.iter_mut().zip(&mut rows) {
+            let by = factor(row.iter().fold(0.0, |top: f64, v| top.max(v.abs())));
+            *all *= by;
+            for v in row {
+                *v *= by;
+            }
+        }
+        for (column, all) in columns.iter_mut().enumerate() {
+            let by = factor(m.iter().fold(0.0, |top: f64, row| top.max(row[column].abs())));
+            *all *= by;
+            for row in &mut m {
+                row[column] *= by;
+            }
+        }
+    }
+    (m, rows, columns)
 }
 
 #[cfg(test)]
@@ -171,5 +213,57 @@ mod tests {
         assert!(Camera::new(&one, &zero, Size::new(2, 2)).is_none());
         assert!(Camera::new(&[[f64::NAN; 4]; 4], &one, Size::new(2, 2)).is_none());
         assert!(Camera::new(&one, &one, Size::new(2, 2)).is_some());
+    }
+
+    /// Whether a matrix can be inverted does not depend on the unit of the world, on that of the camera, or on where the origin is.
+    #[test]
+    fn units_and_origins_keep_no_camera_out() {
+        let number = |k: u32| (f64::from(k) * 0.754_877_666).fract() - 0.5;
+        for k in 0..200 {
+            let (sin, cos) = (40.0 * number(k)).sin_cos();
+            let (a, b) = (40.0 * number(k + 1000)).sin_cos();
+            let unit = 10_f64.powf(60.0 * number(3 * k));
+            let far = unit * 10_f64.powf(7.0 + 14.0 * number(7 * k));
+            let rotation = [[cos, sin * b, sin * a], [-sin, cos * b, cos * a], [0.0, -a, b]];
+            let mut m = [[0.0; 4]; 4];
+            for row in 0..3 {
+                m[row][..3].copy_from_slice(&rotation[row].map(|v| unit * v));
+                m[3][row] = far * number(11 * k + row as u32);
+            }
+            m[3][3] = 1.0;
+            let one = product(&m, &inverse(&m).unwrap_or_else(|| panic!("{m:?}")));
+            for (row, values) in one.iter().enumerate() {
+                for (column, value) in values.iter().enumerate() {
+                    let size = if row == 3 && column < 3 { far / unit } else { 1.0 };
+                    let exact = f64::from(u8::from(row == column));
+                    assert!((value - exact).abs() < 1e-13 * size.max(1.0), "{m:?} {one:?}");
+                }
+            }
+            // Two axes of the world are one.
+            m[1] = m[0].map(|v| -3.0 * v);
+            assert!(inverse(&m).is_none(), "{m:?}");
+        }
+    }
+
+    #[test]
+    fn far_origins_and_narrow_angles_are_those_of_a_camera() {
+        let size = Size::new(30, 50);
+        for (eye, field) in [
+            ([5e5, 5e6, 100.0], 0.7),
+            ([1e7, 2e7, 3e7], 0.7),
+            ([1.0, 2.0, 3.0], 1e-14),
+            ([3e4, 0.0, 5e8], 1e-5),
+        ] {
+            let own = camera(eye, field, size);
+            for place in [[0.0, 0.0], [29.0, 49.0], [12.25, 31.5]] {
+                let back = own.place(own.point(place, 50.0, Depth::Ray));
+                // Rounding of the eye's coordinates over a pixel at that depth.
+                let bound = 1e-9 + 64.0 * f64::EPSILON * eye[2].max(eye[1]) / (50.0 * field / 30.0);
+                assert!(
+                    (back[0] - place[0]).abs() < bound && (back[1] - place[1]).abs() < bound,
+                    "{eye:?} {back:?}"
+                );
+            }
+        }
     }
 }

@@ -407,7 +407,8 @@ impl Render<'_> {
             if wanted.motion {
                 let next = ready.camera(item.number.unwrap_or(0).saturating_add(1));
                 let next = next.map_err(|error| Failure::at(&item.input, error))?;
-                motion::add(&mut frame, &picture.depth, (shot.camera, &next));
+                motion::add(&mut frame, &picture.depth, (shot.camera, &next))
+                    .map_err(|error| Failure::at(&item.input, error))?;
             }
             if wanted.dense {
                 picture::add_dense(&mut frame, picture, wanted.kind);
