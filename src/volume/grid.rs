@@ -17,6 +17,8 @@ const BEFORE: usize = 1;
 const AFTER: usize = 2;
 /// Voxels of the border in all.
 const BORDER: usize = BEFORE + AFTER;
+/// Values are kept within this and its reciprocal: their sums, squares and reciprocals are floats.
+const MOST: f64 = (1_u128 << 64) as f64;
 
 /// A volume of `size[0] x size[1] x size[2]` voxels, x fastest.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,6 +31,10 @@ pub struct Grid {
     placement: Affine,
     /// Least and largest value.
     range: (f64, f64),
+    /// All that the voxels' type can hold, in data values.
+    type_range: (f64, f64),
+    /// What a kept value of 1 is in data values.
+    unit: f64,
 }
 
 impl Grid {
@@ -55,17 +61,32 @@ impl Grid {
         }
         let range = values.range().ok_or_else(|| {
             Error::Volume(
-                "a voxel is NaN or infinite: give it a number, such as that of the surroundings".into(),
+                "a voxel is NaN, infinite or beyond 3.4e38: give it a number, such as that of the surroundings"
+                    .into(),
             )
         })?;
+        let unit = unit(range);
+        let range = (range.0 / unit, range.1 / unit);
         let strides = [size[0] + BORDER, (size[0] + BORDER) * (size[1] + BORDER)];
         let voxels = match values {
             Values::U8(values) => Values::U8(pad(values, size)),
             Values::U16(values) => Values::U16(pad(values, size)),
             Values::I16(values) => Values::I16(pad(values, size)),
-            Values::F32(values) => Values::F32(pad(values, size)),
+            Values::F32(values) => Values::F32(scaled(pad(values, size), unit)),
         };
-        Ok(Self { size, strides, voxels, placement, range })
+        Ok(Self { size, strides, voxels, placement, range, type_range: values.type_range(), unit })
+    }
+
+    /// The same voxels, of a type that can hold these data values.
+    #[must_use]
+    pub(super) fn with_type_range(self, type_range: (f64, f64)) -> Self {
+        Self { type_range, ..self }
+    }
+
+    /// The same voxels, which were made from those of another grid.
+    #[must_use]
+    pub(super) fn made_from(self, other: &Self) -> Self {
+        Self { type_range: other.type_range, unit: self.unit * other.unit, ..self }
     }
 
     /// Voxels along x, y, z.
@@ -78,14 +99,19 @@ impl Grid {
         &self.placement
     }
 
+    /// What a value of 1 is in data values: a power of two, and 1 unless those are huge or tiny.
+    pub const fn unit(&self) -> f64 {
+        self.unit
+    }
+
     /// Least and largest value of all voxels as they were given.
     pub const fn range(&self) -> (f64, f64) {
         self.range
     }
 
-    /// The full range of the voxels' type: 0 to 1 for floats.
+    /// The full range of the voxels' type in their file, in data values: 0 to 1 for floats.
     pub const fn type_range(&self) -> (f64, f64) {
-        self.voxels.type_range()
+        self.type_range
     }
 
     /// Bytes that a voxel takes.
@@ -174,8 +200,8 @@ impl Grid {
 
     /// This grid without voxels.
     const fn empty(&self) -> Self {
-        let Self { size, strides, placement, range, .. } = *self;
-        Self { size, strides, voxels: Values::F32(Vec::new()), placement, range }
+        let Self { size, strides, placement, range, type_range, unit, .. } = *self;
+        Self { size, strides, voxels: Values::F32(Vec::new()), placement, range, type_range, unit }
     }
 
     /// A grid made from this one's values without the border, in their own type.
@@ -191,7 +217,7 @@ impl Grid {
             Values::I16(voxels) => Values::I16(self.bare(voxels)),
             Values::F32(voxels) => Values::F32(self.bare(voxels)),
         };
-        Self::new(size, &map(&bare), placement)
+        Ok(Self::new(size, &map(&bare), placement)?.made_from(self))
     }
 
     fn bare<T: Copy>(&self, voxels: &[T]) -> Vec<T> {
@@ -286,6 +312,26 @@ impl Grid {
         });
         found
     }
+}
+
+/// The power of two that values of that range are divided by.
+fn unit((low, high): (f64, f64)) -> f64 {
+    let largest = low.abs().max(high.abs());
+    if largest == 0.0 || (MOST.recip()..=MOST).contains(&largest) {
+        return 1.0;
+    }
+    let bound = if largest > 1.0 { MOST } else { MOST.recip() };
+    2_f64.powi((largest / bound).log2().floor() as i32)
+}
+
+/// Values in that unit.
+fn scaled(mut values: Vec<f32>, unit: f64) -> Vec<f32> {
+    if unit != 1.0 {
+        for value in &mut values {
+            *value *= unit.recip() as f32;
+        }
+    }
+    values
 }
 
 /// Takes the lesser of each two.

@@ -81,7 +81,7 @@ pub fn cubes(grid: &Grid, limits: &Limits) -> Result<Grid, Error> {
         now[axis] = size[axis];
     }
     let axes = std::array::from_fn(|k| scale(placement.axes[k], (factors[k] as f64).recip()));
-    Grid::new(size, &Values::F32(values), Affine { axes, ..*placement })
+    Ok(Grid::new(size, &Values::F32(values), Affine { axes, ..*placement })?.made_from(grid))
 }
 
 /// Values along one axis with `factor - 1` new ones between two.

@@ -93,10 +93,13 @@ pub fn prepare(scene: &Scene, folder: &Path, limits: &Limits) -> Result<Stage, E
 /// What contradicts itself.
 pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, Error> {
     let (transfer, note) = transfer(scene, &grid, folder)?;
+    let notes = note.into_iter().collect();
     let (voxel, march) = (grid.voxel(), &scene.march);
     let placement = *grid.placement();
     let step = march.step * voxel;
-    let across = 2.0 * length(placement.direction(grid.size().map(|n| 0.5 * n as f64)));
+    let half = grid.size().map(|n| 0.5 * n as f64);
+    let (centre, radius) = (placement.point(half), length(placement.direction(half)));
+    let across = 2.0 * radius;
     if across / step > MOST_STEPS {
         return Err(Error::Scene(format!(
             "a ray would take {:.0} steps: the edges of the voxels differ too much, or the step is too short (resample, march.step)",
@@ -104,7 +107,7 @@ pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, E
         )));
     }
     let value = if scene.transfer.data_units {
-        march.iso
+        march.iso / grid.unit()
     } else {
         transfer.domain.0 + march.iso * (transfer.domain.1 - transfer.domain.0)
     };
@@ -116,8 +119,8 @@ pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, E
     let table = transfer.table(if look == Look::Mip { 1.0 } else { march.step });
     let (low, high) = transfer.domain;
     let per_value = if high > low { (high - low).recip() } else { 1.0 };
-    let half = grid.size().map(|n| 0.5 * n as f64);
-    let (centre, radius) = (placement.point(half), length(placement.direction(half)));
+    let to_world = ToWorld::new(placement.inverse_rows(), per_value, voxel);
+    check_gradients(&to_world, &grid, march.interpolation)?;
     let (grid, interpolation) = interpolated(grid, march.interpolation);
     let mut renderer = Renderer {
         grid: Arc::new(grid),
@@ -125,7 +128,7 @@ pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, E
         look,
         integral: (march.preintegrated && look == Look::Dvr).then(|| Integral::new(&table)),
         table,
-        to_world: ToWorld::new(placement.inverse_rows(), per_value, voxel),
+        to_world,
         blocks: None,
         step,
         opaque: march.opaque as f32,
@@ -135,7 +138,29 @@ pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, E
     if march.skip {
         renderer.blocks = blocks(&renderer).map(Arc::new);
     }
-    Ok(Stage { renderer, notes: note.into_iter().collect(), scene: scene.clone(), centre, radius })
+    Ok(Stage { renderer, notes, scene: scene.clone(), centre, radius })
+}
+
+/// That no gradient of the domain's share leaves the range of floats.
+///
+/// # Errors
+/// [`Error::Scene`] if one may.
+fn check_gradients(to_world: &ToWorld, grid: &Grid, interpolation: InterpolationName) -> Result<(), Error> {
+    // Weights of cubic kernels and spline coefficients exceed the voxels.
+    let gain = match interpolation {
+        InterpolationName::Nearest | InterpolationName::Trilinear => 1.0,
+        _ => 100.0,
+    };
+    let (low, high) = grid.range();
+    let sum = |row: &[f32; 3]| row.iter().map(|part| f64::from(part.abs())).sum::<f64>();
+    let steepest = to_world.0.iter().map(sum).fold(0.0, f64::max) * (high - low) * gain;
+    if steepest < f64::from(f32::MAX) {
+        return Ok(());
+    }
+    Err(Error::Scene(
+        "gradients leave the range of numbers: transfer.domain is too narrow beside the range of the volume's values, or its axes nearly lie in a plane"
+            .into(),
+    ))
 }
 
 /// The grid that the kernel works on: voxels, or spline coefficients.
@@ -189,15 +214,34 @@ fn blocks_by<K: Kernel>(_: K, renderer: &Renderer) -> Blocks {
     }
 }
 
-/// The transfer function of a scene over the values of a volume, and what of its file is not followed.
-fn transfer(scene: &Scene, grid: &Grid, folder: &Path) -> Result<(Transfer, Option<String>), Error> {
-    let given = &scene.transfer;
-    let domain = match given.domain {
-        Domain::Unset | Domain::Named(NamedDomain::Data) => grid.range(),
+/// The values of a volume, as they are kept, that are 0 and 1 to the points of a scene.
+fn domain(scene: &Scene, grid: &Grid) -> Result<(f64, f64), Error> {
+    let kept = |data: f64| data / grid.unit();
+    let (low, high) = match scene.transfer.domain {
+        Domain::Unset | Domain::Named(NamedDomain::Data) => return Ok(grid.range()),
         Domain::Named(NamedDomain::Type) => grid.type_range(),
         Domain::Values([low, high]) => (low, high),
     };
-    let data = |at: f64| if given.data_units { at } else { domain.0 + at * (domain.1 - domain.0) };
+    let (low, high) = (kept(low), kept(high));
+    // Beyond these the table's floats are infinite.
+    if low.abs().max(high.abs()) > 1e38 || high - low < 1e-34 {
+        let (least, most) = grid.range();
+        let unit = grid.unit();
+        return Err(Error::Scene(format!(
+            "transfer.domain: it is too wide or too narrow for this volume, whose values are {:e} to {:e}",
+            least * unit,
+            most * unit
+        )));
+    }
+    Ok((low, high))
+}
+
+/// The transfer function of a scene over the values of a volume, and what of its file is not followed.
+fn transfer(scene: &Scene, grid: &Grid, folder: &Path) -> Result<(Transfer, Option<String>), Error> {
+    let given = &scene.transfer;
+    let domain = domain(scene, grid)?;
+    let data =
+        |at: f64| if given.data_units { at / grid.unit() } else { domain.0 + at * (domain.1 - domain.0) };
     let mut colour: Vec<(f64, [f64; 3])> =
         given.points.iter().map(|p| (data(p[0]), [p[1], p[2], p[3]])).collect();
     colour.extend(given.colour.iter().map(|p| (data(p[0]), [p[1], p[2], p[3]])));
@@ -300,3 +344,6 @@ fn turned(point: Vector, target: Vector, degrees: f64) -> Vector {
     let [x, z] = [point[0] - target[0], point[2] - target[2]];
     [target[0] + cos * x + sin * z, point[1], target[2] + cos * z - sin * x]
 }
+
+#[cfg(test)]
+mod tests;

@@ -52,6 +52,19 @@ impl Element {
         }
     }
 
+    /// All that a voxel can hold; 0 to 1 for floats.
+    pub(super) const fn range(self) -> (f64, f64) {
+        match self {
+            Self::I8 => (i8::MIN as f64, i8::MAX as f64),
+            Self::U8 => (0.0, u8::MAX as f64),
+            Self::I16 => (i16::MIN as f64, i16::MAX as f64),
+            Self::U16 => (0.0, u16::MAX as f64),
+            Self::I32 => (i32::MIN as f64, i32::MAX as f64),
+            Self::U32 => (0.0, u32::MAX as f64),
+            Self::F32 | Self::F64 => (0.0, 1.0),
+        }
+    }
+
     /// Bytes of one voxel in the type that is kept.
     pub(super) const fn kept(self) -> usize {
         match self {

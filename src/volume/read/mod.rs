@@ -44,6 +44,20 @@ pub(super) struct Header {
     pub rescale: Option<(f64, f64)>,
 }
 
+impl Header {
+    /// All that the voxels' type can hold, as true values; 0 to 1 for floats.
+    fn type_range(&self) -> (f64, f64) {
+        let (low, high) = self.element.range();
+        match (self.rescale, self.element) {
+            (None, _) | (_, Element::F32 | Element::F64) => (low, high),
+            (Some((slope, intercept)), _) => {
+                let ends = [low, high].map(|end| slope * end + intercept);
+                (ends[0].min(ends[1]), ends[0].max(ends[1]))
+            }
+        }
+    }
+}
+
 /// How the voxels are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Coding {
@@ -148,10 +162,11 @@ fn check_memory(path: &Path, header: &Header, more: usize, limits: &Limits) -> R
 fn build(path: &Path, header: &Header, values: &Values) -> Result<Grid, Error> {
     let rescaled = header.rescale.map(|(slope, intercept)| values.rescaled(slope, intercept));
     let grid = Grid::new(header.size, rescaled.as_ref().unwrap_or(values), header.placement);
-    grid.map_err(|error| match error {
+    let grid = grid.map_err(|error| match error {
         Error::Volume(why) => damaged(path, why),
         other => other,
-    })
+    })?;
+    Ok(grid.with_type_range(header.type_range()))
 }
 
 /// Number of voxels, at least one.

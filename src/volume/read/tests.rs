@@ -243,21 +243,21 @@ fn raw_voxels_and_every_type() {
     let grid = read(&room.put("a.raw", &[&bytes(true)]), Some(&layout)).unwrap();
     assert_eq!(grid.value([2, 1, 1]), 1100.0);
     assert_eq!(grid.placement().axes[2], [0.0, 0.0, 3.0]);
-    for (name, little) in [
-        ("u8", vec![7_u8]),
-        ("i8", vec![7]),
-        ("u16", 7_u16.to_le_bytes().to_vec()),
-        ("u32", 7_u32.to_le_bytes().to_vec()),
-        ("i32", 7_i32.to_le_bytes().to_vec()),
-        ("f32", 7_f32.to_le_bytes().to_vec()),
-        ("f64", 7_f64.to_le_bytes().to_vec()),
+    for (name, little, range) in [
+        ("u8", vec![7_u8], (0.0, 255.0)),
+        ("i8", vec![7], (-128.0, 127.0)),
+        ("u16", 7_u16.to_le_bytes().to_vec(), (0.0, 65_535.0)),
+        ("u32", 7_u32.to_le_bytes().to_vec(), (0.0, 4_294_967_295.0)),
+        ("i32", 7_i32.to_le_bytes().to_vec(), (-2_147_483_648.0, 2_147_483_647.0)),
+        ("f32", 7_f32.to_le_bytes().to_vec(), (0.0, 1.0)),
+        ("f64", 7_f64.to_le_bytes().to_vec(), (0.0, 1.0)),
     ] {
         let mut big = little.clone();
         big.reverse();
         for (order, bytes) in [("le", little), ("be", big)] {
             let layout: RawLayout = format!("1x1x1:{name}:{order}").parse().unwrap();
             let grid = read(&room.put("b.raw", &[&bytes]), Some(&layout)).unwrap();
-            assert_eq!(grid.value([0; 3]), 7.0, "{name} {order}");
+            assert_eq!((grid.value([0; 3]), grid.type_range()), (7.0, range), "{name} {order}");
         }
     }
     for bad in ["", "3x2:u8", "3x2x2", "3x2x2:u7", "0x2x2:u8", "3x2x2:u8:1,0,1", "3x2x2:u8:1,1"] {

@@ -1,0 +1,109 @@
+//! Scenes of unusual volumes: huge and tiny values, sheared axes, one voxel thick.
+
+use super::*;
+use crate::picture::{Picture, Shot, render};
+use crate::{Affine, Values};
+
+fn staged(grid: Grid, toml: &str) -> Result<Stage, Error> {
+    prepare_grid(&Scene::parse(toml, &[]).unwrap(), grid, Path::new(""))
+}
+
+fn picture(stage: &Stage) -> Picture {
+    let camera = stage.camera(0).unwrap();
+    let shader = stage.shader(&camera);
+    let shot = Shot {
+        camera: &camera,
+        shader: shader.as_ref(),
+        size: stage.size(),
+        mask: None,
+        samples: 1,
+        seed: 0,
+        normals: true,
+        depth: true,
+        gradients: false,
+    };
+    render(&stage.renderer, &shot, &|| true)
+}
+
+fn cube(n: usize, placement: Affine, of: impl Fn([usize; 3]) -> f32) -> Grid {
+    let values = (0..n * n * n).map(|k| of([k % n, k / n % n, k / n / n])).collect();
+    Grid::new([n; 3], &Values::F32(values), placement).unwrap()
+}
+
+/// A ball of whole values from -128 to 127, times a factor.
+fn ball(factor: f64) -> Grid {
+    cube(12, Affine::spacing([1.0; 3]), |p| {
+        let square: f64 = p.iter().map(|&x| (x as f64 - 5.5).powi(2)).sum();
+        ((factor * (255.0 * (-square / 12.0).exp() - 128.0).floor()) as f32).max(f32::MIN)
+    })
+}
+
+#[test]
+fn pictures_do_not_depend_on_the_unit_of_the_values() {
+    for (mode, interpolation) in [
+        ("dvr", "tricubic"),
+        ("dvr", "trilinear"),
+        ("dvr", "nearest"),
+        ("iso", "tricubic"),
+        ("mip", "catmull-rom"),
+    ] {
+        // The middle of the domain, by its share and in data values.
+        for units in ["", "domain", "data"] {
+            let made = |factor: f64| {
+                let value = |v: f64| v * factor;
+                let transfer = match units {
+                    "domain" => format!("domain=[{:?}, {:?}]", value(-100.0), value(120.0)),
+                    "data" => format!(
+                        "data-units=true\npoints=[[{:?}, 0.2, 0.5, 1.0, 0.0], [{:?}, 1.0, 0.5, 0.1, 0.5]]",
+                        value(-60.0),
+                        value(100.0)
+                    ),
+                    _ => String::new(),
+                };
+                let iso = if units == "data" { value(20.0) } else { 0.6 };
+                let toml = format!(
+                    "[transfer]\n{transfer}\n[march]\nmode=\"{mode}\"\niso={iso:?}\ninterpolation=\"{interpolation}\"\n\
+                     [image]\nsize=[20, 16]"
+                );
+                picture(&staged(ball(factor), &toml).unwrap())
+            };
+            let usual = made(1.0);
+            assert!(usual.colour[3].iter().any(|alpha| *alpha > 0.1), "{mode} {interpolation} {units}");
+            for exponent in [-149, -120, -66, 70, 120] {
+                let found = made(2_f64.powi(exponent));
+                assert!(found == usual, "{mode} {interpolation} {units} 2^{exponent}");
+            }
+        }
+    }
+}
+
+#[test]
+fn domains_that_are_no_floats_are_refused() {
+    for (factor, domain, said) in [
+        (1.0, "[0.0, 1e-40]", "too narrow for this volume, whose values are -1.28e2 to"),
+        (1.0, "[1e38, 3e38]", "transfer.domain"),
+        (1.0, "[-1e300, 1e300]", "transfer.domain"),
+        (1e20, "[0.0, 1e-16]", "gradients"),
+    ] {
+        let error = staged(ball(factor), &format!("[transfer]\ndomain={domain}")).unwrap_err().to_string();
+        assert!(error.contains(said), "{error}");
+    }
+    assert!(staged(ball(1e20), "[transfer]\ndomain=[0.0, 1.0]").is_ok());
+}
+
+#[test]
+fn the_domain_of_a_type_stays_that_of_the_file() {
+    let grid = ball(1.0).with_type_range((-128.0, 127.0));
+    for toml in ["", "resample=true\n", "axes=\"x -z y\"\n"] {
+        let scene = Scene::parse(&format!("{toml}[transfer]\ndomain=\"type\""), &[]).unwrap();
+        let grid = match &scene.axes {
+            Some(axes) => reshape::axes(&grid, axes, &Limits::default()).unwrap(),
+            None => grid.clone(),
+        };
+        assert_eq!(domain(&scene, &grid).unwrap(), (-128.0, 127.0));
+    }
+    let long = Affine::spacing([1.0, 1.0, 2.0]);
+    let values = Values::U8(vec![1; 27]);
+    let cubes = reshape::cubes(&Grid::new([3; 3], &values, long).unwrap(), &Limits::default()).unwrap();
+    assert_eq!(cubes.type_range(), (0.0, 255.0));
+}
