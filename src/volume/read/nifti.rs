@@ -15,6 +15,9 @@ use crate::vector::scale;
 
 const LENGTH_1: usize = 348;
 const LENGTH_2: usize = 540;
+/// Where voxels may begin at the earliest: behind the header and the flags of extensions.
+const FIRST_1: f64 = 352.0;
+const FIRST_2: f64 = 544.0;
 
 pub(super) fn read(path: &Path, limits: &Limits) -> Result<Grid, Error> {
     let start = head(path)?;
@@ -112,10 +115,13 @@ fn parse(bytes: &[u8]) -> Result<(Header, u64), String> {
     }
     let reader = Reader { bytes, big_endian };
     let facts = if version == 1 { first(&reader) } else { second(&reader) };
-    if version == 1 && bytes.get(344..347) != Some(b"n+1") {
+    let single =
+        if version == 1 { bytes.get(344..347) == Some(b"n+1") } else { bytes.get(4..7) == Some(b"n+2") };
+    if !single {
         return Err("a NIfTI pair (.hdr, .img) is not read; join it to one .nii".into());
     }
-    facts.header(big_endian)
+    let offset = facts.offset(if version == 1 { FIRST_1 } else { FIRST_2 })?;
+    Ok((facts.header(big_endian)?, offset))
 }
 
 fn first(r: &Reader<'_>) -> Facts {
@@ -149,7 +155,29 @@ fn second(r: &Reader<'_>) -> Facts {
 }
 
 impl Facts {
-    fn header(&self, big_endian: bool) -> Result<(Header, u64), String> {
+    /// Where the voxels begin, `first` at the earliest; 0 is not told.
+    fn offset(&self, first: f64) -> Result<u64, String> {
+        match self.offset {
+            0.0 => Ok(first as u64),
+            offset if offset >= first && offset < 2_f64.powi(48) => Ok(offset as u64),
+            offset => Err(format!("vox_offset {offset}: voxels begin at {first} or behind")),
+        }
+    }
+
+    /// Slope and intercept, if values are rescaled: a slope of 0 or none that is finite means that they are not.
+    fn rescale(&self) -> Result<Option<(f64, f64)>, String> {
+        let (slope, intercept) = self.rescale;
+        if slope == 0.0 || !slope.is_finite() || self.rescale == (1.0, 0.0) {
+            return Ok(None);
+        }
+        if intercept.is_finite() {
+            Ok(Some(self.rescale))
+        } else {
+            Err(format!("scl_inter {intercept} is no number beside scl_slope {slope}"))
+        }
+    }
+
+    fn header(&self, big_endian: bool) -> Result<Header, String> {
         let axes = self.dim[0];
         let spare = (4..=7).filter(|&k| (k as i64) <= axes).any(|k| self.dim[k] > 1);
         if !(3..=7).contains(&axes) || spare || self.dim[1..4].iter().any(|&n| n < 1) {
@@ -166,12 +194,8 @@ impl Facts {
             768 => Element::U32,
             kind => return Err(format!("voxels of type {kind} are not read")),
         };
-        if !(self.offset >= 0.0 && self.offset < 2_f64.powi(48)) {
-            return Err(format!("vox_offset {} is no place in a file", self.offset));
-        }
-        let rescale = (self.rescale.0 != 0.0 && self.rescale != (1.0, 0.0)).then_some(self.rescale);
         let size = [self.dim[1] as usize, self.dim[2] as usize, self.dim[3] as usize];
-        Ok((Header { size, element, big_endian, placement: self.placement(), rescale }, self.offset as u64))
+        Ok(Header { size, element, big_endian, placement: self.placement(), rescale: self.rescale()? })
     }
 
     /// By the sform, else the qform, else the spacing alone.

@@ -187,6 +187,21 @@ fn nifti_in_both_byte_orders() {
         header
     };
     let room = Room::new();
+    // Where voxels begin, and how they are scaled.
+    let with = |at: usize, value: f32| {
+        let mut changed = header(false);
+        changed[at..at + 4].copy_from_slice(&value.to_le_bytes());
+        room.put("w.nii", &[&changed, &bytes(false)])
+    };
+    check(&read(&with(108, 0.0), None).unwrap());
+    for offset in [1.0, 348.0, 351.0, -1.0, f32::NAN] {
+        refused(&with(108, offset), "vox_offset");
+    }
+    for slope in [f32::NAN, f32::INFINITY, 0.0] {
+        check(&read(&with(112, slope), None).unwrap());
+    }
+    let scaled = read(&with(112, -2.0), None).unwrap();
+    assert_eq!((scaled.value([2, 1, 1]), scaled.type_range()), (-2200.0, (-65534.0, 65536.0)));
     for big in [false, true] {
         check(&read(&room.put("a.nii", &[&header(big), &bytes(big)]), None).unwrap());
         let whole = [header(big), bytes(big)].concat();
@@ -195,6 +210,34 @@ fn nifti_in_both_byte_orders() {
         refused(&room.put("d.nii.gz", &[&gzip(&whole[..370])]), "truncated");
     }
     refused(&room.put("e.nii", &[b"nothing of the kind"]), "NIfTI");
+}
+
+#[test]
+fn nifti_2_begins_behind_its_header() {
+    let room = Room::new();
+    let file = |offset: i64, magic: &[u8]| {
+        let mut header = vec![0_u8; 544];
+        let mut put = |at: usize, bytes: &[u8]| header[at..at + bytes.len()].copy_from_slice(bytes);
+        put(0, &540_i32.to_le_bytes());
+        put(4, magic);
+        put(12, &4_i16.to_le_bytes());
+        for (k, n) in [3_i64, 3, 2, 2].into_iter().enumerate() {
+            put(16 + 8 * k, &n.to_le_bytes());
+        }
+        for (k, d) in [1.0_f64, 1.0, 2.0, 3.0].into_iter().enumerate() {
+            put(104 + 8 * k, &d.to_le_bytes());
+        }
+        put(168, &offset.to_le_bytes());
+        put(344, &1_i32.to_le_bytes());
+        for (k, d) in [10.0_f64, 20.0, 30.0].into_iter().enumerate() {
+            put(376 + 8 * k, &d.to_le_bytes());
+        }
+        room.put("two.nii", &[&header, &bytes(false)])
+    };
+    check(&read(&file(544, b"n+2"), None).unwrap());
+    check(&read(&file(0, b"n+2"), None).unwrap());
+    refused(&file(540, b"n+2"), "vox_offset");
+    refused(&file(0, b"ni2"), "pair");
 }
 
 #[test]
