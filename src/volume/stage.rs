@@ -132,7 +132,8 @@ pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, E
         blocks: None,
         step,
         opaque: march.opaque as f32,
-        threshold: march.depth_opacity as f32,
+        // What ends a ray is a surface.
+        threshold: march.depth_opacity.min(march.opaque) as f32,
         background: background(scene),
     };
     if march.skip {

@@ -107,3 +107,16 @@ fn the_domain_of_a_type_stays_that_of_the_file() {
     let cubes = reshape::cubes(&Grid::new([3; 3], &values, long).unwrap(), &Limits::default()).unwrap();
     assert_eq!(cubes.type_range(), (0.0, 255.0));
 }
+
+#[test]
+fn a_ray_that_ends_has_a_depth() {
+    let toml = "[transfer]\ndomain=[0.0, 1.0]\npoints=[[0.0, 1.0, 1.0, 1.0, 0.2]]\n\
+                [march]\nopaque=0.3\ndepth-opacity=0.9\n[image]\nsize=[16, 16]";
+    let found = picture(&staged(cube(9, Affine::spacing([1.0; 3]), |_| 1.0), toml).unwrap());
+    let mut ended = 0;
+    for (alpha, depth) in found.colour[3].iter().zip(&found.depth) {
+        assert_eq!(*alpha >= 0.3, depth.is_finite());
+        ended += u32::from(*alpha >= 0.3);
+    }
+    assert!(ended > 50, "{ended}");
+}
