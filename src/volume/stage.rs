@@ -18,7 +18,7 @@ use super::scene::{AZIMUTH, Domain, ELEVATION, InterpolationName, LightScene, Mo
 use super::shade::{Light, Material, Shader, ToWorld};
 use super::surface::slack;
 use super::transfer::{Curve, Transfer};
-use super::vector::{Vector, add, length, scale};
+use super::vector::{Affine, Vector, add, length, scale};
 use super::weights::{BSpline, CatmullRom};
 use super::{Error, Grid, Limits, paraview};
 
@@ -98,7 +98,7 @@ pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, E
     let placement = *grid.placement();
     let step = march.step * voxel;
     let half = grid.size().map(|n| 0.5 * n as f64);
-    let (centre, radius) = (placement.point(half), length(placement.direction(half)));
+    let (centre, radius) = (placement.point(half), longest(&placement, half));
     let across = 2.0 * radius;
     if across / step > MOST_STEPS {
         return Err(Error::Scene(format!(
@@ -140,6 +140,14 @@ pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, E
         renderer.blocks = blocks(&renderer).map(Arc::new);
     }
     Ok(Stage { renderer, notes, scene: scene.clone(), centre, radius })
+}
+
+/// The length of the longest of the box's diagonals from its centre, `half` along each axis.
+fn longest(placement: &Affine, [x, y, z]: Vector) -> f64 {
+    let [first, others @ ..] =
+        [[x, y, z], [-x, y, z], [x, -y, z], [x, y, -z]].map(|diagonal| length(placement.direction(diagonal)));
+    // Those of a box with right angles differ by rounding, which must not move its camera.
+    others.into_iter().filter(|other| *other > first * (1.0 + 1e-9)).fold(first, f64::max)
 }
 
 /// That no gradient of the domain's share leaves the range of floats.
