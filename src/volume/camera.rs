@@ -170,6 +170,17 @@ pub struct Segment {
     pub length: f64,
 }
 
+impl Segment {
+    /// How many samples there are in steps of `step` world units from the entry on.
+    #[inline(always)]
+    pub fn samples(&self, step: f64) -> u32 {
+        // Entry and exit are told from the eye, each to some units in the last place of its distance: a sample at the exit must not be
+        // lost to that.
+        let rounding = 16.0 * f64::EPSILON * (self.start + self.length);
+        ((self.length + rounding) / step).min(1e9) as u32 + 1
+    }
+}
+
 /// The part of a ray within the box `[0, last]`; nothing if it misses the box or leaves it behind.
 pub fn clip(ray: &Ray, placement: &Affine, last: Vector) -> Option<Segment> {
     let rows = placement.inverse_rows();
@@ -243,5 +254,33 @@ mod tests {
         assert!(Camera::look_at([0.0; 3], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0], 1.0).is_err());
         assert!(Camera::look_at([0.0; 3], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0], 0.0).is_err());
         assert!(Camera::around([0.0; 3], 1.0, 20.0, 90.0, 1.0).is_ok());
+    }
+
+    #[test]
+    fn both_ends_are_samples_where_steps_divide_the_length() {
+        for (spacing, corner) in
+            [(1.0, 0.0), (0.7, -100.0), (0.1, 0.0), (0.3, 5.0), (0.15, 37.7), (0.1, 1e5), (1e3, 0.1)]
+        {
+            let placement = Affine { origin: [corner; 3], ..Affine::spacing([spacing; 3]) };
+            let middle = placement.point([8.0; 3]);
+            for (axis, away) in (0..3).flat_map(|axis| [1.3, 25.7, 1234.5].map(|away| (axis, away))) {
+                let (mut eye, mut up) = (middle, [0.0; 3]);
+                eye[axis] += away * 17.0 * spacing;
+                up[(axis + 1) % 3] = 1.0;
+                let camera = Camera::look_at(eye, middle, up, 1e-3).unwrap();
+                let camera = Camera { projection: Projection::Orthographic, ..camera };
+                let ray = camera.ray(Size::new(3, 3), 1.2, 1.7);
+                let segment = clip(&ray, &placement, [16.0; 3]).unwrap();
+                for (step, samples) in
+                    [(0.5, 33), (0.25, 65), (0.2, 81), (0.3, 54), (16.0, 2), (17.0, 1), (15.9, 2)]
+                {
+                    assert_eq!(
+                        segment.samples(step * spacing),
+                        samples,
+                        "{spacing} {corner} {axis} {away} {step}"
+                    );
+                }
+            }
+        }
     }
 }

@@ -109,7 +109,7 @@ struct Samples<'a> {
 
 impl Samples<'_> {
     fn count(&self) -> u32 {
-        (self.segment.length / self.renderer.step) as u32 + 1
+        self.segment.samples(self.renderer.step)
     }
 
     fn at(&self, i: f64) -> (f64, Vector) {

@@ -87,7 +87,7 @@ impl<'a, K: Kernel> Walk<'a, K> {
             step: per_sample,
             per_step: per_sample.map(|part| if part == 0.0 { 0.0 } else { 1.0 / part }),
             last: single(grid.last()),
-            count: (segment.length / step).min(1e9) as u32 + 1,
+            count: segment.samples(step),
             next: 0,
             queue: [0; QUEUE],
             queued: 0,
