@@ -64,12 +64,14 @@ impl March<'_> {
     #[inline(always)]
     pub fn ray<K: Kernel>(&self, mut walk: Walk<'_, K>, view: [f32; 3]) -> Seen {
         let halfway = self.shader.map_or([[0.0; 3]; MOST_LIGHTS], |shader| shader.halfway(view));
+        // A single sample, in a volume one voxel thick say, ends no segment.
+        let integral = self.integral.filter(|_| walk.count() > 1);
         let mut seen = Seen::NOTHING;
         // The last sample and its value.
         let mut known = (f32::NAN, 0.0);
         while let Some(bundle) = walk.next() {
             let (values, partial) = walk.values(&bundle);
-            let colours = match self.integral {
+            let colours = match integral {
                 None => self.table.at_all(values, bundle.count),
                 Some(integral) => segments(integral, &mut known, &bundle, values),
             };

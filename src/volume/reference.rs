@@ -125,7 +125,7 @@ impl Samples<'_> {
 
     /// The table's colour and opacity of sample `i`, or those of the segment that ends there.
     fn classified(&self, i: u32, value: f64) -> [f64; 4] {
-        let found = match &self.renderer.integral {
+        let found = match self.renderer.integral.as_ref().filter(|_| self.count() > 1) {
             None => self.renderer.table.at(value as f32),
             Some(_) if i == 0 => [0.0; 4],
             Some(integral) => {

@@ -93,7 +93,7 @@ pub fn prepare(scene: &Scene, folder: &Path, limits: &Limits) -> Result<Stage, E
 /// What contradicts itself.
 pub fn prepare_grid(scene: &Scene, grid: Grid, folder: &Path) -> Result<Stage, Error> {
     let (transfer, note) = transfer(scene, &grid, folder)?;
-    let notes = note.into_iter().collect();
+    let notes = note.into_iter().chain(flat(scene, &grid)).collect();
     let (voxel, march) = (grid.voxel(), &scene.march);
     let placement = *grid.placement();
     let step = march.step * voxel;
@@ -148,6 +148,14 @@ fn longest(placement: &Affine, [x, y, z]: Vector) -> f64 {
         [[x, y, z], [-x, y, z], [x, -y, z], [x, y, -z]].map(|diagonal| length(placement.direction(diagonal)));
     // Those of a box with right angles differ by rounding, which must not move its camera.
     others.into_iter().filter(|other| *other > first * (1.0 + 1e-9)).fold(first, f64::max)
+}
+
+/// What is said of isosurfaces of a volume without depth: a surface lies between two samples.
+fn flat(scene: &Scene, grid: &Grid) -> Option<String> {
+    (scene.march.mode == ModeName::Iso && grid.size().contains(&1)).then(|| {
+        "the volume is one voxel thick: rays across it have no two samples that an isosurface lies between, and show nothing (march.mode)"
+            .into()
+    })
 }
 
 /// That no gradient of the domain's share leaves the range of floats.

@@ -99,6 +99,12 @@ impl<'a, K: Kernel> Walk<'a, K> {
         }
     }
 
+    /// How many samples there are.
+    #[inline(always)]
+    pub const fn count(&self) -> u32 {
+        self.count
+    }
+
     /// The next samples that may be seen, in order; nothing at the end.
     #[inline(always)]
     pub fn next(&mut self) -> Option<Bundle> {

@@ -159,3 +159,20 @@ fn a_ray_that_ends_has_a_depth() {
     }
     assert!(ended > 50, "{ended}");
 }
+
+#[test]
+fn a_volume_one_voxel_thick_is_seen() {
+    let flat = || Grid::new([8, 8, 1], &Values::U8((0..64).collect()), Affine::spacing([1.0; 3])).unwrap();
+    let toml = |more: &str| {
+        format!(
+            "[transfer]\npoints=[[0.0, 1.0, 0.5, 0.2, 0.2], [1.0, 0.2, 0.5, 1.0, 0.6]]\n[march]\n{more}\n[image]\nsize=[20, 20]"
+        )
+    };
+    let [table, integrated] =
+        ["", "preintegrated=true"].map(|more| picture(&staged(flat(), &toml(more)).unwrap()));
+    assert!(table.colour[3].iter().filter(|alpha| **alpha > 0.1).count() > 50);
+    assert!(table == integrated);
+    let said = staged(flat(), &toml("mode=\"iso\"")).unwrap().notes;
+    assert!(said.len() == 1 && said[0].contains("one voxel thick"), "{said:?}");
+    assert!(staged(flat(), &toml("")).unwrap().notes.is_empty());
+}
