@@ -163,10 +163,15 @@ fn vectors(text: &str) -> Option<Vec<Option<Vector>>> {
 
 impl Fields {
     fn header(&self) -> Result<Header, String> {
-        // Axes of length 1 besides three others carry nothing.
+        // Axes of length 1 besides three others carry nothing: first those that have no place in space.
         let spare = self.sizes.len().saturating_sub(3);
-        let dropped: Vec<usize> =
-            (0..self.sizes.len()).filter(|&axis| self.sizes[axis] == 1).take(spare).collect();
+        let placed = |axis: usize| {
+            self.directions.get(axis).is_some_and(Option::is_some)
+                || self.spacings.get(axis).is_some_and(|spacing| spacing.is_finite())
+        };
+        let mut dropped: Vec<usize> = (0..self.sizes.len()).filter(|&axis| self.sizes[axis] == 1).collect();
+        dropped.sort_by_key(|&axis| placed(axis));
+        dropped.truncate(spare);
         let axes: Vec<usize> = (0..self.sizes.len()).filter(|axis| !dropped.contains(axis)).collect();
         let Ok(axes): Result<[usize; 3], _> = axes.try_into() else {
             return Err(format!("sizes {:?}: a volume has three axes", self.sizes));

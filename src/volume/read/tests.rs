@@ -241,6 +241,26 @@ fn nifti_2_begins_behind_its_header() {
 }
 
 #[test]
+fn nrrd_drops_the_axis_without_a_place() {
+    let room = Room::new();
+    let read = |sizes: &str, more: &str| {
+        let header =
+            format!("NRRD0004\ntype: short\nsizes: {sizes}\nencoding: raw\nendian: little\n{more}\n\n");
+        read(&room.put("slab.nrrd", &[header.as_bytes(), &bytes(false)]), None).unwrap()
+    };
+    for (sizes, directions) in [
+        ("1 4 3 1", "(2,0,0) (0,3,0) (0,0,4) none"),
+        ("1 1 4 3", "none (2,0,0) (0,3,0) (0,0,4)"),
+        ("1 1 4 3", "(2,0,0) none (0,3,0) (0,0,4)"),
+    ] {
+        let grid = read(sizes, &format!("space directions: {directions}"));
+        assert_eq!((grid.size(), grid.placement().axes), ([1, 4, 3], Affine::spacing([2.0, 3.0, 4.0]).axes));
+    }
+    let grid = read("1 4 3 1", "spacings: 2 3 4 nan");
+    assert_eq!((grid.size(), grid.placement().axes), ([1, 4, 3], Affine::spacing([2.0, 3.0, 4.0]).axes));
+}
+
+#[test]
 fn vti_inline_and_appended() {
     let file = |attributes: &str, array: &str, data: &str, tail: &str| {
         format!(
