@@ -156,6 +156,22 @@ def test_what_a_surface_or_a_maximum_shows_has_its_distance_normal_and_motion(tm
         assert (numpy.isclose(lengths, 1, atol=1e-5) | (lengths == 0)).all() and (lengths > 0).mean() > 0.9, mode
 
 
+def test_motion_and_angle_do_not_depend_on_where_the_world_begins(tmp_path):
+    """Map coordinates: millions of metres from the origin."""
+    voxels, found = blobs(), {}
+    for name, origin in [("near", (0, 0, 0)), ("far", (500_000, 5_000_000, 100))]:
+        nrrd(voxels, tmp_path / f"{name}.nrrd", origin)
+        lacuna("render", tmp_path / f"{name}.nrrd", "-o", tmp_path / f"{name}.####.exr", "--frames", "1-2", "--size", "60x40", "--density", "0.5",
+               "--set", "camera.orbit=5", "--set", "camera.angle=30", "--dense-aovs", "--motion", "-q")
+        found[name] = colours(tmp_path / f"{name}.0001.exr", ["motion.X", "motion.Y"])
+        header = OpenEXR.File(str(tmp_path / f"{name}.0001.exr")).header()
+        assert math.isclose(header["screenWindowWidth"], 1.5 * 2 * math.tan(math.radians(15)), rel_tol=1e-6)
+    assert abs(found["near"]).max() > 0.5
+    numpy.testing.assert_allclose(found["far"], found["near"], atol=0.01)
+    told = lacuna("fill", tmp_path / "far.0001.exr", "-o", tmp_path / "filled.exr", "--temporal", "1", "--motion", "camera", "-v").stderr
+    assert "cannot be inverted" not in told, told
+
+
 def test_values_past_the_largest_half_are_told(tmp_path):
     words = ["render", "procedural:head:16", "-o", tmp_path / "o.exr", "--size", "40x40", "--set", "shading.ambient=1e6", "--force"]
     for pixels in [[], ["--density", "0.5", "--fill", "auto"], ["--density", "0.5", "--adaptive"]]:

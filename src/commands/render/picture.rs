@@ -3,7 +3,7 @@
 use half::f16;
 use lacuna_exr::{Attributes, Channel, Compression, Frame, Part, SampleType, Samples, Window};
 use lacuna_filters::{Mask, Size};
-use lacuna_volume::{Camera, Picture};
+use lacuna_volume::{Camera, Picture, Projection};
 
 use crate::reconstruct::{RENDER, SCENE, to_half, to_halves};
 use crate::{channels, mask};
@@ -155,6 +155,11 @@ fn attributes(size: Size, masked: bool, story: &Story<'_>) -> Attributes {
     };
     attributes.set("worldToCamera", "m44f", matrix(story.camera.world_to_camera()));
     attributes.set("worldToNDC", "m44f", matrix(story.camera.world_to_ndc(size)));
+    // Of the image plane at distance 1; there is none that an orthographic camera's rays go through from one point.
+    if story.camera.projection == Projection::Perspective {
+        let width = story.camera.field * size.width as f64 / size.height as f64;
+        attributes.set("screenWindowWidth", "float", (width as f32).to_le_bytes().into());
+    }
     attributes.set_text("lacuna/version", env!("CARGO_PKG_VERSION"));
     attributes.set_text(SCENE, story.scene);
     attributes.set_text(RENDER, story.render);
