@@ -10,7 +10,7 @@ use lacuna_exr::{Channel, Frame, Part, Samples};
 use lacuna_filters::sampling::{self, Temporal, adaptive};
 use lacuna_filters::{Mask, Run};
 
-use crate::channels::{DENSE, part_label};
+use crate::channels::{DENSE, list_dense, part_label};
 use crate::mask::generate::field;
 use crate::mask::rounds::{self, ROUNDS, Rounds};
 
@@ -277,7 +277,7 @@ fn make_sparse(
     dropped.retain(|name| *name != DENSE || kept.is_empty());
     notes.extend(dropped_note(&dropped));
     if !kept.is_empty() {
-        part.attributes.set_text(DENSE, &kept.join("\n"));
+        list_dense(part, kept.iter().map(|name| &**name));
     }
     notes.extend(make_writable(part, None));
     notes

@@ -88,7 +88,8 @@ def main():
     # Halves are those of the noise that is gone.
     planes = {name: plane for name, plane in planes.items() if name.split(".")[0] not in ("half1", "half2")}
     (x, y), shown = part.header["dataWindow"][0], np.ravel(part.header["displayWindow"])
-    dense = [name for name in str(part.header.get("lacuna/dense", "")).split(",") if name in planes]
+    listed = str(part.header.get("lacuna/dense", "")).splitlines()
+    dense = [name for line in listed for name in ([line] if line in planes else line.split(",")) if name in planes]
     note = {"denoiser": f"Open Image Denoise by pyoidn, {'grid of measured pixels' if not mask.all() else 'all pixels'}"}
     write = lambda to: sparse.write(to, planes, mask, dense, (int(x), int(y)), [int(n) for n in shown], attributes=note)
     if mask.all():

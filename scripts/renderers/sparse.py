@@ -354,7 +354,8 @@ def write(path, planes, mask, dense=(), origin=(0, 0), display=None, kind=np.flo
         "lacuna/mask": "mask",
         "lacuna/density": float(mask.mean()),
     }
-    header |= {"lacuna/dense": ",".join(dense)} if dense else {}
+    between = "\n" if any("," in name for name in dense) else ","
+    header |= {"lacuna/dense": between.join(dense)} if dense else {}
     header |= attributes or {}
     channels = {}
     for name, plane in planes.items():

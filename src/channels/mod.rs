@@ -176,10 +176,24 @@ fn choose_one(part: &Part, channel: usize, overrides: &[Override], dense: &[Stri
     Choice::new(rule, DecidedBy::Name, why)
 }
 
-/// The channels that the attribute [`DENSE`] of a part lists.
+/// The channels that the attribute [`DENSE`] of a part lists: by lines, those that are no channel by commas too.
 pub fn dense(part: &Part) -> Vec<String> {
     let text = part.attributes.text(DENSE).unwrap_or_default();
-    text.split([',', '\n']).map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect()
+    let is = |name: &str| part.channels.iter().any(|channel| channel.display_name() == name);
+    let names = text.lines().flat_map(|line| {
+        let whole = is(line.trim());
+        line.split(move |c: char| c == ',' && !whole)
+    });
+    names.map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect()
+}
+
+/// Adds channels to those that the attribute [`DENSE`] of a part lists: with commas between, as other tools read it, on lines of
+/// their own if a name has one.
+pub fn list_dense<'a>(part: &mut Part, names: impl IntoIterator<Item = &'a str>) {
+    let mut all = dense(part);
+    all.extend(names.into_iter().map(str::to_owned));
+    let between = if all.iter().any(|name| name.contains(',')) { "\n" } else { "," };
+    part.attributes.set_text(DENSE, &all.join(between));
 }
 
 fn demote_incomplete_normals(part: &Part, choices: &mut [Choice]) {

@@ -225,6 +225,26 @@ fn dense_channels_are_kept() {
 }
 
 #[test]
+fn lists_of_complete_channels_may_have_names_with_commas() {
+    let names = ["Z", "depth, near", "albedo.R"];
+    let mut part = with(&names);
+    for text in ["Z\ndepth, near\nalbedo.R", "Z,albedo.R\n depth, near \n"] {
+        part.attributes.set_text(DENSE, text);
+        let mut found = dense(&part);
+        found.sort();
+        assert_eq!(found, ["Z", "albedo.R", "depth, near"]);
+    }
+    part.attributes.set_text(DENSE, "");
+    list_dense(&mut part, ["Z", "albedo.R"]);
+    assert_eq!(part.attributes.text(DENSE).as_deref(), Some("Z,albedo.R"));
+    list_dense(&mut part, ["depth, near"]);
+    assert_eq!(dense(&part), ["Z", "albedo.R", "depth, near"]);
+    part.attributes.set_text(DENSE, "");
+    list_dense(&mut part, ["depth, near"]);
+    assert_eq!(dense(&part), ["depth, near"]);
+}
+
+#[test]
 fn overrides_say_what_is_wrong_with_them() {
     for text in ["", "R", "=fill", "R=paint", "[=fill"] {
         let error = text.parse::<Override>().unwrap_err().to_string();

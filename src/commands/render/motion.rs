@@ -5,7 +5,8 @@ use lacuna_filters::Size;
 use lacuna_filters::temporal::camera::{self, Depth};
 use lacuna_volume::Camera;
 
-use super::picture::{channel, list_dense};
+use super::picture::channel;
+use crate::channels;
 
 /// Across and down.
 const NAMES: [&str; 2] = ["motion.X", "motion.Y"];
@@ -25,7 +26,7 @@ pub fn add(
     )?;
     part.channels
         .extend(NAMES.into_iter().zip(planes).map(|(name, plane)| channel(name, Samples::Float(plane))));
-    list_dense(part, &NAMES);
+    channels::list_dense(part, NAMES);
     Ok(())
 }
 

@@ -109,14 +109,7 @@ pub fn add_dense(frame: &mut Frame, picture: Picture, kind: SampleType) {
     let named = DENSE.into_iter().zip([alpha].into_iter().chain(picture.normal));
     part.channels.extend(named.map(|(name, plane)| channel(name, values(plane, kind, &mut 0))));
     part.channels.push(channel(DENSE_DEPTH, Samples::Float(picture.depth)));
-    list_dense(part, &[&DENSE[..], &[DENSE_DEPTH]].concat());
-}
-
-/// Lists channels as complete.
-pub fn list_dense(part: &mut Part, names: &[&str]) {
-    let before = part.attributes.text(channels::DENSE).filter(|text| !text.is_empty());
-    let all: Vec<&str> = before.as_deref().into_iter().chain(names.iter().copied()).collect();
-    part.attributes.set_text(channels::DENSE, &all.join(","));
+    channels::list_dense(part, DENSE.into_iter().chain([DENSE_DEPTH]));
 }
 
 /// A plane's samples of that type; counts those that become the largest half.
