@@ -83,6 +83,7 @@ fn image(scene: &Scene) -> Vec<Problem> {
     let size = 1..=65_536;
     vec![
         (!within(&image.background), "image.background: numbers within -1e9 and 1e9"),
+        (!(0.0..=1.0).contains(&image.background[3]), "image.background: an alpha of 0 to 1"),
         (!image.size.iter().all(|n| size.contains(n)), "image.size: 1 to 65536 pixels"),
         (!(1..=65_536).contains(&image.samples), "image.samples: 1 to 65536"),
     ]

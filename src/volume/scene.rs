@@ -94,7 +94,7 @@ pub enum NamedDomain {
 pub struct CameraScene {
     /// Degrees about the y axis, from +z towards +x.
     pub azimuth: Option<f64>,
-    /// Degrees towards +y, -90 to 90.
+    /// Degrees towards +y; beyond 90 the camera stands behind the pole.
     pub elevation: Option<f64>,
     /// Larger is closer; 1 shows the whole volume.
     pub zoom: f64,
@@ -414,6 +414,8 @@ mod tests {
             ("[transfer]\ndomain = [6, 5]", "transfer.domain"),
             ("[image]\nsize = [0, 5]", "image.size"),
             ("[image]\nbackground = [0.0, nan, 0.0, 0.0]", "image.background"),
+            ("[image]\nbackground = [0.0, 0.0, 0.0, 1.5]", "image.background: an alpha"),
+            ("[image]\nbackground = [0.0, 0.0, 0.0, -0.5]", "image.background: an alpha"),
             ("[[light]]\nintensity = 1e308", "light.intensity"),
             ("[shading]\ndiffuse = inf", "shading"),
             ("[march]\nmode = \"x\"", "dvr"),
