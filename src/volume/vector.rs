@@ -4,36 +4,43 @@
 pub type Vector = [f64; 3];
 
 /// `a + b`.
+#[inline]
 pub fn add(a: Vector, b: Vector) -> Vector {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
 /// `a - b`.
+#[inline]
 pub fn subtract(a: Vector, b: Vector) -> Vector {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 /// `a s`.
+#[inline]
 pub fn scale(a: Vector, s: f64) -> Vector {
     [a[0] * s, a[1] * s, a[2] * s]
 }
 
 /// The scalar product.
+#[inline]
 pub fn dot(a: Vector, b: Vector) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// The vector product.
+#[inline]
 pub fn cross(a: Vector, b: Vector) -> Vector {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// The length.
+#[inline]
 pub fn length(a: Vector) -> f64 {
     dot(a, a).sqrt()
 }
 
 /// `a` at length 1; a vector of length 0 stays.
+#[inline]
 pub fn normalise(a: Vector) -> Vector {
     let length = length(a);
     if length > 0.0 { scale(a, length.recip()) } else { a }
