@@ -34,6 +34,14 @@ pub enum Error {
     /// Weights that leave no sample.
     #[error("no measured pixel has a weight above 0")]
     NothingWeighs,
+    /// A guide that is sparse like the samples.
+    #[error(
+        "guide '{name}' is zero, NaN or the same at the missing pixels, and only complete ones can guide: leave it out, or render it everywhere"
+    )]
+    SparseGuide {
+        /// Its name.
+        name: String,
+    },
     /// A filter that uses a learned dictionary and has none.
     #[error("there is no dictionary to fill with")]
     NoDictionary,

@@ -87,14 +87,15 @@ pub struct Options<'a> {
     pub weights: Option<Arc<Plane>>,
     /// Of each plane, derivatives along rows (x) and along columns (y) per pixel, NaN where there are none; empty for none at all.
     pub gradients: Vec<Option<[Plane; 2]>>,
-    /// Complete planes that may steer the values, where measured pixels are kept; methods that take none ([`crate::descriptor::Takes`])
+    /// Complete planes ([`crate::complete`]) that may steer the values, where measured pixels are kept; methods that take none ([`crate::descriptor::Takes`])
     /// ignore them, and [`Set::guides`] is then empty.
     pub guides: Option<&'a Guides>,
     /// Of each plane, a complete one that may hold its values, in its type (an alpha rendered everywhere, say); empty for none at all. Where it
-    /// equals all measured ones ([`agrees`]), missing ones are copied from it; else it counts for nothing. Not where measured pixels are smoothed.
+    /// is complete ([`crate::complete`]) and equals all measured ones ([`agrees`]), missing ones are copied from it; else it counts for nothing. Not where measured pixels are smoothed.
     pub twins: Vec<Option<Arc<Plane>>>,
-    /// Whether twins are known to hold the values and are not compared, as for pieces of an image that was compared as a whole.
-    pub compared: bool,
+    /// Whether guides are known to be complete and twins to hold the values, so that neither are looked at, as for pieces of an image that was
+    /// looked at as a whole.
+    pub known: bool,
     /// Samples of other frames at their places in this one, for methods that choose by held-out samples.
     pub carried: &'a [Carried],
     /// What is to be said of the error.
@@ -121,7 +122,7 @@ impl Default for Options<'_> {
             gradients: Vec::new(),
             guides: None,
             twins: Vec::new(),
-            compared: false,
+            known: false,
             carried: &[],
             estimate: Estimate::No,
             repeated: None,
@@ -230,7 +231,7 @@ pub struct Set {
 ///
 /// # Errors
 /// [`Error::EmptyMask`] and [`Error::NothingFinite`] where nothing is known, [`Error::SizeMismatch`] where sizes or numbers of
-/// planes differ, [`Error::NothingWeighs`], and those of the method.
+/// planes differ, [`Error::SparseGuide`], [`Error::NothingWeighs`], and those of the method.
 pub fn fill(samples: &Planes, mask: impl Into<Arc<Mask>>, options: &Options<'_>) -> Result<Filled, Error> {
     fill_with(samples, &mask.into(), options, &Plans::new(), &Run::default())
 }
@@ -264,6 +265,9 @@ pub(crate) fn fill_usable(
 ) -> Result<Filled, Error> {
     check(samples, mask, options)?;
     mask.require_samples()?;
+    if let Some(name) = options.guides.filter(|_| !options.known).and_then(|guides| guides.sparse(mask)) {
+        return Err(Error::SparseGuide { name: name.into() });
+    }
     let masks = samples.as_slice().par_iter().map(|plane| usable(mask, plane));
     let non_finite: Vec<usize> = masks.iter().map(|usable| mask.count() - usable.count()).collect();
     if let Some(plane) = masks.iter().position(|usable| usable.is_empty()) {

@@ -27,6 +27,7 @@ pub mod baseline;
 mod bounds;
 mod check;
 pub mod choose;
+pub mod complete;
 pub mod descriptor;
 pub mod dictionary;
 pub mod domain;

@@ -185,7 +185,7 @@ fn copied_from_twins_by_every_method_that_takes_guides() {
     for method in methods().into_iter().filter(|method| method.descriptor().takes.guides) {
         let mut complete = alpha();
         complete.iter_mut().enumerate().filter(|(at, _)| !mask().as_slice()[*at]).for_each(|(at, value)| {
-            *value = (at % 13) as f32 / 16.0;
+            *value = (1 + at % 13) as f32 / 16.0;
         });
         let mut frame = sparse(false, false, false);
         frame.parts[0].channels.push(float("dense.A", &complete));

@@ -64,6 +64,7 @@ pub fn refusal(error: &Error) -> PyErr {
     let argument = match error {
         Error::EmptyMask | Error::NoPairs => "mask",
         Error::NothingWeighs => "weights",
+        Error::SparseGuide { .. } => "guides",
         Error::NoMethod { .. } | Error::NoDictionary => "filter",
         Error::NoSetting { .. } => "settings",
         Error::Setting { name, .. } => {

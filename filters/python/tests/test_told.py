@@ -118,3 +118,20 @@ def test_a_rounding_excess_frees_no_bound():
 def test_a_black_frame_cleared_to_a_colour_is_no_inverted_mask():
     colour = np.where(MASK[:, :, None], 0, np.float32([0.1, 0.2, 0.3])).astype(np.float32)
     assert same_bits(lacuna.fill(colour, MASK, filter="ss"), np.zeros_like(colour))
+
+
+@pytest.mark.parametrize("clear", [0, 0.5, np.nan])
+def test_guides_and_twins_that_are_sparse_like_the_image_count_for_nothing(clear):
+    y, x = np.mgrid[0:72, 0:88].astype(np.float32)
+    normal = np.stack([np.sin(x / 9), np.cos(y / 7), np.sin((x + y) / 11)], axis=-1) + np.float32(2)
+    sparse = np.where(MASK[:, :, None], normal, np.float32(clear))
+    with pytest.raises(ValueError, match="^guides: guide 'N' is zero, NaN or the same at the missing pixels"):
+        lacuna.fill(IMAGE, MASK, {"N": sparse})
+    with pytest.raises(ValueError, match="^guides: guide 'N'"):
+        lacuna.estimate(IMAGE, MASK, {"Z": normal[:, :, 0], "N": sparse[:, :, 1]})
+    with pytest.raises(ValueError, match="^guides: guide 'id'"):
+        lacuna.fill(IMAGE, MASK, {"id": np.where(MASK, x.astype(np.int32) // 9 + 1, 0)})
+    assert lacuna.fill(IMAGE, MASK, {"N": normal}).shape == IMAGE.shape
+    plain = lacuna.fill(IMAGE, MASK)
+    assert same_bits(lacuna.fill(IMAGE, MASK, twin=np.where(MASK, IMAGE, np.float32(clear))), plain)
+    assert same_bits(lacuna.fill(IMAGE, MASK, twin=IMAGE), IMAGE)

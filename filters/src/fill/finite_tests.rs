@@ -88,6 +88,7 @@ fn what_is_not_finite_stays_inside_whatever_the_method() {
                     weights: Some(Arc::new(beside(9, bad))),
                     gradients: (0..3).map(slopes).collect(),
                     guides: Some(&guides[which]),
+                    known: true,
                     ..plain.clone()
                 };
                 let free = Options { limit: false, values: Values::Other, ..fed.clone() };
@@ -117,7 +118,7 @@ fn what_is_not_finite_in_noise_stays_inside() {
         for noise in [Noise::Unknown, like, drawn] {
             for guides in [None, Some(&guides[which])] {
                 let method = Method::named("ss", &[]).unwrap();
-                let options = Options { noise: noise.clone(), guides, ..Options::of(method) };
+                let options = Options { noise: noise.clone(), guides, known: true, ..Options::of(method) };
                 let filled = fill(&samples, mask(), &options).unwrap();
                 assert!(all_finite(&filled.planes), "{bad} {noise:?}");
             }

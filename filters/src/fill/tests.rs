@@ -50,6 +50,43 @@ fn the_limiter_holds_with_guides() {
 }
 
 #[test]
+fn what_is_sparse_like_the_samples_neither_guides_nor_is_copied() {
+    let size = Size::new(40, 50);
+    let mask = Arc::new(Mask::from_fn(size, |y, x| (y * 7 + x * 3).is_multiple_of(5)));
+    let whole = |at: usize| Plane::from_fn(size, |y, x| ((y * (2 + at) + x) % 17) as f32 / 20.0);
+    let sparse = |at: usize, clear: f32| {
+        let whole = whole(at);
+        Plane::from_fn(size, |y, x| if mask.is_measured(y, x) { whole.row(y)[x] } else { clear })
+    };
+    let samples = Planes::from(sparse(0, 0.0));
+    let told = |add: &dyn Fn(&mut Guides)| {
+        let mut guides = Guides::new(size);
+        guides.add("whole", vec![whole(1)]).unwrap();
+        add(&mut guides);
+        fill(&samples, Arc::clone(&mask), &Options { guides: Some(&guides), ..Options::default() })
+    };
+    for clear in [0.0, 0.6, f32::NAN] {
+        // A plane that is the same everywhere says nothing, but holds something.
+        let found = told(&|guides| {
+            guides.add("N", vec![sparse(1, clear), sparse(2, clear), Plane::filled(size, 0.0)]).unwrap();
+        });
+        assert_eq!(found.unwrap_err(), Error::SparseGuide { name: "N".into() }, "{clear}");
+        let options = |twin: Plane| Options { twins: vec![Some(Arc::new(twin))], ..Options::default() };
+        let copied = |twin| fill(&samples, Arc::clone(&mask), &options(twin)).unwrap().sets[0].copied;
+        assert!(copied(whole(0)) && !copied(sparse(0, clear)));
+    }
+    let labels = |clear: bool| -> Vec<u32> {
+        let id = |at: usize| if clear && !mask.as_slice()[at] { 0 } else { 1 + at as u32 % 9 };
+        (0..size.pixels()).map(id).collect()
+    };
+    let found = told(&|guides| assert!(guides.add_labels("id", &labels(true)).unwrap()));
+    assert_eq!(found.unwrap_err(), Error::SparseGuide { name: "id".into() });
+    assert!(told(&|guides| assert!(guides.add_labels("id", &labels(false)).unwrap())).is_ok());
+    let flat = vec![whole(1), Plane::filled(size, 1.0)];
+    assert!(told(&|guides| assert!(guides.add("N", flat.clone()).unwrap())).is_ok());
+}
+
+#[test]
 fn measured_bits_stay_in_every_domain_and_all_is_finite() {
     let mut samples = images(3);
     samples.as_mut_slice()[0].pixels_mut()[5] = 1e6;

@@ -9,6 +9,7 @@
 use std::sync::Arc;
 
 use super::{Options, Set, Values};
+use crate::complete::is_complete;
 use crate::domain::Domain;
 use crate::limiter::Moved;
 use crate::{Bounds, Mask, Outcome, Planes};
@@ -52,7 +53,7 @@ pub fn copied(samples: &Planes, masks: &[Arc<Mask>], options: &Options<'_>) -> V
         let Some(twin) = twin.filter(|_| keeps && !mask.is_full()) else { return false };
         let pixels = mask.as_slice().iter().zip(samples).zip(twin.pixels());
         let pixels = pixels.map(|((&flag, &sample), &twin)| (flag, sample, twin));
-        options.compared || agrees(pixels, options.bounds_of(at))
+        options.known || (agrees(pixels, options.bounds_of(at)) && is_complete(&[&**twin][..], mask))
     };
     let mut found: Vec<bool> = (0..samples.len()).map(holds).collect();
     if options.values == Values::Directions && found.contains(&false) {
@@ -150,7 +151,7 @@ mod tests {
         assert!(!filled.sets[0].copied);
         assert!(filled.planes == fill(&sparse(&alpha()), mask(), &plain).unwrap().planes);
         // Unless that was compared before, with more than is here.
-        let known = Options { compared: true, ..options(alpha()) };
+        let known = Options { known: true, ..options(alpha()) };
         assert!(fill(&sparse(&Plane::filled(SIZE, 1.0)), mask(), &known).unwrap().sets[0].copied);
     }
 

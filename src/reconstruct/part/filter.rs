@@ -44,7 +44,7 @@ pub fn filter(
         options.carried = &carried;
     }
     options.twins = group.channels.iter().map(|&channel| twins::twin(frame, work, channel)).collect();
-    (options.compared, options.repeated) = (true, Some(repeated));
+    (options.known, options.repeated) = (true, Some(repeated));
     let answer = fill_with(&samples, mask, &options, work.plans, work.run).map_err(fail)?;
     for set in &answer.sets {
         tell(set, (&samples, &answer.planes), (group, &options), &names, (frame, work), done);

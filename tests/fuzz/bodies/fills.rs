@@ -46,7 +46,7 @@ pub fn body(data: &[u8]) {
         options.noise = Noise::Unknown;
     }
     let guides = (flags & 32 > 0).then(|| guides(&mut draw, size));
-    options.guides = guides.as_ref();
+    (options.guides, options.known) = (guides.as_ref(), true);
     if flags & 64 > 0 {
         return enlarged(&mut draw, &samples, mask, options);
     }

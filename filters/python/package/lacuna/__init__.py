@@ -119,7 +119,8 @@ def fill(
         Complete arrays by their names, (height, width) or (height, width, channels): normals, depth, albedo. Arrays of whole
         numbers, (height, width), are identifiers of surfaces. Guides that do not predict are ignored; filters other than ``auto``
         and ``ss`` take none. Their order does not matter, their names do, as it does in files: channels are taken by name, those of
-        three that are nowhere negative as R, G, B, others as X, Y, Z.
+        three that are nowhere negative as R, G, B, others as X, Y, Z. One that is sparse like ``image`` (blank or the same at
+        missing pixels) is refused.
     filter, settings
         One of ``lacuna.filters()``, and its settings as a dict: ``filter="ss", settings={"lambda": 1e-3}``. The default blends
         several by their errors at held-out samples.
@@ -136,7 +137,7 @@ def fill(
     twin
         A complete array of the shape of ``image`` that may hold its values, such as an alpha that was rendered everywhere. A channel
         of which it equals all measured values (as the dtype of ``image``, enough of them and not all the same) takes the missing ones
-        from it, if they are finite and within the bounds of ``values``; otherwise it counts for nothing. The tool looks for such channels among its guides by their names.
+        from it, if it is not sparse itself and they are finite and within the bounds of ``values``; otherwise it counts for nothing. The tool looks for such channels among its guides by their names.
     estimate
         Whether to return an ``Estimate`` beside the image: two fills more, of a part of the samples.
     peak

@@ -3,9 +3,10 @@
 use lacuna_core::parallel::prelude::*;
 
 use super::PART;
+use crate::complete::{Group, is_complete};
 use crate::estimate::Excerpt;
 use crate::kernel::regress::Scales;
-use crate::{Error, Plane, Size};
+use crate::{Error, Mask, Plane, Size};
 
 /// Standard deviation that every group is scaled to.
 pub const SPREAD: f64 = 0.5;
@@ -31,6 +32,10 @@ pub struct Guides {
     planes: Vec<Plane>,
     /// What each plane has lost: scaled, its mean.
     centres: Vec<f32>,
+    /// What zero became in each plane; NaN beside a constant that is not zero, as nothing is blank there.
+    zeros: Vec<f32>,
+    /// Of each group, where a plane is not a number, if one is.
+    holes: Vec<Option<Vec<bool>>>,
     labels: Option<Vec<u32>>,
     label_names: Vec<String>,
     unknown: usize,
@@ -46,6 +51,8 @@ impl Guides {
             normals: Vec::new(),
             planes: Vec::new(),
             centres: Vec::new(),
+            zeros: Vec::new(),
+            holes: Vec::new(),
             labels: None,
             label_names: Vec::new(),
             unknown: 0,
@@ -63,32 +70,39 @@ impl Guides {
         }
         let normal = is_normal(&planes);
         let mut group = Vec::new();
+        let mut held = false;
         let (mut variance, mut count) = (0.0, 0.0_f64);
+        let mut holes = None;
         for plane in &planes {
-            self.mark_unknown(plane);
+            self.mark_unknown(plane, &mut holes);
         }
         let tamed = planes.into_par_iter().map(|mut plane| (tame(plane.pixels_mut()), plane));
         for (moments, plane) in tamed {
-            let Some((mean, square)) = moments else { continue };
+            let Some(Tamed { mean, square, zero }) = moments else {
+                held |= plane.pixels().iter().any(|value| *value != 0.0 && !value.is_nan());
+                continue;
+            };
             variance += square;
             count += 1.0;
-            group.push((self.planes.len(), mean));
+            group.push((self.planes.len(), mean, zero));
             self.planes.push(plane);
         }
         if group.is_empty() {
             return Ok(false);
         }
         let factor = SPREAD / (variance / count).sqrt();
-        for &(index, mean) in &group {
+        for &(index, mean, zero) in &group {
             let parts = self.planes[index].pixels_mut().par_chunks_mut(PART);
-            let one = |value: &mut f32| *value = ((f64::from(*value) - mean) * factor) as f32;
-            parts.for_each(|values| values.iter_mut().for_each(one));
+            let scaled = |value: f32| ((f64::from(value) - mean) * factor) as f32;
+            parts.for_each(|values| values.iter_mut().for_each(|value| *value = scaled(*value)));
             self.centres.push((mean * factor) as f32);
+            self.zeros.push(if held { f32::NAN } else { scaled(zero) });
         }
         if normal && group.len() == 3 {
             self.normals.push(self.groups.len());
         }
-        self.groups.push(group.into_iter().map(|(index, _)| index).collect());
+        self.groups.push(group.into_iter().map(|(index, ..)| index).collect());
+        self.holes.push(holes);
         self.names.push(name.into());
         Ok(true)
     }
@@ -136,6 +150,14 @@ impl Guides {
         self.unknown
     }
 
+    /// The first guide that holds nothing at the pixels that a mask calls missing ([`crate::complete`]), if there is one. Labels are looked at together.
+    pub(crate) fn sparse(&self, mask: &Mask) -> Option<&str> {
+        let group = |group: usize| (&self.names[group], Held { guides: self, group: Some(group) });
+        let labels = self.label_names.first().map(|name| (name, Held { guides: self, group: None }));
+        let mut all = (0..self.groups.len()).map(group).chain(labels);
+        all.find(|(_, held)| !is_complete(held, mask)).map(|(name, _)| name.as_str())
+    }
+
     /// The names of the guides that have a weight or a slope, and of the labels.
     pub(super) fn counting(&self, scales: &Scales) -> Vec<String> {
         let counts = |(_, group): &(&String, &Vec<usize>)| {
@@ -180,6 +202,8 @@ impl Guides {
             normals: self.normals.clone(),
             planes: self.planes.iter().map(map).collect(),
             centres: self.centres.clone(),
+            zeros: self.zeros.clone(),
+            holes: vec![None; self.groups.len()],
             labels: None,
             label_names: Vec::new(),
             unknown: self.unknown,
@@ -208,14 +232,39 @@ impl Guides {
         self.labels.as_deref()
     }
 
-    fn mark_unknown(&mut self, plane: &Plane) {
+    fn mark_unknown(&mut self, plane: &Plane, holes: &mut Option<Vec<bool>>) {
         if plane.pixels().iter().any(|value| value.is_nan()) {
             let labels = self.labels.get_or_insert_with(|| vec![0; self.size.pixels()]);
-            for (label, _) in labels.iter_mut().zip(plane.pixels()).filter(|(_, value)| value.is_nan()) {
+            let holes = holes.get_or_insert_with(|| vec![false; labels.len()]);
+            let pixels = labels.iter_mut().zip(holes).zip(plane.pixels());
+            for ((label, hole), _) in pixels.filter(|(_, value)| value.is_nan()) {
                 self.unknown += usize::from(*label != UNKNOWN);
-                *label = UNKNOWN;
+                (*label, *hole) = (UNKNOWN, true);
             }
         }
+    }
+}
+
+/// A group of planes of guides, or the labels.
+struct Held<'a> {
+    guides: &'a Guides,
+    group: Option<usize>,
+}
+
+impl Group for Held<'_> {
+    fn is_blank(&self, at: usize) -> bool {
+        let Guides { planes, zeros, holes, groups, labels, .. } = self.guides;
+        let Some(group) = self.group else { return labels.as_ref().is_some_and(|labels| labels[at] == 0) };
+        groups[group].iter().all(|&plane| planes[plane].pixels()[at] == zeros[plane])
+            || holes[group].as_ref().is_some_and(|holes| holes[at])
+    }
+
+    fn are_same(&self, one: usize, other: usize) -> bool {
+        let Guides { planes, groups, labels, .. } = self.guides;
+        let Some(group) = self.group else {
+            return labels.as_ref().is_some_and(|labels| labels[one] == labels[other]);
+        };
+        groups[group].iter().all(|&plane| planes[plane].pixels()[one] == planes[plane].pixels()[other])
     }
 }
 
@@ -225,10 +274,17 @@ fn is_normal(planes: &[Plane]) -> bool {
     planes.len() == 3 && all().all(|value| value.abs() <= 1.001) && all().any(|value| *value < 0.0)
 }
 
-/// Brings far outliers near and replaces what is not finite; mean and variance, or nothing if the plane is constant.
+/// The mean of tamed values, their variance, and what zero became.
+struct Tamed {
+    mean: f64,
+    square: f64,
+    zero: f32,
+}
+
+/// Brings far outliers near and replaces what is not finite; nothing if the plane is constant.
 ///
 /// The ends of the range, which backgrounds have, do not count for the quantiles, and land apart from the rest.
-fn tame(values: &mut [f32]) -> Option<(f64, f64)> {
+fn tame(values: &mut [f32]) -> Option<Tamed> {
     let parts = values.par_chunks(PART).map(|values| {
         let (mut least, mut most) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
         let mut infinite = false;
@@ -279,7 +335,8 @@ fn tame(values: &mut [f32]) -> Option<(f64, f64)> {
     let mean = sums.into_iter().sum::<f64>() / count;
     let squares = values.par_chunks(PART).map(|values| sum(values, |value| (value - mean).powi(2)));
     let variance = squares.into_iter().sum::<f64>() / count;
-    (variance > 0.0 && variance.is_finite()).then_some((mean, variance))
+    let zero = 0.0_f32.clamp(floor, top.max(beyond));
+    (variance > 0.0 && variance.is_finite()).then_some(Tamed { mean, square: variance, zero })
 }
 
 /// The sum of what `of` makes of the values, in lanes.
