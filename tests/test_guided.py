@@ -92,6 +92,100 @@ def test_a_second_file_guides_as_well(tmp_path, scene):
     assert result.status == 2
 
 
+def balls():
+    """Normals, depth and alpha of a ball over a background of zeros, and its light."""
+    v, u = (np.indices((96, 96)) - 47.5) / 40
+    inside = u * u + v * v < 1
+    w = np.sqrt(np.where(inside, 1 - u * u - v * v, 0))
+    known = {"A": inside, "N.X": u * inside, "N.Y": v * inside, "N.Z": w, "Z": np.where(inside, 10 - 5 * w, 99)}
+    light = [inside * (0.2 + 0.6 * np.maximum(a * u + b * v + c * w, 0)) for a, b, c in ((0.3, 0.3, 0.9), (-0.4, 0.2, 0.8), (0.1, -0.6, 0.7))]
+    return floats(known), floats(dict(zip("RGB", light)))
+
+
+def kept(channels, mask):
+    return {name: np.where(mask, plane, np.float32(0)) for name, plane in channels.items()}
+
+
+def random_mask(density, seed):
+    return np.random.default_rng(seed).random((96, 96)) < density
+
+
+def test_a_sparse_second_file_is_refused_in_one_line(tmp_path):
+    known, light = balls()
+    mask, other = random_mask(0.2, 0), random_mask(0.4, 1)
+    own = frames.write(tmp_path / "in.exr", kept(light | {"A": known["A"]}, mask) | floats({"mask": mask}))
+    flags = floats({"mask": mask})
+    sparse = {
+        "same.exr": kept(known, mask),
+        "flagged.exr": kept(known, mask) | flags,
+        "nan.exr": {name: np.where(mask, plane, np.float32(np.nan)) for name, plane in known.items()},
+        "other.exr": kept(known, other) | floats({"Mask": other}),
+    }
+    for name, channels in sparse.items():
+        frames.write(tmp_path / name, channels)
+    lacuna("fill", frames.write(tmp_path / "before.exr", kept(known, mask) | flags), "-o", tmp_path / "filled.exr")
+    for name in (*sparse, "in.exr", "filled.exr"):
+        result = lacuna("fill", own, "-o", tmp_path / "out.exr", "--guides-from", tmp_path / name, ok=False)
+        (line,) = [line for line in result.lines() if "error" in line]
+        assert result.status == 1 and name in line and "A" in line and "only complete channels can guide" in line
+        assert not (tmp_path / "out.exr").exists()
+    # What is complete guides, and what is not is told.
+    frames.write(tmp_path / "mixed.exr", known | kept({name: known[name] for name in ("A", "Z")}, mask) | flags)
+    told = lacuna("fill", own, "-o", tmp_path / "out.exr", "--guides-from", tmp_path / "mixed.exr").stderr
+    assert "A, Z: sparse in the guides' file" in told and "guided by N" in told and "copied" not in told
+    result = lacuna("fill", own, "-o", tmp_path / "out.exr", "--guides-from", tmp_path / "mixed.exr", "--guides", "N.*,Z", "--force", ok=False)
+    assert result.status == 1 and "mixed.exr: Z: " in result.stderr
+
+
+@pytest.mark.parametrize("where", ["second file", "frame"])
+def test_complete_guides_are_taken_wherever_pixels_were_chosen(tmp_path, where):
+    """Most pixels of the ball, and few of the background, whose zeros are at most of the missing pixels then."""
+    known, light = balls()
+    mask = np.where(known["A"] > 0, random_mask(0.3, 0), random_mask(0.02, 1))
+    sparse, beside = kept(light, mask) | floats({"mask": mask}), known
+    if where == "frame":
+        sparse, beside = sparse | known, {}
+    frames.write(tmp_path / "in.exr", sparse)
+    words = ["--guides-from", frames.write(tmp_path / "aov.exr", beside)] if beside else []
+    told = lacuna("fill", tmp_path / "in.exr", "-o", tmp_path / "out.exr", *words).stderr
+    lacuna("fill", tmp_path / "in.exr", "-o", tmp_path / "plain.exr", "--guides", "none")
+    guided, plain = (frames.psnr(frames.colour(tmp_path / f"{name}.exr"), np.stack(list(light.values()), -1)) for name in ("out", "plain"))
+    assert "guided by" in told and "sparse" not in told and guided > plain + 3
+
+
+def test_each_view_has_guides_by_its_own_mask(tmp_path):
+    known, light = balls()
+    masks = {"": random_mask(0.3, 0), "right.": random_mask(0.3, 1)}
+    channels = {}
+    for view, mask in masks.items():
+        own = kept(light | {"Z": known["Z"]}, mask) | floats({"mask": mask})
+        channels |= {view + name: plane for name, plane in own.items()}
+    frames.write(tmp_path / "in.exr", channels, multiView=["left", "right"])
+    assert "guide" not in lacuna("info", tmp_path / "in.exr").stdout
+    lacuna("fill", tmp_path / "in.exr", "-o", tmp_path / "out.exr")
+    filled = frames.read(tmp_path / "out.exr")[0]
+    for view in masks:
+        assert filled[view + "Z"].min() > 1
+        assert frames.psnr(np.stack([filled[view + name] for name in "RGB"], -1), np.stack(list(light.values()), -1)) > 30
+    lacuna("verify", tmp_path / "in.exr", tmp_path / "out.exr")
+
+
+def test_each_part_has_guides_by_its_own_mask(tmp_path):
+    known, light = balls()
+    mask, other = random_mask(0.2, 0), random_mask(0.4, 1)
+    normal = {name: plane for name, plane in known.items() if name.startswith("N")}
+    beauty = frames.part(kept(light, mask) | floats({"mask": mask}), name="beauty")
+    sparse = frames.part(kept(normal, other) | floats({"mask": other}), name="aov")
+    frames.write(tmp_path / "in.exr", [beauty, sparse])
+    lacuna("fill", tmp_path / "in.exr", "-o", tmp_path / "out.exr")
+    filled = frames.read(tmp_path / "out.exr")[1]
+    assert frames.psnr(*(np.stack([channels[name] for name in normal], -1) / 2 + 0.5 for channels in (filled, normal))) > 25
+    lacuna("verify", tmp_path / "in.exr", tmp_path / "out.exr")
+    complete = frames.part(normal | floats({"mask": other}), name="aov")
+    frames.write(tmp_path / "in.exr", [beauty, complete])
+    assert "guides: N" in lacuna("info", tmp_path / "in.exr").stdout
+
+
 def test_constant_guides_give_the_plain_result_bit_for_bit(tmp_path, scene):
     _, _, full, mask = scene
     flat = {"N.X": np.zeros((SIDE, SIDE)), "N.Y": np.zeros((SIDE, SIDE)), "N.Z": np.ones((SIDE, SIDE)),

@@ -88,6 +88,17 @@ def test_what_is_no_light_is_taken_as_it_is(given):
     assert all(frames.same_bits(got[name], plane) for name, plane in known.items())
 
 
+def test_what_is_sparse_is_not_taken(given):
+    mask = np.random.default_rng(5).random(large()[1]["Z"].shape) < 0.5
+    known = large()[1] | {"Z": np.where(mask, large()[1]["Z"], np.float32(0)), "mask": mask.astype(np.float32)}
+    frames.write(given / "aovs.exr", known)
+    told = upscale(given, "--guides-from", given / "aovs.exr", "--take-guides").stderr
+    got = frames.read(given / "out.exr")[0]
+    assert "Z: sparse in the guides' file, and no guide" in told and "--take-guides: Z: sparse" in told
+    assert got["Z"].min() > 0
+    assert all(frames.same_bits(got[name], plane) for name, plane in known.items() if name not in ("Z", "mask"))
+
+
 def test_motion_in_pixels_grows_with_the_frame(tmp_path):
     rng = np.random.default_rng(7)
     # Nearest copies, so that only the factors differ.
@@ -122,13 +133,20 @@ def test_motion_in_pixels_grows_with_the_frame(tmp_path):
     (["--take-guides"], 2, "--guides-from"),
     (["--filter", "tv", "--guides-from", "aovs.exr"], 2, "only --filter ss"),
     (["--guides-from", "small.exr"], 1, "the pixels of the output"),
-    (["--guides-from", "sparse.exr"], 1, "every pixel of the larger frame"),
+    (["--guides-from", "sparse.exr"], 1, "render the guides for every pixel"),
+    (["--guides-from", "nan.exr"], 1, "render the guides for every pixel"),
+    (["--guides-from", "half.exr"], 1, "render the guides for every pixel"),
     (["--guides-from", "aovs.exr", "--guides", "albedo.*"], 1, "no channel of that name"),
     (["--guides-from", "nothing.exr"], 1, "nothing.exr"),
 ])
 def test_guides_that_do_not_fit_are_refused_in_one_line(given, words, status, reason):
     known = large()[1]
-    frames.write(given / "sparse.exr", known | {"mask": (known["Z"] > 8).astype(np.float32)})
+    mask = np.random.default_rng(5).random(known["Z"].shape) < 0.5
+    sparse = lambda mask, clear: {name: np.where(mask, plane, np.float32(clear)) for name, plane in known.items()}
+    frames.write(given / "sparse.exr", sparse(mask, 0) | {"Mask": mask.astype(np.float32)})
+    frames.write(given / "nan.exr", sparse(mask, np.nan))
+    left = np.indices(mask.shape)[1] < 20
+    frames.write(given / "half.exr", sparse(left, 0) | {"mask": left.astype(np.float32)})
     words = [str(given / word) if word.endswith(".exr") else word for word in words]
     result = upscale(given, "-q", *words, ok=False)
     lines = [line for line in result.lines() if "rror" in line or reason in line]

@@ -17,6 +17,7 @@ use crate::files::plan::{Item, Plan, check_reports, pair};
 use crate::files::reports;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
+use crate::reconstruct::claimed_density;
 use crate::report::{
     self, Changed, Comparison, Flicker, FrameReport, Gate, Images, MOST_PIXELS, Maps, Measure, Pair, Picture,
     Settings,
@@ -26,7 +27,7 @@ use crate::run::console::Console;
 use crate::run::record::{Heading, Record};
 use crate::run::schedule::Need;
 use crate::run::{batch, memory, outputs};
-use crate::verify::{Claims, claimed_density};
+use crate::verify::Claims;
 
 /// Frames to be compared.
 #[derive(Clone, Debug, PartialEq)]

@@ -141,7 +141,8 @@ fn describe(job: &InfoJob, path: &Path) -> Result<Described, PlanError> {
         lacuna_exr::read(path, &limits).map_err(|error| failed(Failure::at(path, error)))
     });
     let guided = guides::find(judged, masks, &mut choices, &job.guides, second.transpose()?.as_ref());
-    let guided = guided.map_err(|error| failed(Failure::at(path, error)))?;
+    let from = job.guides_from.as_ref().map(Path::new);
+    let guided = guided.map_err(|error| failed(Failure::at(error.file(path, from), error)))?;
     let mut info = info::describe(&frame, found.as_ref(), &choices);
     for (index, part) in info.parts.iter_mut().enumerate() {
         part.guides = guided.names(index);

@@ -6,7 +6,8 @@ use lacuna_filters::Mask;
 use super::complete::complete;
 use super::{Asked, Error};
 use crate::channels::{self, Choice, DecidedBy, Name, Rule, list_channels, view_of};
-use crate::mask::Masks;
+use crate::mask::{self, Masks};
+use crate::reconstruct::{claimed_density, made};
 
 /// What a guide is, which says how it is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,7 +52,7 @@ impl Found {
 /// Finds the guides of a frame, and makes the rules of its channels that are complete `keep`.
 ///
 /// # Errors
-/// What was asked for by name and is not there, or is sparse; a second frame without the pixels of the first.
+/// What was asked for by name and is not there, or is sparse; a second frame without the pixels of the first, or with nothing complete.
 pub fn find(
     frame: &Frame,
     masks: &Masks,
@@ -63,14 +64,16 @@ pub fn find(
     if *asked == Asked::None {
         return Ok(found);
     }
+    let second = second.map(Second::new);
     for index in 0..frame.parts.len() {
         let filled = |choice: &Choice| choice.rule == Rule::Fill;
-        let Some(mask) = part_mask(masks, index).filter(|_| choices[index].iter().any(filled)) else {
+        let missing = missing(masks, index);
+        if missing.is_empty() || !choices[index].iter().any(filled) {
             continue;
-        };
-        found.parts[index] = match second {
-            Some(second) => of_second(frame, index, second, asked)?,
-            None => of_frame(frame, index, (mask, masks), choices, asked, &mut found.notes)?,
+        }
+        found.parts[index] = match &second {
+            Some(second) => of_second(&frame.parts[index], &missing, second, asked, &mut found.notes)?,
+            None => of_frame(frame, index, (&missing, masks), choices, asked, &mut found.notes)?,
         };
     }
     for guide in found.parts.iter().flatten().filter(|guide| !guide.second) {
@@ -84,20 +87,19 @@ pub fn find(
     Ok(found)
 }
 
-/// The mask of the part's channels that miss something.
-fn part_mask(masks: &Masks, part: usize) -> Option<&Mask> {
-    let channels = masks.channels.get(part)?;
-    channels
-        .iter()
-        .flatten()
-        .find(|mask| !mask.is_full() && !mask.is_empty())
-        .map(std::convert::AsRef::as_ref)
+/// The masks of the part's channels that miss something.
+fn missing(masks: &Masks, part: usize) -> Vec<&Mask> {
+    if part >= masks.channels.len() {
+        return Vec::new();
+    }
+    let different = masks.different(part).into_iter();
+    different.filter(|mask| !mask.is_full() && !mask.is_empty()).collect()
 }
 
 fn of_frame(
     frame: &Frame,
     index: usize,
-    (mask, masks): (&Mask, &Masks),
+    (missing, masks): (&[&Mask], &Masks),
     choices: &[Vec<Choice>],
     asked: &Asked,
     notes: &mut Vec<String>,
@@ -108,7 +110,6 @@ fn of_frame(
             continue;
         }
         for (guide, why) in candidates(own, part, asked, |at| masks.is_mask_channel(part, at)) {
-            let samples: Vec<&Samples> = guide.channels.iter().map(|&at| &own.channels[at].samples).collect();
             // A rule that was asked for goes before.
             let overridden = |&at: &usize| {
                 let choice = &choices[part][at];
@@ -117,7 +118,8 @@ fn of_frame(
             if matches!(asked, Asked::Auto) && guide.channels.iter().any(overridden) {
                 continue;
             }
-            let holds = |compression| why == Why::Listed || complete(&samples, compression, mask);
+            let judges = judges(Some(masks), &guide, missing);
+            let holds = |compression| why == Why::Listed || is_held(own, &guide, compression, &judges);
             if holds(own.compression) {
                 found.push(guide);
             } else if why == Why::Asked {
@@ -136,52 +138,146 @@ fn of_frame(
     Ok(found)
 }
 
+/// The masks that tell whether a candidate is complete: those that serve its channels, else those of what it is to guide.
+fn judges<'a>(own: Option<&'a Masks>, guide: &Guide, missing: &[&'a Mask]) -> Vec<&'a Mask> {
+    let serving = guide.channels.iter().filter_map(|&at| own?.get(guide.part, at));
+    let mut judges: Vec<&Mask> = Vec::new();
+    for mask in serving.map(|mask| &**mask) {
+        if !judges.iter().any(|other| std::ptr::eq(*other, mask)) {
+            judges.push(mask);
+        }
+    }
+    if judges.is_empty() { missing.to_vec() } else { judges }
+}
+
+/// Whether a candidate of a part is complete by all of these masks.
+fn is_held(part: &Part, guide: &Guide, compression: Compression, judges: &[&Mask]) -> bool {
+    let samples: Vec<&Samples> = guide.channels.iter().map(|&at| &part.channels[at].samples).collect();
+    judges.iter().all(|mask| complete(&samples, compression, mask))
+}
+
+/// A second frame, and what it says of its pixels.
+#[derive(Debug)]
+pub struct Second<'a> {
+    /// The frame.
+    pub frame: &'a Frame,
+    masks: Option<Masks>,
+    /// Per part and channel, whether a fill made its missing pixels.
+    made: Vec<Vec<bool>>,
+}
+
+impl<'a> Second<'a> {
+    /// Looks for masks and stamps in it.
+    pub fn new(frame: &'a Frame) -> Self {
+        let masks = mask::told(frame);
+        let mask_channels = masks.as_ref().map(|masks| masks.mask_channels.as_slice()).unwrap_or_default();
+        let mut made = made(frame, &channels::choose(frame, mask_channels, &[]));
+        for (part, made) in frame.parts.iter().zip(&mut made) {
+            if claimed_density(part) == Some(1.0) {
+                made.fill(false);
+            }
+        }
+        Self { frame, masks, made }
+    }
+
+    /// Whether channels of it are complete, by a mask of its own or else by those of what they are to guide. One that is no pattern may be a
+    /// matte, and is asked last.
+    fn holds(&self, guide: &Guide, missing: &[&Mask]) -> bool {
+        let part = &self.frame.parts[guide.part];
+        if guide.channels.iter().any(|&at| self.made[guide.part][at]) {
+            return false;
+        }
+        let mut judges = judges(self.masks.as_ref(), guide, missing);
+        if !missing.is_empty() && !judges.iter().all(|mask| mask.is_full() || mask::is_scattered(mask)) {
+            judges = missing.to_vec();
+        }
+        is_held(part, guide, part.compression, &judges)
+    }
+
+    fn is_mask(&self, part: usize, channel: usize) -> bool {
+        self.masks.as_ref().is_some_and(|masks| masks.is_mask_channel(part, channel))
+    }
+
+    /// Whether a channel, with the others of its layer, is complete by the masks of its own that it has.
+    pub fn is_complete(&self, part: usize, channel: usize) -> bool {
+        let own = &self.frame.parts[part];
+        let name = own.channels[channel].display_name().into_owned();
+        let layer = |at: usize| Name::new(&own.channels[at].display_name()).layer.to_owned();
+        let same =
+            |at: usize| !layer(at).is_empty() && layer(at) == layer(channel) && !self.is_mask(part, at);
+        let beside = |&at: &usize| at == channel || same(at);
+        let channels = (0..own.channels.len()).filter(beside).collect();
+        let listed = channels::dense(own).contains(&name);
+        listed || self.holds(&Guide { name, second: true, part, channels, kind: Kind::Values }, &[])
+    }
+}
+
 /// The guides of a part that is enlarged to a window: those of the second frame over the same pixels.
 ///
 /// # Errors
-/// As [`find`], and parts with a mask that misses pixels.
-pub fn of_larger(own: &Part, window: Window, second: &Frame, asked: &Asked) -> Result<Vec<Guide>, Error> {
-    let Some(found) = over(own, window, second, asked) else {
-        let size = window.size();
-        let window = format!("{size} at ({}, {})", window.x_min, window.y_min);
-        return Err(Error::LargerWindow { window });
-    };
-    for guide in &found {
-        let part = &second.parts[guide.part];
-        let masks = part.channels.iter().filter(|channel| channel.name == b"mask");
-        if masks.map(|channel| channel.samples.as_f32()).any(|values| values.contains(&0.0)) {
-            return Err(Error::SparseFile { part: guide.part });
-        }
-    }
-    check_asked(second, asked, &found, |guide| &second.parts[guide.part])?;
-    Ok(found)
+/// As [`find`].
+pub fn of_larger(
+    own: &Part,
+    window: Window,
+    second: &Second<'_>,
+    asked: &Asked,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Guide>, Error> {
+    over((own, window), &[], second, asked, notes)?
+        .ok_or_else(|| Error::LargerWindow { window: shown(window) })
 }
 
-fn of_second(frame: &Frame, index: usize, second: &Frame, asked: &Asked) -> Result<Vec<Guide>, Error> {
-    let own = &frame.parts[index];
-    let Some(found) = over(own, own.data_window, second, asked) else {
-        let size = own.data_window.size();
-        let window = format!("{size} at ({}, {})", own.data_window.x_min, own.data_window.y_min);
-        return Err(Error::Window { window });
-    };
-    check_asked(second, asked, &found, |guide| &second.parts[guide.part])?;
-    Ok(found)
+fn of_second(
+    own: &Part,
+    missing: &[&Mask],
+    second: &Second<'_>,
+    asked: &Asked,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Guide>, Error> {
+    let window = own.data_window;
+    over((own, window), missing, second, asked, notes)?.ok_or_else(|| Error::Window { window: shown(window) })
 }
 
-/// What guides a part over those pixels; nothing if the second frame has no part with them.
-fn over(own: &Part, window: Window, second: &Frame, asked: &Asked) -> Option<Vec<Guide>> {
-    let mut found = Vec::new();
-    let mut fits = false;
-    for (part, other) in second.parts.iter().enumerate() {
-        if other.data_window != window || (second.parts.len() > 1 && other.view() != own.view()) {
+fn shown(window: Window) -> String {
+    format!("{} at ({}, {})", window.size(), window.x_min, window.y_min)
+}
+
+/// What guides a part over those pixels, of which some are missing; nothing if the second frame has no part with them.
+fn over(
+    (own, window): (&Part, Window),
+    missing: &[&Mask],
+    second: &Second<'_>,
+    asked: &Asked,
+    notes: &mut Vec<String>,
+) -> Result<Option<Vec<Guide>>, Error> {
+    let frame = second.frame;
+    let (mut found, mut sparse, mut fits) = (Vec::new(), Vec::new(), false);
+    for (part, other) in frame.parts.iter().enumerate() {
+        if other.data_window != window || (frame.parts.len() > 1 && other.view() != own.view()) {
             continue;
         }
         fits = true;
-        let is_mask = |at: usize| other.channels[at].name == b"mask";
-        let guides = candidates(other, part, asked, is_mask);
-        found.extend(guides.into_iter().map(|(guide, _)| Guide { second: true, ..guide }));
+        for (guide, why) in candidates(other, part, asked, |at| second.is_mask(part, at)) {
+            let guide = Guide { second: true, ..guide };
+            if why == Why::Listed || second.holds(&guide, missing) {
+                found.push(guide);
+            } else {
+                sparse.push(guide.name);
+            }
+        }
     }
-    fits.then_some(found)
+    if !fits {
+        return Ok(None);
+    }
+    if !sparse.is_empty() {
+        let channels = sparse.join(", ");
+        if found.is_empty() || *asked != Asked::Auto {
+            return Err(Error::SparseFile { channels });
+        }
+        notes.push(format!("{channels}: sparse in the guides' file, and no guide"));
+    }
+    check_asked(frame, asked, &found, |guide| &frame.parts[guide.part])?;
+    Ok(Some(found))
 }
 
 /// Whether pixels of one part lie on those of another.

@@ -12,9 +12,11 @@ mod find;
 mod tests;
 mod twins;
 
+use std::path::Path;
+
 pub use asked::{Asked, AskedError};
 pub use collect::collect;
-pub use find::{Found, Guide, Kind, find, of_larger};
+pub use find::{Found, Guide, Kind, Second, find, of_larger};
 pub use twins::{Twin, twins};
 
 /// The attribute that lists the guides of a filled part.
@@ -42,14 +44,14 @@ pub enum Error {
         /// The channel.
         channel: String,
     },
-    /// A channel of the second file that a mask there calls sparse.
+    /// A second file of which nothing that was asked for is complete.
     #[error(
-        "--guides-from: part {part} has a channel mask with missing pixels, and only complete channels can guide: render the \
-         guides for every pixel of the larger frame"
+        "{channels}: zero, NaN, the same or filled at the missing pixels, and only complete channels can guide: render the guides for every pixel, \
+         or leave --guides-from out"
     )]
     SparseFile {
-        /// The part's place, from 0.
-        part: usize,
+        /// The channels.
+        channels: String,
     },
     /// A second file that does not fit the larger frame.
     #[error(
@@ -67,4 +69,11 @@ pub enum Error {
         /// What is filled.
         window: String,
     },
+}
+
+impl Error {
+    /// The file that it is about: the frame's own, or that of the guides.
+    pub fn file<'a>(&self, own: &'a Path, second: Option<&'a Path>) -> &'a Path {
+        second.filter(|_| matches!(self, Self::SparseFile { .. })).unwrap_or(own)
+    }
 }

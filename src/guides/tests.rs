@@ -176,6 +176,96 @@ fn a_second_file_must_show_the_same_pixels() {
 }
 
 #[test]
+fn a_second_file_is_held_to_the_same_test() {
+    let own = frame(vec![board(colour())]);
+    let of = |channels: Vec<Channel>| frame(vec![part(window(2, -1, 8, 8), channels)]);
+    let refused = |second: &Frame, asked: &str| search(&own, asked, Some(second)).unwrap_err();
+    let sparse_file = |channels: &str| Error::SparseFile { channels: channels.into() };
+    assert_eq!(refused(&of(normals(sparse)), "auto"), sparse_file("N"));
+    let mixed = of([normals(sparse), vec![float("Z", &ramp(1)), half("A", &sparse(2))]].concat());
+    let (found, _) = search(&own, "auto", Some(&mixed)).unwrap();
+    assert_eq!((found.names(0), found.notes.len()), (vec!["Z".to_owned()], 1));
+    assert!(found.notes[0].starts_with("A, N: sparse in the guides' file"), "{}", found.notes[0]);
+    assert_eq!(refused(&mixed, "N.*,Z"), sparse_file("N"));
+    let mut listed = normals(sparse);
+    listed.push(float("Z", &sparse(1)));
+    let mut listed = of(listed);
+    listed.parts[0].attributes.set_text(crate::channels::DENSE, "N.X, N.Y, N.Z");
+    assert_eq!(search(&own, "auto", Some(&listed)).unwrap().0.names(0), ["N"]);
+}
+
+#[test]
+fn a_second_file_with_a_mask_is_judged_by_it() {
+    let own = frame(vec![board(colour())]);
+    let flags: Vec<f32> = (0..PIXELS).map(|at| f32::from(u8::from(at % 4 < 2))).collect();
+    let ones = [1.0; PIXELS];
+    let kept = |offset| ramp(offset).iter().zip(&flags).map(|(v, flag)| v * flag).collect::<Vec<_>>();
+    for name in ["mask", "Mask", "N.mask", "flags"] {
+        let of = |values: &dyn Fn(usize) -> Vec<f32>, flags: &[f32]| {
+            let channels = [normals(values), vec![half(name, flags)]].concat();
+            let mut part = part(window(2, -1, 8, 8), channels);
+            if name == "flags" {
+                part.attributes.set_text(crate::mask::ATTRIBUTE, name);
+            }
+            frame(vec![part])
+        };
+        assert!(matches!(search(&own, "auto", Some(&of(&kept, &flags))), Err(Error::SparseFile { .. })));
+        assert_eq!(search(&own, "auto", Some(&of(&ramp, &flags))).unwrap().0.names(0), ["N"], "{name}");
+        assert_eq!(search(&own, "auto", Some(&of(&kept, &ones))).unwrap().0.names(0), ["N"], "{name}");
+        let larger = |frame: &Frame| {
+            let second = Second::new(frame);
+            of_larger(&own.parts[0], window(2, -1, 8, 8), &second, &Asked::Auto, &mut Vec::new())
+        };
+        assert!(matches!(larger(&of(&kept, &flags)), Err(Error::SparseFile { .. })), "{name}");
+        assert_eq!(larger(&of(&ramp, &flags)).unwrap().len(), 1, "{name}");
+    }
+    let nan = |offset| kept(offset).iter().zip(&flags).map(|(v, flag)| v / flag).collect::<Vec<_>>();
+    let second = frame(vec![part(window(2, -1, 8, 8), normals(nan))]);
+    assert!(!Second::new(&second).is_complete(0, 0));
+}
+
+#[test]
+fn what_a_fill_made_is_no_guide() {
+    let own = frame(vec![board(colour())]);
+    let second = |density: f32, guides: &str| {
+        let mut part = part(window(2, -1, 8, 8), [normals(ramp), vec![float("Z", &ramp(1))]].concat());
+        part.attributes.set_text(crate::mask::FILTER, "auto");
+        part.attributes.set_text(ATTRIBUTE, guides);
+        part.attributes.set("lacuna/density", "float", density.to_le_bytes().to_vec());
+        let found = search(&own, "auto", Some(&frame(vec![part])));
+        found.map(|(found, _)| found.names(0))
+    };
+    assert_eq!(second(0.2, ""), Err(Error::SparseFile { channels: "N, Z".into() }));
+    assert_eq!(second(0.2, "Z").unwrap(), ["Z"]);
+    assert_eq!(second(1.0, "").unwrap(), ["N", "Z"]);
+}
+
+#[test]
+fn each_candidate_is_judged_by_its_own_mask() {
+    let other = |at: usize| (at * 5 + at / 8).is_multiple_of(3);
+    let flags = half("mask", &(0..PIXELS).map(|at| f32::from(u8::from(other(at)))).collect::<Vec<_>>());
+    let kept = |offset| {
+        ramp(offset).iter().enumerate().map(|(at, v)| if other(at) { *v } else { 0.0 }).collect::<Vec<_>>()
+    };
+    let parts = |values: &dyn Fn(usize) -> Vec<f32>| {
+        let aov = part(window(2, -1, 8, 8), [normals(values), vec![flags.clone()]].concat());
+        frame(vec![named("beauty", "", board(colour())), named("aov", "", aov)])
+    };
+    let (found, choices) = search(&parts(&kept), "auto", None).unwrap();
+    assert!(found.names(0).is_empty() && choices[1][0].rule == Rule::Normal);
+    assert_eq!(search(&parts(&ramp), "auto", None).unwrap().0.names(0), ["N"]);
+    let right = |name: &str| Channel { name: format!("right.{name}").into_bytes(), ..flags.clone() };
+    let mut own =
+        board([colour(), vec![right("mask"), half("right.Z", &kept(3)), half("Z", &ramp(1))]].concat());
+    let views = [&4_u32.to_le_bytes()[..], b"left", &5_u32.to_le_bytes(), b"right"];
+    own.attributes.set("multiView", "stringvector", views.concat());
+    let stereo = frame(vec![own]);
+    let (found, choices) = search(&stereo, "auto", None).unwrap();
+    assert_eq!(found.names(0), ["Z"]);
+    assert_eq!(rule(&stereo, &choices, "right.Z"), Rule::Depth);
+}
+
+#[test]
 fn guides_have_the_order_of_their_names() {
     let extra = vec![float("albedo.R", &ramp(3)), float("Z", &ramp(1))];
     let mut channels = [colour(), normals(ramp), extra].concat();

@@ -119,10 +119,19 @@ fn file_hint(frame: &Frame) -> Option<String> {
 
 /// What is to be said where no mask was found but many pixels, scattered, are not finite.
 fn nan_hint(frame: &Frame) -> Option<String> {
+    let missing = 100.0 * (1.0 - scattered_nan(frame)?.density()?);
+    Some(format!("{missing:.0} % of the pixels are NaN: --mask nan takes them as missing"))
+}
+
+/// The masks that many pixels, scattered, that are not finite tell.
+fn scattered_nan(frame: &Frame) -> Option<Masks> {
     let masks = finite(frame).ok()?;
-    let scattered = !masks.is_empty() && masks.all().any(|mask| is_scattered(mask));
-    let missing = 100.0 * (1.0 - masks.density()?);
-    scattered.then(|| format!("{missing:.0} % of the pixels are NaN: --mask nan takes them as missing"))
+    (!masks.is_empty() && masks.all().any(|mask| is_scattered(mask))).then_some(masks)
+}
+
+/// What a frame says of itself: what `auto` finds, else what NaN tells; nothing if it says nothing.
+pub fn told(frame: &Frame) -> Option<Masks> {
+    auto(frame).ok().or_else(|| scattered_nan(frame))
 }
 
 /// The name that all masks share, or `auto` if a name alone does not find them again.

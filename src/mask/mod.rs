@@ -36,12 +36,13 @@ pub use empty::{check_any, why_empty};
 pub use error::Error;
 pub use file::MaskFile;
 pub use filled::{filled_before, filled_by};
-pub use find::find;
+pub use find::{find, told};
 use half::slice::HalfFloatSliceExt;
 use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
 pub use make_error::MakeError;
+pub(crate) use matte::is_scattered;
 pub use source::{Source, SourceError};
 
 /// The attribute that names the mask channel of a part.

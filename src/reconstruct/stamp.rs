@@ -70,6 +70,12 @@ pub const FILLING: &[&str] = &[
 /// Attributes derived from pixels, which would lie once the pixels differ.
 pub const DERIVED: &[&str] = &["preview", "oiio:SHA-1", "oiio:AverageColor", "oiio:ConstantColor", RENDER];
 
+/// The density that a part claims.
+pub fn claimed_density(part: &Part) -> Option<f32> {
+    let attribute = part.attributes.get(DENSITY).filter(|attribute| attribute.kind == b"float")?;
+    Some(f32::from_le_bytes(attribute.value.as_slice().try_into().ok()?))
+}
+
 /// Attributes that would lie about a part once other pixels of it are the measured ones.
 pub fn of_other_pixels() -> impl Iterator<Item = &'static str> {
     DERIVED.iter().chain(FILLING).copied().chain([ROUNDS])

@@ -21,8 +21,6 @@ mod tests;
 use lacuna_exr::{Attribute, Compression, Frame, Part, REQUIRED, Window};
 use serde::Serialize;
 
-pub use stamps::density as claimed_density;
-
 use crate::channels::{Choice, Name, Override, Rule, part_label, visible};
 use crate::guides::Asked;
 use crate::mask::{Masks, Source};

@@ -1,12 +1,11 @@
 //! The attributes that `fill` adds: they agree with the mask that was found and name a filter that there is.
 
-use lacuna_exr::Part;
 use lacuna_filters::METHODS;
 
 use super::{Difference, Pair};
 use crate::channels::{Name, Rule};
 use crate::mask::Source;
-use crate::reconstruct::{DENSITY, Stamp, error_channel, estimate, value};
+use crate::reconstruct::{DENSITY, Stamp, claimed_density, error_channel, estimate, value};
 
 /// What the attributes of a part say that is not so. Attributes that the sparse part had already are not `fill`'s.
 pub fn compare(pair: &Pair<'_>) -> Vec<Difference> {
@@ -26,7 +25,7 @@ pub fn compare(pair: &Pair<'_>) -> Vec<Difference> {
         ));
     }
     let expected = pair.masks.part_density(pair.index).unwrap_or(1.0) as f32;
-    match density(pair.filled) {
+    match claimed_density(pair.filled) {
         Some(found) if found.to_bits() == expected.to_bits() => {}
         Some(found) => add(format!("the attribute {DENSITY} is {found}, but the mask's is {expected}")),
         None => add(format!("the attribute {DENSITY} is not there")),
@@ -77,12 +76,6 @@ pub fn compare_errors(pair: &Pair<'_>) -> Vec<Difference> {
         differences.extend(pair.first_of(&name, what, &wrong));
     }
     differences
-}
-
-/// The density that a part claims.
-pub fn density(part: &Part) -> Option<f32> {
-    let attribute = part.attributes.get(DENSITY).filter(|attribute| attribute.kind == b"float")?;
-    Some(f32::from_le_bytes(attribute.value.as_slice().try_into().ok()?))
 }
 
 /// Whether a mask of that name was found, or could have been: another mask may have been given to verify with.

@@ -272,7 +272,7 @@ impl Work for Fill<'_> {
                 }
                 None => reconstruct::fill_with(frame, &masks, &choices, beside, what, &plans, &run),
             };
-            let done = done.map_err(|error| at_input(&error))?;
+            let done = done.map_err(|error| Failure::at(about(&error, item), error))?;
             // The masks are those of the frame that was read, not of the enlarged one.
             if what.enlarge.is_none() {
                 let mask = |part, channel| masks.get(part, channel).map(|mask| &**mask);
@@ -391,6 +391,14 @@ fn few(names: &[String], most: usize) -> String {
     match names.len().saturating_sub(most) {
         0 => shown,
         more => format!("{shown} and {more} more"),
+    }
+}
+
+/// The file that an error is about.
+fn about<'a>(error: &reconstruct::Error, item: &'a Item) -> &'a Path {
+    match error {
+        reconstruct::Error::Guides(error) => error.file(&item.input, item.guides.as_deref()),
+        _ => &item.input,
     }
 }
 

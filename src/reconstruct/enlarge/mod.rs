@@ -33,7 +33,7 @@ use super::{
     stamp,
 };
 use crate::channels::{Choice, Rule, channel_label, part_label, unheeded};
-use crate::guides::{self, Asked};
+use crate::guides::{self, Asked, Second};
 use crate::mask::Masks;
 use crate::temporal;
 
@@ -125,7 +125,8 @@ pub fn enlarge(
         [masks.notes.clone(), unheeded(&frame, &masks.mask_channels, &job.overrides, choices)].concat();
     let mut report = Report::new(&stamp, masks.density(), notes);
     let (finite, lost) = finite(&frame, masks, choices)?;
-    let known = Known { masks, second, asked, stamp: &stamp, plans, run };
+    let second = second.map(Second::new);
+    let known = Known { masks, second: second.as_ref(), asked, stamp: &stamp, plans, run };
     for (index, (choices, lost)) in choices.iter().zip(&lost).enumerate() {
         let done = part(&mut frame, (index, choices.clone()), (&finite, lost), job, &known)?;
         let label = part_label(&frame, index);
@@ -141,7 +142,7 @@ pub fn enlarge(
 struct Known<'a> {
     masks: &'a Masks,
     /// A frame of the larger size that guides come from.
-    second: Option<&'a Frame>,
+    second: Option<&'a Second<'a>>,
     asked: &'a Enlarge,
     stamp: &'a Stamp,
     plans: &'a Plans,
@@ -167,21 +168,23 @@ fn part(
     let part = &frame.parts[index];
     let (sampling, is_known) = asked.model_in(part, job.domain).map_err(refused)?;
     let geometry = windows.geometry(sampling);
+    let mut notes = Vec::new();
     let found = match second.filter(|_| *job.wanted() != Asked::None) {
         Some(second) if choices.iter().any(|choice| choice.rule == Rule::Fill) => {
-            guides::of_larger(part, windows.data, second, job.wanted())?
+            guides::of_larger(part, windows.data, second, job.wanted(), &mut notes)?
         }
         _ => Vec::new(),
     };
-    let high = guides::collect(&found, frame, second, geometry.high());
+    let high = guides::collect(&found, frame, second.map(|second| second.frame), geometry.high());
     let high = high.map_err(|source| Error::Filter { channel: label.clone(), source })?;
     let mut taken = vec![None; choices.len()];
     let taking = second.filter(|_| asked.take_guides);
     if let Some(second) = taking {
-        taken = take(part, windows.data, second, &mut choices);
+        taken = take(part, windows.data, second, &mut choices, &mut notes);
     }
     let choices = choices.as_slice();
     let mut done = low(frame, (index, finite, choices), (&high, geometry), job, plans, run)?;
+    done.notes.extend(notes);
     if taking.is_some() {
         tell_taken(&frame.parts[index], &taken, &mut done);
     }
@@ -284,22 +287,41 @@ fn finite(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Result<(Mask
 }
 
 /// The channels of the second frame, over the larger window, that stand for those of the part which are no light; they are kept.
-fn take(part: &Part, window: Window, second: &Frame, choices: &mut [Choice]) -> Vec<Option<Samples>> {
-    let fits = |other: &&Part| {
-        other.data_window == window && (second.parts.len() == 1 || other.view() == part.view())
+fn take(
+    part: &Part,
+    window: Window,
+    second: &Second<'_>,
+    choices: &mut [Choice],
+    notes: &mut Vec<String>,
+) -> Vec<Option<Samples>> {
+    let parts = &second.frame.parts;
+    let fits =
+        |other: &Part| other.data_window == window && (parts.len() == 1 || other.view() == part.view());
+    let named = |name: &[u8]| {
+        parts.iter().enumerate().filter(|(_, other)| fits(other)).find_map(|(index, other)| {
+            Some((index, other.channels.iter().position(|channel| channel.name == name)?))
+        })
     };
+    let mut sparse = Vec::new();
     let pairs = part.channels.iter().zip(choices);
     let one = |(channel, choice): (&Channel, &mut Choice)| {
         let name = channel.display_name();
         if channel.name == b"mask" || (choice.rule == Rule::Fill && crate::channels::is_light(&name)) {
             return None;
         }
-        let others = second.parts.iter().filter(fits).flat_map(|other| &other.channels);
-        let same = others.into_iter().find(|other| other.name == channel.name)?;
+        let (index, at) = named(&channel.name)?;
+        if !second.is_complete(index, at) {
+            sparse.push(name.into_owned());
+            return None;
+        }
         choice.guide();
-        Some(same.samples.clone())
+        Some(parts[index].channels[at].samples.clone())
     };
-    pairs.map(one).collect()
+    let taken = pairs.map(one).collect();
+    if !sparse.is_empty() {
+        notes.push(format!("--take-guides: {}: sparse in the guides' file, and enlarged", sparse.join(", ")));
+    }
+    taken
 }
 
 /// Says which channels were taken.
