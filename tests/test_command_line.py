@@ -208,6 +208,13 @@ def test_an_input_that_is_replaced_while_it_is_filled_fails(shot, tmp_path):
     assert not out.exists()
 
 
+def test_a_frame_that_waits_for_its_turn_is_not_late(shot, tmp_path):
+    slow = ["--filter", "tv", "--tv-gap", "1e-300", "--tv-iterations", "1000000", "--time-limit", "0.5", "--no-estimate"]
+    lacuna("fill", shot[0], "-o", shot[1], *slow, "--json", tmp_path / "r.json")
+    done = [frame["iterations"] for frame in json.loads((tmp_path / "r.json").read_text())["frames"]]
+    assert min(done) > 0, done
+
+
 def test_a_folder_in_the_place_of_an_output_stops_no_other_frame(shot):
     folder = shot[1].with_name("shot.0002.exr")
     folder.mkdir()

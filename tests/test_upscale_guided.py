@@ -88,6 +88,15 @@ def test_what_is_no_light_is_taken_as_it_is(given):
     assert all(frames.same_bits(got[name], plane) for name, plane in known.items())
 
 
+def test_no_mask_is_taken_whatever_its_name(given):
+    small, known = frames.read(given / "small.exr")[0], large()[1]
+    mask = (np.random.default_rng(5).random(small["R"].shape) < 0.5).astype(np.float16)
+    frames.write(given / "sparse.exr", {name: np.where(mask > 0, plane, plane.dtype.type(0)) for name, plane in small.items()} | {"Mask": mask})
+    frames.write(given / "aovs.exr", known | {"Mask": np.ones_like(known["Z"])})
+    told = upscale(given, "--guides-from", given / "aovs.exr", "--take-guides", source="sparse.exr").stderr
+    assert "Mask" not in told.split("taken from the guides' file", 1)[1].splitlines()[0]
+
+
 def test_what_is_sparse_is_not_taken(given):
     mask = np.random.default_rng(5).random(large()[1]["Z"].shape) < 0.5
     known = large()[1] | {"Z": np.where(mask, large()[1]["Z"], np.float32(0)), "mask": mask.astype(np.float32)}

@@ -39,6 +39,12 @@ pub enum OverrideError {
 }
 
 impl Override {
+    /// Keeps the channel of that very name.
+    pub fn keeping(name: &str) -> Option<Self> {
+        let glob = glob::Pattern::new(&glob::Pattern::escape(name).replace('=', "[=]")).ok()?;
+        Some(Self { glob, rule: Rule::Keep, reason: None })
+    }
+
     /// Whether the override is for the channel of that full name.
     pub fn matches(&self, name: &str) -> bool {
         self.glob.matches(name)

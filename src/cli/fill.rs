@@ -18,6 +18,7 @@ use super::run::{PageArgs, RunArgs, SolveArgs};
 use super::settings::{BaselineArgs, FilterArgs};
 use super::temporal::TemporalArgs;
 use super::weights::WeightArgs;
+use crate::channels::Override;
 use crate::commands::FillJob;
 use crate::files::Targets;
 use crate::guides::Asked;
@@ -182,6 +183,10 @@ impl Groups<'_> {
         // How much to smooth is chosen by noise, wherever that is known from.
         let unless_given = if what.method.is_open() { NoiseSource::Auto } else { NoiseSource::None };
         what.noise = self.noise.and_then(|noise| noise.noise.clone()).unwrap_or(unless_given);
+        // What counts samples is true where it is 0, too.
+        let own = what.counts().filter(|name| !what.overrides.iter().any(|rule| rule.matches(name)));
+        let own = own.and_then(Override::keeping);
+        what.overrides.extend(own);
         WeightArgs::check(&what)?;
         NoiseArgs::check(&what)?;
         TemporalArgs::check(&what)?;

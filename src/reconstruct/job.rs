@@ -116,6 +116,12 @@ impl Job {
         if takes { &self.guides } else { &Asked::None }
     }
 
+    /// The channel that counts samples, if weights or noise go by one.
+    pub fn counts(&self) -> Option<&str> {
+        let by_noise = if let NoiseSource::Count(weights) = &self.noise { Some(weights) } else { None };
+        self.weights.as_ref().or(by_noise).map(|weights| weights.channel.as_str())
+    }
+
     /// Everything that changes the result on one line, `name=value` separated by spaces: equal lines, versions,
     /// inputs and masks mean equal outputs. This is the attribute `lacuna/settings`.
     pub fn settings(&self) -> String {

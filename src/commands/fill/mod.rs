@@ -242,17 +242,18 @@ impl Work for Fill<'_> {
             Ok::<_, Failure>((loaded, seen.line(&self.sums)))
         })?;
         let Loaded { mut frame, mask, guides, neighbours } = loaded;
-        let start = Instant::now();
-        let interrupt = || {
-            let late = self.job.run.time_limit.is_some_and(|limit| start.elapsed() >= limit);
-            if stage.stopped() { Some(Stop::Cancelled) } else { late.then_some(Stop::TimeLimit) }
-        };
-        let run = Run { interrupt: Some(&interrupt) };
         let what = &self.job.what;
         let beside =
             Beside { guides: guides.as_ref(), neighbours: Some(&neighbours), sources: Some(&sources) };
         record.warn(&neighbours.notes);
         let solved = stage.solve(record, || {
+            // From here on: a frame that waits for its turn is not late.
+            let start = Instant::now();
+            let interrupt = || {
+                let late = self.job.run.time_limit.is_some_and(|limit| start.elapsed() >= limit);
+                if stage.stopped() { Some(Stop::Cancelled) } else { late.then_some(Stop::TimeLimit) }
+            };
+            let run = Run { interrupt: Some(&interrupt) };
             let found = mask::find(&frame, &what.mask, mask.as_deref());
             let masks = self.masks_of(&frame, found).map_err(|error| at_input(&error))?;
             if self.job.run.memory.is_some() {

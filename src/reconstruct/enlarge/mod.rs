@@ -32,7 +32,7 @@ use super::{
     Beside, Error, Job, Kind, Plans, Report, Stamp, drop_derived, estimate, finish, mask_name, prefixed,
     stamp,
 };
-use crate::channels::{Choice, Rule, channel_label, part_label, unheeded};
+use crate::channels::{Choice, DecidedBy, Rule, channel_label, part_label, unheeded};
 use crate::guides::{self, Asked, Second};
 use crate::mask::Masks;
 use crate::temporal;
@@ -306,7 +306,8 @@ fn take(
     let pairs = part.channels.iter().zip(choices);
     let one = |(channel, choice): (&Channel, &mut Choice)| {
         let name = channel.display_name();
-        if channel.name == b"mask" || (choice.rule == Rule::Fill && crate::channels::is_light(&name)) {
+        let is_mask = choice.by == DecidedBy::SamplingMask || channel.name == b"mask";
+        if is_mask || (choice.rule == Rule::Fill && crate::channels::is_light(&name)) {
             return None;
         }
         let (index, at) = named(&channel.name)?;
