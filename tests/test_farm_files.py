@@ -215,3 +215,34 @@ def test_names_in_a_list_are_shown_as_they_are(shot):
     result = quick_fill("--files-from", "list", "-o", "out/", "-q", folder=shot, ok=False)
     refused(result, 1, "'in/shot.0002.exr ' (frame 2): the frame does not exist")
     assert (shot / "out" / "shot.0001.exr").exists()
+
+
+def bytes_of(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_next_passes_write_no_render_of_another_frame_and_no_file_twice(shot):
+    for name, number in (("g/a.0001", 1), ("g/b.0001", 2), ("r/a.0001", 1), ("r/b.0001", 2), ("s/c.0001", 3), ("d/a/f.0001", 1), ("d/b/f.0001", 2)):
+        (shot / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(shot / "in" / f"shot.000{number}.exr", shot / f"{name}.exr")
+    before = bytes_of(shot)
+    add = ["--add", "0.05"]
+    for words, *why in (
+        (["--after", "g/*.exr", "-o", "g/a.####.exr", *add], "a.0001.exr"),
+        (["--after", "g/[ab].*.exr", "-o", "n.####.exr", *add], "g/a.0001.exr and g/b.0001.exr would both be written to n.0001.exr"),
+        (["--after", "in/*.exr", "-o", "n.####.exr", "--error-estimate", "in/shot.####.exr", *add], "in/shot.0001.exr: the output is the same file as the frame"),
+        (["--after", "d/*/f.0001.exr", "-o", "n.####.exr", *add], "d/a/f.0001.exr and d/b/f.0001.exr would both be written to n.0001.exr"),
+        (["--merge", "r/*.exr", "s/c.####.exr", "-o", "r/a.####.exr"], "a.0001.exr"),
+        (["--merge", "r/b.####.exr", "s/c.####.exr", "-o", "in/shot.####.exr", "--mask", "in/shot.0001.exr"], "the same file as the mask"),
+    ):
+        refused(lacuna("mask", *words, "-q", folder=shot, ok=False), 2, *why)
+        assert bytes_of(shot) == before, words
+    # A mask that bounds another frame is not written over either.
+    for number, target in ((1, "m.0002.exr"), (2, "own.exr")):
+        (shot / f"i.000{number}.exr").symlink_to(target)
+    lacuna("mask", "--pattern", "random", "--density", "0.5", "--size", "8x8", "-o", "m.0002.exr", folder=shot)
+    shutil.copy(shot / "m.0002.exr", shot / "own.exr")
+    before = bytes_of(shot)
+    words = ["--pattern", "random", "--density", "0.5", "--size", "8x8", "--inside", "i.####.exr", "--frames", "1-2"]
+    refused(lacuna("mask", *words, "-o", "m.####.exr", "-q", folder=shot, ok=False), 2, "the same file as the image of --inside (i.0001.exr)")
+    assert bytes_of(shot) == before

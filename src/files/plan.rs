@@ -36,6 +36,11 @@ pub struct Item {
 }
 
 impl Item {
+    /// What is made of what.
+    fn made(&self) -> (&Path, &Path) {
+        (&self.input, &self.output)
+    }
+
     /// The files that the output is made from, and what they are.
     pub fn sources(&self) -> impl Iterator<Item = (&Path, &'static str)> {
         self.own_sources().chain(self.neighbours.iter().flat_map(NeighbourFile::sources))
@@ -97,7 +102,7 @@ pub fn plan(selection: &Selection, targets: &Targets) -> Result<Plan, PlanError>
     add_layers(&mut items, &targets.layers)?;
     neighbours::add(&mut items, selection, targets)?;
     let mut places = Places::default();
-    check_one_input_each(&items, &mut places)?;
+    check_one_input_each(items.iter().map(Item::made), &mut places)?;
     checked(items, targets, &mut places)
 }
 
@@ -142,7 +147,7 @@ pub fn outputs(
     };
     let items: Vec<Item> = numbers.iter().map(item).collect::<Result<_, _>>()?;
     let mut places = Places::default();
-    check_one_input_each(&items, &mut places)?;
+    check_one_input_each(items.iter().map(Item::made), &mut places)?;
     checked(items, targets, &mut places)
 }
 
@@ -298,18 +303,30 @@ pub fn check_reports<'a>(
     Ok(())
 }
 
-fn check_one_input_each(items: &[Item], places: &mut Places) -> Result<(), PlanError> {
-    let mut owners: HashMap<PathBuf, &Item> = HashMap::new();
-    for item in items {
-        let place = places.of(&item.output);
-        let Some(other) = owners.insert(place.clone(), item) else { continue };
-        let (own, others) = if other.input == item.input {
-            (&item.output, &other.output)
-        } else {
-            (&item.input, &other.input)
-        };
+/// Refuses a run, before it writes anything, in which two inputs have one output, or an output is a file that is read: `made` has
+/// every input with an output of it.
+pub fn check_apart<'a>(
+    made: impl IntoIterator<Item = (&'a Path, &'a Path)>,
+    read: impl IntoIterator<Item = (&'a Path, &'static str)>,
+) -> Result<(), PlanError> {
+    let made: Vec<_> = made.into_iter().collect();
+    check_one_input_each(made.iter().copied(), &mut Places::default())?;
+    let mut read = Sources::new(read);
+    made.iter().try_for_each(|(_, output)| read.check(output))
+}
+
+/// Refuses two inputs that would be written to one place; `made` has every input with its output.
+fn check_one_input_each<'a>(
+    made: impl IntoIterator<Item = (&'a Path, &'a Path)>,
+    places: &mut Places,
+) -> Result<(), PlanError> {
+    let mut owners: HashMap<PathBuf, (&Path, &Path)> = HashMap::new();
+    for (input, output) in made {
+        let place = places.of(output);
+        let Some(other) = owners.insert(place.clone(), (input, output)) else { continue };
+        let (own, others) = if other.0 == input { (output, other.1) } else { (input, other.0) };
         if own != others {
-            let place = if other.output == item.output { &item.output } else { &place };
+            let place = if other.1 == output { output } else { &place };
             return Err(PlanError::Usage(format!(
                 "{} and {} would both be written to {}",
                 others.display(),

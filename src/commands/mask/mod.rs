@@ -15,6 +15,7 @@ use crate::channels;
 use crate::files::error::PlanError;
 use crate::files::identity::Sources;
 use crate::files::patterns::Pattern;
+use crate::files::plan::check_apart;
 use crate::files::reports;
 use crate::mask::generate::{self, Bounds, Request};
 use crate::mask::judge::{self, Judgement};
@@ -126,6 +127,7 @@ fn generate(
         if pattern.is_some() {
             return Err(PlanError::Usage(format!("{text}: a pattern needs --frames, such as 1-100")));
         }
+        Sources::new(bounds.files()).check(&output.path)?;
         return one((request, memory), rank, 0, bounds, &output.path, output, console).map(|()| 0);
     };
     let Some(pattern) = pattern else {
@@ -133,11 +135,14 @@ fn generate(
             "{text}: --frames needs a pattern to write to, such as mask.####.exr"
         )));
     };
+    let of = |&number: &i64| (number, bounds.of_frame(Some(number)), pattern.path(number));
+    let masks: Vec<_> = frames.iter().map(of).collect();
+    let made = masks.iter().map(|(_, _, path)| (output.path.as_path(), path.as_path()));
+    check_apart(made, masks.iter().flat_map(|(_, bounds, _)| bounds.files()))?;
     let mut status = 0;
     console.begin(frames.len() as u64);
-    for &number in frames {
-        let (bounds, path) = (bounds.of_frame(Some(number)), pattern.path(number));
-        let done = one((request, memory), rank, number, &bounds, &path, output, console);
+    for (number, bounds, path) in &masks {
+        let done = one((request, memory), rank, *number, bounds, path, output, console);
         if let Err(error) = done {
             console.error(&error.to_string());
             status = 1;
@@ -158,7 +163,6 @@ fn one(
     console: &Console,
 ) -> Result<(), PlanError> {
     let fail = failed(path);
-    Sources::new(bounds.files()).check(path)?;
     if !output.wants(path, console) {
         return Ok(());
     }

@@ -9,9 +9,9 @@ use lacuna_filters::sampling::refine::Preference;
 use super::output::{BoundFiles, MaskOutput, failed, of_frame, report, source_of_frame};
 use crate::channels::{self, part_label};
 use crate::files::error::PlanError;
-use crate::files::identity::Sources;
 use crate::files::inputs::{Input, Selection, resolve};
 use crate::files::patterns::Pattern;
+use crate::files::plan::check_apart;
 use crate::files::ranges::Frames;
 use crate::files::reports;
 use crate::mask::output::{Listing, write_floats, write_mask};
@@ -60,57 +60,27 @@ pub struct Union {
 
 /// Chooses the next pixels of every frame; the exit status.
 pub fn next(task: &NextPass, memory: Option<u64>, console: &Console) -> Result<u8, PlanError> {
-    let written: Vec<&Path> =
-        std::iter::once(task.output.path.as_path()).chain(task.error_estimate.as_deref()).collect();
+    let written: Vec<&Path> = task.written().into_iter().map(|(_, path)| path).collect();
     let found = Found { input: &task.frame, other: None, frames: task.frames.as_ref() };
-    each(&found, &written, console, |frame, number| {
-        let task = task.of_frame(frame, number);
-        task.check()?;
-        task.output.make_folder(&task.output.path)?;
-        let needed = memory::to_read(frame).saturating_add(memory::to_choose_of(frame));
-        memory::afford(memory, needed).map_err(|error| failed(frame)(error.into()))?;
-        task.write(memory::reading(memory), console)
-    })
+    each(&found, &written, memory, console, |frame, number| task.of_frame(frame, number))
 }
 
 /// Unites the renders of every frame; the exit status.
 pub fn unite(task: &Union, memory: Option<u64>, console: &Console) -> Result<u8, PlanError> {
     let found = Found { input: &task.first, other: Some(&task.second), frames: task.frames.as_ref() };
-    each(&found, &[&task.output.path], console, |first, number| {
-        let second = of_frame(&task.second, number);
-        let source = source_of_frame(&task.source, number);
-        let output = of_frame(&task.output.path, number);
-        let mask = source.path().map(|path| (path, "mask"));
-        Sources::new([(first, "first render"), (&*second, "second render")].into_iter().chain(mask))
-            .check(&output)?;
-        if !task.output.wants(&output, console) {
-            return Ok(());
-        }
-        task.output.make_folder(&output)?;
-        let limits = memory::reading(memory);
-        let (a, a_masks) = read(first, &source, limits, console)?;
-        let (b, b_masks) = read(&second, &source, limits, console)?;
-        for (path, masks) in [(first, &a_masks), (&*second, &b_masks)] {
-            if source == Source::Auto && masks.mask_channels.iter().all(Vec::is_empty) {
-                let why = "nothing is missing in it, so that there is nothing to unite".into();
-                return Err(failed(path)(MakeError::Other(why)));
-            }
-        }
-        let forget = |attributes: &mut Attributes| dropped_note(&remove(attributes, of_other_pixels()));
-        let mut merged = merge::merge((a, &a_masks), (&b, &b_masks), forget).map_err(failed(&second))?;
-        for at in 0..merged.frame.parts.len() {
-            let label = part_label(&merged.frame, at);
-            let notes = make_writable(&mut merged.frame.parts[at], None);
-            merged.notes.extend(prefixed(&label, notes));
-        }
-        merged.notes.iter().for_each(|note| console.warning(&format!("{}: {note}", output.display())));
-        let options = WriteOptions { compression_level: None, over: Over::unless(task.output.no_clobber) };
-        let written = lacuna_exr::write(&merged.frame, &output, &options).map_err(MakeError::from);
-        if task.output.wrote(&output, written, console)? {
-            console.note(&format!("{}: density {:.3} %", output.display(), 100.0 * merged.density));
-        }
-        Ok(())
-    })
+    each(&found, &[&task.output.path], memory, console, |first, number| task.of_frame(first, number))
+}
+
+/// What is done with one frame. Its files are known before any frame is read.
+trait OfFrame {
+    /// The frame.
+    fn frame(&self) -> &Path;
+    /// All files that it reads, and what they are.
+    fn read(&self) -> Vec<(&Path, &'static str)>;
+    /// The files that it writes, each with its flag.
+    fn written(&self) -> Vec<reports::Asked<'_>>;
+    /// Does it.
+    fn run(&self, memory: Option<u64>, console: &Console) -> Result<(), PlanError>;
 }
 
 /// Where frames come from.
@@ -157,29 +127,37 @@ impl Found<'_> {
     }
 }
 
-/// Does one frame, or all of a pattern; one that fails does not stop the others.
-fn each(
+/// Does one frame, or all of a pattern, once no output of any frame is another one or a file that any reads; one that fails does not
+/// stop the others.
+fn each<T: OfFrame>(
     found: &Found<'_>,
     numbered: &[&Path],
+    memory: Option<u64>,
     console: &Console,
-    one: impl Fn(&Path, Option<i64>) -> Result<(), PlanError>,
+    of: impl Fn(&Path, Option<i64>) -> T,
 ) -> Result<u8, PlanError> {
     let Some(frames) = found.frames(numbered)? else {
-        return one(found.input, None).map(|()| 0);
+        let task = of(found.input, None);
+        check(std::iter::once(&task))?;
+        return task.run(memory, console).map(|()| 0);
     };
-    let mut status = 0;
-    console.begin(frames.len() as u64);
-    for frame in &frames {
+    let task = |frame: &Input| {
         let path = frame.path.display();
-        let done = match frame.number {
+        match frame.number {
             // What a glob has no file for goes by the glob's name.
             Some(number) if frame.path == found.input && !frame.path.exists() => {
                 Err(PlanError::Failed(format!("{path}: no file of frame {number} matches")))
             }
-            Some(_) => one(&frame.path, frame.number),
+            Some(_) => Ok(of(&frame.path, frame.number)),
             None => Err(PlanError::Failed(format!("{path}: no frame number in its name"))),
-        };
-        if let Err(error) = done {
+        }
+    };
+    let tasks: Vec<Result<T, PlanError>> = frames.iter().map(task).collect();
+    check(tasks.iter().flatten())?;
+    let mut status = 0;
+    console.begin(frames.len() as u64);
+    for task in tasks {
+        if let Err(error) = task.and_then(|task| task.run(memory, console)) {
             console.error(&error.to_string());
             status = 1;
         }
@@ -187,6 +165,96 @@ fn each(
     }
     console.end();
     Ok(status)
+}
+
+/// Refuses outputs that are inputs or each other, of one frame or of two.
+fn check<'a, T: OfFrame + 'a>(tasks: impl Iterator<Item = &'a T> + Clone) -> Result<(), PlanError> {
+    tasks.clone().try_for_each(|task| reports::check(&task.written(), false))?;
+    let made = |task: &'a T| task.written().into_iter().map(|(_, output)| (task.frame(), output));
+    check_apart(tasks.clone().flat_map(made), tasks.flat_map(T::read))
+}
+
+impl OfFrame for Union {
+    fn frame(&self) -> &Path {
+        &self.first
+    }
+
+    fn read(&self) -> Vec<(&Path, &'static str)> {
+        let mask = self.source.path().map(|path| (path, "mask"));
+        let renders = [(&*self.first, "first render"), (&*self.second, "second render")];
+        renders.into_iter().chain(mask).collect()
+    }
+
+    fn written(&self) -> Vec<reports::Asked<'_>> {
+        vec![("-o", &self.output.path)]
+    }
+
+    fn run(&self, memory: Option<u64>, console: &Console) -> Result<(), PlanError> {
+        let Self { first, second, source, output, .. } = self;
+        let path = &output.path;
+        if !output.wants(path, console) {
+            return Ok(());
+        }
+        output.make_folder(path)?;
+        let limits = memory::reading(memory);
+        let (a, a_masks) = read(first, source, limits, console)?;
+        let (b, b_masks) = read(second, source, limits, console)?;
+        for (path, masks) in [(first, &a_masks), (second, &b_masks)] {
+            if *source == Source::Auto && masks.mask_channels.iter().all(Vec::is_empty) {
+                let why = "nothing is missing in it, so that there is nothing to unite".into();
+                return Err(failed(path)(MakeError::Other(why)));
+            }
+        }
+        let forget = |attributes: &mut Attributes| dropped_note(&remove(attributes, of_other_pixels()));
+        let mut merged = merge::merge((a, &a_masks), (&b, &b_masks), forget).map_err(failed(second))?;
+        for at in 0..merged.frame.parts.len() {
+            let label = part_label(&merged.frame, at);
+            let notes = make_writable(&mut merged.frame.parts[at], None);
+            merged.notes.extend(prefixed(&label, notes));
+        }
+        merged.notes.iter().for_each(|note| console.warning(&format!("{}: {note}", path.display())));
+        let options = WriteOptions { compression_level: None, over: Over::unless(output.no_clobber) };
+        let written = lacuna_exr::write(&merged.frame, path, &options).map_err(MakeError::from);
+        if output.wrote(path, written, console)? {
+            console.note(&format!("{}: density {:.3} %", path.display(), 100.0 * merged.density));
+        }
+        Ok(())
+    }
+}
+
+impl Union {
+    fn of_frame(&self, first: &Path, number: Option<i64>) -> Self {
+        Self {
+            first: first.into(),
+            second: of_frame(&self.second, number),
+            source: source_of_frame(&self.source, number),
+            output: MaskOutput { path: of_frame(&self.output.path, number), ..self.output.clone() },
+            ..self.clone()
+        }
+    }
+}
+
+impl OfFrame for NextPass {
+    fn frame(&self) -> &Path {
+        &self.frame
+    }
+
+    fn read(&self) -> Vec<(&Path, &'static str)> {
+        let mask = self.source.path().map(|path| (path, "mask"));
+        std::iter::once((&*self.frame, "frame")).chain(mask).chain(self.bounds.files()).collect()
+    }
+
+    fn written(&self) -> Vec<reports::Asked<'_>> {
+        let estimate = self.error_estimate.as_deref().map(|path| ("--error-estimate", path));
+        std::iter::once(("-o", &*self.output.path)).chain(estimate).collect()
+    }
+
+    fn run(&self, memory: Option<u64>, console: &Console) -> Result<(), PlanError> {
+        self.output.make_folder(&self.output.path)?;
+        let needed = memory::to_read(&self.frame).saturating_add(memory::to_choose_of(&self.frame));
+        memory::afford(memory, needed).map_err(|error| failed(&self.frame)(error.into()))?;
+        self.write(memory::reading(memory), console)
+    }
 }
 
 impl NextPass {
@@ -200,17 +268,6 @@ impl NextPass {
             output: MaskOutput { path: of_frame(&self.output.path, number), ..self.output.clone() },
             ..self.clone()
         }
-    }
-
-    /// Refuses outputs that are inputs or each other.
-    fn check(&self) -> Result<(), PlanError> {
-        let mask = self.source.path().map(|path| (path, "mask"));
-        let read = std::iter::once((&*self.frame, "frame")).chain(mask).chain(self.bounds.files());
-        let mut read = Sources::new(read);
-        let estimate = self.error_estimate.as_deref().map(|path| ("--error-estimate", path));
-        let outputs: Vec<_> = std::iter::once(("-o", &*self.output.path)).chain(estimate).collect();
-        outputs.iter().try_for_each(|(_, output)| read.check(output))?;
-        reports::check(&outputs, false)
     }
 
     fn choose(&self, limits: Limits, console: &Console) -> Result<after::Next, PlanError> {
