@@ -246,3 +246,31 @@ def test_next_passes_write_no_render_of_another_frame_and_no_file_twice(shot):
     words = ["--pattern", "random", "--density", "0.5", "--size", "8x8", "--inside", "i.####.exr", "--frames", "1-2"]
     refused(lacuna("mask", *words, "-o", "m.####.exr", "-q", folder=shot, ok=False), 2, "the same file as the image of --inside (i.0001.exr)")
     assert bytes_of(shot) == before
+
+
+def test_no_clobber_takes_no_link_to_nowhere_for_an_output(shot):
+    (shot / "out" / "shot.0001.exr").symlink_to("/no/such/disk/s.exr")
+    frame, words = ["in/shot.0001.exr", "-o", "out/shot.0001.exr"], ["--no-clobber", "-q"]
+    why = "out/shot.0001.exr: it is a link to /no/such/disk/s.exr, which does not exist"
+    refused(quick_fill(*frame, *words, folder=shot, ok=False), 1, why)
+    for command in (["mask", "--after", *frame, "--add", "0.05"], ["mask", "--merge", *frame[:1], "in/shot.0002.exr", *frame[1:]]):
+        refused(lacuna(*command, *words, folder=shot, ok=False), 1, why)
+    # One that leads to a frame is an output.
+    (shot / "out" / "shot.0001.exr").unlink()
+    (shot / "out" / "shot.0001.exr").symlink_to("../in/shot.0002.exr")
+    quick_fill(*frame, *words, folder=shot)
+
+
+@pytest.mark.parametrize("flag, what", [("--guides-from", "guides (--guides-from)"), ("--layers", "layer (--layers)"), ("--mask", "mask")])
+def test_files_beside_the_input_that_are_missing_are_told_before_the_work(flag, what, shot):
+    full = SAMPLES / "full" / "sequence"
+    shutil.copy(full / "shot.0001.exr" if flag != "--mask" else FIRST, shot / "x.0001.exr")
+    words = ["in/shot.####.exr", "--frames", "1", "-o", "out/", flag, "d=x.####.exr" if flag == "--layers" else "x.####.exr"]
+    quick_fill(*words, folder=shot)
+    (shot / "x.0001.exr").unlink()
+    for more in ([], ["-n"], ["-u"], ["-u", "-n"]):
+        result = quick_fill(*words, "-q", *more, folder=shot, ok=False)
+        refused(result, 1, f"x.0001.exr (frame 1): cannot read the {what}: the file is missing")
+        assert "-n" not in more or result.stdout.startswith("fail "), result
+    (shot / "x.0001.exr").symlink_to("/no/such/disk/x.exr")
+    refused(quick_fill(*words, "-q", "-n", folder=shot, ok=False), 1, f"cannot read the {what}: it is a link to /no/such/disk/x.exr")

@@ -178,15 +178,21 @@ impl Seen {
                 None => *recorded != UNREAD || outline(path).is_ok(),
             }
         });
-        other.map(|((path, what, _), _)| format!("the {what} {} is another one", path.display()))
+        other.map(|((path, what, _), _)| not_as_before(path, what, "another one"))
     }
 
     /// The first that is not older than an output which does not say what it was made from.
     pub fn newer(&self, made: SystemTime) -> Option<String> {
         let is_newer = |state: &State| state.modified.is_none_or(|changed| changed >= made);
         let newer = self.0.iter().find(|(_, _, state)| state.as_ref().is_none_or(is_newer));
-        newer.map(|(path, what, _)| format!("the {what} {} is newer", path.display()))
+        newer.map(|(path, what, _)| not_as_before(path, what, "newer"))
     }
+}
+
+/// What is told of a source that is not what the output was made from.
+fn not_as_before(path: &Path, what: &str, how: &str) -> String {
+    let gone = path.metadata().is_err_and(|error| error.kind() == ErrorKind::NotFound);
+    format!("the {what} {} is {}", path.display(), if gone { "missing" } else { how })
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Files by what they are, whatever their names: nothing that a run reads is written.
 
 use std::collections::HashMap;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use crate::files::error::PlanError;
@@ -61,6 +62,13 @@ impl Places {
         let folder = self.0.entry(folder_of(file)).or_insert_with_key(resolve);
         file.file_name().map_or_else(|| folder.clone(), |name| folder.join(name))
     }
+}
+
+/// What is told of a link whose target is not there: it may lie on a disk that is only away, so nothing is known of it.
+pub fn leads_nowhere(path: &Path) -> Option<String> {
+    let absent = path.metadata().is_err_and(|error| error.kind() == ErrorKind::NotFound);
+    let target = (absent && path.is_symlink()).then(|| lacuna_exr::behind(path))?;
+    Some(format!("it is a link to {}, which does not exist", target.display()))
 }
 
 /// What tells an existing file from every other, whatever its names.

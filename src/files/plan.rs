@@ -54,11 +54,15 @@ impl Item {
 
     /// Without the frames beside it.
     fn own_sources(&self) -> impl Iterator<Item = (&Path, &'static str)> {
-        let beside = [(self.mask.as_deref(), "mask"), (self.guides.as_deref(), "guides")];
-        let beside = beside.into_iter().filter_map(|(path, what)| Some((path?, what)));
-        let layers = self.layers.iter().map(|layer| (&*layer.path, "layer"));
         let further = self.made_from.iter().map(|(what, path)| (&**path, *what));
-        std::iter::once((&*self.input, "input")).chain(beside).chain(layers).chain(further)
+        std::iter::once((&*self.input, "input")).chain(self.added()).chain(further)
+    }
+
+    /// The files that are read with the input, each named by a flag of its own.
+    pub fn added(&self) -> impl Iterator<Item = (&Path, &'static str)> {
+        let one = [(self.mask.as_deref(), "mask"), (self.guides.as_deref(), "guides")];
+        let one = one.into_iter().filter_map(|(path, what)| Some((path?, what)));
+        one.chain(self.layers.iter().map(|layer| (&*layer.path, "layer")))
     }
 
     /// The files that are read where the output is one of them: two frames are held against each other.

@@ -7,6 +7,7 @@ use lacuna_exr::{Frame, Over, WriteOptions};
 
 use crate::files::content::Seen;
 use crate::files::error::PlanError;
+use crate::files::identity::leads_nowhere;
 use crate::files::plan::{Item, Plan};
 use crate::run::batch::{Decision, Failure, Stage, Work};
 use crate::run::console::{Console, label};
@@ -15,13 +16,10 @@ use crate::run::record::Record;
 
 /// What is to be done with a frame that is read.
 pub fn decide(item: &Item, skip_missing: bool) -> Result<Decision, Failure> {
+    if let Some(text) = leads_nowhere(&item.input) {
+        return Err(Failure::at(&item.input, text));
+    }
     match item.input.metadata() {
-        // Its file may be on a disk that is not there now, so it is not known to be missing.
-        Err(error) if error.kind() == ErrorKind::NotFound && item.input.is_symlink() => {
-            let target = lacuna_exr::behind(&item.input);
-            let text = format!("it is a link to {}, which does not exist", target.display());
-            Err(Failure::at(&item.input, text))
-        }
         Err(error) if error.kind() == ErrorKind::NotFound && skip_missing => {
             Ok(Decision::Skip("the frame does not exist".into()))
         }
@@ -61,7 +59,10 @@ pub fn decide_to_make(
     match existing {
         // A folder in the output's place is no output.
         Existing::Keep if item.output.symlink_metadata().is_ok_and(|found| !found.is_dir()) => {
-            return skip("the output exists");
+            return match leads_nowhere(&item.output) {
+                Some(text) => Err(Failure::at(&item.output, text)),
+                None => skip("the output exists"),
+            };
         }
         Existing::Update if item.output.exists() => match stale(item) {
             None => return skip("the output is up to date"),
@@ -69,9 +70,7 @@ pub fn decide_to_make(
         },
         _ => {}
     }
-    if let Some(mask) = &item.mask {
-        check_mask(mask)?;
-    }
+    item.added().try_for_each(check_added)?;
     let over = if existing == Existing::Force { Over::Force } else { Over::Replace };
     lacuna_exr::check_destination(&item.output, over)
         .map_err(|error| refused(&item.output, existing, &error))?;
@@ -86,20 +85,26 @@ fn refused(output: &Path, existing: Existing, error: &lacuna_exr::Error) -> Fail
     Failure::at(output, format!("{error}{hint}"))
 }
 
-fn check_mask(mask: &Path) -> Result<(), Failure> {
-    match mask.metadata() {
-        Ok(found) if found.is_file() => Ok(()),
-        Ok(_) => Err(Failure::at(mask, "cannot read the mask: it is not a regular file")),
-        Err(error) => {
-            let is_name = mask.extension().is_none() && mask.components().count() == 1;
-            let hint = if is_name {
-                format!("; a channel is named channel:{}", mask.display())
-            } else {
-                String::new()
-            };
-            Err(Failure::at(mask, format!("cannot read the mask: {error}{hint}")))
+/// That a file which is read with the input is there.
+fn check_added((path, what): (&Path, &'static str)) -> Result<(), Failure> {
+    let why = match path.metadata() {
+        Ok(found) if found.is_file() => return Ok(()),
+        Ok(_) => "it is not a regular file".into(),
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            leads_nowhere(path).unwrap_or_else(|| "the file is missing".into())
         }
-    }
+        Err(error) => error.to_string(),
+    };
+    let flag = match what {
+        "guides" => " (--guides-from)",
+        "layer" => " (--layers)",
+        _ => "",
+    };
+    let is_name = what == "mask" && path.extension().is_none() && path.components().count() == 1;
+    let is_name = is_name && !path.exists();
+    let hint =
+        if is_name { format!("; a channel is named channel:{}", path.display()) } else { String::new() };
+    Err(Failure::at(path, format!("cannot read the {what}{flag}: {why}{hint}")))
 }
 
 /// That what a frame was made from is still there as it was read: nothing else would tell that the output is of other files.

@@ -163,7 +163,7 @@ fn one(
     console: &Console,
 ) -> Result<(), PlanError> {
     let fail = failed(path);
-    if !output.wants(path, console) {
+    if !output.wants(path, console)? {
         return Ok(());
     }
     output.make_folder(path)?;
@@ -250,7 +250,7 @@ fn tell(
     console: &Console,
 ) -> Result<u8, PlanError> {
     if let (Some(output), Some(plot)) = (plot, judgement.plot())
-        && output.wants(&output.path, console)
+        && output.wants(&output.path, console)?
     {
         output.make_folder(&output.path)?;
         output.wrote(&output.path, plot.write(&output.path, output.no_clobber), console)?;

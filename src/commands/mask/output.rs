@@ -6,6 +6,7 @@ use lacuna_exr::{Limits, Window};
 use lacuna_filters::Mask;
 
 use crate::files::error::PlanError;
+use crate::files::identity::leads_nowhere;
 use crate::files::names::folder_of;
 use crate::files::patterns::Pattern;
 use crate::mask::generate::{self, Bounds};
@@ -58,12 +59,15 @@ pub fn source_of_frame(source: &Source, number: Option<i64>) -> Source {
 
 impl MaskOutput {
     /// Whether a file is to be written; one that is there and stays is passed over.
-    pub fn wants(&self, path: &Path, console: &Console) -> bool {
-        let stays = self.no_clobber && path.symlink_metadata().is_ok();
-        if stays {
-            console.note(&format!("{}: skipped: the output exists", path.display()));
+    pub fn wants(&self, path: &Path, console: &Console) -> Result<bool, PlanError> {
+        if !self.no_clobber || path.symlink_metadata().is_err() {
+            return Ok(true);
         }
-        !stays
+        if let Some(text) = leads_nowhere(path) {
+            return Err(PlanError::Failed(format!("{}: {text}", path.display())));
+        }
+        console.note(&format!("{}: skipped: the output exists", path.display()));
+        Ok(false)
     }
 
     /// Whether a file was written; one that came into being meanwhile is passed over like one that was there.

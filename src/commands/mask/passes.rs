@@ -192,7 +192,7 @@ impl OfFrame for Union {
     fn run(&self, memory: Option<u64>, console: &Console) -> Result<(), PlanError> {
         let Self { first, second, source, output, .. } = self;
         let path = &output.path;
-        if !output.wants(path, console) {
+        if !output.wants(path, console)? {
             return Ok(());
         }
         output.make_folder(path)?;
@@ -279,20 +279,21 @@ impl NextPass {
     }
 
     fn write(&self, limits: Limits, console: &Console) -> Result<(), PlanError> {
-        let mask = Some(self.output.path.as_path()).filter(|path| self.output.wants(path, console));
-        let estimate = self.error_estimate.as_deref().filter(|path| self.output.wants(path, console));
-        if mask.is_none() && estimate.is_none() {
+        let (mask, estimate) = (self.output.path.as_path(), self.error_estimate.as_deref());
+        let wants = |path: &Path| self.output.wants(path, console);
+        let (wants_mask, wants_estimate) = (wants(mask)?, estimate.map_or(Ok(false), wants)?);
+        if !wants_mask && !wants_estimate {
             return Ok(());
         }
         let (next, mut how) = (self.choose(limits, console)?, self.output.writing());
-        if let Some(path) = mask {
+        if let Some(path) = wants_mask.then_some(mask) {
             how.attributes = vec![(PATTERN, "after".into()), (SEED, self.seed.to_string())];
             let written = write_mask(path, &next.mask, next.window, &Listing::Given(&next.pixels), &how);
             if self.output.wrote(path, written, console)? {
                 report(path, &next.mask, console);
             }
         }
-        if let Some(path) = estimate {
+        if let Some(path) = estimate.filter(|_| wants_estimate) {
             how.attributes.clear();
             let largest = next.error.pixels().iter().copied().fold(0.0, f32::max);
             let pixels = next.error.pixels().to_vec();
