@@ -274,3 +274,13 @@ def test_files_beside_the_input_that_are_missing_are_told_before_the_work(flag, 
         assert "-n" not in more or result.stdout.startswith("fail "), result
     (shot / "x.0001.exr").symlink_to("/no/such/disk/x.exr")
     refused(quick_fill(*words, "-q", "-n", folder=shot, ok=False), 1, f"cannot read the {what}: it is a link to /no/such/disk/x.exr")
+
+
+@pytest.mark.parametrize("folder", ["what?", "a*b", "a*b/c?d"])
+def test_outputs_lie_in_folders_whose_names_look_like_globs(folder, shot):
+    (shot / folder).mkdir(parents=True)
+    quick_fill("in/shot.0001.exr", "-o", f"{folder}/o.exr", folder=shot)
+    quick_fill("in/shot.####.exr", "-o", f"{folder}/o.##.exr", "--frames", "1-2", folder=shot)
+    assert {path.name for path in (shot / folder).glob("*.exr")} == {"o.exr", "o.01.exr", "o.02.exr"}
+    refused(quick_fill("in/shot.0001.exr", "-o", f"{folder}/o*.exr", folder=shot, ok=False), 2, "an output cannot be a glob")
+    refused(quick_fill("in/shot.0001.exr", "-o", "none?/o.exr", folder=shot, ok=False), 2, "an output cannot be a glob")

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::files::error::PlanError;
 use crate::files::inputs::Input;
 use crate::files::names::to_text;
-use crate::files::patterns::Pattern;
+use crate::files::patterns::{Pattern, existing_folders};
 
 /// A place for outputs.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -28,7 +28,7 @@ impl Destination {
         if text.ends_with(std::path::is_separator) {
             return Ok(Self::Folder(path.into()));
         }
-        if text.contains(['*', '?']) {
+        if text[existing_folders(&text)..].contains(['*', '?']) {
             return Err(PlanError::Usage(format!(
                 "{shown}: an output cannot be a glob; use a pattern or a folder"
             )));

@@ -119,7 +119,7 @@ impl Pattern {
 }
 
 /// How many bytes of a path's text, its last name apart, are folders that exist, with the separator behind them.
-fn existing_folders(text: &str) -> usize {
+pub(super) fn existing_folders(text: &str) -> usize {
     let ends = text.match_indices(std::path::is_separator).map(|(at, separator)| at + separator.len());
     let mut ends: Vec<usize> = ends.collect();
     while let Some(end) = ends.pop() {
