@@ -284,3 +284,40 @@ def test_outputs_lie_in_folders_whose_names_look_like_globs(folder, shot):
     assert {path.name for path in (shot / folder).glob("*.exr")} == {"o.exr", "o.01.exr", "o.02.exr"}
     refused(quick_fill("in/shot.0001.exr", "-o", f"{folder}/o*.exr", folder=shot, ok=False), 2, "an output cannot be a glob")
     refused(quick_fill("in/shot.0001.exr", "-o", "none?/o.exr", folder=shot, ok=False), 2, "an output cannot be a glob")
+
+
+def test_update_goes_by_what_files_hold_and_not_by_their_names(tmp_path):
+    tree = tmp_path / "one"
+    (tree / "in").mkdir(parents=True)
+    full = SAMPLES / "full" / "sequence"
+    for number in (1, 2):
+        [planes] = frames.read(SAMPLES / "sequence" / f"shot.000{number}.exr")
+        frames.write(tree / f"in/m.000{number}.exr", {"mask": planes["mask"], "other": planes["mask"]})
+        shutil.copy(SAMPLES / "sequence" / f"shot.000{number}.exr", tree / f"in/s.000{number}.exr")
+        shutil.copy(full / f"shot.000{number}.exr", tree / f"in/g.000{number}.exr")
+    (tree / "in/r.toml").write_text('[[rule]]\nglob = "B"\nrule = "fill"\n')
+
+    def plan(mask="in/m.####.exr:mask", guides="in/g.####.exr", layers=("a=in/g.####.exr",), rules="in/r.toml", root=tree, more=("-u", "-n")):
+        words = ["--mask", f"file:{mask}", *(["--guides-from", guides] if guides else []), *(["--rules", rules] if rules else [])]
+        words += [word for layer in layers for word in ("--layers", layer)]
+        return quick_fill("in/s.####.exr", "-o", "out/", "--create-dir", *words, *more, folder=root).stdout
+
+    plan(more=())
+    up_to_date = lambda said: said.count("skip ") == 2 and said.count("the output is up to date") == 2
+    assert up_to_date(plan())
+    # Other spellings of the same files, and a tree that was moved.
+    assert up_to_date(plan(mask="in/m.%04d.exr:mask")) and up_to_date(plan(mask=f"{tree}/in/m.####.exr:mask"))
+    assert up_to_date(plan(guides="./in/g.@@@@.exr", layers=["a=in/../in/g.####.exr"], rules=f"{tree}/in/r.toml"))
+    tree = tree.rename(tmp_path / "two")
+    assert up_to_date(plan(root=tree)) and up_to_date(plan(mask=f"{tree}/in/m.####.exr:mask", root=tree))
+    # Another channel, layer or file is another setting or file.
+    for words, why in (
+        ({"mask": "in/m.####.exr:other"}, "mask was set otherwise"),
+        ({"mask": "in/m.0001.exr:mask"}, "the mask in/m.0001.exr is another one"),
+        ({"layers": ["b=in/g.####.exr"]}, "layers was set otherwise"),
+        ({"guides": None}, "guides-from was set otherwise"),
+        ({"guides": "in/g.0001.exr"}, "the guides in/g.0001.exr is another one"),
+        ({"rules": None}, "was set otherwise"),
+    ):
+        assert "in/s.0002.exr (frame 2) -> out/s.0002.exr" in (said := plan(root=tree, **words)), said
+        assert why in said.splitlines()[-1], said

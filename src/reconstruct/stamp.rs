@@ -164,10 +164,10 @@ impl Stamp {
 
     /// Whether a file with this stamp is what `job` would make again, as far as the settings tell.
     pub fn is_of(&self, job: &Job) -> bool {
-        self.differs(job).is_none()
+        *self == Self::new(job, &self.mask, self.sources.as_deref())
     }
 
-    /// What this stamp says else than `job` would; nothing if it is of it.
+    /// What this stamp says else than `job` would; nothing if it is of it. Names of files do not count where their sums are known.
     pub fn differs(&self, job: &Job) -> Option<String> {
         let new = Self::new(job, &self.mask, self.sources.as_deref());
         if self.version != new.version {
@@ -176,11 +176,16 @@ impl Stamp {
         if self.filter != new.filter {
             return Some(format!("the filter was {}", self.filter));
         }
-        let (old, now) = (parse_settings(&self.settings), parse_settings(&new.settings));
+        if self.settings == new.settings {
+            return None;
+        }
+        let known = self.sources.is_some();
+        let pairs = |line| if known { without_names(line) } else { parse_settings(line) };
+        let (old, now) = (pairs(&self.settings), pairs(&new.settings));
         let other =
             now.iter().find(|pair| !old.contains(pair)).or(old.iter().find(|pair| !now.contains(pair)));
         let other = other.map_or("settings", |(name, _)| name);
-        (self.settings != new.settings).then(|| format!("{other} was set otherwise"))
+        (!known || old != now).then(|| format!("{other} was set otherwise"))
     }
 
     /// The value of one setting.
@@ -224,6 +229,26 @@ impl Stamp {
         let text = self.setting("channels").unwrap_or_default();
         text.lines().filter_map(|line| line.parse().ok()).collect()
     }
+}
+
+/// The settings of a line with what was asked of files, but not what these are called. The channels have what rules say.
+fn without_names(line: &str) -> Vec<(String, String)> {
+    let kind = |(name, value): (String, String)| {
+        let value = match (name.as_str(), value.parse()) {
+            ("mask", Ok(Source::File { channel, .. })) => {
+                Source::File { pattern: "FILE".into(), channel }.to_string()
+            }
+            ("guides-from", _) if value != "frame" => "FILE".into(),
+            ("rules", _) => "FILE".into(),
+            ("layers", _) => {
+                let names = value.lines().map(|layer| layer.split_once('=').map_or(layer, |(name, _)| name));
+                names.collect::<Vec<_>>().join("\n")
+            }
+            _ => value,
+        };
+        (name, value)
+    };
+    parse_settings(line).into_iter().map(kind).collect()
 }
 
 /// Writes which guides a part was filled with; parts filled without have no such attribute.

@@ -46,7 +46,8 @@ pub fn doubt(output: &Path, gate: &Gate) -> Option<String> {
 }
 
 /// Why the headers are not those that this run would write: a time limit cut a part short, the windows differ, no part has a stamp, or
-/// one has another run's. The settings tell which mask was asked for; of a file they tell the pattern, so its path is compared as well.
+/// one has another run's. The settings tell which mask was asked for; of a file they tell the pattern, so its path is compared as well
+/// where no sum tells which it was.
 fn differs(item: &Item, FillJob { what: job, again, .. }: &FillJob, parts: &[PartHeader]) -> Option<String> {
     let stamps: Vec<Stamp> = parts.iter().filter_map(|part| Stamp::read(&part.attributes)).collect();
     let source = item.mask.as_ref().and_then(|path| match &job.mask {
@@ -63,7 +64,9 @@ fn differs(item: &Item, FillJob { what: job, again, .. }: &FillJob, parts: &[Par
         let same = temporal::numbers(&line) == beside && !left;
         !same && Stamp::read(&part.attributes).is_some()
     };
-    let other_mask = |stamp: &Stamp| source.as_ref().is_some_and(|source| *source != stamp.mask);
+    let other_mask = |stamp: &Stamp| {
+        stamp.sources.is_none() && source.as_ref().is_some_and(|source| *source != stamp.mask)
+    };
     let why = match () {
         () if stamps.is_empty() => "lacuna did not fill it".into(),
         () if parts.iter().any(|part| was_cut_short(&part.attributes)) => "it was cut short".into(),
