@@ -321,3 +321,25 @@ def test_update_goes_by_what_files_hold_and_not_by_their_names(tmp_path):
     ):
         assert "in/s.0002.exr (frame 2) -> out/s.0002.exr" in (said := plan(root=tree, **words)), said
         assert why in said.splitlines()[-1], said
+
+
+@pytest.mark.parametrize("pattern", [[], ["--adaptive"]])
+def test_a_frame_that_is_made_sparse_alone_is_told_to_have_the_mask_of_all(pattern, tmp_path):
+    full = tmp_path / "full"
+    shutil.copytree(SAMPLES / "full" / "sequence", full)
+    (tmp_path / "out").mkdir()
+    alone = "full/shot.0002.exr: a file that is named alone has the same mask"
+    words = ["-o", "out/", "--density", "0.1", *pattern]
+    result = lacuna("sparsify", "full/shot.0002.exr", *words, folder=tmp_path)
+    assert alone in result.stderr and "a pattern with --frames 2 gives" in result.stderr
+    mask = lambda: frames.read(tmp_path / "out" / "shot.0002.exr")[0]["mask"]
+    first = mask()
+    for inputs in (["full/shot.####.exr", "--frames", "2"], ["full/shot.0001.exr", "full/shot.0002.exr"]):
+        assert "named alone" not in lacuna("sparsify", *inputs, *words, folder=tmp_path).stderr
+        assert not np.array_equal(mask(), first)
+    # Without others beside it, it is no frame of a sequence.
+    for path in full.iterdir():
+        if path.name != "shot.0002.exr":
+            path.unlink()
+    assert "named alone" not in lacuna("sparsify", "full/shot.0002.exr", *words, folder=tmp_path).stderr
+    assert np.array_equal(mask(), first)

@@ -6,6 +6,7 @@ use lacuna_filters::{Run, Stop};
 
 use crate::files::error::PlanError;
 use crate::files::inputs::Selection;
+use crate::files::patterns::{beside, number_in_name};
 use crate::files::plan::{Item, Targets, plan};
 use crate::mask::shared::MaskFiles;
 use crate::mask::{Source, rounds};
@@ -64,6 +65,9 @@ pub fn sparsify(job: &SparsifyJob) -> Result<u8, PlanError> {
         return Ok(outputs::print(&plan, &work, &console));
     }
     console.listen();
+    if let Some(warning) = alone(job, &plan.items) {
+        console.warning(&warning);
+    }
     outputs::make_folders(&plan)?;
     let settings = match &job.pattern {
         SparsifyPattern::Shuffle { density, seed } => format!("shuffle density={density} seed={seed}"),
@@ -79,6 +83,22 @@ pub fn sparsify(job: &SparsifyJob) -> Result<u8, PlanError> {
         settings: Some(settings),
     };
     batch::run(heading, &plan.items, &job.run, &work, &console).map_err(PlanError::Failed)
+}
+
+/// That a frame of a sequence is named alone, which gives it the mask of every other that is: masks go by the number of the frame, and
+/// a file that nothing asks for by its number has none.
+fn alone(job: &SparsifyJob, items: &[Item]) -> Option<String> {
+    let [item] = items else { return None };
+    let goes_by_number = item.number.is_none() && !matches!(job.pattern, SparsifyPattern::Mask(_));
+    let number = number_in_name(&item.input).filter(|_| goes_by_number)?;
+    let next = |step| number.checked_add(step).map(|number| beside(&item.input, number)).unwrap_or_default();
+    [-1, 1].into_iter().flat_map(next).any(|path| path.exists()).then(|| {
+        format!(
+            "{}: a file that is named alone has the same mask whatever its number; a pattern with --frames {number} gives \
+             it that of frame {number}",
+            item.input.display()
+        )
+    })
 }
 
 struct Sparsify<'a> {
