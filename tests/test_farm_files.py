@@ -230,7 +230,8 @@ def test_next_passes_write_no_render_of_another_frame_and_no_file_twice(shot):
     for words, *why in (
         (["--after", "g/*.exr", "-o", "g/a.####.exr", *add], "a.0001.exr"),
         (["--after", "g/[ab].*.exr", "-o", "n.####.exr", *add], "g/a.0001.exr and g/b.0001.exr would both be written to n.0001.exr"),
-        (["--after", "in/*.exr", "-o", "n.####.exr", "--error-estimate", "in/shot.####.exr", *add], "in/shot.0001.exr: the output is the same file as the frame"),
+        (["--after", "in/*.exr", "-o", "n.####.exr", "--error-estimate", "in/shot.####.exr", *add],
+         "in/shot.0001.exr: the output is the same file as the frame"),
         (["--after", "d/*/f.0001.exr", "-o", "n.####.exr", *add], "d/a/f.0001.exr and d/b/f.0001.exr would both be written to n.0001.exr"),
         (["--merge", "r/*.exr", "s/c.####.exr", "-o", "r/a.####.exr"], "a.0001.exr"),
         (["--merge", "r/b.####.exr", "s/c.####.exr", "-o", "in/shot.####.exr", "--mask", "in/shot.0001.exr"], "the same file as the mask"),
