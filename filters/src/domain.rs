@@ -66,8 +66,14 @@ fn has_long_range(mask: &Mask, group: &[Plane]) -> bool {
 
 /// The power mean of the measured values that are not black, and the largest absolute one.
 pub(crate) fn lit(mask: &Mask, group: &[Plane]) -> (f64, f64) {
+    let (black, largest) = black(mask, group);
+    (power_mean(mask, group, black), largest)
+}
+
+/// Up to which absolute value a display shows black, and the largest measured one.
+pub(crate) fn black(mask: &Mask, group: &[Plane]) -> (f64, f64) {
     let largest = group.iter().map(|plane| largest(mask, plane)).fold(0.0, f64::max);
-    (power_mean(mask, group, BLACK * largest.min(1.0)), largest)
+    (BLACK * largest.min(1.0), largest)
 }
 
 /// The power mean of the measured values that are larger than `black`, whatever their sign; 0 if there is none.

@@ -24,7 +24,7 @@
 //! correlate with it. Channels share their weights. Nothing is chosen by hand: an image without noise is left alone where nothing is
 //! known ([`Set::smoothed`](crate::fill::Set::smoothed) says so).
 //!
-//! Fireflies: what of a sample lies beyond `LIMIT` times the level that nine tenths of the samples stay below takes no part. Where both halves
+//! Fireflies: what of a sample lies beyond `LIMIT` times the level that nine tenths of the samples that are not black stay below takes no part. Where both halves
 //! show it (or no halves are known) it is a light: its pixel takes no part at all, and is put back as it is (`lights`). Where one half shows it, it is a
 //! firefly and is left out. Noise above that limit at few samples, as of halves that were not clamped as their mean was, counts as unknown.
 //!
@@ -101,7 +101,7 @@ const FOLLOWS: f64 = 0.12;
 const FEWEST: usize = 64;
 /// Wider than where samples are held out: Stein's estimate scatters with the noise itself.
 const NEIGHBOURHOOD: Neighbourhood = Neighbourhood { spread: 10.0, frame: 0.1 };
-/// Levels of light that count as it is, over that which nine tenths of the samples stay below.
+/// Levels of light that count as it is, over that which nine tenths of the samples that are not black stay below.
 const LIMIT: f32 = 4.0;
 
 /// Pixels that one task takes.

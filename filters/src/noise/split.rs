@@ -3,7 +3,7 @@
 use lacuna_core::parallel::prelude::*;
 
 use super::LIMIT;
-use crate::{Mask, Plane, Planes};
+use crate::{Mask, Plane, Planes, domain};
 
 /// Pixels that one task takes.
 const PIECE: usize = 1 << 14;
@@ -19,7 +19,7 @@ pub struct Split {
     pub noise: Option<Planes>,
     /// Light beyond the limit.
     pub lights: Option<Planes>,
-    /// What nine tenths of the samples stay below; infinite where they are no light, or none is.
+    /// What nine tenths of the samples that are not black stay below; infinite where they are no light, or all black.
     pub level: f32,
 }
 
@@ -118,19 +118,21 @@ fn cut(
     any.contains(&true)
 }
 
-/// The value that nine tenths of the samples stay below, by their largest channel.
+/// The value that nine tenths of the samples that are not black stay below, by their largest channel: how much black surrounds an object must not
+/// move the level into its rim.
 fn level(mask: &Mask, samples: &Planes) -> f32 {
     let largest =
         |pixel: usize| samples.as_slice().iter().fold(0.0_f32, |most, plane| most.max(plane.pixels()[pixel]));
+    let (black, _) = domain::black(mask, samples.as_slice());
     let pieces = mask.as_slice().par_chunks(PIECE).enumerate().map(|(piece, flags)| {
         let measured = flags.iter().enumerate().filter(|(_, flag)| **flag);
-        measured.map(|(at, _)| largest(piece * PIECE + at)).collect::<Vec<f32>>()
+        let lit = measured.map(|(at, _)| largest(piece * PIECE + at)).filter(|most| f64::from(*most) > black);
+        lit.collect::<Vec<f32>>()
     });
     let mut levels = pieces.concat();
     if levels.is_empty() {
         return f32::INFINITY;
     }
     let at = levels.len() * 9 / 10;
-    let (_, level, _) = levels.select_nth_unstable_by(at, f32::total_cmp);
-    if *level > 0.0 { *level } else { f32::INFINITY }
+    *levels.select_nth_unstable_by(at, f32::total_cmp).1
 }

@@ -318,3 +318,43 @@ fn threads_change_no_bit() {
     let bits = |planes: Planes| planes.as_slice()[0].pixels().iter().map(|x| x.to_bits()).collect::<Vec<_>>();
     assert_eq!(bits(of(1)), bits(of(3)));
 }
+
+/// A soft noisy ball that covers a tenth to a fifth of a black frame: the level must not fall into its rim.
+#[test]
+fn black_around_an_object_changes_nothing_in_it() {
+    let error = |border: usize| {
+        let size = Size::new(48 + 2 * border, 48 + 2 * border);
+        let own = |row: usize, column: usize| {
+            let (y, x) = (row.checked_sub(border)?, column.checked_sub(border)?);
+            (y < 48 && x < 48).then_some((y, x))
+        };
+        let shade = |y: usize, x: usize| {
+            let away = (y as f32 - 23.5).hypot(x as f32 - 23.5) / 22.0;
+            0.9 * (1.0 - away * away).max(0.0).powf(1.5)
+        };
+        let half = |seed: u64| {
+            Plane::from_fn(size, |row, column| {
+                own(row, column).map_or(0.0, |(y, x)| {
+                    let noise = 0.5 * hashed(seed, y * 48 + x) * shade(y, x).sqrt();
+                    (shade(y, x) + noise).max(0.0)
+                })
+            })
+        };
+        let (a, b) = (half(1), half(2));
+        let mean = Plane::from_fn(size, |row, column| 0.5 * (a.at(row, column) + b.at(row, column)));
+        let mask = Arc::new(Mask::from_fn(size, |row, column| match own(row, column) {
+            Some((y, x)) => hashed(7, y * 48 + x) < 0.0,
+            None => hashed(8, row * size.width + column) < 0.0,
+        }));
+        let found = filled(&mean, &mask, Noise::Like(vec![like(&a, &b)])).planes;
+        let squares = (0..48 * 48)
+            .map(|at| (at / 48, at % 48))
+            .map(|(y, x)| f64::from(found.as_slice()[0].at(y + border, x + border) - shade(y, x)).powi(2));
+        (squares.sum::<f64>() / f64::from(48 * 48)).sqrt()
+    };
+    let alone = error(0);
+    for border in [24, 30, 36] {
+        let bordered = error(border);
+        assert!(bordered < 1.1 * alone, "{border}: {bordered} {alone}");
+    }
+}
