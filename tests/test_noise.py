@@ -287,3 +287,18 @@ def test_auto_is_one_of_the_values(tmp_path):
     source, _ = noisy(tmp_path)
     result = lacuna("fill", source, "-o", tmp_path / "out.exr", "--filter", "ss", "--ss-lambda", "x", ok=False)
     assert result.status == 2 and "a number of 0 or more, or auto" in result.stderr
+
+
+def test_a_measured_lamp_keeps_its_light(tmp_path):
+    rows, columns = np.indices((64, 64))
+    lamp = np.hypot(rows - 32, columns - 32) < 7
+    random = np.random.default_rng(11)
+    halves = [np.where(lamp, 10 + random.normal(0, 2, lamp.shape), 0.2 + random.normal(0, 0.05, lamp.shape)).astype(np.float32) for _ in range(2)]
+    mask = frames.shuffle(64, 64, 0.5)
+    planes = {"mask": mask.astype(np.float32)}
+    for layer, image in (("", (halves[0] + halves[1]) * np.float32(0.5)), ("half1.", halves[0]), ("half2.", halves[1])):
+        planes |= {layer + name: np.where(mask, image, np.float32(0)) for name in "RGB"}
+    source = frames.write(tmp_path / "lamp.exr", planes)
+    lacuna("fill", source, "-o", tmp_path / "out.exr", "--noise", "auto", "--no-estimate")
+    [out] = frames.read(tmp_path / "out.exr")
+    assert frames.same_bits(out["R"][mask & lamp], planes["R"][mask & lamp])

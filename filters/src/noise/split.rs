@@ -17,7 +17,7 @@ pub struct Split {
     pub samples: Planes,
     /// Their noise.
     pub noise: Option<Planes>,
-    /// Light beyond the limit.
+    /// The samples that are lights, zero elsewhere.
     pub lights: Option<Planes>,
     /// What nine tenths of the samples that are not black stay below; infinite where they are no light, or all black.
     pub level: f32,
@@ -53,7 +53,8 @@ impl Split {
         let lights = self.lights.as_ref()?;
         let mut whole = self.samples.clone();
         for (plane, lights) in whole.as_mut_slice().iter_mut().zip(lights.as_slice()) {
-            plane.pixels_mut().iter_mut().zip(lights.pixels()).for_each(|(value, light)| *value += light);
+            let pixels = plane.pixels_mut().iter_mut().zip(lights.pixels());
+            pixels.filter(|(_, light)| **light > 0.0).for_each(|(value, light)| *value = *light);
         }
         Some(whole)
     }
@@ -110,8 +111,10 @@ fn cut(
             if let Some(noise) = noise.as_mut().filter(|_| n != 0.0) {
                 noise[at] = (0.5 * (halves.1 - halves.0)).copysign(n);
             }
-            lights[at] = (low - limit).max(0.0);
-            any |= low > limit;
+            // What both halves show is no firefly: the sample itself comes back.
+            if low > limit {
+                (lights[at], any) = (value, true);
+            }
         }
         any
     });

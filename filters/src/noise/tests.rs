@@ -358,3 +358,26 @@ fn black_around_an_object_changes_nothing_in_it() {
         assert!(bordered < 1.1 * alone, "{border}: {bordered} {alone}");
     }
 }
+
+/// What both halves of a sample show is put back with its bits, not as the smaller half.
+#[test]
+fn lights_have_their_bits_and_fireflies_are_cut() {
+    let size = Size::new(10, 20);
+    let own = [(10.0, 3.0), (5.0, 4.9), (0.2, 0.05), (10.0, f32::NAN)];
+    let at = |row: usize, column: usize| if row == 3 && column < 4 { own[column] } else { (0.2, 0.05) };
+    let [samples, noise] = [
+        Plane::from_fn(size, |row, column| at(row, column).0),
+        Plane::from_fn(size, |row, column| at(row, column).1),
+    ]
+    .map(|plane| Planes::new(size, vec![plane]).unwrap());
+    let split = Split::new(&Mask::from_fn(size, |_, _| true), &samples, Some(&noise), true);
+    let limit = LIMIT * split.level;
+    for found in [split.with_lights().unwrap(), split.without_fireflies().unwrap()] {
+        let found = &found.as_slice()[0].pixels()[60..64];
+        let cut = 0.5 * (5.0_f32 - 4.9 + limit);
+        assert_eq!(
+            found.iter().map(|v| v.to_bits()).collect::<Vec<_>>(),
+            [10.0, cut, 0.2, 10.0].map(f32::to_bits)
+        );
+    }
+}
