@@ -302,3 +302,24 @@ def test_a_measured_lamp_keeps_its_light(tmp_path):
     lacuna("fill", source, "-o", tmp_path / "out.exr", "--noise", "auto", "--no-estimate")
     [out] = frames.read(tmp_path / "out.exr")
     assert frames.same_bits(out["R"][mask & lamp], planes["R"][mask & lamp])
+
+
+@pytest.mark.parametrize("layers", [["variance"], ["half1", "half2"]])
+def test_noise_that_is_unknown_in_a_part_is_taken_as_that_of_others(tmp_path, layers):
+    """Not as none, with weights of a thousand."""
+    source, truth = noisy(tmp_path)
+    [planes] = frames.read(source)
+    if layers == ["variance"]:
+        planes = {name: plane for name, plane in planes.items() if not name.startswith("half")}
+        planes |= {f"variance.{name}": np.full_like(planes["R"], 0.01) for name in "RGB"}
+    middle = truth.shape[1] // 2
+    errors = []
+    for value in (None, np.nan, np.inf):
+        for name in [] if value is None else [f"{layers[-1]}.{name}" for name in "RGB"]:
+            planes[name][:, middle:] = value
+        path = frames.write(tmp_path / "in.exr", planes)
+        result = lacuna("fill", path, "-o", tmp_path / "out.exr", "--noise", "auto", "--no-estimate", "--force", "--guides", "none")
+        errors.append(float(np.sqrt(np.mean((frames.colour(tmp_path / "out.exr")[:, middle:] - truth[:, middle:]) ** 2))))
+        unknown = int((planes["mask"][:, middle:] > 0).sum())
+        assert (f"the noise of {unknown} of" in result.stderr) == (value is not None), result.stderr
+    assert max(errors) < 1.2 * errors[0], errors

@@ -110,6 +110,8 @@ const PIECE: usize = 1 << 14;
 const AROUND: f64 = 3.0;
 /// The least variance, over the mean.
 const QUIET: f64 = 1e-3;
+/// As how many samples of the mean variance, over those that are around, the mean counts everywhere: it decides where no noise is known.
+const PRIOR: f64 = 1e-3;
 
 /// What is given beside the samples.
 #[derive(Clone, Copy, Debug)]
@@ -167,33 +169,43 @@ pub(crate) fn reconstruct(
     Ok(Some((outcome, effect)))
 }
 
-/// The mean variance of the noise over that around each pixel; nothing where there is no noise.
+/// The mean variance of the noise over that around each pixel; nothing where there is no noise. Where it is not known, it is that around, else the mean.
 fn precision(mask: &Mask, noise: &Planes) -> Option<Plane> {
     let size = mask.size();
-    let spacing = (size.pixels() as f64 / mask.count().max(1) as f64).sqrt();
-    let (mut squared, mut counted) = (vec![0.0; size.pixels()], vec![0.0; size.pixels()]);
-    let pieces = squared.par_chunks_mut(PIECE).zip(counted.par_chunks_mut(PIECE));
-    let sums = pieces.zip(mask.as_slice().par_chunks(PIECE)).enumerate().map(
-        |(piece, ((squared, counted), flags))| {
-            let mut total = 0.0;
-            for (at, _) in flags.iter().enumerate().filter(|(_, flag)| **flag) {
-                let squares = noise.as_slice().iter().map(|plane| plane.pixels()[piece * PIECE + at].powi(2));
-                let sum: f32 = squares.sum();
-                (squared[at], counted[at]) = (if sum.is_finite() { sum } else { 0.0 }, 1.0);
-                total += f64::from(squared[at]);
-            }
-            total
-        },
-    );
-    let mean = sums.iter().sum::<f64>() / mask.count().max(1) as f64;
-    let (sums, counts) = (blur(size, &squared, AROUND * spacing), blur(size, &counted, AROUND * spacing));
+    let measured = mask.count().max(1) as f64;
+    let variance = |pixel: usize| {
+        let squares = noise.as_slice().iter().map(|plane| f64::from(plane.pixels()[pixel]).powi(2));
+        Some(squares.sum::<f64>()).filter(|sum| sum.is_finite())
+    };
+    let known = mask.as_slice().par_chunks(PIECE).enumerate().map(|(piece, flags)| {
+        let measured = flags.iter().enumerate().filter(|(_, flag)| **flag);
+        let known = measured.filter_map(|(at, _)| variance(piece * PIECE + at));
+        known.fold((0.0, 0_usize), |(sum, count), variance| (sum + variance, count + 1))
+    });
+    let (sum, count) = known.iter().fold((0.0, 0), |all, own| (all.0 + own.0, all.1 + own.1));
+    let mean = sum / count.max(1) as f64;
     if mean <= 0.0 {
         return None;
     }
-    let least = (QUIET * mean).max(f64::from(f32::MIN_POSITIVE));
+    // Over the mean, so that no unit is too large or small for f32.
+    let (mut relative, mut counted) = (vec![0.0; size.pixels()], vec![0.0; size.pixels()]);
+    let pieces = relative.par_chunks_mut(PIECE).zip(counted.par_chunks_mut(PIECE));
+    pieces.zip(mask.as_slice().par_chunks(PIECE)).enumerate().for_each(
+        |(piece, ((relative, counted), flags))| {
+            for (at, _) in flags.iter().enumerate().filter(|(_, flag)| **flag) {
+                if let Some(variance) = variance(piece * PIECE + at) {
+                    (relative[at], counted[at]) = ((variance / mean) as f32, 1.0);
+                }
+            }
+        },
+    );
+    let density = measured / size.pixels() as f64;
+    let around = AROUND * density.recip().sqrt();
+    let (sums, counts) = (blur(size, &relative, around), blur(size, &counted, around));
+    let prior = PRIOR * density;
     let weight = |(sum, count): (&f32, &f32)| {
-        let here = f64::from(*sum) / f64::from(*count).max(f64::from(f32::MIN_POSITIVE));
-        (mean / here.max(least)) as f32
+        let here = (f64::from(*sum) + prior) / (f64::from(*count) + prior);
+        here.max(QUIET).recip() as f32
     };
     let pieces = sums.par_chunks(PIECE).zip(counts.par_chunks(PIECE));
     let weights = pieces.map(|(sums, counts)| sums.iter().zip(counts).map(weight).collect::<Vec<f32>>());

@@ -276,7 +276,10 @@ impl NoiseSource {
             return Ok((if held_out { unknown } else { Noise::None }, None));
         };
         match like(part, group, (&known, samples))? {
-            Ok(noise) => Ok((noise, None)),
+            Ok(noise) => {
+                let note = unknown_at(part, group, &noise, samples);
+                Ok((noise, note))
+            }
             // What is no light, such as alpha, need not have any.
             Err(Doubt { why, .. }) if *self == Self::Auto || unknown == Noise::None => {
                 Ok((unknown, Some(format!("{why}: ignored"))))
@@ -323,6 +326,18 @@ fn like(
             way: "leave --noise out, or write --noise auto",
         },
     }))
+}
+
+/// At how many measured pixels of a group the noise of some channel is not known, if there are any.
+fn unknown_at(part: &Part, group: &Group, noise: &Noise, samples: &Planes) -> Option<String> {
+    let Noise::Like(planes) = noise else { return None };
+    let is_finite = |planes: &[Plane], at: usize| planes.iter().all(|plane| plane.pixels()[at].is_finite());
+    let unknown = |at: usize| is_finite(samples.as_slice(), at) && !is_finite(planes, at);
+    let flags = group.mask.as_slice().iter().enumerate();
+    let count = flags.filter(|&(at, flag)| *flag && unknown(at)).count();
+    let names: Vec<_> = group.channels.iter().map(|&at| part.channels[at].display_name()).collect();
+    let (names, all) = (names.join(", "), group.mask.count());
+    (count > 0).then(|| format!("{names}: the noise of {count} of {all} measured pixels is not known"))
 }
 
 /// Two halves that tell nothing.

@@ -381,3 +381,24 @@ fn lights_have_their_bits_and_fireflies_are_cut() {
         );
     }
 }
+
+/// Noise that is not known in one half of the image weighs as the mean there, whatever the unit; not as none.
+#[test]
+fn unknown_noise_weighs_as_the_mean() {
+    let size = Size::new(40, 80);
+    let mask = Mask::from_fn(size, |row, column| (row + 2 * column).is_multiple_of(3));
+    let weights = |unit: f32, far: f32| {
+        let own = |row: usize, column: usize| if column < 40 { unit * (1 + row % 2) as f32 } else { far };
+        precision(&mask, &Planes::new(size, vec![Plane::from_fn(size, own)]).unwrap()).unwrap()
+    };
+    let one = weights(1.0, f32::NAN);
+    for (at, weight) in one.pixels().iter().enumerate().filter(|(at, _)| at % 80 > 70 || at % 80 < 40) {
+        assert!((weight - 1.0).abs() < 0.1, "{at}: {weight}");
+    }
+    assert_eq!(one, weights(1.0, f32::INFINITY));
+    for unit in [2.0_f32.powi(-100), 2.0_f32.powi(100)] {
+        assert_eq!(one, weights(unit, f32::NAN));
+    }
+    let quiet = weights(1.0, 0.0);
+    assert!(quiet.at(20, 75) > 100.0 * quiet.at(20, 10));
+}
