@@ -1,6 +1,7 @@
 """Noisy pixels: smoothed as far as what is known of their noise asks for, and not where there is none."""
 
 import numpy as np
+import OpenEXR
 import pytest
 
 import frames
@@ -287,6 +288,34 @@ def test_auto_is_one_of_the_values(tmp_path):
     source, _ = noisy(tmp_path)
     result = lacuna("fill", source, "-o", tmp_path / "out.exr", "--filter", "ss", "--ss-lambda", "x", ok=False)
     assert result.status == 2 and "a number of 0 or more, or auto" in result.stderr
+
+
+def test_smoothed_normals_are_of_unit_length(tmp_path):
+    rows, columns = np.indices((64, 64))
+    random = np.random.default_rng(4)
+    truth = np.stack([0.5 * np.sin(columns / 15), 0.5 * np.cos(rows / 15), np.ones((64, 64))], axis=-1)
+    unit = lambda vectors: vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    normals = unit(unit(truth) + random.normal(0, 0.1, truth.shape)).astype(np.float32)
+    mask = frames.shuffle(64, 64, 0.5)
+    planes = {"mask": mask.astype(np.float32)} | {name: np.where(mask, np.float32(0.5), np.float32(0)) for name in "RGB"}
+    planes |= {f"N.{name}": np.where(mask, normals[..., k], np.float32(0)) for k, name in enumerate("XYZ")}
+    variance = {f"N.variance.{name}": np.full((64, 64), 0.01, np.float32) for name in "XYZ"}
+    out = tmp_path / "out.exr"
+    for known in ({}, variance):
+        source = frames.write(tmp_path / "in.exr", planes | known)
+        lacuna("fill", source, "-o", out, "--noise", "auto", "--no-estimate", "--force")
+        [filled] = frames.read(out)
+        lengths = np.sqrt(sum(filled[f"N.{name}"].astype(np.float64) ** 2 for name in "XYZ"))
+        assert np.abs(lengths - 1).max() < 1e-6
+        # Where nothing tells their noise they keep their bits.
+        assert frames.same_bits(filled["N.X"][mask], planes["N.X"][mask]) == (not known)
+        lacuna("verify", source, out)
+    # A smoothed one of another length is found.
+    file = OpenEXR.File(str(out), separate_channels=True)
+    file.parts[0].channels["N.Z"].pixels[tuple(np.argwhere(mask)[50])] *= np.float32(1.01)
+    file.write(str(tmp_path / "longer.exr"))
+    result = lacuna("verify", source, tmp_path / "longer.exr", ok=False)
+    assert result.status == 1 and "unit length" in result.stdout + result.stderr, result
 
 
 def test_a_measured_lamp_keeps_its_light(tmp_path):

@@ -81,8 +81,8 @@ pub fn both(masks: &[Arc<Mask>; 3]) -> Option<Arc<Mask>> {
     (!all.is_empty()).then(|| Arc::new(all))
 }
 
-/// A mask in which the pixels to be scaled are missing: those that miss all three components, or all if the method
-/// smooths.
+/// A mask in which the pixels to be scaled are missing: those that miss all three components, or all if all three
+/// were smoothed.
 pub fn kept(masks: &[Arc<Mask>; 3], keeps_measured: bool) -> Mask {
     let any = |y: usize, x: usize| keeps_measured && masks.iter().any(|mask| mask.is_measured(y, x));
     Mask::from_fn(masks[0].size(), any)

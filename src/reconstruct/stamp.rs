@@ -204,8 +204,8 @@ impl Stamp {
         by_noise || self.filter_smooths()
     }
 
-    /// Whether a setting of the filter does. Known noise leaves the lengths of measured normals alone.
-    pub fn filter_smooths(&self) -> bool {
+    /// Whether a setting of the filter does.
+    fn filter_smooths(&self) -> bool {
         METHODS.iter().find(|method| method.name == self.filter).is_some_and(|method| {
             let smoothing = method.settings.iter().filter(|setting| setting.smooths);
             let given = smoothing.filter_map(|setting| Some((setting.name, self.setting(setting.name)?)));

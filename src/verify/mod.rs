@@ -69,8 +69,6 @@ pub struct Claims {
     pub guides: Asked,
     /// Whether measured pixels were smoothed.
     pub smoothed: bool,
-    /// Whether measured normals have new lengths as well.
-    pub scaled: bool,
     /// The filter's name; empty if nothing says it.
     pub filter: String,
     /// The channels that were copied from those of another file.
@@ -88,7 +86,6 @@ impl Default for Claims {
             drop_mask: false,
             guides: Asked::None,
             smoothed: false,
-            scaled: false,
             filter: String::new(),
             elsewhere: Vec::new(),
         }
@@ -118,7 +115,6 @@ impl Claims {
                 .and_then(|guides| guides.parse().ok())
                 .unwrap_or(Asked::None),
             smoothed: stamp.says_smoothed(),
-            scaled: stamp.says_smoothed() && stamp.filter_smooths(),
             filter: stamp.filter,
             elsewhere: elsewhere.map(|copied| copied.channel).collect(),
         }

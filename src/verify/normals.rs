@@ -6,6 +6,7 @@ use lacuna_exr::{Channel, Samples};
 use lacuna_filters::Mask;
 use lacuna_filters::baseline::depth::DepthPlan;
 
+use super::pixels::any_changed;
 use super::{Difference, Pair};
 use crate::channels::normal_triple;
 use crate::reconstruct::normals::Lengths;
@@ -70,7 +71,9 @@ fn one(pair: &Pair<'_>, triple: [usize; 3]) -> Option<Difference> {
                 }
             }
     };
-    let kept = normals::kept(&masks, !pair.claims.scaled);
+    // Smoothed vectors are scaled as well; the attributes do not say which were, but measured pixels show it.
+    let changed = |at: usize| any_changed(pair, triple[at], filled[at], &masks[at]);
+    let kept = normals::kept(&masks, !(pair.claims.smoothed && (0..3).all(changed)));
     let all = (0..kept.as_slice().len()).filter(|&at| !kept.as_slice()[at]).filter(wrong);
     let all: Vec<usize> = all.collect();
     let what = match &around {

@@ -11,6 +11,14 @@ use crate::channels::Rule;
 use crate::info::kind;
 use crate::reconstruct::{Copied, bounds_of, convert, kind_for, to_half, usable, value};
 
+/// Whether a measured pixel of a channel has other bits than in the type that it is to have.
+pub fn any_changed(pair: &Pair<'_>, index: usize, filled: &Channel, measured: &Mask) -> bool {
+    let to = kind_for(pair.choices[index].rule, pair.claims.kind);
+    let expected = convert(pair.sparse.channels[index].samples.clone(), to, None).0;
+    let pixels = bits(&expected).into_iter().zip(bits(&filled.samples)).zip(measured.as_slice());
+    pixels.into_iter().any(|((before, after), flag)| *flag && before != after)
+}
+
 /// The differences of one channel: of each sort the first pixel and the number.
 pub fn compare(pair: &Pair<'_>, index: usize, filled: &Channel) -> Vec<Difference> {
     let sparse = &pair.sparse.channels[index];

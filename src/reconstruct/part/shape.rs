@@ -28,7 +28,9 @@ pub fn unit_normals(
         }
         let fail = |source| Error::Filter { channel: channel_label(frame, work.index, channel), source };
         let masks = [x, y, z].map(|at| Arc::clone(&filled[at].mask));
-        let all = normals::kept(&masks, work.job.method.keeps_measured());
+        // Components that were smoothed apart are no vector that could be scaled.
+        let smoothed = [x, y, z].iter().all(|&at| filled[at].all);
+        let all = normals::kept(&masks, !smoothed);
         let Some(both) = normals::both(&masks) else {
             let name = part.channels[channel].display_name();
             done.notes.push(format!("channel {name}: no pixel has all of a normal, so none is scaled"));
