@@ -6,7 +6,7 @@ pub use field::{Choice, Field};
 pub(crate) use field::{plain, words};
 
 use crate::choose::{AUTO, Given};
-use crate::estimate::{Folds, Kind};
+use crate::estimate::{Folds, Kind, Repetition};
 use crate::solver;
 use crate::{Error, Filter, Mask, Run};
 
@@ -42,10 +42,19 @@ pub struct Memory {
     pub channel: u64,
 }
 
-/// The share of the image, 0 to 1, that has so few measured pixels that splines solve it by multigrid while the error is estimated, from
-/// some of the samples: 0 where every block of 8 x 8 pixels has one, 1 where holes are everywhere.
-pub fn holes(mask: &Mask) -> f64 {
-    solver::holes::share(&Folds::default().thinnest(mask))
+/// The largest share of the image, 0 to 1, that has so few measured pixels that splines solve it by multigrid: 0 where every block of 8 x 8 pixels
+/// has one, 1 where holes are everywhere. Where the method `learns` from held-out samples, they leave holes of their own, none of which need hold another's.
+pub fn holes(mask: &Mask, learns: bool) -> f64 {
+    let kept = learns.then(|| Folds::default().kept(mask)).into_iter().flatten();
+    kept.map(|kept| solver::holes::share(&kept)).fold(solver::holes::share(mask), f64::max)
+}
+
+/// What choosing pixels in rounds once more and filling from them takes, the samples and the result among it: as measured.
+pub const REPEATED: Memory = Memory { image: 64, channel: 13 };
+
+/// Whether estimating the error may choose pixels of all of the image in rounds once more: where they lie unevenly, errors decide.
+pub fn may_repeat(mask: &Mask) -> bool {
+    Repetition::is_whole(mask)
 }
 
 /// What a method can use beside samples and their mask.

@@ -108,6 +108,11 @@ impl Method {
         self.own.memory(holes)
     }
 
+    /// Whether it chooses among others by their errors at held-out samples.
+    pub fn chooses(&self) -> bool {
+        self.name() == Self::default().name()
+    }
+
     /// The name that tells it from the others.
     pub fn name(&self) -> &'static str {
         self.descriptor().name

@@ -43,6 +43,12 @@ pub struct Found {
 }
 
 impl Found {
+    /// Planes that guide a part, of that with most.
+    pub fn most_planes(&self) -> u64 {
+        let planes = |guides: &Vec<Guide>| guides.iter().map(|guide| guide.channels.len() as u64).sum();
+        self.parts.iter().map(planes).max().unwrap_or(0)
+    }
+
     /// The names of a part's guides.
     pub fn names(&self, part: usize) -> Vec<String> {
         self.parts.get(part).into_iter().flatten().map(|guide| guide.name.clone()).collect()

@@ -126,10 +126,9 @@ impl Masks {
         seen.into_iter().map(|mask| &**mask).collect()
     }
 
-    /// The largest share of any mask that is [holes](lacuna_filters::descriptor::holes).
-    pub fn holes(&self) -> f64 {
-        let masks = (0..self.channels.len()).flat_map(|part| self.different(part));
-        masks.map(lacuna_filters::descriptor::holes).fold(0.0, f64::max)
+    /// The different masks of each part.
+    pub fn of_parts(&self) -> impl Iterator<Item = &Mask> {
+        (0..self.channels.len()).flat_map(|part| self.different(part))
     }
 
     /// Measured pixels over all pixels of one part; nothing where no mask serves it.

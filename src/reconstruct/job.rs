@@ -106,6 +106,11 @@ impl Job {
         self.noise == NoiseSource::None && self.method.keeps_measured()
     }
 
+    /// Whether something is said of the error.
+    pub fn estimates(&self) -> bool {
+        self.estimate != Estimate::No && self.enlarge.is_none()
+    }
+
     /// The guides that are looked for: none where the filter takes none, or measured pixels are smoothed.
     pub fn wanted(&self) -> &Asked {
         let larger = |enlarge: &Enlarge| {

@@ -9,9 +9,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use lacuna_exr::{ChannelHeader, Limits, PartHeader, SampleType, memory_needed, read_header};
-use lacuna_filters::Size;
-use lacuna_filters::descriptor::Memory;
+use lacuna_filters::descriptor::{Memory, REPEATED, holes, may_repeat};
 use lacuna_filters::upscale::Method;
+use lacuna_filters::{Mask, Size};
 
 use crate::channels::{Name, Shown, shown};
 use crate::files::neighbours::NeighbourFile;
@@ -25,8 +25,78 @@ const CHOOSING: Memory = Memory { image: 36, channel: 14 };
 /// Bytes a pixel of every channel that is compared.
 const COMPARING: u64 = 24;
 
+/// Bytes a pixel of each guide, and of each channel that it guides: planes, and once more what is measured of them, all of it and without the held-out ones.
+const GUIDING: Guiding = Guiding { guide: 4.0, channel: 6.0, measured: 8.0 };
+
 /// The part of what Slurm grants that frames may use; the rest is for the program and the allocator's losses.
 const SHARE: f64 = 0.875;
+
+/// See [`GUIDING`].
+struct Guiding {
+    guide: f64,
+    channel: f64,
+    /// Of either, of a measured pixel.
+    measured: f64,
+}
+
+/// What is known of a fill beside its method.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Fill {
+    /// The share of the masks that is [`holes`].
+    pub holes: f64,
+    /// Measured pixels over all pixels, of the mask that has most.
+    pub density: f64,
+    /// Whether errors of each pixel are estimated.
+    pub errors: bool,
+    /// Whether pixels [may be](may_repeat) chosen in rounds once more.
+    pub repeats: bool,
+    /// Planes that guide.
+    pub guides: u64,
+}
+
+impl Fill {
+    /// By masks.
+    pub fn of<'a>(
+        masks: impl Iterator<Item = &'a Mask>,
+        method: &lacuna_filters::Method,
+        estimates: bool,
+    ) -> Self {
+        let mut own = Self::default();
+        for mask in masks {
+            own.holes = own.holes.max(holes(mask, estimates || method.chooses()));
+            own.density = own.density.max(mask.density());
+            own.repeats |= estimates && may_repeat(mask);
+        }
+        own
+    }
+
+    /// The most that any mask makes it, with so many guides.
+    pub const fn most(estimates: bool, guides: u64) -> Self {
+        Self { holes: 1.0, density: 1.0, errors: false, repeats: estimates, guides }
+    }
+
+    /// Bytes that it takes by that method.
+    fn memory(self, method: &lacuna_filters::Method) -> Memory {
+        let Memory { mut image, mut channel } = method.memory(self.holes);
+        let measured = GUIDING.measured * self.density;
+        if self.guides > 0 {
+            channel += (GUIDING.channel + measured).ceil() as u64;
+        }
+        let others = [self.errors.then_some(CHOOSING), self.repeats.then_some(REPEATED)];
+        for other in others.into_iter().flatten() {
+            (image, channel) = (image.max(other.image), channel.max(other.channel));
+        }
+        // Guides stay whatever is done beside them.
+        image += (self.guides as f64 * (GUIDING.guide + measured)).ceil() as u64;
+        Memory { image, channel }
+    }
+}
+
+/// The most planes of a file that may guide: all channels of a part but its mask; 0 if its header cannot be read.
+pub fn most_guides(path: &Path) -> u64 {
+    let parts = read_header(path).unwrap_or_default();
+    parts.iter().map(|part| part.channels.len() as u64).sum()
+}
 
 /// The bound on memory that Slurm's grant to this task gives, if it says one.
 pub fn granted() -> Option<u64> {
@@ -63,9 +133,8 @@ pub fn afford(bound: Option<u64>, needed: u64) -> Result<(), lacuna_exr::Error> 
     }
 }
 
-/// Bytes that filling a frame needs where so much of its mask is [holes](lacuna_filters::descriptor::holes), with or without estimated
-/// errors of each pixel; 0 if its header cannot be read (reading it will say why).
-pub fn to_fill(item: &Item, method: &lacuna_filters::Method, holes: f64, errors: bool) -> u64 {
+/// Bytes that filling a frame needs; 0 if its header cannot be read (reading it will say why).
+pub fn to_fill(item: &Item, method: &lacuna_filters::Method, fill: Fill) -> u64 {
     let mask = item.mask.as_deref().map_or(0, to_copy);
     let guides = item.guides.as_deref().map_or(0, to_copy);
     let filled = Taken { each: FILLED, copy: false, ..Taken::COPY };
@@ -81,9 +150,7 @@ pub fn to_fill(item: &Item, method: &lacuna_filters::Method, holes: f64, errors:
     };
     let neighbours = used.map(of).fold(0, u64::saturating_add);
     let at_a_time = if item.neighbours.is_empty() { pixels_at_a_time } else { all };
-    let after = if errors { CHOOSING } else { Memory { image: 0, channel: 0 } };
-    let Memory { image, channel } = method.memory(holes);
-    let (image, channel) = (image.max(after.image), channel.max(after.channel));
+    let Memory { image, channel } = fill.memory(method);
     Taken { whole: image, together: channel, at_a_time, ..filled }
         .of(&item.input)
         .saturating_add(neighbours)
@@ -97,9 +164,9 @@ pub fn to_fill_in_place(
     size: Size,
     (channels, together): (u64, u64),
     method: &lacuna_filters::Method,
-    holes: f64,
+    fill: Fill,
 ) -> u64 {
-    let Memory { image, channel } = method.memory(holes);
+    let Memory { image, channel } = fill.memory(method);
     let work = pixels_at_a_time(size).saturating_mul(image + together * channel);
     all(size).saturating_mul(FILLED * channels).saturating_add(work)
 }

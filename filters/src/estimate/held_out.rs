@@ -108,10 +108,10 @@ impl Folds {
         (ln(&there) - ln(variances)).exp()
     }
 
-    /// The mask with the fewest samples that all of the frame is filled from to learn from it.
-    pub fn thinnest(self, mask: &Mask) -> Mask {
-        let few = if Excerpt::apart(mask).is_some() { 0..1 } else { DEEP };
-        self.without(mask, &few)
+    /// The masks that all of the frame is filled from to learn from it.
+    pub fn kept(self, mask: &Mask) -> impl Iterator<Item = Mask> {
+        let deep = Excerpt::apart(mask).is_none().then_some(DEEP);
+        self.near(mask.count()).chain(deep).map(move |parts| self.without(mask, &parts))
     }
 
     /// The measured pixels of these parts, in the order of rows.

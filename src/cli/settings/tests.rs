@@ -14,7 +14,7 @@ use crate::files::neighbours::NeighbourFile;
 use crate::files::plan::Item;
 use crate::mask::find;
 use crate::reconstruct::{self, Job, Plans, Stamp};
-use crate::run::memory::to_fill;
+use crate::run::memory::{Fill, to_fill};
 use crate::testing::{float, frame, part, values, window};
 
 #[derive(Clone, Debug)]
@@ -193,7 +193,8 @@ fn memory_is_planned_with_its_bytes() {
         neighbours: Vec::new(),
         made_from,
     };
-    let needs = |method: &Method| to_fill(&item, method, 0.5, false);
+    let fill = Fill { holes: 0.5, ..Fill::default() };
+    let needs = |method: &Method| to_fill(&item, method, fill);
     let plain = Method::named("pushpull", &[]).unwrap();
     let difference = needs(&method("--filter flat").unwrap()) - needs(&plain);
     let (other, flat) = (plain.memory(0.5), FLAT.memory(0.5));
@@ -202,7 +203,7 @@ fn memory_is_planned_with_its_bytes() {
     let neighbour = NeighbourFile { number: 2, input: item.input.clone(), mask: None, layers: Vec::new() };
     let beside = Item { neighbours: vec![neighbour; 3], ..item.clone() };
     // Each has to be read, and to stand beside the frame itself.
-    assert!(to_fill(&beside, &plain, 0.5, false) > needs(&plain) + 3 * 16 * 8);
+    assert!(to_fill(&beside, &plain, fill) > needs(&plain) + 3 * 16 * 8);
     // One of another size, one that is damaged and one without its mask are left out, and take nothing.
     let large = tempfile::NamedTempFile::with_suffix(".exr").unwrap();
     let other = frame(vec![part(window(0, 0, 64, 64), vec![float("R", &[0.5; 64 * 64])])]);
@@ -214,6 +215,6 @@ fn memory_is_planned_with_its_bytes() {
         .map(|path| NeighbourFile { input: path.to_owned(), ..beside.neighbours[0].clone() });
     let masked = NeighbourFile { mask: Some("no-mask.exr".into()), ..beside.neighbours[0].clone() };
     let useless = Item { neighbours: vec![large, broken, masked], ..item.clone() };
-    assert!(to_fill(&useless, &plain, 0.5, false) < to_fill(&beside, &plain, 0.5, false) - 2 * 16 * 8);
-    assert!(to_fill(&useless, &plain, 0.5, false) <= needs(&plain) + 16 * 8);
+    assert!(to_fill(&useless, &plain, fill) < to_fill(&beside, &plain, fill) - 2 * 16 * 8);
+    assert!(to_fill(&useless, &plain, fill) <= needs(&plain) + 16 * 8);
 }

@@ -19,6 +19,7 @@ use crate::files::error::PlanError;
 use crate::files::inputs::Selection;
 use crate::files::layers;
 use crate::files::plan::{Item, Targets, plan};
+use crate::guides::{self, Asked};
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, MaskFile, Masks, Source};
 use crate::reconstruct::estimate::joined;
@@ -117,14 +118,35 @@ struct Loaded {
 
 impl Fill<'_> {
     fn limits(&self, item: &Item) -> Limits {
-        memory::limits(self.job.run.memory, self.bytes(item, 1.0))
+        memory::limits(self.job.run.memory, self.need(item).most)
     }
 
-    /// Bytes that the work on a frame needs where so much of its mask is holes, by its header.
-    fn bytes(&self, item: &Item, holes: f64) -> u64 {
+    /// Bytes that the work on a frame needs, by its header and what is known of the fill.
+    fn bytes(&self, item: &Item, fill: memory::Fill) -> u64 {
         let what = &self.job.what;
         let larger = what.enlarge.as_ref().map_or(0, |enlarge| memory::to_enlarge(&item.input, enlarge));
-        memory::to_fill(item, &what.method, holes, what.error_channel.is_some()).saturating_add(larger)
+        let fill = memory::Fill { errors: what.error_channel.is_some(), ..fill };
+        memory::to_fill(item, &what.method, fill).saturating_add(larger)
+    }
+
+    /// Holds what the frame needs now that its masks and guides are known.
+    fn settle(
+        &self,
+        (item, stage): (&Item, &Stage<'_>),
+        frame: &Frame,
+        masks: &Masks,
+        second: Option<&Frame>,
+    ) -> Result<(), Failure> {
+        if self.job.run.memory.is_none() {
+            return Ok(());
+        }
+        let what = &self.job.what;
+        let fill = memory::Fill::of(masks.of_parts(), &what.method, what.estimates());
+        let mut choices = channels::choose(frame, &masks.mask_channels, &what.overrides);
+        // What is wrong with them is said when they are used.
+        let found = guides::find(frame, masks, &mut choices, what.wanted(), second).unwrap_or_default();
+        let fill = memory::Fill { guides: found.most_planes(), ..fill };
+        stage.settle(item, self.bytes(item, fill))
     }
 
     fn read(&self, item: &Item) -> Result<Loaded, Failure> {
@@ -231,7 +253,10 @@ impl Work for Fill<'_> {
     }
 
     fn need(&self, item: &Item) -> Need {
-        Need { least: self.bytes(item, 0.0), most: self.bytes(item, 1.0) }
+        let what = &self.job.what;
+        let asked = (*what.wanted() != Asked::None).then(|| item.guides.as_ref().unwrap_or(&item.input));
+        let most = memory::Fill::most(what.estimates(), asked.map_or(0, |path| memory::most_guides(path)));
+        Need { least: self.bytes(item, memory::Fill::default()), most: self.bytes(item, most) }
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
@@ -256,9 +281,7 @@ impl Work for Fill<'_> {
             let run = Run { interrupt: Some(&interrupt) };
             let found = mask::find(&frame, &what.mask, mask.as_deref());
             let masks = self.masks_of(&frame, found).map_err(|error| at_input(&error))?;
-            if self.job.run.memory.is_some() {
-                stage.settle(item, self.bytes(item, masks.holes()))?;
-            }
+            self.settle((item, stage), &frame, &masks, guides.as_ref())?;
             let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
             if mask::filled_before(&frame, &masks).is_none() {
                 // Black is filled with black, which no estimate finds doubtful.

@@ -11,7 +11,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use lacuna_exr::{Frame, PartHeader};
-use lacuna_filters::descriptor::holes;
 use lacuna_filters::fill::Estimate;
 use lacuna_filters::sampling::{self, Field, Temporal, adaptive};
 use lacuna_filters::{Mask, Method, Run, Size, Stop};
@@ -192,7 +191,8 @@ impl Work for Render<'_> {
     }
 
     fn need(&self, _: &Item) -> Need {
-        Need { least: self.bytes(0.0), most: self.bytes(1.0) }
+        let most = memory::Fill::most(self.job.estimate, 0);
+        Need { least: self.bytes(memory::Fill::default()), most: self.bytes(most) }
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
@@ -222,7 +222,8 @@ impl Work for Render<'_> {
             seconds.0 = start.elapsed().as_secs_f64();
             let Some(method) = self.filler().filter(|_| !stage.stopped()) else { return Ok(frame) };
             if let Some(mask) = mask.as_deref().filter(|_| self.job.run.memory.is_some()) {
-                stage.settle(item, self.bytes(holes(mask)))?;
+                let fill = memory::Fill::of([mask].into_iter(), method, self.job.estimate);
+                stage.settle(item, self.bytes(fill))?;
             }
             let start = Instant::now();
             let (filled, report) = self.fill(frame, method, item, stage)?;
@@ -422,8 +423,8 @@ impl Render<'_> {
         self.job.fill.as_ref().filter(|_| self.job.pixels != Pixels::All)
     }
 
-    /// Bytes that a frame needs of which so much is [`holes`].
-    fn bytes(&self, holes: f64) -> u64 {
+    /// Bytes that a frame needs by what is known of its fill.
+    fn bytes(&self, fill: memory::Fill) -> u64 {
         let [width, height] = self.scene.image.size;
         let size = Size::new(height, width);
         let wanted = &self.job.wanted;
@@ -441,9 +442,8 @@ impl Render<'_> {
             Pixels::Adaptive(_) => memory::to_choose(size, colours),
             _ => 0,
         };
-        let filled = self
-            .filler()
-            .map_or(0, |method| memory::to_fill_in_place(size, (planes, colours), method, holes));
+        let filled =
+            self.filler().map_or(0, |method| memory::to_fill_in_place(size, (planes, colours), method, fill));
         rendered.saturating_add(chosen.max(filled))
     }
 
