@@ -50,7 +50,7 @@ pub fn holes(mask: &Mask, learns: bool) -> f64 {
 }
 
 /// What choosing pixels in rounds once more and filling from them takes, the samples and the result among it: as measured.
-pub const REPEATED: Memory = Memory { image: 64, channel: 13 };
+pub const REPEATED: Memory = Memory { image: 66, channel: 13 };
 
 /// Whether estimating the error may choose pixels of all of the image in rounds once more: where they lie unevenly, errors decide.
 pub fn may_repeat(mask: &Mask) -> bool {

@@ -26,7 +26,7 @@ const CHOOSING: Memory = Memory { image: 36, channel: 14 };
 const COMPARING: u64 = 24;
 
 /// Bytes a pixel of each guide, and of each channel that it guides: planes, and once more what is measured of them, all of it and without the held-out ones.
-const GUIDING: Guiding = Guiding { guide: 4.0, channel: 6.0, measured: 8.0 };
+const GUIDING: Guiding = Guiding { guide: 5.0, channel: 6.0, measured: 8.0 };
 
 /// The part of what Slurm grants that frames may use; the rest is for the program and the allocator's losses.
 const SHARE: f64 = 0.875;

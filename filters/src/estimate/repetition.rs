@@ -74,7 +74,7 @@ struct Part {
 impl Repetition {
     /// Whether all of the frame is chosen again, if errors say that its pixels were chosen.
     pub fn is_whole(mask: &Mask) -> bool {
-        Voronoi::new(mask).is_uneven() && Excerpt::windows(mask).is_empty()
+        Excerpt::windows(mask).is_empty() && Voronoi::new(mask).is_uneven()
     }
 
     /// Chooses and fills once more; nothing where errors at samples, `near`, do not say that the frame's own were chosen.

@@ -3,6 +3,7 @@
 mod current;
 mod ending;
 mod hints;
+mod needs;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -19,7 +20,6 @@ use crate::files::error::PlanError;
 use crate::files::inputs::Selection;
 use crate::files::layers;
 use crate::files::plan::{Item, Targets, plan};
-use crate::guides::{self, Asked};
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, MaskFile, Masks, Source};
 use crate::reconstruct::estimate::joined;
@@ -32,7 +32,7 @@ use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::existing::Existing;
 use crate::run::record::{Estimate, Heading, Light, Record};
 use crate::run::schedule::Need;
-use crate::run::{batch, memory, outputs};
+use crate::run::{batch, outputs};
 use crate::temporal::{NeighbourFiles, Neighbours, Reading};
 
 /// Frames to be filled, and how.
@@ -117,38 +117,6 @@ struct Loaded {
 }
 
 impl Fill<'_> {
-    fn limits(&self, item: &Item) -> Limits {
-        memory::limits(self.job.run.memory, self.need(item).most)
-    }
-
-    /// Bytes that the work on a frame needs, by its header and what is known of the fill.
-    fn bytes(&self, item: &Item, fill: memory::Fill) -> u64 {
-        let what = &self.job.what;
-        let larger = what.enlarge.as_ref().map_or(0, |enlarge| memory::to_enlarge(&item.input, enlarge));
-        let fill = memory::Fill { errors: what.error_channel.is_some(), ..fill };
-        memory::to_fill(item, &what.method, fill).saturating_add(larger)
-    }
-
-    /// Holds what the frame needs now that its masks and guides are known.
-    fn settle(
-        &self,
-        (item, stage): (&Item, &Stage<'_>),
-        frame: &Frame,
-        masks: &Masks,
-        second: Option<&Frame>,
-    ) -> Result<(), Failure> {
-        if self.job.run.memory.is_none() {
-            return Ok(());
-        }
-        let what = &self.job.what;
-        let fill = memory::Fill::of(masks.of_parts(), &what.method, what.estimates());
-        let mut choices = channels::choose(frame, &masks.mask_channels, &what.overrides);
-        // What is wrong with them is said when they are used.
-        let found = guides::find(frame, masks, &mut choices, what.wanted(), second).unwrap_or_default();
-        let fill = memory::Fill { guides: found.most_planes(), ..fill };
-        stage.settle(item, self.bytes(item, fill))
-    }
-
     fn read(&self, item: &Item) -> Result<Loaded, Failure> {
         let limits = self.limits(item);
         let mut frame =
@@ -253,10 +221,7 @@ impl Work for Fill<'_> {
     }
 
     fn need(&self, item: &Item) -> Need {
-        let what = &self.job.what;
-        let asked = (*what.wanted() != Asked::None).then(|| item.guides.as_ref().unwrap_or(&item.input));
-        let most = memory::Fill::most(what.estimates(), asked.map_or(0, |path| memory::most_guides(path)));
-        Need { least: self.bytes(item, memory::Fill::default()), most: self.bytes(item, most) }
+        self.by_header(item)
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
@@ -281,7 +246,7 @@ impl Work for Fill<'_> {
             let run = Run { interrupt: Some(&interrupt) };
             let found = mask::find(&frame, &what.mask, mask.as_deref());
             let masks = self.masks_of(&frame, found).map_err(|error| at_input(&error))?;
-            self.settle((item, stage), &frame, &masks, guides.as_ref())?;
+            self.settle((item, stage), (&frame, guides.as_ref()), &masks)?;
             let choices = channels::choose(&frame, &masks.mask_channels, &what.overrides);
             if mask::filled_before(&frame, &masks).is_none() {
                 // Black is filled with black, which no estimate finds doubtful.
