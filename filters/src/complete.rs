@@ -2,7 +2,7 @@
 //!
 //! A renderer that skips a pixel leaves the same there for all: zero, NaN, or what its buffer was cleared to. A group of channels is complete if
 //! the missing pixels hold at least two different values, and are blank (all channels zero, or one of them NaN) no more often than the measured
-//! ones, give or take [`MARGIN`]. A background of zeros is behind both; where pixels were chosen for what they show, it is behind more of the
+//! ones, give or take 2 %. A background of zeros is behind both; where pixels were chosen for what they show, it is behind more of the
 //! missing ones, so those between two neighbours in a row of measured pixels that hold something may show it as well.
 
 use lacuna_core::parallel::prelude::*;

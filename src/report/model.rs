@@ -185,7 +185,7 @@ pub struct FrameReport {
     pub failures: Vec<String>,
     /// The groups, part by part.
     pub groups: Vec<GroupReport>,
-    /// Which of them stands for the frame ([`super::groups::Pairing::main`]).
+    /// Which of them stands for the frame.
     #[serde(skip)]
     pub main: usize,
 }
