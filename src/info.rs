@@ -174,7 +174,7 @@ fn part_info(part: &Part, index: usize, masks: Option<&Masks>, choices: &[Choice
         estimate: filled_by.as_ref().and_then(|_| part.attributes.text(estimate::ATTRIBUTE)),
         copied: filled_by
             .as_ref()
-            .and_then(|_| reconstruct::copied_line(&reconstruct::copied(&part.attributes))),
+            .and_then(|_| reconstruct::copied_line(&crate::guides::copied(&part.attributes))),
         enlarged: filled_by.is_some() && reconstruct::is_enlarged(part),
         filled_by,
         guides: Vec::new(),

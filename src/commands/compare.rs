@@ -15,9 +15,9 @@ use crate::files::inputs::Selection;
 use crate::files::patterns::number_in_name;
 use crate::files::plan::{Item, Plan, check_reports, pair};
 use crate::files::reports;
+use crate::mask::claimed_density;
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
-use crate::reconstruct::claimed_density;
 use crate::report::{
     self, Changed, Comparison, Flicker, FrameReport, Gate, Images, MOST_PIXELS, Maps, Measure, Pair, Picture,
     Settings,

@@ -4,10 +4,10 @@ use lacuna_exr::{Compression, Frame, Part, Samples, Window};
 use lacuna_filters::Mask;
 
 use super::complete::complete;
+use super::filled::made;
 use super::{Asked, Error};
 use crate::channels::{self, Choice, DecidedBy, Name, Rule, list_channels, view_of};
-use crate::mask::{self, Masks};
-use crate::reconstruct::{claimed_density, made};
+use crate::mask::{self, Masks, claimed_density};
 
 /// What a guide is, which says how it is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

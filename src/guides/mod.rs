@@ -7,6 +7,7 @@
 mod asked;
 mod collect;
 mod complete;
+mod filled;
 mod find;
 #[cfg(test)]
 mod tests;
@@ -16,6 +17,7 @@ use std::path::Path;
 
 pub use asked::{Asked, AskedError};
 pub use collect::collect;
+pub use filled::{COPIED, Copied, Place, made, read as copied, write as write_copied};
 pub use find::{Found, Guide, Kind, Second, find, of_larger};
 pub use twins::{Twin, twins};
 

@@ -2,7 +2,7 @@
 
 use lacuna_exr::{Frame, Part};
 
-use super::{FILTER, Masks};
+use super::{DENSITY, FILTER, Masks};
 use crate::channels::{Rule, by_default};
 
 /// The filter that filled the missing pixels of a frame already: its name stands in a part, and values stand at pixels that are missing.
@@ -37,4 +37,10 @@ fn values_at_missing(part: &Part, masks: &Masks, index: usize) -> Option<bool> {
         any = Some(false);
     }
     any
+}
+
+/// The density that a part claims.
+pub fn claimed_density(part: &Part) -> Option<f32> {
+    let attribute = part.attributes.get(DENSITY).filter(|attribute| attribute.kind == b"float")?;
+    Some(f32::from_le_bytes(attribute.value.as_slice().try_into().ok()?))
 }

@@ -35,7 +35,7 @@ use std::sync::Arc;
 pub use empty::{check_any, why_empty};
 pub use error::Error;
 pub use file::MaskFile;
-pub use filled::{filled_before, filled_by};
+pub use filled::{claimed_density, filled_before, filled_by};
 pub use find::{find, told};
 use half::slice::HalfFloatSliceExt;
 use lacuna_core::parallel::prelude::*;
@@ -49,6 +49,8 @@ pub use source::{Source, SourceError};
 pub const ATTRIBUTE: &str = "lacuna/mask";
 /// The attribute that names the filter of a part that was filled.
 pub const FILTER: &str = "lacuna/filter";
+/// The attribute that holds measured pixels over all pixels of a part that was filled.
+pub const DENSITY: &str = "lacuna/density";
 /// The attribute that holds the seed of a generated pattern, as text.
 pub const SEED: &str = "lacuna/seed";
 /// The attribute that says which pattern the mask is.

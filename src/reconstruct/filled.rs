@@ -1,12 +1,11 @@
 //! Frames that were filled already: what was done to them, and how they become sparse again.
 
 use half::f16;
-use lacuna_exr::{Channel, Frame, Part, Samples};
+use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::{Doubt, Fit, Mask};
 
 use super::stamp::{FILTER, Stamp};
-use super::twins;
-use crate::channels::{Choice, Name, Rule, dense, is_albedo, is_light};
+use crate::channels::{Choice, Rule, dense, is_albedo, is_light};
 use crate::guides;
 use crate::mask::Masks;
 
@@ -55,35 +54,9 @@ pub fn wrong_mask(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Opti
     found.map(|doubt| doubt.to_string())
 }
 
-/// Per part and channel, whether its missing pixels were filled; those that guided the fill, or that others were copied from, were complete
-/// before. A part that nothing filled is as it came.
-pub fn made(frame: &Frame, choices: &[Vec<Choice>]) -> Vec<Vec<bool>> {
-    let twins = frame.parts.iter().enumerate().flat_map(|(own, part)| {
-        let copied = twins::read(&part.attributes).into_iter();
-        copied.filter_map(move |copied| Some((copied.part(own)?, copied.twin)))
-    });
-    let twins: Vec<(usize, String)> = twins.collect();
-    let of_part = |(index, part): (usize, &Part)| {
-        let filled = part.attributes.text(FILTER).is_some();
-        let guided = part.attributes.text(guides::ATTRIBUTE).unwrap_or_default();
-        let is_guide = |name: &str| {
-            let guides = guided
-                .split(", ")
-                .any(|guide| guide == name || guide == Name::new(name).layer && !guide.is_empty());
-            guides || twins.iter().any(|(part, twin)| *part == index && twin == name)
-        };
-        let channels = part.channels.iter().zip(&choices[index]);
-        let made = |(channel, choice): (&Channel, &Choice)| {
-            filled && choice.rule != Rule::Keep && !is_guide(&channel.display_name())
-        };
-        channels.map(made).collect()
-    };
-    frame.parts.iter().enumerate().map(of_part).collect()
-}
-
 /// Makes the missing pixels of a filled frame blank, so that none is taken for measured, nor a channel for complete.
 pub fn blank(frame: &mut Frame, masks: &Masks, choices: &[Vec<Choice>]) {
-    let made = made(frame, choices);
+    let made = guides::made(frame, choices);
     for (index, (part, made)) in frame.parts.iter_mut().zip(made).enumerate() {
         for (number, channel) in part.channels.iter_mut().enumerate() {
             let Some(mask) = masks.get(index, number).filter(|_| made[number]) else { continue };

@@ -45,7 +45,7 @@ pub use energy::Energy;
 pub use enlarge::{Enlarge, Target, Windows, enlarge, logarithms_of};
 pub use error::Error;
 pub use estimate::{Estimated, Gate, Interval};
-pub use filled::{blank, is_enlarged, made, made_by, was_smoothed, wrong_mask};
+pub use filled::{blank, is_enlarged, made_by, was_smoothed, wrong_mask};
 pub(crate) use groups::usable;
 pub use job::{Job, Kind, make_writable, output_compression, parse_settings};
 use lacuna_exr::{Frame, Part};
@@ -57,10 +57,10 @@ pub use noise::{NoiseError, NoiseSource};
 pub(crate) use part::measured_floats;
 pub use report::{ChannelReport, GroupReport, PartReport, Report, behind, named};
 pub use stamp::{
-    ADDED, DENSITY, DERIVED, FILLED_BY, FILTER, RENDER, SCENE, SOURCES, Stamp, claimed_density, dropped_note,
-    error_channel, estimated_errors, of_other_pixels, remove, was_cut_short,
+    ADDED, DENSITY, DERIVED, FILLED_BY, FILTER, RENDER, SCENE, SOURCES, Stamp, dropped_note, error_channel,
+    estimated_errors, of_other_pixels, remove, was_cut_short,
 };
-pub(crate) use twins::{Copied, line as copied_line, read as copied};
+pub(crate) use twins::line as copied_line;
 pub(crate) use values::{convert, kind_for, to_half, to_halves, value};
 pub use weights::{Weights, WeightsError};
 

@@ -5,8 +5,9 @@ use lacuna_filters::limiter::Moved;
 use serde::Serialize;
 
 use super::estimate::Estimated;
-use super::{Copied, Energy, Stamp};
+use super::{Energy, Stamp};
 use crate::channels::{self, Name, Rule, visible};
+use crate::guides::Copied;
 
 /// What was done to one frame. Times are the caller's to add.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]

@@ -4,7 +4,7 @@ use lacuna_exr::{Attributes, Part};
 use lacuna_filters::{METHODS, Method, Plane, Stop};
 
 use super::job::{Job, parse_settings};
-use super::{GroupReport, NoiseSource, PartReport, estimate, twins};
+use super::{GroupReport, NoiseSource, PartReport, estimate};
 use crate::channels::Override;
 use crate::guides;
 use crate::mask::Source;
@@ -20,7 +20,7 @@ pub const SETTINGS: &str = "lacuna/settings";
 /// Settings that the samples chose, by group of channels.
 pub const SETTLED: &str = "lacuna/settled";
 /// Measured pixels over all pixels, before non-finite values were counted out.
-pub const DENSITY: &str = "lacuna/density";
+pub const DENSITY: &str = crate::mask::DENSITY;
 /// Where the mask was found.
 pub const MASK: &str = crate::mask::ATTRIBUTE;
 
@@ -48,7 +48,7 @@ pub const ADDED: &[&str] = &[
     STOP,
     SETTLED,
     guides::ATTRIBUTE,
-    twins::ATTRIBUTE,
+    guides::COPIED,
     estimate::ATTRIBUTE,
     temporal::ATTRIBUTE,
 ];
@@ -62,19 +62,13 @@ pub const FILLING: &[&str] = &[
     SOURCES,
     STOP,
     guides::ATTRIBUTE,
-    twins::ATTRIBUTE,
+    guides::COPIED,
     estimate::ATTRIBUTE,
     temporal::ATTRIBUTE,
 ];
 
 /// Attributes derived from pixels, which would lie once the pixels differ.
 pub const DERIVED: &[&str] = &["preview", "oiio:SHA-1", "oiio:AverageColor", "oiio:ConstantColor", RENDER];
-
-/// The density that a part claims.
-pub fn claimed_density(part: &Part) -> Option<f32> {
-    let attribute = part.attributes.get(DENSITY).filter(|attribute| attribute.kind == b"float")?;
-    Some(f32::from_le_bytes(attribute.value.as_slice().try_into().ok()?))
-}
 
 /// Attributes that would lie about a part once other pixels of it are the measured ones.
 pub fn of_other_pixels() -> impl Iterator<Item = &'static str> {
@@ -158,7 +152,7 @@ impl Stamp {
         let stop = report.groups.iter().map(|group| group.outcome.stop).max();
         self.write(attributes, density.unwrap_or(1.0), stop.unwrap_or(Stop::Converged));
         write_guides(attributes, report);
-        twins::write(attributes, &report.copied);
+        guides::write_copied(attributes, &report.copied);
         write_settled(attributes, report);
     }
 

@@ -3,20 +3,16 @@
 use std::sync::Arc;
 
 use half::f16;
-use lacuna_exr::{Attributes, Frame, Samples};
+use lacuna_exr::{Frame, Samples};
 use lacuna_filters::fill::agrees;
 use lacuna_filters::{Bounds, Plane};
-use serde::{Deserialize, Serialize};
 
 use super::groups::usable;
 use super::part::Work;
 use super::{Error, Estimated, Job, Kind, PartReport, bounds_of, kind_for, to_halves, value};
 use crate::channels::{Choice, Rule};
-use crate::guides::Twin;
+use crate::guides::{Copied, Place, Twin};
 use crate::mask::Masks;
-
-/// The attribute that says from which channels others of a part were copied, in JSON.
-pub const ATTRIBUTE: &str = "lacuna/copied";
 
 /// A channel whose values its twin holds.
 #[derive(Clone, Debug)]
@@ -25,56 +21,6 @@ pub struct Known {
     pub twin: Twin,
     /// The measured pixels that showed it.
     pub equal: usize,
-}
-
-/// A channel that was copied.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Copied {
-    /// Its full name.
-    pub channel: String,
-    /// That of the complete one.
-    pub twin: String,
-    /// Where that stands.
-    pub place: Place,
-}
-
-/// Where a complete channel stands, seen from a part that was filled.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Place {
-    /// In that part.
-    ThisPart,
-    /// In another one.
-    Part {
-        /// Its number, from 0.
-        index: usize,
-        /// Its name, if it has one.
-        name: Option<String>,
-    },
-    /// In the file that guides came from.
-    OtherFile,
-}
-
-impl Copied {
-    /// The number of the part in which the complete channel stands; nothing if that is in another file.
-    pub fn part(&self, own: usize) -> Option<usize> {
-        match self.place {
-            Place::ThisPart => Some(own),
-            Place::Part { index, .. } => Some(index),
-            Place::OtherFile => None,
-        }
-    }
-
-    /// What it was copied from, for people.
-    pub fn source(&self) -> String {
-        let twin = &self.twin;
-        match &self.place {
-            Place::ThisPart => twin.clone(),
-            Place::Part { index, name: None } => format!("{twin} of part {index}"),
-            Place::Part { name: Some(name), .. } => format!("{twin} of part {name}"),
-            Place::OtherFile => format!("{twin} of the guides' file"),
-        }
-    }
 }
 
 /// Which channels of a part are held by their twins; of several candidates the first that holds them. Told over all of the part, so that its bands agree.
@@ -160,19 +106,6 @@ pub fn estimate(frame: &Frame, work: &Work<'_>, channels: &[usize]) -> Estimated
 pub fn line(copied: &[Copied]) -> Option<String> {
     let one = |copied: &Copied| format!("{} from {}", copied.channel, copied.source());
     (!copied.is_empty()).then(|| copied.iter().map(one).collect::<Vec<_>>().join(", "))
-}
-
-/// Writes which channels of a part were copied; parts of which none was have no such attribute.
-pub fn write(attributes: &mut Attributes, copied: &[Copied]) {
-    match serde_json::to_string(copied).ok().filter(|_| !copied.is_empty()) {
-        Some(text) => attributes.set_text(ATTRIBUTE, &text),
-        None => drop(attributes.remove(ATTRIBUTE)),
-    }
-}
-
-/// The channels that a part says were copied.
-pub fn read(attributes: &Attributes) -> Vec<Copied> {
-    attributes.text(ATTRIBUTE).and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
 }
 
 #[cfg(test)]

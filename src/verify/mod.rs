@@ -23,10 +23,9 @@ use serde::Serialize;
 
 use crate::channels::{Choice, Name, Override, Rule, part_label, visible};
 use crate::guides::Asked;
+use crate::guides::{Copied, copied};
 use crate::mask::{Masks, Source};
-use crate::reconstruct::{
-    ADDED, Copied, DERIVED, FILLED_BY, Kind, RENDER, Stamp, copied, error_channel, output_compression,
-};
+use crate::reconstruct::{ADDED, DERIVED, FILLED_BY, Kind, RENDER, Stamp, error_channel, output_compression};
 
 /// One difference between what is and what should be.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]

@@ -8,8 +8,9 @@ use lacuna_filters::{Bounds, Mask};
 
 use super::{Difference, Pair};
 use crate::channels::Rule;
+use crate::guides::Copied;
 use crate::info::kind;
-use crate::reconstruct::{Copied, bounds_of, convert, kind_for, to_half, usable, value};
+use crate::reconstruct::{bounds_of, convert, kind_for, to_half, usable, value};
 
 /// Whether a measured pixel of a channel has other bits than in the type that it is to have.
 pub fn any_changed(pair: &Pair<'_>, index: usize, filled: &Channel, measured: &Mask) -> bool {

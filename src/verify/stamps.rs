@@ -5,7 +5,8 @@ use lacuna_filters::METHODS;
 use super::{Difference, Pair};
 use crate::channels::{Name, Rule};
 use crate::mask::Source;
-use crate::reconstruct::{DENSITY, Stamp, claimed_density, error_channel, estimate, value};
+use crate::mask::claimed_density;
+use crate::reconstruct::{DENSITY, Stamp, error_channel, estimate, value};
 
 /// What the attributes of a part say that is not so. Attributes that the sparse part had already are not `fill`'s.
 pub fn compare(pair: &Pair<'_>) -> Vec<Difference> {

@@ -107,7 +107,7 @@ fn what_a_complete_channel_holds_is_copied_and_told() {
     assert!((0..3).all(|axis| values(part, ["N.X", "N.Y", "N.Z"][axis]) == normal(axis)));
     let line = "A from dense.A, N.X from dense.N.X, N.Y from dense.N.Y, N.Z from dense.N.Z, Z from dense.Z";
     assert_eq!(super::line(&report.parts[0].copied).as_deref(), Some(line));
-    assert_eq!(super::read(&part.attributes), report.parts[0].copied);
+    assert_eq!(crate::guides::copied(&part.attributes), report.parts[0].copied);
     assert_eq!(wrong(&sparse, &filled), Vec::<String>::new());
     // No light where the alpha that is known has none.
     let light = values(part, "R").into_iter().zip(alpha());
@@ -136,7 +136,7 @@ fn other_values_names_and_wishes_copy_nothing() {
     let renamed = sparse(vec![float("dense.cover", &jittered)], "dense.cover");
     let (one, report) = filled(&other, &job("auto"), None);
     assert!(report.parts[0].copied.is_empty());
-    assert!(one.parts[0].attributes.text(super::ATTRIBUTE).is_none());
+    assert!(one.parts[0].attributes.text(crate::guides::COPIED).is_none());
     // As if its name said nothing.
     let (two, _) = filled(&renamed, &job("auto"), None);
     assert!(["A", "R", "Z"].iter().all(|name| values(&one.parts[0], name) == values(&two.parts[0], name)));
@@ -217,7 +217,7 @@ fn any_names_of_channels_and_parts_are_told() {
     let (one_filled, report) = filled(&one, &job("x from*"), None);
     let line = format!("A from {odd}.A");
     assert_eq!(super::line(&report.parts[0].copied).as_deref(), Some(line.as_str()));
-    assert_eq!(super::read(&one_filled.parts[0].attributes), report.parts[0].copied);
+    assert_eq!(crate::guides::copied(&one_filled.parts[0].attributes), report.parts[0].copied);
     assert_eq!(wrong(&one, &one_filled), Vec::<String>::new());
 
     let mut two = sparse(Vec::new(), "");
@@ -233,7 +233,7 @@ fn any_names_of_channels_and_parts_are_told() {
     // Looked up in that part, which has to be there.
     let mut claim = report.parts[0].copied.clone();
     claim[0].place = super::Place::Part { index: 7, name: None };
-    super::write(&mut two_filled.parts[0].attributes, &claim);
+    crate::guides::write_copied(&mut two_filled.parts[0].attributes, &claim);
     let wrong = wrong(&two, &two_filled);
     assert!(wrong.len() == 1 && wrong[0].contains("A of part 7, which is not there"), "{wrong:?}");
 }
