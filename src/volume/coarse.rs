@@ -36,24 +36,15 @@ pub fn shot<'a>(camera: &'a Camera, of: &Shot<'_>) -> Shot<'a> {
 #[cfg(test)]
 mod tests {
     use crate::picture::Picture;
+    use crate::tests::shot;
     use crate::{
-        Affine, Camera, Grid, Projection, Renderer, Scene, Shot, Stage, Values, dense_shot, prepare, render,
+        Affine, Camera, Grid, Projection, Renderer, Scene, Stage, Values, dense_shot, prepare, render,
     };
 
     /// A stage's picture in its own steps, without a background, and its dense AOVs.
     fn both(stage: &Stage, camera: &Camera) -> [Picture; 2] {
         let shader = stage.shader(camera);
-        let own = Shot {
-            camera,
-            shader: shader.as_ref(),
-            size: stage.size(),
-            mask: None,
-            samples: 1,
-            seed: 0,
-            normals: true,
-            depth: true,
-            gradients: false,
-        };
+        let own = shot(stage, camera, shader.as_ref(), None);
         let fine = Renderer { background: [0.0; 4], ..stage.renderer.clone() };
         let dense = dense_shot(camera, &own);
         [render(&fine, &own, &|| true), render(&stage.coarse(), &dense, &|| true)]

@@ -115,7 +115,7 @@ fn stage(grid: Grid, toml: &str) -> Stage {
 }
 
 /// The shot of a stage with a camera.
-fn shot<'a>(
+pub(crate) fn shot<'a>(
     stage: &Stage,
     camera: &'a Camera,
     shader: Option<&'a Shader>,

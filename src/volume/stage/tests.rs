@@ -1,7 +1,8 @@
 //! Scenes of unusual volumes: huge and tiny values, sheared axes, one voxel thick.
 
 use super::*;
-use crate::picture::{Picture, Shot, render};
+use crate::picture::{Picture, render};
+use crate::tests::shot;
 use crate::{Affine, Values};
 
 fn staged(grid: Grid, toml: &str) -> Result<Stage, Error> {
@@ -11,17 +12,7 @@ fn staged(grid: Grid, toml: &str) -> Result<Stage, Error> {
 fn picture(stage: &Stage) -> Picture {
     let camera = stage.camera(0).unwrap();
     let shader = stage.shader(&camera);
-    let shot = Shot {
-        camera: &camera,
-        shader: shader.as_ref(),
-        size: stage.size(),
-        mask: None,
-        samples: 1,
-        seed: 0,
-        normals: true,
-        depth: true,
-        gradients: false,
-    };
+    let shot = shot(stage, &camera, shader.as_ref(), None);
     render(&stage.renderer, &shot, &|| true)
 }
 
