@@ -31,7 +31,7 @@ pub const SOURCES: &str = "lacuna/sources";
 pub const STOP: &str = "lacuna/stop";
 
 /// The scene that `lacuna render` made the part of, in JSON.
-pub const SCENE: &str = "lacuna/scene";
+pub const SCENE: &str = temporal::SCENE;
 /// All that the rendered pixels of such a part depend on, on one line.
 pub const RENDER: &str = "lacuna/render";
 /// Stands in it before what filled the others.

@@ -8,7 +8,9 @@ use lacuna_filters::{Mask, Size};
 
 use super::{Neighbour, fit};
 use crate::channels::{self, Name, Rule};
-use crate::reconstruct::SCENE;
+
+/// The scene that `lacuna render` made a part of, in JSON.
+pub const SCENE: &str = "lacuna/scene";
 
 /// The camera of a part of a frame, over its display window: its own, or that of a part of the same pixels.
 ///

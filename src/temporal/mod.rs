@@ -14,6 +14,7 @@ mod reference;
 mod vectors;
 
 pub use between::between;
+pub use camera::SCENE;
 pub use carriers::{Carrier, carriers};
 pub use fit::shapes;
 pub use neighbours::{
