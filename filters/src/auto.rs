@@ -45,11 +45,15 @@ mod ways;
 #[cfg(test)]
 mod tests;
 
+use std::any::Any;
 use std::sync::{Arc, OnceLock};
 
+use crate::decided::Decided;
+use crate::descriptor::Kind;
 use crate::descriptor::{Configured, Descriptor, Memory, Takes};
 use crate::domain::Map;
-use crate::estimate::{Evidence, Excerpt, Fold, Folds, HELD_OUT, HeldOut, Kind, Rounds, Voronoi};
+use crate::estimate::{Evidence, Fold, Folds, HELD_OUT, HeldOut, Rounds, Voronoi};
+use crate::excerpt::Excerpt;
 use crate::network;
 use crate::temporal::Carried;
 use crate::variational::guided::{self, Effect, Guides};
@@ -166,7 +170,7 @@ impl Plan for Blend {
         self.plain.reconstruct_roughly(samples, error, out, run)
     }
 
-    fn blend(&self) -> Option<&Blend> {
+    fn as_any(&self) -> Option<&dyn Any> {
         Some(self)
     }
 }
@@ -272,6 +276,11 @@ impl Candidate<'_> {
 }
 
 impl Blend {
+    /// The plan as a blend, if it is one.
+    pub(crate) fn of(plan: &dyn Plan) -> Option<&Self> {
+        plan.as_any()?.downcast_ref()
+    }
+
     /// Fills `out` from samples in the domain of a map; also says what was chosen and, if asked for, what held-out samples show of the result.
     pub(crate) fn choose(
         &self,
@@ -280,10 +289,10 @@ impl Blend {
         learn: Option<Rounds<'_>>,
         out: &mut Planes,
         run: &Run<'_>,
-    ) -> Result<(Outcome, Effect), Error> {
+    ) -> Result<(Outcome, Decided), Error> {
         crate::check::group(&self.mask, samples, out)?;
         if self.mask.count() < FEWEST || samples.is_empty() || self.mask.is_full() {
-            return Ok((self.plain.reconstruct(samples, out, run)?, Effect::default()));
+            return Ok((self.plain.reconstruct(samples, out, run)?, Decided::default()));
         }
         let (guided, guides) = self.guided(samples, guides, run)?;
         // What other frames know is learned from all of the image.
@@ -300,14 +309,14 @@ impl Blend {
             held = self.held_out((&mut all, voronoi.as_ref()), (samples, map), run)?;
         }
         if run.interrupted().is_some() {
-            return Ok((self.in_haste(samples, out, run)?, Effect::default()));
+            return Ok((self.in_haste(samples, out, run)?, Decided::default()));
         }
         let less = if all.len() > 1 { less(&held[0], &self.mask, self.folds, LESS) } else { 1.0 };
         let truth = Truth { mask: &self.mask, voronoi: voronoi.as_ref(), samples, map, less };
         let (weights, mut near) = blend_or_best(&truth, &held, BETTER);
-        let (mut outcome, mut effect) = blend(&mut all, &weights, (samples, &self.mask), out, run)?;
+        let (mut outcome, mut decided) = blend(&mut all, &weights, (samples, &self.mask), out, run)?;
         if outcome.stop > Stop::IterationLimit {
-            return Ok((self.in_haste(samples, out, run)?, Effect::default()));
+            return Ok((self.in_haste(samples, out, run)?, Decided::default()));
         }
         let mut own = 1.0;
         if carried.iter().any(|carried| !carried.is_empty()) {
@@ -315,21 +324,21 @@ impl Blend {
             if let Some(along) = along {
                 outcome = outcome.worst(along.outcome);
                 own = along.own;
-                near = along.tell(&near, guides, &mut effect);
+                near = along.tell(&near, guides, &mut decided);
             } else if let Some(stop) = run.interrupted() {
                 outcome.stop = stop;
             }
         }
         if let Some(rounds) = learn {
             // What other frames know is not in the simulation.
-            let known = effect.along.is_none().then_some(&*out);
+            let known = decided.along.is_none().then_some(&*out);
             let share = |&k: &usize| weights.share(k);
             let most = (0..all.len()).max_by(|a, b| share(a).total_cmp(&share(b))).unwrap_or(0);
             let evidence =
                 self.evidence(&all[most], (held.swap_remove(most), near), (samples, known), rounds, run)?;
-            effect.evidence = Some(Evidence { own, ..evidence });
+            decided.evidence = Some(Evidence { own, ..evidence });
         }
-        Ok((outcome, effect))
+        Ok((outcome, decided))
     }
 
     /// Plain splines, where there is no time for more: to their end when the time is up, as what they begin from is no image to keep.
@@ -453,8 +462,8 @@ fn blend(
     (samples, mask): (&Planes, &Arc<Mask>),
     out: &mut Planes,
     run: &Run<'_>,
-) -> Result<(Outcome, Effect), Error> {
-    let (mut outcome, mut effect) = (None::<Outcome>, Effect::default());
+) -> Result<(Outcome, Decided), Error> {
+    let (mut outcome, mut decided) = (None::<Outcome>, Decided::default());
     let mut one = Planes::zeros(samples.size(), samples.len());
     let mut start = None;
     for (k, candidate) in all.iter_mut().enumerate().filter(|(k, _)| weights.counts(*k)).rev() {
@@ -470,17 +479,17 @@ fn blend(
             candidate.lead(image, &mut start);
         }
         outcome = Some(outcome.map_or(ended, |outcome| outcome.worst(ended)));
-        effect.shares.push((candidate.name, weights.share(k)));
+        decided.shares.push((candidate.name, weights.share(k)));
         if candidate.guides.is_some() {
-            (effect.guides, effect.gain) = (found.guides, found.gain);
+            decided.guided = found;
         }
         if !alone {
             weights.add(k, &one, out);
         }
     }
-    effect.shares.reverse();
+    decided.shares.reverse();
     for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
         mask.restore(samples, out);
     }
-    Ok((outcome.unwrap_or(Outcome::direct()), effect))
+    Ok((outcome.unwrap_or(Outcome::direct()), decided))
 }

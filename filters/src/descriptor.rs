@@ -6,9 +6,7 @@ pub use field::{Choice, Field};
 pub(crate) use field::{plain, words};
 
 use crate::choose::{AUTO, Given};
-use crate::estimate::{Folds, Kind, Repetition};
-use crate::solver;
-use crate::{Error, Filter, Mask, Run};
+use crate::{Error, Filter, Run};
 
 /// A method: its name, its settings, what it needs.
 #[derive(Debug)]
@@ -21,7 +19,7 @@ pub struct Descriptor {
     pub settings: &'static [Setting],
     /// The memory that filling takes where measured pixels lie everywhere.
     pub even: Memory,
-    /// The same where a mask is all [`holes`].
+    /// The same where a mask is all [`holes`](crate::estimate::holes).
     pub uneven: Memory,
     /// What it can use beside samples.
     pub takes: Takes,
@@ -42,19 +40,15 @@ pub struct Memory {
     pub channel: u64,
 }
 
-/// The largest share of the image, 0 to 1, that has so few measured pixels that splines solve it by multigrid: 0 where every block of 8 x 8 pixels
-/// has one, 1 where holes are everywhere. Where the method `learns` from held-out samples, they leave holes of their own, none of which need hold another's.
-pub fn holes(mask: &Mask, learns: bool) -> f64 {
-    let kept = learns.then(|| Folds::default().kept(mask)).into_iter().flatten();
-    kept.map(|kept| solver::holes::share(&kept)).fold(solver::holes::share(mask), f64::max)
-}
-
-/// What choosing pixels in rounds once more and filling from them takes, the samples and the result among it: as measured.
-pub const REPEATED: Memory = Memory { image: 66, channel: 13 };
-
-/// Whether estimating the error may choose pixels of all of the image in rounds once more: where they lie unevenly, errors decide.
-pub fn may_repeat(mask: &Mask) -> bool {
-    Repetition::is_whole(mask)
+/// Which variance the errors of held-out samples go with ([`crate::estimate`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// That of splines of least second derivatives.
+    Spline,
+    /// The mean squared distance to three samples.
+    Distance,
+    /// The mean squared distance to four samples.
+    Density,
 }
 
 /// What a method can use beside samples and their mask.
@@ -192,7 +186,7 @@ pub trait Configured: Filter + std::fmt::Debug {
     /// The same filter.
     fn boxed(&self) -> Box<dyn Configured>;
 
-    /// The memory that filling takes where so much of the image is [`holes`].
+    /// The memory that filling takes where so much of the image is [`holes`](crate::estimate::holes).
     fn memory(&self, holes: f64) -> Memory {
         self.descriptor().memory(holes)
     }
@@ -230,7 +224,7 @@ pub trait Configured: Filter + std::fmt::Debug {
 }
 
 impl Descriptor {
-    /// The memory that filling takes where so much of the image is [`holes`].
+    /// The memory that filling takes where so much of the image is [`holes`](crate::estimate::holes).
     pub fn memory(&self, holes: f64) -> Memory {
         let between = |even: u64, uneven: u64| {
             (even as f64 + holes.clamp(0.0, 1.0) * (uneven as f64 - even as f64)).ceil() as u64

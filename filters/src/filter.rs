@@ -1,8 +1,8 @@
 //! What every reconstruction method is: a filter that plans on a mask, and a plan that runs on samples.
 
+use std::any::Any;
 use std::sync::{Arc, OnceLock};
 
-use crate::auto::Blend;
 use crate::{Error, Mask, Outcome, Plane, Planes, Run};
 
 /// What is to be solved, as far as the samples' values do not matter.
@@ -120,8 +120,8 @@ pub trait Plan: Send + Sync {
         self.reconstruct(samples, out, run)
     }
 
-    /// The blend that this is, if it is one: that also takes guides and says what it chose.
-    fn blend(&self) -> Option<&Blend> {
+    /// Itself, where its type offers more than this.
+    fn as_any(&self) -> Option<&dyn Any> {
         None
     }
 }

@@ -13,9 +13,8 @@
 //!
 //! Below them, for those who need a part: a [`Method`] (one of [`METHODS`], each with a [`descriptor`]), [`domain`] and [`limiter`],
 //! [`Filter`] and [`Plan`]. [`sampling`] makes masks, [`metric`] compares images.
-//! The rooms of the filters, each importing only from those to its right:
-//! `fill -> method -> network -> variational | sensing | dictionary | upscale -> baseline -> descriptor -> solver -> operator | prox -> kernel
-//! -> plane | mask`.
+//! The rooms, each importing only from those to its right: `enlarge -> fill -> plans -> method -> noise | auto -> temporal -> estimate ->
+//! network | sampling | upscale -> variational | sensing | dictionary -> baseline -> descriptor -> solver -> operator | prox -> kernel -> plane | mask`.
 //!
 //! "The thesis", whose equations the filters cite, is X. Liu, "Compressive Volume Rendering", University of Calgary.
 //!
@@ -28,12 +27,14 @@ mod bounds;
 mod check;
 pub mod choose;
 pub mod complete;
+mod decided;
 pub mod descriptor;
 pub mod dictionary;
 pub mod domain;
 pub mod enlarge;
 mod error;
 pub mod estimate;
+pub mod excerpt;
 pub mod fill;
 mod filter;
 mod kernel;

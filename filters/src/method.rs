@@ -103,7 +103,7 @@ impl Method {
         self.own.descriptor()
     }
 
-    /// The memory that filling takes with its settings where so much of the image is [`holes`](crate::descriptor::holes).
+    /// The memory that filling takes with its settings where so much of the image is [`holes`](crate::estimate::holes).
     pub fn memory(&self, holes: f64) -> Memory {
         self.own.memory(holes)
     }

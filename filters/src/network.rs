@@ -35,8 +35,8 @@ mod refine;
 
 use std::sync::Arc;
 
+use crate::descriptor::Kind;
 use crate::descriptor::{Configured, Descriptor, Takes};
-use crate::estimate::Kind;
 use crate::filter::Start;
 use crate::variational::edge;
 use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, check};

@@ -53,14 +53,15 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
+use crate::decided::Decided;
 use crate::estimate::Folds;
 use crate::kernel::blur::blur;
-use crate::sampling::hash;
-use crate::variational::guided::{Effect, Guides};
+use crate::variational::guided::Guides;
 use crate::weights::{Neighbourhood, Surfaces};
 use crate::{Error, Mask, Outcome, Plane, Planes, Run};
 use blend::Blend;
 use candidates::{Candidate, Task};
+use lacuna_core::hash;
 use relative::importance;
 pub(crate) use split::Split;
 
@@ -133,7 +134,7 @@ pub(crate) fn reconstruct(
     known: Known<'_>,
     out: &mut Planes,
     run: &Run<'_>,
-) -> Result<Option<(Outcome, Effect)>, Error> {
+) -> Result<Option<(Outcome, Decided)>, Error> {
     crate::check::group(mask, samples, out)?;
     if mask.count() < FEWEST || samples.is_empty() {
         return Ok(None);
@@ -157,16 +158,16 @@ pub(crate) fn reconstruct(
     if run.interrupted().is_some() {
         return Ok(None);
     }
-    let mut effect =
-        Effect { shares: blend.fill(&task, &all, (mask, &split.samples), out)?, ..Effect::default() };
+    let mut decided =
+        Decided { shares: blend.fill(&task, &all, (mask, &split.samples), out)?, ..Decided::default() };
     let mut outcome = blend.outcome;
     if let Some(guides) = known.guides.filter(|_| all.iter().any(Candidate::is_guided)) {
-        effect.guides = guides.all_names().cloned().collect();
+        decided.guided.guides = guides.all_names().cloned().collect();
     }
     if let Some(samples) = split.with_lights() {
         outcome = outcome.worst(lights::put_back((whole, mask), &samples, out, run)?);
     }
-    Ok(Some((outcome, effect)))
+    Ok(Some((outcome, decided)))
 }
 
 /// The mean variance of the noise over that around each pixel; nothing where there is no noise. Where it is not known, it is that around, else the mean.

@@ -14,8 +14,8 @@ use lacuna_core::parallel::prelude::*;
 
 use crate::domain::Map;
 use crate::estimate::{HeldOut, Voronoi};
-use crate::sampling::hash;
 use crate::{Mask, Plane, Planes, Size};
+use lacuna_core::hash;
 use simplex::{best, best_of};
 pub use surfaces::{BySurface, Surfaces};
 

@@ -9,7 +9,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use lacuna_exr::{ChannelHeader, Limits, PartHeader, SampleType, memory_needed, read_header};
-use lacuna_filters::descriptor::{Memory, REPEATED, holes, may_repeat};
+use lacuna_filters::descriptor::Memory;
+use lacuna_filters::estimate::{REPEATED, holes, may_repeat};
 use lacuna_filters::upscale::Method;
 use lacuna_filters::{Mask, Size};
 

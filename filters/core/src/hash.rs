@@ -10,6 +10,11 @@ pub const fn mix(value: u64) -> u64 {
     value ^ (value >> 31)
 }
 
+/// A hash of two numbers: the second counts along a stream that the first starts.
+pub const fn hash(seed: u64, value: u64) -> u64 {
+    mix(mix(seed).wrapping_add(value.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -4,5 +4,5 @@ mod hash;
 pub mod parallel;
 mod size;
 
-pub use hash::mix;
+pub use hash::{hash, mix};
 pub use size::Size;

@@ -16,9 +16,10 @@ use std::iter::successors;
 use std::sync::Arc;
 
 use super::{Blend, Candidate, candidates, once};
-use crate::estimate::{Evidence, HeldOut, Kind, Rounds};
+use crate::decided::Decided;
+use crate::descriptor::Kind;
+use crate::estimate::{Evidence, HeldOut, Rounds};
 use crate::sampling::leave_out;
-use crate::variational::guided::Effect;
 use crate::variational::ss;
 use crate::{Error, Outcome, Planes, Problem, Run};
 
@@ -39,7 +40,7 @@ impl Blend {
         rounds: Rounds<'_>,
         out: &mut Planes,
         run: &Run<'_>,
-    ) -> Result<Option<(Outcome, Effect)>, Error> {
+    ) -> Result<Option<(Outcome, Decided)>, Error> {
         let mut plain = Planes::zeros(samples.size(), samples.len());
         let mut outcome = self.plain.reconstruct(samples, &mut plain, run)?;
         let fold = self.first_fold();
@@ -73,7 +74,7 @@ impl Blend {
         let splines = Candidate::of((&ss::DESCRIPTOR, Box::new(ss::Settings::default())));
         let evidence = self.evidence(&splines, (plainly, near), (samples, Some(&*out)), rounds, run)?;
         let evidence = Some(Evidence { by_tiles: variance, ..evidence });
-        Ok(Some((outcome, Effect { shares: vec![(only.name, 1.0)], evidence, ..Effect::default() })))
+        Ok(Some((outcome, Decided { shares: vec![(only.name, 1.0)], evidence, ..Decided::default() })))
     }
 }
 

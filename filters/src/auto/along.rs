@@ -15,14 +15,16 @@ use std::sync::Arc;
 use super::standing::Standing;
 use super::ways::{Given, Way, plain};
 use super::{Blend, Candidate, How, blend, less};
+use crate::decided::Decided;
 use crate::domain::Map;
-use crate::estimate::{Excerpt, Folds, HeldOut, Voronoi};
-use crate::sampling::hash;
+use crate::estimate::{Folds, HeldOut, Voronoi};
+use crate::excerpt::Excerpt;
 use crate::temporal::{self, Beside, Carried, Changes, First, Pull, Usual};
-use crate::variational::guided::{Effect, Guides, Regression};
+use crate::variational::guided::{Guides, Regression};
 use crate::variational::ss;
 use crate::weights::{Preferred, Truth, Weights};
 use crate::{Error, Filter, Mask, Outcome, Planes, Problem, Run, Stop};
+use lacuna_core::hash;
 
 /// How samples of other frames may pull.
 const PULLS: [Pull; 3] = [
@@ -61,11 +63,11 @@ pub struct Along {
 
 impl Along {
     /// Says what other frames did to a blend; returns what was predicted at the held-out samples of both.
-    pub fn tell(self, near: &HeldOut, guides: Option<&Guides>, effect: &mut Effect) -> HeldOut {
-        effect.along = self.gain;
-        self.join(&mut effect.shares);
-        if let (Some(guides), true) = (guides, effect.guides.is_empty()) {
-            effect.guides = guides.all_names().cloned().collect();
+    pub fn tell(self, near: &HeldOut, guides: Option<&Guides>, decided: &mut Decided) -> HeldOut {
+        decided.along = self.gain;
+        self.join(&mut decided.shares);
+        if let (Some(guides), true) = (guides, decided.guided.guides.is_empty()) {
+            decided.guided.guides = guides.all_names().cloned().collect();
         }
         let held = self.held.sorted(|_| true);
         let near = near.sorted(|pixel| held.at.binary_search(&pixel).is_ok());

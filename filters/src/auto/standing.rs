@@ -14,9 +14,9 @@
 
 use crate::estimate::HeldOut;
 use crate::kernel::blur::blur;
-use crate::sampling::hash;
 use crate::temporal::Carried;
 use crate::{Mask, Plane, Planes, Size};
+use lacuna_core::hash;
 
 /// Width of the Gaussian of what is around, in spacings of held-out samples.
 const SPREAD: f64 = 4.0;

@@ -1,8 +1,10 @@
 //! Which candidates are worth computing for all of a large image: they are tried on tiles that are spread over it.
 
 use super::{Blend, Candidate, candidates, once};
+use crate::descriptor::Kind;
 use crate::domain::Map;
-use crate::estimate::{Excerpt, Fold, Folds, HeldOut, Kind, Voronoi};
+use crate::estimate::{Fold, Folds, HeldOut, Voronoi};
+use crate::excerpt::Excerpt;
 use crate::variational::ss;
 use crate::weights::{Truth, Weights};
 use crate::{Error, Mask, Planes, Run, network};

@@ -30,8 +30,8 @@ use self::gradients::Network;
 use self::patch::{Patch, across};
 use super::delaunay::Barycentric;
 use super::linear::Scattered;
+use crate::descriptor::Kind;
 use crate::descriptor::{Configured, Descriptor, Memory, Takes};
-use crate::estimate::Kind;
 use crate::{Error, Filter, Outcome, Plan, Planes, Problem, Run, Stop};
 
 /// No settings.

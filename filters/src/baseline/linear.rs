@@ -15,8 +15,8 @@ use std::sync::Arc;
 
 use super::delaunay::{NONE, Triangulation};
 use super::nearest::NearestMap;
+use crate::descriptor::Kind;
 use crate::descriptor::{Configured, Descriptor, Memory, Takes};
-use crate::estimate::Kind;
 use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, check};
 
 /// No settings.

@@ -18,8 +18,8 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
+use crate::descriptor::Kind;
 use crate::descriptor::{Configured, Descriptor, Memory, Takes};
-use crate::estimate::Kind;
 use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, Size, check};
 
 /// No settings.

@@ -17,8 +17,8 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
+use crate::descriptor::Kind;
 use crate::descriptor::{Configured, Descriptor, Memory, Takes};
-use crate::estimate::Kind;
 use crate::kernel::Isa;
 use crate::kernel::pyramid::{self, Pull};
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Size, check};

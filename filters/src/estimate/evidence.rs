@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::held_out::{DEEP, Folds, HeldOut, ReconstructPart};
 use super::repetition::{Repetition, Rounds};
 use super::simulation::Simulation;
-use super::variance::Kind;
+use crate::descriptor::Kind;
 use crate::{Error, Mask, Planes, Run};
 
 /// What held-out samples show of a method on a frame.
@@ -105,7 +105,8 @@ impl Evidence {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::{Excerpt, Repeated};
+    use crate::estimate::Repeated;
+    use crate::excerpt::Excerpt;
     use crate::{Plane, Size};
 
     #[test]

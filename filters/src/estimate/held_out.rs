@@ -5,12 +5,13 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
-use super::excerpt::Excerpt;
 use super::near::Places;
-use super::variance::{Kind, Variance};
-use crate::sampling::hash;
+use super::variance::Variance;
+use crate::descriptor::Kind;
+use crate::excerpt::Excerpt;
 use crate::solver::holes::{self, Division};
 use crate::{Error, Mask, Planes};
+use lacuna_core::hash;
 
 /// Parts into which the samples of a frame are cut.
 pub const PARTS: u64 = 10;

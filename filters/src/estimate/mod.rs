@@ -2,7 +2,7 @@
 //!
 //! A held-out sample shows the error of a method where the truth is known ([`Evidence`]). It stands in an emptier place than a
 //! missing pixel does, so its error is too large, by 1 to 8 dB at masks of low discrepancy. How empty a place is, the mask alone
-//! says, as a variance `v` ([`Kind`]); error follows it as a power, with a factor that depends on the place ([`Model`]):
+//! says, as a variance `v` ([`Kind`](crate::descriptor::Kind)); error follows it as a power, with a factor that depends on the place ([`Model`]):
 //!
 //! ```text
 //! e(x)^2 = c(x) v(x)^p        c: sums of m e^2 and m v^p over held-out samples around x, m what each counts for
@@ -30,7 +30,7 @@
 //! uses the same.
 //!
 //! Cost: a fill without a tenth of the samples (up to ten of them where there are few) and one without half of them, of large frames in tiles that
-//! are spread over it ([`Excerpt`]); two of a smaller image (a quarter of the pixels or less, 384 x 384 at most), or after rounds four rounds once more (of colours) and a fill, of frames beyond 2.1 million pixels in sixteen windows; the four nearest samples of each held-out one and of 40000 missing pixels.
+//! are spread over it ([`Excerpt`](crate::excerpt::Excerpt)); two of a smaller image (a quarter of the pixels or less, 384 x 384 at most), or after rounds four rounds once more (of colours) and a fill, of frames beyond 2.1 million pixels in sixteen windows; the four nearest samples of each held-out one and of 40000 missing pixels.
 //! The plane: the nearest samples of every missing pixel, and four blurs. Memory: six planes.
 //!
 //! Samples that stand close together must not speak for all of the image. Where samples lie unevenly, `m` is the root of the number of missing
@@ -57,10 +57,10 @@
 //! B 36, 1974.
 
 mod evidence;
-mod excerpt;
 pub(crate) mod held_out;
 mod kriging;
 mod lattice;
+mod memory;
 mod model;
 mod near;
 mod plane;
@@ -70,10 +70,9 @@ mod variance;
 mod voronoi;
 
 pub use evidence::Evidence;
-pub use excerpt::Excerpt;
 pub use held_out::{Fold, Folds, HELD_OUT, HeldOut, PARTS};
+pub use memory::{REPEATED, holes, may_repeat};
 pub use model::{Model, Rmse, Verdict, Why};
 pub use repetition::{Repeated, Repetition, Rounds};
 pub use simulation::Simulation;
-pub use variance::Kind;
 pub(crate) use voronoi::Voronoi;

@@ -13,8 +13,8 @@ use super::repetition::Repetition;
 use super::variance::Variance;
 use super::voronoi::Voronoi;
 use crate::kernel::extremes;
-use crate::sampling::hash;
 use crate::{Mask, Planes, Size};
+use lacuna_core::hash;
 
 /// Side of a cell in spacings of held-out samples.
 const CELL: f64 = 4.0;

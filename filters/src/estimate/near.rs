@@ -139,7 +139,7 @@ impl List<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::hash;
+    use lacuna_core::hash;
 
     #[test]
     fn they_are_those_of_a_search_through_all() {

@@ -246,7 +246,7 @@ impl Calibration {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::hash;
+    use lacuna_core::hash;
 
     #[test]
     fn calibration_finds_what_goes_with_a_factor() {

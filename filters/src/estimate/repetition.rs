@@ -12,12 +12,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use lacuna_core::parallel::prelude::*;
 
-use super::excerpt::Excerpt;
 use super::held_out::{Folds, HeldOut, ReconstructPart, pick, pixels_where};
 use super::model::LOOKED_AT;
 use super::voronoi::Voronoi;
-use crate::sampling::{Field, adaptive, hash};
+use crate::excerpt::Excerpt;
+use crate::sampling::{Field, adaptive};
 use crate::{Error, Mask, Planes, Run};
+use lacuna_core::hash;
 
 /// Rounds of a repetition. What eight pass over is within 1.3 dB of it, for twice the time; two pass over 1.3 to 11 dB more.
 const ROUNDS: usize = 4;
@@ -179,7 +180,7 @@ fn choose(image: &Arc<Planes>, mask: &Mask, seed: u64, run: &Run<'_>) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::Kind;
+    use crate::descriptor::Kind;
     use crate::variational::ss;
     use crate::{Filter, Plane, Problem, Size};
 

@@ -18,9 +18,9 @@
 
 use std::sync::Arc;
 
-use super::excerpt::Excerpt;
 use super::held_out::{Folds, HeldOut, ReconstructPart, pick};
 use super::voronoi::Voronoi;
+use crate::excerpt::Excerpt;
 use crate::{Error, Mask, Planes, Size};
 
 /// Pixels of the frame, along each side, of which one is taken: so many at least.

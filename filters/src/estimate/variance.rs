@@ -12,29 +12,17 @@ use lacuna_core::parallel::prelude::*;
 use super::held_out::pixels_where;
 use super::kriging::{self, NEIGHBOURS};
 use super::near::{Near, Places};
-use crate::sampling::hash;
+use crate::descriptor::Kind;
 use crate::solver::cholesky::Cholesky;
 use crate::{Mask, Size};
+use lacuna_core::hash;
 
-/// Which variance goes with a method.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// That of splines of least second derivatives.
-    Spline,
-    /// The mean squared distance to three samples.
-    Distance,
-    /// The mean squared distance to four samples.
-    Density,
-}
-
-impl Kind {
-    /// Distances of which the mean is taken; none where the mask itself shows the variance.
-    const fn distances(self) -> Option<usize> {
-        match self {
-            Self::Spline => None,
-            Self::Distance => Some(FEW),
-            Self::Density => Some(MOST),
-        }
+/// Distances of which the mean is taken; none where the mask itself shows the variance.
+const fn distances(kind: Kind) -> Option<usize> {
+    match kind {
+        Kind::Spline => None,
+        Kind::Distance => Some(FEW),
+        Kind::Density => Some(MOST),
     }
 }
 
@@ -62,7 +50,7 @@ pub struct Variance {
 impl Variance {
     /// Fits the variance to a mask. One whose samples do not determine it (fewer than four, all on lines) gets that of distances.
     pub fn new(kind: Kind, mask: &Mask, places: &Places, seed: u64) -> Self {
-        let count = kind.distances();
+        let count = distances(kind);
         let fitted = if count.is_none() { fit(mask, places, seed) } else { None };
         let of_distances = count.unwrap_or(FEW);
         Self { size: mask.size(), fitted, count: if fitted.is_some() { DISTANCES } else { of_distances } }

@@ -5,7 +5,7 @@ use lacuna_core::parallel::prelude::*;
 use super::held_out::PixelError;
 use crate::Mask;
 use crate::baseline::nearest::NearestMap;
-use crate::sampling::hash;
+use lacuna_core::hash;
 
 /// Standard deviation over the mean of how many pixels each sample is the nearest of, beyond which samples lie unevenly: at 20 % it is 0.19 for the
 /// shuffle and 0.23 for blue noise, 0.29 to 0.48 after a second pass of a quarter of them, 0.5 at random, 0.7 to 1.3 for samples chosen in rounds.

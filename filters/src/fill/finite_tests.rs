@@ -15,7 +15,7 @@ fn size() -> Size {
 }
 
 fn hash(y: usize, x: usize) -> u64 {
-    crate::sampling::hash(y as u64, x as u64)
+    lacuna_core::hash(y as u64, x as u64)
 }
 
 /// Pairs of pixels, so that there are differences to start from; borders among them.

@@ -8,6 +8,7 @@ use super::finish::{bound_measured, mend};
 use super::task::{Learned, Slopes, Task, shown};
 use super::{Estimate, Options, PIECE, Set, Values};
 use crate::choose::{Chosen, Given};
+use crate::decided::Decided;
 use crate::domain::{Domain, Map};
 use crate::estimate::Model;
 use crate::limiter::Moved;
@@ -51,9 +52,9 @@ pub fn solve(
     let smooths = options.noise != Noise::None && !method.is_open();
     let smoothed = if smooths { case.smooth(&mut out)? } else { None };
     let mut made = match smoothed {
-        Some((outcome, effect)) => {
+        Some((outcome, decided)) => {
             let map = Domain::Linear.map(case.mask, samples.as_slice());
-            Made { method, map, outcome, effect, learned: None, settled: Vec::new(), smoothed: true }
+            Made { method, map, outcome, decided, learned: None, settled: Vec::new(), smoothed: true }
         }
         None => case.fill(method, &mut out)?,
     };
@@ -82,7 +83,7 @@ struct Made {
     method: Method,
     map: Map,
     outcome: Outcome,
-    effect: Effect,
+    decided: Decided,
     learned: Option<Learned>,
     settled: Vec<Chosen>,
     /// Whether noise was smoothed, not the method run.
@@ -95,7 +96,7 @@ impl Case<'_> {
     }
 
     /// Fills and smooths noise at once; nothing where the samples tell of none.
-    fn smooth(&self, out: &mut Planes) -> Result<Option<(Outcome, Effect)>, Error> {
+    fn smooth(&self, out: &mut Planes) -> Result<Option<(Outcome, Decided)>, Error> {
         let (guides, light) = (self.options.guides, self.is_light());
         let known = Known { guides, noise: self.noise.as_ref(), weights: self.weights, light };
         noise::reconstruct(self.mask, self.samples, known, out, self.run)
@@ -115,14 +116,14 @@ impl Case<'_> {
         let guides = options.guides.filter(|_| method.descriptor().takes.guides && method.keeps_measured());
         let task = Task { method: &method, plan, mask, options, guides, carried: &carried, error: None, run };
         let values = (clean.as_ref().unwrap_or(samples), gradients.as_ref());
-        let (outcome, mut effect) = task.reconstruct(values, map, out)?;
+        let (outcome, mut decided) = task.reconstruct(values, map, out)?;
         let learned = if options.estimate == Estimate::No {
             None
         } else {
             let bounds = bounds(options, (mask, samples), places);
-            task.learn(values, out, (map, &bounds), effect.evidence.take())?
+            task.learn(values, out, (map, &bounds), decided.evidence.take())?
         };
-        Ok(Made { method, map, outcome, effect, learned, settled, smoothed: false })
+        Ok(Made { method, map, outcome, decided, learned, settled, smoothed: false })
     }
 
     /// Mends, limits and bounds the planes: how many values were mended, and per plane how many moved.
@@ -130,7 +131,7 @@ impl Case<'_> {
         let Self { samples, mask, places, options, plans, .. } = *self;
         let keeps = !made.smoothed && made.method.keeps_measured();
         let (mut mended, mut limited) = (0, Vec::with_capacity(places.len()));
-        let Effect { gain, along, .. } = &made.effect;
+        let Decided { guided, along, .. } = &made.decided;
         // What other frames know may lie beyond what the samples around allow.
         let limit = options.limit && options.values != Values::Directions && along.is_none();
         for ((samples, out), &place) in samples.as_slice().iter().zip(out.as_mut_slice()).zip(places) {
@@ -145,7 +146,7 @@ impl Case<'_> {
             let bounds = options.bounds_of(place);
             if bounds != Bounds::Free {
                 moved += limiter::range(mask, samples, out, bounds)?;
-                if limit && keeps && gain.is_none() {
+                if limit && keeps && guided.gain.is_none() {
                     moved += limiter::on_black(mask, samples, out, || plans.nearest(mask))?;
                 }
                 if !keeps {
@@ -159,8 +160,8 @@ impl Case<'_> {
 
     /// What is told of the planes: how they were made, how many of their values were mended, and how wrong they are.
     fn told(&self, made: Made, mended: usize) -> Result<Set, Error> {
-        let Made { method, map, outcome, effect, learned, settled, smoothed } = made;
-        let Effect { guides, gain, shares, along, .. } = effect;
+        let Made { method, map, outcome, decided, learned, settled, smoothed } = made;
+        let Decided { guided: Effect { guides, gain }, shares, along, .. } = decided;
         let wanted = learned.as_ref().filter(|_| self.options.estimate == Estimate::Pixels);
         let errors = wanted.map(|learned| self.errors(&learned.model)).transpose()?;
         let exponent = learned.as_ref().map(|learned| learned.model.exponent());

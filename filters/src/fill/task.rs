@@ -5,11 +5,14 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 
 use super::{Estimate, Options, PIECE, Values};
+use crate::auto::Blend;
+use crate::decided::Decided;
 use crate::domain::Map;
 use crate::estimate::held_out;
-use crate::estimate::{Evidence, Excerpt, Folds, Model, Repeated, Rmse, Rounds, Verdict, Why};
+use crate::estimate::{Evidence, Folds, Model, Repeated, Rmse, Rounds, Verdict, Why};
+use crate::excerpt::Excerpt;
 use crate::temporal::Carried;
-use crate::variational::guided::{self, Effect, Guides};
+use crate::variational::guided::{self, Guides};
 use crate::{Error, Gradients, Mask, Method, Outcome, Plan, Plane, Planes, Problem, Run};
 
 /// A method that is ready to run on a mask.
@@ -92,7 +95,7 @@ impl Task<'_> {
         (samples, gradients): (&Planes, Option<&Slopes>),
         map: Map,
         out: &mut Planes,
-    ) -> Result<(Outcome, Effect), Error> {
+    ) -> Result<(Outcome, Decided), Error> {
         if map.is_linear() {
             return self.mapped((samples, map), gradients, out);
         }
@@ -118,10 +121,10 @@ impl Task<'_> {
         (samples, map): (&Planes, Map),
         gradients: Option<&Slopes>,
         out: &mut Planes,
-    ) -> Result<(Outcome, Effect), Error> {
+    ) -> Result<(Outcome, Decided), Error> {
         let Self { method, plan, mask, options, guides, carried, error, run } = *self;
         match (gradients, guides) {
-            (None, guides) if let Some(blend) = plan.blend() => {
+            (None, guides) if let Some(blend) = Blend::of(plan) => {
                 let own = Repeated::default();
                 let learn = (options.estimate != Estimate::No).then(|| self.rounds(&own));
                 blend.choose((samples, map), (guides, carried), learn, out, run)
@@ -129,17 +132,17 @@ impl Task<'_> {
             (Some(slopes), _) => {
                 let [x, y] = &slopes.planes;
                 let gradients = Gradients { planes: [x, y], mask: &slopes.mask };
-                Ok((plan.reconstruct_gradients(samples, &gradients, out, run)?, Effect::default()))
+                Ok((plan.reconstruct_gradients(samples, &gradients, out, run)?, Decided::default()))
             }
             (None, guides) => {
                 let outcome = match error {
                     Some(error) => plan.reconstruct_roughly(samples, error, out, run)?,
                     None => plan.reconstruct(samples, out, run)?,
                 };
-                let Some(guides) = guides else { return Ok((outcome, Effect::default())) };
+                let Some(guides) = guides else { return Ok((outcome, Decided::default())) };
                 let (second, effect) =
                     guided::steer((method.filter(), plan), mask, samples, guides, out, run)?;
-                Ok((outcome.worst(second), effect))
+                Ok((outcome.worst(second), effect.into()))
             }
         }
     }

@@ -10,7 +10,7 @@ fn size() -> Size {
 
 /// About a third of the pixels.
 fn mask() -> Arc<Mask> {
-    Arc::new(Mask::from_fn(size(), |y, x| crate::sampling::hash(y as u64, x as u64).is_multiple_of(3)))
+    Arc::new(Mask::from_fn(size(), |y, x| lacuna_core::hash(y as u64, x as u64).is_multiple_of(3)))
 }
 
 fn image(at: usize) -> Plane {
@@ -29,9 +29,8 @@ fn bits(plane: &Plane) -> Vec<u32> {
 #[test]
 fn the_limiter_holds_with_guides() {
     let size = Size::new(90, 110);
-    let mask =
-        Arc::new(Mask::from_fn(size, |y, x| crate::sampling::hash(y as u64, x as u64).is_multiple_of(5)));
-    let fine = |y: usize, x: usize| (crate::sampling::hash(x as u64, y as u64) % 1000) as f32 / 1000.0;
+    let mask = Arc::new(Mask::from_fn(size, |y, x| lacuna_core::hash(y as u64, x as u64).is_multiple_of(5)));
+    let fine = |y: usize, x: usize| (lacuna_core::hash(x as u64, y as u64) % 1000) as f32 / 1000.0;
     let is_far = |y: usize, x: usize| !mask.is_measured(y, x) && (y + x).is_multiple_of(11);
     let guide = Plane::from_fn(size, |y, x| if is_far(y, x) { -0.4 } else { fine(y, x) });
     let samples = Plane::from_fn(size, |y, x| 0.1 + 0.7 * fine(y, x));
@@ -114,7 +113,7 @@ fn threads_change_no_bit_of_any_method() {
     let shade = |y: usize, x: usize| 0.2 + ((y * 3 + x * 2) % 17) as f32 / 20.0;
     let planes = vec![Plane::from_fn(size, shade), Plane::from_fn(size, |y, x| shade(x, y))];
     let samples = Planes::new(size, planes).unwrap();
-    let third = |y, x| crate::sampling::hash(y as u64, x as u64).is_multiple_of(3);
+    let third = |y, x| lacuna_core::hash(y as u64, x as u64).is_multiple_of(3);
     let mask = Arc::new(Mask::from_fn(size, third));
     for found in METHODS.iter().filter(|found| !found.takes.dictionary) {
         let options = Options { estimate: Estimate::Pixels, ..Options::of(Method::of(found, &[]).unwrap()) };

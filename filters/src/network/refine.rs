@@ -245,7 +245,7 @@ fn heightened(flags: &[bool], columns: usize) -> Vec<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::hash;
+    use lacuna_core::hash;
 
     /// Rows of results are made four together, from more than they need: what maps held before must not reach them, not even by rounding.
     #[test]

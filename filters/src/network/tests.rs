@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::{Settings, refine};
 use crate::baseline::testing::with_threads;
-use crate::sampling::hash;
 use crate::variational::edge;
 use crate::{Filter, Mask, Plane, Planes, Problem, Run, Size, Stop};
+use lacuna_core::hash;
 
 mod reference;
 

@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use crate::auto;
+use crate::auto::{self, Blend};
 use crate::baseline::nearest::NearestMap;
 use crate::domain::{Domain, Map};
 use crate::{Error, Filter, Mask, Outcome, Plane, Planes, Problem, Run};
@@ -61,7 +61,7 @@ fn fill(mask: &Arc<Mask>, samples: &Planes, map: Map, run: &Run<'_>) -> Result<(
     mapped.as_mut_slice().iter_mut().for_each(|plane| map.forward_plane(mask, plane));
     let mut filled = Planes::zeros(samples.size(), samples.len());
     let plan = auto::Settings.plan(&Problem::fill(Arc::clone(mask)), run)?;
-    let outcome = match plan.blend() {
+    let outcome = match Blend::of(plan.as_ref()) {
         Some(blend) => blend.choose((&mapped, map), (None, &[]), None, &mut filled, run)?.0,
         None => plan.reconstruct(&mapped, &mut filled, run)?,
     };

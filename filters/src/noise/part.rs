@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::candidates::Task;
-use crate::estimate::Excerpt;
+use crate::excerpt::Excerpt;
 use crate::variational::guided::Guides;
 use crate::{Mask, Plane, Planes};
 

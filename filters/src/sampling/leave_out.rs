@@ -18,7 +18,6 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
-use super::hash;
 use crate::baseline::nearest::NearestMap;
 use crate::kernel::Isa;
 use crate::kernel::stencil::{Separable, apply};
@@ -26,6 +25,7 @@ use crate::kernel::window::{PAD, Window};
 use crate::operator::energy::Form;
 use crate::variational::ss;
 use crate::{Error, Filter, Mask, Plane, Planes, Problem, Run, Size};
+use lacuna_core::hash;
 
 /// Parts into which the samples are cut.
 const PARTS: u64 = 8;

@@ -34,10 +34,3 @@ fn checked(density: f64) -> Result<f64, Error> {
         Err(Error::setting("density", &density, "0 to 1"))
     }
 }
-
-/// A hash of two numbers: the second counts along a stream that the first starts.
-pub(crate) const fn hash(seed: u64, value: u64) -> u64 {
-    lacuna_core::mix(
-        lacuna_core::mix(seed).wrapping_add(value.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15)),
-    )
-}

@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
-use super::{Band, blue_noise, hash, random, shuffle};
+use super::{Band, blue_noise, random, shuffle};
 use crate::{Mask, Size};
+use lacuna_core::hash;
 
 /// The patterns that a user picks from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

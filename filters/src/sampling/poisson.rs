@@ -32,8 +32,9 @@ use std::ops::Range;
 use lacuna_core::parallel::prelude::*;
 
 use super::random::Permutation;
-use super::{Field, checked, hash};
+use super::{Field, checked};
 use crate::{Error, Mask, Size};
+use lacuna_core::hash;
 
 /// The squared radius of the first pass, times the density. Random packing covers 0.547 of the plane with disks of half
 /// the radius, which is a density of 0.7 over the squared radius; on the pixel grid somewhat more.

@@ -16,7 +16,7 @@
 
 use lacuna_core::mix;
 
-use super::hash;
+use lacuna_core::hash;
 
 const ROUNDS: usize = 6;
 

@@ -5,8 +5,9 @@
 //! order makes it, and the first `ceil(1 / D)` cover every pixel. A grid does the same with its offsets.
 //! `offset`: frame k has the order of another seed (blue noise: another place of the tile), frame 0 that of the seed.
 
-use super::{Field, Order, Pattern, checked, grid, hash, poisson};
+use super::{Field, Order, Pattern, checked, grid, poisson};
 use crate::{Error, Mask};
+use lacuna_core::hash;
 
 /// How the masks of frames are related.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

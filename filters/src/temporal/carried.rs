@@ -5,9 +5,9 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 
 use crate::domain::Map;
-use crate::sampling::hash;
 use crate::variational::guided;
 use crate::{Error, Mask, Plane, Planes, Size};
+use lacuna_core::hash;
 
 /// Pixels that one task takes.
 const PIECE: usize = 1 << 14;

@@ -73,8 +73,8 @@ pub fn take_away(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::hash;
     use crate::{Mask, Planes};
+    use lacuna_core::hash;
 
     const SIZE: Size = Size::new(23, 30);
 

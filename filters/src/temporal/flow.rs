@@ -204,14 +204,17 @@ fn step(a: &Planes, b: &Planes, ones: &[f32], field: &mut [[f32; 2]]) {
 
 /// So many values of each pixel, each kind an image of its own.
 fn by_pixel<const N: usize>(size: Size, values: impl Fn(usize, usize) -> [f32; N] + Sync) -> [Vec<f32>; N] {
-    let rows = (0..size.height).into_par_iter().with_min_len(8).map(|row| {
-        let mut own: [Vec<f32>; N] = std::array::from_fn(|_| Vec::with_capacity(size.width));
+    let mut all: [Vec<f32>; N] = std::array::from_fn(|_| vec![0.0; size.pixels()]);
+    let mut planes = all.each_mut().map(|plane| plane.chunks_mut(size.width));
+    let rows = (0..size.height).map(|_| planes.each_mut().map(|rows| rows.next().unwrap_or_default()));
+    let mut rows: Vec<[&mut [f32]; N]> = rows.collect();
+    rows.par_iter_mut().with_min_len(8).enumerate().for_each(|(row, own)| {
         for column in 0..size.width {
-            own.iter_mut().zip(values(row, column)).for_each(|(own, value)| own.push(value));
+            let all = own.iter_mut().zip(values(row, column));
+            all.for_each(|(own, value)| own[column] = value);
         }
-        own
     });
-    std::array::from_fn(|k| rows.iter().flat_map(|row| &row[k]).copied().collect())
+    all
 }
 
 #[cfg(test)]

@@ -51,16 +51,16 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
+use crate::descriptor::Kind;
 use crate::descriptor::{Configured, Descriptor, Field, Memory, Range, Setting, Takes};
-use crate::estimate::Kind;
 use crate::filter::Start;
 use crate::kernel::blur::half_window;
 use crate::kernel::curvature::{Solve, Tile, Weigh, Weighting};
 use crate::kernel::{Isa, dispatch};
-use crate::sampling::hash;
 use crate::tiling::{Core, Tiling};
 use crate::variational::ss;
 use crate::{Error, Filter, Mask, Outcome, Plan, Plane, Planes, Problem, Run, Size, check};
+use lacuna_core::hash;
 
 /// Pixels of the side of a tile.
 const SIDE: usize = 64;

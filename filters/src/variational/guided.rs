@@ -36,7 +36,6 @@ use std::sync::Arc;
 use lacuna_core::parallel::{join, prelude::*};
 
 use crate::baseline::push_pull;
-use crate::estimate::Evidence;
 use crate::kernel::Isa;
 use crate::kernel::regress::Scales;
 use crate::variational::ss;
@@ -88,12 +87,6 @@ pub struct Effect {
     pub guides: Vec<String>,
     /// The part of the squared error that they take away, by the left-out pixels; nothing if they are not used.
     pub gain: Option<f64>,
-    /// Where the method is a blend: the candidates that count, and the mean weight of each at missing pixels.
-    pub shares: Vec<(&'static str, f64)>,
-    /// The same: the part of the squared error that samples of other frames took away; nothing if they were not used.
-    pub along: Option<f64>,
-    /// The same: what held-out samples show of it, if that was asked for.
-    pub evidence: Option<Evidence>,
 }
 
 /// Steers `out`, which holds what the plain filter makes of the samples. `plan` is that of `filter` on `mask`.
@@ -126,7 +119,7 @@ pub fn steer(
     let (guided, outcome) = model.fill(part, &everywhere, FINAL, run)?;
     blend(mask, guides, &trust, &guided, out);
     let guides = guides.counting(&scales);
-    Ok((outcome, Effect { guides, gain: Some(gain), ..Effect::default() }))
+    Ok((outcome, Effect { guides, gain: Some(gain) }))
 }
 
 struct Model<'a> {

@@ -60,8 +60,8 @@ mod weights;
 
 use crate::baseline::push_pull;
 use crate::choose::Given;
+use crate::descriptor::Kind;
 use crate::descriptor::{Configured, Descriptor, Field, Memory, Range, Setting, Takes, words};
-use crate::estimate::Kind;
 use crate::kernel::Isa;
 use crate::kernel::extremes::range;
 use crate::kernel::tv::{Anisotropic, DualBall, Isotropic};

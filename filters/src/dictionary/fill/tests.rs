@@ -16,7 +16,7 @@ fn image(dictionary: &Dictionary, rows: usize, columns: usize) -> Planes {
     let mut planes = Planes::zeros(size, dictionary.channels());
     let mut values = vec![0.0; dictionary.dimension()];
     for at in 0..rows * columns {
-        let atom = |k: u64| (crate::sampling::hash(k, at as u64) % dictionary.len() as u64) as u32;
+        let atom = |k: u64| (lacuna_core::hash(k, at as u64) % dictionary.len() as u64) as u32;
         dictionary.sum(&[(atom(1), 2.0 + at as f32), (atom(2), -1.5)], &mut values);
         for (plane, values) in planes.as_mut_slice().iter_mut().zip(values.chunks(pixels)) {
             for (row, values) in values.chunks(block).enumerate() {
@@ -43,7 +43,7 @@ fn distance(a: &Planes, b: &Planes) -> f32 {
 }
 
 fn some(size: Size, of_ten: u64) -> Arc<Mask> {
-    Arc::new(Mask::from_fn(size, |y, x| crate::sampling::hash(y as u64, x as u64) % 10 < of_ten))
+    Arc::new(Mask::from_fn(size, |y, x| lacuna_core::hash(y as u64, x as u64) % 10 < of_ten))
 }
 
 #[test]
@@ -71,7 +71,7 @@ fn a_repeating_mask_gives_what_stepping_together_gives() {
     let truth = image(&dictionary, 6, 7);
     let size = truth.size();
     // The same pattern in each block, and one pixel more in the first, which keeps that block out of the group.
-    let periodic = |y: usize, x: usize| crate::sampling::hash(y as u64 % 8, x as u64 % 8) % 10 < 4;
+    let periodic = |y: usize, x: usize| lacuna_core::hash(y as u64 % 8, x as u64 % 8) % 10 < 4;
     let mask = Arc::new(Mask::from_fn(size, |y, x| periodic(y, x) || (y, x) == (0, 0)));
     let how = Use { stride: Some(8), sparsity: 4, ..Use::default() };
     let problem = Problem::fill(Arc::clone(&mask));

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use super::*;
 use crate::baseline::testing::with_threads;
 use crate::dictionary::pursuit::tests::{noise, random};
-use crate::sampling::hash;
+use lacuna_core::hash;
 
 /// `count` blocks, each the sum of `sparsity` atoms, with white noise at so many decibels.
 fn planted(dictionary: &Dictionary, count: usize, sparsity: usize, decibels: f64, seed: u64) -> Vec<f32> {

@@ -9,7 +9,7 @@ use crate::dictionary::{Dictionary, dct};
 
 /// Numbers in -1..1 that a seed picks.
 pub fn noise(seed: u64, count: usize) -> Vec<f32> {
-    let unit = |at| (crate::sampling::hash(seed, at) >> 11) as f64 / (1_u64 << 53) as f64;
+    let unit = |at| (lacuna_core::hash(seed, at) >> 11) as f64 / (1_u64 << 53) as f64;
     (0..count as u64).map(|at| (2.0 * unit(at) - 1.0) as f32).collect()
 }
 
@@ -149,7 +149,7 @@ proptest! {
         let dictionary = random(block, channels, over * n, seed);
         let y = noise(seed ^ 1, n);
         let measured: Vec<bool> =
-            (0..block * block).map(|i| i == 0 || crate::sampling::hash(seed ^ 2, i as u64) % 10 < density).collect();
+            (0..block * block).map(|i| i == 0 || lacuna_core::hash(seed ^ 2, i as u64) % 10 < density).collect();
         let known = channels * measured.iter().filter(|flag| **flag).count();
         agree(&dictionary, &y, &measured, (known / 3).clamp(1, 8));
         agree(&dictionary, &y, &vec![true; block * block], (n / 3).min(8));

@@ -1,8 +1,9 @@
 //! Estimates against the truth, on frames and masks that nothing was tuned on.
 
 use super::*;
-use crate::estimate::Excerpt;
-use crate::estimate::{Folds, Kind, Repeated, Rounds};
+use crate::descriptor::Kind;
+use crate::estimate::{Folds, Repeated, Rounds};
+use crate::excerpt::Excerpt;
 use crate::sampling::{Field, Pattern, Temporal, mask as generate, refine};
 use crate::variational::{ss, tv};
 use crate::{Filter, Plane, Problem, Run};

@@ -6,9 +6,7 @@ use super::*;
 
 /// Numbers in [-1, 1] that look random.
 fn noise(count: usize, seed: u64) -> Vec<f32> {
-    (0..count as u64)
-        .map(|i| (crate::sampling::hash(seed, i) >> 40) as f32 / (1 << 23) as f32 - 1.0)
-        .collect()
+    (0..count as u64).map(|i| (lacuna_core::hash(seed, i) >> 40) as f32 / (1 << 23) as f32 - 1.0).collect()
 }
 
 /// Planes of noise.

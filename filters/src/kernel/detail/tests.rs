@@ -9,7 +9,7 @@ const SIZES: [(usize, usize); 7] = [(2, 2), (2, 8), (8, 2), (4, 6), (14, 10), (2
 
 /// A step, a ramp and some noise.
 fn window(h: usize, w: usize) -> Vec<f32> {
-    let noise = |i: usize| (crate::sampling::hash(7, i as u64) >> 40) as f32 / (1 << 24) as f32;
+    let noise = |i: usize| (lacuna_core::hash(7, i as u64) >> 40) as f32 / (1 << 24) as f32;
     let step = |i: usize| if 2 * (i % w) > i / w + w / 2 { 0.7 } else { 0.1 };
     (0..h * w).map(|i| step(i) + 0.01 * (i % w) as f32 + 0.05 * noise(i)).collect()
 }

@@ -1,11 +1,11 @@
 use super::super::{Axis, Method};
 use super::*;
+use crate::Size;
 use crate::domain::Map;
-use crate::{Size, sampling};
 
 /// Numbers of 0 to 1 that look random.
 fn noise(size: Size, seed: u64) -> Plane {
-    let value = |y, x| (sampling::hash(seed, (y * size.width + x) as u64) >> 40) as f32 / (1 << 24) as f32;
+    let value = |y, x| (lacuna_core::hash(seed, (y * size.width + x) as u64) >> 40) as f32 / (1 << 24) as f32;
     Plane::from_fn(size, value)
 }
 

@@ -4,7 +4,7 @@ use lacuna_core::parallel::prelude::*;
 
 use super::PART;
 use crate::complete::{Group, is_complete};
-use crate::estimate::Excerpt;
+use crate::excerpt::Excerpt;
 use crate::kernel::regress::Scales;
 use crate::{Error, Mask, Plane, Size};
 

@@ -21,8 +21,8 @@ use lacuna_core::parallel::prelude::*;
 
 use super::Settings;
 use crate::choose::Given;
-use crate::sampling::hash;
 use crate::{Error, Filter, Mask, Plane, Planes, Problem, Run, Size};
+use lacuna_core::hash;
 
 /// The weights that are tried: powers of 4.
 const POWERS: std::ops::RangeInclusive<i32> = -4..=4;

@@ -374,8 +374,8 @@ fn rows(window: Window, value: impl Fn(usize, usize) -> f64 + Sync) -> Vec<f64> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::hash;
     use crate::variational::ss::{AIM, Settings, TOLERANCE};
+    use lacuna_core::hash;
 
     /// Noise with a sample in every block of 8 x 8 pixels: one round in f32 is as exact as is asked for.
     #[test]

@@ -2,8 +2,8 @@
 
 use super::Kernel;
 use crate::choose::Given;
+use crate::descriptor::Kind;
 use crate::descriptor::{Configured, Descriptor, Field, Memory, Range, Setting, Takes, words};
-use crate::estimate::Kind;
 use crate::{Error, Run, check};
 
 /// Order of the derivatives whose energy is least.

@@ -188,7 +188,7 @@ impl Excerpt {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::hash;
+    use lacuna_core::hash;
 
     #[test]
     fn tiles_are_pixels_of_the_frame_in_its_order() {
