@@ -8,9 +8,13 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 
-const SIZE: (u32, u32) = (760, 420);
-/// Columns of the picture that the axes take; the legend has the rest.
-const AXES: u32 = 560;
+/// What the axes take; the legend stands beside them.
+const AXES: (u32, u32) = (560, 420);
+/// What the legend takes at least, where its lines begin, how far apart they are, and about the width of a character.
+const LEGEND: u32 = 200;
+const TOP: u32 = 56;
+const STEP: u32 = 24;
+const CHARACTER: u32 = 8;
 const FONT: &str = "sans-serif";
 
 /// Colours that the colour-blind can tell apart (M. Okabe, K. Ito, "Color Universal Design", 2008), the dark ones first.
@@ -49,7 +53,7 @@ pub struct Chart {
 pub struct Line {
     /// Index into the names.
     pub name: usize,
-    /// Index into the styles: solid first, all others dashed, each in shorter strokes.
+    /// Index into the styles: solid first, all others dashed, each its own way.
     pub style: usize,
     /// From left to right: x, y, and the least and largest y of repeats.
     pub points: Vec<[f64; 4]>,
@@ -67,9 +71,10 @@ impl Chart {
     }
 
     fn draw(&self, text: &mut String) -> Result<(), Failure> {
-        let root = SVGBackend::with_string(text, SIZE).into_drawing_area();
+        let root = SVGBackend::with_string(text, self.size()).into_drawing_area();
         root.fill(&WHITE)?;
-        let (axes, legend) = root.split_horizontally(AXES);
+        let (axes, legend) = root.split_horizontally(AXES.0);
+        let axes = axes.split_vertically(AXES.1).0;
         let mut builder = ChartBuilder::on(&axes);
         builder.margin(14).caption(&self.title, (FONT, 20)).x_label_area_size(46).y_label_area_size(64);
         let (from, to) = self.span;
@@ -82,6 +87,14 @@ impl Chart {
         self.legend(&legend)?;
         root.present()?;
         Ok(())
+    }
+
+    /// As large as the legend needs it.
+    fn size(&self) -> (u32, u32) {
+        let lines = self.names.iter().chain(&self.styles);
+        let longest = lines.clone().map(|name| name.chars().count() as u32).max().unwrap_or(0);
+        let legend = 50 + CHARACTER * longest;
+        (AXES.0 + legend.max(LEGEND), AXES.1.max(TOP + STEP * (lines.count() as u32 + 1)))
     }
 
     /// The range of the vertical axis: that of the values with some room.
@@ -126,8 +139,8 @@ impl Chart {
             if line.style == 0 {
                 chart.draw_series(LineSeries::new(path(), colour.stroke_width(2)))?;
             } else {
-                let stroke = 8 / line.style as u32 + 1;
-                chart.draw_series(DashedLineSeries::new(path(), stroke, 4, colour.stroke_width(2)))?;
+                let (stroke, gap) = dash(line.style);
+                chart.draw_series(DashedLineSeries::new(path(), stroke, gap, colour.stroke_width(2)))?;
             }
             let spans = line.points.iter().filter(|point| point[3] > point[2]);
             let spans = spans.map(|&[x, _, low, high]| PathElement::new(vec![(x, low), (x, high)], colour));
@@ -142,7 +155,7 @@ impl Chart {
     }
 
     fn legend(&self, area: &Area<'_>) -> Result<(), Failure> {
-        let mut y = 56;
+        let (mut y, step) = (TOP as i32, STEP as i32);
         for (index, name) in self.names.iter().enumerate() {
             let colour = COLOURS[index % COLOURS.len()];
             area.draw(&PathElement::new(vec![(4, y), (34, y)], colour.stroke_width(2)))?;
@@ -152,7 +165,7 @@ impl Chart {
                 _ => area.draw(&Cross::new((19, y), 4, colour.stroke_width(2)))?,
             }
             area.draw(&Text::new(name.clone(), (42, y - 7), (FONT, 15)))?;
-            y += 24;
+            y += step;
         }
         if self.styles.len() > 1 {
             y += 12;
@@ -161,15 +174,21 @@ impl Chart {
                 if index == 0 {
                     area.draw(&PathElement::new(ends, BLACK.stroke_width(2)))?;
                 } else {
-                    let stroke = 8 / index as u32 + 1;
-                    area.draw(&DashedPathElement::new(ends, stroke, 4, BLACK.stroke_width(2)))?;
+                    let (stroke, gap) = dash(index);
+                    area.draw(&DashedPathElement::new(ends, stroke, gap, BLACK.stroke_width(2)))?;
                 }
                 area.draw(&Text::new(name.clone(), (42, y - 7), (FONT, 15)))?;
-                y += 24;
+                y += step;
             }
         }
         Ok(())
     }
+}
+
+/// Stroke and gap of a style; no two have the same.
+pub fn dash(style: usize) -> (u32, u32) {
+    let others = style.saturating_sub(1);
+    ([9, 5, 2][others % 3], 4 + 5 * (others / 3) as u32)
 }
 
 /// A tick with as many digits as it needs.

@@ -178,6 +178,32 @@ fn verdicts_follow_the_worst_frame() {
 }
 
 #[test]
+fn legends_fit_and_no_two_styles_are_alike() {
+    let names = |what: &str| (0..18).map(|k| format!("{what} with a long name {k}")).collect::<Vec<_>>();
+    let chart = chart::Chart {
+        title: "t".into(),
+        x: "x",
+        y: "y",
+        log: false,
+        span: (0.0, 1.0),
+        names: names("filter"),
+        styles: names("pattern"),
+        lines: Vec::new(),
+    };
+    let svg = chart.svg().unwrap();
+    let document = roxmltree::Document::parse(&svg).unwrap();
+    let number =
+        |node: roxmltree::Node<'_, '_>, name: &str| node.attribute(name).unwrap().parse::<f64>().unwrap();
+    let root = document.root_element();
+    let texts = document.descendants().filter(|node| node.has_tag_name("text"));
+    assert!(texts.clone().count() >= 36);
+    assert!(texts.map(|text| number(text, "y")).all(|y| y + 8.0 < number(root, "height")));
+    assert!(number(root, "width") > 560.0 + 42.0 + 28.0 * 7.5);
+    let dashes: std::collections::BTreeSet<_> = (1..18).map(chart::dash).collect();
+    assert_eq!(dashes.len(), 17);
+}
+
+#[test]
 fn a_sheet_has_a_column_a_filter_and_pictures_inside() {
     let text = format!(
         "{TEXT}[[sheets]]\nname = 's'\nframe = 'a'\npattern = 'shuffle'\ndensities = [0.5]\ntile = 16\nwindow = [2, 3, 20, 10]\n"
