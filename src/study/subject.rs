@@ -39,7 +39,7 @@ pub struct Shot {
     pub number: Option<i64>,
     /// Whether it is filled and measured; otherwise it lies beside one that is.
     pub studied: bool,
-    /// Checksum of the pixels and their place.
+    /// Checksum of the pixels, their place and the attributes.
     pub sum: u32,
     /// One part with the colours; in a sequence also with depth and motion, which say where samples move.
     pub frame: Frame,
@@ -245,15 +245,22 @@ fn cut<T: Copy>(values: &[T], columns: usize, [left, top, width, height]: [usize
     (top..top + height).flat_map(row).copied().collect()
 }
 
-fn sum(part: &Part) -> u32 {
+/// A checksum of all of a part that decides results.
+pub fn sum(part: &Part) -> u32 {
     let mut sum = flate2::Crc::new();
     let window = part.data_window;
     for edge in [window.x_min, window.y_min, window.x_max, window.y_max] {
         sum.update(&edge.to_le_bytes());
     }
+    // Cameras, primaries and the shape of a pixel decide results as well.
+    for attribute in part.attributes.iter() {
+        sum.update(&attribute.name);
+        sum.update(&attribute.value);
+    }
     for channel in &part.channels {
         sum.update(&channel.name);
-        for value in channel.samples.to_floats().unwrap_or_default() {
+        sum.update(format!("{:?}", channel.samples.kind()).as_bytes());
+        for value in channel.samples.as_f32() {
             sum.update(&value.to_le_bytes());
         }
     }

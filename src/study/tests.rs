@@ -177,6 +177,25 @@ fn verdicts_follow_the_worst_frame() {
     assert!(tables.contains("| a | ss | 60.00 | 50.00 | 41.00 |"));
 }
 
+/// Sample type and attributes decide results as pixels do.
+#[test]
+fn a_sum_tells_all_that_decides_a_result() {
+    let frame = subject("a", "c").shots.remove(0).frame;
+    let part = &frame.parts[0];
+    let mut camera = part.clone();
+    camera.attributes.set("worldToCamera", "m44f", vec![1; 64]);
+    let mut halves = part.clone();
+    let floats = halves.channels.iter().map(|channel| channel.samples.as_f32());
+    let kinds = floats.map(|values| crate::testing::half("x", &values).samples).collect::<Vec<_>>();
+    halves.channels.iter_mut().zip(kinds).for_each(|(channel, samples)| channel.samples = samples);
+    let mut rounded = halves.clone();
+    for channel in &mut rounded.channels {
+        channel.samples = float("x", &channel.samples.as_f32()).samples;
+    }
+    let sums = [part, &camera, &halves, &rounded].map(subject::sum);
+    assert!((0..4).all(|a| (0..a).all(|b| sums[a] != sums[b])), "{sums:?}");
+}
+
 #[test]
 fn legends_fit_and_no_two_styles_are_alike() {
     let names = |what: &str| (0..18).map(|k| format!("{what} with a long name {k}")).collect::<Vec<_>>();
