@@ -151,7 +151,7 @@ pub fn cell(measure: Measure, value: Option<f64>) -> String {
 }
 
 /// Signs that Markdown would take for its own.
-fn escape(text: &str) -> String {
+pub fn escape(text: &str) -> String {
     let mut out = String::new();
     for sign in text.chars() {
         if matches!(sign, '|' | '*' | '_' | '`' | '<' | '[' | '\\') {

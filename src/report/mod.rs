@@ -33,6 +33,7 @@ pub(crate) use html::{Filled, FilledPictures, base64, escape, filled, shell};
 pub use html::{MOST_PIXELS, Picture, html};
 pub use images::Images;
 pub use maps::Maps;
+pub(crate) use markdown::escape as escape_markdown;
 pub use markdown::markdown;
 pub use measure::{Measure, Wanted};
 pub use model::{Comparison, FrameReport, GroupReport, Mean, Measures, RegionReport, Settings};

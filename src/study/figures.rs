@@ -33,6 +33,14 @@ pub fn distinct<'a>(values: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     all
 }
 
+/// The densities that were asked for, the largest first.
+pub fn densities<'a>(rows: impl Iterator<Item = &'a Row>) -> Vec<f64> {
+    let mut all: Vec<f64> = rows.map(|row| row.density).collect();
+    all.sort_by(|a, b| b.total_cmp(a));
+    all.dedup();
+    all
+}
+
 /// The figures of all frames: for each PSNR, time, and the gain over random samples where there are any.
 ///
 /// # Errors
@@ -127,12 +135,8 @@ pub fn points<'a>(
 
 /// PSNR of a pattern less that of random samples, density by density.
 fn gain<'a>(rows: &(impl Iterator<Item = &'a Row> + Clone), pattern: &str) -> Vec<[f64; 4]> {
-    let densities = |row: &&Row| row.pattern == pattern;
-    let mut all: Vec<f64> = rows.clone().filter(densities).map(|row| row.density).collect();
-    all.sort_by(|a, b| b.total_cmp(a));
-    all.dedup();
     let mut found = Vec::new();
-    for density in all {
+    for density in densities(rows.clone().filter(|row| row.pattern == pattern)) {
         let at = |pattern: &str| {
             let own = rows.clone().filter(|row| row.density == density);
             points(own, pattern, &plotted).first().copied()

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::definition::Definition;
 use super::figures::Figure;
 use super::rows::Row;
-use super::verdict::verdicts;
+use super::verdict::{percents, verdicts};
 use crate::report::{base64, escape, shell};
 
 /// The page; `sheets` are names and pictures.
@@ -59,14 +59,12 @@ fn summary(definition: &Definition, rows: &[Row]) -> String {
     } else {
         String::new()
     };
-    let densities: Vec<String> =
-        definition.densities.iter().map(|density| format!("{:.0} %", 100.0 * density)).collect();
     format!(
         "{bad}<p>{} cells: {} frames, patterns {}, densities {}, {} seeds, filters {}. {}. lacuna {}.</p>",
         rows.len(),
         definition.frames.len(),
         escape(&definition.patterns.join(", ")),
-        densities.join(", "),
+        percents(&definition.densities).join(", "),
         definition.seeds.len(),
         escape(&definition.filters.join(", ")),
         if definition.display {

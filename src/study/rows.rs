@@ -113,6 +113,9 @@ pub fn json(title: &str, rows: &[Row]) -> Result<String, String> {
     for row in rows {
         let mut value = serde_json::to_value(row).map_err(|error| error.to_string())?;
         if let Some(object) = value.as_object_mut() {
+            for name in ["missing", "equal"].into_iter().filter(|_| row.error.is_some()) {
+                object.insert(name.into(), serde_json::Value::Null);
+            }
             for (name, mse) in [("psnr", row.mse), ("psnr_missing", row.mse_missing)] {
                 let shown = mse.map(psnr).map_or(serde_json::Value::Null, |psnr| {
                     if psnr.is_finite() { serde_json::json!(psnr) } else { psnr.to_string().into() }

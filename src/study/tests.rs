@@ -177,6 +177,51 @@ fn verdicts_follow_the_worst_frame() {
     assert!(tables.contains("| a | ss | 60.00 | 50.00 | 41.00 |"));
 }
 
+/// `frame`, asked density, PSNR; none is a cell that failed.
+fn judged(cells: &[(&str, f64, Option<f64>)]) -> Vec<Row> {
+    let row = |&(frame, density, psnr): &(&str, f64, Option<f64>)| Row {
+        frame: frame.into(),
+        class: "a|b".into(),
+        pattern: "shuffle".into(),
+        density,
+        missing: psnr.map_or(0.0, |_| 1.0 - density),
+        filter: "ss".into(),
+        mse: psnr.map(|psnr| 10_f64.powf(-psnr / 10.0)),
+        error: psnr.is_none().then(|| "no".into()),
+        ..Row::default()
+    };
+    cells.iter().map(row).collect()
+}
+
+#[test]
+fn verdicts_count_cells_that_failed_and_densities_that_are_close() {
+    let text =
+        |cells: &[(&str, f64, Option<f64>)]| verdicts(&judged(cells), Thresholds::default())[0].text.clone();
+    for (cells, expected) in [
+        (&[("a", 0.6, Some(50.0)), ("a", 0.1, None)][..], "good to 40 % missing, fails at 90 %"),
+        (
+            &[("a", 0.9, Some(50.0)), ("a", 0.6, Some(35.0)), ("a", 0.1, None)],
+            "good to 10 % missing, acceptable to 40 %, fails at 90 %",
+        ),
+        (&[("a", 0.6, Some(35.0)), ("a", 0.1, None)], "acceptable to 40 % missing, fails at 90 %"),
+        (&[("a", 0.6, None), ("a", 0.1, Some(50.0))], "fails at 40 % missing"),
+        (&[("a", 0.6, Some(50.0)), ("b", 0.6, None)], "fails at 40 % missing"),
+        (
+            &[("a", 0.02, Some(50.0)), ("a", 0.018, Some(20.0))],
+            "good to 98.0 % missing, acceptable to 98.0 %",
+        ),
+    ] {
+        assert_eq!(text(cells), expected);
+    }
+    let rows = judged(&[("a", 0.02, Some(50.0)), ("a", 0.018, None)]);
+    let text = tables(&rows, Thresholds::default());
+    assert!(text.contains("| frame | filter | 98.0 % | 98.2 % |"), "{text}");
+    assert!(text.contains("| a\\|b | a | **good to 98.0 % missing, fails at 98.2 %** |"), "{text}");
+    let json: serde_json::Value = serde_json::from_str(&json("t", &rows).unwrap()).unwrap();
+    assert!(json["rows"][1]["missing"].is_null() && json["rows"][1]["equal"].is_null());
+    assert!(json["rows"][0]["missing"].is_number() && json["rows"][0]["equal"].is_number());
+}
+
 /// Sample type and attributes decide results as pixels do.
 #[test]
 fn a_sum_tells_all_that_decides_a_result() {
