@@ -150,9 +150,22 @@ impl Definition {
     /// # Errors
     /// As [`Self::read`].
     pub fn parse(text: &str) -> Result<Self, DefinitionError> {
-        let found: Self = toml::from_str(text).map_err(|error| DefinitionError(error.to_string()))?;
-        found.check().map_err(DefinitionError)?;
+        let mut found: Self = toml::from_str(text).map_err(|error| DefinitionError(error.to_string()))?;
+        found.spell().and_then(|()| found.check()).map_err(DefinitionError)?;
         Ok(found)
+    }
+
+    /// Spells patterns and filters one way, so that the same is not there twice.
+    fn spell(&mut self) -> Result<(), String> {
+        let sheets = self.sheets.iter_mut().map(|sheet| &mut sheet.pattern);
+        for name in self.patterns.iter_mut().chain(sheets) {
+            *name = Selection::parse(name)?.to_string();
+        }
+        let sheets = self.sheets.iter_mut().flat_map(|sheet| &mut sheet.filters);
+        for label in self.filters.iter_mut().chain(sheets) {
+            *label = label.split_whitespace().collect::<Vec<_>>().join(" ");
+        }
+        Ok(())
     }
 
     fn check(&self) -> Result<(), String> {
@@ -171,9 +184,6 @@ impl Definition {
         let densities = self.densities.iter().chain(sheets.clone().flat_map(|sheet| &sheet.densities));
         if let Some(density) = densities.into_iter().find(|density| !(**density > 0.0 && **density <= 1.0)) {
             return Err(format!("density {density}: it must be above 0 and at most 1"));
-        }
-        for name in self.patterns.iter().chain(sheets.clone().map(|sheet| &sheet.pattern)) {
-            Selection::parse(name)?;
         }
         self.verdict.check()?;
         twice("density", &self.densities)?;
@@ -197,20 +207,24 @@ impl Definition {
                 return Err(format!("name '{name}' is there twice"));
             }
         }
-        for sheet in sheets {
-            if !names.clone().any(|name| *name == sheet.frame) {
-                return Err(format!("sheet '{}': there is no frame '{}'", sheet.name, sheet.frame));
-            }
-            // Figures are called so.
-            if KINDS.iter().any(|kind| sheet.name.starts_with(&format!("{kind}-"))) {
-                return Err(format!(
-                    "sheet '{}': a figure may be called so; choose another name",
-                    sheet.name
-                ));
-            }
-            if !(16..=1024).contains(&sheet.tile) {
-                return Err(format!("sheet '{}': tile = {} is not from 16 to 1024", sheet.name, sheet.tile));
-            }
+        let mut wrong = sheets.filter_map(|sheet| Some((sheet, self.check_sheet(sheet).err()?)));
+        wrong.next().map_or(Ok(()), |(sheet, why)| Err(format!("sheet '{}': {why}", sheet.name)))
+    }
+
+    fn check_sheet(&self, sheet: &SheetDefinition) -> Result<(), String> {
+        if !self.frames.iter().any(|frame| frame.name == sheet.frame) {
+            return Err(format!("there is no frame '{}'", sheet.frame));
+        }
+        if sheet.densities.is_empty() {
+            return Err("densities is empty: nothing would be shown".into());
+        }
+        twice("density", &sheet.densities)?;
+        // Figures are called so.
+        if KINDS.iter().any(|kind| sheet.name.starts_with(&format!("{kind}-"))) {
+            return Err("a figure may be called so; choose another name".into());
+        }
+        if !(16..=1024).contains(&sheet.tile) {
+            return Err(format!("tile = {} is not from 16 to 1024", sheet.tile));
         }
         Ok(())
     }

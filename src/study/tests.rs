@@ -315,6 +315,18 @@ fn definitions_that_contradict_themselves_are_refused() {
         (("[0.2, 0.5]", "[]"), "densities is empty"),
         (("'random'", "'rand'"), "there are random, shuffle"),
         (("name = 'a'", "name = 'a/b'"), "name 'a/b'"),
+        (
+            ("'random', 'shuffle'", "'adaptive rounds=2 first=0.5', 'adaptive first=0.50 rounds=2'"),
+            "pattern 'adaptive rounds=2 first=0.5' is there twice",
+        ),
+        (("'linear'", "' nearest '"), "filter 'nearest' is there twice"),
+        (
+            (
+                "[[frames]]",
+                "[[sheets]]\nname = 's'\nframe = 'a'\npattern = 'grid'\ndensities = []\n[[frames]]",
+            ),
+            "sheet 's': densities is empty",
+        ),
         (("title", "titel"), "titel"),
         (
             ("[[frames]]", "[verdict]\ngood = 30\nacceptable = 40\n[[frames]]"),
