@@ -4,6 +4,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::Args;
+use clap::parser::ValueSource;
 use lacuna_filters::METHODS;
 use lacuna_filters::descriptor::Descriptor;
 use lacuna_filters::fill::Estimate;
@@ -24,6 +25,9 @@ fill's command line, for example \"tv --tv-gap 1e-3\"; \"all\" is every filter t
 with its defaults.
 
 Exit status: 0 all done, 1 some cell failed, 2 usage, 128 + n on signal n.";
+
+/// Headings of flags that decide no result of a cell.
+const UNUSED: [&str; 4] = ["Input and frames", "Output", "Run", "Estimated error"];
 
 /// Compare filters on frames, patterns and densities: tables, figures and a page
 ///
@@ -57,7 +61,10 @@ impl StudyArgs {
     /// The checked job.
     pub fn job(&self) -> Result<StudyJob, Usage> {
         let at = |error: String| Usage(format!("{}: {error}", self.definition.display()));
-        let definition = Definition::read(&self.definition).map_err(|error| at(error.to_string()))?;
+        let mut definition = Definition::read(&self.definition).map_err(|error| at(error.to_string()))?;
+        for sheet in &mut definition.sheets {
+            sheet.filters = sheet.filters.iter().flat_map(|label| labels(label, METHODS)).collect();
+        }
         let mut entries: Vec<Entry> = Vec::new();
         for label in definition.filters.iter().flat_map(|label| labels(label, METHODS)) {
             if entries.iter().all(|entry| entry.label != label) {
@@ -88,13 +95,18 @@ pub(super) fn labels(label: &str, methods: &[&Descriptor]) -> Vec<String> {
 fn entry(label: String) -> Result<Entry, Usage> {
     // The frames' names are of no account.
     let fixed = ["lacuna", "fill", "study.exr", "-o", "filled.exr", "--filter"];
-    let words = fixed.into_iter().chain(label.split_whitespace()).map(OsString::from);
-    match super::parse(words) {
+    let words = || fixed.into_iter().chain(label.split_whitespace()).map(OsString::from);
+    match super::parse(words()) {
         Ok(Job::Fill(job)) if job.run.time_limit.is_some() => {
             Err(Usage(format!("filter '{label}': --time-limit depends on the machine: leave it away")))
         }
-        // An estimate would count as time of the filter.
         Ok(Job::Fill(job)) => {
+            if let Some(unused) = unused(words()) {
+                return Err(Usage(format!(
+                    "filter '{label}': a study has no use for {unused}: leave it away"
+                )));
+            }
+            // An estimate would count as time of the filter.
             let job = reconstruct::Job { estimate: Estimate::No, error_channel: None, ..job.what };
             Ok(Entry { label, job })
         }
@@ -105,6 +117,25 @@ fn entry(label: String) -> Result<Entry, Usage> {
             Err(Usage(format!("filter '{label}': {line}")))
         }
     }
+}
+
+/// What is in `fill`'s words that decides no result of a cell: flags by their headings, and further inputs.
+fn unused(words: impl Iterator<Item = OsString>) -> Option<String> {
+    let lacuna = super::help::command();
+    let fill = lacuna.find_subcommand("fill")?;
+    let found = lacuna.clone().try_get_matches_from(words).ok()?;
+    let found = found.subcommand_matches("fill")?;
+    let is_unused = |arg: &&clap::Arg| match arg.get_id().as_str() {
+        "output" | "inputs" | "data_type" | "memory" => false,
+        "again" | "guides_from" => true,
+        _ => arg.get_help_heading().is_some_and(|heading| UNUSED.contains(&heading)),
+    };
+    let given =
+        |arg: &&clap::Arg| found.value_source(arg.get_id().as_str()) == Some(ValueSource::CommandLine);
+    let mut flags = fill.get_arguments().filter(is_unused).filter(given);
+    let flag = flags.find_map(|arg| Some(format!("--{}", arg.get_long()?)));
+    let inputs = || found.get_many::<PathBuf>("inputs")?.nth(1);
+    flag.or_else(|| Some(format!("'{}'", inputs()?.display())))
 }
 
 #[cfg(test)]
@@ -122,6 +153,15 @@ mod tests {
             ("", "filter ''"),
             ("ss --ss-lambda x", "--ss-lambda"),
             ("tv --time-limit 2", "--time-limit depends on the machine"),
+            ("ss --guides-from a.exr", "no use for --guides-from"),
+            ("ss --layers a=b.####.exr", "no use for --layers"),
+            ("ss --frames 1-3", "no use for --frames"),
+            ("ss -n", "no use for --dry-run"),
+            ("ss --json -", "no use for --json"),
+            ("ss --report a.html", "no use for --report"),
+            ("ss --error-channel error", "no use for --error-channel"),
+            ("ss --again", "no use for --again"),
+            ("ss other.exr", "no use for 'other.exr'"),
         ] {
             let error = entry(label.into()).unwrap_err().0;
             assert!(error.contains(reason) && !error.contains('\n'), "{error}");
