@@ -171,6 +171,51 @@ def test_a_cell_that_fails_is_named_as_its_reader_knows_it(tmp_path):
     assert errors and errors[0].startswith("lacuna: error: tiny: nearest, random 0.001, seed 2: "), result
 
 
+def test_a_cell_that_fails_costs_its_own_tile_and_no_report(tmp_path):
+    path, out = tmp_path / "study.toml", tmp_path / "out"
+    sheet = f'patterns = ["shuffle"]\ndensities = [0.9, 0.2]\nfilters = ["nearest", "cs-gradient"]\n[[frames]]\nname = "e"\nfile = "{tool.SAMPLES}/edges.exr"\n' \
+            'class = "hard"\ncrop = [60, 60, 24, 24]\n[[sheets]]\nname = "q"\nframe = "e"\npattern = "shuffle"\ndensities = [0.2]\nfilters = ["nearest", "cs-gradient"]\n'
+    path.write_text(sheet)
+    # The same again: what failed is tried again, in the sheet as well.
+    for cells in ("4 cells, 4 of them", "4 cells, 1 of them"):
+        result = tool.lacuna("study", path, "-o", out, ok=False)
+        assert result.status == 1 and cells in result.stderr, result
+        told = f"lacuna: error: {out / 'q.svg'}: e: cs-gradient, shuffle 0.2, seed 0: channel B: no two neighbours"
+        assert any(line.startswith(told) for line in result.lines()), result
+        assert {file.name for file in out.iterdir()} == {"results.jsonl", "results.csv", "results.json", "tables.md", "report.html", "q.svg", "psnr-e.svg", "seconds-e.svg"}
+        svg = ElementTree.fromstring((out / "q.svg").read_text())
+        assert len(svg.findall("{*}image")) == 2 + 3 and "channel B: no" in "".join(svg.itertext())
+        assert "fails at 80 %" in (out / "tables.md").read_text()
+    rows = json.loads((out / "results.json").read_text())["rows"]
+    assert [row["missing"] is None for row in rows] == [False, False, False, True] == [row["equal"] is None for row in rows]
+
+
+def test_what_decides_a_result_is_in_its_key(tmp_path):
+    image = frames.colour(tool.SAMPLES / "smooth.exr")[:32, :32].astype(np.float16)
+    wide = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290)
+    for name, kind, header in (("half", np.float16, {}), ("float", np.float32, {}), ("wide", np.float32, {"chromaticities": wide})):
+        frames.write(tmp_path / f"{name}.exr", {channel: image[..., k].astype(kind) for k, channel in enumerate("RGB")}, **header)
+    path = tmp_path / "study.toml"
+    path.write_text('patterns = ["shuffle"]\ndensities = [0.5]\nfilters = ["linear"]\n' + "".join(
+        f'[[frames]]\nname = "{name}"\nfile = "{name}.exr"\n' for name in ("half", "float", "wide")))
+    tool.lacuna("study", path, "-o", tmp_path / "out")
+    assert len((tmp_path / "out" / "results.jsonl").read_text().splitlines()) == 3
+    rows = {row["frame"]: row for row in table(tmp_path / "out")}
+    assert rows["wide"]["cieluv"] != rows["float"]["cieluv"] and rows["half"]["psnr_db"] != rows["float"]["psnr_db"]
+
+
+@pytest.mark.parametrize("chosen", ["", 'filters = ["linear"]'])
+def test_a_sheet_of_half_the_resolution_names_what_it_shows(tmp_path, chosen):
+    path = tmp_path / "study.toml"
+    path.write_text(f'patterns = ["shuffle", "half"]\ndensities = [0.2]\nfilters = ["nearest", "linear"]\n[[frames]]\nname = "e"\nfile = "{tool.SAMPLES}/edges.exr"\n'
+                    f'crop = [60, 60, 24, 24]\n[[sheets]]\nname = "q"\nframe = "e"\npattern = "half"\ndensities = [0.2]\n{chosen}\n')
+    tool.lacuna("study", path, "-o", tmp_path / "out")
+    svg = ElementTree.fromstring((tmp_path / "out" / "q.svg").read_text())
+    texts = [text.text for text in svg.findall("{*}text")]
+    assert texts[0] == "lanczos3" and texts[1].startswith("e, half, 75 % missing:") and not {"nearest", "linear", "sparse"} & set(texts), texts
+    assert len(svg.findall("{*}image")) == 1 + 3
+
+
 def test_a_journal_that_was_cut_is_continued(study, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
@@ -275,6 +320,9 @@ def test_the_page_opens_without_network_or_errors(study):
     (('"nearest"', '"ss"'), "filter 'ss' is there twice"),
     (('name = "sheet"', 'name = "psnr-smooth"'), "a figure may be called so"),
     (("tile = 48", "window = [0, 0, 9, 9]"), "its window holds no pixel of the frame"),
+    (("tile = 48", 'filters = ["all"]'), "filter 'auto' is none of the study's"),
+    (("densities = [0.2]\ntile", "densities = []\ntile"), "sheet 'sheet': densities is empty"),
+    (('"nearest"', '"nearest --json -"'), "filter 'nearest --json -': a study has no use for --json"),
 ])
 def test_definitions_that_cannot_be_are_usage_errors(tmp_path, change, words):
     path = definition(tmp_path)

@@ -74,7 +74,7 @@ pub fn study(job: &StudyJob) -> Result<u8, PlanError> {
         known.insert(row.key.clone(), row);
     }
     let rows: Vec<Row> = cells.iter().filter_map(|cell| named(cell, &known)).collect();
-    let sheets = workers.sheets(&sheets, &job.output, &console)?;
+    let (sheets, blank) = workers.sheets(&sheets, &job.output, &console)?;
     write(job, &rows, &sheets)?;
     let failed = rows.iter().filter(|row| row.error.is_some()).count();
     console.note(&format!(
@@ -82,7 +82,7 @@ pub fn study(job: &StudyJob) -> Result<u8, PlanError> {
         number(rows.len()),
         job.output.join("report.html").display()
     ));
-    Ok(u8::from(failed > 0))
+    Ok(u8::from(failed + blank > 0))
 }
 
 /// So many cells.
@@ -123,7 +123,6 @@ fn named(cell: &Cell<'_>, known: &BTreeMap<String, Row>) -> Option<Row> {
 /// A sheet with the cells that it shows: per density one a filter.
 struct Planned<'a> {
     definition: &'a SheetDefinition,
-    filters: Vec<&'a str>,
     cells: Vec<Cell<'a>>,
 }
 
@@ -141,7 +140,11 @@ fn sheets<'a>(job: &'a StudyJob, subjects: &'a [Subject]) -> Result<Vec<Planned<
         {
             return Err(wrong(&format!("filter '{label}' is none of the study's")));
         }
-        let wanted = |label: &String| definition.filters.is_empty() || definition.filters.contains(label);
+        // Half the resolution has no filters to choose from.
+        let wanted = |cell: &Cell<'_>| {
+            let all = definition.filters.is_empty() || cell.pattern == study::Selection::Half;
+            all || definition.filters.contains(&cell.entry.label)
+        };
         let subject = subjects.iter().filter(|subject| subject.name == definition.frame);
         let mut cells = Vec::new();
         let is_outside =
@@ -153,9 +156,8 @@ fn sheets<'a>(job: &'a StudyJob, subjects: &'a [Subject]) -> Result<Vec<Planned<
             let all = study::cells(&own, std::slice::from_ref(subject), &job.entries);
             cells.extend(all.map_err(|error| wrong(&error.to_string()))?);
         }
-        cells.retain(|cell| wanted(&cell.entry.label));
-        let filters = job.entries.iter().map(|entry| &entry.label).filter(|label| wanted(label));
-        Ok(Planned { definition, filters: filters.map(String::as_str).collect(), cells })
+        cells.retain(wanted);
+        Ok(Planned { definition, cells })
     };
     job.definition.sheets.iter().map(one).collect()
 }
@@ -213,7 +215,10 @@ impl Workers {
     ) -> Result<Vec<Row>, PlanError> {
         let state = Mutex::new((file, Vec::new(), None));
         console.begin(cells.len() as u64);
-        let work = |at: usize| guarded(cells[at]);
+        let work = |at: usize| {
+            let ran = guarded(|| study::run(cells[at], &mut |_| ()));
+            ran.unwrap_or_else(|error| Row { error: Some(error), ..cells[at].blank() })
+        };
         self.each(cells.len(), work, |at, row| {
             let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
             let written = state.0.write_all(study::journal(&row).as_bytes());
@@ -234,14 +239,14 @@ impl Workers {
         broken.map_or(Ok(rows), |error| Err(fail(journal, "cannot write", &error)))
     }
 
-    /// Makes the sheets that are not there yet; their names and pictures.
+    /// Makes the sheets that are not there yet; their names and pictures, and how many tiles are blank, as their cells failed.
     fn sheets(
         &self,
         sheets: &[Planned<'_>],
         folder: &Path,
         console: &Console,
-    ) -> Result<Vec<(String, String)>, PlanError> {
-        let mut all = Vec::new();
+    ) -> Result<(Vec<(String, String)>, usize), PlanError> {
+        let (mut all, mut blank) = (Vec::new(), 0);
         for sheet in sheets {
             let path = folder.join(format!("{}.svg", sheet.definition.name));
             let mark = sheet.mark();
@@ -254,20 +259,24 @@ impl Workers {
             }
             console.note(&format!("{}: {} for the pictures", path.display(), number(sheet.cells.len())));
             let tiles = Mutex::new(BTreeMap::new());
-            let work = |at: usize| Sheet::of(&sheet.cells[at], sheet.definition);
+            let work = |at: usize| guarded(|| Sheet::of(&sheet.cells[at], sheet.definition)).flatten();
             self.each(sheet.cells.len(), work, |at, tile| {
                 tiles.lock().unwrap_or_else(PoisonError::into_inner).insert(at, tile);
             });
             let tiles = tiles.into_inner().unwrap_or_else(PoisonError::into_inner).into_values();
-            let tiles: Vec<Sheet> =
-                tiles.collect::<Result<_, _>>().map_err(|error| fail(&path, "cannot be made", &error))?;
-            let rows: Vec<Vec<Sheet>> =
-                tiles.chunks(sheet.filters.len().max(1)).map(<[Sheet]>::to_vec).collect();
-            let svg = study::sheet(sheet.definition, &sheet.filters, &rows) + &mark;
+            let tiles: Vec<study::Tile<'_>> = sheet.cells.iter().zip(tiles).collect();
+            let failed = tiles.iter().filter_map(|(cell, tile)| Some((cell, tile.as_ref().err()?)));
+            let told = failed.map(|(cell, error)| {
+                console.error(&format!("{}: {}: {error}", path.display(), cell.name()));
+            });
+            let failed = told.count();
+            blank += failed;
+            let mark = if failed == 0 { mark } else { sheet.mark_as("failed cells") };
+            let svg = study::sheet(sheet.definition, &tiles) + &mark;
             put(&path, &svg)?;
             all.push((sheet.definition.name.clone(), svg));
         }
-        Ok(all)
+        Ok((all, blank))
     }
 }
 
@@ -280,7 +289,12 @@ impl Planned<'_> {
             sum.update(cell.key().as_bytes());
             sum.update(cell.entry.label.as_bytes());
         }
-        format!("{SHEET}{:08x}{}", sum.sum(), name_mark(&self.definition.name))
+        self.mark_as(&format!("{:08x}", sum.sum()))
+    }
+
+    /// The same of what is to be made again.
+    fn mark_as(&self, what: &str) -> String {
+        format!("{SHEET}{what}{}", name_mark(&self.definition.name))
     }
 }
 
@@ -291,13 +305,10 @@ fn name_mark(name: &str) -> String {
     format!(", named {:08x} -->\n", sum.sum())
 }
 
-/// A cell whose defects are its own.
-fn guarded(cell: &Cell<'_>) -> Row {
-    let ran = catch_unwind(AssertUnwindSafe(|| study::run(cell, &mut |_| ())));
-    ran.unwrap_or_else(|panic| {
-        let error = format!("internal error ({}); please report it", schedule::message(panic.as_ref()));
-        Row { error: Some(error), ..cell.blank() }
-    })
+/// Work on a cell, whose defects are its own.
+fn guarded<T>(work: impl FnOnce() -> T) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(work))
+        .map_err(|panic| format!("internal error ({}); please report it", schedule::message(panic.as_ref())))
 }
 
 /// The journal, this run's alone until it ends, ready for the next line: a last line that was cut short is ended.

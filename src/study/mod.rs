@@ -29,6 +29,6 @@ pub use figures::{Figure, figures};
 pub use page::page;
 pub use rows::{Row, csv, journal, json, read_journal};
 pub use selection::Selection;
-pub use sheet::{Sheet, meets, sheet};
+pub use sheet::{Sheet, Tile, meets, sheet};
 pub use subject::{Shot, Subject};
 pub use verdict::{Verdict, tables, verdicts};

@@ -9,6 +9,8 @@ use lacuna_filters::metric::colour::srgb_encode;
 
 use super::cell::{Cell, run};
 use super::definition::SheetDefinition;
+use super::selection::Selection;
+use super::verdict::percents;
 use crate::raster::{self, BitDepth, ColorType, Compression};
 use crate::report::{GroupReport, Images, Measure, base64, escape};
 
@@ -16,6 +18,8 @@ use crate::report::{GroupReport, Images, Measure, base64, escape};
 const CIELUV: f32 = 20.0;
 const GAP: usize = 6;
 const TEXT: usize = 17;
+/// About the width of a character.
+const CHARACTER: usize = 7;
 
 /// The pictures of one cell.
 #[derive(Clone, Debug, Default)]
@@ -154,44 +158,66 @@ impl View {
     }
 }
 
-/// The whole sheet: per density and filter the pictures.
-pub fn sheet(definition: &SheetDefinition, filters: &[&str], tiles: &[Vec<Sheet>]) -> String {
-    let Some(first) = tiles.first().and_then(|row| row.first()) else { return String::new() };
-    let longest = filters.iter().map(|filter| filter.chars().count()).max().unwrap_or(0);
-    let step = first.width.max(100).max(8 * longest) + GAP;
-    let block = 3 * (first.height + TEXT + GAP) + TEXT;
-    let label = 20 + TEXT;
-    let (width, height) = (GAP + step * (filters.len() + 1), label + tiles.len() * block);
+/// A cell of a sheet with its pictures, or why there are none.
+pub type Tile<'a> = (&'a Cell<'a>, Result<Sheet, String>);
+
+/// The whole sheet: per density and filter the pictures, in the order of the cells.
+pub fn sheet(definition: &SheetDefinition, tiles: &[Tile<'_>]) -> String {
+    let lines: Vec<&[Tile<'_>]> =
+        tiles.chunk_by(|a, b| a.0.density.to_bits() == b.0.density.to_bits()).collect();
+    let names: Vec<&str> =
+        lines.first().map_or_else(Vec::new, |line| line.iter().map(|tile| tile.0.label()).collect());
+    let missing: Vec<f64> = lines.iter().map(|line| 1.0 - line[0].0.density).collect();
+    let heading = |missing: String| {
+        let (frame, pattern) = (&definition.frame, &definition.pattern);
+        format!("{frame}, {pattern}, {missing} missing: result; CIELUV error, 0 to 20; SSIM squared")
+    };
+    let headings: Vec<String> = percents(&missing).into_iter().map(heading).collect();
+    let size =
+        tiles.iter().find_map(|(_, found)| found.as_ref().ok().map(|found| (found.width, found.height)));
+    let (tile, height) = size.unwrap_or((definition.tile, definition.tile));
+    let longest =
+        |all: &mut dyn Iterator<Item = &str>| all.map(|text| text.chars().count()).max().unwrap_or(0);
+    let step = tile.max(100).max(8 * longest(&mut names.iter().copied())) + GAP;
+    let (label, block) = (20 + TEXT, 3 * (height + TEXT + GAP) + TEXT);
+    let width =
+        (step * (names.len() + 1)).max(CHARACTER * longest(&mut headings.iter().map(String::as_str))) + GAP;
+    let height = label + lines.len() * block;
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
          font-family=\"sans-serif\" font-size=\"12\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
     );
-    for (index, filter) in filters.iter().enumerate() {
-        svg += &text((GAP + (index + 1) * step, 16), filter, "bold");
+    for (index, name) in names.iter().enumerate() {
+        svg += &text((GAP + (index + 1) * step, 16), name, "bold");
     }
-    for (index, (row, density)) in tiles.iter().zip(&definition.densities).enumerate() {
+    for (index, (line, heading)) in lines.iter().zip(&headings).enumerate() {
         let top = label + index * block;
-        let heading = format!(
-            "{}, {}, {:.0} % missing: result; CIELUV error, 0 to 20; SSIM squared",
-            definition.frame,
-            definition.pattern,
-            100.0 * (1.0 - density)
-        );
-        svg += &text((GAP, top - 4), &heading, "bold");
-        svg += &rows(row, top, step);
+        svg += &text((GAP, top - 4), heading, "bold");
+        svg += &rows(line, top, [step, block - TEXT]);
     }
     svg.push_str("</svg>\n");
     svg
 }
 
 /// The three rows of a density: reference and sparse input first, then a column a filter.
-fn rows(tiles: &[Sheet], top: usize, step: usize) -> String {
-    let Some(first) = tiles.first() else { return String::new() };
-    let line = |k: usize| top + k * (first.height + TEXT + GAP);
-    let mut svg = first.captioned((GAP, line(0)), &first.reference, "reference");
-    svg += &first.captioned((GAP, line(1)), &first.sparse, "sparse");
-    for (index, tile) in tiles.iter().enumerate() {
+fn rows(tiles: &[Tile<'_>], top: usize, [step, block]: [usize; 2]) -> String {
+    let line = |k: usize| top + k * block / 3;
+    let mut svg = String::new();
+    if let Some((cell, first)) = tiles.iter().find_map(|(cell, found)| Some((cell, found.as_ref().ok()?))) {
+        svg += &first.captioned((GAP, line(0)), &first.reference, "reference");
+        if cell.pattern != Selection::Half {
+            svg += &first.captioned((GAP, line(1)), &first.sparse, "sparse");
+        }
+    }
+    for (index, (_, found)) in tiles.iter().enumerate() {
         let x = GAP + (index + 1) * step;
+        let tile = match found {
+            Ok(tile) => tile,
+            Err(why) => {
+                svg += &wrapped((x, top), why, [(step - GAP) / CHARACTER, block / TEXT]);
+                continue;
+            }
+        };
         let number = |name: &str, value: Option<f64>, digits: usize| {
             value.map_or_else(String::new, |value| format!("{name} {value:.digits$}"))
         };
@@ -200,6 +226,22 @@ fn rows(tiles: &[Sheet], top: usize, step: usize) -> String {
         svg += &tile.captioned((x, line(2)), &tile.similarity, &number("mSSIM", tile.ssim, 4));
     }
     svg
+}
+
+/// Words in lines of so many characters, as many lines as there is room for.
+fn wrapped((x, y): (usize, usize), words: &str, [columns, most]: [usize; 2]) -> String {
+    let mut lines: Vec<String> = Vec::new();
+    for word in words.split_whitespace() {
+        match lines.last_mut().filter(|line| line.chars().count() + word.chars().count() < columns) {
+            Some(line) => line.extend([" ", word]),
+            None => lines.push(word.into()),
+        }
+    }
+    if lines.len() > most {
+        lines.truncate(most);
+        lines.last_mut().into_iter().for_each(|line| line.push('…'));
+    }
+    lines.iter().enumerate().map(|(at, line)| text((x, y + (at + 1) * TEXT - 4), line, "normal")).collect()
 }
 
 impl Sheet {

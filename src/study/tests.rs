@@ -281,14 +281,23 @@ fn a_sheet_has_a_column_a_filter_and_pictures_inside() {
         ..definition.clone()
     };
     let cells = cells(&own, &subjects, &entries).unwrap();
-    let tiles: Vec<Sheet> =
-        cells.iter().map(|cell| Sheet::of(cell, &definition.sheets[0]).unwrap()).collect();
-    let svg = sheet(&definition.sheets[0], &["nearest", "linear"], &[tiles]);
+    let sheet = |tiles: &[Tile<'_>]| sheet(&definition.sheets[0], tiles);
+    let tile = |cell| (cell, Sheet::of(cell, &definition.sheets[0]));
+    let svg = sheet(&cells.iter().map(tile).collect::<Vec<_>>());
     let document = roxmltree::Document::parse(&svg).unwrap();
     let images: Vec<_> = document.descendants().filter(|node| node.has_tag_name("image")).collect();
     assert_eq!(images.len(), 2 + 3 * 2);
     assert!(images.iter().all(|image| image.attribute("href").is_some_and(|data| data.len() > 60)));
     assert!(svg.contains("PSNR") && svg.contains("mSSIM") && svg.contains("50 % missing"));
+    // A cell that failed costs its own tile.
+    let why = "no two neighbours are measured in a row, so that nothing is known: do otherwise";
+    let svg = sheet(&[(&cells[0], Err(why.into())), tile(&cells[1])]);
+    let document = roxmltree::Document::parse(&svg).unwrap();
+    assert_eq!(document.descendants().filter(|node| node.has_tag_name("image")).count(), 2 + 3);
+    let words: Vec<_> = document.descendants().filter_map(|node| node.text()).collect();
+    assert!(words.contains(&"neighbours are"), "{words:?}");
+    let svg = sheet(&[(&cells[0], Err(why.into())), (&cells[1], Err(why.into()))]);
+    assert!(svg.contains("nearest") && !svg.contains("<image"));
 }
 
 #[test]
