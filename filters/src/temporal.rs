@@ -41,13 +41,14 @@ mod level;
 mod taps;
 #[cfg(test)]
 mod tests;
+mod thinned;
 mod usual;
 mod view;
 
 pub use carried::Carried;
-pub(crate) use carried::thinned;
 pub(crate) use level::Both;
 pub(crate) use taps::Taps;
+pub(crate) use thinned::thinned;
 pub(crate) use usual::{Usual, usual_of, within};
 pub(crate) use view::{Beside, beside, seen};
 

@@ -10,6 +10,7 @@
 //! Where guides gain, samples of other frames are also taken in two further ways (`ways`), whose errors have little in common with those of the first.
 
 use std::borrow::Cow;
+use std::ops::Range;
 use std::sync::Arc;
 
 use super::standing::Standing;
@@ -17,7 +18,7 @@ use super::ways::{Given, Way, plain};
 use super::{Blend, Candidate, How, blend, less};
 use crate::decided::Decided;
 use crate::domain::Map;
-use crate::estimate::{Folds, HeldOut, Voronoi};
+use crate::estimate::{Folds, HeldOut, PARTS, Voronoi};
 use crate::excerpt::Excerpt;
 use crate::temporal::{self, Beside, Carried, Changes, First, Pull, Usual};
 use crate::variational::guided::{Guides, Regression};
@@ -83,6 +84,11 @@ impl Along {
     }
 }
 
+/// The parts of the samples by which other frames are judged.
+fn judges(own: &Blend) -> Range<u64> {
+    0..temporal::judging(own.folds, own.mask.count()).last().map_or(0, |parts| parts.end)
+}
+
 /// Other frames, and what is to be known of them.
 struct Others<'a> {
     carried: &'a [Carried],
@@ -145,7 +151,9 @@ pub fn pulled(
     run: &Run<'_>,
 ) -> Result<Option<Along>, Error> {
     let judged: Vec<&Carried> = carried.iter().map(Carried::to_judge).collect();
-    let judged = temporal::thinned(&own.mask, &judged);
+    // Where all stands still, what other frames know of measured pixels is counted over all of them (`standing`).
+    let parts = if judged.iter().all(|carried| carried.is_still()) { 0..PARTS } else { judges(own) };
+    let judged = temporal::thinned((&own.mask, &own.folds.held_out(&own.mask, &parts)), &judged);
     // Guides are those of this frame.
     let beside = |all: &mut [Candidate<'_>], carried: &[Carried]| {
         temporal::beside(carried, |samples, mask, corner| match guides {

@@ -7,16 +7,11 @@ use lacuna_core::parallel::prelude::*;
 use crate::domain::Map;
 use crate::variational::guided;
 use crate::{Error, Mask, Plane, Planes, Size};
-use lacuna_core::hash;
 
 /// Pixels that one task takes.
 const PIECE: usize = 1 << 14;
-/// Side of the blocks in which samples are counted.
-const BLOCK: usize = 32;
 /// The distance from a pixel's centre that is none.
 const WHOLE: f32 = 1e-3;
-/// The seed of those that are left out.
-const SEED: u64 = 0x7e4d;
 
 /// Samples of another frame at their places in this one.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -223,7 +218,7 @@ impl Carried {
     }
 
     /// These samples alone, in this order: all of them, or fewer.
-    fn only(&self, samples: &[usize]) -> Self {
+    pub(super) fn only(&self, samples: &[usize]) -> Self {
         if samples.len() == self.len() {
             return self.not_judged();
         }
@@ -291,38 +286,4 @@ pub(super) fn pixel(size: Size, [y, x]: [f32; 2]) -> usize {
     // Of what is not negative, this is the nearest whole number.
     let at = |at: f32, length: usize| ((at.max(0.0) + 0.5) as usize).min(length - 1);
     at(y, size.height) * size.width + at(x, size.width)
-}
-
-/// Where other frames know more of measured pixels than of missing ones, as frames of one mask do that nothing moves in, held-out samples would
-/// promise too much. Leaves out as many of their samples at measured pixels, block by block.
-pub(crate) fn thinned(mask: &Mask, carried: &[&Carried]) -> Vec<Carried> {
-    let size = mask.size();
-    let blocks = Size::new(size.height.div_ceil(BLOCK), size.width.div_ceil(BLOCK));
-    let block = |pixel: usize| pixel / size.width / BLOCK * blocks.width + pixel % size.width / BLOCK;
-    // Of measured and of missing pixels: how many there are, and samples of other frames in them.
-    let mut counts = vec![[[0_usize; 2]; 2]; blocks.pixels()];
-    for (pixel, &flag) in mask.as_slice().iter().enumerate() {
-        counts[block(pixel)][usize::from(!flag)][0] += 1;
-    }
-    for place in carried.iter().flat_map(|carried| carried.places.iter()) {
-        let pixel = pixel(size, *place);
-        counts[block(pixel)][usize::from(!mask.as_slice()[pixel])][1] += 1;
-    }
-    let kept: Vec<f64> = counts
-        .iter()
-        .map(|[own, other]| {
-            let density = |[pixels, samples]: &[usize; 2]| *samples as f64 / (*pixels).max(1) as f64;
-            if own[1] == 0 { 1.0 } else { density(other) / density(own) }
-        })
-        .collect();
-    let thin = |(frame, carried): (usize, &&Carried)| {
-        let stays = |i: &usize| {
-            let pixel = pixel(size, carried.places[*i]);
-            let drawn = hash(SEED + frame as u64, pixel as u64) as f64 / u64::MAX as f64;
-            !mask.as_slice()[pixel] || drawn < kept[block(pixel)]
-        };
-        let all: Vec<usize> = (0..carried.len()).filter(stays).collect();
-        carried.only(&all)
-    };
-    carried.iter().enumerate().map(thin).collect()
 }
