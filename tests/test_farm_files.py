@@ -344,3 +344,45 @@ def test_a_frame_that_is_made_sparse_alone_is_told_to_have_the_mask_of_all(patte
             path.unlink()
     assert "named alone" not in lacuna("sparsify", "full/shot.0002.exr", *words, folder=tmp_path).stderr
     assert np.array_equal(mask(), first)
+
+
+def test_complete_frames_pass_verify_and_sparse_ones_that_were_merely_copied_do_not(tmp_path):
+    """A frame in which nothing is missing is copied without attributes: the mask is the command's, or nothing tells of missing pixels."""
+    measured = frames.shuffle(24, 32, 0.4)
+    light = np.random.default_rng(1).uniform(0.1, 1, (24, 32)).astype(np.float32)
+    for name, missing in (("nan", np.nan), ("black", 0)):
+        frames.write(tmp_path / f"{name}.0001.exr", {c: np.where(measured, light, np.float32(missing)) for c in "RGB"})
+        frames.write(tmp_path / f"{name}.0002.exr", {c: light for c in "RGB"})
+    for number, mask in ((1, measured), (2, np.ones_like(measured))):
+        frames.write(tmp_path / f"mask.{number:04}.exr", {"mask": mask.astype(np.float32)})
+    for name, mask in (("nan", "nan"), ("black", f"file:{tmp_path}/mask.####.exr")):
+        pair = (tmp_path / f"{name}.####.exr", tmp_path / f"full-{name}.####.exr")
+        quick_fill(pair[0], "-o", pair[1], "--mask", mask)
+        assert frames.read(tmp_path / f"full-{name}.0002.exr")[0].keys() == set("RGB")
+        alone = lacuna("verify", *pair)
+        assert "2 of 2 frames verified" in alone.stderr and "taken for complete" in alone.stderr, alone
+        result = lacuna("verify", *pair, "--mask", mask)
+        assert "2 of 2 frames verified" in result.stderr and "taken for complete" not in result.stderr, result
+        # The gate of a farm, with another mask in the file.
+        for number in (1, 2):
+            path = tmp_path / f"{name}.{number:04}.exr"
+            frames.write(path, frames.read(path)[0] | {"mask": np.arange(768, dtype=np.float32).reshape(24, 32) % 2})
+        words = ("fill", pair[0], "-o", pair[1], "--mask", mask, "--filter", "nearest", "--no-estimate", "--frames", "1-2")
+        lacuna(*words)
+        scripts = lacuna("submit", "slurm", "-n", "--logs", tmp_path, "--", *words).stdout
+        gate = next(line for line in scripts.splitlines() if line.startswith("exec") and " verify " in line)
+        result = subprocess.run(["bash", "-c", gate], capture_output=True, text=True, check=False)
+        assert result.returncode == 0 and "2 of 2 frames verified" in result.stderr, result
+        # A sparse frame that was merely copied.
+        path = tmp_path / f"{name}.0001.exr"
+        frames.write(path, {c: frames.read(path)[0][c] for c in "RGB"})
+        copied = shutil.copy(path, tmp_path / "copied.exr")
+        for flags in ((), ("--mask", mask.replace("####", "0001"))):
+            result = lacuna("verify", path, copied, "-q", *flags, ok=False)
+            assert result.status == 1 and len(result.lines()) == 1, result
+    # And a complete one of which a bit changed.
+    light[3, 4] *= 1.5
+    frames.write(tmp_path / "changed.exr", {c: light for c in "RGB"})
+    frames.write(tmp_path / "whole.exr", {c: np.ones_like(light) for c in "RGB"})
+    result = lacuna("verify", tmp_path / "whole.exr", tmp_path / "changed.exr", ok=False)
+    assert result.status == 1 and "no sampling mask found" in result.stderr, result

@@ -8,6 +8,7 @@ use clap::{Args, Subcommand};
 use super::{Ending, Job, parse};
 use crate::commands::{FillJob, RenderJob};
 use crate::files::{PlanError, Selection, frame_numbers};
+use crate::mask::Source;
 use crate::report::Bound;
 use crate::run::RunOptions;
 use crate::submit::{Grant, Reference, SubmitJob, Task};
@@ -195,6 +196,7 @@ fn of_fill(words: &[String], job: &FillJob) -> Result<(Task, Vec<i64>), Ending> 
         skip_missing: job.skip_missing,
         has_log: job.run.log.is_some(),
         sparse: verifies.then_some(input),
+        mask: Some(job.what.mask.clone()).filter(|mask| *mask != Source::Auto),
         output: text(&job.targets.output)?,
     };
     Ok((task, frames))
@@ -210,6 +212,7 @@ fn of_render(words: &[String], job: &RenderJob) -> Result<(Task, Vec<i64>), Endi
         skip_missing: false,
         has_log: job.run.log.is_some(),
         sparse: None,
+        mask: None,
         output: text(&job.targets.output)?,
     };
     Ok((task, frames))
@@ -357,6 +360,8 @@ mod tests {
             submit("submit slurm -- upscale a.#.exr -o b.#.exr --scale 2 --frames 1 --no-clobber --log l")
                 .unwrap();
         assert_eq!((job.task.existing, job.task.sparse, job.task.has_log), (Existing::Keep, None, true));
+        let masked = submit("submit slurm -- fill a.#.exr -o b.#.exr --mask m.#.png:R --frames 1").unwrap();
+        assert_eq!(masked.task.mask.unwrap().to_string(), "file:m.#.png:R");
         let layers = "fill a.#.exr -o b.#.exr --layers n=n.#.exr --frames 1-2 --missing-frame skip";
         let job = submit(&format!("submit slurm --logs=-x -- {layers}")).unwrap();
         assert_eq!((job.task.sparse, job.task.skip_missing, job.logs), (None, true, "./-x".into()));

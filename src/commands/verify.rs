@@ -3,13 +3,13 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use lacuna_exr::Frame;
+use lacuna_exr::{Frame, Limits};
 
 use crate::files::error::PlanError;
 use crate::files::inputs::Selection;
 use crate::files::plan::{Item, Plan, check_reports, pair};
 use crate::mask::shared::MaskFiles;
-use crate::mask::{self, Source};
+use crate::mask::{self, Masks, Source};
 use crate::reconstruct::{is_enlarged, made_by};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::record::{Heading, Record};
@@ -20,6 +20,9 @@ use crate::{channels, guides};
 
 /// How many differences of a frame are named; the rest is counted.
 const NAMED: usize = 8;
+
+/// What is said of a copy that no mask was needed for.
+const COMPLETE: &str = "no mask was found, and the frame equals its input: it was taken for complete; --mask names what says otherwise";
 
 /// Filled frames to be verified.
 #[derive(Clone, Debug, PartialEq)]
@@ -88,6 +91,38 @@ impl Work for Verify<'_> {
             return Err(Failure::at(&item.output, format!("{made}: {line}")));
         }
         let claims = Claims::read(&filled);
+        let (masks, unmasked) = self.masks_of(item, (&sparse, &claims), limits)?;
+        record.mask = Some(masks.origin.clone());
+        record.density = masks.density();
+        record.warn(&claims.not_compared());
+        let differences = stage.solve(record, || {
+            let mut choices = channels::choose(&sparse, &masks.mask_channels, &claims.overrides);
+            // Guides that cannot be found leave the rules as they are, and what was kept shows as a difference.
+            drop(guides::find(&sparse, &masks, &mut choices, &claims.guides, None));
+            compare(&sparse, &filled, &masks, &choices)
+        });
+        match unmasked {
+            Some(failure) if !differences.is_empty() => return Err(failure),
+            Some(_) => record.warn(&[COMPLETE.into()]),
+            None => {}
+        }
+        if differences.is_empty() {
+            return Ok(());
+        }
+        let are_swapped = Claims::are_swapped(&sparse, &filled);
+        let hint = if are_swapped { "are the two swapped? The sparse frame comes first: " } else { "" };
+        Err(Failure::at(&item.output, format!("{hint}{}", list(&differences))))
+    }
+}
+
+impl Verify<'_> {
+    /// The masks to go by. A frame without one that shows no missing pixel may be complete, and its output a copy; what is to be said if it is not.
+    fn masks_of(
+        &self,
+        item: &Item,
+        (sparse, claims): (&Frame, &Claims),
+        limits: Limits,
+    ) -> Result<(Masks, Option<Failure>), Failure> {
         let source = self.job.mask.as_ref().unwrap_or(&claims.mask);
         let path = match (&item.mask, source) {
             (Some(path), _) => Some(path.as_path()),
@@ -102,23 +137,16 @@ impl Work for Verify<'_> {
         };
         let file = path.map(|path| self.masks.get(path, limits)).transpose();
         let file = file.map_err(|error| Failure::at(&item.output, format!("{error}{hint}")))?;
-        let masks =
-            mask::find(&sparse, source, file.as_deref()).map_err(|error| Failure::at(&item.input, error))?;
-        record.mask = Some(masks.origin.clone());
-        record.density = masks.density();
-        record.warn(&claims.not_compared());
-        let differences = stage.solve(record, || {
-            let mut choices = channels::choose(&sparse, &masks.mask_channels, &claims.overrides);
-            // Guides that cannot be found leave the rules as they are, and what was kept shows as a difference.
-            drop(guides::find(&sparse, &masks, &mut choices, &claims.guides, None));
-            compare(&sparse, &filled, &masks, &choices)
-        });
-        if differences.is_empty() {
-            return Ok(());
-        }
-        let are_swapped = Claims::are_swapped(&sparse, &filled);
-        let hint = if are_swapped { "are the two swapped? The sparse frame comes first: " } else { "" };
-        Err(Failure::at(&item.output, format!("{hint}{}", list(&differences))))
+        let says_nothing = self.job.mask.is_none() && claims.filter.is_empty();
+        mask::find(sparse, source, file.as_deref()).map(|masks| (masks, None)).or_else(|error| {
+            let failure = Failure::at(&item.input, &error);
+            match error {
+                mask::Error::NotFound { hint: None, .. } if says_nothing && mask::seems_complete(sparse) => {
+                    Ok((Masks::complete(sparse), Some(failure)))
+                }
+                _ => Err(failure),
+            }
+        })
     }
 }
 

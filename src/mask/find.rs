@@ -1,5 +1,7 @@
 //! Looking for the mask: each source in turn, and the order that `auto` goes by.
 
+use std::collections::BTreeMap;
+
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
 
@@ -7,7 +9,7 @@ use super::cover::serve;
 use super::matte::{is_matte, is_scattered};
 use super::provider::{Provider, Views};
 use super::{ATTRIBUTE, Error, MaskFile, Masks, Source, flags};
-use crate::channels::{self, Name, Rule, list_channels, view_of};
+use crate::channels::{self, Name, Rule, is_light, list_channels, view_of};
 
 /// A channel of the frame, by its place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -132,6 +134,27 @@ fn scattered_nan(frame: &Frame) -> Option<Masks> {
 /// What a frame says of itself: what `auto` finds, else what NaN tells; nothing if it says nothing.
 pub fn told(frame: &Frame) -> Option<Masks> {
     auto(frame).ok().or_else(|| scattered_nan(frame))
+}
+
+/// Whether nothing in a frame without a mask tells of missing pixels: its values are finite, and no light is black in scattered pixels.
+pub fn seems_complete(frame: &Frame) -> bool {
+    finite(frame).is_ok_and(|masks| masks.is_full())
+        && !frame.parts.iter().flat_map(lit).any(|mask| is_scattered(&mask))
+}
+
+/// The pixels in which any light is not 0, layer by layer.
+fn lit(part: &Part) -> Vec<Mask> {
+    let mut layers: BTreeMap<String, Vec<bool>> = BTreeMap::new();
+    for (number, channel) in part.channels.iter().enumerate() {
+        let name = channel.display_name();
+        if channels::by_default(part, number).0 != Rule::Fill || !is_light(&name) {
+            continue;
+        }
+        let own = flags(&channel.samples, |value| value != 0.0);
+        let all = layers.entry(Name::new(&name).layer.into()).or_insert_with(|| vec![false; own.len()]);
+        all.iter_mut().zip(own).for_each(|(all, own)| *all |= own);
+    }
+    layers.into_values().filter_map(|flags| Mask::new(part.size(), flags).ok()).collect()
 }
 
 /// The name that all masks share, or `auto` if a name alone does not find them again.

@@ -14,10 +14,11 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use crate::files::{PlanError, reports};
+use crate::mask::Source;
 use crate::run::Existing;
 
 /// What a task does.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Task {
     /// The subcommand and its flags, without the frames.
     pub words: Vec<String>,
@@ -29,6 +30,8 @@ pub struct Task {
     pub has_log: bool,
     /// The sparse frames, if `verify` can judge what is made of them.
     pub sparse: Option<String>,
+    /// Which pixels of them were measured, if the command says it.
+    pub mask: Option<Source>,
     /// Where the frames go: a file pattern or a folder.
     pub output: String,
 }
@@ -60,7 +63,7 @@ pub struct Grant {
 }
 
 /// A sequence for Slurm.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SubmitJob {
     /// What is done with each chunk.
     pub task: Task,

@@ -34,7 +34,9 @@ pub fn all(job: &SubmitJob) -> Vec<Script> {
     let mut scripts = vec![array(job)];
     if job.verify {
         let sparse = job.task.sparse.as_deref();
-        scripts.push(sparse.map_or_else(|| finished(job), |sparse| gate(job, "verify", sparse, &[])));
+        // A frame in which nothing is missing is copied as it is: nothing in it says what it was filled by.
+        let mask: Vec<String> = job.task.mask.iter().map(|mask| format!("--mask={mask}")).collect();
+        scripts.push(sparse.map_or_else(|| finished(job), |sparse| gate(job, "verify", sparse, &mask)));
     }
     if let Some(reference) = &job.reference {
         scripts.push(gate(job, "compare", &reference.pattern, &reference.bounds));
@@ -80,12 +82,12 @@ fn finished(job: &SubmitJob) -> Script {
 }
 
 /// A job that holds what was made against frames of the user's.
-fn gate(job: &SubmitJob, what: &str, other: &str, bounds: &[String]) -> Script {
+fn gate(job: &SubmitJob, what: &str, other: &str, own: &[String]) -> Script {
     let mut words = vec![what.into(), other.into(), job.task.output.clone()];
     if words[1..].iter().any(|word| word.starts_with('-')) {
         words.insert(1, "--".into());
     }
-    let mut flags: Vec<String> = bounds.iter().map(|bound| quoted(bound)).collect();
+    let mut flags: Vec<String> = own.iter().map(|flag| quoted(flag)).collect();
     flags.push(ledger(job));
     flags.extend(job.task.skip_missing.then(|| "--missing-frame=skip".to_owned()));
     flags.push(all_frames(job));

@@ -11,6 +11,7 @@ fn job() -> SubmitJob {
             skip_missing: false,
             has_log: false,
             sparse: Some("in/it's $x.####.exr".into()),
+            mask: None,
             output: "out/".into(),
         },
         frames: vec![1, 2, 3, 4, 5, 6, 7, 9],
@@ -91,7 +92,9 @@ fn flags_stand_before_the_inputs_and_gates_ask_for_more_than_a_file() {
     let check = "upscale -o out/ -u -n --frames=1-7,9 -- --no-clobber '-x.#.exr' | { ! grep";
     assert!(scripts[1].1.contains(check), "{}", scripts[1].1);
     job.task.sparse = Some("-x.exr".into());
-    let verify = "verify --log=logs/shot.jsonl --frames=1-7,9 -- -x.exr out/\n";
+    job.task.mask = Some("m/it's.#.png:R".parse().unwrap());
+    let verify =
+        "verify '--mask=file:m/it'\\''s.#.png:R' --log=logs/shot.jsonl --frames=1-7,9 -- -x.exr out/\n";
     assert!(texts(&job)[1].1.ends_with(verify), "{}", texts(&job)[1].1);
 }
 
