@@ -95,6 +95,26 @@ def test_the_viewer_shows_sparse_result_and_estimated_error_and_plays(tmp_path):
         assert opened.run("lacuna.viewer.playing") is False and opened.messages == []
 
 
+def test_the_viewer_goes_to_a_frame_that_lacks_the_chosen_view(tmp_path):
+    for number, flag in ((1, "--error-channel"), (2, "--drop-mask")):
+        sparse = tool.SAMPLES / "sequence" / f"shot.{number:04}.exr"
+        tool.lacuna("fill", "-q", sparse, "-o", tmp_path / f"full.{number:04}.exr", "--filter", "ss", flag)
+        tool.lacuna("fill", "-q", sparse, "-o", tmp_path / f"other.{number:04}.exr", "--filter", "tv", "--no-estimate")
+    path = tmp_path / "page.html"
+    tool.lacuna("compare", "-q", tmp_path / "other.####.exr", tmp_path / "full.####.exr", "--html", path)
+    with chromium.Page(path.as_uri()) as opened:
+        opened.wait("document.body.dataset.ready !== undefined")
+        show = "(() => { delete document.body.dataset.ready; lacuna.open('%d'); })()"
+        opened.run(show % 0)
+        opened.wait("document.body.dataset.ready === '0'")
+        opened.run("lacuna.viewer.set({ left: 'estimate', right: 'estimate' })")
+        opened.run(show % 1)
+        opened.wait("document.body.dataset.ready === '1'")
+        assert opened.run("lacuna.viewer.views().includes('estimate')") is False
+        assert opened.run("[lacuna.viewer.state.left, document.getElementById('right').value]") == ["reference", "result"]
+        assert opened.messages == []
+
+
 def test_a_phone_needs_no_sideways_scrolling(page):
     with chromium.Page(page.as_uri(), width=390, height=800) as opened:
         assert opened.run("document.documentElement.scrollWidth") <= 390

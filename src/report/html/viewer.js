@@ -111,10 +111,13 @@ lacuna.Viewer = class {
   }
 
   show(frame) {
-    if (!this.frame && !frame.reference) this.state.left = frame.mask ? 'sparse' : 'result';
     const same = this.frame && this.frame.width === frame.width && this.frame.height === frame.height;
     this.frame = frame;
     this.painted.clear();
+    // Another frame may lack what this one is shown by.
+    const views = this.views();
+    if (!views.includes(this.state.left)) this.state.left = views[0];
+    if (!views.includes(this.state.right)) this.state.right = 'result';
     if (!same) this.fit();
     this.draw();
   }
