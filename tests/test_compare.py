@@ -361,15 +361,35 @@ def test_nothing_passes_by_absence(gate, tmp_path):
 
 def test_every_format_has_the_same_numbers(tmp_path):
     sequence(tmp_path, 2)
+    for path in tmp_path.glob("t.*"):
+        channels = frames.read(path)[0]
+        frames.write(path, channels | {"mask": (np.indices((40, 50)).sum(0) % 2).astype(np.float32)})
     files = {name: tmp_path / f"out.{name}" for name in ("csv", "md", "html")}
     words = [word for name, path in files.items() for word in (f"--{name}", path)]
     report, result = compare(tmp_path / "r.####.exr", tmp_path / "t.####.exr", tmp_path, *words)
     rows = list(csv.DictReader(files["csv"].open(newline="")))
     found = [float(row["psnr"]) for row in rows if row["channels"] == "R G B" and row["region"] == "all"]
     assert found == [measures(report, frame=k)["psnr"] for k in (0, 1)]
+    groups = [group for frame in report["frames"] for group in frame["groups"]]
+    assert {row["measured_different"] for row in rows} == {str(group["measured_different"]) for group in groups}
+    assert f"{sum(group['measured_different'] for group in groups)} values whose bits differ" in result.stdout
     assert files["md"].read_text() == result.stdout
     for value in found:
         assert f"{value:.2f}" in result.stdout and f"{value:.2f}" in files["html"].read_text()
+
+
+def test_every_format_names_what_misses_the_gate(tmp_path):
+    sequence(tmp_path, 2)
+    files = {name: tmp_path / f"out.{name}" for name in ("csv", "md", "html", "json")}
+    words = [word for name, path in files.items() for word in (f"--{name}", path)]
+    words += ["--fail-below", "psnr=40,ssim=0.5"]
+    assert tool.lacuna("compare", tmp_path / "r.####.exr", tmp_path / "t.####.exr", *words, ok=False).status == 1
+    failures = {frame["frame"]: "; ".join(frame["failures"]) for frame in json.loads(files["json"].read_text())["frames"]}
+    assert any(failures.values()), failures
+    rows = list(csv.DictReader(files["csv"].open(newline="")))
+    assert {int(row["frame"]): row["failures"] for row in rows} == failures
+    for failure in filter(None, failures.values()):
+        assert failure in files["md"].read_text() and failure in files["html"].read_text(), failure
 
 
 def test_a_report_on_standard_output_takes_the_place_of_the_tables(tmp_path):

@@ -5,10 +5,10 @@ use super::model::{Comparison, FrameReport, GroupReport, Measures};
 
 /// The text.
 pub fn csv(comparison: &Comparison) -> String {
-    let mut head =
-        vec!["frame", "reference", "test", "part", "layer", "channels", "region", "density", "measured_max"];
+    let mut head = vec!["frame", "reference", "test", "part", "layer", "channels", "region", "density"];
+    head.extend(["measured_max", "measured_different"]);
     head.extend(Measure::all().map(Measure::name));
-    head.push("error");
+    head.extend(["failures", "error"]);
     let mut text = csv_line(head.iter().map(|&name| name.to_owned()));
     for frame in &comparison.frames {
         for group in &frame.groups {
@@ -20,10 +20,10 @@ pub fn csv(comparison: &Comparison) -> String {
             }
         }
         let why = frame.error.as_ref().or(frame.skipped.as_ref());
-        if let Some(why) = why.filter(|_| frame.groups.is_empty()) {
+        if frame.groups.is_empty() {
             let mut cells = start(frame);
-            cells.resize(head.len() - 1, String::new());
-            cells.push(why.clone());
+            cells.resize(head.len() - 2, String::new());
+            cells.extend([failures(frame), why.cloned().unwrap_or_default()]);
             text.push_str(&csv_line(cells.into_iter()));
         }
     }
@@ -33,6 +33,11 @@ pub fn csv(comparison: &Comparison) -> String {
 fn start(frame: &FrameReport) -> Vec<String> {
     let number = frame.frame.map_or_else(String::new, |number| number.to_string());
     vec![number, frame.reference.clone(), frame.test.clone()]
+}
+
+/// What the gate found wanting, in one cell: in every line of the frame, as its name is.
+fn failures(frame: &FrameReport) -> String {
+    frame.failures.join("; ")
 }
 
 fn row(
@@ -50,8 +55,9 @@ fn row(
     cells.push(region.to_owned());
     cells.push(number(group.density));
     cells.push(number(group.measured_max));
+    cells.push(group.measured_different.map_or_else(String::new, |count| count.to_string()));
     cells.extend(Measure::all().map(|measure| number(measures.get(measure))));
-    cells.push(String::new());
+    cells.extend([failures(frame), String::new()]);
     csv_line(cells.into_iter())
 }
 

@@ -26,6 +26,11 @@ pub fn markdown(comparison: &Comparison) -> String {
             let _ = writeln!(text, "- **{}** fails: {}", escape(&frame.label()), escape(failure));
         }
     }
+    if let Some((most, different)) = comparison.measured() {
+        let most = cell(Measure::Max, Some(most));
+        let _ =
+            writeln!(text, "- measured pixels: largest error {most}, {different} values whose bits differ");
+    }
     notes(comparison, &mut text);
     let _ = writeln!(text, "\n{}", settings(comparison));
     text

@@ -217,6 +217,14 @@ pub struct Comparison {
 }
 
 impl Comparison {
+    /// Of the measured pixels of all groups the largest error and how many values differ in bits; nothing where no mask serves any.
+    pub fn measured(&self) -> Option<(f64, usize)> {
+        let groups = || self.frames.iter().flat_map(|frame| &frame.groups);
+        let different =
+            groups().filter_map(|group| group.measured_different).reduce(|sum, count| sum + count)?;
+        Some((groups().filter_map(|group| group.measured_max).fold(0.0, f64::max), different))
+    }
+
     /// The measures that any frame has in that region of its groups, in the order of tables.
     pub fn measures_in(&self, region: &str) -> Vec<Measure> {
         let regions = || {

@@ -279,6 +279,12 @@ fn csv_has_as_many_cells_in_every_line() {
     let cells = |line: &str| line.matches(',').count();
     assert!(lines[..lines.len() - 1].iter().all(|line| cells(line) == cells(lines[0])));
     assert!(lines[lines.len() - 1].ends_with("\"broken, \"\"really\"\"\""));
+    let wanting = |report| FrameReport { failures: vec!["psnr, low".into(), "no flip".into()], ..report };
+    let text = csv(&whole(vec![wanting(compared(&Settings::default())), wanting(FrameReport::default())]));
+    assert!(text.lines().skip(1).all(|line| line.ends_with(",\"psnr, low; no flip\",")), "{text}");
+    assert_eq!(text.lines().count(), lines.len());
+    // Of the codes one measured value differs, whose error is none.
+    assert!(text.lines().any(|line| line.starts_with(",,,,,id,all,0.5,,1,")), "{text}");
 }
 
 #[test]
@@ -286,9 +292,15 @@ fn markdown_has_a_table_a_region() {
     let mut report = compared(&Settings::default());
     report.failures.push("RGB: psnr 1 is below 2 | x".into());
     let text = markdown(&whole(vec![report.clone(), report]));
-    for expected in
-        ["### Whole image", "### Missing pixels only", "### Where alpha", "| **mean** |", "2 \\| x", "peak 1"]
-    {
+    for expected in [
+        "### Whole image",
+        "### Missing pixels only",
+        "### Where alpha",
+        "| **mean** |",
+        "2 \\| x",
+        "peak 1",
+        "- measured pixels: largest error 0, 2 values whose bits differ",
+    ] {
         assert!(text.contains(expected), "{expected}\n{text}");
     }
 }

@@ -146,10 +146,11 @@ fn measures(group: &GroupReport, page: &mut String) {
         escape(&group.label()),
         group.size.1,
         group.size.0,
-        group.measured_max.map_or_else(String::new, |most| format!(
-            ", largest error on measured pixels {}",
-            cell(Measure::Max, Some(most))
-        )),
+        group.measured_different.map_or_else(String::new, |count| {
+            let most = group.measured_max.map(|most| cell(Measure::Max, Some(most)));
+            let most = most.map_or_else(String::new, |most| format!("largest error {most}, "));
+            format!(", on measured pixels: {most}{count} values whose bits differ")
+        }),
     );
     for measure in &all {
         let _ = write!(
