@@ -14,6 +14,9 @@ use crate::run::Existing;
 /// What pictures to look at are called.
 const PICTURES: &[&str] = &["png", "jpg", "jpeg", "tif", "tiff"];
 
+/// What `--compression` takes.
+pub const PACKINGS: &[&str] = &["none", "rle", "zips", "zip", "piz"];
+
 /// Where outputs go.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Output")]
@@ -94,7 +97,7 @@ pub struct FormatArgs {
     /// Lossless compression: none, rle, zips, zip or piz; LEVEL is for zips and zip, 1 (fast) to 12 (small)
     /// [default: the input's where it is lossless, else zip; no level: twice as fast as 4, files about 3 % larger]
     #[arg(long, value_name = "NAME[:LEVEL]", hide_possible_values = true)]
-    #[arg(value_parser = Words::<Packing>::new(&["none", "rle", "zips", "zip", "piz"]))]
+    #[arg(value_parser = Words::<Packing>::new(PACKINGS))]
     pub compression: Option<Packing>,
 }
 
