@@ -90,6 +90,11 @@ impl AnalyzeArgs {
             let line = "-o plots a spectrum: give a mask or --spectrum FRAME; --coherence prints";
             return Err(Usage(line.into()));
         }
+        if self.output.is_some() && mask.is_some() && self.spectrum.is_some() {
+            return Err(Usage(
+                "-o is one plot: give it with a mask or with --spectrum FRAME, not with both".into(),
+            ));
+        }
         let is_png = |path: &PathBuf| path.extension().is_some_and(|end| end.eq_ignore_ascii_case("png"));
         if let Some(path) = self.output.as_ref().filter(|path| !is_png(path)) {
             return Err(Usage(format!("{}: the plot is a PNG image, -o FILE.png", path.display())));

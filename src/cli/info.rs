@@ -55,14 +55,21 @@ impl InfoArgs {
     /// The checked job.
     ///
     /// # Errors
-    /// A file of rules that is none.
+    /// A file of rules that is none; rules as JSON.
     pub fn job(&self) -> Result<InfoJob, Usage> {
+        let print_rules = self.rules.as_ref().is_some_and(Vec::is_empty);
+        if print_rules && self.json {
+            return Err(Usage(
+                "--rules prints a file of rules, which is TOML: drop --json, whose channels name their rules"
+                    .into(),
+            ));
+        }
         let rules = self.rules.iter().flatten().next().map(PathBuf::as_path);
         Ok(InfoJob {
             frames: self.frames.clone(),
             mask: self.mask.mask.clone(),
             overrides: channels::all(&self.channels, rules)?,
-            print_rules: self.rules.as_ref().is_some_and(Vec::is_empty),
+            print_rules,
             guides: self.guides.guides.clone(),
             guides_from: self.guides.guides_from.clone(),
             memory: self.memory.map(|bytes| bytes.0),

@@ -361,8 +361,8 @@ impl OutputArgs {
     fn needed(&self) -> Result<MaskOutput, Usage> {
         let path = self.output.clone().ok_or_else(|| Usage("-o OUTPUT is needed".into()))?;
         let (create_dir, no_clobber) = (self.create_dir, self.no_clobber);
-        let is_json = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
-        if self.crop_overhead.is_some() && !is_json {
+        let format = Format::of(&path).map_err(|error| Usage(format!("-o {error}")))?;
+        if self.crop_overhead.is_some() && format != Format::Json {
             return Err(Usage("--crop-overhead goes with an output in .json; drop it".into()));
         }
         let overhead = self.crop_overhead.unwrap_or(CROP_OVERHEAD);

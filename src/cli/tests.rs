@@ -303,8 +303,10 @@ fn analyze_measures_masks_and_frames() {
         Ok(Job::Mask(job)) => job.task,
         other => panic!("{line}: {other:?}"),
     };
-    let plain = task("m.png --json --spectrum a.exr -o p.png --no-clobber");
-    assert!(matches!(plain, MaskTask::Measure { json: true, mask: Some(_), plot: Some(_), .. }));
+    let plain = task("m.png --json --spectrum a.exr");
+    assert!(matches!(plain, MaskTask::Measure { json: true, mask: Some(_), spectrum: Some(_), .. }));
+    let plotted = task("--spectrum a.exr -o p.png --no-clobber");
+    assert!(matches!(plotted, MaskTask::Measure { plot: Some(_), .. }));
     let MaskTask::Measure { coherence, seed, .. } = task("--coherence --densities 0.1,0.5 --seed 3") else {
         panic!("another task");
     };
@@ -315,6 +317,7 @@ fn analyze_measures_masks_and_frames() {
         ("m.exr -o plot.exr", "PNG"),
         ("--coherence -o plot.png", "--coherence prints"),
         ("m.exr --seed 1", "--coherence"),
+        ("m.exr --spectrum a.exr -o plot.png", "not with both"),
         ("--coherence --densities 0.1,0", "above 0 and at most 1"),
     ] {
         let text = usage(&format!("analyze {line}"));
@@ -358,6 +361,7 @@ fn nonsense_is_a_usage_error() {
         "sparsify a.exr -o b.exr --density 0.5 --time-limit 1",
         "render a.toml -o b.exr --time-limit 1",
         "info",
+        "info a.exr --rules --json",
         "what",
     ] {
         let text = usage(line);

@@ -29,4 +29,7 @@ pub enum Error {
     /// A scene that contradicts itself.
     #[error("the scene: {0}")]
     Scene(String),
+    /// Values set over a scene, which is good without them.
+    #[error("what is set over the scene: {0}")]
+    Set(String),
 }

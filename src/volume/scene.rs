@@ -288,7 +288,7 @@ impl Scene {
     /// Reads the text of a scene with values set over it, in their order.
     ///
     /// # Errors
-    /// [`Error::Scene`] with the place of what cannot be read.
+    /// [`Error::Scene`] with the place of what cannot be read; [`Error::Set`] if the text is a scene, but not with these values.
     pub fn parse(text: &str, overrides: &[Override]) -> Result<Self, Error> {
         let fail = |error: toml::de::Error| {
             let before = |end: usize| text.bytes().take(end).filter(|byte| *byte == b'\n').count();
@@ -300,11 +300,12 @@ impl Scene {
             return toml::from_str::<Self>(text).map_err(fail)?.checked();
         }
         let mut table: toml::Table = toml::from_str(text).map_err(fail)?;
-        for change in overrides {
-            set(&mut table, change)?;
-        }
-        let scene: Self = table.try_into().map_err(|error| Error::Scene(problem(error)))?;
-        scene.checked()
+        let changed = overrides.iter().try_for_each(|change| set(&mut table, change));
+        let made = changed.and_then(|()| table.try_into().map_err(|error| Error::Scene(problem(error))));
+        made.and_then(Self::checked).map_err(|error| match (error, Self::parse(text, &[])) {
+            (Error::Scene(why), Ok(_)) => Error::Set(why),
+            (error, _) => error,
+        })
     }
 
     /// Reads a scene's file.
@@ -432,11 +433,18 @@ mod tests {
             ("camera.azimut=1", "camera: unknown field `azimut`"),
             ("camera=3", "camera: invalid type: integer `3`, expected a table"),
         ] {
-            let error = Scene::parse("", &[change.parse().unwrap()]).unwrap_err().to_string();
+            let error = Scene::parse("", &[change.parse().unwrap()]).unwrap_err();
+            assert!(matches!(error, Error::Set(_)), "{error}");
+            let error = error.to_string();
             assert!(error.contains(said), "{change}: {error}");
         }
         let error = Scene::parse("[camera]\nazimuth = \"abc\"", &[]).unwrap_err().to_string();
         assert!(error.contains("line 2: ") && error.ends_with("expected a number"), "{error}");
-        assert!(Scene::parse("volume = \"a\"", &["volume.x=3".parse().unwrap()]).is_err());
+        let of_a_file = Scene::parse("volume = \"a\"", &["volume.x=3".parse().unwrap()]);
+        assert!(matches!(of_a_file, Err(Error::Set(_))));
+        // A wrong file is the file's fault, and a right value may mend it.
+        let (wrong, set) = ("[camera]\nangle = 180", |text: &str| [text.parse().unwrap()]);
+        assert!(matches!(Scene::parse(wrong, &set("camera.zoom=2")), Err(Error::Scene(_))));
+        assert!(Scene::parse(wrong, &set("camera.angle=30")).is_ok());
     }
 }

@@ -372,7 +372,7 @@ fn nonsense_is_refused_in_one_line() {
     for (words, status, reason) in [
         (&["--size", "10x10", "--density", "1.5", "-o", "m.exr"][..], 2, "above 0 and at most 1"),
         (&["--size", "0x10", "--density", "0.5", "-o", "m.exr"], 2, "from 1 to 32768"),
-        (&["--size", "10x10", "--density", "0.5", "-o", "m.tif"], 1, "does not end in"),
+        (&["--size", "10x10", "--density", "0.5", "-o", "m.tif"], 2, "does not end in"),
         (&["--after", "missing.exr", "--add", "0.1", "-o", "m.exr"], 1, "missing.exr"),
         (&["--merge", "a.exr", "a.exr", "-o", "a.exr"], 2, "the same file as the first render"),
         (

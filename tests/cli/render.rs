@@ -395,7 +395,10 @@ fn what_cannot_be_rendered_is_one_line() {
         (&["render", HEAD, "-o", "o.exr", "--frames", "1-2"], 2, "pattern"),
         (&["render", HEAD, "-o", "o.####.exr"], 2, "--frames"),
         (&["render", HEAD, "-o", "o.exr", "--fill", "auto"], 2, "--density"),
-        (&["render", HEAD, "-o", "o.exr", "--set", "march.stop=1"], 1, "unknown field"),
+        (&["render", HEAD, "-o", "o.exr", "--set", "march.stop=1"], 2, "unknown field"),
+        (&["render", HEAD, "-o", "o.exr", "--set", "camera.angle=180"], 2, "below 180"),
+        (&["render", "short.nrrd", "-o", "o.exr", "--set", "shading.ambient=-1"], 2, "ambient"),
+        (&["render", "bad.toml", "-o", "o.exr", "--set", "camera.angle=30"], 1, "march.step"),
         (&["render", HEAD, "-o", "o.exr", "--density", "2"], 2, "above 0 and at most 1"),
     ] {
         let output = lacuna(room.path(), &[arguments, &["-q"]].concat());

@@ -58,6 +58,8 @@ fn nonsense_is_refused_in_one_line() {
         ("-o m.exr --size 64x32 --density nan", "above 0 and at most 1"),
         ("-o m.exr --size 0x32 --density 0.5", "from 1 to 32768"),
         ("-o m.exr --size 64x32", "--density D or --rank"),
+        ("-o m.foo --size 64x32 --density 0.5", "-o 'm.foo' does not end in .exr, .png, .txt or .json"),
+        ("-o m.#### --after a.####.exr --add 0.1 --frames 1-2", "does not end in .exr"),
         ("-o m.exr --density 0.2", "--size"),
         ("--size 64x32 --density 0.2", "-o OUTPUT"),
         ("-o m.exr --size 64x32 --density 0.2 --temporal offset", "--frames"),

@@ -26,11 +26,12 @@ fn read_scene(job: &RenderJob) -> Result<(Scene, PathBuf), PlanError> {
         let scene = Scene::read(&job.scene, &job.overrides).map_err(|error| match error {
             // The file is named already.
             lacuna_volume::Error::Io { .. } | lacuna_volume::Error::File { .. } => failed(error),
+            lacuna_volume::Error::Set(_) => PlanError::Usage(format!("{}: {error}", job.scene.display())),
             _ => PlanError::Failed(format!("{}: {error}", job.scene.display())),
         });
         return Ok((scene?, folder));
     }
-    let mut scene = Scene::parse("", &job.overrides).map_err(failed)?;
+    let mut scene = Scene::parse("", &job.overrides).map_err(|error| PlanError::Usage(error.to_string()))?;
     if scene.volume.is_empty() {
         scene.volume = job.scene.display().to_string();
     }
