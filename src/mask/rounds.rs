@@ -41,7 +41,7 @@ pub struct Rounds {
 /// Those of `measure`, and settings out of range.
 pub fn choose(
     settings: &adaptive::Settings,
-    field: Field,
+    field: (Field, Option<&Mask>),
     run: &Run<'_>,
     mut measure: impl FnMut(&Mask) -> Result<Arc<Planes>, Error>,
 ) -> Result<Rounds, Error> {
@@ -85,19 +85,19 @@ impl Rounds {
     /// What became of the target: something to know, or else something to warn of.
     pub fn verdict(&self, target: Option<f64>) -> Option<Result<String, String>> {
         let (target, count) = (target?, self.rounds.len());
-        let error = self.rounds.last()?.estimated_error;
-        let estimate = error.map_or_else(
-            || "unknown, as all measured values are alike, or none is finite".into(),
-            |error| format!("{error:.2e}"),
-        );
-        if error.is_some_and(|error| error <= target) {
+        let Some(error) = self.rounds.last()?.estimated_error else {
+            return Some(Err(format!(
+                "whether the target error of {target} is reached is not known, as all measured values are alike, or none is finite"
+            )));
+        };
+        if error <= target {
             let first = if count == 1 { ", at once" } else { "" };
             return Some(Ok(format!(
-                "the target error of {target} is reached after round {count}{first}: {estimate}"
+                "the target error of {target} is reached after round {count}{first}: {error:.2e}"
             )));
         }
         Some(Err(format!(
-            "the target error of {target} is not reached: after all {count} rounds the estimate is {estimate}; give a higher density"
+            "the target error of {target} is not reached: after all {count} rounds the estimate is {error:.2e}; give a higher density"
         )))
     }
 }
@@ -136,6 +136,7 @@ mod tests {
         assert!(text(&[Some(0.01)]).unwrap().contains("at once"));
         assert!(!text(&[Some(0.1), Some(0.01)]).unwrap().contains("at once"));
         assert!(text(&[Some(0.1), Some(0.02)]).unwrap_err().contains("2.00e-2"));
-        assert!(text(&[None]).unwrap_err().contains("unknown"));
+        let unknown = text(&[None]).unwrap_err();
+        assert!(unknown.contains("not known") && !unknown.contains("higher density"), "{unknown}");
     }
 }

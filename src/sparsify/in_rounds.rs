@@ -35,7 +35,9 @@ impl InRounds {
             return Err(Error::Colourless);
         }
         let planes = Arc::new(Planes::new(canvas.size(), planes)?);
-        let found = rounds::choose(settings, field(canvas), run, |_| Ok(Arc::clone(&planes)))?;
+        let within = within(canvas, frame);
+        let field = (field(canvas), within.as_ref());
+        let found = rounds::choose(settings, field, run, |_| Ok(Arc::clone(&planes)))?;
         let finite = |at: usize| planes.as_slice().iter().all(|plane| plane.pixels()[at].is_finite());
         let chosen = (0..canvas.size().pixels()).filter(|&at| found.mask.as_slice()[at]);
         let non_finite = chosen.filter(|&at| !finite(at)).count();
@@ -96,6 +98,18 @@ fn chosen_by(frame: &Frame) -> Vec<(&Part, Vec<usize>)> {
         return first.into_iter().collect();
     }
     found.into_iter().map(|(_, part, channels)| (part, channels)).collect()
+}
+
+/// The pixels of the canvas that some part has, if not each has all.
+fn within(canvas: Window, frame: &Frame) -> Option<Mask> {
+    if frame.parts.iter().any(|part| part.data_window == canvas) {
+        return None;
+    }
+    let inside = |part: &Part, row: usize, column: usize| {
+        let ([top, left], size) = (corner(canvas, part.data_window), part.size());
+        (top..top + size.height).contains(&row) && (left..left + size.width).contains(&column)
+    };
+    Some(Mask::from_fn(canvas.size(), |row, column| frame.parts.iter().any(|part| inside(part, row, column))))
 }
 
 /// A channel on the canvas, 0 where the part has no pixels.

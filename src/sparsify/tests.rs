@@ -240,6 +240,14 @@ fn parts_of_other_windows_share_the_rounds_by_absolute_pixels() {
 }
 
 #[test]
+fn what_lies_between_parts_gives_them_no_more_pixels() {
+    let [disc, mut flat] = [view("a", false), view("b", true)];
+    flat.data_window = window(160, 30, 60, 40);
+    let sparse = in_rounds(frame(vec![disc, flat]), None).unwrap();
+    assert!((sparse.density - 0.2).abs() < 1e-3, "{}", sparse.density);
+}
+
+#[test]
 fn chosen_pixels_without_a_value_are_counted() {
     let mut part = view("", false);
     let Samples::Half(values) = &mut part.channels[0].samples else { unreachable!() };

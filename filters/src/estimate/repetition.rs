@@ -173,7 +173,7 @@ fn choose(image: &Arc<Planes>, mask: &Mask, seed: u64, run: &Run<'_>) -> Result<
         frame: None,
     };
     let measure = |_: &Mask| Ok::<_, Error>(Arc::clone(image));
-    let chosen = adaptive::in_rounds(&settings, Field { x: 0, y: 0, size }, false, run, measure)?;
+    let chosen = adaptive::in_rounds(&settings, (Field { x: 0, y: 0, size }, None), false, run, measure)?;
     Ok(Arc::new(chosen.mask))
 }
 
@@ -239,7 +239,7 @@ mod tests {
             };
             let field = Field { x: 0, y: 0, size: SIZE };
             let measure = |_: &Mask| Ok::<_, Error>(Arc::clone(&truth));
-            let chosen = adaptive::choose(&settings, field, &Run::default(), measure).unwrap();
+            let chosen = adaptive::choose(&settings, (field, None), &Run::default(), measure).unwrap();
             let (told, is) = told(&truth, chosen.mask);
             all_told += told.unwrap();
             all += is;

@@ -82,7 +82,7 @@ pub struct Round {
     /// Pixels that it added.
     pub pixels: usize,
     /// The estimated error of the fill after it, over the measured range, good to a factor of about two (fill tells it better); nothing where no measured value is finite, nor
-    /// where all are alike.
+    /// where all are alike; 0 once every pixel is measured.
     pub error: Option<f64>,
 }
 
@@ -137,32 +137,36 @@ impl Settings {
 /// `measure` is given the new pixels of a round and returns planes that hold their values; what these hold elsewhere is not read. They are
 /// let go before the next round, so that a renderer may write all rounds into the same.
 /// A pixel with a value that is not finite counts as measured and says nothing. If the run is interrupted, no round follows.
+/// Where not all of the field can be measured, `within` says which pixels can: the others are never chosen, and no density counts them.
 ///
 /// # Errors
-/// Settings out of range, and those of `measure`.
+/// Settings out of range, a mask of another size, and those of `measure`.
 pub fn choose<E: From<Error>>(
     settings: &Settings,
-    field: Field,
+    (field, within): (Field, Option<&Mask>),
     run: &Run<'_>,
     measure: impl FnMut(&Mask) -> Result<Arc<Planes>, E>,
 ) -> Result<Chosen, E> {
-    in_rounds(settings, field, true, run, measure)
+    in_rounds(settings, (field, within), true, run, measure)
 }
 
 /// The same; the error of the last round only if it `tells`.
 pub(crate) fn in_rounds<E: From<Error>>(
     settings: &Settings,
-    field: Field,
+    (field, within): (Field, Option<&Mask>),
     tells: bool,
     run: &Run<'_>,
     mut measure: impl FnMut(&Mask) -> Result<Arc<Planes>, E>,
 ) -> Result<Chosen, E> {
-    let total = settings.check(field.size.pixels())?;
+    let mut known = Known::new(field.size, within)?;
+    let total = settings.check(known.pixels)?;
     let preference = Preference::new(settings.seed, settings.frame);
     let in_all = settings.rounds.unwrap_or(ROUNDS.min(total));
     let first = if in_all == 1 { settings.density } else { settings.first() };
-    let mut new = shuffle::mask(field.x, field.y, field.size, first, preference.seed())?;
-    let mut known = Known::new(field.size);
+    let spread = shuffle::mask(field.x, field.y, field.size, first, preference.seed())?;
+    let mut new = Mask::from_fn(field.size, |row, column| {
+        spread.is_measured(row, column) && within.is_none_or(|within| within.is_measured(row, column))
+    });
     let mut rounds: Vec<Round> = Vec::new();
     // The estimate that chose the new pixels, and the squared distances with them.
     let mut before: Option<(Estimate, Vec<u32>)> = None;
@@ -177,10 +181,13 @@ pub(crate) fn in_rounds<E: From<Error>>(
         }
         let left = in_all.saturating_sub(rounds.len() + 1);
         let over = left == 0 || known.count >= total || run.interrupted().is_some();
-        let estimate = if over && !tells { None } else { known.estimate(before.take(), run)? };
+        let is_full = known.count == known.pixels;
+        let estimate = if over && (is_full || !tells) { None } else { known.estimate(before.take(), run)? };
         // Values that are all alike say nothing of others.
         let error = estimate.as_ref().zip(known.range().filter(|range| *range > 0.0));
-        let error = error.map(|(found, range)| calibration.fit().rmse(found, known.channels, range));
+        let values = known.pixels * known.channels;
+        let error = error.map(|(found, range)| calibration.fit().rmse(found, values, range));
+        let error = if is_full { Some(0.0) } else { error };
         rounds.push(Round { pixels: new.count(), error });
         let reached = error.zip(settings.target).is_some_and(|(error, target)| error <= target);
         if over || reached {
@@ -200,7 +207,7 @@ pub(crate) fn in_rounds<E: From<Error>>(
 /// The pixels of the next round, and the squared distances with them where there is an estimate.
 fn next(
     estimate: Option<&Estimate>,
-    known: &Known,
+    known: &Known<'_>,
     count: usize,
     field: Field,
     preference: Preference,
@@ -208,27 +215,27 @@ fn next(
     let Some(estimate) = estimate else { return (in_order(known, count, field, preference.seed()), None) };
     let mut taken = in_order(known, count / EXPLORE, field, preference.seed());
     let (more, squared) =
-        estimate.next_beside(&taken, count - taken.len(), field, preference, |pixel| !known.mask[pixel]);
+        estimate.next_beside(&taken, count - taken.len(), field, preference, |pixel| known.is_open(pixel));
     taken.extend(more);
     (taken, Some(squared))
 }
 
 /// The first `count` missing pixels in the order of the shuffle.
-fn in_order(known: &Known, count: usize, field: Field, seed: u64) -> Vec<usize> {
+fn in_order(known: &Known<'_>, count: usize, field: Field, seed: u64) -> Vec<usize> {
     let Field { size, .. } = field;
     let rank = |pixel: usize| {
         let (x, y) = field.at(pixel / size.width, pixel % size.width);
         shuffle::rank(x, y, seed)
     };
     // Ranks are spread evenly, so these nearly always suffice.
-    let enough = (known.count + count) as f64 / size.pixels() as f64 + SLACK;
+    let enough = (known.count + count) as f64 / known.pixels as f64 + SLACK;
     for most in [enough.min(1.0), 1.0] {
         let ranked = |row: usize| -> Vec<(f64, usize)> {
             let (x, y) = field.at(row, 0);
             let mut early = vec![false; size.width];
             shuffle::fill(x, y, seed, Band::below(most), &mut early);
             let pixels = (row * size.width..(row + 1) * size.width).zip(early);
-            let missing = pixels.filter(|&(pixel, early)| early && !known.mask[pixel]);
+            let missing = pixels.filter(|&(pixel, early)| early && known.is_open(pixel));
             missing.map(|(pixel, _)| (rank(pixel), pixel)).collect()
         };
         let mut ranked = (0..size.height).into_par_iter().map(ranked).concat();
@@ -245,8 +252,11 @@ fn in_order(known: &Known, count: usize, field: Field, seed: u64) -> Vec<usize> 
 }
 
 /// What was measured so far.
-struct Known {
+struct Known<'a> {
     size: Size,
+    /// The pixels that can be measured, if not all can, and how many they are.
+    within: Option<&'a Mask>,
+    pixels: usize,
     mask: Vec<bool>,
     /// How many.
     count: usize,
@@ -265,12 +275,17 @@ struct Known {
     ends: (f32, f32),
 }
 
-impl Known {
-    fn new(size: Size) -> Self {
+impl<'a> Known<'a> {
+    fn new(size: Size, within: Option<&'a Mask>) -> Result<Self, Error> {
+        if let Some(other) = within.map(Mask::size).filter(|other| *other != size) {
+            return Err(Error::SizeMismatch { expected: size, found: other.to_string() });
+        }
         let ends = (f32::INFINITY, f32::NEG_INFINITY);
         let (mask, usable) = (vec![false; size.pixels()], vec![false; size.pixels()]);
-        Self {
+        Ok(Self {
             size,
+            within,
+            pixels: within.map_or(size.pixels(), Mask::count),
             mask,
             count: 0,
             usable,
@@ -281,7 +296,12 @@ impl Known {
             channels: 0,
             unit: 1.0,
             ends,
-        }
+        })
+    }
+
+    /// Whether a pixel can be measured and was not.
+    fn is_open(&self, pixel: usize) -> bool {
+        !self.mask[pixel] && self.within.is_none_or(|within| within.as_slice()[pixel])
     }
 
     /// Takes up the values of new pixels.
@@ -366,7 +386,8 @@ impl Known {
             }
             (start, None)
         };
-        Estimate::of_spline(samples, &mask, Some(before), run).map(Some)
+        let found = Estimate::of_spline(samples, &mask, Some(before), run)?;
+        Ok(Some(self.within.into_iter().fold(found, Estimate::within)))
     }
 
     /// Of all values that were measured.
@@ -455,11 +476,11 @@ impl Fit {
         (self.factor + self.power * f64::from(guess).ln()).exp()
     }
 
-    /// The root mean square over pixels and channels of what a fill errs by, over `range`.
-    fn rmse(self, estimate: &Estimate, channels: usize, range: f64) -> f64 {
+    /// The root mean square over so many `values`, those of all pixels and channels, of what a fill errs by, over `range`.
+    fn rmse(self, estimate: &Estimate, values: usize, range: f64) -> f64 {
         let errors = estimate.squared_errors().into_iter();
         let sum = errors.fold(0.0, |sum, (guess, count)| sum + count as f64 * self.truth(guess));
-        let mean = sum / (estimate.size().pixels() * channels).max(1) as f64;
+        let mean = sum / values.max(1) as f64;
         mean.sqrt() / range
     }
 }

@@ -39,7 +39,7 @@ use crate::baseline::push_pull;
 use crate::kernel::blur::blur;
 use crate::kernel::extremes;
 use crate::variational::ss;
-use crate::{Error, Filter, Mask, Plane, Planes, Run, Size};
+use crate::{Error, Filter, Mask, Plane, Planes, Run};
 
 mod picks;
 mod preference;
@@ -221,9 +221,11 @@ impl Estimate {
         planes.map(|(y, x)| f64::from(y.pixels()[pixel] - x.pixels()[pixel]).powi(2)).sum()
     }
 
-    /// Of the image.
-    pub(super) fn size(&self) -> Size {
-        self.mask.size()
+    /// The same where only these pixels count: no other errs.
+    pub(super) fn within(mut self, counted: &Mask) -> Self {
+        let others = self.coefficient.iter_mut().zip(counted.as_slice()).filter(|(_, counts)| !**counts);
+        others.for_each(|(coefficient, _)| *coefficient = 0.0);
+        self
     }
 
     /// The fill whose error it is, for the next one.

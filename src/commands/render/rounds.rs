@@ -62,7 +62,7 @@ impl Render<'_> {
         let interrupt = || stage.stopped().then_some(Stop::Cancelled);
         let run = Run { interrupt: Some(&interrupt) };
         let field = Field { x: 0, y: 0, size: all.size };
-        let found = rounds::choose(&settings, field, &run, |new: &Mask| {
+        let found = rounds::choose(&settings, (field, None), &run, |new: &Mask| {
             let shot = Shot { mask: Some(new.as_slice()), ..all };
             lacuna_volume::render_onto(&mut whole, &ready.renderer, &shot, &advance.told());
             for (plane, from) in Arc::make_mut(&mut colours).as_mut_slice().iter_mut().zip(&whole.colour) {

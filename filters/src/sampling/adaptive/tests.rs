@@ -23,7 +23,7 @@ fn picture() -> Planes {
 /// Chooses with the picture as renderer; also all that it was asked for.
 fn chosen(settings: &Settings, picture: &Planes) -> (Chosen, Vec<Mask>) {
     let mut asked = Vec::new();
-    let found = choose(settings, FIELD, &Run::default(), |new: &Mask| {
+    let found = choose(settings, (FIELD, None), &Run::default(), |new: &Mask| {
         asked.push(new.clone());
         // What was not asked for must not be read.
         let hide = |plane: &Plane| {
@@ -221,7 +221,7 @@ fn what_cannot_be_done_is_refused() {
 fn a_renderer_that_fails_and_an_interruption_end_it() {
     let picture = picture();
     let mut rounds = 0;
-    let failed = choose(&settings(0.2, 4), FIELD, &Run::default(), |_: &Mask| {
+    let failed = choose(&settings(0.2, 4), (FIELD, None), &Run::default(), |_: &Mask| {
         rounds += 1;
         if rounds < 3 { Ok(Arc::new(picture.clone())) } else { Err(Error::EmptyMask) }
     });
@@ -229,7 +229,8 @@ fn a_renderer_that_fails_and_an_interruption_end_it() {
     let stop = || Some(Stop::Cancelled);
     let run = Run { interrupt: Some(&stop) };
     let found =
-        choose(&settings(0.2, 4), FIELD, &run, |_: &Mask| Ok::<_, Error>(Arc::new(picture.clone()))).unwrap();
+        choose(&settings(0.2, 4), (FIELD, None), &run, |_: &Mask| Ok::<_, Error>(Arc::new(picture.clone())))
+            .unwrap();
     assert_eq!(found.rounds.len(), 1);
 }
 
@@ -239,4 +240,31 @@ fn threads_change_nothing() {
         crate::baseline::testing::with_threads(threads, || chosen(&settings(0.2, 3), &picture()).0)
     };
     assert_eq!(with(1), with(3));
+}
+
+#[test]
+fn pixels_that_cannot_be_measured_are_neither_chosen_nor_counted() {
+    let (picture, settings) = (Arc::new(picture()), Settings { frame: Some(3), ..settings(0.1, 4) });
+    // Two pieces with a wide gap between them.
+    let within = Mask::from_fn(SIZE, |_, column| !(20..75).contains(&column));
+    let measure = |_: &Mask| Ok::<_, Error>(Arc::clone(&picture));
+    let found = choose(&settings, (FIELD, Some(&within)), &Run::default(), measure).unwrap();
+    assert_eq!(found.mask.count(), (0.1 * within.count() as f64).round() as usize);
+    let flags = found.mask.as_slice().iter().zip(within.as_slice());
+    assert!(flags.clone().all(|(chosen, can)| *can || !chosen));
+    // What lies far from every sample in the gap is no part of the error.
+    let all = Settings { density: 1.0, target: Some(0.0), ..settings };
+    let found = choose(&all, (FIELD, Some(&within)), &Run::default(), measure).unwrap();
+    assert!(found.mask == within && found.rounds.last().unwrap().error == Some(0.0));
+    let other = Mask::full(Size::new(1, 1));
+    assert!(choose(&settings, (FIELD, Some(&other)), &Run::default(), measure).is_err());
+}
+
+#[test]
+fn nothing_is_wrong_once_all_is_measured_whatever_the_values() {
+    let error = |density: f64, value: f32| {
+        let picture = Planes::new(SIZE, vec![Plane::filled(SIZE, value)]).unwrap();
+        chosen(&settings(density, 2), &picture).0.rounds.last().unwrap().error
+    };
+    assert_eq!([error(1.0, 0.0), error(1.0, f32::NAN), error(0.5, 0.0)], [Some(0.0), Some(0.0), None]);
 }

@@ -3,6 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::Size;
 use crate::baseline::push_pull;
 use crate::sampling::{Band, Order, Pattern};
 
