@@ -424,3 +424,52 @@ def test_an_input_is_never_overwritten(tmp_path):
     before = test.read_bytes()
     assert tool.lacuna("compare", reference, test, "--csv", test, ok=False).status == 2
     assert test.read_bytes() == before
+
+
+def test_pairs_without_missing_pixels_flicker_by_all(tmp_path):
+    errors = sequence(tmp_path)
+    for number in range(1, 4):
+        planes = frames.read(tmp_path / f"t.{number:04}.exr")[0]
+        frames.write(tmp_path / f"t.{number:04}.exr", planes | {"mask": np.ones((40, 50), np.float16)})
+    report, _ = compare(tmp_path / "r.####.exr", tmp_path / "t.####.exr", tmp_path, "--fail-above", "flicker=1")
+    region = lambda frame: "missing" if any(r["region"] == "missing" for r in report["frames"][frame]["groups"][0]["regions"]) else "all"
+    for frame in (1, 2):
+        truth = np.sqrt(np.mean((errors[frame] - errors[frame - 1]) ** 2))
+        assert measures(report, region(frame), frame=frame)["flicker"] == pytest.approx(truth, rel=1e-5)
+    # Frames that are the same do not flicker.
+    for number in range(1, 4):
+        (tmp_path / f"r.{number:04}.exr").write_bytes((tmp_path / f"t.{number:04}.exr").read_bytes())
+    compare(tmp_path / "r.####.exr", tmp_path / "t.####.exr", tmp_path, "--fail-above", "flicker=0", "--fail-above", "missing.flicker=0")
+
+
+def test_a_cut_has_no_motion_and_the_gate_says_so(tmp_path):
+    sequence(tmp_path)
+    for name in ("r", "t"):
+        noise = np.random.default_rng(5).random((40, 50)).astype(np.float32)
+        frames.write(tmp_path / f"{name}.0004.exr", dict.fromkeys("RGB", noise))
+    pair = (tmp_path / "r.####.exr", tmp_path / "t.####.exr")
+    report, _ = compare(*pair, tmp_path, "--fail-above", "flicker-along=1", ok=False)
+    failures = [frame["failures"] for frame in report["frames"]]
+    assert failures[:3] == [[], [], []] and "motion since the frame before is not known, as beyond a cut" in failures[3][0]
+
+
+def test_no_frame_waits_for_one_that_does_not_come(tmp_path):
+    noise = np.random.default_rng(5).random((500, 500)).astype(np.float32)
+    for number in range(1, 41, 2):
+        for name in ("r", "t"):
+            frames.write(tmp_path / f"{name}.{number:04}.exr", dict.fromkeys("RGB", noise))
+    words = ["compare", tmp_path / "r.####.exr", tmp_path / "t.####.exr", "--measures", "flicker", "--missing-frame", "skip", "--threads", "1"]
+    few, many = (tool.lacuna(*words, "--frames", last).peak_bytes for last in ("1-6", "1-40"))
+    print(f"{few / 1e6:.0f} MB, {many / 1e6:.0f} MB")
+    assert many < few + 20e6
+    # What is kept of three frames counts.
+    most = tool.lacuna(*words, "--frames", "1-6", "--memory", "80M", ok=False)
+    assert most.status == 1 and "more than the bound" in most.stderr
+    tool.lacuna("compare", *words[1:3], "--missing-frame", "skip", "--frames", "1-6", "--memory", "80M")
+
+
+def test_progress_ends_with_the_work(tmp_path):
+    sequence(tmp_path)
+    result = tool.lacuna("compare", tmp_path / "r.####.exr", tmp_path / "t.####.exr", "--measures", "flicker", "--progress", "plain")
+    told = [line for line in result.lines() if line.startswith("Progress: ")]
+    assert [int(line.split()[1].rstrip("%")) for line in told] == [100 * step // 12 for step in range(1, 13)]

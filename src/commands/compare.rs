@@ -184,8 +184,21 @@ impl Work for Compare<'_> {
         decision
     }
 
+    fn pieces(&self) -> u64 {
+        u64::from(self.wants_changes())
+    }
+
     fn need(&self, item: &Item) -> Need {
-        memory::to_compare(&item.input, &item.output).into()
+        let (reference, test) = (&item.input, &item.output);
+        let kept = || memory::to_follow(reference, test, self.job.settings.wanted.has_motion());
+        let kept = if self.wants_changes() { kept() } else { 0 };
+        memory::to_compare(reference, test).saturating_add(kept).into()
+    }
+
+    fn lost(&self, item: &Item) {
+        if let Some(number) = item.number {
+            self.found().flicker.lost(number);
+        }
     }
 
     fn last_words(&self, console: &Arc<Console>) -> Option<LastWords> {
@@ -247,6 +260,11 @@ impl<'a> Compare<'a> {
         self.items.iter().position(|other| std::ptr::eq(other, item) || other == item).unwrap_or(0)
     }
 
+    /// Whether changes from frame to frame are asked for, and there are some.
+    fn wants_changes(&self) -> bool {
+        self.job.settings.wanted.has_changes() && self.items.len() > 1
+    }
+
     fn one(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
         let limits = memory::limits(self.job.run.memory, self.need(item).most);
         let (reference, test) = stage.read(record, || {
@@ -258,7 +276,7 @@ impl<'a> Compare<'a> {
         record.density = masks.as_ref().and_then(Masks::density);
         let index = self.index(item);
         let mut seen = Seen::default();
-        let wants_changes = self.job.settings.wanted.has_changes() && self.items.len() > 1;
+        let wants_changes = self.wants_changes();
         let compared = stage.solve(record, || {
             report::compare(&reference, &test, masks.as_ref(), &self.job.settings, &mut |images: &Images<
                 '_,
@@ -294,7 +312,7 @@ impl<'a> Compare<'a> {
             drop(found);
             // Motion takes its time, and others shall not wait for it.
             let changes: Vec<Changed> =
-                stage.solve(record, || pairs.iter().flat_map(Pair::changes).collect());
+                stage.solve_more(record, || pairs.iter().flat_map(Pair::changes).collect());
             self.found().enter(&changes);
         }
         Ok(())

@@ -32,7 +32,7 @@ pub struct Colours {
 }
 
 /// What changed from one frame to the next: root mean squares over the channels, and over the pixels that are missing in either frame (all pixels,
-/// if there is no mask), of colours clipped as they are compared. Values that are not finite count as 0.
+/// if none is or there is no mask), of colours clipped as they are compared. Values that are not finite count as 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Changes {
     /// Of the error.
@@ -74,7 +74,7 @@ struct Moment {
 pub struct Flicker {
     /// The numbers that one frame has.
     expected: BTreeSet<i64>,
-    /// By the frame's number; nothing for one that is not needed any more.
+    /// By the frame's number; nothing for one that is not needed any more, or will not come.
     waiting: BTreeMap<i64, Option<Arc<Moment>>>,
 }
 
@@ -132,13 +132,26 @@ impl Flicker {
         let of = |at: i64| self.waiting.get(&at).cloned().flatten();
         let pair = |(earlier, later)| Some(Pair { number: later, before: of(earlier)?, now: of(later)? });
         let found = [(before, number), (number, after)].into_iter().filter_map(pair).collect();
-        // A frame is not needed any more once those beside it have come.
+        self.let_go(number);
+        found
+    }
+
+    /// The frame of that number will not come: none waits for it.
+    pub fn lost(&mut self, number: i64) {
+        if self.expected.contains(&number) {
+            self.waiting.insert(number, None);
+            self.let_go(number);
+        }
+    }
+
+    /// A frame is not needed any more once those beside it have come, of which this is the last.
+    fn let_go(&mut self, last: i64) {
         let come = |at: i64| self.waiting.contains_key(&at) || !self.expected.contains(&at);
-        let done = [before, number, after].into_iter().filter(|at| beside(*at).into_iter().all(come));
+        let [before, after] = beside(last);
+        let done = [before, last, after].into_iter().filter(|at| beside(*at).into_iter().all(come));
         for at in done.collect::<Vec<_>>() {
             self.waiting.entry(at).and_modify(|moment| *moment = None);
         }
-        found
     }
 }
 
@@ -148,16 +161,16 @@ const fn beside(number: i64) -> [i64; 2] {
 }
 
 impl Colours {
-    /// On a window that holds theirs; where no mask is `known`, the pixels that they have are those that count.
-    fn on(&self, window: Window, known: bool) -> Cow<'_, Self> {
-        if self.window == window {
+    /// On a window that holds theirs; where none is known to be `missing`, the pixels that they have are those that count.
+    fn on(&self, window: Window, missing: bool) -> Cow<'_, Self> {
+        if self.window == window && missing {
             return Cow::Borrowed(self);
         }
         let plane = |plane: &Plane| {
             Plane::new(window.size(), self.window.place(plane.pixels(), window, 0.0))
                 .unwrap_or_else(|_| plane.clone())
         };
-        let own = if known { self.missing.clone() } else { Some(vec![true; self.window.size().pixels()]) };
+        let own = if missing { self.missing.clone() } else { Some(vec![true; self.window.size().pixels()]) };
         Cow::Owned(Self {
             errors: self.errors.iter().map(plane).collect(),
             reference: self.reference.iter().map(plane).collect(),
@@ -203,12 +216,16 @@ impl Changes {
         if all.pixels() > LARGER.saturating_mul(before.window.pixels().saturating_add(now.window.pixels())) {
             return None;
         }
-        let known = before.missing.is_some() || now.missing.is_some();
-        let (before, now) = (before.on(all, known), now.on(all, known));
+        let some = some_missing([before, now]);
+        let on = |colours| {
+            if before.window == now.window { Cow::Borrowed(colours) } else { Colours::on(colours, all, some) }
+        };
+        let (before, now) = (on(before), on(now));
         let (before, now) = (&*before, &*now);
-        let missing = |at: usize| is_missing([(before, at), (now, at)]);
-        let flicker = change((&before.errors, &now.errors), &missing)?;
-        Some(Self { flicker, truth: change((&before.reference, &now.reference), &missing)? })
+        let all = !some_missing([before, now]);
+        let counts = |at: usize| all || is_missing([(before, at), (now, at)]);
+        let flicker = change((&before.errors, &now.errors), &counts)?;
+        Some(Self { flicker, truth: change((&before.reference, &now.reference), &counts)? })
     }
 
     /// From each pixel of the frame before to the place in this one where it lies, between pixels linearly; places outside of the image and those
@@ -222,8 +239,9 @@ impl Changes {
             (0.0..=(size.height - 1) as f32).contains(&y) && (0.0..=(size.width - 1) as f32).contains(&x)
         };
         let near = |[y, x]: [f32; 2]| y.round() as usize * size.width + x.round() as usize;
+        let all = !some_missing([before, now]);
         let counts = |(at, place): &(usize, [f32; 2])| {
-            inside(*place) && is_missing([(before, *at), (now, near(*place))])
+            inside(*place) && (all || is_missing([(before, *at), (now, near(*place))]))
         };
         let pixels: Vec<(usize, [f32; 2])> = places.iter().copied().enumerate().filter(counts).collect();
         let change = |before: &[Plane], now: &[Plane]| {
@@ -250,11 +268,15 @@ fn between(plane: &Plane, [y, x]: [f32; 2]) -> f32 {
     row(top) + down * (row(bottom) - row(top))
 }
 
-/// Whether one of two pixels was not measured, or nothing is known of either.
+/// Whether a pixel of two frames is known not to be measured.
+fn some_missing(frames: [&Colours; 2]) -> bool {
+    frames.into_iter().filter_map(|colours| colours.missing.as_ref()).any(|flags| flags.contains(&true))
+}
+
+/// Whether one of two pixels was not measured.
 fn is_missing(pixels: [(&Colours, usize); 2]) -> bool {
-    let known =
-        pixels.map(|(colours, at)| colours.missing.as_ref().map(|flags| flags.get(at) == Some(&true)));
-    known.iter().all(Option::is_none) || known.into_iter().flatten().any(|missing| missing)
+    let is = |(colours, at): (&Colours, usize)| colours.missing.as_ref()?.get(at).copied();
+    pixels.into_iter().filter_map(is).any(|missing| missing)
 }
 
 /// The root mean square of what planes differ by in some of the pixels; nothing if there are none, or the planes do not match.
@@ -315,6 +337,20 @@ mod tests {
     }
 
     #[test]
+    fn frames_beside_one_that_will_not_come_are_let_go() {
+        let mut flicker = Flicker::new(0..7);
+        enter(&mut flicker, 0, colours(0.0, None));
+        flicker.lost(1);
+        flicker.lost(3);
+        assert!(enter(&mut flicker, 2, colours(0.0, None)).is_empty());
+        enter(&mut flicker, 4, colours(0.0, None));
+        assert_eq!(enter(&mut flicker, 5, colours(0.0, None)).len(), 1);
+        flicker.lost(6);
+        flicker.lost(9);
+        assert!(flicker.waiting.values().all(Option::is_none) && flicker.waiting.len() == 7);
+    }
+
+    #[test]
     fn frames_whose_numbers_do_not_follow_each_other_are_no_pair() {
         let mut flicker = Flicker::new([9, 7, 4, 3, 3, 2]);
         for number in [9, 7, 4, 3, 3, 2] {
@@ -341,7 +377,7 @@ mod tests {
 
     #[test]
     fn only_missing_pixels_count() {
-        let mut flicker = Flicker::new(0..4);
+        let mut flicker = Flicker::new(0..5);
         enter(&mut flicker, 0, colours(0.0, Some(vec![true, false])));
         let mut next = |number, value, flags: [bool; 2]| {
             enter(&mut flicker, number, colours(value, Some(flags.to_vec())))[0].1
@@ -349,6 +385,12 @@ mod tests {
         assert_eq!(next(1, 2.0, [false, false]), Changes { flicker: 2.0, truth: 4.0 });
         assert_eq!(next(2, 0.0, [false, true]), Changes { flicker: 0.0, truth: 0.0 });
         assert_eq!(next(3, 0.0, [false, false]), Changes { flicker: 0.0, truth: 0.0 });
+        // Where none is, all count.
+        let root = std::f64::consts::SQRT_2;
+        assert_eq!(next(4, 2.0, [false, false]), Changes { flicker: root, truth: 2.0 * root });
+        let [before, now] = [0.0, 2.0].map(|value| colours(value, Some(vec![false; 2])).remove(0).1);
+        let places = [[0.0, 0.0], [0.0, 1.0]];
+        assert_eq!(Changes::along(&before, &now, &places), Changes::between(&before, &now));
     }
 
     /// Errors that move with what they are errors of do not flicker.

@@ -182,7 +182,12 @@ fn broken(group: &GroupReport, bound: &Bound, below: bool) -> Option<String> {
     let name = bound.measure.name();
     let of = if bound.region == "all" { String::new() } else { format!(" over {}", bound.region) };
     match value(group, bound) {
-        None => Some(format!("{}: no {name}{of}", group.label())),
+        None => {
+            let moves = bound.measure.follows_motion();
+            let why =
+                if moves { ": the motion since the frame before is not known, as beyond a cut" } else { "" };
+            Some(format!("{}: no {name}{of}{why}", group.label()))
+        }
         Some(value) if below && (value < bound.value || value.is_nan()) => {
             Some(format!("{}: {name}{of} {} is below {}", group.label(), short(value), bound.value))
         }

@@ -139,6 +139,9 @@ pub trait Work: Sync {
     /// The work itself; it passes over the record if nothing is to be written in the end.
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure>;
 
+    /// A frame did not come through: it was passed over, failed, or was refused.
+    fn lost(&self, _item: &Item) {}
+
     /// What would make more of these frames, a line each.
     fn hints(&self, _records: &[Record]) -> Vec<String> {
         Vec::new()
@@ -188,15 +191,24 @@ impl Books {
 impl Stage<'_> {
     /// Reads, and counts the time.
     pub fn read<T>(&self, record: &mut Record, read: impl FnOnce() -> T) -> T {
-        self.timed(&mut record.seconds.read, read)
+        let result = timed(&mut record.seconds.read, read);
+        self.console.advance(1);
+        result
     }
 
     /// Solves when it is this frame's turn, and counts the time from then on.
     pub fn solve<T: Send>(&self, record: &mut Record, solve: impl FnOnce() -> T + Send) -> T {
+        let result = self.solve_more(record, solve);
+        self.console.advance(1);
+        result
+    }
+
+    /// The same for what is left after that; of progress it is a [piece](Self::piece).
+    pub fn solve_more<T: Send>(&self, record: &mut Record, solve: impl FnOnce() -> T + Send) -> T {
         let seconds = &mut record.seconds.solve;
         // It may run on another thread, whose lines are to name the frame as well.
         let span = tracing::Span::current();
-        self.permits.solve(|| span.in_scope(|| self.timed(seconds, solve)))
+        self.permits.solve(|| span.in_scope(|| timed(seconds, solve)))
     }
 
     /// Holds no more memory than the frame needs, now that it was read.
@@ -209,7 +221,9 @@ impl Stage<'_> {
 
     /// Writes, and counts the time.
     pub fn write<T>(&self, record: &mut Record, write: impl FnOnce() -> T) -> T {
-        self.timed(&mut record.seconds.write, write)
+        let result = timed(&mut record.seconds.write, write);
+        self.console.advance(1);
+        result
     }
 
     /// Some pieces of solving are done.
@@ -232,14 +246,13 @@ impl Stage<'_> {
     pub fn stopped(&self) -> bool {
         self.stopped.load(Ordering::SeqCst)
     }
+}
 
-    fn timed<T>(&self, seconds: &mut f64, work: impl FnOnce() -> T) -> T {
-        let start = Instant::now();
-        let result = work();
-        *seconds += start.elapsed().as_secs_f64();
-        self.console.advance(1);
-        result
-    }
+fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
+    let start = Instant::now();
+    let result = work();
+    *seconds += start.elapsed().as_secs_f64();
+    result
 }
 
 /// Runs `work` on all items; the exit status is 0, or 1 if a frame failed.
@@ -273,7 +286,7 @@ pub fn run(
             let pieces = AtomicU64::new(work.pieces());
             one(index, item, work, &Stage { permits, share, console, stopped: &stopped, pieces }, &books);
         },
-        |index, item, refusal| refused((index, item), refusal, work.pieces(), console, &books),
+        |index, item, refusal| refused((index, item), refusal, work, console, &books),
         || stopped.load(Ordering::SeqCst),
     );
     console.end();
@@ -367,6 +380,9 @@ fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, books: &Bo
         return;
     }
     stage.end_pieces();
+    if result.is_err() || record.state == State::Skipped {
+        work.lost(item);
+    }
     match result {
         Err(failure) => fail(&mut record, item, &failure, stage.console),
         Ok(()) if record.state == State::Skipped => {
@@ -383,13 +399,20 @@ fn one(index: usize, item: &Item, work: &dyn Work, stage: &Stage<'_>, books: &Bo
     books.enter(index, record);
 }
 
-fn refused((index, item): (usize, &Item), refusal: Refusal, pieces: u64, console: &Console, books: &Books) {
+fn refused(
+    (index, item): (usize, &Item),
+    refusal: Refusal,
+    work: &dyn Work,
+    console: &Console,
+    books: &Books,
+) {
     if refusal == Refusal::NotStarted {
         return;
     }
     let text = why(refusal);
     let mut record = books.journal.get(index);
-    console.advance(pieces);
+    console.advance(work.pieces());
+    work.lost(item);
     fail(&mut record, item, &Failure { file: item.input.clone(), text }, console);
     books.enter(index, record);
 }

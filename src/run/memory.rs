@@ -14,7 +14,7 @@ use lacuna_filters::estimate::{REPEATED, holes, may_repeat};
 use lacuna_filters::upscale::Method;
 use lacuna_filters::{Mask, Size};
 
-use crate::channels::{Name, Shown, shown};
+use crate::channels::{Name, Shown, is_light, shown};
 use crate::files::neighbours::NeighbourFile;
 use crate::files::plan::Item;
 use crate::reconstruct::{Enlarge, Windows, pixels_at_a_time};
@@ -25,6 +25,10 @@ const CHOOSING: Memory = Memory { image: 36, channel: 14 };
 
 /// Bytes a pixel of every channel that is compared.
 const COMPARING: u64 = 24;
+
+/// Bytes a pixel of every colour that are kept for the frames beside it, and the frames of which they are: its own and those.
+const FOLLOWING: u64 = 8;
+const KEPT_FRAMES: u64 = 3;
 
 /// Bytes a pixel of each guide, and of each channel that it guides: planes, and once more what is measured of them, all of it and without the held-out ones.
 const GUIDING: Guiding = Guiding { guide: 5.0, channel: 6.0, measured: 8.0 };
@@ -227,6 +231,22 @@ pub fn to_compare(reference: &Path, test: &Path) -> u64 {
         if placed.is_empty() { 0 } else { taken.of_parts(&placed).saturating_add(more) }
     };
     side(&a, &b).saturating_add(side(&b, &a))
+}
+
+/// Bytes that is kept of a frame and of those beside it while two files are compared, so that changes from frame to frame are found: colours and
+/// errors, and the references where `motion` is followed.
+pub fn to_follow(reference: &Path, test: &Path, motion: bool) -> u64 {
+    let [a, b] = [reference, test].map(|path| read_header(path).unwrap_or_default());
+    let is_light = |header: &&ChannelHeader| {
+        header.kind != SampleType::Uint && is_light(&String::from_utf8_lossy(&header.name))
+    };
+    let one = |(part, other): (&PartHeader, &PartHeader)| {
+        let colours = part.channels.iter().filter(is_light).count() as u64;
+        all(crate::report::of_headers(part, other).size()).saturating_mul(FOLLOWING * colours + MASK)
+    };
+    let colours = a.iter().zip(&b).map(one).fold(0, u64::saturating_add);
+    let references = if motion { memory_needed(&a) } else { 0 };
+    KEPT_FRAMES.saturating_mul(colours.saturating_add(references))
 }
 
 /// Bytes that reading, copying and writing a frame needs; 0 if its header cannot be read.
