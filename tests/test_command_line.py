@@ -386,3 +386,27 @@ def test_a_frame_without_a_finite_value_has_no_spectrum(tmp_path):
         assert result.status == 1 and "nan.exr" in line and f"{said}: no pixel is finite" in line, result
         result = lacuna("info", source)
         assert f"note: {nan.size * len(names)} values are not finite" in result.stdout, result
+
+
+def test_negative_numbers_of_four_digits_are_found_wherever_files_are_read(tmp_path):
+    rows, columns = np.indices((24, 32))
+    image = np.repeat(np.float32(np.sin(rows / 5) * columns / 32)[..., None], 3, axis=2)
+    for number in (-2, -1, 0):
+        name = f"-{-number:04}" if number < 0 else "0000"
+        mask = frames.shuffle(24, 32, 0.3, seed=1 - number)
+        frames.write(tmp_path / f"s.{name}.exr", {c: image[..., k] * mask for k, c in enumerate("RGB")})
+        frames.write(tmp_path / f"m.{name}.exr", {"Y": mask.astype(np.float32)})
+        frames.write(tmp_path / f"g.{name}.exr", {f"albedo.{c}": image[..., k] for k, c in enumerate("RGB")})
+        frames.write_sparse(tmp_path / f"a.{name}.exr", image, mask)
+        frames.write_sparse(tmp_path / f"b.{name}.exr", image, frames.shuffle(24, 32, 0.3, seed=11 - number))
+    names = ["-0001", "-0002", "0000"]
+    written = lambda folder: sorted(path.name.split(".")[1] for path in (tmp_path / folder).iterdir())
+    fill = ["fill", tmp_path / "s.####.exr", "-o", f"{tmp_path}/o/", "--create-dir", "--frames", "-2-0", "--no-estimate",
+            "--mask", f"file:{tmp_path}/m.####.exr"]
+    for more in ([], ["--guides-from", tmp_path / "g.####.exr"], ["--layers", f"n={tmp_path}/g.####.exr"], ["--temporal", "1"]):
+        result = lacuna(*fill, *more)
+        assert "without frame" not in result.stderr and written("o") == names, result
+    for k, words in enumerate((["--merge", tmp_path / "a.####.exr", tmp_path / "b.####.exr"],
+                               ["--after", tmp_path / "a.####.exr", "--add", "0.1"])):
+        lacuna("mask", *words, "-o", tmp_path / f"{k}/o.####.exr", "--create-dir", "--frames", "-2-0")
+        assert written(str(k)) == names

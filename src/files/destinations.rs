@@ -51,7 +51,7 @@ impl Destination {
     pub fn of(&self, input: &Input) -> Result<PathBuf, PlanError> {
         match self {
             Self::File(path) => Ok(path.clone()),
-            Self::Pattern(pattern) => input.number.map(|number| spelt(pattern, number, &input.path)).ok_or_else(|| {
+            Self::Pattern(pattern) => input.number.map(|number| pattern.spelt_as(number, &input.path)).ok_or_else(|| {
                 PlanError::Usage(format!(
                     "{}: no frame number in the name for the output pattern; name a folder or a file as the output",
                     input.path.display()
@@ -63,14 +63,6 @@ impl Destination {
             },
         }
     }
-}
-
-/// The path of a frame, a negative number spelt as in the input's name: `-0001` and `-001` are both of four digits.
-fn spelt(pattern: &Pattern, number: i64, input: &Path) -> PathBuf {
-    let name = input.file_name().map(to_text).unwrap_or_default();
-    let full = Pattern::parse("####").ok().flatten().and_then(|four| four.alternative(number));
-    let is_full = full.is_some_and(|full| name.contains(&*to_text(full.as_os_str())));
-    pattern.alternative(number).filter(|_| is_full).unwrap_or_else(|| pattern.path(number))
 }
 
 #[cfg(test)]

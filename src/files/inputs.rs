@@ -131,7 +131,8 @@ impl Kind {
         let found = match (self, asked) {
             (Self::File, _) => return Ok(vec![plain(input.into())]),
             (Self::Pattern(pattern), Some(asked)) => {
-                return Ok(asked.numbers().iter().map(|&number| numbered(pattern, number)).collect());
+                let of = |&number: &i64| Input { path: pattern.file(number), number: Some(number) };
+                return Ok(asked.numbers().iter().map(of).collect());
             }
             (Self::Pattern(pattern), None) => on_disk(pattern, input)?,
             (Self::Glob, asked) => {
@@ -151,16 +152,6 @@ impl Kind {
 
 fn plain(path: PathBuf) -> Input {
     Input { number: number_in_name(&path), path }
-}
-
-/// The file of a frame; other tools' spelling of negative numbers if only that one exists.
-fn numbered(pattern: &Pattern, number: i64) -> Input {
-    let path = pattern.path(number);
-    let path = match pattern.alternative(number) {
-        Some(other) if !path.exists() && other.exists() => other,
-        _ => path,
-    };
-    Input { path, number: Some(number) }
 }
 
 /// The frames of a pattern that exist, by number.

@@ -77,6 +77,23 @@ impl Pattern {
         self.written(|width| format!("{number:0width$}"))
     }
 
+    /// The file of frame `number`, to be read: as some tools spell negative numbers, if only that one exists.
+    pub fn file(&self, number: i64) -> PathBuf {
+        let path = self.path(number);
+        match self.alternative(number) {
+            Some(other) if !path.exists() && other.exists() => other,
+            _ => path,
+        }
+    }
+
+    /// The path of frame `number`, a negative one spelt as in the name of this file: `-0001` and `-001` are both of four digits.
+    pub fn spelt_as(&self, number: i64, file: &Path) -> PathBuf {
+        let name = file.file_name().map(to_text).unwrap_or_default();
+        let full = (number < 0).then(|| format!("-{:04}", number.unsigned_abs()));
+        let is_full = full.is_some_and(|full| name.contains(&full));
+        self.alternative(number).filter(|_| is_full).unwrap_or_else(|| self.path(number))
+    }
+
     /// The path of frame `number` as some tools write it: a minus sign before the full padding.
     pub fn alternative(&self, number: i64) -> Option<PathBuf> {
         (number < 0).then(|| self.written(|width| format!("-{:0width$}", number.unsigned_abs())))

@@ -274,7 +274,7 @@ impl MaskPattern {
     pub fn of(&self, input: &Input) -> Result<PathBuf, PlanError> {
         match (self, input.number) {
             (Self::One(path), _) => Ok(path.clone()),
-            (Self::PerFrame(pattern), Some(number)) => Ok(pattern.path(number)),
+            (Self::PerFrame(pattern), Some(number)) => Ok(pattern.file(number)),
             (Self::PerFrame(_), None) => Err(PlanError::Usage(format!(
                 "{}: no frame number in the name for the mask's pattern; name one mask file",
                 input.path.display()
@@ -362,7 +362,8 @@ fn check_no_input_is_written(
     }
 }
 
-fn check_folder(output: &Path, create_dir: bool, new: &mut BTreeSet<PathBuf>) -> Result<(), PlanError> {
+/// Checks that the folder of an output is there, or may be made, and enters one that is to be made.
+pub fn check_folder(output: &Path, create_dir: bool, new: &mut BTreeSet<PathBuf>) -> Result<(), PlanError> {
     let folder = folder_of(output);
     match folder.metadata() {
         Ok(found) if found.is_dir() => return Ok(()),

@@ -1,5 +1,6 @@
 //! Where masks go, and which files bound them.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use lacuna_exr::{Limits, Window};
@@ -9,6 +10,7 @@ use crate::files::error::PlanError;
 use crate::files::identity::leads_nowhere;
 use crate::files::names::folder_of;
 use crate::files::patterns::Pattern;
+use crate::files::plan::check_folder;
 use crate::mask::generate::{self, Bounds};
 use crate::mask::output::Writing;
 use crate::mask::{MakeError, Source};
@@ -38,12 +40,18 @@ pub struct BoundFiles {
     pub border: usize,
 }
 
-/// The file of a frame, where the path is a pattern.
+/// The file of a frame that is read, where the path is a pattern.
 pub fn of_frame(path: &Path, number: Option<i64>) -> PathBuf {
-    match (number, Pattern::of(path)) {
-        (Some(number), Ok(Some(pattern))) => pattern.path(number),
-        _ => path.into(),
-    }
+    numbered(path, number).map_or_else(|| path.into(), |(pattern, number)| pattern.file(number))
+}
+
+/// The file that is written for a frame, where the path is a pattern: its number is spelt as in the frame's own name.
+pub fn output_of_frame(path: &Path, frame: &Path, number: Option<i64>) -> PathBuf {
+    numbered(path, number).map_or_else(|| path.into(), |(pattern, number)| pattern.spelt_as(number, frame))
+}
+
+fn numbered(path: &Path, number: Option<i64>) -> Option<(Pattern, i64)> {
+    Some((Pattern::of(path).ok()??, number?))
 }
 
 /// The source of a frame, where it is the pattern of files.
@@ -58,6 +66,12 @@ pub fn source_of_frame(source: &Source, number: Option<i64>) -> Source {
 }
 
 impl MaskOutput {
+    /// That of one frame.
+    #[must_use]
+    pub fn of_frame(&self, frame: &Path, number: Option<i64>) -> Self {
+        Self { path: output_of_frame(&self.path, frame, number), ..self.clone() }
+    }
+
     /// Whether a file is to be written; one that is there and stays is passed over.
     pub fn wants(&self, path: &Path, console: &Console) -> Result<bool, PlanError> {
         if !self.no_clobber || path.symlink_metadata().is_err() {
@@ -91,12 +105,10 @@ impl MaskOutput {
         Writing { no_clobber: self.no_clobber, overhead: self.overhead, attributes: Vec::new() }
     }
 
-    /// Makes the folder of an output, that of a frame where they have folders of their own, if that was asked for.
+    /// Makes the folder of an output, that of a frame where they have folders of their own, if that was asked for; else it is to be there.
     pub fn make_folder(&self, path: &Path) -> Result<(), PlanError> {
         let folder = folder_of(path);
-        if !self.create_dir {
-            return Ok(());
-        }
+        check_folder(path, self.create_dir, &mut BTreeSet::new())?;
         std::fs::create_dir_all(&folder).map_err(|error| {
             PlanError::Failed(format!("{}: cannot make the folder: {error}", folder.display()))
         })

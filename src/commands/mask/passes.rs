@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use lacuna_exr::{Attributes, Frame, Limits, Over, WriteOptions};
 use lacuna_filters::sampling::refine::Preference;
 
-use super::output::{BoundFiles, MaskOutput, failed, of_frame, report, source_of_frame};
+use super::output::{BoundFiles, MaskOutput, failed, of_frame, output_of_frame, report, source_of_frame};
 use crate::channels::{self, part_label};
 use crate::files::error::PlanError;
 use crate::files::inputs::{Input, Selection, resolve};
@@ -228,7 +228,7 @@ impl Union {
             first: first.into(),
             second: of_frame(&self.second, number),
             source: source_of_frame(&self.source, number),
-            output: MaskOutput { path: of_frame(&self.output.path, number), ..self.output.clone() },
+            output: self.output.of_frame(first, number),
             ..self.clone()
         }
     }
@@ -250,7 +250,8 @@ impl OfFrame for NextPass {
     }
 
     fn run(&self, memory: Option<u64>, console: &Console) -> Result<(), PlanError> {
-        self.output.make_folder(&self.output.path)?;
+        // Both are to be there before pixels are chosen.
+        self.written().into_iter().try_for_each(|(_, path)| self.output.make_folder(path))?;
         let needed = memory::to_read(&self.frame).saturating_add(memory::to_choose_of(&self.frame));
         memory::afford(memory, needed).map_err(|error| failed(&self.frame)(error.into()))?;
         self.write(memory::reading(memory), console)
@@ -263,9 +264,9 @@ impl NextPass {
             frame: frame.into(),
             number,
             source: source_of_frame(&self.source, number),
-            error_estimate: self.error_estimate.as_ref().map(|path| of_frame(path, number)),
+            error_estimate: self.error_estimate.as_ref().map(|path| output_of_frame(path, frame, number)),
             bounds: self.bounds.of_frame(number),
-            output: MaskOutput { path: of_frame(&self.output.path, number), ..self.output.clone() },
+            output: self.output.of_frame(frame, number),
             ..self.clone()
         }
     }
