@@ -10,6 +10,7 @@ import numpy
 import OpenEXR
 import pytest
 
+import frames
 from tool import LACUNA, ROOT, SAMPLES, lacuna
 
 SCENE = SAMPLES / "scenes" / "marschner-lobb.toml"
@@ -163,3 +164,33 @@ def test_the_loop_of_the_page_runs_as_written(tmp_path):
         return numpy.sqrt(numpy.mean([numpy.square(a - b) for a, b in pairs]))
 
     assert error("filled.exr") < 0.9 * error("even-filled.exr")
+
+
+def test_what_lies_between_parts_is_neither_chosen_nor_counted(tmp_path):
+    rows, columns = numpy.indices((48, 64))
+    disc = (numpy.hypot(rows - 24, columns - 30) < 15).astype(numpy.float32)
+    parts = [frames.part(dict.fromkeys("RGB", values), (x, 0), ((0, 0), (255, 95)), name=name) for name, x, values in (("a", 0, disc), ("b", 208, 0 * disc))]
+    gap = frames.write(tmp_path / "gap.exr", parts)
+    lacuna("sparsify", gap, "-o", tmp_path / "sparse.exr", "--adaptive", "--density", "0.1")
+    chosen = [numpy.count_nonzero(part["mask"]) for part in frames.read(tmp_path / "sparse.exr")]
+    assert sum(chosen) == round(0.1 * 2 * 48 * 64), chosen
+
+
+def test_a_full_mask_has_no_error(tmp_path):
+    black = frames.write(tmp_path / "black.exr", dict.fromkeys("RGB", numpy.zeros((32, 32), numpy.float32)))
+    words = ("sparsify", black, "-o", tmp_path / "out.exr", "--adaptive", "--target-error", "0.01", "-v", "--density")
+    full, part = (lacuna(*words, density).stderr for density in ("1", "0.5"))
+    assert "is reached" in full and "not" not in full.split("target error")[1], full
+    assert "is not known" in part and "higher density" not in part, part
+
+
+def test_both_files_of_the_next_pixels_have_their_folders_first(tmp_path):
+    rows, columns = numpy.indices((32, 32))
+    image = numpy.repeat(numpy.float32(rows * columns / 1000)[..., None], 3, axis=2)
+    first = frames.write_sparse(tmp_path / "a.exr", image, frames.shuffle(32, 32, 0.2))
+    words = ("mask", "--after", first, "--add", "0.1", "-o", tmp_path / "m/m.exr", "--error-estimate", tmp_path / "e/e.exr")
+    (tmp_path / "m").mkdir()
+    result = lacuna(*words, ok=False)
+    assert result.status == 2 and "--create-dir" in result.stderr and not list((tmp_path / "m").iterdir()), result
+    lacuna(*words, "--create-dir")
+    assert (tmp_path / "m/m.exr").exists() and (tmp_path / "e/e.exr").exists()
