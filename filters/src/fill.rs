@@ -316,6 +316,25 @@ impl Filled {
     pub fn mask(&self, plane: usize) -> Option<&Arc<Mask>> {
         self.sets.iter().find(|set| set.planes.contains(&plane)).map(|set| &set.mask)
     }
+
+    /// The estimated root mean square error of each pixel over all planes that were not copied, 0 at measured ones; nothing if a set of
+    /// them has none.
+    pub fn errors(&self) -> Option<Plane> {
+        let sets: Vec<&Set> = self.sets.iter().filter(|set| !set.copied).collect();
+        let all: Vec<&Plane> = sets.iter().map(|set| set.errors.as_ref()).collect::<Option<_>>()?;
+        let mut found = all.first().copied()?.clone();
+        if all.len() > 1 {
+            let planes: usize = sets.iter().map(|set| set.planes.len()).sum();
+            for (at, error) in found.pixels_mut().iter_mut().enumerate() {
+                // Squares may leave f32.
+                let square = |(set, errors): (&&Set, &&Plane)| {
+                    set.planes.len() as f64 * f64::from(errors.pixels()[at]).powi(2)
+                };
+                *error = (sets.iter().zip(&all).map(square).sum::<f64>() / planes as f64).sqrt() as f32;
+            }
+        }
+        Some(found)
+    }
 }
 
 /// Sizes and numbers agree.

@@ -126,6 +126,27 @@ fn threads_change_no_bit_of_any_method() {
     }
 }
 
+/// A plane that misses a pixel more is a set of its own; what is told is that of all planes, in any unit.
+#[test]
+fn errors_are_over_all_planes() {
+    for unit in [1.0, 1e-20, 1e25] {
+        let mut samples = images(3);
+        samples.as_mut_slice().iter_mut().flat_map(Plane::pixels_mut).for_each(|value| *value *= unit);
+        let first = mask().as_slice().iter().position(|&flag| flag).unwrap();
+        samples.as_mut_slice()[1].pixels_mut()[first] = f32::NAN;
+        let method = Method::named("ss", &[]).unwrap();
+        let options = Options { estimate: Estimate::Pixels, peak: unit, ..Options::of(method) };
+        let filled = fill(&samples, mask(), &options).unwrap();
+        let [two, one] = &filled.sets[..] else { panic!("{} sets", filled.sets.len()) };
+        let [two, one] = [two, one].map(|set| set.errors.as_ref().unwrap().pixels());
+        for ((all, two), one) in filled.errors().unwrap().pixels().iter().zip(two).zip(one) {
+            let [all, two, one] = [all, two, one].map(|error| f64::from(error / unit).powi(2));
+            assert!((all - (2.0 * two + one) / 3.0).abs() <= 1e-5 * all, "{unit}: {all} {two} {one}");
+        }
+        assert!(filled.errors().unwrap().pixels().iter().any(|error| *error > 0.01 * unit));
+    }
+}
+
 /// Values that bounds take back are no errors: what is told of an opacity is nearer to the truth with them.
 #[test]
 fn estimates_know_the_bounds() {

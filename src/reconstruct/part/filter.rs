@@ -49,6 +49,9 @@ pub fn filter(
     for set in &answer.sets {
         tell(set, (&samples, &answer.planes), (group, &options), &names, (frame, work), done);
     }
+    if group.values == Values::Light {
+        done.errors.extend(answer.errors().map(|errors| (names[0].clone(), errors)));
+    }
     let copies = answer.sets.iter().filter(|set| set.copied).flat_map(|set| &set.planes);
     let copies: Vec<usize> = copies.map(|&at| group.channels[at]).collect();
     for &channel in &copies {
@@ -84,7 +87,6 @@ fn tell(
     let names: Vec<_> = set.planes.iter().map(|&at| names[at].clone()).collect();
     let light = group.values == Values::Light;
     if light {
-        done.errors.extend(set.errors.as_ref().map(|error| (names[0].clone(), error.clone())));
         let copied = set.copied.then(|| "they are copied".to_owned());
         done.untold.extend(copied.or_else(|| untold(set)).map(|why| (names.clone(), why)));
     }
