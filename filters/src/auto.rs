@@ -292,7 +292,7 @@ impl Blend {
     ) -> Result<(Outcome, Decided), Error> {
         crate::check::group(&self.mask, samples, out)?;
         if self.mask.count() < FEWEST || samples.is_empty() || self.mask.is_full() {
-            return Ok((self.plain.reconstruct(samples, out, run)?, Decided::default()));
+            return Ok((self.plain.reconstruct(samples, out, run)?, Decided::alone(ss::DESCRIPTOR.name)));
         }
         let (guided, guides) = self.guided(samples, guides, run)?;
         // What other frames know is learned from all of the image.
@@ -309,14 +309,14 @@ impl Blend {
             held = self.held_out((&mut all, voronoi.as_ref()), (samples, map), run)?;
         }
         if run.interrupted().is_some() {
-            return Ok((self.in_haste(samples, out, run)?, Decided::default()));
+            return Ok((self.in_haste(samples, out, run)?, Decided::alone(ss::DESCRIPTOR.name)));
         }
         let less = if all.len() > 1 { less(&held[0], &self.mask, self.folds, LESS) } else { 1.0 };
         let truth = Truth { mask: &self.mask, voronoi: voronoi.as_ref(), samples, map, less };
         let (weights, mut near) = blend_or_best(&truth, &held, BETTER);
         let (mut outcome, mut decided) = blend(&mut all, &weights, (samples, &self.mask), out, run)?;
         if outcome.stop > Stop::IterationLimit {
-            return Ok((self.in_haste(samples, out, run)?, Decided::default()));
+            return Ok((self.in_haste(samples, out, run)?, Decided::alone(ss::DESCRIPTOR.name)));
         }
         let mut own = 1.0;
         if carried.iter().any(|carried| !carried.is_empty()) {

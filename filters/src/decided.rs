@@ -16,6 +16,13 @@ pub struct Decided {
     pub evidence: Option<Evidence>,
 }
 
+impl Decided {
+    /// Where a blend leaves all to this candidate without a trial.
+    pub fn alone(name: &'static str) -> Self {
+        Self { shares: vec![(name, 1.0)], ..Self::default() }
+    }
+}
+
 impl From<Effect> for Decided {
     fn from(guided: Effect) -> Self {
         Self { guided, ..Self::default() }

@@ -273,4 +273,5 @@ fn few_samples_are_for_splines() {
     let truth = scenes()[0].1.clone();
     let few = Arc::new(Mask::from_fn(SIZE, |row, column| row % 40 == 0 && column % 40 == 0));
     assert_eq!(by(&Settings, &truth, &few), by(&ss::Settings::default(), &truth, &few));
+    assert_eq!(fill(&truth, few, &Options::default()).unwrap().sets[0].shares, [("ss", 1.0)]);
 }
