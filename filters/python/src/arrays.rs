@@ -2,7 +2,7 @@
 
 use half::f16;
 use lacuna_core::parallel::prelude::*;
-use lacuna_filters::{Doubt, Fit, Mask, Plane, Planes, Size};
+use lacuna_filters::{Doubt, Error, Fit, Mask, Plane, Planes, Size};
 use ndarray::{ArrayView3, s};
 use numpy::{Element, PyArray1, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
@@ -40,6 +40,30 @@ pub enum Kind {
     Half,
 }
 
+/// The order in which a file has the channels of an array, which is that of their names. Sums over channels then round as the tool's do.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// Red, green and blue: turned round.
+    Colours,
+    /// As they come: x, y and z, or whatever else.
+    Plain,
+}
+
+impl Order {
+    /// Where a channel of so many stands.
+    pub fn place(self, channel: usize, channels: usize) -> usize {
+        if self == Self::Colours && channels == 3 { 2 - channel } else { channel }
+    }
+
+    /// An error of so many planes as one of the channels of the array.
+    pub fn back(self, error: Error, channels: usize) -> Error {
+        match error {
+            Error::NothingFinite { plane } => Error::NothingFinite { plane: self.place(plane, channels) },
+            other => other,
+        }
+    }
+}
+
 /// An array that Python is to have: row, column, channel.
 pub struct Array {
     shape: [usize; 3],
@@ -57,38 +81,24 @@ impl Image<'_> {
         if let Self::Single(_) = self { Kind::Single } else { Kind::Half }
     }
 
-    /// A plane for each channel, in the order of a file, read by the threads of a pool.
-    pub fn planes(&self, pool: &ThreadPool) -> Planes {
-        self.ordered(pool, place)
-    }
-
-    /// A plane for each channel, in the order of the array.
-    pub fn plain_planes(&self, pool: &ThreadPool) -> Planes {
-        self.ordered(pool, |channel, _| channel)
-    }
-
-    fn ordered(&self, pool: &ThreadPool, place: fn(usize, usize) -> usize) -> Planes {
+    /// A plane for each channel, in an order, read by the threads of a pool.
+    pub fn planes(&self, order: Order, pool: &ThreadPool) -> Planes {
         match self {
             Self::Single(array) => {
                 let array = array.as_array();
-                pool.install(|| planes(&array, place, |value| value))
+                pool.install(|| planes(&array, order, |value| value))
             }
             Self::Half(array) => {
                 let array = array.as_array();
-                pool.install(|| planes(&array, place, f16::to_f32))
+                pool.install(|| planes(&array, order, f16::to_f32))
             }
         }
     }
 }
 
-/// Where a channel of so many stands in a file, which has them by name: blue, green, red. Sums over channels then round as the tool's do.
-pub fn place(channel: usize, channels: usize) -> usize {
-    if channels == 3 { 2 - channel } else { channel }
-}
-
 fn planes<T: Copy + Sync>(
     array: &ArrayView3<'_, T>,
-    place: fn(usize, usize) -> usize,
+    order: Order,
     value: impl Fn(T) -> f32 + Sync,
 ) -> Planes {
     let (height, width, channels) = array.dim();
@@ -103,7 +113,7 @@ fn planes<T: Copy + Sync>(
     rows.par_iter_mut().enumerate().for_each(|(y, row)| {
         for (at, out) in row.iter_mut().enumerate() {
             out.iter_mut()
-                .zip(array.slice(s![y, .., place(at, channels)]))
+                .zip(array.slice(s![y, .., order.place(at, channels)]))
                 .for_each(|(out, &from)| *out = value(from));
         }
     });
@@ -133,16 +143,16 @@ pub fn labels(array: &PyReadonlyArray2<'_, u32>) -> Vec<u32> {
 }
 
 impl Array {
-    /// The planes, in the order of a file, as channels. A lone plane of 32 bits is not copied.
-    pub fn new(planes: Planes, kind: Kind) -> Self {
+    /// The planes, which stand in an order, as channels. A lone plane of 32 bits is not copied.
+    pub fn new(planes: Planes, (order, kind): (Order, Kind)) -> Self {
         let (size, channels) = (planes.size(), planes.len());
         let shape = [size.height, size.width, channels];
         let values = match kind {
             Kind::Single if channels == 1 => {
                 Values::Single(planes.into_vec().pop().map(Plane::into_pixels).unwrap_or_default())
             }
-            Kind::Single => Values::Single(interleaved(&planes, |value| value)),
-            Kind::Half => Values::Half(interleaved(&planes, to_half)),
+            Kind::Single => Values::Single(interleaved(&planes, order, |value| value)),
+            Kind::Half => Values::Half(interleaved(&planes, order, to_half)),
         };
         Self { shape, values }
     }
@@ -165,12 +175,16 @@ fn to_half(value: f32) -> f16 {
     half
 }
 
-fn interleaved<T: Copy + Default + Send>(planes: &Planes, value: impl Fn(f32) -> T + Sync) -> Vec<T> {
+fn interleaved<T: Copy + Default + Send>(
+    planes: &Planes,
+    order: Order,
+    value: impl Fn(f32) -> T + Sync,
+) -> Vec<T> {
     let (size, channels) = (planes.size(), planes.len());
     let mut values = vec![T::default(); size.pixels() * channels];
     values.par_chunks_mut((size.width * channels).max(1)).enumerate().for_each(|(y, row)| {
         for (at, plane) in planes.as_slice().iter().enumerate() {
-            let places = row.iter_mut().skip(place(at, channels)).step_by(channels);
+            let places = row.iter_mut().skip(order.place(at, channels)).step_by(channels);
             places.zip(plane.row(y)).for_each(|(out, &from)| *out = value(from));
         }
     });
@@ -208,5 +222,8 @@ pub fn not_wrong(mask: &Mask, samples: &Planes) -> PyResult<()> {
             _ => {}
         }
     }
-    found.map_or(Ok(()), |doubt| Err(PyValueError::new_err(format!("mask: {doubt}"))))
+    found.map_or(Ok(()), |doubt| {
+        let line = format!("mask: {doubt} (if it is right, put NaN or 0 at missing pixels)");
+        Err(PyValueError::new_err(line))
+    })
 }

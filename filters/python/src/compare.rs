@@ -6,7 +6,7 @@ use lacuna_filters::metric::{flip, mean};
 use lacuna_filters::{Error, Mask, Plane, Planes};
 use pyo3::prelude::*;
 
-use crate::arrays::{self, Bytes, Image};
+use crate::arrays::{self, Bytes, Image, Order};
 use crate::work::{pool, run};
 
 /// A measure's value, where there is one.
@@ -26,7 +26,7 @@ pub fn compare<'py>(
     threads: usize,
 ) -> PyResult<Vec<Row>> {
     let pool = pool(threads)?;
-    let pair = (reference.plain_planes(&pool), image.plain_planes(&pool));
+    let pair = (reference.planes(Order::Plain, &pool), image.planes(Order::Plain, &pool));
     let region = region.map(|region| arrays::mask(&region));
     drop((reference, image));
     run(py, &pool, |_| measures(&pair.0, &pair.1, region.as_ref(), Options { peak, clip }, flip))

@@ -35,8 +35,9 @@ pub fn upscale<'py>(
     threads: usize,
 ) -> PyResult<(Bound<'py, PyAny>, End)> {
     let pool = pool(threads)?;
-    let kind = image.kind();
-    let samples = image.planes(&pool);
+    let (values, bounds, order) = self::values(values)?;
+    let stand = (order, image.kind());
+    let samples = image.planes(order, &pool);
     let sampling: Sampling =
         sampling.parse().map_err(|error| PyValueError::new_err(format!("sampling: {error}")))?;
     let low = samples.size();
@@ -46,20 +47,26 @@ pub fn upscale<'py>(
         sampling,
     };
     let mut options = Options::new(geometry);
-    options.mask = Some(Arc::new(arrays::measured(mask.as_ref(), &samples)?));
+    let mask = Arc::new(arrays::measured(mask.as_ref(), &samples)?);
+    if values == Values::Light {
+        arrays::not_wrong(&mask, &samples)?;
+    }
+    options.mask = Some(mask);
     options.method = enlarging(filter, &settings)?;
-    (options.fill.values, options.fill.bounds) = self::values(values, samples.len())?;
+    options.fill.values = values;
+    options.fill.bounds = bounds.map(|bounds| vec![bounds; samples.len()]).unwrap_or_default();
     options.fill.domain = self::domain(domain)?;
     options.fill.limit = limit;
-    if !(guides.is_empty() || options.method == Method::Ss && options.fill.values != Values::Directions) {
+    if !(guides.is_empty() || options.method == Method::Ss && values != Values::Directions) {
         return Err(PyValueError::new_err("guides: only ss takes some, and not for directions"));
     }
     let guides = steering(guides, geometry.high(), &pool)?;
     options.guides = (!guides.is_empty()).then_some(&guides);
     drop(image);
     let (array, outcome) = run(py, &pool, |run| {
-        let large = upscale_with(&samples, &options, &Plans::new(), run)?;
-        Ok((Array::new(large.planes, kind), large.outcome))
+        let large = upscale_with(&samples, &options, &Plans::new(), run);
+        let large = large.map_err(|error| order.back(error, samples.len()))?;
+        Ok((Array::new(large.planes, stand), large.outcome))
     })?;
     Ok((array.into_python(py)?, outcome.into()))
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use lacuna_filters::baseline::nearest;
 use lacuna_filters::descriptor::Descriptor;
 use lacuna_filters::domain::Domain;
 use lacuna_filters::estimate::{Verdict, Why};
@@ -13,7 +14,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::ThreadPool;
 
-use crate::arrays::{self, Array, Bytes, Guide, Image};
+use crate::arrays::{self, Array, Bytes, Guide, Image, Order};
 use crate::work::{pool, refusal, run};
 
 /// Settings by name.
@@ -77,13 +78,13 @@ pub fn method(name: &str, settings: &Settings) -> PyResult<Method> {
     Ok(method)
 }
 
-/// What values are, and the bounds of each plane.
-pub fn values(name: &str, planes: usize) -> PyResult<(Values, Vec<Bounds>)> {
+/// What values are, the bounds of any plane if they are not those of all such values, and the order of planes.
+pub fn values(name: &str) -> PyResult<(Values, Option<Bounds>, Order)> {
     Ok(match name {
-        "light" => (Values::Light, Vec::new()),
-        "matte" => (Values::Other, vec![Bounds::Unit; planes]),
-        "other" => (Values::Other, Vec::new()),
-        "directions" => (Values::Directions, Vec::new()),
+        "light" => (Values::Light, None, Order::Colours),
+        "matte" => (Values::Other, Some(Bounds::Unit), Order::Colours),
+        "other" => (Values::Other, None, Order::Plain),
+        "directions" => (Values::Directions, None, Order::Plain),
         _ => {
             return Err(PyValueError::new_err(format!(
                 "values: '{name}' is none of light, matte, other, directions"
@@ -134,7 +135,7 @@ pub fn steering(arrays: Vec<(String, Guide<'_>)>, size: Size, pool: &ThreadPool)
     for (name, guide) in arrays {
         match guide {
             Guide::Labels(labels) => guides.add_labels(&name, &arrays::labels(&labels)),
-            Guide::Values(values) => guides.add(&name, components(values.plain_planes(pool))),
+            Guide::Values(values) => guides.add(&name, components(values.planes(Order::Plain, pool))),
         }
         .map_err(|error| PyValueError::new_err(format!("guides['{name}']: {error}")))?;
     }
@@ -202,8 +203,9 @@ pub fn fill<'py>(
     threads: usize,
 ) -> PyResult<(Bound<'py, PyAny>, Report<'py>)> {
     let pool = pool(threads)?;
-    let kind = image.kind();
-    let samples = image.planes(&pool);
+    let (values, bounds, order) = self::values(values)?;
+    let stand = (order, image.kind());
+    let samples = image.planes(order, &pool);
     let given = mask.is_some();
     let mask = Arc::new(arrays::measured(mask.as_ref(), &samples)?);
     let mut options = Options::of(method(filter, &settings)?);
@@ -211,33 +213,59 @@ pub fn fill<'py>(
     if !given && mask.is_full() && options.keeps_measured() {
         return Err(arrays::nothing_missing());
     }
-    (options.values, options.bounds) = self::values(values, samples.len())?;
-    if options.values == Values::Light {
+    options.values = values;
+    options.bounds = bounds.map(|bounds| vec![bounds; samples.len()]).unwrap_or_default();
+    if values == Values::Light {
         arrays::not_wrong(&mask, &samples)?;
     }
     options.domain = self::domain(domain)?;
     options.limit = limit;
     options.weights = weights.map(|array| self::weights(&array, &options.method, &mask)).transpose()?;
     options.guides = (!guides.is_empty()).then_some(&guides);
-    let twins = twin.map(|twin| twin.planes(&pool).into_vec()).unwrap_or_default();
+    let twins = twin.map(|twin| twin.planes(order, &pool).into_vec()).unwrap_or_default();
     options.twins = twins.into_iter().map(|plane| Some(Arc::new(plane))).collect();
     options.estimate = self::estimate(estimate)?;
     options.peak = peak;
     drop(image);
-    let (array, mut filled) = run(py, &pool, |run| {
-        let mut filled = fill_with(&samples, &mask, &options, &Plans::new(), run)?;
-        let planes = std::mem::replace(&mut filled.planes, Planes::zeros(samples.size(), 0));
-        Ok((Array::new(planes, kind), filled))
+    let copied = copied(&samples, &mask, &options);
+    let (array, filled) = run(py, &pool, |run| {
+        let filled = fill_with(&samples, copied.as_ref().unwrap_or(&mask), &options, &Plans::new(), run);
+        let mut filled = filled.map_err(|error| order.back(error, samples.len()))?;
+        let mut planes = std::mem::replace(&mut filled.planes, Planes::zeros(samples.size(), 0));
+        if copied.is_some() {
+            put_back(&samples, &mask, &mut planes);
+        }
+        Ok((Array::new(planes, stand), filled))
     })?;
-    let mut report = report(py, &mut filled, samples.len())?;
-    if options.estimate != Estimate::No && options.values == Values::Light {
+    let mut report = report(py, &filled, samples.len())?;
+    if options.estimate != Estimate::No && values == Values::Light {
         report.clipped = above(peak, &samples, &mask);
     }
     Ok((array.into_python(py)?, report))
 }
 
-fn report<'py>(py: Python<'py>, filled: &mut Filled, planes: usize) -> PyResult<Report<'py>> {
-    let errors = errors(&mut filled.sets).map(|plane| {
+/// The pixels that missing ones are copied from, where values are copied: those that are finite in all channels, if there are some, so
+/// that the components of a vector stay together. Other measured ones are kept, as by the rule `nearest` of the tool.
+fn copied(samples: &Planes, mask: &Mask, options: &Options<'_>) -> Option<Arc<Mask>> {
+    let other = options.values == Values::Other && options.bounds.is_empty();
+    if !other || options.method.name() != nearest::DESCRIPTOR.name || mask.is_full() {
+        return None;
+    }
+    let finite = Mask::finite(samples);
+    let usable = Mask::from_fn(mask.size(), |y, x| mask.is_measured(y, x) && finite.is_measured(y, x));
+    (!usable.is_empty() && usable.count() < mask.count()).then(|| Arc::new(usable))
+}
+
+/// Puts measured values back.
+fn put_back(samples: &Planes, mask: &Mask, planes: &mut Planes) {
+    for (samples, plane) in samples.as_slice().iter().zip(planes.as_mut_slice()) {
+        let pixels = plane.pixels_mut().iter_mut().zip(samples.pixels()).zip(mask.as_slice());
+        pixels.filter(|(_, flag)| **flag).for_each(|((value, &sample), _)| *value = sample);
+    }
+}
+
+fn report<'py>(py: Python<'py>, filled: &Filled, planes: usize) -> PyResult<Report<'py>> {
+    let errors = filled.errors().map(|plane| {
         let size = plane.size();
         arrays::shaped(py, plane.into_pixels(), [size.height, size.width])
     });
@@ -323,27 +351,6 @@ fn untold(set: &Set) -> String {
         return "measured pixels are smoothed, so that their errors are not those beside them".into();
     }
     format!("fills by {} without some of the samples take too long", set.method.name())
-}
-
-/// The errors of the pixels over all sets that were not copied; nothing where one of these has none.
-fn errors(sets: &mut [Set]) -> Option<Plane> {
-    let mut sets: Vec<&mut Set> = sets.iter_mut().filter(|set| !set.copied).collect();
-    if let [set] = &mut sets[..] {
-        return set.errors.take();
-    }
-    let size = sets.first()?.errors.as_ref()?.size();
-    let planes: usize = sets.iter().map(|set| set.planes.len()).sum();
-    let mut sum = Plane::filled(size, 0.0);
-    for set in sets {
-        let part = set.planes.len() as f32 / planes as f32;
-        let errors = set.errors.as_ref()?;
-        sum.pixels_mut()
-            .iter_mut()
-            .zip(errors.pixels())
-            .for_each(|(sum, error)| *sum += part * error * error);
-    }
-    sum.pixels_mut().iter_mut().for_each(|value| *value = value.sqrt());
-    Some(sum)
 }
 
 /// A setting: name, values, default, help.

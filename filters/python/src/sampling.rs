@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use lacuna_filters::sampling::{self, Field, Pattern, Temporal, refine};
 use lacuna_filters::variational::ss;
-use lacuna_filters::{Error, Mask, Size};
+use lacuna_filters::{Mask, Size};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arrays::{self, Bytes, Image};
+use crate::arrays::{self, Bytes, Image, Order};
 use crate::work::{pool, run};
 
 const PATTERNS: [Pattern; 5] =
@@ -62,7 +62,7 @@ pub fn next_mask<'py>(
     threads: usize,
 ) -> PyResult<Bound<'py, PyAny>> {
     let pool = pool(threads)?;
-    let samples = image.planes(&pool);
+    let samples = image.planes(Order::Colours, &pool);
     let finite = Mask::finite(&samples);
     let measured = arrays::measured(mask.as_ref(), &samples)?;
     let closed = closed.map(|closed| arrays::mask(&closed));
@@ -71,13 +71,13 @@ pub fn next_mask<'py>(
     }
     arrays::not_wrong(&measured, &samples)?;
     drop(image);
+    let size = samples.size();
+    // A pixel that is not finite is measured, so not computed again, but says nothing about its surroundings.
+    let usable = Mask::from_fn(size, |y, x| measured.is_measured(y, x) && finite.is_measured(y, x));
+    if usable.is_empty() {
+        return Err(PyValueError::new_err("image: no measured pixel is finite in all channels"));
+    }
     let next = run(py, &pool, |run| {
-        let size = samples.size();
-        // A pixel that is not finite is measured, so not computed again, but says nothing about its surroundings.
-        let usable = Mask::from_fn(size, |y, x| measured.is_measured(y, x) && finite.is_measured(y, x));
-        if usable.is_empty() {
-            return Err(Error::NothingFinite { plane: 0 });
-        }
         let settings = ss::Settings::default();
         let estimate = refine::estimate_spline(&samples, &Arc::new(usable), &settings, run)?;
         let open = |pixel: usize| {

@@ -62,7 +62,11 @@ pub fn run<T: Send>(
 /// What Python raises, the name of the argument first.
 pub fn refusal(error: &Error) -> PyErr {
     let argument = match error {
-        Error::EmptyMask | Error::NoPairs => "mask",
+        Error::EmptyMask => "mask",
+        Error::NoPairs => {
+            let line = "mask: cs-gradient needs measured pixels side by side, and there are none: add some, or take another filter";
+            return PyValueError::new_err(line);
+        }
         Error::NothingWeighs => "weights",
         Error::SparseGuide { .. } => "guides",
         Error::NoMethod { .. } | Error::NoDictionary => "filter",
@@ -75,8 +79,9 @@ pub fn refusal(error: &Error) -> PyErr {
                 _ => format!("settings: {error}"),
             });
         }
-        Error::NothingFinite { .. } => {
-            return PyValueError::new_err("image: a channel has no measured value that is finite");
+        Error::NothingFinite { plane } => {
+            let line = format!("image: channel {plane} (from 0) has no measured value that is finite");
+            return PyValueError::new_err(line);
         }
         _ => "image",
     };

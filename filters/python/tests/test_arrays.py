@@ -73,7 +73,8 @@ def test_shapes_and_types_come_back():
             filled = lacuna.fill(image, MASK, filter="pushpull")
             assert filled.shape == shape and filled.dtype == dtype and filled.flags.writeable
             assert lacuna.upscale(image, 2, filter="cubic").shape == (80, 104, *shape[2:])
-            assert same_bits(lacuna.upscale(image, (2, 1.5)), lacuna.upscale(image, size=(80, 78)))
+            for factors in ((2, 1.5), np.array([2, 1.5])):
+                assert same_bits(lacuna.upscale(image, factors), lacuna.upscale(image, size=(80, 78)))
     assert same_bits(lacuna.fill(IMAGE[:, :, 0], MASK, filter="pushpull"), lacuna.fill(IMAGE[:, :, :1], MASK, filter="pushpull")[:, :, 0])
 
 
@@ -154,6 +155,12 @@ def test_what_cannot_be_compared_is_like_nothing():
         assert len(warned) == 1 and all(math.isnan(found[name]) for name in ("psnr", "log_psnr", "mse", "rmse", "max", "ssim", "flip")), found
 
 
+@pytest.mark.filterwarnings("ignore:image. .* outside 0 to peak")
+def test_there_is_always_a_place_for_flip():
+    assert lacuna.compare(IMAGE, FILLED)["flip"] is None and lacuna.compare(IMAGE, FILLED, flip=True)["flip"] > 0
+    assert lacuna.compare(IMAGE[:, :, :2], FILLED[:, :, :2], flip=True)["flip"] is None
+
+
 def test_values_that_are_not_finite_are_told():
     broken = IMAGE.copy()
     broken[:, 3, 1], broken[:, 4, 2] = np.nan, -np.inf
@@ -192,6 +199,17 @@ def test_weights_count_where_they_are_0_or_more():
     assert same_bits(weighed, lacuna.fill(IMAGE, MASK, weights=np.where(MASK, weights, np.nan), **smooth)), "not read elsewhere"
     some = np.where(np.arange(52) > 4, weights, 0)
     assert same_bits(lacuna.fill(IMAGE, MASK, weights=some, **smooth), lacuna.fill(IMAGE, MASK, weights=2 * some, **smooth))
+
+
+@pytest.mark.parametrize("unit", [2.0**1000, 2.0**-200])
+def test_only_ratios_of_weights_matter(unit):
+    smooth = {"filter": "ss", "settings": {"lambda": 1e-3}}
+    weights = 1 + 3.0 * (np.arange(52) > 25) + np.zeros((40, 1))
+    weighed = lacuna.fill(IMAGE, MASK, weights=weights, **smooth)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert same_bits(weighed, lacuna.fill(IMAGE, MASK, weights=weights * unit, **smooth))
+        assert same_bits(weighed, lacuna.fill(IMAGE, MASK, weights=np.where(MASK, weights, 1e300), **smooth)), "not read elsewhere"
 
 
 def test_the_numbers_of_settings():
@@ -244,7 +262,10 @@ REFUSED = {
     "more than the memory": ("image", lambda: lacuna.fill(np.broadcast_to(np.float32(0), (60000, 60000, 4000)), None)),
     "more than the memory has": ("image", lambda: lacuna.fill(LARGE, None)),
     "all NaN": ("image", lambda: lacuna.fill(np.full((4, 4), np.nan, np.float32))),
-    "a channel of NaN": ("image", lambda: lacuna.fill(np.stack([IMAGE[:, :, 0], NAN_MASK], -1), MASK)),
+    "a channel of NaN": ("image: channel 1 ", lambda: lacuna.fill(np.stack([IMAGE[:, :, 0], NAN_MASK], -1), MASK)),
+    "red of NaN": ("image: channel 0 ", lambda: lacuna.fill(np.stack([NAN_MASK, *IMAGE.T[:2].swapaxes(1, 2)], -1), MASK)),
+    "z of NaN, larger": ("image: channel 2 ", lambda: lacuna.upscale(np.stack([*IMAGE.T[:2].swapaxes(1, 2), NAN_MASK], -1), 2, mask=MASK, values="other")),
+    "no pairs": ("mask: cs-gradient", lambda: lacuna.fill(IMAGE, np.indices((40, 52)).sum(0) % 2 == 0, filter="cs-gradient")),
     "empty mask": ("mask", lambda: lacuna.fill(IMAGE, np.zeros((40, 52), bool))),
     "another size": ("mask", lambda: lacuna.fill(IMAGE, MASK[:, :-1])),
     "a mask of channels": ("mask", lambda: lacuna.fill(IMAGE, IMAGE > 0)),
@@ -260,11 +281,16 @@ REFUSED = {
     "unknown domain": ("domain", lambda: lacuna.fill(IMAGE, MASK, domain="x")),
     "weights of another size": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", weights=MASK[1:])),
     "no weight": ("weights", lambda: lacuna.fill(IMAGE, MASK, filter="ss", settings={"lambda": 1}, weights=MASK * 0)),
-    "a twin of another size": ("twin", lambda: lacuna.fill(IMAGE, MASK, twin=IMAGE[:, :, :1])),
+    "a twin of another size": ("twin: an array of shape (40, 52, 1)", lambda: lacuna.fill(IMAGE, MASK, twin=IMAGE[:, :, :1])),
+    "a twin without channels": ("twin: an array of shape (40, 52),", lambda: lacuna.fill(IMAGE, MASK, twin=IMAGE[:, :, 0])),
     "guides of another size": ("guides", lambda: lacuna.fill(IMAGE, MASK, {"n": IMAGE[1:]})),
+    "guides by numbers": ("guides", lambda: lacuna.fill(IMAGE, MASK, {1: IMAGE})),
+    "guides without a name": ("guides", lambda: lacuna.fill(IMAGE, MASK, {None: IMAGE})),
+    "two guides of a name": ("guides['n.R']", lambda: lacuna.fill(IMAGE, MASK, {"n": IMAGE, "n.R": IMAGE[:, :, 0]})),
     "guides in a list": ("guides", lambda: lacuna.fill(IMAGE, MASK, [IMAGE])),
     "an inverted mask": ("mask", lambda: lacuna.fill(np.where(MASK[..., None], IMAGE + 1, 0), ~MASK)),
     "an inverted mask, next": ("mask", lambda: lacuna.next_mask(np.where(MASK[..., None], IMAGE + 1, 0), ~MASK, 0.1)),
+    "an inverted mask, larger": ("mask", lambda: lacuna.upscale(np.where(MASK[..., None], IMAGE + 1, 0), 2, mask=~MASK)),
     "nothing missing, next": ("image", lambda: lacuna.next_mask(IMAGE, density=0.1)),
     "labels with channels": ("guides", lambda: lacuna.fill(IMAGE, MASK, {"id": IMAGE.astype(np.int32)})),
     "threads below 0": ("threads", lambda: lacuna.fill(IMAGE, MASK, threads=-1)),
@@ -303,6 +329,10 @@ REFUSED = {
     "upscale with auto": ("filter", lambda: lacuna.upscale(IMAGE, 2, filter="auto")),
     "upscale smoothed": ("settings", lambda: lacuna.upscale(IMAGE, 2, settings={"lambda": 1})),
     "density 2": ("density", lambda: lacuna.mask((4, 4), 2)),
+    "density as a text": ("density", lambda: lacuna.mask((4, 4), "0.5")),
+    "a scale as a text": ("scale", lambda: lacuna.upscale(IMAGE, "2")),
+    "peak as a text": ("peak", lambda: lacuna.estimate(IMAGE, MASK, peak="1")),
+    "peak in bytes": ("peak", lambda: lacuna.compare(IMAGE, IMAGE, peak=b"1")),
     "density NaN": ("density", lambda: lacuna.mask((4, 4), float("nan"))),
     "size 0": ("size", lambda: lacuna.mask((0, 4), 0.5)),
     "size of one": ("size", lambda: lacuna.mask(4, 0.5)),
@@ -320,6 +350,7 @@ REFUSED = {
     "all NaN, next": ("image", lambda: lacuna.next_mask(NAN_MASK, density=0.1)),
     "all measured NaN, next": ("image", lambda: lacuna.next_mask(NAN_MASK, MASK, density=0.1)),
     "a masked mask": ("mask", lambda: lacuna.fill(IMAGE, np.ma.masked_equal(MASK, True))),
+    "a masked twin": ("twin", lambda: lacuna.fill(IMAGE, MASK, twin=np.ma.masked_less(IMAGE, 0.5))),
     "masked guides": ("guides", lambda: lacuna.fill(IMAGE, MASK, {"n": np.ma.masked_less(IMAGE, 0.5)})),
     "masked weights": ("weights", lambda: lacuna.fill(IMAGE, MASK, weights=np.ma.masked_equal(MASK, True))),
     "a masked region": ("region", lambda: lacuna.compare(IMAGE, IMAGE, np.ma.masked_equal(MASK, True))),

@@ -28,6 +28,34 @@ def test_fill(tmp_path, tool, dtype, filter):
     assert same_bits(filled, lacuna.fill(np.where(mask[:, :, None], samples, dtype(np.nan)), filter=filter, threads=3))
 
 
+@pytest.mark.parametrize("filter", ["auto", "ss", "cubic"])
+@pytest.mark.parametrize("values, limit", [("other", "on"), ("directions", "off")])
+def test_vectors_stand_in_files_by_their_own_names(tmp_path, tool, values, limit, filter):
+    image, mask, names = picture() * np.float32(3) - 1, lacuna.mask((72, 88), 0.2, seed=7), ("v.X", "v.Y", "v.Z")
+    samples = np.where(mask[:, :, None], image, np.float32(0))
+    path = write(tmp_path / "in.exr", {name: samples[:, :, c] for c, name in enumerate(names)} | {"mask": mask.astype(np.float16)})
+    tool("fill", path, "-o", tmp_path / "out.exr", "--filter", filter, "--channels", "v.*=fill", "--limit", limit)
+    assert same_bits(lacuna.fill(samples, mask, values=values, filter=filter), read(tmp_path / "out.exr", names))
+    if limit == "on":
+        path = write(tmp_path / "in.exr", {name: image[:, :, c] for c, name in enumerate(names)})
+        tool("upscale", path, "-o", tmp_path / "large.exr", "--scale", "2")
+        assert same_bits(lacuna.upscale(image, 2, values=values), read(tmp_path / "large.exr", names))
+
+
+@pytest.mark.parametrize("names", ["Z", ("v.X", "v.Y", "v.Z")])
+def test_what_is_copied_stays_where_it_is_not_finite(tmp_path, tool, names):
+    image, mask = picture(channels=3), lacuna.mask((72, 88), 0.2, seed=7)
+    image[:, 60:, 0], image[9:12, :30, 2] = np.inf, np.nan
+    image = image[:, :, 0] if names == "Z" else image
+    samples = np.where(mask if names == "Z" else mask[:, :, None], image, np.float32(0))
+    channels = {"Z": samples} if names == "Z" else {name: samples[:, :, c] for c, name in enumerate(names)}
+    path = write(tmp_path / "in.exr", channels | {"mask": mask.astype(np.float16)})
+    tool("fill", path, "-o", tmp_path / "out.exr", "--channels", f"{names[0].split('.')[0]}*=nearest")
+    copied = lacuna.fill(samples, mask, values="other", filter="nearest")
+    assert same_bits(copied, read(tmp_path / "out.exr", names)) and same_bits(copied[mask], image[mask])
+    assert np.isfinite(lacuna.fill(samples, mask, values="other", filter="ss")).all()
+
+
 def test_fill_with_settings_and_guides(tmp_path, tool):
     # What predicts the image best is the image, in other values; some of them negative, as those of colours are not.
     normal = np.ascontiguousarray(picture()[:, :, ::-1] ** 2 - 0.25)
@@ -96,6 +124,20 @@ def test_estimate_and_errors(tmp_path, tool):
     told = json.loads(report.read_text())["frames"][0]
     assert any(abs(value - said.psnr) < 0.01 for value in numbers(told)), "the report says the same"
     assert abs(lacuna.compare(image, filled, ~mask)["psnr"] - said.psnr) < 6
+
+
+@pytest.mark.parametrize("scale", [1, 1e-20, 1e25])
+def test_errors_are_those_of_all_colours(tmp_path, tool, scale):
+    image, mask = picture() * np.float32(scale / 2), lacuna.mask((72, 88), 0.2, seed=7)
+    samples = np.where(mask[:, :, None], image, np.float32(0))
+    whole = lacuna.estimate(samples, mask, filter="ss", peak=scale).errors
+    # Is solved by itself.
+    samples[(*np.argwhere(mask)[40], 1)] = np.nan
+    path = write(tmp_path / "in.exr", {name: samples[:, :, c] for c, name in enumerate("RGB")} | {"mask": mask.astype(np.float16)})
+    tool("fill", path, "-o", tmp_path / "out.exr", "--filter", "ss", "--error-channel", "--peak", scale)
+    errors = lacuna.estimate(samples, mask, filter="ss", peak=scale).errors
+    assert same_bits(errors, read(tmp_path / "out.exr", "error"))
+    assert np.isfinite(errors).all() and errors.max() == pytest.approx(whole.max(), rel=0.5)
 
 
 def numbers(tree):

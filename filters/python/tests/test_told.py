@@ -65,6 +65,12 @@ def test_errors_above_the_peak_are_not_none():
     assert 20 < said.psnr < 80 and said.unclipped_rmse != said.rmse and 0.5 < said.unclipped_rmse / error < 2
 
 
+def test_splines_fill_what_chooses_nothing():
+    few = MASK & (np.indices(MASK.shape) % 9 == 0).all(axis=0)
+    filled, said = lacuna.fill(IMAGE, few, estimate=True)
+    assert said.filters == {"ss": 1} and same_bits(filled, lacuna.fill(IMAGE, few, filter="ss"))
+
+
 def test_no_error_at_samples_is_no_promise():
     flat = np.full_like(IMAGE, 0.5)
     said, _ = told(flat)

@@ -110,8 +110,10 @@ def fill(
 
     image
         float32 or float16, (height, width) or (height, width, channels). All channels are filled together: pass colour as one
-        image, alpha, depth and normals as others. What stands at missing pixels is not read. A measured value that is NaN or
-        infinite counts as missing, and so does a pixel of a masked array that is masked in any channel.
+        image, alpha, depth, normals and positions as others. Put NaN or 0 at missing pixels: what stands there is read only to
+        recognise a wrong mask, where all measured light is 0. A measured value that is NaN or infinite counts as missing (with
+        ``values="other", filter="nearest"`` it stays, and is not copied), and so does a pixel of a masked array that is masked in
+        any channel.
     mask
         (height, width): bool, whole numbers (not 0: measured) or floats (0.5 or more: measured). Without it, the pixels at which
         any channel is NaN or infinite are missing. A mask of all pixels says that nothing is to be filled: such values then stay.
@@ -125,15 +127,16 @@ def fill(
         One of ``lacuna.filters()``, and its settings as a dict: ``filter="ss", settings={"lambda": 1e-3}``. The default blends
         several by their errors at held-out samples.
     values
-        ``light``; ``matte`` for alpha and coverage, which stay within 0 and 1; ``other`` for positions and the like;
-        ``directions`` for the components of vectors (which are not brought to unit length).
+        ``light``; ``matte`` for alpha and coverage, which stay within 0 and 1; ``other`` for positions, texture coordinates and
+        motion (which the tool also moves onto one surface of the measured ones around); ``directions`` for the components of
+        normals (which the tool also brings to unit length).
     domain
         Whether light is filled as it is (``linear``), as logarithms (``log``), or as its range asks for (``auto``).
     limit
         Whether overshoot beside edges is held back.
     weights
-        (height, width): how much each measured pixel counts, such as its number of samples; finite, 0 or more. Only where settings
-        smooth (``lambda`` of ``ss``, ``epsilon`` of ``tv``); refused elsewhere, as every pixel is kept there.
+        (height, width): how much each measured pixel counts, such as its number of samples; finite, 0 or more, of which only ratios
+        matter. Only where settings smooth (``lambda`` of ``ss``, ``epsilon`` of ``tv``); refused elsewhere, as every pixel is kept there.
     twin
         A complete array of the shape of ``image`` that may hold its values, such as an alpha that was rendered everywhere. A channel
         of which it equals all measured values (as the dtype of ``image``, enough of them and not all the same) takes the missing ones
@@ -199,11 +202,11 @@ def upscale(
     """Enlarges an image, and fills it if pixels are missing, with the same bits as ``lacuna upscale``.
 
     image
-        float32 or float16, (height, width) or (height, width, channels).
+        float32 or float16, (height, width) or (height, width, channels). NaN or 0 at missing pixels, as in ``fill``.
     scale or size
         A factor above 1 up to 16, or two, of (height, width); or (height, width) of the result.
     mask
-        As in ``fill``; without it, what is not finite is missing.
+        As in ``fill``; without it, what is not finite is missing. Values that are not finite are filled with a mask of all pixels, too.
     guides
         As in ``fill``, but of the size of the result, for ``ss``, and no identifiers: whole numbers are refused. An image with a side
         below 32 says nothing about them; there is a UserWarning, and they steer missing pixels only.
@@ -413,10 +416,10 @@ def compare(
         0: one a processor.
 
     Returns a dict: ``psnr`` and ``log_psnr`` in decibels (inf for equal images), ``mse``, ``rmse``, ``relative_mse``, ``max``,
-    ``ssim``, ``flip``, and the counts ``pixels``, ``different``, ``nan``, ``inf``. Measures that do not apply are None. Values that are
-    NaN or infinite in either image are left out, with a RuntimeWarning (``ssim`` and ``flip`` take them for 0): what is left is never
-    inf then, but NaN, and so is every measure where nothing is left. There is one, too, where more than a twentieth of the values
-    differ only outside 0 to ``peak``, so that clipping hides it.
+    ``ssim``, ``flip``, and the counts ``pixels``, ``different``, ``nan``, ``inf``. Measures that do not apply, or were not asked for,
+    are None. Values that are NaN or infinite in either image are left out, with a RuntimeWarning (``ssim`` and ``flip`` take them for
+    0): what is left is never inf then, but NaN, and so is every measure where nothing is left. There is one, too, where more than a
+    twentieth of the values differ only outside 0 to ``peak``, so that clipping hides it.
 
     Raises ValueError, which begins with the argument's name.
     """
@@ -440,6 +443,7 @@ def compare(
         line = f"image: {left_out:.0f} of {values:.0f} values are NaN or infinite in it or in the reference, and left out"
         warnings.warn(line, RuntimeWarning, stacklevel=2)
         found = {name: math.nan if value == math.inf else value for name, value in found.items()}
+    found.setdefault("flip", None)
     return found
 
 
@@ -487,7 +491,7 @@ def _fill(
         arguments.word("values", values),
         arguments.word("domain", domain),
         arguments.flag("limit", limit),
-        arguments.weights(weights, (height, width)),
+        arguments.weights(weights, array, flags),
         estimate,
         white,
         _threads(threads),

@@ -60,25 +60,33 @@ def mask(given: Any, image: Any, shape: tuple[int, ...]) -> Optional[npt.NDArray
     return array
 
 
-def weights(given: Any, shape: tuple[int, ...]) -> Optional[npt.NDArray[np.float32]]:
-    """A weight for each pixel."""
+def weights(given: Any, like: npt.NDArray[Any], measured: Optional[npt.NDArray[np.uint8]]) -> Optional[npt.NDArray[np.float32]]:
+    """A weight for each pixel of an image; those of its measured ones count, without a mask those that are finite."""
     if given is None:
         return None
     array = _array("weights", given)
+    shape = like.shape[:2]
     if array.shape != shape:
         raise ValueError(f"weights: {_axes(array)}, and the image has {shape} (height, width)")
     if array.dtype.kind not in "fiub":
         raise ValueError(f"weights: values are {array.dtype}, not numbers")
-    return array.astype(np.float32, copy=False)
+    if array.dtype.kind == "f" and array.dtype.itemsize > 4:
+        counting = array[np.isfinite(like).all(axis=2) if measured is None else measured != 0]
+        largest = np.max(counting, where=np.isfinite(counting), initial=0)
+        if largest > 0 and not np.finfo(np.float32).tiny <= largest <= np.finfo(np.float32).max:
+            # Only ratios matter; the largest is 1 then.
+            array = array / largest
+    with np.errstate(over="ignore"):
+        return array.astype(np.float32, copy=False)
 
 
 def twin(given: Any, like: npt.NDArray[Any]) -> Optional[npt.NDArray[Any]]:
     """Complete values of the same channels, in the dtype of the image."""
     if given is None:
         return None
-    array, _ = image("twin", given)
+    array, deep = image("twin", given, may_hide=False)
     if array.shape != like.shape:
-        raise ValueError(f"twin: {_axes(array)}, and the image has {like.shape} (height, width, channels)")
+        raise ValueError(f"twin: an array of shape {array.shape if deep else array.shape[:2]}, and the image has {like.shape} (height, width, channels)")
     # What a half cannot hold becomes infinite, and such a twin counts for nothing.
     with np.errstate(over="ignore"):
         return array.astype(like.dtype, copy=False)
@@ -92,6 +100,7 @@ def guides(given: Any, shape: tuple[int, ...], whose: str = "image") -> list[tup
         raise ValueError(f"guides: a {type(given).__name__}, not a dict of arrays by their names")
     taken = []
     for key, value in given.items():
+        word("guides", key)
         name = f"guides[{key!r}]"
         array = _array(name, value)
         if array.shape[:2] != shape:
@@ -104,8 +113,11 @@ def guides(given: Any, shape: tuple[int, ...], whose: str = "image") -> list[tup
             array = _labels(array)
         else:
             array, _ = image(name, array)
-        taken.append((word("guides", str(key)), array))
-    return sorted(taken, key=lambda guide: guide[0] if guide[1].shape[2:] in ((), (1,)) else guide[0] + ".")
+        taken.append((key, array))
+    alone = {key for key, array in taken if array.shape[2:] in ((), (1,))}
+    for key in sorted(alone & {f"{key}.{part}" for key, _ in taken if key not in alone for part in "RGBXYZ"}):
+        raise ValueError(f"guides[{key!r}]: it has the name of a channel of guides[{key[:-2]!r}]; give one of them another")
+    return sorted(taken, key=lambda guide: guide[0] if guide[0] in alone else guide[0] + ".")
 
 
 def _labels(array: npt.NDArray[Any]) -> npt.NDArray[np.uint32]:
@@ -132,7 +144,7 @@ def settings(given: Any) -> list[tuple[str, str]]:
             value = int(value)
         return word("settings", value if isinstance(value, str) else _shown(value))
 
-    return [(word("settings", str(name)), text(value)) for name, value in given.items()]
+    return [(word("settings", name), text(value)) for name, value in given.items()]
 
 
 def flag(name: str, given: Any) -> bool:
@@ -156,6 +168,8 @@ def count(name: str, given: Any, least: int = 0, most: int = 2**63 - 1) -> int:
 def real(name: str, given: Any, above: float = -math.inf) -> float:
     """A finite number above a bound."""
     try:
+        if isinstance(given, (str, bytes, bytearray)):
+            raise TypeError("Python reads numbers in texts")
         value = float(given)
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name}: {_shown(given)} is no number of 64 bits") from None
@@ -166,7 +180,7 @@ def real(name: str, given: Any, above: float = -math.inf) -> float:
 
 def factors(name: str, given: Any) -> tuple[float, float]:
     """One number for both axes, or two, of height and width."""
-    if isinstance(given, (tuple, list)):
+    if isinstance(given, (tuple, list)) or (isinstance(given, np.ndarray) and given.ndim == 1):
         if len(given) != 2:
             raise ValueError(f"{name}: {_shown(given)} is neither a number nor two, of (height, width)")
         return real(name, given[0], above=0), real(name, given[1], above=0)

@@ -24,8 +24,8 @@ class Estimate(NamedTuple):
     high: Its upper end.
     reason: Why it, or more of it, cannot be told, or that a twin has the values.
     errors: (height, width): the root mean square error of each pixel over the channels, clipped as for ``psnr``, 0 at measured ones.
-    filters: What filled, and its mean weight at missing pixels: several where the filter ``auto`` blends, ``copy`` where a twin has
-        the values.
+    filters: What filled, and its mean weight at missing pixels: several where the filter ``auto`` blends, ``ss`` where there are too
+        few samples to choose by, ``copy`` where a twin has the values.
     guides: The guides that were believed.
     stop: How the solver ended: ``converged`` or ``iteration-limit``.
     rmse: The root mean square error that ``psnr`` is of.
