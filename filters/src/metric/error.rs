@@ -12,7 +12,7 @@ use lacuna_core::parallel::prelude::*;
 use serde::Serialize;
 
 use super::same_size;
-use crate::{Error, Plane};
+use crate::{Error, Plane, check};
 
 /// Keeps the relative error finite where the reference is black (Rousselle et al. 2011).
 const RELATIVE_FLOOR: f64 = 0.01;
@@ -73,7 +73,7 @@ const HIDDEN: f64 = 0.05;
 /// Compares two planes of one size, over all pixels or a region: a flag for each.
 ///
 /// # Errors
-/// [`Error::SizeMismatch`] and, for a peak that is not above 0, [`Error::Setting`].
+/// [`Error::SizeMismatch`] and, for a peak that is not above 0 and finite, [`Error::Setting`].
 pub fn compare(
     reference: &Plane,
     test: &Plane,
@@ -94,9 +94,7 @@ pub fn compare_regions(
     regions: &[Option<&[bool]>],
     options: Options,
 ) -> Result<Vec<Statistics>, Error> {
-    if options.peak.is_nan() || options.peak <= 0.0 {
-        return Err(Error::setting("peak", &options.peak, "above 0"));
-    }
+    check::positive("peak", f64::from(options.peak))?;
     same_size(reference.size(), &[test])?;
     regions.iter().try_for_each(|region| Error::of_region(reference.size(), *region))?;
     let width = reference.size().width.max(1);
@@ -317,8 +315,10 @@ mod tests {
 
     #[test]
     fn sizes_must_agree_and_the_peak_be_positive() {
-        let options = Options { peak: 0.0, clip: true };
-        assert!(matches!(compare(&plane(&[0.0]), &plane(&[0.0]), None, options), Err(Error::Setting { .. })));
+        for peak in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+            let found = compare(&plane(&[0.0]), &plane(&[1.0]), None, Options { peak, clip: true });
+            assert!(matches!(found, Err(Error::Setting { name: "peak", .. })), "{peak}");
+        }
         let found = compare(&plane(&[0.0]), &plane(&[0.0, 1.0]), None, Options::default());
         assert!(matches!(found, Err(Error::SizeMismatch { .. })));
         for flags in [&[true][..], &[true; 3]] {

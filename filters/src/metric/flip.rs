@@ -17,10 +17,13 @@ use lacuna_core::parallel::prelude::*;
 use super::colour::{Chromaticities, Matrix, apply, inverse};
 use super::same_size;
 use crate::kernel::fir::{horizontal, separable, vertical};
-use crate::{Error, Plane, Size};
+use crate::{Error, Plane, Size, check};
 
 /// Pixels per degree of a 0.7 m wide display with 3840 pixels seen from 0.7 m, as in the paper.
 pub const PIXELS_PER_DEGREE: f64 = 67.020_643_276_582_26;
+
+/// Pixels per degree with which the detectors have taps, and not more than an image.
+const SEEN: std::ops::RangeInclusive<f64> = 1.0..=1e4;
 
 /// Exponent that compresses large colour differences (section 4.1).
 const COLOUR_EXPONENT: f32 = 0.7;
@@ -37,12 +40,13 @@ pub type Rgb<'a> = [&'a Plane; 3];
 /// The difference of two images made for a display that shows `peak` as white: linear values, clipped to 0 to `peak`.
 ///
 /// # Errors
-/// [`Error::SizeMismatch`].
+/// [`Error::SizeMismatch`] and, for a peak that is not above 0 and finite, or pixels per degree that are not 1 to 10000, [`Error::Setting`].
 pub fn display(reference: Rgb<'_>, test: Rgb<'_>, pixels_per_degree: f64, peak: f32) -> Result<Plane, Error> {
+    check::positive("peak", f64::from(peak))?;
     let size = reference[0].size();
     same_size(size, &reference)?;
     same_size(size, &test)?;
-    let eye = Eye::new(pixels_per_degree);
+    let eye = Eye::new(pixels_per_degree)?;
     let shown = |image: Rgb<'_>| image.map(|plane| per_pixel(plane, |value| (value / peak).clamp(0.0, 1.0)));
     Ok(eye.difference(&shown(reference), &shown(test)))
 }
@@ -50,7 +54,7 @@ pub fn display(reference: Rgb<'_>, test: Rgb<'_>, pixels_per_degree: f64, peak: 
 /// The difference of two HDR images: of each pixel the largest over `exposures` in stops; see [`exposures_of`].
 ///
 /// # Errors
-/// [`Error::SizeMismatch`].
+/// [`Error::SizeMismatch`] and, without exposures or for one that is not finite, or pixels per degree that are not 1 to 10000, [`Error::Setting`].
 pub fn hdr(
     reference: Rgb<'_>,
     test: Rgb<'_>,
@@ -60,7 +64,11 @@ pub fn hdr(
     let size = reference[0].size();
     same_size(size, &reference)?;
     same_size(size, &test)?;
-    let eye = Eye::new(pixels_per_degree);
+    if exposures.is_empty() || !exposures.iter().all(|exposure| exposure.is_finite()) {
+        let value = format!("{exposures:?}");
+        return Err(Error::Setting { name: "exposures", value, range: "one or more, finite".into() });
+    }
+    let eye = Eye::new(pixels_per_degree)?;
     let mut largest = Plane::filled(size, 0.0);
     for exposure in exposures {
         let scale = exposure.exp2();
@@ -137,18 +145,21 @@ struct Eye {
 }
 
 impl Eye {
-    fn new(pixels_per_degree: f64) -> Self {
+    fn new(pixels_per_degree: f64) -> Result<Self, Error> {
+        if !SEEN.contains(&pixels_per_degree) {
+            return Err(Error::setting("pixels per degree", &pixels_per_degree, "1 to 10000"));
+        }
         let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let to_xyz = Chromaticities::default().to_xyz().unwrap_or(identity);
         let white = apply(&to_xyz, [1.0; 3]);
         let relative: Matrix = [0, 1, 2].map(|k| to_xyz[k].map(|value| value / white[k]));
         let narrow = |matrix: Matrix| matrix.map(|row| row.map(|value| value as f32));
-        Self {
+        Ok(Self {
             to_white: narrow(relative),
             from_white: narrow(inverse(&relative).unwrap_or(identity)),
             sensitivity: sensitivity(pixels_per_degree),
             feature: feature(pixels_per_degree),
-        }
+        })
     }
 
     /// The map of two images of linear RGB in 0 to 1.
@@ -407,6 +418,30 @@ mod tests {
         let steps: Vec<f64> = exposures.windows(2).map(|pair| pair[1] - pair[0]).collect();
         assert!(steps.iter().all(|step| (step - steps[0]).abs() < 1e-12));
         assert_eq!(exposures_between(1.0, 1.0).len(), 2);
+    }
+
+    #[test]
+    fn what_shows_nothing_is_refused() {
+        let [a, b] = [0.2, 0.8].map(|value| [0, 1, 2].map(|_| Plane::filled(Size::new(8, 8), value)));
+        let name = |found: Result<Plane, Error>| match found {
+            Err(Error::Setting { name, .. }) => name,
+            _ => "none",
+        };
+        for peak in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+            assert_eq!(name(display(rgb(&a), rgb(&b), PIXELS_PER_DEGREE, peak)), "peak", "{peak}");
+        }
+        for exposures in [&[][..], &[f64::NAN], &[0.0, f64::INFINITY]] {
+            let found = hdr(rgb(&a), rgb(&b), PIXELS_PER_DEGREE, exposures);
+            assert_eq!(name(found), "exposures", "{exposures:?}");
+        }
+        for ppd in [0.0, -5.0, 0.5, f64::NAN, f64::INFINITY, 1e300] {
+            assert_eq!(name(display(rgb(&a), rgb(&b), ppd, 1.0)), "pixels per degree", "{ppd}");
+            assert_eq!(name(hdr(rgb(&a), rgb(&b), ppd, &[0.0])), "pixels per degree", "{ppd}");
+        }
+        for ppd in [*SEEN.start(), 10.0] {
+            let map = display(rgb(&a), rgb(&b), ppd, 1.0).unwrap();
+            assert!(map.pixels().iter().all(|value| *value > 0.0), "{ppd}");
+        }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! `SSIM = (2 mx my + C1) (2 sxy + C2) / ((mx^2 + my^2 + C1) (sx^2 + sy^2 + C2))` with the local means `m`, variances
 //! `s^2` and covariance `sxy` under an 11x11 Gaussian of standard deviation 1.5, `C1 = (0.01 L)^2`, `C2 = (0.03 L)^2`,
 //! `L` the range of values. The map repeats the border; the mean leaves out the outermost 5 pixels, whose windows
-//! reach beyond the image (all are taken where the image is no larger than the window).
+//! reach beyond the image (all are taken where the image is no longer than the window on either side).
 //!
 //! Computed from the sum `s = x + y` and the difference `d = x - y`: `2 mx my = (ms^2 - md^2) / 2`, `mx^2 + my^2 = (ms^2 +
 //! md^2) / 2`, and likewise with the variances. That is one blur less, and equal images have exactly 1. Values are divided by L first, and all is
@@ -16,7 +16,7 @@ use lacuna_core::parallel::prelude::*;
 
 use super::{mean, same_size};
 use crate::kernel::fir::{across, along, pad};
-use crate::{Error, Plane, Size};
+use crate::{Error, Plane, Size, check};
 
 /// Half the window: 11x11 pixels.
 const RADIUS: usize = 5;
@@ -34,8 +34,9 @@ impl Similarity {
     /// Compares two planes of finite values; `range` is the extent of their values (1 for 0 to 1).
     ///
     /// # Errors
-    /// [`Error::SizeMismatch`].
+    /// [`Error::SizeMismatch`] and, for a range that is not a finite number of 0 or more, [`Error::Setting`].
     pub fn new(reference: &Plane, test: &Plane, range: f32) -> Result<Self, Error> {
+        check::not_negative("range", f64::from(range))?;
         same_size(reference.size(), &[test])?;
         let mut map = Plane::filled(reference.size(), 0.0);
         // A range of 0 is that of images of zeros.
@@ -58,7 +59,7 @@ impl Similarity {
     pub fn mean(&self, region: Option<&[bool]>) -> Result<Option<f64>, Error> {
         let size = self.map.size();
         Error::of_region(size, region)?;
-        if size.height <= 2 * RADIUS || size.width <= 2 * RADIUS {
+        if size.height.min(size.width) <= 2 * RADIUS + 1 {
             return mean(&self.map, region);
         }
         let mut inner = vec![false; size.pixels()];
@@ -219,6 +220,24 @@ mod tests {
         }
         let inverted = Plane::from_fn(a.size(), |y, x| 1.0 - a.at(y, x));
         assert!(Similarity::new(&a, &inverted, 1.0).unwrap().mean(None).unwrap().unwrap() < 0.0);
+    }
+
+    #[test]
+    fn a_range_is_finite_and_not_negative() {
+        let (a, b) = (texture(20, 30, 1), texture(20, 30, 2));
+        for range in [-1.0, f32::NAN, f32::INFINITY] {
+            let found = Similarity::new(&a, &b, range);
+            assert!(matches!(found, Err(Error::Setting { name: "range", .. })), "{range}");
+        }
+    }
+
+    #[test]
+    fn all_of_an_image_like_the_window_counts() {
+        for (height, width, inner) in [(11, 11, false), (11, 30, false), (30, 11, false), (12, 12, true)] {
+            let found = Similarity::new(&texture(height, width, 1), &texture(height, width, 2), 1.0).unwrap();
+            let all = mean(&found.map, None).unwrap();
+            assert_eq!(found.mean(None).unwrap() != all, inner, "{height} {width}");
+        }
     }
 
     #[test]
