@@ -21,8 +21,8 @@
 //! left-out samples, leave `cnn` alone beside them, and in large images nothing.
 //!
 //! Algorithm: samples are held out in folds ([`crate::estimate::Folds`]), which also say how wrong the result is, each part of them by weights
-//! that the others teach. `A` is summed in cells of half the Gaussian's width; in each the small quadratic problem is solved by trying all sets
-//! of candidates (`weights`). Between cells weights are interpolated linearly. Measured pixels keep their bits.
+//! that the others teach. `A` is summed in cells of half the Gaussian's width; in each the small quadratic problem is solved by active sets
+//! (`weights`). Between cells weights are interpolated linearly. Measured pixels keep their bits.
 //!
 //! Samples of other frames ([`crate::temporal`]), where there are any, pull the blend towards them, as firmly at each place as what was held out
 //! says; where brightness changes, levelled ones as well (`along`).
@@ -465,6 +465,9 @@ fn blend(
 ) -> Result<(Outcome, Decided), Error> {
     let (mut outcome, mut decided) = (None::<Outcome>, Decided::default());
     let mut one = Planes::zeros(samples.size(), samples.len());
+    if weights.alone().is_none() {
+        out.as_mut_slice().iter_mut().for_each(|plane| plane.pixels_mut().fill(0.0));
+    }
     let mut start = None;
     for (k, candidate) in all.iter_mut().enumerate().filter(|(k, _)| weights.counts(*k)).rev() {
         let alone = weights.alone() == Some(k);

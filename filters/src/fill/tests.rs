@@ -147,6 +147,33 @@ fn errors_are_over_all_planes() {
     }
 }
 
+/// Plans write their result, whatever stood there.
+#[test]
+fn what_an_output_holds_changes_no_bit_of_any_method() {
+    let size = Size::new(96, 120);
+    let edges = |y: usize, x: usize| f32::from(u8::from((y * 37 + x * 93) % 3100 < 1400));
+    let smooth = |y: usize, x: usize| 0.5 + 0.2 * (0.09 * y as f32).sin() * (0.07 * x as f32).cos();
+    let half = |y: usize, x: usize| if x < 60 { smooth(y, x) } else { edges(y, x) };
+    let samples = Planes::from(Plane::from_fn(size, half));
+    let third = |y, x| lacuna_core::hash(y as u64, x as u64).is_multiple_of(3);
+    let mask = Arc::new(Mask::from_fn(size, third));
+    for found in METHODS.iter().filter(|found| !found.takes.dictionary) {
+        let method = Method::of(found, &[]).unwrap();
+        let plan = Plans::new().filter(&method, &mask, None, &Run::default()).unwrap();
+        let from = |value: f32| {
+            let mut out = Planes::from(Plane::filled(size, value));
+            plan.reconstruct(&samples, &mut out, &Run::default()).unwrap();
+            bits(&out.as_slice()[0])
+        };
+        let clean = from(0.0);
+        assert!(clean == from(5.0) && clean == from(f32::NAN), "{}", found.name);
+    }
+    let shares =
+        &fill(&samples, mask, &Options { values: Values::Other, ..Options::default() }).unwrap().sets[0]
+            .shares;
+    assert!(shares.len() > 1, "one candidate alone: {shares:?}");
+}
+
 /// Values that bounds take back are no errors: what is told of an opacity is nearer to the truth with them.
 #[test]
 fn estimates_know_the_bounds() {
