@@ -35,7 +35,7 @@ type Row = [f32; PLANES];
 /// The rows of `G` for every place and every pattern of free pixels.
 pub struct Factors {
     a: Separable<f64>,
-    /// Away from the border.
+    /// Away from the border; zeros where nothing is.
     inside: Box<[Row; PATTERNS]>,
     /// Where a row or a column near the border has entries of its own: a class of places, then a pattern.
     near: Vec<OnceLock<Vec<OnceLock<Row>>>>,
@@ -50,7 +50,10 @@ impl Factors {
     /// Of an energy.
     pub fn new(a: Separable<f64>) -> Self {
         let middle = (a.vertical.len / 2, a.horizontal.len / 2);
-        let inside = Box::new(std::array::from_fn(|pattern| row(&a, middle, pattern)));
+        // In the midst of few rows or columns what a row of `G` sees is not all there.
+        let is_inside = !inside(&a.vertical).is_empty() && !inside(&a.horizontal).is_empty();
+        let of_pattern = |pattern| if is_inside { row(&a, middle, pattern) } else { [0.0; PLANES] };
+        let inside = Box::new(std::array::from_fn(of_pattern));
         let near = (0..classes(&a.vertical) * classes(&a.horizontal)).map(|_| OnceLock::new()).collect();
         Self { a, inside, near }
     }

@@ -58,5 +58,8 @@ fn rows_solve_their_equations() {
     }
     // Images without an inside.
     check(Size::new(17, 40), Window { y: 0, x: 0, height: 17, width: 40 });
+    for (height, width) in [(1, 90), (2, 90), (3, 90), (90, 1), (90, 3)] {
+        check(Size::new(height, width), Window { y: 0, x: 0, height, width });
+    }
     check(Size::new(40, 11), Window { y: 5, x: 0, height: 35, width: 11 });
 }
