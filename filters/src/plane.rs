@@ -92,7 +92,16 @@ impl Clone for Planes {
     }
 }
 
+/// Pixels that one task looks at.
+const PIECE: usize = 1 << 14;
+
 impl Planes {
+    /// Whether all values are finite.
+    pub(crate) fn are_finite(&self) -> bool {
+        let piece = |values: &[f32]| values.iter().all(|value| value.is_finite());
+        self.planes.iter().all(|plane| plane.pixels().par_chunks(PIECE).all(piece))
+    }
+
     /// Groups planes.
     ///
     /// # Errors

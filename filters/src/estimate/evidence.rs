@@ -67,6 +67,10 @@ impl Evidence {
         reconstruct: &mut ReconstructPart<'_>,
         run: &Run<'_>,
     ) -> Result<(), Error> {
+        // What overflowed has no samples.
+        if !filled.are_finite() {
+            return Ok(());
+        }
         self.simulation = Simulation::new(mask, filled, folds, reconstruct)?;
         self.repetition =
             Repetition::new((samples, mask), filled, (folds, &self.near), rounds, reconstruct, run)?;

@@ -93,8 +93,10 @@ impl Model {
         if let Some(shape) = shape {
             shaped(&mut squared, shape);
         }
+        let most = f64::from(f32::MAX);
+        let rounded = |squared: &f64| squared.sqrt().min(most) as f32;
         let error =
-            |squared: &f64| Some(squared.sqrt() as f32).filter(|error| *error > self.floor()).unwrap_or(0.0);
+            |squared: &f64| Some(rounded(squared)).filter(|error| *error > self.floor()).unwrap_or(0.0);
         let pixels = squared.par_iter().with_min_len(PIECE).map(error);
         Plane::new(size, pixels).unwrap_or_else(|_| Plane::filled(size, 0.0))
     }

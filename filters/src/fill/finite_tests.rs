@@ -108,6 +108,29 @@ fn what_is_not_finite_stays_inside_whatever_the_method() {
     }
 }
 
+/// What overflows in a fill teaches nothing, and fails nothing.
+#[test]
+fn what_overflows_is_no_sample() {
+    let size = Size::new(40, 44);
+    let mask = Arc::new(crate::sampling::shuffle::mask(0, 0, size, 0.5, 3).unwrap());
+    for values in [[f32::MAX, f32::MIN], [f32::MAX, 0.0]] {
+        let samples = Planes::from(Plane::from_fn(size, |y, x| values[(y + x / 3) % 2]));
+        // Others have no estimate.
+        for method in methods().into_iter().filter(Method::keeps_measured) {
+            for values in [Values::Light, Values::Other] {
+                let options = Options { values, estimate: Estimate::Pixels, ..Options::of(method.clone()) };
+                let name = format!("{} {} {values:?}", method.name(), method.settings());
+                let filled = fill(&samples, Arc::clone(&mask), &options)
+                    .unwrap_or_else(|error| panic!("{name}: {error}"));
+                assert!(all_finite(&filled.planes), "{name}");
+                let errors = filled.sets.iter().filter_map(|set| set.errors.as_ref());
+                let mut errors = errors.flat_map(Plane::pixels);
+                assert!(errors.all(|error| error.is_finite()), "{name}: estimated errors");
+            }
+        }
+    }
+}
+
 #[test]
 fn what_is_not_finite_in_noise_stays_inside() {
     let guides = BAD.map(guides);
