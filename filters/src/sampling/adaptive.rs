@@ -3,7 +3,7 @@
 //! Of `N` pixels at most `round(D N)` are measured, in `R` rounds. The first takes the mask of density `first` in the order of
 //! [`shuffle`]; each further one takes an equal part of the rest where the estimated error of the fill so far is largest
 //! (`refine`), but one pixel in 64 by the order of the shuffle, whatever the estimate says. With one round, or `first = D`, it is the
-//! shuffle's mask.
+//! shuffle's mask, without the last pixels of its order where it has more than these.
 //!
 //! New pixels test the fill that chose them. With `e` the estimated and `t` the true error of that fill at them, the mean of `t^2` is taken
 //! for `exp(a + b ln e^2)`, which is fitted to octaves of `e` as if `t^2` had a gamma distribution, those of earlier rounds counting half as much
@@ -167,6 +167,9 @@ pub(crate) fn in_rounds<E: From<Error>>(
     let mut new = Mask::from_fn(field.size, |row, column| {
         spread.is_measured(row, column) && within.is_none_or(|within| within.is_measured(row, column))
     });
+    if new.count() > total {
+        new = of_pixels(field.size, in_order(&known, total, field, preference.seed()));
+    }
     let mut rounds: Vec<Round> = Vec::new();
     // The estimate that chose the new pixels, and the squared distances with them.
     let mut before: Option<(Estimate, Vec<u32>)> = None;
@@ -195,11 +198,7 @@ pub(crate) fn in_rounds<E: From<Error>>(
         }
         let count = (total - known.count).div_ceil(left);
         let (taken, squared) = next(estimate.as_ref(), &known, count, field, preference);
-        let mut flags = vec![false; field.size.pixels()];
-        for pixel in taken {
-            flags[pixel] = true;
-        }
-        new = Mask::new(field.size, flags)?;
+        new = of_pixels(field.size, taken);
         before = estimate.zip(squared);
     }
 }
@@ -218,6 +217,15 @@ fn next(
         estimate.next_beside(&taken, count - taken.len(), field, preference, |pixel| known.is_open(pixel));
     taken.extend(more);
     (taken, Some(squared))
+}
+
+/// The mask that measures these.
+fn of_pixels(size: Size, pixels: Vec<usize>) -> Mask {
+    let mut flags = vec![false; size.pixels()];
+    for pixel in pixels {
+        flags[pixel] = true;
+    }
+    Mask::of(size, flags)
 }
 
 /// The first `count` missing pixels in the order of the shuffle.

@@ -50,10 +50,35 @@ fn every_pixel_is_measured_once_and_the_budget_is_spent() {
 #[test]
 fn one_round_and_a_whole_first_one_are_the_shuffle() {
     let shuffle = shuffle::mask(-7, 3, SIZE, 0.13, 5).unwrap();
+    assert!(shuffle.count() <= (0.13 * SIZE.pixels() as f64).round() as usize);
     assert_eq!(chosen(&settings(0.13, 1), &picture()).0.mask, shuffle);
     let first = Settings { first: Some(0.13), ..settings(0.13, 3) };
     let (found, _) = chosen(&first, &picture());
     assert!(shuffle.as_slice().iter().zip(found.mask.as_slice()).all(|(a, b)| !a || *b));
+}
+
+/// Where the shuffle has more pixels below a density than that says, its last ones are left out.
+#[test]
+fn no_more_is_measured_than_the_density_says() {
+    let mut exceeding = 0;
+    for (seed, density) in (0..8).flat_map(|seed| [(seed, 0.1), (seed, 0.2), (seed, 0.3)]) {
+        let total = (density * SIZE.pixels() as f64).round() as usize;
+        let shuffle = shuffle::mask(-7, 3, SIZE, density, seed).unwrap();
+        exceeding += usize::from(shuffle.count() > total);
+        for settings in [
+            Settings { seed, ..settings(density, 1) },
+            Settings { seed, first: Some(density), ..settings(density, 2) },
+        ] {
+            let mask = &chosen(&settings, &picture()).0.mask;
+            assert!(mask.count() <= total, "{seed} {density}: {} of {total}", mask.count());
+            let rank =
+                |pixel: &usize| shuffle::rank((pixel % 120) as i32 - 7, (pixel / 120) as i32 + 3, seed);
+            let of = |wanted: bool| (0..SIZE.pixels()).filter(move |&pixel| mask.as_slice()[pixel] == wanted);
+            let (last, next) = (of(true).map(|p| rank(&p)), of(false).map(|p| rank(&p)));
+            assert!(settings.rounds != Some(1) || last.fold(0.0, f64::max) < next.fold(1.0, f64::min));
+        }
+    }
+    assert!(exceeding > 0);
 }
 
 #[test]
