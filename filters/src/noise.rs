@@ -88,7 +88,8 @@ impl Noise {
             let (a, b) = (uniform(2 * at), uniform(2 * at + 1));
             at += 1;
             let normal = (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos();
-            (f64::from(variance.at(row, column)).sqrt() * normal) as f32
+            let variance = Some(variance.at(row, column)).filter(|variance| variance.is_finite());
+            (f64::from(variance.unwrap_or(f32::NAN)).sqrt() * normal) as f32
         })
     }
 }

@@ -303,7 +303,9 @@ fn noise_of_a_variance_has_it() {
     let square = noise.pixels().iter().map(|n| f64::from(*n).powi(2)).sum::<f64>() / 40_000.0;
     assert!(mean.abs() < 4.0 * 0.2 / 200.0, "{mean}");
     assert!((square / 0.04 - 1.0).abs() < 4.0 * (2.0_f64 / 40_000.0).sqrt(), "{square}");
-    assert!(Noise::of_variance(&Plane::filled(Size::new(1, 1), -1.0), 3).at(0, 0).is_nan());
+    for none in [-1.0, f32::INFINITY, f32::NAN] {
+        assert!(Noise::of_variance(&Plane::filled(Size::new(1, 1), none), 3).at(0, 0).is_nan(), "{none}");
+    }
 }
 
 #[test]
