@@ -110,12 +110,14 @@ const AIM: f64 = 1e-4;
 const TILE_TOLERANCE: f64 = 4e-5;
 /// Measured ranges whose squares, as tiles sum them, fit f32.
 const TILED: std::ops::Range<f64> = 1e-12..1e15;
-/// Size of a correction, over the largest value, that f32 cannot tell from rounding.
+/// Size of a correction, over the range of the values, that f32 cannot tell from rounding.
 const ROUNDING: f64 = 4e-7;
 /// Images of up to so many pixels are left to multigrid.
 const SMALL: usize = 64 * 64;
 /// From this error on, over the measured range, one sweep of tiles is enough.
 const ROUGH: f64 = 5e-3;
+/// Pixels that one task takes.
+const PIECE: usize = 1 << 14;
 /// Rounds of tiles and holes after which the whole image is handed to multigrid.
 const ROUNDS: usize = 8;
 
@@ -245,10 +247,17 @@ enum Ending {
     Left { iterations: usize, tolerance: f64 },
 }
 
+/// Adds a value to all pixels.
+fn add(plane: &mut Plane, value: f32) {
+    if value != 0.0 {
+        plane.pixels_mut().par_chunks_mut(PIECE).for_each(|own| own.iter_mut().for_each(|own| *own += value));
+    }
+}
+
 /// What a channel asks for.
 #[derive(Clone, Copy)]
 struct Wanted {
-    /// A value in the midst of the measured ones.
+    /// A value in the midst of those that are solved for.
     middle: f32,
     /// Their range.
     range: f64,
@@ -283,11 +292,20 @@ impl Planned {
         if range <= 0.0 {
             return Ending::Done(Outcome::direct());
         }
-        let wanted = Wanted { middle: low + 0.5 * (high - low), range, error: error * range };
+        let middle = low + 0.5 * (high - low);
+        // Far from zero an image is rounded by more than its range allows, so it is solved less its middle: samples are within a factor of two
+        // of that, and lose nothing.
+        let far = if f64::from(middle.abs()) > range { middle } else { 0.0 };
+        let wanted = Wanted { middle: middle - far, range, error: error * range };
         if !TILED.contains(&range) {
             return Ending::Left { iterations: 0, tolerance: wanted.within(TOLERANCE) };
         }
+        add(out, -far);
         let end = self.tiled(tiles, regions, samples, out, wanted, run);
+        add(out, far);
+        if far != 0.0 {
+            self.mask.restore(samples, out);
+        }
         if matches!(end, Ending::Done(_)) {
             self.settle(out);
         }
@@ -314,7 +332,7 @@ impl Planned {
     ) -> Ending {
         let mut outcome = Outcome::direct();
         let Wanted { middle, range, error } = wanted;
-        let floor = ROUNDING * f64::max(range, f64::from(middle.abs()));
+        let floor = ROUNDING * range;
         let (mut first, mut least, mut holes) = (0.0, None, 0.0_f64);
         let mut seen = None;
         let mut changed = Vec::new();

@@ -40,7 +40,7 @@ pub(crate) fn improve(
         let (low, high) = range(mask.as_slice(), samples.pixels());
         let (middle, range) = (low + 0.5 * (high - low), f64::from(high) - f64::from(low));
         if range > 0.0 {
-            let floor = ROUNDING * f64::max(range, f64::from(middle.abs()));
+            let floor = ROUNDING * range;
             let target = Target { tolerance: error * range, floor, least: Some(LEAST) };
             tiles.sweep(mask, image, Task { before: None, changed: &[], middle, target, limit: steps }, run);
         }

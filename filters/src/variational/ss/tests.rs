@@ -9,6 +9,7 @@ use crate::Size;
 use crate::kernel::stencil::Separable;
 
 mod hole;
+mod limits;
 
 /// The minimiser by Cholesky's factorisation of the full matrix. Returns every pixel.
 fn reference(settings: &Settings, samples: &Plane, mask: &Mask, weights: Option<&Plane>) -> Vec<f64> {
