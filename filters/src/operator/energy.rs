@@ -33,6 +33,11 @@ impl Form {
         Self { kernel, order, tension }
     }
 
+    /// By how much tension makes an energy larger than without.
+    pub const fn stretch(&self) -> f64 {
+        self.tension.max(1.0)
+    }
+
     /// The energy of an image of this size whose pixels are `spacing` (vertical, horizontal) apart.
     pub fn energy(&self, size: Size, spacing: (f64, f64)) -> Separable<f64> {
         let [tall, wide] = [size.height, size.width].map(|len| Profile::new(self.kernel, self.order, len));

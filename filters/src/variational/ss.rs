@@ -112,6 +112,8 @@ const TILE_TOLERANCE: f64 = 4e-5;
 const TILED: std::ops::Range<f64> = 1e-12..1e15;
 /// Size of a correction, over the range of the values, that f32 cannot tell from rounding.
 const ROUNDING: f64 = 4e-7;
+/// From this tension on bending counts for nothing.
+const STIFFEST: f64 = 1e10;
 /// Images of up to so many pixels are left to multigrid.
 const SMALL: usize = 64 * 64;
 /// From this error on, over the measured range, one sweep of tiles is enough.
@@ -148,12 +150,14 @@ impl Filter for Settings {
             (Some(weights), true) => Some(check_weights(weights, &mask)?),
             _ => None,
         };
-        let form = Form::new(self.kernel, self.order.number(), self.tension);
+        let form = Form::new(self.kernel, self.order.number(), self.tension.min(STIFFEST));
+        let heaviest = weights.map_or(1.0, |weights| f64::from(range(mask.as_slice(), weights.pixels()).1));
+        let lambda = self.lambda.min(self.order.smoothest() * heaviest / form.stretch());
         let isa = Isa::best();
         let matrices = Matrices::new(&form, mask.size());
-        let region = |window| Region::new(isa, &matrices, &mask, (self.lambda, weights), window);
+        let region = |window| Region::new(isa, &matrices, &mask, (lambda, weights), window);
         let tiles = |held| Tiles::new(isa, &form.energy(mask.size(), (1.0, 1.0)), &mask, held);
-        let whole = || Region::whole(isa, &form, &mask, self.lambda, weights);
+        let whole = || Region::whole(isa, &form, &mask, lambda, weights);
         let small = mask.size().pixels() <= SMALL;
         let parts = if self.lambda > 0.0 || small {
             Parts::Whole(whole())
@@ -209,20 +213,31 @@ impl Plan for Planned {
         if self.mask.is_full() && self.settings.lambda == 0.0 {
             return Ok(outcome);
         }
+        let outcome = outcome.worst(self.solve(samples, error, out, run));
+        // What is not finite solves nothing.
+        let solved = outcome.residual.is_none_or(f64::is_finite) && out.are_finite();
+        let stop = if solved { outcome.stop } else { outcome.stop.max(Stop::IterationLimit) };
+        Ok(Outcome { stop, ..outcome })
+    }
+}
+
+impl Planned {
+    /// Solves for all channels, from the image that stands in `out`.
+    fn solve(&self, samples: &Planes, error: f64, out: &mut Planes, run: &Run<'_>) -> Outcome {
         let (tiles, regions) = match &self.parts {
             Parts::Whole(region) => {
                 let smooths = self.settings.lambda > 0.0;
                 let tolerance = TOLERANCE * error / AIM;
                 let settle = |out: &mut Plane| self.settle(out);
                 let whole = Whole { region, mask: &self.mask, smooths, tolerance, settle: &settle };
-                return Ok(outcome.worst(whole.solve(samples.as_slice(), out.as_mut_slice(), run)));
+                return whole.solve(samples.as_slice(), out.as_mut_slice(), run);
             }
             Parts::Tiled(tiles, regions) => (tiles, regions),
         };
         let channel =
             |(sample, out): (&Plane, &mut Plane)| self.channel(tiles, regions, sample, out, error, run);
         let ends = samples.as_slice().into_par_iter().zip(out.as_mut_slice()).map(channel);
-        let (mut worst, mut whole) = (outcome, None);
+        let (mut worst, mut whole) = (Outcome::direct(), None);
         for (end, (sample, out)) in ends.into_iter().zip(samples.as_slice().iter().zip(out.as_mut_slice())) {
             worst = worst.worst(match end {
                 Ending::Done(outcome) => outcome,
@@ -235,7 +250,7 @@ impl Plan for Planned {
                 }
             });
         }
-        Ok(worst)
+        worst
     }
 }
 
@@ -297,7 +312,7 @@ impl Planned {
         // of that, and lose nothing.
         let far = if f64::from(middle.abs()) > range { middle } else { 0.0 };
         let wanted = Wanted { middle: middle - far, range, error: error * range };
-        if !TILED.contains(&range) {
+        if range < TILED.start || range * self.form.stretch() >= TILED.end {
             return Ending::Left { iterations: 0, tolerance: wanted.within(TOLERANCE) };
         }
         add(out, -far);
@@ -371,6 +386,7 @@ impl Planned {
                 return Ending::Done(Outcome { stop, ..outcome });
             }
             // Third order may have come to the end of f32 before it came near enough.
+            failed |= !sweep.tops.1.is_finite();
             if failed || (work == 0 && self.settings.order == Order::Third && sweep.error > error) {
                 break;
             }

@@ -42,6 +42,8 @@ const SPARE: f64 = 0.25;
 const WEAK: f64 = 1e3;
 /// Smoothing of less than this pulls at samples with more than f32 holds beside the energy.
 const STRONG: f64 = 1e-12;
+/// The largest weight of a sample over lambda: beyond, the image has no other value there, and f64 holds no energy beside it.
+const FIRMEST: f64 = 1e13;
 /// Rows or columns from which on f32 is taken.
 const NARROW: usize = 16;
 /// Rows whose residual one task computes.
@@ -129,8 +131,11 @@ impl Region {
         let free = rows(window, |i, j| if lambda == 0.0 && measured(i)[j] { 0.0 } else { 1.0 });
         let weight =
             |i: usize, j: usize| weights.map_or(1.0, |w| f64::from(w.at(window.y + i, window.x + j)));
-        let pull = (lambda > 0.0)
-            .then(|| rows(window, |i, j| if measured(i)[j] { weight(i, j) / lambda } else { 0.0 }));
+        let stretch = matrices.form.stretch();
+        let of_sample = |i: usize, j: usize| (weight(i, j) / lambda).min(FIRMEST * stretch);
+        let pull =
+            (lambda > 0.0).then(|| rows(window, |i, j| if measured(i)[j] { of_sample(i, j) } else { 0.0 }));
+        let lambda = lambda * stretch;
         let single = lambda == 0.0 || (STRONG..=WEAK).contains(&lambda);
         let firm = lambda > 0.0 && lambda <= HELD && weights.is_none();
         let held = firm && matches!(holes::divide(mask), Division::Dense);

@@ -1,4 +1,4 @@
-//! Values far from zero, and images of few rows.
+//! Values far from zero, settings at the ends of their ranges, and images of few rows.
 
 use super::*;
 use crate::fill::{Options, Values};
@@ -61,5 +61,56 @@ fn third_order_fills_images_of_a_few_rows() {
         let options = Options { values: Values::Other, ..Options::of(method) };
         let filled = fill(&Planes::from(image), mask, &options).unwrap();
         assert_eq!(filled.outcome.stop, Stop::Converged, "{size}");
+    }
+}
+
+#[test]
+fn settings_at_the_ends_of_their_ranges_mean_their_limits() {
+    for size in [Size::new(40, 44), Size::new(150, 170)] {
+        let (image, mask) = (picture(size), random_mask(size, 0.2, 3));
+        let measured = || image.pixels().iter().zip(mask.as_slice()).filter(|(_, flag)| **flag);
+        let mean = measured().map(|(value, _)| f64::from(*value)).sum::<f64>() / mask.count() as f64;
+        let mean = Plane::filled(size, mean as f32);
+        let near = |settings: Settings, weights: Option<&Plane>, wanted: &Plane| {
+            let (found, outcome) = solve(&settings, &image, &mask, weights);
+            let distance = top(&found, wanted, 0.0);
+            assert_eq!(outcome.stop, Stop::Converged, "{size} {settings:?} {distance}");
+            assert!(distance <= 2.0 * AIM, "{size} {settings:?}: {distance}");
+        };
+        for order in [Order::Second, Order::Third] {
+            let own = Settings { order, ..Settings::default() };
+            for lambda in [1e12, 1e30, f64::MAX] {
+                near(Settings { lambda, ..own }, None, &mean);
+                let heavy = f64::min(1e20 * lambda, f64::MAX);
+                near(Settings { lambda: heavy, ..own }, Some(&Plane::filled(size, 1e20)), &mean);
+                near(Settings { lambda, tension: 1e6, ..own }, None, &mean);
+            }
+            near(Settings { lambda: 1e3, tension: 1e6, ..own }, None, &mean);
+            let (plain, _) = solve(&own, &image, &mask, None);
+            for lambda in [1e-13, 1e-20, 1e-30, 1e-320] {
+                near(Settings { lambda, ..own }, None, &plain);
+            }
+            let (stiff, _) = solve(&Settings { tension: 1e8, ..own }, &image, &mask, None);
+            for tension in [1e10, 1e15, f64::MAX] {
+                near(Settings { tension, ..own }, None, &stiff);
+            }
+            let large = Plane::from_fn(size, |y, x| 1e14 * image.at(y, x));
+            let (found, outcome) = solve(&Settings { tension: 1e9, ..own }, &large, &mask, None);
+            assert_eq!(outcome.stop, Stop::Converged);
+            assert!(top(&found, &Plane::from_fn(size, |y, x| 1e14 * stiff.at(y, x)), 0.0) <= 2e14 * AIM);
+        }
+    }
+}
+
+/// Samples whose spline leaves the range of a float.
+#[test]
+fn what_is_not_finite_has_not_converged() {
+    let size = Size::new(80, 90);
+    let mask = random_mask(size, 0.2, 3);
+    let ends = Plane::from_fn(size, |y, x| if (y + x / 3) % 2 == 0 { f32::MAX } else { f32::MIN });
+    for order in [Order::Second, Order::Third] {
+        let (found, outcome) = solve(&Settings { order, ..Settings::default() }, &ends, &mask, None);
+        let finite = found.pixels().iter().all(|value| value.is_finite());
+        assert!(finite || outcome.stop > Stop::Converged, "{order:?} {outcome:?}");
     }
 }
