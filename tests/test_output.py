@@ -202,6 +202,25 @@ def test_complete_frames_beside_a_matte_are_not_united(tmp_path):
     assert "taken for a matte" in lacuna("mask", "--after", a, "--add", "0.1", "-o", tmp_path / "next.exr", ok=False).stderr
 
 
+def test_drop_mask_says_what_it_does_not_drop(tmp_path):
+    sparse = frames.shuffle(32, 48, 0.2).astype(np.float32)
+    planes = {"R": sparse * (1 + np.arange(48, dtype=np.float32)), "A": sparse, "mask": sparse, "SAMPLECOUNT": 4 * sparse}
+    given, out = frames.write(tmp_path / "in.exr", planes), tmp_path / "out.exr"
+    for mask, said in (
+        ("auto", None),
+        (f"file:{given}", "is no channel of the frame"),
+        ("alpha", "is no channel of the frame"),
+        ("count:SAMPLECOUNT:4", "counts samples and stays"),
+    ):
+        for command in (["fill", "--filter", "ss"], ["upscale", "--scale", "2"]):
+            result = lacuna(*command, given, "-o", out, "--mask", mask, "--drop-mask")
+            assert result.status == 0, result
+            assert set(frames.read(out)[0]) == set(planes) - ({"mask"} if said is None else set()), (mask, command)
+            told = [line for line in result.lines() if "--drop-mask leaves nothing out" in line]
+            assert command[0] != "fill" or lacuna("verify", given, out).status == 0
+            assert len(told) == (said is not None) and all(said in line for line in told), result
+
+
 def test_pairs_do_not_complete_each_other(tmp_path):
     words = ["--size", "8x8", "--density", "0.25", "--frames", "1-4", "--temporal", "complementary", "--paired"]
     result = lacuna("mask", *words, "-o", tmp_path / "m.####.png", ok=False)

@@ -110,7 +110,7 @@ pub struct MoreOutput {
     #[arg(short = 'd', long, value_name = "TYPE")]
     pub data_type: Option<Depth>,
 
-    /// Leave the mask's channels out
+    /// Leave the mask's channels out (counts of samples stay)
     #[arg(long)]
     pub drop_mask: bool,
 

@@ -111,6 +111,12 @@ impl Masks {
         self.origin.starts_with("count:")
     }
 
+    /// The channels of a part that are nothing but masks: counts of samples tell more than that.
+    pub fn droppable(&self, part: usize) -> &[usize] {
+        let channels = self.mask_channels.get(part).filter(|_| !self.are_counts());
+        channels.map_or(&[], Vec::as_slice)
+    }
+
     /// Measured and all pixels over the different masks of one part.
     pub fn part_counts(&self, part: usize) -> (usize, usize) {
         let add = |sum: (usize, usize), mask: &Mask| (sum.0 + mask.count(), sum.1 + mask.as_slice().len());

@@ -116,7 +116,8 @@ pub fn fill_with(
     let choices = choices.as_slice();
     let stamp = Stamp::new(job, &masks.origin, sources);
     let unheeded = unheeded(&frame, &masks.mask_channels, &job.overrides, choices);
-    let notes = [masks.notes.as_slice(), &found.notes, &unheeded].concat();
+    let dropped = Vec::from_iter(nothing_dropped(masks, job));
+    let notes = [masks.notes.as_slice(), &found.notes, &unheeded, &dropped].concat();
     let mut report = Report { copied: true, ..Report::new(&stamp, masks.density(), notes) };
     for (index, choices) in choices.iter().enumerate() {
         let label = part_label(&frame, index);
@@ -211,18 +212,24 @@ fn non_finite_copied(part: &Part, masks: &Masks, choices: &[Choice], index: usiz
     non_finite_note(said, counts)
 }
 
+/// Says that `--drop-mask` leaves nothing out.
+fn nothing_dropped(masks: &Masks, job: &Job) -> Option<String> {
+    let none = job.drop_mask && (0..masks.mask_channels.len()).all(|part| masks.droppable(part).is_empty());
+    let why = if masks.are_counts() { "counts samples and stays" } else { "is no channel of the frame" };
+    none.then(|| format!("--drop-mask leaves nothing out: the mask ({}) {why}", masks.origin))
+}
+
 /// Compression, levels and the mask channels, which do not depend on the pixels. Returns what to tell, and whether
 /// channels were left out.
 fn finish(part: &mut Part, masks: &Masks, index: usize, job: &Job) -> (Vec<String>, bool) {
     let mut notes = make_writable(part, job.compression);
     let before = part.channels.len();
-    if job.drop_mask && !masks.mask_channels.get(index).is_none_or(Vec::is_empty) {
-        if masks.mask_channels[index].len() == part.channels.len() {
-            notes.push("the mask is the only channel and stays".into());
-        } else {
-            let mut at = 0..part.channels.len();
-            part.channels.retain(|_| at.next().is_none_or(|channel| !masks.is_mask_channel(index, channel)));
-        }
+    let dropped = if job.drop_mask { masks.droppable(index) } else { &[] };
+    if dropped.len() < before {
+        let mut at = 0..before;
+        part.channels.retain(|_| at.next().is_none_or(|channel| !dropped.contains(&channel)));
+    } else if before > 0 {
+        notes.push("the mask is the only channel and stays".into());
     }
     let dropped = part.channels.len() < before;
     (notes, dropped)

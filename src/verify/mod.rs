@@ -193,9 +193,8 @@ impl Pair<'_> {
 
     /// Whether a channel of the sparse part is left out of the filled one.
     fn dropped(&self, channel: usize) -> bool {
-        let masks = self.masks.mask_channels.get(self.index).map_or(0, Vec::len);
-        let mask = self.masks.is_mask_channel(self.index, channel);
-        self.claims.drop_mask && mask && masks < self.sparse.channels.len()
+        let masks = self.masks.droppable(self.index);
+        self.claims.drop_mask && masks.contains(&channel) && masks.len() < self.sparse.channels.len()
     }
 }
 

@@ -29,8 +29,8 @@ pub use windows::Windows;
 use super::groups::usable;
 use super::part::{self, Done};
 use super::{
-    Beside, Error, Job, Kind, Plans, Report, Stamp, drop_derived, estimate, finish, mask_name, prefixed,
-    stamp,
+    Beside, Error, Job, Kind, Plans, Report, Stamp, drop_derived, estimate, finish, mask_name,
+    nothing_dropped, prefixed, stamp,
 };
 use crate::channels::{Choice, DecidedBy, Rule, channel_label, part_label, unheeded};
 use crate::guides::{self, Asked, Second};
@@ -121,8 +121,9 @@ pub fn enlarge(
     run: &Run<'_>,
 ) -> Result<(Frame, Report), Error> {
     let stamp = Stamp::new(job, &masks.origin, sources);
-    let notes =
+    let mut notes =
         [masks.notes.clone(), unheeded(&frame, &masks.mask_channels, &job.overrides, choices)].concat();
+    notes.extend(nothing_dropped(masks, job));
     let mut report = Report::new(&stamp, masks.density(), notes);
     let (finite, lost) = finite(&frame, masks, choices)?;
     let second = second.map(Second::new);
