@@ -202,6 +202,25 @@ def test_complete_frames_beside_a_matte_are_not_united(tmp_path):
     assert "taken for a matte" in lacuna("mask", "--after", a, "--add", "0.1", "-o", tmp_path / "next.exr", ok=False).stderr
 
 
+@pytest.mark.parametrize("compression", [OpenEXR.ZIP_COMPRESSION, OpenEXR.PXR24_COMPRESSION, OpenEXR.DWAA_COMPRESSION])
+def test_complete_colour_beside_a_matte_is_copied(tmp_path, compression):
+    rows, columns = np.mgrid[:32, :48]
+    planes = {name: (2 + np.sin(rows / 5 + columns / 3)).astype(np.float32) for name in "RGB"}
+    planes["mask"] = (np.hypot(rows - 16, columns - 24) < 9).astype(np.float32)
+    given = frames.write(tmp_path / "in.exr", planes, compression=compression)
+    result = lacuna("fill", given, "-o", tmp_path / "out.exr", "--filter", "ss")
+    assert result.status == 0 and "taken for a matte" in result.stderr, result
+    assert np.array_equal(frames.colour(tmp_path / "out.exr"), frames.colour(given))
+
+
+def test_a_mask_of_zeros_beside_sparse_colour_is_an_error(tmp_path):
+    sparse = frames.shuffle(32, 48, 0.2)
+    planes = {name: np.where(sparse, 0.5, 0).astype(np.float32) * (1 + np.arange(48, dtype=np.float32)) for name in "RGB"}
+    given = frames.write(tmp_path / "in.exr", planes | {"mask": np.zeros((32, 48), np.float32)})
+    result = lacuna("fill", given, "-o", tmp_path / "out.exr", ok=False)
+    assert result.status == 1 and "the mask (mask) has no measured pixel" in result.stderr and not (tmp_path / "out.exr").exists()
+
+
 def test_drop_mask_says_what_it_does_not_drop(tmp_path):
     sparse = frames.shuffle(32, 48, 0.2).astype(np.float32)
     planes = {"R": sparse * (1 + np.arange(48, dtype=np.float32)), "A": sparse, "mask": sparse, "SAMPLECOUNT": 4 * sparse}

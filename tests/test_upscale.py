@@ -94,6 +94,21 @@ def test_a_broken_factor_keeps_the_light(scene, tmp_path):
     assert abs(floats(tmp_path / "out.exr").mean() - dark.mean()) <= 0.01 * dark.mean()
 
 
+def test_an_element_over_black_keeps_its_outline(tmp_path):
+    rows, columns = np.mgrid[:40, :60]
+    matte = (np.hypot(rows - 20, columns - 30) < 12).astype(np.float32)
+    planes = {"R": matte * (1 + columns / 60).astype(np.float32), "A": matte, "mask": matte}
+    small, out = frames.write(tmp_path / "in.exr", planes), tmp_path / "out.exr"
+    done = lacuna("upscale", small, "-o", out, "--scale", "2")
+    assert "taken for a matte, as alpha is 0 where it is" in done.stderr, done
+    assert floats(out)[0, 0] == floats(out, "A")[0, 0] == 0
+    upscale(small, out, "--scale", "2", "--mask", "channel:mask")
+    assert floats(out, "A")[0, 0] > 0.5
+    # fill has to guess.
+    done = lacuna("fill", small, "-o", out, "--filter", "ss")
+    assert "if it is a matte, --mask nan takes the frame as complete" in done.stderr, done
+
+
 def test_a_frame_of_one_ray_a_pixel_is_taken_as_points(tmp_path):
     small, out, points = tmp_path / "small.exr", tmp_path / "out.exr", tmp_path / "points.exr"
     for samples in ["1", "4"]:

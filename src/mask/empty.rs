@@ -37,7 +37,12 @@ pub fn why_empty(frame: &Frame, masks: &Masks, index: usize) -> String {
     if masks.origin == Source::Finite.to_string() {
         return "as every pixel has a value that is not finite: name another mask with --mask".into();
     }
-    "so nothing says what the image is: check --mask".into()
+    let matte = if masks.droppable(index).is_empty() {
+        ""
+    } else {
+        " (nan, if it is a matte beside complete colour)"
+    };
+    format!("so nothing says what the image is: check --mask{matte}")
 }
 
 /// The channels that the mask is made of, where they hold nothing that could tell a measured pixel.

@@ -1,15 +1,13 @@
 //! Looking for the mask: each source in turn, and the order that `auto` goes by.
 
-use std::collections::BTreeMap;
-
 use lacuna_exr::{Frame, Part, Samples};
 use lacuna_filters::Mask;
 
 use super::cover::serve;
-use super::matte::{is_matte, is_scattered};
+use super::matte::{is_element, is_matte, is_scattered, lit, may_be_mattes};
 use super::provider::{Provider, Views};
 use super::{ATTRIBUTE, Error, MaskFile, Masks, Source, flags};
-use crate::channels::{self, Name, Rule, is_light, list_channels, view_of};
+use crate::channels::{self, Name, Rule, list_channels, view_of};
 
 /// A channel of the frame, by its place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,7 +51,7 @@ fn is_binary(value: f64) -> bool {
     [0.0, 1.0].contains(&value)
 }
 
-fn at_least_half(value: f64) -> bool {
+pub(super) fn at_least_half(value: f64) -> bool {
     value >= 0.5
 }
 
@@ -83,14 +81,25 @@ fn auto(frame: &Frame) -> Result<Masks, Error> {
         });
     };
     if is_matte(frame, &masks) {
-        return Ok(without_matte(frame, &masks));
+        return Ok(without_matte(frame, &masks, "colour has values"));
+    }
+    if may_be_mattes(frame, &masks) {
+        let names = mask_names(frame, &masks).join(", ");
+        masks.notes.push(format!(
+            "channel {names} leaves out whole regions, which count as missing: if it is a matte, --mask nan takes the frame as complete"
+        ));
     }
     masks.notes.extend(unused_attribute(frame));
     Ok(masks)
 }
 
-/// The masks of a frame whose colour is complete beside a matte.
-fn without_matte(frame: &Frame, masks: &Masks) -> Masks {
+/// The masks of a frame to be enlarged, which may well be complete, if those that were found are mattes of an element over black.
+pub fn beside_element(frame: &Frame, masks: &Masks) -> Option<Masks> {
+    is_element(frame, masks).then(|| without_matte(frame, masks, "alpha is 0"))
+}
+
+/// The names of the mask channels, each once.
+fn mask_names(frame: &Frame, masks: &Masks) -> Vec<String> {
     let places = masks
         .mask_channels
         .iter()
@@ -98,8 +107,14 @@ fn without_matte(frame: &Frame, masks: &Masks) -> Masks {
         .flat_map(|(part, channels)| channels.iter().map(move |&channel| Place { part, channel }));
     let mut names: Vec<_> = places.map(|place| name_at(frame, place)).collect();
     names.dedup();
+    names
+}
+
+/// The masks of a frame that is complete beside mattes, which `why` tells where they are 0.
+fn without_matte(frame: &Frame, masks: &Masks, why: &str) -> Masks {
+    let names = mask_names(frame, masks);
     let note = format!(
-        "channel {} is taken for a matte, as colour has values where it is 0, and nothing is missing: if it says which \
+        "channel {} is taken for a matte, as {why} where it is 0, and nothing is missing: if it says which \
          pixels were measured, name it with --mask channel:{}",
         names.join(", "),
         names.first().map_or("mask", String::as_str)
@@ -139,22 +154,7 @@ pub fn told(frame: &Frame) -> Option<Masks> {
 /// Whether nothing in a frame without a mask tells of missing pixels: its values are finite, and no light is black in scattered pixels.
 pub fn seems_complete(frame: &Frame) -> bool {
     finite(frame).is_ok_and(|masks| masks.is_full())
-        && !frame.parts.iter().flat_map(lit).any(|mask| is_scattered(&mask))
-}
-
-/// The pixels in which any light is not 0, layer by layer.
-fn lit(part: &Part) -> Vec<Mask> {
-    let mut layers: BTreeMap<String, Vec<bool>> = BTreeMap::new();
-    for (number, channel) in part.channels.iter().enumerate() {
-        let name = channel.display_name();
-        if channels::by_default(part, number).0 != Rule::Fill || !is_light(&name) {
-            continue;
-        }
-        let own = flags(&channel.samples, |value| value != 0.0);
-        let all = layers.entry(Name::new(&name).layer.into()).or_insert_with(|| vec![false; own.len()]);
-        all.iter_mut().zip(own).for_each(|(all, own)| *all |= own);
-    }
-    layers.into_values().filter_map(|flags| Mask::new(part.size(), flags).ok()).collect()
+        && !frame.parts.iter().flat_map(lit).any(|(_, mask)| is_scattered(&mask))
 }
 
 /// The name that all masks share, or `auto` if a name alone does not find them again.
@@ -312,7 +312,7 @@ fn alpha(frame: &Frame) -> Result<Masks, Error> {
 
 /// Per part: measured where every colour is finite and no depth is NaN (an infinite depth is legal). Identifiers,
 /// counts and whole numbers say nothing; a part that has only those takes the mask of its view.
-fn finite(frame: &Frame) -> Result<Masks, Error> {
+pub(super) fn finite(frame: &Frame) -> Result<Masks, Error> {
     let mut providers = Vec::new();
     for (index, part) in frame.parts.iter().enumerate() {
         let mut views: Vec<(String, Vec<bool>)> = Vec::new();

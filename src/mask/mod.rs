@@ -36,7 +36,7 @@ pub use empty::{check_any, why_empty};
 pub use error::Error;
 pub use file::MaskFile;
 pub use filled::{claimed_density, filled_before, filled_by};
-pub use find::{find, seems_complete, told};
+pub use find::{beside_element, find, seems_complete, told};
 use half::slice::HalfFloatSliceExt;
 use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part, Samples};

@@ -354,3 +354,80 @@ fn masks_are_measured_as_they_serve_frames() {
         assert!(error.contains(reason) && error.contains(name), "{error}");
     }
 }
+
+/// What a channel holds at a row and a column.
+type Held<'a> = &'a dyn Fn(usize, usize) -> f32;
+
+/// A frame of 12 x 12 pixels, of channels whose values are told by row and column.
+fn square(channels: &[(&str, Held<'_>)]) -> Frame {
+    let plane = |value: Held<'_>| -> Vec<f32> { (0..144).map(|at| value(at / 12, at % 12)).collect() };
+    let channels = channels.iter().map(|(name, value)| float(name, &plane(value))).collect();
+    frame(vec![part(window(0, 0, 12, 12), channels)])
+}
+
+fn disc(y: usize, x: usize) -> f32 {
+    f32::from((3..9).contains(&y) && (3..9).contains(&x))
+}
+
+fn ramp(y: usize, x: usize) -> f32 {
+    0.3 + 0.01 * (12 * y + x) as f32
+}
+
+fn scattered(y: usize, x: usize) -> f32 {
+    if (5 * y + 3 * x) % 7 < 2 { 0.5 + ramp(y, x) } else { 0.0 }
+}
+
+fn is_taken_for_a_matte(frame: &Frame) -> bool {
+    auto(frame).unwrap().notes.iter().any(|note| note.contains("is taken for a matte"))
+}
+
+#[test]
+fn a_matte_is_one_in_whatever_compression() {
+    use lacuna_exr::Compression::{Dwaa, Pxr24, Zip};
+    // What the compression makes of the black outside of a region is no colour.
+    let residue = |y, x| if disc(y, x) > 0.0 { ramp(y, x) } else { 1e-3 * ramp(y, x) };
+    let [mut complete, mut region] =
+        [&ramp as Held<'_>, &residue].map(|colour| square(&[("R", colour), ("mask", &disc)]));
+    for compression in [Zip, Pxr24, Dwaa] {
+        complete.parts[0].compression = compression;
+        assert!(is_taken_for_a_matte(&complete), "{compression:?}");
+    }
+    region.parts[0].compression = Dwaa;
+    assert!(!is_taken_for_a_matte(&region));
+}
+
+#[test]
+fn a_wrong_mask_of_sparse_colour_is_no_matte() {
+    let none = |_, _| 0.0;
+    for mask in [&disc as Held<'_>, &none] {
+        assert!(!is_taken_for_a_matte(&square(&[("R", &scattered), ("mask", mask)])));
+    }
+    // That of an element which is not in this frame.
+    assert!(is_taken_for_a_matte(&square(&[("R", &ramp), ("mask", &none)])));
+    // A complete layer beside it does not make it complete, nor a sparse one complete colour sparse.
+    assert!(!is_taken_for_a_matte(&square(&[("R", &scattered), ("spec.R", &ramp), ("mask", &disc)])));
+    assert!(is_taken_for_a_matte(&square(&[("R", &ramp), ("spec.R", &scattered), ("mask", &disc)])));
+}
+
+#[test]
+fn regions_that_may_be_a_matte_over_black_are_told() {
+    let element = |y, x| disc(y, x) * ramp(y, x);
+    let holes = |y, x| if disc(y, x) > 0.0 { ramp(y, x) } else { f32::NAN };
+    let told = |frame: &Frame| {
+        let masks = auto(frame).unwrap();
+        assert!(!masks.is_full());
+        let told = masks.notes.iter().any(|note| note.contains("--mask nan takes the frame as complete"));
+        (told, beside_element(frame, &masks).is_some_and(|masks| masks.is_full()))
+    };
+    let mut frame = square(&[("A", &disc), ("R", &element), ("mask", &disc)]);
+    assert_eq!(told(&frame), (true, true));
+    frame.parts[0].attributes.set_text(SEED, "1");
+    assert_eq!(told(&frame), (false, false));
+    assert_eq!(
+        told(&square(&[("A", &|y, x| 0.4 * disc(y, x)), ("R", &element), ("mask", &disc)])),
+        (true, false)
+    );
+    assert_eq!(told(&square(&[("R", &element), ("mask", &disc)])), (true, false));
+    assert_eq!(told(&square(&[("R", &holes), ("mask", &disc)])), (false, false));
+    assert_eq!(told(&square(&[("R", &scattered), ("mask", &scattered)])), (false, false));
+}

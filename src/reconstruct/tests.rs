@@ -252,7 +252,9 @@ fn a_full_mask_copies_and_an_empty_one_is_refused() {
     let error = filled(&frame(vec![make(0.0, [0.0; 4])]), &job()).unwrap_err();
     assert!(matches!(&error, Error::EmptyMask { origin, .. } if origin == "mask"), "{error:?}");
     assert!(
-        error.to_string().ends_with("has no measured pixel, so nothing says what the image is: check --mask")
+        error
+            .to_string()
+            .contains("has no measured pixel, so nothing says what the image is: check --mask (nan,")
     );
     // What is the matter is in the values, not in the choice of the mask.
     let error = filled(&frame(vec![make(f32::NAN, [0.0; 4])]), &job()).unwrap_err().to_string();

@@ -157,6 +157,10 @@ impl Fill<'_> {
             }
             (found, _) => found.map_err(|error| error.to_string())?,
         };
+        let may_be_complete = what.enlarge.is_some() && what.mask == Source::Auto;
+        if let Some(complete) = may_be_complete.then(|| mask::beside_element(frame, &masks)).flatten() {
+            return Ok(complete);
+        }
         let mut masks = masks;
         if mask::filled_before(frame, &masks).is_none() {
             return Ok(masks);
