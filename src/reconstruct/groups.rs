@@ -1,11 +1,12 @@
 //! Which channels of a part go through the filter together, and which of their values count as measured.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use lacuna_core::parallel::prelude::*;
-use lacuna_exr::{Frame, Part, Samples};
+use lacuna_exr::{Channel, Frame, Part, Samples};
 use lacuna_filters::Mask;
 use lacuna_filters::fill::Values;
 
@@ -29,7 +30,7 @@ pub struct Target {
     pub non_finite: usize,
 }
 
-/// Channels of one layer, rule and mask.
+/// Channels of one layer, rule and mask: its colours, or what else belongs together.
 #[derive(Clone, Debug)]
 pub struct Group {
     /// Their places in the part.
@@ -38,6 +39,8 @@ pub struct Group {
     pub mask: Arc<Mask>,
     /// What they are: light is no alpha, matte, position or normal.
     pub values: Values,
+    /// Whether they are colours, which speak for their layer.
+    pub colours: bool,
 }
 
 /// The channels of a part that miss something, with the masks that are true for their values.
@@ -169,27 +172,46 @@ fn measured_and(
     Mask::new(mask.size(), flags).map(Arc::new).map_err(|_| Error::OtherFrame)
 }
 
-/// The groups that go through the filter, in the order of their first channels.
+/// Whether a group may speak for its layer: where there are colours, they do.
+pub fn speaks(part: &Part, group: &Group) -> bool {
+    let name = |at: usize| part.channels[at].display_name();
+    let own = name(group.channels[0]);
+    let beside =
+        |at: usize| Name::new(&name(at)).layer == Name::new(&own).layer && channels::is_colour(part, at);
+    group.colours || !(0..part.channels.len()).any(beside)
+}
+
+/// The groups that go through the filter, in the order of their first channels. A scalar without a layer or in one of colours, such as `cputime`, is
+/// alone: it has a scale of its own, and would choose for them. Components of a layer without colours are a spectrum or a vector.
 pub fn groups(frame: &Frame, part: usize, targets: &[Target]) -> Vec<Group> {
-    let mut groups: Vec<(String, Group)> = Vec::new();
+    let part = &frame.parts[part];
+    let names: Vec<_> = part.channels.iter().map(Channel::display_name).collect();
+    let layer = |at: usize| Name::new(&names[at]).layer;
+    let coloured: HashSet<&str> =
+        (0..names.len()).filter(|&at| channels::is_colour(part, at)).map(layer).collect();
+    let mut groups: Vec<Group> = Vec::new();
     for target in targets.iter().filter(|target| matches!(target.rule, Rule::Fill | Rule::Normal)) {
-        let name = frame.parts[part].channels[target.channel].display_name();
-        let layer = Name::new(&name).layer;
+        let at = target.channel;
         let values = match target.rule {
             Rule::Normal => Values::Directions,
-            _ if channels::is_light(&name) => Values::Light,
+            _ if channels::is_light(&names[at]) => Values::Light,
             _ => Values::Other,
         };
-        let same = groups.iter_mut().find(|(other, group)| {
-            other == layer && group.values == values && Arc::ptr_eq(&group.mask, &target.mask)
+        let colours = values == Values::Light && channels::is_colour(part, at);
+        let alone =
+            values == Values::Light && !colours && (layer(at).is_empty() || coloured.contains(layer(at)));
+        let same = groups.iter_mut().filter(|_| !alone).find(|group| {
+            layer(group.channels[0]) == layer(at)
+                && (group.values, group.colours) == (values, colours)
+                && Arc::ptr_eq(&group.mask, &target.mask)
         });
-        if let Some((_, group)) = same {
-            group.channels.push(target.channel);
-        } else {
-            let mask = Arc::clone(&target.mask);
-            let group = Group { channels: vec![target.channel], mask, values };
-            groups.push((layer.to_owned(), group));
+        match same {
+            Some(group) => group.channels.push(at),
+            None => {
+                let mask = Arc::clone(&target.mask);
+                groups.push(Group { channels: vec![at], mask, values, colours });
+            }
         }
     }
-    groups.into_iter().map(|(_, group)| group).collect()
+    groups
 }

@@ -125,7 +125,7 @@ pub fn fill(frame: &mut Frame, work: &Work<'_>) -> Result<Done, Error> {
     let repeated = Repeated::default();
     for (work, groups) in [(work, noisy), (&plain, telling)] {
         let mut assigned = learned::assign(part, groups, &work.job.method);
-        assigned.sort_by_key(|(group, _)| group.values != Values::Light);
+        assigned.sort_by_key(|(group, _)| (group.values != Values::Light, !group.colours));
         for (group, method) in assigned {
             filled.extend(filter::filter(
                 frame,

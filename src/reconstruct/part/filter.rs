@@ -13,7 +13,7 @@ use super::{Done, Filled, Work, measured_floats};
 use crate::channels::{self, channel_label};
 use crate::reconstruct::bounds::bounds_of;
 use crate::reconstruct::estimate::{Estimated, untold};
-use crate::reconstruct::groups::{Group, Target};
+use crate::reconstruct::groups::{Group, Target, speaks};
 use crate::reconstruct::{Error, GroupReport, Job, NoiseSource, Weights, energy, gradients, twins};
 use crate::temporal::{Carrier, Reference, carriers};
 
@@ -50,7 +50,8 @@ pub fn filter(
         tell(set, (&samples, &answer.planes), (group, &options), &names, (frame, work), done);
     }
     if group.values == Values::Light {
-        done.errors.extend(answer.errors().map(|errors| (names[0].clone(), errors)));
+        let errors = answer.errors().filter(|_| speaks(part, group));
+        done.errors.extend(errors.map(|errors| (names[0].clone(), errors)));
     }
     let copies = answer.sets.iter().filter(|set| set.copied).flat_map(|set| &set.planes);
     let copies: Vec<usize> = copies.map(|&at| group.channels[at]).collect();
@@ -98,8 +99,11 @@ fn tell(
         done.notes.push(format!("{}: {} {what}", names.join(", "), set.weightless));
     }
     let copied: Vec<usize> = set.planes.iter().map(|&at| group.channels[at]).collect();
+    // A scalar beyond white, such as `cputime`, has a unit of its own.
+    let beyond = light && set.unclipped.is_some() && !speaks(&frame.parts[work.index], group);
     let estimate = match options.estimate {
         Estimate::No => None,
+        _ if beyond => None,
         _ if set.copied => Some(twins::estimate(frame, work, &copied)),
         asked => Estimated::of_set(set, (asked, options.peak), coordinates),
     };
@@ -130,7 +134,7 @@ pub fn along_motion<'a>(
     let light = |group: &&Group| group.values == Values::Light;
     let (Some(neighbours), Some(group)) = (
         work.neighbours.filter(|neighbours| !neighbours.all.is_empty()),
-        groups.iter().filter(light).max_by_key(|group| group.channels.len()),
+        groups.iter().filter(light).max_by_key(|group| (group.colours, group.channels.len())),
     ) else {
         return Ok(Vec::new());
     };
