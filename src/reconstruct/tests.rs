@@ -426,3 +426,45 @@ fn a_report_names_parts_as_people_may_see_them() {
     assert_eq!(names, ["a\\u{1b}[2J", "part 1"]);
     assert!(report.named_parts().all(|(name, _)| name.is_none()));
 }
+
+#[test]
+fn scalars_beside_colours_are_groups_of_their_own() {
+    let colours = || [("B", 0.01), ("G", 0.02), ("R", 0.1)].map(|(name, scale)| float(name, &ramp(scale)));
+    let names = |report: &Report| -> Vec<String> {
+        report.parts[0].groups.iter().map(|group| group.channels.join(" ")).collect()
+    };
+    let (alone, _) = filled(&frame(vec![board(colours().into())]), &job()).unwrap();
+    let long: Vec<f32> = ramp(0.1).iter().map(|&value| if value == 1.2 { 1e6 } else { value }).collect();
+    let scalars =
+        ["AO", "cputime", "lit.R", "lit.cost", "spectrum.450", "spectrum.550"].map(|name| float(name, &long));
+    let beside = frame(vec![board(colours().into_iter().chain(scalars).collect())]);
+    let (after, report) = filled(&beside, &job()).unwrap();
+    let expected = ["AO", "B G R", "cputime", "lit.R", "lit.cost", "spectrum.450 spectrum.550"];
+    assert_eq!(names(&report), expected);
+    for name in ["B", "G", "R"] {
+        assert_eq!(values(&after.parts[0], name), values(&alone.parts[0], name), "{name}");
+    }
+    assert_eq!(report.parts[0].groups.iter().filter(|group| group.domain == "linear").count(), 1);
+}
+
+#[test]
+fn light_is_0_where_the_filled_alpha_is() {
+    let at = |at: usize| ((at % 32) as f32, (at / 32) as f32);
+    let alpha = |i: usize| ((9.0 - (at(i).0 - 15.5).hypot(at(i).1 - 15.5)) / 2.0).clamp(0.0, 1.0);
+    let plane = |of: &dyn Fn(usize) -> f32| (0..1024).map(of).collect::<Vec<_>>();
+    let mask = plane(&|i| f32::from(u8::from((i * 7 + i / 32 * 3) % 5 < 2)));
+    let light = plane(&|i| alpha(i) * (0.3 + 0.3 * (at(i).0 / 5.0).sin().powi(2)));
+    let channels = |light: &[f32]| {
+        let planes = [("A", plane(&alpha)), ("R", light.to_vec()), ("mask", mask.clone())];
+        planes.map(|(name, values)| float(name, &values)).into()
+    };
+    let dark = |light: &[f32]| {
+        let before = frame(vec![part(window(0, 0, 32, 32), channels(light))]);
+        let (after, _) = filled(&before, &Job::new(Method::default())).unwrap();
+        let [alpha, light] = ["A", "R"].map(|name| values(&after.parts[0], name));
+        (0..1024).filter(|&at| alpha[at] == 0.0).all(|at| light[at] == 0.0)
+    };
+    assert!(dark(&light));
+    // A glow has light without alpha.
+    assert!(!dark(&plane(&|i| light[i] + 0.01)));
+}

@@ -74,15 +74,15 @@ pub fn unit_normals(
 struct Alpha {
     layer: String,
     values: Vec<f32>,
-    /// Whether missing pixels have it from the renderer, not from a filter.
+    /// Whether it counts for channels that were not smoothed.
     known: bool,
 }
 
 /// Measured pixels without alpha, all black, that show that a layer has no light without alpha.
 const EMPTY: usize = 16;
 
-/// Makes light 0 where the alpha of its layer is, if that is known at missing pixels; smoothed channels also where it was filled, as smoothing takes
-/// light over an edge that alpha, which is not smoothed, keeps. Not where a measured pixel has light without alpha.
+/// Makes light 0 where the alpha of its layer is, and all smoothed channels, as smoothing takes light over an edge that alpha, which is not smoothed,
+/// keeps. Not where a measured pixel has light without alpha.
 pub fn empty_stays_black(frame: &Frame, work: &Work<'_>, filled: &mut [Filled]) {
     let part = &frame.parts[work.index];
     let names: Vec<_> = part.channels.iter().map(lacuna_exr::Channel::display_name).collect();
@@ -111,7 +111,7 @@ pub fn empty_stays_black(frame: &Frame, work: &Work<'_>, filled: &mut [Filled]) 
 fn alpha(part: &Part, work: &Work<'_>, filled: &[Filled], at: usize) -> Option<Alpha> {
     let layer = Name::new(&part.channels[at].display_name()).layer.to_owned();
     if let Some(found) = filled.iter().find(|filled| filled.channel == at) {
-        return Some(Alpha { layer, values: found.values.clone(), known: found.copied });
+        return Some(Alpha { layer, values: found.values.clone(), known: !found.all });
     }
     let is_complete = matches!(work.choices[at].by, DecidedBy::Guide | DecidedBy::Dense);
     let values = part.channels[at].samples.to_floats().filter(|_| is_complete)?;
