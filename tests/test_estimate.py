@@ -159,6 +159,46 @@ def test_the_error_channel_is_zero_where_measured_and_as_large_as_the_error_else
     assert "there is one of that name" in result.stderr
 
 
+def test_estimated_errors_of_an_earlier_fill_are_no_light(tmp_path):
+    source, quick = sparse(tmp_path), ["--filter", "ss"]
+    first = fill(tmp_path, source, *quick, "--error-channel")[0].rename(tmp_path / "first.exr")
+    told, error = fill(tmp_path, source, *quick)[1]["estimates"], read(first, "error")
+    again, record, result = fill(tmp_path, first, *quick, "--again")
+    assert record["estimates"] == told and "dropped error" in result.stderr
+    assert "error" not in oiio.ImageBuf(str(again)).spec().channelnames
+    lacuna("verify", first, again)
+    again, record, _ = fill(tmp_path, first, *quick, "--again", "--error-channel")
+    assert record["estimates"] == told and (read(again, "error") == error).all()
+    lacuna("verify", first, again)
+    larger = tmp_path / "larger.exr"
+    lacuna("upscale", first, "-o", larger, "--scale", 2)
+    assert "error" not in oiio.ImageBuf(str(larger)).spec().channelnames
+    # The renderer's own channel of that name is no estimate.
+    image = {name: read(source, name)[..., 0] for name in ["R", "mask"]}
+    own = frames.write(tmp_path / "own.exr", {**image, "error": (0.1 + image["R"]) * image["mask"]})
+    filled = fill(tmp_path, own, *quick, "--error-channel")[0].rename(tmp_path / "filled.exr")
+    again, _, result = fill(tmp_path, filled, *quick, "--again")
+    assert "dropped" not in result.stderr and (read(again, "error") == read(filled, "error")).all()
+
+
+def test_scalars_beside_the_colour_change_nothing_that_is_told_of_it(tmp_path):
+    source = sparse(tmp_path)
+    names = ["R", "G", "B", "mask"]
+    image = dict(zip(names, np.moveaxis(read(source, *names), -1, 0), strict=True))
+    noise = np.random.default_rng(1).random(image["mask"].shape, dtype=np.float32)
+    scalars = {"AO": image["mask"], "cputime": 1e4 * (1 + noise) * image["mask"]}
+    told = []
+    for name, beside in (("alone", {}), ("beside", scalars)):
+        path = frames.write(tmp_path / f"{name}.exr", {**image, **beside})
+        output, record, _ = fill(tmp_path, path, "--error-channel", "--min-psnr", 10)
+        estimates = {tuple(one["channels"]): one for one in record["estimates"]}
+        told.append((estimates, read(output, "R", "G", "B", "error")))
+    (alone, pixels), (beside, same) = told
+    colours = ("B", "G", "R")
+    assert beside[colours] == alone[colours] and (pixels == same).all()
+    assert set(beside) == {colours, ("AO",)}
+
+
 def test_a_gate_writes_the_frame_and_fails(tmp_path):
     source, quick = sparse(tmp_path), ["--filter", "ss"]
     for flags, words in ((["--min-psnr", 90], "below --min-psnr 90"), (["--max-rmse", "1e-6"], "above --max-rmse")):

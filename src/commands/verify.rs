@@ -3,14 +3,14 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use lacuna_exr::{Frame, Limits};
+use lacuna_exr::{Frame, Limits, Part};
 
 use crate::files::error::PlanError;
 use crate::files::inputs::Selection;
 use crate::files::plan::{Item, Plan, check_reports, pair};
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
-use crate::reconstruct::{is_enlarged, made_by};
+use crate::reconstruct::{Stamp, drop_errors, is_enlarged, made_by};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::record::{Heading, Record};
 use crate::run::schedule::Need;
@@ -82,7 +82,7 @@ impl Work for Verify<'_> {
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
         let limits = memory::limits(self.job.run.memory, self.need(item).most);
-        let (sparse, filled) = stage.read(record, || {
+        let (mut sparse, filled) = stage.read(record, || {
             let read = |path| lacuna_exr::read(path, &limits).map_err(|error| Failure::at(path, error));
             Ok((read(&item.input)?, read(&item.output)?))
         })?;
@@ -90,6 +90,12 @@ impl Work for Verify<'_> {
             let line = "verify checks fills, not enlarged frames; lacuna compare checks them against a frame rendered at their size";
             return Err(Failure::at(&item.output, format!("{made}: {line}")));
         }
+        // What filled it again has dropped them.
+        let stamp = |part: &Part| Stamp::read(&part.attributes);
+        let again = |index: usize, part: &Part| {
+            filled.parts.get(index).is_some_and(|filled| stamp(filled) != stamp(part))
+        };
+        drop_errors(&mut sparse, again);
         let claims = Claims::read(&filled);
         let (masks, unmasked) = self.masks_of(item, (&sparse, &claims), limits)?;
         record.mask = Some(masks.origin.clone());

@@ -1,13 +1,14 @@
 //! Frames that were filled already: what was done to them, and how they become sparse again.
 
 use half::f16;
-use lacuna_exr::{Frame, Part, Samples};
+use lacuna_exr::{Channel, Frame, Part, Samples};
 use lacuna_filters::{Doubt, Fit, Mask};
 
-use super::stamp::{FILTER, Stamp};
-use crate::channels::{Choice, Rule, dense, is_albedo, is_light};
+use super::prefixed;
+use super::stamp::{FILTER, Stamp, error_channel};
+use crate::channels::{Choice, Name, Rule, dense, is_albedo, is_light, part_label};
 use crate::guides;
-use crate::mask::Masks;
+use crate::mask::{Masks, claimed_density};
 
 /// Whether a part of a frame says that its measured pixels were smoothed.
 pub fn was_smoothed(frame: &Frame) -> bool {
@@ -67,6 +68,33 @@ pub fn blank(frame: &mut Frame, masks: &Masks, choices: &[Vec<Choice>]) {
             }
         }
     }
+}
+
+/// Removes the estimated errors that a fill wrote into these parts: they are no light, and not those of what is made of them next. Returns what to
+/// tell.
+pub fn drop_errors(frame: &mut Frame, of: impl Fn(usize, &Part) -> bool) -> Vec<String> {
+    let labels: Vec<_> = (0..frame.parts.len()).map(|index| part_label(frame, index)).collect();
+    let parts = frame.parts.iter_mut().zip(labels).enumerate().filter(|(index, (part, _))| of(*index, part));
+    parts.flat_map(|(_, (part, label))| prefixed(&label, errors_of(part).into_iter().collect())).collect()
+}
+
+fn errors_of(part: &mut Part) -> Option<String> {
+    let component = error_channel(part)?;
+    let density = claimed_density(part).map_or(1.0, f64::from);
+    // A channel of the renderer may have that name; errors are 0 at measured pixels, but for a few that were not finite.
+    let is_error = |channel: &Channel| match &channel.samples {
+        Samples::Float(values) if Name::new(&channel.display_name()).component == component => {
+            let zeros = values.iter().filter(|value| **value == 0.0).count() as f64;
+            values.iter().all(|value| *value >= 0.0) && zeros >= 0.5 * density * values.len() as f64
+        }
+        _ => false,
+    };
+    let (errors, other): (Vec<_>, Vec<_>) =
+        std::mem::take(&mut part.channels).into_iter().partition(is_error);
+    part.channels = other;
+    let names: Vec<_> = errors.iter().map(Channel::display_name).collect();
+    (!names.is_empty())
+        .then(|| format!("dropped {}: errors that the fill before was estimated to have", names.join(", ")))
 }
 
 fn zero<T: Copy>(values: &mut [T], mask: &Mask, zero: T) {

@@ -45,7 +45,7 @@ pub use energy::Energy;
 pub use enlarge::{Enlarge, Target, Windows, enlarge, logarithms_of};
 pub use error::Error;
 pub use estimate::{Estimated, Gate, Interval};
-pub use filled::{blank, is_enlarged, made_by, was_smoothed, wrong_mask};
+pub use filled::{blank, drop_errors, is_enlarged, made_by, was_smoothed, wrong_mask};
 pub(crate) use groups::usable;
 pub use job::{Job, Kind, make_writable, output_compression, parse_settings};
 use lacuna_exr::{Frame, Part};

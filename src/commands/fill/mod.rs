@@ -240,6 +240,9 @@ impl Work for Fill<'_> {
         let beside =
             Beside { guides: guides.as_ref(), neighbours: Some(&neighbours), sources: Some(&sources) };
         record.warn(&neighbours.notes);
+        if self.job.again || what.enlarge.is_some() {
+            record.warn(&reconstruct::drop_errors(&mut frame, |_, _| true));
+        }
         let solved = stage.solve(record, || {
             // From here on: a frame that waits for its turn is not late.
             let start = Instant::now();
