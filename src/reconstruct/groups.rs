@@ -205,12 +205,11 @@ pub fn groups(frame: &Frame, part: usize, targets: &[Target]) -> Vec<Group> {
                 && (group.values, group.colours) == (values, colours)
                 && Arc::ptr_eq(&group.mask, &target.mask)
         });
-        match same {
-            Some(group) => group.channels.push(at),
-            None => {
-                let mask = Arc::clone(&target.mask);
-                groups.push(Group { channels: vec![at], mask, values, colours });
-            }
+        if let Some(group) = same {
+            group.channels.push(at);
+        } else {
+            let mask = Arc::clone(&target.mask);
+            groups.push(Group { channels: vec![at], mask, values, colours });
         }
     }
     groups
