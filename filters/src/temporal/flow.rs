@@ -36,6 +36,8 @@ const MOST: usize = 8;
 const SMOOTH: f64 = 3.5;
 /// Images with a shorter side are not halved.
 const SMALL: usize = 24;
+/// Powers of two between which the largest value of images needs no other unit.
+const USUAL: i32 = 20;
 /// What is added to the squared gradients, over the mean of all.
 const RIDGE: f64 = 0.01;
 
@@ -45,7 +47,7 @@ const RIDGE: f64 = 0.01;
 /// [`Error::SizeMismatch`] where the images differ in size or number of planes.
 pub fn estimate(a: &Planes, b: &Planes) -> Result<Vec<[f32; 2]>, Error> {
     check(a, b)?;
-    let [a, b] = [a, b].map(usual::clamped);
+    let [a, b] = comparable(a, b);
     Ok(places(a.size(), &displacements(&a, &b, FINEST)))
 }
 
@@ -64,9 +66,23 @@ pub fn refined(a: &Planes, b: &Planes, places_before: &[[f32; 2]]) -> Result<Vec
         [row - (at / size.width) as f32, column - (at % size.width) as f32]
     };
     let mut field: Vec<[f32; 2]> = places_before.iter().enumerate().map(shift).collect();
-    let [a, b] = [a, b].map(usual::clamped);
+    let [a, b] = comparable(a, b);
     steps(&a, &b, FINEST, &mut field);
     Ok(places(size, &field))
+}
+
+/// Images without outliers, in a unit in which squares of gradients are numbers that f32 has.
+fn comparable(a: &Planes, b: &Planes) -> [Planes; 2] {
+    let [mut a, mut b] = [a, b].map(usual::clamped);
+    let values = || a.as_slice().iter().chain(b.as_slice()).flat_map(Plane::pixels);
+    let exponent =
+        (values().fold(0.0, |largest: f32, value| largest.max(value.abs())).to_bits() >> 23) as i32 - 127;
+    if exponent.abs() > USUAL {
+        let factor = f32::from_bits(((127 - exponent.clamp(-126, 126)) as u32) << 23);
+        let planes = a.as_mut_slice().iter_mut().chain(b.as_mut_slice());
+        planes.flat_map(Plane::pixels_mut).for_each(|value| *value *= factor);
+    }
+    [a, b]
 }
 
 /// Both have the same planes.
@@ -190,6 +206,10 @@ fn step(a: &Planes, b: &Planes, ones: &[f32], field: &mut [[f32; 2]]) {
         let [yy, yx, xx, y, x] = std::array::from_fn(|k| f64::from(sums[k][at]));
         let (yy, xx) = (yy + ridge, xx + ridge);
         let determinant = yy * xx - yx * yx;
+        // Without a gradient anywhere, nothing says that it moves.
+        if determinant <= 0.0 {
+            return field[at];
+        }
         let step = [(y * xx - x * yx) / determinant, (x * yy - y * yx) / determinant];
         std::array::from_fn(|axis| (f64::from(field[at][axis]) + step[axis].clamp(-1.0, 1.0)) as f32)
     };
@@ -238,6 +258,25 @@ mod tests {
                     assert!(off < 0.15, "{dy} {dx} at {y} {x}: {off}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn what_has_no_gradient_stays_and_any_unit_will_do() {
+        let size = Size::new(60, 70);
+        let image = |moved: f32, unit: f32| {
+            let value = |y: usize, x: usize| unit * (y as f32 / 5.0).sin() * ((x as f32 - moved) / 6.0).cos();
+            Planes::new(size, vec![Plane::from_fn(size, value)]).unwrap()
+        };
+        let usual = estimate(&image(0.0, 1.0), &image(1.5, 1.0)).unwrap();
+        for unit in [-100, -40, 40, 100].map(|power| 2.0_f32.powi(power)) {
+            assert_eq!(estimate(&image(0.0, unit), &image(1.5, unit)).unwrap(), usual, "{unit}");
+        }
+        let still: Vec<[f32; 2]> =
+            (0..size.pixels()).map(|at| [(at / 70) as f32, (at % 70) as f32]).collect();
+        for value in [0.0, 0.18, 1e-38, 1e38] {
+            let flat = Planes::new(size, vec![Plane::filled(size, value)]).unwrap();
+            assert_eq!(estimate(&flat, &flat).unwrap(), still, "{value}");
         }
     }
 
