@@ -17,7 +17,7 @@ pub struct Decided {
 }
 
 impl Decided {
-    /// Where a blend leaves all to this candidate without a trial.
+    /// Where one candidate of a blend has all of the weight.
     pub fn alone(name: &'static str) -> Self {
         Self { shares: vec![(name, 1.0)], ..Self::default() }
     }

@@ -95,12 +95,16 @@ pub(crate) fn judging(folds: Folds, samples: usize) -> impl Iterator<Item = Rang
     folds.near(samples).take(JUDGING.div_ceil(each).clamp(1, JUDGES))
 }
 
+/// All of these parts.
+pub(crate) fn judges(folds: Folds, samples: usize) -> Range<u64> {
+    0..judging(folds, samples).last().map_or(0, |parts| parts.end)
+}
+
 /// The mask without the samples by which [`crate::auto`] judges other frames. Motion that is estimated from this frame must not know them: it
 /// would bend the other frames towards these very samples.
 pub fn unjudged(mask: &Mask) -> Mask {
     let folds = Folds::default();
-    let parts = judging(folds, mask.count()).last().map_or(0, |parts| parts.end);
-    folds.without(mask, &(0..parts))
+    folds.without(mask, &judges(folds, mask.count()))
 }
 
 /// How samples of other frames pull.

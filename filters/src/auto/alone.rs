@@ -74,7 +74,7 @@ impl Blend {
         let splines = Candidate::of((&ss::DESCRIPTOR, Box::new(ss::Settings::default())));
         let evidence = self.evidence(&splines, (plainly, near), (samples, Some(&*out)), rounds, run)?;
         let evidence = Some(Evidence { by_tiles: variance, ..evidence });
-        Ok(Some((outcome, Decided { shares: vec![(only.name, 1.0)], evidence, ..Decided::default() })))
+        Ok(Some((outcome, Decided { evidence, ..Decided::alone(only.name) })))
     }
 }
 

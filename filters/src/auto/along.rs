@@ -10,7 +10,6 @@
 //! Where guides gain, samples of other frames are also taken in two further ways (`ways`), whose errors have little in common with those of the first.
 
 use std::borrow::Cow;
-use std::ops::Range;
 use std::sync::Arc;
 
 use super::standing::Standing;
@@ -84,11 +83,6 @@ impl Along {
     }
 }
 
-/// The parts of the samples by which other frames are judged.
-fn judges(own: &Blend) -> Range<u64> {
-    0..temporal::judging(own.folds, own.mask.count()).last().map_or(0, |parts| parts.end)
-}
-
 /// Other frames, and what is to be known of them.
 struct Others<'a> {
     carried: &'a [Carried],
@@ -152,7 +146,8 @@ pub fn pulled(
 ) -> Result<Option<Along>, Error> {
     let judged: Vec<&Carried> = carried.iter().map(Carried::to_judge).collect();
     // Where all stands still, what other frames know of measured pixels is counted over all of them (`standing`).
-    let parts = if judged.iter().all(|carried| carried.is_still()) { 0..PARTS } else { judges(own) };
+    let is_still = judged.iter().all(|carried| carried.is_still());
+    let parts = if is_still { 0..PARTS } else { temporal::judges(own.folds, own.mask.count()) };
     let judged = temporal::thinned((&own.mask, &own.folds.held_out(&own.mask, &parts)), &judged);
     // Guides are those of this frame.
     let beside = |all: &mut [Candidate<'_>], carried: &[Carried]| {

@@ -3,7 +3,7 @@
 //! `SSIM = (2 mx my + C1) (2 sxy + C2) / ((mx^2 + my^2 + C1) (sx^2 + sy^2 + C2))` with the local means `m`, variances
 //! `s^2` and covariance `sxy` under an 11x11 Gaussian of standard deviation 1.5, `C1 = (0.01 L)^2`, `C2 = (0.03 L)^2`,
 //! `L` the range of values. The map repeats the border; the mean leaves out the outermost 5 pixels, whose windows
-//! reach beyond the image (all are taken where the image is no longer than the window on either side).
+//! reach beyond the image (all are taken where one side of the image is no longer than the window).
 //!
 //! Computed from the sum `s = x + y` and the difference `d = x - y`: `2 mx my = (ms^2 - md^2) / 2`, `mx^2 + my^2 = (ms^2 +
 //! md^2) / 2`, and likewise with the variances. That is one blur less, and equal images have exactly 1. Values are divided by L first, and all is
