@@ -10,6 +10,7 @@ import subprocess
 import tempfile
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 
 import frames
@@ -386,3 +387,21 @@ def test_complete_frames_pass_verify_and_sparse_ones_that_were_merely_copied_do_
     frames.write(tmp_path / "whole.exr", {c: np.ones_like(light) for c in "RGB"})
     result = lacuna("verify", tmp_path / "whole.exr", tmp_path / "changed.exr", ok=False)
     assert result.status == 1 and "no sampling mask found" in result.stderr, result
+
+
+def test_verify_passes_what_was_filled_again_though_alpha_and_normals_were_filled_before(tmp_path):
+    """Complete as they look, they are no guides of the second fill, and none of their filled pixels is promised to stay."""
+    once, twice = tmp_path / "once.exr", tmp_path / "twice.exr"
+    lacuna("fill", FIRST, "-o", once, *QUICK)
+    lacuna("fill", once, "-o", twice, "--again", "--filter", "ss", "--no-estimate")
+    assert not np.array_equal(frames.read(once)[0]["A"], frames.read(twice)[0]["A"])
+    lacuna("verify", once, twice)
+    # Measured pixels stay what they were.
+    planes = frames.read(FIRST)[0]
+    row, column = np.argwhere(planes["mask"] > 0)[7]
+    pixel = oiio.ImageBuf(str(twice))
+    values = list(pixel.getpixel(int(column), int(row)))
+    pixel.setpixel(int(column), int(row), [value + 0.25 for value in values])
+    assert pixel.write(str(twice))
+    result = lacuna("verify", once, twice, ok=False)
+    assert result.status == 1 and "a measured pixel has changed" in result.stderr, result

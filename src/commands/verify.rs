@@ -10,7 +10,7 @@ use crate::files::inputs::Selection;
 use crate::files::plan::{Item, Plan, check_reports, pair};
 use crate::mask::shared::MaskFiles;
 use crate::mask::{self, Masks, Source};
-use crate::reconstruct::{Stamp, drop_errors, is_enlarged, made_by};
+use crate::reconstruct::{Stamp, blank, drop_errors, is_enlarged, made_by};
 use crate::run::batch::{Decision, Failure, RunOptions, Stage, Work};
 use crate::run::record::{Heading, Record};
 use crate::run::schedule::Need;
@@ -96,6 +96,7 @@ impl Work for Verify<'_> {
             filled.parts.get(index).is_some_and(|filled| stamp(filled) != stamp(part))
         };
         drop_errors(&mut sparse, again);
+        let anew = sparse.parts.iter().enumerate().any(|(index, part)| again(index, part));
         let claims = Claims::read(&filled);
         let (masks, unmasked) = self.masks_of(item, (&sparse, &claims), limits)?;
         record.mask = Some(masks.origin.clone());
@@ -103,6 +104,9 @@ impl Work for Verify<'_> {
         record.warn(&claims.not_compared());
         let differences = stage.solve(record, || {
             let mut choices = channels::choose(&sparse, &masks.mask_channels, &claims.overrides);
+            if anew && mask::filled_before(&sparse, &masks).is_some() {
+                blank(&mut sparse, &masks, &choices);
+            }
             // Guides that cannot be found leave the rules as they are, and what was kept shows as a difference.
             drop(guides::find(&sparse, &masks, &mut choices, &claims.guides, None));
             compare(&sparse, &filled, &masks, &choices)
