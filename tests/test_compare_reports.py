@@ -52,12 +52,17 @@ def test_equal_images_hide_no_others(tmp_path):
     (mean,) = [line for line in tables.splitlines() if "**mean**" in line]
     assert "| 40.00 (1 of 2 equal) |" in mean and "inf" not in mean, mean
     assert "<b>40.00</b> psnr (dB) (1 of 2 equal)" in (tmp_path / "page.html").read_text()
-    # A light that is black hides no other, nor does it make those that are equal less than that.
+    # A mean is over frames: layers of one frame are no frames, and each layer has its own.
     dark = layer("key", np.zeros_like(image))
     _, tables = page(tmp_path, dark | layer("fill", image), dark | layer("fill", image + np.float32(0.01)))
-    assert "| 40.00 (1 of 2 equal) |" in tables
-    _, tables = page(tmp_path, dark | layer("fill", image), dark | layer("fill", image))
-    assert re.search(r"\*\*mean\*\*.*\| inf \|", tables) and " equal)" not in tables
+    assert "**mean**" not in tables
+    for number in (1, 2):
+        frames.write(tmp_path / f"l.{number:04}.exr", dark | layer("fill", image))
+        frames.write(tmp_path / f"m.{number:04}.exr", dark | layer("fill", image + np.float32(number * 0.01)))
+    tables = tool.lacuna("compare", tmp_path / "l.####.exr", tmp_path / "m.####.exr").stdout
+    key, fill = [line for line in tables.splitlines() if "**mean**" in line]
+    sides = {"key": key, "fill": fill} if "key" in key else {"key": fill, "fill": key}
+    assert "| inf |" in sides["key"] and "fill" in sides["fill"] and f"| {40 - 10 * np.log10(2):.2f} |" in sides["fill"], tables
 
 
 def test_white_is_the_peak(tmp_path):

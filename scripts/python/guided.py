@@ -84,14 +84,14 @@ def main():
                 mask = shuffle(*full.shape[:2], density)
                 plain = fill(folder, planes, mask, "--guides", "none", "--channels", "[!RGB]*=keep")
                 guided = fill(folder, planes, mask)
-                print(f"{name} {density:.2f}: ss {decibels(plain, full):.2f} dB, guided {decibels(guided, full):.2f} dB")
+                print(f"{name} {density:.2f}: unguided {decibels(plain, full):.2f} dB, guided {decibels(guided, full):.2f} dB")
             labels = np.round(planes["id"])
             for label in np.unique(labels[labels > 0]):
                 where = labels == label
                 if where.sum() > 100:
                     pair = (decibels(plain, full, where), decibels(guided, full, where))
                     paint = [float(planes[f"albedo.{k}"][where].mean()) for k in "RGB"]
-                    print(f"  id {label:.0f}: {where.sum()} pixels, ss {pair[0]:.2f}, guided {pair[1]:.2f}; mean albedo "
+                    print(f"  id {label:.0f}: {where.sum()} pixels, unguided {pair[0]:.2f}, guided {pair[1]:.2f}; mean albedo "
                           + " ".join(f"{value:.2f}" for value in paint))
             normal = np.stack([planes[f"N.{axis}"] for axis in "XYZ"], -1) * 0.5 + 0.5
             paint = np.stack([planes[f"albedo.{k}"] for k in "RGB"], -1)

@@ -16,8 +16,9 @@ use crate::report::{Bound, Gate, Measure, Settings, Wanted};
 const EXAMPLES: &str = "\
 Examples:
   lacuna compare full.exr filled.exr
-  lacuna compare 'full/shot.####.exr' 'filled/shot.####.exr' --frames 1-100 --csv shot.csv --html shot.html
-  lacuna compare full.exr filled.exr --mask file:mask.png --fail-below psnr=40,missing.ssim=0.98 --fail-above flip=0.05
+  lacuna compare 'full/shot.#.exr' 'filled/shot.#.exr' --html shot.html
+  lacuna compare full.exr filled.exr --mask file:mask.png --csv values.csv
+  lacuna compare full.exr filled.exr --fail-below psnr=40 --fail-above flip=0.05
 
 Exit status: 0 all compared and within the bounds, 1 a frame is not or cannot be read, 2 usage, 128 + n on signal n.";
 

@@ -29,9 +29,9 @@ use crate::temporal::Temporal;
 const EXAMPLES: &str = "\
 Examples:
   lacuna fill sparse.exr -o full.exr
-  lacuna fill 'shot.####.exr' -o 'full/shot.####.exr' --frames 1-100 --create-dir
+  lacuna fill 'shot.####.exr' -o full/ --frames 1-100 --create-dir
   lacuna fill 'in/*.exr' -o out/ -u --json report.json
-  lacuna fill shot.exr -o full.exr --mask file:mask.png --channels 'crypto*=keep'
+  lacuna fill shot.exr -o full.exr --mask file:mask.png --channels 'id*=keep'
   lacuna fill shot.exr -o full.exr --filter tv --tv-gap 1e-3
 
 Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.";

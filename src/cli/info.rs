@@ -17,8 +17,8 @@ Examples:
   lacuna info 'shot.####.exr' --json
   lacuna info shot.0001.exr --mask alpha --json
 
-Exit status: 0 described (with --mask auto also if no mask is found, which is said), 1 a frame cannot be read or the
-mask asked for cannot be used, 2 usage.";
+Exit status: 0 described (with --mask auto also if no mask is found, which is said), 1 a frame \
+cannot be read or the mask asked for cannot be used, 2 usage.";
 
 /// Print parts, windows, channels, the mask found, the density, and each channel's rule and why
 #[derive(Args, Clone, Debug)]

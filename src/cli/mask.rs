@@ -20,11 +20,11 @@ use crate::run::granted_memory;
 const EXAMPLES: &str = "\
 Examples:
   lacuna mask -o mask.exr --size 1920x1080 --density 0.2
-  lacuna mask -o 'mask.####.png' --size 1920x1080 --density 0.1 --frames 1-10 --temporal complementary
+  lacuna mask -o 'm.####.png' --size 1920x1080 --density 0.1 --frames 1-10
   lacuna mask -o rank.exr --size 1920x1080 --rank --pattern blue-noise
-  lacuna mask --after filled.exr -o next.txt --add 0.05 --error-estimate error.exr
+  lacuna mask --after filled.exr -o next.txt --add 0.05 --error-estimate e.exr
   lacuna mask --merge first.exr second.exr -o both.exr
-  lacuna mask --after 'filled.####.exr' -o 'next.####.exr' --add 0.05 --frames 1-10
+  lacuna mask --after 'filled.####.exr' -o 'next.####.exr' --add 0.05
 
 Exit status: 0 all done, 1 something failed, 2 usage, 128 + n on signal n.";
 

@@ -25,8 +25,8 @@ const EXAMPLES: &str = "\
 Examples:
   lacuna render samples/scenes/head.toml -o head.exr
   lacuna render samples/scenes/head.toml -o head.exr --density 0.2 --fill auto
-  lacuna render samples/scenes/head.toml -o head.exr --density 0.1 --adaptive --fill auto
-  lacuna render samples/scenes/engine.toml -o 'engine.####.exr' --volume engine.nrrd --frames 1-36 --set camera.orbit=10
+  lacuna render samples/scenes/head.toml -o head.exr --density 0.1 --adaptive
+  lacuna render foot.nrrd -o 'foot.####.exr' --frames 1-36 --set camera.orbit=10
   lacuna render foot.nrrd -o foot.exr --mode mip
   lacuna render scan.raw -o scan.exr --raw 256x256x128:u16:be:1,1,2
 

@@ -198,7 +198,9 @@ impl<O: Offer> SettingArgs<O> {
         let file = self.dictionary.as_ref().map(|_| "dictionary");
         let mut given = self.given.iter().map(|(flag, _)| *flag).chain(file);
         if let Some(flag) = given.find(|flag| filter.settings.iter().all(|own| own.flag != *flag)) {
-            return Err(Self::of_another(flag, filter.name));
+            // Of several filters none is meant.
+            let strange = self.of(filter).next().is_none() && self.owner().is_none();
+            return Err(if strange { self.of_several() } else { Self::of_another(flag, filter.name) });
         }
         let mut method = match &self.dictionary {
             Some(path) => learned(path, memory)?,
@@ -246,11 +248,21 @@ impl<O: Offer> SettingArgs<O> {
 
     /// A flag was given that is none of the filter's.
     pub fn of_another(flag: &str, filter: &str) -> Usage {
+        Usage(format!("{}, but the filter is {filter}", Self::belongs(flag)))
+    }
+
+    /// Flags were given that no filter has together.
+    fn of_several(&self) -> Usage {
+        let file = self.dictionary.as_ref().map(|_| "dictionary");
+        let given = self.given.iter().map(|(flag, _)| *flag).chain(file).map(Self::belongs);
+        Usage(format!("{}: no filter has them all; give those of one", given.collect::<Vec<_>>().join(", ")))
+    }
+
+    fn belongs(flag: &str) -> String {
         let owners = flags::<O>().into_iter().find(|(setting, _)| setting.flag == flag);
         let owners = owners.into_iter().flat_map(|(_, owners)| owners);
         let owners: Vec<_> = owners.map(|owner| format!("--filter {}", owner.name)).collect();
-        let owners = owners.join(" and ");
-        Usage(format!("--{flag} is a setting of {owners}, but the filter is {filter}"))
+        format!("--{flag} is a setting of {}", owners.join(" and "))
     }
 }
 

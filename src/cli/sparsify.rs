@@ -16,10 +16,10 @@ use crate::mask::Source;
 const EXAMPLES: &str = "\
 Examples:
   lacuna sparsify full.exr -o sparse.exr --density 0.2
-  lacuna sparsify 'full.####.exr' -o 'sparse/full.####.exr' --density 0.1 --seed 7 --create-dir
+  lacuna sparsify 'full.####.exr' -o sparse/ --density 0.1 --create-dir
   lacuna sparsify full.exr -o sparse.exr --mask mask.png
   lacuna sparsify full.exr -o sparse.exr --density 0.2 --adaptive
-  lacuna sparsify full.exr -o sparse.exr --density 0.1 --channels 'N.*=keep' --channels 'Z=keep'
+  lacuna sparsify full.exr -o sparse.exr --density 0.1 --channels 'N.*=keep'
 
 Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.";
 

@@ -15,10 +15,10 @@ use crate::submit::{Grant, Reference, SubmitJob, Task};
 
 const EXAMPLES: &str = "\
 Examples:
-  lacuna submit slurm -- fill 'shot.####.exr' -o 'full/shot.####.exr' --frames 1-240 --create-dir
-  lacuna submit slurm --chunk 8 --cpus 4 --mem 8G --dry-run -- fill 'in/*.exr' -o full/ --create-dir
-  lacuna submit slurm --reference 'truth/s.#.exr' --fail-below psnr=40 -- fill 's.#.exr' -o 'full/s.#.exr' --create-dir
-  lacuna submit slurm -- upscale 'small.####.exr' -o 'large.####.exr' --scale 2 --frames 1-100
+  lacuna submit slurm -- fill 'shot.####.exr' -o full/ --create-dir
+  lacuna submit slurm --chunk 8 --cpus 4 --mem 8G -n -- fill 'in/*.exr' -o full/
+  lacuna submit slurm --reference 't/s.#.exr' -- fill 's.#.exr' -o full/
+  lacuna submit slurm -- upscale 'small.#.exr' -o 'large.#.exr' --scale 2
 
 Each job is told on a line: what it is, and its number. docs/farm.md has the rest.
 

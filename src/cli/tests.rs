@@ -77,6 +77,10 @@ fn the_short_help_fits_a_screen_and_the_long_one_has_every_flag() {
         let short = command.render_help().to_string();
         let widest = short.lines().map(|line| line.chars().count()).max();
         assert!(short.lines().count() <= 45 && widest <= Some(100), "{path:?}: {short}");
+        let after = command.get_after_long_help().or(command.get_after_help());
+        let after = after.map(ToString::to_string).unwrap_or_default();
+        let wide = after.lines().find(|line| line.starts_with("  ") && line.chars().count() > 80);
+        assert_eq!(wide, None, "{path:?}: an example that a terminal wraps runs cut off");
         let long = command.render_long_help().to_string();
         for arg in command.get_arguments() {
             let flag = arg.get_long().map_or_else(|| arg.get_id().to_string(), |long| format!("--{long}"));

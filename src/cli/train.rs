@@ -13,7 +13,7 @@ use crate::commands::TrainJob;
 const EXAMPLES: &str = "\
 Examples:
   lacuna dictionary train 'views/*.exr' -o show.npz
-  lacuna dictionary train 'shot.####.exr' -o show.npz --frames 1-100 --blocks-max 50000 --iterations 30
+  lacuna dictionary train 'shot.####.exr' -o show.npz --frames 1-100
   lacuna dictionary train 'views/*.exr' -o grey.npz --grey --atoms 1024
 
 Exit status: 0 done, 1 failed, 2 usage, 128 + n on signal n.";

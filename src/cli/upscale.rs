@@ -24,10 +24,10 @@ use crate::reconstruct::{Enlarge, Target, logarithms_of};
 const EXAMPLES: &str = "\
 Examples:
   lacuna upscale small.exr -o large.exr --scale 2
-  lacuna upscale 'shot.####.exr' -o 'large/shot.####.exr' --size 3840x2160 --create-dir
+  lacuna upscale 'shot.####.exr' -o large/ --size 3840x2160 --create-dir
   lacuna upscale sparse.exr -o large.exr --scale 1.5 --mask file:mask.png
   lacuna upscale small.exr -o large.exr --scale 2 --sampling gaussian:1
-  lacuna upscale small.exr -o large.exr --scale 2 --guides-from aovs.exr --take-guides
+  lacuna upscale small.exr -o large.exr --scale 2 --guides-from aovs.exr
 
 Guides: normals, depth, albedo and alpha rendered at the size of the output, a sample a pixel say, cost a renderer next to nothing. \
 They stand in a file of their own (--guides-from) and say where edges run within a small pixel.

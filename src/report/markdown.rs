@@ -101,24 +101,29 @@ fn table(comparison: &Comparison, region: &str, text: &mut String) {
     if lines.len() > MOST_LINES {
         let _ = writeln!(text, "\n{} more lines are in the CSV and JSON formats.", lines.len() - MOST_LINES);
     }
-    mean(&lines, &columns, text);
+    means(&lines, &columns, text);
     text.push('\n');
 }
 
-/// The mean over the frames' colours, where there are several frames.
-fn mean(lines: &[(&FrameReport, &GroupReport, &Measures)], columns: &[Measure], text: &mut String) {
-    let colours: Vec<&Measures> =
-        lines.iter().filter(|line| line.1.kind == Kind::Colour).map(|line| line.2).collect();
-    if colours.len() < 2 {
-        return;
+/// The mean over the frames of each group of colours, where there are several frames.
+fn means(lines: &[(&FrameReport, &GroupReport, &Measures)], columns: &[Measure], text: &mut String) {
+    let mut colours: Vec<(String, Vec<&Measures>)> = Vec::new();
+    for (_, group, measures) in lines.iter().filter(|line| line.1.kind == Kind::Colour) {
+        let label = group.label();
+        match colours.iter_mut().find(|(known, _)| *known == label) {
+            Some((_, all)) => all.push(measures),
+            None => colours.push((label, vec![measures])),
+        }
     }
-    let cell = |measure: Measure| {
-        let mean = Mean::of(colours.iter().filter_map(|measures| measures.get(measure)));
-        let mean = mean.filter(|_| !measure.is_count());
-        mean.map_or_else(String::new, |mean| cell(measure, Some(mean.value)) + &mean.left_out())
-    };
-    let cells = columns.iter().map(|&measure| cell(measure)).collect::<Vec<_>>().join(" | ");
-    let _ = writeln!(text, "| **mean** | colours | {cells} |");
+    for (label, frames) in colours.iter().filter(|(_, frames)| frames.len() > 1).take(MOST_LINES) {
+        let cell = |measure: Measure| {
+            let mean = Mean::of(frames.iter().filter_map(|measures| measures.get(measure)));
+            let mean = mean.filter(|_| !measure.is_count());
+            mean.map_or_else(String::new, |mean| cell(measure, Some(mean.value)) + &mean.left_out())
+        };
+        let cells = columns.iter().map(|&measure| cell(measure)).collect::<Vec<_>>().join(" | ");
+        let _ = writeln!(text, "| **mean** | {} | {cells} |", escape(label));
+    }
 }
 
 /// Each note once, with the frames that it is of.

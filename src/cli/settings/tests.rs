@@ -132,7 +132,10 @@ fn it_has_its_flags_and_their_ranges() {
     for (line, reason) in [
         ("--filter flat --flat-grey -1", "it must be a number of 0 or more"),
         ("--filter flat --flat-how never", "[possible values: fast, slow]"),
-        ("--flat-grey 0.5 --ss-lambda 1", "--ss-lambda is a setting of --filter ss, but the filter is auto"),
+        (
+            "--flat-grey 0.5 --ss-lambda 1",
+            "--ss-lambda is a setting of --filter ss, --flat-grey is a setting of --filter flat: no filter has them all",
+        ),
         ("--filter flat --ss-lambda 1", "--ss-lambda is a setting of --filter ss, but the filter is flat"),
         ("--filter ss --dict-restore", "--dict-restore is a setting of --filter dictionary and --filter dct"),
         ("--filter dct --dict-stride 17", "--dict-stride 17: it must be"),

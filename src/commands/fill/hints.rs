@@ -43,11 +43,13 @@ pub fn of(job: &Job, records: &[Record]) -> Vec<String> {
         { colours }.any(|group| group.exponent.is_some_and(|exponent| exponent < NOISY))
     };
     let count = filled.iter().filter(noisy).count();
-    if job.noise == NoiseSource::None && count > 0 {
-        let which =
-            if filled.len() == 1 { "it has".into() } else { format!("{count} of {} have", filled.len()) };
+    if let Some(first) = filled.iter().find(noisy).filter(|_| job.noise == NoiseSource::None) {
+        let all = filled.len();
+        let which = if all > 1 { format!("; {count} of {all} frames") } else { String::new() };
         hints.push(format!(
-            "{which} noise, or detail finer than the samples: noise is kept; --noise auto tells the two apart, and smooths noise"
+            "{}: samples predict their neighbours badly, as in noisy renders or detail finer than the samples{which}: both are kept; \
+             for noisy renders --noise auto smooths both",
+            first.input
         ));
     }
     let numbered = filled.iter().filter(|record| record.frame.is_some()).count();

@@ -152,7 +152,7 @@ fn about(comparison: &Comparison, pictures: &[Option<Picture>], page: &mut Strin
             page,
             "<p>Regions: <b>all</b> the whole image, <b>missing</b> pixels only, where the reference's <b>alpha</b> is \
              above 0. The numbers in the tables come from the files. The viewer holds every pixel of {} in \
-             {} logarithmic levels: bright values to within {:.2} %, dark ones to within {:.5}; the maps of absolute error, SSIM and FLIP \
+             {} logarithmic levels: bright values to within {:.2} %, dark ones to within {:.0e}; the maps of absolute error, SSIM and FLIP \
              have 32 levels, and for large frames half the resolution (the worst of four pixels).</p>",
             if shown.len() == 1 {
                 "one frame".into()
