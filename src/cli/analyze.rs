@@ -45,7 +45,7 @@ pub struct AnalyzeArgs {
     #[arg(long, value_name = "N", requires = "coherence")]
     seed: Option<u64>,
 
-    /// Histogram of the DFT magnitudes of a frame and of its derivatives, as figure 3.2 of the thesis; -o FILE.png plots it
+    /// Histogram of the DFT magnitudes of a frame and of its derivatives, as figure 3.2 of the thesis; -o FILE.png plots it: the image black, d/dx grey, d/dy light grey
     #[arg(long, value_name = "FRAME")]
     spectrum: Option<PathBuf>,
 

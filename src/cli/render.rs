@@ -13,7 +13,7 @@ use super::adaptive::AdaptiveArgs;
 use super::numbers::{density, seed_of_scene, step};
 use super::output::{Depth, OutputArgs, PACKINGS, Packing};
 use super::run::{PageArgs, RunArgs};
-use super::settings::FilterName;
+use super::settings::{FilterName, NameParser};
 use super::words::Words;
 use crate::commands::{Pixels, RenderJob, Wanted};
 use crate::files::Targets;
@@ -143,7 +143,7 @@ struct PixelArgs {
     adaptive: AdaptiveArgs,
 
     /// Fill the other pixels in memory with this filter's default settings, and report both times
-    #[arg(long, value_name = "FILTER")]
+    #[arg(long, value_name = "FILTER", value_parser = NameParser::without_dictionaries())]
     fill: Option<FilterName>,
 
     /// Do not estimate how wrong the filled pixels are
@@ -304,11 +304,5 @@ impl RenderArgs {
 
 /// A filter with its default settings.
 fn method(FilterName(filter): FilterName) -> Result<Method, Usage> {
-    if filter.takes.dictionary {
-        let name = filter.name;
-        return Err(Usage(format!(
-            "--fill {name} needs a dictionary: render sparse, then lacuna fill --filter {name}"
-        )));
-    }
     Method::of(filter, &[]).map_err(|error| Usage(error.to_string()))
 }

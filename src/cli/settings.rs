@@ -42,6 +42,13 @@ pub struct FilterName(pub &'static Descriptor);
 #[derive(Clone, Debug)]
 pub struct NameParser(Vec<&'static Descriptor>);
 
+impl NameParser {
+    /// Of filters that ask for no file.
+    pub fn without_dictionaries() -> Self {
+        Self(All::methods().into_iter().filter(|method| !method.takes.dictionary).collect())
+    }
+}
+
 impl TypedValueParser for NameParser {
     type Value = FilterName;
 

@@ -55,7 +55,7 @@ pub fn of(job: &Job, records: &[Record]) -> Vec<String> {
     let numbered = filled.iter().filter(|record| record.frame.is_some()).count();
     if job.temporal.window == Window::None && numbered >= SEQUENCE && job.method.name() == "auto" {
         hints.push(
-            "each frame was filled by itself: --temporal auto takes the samples of the frames beside it, too"
+            "each frame was filled by itself: --temporal auto takes the samples of the frames beside it, too, for several times the work"
                 .into(),
         );
     }
