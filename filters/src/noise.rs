@@ -43,6 +43,7 @@
 mod blend;
 mod candidates;
 mod lights;
+mod like;
 mod part;
 mod relative;
 mod split;
@@ -61,7 +62,7 @@ use crate::weights::{Neighbourhood, Surfaces};
 use crate::{Error, Mask, Outcome, Plane, Planes, Run};
 use blend::Blend;
 use candidates::{Candidate, Task};
-use lacuna_core::hash;
+pub use like::Untold;
 use relative::importance;
 pub(crate) use split::Split;
 
@@ -73,25 +74,9 @@ pub enum Noise {
     None,
     /// Nothing; held-out samples show it.
     Unknown,
-    /// By plane, noise like that of its samples, NaN where it is not known: half the difference of two half buffers, or
+    /// By plane, noise like that of its samples, NaN where it is not known: [`Noise::of_halves`], or
     /// [`Noise::of_variance`].
     Like(Vec<Plane>),
-}
-
-impl Noise {
-    /// Noise of this variance at each pixel, drawn by a seed; NaN where the variance is not finite or below 0.
-    #[must_use]
-    pub fn of_variance(variance: &Plane, seed: u64) -> Plane {
-        let mut at = 0_u64;
-        let uniform = |value: u64| ((hash(seed, value) >> 11) as f64 + 0.5) / (1_u64 << 53) as f64;
-        Plane::from_fn(variance.size(), |row, column| {
-            let (a, b) = (uniform(2 * at), uniform(2 * at + 1));
-            at += 1;
-            let normal = (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos();
-            let variance = Some(variance.at(row, column)).filter(|variance| variance.is_finite());
-            (f64::from(variance.unwrap_or(f32::NAN)).sqrt() * normal) as f32
-        })
-    }
 }
 
 /// What smoothing must take away of the squared error of held-out samples, where nothing else is known of noise: edges alone gain less.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use lacuna_core::parallel::prelude::*;
 use lacuna_exr::{Frame, Part};
 use lacuna_filters::fill::Values;
-use lacuna_filters::noise::Noise;
+use lacuna_filters::noise::{Noise, Untold};
 use lacuna_filters::{Mask, Plane, Planes};
 
 use super::Error;
@@ -22,12 +22,6 @@ const HALVES: [[&str; 2]; 4] =
 const VARIANCES: [&str; 4] = ["variance", "Variance", "colorVariance", "mse"];
 /// Components that are colours, not one variance for all.
 const COLOURS: [&str; 4] = ["R", "G", "B", "Y"];
-/// How far the mean of two halves may be from the colour, over the larger of it and the mean level: rounding of halves.
-const ROUNDING: f32 = 0.02;
-/// The share of pixels that may be further off.
-const FEW: f64 = 0.02;
-/// The seed of noise that is drawn.
-const SEED: u64 = 1;
 
 /// What `--noise` says.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -296,8 +290,9 @@ fn like(
     (known, samples): (&[Known], &Planes),
 ) -> Result<Result<Noise, Doubt>, Error> {
     let channels = known.par_iter().zip(group.channels.par_iter()).zip(samples.as_slice().par_iter());
-    let found =
-        channels.map(|((&known, &channel), samples)| plane(part, (channel, known), samples, &group.mask));
+    let found = channels.enumerate().map(|(number, ((&known, &channel), samples))| {
+        plane(part, (channel, number, known), samples, &group.mask)
+    });
     let mut planes = Vec::with_capacity(known.len());
     for found in found {
         match found? {
@@ -305,21 +300,8 @@ fn like(
             Err(doubt) => return Ok(Err(doubt)),
         }
     }
-    let measured = |plane: &Plane, holds: &dyn Fn(f32) -> bool| {
-        let mut pixels = plane.pixels().iter().zip(group.mask.as_slice());
-        pixels.find(|(value, flag)| **flag && value.is_finite() && holds(**value)).map(|(value, _)| *value)
-    };
-    if planes.iter().any(|plane| measured(plane, &|noise| noise != 0.0).is_some()) {
-        return Ok(Ok(Noise::Like(planes)));
-    }
-    let flat = |plane: &Plane| {
-        measured(plane, &|_| true).is_none_or(|first| measured(plane, &|value| value != first).is_none())
-    };
-    if samples.as_slice().iter().all(flat) {
-        return Ok(Ok(Noise::None));
-    }
     let name = |at: usize| part.channels[at].display_name();
-    Ok(Err(match known[0] {
+    Ok(Noise::like(planes, samples, &group.mask).map_err(|_| match known[0] {
         Known::Halves([a, b]) => same(name(a), name(b)),
         Known::Variance(at) => Doubt {
             why: format!("{} is nowhere above 0 and finite at measured pixels", name(at)),
@@ -345,10 +327,10 @@ fn same(a: impl std::fmt::Display, b: impl std::fmt::Display) -> Doubt {
     Doubt { why: format!("{a} and {b} are the same"), way: "name two independent halves" }
 }
 
-/// Noise like that of a channel.
+/// Noise like that of a channel, which has that number in its group.
 fn plane(
     part: &Part,
-    (channel, known): (usize, Known),
+    (channel, number, known): (usize, usize, Known),
     samples: &Plane,
     mask: &Arc<Mask>,
 ) -> Result<Result<Plane, Doubt>, Error> {
@@ -357,42 +339,22 @@ fn plane(
         let values = part.channels[at].samples.to_floats().ok_or(Error::OtherFrame)?;
         Plane::new(mask.size(), values).map_err(|_| Error::OtherFrame)
     };
-    let measured = || mask.as_slice().iter().enumerate().filter(|(_, flag)| **flag).map(|(at, _)| at);
-    match known {
-        Known::Halves([a, b]) => {
-            let halves = [read(a)?, read(b)?];
-            let [first, second] = [halves[0].pixels(), halves[1].pixels()];
-            let finite = |at: &usize| samples.pixels()[*at].is_finite();
-            let count = measured().filter(finite).count().max(1) as f64;
-            let sum: f64 = measured().filter(finite).map(|at| f64::from(samples.pixels()[at]).abs()).sum();
-            let level = (sum / count) as f32;
-            let off = |at: &usize| {
-                let (mean, value) = (0.5 * (first[*at] + second[*at]), samples.pixels()[*at]);
-                mean.is_finite() && (mean - value).abs() > ROUNDING * value.abs().max(level)
-            };
-            if measured().filter(finite).filter(off).count() as f64 > FEW * count {
-                return Ok(Err(if measured().all(|at| first[at] == second[at]) {
-                    same(name(a), name(b))
-                } else {
-                    let why = format!("{} and {} do not average to {}", name(a), name(b), name(channel));
-                    Doubt { why, way: "name the halves of this colour" }
-                }));
-            }
-            // Where few do not, as where only the colour was clamped, they tell nothing.
-            let mut half: Vec<f32> = first.iter().zip(second).map(|(a, b)| 0.5 * (a - b)).collect();
-            measured().filter(off).for_each(|at| half[at] = f32::NAN);
-            Plane::new(mask.size(), half).map(Ok).map_err(|_| Error::OtherFrame)
+    let found = match known {
+        Known::Halves([a, b]) => Noise::of_halves(samples, [&read(a)?, &read(b)?], mask),
+        Known::Variance(at) => Noise::of_variance_at(&read(at)?, number, mask),
+    };
+    Ok(found.map_err(|why| match (known, why) {
+        (Known::Halves([a, b]), Untold::SameHalves) => same(name(a), name(b)),
+        (Known::Halves([a, b]), _) => {
+            let why = format!("{} and {} do not average to {}", name(a), name(b), name(channel));
+            Doubt { why, way: "name the halves of this colour" }
         }
-        Known::Variance(at) => {
-            let variance = read(at)?;
-            if let Some(bad) = measured().map(|at| variance.pixels()[at]).find(|value| *value < 0.0) {
-                let why = format!("{} is {bad} at a measured pixel, which is no variance", name(at));
-                return Ok(Err(Doubt { why, way: "name another layer, or write --noise auto" }));
-            }
-            // Each channel its own draw, as noise of channels differs.
-            Ok(Ok(Noise::of_variance(&variance, SEED.wrapping_add(channel as u64))))
+        (Known::Variance(at), why) => {
+            let bad = if let Untold::Negative(value) = why { value } else { f32::NAN };
+            let why = format!("{} is {bad} at a measured pixel, which is no variance", name(at));
+            Doubt { why, way: "name another layer, or write --noise auto" }
         }
-    }
+    }))
 }
 
 #[cfg(test)]

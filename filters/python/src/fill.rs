@@ -7,6 +7,7 @@ use lacuna_filters::descriptor::Descriptor;
 use lacuna_filters::domain::Domain;
 use lacuna_filters::estimate::{Verdict, Why};
 use lacuna_filters::fill::{Estimate, Filled, Set, Values, fill_with};
+use lacuna_filters::noise::{Noise, Untold};
 use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Bounds, METHODS, Mask, Method, Options, Outcome, Plane, Planes, Plans, Size, Stop};
 use numpy::PyReadonlyArray2;
@@ -37,6 +38,8 @@ pub struct End {
 #[derive(IntoPyObject)]
 pub struct Report<'py> {
     end: End,
+    /// Whether noise was smoothed.
+    smoothed: bool,
     filters: Vec<(&'static str, f64)>,
     guides: Vec<String>,
     rmse: Option<Rmse>,
@@ -152,14 +155,22 @@ fn components(planes: Planes) -> Vec<Plane> {
 }
 
 /// How much each measured pixel counts; what is at others is not looked at.
-fn weights(array: &PyReadonlyArray2<'_, f32>, method: &Method, mask: &Mask) -> PyResult<Arc<Plane>> {
+fn weights(
+    array: &PyReadonlyArray2<'_, f32>,
+    method: &Method,
+    counted: bool,
+    mask: &Mask,
+) -> PyResult<Arc<Plane>> {
     let refused = |why: String| Err(PyValueError::new_err(format!("weights: {why}")));
     match method.weighs() {
         Ok(()) => {}
+        Err(_) if counted => {}
         Err("") => {
             let able: Vec<String> = methods().filter_map(smoothing).collect();
             let able = able.join(" or ");
-            return refused(format!("they count only where measured pixels are smoothed, by {able}"));
+            return refused(format!(
+                "they count only where measured pixels are smoothed, by {able}, or with noise = auto"
+            ));
         }
         Err(name) => {
             return refused(format!("not with {name} = {}", method.get(name).unwrap_or_default()));
@@ -176,6 +187,30 @@ fn weights(array: &PyReadonlyArray2<'_, f32>, method: &Method, mask: &Mask) -> P
     }
 }
 
+/// What is known of the noise of an image, by a word and what belongs to it.
+fn noise((kind, known): (&str, &[Planes]), values: Values, samples: &Planes, mask: &Mask) -> PyResult<Noise> {
+    let refused = |why: &dyn std::fmt::Display| PyValueError::new_err(format!("noise: {why}"));
+    let planes: Result<Vec<Plane>, Untold> = match (kind, known) {
+        ("none", _) => return Ok(Noise::None),
+        ("auto", _) if values == Values::Light => return Ok(Noise::Unknown),
+        ("auto", _) => {
+            return Err(refused(&"auto is for light; of other values give the variance or half buffers"));
+        }
+        (_, [variance]) => {
+            let planes = variance.as_slice().iter().enumerate();
+            planes.map(|(number, plane)| Noise::of_variance_at(plane, number, mask)).collect()
+        }
+        (_, [first, second]) => {
+            let halves = first.as_slice().iter().zip(second.as_slice()).zip(samples.as_slice());
+            halves
+                .map(|((first, second), samples)| Noise::of_halves(samples, [first, second], mask))
+                .collect()
+        }
+        _ => return Err(refused(&"give one array or two")),
+    };
+    planes.and_then(|planes| Noise::like(planes, samples, mask)).map_err(|why| refused(&why))
+}
+
 /// The settings by which a filter smooths by weights, in words.
 fn smoothing(method: &'static Descriptor) -> Option<String> {
     let smooths = method.settings.iter().filter(|setting| setting.smooths);
@@ -185,7 +220,7 @@ fn smoothing(method: &'static Descriptor) -> Option<String> {
 
 /// Fills an image; without a mask, what is not finite in any channel is missing.
 #[pyfunction]
-#[pyo3(signature = (image, mask, guides, twin, filter, settings, values, domain, limit, weights, estimate, peak, threads))]
+#[pyo3(signature = (image, mask, guides, twin, filter, settings, values, domain, limit, weights, noise, known, estimate, peak, threads))]
 pub fn fill<'py>(
     py: Python<'py>,
     image: Image<'py>,
@@ -198,6 +233,8 @@ pub fn fill<'py>(
     domain: &str,
     limit: bool,
     weights: Option<PyReadonlyArray2<'py, f32>>,
+    noise: &str,
+    known: Vec<Image<'py>>,
     estimate: &str,
     peak: f32,
     threads: usize,
@@ -210,6 +247,8 @@ pub fn fill<'py>(
     let mask = Arc::new(arrays::measured(mask.as_ref(), &samples)?);
     let mut options = Options::of(method(filter, &settings)?);
     let guides = self::guides(guides, &options.method, &samples, &pool)?;
+    let known = known.iter().map(|image| image.planes(order, &pool)).collect::<Vec<_>>();
+    options.noise = self::noise((noise, &known), values, &samples, &mask)?;
     if !given && mask.is_full() && options.keeps_measured() {
         return Err(arrays::nothing_missing());
     }
@@ -220,7 +259,9 @@ pub fn fill<'py>(
     }
     options.domain = self::domain(domain)?;
     options.limit = limit;
-    options.weights = weights.map(|array| self::weights(&array, &options.method, &mask)).transpose()?;
+    let counted = options.noise == Noise::Unknown;
+    options.weights =
+        weights.map(|array| self::weights(&array, &options.method, counted, &mask)).transpose()?;
     options.guides = (!guides.is_empty()).then_some(&guides);
     let twins = twin.map(|twin| twin.planes(order, &pool).into_vec()).unwrap_or_default();
     options.twins = twins.into_iter().map(|plane| Some(Arc::new(plane))).collect();
@@ -289,6 +330,7 @@ fn report<'py>(py: Python<'py>, filled: &Filled, planes: usize) -> PyResult<Repo
     guides.dedup();
     Ok(Report {
         end: filled.outcome.into(),
+        smoothed: filled.sets.iter().any(|set| set.smoothed),
         filters,
         guides,
         rmse,

@@ -67,6 +67,35 @@ def test_fill_with_settings_and_guides(tmp_path, tool):
     assert not same_bits(said[0], lacuna.fill(samples, mask, filter="ss", settings={"order": 3}))
 
 
+@pytest.mark.parametrize("noise", ["auto", "halves", "variance", "one variance", "counts"])
+def test_noise_is_smoothed(tmp_path, tool, noise):
+    random, clean = np.random.default_rng(5), picture()
+    mask = lacuna.mask(clean.shape[:2], 0.4, seed=7)
+    halves = [np.where(mask[:, :, None], clean + random.normal(0, 0.2, clean.shape), 0).astype(np.float32) for _ in range(2)]
+    samples = (halves[0] + halves[1]) / np.float32(2)
+    variance = np.where(mask, np.float32(0.02), np.float32(0))
+    layers = lambda name, image: {f"{name}.{c}": image[:, :, at] for at, c in enumerate("RGB")}
+    more, word, given, weights = {
+        "auto": ({}, "auto", "auto", None),
+        "halves": (layers("half1", halves[0]) | layers("half2", halves[1]), "auto", tuple(halves), None),
+        "variance": (layers("variance", np.repeat(variance[:, :, None], 3, 2)), "variance:variance", np.repeat(variance[:, :, None], 3, 2), None),
+        "one variance": ({"mse": variance}, "variance:mse", variance, None),
+        "counts": ({"count": np.where(mask, np.float32(4), np.float32(0))}, "count:count", "auto", np.where(mask, 4, 0)),
+    }[noise]
+    channels = {c: samples[:, :, at] for at, c in enumerate("RGB")} | {"mask": mask.astype(np.float16)} | more
+    path = write(tmp_path / "noisy.exr", channels)
+    tool("fill", path, "-o", tmp_path / "out.exr", "--noise", word, "--channels", "count=keep")
+    filled, said = lacuna.fill(samples, mask, noise=given, weights=weights, estimate=True)
+    assert same_bits(filled, read(tmp_path / "out.exr"))
+    psnr = lambda image: lacuna.compare(clean, image, peak=2)["psnr"]
+    assert psnr(filled) > psnr(lacuna.fill(samples, mask)) + 3 and not same_bits(filled[mask], samples[mask])
+    assert said.psnr is None and "smoothed" in said.reason
+    # A complete image has no missing pixel, and noise all the same.
+    if noise == "auto":
+        noisy = clean + np.float32(0.2) * random.standard_normal(clean.shape, np.float32)
+        assert psnr(lacuna.fill(noisy, noise=given)) > psnr(noisy) + 5
+
+
 @pytest.mark.parametrize("dtype", [np.float32, np.float16])
 @pytest.mark.parametrize("off", [0, 0.25])
 def test_fill_with_a_twin(tmp_path, tool, dtype, off):

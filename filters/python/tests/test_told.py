@@ -141,3 +141,30 @@ def test_guides_and_twins_that_are_sparse_like_the_image_count_for_nothing(clear
     plain = lacuna.fill(IMAGE, MASK)
     assert same_bits(lacuna.fill(IMAGE, MASK, twin=np.where(MASK, IMAGE, np.float32(clear))), plain)
     assert same_bits(lacuna.fill(IMAGE, MASK, twin=IMAGE), IMAGE)
+
+
+@pytest.mark.parametrize(
+    ("noise", "why"),
+    [
+        ("halves", "noise: 'halves' is none of none, auto"),
+        ((1,), "noise: a tuple of 1, not of two half buffers"),
+        (np.zeros((3, 3), np.float32), "noise: an array of shape"),
+        (np.zeros((72, 88), np.float32), "noise: nowhere above 0"),
+        (np.full((72, 88), -1, np.float32), "noise: -1 at a measured pixel is no variance"),
+        ((picture(), picture()), "noise: both halves are the same"),
+        ((picture() * 2, picture()), "noise: the halves do not average to the image"),
+    ],
+)
+def test_noise_that_is_none_is_refused(noise, why):
+    image = picture() + np.float32(0.5) * (why.endswith("same"))
+    with pytest.raises(ValueError, match=f"^{why}"):
+        lacuna.fill(image, lacuna.mask((72, 88), 0.3), noise=noise)
+
+
+def test_nothing_is_smoothed_where_there_is_no_noise():
+    image, mask = picture(), lacuna.mask((72, 88), 0.3)
+    with pytest.warns(UserWarning, match="noise: none that could be told from detail"):
+        filled = lacuna.fill(image, mask, noise="auto")
+    assert same_bits(filled, lacuna.fill(image, mask))
+    with pytest.raises(ValueError, match="noise: auto is for light"):
+        lacuna.fill(image, mask, values="other", noise="auto")

@@ -1,3 +1,5 @@
+use lacuna_core::hash;
+
 use super::*;
 use crate::{Options, Size, fill};
 
@@ -403,4 +405,28 @@ fn unknown_noise_weighs_as_the_mean() {
     }
     let quiet = weights(1.0, 0.0);
     assert!(quiet.at(20, 75) > 100.0 * quiet.at(20, 10));
+}
+
+#[test]
+fn halves_of_the_image_tell_half_their_difference() {
+    let size = Size::new(40, 30);
+    let [first, second, mean] = halves(&truth(size), 0.1);
+    let mask = Mask::full(size);
+    let noise = Noise::of_halves(&mean, [&first, &second], &mask).unwrap();
+    let expected = |at: usize| 0.5 * (first.pixels()[at] - second.pixels()[at]);
+    assert!((0..noise.pixels().len()).all(|at| noise.pixels()[at] == expected(at)));
+    // Where only the mean was clamped, halves tell nothing.
+    let mut clamped = mean.clone();
+    clamped.pixels_mut()[7] = 0.0;
+    let noise = Noise::of_halves(&clamped, [&first, &second], &mask).unwrap();
+    assert!((0..noise.pixels().len()).all(|at| (noise.pixels()[at] == expected(at)) != (at == 7)));
+    let other = Plane::filled(size, 3.0);
+    assert_eq!(Noise::of_halves(&other, [&first, &second], &mask), Err(Untold::OtherHalves));
+    assert_eq!(Noise::of_halves(&other, [&first, &first], &mask), Err(Untold::SameHalves));
+    let bad = Noise::of_variance_at(&Plane::filled(size, -1.0), 0, &mask);
+    assert_eq!(bad, Err(Untold::Negative(-1.0)));
+    let none = || vec![Plane::filled(size, 0.0)];
+    let planes = |plane: Plane| Planes::new(size, vec![plane]).unwrap();
+    assert_eq!(Noise::like(none(), &planes(mean), &mask), Err(Untold::Nowhere));
+    assert_eq!(Noise::like(none(), &planes(other), &mask), Ok(Noise::None));
 }

@@ -34,9 +34,12 @@ __all__ = ["Estimate", "compare", "estimate", "fill", "filters", "mask", "next_m
 
 Image = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
+Noise = Union[None, str, npt.ArrayLike, tuple[npt.ArrayLike, npt.ArrayLike]]
 
 # Values, result and the planes of the solvers.
 _SOLVING = 24
+# Images that noise is smoothed by.
+_CANDIDATES = 12
 
 
 @overload
@@ -52,6 +55,7 @@ def fill(
     limit: bool = ...,
     weights: Optional[npt.ArrayLike] = ...,
     twin: Optional[npt.ArrayLike] = ...,
+    noise: Noise = ...,
     estimate: Literal[False] = ...,
     peak: float = ...,
     threads: int = ...,
@@ -69,6 +73,7 @@ def fill(
     limit: bool = ...,
     weights: Optional[npt.ArrayLike] = ...,
     twin: Optional[npt.ArrayLike] = ...,
+    noise: Noise = ...,
     estimate: Literal[True],
     peak: float = ...,
     threads: int = ...,
@@ -86,6 +91,7 @@ def fill(
     limit: bool = ...,
     weights: Optional[npt.ArrayLike] = ...,
     twin: Optional[npt.ArrayLike] = ...,
+    noise: Noise = ...,
     estimate: bool,
     peak: float = ...,
     threads: int = ...,
@@ -102,6 +108,7 @@ def fill(
     limit: bool = True,
     weights: Optional[npt.ArrayLike] = None,
     twin: Optional[npt.ArrayLike] = None,
+    noise: Noise = None,
     estimate: bool = False,
     peak: float = 1.0,
     threads: int = 0,
@@ -136,11 +143,17 @@ def fill(
         Whether overshoot beside edges is held back.
     weights
         (height, width): how much each measured pixel counts, such as its number of samples; finite, 0 or more, of which only ratios
-        matter. Only where settings smooth (``lambda`` of ``ss``, ``epsilon`` of ``tv``); refused elsewhere, as every pixel is kept there.
+        matter. Only where settings smooth (``lambda`` of ``ss``, ``epsilon`` of ``tv``), or with ``noise="auto"``, where pixels of weight
+        0 are missing; refused elsewhere, as every pixel is kept there.
     twin
         A complete array of the shape of ``image`` that may hold its values, such as an alpha that was rendered everywhere. A channel
         of which it equals all measured values (as the dtype of ``image``, enough of them and not all the same) takes the missing ones
         from it, if it is not sparse itself and they are finite and within the bounds of ``values``; otherwise it counts for nothing. The tool looks for such channels among its guides by their names.
+    noise
+        What tells the noise of measured pixels, which are then smoothed with the rest as far as it asks for: a variance of each pixel's
+        mean, (height, width) or of the shape of ``image``; a tuple of two images, half buffers of which ``image`` is the mean; or
+        ``"auto"``, held-out samples of light, which take detail finer than them for noise, too. A complete noisy image is smoothed
+        without a mask. Where noise is not finite it counts as unknown. If nothing is smoothed, there is a UserWarning.
     estimate
         Whether to return an ``Estimate`` beside the image: two fills more, of a part of the samples.
     peak
@@ -150,7 +163,7 @@ def fill(
         0: one a processor.
 
     Returns a new array of the shape and the dtype of ``image``, or that and an ``Estimate``. Measured, finite values keep their
-    bits, unless settings smooth.
+    bits, unless settings or ``noise`` smooth.
 
     Raises ValueError, which begins with the argument's name, for shapes that do not fit, other dtypes, arrays without pixels or with
     more than the memory holds, masks without a measured pixel or with NaNs, channels without a finite measured value, and unknown
@@ -158,7 +171,7 @@ def fill(
     before it has converged.
     """
     asked = arguments.flag("estimate", estimate)
-    told = _fill(image, mask, guides, twin, filter, settings, values, domain, limit, weights, "pixels" if asked else "no", peak, threads)
+    told = _fill(image, mask, guides, twin, filter, settings, values, domain, limit, weights, noise, "pixels" if asked else "no", peak, threads)
     return told if asked else told[0]
 
 
@@ -174,6 +187,7 @@ def estimate(
     limit: bool = True,
     weights: Optional[npt.ArrayLike] = None,
     twin: Optional[npt.ArrayLike] = None,
+    noise: Noise = None,
     peak: float = 1.0,
     threads: int = 0,
 ) -> Estimate:
@@ -181,7 +195,7 @@ def estimate(
 
     Takes what ``fill`` takes, raises what it raises, and returns an ``Estimate``.
     """
-    return _fill(image, mask, guides, twin, filter, settings, values, domain, limit, weights, "pixels", peak, threads)[1]
+    return _fill(image, mask, guides, twin, filter, settings, values, domain, limit, weights, noise, "pixels", peak, threads)[1]
 
 
 def upscale(
@@ -467,6 +481,7 @@ def _fill(
     domain: str,
     limit: bool,
     weights: Optional[npt.ArrayLike],
+    noise: Noise,
     estimate: str,
     peak: float,
     threads: int,
@@ -477,9 +492,11 @@ def _fill(
     name = arguments.word("filter", filter)
     steering = arguments.guides(guides, (height, width))
     complete = arguments.twin(twin, array)
+    noisy, known = arguments.noise(noise, array)
     white = arguments.peak(peak)
     bytes_per_pixel = channels * _SOLVING + 4 * sum(1 if guide.ndim == 2 else guide.shape[2] for _, guide in steering)
     bytes_per_pixel += 0 if complete is None else 4 * channels
+    bytes_per_pixel += 0 if noisy == "none" else 4 * channels * (_CANDIDATES + len(known))
     arguments.afford("image", array.shape, _lacuna.bytes_per_pixel(name) + bytes_per_pixel)
     filled, told = _lacuna.fill(
         array,
@@ -492,6 +509,8 @@ def _fill(
         arguments.word("domain", domain),
         arguments.flag("limit", limit),
         arguments.weights(weights, array, flags),
+        noisy,
+        known,
         estimate,
         white,
         _threads(threads),
@@ -500,6 +519,9 @@ def _fill(
         warn_of_the_limit(name, told["end"], 3)
     if told["clipped"] > 0.5:
         line = f"peak: {100 * told['clipped']:.0f} % of the measured values are above {white:g}, where errors do not count; give the value of white"
+        warnings.warn(line, UserWarning, stacklevel=3)
+    if noisy != "none" and not told["smoothed"]:
+        line = "noise: none that could be told from detail, so that nothing is smoothed; where there is some, half buffers tell it"
         warnings.warn(line, UserWarning, stacklevel=3)
     return filled if deep else filled[:, :, 0], estimated(told, white)
 

@@ -92,6 +92,30 @@ def twin(given: Any, like: npt.NDArray[Any]) -> Optional[npt.NDArray[Any]]:
         return array.astype(like.dtype, copy=False)
 
 
+def noise(given: Any, like: npt.NDArray[Any]) -> tuple[str, list[npt.NDArray[Any]]]:
+    """What tells the noise of an image: ``none``, ``auto``, ``variance`` or ``halves``, and the arrays of the latter two, of its shape."""
+    if given is None:
+        return "none", []
+    if isinstance(given, str):
+        if given not in ("none", "auto"):
+            raise ValueError(f"noise: '{given}' is none of none, auto; or give an array, the variance, or a tuple of two, half buffers")
+        return given, []
+    if isinstance(given, tuple):
+        if len(given) != 2:
+            raise ValueError(f"noise: a tuple of {len(given)}, not of two half buffers")
+        return "halves", [_beside(f"noise[{at}]", half, like) for at, half in enumerate(given)]
+    return "variance", [_beside("noise", given, like)]
+
+
+def _beside(name: str, given: Any, like: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Values for each of an image's, or one for all channels of a pixel."""
+    array, deep = image(name, given, may_hide=False)
+    if array.shape[:2] != like.shape[:2] or array.shape[2] not in (1, like.shape[2]):
+        shown = array.shape if deep else array.shape[:2]
+        raise ValueError(f"{name}: an array of shape {shown}, and the image has {like.shape} (height, width, channels)")
+    return np.broadcast_to(array, like.shape)
+
+
 def guides(given: Any, shape: tuple[int, ...], whose: str = "image") -> list[tuple[str, npt.NDArray[Any]]]:
     """Guides with their names, in the order of the channels of a file; whole numbers are labels of surfaces."""
     if given is None:

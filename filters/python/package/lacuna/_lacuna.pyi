@@ -19,6 +19,7 @@ class End(TypedDict):
 
 class Report(TypedDict):
     end: End
+    smoothed: bool
     filters: list[tuple[str, float]]
     guides: list[str]
     rmse: Optional[tuple[Optional[float], Optional[float], float]]
@@ -38,6 +39,8 @@ def fill(
     domain: str,
     limit: bool,
     weights: Optional[npt.NDArray[np.float32]],
+    noise: str,
+    known: list[npt.NDArray[Any]],
     estimate: str,
     peak: float,
     threads: int,
