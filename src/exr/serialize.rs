@@ -21,8 +21,12 @@ pub(super) fn headers(frame: &Frame) -> Result<Vec<u8>, Error> {
     let mut flags = if multi_part { FLAG_PARTS } else { 0 };
     for part in &frame.parts {
         check(part)?;
-        if multi_part && !names.insert(part.name().filter(|name| !name.is_empty())) {
-            return Err(unwritable("several parts need names of their own"));
+        if multi_part {
+            let name = part.attributes.get("name").filter(|name| name.kind == b"string");
+            let name = name.map(|name| &*name.value).filter(|name| !name.is_empty());
+            if !names.insert(name.ok_or_else(|| unwritable("a part of several has no name"))?) {
+                return Err(unwritable("several parts need names of their own"));
+            }
         }
         if !multi_part && matches!(part.layout, Layout::Tiles { .. }) {
             flags |= FLAG_TILED;
@@ -37,9 +41,6 @@ pub(super) fn headers(frame: &Frame) -> Result<Vec<u8>, Error> {
             push_attribute(&mut body, attribute)?;
         }
         body.push(0);
-    }
-    if multi_part && names.contains(&None) {
-        return Err(unwritable("a part of several has no name"));
     }
     if multi_part {
         body.push(0);

@@ -20,6 +20,23 @@ fn written(frame: &Frame) -> Vec<u8> {
     std::fs::read(path).unwrap()
 }
 
+#[test]
+fn names_of_parts_are_compared_by_their_bytes() {
+    let (_folder, path) = output();
+    let parts = [b"a\xff", b"a\xfe"].map(|name| {
+        let mut part = part(Some("a"), window(0, 0, 2, 2), &[SampleType::Half], 1);
+        part.attributes.set("name", "string", name.to_vec());
+        part
+    });
+    let mut frame = Frame { parts: parts.into() };
+    write(&frame, &path, &WriteOptions::default()).unwrap();
+    assert_same_pixels(&frame, &read(&path, &Limits::default()).unwrap());
+    for name in [&b"a\xff"[..], b""] {
+        frame.parts[1].attributes.set("name", "string", name.to_vec());
+        assert!(matches!(write(&frame, &path, &WriteOptions::default()), Err(Error::Unwritable(_))));
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(96))]
 
