@@ -24,16 +24,20 @@ const REST: Duration = Duration::from_mins(5);
 /// When this process last looked through each folder.
 static SWEPT: Mutex<BTreeMap<PathBuf, Instant>> = Mutex::new(BTreeMap::new());
 
-/// Eight digits that tell this machine (and, in a container, its numbering of processes) from others.
+/// Eight digits that tell this machine since it was started (and, in a container, its numbering of processes) from others.
 pub(super) fn host() -> &'static str {
     static HOST: OnceLock<String> = OnceLock::new();
     HOST.get_or_init(|| {
-        let name = fs::read("/proc/sys/kernel/hostname").unwrap_or_default();
+        let kernel = Path::new("/proc/sys/kernel");
+        let read = |name: &str| fs::read(kernel.join(name)).unwrap_or_default();
+        // Machines may share a name, and the numbering of processes that all begin with has the same number everywhere.
+        let mut bytes = [read("hostname"), read("random/boot_id")].concat();
         let processes = fs::read_link("/proc/self/ns/pid").unwrap_or_default();
+        bytes.extend(processes.as_os_str().as_encoded_bytes());
         // FNV-1a, which stays the same from build to build.
-        let bytes = name.iter().chain(processes.as_os_str().as_encoded_bytes());
-        let hash =
-            bytes.fold(0x811c_9dc5_u32, |hash, &byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+        let hash = bytes
+            .iter()
+            .fold(0x811c_9dc5_u32, |hash, &byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
         format!("{hash:08x}")
     })
 }
@@ -101,13 +105,13 @@ fn is_locked(path: &Path) -> bool {
     file.map_or(true, |file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
 }
 
-/// A time in the future has no age, and is neither young nor old.
+/// A time in the future has no age: its machine's clock is ahead.
 fn age(entry: &DirEntry) -> Option<Duration> {
     entry.metadata().and_then(|metadata| metadata.modified()).ok()?.elapsed().ok()
 }
 
 fn is_young(entry: &DirEntry) -> bool {
-    age(entry).is_some_and(|age| age < YOUNG)
+    age(entry).is_none_or(|age| age < YOUNG)
 }
 
 fn is_old(entry: &DirEntry) -> bool {
@@ -179,6 +183,12 @@ mod tests {
             elsewhere,
             add(format!(".c.exr.lacuna-{here}-{alive}-01.tmp"), hour / 2).0,
             add(format!(".d.exr.lacuna-other-{dead}-01.tmp"), 5).0,
+            // The other machine's clock is ahead.
+            {
+                let (name, file) = add(format!(".j.exr.lacuna-other-{dead}-01.tmp"), 0);
+                file.set_modified(std::time::SystemTime::now() + Duration::from_secs(30)).unwrap();
+                name
+            },
             add("e.exr".into(), hour).0,
         ];
         add(format!(".f.exr.lacuna-{here}-{dead}-01.tmp"), 0);
