@@ -75,8 +75,13 @@ pub fn check_destination(destination: &Path, over: Over) -> Result<(), Error> {
         use rustix::fs::{Access, access};
         let folder = path.ancestors().skip(1).find(|folder| folder.as_os_str().is_empty() || folder.exists());
         let folder = folder.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        access(folder, Access::WRITE_OK | Access::EXEC_OK)
-            .map_err(|error| Error::io("create a file in the output's folder")(error.into()))?;
+        let failed = |error| Error::io("create a file in the output's folder")(error);
+        access(folder, Access::WRITE_OK | Access::EXEC_OK).map_err(|error| failed(error.into()))?;
+        // The name of the temporary file is no longer than that of the output, or short.
+        match fs::symlink_metadata(folder.join(path.file_name().unwrap_or_default())) {
+            Err(error) if error.kind() == ErrorKind::InvalidFilename => return Err(failed(error)),
+            _ => {}
+        }
     }
     Ok(())
 }
@@ -262,6 +267,9 @@ fn resolve(destination: &Path, over: Over) -> Result<PathBuf, Error> {
         return Err(Error::Exists);
     }
     let path = if metadata.is_symlink() { behind(destination) } else { destination.into() };
+    if path.is_symlink() {
+        return Err(Error::io("write")(std::io::Error::other("it is a link that leads back to itself")));
+    }
     let Ok(found) = fs::metadata(&path) else { return Ok(path) };
     if !found.is_file() {
         let reason = std::io::Error::other("the output exists and is not a regular file");
@@ -285,8 +293,8 @@ fn is_read_only(path: &Path, found: &fs::Metadata) -> bool {
     refused || found.permissions().readonly()
 }
 
-/// What a symbolic link leads to in the end, whether that exists or not: what is written in its place. A loop of links leads nowhere
-/// and stays.
+/// What a symbolic link leads to in the end, whether that exists or not: what is written in its place. A loop of links leads to
+/// itself.
 pub fn behind(link: &Path) -> PathBuf {
     if let Ok(path) = fs::canonicalize(link) {
         return path;

@@ -103,7 +103,25 @@ fn links_are_followed_to_files_that_do_not_exist_yet() {
         assert!(fs::symlink_metadata(at("first")).unwrap().is_symlink());
     }
     symlink("loop", at("loop")).unwrap();
+    symlink("loop", at("to-loop")).unwrap();
     assert!(write_whole(&at("loop/x.json"), b"").is_err());
+    for name in ["loop", "to-loop"] {
+        let error = check_destination(&at(name), Over::Force).unwrap_err().to_string();
+        assert!(error.contains("leads back to itself") && write_whole(&at(name), b"").is_err(), "{error}");
+        assert!(at(name).is_symlink());
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn names_that_the_system_does_not_take_are_found_before_the_work() {
+    let folder = tempfile::tempdir().unwrap();
+    for (length, fits) in [(255, true), (256, false)] {
+        for above in ["", "new/"] {
+            let path = folder.path().join(format!("{above}{}", "n".repeat(length)));
+            assert_eq!(check_destination(&path, Over::Replace).is_ok(), fits, "{length} {above}");
+        }
+    }
 }
 
 #[cfg(unix)]
