@@ -1,11 +1,12 @@
-//! Globs: the files whose names match `*`, `?`, `[...]` and, between separators, `**`, whatever bytes the names hold. Folders that
-//! the path begins with and that exist under the very name are those folders.
+//! Globs: the files whose names match `*`, `?`, `[...]` and, between separators, `**`, whatever bytes the names hold. As in a shell,
+//! none of these stands for the full stop that a hidden name begins with. Folders that the path begins with and that exist under the
+//! very name are those folders.
 
 use std::fs::FileType;
 use std::io::{self, ErrorKind};
 use std::path::{Component, Path, PathBuf};
 
-use glob::{Pattern, PatternError};
+use glob::{MatchOptions, Pattern, PatternError};
 
 use crate::files::names::to_text;
 
@@ -45,8 +46,10 @@ pub fn files(glob: &Path) -> Result<Vec<PathBuf>, Error> {
             joined(found.into_iter().map(with_folders_below))?
         } else {
             let pattern = Pattern::new(&text)?;
-            let matching =
-                |path: &PathBuf| path.file_name().is_some_and(|name| pattern.matches(&to_text(name)));
+            let options = MatchOptions { require_literal_leading_dot: true, ..MatchOptions::new() };
+            let matching = |path: &PathBuf| {
+                path.file_name().is_some_and(|name| pattern.matches_with(&to_text(name), options))
+            };
             joined(found.iter().map(|folder| entries(folder)))?.into_iter().filter(matching).collect()
         };
     }
@@ -78,13 +81,17 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(absent_or(names(), listed)?.unwrap_or_default())
 }
 
-/// A folder and all below it; links, which may lead in circles, are not followed.
+fn is_hidden(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."))
+}
+
+/// A folder and all below it but hidden ones; links, which may lead in circles, are not followed.
 fn with_folders_below(folder: PathBuf) -> Result<Vec<PathBuf>, Error> {
     let mut found = vec![folder];
     let mut next = 0;
     while let Some(folder) = found.get(next) {
         for path in entries(folder)? {
-            if kind(&path)?.is_some_and(|kind| kind.is_dir()) {
+            if !is_hidden(&path) && kind(&path)?.is_some_and(|kind| kind.is_dir()) {
                 found.push(path);
             }
         }
@@ -126,6 +133,19 @@ mod tests {
         assert_eq!(names("d[1]/*.exr"), ["d[1]/4.exr"]);
         assert_eq!(names("d[12]/*.exr"), ["d1/5.exr"]);
         assert!(names("no/*.exr").is_empty() && names("x.exr/*").is_empty() && names("**").is_empty());
+        // As in a shell, only a full stop matches that of a hidden name.
+        std::fs::create_dir(folder.path().join(".old")).unwrap();
+        for name in [".old/x.exr", ".old/.y.exr", "d1/._5.exr"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        assert_eq!(names("d1/*.exr"), ["d1/5.exr"]);
+        assert_eq!(names("d1/[._]*"), [""; 0]);
+        assert_eq!(names("d1/?_5.exr"), [""; 0]);
+        assert_eq!(names("d1/.*"), ["d1/._5.exr"]);
+        assert_eq!(names("**/x.exr"), ["x.exr"]);
+        assert_eq!(names("*/x.exr"), [""; 0]);
+        assert_eq!(names(".old/*"), [".old/x.exr"]);
+        assert_eq!(names(".*/.*"), [".old/.y.exr"]);
         assert!(files(Path::new("a**/x")).is_err() && files(Path::new("[a/x")).is_err());
     }
 }

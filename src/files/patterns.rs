@@ -158,10 +158,12 @@ fn token(text: &str) -> Result<Option<(usize, usize)>, PatternError> {
             let width = &text[1..][..digits(&text[1..])];
             if text[1 + width.len()..].starts_with('d') && width.len() < 4 {
                 let value = width.parse().unwrap_or(1);
-                if !width.is_empty() && !width.starts_with('0') {
-                    return Err(PatternError::Spaces(value));
+                match width.as_bytes() {
+                    [] | [b'0', ..] => Some((width.len() + 2, value.max(1))),
+                    [_] => return Err(PatternError::Spaces(value)),
+                    // `%20d` is a space of an address, and a word.
+                    _ => None,
                 }
-                Some((width.len() + 2, value.max(1)))
             } else {
                 None
             }
@@ -290,6 +292,7 @@ mod tests {
         }
         assert_eq!(Pattern::parse("a.<view>.<f.exr"), Ok(None));
         assert_eq!(Pattern::parse("a.%4d.exr"), Err(PatternError::Spaces(4)));
+        assert_eq!(Pattern::parse("my%20dog.exr"), Ok(None));
     }
 
     #[test]
