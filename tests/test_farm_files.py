@@ -325,6 +325,25 @@ def test_update_goes_by_what_files_hold_and_not_by_their_names(tmp_path):
         assert why in said.splitlines()[-1], said
 
 
+def test_update_sees_through_switched_links_and_renamed_folders(tmp_path):
+    for version in ("one", "two"):
+        lacuna("sparsify", SAMPLES / "smooth.exr", "-o", f"{version}/s.exr", "--create-dir", "--density", "0.5", "--compression", "none", folder=tmp_path)
+    # Both are older than the output, of one length, and differ in one byte somewhere.
+    raw = bytearray((tmp_path / "two/s.exr").read_bytes())
+    raw[70_000] ^= 1
+    (tmp_path / "two/s.exr").write_bytes(raw)
+    (tmp_path / "now").symlink_to("one")
+    again = lambda: quick_fill("now/s.exr", "-o", "o.exr", "-u", "-n", folder=tmp_path).stdout.split()[0]
+    quick_fill("now/s.exr", "-o", "o.exr", folder=tmp_path)
+    assert again() == "skip"
+    (tmp_path / "now").unlink()
+    (tmp_path / "now").symlink_to("two")
+    assert again() == "fill"
+    (tmp_path / "now").unlink()
+    (tmp_path / "two").rename(tmp_path / "now")
+    assert again() == "fill"
+
+
 @pytest.mark.parametrize("pattern", [[], ["--adaptive"]])
 def test_a_frame_that_is_made_sparse_alone_is_told_to_have_the_mask_of_all(pattern, tmp_path):
     full = tmp_path / "full"

@@ -1,8 +1,8 @@
-//! What an output is made from, whatever its names and times say: each source by sums of its bytes, so that a copy of a source is the
+//! What an output is made from, whatever its names and times say: each source by a sum of its bytes, so that a copy of a source is the
 //! same and another file of its name is another.
 
 use std::collections::HashMap;
-use std::io::{ErrorKind, Read, Seek, SeekFrom};
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
@@ -12,20 +12,18 @@ use sha2::{Digest, Sha256};
 
 use crate::files::identity::Identity;
 
-/// Bytes at the beginning of a file that its outline has; the header and the table of chunks of most frames are among them.
-const HEAD: u64 = 64 << 10;
-/// Places behind them, evenly to the end, and the bytes of each: chunks of other sizes move all that follow.
-const PLACES: u64 = 16;
-const PLACE: u64 = 4 << 10;
 /// Bytes that are read at a time.
 const PIECE: usize = 1 << 18;
 
-/// What the system says of a file: another one of its name, or one that was written to, differs.
+/// What the system says of a file: another one of its name, or one that was written to, differs. Some systems give a file that stays as
+/// it is another number after a while.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct State {
     identity: Identity,
     length: u64,
     modified: Option<SystemTime>,
+    /// When content, name or rights changed last: a number is used again, and a copy may have any time.
+    changed: (i64, i64),
 }
 
 impl State {
@@ -36,26 +34,15 @@ impl State {
             identity: Identity::of(path)?,
             length: metadata.len(),
             modified: metadata.modified().ok(),
+            #[cfg(unix)]
+            changed: {
+                use std::os::unix::fs::MetadataExt;
+                (metadata.ctime(), metadata.ctime_nsec())
+            },
+            #[cfg(not(unix))]
+            changed: (0, 0),
         })
     }
-}
-
-/// Whether a file was not written, and did not get its name, after that moment: nothing may have changed since. Switched links do
-/// not show.
-fn is_older(path: &Path, moment: SystemTime) -> bool {
-    let Ok(metadata) = path.metadata() else { return false };
-    // Copies may have the time of another file, but not this one.
-    #[cfg(unix)]
-    let named = {
-        use std::os::unix::fs::MetadataExt;
-        use std::time::{Duration, UNIX_EPOCH};
-        let seconds = u64::try_from(metadata.ctime()).unwrap_or(0);
-        let parts = u32::try_from(metadata.ctime_nsec()).unwrap_or(0);
-        UNIX_EPOCH.checked_add(Duration::new(seconds, parts)).is_some_and(|changed| changed < moment)
-    };
-    #[cfg(not(unix))]
-    let named = true;
-    named && metadata.modified().is_ok_and(|changed| changed < moment)
 }
 
 /// Sums of whole files, which a run reads once for this.
@@ -63,37 +50,24 @@ fn is_older(path: &Path, moment: SystemTime) -> bool {
 pub struct Sums(Mutex<HashMap<State, u64>>);
 
 impl Sums {
-    /// That of a file in this state.
+    /// That of a file which was in this state.
     fn of(&self, path: &Path, state: &State) -> std::io::Result<u64> {
-        if let Some(known) = self.0.lock().unwrap_or_else(PoisonError::into_inner).get(state) {
-            return Ok(*known);
+        if let Some(known) = self.known(state) {
+            return Ok(known);
         }
         let mut sum = Sha256::new();
         add(&mut sum, open_regular(path)?)?;
         let value = value(sum);
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(state.clone(), value);
+        // Of one that changes meanwhile it is not known what was read.
+        if State::of(path).as_ref() == Some(state) {
+            self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(state.clone(), value);
+        }
         Ok(value)
     }
-}
 
-/// A sum of a file's length, its beginning and some of its places: what is cheap to read however large it is.
-fn outline(path: &Path) -> std::io::Result<u64> {
-    let mut file = open_regular(path)?;
-    let length = file.metadata()?.len();
-    let mut sum = Sha256::new();
-    sum.update(length.to_le_bytes());
-    add(&mut sum, Read::by_ref(&mut file).take(HEAD))?;
-    let Some(rest) = length.checked_sub(HEAD + PLACE) else {
-        add(&mut sum, file)?;
-        return Ok(value(sum));
-    };
-    for place in 0..PLACES {
-        // In this order nothing overflows.
-        let at = HEAD + rest / (PLACES - 1) * place + rest % (PLACES - 1) * place / (PLACES - 1);
-        file.seek(SeekFrom::Start(at))?;
-        add(&mut sum, Read::by_ref(&mut file).take(PLACE))?;
+    fn known(&self, state: &State) -> Option<u64> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get(state).copied()
     }
-    Ok(value(sum))
 }
 
 /// Adds all that is left to read.
@@ -139,44 +113,42 @@ impl Seen {
         self
     }
 
-    /// The first that is another one now, or was written to.
-    pub fn changed(&self) -> Option<(&Path, &'static str)> {
-        let changed = self.0.iter().find(|(path, _, state)| State::of(path) != *state);
+    /// The first that is another one now, or was written to. One that only has another number or other rights is read again.
+    pub fn changed(&self, sums: &Sums) -> Option<(&Path, &'static str)> {
+        let is_same = |path: &Path, before: &State, now: &State| {
+            let alike = (before.length, before.modified) == (now.length, now.modified);
+            let sum = sums.known(before).filter(|_| alike);
+            sum.is_some_and(|sum| sums.of(path, now).is_ok_and(|own| own == sum))
+        };
+        let changed = self.0.iter().find(|(path, _, before)| {
+            let now = State::of(path);
+            let both = before.as_ref().zip(now.as_ref());
+            now != *before && !both.is_some_and(|(before, now)| is_same(path, before, now))
+        });
         changed.map(|(path, what, _)| (&**path, *what))
     }
 
-    /// What they are, on one line: `input=OUTLINE:WHOLE mask=OUTLINE:WHOLE`, two sums in hexadecimal digits for each, or `-` for what
-    /// cannot be read (a frame beside it, which then is left out).
+    /// What they are, on one line: `input=SUM mask=SUM`, in hexadecimal digits, or `-` for what cannot be read (a frame beside it, which
+    /// then is left out).
     pub fn line(&self, sums: &Sums) -> String {
-        let one = |path: &Path, state: &Option<State>| {
-            let (outline, whole) = (outline(path).ok()?, sums.of(path, state.as_ref()?).ok()?);
-            Some(format!("{outline:016x}:{whole:016x}"))
-        };
+        let one = |path: &Path, state: &Option<State>| sums.of(path, state.as_ref()?).ok();
         let words = self.0.iter().map(|(path, what, state)| {
-            let both = one(path, state);
-            format!("{}={}", word(what), both.as_deref().unwrap_or(UNREAD))
+            let sum = one(path, state).map(|sum| format!("{sum:016x}"));
+            format!("{}={}", word(what), sum.as_deref().unwrap_or(UNREAD))
         });
         words.collect::<Vec<_>>().join(" ")
     }
 
-    /// Why these are not the files of such a line, in an output that was made at that moment; nothing if they are. Files that are older
-    /// than the output are known by their outlines, others are read.
-    pub fn differs(&self, line: &str, made: SystemTime, sums: &Sums) -> Option<String> {
+    /// Why these are not the files of such a line; nothing if they are. Whatever their times are to the output's, they are read to their
+    /// end: a link that was switched or a folder that was renamed leaves the times of its files.
+    pub fn differs(&self, line: &str, sums: &Sums) -> Option<String> {
         let recorded: Vec<_> = line.split(' ').filter_map(|word| word.split_once('=')).collect();
         if !recorded.iter().map(|(what, _)| *what).eq(self.0.iter().map(|(_, what, _)| word(what))) {
             return Some("it was made from other files".into());
         }
-        let same = |path: &Path, state: &State, (first, whole): (&str, &str)| {
-            let same = |own: u64, text: &str| u64::from_str_radix(text, 16).is_ok_and(|sum| sum == own);
-            let same_outline = same(outline(path).ok()?, first);
-            Some(same_outline && (is_older(path, made) || same(sums.of(path, state).ok()?, whole)))
-        };
         let other = self.0.iter().zip(&recorded).find(|((path, _, state), (_, recorded))| {
-            let read = state.as_ref().zip(recorded.split_once(':'));
-            match read {
-                Some((state, both)) => same(path, state, both) != Some(true),
-                None => *recorded != UNREAD || outline(path).is_ok(),
-            }
+            let sum = state.as_ref().and_then(|state| sums.of(path, state).ok());
+            sum.map_or(*recorded != UNREAD, |sum| u64::from_str_radix(recorded, 16) != Ok(sum))
         });
         other.map(|((path, what, _), _)| not_as_before(path, what, "another one"))
     }

@@ -50,7 +50,7 @@ pub fn stale<'a>(
         // Parts that were copied may have the line of another run.
         let mut lines: Vec<String> = parts.iter().filter_map(|part| part.attributes.text(SOURCES)).collect();
         lines.dedup();
-        let why: Option<Vec<String>> = lines.iter().map(|line| seen.differs(line, made, sums)).collect();
+        let why: Option<Vec<String>> = lines.iter().map(|line| seen.differs(line, sums)).collect();
         if lines.is_empty() { seen.newer(made) } else { why?.into_iter().next() }
     })
 }

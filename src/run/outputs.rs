@@ -5,7 +5,7 @@ use std::path::Path;
 
 use lacuna_exr::{Frame, Over, WriteOptions};
 
-use crate::files::content::Seen;
+use crate::files::content::{Seen, Sums};
 use crate::files::error::PlanError;
 use crate::files::identity::leads_nowhere;
 use crate::files::plan::{Item, Plan};
@@ -108,9 +108,9 @@ fn check_added((path, what): (&Path, &'static str)) -> Result<(), Failure> {
 }
 
 /// That what a frame was made from is still there as it was read: nothing else would tell that the output is of other files.
-pub fn check_unchanged(seen: &Seen) -> Result<(), Failure> {
+pub fn check_unchanged(seen: &Seen, sums: &Sums) -> Result<(), Failure> {
     let text = |what| format!("the {what} changed while the frame was made, which is not written; run again");
-    seen.changed().map_or(Ok(()), |(path, what)| Err(Failure::at(path, text(what))))
+    seen.changed(sums).map_or(Ok(()), |(path, what)| Err(Failure::at(path, text(what))))
 }
 
 /// Writes a frame. An output that came into being since the decision is passed over like one that was there.

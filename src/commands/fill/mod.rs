@@ -282,7 +282,7 @@ impl Work for Fill<'_> {
             return Err(at_input(&"stopped"));
         }
         let doubt = self.job.gate.is_set().then(|| self.job.gate.doubt(&report)).flatten();
-        outputs::check_unchanged(&seen)?;
+        outputs::check_unchanged(&seen, &self.sums)?;
         outputs::write(&frame, item, (self.job.existing, what.level), stage, record)?;
         doubt.map_or(Ok(()), |doubt| Err(Failure::doubtful(&item.output, &doubt)))
     }

@@ -252,7 +252,7 @@ impl Work for Render<'_> {
         if !sources.is_empty() {
             frame.parts.iter_mut().for_each(|part| part.attributes.set_text(SOURCES, &sources));
         }
-        outputs::check_unchanged(&seen)?;
+        outputs::check_unchanged(&seen, &self.sums)?;
         outputs::write(&frame, item, (self.job.existing, self.job.level), stage, record)
     }
 
