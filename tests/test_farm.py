@@ -284,6 +284,19 @@ def test_gates_judge_what_the_tasks_were_asked_for(shot, flags, gates):
         assert [fill("0"), fill("1"), *(gate() for gate in after)] == [0] * 4
 
 
+def test_gates_let_pass_what_the_time_limit_of_the_command_cut_short(shot):
+    folder = shot[2].parent
+    (folder / "lacuna-logs").mkdir()
+    slow = ["--filter", "tv", "--tv-gap", "1e-300", "--tv-iterations", "1000000", "--no-estimate", "--layers", "more=in/shot.####.exr"]
+    command = ["fill", "in/shot.####.exr", "-o", "out/", *slow, "--frames", "1-2"]
+    scripts = jobs(folder, "--", *command, "--time-limit", "0.2")
+    assert [scripts["fill"]("0"), scripts["check"]()] == [0, 0]
+    # Not what was made of another frame, nor what nothing may cut short.
+    assert jobs(folder, "--", *command)["check"]() == 1
+    shutil.copy(shot[0].with_name("shot.0003.exr"), shot[0].with_name("shot.0002.exr"))
+    assert scripts["check"]() == 1
+
+
 @pytest.mark.parametrize("words, reason", [
     (["-o", "one.exr"], "several frames need a pattern here"),
     (["-o", "notthere/"], "--create-dir makes it"),

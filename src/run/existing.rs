@@ -32,6 +32,9 @@ impl Existing {
     }
 }
 
+/// Why an output is made again though nothing else has changed: a time limit ended it.
+pub const CUT_SHORT: &str = "it was cut short";
+
 /// Why an output is not what this run would make of these files, if it is not: it is not whole, `differs` finds another reason in its
 /// headers, or it says that it was made from others. Of one that does not say what it was made from, all must be older.
 pub fn stale<'a>(

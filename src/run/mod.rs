@@ -18,7 +18,7 @@ pub(crate) mod threads;
 
 pub use batch::RunOptions;
 pub use console::{Meter, Verbosity, openjd_fail};
-pub use existing::Existing;
+pub use existing::{CUT_SHORT, Existing};
 pub use memory::granted as granted_memory;
 pub use schedule::message as panic_message;
 pub use signals::survive_size_limit;

@@ -28,6 +28,8 @@ pub struct Task {
     pub skip_missing: bool,
     /// Whether the command names a ledger itself.
     pub has_log: bool,
+    /// Whether the command may end frames early.
+    pub has_time_limit: bool,
     /// The sparse frames, if `verify` can judge what is made of them.
     pub sparse: Option<String>,
     /// Which pixels of them were measured, if the command says it.

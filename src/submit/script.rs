@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::{SubmitJob, ranges};
-use crate::run::Existing;
+use crate::run::{CUT_SHORT, Existing};
 
 /// The flag that passes over frames that are done.
 const UPDATE: &str = "-u";
@@ -66,7 +66,8 @@ fn array(job: &SubmitJob) -> Script {
     script(job, job.what(), &options, &body)
 }
 
-/// For what `verify` does not know: every frame is passed over as up to date. That an output exists is not enough.
+/// For what `verify` does not know: every frame is passed over as up to date, or was made so and cut short by the command's own time
+/// limit. That an output exists is not enough.
 fn finished(job: &SubmitJob) -> Script {
     let task = &job.task;
     let own = place_of_flags(&task.words);
@@ -77,7 +78,9 @@ fn finished(job: &SubmitJob) -> Script {
     let mut flags = Vec::new();
     flags.extend((task.existing != Existing::Update).then(|| UPDATE.to_owned()));
     flags.extend(["-n".into(), all_frames(job)]);
-    let body = format!("set -o pipefail\n{} | {{ ! grep -v '^skip  '; }}", command(job, &words, &flags));
+    let short = if task.has_time_limit { format!(" -e ': {CUT_SHORT}$'") } else { String::new() };
+    let body =
+        format!("set -o pipefail\n{} | {{ ! grep -v -e '^skip  '{short}; }}", command(job, &words, &flags));
     script(job, "check", &[output(job, "check", "%j")], &body)
 }
 

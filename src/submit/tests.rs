@@ -10,6 +10,7 @@ fn job() -> SubmitJob {
             existing: Existing::Replace,
             skip_missing: false,
             has_log: false,
+            has_time_limit: false,
             sparse: Some("in/it's $x.####.exr".into()),
             mask: None,
             output: "out/".into(),
@@ -65,10 +66,12 @@ fn what_verify_does_not_know_is_checked_to_be_up_to_date_and_a_reference_adds_a_
     assert_eq!(names, ["fill", "check", "compare"]);
     assert!(!scripts[0].1.contains("--log"), "{}", scripts[0].1);
     assert!(
-        scripts[1].1.contains("out/ -u -n --frames=1-7,9 | { ! grep -v '^skip  '; }\n"),
+        scripts[1].1.contains("out/ -u -n --frames=1-7,9 | { ! grep -v -e '^skip  '; }\n"),
         "{}",
         scripts[1].1
     );
+    job.task.has_time_limit = true;
+    assert!(texts(&job)[1].1.contains("{ ! grep -v -e '^skip  ' -e ': it was cut short$'; }\n"));
     let compare = "compare full/ out/ --fail-below=psnr=40 --log=logs/shot.jsonl --frames=1-7,9\n";
     assert!(scripts[2].1.ends_with(compare), "{}", scripts[2].1);
     job.task.skip_missing = true;

@@ -9,12 +9,18 @@ use crate::files::content::Sums;
 use crate::files::plan::Item;
 use crate::mask::Source;
 use crate::reconstruct::{Gate, Job, Stamp, Windows, estimate, was_cut_short};
-use crate::run::existing;
+use crate::run::existing::{self, CUT_SHORT};
 use crate::temporal;
 
 /// Why the output is not what this run would make of the files that the frame is made from, if it is not.
 pub fn stale(item: &Item, job: &FillJob, sums: &Sums) -> Option<String> {
-    existing::stale(&item.output, item.used_sources(), sums, |parts| differs(item, job, parts))
+    let mut is_short = false;
+    let why = existing::stale(&item.output, item.used_sources(), sums, |parts| {
+        is_short = parts.iter().any(|part| was_cut_short(&part.attributes));
+        differs(item, job, parts)
+    });
+    // Only of a frame that is up to date otherwise: a farm lets it pass.
+    why.or_else(|| is_short.then(|| CUT_SHORT.into()))
 }
 
 /// Whether the output may be a copy of a complete frame, which gets no stamp: it has the stamps of the input, if any. The input's
@@ -45,7 +51,7 @@ pub fn doubt(output: &Path, gate: &Gate) -> Option<String> {
     estimate::joined(parts.iter().filter_map(of_part))
 }
 
-/// Why the headers are not those that this run would write: a time limit cut a part short, the windows differ, no part has a stamp, or
+/// Why the headers are not those that this run would write: the windows differ, no part has a stamp, or
 /// one has another run's. The settings tell which mask was asked for; of a file they tell the pattern, so its path is compared as well
 /// where no sum tells which it was.
 fn differs(item: &Item, FillJob { what: job, again, .. }: &FillJob, parts: &[PartHeader]) -> Option<String> {
@@ -69,7 +75,6 @@ fn differs(item: &Item, FillJob { what: job, again, .. }: &FillJob, parts: &[Par
     };
     let why = match () {
         () if stamps.is_empty() => "lacuna did not fill it".into(),
-        () if parts.iter().any(|part| was_cut_short(&part.attributes)) => "it was cut short".into(),
         () if !has_windows(parts, &item.input, job) => "the input has other windows".into(),
         () if stamps.iter().any(other_mask) => "the mask was another file".into(),
         () if parts.iter().any(other_neighbours) => "other frames beside it are there".into(),
