@@ -9,6 +9,9 @@ use crate::files::identity::{Identity, Places};
 /// A report that was asked for: its flag and its place.
 pub type Asked<'a> = (&'static str, &'a Path);
 
+/// Names that systems have for standard output.
+const STANDARD_OUTPUT: [&str; 3] = ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"];
+
 /// Whether a report of that name goes to standard output.
 pub fn is_standard_output(path: &Path) -> bool {
     path == Path::new("-")
@@ -17,9 +20,11 @@ pub fn is_standard_output(path: &Path) -> bool {
 /// Refuses reports, or what else a run writes, that would mix or replace each other; `openjd` is whether progress is told on standard output.
 pub fn check(reports: &[Asked<'_>], openjd: bool) -> Result<(), PlanError> {
     for (index, (flag, path)) in reports.iter().enumerate() {
-        if openjd && is_standard_output(path) {
+        if openjd && (is_standard_output(path) || STANDARD_OUTPUT.iter().any(|name| *path == Path::new(name)))
+        {
             return Err(PlanError::Usage(format!(
-                "{flag} - and --progress openjd would both write to standard output; name a file for {flag}"
+                "{flag} {} and --progress openjd would both write to standard output; name a file for {flag}",
+                path.display()
             )));
         }
         check_old((flag, path))?;
@@ -40,7 +45,7 @@ fn check_old((flag, path): Asked<'_>) -> Result<(), PlanError> {
     const TOLD: usize = 4096;
     let is: fn(&str, &str) -> bool = match flag {
         "--json" => |start, _| start.trim_start().starts_with('{') && start.contains("\"lacuna\""),
-        "--log" => |start, _| start.trim_start().starts_with('{'),
+        "--log" => |start, _| start.starts_with('{'),
         "--csv" => |start, _| start.starts_with("frame,"),
         "--md" => |_, end| end.contains("\nlacuna "),
         "--html" | "--report" => |start, _| start.starts_with("<!DOCTYPE html>") && start.contains("lacuna"),
@@ -135,6 +140,7 @@ mod tests {
             ("--json", "{\"settings\": 1}", true),
             ("--log", "{\"frame\":1}\n", false),
             ("--log", "# notes\n", true),
+            ("--log", "\n{}\n", true),
             ("--csv", "frame,reference,test\n", false),
             ("--csv", "name,salary\n", true),
             ("--md", "### Whole image\n\nlacuna 0.1.0: linear values\n", false),

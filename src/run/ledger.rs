@@ -41,6 +41,8 @@ struct Inner {
     attempt: Mutex<Attempt>,
     /// A signal came.
     hurried: AtomicBool,
+    /// Open from the beginning, as the reader of a pipe goes when its last writer does.
+    _pipe: Option<File>,
 }
 
 #[derive(Debug, Default)]
@@ -105,6 +107,7 @@ impl Ledger {
                 path.display()
             ));
         }
+        let pipe = file.metadata().is_ok_and(|found| !found.is_file()).then_some(file);
         let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default().trim().to_owned();
         Ok(Self(Some(Arc::new(Inner {
             path: path.into(),
@@ -115,6 +118,7 @@ impl Ledger {
             lines: Mutex::default(),
             attempt: Mutex::default(),
             hurried: AtomicBool::new(false),
+            _pipe: pipe,
         }))))
     }
 
@@ -244,7 +248,26 @@ fn unwritten(path: &Path, error: &std::io::Error) -> String {
 }
 
 fn open(path: &Path) -> std::io::Result<File> {
+    #[cfg(unix)]
+    if path.metadata().is_ok_and(|found| std::os::unix::fs::FileTypeExt::is_fifo(&found.file_type())) {
+        return open_pipe(path);
+    }
     OpenOptions::new().read(true).append(true).create(true).open(path)
+}
+
+/// A pipe that is opened for reading, too, would take lines that nobody reads, and one for writing alone would wait for a reader.
+#[cfg(unix)]
+fn open_pipe(path: &Path) -> std::io::Result<File> {
+    use rustix::fs::{OFlags, fcntl_setfl};
+    use std::os::unix::fs::OpenOptionsExt;
+    let waits_not = OFlags::NONBLOCK.bits() as i32;
+    let pipe = OpenOptions::new().write(true).custom_flags(waits_not).open(path).map_err(|error| {
+        let nobody = error.raw_os_error() == Some(rustix::io::Errno::NXIO.raw_os_error());
+        if nobody { std::io::Error::other("nobody reads the pipe") } else { error }
+    })?;
+    // A line is written when there is room for it.
+    fcntl_setfl(&pipe, OFlags::empty())?;
+    Ok(pipe)
 }
 
 /// Whether a file is empty or begins as a line of JSON does; a pipe or a device has no beginning.

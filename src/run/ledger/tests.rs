@@ -125,6 +125,33 @@ fn what_is_no_ledger_is_left_alone() {
     assert!(Ledger::open(Some(Path::new("/dev/null")), &heading()).is_ok());
 }
 
+#[cfg(unix)]
+#[test]
+fn a_pipe_needs_a_reader_and_keeps_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (item, path) = (item(folder.path()), folder.path().join("pipe"));
+    assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+    let error = Ledger::open(Some(&path), &heading()).unwrap_err();
+    assert!(error.contains("pipe: the ledger cannot be written: nobody reads the pipe"), "{error}");
+    let reader = {
+        let path = path.clone();
+        std::thread::spawn(move || std::fs::read_to_string(path).unwrap())
+    };
+    let begun = Instant::now();
+    let ledger = loop {
+        match Ledger::open(Some(&path), &heading()) {
+            Ok(ledger) => break ledger,
+            Err(error) => assert!(begun.elapsed() < PATIENCE, "{error}"),
+        }
+    };
+    for index in 0..3 {
+        ledger.end(index, &record(&item, State::Done));
+    }
+    assert_eq!(ledger.close(), None);
+    drop(ledger);
+    assert_eq!(reader.join().unwrap().lines().count(), 3);
+}
+
 #[test]
 fn a_lock_that_never_ends_and_a_missing_folder_are_errors() {
     let folder = tempfile::tempdir().unwrap();
