@@ -211,6 +211,22 @@ def test_maps_have_the_number_that_only_a_folder_has(tmp_path):
     assert not (tmp_path / "n").exists()
 
 
+def test_no_folder_that_is_made_leads_back_to_an_input(shot):
+    before = (shot / "in/shot.0001.exr").read_bytes()
+    for words in (["-o", "none/../in/shot.0001.exr"], ["-o", "none/../in/"], ["-o", "out/", "--json", "none/../in/shot.0001.exr"]):
+        result = quick_fill("in/shot.0001.exr", *words, "--create-dir", folder=shot, ok=False)
+        refused(result, 2, ".. stands behind a folder that does not exist")
+    assert (shot / "in/shot.0001.exr").read_bytes() == before and not (shot / "none").exists()
+
+
+def test_files_that_are_read_by_flags_are_no_outputs(shot):
+    (shot / "list.exr").write_text("in/shot.0001.exr")
+    (shot / "rules.exr").write_text('[[rule]]\nglob = "B"\nrule = "fill"\n')
+    refused(quick_fill("--files-from", "list.exr", "-o", "list.exr", folder=shot, ok=False), 2, "the same file as the list of --files-from")
+    refused(lacuna("sparsify", "--files-from", "list.exr", "-o", "list.exr", "--density", "0.5", folder=shot, ok=False), 2, "the list of --files-from")
+    refused(quick_fill("in/shot.0001.exr", "--rules", "rules.exr", "-o", "rules.exr", folder=shot, ok=False), 2, "the file of --rules")
+
+
 def test_names_in_a_list_are_shown_as_they_are(shot):
     (shot / "list").write_bytes(b"\xef\xbb\xbfin/shot.0001.exr\nin/shot.0002.exr \n")
     result = quick_fill("--files-from", "list", "-o", "out/", "-q", folder=shot, ok=False)

@@ -1,5 +1,7 @@
 //! `lacuna fill`: flags to a checked job.
 
+use std::path::PathBuf;
+
 use clap::Args;
 use lacuna_filters::Method;
 use lacuna_filters::fill::Estimate;
@@ -127,7 +129,10 @@ impl FillArgs {
             estimate: Some(&self.estimate),
             temporal: Some(&self.temporal),
         };
-        Ok(FillJob { again: self.again, ..groups.job(self.filter.method(self.run.options().memory)?, None)? })
+        let method = self.filter.method(self.run.options().memory)?;
+        let mut job = FillJob { again: self.again, ..groups.job(method, None)? };
+        job.targets.also_read.extend(self.filter.file().map(|path| ("dictionary", path.clone())));
+        Ok(job)
     }
 }
 
@@ -153,6 +158,12 @@ pub(super) struct Groups<'a> {
 }
 
 impl Groups<'_> {
+    /// The files that tell what is done.
+    fn also_read(&self) -> Vec<(&'static str, PathBuf)> {
+        let rules = self.rules.rules.clone().map(|path| ("file of --rules", path));
+        self.input.listed().into_iter().chain(rules).collect()
+    }
+
     /// The checked job of a method that fills, and of what is done afterwards.
     pub fn job(&self, method: Method, enlarge: Option<Enlarge>) -> Result<FillJob, Usage> {
         let (selection, skip_missing) = self.input.selection();
@@ -202,6 +213,7 @@ impl Groups<'_> {
                 output: self.output.checked(self.page.is_some())?,
                 mask: self.mask.file(),
                 guides: what.guides_from.clone(),
+                also_read: self.also_read(),
                 also_written: run.also_written(),
                 layers: layers.to_vec(),
                 neighbours: what.temporal.window.each(),

@@ -1,6 +1,6 @@
 //! Flags that say which frames are taken.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
@@ -67,6 +67,12 @@ impl InputArgs {
             frames: self.frames.frames.clone(),
         };
         (selection, self.frames.skips_missing())
+    }
+
+    /// The file that lists frames, if it is one.
+    pub fn listed(&self) -> Option<(&'static str, PathBuf)> {
+        let list = self.files_from.clone().filter(|list| list != Path::new("-"));
+        list.map(|list| ("list of --files-from", list))
     }
 }
 

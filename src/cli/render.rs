@@ -278,6 +278,7 @@ impl RenderArgs {
                 layers: Vec::new(),
                 output: self.output.checked(true)?,
                 mask,
+                also_read: Vec::new(),
                 also_written: run.also_written(),
                 create_dir: self.output.create_dir,
             },

@@ -337,6 +337,11 @@ impl<O: Offer> FilterArgs<O> {
     pub fn method(&self, memory: Option<u64>) -> Result<Method, Usage> {
         self.settings.method(self.filter, memory)
     }
+
+    /// The file that it reads.
+    pub fn file(&self) -> Option<&PathBuf> {
+        self.settings.dictionary.as_ref()
+    }
 }
 
 #[cfg(test)]

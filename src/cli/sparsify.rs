@@ -117,6 +117,7 @@ impl SparsifyArgs {
                 layers: Vec::new(),
                 output: self.output.checked(false)?,
                 mask,
+                also_read: self.input.listed().into_iter().collect(),
                 also_written: run.also_written(),
                 create_dir: self.output.create_dir,
             },

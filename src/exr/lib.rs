@@ -31,7 +31,7 @@ use lacuna_core::Size;
 pub use other::write_other;
 pub use read::{Limits, memory_needed, read, read_header, read_whole_header};
 pub use serialize::REQUIRED;
-pub use source::{open_regular, read_small};
+pub use source::{open_regular, read_most, read_small};
 pub use temporary::{Over, behind, check_destination, check_whole, remove_temporaries, write_whole};
 pub use window::Window;
 pub use write::{WriteOptions, has_header_of, write};

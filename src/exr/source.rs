@@ -26,8 +26,16 @@ pub fn open_regular(path: &Path) -> std::io::Result<File> {
 /// # Errors
 /// What the system says, and for what is no regular file or too large.
 pub fn read_small(path: &Path, most: u64) -> std::io::Result<Vec<u8>> {
+    read_most(open_regular(path)?, most)
+}
+
+/// All bytes that there are to read.
+///
+/// # Errors
+/// What the system says, and for more than `most` bytes.
+pub fn read_most(from: impl Read, most: u64) -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    open_regular(path)?.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
+    from.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most {
         return Err(std::io::Error::other(format!("it has more than {most} bytes")));
     }
@@ -64,5 +72,18 @@ impl Source {
             std::io::ErrorKind::UnexpectedEof => Error::Truncated { place: "the pixels".into() },
             _ => Error::Io { action: "read", source: error },
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_cut_off() {
+        for (length, fits) in [(0, true), (5, true), (6, false), (100, false)] {
+            let read = read_most(std::io::repeat(1).take(length), 5);
+            assert_eq!(read.is_ok_and(|bytes| bytes.len() as u64 == length), fits, "{length}");
+        }
     }
 }

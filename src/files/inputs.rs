@@ -1,11 +1,11 @@
 //! From what the user names (files, patterns, globs, lists) to the frames to be done, in the order asked.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
-use std::io::Read;
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use crate::files::error::PlanError;
 use crate::files::globs;
+use crate::files::identity::Places;
 use crate::files::names::to_text;
 use crate::files::patterns::{Pattern, number_in_name};
 use crate::files::ranges::Frames;
@@ -92,6 +92,28 @@ pub fn frame_numbers(selection: &Selection) -> Result<Vec<i64>, PlanError> {
     Ok(numbers)
 }
 
+/// Of these places, links resolved, one where a frame of an INPUT lies or is to lie, asked for or not, behind that INPUT.
+pub fn frame_among<'a, T>(
+    selection: &'a Selection,
+    wanted: &'a HashMap<PathBuf, T>,
+) -> Option<(&'a Path, &'a PathBuf)> {
+    let mut places = Places::default();
+    let mut of = |input: &Path| {
+        let kind = Kind::of(input).ok().filter(|_| !wanted.is_empty())?;
+        // What cannot be listed has no frames but those of its name.
+        let found = kind.frames(input, None).unwrap_or_default();
+        let found = found.iter().find_map(|frame| wanted.get_key_value(&places.of(&frame.path)));
+        let Kind::Pattern(_) = kind else { return Some(found?.0) };
+        let known = input.ancestors().skip(1).find(|folder| folder.is_dir()).unwrap_or(Path::new(""));
+        let folder = if known.as_os_str().is_empty() { Path::new(".") } else { known };
+        let whole = folder.canonicalize().ok()?.join(input.strip_prefix(known).ok()?);
+        let pattern = Pattern::of(&whole).ok()??;
+        let named = || wanted.keys().find(|place| pattern.number_of(place).is_some());
+        found.map(|(place, _)| place).or_else(named)
+    };
+    selection.inputs.iter().find_map(|input| Some((&**input, of(input)?)))
+}
+
 /// How an INPUT is spelt. A file or folder that exists under the very name is that one, whatever signs it contains.
 enum Kind {
     File,
@@ -131,8 +153,7 @@ impl Kind {
         let found = match (self, asked) {
             (Self::File, _) => return Ok(vec![plain(input.into())]),
             (Self::Pattern(pattern), Some(asked)) => {
-                let of = |&number: &i64| Input { path: pattern.file(number), number: Some(number) };
-                return Ok(asked.numbers().iter().map(of).collect());
+                return asked.numbers().iter().map(|&number| frame(pattern, number)).collect();
             }
             (Self::Pattern(pattern), None) => on_disk(pattern, input)?,
             (Self::Glob, asked) => {
@@ -166,18 +187,24 @@ fn on_disk(pattern: &Pattern, input: &Path) -> Result<Vec<Input>, PlanError> {
     let failed = |error: std::io::Error| {
         PlanError::Failed(format!("{}: cannot list {}: {error}", input.display(), listed.display()))
     };
-    let mut found = BTreeMap::new();
+    let mut found = BTreeSet::new();
     for entry in std::fs::read_dir(listed).map_err(failed)? {
-        let path = folder.join(entry.map_err(failed)?.file_name());
-        if let Some(number) = pattern.number_of(&path) {
-            let canonical = pattern.path(number) == path;
-            let slot = found.entry(number).or_insert_with(|| path.clone());
-            if canonical {
-                *slot = path;
-            }
-        }
+        found.extend(pattern.number_of(&folder.join(entry.map_err(failed)?.file_name())));
     }
-    Ok(found.into_iter().map(|(number, path)| Input { path, number: Some(number) }).collect())
+    found.into_iter().map(|number| frame(pattern, number)).collect()
+}
+
+/// The frame of that number, which may be spelt in one way only.
+fn frame(pattern: &Pattern, number: i64) -> Result<Input, PlanError> {
+    let (path, file) = (pattern.path(number), pattern.file(number));
+    match pattern.alternative(number).filter(|other| *other != path && other.exists()) {
+        Some(other) if file == path => Err(PlanError::Usage(format!(
+            "{} and {} are both frame {number}; move one of them away",
+            path.display(),
+            other.display()
+        ))),
+        _ => Ok(Input { path: file, number: Some(number) }),
+    }
 }
 
 /// The files that a glob matches, by frame number, then by name.
@@ -224,12 +251,11 @@ fn listed(list: &Path) -> Result<Vec<PathBuf>, PlanError> {
         PlanError::Failed(format!("{}: cannot read the list: {error}", list.display()))
     };
     let bytes = if list == Path::new("-") {
-        let mut bytes = Vec::new();
-        std::io::stdin().lock().take(MOST_LISTED).read_to_end(&mut bytes).map_err(failed)?;
-        bytes
+        lacuna_exr::read_most(std::io::stdin().lock(), MOST_LISTED)
     } else {
-        lacuna_exr::read_small(list, MOST_LISTED).map_err(failed)?
+        lacuna_exr::read_small(list, MOST_LISTED)
     };
+    let bytes = bytes.map_err(failed)?;
     // Some editors begin a text with the mark of its encoding.
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
     let by_zeros = bytes.contains(&0);
@@ -294,6 +320,19 @@ mod tests {
         let unpadded = resolved(folder.path(), &["s.%d.exr"], None).unwrap();
         assert!(unpadded.contains(&(Some(2), "s.2.exr".into())));
         assert!(!unpadded.contains(&(Some(2), "s.0002.exr".into())));
+    }
+
+    #[test]
+    fn a_number_has_one_spelling() {
+        let folder = folder(&["s.-001.exr", "s.-0001.exr", "s.-0002.exr"]);
+        for frames in [None, Some("-1")] {
+            let text = resolved(folder.path(), &["s.####.exr"], frames).unwrap_err().to_string();
+            assert!(
+                text.contains("s.-001.exr and ") && text.contains("s.-0001.exr are both frame -1"),
+                "{text}"
+            );
+        }
+        assert_eq!(resolved(folder.path(), &["s.####.exr"], Some("-2")).unwrap().len(), 1);
     }
 
     #[test]

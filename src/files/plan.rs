@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use crate::files::destinations::Destination;
 use crate::files::error::PlanError;
 use crate::files::identity::{Places, Sources};
-use crate::files::inputs::{Input, Selection, resolve};
+use crate::files::inputs::{Input, Selection, frame_among, resolve};
 use crate::files::layers::{LayerFile, LayerSource};
 use crate::files::names::folder_of;
 use crate::files::neighbours::{self, NeighbourFile};
@@ -93,6 +93,8 @@ pub struct Targets {
     pub layers: Vec<LayerSource>,
     /// Frames on either side whose samples a frame may take.
     pub neighbours: usize,
+    /// Other files that the run reads, with what they are.
+    pub also_read: Vec<(&'static str, PathBuf)>,
     /// Other files that the run writes (a report, say).
     pub also_written: Vec<PathBuf>,
     /// Whether folders are made where they are missing.
@@ -107,6 +109,7 @@ pub fn plan(selection: &Selection, targets: &Targets) -> Result<Plan, PlanError>
     neighbours::add(&mut items, selection, targets)?;
     let mut places = Places::default();
     check_one_input_each(items.iter().map(Item::made), &mut places)?;
+    check_links(&items, selection, &mut places)?;
     checked(items, targets, &mut places)
 }
 
@@ -178,7 +181,7 @@ fn also_written(targets: &Targets) -> impl Iterator<Item = &PathBuf> {
 /// The plan of these frames, once nothing that is read is written and every folder is there or may be made.
 fn checked(items: Vec<Item>, targets: &Targets, places: &mut Places) -> Result<Plan, PlanError> {
     let also_written: Vec<PathBuf> = also_written(targets).cloned().collect();
-    check_no_input_is_written(&items, &also_written, places)?;
+    check_no_input_is_written(&items, (&targets.also_read, &also_written), places)?;
     let mut new_folders = BTreeSet::new();
     let mut checked = BTreeSet::new();
     for written in items.iter().map(|item| &item.output).chain(&also_written) {
@@ -342,12 +345,26 @@ fn check_one_input_each<'a>(
     Ok(())
 }
 
+/// Refuses to write through a link onto a frame that this run need not have been asked for, as it may be another chunk's.
+fn check_links(items: &[Item], selection: &Selection, places: &mut Places) -> Result<(), PlanError> {
+    let links = items.iter().map(|item| &item.output).filter(|output| output.is_symlink());
+    let links: HashMap<PathBuf, &PathBuf> = links.map(|link| (places.of(link), link)).collect();
+    let Some((input, target)) = frame_among(selection, &links) else { return Ok(()) };
+    Err(PlanError::Usage(format!(
+        "{}: it is a link to {}, a frame of {}; nothing is overwritten in place, remove the link or name another output",
+        links[target].display(),
+        target.display(),
+        input.display()
+    )))
+}
+
 fn check_no_input_is_written(
     items: &[Item],
-    also_written: &[PathBuf],
+    (also_read, also_written): (&[(&'static str, PathBuf)], &[PathBuf]),
     places: &mut Places,
 ) -> Result<(), PlanError> {
-    let mut read = Sources::new(items.iter().flat_map(Item::sources));
+    let also_read = also_read.iter().map(|(what, path)| (&**path, *what));
+    let mut read = Sources::new(items.iter().flat_map(Item::sources).chain(also_read));
     for written in items.iter().map(|item| &item.output).chain(also_written) {
         read.check(written)?;
     }
@@ -375,6 +392,13 @@ pub fn check_folder(output: &Path, create_dir: bool, new: &mut BTreeSet<PathBuf>
             )));
         }
         _ => {}
+    }
+    // Once the folder is made, it would be another place than the one that was checked.
+    if folder.ancestors().any(|ancestor| ancestor.ends_with("..") && !ancestor.exists()) {
+        return Err(PlanError::Usage(format!(
+            "{}: .. stands behind a folder that does not exist; name the folder without it",
+            output.display()
+        )));
     }
     let leads_nowhere = |ancestor: &&Path| ancestor.is_symlink() && !ancestor.exists();
     if let Some(link) = folder.ancestors().find(leads_nowhere) {

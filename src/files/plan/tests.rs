@@ -145,6 +145,46 @@ fn frames_that_are_still_to_come_are_not_written_in_place() {
     assert!(to("o.%d.exr").is_ok());
 }
 
+#[cfg(unix)]
+#[test]
+fn a_chunk_writes_through_no_link_onto_a_frame_of_another() {
+    let room = Room::new(&["s.1.exr", "s.2.exr"]);
+    for folder in ["l", "far"] {
+        std::fs::create_dir(room.path(folder)).unwrap();
+    }
+    std::fs::write(room.path("far/store"), "").unwrap();
+    std::os::unix::fs::symlink("far/store", room.path("s.4.exr")).unwrap();
+    let chunk = |input: &str| {
+        let frames = Some("2".parse().unwrap());
+        let selection = Selection { inputs: vec![room.path(input)], frames, ..Selection::default() };
+        plan(&selection, &Targets { output: room.path("l/s.%d.exr"), ..Targets::default() })
+    };
+    // The last is a frame that is still to come; a glob has those that are there.
+    for (target, inputs) in [
+        ("../s.1.exr", &["s.%d.exr", "s.*.exr"][..]),
+        ("../far/store", &["s.%d.exr", "s.*.exr"]),
+        ("../s.3.exr", &["s.%d.exr"]),
+    ] {
+        let link = room.path("l/s.2.exr");
+        std::os::unix::fs::symlink(target, &link).unwrap();
+        for input in inputs {
+            let text = usage(chunk(input));
+            assert!(text.contains("l/s.2.exr: it is a link to ") && text.contains(input), "{text}");
+        }
+        std::fs::remove_file(link).unwrap();
+    }
+    std::os::unix::fs::symlink("elsewhere.exr", room.path("l/s.2.exr")).unwrap();
+    assert!(chunk("s.%d.exr").is_ok());
+}
+
+#[test]
+fn what_a_flag_names_is_not_written() {
+    let room = Room::new(&["a.exr", "rules"]);
+    let also_read = vec![("file of --rules", room.path("rules"))];
+    let text = usage(room.plan_with(&["a.exr"], "rules", |targets| targets.also_read = also_read.clone()));
+    assert!(text.contains("the same file as the file of --rules"), "{text}");
+}
+
 #[test]
 fn folders_are_made_only_when_asked() {
     let room = Room::new(&["a.exr"]);
@@ -153,6 +193,13 @@ fn folders_are_made_only_when_asked() {
     assert_eq!(plan.new_folders, BTreeSet::from([room.path("x/y")]));
     let below = room.plan_with(&["a.exr"], "a.exr/o.exr", |targets| targets.create_dir = true);
     assert!(matches!(below, Err(PlanError::Failed(_))));
+    // It would be the input once the folder is there.
+    for (output, written) in [("new/../a.exr", "r.json"), ("o.exr", "new/../a.exr")] {
+        let text = usage(room.plan_with(&["a.exr"], output, |targets| {
+            (targets.create_dir, targets.also_written) = (true, vec![room.path(written)]);
+        }));
+        assert!(text.contains(".. stands behind a folder that does not exist"), "{text}");
+    }
 }
 
 #[test]
