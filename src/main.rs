@@ -33,18 +33,18 @@ fn main() -> ExitCode {
 
 fn run(job: &Job) -> Result<u8, (&'static str, PlanError)> {
     match job {
-        Job::Fill(job) => commands::fill(job).map_err(|error| (job.command(), error)),
+        Job::Fill(job) => job.run.report(job.command(), commands::fill(job)),
         Job::Info(job) => commands::info(job).map_err(|error| ("info", error)),
-        Job::Verify(job) => commands::verify(job).map_err(|error| ("verify", error)),
+        Job::Verify(job) => job.run.report("verify", commands::verify(job)),
         Job::Mask(job) => commands::mask(job).map_err(|error| (job.command(), error)),
-        Job::Compare(job) => commands::compare(job).map_err(|error| ("compare", error)),
+        Job::Compare(job) => job.run.report("compare", commands::compare(job)),
         Job::Study(job) => commands::study(job).map_err(|error| ("study", error)),
-        Job::Sparsify(job) => commands::sparsify(job).map_err(|error| ("sparsify", error)),
+        Job::Sparsify(job) => job.run.report("sparsify", commands::sparsify(job)),
         Job::Submit(job) => submit::submit(job).map_err(|error| ("submit slurm", error)),
         Job::Train(job) => commands::train(job).map_err(|error| ("dictionary train", error)),
         Job::Dictionary(name, job) => commands::dictionary(job).map_err(|error| (*name, error)),
         Job::Manual(job) => commands::manual(job).map_err(|error| ("manual", error)),
-        Job::Render(job) => commands::render(job).map_err(|error| ("render", error)),
+        Job::Render(job) => job.run.report("render", commands::render(job)),
     }
 }
 

@@ -227,6 +227,29 @@ def test_files_that_are_read_by_flags_are_no_outputs(shot):
     refused(quick_fill("in/shot.0001.exr", "--rules", "rules.exr", "-o", "rules.exr", folder=shot, ok=False), 2, "the file of --rules")
 
 
+@pytest.mark.parametrize("words, status", [
+    (["fill", "none.####.exr", "-o", "out/"], 1),
+    (["fill", "in/shot.####.exr", "-o", "in/"], 2),
+    (["sparsify", "none.*.exr", "-o", "out/", "--density", "0.5"], 1),
+    (["verify", "none.####.exr", "out/"], 1),
+    (["compare", "none.####.exr", "out/"], 1),
+    (["render", "procedural:vessels:8", "-o", "none/", "--frames", "1"], 2),
+])
+def test_a_report_does_not_outlive_a_run_that_cannot_begin(words, status, shot):
+    report = shot / "r.json"
+    quick_fill("in/shot.0001.exr", "-o", "out/", "--json", report, folder=shot)
+    lacuna(*words, "--json", report, *(["-n"] if words[0] != "compare" else []), folder=shot, ok=False)
+    if words[0] != "compare":
+        assert json.loads(report.read_text())["frames"][0]["state"] == "done"
+    refused(lacuna(*words, "--json", report, folder=shot, ok=False), status)
+    told = json.loads(report.read_text())
+    assert told["command"] == words[0] and told["frames"] == [] and told["error"], told
+    # What is no report stays.
+    report.write_text("mine")
+    lacuna(*words, "--json", report, folder=shot, ok=False)
+    assert report.read_text() == "mine"
+
+
 def test_names_in_a_list_are_shown_as_they_are(shot):
     (shot / "list").write_bytes(b"\xef\xbb\xbfin/shot.0001.exr\nin/shot.0002.exr \n")
     result = quick_fill("--files-from", "list", "-o", "out/", "-q", folder=shot, ok=False)

@@ -14,7 +14,7 @@ use crate::files::reports;
 use crate::files::reports::is_standard_output;
 use crate::run::console::{Console, Meter, Verbosity, frame_span, label};
 use crate::run::ledger::Ledger;
-use crate::run::record::{Heading, Journal, Record, State};
+use crate::run::record::{Heading, Journal, Record, State, write_failure};
 use crate::run::schedule::{Limits, Need, Permits, Refusal, Share};
 use crate::run::{memory, schedule, signals, threads};
 
@@ -66,6 +66,27 @@ impl RunOptions {
         let all: Vec<_> = own.chain(others.iter().copied()).collect();
         reports::check(&all, self.meter == Meter::OpenJd)?;
         Ok(Console::with(self.verbosity, self.meter))
+    }
+
+    /// A run that ended before it had frames: its report says so in the place of an earlier one, which would be believed. Where names
+    /// contradict each other, nothing is written where there is no report.
+    pub fn report(
+        &self,
+        command: &'static str,
+        result: Result<u8, PlanError>,
+    ) -> Result<u8, (&'static str, PlanError)> {
+        result.map_err(|error| {
+            let is_place =
+                |path: &PathBuf| reports::check(&[("--json", path)], self.meter == Meter::OpenJd).is_ok();
+            let path = self.json.as_ref().filter(|path| !self.dry_run && is_place(path));
+            if let Some(path) = path.filter(|path| matches!(error, PlanError::Failed(_)) || path.is_file()) {
+                let lacuna = env!("CARGO_PKG_VERSION");
+                let heading = Heading { lacuna, command, filter: None, settings: None };
+                // The error is told either way.
+                drop(write_failure(path, &heading, &error.to_string()));
+            }
+            (command, error)
+        })
     }
 
     /// The files that a run writes besides its frames.

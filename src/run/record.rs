@@ -207,6 +207,8 @@ pub struct Journal {
 struct Report<'a> {
     #[serde(flatten)]
     heading: &'a Heading,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<&'a str>,
     frames: &'a [Record],
 }
 
@@ -241,12 +243,24 @@ impl Journal {
     /// Writes the report, complete or not at all; `-` is standard output.
     pub fn write(&self, path: &Path) -> Result<(), String> {
         // Not while it is written: that may take for ever, and a signal's thread needs the records.
-        let text = serde_json::to_vec_pretty(&Report { heading: &self.heading, frames: &self.records() });
-        let mut text =
-            text.map_err(|error| format!("{}: the report is not written: {error}", path.display()))?;
-        text.push(b'\n');
-        reports::write(path, &text)
+        let text = serde_json::to_vec_pretty(&Report {
+            heading: &self.heading,
+            error: None,
+            frames: &self.records(),
+        });
+        write(path, text)
     }
+}
+
+/// Writes the report of a run that has no frames, for this reason.
+pub fn write_failure(path: &Path, heading: &Heading, error: &str) -> Result<(), String> {
+    write(path, serde_json::to_vec_pretty(&Report { heading, error: Some(error), frames: &[] }))
+}
+
+fn write(path: &Path, text: serde_json::Result<Vec<u8>>) -> Result<(), String> {
+    let mut text = text.map_err(|error| format!("{}: the report is not written: {error}", path.display()))?;
+    text.push(b'\n');
+    reports::write(path, &text)
 }
 
 #[cfg(test)]

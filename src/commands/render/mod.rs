@@ -109,7 +109,14 @@ impl RenderJob {
 pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
     let plan = plan(job)?;
     let console = job.run.console()?;
-    let (scene, folder) = scene(job).map_err(|error| without_scene(job, &plan, error))?;
+    let (scene, folder) = match scene(job) {
+        Err(PlanError::Failed(text)) if !job.run.dry_run => {
+            without_scene(job, &plan, &text).map_err(PlanError::Failed)?;
+            console.error(&text);
+            return Ok(1);
+        }
+        other => other?,
+    };
     let plan = plan.with_files(&lacuna_volume::files(&scene, &folder), &job.targets)?;
     let work = Render {
         job,
@@ -137,15 +144,14 @@ fn heading(job: &RenderJob, settings: Option<String>) -> Heading {
 }
 
 /// The scene cannot be had: the ledger and the report say so of every frame.
-fn without_scene(job: &RenderJob, plan: &Plan, error: PlanError) -> PlanError {
-    let PlanError::Failed(text) = &error else { return error };
-    if job.run.dry_run || (job.run.log.is_none() && job.run.json.is_none()) {
-        return error;
+fn without_scene(job: &RenderJob, plan: &Plan, text: &str) -> Result<(), String> {
+    if job.run.log.is_none() && job.run.json.is_none() {
+        return Ok(());
     }
-    let written = outputs::make_folders(plan)
+    outputs::make_folders(plan)
         .map_err(|error| error.to_string())
-        .and_then(|()| batch::none(heading(job, None), &plan.items, &job.run, text));
-    written.err().map_or_else(|| error.clone(), |more| PlanError::Failed(format!("{text}; {more}")))
+        .and_then(|()| batch::none(heading(job, None), &plan.items, &job.run, text))
+        .map_err(|more| format!("{text}; {more}"))
 }
 
 fn plan(job: &RenderJob) -> Result<Plan, PlanError> {
