@@ -33,7 +33,7 @@ def main():
 
     mask = np.random.default_rng(3).random((height, width)) < 0.3
     mitsuba_sparse.sensor_class = lambda: Counting
-    mitsuba_sparse.render_pixels(scene, scene.integrator(), mask, SPP, 1)
+    mitsuba_sparse.render_pixels(scene, scene.integrator(), mask, SPP, (1, 0))
     counts = np.array(counter).reshape(height, width)
     print(json.dumps({
         "spp": SPP,

@@ -401,6 +401,16 @@ def test_more_rounds_than_pixels_are_refused(tmp_path):
     assert here(tmp_path) == []
 
 
+def test_each_round_has_noise_of_its_own(tmp_path):
+    """Where samples lie in their pixels: texture coordinates of a square that the film shows."""
+    square = ball(tmp_path, "square.xml", **{'"perspective"': '"orthographic"', '"sphere"': '"rectangle"', "$height": "$width"})
+    words = ["--density", "0.2", "--adaptive", "--rounds", "2", "--first", "0.1", "--aovs", "uv", *SMALL[:2]]
+    assert bridge(MITSUBA, square, "-o", tmp_path / "f.exr", *words).status == 0
+    channels = frames.read(tmp_path / "f.exr")[0]
+    places = np.stack([channels[f"uv.{axis}"][channels["mask"] > 0] for axis in "UV"], 1) * 32 % 1
+    assert len(np.unique(places.round(4), axis=0)) > 0.98 * len(places) > 190
+
+
 def test_a_link_to_a_file_stays_one(tmp_path):
     (tmp_path / "shot").mkdir()
     (tmp_path / "shot" / "x.exr").write_bytes(b"old")

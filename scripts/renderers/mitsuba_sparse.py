@@ -16,6 +16,7 @@ Needs Mitsuba 3.6 or newer, numpy, OpenEXR and a libLLVM that Mitsuba takes (Deb
 import argparse
 import collections
 import functools
+import itertools
 import pathlib
 import re
 import zlib
@@ -111,11 +112,12 @@ def film(width, height, pixel_format):
     })
 
 
-def render_pixels(scene, integrator, mask, spp, seed, alpha=False, took=None):
+def render_pixels(scene, integrator, mask, spp, seeds, alpha=False, took=None):
     """The masked pixels, row by row: `(count, channels)` of float32, the film's own channels before the integrator's AOVs; with
-    alpha if asked for.
+    alpha if asked for. `seeds` are that of the frame and the number of the round in which its pixels are chosen: entries of lists have the
+    same noise otherwise.
 
-    Rounds that fit into a wavefront are averaged by their numbers of samples. All pixels need no list. Samplers of strata take more
+    Passes that fit into a wavefront are averaged by their numbers of samples. All pixels need no list. Samplers of strata take more
     samples than they are asked for: `took`, if there is one, is told how many a pixel."""
     inner = scene.sensors()[0]
     pixels = np.flatnonzero(mask)
@@ -133,8 +135,9 @@ def render_pixels(scene, integrator, mask, spp, seed, alpha=False, took=None):
         sampler = sensor.sampler().clone()
         sampler.set_sample_count(min(most, spp - done))
         now = sampler.sample_count()
-        # 32 bits, and another stream for every round of every frame.
-        stream = int(np.random.SeedSequence([seed, turn]).generate_state(1)[0])
+        # 32 bits, and another stream for every pass of every round and frame.
+        seed, number = seeds
+        stream = int(np.random.SeedSequence([seed, turn, number]).generate_state(1)[0])
         mi.render(scene, sensor=sensor, integrator=integrator, spp=now, seed=stream)
         # Not what render returns: of integrators inside others that has the channels in another order, and not all of them.
         part = np.array(sensor.film().develop(), np.float64).reshape(across * down, -1)[: len(pixels)]
@@ -157,14 +160,14 @@ def aov_list(text):
     return [aov for aov in aovs if aov not in labels], labels
 
 
-def first_hits(scene, aovs, mask, spp, seed):
+def first_hits(scene, aovs, mask, spp, seeds):
     """Planes of AOVs at the masked pixels, by name, and nothing else traced; labels take one sample, and are whole numbers."""
     planes = {}
     for some, samples in zip(aovs, (spp, 1), strict=True):
         if some:
             integrator = mi.load_dict({"type": "aov", "aovs": ",".join(some)})
             names = [channel_name(name) for name in integrator.aov_names()]
-            values = render_pixels(scene, integrator, mask, samples, seed)[:, -len(names) :]
+            values = render_pixels(scene, integrator, mask, samples, seeds)[:, -len(names) :]
             if some is aovs[1]:
                 values = np.stack([number_shapes(scene, plane) if aov.endswith(":shape_index") else plane
                                    for aov, plane in zip(some, values.T.astype(np.uint32), strict=True)], axis=1)
@@ -234,11 +237,11 @@ def repeated(names):
     return found
 
 
-def colour(scene, mask, spp, seed, alpha, took):
+def colour(scene, mask, spp, seeds, alpha, took):
     """Planes of the colour, and of AOVs that the scene's integrator writes itself; `took` is told the samples a pixel."""
     integrator = scene.integrator()
     names = list(integrator.aov_names())
-    values = render_pixels(scene, integrator, mask, spp, seed, alpha, took)
+    values = render_pixels(scene, integrator, mask, spp, seeds, alpha, took)
     base = COLOURS[values.shape[1] - len(names)]
     again = repeated(names)
     planes = dict(zip([*base, *map(channel_name, names)], values.T, strict=True))
@@ -328,22 +331,22 @@ def render(arguments, frame):
     x, y = (int(n) for n in screen.crop_offset())
     spp = arguments.spp or scene.sensors()[0].sampler().sample_count()
     seed = sparse.seed_of(arguments, frame)
-    complete = {}
+    complete, rounds = {}, itertools.count()
     full = (0, 0, int(screen.size()[0]) - 1, int(screen.size()[1]) - 1)
     kind = np.float16 if arguments.half else np.float32
     motion = motion_of(arguments, frame, scene, (width, height)) if arguments.motion else {}
 
     def draw(mask, path):
-        clock, took = sparse.Clock(), []
+        clock, took, number = sparse.Clock(), [], next(rounds)
         alpha = bool(screen.flags() & int(mi.FilmFlags.Alpha))
         if arguments.halves:
             # Seeds of frames have 31 bits.
-            planes = sparse.in_halves(lambda spp, turn: colour(scene, mask, spp, seed + (turn << 31), alpha, took), spp)
+            planes = sparse.in_halves(lambda spp, turn: colour(scene, mask, spp, (seed + (turn << 31), number), alpha, took), spp)
         else:
-            planes = colour(scene, mask, spp, seed, alpha, took)
+            planes = colour(scene, mask, spp, (seed, number), alpha, took)
         if arguments.dense_aovs and not complete:
-            complete.update(first_hits(scene, arguments.aovs, np.ones_like(mask), arguments.dense_spp, seed + 1))
-        hits = complete or first_hits(scene, arguments.aovs, mask, min(spp, 16), seed + 1)
+            complete.update(first_hits(scene, arguments.aovs, np.ones_like(mask), arguments.dense_spp, (seed + 1, number)))
+        hits = complete or first_hits(scene, arguments.aovs, mask, min(spp, 16), (seed + 1, number))
         clock.stop()
         note = {"renderer": f"Mitsuba {mi.__version__}, {sum(took)} samples a pixel, seed {seed}"}
         sparse.write(path, planes | hits | motion, mask, [*complete, *motion], (x, y), full, kind, note)
