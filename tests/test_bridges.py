@@ -303,6 +303,10 @@ def test_patterns_go_frame_by_frame(cfg, tmp_path):
     spelt = {"#": "0007", "##": "07", "@@@": "007", "@": "@", "%d": "7", "%03d": "007", "$F": "7", "$F4": "0007", "$FOO": "$FOO", "a%20b": "a%20b"}
     assert {text: sequence.frame_name(text, 7) for text in spelt} == spelt
     assert sequence.frame_name("s.####.exr", -1) == "s.-001.exr"
+    # Folders that exist have no place for a number, as in lacuna.
+    (tmp_path / "p#1").mkdir()
+    assert sequence.frame_name(tmp_path / "p#1" / "q#" / "s.#.exr", 7) == str(tmp_path / "p#1" / "q0007" / "s.0007.exr")
+    assert not sequence.is_pattern(tmp_path / "p#1" / "s.exr") and sequence.is_pattern(tmp_path / "q#1" / "s.exr")
     assert sequence.frame_range("3,1-4,10-1x4") == [3, 1, 2, 4, 10, 6] and sequence.frame_range("-5--1:2") == [-5, -3, -1]
 
 

@@ -1,6 +1,7 @@
 """Frame numbers and the names of their files, as `lacuna` has them."""
 
 import argparse
+import os
 import pathlib
 import re
 
@@ -24,9 +25,18 @@ def width_of(place):
     return max(1, int(digits or 1))
 
 
+def split(pattern):
+    """The folders that a path begins with and that exist, whatever signs their names have, and the rest."""
+    text = str(pattern)
+    ends = (found.end() for found in re.finditer(re.escape(os.sep), text))
+    known = max((end for end in ends if os.path.isdir(text[:end])), default=0)
+    return text[:known], text[known:]
+
+
 def frame_name(pattern, frame):
     """The path of a frame: #### (a single # is four digits), %04d, @@@@ and $F4 (four digits), or a plain name."""
-    return PLACE.sub(lambda place: str(frame).zfill(width_of(place)), str(pattern))
+    known, rest = split(pattern)
+    return known + PLACE.sub(lambda place: str(frame).zfill(width_of(place)), rest)
 
 
 def source_name(pattern, frame):
@@ -35,7 +45,7 @@ def source_name(pattern, frame):
 
 
 def is_pattern(text):
-    return bool(PLACE.search(str(text)))
+    return bool(PLACE.search(split(text)[1]))
 
 
 def frame_range(text):
