@@ -402,6 +402,7 @@ def test_a_signal_that_a_renderer_turns_into_something_else_ends_the_run(turn, w
 def test_more_rounds_than_pixels_are_refused(tmp_path):
     result = bridge(MITSUBA, BALL, "-o", tmp_path / "f.exr", *SMALL, "--density", "0.1", "--adaptive", "--rounds", "78")
     told(result, 2, "--rounds 78 is more than the 77 pixels")
+    told(bridge(MITSUBA, BALL, "-o", tmp_path / "f.png", *SMALL, "--density", "0.1"), 2, "f.png: an output file ends in .exr")
     assert here(tmp_path) == []
 
 
@@ -500,7 +501,8 @@ def test_a_later_round_that_fails_leaves_those_before(name, cfg, tmp_path):
 
 
 @pytest.mark.parametrize("words", [["--rounds", "3"], ["--density", "0.2", "--first", "0.1"], ["--density", "0.2", "--adaptive", "--first", "0.3"],
-                                   ["--density", "0.2", "--adaptive", "--rounds", "0"], ["--mask", "m.exr", "--adaptive"]])
+                                   ["--density", "0.2", "--adaptive", "--rounds", "0"], ["--density", "0.2", "--adaptive", "--rounds", "1", "--first", "0.1"],
+                                   ["--mask", "m.exr", "--adaptive"]])
 def test_rounds_that_cannot_be_meant_are_refused(words, tmp_path):
     mask = [] if "--density" in words or "--mask" in words else ["--density", "0.2"]
     told(bridge(MITSUBA, BALL, "-o", tmp_path / "f.exr", *mask, *words), 2, "--")

@@ -29,7 +29,7 @@ except ImportError:  # Blender has OpenImageIO instead
     OpenEXR = None
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-# Rounds in which pixels are chosen, and what the first has of them: as in `lacuna render --adaptive`.
+# Rounds in which pixels are chosen, and what the first has of them: fewer and more than in `lacuna render --adaptive`, as each is a call of the renderer.
 ROUNDS, FIRST = 5, 0.3
 
 
@@ -94,14 +94,15 @@ def check_rounds(arguments):
         return
     if arguments.density is None:
         raise Misuse("--adaptive needs --density, which counts all rounds")
+    if arguments.rounds == 1 and arguments.first is not None:
+        raise Misuse(f"--first {arguments.first}: the only round of --rounds 1 takes all pixels")
     arguments.rounds = ROUNDS if arguments.rounds is None else arguments.rounds
     arguments.first = FIRST * arguments.density if arguments.first is None else arguments.first
     if arguments.rounds < 1:
         raise Misuse(f"--rounds {arguments.rounds} is not 1 or more")
     if not 0 < arguments.first <= arguments.density:
         raise Misuse(f"--first {arguments.first} is not above 0 and at most --density {arguments.density}")
-    if arguments.rounds == 1 or arguments.density == 1:
-        arguments.adaptive = False
+    arguments.adaptive = arguments.rounds > 1
 
 
 def place(text, force=False):
@@ -125,6 +126,8 @@ def place(text, force=False):
             raise Failure(f"-o {text}: {above} may not be written to: name another path")
     except OSError as error:
         raise Failure(f"-o {text}: {error.strerror}: name another path") from None
+    if not text.lower().endswith(".exr"):
+        raise Misuse(f"-o {text}: an output file ends in .exr")
     return path
 
 
