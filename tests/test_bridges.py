@@ -6,6 +6,7 @@ import re
 import signal
 import stat
 import sys
+import types
 
 import numpy as np
 import OpenEXR
@@ -414,6 +415,32 @@ def test_each_round_has_noise_of_its_own(tmp_path):
     channels = frames.read(tmp_path / "f.exr")[0]
     places = np.stack([channels[f"uv.{axis}"][channels["mask"] > 0] for axis in "UV"], 1) * 32 % 1
     assert len(np.unique(places.round(4), axis=0)) > 0.98 * len(places) > 190
+
+
+def test_cameras_and_sizes_of_blender_are_followed_or_refused(monkeypatch):
+    monkeypatch.setitem(sys.modules, "bpy", types.ModuleType("bpy"))
+    monkeypatch.syspath_prepend(BRIDGES)
+    import blender_sparse
+
+    camera = types.SimpleNamespace(name="eye", type="PERSP")
+    shown = types.SimpleNamespace(pixel_aspect_x=1.0, pixel_aspect_y=1.0, resolution_x=700, resolution_y=50, resolution_percentage=35)
+    scene = types.SimpleNamespace(camera=types.SimpleNamespace(data=camera), render=shown)
+    assert blender_sparse.followed(scene, 1, {}) is camera
+    sizes = []
+    monkeypatch.setattr(blender_sparse.sparse, "frame", lambda arguments, frame, size, draw: sizes.append(size))
+    blender_sparse.render(None, scene, {}, None, 1)
+    assert sizes == [(245, 17)]
+    for kind in ("ORTHO", "PANO", "CUSTOM"):
+        camera.type = kind
+        with pytest.raises(blender_sparse.Failure, match=f"frame 2: .* type {kind}"):
+            blender_sparse.followed(scene, 2, {})
+    assert blender_sparse.followed(scene, 2, {"eye": (0, 0)}) is camera, "it has the shader already"
+    shown.pixel_aspect_y = 2.0
+    with pytest.raises(blender_sparse.Failure, match="aspect"):
+        blender_sparse.followed(scene, 2, {"eye": (0, 0)})
+    scene.camera = None
+    with pytest.raises(blender_sparse.Failure, match="there is none"):
+        blender_sparse.followed(scene, 2, {})
 
 
 def test_a_link_to_a_file_stays_one(tmp_path):

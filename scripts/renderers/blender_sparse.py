@@ -62,9 +62,6 @@ shader masked(output point position = 0.0, output vector direction = 0.0, output
 
 def set_up(scene, spp, seed):
     """What sparse rendering needs of a scene; its other settings stay."""
-    camera = scene.camera
-    if camera is None or camera.data.type not in ("PERSP", "CUSTOM"):
-        raise Failure("the scene needs a perspective camera")
     scene.render.engine = "CYCLES"
     scene.cycles.pixel_filter_type = "BOX"
     scene.cycles.filter_width = 1.0
@@ -80,11 +77,22 @@ def set_up(scene, spp, seed):
     settings.exr_codec = "ZIP"
 
 
+def followed(scene, frame, ours):
+    """The camera of this frame, which a marker may have bound; `ours` has the names of those that have the shader by now."""
+    camera = scene.camera.data if scene.camera else None
+    if camera is None or (camera.type != "PERSP" and camera.name not in ours):
+        kind = f"'{camera.name}' is of type {camera.type}" if camera else "there is none"
+        raise Failure(f"frame {frame}: the scene needs a perspective camera, and {kind}")
+    if scene.render.pixel_aspect_x != scene.render.pixel_aspect_y:
+        raise Failure(f"frame {frame}: pixels that are not square are not followed: set the aspect of the scene's resolution to 1 and 1")
+    return camera
+
+
 def put_camera(scene, frame, shifts, mask_file, width, height):
     """Gives the scene's camera the shader with its own lens as it is in this frame; returns what a depth along the
     ray is to be multiplied by."""
     scene.frame_set(frame)
-    camera = scene.camera.data
+    camera = followed(scene, frame, shifts)
     # A shift is a share of the side that the sensor is fitted to. Cycles would add its own, in other units.
     shift = shifts.setdefault(camera.name, (camera.shift_x, camera.shift_y))
     camera.shift_x = camera.shift_y = 0
@@ -149,8 +157,8 @@ def add_mask(source, target, mask, straight):
 
 
 def render(arguments, scene, shifts, folder, frame):
-    percent = scene.render.resolution_percentage / 100
-    width, height = int(scene.render.resolution_x * percent), int(scene.render.resolution_y * percent)
+    # In whole numbers, as Blender has them.
+    width, height = (side * scene.render.resolution_percentage // 100 for side in (scene.render.resolution_x, scene.render.resolution_y))
     turns = itertools.count()
 
     def draw(mask, target):
