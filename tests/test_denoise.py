@@ -3,9 +3,11 @@
 import sys
 
 import numpy as np
+import OpenEXR
 import pytest
 
 import frames
+import header
 from tool import LACUNA, ROOT, run
 
 SCRIPT = ROOT / "scripts" / "renderers" / "denoise.py"
@@ -69,6 +71,29 @@ def test_a_complete_frame_is_denoised_as_it_is(tmp_path, denoise):
     assert set(given) == {"colour", "hdr"}
     [out] = frames.read(output)
     assert np.array_equal(out["B"], 2 * planes["B"])
+
+
+@pytest.mark.parametrize("step", [1, 2])
+def test_what_is_not_denoised_passes_through(tmp_path, denoise, step):
+    """Other parts, attributes, compression and the types of channels."""
+    planes = {name: plane.astype(np.float16) for name, plane in scene().items() if not name.startswith("half")}
+    planes["R"][0, 0] = np.finfo(np.float16).max
+    mask = np.zeros(planes["R"].shape, np.float16)
+    mask[::step, ::step] = 1
+    planes |= {"mask": mask, "id": np.arange(mask.size, dtype=np.uint32).reshape(mask.shape), "Z": planes["R"].astype(np.float32)}
+    matrix = np.arange(16, dtype=np.float32).reshape(4, 4)
+    marks = {"lacuna/dense": "id,Z", "comment": "of the renderer", "worldToCamera": matrix, "compression": OpenEXR.PIZ_COMPRESSION}
+    parts = [frames.part(planes, (3, -2), ((0, 0), (49, 69)), name="beauty", **marks), frames.part({"x": planes["G"]}, (3, -2), ((0, 0), (49, 69)), name="more")]
+    source = frames.write(tmp_path / "in.exr", parts)
+    result, output, _ = denoise(source, *(["--", "--filter", "nearest", "--no-estimate"] if step > 1 else []))
+    assert result.status == 0, result
+    for before, after in zip(header.read(source)[0], header.read(output)[0], strict=True):
+        assert {name: after.attributes.get(name) for name in before.attributes} == before.attributes
+    before, after = frames.read(source), frames.read(output)
+    assert set(before[0]) == set(after[0]) and all(before[0][name].dtype == after[0][name].dtype for name in before[0])
+    assert all(frames.same_bits(before[0][name], after[0][name]) for name in ("id", "Z"))
+    assert frames.same_bits(before[1]["x"][mask > 0], after[1]["x"][mask > 0])
+    assert np.isfinite(after[0]["R"]).all() and np.array_equal(after[0]["G"][mask > 0], 2 * planes["G"][mask > 0])
 
 
 @pytest.mark.parametrize(

@@ -61,8 +61,8 @@ def denoise(planes, mask, path):
         guides = {}  # a normal alone is nothing that the library takes
     smooth = pyoidn.denoise(colour, hdr=True, **guides)
     for k, name in enumerate(COLOUR):
-        planes[name] = planes[name].copy()
-        planes[name][at] = smooth[..., k]
+        most = np.finfo(planes[name].dtype).max
+        planes[name][at] = np.clip(smooth[..., k], -most, most)
 
 
 def main():
@@ -77,27 +77,31 @@ def main():
     sparse.place(arguments.output, arguments.force)
     try:
         with sparse.quiet():
-            part = OpenEXR.File(path, separate_channels=True).parts[0]
+            file = OpenEXR.File(path, separate_channels=True)
+        part = file.parts[0]
     except Exception as error:
         raise Failure(f"{path}: cannot be read: {bridge.brief(error)}") from None
     planes = {name: channel.pixels for name, channel in part.channels.items()}
     if "mask" not in planes:
         raise Failure(f"{path}: no channel mask: which pixels were measured?")
-    mask = planes.pop("mask") >= 0.5
+    mask = planes["mask"] >= 0.5
     denoise(planes, mask, path)
     # Halves are those of the noise that is gone.
-    planes = {name: plane for name, plane in planes.items() if name.split(".")[0] not in ("half1", "half2")}
-    (x, y), shown = part.header["dataWindow"][0], np.ravel(part.header["displayWindow"])
-    listed = str(part.header.get("lacuna/dense", "")).splitlines()
-    dense = [name for line in listed for name in ([line] if line in planes else line.split(",")) if name in planes]
-    note = {"denoiser": f"Open Image Denoise by pyoidn, {'grid of measured pixels' if not mask.all() else 'all pixels'}"}
-    write = lambda to: sparse.write(to, planes, mask, dense, (int(x), int(y)), [int(n) for n in shown], attributes=note)
+    for name in [name for name in planes if name.split(".")[0] in ("half1", "half2")]:
+        del part.channels[name]
+    part.header["denoiser"] = f"Open Image Denoise by pyoidn, {'grid of measured pixels' if not mask.all() else 'all pixels'}"
+
+    def write(to):
+        to = sparse.ready(to, arguments.force)
+        with sparse.temporary(to, ".tmp") as new, sparse.quiet():
+            file.write(str(new))
+
     if mask.all():
         write(arguments.output)
         return
     with tempfile.TemporaryDirectory() as folder:
-        thin = pathlib.Path(folder) / pathlib.Path(path).name
-        write(str(thin))
+        thin = pathlib.Path(folder) / pathlib.Path(path).with_suffix(".exr").name
+        write(thin)
         if subprocess.run([sparse.lacuna(), "fill", "-q", thin, "-o", arguments.output, *(["--force"] if arguments.force else []), *more]).returncode:
             raise Failure(f"{path}: the denoised grid was not filled")
 
