@@ -240,6 +240,11 @@ impl Stage<'_> {
         self.share.settle(needed).map_err(|refusal| Failure { file: item.input.clone(), text: why(refusal) })
     }
 
+    /// The memory that is held for the frame.
+    pub const fn share(&self) -> &Share<'_> {
+        self.share
+    }
+
     /// Writes, and counts the time.
     pub fn write<T>(&self, record: &mut Record, write: impl FnOnce() -> T) -> T {
         let result = timed(&mut record.seconds.write, write);

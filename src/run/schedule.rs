@@ -26,7 +26,7 @@ pub struct Limits {
 pub struct Need {
     /// At least: a frame that needs more than the bound is refused.
     pub least: u64,
-    /// At most: so much, or all that the bound allows, is held for it until it [settles](Share::settle).
+    /// At most: so much, or all that the bound allows, is held for it until it [settles](Share::settle) or [eases](Share::ease).
     pub most: u64,
 }
 
@@ -72,7 +72,7 @@ impl Permits<'_> {
 /// The memory that is held for a frame.
 pub struct Share<'a> {
     held: Held<'a>,
-    bound: Option<u64>,
+    bound: u64,
 }
 
 impl Share<'_> {
@@ -81,11 +81,19 @@ impl Share<'_> {
     /// # Errors
     /// [`Refusal::TooLarge`].
     pub fn settle(&self, needed: u64) -> Result<(), Refusal> {
-        if let Some(bound) = self.bound.filter(|&bound| needed > bound) {
-            return Err(Refusal::TooLarge { needed, bound });
-        }
-        self.held.shrink(needed);
+        self.held.counter.check(needed, self.bound)?;
+        self.ease(needed);
         Ok(())
+    }
+
+    /// Holds no more than so much.
+    pub fn ease(&self, most: u64) {
+        self.held.shrink(most);
+    }
+
+    /// What is held for this frame includes so much that stays until the run ends: no frame gets it any more.
+    pub fn keep(&self, bytes: u64) {
+        self.held.keep(bytes);
     }
 }
 
@@ -101,7 +109,8 @@ pub fn run<I: Sync, T: Send>(
 ) -> Vec<T> {
     let all = limits.parallel_frames.max(1);
     let free = Counter::new(all as u64);
-    let memory = Counter::new(limits.memory.unwrap_or(u64::MAX));
+    let bound = limits.memory.unwrap_or(u64::MAX);
+    let memory = Counter::new(bound);
     let next = Mutex::new(0);
     let results: Mutex<Vec<Option<T>>> = Mutex::new(items.iter().map(|_| None).collect());
     let worker = || {
@@ -116,17 +125,14 @@ pub fn run<I: Sync, T: Send>(
                 Err(Refusal::NotStarted)
             } else {
                 let Need { least, most } = limits.memory.map_or(0.into(), |_| estimate(&need, item));
-                if let Some(bound) = limits.memory.filter(|&bound| least > bound) {
-                    drop(queue);
-                    Err(Refusal::TooLarge { needed: least, bound })
-                } else {
-                    let held = memory.take(limits.memory.map_or(most, |bound| most.min(bound)), index);
-                    drop(queue);
-                    let share = Share { held, bound: limits.memory };
+                let held = memory.check(least, bound).map(|()| memory.take(most, index));
+                drop(queue);
+                held.and_then(|held| {
+                    let share = Share { held, bound };
                     let permits = Permits { free: &free, all, place: index };
                     catch_unwind(AssertUnwindSafe(|| work(index, item, (&permits, &share))))
                         .map_err(|panic| Refusal::Panic(message(panic.as_ref())))
-                }
+                })
             };
             let result = outcome.unwrap_or_else(|refusal| refused(index, item, refusal));
             lock(&results)[index] = Some(result);
@@ -162,6 +168,8 @@ struct Counter {
 
 struct Units {
     free: u64,
+    /// Those that are free or held.
+    all: u64,
     /// The places of those that wait.
     waiting: BTreeSet<usize>,
 }
@@ -174,17 +182,26 @@ struct Held<'a> {
 
 impl Counter {
     const fn new(units: u64) -> Self {
-        Self { state: Mutex::new(Units { free: units, waiting: BTreeSet::new() }), changed: Condvar::new() }
+        let units = Units { free: units, all: units, waiting: BTreeSet::new() };
+        Self { state: Mutex::new(units), changed: Condvar::new() }
     }
 
-    /// Waits until `units` are free and nobody of a lower place waits, and takes them.
-    fn take(&self, units: u64, place: usize) -> Held<'_> {
+    /// That `needed` are not more than there are, of `bound` at first.
+    fn check(&self, needed: u64, bound: u64) -> Result<(), Refusal> {
+        let kept = bound - lock(&self.state).all;
+        let needed = needed.saturating_add(kept);
+        if needed > bound { Err(Refusal::TooLarge { needed, bound }) } else { Ok(()) }
+    }
+
+    /// Waits until `most` or all are free and nobody of a lower place waits, and takes them.
+    fn take(&self, most: u64, place: usize) -> Held<'_> {
         let mut state = lock(&self.state);
         state.waiting.insert(place);
-        while state.free < units || state.waiting.first() != Some(&place) {
+        while state.free < most.min(state.all) || state.waiting.first() != Some(&place) {
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
         state.waiting.remove(&place);
+        let units = most.min(state.all);
         state.free -= units;
         drop(state);
         // Units may be left for the next.
@@ -198,6 +215,15 @@ impl Held<'_> {
     fn shrink(&self, units: u64) {
         let held = self.units.fetch_min(units, Ordering::Relaxed);
         lock(&self.counter.state).free += held.saturating_sub(units);
+        self.counter.changed.notify_all();
+    }
+
+    /// Takes so many of those held out of all.
+    fn keep(&self, units: u64) {
+        let held = self.units.load(Ordering::Relaxed);
+        let kept = units.min(held);
+        self.units.store(held - kept, Ordering::Relaxed);
+        lock(&self.counter.state).all -= kept;
         self.counter.changed.notify_all();
     }
 }
@@ -328,6 +354,36 @@ mod tests {
         );
         let refusal = Refusal::TooLarge { needed: 11, bound: 10 };
         assert_eq!(results, [Ok(1), Ok(3), Ok(4), Err(refusal), Ok(2)]);
+    }
+
+    #[test]
+    fn what_is_kept_is_taken_from_the_bound_of_all() {
+        let (there, bytes, most) = (AtomicU64::new(0), AtomicU64::new(0), AtomicU64::new(0));
+        let take = |more| most.fetch_max(bytes.fetch_add(more, Ordering::SeqCst) + more, Ordering::SeqCst);
+        let results = run(
+            &[3_u64, 3, 3, 6, 7, 3, 3],
+            limits(7, 0, Some(10)),
+            |&need| Need {
+                least: need,
+                most: if there.load(Ordering::SeqCst) == 0 { u64::MAX } else { need },
+            },
+            |_, &need, (_, share)| {
+                if there.fetch_add(1, Ordering::SeqCst) == 0 {
+                    take(4);
+                    share.keep(4);
+                }
+                share.ease(need);
+                take(need);
+                std::thread::sleep(std::time::Duration::from_millis(2));
+                bytes.fetch_sub(need, Ordering::SeqCst);
+                Ok(need)
+            },
+            |_, _, refusal| Err(refusal),
+            || false,
+        );
+        let refusal = Refusal::TooLarge { needed: 11, bound: 10 };
+        assert_eq!(results, [Ok(3), Ok(3), Ok(3), Ok(6), Err(refusal), Ok(3), Ok(3)]);
+        assert!(most.into_inner() <= 10);
     }
 
     #[test]

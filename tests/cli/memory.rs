@@ -85,6 +85,28 @@ fn frames_need_what_they_are_said_to_need_with_any_mask() {
     assert!(said[1] > said[0], "{said:?}");
 }
 
+#[test]
+fn frames_have_what_their_volume_leaves() {
+    let room = Room::new();
+    // More than is needed before the mask is known, with the voxels as they are read; less than is needed then.
+    let needed = |edge: usize| -> f64 {
+        let header = format!(
+            "NRRD0004\ntype: float\nendian: little\ndimension: 3\nsizes: {edge} {edge} {edge}\nencoding: raw\n\n"
+        );
+        let values = (0..edge.pow(3)).flat_map(|at| ((at % edge) as f32).to_le_bytes());
+        let bytes: Vec<u8> = header.into_bytes().into_iter().chain(values).collect();
+        std::fs::write(room.path("v.nrrd"), bytes).unwrap();
+        let words = ["render", "v.nrrd", "-o", "out.exr", "-q", "--size", "400x300", "--density", "0.05"];
+        let done = room.run(&[&words[..], &["--fill", "ss", "--memory", "34M"]].concat());
+        let told = done.err.split_once("needs about ").unwrap_or_else(|| panic!("{}", done.err)).1;
+        told.split(' ').next().unwrap().parse().unwrap()
+    };
+    // Voxels with a border of three, and a byte for each block of eight.
+    let kept = (103_f64.powi(3) * 4.0 + 50_f64.powi(3)) / f64::from(1 << 20);
+    let more = needed(100) - needed(4);
+    assert!((more - kept).abs() < 1.1, "{more} MiB, {kept} are kept");
+}
+
 /// A number from 0 to 1 that looks like chance.
 fn random(seed: u64, at: usize) -> f64 {
     let mixed = (at as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(seed << 32);

@@ -7,14 +7,14 @@ mod settings;
 mod sources;
 
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use lacuna_exr::{Frame, PartHeader};
 use lacuna_filters::fill::Estimate;
 use lacuna_filters::sampling::{self, Field, Temporal, adaptive};
 use lacuna_filters::{Mask, Method, Run, Size, Stop};
-use lacuna_volume::{Camera, Override, Picture, Scene, Shader, Shot};
+use lacuna_volume::{Camera, Look, Override, Picture, Scene, Shader, Shot};
 use picture::Story;
 pub use picture::Wanted;
 use rounds::{Advance, PIECES};
@@ -123,7 +123,7 @@ pub fn render(job: &RenderJob) -> Result<u8, PlanError> {
         settings: Settings::new(job, &scene),
         scene,
         folder,
-        volume: Mutex::new(None),
+        volume: OnceLock::new(),
         masks: MaskFiles::default(),
         sums: Sums::default(),
         plans: Plans::new(),
@@ -171,7 +171,7 @@ struct Render<'a> {
     scene: Scene,
     folder: PathBuf,
     /// Read by the first frame, for all.
-    volume: Mutex<Option<Ready>>,
+    volume: OnceLock<Ready>,
     masks: MaskFiles,
     sums: Sums,
     plans: Plans,
@@ -197,14 +197,16 @@ impl Work for Render<'_> {
     }
 
     fn need(&self, _: &Item) -> Need {
-        let most = memory::Fill::most(self.job.estimate, 0);
-        Need { least: self.bytes(memory::Fill::default()), most: self.bytes(most) }
+        // Nobody knows what the volume leaves before it is there.
+        let most = if self.volume.get().is_some() { self.most() } else { u64::MAX };
+        Need { least: self.bytes(memory::Fill::default()), most }
     }
 
     fn frame(&self, item: &Item, stage: &Stage<'_>, record: &mut Record) -> Result<(), Failure> {
         let at_input = |error: &dyn std::fmt::Display| Failure::at(&item.input, error);
         let (ready, seen, sources) = stage.read(record, || {
-            let (ready, volume) = self.ready(item).map_err(|error| at_input(&error))?;
+            let (ready, volume) = self.ready(item, stage).map_err(|error| at_input(&error))?;
+            stage.share().ease(self.most());
             let seen = volume.and(Seen::new(mask_file(item)));
             let sources = seen.line(&self.sums);
             Ok::<_, Failure>((ready, seen, sources))
@@ -268,10 +270,8 @@ impl Work for Render<'_> {
 }
 
 impl Render<'_> {
-    /// The volume and what is made from it, once.
-    fn ready(&self, item: &Item) -> Ready {
-        // Held while the volume is read: other frames wait for it.
-        let mut volume = self.volume.lock().unwrap_or_else(PoisonError::into_inner);
+    /// The volume and what is made from it, once: other frames wait for it.
+    fn ready(&self, item: &Item, stage: &Stage<'_>) -> Ready {
         // The volume has what a frame leaves.
         let frame = self.need(item).least;
         let bytes = self.job.run.memory.map_or(u64::MAX, |bound| bound.saturating_sub(frame));
@@ -281,10 +281,11 @@ impl Render<'_> {
             let ready = lacuna_volume::prepare(&self.scene, &self.folder, &limits);
             if let Ok(ready) = &ready {
                 ready.notes.iter().for_each(|note| tracing::warn!("{note}"));
+                stage.share().keep(bytes_of(&ready.renderer));
             }
             ready.map(|ready| (Arc::new(ready), seen)).map_err(|error| error.to_string())
         };
-        volume.get_or_insert_with(make).clone()
+        self.volume.get_or_init(make).clone()
     }
 
     /// That the system has memory for a frame beside the volume.
@@ -429,6 +430,11 @@ impl Render<'_> {
         self.job.fill.as_ref().filter(|_| self.job.pixels != Pixels::All)
     }
 
+    /// Bytes that a frame needs with any mask.
+    fn most(&self) -> u64 {
+        self.bytes(memory::Fill::most(self.job.estimate, 0))
+    }
+
     /// Bytes that a frame needs by what is known of its fill.
     fn bytes(&self, fill: memory::Fill) -> u64 {
         let [width, height] = self.scene.image.size;
@@ -474,6 +480,15 @@ impl Render<'_> {
         frame.parts.iter_mut().for_each(|part| part.attributes.set_text(RENDER, &settings));
         Ok((frame, report))
     }
+}
+
+/// Bytes that a volume takes as long as frames are rendered: voxels with their border of three along each axis, and what is known of
+/// blocks of 2 x 2 x 2.
+fn bytes_of(renderer: &lacuna_volume::Renderer) -> u64 {
+    let (grid, block) = (&renderer.grid, if renderer.look == Look::Mip { 5 } else { 1 });
+    let voxels: u64 = grid.size().iter().map(|&n| n as u64 + 3).product();
+    let blocks: u64 = grid.size().iter().map(|n| n.div_ceil(2) as u64).product();
+    voxels * grid.voxel_bytes() + renderer.blocks.as_ref().map_or(0, |_| blocks * block)
 }
 
 /// The camera of a frame.
