@@ -185,7 +185,7 @@ struct LayerArgs {
     /// Add motion.X and motion.Y: how far what a pixel shows moves until the next frame, pixels to the right and down, by the
     /// distance of dense.Z and both cameras
     ///
-    /// Of every pixel, listed in lacuna/dense; 0 where nothing is seen.
+    /// Of every pixel, listed in lacuna/dense; 0 where nothing is seen, infinite behind the next camera.
     #[arg(long)]
     motion: bool,
 

@@ -30,7 +30,7 @@ pub fn add(
     Ok(())
 }
 
-/// Across and down, 0 where nothing is seen; nothing if a camera cannot be inverted.
+/// Across and down, 0 where nothing is seen, infinite behind the next camera; nothing if a camera cannot be inverted.
 fn vectors(size: Size, depths: &[f32], (camera, next): (&Camera, &Camera)) -> Option<[Vec<f32>; 2]> {
     let mut planes = [vec![0.0; size.pixels()], vec![0.0; size.pixels()]];
     let seen =
@@ -42,10 +42,10 @@ fn vectors(size: Size, depths: &[f32], (camera, next): (&Camera, &Camera)) -> Op
     for (at, depth) in depths.iter().enumerate().filter(|(_, depth)| depth.is_finite()) {
         let place = [at / size.width, at % size.width].map(|at| at as f64);
         let moved = there.place(here.point(place, f64::from(*depth), Depth::Ray));
-        if moved.iter().all(|at| at.is_finite()) {
-            planes[0][at] = (moved[1] - place[1]) as f32;
-            planes[1][at] = (moved[0] - place[0]) as f32;
-        }
+        // Not NaN: readers of vectors take both for unknown, but a guide may be infinite.
+        let known = |v: f64| if v.is_nan() { f32::INFINITY } else { v as f32 };
+        planes[0][at] = known(moved[1] - place[1]);
+        planes[1][at] = known(moved[0] - place[0]);
     }
     Some(planes)
 }
@@ -70,6 +70,17 @@ mod tests {
         }
         let [across, down] = vectors(size, &vec![1.0; size.pixels()], (&camera(0.3), &camera(0.3))).unwrap();
         assert!(across.iter().chain(&down).all(|v| *v == 0.0));
+    }
+
+    #[test]
+    fn what_lies_behind_the_next_camera_moves_nobody_knows_where() {
+        let size = Size::new(8, 8);
+        let camera = |z: f64| Camera::look_at([0.0, 0.0, z], [0.0; 3], [0.0, 1.0, 0.0], 1.0).unwrap();
+        let mut depths = vec![2.0; size.pixels()];
+        depths[9] = f32::INFINITY;
+        for plane in vectors(size, &depths, (&camera(10.0), &camera(5.0))).unwrap() {
+            assert!(plane.iter().enumerate().all(|(at, v)| *v == if at == 9 { 0.0 } else { f32::INFINITY }));
+        }
     }
 
     #[test]
