@@ -15,7 +15,7 @@ use crate::mask::generate::field;
 use crate::mask::rounds::{self, ROUNDS, Rounds};
 
 use crate::mask::{self, MaskFile, PATTERN, SEED};
-use crate::reconstruct::{Stamp, dropped_note, make_writable, of_other_pixels, remove};
+use crate::reconstruct::{Stamp, drop_errors, dropped_note, make_writable, of_other_pixels, remove};
 
 mod in_rounds;
 
@@ -124,6 +124,7 @@ pub fn sparsify_but(
         if let Some(channel) = part.channels.iter().find(is_mask) {
             return Err(has_mask(&frame, index, &channel.display_name()));
         }
+    let mut notes = drop_errors(&mut frame, |_, _| true);
     }
     let rounds = match pattern {
         Pattern::Adaptive { settings, run } => Some(InRounds::new(&frame, settings, run)?),
@@ -131,7 +132,6 @@ pub fn sparsify_but(
     };
     let masks = masks(&frame, pattern, rounds.as_ref())?;
     let (mut measured, mut all) = (0, 0);
-    let mut notes = Vec::new();
     for (index, mask) in masks.iter().enumerate() {
         let label = prefix(&frame, index, "", ": ", "");
         if let Err(why) = mask::check_any(mask) {

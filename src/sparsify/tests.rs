@@ -44,6 +44,20 @@ fn missing_pixels_are_zero_in_every_channel_and_the_mask_is_in_its_place() {
 }
 
 #[test]
+fn errors_that_an_earlier_fill_was_estimated_to_have_are_dropped() {
+    let mut full = ones(0, 0, 8, 8);
+    full.channels.push(float("error", &[0.1; 64]));
+    let names = |part: &Part| part.channels.iter().any(|channel| channel.name == b"error");
+    let own = sparsify(frame(vec![full.clone()]), SHUFFLE).unwrap();
+    assert!(names(&own.frame.parts[0]) && own.notes.is_empty(), "one of the renderer's own");
+    full.attributes.set("lacuna/density", "float", 0_f32.to_le_bytes().into());
+    full.attributes.set_text("lacuna/settings", "error-channel=error");
+    let sparse = sparsify(frame(vec![full]), SHUFFLE).unwrap();
+    assert!(!names(&sparse.frame.parts[0]));
+    assert!(sparse.notes[0].starts_with("dropped error: "), "{:?}", sparse.notes);
+}
+
+#[test]
 fn channels_stay_complete_as_asked_and_are_listed() {
     let full = frame(vec![ones(0, 0, 8, 8)]);
     let globs = ["[Zz]", "albedo.*"].map(|glob| glob::Pattern::new(glob).unwrap());
