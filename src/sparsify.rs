@@ -12,8 +12,7 @@ use lacuna_filters::{Mask, Run};
 
 use crate::channels::{DENSE, list_dense, part_label};
 use crate::mask::generate::field;
-use crate::mask::rounds::{self, ROUNDS, Rounds};
-
+use crate::mask::rounds::{ROUNDS, Rounds};
 use crate::mask::{self, MaskFile, PATTERN, SEED};
 use crate::reconstruct::{Stamp, drop_errors, dropped_note, make_writable, of_other_pixels, remove};
 
@@ -124,8 +123,8 @@ pub fn sparsify_but(
         if let Some(channel) = part.channels.iter().find(is_mask) {
             return Err(has_mask(&frame, index, &channel.display_name()));
         }
-    let mut notes = drop_errors(&mut frame, |_, _| true);
     }
+    let mut notes = drop_errors(&mut frame, |_, _| true);
     let rounds = match pattern {
         Pattern::Adaptive { settings, run } => Some(InRounds::new(&frame, settings, run)?),
         _ => None,
@@ -141,7 +140,9 @@ pub fn sparsify_but(
         notes.extend(
             make_sparse(part, mask, pattern, complete).into_iter().map(|note| format!("{label}{note}")),
         );
-        if let Some(rounds) = &rounds {
+        if let (Some(rounds), Pattern::Adaptive { settings, .. }) = (&rounds, pattern) {
+            let text = rounds.found.pattern(settings) + &of_frame(settings.frame.unwrap_or(0));
+            part.attributes.set_text(PATTERN, &text);
             part.attributes.set_text(ROUNDS, &rounds.found.line());
         }
         measured += mask.count();
@@ -263,13 +264,7 @@ fn make_sparse(
             part.attributes.set_text(SEED, &seed.to_string());
         }
         Pattern::File { file, .. } => part.attributes.set_text(PATTERN, &format!("file:{}", file.path())),
-        Pattern::Adaptive { settings, .. } => {
-            part.attributes.set_text(
-                PATTERN,
-                &format!("{}{}", rounds::pattern(settings), of_frame(settings.frame.unwrap_or(0))),
-            );
-            part.attributes.set_text(SEED, &settings.seed.to_string());
-        }
+        Pattern::Adaptive { settings, .. } => part.attributes.set_text(SEED, &settings.seed.to_string()),
         Pattern::Given { name, .. } => part.attributes.set_text(PATTERN, name),
     }
     let mut dropped = remove(&mut part.attributes, of_other_pixels().chain([DENSE]));

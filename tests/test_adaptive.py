@@ -57,6 +57,16 @@ def test_a_scene_and_its_complete_frame_choose_the_same_pixels(tmp_path, full, k
     assert all(r["estimated_error"] > 0 and r["measured"] >= 0 and r["chosen"] >= 0 for r in rounds)
 
 
+def test_the_pattern_has_the_rounds_that_few_pixels_take(tmp_path):
+    full, sparse, rendered = (tmp_path / f"{name}.exr" for name in ("full", "sparse", "rendered"))
+    size = ("--size", "8x6")
+    lacuna("render", SCENE, "-o", full, *size)
+    lacuna("sparsify", full, "-o", sparse, "--density", "0.1", "--adaptive")
+    lacuna("render", SCENE, "-o", rendered, *size, "--density", "0.1", "--adaptive")
+    for path in (sparse, rendered):
+        assert header(path)["lacuna/pattern"] == "adaptive density=0.1 rounds=5 first=0.02"
+
+
 def test_frames_in_a_row_choose_other_pixels(tmp_path):
     flags = ("--density", "0.12", "--adaptive", "--rounds", "4")
     still = ("render", SCENE, *SIZE, "--seed", "3", "--frames", "0-2")

@@ -33,6 +33,8 @@ pub struct Rounds {
     pub mask: Arc<Mask>,
     /// The rounds.
     pub rounds: Vec<Round>,
+    /// Rounds that there were to be.
+    pub planned: usize,
 }
 
 /// Measures pixels in rounds: see [`adaptive::choose`].
@@ -61,10 +63,10 @@ pub fn choose(
         chosen: (next - *done).as_secs_f64(),
         estimated_error: round.error,
     });
-    Ok(Rounds { rounds: rounds.collect(), mask: Arc::new(found.mask) })
+    Ok(Rounds { rounds: rounds.collect(), mask: Arc::new(found.mask), planned: found.planned })
 }
 
-/// The settings on one line, as the pattern's attribute has them.
+/// The settings on one line.
 pub fn pattern(settings: &adaptive::Settings) -> String {
     let adaptive::Settings { density, rounds, target, .. } = settings;
     let rounds = rounds.unwrap_or(adaptive::ROUNDS);
@@ -73,6 +75,11 @@ pub fn pattern(settings: &adaptive::Settings) -> String {
 }
 
 impl Rounds {
+    /// The settings that they were chosen by on one line, as the pattern's attribute has them.
+    pub fn pattern(&self, settings: &adaptive::Settings) -> String {
+        pattern(&adaptive::Settings { rounds: Some(self.planned), ..*settings })
+    }
+
     /// The rounds on one line: pixels and the estimated error after them.
     pub fn line(&self) -> String {
         let one = |round: &Round| {
@@ -115,7 +122,7 @@ mod tests {
             estimated_error: *error,
         };
         let mask = Mask::from_fn(lacuna_filters::Size::new(1, 1), |_, _| true);
-        Rounds { mask: Arc::new(mask), rounds: errors.iter().map(round).collect() }
+        Rounds { mask: Arc::new(mask), rounds: errors.iter().map(round).collect(), planned: errors.len() }
     }
 
     #[test]
@@ -130,6 +137,8 @@ mod tests {
         };
         assert_eq!(pattern(&settings), "adaptive density=0.2 rounds=3 first=0.05 target-error=0.01");
         let found = rounds(&[Some(0.02), None]);
+        let by_default = adaptive::Settings { rounds: None, ..settings };
+        assert_eq!(found.pattern(&by_default), "adaptive density=0.2 rounds=2 first=0.05 target-error=0.01");
         assert_eq!(found.line(), "7 error=2.00e-2, 7");
         assert_eq!(found.verdict(None), None);
         let text = |errors: &[Option<f64>]| rounds(errors).verdict(Some(0.01)).unwrap();

@@ -93,6 +93,8 @@ pub struct Chosen {
     pub mask: Mask,
     /// The rounds that it took.
     pub rounds: Vec<Round>,
+    /// The rounds that it was to take.
+    pub planned: usize,
 }
 
 impl Settings {
@@ -161,8 +163,8 @@ pub(crate) fn in_rounds<E: From<Error>>(
     let mut known = Known::new(field.size, within)?;
     let total = settings.check(known.pixels)?;
     let preference = Preference::new(settings.seed, settings.frame);
-    let in_all = settings.rounds.unwrap_or(ROUNDS.min(total));
-    let first = if in_all == 1 { settings.density } else { settings.first() };
+    let planned = settings.rounds.unwrap_or(ROUNDS.min(total)).max(1);
+    let first = if planned == 1 { settings.density } else { settings.first() };
     let spread = shuffle::mask(field.x, field.y, field.size, first, preference.seed())?;
     let mut new = Mask::from_fn(field.size, |row, column| {
         spread.is_measured(row, column) && within.is_none_or(|within| within.is_measured(row, column))
@@ -182,7 +184,7 @@ pub(crate) fn in_rounds<E: From<Error>>(
         if let (Some((before, _)), Some(samples)) = (&before, &known.samples) {
             calibration.add(before, samples, at.iter().copied().filter(|&pixel| known.usable[pixel]));
         }
-        let left = in_all.saturating_sub(rounds.len() + 1);
+        let left = planned.saturating_sub(rounds.len() + 1);
         let over = left == 0 || known.count >= total || run.interrupted().is_some();
         let is_full = known.count == known.pixels;
         let estimate = if over && (is_full || !tells) { None } else { known.estimate(before.take(), run)? };
@@ -194,7 +196,7 @@ pub(crate) fn in_rounds<E: From<Error>>(
         rounds.push(Round { pixels: new.count(), error });
         let reached = error.zip(settings.target).is_some_and(|(error, target)| error <= target);
         if over || reached {
-            return Ok(Chosen { mask: Mask::new(field.size, known.mask)?, rounds });
+            return Ok(Chosen { mask: Mask::new(field.size, known.mask)?, rounds, planned });
         }
         let count = (total - known.count).div_ceil(left);
         let (taken, squared) = next(estimate.as_ref(), &known, count, field, preference);

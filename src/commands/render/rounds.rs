@@ -10,6 +10,7 @@ use lacuna_volume::{Picture, Shot};
 
 use super::{Render, camera, picture};
 use crate::files::plan::Item;
+use crate::mask::PATTERN;
 use crate::mask::rounds::{self, Rounds};
 use crate::run::batch::{Failure, Stage};
 
@@ -81,6 +82,7 @@ impl Render<'_> {
         }
         let (mut frame, clamped) = self.composed(whole, &all, Some(&found.mask), ready, (item, stage))?;
         for part in &mut frame.parts {
+            part.attributes.set_text(PATTERN, &found.pattern(&settings));
             part.attributes.set_text(rounds::ROUNDS, &found.line());
         }
         Ok(((frame, clamped), found))
