@@ -2,7 +2,8 @@
 //!
 //! With `t(v)` the extinction per step and `c(v)` the colour, a segment from value `a` to `b` has the opacity
 //! `1 - exp(-mean of t over [a, b])` and the colour `integral of t c / integral of t`. Both integrals are differences
-//! of running sums over the table's entries. Attenuation within one segment is left out, as in Engel's fast table.
+//! of running sums over the table's entries, which go on beyond its ends with the densities of these. Attenuation within
+//! one segment is left out, as in Engel's fast table.
 
 use super::transfer::{ENTRIES, Table};
 
@@ -14,6 +15,8 @@ const LARGEST: f64 = 1.0 - 1e-9;
 pub struct Integral {
     /// Extinction times red, green, blue, and extinction, integrated from the first entry on.
     sums: Vec<[f64; 4]>,
+    /// The integrands at the first and at the last entry, which all values beyond have.
+    ends: [[f64; 4]; 2],
     table: Table,
 }
 
@@ -34,14 +37,14 @@ impl Integral {
             }
             sums.push(sum);
         }
-        Self { sums, table: table.clone() }
+        Self { sums, ends: [density(0), density(ENTRIES - 1)], table: table.clone() }
     }
 
     /// Mean colour and opacity of the segment between two values.
     #[inline(always)]
     pub fn segment(&self, from: f32, to: f32) -> ([f32; 3], f32) {
-        let (a, b) = (self.table.position(from), self.table.position(to));
-        let width = f64::from(b) - f64::from(a);
+        let (a, b) = (self.table.place(from), self.table.place(to));
+        let width = b - a;
         // Within a fraction of an entry the function is as good as constant.
         if width.abs() < 1.0 / 64.0 {
             let [red, green, blue, opacity] = self.table.at(0.5 * (from + to));
@@ -59,11 +62,12 @@ impl Integral {
 
     /// The integrals up to a position in the table; within an entry the integrand is taken as constant.
     #[inline(always)]
-    fn at(&self, position: f32) -> [f64; 4] {
-        let entry = (position as usize).min(ENTRIES - 2);
-        let share = f64::from(position - entry as f32);
-        let (a, b) = (self.sums[entry], self.sums[entry + 1]);
-        std::array::from_fn(|k| a[k] + share * (b[k] - a[k]))
+    fn at(&self, place: f64) -> [f64; 4] {
+        let within = place.clamp(0.0, (ENTRIES - 1) as f64);
+        let entry = (within as usize).min(ENTRIES - 2);
+        let (share, beyond) = (within - entry as f64, place - within);
+        let (a, b, end) = (self.sums[entry], self.sums[entry + 1], self.ends[usize::from(beyond > 0.0)]);
+        std::array::from_fn(|k| a[k] + share * (b[k] - a[k]) + beyond * end[k])
     }
 }
 
@@ -92,6 +96,37 @@ mod tests {
             // The mean of v v over the mean of v.
             let red = (a * a + a * b + b * b) / 3.0 / mean;
             assert!((f64::from(colour[0]) - red).abs() < 1e-3, "{a} {b} {colour:?}");
+        }
+    }
+
+    #[test]
+    fn values_beyond_the_domain_count() {
+        let transfer = Transfer {
+            colour: Curve::new(vec![(0.0, [1.0, 0.0, 0.2]), (1.0, [0.1, 1.0, 0.2])], Joining::Linear)
+                .unwrap(),
+            opacity: Curve::new(vec![(0.0, [0.1]), (0.4, [0.0]), (1.0, [0.9])], Joining::Linear).unwrap(),
+            domain: (0.2, 0.6),
+            lookup: crate::Lookup::Linear,
+        };
+        let table = transfer.table(1.0);
+        let integral = Integral::new(&table);
+        for (a, b) in
+            [(-3.0, 4.0), (4.0, -3.0), (0.3, 9.0), (-2.0, -1.0), (2.0, 50.0), (-1.0, 0.3), (0.1, 1e9)]
+        {
+            let ([red, green, blue], opacity) = integral.segment(a, b);
+            let mut sums = [0.0; 4];
+            for k in 0..100_000 {
+                let [red, green, blue, opacity] =
+                    table.at(a + (k as f32 + 0.5) / 1e5 * (b - a)).map(f64::from);
+                let extinction = -(-opacity).ln_1p();
+                for (sum, colour) in sums.iter_mut().zip([red, green, blue, 1.0]) {
+                    *sum += extinction * colour / 1e5;
+                }
+            }
+            assert!((f64::from(opacity) + (-sums[3]).exp_m1()).abs() < 1e-4, "{a} {b} {opacity} {sums:?}");
+            for (found, sum) in [red, green, blue].into_iter().zip(sums) {
+                assert!((f64::from(found) - sum / sums[3]).abs() < 1e-3, "{a} {b} {found} {sums:?}");
+            }
         }
     }
 

@@ -159,6 +159,12 @@ impl Table {
         if at < (ENTRIES - 1) as f32 { at } else { (ENTRIES - 1) as f32 }
     }
 
+    /// The same beyond the table's ends, too: below 0, or above `ENTRIES - 1`.
+    #[inline(always)]
+    pub fn place(&self, value: f32) -> f64 {
+        (f64::from(value) - f64::from(self.low)) * f64::from(self.per_value)
+    }
+
     /// An entry: red, green, blue and the opacity of a step.
     pub fn entry(&self, k: usize) -> [f32; 4] {
         self.entries[k].to_array()
