@@ -47,8 +47,11 @@ pub fn read(path: &Path, domain: (f64, f64), joining: Joining) -> Result<Map, Er
 fn parse(text: &str, (low, high): (f64, f64), joining: Joining) -> Result<Map, String> {
     let json: Value = serde_json::from_str(text).map_err(|error| format!("not JSON: {error}"))?;
     let map = json.get(0).unwrap_or(&json);
-    let colours = numbers(map.get("RGBPoints")).ok_or("there is no list RGBPoints of numbers")?;
-    let opacities = numbers(map.get("Points")).unwrap_or_default();
+    let colours = points(map, "RGBPoints")?;
+    if colours.is_empty() {
+        return Err("there is no list RGBPoints of numbers".into());
+    }
+    let opacities = points(map, "Points")?;
     if let Some([_, opacity, ..]) = opacities.iter().find(|p| !(0.0..=1.0).contains(&p[1])) {
         return Err(format!("Points: the opacity {opacity} is not within 0 and 1"));
     }
@@ -176,12 +179,15 @@ fn note(map: &Value, join: &Join, opacities: &[[f64; 4]], others: usize) -> Opti
     (!notes.is_empty()).then(|| format!("not followed: {}", notes.join(", ")))
 }
 
-/// Points of four numbers each.
-fn numbers(value: Option<&Value>) -> Option<Vec<[f64; 4]>> {
-    let list: Option<Vec<f64>> = value?.as_array()?.iter().map(Value::as_f64).collect();
-    let list = list?;
-    let (points, rest) = list.as_chunks::<4>();
-    (!points.is_empty() && rest.is_empty()).then(|| points.to_vec())
+/// Points of four numbers each, in the order of their values as VTK has them; none without such a list.
+fn points(map: &Value, name: &str) -> Result<Vec<[f64; 4]>, String> {
+    let Some(list) = map.get(name).filter(|list| !list.is_null()) else { return Ok(Vec::new()) };
+    let list: Option<Vec<f64>> = list.as_array().and_then(|list| list.iter().map(Value::as_f64).collect());
+    let list = list.filter(|list| list.len() % 4 == 0);
+    let mut points =
+        list.ok_or_else(|| format!("{name}: not a list of four numbers a point"))?.as_chunks().0.to_vec();
+    points.sort_by(|a: &[f64; 4], b| a[0].total_cmp(&b[0]));
+    Ok(points)
 }
 
 #[cfg(test)]
@@ -199,6 +205,19 @@ mod tests {
         for bad in ["", "[]", "{}", r#"{"RGBPoints": [1, 2]}"#, r#"{"RGBPoints": "x"}"#] {
             assert!(parse(bad, (0.0, 1.0), Joining::Linear).is_err(), "{bad}");
         }
+        for bad in ["[0, 1, 0.5]", "\"x\"", "[0, 0, 0.5, null]", "{}", "3"] {
+            let text = format!(r#"{{"RGBPoints": [0, 1, 1, 1], "Points": {bad}}}"#);
+            let error = parse(&text, (0.0, 1.0), Joining::Linear).unwrap_err();
+            assert!(error.starts_with("Points: "), "{bad}: {error}");
+        }
+        for none in ["null", "[]"] {
+            let text = format!(r#"{{"RGBPoints": [0, 1, 1, 1], "Points": {none}}}"#);
+            assert!(parse(&text, (0.0, 1.0), Joining::Linear).unwrap().opacity.is_empty());
+        }
+        let turned = r#"{"Points": [1, 0.9, 0.5, 0, 0, 0.1, 0.5, 0],
+            "RGBPoints": [20, 1, 1, 1, 15, 0.4, 0.5, 0.6, 10, 0.1, 0.2, 0.3]}"#;
+        let turned = parse(turned, (100.0, 300.0), Joining::Linear).unwrap();
+        assert_eq!((turned.colour, turned.opacity), (map.colour, vec![(100.0, [0.1]), (300.0, [0.9])]));
         let bad = parse(&text.replace("0.9", "1.9"), (0.0, 1.0), Joining::Linear).unwrap_err();
         assert!(bad.contains("the opacity 1.9"), "{bad}");
     }
