@@ -56,18 +56,21 @@ impl Order {
 }
 
 /// The volume with voxels of the shortest edge along every axis, values between them by lines. Along an axis whose
-/// voxels are k times as long, k rounded, there are `k (n - 1) + 1` afterwards.
+/// voxels are k times as long there are `k (n - 1) + 1` afterwards, rounded: it ends half a voxel beside its old end at most.
 ///
 /// # Errors
 /// [`Error::Volume`] if it would become too large.
 pub fn cubes(grid: &Grid, limits: &Limits) -> Result<Grid, Error> {
     let placement = grid.placement();
-    let factors = placement.axes.map(|axis| (length(axis) / grid.voxel()).round().max(1.0) as usize);
-    if factors == [1; 3] {
+    let ratios = placement.axes.map(|axis| length(axis) / grid.voxel());
+    // Headers tell edges as floats.
+    let ratios = ratios.map(|ratio| if ratio < 1.0 + 1e-6 { 1.0 } else { ratio });
+    if ratios == [1.0; 3] {
         return Ok(grid.clone());
     }
     let old = grid.size();
-    let size: [usize; 3] = std::array::from_fn(|k| factors[k].saturating_mul(old[k] - 1).saturating_add(1));
+    let size: [usize; 3] = std::array::from_fn(|k| (ratios[k] * (old[k] - 1) as f64).round() as usize)
+        .map(|n| n.saturating_add(1));
     let count = size.iter().try_fold(1_usize, |product, &n| product.checked_mul(n));
     if count.is_none_or(|count| count > 1 << 33) {
         return Err(Error::Volume(format!("resampled to {size:?} voxels it is too large")));
@@ -77,25 +80,25 @@ pub fn cubes(grid: &Grid, limits: &Limits) -> Result<Grid, Error> {
     let mut values = grid.values();
     let mut now = old;
     for axis in 0..3 {
-        values = stretched(&values, now, axis, factors[axis]);
+        values = stretched(&values, now, axis, (ratios[axis], size[axis]));
         now[axis] = size[axis];
     }
-    let axes = std::array::from_fn(|k| scale(placement.axes[k], (factors[k] as f64).recip()));
+    let axes = std::array::from_fn(|k| scale(placement.axes[k], ratios[k].recip()));
     Ok(Grid::new(size, &Values::F32(values), Affine { axes, ..*placement })?.made_from(grid))
 }
 
-/// Values along one axis with `factor - 1` new ones between two.
-fn stretched(values: &[f32], size: [usize; 3], axis: usize, factor: usize) -> Vec<f32> {
-    if factor == 1 {
+/// `length` values along one axis, `ratio` of them to each old one.
+fn stretched(values: &[f32], size: [usize; 3], axis: usize, (ratio, length): (f64, usize)) -> Vec<f32> {
+    if ratio == 1.0 {
         return values.to_vec();
     }
     let inner: usize = size[..axis].iter().product();
     let (old, outer) = (size[axis], values.len() / inner / size[axis]);
-    let length = factor * (old - 1) + 1;
     let mut out = Vec::with_capacity(outer * length * inner);
     for slab in 0..outer {
         for k in 0..length {
-            let (from, share) = (k / factor, (k % factor) as f32 / factor as f32);
+            let at = k as f64 / ratio;
+            let (from, share) = (at as usize, at.fract() as f32);
             let row = |k: usize| &values[(slab * old + k.min(old - 1)) * inner..][..inner];
             let pairs = row(from).iter().zip(row(from + 1));
             out.extend(pairs.map(|(a, b)| a + share * (b - a)));
@@ -136,6 +139,22 @@ mod tests {
         for (x, y, z) in [(0, 0, 0), (1, 4, 9), (1, 3, 4)] {
             let expected = x as f64 + y as f64 + 2.0 * z as f64;
             assert!((cubes.value([x, y, z]) - expected).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn cubes_of_broken_ratios_have_the_shortest_edge() {
+        let values = Values::U8((0..8).collect());
+        for (edge, size) in [(1.4, 11), (1.6, 12), (2.5, 19), (1.000_000_1, 8)] {
+            let long = Grid::new([1, 1, 8], &values, Affine::spacing([1.0, 1.0, edge])).unwrap();
+            let cubes = cubes(&long, &Limits::default()).unwrap();
+            assert_eq!(cubes.size(), [1, 1, size], "{edge}");
+            let lengths = cubes.placement().axes.map(length);
+            assert!(lengths.iter().all(|edge| (edge - 1.0).abs() < 1e-6), "{lengths:?}");
+            for z in 0..size {
+                let expected = (z as f64 / edge).min(7.0);
+                assert!((cubes.value([0, 0, z]) - expected).abs() < 1e-5, "{edge} {z}");
+            }
         }
     }
 }
