@@ -105,7 +105,17 @@ fn march(given: &MarchScene) -> Vec<Problem> {
 fn camera(given: &CameraScene) -> Vec<Problem> {
     let angle = given.angle.unwrap_or(90.0);
     let around = given.azimuth.is_some() || given.elevation.is_some();
+    let degrees = [given.azimuth.unwrap_or_default(), given.elevation.unwrap_or_default(), given.orbit];
+    let points = [given.eye, given.target, given.up];
     vec![
+        (
+            !degrees.iter().all(|angle| angle.is_finite()),
+            "camera.azimuth, camera.elevation, camera.orbit: degrees that are finite",
+        ),
+        (
+            !points.iter().flatten().flatten().all(|part| part.is_finite()),
+            "camera.eye, camera.target, camera.up: three numbers that are finite",
+        ),
         (!(angle > 0.0 && angle < 180.0), "camera.angle: above 0, below 180 degrees"),
         (!(given.zoom > 0.0 && given.zoom.is_finite()), "camera.zoom: above 0"),
         (

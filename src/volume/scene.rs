@@ -26,7 +26,7 @@ pub struct Scene {
     pub raw: Option<String>,
     /// What the axes of the picture's volume are in the file: `x y z`, with `-` before one that is mirrored.
     pub axes: Option<String>,
-    /// Whether voxels that are not cubes are resampled linearly to the shortest edge, rounded to whole numbers.
+    /// Whether voxels that are not cubes are resampled linearly to the shortest edge.
     pub resample: bool,
     /// How values become colours.
     pub transfer: TransferScene,
@@ -403,6 +403,10 @@ mod tests {
             ("[shading]\nshininess = -1", "shading.shininess"),
             ("[camera]\nangle = 180", "camera.angle"),
             ("[camera]\neye = [1, 2, 3]\nelevation = 5", "camera.eye"),
+            ("[camera]\norbit = nan", "camera.orbit"),
+            ("[camera]\nelevation = inf", "camera.elevation"),
+            ("[camera]\ntarget = [1, 2, nan]", "camera.target"),
+            ("[camera]\nup = [0, inf, 0]", "camera.up"),
             ("[shading]\nambient = -0.1", "ambient"),
             ("[shading]\ngradient-scale = -1", "shading.gradient-scale"),
             ("[[light]]\ndirection = [0, 0, 0]", "light.direction"),
