@@ -103,18 +103,23 @@ impl Element {
         }
         match self {
             Self::U8 => all(&words).map(Values::U8),
-            Self::I8 => {
-                all::<i8>(&words).map(|values| Values::I16(values.into_iter().map(i16::from).collect()))
-            }
+            Self::I8 => each_word(&words, |word: i8| word.into()).map(Values::I16),
             Self::U16 => all(&words).map(Values::U16),
             Self::I16 => all(&words).map(Values::I16),
-            Self::I32 | Self::U32 | Self::F32 | Self::F64 => all(&words).map(Values::F32),
+            Self::I32 => each_word(&words, |word: i32| word as f32).map(Values::F32),
+            Self::U32 => each_word(&words, |word: u32| word as f32).map(Values::F32),
+            Self::F32 | Self::F64 => all(&words).map(Values::F32),
         }
     }
 }
 
 fn all<T: FromStr>(words: &[&str]) -> Result<Vec<T>, String> {
-    let one = |word: &&str| word.parse().map_err(|_| format!("'{word}' is not a voxel of that type"));
+    each_word(words, |word| word)
+}
+
+fn each_word<T: FromStr, U>(words: &[&str], to: impl Fn(T) -> U) -> Result<Vec<U>, String> {
+    let one =
+        |word: &&str| word.parse().map(&to).map_err(|_| format!("'{word}' is not a voxel of that type"));
     words.iter().map(one).collect()
 }
 

@@ -5,8 +5,8 @@
 use std::path::{Path, PathBuf};
 
 use super::{
-    Affine, Coding, Element, Error, Grid, Header, Limits, Place, beside, beside_within, damaged, head, load,
-    numbers, rest,
+    Affine, Coding, Element, Error, Grid, Header, LONGEST_HEADER, Limits, Place, beside, beside_within,
+    damaged, head, load, numbers, rest,
 };
 use crate::vector::Vector;
 
@@ -18,6 +18,11 @@ struct Fields {
     encoding: String,
     big_endian: Option<bool>,
     spacings: Vec<f64>,
+    /// Where axes begin and end, of their voxels' edges or, `node`, of their centres.
+    mins: Vec<f64>,
+    maxs: Vec<f64>,
+    centers: Vec<String>,
+    kinds: Vec<String>,
     directions: Vec<Option<Vector>>,
     origin: Option<Vector>,
     data_file: Option<String>,
@@ -83,9 +88,15 @@ fn parse(bytes: &[u8]) -> Result<(Fields, usize), String> {
     let mut first = true;
     loop {
         let Some(length) = bytes[at..].iter().position(|&byte| byte == b'\n') else {
-            // A detached header may end with its last line.
+            if bytes.len() as u64 >= LONGEST_HEADER {
+                return Err("its header is longer than 1 MiB: leave comments and keys out".into());
+            }
             if at < bytes.len() {
                 field(&mut fields, &String::from_utf8_lossy(&bytes[at..]))?;
+            }
+            // Only a detached header may end with its last line.
+            if fields.data_file.is_none() {
+                return Err("truncated: no blank line ends the header; copy it again".into());
             }
             at = bytes.len();
             break;
@@ -114,8 +125,16 @@ fn field(fields: &mut Fields, line: &str) -> Result<(), String> {
         "type" => fields.element = Some(element(value)?),
         "sizes" => fields.sizes = numbers(value).ok_or_else(wrong)?,
         "encoding" => value.clone_into(&mut fields.encoding),
-        "endian" => fields.big_endian = Some(value.eq_ignore_ascii_case("big")),
+        "endian" => match value.to_ascii_lowercase().as_str() {
+            "little" => fields.big_endian = Some(false),
+            "big" => fields.big_endian = Some(true),
+            _ => return Err(format!("endian '{value}': little or big")),
+        },
         "spacings" => fields.spacings = numbers(value).ok_or_else(wrong)?,
+        "axismins" => fields.mins = numbers(value).ok_or_else(wrong)?,
+        "axismaxs" => fields.maxs = numbers(value).ok_or_else(wrong)?,
+        "centers" | "centerings" => fields.centers = words(value),
+        "kinds" => fields.kinds = words(value),
         "spacedirections" => fields.directions = vectors(value).ok_or_else(wrong)?,
         "spaceorigin" => fields.origin = *vectors(value).ok_or_else(wrong)?.first().ok_or_else(wrong)?,
         "datafile" if value.starts_with("LIST") || value.contains('%') => {
@@ -127,6 +146,10 @@ fn field(fields: &mut Fields, line: &str) -> Result<(), String> {
         _ => {}
     }
     Ok(())
+}
+
+fn words(text: &str) -> Vec<String> {
+    text.split_whitespace().map(str::to_ascii_lowercase).collect()
 }
 
 fn element(name: &str) -> Result<Element, String> {
@@ -162,13 +185,45 @@ fn vectors(text: &str) -> Option<Vec<Option<Vector>>> {
 }
 
 impl Fields {
+    /// The distance of two voxels along an axis without a direction, and where the first one is if that is told with it.
+    fn along(&self, axis: usize) -> Option<(f64, Option<f64>)> {
+        if let Some(&spacing) = self.spacings.get(axis).filter(|spacing| spacing.is_finite()) {
+            return Some((spacing, None));
+        }
+        let (min, max) = (self.mins.get(axis)?, self.maxs.get(axis)?);
+        // Teem takes the ends for those of cells unless told otherwise.
+        let node = self.centers.get(axis).is_some_and(|center| center == "node");
+        let count = self.sizes.get(axis)?.saturating_sub(usize::from(node)).max(1);
+        let spacing = (max - min) / count as f64;
+        let first = if node { *min } else { min + 0.5 * spacing };
+        spacing.is_finite().then_some((spacing, Some(first)))
+    }
+
+    /// Whether the voxels along an axis lie side by side, and are not the components of one.
+    fn spatial(&self, axis: usize) -> bool {
+        let domain = |kind: &String| matches!(kind.as_str(), "domain" | "space" | "time" | "none" | "???");
+        self.sizes[axis] == 1
+            || (self.kinds.get(axis).is_none_or(domain) && self.directions.get(axis) != Some(&None))
+    }
+
+    fn placement(&self, axes: [usize; 3]) -> Affine {
+        let mut placement = Affine::spacing([1.0; 3]);
+        for (k, axis) in axes.into_iter().enumerate() {
+            if let Some(Some(direction)) = self.directions.get(axis) {
+                placement.axes[k] = *direction;
+            } else if let Some((spacing, first)) = self.along(axis) {
+                placement.axes[k][k] = spacing;
+                placement.origin[k] = first.unwrap_or_default();
+            }
+        }
+        Affine { origin: self.origin.unwrap_or(placement.origin), ..placement }
+    }
+
     fn header(&self) -> Result<Header, String> {
         // Axes of length 1 besides three others carry nothing: first those that have no place in space.
         let spare = self.sizes.len().saturating_sub(3);
-        let placed = |axis: usize| {
-            self.directions.get(axis).is_some_and(Option::is_some)
-                || self.spacings.get(axis).is_some_and(|spacing| spacing.is_finite())
-        };
+        let placed =
+            |axis: usize| matches!(self.directions.get(axis), Some(Some(_))) || self.along(axis).is_some();
         let mut dropped: Vec<usize> = (0..self.sizes.len()).filter(|&axis| self.sizes[axis] == 1).collect();
         dropped.sort_by_key(|&axis| placed(axis));
         dropped.truncate(spare);
@@ -176,18 +231,14 @@ impl Fields {
         let Ok(axes): Result<[usize; 3], _> = axes.try_into() else {
             return Err(format!("sizes {:?}: a volume has three axes", self.sizes));
         };
-        let element = self.element.ok_or("the header names no type")?;
-        let mut placement = Affine::spacing([1.0; 3]);
-        for (k, &axis) in axes.iter().enumerate() {
-            if let Some(Some(direction)) = self.directions.get(axis) {
-                placement.axes[k] = *direction;
-            } else if let Some(&spacing) = self.spacings.get(axis)
-                && spacing.is_finite()
-            {
-                placement.axes[k][k] = spacing;
-            }
+        if let Some(axis) = axes.into_iter().find(|&axis| !self.spatial(axis)) {
+            return Err(format!(
+                "sizes {:?}: axis {axis} has components, not places (kinds, space directions); a volume has three axes of space",
+                self.sizes
+            ));
         }
-        placement.origin = self.origin.unwrap_or_default();
+        let element = self.element.ok_or("the header names no type")?;
+        let placement = self.placement(axes);
         let text = matches!(self.encoding.to_ascii_lowercase().as_str(), "ascii" | "text" | "txt");
         if self.big_endian.is_none() && element.bytes() > 1 && !text {
             return Err("the header does not tell the byte order (endian: little or big)".into());

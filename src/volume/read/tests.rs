@@ -92,6 +92,14 @@ fn nrrd_attached_and_detached() {
     refused(&room.put("g.nrrd", &[&nrrd("gzip", "little", ""), &packed[..packed.len() / 2]]), "damaged");
     refused(&room.put("h.nrrd", &[&nrrd("bzip2", "little", "")]), "bzip2");
     refused(&room.put("i.nrrd", &[b"NRRD0004\ntype: short\nsizes: 3 2\n\n"]), "three axes");
+    refused(&room.put("k.nrrd", &[raw.trim_ascii_end(), b"\n"]), "no blank line");
+    room.put("l.raw", &[&bytes(false)]);
+    let named = nrrd("raw", "little", "data file: l.raw");
+    check(&read(&room.put("l.nhdr", &[named.trim_ascii_end()]), None).unwrap());
+    let keys = "key:=value\n".repeat(100_000);
+    refused(&room.put("m.nrrd", &[&nrrd("raw", "big", &keys), &bytes(true)]), "longer than 1 MiB");
+    refused(&room.put("n.nhdr", &[&nrrd("raw", "big", &keys), b"data file: l.raw\n"]), "longer than 1 MiB");
+    refused(&room.put("o.nrrd", &[&nrrd("raw", "bigendian", ""), &bytes(true)]), "endian 'bigendian'");
     refused(&room.put("j.nhdr", &[&nrrd("raw", "little", "data file: none.raw\n")]), "none.raw");
 }
 
@@ -261,6 +269,39 @@ fn nrrd_drops_the_axis_without_a_place() {
 }
 
 #[test]
+fn nrrd_axes_are_those_of_space() {
+    let room = Room::new();
+    // Ends are those of cells unless they are said to be nodes.
+    for (ends, centers) in [
+        ("axis mins: 9.5 19 28.5\naxis maxs: 12.5 23 34.5", ""),
+        ("axismins: 10 20 28.5\naxis maxs: 12 22 34.5", "centers: node node cell\n"),
+    ] {
+        let header = format!(
+            "NRRD0004\ntype: short\nsizes: 3 2 2\nencoding: raw\nendian: Little\n{ends}\n{centers}kinds: domain space ???\n\n"
+        );
+        check(&read(&room.put("a.nrrd", &[header.as_bytes(), &bytes(false)]), None).unwrap());
+    }
+    for more in ["kinds: vector domain domain", "space directions: (1,0,0) (0,1,0) none"] {
+        let header = format!("NRRD0004\ntype: short\nsizes: 3 2 2\nencoding: raw\nendian: big\n{more}\n\n");
+        refused(&room.put("b.nrrd", &[header.as_bytes(), &bytes(true)]), "has components");
+    }
+}
+
+#[test]
+fn text_is_read_as_its_type() {
+    for (element, least, wrong) in [
+        (Element::I32, "-2147483648", ["1e9", "2147483648", "1.5"]),
+        (Element::U32, "4294967295", ["-1", "4294967296", "nan"]),
+        (Element::I8, "-128", ["128", "1e1", ""]),
+    ] {
+        assert!(element.parse(least.as_bytes(), 1).is_ok(), "{least}");
+        for text in wrong {
+            assert!(element.parse(text.as_bytes(), 1).is_err(), "{text}");
+        }
+    }
+}
+
+#[test]
 fn vti_inline_and_appended() {
     let file = |attributes: &str, array: &str, data: &str, tail: &str| {
         format!(
@@ -297,6 +338,10 @@ fn vti_inline_and_appended() {
     );
     refused(&room.put("g.vti", &[&file("", appended, "", raw), &plain[..20]]), "truncated");
     refused(&room.put("h.vti", &[b"<VTKFile"]), "XML");
+    for offset in ["", "offset=\"-4\"", "offset=\"x\""] {
+        let array = format!("format=\"appended\" {offset}");
+        refused(&room.put("i.vti", &[&file("", &array, "", raw), &plain, close]), "offset");
+    }
 }
 
 #[test]

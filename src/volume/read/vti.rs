@@ -112,8 +112,8 @@ impl<'a> File<'a> {
             Some("binary") => self.decode64(text.trim().as_bytes(), expected)?,
             Some("appended") => {
                 let (data, base64) = self.appended.ok_or("truncated: the appended data are missing")?;
-                let offset =
-                    self.array.attribute("offset").and_then(|text| text.trim().parse().ok()).unwrap_or(0);
+                let offset = self.array.attribute("offset").and_then(|text| text.trim().parse().ok());
+                let offset: usize = offset.ok_or("the array's offset cannot be read")?;
                 let data =
                     data.get(offset..).ok_or("truncated: the array lies behind the end of the file")?;
                 if base64 { self.decode64(data, expected)? } else { self.unpack(data, expected)?.0 }
