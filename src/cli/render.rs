@@ -157,7 +157,8 @@ struct PixelArgs {
 #[allow(clippy::struct_excessive_bools)]
 #[command(next_help_heading = "Output")]
 struct LayerArgs {
-    /// Add Z: distance from the camera to where opacity reaches march.depth-opacity; infinite where it does not
+    /// Add Z: distance from the camera to where opacity reaches march.depth-opacity, or to the place that iso and mip show;
+    /// infinite where there is none. The nearest of a pixel's samples
     #[arg(long)]
     depth: bool,
 
@@ -218,16 +219,16 @@ impl SceneArgs {
         }
         let mut found = self.set.clone();
         // A path on the command line is relative to the working folder, not to the scene.
-        let volume = match &self.volume {
-            Some(path) if path.to_string_lossy().starts_with(PROCEDURAL) => Some(path.clone()),
-            Some(path) => Some(
-                std::path::absolute(path)
-                    .map_err(|error| Usage(format!("--volume {}: {error}", path.display())))?,
-            ),
-            None => None,
+        let volume = |path: &PathBuf| {
+            let wrong = |why: &str| Usage(format!("--volume {}: {why}", path.display()));
+            let made = path.to_string_lossy().starts_with(PROCEDURAL);
+            let full = if made { Ok(path.clone()) } else { std::path::absolute(path) };
+            let full = full.map_err(|error| wrong(&error.to_string()))?.into_os_string().into_string();
+            full.map_err(|_| wrong("its path is not UTF-8: rename it"))
         };
+        let volume = self.volume.as_ref().map(volume).transpose()?;
         let values = [
-            ("volume", volume.map(|path| toml::Value::String(path.display().to_string()).to_string())),
+            ("volume", volume.map(|path| toml::Value::String(path).to_string())),
             ("raw", self.raw.as_ref().map(|raw| toml::Value::String(raw.clone()).to_string())),
             ("image.size", self.size.map(|size| format!("{:?}", size.0))),
             ("image.samples", self.samples.map(|samples| samples.to_string())),

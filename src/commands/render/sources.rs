@@ -33,7 +33,10 @@ fn read_scene(job: &RenderJob) -> Result<(Scene, PathBuf), PlanError> {
     }
     let mut scene = Scene::parse("", &job.overrides).map_err(|error| PlanError::Usage(error.to_string()))?;
     if scene.volume.is_empty() {
-        scene.volume = job.scene.display().to_string();
+        let volume = job.scene.to_str().ok_or_else(|| {
+            PlanError::Usage(format!("{}: the volume's path is not UTF-8: rename it", job.scene.display()))
+        })?;
+        volume.clone_into(&mut scene.volume);
     }
     Ok((scene, PathBuf::new()))
 }
