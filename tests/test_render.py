@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import signal
 import subprocess
 import sys
@@ -194,6 +195,35 @@ def test_memory_that_is_not_there_is_one_line(tmp_path):
         result = subprocess.run(command, capture_output=True, text=True, timeout=100)
         assert result.returncode == 1 and result.stderr.count("\n") == 1, result
         assert "memory, which the system does not give" in result.stderr, result
+
+
+def test_a_path_that_is_not_utf_8_is_refused_as_such(tmp_path):
+    nrrd(blobs(), tmp_path / "ok.nrrd", ORIGIN)
+    odd = tmp_path / os.fsdecode(b"\xff.nrrd")
+    odd.write_bytes((tmp_path / "ok.nrrd").read_bytes())
+    for words in [[odd], ["procedural:head:8", "--volume", odd]]:
+        command = [tool.LACUNA, "render", *words, "-o", tmp_path / "o.exr", "-q"]
+        result = subprocess.run(command, capture_output=True, timeout=100)
+        assert result.returncode == 2 and b"is not UTF-8" in result.stderr, result
+
+
+def test_what_is_set_to_no_number_is_refused(tmp_path):
+    for value in ["camera.orbit=nan", "camera.elevation=inf", "camera.eye=[nan, 0, 0]", "camera.up=[0, inf, 0]"]:
+        result = lacuna("render", "procedural:head:8", "-o", tmp_path / "o.exr", "--set", value, ok=False)
+        assert result.status == 2 and "finite" in result.stderr and value.split("=")[0] in result.stderr, result
+
+
+def test_preintegrated_segments_agree_whatever_the_domain(tmp_path):
+    header = "NRRD0004\ntype: float\nsizes: 2 2 2\nendian: little\nencoding: raw\n\n"
+    (tmp_path / "cell.nrrd").write_bytes(header.encode() + numpy.float32([0] * 4 + [100] * 4).tobytes())
+    values = ["camera.azimuth=0", "camera.elevation=0", "camera.projection=orthographic", "camera.zoom=4", "shading.enabled=false",
+              "transfer.data-units=true", "transfer.opacity=[[0, 0], [1, 0.9]]", "march.opaque=1", "march.preintegrated=true"]
+    words = [word for value in values for word in ("--set", value)]
+    for high in (1, 10, 100):
+        lacuna("render", tmp_path / "cell.nrrd", "-o", tmp_path / "o.exr", "--size", "9x9", "--interpolation", "trilinear", "--step", 1,
+               "--set", f"transfer.domain=[0, {high}]", *words, "--force")
+        # By steps of 0.001.
+        assert abs(colours(tmp_path / "o.exr", "A")[4, 4, 0] - 0.8986) < 5e-4, high
 
 
 def test_what_a_colour_map_asks_for_in_vain_is_told_once(tmp_path):
