@@ -79,7 +79,7 @@ pub struct Renderer {
     pub step: f64,
     /// The march ends at this opacity.
     pub opaque: f32,
-    /// Alpha of the surface that depth tells.
+    /// Alpha of the surface that depth tells of `Look::Dvr`.
     pub threshold: f32,
     /// Behind everything: premultiplied red, green, blue and alpha.
     pub background: [f32; 4],

@@ -106,7 +106,8 @@ pub struct CameraScene {
     pub target: Option<[f64; 3]>,
     /// Roughly upwards; nothing for the y axis.
     pub up: Option<[f64; 3]>,
-    /// Full angle of view over the height, in degrees; nothing for the zoom's.
+    /// Full angle of view over the height at zoom 1, in degrees; the zoom divides the height of the image plane. Nothing for the
+    /// zoom's alone.
     pub angle: Option<f64>,
     /// How rays leave.
     pub projection: Projection,
@@ -222,7 +223,7 @@ pub struct MarchScene {
     pub preintegrated: bool,
     /// Opacity at which a ray ends.
     pub opaque: f64,
-    /// Opacity of the surface that `Z` tells; 0 is the first hit.
+    /// Opacity at which `Z` is told; 0 is the first hit. Isosurfaces and maxima have it whatever their opacity.
     pub depth_opacity: f64,
     /// Length of a step of dense AOVs in voxels where they are not of surfaces or maxima; not less than `step`.
     pub dense_step: f64,
