@@ -5,11 +5,10 @@
 //! (`refine`), but one pixel in 64 by the order of the shuffle, whatever the estimate says. With one round, or `first = D`, it is the
 //! shuffle's mask, without the last pixels of its order where it has more than these.
 //!
-//! New pixels test the fill that chose them. With `e` the estimated and `t` the true error of that fill at them, the mean of `t^2` is taken
-//! for `exp(a + b ln e^2)`, which is fitted to octaves of `e` as if `t^2` had a gamma distribution, those of earlier rounds counting half as much
-//! each. It turns the next round's estimate into one that has been right before: chosen pixels
-//! tell of large errors, the others of small ones. The estimate of a round is the root mean square over all pixels and channels, 0 at
-//! measured ones, over the range of the measured values. Where all values are alike, nothing is told: what is small may have been missed.
+//! New pixels test the fill that chose them. With `e` the estimated and `t` the true error of that fill at them, the mean of `t^2` is taken for `exp(a + b ln e^2)`, which is fitted to octaves of `e`
+//! as if `t^2` had a gamma distribution, those of earlier rounds counting half as much each. It turns the next round's estimate into one that has been right before: chosen pixels tell of large
+//! errors, the others of small ones. The estimate of a round is the root mean square over all pixels and channels, 0 at measured ones, over the range of the measured values. Where the values of
+//! every channel are alike, nothing is told: what is small may have been missed.
 //!
 //! Frames of a sequence take their pixels in other orders, so that frames in a row choose other pixels of the same places (`refine`).
 //!
@@ -48,6 +47,7 @@ const SLACK: f64 = 1e-3;
 const KEPT: f64 = 0.5;
 /// New pixels of an octave that say as much as any more.
 const ENOUGH: f64 = 256.0;
+const NO_ENDS: (f32, f32) = (f32::INFINITY, f32::NEG_INFINITY);
 /// Exponents of a float.
 const OCTAVES: usize = 1 << 8;
 /// Powers that a fit may have, and how often their interval is halved to find it.
@@ -82,7 +82,7 @@ pub struct Round {
     /// Pixels that it added.
     pub pixels: usize,
     /// The estimated error of the fill after it, over the measured range, good to a factor of about two (fill tells it better); nothing where no measured value is finite, nor
-    /// where all are alike; 0 once every pixel is measured.
+    /// where those of every channel are alike; 0 once every pixel is measured.
     pub error: Option<f64>,
 }
 
@@ -188,9 +188,8 @@ pub(crate) fn in_rounds<E: From<Error>>(
         let over = left == 0 || known.count >= total || run.interrupted().is_some();
         let is_full = known.count == known.pixels;
         let estimate = if over && (is_full || !tells) { None } else { known.estimate(before.take(), run)? };
-        // Values that are all alike say nothing of others.
-        let error = estimate.as_ref().zip(known.range().filter(|range| *range > 0.0));
         let values = known.pixels * known.channels;
+        let error = estimate.as_ref().zip(known.range());
         let error = error.map(|(found, range)| calibration.fit().rmse(found, values, range));
         let error = if is_full { Some(0.0) } else { error };
         rounds.push(Round { pixels: new.count(), error });
@@ -281,8 +280,8 @@ struct Known<'a> {
     channels: usize,
     /// What values are multiplied by.
     unit: f32,
-    /// Least and largest of the usable values.
-    ends: (f32, f32),
+    /// Least and largest of the usable values of each channel.
+    ends: Vec<(f32, f32)>,
 }
 
 impl<'a> Known<'a> {
@@ -290,7 +289,6 @@ impl<'a> Known<'a> {
         if let Some(other) = within.map(Mask::size).filter(|other| *other != size) {
             return Err(Error::SizeMismatch { expected: size, found: other.to_string() });
         }
-        let ends = (f32::INFINITY, f32::NEG_INFINITY);
         let (mask, usable) = (vec![false; size.pixels()], vec![false; size.pixels()]);
         Ok(Self {
             size,
@@ -305,7 +303,7 @@ impl<'a> Known<'a> {
             components: None,
             channels: 0,
             unit: 1.0,
-            ends,
+            ends: vec![],
         })
     }
 
@@ -324,7 +322,7 @@ impl<'a> Known<'a> {
         if self.samples.is_none() {
             let range = |plane: &Plane| {
                 let own = new.iter().map(|&pixel| compress(plane.pixels()[pixel])).filter(|v| v.is_finite());
-                let (low, high) = own.fold(self.ends, |(low, high), v| (low.min(v), high.max(v)));
+                let (low, high) = own.fold(NO_ENDS, |(low, high), v| (low.min(v), high.max(v)));
                 f64::from(high) - f64::from(low)
             };
             self.unit = refine::unit(values.as_slice().iter().map(range).fold(0.0, f64::max));
@@ -343,7 +341,9 @@ impl<'a> Known<'a> {
             self.usable[pixel] = true;
             let unit = self.unit;
             let own = own.map(|value| unit * compress(value));
-            self.ends = own.clone().fold(self.ends, |(low, high), value| (low.min(value), high.max(value)));
+            self.ends.resize(self.channels, NO_ENDS);
+            let ends = self.ends.iter_mut().zip(own.clone());
+            ends.for_each(|(ends, value)| *ends = (ends.0.min(value), ends.1.max(value)));
             for (k, (plane, value)) in samples.as_mut_slice().iter_mut().zip(own.clone()).enumerate() {
                 let components = self.components.as_ref();
                 plane.pixels_mut()[pixel] = components.map_or(value, |found| found.of(k, own.clone()));
@@ -400,10 +400,11 @@ impl<'a> Known<'a> {
         Ok(Some(self.within.into_iter().fold(found, Estimate::within)))
     }
 
-    /// Of all values that were measured.
+    /// Of all values that were measured; nothing where those of every channel are alike.
     fn range(&self) -> Option<f64> {
-        let (low, high) = self.ends;
-        (low <= high).then(|| f64::from(high) - f64::from(low))
+        let differs = self.ends.iter().any(|(low, high)| low < high);
+        let (low, high) = self.ends.iter().fold(NO_ENDS, |all, ends| (all.0.min(ends.0), all.1.max(ends.1)));
+        differs.then(|| f64::from(high) - f64::from(low))
     }
 }
 

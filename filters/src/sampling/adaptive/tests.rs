@@ -293,3 +293,12 @@ fn nothing_is_wrong_once_all_is_measured_whatever_the_values() {
     };
     assert_eq!([error(1.0, 0.0), error(1.0, f32::NAN), error(0.5, 0.0)], [Some(0.0), Some(0.0), None]);
 }
+
+/// What a flat colour hides is not known, whatever its channels are beside each other.
+#[test]
+fn a_flat_colour_tells_no_error() {
+    let flat = [0.2, 0.5, 0.9].map(|value| Plane::filled(SIZE, value)).to_vec();
+    let with = Settings { target: Some(0.01), ..settings(0.2, 4) };
+    let (found, _) = chosen(&with, &Planes::new(SIZE, flat).unwrap());
+    assert_eq!(found.rounds.iter().map(|round| round.error).collect::<Vec<_>>(), [None; 4]);
+}
