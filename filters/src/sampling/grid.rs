@@ -1,6 +1,6 @@
 //! Grid: every n-th pixel of every n-th row, as for upscaling by a whole factor.
 //!
-//! The step n is `round(sqrt(1 / D))`: the density is 1 / n^2, the next one to D that squares allow, and not D itself.
+//! The density is 1 / n^2, the nearest one to D that squares allow, and not D itself.
 //! Anchored to absolute coordinates: the pixels with `x = a`, `y = b` modulo n; seed 0 and frame 0 have a = b = 0. Frames
 //! k = 0, 1, ... run through all n^2 offsets, each next one far from those before, and so do seeds.
 //!
@@ -27,7 +27,9 @@ pub fn mask(field: Field, density: f64, seed: u64, frame: i64) -> Result<Mask, E
 
 /// The step in pixels; nothing at density 0.
 fn step(density: f64) -> Option<i64> {
-    (density > 0.0).then(|| density.recip().sqrt().round().min(f64::from(i32::MAX)) as i64)
+    let least = (density > 0.0).then(|| density.recip().sqrt().floor().min(f64::from(i32::MAX)))?;
+    let off = |step: f64| (step.powi(-2) - density).abs();
+    Some(if off(least) < off(least + 1.0) { least } else { least + 1.0 } as i64)
 }
 
 /// The place of a frame within the step x step block.
@@ -54,7 +56,8 @@ mod tests {
 
     #[test]
     fn steps_are_the_next_squares() {
-        for (density, expected) in [(1.0, 1), (0.5, 1), (0.25, 2), (0.2, 2), (0.1, 3), (0.05, 4), (0.01, 10)]
+        for (density, expected) in
+            [(1.0, 1), (0.63, 1), (0.5, 2), (0.25, 2), (0.2, 2), (0.17, 3), (0.1, 3), (0.05, 5), (0.01, 10)]
         {
             assert_eq!(step(density), Some(expected), "{density}");
         }
