@@ -16,7 +16,7 @@
 //! The next pixels are taken greedily, each where `e^2 d^2` is largest: a sample mends the area around it, too, which goes by `d^2`. With a
 //! density `r` the squared error is `c l r^-3`, and its sum over the image is least where `c l r^-4` is the same everywhere. `d` is brought up to
 //! date after each: a pixel beside one just taken has d = 1 and waits, so no clumps arise. Equal scores are taken in the order of the shuffle; where
-//! the estimate is zero everywhere, that order is simply continued.
+//! the estimate is zero everywhere, that order is simply continued. Frames in a row, whose orders are not those of their first masks, then take what is farthest from all.
 //!
 //! Frames in a row choose by nearly the same image. So that they do not choose the same pixels, each has a shuffle order of its own, and the score of a pixel of rank r
 //! in it is multiplied by `2^(-4 r)` ([`Preference`]). Of pixels beside each other, whose scores differ little, each frame then takes others. Turntables of engine, head and
@@ -255,7 +255,7 @@ impl Estimate {
         preference: Preference,
         allowed: impl Fn(usize) -> bool + Sync,
     ) -> (Vec<usize>, Vec<u32>) {
-        let order = |pixel: usize| (preference.rank(field, pixel) * f64::from(u32::MAX)) as u32;
+        let order = |pixel: usize, squared: u32| preference.order(field, pixel, squared);
         let preferred = preference.applied(&self.coefficient, field);
         let mut picks = Picks::new(self.mask.size(), &preferred, self.squared.clone());
         for &pixel in others {

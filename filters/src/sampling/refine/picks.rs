@@ -37,7 +37,7 @@ struct Queue {
     /// Gains and pixels by the leading bits of the gains.
     waiting: Vec<Vec<(u32, usize)>>,
     /// The bucket whose turn it is: gain, order, pixel.
-    heap: BinaryHeap<(u32, Reverse<u32>, Reverse<usize>)>,
+    heap: BinaryHeap<(u32, Reverse<u64>, Reverse<usize>)>,
     /// Its leading bits; buckets above are empty.
     now: usize,
 }
@@ -55,8 +55,8 @@ impl Queue {
     fn pop(
         &mut self,
         least: u32,
-        order: &dyn Fn(usize) -> u32,
-    ) -> Option<(u32, Reverse<u32>, Reverse<usize>)> {
+        order: &dyn Fn(usize) -> u64,
+    ) -> Option<(u32, Reverse<u64>, Reverse<usize>)> {
         while self.heap.is_empty() && self.now > Self::bucket(least) {
             self.now -= 1;
             let entries = std::mem::take(&mut self.waiting[self.now]);
@@ -74,12 +74,13 @@ impl<'a> Picks<'a> {
         Self { size, coefficient, squared, open: Vec::new() }
     }
 
-    /// Up to `count` pixels, the most useful first, of those that are `allowed`; of equal gains the one of least `order` first. Also
+    /// Up to `count` pixels, the most useful first, of those that are `allowed`; of equal gains the one of least `order` first, which
+    /// may know the squared distance. Also
     /// the squared distances once they are taken.
     pub fn next(
         mut self,
         count: usize,
-        order: &dyn Fn(usize) -> u32,
+        order: &dyn Fn(usize, u32) -> u64,
         allowed: &(dyn Fn(usize) -> bool + Sync),
     ) -> (Vec<usize>, Vec<u32>) {
         let (gains, counts) = self.gains(allowed);
@@ -88,7 +89,8 @@ impl<'a> Picks<'a> {
         // Pixels whose gains were `least` or more have entered.
         let (mut least, mut entries) = (u32::MAX, count.saturating_mul(ENTRIES));
         while taken.len() < count {
-            let Some((gain, tie, Reverse(pixel))) = queue.pop(least, order) else {
+            let order_now = |pixel: usize| order(pixel, self.squared[pixel]);
+            let Some((gain, Reverse(tie), Reverse(pixel))) = queue.pop(least, &order_now) else {
                 if least == 0 {
                     break;
                 }
@@ -101,11 +103,12 @@ impl<'a> Picks<'a> {
                 continue;
             };
             let now = gain_of(self.coefficient[pixel], self.squared[pixel]);
-            if now == gain {
+            let is_late = now == gain && tie < order_now(pixel);
+            if now == gain && !is_late {
                 self.take(pixel);
                 taken.push(pixel);
             } else if Queue::bucket(now) == queue.now {
-                queue.heap.push((now, tie, Reverse(pixel)));
+                queue.heap.push((now, Reverse(order_now(pixel)), Reverse(pixel)));
             } else {
                 queue.waiting[Queue::bucket(now)].push((now, pixel));
             }

@@ -42,6 +42,12 @@ impl Preference {
         shuffle::rank(x, y, self.seed)
     }
 
+    /// The order of equal scores, the least first. A frame's own order does not continue the one of its first mask, so distance goes before it.
+    pub(super) fn order(self, field: Field, pixel: usize, squared: u32) -> u64 {
+        let nearness = if self.early { u32::MAX - squared } else { 0 };
+        u64::from(nearness) << 32 | u64::from((self.rank(field, pixel) * f64::from(u32::MAX)) as u32)
+    }
+
     /// What the squared errors of a field's pixels are proportional to, less at late pixels where early ones are preferred.
     pub(super) fn applied(self, coefficient: &[f32], field: Field) -> Cow<'_, [f32]> {
         if !self.early {

@@ -202,3 +202,17 @@ proptest! {
         prop_assert_eq!(taken.squared().to_vec(), after);
     }
 }
+
+/// A frame's own order does not continue the first mask, which may be of another order.
+#[test]
+fn frames_without_error_take_what_is_far_from_measured_pixels() {
+    let field = field(64, 64);
+    let mask = first_pass(field, 0.2);
+    let estimate = of(&Plane::filled(field.size, 0.0), &mask);
+    let squared = NearestMap::new(&mask).unwrap().squared_distances();
+    for number in [1, 7] {
+        let taken = estimate.next(60, field, Preference::new(3, Some(number)), |_| true);
+        let beside = taken.iter().filter(|pixel| squared[**pixel] <= 1).count();
+        assert_eq!(beside, 0, "{number}");
+    }
+}
