@@ -18,6 +18,8 @@
 //!
 //! Source: R. Ulichney, "The void-and-cluster method for dither array generation", Proc. SPIE 1913, 1993.
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 use super::random::Permutation;
 use super::shuffle;
 
@@ -43,7 +45,19 @@ impl std::fmt::Debug for Tile {
     }
 }
 
+/// The last tile that was asked for, and its seed.
+static LAST: Mutex<Option<(u64, Arc<Tile>)>> = Mutex::new(None);
+
 impl Tile {
+    /// The tile of a seed. It costs more than most masks: frames of one seed share it.
+    pub fn shared(seed: u64) -> Arc<Self> {
+        let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*last {
+            Some((of, tile)) if *of == seed => Arc::clone(tile),
+            _ => Arc::clone(&last.insert((seed, Arc::new(Self::new(seed)))).1),
+        }
+    }
+
     /// The tile of a seed.
     pub fn new(seed: u64) -> Self {
         let order = Permutation::new(PIXELS as u64, seed);
@@ -201,6 +215,14 @@ impl Energy {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_tile_is_made_once_for_all_frames_of_a_seed() {
+        // Tests beside this one may ask for other seeds at the same time.
+        let is_shared = || Arc::ptr_eq(&Tile::shared(77), &Tile::shared(77));
+        assert!((0..9).any(|_| is_shared()));
+        assert!(*Tile::shared(77) == Tile::new(77));
+    }
     use crate::Size;
     use crate::sampling::{Band, Field, Order, Pattern};
 

@@ -99,9 +99,9 @@ impl Order {
             Pattern::Random => Kind::Random(random::Permutation::new(field.size.pixels() as u64, own)),
             Pattern::Shuffle => Kind::Shuffle(own),
             Pattern::BlueNoise => {
-                // The tile costs more than the mask: frames share it, each from another place.
+                // Frames share the tile, each from another place.
                 let (x, y) = if frame == 0 { (0, 0) } else { (own as i32, (own >> 32) as i32) };
-                Kind::BlueNoise { tile: Arc::new(blue_noise::Tile::new(seed)), x, y }
+                Kind::BlueNoise { tile: blue_noise::Tile::shared(seed), x, y }
             }
             Pattern::Poisson | Pattern::Grid => return None,
         };
