@@ -33,7 +33,7 @@
 //! - `tolerance`: above 0, default 1e-2 as in the thesis. Smaller is closer to the minimum and slower.
 //! - `max_iterations`: at least 1, default 2000, per component.
 //!
-//! Cost: an iteration is two Fourier transforms a component; 60 to the default tolerance. Memory: nine planes a channel, three
+//! Cost: an iteration is two Fourier transforms a component; 60 to the default tolerance. Memory: ten planes a channel, three
 //! channels at a time.
 //!
 //! Fails: an error in the gradient is summed up by the integration: shades drift at low densities. Regular masks are not
@@ -158,8 +158,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
             ..Setting::PLAIN
         },
     ],
-    even: Memory { image: 48, channel: 40 },
-    uneven: Memory { image: 48, channel: 40 },
+    even: Memory { image: 48, channel: 44 },
+    uneven: Memory { image: 48, channel: 44 },
     takes: Takes { gradients: true, ..Takes::NOTHING },
     restores: false,
     held_out: None,

@@ -37,7 +37,7 @@
 //! - `tolerance`: above 0, default 1e-2 as in the thesis. Smaller is closer to the minimum and slower.
 //! - `max_iterations`: at least 1, default 2000.
 //!
-//! Cost: an iteration is four Fourier and two wavelet transforms a channel; about 60 to the default tolerance. Memory: nine
+//! Cost: an iteration is four Fourier and two wavelet transforms a channel; about 60 to the default tolerance. Memory: ten
 //! planes a channel, three channels at a time.
 //!
 //! Fails: wavelets are not incoherent with pixels. On renders it stays below `ss` at every density; where the blur is wide for
@@ -191,8 +191,8 @@ pub static DESCRIPTOR: Descriptor = Descriptor {
             ..Setting::PLAIN
         },
     ],
-    even: Memory { image: 48, channel: 40 },
-    uneven: Memory { image: 48, channel: 40 },
+    even: Memory { image: 48, channel: 44 },
+    uneven: Memory { image: 48, channel: 44 },
     takes: Takes::NOTHING,
     restores: false,
     held_out: None,

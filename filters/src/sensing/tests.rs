@@ -248,3 +248,29 @@ fn settings_out_of_range_are_refused() {
     let outcome = Outcome::direct();
     assert_eq!((outcome.objective, outcome.constraint), (None, None));
 }
+
+/// A level has large coefficients that say nothing of how far it is from the minimum.
+#[test]
+fn a_level_that_is_large_against_the_range_is_kept() {
+    let size = Size::new(64, 64);
+    let mask = Arc::new(mask(size, 0.2));
+    let odd = (0..size.pixels()).filter(|&pixel| mask.as_slice()[pixel]).nth(400).unwrap();
+    let one = |y: usize, x: usize| if y * 64 + x == odd { 0.999 } else { 1.0 };
+    let waves = |y: usize, x: usize| 1000.0 + x as f32 / 64.0 + 0.3 * (y as f32 / 6.0).sin();
+    for (image, off) in [(Plane::from_fn(size, one), 1e-3), (Plane::from_fn(size, waves), 5.0)] {
+        let samples = Planes::new(size, vec![image.clone()]).unwrap();
+        let [nesta, saddle] = [Solver::Nesta, Solver::PrimalDual].map(|solver| {
+            let settings = cs_wavelet::Settings { solver, ..cs_wavelet::Settings::default() };
+            let plan = Method::from(settings).filter().plan(&Problem::fill(mask.clone()), &Run::default());
+            let mut out = Planes::zeros(size, 1);
+            let outcome = plan.unwrap().reconstruct(&samples, &mut out, &Run::default()).unwrap();
+            if solver == Solver::Nesta {
+                let all = out.as_slice()[0].pixels().iter().zip(image.pixels());
+                let mean = all.map(|(a, b)| (a - b).abs()).sum::<f32>() / size.pixels() as f32;
+                assert!(mean <= off, "{mean}");
+            }
+            outcome.objective.unwrap()
+        });
+        assert!(nesta <= saddle * 1.01, "{nesta} {saddle}");
+    }
+}

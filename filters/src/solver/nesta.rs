@@ -9,9 +9,13 @@
 //! ```
 //!
 //! until the objective settles ([`Settling`]); the next step starts there with a smaller `mu` and tolerance, both falling
-//! geometrically from 0.9 of the largest entry of `U x_0`, and from 0.1, to what is asked.
+//! geometrically from 0.9 of the largest entry of `U x_0`, and from 0.1, to what is asked. The level of an image has large entries that say nothing of how
+//! far it is from the minimum: smoothed by them it would walk further away than the small last steps come back ([`Sparsity::peak`]).
 //!
-//! Cost: an iteration is one `U` and one `U^T`. Memory: three images beside `x`, and the operator's buffers.
+//! No step is sure to lower the objective. If all of them have raised it, `x` is what it was at first, and has not converged unless that is within the
+//! tolerance.
+//!
+//! Cost: an iteration is one `U` and one `U^T`. Memory: four images beside `x`, and the operator's buffers.
 //!
 //! Source: S. Becker, J. Bobin, E. Candes, "NESTA: A Fast and Accurate First-Order Method for Sparse Recovery", SIAM Journal
 //! on Imaging Sciences 4(1), 2011 (algorithm of section 3.1, projection of section 3.3, continuation of section 3.6).
@@ -49,8 +53,12 @@ pub fn solve<S: Sparsity>(
 ) -> Ending {
     let mut work = operator.work();
     project(samples, x);
-    operator.analyse(x, &mut work);
-    let peak = START * operator.peak(&mut work);
+    let objective_of = |x: &[f32], work: &mut S::Work| {
+        operator.analyse(x, work);
+        operator.norm(work)
+    };
+    let (first, before) = (x.to_vec(), objective_of(x, &mut work));
+    let peak = START * operator.peak(x, &mut work);
     let (mut mu, mut tolerance) = (peak.max(goal.mu), LOOSE.max(goal.tolerance));
     let factors = [goal.mu / mu, goal.tolerance / tolerance].map(|f| f.powf(1.0 / STEPS as f64));
     let mut stop = Stop::Converged;
@@ -67,8 +75,14 @@ pub fn solve<S: Sparsity>(
             break;
         }
     }
-    operator.analyse(x, &mut work);
-    let objective = operator.norm(&mut work);
+    let mut objective = objective_of(x, &mut work);
+    if objective > before {
+        if objective > before * (1.0 + goal.tolerance) {
+            stop = stop.max(Stop::IterationLimit);
+        }
+        x.copy_from_slice(&first);
+        objective = before;
+    }
     Ending { stop, iterations, objective, distance: samples.distance(|i| x[i]) }
 }
 

@@ -95,8 +95,14 @@ pub trait Sparsity: Sync {
         })
     }
 
+    /// The largest magnitude that `U x` has without the level of `x`, where that has entries of its own.
+    fn peak(&self, x: &[f32], work: &mut Self::Work) -> f64 {
+        self.analyse(x, work);
+        self.largest(work)
+    }
+
     /// The largest magnitude.
-    fn peak(&self, work: &mut Self::Work) -> f64 {
+    fn largest(&self, work: &mut Self::Work) -> f64 {
         let largest = |row: &[Self::Entry]| row.iter().map(|entry| entry.magnitude()).fold(0.0, f32::max);
         f64::from(self.entries(work).par_chunks(ROW).map(largest).into_iter().fold(0.0, f32::max))
     }

@@ -132,4 +132,10 @@ impl Sparsity for Operator {
     fn bound(&self) -> f64 {
         self.bound
     }
+
+    fn peak(&self, x: &[f32], work: &mut Work) -> f64 {
+        let mean = (x.iter().copied().map(f64::from).sum::<f64>() / x.len().max(1) as f64) as f32;
+        self.analyse(&x.iter().map(|value| value - mean).collect::<Vec<_>>(), work);
+        self.largest(work)
+    }
 }
