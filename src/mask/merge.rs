@@ -12,7 +12,7 @@ use lacuna_exr::{Attributes, CAMERA, Channel, Frame, Part, Samples};
 use lacuna_filters::Mask;
 
 use super::filled::filled_by;
-use super::{ATTRIBUTE, MakeError, Masks};
+use super::{ATTRIBUTE, MakeError, Masks, flags};
 use crate::channels::{Rule, choose, part_label};
 use crate::mask::{PATTERN, SEED};
 
@@ -33,7 +33,8 @@ pub struct Merged {
 /// Unites `b` into `a`; `forget` removes the attributes that would lie about a united part, and says so.
 ///
 /// # Errors
-/// Frames that differ in parts, windows, channels or their types; a frame in which a part has a mask and in the other not.
+/// Frames that differ in parts, windows, channels or their types, or have their masks in other channels; a frame in which a part has a mask and in the
+/// other not; channels of several masks that no channel of the frame holds.
 pub fn merge(
     a: (Frame, &Masks),
     b: (&Frame, &Masks),
@@ -56,7 +57,8 @@ pub fn merge(
         if let Some(filter) = &filter {
             notes.push(format!("{label}filled by {filter}: what no render measured is missing again"));
         }
-        same_form(part, other).map_err(|why| MakeError::Other(format!("{label}{why}")))?;
+        let alike = same_form(part, other).and_then(|()| same_masks(part, index, [first, second]));
+        alike.map_err(|why| MakeError::Other(format!("{label}{why}")))?;
         let differs = |name: &&str| part.attributes.get(name) != other.attributes.get(name);
         if let Some(name) = CAMERA.iter().find(|name| differs(name)) {
             notes.push(format!("{label}the renders differ in {name}: are they of one frame?"));
@@ -72,7 +74,7 @@ pub fn merge(
                 other => other,
             })?;
         }
-        let United { mask: united, different, notes: own, .. } = united;
+        let United { unions, different, notes: own, .. } = united;
         notes.extend(own.into_iter().map(|note| format!("{label}{note}")));
         if different > 0 {
             let pixels = if different == 1 { "1 pixel" } else { &format!("{different} pixels") };
@@ -80,10 +82,10 @@ pub fn merge(
                 "{label}the renders differ in {pixels} that both measured: are they of one frame?"
             ));
         }
-        if let Some(union) = united {
-            measured += union.count();
-            all += union.as_slice().len();
-            finish(part, &union, from_elsewhere);
+        measured += unions.iter().map(|(union, _)| union.count()).sum::<usize>();
+        all += unions.iter().map(|(union, _)| union.as_slice().len()).sum::<usize>();
+        if !unions.is_empty() {
+            finish(part, &unions, from_elsewhere).map_err(|why| MakeError::Other(format!("{label}{why}")))?;
             notes.extend(forget(&mut part.attributes).map(|note| format!("{label}{note}")));
         }
     }
@@ -122,8 +124,8 @@ impl Held {
 /// What is found while the channels of a part are united.
 #[derive(Default)]
 struct United {
-    /// Pixels that either render measured.
-    mask: Option<Mask>,
+    /// Pixels that either render measured, each different set once, and the first channel that has it.
+    unions: Vec<(Mask, String)>,
     /// The most pixels of a channel in which the renders differ, though both measured them.
     different: usize,
     /// One line each.
@@ -137,7 +139,7 @@ fn unite(
     masks: [Option<&Mask>; 2],
     united: &mut United,
 ) -> Result<(), MakeError> {
-    let size = a.size();
+    let (size, name) = (a.size(), a.channels[channel].display_name().into_owned());
     let (target, source) = (&mut a.channels[channel].samples, &b.channels[channel].samples);
     if held == Held::Mask {
         let measured = |samples| Mask::new(size, super::flags(samples, |value| value >= 0.5));
@@ -158,16 +160,16 @@ fn unite(
             if clears {
                 clear(target, neither);
             }
-            if united.mask.is_none() {
-                united.mask = Some(union(own, new)?);
+            let union = union(own, new)?;
+            if united.unions.iter().all(|(other, _)| *other != union) {
+                united.unions.push((union, name));
             }
         }
         [None, None] if target.same_bits(source) => {}
         [None, None] => {
-            let name = a.channels[channel].display_name();
             united.notes.push(format!("{name} has no mask and differs: the first render's is kept"));
         }
-        _ => return Err(MakeError::Other("only one of the renders has a mask for it".into())),
+        _ => return Err(MakeError::Other(format!("only one of the renders has a mask for {name}"))),
     }
     Ok(())
 }
@@ -176,9 +178,37 @@ fn same_form(a: &Part, b: &Part) -> Result<(), String> {
     if a.data_window != b.data_window {
         return Err("the data windows differ".into());
     }
-    let form =
-        |part: &Part| part.channels.iter().map(|c| (c.name.clone(), c.samples.kind())).collect::<Vec<_>>();
-    if form(a) == form(b) { Ok(()) } else { Err("the channels or their types differ".into()) }
+    let lacks = |part: &Part, of: &Part| {
+        let has = |wanted: &Channel| part.channels.iter().any(|channel| channel.name == wanted.name);
+        of.channels.iter().find(|channel| !has(channel)).map(|channel| channel.display_name().into_owned())
+    };
+    for (which, missing) in [("first", lacks(a, b)), ("second", lacks(b, a))] {
+        if let Some(name) = missing {
+            return Err(format!(
+                "the {which} render has no channel {name}: render both with the same channels"
+            ));
+        }
+    }
+    let mut pairs = a.channels.iter().zip(&b.channels);
+    pairs.find(|(own, other)| own.samples.kind() != other.samples.kind()).map_or(Ok(()), |(own, _)| {
+        let name = own.display_name();
+        Err(format!("channel {name} is of another type in the second render: write both alike"))
+    })
+}
+
+/// The masks of both renders are the same channels of a part.
+fn same_masks(part: &Part, index: usize, masks: [&Masks; 2]) -> Result<(), String> {
+    let [first, second] = masks.map(|masks| {
+        let channels = masks.mask_channels[index].iter().filter_map(|&at| part.channels.get(at));
+        let names: Vec<_> = channels.map(Channel::display_name).collect();
+        if names.is_empty() { "no channel".into() } else { names.join(", ") }
+    });
+    if first == second {
+        return Ok(());
+    }
+    Err(format!(
+        "the mask of the first render is {first}, of the second {second}: name one that both have with --mask channel:NAME"
+    ))
 }
 
 fn union(a: &Mask, b: &Mask) -> Result<Mask, MakeError> {
@@ -245,19 +275,32 @@ fn set(samples: &mut Samples, mask: &Mask) {
     }
 }
 
-/// Adds a mask channel where the mask came from another file, and drops what the attributes say about the first pattern.
-fn finish(part: &mut Part, mask: &Mask, add: bool) {
-    if add {
-        let mut samples = Samples::Half(vec![f16::ZERO; mask.as_slice().len()]);
-        set(&mut samples, mask);
-        let channel = Channel { name: CHANNEL.into(), perceptually_linear: false, samples };
-        part.channels.retain(|channel| channel.name != CHANNEL.as_bytes());
-        let at = part.channels.partition_point(|other| other.name < channel.name);
-        part.channels.insert(at, channel);
-        part.attributes.set_text(ATTRIBUTE, CHANNEL);
+/// Adds a mask channel where the mask came from another file, beside a channel of that name that says something else, and drops what the attributes say
+/// about the first pattern.
+fn finish(part: &mut Part, unions: &[(Mask, String)], add: bool) -> Result<(), String> {
+    if let ([(mask, a), others @ ..], true) = (unions, add) {
+        if let Some((_, b)) = others.first() {
+            return Err(format!(
+                "{a} and {b} have masks of their own, which one channel cannot hold: write them into the renders as LAYER.mask, or merge such \
+                 layers as files of their own"
+            ));
+        }
+        let of_name = |name: &str| part.channels.iter().find(|channel| channel.name == name.as_bytes());
+        let says = |channel: &Channel| flags(&channel.samples, |value| value >= 0.5) == mask.as_slice();
+        let mut names = (1_usize..).map(|n| if n == 1 { CHANNEL.into() } else { format!("{CHANNEL}{n}") });
+        let name = names.find(|name| of_name(name).is_none_or(says)).unwrap_or_default();
+        if of_name(&name).is_none() {
+            let mut samples = Samples::Half(vec![f16::ZERO; mask.as_slice().len()]);
+            set(&mut samples, mask);
+            let channel = Channel { name: name.as_str().into(), perceptually_linear: false, samples };
+            let at = part.channels.partition_point(|other| other.name < channel.name);
+            part.channels.insert(at, channel);
+        }
+        part.attributes.set_text(ATTRIBUTE, &name);
     }
     part.attributes.remove(SEED);
     part.attributes.set_text(PATTERN, "merged");
+    Ok(())
 }
 
 #[cfg(test)]

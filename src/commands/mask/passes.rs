@@ -16,7 +16,7 @@ use crate::files::ranges::Frames;
 use crate::files::reports;
 use crate::mask::output::{Listing, write_floats, write_mask};
 use crate::mask::{self, MakeError, MaskFile, Masks, PATTERN, SEED, Source, after, merge};
-use crate::reconstruct::{dropped_note, make_writable, of_other_pixels, prefixed, remove};
+use crate::reconstruct::{drop_errors, dropped_note, make_writable, of_other_pixels, prefixed, remove};
 use crate::run::console::Console;
 use crate::run::memory;
 
@@ -197,8 +197,14 @@ impl OfFrame for Union {
         }
         output.make_folder(path)?;
         let limits = memory::reading(memory);
-        let (a, a_masks) = read(first, source, limits, console)?;
-        let (b, b_masks) = read(second, source, limits, console)?;
+        let without_errors = |path: &Path| {
+            let mut frame = read(path, limits)?;
+            for note in drop_errors(&mut frame, |_, _| true) {
+                console.warning(&format!("{}: {note}", path.display()));
+            }
+            Ok((masks_of(path, &frame, source, limits, console)?, frame))
+        };
+        let ((a_masks, a), (b_masks, b)) = (without_errors(first)?, without_errors(second)?);
         for (path, masks) in [(first, &a_masks), (second, &b_masks)] {
             if *source == Source::Auto && masks.mask_channels.iter().all(Vec::is_empty) {
                 let why = "nothing is missing in it, so that there is nothing to unite".into();
@@ -272,7 +278,8 @@ impl NextPass {
     }
 
     fn choose(&self, limits: Limits, console: &Console) -> Result<after::Next, PlanError> {
-        let (frame, masks) = read(&self.frame, &self.source, limits, console)?;
+        let frame = read(&self.frame, limits)?;
+        let masks = masks_of(&self.frame, &frame, &self.source, limits, console)?;
         let choices = channels::choose(&frame, &masks.mask_channels, &[]);
         let bounds = |window| self.bounds.read(window, limits);
         let preference = Preference::new(self.seed, self.number);
@@ -305,19 +312,23 @@ impl NextPass {
     }
 }
 
-fn read(
+fn read(path: &Path, limits: Limits) -> Result<Frame, PlanError> {
+    lacuna_exr::read(path, &limits).map_err(|error| failed(path)(error.into()))
+}
+
+fn masks_of(
     path: &Path,
+    frame: &Frame,
     source: &Source,
     limits: Limits,
     console: &Console,
-) -> Result<(Frame, Masks), PlanError> {
+) -> Result<Masks, PlanError> {
     let fail = |error: MakeError| failed(path)(error);
-    let frame = lacuna_exr::read(path, &limits).map_err(|error| fail(error.into()))?;
     let file = match source.path() {
         Some(file) => Some(MaskFile::read(file, limits).map_err(|error| fail(error.into()))?),
         None => None,
     };
-    let masks = mask::find(&frame, source, file.as_ref()).map_err(|error| fail(error.into()))?;
+    let masks = mask::find(frame, source, file.as_ref()).map_err(|error| fail(error.into()))?;
     masks.notes.iter().for_each(|note| console.warning(&format!("{}: {note}", path.display())));
-    Ok((frame, masks))
+    Ok(masks)
 }

@@ -74,7 +74,12 @@ fn renders_of_other_forms_are_refused() {
     assert!(of(&a, &shifted).unwrap_err().to_string().contains("data windows"));
     let mut other = a.clone();
     other.parts[0].channels[0] = float("R", &[0.0; 4]);
-    assert!(of(&a, &other).unwrap_err().to_string().contains("types"));
+    assert!(of(&a, &other).unwrap_err().to_string().contains("channel R is of another type"));
+    other.parts[0].channels.remove(0);
+    for (first, second, which) in [(&a, &other, "second"), (&other, &a, "first")] {
+        let error = of(first, second).unwrap_err().to_string();
+        assert!(error.contains(&format!("the {which} render has no channel R")), "{error}");
+    }
     let two = frame(vec![a.parts[0].clone(), a.parts[0].clone()]);
     assert!(of(&a, &two).unwrap_err().to_string().contains("parts"));
 }
@@ -131,4 +136,65 @@ fn counts_are_values_of_their_pixels() {
     let part = &merged.frame.parts[0];
     assert_eq!(part.channels[1].samples, Samples::Uint(vec![4, 16, 8, 0]));
     assert_eq!(values(part, "R"), [1.0, 6.0, 7.0, 0.0]);
+}
+
+fn layers(colour: [f32; 4], own: [f32; 4], other: [f32; 4]) -> Frame {
+    let channels = vec![half("A", &own), half("R", &colour), half("d.A", &other), half("d.R", &colour)];
+    frame(vec![part(window(0, 0, 4, 1), channels)])
+}
+
+#[test]
+fn masks_that_one_channel_cannot_hold_are_refused() {
+    let merged = |a: &Frame, b: &Frame| {
+        let [first, second] = [a, b].map(|frame| mask::find(frame, &Source::Alpha, None).unwrap());
+        merge((a.clone(), &first), (b, &second), |_| None)
+    };
+    let a = layers([1.0; 4], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]);
+    let error = merged(&a, &layers([1.0; 4], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 1.0, 0.0])).unwrap_err();
+    assert!(error.to_string().starts_with("A and d.A have masks of their own"), "{error}");
+    // What either measured may be the same.
+    let both = merged(&a, &layers([1.0; 4], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])).unwrap();
+    assert_eq!(values(&both.frame.parts[0], "mask"), [1.0, 1.0, 0.0, 0.0]);
+}
+
+#[test]
+fn every_mask_of_a_part_counts_for_the_density() {
+    let with = |own: [f32; 4], other: [f32; 4]| {
+        let masks = [half("a.mask", &own), half("b.mask", &other)];
+        let [own, other] = masks;
+        let channels = vec![half("a.R", &[1.0; 4]), own, half("b.R", &[1.0; 4]), other];
+        frame(vec![part(window(0, 0, 4, 1), channels)])
+    };
+    let (a, b) = (with([1.0, 0.0, 0.0, 0.0], [1.0; 4]), with([0.0, 1.0, 0.0, 0.0], [1.0; 4]));
+    let merged = of(&a, &b).unwrap();
+    assert!((merged.density - 0.75).abs() < 1e-12, "{}", merged.density);
+    assert_eq!(values(&merged.frame.parts[0], "a.mask"), [1.0, 1.0, 0.0, 0.0]);
+}
+
+#[test]
+fn a_channel_called_mask_that_is_none_stays() {
+    let with = |alpha: [f32; 4]| {
+        let channels = vec![half("A", &alpha), half("R", &alpha), half("mask", &alpha.map(|a| 0.25 * a))];
+        frame(vec![part(window(0, 0, 4, 1), channels)])
+    };
+    let (a, b) = (with([1.0, 0.0, 0.0, 0.0]), with([0.0, 1.0, 0.0, 0.0]));
+    let [first, second] = [&a, &b].map(|frame| mask::find(frame, &Source::Alpha, None).unwrap());
+    let merged = merge((a, &first), (&b, &second), |_| None).unwrap().frame;
+    let part = &merged.parts[0];
+    assert_eq!(values(part, "mask"), [0.25, 0.25, 0.0, 0.0]);
+    assert_eq!(values(part, "mask2"), [1.0, 1.0, 0.0, 0.0]);
+    assert_eq!(part.attributes.text(ATTRIBUTE).as_deref(), Some("mask2"));
+    assert_eq!(mask::find(&merged, &Source::Auto, None).unwrap().origin, "mask2");
+}
+
+#[test]
+fn masks_in_other_channels_are_refused() {
+    let with = |name: &str| {
+        let channels = vec![half("R", &[1.0; 4]), half("m", &[1.0; 4]), half("n", &[1.0; 4])];
+        let mut one = frame(vec![part(window(0, 0, 4, 1), channels)]);
+        one.parts[0].attributes.set_text(ATTRIBUTE, name);
+        one
+    };
+    let error = of(&with("m"), &with("n")).unwrap_err().to_string();
+    assert!(error.contains("first render is m, of the second n: name one"), "{error}");
 }
