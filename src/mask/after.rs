@@ -21,7 +21,7 @@ pub struct Next {
     pub pixels: Vec<usize>,
     /// The same as a mask.
     pub mask: Mask,
-    /// The estimated error of the fill, 0 where measured.
+    /// The estimated error of the fill, 0 at measured pixels that are finite.
     pub error: Plane,
 }
 

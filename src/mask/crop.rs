@@ -109,7 +109,7 @@ fn shrink(mask: &Mask, area: Area) -> Option<Area> {
 
 /// Adds the cheapest rectangles of a shrunk area; what they cost.
 fn cut(mask: &Mask, area: Area, overhead: usize, out: &mut Vec<Area>) -> usize {
-    let whole = area.pixels() + overhead;
+    let whole = area.pixels().saturating_add(overhead);
     let start = out.len();
     let (height, width) = (area.bottom - area.top, area.right - area.left);
     let halves = if height >= width && height > 1 {
@@ -129,7 +129,7 @@ fn cut(mask: &Mask, area: Area, overhead: usize, out: &mut Vec<Area>) -> usize {
             .into_iter()
             .filter_map(|half| shrink(mask, half))
             .map(|half| cut(mask, half, overhead, out))
-            .sum();
+            .fold(0, usize::saturating_add);
     }
     if parts < whole {
         return parts;
@@ -146,6 +146,14 @@ mod tests {
 
     use super::*;
     use crate::testing::window;
+
+    #[test]
+    fn an_overhead_beyond_all_pixels_is_one_rectangle() {
+        let mask = Mask::from_fn(Size::new(9, 9), |y, x| (y + x) % 4 == 0);
+        for overhead in [usize::MAX, usize::MAX - 80] {
+            assert_eq!(crops(&mask, window(0, 0, 9, 9), overhead).rectangles.len(), 1);
+        }
+    }
 
     proptest! {
         #[test]
