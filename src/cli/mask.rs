@@ -14,7 +14,7 @@ use crate::commands::{BoundFiles, MaskJob, MaskOutput, MaskTask, NextPass, Union
 use crate::files::ranges::Frames;
 use crate::mask::Source;
 use crate::mask::generate::Request;
-use crate::mask::output::Format;
+use crate::mask::output::{Format, check_image};
 use crate::run::granted_memory;
 
 const EXAMPLES: &str = "\
@@ -80,7 +80,8 @@ struct PatternArgs {
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
 
-    /// Each pixel with its right and its lower neighbour, which all count for the density: for --filter cs-gradient
+    /// Each pixel with its right and its lower neighbour, which all count for the density: for --filter cs-gradient. --inside
+    /// cuts such a mask, so that pixels at its edge may have no neighbour
     #[arg(long, conflicts_with = "rank")]
     paired: bool,
 
@@ -93,7 +94,7 @@ struct PatternArgs {
     #[arg(long, value_name = "RANGE", allow_hyphen_values = true)]
     frames: Option<Frames>,
 
-    /// How the masks of frames are related [default: fixed]
+    /// How the masks of frames are related [default: complementary; offset for poisson, --paired and --rank without --density]
     #[arg(long, value_name = "HOW")]
     temporal: Option<TemporalName>,
 
@@ -262,6 +263,9 @@ impl MakeMaskArgs {
 
     fn choosing(&self) -> Result<MaskTask, Usage> {
         let needed = || Usage("--after FRAME with --add D is needed".into());
+        if let Some(path) = &self.after.error_estimate {
+            check_image(path, "error").map_err(|error| Usage(format!("--error-estimate {error}")))?;
+        }
         Ok(MaskTask::Next(NextPass {
             number: None,
             frame: self.after.after.clone().ok_or_else(needed)?,
@@ -296,7 +300,7 @@ impl MakeMaskArgs {
     fn generating(&self) -> Result<MaskTask, Usage> {
         let size =
             self.pattern.size.ok_or_else(|| Usage("--size WxH is needed (or --after, --merge)".into()))?;
-        let temporal = self.pattern.temporal.map_or(Temporal::Fixed, Temporal::from);
+        let temporal = self.pattern.temporal();
         let density = match (self.pattern.density, self.pattern.rank) {
             (Some(_), true) if temporal != Temporal::Complementary => {
                 return Err(Usage("--rank is the order for every density: leave --density away".into()));
@@ -327,17 +331,34 @@ impl MakeMaskArgs {
         if request.temporal == Temporal::Complementary && request.paired {
             return Err(Usage("--temporal complementary: masks of --paired do not complete each other: use --temporal offset".into()));
         }
+        let (rank, output) = (self.pattern.rank, self.output.needed()?);
+        let refused = |error| Usage(format!("{}: {error}", if rank { "--rank" } else { "--paired" }));
+        request.check(rank).map_err(refused)?;
+        if rank {
+            check_image(&output.path, "rank").map_err(|error| Usage(format!("-o {error}")))?;
+        }
         Ok(MaskTask::Generate {
             request,
-            rank: self.pattern.rank,
+            rank,
             frames: self.pattern.frames.as_ref().map(|frames| frames.numbers().to_vec()),
             bounds: self.pattern.bounds()?,
-            output: self.output.needed()?,
+            output,
         })
     }
 }
 
 impl PatternArgs {
+    /// Frames that may have other masks have them, which complete each other where they can.
+    fn temporal(&self) -> Temporal {
+        let has_none = self.paired || self.density.is_none() || self.pattern == Some(PatternName::Poisson);
+        match self.temporal {
+            Some(name) => name.into(),
+            None if self.frames.is_none() => Temporal::Fixed,
+            None if has_none => Temporal::Offset,
+            None => Temporal::Complementary,
+        }
+    }
+
     fn seed(&self) -> u64 {
         self.seed.unwrap_or(0)
     }

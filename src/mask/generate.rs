@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use lacuna_exr::{Frame, Limits, Part, Samples, Window};
-use lacuna_filters::sampling::{self, Field, Order, Pattern, Temporal, shuffle};
+use lacuna_filters::sampling::{self, Band, Field, Order, Pattern, Temporal, shuffle};
 use lacuna_filters::{Mask, Size};
 
 use super::file::Content;
@@ -24,6 +24,25 @@ pub struct Request {
     pub temporal: Temporal,
     /// Each pixel comes with its right and its lower neighbour; the density counts them all.
     pub paired: bool,
+}
+
+impl Request {
+    /// Whether the pattern has what is asked of it: an order, for pairs and for the image of its ranks.
+    ///
+    /// # Errors
+    /// A pattern that is not progressive.
+    pub fn check(&self, rank: bool) -> Result<(), MakeError> {
+        let name = self.pattern.name();
+        let lacks = match (rank, self.paired) {
+            _ if self.pattern.is_progressive() => return Ok(()),
+            (true, _) => "no rank image",
+            (_, true) => "no pairs",
+            _ => return Ok(()),
+        };
+        Err(MakeError::Other(format!(
+            "the pattern {name} is not progressive: it has {lacks}; use shuffle, blue-noise or random"
+        )))
+    }
 }
 
 /// Pixels that are in or out whatever the pattern says.
@@ -81,15 +100,11 @@ impl Bounds {
 pub fn generate(request: &Request, frame: i64, bounds: &Bounds) -> Result<Mask, MakeError> {
     let Request { window, pattern, density, seed, temporal, paired } = *request;
     let size = window.size();
-    let mask = match paired {
-        false => sampling::mask(pattern, field(window), density, seed, temporal, frame)?,
-        true if pattern.is_progressive() => sampling::paired::mask(size, density, order(request, frame))?,
-        true => {
-            let name = pattern.name();
-            return Err(MakeError::Other(format!(
-                "the pattern {name} is not progressive: it has no pairs; use shuffle, blue-noise or random"
-            )));
-        }
+    request.check(false)?;
+    let mask = if paired {
+        sampling::paired::mask(size, density, order(request, frame))?
+    } else {
+        sampling::mask(pattern, field(window), density, seed, temporal, frame)?
     };
     let mask = bounds.apply(mask);
     super::check_any(&mask).map_err(MakeError::Other)?;
@@ -100,8 +115,8 @@ pub fn generate(request: &Request, frame: i64, bounds: &Bounds) -> Result<Mask, 
 pub fn order(request: &Request, frame: i64) -> Rank<'static> {
     let field = field(request.window);
     let offset = if request.temporal == Temporal::Offset { frame } else { 0 };
-    let start =
-        if request.temporal == Temporal::Complementary { frame as f64 * request.density } else { 0.0 };
+    let step = if request.temporal == Temporal::Complementary { frame } else { 0 };
+    let start = Band::of_frame(request.density, step).start();
     match Order::new(request.pattern, field, request.seed, offset) {
         Some(order) => Box::new(move |row, column| (order.rank(row, column) - start).rem_euclid(1.0)),
         None => shuffled(field, request.seed),
@@ -123,12 +138,7 @@ pub fn shuffled(field: Field, seed: u64) -> Rank<'static> {
 /// # Errors
 /// A pattern that is not progressive.
 pub fn ranks(request: &Request, frame: i64, bounds: &Bounds) -> Result<Vec<f32>, MakeError> {
-    if !request.pattern.is_progressive() {
-        return Err(MakeError::Other(format!(
-            "the pattern {} is not progressive: it has no rank image; use shuffle, blue-noise or random",
-            request.pattern.name()
-        )));
-    }
+    request.check(true)?;
     let (rank, size) = (order(request, frame), request.window.size());
     let value = |row: usize, column: usize| {
         if bounds.forces(size, row, column) {

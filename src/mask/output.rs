@@ -50,6 +50,19 @@ impl Format {
     }
 }
 
+/// That a path has a format of images, as [`write_floats`] needs for this.
+///
+/// # Errors
+/// Any other extension.
+pub fn check_image(path: &Path, name: &str) -> Result<(), MakeError> {
+    match Format::of(path)? {
+        Format::Exr | Format::Png => Ok(()),
+        Format::Text | Format::Json => {
+            Err(MakeError::Other(format!("'{}': {name} is an image: write .exr or .png", path.display())))
+        }
+    }
+}
+
 /// How a mask is written.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Writing {
@@ -122,16 +135,14 @@ pub fn write_floats(
         Format::Exr => write_exr(path, name, Samples::Float(values), window, how),
         Format::Png => {
             let width = window.size().width;
-            let scale = if white > 0.0 { 65535.0 / white } else { 0.0 };
+            let scale = if white > 0.0 { 65535.0 / f64::from(white) } else { 0.0 };
             write_png(path, window, png::BitDepth::Sixteen, how, |row, line| {
                 for (bytes, value) in line.chunks_exact_mut(2).zip(&values[row * width..][..width]) {
-                    bytes.copy_from_slice(&((value * scale).round() as u16).to_be_bytes());
+                    bytes.copy_from_slice(&((f64::from(*value) * scale).round() as u16).to_be_bytes());
                 }
             })
         }
-        Format::Text | Format::Json => {
-            Err(MakeError::Other(format!("'{}': {name} is an image: write .exr or .png", path.display())))
-        }
+        Format::Text | Format::Json => check_image(path, name),
     }
 }
 

@@ -70,11 +70,16 @@ fn threads_and_repetition_change_no_byte() {
 fn complementary_frames_cover_every_pixel() {
     let room = Room::new();
     let words = ["mask", "-o", "m.####.txt", "--size", "32x20", "--density", "0.25"];
-    room.ok(&[&words[..], &["--frames", "7-10", "--temporal", "complementary"]].concat());
+    room.ok(&[&words[..], &["--frames", "7-10"]].concat());
     let all = (7..=10).flat_map(|frame| points(&room, &format!("m.{frame:04}.txt")));
     let all: Vec<_> = all.collect();
     assert_eq!(all.len(), 640);
     assert_eq!(all.into_iter().collect::<HashSet<_>>().len(), 640);
+    // What made each of them stands in it.
+    let words = ["mask", "-o", "m.#.exr", "--size", "8x8", "--density", "0.25", "--frames", "3-4"];
+    room.ok(&[&words[..], &["--temporal", "offset"]].concat());
+    let pattern = room.read("m.0004.exr").parts[0].attributes.text("lacuna/pattern");
+    assert_eq!(pattern.as_deref(), Some("shuffle density=0.25 temporal=offset frame=4"));
 }
 
 #[test]
@@ -85,7 +90,7 @@ fn ranks_are_floats() {
     assert!(matches!(frame.parts[0].channels[0].samples, Samples::Float(_)));
     assert!(values(&frame, "rank").iter().all(|rank| (0.0..1.0).contains(rank)));
     let done = room.run(&["mask", "-o", "r.exr", "--size", "20x10", "--rank", "--pattern", "poisson"]);
-    assert_eq!(done.status, 1);
+    assert_eq!(done.status, 2);
     assert!(done.err.contains("not progressive"), "{}", done.err);
 }
 
@@ -193,7 +198,7 @@ fn what_the_bounds_force_is_measured_next_as_well() {
 #[test]
 fn the_union_of_a_fill_and_a_second_pass_is_sparse_and_can_be_filled() {
     let room = Room::with(&["a.exr", "b.exr"]);
-    room.ok(&["fill", "a.exr", "-o", "filled.exr"]);
+    room.ok(&["fill", "a.exr", "-o", "filled.exr", "--error-channel"]);
     room.ok(&["mask", "--merge", "filled.exr", "b.exr", "-o", "both.exr"]);
     let both = room.read("both.exr");
     let told = ["filter", "settings", "density", "estimate"].map(|name| format!("lacuna/{name}"));

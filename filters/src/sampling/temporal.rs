@@ -64,6 +64,11 @@ impl Band {
         Some(Self { low: part(from), high })
     }
 
+    /// Where it starts.
+    pub const fn start(self) -> f64 {
+        self.low
+    }
+
     /// The first of the ranks `0, 1, ... one - 1` over `one` that lies in it, and how many from there on, modulo `one`, do.
     ///
     /// `one` is a power of two up to 2^53, so that nothing is rounded but up to the next whole rank.

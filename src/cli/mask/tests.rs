@@ -73,6 +73,13 @@ fn nonsense_is_refused_in_one_line() {
         ),
         ("-o m.exr --after f.exr", "--add"),
         ("-o m.exr --size 4x4 --density 0.1 --pattern halton", "halton"),
+        (
+            "-o n.exr --after f.exr --add 0.1 --error-estimate e.txt",
+            "--error-estimate 'e.txt': error is an image",
+        ),
+        ("-o n.txt --size 4x4 --rank", "-o 'n.txt': rank is an image"),
+        ("-o n.exr --size 4x4 --rank --pattern grid", "--rank: the pattern grid is not progressive"),
+        ("-o n.exr --size 4x4 --density 0.1 --paired --pattern poisson", "it has no pairs"),
         ("-o m.exr --merge a.exr", "2 values"),
         ("-o m.png --merge a.exr b.exr", "'m.png' does not end in .exr"),
         ("-o m --merge a.exr b.exr", "'m' does not end in .exr"),
@@ -126,5 +133,24 @@ fn a_flag_that_the_task_of_mask_does_not_use_is_refused() {
         (merge, "--frames 1-2 --mask alpha --create-dir -q"),
     ] {
         assert!(job(&format!("{task} {flags}")).is_ok(), "{task} {flags}");
+    }
+}
+
+#[test]
+fn masks_of_frames_differ_unless_asked_otherwise() {
+    for (words, temporal) in [
+        ("--density 0.2", Temporal::Fixed),
+        ("--density 0.2 --frames 1-2", Temporal::Complementary),
+        ("--density 0.2 --frames 1-2 --pattern grid", Temporal::Complementary),
+        ("--density 0.2 --frames 1-2 --pattern poisson", Temporal::Offset),
+        ("--density 0.2 --frames 1-2 --paired", Temporal::Offset),
+        ("--rank --frames 1-2", Temporal::Offset),
+        ("--density 0.2 --frames 1-2 --temporal fixed", Temporal::Fixed),
+    ] {
+        let MaskTask::Generate { request, .. } = job(&format!("-o m.#.exr --size 8x8 {words}")).unwrap().task
+        else {
+            panic!("{words}")
+        };
+        assert_eq!(request.temporal, temporal, "{words}");
     }
 }

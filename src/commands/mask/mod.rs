@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use lacuna_exr::Frame;
 use lacuna_filters::Plane;
+use lacuna_filters::sampling::Temporal;
 pub use output::{BoundFiles, MaskOutput};
 pub use passes::{NextPass, Union};
 
@@ -175,18 +176,28 @@ fn one(
     let pattern = request.pattern.name();
     if rank {
         let ranks = generate::ranks(request, frame, &bounds).map_err(&fail)?;
-        how.attributes.push((PATTERN, pattern.into()));
+        how.attributes.push((PATTERN, format!("{pattern}{}", of_frame(request.temporal, frame))));
         let written = write_floats(path, "rank", ranks, 1.0, request.window, &how);
         return output.wrote(path, written, console).map(drop);
     }
     let mask = generate::generate(request, frame, &bounds).map_err(&fail)?;
     let paired = if request.paired { " paired" } else { "" };
-    how.attributes.push((PATTERN, format!("{pattern} density={}{paired}", request.density)));
+    let of_frame = of_frame(request.temporal, frame);
+    how.attributes.push((PATTERN, format!("{pattern} density={}{paired}{of_frame}", request.density)));
     let listing = Listing::Rank(order_within(request, frame, &bounds));
     if output.wrote(path, write_mask(path, &mask, request.window, &listing, &how), console)? {
         report(path, &mask, console);
     }
     Ok(())
+}
+
+/// Which of the masks of a sequence it is.
+fn of_frame(temporal: Temporal, frame: i64) -> String {
+    match temporal {
+        Temporal::Fixed => String::new(),
+        Temporal::Offset => format!(" temporal=offset frame={frame}"),
+        Temporal::Complementary => format!(" temporal=complementary frame={frame}"),
+    }
 }
 
 /// The order of a list: forced pixels first.

@@ -104,3 +104,17 @@ fn smallest_and_empty_masks_are_written() {
     }
     assert!(Format::of(Path::new("mask.tif")).is_err());
 }
+
+#[test]
+fn tiny_errors_have_all_greys() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("e.png");
+    let values: Vec<f32> = (0..210).map(|k| k as f32 * 1e-38).collect();
+    write_floats(&path, "error", values, 209e-38, REQUEST.window, &Writing::default()).unwrap();
+    let mut reader =
+        png::Decoder::new(std::io::BufReader::new(std::fs::File::open(path).unwrap())).read_info().unwrap();
+    let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut bytes).unwrap();
+    let greys: Vec<u16> = bytes.chunks_exact(2).map(|two| u16::from_be_bytes([two[0], two[1]])).collect();
+    assert!(greys.windows(2).all(|pair| pair[0] < pair[1]) && greys[209] == 65535, "{greys:?}");
+}
