@@ -313,7 +313,7 @@ fn tame(values: &mut [f32]) -> Option<Tamed> {
     probes.sort_unstable_by(f32::total_cmp);
     let (low, high) = match probes.len() {
         0 => (least, most),
-        count => (probes[count / 50], probes[count - 1 - count / 50]),
+        count => apart(&probes, (probes[count / 50], probes[count - 1 - count / 50]), (least, most)),
     };
     let width = (high - low).max(f32::MIN_POSITIVE);
     let room = if probes.is_empty() { 0.0 } else { width };
@@ -337,6 +337,17 @@ fn tame(values: &mut [f32]) -> Option<Tamed> {
     let variance = squares.into_iter().sum::<f64>() / count;
     let zero = 0.0_f32.clamp(floor, top.max(beyond));
     (variance > 0.0 && variance.is_finite()).then_some(Tamed { mean, square: variance, zero })
+}
+
+/// Quantiles, which where they are one value (a surface beside two others) give way by the distance to the nearest other one.
+fn apart(probes: &[f32], (low, high): (f32, f32), (least, most): (f32, f32)) -> (f32, f32) {
+    if low < high {
+        return (low, high);
+    }
+    let below = probes[..probes.partition_point(|probe| *probe < low)].last().map_or(least, |probe| *probe);
+    let above = probes.get(probes.partition_point(|probe| *probe <= high)).map_or(most, |probe| *probe);
+    let distance = (low - below).min(above - high);
+    ((low - distance).max(least), (high + distance).min(most))
 }
 
 /// The sum of what `of` makes of the values, in lanes.

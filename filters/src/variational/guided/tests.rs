@@ -214,6 +214,26 @@ fn infinite_depths_and_labels_are_guides() {
     assert!(effect.guides.contains(&"id".to_owned()));
 }
 
+/// Few surfaces, of one value each: no value but the ends of the range, or one between them.
+#[test]
+fn planes_of_two_or_three_values_guide() {
+    let (surface, mask) = (|y: usize, x: usize| (7 * x + 10 * y) % 370 / 124, mask(0.2));
+    let light = |y: usize, x: usize| [0.1, 0.5, 0.9][surface(y, x)] * (0.8 + 0.2 * (x as f32 / 20.0).sin());
+    let image = Planes::new(SIZE, planes(|y, x| [light(y, x); 3])).unwrap();
+    let far = |y: usize, x: usize| if y < 9 { 1e10 } else { surface(y, x) as f32 };
+    let hidden = |y: usize, x: usize| if y < 9 { f32::INFINITY } else { surface(y, x) as f32 };
+    let single = |y: usize, x: usize| if (y, x) == (1, 1) { 0.50001 } else { [0.1, 0.5, 0.9][surface(y, x)] };
+    let pair = |y: usize, x: usize| if y < 9 { 1e10 } else { surface(y, x).min(1) as f32 };
+    let given: [&dyn Fn(usize, usize) -> f32; 5] =
+        [&|y, x| [0.1, 0.5, 0.9][surface(y, x)], &single, &far, &hidden, &pair];
+    for (at, value) in given.into_iter().enumerate() {
+        let guides = guides(vec![vec![Plane::from_fn(SIZE, value)]]);
+        let (plain, guided, _) = both(&mask, &image, &guides);
+        let gain = psnr(&guided, &image) - psnr(&plain, &image);
+        assert!(gain > if at == 4 { 1.5 } else { 8.0 }, "{at}: {gain}");
+    }
+}
+
 #[test]
 fn threads_do_not_matter() {
     let (image, mask) = (image(), mask(0.1));
