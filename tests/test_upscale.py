@@ -348,7 +348,7 @@ def test_nonsense_is_a_usage_error_of_one_line(tmp_path, words, reason):
     (["--size", "10x10"], "oiiotool INPUT --resize"),
     (["--size", "60x48"], "that size already; lacuna fill"),
     (["--size", "16000x16000"], "more than 16 times"),
-    (["--size", "90x72", "--sampling", "grid"], "whole number"),
+    (["--size", "90x72", "--sampling", "grid"], "scene.exr: --sampling grid needs whole factors"),
     (["--scale", "2", "--domain", "log"], "point and grid, not box"),
 ])
 def test_what_does_not_suit_the_frame_fails_in_one_line(scene, tmp_path, words, reason):

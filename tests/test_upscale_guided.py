@@ -104,20 +104,61 @@ def test_what_is_sparse_is_not_taken(given):
     told = upscale(given, "--guides-from", given / "aovs.exr", "--take-guides").stderr
     got = frames.read(given / "out.exr")[0]
     assert "Z: sparse in the guides' file, and no guide" in told and "--take-guides: Z: sparse" in told
+    alone = upscale(given, "--guides-from", given / "aovs.exr", "--take-guides", "--guides", "none", "--channels", "N.*,A=fill").stderr
+    assert "no channel of this frame" not in alone
     assert got["Z"].min() > 0
     assert all(frames.same_bits(got[name], plane) for name, plane in known.items() if name not in ("Z", "mask"))
+
+
+def parts(path, planes):
+    OpenEXR.File([frames.part(planes[name], name=name) for name in planes]).write(str(path))
+
+
+def test_a_channel_is_taken_from_the_part_of_its_name(tmp_path):
+    flat = lambda side, value: np.full((side, side), value, np.float32)
+    light = {name: large()[0][name].astype(np.float32) for name in "RGB"}
+    parts(tmp_path / "small.exr", {name: light | {"Z": flat(SIDE, z)} for name, z in (("a", 1), ("b", 2), ("c", 3))})
+    taken = lambda: [part.channels["Z"].pixels[0, 0] for part in OpenEXR.File(str(tmp_path / "out.exr"), separate_channels=True).parts]
+    words = ["--guides-from", tmp_path / "aovs.exr", "--guides", "none", "--take-guides"]
+    parts(tmp_path / "aovs.exr", {name: {"Z": flat(2 * SIDE, z)} for name, z in (("c", 30), ("b", 20), ("a", 10))})
+    assert "other parts" not in upscale(tmp_path, *words).stderr and taken() == [10, 20, 30]
+    parts(tmp_path / "aovs.exr", {name: {"Z": flat(2 * SIDE, z)} for name, z in (("x", 10), ("y", 20))})
+    told = upscale(tmp_path, *words).stderr
+    assert taken() == [10, 20, 10] and told.count("other parts of the guides' file have that name") == 1, told
+
+
+def test_channels_of_other_pixels_are_not_passed_over(given):
+    frames.write(given / "cropped.exr", {"Z": large()[1]["Z"][: SIDE // 2].copy()})
+    frames.write(given / "depth.exr", {"Z": frames.read(given / "small.exr")[0]["Z"]})
+    words = ["--guides-from", given / "cropped.exr", "--take-guides"]
+    for options in ({"source": "depth.exr"}, {"words": ["--guides", "none"]}):
+        result = upscale(given, *words, *options.pop("words", []), **options, ok=False)
+        assert result.status == 1 and "the pixels of the output" in result.stderr, result
+    frames.write(given / "other.exr", {"elsewhere": large()[1]["Z"]})
+    told = upscale(given, "--guides-from", given / "other.exr", "--guides", "none", "--take-guides").stderr
+    assert "no channel of this frame but light" in told
+
+
+def test_guides_that_can_steer_nothing_are_told(given):
+    frames.write(given / "ids.exr", {"id": (large()[1]["Z"] > 8).astype(np.uint32)})
+    told = upscale(given, "--guides-from", given / "ids.exr", "--guides", "id").stderr
+    assert told.count("identifiers steer nothing") == 1, told
+    frames.write(given / "tiny.exr", {name: plane[:20, :30].copy() for name, plane in frames.read(given / "small.exr")[0].items()})
+    frames.write(given / "crop.exr", {name: plane[:40, :60].copy() for name, plane in large()[1].items()})
+    told = upscale(given, "--guides-from", given / "crop.exr", source="tiny.exr").stderr
+    assert told.count("enlarged without guides") == 1, told
 
 
 def test_motion_in_pixels_grows_with_the_frame(tmp_path):
     rng = np.random.default_rng(7)
     # Nearest copies, so that only the factors differ.
     planes = {name: rng.normal(size=(20, 30)).astype(np.float32) for name in
-              ("Vector.X", "Vector.Y", "Vector.Z", "Vector.W", "velocity.X", "motion.Z")}
+              ("Vector.X", "Vector.Y", "Vector.Z", "Vector.W", "velocity.X", "motion.Z", "Motion.red", "Motion.green")}
     frames.write(tmp_path / "small.exr", planes | {"R": np.abs(planes["Vector.X"])})
     out = tmp_path / "out.exr"
     told = lacuna("upscale", tmp_path / "small.exr", "-o", out, "--scale", "2x3", "--channels", "*.*=nearest").stderr
     assert "Vector.W" in told and "times 2.0000 across and 3.0000 down" in told
-    factors = {"Vector.X": 2, "Vector.Y": 3, "Vector.Z": 2, "Vector.W": 3, "velocity.X": 1, "motion.Z": 1}
+    factors = {"Vector.X": 2, "Vector.Y": 3, "Vector.Z": 2, "Vector.W": 3, "velocity.X": 1, "motion.Z": 1, "Motion.red": 2, "Motion.green": 3}
     got = frames.read(out)[0]
     for name, factor in factors.items():
         assert np.array_equal(got[name][1::3, ::2], planes[name] * np.float32(factor)), name

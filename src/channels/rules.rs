@@ -238,7 +238,7 @@ pub fn motion_axis(part: &Part, channel: usize) -> Option<usize> {
     let subject =
         Subject::new(part, channel).filter(|subject| is_motion(&subject.full) && !is_uint(subject))?;
     let Name { layer, component } = Name::new(&subject.full);
-    let light = sibling(part, layer, &["b"]).is_some();
+    let light = sibling(part, layer, &["b", "blue"]).is_some();
     let space = sibling(part, layer, &["z"]).is_some() && sibling(part, layer, &["w"]).is_none();
     let vague = (light && !is_clear_motion(&subject.full))
         || (space && has(&subject.words, &["vector", "vectors"]) && !has(&subject.words, &["motion", "mv"]));
@@ -246,8 +246,8 @@ pub fn motion_axis(part: &Part, channel: usize) -> Option<usize> {
         return None;
     }
     match component.to_ascii_lowercase().as_str() {
-        "x" | "u" | "r" => Some(0),
-        "y" | "v" | "g" | "w" => Some(1),
+        "x" | "u" | "r" | "red" => Some(0),
+        "y" | "v" | "g" | "w" | "green" => Some(1),
         "z" => sibling(part, layer, &["w"]).map(|_| 0),
         _ => None,
     }

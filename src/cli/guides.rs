@@ -15,7 +15,7 @@ pub struct GuideArgs {
     /// allowed (N.*,Z)
     ///
     /// auto: what the attribute lacuna/dense lists, and normals, positions, albedo, depth, alpha and identifiers if every
-    /// pixel holds them. Guides that do not predict the colour count for nothing. Only with filters that take guides, as ss does.
+    /// pixel holds them. Guides that do not predict the colour count for nothing. Only with filters that take guides: auto and ss.
     #[arg(long, value_name = "GUIDES", default_value = "auto")]
     pub guides: Asked,
 

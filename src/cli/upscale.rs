@@ -43,6 +43,16 @@ Exit status: 0 all done, 1 some frame failed, 2 usage, 128 + n on signal n.";
 const LIMIT: &str = "on or off: hold overshoot beside highlights and edges back to what the samples around allow, with --sampling \
                      box and grid, and in missing pixels";
 
+const GUIDES: &str = "Channels of --guides-from that steer colour within a small pixel: auto, none, or full names separated by \
+                      commas, globs allowed (N.*,Z)";
+
+const GUIDES_MORE: &str = "auto: what the attribute lacuna/dense lists, and normals, positions, albedo, depth and alpha if every \
+                           pixel holds them. Guides that do not predict the colour count for nothing; identifiers steer nothing \
+                           here. Only with --filter ss.";
+
+const GUIDES_FROM: &str =
+    "The guides' file, or pattern that goes frame by frame: of the pixels of the output";
+
 /// Make EXR frames larger, and fill them if pixels are missing
 ///
 /// Reads frames rendered at a low resolution and writes them at a higher one. The result, reduced again as a pixel of the renderer
@@ -53,6 +63,8 @@ const LIMIT: &str = "on or off: hold overshoot beside highlights and edges back 
 /// Frames without a mask are complete.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = EXAMPLES, mut_arg("limit", |limit| limit.help(LIMIT)))]
+#[command(mut_arg("guides", |guides| guides.help(GUIDES).long_help(format!("{GUIDES}\n\n{GUIDES_MORE}"))))]
+#[command(mut_arg("guides_from", |from| from.help(GUIDES_FROM)))]
 pub struct UpscaleArgs {
     #[command(flatten)]
     input: InputArgs,
@@ -112,7 +124,8 @@ struct SizeArgs {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Guides")]
 struct LargerArgs {
-    /// Take normals, depth, identifiers, alpha and all else that is no light from the guides' file, as it is there
+    /// Take channels of the frame that are no light (normals, depth, identifiers, alpha) from the guides' file, as they are there,
+    /// where it has them by the same names
     #[arg(long, requires = "guides_from")]
     take_guides: bool,
 

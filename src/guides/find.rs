@@ -229,8 +229,12 @@ pub fn of_larger(
     asked: &Asked,
     notes: &mut Vec<String>,
 ) -> Result<Vec<Guide>, Error> {
-    over((own, window), &[], second, asked, notes)?
-        .ok_or_else(|| Error::LargerWindow { window: shown(window) })
+    over((own, window), &[], second, asked, notes)?.ok_or_else(|| of_other_pixels(window))
+}
+
+/// Why no part of a second frame serves one that is enlarged to a window.
+pub fn of_other_pixels(window: Window) -> Error {
+    Error::LargerWindow { window: shown(window) }
 }
 
 fn of_second(

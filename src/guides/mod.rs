@@ -18,7 +18,7 @@ use std::path::Path;
 pub use asked::{Asked, AskedError};
 pub use collect::collect;
 pub use filled::{COPIED, Copied, Place, made, read as copied, write as write_copied};
-pub use find::{Found, Guide, Kind, Second, find, of_larger};
+pub use find::{Found, Guide, Kind, Second, find, of_larger, of_other_pixels};
 pub use twins::{Twin, twins};
 
 /// The attribute that lists the guides of a filled part.

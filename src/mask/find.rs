@@ -137,7 +137,7 @@ fn file_hint(frame: &Frame) -> Option<String> {
 /// What is to be said where no mask was found but many pixels, scattered, are not finite.
 fn nan_hint(frame: &Frame) -> Option<String> {
     let missing = 100.0 * (1.0 - scattered_nan(frame)?.density()?);
-    Some(format!("{missing:.0} % of the pixels are NaN: --mask nan takes them as missing"))
+    Some(format!("{missing:.0} % of the pixels are not finite: --mask nan takes them as missing"))
 }
 
 /// The masks that many pixels, scattered, that are not finite tell.

@@ -13,10 +13,11 @@
 //!   `point` of its values at their centres, which is the same where high-resolution pixels stand there.
 //!   At broken factors a high-resolution pixel that straddles two has one value for both, and a spline whose *shares* had the
 //!   given means would run through the wrong places; so means are those of the continuous spline, over both kinds of pixels.
+//!   Weights at centres have their own middle beside the pixel's there, another one in each: so weighted means are
+//!   integrals, for the prefilter over the spline, and in R over the cubics through four high-resolution pixels each.
 //!
 //! Boundary: coefficients go on linearly beyond the ends (a natural spline), and so does the image where a footprint
-//! reaches beyond it, so a ramp stays that ramp up to the border; `gaussian` and `mitchell` at broken factors, which weigh values at
-//! the centres of high-resolution pixels, leave it there by up to a pixel's step. A single pixel is constant.
+//! reaches beyond it, so a ramp stays that ramp up to the border. A single pixel is constant.
 //!
 //! Source: M. Unser, A. Aldroubi, "A general sampling theory for nonideal acquisition devices", IEEE Transactions on Signal
 //! Processing 42(11), 1994 (consistent reconstruction: R x = y with x in a spline space).
@@ -27,6 +28,8 @@ use crate::operator::taps::Taps;
 
 /// Weights of an inverse below this are cut: what f32 would lose anyway.
 const FLOOR: f64 = 2e-8;
+/// Places across a footprint that integrals are summed at.
+const PLACES: usize = 64;
 
 /// Where the pixels of an axis lie.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,11 +66,17 @@ impl Axis {
         if !(self.shift > -1.0 && self.shift <= 0.0) {
             return setting("shift", self.shift, "above -1, at most 0");
         }
-        let whole = self.scale.fract() == 0.0 && self.shift == 0.0;
-        if sampling == Sampling::Grid && !(whole && self.outputs == self.scale as usize * self.inputs) {
+        if sampling == Sampling::Grid
+            && !(self.is_whole() && self.outputs == self.scale as usize * self.inputs)
+        {
             return setting("scale", self.scale, "a whole number where pixels are sampled as a grid");
         }
         Ok(())
+    }
+
+    /// Whether high-resolution pixels stand alike in every low-resolution one.
+    pub(super) fn is_whole(&self) -> bool {
+        self.scale.fract() == 0.0 && self.shift == 0.0
     }
 
     /// The low-resolution pixel that the centre of a high-resolution one lies in; for a grid the nearest sample.
@@ -137,17 +146,21 @@ impl Axis {
         }
         let count = self.outputs.min(4);
         let first = (at.floor() as isize - 1).clamp(0, (self.outputs - count) as isize) as usize;
-        let t = at - first as f64;
-        let weight = |j: usize| {
-            (0..count).filter(|&k| k != j).map(|k| (t - k as f64) / (j as f64 - k as f64)).product()
-        };
-        (first, (0..count).map(weight).collect())
+        (first, through(at - first as f64, count).collect())
     }
 
-    /// The normalised weights of a filter at the centres of pixels.
+    /// The normalised weights of a filter, at the centres of pixels where the factor is whole.
     fn weighted(&self, sampling: Sampling, input: usize) -> (usize, Vec<f64>) {
         let Some((radius, weight)) = sampling.weight() else { return (0, vec![1.0]) };
         let centre = self.high_centre(input) - 0.5;
+        if !self.is_whole() {
+            let entries = places(radius, weight).into_iter().flat_map(|(place, weight)| {
+                let at = centre + place * self.scale;
+                let first = at.floor() as isize - 1;
+                (first..).zip(through(at - first as f64, 4).map(move |part| weight * part))
+            });
+            return inside(entries, self.outputs);
+        }
         let first = (centre - radius * self.scale).ceil() as isize;
         let last = (centre + radius * self.scale).floor() as isize;
         let weights: Vec<f64> = (first..=last).map(|j| weight((j as f64 - centre) / self.scale)).collect();
@@ -184,7 +197,21 @@ impl Axis {
         if matches!(sampling, Sampling::Box | Sampling::Point) {
             return Self::whole(self.inputs, self.inputs).spline(sampling).inverse(FLOOR);
         }
-        self.reduce(sampling).after(&self.spline(sampling)).inverse(FLOOR)
+        match sampling.weight() {
+            Some((radius, weight)) if !self.is_whole() => {
+                let places = places(radius, weight);
+                let row = |input: usize| {
+                    let entries = places.iter().flat_map(|&(place, weight)| {
+                        let at = input as f64 + place;
+                        let first = at.floor() as isize - 1;
+                        (first..first + 4).map(move |k| (k, weight * cubic(at - k as f64)))
+                    });
+                    inside(entries, self.inputs)
+                };
+                Taps::from_rows(self.inputs, (0..self.inputs).map(row)).inverse(FLOOR)
+            }
+            _ => self.reduce(sampling).after(&self.spline(sampling)).inverse(FLOOR),
+        }
     }
 
     /// M = (R R')^-1, by which R' M takes a residual back to the nearest image without one.
@@ -209,6 +236,22 @@ impl Axis {
         }
         (end == self.outputs).then_some(cells)
     }
+}
+
+/// The weights at `t` of the polynomial through values at 0, 1, ..., `count - 1`.
+fn through(t: f64, count: usize) -> impl Iterator<Item = f64> {
+    let weight = move |j: usize| {
+        (0..count).filter(|&k| k != j).map(|k| (t - k as f64) / (j as f64 - k as f64)).product()
+    };
+    (0..count).map(weight)
+}
+
+/// Places across a footprint, from its centre, and their shares of its weight.
+fn places(radius: f64, weight: impl Fn(f64) -> f64) -> Vec<(f64, f64)> {
+    let place = |at: usize| ((2 * at + 1) as f64 / PLACES as f64 - 1.0) * radius;
+    let weights: Vec<(f64, f64)> = (0..PLACES).map(|at| (place(at), weight(place(at)))).collect();
+    let sum: f64 = weights.iter().map(|(_, weight)| weight).sum();
+    weights.into_iter().map(|(place, weight)| (place, weight / sum)).collect()
 }
 
 /// A row over indices that may lie outside `0..n`, folded onto those inside: what is outside goes on linearly.

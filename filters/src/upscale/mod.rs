@@ -2,7 +2,7 @@
 //!
 //! A low-resolution pixel says something about the high-resolution image: its mean over an area, say ([`Sampling`]). With
 //! `R` for that (separable, `R = R_v (x) R_h`, see [`Axis`]), `y` for the given image and `x` for the result, all methods
-//! but the plain ones look for an `x` with `R x = y`: reduced again by the same model, it is the input. Of points, and of boxes at broken
+//! but the plain ones look for an `x` with `R x = y`: reduced again by the same model, it is the input. Of points, and of means at broken
 //! factors, the spline has what `y` says, and `R x` is near it (see [`Axis`]).
 //!
 //! - [`Method::Ss`]: the cubic spline on the low-resolution grid that does so. Its coefficients are `(R U)^-1 y`, `U`
@@ -216,6 +216,13 @@ impl Plan {
         &self.geometry
     }
 
+    /// Whether means are integrals of the continuous spline, which sums over pixels are only near: at broken factors.
+    fn is_continuous(&self) -> bool {
+        let Geometry { vertical, horizontal, sampling } = self.geometry;
+        let is_whole = vertical.is_whole() && horizontal.is_whole();
+        self.cells.is_none() && (sampling == Sampling::Box || !(is_whole || sampling.is_pointwise()))
+    }
+
     /// Enlarges one channel of finite values.
     ///
     /// # Errors
@@ -303,8 +310,8 @@ impl Plan {
         let isa = Isa::best();
         let is_box = self.geometry.sampling == Sampling::Box;
         go_on()?;
-        let shares = self.cells.is_none() && is_box;
-        let spline = (shares && hint.highlights().is_some()).then(|| self.model.reduce(plane));
+        let shares = self.is_continuous();
+        let spline = (shares && is_box && hint.highlights().is_some()).then(|| self.model.reduce(plane));
         self.expose(samples, hint, plane);
         if !matches!(hint, Hint::Guides(_)) && self.method == Method::Ss && is_box {
             self.along_edges(samples, hint, plane, run)?;
@@ -312,7 +319,7 @@ impl Plan {
         if let Hint::Guides(change) = hint {
             vector::add_scaled(isa, plane.pixels_mut(), 1.0, change.pixels());
         }
-        // Boxes that share pixels: the means are the spline's own, over whole pixels; what reduces them again has only shares.
+        // Footprints that share pixels: the means are the continuous spline's own; what reduces it again has only its pixels.
         let target = shares.then(|| self.model.reduce(plane));
         let target = match (hint.highlights(), spline) {
             (Some(highlights), Some(spline)) => target.map(|target| highlights.means(&spline, target)),

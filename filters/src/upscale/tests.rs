@@ -84,7 +84,13 @@ fn reduced_again_it_is_the_input_within_bounds_too() {
             let lowest = y.pixels().iter().copied().fold(f32::INFINITY, f32::min);
             for question in [ALL, Question { range: (0.0, f32::INFINITY), ..LIGHT }] {
                 let done = plan.enlarge(&y, &question, &Run::default()).unwrap();
-                if sampling == Sampling::Box && plan.cells.is_none() {
+                if sampling != Sampling::Box && plan.is_continuous() {
+                    let off = off(&plan, &done.plane, &y);
+                    assert!(off < 2e-2, "{sampling} {low} {off}");
+                    assert!(!question.limit || done.plane.pixels().iter().all(|value| *value >= 0.0));
+                    continue;
+                }
+                if plan.is_continuous() {
                     // Pixels are shared, and the means are the spline's: the light in all stays.
                     let mean = |plane: &Plane| {
                         plane.pixels().iter().map(|v| f64::from(*v)).sum::<f64>()
@@ -258,7 +264,7 @@ fn total_variation_is_shorter_than_the_spline_and_keeps_the_means() {
             let tv = plan.enlarge(&y, &ALL, &Run::default()).unwrap();
             let ss = Plan::new(geometry, Method::Ss).unwrap().enlarge(&y, &ALL, &Run::default()).unwrap();
             assert!(off(&plan, &tv.plane, &y) < 2e-5, "{sampling} {low} {}", off(&plan, &tv.plane, &y));
-            if sampling == Sampling::Box && plan.cells.is_none() {
+            if plan.is_continuous() {
                 // The spline is another problem's solution there.
                 continue;
             }

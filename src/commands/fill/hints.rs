@@ -53,7 +53,8 @@ pub fn of(job: &Job, records: &[Record]) -> Vec<String> {
         ));
     }
     let numbered = filled.iter().filter(|record| record.frame.is_some()).count();
-    if job.temporal.window == Window::None && numbered >= SEQUENCE && job.method.name() == "auto" {
+    let fills = job.enlarge.is_none() && job.method.name() == "auto";
+    if job.temporal.window == Window::None && numbered >= SEQUENCE && fills {
         hints.push(
             "each frame was filled by itself: --temporal auto takes the samples of the frames beside it, too, for several times the work"
                 .into(),

@@ -21,6 +21,7 @@ use lacuna_exr::{Channel, Frame, Part, Samples, Window};
 use lacuna_filters::Run;
 use lacuna_filters::domain::Domain;
 use lacuna_filters::enlarge;
+use lacuna_filters::upscale::guided::FEWEST;
 use lacuna_filters::upscale::{Geometry, Method, Sampling};
 use lacuna_filters::variational::guided::Guides;
 pub use target::Target;
@@ -33,7 +34,7 @@ use super::{
     nothing_dropped, prefixed, stamp,
 };
 use crate::channels::{Choice, DecidedBy, Rule, channel_label, part_label, unheeded};
-use crate::guides::{self, Asked, Second};
+use crate::guides::{self, Asked, Guide, Second};
 use crate::mask::Masks;
 use crate::temporal;
 
@@ -168,6 +169,7 @@ fn part(
     let kinds: Vec<_> = frame.parts[index].channels.iter().map(|channel| channel.samples.kind()).collect();
     let part = &frame.parts[index];
     let (sampling, is_known) = asked.model_in(part, job.domain).map_err(refused)?;
+    windows.check(sampling).map_err(refused)?;
     let geometry = windows.geometry(sampling);
     let mut notes = Vec::new();
     let found = match second.filter(|_| *job.wanted() != Asked::None) {
@@ -176,19 +178,18 @@ fn part(
         }
         _ => Vec::new(),
     };
+    notes.extend(idle(&found, geometry));
     let high = guides::collect(&found, frame, second.map(|second| second.frame), geometry.high());
     let high = high.map_err(|source| Error::Filter { channel: label.clone(), source })?;
     let mut taken = vec![None; choices.len()];
     let taking = second.filter(|_| asked.take_guides);
     if let Some(second) = taking {
-        taken = take(part, windows.data, second, &mut choices, &mut notes);
+        taken = take((part, index), windows.data, second, &mut choices, &mut notes)?;
     }
     let choices = choices.as_slice();
     let mut done = low(frame, (index, finite, choices), (&high, geometry), job, plans, run)?;
     done.notes.extend(notes);
-    if taking.is_some() {
-        tell_taken(&frame.parts[index], &taken, &mut done);
-    }
+    tell_taken(&frame.parts[index], &taken, &mut done);
     for (channel, lost) in done.report.channels.iter_mut().zip(lost) {
         channel.non_finite += lost;
     }
@@ -287,52 +288,82 @@ fn finite(frame: &Frame, masks: &Masks, choices: &[Vec<Choice>]) -> Result<(Mask
     Ok((finite, lost))
 }
 
+/// Why guides that were found steer nothing.
+fn idle(found: &[Guide], geometry: Geometry) -> Option<String> {
+    let (first, low) = (found.first()?, geometry.low());
+    if found.iter().all(|guide| guide.kind == guides::Kind::Labels) {
+        return Some(format!(
+            "{}: identifiers steer nothing where frames are enlarged: give normals, depth, albedo or alpha",
+            first.name
+        ));
+    }
+    (low.height.min(low.width) < FEWEST).then(|| {
+        format!("enlarged without guides: {low} pixels say too little of them, below {FEWEST} along a side")
+    })
+}
+
 /// The channels of the second frame, over the larger window, that stand for those of the part which are no light; they are kept.
 fn take(
-    part: &Part,
+    (part, index): (&Part, usize),
     window: Window,
     second: &Second<'_>,
     choices: &mut [Choice],
     notes: &mut Vec<String>,
-) -> Vec<Option<Samples>> {
+) -> Result<Vec<Option<Samples>>, Error> {
     let parts = &second.frame.parts;
-    let fits =
-        |other: &Part| other.data_window == window && (parts.len() == 1 || other.view() == part.view());
-    let named = |name: &[u8]| {
-        parts.iter().enumerate().filter(|(_, other)| fits(other)).find_map(|(index, other)| {
-            Some((index, other.channels.iter().position(|channel| channel.name == name)?))
-        })
-    };
-    let mut sparse = Vec::new();
-    let pairs = part.channels.iter().zip(choices);
-    let one = |(channel, choice): (&Channel, &mut Choice)| {
+    let (mut sparse, mut doubtful, mut is_none) = (Vec::new(), Vec::new(), true);
+    let mut one = |channel: &Channel, choice: &mut Choice| {
         let name = channel.display_name();
         let is_mask = choice.by == DecidedBy::SamplingMask || channel.name == b"mask";
         if is_mask || (choice.rule == Rule::Fill && crate::channels::is_light(&name)) {
-            return None;
+            return Ok(None);
         }
-        let (index, at) = named(&channel.name)?;
-        if !second.is_complete(index, at) {
+        let seen =
+            parts.iter().enumerate().filter(|(_, other)| parts.len() == 1 || other.view() == part.view());
+        let mut named: Vec<(usize, usize)> = seen
+            .filter_map(|(at, other)| {
+                Some((at, other.channels.iter().position(|own| own.name == channel.name)?))
+            })
+            .collect();
+        is_none &= named.is_empty();
+        let is_other = !named.is_empty();
+        named.retain(|(at, _)| parts[*at].data_window == window);
+        let strange = |at: usize| (parts[at].name() != part.name(), at != index);
+        let Some(&(at, found)) = named.iter().min_by_key(|(at, _)| strange(*at)) else {
+            return if is_other { Err(guides::of_other_pixels(window)) } else { Ok(None) };
+        };
+        if !second.is_complete(at, found) {
             sparse.push(name.into_owned());
-            return None;
+            return Ok(None);
+        }
+        if named.len() > 1 && strange(at) == (true, true) {
+            doubtful.push(format!("{name} of {}", part_label(second.frame, at)));
         }
         choice.guide();
-        Some(parts[index].channels[at].samples.clone())
+        Ok(Some(parts[at].channels[found].samples.clone()))
     };
-    let taken = pairs.map(one).collect();
+    let taken = part.channels.iter().zip(choices).map(|(channel, choice)| one(channel, choice));
+    let taken = taken.collect::<Result<Vec<_>, _>>()?;
     if !sparse.is_empty() {
         notes.push(format!("--take-guides: {}: sparse in the guides' file, and enlarged", sparse.join(", ")));
     }
-    taken
+    if !doubtful.is_empty() {
+        let names = doubtful.join(", ");
+        notes.push(format!(
+            "--take-guides: {names}: taken, though other parts of the guides' file have that name, too"
+        ));
+    }
+    if is_none {
+        notes.push("--take-guides: the guides' file has no channel of this frame but light".into());
+    }
+    Ok(taken)
 }
 
 /// Says which channels were taken.
 fn tell_taken(part: &Part, taken: &[Option<Samples>], done: &mut Done) {
     let names = part.channels.iter().zip(taken).filter(|(_, taken)| taken.is_some());
     let names: Vec<_> = names.map(|(channel, _)| channel.display_name().into_owned()).collect();
-    if names.is_empty() {
-        done.notes.push("--take-guides: the guides' file has no channel of this frame but light".into());
-    } else {
+    if !names.is_empty() {
         let names = names.join(", ");
         done.remarks.push(format!("taken from the guides' file as they are there: {names}"));
     }
@@ -387,6 +418,18 @@ fn vectors(part: &mut Part, (geometry, keep): (Geometry, bool), choices: &[Choic
 }
 
 impl Windows {
+    /// Whether the model of a pixel goes with these sizes.
+    fn check(&self, sampling: Sampling) -> Result<(), String> {
+        let [x, y] = [self.horizontal, self.vertical].map(|axis| (axis.scale, axis.check(sampling).is_ok()));
+        if sampling != Sampling::Grid || (x.1 && y.1) {
+            return Ok(());
+        }
+        Err(format!(
+            "--sampling grid needs whole factors, such as --scale 2, and not {:.4} x {:.4}; --sampling point takes broken ones",
+            x.0, y.0
+        ))
+    }
+
     /// Where the pixels lie.
     fn geometry(&self, sampling: Sampling) -> Geometry {
         Geometry { vertical: self.vertical, horizontal: self.horizontal, sampling }
