@@ -232,6 +232,36 @@ def test_frames_that_do_not_exist_are_passed_over_if_asked(tmp_path):
     assert (tmp_path / "b.npz").read_bytes() == (tmp_path / "c.npz").read_bytes()
 
 
+@pytest.mark.parametrize("height, width", [(5, 40), (40, 5), (3, 3), (1, 1)])
+def test_frames_smaller_than_a_block_are_encoded_as_well_as_others(tmp_path, trained, height, width):
+    path, image, _ = trained
+    small = image[30 : 30 + height, 40 : 40 + width].astype(np.float32)
+    frame = frames.write(tmp_path / "small.exr", dict(zip("RGB", np.moveaxis(small, -1, 0).copy())))
+    lacuna("dictionary", "encode", frame, "--dictionary", path, "-o", tmp_path / "small.code", "--dict-sparsity", 12, "--bits", 14)
+    lacuna("dictionary", "decode", tmp_path / "small.code", "--dictionary", path, "-o", tmp_path / "back.exr")
+    assert frames.psnr(frames.colour(tmp_path / "back.exr"), small) > 35
+    assert "less than a block" in lacuna("dictionary", "train", frame, "-o", tmp_path / "d.npz", "--block", 8, "--atoms", 1, "--sparsity", 1, ok=False).stderr
+
+
+def test_colours_of_other_names_are_told(tmp_path, trained):
+    path, image, _ = trained
+    planes = np.moveaxis(image.astype(np.float32), -1, 0)
+    for names, told in (("RGB", False), ("rgb", True), (("lit.red", "lit.green", "lit.blue"), True)):
+        frame = frames.write(tmp_path / "frame.exr", {name: plane.copy() for name, plane in zip(names, planes)})
+        result = lacuna("dictionary", "encode", frame, "--dictionary", path, "-o", tmp_path / "frame.code")
+        assert ("decoded as R, G, B" in result.stderr) == told, result
+        assert "PSNR unknown" not in result.stdout
+
+
+def test_values_past_all_light_are_refused(tmp_path, trained):
+    path, _, _ = trained
+    rng = np.random.default_rng(1)
+    frame = frames.write(tmp_path / "huge.exr", {name: (3e38 * rng.uniform(-1, 1, (64, 64))).astype(np.float32) for name in "RGB"})
+    for words in (["dictionary", "encode", frame, "--dictionary", path], ["dictionary", "train", frame, "--block", 8, "--atoms", 20]):
+        result = lacuna(*words, "-o", tmp_path / "out", ok=False)
+        assert result.status == 1 and "too large to" in result.stderr and not (tmp_path / "out").exists(), result
+
+
 def test_bad_input_ends_in_one_line(tmp_path, trained):
     path, _, _ = trained
     frame = SAMPLES / "smooth.exr"
@@ -243,6 +273,7 @@ def test_bad_input_ends_in_one_line(tmp_path, trained):
         "a foreign setting": (["fill", frame, "-o", tmp_path / "o.exr", "--dict-sparsity", 3], "--filter dictionary"),
         "a stride": (["fill", frame, "-o", tmp_path / "o.exr", "--filter", "dictionary", "--dictionary", path, "--dict-stride", 9], "block"),
         "too many atoms": (["dictionary", "train", frame, "-o", tmp_path / "o.npz", "--block", 64, "--atoms", 16384], "blocks"),
+        "no folder": (["dictionary", "train", frame, "-o", tmp_path / "none/o.npz", "--block", 4, "--atoms", 60], "--create-dir"),
         "no frame": (["dictionary", "train", tmp_path / "none.exr", "-o", tmp_path / "o.npz"], "none.exr"),
         "another dictionary": (["dictionary", "decode", tmp_path / "frame.code", "--dictionary", tmp_path / "other.npz", "-o", tmp_path / "o.exr"],
                                "encoded with dictionary"),

@@ -18,12 +18,14 @@ Examples:
 
 Exit status: 0 done, 1 failed, 2 usage, 128 + n on signal n.";
 
+const MISSING: &str = "A frame that does not exist: fail, and learn nothing (exit status 1), or pass over it";
+
 /// Learn a dictionary from complete frames
 ///
 /// Cuts the colour (R, G, B) of the frames into blocks and finds the atoms that explain each with few of them (K-SVD).
 /// `lacuna fill --filter dictionary --dictionary FILE` uses them. See docs/dictionary.md.
 #[derive(Args, Clone, Debug)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = EXAMPLES, mut_arg("missing_frame", |missing| missing.help(MISSING)))]
 pub struct TrainArgs {
     #[command(flatten)]
     input: InputArgs,

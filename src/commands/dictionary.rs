@@ -122,6 +122,10 @@ fn encode(
         let names = encoded.left_out.join(", ");
         console.warning(&format!("{}: not encoded: {names}", input.display()));
     }
+    if !encoded.renamed.is_empty() {
+        let (names, as_) = (encoded.renamed.join(", "), code::COMPONENTS.join(", "));
+        console.warning(&format!("{}: {names}: decoded as {as_}, as names are not kept", input.display()));
+    }
     let (statistics, [before, after]) = compared(&encoded).map_err(|error| failed(input, &error))?;
     if is_lost(before, after) {
         console.warning(&format!(
@@ -143,7 +147,7 @@ fn encode(
 /// How far the decoded colours are from those of the frame, as `compare` has it, and the largest value of each.
 fn compared(encoded: &Encoded) -> Result<(Statistics, [f32; 2]), lacuna_filters::Error> {
     let (mut sum, mut largest) = (Statistics::default(), [0.0_f32; 2]);
-    for (values, name) in encoded.colour.iter().zip(["R", "G", "B"]) {
+    for (values, name) in encoded.colour.iter().zip(code::COMPONENTS) {
         let channels = encoded.frame.parts.iter().flat_map(|part| &part.channels);
         let mut found = channels.filter(|channel| {
             let full = channel.display_name();

@@ -1,6 +1,6 @@
 //! Learning a dictionary from frames: read, blocks, iterations, file.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use lacuna_exr::Limits;
@@ -72,6 +72,10 @@ pub fn train(job: &TrainJob) -> Result<u8, PlanError> {
     if let Some(folder) = job.output.parent().filter(|_| job.create_dir) {
         std::fs::create_dir_all(folder).map_err(|error| output(&error))?;
     }
+    if let Some(folder) = job.output.parent().filter(|folder| *folder != Path::new("") && !folder.is_dir()) {
+        let text = format!("the folder {} does not exist (--create-dir makes it)", folder.display());
+        return Err(output(&text));
+    }
     Sources::new(frames.iter().map(|frame| (&*frame.path, "frame"))).check(&job.output)?;
     lacuna_exr::check_destination(&job.output, lacuna_exr::Over::Replace).map_err(|error| output(&error))?;
     let paths: Vec<PathBuf> = frames.into_iter().map(|frame| frame.path).collect();
@@ -130,11 +134,8 @@ fn blocks(job: &TrainJob, paths: &[PathBuf], console: &Console) -> Result<Vec<f3
             console.warning(&format!("{}: {note}", path.display()));
         }
         let (planes, _) = training::planes(&frame.parts[part], &channels).map_err(|error| failed(&error))?;
-        if job.settings.channels == 1 {
-            blocks.add(&training::grey(&planes));
-        } else {
-            blocks.add(&planes);
-        }
+        let planes = if job.settings.channels == 1 { training::grey(&planes) } else { planes };
+        blocks.add(&planes).map_err(|error| failed(&error))?;
     }
     Ok(blocks.into_values())
 }
@@ -197,7 +198,7 @@ fn learn(
     let all = job.settings.iterations;
     let begun = Instant::now();
     let (mut said, mut saved) = (begun, begun);
-    let mut trouble = None;
+    let mut warned = false;
     let state = ksvd::learn(values, &job.settings, start, &Run::default(), |state| {
         let done = state.errors.len();
         // Begun here, as settings may be refused before.
@@ -220,16 +221,15 @@ fn learn(
             let written = stored(job, blank, state).and_then(|stored| {
                 stored.write(&job.output).map_err(|error| PlanError::Failed(error.to_string()))
             });
-            trouble = written.err();
+            if let Some(error) = written.err().filter(|_| !warned) {
+                let text =
+                    "the dictionary so far cannot be written, and is lost unless that ends before it is done";
+                console.warning(&format!("{}: {text}: {error}", job.output.display()));
+                warned = true;
+            }
         }
     });
     console.end();
-    if let Some(error) = trouble {
-        console.warning(&format!(
-            "{}: the dictionary so far could not be written: {error}",
-            job.output.display()
-        ));
-    }
     state.map_err(|error| PlanError::Failed(error.to_string()))
 }
 

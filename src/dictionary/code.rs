@@ -4,7 +4,7 @@
 //! so many atoms ([`lacuna_filters::dictionary::whole`]). Factors are rounded to multiples of one step. The file is
 //!
 //! ```text
-//! "LACUNACO", version, CRC-32 of all that follows, dictionary's hash (8 bytes), windows (8 x i32), compression, layer (length, bytes), kinds of R, G, B,
+//! "LACUNACO", version, CRC-32 of all that follows, dictionary's hash (8 bytes), windows (8 x i32), layer (length, bytes), kinds of R, G, B,
 //! domain's scale (f64; 0: linear), step (f32), then per block: count, and per atom gap to the one before, size, sign (stream)
 //! ```
 //!
@@ -32,8 +32,13 @@ const MOST_ENTRIES: u64 = 1 << 26;
 const DECODED: u64 = 48;
 /// Bytes that an atom of a block takes.
 const CODED: u64 = 16;
+/// Where corners of windows lie in files that can be read: its library takes no further ones.
+const FAR: std::ops::Range<i32> = -(i32::MAX / 2) + 1..i32::MAX / 2;
 /// The longest layer.
 const MOST_NAME: usize = 255;
+
+/// What the colour's channels are called in a decoded frame.
+pub const COMPONENTS: [&str; 3] = ["R", "G", "B"];
 
 /// How a frame is encoded.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,6 +66,8 @@ pub struct Encoded {
     pub blocks: usize,
     /// Channels that were left out.
     pub left_out: Vec<String>,
+    /// Channels that decode to R, G and B and have other names.
+    pub renamed: Vec<String>,
     /// What the log should say of values that are not finite.
     pub non_finite: Option<String>,
 }
@@ -91,11 +98,15 @@ pub fn encode(frame: &Frame, dictionary: &Dictionary, how: Fineness) -> Result<E
         return Err(Error::Frame("the dictionary is over other channels than R, G and B".into()));
     }
     let (planes, map) = training::planes(part, &channels)?;
-    let values = (dictionary.channels() * dictionary.block() * dictionary.block()) as f64;
-    let selection = Selection { error: how.error.powi(2) * values, ..Selection::atoms(how.sparsity) };
+    let block = dictionary.block();
+    let values = dictionary.channels() * block.min(size.height) * block.min(size.width);
+    let selection = Selection { error: how.error.powi(2) * values as f64, ..Selection::atoms(how.sparsity) };
     let codes = whole::codes(dictionary, &planes, &selection);
     let codes = codes.map_err(|error| Error::Frame(error.to_string()))?;
     let top = codes.iter().flatten().fold(0.0_f32, |top, entry| top.max(entry.1.abs()));
+    if !top.is_finite() {
+        return Err(Error::Frame("its values are too large to encode; scale them down".into()));
+    }
     let levels = ((1_u32 << (how.bits - 1)) - 1) as f32;
     let step = if top > 0.0 { top / levels } else { 1.0 };
     let name = |at: usize| part.channels[at].display_name().into_owned();
@@ -121,8 +132,11 @@ pub fn encode(frame: &Frame, dictionary: &Dictionary, how: Fineness) -> Result<E
         let names = part.channels.iter().enumerate().filter(move |(channel, _)| !kept(*channel));
         names.map(|(_, channel)| channel.display_name().into_owned())
     });
+    let is_renamed = |(name, kept): &(String, &str)| Name::new(name).component != *kept;
+    let renamed = channels.map(name).into_iter().zip(COMPONENTS).filter(is_renamed);
     Ok(Encoded {
         left_out: left_out.collect(),
+        renamed: renamed.map(|(name, _)| name).collect(),
         non_finite: training::non_finite(part, &channels),
         frame: decode(&bytes, dictionary, u64::MAX)?,
         bytes,
@@ -283,6 +297,10 @@ impl Head {
         let scale = f64::from_le_bytes(take(&mut rest)?);
         let step = f32::from_le_bytes(take(&mut rest)?);
         let usable = scale.is_finite() && scale >= 0.0 && step.is_finite() && step > 0.0;
+        let is_empty = |at: usize| corners[at] > corners[at + 2] || corners[at + 1] > corners[at + 3];
+        if is_empty(0) || is_empty(4) || !corners.iter().all(|corner| FAR.contains(corner)) {
+            return Err(Error::Damaged("its windows are none that a frame has".into()));
+        }
         if !usable || layer.contains(char::is_control) {
             return Err(Error::Damaged("the numbers of the header are none".into()));
         }
@@ -303,7 +321,7 @@ impl Head {
             let name = if self.layer.is_empty() { name.to_owned() } else { format!("{}.{name}", self.layer) };
             Channel { name: name.into_bytes(), perceptually_linear: false, samples }
         };
-        let channels = planes.into_vec().into_iter().zip(["R", "G", "B"]).zip(self.half).map(channel);
+        let channels = planes.into_vec().into_iter().zip(COMPONENTS).zip(self.half).map(channel);
         let mut part = Part::new(self.data, channels.collect());
         part.display_window = self.display;
         Frame { parts: vec![part] }
@@ -400,5 +418,19 @@ mod tests {
         let old = [MAGIC, &[1], opened(&encoded.bytes).unwrap()].concat();
         assert_eq!(decode(&old, &dictionary, u64::MAX).unwrap(), encoded.frame);
         assert!(matches!(decode(&[MAGIC, &[3]].concat(), &dictionary, u64::MAX), Err(Error::Other(_))));
+    }
+
+    #[test]
+    fn windows_that_no_reader_opens_are_refused() {
+        let dictionary = dct::dictionary(4, 36).unwrap();
+        let bytes = encode(&frame(false), &dictionary, FINE).unwrap().bytes;
+        let body = opened(&bytes).unwrap();
+        // Data and display windows stand after the dictionary's hash.
+        for (corner, value) in [(4, 34), (5, 31), (4, i32::MIN), (6, i32::MAX), (0, i32::MIN)] {
+            let mut other = body.to_vec();
+            other[8 + 4 * corner..][..4].copy_from_slice(&i32::to_le_bytes(value));
+            let error = decode(&sealed(&other), &dictionary, u64::MAX).unwrap_err().to_string();
+            assert!(error.contains("windows"), "{corner} {value}: {error}");
+        }
     }
 }

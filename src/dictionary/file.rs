@@ -96,22 +96,27 @@ impl Stored {
         if archive.len() > MOST_ARRAYS {
             return Err(Error::TooLarge("the list of arrays".into()));
         }
-        let mut arrays = BTreeMap::new();
-        let (mut left, mut needed) = (MOST_IN_ALL, 0);
+        let damaged = |error: zip::result::ZipError| Error::Damaged(error.to_string());
+        let mut all = 0_u64;
         for at in 0..archive.len() {
-            let entry = archive.by_index(at).map_err(|error| Error::Damaged(error.to_string()))?;
-            let name = entry.name().map_err(|error| Error::Damaged(error.to_string()))?;
+            all = all.saturating_add(archive.by_index(at).map_err(damaged)?.size());
+        }
+        if all > MOST_IN_ALL {
+            return Err(Error::TooLarge("all arrays together".into()));
+        }
+        if COPIES * all > most {
+            return Err(Error::Memory(Amount::at_most(COPIES * all)));
+        }
+        let mut arrays = BTreeMap::new();
+        for at in 0..archive.len() {
+            let entry = archive.by_index(at).map_err(damaged)?;
+            let name = entry.name().map_err(damaged)?;
             let Some(name) = name.strip_suffix(".npy").map(str::to_owned) else {
                 return Err(Error::Other("a dictionary (.npz)"));
             };
             let size = entry.size();
-            if size > MOST_BYTES + 4096 || size > left {
+            if size > MOST_BYTES + 4096 {
                 return Err(Error::TooLarge(format!("the array {name}")));
-            }
-            left -= size;
-            needed += COPIES * size;
-            if needed > most {
-                return Err(Error::Memory(Amount::at_most(needed)));
             }
             // What is unpacked may be more than the archive says, never more than is read.
             let mut bytes = Vec::new();
@@ -303,7 +308,9 @@ pub(super) mod tests {
         let stored = stored();
         stored.write(&path).unwrap();
         assert_eq!(Stored::read(&path, u64::MAX).unwrap(), stored);
-        assert!(matches!(Stored::read(&path, 1 << 8), Err(Error::Memory(_))));
+        let error = |most: u64| Stored::read(&path, most).unwrap_err().to_string();
+        assert!(error(1 << 8).contains("--memory"));
+        assert_eq!(error(1 << 8), error(1 << 12), "what all arrays take together");
         assert!(!stored.is_finished());
         assert_eq!(stored.name().len(), 16);
         assert_ne!(stored.name(), name(&dct::dictionary(4, 16).unwrap()));

@@ -11,6 +11,9 @@ use crate::channels::{self, Name, rgb_place};
 /// Weights of R, G and B in a grey image: the luminance of Rec. 709.
 const GREY: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
+/// The largest values that are learned from: sums of the squares of all blocks, a thousand times a million numbers, stay finite.
+const LARGEST: f32 = 1e14;
+
 /// The channels R, G and B of a layer, in that order.
 pub fn triple(part: &Part, layer: &str) -> Option<[usize; 3]> {
     let mut found = [None; 3];
@@ -109,9 +112,26 @@ impl Blocks {
     }
 
     /// Adds the blocks of a frame that are not black.
-    pub fn add(&mut self, planes: &Planes) {
-        let grid = Grid::new(planes.size(), self.block, self.stride);
-        let pixels = self.block * self.block;
+    ///
+    /// # Errors
+    /// [`Error::Frame`] for a frame that no block fits into, and for values whose squares overflow.
+    pub fn add(&mut self, planes: &Planes) -> Result<(), Error> {
+        let (size, block) = (planes.size(), self.block);
+        if size.height.min(size.width) < block {
+            let text = format!(
+                "its {size} pixels are less than a block of {block} x {block}; leave it out, or give a smaller --block"
+            );
+            return Err(Error::Frame(text));
+        }
+        let top =
+            planes.as_slice().iter().flat_map(Plane::pixels).fold(0.0_f32, |top, value| top.max(value.abs()));
+        if top > LARGEST {
+            return Err(Error::Frame(format!(
+                "values of up to {top:e} are too large to learn from; scale them down"
+            )));
+        }
+        let grid = Grid::new(size, block, self.stride);
+        let pixels = block * block;
         let mut values = vec![0.0; pixels * planes.len()];
         for at in 0..grid.len() {
             for (plane, values) in planes.as_slice().iter().zip(values.chunks_exact_mut(pixels)) {
@@ -121,6 +141,7 @@ impl Blocks {
                 self.keep(&values);
             }
         }
+        Ok(())
     }
 
     /// Keeps the first ones, then lets each new one take the place of a random one with a falling chance (Vitter 1985, R).
@@ -157,16 +178,26 @@ mod tests {
         let plane = Plane::from_fn(size, |y, x| if y < 20 { 0.0 } else { (x / 4) as f32 + 1.0 });
         let planes = Planes::new(size, vec![plane]).unwrap();
         let mut all = Blocks::new(4, 4, 0, 1);
-        all.add(&planes);
+        all.add(&planes).unwrap();
         assert_eq!(all.into_values().len(), 5 * 20 * 16);
         let mut counts = [0; 20];
         for seed in 0..200 {
             let mut some = Blocks::new(4, 4, 10, seed);
-            some.add(&planes);
+            some.add(&planes).unwrap();
             let values = some.into_values();
             assert_eq!(values.len(), 160);
             values.chunks(16).for_each(|block| counts[block[0] as usize - 1] += 1);
         }
         assert!(counts.iter().all(|count| (50..160).contains(count)), "{counts:?}");
+    }
+
+    #[test]
+    fn frames_that_no_block_fits_into_and_values_past_all_light_are_refused() {
+        let error = |size: Size, value: f32| {
+            let planes = Planes::new(size, vec![Plane::filled(size, value)]).unwrap();
+            Blocks::new(4, 4, 0, 1).add(&planes).unwrap_err().to_string()
+        };
+        assert!(error(Size::new(40, 3), 1.0).contains("--block"));
+        assert!(error(Size::new(40, 40), -3e38).contains("too large"));
     }
 }

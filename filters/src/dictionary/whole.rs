@@ -1,7 +1,9 @@
 //! Images without a missing pixel as the codes of their blocks, and back.
 //!
-//! Blocks lie side by side (the last ones end with the image). All share one Gram matrix; their products with the atoms are dense
+//! Blocks lie side by side (the last ones end with the image; what lies beyond one that is smaller than a block does not count). All share one Gram matrix; their products with the atoms are dense
 //! products of many blocks at once.
+
+use std::borrow::Cow;
 
 use lacuna_core::parallel::prelude::*;
 use ndarray::Array2;
@@ -10,7 +12,7 @@ use ndarray::linalg::general_mat_mul;
 use super::Dictionary;
 use super::blocks::{Average, Grid};
 use super::pursuit::{Code, Scratch, Selection, Shared};
-use crate::{Error, Planes, Size};
+use crate::{Error, Mask, Planes, Size};
 
 /// Blocks that are coded together; part of the method.
 const TOGETHER: usize = 96;
@@ -28,7 +30,7 @@ pub fn codes(dictionary: &Dictionary, planes: &Planes, selection: &Selection) ->
     check(dictionary, planes.size(), planes.len())?;
     let grid = Grid::new(planes.size(), dictionary.block(), dictionary.block());
     let (pixels, channels) = (dictionary.block() * dictionary.block(), dictionary.channels());
-    let shared = Shared::new(dictionary.atoms(), 0.0);
+    let shared = Shared::new(&atoms_within(dictionary, &grid, planes.size()), 0.0);
     let all: Vec<usize> = (0..count(dictionary, planes.size(), planes.len())).collect();
     let parts = all.par_chunks(TOGETHER).map(|part| {
         let mut values = Array2::<f32>::zeros((part.len(), dictionary.dimension()));
@@ -84,6 +86,22 @@ pub fn planes(dictionary: &Dictionary, size: Size, count: usize, codes: &[Code])
     Ok(out)
 }
 
+/// The atoms, 0 beyond an image that is smaller than a block: nothing was measured there, of any block.
+fn atoms_within<'a>(dictionary: &'a Dictionary, grid: &Grid, size: Size) -> Cow<'a, Array2<f32>> {
+    if size.height.min(size.width) >= dictionary.block() {
+        return Cow::Borrowed(dictionary.atoms());
+    }
+    let inside = grid.flags(&Mask::from_fn(size, |_, _| true), 0);
+    let mut atoms = dictionary.atoms().clone();
+    for mut atom in atoms.rows_mut() {
+        atom.iter_mut()
+            .zip(inside.iter().cycle())
+            .filter(|(_, inside)| !**inside)
+            .for_each(|(x, _)| *x = 0.0);
+    }
+    Cow::Owned(atoms)
+}
+
 fn check(dictionary: &Dictionary, size: Size, planes: usize) -> Result<(), Error> {
     if planes.is_multiple_of(dictionary.channels()) {
         return Ok(());
@@ -117,6 +135,21 @@ mod tests {
             let mut other = codes;
             other[0] = vec![(100, 1.0)];
             assert!(super::planes(&dictionary, size, planes, &other).is_err());
+        }
+        for size in [Size::new(3, 22), Size::new(13, 1), Size::new(1, 1)] {
+            let dictionary = random(4, 1, 100, 1);
+            let image =
+                Planes::new(size, vec![Plane::from_fn(size, |y, x| 5.0 + ((y * 7 + x * 3) % 11) as f32)])
+                    .unwrap();
+            let codes = codes(&dictionary, &image, &Selection::atoms(16)).unwrap();
+            let back = super::planes(&dictionary, size, 1, &codes).unwrap();
+            let few =
+                self::codes(&dictionary, &image, &Selection::atoms(size.height.min(4) * size.width.min(4)))
+                    .unwrap();
+            assert_eq!(few, codes, "no more atoms than there are pixels");
+            for (back, value) in back.as_slice()[0].pixels().iter().zip(image.as_slice()[0].pixels()) {
+                assert!((back - value).abs() < 0.02, "{size}: {back} {value}");
+            }
         }
         let two = Planes::zeros(Size::new(4, 4), 2);
         assert!(super::codes(&random(4, 3, 50, 1), &two, &Selection::atoms(1)).is_err());
