@@ -19,7 +19,7 @@
 //! `|y|`. At least one of both is always kept: if no image keeps both (a Gaussian cannot have made those pixels), the bounds
 //! win, and `off_input` of the outcome says by how much. The outcome is `Converged` unless someone wanted the end.
 //!
-//! Means of a spline at broken factors, see [`super::Axis`], are over whole pixels, of which `R` has shares. Beside a hard edge shares of
+//! Means of a spline at broken factors, see [`super::Axis`], are integrals, over whole pixels say, of which `R` has shares. Beside a hard edge shares of
 //! pixels within bounds cannot have them, and forcing them there makes the image worse: it is clamped, and what `R x` then lacks or has too
 //! much is given to the pixels around once, to each in proportion to the room that it has within its bounds, which keeps the light in
 //! all but for what a second clamp takes. What is left of the target is `off_input`. The distance from the samples would say nothing: true
@@ -188,12 +188,12 @@ fn together(
     let mut residual = difference(asked, &reduced);
     let mut outcome = Outcome::direct();
     if largest(&residual) > TOLERANCE * peak {
-        if plan.geometry.sampling != Sampling::Box {
+        if target.is_some() {
+            moved = give_back(plan, &residual, bounds, plane, LARGEST * peak);
+        } else if plan.geometry.sampling != Sampling::Box {
             plane.clone_from(&free);
             (moved, outcome.stop, outcome.iterations) =
                 dual::ascend(plan, asked, (bounds, range), plane, run);
-        } else if target.is_some() {
-            moved = give_back(plan, &residual, bounds, plane, LARGEST * peak);
         } else {
             let task = Task { target: asked, peak, bounds, limit: LARGEST * peak };
             let mut relaxed = Relaxed::new(plan, task, &residual, &mut free);

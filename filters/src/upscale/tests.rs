@@ -86,7 +86,8 @@ fn reduced_again_it_is_the_input_within_bounds_too() {
                 let done = plan.enlarge(&y, &question, &Run::default()).unwrap();
                 if sampling != Sampling::Box && plan.is_continuous() {
                     let off = off(&plan, &done.plane, &y);
-                    assert!(off < 2e-2, "{sampling} {low} {off}");
+                    // What bounds take beside the edge.
+                    assert!(off < 3e-2, "{sampling} {low} {off}");
                     assert!(!question.limit || done.plane.pixels().iter().all(|value| *value >= 0.0));
                     continue;
                 }
