@@ -48,8 +48,6 @@ pub fn refine(mask: &Mask, units: &[f32], out: &mut Planes, run: &Run<'_>) {
         let mut changes = false;
         tile.flags(core, mask);
         for (plane, &unit) in before.as_slice().iter().zip(units) {
-            // One over less would be infinite.
-            let unit = unit.max(f32::MIN_POSITIVE);
             tile.read(core, plane, unit.recip());
             changes |= tile.correct(isa);
             tile.append(unit, &mut values);
