@@ -407,7 +407,7 @@ mod tests {
             drop(decode(&sealed(&flipped), &dictionary, u64::MAX));
         }
         let mut huge = body.to_vec();
-        huge[16..24].copy_from_slice(&[0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff, 0x7f]);
+        huge[16..24].copy_from_slice(&[0xff, 0xff, 0xff, 0x2f, 0xff, 0xff, 0xff, 0x2f]);
         assert!(matches!(decode(&sealed(&huge), &dictionary, u64::MAX), Err(Error::TooLarge(_))));
     }
 
