@@ -75,6 +75,7 @@ def test_outputs_that_cannot_be_are_refused_before_rendering(name, cfg, tmp_path
         ("/proc/nowhere/y.exr", 1, "/proc/nowhere/y.exr"),
         (tmp_path / ("n" * 300), 1, "File name too long"),
         (tmp_path / "x.%4d.exr", 2, "write %04d"),
+        (tmp_path / "x.%14d.exr", 2, "write %014d"),
     ]
     for output, status, words in cases:
         result = bridge(name, *scene(name, cfg), "-o", output, "--density", "0.5")

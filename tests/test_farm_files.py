@@ -463,3 +463,15 @@ def test_verify_passes_what_was_filled_again_though_alpha_and_normals_were_fille
     assert pixel.write(str(twice))
     result = lacuna("verify", once, twice, ok=False)
     assert result.status == 1 and "a measured pixel has changed" in result.stderr, result
+
+
+def test_a_refused_run_leaves_the_ledger_and_what_is_read(tmp_path):
+    log = tmp_path / "runs.jsonl"
+    lacuna("fill", FIRST, "-o", tmp_path / "one.exr", "--log", log, *QUICK)
+    before = log.read_bytes()
+    (tmp_path / "link.json").symlink_to(log)
+    for report in (log, tmp_path / "link.json"):
+        result = lacuna("fill", FIRST, "-o", tmp_path / "two.exr", "--log", log, "--json", report, *QUICK, ok=False)
+        assert result.status == 2 and log.read_bytes() == before, result
+    result = lacuna("fill", FIRST, "-o", tmp_path / "two.exr", "--json", log, *QUICK, ok=False)
+    assert result.status == 2 and "no such report" in result.stderr and log.read_bytes() == before, result

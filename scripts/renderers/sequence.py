@@ -8,7 +8,7 @@ import re
 from bridge import Misuse
 
 # A run of #; a run of two or more @; %d, %04d; $F, $F4.
-PLACE = re.compile(r"(?P<hash>#+)|(?P<at>@@+)|%(?P<percent>[0-9]{0,3})d|\$F(?P<dollar>[0-9]{1,2}|(?!\w))")
+PLACE = re.compile(r"(?P<hash>#+)|(?P<at>@@+)|%(?P<percent>0[0-9]{0,2}|1?[0-9]?)d|\$F(?P<dollar>[0-9]{1,2}|(?!\w))")
 # More frames than this in one range are a slip of the keyboard.
 MOST = 1_000_000
 

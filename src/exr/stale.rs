@@ -16,6 +16,8 @@ pub(super) const MARK: &str = ".lacuna-";
 pub(super) const ENDING: &str = ".tmp";
 /// Another machine's file that changed within this time may be in work: some file systems lock on one machine only.
 const YOUNG: Duration = Duration::from_mins(2);
+/// A clock is ahead by less; what is later still has a wrong time.
+const AHEAD: Duration = Duration::from_hours(24);
 /// What has not changed for so long is not in work, though a process of its writer's number is there: numbers are used again.
 const OLD: Duration = Duration::from_hours(1);
 /// How long a folder is not looked through again.
@@ -105,13 +107,18 @@ fn is_locked(path: &Path) -> bool {
     file.map_or(true, |file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
 }
 
-/// A time in the future has no age: its machine's clock is ahead.
+/// A time in the future has no age.
 fn age(entry: &DirEntry) -> Option<Duration> {
     entry.metadata().and_then(|metadata| metadata.modified()).ok()?.elapsed().ok()
 }
 
 fn is_young(entry: &DirEntry) -> bool {
-    age(entry).is_none_or(|age| age < YOUNG)
+    let modified = entry.metadata().and_then(|metadata| metadata.modified());
+    modified.is_ok_and(|modified| match modified.elapsed() {
+        Ok(age) => age < YOUNG,
+        // Its machine's clock is ahead.
+        Err(ahead) => ahead.duration() < AHEAD,
+    })
 }
 
 fn is_old(entry: &DirEntry) -> bool {

@@ -47,8 +47,11 @@ pub fn files(glob: &Path) -> Result<Vec<PathBuf>, Error> {
         } else {
             let pattern = Pattern::new(&text)?;
             let options = MatchOptions { require_literal_leading_dot: true, ..MatchOptions::new() };
+            // A sign that matches nothing must not let a full stop pass either.
+            let spelt = text.starts_with('.');
             let matching = |path: &PathBuf| {
-                path.file_name().is_some_and(|name| pattern.matches_with(&to_text(name), options))
+                let matches = |name| pattern.matches_with(&to_text(name), options);
+                (spelt || !is_hidden(path)) && path.file_name().is_some_and(matches)
             };
             joined(found.iter().map(|folder| entries(folder)))?.into_iter().filter(matching).collect()
         };
@@ -135,13 +138,14 @@ mod tests {
         assert!(names("no/*.exr").is_empty() && names("x.exr/*").is_empty() && names("**").is_empty());
         // As in a shell, only a full stop matches that of a hidden name.
         std::fs::create_dir(folder.path().join(".old")).unwrap();
-        for name in [".old/x.exr", ".old/.y.exr", "d1/._5.exr"] {
+        for name in [".old/x.exr", ".old/.y.exr", "d1/._5.exr", "d1/.exr"] {
             std::fs::write(folder.path().join(name), "").unwrap();
         }
         assert_eq!(names("d1/*.exr"), ["d1/5.exr"]);
         assert_eq!(names("d1/[._]*"), [""; 0]);
         assert_eq!(names("d1/?_5.exr"), [""; 0]);
-        assert_eq!(names("d1/.*"), ["d1/._5.exr"]);
+        assert_eq!(names("d1/*._5.exr"), [""; 0]);
+        assert_eq!(names("d1/.*"), ["d1/._5.exr", "d1/.exr"]);
         assert_eq!(names("**/x.exr"), ["x.exr"]);
         assert_eq!(names("*/x.exr"), [""; 0]);
         assert_eq!(names(".old/*"), [".old/x.exr"]);

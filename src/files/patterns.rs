@@ -160,8 +160,8 @@ fn token(text: &str) -> Result<Option<(usize, usize)>, PatternError> {
                 let value = width.parse().unwrap_or(1);
                 match width.as_bytes() {
                     [] | [b'0', ..] => Some((width.len() + 2, value.max(1))),
-                    [_] => return Err(PatternError::Spaces(value)),
-                    // `%20d` is a space of an address, and a word.
+                    [_] | [b'1', _] => return Err(PatternError::Spaces(value)),
+                    // `%20d` is a space of an address, and a word; nobody pads so far.
                     _ => None,
                 }
             } else {
@@ -292,6 +292,7 @@ mod tests {
         }
         assert_eq!(Pattern::parse("a.<view>.<f.exr"), Ok(None));
         assert_eq!(Pattern::parse("a.%4d.exr"), Err(PatternError::Spaces(4)));
+        assert_eq!(Pattern::parse("a.%14d.exr"), Err(PatternError::Spaces(14)));
         assert_eq!(Pattern::parse("my%20dog.exr"), Ok(None));
     }
 

@@ -9,19 +9,35 @@ use crate::files::identity::{Identity, Places};
 /// A report that was asked for: its flag and its place.
 pub type Asked<'a> = (&'static str, &'a Path);
 
-/// Names that systems have for standard output.
-const STANDARD_OUTPUT: [&str; 3] = ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"];
-
 /// Whether a report of that name goes to standard output.
 pub fn is_standard_output(path: &Path) -> bool {
     path == Path::new("-")
 }
 
+/// Whether a file, a device or a pipe is what standard output goes to, whatever its name.
+fn leads_to_standard_output(path: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::fd::AsFd;
+        use std::os::unix::fs::MetadataExt;
+        let own = std::io::stdout().as_fd().try_clone_to_owned().map(std::fs::File::from);
+        let place = |found: std::fs::Metadata| (found.dev(), found.ino());
+        let own = own.and_then(|file| file.metadata()).map(place).ok();
+        own.is_some_and(|own| path.metadata().map(place).is_ok_and(|other| other == own))
+    }
+    #[cfg(not(unix))]
+    false
+}
+
+/// Whether there is a report of a run.
+pub fn is_report(path: &Path) -> bool {
+    path.is_file() && check_old(("--json", path)).is_ok()
+}
+
 /// Refuses reports, or what else a run writes, that would mix or replace each other; `openjd` is whether progress is told on standard output.
 pub fn check(reports: &[Asked<'_>], openjd: bool) -> Result<(), PlanError> {
     for (index, (flag, path)) in reports.iter().enumerate() {
-        if openjd && (is_standard_output(path) || STANDARD_OUTPUT.iter().any(|name| *path == Path::new(name)))
-        {
+        if openjd && (is_standard_output(path) || leads_to_standard_output(path)) {
             return Err(PlanError::Usage(format!(
                 "{flag} {} and --progress openjd would both write to standard output; name a file for {flag}",
                 path.display()
@@ -44,7 +60,8 @@ pub fn check(reports: &[Asked<'_>], openjd: bool) -> Result<(), PlanError> {
 fn check_old((flag, path): Asked<'_>) -> Result<(), PlanError> {
     const TOLD: usize = 4096;
     let is: fn(&str, &str) -> bool = match flag {
-        "--json" => |start, _| start.trim_start().starts_with('{') && start.contains("\"lacuna\""),
+        // In lines of its own, which those of a ledger are not.
+        "--json" => |start, _| start.starts_with("{\n") && start.contains("\n  \"lacuna\": "),
         "--log" => |start, _| start.starts_with('{'),
         "--csv" => |start, _| start.starts_with("frame,"),
         "--md" => |_, end| end.contains("\nlacuna "),
@@ -138,6 +155,8 @@ mod tests {
             ("--json", "", false),
             ("--json", "{\n  \"lacuna\": \"0.1.0\",", false),
             ("--json", "{\"settings\": 1}", true),
+            ("--json", "{\"lacuna\":\"0.1.0\",\"frame\":1}\n", true),
+            ("--json", "{\n  \"Name\": \"lacuna\",", true),
             ("--log", "{\"frame\":1}\n", false),
             ("--log", "# notes\n", true),
             ("--log", "\n{}\n", true),

@@ -69,17 +69,20 @@ impl RunOptions {
     }
 
     /// A run that ended before it had frames: its report says so in the place of an earlier one, which would be believed. Where names
-    /// contradict each other, nothing is written where there is no report.
+    /// contradict each other nothing else is written.
     pub fn report(
         &self,
         command: &'static str,
         result: Result<u8, PlanError>,
     ) -> Result<u8, (&'static str, PlanError)> {
         result.map_err(|error| {
-            let is_place =
-                |path: &PathBuf| reports::check(&[("--json", path)], self.meter == Meter::OpenJd).is_ok();
-            let path = self.json.as_ref().filter(|path| !self.dry_run && is_place(path));
-            if let Some(path) = path.filter(|path| matches!(error, PlanError::Failed(_)) || path.is_file()) {
+            let is_place = |path: &PathBuf| match &error {
+                PlanError::Failed(_) => {
+                    reports::check(&[("--json", path)], self.meter == Meter::OpenJd).is_ok()
+                }
+                PlanError::Usage(_) => reports::is_report(path),
+            };
+            if let Some(path) = self.json.as_ref().filter(|path| !self.dry_run && is_place(path)) {
                 let lacuna = env!("CARGO_PKG_VERSION");
                 let heading = Heading { lacuna, command, filter: None, settings: None };
                 // The error is told either way.

@@ -64,7 +64,7 @@ impl Permits<'_> {
     /// Waits for a permit and solves. With a single permit this runs inside the thread pool, where a loop starts without being handed over. With
     /// several, a thread of the pool that waits for a loop could take up another frame: then it runs outside.
     pub fn solve<T: Send>(&self, solve: impl FnOnce() -> T + Send) -> T {
-        let _permit = self.free.take(1, self.place);
+        let _permit = self.free.take((1, &|| 1), self.place);
         if self.all == 1 { rayon::scope(|_| solve()) } else { solve() }
     }
 }
@@ -125,7 +125,8 @@ pub fn run<I: Sync, T: Send>(
                 Err(Refusal::NotStarted)
             } else {
                 let Need { least, most } = limits.memory.map_or(0.into(), |_| estimate(&need, item));
-                let held = memory.check(least, bound).map(|()| memory.take(most, index));
+                let again = || estimate(&need, item).most;
+                let held = memory.check(least, bound).map(|()| memory.take((most, &again), index));
                 drop(queue);
                 held.and_then(|held| {
                     let share = Share { held, bound };
@@ -193,12 +194,15 @@ impl Counter {
         if needed > bound { Err(Refusal::TooLarge { needed, bound }) } else { Ok(()) }
     }
 
-    /// Waits until `most` or all are free and nobody of a lower place waits, and takes them.
-    fn take(&self, most: u64, place: usize) -> Held<'_> {
+    /// Waits until `most` or all are free and nobody of a lower place waits, and takes them. What would take all asks `again` meanwhile.
+    fn take(&self, (mut most, again): (u64, &dyn Fn() -> u64), place: usize) -> Held<'_> {
         let mut state = lock(&self.state);
         state.waiting.insert(place);
         while state.free < most.min(state.all) || state.waiting.first() != Some(&place) {
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+            if most >= state.all {
+                most = again();
+            }
         }
         state.waiting.remove(&place);
         let units = most.min(state.all);

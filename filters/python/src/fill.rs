@@ -249,6 +249,11 @@ pub fn fill<'py>(
     let guides = self::guides(guides, &options.method, &samples, &pool)?;
     let known = known.iter().map(|image| image.planes(order, &pool)).collect::<Vec<_>>();
     options.noise = self::noise((noise, &known), values, &samples, &mask)?;
+    if options.noise != Noise::None && !options.method.keeps_measured() && !options.method.is_open() {
+        let line =
+            format!("noise: it says how much to smooth; leave out the settings by which {filter} smooths");
+        return Err(PyValueError::new_err(line));
+    }
     if !given && mask.is_full() && options.keeps_measured() {
         return Err(arrays::nothing_missing());
     }

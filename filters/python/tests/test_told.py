@@ -168,3 +168,16 @@ def test_nothing_is_smoothed_where_there_is_no_noise():
     assert same_bits(filled, lacuna.fill(image, mask))
     with pytest.raises(ValueError, match="noise: auto is for light"):
         lacuna.fill(image, mask, values="other", noise="auto")
+
+
+def test_noise_alone_says_how_much_is_smoothed():
+    image, mask = picture(), lacuna.mask((72, 88), 0.3)
+    variance = np.full((72, 88), 0.02, np.float32)
+    noisy = image + np.random.default_rng(2).normal(0, 0.14, image.shape).astype(np.float32)
+    with pytest.raises(ValueError, match="noise: it says how much to smooth"):
+        lacuna.fill(noisy, mask, noise=variance, filter="ss", settings={"lambda": 1.0})
+    with pytest.raises(ValueError, match="weights: they count only where"):
+        lacuna.fill(noisy, mask, noise=variance, weights=np.ones((72, 88)))
+    with pytest.warns(UserWarning, match="noise: it is smoothed by filters of its own, not by nearest"):
+        filled = lacuna.fill(noisy, mask, noise=variance, filter="nearest")
+    assert same_bits(filled, lacuna.fill(noisy, mask, noise=variance))

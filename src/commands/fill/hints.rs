@@ -44,12 +44,11 @@ pub fn of(job: &Job, records: &[Record]) -> Vec<String> {
     };
     let count = filled.iter().filter(noisy).count();
     if let Some(first) = filled.iter().find(noisy).filter(|_| job.noise == NoiseSource::None) {
-        let all = filled.len();
-        let which = if all > 1 { format!("; {count} of {all} frames") } else { String::new() };
+        let (first, all) = (&first.input, filled.len());
+        let which = if all > 1 { format!("{count} of {all} frames, first {first}") } else { first.clone() };
         hints.push(format!(
-            "{}: samples predict their neighbours badly, as in noisy renders or detail finer than the samples{which}: both are kept; \
-             for noisy renders --noise auto smooths both",
-            first.input
+            "{which}: samples predict their neighbours badly, as noise or detail finer than them does: it is kept; if it is noise, \
+             --noise auto smooths it, and such detail with it"
         ));
     }
     let numbered = filled.iter().filter(|record| record.frame.is_some()).count();

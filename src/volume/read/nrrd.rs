@@ -187,16 +187,16 @@ fn vectors(text: &str) -> Option<Vec<Option<Vector>>> {
 impl Fields {
     /// The distance of two voxels along an axis without a direction, and where the first one is if that is told with it.
     fn along(&self, axis: usize) -> Option<(f64, Option<f64>)> {
-        if let Some(&spacing) = self.spacings.get(axis).filter(|spacing| spacing.is_finite()) {
-            return Some((spacing, None));
-        }
-        let (min, max) = (self.mins.get(axis)?, self.maxs.get(axis)?);
+        let end = |ends: &[f64]| ends.get(axis).copied().filter(|end| end.is_finite());
         // Teem takes the ends for those of cells unless told otherwise.
         let node = self.centers.get(axis).is_some_and(|center| center == "node");
         let count = self.sizes.get(axis)?.saturating_sub(usize::from(node)).max(1);
-        let spacing = (max - min) / count as f64;
-        let first = if node { *min } else { min + 0.5 * spacing };
-        spacing.is_finite().then_some((spacing, Some(first)))
+        let (min, max) = (end(&self.mins), end(&self.maxs));
+        let between = || Some((max? - min?) / count as f64).filter(|spacing| *spacing != 0.0);
+        let spacing = self.spacings.get(axis).copied().filter(|spacing| spacing.is_finite());
+        // A single slice may begin where it ends.
+        let spacing = spacing.or_else(between).or(max.and(min).map(|_| 1.0))?;
+        Some((spacing, min.map(|min| if node { min } else { min + 0.5 * spacing })))
     }
 
     /// Whether the voxels along an axis lie side by side, and are not the components of one.

@@ -275,12 +275,17 @@ fn nrrd_axes_are_those_of_space() {
     for (ends, centers) in [
         ("axis mins: 9.5 19 28.5\naxis maxs: 12.5 23 34.5", ""),
         ("axismins: 10 20 28.5\naxis maxs: 12 22 34.5", "centers: node node cell\n"),
+        ("spacings: 1 2 3\naxis mins: 9.5 19 28.5", ""),
     ] {
         let header = format!(
             "NRRD0004\ntype: short\nsizes: 3 2 2\nencoding: raw\nendian: Little\n{ends}\n{centers}kinds: domain space ???\n\n"
         );
         check(&read(&room.put("a.nrrd", &[header.as_bytes(), &bytes(false)]), None).unwrap());
     }
+    // A slice may end where it begins.
+    let header = "NRRD0004\ntype: short\nsizes: 3 4 1\nencoding: raw\nendian: little\naxis mins: 0 0 5\naxis maxs: 3 8 5\n\n";
+    let grid = read(&room.put("slice.nrrd", &[header.as_bytes(), &bytes(false)]), None).unwrap();
+    assert_eq!(grid.placement().axes, Affine::spacing([1.0, 2.0, 1.0]).axes);
     for more in ["kinds: vector domain domain", "space directions: (1,0,0) (0,1,0) none"] {
         let header = format!("NRRD0004\ntype: short\nsizes: 3 2 2\nencoding: raw\nendian: big\n{more}\n\n");
         refused(&room.put("b.nrrd", &[header.as_bytes(), &bytes(true)]), "has components");

@@ -153,7 +153,8 @@ def fill(
         What tells the noise of measured pixels, which are then smoothed with the rest as far as it asks for: a variance of each pixel's
         mean, (height, width) or of the shape of ``image``; a tuple of two images, half buffers of which ``image`` is the mean; or
         ``"auto"``, held-out samples of light, which take detail finer than them for noise, too. A complete noisy image is smoothed
-        without a mask. Where noise is not finite it counts as unknown. If nothing is smoothed, there is a UserWarning.
+        without a mask. Where noise is not finite it counts as unknown. Filters of its own smooth, whatever ``filter`` says, which is for an image without
+        noise. If nothing is smoothed, there is a UserWarning.
     estimate
         Whether to return an ``Estimate`` beside the image: two fills more, of a part of the samples.
     peak
@@ -519,6 +520,9 @@ def _fill(
         warn_of_the_limit(name, told["end"], 3)
     if told["clipped"] > 0.5:
         line = f"peak: {100 * told['clipped']:.0f} % of the measured values are above {white:g}, where errors do not count; give the value of white"
+        warnings.warn(line, UserWarning, stacklevel=3)
+    if told["smoothed"] and name != "auto":
+        line = f"noise: it is smoothed by filters of its own, not by {name}"
         warnings.warn(line, UserWarning, stacklevel=3)
     if noisy != "none" and not told["smoothed"]:
         line = "noise: none that could be told from detail, so that nothing is smoothed; where there is some, half buffers tell it"
