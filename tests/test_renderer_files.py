@@ -184,3 +184,23 @@ def test_weights_that_are_of_no_use_are_refused(tmp_path):
     ):
         result = lacuna(*out, *words, "-q", ok=False)
         assert result.status == status and what in result.stderr, result
+
+
+def test_a_layer_keeps_what_its_file_says(tmp_path):
+    """Lossy zeros, complete channels, fills before and other masks."""
+    colours = {channel: sparse(plane(at)) for at, channel in enumerate("RGB")}
+    base = frames.write(tmp_path / "base.exr", colours | {"mask": MASK.astype(np.float16)})
+    position = {channel: 2 + plane(at).astype(np.float16) for at, channel in enumerate("RGB")}
+    lossy = frames.write(tmp_path / "lossy.exr", {c: sparse(v) for c, v in position.items()}, compression=OpenEXR.DWAA_COMPRESSION)
+    quick_fill(base, "-o", tmp_path / "full.exr", "--layers", f"P={lossy}")
+    full = frames.read(tmp_path / "full.exr")[0]
+    assert np.abs(full["P.R"].astype(np.float32) - position["R"])[~MASK].max() < 0.5
+    half = np.where(COLUMNS < 20, 0, plane()).astype(np.float32)
+    dense = frames.write(tmp_path / "dense.exr", {"R": half}, **{"lacuna/dense": "R"})
+    quick_fill(base, "-o", tmp_path / "full.exr", "--force", "--layers", f"extra={dense}")
+    assert (frames.read(tmp_path / "full.exr")[0]["extra.R"] == half).all()
+    quick_fill(base, "-o", tmp_path / "filled.exr")
+    other = frames.write(tmp_path / "other.exr", colours | {"mask": (~MASK).astype(np.float16)})
+    for path, why in ((tmp_path / "filled.exr", "filled by"), (other, "mask")):
+        ran = quick_fill(base, "-o", tmp_path / "no.exr", "--layers", f"Q={path}", ok=False)
+        assert why in ran.stderr and path.name in ran.stderr

@@ -194,7 +194,7 @@ fn named(frame: &Frame, name: &str) -> Result<Vec<Place>, Error> {
 }
 
 /// `mask` in any case, or the same behind the name of a view.
-fn is_plain_mask(part: &Part, name: &str) -> bool {
+pub(super) fn is_plain_mask(part: &Part, name: &str) -> bool {
     let Name { layer, component } = Name::new(name);
     let of_view = part.view().is_none() && view_of(part, name).as_deref() == Some(layer);
     component.eq_ignore_ascii_case("mask") && (layer.is_empty() || of_view)

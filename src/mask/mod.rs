@@ -18,6 +18,7 @@ mod filled;
 mod find;
 pub mod generate;
 pub mod judge;
+pub mod layers;
 mod make_error;
 mod matte;
 pub mod merge;

@@ -8,10 +8,9 @@ use lacuna_exr::{Frame, Limits};
 use super::fit::{Shape, beyond, misfit_of_all, shapes};
 use super::kept::KeptSamples;
 use crate::files::content::State;
-use crate::files::layers;
 use crate::files::neighbours::NeighbourFile;
 use crate::mask::shared::MaskFiles;
-use crate::mask::{self, Masks};
+use crate::mask::{self, Masks, layers};
 
 /// A frame beside the one that is filled.
 #[derive(Clone, Debug)]

@@ -18,10 +18,9 @@ use crate::commands::page::Page;
 use crate::files::content::{Seen, Sums};
 use crate::files::error::PlanError;
 use crate::files::inputs::Selection;
-use crate::files::layers;
 use crate::files::plan::{Item, Targets, plan};
 use crate::mask::shared::MaskFiles;
-use crate::mask::{self, MaskFile, Masks, Source};
+use crate::mask::{self, MaskFile, Masks, Source, layers};
 use crate::reconstruct::estimate::joined;
 use crate::reconstruct::shared::SharedPlans;
 use crate::reconstruct::{
@@ -121,7 +120,11 @@ impl Fill<'_> {
         let limits = self.limits(item);
         let mut frame =
             lacuna_exr::read(&item.input, &limits).map_err(|error| Failure::at(&item.input, error))?;
-        layers::read_into(&mut frame, &item.layers, limits).map_err(|(path, why)| Failure::at(&path, why))?;
+        let left = layers::read_into(&mut frame, &item.layers, limits)
+            .map_err(|(path, why)| Failure::at(&path, why))?;
+        for note in left {
+            tracing::warn!("{}: {note}", item.input.display());
+        }
         let mask = item.mask.as_deref().map(|path| self.masks.get(path, limits)).transpose();
         let mask = mask.map_err(|error| Failure::at(&item.input, error))?;
         let guides = item.guides.as_deref();
