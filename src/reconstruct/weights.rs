@@ -9,7 +9,7 @@ use lacuna_exr::{Frame, Part};
 use lacuna_filters::Plane;
 
 use super::Error;
-use crate::channels::{channel_label, list_channels};
+use crate::channels::list_channels;
 
 /// What `--weights` says: the channel that counts samples.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -41,25 +41,25 @@ impl std::fmt::Display for Weights {
 }
 
 impl Weights {
-    /// The weights of a part's pixels.
+    /// The weights of a part's pixels; nothing where another part of the frame has them alone, of other pixels.
     ///
     /// # Errors
-    /// No such channel in the part or in another one of its view and data window.
-    pub fn plane(&self, frame: &Frame, part: usize) -> Result<Arc<Plane>, Error> {
+    /// No such channel in the frame.
+    pub fn plane(&self, frame: &Frame, part: usize) -> Result<Option<Arc<Plane>>, Error> {
         let own = &frame.parts[part];
-        let fail = |why: String| Error::Weights { weights: self.to_string(), why };
         let alike = |other: &&Part| other.data_window == own.data_window && other.view() == own.view();
         let named =
             |part: &Part| part.channels.iter().position(|c| c.display_name() == self.channel.as_str());
-        let parts = std::iter::once(own).chain(frame.parts.iter().filter(alike));
-        let samples = parts.into_iter().find_map(|part| named(part).map(|at| &part.channels[at].samples));
-        let samples = samples.ok_or_else(|| {
-            let what =
-                if part == 0 { String::new() } else { format!(" of {}", channel_label(frame, part, 0)) };
-            fail(format!("no such channel over the pixels{what}; there are {}", list_channels(frame)))
-        })?;
+        let mut parts = std::iter::once(own).chain(frame.parts.iter().filter(alike));
+        let Some(samples) = parts.find_map(|part| named(part).map(|at| &part.channels[at].samples)) else {
+            if frame.parts.iter().any(|part| named(part).is_some()) {
+                return Ok(None);
+            }
+            let why = format!("no such channel; there are {}", list_channels(frame));
+            return Err(Error::Weights { weights: self.to_string(), why });
+        };
         let plane = Plane::new(own.size(), samples.as_f32()).map_err(|_| Error::OtherFrame)?;
-        Ok(Arc::new(plane))
+        Ok(Some(Arc::new(plane)))
     }
 }
 
@@ -83,9 +83,10 @@ mod tests {
         let colour = || named("colour", "", part(window(0, 0, 4, 1), vec![float("R", &[0.0; 4])]));
         let counted = |at: i32| named("count", "", part(window(at, 0, 4, 1), vec![uint("n", &[3, 1, 0, 8])]));
         let weights = Weights { channel: "n".into() };
-        let plane = weights.plane(&frame(vec![colour(), counted(0)]), 0).unwrap();
+        let plane = weights.plane(&frame(vec![colour(), counted(0)]), 0).unwrap().unwrap();
         assert_eq!(plane.pixels(), [3.0, 1.0, 0.0, 8.0]);
-        let error = weights.plane(&frame(vec![colour(), counted(1)]), 0).unwrap_err().to_string();
+        assert!(weights.plane(&frame(vec![colour(), counted(1)]), 0).unwrap().is_none());
+        let error = weights.plane(&frame(vec![colour()]), 0).unwrap_err().to_string();
         assert!(error.contains("count:n") && error.contains("no such channel"), "{error}");
     }
 }

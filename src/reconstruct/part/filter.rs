@@ -36,6 +36,10 @@ pub fn filter(
     let samples = Planes::new(mask.size(), planes).map_err(fail)?;
     let names = channel_names(part, group);
     let mut options = options(frame, work, (group, method), &names)?;
+    if let Some(weights) = counts(work.job).filter(|_| options.weights.is_none()) {
+        let names = names.join(", ");
+        done.notes.push(format!("{names}: no {weights} of its pixels, which weigh the same"));
+    }
     let (noise, note) = work.job.noise.of(part, group, &samples)?;
     options.noise = noise;
     done.notes.extend(note);
@@ -178,6 +182,14 @@ pub fn channel_names(part: &Part, group: &Group) -> Vec<String> {
     group.channels.iter().map(|&at| part.channels[at].display_name().into_owned()).collect()
 }
 
+/// Where the samples of a pixel are counted, if anywhere.
+fn counts(job: &Job) -> Option<&Weights> {
+    match &job.noise {
+        NoiseSource::Count(weights) => Some(weights),
+        _ => job.weights.as_ref(),
+    }
+}
+
 /// What a group asks of the filter.
 fn options<'a>(
     frame: &Frame,
@@ -190,12 +202,8 @@ fn options<'a>(
     options.gradients = gradients::find(&frame.parts[work.index], masks, group, &method);
     options.method = method;
     options.estimate = work.job.estimate;
-    let counts: Option<&Weights> = match &work.job.noise {
-        NoiseSource::Count(weights) => Some(weights),
-        _ => work.job.weights.as_ref(),
-    };
-    options.weights = match counts {
-        Some(weights) => Some(weights.plane(frame, work.index).map_err(|error| work.job.noise.named(error))?),
+    options.weights = match counts(work.job) {
+        Some(weights) => weights.plane(frame, work.index).map_err(|error| work.job.noise.named(error))?,
         None => None,
     };
     let steered = group.values != Values::Directions && names.iter().all(|name| !channels::is_position(name));
