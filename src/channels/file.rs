@@ -6,6 +6,7 @@ use std::path::Path;
 use lacuna_exr::Frame;
 use serde::Deserialize;
 
+use super::names::visible;
 use super::{Choice, DecidedBy, Override};
 
 /// The most bytes that such a file may have.
@@ -51,27 +52,35 @@ fn parse(text: &str) -> Result<Vec<Override>, String> {
     file.rule.into_iter().map(one).collect()
 }
 
-/// The rules that a frame's channels have, as a file to start from; sampling masks in use are left out.
+/// The rules that a frame's channels have, as a file to start from; sampling masks in use are left out. A comment stands for names
+/// whose channels a rule would change: those that some part lists as complete, or of which parts make different things.
 pub fn print_rules(frame: &Frame, choices: &[Vec<Choice>]) -> String {
     let quoted = |text: &str| toml::Value::String(text.into()).to_string();
     let mut text =
         "# Rules for channels: the first glob that matches a full name wins; lacuna fill --rules FILE.\n"
             .to_owned();
-    let mut seen = std::collections::BTreeSet::new();
+    let mut found: Vec<(String, Vec<&Choice>)> = Vec::new();
     for (part, choices) in frame.parts.iter().zip(choices) {
-        for (channel, choice) in part.channels.iter().zip(choices) {
+        let ruled =
+            part.channels.iter().zip(choices).filter(|(_, choice)| choice.by != DecidedBy::SamplingMask);
+        for (channel, choice) in ruled {
             let name = channel.display_name();
-            if choice.by != DecidedBy::SamplingMask && seen.insert(name.clone().into_owned()) {
-                let glob = glob::Pattern::escape(&name).replace('=', "[=]");
-                let _ = write!(
-                    text,
-                    "\n[[rule]]\nglob = {}\nrule = {}\nreason = {}\n",
-                    quoted(&glob),
-                    quoted(choice.rule.name()),
-                    quoted(&choice.why)
-                );
+            match found.iter_mut().find(|(known, _)| *known == *name) {
+                Some((_, all)) => all.push(choice),
+                None => found.push((name.into_owned(), vec![choice])),
             }
         }
+    }
+    for (name, choices) in found {
+        let first = choices[0];
+        let _ = if choices.iter().any(|choice| choice.by == DecidedBy::Dense || choice.rule != first.rule) {
+            let each = choices.iter().map(|choice| format!("{} ({})", choice.rule, visible(&choice.why)));
+            write!(text, "\n# {}: {}\n", visible(&name), each.collect::<Vec<_>>().join("; "))
+        } else {
+            let glob = glob::Pattern::escape(&name).replace('=', "[=]");
+            let (glob, rule, why) = (quoted(&glob), quoted(first.rule.name()), quoted(&first.why));
+            write!(text, "\n[[rule]]\nglob = {glob}\nrule = {rule}\nreason = {why}\n")
+        };
     }
     text
 }
@@ -96,6 +105,20 @@ mod tests {
                 .all(|(one, other)| one.rule == other.rule && other.by == DecidedBy::Override)
         );
         assert_eq!(again[0][0].why, format!("{} (--rules)", choices[0][0].why));
+    }
+
+    #[test]
+    fn names_of_which_parts_make_different_things_have_no_rule() {
+        let of = |names: [&str; 2]| part(window(0, 0, 1, 1), names.map(|name| float(name, &[0.5])).into());
+        let mut frame = frame(vec![of(["R", "Z"]), of(["G", "Z"])]);
+        super::super::list_dense(&mut frame.parts[1], ["G", "Z"]);
+        let choices = choose(&frame, &[], &[]);
+        let text = print_rules(&frame, &choices);
+        assert_eq!(parse(&text).unwrap().len(), 1, "{text}");
+        assert!(text.contains("# Z: depth (a depth, by its name); keep (listed"), "{text}");
+        let again = choose(&frame, &[], &parse(&text).unwrap());
+        let rules = |all: &[Vec<Choice>]| all.iter().flatten().map(|choice| choice.rule).collect::<Vec<_>>();
+        assert_eq!(rules(&again), rules(&choices));
     }
 
     #[test]
