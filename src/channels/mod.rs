@@ -27,7 +27,8 @@ pub use names::{
 pub use overrides::{Override, OverrideError};
 pub use picture::{MAIN, Shown, shown};
 pub use rules::{
-    by_default, is_alpha, is_code, is_colour, is_label, is_light, is_matte, meaning, motion_axis,
+    by_default, is_alpha, is_bits, is_chroma, is_code, is_colour, is_label, is_light, is_matte, meaning,
+    motion_axis,
 };
 use serde::Serialize;
 pub use unheeded::unheeded;

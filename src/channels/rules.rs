@@ -223,7 +223,10 @@ fn is_depth(subject: &Subject<'_>) -> bool {
 
 fn is_lone_z(subject: &Subject<'_>) -> bool {
     let mut component = words(Name::new(&subject.full).component);
-    while component.last().is_some_and(|word| ["back", "front", "depth", "buffer"].contains(&word.as_str())) {
+    while component
+        .last()
+        .is_some_and(|word| ["back", "front", "depth", "buffer"].contains(&word.as_str()))
+    {
         component.pop();
     }
     let ends = component.last().is_some_and(|word| ["z", "pz", "zback", "zfront"].contains(&word.as_str()));
@@ -274,6 +277,12 @@ fn is_colour_of(subject: &Subject<'_>) -> bool {
     !coordinate && ["r", "g", "b", "red", "green", "blue", "y", "ry", "by"].contains(&component.as_str())
 }
 
+/// Whether a channel is a chroma by its component: `RY` and `BY`, beside a luminance `Y`.
+pub fn is_chroma(full: &str) -> bool {
+    let component = Name::new(full).component;
+    ["ry", "by"].iter().any(|name| component.eq_ignore_ascii_case(name))
+}
+
 /// Whether a channel is an alpha by its component: `A`, `alpha`, or one of the coloured `AR`, `AG`, `AB`.
 pub fn is_alpha(full: &str) -> bool {
     let component = Name::new(full).component.to_ascii_lowercase();
@@ -285,10 +294,14 @@ pub fn is_label(part: &Part, channel: usize) -> bool {
     Subject::new(part, channel).is_some_and(|subject| is_identifier(&subject) && !is_cryptomatte(&subject))
 }
 
-/// Whether a channel holds codes, of which only the bits count: whole numbers, Cryptomatte and other identifiers.
+/// Whether a channel holds codes: whole numbers, Cryptomatte and other identifiers.
 pub fn is_code(part: &Part, channel: usize) -> bool {
-    Subject::new(part, channel)
-        .is_some_and(|subject| is_uint(&subject) || is_identifier(&subject) || is_cryptomatte(&subject))
+    is_bits(part, channel) || is_label(part, channel)
+}
+
+/// Whether a channel holds what only its bits tell, so that those of NaN are as good as any: whole numbers and Cryptomatte.
+pub fn is_bits(part: &Part, channel: usize) -> bool {
+    Subject::new(part, channel).is_some_and(|subject| is_uint(&subject) || is_cryptomatte(&subject))
 }
 
 fn is_cryptomatte(subject: &Subject<'_>) -> bool {

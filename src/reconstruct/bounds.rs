@@ -6,7 +6,9 @@ use crate::channels;
 
 /// The bounds of a channel that is filled, by its name.
 pub fn bounds_of(name: &str) -> Bounds {
-    if channels::is_light(name) {
+    if channels::is_chroma(name) {
+        Bounds::Free
+    } else if channels::is_light(name) {
         Bounds::Positive
     } else if channels::is_alpha(name) || channels::is_matte(name) {
         Bounds::Unit
@@ -27,6 +29,6 @@ mod tests {
             Bounds::Positive,
             &["R", "Diffuse Direct.G", "Variance.R", "point_light.R", "1st_bounce.G"]
         ));
-        assert!(of(Bounds::Free, &["P.X", "Px", "position.Z", "uv.U"]));
+        assert!(of(Bounds::Free, &["P.X", "Px", "position.Z", "uv.U", "RY", "spec.by"]));
     }
 }

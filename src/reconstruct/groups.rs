@@ -79,7 +79,7 @@ pub fn targets(
                 let non_finite = mask.count() - numbers.count();
                 (numbers, non_finite)
             }
-            Rule::Nearest if !channels::is_code(&frame.parts[part], index) => {
+            Rule::Nearest if !channels::is_bits(&frame.parts[part], index) => {
                 (Arc::clone(mask), mask.count() - finite(&channel.samples, mask)?.count())
             }
             _ => (Arc::clone(mask), 0),
@@ -194,6 +194,8 @@ pub fn groups(frame: &Frame, part: usize, targets: &[Target]) -> Vec<Group> {
         let at = target.channel;
         let values = match target.rule {
             Rule::Normal => Values::Directions,
+            // Differences of light: below 0 as well.
+            _ if channels::is_chroma(&names[at]) => Values::Other,
             _ if channels::is_light(&names[at]) => Values::Light,
             _ => Values::Other,
         };

@@ -95,11 +95,11 @@ fn what_is_not_finite_counts_as_missing_and_is_counted() {
 }
 
 #[test]
-fn a_nan_is_not_copied_unless_it_is_a_code() {
+fn a_nan_is_not_copied_unless_it_is_all_bits() {
     let (mut u, v) = (ramp(1.0), ramp(2.0));
     (u[5], u[7]) = (NAN, INF);
     let hash = vec![NAN; 32];
-    let channels = vec![float("forward.u", &u), float("forward.v", &v), float("objectId", &hash)];
+    let channels = vec![float("forward.u", &u), float("forward.v", &v), float("crypto00.r", &hash)];
     let before = frame(vec![board(channels)]);
     let mut job = job();
     job.overrides = vec!["forward.*=nearest".parse().unwrap()];
@@ -111,10 +111,14 @@ fn a_nan_is_not_copied_unless_it_is_a_code() {
         assert_eq!(2.0 * new_u[at] - 1.0, new_v[at], "{at}");
     }
     assert!(new_u[5].is_nan() && new_v[5] == v[5]);
-    assert!(values(part, "objectId").iter().all(|value| value.is_nan()));
+    assert!(values(part, "crypto00.r").iter().all(|value| value.is_nan()));
     assert_eq!(report.non_finite, 2);
     let told = "2 measured values are not finite and stay; missing pixels take others where there are any: forward.u 2";
     assert!(report.notes.iter().any(|note| note == told), "{:?}", report.notes);
+    let (after, report) = filled(&frame(vec![board(vec![float("objectId", &u)])]), &job).unwrap();
+    let unmeasured = (0..32).filter(|&at| !measured(at));
+    assert_eq!(report.non_finite, 2);
+    assert!({ unmeasured }.all(|at| values(&after.parts[0], "objectId")[at].is_finite()));
     // Where there is no other value, the NaN is copied.
     let alone = frame(vec![board(vec![float("forward.u", &[NAN; 32])])]);
     assert!(
@@ -445,6 +449,17 @@ fn scalars_beside_colours_are_groups_of_their_own() {
         assert_eq!(values(&after.parts[0], name), values(&alone.parts[0], name), "{name}");
     }
     assert_eq!(report.parts[0].groups.iter().filter(|group| group.domain == "linear").count(), 1);
+}
+
+#[test]
+fn chroma_is_a_group_of_its_own_of_any_sign() {
+    let below: Vec<f32> = ramp(0.1).iter().map(|value| value - 9.0).collect();
+    let channels =
+        [("BY", &below), ("RY", &below), ("Y", &ramp(0.1))].map(|(name, values)| float(name, values));
+    let (after, report) = filled(&frame(vec![board(channels.into())]), &job()).unwrap();
+    let groups: Vec<_> = report.parts[0].groups.iter().map(|group| group.channels.join(" ")).collect();
+    assert_eq!(groups, ["BY RY", "Y"]);
+    assert!(values(&after.parts[0], "BY").iter().all(|&value| value < 0.0));
 }
 
 #[test]
